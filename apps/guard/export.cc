@@ -28,8 +28,8 @@ void ExportLibsvm(const safety::GuardModel& model, const std::filesystem::path& 
   if (error) {
     throw std::runtime_error(folder.string() + ": cannot be created: " + error.message());
   }
-  const core::FeatureTransform& features = model.recovery().features();
-  const kernel::WhitenedSupport& support = model.recovery().support();
+  const core::FeatureTransform& features = model.task().features();
+  const kernel::WhitenedSupport& support = model.task().feature_support();
   for (int t = 0; t < model.num_steps(); ++t) {
     const std::string name = core::Format("t_%03d", t);
     kernel::SaveLibsvmModel(support.estimate(t), folder / (name + ".model"));

@@ -14,16 +14,16 @@ namespace dfr::apps::guard {
 void Describe(const safety::GuardModel& model) {
   const safety::GuardSummary& summary = model.summary();
   const safety::GuardSettings& settings = model.settings();
-  const control::GuidedModel& guided = model.recovery().model();
-  const std::string& spec = model.recovery().features().selection().spec();
+  const control::Levels& levels = model.task().levels();
+  const std::string& spec = model.task().features().selection().spec();
   const auto [low, high] = std::minmax_element(model.lambda().begin(), model.lambda().end());
   std::printf("demonstrations  %d with %d actions, from %s\n", summary.demonstrations,
               summary.transitions, summary.source.c_str());
   std::printf("features        %s: %d of %d entries of a state\n",
               spec.empty() ? "the whole state" : spec.c_str(),
-              model.recovery().features().selection().num_features(), model.state_dim());
-  std::printf("support         %d time steps, nu %g, gamma %g (whitened)\n", model.num_steps(),
-              summary.nu, summary.gamma);
+              model.task().features().selection().num_features(), model.state_dim());
+  std::printf("support         %d time steps, nu %g, gamma %g (whitened); support fits: %d\n",
+              model.num_steps(), summary.nu, summary.gamma, summary.support_fits);
   std::printf(
       "                of demonstrations left out of a fit, %.1f %% of states are inside; "
       "%.1f %% of demonstrations never leave\n",
@@ -40,7 +40,7 @@ void Describe(const safety::GuardModel& model) {
       "%d are inside\n",
       summary.gaps.points, summary.gaps.steps, summary.gaps.inside);
   std::printf("levels of l     the policy's action passes at %.3g (first step); slack %.3g\n",
-              guided.pass_level(0), guided.slack());
+              levels.pass(0), levels.slack());
   std::printf(
       "alarm           at l < %.3g: a further demonstration raises one with probability %.3g "
       "at most, %s\n",

@@ -29,7 +29,7 @@ struct Episode {
 
 // Returns whether the guard's file contains the data that a certificate needs.
 bool CanCertify(const safety::GuardModel& model) {
-  return model.settings().direction_error > 0.0 && !model.recovery().single_precision();
+  return model.settings().direction_error > 0.0 && !model.task().single_precision();
 }
 
 // Influence of each entry of a state on l: the mean of |dl/dx| times the standard deviation of that
@@ -56,7 +56,7 @@ class Drivers {
     weights = weights.cwiseProduct(spread);
     const double total = weights.sum();
     std::vector<std::pair<double, int>> ranked;
-    std::vector<int> entries = model_->recovery().features().selection().indices();
+    std::vector<int> entries = model_->task().features().selection().indices();
     std::sort(entries.begin(), entries.end());
     entries.erase(std::unique(entries.begin(), entries.end()), entries.end());
     ranked.reserve(entries.size());
@@ -311,7 +311,7 @@ experiment::ReportTable CertificateTable(const safety::GuardModel& model,
 std::vector<std::pair<std::string, std::string>> Settings(const safety::GuardModel& model) {
   const safety::GuardSettings& settings = model.settings();
   const safety::GuardSummary& summary = model.summary();
-  const std::string& spec = model.recovery().features().selection().spec();
+  const std::string& spec = model.task().features().selection().spec();
   return {{"fitted to", core::Format("%d demonstrations, %d actions, %s", summary.demonstrations,
                                      summary.transitions, summary.source.c_str())},
           {"features", spec.empty() ? "the whole state" : spec},

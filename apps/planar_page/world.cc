@@ -162,6 +162,15 @@ core::FeatureTransform OneUnit(std::span<const core::Trajectory> demonstrations)
   return {all, Eigen::VectorXd::Zero(2), scale * core::Matrix::Identity(2, 2)};
 }
 
+safety::TaskOptions CertifiedOptions(std::span<const core::Trajectory> demonstrations) {
+  safety::TaskOptions options;
+  options.guided.svm.gamma = 0.35;
+  options.guided.svm.tolerance = kTolerance;
+  options.guided.phase_whitening = false;
+  options.features = OneUnit(demonstrations);
+  return options;
+}
+
 }  // namespace
 
 const std::vector<Scene>& Scenes() {
@@ -294,13 +303,12 @@ namespace {
 
 // Data of the certified method.
 struct CertifiedModel {
-  explicit CertifiedModel(std::span<const core::Trajectory> demonstrations)
-      : guided(OneUnit(demonstrations), demonstrations,
-               {.svm = {.gamma = 0.35, .tolerance = kTolerance}, .phase_whitening = false}),
-        direction_error(control::EstimateDirectionError(guided.features(), demonstrations).value),
-        scale(guided.features().scale()(0, 0)) {}
+  CertifiedModel(const core::StateLayout& layout, std::span<const core::Trajectory> demonstrations)
+      : model(layout, demonstrations, CertifiedOptions(demonstrations)),
+        direction_error(control::EstimateDirectionError(model.features(), demonstrations).value),
+        scale(model.features().scale()(0, 0)) {}
 
-  safety::GuidedRecovery guided;
+  safety::TaskModel model;
   double direction_error;
   double scale;  ///< The features are the state times this.
 };
@@ -328,7 +336,7 @@ struct World::Learned {
       return model.MakeController(safety::ParseMethod(name), with, {.first_step = first_step});
     }
     return std::make_unique<control::CertifiedPolicy>(
-        with, certified->guided.model(),
+        with, certified->model.view(),
         control::CertifiedOptions{
             .horizon = kHorizon,
             .first_step = first_step,
@@ -396,7 +404,7 @@ void World::Clear() {
 void World::Fit() { learned_ = std::make_unique<Learned>(plant_, scene_->degree, demonstrations_); }
 
 void World::FitCertified() {
-  if (!fitted_certified()) learned_->certified.emplace(demonstrations_);
+  if (!fitted_certified()) learned_->certified.emplace(plant_.layout(), demonstrations_);
 }
 
 bool World::fitted_certified() const noexcept {
@@ -442,7 +450,7 @@ std::optional<core::Trajectory> World::Follow(const std::vector<Point>& points, 
 const core::LogDecisionFunction& World::Chosen(Support support) const noexcept {
   if (support == Support::kPublished) return *learned_->model.published();
   return support == Support::kGuided ? learned_->model.guided_support()
-                                     : learned_->certified->guided.support();
+                                     : learned_->certified->model.feature_support();
 }
 
 int World::num_steps(Support support) const noexcept { return Chosen(support).num_steps(); }

@@ -14,7 +14,6 @@
 #include "dfr/core/plant.h"
 #include "dfr/core/policy.h"
 #include "dfr/core/trajectory.h"
-#include "dfr/safety/guided_recovery.h"
 #include "dfr/safety/task_model.h"
 #include "dfr/sim/gallery/corridor.h"
 

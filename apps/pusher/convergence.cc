@@ -43,16 +43,23 @@ std::vector<Gate> FindGates(PusherTrialRunner& runner, int count, std::uint64_t 
 }
 
 // Guided recovery's model on the paper's support, with unscaled features.
-control::GuidedModel PaperSupport(const Model& model) {
-  const core::FeatureSelection selection(model.demonstrations().layout,
-                                         model.task().published_features());
-  const int n = selection.num_features();
-  const core::FeatureTransform features(selection, Eigen::VectorXd::Zero(n),
-                                        core::Matrix::Identity(n, n));
-  // Its gate stays closed: the curves end at the paper's threshold.
-  return {features, *model.task().published(), model.demonstrations().trajectories,
-          control::GuidedModelOptions{.gate_quantile = 1.0}};
-}
+struct PaperTask {
+  explicit PaperTask(const Model& model)
+      : features(core::FeatureTransform::Identity(core::FeatureSelection(
+            model.demonstrations().layout, model.task().published_features()))),
+        support(*model.task().published()),
+        seen(features, model.demonstrations().trajectories),
+        // Its gate stays closed: the curves end at the paper's threshold.
+        levels(support, seen.points, {.gate_quantile = 1.0}),
+        response(seen) {}
+  [[nodiscard]] control::TaskView view() const { return {features, support, levels, response}; }
+
+  core::FeatureTransform features;
+  const core::LogDecisionFunction& support;
+  control::FeatureTrajectories seen;
+  control::Levels levels;
+  control::Response response;
+};
 
 // lambda_t |u| of the learned control in state x.
 double Threshold(const Model& model, int t, std::span<const double> x, std::span<double> u) {
@@ -163,7 +170,7 @@ std::vector<ConvergenceCurve> MeasureConvergence(PusherTrialRunner& runner, int 
                                                  std::uint64_t seed) {
   const Model& model = runner.model();
   const std::vector<Gate> gates = FindGates(runner, recoveries, seed);
-  const control::GuidedModel paper_support = PaperSupport(model);
+  const PaperTask paper(model);
   std::vector<ConvergenceCurve> curves;
   for (const std::string name : {"dfr", "finite-difference", "guided"}) {
     std::vector<std::vector<double>> climbs;
@@ -173,7 +180,7 @@ std::vector<ConvergenceCurve> MeasureConvergence(PusherTrialRunner& runner, int 
       const std::unique_ptr<core::SimulatedPlant> plant = gate.plant->Clone();
       const std::unique_ptr<control::Controller> controller =
           name == "guided" ? model.task().MakeController(
-                                 std::make_unique<control::GradientRecovery>(paper_support),
+                                 std::make_unique<control::GradientRecovery>(paper.view()),
                                  model.policy(), {.first_step = gate.t})
                            : model.MakeController(study::ParseMethod(name), plant.get(), gate.t);
       climbs.push_back(Climb(model, gate, *plant, *controller, core::DeriveSeed(seed, {i, 1})));

@@ -94,7 +94,7 @@ Imitator Imitate(const sim::GalleryTask& task, std::span<const core::Trajectory>
                  const std::string& name, std::uint64_t seed) {
   DFR_THROW_UNLESS(std::ranges::count(PolicyNames(), name) == 1,
                    "unknown policy '" << name << "'; valid: " << Join(PolicyNames()));
-  if (auto unlearned = MakeUnlearned(name, model.guided().features(), demonstrations)) {
+  if (auto unlearned = MakeUnlearned(name, model.features(), demonstrations)) {
     return {std::move(unlearned), {}};
   }
   const imitation::DemonstrationSet set{

@@ -185,15 +185,14 @@ std::unique_ptr<control::Controller> Runner::MakePlacebo(const std::string& meth
       prepared_->model != nullptr ? prepared_->model->demonstrations().trajectories
                                   : prepared_->demonstrations;
   const bool corrects = method.substr(0, at) == PlaceboNames()[0];
-  auto nominal = corrects
-                     ? MakeUnlearned("lwr", prepared_->task().guided().features(), demonstrations)
-                     : nullptr;
+  auto nominal =
+      corrects ? MakeUnlearned("lwr", prepared_->task().features(), demonstrations) : nullptr;
   if (const auto& guard = prepared_->guard; guard != nullptr) {
     return std::make_unique<Placebo>(std::move(alone), std::move(nominal), [guard](auto a, auto b) {
       return guard->actions().Distance(a, b);
     });
   }
-  const double unit = prepared_->task().guided().model().control_unit();
+  const double unit = prepared_->task().response().control_unit();
   return std::make_unique<Placebo>(std::move(alone), std::move(nominal), [unit](auto a, auto b) {
     return (core::AsVector(a) - core::AsVector(b)).norm() / unit;
   });

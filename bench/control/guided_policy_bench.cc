@@ -22,8 +22,8 @@
 
 #include "dfr/control/certified/assumptions.h"
 #include "dfr/control/certified/certified_policy.h"
-#include "dfr/control/guided/guided_model.h"
 #include "dfr/control/guided/guided_policy.h"
+#include "dfr/control/guided/task_view.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
@@ -91,16 +91,15 @@ void BM_Next(benchmark::State& state, double spread, bool single) {
   for (const auto& d : demonstrations) states.push_back(d.states);
   const auto features =
       core::FeatureTransform::Whitening(core::FeatureSelection::All(kStateDim), states);
-  std::vector<core::Matrix> points;
-  points.reserve(states.size());
-  for (const auto& s : states) points.push_back(features.Apply(s));
-  const auto support = kernel::WhitenedSupport::Fit(points, {.single_precision = single});
-  const GuidedModel model(features, support, demonstrations);
+  const FeatureTrajectories seen(features, demonstrations);
+  const auto support = kernel::WhitenedSupport::Fit(seen.points, {.single_precision = single});
+  const Levels levels(support, seen.points);
+  const Response response(seen);
   const Linear policy;
   GuidedOptions options;
   options.horizon = 1 << 30;
   options.max_controls = 1 << 30;
-  GuidedPolicy controller(policy, model, options);
+  GuidedPolicy controller(policy, {features, support, levels, response}, options);
 
   core::Random random(2);
   core::Matrix queries(64 * kHorizon, kStateDim);
@@ -203,14 +202,13 @@ void BM_Certified(benchmark::State& state) {
   }
   const auto features =
       core::FeatureTransform::Whitening(core::FeatureSelection::All(kStateDim), states);
-  std::vector<core::Matrix> points;
-  points.reserve(states.size());
-  for (const auto& s : states) points.push_back(features.Apply(s));
-  const auto support = kernel::WhitenedSupport::Fit(points);
-  const GuidedModel model(features, support, demonstrations);
+  const FeatureTrajectories seen(features, demonstrations);
+  const auto support = kernel::WhitenedSupport::Fit(seen.points);
+  const Levels levels(support, seen.points);
+  const Response response(seen);
   const Bold policy(world, random);
   CertifiedPolicy controller(
-      policy, model,
+      policy, {features, support, levels, response},
       {.horizon = kHorizon,
        .certificate = {2.0 * EstimateDirectionError(features, demonstrations).value}});
   Eigen::VectorXd x = world.Start(random);

@@ -22,7 +22,6 @@
 #include <vector>
 
 #include "bench/kernel/trajectories.h"
-#include "dfr/control/guided/guided_model.h"
 #include "dfr/control/guided/guided_policy.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/random.h"
@@ -31,6 +30,7 @@
 #include "dfr/kernel/whitened_support.h"
 #include "dfr/safety/guard.h"
 #include "dfr/safety/guard_model.h"
+#include "dfr/safety/task_model.h"
 
 namespace {
 
@@ -201,23 +201,18 @@ void RunControllers(Runner& runner) {
     }
   }
   runner.Run("guided step", 10, [&]() -> Operation {
-    std::vector<core::Matrix> states, points;
-    for (const auto& d : demonstrations) states.push_back(d.states);
-    const auto features =
-        core::FeatureTransform::Whitening(core::FeatureSelection::All(12), states);
-    for (const auto& s : states) points.push_back(features.Apply(s));
+    core::StateLayout layout;
+    layout.Add("x", 12);
     struct Guided {
       Linear policy;
-      control::GuidedModel model;
+      safety::TaskModel task;
       control::GuidedPolicy controller;
-      Guided(const core::FeatureTransform& features, const kernel::WhitenedSupport& support,
-             const std::vector<core::Trajectory>& demonstrations)
-          : model(features, support, demonstrations), controller(policy, model) {}
+      Guided(const core::StateLayout& layout, const std::vector<core::Trajectory>& demonstrations)
+          : task(layout, demonstrations, {.guided = {.single_precision = true}}),
+            controller(policy, task.view()) {}
     };
-    const auto support = std::make_shared<kernel::WhitenedSupport>(
-        kernel::WhitenedSupport::Fit(points, {.single_precision = true}));
-    const auto guided = std::make_shared<Guided>(features, *support, demonstrations);
-    return [support, guided, &queries, u = std::vector<double>(7)](int) mutable {
+    const auto guided = std::make_shared<Guided>(layout, demonstrations);
+    return [guided, &queries, u = std::vector<double>(7)](int) mutable {
       guided->controller.Reset(1);
       for (int t = 0; t < kEpisode; ++t) {
         (void)guided->controller.Next(core::Row(std::as_const(queries), t), u);

@@ -328,6 +328,7 @@ py::dict Summary(const Guard& guard) {
   values["false_alarms"] = summary.false_alarms;
   values["confidence"] = summary.confidence;
   values["held_out"] = summary.held_out;
+  values["support_fits"] = summary.support_fits;
   values["drift_level"] = summary.drift_level;
   values["drift_chance"] = summary.drift_chance;
   values["gap_points"] = summary.gaps.points;
@@ -605,7 +606,7 @@ float or ndarray of shape (n,)
       .def_property_readonly("layout", &Blocks, "Name and size of each part of a state.")
       .def_property_readonly(
           "features",
-          [](const Guard& guard) { return guard.model().recovery().features().selection().spec(); },
+          [](const Guard& guard) { return guard.model().task().features().selection().spec(); },
           "Features of a state; empty for all entries.")
       .def_property_readonly("settings", &Settings)
       .def_property_readonly("summary", &Summary)

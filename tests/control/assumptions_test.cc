@@ -43,13 +43,13 @@ std::vector<core::Trajectory> Walks(int count, double wobble, std::uint64_t seed
 }
 
 TEST(AssumptionsTest, GainIsFoundInFeatureUnits) {
-  const auto gain = EstimateGain(Doubled(), Walks(59, 0.5));
+  const auto gain = EstimateGain({Doubled(), Walks(59, 0.5)});
   EXPECT_NEAR(gain.value, 0.6, 1e-12);
   EXPECT_EQ(gain.demonstrations, 59);
   // Wilks: 59 samples are the fewest whose largest covers 95 % with 95 % confidence.
   EXPECT_NEAR(gain.coverage, 0.95, 1e-3);
   EXPECT_GE(gain.coverage, 0.95);
-  EXPECT_LT(EstimateGain(Doubled(), Walks(58, 0.5)).coverage, 0.95);
+  EXPECT_LT(EstimateGain({Doubled(), Walks(58, 0.5)}).coverage, 0.95);
 }
 
 TEST(AssumptionsTest, DirectionErrorIsThatOfTheJacobian) {
@@ -80,18 +80,19 @@ TEST(AssumptionsTest, TheOrderOfDemonstrationsChangesNoBit) {
 // For the J that is used in the end, by demonstrations that it has not seen: the share of further
 // ones that stay below falls short of `coverage` in 5 % of fits at most.
 TEST(AssumptionsTest, CoverageHoldsForTheJacobianThatIsUsed) {
-  const test::GaussianSupport support({{0.0, 0.0}}, 1.0, 0.5);
   int short_of = 0;
   constexpr int kRuns = 100;
   for (std::uint64_t run = 0; run < kRuns; ++run) {
     const auto demonstrations = Walks(20, 0.5, 1 + run);
-    const GuidedModel model(Doubled(), support, std::span(demonstrations).first(10));
-    const auto error = EstimateDirectionError(model, std::span(demonstrations).subspan(10));
+    const Response response({Doubled(), std::span(demonstrations).first(10)});
+    const auto error =
+        EstimateDirectionError(response, {Doubled(), std::span(demonstrations).subspan(10)});
     EXPECT_EQ(error.demonstrations, 10);
     int below = 0;
     constexpr int kFurther = 100;
     for (const auto& walk : Walks(kFurther, 0.5, 5000 + run)) {
-      below += EstimateDirectionError(model, {&walk, 1}).value <= error.value ? 1 : 0;
+      below +=
+          EstimateDirectionError(response, {Doubled(), {&walk, 1}}).value <= error.value ? 1 : 0;
     }
     short_of += below < error.coverage * kFurther ? 1 : 0;
   }
@@ -115,7 +116,7 @@ TEST(AssumptionsTest, CoverageHolds) {
       walk.controls << 1.0;
     }
     const auto gain =
-        EstimateGain(core::FeatureTransform::Identity(core::FeatureSelection::All(1)), walks);
+        EstimateGain({core::FeatureTransform::Identity(core::FeatureSelection::All(1)), walks});
     short_of += gain.value < gain.coverage ? 1 : 0;
   }
   // Binomial(400, 0.05): 20 expected, standard deviation 4.4; three of these.
@@ -123,12 +124,12 @@ TEST(AssumptionsTest, CoverageHolds) {
 }
 
 TEST(AssumptionsTest, Errors) {
-  EXPECT_THROW((void)EstimateGain(Doubled(), {}), std::invalid_argument);
-  EXPECT_THROW((void)EstimateGain(Doubled(), Walks(3, 0.0), 1.0), std::invalid_argument);
+  EXPECT_THROW((void)EstimateGain({Doubled(), {}}), std::invalid_argument);
+  EXPECT_THROW((void)EstimateGain({Doubled(), Walks(3, 0.0)}, 1.0), std::invalid_argument);
   EXPECT_THROW((void)EstimateDirectionError(Doubled(), Walks(1, 0.0)), std::invalid_argument);
   auto still = Walks(3, 0.0);
   for (auto& walk : still) walk.controls.setZero();
-  EXPECT_THROW((void)EstimateGain(Doubled(), still), std::invalid_argument);
+  EXPECT_THROW((void)EstimateGain({Doubled(), still}), std::invalid_argument);
   EXPECT_THROW((void)EstimateDirectionError(Doubled(), still), std::invalid_argument);
 }
 

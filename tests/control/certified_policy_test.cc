@@ -15,6 +15,7 @@
 #include "dfr/control/published/switching_policy.h"
 #include "tests/control/analytic.h"
 #include "tests/control/rightwards.h"
+#include "tests/control/task.h"
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 
@@ -35,7 +36,7 @@ CertifiedOptions Certified(double direction_error) {
 // first control that shows it.
 TEST(CertifiedPolicyTest, HaltsAtTheFirstViolation) {
   const auto support = MovingDisk();
-  const GuidedModel model(test::IdentityFeatures(), support, Rightwards());
+  const test::Task model(test::IdentityFeatures(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.05);
   CertifiedPolicy certified(policy, model, Certified(0.1));
   certified.Reset(1);
@@ -54,7 +55,7 @@ TEST(CertifiedPolicyTest, HaltsAtTheFirstViolation) {
 
 TEST(CertifiedPolicyTest, HaltsOutside) {
   const auto support = MovingDisk();
-  const GuidedModel model(test::IdentityFeatures(), support, Rightwards());
+  const test::Task model(test::IdentityFeatures(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.05);
   CertifiedPolicy certified(policy, model, Certified(1.0));
   certified.Reset(1);
@@ -66,7 +67,7 @@ TEST(CertifiedPolicyTest, HaltsOutside) {
 // pass, and the one step of the horizon is over once the parts make a whole.
 TEST(CertifiedPolicyTest, AShrunkLearnedControlConsumesItsShareOfATimeStep) {
   const auto support = MovingDisk();
-  const GuidedModel model(test::IdentityFeatures(), support, Rightwards(), {.gate_quantile = 0.5});
+  const test::Task model(test::IdentityFeatures(), support, Rightwards(), {.gate_quantile = 0.5});
   const auto policy = test::ConstantPolicy(2, 0.08);
   CertifiedOptions options = Certified(17.0);
   options.horizon = 1;
@@ -92,7 +93,7 @@ TEST(CertifiedPolicyTest, AShrunkLearnedControlConsumesItsShareOfATimeStep) {
 // passes by half at least, was meant to lead to.
 TEST(CertifiedPolicyTest, HalfALearnedControlAdvancesACertifiedPhase) {
   const auto support = MovingDisk();
-  const GuidedModel model(test::IdentityFeatures(), support, Rightwards());
+  const test::Task model(test::IdentityFeatures(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.08);
   const std::vector<double> x = {0.05, 0.0};
   std::vector<double> u(2);
@@ -132,8 +133,8 @@ TEST(Proposition1Test, ThePublishedGateLeavesItsOwnInvariantAndPhaseHoldKeepsIt)
     demonstrations[d].controls.resize(1, 1);
     demonstrations[d].controls << 1.0;
   }
-  const GuidedModel model(core::FeatureTransform::Identity(core::FeatureSelection::All(1)), support,
-                          demonstrations);
+  const test::Task model(core::FeatureTransform::Identity(core::FeatureSelection::All(1)), support,
+                         demonstrations);
   CertifiedPolicy held(policy, model, Certified(1.0));
   held.Reset(1);
   x = {-0.6};
@@ -154,7 +155,7 @@ TEST(Proposition1Test, ThePublishedGateLeavesItsOwnInvariantAndPhaseHoldKeepsIt)
 // B_t.
 TEST(Proposition1Test, NeverLeavesTheUnionOfSupports) {
   const auto support = MovingDisk();
-  const GuidedModel model(test::IdentityFeatures(), support, Rightwards());
+  const test::Task model(test::IdentityFeatures(), support, Rightwards());
   core::Random random(7);
   const test::FunctionPolicy policy(2, 2,
                                     [](int t, std::span<const double> x, std::span<double> u) {
@@ -170,8 +171,9 @@ TEST(Proposition1Test, NeverLeavesTheUnionOfSupports) {
     x = {0.1 * random.Normal(), 0.1 * random.Normal()};
     while (certified.Next(x, u).mode != Mode::kHalt) {
       random.Direction(direction);
-      const Eigen::VectorXd effect =
-          certified.jacobian() * core::AsVector(std::span<const double>(u)) / model.control_unit();
+      const Eigen::VectorXd effect = certified.jacobian() *
+                                     core::AsVector(std::span<const double>(u)) /
+                                     model.response.control_unit();
       const double move = kError * test::Norm(u) * (1.0 - 1e-12);
       for (std::size_t i = 0; i < 2; ++i) {
         x[i] += effect[static_cast<Eigen::Index>(i)] + move * direction[i];
@@ -189,7 +191,7 @@ TEST(Proposition1Test, NeverLeavesTheUnionOfSupports) {
 // Nothing is random, and nothing is left of an episode that was before. Nothing allocates.
 TEST(CertifiedPolicyTest, TheSameStatesGiveTheSameControls) {
   const auto support = MovingDisk();
-  const GuidedModel model(test::IdentityFeatures(), support, Rightwards());
+  const test::Task model(test::IdentityFeatures(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.1);
   CertifiedPolicy certified(policy, model, Certified(2.0));
   std::vector<double> all(60), first(60), x(2);
@@ -213,7 +215,7 @@ TEST(CertifiedPolicyTest, TheSameStatesGiveTheSameControls) {
 
 TEST(CertifiedPolicyTest, HaltsAtEveryDoubt) {
   const auto support = MovingDisk();
-  const GuidedModel model(test::IdentityFeatures(), support, Rightwards());
+  const test::Task model(test::IdentityFeatures(), support, Rightwards());
   std::vector<double> u(2);
   const auto nothing = test::ConstantPolicy(2, std::nan(""));
   CertifiedPolicy certified(nothing, model, Certified(1.0));
@@ -225,7 +227,7 @@ TEST(CertifiedPolicyTest, HaltsAtEveryDoubt) {
 
 TEST(CertifiedPolicyTest, ErrorsNameTheCulprit) {
   const auto support = MovingDisk();
-  const GuidedModel model(test::IdentityFeatures(), support, Rightwards());
+  const test::Task model(test::IdentityFeatures(), support, Rightwards());
   const auto message = [&](CertifiedOptions options, int control_dim = 2) {
     if (options.certificate.direction_error == 0.0) options.certificate.direction_error = 1.0;
     const test::FunctionPolicy policy(2, control_dim,

@@ -7,6 +7,7 @@
 #include "dfr/core/matrix.h"
 #include "tests/control/analytic.h"
 #include "tests/control/rightwards.h"
+#include "tests/control/task.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::control {
@@ -26,15 +27,16 @@ class CorrectionTest : public testing::Test {
   [[nodiscard]] double Level(const Eigen::VectorXd& v) const { return local_.Level(1, v); }
 
   test::GaussianSupport support_ = test::MovingDisk();
-  GuidedModel model_{test::IdentityFeatures(), support_, test::Rightwards()};
-  JacobianEstimate estimate_{model_.prior()};
+  test::Task model_{test::IdentityFeatures(), support_, test::Rightwards()};
+  JacobianEstimate estimate_{model_.response.prior()};
   Eigen::VectorXd z_ = Eigen::Vector2d(0.0, 0.35);
   LocalModel local_{support_, estimate_, core::AsSpan(z_)};
-  StepTarget target_{1, model_.gate_level(1)};
-  StepLimits limits_ = Limits(GuidedOptions{}, model_.control_dim(), model_.control_unit());
+  StepTarget target_{1, model_.levels.gate(1)};
+  StepLimits limits_ =
+      Limits(GuidedOptions{}, model_.response.control_dim(), model_.response.control_unit());
   // One that leads out of the disk, and one that leads far into it.
   Eigen::VectorXd outwards_ = Eigen::Vector2d(0.0, 3.0);
-  Eigen::VectorXd inwards_ = Eigen::Vector2d(test::kSpeed, -0.35) / model_.control_unit();
+  Eigen::VectorXd inwards_ = Eigen::Vector2d(test::kSpeed, -0.35) / model_.response.control_unit();
 };
 
 TEST_F(CorrectionTest, WhatLeadsDeepInsideIsLeftBitForBit) {

@@ -10,6 +10,7 @@
 #include "dfr/control/published/switching_policy.h"
 #include "tests/control/analytic.h"
 #include "tests/control/rightwards.h"
+#include "tests/control/task.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::control {
@@ -22,8 +23,8 @@ const std::vector<double> kStart = {0.0, 0.38};
 
 TEST(GradientRecoveryTest, ReachesTheGateInAFewControls) {
   const auto support = test::MovingDisk();
-  const GuidedModel model(test::IdentityFeatures(), support, test::Rightwards());
-  ASSERT_GT(support.FromLog(0, model.gate_level(0)), 0.4);
+  const test::Task model(test::IdentityFeatures(), support, test::Rightwards());
+  ASSERT_GT(support.FromLog(0, model.levels.gate(0)), 0.4);
   const auto policy = test::ConstantPolicy(2, 0.08);
   const auto controls = [&](SwitchingPolicy controller) {
     test::TurnedPoint plant{.x = kStart};
@@ -48,7 +49,7 @@ TEST(GradientRecoveryTest, ReachesTheGateInAFewControls) {
 // Steps towards the gate level and no further.
 TEST(GradientRecoveryTest, AimsAtTheGateLevelOfTheTimeStep) {
   const auto support = test::MovingDisk();
-  const GuidedModel model(test::IdentityFeatures(), support, test::Rightwards());
+  const test::Task model(test::IdentityFeatures(), support, test::Rightwards());
   GradientRecovery recovery(model);
   std::vector<double> u(2);
   for (const int t : {0, 6}) {
@@ -57,14 +58,14 @@ TEST(GradientRecoveryTest, AimsAtTheGateLevelOfTheTimeStep) {
     ASSERT_EQ(recovery.Next({.t = t, .x = x, .g = 0.06, .lambda = 5.0}, u), Mode::kRecovery);
     const std::vector<double> there = {x[0] + u[0], x[1] + u[1]};
     // J is known to about the ridge over the weight of the demonstrations, 1e-3.
-    EXPECT_NEAR(support.LogDecision(t, there, {}), model.gate_level(t), 0.02);
+    EXPECT_NEAR(support.LogDecision(t, there, {}), model.levels.gate(t), 0.02);
   }
 }
 
 // The plant turns controls by 0.9 rad, which the demonstrations do not contain.
 TEST(GradientRecoveryTest, LearnsFromItsOwnControls) {
   const auto support = test::MovingDisk();
-  const GuidedModel model(test::IdentityFeatures(), support, test::Rightwards());
+  const test::Task model(test::IdentityFeatures(), support, test::Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.08);
   test::TurnedPoint plant{.angle = 0.9, .x = kStart};
   SwitchingPolicy controller(policy, support, kLevelRate,
@@ -108,7 +109,7 @@ TEST(GradientRecoveryTest, HasNoDirectionWhereControlsDoNothing) {
   auto demonstrations = test::Rightwards();
   for (auto& d : demonstrations) d.states.setZero();
   const auto support = test::MovingDisk();
-  const GuidedModel model(test::IdentityFeatures(), support, demonstrations);
+  const test::Task model(test::IdentityFeatures(), support, demonstrations);
   const auto policy = test::ConstantPolicy(2, 0.08);
   SwitchingPolicy controller(policy, support, kLevelRate,
                              std::make_unique<GradientRecovery>(model));
@@ -120,7 +121,7 @@ TEST(GradientRecoveryTest, HasNoDirectionWhereControlsDoNothing) {
 
 TEST(GradientRecoveryTest, ControlsStayWithinTheLimit) {
   const auto support = test::MovingDisk();
-  const GuidedModel model(test::IdentityFeatures(), support, test::Rightwards());
+  const test::Task model(test::IdentityFeatures(), support, test::Rightwards());
   GradientRecovery recovery(model, 0.05);
   recovery.Reset(1);
   std::vector<double> u(2);
@@ -132,7 +133,7 @@ TEST(GradientRecoveryTest, ControlsStayWithinTheLimit) {
 
 TEST(GradientRecoveryTest, NeverAllocates) {
   const auto support = test::MovingDisk();
-  const GuidedModel model(test::IdentityFeatures(), support, test::Rightwards());
+  const test::Task model(test::IdentityFeatures(), support, test::Rightwards());
   GradientRecovery recovery(model);
   std::vector<double> x = kStart, u(2);
   const test::NoAlloc guard;
@@ -145,7 +146,7 @@ TEST(GradientRecoveryTest, NeverAllocates) {
 
 TEST(GradientRecoveryTest, RefusesALimitThatIsNotPositive) {
   const auto support = test::MovingDisk();
-  const GuidedModel model(test::IdentityFeatures(), support, test::Rightwards());
+  const test::Task model(test::IdentityFeatures(), support, test::Rightwards());
   for (const double limit : {0.0, -1.0, std::nan("")}) {
     EXPECT_THROW(GradientRecovery(model, limit), std::invalid_argument) << limit;
   }

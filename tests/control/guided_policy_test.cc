@@ -17,6 +17,7 @@
 #include "dfr/control/published/switching_policy.h"
 #include "tests/control/analytic.h"
 #include "tests/control/rightwards.h"
+#include "tests/control/task.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::control {
@@ -24,7 +25,6 @@ namespace {
 
 using testing::HasSubstr;
 
-using test::kSpeed;
 using test::kSteps;
 using test::MovingDisk;
 using test::Rightwards;
@@ -48,12 +48,12 @@ core::FeatureTransform Thirtyfold() {
           30.0 * core::Matrix::Identity(2, 2)};
 }
 test::GaussianSupport ThirtyfoldDisk() {
-  return {{{0.0, 0.0}}, 4.0 / 900.0, 0.5, {30.0 * kSpeed, 0.0}, kSteps + 1};
+  return {{{0.0, 0.0}}, 4.0 / 900.0, 0.5, {30.0 * test::kSpeed, 0.0}, kSteps + 1};
 }
 
 TEST(GuidedPolicyTest, PassesTheLearnedControlDeepInside) {
   const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Rightwards());
+  const test::Task model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.08);
   GuidedPolicy guided(policy, model, {.observer = false});
   guided.Reset(1);
@@ -70,10 +70,10 @@ TEST(GuidedPolicyTest, PassesTheLearnedControlDeepInside) {
 // Twice as large as any that was demonstrated, it would run through the next support and out of it.
 TEST(GuidedPolicyTest, LooksAtAControlLargerThanDemonstrated) {
   const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Rightwards());
+  const test::Task model(Identity(), support, Rightwards());
   const std::vector<double> x = {0.05, 0.0};
   std::vector<double> u(2);
-  const double most = model.largest_control() * model.control_unit();
+  const double most = model.response.largest_control() * model.response.control_unit();
   for (const double size : {0.999 * most, 1.001 * most, 0.6}) {
     SCOPED_TRACE(size);
     const auto policy = test::ConstantPolicy(2, size);
@@ -84,7 +84,7 @@ TEST(GuidedPolicyTest, LooksAtAControlLargerThanDemonstrated) {
     EXPECT_GE(support.LogDecision(1, std::vector{x[0] + u[0], x[1] + u[1]}, {}), -0.01);
     if (size == 0.6) {
       EXPECT_EQ(step.mode, Mode::kRecovery);
-      EXPECT_NEAR(u[0], kSpeed, 0.02) << "as demonstrated";
+      EXPECT_NEAR(u[0], test::kSpeed, 0.02) << "as demonstrated";
     } else {
       EXPECT_EQ(step.mode, size > most ? Mode::kRecovery : Mode::kPolicy);
       EXPECT_FALSE(step.filtered) << "deep inside nothing is changed";
@@ -95,8 +95,8 @@ TEST(GuidedPolicyTest, LooksAtAControlLargerThanDemonstrated) {
 // A lag shows in the first controls, wherever they are.
 TEST(GuidedPolicyTest, TheFirstControlsShowALag) {
   const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Rightwards());
-  const auto policy = test::ConstantPolicy(2, kSpeed);
+  const test::Task model(Identity(), support, Rightwards());
+  const auto policy = test::ConstantPolicy(2, test::kSpeed);
   GuidedPolicy guided(policy, model);
   guided.Reset(1);
   std::vector<double> u(2);
@@ -109,15 +109,15 @@ TEST(GuidedPolicyTest, TheFirstControlsShowALag) {
     plant.Apply(given);
     given = u;
   }
-  EXPECT_NEAR(plant.x[0], 7.0 * kSpeed, 0.02) << "one control late, no slower";
+  EXPECT_NEAR(plant.x[0], 7.0 * test::kSpeed, 0.02) << "one control late, no slower";
 }
 
 // Deep inside the present support alone, or the next one alone, is not enough.
 TEST(GuidedPolicyTest, DeepInsideIsInsideBothSupports) {
   const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Rightwards());
+  const test::Task model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.08);
-  const double hi = model.gate_level(1);
+  const double hi = model.levels.gate(1);
   std::vector<double> u(2);
   int only_one = 0;
   for (int i = 0; i < 70; ++i) {
@@ -138,7 +138,7 @@ TEST(GuidedPolicyTest, DeepInsideIsInsideBothSupports) {
 // A step reports the support's values of the state, here of the observed one.
 TEST(GuidedPolicyTest, AStepTellsItsGrounds) {
   const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Rightwards());
+  const test::Task model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.1);
   GuidedPolicy guided(policy, model, {.observer = false});
   guided.Reset(1);
@@ -156,7 +156,7 @@ TEST(GuidedPolicyTest, AStepTellsItsGrounds) {
     EXPECT_EQ(step.iteration, waited);
     EXPECT_EQ(step.log_g, support.LogDecision(t, plant.x, {}));
     EXPECT_NEAR(step.g, support.Decision(t, plant.x), 1e-15);
-    EXPECT_EQ(step.log_threshold, model.gate_level(t + 1));
+    EXPECT_EQ(step.log_threshold, model.levels.gate(t + 1));
     EXPECT_EQ(step.threshold, support.FromLog(t, step.log_threshold));
     EXPECT_NEAR(step.threshold, 0.5 * (std::exp(step.log_threshold) - 1.0), 1e-15);
     EXPECT_FALSE(step.certified);
@@ -178,12 +178,12 @@ TEST(GuidedPolicyTest, AStepTellsItsGrounds) {
 
 TEST(GuidedPolicyTest, EndsWithItsTimeAndItsControls) {
   const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Rightwards());
-  const auto policy = test::ConstantPolicy(2, kSpeed);
+  const test::Task model(Identity(), support, Rightwards());
+  const auto policy = test::ConstantPolicy(2, test::kSpeed);
   const auto end = [&](const GuidedOptions& options) {
     GuidedPolicy guided(policy, model, options);
     guided.Reset(1);
-    Turned plant{.x = {options.first_step * kSpeed, 0.0}};
+    Turned plant{.x = {options.first_step * test::kSpeed, 0.0}};
     std::vector<double> u(2);
     int controls = 0;
     for (; guided.Next(plant.x, u).mode != Mode::kHalt; ++controls) plant.Apply(u);
@@ -200,7 +200,7 @@ TEST(GuidedPolicyTest, FilterKeepsAWrongPolicyInsideAndMoving) {
   for (const double angle : {0.0, 0.9, -2.0}) {
     SCOPED_TRACE(angle);
     const auto support = MovingDisk();
-    const GuidedModel model(Identity(), support, Rightwards(angle));
+    const test::Task model(Identity(), support, Rightwards(angle));
     const test::FunctionPolicy policy(2, 2,
                                       [angle](int, std::span<const double>, std::span<double> u) {
                                         const double dx = 0.09, dy = 0.06;
@@ -230,7 +230,7 @@ TEST(GuidedPolicyTest, FilterKeepsAWrongPolicyInsideAndMoving) {
 // stays in the corridor.
 TEST(GuidedPolicyTest, WithLeastInterventionWhatEndsInsidePasses) {
   const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Rightwards());
+  const test::Task model(Identity(), support, Rightwards());
   int passed[] = {0, 0};
   for (const bool least : {false, true}) {
     const test::FunctionPolicy policy(2, 2, [](int, std::span<const double>, std::span<double> u) {
@@ -257,7 +257,7 @@ TEST(GuidedPolicyTest, WithLeastInterventionWhatEndsInsidePasses) {
 
 TEST(GuidedPolicyTest, ComesBackFromOutside) {
   const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Rightwards(0.7));
+  const test::Task model(Identity(), support, Rightwards(0.7));
   const auto still = test::ConstantPolicy(2, 0.0);
   Turned plant{.angle = 0.7, .x = {0.0, 1.5}};
   ASSERT_LT(support.Decision(0, plant.x), -0.4) << "so far out that g is flat";
@@ -276,17 +276,17 @@ TEST(GuidedPolicyTest, ComesBackFromOutside) {
 // A controller that takes over in mid-task looks for its phase there.
 TEST(GuidedPolicyTest, BeginsAtTheFirstStepItIsGiven) {
   const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Rightwards());
+  const test::Task model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.08);
   std::vector<double> u(2);
   GuidedPolicy guided(policy, model, {.horizon = 20, .first_step = 12});
   guided.Reset(1);
-  const Step step = guided.Next(std::vector{12 * kSpeed, 0.0}, u);
+  const Step step = guided.Next(std::vector{12 * test::kSpeed, 0.0}, u);
   EXPECT_EQ(step.t, 12);
   EXPECT_EQ(step.mode, Mode::kPolicy);
   SwitchingPolicy dfr(policy, support, 0.01, {.horizon = 20, .first_step = 12});
   dfr.Reset(1);
-  EXPECT_EQ(dfr.Next(std::vector{12 * kSpeed, 0.0}, u).t, 12);
+  EXPECT_EQ(dfr.Next(std::vector{12 * test::kSpeed, 0.0}, u).t, 12);
   EXPECT_THROW(GuidedPolicy(policy, model, {.horizon = 20, .first_step = 20}),
                std::invalid_argument);
   EXPECT_THROW(SwitchingPolicy(policy, support, 0.01, {.horizon = 20, .first_step = -1}),
@@ -305,7 +305,7 @@ class Aside : public testing::Test {
     }
     return demonstrations;
   }
-  [[nodiscard]] GuidedModel Model(double slack) const {
+  [[nodiscard]] test::Task Model(double slack) const {
     return {test::IdentityFeatures(3), support_, Demonstrations(), {.slack = slack}};
   }
   static test::FunctionPolicy Along(double speed) {
@@ -315,7 +315,7 @@ class Aside : public testing::Test {
             }};
   }
 
-  test::GaussianSupport support_{{{0.0, 0.0, 0.0}}, 4.0, 0.5, {kSpeed, 0.0, 0.0}, kSteps + 1};
+  test::GaussianSupport support_{{{0.0, 0.0, 0.0}}, 4.0, 0.5, {test::kSpeed, 0.0, 0.0}, kSteps + 1};
   double offset_ = std::sqrt((0.3 - std::log(0.5)) / 4.0);  // -4 offset^2 - log 0.5 = -0.3
 };
 using GuidedPolicySlackTest = Aside;
@@ -323,10 +323,10 @@ using GuidedPolicySlackTest = Aside;
 // If no control can correct the state, the best one passes within a reach of twice the slack.
 // Beyond, recoveries apply the demonstrated controls, and the phase skips supports that they miss.
 TEST_F(GuidedPolicySlackTest, TheBestGoesOnWithinReachAndTheDemonstrationsBeyond) {
-  const auto policy = Along(kSpeed);
+  const auto policy = Along(test::kSpeed);
   for (const double slack : {0.14, 0.16}) {
     SCOPED_TRACE(slack);
-    const GuidedModel model = Model(slack);
+    const test::Task model = Model(slack);
     GuidedPolicy guided(policy, model);
     guided.Reset(1);
     std::vector<double> u(2), x = {0.0, 0.0, offset_};
@@ -344,7 +344,7 @@ TEST_F(GuidedPolicySlackTest, TheBestGoesOnWithinReachAndTheDemonstrationsBeyond
       x[1] += u[1];
     }
     EXPECT_EQ(controls, kSteps);
-    EXPECT_NEAR(x[0], kSteps * kSpeed, 0.02);
+    EXPECT_NEAR(x[0], kSteps * test::kSpeed, 0.02);
     // Demonstrations go to y = 0 by y' = 0.7 y + noise; the regression over some 130 of them is off
     // by noise / sqrt(130), and y by 1 / 0.3 times that: three standard errors.
     EXPECT_NEAR(x[1], 0.0, 3.0 * 0.05 / std::sqrt(130.0) / 0.3);
@@ -354,8 +354,8 @@ TEST_F(GuidedPolicySlackTest, TheBestGoesOnWithinReachAndTheDemonstrationsBeyond
 // The filter can do no better than -0.3, B_1's middle but for the object. Whether that is near
 // enough for it to pass is a multiple of the slack, here 0.2.
 TEST_F(GuidedPolicySlackTest, TheFilteredControlPassesWithinReach) {
-  const auto policy = Along(kSpeed);
-  const GuidedModel model = Model(0.2);
+  const auto policy = Along(test::kSpeed);
+  const test::Task model = Model(0.2);
   for (const double reach : {0.0, 1.0, 2.0}) {
     SCOPED_TRACE(reach);
     GuidedPolicy guided(policy, model, {.reach = reach});
@@ -363,7 +363,7 @@ TEST_F(GuidedPolicySlackTest, TheFilteredControlPassesWithinReach) {
     std::vector<double> u(2);
     const Step step = guided.Next(std::vector{0.0, 0.0, offset_}, u);
     EXPECT_EQ(step.mode, reach < 1.5 ? Mode::kRecovery : Mode::kPolicy);
-    EXPECT_NEAR(u[0], kSpeed, 0.003) << "as demonstrated, or as it is";
+    EXPECT_NEAR(u[0], test::kSpeed, 0.003) << "as demonstrated, or as it is";
   }
 }
 
@@ -371,45 +371,45 @@ TEST_F(GuidedPolicySlackTest, TheFilteredControlPassesWithinReach) {
 // demonstrations did, here to the right; what y asks for is shrunk by the regression's ridge, these
 // features being far smaller than whitened ones.
 TEST_F(GuidedPolicySlackTest, ARecoveryThatStaysOutsideDoesWhatDemonstrationsDid) {
-  const auto policy = Along(-kSpeed);
-  const GuidedModel model = Model(0.1);
+  const auto policy = Along(-test::kSpeed);
+  const test::Task model = Model(0.1);
   const std::vector<double> x = {0.0, 0.1, offset_};
   GuidedPolicy guided(policy, model, {.reach = 0.0});
   guided.Reset(1);
   std::vector<double> u(2);
   const Step step = guided.Next(x, u);
   EXPECT_EQ(step.mode, Mode::kRecovery);
-  EXPECT_NEAR(u[0], kSpeed, 0.003);
+  EXPECT_NEAR(u[0], test::kSpeed, 0.003);
   EXPECT_LT(u[1], 0.0);
   EXPECT_GT(u[1], -0.3 * x[1]);
 }
 
-TEST(GuidedModelTest, SaysWhetherFeaturesMoveByThemselves) {
+TEST(ResponseTest, SaysWhetherFeaturesMoveByThemselves) {
   const auto support = ThirtyfoldDisk();
-  EXPECT_FALSE(GuidedModel(Thirtyfold(), support, Rightwards()).own_motion());
-  EXPECT_TRUE(GuidedModel(Thirtyfold(), support, Toppling()).own_motion());
+  EXPECT_FALSE(test::Task(Thirtyfold(), support, Rightwards()).response.own_motion());
+  EXPECT_TRUE(test::Task(Thirtyfold(), support, Toppling()).response.own_motion());
 }
 
-TEST(GuidedModelTest, SlackIsWhatUnseenDemonstrationsNeed) {
+TEST(LevelsTest, SlackIsWhatUnseenDemonstrationsNeed) {
   std::vector<double> levels;
   for (int i = 0; i <= 100; ++i) levels.push_back(0.5 - 0.02 * i);  // 0.5 ... -1.5
-  EXPECT_NEAR(SlackFrom(levels), 1.1, 1e-12);                       // the 0.2-quantile
-  EXPECT_EQ(SlackFrom({0.1, 0.2, 0.3}), GuidedModelOptions().slack) << "never less";
-  EXPECT_THROW((void)SlackFrom({}), std::invalid_argument);
+  EXPECT_NEAR(EstimateSlack(levels), 1.1, 1e-12);                   // the 0.2-quantile
+  EXPECT_EQ(EstimateSlack({0.1, 0.2, 0.3}), LevelOptions().slack) << "never less";
+  EXPECT_THROW((void)EstimateSlack({}), std::invalid_argument);
 }
 
 // If no control has an effect, the controller halts in the end. The goal may lie at the edge of the
 // last support, which does not move on.
 TEST(GuidedPolicyTest, DoesNotStandStillInTheLastSupport) {
   const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Rightwards());
-  const auto policy = test::ConstantPolicy(2, kSpeed);
+  const test::Task model(Identity(), support, Rightwards());
+  const auto policy = test::ConstantPolicy(2, test::kSpeed);
   GuidedOptions options;
   options.horizon = 3 * kSteps;
   GuidedPolicy guided(policy, model, options);
   guided.Reset(1);
   // Edge of the last support.
-  double edge = kSteps * kSpeed;
+  double edge = kSteps * test::kSpeed;
   while (support.LogDecision(kSteps, std::vector{edge, 0.0}, {}) >= 0.0) edge += 0.01;
   Turned plant;
   std::vector<double> u(2);
@@ -417,13 +417,13 @@ TEST(GuidedPolicyTest, DoesNotStandStillInTheLastSupport) {
     ASSERT_NE(guided.Next(plant.x, u).mode, Mode::kHalt);
     plant.Apply(u);
   }
-  EXPECT_GE(plant.x[0], edge - kSpeed / 2.0);
-  EXPECT_LE(plant.x[0], edge + kSpeed / 2.0) << "and does not leave it";
+  EXPECT_GE(plant.x[0], edge - test::kSpeed / 2.0);
+  EXPECT_LE(plant.x[0], edge + test::kSpeed / 2.0) << "and does not leave it";
 }
 
 TEST(GuidedPolicyTest, HoldsWhereNothingHelps) {
   const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Rightwards());
+  const test::Task model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.1);
   const std::vector<double> stuck = {0.0, 0.6};
   GuidedPolicy guided(policy, model);
@@ -443,7 +443,7 @@ TEST(GuidedPolicyTest, HoldsWhereNothingHelps) {
 // same state again and again.
 std::string Modes(double y, const GuidedOptions& options) {
   const test::GaussianSupport support({{0.0, 0.0}}, 4.0, 0.5);
-  const GuidedModel model(Identity(), support, Rightwards());
+  const test::Task model(Identity(), support, Rightwards());
   const auto still = test::ConstantPolicy(2, 0.0);
   GuidedPolicy guided(still, model, options);
   guided.Reset(1);
@@ -462,9 +462,9 @@ TEST(GuidedPolicyTest, HaltsAfterItsPatienceWhereItStaysOutside) {
   EXPECT_EQ(Modes(2.5, {.patience = 5}), "RRRRR no-progress");
 }
 
-// Supports at x = t kSpeed, and a point above the path that demonstrations' controls carry past
-// them: the phase goes on with the prediction, and the episode with it. The first support missed is
-// not insisted on.
+// Supports at x = t test::kSpeed, and a point above the path that demonstrations' controls carry
+// past them: the phase goes on with the prediction, and the episode with it. The first support
+// missed is not insisted on.
 TEST(GuidedPolicyTest, ThePhasePassesOverSupportsThatARecoveryMisses) {
   const auto support = MovingDisk();
   // Demonstrations with constant y: they contain no way down.
@@ -473,7 +473,7 @@ TEST(GuidedPolicyTest, ThePhasePassesOverSupportsThatARecoveryMisses) {
     d.states.col(1).setConstant(d.states(0, 1));
     d.controls.col(1).setZero();
   }
-  const GuidedModel model(Identity(), support, demonstrations);
+  const test::Task model(Identity(), support, demonstrations);
   const auto still = test::ConstantPolicy(2, 0.0);
   GuidedPolicy guided(still, model, {.probe_size = 0.0});
   guided.Reset(1);
@@ -497,8 +497,8 @@ std::vector<core::Trajectory> Sideless() {
 
 TEST(GuidedPolicyTest, ProbesAControlThatNobodyHasEverUsed) {
   const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Sideless());
-  const auto along = test::ConstantPolicy(2, kSpeed);
+  const test::Task model(Identity(), support, Sideless());
+  const auto along = test::ConstantPolicy(2, test::kSpeed);
   const std::vector<double> x = {0.0, 0.6};  // beyond the reach
   std::vector<double> u(2);
   GuidedPolicy guided(along, model);
@@ -507,7 +507,7 @@ TEST(GuidedPolicyTest, ProbesAControlThatNobodyHasEverUsed) {
   EXPECT_EQ(step.mode, Mode::kProbe);
   EXPECT_FALSE(step.filtered);
   EXPECT_GT(std::abs(u[1]), 10.0 * std::abs(u[0]));
-  EXPECT_NEAR(test::Norm(u), 0.35 * model.control_unit(), 1e-12);
+  EXPECT_NEAR(test::Norm(u), 0.35 * model.response.control_unit(), 1e-12);
   // It has been tried: no second one.
   step = guided.Next(std::vector{x[0] + u[0], x[1] + u[1]}, u);
   EXPECT_NE(step.mode, Mode::kProbe);
@@ -516,7 +516,7 @@ TEST(GuidedPolicyTest, ProbesAControlThatNobodyHasEverUsed) {
   never.Reset(1);
   EXPECT_NE(never.Next(x, u).mode, Mode::kProbe);
   // Nor if the response is known or the prediction is inside. In a drift that is not sufficient.
-  const GuidedModel known(Identity(), support, Rightwards());
+  const test::Task known(Identity(), support, Rightwards());
   GuidedPolicy knows(along, known);
   knows.Reset(1);
   EXPECT_EQ(knows.Next(x, u).mode, Mode::kRecovery);
@@ -536,7 +536,7 @@ TEST(GuidedPolicyTest, ProbesAControlThatNobodyHasEverUsed) {
 TEST(GuidedPolicyTest, HoldsItsPlaceInADrift) {
   constexpr double kDrift = 0.06;  // a probe is 0.035
   const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Sideless(), {.gate_quantile = 0.5});
+  const test::Task model(Identity(), support, Sideless(), {.gate_quantile = 0.5});
   const auto rightwards = test::FunctionPolicy(
       2, 2, [](int, std::span<const double>, std::span<double> u) { u[0] = 0.1, u[1] = 0.0; });
   const auto farthest = [&](const DriftTime& drift_time, double sign) {
@@ -572,10 +572,10 @@ TEST(GuidedPolicyTest, HoldsItsPlaceInADrift) {
 // inside.
 TEST(GuidedPolicyTest, ThePhaseWaitsForAPolicyThatIsLate) {
   const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Rightwards());
-  const auto slow = test::ConstantPolicy(2, kSpeed / 3.0);
+  const test::Task model(Identity(), support, Rightwards());
+  const auto slow = test::ConstantPolicy(2, test::kSpeed / 3.0);
   Turned plant;
-  GuidedPolicy guided(slow, model, {.control_limit = {kSpeed / 3.0}});
+  GuidedPolicy guided(slow, model, {.control_limit = {test::kSpeed / 3.0}});
   guided.Reset(1);
   std::vector<double> u(2);
   int recoveries = 0;
@@ -591,7 +591,7 @@ TEST(GuidedPolicyTest, ThePhaseWaitsForAPolicyThatIsLate) {
 }
 
 // Runs a controller in a world and returns its modes, times and controls.
-std::vector<double> Trace(const core::Policy& policy, const GuidedModel& model,
+std::vector<double> Trace(const core::Policy& policy, const test::Task& model,
                           const GuidedOptions& options, std::vector<double> x, int controls,
                           double angle = 0.0, double drift = 0.0, int late = 0,
                           double noise = 0.0) {
@@ -618,11 +618,11 @@ std::vector<double> Trace(const core::Policy& policy, const GuidedModel& model,
 TEST(GuidedPolicyTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
   const auto support = MovingDisk();
   const auto thirtyfold = ThirtyfoldDisk();
-  const GuidedModel toppling(Thirtyfold(), thirtyfold, Toppling());
-  const GuidedModel model(Identity(), support, Rightwards());
-  const GuidedModel sideless(Identity(), support, Sideless());
-  const auto along = test::ConstantPolicy(2, kSpeed);
-  const auto back = test::ConstantPolicy(2, -kSpeed);
+  const test::Task toppling(Thirtyfold(), thirtyfold, Toppling());
+  const test::Task model(Identity(), support, Rightwards());
+  const test::Task sideless(Identity(), support, Sideless());
+  const auto along = test::ConstantPolicy(2, test::kSpeed);
+  const auto back = test::ConstantPolicy(2, -test::kSpeed);
   std::vector<std::string_view> seen;
   for (const std::string_view part : GuidedPartNames()) {
     SCOPED_TRACE(part);
@@ -637,7 +637,7 @@ TEST(GuidedPolicyTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
       // no control moves.
       if (part == "reach") {
         const test::GaussianSupport aside({{0.0, 0.0}}, 4.0, 0.38, {}, kSteps + 1);
-        const GuidedModel at_edge(Identity(), aside, Rightwards(), {.slack = 0.2});
+        const test::Task at_edge(Identity(), aside, Rightwards(), {.slack = 0.2});
         GuidedOptions limited = options;
         limited.control_limit = {0.002};
         const test::FunctionPolicy outwards(2, 2,
@@ -695,13 +695,13 @@ TEST(GuidedPolicyTest, PartsAreTakenOutByTheirNeutralValues) {
   EXPECT_EQ(all.horizon, 77);
   // And a policy can be made of what is left.
   const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Rightwards());
-  const auto along = test::ConstantPolicy(2, kSpeed);
+  const test::Task model(Identity(), support, Rightwards());
+  const auto along = test::ConstantPolicy(2, test::kSpeed);
   GuidedPolicy bare(along, model, all);
   bare.Reset(1);
   std::vector<double> u(2);
   EXPECT_EQ(bare.Next(std::vector{0.0, 0.38}, u).mode, Mode::kPolicy);
-  EXPECT_NEAR(u[0], kSpeed, 1e-15);
+  EXPECT_NEAR(u[0], test::kSpeed, 1e-15);
   EXPECT_EQ(u[1], 0.0);
 }
 
@@ -721,7 +721,7 @@ TEST(GuidedPolicyTest, AnUnknownPartIsRefusedWithTheNamesOfAll) {
 
 TEST(GuidedPolicyTest, ControlsStayWithinThePlantsLimit) {
   const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Rightwards());
+  const test::Task model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 7.0);
   GuidedPolicy guided(policy, model, {.control_limit = {0.05}});
   core::Random random(1);
@@ -739,7 +739,7 @@ TEST(GuidedPolicyTest, ControlsStayWithinThePlantsLimit) {
 // Episodes are deterministic and independent of earlier ones.
 TEST(GuidedPolicyTest, TheSameStatesGiveTheSameControls) {
   const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Sideless());
+  const test::Task model(Identity(), support, Sideless());
   const auto policy = test::ConstantPolicy(2, 0.1);
   GuidedPolicy guided(policy, model);
   const auto controls = [&](std::uint64_t seed) {
@@ -760,7 +760,7 @@ TEST(GuidedPolicyTest, TheSameStatesGiveTheSameControls) {
 
 TEST(GuidedPolicyTest, HaltsAtEveryDoubt) {
   const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Rightwards());
+  const test::Task model(Identity(), support, Rightwards());
   std::vector<double> u(2);
   const auto nothing = test::ConstantPolicy(2, std::nan(""));
   GuidedPolicy guided(nothing, model);
@@ -775,7 +775,7 @@ TEST(GuidedPolicyTest, HaltsAtEveryDoubt) {
 
 TEST(GuidedPolicyTest, NextNeverAllocates) {
   const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Rightwards());
+  const test::Task model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.1);
   GuidedPolicy guided(policy, model, {.drift_time = {.rest = 0.5, .travel = 1.0}});
   core::Random random(1);
@@ -795,7 +795,7 @@ TEST(GuidedPolicyTest, NextNeverAllocates) {
 TEST(GuidedPolicyTest, ErrorsNameTheCulprit) {
   const auto support = MovingDisk();
   const auto message = [&](const GuidedOptions& options, int control_dim = 2) -> std::string {
-    const GuidedModel model(Identity(), support, Rightwards());
+    const test::Task model(Identity(), support, Rightwards());
     const test::FunctionPolicy policy(2, control_dim,
                                       [](int, std::span<const double>, std::span<double>) {});
     try {
@@ -818,8 +818,8 @@ TEST(GuidedPolicyTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(message({.probe_size = -0.1}), HasSubstr("probe_size"));
   EXPECT_THAT(message({.online_weight = -1.0}), HasSubstr("online_weight"));
   EXPECT_THAT(message({.online_weight = std::nan("")}), HasSubstr("online_weight"));
-  EXPECT_THROW(GuidedModel(Identity(), support, {}), std::invalid_argument);
-  EXPECT_THROW(GuidedModel(Identity(), support, Rightwards(), {.slack = -0.1}),
+  EXPECT_THROW(test::Task(Identity(), support, {}), std::invalid_argument);
+  EXPECT_THROW(test::Task(Identity(), support, Rightwards(), {.slack = -0.1}),
                std::invalid_argument);
 }
 

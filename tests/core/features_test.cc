@@ -3,13 +3,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <cmath>
 #include <limits>
 #include <stdexcept>
 #include <string>
 #include <vector>
-
-#include "tests/support/no_alloc.h"
 
 namespace dfr::core {
 namespace {
@@ -24,22 +21,6 @@ StateLayout Layout() {
   layout.Add("tip", 3);
   return layout;
 }
-
-// g(t, x) = t + x_0 + 10 x_1, to see which entries arrive where.
-class Linear final : public DecisionFunction {
- public:
-  int state_dim() const noexcept override { return 2; }
-  int num_steps() const noexcept override { return 5; }
-  double Decision(int t, std::span<const double> x) const noexcept override {
-    return t + x[0] + 10.0 * x[1];
-  }
-  double Gradient(int t, std::span<const double> x, std::span<double> g) const noexcept override {
-    g[0] = 1.0;
-    g[1] = 10.0;
-    return Decision(t, x);
-  }
-  double lipschitz_bound(int) const noexcept override { return std::sqrt(101.0); }
-};
 
 TEST(StateLayoutTest, BlocksFollowEachOther) {
   const StateLayout layout = Layout();
@@ -74,32 +55,6 @@ TEST(FeatureSelectionTest, ErrorsNameTheFeatureAndWhatThereIs) {
   EXPECT_THAT(message("tip[a:2]"), HasSubstr("name[first:last]"));
   EXPECT_THAT(message("tip,,object"), HasSubstr("''"));
   EXPECT_THAT(message(""), HasSubstr("no feature"));
-}
-
-TEST(FeatureDecisionTest, ValueAndGradientAreThoseOfTheInnerFunction) {
-  const Linear inner;
-  const FeatureDecision decision(FeatureSelection(Layout(), "object"), inner);
-  const std::vector<double> x = {9, 9, 9, 1, 2, 9, 9, 9};
-  std::vector<double> gradient(8, -1.0);
-  const test::NoAlloc guard;
-  EXPECT_EQ(decision.Decision(3, x), 3 + 1 + 20);
-  EXPECT_EQ(decision.Gradient(3, x, gradient), 24);
-  EXPECT_EQ(gradient[3], 1.0);
-  EXPECT_EQ(gradient[4], 10.0);
-  EXPECT_EQ(gradient[0], 0.0);
-  EXPECT_EQ(gradient[7], 0.0);
-}
-
-TEST(FeatureDecisionTest, AStateOfTheWrongSizeIsOutside) {
-  const Linear inner;
-  const FeatureDecision decision(FeatureSelection(Layout(), "object"), inner);
-  const std::vector<double> x(7, 0.0);
-  EXPECT_EQ(decision.Decision(0, x), -std::numeric_limits<double>::infinity());
-}
-
-TEST(FeatureDecisionTest, RefusesASelectionOfAnotherSize) {
-  const Linear inner;
-  EXPECT_THROW(FeatureDecision(FeatureSelection(Layout(), "tip"), inner), std::invalid_argument);
 }
 
 // A specification of 23 KB that names an entry again and again asked for gigabytes of features.

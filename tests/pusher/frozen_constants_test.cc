@@ -10,9 +10,9 @@
 #include "dfr/control/certified/certified_options.h"
 #include "dfr/control/certified/constants.h"
 #include "dfr/control/guided/constants.h"
-#include "dfr/control/guided/guided_model.h"
 #include "dfr/control/guided/guided_policy.h"
 #include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/levels.h"
 #include "dfr/control/guided/state_observer.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/control/published/derivative_free_recovery.h"
@@ -35,7 +35,7 @@ std::string Page() {
 
 std::map<std::string, double> InTheCode() {
   const control::GuidedOptions guided;
-  const control::GuidedModelOptions model;
+  const control::LevelOptions levels;
   const control::JacobianOptions jacobian;
   const control::CertifiedOptions certified;
   const kernel::WhitenedSupportOptions support;
@@ -48,10 +48,10 @@ std::map<std::string, double> InTheCode() {
           {"GuidedOptions::patience", guided.patience},
           {"GuidedOptions::probe_size", guided.probe_size},
           {"GuidedOptions::online_weight", guided.online_weight},
-          {"GuidedModelOptions::gate_quantile", model.gate_quantile},
-          {"GuidedModelOptions::pass_quantile", model.pass_quantile},
-          {"GuidedModelOptions::edge_quantile", model.edge_quantile},
-          {"GuidedModelOptions::slack", model.slack},
+          {"LevelOptions::gate_quantile", levels.gate_quantile},
+          {"LevelOptions::pass_quantile", levels.pass_quantile},
+          {"LevelOptions::edge_quantile", levels.edge_quantile},
+          {"LevelOptions::slack", levels.slack},
           {"JacobianOptions::ridge", jacobian.ridge},
           {"JacobianOptions::motion_ridge", jacobian.motion_ridge},
           {"JacobianOptions::slope_ridge", jacobian.slope_ridge},

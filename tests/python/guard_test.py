@@ -252,6 +252,7 @@ class GuardTest(unittest.TestCase):
         )
         self.assertEqual(ours.settings, theirs.settings)
         self.assertEqual(ours.summary["held_out"], 6)
+        self.assertEqual(ours.summary["support_fits"], 11)
         np.testing.assert_array_equal(ours.levels(states[0]), theirs.levels(states[0]))
 
     def test_alarms_on_demonstrations_are_few(self):

@@ -227,12 +227,16 @@ TEST_F(GuardFileTest, TheOrderOfDemonstrationsChangesNoBitOfTheFit) {
       EXPECT_EQ(other->lambda(), model->lambda());
       EXPECT_EQ(other_summary.acceptance, summary.acceptance);
       EXPECT_EQ(other_summary.gain.value, summary.gain.value);
+      // One of all that is fitted to, then without each of five folds and of five stretches: four
+      // of the nine demonstrations that are not held out.
+      EXPECT_EQ(summary.support_fits, hold_out > 0.0 ? 9 : 11);
+      EXPECT_EQ(other_summary.support_fits, summary.support_fits);
       core::ArchiveWriter ours("recovery", 1);
-      model->recovery().Save(ours);
+      model->task().Save(ours);
       ours.Save(path_);
       const std::string expected = Content();
       core::ArchiveWriter theirs("recovery", 1);
-      other->recovery().Save(theirs);
+      other->task().Save(theirs);
       theirs.Save(path_);
       EXPECT_EQ(Content(), expected) << seed;
     }
@@ -363,8 +367,8 @@ TEST(GuardModelTest, CertifySaysWhichActionsProvablyRaiseNoAlarm) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
                                      {.features = "tip"});
   const double eps = model->settings().direction_error;
-  const kernel::WhitenedSupport& support = model->recovery().support();
-  const core::FeatureTransform& features = model->recovery().features();
+  const kernel::WhitenedSupport& support = model->task().feature_support();
+  const core::FeatureTransform& features = model->task().features();
   core::Random random(3);
   int passed = 0;
   int refused = 0;
@@ -438,11 +442,11 @@ TEST(GuardModelTest, ClearanceIsADistanceThatNoStateWithoutAlarmExceeds) {
 TEST(GuardModelTest, ClearanceOfOneFeatureIsWhatEachTimeStepCovers) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 30),
                                      {.features = "tip[1:2]"});
-  const kernel::WhitenedSupport& support = model->recovery().support();
+  const kernel::WhitenedSupport& support = model->task().feature_support();
   const double level = std::max(0.0, model->settings().alarm_level);
   std::vector<double> lengths;
   for (int t = 0; t < support.num_steps(); ++t) {
-    const double scale = support.map(t)(0, 0) * model->recovery().features().scale()(0, 0);
+    const double scale = support.map(t)(0, 0) * model->task().features().scale()(0, 0);
     lengths.push_back(kernel::CoverRadius(support.estimate(t), level) / std::abs(scale));
   }
   ASSERT_EQ(lengths.size(), 21u);
@@ -688,8 +692,8 @@ TEST(GuardModelTest, SupportOfWholeStatesIsThatOfFeatures) {
     std::vector<double> x = {random.Normal(), 0.1 * i + 0.1 * random.Normal(),
                              0.2 * random.Normal()};
     std::vector<double> z(2);
-    model->recovery().features().Apply(x, z);
-    EXPECT_EQ(support.Decision(i, x), model->recovery().support().Decision(i, z));
+    model->task().features().Apply(x, z);
+    EXPECT_EQ(support.Decision(i, x), model->task().feature_support().Decision(i, z));
     std::vector<double> gradient(3);
     std::vector<double> log_gradient(3);
     // The sums of values and of gradients are rounded in their own order; l may be some hundreds.

@@ -119,7 +119,7 @@ TEST(GuardTest, IsTheControllerOfItsStrategy) {
     std::unique_ptr<control::Controller> direct;
     if (steers) {
       direct = std::make_unique<control::GuidedPolicy>(
-          policy, model->recovery().model(),
+          policy, model->task().view(),
           control::GuidedOptions{
               .horizon = 40,
               .max_controls = 480,

@@ -169,7 +169,7 @@ TEST(LeftOutTest, AFeatureThatOnlyPassedEntriesMoveIsLeftOutAndNamed) {
   layout.Add("tip", 2);
   layout.Add("closed", 1);
   const auto model = GuardModel::Fit(layout, demonstrations);
-  EXPECT_EQ(model->recovery().features().selection().indices(), (std::vector{0, 1}));
+  EXPECT_EQ(model->task().features().selection().indices(), (std::vector{0, 1}));
   EXPECT_THAT(Warnings(*model), Contains(HasSubstr("closed[0]: moved by entries")));
   // An action that is steered answers for its feature.
   for (core::Trajectory& d : demonstrations) {
@@ -177,10 +177,10 @@ TEST(LeftOutTest, AFeatureThatOnlyPassedEntriesMoveIsLeftOutAndNamed) {
     for (double& grip : d.controls.col(2)) grip *= random.Uniform(0.9, 1.0);
   }
   const auto steered = GuardModel::Fit(layout, demonstrations);
-  EXPECT_EQ(steered->recovery().features().selection().num_features(), 3);
+  EXPECT_EQ(steered->task().features().selection().num_features(), 3);
   // It is all there is to look at.
   const auto alone = GuardModel::Fit(layout, Gripping(20), {.features = "closed"});
-  EXPECT_EQ(alone->recovery().features().selection().num_features(), 1);
+  EXPECT_EQ(alone->task().features().selection().num_features(), 1);
 }
 
 }  // namespace

@@ -367,21 +367,26 @@ TEST_F(TaskModelTest, WrongArgumentsAreNamed) {
               }),
               HasSubstr("null"));
 
-  const auto guided = std::make_shared<const GuidedRecovery>(core::FeatureSelection(layout, "tip"),
-                                                             Demonstrations());
+  const auto parts = [&](const std::vector<double>& lambda) {
+    return TaskParts{.features = model.features(),
+                     .support = model.feature_support(),
+                     .levels = model.levels(),
+                     .response = model.response(),
+                     .lambda = lambda};
+  };
   for (const std::vector<double>& lambda :
        {std::vector<double>{}, {1.0, 0.0}, {-1.0}, {std::numeric_limits<double>::quiet_NaN()}}) {
-    EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] { TaskModel(guided, lambda); }),
+    EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] { TaskModel{parts(lambda)}; }),
                 HasSubstr("lambda"));
   }
-  EXPECT_THAT(test::MessageOf<std::invalid_argument>(
-                  [&] { TaskModel(guided, {1.0}, *Fit(true).published()); }),
-              HasSubstr("features"));
-  EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] {
-                TaskModel(guided, {1.0}, *Fit(true).published(),
-                          core::FeatureSelection(test::CorridorLayout(), "tip"));
-              }),
-              Not(HasSubstr("nothing thrown")));
+  TaskParts other = parts({1.0});
+  other.published = {core::FeatureSelection(layout, "tip"), *Fit(true).published()};
+  EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] { TaskModel{other}; }),
+              HasSubstr("there are 2 features, the decision function takes 1"));
+  other = parts({1.0});
+  other.features = core::FeatureTransform::Identity(core::FeatureSelection(layout, "tip[1:2]"));
+  EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] { TaskModel{other}; }),
+              HasSubstr("there are 1 features, the decision function takes 2"));
 }
 
 TEST_F(TaskModelTest, CutsAreRefused) {

@@ -46,14 +46,14 @@ TEST(SupportsTest, GradientsAreDerivatives) {
   core::Random random(4);
   for (const std::string_view name : kSupports) {
     const SupportModel support = Make(name);
-    const auto& l = support.guided().support();
+    const auto& l = support.view().support();
     const auto n = static_cast<std::size_t>(l.state_dim());
     std::vector<double> z(n);
     std::vector<double> slope(n);
     for (int i = 0; i < 20; ++i) {
       const core::Trajectory& d = Corridor().demonstrations().trajectories[random.Below(30)];
       const int t = static_cast<int>(random.Below(static_cast<std::uint64_t>(d.num_steps())));
-      support.guided().features().Apply(core::Row(d.states, t), z);
+      support.view().features().Apply(core::Row(d.states, t), z);
       for (double& entry : z) entry += 0.3 * random.Normal();
       const double level = l.LogDecision(t, z, slope);
       EXPECT_EQ(level, l.LogDecision(t, z, {})) << name;
@@ -75,7 +75,7 @@ TEST(SupportsTest, LevelsBendNoFurtherThanTheyClaim) {
   core::Random random(5);
   for (const std::string_view name : kSupports) {
     const SupportModel support = Make(name);
-    const auto& l = support.guided().support();
+    const auto& l = support.view().support();
     const auto n = static_cast<std::size_t>(l.state_dim());
     std::vector<double> z(n);
     std::vector<double> there(n);
@@ -83,7 +83,7 @@ TEST(SupportsTest, LevelsBendNoFurtherThanTheyClaim) {
     for (int i = 0; i < 500; ++i) {
       const core::Trajectory& d = Corridor().demonstrations().trajectories[random.Below(30)];
       const int t = static_cast<int>(random.Below(static_cast<std::uint64_t>(d.num_steps())));
-      support.guided().features().Apply(core::Row(d.states, t), z);
+      support.view().features().Apply(core::Row(d.states, t), z);
       for (double& entry : z) entry += 0.5 * random.Normal();
       const double level = l.LogDecision(t, z, slope);
       double bound = level;

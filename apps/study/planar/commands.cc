@@ -106,20 +106,21 @@ struct Passing {
 };
 
 Passing CountPassing(const Methods& methods, int t) {
-  const control::GuidedModel& model = methods.guided().model();
-  control::Certifier certifier(methods.certificate(), model.features().num_features(),
-                               model.control_dim(), model.control_unit());
+  const control::TaskView task = methods.model().view();
+  const control::Response& response = task.response();
+  control::Certifier certifier(methods.certificate(), task.features().num_features(),
+                               response.control_dim(), response.control_unit());
   // Assumptions of the certificate.
-  control::JacobianEstimate estimate(model.prior(), {}, /*own_motion=*/false);
+  control::JacobianEstimate estimate(response.prior(), {}, /*own_motion=*/false);
   Passing passing;
   for (const core::Trajectory& d : methods.demonstrations()) {
     if (t >= d.controls.rows()) continue;
-    const core::Matrix z = model.features().Apply(d.states);
-    const Eigen::VectorXd v = d.controls.row(t) / model.control_unit();
+    const core::Matrix z = task.features().Apply(d.states);
+    const Eigen::VectorXd v = d.controls.row(t) / response.control_unit();
     estimate.Compute(t, core::Row(z, t));
     ++passing.steps;
     passing.passed +=
-        certifier.Share({model.support(), estimate, core::Row(z, t)}, t, v) >= 1.0 ? 1 : 0;
+        certifier.Share({task.support(), estimate, core::Row(z, t)}, t, v) >= 1.0 ? 1 : 0;
   }
   return passing;
 }
@@ -131,8 +132,8 @@ void PrintCertificate(const PlanarStudy& study) {
   const Methods methods(
       task, Demonstrate(task, study.demonstrations, core::DeriveSeed(study.seed, {2, 0})),
       study.methods);
-  const safety::GuidedRecovery& guided = methods.guided();
-  const kernel::WhitenedSupport& support = guided.support();
+  const core::FeatureTransform& features = methods.model().features();
+  const kernel::WhitenedSupport& support = methods.model().feature_support();
   const control::Certificate certificate = methods.certificate();
   const control::EstimatedConstant& error = methods.direction_error();
   std::printf("assumptions of %s, %d demonstrations, in whitened features\n", task.name.c_str(),
@@ -152,7 +153,7 @@ void PrintCertificate(const PlanarStudy& study) {
     std::vector<double> radius;
     for (const core::Trajectory& d : methods.demonstrations()) {
       if (t >= d.controls.rows()) continue;
-      const core::Matrix z = guided.features().Apply(d.states);
+      const core::Matrix z = features.Apply(d.states);
       Eigen::VectorXd shift(z.cols());
       const auto ball = control::ComputeSafeBall(support, t, core::Row(z, t), core::AsSpan(shift),
                                                  certificate.level);
@@ -162,7 +163,7 @@ void PrintCertificate(const PlanarStudy& study) {
     std::nth_element(radius.begin(),
                      radius.begin() + static_cast<std::ptrdiff_t>(radius.size() / 2), radius.end());
     // In the state's own unit, in its worst direction.
-    const Eigen::MatrixXd inverse = (support.map(t) * guided.features().scale()).inverse();
+    const Eigen::MatrixXd inverse = (support.map(t) * features.scale()).inverse();
     const double clearance =
         inverse.operatorNorm() * kernel::CoverRadius(support.estimate(t), certificate.level);
     std::printf("%4d %9.4f %12.4g %40.1f\n", t, radius[radius.size() / 2], clearance,

@@ -102,10 +102,10 @@ CoverageResult MeasureCoverage(const CoverageOptions& options) {
          Draw(options.world, options.further, core::DeriveSeed(options.seed, {number, 1}))) {
       const std::vector<double> levels = model->Levels(d.states);
       alarms += *std::min_element(levels.begin(), levels.end()) < -model->settings().alarm_level;
-      const control::GuidedModel& guided = model->recovery().model();
-      error_below +=
-          control::EstimateDirectionError(guided, {&d, 1}).value <= summary.direction_error.value;
-      gain_below += control::EstimateGain(guided.features(), {&d, 1}).value <= summary.gain.value;
+      const control::FeatureTrajectories further(model->task().features(), {&d, 1});
+      error_below += control::EstimateDirectionError(model->task().response(), further).value <=
+                     summary.direction_error.value;
+      gain_below += control::EstimateGain(further).value <= summary.gain.value;
     }
     rates.push_back(static_cast<double>(alarms) / options.further);
     result.promised = summary.false_alarms;

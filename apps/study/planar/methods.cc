@@ -29,7 +29,7 @@ core::FeatureTransform Isotropic(const Task& task,
   return {All(task), Eigen::VectorXd::Zero(n), scale * core::Matrix::Identity(n, n)};
 }
 
-// As GuidedRecovery fits it: in the order of contents.
+// As safety::TaskModel fits it: in the order of contents.
 kernel::WhitenedSupport StartSupport(const core::FeatureTransform& features,
                                      std::span<const core::Trajectory> demonstrations) {
   std::vector<core::Matrix> points;
@@ -87,8 +87,7 @@ Methods::Methods(const Task& task, std::vector<core::Trajectory> demonstrations,
       start_features_(Isotropic(task, demonstrations_)),
       start_support_(StartSupport(start_features_, demonstrations_)),
       controllers_(model_, policy_, task.plant->layout(), demonstrations_, Teach(task, seed)),
-      direction_error_(
-          control::EstimateDirectionError(model_.guided().features(), demonstrations_)) {}
+      direction_error_(control::EstimateDirectionError(model_.features(), demonstrations_)) {}
 
 SupportKind SupportOf(std::string_view method) {
   return method.starts_with("guided") || method == "certified-direction" ? SupportKind::kGuided
@@ -122,7 +121,7 @@ std::unique_ptr<control::Controller> Methods::Make(std::string_view method,
   DFR_THROW_UNLESS(Split(method).policy.empty(),
                    "method '" << method << "': it runs around the learned policy only");
   return std::make_unique<control::CertifiedPolicy>(
-      policy_, model_.guided().model(),
+      policy_, model_.view(),
       control::CertifiedOptions{.horizon = task_.horizon, .certificate = certificate()});
 }
 

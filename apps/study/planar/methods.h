@@ -79,7 +79,6 @@ class Methods {
   [[nodiscard]] const kernel::TimeVaryingSupport& raw_support() const noexcept {
     return *model_.published();
   }
-  [[nodiscard]] const safety::GuidedRecovery& guided() const noexcept { return model_.guided(); }
   /// l_t(x) of a whole state.
   [[nodiscard]] double Level(SupportKind kind, int t, std::span<const double> x) const;
   /// Returns true if an episode may begin at x: inside the paper's support, guided recovery's, and

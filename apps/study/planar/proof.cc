@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "dfr/control/certified/certified_policy.h"
-#include "dfr/control/guided/guided_model.h"
+#include "dfr/control/guided/task_view.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
@@ -173,10 +173,11 @@ class World {
         demonstrations_(Wander(dim_, random_)),
         support_(MakeSupport(world % 3 == 0)),
         seen_(support_, options.mutation),
-        model_(core::FeatureTransform::Identity(core::FeatureSelection::All(dim_)), seen_,
-               demonstrations_, Knowledge()),
+        features_(core::FeatureTransform::Identity(core::FeatureSelection::All(dim_))),
+        levels_(seen_, control::FeatureTrajectories(features_, demonstrations_).points),
+        response_(control::FeatureTrajectories(features_, demonstrations_), Knowledge()),
         policy_(dim_, random_),
-        controller_(policy_, model_, Options()),
+        controller_(policy_, {features_, seen_, levels_, response_}, Options()),
         lost_(Lost(options.mutation, world)) {}
 
   void Episode(ProofResult& result) {
@@ -204,7 +205,7 @@ class World {
       result.filtered += step.filtered ? 1 : 0;
       const Eigen::VectorXd issued = core::AsVector(std::span<const double>(u));
       core::AsVector(std::span<double>(z)) +=
-          controller_.jacobian() * issued / model_.control_unit();
+          controller_.jacobian() * issued / response_.control_unit();
       // Slightly less than allowed, because the last digit of a rounded sum is not exact. More than
       // that now and then, or the watch for violations would end each episode at once.
       const double excess = random_.Below(8) == 0 ? Excess() : 1.0;
@@ -259,9 +260,9 @@ class World {
   }
 
   // In half of the worlds the controller has no estimate of J and probes.
-  control::GuidedModelOptions Knowledge() {
-    control::GuidedModelOptions knowledge;
-    if (random_.Below(2) == 0) knowledge.jacobian.prior_weight = 0.0;
+  control::JacobianOptions Knowledge() {
+    control::JacobianOptions knowledge;
+    if (random_.Below(2) == 0) knowledge.prior_weight = 0.0;
     return knowledge;
   }
 
@@ -277,7 +278,9 @@ class World {
   std::vector<core::Trajectory> demonstrations_;
   kernel::WhitenedSupport support_;
   Mistaken seen_;
-  control::GuidedModel model_;
+  core::FeatureTransform features_;
+  control::Levels levels_;
+  control::Response response_;
   Adversary policy_;
   control::CertifiedPolicy controller_;
   int lost_;

@@ -14,8 +14,8 @@ namespace dfr::core {
 FeatureTransform::FeatureTransform(FeatureSelection selection, Eigen::VectorXd offset, Matrix scale)
     : selection_(std::move(selection)), offset_(std::move(offset)), scale_(std::move(scale)) {
   const int features = selection_.num_features();
-  DFR_THROW_UNLESS(features <= FeatureDecision::kMaxFeatures,
-                   "at most " << FeatureDecision::kMaxFeatures << " features, not " << features);
+  DFR_THROW_UNLESS(features <= kMaxFeatures,
+                   "at most " << kMaxFeatures << " features, not " << features);
   DFR_THROW_UNLESS(offset_.size() == features, "the offset has " << offset_.size()
                                                                  << " entries for " << features
                                                                  << " features");
@@ -76,7 +76,7 @@ FeatureTransform FeatureTransform::Whitening(FeatureSelection selection,
 
 void FeatureTransform::Apply(std::span<const double> state,
                              std::span<double> features) const noexcept {
-  std::array<double, FeatureDecision::kMaxFeatures> selected;
+  std::array<double, kMaxFeatures> selected;
   const auto n = static_cast<Eigen::Index>(selection_.num_features());
   selection_.Apply(state, selected);
   for (Eigen::Index i = 0; i < n; ++i) selected[static_cast<std::size_t>(i)] -= offset_[i];

@@ -132,44 +132,6 @@ Matrix FeatureSelection::Apply(const Matrix& states) const {
   return features;
 }
 
-FeatureDecision::FeatureDecision(FeatureSelection selection, const DecisionFunction& inner)
-    : selection_(std::move(selection)), inner_(&inner) {
-  DFR_THROW_UNLESS(selection_.num_features() == inner.state_dim(),
-                   "the selection gives " << selection_.num_features()
-                                          << " features, the decision function takes "
-                                          << inner.state_dim());
-  DFR_THROW_UNLESS(selection_.num_features() <= kMaxFeatures,
-                   "at most " << kMaxFeatures << " features, not " << selection_.num_features());
-}
-
-double FeatureDecision::Decision(int t, std::span<const double> x) const noexcept {
-  if (static_cast<int>(x.size()) != state_dim()) return -std::numeric_limits<double>::infinity();
-  std::array<double, kMaxFeatures> buffer;
-  const std::span<double> features(buffer.data(),
-                                   static_cast<std::size_t>(selection_.num_features()));
-  selection_.Apply(x, features);
-  return inner_->Decision(t, features);
-}
-
-double FeatureDecision::Gradient(int t, std::span<const double> x,
-                                 std::span<double> gradient) const noexcept {
-  std::fill(gradient.begin(), gradient.end(), 0.0);
-  if (static_cast<int>(x.size()) != state_dim()) return -std::numeric_limits<double>::infinity();
-  std::array<double, kMaxFeatures> buffer;
-  std::array<double, kMaxFeatures> inner_buffer;
-  const auto size = static_cast<std::size_t>(selection_.num_features());
-  const std::span<double> features(buffer.data(), size);
-  const std::span<double> inner_gradient(inner_buffer.data(), size);
-  selection_.Apply(x, features);
-  const double g = inner_->Gradient(t, features, inner_gradient);
-  for (std::size_t i = 0; i < size; ++i) {
-    const int entry = selection_.indices()[i];
-    gradient[static_cast<std::size_t>(entry)] +=
-        selection_.map().Slope(x, entry) * inner_gradient[i];
-  }
-  return g;
-}
-
 std::string StripObservationPrefixes(std::string_view features) {
   constexpr std::array<std::string_view, 2> kPrefixes = {"obs/", "observations/"};
   std::string stripped;

@@ -31,7 +31,7 @@ constexpr double kLeastAlong = 0.2588190451025207;
 // Criteria for episodes that begin at one angle on several revolutions: their number, their
 // distance in revolutions, and the length of the mean of their unit vectors. Lengths rarely meet
 // them.
-constexpr int kFewest = 8;
+constexpr int kFewestEpisodes = 8;
 constexpr double kLeastApart = 1.5;
 constexpr double kSameAngle = 0.97;
 
@@ -237,7 +237,7 @@ std::vector<Rotation> RotationFinder::Find() const {
   for (std::size_t k = 0; k < circles_.size(); ++k) {
     for (std::size_t i = 0; i < kPeriods.size(); ++i) {
       const Circle& circle = circles_[k][i];
-      if (episodes_ < kFewest || !circle.possible ||
+      if (episodes_ < kFewestEpisodes || !circle.possible ||
           circle.first_high - circle.first_low < kLeastApart * kPeriods[i] ||
           std::hypot(circle.cosines, circle.sines) < kSameAngle * episodes_) {
         continue;

@@ -224,15 +224,15 @@ MappedEstimate::MappedEstimate(core::FeatureTransform map,
   DFR_THROW_UNLESS(map_.num_features() == inner_->state_dim(),
                    "the map has " << map_.num_features() << " outputs, the estimate "
                                   << inner_->state_dim() << " entries");
-  DFR_THROW_UNLESS(map_.num_features() <= core::FeatureDecision::kMaxFeatures,
-                   "a map has at most " << core::FeatureDecision::kMaxFeatures << " outputs");
+  DFR_THROW_UNLESS(map_.num_features() <= core::FeatureTransform::kMaxFeatures,
+                   "a map has at most " << core::FeatureTransform::kMaxFeatures << " outputs");
   lipschitz_bound_ = inner_->lipschitz_bound() *
                      Eigen::JacobiSVD<Eigen::MatrixXd>(map_.scale()).singularValues()[0];
 }
 
 double MappedEstimate::Decision(std::span<const double> x) const noexcept {
   if (!Fits(x, state_dim())) return kOutside;
-  std::array<double, core::FeatureDecision::kMaxFeatures> buffer;
+  std::array<double, core::FeatureTransform::kMaxFeatures> buffer;
   const std::span y(buffer.data(), static_cast<std::size_t>(map_.num_features()));
   map_.Apply(x, y);
   return inner_->Decision(y);
@@ -242,8 +242,8 @@ double MappedEstimate::Gradient(std::span<const double> x,
                                 std::span<double> gradient) const noexcept {
   std::fill(gradient.begin(), gradient.end(), 0.0);
   if (!Fits(x, state_dim()) || gradient.size() != x.size()) return kOutside;
-  std::array<double, core::FeatureDecision::kMaxFeatures> buffer;
-  std::array<double, core::FeatureDecision::kMaxFeatures> slope;
+  std::array<double, core::FeatureTransform::kMaxFeatures> buffer;
+  std::array<double, core::FeatureTransform::kMaxFeatures> slope;
   const auto outputs = static_cast<std::size_t>(map_.num_features());
   const std::span y(buffer.data(), outputs);
   map_.Apply(x, y);

@@ -241,41 +241,4 @@ GapTest TestGaps(const WhitenedSupport& support, std::span<const core::Matrix> d
   return test;
 }
 
-std::vector<double> HeldOutLevels(std::span<const core::Matrix> demonstrations,
-                                  const WhitenedSupportOptions& options, int folds,
-                                  int phase_window) {
-  DFR_THROW_UNLESS(demonstrations.size() >= 3,
-                   "leaving demonstrations out needs at least 3, not " << demonstrations.size());
-  DFR_THROW_UNLESS(folds >= 2, "folds must be at least 2: " << folds);
-  DFR_THROW_UNLESS(phase_window >= 0, "phase_window must not be negative: " << phase_window);
-  // Two must remain for the fit.
-  const int groups = std::clamp(
-      static_cast<int>(std::min<std::size_t>(demonstrations.size() / 2, 1U << 20U)), 2, folds);
-  const std::vector<std::size_t> order = core::ContentOrder(demonstrations);
-  const core::Folds left_out = core::StratifiedFolds(demonstrations, groups);
-  std::vector<double> levels;
-  std::vector<core::Matrix> others;
-  for (std::size_t group = 0; group < left_out.size(); ++group) {
-    others.clear();
-    others.reserve(order.size());
-    for (const std::size_t d : core::Others(left_out, group, order)) {
-      others.push_back(demonstrations[d]);
-    }
-    if (others.size() < 2) continue;
-    const WhitenedSupport support = WhitenedSupport::Fit(others, options);
-    for (const std::size_t d : left_out[group]) {
-      const core::Matrix& states = demonstrations[d];
-      const int last = support.num_steps() - 1;
-      for (int t = 0; t < std::min<int>(static_cast<int>(states.rows()), last + 1); ++t) {
-        double level = kOutside;
-        for (int q = std::max(0, t - phase_window); q <= std::min(last, t + phase_window); ++q) {
-          level = std::max(level, support.LogDecision(q, core::Row(states, t), {}));
-        }
-        levels.push_back(level);
-      }
-    }
-  }
-  return levels;
-}
-
 }  // namespace dfr::kernel

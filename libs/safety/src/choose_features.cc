@@ -31,10 +31,10 @@ std::optional<Candidate> Try(const core::StateLayout& layout, const std::string&
   try {
     const Recorded part(
         core::FeatureSelection(layout, spec).Mapped(recorded.features.selection().map()),
-        recorded.ordered, actions);
-    const std::optional<TaskFit> fit =
-        FitTask(part, options, folds, [](std::string_view, double) { return true; });
-    return Candidate{spec, fit->left_out.inside / fit->left_out.states};
+        recorded.ordered, core::ContentOrder(recorded.ordered), &actions);
+    const std::optional<GuardFit> fit =
+        FitGuard(part, options, folds, [](std::string_view, double) { return true; });
+    return Candidate{spec, fit->left_out.acceptance()};
   } catch (const std::invalid_argument&) {
     return std::nullopt;  // Nothing in it differs between demonstrations.
   }
@@ -199,8 +199,8 @@ std::vector<core::Trajectory> Mapped(const core::StateMap& map,
 }
 
 void RefuseUnlessInside(const core::StateLayout& layout, const Recorded& recorded,
-                        const TaskFit& fit, const ActionSpace& actions, int folds) {
-  const double inside = fit.left_out.inside / fit.left_out.states;
+                        const GuardFit& fit, const ActionSpace& actions, int folds) {
+  const double inside = fit.left_out.acceptance();
   if (inside >= kLeastInside) return;
   const core::FeatureSelection& selection = recorded.features.selection();
   std::vector<Candidate> candidates;

@@ -35,6 +35,6 @@ std::vector<core::Trajectory> Mapped(const core::StateMap& map,
 ///   message names features that would do better: parts of the state, and entries that the others
 ///   follow from.
 void RefuseUnlessInside(const core::StateLayout& layout, const Recorded& recorded,
-                        const TaskFit& fit, const ActionSpace& actions, int folds);
+                        const GuardFit& fit, const ActionSpace& actions, int folds);
 
 }  // namespace dfr::safety::internal

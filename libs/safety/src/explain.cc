@@ -23,8 +23,8 @@ using control::HaltCause;
 class WayBack {
  public:
   explicit WayBack(const GuardModel& model)
-      : features_(&model.recovery().features()),
-        support_(&model.recovery().support()),
+      : features_(&model.task().features()),
+        support_(&model.task().feature_support()),
         scale_(features_->scale()),
         inverse_(scale_) {}
 
@@ -70,18 +70,18 @@ void CheckWidth(const GuardModel& model, std::span<const double> state) {
 }
 
 Eigen::VectorXd FeaturesOf(const GuardModel& model, std::span<const double> state) {
-  Eigen::VectorXd z(model.recovery().features().num_features());
-  model.recovery().features().Apply(state, core::AsSpan(z));
+  Eigen::VectorXd z(model.task().features().num_features());
+  model.task().features().Apply(state, core::AsSpan(z));
   return z;
 }
 
 std::vector<OutsideEntry> EntriesAt(const GuardModel& model, int t, const Eigen::VectorXd& z) {
   std::vector<OutsideEntry> found;
-  const double l = model.recovery().support().LogDecision(t, core::AsSpan(z), {});
+  const double l = model.task().feature_support().LogDecision(t, core::AsSpan(z), {});
   if (!(l < 0.0 && std::isfinite(l))) return found;
   WayBack back(model);
   back.Go(t, z, -l);
-  const std::vector<int>& entries = model.recovery().features().selection().indices();
+  const std::vector<int>& entries = model.task().features().selection().indices();
   for (std::size_t k = 0; k < entries.size(); ++k) {
     const auto i = static_cast<Eigen::Index>(k);
     found.push_back({.entry = entries[k], .share = back.share()[i], .excess = -back.way()[i]});
@@ -94,12 +94,12 @@ std::vector<OutsideEntry> EntriesAt(const GuardModel& model, int t, const Eigen:
 // What demonstrations say of the features after `action`.
 Eigen::VectorXd Predicted(const GuardModel& model, int t, Eigen::VectorXd z,
                           std::span<const double> action) {
-  const control::GuidedModel& guided = model.recovery().model();
-  control::JacobianEstimate answer(guided.prior(), {}, guided.own_motion());
+  const control::Response& response = model.task().response();
+  control::JacobianEstimate answer(response.prior(), {}, response.own_motion());
   answer.Compute(t, core::AsSpan(z));
   Eigen::VectorXd v(model.actions().steered_dim());
   model.actions().Measure(action, core::AsSpan(v));
-  v /= guided.control_unit();
+  v /= response.control_unit();
   answer.AddEffect(v, z);
   return z;
 }
@@ -183,7 +183,7 @@ std::string WhyNot(const GuardModel& model, const Verdict& verdict, std::span<co
 core::Matrix Attribution(const GuardModel& model, const core::Matrix& states) {
   std::vector<int> steps;
   const std::vector<double> levels = model.Levels(states, &steps);
-  const std::vector<int>& entries = model.recovery().features().selection().indices();
+  const std::vector<int>& entries = model.task().features().selection().indices();
   WayBack back(model);
   core::Matrix attribution = core::Matrix::Zero(states.rows(), states.cols());
   for (Eigen::Index i = 0; i < states.rows(); ++i) {

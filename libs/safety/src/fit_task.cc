@@ -1,12 +1,14 @@
 #include "fit_task.h"
 
 #include <algorithm>
+#include <numeric>
+#include <string>
 #include <utility>
 
 #include "dfr/control/phase_tracker.h"
 #include "dfr/control/published/lambda.h"
-#include "dfr/core/folds.h"
-#include "state_decision.h"
+#include "dfr/core/contract.h"
+#include "dfr/core/feature_decision.h"
 
 namespace dfr::safety::internal {
 namespace {
@@ -19,13 +21,8 @@ constexpr int kMostDoublings = 2;
 // pools more of them. It may do so twice.
 constexpr double kWantedInside = 0.85;
 constexpr int kMostWidenings = 2;
-core::FeatureTransform Whitened(const core::FeatureSelection& selection,
-                                std::span<const core::Trajectory> ordered) {
-  std::vector<core::Matrix> states;
-  states.reserve(ordered.size());
-  for (const core::Trajectory& demonstration : ordered) states.push_back(demonstration.states);
-  return core::FeatureTransform::Whitening(selection, states);
-}
+// How many groups a task model leaves out in turn.
+constexpr int kFolds = 5;
 
 std::vector<core::Trajectory> Ordered(std::span<const core::Trajectory> demonstrations,
                                       std::span<const std::size_t> order) {
@@ -35,49 +32,73 @@ std::vector<core::Trajectory> Ordered(std::span<const core::Trajectory> demonstr
   return ordered;
 }
 
+core::FeatureTransform Whitened(const core::FeatureSelection& selection,
+                                std::span<const core::Trajectory> ordered,
+                                const core::WhiteningOptions& options) {
+  std::vector<core::Matrix> states;
+  states.reserve(ordered.size());
+  for (const core::Trajectory& demonstration : ordered) states.push_back(demonstration.states);
+  return core::FeatureTransform::Whitening(selection, states, options);
+}
+
 // How many groups demonstrations are left out in: two must remain to fit to.
 int NumFolds(std::size_t demonstrations, int most) {
   return std::min(most, std::max(2, static_cast<int>(demonstrations / 2)));
 }
 
-// The demonstrations of each fold under a support that has not seen them, in the order of `order`;
-// nothing if `going_on` says so. Where there are three, one has no support. `without`, if given,
-// receives the supports.
-std::optional<HeldOut> LeaveOut(std::span<const core::Matrix> points, const core::Folds& folds,
-                                std::span<const std::size_t> order,
-                                const kernel::WhitenedSupportOptions& options,
-                                const std::function<bool(double share)>& going_on,
-                                std::vector<std::optional<kernel::WhitenedSupport>>* without) {
-  std::vector<HeldOut> each(points.size());
-  if (without != nullptr) without->assign(folds.size(), std::nullopt);
-  for (std::size_t fold = 0; fold < folds.size(); ++fold) {
-    if (!going_on(static_cast<double>(fold) / static_cast<double>(folds.size()))) {
-      return std::nullopt;
-    }
-    std::vector<core::Matrix> others;
-    others.reserve(points.size());
-    for (const std::size_t d : core::Others(folds, fold, order)) others.push_back(points[d]);
-    if (others.size() < 2) continue;
-    auto support = kernel::WhitenedSupport::Fit(others, options);
-    for (const std::size_t d : folds[fold]) each[d].Add(support, points[d]);
-    if (without != nullptr) (*without)[fold] = std::move(support);
-  }
-  HeldOut all;
-  for (const std::size_t d : order) {
-    all.worst.insert(all.worst.end(), each[d].worst.begin(), each[d].worst.end());
-    all.inside += each[d].inside;
-    all.states += each[d].states;
-    all.inside_throughout += each[d].inside_throughout;
-  }
-  return all;
-}
+// The one place where supports are fitted.
+class SupportFits {
+ public:
+  explicit SupportFits(const Recorded& recorded) : points_(recorded.seen.points) {}
 
-std::shared_ptr<const TaskModel> WithLambda(std::shared_ptr<const GuidedRecovery> guided,
-                                            std::span<const core::Trajectory> demonstrations) {
-  std::vector<double> lambda =
-      control::EstimateLambda(StateDecision(guided->features(), guided->support()), demonstrations);
-  return std::make_shared<const TaskModel>(std::move(guided), std::move(lambda));
-}
+  kernel::WhitenedSupport ToAll(const kernel::WhitenedSupportOptions& options) {
+    return Fit(points_, options);
+  }
+
+  // The demonstrations of each fold under a support that has not seen them, in the order in which
+  // they are given; nothing if `going_on` says so. Where there are three, one has no support.
+  // `without`, if given, receives the supports.
+  std::optional<HeldOut> LeaveOut(const core::Folds& folds,
+                                  const kernel::WhitenedSupportOptions& options,
+                                  const std::function<bool(double share)>& going_on,
+                                  std::vector<std::optional<kernel::WhitenedSupport>>* without) {
+    if (without != nullptr) without->assign(folds.size(), std::nullopt);
+    std::vector<std::size_t> order(points_.size());
+    std::iota(order.begin(), order.end(), std::size_t{0});
+    std::vector<HeldOut> each(points_.size());
+    for (std::size_t fold = 0; fold < folds.size(); ++fold) {
+      if (!going_on(static_cast<double>(fold) / static_cast<double>(folds.size()))) {
+        return std::nullopt;
+      }
+      std::vector<core::Matrix> others;
+      others.reserve(points_.size());
+      for (const std::size_t d : core::Others(folds, fold, order)) others.push_back(points_[d]);
+      if (others.size() < 2) continue;
+      kernel::WhitenedSupport support = Fit(others, options);
+      for (const std::size_t d : folds[fold]) each[d].Add(support, points_[d]);
+      if (without != nullptr) (*without)[fold] = std::move(support);
+    }
+    HeldOut all;
+    for (const HeldOut& one : each) {
+      all.levels.insert(all.levels.end(), one.levels.begin(), one.levels.end());
+      all.worst.insert(all.worst.end(), one.worst.begin(), one.worst.end());
+      all.inside_throughout += one.inside_throughout;
+    }
+    return all;
+  }
+
+  [[nodiscard]] int count() const noexcept { return count_; }
+
+ private:
+  kernel::WhitenedSupport Fit(std::span<const core::Matrix> points,
+                              const kernel::WhitenedSupportOptions& options) {
+    ++count_;
+    return kernel::WhitenedSupport::Fit(points, options);
+  }
+
+  const std::vector<core::Matrix>& points_;
+  int count_ = 0;
+};
 
 }  // namespace
 
@@ -98,88 +119,145 @@ bool TooManyInGaps(const kernel::GapTest& gaps) {
 }
 
 Recorded::Recorded(const core::FeatureSelection& selection,
-                   std::span<const core::Trajectory> demonstrations, const ActionSpace& actions)
-    : order(core::ContentOrder(demonstrations)),
-      ordered(Ordered(demonstrations, order)),
-      measured(actions.Measured(ordered)),
-      features(Whitened(selection, ordered)) {
-  points.reserve(demonstrations.size());
-  for (const core::Trajectory& demonstration : demonstrations) {
-    points.push_back(features.Apply(demonstration.states));
+                   std::span<const core::Trajectory> demonstrations,
+                   std::span<const std::size_t> chosen, const ActionSpace* actions,
+                   const core::WhiteningOptions& whitening)
+    : order(chosen.begin(), chosen.end()),
+      ordered(Ordered(demonstrations, chosen)),
+      features(Whitened(selection, ordered, whitening)),
+      seen(features, actions != nullptr ? actions->Measured(ordered) : ordered) {}
+
+Recorded::Recorded(core::FeatureTransform transform,
+                   std::span<const core::Trajectory> demonstrations,
+                   std::span<const std::size_t> chosen)
+    : order(chosen.begin(), chosen.end()),
+      ordered(Ordered(demonstrations, chosen)),
+      features(std::move(transform)),
+      seen(features, ordered) {}
+
+core::Folds Recorded::Stratified(int most) const {
+  return core::StratifiedFolds(seen.points, NumFolds(order.size(), most));
+}
+
+core::Folds Recorded::Contiguous(int most) const {
+  std::vector<std::size_t> by_recording(order.size());
+  std::iota(by_recording.begin(), by_recording.end(), std::size_t{0});
+  std::sort(by_recording.begin(), by_recording.end(),
+            [&](std::size_t a, std::size_t b) { return order[a] < order[b]; });
+  core::Folds folds = core::ContiguousFolds(order.size(), NumFolds(order.size(), most));
+  for (std::vector<std::size_t>& fold : folds) {
+    for (std::size_t& d : fold) d = by_recording[d];
   }
-  in_order.reserve(order.size());
-  for (const std::size_t d : order) in_order.push_back(points[d]);
+  return folds;
 }
 
 void HeldOut::Add(const core::LogDecisionFunction& support, const core::Matrix& points) {
-  const std::vector<double> levels = Follow(support, points, nullptr);
-  const double lowest = *std::min_element(levels.begin(), levels.end());
+  const std::vector<double> followed = Follow(support, points, nullptr);
+  const double lowest = *std::min_element(followed.begin(), followed.end());
+  levels.insert(levels.end(), followed.begin(), followed.end());
   worst.push_back(-lowest);
   inside_throughout += lowest >= 0.0 ? 1 : 0;
-  states += static_cast<double>(levels.size());
-  inside += static_cast<double>(
-      std::count_if(levels.begin(), levels.end(), [](double l) { return l >= 0.0; }));
 }
 
-std::optional<TaskFit> FitTask(const Recorded& recorded,
-                               const kernel::WhitenedSupportOptions& options, int folds,
-                               const std::function<bool(std::string_view, double)>& going_on) {
-  const std::vector<core::Matrix>& points = recorded.points;
-  kernel::WhitenedSupportOptions support = options;
-  std::optional<kernel::WhitenedSupport> to_all;
+double HeldOut::acceptance() const {
+  const auto inside =
+      std::count_if(levels.begin(), levels.end(), [](double l) { return l >= 0.0; });
+  return static_cast<double>(inside) / static_cast<double>(levels.size());
+}
+
+std::optional<GuardFit> FitGuard(const Recorded& recorded,
+                                 const kernel::WhitenedSupportOptions& options, int folds,
+                                 const std::function<bool(std::string_view, double)>& going_on) {
+  SupportFits fits(recorded);
+  kernel::WhitenedSupportOptions chosen = options;
+  std::optional<kernel::WhitenedSupport> support;
   kernel::GapTest gaps;
   for (int doubled = 0;; ++doubled) {
     if (!going_on("looking for gaps", 0.0)) return std::nullopt;
-    to_all = kernel::WhitenedSupport::Fit(recorded.in_order, support);
-    gaps = kernel::TestGaps(*to_all, recorded.in_order);
+    support = fits.ToAll(chosen);
+    gaps = kernel::TestGaps(*support, recorded.seen.points);
     if (!TooManyInGaps(gaps) || doubled == kMostDoublings) break;
-    support.svm.gamma *= 2.0;
+    chosen.svm.gamma *= 2.0;
   }
 
-  const int num_folds = NumFolds(points.size(), folds);
-  const core::Folds stratified = core::StratifiedFolds(points, num_folds);
+  core::Folds stratified = recorded.Stratified(folds);
   std::optional<HeldOut> left_out;
   std::vector<std::optional<kernel::WhitenedSupport>> without;
   for (int widened = 0;; ++widened) {
-    left_out = LeaveOut(
-        points, stratified, recorded.order, support,
+    left_out = fits.LeaveOut(
+        stratified, chosen,
         [&](double s) {
-          return going_on("leaving demonstrations out", 0.3 * (widened + s) / (1 + kMostWidenings));
+          return going_on("leaving demonstrations out", 0.4 * (widened + s) / (1 + kMostWidenings));
         },
         &without);
     if (!left_out) return std::nullopt;
-    if (left_out->inside >= kWantedInside * left_out->states || widened == kMostWidenings) break;
-    kernel::WhitenedSupportOptions wider = support;
-    wider.window_share = std::min(1.0, 2.0 * support.window_share);
-    if (wider.Stride(to_all->num_steps()) == support.Stride(to_all->num_steps())) break;
-    auto wider_to_all = kernel::WhitenedSupport::Fit(recorded.in_order, wider);
-    const kernel::GapTest wider_gaps = kernel::TestGaps(wider_to_all, recorded.in_order);
+    if (left_out->acceptance() >= kWantedInside || widened == kMostWidenings) break;
+    kernel::WhitenedSupportOptions wider = chosen;
+    wider.window_share = std::min(1.0, 2.0 * chosen.window_share);
+    if (wider.Stride(support->num_steps()) == chosen.Stride(support->num_steps())) break;
+    kernel::WhitenedSupport wider_support = fits.ToAll(wider);
+    const kernel::GapTest wider_gaps = kernel::TestGaps(wider_support, recorded.seen.points);
     if (TooManyInGaps(wider_gaps) && !TooManyInGaps(gaps)) break;
     gaps = wider_gaps;
-    support = wider;
-    to_all = std::move(wider_to_all);
+    chosen = wider;
+    support = std::move(wider_support);
   }
-  std::optional<HeldOut> contiguous = LeaveOut(
-      points, core::ContiguousFolds(points.size(), num_folds), recorded.order, support,
-      [&](double s) { return going_on("leaving stretches out", 0.3 + 0.3 * s); }, nullptr);
+  std::optional<HeldOut> contiguous = fits.LeaveOut(
+      recorded.Contiguous(folds), chosen,
+      [&](double s) { return going_on("leaving stretches out", 0.4 + 0.4 * s); }, nullptr);
   if (!contiguous) return std::nullopt;
-  return TaskFit{support,    *std::move(to_all), gaps, *std::move(left_out), *std::move(contiguous),
-                 stratified, std::move(without)};
+  return GuardFit{chosen,
+                  *std::move(support),
+                  gaps,
+                  std::move(stratified),
+                  std::move(without),
+                  *std::move(left_out),
+                  *std::move(contiguous),
+                  fits.count()};
 }
 
-std::shared_ptr<const TaskModel> MakeTask(const core::FeatureSelection& selection,
-                                          std::span<const core::Trajectory> demonstrations,
-                                          std::span<const core::Trajectory> measured,
-                                          const kernel::WhitenedSupportOptions& options) {
-  return WithLambda(std::make_shared<const GuidedRecovery>(selection, measured, options),
-                    demonstrations);
+TaskParts MakeTask(const Recorded& recorded, kernel::WhitenedSupport support,
+                   const HeldOut& left_out, bool single_precision,
+                   std::optional<PublishedSupport> published) {
+  control::Levels levels(support, recorded.seen.points,
+                         {.slack = control::EstimateSlack(left_out.levels)});
+  TaskParts task{.features = recorded.features,
+                 .support = std::move(support),
+                 .levels = std::move(levels),
+                 .response = control::Response(recorded.seen),
+                 .published = std::move(published),
+                 .single_precision = single_precision};
+  task.lambda = control::EstimateLambda(task.PublishedDecision(), recorded.ordered);
+  return task;
 }
 
-std::shared_ptr<const TaskModel> MakeTask(const Recorded& recorded, kernel::WhitenedSupport to_all,
-                                          const kernel::WhitenedSupportOptions& options) {
-  return WithLambda(std::make_shared<const GuidedRecovery>(recorded.features, recorded.measured,
-                                                           std::move(to_all), options),
-                    recorded.ordered);
+TaskParts FitTask(const core::StateLayout& layout, std::span<const core::Trajectory> demonstrations,
+                  const TaskOptions& options) {
+  const std::vector<std::size_t> order = core::ContentOrder(demonstrations);
+  const Recorded recorded =
+      options.features ? Recorded(*options.features, demonstrations, order)
+                       : Recorded(core::FeatureSelection::Of(layout, options.guided_features),
+                                  demonstrations, order, nullptr, options.whitening);
+  DFR_THROW_UNLESS(demonstrations.size() >= 3,
+                   "leaving demonstrations out needs at least 3, not " << demonstrations.size());
+  SupportFits fits(recorded);
+  kernel::WhitenedSupport support = fits.ToAll(options.guided);
+  const std::optional<HeldOut> left_out = fits.LeaveOut(
+      recorded.Stratified(kFolds), options.guided, [](double) { return true; }, nullptr);
+  std::optional<PublishedSupport> published;
+  if (options.published) {
+    core::FeatureSelection selection =
+        core::FeatureSelection::Of(layout, options.published_features);
+    std::vector<core::Matrix> states;
+    states.reserve(demonstrations.size());
+    for (const core::Trajectory& d : demonstrations) states.push_back(selection.Apply(d.states));
+    published = PublishedSupport{std::move(selection),
+                                 kernel::TimeVaryingSupport::Fit(states, *options.published)};
+  }
+  TaskParts task = MakeTask(recorded, std::move(support), *left_out,
+                            options.guided.single_precision, std::move(published));
+  task.horizon = options.horizon;
+  return task;
 }
 
 }  // namespace dfr::safety::internal

@@ -90,7 +90,7 @@ std::unique_ptr<control::Controller> MakeController(
   if (strategy == nullptr && settings.strategy == Strategy::kCertified) {
     const TaskModel& task = model.task();
     return std::make_unique<control::CertifiedPolicy>(
-        proposal, task.guided().model(),
+        proposal, task.view(),
         control::CertifiedOptions{
             .horizon = settings.horizon != 0 ? settings.horizon : task.horizon(),
             .max_controls = settings.max_actions,
@@ -194,7 +194,7 @@ Verdict Guard::Filter(int t, std::span<const double> state, std::span<const doub
   Loop& loop = *loop_;
   control::Controller& controller = *loop.controller;
   const bool state_usable = static_cast<int>(state.size()) == state_dim() && AllFinite(state);
-  const core::StateMap& map = model_->recovery().features().selection().map();
+  const core::StateMap& map = model_->task().features().selection().map();
   const int off = state_usable ? map.FindInvalid(state) : -1;
   const bool action_usable = action.size() == loop.proposed.size() && AllFinite(action);
   if (action_usable) std::copy(action.begin(), action.end(), loop.proposed.begin());

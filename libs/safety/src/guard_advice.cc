@@ -135,8 +135,8 @@ bool FollowsClock(std::span<const core::Trajectory> demonstrations, Eigen::Index
 // motion explains, in some hundred demonstrated transitions.
 double Explained(const GuardModel& model, std::span<const core::Trajectory> demonstrations) {
   constexpr std::size_t kSamples = 400;
-  const control::GuidedModel& guided = model.recovery().model();
-  control::JacobianEstimate answer(guided.prior(), {}, guided.own_motion());
+  const control::Response& response = model.task().response();
+  control::JacobianEstimate answer(response.prior(), {}, response.own_motion());
   std::size_t transitions = 0;
   for (const auto& d : demonstrations) transitions += static_cast<std::size_t>(d.controls.rows());
   const std::size_t stride = std::max<std::size_t>(1, transitions / kSamples);
@@ -145,11 +145,11 @@ double Explained(const GuardModel& model, std::span<const core::Trajectory> demo
   std::size_t i = 0;
   Eigen::VectorXd v(model.actions().steered_dim());
   for (const auto& d : demonstrations) {
-    const core::Matrix points = guided.features().Apply(d.states);
+    const core::Matrix points = model.task().features().Apply(d.states);
     for (Eigen::Index t = 0; t < d.controls.rows(); ++t, ++i) {
       if (i % stride != 0) continue;
       model.actions().Measure(core::Row(d.controls, t), core::AsSpan(v));
-      v /= guided.control_unit();
+      v /= response.control_unit();
       Eigen::VectorXd expected = points.row(t).transpose();
       answer.Compute(static_cast<int>(t), core::Row(points, t));
       answer.AddEffect(v, expected);
@@ -167,14 +167,14 @@ std::vector<std::string> Findings(const GuardModel& model,
   // Guided recovery predicts so little then that its corrections are guesses.
   constexpr double kLeastExplained = 0.5;
   std::vector<std::string> warnings;
-  for (const core::Rotation& rotation : internal::Rotations(model.recovery().features().selection(),
-                                                            model.layout(), demonstrations)) {
+  for (const core::Rotation& rotation :
+       internal::Rotations(model.task().features().selection(), model.layout(), demonstrations)) {
     // A matrix is continuous.
     if (rotation.continuous || rotation.kind == core::Rotation::Kind::kMatrix) continue;
     warnings.push_back(core::Describe(rotation, model.layout()));
   }
   std::string clocks;
-  for (const int entry : model.recovery().features().selection().indices()) {
+  for (const int entry : model.task().features().selection().indices()) {
     if (!FollowsClock(demonstrations, entry)) continue;
     clocks.append(clocks.empty() ? "" : ", ").append(core::EntryName(model.layout(), entry));
   }
@@ -206,8 +206,8 @@ std::string DescribeGuarantee(const GuardSummary& summary) {
 }
 
 std::vector<Clearance> Clearances(const GuardModel& model) {
-  const core::FeatureTransform& features = model.recovery().features();
-  const kernel::WhitenedSupport& support = model.recovery().support();
+  const core::FeatureTransform& features = model.task().features();
+  const kernel::WhitenedSupport& support = model.task().feature_support();
   const std::vector<int>& entries = features.selection().indices();
   const double level = std::max(0.0, model.settings().alarm_level);
   std::vector<Clearance> clearances;

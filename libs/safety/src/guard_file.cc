@@ -41,8 +41,8 @@ void GuardModel::Save(const std::filesystem::path& path) const {
     archive.Text(block.name);
     archive.Integer(block.size);
   }
-  archive.Text(recovery().features().selection().spec());
-  recovery().features().selection().map().Save(archive);
+  archive.Text(task_->features().selection().spec());
+  task_->features().selection().map().Save(archive);
   archive.Text(Name(settings_.strategy));
   archive.Integer(settings_.horizon);
   archive.Integer(settings_.max_actions);
@@ -60,6 +60,7 @@ void GuardModel::Save(const std::filesystem::path& path) const {
   }
   archive.Number(summary_.confidence);
   archive.Integer(summary_.held_out);
+  archive.Integer(summary_.support_fits);
   archive.Number(summary_.drift_level);
   archive.Number(summary_.drift_chance);
   for (const int count : {summary_.gaps.steps, summary_.gaps.points, summary_.gaps.inside}) {
@@ -73,9 +74,8 @@ void GuardModel::Save(const std::filesystem::path& path) const {
   archive.Number(summary_.action_error);
   archive.Integer(std::ssize(summary_.findings));
   for (const std::string& finding : summary_.findings) archive.Text(finding);
-  archive.Numbers(lambda());
   actions_->Save(archive);
-  recovery().Save(archive);
+  task_->Save(archive);
   archive.Save(path);
 }
 
@@ -112,6 +112,7 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     summary.false_alarms = archive.Number();
     summary.confidence = archive.Number();
     summary.held_out = archive.IntegerIn(0, kMostCount);
+    summary.support_fits = archive.IntegerIn(0, kMostCount);
     summary.drift_level = archive.Number();
     summary.drift_chance = archive.Number();
     summary.gaps.steps = archive.IntegerIn(0, kMostCount);
@@ -125,17 +126,14 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     summary.action_error = archive.Number();
     const int findings = archive.IntegerIn(0, kMostFindings);
     for (int i = 0; i < findings; ++i) summary.findings.push_back(archive.Text());
-    std::vector<double> lambda = archive.Numbers();
     auto actions = std::make_shared<const ActionSpace>(ActionSpace::Load(archive));
-    auto recovery = GuidedRecovery::Load(archive, std::move(selection));
+    auto task = std::make_shared<const TaskModel>(TaskModel::Load(archive, std::move(selection)));
     archive.End();
     std::shared_ptr<GuardModel> model(new GuardModel);
-    if (recovery->model().control_dim() != actions->steered_dim()) {
+    if (task->response().control_dim() != actions->steered_dim()) {
       archive.Fail("recovery steers another number of entries of an action");
     }
-    model->Complete(std::move(layout), std::move(actions),
-                    std::make_shared<const TaskModel>(std::move(recovery), std::move(lambda)),
-                    settings);
+    model->Complete(std::move(layout), std::move(actions), std::move(task), settings);
     model->summary_ = std::move(summary);
     return model;
   } catch (const std::invalid_argument& e) {

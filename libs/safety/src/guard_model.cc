@@ -13,7 +13,7 @@
 #include "dfr/core/absolute_actions.h"
 #include "dfr/core/build_info.h"
 #include "dfr/core/contract.h"
-#include "dfr/core/feature_transform.h"
+#include "dfr/core/folds.h"
 #include "dfr/kernel/model_selection.h"
 #include "dfr/safety/guard_advice.h"
 #include "fit_task.h"
@@ -180,40 +180,36 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
     mapped = internal::Mapped(selection.map(), as_recorded);
     demonstrations = mapped;
   }
-  const internal::Recorded recorded(selection, demonstrations, *actions);
-  const std::span<const core::Trajectory> ordered = recorded.ordered;
   // By their content, which has nothing to do with what they are like: a random sample, so that
   // further demonstrations are exchangeable with those held out.
+  const std::vector<std::size_t> order = core::ContentOrder(demonstrations);
   const auto num_held_out = static_cast<std::size_t>(
       std::ceil(options.hold_out * static_cast<double>(demonstrations.size())));
   DFR_THROW_UNLESS(demonstrations.size() >= num_held_out + 3,
                    "holding out " << num_held_out << " of " << demonstrations.size()
                                   << " demonstrations leaves fewer than 3 to fit to");
-  const std::span<const core::Trajectory> held_out = ordered.first(num_held_out);
-  const std::span<const core::Trajectory> fitted = ordered.subspan(num_held_out);
-  const auto measured = std::span<const core::Trajectory>(recorded.measured);
-
-  std::optional<internal::TaskFit> fit =
-      internal::FitTask(recorded, options.support, options.folds, going_on);
+  const internal::Recorded recorded(selection, demonstrations,
+                                    std::span(order).subspan(num_held_out), actions.get());
+  std::optional<internal::GuardFit> fit =
+      internal::FitGuard(recorded, options.support, options.folds, going_on);
   if (!fit) return nullptr;
   if (!options.accept_any) {
     internal::RefuseUnlessInside(layout, recorded, *fit, *actions, options.folds);
   }
-  if (!going_on("fitting the support", 0.6)) return nullptr;
-  auto task = held_out.empty() ? internal::MakeTask(recorded, std::move(fit->to_all), fit->options)
-                               : internal::MakeTask(selection, fitted,
-                                                    measured.subspan(num_held_out), fit->options);
+  if (!going_on("fitting the answers to actions", 0.8)) return nullptr;
+  auto task = std::make_shared<const TaskModel>(internal::MakeTask(
+      recorded, std::move(fit->support), fit->left_out, fit->options.single_precision));
   if (!going_on("estimating the alarm level", 0.95)) return nullptr;
 
-  const control::GuidedModel& guided = task->guided().model();
-  const internal::Replay replay = internal::ReplayLeftOut(recorded, *fit, guided);
-  internal::HeldOut levels = fit->left_out;
-  if (!held_out.empty()) {
-    levels = {};
-    for (const core::Trajectory& demonstration : held_out) {
-      levels.Add(guided.support(), guided.features().Apply(demonstration.states));
-    }
+  const internal::Replay replay = internal::ReplayLeftOut(recorded, *fit, task->view());
+  std::vector<core::Trajectory> held_out;
+  for (const std::size_t d : std::span(order).first(num_held_out)) {
+    held_out.push_back(demonstrations[d]);
   }
+  const control::FeatureTrajectories unseen(task->features(), actions->Measured(held_out));
+  internal::HeldOut levels;
+  for (const core::Matrix& points : unseen.points) levels.Add(task->feature_support(), points);
+  if (held_out.empty()) levels = fit->left_out;
   const AlarmLevel alarm = AlarmLevelOf(levels.worst, options);
   DFR_THROW_UNLESS(std::isfinite(alarm.level),
                    "no alarm level can be found: a demonstration is infinitely far from the others "
@@ -244,19 +240,19 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
       .transitions = static_cast<int>(transitions),
       .nu = fit->options.svm.nu,
       .gamma = fit->options.svm.gamma,
-      .acceptance = levels.inside / levels.states,
+      .acceptance = levels.acceptance(),
       .inside_throughout = levels.inside_throughout / static_cast<double>(levels.worst.size()),
       .gaps = fit->gaps,
       .false_alarms = alarm.false_alarms,
       .confidence = alarm.confidence,
       .held_out = static_cast<int>(held_out.size()),
+      .support_fits = fit->support_fits,
       .drift_level = AlarmLevelOf(fit->contiguous.worst, options).level,
       .drift_chance = ChanceOfBeingHigher(fit->contiguous.worst, fit->left_out.worst),
-      .direction_error =
-          held_out.empty() ? control::EstimateDirectionError(guided.features(), measured)
-                           : control::EstimateDirectionError(guided, measured.first(num_held_out)),
-      .gain = control::EstimateGain(guided.features(),
-                                    held_out.empty() ? measured : measured.first(num_held_out)),
+      .direction_error = held_out.empty()
+                             ? control::EstimateDirectionError(recorded.seen, fit->folds)
+                             : control::EstimateDirectionError(task->response(), unseen),
+      .gain = control::EstimateGain(held_out.empty() ? recorded.seen : unseen),
       .changed = replay.changed,
       .ends_outside = replay.ends_outside,
       .explained = replay.explained,
@@ -299,7 +295,7 @@ control::Certificate GuardModel::certificate() const {
   DFR_THROW_UNLESS(settings_.direction_error > 0.0,
                    "a certificate needs to know how wrong J is: fit the guard again, or set "
                    "direction_error");
-  DFR_THROW_UNLESS(!recovery().single_precision(),
+  DFR_THROW_UNLESS(!task_->single_precision(),
                    "a certificate is to hold to the last digit: fit the guard in double precision");
   return {.direction_error = settings_.direction_error,
           .level = std::max(0.0, settings_.alarm_level)};
@@ -314,16 +310,16 @@ Certification GuardModel::Certify(int t, std::span<const double> state,
       static_cast<int>(action.size()) == action_dim(),
       "the action has " << action.size() << " entries, the guard's have " << action_dim());
   const control::Certificate certificate = this->certificate();
-  const control::GuidedModel& model = recovery().model();
-  const int n = model.features().num_features();
+  const control::TaskView task = task_->view();
+  const int n = task.features().num_features();
   Eigen::VectorXd z(n);
-  model.features().Apply(state, core::AsSpan(z));
+  task.features().Apply(state, core::AsSpan(z));
   // What a certificate assumes.
-  control::JacobianEstimate answer(model.prior(), {}, /*own_motion=*/false);
+  control::JacobianEstimate answer(task.response().prior(), {}, /*own_motion=*/false);
   answer.Compute(t, core::AsSpan(z));
   Eigen::VectorXd v(actions_->steered_dim());
   actions_->Measure(action, core::AsSpan(v));
-  v /= model.control_unit();
+  v /= task.response().control_unit();
   Certification found;
   found.effect = answer.jacobian() * v;
   found.ball_radius = -1.0;
@@ -331,15 +327,16 @@ Certification GuardModel::Certify(int t, std::span<const double> state,
   Eigen::VectorXd shift(n);
   for (int q = std::max(0, t - control::PhaseTracker::kWindow);
        q <= t + control::PhaseTracker::kWindow; ++q) {
-    const control::SafeBall ball = control::ComputeSafeBall(model.support(), q, core::AsSpan(z),
+    const control::SafeBall ball = control::ComputeSafeBall(task.support(), q, core::AsSpan(z),
                                                             core::AsSpan(shift), certificate.level);
     if (ball.radius < 0.0 || ball.worst_radius() <= found.radius) continue;
     found.radius = ball.worst_radius();
     found.ball_radius = ball.radius;
     found.shift = shift;
   }
-  control::Certifier certifier(certificate, n, actions_->steered_dim(), model.control_unit());
-  const control::LocalModel local{model.support(), answer, core::AsSpan(z)};
+  control::Certifier certifier(certificate, n, actions_->steered_dim(),
+                               task.response().control_unit());
+  const control::LocalModel local{task.support(), answer, core::AsSpan(z)};
   const control::Certifier::Need need = certifier.Predict(local, t, v);
   found.passes = need.met();
   found.step = need.phase;

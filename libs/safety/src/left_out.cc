@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <memory>
+#include <numeric>
 
 #include "dfr/control/guided/jacobian_estimate.h"
 
@@ -32,14 +33,14 @@ struct Sums {
 };
 
 void Judge(int phase, std::span<const double> z, const Eigen::VectorXd& v,
-           const core::LogDecisionFunction& support, const control::GuidedModel& guided,
+           const core::LogDecisionFunction& support, const control::Levels& levels,
            control::JacobianEstimate& estimate, Sums& sums) {
   estimate.Compute(phase, z);
   Eigen::VectorXd next = core::AsVector(z);
   estimate.AddEffect(v, next);
   const double level = support.LogDecision(phase + 1, core::AsSpan(next), {});
   sums.count += 1.0;
-  sums.changed += level >= guided.pass_level(phase + 1) ? 0.0 : 1.0;
+  sums.changed += level >= levels.pass(phase + 1) ? 0.0 : 1.0;
   sums.outside += level >= 0.0 ? 0.0 : 1.0;
   Eigen::VectorXd guess = Eigen::VectorXd::Zero(v.size());
   if (!estimate.Demonstrated(guess)) return;
@@ -51,42 +52,42 @@ void Judge(int phase, std::span<const double> z, const Eigen::VectorXd& v,
 
 }  // namespace
 
-Replay ReplayLeftOut(const Recorded& recorded, const TaskFit& fit,
-                     const control::GuidedModel& guided) {
-  const std::vector<std::size_t>& order = recorded.order;
-  // One for each demonstration, in the order of recording.
-  std::vector<core::Matrix> controls(order.size());
+Replay ReplayLeftOut(const Recorded& recorded, const GuardFit& fit, const control::TaskView& task) {
+  const control::Response& response = task.response();
+  const std::vector<core::Matrix>& points = recorded.seen.points;
+  std::vector<core::Matrix> controls = recorded.seen.controls;
+  std::vector<std::size_t> order(controls.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
   std::size_t actions = 0;
-  for (std::size_t i = 0; i < order.size(); ++i) {
-    controls[order[i]] = recorded.measured[i].controls / guided.control_unit();
-    actions += static_cast<std::size_t>(controls[order[i]].rows());
+  for (core::Matrix& c : controls) {
+    c /= response.control_unit();
+    actions += static_cast<std::size_t>(c.rows());
   }
   const std::size_t stride = std::max<std::size_t>(1, actions / kMostActions);
-  Sums sums(guided.control_dim());
+  Sums sums(response.control_dim());
   for (std::size_t fold = 0; fold < fit.folds.size(); ++fold) {
     if (!fit.without[fold]) continue;
     const kernel::WhitenedSupport& support = *fit.without[fold];
     std::vector<core::Matrix> others;
     std::vector<core::Matrix> other_controls;
     for (const std::size_t d : core::Others(fit.folds, fold, order)) {
-      others.push_back(recorded.points[d]);
+      others.push_back(points[d]);
       other_controls.push_back(controls[d]);
     }
     control::JacobianEstimate estimate(std::make_shared<const control::JacobianPrior>(
-                                           others, other_controls, guided.prior()->options()),
-                                       {}, guided.own_motion());
-    // In an order that does not depend on that of recording.
+                                           others, other_controls, response.prior()->options()),
+                                       {}, response.own_motion());
     std::size_t next = 0;
     for (const std::size_t d : order) {
       if (std::find(fit.folds[fold].begin(), fit.folds[fold].end(), d) == fit.folds[fold].end()) {
         continue;
       }
       std::vector<int> steps;
-      Follow(support, recorded.points[d], &steps);
+      Follow(support, points[d], &steps);
       for (Eigen::Index t = 0; t < controls[d].rows(); ++t, ++next) {
         if (next % stride != 0) continue;
-        Judge(steps[static_cast<std::size_t>(t)], core::Row(recorded.points[d], t),
-              controls[d].row(t), support, guided, estimate, sums);
+        Judge(steps[static_cast<std::size_t>(t)], core::Row(points[d], t), controls[d].row(t),
+              support, task.levels(), estimate, sums);
       }
     }
   }

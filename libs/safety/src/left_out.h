@@ -1,6 +1,6 @@
 #pragma once
 
-#include "dfr/control/guided/guided_model.h"
+#include "dfr/control/guided/task_view.h"
 #include "fit_task.h"
 
 namespace dfr::safety::internal {
@@ -29,8 +29,8 @@ struct Replay {
 };
 
 /// Judges up to a thousand actions, each by the support and the transitions of the folds that its
-/// demonstration is not in, at the levels of `guided`, which is fitted to all demonstrations.
-[[nodiscard]] Replay ReplayLeftOut(const Recorded& recorded, const TaskFit& fit,
-                                   const control::GuidedModel& guided);
+/// demonstration is not in, at the levels of `task`, which is fitted to all demonstrations.
+[[nodiscard]] Replay ReplayLeftOut(const Recorded& recorded, const GuardFit& fit,
+                                   const control::TaskView& task);
 
 }  // namespace dfr::safety::internal

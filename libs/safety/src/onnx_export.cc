@@ -15,7 +15,7 @@ namespace dfr::safety {
 using core::OnnxGraph;
 
 void CheckExport(const GuardModel& model) {
-  const core::StateMap& map = model.recovery().features().selection().map();
+  const core::StateMap& map = model.task().features().selection().map();
   if (!map.quaternions().empty()) {
     const int first = map.quaternions()[0].first;
     throw std::invalid_argument("cannot export a guard that looks at the quaternion " +
@@ -32,7 +32,7 @@ void CheckExport(const GuardModel& model) {
 
 std::string AppendDecision(OnnxGraph& graph, const GuardModel& model, const std::string& t,
                            const std::string& x) {
-  const core::FeatureTransform& features = model.recovery().features();
+  const core::FeatureTransform& features = model.task().features();
   CheckExport(model);
   const std::vector<int>& chosen = features.selection().indices();
   const std::vector<std::int64_t> indices(chosen.begin(), chosen.end());
@@ -43,7 +43,7 @@ std::string AppendDecision(OnnxGraph& graph, const GuardModel& model, const std:
       graph.Node("Sub", {selected, graph.Vector(core::AsSpan(features.offset()))});
   const std::string z =
       graph.Node("MatMul", {centred, graph.Matrix2d(features.scale().transpose())});
-  return kernel::AppendDecision(graph, model.recovery().support(), t, z);
+  return kernel::AppendDecision(graph, model.task().feature_support(), t, z);
 }
 
 void ExportOnnx(const GuardModel& model, const std::filesystem::path& path) {

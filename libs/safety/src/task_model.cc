@@ -5,9 +5,9 @@
 #include <stdexcept>
 #include <utility>
 
-#include "dfr/control/published/lambda.h"
 #include "dfr/core/contract.h"
-#include "state_decision.h"
+#include "dfr/kernel/one_class_svm.h"
+#include "fit_task.h"
 
 namespace dfr::safety {
 namespace {
@@ -17,68 +17,121 @@ constexpr int kTaskVersion = 1;
 constexpr std::string_view kTaskFile = "task.dfr";
 constexpr std::string_view kSupportFile = "support.dfr";
 constexpr int kMostHorizon = 1'000'000;
+// More time steps than any task has, and few enough that a damaged count is noticed.
+constexpr int kMostSteps = 1'000'000;
 
-core::FeatureSelection Select(const core::StateLayout& layout, const std::string& spec) {
-  return spec.empty() ? core::FeatureSelection::All(layout.state_dim())
-                      : core::FeatureSelection(layout, spec);
+kernel::WhitenedSupport LoadSupport(core::ArchiveReader& archive, bool single_precision) {
+  const int steps = archive.IntegerIn(1, kMostSteps);
+  std::vector<kernel::WhitenedSupport::Estimate> estimates;
+  for (int t = 0; t < steps; ++t) {
+    core::Matrix map = archive.MatrixBlock();
+    const double gamma = archive.Number();
+    const double rho = archive.Number();
+    const double scale = archive.Number();
+    const std::vector<double> alpha = archive.Numbers();
+    auto svm = kernel::OneClassSvm::FromParts(archive.MatrixBlock(), core::AsVector(alpha), gamma,
+                                              rho, scale);
+    estimates.push_back({std::move(map), single_precision ? svm.InSinglePrecision() : svm});
+  }
+  return kernel::WhitenedSupport(std::move(estimates));
 }
 
-std::optional<kernel::TimeVaryingSupport> FitPublished(
-    const core::FeatureSelection& features, std::span<const core::Trajectory> demonstrations,
-    const std::optional<kernel::TimeVaryingSupportOptions>& options) {
-  if (!options) return std::nullopt;
-  std::vector<core::Matrix> states;
-  states.reserve(demonstrations.size());
-  for (const core::Trajectory& demonstration : demonstrations) {
-    states.push_back(features.Apply(demonstration.states));
+void SaveSupport(core::ArchiveWriter& archive, const kernel::WhitenedSupport& support) {
+  archive.Integer(support.num_steps());
+  for (int t = 0; t < support.num_steps(); ++t) {
+    const kernel::OneClassSvm& svm = support.estimate(t);
+    archive.MatrixBlock(support.map(t));
+    archive.Number(svm.gamma());
+    archive.Number(svm.rho());
+    archive.Number(svm.libsvm_scale());
+    archive.Numbers(core::AsSpan(svm.alpha()));
+    archive.MatrixBlock(svm.support_vectors());
   }
-  return kernel::TimeVaryingSupport::Fit(states, *options);
+}
+
+TaskParts LoadParts(core::ArchiveReader& archive, core::FeatureSelection selection) {
+  std::vector<double> lambda = archive.Numbers();
+  const std::vector<double> offset = archive.Numbers();
+  core::FeatureTransform features(std::move(selection), core::AsVector(offset),
+                                  archive.MatrixBlock());
+  const bool single_precision = archive.IntegerIn(0, 1) == 1;
+  kernel::WhitenedSupport support = LoadSupport(archive, single_precision);
+  control::Levels levels = control::Levels::Load(archive);
+  return {.features = std::move(features),
+          .support = std::move(support),
+          .levels = std::move(levels),
+          .response = control::Response::Load(archive),
+          .lambda = std::move(lambda),
+          .single_precision = single_precision};
 }
 
 }  // namespace
 
-TaskModel::TaskModel(const core::StateLayout& layout,
-                     std::span<const core::Trajectory> demonstrations, const TaskOptions& options)
-    : TaskModel(
-          std::make_shared<const GuidedRecovery>(Select(layout, options.guided_features),
-                                                 demonstrations, options.guided, options.whitening),
-          {1.0},
-          FitPublished(Select(layout, options.published_features), demonstrations,
-                       options.published),
-          Select(layout, options.published_features), options.horizon) {
-  lambda_ = control::EstimateLambda(support(), demonstrations);
+core::FeatureDecision TaskParts::PublishedDecision() const {
+  if (!published) return GuidedDecision();
+  return {core::FeatureTransform::Identity(published->features), published->support};
 }
 
-TaskModel::TaskModel(std::shared_ptr<const GuidedRecovery> guided, std::vector<double> lambda,
-                     std::optional<kernel::TimeVaryingSupport> published,
-                     std::optional<core::FeatureSelection> published_features, int horizon)
-    : guided_(std::move(guided)), lambda_(std::move(lambda)), horizon_(horizon) {
-  DFR_THROW_UNLESS(horizon > 0 && horizon <= kMostHorizon,
-                   "horizon must lie in [1, " << kMostHorizon << "], not be " << horizon);
+struct TaskModel::Data {
+  explicit Data(TaskParts made)
+      : parts(std::move(made)),
+        guided(parts.GuidedDecision()),
+        published(parts.PublishedDecision()) {}
+  Data(const Data&) = delete;
+  Data& operator=(const Data&) = delete;
+
+  TaskParts parts;
+  core::FeatureDecision guided;
+  core::FeatureDecision published;
+};
+
+TaskModel::TaskModel(const core::StateLayout& layout,
+                     std::span<const core::Trajectory> demonstrations, const TaskOptions& options)
+    : TaskModel(internal::FitTask(layout, demonstrations, options)) {}
+
+TaskModel::TaskModel(TaskParts parts) : data_(std::make_unique<const Data>(std::move(parts))) {
+  DFR_THROW_UNLESS(horizon() > 0 && horizon() <= kMostHorizon,
+                   "horizon must lie in [1, " << kMostHorizon << "], not be " << horizon());
   DFR_THROW_UNLESS(
-      !lambda_.empty() && std::all_of(lambda_.begin(), lambda_.end(),
-                                      [](double l) { return l > 0.0 && std::isfinite(l); }),
+      !lambda().empty() && std::all_of(lambda().begin(), lambda().end(),
+                                       [](double l) { return l > 0.0 && std::isfinite(l); }),
       "lambda must be positive and finite");
-  guided_decision_ =
-      std::make_unique<const internal::StateDecision>(guided_->features(), guided_->support());
-  decision_ = guided_decision_.get();
-  if (published) {
-    DFR_THROW_UNLESS(published_features, "the published support needs its features");
-    features_ = published_features->spec();
-    published_ = std::make_unique<const kernel::TimeVaryingSupport>(*std::move(published));
-    published_decision_ =
-        std::make_unique<const core::FeatureDecision>(*std::move(published_features), *published_);
-    decision_ = published_decision_.get();
-  }
-  DFR_THROW_UNLESS(decision_->state_dim() == guided_decision_->state_dim(),
-                   "the published support takes states of " << decision_->state_dim()
+  control::CheckFits(view());
+  DFR_THROW_UNLESS(support().state_dim() == guided_support().state_dim(),
+                   "the published support takes states of " << support().state_dim()
                                                             << " entries, guided recovery's of "
-                                                            << guided_decision_->state_dim());
+                                                            << guided_support().state_dim());
 }
 
 TaskModel::TaskModel(TaskModel&&) noexcept = default;
 TaskModel& TaskModel::operator=(TaskModel&&) noexcept = default;
 TaskModel::~TaskModel() = default;
+
+const core::DecisionFunction& TaskModel::support() const noexcept {
+  return data_->parts.published ? data_->published : data_->guided;
+}
+const core::LogDecisionFunction& TaskModel::guided_support() const noexcept {
+  return data_->guided;
+}
+const core::FeatureTransform& TaskModel::features() const noexcept { return data_->parts.features; }
+const kernel::WhitenedSupport& TaskModel::feature_support() const noexcept {
+  return data_->parts.support;
+}
+const control::Levels& TaskModel::levels() const noexcept { return data_->parts.levels; }
+const control::Response& TaskModel::response() const noexcept { return data_->parts.response; }
+control::TaskView TaskModel::view() const noexcept {
+  return {features(), feature_support(), levels(), response()};
+}
+bool TaskModel::single_precision() const noexcept { return data_->parts.single_precision; }
+const kernel::TimeVaryingSupport* TaskModel::published() const noexcept {
+  return data_->parts.published ? &data_->parts.published->support : nullptr;
+}
+const std::string& TaskModel::published_features() const noexcept {
+  static const std::string kNone;
+  return data_->parts.published ? data_->parts.published->features.spec() : kNone;
+}
+const std::vector<double>& TaskModel::lambda() const noexcept { return data_->parts.lambda; }
+int TaskModel::horizon() const noexcept { return data_->parts.horizon; }
 
 void TaskModel::Save(const std::filesystem::path& folder) const {
   std::error_code error;
@@ -86,35 +139,51 @@ void TaskModel::Save(const std::filesystem::path& folder) const {
   if (error) {
     throw std::runtime_error(folder.string() + ": the folder cannot be made: " + error.message());
   }
-  if (published_ != nullptr) published_->Save(folder / kSupportFile);
+  if (published() != nullptr) published()->Save(folder / kSupportFile);
   core::ArchiveWriter archive(kTaskKind, kTaskVersion);
-  archive.Integer(published_ != nullptr ? 1 : 0);
-  archive.Text(features_);
-  archive.Text(guided_->features().selection().spec());
-  archive.Numbers(lambda_);
-  archive.Integer(horizon_);
-  guided_->Save(archive);
+  archive.Integer(published() != nullptr ? 1 : 0);
+  archive.Text(published_features());
+  archive.Text(features().selection().spec());
+  archive.Integer(horizon());
+  Save(archive);
   archive.Save(folder / kTaskFile);
+}
+
+void TaskModel::Save(core::ArchiveWriter& archive) const {
+  archive.Numbers(lambda());
+  archive.Numbers(core::AsSpan(features().offset()));
+  archive.MatrixBlock(features().scale());
+  archive.Integer(single_precision() ? 1 : 0);
+  SaveSupport(archive, feature_support());
+  levels().Save(archive);
+  response().Save(archive);
 }
 
 TaskModel TaskModel::Load(const std::filesystem::path& folder, const core::StateLayout& layout) {
   core::ArchiveReader archive(folder / kTaskFile, kTaskKind, kTaskVersion);
-  std::optional<kernel::TimeVaryingSupport> published;
-  if (archive.IntegerIn(0, 1) == 1) {
-    published = kernel::TimeVaryingSupport::Load(folder / kSupportFile);
-  }
-  const std::string published_features = archive.Text();
-  const std::string guided_features = archive.Text();
-  std::vector<double> lambda = archive.Numbers();
-  const int horizon = archive.IntegerIn(1, kMostHorizon);
+  const bool published = archive.IntegerIn(0, 1) == 1;
   try {
-    std::shared_ptr<const GuidedRecovery> guided =
-        GuidedRecovery::Load(archive, Select(layout, guided_features));
+    const std::string published_features = archive.Text();
+    const std::string guided_features = archive.Text();
+    const int horizon = archive.IntegerIn(1, kMostHorizon);
+    TaskParts parts = LoadParts(archive, core::FeatureSelection::Of(layout, guided_features));
     archive.End();
-    return {std::move(guided), std::move(lambda), std::move(published),
-            Select(layout, published_features), horizon};
+    parts.horizon = horizon;
+    if (published) {
+      parts.published = PublishedSupport{core::FeatureSelection::Of(layout, published_features),
+                                         kernel::TimeVaryingSupport::Load(folder / kSupportFile)};
+    }
+    return TaskModel(std::move(parts));
   } catch (const std::invalid_argument& e) {
     archive.Fail(std::string("does not fit the other files of this model: ") + e.what());
+  }
+}
+
+TaskModel TaskModel::Load(core::ArchiveReader& archive, core::FeatureSelection selection) {
+  try {
+    return TaskModel(LoadParts(archive, std::move(selection)));
+  } catch (const std::invalid_argument& e) {
+    archive.Fail(e.what());
   }
 }
 
@@ -124,25 +193,25 @@ std::unique_ptr<control::Controller> TaskModel::MakeController(
                    "the method '" << method.name << "' is not one of a task model");
   if (method.kind == Method::Kind::kGuided || method.kind == Method::Kind::kGuard) {
     control::GuidedOptions guided = control::Without(options.guided, method.without);
-    guided.horizon = options.horizon != 0 ? options.horizon : horizon_;
+    guided.horizon = options.horizon != 0 ? options.horizon : horizon();
     guided.first_step = options.first_step;
     guided.least_intervention = method.kind == Method::Kind::kGuard;
-    return std::make_unique<control::GuidedPolicy>(policy, guided_->model(), guided);
+    return std::make_unique<control::GuidedPolicy>(policy, view(), guided);
   }
   const control::SwitchingPolicyOptions switching{
       .recovery = method.recovery,
-      .horizon = options.horizon != 0 ? options.horizon : horizon_,
+      .horizon = options.horizon != 0 ? options.horizon : horizon(),
       .first_step = options.first_step,
       .dfr = method.published_dfr ? control::DfrOptions{} : options.dfr};
-  return std::make_unique<control::SwitchingPolicy>(policy, support(), lambda_, switching);
+  return std::make_unique<control::SwitchingPolicy>(policy, support(), lambda(), switching);
 }
 
 std::unique_ptr<control::Controller> TaskModel::MakeController(
     std::unique_ptr<control::RecoveryStrategy> strategy, const core::Policy& policy,
     const ControllerOptions& options) const {
   return std::make_unique<control::SwitchingPolicy>(
-      policy, support(), lambda_, std::move(strategy),
-      control::SwitchingPolicyOptions{.horizon = options.horizon != 0 ? options.horizon : horizon_,
+      policy, support(), lambda(), std::move(strategy),
+      control::SwitchingPolicyOptions{.horizon = options.horizon != 0 ? options.horizon : horizon(),
                                       .first_step = options.first_step});
 }
 

@@ -109,9 +109,9 @@ class TrueJacobianFilter final : public Stepwise {
   TrueJacobianFilter(const safety::TaskModel& task, const core::Policy& policy,
                      const core::SimulatedPlant& plant, int horizon)
       : Stepwise(policy, horizon),
-        features_(&task.guided().features()),
-        support_(&task.guided().support()),
-        slack_(task.guided().model().slack()),
+        features_(&task.features()),
+        support_(&task.feature_support()),
+        slack_(task.levels().slack()),
         plant_(&plant),
         copy_(plant.Clone()),
         state_(plant.state_dim()),

@@ -169,9 +169,9 @@ std::unique_ptr<control::Controller> ControllerFactory::OnSupport(
   if (name.controller == kCertified) {
     // Twice the value of the demonstrations, as in a guard.
     const double error =
-        control::EstimateDirectionError(support->guided().features(), demonstrations_).value;
+        control::EstimateDirectionError(support->view().features(), demonstrations_).value;
     return std::make_unique<control::CertifiedPolicy>(
-        policy, support->guided(),
+        policy, support->view(),
         control::CertifiedOptions{.horizon = horizon,
                                   .first_step = options.first_step,
                                   .certificate = {.direction_error = 2.0 * error + 1e-9}});
@@ -179,7 +179,7 @@ std::unique_ptr<control::Controller> ControllerFactory::OnSupport(
   control::GuidedOptions guided = control::Without(options.guided, method.without);
   guided.horizon = horizon;
   guided.first_step = options.first_step;
-  return std::make_unique<control::GuidedPolicy>(policy, support->guided(), guided);
+  return std::make_unique<control::GuidedPolicy>(policy, support->view(), guided);
 }
 
 }  // namespace dfr::study

@@ -15,8 +15,7 @@ namespace {
 
 // Norm of the largest demonstrated control.
 double SizeOf(const safety::TaskModel& task) {
-  const control::GuidedModel& model = task.guided().model();
-  return model.largest_control() * model.control_unit();
+  return task.response().largest_control() * task.response().control_unit();
 }
 
 // A policy with the dimensions of another one.
@@ -230,9 +229,8 @@ std::shared_ptr<const core::Policy> MakeUnlearned(
 std::shared_ptr<const core::Policy> PolicyFactory::Make(std::string_view name,
                                                         const core::SimulatedPlant* plant) const {
   if (name == "lwr" || name == "lwr-cv" || name == "knn" || name == "none") {
-    return *made_.Get(std::string(name), [&] {
-      return MakeUnlearned(name, task_->guided().features(), demonstrations_);
-    });
+    return *made_.Get(std::string(name),
+                      [&] { return MakeUnlearned(name, task_->features(), demonstrations_); });
   }
   if (name == "random") return std::make_shared<Haphazard>(*learned_, *task_);
   if (name == "negated") return std::make_shared<Negated>(*learned_);

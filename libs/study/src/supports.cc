@@ -247,80 +247,35 @@ class Mahalanobis final : public Pooled {
   std::vector<double> largest_;
 };
 
-// Applies g_t of features to whole states.
-class OfStates final : public core::DecisionFunction {
- public:
-  OfStates(const core::FeatureTransform& features, const core::DecisionFunction& inner)
-      : features_(&features), inner_(&inner) {}
-  [[nodiscard]] int state_dim() const noexcept override { return features_->state_dim(); }
-  [[nodiscard]] int num_steps() const noexcept override { return inner_->num_steps(); }
-  [[nodiscard]] double Decision(int t, std::span<const double> x) const noexcept override {
-    std::array<double, core::FeatureDecision::kMaxFeatures> buffer;
-    return inner_->Decision(t, Features(x, buffer));
-  }
-  double Gradient(int t, std::span<const double> x,
-                  std::span<double> gradient) const noexcept override {
-    std::array<double, core::FeatureDecision::kMaxFeatures> buffer;
-    std::array<double, core::FeatureDecision::kMaxFeatures> by_features;
-    const std::span<const double> z = Features(x, buffer);
-    const std::span<double> slope = std::span(by_features).first(z.size());
-    const double g = inner_->Gradient(t, z, slope);
-    std::ranges::fill(gradient, 0.0);
-    for (Eigen::Index k = 0; k < features_->scale().cols(); ++k) {
-      const auto entry =
-          static_cast<std::size_t>(features_->selection().indices()[static_cast<std::size_t>(k)]);
-      for (Eigen::Index i = 0; i < features_->scale().rows(); ++i) {
-        gradient[entry] += features_->scale()(i, k) * slope[static_cast<std::size_t>(i)];
-      }
-    }
-    return g;
-  }
-  [[nodiscard]] double lipschitz_bound(int t) const noexcept override {
-    return inner_->lipschitz_bound(t) * features_->scale().norm();
-  }
-
- private:
-  std::span<const double> Features(std::span<const double> x,
-                                   std::span<double> buffer) const noexcept {
-    if (std::ssize(x) != state_dim()) return {};
-    const std::span<double> z = buffer.first(static_cast<std::size_t>(features_->num_features()));
-    features_->Apply(x, z);
-    return z;
-  }
-  const core::FeatureTransform* features_;
-  const core::DecisionFunction* inner_;
-};
-
 }  // namespace
 
 SupportModel::SupportModel(std::string_view name, const safety::TaskModel& task,
                            const core::StateLayout& layout,
-                           std::span<const core::Trajectory> demonstrations) {
-  core::FeatureTransform features = task.guided().features();
-  const core::LogDecisionFunction* support = nullptr;
+                           std::span<const core::Trajectory> demonstrations)
+    : features_(task.features()) {
   if (name == "raw") {
     DFR_THROW_UNLESS(task.published() != nullptr, "this task has no raw support");
-    features = core::FeatureTransform::Identity(
+    features_ = core::FeatureTransform::Identity(
         task.published_features().empty()
             ? core::FeatureSelection::All(layout.state_dim())
             : core::FeatureSelection(layout, task.published_features()));
-    support = task.published();
+    support_ = task.published();
   } else if (name == "whitened") {
-    support = &task.guided().support();
+    support_ = &task.feature_support();
   } else if (name == "knn-distance") {
-    own_ = std::make_unique<KnnDistance>(features, demonstrations);
+    own_ = std::make_unique<KnnDistance>(features_, demonstrations);
   } else if (name == "density") {
-    own_ = std::make_unique<Density>(features, demonstrations);
+    own_ = std::make_unique<Density>(features_, demonstrations);
   } else if (name == "mahalanobis") {
-    own_ = std::make_unique<Mahalanobis>(features, demonstrations);
+    own_ = std::make_unique<Mahalanobis>(features_, demonstrations);
   } else {
     DFR_THROW_UNLESS(false, "there is no support '" << name << "'; there are " << Join(kSupports));
   }
-  if (own_ != nullptr) support = own_.get();
-  guided_ = std::make_unique<const control::GuidedModel>(
-      features, *support, demonstrations,
-      control::GuidedModelOptions{.slack = task.guided().model().slack()});
-  decision_ = std::make_unique<const OfStates>(guided_->features(), *support);
+  if (own_ != nullptr) support_ = own_.get();
+  const control::FeatureTrajectories seen(features_, demonstrations);
+  levels_.emplace(*support_, seen.points, control::LevelOptions{.slack = task.levels().slack()});
+  response_.emplace(seen);
+  decision_.emplace(features_, *support_);
   lambda_ = control::EstimateLambda(*decision_, demonstrations);
 }
 

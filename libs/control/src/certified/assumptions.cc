@@ -16,25 +16,19 @@ namespace {
 // What is assumed is dz = J u, of controls that act at once.
 constexpr bool kOwnMotion = false;
 
-void Check(std::span<const core::Trajectory> demonstrations, std::size_t least, double confidence) {
+void Check(std::size_t demonstrations, std::size_t least, double confidence) {
   DFR_THROW_UNLESS(confidence > 0.0 && confidence < 1.0,
                    "confidence must lie in (0, 1), not be " << confidence);
-  DFR_THROW_UNLESS(demonstrations.size() >= least,
-                   "at least " << least << " demonstrations, not " << demonstrations.size());
-  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
-    DFR_THROW_UNLESS(demonstrations[d].states.rows() == demonstrations[d].controls.rows() + 1,
-                     "demonstration " << d << " has " << demonstrations[d].states.rows()
-                                      << " states and " << demonstrations[d].controls.rows()
-                                      << " controls");
-  }
+  DFR_THROW_UNLESS(demonstrations >= least,
+                   "at least " << least << " demonstrations, not " << demonstrations);
 }
 
 // The root mean square of the demonstrated controls that are not zero.
-double RootMeanSquare(std::span<const core::Trajectory> demonstrations) {
+double RootMeanSquare(std::span<const core::Matrix> controls) {
   double square = 0.0;
   int moving = 0;
-  for (const std::size_t d : core::ContentOrder(demonstrations)) {
-    for (const auto& control : demonstrations[d].controls.rowwise()) {
+  for (const core::Matrix& c : controls) {
+    for (const auto& control : c.rowwise()) {
       square += control.squaredNorm();
       moving += control.squaredNorm() > 0.0 ? 1 : 0;
     }
@@ -43,23 +37,15 @@ double RootMeanSquare(std::span<const core::Trajectory> demonstrations) {
   return std::sqrt(square / moving);
 }
 
-// A demonstration as JacobianPrior has it.
-struct Transitions {
-  Transitions(const core::FeatureTransform& features, const core::Trajectory& demonstration,
-              double unit)
-      : points(features.Apply(demonstration.states)), controls(demonstration.controls / unit) {}
-  core::Matrix points;
-  core::Matrix controls;
-};
-
 // The largest |dz - J u| / |u|, J with what the demonstration itself has shown until then.
-double LargestError(const Transitions& transitions, double unit, JacobianEstimate& estimate) {
+double LargestError(const core::Matrix& points, const core::Matrix& controls, double unit,
+                    JacobianEstimate& estimate) {
   double largest = 0.0;
   estimate.Reset();
-  for (Eigen::Index t = 0; t < transitions.controls.rows(); ++t) {
-    const Eigen::VectorXd v = transitions.controls.row(t);
-    const Eigen::VectorXd z = transitions.points.row(t);
-    const Eigen::VectorXd dz = transitions.points.row(t + 1).transpose() - z;
+  for (Eigen::Index t = 0; t < controls.rows(); ++t) {
+    const Eigen::VectorXd v = controls.row(t);
+    const Eigen::VectorXd z = points.row(t);
+    const Eigen::VectorXd dz = points.row(t + 1).transpose() - z;
     const double norm = v.norm() * unit;
     if (norm == 0.0) continue;
     estimate.Compute(static_cast<int>(t), core::AsSpan(z));
@@ -79,17 +65,16 @@ EstimatedConstant Finish(double value, int demonstrations, double confidence) {
 
 }  // namespace
 
-EstimatedConstant EstimateGain(const core::FeatureTransform& features,
-                               std::span<const core::Trajectory> demonstrations,
-                               double confidence) {
-  Check(demonstrations, 1, confidence);
+EstimatedConstant EstimateGain(const FeatureTrajectories& demonstrations, double confidence) {
+  Check(demonstrations.points.size(), 1, confidence);
   double largest = 0.0;
   int moving = 0;
-  for (const core::Trajectory& demonstration : demonstrations) {
-    const core::Matrix z = features.Apply(demonstration.states);
+  for (std::size_t d = 0; d < demonstrations.points.size(); ++d) {
+    const core::Matrix& z = demonstrations.points[d];
+    const core::Matrix& controls = demonstrations.controls[d];
     bool moves = false;
-    for (Eigen::Index t = 0; t < demonstration.controls.rows(); ++t) {
-      const double norm = demonstration.controls.row(t).norm();
+    for (Eigen::Index t = 0; t < controls.rows(); ++t) {
+      const double norm = controls.row(t).norm();
       if (norm == 0.0) continue;
       largest = std::max(largest, (z.row(t + 1) - z.row(t)).norm() / norm);
       moves = true;
@@ -99,55 +84,58 @@ EstimatedConstant EstimateGain(const core::FeatureTransform& features,
   return Finish(largest, std::max(1, moving), confidence);
 }
 
-EstimatedConstant EstimateDirectionError(const core::FeatureTransform& features,
-                                         std::span<const core::Trajectory> demonstrations,
-                                         const JacobianOptions& options, double confidence) {
-  Check(demonstrations, 2, confidence);
-  const double unit = RootMeanSquare(demonstrations);
-  std::vector<Transitions> all;
-  std::vector<core::Matrix> points;
-  all.reserve(demonstrations.size());
-  points.reserve(demonstrations.size());
-  // In this order sums have the same bits, whatever the order of the demonstrations.
-  for (const std::size_t d : core::ContentOrder(demonstrations)) {
-    all.emplace_back(features, demonstrations[d], unit);
-    points.push_back(all.back().points);
-  }
-  std::vector<std::size_t> order(all.size());
+EstimatedConstant EstimateDirectionError(const FeatureTrajectories& demonstrations,
+                                         const core::Folds& folds, const JacobianOptions& options,
+                                         double confidence) {
+  Check(demonstrations.points.size(), 2, confidence);
+  const double unit = RootMeanSquare(demonstrations.controls);
+  const std::vector<core::Matrix>& points = demonstrations.points;
+  std::vector<core::Matrix> controls = demonstrations.controls;
+  for (core::Matrix& c : controls) c /= unit;
+  std::vector<std::size_t> order(points.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
-  const core::Folds folds = core::StratifiedFolds(
-      points, static_cast<int>(std::min<std::size_t>(5, demonstrations.size())));
   double largest = 0.0;
   for (std::size_t fold = 0; fold < folds.size(); ++fold) {
     std::vector<core::Matrix> other_points;
     std::vector<core::Matrix> other_controls;
-    other_points.reserve(all.size());
-    other_controls.reserve(all.size());
+    other_points.reserve(points.size());
+    other_controls.reserve(points.size());
     for (const std::size_t d : core::Others(folds, fold, order)) {
-      other_points.push_back(all[d].points);
-      other_controls.push_back(all[d].controls);
+      other_points.push_back(points[d]);
+      other_controls.push_back(controls[d]);
     }
     JacobianEstimate estimate(
         std::make_shared<const JacobianPrior>(other_points, other_controls, options), {},
         kOwnMotion);
     for (const std::size_t d : folds[fold]) {
-      largest = std::max(largest, LargestError(all[d], unit, estimate));
+      largest = std::max(largest, LargestError(points[d], controls[d], unit, estimate));
     }
   }
-  return Finish(AtLeastRounding(largest), static_cast<int>(all.size()), confidence);
+  return Finish(AtLeastRounding(largest), static_cast<int>(points.size()), confidence);
 }
 
-EstimatedConstant EstimateDirectionError(const GuidedModel& model,
-                                         std::span<const core::Trajectory> held_out,
-                                         double confidence) {
-  Check(held_out, 1, confidence);
-  JacobianEstimate estimate(model.prior(), {}, kOwnMotion);
+EstimatedConstant EstimateDirectionError(const core::FeatureTransform& features,
+                                         std::span<const core::Trajectory> demonstrations,
+                                         const JacobianOptions& options, double confidence) {
+  Check(demonstrations.size(), 2, confidence);
+  // In this order sums have the same bits, whatever the order of the demonstrations.
+  const FeatureTrajectories ordered(features, core::InContentOrder(demonstrations));
+  const int folds = static_cast<int>(std::min<std::size_t>(5, demonstrations.size()));
+  return EstimateDirectionError(ordered, core::StratifiedFolds(ordered.points, folds), options,
+                                confidence);
+}
+
+EstimatedConstant EstimateDirectionError(const Response& response,
+                                         const FeatureTrajectories& held_out, double confidence) {
+  Check(held_out.points.size(), 1, confidence);
+  JacobianEstimate estimate(response.prior(), {}, kOwnMotion);
+  const double unit = response.control_unit();
   double largest = 0.0;
-  for (const core::Trajectory& demonstration : held_out) {
-    const Transitions transitions(model.features(), demonstration, model.control_unit());
-    largest = std::max(largest, LargestError(transitions, model.control_unit(), estimate));
+  for (std::size_t d = 0; d < held_out.points.size(); ++d) {
+    largest = std::max(
+        largest, LargestError(held_out.points[d], held_out.controls[d] / unit, unit, estimate));
   }
-  return Finish(AtLeastRounding(largest), static_cast<int>(held_out.size()), confidence);
+  return Finish(AtLeastRounding(largest), static_cast<int>(held_out.points.size()), confidence);
 }
 
 }  // namespace dfr::control

@@ -30,23 +30,23 @@ void Check(const CertifiedOptions& options) {
                    "probe_size must not be negative: " << options.probe_size);
 }
 
-CertifiedPolicy::CertifiedPolicy(const core::Policy& policy, const GuidedModel& model,
+CertifiedPolicy::CertifiedPolicy(const core::Policy& policy, const TaskView& task,
                                  const CertifiedOptions& options)
     : policy_(&policy),
-      model_(&model),
-      first_step_((CheckFits(policy, model), Check(options), options.first_step)),
-      limits_(Limits(options, model.control_dim(), model.control_unit())),
-      reach_(std::min(certified::kReach * model.slack(), guided::kMostReach)),
+      task_(task),
+      first_step_((CheckFits(policy, task), Check(options), options.first_step)),
+      limits_(Limits(options, task.response().control_dim(), task.response().control_unit())),
+      reach_(std::min(certified::kReach * task.levels().slack(), guided::kMostReach)),
       probe_size_(options.probe_size),
       halt_rule_{options.horizon, options.max_controls, options.patience},
-      estimate_(model.prior(), {}, /*own_motion=*/false),
-      tracker_(model.support()),
-      certifier_(options.certificate, model.features().num_features(), model.control_dim(),
-                 model.control_unit()) {
+      estimate_(task.response().prior(), {}, /*own_motion=*/false),
+      tracker_(task.support()),
+      certifier_(options.certificate, task.features().num_features(), task.response().control_dim(),
+                 task.response().control_unit()) {
   for (Eigen::VectorXd* z : {&z_, &last_z_, &dz_, &effect_}) {
-    *z = Eigen::VectorXd::Zero(model.features().num_features());
+    *z = Eigen::VectorXd::Zero(task.features().num_features());
   }
-  v_ = learned_ = trial_ = Eigen::VectorXd::Zero(model.control_dim());
+  v_ = learned_ = trial_ = Eigen::VectorXd::Zero(task.response().control_dim());
 }
 
 void CertifiedPolicy::DoReset(std::uint64_t /*seed*/) noexcept {
@@ -57,8 +57,8 @@ void CertifiedPolicy::DoReset(std::uint64_t /*seed*/) noexcept {
 }
 
 Step CertifiedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexcept {
-  const core::LogDecisionFunction& support = model_->support();
-  model_->features().Apply(x, AsSpan(z_));
+  const core::LogDecisionFunction& support = task_.support();
+  task_.features().Apply(x, AsSpan(z_));
   Step step{.t = tracker_.phase(), .iteration = tracker_.waited()};
   if (progress_.controls > 0) {
     dz_ = z_ - last_z_;
@@ -80,7 +80,7 @@ Step CertifiedPolicy::DoNext(std::span<const double> x, std::span<double> u) noe
   }
 
   policy_->Control(step.t, x, u);
-  learned_ = core::AsVector(std::span<const double>(u)) / model_->control_unit();
+  learned_ = core::AsVector(std::span<const double>(u)) / task_.response().control_unit();
   if (!learned_.allFinite()) return Halted(step, HaltCause::kControlInvalid);
   const double asked = learned_.squaredNorm();
   limits_.Limit(learned_);
@@ -88,7 +88,7 @@ Step CertifiedPolicy::DoNext(std::span<const double> x, std::span<double> u) noe
   v_ = learned_;
   estimate_.Compute(step.t, AsSpan(z_));
   const LocalModel model{support, estimate_, AsSpan(z_)};
-  const StepTarget target{step.t + 1, model_->median_level(step.t + 1)};
+  const StepTarget target{step.t + 1, task_.levels().median(step.t + 1)};
   step.log_threshold = target.level;
   step.threshold = support.FromLog(step.t, step.log_threshold);
   const bool deep = DeepInside(step.log_g, target.level);
@@ -98,8 +98,8 @@ Step CertifiedPolicy::DoNext(std::span<const double> x, std::span<double> u) noe
   step.filtered = step.mode == Mode::kPolicy && !passes;
   // What passes does so to the bit.
   if (!passes) {
-    step.change = (v_ - core::AsVector(u) / model_->control_unit()).norm();
-    core::AsVector(u) = v_ * model_->control_unit();
+    step.change = (v_ - core::AsVector(u) / task_.response().control_unit()).norm();
+    core::AsVector(u) = v_ * task_.response().control_unit();
   }
   last_z_ = z_;
   ++progress_.controls;
@@ -107,8 +107,8 @@ Step CertifiedPolicy::DoNext(std::span<const double> x, std::span<double> u) noe
 }
 
 bool CertifiedPolicy::DeepInside(double level, double hi) const noexcept {
-  return level >= hi && learned_.norm() <= model_->largest_control() &&
-         model_->support().LogDecision(tracker_.phase() + 1, AsSpan(z_), {}) >= hi;
+  return level >= hi && learned_.norm() <= task_.response().largest_control() &&
+         task_.support().LogDecision(tracker_.phase() + 1, AsSpan(z_), {}) >= hi;
 }
 
 // Raises v_, the learned control, or makes it a probe.

@@ -15,20 +15,20 @@ constexpr double kInside = 1e-6;
 
 }  // namespace
 
-Correction::Correction(const GuidedModel& model, const GuidedOptions& options)
-    : model_(&model),
-      limits_(Limits(options, model.control_dim(), model.control_unit())),
-      reach_(std::min(options.reach * model.slack(), guided::kMostReach)),
+Correction::Correction(const TaskView& task, const GuidedOptions& options)
+    : task_(task),
+      limits_(Limits(options, task.response().control_dim(), task.response().control_unit())),
+      reach_(std::min(options.reach * task.levels().slack(), guided::kMostReach)),
       probe_size_(options.probe_size),
       demonstrates_(options.demonstrated),
       drifts_(options.drift_time.rest > 0.0 || options.drift_time.travel > 0.0),
-      trial_(Eigen::VectorXd::Zero(model.control_dim())),
-      demonstrated_(Eigen::VectorXd::Zero(model.control_dim())) {}
+      trial_(Eigen::VectorXd::Zero(task.response().control_dim())),
+      demonstrated_(Eigen::VectorXd::Zero(task.response().control_dim())) {}
 
 Correction::Choice Correction::Choose(JacobianEstimate& estimate, std::span<const double> z,
                                       const StepTarget& target, double pass,
                                       Eigen::VectorXd& v) noexcept {
-  const LocalModel model{model_->support(), estimate, z};
+  const LocalModel model{task_.support(), estimate, z};
   const double learned = model.Level(target.phase, v);
   Choice choice{Mode::kPolicy, learned};
   if (!(learned >= pass)) choice = Replace(estimate, model, target, v);

@@ -11,22 +11,23 @@ namespace dfr::control {
 
 using core::AsSpan;
 
-GuidedPolicy::GuidedPolicy(const core::Policy& policy, const GuidedModel& model,
+GuidedPolicy::GuidedPolicy(const core::Policy& policy, const TaskView& task,
                            const GuidedOptions& options)
     : policy_(&policy),
-      model_(&model),
-      options_((CheckFits(policy, model), Check(options), options)),
-      limits_(Limits(options, model.control_dim(), model.control_unit())),
+      task_(task),
+      options_((CheckFits(policy, task), Check(options), options)),
+      limits_(Limits(options, task.response().control_dim(), task.response().control_unit())),
       halt_rule_{options.horizon, options.max_controls, options.patience},
-      estimate_(model.prior(), options.drift_time, options.own_motion && model.own_motion()),
-      observer_(model.features().num_features(), model.control_dim(),
-                model.prior()->options().forgetting, options.observer),
-      correction_(model, options),
-      tracker_(model.support()) {
+      estimate_(task.response().prior(), options.drift_time,
+                options.own_motion && task.response().own_motion()),
+      observer_(task.features().num_features(), task.response().control_dim(),
+                task.response().prior()->options().forgetting, options.observer),
+      correction_(task, options),
+      tracker_(task.support()) {
   for (Eigen::VectorXd* v : {&z_, &seen_, &last_seen_, &dz_}) {
-    *v = Eigen::VectorXd::Zero(model.features().num_features());
+    *v = Eigen::VectorXd::Zero(task.features().num_features());
   }
-  v_ = learned_ = foreseen_ = Eigen::VectorXd::Zero(model.control_dim());
+  v_ = learned_ = foreseen_ = Eigen::VectorXd::Zero(task.response().control_dim());
 }
 
 void GuidedPolicy::DoReset(std::uint64_t /*seed*/) noexcept {
@@ -46,7 +47,7 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
 }
 
 void GuidedPolicy::See(std::span<const double> x) noexcept {
-  model_->features().Apply(x, AsSpan(seen_));
+  task_.features().Apply(x, AsSpan(seen_));
   if (progress_.controls > 0) {
     dz_ = seen_ - last_seen_;
     observer_.Update(estimate_, AsSpan(v_), AsSpan(dz_));
@@ -58,7 +59,7 @@ void GuidedPolicy::See(std::span<const double> x) noexcept {
 }
 
 Step GuidedPolicy::Look() noexcept {
-  const core::LogDecisionFunction& support = model_->support();
+  const core::LogDecisionFunction& support = task_.support();
   Step step{.t = tracker_.phase(), .iteration = tracker_.waited()};
   step.log_g = support.LogDecision(step.t, AsSpan(z_), {});
   step.g = support.FromLog(step.t, step.log_g);
@@ -70,19 +71,19 @@ Step GuidedPolicy::Look() noexcept {
 }
 
 Step GuidedPolicy::Decide(Step step, std::span<double> u) noexcept {
-  learned_ = core::AsVector(std::span<const double>(u)) / model_->control_unit();
+  learned_ = core::AsVector(std::span<const double>(u)) / task_.response().control_unit();
   if (!learned_.allFinite()) return Halted(step, HaltCause::kControlInvalid);
   const double asked = learned_.squaredNorm();
   limits_.Limit(learned_);
   const bool within = learned_.squaredNorm() == asked;
-  const double hi = model_->gate_level(step.t + 1);
+  const double hi = task_.levels().gate(step.t + 1);
   step.log_threshold = hi;
   if (options_.least_intervention) {
-    const double lo = model_->pass_level(step.t + 1);
+    const double lo = task_.levels().pass(step.t + 1);
     const double share = (at_edge_ - guided::kEdgeGrace) / guided::kEdgeRamp;
     step.log_threshold = lo + (hi - lo) * std::clamp(share, 0.0, 1.0);
   }
-  step.threshold = model_->support().FromLog(step.t, step.log_threshold);
+  step.threshold = task_.support().FromLog(step.t, step.log_threshold);
 
   v_ = learned_;
   const bool deep = DeepInside(step.log_g);
@@ -99,12 +100,12 @@ Step GuidedPolicy::Decide(Step step, std::span<double> u) noexcept {
   Advance(choice.level);
   const bool passes = step.mode == Mode::kPolicy && within && v_ == learned_;
   at_edge_ *= guided::kEdgeMemory;
-  if (passes && step.log_g < model_->edge_level(step.t)) at_edge_ += 1.0;
+  if (passes && step.log_g < task_.levels().edge(step.t)) at_edge_ += 1.0;
   step.filtered = step.mode == Mode::kPolicy && !passes;
   // What passes does so to the bit.
   if (!passes) {
-    step.change = (v_ - core::AsVector(u) / model_->control_unit()).norm();
-    core::AsVector(u) = v_ * model_->control_unit();
+    step.change = (v_ - core::AsVector(u) / task_.response().control_unit()).norm();
+    core::AsVector(u) = v_ * task_.response().control_unit();
   }
   last_seen_ = seen_;
   ++progress_.controls;
@@ -127,7 +128,7 @@ bool GuidedPolicy::PassesNext(std::span<const double> control) noexcept {
     // Nothing is learned from what was only predicted.
     if (std::isnan(step.log_learned)) estimate_.Compute(step.t, AsSpan(z_));
     estimate_.AddEffect(v_, z_);
-    const double level = model_->support().LogDecision(step.t + 1, AsSpan(z_), {});
+    const double level = task_.support().LogDecision(step.t + 1, AsSpan(z_), {});
     if (level >= step.log_threshold) return true;
   }
   Stop(step.cause != HaltCause::kNone ? step.cause : HaltCause::kOutsideSupport);
@@ -136,9 +137,9 @@ bool GuidedPolicy::PassesNext(std::span<const double> control) noexcept {
 
 bool GuidedPolicy::DeepInside(double level) const noexcept {
   const int phase = tracker_.phase();
-  const double hi = model_->gate_level(phase + 1);
-  return level >= hi && learned_.norm() <= model_->largest_control() &&
-         model_->support().LogDecision(phase + 1, AsSpan(z_), {}) >= hi;
+  const double hi = task_.levels().gate(phase + 1);
+  return level >= hi && learned_.norm() <= task_.response().largest_control() &&
+         task_.support().LogDecision(phase + 1, AsSpan(z_), {}) >= hi;
 }
 
 void GuidedPolicy::Advance(double level) noexcept {

@@ -7,31 +7,32 @@ namespace dfr::control {
 
 using core::AsSpan;
 
-GradientRecovery::GradientRecovery(const GuidedModel& model, double control_limit)
-    : model_(&model),
-      limits_{Eigen::VectorXd::Constant(model.control_dim(), control_limit / model.control_unit())},
+GradientRecovery::GradientRecovery(const TaskView& task, double control_limit)
+    : task_((CheckFits(task), task)),
+      limits_{Eigen::VectorXd::Constant(task.response().control_dim(),
+                                        control_limit / task.response().control_unit())},
       // Algorithm 1 recovers at rest: nothing moves but by its controls.
-      estimate_(model.prior(), {}, /*own_motion=*/false),
-      z_(Eigen::VectorXd::Zero(model.features().num_features())),
+      estimate_(task.response().prior(), {}, /*own_motion=*/false),
+      z_(Eigen::VectorXd::Zero(task.features().num_features())),
       last_z_(z_),
       dz_(z_),
-      v_(Eigen::VectorXd::Zero(model.control_dim())) {
+      v_(Eigen::VectorXd::Zero(task.response().control_dim())) {
   DFR_THROW_UNLESS(control_limit > 0.0, "control_limit must be positive, not " << control_limit);
 }
 
 void GradientRecovery::Reset(std::uint64_t /*seed*/) noexcept { estimate_.Reset(); }
 
 Mode GradientRecovery::Next(const RecoverySituation& situation, std::span<double> u) noexcept {
-  model_->features().Apply(situation.x, AsSpan(z_));
+  task_.features().Apply(situation.x, AsSpan(z_));
   if (situation.iteration > 0) {
     dz_ = z_ - last_z_;
     estimate_.Update(AsSpan(last_z_), AsSpan(v_), AsSpan(dz_));
   }
   estimate_.Compute(situation.t, AsSpan(z_));
   v_.setZero();
-  static_cast<void>(RaiseLevel({model_->support(), estimate_, AsSpan(z_)},
-                               {situation.t, model_->gate_level(situation.t)}, limits_, v_));
-  core::AsVector(u) = v_ * model_->control_unit();
+  static_cast<void>(RaiseLevel({task_.support(), estimate_, AsSpan(z_)},
+                               {situation.t, task_.levels().gate(situation.t)}, limits_, v_));
+  core::AsVector(u) = v_ * task_.response().control_unit();
   last_z_ = z_;
   return v_.isZero(0.0) ? Mode::kHalt : Mode::kRecovery;
 }

@@ -26,6 +26,8 @@ struct WhiteningOptions {
 /// Immutable. Concurrent calls are safe.
 class FeatureTransform {
  public:
+  static constexpr int kMaxFeatures = 256;
+
   /// @throws std::invalid_argument if `offset` does not have one entry, or `scale` not one column,
   ///   per selected feature, or if an entry is not finite.
   FeatureTransform(FeatureSelection selection, Eigen::VectorXd offset, Matrix scale);
@@ -52,7 +54,7 @@ class FeatureTransform {
   [[nodiscard]] const Eigen::VectorXd& offset() const noexcept { return offset_; }
 
   /// Writes z of one state (state_dim() entries) to `features` (num_features()). Never allocates.
-  /// Supports at most FeatureDecision::kMaxFeatures features.
+  /// Supports at most kMaxFeatures features.
   void Apply(std::span<const double> state, std::span<double> features) const noexcept;
   /// Returns z of each row.
   [[nodiscard]] Matrix Apply(const Matrix& states) const;

@@ -6,7 +6,6 @@
 #include <string_view>
 #include <vector>
 
-#include "dfr/core/decision_function.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/state_map.h"
 
@@ -68,30 +67,6 @@ class FeatureSelection {
   std::vector<int> indices_;
   std::string spec_;
   StateMap map_;
-};
-
-/// Applies a decision function of selected features to whole states. Gathers at most kMaxFeatures
-/// features on the stack. Borrows `inner`, which must outlive it.
-class FeatureDecision final : public DecisionFunction {
- public:
-  static constexpr int kMaxFeatures = 256;
-
-  /// @throws std::invalid_argument if the selection's size differs from inner's state_dim() or
-  ///   exceeds kMaxFeatures.
-  FeatureDecision(FeatureSelection selection, const DecisionFunction& inner);
-
-  [[nodiscard]] int state_dim() const noexcept override { return selection_.state_dim(); }
-  [[nodiscard]] int num_steps() const noexcept override { return inner_->num_steps(); }
-  [[nodiscard]] double Decision(int t, std::span<const double> x) const noexcept override;
-  double Gradient(int t, std::span<const double> x,
-                  std::span<double> gradient) const noexcept override;
-  [[nodiscard]] double lipschitz_bound(int t) const noexcept override {
-    return inner_->lipschitz_bound(t);
-  }
-
- private:
-  FeatureSelection selection_;
-  const DecisionFunction* inner_;
 };
 
 /// The feature list of a command line, "obs/object,obs/tip[0:2]", as FeatureSelection takes it:

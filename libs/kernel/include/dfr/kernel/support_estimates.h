@@ -115,7 +115,7 @@ class NeighbourEstimate final : public SupportEstimate {
 /// largest are raised to that value.
 /// @throws std::invalid_argument if there are fewer than 2 samples, one is not finite, all are
 ///   equal, components is not in [0, features], or there are more than
-///   core::FeatureDecision::kMaxFeatures features.
+///   core::FeatureTransform::kMaxFeatures features.
 [[nodiscard]] core::FeatureTransform FitWhitening(const Eigen::Ref<const core::Matrix>& samples,
                                                   int components = 0, double floor = 1e-6);
 /// Fits the same directions without the scaling.
@@ -126,7 +126,7 @@ class NeighbourEstimate final : public SupportEstimate {
 class MappedEstimate final : public SupportEstimate {
  public:
   /// @throws std::invalid_argument if sizes do not fit or exceed
-  ///   core::FeatureDecision::kMaxFeatures.
+  ///   core::FeatureTransform::kMaxFeatures.
   MappedEstimate(core::FeatureTransform map, std::shared_ptr<const SupportEstimate> inner);
 
   [[nodiscard]] int state_dim() const noexcept override { return map_.state_dim(); }

@@ -117,15 +117,4 @@ struct GapTest {
 [[nodiscard]] GapTest TestGaps(const WhitenedSupport& support,
                                std::span<const core::Matrix> demonstrations);
 
-/// Returns the levels of held-out demonstrations: l_t of each state under an estimate fitted
-/// without its demonstration, the largest over the time steps t - phase_window ... t +
-/// phase_window. A controller that re-aligns its phase finds the same value. Whole demonstrations
-/// are left out, because the states of one are alike, in the folds of core::StratifiedFolds(). The
-/// order of the demonstrations changes no bit. The order of the returned values is unspecified.
-/// @throws as WhitenedSupport::Fit(), and std::invalid_argument if there are fewer than three
-///   demonstrations, fewer than two folds, or phase_window is negative.
-[[nodiscard]] std::vector<double> HeldOutLevels(std::span<const core::Matrix> demonstrations,
-                                                const WhitenedSupportOptions& options = {},
-                                                int folds = 5, int phase_window = 3);
-
 }  // namespace dfr::kernel

@@ -79,7 +79,8 @@ struct GuardSummary {
   /// the level are not the one that is used.
   double false_alarms = 0.0;
   double confidence = 0.0;
-  int held_out = 0;  ///< Demonstrations that levels were taken from and nothing was fitted to.
+  int held_out = 0;      ///< Demonstrations that levels were taken from and nothing was fitted to.
+  int support_fits = 0;  ///< Supports that were fitted in all, most of the time of a fit.
   /// The alarm level that supports ask for which have not seen a whole stretch of the recording,
   /// and how likely it is that so many demonstrations are further outside of these by chance.
   double drift_level = 0.0;
@@ -182,12 +183,11 @@ class GuardModel {
   /// What demonstrations show of each entry of an action.
   [[nodiscard]] const ActionSpace& actions() const noexcept { return *actions_; }
   /// Time steps that have an estimate of their own; later ones use the last.
-  [[nodiscard]] int num_steps() const noexcept { return recovery().support().num_steps(); }
+  [[nodiscard]] int num_steps() const noexcept { return task_->feature_support().num_steps(); }
   [[nodiscard]] const GuardSettings& settings() const noexcept { return settings_; }
   [[nodiscard]] const GuardSummary& summary() const noexcept { return summary_; }
-  [[nodiscard]] const TaskModel& task() const noexcept { return *task_; }
   /// Its controls are the steered entries of an action, in the units of actions().
-  [[nodiscard]] const GuidedRecovery& recovery() const noexcept { return task_->guided(); }
+  [[nodiscard]] const TaskModel& task() const noexcept { return *task_; }
   /// g_t of whole states, and its log form l_t.
   [[nodiscard]] const core::LogDecisionFunction& support() const noexcept {
     return task_->guided_support();

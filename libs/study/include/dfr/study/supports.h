@@ -2,12 +2,14 @@
 
 #include <array>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string_view>
 #include <vector>
 
-#include "dfr/control/guided/guided_model.h"
+#include "dfr/control/guided/task_view.h"
 #include "dfr/core/decision_function.h"
+#include "dfr/core/feature_decision.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/features.h"
 #include "dfr/core/trajectory.h"
@@ -42,12 +44,17 @@ class SupportModel {
   /// Returns g_t of whole states.
   [[nodiscard]] const core::DecisionFunction& decision() const noexcept { return *decision_; }
   [[nodiscard]] const std::vector<double>& lambda() const noexcept { return lambda_; }
-  [[nodiscard]] const control::GuidedModel& guided() const noexcept { return *guided_; }
+  [[nodiscard]] control::TaskView view() const noexcept {
+    return {features_, *support_, *levels_, *response_};
+  }
 
  private:
-  std::unique_ptr<const core::LogDecisionFunction> own_;  // null: the support belongs to the task
-  std::unique_ptr<const control::GuidedModel> guided_;
-  std::unique_ptr<const core::DecisionFunction> decision_;
+  core::FeatureTransform features_;
+  std::unique_ptr<const core::LogDecisionFunction> own_;  // null: one of the task's
+  const core::LogDecisionFunction* support_ = nullptr;
+  std::optional<control::Levels> levels_;
+  std::optional<control::Response> response_;
+  std::optional<core::FeatureDecision> decision_;
   std::vector<double> lambda_;
 };
 

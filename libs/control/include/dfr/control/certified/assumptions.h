@@ -2,8 +2,9 @@
 
 #include <span>
 
-#include "dfr/control/guided/guided_model.h"
+#include "dfr/control/guided/response.h"
 #include "dfr/core/feature_transform.h"
+#include "dfr/core/folds.h"
 #include "dfr/core/trajectory.h"
 
 namespace dfr::control {
@@ -25,25 +26,29 @@ struct EstimatedConstant {
   int demonstrations = 0;
 };
 
-/// K of |dz| <= K |u|, z = features(x), over demonstrated transitions with u != 0.
-/// @throws std::invalid_argument if there is none, shapes do not fit, or confidence is not in (0,
-///   1).
-[[nodiscard]] EstimatedConstant EstimateGain(const core::FeatureTransform& features,
-                                             std::span<const core::Trajectory> demonstrations,
+/// K of |dz| <= K |u|, over demonstrated transitions with u != 0.
+/// @throws std::invalid_argument if there is none, or confidence is not in (0, 1).
+[[nodiscard]] EstimatedConstant EstimateGain(const FeatureTrajectories& demonstrations,
                                              double confidence = 0.95);
 
-/// eps of |dz - J u| <= eps |u|, with the J that guided recovery has at that moment. Each fifth of
-/// the demonstrations (core::StratifiedFolds()) is predicted from the other four fifths and its own
-/// past, so that the J of each is not the one of all: the promise holds approximately.
+/// eps of |dz - J u| <= eps |u|, with the J that guided recovery has at that moment. Each of
+/// `folds` is predicted from the others, in the order in which demonstrations are given, and its
+/// own past, so that the J of each is not the one of all: the promise holds approximately.
 /// @throws std::invalid_argument as EstimateGain(), and if there are fewer than two demonstrations.
+[[nodiscard]] EstimatedConstant EstimateDirectionError(const FeatureTrajectories& demonstrations,
+                                                       const core::Folds& folds,
+                                                       const JacobianOptions& options = {},
+                                                       double confidence = 0.95);
+
+/// The same in fifths of the demonstrations (core::StratifiedFolds()). Their order changes no bit.
 [[nodiscard]] EstimatedConstant EstimateDirectionError(
     const core::FeatureTransform& features, std::span<const core::Trajectory> demonstrations,
     const JacobianOptions& options = {}, double confidence = 0.95);
 
-/// The same with the J of a model, on demonstrations that it was not fitted to: the promise holds.
-/// @throws std::invalid_argument as EstimateGain().
-[[nodiscard]] EstimatedConstant EstimateDirectionError(const GuidedModel& model,
-                                                       std::span<const core::Trajectory> held_out,
+/// The same with the J of a response, on demonstrations that it was not fitted to: the promise
+/// holds. @throws std::invalid_argument as EstimateGain().
+[[nodiscard]] EstimatedConstant EstimateDirectionError(const Response& response,
+                                                       const FeatureTrajectories& held_out,
                                                        double confidence = 0.95);
 
 }  // namespace dfr::control

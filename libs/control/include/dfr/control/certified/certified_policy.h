@@ -6,10 +6,10 @@
 #include "dfr/control/certified/certified_options.h"
 #include "dfr/control/certified/certifier.h"
 #include "dfr/control/controller.h"
-#include "dfr/control/guided/guided_model.h"
 #include "dfr/control/guided/halt_rule.h"
 #include "dfr/control/guided/jacobian_estimate.h"
 #include "dfr/control/guided/support_step.h"
+#include "dfr/control/guided/task_view.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/policy.h"
 
@@ -22,7 +22,7 @@ namespace dfr::control {
 ///   1. The phase is one whose l_q(z) >= -eta: time advances only into supports that the state is
 ///      in. Outside all of them nothing is certified: the controller halts, kOutsideSupport.
 ///   2. v <- RaiseLevel(v_hat, hi) towards the support of tau + 1, hi its
-///      GuidedModel::median_level(): every bit of depth costs controls that pass. Where l_tau(z),
+///      Levels::median(): every bit of depth costs controls that pass. Where l_tau(z),
 ///      l_{tau+1}(z) >= hi and v_hat is no larger than demonstrated, v = v_hat.
 ///   3. If that is not predicted to end inside and J hardly knows a direction of control, a probe
 ///      along it takes the place of v.
@@ -38,16 +38,16 @@ namespace dfr::control {
 /// Next() neither allocates nor locks.
 class CertifiedPolicy final : public Controller {
  public:
-  /// Borrows both.
+  /// Borrows the policy and what `task` does.
   /// @throws std::invalid_argument if sizes differ, or an option is out of range.
-  CertifiedPolicy(const core::Policy& policy, const GuidedModel& model,
+  CertifiedPolicy(const core::Policy& policy, const TaskView& task,
                   const CertifiedOptions& options);
 
   [[nodiscard]] int state_dim() const noexcept override { return policy_->state_dim(); }
   [[nodiscard]] int control_dim() const noexcept override { return policy_->control_dim(); }
 
   [[nodiscard]] const Violation& violation() const noexcept { return certifier_.violation(); }
-  /// J of the last Next(), in features per GuidedModel::control_unit().
+  /// J of the last Next(), in features per Response::control_unit().
   [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return estimate_.jacobian(); }
 
  private:
@@ -60,7 +60,7 @@ class CertifiedPolicy final : public Controller {
   [[nodiscard]] bool Certify(const LocalModel& model, Step& step) noexcept;
 
   const core::Policy* policy_;
-  const GuidedModel* model_;
+  TaskView task_;
   int first_step_;
   StepLimits limits_;
   double reach_;

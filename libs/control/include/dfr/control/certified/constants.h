@@ -4,7 +4,7 @@
 namespace dfr::control::certified {
 
 /// A learned control that is raised and still predicted further outside than this multiple of
-/// GuidedModel::slack() counts as a recovery.
+/// Levels::slack() counts as a recovery.
 inline constexpr double kReach = 2.0;
 /// Times that a control is raised until it passes.
 inline constexpr int kRounds = 3;

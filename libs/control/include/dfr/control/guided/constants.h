@@ -4,7 +4,7 @@
 /// it.
 namespace dfr::control::guided {
 
-/// GuidedModel: the share of what controls leave unexplained, in demonstrations that an estimate
+/// Response: the share of what controls leave unexplained, in demonstrations that an estimate
 /// has not seen, that an own motion may leave at most. Less would be noise that is explained: free
 /// motion and contact are better off without.
 inline constexpr double kMostLeft = 0.6;

@@ -5,10 +5,10 @@
 #include <span>
 
 #include "dfr/control/controller.h"
-#include "dfr/control/guided/guided_model.h"
 #include "dfr/control/guided/guided_options.h"
 #include "dfr/control/guided/jacobian_estimate.h"
 #include "dfr/control/guided/support_step.h"
+#include "dfr/control/guided/task_view.h"
 
 namespace dfr::control {
 
@@ -17,8 +17,8 @@ namespace dfr::control {
 /// call to the next. Never allocates, locks or throws; one object belongs to one thread.
 class Correction {
  public:
-  /// Borrows the model. The options are checked ones.
-  Correction(const GuidedModel& model, const GuidedOptions& options);
+  /// Borrows what `task` does. The options are checked ones.
+  Correction(const TaskView& task, const GuidedOptions& options);
 
   struct Choice {
     Mode mode = Mode::kPolicy;
@@ -41,7 +41,7 @@ class Correction {
   [[nodiscard]] bool Probe(JacobianEstimate& estimate, const LocalModel& model,
                            const StepTarget& target, Eigen::VectorXd& v, double& level) noexcept;
 
-  const GuidedModel* model_;
+  TaskView task_;
   StepLimits limits_;
   double reach_;
   double probe_size_;

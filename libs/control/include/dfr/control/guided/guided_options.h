@@ -25,14 +25,14 @@ struct GuidedOptions {
   /// is far off; 0 changes nothing and leaves the learned control alone.
   int iterations = 6;
   /// Where no control is predicted to end inside, the best one passes down to this multiple of
-  /// GuidedModel::slack() outside, at most .8 in all: what no control can mend, an object off to
+  /// Levels::slack() outside, at most .8 in all: what no control can mend, an object off to
   /// the side, must not stop the task. More completes more and collides more.
   double reach = 2.0;
   /// HaltRule::patience. More completes little and collides more.
   int patience = 12;
   /// Where the learned control passes as it is. True: where it is predicted to end inside
-  /// (GuidedModel::pass_level), so that a good policy drives and is corrected at the boundary
-  /// alone. False: where it is predicted to end deep inside (gate_level); elsewhere what
+  /// (Levels::pass), so that a good policy drives and is corrected at the boundary
+  /// alone. False: where it is predicted to end deep inside (Levels::gate); elsewhere what
   /// demonstrations did nearby comes first, so that demonstrations drive and the policy hardly
   /// matters.
   bool least_intervention = false;
@@ -46,7 +46,7 @@ struct GuidedOptions {
   /// changed.
   bool demonstrated = true;
   /// Not to be tuned. Whether features may move by themselves, where demonstrations say so
-  /// (GuidedModel::own_motion()).
+  /// (Response::own_motion()).
   bool own_motion = true;
   /// Not to be tuned. Whether late effects are found and noise in what is seen is smoothed
   /// (StateObserver).

@@ -5,12 +5,12 @@
 
 #include "dfr/control/controller.h"
 #include "dfr/control/guided/correction.h"
-#include "dfr/control/guided/guided_model.h"
 #include "dfr/control/guided/guided_options.h"
 #include "dfr/control/guided/halt_rule.h"
 #include "dfr/control/guided/jacobian_estimate.h"
 #include "dfr/control/guided/state_observer.h"
 #include "dfr/control/guided/support_step.h"
+#include "dfr/control/guided/task_view.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/policy.h"
 
@@ -22,9 +22,9 @@ namespace dfr::control {
 /// z, those that controls under way will lead to, in phase tau, with the learned control v_hat and
 /// the prediction z'(v) = z + J v + m:
 ///
-///   1. l_{tau+1}(z'(v_hat)) >= hi: v_hat passes (hi is GuidedModel::gate_level). Where l_tau(z),
+///   1. l_{tau+1}(z'(v_hat)) >= hi: v_hat passes (hi is Levels::gate). Where l_tau(z),
 ///      l_{tau+1}(z) >= hi and v_hat is no larger than demonstrated, it passes without a look at J.
-///      With GuidedOptions::least_intervention it passes at GuidedModel::pass_level already, unless
+///      With GuidedOptions::least_intervention it passes at Levels::pass already, unless
 ///      it has passed at the edge of the support for long: the level then rises to hi
 ///      (guided::kEdgeGrace).
 ///   2. v <- RaiseLevel(v_d, hi), from the control v_d that does what demonstrations did nearby
@@ -47,10 +47,9 @@ namespace dfr::control {
 /// docs/recovery.md derives all this. Next() neither allocates nor locks.
 class GuidedPolicy final : public Controller {
  public:
-  /// Borrows both.
+  /// Borrows the policy and what `task` does.
   /// @throws std::invalid_argument if sizes differ, or an option is out of range.
-  GuidedPolicy(const core::Policy& policy, const GuidedModel& model,
-               const GuidedOptions& options = {});
+  GuidedPolicy(const core::Policy& policy, const TaskView& task, const GuidedOptions& options = {});
 
   [[nodiscard]] int state_dim() const noexcept override { return policy_->state_dim(); }
   [[nodiscard]] int control_dim() const noexcept override { return policy_->control_dim(); }
@@ -63,7 +62,7 @@ class GuidedPolicy final : public Controller {
   /// lead to. From Foresee() on Next() must not be called. Neither allocates nor locks.
   [[nodiscard]] bool PassesNext(std::span<const double> control) noexcept;
 
-  /// J of the last Next() that needed one, in features per GuidedModel::control_unit().
+  /// J of the last Next() that needed one, in features per Response::control_unit().
   [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return estimate_.jacobian(); }
 
  private:
@@ -80,7 +79,7 @@ class GuidedPolicy final : public Controller {
   void Advance(double level) noexcept;
 
   const core::Policy* policy_;
-  const GuidedModel* model_;
+  TaskView task_;
   GuidedOptions options_;
   StepLimits limits_;
   HaltRule halt_rule_;

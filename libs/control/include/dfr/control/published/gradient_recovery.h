@@ -2,9 +2,9 @@
 
 #include <Eigen/Core>
 
-#include "dfr/control/guided/guided_model.h"
 #include "dfr/control/guided/jacobian_estimate.h"
 #include "dfr/control/guided/support_step.h"
+#include "dfr/control/guided/task_view.h"
 #include "dfr/control/published/recovery_strategy.h"
 
 namespace dfr::control {
@@ -14,16 +14,16 @@ namespace dfr::control {
 /// control an iteration. Where J shows no way up there is no direction.
 class GradientRecovery final : public RecoveryStrategy {
  public:
-  /// Borrows `model`. Each entry of a control is within +- `control_limit`.
+  /// Borrows what `task` does. Each entry of a control is within +- `control_limit`.
   /// @throws std::invalid_argument unless control_limit > 0.
-  explicit GradientRecovery(const GuidedModel& model, double control_limit = 1.0);
+  explicit GradientRecovery(const TaskView& task, double control_limit = 1.0);
 
   void Reset(std::uint64_t seed) noexcept override;
   [[nodiscard]] Mode Next(const RecoverySituation& situation,
                           std::span<double> u) noexcept override;
 
  private:
-  const GuidedModel* model_;
+  TaskView task_;
   StepLimits limits_;
   JacobianEstimate estimate_;
   Eigen::VectorXd z_;

@@ -5,14 +5,17 @@
 #include "dfr/core/decision_function.h"
 #include "dfr/core/feature_transform.h"
 
-namespace dfr::safety::internal {
+namespace dfr::core {
 
-/// A decision function of features z as one of whole states: g_t(z(x)). Borrows both.
-class StateDecision final : public core::LogDecisionFunction {
+/// A decision function of features z as one of whole states: g_t(z(x)), l_t(z(x)). Features are
+/// gathered on the stack. Borrows `inner`, which must outlive it.
+class FeatureDecision final : public LogDecisionFunction {
  public:
-  StateDecision(const core::FeatureTransform& features, const core::LogDecisionFunction& inner);
+  /// @throws std::invalid_argument if there are not as many features as inner's state_dim(), or
+  ///   more than FeatureTransform::kMaxFeatures.
+  FeatureDecision(FeatureTransform features, const LogDecisionFunction& inner);
 
-  [[nodiscard]] int state_dim() const noexcept override { return features_->state_dim(); }
+  [[nodiscard]] int state_dim() const noexcept override { return features_.state_dim(); }
   [[nodiscard]] int num_steps() const noexcept override { return inner_->num_steps(); }
   [[nodiscard]] double Decision(int t, std::span<const double> x) const noexcept override;
   double Gradient(int t, std::span<const double> x,
@@ -34,9 +37,9 @@ class StateDecision final : public core::LogDecisionFunction {
   void Pull(std::span<const double> x, std::span<const double> inner,
             std::span<double> gradient) const noexcept;
 
-  const core::FeatureTransform* features_;
-  const core::LogDecisionFunction* inner_;
+  FeatureTransform features_;
+  const LogDecisionFunction* inner_;
   double norm_;  // Spectral norm of the transform.
 };
 
-}  // namespace dfr::safety::internal
+}  // namespace dfr::core

@@ -1,0 +1,93 @@
+#include "dfr/control/guided/levels.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <utility>
+
+#include "dfr/control/guided/constants.h"
+#include "dfr/core/contract.h"
+
+namespace dfr::control {
+namespace {
+
+double Quantile(std::vector<double>& values, double q) {
+  std::sort(values.begin(), values.end());
+  const double position = q * static_cast<double>(values.size() - 1);
+  const auto below = static_cast<std::size_t>(position);
+  const std::size_t above = std::min(below + 1, values.size() - 1);
+  return values[below] + (position - static_cast<double>(below)) * (values[above] - values[below]);
+}
+
+std::vector<double> Read(core::ArchiveReader& archive, const char* what) {
+  std::vector<double> values = archive.Numbers();
+  if (values.empty() || !std::all_of(values.begin(), values.end(),
+                                     [](double v) { return v >= 0.0 && std::isfinite(v); })) {
+    archive.Fail(std::string(what) + " must be finite and not negative, one a time step");
+  }
+  return values;
+}
+
+}  // namespace
+
+double EstimateSlack(std::vector<double> held_out_levels) {
+  DFR_THROW_UNLESS(!held_out_levels.empty(), "there are no levels of unseen demonstrations");
+  return std::max(LevelOptions().slack, -Quantile(held_out_levels, guided::kSlackQuantile));
+}
+
+Levels::Levels(const core::LogDecisionFunction& support, std::span<const core::Matrix> points,
+               const LevelOptions& options)
+    : slack_(options.slack) {
+  DFR_THROW_UNLESS(options.gate_quantile >= 0.0 && options.gate_quantile <= 1.0,
+                   "gate_quantile must lie in [0, 1], not be " << options.gate_quantile);
+  DFR_THROW_UNLESS(
+      options.pass_quantile >= 0.0 && options.pass_quantile <= options.gate_quantile,
+      "pass_quantile must lie in [0, gate_quantile], not be " << options.pass_quantile);
+  DFR_THROW_UNLESS(options.slack >= 0.0, "slack must not be negative: " << options.slack);
+  DFR_THROW_UNLESS(!points.empty(), "there are no demonstrations");
+  for (const core::Matrix& z : points) {
+    DFR_THROW_UNLESS(
+        z.cols() == support.state_dim(),
+        "there are " << z.cols() << " features, the support takes " << support.state_dim());
+  }
+  std::vector<double> levels;
+  for (int t = 0; t < support.num_steps(); ++t) {
+    levels.clear();
+    for (const core::Matrix& z : points) {
+      if (t < z.rows()) levels.push_back(support.LogDecision(t, core::Row(z, t), {}));
+    }
+    // A support may have more time steps than any demonstration has states.
+    if (levels.empty()) break;
+    gate_.push_back(std::max(0.0, Quantile(levels, options.gate_quantile)));
+    pass_.push_back(std::max(0.0, Quantile(levels, options.pass_quantile)));
+    edge_.push_back(std::max(0.0, Quantile(levels, options.edge_quantile)));
+    median_.push_back(std::max(0.0, Quantile(levels, 0.5)));
+  }
+}
+
+void Levels::Save(core::ArchiveWriter& archive) const {
+  archive.Numbers(gate_);
+  archive.Numbers(pass_);
+  archive.Numbers(edge_);
+  archive.Numbers(median_);
+  archive.Number(slack_);
+}
+
+Levels Levels::Load(core::ArchiveReader& archive) {
+  Levels levels;
+  levels.gate_ = Read(archive, "gate levels");
+  levels.pass_ = Read(archive, "pass levels");
+  levels.edge_ = Read(archive, "edge levels");
+  levels.median_ = Read(archive, "median levels");
+  levels.slack_ = archive.Number();
+  if (!(levels.slack_ >= 0.0 && std::isfinite(levels.slack_))) {
+    archive.Fail("the slack must be finite and not negative");
+  }
+  return levels;
+}
+
+double Levels::Clamped(const std::vector<double>& values, int t) noexcept {
+  return values[static_cast<std::size_t>(std::clamp(t, 0, static_cast<int>(values.size()) - 1))];
+}
+
+}  // namespace dfr::control

@@ -1,0 +1,111 @@
+#include "dfr/control/guided/response.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "dfr/control/guided/constants.h"
+#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/core/contract.h"
+
+namespace dfr::control {
+namespace {
+
+// The share of what controls alone leave unexplained, in demonstrations that were left out, that
+// remains with an own motion.
+double WithOwnMotion(std::span<const core::Matrix> points, std::span<const core::Matrix> controls,
+                     const JacobianOptions& options) {
+  constexpr Eigen::Index kEnough = 2000;  // Transitions, of each half.
+  Eigen::Index transitions = 0;
+  for (const core::Matrix& c : controls) transitions += c.rows();
+  const Eigen::Index stride = 1 + transitions / (2 * kEnough);
+  double alone = 0.0;
+  double together = 0.0;
+  Eigen::VectorXd there(points[0].cols());
+  for (const std::size_t half : {0U, 1U}) {
+    std::vector<core::Matrix> shown_points;
+    std::vector<core::Matrix> shown_controls;
+    for (std::size_t d = half; d < points.size(); d += 2) {
+      shown_points.push_back(points[d]);
+      shown_controls.push_back(controls[d]);
+    }
+    const auto prior = std::make_shared<const JacobianPrior>(shown_points, shown_controls, options);
+    JacobianEstimate without(prior, {}, /*own_motion=*/false);
+    JacobianEstimate with(prior);
+    for (std::size_t d = 1 - half; d < points.size(); d += 2) {
+      for (Eigen::Index t = 0; t < controls[d].rows(); t += stride) {
+        const Eigen::VectorXd v = controls[d].row(t);
+        for (auto [estimate, error] : {std::pair{&without, &alone}, std::pair{&with, &together}}) {
+          estimate->Compute(static_cast<int>(t), core::Row(points[d], t));
+          there = points[d].row(t);
+          estimate->AddEffect(v, there);
+          *error += (points[d].row(t + 1).transpose() - there).squaredNorm();
+        }
+      }
+    }
+  }
+  return alone > 0.0 ? together / alone : 1.0;
+}
+
+}  // namespace
+
+FeatureTrajectories::FeatureTrajectories(const core::FeatureTransform& features,
+                                         std::span<const core::Trajectory> demonstrations) {
+  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
+    const core::Trajectory& demonstration = demonstrations[d];
+    DFR_THROW_UNLESS(demonstration.states.rows() == demonstration.controls.rows() + 1,
+                     "demonstration " << d << " has " << demonstration.states.rows()
+                                      << " states and " << demonstration.controls.rows()
+                                      << " controls");
+    DFR_THROW_UNLESS(demonstration.states.allFinite() && demonstration.controls.allFinite(),
+                     "demonstration " << d << " has a non-finite entry");
+    points.push_back(features.Apply(demonstration.states));
+    controls.push_back(demonstration.controls);
+  }
+}
+
+Response::Response(const FeatureTrajectories& demonstrations, const JacobianOptions& options) {
+  DFR_THROW_UNLESS(!demonstrations.points.empty(), "there are no demonstrations");
+  std::vector<core::Matrix> controls = demonstrations.controls;
+  double square = 0.0;
+  int moving = 0;
+  for (const core::Matrix& c : controls) {
+    for (Eigen::Index t = 0; t < c.rows(); ++t) {
+      const double norm = c.row(t).squaredNorm();
+      square += norm;
+      moving += norm > 0.0 ? 1 : 0;
+      largest_ = std::max(largest_, std::sqrt(norm));
+    }
+  }
+  DFR_THROW_UNLESS(moving > 0, "no demonstrated control differs from zero");
+  control_unit_ = std::sqrt(square / moving);
+  largest_ /= control_unit_;
+  for (core::Matrix& c : controls) c /= control_unit_;
+  prior_ = std::make_shared<const JacobianPrior>(demonstrations.points, controls, options);
+  own_motion_ = controls.size() >= 2 &&
+                WithOwnMotion(demonstrations.points, controls, options) <= guided::kMostLeft;
+}
+
+void Response::Save(core::ArchiveWriter& archive) const {
+  archive.Number(largest_);
+  archive.Number(control_unit_);
+  archive.Integer(own_motion_ ? 1 : 0);
+  prior_->Save(archive);
+}
+
+Response Response::Load(core::ArchiveReader& archive) {
+  Response response;
+  response.largest_ = archive.Number();
+  if (!(response.largest_ >= 0.0 && std::isfinite(response.largest_))) {
+    archive.Fail("the largest control must be finite and not negative");
+  }
+  response.control_unit_ = archive.Number();
+  if (!(response.control_unit_ > 0.0 && std::isfinite(response.control_unit_))) {
+    archive.Fail("the unit of controls must be finite and positive");
+  }
+  response.own_motion_ = archive.IntegerIn(0, 1) == 1;
+  response.prior_ = std::make_shared<const JacobianPrior>(JacobianPrior::Load(archive));
+  return response;
+}
+
+}  // namespace dfr::control

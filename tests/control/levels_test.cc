@@ -1,0 +1,127 @@
+#include "dfr/control/guided/levels.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "dfr/core/archive.h"
+#include "dfr/core/matrix.h"
+#include "tests/control/rightwards.h"
+#include "tests/support/message_of.h"
+
+namespace dfr::control {
+namespace {
+
+using testing::HasSubstr;
+
+std::vector<core::Matrix> Points() {
+  std::vector<core::Matrix> points;
+  for (const core::Trajectory& d : test::Rightwards()) points.push_back(d.states);
+  return points;
+}
+
+TEST(LevelsTest, AreQuantilesOfTheDemonstrations) {
+  const auto points = Points();
+  const auto support = test::MovingDisk();
+  const Levels levels(support, points);
+  for (const int t : {0, 7, test::kSteps}) {
+    // By counting: as many of the thirty states are below a quantile as it says.
+    int below_gate = 0;
+    int below_edge = 0;
+    int below_median = 0;
+    for (const core::Matrix& z : points) {
+      const double l = support.LogDecision(t, core::Row(z, t), {});
+      below_gate += l < levels.gate(t) ? 1 : 0;
+      below_edge += l < levels.edge(t) ? 1 : 0;
+      below_median += l < levels.median(t) ? 1 : 0;
+    }
+    EXPECT_NEAR(below_gate, 0.75 * 30, 1.0) << t;
+    EXPECT_NEAR(below_edge, 0.25 * 30, 1.0) << t;
+    EXPECT_NEAR(below_median, 0.5 * 30, 1.0) << t;
+    EXPECT_LE(levels.pass(t), levels.gate(t));
+  }
+  EXPECT_EQ(levels.gate(-3), levels.gate(0));
+  EXPECT_EQ(levels.gate(99), levels.gate(test::kSteps));
+}
+
+TEST(LevelsTest, AFileKeepsAllThatTheyKnow) {
+  const auto path = std::filesystem::path(testing::TempDir()) / "levels_kept.dfr";
+  const Levels levels(test::MovingDisk(), Points(), {.slack = 0.3});
+  core::ArchiveWriter archive("levels", 1);
+  levels.Save(archive);
+  archive.Save(path);
+  core::ArchiveReader reader(path, "levels", 1);
+  const Levels loaded = Levels::Load(reader);
+  reader.End();
+  std::filesystem::remove(path);
+  EXPECT_EQ(loaded.slack(), 0.3);
+  for (int t = 0; t < test::kSteps; ++t) {
+    EXPECT_EQ(loaded.gate(t), levels.gate(t));
+    EXPECT_EQ(loaded.pass(t), levels.pass(t));
+    EXPECT_EQ(loaded.edge(t), levels.edge(t));
+    EXPECT_EQ(loaded.median(t), levels.median(t));
+  }
+}
+
+TEST(LevelsTest, AFileWithALevelThatCannotBeIsRefused) {
+  const auto path = std::filesystem::path(testing::TempDir()) / "levels.dfr";
+  const auto message = [&](const std::vector<double>& gate, const std::vector<double>& pass,
+                           const std::vector<double>& edge, const std::vector<double>& median,
+                           double slack) {
+    core::ArchiveWriter archive("levels", 1);
+    archive.Numbers(gate);
+    archive.Numbers(pass);
+    archive.Numbers(edge);
+    archive.Numbers(median);
+    archive.Number(slack);
+    archive.Save(path);
+    core::ArchiveReader reader(path, "levels", 1);
+    return test::MessageOf<std::runtime_error>([&] { static_cast<void>(Levels::Load(reader)); });
+  };
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  const std::vector<double> good = {0.5, 0.0};
+  for (const double bad : {-0.1, kInfinity, -kInfinity, std::nan("")}) {
+    SCOPED_TRACE(bad);
+    EXPECT_THAT(message({0.5, bad}, good, good, good, 0.2), HasSubstr("gate levels"));
+    EXPECT_THAT(message(good, {bad}, good, good, 0.2), HasSubstr("pass levels"));
+    EXPECT_THAT(message(good, good, {0.5, bad}, good, 0.2), HasSubstr("edge levels"));
+    EXPECT_THAT(message(good, good, good, {bad, 0.5}, 0.2), HasSubstr("median levels"));
+    EXPECT_THAT(message(good, good, good, good, bad), HasSubstr("slack"));
+  }
+  EXPECT_THAT(message({}, good, good, good, 0.2), HasSubstr("gate levels"));
+  EXPECT_THAT(message(good, good, good, good, 0.0), testing::Not(HasSubstr("slack")));
+  std::filesystem::remove(path);
+}
+
+TEST(LevelsTest, ErrorsNameTheCulprit) {
+  const auto message = [](const std::vector<core::Matrix>& points, const LevelOptions& options) {
+    return test::MessageOf<std::invalid_argument>(
+        [&] { const Levels levels(test::MovingDisk(), points, options); });
+  };
+  EXPECT_THAT(message(Points(), {.gate_quantile = 1.1}), HasSubstr("gate_quantile"));
+  EXPECT_THAT(message(Points(), {.gate_quantile = -0.1}), HasSubstr("gate_quantile"));
+  EXPECT_THAT(message(Points(), {.pass_quantile = 0.9}), HasSubstr("pass_quantile"));
+  EXPECT_THAT(message(Points(), {.slack = -0.1}), HasSubstr("slack"));
+  EXPECT_THAT(message({}, {}), HasSubstr("no demonstrations"));
+  EXPECT_THAT(message({core::Matrix::Zero(4, 3)}, {}),
+              HasSubstr("there are 3 features, the support takes 2"));
+}
+
+TEST(LevelsTest, SlackIsWhatUnseenDemonstrationsNeedAndNoLessThanTheDefault) {
+  EXPECT_EQ(EstimateSlack({0.3, 0.2, 0.1}), LevelOptions().slack);
+  // The 0.2-quantile of -1, -0.9, ..., 0 is the third of eleven.
+  std::vector<double> levels;
+  for (int i = 0; i <= 10; ++i) levels.push_back(-1.0 + 0.1 * i);
+  EXPECT_NEAR(EstimateSlack(levels), 0.8, 1e-12);
+  EXPECT_NEAR(EstimateSlack({0.0, -2.0}), 1.6, 1e-12) << "between the two";
+  EXPECT_THROW((void)EstimateSlack({}), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace dfr::control

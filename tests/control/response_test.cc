@@ -1,0 +1,145 @@
+#include "dfr/control/guided/response.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <functional>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/core/archive.h"
+#include "dfr/core/random.h"
+#include "tests/control/rightwards.h"
+#include "tests/control/task.h"
+#include "tests/support/message_of.h"
+
+namespace dfr::control {
+namespace {
+
+using testing::HasSubstr;
+
+TEST(ResponseTest, ControlsAreThoseOfTheDemonstrations) {
+  const auto demonstrations = test::Rightwards();
+  const Response response({test::IdentityFeatures(), demonstrations});
+  double squares = 0.0;
+  double largest = 0.0;
+  for (const auto& d : demonstrations) {
+    squares += d.controls.squaredNorm();
+    largest = std::max(largest, d.controls.rowwise().norm().maxCoeff());
+  }
+  const double unit = std::sqrt(squares / (30.0 * test::kSteps));
+  EXPECT_NEAR(response.control_unit(), unit, 1e-12);
+  EXPECT_NEAR(response.largest_control(), largest / unit, 1e-12);
+  EXPECT_EQ(response.feature_dim(), 2);
+  EXPECT_EQ(response.control_dim(), 2);
+  EXPECT_FALSE(response.own_motion()) << "the point rests without a control";
+}
+
+// Thirty points that are thrown: each goes on at its speed, which a force changes.
+TEST(ResponseTest, OwnMotionIsFoundWhereItExplainsUnseenDemonstrations) {
+  core::Random random(2);
+  std::vector<core::Trajectory> thrown(30);
+  for (core::Trajectory& d : thrown) {
+    d.states.resize(test::kSteps + 1, 2);
+    d.controls.resize(test::kSteps, 1);
+    d.states.row(0) << random.Normal(), random.Normal();
+    for (Eigen::Index t = 0; t < test::kSteps; ++t) {
+      d.controls(t, 0) = 0.3 * random.Normal();
+      d.states(t + 1, 0) = d.states(t, 0) + 0.5 * d.states(t, 1);
+      d.states(t + 1, 1) = d.states(t, 1) + 0.5 * d.controls(t, 0);
+    }
+  }
+  EXPECT_TRUE(Response({test::IdentityFeatures(), thrown}).own_motion());
+  EXPECT_FALSE(Response({test::IdentityFeatures(), {thrown.data(), 1}}).own_motion())
+      << "there is none that it has not seen";
+}
+
+TEST(ResponseTest, AFileKeepsAllThatItKnows) {
+  const auto path = std::filesystem::path(testing::TempDir()) / "response_kept.dfr";
+  const Response response({test::IdentityFeatures(), test::Rightwards()});
+  core::ArchiveWriter archive("response", 1);
+  response.Save(archive);
+  archive.Save(path);
+  core::ArchiveReader reader(path, "response", 1);
+  const Response loaded = Response::Load(reader);
+  reader.End();
+  std::filesystem::remove(path);
+  EXPECT_EQ(loaded.control_unit(), response.control_unit());
+  EXPECT_EQ(loaded.largest_control(), response.largest_control());
+  EXPECT_EQ(loaded.own_motion(), response.own_motion());
+  JacobianEstimate kept(loaded.prior());
+  JacobianEstimate made(response.prior());
+  for (int t = 0; t < test::kSteps; ++t) {
+    const std::vector<double> z = {t * test::kSpeed, 0.1};
+    kept.Compute(t, z);
+    made.Compute(t, z);
+    EXPECT_EQ(kept.jacobian(), made.jacobian());
+    EXPECT_EQ(kept.own_motion(), made.own_motion());
+  }
+}
+
+TEST(ResponseTest, AFileWithAControlThatCannotBeIsRefused) {
+  const auto path = std::filesystem::path(testing::TempDir()) / "response.dfr";
+  const auto message = [&](double largest, double unit) {
+    core::ArchiveWriter archive("response", 1);
+    archive.Number(largest);
+    archive.Number(unit);
+    archive.Integer(0);
+    archive.Save(path);  // without the transitions, which are read last
+    core::ArchiveReader reader(path, "response", 1);
+    return test::MessageOf<std::runtime_error>([&] { static_cast<void>(Response::Load(reader)); });
+  };
+  constexpr double kEndless = std::numeric_limits<double>::infinity();
+  for (const double bad : {-0.1, kEndless, -kEndless, std::nan("")}) {
+    SCOPED_TRACE(bad);
+    EXPECT_THAT(message(bad, 1.0), HasSubstr("the largest control"));
+    EXPECT_THAT(message(1.0, bad), HasSubstr("the unit of controls"));
+  }
+  EXPECT_THAT(message(1.0, 0.0), HasSubstr("the unit of controls"));
+  EXPECT_THAT(message(0.0, 1.0), testing::Not(HasSubstr("the largest control")));
+  std::filesystem::remove(path);
+}
+
+TEST(ResponseTest, ErrorsNameTheCulprit) {
+  const auto message = [](const std::function<void(std::vector<core::Trajectory>&)>& change) {
+    auto demonstrations = test::Rightwards();
+    change(demonstrations);
+    return test::MessageOf<std::invalid_argument>([&] {
+      const Response response({test::IdentityFeatures(), demonstrations});
+    });
+  };
+  EXPECT_THAT(message([](auto& d) { d.clear(); }), HasSubstr("no demonstrations"));
+  EXPECT_THAT(message([](auto& d) { d[2].states(3, 0) = std::nan(""); }),
+              HasSubstr("demonstration 2 has a non-finite entry"));
+  EXPECT_THAT(message([](auto& d) { d[4].controls.conservativeResize(3, 2); }),
+              HasSubstr("demonstration 4"));
+  EXPECT_THAT(message([](auto& demonstrations) {
+                for (auto& d : demonstrations) d.controls.setZero();
+              }),
+              HasSubstr("no demonstrated control differs from zero"));
+}
+
+TEST(TaskViewTest, PartsThatDoNotFitEachOtherAreRefused) {
+  const auto support = test::MovingDisk();
+  const test::Task task(test::IdentityFeatures(), support, test::Rightwards());
+  EXPECT_NO_THROW(CheckFits(task));
+  const auto one = core::FeatureTransform::Identity(core::FeatureSelection::All(1));
+  EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] {
+                CheckFits({one, support, task.levels, task.response});
+              }),
+              HasSubstr("there are 1 features, the support takes 2"));
+  const test::GaussianSupport narrow({{0.0}}, 1.0, 0.5);
+  EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] {
+                CheckFits({one, narrow, task.levels, task.response});
+              }),
+              HasSubstr("the Jacobian prior is one of 2"));
+}
+
+}  // namespace
+}  // namespace dfr::control

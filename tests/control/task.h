@@ -1,0 +1,32 @@
+#pragma once
+
+#include <span>
+#include <utility>
+
+#include "dfr/control/guided/task_view.h"
+#include "dfr/core/trajectory.h"
+
+namespace dfr::test {
+
+/// Owns what controllers borrow of a task, but for the support.
+struct Task {
+  Task(core::FeatureTransform transform, const core::LogDecisionFunction& inner,
+       std::span<const core::Trajectory> demonstrations, const control::LevelOptions& options = {})
+      : features(std::move(transform)),
+        support(inner),
+        seen(features, demonstrations),
+        levels(support, seen.points, options),
+        response(seen) {}
+
+  [[nodiscard]] control::TaskView view() const { return {features, support, levels, response}; }
+  // Where a view is asked for. NOLINTNEXTLINE(google-explicit-constructor)
+  operator control::TaskView() const { return view(); }
+
+  core::FeatureTransform features;
+  const core::LogDecisionFunction& support;
+  control::FeatureTrajectories seen;
+  control::Levels levels;
+  control::Response response;
+};
+
+}  // namespace dfr::test

@@ -1,0 +1,159 @@
+#include "fit_task.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <numeric>
+#include <utility>
+#include <vector>
+
+#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/phase_tracker.h"
+#include "dfr/core/folds.h"
+#include "dfr/kernel/whitened_support.h"
+#include "tests/safety/corridor.h"
+
+namespace dfr::safety {
+namespace {
+
+core::FeatureSelection Tip() { return {test::CorridorLayout(), "tip"}; }
+
+// So narrow that what demonstrations need outside is more than the least slack.
+constexpr double kNarrow = 20.0;
+
+TaskOptions Options(kernel::WhitenedSupportOptions guided = {}) {
+  return {.guided_features = "tip", .guided = guided};
+}
+
+// l of each state under a support of the others, at the time step a phase tracker takes it to be
+// in.
+std::vector<double> UnseenLevels(const std::vector<core::Matrix>& points,
+                                 const kernel::WhitenedSupportOptions& options, int folds) {
+  std::vector<std::size_t> order(points.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  const core::Folds left_out = core::StratifiedFolds(points, folds);
+  std::vector<double> levels;
+  for (std::size_t fold = 0; fold < left_out.size(); ++fold) {
+    std::vector<core::Matrix> others;
+    for (const std::size_t d : core::Others(left_out, fold, order)) others.push_back(points[d]);
+    const auto support = kernel::WhitenedSupport::Fit(others, options);
+    for (const std::size_t d : left_out[fold]) {
+      control::PhaseTracker tracker(support);
+      for (Eigen::Index t = 0; t < points[d].rows(); ++t) {
+        levels.push_back(tracker.Follow(core::Row(points[d], t)));
+      }
+    }
+  }
+  return levels;
+}
+
+// Built by hand from the parts that docs/recovery.md names.
+TEST(FitTaskTest, PutsTogetherWhatTheLibrariesMake) {
+  const auto demonstrations = test::CorridorDemonstrations(3, 12);
+  const kernel::WhitenedSupportOptions options{.svm = {.gamma = kNarrow}};
+  const TaskModel model(test::CorridorLayout(), demonstrations, Options(options));
+
+  std::vector<core::Matrix> states;
+  states.reserve(demonstrations.size());
+  for (const auto& d : core::InContentOrder(demonstrations)) states.push_back(d.states);
+  const auto features = core::FeatureTransform::Whitening(Tip(), states);
+  const control::FeatureTrajectories seen(features, core::InContentOrder(demonstrations));
+  const auto support = kernel::WhitenedSupport::Fit(seen.points, options);
+  const control::Levels levels(
+      support, seen.points,
+      {.slack = control::EstimateSlack(UnseenLevels(seen.points, options, 5))});
+  const control::Response response(seen);
+
+  EXPECT_EQ(model.features().scale(), features.scale());
+  EXPECT_EQ(model.levels().slack(), levels.slack());
+  EXPECT_GT(model.levels().slack(), control::LevelOptions().slack) << "the least says nothing";
+  EXPECT_EQ(model.response().largest_control(), response.largest_control());
+  for (const int t : {0, 7, 20}) {
+    EXPECT_EQ(model.levels().gate(t), levels.gate(t));
+    for (const double x : {-0.3, 0.0, 1.1}) {
+      const std::vector<double> z = {x, 0.2};
+      EXPECT_EQ(model.feature_support().Decision(t, z), support.Decision(t, z));
+    }
+  }
+}
+
+// Two of four are left out at a time, however many folds are asked for; with a single one left
+// there is no support.
+TEST(FitTaskTest, EachStateHasALevelWhereTwoDemonstrationsRemain) {
+  for (const auto& [count, states] : {std::pair(12, 12), std::pair(4, 4), std::pair(3, 1)}) {
+    const auto demonstrations = test::CorridorDemonstrations(3, count);
+    const internal::Recorded recorded(Tip(), demonstrations, core::ContentOrder(demonstrations));
+    const auto fit = internal::FitGuard(recorded, {.window_share = 1.0}, 9,
+                                        [](std::string_view, double) { return true; });
+    ASSERT_TRUE(fit);
+    EXPECT_EQ(fit->left_out.worst.size(), static_cast<std::size_t>(states)) << count;
+    EXPECT_EQ(fit->left_out.levels.size(),
+              static_cast<std::size_t>(states * demonstrations[0].states.rows()))
+        << count;
+    EXPECT_EQ(*std::max_element(fit->left_out.worst.begin(), fit->left_out.worst.end()),
+              -*std::min_element(fit->left_out.levels.begin(), fit->left_out.levels.end()));
+  }
+}
+
+// A stretch of the recording stays together, whatever the order of contents.
+TEST(FitTaskTest, StretchesAreThoseOfTheRecording) {
+  const auto demonstrations = test::CorridorDemonstrations(3, 12);
+  const auto order = core::ContentOrder(demonstrations);
+  const internal::Recorded recorded(Tip(), demonstrations, std::span(order).subspan(2));
+  EXPECT_EQ(recorded.seen.points.size(), 10u);
+  int next = 0;
+  for (const auto& fold : recorded.Contiguous(5)) {
+    EXPECT_EQ(fold.size(), 2u);
+    for (const std::size_t d : fold) {
+      const int recorded_as = static_cast<int>(order[d + 2]);
+      EXPECT_GE(recorded_as, next);
+      next = recorded_as + 1;
+      EXPECT_EQ(recorded.ordered[d].states, demonstrations[order[d + 2]].states);
+    }
+  }
+}
+
+TEST(FitTaskTest, AFileKeepsAllBits) {
+  const auto demonstrations = test::CorridorDemonstrations(3, 12);
+  for (const bool single_precision : {false, true}) {
+    const TaskModel model(test::CorridorLayout(), demonstrations,
+                          Options({.single_precision = single_precision}));
+    const auto path = std::filesystem::path(testing::TempDir()) /
+                      (single_precision ? "task_float.dfr" : "task.dfr");
+    core::ArchiveWriter writer("task", 1);
+    model.Save(writer);
+    writer.Save(path);
+    core::ArchiveReader reader(path, "task", 1);
+    const TaskModel loaded = TaskModel::Load(reader, Tip());
+    reader.End();
+    std::filesystem::remove(path);
+
+    EXPECT_EQ(loaded.single_precision(), single_precision);
+    EXPECT_EQ(loaded.lambda(), model.lambda());
+    EXPECT_EQ(loaded.response().control_unit(), model.response().control_unit());
+    EXPECT_EQ(loaded.levels().slack(), model.levels().slack());
+    EXPECT_EQ(loaded.response().largest_control(), model.response().largest_control());
+    control::JacobianEstimate ours(model.response().prior());
+    control::JacobianEstimate theirs(loaded.response().prior());
+    core::Random random(5);
+    for (int i = 0; i < 50; ++i) {
+      const int t = i % 25;
+      const std::vector<double> z = {random.Normal(), random.Normal()};
+      EXPECT_EQ(loaded.feature_support().LogDecision(t, z, {}),
+                model.feature_support().LogDecision(t, z, {}));
+      EXPECT_EQ(loaded.feature_support().lipschitz_bound(t),
+                model.feature_support().lipschitz_bound(t));
+      EXPECT_EQ(loaded.levels().gate(t), model.levels().gate(t));
+      EXPECT_EQ(loaded.levels().median(t), model.levels().median(t));
+      EXPECT_LT(model.levels().median(t), model.levels().gate(t));
+      ours.Compute(t, z);
+      theirs.Compute(t, z);
+      EXPECT_EQ(ours.jacobian(), theirs.jacobian());
+      EXPECT_EQ(ours.own_motion(), theirs.own_motion());
+    }
+  }
+}
+
+}  // namespace
+}  // namespace dfr::safety
