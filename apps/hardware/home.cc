@@ -22,7 +22,7 @@ int RunHome(const HomeOptions& options) {
                                  return 1e-9 * static_cast<double>(clock.SteadyNs());
                                }});
   if (!options.confirms("The platform at " + options.platform +
-                            " will go home and moves. If nothing touches the gauze, type platform.",
+                            " will go home and move. If nothing touches the gauze, type platform.",
                         "platform")) {
     options.say("Not confirmed: nothing was sent.");
     return EXIT_FAILURE;

@@ -70,7 +70,7 @@ void BringUp(const BringUpOptions& robot, const Say& say, const Confirms& confir
   if (!robot.loop->AwaitReady(robot.patience_s, say)) throw NotReady(robot);
   if (robot.platform_home_s == 0.0) return;
   if (!(confirms &&
-        confirms("the platform will go home and moves. If nothing touches the gauze, type platform",
+        confirms("the platform will go home and move. If nothing touches the gauze, type platform",
                  "platform"))) {
     throw std::runtime_error(
         "the platform is not at home, and the operator did not confirm homing");

@@ -248,8 +248,8 @@ TEST(ModelSelectionTest, ErrorsNameTheOption) {
     change(options);
     return Message([&] { (void)SelectModel(demonstrations, options); });
   };
-  EXPECT_THAT(with([](auto& o) { o.gammas = {}; }), HasSubstr("no gamma"));
-  EXPECT_THAT(with([](auto& o) { o.nus = {}; }), HasSubstr("no nu"));
+  EXPECT_THAT(with([](auto& o) { o.gammas = {}; }), HasSubstr("gammas is empty"));
+  EXPECT_THAT(with([](auto& o) { o.nus = {}; }), HasSubstr("nus is empty"));
   EXPECT_THAT(with([](auto& o) { o.folds = 1; }), HasSubstr("folds must be at least 2"));
   EXPECT_THAT(with([](auto& o) { o.acceptance = 0.0; }), HasSubstr("acceptance"));
   EXPECT_THAT(with([](auto& o) { o.false_alarms = 1.0; }), HasSubstr("false_alarms"));

@@ -92,7 +92,7 @@ TEST(RecordedControllerTest, ARecordingWithoutDecisionsIsNotMadeAgain) {
     static_cast<void>(ReplayRecording(path, {}));
     ADD_FAILURE() << "nothing was made again";
   } catch (const std::runtime_error& e) {
-    EXPECT_NE(std::string(e.what()).find("empty.mcap holds no decision"), std::string::npos)
+    EXPECT_NE(std::string(e.what()).find("empty.mcap contains no decision"), std::string::npos)
         << e.what();
   }
 }

@@ -189,9 +189,9 @@ TEST(ReductionTest, HostileFilesAreRefusedByName) {
   write({}, {}, Matrix(0, 0));
   EXPECT_THAT(message(), HasSubstr("holds no reduction"));
   write(three, three, Matrix::Ones(1, 3), /*more=*/true);
-  EXPECT_THAT(message(), HasSubstr("bytes more"));
+  EXPECT_THAT(message(), HasSubstr("bytes after its last value"));
   core::ArchiveWriter("guard", 1).Save(path);
-  EXPECT_THAT(message(), HasSubstr("holds a guard, where a reduction is needed"));
+  EXPECT_THAT(message(), HasSubstr("is a guard file, where a reduction file is needed"));
   Random(10).Save(path);
   std::filesystem::resize_file(path, std::filesystem::file_size(path) / 2);
   EXPECT_THAT(message(), HasSubstr("truncated or damaged"));

@@ -186,7 +186,7 @@ TEST_F(GuardFileTest, OtherVersionsAndFilesAreRefusedByName) {
   EXPECT_THAT(Refusal(), HasSubstr("is a guard file of version 5; this program reads version 1: "
                                    "fit it again"));
   core::ArchiveWriter("time-varying-support", 1).Save(path_);
-  EXPECT_THAT(Refusal(), HasSubstr("holds a time-varying-support, where a guard is needed"));
+  EXPECT_THAT(Refusal(), HasSubstr("is a time-varying-support file, where a guard file is needed"));
   std::filesystem::remove(path_);
   EXPECT_THAT(Refusal(), HasSubstr("cannot be opened"));
 }
