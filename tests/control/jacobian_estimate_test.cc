@@ -6,6 +6,7 @@
 #include <Eigen/Dense>
 #include <cmath>
 #include <memory>
+#include <numbers>
 #include <stdexcept>
 #include <vector>
 
@@ -95,6 +96,7 @@ TEST(JacobianEstimateTest, AMeasurementCountsAsOftenAsItsWeightSays) {
   const Eigen::VectorXd dz = RandomMatrix(random, kN, 1);
   const auto after = [&](double weight) -> Eigen::MatrixXd {
     JacobianEstimate estimate(prior, {}, kOwnMotion);
+    estimate.Compute(0, z);
     estimate.Update(z, core::AsSpan(v), core::AsSpan(dz), 0.0, weight);
     estimate.Compute(0, z);
     return estimate.jacobian();
@@ -104,6 +106,7 @@ TEST(JacobianEstimateTest, AMeasurementCountsAsOftenAsItsWeightSays) {
   JacobianEstimate scaled(prior, {}, kOwnMotion);
   const Eigen::VectorXd v2 = std::sqrt(2.5) * v;
   const Eigen::VectorXd dz2 = std::sqrt(2.5) * dz;
+  scaled.Compute(0, z);
   scaled.Update(z, core::AsSpan(v2), core::AsSpan(dz2));
   scaled.Compute(0, z);
   EXPECT_TRUE(test::AllClose(after(2.5), scaled.jacobian(), 1e-12));
@@ -136,6 +139,44 @@ TEST(JacobianEstimateTest, FollowsAPlantThatHasChanged) {
   estimate.Compute(5, z);
   // The prior weighs 15, the applied controls 1 / (1 - 0.93) = 14: half way by now.
   EXPECT_LT((estimate.jacobian() - after).norm(), 0.6 * (before - after).norm());
+}
+
+// Demonstrations that respond by `first` until time step 10 and by `second` from then on.
+TEST(JacobianEstimateTest, ADemonstratedChangeOfTheResponseIsNoCorrection) {
+  core::Random random(11);
+  const core::Matrix first = core::Matrix::Identity(2, 2);
+  core::Matrix second = core::Matrix::Zero(2, 2);
+  second(0, 0) = 1.0;  // A contact blocks the second direction.
+  Demonstrations d;
+  for (int i = 0; i < 30; ++i) {
+    core::Matrix u = RandomMatrix(random, 20, 2);
+    core::Matrix z = core::Matrix::Zero(21, 2);
+    for (int t = 0; t < 20; ++t) {
+      z.row(t + 1) = z.row(t) + u.row(t) * (t < 10 ? first : second).transpose();
+    }
+    d.features.push_back(z);
+    d.controls.push_back(u);
+  }
+  JacobianEstimate estimate(
+      std::make_shared<const JacobianPrior>(d.features, d.controls, JacobianOptions{.window = 0}),
+      {}, kOwnMotion);
+  const std::vector<double> z(2, 0.0);
+  // This plant turns controls by 20 degrees, before and after the contact.
+  const double angle = 20.0 / 180.0 * std::numbers::pi;
+  core::Matrix turn(2, 2);
+  turn << std::cos(angle), -std::sin(angle), std::sin(angle), std::cos(angle);
+  for (int t = 0; t < 10; ++t) {
+    estimate.Compute(t, z);
+    const Eigen::VectorXd v = std::sqrt(2.0) * Eigen::Vector2d::Unit(t % 2);
+    const Eigen::VectorXd dz = first * turn * v;
+    estimate.Update(z, core::AsSpan(v), core::AsSpan(dz));
+  }
+  estimate.Compute(9, z);
+  // Ten controls weigh less than the prior's 15: a part of the turn is learned.
+  EXPECT_LT((estimate.jacobian() - first * turn).norm(), 0.8 * (first - first * turn).norm());
+  // Ten free steps do not outvote the contact that demonstrations show for the next one.
+  estimate.Compute(10, z);
+  EXPECT_LT(std::abs(estimate.jacobian()(1, 1)), 0.1);
 }
 
 // z' = z + J v + s d: an estimate that takes the drift for a response to the control has a wrong J.
@@ -301,6 +342,7 @@ TEST(JacobianEstimateTest, DoesWhatDemonstrationsDidWhateverControlsDoToday) {
   const Eigen::Rotation2Dd turn(0.6);
   const Eigen::Vector2d drift(0.05, 0.1);
   JacobianEstimate turned(prior, {.rest = 1.0});
+  turned.Compute(3, z);
   for (int i = 0; i < 300; ++i) {
     const Eigen::Vector2d tried(random.Normal(), random.Normal());
     const Eigen::Vector2d moved = turn * tried + drift;

@@ -25,6 +25,7 @@ JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
   a_online_ = Eigen::MatrixXd::Zero(rows, rows);
   b_online_ = core::Matrix::Zero(rows, n);
   center_ = Eigen::VectorXd::Zero(n);
+  demonstrated_ = core::Matrix::Zero(rows, n);
   a_ = Eigen::MatrixXd::Identity(rows, rows);
   b_ = core::Matrix::Zero(rows, n);
   cholesky_ = Eigen::LLT<Eigen::MatrixXd>(a_);
@@ -60,11 +61,13 @@ void JacobianEstimate::Update(std::span<const double> z, std::span<const double>
   }
   if (drifts_) regressor_[motion_rows_] = time;
   regressor_.tail(jacobian_.cols()) = core::AsVector(v);
+  wanted_ = core::AsVector(dz);
+  wanted_.noalias() -= demonstrated_.transpose().lazyProduct(regressor_);
   const double keep = prior_->options().forgetting;
   a_online_ *= keep;
   b_online_ *= keep;
   a_online_.noalias() += weight * regressor_.lazyProduct(regressor_.transpose());
-  b_online_.noalias() += weight * regressor_.lazyProduct(core::AsVector(dz).transpose());
+  b_online_.noalias() += weight * regressor_.lazyProduct(wanted_.transpose());
 }
 
 // With y = z' - z, sums of [y; 1] about another z are those of [y + shift; 1].
@@ -86,43 +89,54 @@ void JacobianEstimate::AddDemonstrations() noexcept {
   const Eigen::Index states = workspace_.states;
   const Eigen::Index v = n + 1;  // In the sums; then the changes.
   a_.bottomRightCorner(m, m) += sums.block(0, v, m, m).cast<double>();
-  b_.bottomRows(m) += sums.block(0, v + m, m, n).cast<double>();
+  demonstrated_.bottomRows(m) += sums.block(0, v + m, m, n).cast<double>();
   if (moves == 0) return;
   prior_->SumStates(workspace_);
   // The lower triangle is enough.
   a_.topLeftCorner(moves, moves) += sums.block(states, 0, moves, moves).cast<double>();
   a_.bottomLeftCorner(m, moves) += sums.block(states, v, moves, m).transpose().cast<double>();
-  b_.topRows(moves) += sums.block(states, v + m, moves, n).cast<double>();
+  demonstrated_.topRows(moves) += sums.block(states, v + m, moves, n).cast<double>();
 }
 
 void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
   const JacobianOptions& options = prior_->options();
   MoveTo(z);
-  a_ = a_online_;
-  b_ = b_online_;
-  a_.diagonal().array() += options.ridge;
+  a_.setZero();
+  a_.diagonal().setConstant(options.ridge);
   if (motion_rows_ > 0) {
-    a_.diagonal().head(motion_rows_ - 1).array() += options.slope_ridge - options.ridge;
-    a_(motion_rows_ - 1, motion_rows_ - 1) += options.motion_ridge - options.ridge;
+    a_.diagonal().head(motion_rows_ - 1).setConstant(options.slope_ridge);
+    a_(motion_rows_ - 1, motion_rows_ - 1) = options.motion_ridge;
   }
+  demonstrated_.setZero();
   has_sums_ = prior_->SumControls(t, z, workspace_);
-  if (has_sums_) AddDemonstrations();
+  if (has_sums_) {
+    AddDemonstrations();
+    cholesky_.compute(a_);
+    Solve(demonstrated_, 0);
+  }
+  a_ += a_online_;
   cholesky_.compute(a_);
-  const auto& lower = cholesky_.matrixLLT();
-  // B becomes L^-1 B; of A^-1 B only the rows below the slopes matter.
+  b_ = b_online_;
+  // Of the slopes only their effect at z matters, which is none.
   const Eigen::Index first = std::max(0, motion_rows_ - 1);
-  for (Eigen::Index i = 0; i < b_.rows(); ++i) {
-    for (Eigen::Index k = 0; k < i; ++k) b_.row(i) -= lower(i, k) * b_.row(k);
-    b_.row(i) /= lower(i, i);
-  }
-  for (Eigen::Index i = b_.rows() - 1; i >= first; --i) {
-    for (Eigen::Index k = i + 1; k < b_.rows(); ++k) b_.row(i) -= lower(k, i) * b_.row(k);
-    b_.row(i) /= lower(i, i);
-  }
+  Solve(b_, first);
+  b_ += demonstrated_;
   if (motion_rows_ > 0) own_motion_ = b_.row(first);
   if (drifts_) drift_ = b_.row(motion_rows_);
   jacobian_ = b_.bottomRows(jacobian_.cols()).transpose();
   fresh_ = true;
+}
+
+void JacobianEstimate::Solve(core::Matrix& b, Eigen::Index first) const noexcept {
+  const auto& lower = cholesky_.matrixLLT();
+  for (Eigen::Index i = 0; i < b.rows(); ++i) {
+    for (Eigen::Index k = 0; k < i; ++k) b.row(i) -= lower(i, k) * b.row(k);
+    b.row(i) /= lower(i, i);
+  }
+  for (Eigen::Index i = b.rows() - 1; i >= first; --i) {
+    for (Eigen::Index k = i + 1; k < b.rows(); ++k) b.row(i) -= lower(k, i) * b.row(k);
+    b.row(i) /= lower(i, i);
+  }
 }
 
 bool JacobianEstimate::Demonstrated(Eigen::VectorXd& v) noexcept {

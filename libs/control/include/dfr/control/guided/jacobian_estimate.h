@@ -18,18 +18,21 @@ struct DriftTime {
   double travel = 0.0;  ///< An ordinary control's, >= 0.
 };
 
-/// Estimates how features change, dz = J v + m(z), without a model: J is the answer to controls,
-/// m(z) = m + M (z' - z) the own motion of what goes on moving without one (mass, gravity). A
-/// weighted least-squares fit of what the demonstrations did nearby and of every control that was
-/// applied since; with w = [v; 1; z' - z],
-///   A = diag(ridges) + A_demo + A_on,  B = B_demo + B_on,  [J m M] = (A^-1 B)',
-///   after every applied control  A_on = f A_on + w w',  B_on = f B_on + w dz'
-/// (recursive least squares with forgetting f; A_on and B_on move with z). The ridges of the own
-/// motion are larger than that of J: what both explain is an answer to controls.
+/// Estimates how features change, dz = J v + m(z), without a model. J is the response to controls.
+/// m(z) = m + M (z' - z) is the own motion, which continues without a control (mass, gravity).
+/// The estimate is what demonstrations did nearby, plus a correction for this episode. With
+/// w = [v; 1; z' - z],
+///   A_d = diag(ridges) + A_demo,  D = A_d^-1 B_demo,                     demonstrations near z
+///   A = A_d + A_on,  [J m M] = (D + A^-1 E_on)'
+///   after every applied control  A_on = f A_on + w w',  E_on = f E_on + w (dz - D' w)'
+/// (recursive least squares with forgetting f; A_on and E_on move with z). E_on takes what a
+/// control did beyond the demonstrations at its own state and time. A contact that begins or ends
+/// is demonstrated; sums of dz instead would predict the response from before it. The ridges of the
+/// own motion are larger than that of J: a change that both explain is attributed to controls.
 ///
-/// Where the world moves by itself, w has one more entry, the time s that the control took: the
-/// drift d is told apart from the answer to controls; demonstrations were not disturbed, their s is
-/// 0. Nothing after construction allocates.
+/// Where the world moves by itself, w has one more entry, the time s of the control. The drift d is
+/// distinguished from the response to controls. Demonstrations were not disturbed, their s is 0.
+/// Nothing after construction allocates.
 class JacobianEstimate {
  public:
   /// @param own_motion  Off: nothing moves without a control, but for a drift.
@@ -40,7 +43,8 @@ class JacobianEstimate {
   /// Forgets the applied controls.
   void Reset() noexcept;
   /// At features `z` the answer to control `v`, and what else went on for a time s = `time`, was
-  /// `dz`; the measurement counts `weight` times, >= 0.
+  /// `dz`; the measurement counts `weight` times, >= 0. D is that of the last Compute(), 0 before
+  /// the first.
   void Update(std::span<const double> z, std::span<const double> v, std::span<const double> dz,
               double time, double weight) noexcept;
   /// Update() with a control that acted at once.
@@ -90,7 +94,10 @@ class JacobianEstimate {
 
  private:
   void MoveTo(std::span<const double> z) noexcept;
+  /// A_demo to a_, B_demo to demonstrated_.
   void AddDemonstrations() noexcept;
+  /// b = A^-1 b with the factor of `cholesky_`; rows before `first` are left undefined.
+  void Solve(core::Matrix& b, Eigen::Index first) const noexcept;
 
   std::shared_ptr<const JacobianPrior> prior_;
   DriftTime drift_time_;
@@ -99,8 +106,9 @@ class JacobianEstimate {
   // with a drift.
   int motion_rows_;
   Eigen::MatrixXd a_online_;
-  core::Matrix b_online_;
-  Eigen::VectorXd center_;  ///< z that A_on and B_on are about.
+  core::Matrix b_online_;      ///< E_on
+  Eigen::VectorXd center_;     ///< z that A_on and E_on are about.
+  core::Matrix demonstrated_;  ///< D of the last Compute().
   Eigen::MatrixXd a_;
   core::Matrix b_;
   Eigen::LLT<Eigen::MatrixXd> cholesky_;
