@@ -8,6 +8,31 @@
 #include "dfr/core/contract.h"
 
 namespace dfr::control {
+namespace {
+
+// Columns [column, column + kColumns) of b = A^-1 b, each row in registers; rows before `first` are
+// substituted forwards alone.
+template <int kColumns>
+void SolveColumns(const Eigen::LLT<Eigen::MatrixXd>& cholesky, Eigen::Index column,
+                  Eigen::Index first, core::Matrix& b) noexcept {
+  const auto& lower = cholesky.matrixLLT();
+  const Eigen::Index rows = b.rows();
+  const auto row = [&](Eigen::Index i) {
+    return Eigen::Map<Eigen::Array<double, 1, kColumns>>(b.data() + i * b.cols() + column);
+  };
+  for (Eigen::Index i = 0; i < rows; ++i) {
+    Eigen::Array<double, 1, kColumns> sum = row(i);
+    for (Eigen::Index k = 0; k < i; ++k) sum -= lower(i, k) * row(k);
+    row(i) = sum / lower(i, i);
+  }
+  for (Eigen::Index i = rows - 1; i >= first; --i) {
+    Eigen::Array<double, 1, kColumns> sum = row(i);
+    for (Eigen::Index k = i + 1; k < rows; ++k) sum -= lower(k, i) * row(k);
+    row(i) = sum / lower(i, i);
+  }
+}
+
+}  // namespace
 
 JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
                                    const DriftTime& drift_time, bool own_motion)
@@ -128,15 +153,10 @@ void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
 }
 
 void JacobianEstimate::Solve(core::Matrix& b, Eigen::Index first) const noexcept {
-  const auto& lower = cholesky_.matrixLLT();
-  for (Eigen::Index i = 0; i < b.rows(); ++i) {
-    for (Eigen::Index k = 0; k < i; ++k) b.row(i) -= lower(i, k) * b.row(k);
-    b.row(i) /= lower(i, i);
-  }
-  for (Eigen::Index i = b.rows() - 1; i >= first; --i) {
-    for (Eigen::Index k = i + 1; k < b.rows(); ++k) b.row(i) -= lower(k, i) * b.row(k);
-    b.row(i) /= lower(i, i);
-  }
+  Eigen::Index column = 0;
+  for (; column + 8 <= b.cols(); column += 8) SolveColumns<8>(cholesky_, column, first, b);
+  for (; column + 4 <= b.cols(); column += 4) SolveColumns<4>(cholesky_, column, first, b);
+  for (; column < b.cols(); ++column) SolveColumns<1>(cholesky_, column, first, b);
 }
 
 bool JacobianEstimate::Demonstrated(Eigen::VectorXd& v) noexcept {
