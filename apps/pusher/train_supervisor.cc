@@ -104,6 +104,7 @@ imitation::Trpo Start(imitation::Environment& environment, const TrainSupervisor
   if (options.resume) return imitation::Trpo::Resume(environment, checkpoint);
   imitation::TrpoOptions trpo;
   trpo.seed = options.seed;
+  trpo.horizon = options.horizon;
   return imitation::Trpo(environment, trpo);
 }
 
@@ -187,6 +188,13 @@ void AddTrainSupervisor(CLI::App& app, TrainSupervisorOptions& options) {
   command
       ->add_option("--training-red-y", options.training_red_y,
                    "red_y of the gate for the training [m]")
+      ->capture_default_str();
+  command
+      ->add_option("--joint-step", options.scene.joint_step,
+                   "largest change of a joint angle [rad]")
+      ->capture_default_str();
+  command->add_option("--horizon", options.horizon, "T: largest number of controls in an episode")
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command->add_option("--gripper", options.scene.gripper, "bar, wide-bar or fork")
       ->transform(CLI::CheckedTransformer(

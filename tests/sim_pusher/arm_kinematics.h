@@ -83,7 +83,7 @@ inline std::array<double, 7> MoveTip(const sim::PusherPlant& plant, const Eigen:
                                                         .ldlt()
                                                         .solve(error);
   std::array<double, 7> control;
-  for (int j = 0; j < 7; ++j) control[j] = dq[j] / sim::PusherPlant::kJointStep;
+  for (int j = 0; j < 7; ++j) control[j] = dq[j] / plant.options().joint_step;
   return control;
 }
 

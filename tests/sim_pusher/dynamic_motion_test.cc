@@ -39,7 +39,7 @@ TEST(DynamicMotionTest, JointsArriveWithinWhatFrictionHolds) {
     ASSERT_EQ(plant.Apply(control), PlantStatus::kOk);
     const std::vector<double> after = Observe(plant);
     for (std::size_t j = 0; j < 7; ++j) {
-      const double wanted = before[j] + PusherPlant::kJointStep * control[j];
+      const double wanted = before[j] + plant.options().joint_step * control[j];
       if (std::abs(wanted) > 1.0) continue;  // perhaps beyond a limit
       EXPECT_NEAR(after[j], wanted, 3e-4) << "joint " << j;
     }

@@ -483,6 +483,19 @@ TEST(PusherPlantTest, OptionsOutOfRangeAreNamed) {
               testing::ThrowsMessage<std::invalid_argument>(testing::HasSubstr("start_x_min")));
   EXPECT_THAT([] { PusherPlant plant({.start_y = 0.3}); },
               testing::ThrowsMessage<std::invalid_argument>(testing::HasSubstr("start_y")));
+  EXPECT_THAT([] { PusherPlant plant({.joint_step = 0.2}); },
+              testing::ThrowsMessage<std::invalid_argument>(testing::HasSubstr("joint_step")));
+}
+
+TEST(PusherPlantTest, AJointMovesByItsStep) {
+  for (const double step : {0.06, 0.03}) {
+    PusherPlant plant({.joint_step = step});
+    plant.Reset(1);
+    const State before = Observe(plant);
+    ASSERT_EQ(plant.Apply(std::vector<double>{0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -0.5}),
+              PlantStatus::kOk);
+    EXPECT_NEAR(Observe(plant)[6], before[6] - 0.5 * step, 1e-12);
+  }
 }
 
 // A few numbers of one push, as they were when the supervisor was trained: a changed model or

@@ -270,10 +270,11 @@ core::PlantStatus PusherPlant::Apply(std::span<const double> control) noexcept {
   JointAngles start;
   std::copy_n(d->qpos, kNumJoints, start.begin());
   JointAngles target;
+  const double joint_step = options().joint_step;
   bool saturated = false;
   for (int j = 0; j < kNumJoints; ++j) {
     saturated |= std::abs(control[j]) > 1.0;
-    target[j] = std::clamp(start[j] + kJointStep * std::clamp(control[j], -1.0, 1.0),
+    target[j] = std::clamp(start[j] + joint_step * std::clamp(control[j], -1.0, 1.0),
                            m->jnt_range[2 * j], m->jnt_range[2 * j + 1]);
   }
   data.statistics.saturated += saturated;

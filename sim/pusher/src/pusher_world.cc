@@ -16,6 +16,8 @@ void CheckOptions(const PusherOptions& o) {
   DFR_THROW_UNLESS(o.start_x_min >= 0.42 && o.start_x_min <= o.start_x_max && o.start_x_max <= 0.54,
                    "PusherOptions: need 0.42 <= start_x_min <= start_x_max <= 0.54 m, got "
                        << o.start_x_min << " and " << o.start_x_max);
+  DFR_THROW_UNLESS(o.joint_step >= 0.005 && o.joint_step <= 0.1,
+                   "PusherOptions: joint_step must lie in [0.005, 0.1] rad, got " << o.joint_step);
   DFR_THROW_UNLESS(o.start_y >= 0.0 && o.start_y <= 0.2,
                    "PusherOptions: start_y must lie in [0, 0.2] m, got " << o.start_y);
   // Corners of the start area nearest to a region.

@@ -40,6 +40,7 @@ struct PusherOptions {
   double start_x_max = 0.49;
   double start_y = 0.12;
   PusherPhysics physics = PusherPhysics::kQuasiStatic;
+  double joint_step = 0.06;  ///< rad per unit of control, in [0.005, 0.1].
 };
 
 /// Counts since construction. Speeds in m/s of simulated time; a substep takes 0.01 s, or 0.002 s
@@ -72,11 +73,11 @@ struct PusherStatistics {
 /// The support of Sec. V-A uses "red,object,tip". The paper's state also has joint velocities.
 /// States are observed at rest, where these are zero, and omit them.
 ///
-/// Control (7): change of each joint angle, in units of kJointStep = 0.06 rad. Entries beyond +-1
-/// saturate, because this is the actuators' limit, not an error. The arm stops at its joint limits
-/// and slides along the table instead of entering it. It stalls (the control changes nothing) if it
-/// would press the cylinder onto the table by more than 0.5 mm. A control of another size or with a
-/// non-finite entry is rejected and moves nothing.
+/// Control (7): change of each joint angle, in units of PusherOptions::joint_step. Entries beyond
+/// +-1 saturate, because this is the actuators' limit, not an error. The arm stops at its joint
+/// limits and slides along the table instead of entering it. It stalls (the control changes
+/// nothing) if it would press the cylinder onto the table by more than 0.5 mm. A control of another
+/// size or with a non-finite entry is rejected and moves nothing.
 ///
 /// Physics: pushing is quasi-static. The arm moves along the straight line in joint space in
 /// substeps that displace the gripper by at most about 2 mm. Each substep starts with the cylinder
@@ -104,7 +105,6 @@ struct PusherStatistics {
 class PusherPlant final : public core::SimulatedPlant {
  public:
   static constexpr int kNumJoints = 7;
-  static constexpr double kJointStep = 0.06;     ///< rad per unit of control.
   static constexpr double kObjectRadius = 0.04;  ///< m
   static constexpr double kGoalRadius = 0.04;    ///< m
   static constexpr double kRedRadius = 0.06;     ///< m
