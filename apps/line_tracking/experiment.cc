@@ -34,16 +34,19 @@ enum Stream : std::uint64_t { kDemonstrationStream = 2, kLearnerStream, kCalibra
 experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   const bool paper = options.preset == "paper";
   experiment::EvaluationPlan plan;
-  plan.methods = {"baseline", "early-stopping", "dfr",         "guided", "true-jacobian", "lwr",
-                  "knn",      "ensemble",       "proportional"};
+  plan.methods = {
+      "baseline",      "early-stopping", "dfr",           "guard", "guided", "placebo-corrections",
+      "placebo-halts", "true-jacobian",  "baseline@none", "lwr",   "lwr-cv", "lwr-online",
+      "knn",           "ensemble",       "proportional"};
   plan.learners = options.worlds;
   plan.demonstrations = {kDemonstrations};
   plan.trials = paper ? 5 : 2;
   plan.episodes = paper ? 50 : 15;
   plan = experiment::ApplyTo(std::move(plan), options);
   for (const std::string& method : plan.methods) {
-    static_cast<void>(study::ParseMethod(method, kOtherLineMethods));
+    static_cast<void>(study::ParseCompared(method, kOtherLineMethods));
   }
+  study::CheckPlacebos(plan.methods);
   return plan;
 }
 
@@ -238,7 +241,7 @@ experiment::ReportFigure RecoveryFigure(LineTrialRunner& runner,
                               .y_min = 0.0,
                               .y_max = 1.0};
   for (std::size_t m = 0; m < plan.methods.size(); ++m) {
-    if (study::ParseMethod(plan.methods[m], kOtherLineMethods).recovery !=
+    if (study::ParseCompared(plan.methods[m], kOtherLineMethods).recovery !=
         control::Recovery::kDfr) {
       continue;
     }
@@ -312,8 +315,10 @@ void RunExperiment(const ExperimentOptions& options) {
     model.seed = core::DeriveSeed(options.seed, {kLearnerStream, trial});
     LineModel fitted = LineModel::Fit(set, model);
     if (unit.trial == 0 && unit.learner == plan.learners.front()) fitted.Save(model_folder);
-    return std::make_unique<LineTrialRunner>(std::move(fitted), plan.methods,
-                                             InWorld(options.plant, unit.learner), known());
+    auto runner = std::make_unique<LineTrialRunner>(std::move(fitted), plan.methods,
+                                                    InWorld(options.plant, unit.learner), known());
+    runner->JudgeIn(plan, unit);
+    return runner;
   };
   const std::map<std::string, std::string> settings = Settings(options);
   const auto found = experiment::RunExperiment("line_tracking", plan, make, settings, options);

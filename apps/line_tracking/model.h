@@ -43,8 +43,9 @@ struct LineModelOptions {
 /// Methods of study::kOtherMethods that query no supervisor, because the demonstrations are
 /// open-loop, and "proportional": a scripted policy that moves along the line by 1 mm per control
 /// and corrects 0.8 of the measured distance, without learning or support.
-inline constexpr std::array<std::string_view, 7> kOtherLineMethods = {
-    "finite-difference", "true-jacobian", "lwr", "lwr-cv", "knn", "ensemble", "proportional"};
+inline constexpr std::array<std::string_view, 8> kOtherLineMethods = {
+    "finite-difference", "true-jacobian", "lwr",      "lwr-cv",
+    "lwr-online",        "knn",           "ensemble", "proportional"};
 
 /// Returns the policy of "proportional".
 [[nodiscard]] const core::Policy& ProportionalPolicy() noexcept;

@@ -102,11 +102,12 @@ sim::LineTrackingOptions InWorld(sim::LineTrackingOptions plant, const std::stri
 LineTrialRunner::LineTrialRunner(LineModel model, const std::vector<std::string>& methods,
                                  const sim::LineTrackingOptions& plant,
                                  const line_task::LineCalibration& known)
-    : RolloutRunner(std::make_unique<sim::LineTrackingPlant>(plant, &known)),
+    : PlaceboRunner(std::make_unique<sim::LineTrackingPlant>(plant, &known)),
       model_(std::move(model)) {
-  for (const std::string& method : methods) {
-    Add(method, model_.MakeController(method, &driven()));
-  }
+  AddAll(
+      methods,
+      [this](const std::string& method) { return model_.MakeController(method, &driven()); },
+      model_.task(), model_.demonstrations().trajectories);
 }
 
 bool LineTrialRunner::Inside(std::span<const double> x) const {
@@ -125,7 +126,7 @@ std::string LineTrialRunner::CauseOf(const control::RolloutResult& result) const
       plant().options().observation == sim::Observation::kVision) {
     return std::string("not-seen-") + vision::Name(plant().last_observation().missing);
   }
-  return RolloutRunner::CauseOf(result);
+  return PlaceboRunner::CauseOf(result);
 }
 
 std::map<std::string, double> LineTrialRunner::Measures() {

@@ -10,8 +10,8 @@
 #include "dfr/calibration/calibrate.h"
 #include "dfr/control/rollout.h"
 #include "dfr/experiment/progress.h"
-#include "dfr/experiment/rollout_runner.h"
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
+#include "dfr/study/placebo_runner.h"
 #include "model.h"
 
 namespace dfr::apps::line_tracking {
@@ -60,7 +60,7 @@ class RecoveryCurves final : public control::RolloutObserver {
 inline constexpr double kAftermath = 5.0;
 
 /// One unit of the experiment: a model, and a plant to run it on.
-class LineTrialRunner final : public experiment::RolloutRunner {
+class LineTrialRunner final : public study::PlaceboRunner {
  public:
   LineTrialRunner(LineModel model, const std::vector<std::string>& methods,
                   const sim::LineTrackingOptions& plant, const line_task::LineCalibration& known);

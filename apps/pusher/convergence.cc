@@ -10,6 +10,7 @@
 
 #include "dfr/control/published/gradient_recovery.h"
 #include "dfr/control/rollout.h"
+#include "dfr/core/contract.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
 
@@ -188,6 +189,25 @@ std::vector<ConvergenceCurve> MeasureConvergence(PusherTrialRunner& runner, int 
     curves.push_back(Average(name, std::move(climbs)));
   }
   return curves;
+}
+
+ConvergenceCurve MeanOverModels(const std::vector<ConvergenceCurve>& curves) {
+  DFR_THROW_UNLESS(!curves.empty(), "there are no curves");
+  const auto n = static_cast<double>(curves.size());
+  ConvergenceCurve mean = curves.front();
+  mean.reached = 0;
+  for (const ConvergenceCurve& curve : curves) mean.reached += curve.reached;
+  for (std::size_t k = 0; k < mean.mean.size(); ++k) {
+    double sum = 0.0;
+    double square = 0.0;
+    for (const ConvergenceCurve& curve : curves) sum += curve.mean[k];
+    mean.mean[k] = sum / n;
+    for (const ConvergenceCurve& curve : curves) {
+      square += (curve.mean[k] - mean.mean[k]) * (curve.mean[k] - mean.mean[k]);
+    }
+    mean.standard_error[k] = std::sqrt(square / (n * std::max(1.0, n - 1.0)));
+  }
+  return mean;
 }
 
 GateReach MeasureReach(PusherTrialRunner& runner, int recoveries, std::uint64_t seed) {

@@ -27,6 +27,10 @@ struct ConvergenceCurve {
 [[nodiscard]] std::vector<ConvergenceCurve> MeasureConvergence(PusherTrialRunner& runner,
                                                                int recoveries, std::uint64_t seed);
 
+/// The mean over models of one method's curves, with the standard error between models, and the sum
+/// of their recoveries. @throws std::invalid_argument if there are none.
+[[nodiscard]] ConvergenceCurve MeanOverModels(const std::vector<ConvergenceCurve>& curves);
+
 /// Levels of g_t that ascent reaches from the states of MeasureConvergence().
 struct GateReach {
   int gates = 0;

@@ -7,7 +7,7 @@
 #include <string>
 
 #include "commands.h"
-#include "convergence.h"
+#include "convergence_report.h"
 #include "dfr/core/build_info.h"
 #include "dfr/core/format.h"
 #include "dfr/core/random.h"
@@ -21,15 +21,22 @@ namespace {
 
 constexpr int kVideoWidth = 480;
 constexpr int kVideoHeight = 360;
-constexpr std::uint64_t kConvergenceStream = 5;  // of the experiment's seed; see trial_runner.cc
 
 experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   experiment::EvaluationPlan plan;
-  plan.methods = {"baseline", "early-stopping", "dfr",  "guided", "true-jacobian", "lwr",
-                  "knn",      "ensemble",       "dart", "dagger"};
+  plan.methods = {
+      "baseline",      "early-stopping", "dfr",           "guard", "guided", "placebo-corrections",
+      "placebo-halts", "true-jacobian",  "baseline@none", "lwr",   "lwr-cv", "lwr-online",
+      "knn",           "ensemble",       "dart",          "dagger"};
   plan.learners = {"8", "8x100", "64-64"};
   plan.episodes = 60;
-  if (options.preset == "paper") {
+  if (options.preset == kFig5) {
+    plan.methods = {"baseline", "early-stopping", "dfr", "guard", "guided"};
+    plan.learners = {"8", "64-64"};
+    plan.trials = 6;
+    plan.supervisors = 3;
+    plan.demonstrations = {60, 120};
+  } else if (options.preset == "paper") {
     plan.trials = 10;
     plan.supervisors = kShippedSupervisors;
     for (int point = 6; point <= 120; point += 6) plan.demonstrations.push_back(point);
@@ -41,7 +48,9 @@ experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   if (options.supervisors > 0) plan.supervisors = options.supervisors;
   if (!options.supervisor.empty()) plan.supervisors = 1;
   if (!options.demonstrations.empty()) plan.demonstrations = options.demonstrations;
-  return experiment::ApplyTo(std::move(plan), options);
+  plan = experiment::ApplyTo(std::move(plan), options);
+  study::CheckPlacebos(plan.methods);
+  return plan;
 }
 
 std::string Text(double value) { return core::Format("%g", value); }  // for readers
@@ -64,6 +73,7 @@ std::map<std::string, std::string> Settings(const ExperimentOptions& options,
           {"start_x_min", Exactly(options.plant.start_x_min)},
           {"start_x_max", Exactly(options.plant.start_x_max)},
           {"start_y", Exactly(options.plant.start_y)},
+          {"joint_step", Exactly(options.plant.joint_step)},
           {"nu", Exactly(model.nu)},
           {"gamma", Exactly(model.gamma)},
           {"guided_gamma", Exactly(model.guided_gamma)},
@@ -199,59 +209,6 @@ experiment::ReportFigure OverlapFigure(const experiment::Summary& summary,
   return figure;
 }
 
-constexpr int kRecoveries = 50;
-
-// The paper's Fig. 5, left, over iterations; and over applied controls, which determine a robot's
-// time.
-experiment::ReportFigure ConvergenceFigure(const std::vector<ConvergenceCurve>& curves,
-                                           const experiment::EvaluationPlan& plan,
-                                           const std::string& which) {
-  experiment::ReportFigure figure;
-  figure.heading = "How fast recoveries climb: " + which;
-  figure.caption =
-      "The decision function over the threshold of the switching policy, mean and standard error "
-      "of " +
-      std::to_string(kRecoveries) + " recoveries: learner " + plan.learners.front() + ", " +
-      std::to_string(plan.demonstrations.back()) +
-      " demonstrations. The oracle simulates its probes and applies none of them; an iteration of "
-      "DFR is a probe and a step. Guided recovery climbs the same g here. pusher experiment "
-      "--config FOLDER/run.toml --out FOLDER prints these figures again.";
-  for (const bool iterations : {true, false}) {
-    experiment::ReportPlot plot;
-    plot.title = iterations ? "Over iterations" : "Over applied controls";
-    plot.x_label = iterations ? "iterations" : "applied controls";
-    plot.y_min = 0.5;
-    plot.y_max = 1.0;
-    for (const ConvergenceCurve& curve : curves) {
-      experiment::ReportSeries series;
-      series.name = curve.method == "dfr" ? "DFR" : curve.method == "guided" ? "Guided" : "Oracle";
-      const std::size_t stride =
-          iterations ? static_cast<std::size_t>(curve.controls_per_iteration) : 1;
-      for (std::size_t k = 0; k * stride < curve.mean.size() && k <= 500; ++k) {
-        const double mean = curve.mean[k * stride];
-        const double error = curve.standard_error[k * stride];
-        series.x.push_back(static_cast<double>(k));
-        series.y.push_back(mean);
-        series.low.push_back(mean - error);
-        series.high.push_back(mean + error);
-      }
-      plot.series.push_back(std::move(series));
-    }
-    figure.plots.push_back(std::move(plot));
-  }
-  return figure;
-}
-
-void PrintConvergence(const std::vector<ConvergenceCurve>& curves, const std::string& which) {
-  std::printf(
-      "\n%d recoveries (%s), g over its threshold after\n  %-18s %8s %8s %8s %8s   reached it\n",
-      kRecoveries, which.c_str(), "controls", "0", "10", "100", "1000");
-  for (const ConvergenceCurve& curve : curves) {
-    std::printf("  %-18s %8.3f %8.3f %8.3f %8.3f   %d\n", curve.method.c_str(), curve.mean[0],
-                curve.mean[10], curve.mean[100], curve.mean[1000], curve.reached);
-  }
-}
-
 experiment::ReportOptions MakeReport(const ExperimentOptions& options,
                                      const experiment::EvaluationPlan& plan,
                                      const experiment::Summary& summary,
@@ -273,7 +230,8 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
   report.settings.assign(settings.begin(), settings.end());
   report.settings.emplace_back("trials", std::to_string(plan.trials));
   report.settings.emplace_back("episodes per trial and data point", std::to_string(plan.episodes));
-  report.settings.emplace_back("learner's control", "joint steps of at most 0.06 rad");
+  report.settings.emplace_back("learner's control",
+                               "joint steps of at most " + Text(options.plant.joint_step) + " rad");
   report.settings.emplace_back("lambda", "per time step, the demonstrations' maximum");
   report.settings.emplace_back(
       "DFR", "probe g/(500 lambda), step |g|/(50 lambda), at most 500 iterations");
@@ -329,7 +287,8 @@ TrialRunnerFactory MakeFactory(const ExperimentOptions& options,
                                const experiment::EvaluationPlan& plan,
                                const std::vector<std::string>& methods) {
   TrialRunnerOptions site_options;
-  for (const std::string& name : methods) site_options.methods.push_back(study::ParseMethod(name));
+  for (const std::string& name : methods)
+    site_options.methods.push_back(study::ParseCompared(name));
   for (const std::string& name : plan.learners) static_cast<void>(Learner::Parse(name));
   site_options.model = options.model;
   site_options.plant = options.plant;
@@ -355,6 +314,7 @@ void RenderEpisode(const ExperimentOptions& run, const RenderOptions& options) {
   if (std::ranges::count(methods, id.method) == 0) methods.push_back(id.method);
   TrialRunnerFactory factory = MakeFactory(run, plan, methods);
   const std::unique_ptr<PusherTrialRunner> runner = factory.Make(id.unit);
+  runner->JudgeIn(plan, id.unit);
   const std::vector<RolloutVideo> videos = RecordRollouts(
       *runner, methods, episode.start_seed, episode.controller_seed, options.width, options.height);
   Save(videos, options.out);
@@ -366,9 +326,13 @@ void RunExperiment(const ExperimentOptions& options) {
   const experiment::OutputFolder folder(options);
   const std::map<std::string, std::string> settings =
       Settings(options, SupervisorOf(options), plan);
-  const std::optional<experiment::ExperimentResult> found = experiment::RunExperiment(
-      "pusher", plan, [&](const experiment::EvaluationUnit& unit) { return factory.Make(unit); },
-      settings, options);
+  const auto make = [&](const experiment::EvaluationUnit& unit) {
+    std::unique_ptr<PusherTrialRunner> runner = factory.Make(unit);
+    runner->JudgeIn(plan, unit);
+    return runner;
+  };
+  const std::optional<experiment::ExperimentResult> found =
+      experiment::RunExperiment("pusher", plan, make, settings, options);
   if (!found) return;
   const auto& [results, summary] = *found;
   experiment::PrintTable(summary, std::cout);
@@ -385,28 +349,10 @@ void RunExperiment(const ExperimentOptions& options) {
   }
 
   experiment::ReportOptions report = MakeReport(options, plan, summary, settings);
-  if (options.convergence) {
-    const std::unique_ptr<PusherTrialRunner> last_site =
-        factory.Make({.trial = 0,
-                      .demonstrations = plan.demonstrations.back(),
-                      .learner = plan.learners.front()});
-    const std::uint64_t seed = core::DeriveSeed(plan.seed, {kConvergenceStream});
-    const auto show = [&](const std::vector<ConvergenceCurve>& curves, const std::string& which) {
-      PrintConvergence(curves, which);
-      report.figures.push_back(ConvergenceFigure(curves, plan, which));
-    };
-    show(MeasureConvergence(*last_site, kRecoveries, seed), "the first of each episode");
-    const GateReach reach = MeasureReach(*last_site, kRecoveries, seed);
-    std::printf(
-        "  the threshold is below the largest g of any state in %d of %d, and of any place of the "
-        "gripper, all\n  else as it is, in %d; the best such place: %.3f of the threshold on "
-        "average\n",
-        reach.any_state, reach.gates, reach.any_tip, reach.best_tip);
-    show(MeasureEveryRecovery(*last_site, kRecoveries, seed), "all of each episode");
-  }
+  if (options.convergence) MeasureRecoveries(options, plan, factory, report);
   if (options.video) {
     const Scene scene = ChooseScene(plan, results);
-    const std::unique_ptr<PusherTrialRunner> runner = factory.Make(scene.unit);
+    const std::unique_ptr<PusherTrialRunner> runner = make(scene.unit);
     const std::vector<RolloutVideo> videos = RecordRollouts(
         *runner, plan.methods, scene.start_seed, scene.controller_seed, kVideoWidth, kVideoHeight);
     WriteVideo(options.out / "rollouts.mp4", videos);

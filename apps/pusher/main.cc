@@ -27,6 +27,8 @@ void AddScene(CLI::App& command, sim::PusherOptions& plant) {
   command
       .add_option("--start-y", plant.start_y, "the cylinder starts within y = +- this value [m]")
       ->capture_default_str();
+  command.add_option("--joint-step", plant.joint_step, "largest change of a joint angle [rad]")
+      ->capture_default_str();
   command.add_option("--gripper", plant.gripper, "bar, wide-bar or fork")
       ->transform(CLI::CheckedTransformer(
           std::map<std::string, sim::Gripper>{{"bar", sim::Gripper::kBar},
@@ -78,8 +80,10 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options, std::function<void
       "quick: 2 trials, demonstrations 20, 60, 120; paper: 10 trials of 5 supervisors, 6, 12, ..., "
       "120; authors: as "
       "quick, with the constants of the authors' scripts where these differ, Adam's rate .01, "
-      "T = 100, gamma 1, nu .1",
-      "the first is the reference; of " + study::MethodHelp(), {"quick", "paper", "authors"});
+      "T = 100, gamma 1, nu .1; fig5: 6 trials of 3 supervisors, demonstrations 60, 120, controls "
+      "of .03 rad and T = 100, and the recoveries of every model",
+      "the first is the reference; of " + study::MethodHelp(),
+      {"quick", "paper", "authors", "fig5"});
   command
       ->add_option("--supervisor", options.supervisor,
                    "file of train-supervisor (default: the shipped ones)")
@@ -106,13 +110,17 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options, std::function<void
   command->add_option("--learning-rate", options.model.learner.learning_rate, "of Adam")
       ->capture_default_str();
   command->callback([&options, command, run = std::move(run)] {
+    // Options given by the user take precedence.
+    const auto take = [command](const char* option, auto& value, auto preset) {
+      if (command->count(option) > 0) return;
+      value = preset;
+      command->get_option(option)->default_str(experiment::Exactly(preset));  // for run.toml
+    };
+    if (options.preset == "fig5") {
+      take("--joint-step", options.plant.joint_step, 0.03);
+      take("--horizon", options.model.horizon, 100);
+    }
     if (options.preset == "authors") {
-      // Options given by the user take precedence.
-      const auto take = [command](const char* option, auto& value, auto authors) {
-        if (command->count(option) > 0) return;
-        value = authors;
-        command->get_option(option)->default_str(experiment::Exactly(authors));  // for run.toml
-      };
       take("--learning-rate", options.model.learner.learning_rate, 0.01);
       take("--horizon", options.model.horizon, 100);
       take("--gamma", options.model.gamma, 1.0);
@@ -282,7 +290,7 @@ int Main(int argc, char** argv) {
   CLI::App app(
       "The Pusher experiment: a 7-joint arm pushes a cylinder over a goal, past two red regions\n"
       "that neither arm nor cylinder may touch. Controls are changes of the joint angles in units\n"
-      "of 0.06 rad, within [-1, 1]; lengths are metres. Without arguments of their own, the\n"
+      "of --joint-step, within [-1, 1]; lengths are metres. Without arguments of their own, the\n"
       "commands follow one another: demonstrate, fit, evaluate, render.",
       "pusher");
   app.set_version_flag("--version",

@@ -75,13 +75,19 @@ PusherTrialRunner::PusherTrialRunner(Model model, const std::vector<safety::Meth
                                      const sim::PusherOptions& plant_options,
                                      std::map<std::string, double> measures,
                                      const experiment::DisturbanceOptions& disturbance)
-    : RolloutRunner(std::make_unique<sim::PusherPlant>(plant_options), disturbance),
+    : PlaceboRunner(std::make_unique<sim::PusherPlant>(plant_options), disturbance),
       model_(std::move(model)),
       methods_(methods),
       measures_(std::move(measures)) {
-  for (const safety::Method& method : methods) {
-    Add(method.name, model_.MakeController(method, &driven()));
-  }
+  std::vector<std::string> names;
+  names.reserve(methods.size());
+  for (const safety::Method& method : methods) names.push_back(method.name);
+  AddAll(
+      names,
+      [this](const std::string& name) {
+        return model_.MakeController(study::ParseMethod(name), &driven());
+      },
+      model_.task(), model_.demonstrations().trajectories);
 }
 
 bool PusherTrialRunner::Inside(std::span<const double> x) const {

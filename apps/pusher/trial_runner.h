@@ -10,9 +10,9 @@
 
 #include "apps/rollout_video.h"
 #include "dfr/experiment/disturbed_plant.h"
-#include "dfr/experiment/rollout_runner.h"
 #include "dfr/imitation/gaussian_policy.h"
 #include "dfr/sim/pusher/pusher_plant.h"
+#include "dfr/study/placebo_runner.h"
 #include "model.h"
 #include "supervisor.h"
 
@@ -26,7 +26,7 @@ namespace dfr::apps::pusher {
                                     sim::PusherPlant& plant, int samples, std::uint64_t seed);
 
 /// One unit of the experiment: a model, and a plant to run it on.
-class PusherTrialRunner final : public experiment::RolloutRunner {
+class PusherTrialRunner final : public study::PlaceboRunner {
  public:
   /// @param disturbance  of the plant that methods run on; start states are accepted without it.
   PusherTrialRunner(Model model, const std::vector<safety::Method>& methods,

@@ -63,7 +63,11 @@ Imitator::Imitator(std::shared_ptr<const core::Policy> learned, const sim::Flaw&
                  static_cast<std::size_t>(flaw.late));
 }
 
+Imitator::Imitator(std::shared_ptr<OnlineLwrPolicy> online)
+    : learned_(online), online_(std::move(online)) {}
+
 void Imitator::Reset(std::uint64_t seed) noexcept {
+  if (online_ != nullptr) online_->Reset();
   core::Random random(core::DeriveSeed(seed, {1}));
   share_ = random.Uniform();
   late_ = random.Below(static_cast<std::uint64_t>(flaw_.late) + 1) *
@@ -72,6 +76,7 @@ void Imitator::Reset(std::uint64_t seed) noexcept {
 }
 
 void Imitator::Control(int t, std::span<const double> x, std::span<double> u) noexcept {
+  if (online_ != nullptr) online_->See(x);
   learned_->Control(t, x, u);
   for (std::size_t i = 0; i < flaw_.bias.size(); ++i) u[i] += share_ * flaw_.bias[i];
   if (flaw_.turn != 0.0) {
@@ -94,6 +99,11 @@ Imitator Imitate(const sim::GalleryTask& task, std::span<const core::Trajectory>
                  const std::string& name, std::uint64_t seed) {
   DFR_THROW_UNLESS(std::ranges::count(PolicyNames(), name) == 1,
                    "unknown policy '" << name << "'; valid: " << Join(PolicyNames()));
+  if (name == kOnlineLwr) {
+    return Imitator(std::make_shared<OnlineLwrPolicy>(
+        model.features(),
+        control::Response(control::FeatureTrajectories(model.features(), demonstrations))));
+  }
   if (auto unlearned = MakeUnlearned(name, model.features(), demonstrations)) {
     return {std::move(unlearned), {}};
   }

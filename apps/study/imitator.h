@@ -12,6 +12,7 @@
 #include "dfr/safety/task_model.h"
 #include "dfr/sim/gallery/gallery.h"
 #include "dfr/study/baselines.h"
+#include "dfr/study/online_lwr.h"
 
 namespace dfr::study {
 
@@ -26,13 +27,20 @@ namespace dfr::study {
 class Imitator {
  public:
   Imitator(std::shared_ptr<const core::Policy> learned, const sim::Flaw& flaw);
+  /// A policy that learns from the controls that are applied.
+  explicit Imitator(std::shared_ptr<OnlineLwrPolicy> online);
   /// Begins an episode; the seed determines the size of the flaw.
   void Reset(std::uint64_t seed) noexcept;
   /// As core::Policy::Control(); entries of `u` lie within +-1.
   void Control(int t, std::span<const double> x, std::span<double> u) noexcept;
+  /// `u` is applied in the state of the last Control().
+  void Applied(std::span<const double> u) noexcept {
+    if (online_ != nullptr) online_->Applied(u);
+  }
 
  private:
   std::shared_ptr<const core::Policy> learned_;
+  std::shared_ptr<OnlineLwrPolicy> online_;  // null: it learns nothing
   sim::Flaw flaw_;
   double share_ = 0.0;
   std::size_t late_ = 0;        // entries of wanted_ that are in use

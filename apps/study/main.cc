@@ -15,7 +15,6 @@
 #include "apps/command_line.h"
 #include "apps/study/imitator.h"
 #include "apps/study/picture.h"
-#include "apps/study/placebo.h"
 #include "apps/study/planar/commands.h"
 #include "apps/study/study.h"
 #include "apps/study/tables.h"
@@ -27,6 +26,7 @@
 #include "dfr/experiment/report.h"
 #include "dfr/experiment/sequential_test.h"
 #include "dfr/study/controller_factory.h"
+#include "dfr/study/placebo.h"
 
 namespace dfr::study {
 namespace {

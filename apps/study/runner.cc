@@ -5,13 +5,11 @@
 
 #include "apps/rollout_video.h"
 #include "apps/study/imitator.h"
-#include "apps/study/placebo.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
 #include "dfr/safety/guard.h"
-#include "dfr/study/policies.h"
 
 namespace dfr::study {
 namespace {
@@ -48,7 +46,7 @@ experiment::DisturbanceOptions WithNoise(const Condition& condition, const Task&
 }  // namespace
 
 // A policy alone or with a guard.
-class Guarded final : public control::Controller {
+class Guarded final : public control::Controller, public LearnsOnline {
  public:
   Guarded(std::shared_ptr<Imitator> policy, const safety::GuardModel& model,
           const std::string& strategy)
@@ -64,6 +62,7 @@ class Guarded final : public control::Controller {
   }
   [[nodiscard]] int state_dim() const noexcept override { return state_dim_; }
   [[nodiscard]] int control_dim() const noexcept override { return control_dim_; }
+  void Applied(std::span<const double> u) noexcept override { policy_->Applied(u); }
   [[nodiscard]] Imitator& policy() noexcept { return *policy_; }
   // Source of the last control: "policy", or the guard's reason.
   [[nodiscard]] const char* chooser() const noexcept { return chooser_; }
@@ -80,8 +79,12 @@ class Guarded final : public control::Controller {
   control::Step DoNext(std::span<const double> x, std::span<double> u) noexcept override {
     if (guard_ == nullptr && t_ == horizon_) return {.cause = control::HaltCause::kTimeUp};
     policy_->Control(t_, x, u);
-    if (guard_ == nullptr) return {.mode = control::Mode::kPolicy, .t = t_++};
+    if (guard_ == nullptr) {
+      policy_->Applied(u);
+      return {.mode = control::Mode::kPolicy, .t = t_++};
+    }
     const safety::Verdict verdict = guard_->Filter(t_++, x, u, u);
+    policy_->Applied(u);
     alarmed_ = alarmed_ || verdict.alarm;
     const bool unchanged = verdict.mode == control::Mode::kPolicy && !verdict.changed;
     chooser_ = unchanged ? "policy" : verdict.reason();
@@ -130,29 +133,19 @@ Prepared Prepare(const Task& task, Kind kind, int demonstrations, std::uint64_t 
 }
 
 Runner::Runner(const Place& place, std::shared_ptr<const Prepared> prepared,
-               const std::vector<std::string>& methods, std::vector<EpisodeSeeds> judged)
-    : RolloutRunner(place.variant->make(), WithNoise(*place.condition, *place.task)),
+               const std::vector<std::string>& methods)
+    : PlaceboRunner(place.variant->make(), WithNoise(*place.condition, *place.task)),
       task_(place.task),
-      prepared_(std::move(prepared)),
-      judged_(std::move(judged)) {
-  for (const std::string& method : methods) {
-    Compared compared;
-    std::unique_ptr<control::Controller> controller;
-    const std::size_t at = std::min(method.find('@'), method.size());
-    if (IsPlacebo(method.substr(0, at))) {
-      const std::string wanted = std::string(kJudged) + method.substr(at);
-      const auto found = std::ranges::find(methods, wanted);
-      DFR_THROW_UNLESS(found != methods.end(), "method '" << method
-                                                          << "' takes its rate from the method '"
-                                                          << wanted << "', which is not run");
-      compared.judged = static_cast<int>(found - methods.begin());
-      controller = MakePlacebo(method);
-      compared.placebo = static_cast<Placebo*>(controller.get());
-    } else {
-      controller = MakeController(method);
-    }
-    placebos_.push_back(compared);
-    Add(method, std::move(controller));
+      prepared_(std::move(prepared)) {
+  const auto make = [this](const std::string& method) { return MakeController(method); };
+  const auto& guard = prepared_->guard;
+  if (guard == nullptr) {
+    const auto* model = prepared_->model.get();
+    AddAll(methods, make, prepared_->task(),
+           model != nullptr ? model->demonstrations().trajectories : prepared_->demonstrations);
+  } else {
+    AddAll(methods, make, guard->task().features(), prepared_->demonstrations,
+           [guard](auto a, auto b) { return guard->actions().Distance(a, b); });
   }
 }
 
@@ -178,55 +171,17 @@ std::unique_ptr<control::Controller> Runner::MakeController(const std::string& m
   return guarded;
 }
 
-std::unique_ptr<control::Controller> Runner::MakePlacebo(const std::string& method) {
-  const std::size_t at = std::min(method.find('@'), method.size());
-  auto alone = MakeController(kAlone + method.substr(at));
-  const std::span<const core::Trajectory> demonstrations =
-      prepared_->model != nullptr ? prepared_->model->demonstrations().trajectories
-                                  : prepared_->demonstrations;
-  const bool corrects = method.substr(0, at) == PlaceboNames()[0];
-  auto nominal =
-      corrects ? MakeUnlearned("lwr", prepared_->task().features(), demonstrations) : nullptr;
-  if (const auto& guard = prepared_->guard; guard != nullptr) {
-    return std::make_unique<Placebo>(std::move(alone), std::move(nominal), [guard](auto a, auto b) {
-      return guard->actions().Distance(a, b);
-    });
-  }
-  const double unit = prepared_->task().response().control_unit();
-  return std::make_unique<Placebo>(std::move(alone), std::move(nominal), [unit](auto a, auto b) {
-    return (core::AsVector(a) - core::AsVector(b)).norm() / unit;
-  });
-}
-
 Runner::~Runner() = default;
 
 void Runner::Begin(int method, std::uint64_t start_seed) {
-  if (Compared& compared = placebos_.at(static_cast<std::size_t>(method));
-      compared.placebo != nullptr && !compared.has_rate) {
-    compared.placebo->SetRate(RateOf(compared.judged));
-    compared.has_rate = true;
-  }
+  PlaceboRunner::Begin(method, start_seed);
   method_ = method;
   if (!guarded_.empty()) guarded_[static_cast<std::size_t>(method)]->policy().Reset(start_seed);
 }
 
-double Runner::RateOf(int judged) {
-  std::int64_t changed = 0;
-  std::int64_t controls = 0;
-  for (const EpisodeSeeds& seeds : judged_) {
-    const experiment::EpisodeResult result = Run(judged, seeds.start, seeds.controller);
-    known_[{judged, seeds}] = result;
-    changed += result.changed_controls;
-    controls += result.controls;
-  }
-  return controls > 0 ? static_cast<double>(changed) / static_cast<double>(controls) : 0.0;
-}
-
 experiment::EpisodeResult Runner::Run(int method, std::uint64_t start_seed,
                                       std::uint64_t controller_seed) {
-  const auto known = known_.find({method, {start_seed, controller_seed}});
-  if (known != known_.end()) return known->second;
-  experiment::EpisodeResult result = RolloutRunner::Run(method, start_seed, controller_seed);
+  experiment::EpisodeResult result = PlaceboRunner::Run(method, start_seed, controller_seed);
   if (guarded_.empty()) return result;
   const Guarded& guarded = *guarded_[static_cast<std::size_t>(method)];
   if (guarded.monitors() && guarded.alarmed() && result.outcome != core::Outcome::kHalted) {
@@ -261,16 +216,14 @@ double Runner::Credit(int method, std::uint64_t start_seed, std::uint64_t contro
 }
 
 std::string Runner::CauseOf(const control::RolloutResult& result) const {
-  const bool placebo = placebos_[static_cast<std::size_t>(method_)].placebo != nullptr;
-  if (placebo && result.outcome == core::Outcome::kCollided && result.last_step.filtered) {
-    return "placebo";
-  }
+  const std::string cause = PlaceboRunner::CauseOf(result);
+  if (cause == "placebo") return cause;
   if (!guarded_.empty() && result.outcome == core::Outcome::kCollided) {
     return guarded_[static_cast<std::size_t>(method_)]->chooser();
   }
   const bool filtered = prepared_->plane != nullptr && result.last_step.filtered;
   if (result.outcome == core::Outcome::kCollided && filtered) return "filter";
-  return RolloutRunner::CauseOf(result);
+  return cause;
 }
 
 bool Runner::Inside(std::span<const double> x) const {

@@ -5,17 +5,16 @@
 #include <map>
 #include <memory>
 #include <string>
-#include <tuple>
 #include <utility>
 #include <vector>
 
 #include "apps/study/planar/methods.h"
 #include "apps/study/task.h"
 #include "dfr/core/trajectory.h"
-#include "dfr/experiment/rollout_runner.h"
 #include "dfr/experiment/sequential_test.h"
 #include "dfr/safety/guard_model.h"
 #include "dfr/study/learned_model.h"
+#include "dfr/study/placebo_runner.h"
 #include "dfr/study/shared_cache.h"
 
 namespace dfr::study {
@@ -53,28 +52,17 @@ struct Place {
   const Condition* condition;
 };
 
-/// Seeds of an episode.
-struct EpisodeSeeds {
-  std::uint64_t start = 0;
-  std::uint64_t controller = 0;
-  friend bool operator<(const EpisodeSeeds& a, const EpisodeSeeds& b) noexcept {
-    return std::tie(a.start, a.controller) < std::tie(b.start, b.controller);
-  }
-};
-
 class Guarded;
 class Imitator;
-class Placebo;
 
 /// Runs methods in one task under one condition. Only planar tasks draw start states again;
 /// elsewhere one outside the support counts like any other.
-class Runner final : public experiment::RolloutRunner {
+class Runner final : public PlaceboRunner {
  public:
   /// `methods` are those of ParseMethod(), or "<guard's strategy>@<policy>" where `prepared` is of
-  /// guards; around both also PlaceboNames(), which take their rate from the method kJudged around
-  /// the same policy in the episodes of `judged`. Borrows the parts of the place.
+  /// guards; around both also PlaceboNames(). Borrows the parts of the place.
   Runner(const Place& place, std::shared_ptr<const Prepared> prepared,
-         const std::vector<std::string>& methods, std::vector<EpisodeSeeds> judged = {});
+         const std::vector<std::string>& methods);
   ~Runner() override;
 
   experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
@@ -98,23 +86,9 @@ class Runner final : public experiment::RolloutRunner {
   [[nodiscard]] bool CollidesAfterHalt() override;
 
   [[nodiscard]] std::unique_ptr<control::Controller> MakeController(const std::string& method);
-  [[nodiscard]] std::unique_ptr<control::Controller> MakePlacebo(const std::string& method);
-  // Share of the controls that the judged method changed.
-  [[nodiscard]] double RateOf(int judged);
-
-  // A placebo, and the index of the method that it is compared with.
-  struct Compared {
-    Placebo* placebo = nullptr;  // null: the method is not a placebo
-    int judged = 0;
-    bool has_rate = false;
-  };
 
   const Task* task_;
   std::shared_ptr<const Prepared> prepared_;
-  std::vector<EpisodeSeeds> judged_;
-  std::map<std::pair<int, EpisodeSeeds>, experiment::EpisodeResult>
-      known_;                                                   // episodes that gave rates
-  std::vector<Compared> placebos_;                              // [method]
   std::map<std::string, std::shared_ptr<Imitator>> imitators_;  // guards' policies
   std::vector<Guarded*> guarded_;                               // [method]
   int method_ = 0;                                              // of the last episode

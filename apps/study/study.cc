@@ -6,13 +6,13 @@
 #include <utility>
 
 #include "apps/study/imitator.h"
-#include "apps/study/placebo.h"
 #include "apps/study/runner.h"
 #include "apps/study/tables.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/ledger.h"
 #include "dfr/safety/guard.h"
+#include "dfr/study/placebo.h"
 
 namespace dfr::study {
 namespace {
@@ -61,15 +61,13 @@ class Units {
       known.insert(known.end(), PlaceboNames().begin(), PlaceboNames().end());
       CheckNames("method", controllers_, known);
     }
-    CheckPlacebos();
+    if (study.kind != Kind::kPlane) CheckPlacebos(controllers_);
     controllers_.insert(controllers_.begin(), kAlone);
     for (const std::string& policy : study.policies) {
       for (const std::string& controller : controllers_) {
         plan_.methods.push_back(MethodOf(controller, policy));
         if (study.kind == Kind::kControllers) {
-          // A placebo wraps the policy alone.
-          if (IsPlacebo(controller)) continue;
-          static_cast<void>(ParseMethod(plan_.methods.back()));
+          static_cast<void>(ParseCompared(plan_.methods.back()));
         } else if (study.kind == Kind::kPlane) {
           static_cast<void>(ParseMethod(plan_.methods.back(), planar::kPlanarMethods));
         }
@@ -94,27 +92,12 @@ class Units {
     });
   }
   [[nodiscard]] std::unique_ptr<Runner> Make(const experiment::EvaluationUnit& unit) {
-    std::vector<EpisodeSeeds> seeds;
-    seeds.reserve(static_cast<std::size_t>(plan_.episodes));
-    for (int i = 0; i < plan_.episodes; ++i) {
-      // Studies with placebos draw no start state again.
-      seeds.push_back({experiment::StartSeed(plan_, unit.trial, i, 0),
-                       experiment::ControllerSeed(plan_, unit.trial, i)});
-    }
-    return std::make_unique<Runner>(PlaceOf(unit.learner), PreparedFor(unit), plan_.methods,
-                                    std::move(seeds));
+    auto runner = std::make_unique<Runner>(PlaceOf(unit.learner), PreparedFor(unit), plan_.methods);
+    runner->JudgeIn(plan_, unit);
+    return runner;
   }
 
  private:
-  void CheckPlacebos() const {
-    const auto placebo =
-        std::ranges::find_if(controllers_, [](const std::string& name) { return IsPlacebo(name); });
-    if (placebo == controllers_.end() || study_.kind == Kind::kPlane) return;
-    DFR_THROW_UNLESS(std::ranges::count(controllers_, kJudged) > 0,
-                     "the method '" << *placebo << "' intervenes as often as the method '"
-                                    << kJudged << "' does: add '" << kJudged << "' to the methods");
-  }
-
   const Study& study_;
   std::vector<Task> tasks_;
   std::map<std::string, Place> places_;
@@ -194,7 +177,7 @@ Study Study::OfGuards() {
   study.episodes = 100;
   study.kind = Kind::kGuards;
   study.tasks = {"gallery"};
-  study.policies = {"good", "weak", "biased", "lwr", "lwr-cv", "knn", "none"};
+  study.policies = {"good", "weak", "biased", "lwr", "lwr-cv", "lwr-online", "knn", "none"};
   study.controllers = GuardNames();
   study.controllers.insert(study.controllers.end(), PlaceboNames().begin(), PlaceboNames().end());
   study.conditions = {"as demonstrated"};

@@ -36,7 +36,7 @@ struct Study : experiment::ExperimentOptions {
   std::vector<std::string> tasks = {"all"};  ///< Arguments of SelectTasks().
   /// With controllers: names from kPolicies, or "learned", the weak network. With guards:
   /// PolicyNames().
-  std::vector<std::string> policies = {"lwr", "learned"};
+  std::vector<std::string> policies = {"lwr", "lwr-online", "learned"};
   std::vector<std::string> controllers = {"early-stopping", "dfr", "guided"};
   std::vector<std::string> conditions = {};  ///< Names of Conditions(); empty: all.
   int demonstrations = 60;

@@ -1,4 +1,4 @@
-#include "apps/study/placebo.h"
+#include "dfr/study/placebo.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

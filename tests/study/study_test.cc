@@ -47,7 +47,7 @@ TEST(StressTest, CountsWhatAControllerSavesAndHarms) {
   const std::vector<Row> rows = RunStudy(Small());
   std::filesystem::remove_all(Folder());
   // The corridor has no wider starts.
-  ASSERT_EQ(rows.size(), 2u * 2u * 4u);
+  ASSERT_EQ(rows.size(), 2u * 3u * 4u);
   for (const Row& row : rows) {
     EXPECT_EQ(row.episodes, 20);
     if (row.controller == "baseline") {
@@ -70,7 +70,7 @@ TEST(StressTest, CountsWhatAControllerSavesAndHarms) {
             1);
 
   const auto tables = MakeTables(rows);
-  ASSERT_EQ(tables.size(), 3u);
+  ASSERT_EQ(tables.size(), 4u);
   EXPECT_EQ(tables[0].rows.size(), 2u);
   for (const auto& table : tables) {
     for (const auto& row : table.rows) EXPECT_EQ(row.size(), table.header.size());

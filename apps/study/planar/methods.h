@@ -36,15 +36,16 @@ struct MethodOptions {
 };
 
 /// study::kOtherMethods and the certified mode.
-inline constexpr std::array<std::string_view, 9> kPlanarMethods = {"certified-direction",
-                                                                   "finite-difference",
-                                                                   "true-jacobian",
-                                                                   "lwr",
-                                                                   "lwr-cv",
-                                                                   "knn",
-                                                                   "ensemble",
-                                                                   "dart",
-                                                                   "dagger"};
+inline constexpr std::array<std::string_view, 10> kPlanarMethods = {"certified-direction",
+                                                                    "finite-difference",
+                                                                    "true-jacobian",
+                                                                    "lwr",
+                                                                    "lwr-cv",
+                                                                    "lwr-online",
+                                                                    "knn",
+                                                                    "ensemble",
+                                                                    "dart",
+                                                                    "dagger"};
 
 /// Support that a method uses.
 enum class SupportKind { kRaw, kGuided };

@@ -58,27 +58,22 @@ std::string HostName() {
   return gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "unknown";
 }
 
+std::string Label(const EvaluationUnit& unit) {
+  return "trial " + std::to_string(unit.trial + 1) + ", " + std::to_string(unit.demonstrations) +
+         " demonstrations, " + unit.learner;
+}
+
 UnitResult RunUnit(const EvaluationPlan& plan, const EvaluationUnit& unit,
                    const MakeTrialRunner& make, ProgressMeter& meter,
                    const std::atomic<bool>& stop) {
   const std::unique_ptr<TrialRunner> runner = make(unit);
-  const std::string label = "trial " + std::to_string(unit.trial + 1) + ", " +
-                            std::to_string(unit.demonstrations) + " demonstrations, " +
-                            unit.learner;
+  const std::string label = Label(unit);
   UnitResult result;
   result.unit = unit;
   result.episodes.resize(plan.methods.size());
   for (int i = 0; i < plan.episodes && !stop; ++i) {
-    std::uint64_t start = 0;
-    for (int attempt = 0;; ++attempt) {
-      if (attempt == plan.max_redraws) {
-        throw std::runtime_error("no start state is inside the support after " +
-                                 std::to_string(plan.max_redraws) + " draws (" + label + ")");
-      }
-      start = StartSeed(plan, unit.trial, i, attempt);
-      if (runner->Accepts(start)) break;
-      ++result.redrawn;
-    }
+    const auto [start, rejected] = DrawStart(plan, unit, i, *runner);
+    result.redrawn += rejected;
     result.starts.push_back(start);
     const std::uint64_t controller = ControllerSeed(plan, unit.trial, i);
     for (std::size_t method = 0; method < plan.methods.size(); ++method) {
@@ -103,6 +98,16 @@ Shard ParseShard(std::string_view text) {
                        shard.index <= shard.count,
                    "a shard is K/N with 1 <= K <= N, as in 2/7, not '" << text << "'");
   return shard;
+}
+
+DrawnStart DrawStart(const EvaluationPlan& plan, const EvaluationUnit& unit, int start,
+                     TrialRunner& runner) {
+  for (int attempt = 0; attempt < plan.max_redraws; ++attempt) {
+    const std::uint64_t seed = StartSeed(plan, unit.trial, start, attempt);
+    if (runner.Accepts(seed)) return {seed, attempt};
+  }
+  throw std::runtime_error("no start state is inside the support after " +
+                           std::to_string(plan.max_redraws) + " draws (" + Label(unit) + ")");
 }
 
 std::uint64_t StartSeed(const EvaluationPlan& plan, int trial, int start, int attempt) noexcept {

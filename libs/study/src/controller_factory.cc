@@ -8,6 +8,7 @@
 #include "dfr/control/certified/certified_policy.h"
 #include "dfr/core/contract.h"
 #include "dfr/experiment/finite_difference_recovery.h"
+#include "dfr/study/online_lwr.h"
 
 namespace dfr::study {
 namespace {
@@ -16,9 +17,10 @@ constexpr std::string_view kCertified = "certified";
 constexpr std::string_view kEnsemble = "ensemble";
 constexpr std::string_view kTrueJacobian = "true-jacobian";
 // Methods that are a policy alone.
-constexpr std::array<std::pair<std::string_view, std::string_view>, 5> kAlone = {
+constexpr std::array<std::pair<std::string_view, std::string_view>, 6> kAlone = {
     {{"lwr", "baseline@lwr"},
      {"lwr-cv", "baseline@lwr-cv"},
+     {"lwr-online", "baseline@lwr-online"},
      {"knn", "baseline@knn"},
      {"dart", "baseline@dart"},
      {"dagger", "baseline@dagger"}}};
@@ -38,6 +40,31 @@ class WithPolicy final : public control::Controller {
     return controller_->Next(x, u);
   }
   std::shared_ptr<const core::Policy> policy_;
+  std::unique_ptr<control::Controller> controller_;
+};
+
+// A controller around a policy that learns from what the controller applies.
+class WithOnlinePolicy final : public control::Controller, public LearnsOnline {
+ public:
+  WithOnlinePolicy(std::shared_ptr<OnlineLwrPolicy> policy,
+                   std::unique_ptr<control::Controller> controller)
+      : policy_(std::move(policy)), controller_(std::move(controller)) {}
+  [[nodiscard]] int state_dim() const noexcept override { return controller_->state_dim(); }
+  [[nodiscard]] int control_dim() const noexcept override { return controller_->control_dim(); }
+  void Applied(std::span<const double> u) noexcept override { policy_->Applied(u); }
+
+ private:
+  void DoReset(std::uint64_t seed) noexcept override {
+    policy_->Reset();
+    controller_->Reset(seed);
+  }
+  control::Step DoNext(std::span<const double> x, std::span<double> u) noexcept override {
+    policy_->See(x);
+    const control::Step step = controller_->Next(x, u);
+    if (step.mode != control::Mode::kHalt) policy_->Applied(u);
+    return step;
+  }
+  std::shared_ptr<OnlineLwrPolicy> policy_;
   std::unique_ptr<control::Controller> controller_;
 };
 
@@ -84,7 +111,8 @@ safety::Method ParseMethod(std::string_view name, std::span<const std::string_vi
 std::string MethodHelp(std::span<const std::string_view> others) {
   return safety::MethodNames(others) +
          "; lwr, lwr-cv and knn are regressions on the demonstrations themselves (lwr-cv with a "
-         "width by cross-validation), ensemble halts where five "
+         "width by cross-validation), lwr-online is one that learns during an episode what "
+         "controls do, ensemble halts where five "
          "policies disagree, dart learns from demonstrations with injected noise, dagger asks the "
          "supervisor while it learns, finite-difference and true-jacobian are oracles that know "
          "the plant. Behind a method, @ and another policy than "
@@ -121,7 +149,12 @@ std::unique_ptr<control::Controller> ControllerFactory::Make(
   const safety::Method parsed = ParseMethod(method);
   const std::string_view name = Split(method).policy;
   std::shared_ptr<const core::Policy> other;
-  if (!name.empty()) {
+  std::shared_ptr<OnlineLwrPolicy> online;
+  if (name == kOnlineLwr) {
+    online =
+        std::make_shared<OnlineLwrPolicy>(task_->features(), task_->response(), options.guided);
+    other = online;
+  } else if (!name.empty()) {
     const bool unlearned = name == "lwr" || name == "lwr-cv" || name == "knn" || name == "none";
     DFR_THROW_UNLESS(plant != nullptr || unlearned,
                      "policy '" << name << "' is for simulations only");
@@ -144,6 +177,9 @@ std::unique_ptr<control::Controller> ControllerFactory::Make(
                      : task_->MakeController(std::make_unique<experiment::FiniteDifferenceRecovery>(
                                                  *plant, task_->support()),
                                              policy, options);
+  }
+  if (online != nullptr) {
+    return std::make_unique<WithOnlinePolicy>(std::move(online), std::move(controller));
   }
   if (other == nullptr) return controller;
   return std::make_unique<WithPolicy>(std::move(other), std::move(controller));

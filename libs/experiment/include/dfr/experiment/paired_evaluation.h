@@ -96,6 +96,16 @@ struct UnitResult {
 [[nodiscard]] std::uint64_t StartSeed(const EvaluationPlan& plan, int trial, int start,
                                       int attempt) noexcept;
 
+/// A start state that a runner accepts, and the number of those drawn before.
+struct DrawnStart {
+  std::uint64_t seed = 0;
+  int rejected = 0;
+};
+/// Draws start states for episode `start` of `unit` until the runner accepts one.
+/// @throws std::runtime_error after EvaluationPlan::max_redraws of them.
+[[nodiscard]] DrawnStart DrawStart(const EvaluationPlan& plan, const EvaluationUnit& unit,
+                                   int start, TrialRunner& runner);
+
 /// Returns the seed of the controllers in episode `start` of `trial`. Together with
 /// UnitResult::starts it repeats an episode of Evaluate(), for example for a video.
 [[nodiscard]] std::uint64_t ControllerSeed(const EvaluationPlan& plan, int trial,

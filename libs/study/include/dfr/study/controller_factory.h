@@ -20,11 +20,13 @@ namespace dfr::study {
 /// The methods besides those of safety::ParseMethod() that every program has. Oracles, which try
 /// controls on a copy of the simulation: "finite-difference", that of Sec. V-A, and
 /// "true-jacobian", a filter of one step (MakeTrueJacobianFilter()). Baselines without a support:
-/// "lwr", "lwr-cv" and "knn", regressions on the demonstrations themselves; "ensemble", which halts
+/// "lwr", "lwr-cv" and "knn", regressions on the demonstrations themselves; "lwr-online", one that
+/// adapts to what controls do (OnlineLwrPolicy); "ensemble", which halts
 /// where five policies disagree; "dart", learned from demonstrations with injected noise; "dagger",
 /// which asks the supervisor while it learns.
-inline constexpr std::array<std::string_view, 8> kOtherMethods = {
-    "finite-difference", "true-jacobian", "lwr", "lwr-cv", "knn", "ensemble", "dart", "dagger"};
+inline constexpr std::array<std::string_view, 9> kOtherMethods = {
+    "finite-difference", "true-jacobian", "lwr",   "lwr-cv", "lwr-online", "knn",
+    "ensemble",          "dart",          "dagger"};
 
 /// Parts of a method's name, for example "guided@lwr/density".
 struct MethodName {
@@ -32,7 +34,8 @@ struct MethodName {
   std::string_view policy;      ///< One of kPolicies; empty: the learned one.
   std::string_view support;     ///< One of kSupports; empty: the controller's default.
 };
-/// "lwr", "lwr-cv", "knn", "dart" and "dagger" are short for "baseline@lwr" and so on.
+/// "lwr", "lwr-cv", "lwr-online", "knn", "dart" and "dagger" are short for "baseline@lwr" and so
+/// on.
 [[nodiscard]] MethodName Split(std::string_view name) noexcept;
 
 /// safety::ParseMethod() with `others`, also for names with a policy or support.

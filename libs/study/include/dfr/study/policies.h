@@ -46,6 +46,7 @@ class NearestNeighbourPolicy final : public core::Policy {
 ///   "lwr", "knn"      regression on the demonstrations themselves, locally weighted or by nearest
 ///                     neighbours
 ///   "lwr-cv"          "lwr" with imitation::CrossValidatedWidth()
+///   "lwr-online"      OnlineLwrPolicy, which the controller around it teaches
 ///   "none"            no policy: the control is zero
 ///   "random"          a direction that depends on state and time step alone, of demonstrated size
 ///   "negated"         the learned policy's control with opposite sign
@@ -55,9 +56,10 @@ class NearestNeighbourPolicy final : public core::Policy {
 ///   "at-constraints"  an adversary: tries directions on a copy of the plant, and takes one that
 ///                     collides soonest; the learned policy's control where none does
 ///   "out-of-support"  an adversary: of these directions the one after which l is least
-inline constexpr std::array<std::string_view, 11> kPolicies = {
-    "lwr",      "lwr-cv", "knn",    "none",           "random",        "negated",
-    "ensemble", "dart",   "dagger", "at-constraints", "out-of-support"};
+inline constexpr std::array<std::string_view, 12> kPolicies = {
+    "lwr",     "lwr-cv",   "lwr-online", "knn",    "none",           "random",
+    "negated", "ensemble", "dart",       "dagger", "at-constraints", "out-of-support"};
+inline constexpr std::string_view kOnlineLwr = "lwr-online";
 
 /// Returns the names, separated by commas.
 template <typename Names>
@@ -73,7 +75,7 @@ template <typename Names>
     std::string_view name, const core::FeatureTransform& features,
     std::span<const core::Trajectory> demonstrations);
 
-/// Makes these policies for one task. Borrows all that it is given.
+/// Makes these policies, except kOnlineLwr, for one task. Borrows all that it is given.
 class PolicyFactory {
  public:
   PolicyFactory(const safety::TaskModel& task, const core::Policy& learned,

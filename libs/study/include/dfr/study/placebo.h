@@ -11,6 +11,9 @@
 #include "dfr/control/controller.h"
 #include "dfr/core/policy.h"
 #include "dfr/core/random.h"
+#include "dfr/safety/method.h"
+#include "dfr/study/controller_factory.h"
+#include "dfr/study/online_lwr.h"
 
 namespace dfr::study {
 
@@ -19,8 +22,18 @@ inline constexpr std::string_view kJudged = "guard";
 
 /// Returns "placebo-corrections" and "placebo-halts".
 [[nodiscard]] const std::vector<std::string>& PlaceboNames();
-/// Returns true if `method` is one of PlaceboNames().
+/// Returns true if `method` is one of PlaceboNames(), or one of these around a policy, as in
+/// "placebo-halts@lwr".
 [[nodiscard]] bool IsPlacebo(std::string_view method) noexcept;
+/// Returns `method` with another controller around the same policy: "guard@lwr".
+[[nodiscard]] std::string WithController(std::string_view controller, std::string_view method);
+/// ParseMethod(), or of a placebo that of the policy alone, under the placebo's name.
+/// @throws std::invalid_argument as ParseMethod() does.
+[[nodiscard]] safety::Method ParseCompared(
+    std::string_view method, std::span<const std::string_view> others = kOtherMethods);
+/// @throws std::invalid_argument if a placebo is among `methods`, but not kJudged around its
+/// policy.
+void CheckPlacebos(std::span<const std::string> methods);
 
 /// A policy that is interrupted as often as a guard interrupts it, at random times: each control
 /// with the same probability, the rate. If the guard does better, the timing or the content of its
@@ -44,6 +57,7 @@ class Placebo final : public control::Controller {
   control::Step DoNext(std::span<const double> x, std::span<double> u) noexcept override;
 
   std::unique_ptr<control::Controller> alone_;
+  LearnsOnline* learner_;  // alone_, if it learns
   std::shared_ptr<const core::Policy> nominal_;
   Distance distance_;
   double rate_ = 0.0;

@@ -1,7 +1,9 @@
-#include "apps/study/placebo.h"
+#include "dfr/study/placebo.h"
 
 #include <algorithm>
 #include <utility>
+
+#include "dfr/core/contract.h"
 
 namespace dfr::study {
 namespace {
@@ -17,12 +19,35 @@ const std::vector<std::string>& PlaceboNames() {
 }
 
 bool IsPlacebo(std::string_view method) noexcept {
-  return std::ranges::count(PlaceboNames(), method) > 0;
+  return std::ranges::count(PlaceboNames(), method.substr(0, method.find('@'))) > 0;
+}
+
+std::string WithController(std::string_view controller, std::string_view method) {
+  const std::size_t at = std::min(method.find('@'), method.size());
+  return std::string(controller).append(method.substr(at));
+}
+
+safety::Method ParseCompared(std::string_view method, std::span<const std::string_view> others) {
+  if (!IsPlacebo(method)) return ParseMethod(method, others);
+  safety::Method parsed = ParseMethod(WithController("baseline", method), others);
+  parsed.name = method;
+  return parsed;
+}
+
+void CheckPlacebos(std::span<const std::string> methods) {
+  for (const std::string& method : methods) {
+    if (!IsPlacebo(method)) continue;
+    const std::string judged = WithController(kJudged, method);
+    DFR_THROW_UNLESS(std::ranges::count(methods, judged) > 0,
+                     "the method '" << method << "' intervenes as often as the method '" << judged
+                                    << "' does: add '" << judged << "' to the methods");
+  }
 }
 
 Placebo::Placebo(std::unique_ptr<control::Controller> alone,
                  std::shared_ptr<const core::Policy> nominal, Distance distance)
     : alone_(std::move(alone)),
+      learner_(dynamic_cast<LearnsOnline*>(alone_.get())),
       nominal_(std::move(nominal)),
       distance_(std::move(distance)),
       control_(static_cast<std::size_t>(alone_->control_dim())) {}
@@ -42,6 +67,7 @@ control::Step Placebo::DoNext(std::span<const double> x, std::span<double> u) no
   step.filtered = !std::ranges::equal(control_, u);
   step.change = distance_(control_, u);
   std::ranges::copy(control_, u.begin());
+  if (learner_ != nullptr) learner_->Applied(u);
   return step;
 }
 

@@ -1,0 +1,22 @@
+#pragma once
+
+#include <string_view>
+
+#include "commands.h"
+#include "dfr/experiment/paired_evaluation.h"
+#include "dfr/experiment/report.h"
+#include "trial_runner.h"
+
+namespace dfr::apps::pusher {
+
+/// The preset that measures the recoveries of every model: of each trial and number of
+/// demonstrations.
+inline constexpr std::string_view kFig5 = "fig5";
+
+/// Measures how fast the first learner's recoveries climb, prints the figures, and adds them to the
+/// report. Without the preset kFig5 only those of the first trial's last model.
+/// @throws std::runtime_error as MeasureConvergence() does.
+void MeasureRecoveries(const ExperimentOptions& options, const experiment::EvaluationPlan& plan,
+                       TrialRunnerFactory& factory, experiment::ReportOptions& report);
+
+}  // namespace dfr::apps::pusher

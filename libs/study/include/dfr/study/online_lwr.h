@@ -1,0 +1,58 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <span>
+
+#include "dfr/control/guided/guided_options.h"
+#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/response.h"
+#include "dfr/core/feature_transform.h"
+#include "dfr/core/policy.h"
+
+namespace dfr::study {
+
+/// A controller that learns from the controls it gives. If another control is applied in their
+/// place, Applied() says which.
+class LearnsOnline {
+ public:
+  virtual ~LearnsOnline() = default;
+  virtual void Applied(std::span<const double> u) noexcept = 0;
+};
+
+/// "lwr-online": locally weighted regression with the kernel width of guided recovery, and an
+/// estimate of the response J that applied controls update. It gives the control that has the
+/// demonstrated effect today (control::JacobianEstimate::Demonstrated()), and no more: no support,
+/// no filter, no observer, no probes. See() and Applied() enclose each Control(). Belongs to one
+/// thread; after construction it never allocates.
+class OnlineLwrPolicy final : public core::Policy {
+ public:
+  /// Uses the drift, the own motion and the online weight of `options`.
+  /// @throws std::invalid_argument if `features` and `response` do not fit.
+  OnlineLwrPolicy(core::FeatureTransform features, control::Response response,
+                  const control::GuidedOptions& options = {});
+  [[nodiscard]] int state_dim() const noexcept override { return features_.state_dim(); }
+  [[nodiscard]] int control_dim() const noexcept override { return response_.control_dim(); }
+
+  /// Forgets the applied controls.
+  void Reset() noexcept;
+  /// State `x` follows the last applied control.
+  void See(std::span<const double> x) noexcept;
+  /// Clipped to +-1. Not a number in a state that is not finite.
+  void Control(int t, std::span<const double> x, std::span<double> u) const noexcept override;
+  /// Control `u` is applied in the state of the last See().
+  void Applied(std::span<const double> u) noexcept;
+
+ private:
+  core::FeatureTransform features_;
+  control::Response response_;
+  double online_weight_;
+  mutable control::JacobianEstimate estimate_;  // Control() only computes it.
+  mutable Eigen::VectorXd z_;
+  mutable Eigen::VectorXd v_;
+  Eigen::VectorXd seen_;
+  Eigen::VectorXd change_;
+  Eigen::VectorXd applied_;
+  bool has_applied_ = false;
+};
+
+}  // namespace dfr::study

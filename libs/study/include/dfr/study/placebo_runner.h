@@ -1,0 +1,72 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <tuple>
+#include <vector>
+
+#include "dfr/core/feature_transform.h"
+#include "dfr/core/trajectory.h"
+#include "dfr/experiment/paired_evaluation.h"
+#include "dfr/experiment/rollout_runner.h"
+#include "dfr/safety/task_model.h"
+#include "dfr/study/placebo.h"
+
+namespace dfr::study {
+
+/// A RolloutRunner whose methods may be placebos. Before its first episode a placebo takes its rate
+/// from the method kJudged around the same policy in all episodes of the unit, which are run for
+/// this once and count as that method's.
+class PlaceboRunner : public experiment::RolloutRunner {
+ public:
+  /// Names the unit, whose episodes give placebos their rate. Without a call, these are refused.
+  void JudgeIn(const experiment::EvaluationPlan& plan, const experiment::EvaluationUnit& unit) {
+    plan_ = plan;
+    unit_ = unit;
+  }
+  [[nodiscard]] experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
+                                              std::uint64_t controller_seed) override;
+
+ protected:
+  using RolloutRunner::RolloutRunner;
+  /// Makes the controller of a method that is no placebo.
+  using Maker = std::function<std::unique_ptr<control::Controller>(const std::string&)>;
+  /// Adds the controllers of `methods`. Placebos wrap the policy alone, "baseline" around the same
+  /// policy. Their corrections are of locally weighted regression on the demonstrations;
+  /// `distance` is that of two controls.
+  /// @throws std::invalid_argument as CheckPlacebos() does.
+  void AddAll(const std::vector<std::string>& methods, const Maker& make,
+              const core::FeatureTransform& features,
+              std::span<const core::Trajectory> demonstrations, const Placebo::Distance& distance);
+  /// The same, with distances in units of the task's controls.
+  void AddAll(const std::vector<std::string>& methods, const Maker& make,
+              const safety::TaskModel& task, std::span<const core::Trajectory> demonstrations);
+
+  /// Overrides call this one.
+  void Begin(int method, std::uint64_t start_seed) override;
+  /// "placebo" where a correction of one collided.
+  [[nodiscard]] std::string CauseOf(const control::RolloutResult& result) const override;
+
+ private:
+  // Share of the controls that the judged method changed.
+  [[nodiscard]] double RateOf(int judged);
+
+  struct Compared {
+    Placebo* placebo = nullptr;  // null: the method is not a placebo
+    int judged = 0;              // method
+    bool has_rate = false;
+  };
+  std::vector<Compared> compared_;  // [method]
+  experiment::EvaluationPlan plan_ = {};
+  std::optional<experiment::EvaluationUnit> unit_ = {};
+  int running_ = 0;  // method
+  std::map<std::tuple<int, std::uint64_t, std::uint64_t>, experiment::EpisodeResult>
+      known_;  // episodes that gave rates
+};
+
+}  // namespace dfr::study
