@@ -48,10 +48,12 @@ HoldReason ToHoldReason(PsmStatus status) noexcept {
     case PsmStatus::kSecondConsole:
     case PsmStatus::kForeignWord:
     case PsmStatus::kNewcomer:
+    case PsmStatus::kForeignControl:
     case PsmStatus::kForeignSetpoint:
     case PsmStatus::kTeleoperated:
     case PsmStatus::kClutched:
       return HoldReason::kSecondCommander;
+    case PsmStatus::kSetpointStays:
     case PsmStatus::kNotFollowing:
     case PsmStatus::kNotReached:
       return HoldReason::kArmNotFollowing;
@@ -80,9 +82,10 @@ robot::Finding PsmArm::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexce
   found_ = was_active ? status : driver_->client().hold_reason();
   if (found_ == PsmStatus::kHeld) return {};  // by us: whoever asked for it knows why
   const bool says_why = found_ == PsmStatus::kConsoleFault || found_ == PsmStatus::kConsoleError;
-  const std::string_view error = says_why                    ? driver_->last_error()
-                                 : driver_->held_by_others() ? SaidBy(driver_->who())
-                                                             : std::string_view();
+  const std::string_view error = says_why ? driver_->last_error()
+                                 : driver_->held_by_others() && !driver_->who().empty()
+                                     ? SaidBy(driver_->who())
+                                     : std::string_view();
   return {ToHoldReason(found_), error.empty() ? hardware::Name(found_) : error};
 }
 
@@ -90,7 +93,9 @@ robot::Finding PsmArm::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexce
 std::string_view PsmArm::SaidBy(std::string_view who) noexcept {
   const char* const what = found_ == PsmStatus::kForeignWord      ? "told the arm something"
                            : found_ == PsmStatus::kOtherPublisher ? "can command the arm"
-                                                                  : "has just joined";
+                           : found_ == PsmStatus::kForeignControl
+                               ? "the console obeyed someone else"
+                               : "has just joined";
   std::snprintf(said_.data(), said_.size(), "%s: %.*s", what, static_cast<int>(who.size()),
                 who.data());
   return said_.data();

@@ -2,10 +2,12 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <deque>
 #include <functional>
 #include <string>
 #include <vector>
 
+#include "dfr/hardware/control_word.h"
 #include "dfr/hardware/psm_client.h"
 #include "dfr/sim/dvrk/psm_console.h"
 
@@ -18,6 +20,7 @@ using kinematics::PsmJoints;
 constexpr std::int64_t kStepNs = 5'000'000;
 constexpr std::int64_t kBeginNs = 1'000'000'000;
 constexpr std::int64_t kEpochNs = 1'700'000'000'000'000'000;
+constexpr int kTransitSteps = 3;  // of the console's texts
 
 PsmJoints Start() {
   PsmJoints q = PsmJoints::Zero();
@@ -33,7 +36,9 @@ class LateWordsTest : public testing::Test {
     console_ = sim::PsmConsole({.arm = "PSM1", .homing_s = 0.2});
     client_ = PsmClient(PsmClientOptions{});
     state_ = {};
+    texts_.clear();
     steps_ = moves_ = 0;
+    deaf_ = false;
     now_ns_ = kBeginNs;
     console_.Place(Start());
     for (int i = 0; i < 10; ++i) Step();
@@ -68,6 +73,10 @@ class LateWordsTest : public testing::Test {
       input.operating_state = state_;
     }
     input.goals_reached = static_cast<int>(console_.TakeGoals().size());
+    for (; !texts_.empty() && texts_.front().due <= steps_; texts_.pop_front()) {
+      input.pose_controls += texts_.front().control == PsmControl::kPoses ? 1 : 0;
+      input.other_controls += texts_.front().control == PsmControl::kOther ? 1 : 0;
+    }
     if (steps_ % 2 == 0) {
       const dds::Stamp stamp = dds::Stamp::FromNanoseconds(kEpochNs + now_ns_);
       PsmJointSample sample;
@@ -85,12 +94,29 @@ class LateWordsTest : public testing::Test {
     }
     const PsmOutput output = client_.Step(input, now_ns_, kEpochNs + now_ns_);
     if (output.hold) console_.Hold();
-    if (output.servo) console_.ServoCp(output.servo_cp);
-    if (output.servo_jaw) console_.ServoJaw(output.jaw);
+    if (output.servo && !deaf_) console_.ServoCp(output.servo_cp);
+    if (output.servo_jaw && !deaf_) console_.ServoJaw(output.jaw);
     if (others) others();
     console_.Step(1e-9 * kStepNs);
+    for (const sim::ConsoleMessage& message : console_.TakeMessages()) {
+      texts_.push_back({steps_ + kTransitSteps, ControlStatedBy(message.text)});
+    }
     ++steps_;
     now_ns_ += kStepNs;
+  }
+
+  // What follows from a command that the console alone has heard, while nobody is found before
+  // `late_ms` have passed: the greatest motion from where the command was carried out, m.
+  double MotionAfter(const std::function<void()>& command, int times, int late_ms) {
+    Begin();
+    const Eigen::Vector3d there = tip();
+    double motion_m = 0.0;
+    for (int ms = 0; ms < 1000; ms += 5) {
+      const bool now = ms % 50 == 0 && ms / 50 < times;
+      Step(ms == late_ms ? 1 : 0, now ? command : nullptr);
+      motion_m = std::max(motion_m, (tip() - there).norm());
+    }
+    return motion_m;
   }
 
   [[nodiscard]] Eigen::Vector3d tip() const { return console_.measured_pose().translation(); }
@@ -98,33 +124,38 @@ class LateWordsTest : public testing::Test {
   sim::PsmConsole console_{{.arm = "PSM1", .homing_s = 0.2}};
   PsmClient client_{PsmClientOptions{}};
   PsmOperatingState state_;
+  struct Text {
+    int due;
+    PsmControl control;
+  };
+  std::deque<Text> texts_;  // under way
+  bool deaf_ = false;       // our commands are lost
   int moves_ = 0;
   int steps_ = 0;
   std::int64_t now_ns_ = kBeginNs;
 };
 
-// The participant is found at the latest when the console may first hear it. Its publisher is
-// matched here up to half a second later than there, and its only words are never heard.
+// A hold, once and 20 times a second for .3 s, by a participant that is found here up to half a
+// second later than at the console.
 TEST_F(LateWordsTest, AHoldThatTheConsoleAloneHasHeardHolds) {
-  for (int late_ms = 0; late_ms < 500; late_ms += 10) {
-    SCOPED_TRACE(late_ms);
-    Begin();
-    Step(1);
-    console_.Hold();
-    const Eigen::Vector3d there = tip();
-    double motion_m = 0.0;
-    for (int ms = 0; ms < 1000; ms += 5) {
-      Step(ms == late_ms ? 1 : 0);
-      motion_m = std::max(motion_m, (tip() - there).norm());
+  double worst_m = 0.0;
+  for (int i = 0; i < 50; ++i) {
+    const int late_ms = 10 * i;
+    for (const int times : {1, 6}) {
+      SCOPED_TRACE(testing::Message() << times << " times, found after " << late_ms << " ms");
+      worst_m = std::max(worst_m, MotionAfter([&] { console_.Hold(); }, times, late_ms));
+      EXPECT_EQ(client_.phase(), PsmPhase::kHolding);
+      EXPECT_EQ(client_.status(),
+                late_ms <= 5 * kTransitSteps ? PsmStatus::kNewcomer : PsmStatus::kForeignControl)
+          << Name(client_.status());
     }
-    EXPECT_EQ(client_.phase(), PsmPhase::kHolding);
-    EXPECT_EQ(client_.status(), PsmStatus::kNewcomer) << Name(client_.status());
-    EXPECT_LT(motion_m, 1e-3);
   }
+  EXPECT_LT(worst_m, 1e-3);
+  RecordProperty("worst_mm", std::to_string(1e3 * worst_m));
 }
 
 // Nobody is found before 300 ms after the console has heard it, and what the console publishes is
-// all that there is. A hold shows nowhere there, nor does a free.
+// all that there is.
 TEST_F(LateWordsTest, TheConsoleShowsWhatOthersCommand) {
   struct Command {
     const char* topic;
@@ -142,6 +173,8 @@ TEST_F(LateWordsTest, TheConsoleShowsWhatOthersCommand) {
   PsmJoints difference = PsmJoints::Zero();
   difference[1] = 0.02;
   const std::vector<Command> commands = {
+      {"hold", [&] { console_.Hold(); }},
+      {"free", [&] { console_.Free(); }},
       {"servo_jp", [&] { console_.ServoJp(aside(console_.setpoint_joints())); }},
       {"servo_cp", [&] { console_.ServoCp(Psm::Forward(aside(console_.setpoint_joints()))); }},
       {"servo_jr", [&] { console_.ServoJr(difference); }},
@@ -162,6 +195,64 @@ TEST_F(LateWordsTest, TheConsoleShowsWhatOthersCommand) {
     }
     EXPECT_EQ(client_.phase(), PsmPhase::kHolding) << "after 300 ms";
   }
+}
+
+// Without repetition: each command is carried out once. A move makes the arm busy before the text
+// comes.
+TEST_F(LateWordsTest, OneCommandIsEnough) {
+  struct Command {
+    const char* topic;
+    std::function<void()> carry_out;
+    PsmStatus reason;
+  };
+  const std::vector<Command> commands = {
+      {"hold", [&] { console_.Hold(); }, PsmStatus::kForeignControl},
+      {"free", [&] { console_.Free(); }, PsmStatus::kForeignControl},
+      {"servo_jp", [&] { console_.ServoJp(console_.setpoint_joints()); },
+       PsmStatus::kForeignControl},
+      {"move_jp", [&] { console_.MoveJp(console_.setpoint_joints()); }, PsmStatus::kBusy},
+      {"move_cp", [&] { console_.MoveCp(console_.setpoint_pose()); }, PsmStatus::kBusy},
+      {"jaw/move_jp", [&] { console_.MoveJaw(console_.setpoint_jaw()); }, PsmStatus::kBusy}};
+  for (const Command& command : commands) {
+    SCOPED_TRACE(command.topic);
+    EXPECT_LT(MotionAfter(command.carry_out, 1, 5000), 1e-3);
+    EXPECT_EQ(client_.phase(), PsmPhase::kHolding);
+    EXPECT_EQ(client_.status(), command.reason) << Name(client_.status());
+  }
+}
+
+// The answers to our own hold and to the first set-point after it come when the arm is armed again.
+TEST_F(LateWordsTest, TheAnswersToOurOwnCommandsAreNoOneElses) {
+  Begin();
+  for (int episode = 0; episode < 20; ++episode) {
+    SCOPED_TRACE(episode);
+    client_.Hold();
+    Step();
+    ASSERT_EQ(client_.phase(), PsmPhase::kHolding);
+    ASSERT_EQ(client_.Arm(), PsmStatus::kOk) << Name(client_.status());
+    PsmJoints goal = client_.setpoint();
+    goal[0] += episode % 2 == 0 ? 0.02 : -0.02;
+    ASSERT_EQ(client_.MoveTo(goal, 1.0), PsmStatus::kOk);
+    ASSERT_EQ(client_.MoveJaw(episode % 2 == 0 ? 0.2 : 0.0, 1.0), PsmStatus::kOk);
+    for (int i = 0; i < 300; ++i) Step();
+    ASSERT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());
+  }
+  Step(0, [&] { console_.Hold(); });
+  for (int i = 0; i <= kTransitSteps; ++i) Step();
+  EXPECT_EQ(client_.status(), PsmStatus::kForeignControl) << Name(client_.status());
+}
+
+// The window of 0.2 s in which a set-point reaches the console, and what the motion takes to leave
+// the tolerance.
+TEST_F(LateWordsTest, ASetpointThatStaysWhileOursMovesOnHolds) {
+  Begin();
+  deaf_ = true;
+  const Eigen::Vector3d there = tip();
+  int ms = 0;
+  for (; ms < 1000 && client_.phase() == PsmPhase::kArmed; ms += 5) Step();
+  EXPECT_EQ(client_.status(), PsmStatus::kSetpointStays) << Name(client_.status());
+  EXPECT_LE(ms, 300);
+  EXPECT_LT((tip() - there).norm(), 1e-3);
 }
 
 TEST_F(LateWordsTest, NothingIsDetectedWhereNobodyElseIs) {

@@ -247,7 +247,7 @@ TEST(PsmConsoleTest, AnSiArmHasItsOwnLimitsAndInstrument) {
   (void)console.TakeMessages();
   console.ServoJp(At(2, 0.29));
   console.ServoCp(Psm::Forward(At(0, 2.9)));
-  EXPECT_THAT(console.TakeMessages(), testing::IsEmpty());
+  EXPECT_THAT(console.TakeMessages(), testing::Not(Warns("clipped")));
   Pass(console, 3.0);
   EXPECT_NEAR(console.setpoint_joints()[0], 2.9, 1e-9);
   console.ServoJp(At(2, 0.3));

@@ -336,7 +336,11 @@ PsmStatus PsmClient::CommandHoldReason(const PsmInput& input) const noexcept {
 PsmStatus PsmClient::FollowHoldReason() const noexcept {
   if (options_.sole_commander &&
       !recent_.Contain(setpoint_js_.position, options_.max_setpoint_error)) {
-    return PsmStatus::kForeignSetpoint;
+    constexpr double kStill = 0.1;
+    const PsmJoints moved = (setpoint_js_.position - agreed_).cwiseAbs();
+    return (moved.array() <= kStill * options_.max_setpoint_error.array()).all()
+               ? PsmStatus::kSetpointStays
+               : PsmStatus::kForeignSetpoint;
   }
   if (options_.sole_commander && !JawIsOurs()) return PsmStatus::kForeignSetpoint;
   if (BaseMoved()) return PsmStatus::kBaseMoved;
@@ -346,6 +350,16 @@ PsmStatus PsmClient::FollowHoldReason() const noexcept {
     return PsmStatus::kNotReached;
   }
   return PsmStatus::kOk;
+}
+
+// The console states each change of control. After arming, our first set-point changes it once. A
+// statement before that one may be about what was before.
+bool PsmClient::ControlIsOurs(const PsmInput& input) noexcept {
+  const bool settling = !pose_control_ && Seconds(now_ns_ - armed_ns_) < kCommandTime;
+  const bool others = input.other_controls > 0 && !settling;
+  const bool again = input.pose_controls > (pose_control_ ? 0 : 1);
+  pose_control_ = pose_control_ || input.pose_controls > 0;
+  return !others && !again;
 }
 
 // Returns true if a jaw without a command of ours stays still.
@@ -500,6 +514,10 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
   if (cause == PsmStatus::kOk && options_.sole_commander && input.newcomers > 0) {
     cause = PsmStatus::kNewcomer;
   }
+  const bool ours = ControlIsOurs(input);
+  if (cause == PsmStatus::kOk && options_.sole_commander && !ours) {
+    cause = PsmStatus::kForeignControl;
+  }
   if (cause == PsmStatus::kOk && options_.sole_commander && input.goals_reached > 0) {
     cause = PsmStatus::kBusy;
   }
@@ -516,6 +534,7 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
     HoldBecause(cause, output);
     return output;
   }
+  agreed_ = setpoint_js_.position;
 
   const double step_s = std::min(dt, options_.longest_step_s);
   if (motion_.moving()) {
@@ -575,7 +594,9 @@ PsmStatus PsmClient::Arm() noexcept {
   recent_.Start(setpoint_js_.position, Seconds(now_ns_));
   rest_.Forget();
   at_rest_ = false;
-  restless_ns_ = now_ns_;
+  restless_ns_ = armed_ns_ = now_ns_;
+  agreed_ = setpoint_js_.position;
+  pose_control_ = false;
   jaw_ours_ = jaw_moving_ = jaw_known_ = false;
   cause_ = PsmStatus::kOk;
   phase_ = PsmPhase::kArmed;

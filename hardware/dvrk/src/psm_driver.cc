@@ -14,6 +14,7 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/dds/channel.h"
+#include "dfr/hardware/control_word.h"
 #include "dfr/hardware/word_limit.h"
 #include "dfr/runtime/latest.h"
 #include "dfr/runtime/queue.h"
@@ -206,6 +207,16 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
     return servo_cs->Write(state);
   }
 
+  void NoteControl(const ConsoleWord& word) noexcept {
+    const PsmControl control = ControlStatedBy(word.view());
+    if (control == PsmControl::kPoses) pose_controls.fetch_add(1, std::memory_order_acq_rel);
+    if (control != PsmControl::kOther) return;
+    Who who;
+    std::memcpy(who.text.data(), word.text.data(), who.text.size() - 1);
+    new_control.Put(who);
+    other_controls.fetch_add(1, std::memory_order_acq_rel);
+  }
+
   void Receive() noexcept {
     // Messages first, so the reason of a FAULT is known when it is reported.
     const std::int64_t now_ns = tick_ns.load(std::memory_order_relaxed);
@@ -220,6 +231,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
         const std::size_t size = std::min(text.text.size(), word.text.size() - 1);
         std::memcpy(word.text.data(), text.text.data(), size);
         MakePrintable(word.text.data());
+        if (severity == ConsoleWord::Severity::kStatus) NoteControl(word);
         if (limit->Passes(now_ns)) words.Put(word);
         if (severity == ConsoleWord::Severity::kError) {
           new_error.Put(word);
@@ -409,6 +421,9 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   std::atomic<int> newcomers{0};
   std::atomic<int> goals_reached{0};
   runtime::Latest<Who> new_who;
+  std::atomic<int> pose_controls{0};
+  std::atomic<int> other_controls{0};
+  runtime::Latest<Who> new_control;
   std::atomic<int> tool_changes{0};
   std::atomic<bool> is_teleoperated{false};
   std::atomic<bool> was_teleoperated{false};
@@ -520,6 +535,8 @@ PsmStatus PsmDriver::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept
       link.command_subscribers.load(std::memory_order_relaxed);
   input.goals_reached = link.goals_reached.exchange(0, std::memory_order_acq_rel);
   input.foreign_words = link.foreign_words.exchange(0, std::memory_order_acq_rel);
+  input.pose_controls = link.pose_controls.exchange(0, std::memory_order_acq_rel);
+  input.other_controls = link.other_controls.exchange(0, std::memory_order_acq_rel);
   input.tool_changes = link.tool_changes.exchange(0, std::memory_order_acq_rel);
   input.wrong_tool = link.wrong_tool.load(std::memory_order_acquire);
   input.teleoperated = link.was_teleoperated.exchange(false, std::memory_order_acq_rel);
@@ -529,8 +546,11 @@ PsmStatus PsmDriver::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept
   input.send_failed = link.failed.exchange(false, std::memory_order_relaxed);
 
   // The first participant that made the arm hold.
-  if (Who who; link.new_who.Take(who) && !held_by_others()) who_ = who.text;
+  const bool was_held = held_by_others();
+  if (Who who; link.new_who.Take(who) && !was_held) who_ = who.text;
+  if (Who who; link.new_control.Take(who)) control_ = who.text;
   const PsmOutput output = client_.Step(input, steady_ns, wall_ns);
+  if (!was_held && held_by_others() && status() == PsmStatus::kForeignControl) who_ = control_;
   if (output.servo || output.servo_jaw || output.request != PsmRequest::kNone) {
     Outgoing next;
     next.servo = output.servo;
@@ -556,7 +576,7 @@ bool PsmDriver::held_by_others() const noexcept {
   const PsmStatus now = status();
   return client_.phase() == PsmPhase::kHolding &&
          (now == PsmStatus::kNewcomer || now == PsmStatus::kForeignWord ||
-          now == PsmStatus::kOtherPublisher);
+          now == PsmStatus::kOtherPublisher || now == PsmStatus::kForeignControl);
 }
 
 std::vector<dds::Newcomer> PsmDriver::Requesters() const {

@@ -54,8 +54,12 @@ const char* Name(PsmStatus status) noexcept {
       return "someone else told the arm to hold, to be free or to change its state";
     case PsmStatus::kNewcomer:
       return "someone who may command the arm has just joined";
+    case PsmStatus::kForeignControl:
+      return "the console has obeyed a hold, free or other command of someone else";
     case PsmStatus::kForeignSetpoint:
       return "the console moves its set-point where it was not sent";
+    case PsmStatus::kSetpointStays:
+      return "the console's set-point does not follow what it is sent";
     case PsmStatus::kTeleoperated:
       return "the arm is teleoperated";
     case PsmStatus::kClutched:
@@ -150,8 +154,12 @@ const char* Remedy(PsmStatus status) noexcept {
       return "ask who sent hold, free or state_command, then arm again";
     case PsmStatus::kNewcomer:
       return "what was said before it was found is not known: look at the arm, then arm again";
+    case PsmStatus::kForeignControl:
+      return "only the console has heard it: look at the arm, ask who sent it, then arm again";
     case PsmStatus::kForeignSetpoint:
       return "is the arm teleoperated, or commanded inside the console? end that, then arm again";
+    case PsmStatus::kSetpointStays:
+      return "does someone hold the arm, or are commands lost on the way? then arm again";
     case PsmStatus::kTeleoperated:
       return "disable teleoperation at the console, then arm again";
     case PsmStatus::kClutched:

@@ -17,6 +17,15 @@ using kinematics::PsmJoints;
 constexpr double kDegree = 0.017453292519943295;
 constexpr double kJawSpeed = 90.0 * kDegree;
 constexpr double kJawUpper = 80.0 * kDegree;
+
+// Control spaces and modes, in the words of sawIntuitiveResearchKit.
+constexpr std::string_view kNoControl = "UNDEFINED_SPACE/UNDEFINED_MODE";
+constexpr std::string_view kJointPosition = "JOINT_SPACE/POSITION_MODE";
+constexpr std::string_view kJointTrajectory = "JOINT_SPACE/TRAJECTORY_MODE";
+constexpr std::string_view kJointEffort = "JOINT_SPACE/EFFORT_MODE";
+constexpr std::string_view kPosePosition = "CARTESIAN_SPACE/POSITION_MODE";
+constexpr std::string_view kPoseTrajectory = "CARTESIAN_SPACE/TRAJECTORY_MODE";
+
 constexpr std::array<const char*, 6> kJointNames = {"yaw",  "pitch",       "insertion",
                                                     "roll", "wrist pitch", "wrist yaw"};
 
@@ -83,6 +92,12 @@ void PsmConsole::Enter(ArmState state) {
   Say(ConsoleMessage::Severity::kStatus, std::string("now ") + Name(state));
 }
 
+void PsmConsole::Control(std::string_view control) {
+  if (control == control_) return;
+  control_ = control;
+  Say(ConsoleMessage::Severity::kStatus, "control " + std::string(control));
+}
+
 void PsmConsole::StopMoves() {
   if (moving_ || jaw_moving_) goals_.push_back(false);
   moving_ = false;
@@ -94,6 +109,7 @@ void PsmConsole::StopMoves() {
 void PsmConsole::Fail(const std::string& reason) {
   homing_left_s_ = 0.0;
   StopMoves();
+  Control(kNoControl);
   Say(ConsoleMessage::Severity::kError, reason);
   Enter(ArmState::kFault);
 }
@@ -108,6 +124,7 @@ void PsmConsole::StateCommand(std::string_view command) {
   if (command == "disable" || command == "unhome") {
     homing_left_s_ = 0.0;
     StopMoves();
+    Control(kNoControl);
     if (command == "unhome") homed_ = false;
     Enter(ArmState::kDisabled);
   } else if (command == "enable") {
@@ -116,6 +133,7 @@ void PsmConsole::StateCommand(std::string_view command) {
     if (homing_left_s_ > 0.0) return;
     Enter(ArmState::kEnabled);
     if (homed_) return;
+    Control(kJointTrajectory);
     homing_left_s_ = std::max(options_.homing_s, 1e-9);
   } else if (command == "pause") {
     if (state_ != ArmState::kEnabled || homing_left_s_ > 0.0) {
@@ -123,6 +141,7 @@ void PsmConsole::StateCommand(std::string_view command) {
       return;
     }
     StopMoves();
+    Control(kNoControl);
     Enter(ArmState::kPaused);
   } else if (command == "resume") {
     if (state_ != ArmState::kPaused) {
@@ -222,23 +241,29 @@ void PsmConsole::StartServo(const PsmJoints& goal) {
 }
 
 void PsmConsole::ServoJp(const PsmJoints& goal) {
+  if (!Ready("servo_jp")) return;
+  Control(kJointPosition);
   PsmJoints joints = goal;
-  if (Ready("servo_jp") && Clip("servo_jp", joints)) StartServo(joints);
+  if (Clip("servo_jp", joints)) StartServo(joints);
 }
 
 void PsmConsole::ServoCp(const Eigen::Isometry3d& goal) {
+  if (!Ready("servo_cp")) return;
+  Control(kPosePosition);
   PsmJoints joints;
-  if (Ready("servo_cp") && Reach("servo_cp", goal, joints)) StartServo(joints);
+  if (Reach("servo_cp", goal, joints)) StartServo(joints);
 }
 
 void PsmConsole::ServoJr(const PsmJoints& difference) {
   if (!Ready("servo_jr")) return;
+  Control(kJointPosition);
   PsmJoints joints = (moving_ ? setpoint_ : goal_) + difference;
   if (Clip("servo_jr", joints)) StartServo(joints);
 }
 
 void PsmConsole::ServoCr(const Eigen::Isometry3d& difference) {
   if (!Ready("servo_cr")) return;
+  Control(kPosePosition);
   Eigen::Isometry3d goal = options_.base_frame * Psm::Forward(moving_ ? setpoint_ : goal_);
   goal.translation() += difference.translation();
   goal.linear() = difference.linear() * goal.linear();
@@ -265,17 +290,21 @@ void PsmConsole::SetTrajectoryRatio(double ratio) {
 
 void PsmConsole::MoveJr(const PsmJoints& difference) {
   if (!Ready("move_jr")) return;
+  Control(kJointTrajectory);
   PsmJoints joints = (moving_ ? goal_ : setpoint_) + difference;
   if (Clip("move_jr", joints)) StartMove(joints);
 }
 
 void PsmConsole::MoveJp(const PsmJoints& goal) {
+  if (!Ready("move_jp")) return;
+  Control(kJointTrajectory);
   PsmJoints joints = goal;
-  if (Ready("move_jp") && Clip("move_jp", joints)) StartMove(joints);
+  if (Clip("move_jp", joints)) StartMove(joints);
 }
 
 void PsmConsole::MoveCp(const Eigen::Isometry3d& goal) {
   if (!Ready("move_cp")) return;
+  Control(kPoseTrajectory);
   PsmJoints joints;
   if (Reach("move_cp", goal, joints)) {
     StartMove(joints);
@@ -284,8 +313,15 @@ void PsmConsole::MoveCp(const Eigen::Isometry3d& goal) {
   }
 }
 
+// The jaw leaves the arm's space as it is.
+void PsmConsole::ControlJaw(std::string_view in_pose_space, std::string_view in_joint_space) {
+  Control(control_ == kPosePosition || control_ == kPoseTrajectory ? in_pose_space
+                                                                   : in_joint_space);
+}
+
 void PsmConsole::ServoJaw(double angle) {
   if (!Ready("jaw/servo_jp") || !ClipJaw("jaw/servo_jp", angle)) return;
+  ControlJaw(kPosePosition, kJointPosition);
   if (jaw_moving_) goals_.push_back(false);
   jaw_moving_ = false;
   jaw_goal_ = angle;
@@ -293,6 +329,7 @@ void PsmConsole::ServoJaw(double angle) {
 
 void PsmConsole::MoveJaw(double angle) {
   if (!Ready("jaw/move_jp") || !ClipJaw("jaw/move_jp", angle)) return;
+  ControlJaw(kPoseTrajectory, kJointTrajectory);
   if (jaw_moving_) goals_.push_back(false);
   jaw_moving_ = true;
   ++moves_begun_;
@@ -300,11 +337,14 @@ void PsmConsole::MoveJaw(double angle) {
 }
 
 void PsmConsole::Hold() {
-  if (Ready("hold")) StopMoves();
+  if (!Ready("hold")) return;
+  Control(kJointPosition);
+  StopMoves();
 }
 
 void PsmConsole::Free() {
   if (!Ready("free")) return;
+  Control(kJointEffort);
   StopMoves();
   goal_ = setpoint_ = measured_;
   jaw_goal_ = jaw_setpoint_ = jaw_;
@@ -339,6 +379,7 @@ void PsmConsole::Step(double dt_s) {
     goal_ = setpoint_ = measured_ = Home();
     jaw_goal_ = jaw_setpoint_ = jaw_ = 0.0;
     velocity_.setZero();
+    Control(kNoControl);
     Say(ConsoleMessage::Severity::kStatus, "homed");
     return;
   }

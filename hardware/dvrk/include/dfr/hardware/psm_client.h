@@ -53,7 +53,8 @@ struct PsmClientOptions {
   double repeat_request_s = 2.0;  ///< A state command without effect is repeated after this time.
   PsmProfile profile = PsmProfile::kSmooth;
   /// Hold if another participant publishes on the arm's command topics, tells it to hold or be
-  /// free, joins the network while it is armed, or moves its set-point.
+  /// free, joins the network while it is armed, changes its control at the console, or moves its
+  /// set-point.
   bool sole_commander = true;
 
   /// @throws std::invalid_argument naming the option that is out of range.
@@ -131,6 +132,10 @@ struct PsmInput {
   int incompatible = 0;      ///< Publishers refused there because of their quality of service.
   int other_publishers = 0;  ///< On the command topics, other than this client.
   int foreign_words = 0;     ///< Messages of others on hold, free and state_command.
+  /// Statements of the console that servo_cp or servo_cs, and that another command, controls the
+  /// arm: ControlStatedBy().
+  int pose_controls = 0;
+  int other_controls = 0;
   /// Participants discovered since the last step, and publishers on the topics of the two members
   /// above. Their earlier messages are unknown.
   int newcomers = 0;
@@ -242,6 +247,7 @@ class PsmClient {
   [[nodiscard]] bool FrameAgrees() const noexcept;
   [[nodiscard]] bool BaseMoved() const noexcept;
   void Pair() noexcept;
+  [[nodiscard]] bool ControlIsOurs(const PsmInput& input) noexcept;
   void HoldBecause(PsmStatus cause, PsmOutput& output) noexcept;
   [[nodiscard]] PsmStatus HomingHoldReason(const PsmInput& input, double dt) const noexcept;
   void Pursue(const PsmInput& input, double dt, PsmOutput& output) noexcept;
@@ -264,6 +270,8 @@ class PsmClient {
   PsmJawSample jaw_measured_;
   PsmJawSample jaw_setpoint_;
   PsmOperatingState operating_;
+  kinematics::PsmJoints agreed_ =
+      kinematics::PsmJoints::Zero();  // the last set-point that was ours
   std::int64_t js_arrival_ns_ = 0;
   std::int64_t cp_arrival_ns_ = 0;
   std::int64_t local_arrival_ns_ = 0;
@@ -275,6 +283,7 @@ class PsmClient {
   std::int64_t wall_ns_ = 0;
   std::int64_t restless_ns_ = 0;  // last time when the arm was at rest or in a move
   std::int64_t newcomer_ns_ = 0;
+  std::int64_t armed_ns_ = 0;
   std::int64_t request_start_ns_ = 0;
   std::int64_t request_sent_ns_ = 0;
   double jaw_ = 0.0;
@@ -302,6 +311,7 @@ class PsmClient {
   bool hold_wanted_ = false;
   bool hold_first_ = false;
   bool request_sent_ = false;
+  bool pose_control_ = false;  // stated since the arm was armed
   bool jaw_ours_ = false;
   bool jaw_known_ = false;  // jaw position at the time of arming is known
   bool jaw_moving_ = false;

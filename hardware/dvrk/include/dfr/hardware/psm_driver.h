@@ -49,7 +49,7 @@ struct PsmDriverOptions {
 /// and body; messages of others on hold, free and state_command; new participants; moves ended by
 /// the console (goal_reached), which are never ours; and enabled teleoperations. The console may
 /// receive a newcomer's messages before this driver does, so the presence of a newcomer counts as a
-/// message.
+/// message. What only the console has heard shows in its statements on `status`.
 ///
 /// A separate thread handles DDS, which allocates, locks and may wait. Lock-free mailboxes pass
 /// messages. All members marked noexcept, in particular Tick(), therefore neither allocate, lock
@@ -105,8 +105,8 @@ class PsmDriver {
   /// Returns the last error reported by the console; empty if none.
   [[nodiscard]] std::string_view last_error() const noexcept { return last_error_.view(); }
   /// Describes the last participant that published, sent a request or joined, with address and
-  /// topic. While the arm holds because of others, describes the first one that caused it. Empty if
-  /// there was none.
+  /// topic. While the arm holds because of others, describes the first one that caused it, or
+  /// quotes the console, which alone has heard it. Empty if there was none.
   [[nodiscard]] std::string_view who() const noexcept { return who_.data(); }
   /// True if who() is the cause of the hold.
   [[nodiscard]] bool held_by_others() const noexcept;
@@ -138,6 +138,7 @@ class PsmDriver {
   PsmClient client_;
   ConsoleWord last_error_;
   std::array<char, 160> who_{};
+  std::array<char, 160> control_{};  // the console's last statement of another's control
   int other_publishers_ = 0;
   int state_publishers_ = 0;
   int servo_subscribers_ = 0;

@@ -32,7 +32,9 @@ enum class PsmStatus {
   kSecondConsole,    ///< Several publishers of the arm's state.
   kForeignWord,      ///< Another program told the arm to hold, be free or change its state.
   kNewcomer,         ///< A participant joined, or began to publish on a command topic.
+  kForeignControl,   ///< The console states that a command of another program controls the arm.
   kForeignSetpoint,  ///< The console's set-point does not match those sent to it.
+  kSetpointStays,    ///< The console's set-point does not follow those sent to it.
   kTeleoperated,     ///< Teleoperation is enabled in the console.
   kClutched,         ///< The operator holds the arm's clutch.
   kWrongTool,        ///< An instrument whose kinematics are unknown.

@@ -138,12 +138,15 @@ class PsmConsole {
   [[nodiscard]] bool ClipJaw(const char* command, double& angle);
   void Say(ConsoleMessage::Severity severity, const std::string& text);
   void Enter(ArmState state);
+  void Control(std::string_view control);
+  void ControlJaw(std::string_view in_pose_space, std::string_view in_joint_space);
   void StartMove(const kinematics::PsmJoints& goal);
   void StartServo(const kinematics::PsmJoints& goal);
   void StopMoves();
 
   PsmConsoleOptions options_;
   ArmState state_ = ArmState::kDisabled;
+  std::string_view control_ = "UNDEFINED_SPACE/UNDEFINED_MODE";
   bool homed_ = false;
   double homing_left_s_ = 0.0;
   bool moving_ = false;
