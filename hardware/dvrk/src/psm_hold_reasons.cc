@@ -1,0 +1,174 @@
+// Why a client holds.
+#include <algorithm>
+#include <array>
+#include <span>
+
+#include "dfr/hardware/psm_client.h"
+#include "psm_client_internal.h"
+
+namespace dfr::hardware {
+namespace {
+
+using dds::Freshness;
+using internal::Finite;
+using internal::InFirstPlace;
+using internal::Seconds;
+using internal::Transform;
+using kinematics::Psm;
+using kinematics::PsmJoints;
+
+PsmStatus FromFreshness(Freshness freshness) noexcept {
+  switch (freshness) {
+    case Freshness::kFresh:
+      return PsmStatus::kOk;
+    case Freshness::kNever:
+    case Freshness::kSilent:
+      return PsmStatus::kStateSilent;
+    case Freshness::kInvalidStamp:
+      return PsmStatus::kStateInvalid;
+    case Freshness::kOld:
+      return PsmStatus::kStateOld;
+    case Freshness::kAhead:
+      return PsmStatus::kStateAhead;
+  }
+  return PsmStatus::kStateSilent;
+}
+
+// Returns true if the poses agree within a distance, m, and an angle, rad.
+bool Near(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b, double distance_m,
+          double angle) noexcept {
+  return (a.translation() - b.translation()).norm() <= distance_m &&
+         Eigen::Quaterniond(a.linear()).angularDistance(Eigen::Quaterniond(b.linear())) <= angle;
+}
+
+}  // namespace
+
+PsmStatus PsmClient::MeasurementHoldReason() const noexcept {
+  struct Stream {
+    const dds::Watchdog& watchdog;
+    const dds::Stamp& stamp;
+    std::int64_t arrival_ns;
+  };
+  const std::array<Stream, 3> streams = {
+      Stream{js_watchdog_, js_.stamp, js_arrival_ns_},
+      Stream{cp_watchdog_, cp_.stamp, cp_arrival_ns_},
+      Stream{local_watchdog_, local_cp_.stamp, local_arrival_ns_}};  // not on every console
+  for (const Stream& stream : std::span(streams).first(any_local_ ? 3U : 2U)) {
+    const PsmStatus status = FromFreshness(stream.watchdog.Check(wall_ns_, now_ns_));
+    // The sample was recent on arrival; only its successor is missing.
+    const std::int64_t waited_ns = now_ns_ - stream.arrival_ns;
+    if (status == PsmStatus::kStateOld && wall_ns_ - stream.stamp.nanoseconds() < 2 * waited_ns) {
+      return PsmStatus::kStateSilent;
+    }
+    if (status != PsmStatus::kOk) return status;
+  }
+  // An old set-point shows neither interference by others nor a pose for arming.
+  if (any_setpoint_ && Seconds(now_ns_ - setpoint_arrival_ns_) > options_.watchdog.max_silence_s) {
+    return PsmStatus::kStateSilent;
+  }
+  if (!js_.well_formed) return PsmStatus::kStateMalformed;
+  if (!js_.position.allFinite() || !js_.velocity.allFinite() || !Finite(cp_) ||
+      (any_local_ && !Finite(local_cp_))) {
+    return PsmStatus::kStateNotFinite;
+  }
+  return jumped_ ? PsmStatus::kStateJumped : PsmStatus::kOk;
+}
+
+PsmStatus PsmClient::FindHoldReason(const PsmInput& input) const noexcept {
+  const bool silent = js_watchdog_.Check(wall_ns_, now_ns_) == Freshness::kSilent;
+  if (input.state_publishers == 0 && (!any_js_ || silent)) {
+    if (input.incompatible > 0) return PsmStatus::kIncompatible;
+    return had_publisher_ ? PsmStatus::kConsoleGone : PsmStatus::kNoConsole;
+  }
+  if (silent) return PsmStatus::kStateSilent;
+  if (input.state_publishers > 1) return PsmStatus::kSecondConsole;
+  if (!any_operating_) return PsmStatus::kNoOperatingState;
+  const PsmStatus ready = Readiness(operating_);
+  if (ready != PsmStatus::kOk) return ready;
+  const PsmStatus measured = MeasurementHoldReason();
+  if (measured != PsmStatus::kOk) return measured;
+  const PsmStatus others = CommandHoldReason(input);
+  if (others != PsmStatus::kOk) return others;
+  return phase_ != PsmPhase::kArmed && Discovering() ? PsmStatus::kNewcomer : PsmStatus::kOk;
+}
+
+bool PsmClient::Discovering() const noexcept {
+  return options_.sole_commander && any_newcomer_ &&
+         Seconds(now_ns_ - newcomer_ns_) < options_.discovery_s;
+}
+
+// Another client commands the arm, or may do so.
+PsmStatus PsmClient::CommandHoldReason(const PsmInput& input) const noexcept {
+  if (input.wrong_tool) return PsmStatus::kWrongTool;
+  if (input.clutched) return PsmStatus::kClutched;
+  if (!options_.sole_commander) return PsmStatus::kOk;
+  if (input.teleoperated) return PsmStatus::kTeleoperated;
+  return input.other_publishers > 0 ? PsmStatus::kOtherPublisher : PsmStatus::kOk;
+}
+
+PsmStatus PsmClient::FollowHoldReason() const noexcept {
+  if (options_.sole_commander &&
+      !recent_.Contain(setpoint_js_.position, options_.max_setpoint_error)) {
+    constexpr double kStill = 0.1;
+    const PsmJoints moved = (setpoint_js_.position - agreed_).cwiseAbs();
+    return (moved.array() <= kStill * options_.max_setpoint_error.array()).all()
+               ? PsmStatus::kSetpointStays
+               : PsmStatus::kForeignSetpoint;
+  }
+  if (options_.sole_commander && !JawIsOurs()) return PsmStatus::kForeignSetpoint;
+  if (BaseMoved()) return PsmStatus::kBaseMoved;
+  const PsmJoints lag = (js_.position - motion_.setpoint()).cwiseAbs();
+  if ((lag.array() > options_.max_lag.array()).any()) return PsmStatus::kNotFollowing;
+  if (Seconds(now_ns_ - restless_ns_) > options_.reach_timeout_s) {
+    return PsmStatus::kNotReached;
+  }
+  return PsmStatus::kOk;
+}
+
+// The console states each change of control. After arming, our first set-point changes it once. A
+// statement before that one may be about what was before.
+bool PsmClient::ControlIsOurs(const PsmInput& input) noexcept {
+  const bool settling = !pose_control_ && Seconds(now_ns_ - armed_ns_) < internal::kCommandTime;
+  const bool others = input.other_controls > 0 && !settling;
+  const bool again = input.pose_controls > (pose_control_ ? 0 : 1);
+  pose_control_ = pose_control_ || input.pose_controls > 0;
+  return !others && !again;
+}
+
+// Returns true if a jaw without a command of ours stays still.
+bool PsmClient::JawIsOurs() const noexcept {
+  return !jaw_known_ || recent_jaw_.Contain(InFirstPlace(jaw_setpoint_.angle),
+                                            InFirstPlace(options_.max_jaw_setpoint_error));
+}
+
+bool PsmClient::FrameAgrees() const noexcept {
+  const Eigen::Isometry3d measured = Transform(any_local_ ? local_cp_ : cp_);
+  return measured.matrix().allFinite() &&
+         Near(Psm::Forward(js_.position), measured, options_.max_frame_distance_m,
+              options_.max_frame_angle);
+}
+
+bool PsmClient::BaseMoved() const noexcept {
+  return !Near(base_, base_now_, options_.max_frame_distance_m, options_.max_frame_angle);
+}
+
+// During power-up and homing the arm measures nothing, but its messages are still checked.
+PsmStatus PsmClient::HomingHoldReason(const PsmInput& input, double dt) const noexcept {
+  if (!homing() && request_ != PsmRequest::kHome && request_ != PsmRequest::kEnable) {
+    return PsmStatus::kOk;
+  }
+  // While homing, no tool is known until it is engaged.
+  const PsmStatus others = CommandHoldReason(input);
+  if (others != PsmStatus::kOk && others != PsmStatus::kWrongTool) return others;
+  if (!homing()) return PsmStatus::kOk;
+  if (options_.sole_commander && input.foreign_words > 0) return PsmStatus::kForeignWord;
+  if (options_.sole_commander && input.newcomers > 0) return PsmStatus::kNewcomer;
+  if (hold_reason_ == PsmStatus::kConsoleGone || hold_reason_ == PsmStatus::kSecondConsole ||
+      hold_reason_ == PsmStatus::kStateSilent || hold_reason_ == PsmStatus::kUnknownState ||
+      hold_reason_ == PsmStatus::kPaused) {
+    return hold_reason_;
+  }
+  return dt > options_.max_tick_gap_s ? PsmStatus::kTickLate : PsmStatus::kOk;
+}
+
+}  // namespace dfr::hardware

@@ -1,0 +1,338 @@
+// The thread of a driver, which alone handles DDS.
+#include "psm_link.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <cstring>
+#include <ctime>
+#include <tuple>
+
+#include "dfr/hardware/control_word.h"
+
+namespace dfr::hardware {
+namespace {
+
+using dds::Role;
+using internal::Outgoing;
+using internal::Who;
+
+constexpr long kPollNs = 1'000'000;
+constexpr int kPollsPerCount = 10;
+
+Who InWords(const dds::Newcomer& newcomer) {
+  Who who;
+  const std::string text = dds::Describe(newcomer);
+  std::memcpy(who.text.data(), text.data(), std::min(text.size(), who.text.size() - 1));
+  return who;
+}
+
+PsmConsoleState StateOf(const std::string& text) {
+  for (const PsmConsoleState state : {PsmConsoleState::kDisabled, PsmConsoleState::kEnabled,
+                                      PsmConsoleState::kPaused, PsmConsoleState::kFault}) {
+    if (text == Name(state)) return state;
+  }
+  return PsmConsoleState::kUnknown;
+}
+
+PsmJointSample Joints(const dds::JointState& message) {
+  PsmJointSample sample;
+  sample.stamp = message.stamp;
+  sample.well_formed = message.position.size() == 6;
+  sample.has_velocity = message.velocity.size() == 6;
+  if (sample.well_formed) {
+    sample.position = Eigen::Map<const kinematics::PsmJoints>(message.position.data());
+  }
+  if (sample.has_velocity) {
+    sample.velocity = Eigen::Map<const kinematics::PsmJoints>(message.velocity.data());
+  }
+  return sample;
+}
+
+}  // namespace
+
+PsmDriver::Link::Link(dds::Participant& participant, const PsmDriverOptions& options)
+    : p(participant),
+      arm(options.arm),
+      is_si(options.client.limits.generation == kinematics::PsmGeneration::kSi) {
+  const std::vector<std::string> usual = {"/console/teleop/enabled", "/MTML_" + arm + "/following",
+                                          "/MTMR_" + arm + "/following"};
+  for (const std::string& topic : options.teleoperation.empty() ? usual : options.teleoperation) {
+    // A console keeps its last messages for late joiners; other programs may not.
+    for (const Role role : {Role::kEvent, Role::kRequest}) {
+      teleoperations.push_back(std::make_unique<dds::Subscriber<dds::Flag>>(p, topic, role));
+      teleoperated.push_back(false);
+    }
+  }
+  if (options.servo_cs) {
+    servo_cs =
+        std::make_unique<dds::Publisher<dds::CartesianState>>(p, Topic("servo_cs"), Role::kCommand);
+  }
+  ::sem_init(&wake, 0, 0);
+  pose.frame_id = arm + "_base";
+  jaw.name = {"jaw"};
+  jaw.position = {0.0};
+  thread = std::thread([this] { Run(); });
+}
+
+PsmDriver::Link::~Link() {
+  stop.store(true, std::memory_order_release);
+  ::sem_post(&wake);
+  thread.join();
+  ::sem_destroy(&wake);
+}
+
+void PsmDriver::Link::Run() noexcept {
+  for (int poll = 0;; ++poll) {
+    const bool stopping = stop.load(std::memory_order_acquire);
+    const std::uint64_t wanted = cycle_wanted.load(std::memory_order_acquire);
+    const bool flushing = wanted != cycle_done.load(std::memory_order_relaxed);
+    Send();
+    Receive();
+    Watch();
+    if (flushing || poll % kPollsPerCount == 0) Count();
+    if (flushing) {
+      cycle_done.store(wanted, std::memory_order_release);
+      cycle_done.notify_all();
+    }
+    if (stopping) return;
+    timespec until{};
+    ::clock_gettime(CLOCK_MONOTONIC, &until);
+    until.tv_nsec += kPollNs;
+    if (until.tv_nsec >= 1'000'000'000) {
+      until.tv_nsec -= 1'000'000'000;
+      ++until.tv_sec;
+    }
+    (void)::sem_clockwait(&wake, CLOCK_MONOTONIC, &until);
+    while (::sem_trywait(&wake) == 0) {
+    }
+  }
+}
+
+void PsmDriver::Link::Send() noexcept {
+  // Read before the set-points, so set-points queued before the hold are not sent.
+  const bool holding = hold_wanted.exchange(false, std::memory_order_acq_rel);
+  Outgoing next;
+  bool servo = false;
+  bool servo_jaw = false;
+  // Only the last of several pending set-points counts.
+  while (outbox.Take(next)) {
+    if (next.servo) {
+      servo = true;
+      pose.stamp = next.stamp;
+      pose.position_m = next.position_m;
+      pose.orientation = next.orientation;
+      twist = next.twist;
+    }
+    if (next.servo_jaw) {
+      servo_jaw = true;
+      jaw.stamp = next.stamp;
+      jaw.position[0] = next.jaw;
+    }
+    if (next.request != PsmRequest::kNone) {
+      if (holding) hold.Write({});
+      dds::StringStamped command;
+      command.stamp = next.stamp;
+      command.text = Name(next.request);
+      if (!state_command.Write(command)) failed.store(true, std::memory_order_relaxed);
+    }
+  }
+  if (holding) {
+    hold.Write({});
+    return;
+  }
+  if (servo && !WriteServo()) failed.store(true, std::memory_order_relaxed);
+  if (servo_jaw && !jaw_servo_jp.Write(jaw)) failed.store(true, std::memory_order_relaxed);
+  sent.fetch_add((servo ? 1U : 0U) + (servo_jaw ? 1U : 0U), std::memory_order_release);
+}
+
+bool PsmDriver::Link::WriteServo() noexcept {
+  if (!sends_state) return servo_cp.Write(pose);
+  dds::CartesianState state;
+  state.stamp = pose.stamp;
+  state.pose_valid = state.twist_valid = true;
+  state.position_m = pose.position_m;
+  state.orientation = pose.orientation;
+  state.linear_m_s = twist.head<3>();
+  state.angular_rad_s = twist.tail<3>();
+  return servo_cs->Write(state);
+}
+
+void PsmDriver::Link::NoteControl(const ConsoleWord& word) noexcept {
+  const PsmControl control = ControlStatedBy(word.view());
+  if (control == PsmControl::kPoses) pose_controls.fetch_add(1, std::memory_order_acq_rel);
+  if (control != PsmControl::kOther) return;
+  Who who;
+  std::memcpy(who.text.data(), word.text.data(), who.text.size() - 1);
+  new_control.Put(who);
+  other_controls.fetch_add(1, std::memory_order_acq_rel);
+}
+
+void PsmDriver::Link::Receive() noexcept {
+  // Messages first, so the reason of a FAULT is known when it is reported.
+  const std::int64_t now_ns = tick_ns.load(std::memory_order_relaxed);
+  std::uint64_t left_out = 0;
+  for (const auto& [subscriber, severity, limit] :
+       {std::tuple{&error, ConsoleWord::Severity::kError, &error_limit},
+        std::tuple{&warning, ConsoleWord::Severity::kWarning, &warning_limit},
+        std::tuple{&status, ConsoleWord::Severity::kStatus, &status_limit}}) {
+    while (subscriber->Take(text)) {
+      ConsoleWord word;
+      word.severity = severity;
+      const std::size_t size = std::min(text.text.size(), word.text.size() - 1);
+      std::memcpy(word.text.data(), text.text.data(), size);
+      MakePrintable(word.text.data());
+      if (severity == ConsoleWord::Severity::kStatus) NoteControl(word);
+      if (limit->Passes(now_ns)) words.Put(word);
+      if (severity == ConsoleWord::Severity::kError) {
+        new_error.Put(word);
+        num_errors.fetch_add(1, std::memory_order_acq_rel);
+      }
+    }
+    left_out += limit->TakeLeftOut(now_ns);
+  }
+  if (left_out > 0) {
+    ConsoleWord word;
+    word.severity = ConsoleWord::Severity::kWarning;
+    std::snprintf(word.text.data(), word.text.size(), "%llu more texts came, and are not shown",
+                  static_cast<unsigned long long>(left_out));
+    words.Put(word);
+  }
+  while (operating_state.Take(operating)) {
+    PsmOperatingState state;
+    state.state = StateOf(operating.state);
+    state.homed = operating.is_homed;
+    state.busy = operating.is_busy;
+    const PsmStatus readiness = Readiness(state);
+    if (readiness != PsmStatus::kOk) {
+      ++lapses;
+      last_lapse = readiness;
+    }
+    state.lapses = lapses;
+    state.last_lapse = last_lapse;
+    new_operating.Put(state);
+  }
+  if (measured_js.TakeNewest(joints)) new_measured_js.Put(Joints(joints));
+  if (setpoint_js.TakeNewest(joints)) new_setpoint_js.Put(Joints(joints));
+  if (measured_cp.TakeNewest(measured_pose)) {
+    new_measured_cp.Put({measured_pose.stamp, measured_pose.position_m, measured_pose.orientation});
+  }
+  if (local_measured_cp.TakeNewest(measured_pose)) {
+    new_local_cp.Put({measured_pose.stamp, measured_pose.position_m, measured_pose.orientation});
+  }
+  if (jaw_measured_js.TakeNewest(joints) && joints.position.size() == 1) {
+    new_jaw_measured.Put({joints.stamp, joints.position[0]});
+  }
+  if (jaw_setpoint_js.TakeNewest(joints) && joints.position.size() == 1) {
+    new_jaw_setpoint.Put({joints.stamp, joints.position[0]});
+  }
+}
+
+template <typename T>
+bool PsmDriver::Link::HearsOthers(dds::Subscriber<T>& subscriber,
+                                  const dds::Origin& ours) noexcept {
+  bool others = false;
+  T message;
+  dds::Origin from;
+  while (subscriber.Take(message, from)) {
+    if (from == ours) continue;
+    if (!others) new_who.Put(InWords(p.PublisherOf(from)));
+    others = true;
+  }
+  return others;
+}
+
+void PsmDriver::Link::LookForNewcomers() noexcept {
+  const std::uint64_t num = p.num_found();
+  if (num == num_found) return;
+  int count = 0;
+  std::uint64_t last = num_found;
+  for (const dds::Newcomer& newcomer : p.FoundAfter(num_found)) {
+    // An entry that was overwritten before it was read may have been any participant.
+    const bool missed = newcomer.number > last + 1;
+    last = newcomer.number;
+    if (!newcomer.topic.empty() && !Commands(newcomer.topic) && !Requests(newcomer.topic) &&
+        !missed) {
+      continue;
+    }
+    if (count++ == 0) new_who.Put(InWords(newcomer));
+  }
+  num_found = std::max(num, last);
+  if (count == 0) return;
+  Count();
+  newcomers.fetch_add(count, std::memory_order_acq_rel);
+}
+
+void PsmDriver::Link::Watch() noexcept {
+  LookForNewcomers();
+  dds::Flag reached;
+  int goals = 0;
+  while (goal_reached.Take(reached)) ++goals;
+  if (goals > 0) goals_reached.fetch_add(goals, std::memory_order_acq_rel);
+  const int spoken = (HearsOthers(watched_hold, hold.origin()) ? 1 : 0) +
+                     (HearsOthers(watched_free, {}) ? 1 : 0) +
+                     (HearsOthers(watched_state_command, state_command.origin()) ? 1 : 0);
+  if (spoken > 0) foreign_words.fetch_add(spoken, std::memory_order_acq_rel);
+  dds::Flag flag;
+  bool any = false;
+  for (std::size_t i = 0; i < teleoperations.size(); ++i) {
+    while (teleoperations[i]->Take(flag)) {
+      teleoperated[i] = flag.value;
+      if (flag.value) was_teleoperated.store(true, std::memory_order_release);
+    }
+    any = any || teleoperated[i];
+  }
+  is_teleoperated.store(any, std::memory_order_release);
+  for (const auto& [subscriber, pressed] :
+       {std::pair{&arm_clutch, &arm_clutched}, std::pair{&manip_clutch, &manip_clutched}}) {
+    while (subscriber->Take(joy)) {
+      *pressed = !joy.buttons.empty() && joy.buttons[0] != 0;
+      if (*pressed) was_clutched.store(true, std::memory_order_release);
+    }
+  }
+  is_clutched.store(arm_clutched || manip_clutched, std::memory_order_release);
+  while (tool_type.Take(text)) {
+    if (!tool.empty() && text.text != tool) tool_changes.fetch_add(1, std::memory_order_acq_rel);
+    tool = text.text;
+    // Both have the same kinematics. The latter is the only one for a da Vinci Si, whose joint
+    // limits a Classic does not have.
+    const bool known = tool.find("420006") != std::string::npos ||
+                       (!is_si && tool.find("400006") != std::string::npos);
+    wrong_tool.store(!known, std::memory_order_release);
+  }
+}
+
+bool PsmDriver::Link::Requests(std::string_view topic) const {
+  for (const char* name : {"hold", "free", "state_command"}) {
+    if (topic == Topic(name)) return true;
+  }
+  return false;
+}
+
+bool PsmDriver::Link::Commands(std::string_view topic) const {
+  if (!topic.starts_with('/') || !topic.substr(1).starts_with(arm)) return false;
+  topic.remove_prefix(1 + arm.size());
+  for (const std::string_view part : {"/servo_", "/move_", "/interpolate_"}) {
+    if (topic.find(part) != std::string_view::npos) return topic.starts_with('/');
+  }
+  return false;
+}
+
+void PsmDriver::Link::Count() noexcept {
+  const dds::Health state = measured_js.health();
+  state_publishers.store(state.publishers, std::memory_order_relaxed);
+  incompatible.store(state.incompatible, std::memory_order_relaxed);
+  // Excludes our own monitoring subscriber.
+  command_subscribers.store(std::max(0, state_command.num_subscribers() - 1),
+                            std::memory_order_relaxed);
+  servo_subscribers.store(std::max(0, servo_cp.num_subscribers() - 1), std::memory_order_relaxed);
+  sends_state = servo_cs && servo_cs->num_subscribers() > 0;
+  // Excludes our own publisher on servo_cp.
+  const int others = std::max(0, watched_servo_cp.health().publishers - 1) +
+                     watched_servo_jp.health().publishers + watched_move_cp.health().publishers +
+                     watched_move_jp.health().publishers;
+  const int found =
+      p.CountOthersPublishers([this](std::string_view topic) { return Commands(topic); });
+  other_publishers.store(std::max(others, found), std::memory_order_relaxed);
+}
+
+}  // namespace dfr::hardware
