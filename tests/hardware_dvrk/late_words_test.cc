@@ -242,6 +242,18 @@ TEST_F(LateWordsTest, TheAnswersToOurOwnCommandsAreNoOneElses) {
   EXPECT_EQ(client_.status(), PsmStatus::kForeignControl) << Name(client_.status());
 }
 
+// Before our first set-point the control was already that of poses, as after teleoperation.
+TEST_F(LateWordsTest, AHoldRightAfterArmingHolds) {
+  console_.Place(Start());
+  console_.ServoCp(console_.setpoint_pose());
+  for (int i = 0; i < 40; ++i) Step();
+  ASSERT_EQ(client_.Arm(), PsmStatus::kOk) << Name(client_.status());
+  Step();
+  Step(0, [&] { console_.Hold(); });
+  for (int i = 0; i <= kTransitSteps; ++i) Step();
+  EXPECT_EQ(client_.status(), PsmStatus::kForeignControl) << Name(client_.status());
+}
+
 // The window of 0.2 s in which a set-point reaches the console, and what the motion takes to leave
 // the tolerance.
 TEST_F(LateWordsTest, ASetpointThatStaysWhileOursMovesOnHolds) {

@@ -301,7 +301,7 @@ TEST_F(PsmDriverTest, ASetpointThatTheConsoleMovesByItselfHolds) {
   server_.SetFaults({.drop_commands = 1.0});
   double yaw = 0.0;
   Until(*driver, [&] {
-    console_.ServoJp(Yaw(yaw += 0.001));
+    console_.ServoCp(kinematics::Psm::Forward(Yaw(yaw += 0.001)));
     return driver->phase() != PsmPhase::kArmed;
   });
   EXPECT_EQ(driver->status(), PsmStatus::kForeignSetpoint) << driver->Explain();

@@ -153,6 +153,7 @@ void PsmClient::HoldBecause(PsmStatus cause, PsmOutput& output) noexcept {
     output.request = PsmRequest::kDisable;
   }
   phase_ = PsmPhase::kHolding;
+  own_ns_ = now_ns_;
   cause_ = cause;
   request_ = PsmRequest::kNone;
   motion_.Rest(motion_.setpoint());
@@ -236,6 +237,7 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
     return output;
   }
   if (phase_ == PsmPhase::kRequested) {
+    own_ns_ = now_ns_;
     Pursue(input, dt, output);
     return output;
   }
@@ -329,7 +331,7 @@ PsmStatus PsmClient::Arm() noexcept {
   recent_.Start(setpoint_js_.position, Seconds(now_ns_));
   rest_.Forget();
   at_rest_ = false;
-  restless_ns_ = armed_ns_ = now_ns_;
+  restless_ns_ = now_ns_;
   agreed_ = setpoint_js_.position;
   pose_control_ = false;
   jaw_ours_ = jaw_moving_ = jaw_known_ = false;
@@ -375,6 +377,7 @@ PsmStatus PsmClient::MoveJaw(double angle, double duration_s) noexcept {
   jaw_speed_ = way > 0.0 ? way / duration_s : 0.0;
   jaw_moving_ = way > 0.0;
   jaw_ours_ = true;
+  if (!pose_control_) own_ns_ = now_ns_;
   at_rest_ = false;
   return PsmStatus::kOk;
 }

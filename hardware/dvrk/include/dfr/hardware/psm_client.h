@@ -283,7 +283,7 @@ class PsmClient {
   std::int64_t wall_ns_ = 0;
   std::int64_t restless_ns_ = 0;  // last time when the arm was at rest or in a move
   std::int64_t newcomer_ns_ = 0;
-  std::int64_t armed_ns_ = 0;
+  std::int64_t own_ns_ = 0;  // last own command that may change the control to another
   std::int64_t request_start_ns_ = 0;
   std::int64_t request_sent_ns_ = 0;
   double jaw_ = 0.0;
