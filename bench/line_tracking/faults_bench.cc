@@ -304,6 +304,11 @@ std::vector<Fault> Faults() {
                       });
                     },
                     [guest](Site&) { guest->join(); }, false, false});
+  // The same, heard by the console alone.
+  faults.push_back({"unheard-hold", [](Site& s) { s.link->Fault("unheard", "hold"); }, [](Site&) {},
+                    false, false});
+  faults.push_back({"unheard-free", [](Site& s) { s.link->Fault("unheard", "free"); }, [](Site&) {},
+                    false, false});
   const auto console = std::make_shared<std::optional<dds::Publisher<dds::JointState>>>();
   faults.push_back({"second-console",
                     [console](Site& s) {

@@ -8,8 +8,10 @@
 #include <atomic>
 #include <chrono>
 #include <csignal>
+#include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <memory>
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -152,6 +154,37 @@ TEST_F(RealTimeTest, TheArmStandsStillWhenItsProgramIsKilled) {
   std::this_thread::sleep_for(std::chrono::milliseconds(500));
   ASSERT_TRUE(setpoint.TakeNewest(pose));
   EXPECT_EQ(moved(), 0.0);
+}
+
+// A window of the lab that can hold, free and disable the arm, and was there first. Whole episodes
+// in real time, 20 times. Only this test finds a false alarm that takes a run's own timing.
+TEST_F(RealTimeTest, InTwentyEpisodesAWindowThatWasThereBeforeIsNoReasonToHold) {
+  dds::Participant window({.domain = domain_, .name = "window"});
+  const dds::Publisher<dds::Signal> hold(window, "/PSM1/hold", dds::Role::kRequest);
+  const dds::Publisher<dds::Signal> free(window, "/PSM1/free", dds::Role::kRequest);
+  const dds::Publisher<dds::StringStamped> command(window, "/PSM1/state_command",
+                                                   dds::Role::kRequest);
+  const dds::Subscriber<dds::PoseStamped> shows(window, "/PSM1/measured_cp", dds::Role::kState);
+  RobotPlant robot(Simulated(), Data().Calibration(), nullptr);
+  std::string said;
+  robot.BringUp([&said](std::string_view text) { said += std::string(text) + '\n'; });
+  for (const char* topic : {"/PSM1/hold", "/PSM1/free", "/PSM1/state_command"}) {
+    EXPECT_NE(said.find(topic), std::string::npos) << said;
+  }
+  const LineModel model = LineModel::Load(Data().path / "model");
+  const std::unique_ptr<control::Controller> controller = model.MakeController("baseline");
+  int completed = 0;
+  int controls = 0;
+  for (std::uint64_t episode = 0; episode < 20; ++episode) {
+    SCOPED_TRACE(episode);
+    const control::RolloutResult result =
+        control::Rollout(robot, *controller, {.plant_seed = episode, .controller_seed = episode});
+    completed += result.outcome == core::Outcome::kCompleted ? 1 : 0;
+    controls += result.controls();
+    ASSERT_TRUE(robot.loop().ended_regularly()) << robot.loop().cause();
+  }
+  EXPECT_GT(controls, 20 * 10) << "hardly any episode has moved";
+  std::printf("%d of 20 episodes completed, %d controls\n", completed, controls);
 }
 
 // The tool hangs askew over the line: it is lifted, looked at, turned and lowered again.

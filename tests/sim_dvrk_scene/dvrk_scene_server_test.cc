@@ -313,6 +313,23 @@ TEST_F(DvrkSceneServerTest, FaultsOfTheArmAndTheClockAreSetByRequest) {
   Until([&] { return state_.TakeNewest(state) && state.state == "ENABLED"; });
 }
 
+// A command of another client that only the console hears.
+TEST_F(DvrkSceneServerTest, AHoldThatNobodyElseHearsShowsInWhatTheConsoleStates) {
+  Serve(true, false);
+  ASSERT_TRUE(Now(Ask("reset 2")).valid());
+  dds::Subscriber<dds::Text> stated(client_, "/PSM1/status", dds::Role::kEvent);
+  dds::Subscriber<dds::Signal> holds(client_, "/PSM1/hold", dds::Role::kRequest);
+  dds::Text text;
+  EXPECT_EQ(Ask("fault unheard hold"), "ok");
+  Until(
+      [&] { return stated.Take(text) && text.text == "PSM1: control JOINT_SPACE/POSITION_MODE"; });
+  EXPECT_EQ(Ask("fault unheard free"), "ok");
+  Until([&] { return stated.Take(text) && text.text == "PSM1: control JOINT_SPACE/EFFORT_MODE"; });
+  dds::Signal signal;
+  EXPECT_FALSE(holds.Take(signal));
+  EXPECT_THAT(Ask("fault unheard jump"), HasSubstr("unheard is hold or free, not 'jump'"));
+}
+
 TEST_F(DvrkSceneServerTest, ThePlatformGoesToAndFroAcrossTheLine) {
   Serve(false, false);
   ASSERT_TRUE(Now(Ask("reset 2")).valid());

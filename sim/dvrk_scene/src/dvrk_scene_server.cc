@@ -167,6 +167,10 @@ struct DvrkSceneServer::Impl {
       platform_speed = speed;
     } else if (name == "arm_fault") {
       scene.console().Fail(value.empty() ? "a fault that was asked for" : std::string(value));
+    } else if (name == "unheard") {
+      DFR_THROW_UNLESS(value == "hold" || value == "free",
+                       "unheard is hold or free, not '" << value << "'");
+      value == "hold" ? scene.console().Hold() : scene.console().Free();
     } else if (sim::SetFault(faults, name, value)) {
       console.SetFaults(faults);
     } else {
@@ -174,7 +178,7 @@ struct DvrkSceneServer::Impl {
                                   << name
                                   << "'; valid: delay, jitter, drop, drop_commands, "
                                      "clock_jump, freeze, silent, invalid, corrupt, camera, "
-                                     "platform, arm_fault, none");
+                                     "platform, arm_fault, unheard, none");
     }
   }
 
