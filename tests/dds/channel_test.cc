@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <fstream>
+#include <memory>
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -111,6 +112,27 @@ TEST(ChannelTest, ARequestReachesNobodyWhoJoinsLater) {
   StringStamped got;
   Eventually([&] { return late.Take(got); });
   EXPECT_EQ(got.text, "disable");
+}
+
+// Also if it goes away at once.
+TEST(ChannelTest, APublisherWaitsUntilItsLastSampleIsReceived) {
+  Participant one(Loopback());
+  Participant other(Loopback());
+  Subscriber<Text> subscriber(other, "/topic", Role::kRequest);
+  for (int i = 0; i < 20; ++i) {
+    SCOPED_TRACE(i);
+    auto publisher = std::make_unique<Publisher<Text>>(one, "/topic", Role::kRequest);
+    EXPECT_TRUE(publisher->WaitUntilReceived(0.0)) << "nobody to wait for";
+    Eventually(
+        [&] { return publisher->num_subscribers() == 1 && subscriber.health().publishers == 1; });
+    ASSERT_TRUE(publisher->Write({"the last"}));
+    ASSERT_TRUE(publisher->WaitUntilReceived(600.0));
+    publisher.reset();
+    Text text;
+    ASSERT_TRUE(subscriber.Take(text));
+    EXPECT_EQ(text.text, "the last");
+    Eventually([&] { return subscriber.health().publishers == 0; });
+  }
 }
 
 TEST(ChannelTest, StateKeepsTheNewestAlone) {

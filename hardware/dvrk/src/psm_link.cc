@@ -18,6 +18,7 @@ using internal::Who;
 
 constexpr long kPollNs = 1'000'000;
 constexpr int kPollsPerCount = 10;
+constexpr double kLastWordsS = 1.0;  // ten requests for a lost sample
 
 Who InWords(const dds::Newcomer& newcomer) {
   Who who;
@@ -94,7 +95,7 @@ void PsmDriver::Link::Run() noexcept {
       cycle_done.store(wanted, std::memory_order_release);
       cycle_done.notify_all();
     }
-    if (stopping) return;
+    if (stopping) break;
     timespec until{};
     ::clock_gettime(CLOCK_MONOTONIC, &until);
     until.tv_nsec += kPollNs;
@@ -106,6 +107,9 @@ void PsmDriver::Link::Run() noexcept {
     while (::sem_trywait(&wake) == 0) {
     }
   }
+  // A publisher that goes away takes along what the console has not yet received.
+  (void)state_command.WaitUntilReceived(kLastWordsS);
+  (void)hold.WaitUntilReceived(kLastWordsS);
 }
 
 void PsmDriver::Link::Send() noexcept {

@@ -102,6 +102,11 @@ fdds::DataReaderQos ReaderQos(Role role) {
   return qos;
 }
 
+Duration_t Seconds(double seconds) {
+  const double whole = std::floor(seconds);
+  return {static_cast<std::int32_t>(whole), static_cast<std::uint32_t>(1e9 * (seconds - whole))};
+}
+
 Origin ToOrigin(const fdds::InstanceHandle_t& handle) noexcept {
   const eprosima::fastrtps::rtps::octet* const bytes = handle.value;
   Origin origin;
@@ -146,6 +151,11 @@ bool Publisher<T>::Write(const T& message) noexcept {
   } catch (const std::exception&) {
     return false;
   }
+}
+
+template <typename T>
+bool Publisher<T>::WaitUntilReceived(double timeout_s) noexcept {
+  return impl_->writer->wait_for_acknowledgments(Seconds(timeout_s)) == ReturnCode_t::RETCODE_OK;
 }
 
 template <typename T>
@@ -214,9 +224,7 @@ bool Subscriber<T>::TakeNewest(T& message) noexcept {
 
 template <typename T>
 bool Subscriber<T>::Wait(double timeout_s) noexcept {
-  const double whole = std::floor(timeout_s);
-  return impl_->reader->wait_for_unread_message(Duration_t(
-      static_cast<std::int32_t>(whole), static_cast<std::uint32_t>(1e9 * (timeout_s - whole))));
+  return impl_->reader->wait_for_unread_message(Seconds(timeout_s));
 }
 
 template <typename T>

@@ -55,7 +55,7 @@ struct PsmDriverOptions {
 /// messages. All members marked noexcept, in particular Tick(), therefore neither allocate, lock
 /// nor wait. These calls belong to one thread at a time. The driver must be destroyed before the
 /// participant. On destruction an armed driver tells the console to hold, and a homing driver also
-/// tells it to disable.
+/// tells it to disable. It waits until the console has received this, at most 2 s.
 ///
 /// A new driver only listens. Usual order: Home(), Arm(), MoveTo(), ..., with Tick() throughout.
 class PsmDriver {
