@@ -20,7 +20,7 @@ using kinematics::PsmJoints;
 constexpr std::int64_t kStepNs = 5'000'000;
 constexpr std::int64_t kBeginNs = 1'000'000'000;
 constexpr std::int64_t kEpochNs = 1'700'000'000'000'000'000;
-constexpr int kTransitSteps = 3;  // of the console's texts
+constexpr int kTransitSteps = 3;  // of the console's texts, unless a test says otherwise
 
 PsmJoints Start() {
   PsmJoints q = PsmJoints::Zero();
@@ -99,7 +99,7 @@ class LateWordsTest : public testing::Test {
     if (others) others();
     console_.Step(1e-9 * kStepNs);
     for (const sim::ConsoleMessage& message : console_.TakeMessages()) {
-      texts_.push_back({steps_ + kTransitSteps, ControlStatedBy(message.text)});
+      texts_.push_back({steps_ + transit_steps_, ControlStatedBy(message.text)});
     }
     ++steps_;
     now_ns_ += kStepNs;
@@ -130,6 +130,7 @@ class LateWordsTest : public testing::Test {
   };
   std::deque<Text> texts_;  // under way
   bool deaf_ = false;       // our commands are lost
+  int transit_steps_ = kTransitSteps;
   int moves_ = 0;
   int steps_ = 0;
   std::int64_t now_ns_ = kBeginNs;
@@ -237,6 +238,61 @@ TEST_F(LateWordsTest, TheAnswersToOurOwnCommandsAreNoOneElses) {
     for (int i = 0; i < 300; ++i) Step();
     ASSERT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());
   }
+  Step(0, [&] { console_.Hold(); });
+  for (int i = 0; i <= kTransitSteps; ++i) Step();
+  EXPECT_EQ(client_.status(), PsmStatus::kForeignControl) << Name(client_.status());
+}
+
+// The texts come up to 0.9 s late: after the arm has been armed again, even several times. As soon
+// as all have come, a hold of another shows.
+TEST_F(LateWordsTest, LateAnswersToOurOwnCommandsAreNoOneElses) {
+  for (const int transit_steps : {20, 60, 180}) {
+    for (const int phase_steps : {10, 25, 100}) {
+      SCOPED_TRACE(testing::Message() << transit_steps << " late, " << phase_steps << " armed");
+      transit_steps_ = kTransitSteps;
+      Begin();
+      transit_steps_ = transit_steps;
+      for (int phase = 0; phase < 10; ++phase) {
+        client_.Hold();
+        Step();
+        ASSERT_EQ(client_.Arm(), PsmStatus::kOk) << Name(client_.status());
+        ASSERT_EQ(client_.MoveJaw(phase % 2 == 0 ? 0.02 : 0.0, 0.1), PsmStatus::kOk);
+        for (int i = 0; i < phase_steps; ++i) Step();
+        ASSERT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());
+      }
+      for (int i = 0; i < transit_steps; ++i) Step();
+      ASSERT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());
+      Step(0, [&] { console_.Hold(); });
+      for (int i = 0; i <= transit_steps; ++i) Step();
+      EXPECT_EQ(client_.status(), PsmStatus::kForeignControl) << Name(client_.status());
+    }
+  }
+}
+
+// Also while the answer to our own hold is still under way: it is one statement too many.
+TEST_F(LateWordsTest, AHoldRightAfterOurOwnHolds) {
+  for (int steps = 1; steps < 40; ++steps) {
+    SCOPED_TRACE(steps);
+    Begin();
+    client_.Hold();
+    Step();
+    ASSERT_EQ(client_.Arm(), PsmStatus::kOk) << Name(client_.status());
+    for (int i = 0; i < steps; ++i) Step();
+    Step(0, [&] { console_.Hold(); });
+    for (int i = 0; i <= 2 * kTransitSteps; ++i) Step();
+    EXPECT_EQ(client_.status(), PsmStatus::kForeignControl) << Name(client_.status());
+  }
+}
+
+// A hold that changes nothing has no answer, so none is waited for.
+TEST_F(LateWordsTest, AHoldAfterSeveralOfOurOwnHolds) {
+  Begin();
+  for (int i = 0; i < 3; ++i) {
+    client_.Hold();
+    Step();
+  }
+  ASSERT_EQ(client_.Arm(), PsmStatus::kOk) << Name(client_.status());
+  for (int i = 0; i < 5; ++i) Step();
   Step(0, [&] { console_.Hold(); });
   for (int i = 0; i <= kTransitSteps; ++i) Step();
   EXPECT_EQ(client_.status(), PsmStatus::kForeignControl) << Name(client_.status());

@@ -123,6 +123,7 @@ void PsmClient::Take(const PsmInput& input) noexcept {
     }
     operating_ = *input.operating_state;
     any_operating_ = true;
+    statements_.Unsettle();
   }
   if (input.newcomers > 0) {
     newcomer_ns_ = now_ns_;
@@ -130,6 +131,7 @@ void PsmClient::Take(const PsmInput& input) noexcept {
   }
   had_publisher_ = had_publisher_ || input.state_publishers > 0 || any_js_;
   erred_ = input.errors > 0;
+  others_control_ = !statements_.Take(input.pose_controls, input.other_controls, now_ns_);
   age_s_ = any_js_ ? Seconds(wall_ns_ - js_.stamp.nanoseconds()) : kNan;
 }
 
@@ -153,11 +155,11 @@ void PsmClient::HoldBecause(PsmStatus cause, PsmOutput& output) noexcept {
     output.request = PsmRequest::kDisable;
   }
   phase_ = PsmPhase::kHolding;
-  own_ns_ = now_ns_;
   cause_ = cause;
   request_ = PsmRequest::kNone;
   motion_.Rest(motion_.setpoint());
   jaw_moving_ = false;
+  statements_.Held(now_ns_);
   output.hold = true;
 }
 
@@ -187,6 +189,7 @@ void PsmClient::Pursue(const PsmInput& input, double dt, PsmOutput& output) noex
     if (done) {
       request_ = PsmRequest::kNone;
       phase_ = PsmPhase::kIdle;
+      statements_.Requested(now_ns_);
       return;
     }
     if (any_operating_ && operating_.state == PsmConsoleState::kFault) {
@@ -237,7 +240,6 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
     return output;
   }
   if (phase_ == PsmPhase::kRequested) {
-    own_ns_ = now_ns_;
     Pursue(input, dt, output);
     return output;
   }
@@ -251,8 +253,7 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
   if (cause == PsmStatus::kOk && options_.sole_commander && input.newcomers > 0) {
     cause = PsmStatus::kNewcomer;
   }
-  const bool ours = ControlIsOurs(input);
-  if (cause == PsmStatus::kOk && options_.sole_commander && !ours) {
+  if (cause == PsmStatus::kOk && options_.sole_commander && others_control_) {
     cause = PsmStatus::kForeignControl;
   }
   if (cause == PsmStatus::kOk && options_.sole_commander && input.goals_reached > 0) {
@@ -280,6 +281,7 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
     at_rest_ = false;
   }
   recent_.Add(motion_.setpoint(), Seconds(now_ns_));
+  statements_.Unsettle();
   output.servo = true;
   output.servo_cp = base_ * Psm::Forward(motion_.setpoint());
   output.twist = Twist(base_, motion_.setpoint(), motion_.velocity());
@@ -308,6 +310,7 @@ PsmStatus PsmClient::Request(PsmRequest request) noexcept {
   request_ = request;
   request_sent_ = false;
   request_start_ns_ = now_ns_;
+  statements_.Unsettle();
   return PsmStatus::kOk;
 }
 
@@ -333,7 +336,7 @@ PsmStatus PsmClient::Arm() noexcept {
   at_rest_ = false;
   restless_ns_ = now_ns_;
   agreed_ = setpoint_js_.position;
-  pose_control_ = false;
+  statements_.Armed(now_ns_);
   jaw_ours_ = jaw_moving_ = jaw_known_ = false;
   cause_ = PsmStatus::kOk;
   phase_ = PsmPhase::kArmed;
@@ -376,8 +379,8 @@ PsmStatus PsmClient::MoveJaw(double angle, double duration_s) noexcept {
   jaw_goal_ = angle;
   jaw_speed_ = way > 0.0 ? way / duration_s : 0.0;
   jaw_moving_ = way > 0.0;
+  if (!jaw_ours_) statements_.JawMoved(now_ns_);
   jaw_ours_ = true;
-  if (!pose_control_) own_ns_ = now_ns_;
   at_rest_ = false;
   return PsmStatus::kOk;
 }

@@ -125,16 +125,6 @@ PsmStatus PsmClient::FollowHoldReason() const noexcept {
   return PsmStatus::kOk;
 }
 
-// The console states each change of control. After arming, our first set-point changes it once.
-// Before that, the statement of another may answer our last hold, request or command of the jaw.
-bool PsmClient::ControlIsOurs(const PsmInput& input) noexcept {
-  const bool settling = !pose_control_ && Seconds(now_ns_ - own_ns_) < internal::kCommandTime;
-  const bool others = input.other_controls > 0 && !settling;
-  const bool again = input.pose_controls > (pose_control_ ? 0 : 1);
-  pose_control_ = pose_control_ || input.pose_controls > 0;
-  return !others && !again;
-}
-
 // Returns true if a jaw without a command of ours stays still.
 bool PsmClient::JawIsOurs() const noexcept {
   return !jaw_known_ || recent_jaw_.Contain(InFirstPlace(jaw_setpoint_.angle),

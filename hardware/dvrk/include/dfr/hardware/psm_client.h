@@ -8,6 +8,7 @@
 #include "dfr/dds/messages.h"
 #include "dfr/dds/watchdog.h"
 #include "dfr/hardware/psm_motion.h"
+#include "dfr/hardware/psm_statements.h"
 #include "dfr/hardware/psm_status.h"
 #include "dfr/kinematics/psm.h"
 
@@ -247,7 +248,6 @@ class PsmClient {
   [[nodiscard]] bool FrameAgrees() const noexcept;
   [[nodiscard]] bool BaseMoved() const noexcept;
   void Pair() noexcept;
-  [[nodiscard]] bool ControlIsOurs(const PsmInput& input) noexcept;
   void HoldBecause(PsmStatus cause, PsmOutput& output) noexcept;
   [[nodiscard]] PsmStatus HomingHoldReason(const PsmInput& input, double dt) const noexcept;
   void Pursue(const PsmInput& input, double dt, PsmOutput& output) noexcept;
@@ -257,6 +257,7 @@ class PsmClient {
   PsmRest rest_;
   PsmRecentSetpoints recent_;
   PsmRecentSetpoints recent_jaw_;  // in the first entry
+  PsmStatements statements_;
   dds::Watchdog js_watchdog_;
   dds::Watchdog cp_watchdog_;
   dds::Watchdog local_watchdog_;
@@ -283,7 +284,6 @@ class PsmClient {
   std::int64_t wall_ns_ = 0;
   std::int64_t restless_ns_ = 0;  // last time when the arm was at rest or in a move
   std::int64_t newcomer_ns_ = 0;
-  std::int64_t own_ns_ = 0;  // last own command that may change the control to another
   std::int64_t request_start_ns_ = 0;
   std::int64_t request_sent_ns_ = 0;
   double jaw_ = 0.0;
@@ -311,7 +311,7 @@ class PsmClient {
   bool hold_wanted_ = false;
   bool hold_first_ = false;
   bool request_sent_ = false;
-  bool pose_control_ = false;  // stated since the arm was armed
+  bool others_control_ = false;
   bool jaw_ours_ = false;
   bool jaw_known_ = false;  // jaw position at the time of arming is known
   bool jaw_moving_ = false;
