@@ -21,9 +21,10 @@ int RunHome(const HomeOptions& options) {
   hardware::SprkDriver driver({.device = options.platform, .clock_s = [&clock] {
                                  return 1e-9 * static_cast<double>(clock.SteadyNs());
                                }});
-  if (!options.confirms("The platform at " + options.platform +
-                            " will go home and move. If nothing touches the gauze, type platform.",
-                        "platform")) {
+  if (!options.confirms(
+          "The platform at " + options.platform +
+              " will move to its home position. If nothing touches the gauze, type platform.",
+          "platform")) {
     options.say("Not confirmed: nothing was sent.");
     return EXIT_FAILURE;
   }

@@ -69,9 +69,9 @@ void BringUp(const BringUpOptions& robot, const Say& say, const Confirms& confir
   if (!robot.homed) BringUpArm(robot, say, confirms);
   if (!robot.loop->AwaitReady(robot.patience_s, say)) throw NotReady(robot);
   if (robot.platform_home_s == 0.0) return;
-  if (!(confirms &&
-        confirms("the platform will go home and move. If nothing touches the gauze, type platform",
-                 "platform"))) {
+  if (!(confirms && confirms("the platform will move to its home position. If nothing touches the "
+                             "gauze, type platform",
+                             "platform"))) {
     throw std::runtime_error(
         "the platform is not at home, and the operator did not confirm homing");
   }

@@ -137,7 +137,9 @@ TEST_F(PlatformTest, MovesOnTheOperatorsWordAndRestsWhenTheRobotHolds) {
       return false;
     };
     EXPECT_THROW(robot.BringUp({}, refuses), std::runtime_error);
-    EXPECT_NE(asked.find("move. If nothing touches the gauze, type platform|platform"), std::string::npos) << asked;
+    EXPECT_NE(asked.find("home position. If nothing touches the gauze, type platform|platform"),
+              std::string::npos)
+        << asked;
     EXPECT_EQ(Arrived(0), "");
     robot.BringUp({}, Agrees());
     EXPECT_EQ(Arrived(2), "ha") << "home, and rests there";

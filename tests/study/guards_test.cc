@@ -118,13 +118,16 @@ TEST(GuardsTest, UnknownNamesAreNamedWithThoseThereAre) {
   using testing::HasSubstr;
   Study study = SmallGuards();
   study.tasks = {"magic"};
-  EXPECT_THAT(GuardMessageOf(study), AllOf(HasSubstr("unknown task 'magic'"), HasSubstr("two-ways")));
+  EXPECT_THAT(GuardMessageOf(study),
+              AllOf(HasSubstr("unknown task 'magic'"), HasSubstr("two-ways")));
   study = SmallGuards();
   study.policies = {"magic"};
-  EXPECT_THAT(GuardMessageOf(study), AllOf(HasSubstr("unknown policy 'magic'"), HasSubstr("biased")));
+  EXPECT_THAT(GuardMessageOf(study),
+              AllOf(HasSubstr("unknown policy 'magic'"), HasSubstr("biased")));
   study = SmallGuards();
   study.controllers = {"magic"};
-  EXPECT_THAT(GuardMessageOf(study), AllOf(HasSubstr("unknown method 'magic'"), HasSubstr("guard")));
+  EXPECT_THAT(GuardMessageOf(study),
+              AllOf(HasSubstr("unknown method 'magic'"), HasSubstr("guard")));
 }
 
 TEST(SelectTasksTest, GroupsMeanTheirTasks) {
