@@ -142,7 +142,7 @@ void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
   a_ += a_online_;
   cholesky_.compute(a_);
   b_ = b_online_;
-  // Of the slopes only their effect at z matters, which is none.
+  // Slopes have no effect at z.
   const Eigen::Index first = std::max(0, motion_rows_ - 1);
   Solve(b_, first);
   b_ += demonstrated_;
