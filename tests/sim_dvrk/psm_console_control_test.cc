@@ -11,7 +11,6 @@
 namespace dfr::sim {
 namespace {
 
-using kinematics::Psm;
 using kinematics::PsmJoints;
 
 class PsmConsoleControlTest : public testing::Test {
