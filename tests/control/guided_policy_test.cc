@@ -18,6 +18,7 @@
 #include "tests/control/analytic.h"
 #include "tests/control/rightwards.h"
 #include "tests/control/task.h"
+#include "tests/support/all_close.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::control {
@@ -65,6 +66,27 @@ TEST(GuidedPolicyTest, PassesTheLearnedControlDeepInside) {
   EXPECT_EQ(u[1], 0.0);
   EXPECT_GE(step.log_g, step.log_threshold);
   EXPECT_TRUE(guided.jacobian().isZero(0.0)) << "nobody has asked for J";
+}
+
+// Controls that pass deep inside without an estimate of J do not add to what demonstrations show.
+TEST(GuidedPolicyTest, ControlsBeforeTheFirstEstimateDoNotChangeIt) {
+  const auto support = MovingDisk();
+  const test::Task model(Identity(), support, Rightwards());
+  const auto policy = test::ConstantPolicy(2, 0.8 * test::kSpeed);
+  std::vector<double> u(2);
+  const std::vector<double> aside = {3 * test::kSpeed, 0.3};
+  GuidedPolicy after(policy, model, {.observer = false});
+  after.Reset(1);
+  for (int t = 0; t < 3; ++t) {
+    (void)after.Next(std::vector{(t + 0.5) * test::kSpeed, 0.0}, u);
+    ASSERT_TRUE(after.jacobian().isZero(0.0));
+  }
+  (void)after.Next(aside, u);
+  GuidedPolicy at_once(policy, model, {.first_step = 3, .observer = false});
+  at_once.Reset(1);
+  (void)at_once.Next(aside, u);
+  ASSERT_GT(at_once.jacobian().norm(), 0.0);
+  EXPECT_TRUE(test::AllClose(after.jacobian(), at_once.jacobian(), 1e-12));
 }
 
 // Twice as large as any that was demonstrated, it would run through the next support and out of it.

@@ -69,6 +69,7 @@ TEST(JacobianEstimateTest, OnlineDataAreWeightedLeastSquaresWithForgetting) {
   const std::vector<double> z(kN, 0.0);
   Eigen::MatrixXd a = Eigen::MatrixXd::Zero(kM, kM);
   Eigen::MatrixXd b = Eigen::MatrixXd::Zero(kM, kN);
+  estimate.Compute(0, z);
   for (int i = 0; i < 12; ++i) {
     const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
     const Eigen::VectorXd dz = RandomMatrix(random, kN, 1);
@@ -179,6 +180,35 @@ TEST(JacobianEstimateTest, ADemonstratedChangeOfTheResponseIsNoCorrection) {
   EXPECT_LT(std::abs(estimate.jacobian()(1, 1)), 0.1);
 }
 
+// Reset() leaves the state of a new estimate, to the last bit.
+TEST(JacobianEstimateTest, NothingRemainsOfAnEpisodeBefore) {
+  core::Random random(12);
+  const core::Matrix truth = RandomMatrix(random, kN, kM);
+  const auto d = Linear(truth, 20, 10, random);
+  const auto prior =
+      std::make_shared<const JacobianPrior>(d.features, d.controls, JacobianOptions{});
+  const auto z = core::Row(d.features[3], 4);
+  const auto elsewhere = core::Row(d.features[5], 9);
+  const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
+  const Eigen::VectorXd dz = 2.0 * truth * v;
+  for (const bool own_motion : {false, true}) {
+    SCOPED_TRACE(own_motion);
+    JacobianEstimate fresh(prior, {}, own_motion);
+    JacobianEstimate used(prior, {}, own_motion);
+    used.Compute(9, elsewhere);
+    used.Update(elsewhere, core::AsSpan(v), core::AsSpan(dz));
+    used.Compute(9, elsewhere);
+    used.Reset();
+    for (JacobianEstimate* estimate : {&fresh, &used}) {
+      // Even where the first control is measured before anything is computed.
+      estimate->Update(z, core::AsSpan(v), core::AsSpan(dz));
+      estimate->Compute(4, z);
+    }
+    EXPECT_TRUE(used.jacobian() == fresh.jacobian());
+    EXPECT_TRUE(used.own_motion() == fresh.own_motion());
+  }
+}
+
 // z' = z + J v + s d: an estimate that takes the drift for a response to the control has a wrong J.
 TEST(JacobianEstimateTest, TellsADriftFromTheAnswerToControls) {
   core::Random random(5);
@@ -191,6 +221,8 @@ TEST(JacobianEstimateTest, TellsADriftFromTheAnswerToControls) {
   JacobianEstimate aware(prior, time, kOwnMotion);
   JacobianEstimate blind(prior, {}, kOwnMotion);
   const std::vector<double> z(kN, 0.0);
+  aware.Compute(0, z);
+  blind.Compute(0, z);
   for (int i = 0; i < 12; ++i) {
     const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
     const Eigen::VectorXd dz = truth * v + (time.rest + time.travel * v.norm()) * drift;
@@ -299,6 +331,7 @@ TEST(JacobianEstimateTest, DriftTimesAreChecked) {
     const std::vector<double> z(kN, 0.0);
     const std::vector<double> v(kM, 1.0);
     const std::vector<double> dz(kN, 1.0);
+    estimate.Compute(0, z);
     estimate.Update(z, v, dz);
     estimate.Compute(0, z);
     EXPECT_EQ(estimate.drift().isZero(0.0), time.rest == 0.0 && time.travel == 0.0);
@@ -404,6 +437,7 @@ TEST(JacobianEstimateTest, LeastKnownHasTheSignThatTellsADriftFromTheAnswer) {
     JacobianEstimate estimate(prior, {.rest = 1.0, .travel = 0.5}, kOwnMotion);
     const Eigen::VectorXd probe = Eigen::Vector2d(0.0, sign * 0.5);
     std::vector<double> direction(2);
+    estimate.Compute(3, z);
     for (int i = 0; i < 3; ++i) {
       estimate.Update(z, core::AsSpan(probe), core::AsSpan(dz));
       estimate.Compute(3, z);

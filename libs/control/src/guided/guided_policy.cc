@@ -35,6 +35,7 @@ void GuidedPolicy::DoReset(std::uint64_t /*seed*/) noexcept {
   observer_.Reset();
   tracker_.Reset(options_.first_step);
   progress_ = {};
+  computed_ = false;
   at_edge_ = 0.0;
 }
 
@@ -51,8 +52,11 @@ void GuidedPolicy::See(std::span<const double> x) noexcept {
   if (progress_.controls > 0) {
     dz_ = seen_ - last_seen_;
     observer_.Update(estimate_, AsSpan(v_), AsSpan(dz_));
-    estimate_.Update(AsSpan(last_seen_), observer_.acting(), AsSpan(dz_), estimate_.Time(v_),
-                     options_.online_weight);
+    // Before the first computation there are no demonstrations to compare a control with.
+    if (computed_) {
+      estimate_.Update(AsSpan(last_seen_), observer_.acting(), AsSpan(dz_), estimate_.Time(v_),
+                       options_.online_weight);
+    }
   }
   z_ = seen_;
   observer_.Observe(estimate_, z_);
@@ -90,6 +94,7 @@ Step GuidedPolicy::Decide(Step step, std::span<double> u) noexcept {
   // J is most of the work. Deep inside only the first controls ask for it, because they show a lag.
   if (!deep || (options_.observer && progress_.controls <= StateObserver::kMaxLag)) {
     estimate_.Compute(step.t, AsSpan(z_));
+    computed_ = true;
   }
   Correction::Choice choice{Mode::kPolicy, step.log_threshold};
   if (!deep) {

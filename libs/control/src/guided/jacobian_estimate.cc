@@ -74,6 +74,8 @@ JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
 void JacobianEstimate::Reset() noexcept {
   a_online_.setZero();
   b_online_.setZero();
+  center_.setZero();
+  demonstrated_.setZero();
   fresh_ = false;
 }
 

@@ -89,7 +89,8 @@ class GuidedPolicy final : public Controller {
   PhaseTracker tracker_;
 
   Progress progress_;
-  double at_edge_ = 0.0;  ///< Recent steps at the edge that passed, by guided::kEdgeMemory.
+  bool computed_ = false;  ///< estimate_, since DoReset().
+  double at_edge_ = 0.0;   ///< Recent steps at the edge that passed, by guided::kEdgeMemory.
   Eigen::VectorXd z_;
   Eigen::VectorXd v_;  ///< The control that is applied, from then on the one applied last.
   Eigen::VectorXd seen_;

@@ -43,8 +43,8 @@ class JacobianEstimate {
   /// Forgets the applied controls.
   void Reset() noexcept;
   /// At features `z` the answer to control `v`, and what else went on for a time s = `time`, was
-  /// `dz`; the measurement counts `weight` times, >= 0. D is that of the last Compute(), 0 before
-  /// the first.
+  /// `dz`; the measurement counts `weight` times, >= 0. D is that of the last Compute() since
+  /// Reset(), 0 before the first: an episode begins with Compute() where there are demonstrations.
   void Update(std::span<const double> z, std::span<const double> v, std::span<const double> dz,
               double time, double weight) noexcept;
   /// Update() with a control that acted at once.
