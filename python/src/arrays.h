@@ -93,6 +93,14 @@ inline std::span<double> Entries(pybind11::array_t<double>& array) {
   return {array.mutable_data(), static_cast<std::size_t>(array.size())};
 }
 
+/// Returns a new vector, with a copy of `values` if they are given. pybind11 2.10's constructor
+/// from a count reads the size of an entry where NumPy 1 keeps it in a dtype. With NumPy 2 all
+/// entries would be the first.
+inline pybind11::array_t<double> NewVector(pybind11::ssize_t count,
+                                           const double* values = nullptr) {
+  return pybind11::array_t<double>(pybind11::array::ShapeContainer{count}, values);
+}
+
 /// Converts time steps to NumPy's 64-bit integers: no wrap-around, and fractions are rejected.
 /// @throws std::invalid_argument unless they are integers.
 inline pybind11::array_t<std::int64_t> Steps(const pybind11::object& t) {

@@ -223,7 +223,7 @@ Guard FromBytes(const std::string& content) {
 }
 
 py::tuple Filter(Guard& guard, const py::object& t, const Array& state, const Array& action) {
-  py::array_t<double> safe(guard.action_dim());
+  py::array_t<double> safe = NewVector(guard.action_dim());
   const Verdict verdict = guard.Filter(StepOf(t), Entries(state), Entries(action), Entries(safe));
   py::dict info;
   info["why"] = safety::Explain(guard.model(), verdict, Entries(state), Entries(action));
@@ -257,7 +257,7 @@ py::object Decision(const Guard& guard, const py::object& time, const Array& x) 
   const auto width = static_cast<std::size_t>(rows.cols());
   const core::LogDecisionFunction& support = guard.model().support();
   if (x.ndim() == 1) return py::float_(support.Decision(NearestInt(steps[0]), Entries(x)));
-  py::array_t<double> g(rows.rows());
+  py::array_t<double> g = NewVector(rows.rows());
   const std::span<double> values = Entries(g);
   {
     const py::gil_scoped_release unlocked;
@@ -299,7 +299,7 @@ py::dict Certify(const Guard& guard, const py::object& t, const Array& state, co
   const safety::Certification found =
       guard.model().Certify(std::max(0, StepOf(t)), Entries(state), Entries(action));
   const auto entries = [](const Eigen::VectorXd& values) {
-    return py::array_t<double>(static_cast<py::ssize_t>(values.size()), values.data());
+    return NewVector(static_cast<py::ssize_t>(values.size()), values.data());
   };
   py::dict result;
   result["passes"] = found.passes;

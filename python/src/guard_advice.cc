@@ -199,7 +199,7 @@ ValueError
               const py::gil_scoped_release unlocked;
               levels = guard.model().Levels(rows);
             }
-            return py::array_t<double>(static_cast<py::ssize_t>(levels.size()), levels.data());
+            return NewVector(static_cast<py::ssize_t>(levels.size()), levels.data());
           },
           py::arg("states"),
           R"(Return l, the log form of g, for each state of an episode, with a tracked time step.

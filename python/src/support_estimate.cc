@@ -78,7 +78,7 @@ py::object Decision(const OneClassSvm& svm, const Array& x, bool libsvm_scale) {
     const double g = svm.Decision(Entries(x));
     return py::float_(libsvm_scale ? InLibsvmScale(svm, g) : g);
   }
-  py::array_t<double> g(rows.rows());
+  py::array_t<double> g = NewVector(rows.rows());
   const std::span<double> values = Entries(g);
   {
     const py::gil_scoped_release unlocked;
@@ -107,7 +107,7 @@ void ExportOnnx(const OneClassSvm& svm, const std::filesystem::path& path, bool 
 py::tuple Gradient(const OneClassSvm& svm, const Array& x) {
   DFR_THROW_UNLESS(x.ndim() == 1 && x.size() == svm.state_dim(),
                    "x must be one state of " << svm.state_dim() << " entries");
-  py::array_t<double> gradient(svm.state_dim());
+  py::array_t<double> gradient = NewVector(svm.state_dim());
   const double g = svm.Gradient(Entries(x), Entries(gradient));
   return py::make_tuple(g, std::move(gradient));
 }

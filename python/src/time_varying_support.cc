@@ -61,7 +61,7 @@ py::object DecisionAt(const TimeVaryingSupport& support, int t, const Array& x) 
   const MatrixView rows = Rows(x, "x");
   CheckWidth(support, rows.cols());
   if (x.ndim() == 1) return py::float_(support.Decision(t, Entries(x)));
-  py::array_t<double> g(rows.rows());
+  py::array_t<double> g = NewVector(rows.rows());
   const std::span<double> values = Entries(g);
   {
     const py::gil_scoped_release unlocked;
@@ -78,7 +78,7 @@ py::array_t<double> DecisionOver(const TimeVaryingSupport& support, const py::ob
   const MatrixView rows = Rows(x, "x");
   CheckWidth(support, rows.cols());
   const std::int64_t* steps = t.data();
-  py::array_t<double> g(rows.rows());
+  py::array_t<double> g = NewVector(rows.rows());
   const std::span<double> values = Entries(g);
   {
     const py::gil_scoped_release unlocked;
@@ -93,7 +93,7 @@ py::array_t<double> DecisionOver(const TimeVaryingSupport& support, const py::ob
 py::tuple Gradient(const TimeVaryingSupport& support, int t, const Array& x) {
   DFR_THROW_UNLESS(x.ndim() == 1, "x must be one state of " << support.state_dim() << " entries");
   CheckWidth(support, x.size());
-  py::array_t<double> gradient(support.state_dim());
+  py::array_t<double> gradient = NewVector(support.state_dim());
   const double g = support.Gradient(t, Entries(x), Entries(gradient));
   return py::make_tuple(g, std::move(gradient));
 }
