@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 from os import PathLike, fspath
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, Mapping, Sequence
 
 import numpy as np
@@ -30,7 +32,7 @@ def _to_numpy(values: Any) -> NDArray[np.float64]:
 def _like(values: NDArray[np.float64], original: Any) -> Any:
     if hasattr(original, "new_tensor"):  # of the same type and device
         return original.new_tensor(values)
-    return values.astype(np.asarray(original).dtype)
+    return values.astype(np.asarray(original).dtype)[()]  # a scalar stays one
 
 
 def _is_number(value: Any) -> bool:
@@ -249,8 +251,19 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
         config: dict[str, Any] = {"positions": self.positions, "action_names": self.action_names}
         return config if self._path is None else {"guard": self._path, **config}
 
+    def save_artifacts(self, save_directory: Path) -> dict[str, str]:
+        """Save the guard beside the pipeline and return its file's name.
+
+        LeRobot calls it from `save_pretrained`, and `from_pretrained` makes the step from that file.
+        """
+        path = Path(save_directory) / "new.guard"
+        self.guard.save(path)
+        name = f"guard_{hashlib.sha256(path.read_bytes()).hexdigest()[:12]}.guard"
+        path.replace(path.with_name(name))
+        return {"guard": name}
+
     def state_dict(self) -> dict[str, Any]:
-        """Nothing: a guard is saved by `Guard.save`."""
+        """Nothing: a guard is no tensor, and `save_artifacts` saves it."""
         return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:

@@ -2,6 +2,7 @@
 
 import inspect
 import pathlib
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -19,12 +20,13 @@ from tensor import Tensor  # noqa: E402
 
 DRIFT = action_for(0.09, 0.06)
 
-# Interface of a step in LeRobot 0.4: huggingface/lerobot at 066308c, src/lerobot/processor/pipeline.py.
+# Interface of a step in LeRobot: huggingface/lerobot at 7427f31, src/lerobot/processor/pipeline.py.
 CONTRACT = {
     "__call__": ["self", "transition"],
     "get_config": ["self"],
     "state_dict": ["self"],
     "load_state_dict": ["self", "state"],
+    "save_artifacts": ["self", "save_directory"],
     "reset": ["self"],
     "transform_features": ["self", "features"],
 }
@@ -282,18 +284,137 @@ class ContractTest(unittest.TestCase):
         done = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True)
         self.assertEqual(done.returncode, 0, done.stderr)
 
-    def test_lerobots_own_pipeline_takes_it(self):
-        try:
-            from lerobot.processor import DataProcessorPipeline, ProcessorStep
-        except ImportError:
-            self.skipTest("lerobot is not installed")
+    def test_artifacts_are_a_guard_named_by_its_content(self):
+        guard = fit(10)
+        step = GuardStep(guard)
+        with tempfile.TemporaryDirectory() as folder:
+            saved = step.save_artifacts(pathlib.Path(folder))
+            self.assertEqual(saved, step.save_artifacts(folder))
+            self.assertEqual([path.name for path in pathlib.Path(folder).iterdir()], [saved["guard"]])
+            again = GuardStep(**{**step.get_config(), "guard": pathlib.Path(folder) / saved["guard"]})
+            self.assertEqual((again.guard.settings, again.guard.layout), (guard.settings, guard.layout))
+            self.assertNotEqual(GuardStep(fit(11)).save_artifacts(folder), saved)
+
+
+try:
+    import torch
+    from lerobot import processor
+except ImportError:
+    torch = processor = None
+
+
+@unittest.skipIf(processor is None or not hasattr(processor, "DataProcessorPipeline"),
+                 "needs LeRobot's src/lerobot/processor/pipeline.py and torch: docs/lerobot.md says how")
+class OwnPipelineTest(unittest.TestCase):
+    """LeRobot's own pipeline and converters, and torch's tensors."""
+
+    @classmethod
+    def setUpClass(cls):
+        states, actions = demonstrations(1, 30)
+        cls.guard = dfr.Guard.fit([x[:, 1:] for x in states], actions, layout=[("observation.state", 2)])
+
+    def expected(self, steps):
+        """What the guard itself answers to DRIFT, from (0.02, 0) on."""
+        guard = self.guard.with_settings()
+        guard.reset()
+        x = np.array([0.02, 0.0])
+        for t in range(steps):
+            action, info = guard.filter(t, x, DRIFT.astype(np.float32))
+            yield x.copy(), action, info
+            x += action
+
+    def test_their_step_has_the_recorded_signatures(self):
+        own = {name for name, member in vars(processor.ProcessorStep).items()
+               if inspect.isfunction(member)}
+        self.assertEqual(own, set(CONTRACT))
         for name, parameters in CONTRACT.items():
-            self.assertEqual(list(inspect.signature(getattr(ProcessorStep, name)).parameters), parameters)
-        step = GuardStep(fit(8))
-        pipeline = DataProcessorPipeline([step], to_transition=dict, to_output=dict)
+            self.assertEqual(list(inspect.signature(getattr(processor.ProcessorStep, name)).parameters), parameters)
+
+    def test_a_robots_action_processor(self):
+        pipeline = processor.RobotProcessorPipeline(
+            [GuardStep(self.guard)], to_transition=processor.robot_action_observation_to_transition,
+            to_output=processor.transition_to_robot_action)
+        for number in (float, np.float32, torch.tensor):
+            pipeline.reset()
+            for x, safe, info in self.expected(30):
+                action = {"x.pos": number(np.float32(DRIFT[0])), "y.pos": number(np.float32(DRIFT[1]))}
+                after = pipeline((action, {"x.pos": number(x[0]), "y.pos": number(x[1]), "front": torch.zeros(3, 4, 4)}))
+                self.assertEqual(list(after), ["x.pos", "y.pos"])
+                np.testing.assert_allclose([float(value) for value in after.values()], safe, atol=1e-6)
+                self.assertEqual(type(after["x.pos"]), type(action["x.pos"]))
+                self.assertEqual(pipeline[0].info["mode"], info["mode"])
+
+    def test_batches(self):
+        pipeline = processor.DataProcessorPipeline([processor.IdentityProcessorStep(), GuardStep(self.guard)])
+        for shape in ((2,), (1, 2), (1, 1, 2)):
+            for dtype in (torch.float32, torch.float64):
+                pipeline.reset()
+                for x, safe, info in self.expected(30):
+                    action = torch.tensor(DRIFT.astype(np.float32), dtype=dtype).reshape(shape)
+                    after = pipeline({"action": action, "task": ["go"],
+                                      "observation.state": torch.tensor(x, dtype=torch.float64)[None],
+                                      "observation.images.front": torch.zeros(1, 3, 4, 4)})
+                    self.assertEqual((after["action"].shape, after["action"].dtype), (action.shape, dtype))
+                    np.testing.assert_allclose(after["action"].numpy().ravel(), safe, atol=1e-6)
+                    self.assertEqual((after["info"]["guard"], after["task"]), (info, ["go"]))
+
+    def test_a_chunk_is_taken_action_by_action_and_robots_one_by_one(self):
+        step = GuardStep(self.guard.with_settings(strategy="monitor"))
+        pipeline = processor.DataProcessorPipeline([step])
         pipeline.reset()
-        after = pipeline({"observation": {"clock": [0.0], "tip": [0.0, 0.0]}, "action": DRIFT})
-        self.assertIn("guard", after["info"])
+        chunk = torch.tensor(np.stack([action_for(0.05, 0.0), action_for(0.06, 0.0)])[None], dtype=torch.float32)
+        batch = {"action": chunk, "observation.state": torch.zeros(1, 2)}
+        for k in range(2):
+            torch.testing.assert_close(pipeline(batch)["action"], chunk[:, k])
+        with self.assertRaisesRegex(ValueError, "has no action 2"):
+            pipeline(batch)
+        step.next_chunk()
+        torch.testing.assert_close(pipeline(batch)["action"], chunk[:, 0])
+        with self.assertRaisesRegex(ValueError, "a guard is for one robot"):
+            pipeline({"action": torch.zeros(2, 2), "observation.state": torch.zeros(2, 2)})
+
+    def test_a_post_processor_has_no_observation(self):
+        step = GuardStep(self.guard)
+        pipeline = processor.PolicyProcessorPipeline(
+            [step], to_transition=processor.policy_action_to_transition,
+            to_output=processor.transition_to_policy_action)
+        pipeline.reset()
+        action = torch.tensor(DRIFT[None], dtype=torch.float32)
+        with self.assertRaisesRegex(ValueError, "no observation"):
+            pipeline(action)
+        [(x, safe, _)] = self.expected(1)
+        step.observe({"observation.state": torch.tensor(x[None])})
+        np.testing.assert_allclose(pipeline(action).numpy()[0], safe, atol=1e-6)
+
+    def test_it_is_saved_and_loaded_with_its_pipeline(self):
+        step = GuardStep(self.guard.with_settings(strategy="monitor"), positions=[0, 1], action_names=["x.pos", "y.pos"])
+        pipeline = processor.RobotProcessorPipeline([step], name="action", to_transition=dict, to_output=dict)
+        self.assertEqual((pipeline.state_dict(), step.state_dict()), ({}, {}))
+        pipeline.load_state_dict({})
+        with tempfile.TemporaryDirectory() as folder:
+            pipeline.save_pretrained(folder)
+            moved = shutil.move(folder, folder + ".moved")
+            alarms = []
+            again = processor.RobotProcessorPipeline.from_pretrained(
+                moved, config_filename="action.json", overrides={"GuardStep": {"on_alarm": alarms.append}},
+                to_transition=processor.robot_action_observation_to_transition,
+                to_output=processor.transition_to_robot_action)
+            loaded = again[0]
+            self.assertEqual((loaded.positions, loaded.action_names), (step.positions, step.action_names))
+            self.assertEqual((loaded.guard.settings, loaded.guard.layout), (step.guard.settings, self.guard.layout))
+            again.save_pretrained(folder)  # once more, from a step that was loaded
+            self.assertEqual({path.name for path in pathlib.Path(folder).iterdir()},
+                             {path.name for path in pathlib.Path(moved).iterdir()})
+            shutil.rmtree(moved)
+        again.reset()
+        far = {"x.pos": 0.0, "y.pos": 0.9}
+        self.assertEqual(again((far, far)), far)
+        self.assertEqual(len(alarms), 1)
+
+    def test_features_pass(self):
+        from lerobot.configs import FeatureType, PipelineFeatureType, PolicyFeature
+        features = {PipelineFeatureType.ACTION: {"action": PolicyFeature(FeatureType.ACTION, (2,))}}
+        self.assertEqual(processor.DataProcessorPipeline([GuardStep(self.guard)]).transform_features(features), features)
 
 
 if __name__ == "__main__":

@@ -29,6 +29,9 @@ class ProcessorStep(ABC):
     def load_state_dict(self, state):
         pass
 
+    def save_artifacts(self, save_directory):
+        return {}
+
     def reset(self):
         pass
 
