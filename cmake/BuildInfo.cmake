@@ -1,9 +1,12 @@
 # Run at every build: writes OUTPUT with the commit of SOURCE, and leaves the file alone when nothing
-# has changed, so that nothing is rebuilt.
+# has changed, so that nothing is rebuilt. In an unpacked archive of a commit, commit.txt names it.
 set(commit unknown)
+file(STRINGS ${SOURCE}/cmake/commit.txt archived LIMIT_COUNT 1)
 execute_process(COMMAND git -C ${SOURCE} rev-parse --short=12 HEAD
   OUTPUT_VARIABLE head OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET RESULT_VARIABLE failed)
-if(NOT failed)
+if(archived MATCHES "^[0-9a-f]+$")
+  string(SUBSTRING ${archived} 0 12 commit)
+elseif(NOT failed)
   set(commit ${head})
   execute_process(COMMAND git -C ${SOURCE} status --porcelain --untracked-files=no
     OUTPUT_VARIABLE changes ERROR_QUIET)

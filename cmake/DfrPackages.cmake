@@ -4,7 +4,7 @@
 # What CMake calls a dependency, and what pkg-config does: a module of its own or flags.
 set(DFR_PKG_CONFIG_MODULES
   "Eigen3::Eigen=eigen3" "hwy::hwy=libhwy" "hdf5::hdf5=hdf5-serial" "glfw=glfw3" "OpenSSL::Crypto=libcrypto"
-  "Snappy::snappy=snappy" "zstd::libzstd_shared=libzstd")
+  "Snappy::snappy=snappy" "Snappy::snappy-static=snappy" "zstd::libzstd_shared=libzstd" "zstd::libzstd_static=libzstd")
 set(DFR_PKG_CONFIG_FLAGS
   "Threads::Threads=-pthread" "dl=-ldl" "Ceres::ceres=-lceres -lglog" "mujoco::mujoco=-lmujoco"
   "nlohmann_json::nlohmann_json=" "fastrtps=-lfastrtps" "fastcdr=-lfastcdr"

@@ -1,0 +1,21 @@
+// The linker puts these variables in the place of stderr and stdout (--wrap) for code that was
+// compiled for programs: such code cannot reach those of the C library from a shared object.
+
+#include <cstdio>
+
+extern "C" {
+extern FILE* __real_stderr;  // NOLINT(bugprone-reserved-identifier): the linker's names
+extern FILE* __real_stdout;  // NOLINT(bugprone-reserved-identifier)
+[[gnu::visibility("hidden")]] FILE* __wrap_stderr;  // NOLINT(bugprone-reserved-identifier)
+[[gnu::visibility("hidden")]] FILE* __wrap_stdout;  // NOLINT(bugprone-reserved-identifier)
+}
+
+namespace {
+
+// Before any other code of the module, which may print.
+[[gnu::constructor(101)]] void SetStandardStreams() {
+  __wrap_stderr = __real_stderr;
+  __wrap_stdout = __real_stdout;
+}
+
+}  // namespace
