@@ -3,11 +3,13 @@
 
 BASE is a commit, or a folder with a build of it. Default: the merge base with origin/main, or on main
 the previous commit. Both builds run the same operations (bench/safety/counted_work.cc): decisions,
-gradients, fits, a guided step, a guard's filter.
+gradients, fits, a guided step, a guard's filter. One folder, build/compare, holds both builds one after the
+other, and the second compiles only what differs.
 
 The comparison uses valgrind's counts for each operation: instructions, and the cycles that valgrind
-estimates from them with a model of the caches. The modelled caches are the same on each machine and
-fully associative, because conflicts in a processor's caches depend on the memory layout of each run.
+estimates from them with a model of the caches. The modelled caches are the same on each machine and have
+eight sets of many ways, because conflicts in a processor's caches depend on the memory layout of each run.
+One set would double the time of the simulation.
 Instruction counts repeat exactly, regardless of other load on the machine, and an increase of 5 % is a
 loss. Cycles also depend on the heap that earlier operations left and on the length of the environment.
 An operation with 5 % more cycles is counted again separately in several memory layouts, and the
@@ -29,10 +31,11 @@ ROOT = pathlib.Path(__file__).resolve().parent.parent
 PROGRAM = "counted_work"
 MOST_COUNTED = 1.05
 # Bytes, ways, bytes of a line. The last level is too large for conflicts.
-CACHES = ("--cache-sim=yes", "--I1=32768,512,64", "--D1=49152,768,64", "--LL=33554432,16,64")
+CACHES = ("--cache-sim=yes", "--I1=32768,64,64", "--D1=49152,96,64", "--LL=33554432,16,64")
 PADDINGS = (0, 16, 32, 1000)  # Bytes of an environment variable: each gives another memory layout.
-SOURCES = ("libs/core", "libs/kernel", "libs/control", "libs/safety", "bench", "cmake", "CMakeLists.txt",
-           "CMakePresets.json")
+SOURCES = ("libs/core", "libs/kernel", "libs/control", "libs/safety", "bench/kernel", "bench/control", "bench/safety",
+           "cmake", "CMakeLists.txt", "CMakePresets.json", "components.txt")
+WORK = ROOT / "build" / "compare"
 
 
 def compiles_in_units(source):
@@ -182,6 +185,47 @@ def git(*arguments):
     return None if done.returncode else done.stdout.strip()
 
 
+def check_out(commit):
+    """Returns WORK / "tree", a worktree with the sources of `commit`. Only the files that differ are written."""
+    tree = WORK / "tree"
+    if not (tree / ".git").exists():
+        shutil.rmtree(tree, ignore_errors=True)
+        subprocess.run(["git", "-C", ROOT, "worktree", "add", "--quiet", "--force", "--detach", tree, commit],
+                       check=True)
+    subprocess.run(["git", "-C", tree, "checkout", "--quiet", "--force", "--detach", commit], check=True)
+    subprocess.run(["git", "-C", tree, "clean", "--quiet", "--force", "-d"], check=True)
+    return tree
+
+
+def copy_changes(commit, tree):
+    """Copies to `tree`, a worktree with `commit`, each of SOURCES that differs from it here."""
+    names = git("diff", "--no-renames", "--name-only", "-z", commit, "--", *SOURCES)
+    names += git("ls-files", "--others", "--exclude-standard", "-z", "--", *SOURCES)
+    for name in filter(None, names.split("\0")):
+        (tree / name).unlink(missing_ok=True)
+        if (ROOT / name).exists():
+            (tree / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / name, tree / name)  # with the time of the copy, for ninja
+
+
+def build_both(base):
+    """Returns the programs of the commit `base` and of the sources here, or None if `base` has no such program."""
+    commit = git("rev-parse", "--verify", "--quiet", base + "^{commit}")
+    if commit is None:
+        sys.exit(f"compare.py: '{base}' is neither a commit nor a build with bin/{PROGRAM}")
+    tree = check_out(commit)
+    if not (tree / "bench/safety" / (PROGRAM + ".cc")).exists():
+        return None
+    units = compiles_in_units(tree)  # both builds, or neither
+    programs = []
+    for name in "base", "head":
+        if name == "head":
+            copy_changes(commit, tree)
+        (WORK / name).mkdir(exist_ok=True)
+        programs.append(shutil.copy(build(tree, WORK / "build", units), WORK / name))
+    return programs
+
+
 def default_base():
     """Returns the merge base with origin/main, or on main the first parent. None: no history."""
     head = git("rev-parse", "HEAD")
@@ -214,47 +258,31 @@ def main():
     if shutil.which("valgrind") is None:
         sys.exit("compare.py: valgrind is missing. Install it with: apt-get install valgrind")
     if options.self_test:
-        wrong = self_test(build(ROOT, ROOT / "build" / "compare"), options.filter)
+        wrong = self_test(build(ROOT, WORK / "here"), options.filter)
         for line in wrong:
             print(f"compare.py: {line}", file=sys.stderr)
         sys.exit(1 if wrong else 0)
-    if options.base is None:
-        options.base = default_base()
-        if options.base is None:
-            print("There is no commit before this one: there is nothing to compare with.")
+    base = options.base or default_base()
+    if base is None:
+        print("There is no commit before this one: there is nothing to compare with.")
+        return
+    program = pathlib.Path(base) / "bin" / PROGRAM
+    if program.exists():
+        programs = program, build(ROOT, WORK / "here")
+    elif git("diff", "--quiet", base, "--", *SOURCES) is not None:
+        print(f"Nothing that the operations are built from differs from {base[:10]}.")
+        return
+    else:
+        programs = build_both(base)
+        if programs is None:
+            print(f"The base has no {PROGRAM} yet: there is nothing to compare with.")
             return
-        if git("diff", "--quiet", options.base, "--", *SOURCES) is not None:
-            print(f"Nothing that the operations are built from differs from {options.base[:10]}.")
-            return
-
-    work = pathlib.Path(tempfile.mkdtemp(prefix="dfr_compare_"))
-    worktree, units = None, True  # of both trees, or of none
-    try:
-        base = pathlib.Path(options.base) / "bin" / PROGRAM
-        if not base.exists():
-            commit = git("rev-parse", "--verify", "--quiet", options.base + "^{commit}")
-            if commit is None:
-                sys.exit(f"compare.py: '{options.base}' is neither a commit nor a build with {base}")
-            worktree = work / "base"
-            subprocess.run(["git", "-C", ROOT, "worktree", "add", "--quiet", "--detach", worktree,
-                            commit], check=True)
-            if not (worktree / "bench/safety" / (PROGRAM + ".cc")).exists():
-                print(f"The base has no {PROGRAM} yet: there is nothing to compare with.")
-                return
-            units = compiles_in_units(worktree)
-            base = build(worktree, work / "build_base", units)
-        new = build(ROOT, ROOT / "build" / "compare", units)  # kept: built faster next time
-        losses = compare([base], [new], options)
-        for loss in losses:
-            print(f"SLOWER: {loss}", file=sys.stderr)
-        sys.exit(1 if losses else 0)
-    finally:
-        if worktree is not None:
-            subprocess.run(["git", "-C", ROOT, "worktree", "remove", "--force", worktree],
-                           stderr=subprocess.DEVNULL)
-        shutil.rmtree(work, ignore_errors=True)
+    losses = compare(*([program] for program in programs), options)
+    for loss in losses:
+        print(f"SLOWER: {loss}", file=sys.stderr)
+    sys.exit(1 if losses else 0)
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that the base's worktree goes too
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # ends valgrind, too
     main()
