@@ -3,6 +3,7 @@
 
 usage: prose_lint.py [FILE ...]            (default: all Markdown and C++ files that git tracks)
        prose_lint.py --commits BASE..HEAD  subjects of these commits, merges excepted
+       prose_lint.py --message FILE        the subject of the commit message in FILE
 
 Tables, headings, code, and lines of one link may be long. README.md and docs also obey STYLE and OPENING.
 """
@@ -126,9 +127,19 @@ def lint_commits(commits):
     return 1 if found else 0
 
 
+def lint_message(path):
+    """The first line of the file that git hands to a commit-msg hook; `git rebase --autosquash` removes fixups."""
+    subject = next(iter(path.read_text().strip().splitlines()), "")
+    found = [] if subject.startswith(("Merge ", "fixup! ", "squash! ", "amend! ")) else list(subject_problems(subject))
+    print("\n".join(f"{subject}: {what}" for what in found), end="\n" if found else "")
+    return 1 if found else 0
+
+
 def main(names):
     if names[:1] == ["--commits"]:
         return lint_commits(names[1])
+    if names[:1] == ["--message"]:
+        return lint_message(pathlib.Path(names[1]))
     if not names:
         tracked = ["git", "ls-files", "*.md", "*.h", "*.cc"]
         names = subprocess.run(tracked, cwd=SOURCE, text=True, capture_output=True, check=True).stdout.split()

@@ -1,5 +1,7 @@
 """The lint of prose finds what it says, and nothing in what it should leave."""
 
+import contextlib
+import io
 import pathlib
 import tempfile
 import unittest
@@ -54,6 +56,15 @@ class ProseLintTest(unittest.TestCase):
         for subject in ("kernel: pad support vectors to whole lanes", "Print the cost of each task",
                         "control: pass the view by value", "Focus, then embed and bring the view", "docs, tests: need it"):
             self.assertEqual(list(prose_lint.subject_problems(subject)), [], subject)
+
+    def test_message_of_a_commit(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "COMMIT_EDITMSG"
+            for message, failed in (("Adds a test\n", 1), ("Add a test\n\nAdds nothing else.\n", 0),
+                                    ("fixup! Add a test " + "again " * 12, 0)):
+                path.write_text(message)
+                with contextlib.redirect_stdout(io.StringIO()):
+                    self.assertEqual(prose_lint.lint_message(path), failed, message)
 
     def test_words(self):
         self.assertEqual(self.found("a.md", "Utilize it.\nLikewise.\nuse it, like wise people\n"), [1, 2])
