@@ -10,16 +10,17 @@
 namespace dfr::dds {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
-constexpr std::int64_t kWall = 1'700'000'000'123'456'789;  // not a whole second
-constexpr std::int64_t kSteady = 5'000 * kMs;
+constexpr std::int64_t kMillisecond = 1'000'000;
+constexpr std::int64_t kWallClock = 1'700'000'000'123'456'789;  // not a whole second
+constexpr std::int64_t kSteady = 5'000 * kMillisecond;
 
 Watchdog Make() {
   return Watchdog({.max_age_s = 0.05, .max_silence_s = 0.04, .max_ahead_s = 0.01});
 }
 
 TEST(StampTest, NanosecondsGoThereAndBack) {
-  for (const std::int64_t ns : {std::int64_t{0}, std::int64_t{1}, kWall, -kWall, 999 * kMs}) {
+  for (const std::int64_t ns :
+       {std::int64_t{0}, std::int64_t{1}, kWallClock, -kWallClock, 999 * kMillisecond}) {
     EXPECT_EQ(Stamp::FromNanoseconds(ns).nanoseconds(), ns);
     EXPECT_LT(Stamp::FromNanoseconds(ns).nanosec, 1'000'000'000U);
   }
@@ -30,23 +31,23 @@ TEST(StampTest, NanosecondsGoThereAndBack) {
 TEST(WatchdogTest, EachLimitIsKeptToTheNanosecond) {
   Watchdog dog = Make();
   const test::NoAlloc guard;
-  EXPECT_EQ(dog.Check(kWall, kSteady), Freshness::kNever);
-  dog.Arrived(Stamp::FromNanoseconds(kWall), kSteady);
-  EXPECT_EQ(dog.Check(kWall, kSteady), Freshness::kFresh);
-  EXPECT_EQ(dog.Check(kWall + 50 * kMs, kSteady), Freshness::kFresh);
-  EXPECT_EQ(dog.Check(kWall + 50 * kMs + 1, kSteady), Freshness::kOld);
-  EXPECT_EQ(dog.Check(kWall - 10 * kMs, kSteady), Freshness::kFresh);
-  EXPECT_EQ(dog.Check(kWall - 10 * kMs - 1, kSteady), Freshness::kAhead);
-  EXPECT_EQ(dog.Check(kWall, kSteady + 40 * kMs), Freshness::kFresh);
-  EXPECT_EQ(dog.Check(kWall, kSteady + 40 * kMs + 1), Freshness::kSilent);
+  EXPECT_EQ(dog.Check(kWallClock, kSteady), Freshness::kNever);
+  dog.Arrived(Stamp::FromNanoseconds(kWallClock), kSteady);
+  EXPECT_EQ(dog.Check(kWallClock, kSteady), Freshness::kFresh);
+  EXPECT_EQ(dog.Check(kWallClock + 50 * kMillisecond, kSteady), Freshness::kFresh);
+  EXPECT_EQ(dog.Check(kWallClock + 50 * kMillisecond + 1, kSteady), Freshness::kOld);
+  EXPECT_EQ(dog.Check(kWallClock - 10 * kMillisecond, kSteady), Freshness::kFresh);
+  EXPECT_EQ(dog.Check(kWallClock - 10 * kMillisecond - 1, kSteady), Freshness::kAhead);
+  EXPECT_EQ(dog.Check(kWallClock, kSteady + 40 * kMillisecond), Freshness::kFresh);
+  EXPECT_EQ(dog.Check(kWallClock, kSteady + 40 * kMillisecond + 1), Freshness::kSilent);
 }
 
 TEST(WatchdogTest, StampZeroIsInvalidHoweverOftenItComes) {
   Watchdog dog = Make();
   dog.Arrived(Stamp{}, kSteady);
-  EXPECT_EQ(dog.Check(kWall, kSteady), Freshness::kInvalidStamp);
-  dog.Arrived(Stamp::FromNanoseconds(kWall), kSteady);
-  EXPECT_EQ(dog.Check(kWall, kSteady), Freshness::kFresh);
+  EXPECT_EQ(dog.Check(kWallClock, kSteady), Freshness::kInvalidStamp);
+  dog.Arrived(Stamp::FromNanoseconds(kWallClock), kSteady);
+  EXPECT_EQ(dog.Check(kWallClock, kSteady), Freshness::kFresh);
 }
 
 // A console that hangs may continue to publish its last values.
@@ -55,8 +56,8 @@ TEST(WatchdogTest, RepeatedSampleGrowsOldAlthoughItKeepsArriving) {
   Freshness last = Freshness::kFresh;
   std::int64_t noticed = 0;
   for (int ms = 0; ms <= 100 && last == Freshness::kFresh; ms += 10) {
-    dog.Arrived(Stamp::FromNanoseconds(kWall), kSteady + ms * kMs);
-    last = dog.Check(kWall + ms * kMs, kSteady + ms * kMs);
+    dog.Arrived(Stamp::FromNanoseconds(kWallClock), kSteady + ms * kMillisecond);
+    last = dog.Check(kWallClock + ms * kMillisecond, kSteady + ms * kMillisecond);
     noticed = ms;
   }
   EXPECT_EQ(last, Freshness::kOld);
@@ -66,8 +67,9 @@ TEST(WatchdogTest, RepeatedSampleGrowsOldAlthoughItKeepsArriving) {
 // An administrator sets the system's clock back while the publisher is dead.
 TEST(WatchdogTest, ClockJumpDoesNotHideSilence) {
   Watchdog dog = Make();
-  dog.Arrived(Stamp::FromNanoseconds(kWall), kSteady);
-  EXPECT_EQ(dog.Check(kWall - 3'600'000 * kMs, kSteady + 100 * kMs), Freshness::kSilent);
+  dog.Arrived(Stamp::FromNanoseconds(kWallClock), kSteady);
+  EXPECT_EQ(dog.Check(kWallClock - 3'600'000 * kMillisecond, kSteady + 100 * kMillisecond),
+            Freshness::kSilent);
 }
 
 TEST(WatchdogTest, LimitsOutOfRangeAreRefused) {

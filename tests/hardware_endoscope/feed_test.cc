@@ -15,23 +15,23 @@ namespace {
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kWall = 1'700'000'000'000'000'000;
 constexpr std::int64_t kSteady = 5'000 * kMs;
-constexpr int kWidth = 16;
-constexpr int kHeight = 8;
+constexpr int kFeedWidth = 16;
+constexpr int kFeedHeight = 8;
 
 class FeedTest : public testing::Test {
  protected:
   static EndoscopeOptions Options() {
     EndoscopeOptions options;
-    options.width = kWidth;
-    options.height = kHeight;
+    options.width = kFeedWidth;
+    options.height = kFeedHeight;
     options.max_age_s = 0.1;
     options.max_ahead_s = 0.01;
     options.max_repeats = 3;
     return options;
   }
   void Put(std::uint8_t grey, std::int64_t stamp_ns = kWall, std::int64_t arrival_ns = kSteady) {
-    const std::vector<std::uint8_t> pixels(std::size_t{kWidth} * kHeight, grey);
-    feed_.Put(pixels.data(), kWidth, kHeight, kWidth, 1, false, stamp_ns, arrival_ns);
+    const std::vector<std::uint8_t> pixels(std::size_t{kFeedWidth} * kFeedHeight, grey);
+    feed_.Put(pixels.data(), kFeedWidth, kFeedHeight, kFeedWidth, 1, false, stamp_ns, arrival_ns);
   }
   FrameStatus Grab(std::int64_t steady_ns, std::int64_t wall_ns) {
     return feed_.Grab(steady_ns, wall_ns, frame_);

@@ -15,15 +15,15 @@ using test::kWidth;
 using test::Message;
 using test::Noise;
 
-constexpr std::int64_t kWall = 1'700'000'000'000'000'000;
-constexpr std::int64_t kSteady = 5'000'000'000;
+constexpr std::int64_t kStamp = 1'700'000'000'000'000'000;
+constexpr std::int64_t kArrival = 5'000'000'000;
 
 class ImageMessagesTest : public testing::Test {
  protected:
   template <typename Image>
   FrameStatus StatusOf(const Image& image) {
-    Put(feed_, image, kSteady);
-    return feed_.Grab(kSteady, kWall, frame_);
+    Put(feed_, image, kArrival);
+    return feed_.Grab(kArrival, kStamp, frame_);
   }
   // Blue, green and red of a pixel.
   std::array<int, 3> Pixel(int row, int col) {
@@ -39,40 +39,40 @@ class ImageMessagesTest : public testing::Test {
 
 TEST_F(ImageMessagesTest, BlueGreenRedStaysAsItIs) {
   const cv::Mat sent = Noise(1);
-  ASSERT_EQ(StatusOf(Message(sent, kWall - 7)), FrameStatus::kOk);
+  ASSERT_EQ(StatusOf(Message(sent, kStamp - 7)), FrameStatus::kOk);
   EXPECT_EQ(std::memcmp(frame_.image.data, sent.data, 3UL * kWidth * kHeight), 0);
-  EXPECT_EQ(frame_.stamp_ns, kWall - 7);
+  EXPECT_EQ(frame_.stamp_ns, kStamp - 7);
 }
 
 TEST_F(ImageMessagesTest, EncodingsBecomeBlueGreenRed) {
   cv::Mat colour = Noise(1);
   colour.at<cv::Vec3b>(0, 0) = {10, 120, 200};
-  ASSERT_EQ(StatusOf(Message(colour, kWall, "rgb8")), FrameStatus::kOk);
+  ASSERT_EQ(StatusOf(Message(colour, kStamp, "rgb8")), FrameStatus::kOk);
   EXPECT_EQ(Pixel(0, 0), (std::array<int, 3>{200, 120, 10}));
-  ASSERT_EQ(StatusOf(Message(cv::Mat(kHeight, kWidth, CV_8UC1, cv::Scalar(90)), kWall, "mono8")),
+  ASSERT_EQ(StatusOf(Message(cv::Mat(kHeight, kWidth, CV_8UC1, cv::Scalar(90)), kStamp, "mono8")),
             FrameStatus::kOk);
   EXPECT_EQ(Pixel(0, 1), (std::array<int, 3>{90, 90, 90}));
 }
 
 TEST_F(ImageMessagesTest, WhatIsNotUnderstoodIsNamed) {
-  EXPECT_EQ(StatusOf(Message(Noise(1), kWall, "bayer_rggb8")), FrameStatus::kWrongEncoding);
+  EXPECT_EQ(StatusOf(Message(Noise(1), kStamp, "bayer_rggb8")), FrameStatus::kWrongEncoding);
   EXPECT_EQ(frame_.image.data, nullptr);
-  dds::Image cut = Message(Noise(2), kWall);
+  dds::Image cut = Message(Noise(2), kStamp);
   cut.data.pop_back();
   EXPECT_EQ(StatusOf(cut), FrameStatus::kWrongEncoding);
-  dds::Image overlapping = Message(Noise(3), kWall);
+  dds::Image overlapping = Message(Noise(3), kStamp);
   overlapping.step -= 1;
   EXPECT_EQ(StatusOf(overlapping), FrameStatus::kWrongEncoding);
-  EXPECT_EQ(StatusOf(Message(Noise(4, 32, 24), kWall)), FrameStatus::kWrongSize);
+  EXPECT_EQ(StatusOf(Message(Noise(4, 32, 24), kStamp)), FrameStatus::kWrongSize);
   EXPECT_EQ(frame_.width, 32);
   EXPECT_EQ(frame_.height, 24);
   EXPECT_EQ(StatusOf(Message(Noise(5), 0)), FrameStatus::kInvalidStamp);
-  EXPECT_EQ(StatusOf(Message(Noise(6), kWall)), FrameStatus::kOk);
+  EXPECT_EQ(StatusOf(Message(Noise(6), kStamp)), FrameStatus::kOk);
 }
 
 TEST_F(ImageMessagesTest, CompressedPicturesAreDecoded) {
   dds::CompressedImage message;
-  message.stamp = dds::Stamp::FromNanoseconds(kWall);
+  message.stamp = dds::Stamp::FromNanoseconds(kStamp);
   message.format = "bgr8; jpeg compressed bgr8";
   cv::imencode(".jpg", cv::Mat(kHeight, kWidth, CV_8UC3, cv::Scalar(60, 120, 180)), message.data);
   ASSERT_EQ(StatusOf(message), FrameStatus::kOk);

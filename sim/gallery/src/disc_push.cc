@@ -9,7 +9,7 @@ namespace dfr::sim {
 namespace {
 
 constexpr double kSubstep = 0.001;
-constexpr double kSpeed = 0.7;  // largest norm of the supervisor's control
+constexpr double kLargestControl = 0.7;  // largest norm of the supervisor's control
 
 }  // namespace
 
@@ -95,7 +95,7 @@ void DiscPushPlant::Supervise(const Habit& /*habit*/, std::span<double> u) const
     forward = along > -1.25 * contact ? -1.0 : 0.0;
     sideways = along > -1.05 * contact ? 0.0 : (across > 0.0 ? -1.0 : 1.0);
   }
-  const double scale = kSpeed / std::max(1.0, std::hypot(forward, sideways));
+  const double scale = kLargestControl / std::max(1.0, std::hypot(forward, sideways));
   const double vx = scale * (forward * hx - sideways * hy);
   const double vy = scale * (forward * hy + sideways * hx);
   const double cosine = std::cos(options_.rotation);

@@ -6,7 +6,7 @@
 namespace dfr::sim::internal {
 namespace {
 
-constexpr double kGain = 0.02;        // displacement of the peg by a control of norm 1
+constexpr double kPegGain = 0.02;     // displacement of the peg by a control of norm 1
 constexpr double kClearance = 0.012;  // half the width of the slot, minus the peg's
 constexpr double kMouth = 0.03;       // the same at the surface, at the chamfers
 constexpr double kChamfer = 0.03;     // depth of the chamfers
@@ -22,9 +22,9 @@ class InsertionPlant final : public Cloned<InsertionPlant> {
   void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
     const double aside = x(2) + 0.002 * habit.offset - x(0);
     const bool aligned = std::abs(aside) < 0.5 * kClearance + (x(1) < 0.0 ? 1.0 : 0.0);
-    u[0] = std::clamp(aside / kGain, -0.7, 0.7);
+    u[0] = std::clamp(aside / kPegGain, -0.7, 0.7);
     // Waits above the surface until it is aligned.
-    u[1] = aligned ? -0.6 : std::clamp((0.04 - x(1)) / kGain, -0.6, 0.6);
+    u[1] = aligned ? -0.6 : std::clamp((0.04 - x(1)) / kPegGain, -0.6, 0.6);
   }
 
  private:
@@ -37,13 +37,13 @@ class InsertionPlant final : public Cloned<InsertionPlant> {
     constexpr int kSubsteps = 8;
     double blocked = 0.0;
     for (int i = 0; i < kSubsteps; ++i) {
-      const Point wanted{x(0) + kGain / kSubsteps * u[0], x(1) + kGain / kSubsteps * u[1]};
+      const Point wanted{x(0) + kPegGain / kSubsteps * u[0], x(1) + kPegGain / kSubsteps * u[1]};
       const Point free = Yield(wanted);
       blocked += Norm(wanted - free);
       x(0) = free.x;
       x(1) = free.y;
     }
-    FailIf(blocked > kForce * kGain || std::abs(x(0)) > 0.5 || x(1) > 0.5);
+    FailIf(blocked > kForce * kPegGain || std::abs(x(0)) > 0.5 || x(1) > 0.5);
   }
   // Returns the nearest free point for a point slightly inside a solid.
   [[nodiscard]] Point Yield(Point p) const noexcept {

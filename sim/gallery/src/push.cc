@@ -4,10 +4,10 @@
 namespace dfr::sim::internal {
 namespace {
 
-constexpr double kHalf = 0.05;      // half the side of the box
-constexpr double kPusher = 0.012;   // radius
-constexpr double kGain = 0.012;     // displacement of the pusher by a control of norm 1
-constexpr double kTurning = 0.035;  // the box's radius of support friction
+constexpr double kHalf = 0.05;         // half the side of the box
+constexpr double kPusher = 0.012;      // radius
+constexpr double kPusherGain = 0.012;  // displacement of the pusher by a control of norm 1
+constexpr double kTurning = 0.035;     // the box's radius of support friction
 constexpr double kGoal = 0.35;
 
 // Quasi-static: the pusher moves in small substeps. On contact, the box moves along the
@@ -24,7 +24,8 @@ class PushPlant final : public Cloned<PushPlant> {
     const double side = std::clamp(-0.08 * (angle - x(4)), -0.03, 0.03);
     const double gap = -kHalf - kPusher - local.x;  // > 0 outside the box
     const double forward = std::abs(side - local.y) > 0.02 && gap < 0.01 ? 0.2 : 0.7;
-    const Point wanted = Turned({forward, std::clamp((side - local.y) / kGain, -0.7, 0.7)}, x(4));
+    const Point wanted =
+        Turned({forward, std::clamp((side - local.y) / kPusherGain, -0.7, 0.7)}, x(4));
     u[0] = wanted.x;
     u[1] = wanted.y;
   }
@@ -40,8 +41,8 @@ class PushPlant final : public Cloned<PushPlant> {
     if (u[0] == 0.0 && u[1] == 0.0) return;  // moves nothing, despite any overlap
     constexpr int kSubsteps = 8;
     for (int i = 0; i < kSubsteps; ++i) {
-      x(0) += kGain / kSubsteps * u[0];
-      x(1) += kGain / kSubsteps * u[1];
+      x(0) += kPusherGain / kSubsteps * u[0];
+      x(1) += kPusherGain / kSubsteps * u[1];
       Yield();
     }
     // The lane's edges, and the angle beyond which the box cannot be turned back.

@@ -6,11 +6,11 @@
 namespace dfr::sim::internal {
 namespace {
 
-constexpr double kGain = 0.02;     // a control of norm 1 moves the tool by this
-constexpr double kSpring = 0.012;  // pressed in by this, the force is 1
-constexpr double kMost = 1.5;      // force
-constexpr double kWipes = 0.2;     // force, from which on the tool wipes
-constexpr double kSkip = 0.03;     // longest step between wiped points
+constexpr double kToolGain = 0.02;  // a control of norm 1 moves the tool by this
+constexpr double kSpring = 0.012;   // pressed in by this, the force is 1
+constexpr double kMost = 1.5;       // force
+constexpr double kWipes = 0.2;      // force, from which on the tool wipes
+constexpr double kSkip = 0.03;      // longest step between wiped points
 constexpr double kLength = 0.6;
 
 // A tool wipes a bent surface along x. Neither the height nor the slope of the surface is observed,
@@ -26,9 +26,9 @@ class WipePlant final : public Cloned<WipePlant> {
     const bool touches = x(2) > 0.0;
     // Down to the surface, where the wiped part ends; then on, as fast as the force allows.
     const double off = x(2) - wanted;
-    u[0] = !touches ? std::clamp((x(3) - x(0)) / kGain, -0.5, 0.5)
+    u[0] = !touches ? std::clamp((x(3) - x(0)) / kToolGain, -0.5, 0.5)
                     : 0.5 * std::clamp(1.0 - 1.5 * std::abs(off), 0.0, 1.0);
-    u[1] = !touches ? -0.35 : std::clamp(0.7 * kSpring / kGain * off, -0.3, 0.5);
+    u[1] = !touches ? -0.35 : std::clamp(0.7 * kSpring / kToolGain * off, -0.3, 0.5);
   }
 
  private:
@@ -44,8 +44,8 @@ class WipePlant final : public Cloned<WipePlant> {
   void Step(std::span<const double> u) noexcept override {
     constexpr int kLooks = 4;
     for (int look = 0; look < kLooks; ++look) {
-      x(0) += kGain / kLooks * u[0];
-      x(1) += kGain / kLooks * u[1];
+      x(0) += kToolGain / kLooks * u[0];
+      x(1) += kToolGain / kLooks * u[1];
       x(2) = std::max(0.0, (Surface(x(0)) - x(1)) / kSpring);
       FailIf(x(2) > kMost);
       const double ahead = x(0) - x(3);
