@@ -19,53 +19,60 @@ void ClearLane(T* block, std::size_t dim, std::size_t lane) {
   for (std::size_t k = 0; k < dim; ++k) block[(1 + k) * kLanes + lane] = T{0};
 }
 
-// Mean of `kWidth` successive columns, and the largest distance from it in any of them.
+// Adds kWidth columns from `first` on to the extent, in registers.
 template <std::size_t kWidth>
-double MeanOf(const double* first, std::size_t count, std::size_t dim, double* mean) {
+void Measure(const core::Matrix& points, std::size_t first, Extent& extent) {
+  const auto count = static_cast<std::size_t>(points.rows());
+  const auto dim = static_cast<std::size_t>(points.cols());
+  const double* entries = points.data() + first;
   double sum[kWidth] = {};
-  for (std::size_t i = 0; i < count; ++i) {
-    for (std::size_t k = 0; k < kWidth; ++k) sum[k] += first[i * dim + k];
-  }
-  for (std::size_t k = 0; k < kWidth; ++k) mean[k] = sum[k] / static_cast<double>(count);
   double most[kWidth] = {};
   for (std::size_t i = 0; i < count; ++i) {
     for (std::size_t k = 0; k < kWidth; ++k) {
-      most[k] = std::max(most[k], std::abs(first[i * dim + k] - mean[k]));
+      const double entry = entries[i * dim + k];
+      sum[k] += entry;
+      most[k] = std::max(most[k], std::abs(entry));
     }
   }
-  return *std::max_element(most, most + kWidth);
-}
-
-// MeanOf() of all columns, in registers. If their number is no multiple of kWidth, some are visited
-// twice.
-template <std::size_t kWidth>
-double Mean(const core::Matrix& points, std::vector<double>& mean) {
-  const auto dim = static_cast<std::size_t>(points.cols());
-  if constexpr (kWidth > 1) {
-    if (dim < kWidth) return Mean<kWidth / 2>(points, mean);
+  for (std::size_t k = 0; k < kWidth; ++k) {
+    extent.mean[first + k] = sum[k] / static_cast<double>(count);
+    extent.finite = extent.finite && std::isfinite(sum[k]);
+    extent.largest = std::max(extent.largest, most[k]);
   }
-  double most = 0.0;
-  for (std::size_t k = 0; k < dim; k += kWidth) {
-    const std::size_t first = std::min(k, dim - kWidth);
-    most = std::max(
-        most, MeanOf<kWidth>(points.data() + first, static_cast<std::size_t>(points.rows()), dim,
-                             mean.data() + first));
-  }
-  return most;
 }
 
 }  // namespace
 
-std::vector<double> Center(const core::Matrix& points, double scale) {
+Extent::Extent(const core::Matrix& points) : mean(static_cast<std::size_t>(points.cols())) {
+  std::size_t k = 0;
+  for (; k + 8 <= mean.size(); k += 8) Measure<8>(points, k, *this);
+  if (k + 4 <= mean.size()) {
+    Measure<4>(points, k, *this);
+    k += 4;
+  }
+  if (k + 2 <= mean.size()) {
+    Measure<2>(points, k, *this);
+    k += 2;
+  }
+  if (k < mean.size()) Measure<1>(points, k, *this);
+}
+
+std::vector<double> Center(const core::Matrix& points, const Extent& extent, double scale) {
   constexpr double kFar = 1e3;
   const auto dim = static_cast<std::size_t>(points.cols());
   const auto count = static_cast<std::size_t>(points.rows());
-  std::vector<double> center(dim);
-  const double most = Mean<8>(points, center);
-  // Detects overflow of a sum.
-  const bool finite =
-      std::all_of(center.begin(), center.end(), [](double c) { return std::isfinite(c); });
-  if (finite && scale * most < kFar) return center;
+  std::vector<double> center = extent.mean;
+  if (extent.finite) {
+    // No distance from the mean exceeds twice the largest entry, up to rounding.
+    if (scale * extent.largest < 0.4 * kFar) return center;
+    double most = 0.0;
+    for (std::size_t i = 0; i < count; ++i) {
+      for (std::size_t k = 0; k < dim; ++k) {
+        most = std::max(most, std::abs(points.data()[i * dim + k] - center[k]));
+      }
+    }
+    if (scale * most < kFar) return center;
+  }
   std::vector<double> column(count);
   for (std::size_t k = 0; k < dim; ++k) {
     for (std::size_t i = 0; i < count; ++i) column[i] = points.data()[i * dim + k];
@@ -77,8 +84,8 @@ std::vector<double> Center(const core::Matrix& points, double scale) {
 }
 
 template <typename T>
-GaussianTerms<T>::GaussianTerms(const core::Matrix& points, std::span<const double> weights,
-                                double gamma)
+GaussianTerms<T>::GaussianTerms(const core::Matrix& points, const Extent& extent,
+                                std::span<const double> weights, double gamma)
     : functions(BestFunctions<T>()),
       dim(static_cast<std::size_t>(points.cols())),
       count(static_cast<std::size_t>(points.rows())),
@@ -86,7 +93,7 @@ GaussianTerms<T>::GaussianTerms(const core::Matrix& points, std::span<const doub
       scale(std::sqrt(gamma * std::numbers::log2e)),
       // Centred coordinates are about as large as the relevant differences, which keeps the
       // rounding of x' below that of the exponent.
-      center(Center(points, scale)),
+      center(Center(points, extent, scale)),
       data(num_blocks * (dim + 1) * kLanes) {
   assert(weights.empty() || weights.size() == count);
   for (std::size_t b = 0; b < num_blocks; ++b) {

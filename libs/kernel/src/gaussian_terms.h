@@ -41,9 +41,18 @@ using AlignedVector = std::vector<T, AlignedAllocator<T>>;
 /// Maximum number of entries of a state: queries are scaled into a buffer on the stack.
 inline constexpr int kMaxStateDim = 2048;
 
+/// Mean of each coordinate and largest absolute entry of some points, found in one pass.
+struct Extent {
+  explicit Extent(const core::Matrix& points);
+  std::vector<double> mean;
+  double largest = 0.0;  ///< Without NaN.
+  bool finite = true;    ///< False if an entry is not finite or a sum of entries overflows.
+};
+
 /// Returns the centre for the terms of `points`: their mean, or the median of each coordinate if
 /// outliers (by many widths, 1 / scale each) may move the mean far from most points.
-[[nodiscard]] std::vector<double> Center(const core::Matrix& points, double scale);
+[[nodiscard]] std::vector<double> Center(const core::Matrix& points, const Extent& extent,
+                                         double scale);
 
 template <typename T>
 struct GaussianTerms;
@@ -82,7 +91,11 @@ struct GaussianTerms {
   GaussianTerms() = default;
   /// One term per row of `points`. Empty `weights`: all are one.
   /// @pre weights are positive and as many as points, or none; gamma > 0
-  GaussianTerms(const core::Matrix& points, std::span<const double> weights, double gamma);
+  GaussianTerms(const core::Matrix& points, std::span<const double> weights, double gamma)
+      : GaussianTerms(points, Extent(points), weights, gamma) {}
+  /// The same, with the extent of `points`.
+  GaussianTerms(const core::Matrix& points, const Extent& extent, std::span<const double> weights,
+                double gamma);
 
   /// Computes x' of `x` (dim entries). Returns false if an entry is not finite or so far away that
   /// its square overflows; every term is then zero.

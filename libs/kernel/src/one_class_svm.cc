@@ -14,7 +14,6 @@
 #include "gaussian_sum.h"
 #include "gaussian_terms.h"
 #include "smo_solver.h"
-#include "states_at.h"
 #include "weighted_dual.h"
 
 namespace dfr::kernel {
@@ -138,13 +137,16 @@ void DecideBatch(const internal::GaussianTerms<T>& terms, double rho,
   }
 }
 
-void CheckSamples(const Eigen::Ref<const core::Matrix>& samples) {
+void CheckShape(const core::Matrix& samples) {
   DFR_THROW_UNLESS(samples.rows() >= 2,
                    "a one-class SVM needs at least 2 samples; there are " << samples.rows());
   DFR_THROW_UNLESS(samples.cols() >= 1 && samples.cols() <= OneClassSvm::kMaxStateDim,
                    "a sample must have 1 to " << OneClassSvm::kMaxStateDim << " entries, not "
                                               << samples.cols());
-  if (internal::AllFinite(samples)) return;
+}
+
+void CheckFinite(const core::Matrix& samples, const internal::Extent& extent) {
+  if (extent.finite) return;
   for (Eigen::Index i = 0; i < samples.rows(); ++i) {
     for (Eigen::Index k = 0; k < samples.cols(); ++k) {
       DFR_THROW_UNLESS(std::isfinite(samples(i, k)), "sample " << i << ", entry " << k << " is "
@@ -156,12 +158,12 @@ void CheckSamples(const Eigen::Ref<const core::Matrix>& samples) {
 
 // Rejects distances in kernel widths whose squares overflow: the fit would treat such a sample
 // incorrectly.
-void CheckRange(const core::Matrix& samples, double gamma) {
+void CheckRange(const core::Matrix& samples, const internal::Extent& extent, double gamma) {
   constexpr double kFar = 1e150;
   const double scale = std::sqrt(gamma * std::numbers::log2e);
   const double most = kFar / scale;
-  if (samples.cwiseAbs().maxCoeff() < 0.25 * most) return;
-  const std::vector<double> center = internal::Center(samples, scale);
+  if (extent.largest < 0.25 * most) return;
+  const std::vector<double> center = internal::Center(samples, extent, scale);
   for (Eigen::Index i = 0; i < samples.rows(); ++i) {
     for (Eigen::Index k = 0; k < samples.cols(); ++k) {
       DFR_THROW_UNLESS(std::abs(samples(i, k) - center[static_cast<std::size_t>(k)]) < 0.5 * most,
@@ -232,14 +234,17 @@ OneClassSvm OneClassSvm::Fit(const Eigen::Ref<const core::Matrix>& samples,
 OneClassSvm internal::FitSharing(const core::Matrix& samples, const OneClassSvmOptions& options,
                                  Scratch& scratch, FitSummary* summary) {
   CheckOptions(options);
-  CheckSamples(samples);
-  CheckRange(samples, options.gamma);
+  CheckShape(samples);
+  const Extent extent(samples);
+  CheckFinite(samples, extent);
+  CheckRange(samples, extent, options.gamma);
   CheckStart(options.start, samples.rows());
   CheckWeights(options, samples.rows());
   const auto start = std::chrono::steady_clock::now();
   FitSummary result;
-  const DualSolution dual = options.weights.empty() ? SolveDual(samples, options, scratch, result)
-                                                    : SolveWeightedDual(samples, options, result);
+  const DualSolution dual = options.weights.empty()
+                                ? SolveDual(samples, extent, options, scratch, result)
+                                : SolveWeightedDual(samples, options, result);
 
   std::vector<Eigen::Index> chosen(static_cast<std::size_t>(dual.alpha.size()));
   std::size_t count = 0;

@@ -56,8 +56,9 @@ bool SmallProblem<T>::Fits(const core::Matrix& samples, const OneClassSvmOptions
 }
 
 template <typename T>
-SmallProblem<T>::SmallProblem(const core::Matrix& samples, const OneClassSvmOptions& options,
-                              Scratch& scratch, FitSummary& summary)
+SmallProblem<T>::SmallProblem(const core::Matrix& samples, const Extent& extent,
+                              const OneClassSvmOptions& options, Scratch& scratch,
+                              FitSummary& summary)
     : options_(options),
       summary_(summary),
       distances_(scratch.DistancesIn<T>()),
@@ -68,7 +69,8 @@ SmallProblem<T>::SmallProblem(const core::Matrix& samples, const OneClassSvmOpti
       used_(known_.size(), 0),
       point_(static_cast<std::size_t>(samples.cols())),
       gradient_(row_size_) {
-  if (distances_ == nullptr) terms_.emplace(samples, std::span<const double>(), options.gamma);
+  if (distances_ == nullptr)
+    terms_.emplace(samples, extent, std::span<const double>(), options.gamma);
 }
 
 template <typename T>

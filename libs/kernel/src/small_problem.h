@@ -86,8 +86,8 @@ class SmallProblem {
                                  const Scratch& scratch);
 
   /// All arguments must outlive the problem, and no other problem may use `scratch` meanwhile.
-  SmallProblem(const core::Matrix& samples, const OneClassSvmOptions& options, Scratch& scratch,
-               FitSummary& summary);
+  SmallProblem(const core::Matrix& samples, const Extent& extent, const OneClassSvmOptions& options,
+               Scratch& scratch, FitSummary& summary);
 
   /// Solves from a feasible `start`; empty: from a start that needs few steps. Writes reason,
   /// iterations, gap and objective to the summary.

@@ -64,12 +64,12 @@ template <typename T, class GoOn>
 template <typename T>
 class Solver {
  public:
-  Solver(const core::Matrix& samples, const OneClassSvmOptions& options, core::Workers& workers,
-         FitSummary& summary)
+  Solver(const core::Matrix& samples, const Extent& extent, const OneClassSvmOptions& options,
+         core::Workers& workers, FitSummary& summary)
       : options_(options),
         summary_(summary),
         workers_(workers),
-        terms_(samples, {}, options.gamma),
+        terms_(samples, extent, {}, options.gamma),
         smo_(BestSmoFunctions<T>()),
         alpha_(terms_.count, 0.0),
         gradient_(terms_.row_size(), 0.0),
@@ -267,17 +267,18 @@ std::vector<std::size_t> Shuffled(std::size_t count) {
 }
 
 // Returns a start; empty: the problem chooses.
-std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOptions& options,
-                              core::Workers& workers, FitSummary& summary);
+std::vector<double> FindStart(const core::Matrix& samples, const Extent& extent,
+                              const OneClassSvmOptions& options, core::Workers& workers,
+                              FitSummary& summary);
 
 template <typename T, class Problem>
-DualSolution Finish(Problem& problem, const core::Matrix& samples,
+DualSolution Finish(Problem& problem, const core::Matrix& samples, const Extent& extent,
                     const OneClassSvmOptions& options, std::span<const double> start,
                     double neglected, core::Workers& workers, FitSummary& summary) {
   problem.Run(start);
   summary.kernel_evaluations += problem.evaluations();
   if (summary.reason == FitSummary::Reason::kConverged) {
-    summary.kkt_gap = TrueGap<T>(samples, options, problem.center(), problem.alpha(),
+    summary.kkt_gap = TrueGap<T>(samples, extent, options, problem.center(), problem.alpha(),
                                  problem.gradient(), neglected, workers);
     if (!(summary.kkt_gap < options.tolerance)) summary.reason = FitSummary::Reason::kStalled;
   }
@@ -285,12 +286,12 @@ DualSolution Finish(Problem& problem, const core::Matrix& samples,
 }
 
 template <typename T>
-DualSolution SolveIn(const core::Matrix& samples, const OneClassSvmOptions& options,
-                     std::span<const double> start, Scratch& scratch, core::Workers& workers,
-                     FitSummary& summary) {
+DualSolution SolveIn(const core::Matrix& samples, const Extent& extent,
+                     const OneClassSvmOptions& options, std::span<const double> start,
+                     Scratch& scratch, core::Workers& workers, FitSummary& summary) {
   if (SmallProblem<T>::Fits(samples, options, scratch)) {
-    SmallProblem<T> problem(samples, options, scratch, summary);
-    return Finish<T>(problem, samples, options, start, 0.0, workers, summary);
+    SmallProblem<T> problem(samples, extent, options, scratch, summary);
+    return Finish<T>(problem, samples, extent, options, start, 0.0, workers, summary);
   }
   std::vector<double> spread;
   if (start.empty()) {
@@ -300,39 +301,43 @@ DualSolution SolveIn(const core::Matrix& samples, const OneClassSvmOptions& opti
   }
   if (SparseProblem<T>::Fits(samples, options)) {
     SparseProblem<T> problem(samples, options, workers, summary);
-    return Finish<T>(problem, samples, options, start, problem.neglected(), workers, summary);
+    return Finish<T>(problem, samples, extent, options, start, problem.neglected(), workers,
+                     summary);
   }
-  Solver<T> solver(samples, options, workers, summary);
-  return Finish<T>(solver, samples, options, start, 0.0, workers, summary);
+  Solver<T> solver(samples, extent, options, workers, summary);
+  return Finish<T>(solver, samples, extent, options, start, 0.0, workers, summary);
 }
 
 // Returns whether squared distances in kernel widths are within the range of float.
-bool FitsFloat(const core::Matrix& samples, double gamma) {
+bool FitsFloat(const core::Matrix& samples, const Extent& extent, double gamma) {
   constexpr double kFar = 1e15;
   const double scale = std::sqrt(gamma * std::numbers::log2e);
-  if (scale * 2.0 * samples.cwiseAbs().maxCoeff() < kFar) return true;
+  if (scale * 2.0 * extent.largest < kFar) return true;
   const auto range = samples.colwise().maxCoeff() - samples.colwise().minCoeff();
   return scale * range.maxCoeff() < kFar;
 }
 
-DualSolution Solve(const core::Matrix& samples, const OneClassSvmOptions& options, Scratch& scratch,
-                   core::Workers& workers, FitSummary& summary) {
-  std::vector<double> start = FindStart(samples, options, workers, summary);
+DualSolution Solve(const core::Matrix& samples, const Extent& extent,
+                   const OneClassSvmOptions& options, Scratch& scratch, core::Workers& workers,
+                   FitSummary& summary) {
+  std::vector<double> start = FindStart(samples, extent, options, workers, summary);
   if (summary.reason == FitSummary::Reason::kInterrupted) return Unsolved(start, summary);
   // A kernel value in float has an error of up to 1e-7, and G of up to nu m times that. Large sums
   // average most of it out. The gap is verified in double; if it is too large, doubles continue.
   const double total = options.nu * static_cast<double>(samples.rows());
   const double rounding = samples.rows() < kManySamples ? 2e-7 : 2e-8;
-  if (options.tolerance >= rounding * total && FitsFloat(samples, options.gamma)) {
-    DualSolution solution = SolveIn<float>(samples, options, start, scratch, workers, summary);
+  if (options.tolerance >= rounding * total && FitsFloat(samples, extent, options.gamma)) {
+    DualSolution solution =
+        SolveIn<float>(samples, extent, options, start, scratch, workers, summary);
     if (summary.reason != FitSummary::Reason::kStalled) return solution;
     start.assign(solution.alpha.begin(), solution.alpha.end());
   }
-  return SolveIn<double>(samples, options, start, scratch, workers, summary);
+  return SolveIn<double>(samples, extent, options, start, scratch, workers, summary);
 }
 
-std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOptions& options,
-                              core::Workers& workers, FitSummary& summary) {
+std::vector<double> FindStart(const core::Matrix& samples, const Extent& extent,
+                              const OneClassSvmOptions& options, core::Workers& workers,
+                              FitSummary& summary) {
   const auto count = static_cast<std::size_t>(samples.rows());
   const double total = options.nu * static_cast<double>(count);
   if (!options.start.empty()) return Feasible(options.start, total);
@@ -349,7 +354,7 @@ std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOpti
   OneClassSvmOptions part_options = options;
   part_options.tolerance = std::max(options.tolerance, 1e-3 * options.nu * count / kPart);
   Scratch scratch;
-  const DualSolution solution = Solve(part, part_options, scratch, workers, summary);
+  const DualSolution solution = Solve(part, Extent(part), part_options, scratch, workers, summary);
   // Result when interrupted: alpha of the part, which are too few for all samples.
   const auto interrupted = [&] {
     summary.reason = FitSummary::Reason::kInterrupted;
@@ -370,7 +375,7 @@ std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOpti
   if (!many && 10 * free > part.rows()) return {};
   // Most samples are support vectors below the bound.
   if (2 * free > part.rows()) return std::vector<double>(count, options.nu);
-  const GaussianTerms<float> terms(samples, {}, options.gamma);
+  const GaussianTerms<float> terms(samples, extent, {}, options.gamma);
   std::vector<float> points(support.size() * terms.dim);
   std::vector<float> weights(support.size());
   for (std::size_t q = 0; q < support.size(); ++q) {
@@ -392,10 +397,10 @@ std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOpti
 
 }  // namespace
 
-DualSolution SolveDual(const core::Matrix& samples, const OneClassSvmOptions& options,
-                       Scratch& scratch, FitSummary& summary) {
+DualSolution SolveDual(const core::Matrix& samples, const Extent& extent,
+                       const OneClassSvmOptions& options, Scratch& scratch, FitSummary& summary) {
   core::Workers workers(options.threads);
-  return Solve(samples, options, scratch, workers, summary);
+  return Solve(samples, extent, options, scratch, workers, summary);
 }
 
 }  // namespace dfr::kernel::internal

@@ -24,8 +24,10 @@ struct DualSolution {
 };
 
 /// Sequential minimal optimisation.
+/// @param extent  of `samples`
 /// @pre options and samples have been checked.
-[[nodiscard]] DualSolution SolveDual(const core::Matrix& samples, const OneClassSvmOptions& options,
-                                     Scratch& scratch, FitSummary& summary);
+[[nodiscard]] DualSolution SolveDual(const core::Matrix& samples, const Extent& extent,
+                                     const OneClassSvmOptions& options, Scratch& scratch,
+                                     FitSummary& summary);
 
 }  // namespace dfr::kernel::internal

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <numeric>
 #include <vector>
 
 #include "gaussian_sum.h"
@@ -65,66 +64,82 @@ std::vector<double> ExactGradient(const core::Matrix& samples, double gamma,
 }  // namespace
 
 template <typename T>
-double TrueGap(const core::Matrix& samples, const OneClassSvmOptions& options,
+double TrueGap(const core::Matrix& samples, const Extent& extent, const OneClassSvmOptions& options,
                std::span<const double> center, std::span<const double> alpha,
                std::span<const double> gradient, double neglected, core::Workers& workers) {
   const auto dim = static_cast<std::size_t>(samples.cols());
   const double total = options.nu * static_cast<double>(alpha.size());
   const double scale = std::sqrt(options.gamma * std::numbers::log2e);
-  std::vector<double> distance(alpha.size());
-  for (std::size_t i = 0; i < alpha.size(); ++i) {
+  const auto distance = [&](std::size_t i) {
     const double* x = samples.data() + i * dim;
     double square = 0.0;
     for (std::size_t k = 0; k < dim; ++k) square += (x[k] - center[k]) * (x[k] - center[k]);
-    distance[i] = scale * std::sqrt(square);
-  }
-  // The first pass uses, for all samples, an r that no value above 2^-64 exceeds. The second uses
-  // their own r, for few samples.
+    return scale * std::sqrt(square);
+  };
+  // The first selection uses, for all samples, a bound on the distance and an r that no value above
+  // 2^-64 exceeds. The second uses their own, for few samples.
+  constexpr double kMost = 8.0;
+  const double reach = 2.1 * scale * std::sqrt(static_cast<double>(dim)) * extent.largest;
+  const double error_share = RelativeError<T>(reach, kMost, static_cast<double>(dim));
+  const KktBounds found(alpha, gradient);
+  const double least_largest = (1.0 - error_share) * found.largest - neglected;
+  const double most_smallest = (1.0 + error_share) * found.smallest + neglected;
   std::vector<std::size_t> chosen(alpha.size());
-  std::iota(chosen.begin(), chosen.end(), std::size_t{0});
-  std::vector<double> error(alpha.size());
-  for (const bool first : {true, false}) {
-    constexpr double kNever = std::numeric_limits<double>::infinity();
-    // G moved by its error towards the other bound, and away from it.
-    double likely_largest = -kNever;
-    double likely_smallest = kNever;
-    KktBounds extreme;
-    for (const std::size_t i : chosen) {
-      constexpr double kMost = 8.0;
-      const double g = gradient[i];
-      const double r =
-          first ? kMost : std::sqrt(std::max(1.0, std::log2(total / std::clamp(g, 1e-18, total))));
-      const double e = g * RelativeError<T>(distance[i], r, static_cast<double>(dim)) + neglected;
-      error[i] = e;
-      const double off = alpha[i] > 0.0 ? 0.0 : kNever;
-      const double on = alpha[i] < 1.0 ? 0.0 : kNever;
-      likely_largest = std::max(likely_largest, g - e - off);
-      likely_smallest = std::min(likely_smallest, g + e + on);
-      extreme.largest = std::max(extreme.largest, g + e - off);
-      extreme.smallest = std::min(extreme.smallest, g - e + on);
-    }
-    if (extreme.gap() < options.tolerance) return extreme.gap();
-    std::erase_if(chosen, [&](std::size_t i) {
-      const double e = error[i];
-      const bool largest = alpha[i] > 0.0 && gradient[i] + e >= likely_largest;
-      const bool smallest = alpha[i] < 1.0 && gradient[i] - e <= likely_smallest;
-      return !largest && !smallest;
-    });
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < alpha.size(); ++i) {
+    const double g = gradient[i];
+    const bool largest = alpha[i] > 0.0 && (1.0 + error_share) * g + neglected >= least_largest;
+    const bool smallest = alpha[i] < 1.0 && (1.0 - error_share) * g - neglected <= most_smallest;
+    chosen[count] = i;
+    count += largest || smallest ? 1 : 0;
   }
-  const double farthest = *std::max_element(distance.begin(), distance.end());
+  chosen.resize(count);
+
+  // G moved by its error towards the other bound, and away from it.
+  constexpr double kNever = std::numeric_limits<double>::infinity();
+  double likely_largest = -kNever;
+  double likely_smallest = kNever;
+  KktBounds extreme;
+  std::vector<double> error(count);
+  for (std::size_t q = 0; q < count; ++q) {
+    const std::size_t i = chosen[q];
+    const double g = gradient[i];
+    const double r = std::sqrt(std::max(1.0, std::log2(total / std::clamp(g, 1e-18, total))));
+    const double e = g * RelativeError<T>(distance(i), r, static_cast<double>(dim)) + neglected;
+    error[q] = e;
+    const double off = alpha[i] > 0.0 ? 0.0 : kNever;
+    const double on = alpha[i] < 1.0 ? 0.0 : kNever;
+    likely_largest = std::max(likely_largest, g - e - off);
+    likely_smallest = std::min(likely_smallest, g + e + on);
+    extreme.largest = std::max(extreme.largest, g + e - off);
+    extreme.smallest = std::min(extreme.smallest, g - e + on);
+  }
+  if (extreme.gap() < options.tolerance) return extreme.gap();
+  std::size_t kept = 0;
+  for (std::size_t q = 0; q < count; ++q) {
+    const std::size_t i = chosen[q];
+    const bool largest = alpha[i] > 0.0 && gradient[i] + error[q] >= likely_largest;
+    const bool smallest = alpha[i] < 1.0 && gradient[i] - error[q] <= likely_smallest;
+    chosen[kept] = i;
+    kept += largest || smallest ? 1 : 0;
+  }
+  chosen.resize(kept);
+
   // Beyond this distance from the centre, differences of doubles lose digits.
   constexpr double kFar = 1e6;
+  bool far = false;
+  for (std::size_t i = 0; reach > kFar && !far && i < alpha.size(); ++i) far = distance(i) > kFar;
   const std::vector<double> exact =
-      ExactGradient(samples, options.gamma, alpha, chosen, farthest > kFar, workers);
+      ExactGradient(samples, options.gamma, alpha, chosen, far, workers);
   std::vector<double> chosen_alpha(chosen.size());
   for (std::size_t q = 0; q < chosen.size(); ++q) chosen_alpha[q] = alpha[chosen[q]];
   return KktBounds(chosen_alpha, exact).gap();
 }
 
-template double TrueGap<float>(const core::Matrix&, const OneClassSvmOptions&,
+template double TrueGap<float>(const core::Matrix&, const Extent&, const OneClassSvmOptions&,
                                std::span<const double>, std::span<const double>,
                                std::span<const double>, double, core::Workers&);
-template double TrueGap<double>(const core::Matrix&, const OneClassSvmOptions&,
+template double TrueGap<double>(const core::Matrix&, const Extent&, const OneClassSvmOptions&,
                                 std::span<const double>, std::span<const double>,
                                 std::span<const double>, double, core::Workers&);
 
