@@ -56,6 +56,11 @@ TEST_F(PsmConsoleControlTest, EachChangeIsStatedOnce) {
        "CARTESIAN_SPACE/TRAJECTORY_MODE "},
       {"jaw/servo_jp", [&] { console_.ServoJaw(0.0); }, ""},
       {"jaw/move_jp", [&] { console_.MoveJaw(0.0); }, "CARTESIAN_SPACE/TRAJECTORY_MODE "},
+      {"servo_jf", [&] { console_.ServoEffort("servo_jf"); }, "JOINT_SPACE/EFFORT_MODE "},
+      {"jaw/servo_jf", [&] { console_.ServoEffort("jaw/servo_jf"); },
+       "CARTESIAN_SPACE/EFFORT_MODE "},
+      {"body/servo_cf", [&] { console_.ServoEffort("body/servo_cf"); },
+       "CARTESIAN_SPACE/EFFORT_MODE "},
       {"pause", [&] { console_.StateCommand("pause"); }, "UNDEFINED_SPACE/UNDEFINED_MODE "}};
   for (const Case& c : cases) {
     SCOPED_TRACE(c.command);

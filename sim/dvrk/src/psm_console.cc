@@ -23,6 +23,7 @@ constexpr std::string_view kNoControl = "UNDEFINED_SPACE/UNDEFINED_MODE";
 constexpr std::string_view kJointPosition = "JOINT_SPACE/POSITION_MODE";
 constexpr std::string_view kJointTrajectory = "JOINT_SPACE/TRAJECTORY_MODE";
 constexpr std::string_view kJointEffort = "JOINT_SPACE/EFFORT_MODE";
+constexpr std::string_view kPoseEffort = "CARTESIAN_SPACE/EFFORT_MODE";
 constexpr std::string_view kPosePosition = "CARTESIAN_SPACE/POSITION_MODE";
 constexpr std::string_view kPoseTrajectory = "CARTESIAN_SPACE/TRAJECTORY_MODE";
 
@@ -273,6 +274,8 @@ void PsmConsole::ServoCr(const Eigen::Isometry3d& difference) {
 
 void PsmConsole::ServoEffort(const char* command) {
   if (!Ready(command)) return;
+  Control(std::string_view(command) == "servo_jf" ? kJointEffort : kPoseEffort);
+  StopMoves();
   Say(ConsoleMessage::Severity::kError,
       std::string(command) +
           " dropped, the simulated arm has no dynamics that an effort could move");

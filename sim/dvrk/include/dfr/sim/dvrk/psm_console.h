@@ -71,7 +71,8 @@ class PsmConsole {
   /// marked as not working.)
   void ServoCr(const Eigen::Isometry3d& difference);
   void ServoJr(const kinematics::PsmJoints& difference);
-  /// Handles an effort command of any kind, given its name.
+  /// Handles an effort command of any kind, given its name. It takes control of the arm, but moves
+  /// nothing.
   void ServoEffort(const char* command);
   /// Sets the fraction of the speed limits for moves, in ]0, 1]. Ignores other values with a
   /// warning.
