@@ -43,6 +43,8 @@ class PsmClientTest : public testing::Test {
     PsmInput input;
     input.state_publishers = 1;
     input.command_subscribers = 1;
+    input.pose_controls = stated_poses_ ? 1 : 0;
+    input.other_controls = stated_others_ ? 1 : 0;
     if (num_steps_ == 0 || operating_changed_) {
       input.operating_state = operating_;
       operating_changed_ = false;
@@ -78,6 +80,10 @@ class PsmClientTest : public testing::Test {
       ++num_servo_;
     }
     if (output.servo_jaw) jaw_ = output.jaw;
+    // The console states each change of control.
+    stated_poses_ = output.servo && !obeys_poses_;
+    stated_others_ = output.hold && obeys_poses_;
+    obeys_poses_ = output.servo || (obeys_poses_ && !output.hold);
     num_holds_ += output.hold;
     if (output.request != PsmRequest::kNone) requests_ += std::string(Name(output.request)) + ' ';
     return output;
@@ -154,6 +160,9 @@ class PsmClientTest : public testing::Test {
   int num_steps_ = 0;
   int num_servo_ = 0;
   int num_holds_ = 0;
+  bool obeys_poses_ = false;
+  bool stated_poses_ = false;
+  bool stated_others_ = false;
   std::string requests_;
 };
 

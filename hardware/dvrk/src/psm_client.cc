@@ -189,7 +189,6 @@ void PsmClient::Pursue(const PsmInput& input, double dt, PsmOutput& output) noex
     if (done) {
       request_ = PsmRequest::kNone;
       phase_ = PsmPhase::kIdle;
-      statements_.Requested(now_ns_);
       return;
     }
     if (any_operating_ && operating_.state == PsmConsoleState::kFault) {
@@ -213,6 +212,7 @@ void PsmClient::Pursue(const PsmInput& input, double dt, PsmOutput& output) noex
                                         (!homing || operating_.state != PsmConsoleState::kEnabled));
   if (!request_sent_ || (idle && Seconds(now_ns_ - request_sent_ns_) > options_.repeat_request_s)) {
     output.hold = hold_first_;
+    if (hold_first_) statements_.Held(now_ns_);
     hold_first_ = false;
     output.request = request_;
     request_sent_ = true;
@@ -274,6 +274,9 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
   }
   agreed_ = setpoint_js_.position;
 
+  if (statements_.awaits()) return output;
+  if (!sends_) since_ns_ = now_ns_;
+  sends_ = true;
   const double step_s = std::min(dt, options_.longest_step_s);
   if (motion_.moving()) {
     motion_.Advance(step_s);
@@ -285,7 +288,8 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
   output.servo = true;
   output.servo_cp = base_ * Psm::Forward(motion_.setpoint());
   output.twist = Twist(base_, motion_.setpoint(), motion_.velocity());
-  if (jaw_ours_) {
+  // The console obeys the first set-point before the jaw, which then changes no control.
+  if (jaw_ours_ && Seconds(now_ns_ - since_ns_) >= kCommandTime) {
     const double most = jaw_speed_ * step_s;
     const double way = jaw_goal_ - jaw_;
     jaw_moving_ = jaw_moving_ && std::abs(way) > most;
@@ -336,8 +340,8 @@ PsmStatus PsmClient::Arm() noexcept {
   at_rest_ = false;
   restless_ns_ = now_ns_;
   agreed_ = setpoint_js_.position;
-  statements_.Armed(now_ns_);
-  jaw_ours_ = jaw_moving_ = jaw_known_ = false;
+  statements_.Armed();
+  jaw_ours_ = jaw_moving_ = jaw_known_ = sends_ = false;
   cause_ = PsmStatus::kOk;
   phase_ = PsmPhase::kArmed;
   return PsmStatus::kOk;
@@ -379,7 +383,6 @@ PsmStatus PsmClient::MoveJaw(double angle, double duration_s) noexcept {
   jaw_goal_ = angle;
   jaw_speed_ = way > 0.0 ? way / duration_s : 0.0;
   jaw_moving_ = way > 0.0;
-  if (!jaw_ours_) statements_.JawMoved(now_ns_);
   jaw_ours_ = true;
   at_rest_ = false;
   return PsmStatus::kOk;

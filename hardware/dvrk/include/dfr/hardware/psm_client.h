@@ -192,14 +192,16 @@ class PsmClient {
   PsmStatus Request(PsmRequest request) noexcept;
 
   /// Starts sending set-points, beginning with the console's own, if the last step found no error.
-  /// Otherwise returns the reason without any change. The only way to resume after a fault.
+  /// Otherwise returns the reason without any change. The only way to resume after a fault. The
+  /// first is sent when the console has answered the last hold, or 1 s after it; moves wait as
+  /// long.
   PsmStatus Arm() noexcept;
   /// Returns the result of a call of Arm() without calling it.
   [[nodiscard]] PsmStatus Armable() const noexcept;
   /// See PsmMotion::Start(). Replaces a move in progress, from the present set-point.
   PsmStatus MoveTo(const kinematics::PsmJoints& goal, double duration_s) noexcept;
   PsmStatus MoveTo(const Eigen::Isometry3d& goal, double duration_s) noexcept;
-  /// Turns the jaw to `angle`, rad, at constant speed.
+  /// Turns the jaw to `angle`, rad, at constant speed. Starts 0.15 s after the first set-point.
   PsmStatus MoveJaw(double angle, double duration_s) noexcept;
   /// Stops at the next step, with status kHeld unless it already holds. Always succeeds. A console
   /// that is enabling or homing is told to hold and to disable, because `hold` alone ends neither.
@@ -284,6 +286,7 @@ class PsmClient {
   std::int64_t wall_ns_ = 0;
   std::int64_t restless_ns_ = 0;  // last time when the arm was at rest or in a move
   std::int64_t newcomer_ns_ = 0;
+  std::int64_t since_ns_ = 0;  // time of the first set-point since arming
   std::int64_t request_start_ns_ = 0;
   std::int64_t request_sent_ns_ = 0;
   double jaw_ = 0.0;
@@ -312,6 +315,7 @@ class PsmClient {
   bool hold_first_ = false;
   bool request_sent_ = false;
   bool others_control_ = false;
+  bool sends_ = false;  // set-points have been sent since arming
   bool jaw_ours_ = false;
   bool jaw_known_ = false;  // jaw position at the time of arming is known
   bool jaw_moving_ = false;
