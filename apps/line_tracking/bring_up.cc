@@ -55,8 +55,8 @@ bool Company::Accepts(const std::vector<dds::Newcomer>& present, bool simulated,
   for (const dds::Newcomer& other : present) {
     if (say && !Knows({other})) say("also present: " + dds::Describe(other));
   }
-  if (!simulated && !(confirms && confirms("They can hold or free the arm, or change its state. To "
-                                           "continue in their presence, type together",
+  if (!simulated && !(confirms && confirms("They can hold or free the arm, or change its state or "
+                                           "settings. To continue in their presence, type together",
                                            "together"))) {
     return false;
   }

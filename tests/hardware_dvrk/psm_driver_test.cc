@@ -143,8 +143,10 @@ TEST_F(PsmDriverTest, EveryTopicThatCommandsTheArmIsWatched) {
     holds();
   }
   // Also those whose types are not known here: any will do.
-  for (const char* topic : {"servo_cr", "servo_jr", "servo_jf", "servo_cs", "body/servo_cf",
-                            "move_jr", "interpolate_cp", "jaw/servo_jf", "jaw/move_jp"}) {
+  for (const char* topic :
+       {"servo_cr", "servo_cs", "servo_cv", "servo_cf", "servo_ci", "servo_jp", "servo_jr",
+        "servo_jv", "servo_jf", "body/servo_cf", "spatial/servo_cf", "move_jp", "move_jr",
+        "move_cp", "move_cr", "interpolate_cp", "jaw/servo_jp", "jaw/servo_jf", "jaw/move_jp"}) {
     SCOPED_TRACE(topic);
     Until(*driver, [&] { return driver->Arm() == PsmStatus::kOk; });
     const dds::Publisher<dds::Text> second(intruder, std::string("/PSM1/") + topic,
@@ -265,7 +267,9 @@ TEST_F(PsmDriverTest, WhoeverJoinsHoldsBeforeSayingAnything) {
   }
   for (int i = 0; i < 5; ++i) Step(*driver);
   EXPECT_EQ(driver->phase(), PsmPhase::kArmed) << driver->Explain();
-  for (const char* name : {"hold", "free", "state_command"}) {
+  for (const char* name :
+       {"hold", "free", "state_command", "set_base_frame", "set_tool_type", "emulate_tool_present",
+        "use_gravity_compensation", "body/set_cf_orientation_absolute", "trajectory_j/set_ratio"}) {
     SCOPED_TRACE(name);
     const std::string topic = std::string("/PSM1/") + name;
     const dds::Publisher<dds::Text> publisher(guest, topic, dds::Role::kRequest);
@@ -342,6 +346,47 @@ TEST(PsmDriverNoConsoleTest, SaysThatNobodyIsThere) {
   EXPECT_THAT(said, testing::ElementsAre(HasSubstr("waiting: PSM3")));
   EXPECT_THAT(driver.Explain(), HasSubstr("is the console (or dvrk_simulator) running"));
   EXPECT_THROW(PsmDriver(participant, {.arm = "/PSM1"}), std::invalid_argument);
+}
+
+// It shows only the publishers of topics that this process subscribes to.
+TEST(PsmDriverServerTest, BehindADiscoveryServerAllWhoCommandTheArmAreFound) {
+  dds::ParticipantOptions options{.domain = test::OwnDomain()};
+  options.server_port = static_cast<std::uint16_t>(11811 + test::OwnDomain());
+  options.discovery = dds::Discovery::kServer;
+  const dds::Participant server(options);
+  options.discovery = dds::Discovery::kServerClient;
+  dds::Participant participant(options);
+  dds::Participant other(options);
+  PsmDriver driver(participant, {});
+  const std::vector<std::string> commands = {
+      "servo_cp",      "servo_cr",         "servo_cv",     "servo_cf",     "servo_jp",   "servo_jr",
+      "servo_jv",      "servo_jf",         "move_jp",      "move_jr",      "move_cp",    "move_cr",
+      "body/servo_cf", "spatial/servo_cf", "jaw/servo_jp", "jaw/servo_jf", "jaw/move_jp"};
+  const std::vector<std::string> requests = {"hold",
+                                             "free",
+                                             "state_command",
+                                             "set_base_frame",
+                                             "set_tool_type",
+                                             "use_gravity_compensation",
+                                             "emulate_tool_present",
+                                             "emulate_adapter_present",
+                                             "body/set_cf_orientation_absolute",
+                                             "trajectory_j/set_ratio",
+                                             "trajectory_j/set_ratio_a",
+                                             "trajectory_j/set_ratio_v"};
+  std::vector<std::unique_ptr<dds::Publisher<dds::Text>>> publishers;
+  for (const auto* topics : {&commands, &requests}) {
+    for (const std::string& topic : *topics) {
+      publishers.push_back(std::make_unique<dds::Publisher<dds::Text>>(other, "/PSM1/" + topic,
+                                                                       dds::Role::kRequest));
+    }
+  }
+  test::Eventually([&] {
+    driver.Tick();
+    driver.Flush();
+    return driver.other_publishers() == static_cast<int>(commands.size()) &&
+           driver.Requesters().size() == requests.size();
+  });
 }
 
 sim::PsmConsoleOptions Cart() {

@@ -27,6 +27,11 @@ Who InWords(const dds::Newcomer& newcomer) {
   return who;
 }
 
+bool ContainsAny(std::string_view text, std::initializer_list<std::string_view> parts) {
+  return std::ranges::any_of(
+      parts, [&](std::string_view part) { return text.find(part) != std::string_view::npos; });
+}
+
 PsmConsoleState StateOf(const std::string& text) {
   for (const PsmConsoleState state : {PsmConsoleState::kDisabled, PsmConsoleState::kEnabled,
                                       PsmConsoleState::kPaused, PsmConsoleState::kFault}) {
@@ -68,6 +73,16 @@ PsmDriver::Link::Link(dds::Participant& participant, const PsmDriverOptions& opt
     servo_cs =
         std::make_unique<dds::Publisher<dds::CartesianState>>(p, Topic("servo_cs"), Role::kCommand);
   }
+  Subscribe<dds::PoseStamped>({"servo_cr", "move_cp", "move_cr", "set_base_frame"});
+  Subscribe<dds::JointState>({"servo_jp", "servo_jr", "servo_jv", "servo_jf", "move_jp", "move_jr",
+                              "jaw/servo_jp", "jaw/servo_jf", "jaw/move_jp"});
+  Subscribe<dds::TwistStamped>({"servo_cv"});
+  Subscribe<dds::WrenchStamped>({"servo_cf", "body/servo_cf", "spatial/servo_cf"});
+  Subscribe<dds::Flag>({"use_gravity_compensation", "body/set_cf_orientation_absolute",
+                        "emulate_tool_present", "emulate_adapter_present"});
+  Subscribe<dds::Number>(
+      {"trajectory_j/set_ratio", "trajectory_j/set_ratio_v", "trajectory_j/set_ratio_a"});
+  Subscribe<dds::Text>({"set_tool_type"});
   ::sem_init(&wake, 0, 0);
   pose.frame_id = arm + "_base";
   jaw.name = {"jaw"};
@@ -305,20 +320,27 @@ void PsmDriver::Link::Watch() noexcept {
   }
 }
 
-bool PsmDriver::Link::Requests(std::string_view topic) const {
-  for (const char* name : {"hold", "free", "state_command"}) {
-    if (topic == Topic(name)) return true;
+template <typename T>
+void PsmDriver::Link::Subscribe(std::initializer_list<const char*> topics) {
+  for (const char* topic : topics) {
+    watched.push_back(std::make_shared<dds::Subscriber<T>>(p, Topic(topic), Role::kState));
   }
-  return false;
+}
+
+std::string_view PsmDriver::Link::OfTheArm(std::string_view topic) const {
+  if (!topic.starts_with('/') || !topic.substr(1).starts_with(arm)) return {};
+  topic.remove_prefix(1 + arm.size());
+  return topic.starts_with('/') ? topic : std::string_view();
+}
+
+bool PsmDriver::Link::Requests(std::string_view topic) const {
+  const std::string_view name = OfTheArm(topic);
+  return name == "/hold" || name == "/free" || name == "/state_command" ||
+         ContainsAny(name, {"/set_", "/use_", "/emulate_"});
 }
 
 bool PsmDriver::Link::Commands(std::string_view topic) const {
-  if (!topic.starts_with('/') || !topic.substr(1).starts_with(arm)) return false;
-  topic.remove_prefix(1 + arm.size());
-  for (const std::string_view part : {"/servo_", "/move_", "/interpolate_"}) {
-    if (topic.find(part) != std::string_view::npos) return topic.starts_with('/');
-  }
-  return false;
+  return ContainsAny(OfTheArm(topic), {"/servo_", "/move_", "/interpolate_"});
 }
 
 void PsmDriver::Link::Count() noexcept {
@@ -330,10 +352,8 @@ void PsmDriver::Link::Count() noexcept {
                             std::memory_order_relaxed);
   servo_subscribers.store(std::max(0, servo_cp.num_subscribers() - 1), std::memory_order_relaxed);
   sends_state = servo_cs && servo_cs->num_subscribers() > 0;
-  // Excludes our own publisher on servo_cp.
-  const int others = std::max(0, watched_servo_cp.health().publishers - 1) +
-                     watched_servo_jp.health().publishers + watched_move_cp.health().publishers +
-                     watched_move_jp.health().publishers;
+  // Excludes our own publisher.
+  const int others = std::max(0, watched_servo_cp.health().publishers - 1);
   const int found =
       p.CountOthersPublishers([this](std::string_view topic) { return Commands(topic); });
   other_publishers.store(std::max(others, found), std::memory_order_relaxed);

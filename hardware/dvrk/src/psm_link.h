@@ -8,6 +8,7 @@
 #include <array>
 #include <atomic>
 #include <cstdint>
+#include <initializer_list>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -69,7 +70,15 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   // Looks for other participants that command the arm.
   void Watch() noexcept;
 
-  // Returns true if `topic` asks the arm to change its state.
+  // Subscribes to topics only for a discovery server, which shows no other topics' publishers. Not
+  // to servo_cs: drivers take its subscribers for a console. Its effect shows in the set-points.
+  template <typename T>
+  void Subscribe(std::initializer_list<const char*> topics);
+
+  // Returns "/servo_cp" of "/PSM1/servo_cp"; empty if the topic is not the arm's.
+  [[nodiscard]] std::string_view OfTheArm(std::string_view topic) const;
+
+  // Returns true if `topic` asks the arm to hold or be free, or to change its state or settings.
   [[nodiscard]] bool Requests(std::string_view topic) const;
 
   // Returns true if `topic` commands the arm, regardless of its type.
@@ -167,11 +176,9 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   dds::Subscriber<dds::Signal> watched_free{p, Topic("free"), dds::Role::kRequest};
   dds::Subscriber<dds::StringStamped> watched_state_command{p, Topic("state_command"),
                                                             dds::Role::kRequest};
-  // Only to count publishers.
+  // Also counts publishers of this participant.
   dds::Subscriber<dds::PoseStamped> watched_servo_cp{p, Topic("servo_cp"), dds::Role::kState};
-  dds::Subscriber<dds::JointState> watched_servo_jp{p, Topic("servo_jp"), dds::Role::kState};
-  dds::Subscriber<dds::PoseStamped> watched_move_cp{p, Topic("move_cp"), dds::Role::kState};
-  dds::Subscriber<dds::JointState> watched_move_jp{p, Topic("move_jp"), dds::Role::kState};
+  std::vector<std::shared_ptr<void>> watched;  // see Subscribe()
   std::thread thread;
 };
 

@@ -46,10 +46,11 @@ struct PsmDriverOptions {
 ///   publishes   servo_cp or servo_cs, jaw/servo_jp hold state_command
 ///
 /// It also monitors other publishers on all servo_, move_ and interpolate_ topics of the arm, jaw
-/// and body; messages of others on hold, free and state_command; new participants; moves ended by
-/// the console (goal_reached), which are never ours; and enabled teleoperations. The console may
-/// receive a newcomer's messages before this driver does, so the presence of a newcomer counts as a
-/// message. What only the console has heard shows in its statements on `status`.
+/// and body; new ones on its set_, use_ and emulate_ topics; messages of others on hold, free and
+/// state_command; new participants; moves ended by the console (goal_reached), which are never
+/// ours; and enabled teleoperations. The console may receive a newcomer's messages before this
+/// driver does, so the presence of a newcomer counts as a message. What only the console has heard
+/// shows in its statements on `status`.
 ///
 /// A separate thread handles DDS, which allocates, locks and may wait. Lock-free mailboxes pass
 /// messages. All members marked noexcept, in particular Tick(), therefore neither allocate, lock
@@ -110,7 +111,8 @@ class PsmDriver {
   [[nodiscard]] std::string_view who() const noexcept { return who_.data(); }
   /// True if who() is the cause of the hold.
   [[nodiscard]] bool held_by_others() const noexcept;
-  /// Returns the participants that can tell the arm to hold, be free or change its state.
+  /// Returns the participants that can tell the arm to hold, be free or change its state or
+  /// settings.
   /// Allocates.
   [[nodiscard]] std::vector<dds::Newcomer> Requesters() const;
   /// Describes status() in a sentence, with the console's last error or who() if applicable, and
