@@ -6,68 +6,8 @@ namespace dfr::apps::line_tracking {
 namespace {
 
 using hardware::PsmStatus;
-using runtime::HoldReason;
-
-// What the arm's driver says, in the machine's words.
-HoldReason ToHoldReason(PsmStatus status) noexcept {
-  switch (status) {
-    case PsmStatus::kOk:
-      return HoldReason::kNone;
-    case PsmStatus::kNoConsole:
-    case PsmStatus::kConsoleGone:
-    case PsmStatus::kIncompatible:
-    case PsmStatus::kStateSilent:
-      return HoldReason::kArmSilent;
-    case PsmStatus::kNoOperatingState:
-    case PsmStatus::kConsoleFault:
-    case PsmStatus::kConsoleError:
-    case PsmStatus::kDisabled:
-    case PsmStatus::kPaused:
-    case PsmStatus::kUnknownState:
-    case PsmStatus::kNotHomed:
-    case PsmStatus::kBusy:
-    case PsmStatus::kTimedOut:
-    case PsmStatus::kNotArmed:
-    case PsmStatus::kHeld:
-    case PsmStatus::kWrongTool:
-    case PsmStatus::kToolChanged:
-      return HoldReason::kArmNotReady;
-    case PsmStatus::kStateInvalid:
-    case PsmStatus::kStateMalformed:
-    case PsmStatus::kStateNotFinite:
-      return HoldReason::kArmInvalid;
-    case PsmStatus::kStateOld:
-      return HoldReason::kArmOld;
-    case PsmStatus::kStateAhead:
-      return HoldReason::kClock;
-    case PsmStatus::kStateJumped:
-    case PsmStatus::kFrameMismatch:
-    case PsmStatus::kBaseMoved:
-      return HoldReason::kArmJump;
-    case PsmStatus::kOtherPublisher:
-    case PsmStatus::kSecondConsole:
-    case PsmStatus::kForeignWord:
-    case PsmStatus::kNewcomer:
-    case PsmStatus::kForeignControl:
-    case PsmStatus::kForeignSetpoint:
-    case PsmStatus::kTeleoperated:
-    case PsmStatus::kClutched:
-      return HoldReason::kSecondCommander;
-    case PsmStatus::kSetpointStays:
-    case PsmStatus::kNotFollowing:
-    case PsmStatus::kNotReached:
-      return HoldReason::kArmNotFollowing;
-    case PsmStatus::kTickLate:
-    case PsmStatus::kSendFailed:
-      return HoldReason::kOverrun;
-    case PsmStatus::kInvalidGoal:
-    case PsmStatus::kBeyondLimits:
-    case PsmStatus::kUnreachable:
-    case PsmStatus::kOutsideWorkspace:
-    case PsmStatus::kTooFast:
-      return HoldReason::kCommandRefused;
-  }
-  return HoldReason::kArmNotReady;
+robot::Finding ArmFinding(PsmStatus status) noexcept {
+  return {hardware::HoldReasonFor(status), hardware::Name(status)};
 }
 
 }  // namespace
@@ -86,7 +26,7 @@ robot::Finding PsmArm::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexce
                                  : driver_->held_by_others() && !driver_->who().empty()
                                      ? SaidBy(driver_->who())
                                      : std::string_view();
-  return {ToHoldReason(found_), error.empty() ? hardware::Name(found_) : error};
+  return {hardware::HoldReasonFor(found_), error.empty() ? hardware::Name(found_) : error};
 }
 
 // The reason, and who it was.
@@ -106,15 +46,9 @@ bool PsmArm::needs_homing() const noexcept {
          found_ == PsmStatus::kStateInvalid || (found_ == PsmStatus::kBusy && homing());
 }
 
-robot::Finding PsmArm::Home() noexcept {
-  const PsmStatus status = driver_->Home();
-  return {ToHoldReason(status), hardware::Name(status)};
-}
+robot::Finding PsmArm::Home() noexcept { return ArmFinding(driver_->Home()); }
 
-robot::Finding PsmArm::Arm() noexcept {
-  const PsmStatus status = driver_->Arm();
-  return {ToHoldReason(status), hardware::Name(status)};
-}
+robot::Finding PsmArm::Arm() noexcept { return ArmFinding(driver_->Arm()); }
 
 robot::Finding PsmArm::MoveTo(std::span<const double> joints, double duration_s) noexcept {
   const kinematics::PsmJoints goal(Eigen::Map<const kinematics::PsmJoints>(joints.data()));

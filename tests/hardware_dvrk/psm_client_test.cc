@@ -663,11 +663,16 @@ TEST_F(PsmClientTest, NeverAllocates) {
   (void)client_.Step(input, now_ns_, kWall + now_ns_);
 }
 
-TEST(PsmStatusTest, EveryStatusHasANameAndARemedyOfItsOwn) {
+TEST(PsmStatusTest, EveryStatusHasANameARemedyAndAReason) {
+  EXPECT_EQ(HoldReasonFor(PsmStatus::kOk), runtime::HoldReason::kNone);
+  EXPECT_EQ(HoldReasonFor(PsmStatus::kStateAhead), runtime::HoldReason::kClock);
+  EXPECT_EQ(HoldReasonFor(PsmStatus::kForeignControl), runtime::HoldReason::kSecondCommander);
+  EXPECT_EQ(HoldReasonFor(PsmStatus::kTooFast), runtime::HoldReason::kCommandRefused);
   for (int i = 1; i <= static_cast<int>(PsmStatus::kTooFast); ++i) {
     const auto status = static_cast<PsmStatus>(i);
-    EXPECT_STRNE(Name(status), "unknown") << i;
+    EXPECT_STRNE(Name(status), "") << i;
     EXPECT_STRNE(Remedy(status), "") << Name(status);
+    EXPECT_NE(HoldReasonFor(status), runtime::HoldReason::kNone) << Name(status);
     for (int j = 0; j < i; ++j) EXPECT_STRNE(Name(status), Name(static_cast<PsmStatus>(j)));
   }
 }

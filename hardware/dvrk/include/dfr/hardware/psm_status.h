@@ -1,5 +1,7 @@
 #pragma once
 
+#include "dfr/runtime/fail_safe.h"
+
 namespace dfr::hardware {
 
 /// Reasons that prevent a PSM's motion or cause a command to be refused.
@@ -59,5 +61,8 @@ enum class PsmStatus {
 
 /// Returns the remedy for the user; empty for kOk.
 [[nodiscard]] const char* Remedy(PsmStatus status) noexcept;
+
+/// Returns the reason for which a robot with this arm holds; kNone for kOk.
+[[nodiscard]] runtime::HoldReason HoldReasonFor(PsmStatus status) noexcept;
 
 }  // namespace dfr::hardware
