@@ -49,7 +49,7 @@ line_task::LineCalibration Guess(const RobotConfig& config) {
 // Empty, with a message for the operator, if these pictures are not sufficient.
 std::optional<line_task::LineCalibration> FromPictures(
     const std::vector<vision::CalibrationFrame>& frames, const line_task::LineCalibration& guess,
-    const RobotConfig& config, Screen& screen) {
+    const RobotConfig& config, runtime::Screen& screen) {
   try {
     calibration::CalibrateOptions options;
     options.known_camera = true;
@@ -82,7 +82,7 @@ void CalibrateRobot(const CalibrateOptions& options) {
   const line_task::LineCalibration guess = Guess(config);
   const std::filesystem::path out = options.out.empty() ? config.calibration : options.out;
   Terminal terminal;
-  Screen& screen = terminal.screen();
+  runtime::Screen& screen = terminal.screen();
   const std::unique_ptr<RobotPlant> plant = BringUpRobot(config, guess, nullptr, terminal);
   screen.Say(
       "Move the tip by teleoperation all over the gauze, up to 30 mm above it, and let it "

@@ -74,7 +74,7 @@ core::Trajectory Follow(RobotPlant& plant, int steps) {
 
 // One demonstration, if the operator confirms it and the robot completes it.
 std::optional<core::Trajectory> Demonstrated(RobotPlant& plant, const DemonstrateOptions& options,
-                                             std::uint64_t seed, Screen& screen) {
+                                             std::uint64_t seed, runtime::Screen& screen) {
   std::optional<core::Trajectory> trajectory;
   try {
     trajectory =
@@ -98,7 +98,7 @@ void DemonstrateOnRobot(const DemonstrateOptions& options) {
   }
   const core::Provenance provenance = ProvenanceOf(config);
   Terminal terminal;
-  Screen& screen = terminal.screen();
+  runtime::Screen& screen = terminal.screen();
   const std::unique_ptr<RobotPlant> plant = BringUpRobot(config, known, nullptr, terminal);
   imitation::RobomimicWriter writer(options.out, plant->layout(), plant->control_dim(),
                                     "line-tracking");
@@ -110,8 +110,9 @@ void DemonstrateOnRobot(const DemonstrateOptions& options) {
       options.teleoperation
           ? "Enter once the tip is over the beginning, then lead it along by teleoperation"
           : "the arm follows the line by itself after Enter");
-  for (std::uint64_t i = 0;
-       writer.num_episodes() < options.count && terminal.desk().AllowsEpisode(plant->loop()); ++i) {
+  for (std::uint64_t i = 0; writer.num_episodes() < options.count &&
+                            terminal.desk().AllowsEpisode(plant->loop(), kPrepare);
+       ++i) {
     const std::uint64_t seed = core::DeriveSeed(options.seed, {i});
     if (const auto trajectory = Demonstrated(*plant, options, seed, screen)) {
       writer.Append(*trajectory);

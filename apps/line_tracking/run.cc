@@ -36,7 +36,7 @@ struct Robot {
 // A robot's episodes begin after the operator's confirmation, a simulation's by themselves after a
 // regular end. Returns false if there are no more episodes.
 bool MayBegin(RobotPlant& plant, bool simulated, Terminal& terminal) {
-  OperatorDesk& desk = terminal.desk();
+  robot::OperatorDesk& desk = terminal.desk();
   const auto say = [&](std::string_view words) {
     terminal.screen().Say("  %.*s\n", static_cast<int>(words.size()), words.data());
   };
@@ -46,7 +46,7 @@ bool MayBegin(RobotPlant& plant, bool simulated, Terminal& terminal) {
   do {
     if (!plant.AcceptsOthers(say, confirms)) return false;
     if (simulated) return plant.loop().ended_regularly();
-    if (!desk.AllowsEpisode(plant.loop())) return false;
+    if (!desk.AllowsEpisode(plant.loop(), kPrepare)) return false;
   } while (!plant.KnowsOthers());  // a participant joined during the question
   return true;
 }
@@ -127,7 +127,7 @@ void Connect(RecordedController& controller, RobotPlant& plant) {
 // Runs the episodes and prints each outcome. Returns true if the robot ended the run early.
 bool RunEpisodes(const RunOptions& options, const RobotConfig& config, const Robot& robot,
                  RecordedController& controller, Terminal& terminal) {
-  Screen& screen = terminal.screen();
+  runtime::Screen& screen = terminal.screen();
   std::array<int, 3> counts{};
   control::RolloutWorkspace workspace;
   screen.Say("episode  outcome    controls  recovery  tracked [mm]  cause\n");
@@ -156,7 +156,7 @@ bool RunEpisodes(const RunOptions& options, const RobotConfig& config, const Rob
   return stopped;
 }
 
-void PrintTimes(Screen& screen, const runtime::PeriodicTimer& timer, double period_s) {
+void PrintTimes(runtime::Screen& screen, const runtime::PeriodicTimer& timer, double period_s) {
   screen.Say(
       "loop: %lld periods of %.1f ms, off by %.3f ms (median), %.3f ms (99.9 %%), %.3f ms "
       "(worst); %lld left out\n",
@@ -195,7 +195,7 @@ void RunRun(const RunOptions& options) {
     recorder.emplace(log, RunMetadata(config, options.seed));
   }
   Terminal terminal;
-  Screen& screen = terminal.screen();
+  runtime::Screen& screen = terminal.screen();
   Robot robot = MakeRobot(config, options, known, recorder ? &*recorder : nullptr, terminal);
   const std::unique_ptr<control::Controller> decides = model.MakeController(config.method);
   RecordedController controller(*decides, recorder ? &*recorder : nullptr);

@@ -16,7 +16,7 @@ constexpr const char* kWithoutStop =
 
 void Interrupt(int /*signal*/) { interrupted = true; }
 
-void Show(Screen& screen, const runtime::Transition& t) noexcept {
+void Show(runtime::Screen& screen, const runtime::Transition& t) noexcept {
   const bool reasoned = t.reason != runtime::HoldReason::kNone;
   const bool detailed = t.detail[0] != '\0';
   screen.Say("  %s -> %s%s%s%s%s%s\n", runtime::Name(t.from), runtime::Name(t.to),
@@ -37,7 +37,7 @@ const std::atomic<bool>& Terminal::interrupted() noexcept { return line_tracking
 std::unique_ptr<RobotPlant> BringUpRobot(const RobotConfig& config,
                                          const line_task::LineCalibration& calibration,
                                          recording::Recorder* recorder, Terminal& terminal) {
-  Screen& screen = terminal.screen();
+  runtime::Screen& screen = terminal.screen();
   const bool without_stop = !config.emergency_stop;
   if (without_stop) screen.Say("%s\n", kWithoutStop);
   if (config.priority > 0) {

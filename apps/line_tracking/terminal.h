@@ -4,11 +4,14 @@
 #include <memory>
 
 #include "dfr/recording/recorder.h"
-#include "operator_desk.h"
+#include "dfr/robot/operator_desk.h"
+#include "dfr/runtime/screen.h"
 #include "robot_plant.h"
-#include "screen.h"
 
 namespace dfr::apps::line_tracking {
+
+/// What the operator does before an episode, see robot::OperatorDesk::AllowsEpisode().
+inline constexpr const char* kPrepare = "Put the tip over the line's beginning";
 
 /// Terminal of a program that controls a robot: output, input, and Ctrl-C. One per process.
 class Terminal {
@@ -16,14 +19,14 @@ class Terminal {
   /// Makes SIGINT and SIGTERM end the program in order.
   Terminal();
 
-  [[nodiscard]] Screen& screen() noexcept { return screen_; }
-  [[nodiscard]] OperatorDesk& desk() noexcept { return desk_; }
+  [[nodiscard]] runtime::Screen& screen() noexcept { return screen_; }
+  [[nodiscard]] robot::OperatorDesk& desk() noexcept { return desk_; }
   [[nodiscard]] static const std::atomic<bool>& interrupted() noexcept;
 
  private:
-  Screen screen_;
+  runtime::Screen screen_;
   runtime::Keyboard keyboard_;
-  OperatorDesk desk_;
+  robot::OperatorDesk desk_;
 };
 
 /// Brings up the robot of the configuration with its operator at the terminal: see

@@ -1,5 +1,5 @@
 // The operator of a robot at the terminal: what is typed, and what it lets the robot do.
-#include "operator_desk.h"
+#include "dfr/robot/operator_desk.h"
 
 #include <gtest/gtest.h>
 
@@ -8,11 +8,11 @@
 #include <string_view>
 #include <utility>
 
-#include "tests/line_tracking/pipe.h"
 #include "tests/robot/fake_robot.h"
+#include "tests/runtime/pipe.h"
 #include "tests/support/eventually.h"
 
-namespace dfr::apps::line_tracking {
+namespace dfr::robot {
 namespace {
 
 using runtime::HoldReason;
@@ -32,35 +32,36 @@ class OperatorDeskTest : public testing::Test {
     robot_.loop.Hold(reason, "for the test");
     robot_.loop.Idle(1.0);
   }
+  [[nodiscard]] bool Allows() { return desk_.AllowsEpisode(robot_.loop, "Ready the robot"); }
 
   FakeRobot robot_;
   Pipe typed_;
   Pipe shown_;
   runtime::Keyboard keyboard_{typed_.in()};
-  Screen screen_{shown_.out()};
+  runtime::Screen screen_{shown_.out()};
   std::atomic<bool> interrupted_ = false;
   OperatorDesk desk_{keyboard_, screen_, interrupted_};
 };
 
 TEST_F(OperatorDeskTest, EnterStartsAfterAnEpisodeThatEndedAsEpisodesDo) {
   TypeLater("\n");
-  EXPECT_TRUE(desk_.AllowsEpisode(robot_.loop));
+  EXPECT_TRUE(Allows());
   HoldFor(HoldReason::kNotSeen);
   TypeLater("\n");
-  EXPECT_TRUE(desk_.AllowsEpisode(robot_.loop));
+  EXPECT_TRUE(Allows());
   TypeLater("q\n");
-  EXPECT_FALSE(desk_.AllowsEpisode(robot_.loop));
+  EXPECT_FALSE(Allows());
 }
 
 TEST_F(OperatorDeskTest, WhatWasTypedWhileItMovedStartsNothing) {
   typed_.Type("\n\nstart\nclear\nhome\n\n");
   HoldFor(HoldReason::kNotSeen);
   TypeLater("q\n");
-  EXPECT_FALSE(desk_.AllowsEpisode(robot_.loop));
+  EXPECT_FALSE(Allows());
   typed_.Type("start\nstart\n");
   HoldFor(HoldReason::kStateJump);
   TypeLater("q\n");
-  EXPECT_FALSE(desk_.AllowsEpisode(robot_.loop));
+  EXPECT_FALSE(Allows());
 }
 
 TEST_F(OperatorDeskTest, AfterAnyOtherReasonAWordHasToBeTyped) {
@@ -71,7 +72,7 @@ TEST_F(OperatorDeskTest, AfterAnyOtherReasonAWordHasToBeTyped) {
     HoldFor(reason);
     const bool fault = runtime::IsFault(reason);
     TypeLater("\n\nSTART\n start\nc\n\nq\n");
-    EXPECT_FALSE(desk_.AllowsEpisode(robot_.loop)) << "Enter is not a word";
+    EXPECT_FALSE(Allows()) << "Enter is not a word";
     EXPECT_EQ(robot_.loop.state(), fault ? RunState::kFaulted : RunState::kHolding);
     if (fault) {
       TypeLater("clear\n");
@@ -79,7 +80,7 @@ TEST_F(OperatorDeskTest, AfterAnyOtherReasonAWordHasToBeTyped) {
       ASSERT_TRUE(robot_.loop.Clear());
     }
     TypeLater("start\n");
-    EXPECT_TRUE(desk_.AllowsEpisode(robot_.loop));
+    EXPECT_TRUE(Allows());
   }
 }
 
@@ -91,7 +92,7 @@ TEST_F(OperatorDeskTest, AFaultThatLastsIsNotCleared) {
     typed_.Type("clear\n");
     TypeLater("q\n");  // at the second question
   };
-  EXPECT_FALSE(desk_.AllowsEpisode(robot_.loop));
+  EXPECT_FALSE(Allows());
   EXPECT_EQ(robot_.loop.state(), RunState::kFaulted);
 }
 
@@ -100,7 +101,7 @@ TEST_F(OperatorDeskTest, AStopThatWasPressedWhileIdleHasToBeCleared) {
   robot_.stop.found = {HoldReason::kEmergencyStop, "pressed"};
   robot_.loop.Idle(0.5);
   TypeLater("\nq\n");
-  EXPECT_FALSE(desk_.AllowsEpisode(robot_.loop));
+  EXPECT_FALSE(Allows());
   EXPECT_EQ(robot_.stop.acknowledged, 0);
 }
 
@@ -133,12 +134,12 @@ TEST_F(OperatorDeskTest, TheQuestionIsAskedAgainBelowWhatOthersSay) {
 
 TEST_F(OperatorDeskTest, CtrlCAndTheEndOfInputSayNo) {
   interrupted_ = true;
-  EXPECT_FALSE(desk_.AllowsEpisode(robot_.loop));
+  EXPECT_FALSE(Allows());
   interrupted_ = false;
   typed_.Type("start\n");
   typed_.CloseOut();
-  EXPECT_FALSE(desk_.AllowsEpisode(robot_.loop));
+  EXPECT_FALSE(Allows());
 }
 
 }  // namespace
-}  // namespace dfr::apps::line_tracking
+}  // namespace dfr::robot

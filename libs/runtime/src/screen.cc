@@ -1,4 +1,4 @@
-#include "screen.h"
+#include "dfr/runtime/screen.h"
 
 #include <poll.h>
 #include <unistd.h>
@@ -10,7 +10,7 @@
 
 #include "dfr/runtime/periodic_timer.h"
 
-namespace dfr::apps::line_tracking {
+namespace dfr::runtime {
 
 Screen::Screen(int file, int patience_ms)
     : file_(file), patience_ms_(patience_ms), thread_([this] { Run(); }) {}
@@ -47,7 +47,7 @@ bool Screen::Print(const char* text) noexcept {
 }
 
 void Screen::Run() noexcept {
-  runtime::GiveUpRealTime();
+  GiveUpRealTime();
   Text text;
   while (true) {
     const bool last = end_;
@@ -64,4 +64,4 @@ void Screen::Run() noexcept {
   }
 }
 
-}  // namespace dfr::apps::line_tracking
+}  // namespace dfr::runtime

@@ -1,10 +1,10 @@
-#include "operator_desk.h"
+#include "dfr/robot/operator_desk.h"
 
 #include <algorithm>
 
-namespace dfr::apps::line_tracking {
+namespace dfr::robot {
 
-std::optional<std::string> OperatorDesk::Answer(robot::ControlLoop& loop, std::string_view question,
+std::optional<std::string> OperatorDesk::Answer(ControlLoop& loop, std::string_view question,
                                                 std::span<const std::string_view> words) {
   constexpr int kAgain = 50;  // keyboard checks: one second
   keyboard_->Discard();
@@ -25,12 +25,11 @@ std::optional<std::string> OperatorDesk::Answer(robot::ControlLoop& loop, std::s
   return std::nullopt;
 }
 
-bool OperatorDesk::Confirms(robot::ControlLoop& loop, std::string_view question,
-                            std::string_view word) {
+bool OperatorDesk::Confirms(ControlLoop& loop, std::string_view question, std::string_view word) {
   return Answer(loop, question, {&word, 1}).has_value();
 }
 
-bool OperatorDesk::AllowsEpisode(robot::ControlLoop& loop) {
+bool OperatorDesk::AllowsEpisode(ControlLoop& loop, const std::string& task) {
   using runtime::HoldReason;
   using runtime::RunState;
   while (true) {
@@ -45,11 +44,9 @@ bool OperatorDesk::AllowsEpisode(robot::ControlLoop& loop) {
     if (!loop.Clear()) screen_->Say("the reason remains: %s\n", loop.blocking_words().c_str());
   }
   if (loop.ended_regularly()) {
-    return Confirms(loop, "Put the tip over the line's beginning; Enter starts", "");
+    return Confirms(loop, task + "; Enter starts", "");
   }
-  return Confirms(
-      loop, "held: " + loop.cause() + ". Put the tip over the line's beginning, then type start",
-      "start");
+  return Confirms(loop, "held: " + loop.cause() + ". " + task + ", then type start", "start");
 }
 
-}  // namespace dfr::apps::line_tracking
+}  // namespace dfr::robot

@@ -1,5 +1,5 @@
 // Output for the operator of a run, printed by a separate thread.
-#include "screen.h"
+#include "dfr/runtime/screen.h"
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
@@ -7,10 +7,10 @@
 
 #include <string>
 
-#include "tests/line_tracking/pipe.h"
+#include "tests/runtime/pipe.h"
 #include "tests/support/eventually.h"
 
-namespace dfr::apps::line_tracking {
+namespace dfr::runtime {
 namespace {
 
 using test::Pipe;
@@ -52,4 +52,4 @@ TEST(ScreenTest, SaysHowMuchIsMissing) {
 }
 
 }  // namespace
-}  // namespace dfr::apps::line_tracking
+}  // namespace dfr::runtime

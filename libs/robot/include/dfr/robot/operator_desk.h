@@ -8,34 +8,34 @@
 
 #include "dfr/robot/control_loop.h"
 #include "dfr/runtime/keyboard.h"
-#include "screen.h"
+#include "dfr/runtime/screen.h"
 
-namespace dfr::apps::line_tracking {
+namespace dfr::robot {
 
 /// Asks the operator of a robot at the terminal, while its loop continues. Text typed before a
 /// question is ignored. All arguments must outlive it.
 class OperatorDesk {
  public:
   /// @param interrupted  set by Ctrl-C: every answer is then no.
-  OperatorDesk(runtime::Keyboard& keyboard, Screen& screen, const std::atomic<bool>& interrupted)
+  OperatorDesk(runtime::Keyboard& keyboard, runtime::Screen& screen,
+               const std::atomic<bool>& interrupted)
       : keyboard_(&keyboard), screen_(&screen), interrupted_(&interrupted) {}
 
   /// Returns the one of `words` that is typed exactly; empty for q, at the end of input and if
   /// interrupted.
-  [[nodiscard]] std::optional<std::string> Answer(robot::ControlLoop& loop,
-                                                  std::string_view question,
+  [[nodiscard]] std::optional<std::string> Answer(ControlLoop& loop, std::string_view question,
                                                   std::span<const std::string_view> words);
   /// True once exactly `word` is typed; false for q, at the end of input and if interrupted.
-  [[nodiscard]] bool Confirms(robot::ControlLoop& loop, std::string_view question,
-                              std::string_view word);
-  /// Returns true if the next episode may begin. After a regular end Enter suffices; after any
+  [[nodiscard]] bool Confirms(ControlLoop& loop, std::string_view question, std::string_view word);
+  /// Returns true if the next episode may begin, for which the operator does `task`: "Put the tip
+  /// over the line's beginning". After a regular end Enter suffices; after any
   /// other reason to hold the operator types `start`, after a fault `clear` before it.
-  [[nodiscard]] bool AllowsEpisode(robot::ControlLoop& loop);
+  [[nodiscard]] bool AllowsEpisode(ControlLoop& loop, const std::string& task);
 
  private:
   runtime::Keyboard* keyboard_;
-  Screen* screen_;
+  runtime::Screen* screen_;
   const std::atomic<bool>* interrupted_;
 };
 
-}  // namespace dfr::apps::line_tracking
+}  // namespace dfr::robot

@@ -7,7 +7,7 @@
 
 #include "dfr/runtime/queue.h"
 
-namespace dfr::apps::line_tracking {
+namespace dfr::runtime {
 
 /// Output for the operator of a run, printed by a separate thread: a stopped terminal (Ctrl-S)
 /// blocks neither the robot's loop nor the program's end.
@@ -35,11 +35,11 @@ class Screen {
 
   int file_;
   int patience_ms_;
-  runtime::Queue<Text, 256> queue_;
+  Queue<Text, 256> queue_;
   std::int64_t said_ = 0;
   std::atomic<std::int64_t> lost_ = 0;
   std::atomic<bool> end_ = false;
   std::thread thread_;
 };
 
-}  // namespace dfr::apps::line_tracking
+}  // namespace dfr::runtime
