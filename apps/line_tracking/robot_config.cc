@@ -222,7 +222,7 @@ void GetRegion(Section& task, line_task::TipRegionOptions& region) {
   }
 }
 
-void GetPlatform(Section& section, PlatformOptions& platform) {
+void GetPlatform(Section& section, hardware::PlatformOptions& platform) {
   section.Get("device", platform.device);
   using Wave = std::optional<hardware::SprkWaveKind>;
   section.Get("wave", platform.wave,

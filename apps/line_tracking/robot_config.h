@@ -10,10 +10,10 @@
 
 #include "dfr/core/provenance.h"
 #include "dfr/dds/participant.h"
+#include "dfr/hardware/platform_motion.h"
 #include "dfr/hardware/psm_client.h"
 #include "dfr/line_task/line_task.h"
 #include "dfr/line_task/tip_region.h"
-#include "platform_motion.h"
 
 namespace dfr::apps::line_tracking {
 
@@ -67,7 +67,7 @@ struct RobotConfig {
   double image_max_age_s = 0.1;  ///< Limit of the age by stamp, and of the time since arrival.
   double image_latency_s = 0.0;  ///< Delay from exposure to the stamp.
 
-  PlatformOptions platform;  // [platform]
+  hardware::PlatformOptions platform;  // [platform]
 
   // [simulator]
   bool simulator = false;  ///< The console is dvrk_simulator's, which sets up episodes.

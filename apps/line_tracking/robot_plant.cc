@@ -12,13 +12,13 @@
 #include <utility>
 #include <vector>
 
+#include "dfr/hardware/emergency_stop_monitor.h"
+#include "dfr/hardware/platform_motion.h"
+#include "dfr/hardware/psm_arm.h"
 #include "dfr/hardware/psm_driver.h"
 #include "dfr/robot/real_time_clock.h"
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
-#include "emergency_stop_monitor.h"
 #include "lock_step.h"
-#include "platform_motion.h"
-#include "psm_arm.h"
 #include "simulator_link.h"
 #include "turn_about_tip.h"
 
@@ -197,14 +197,17 @@ struct RobotPlant::Impl {
                               : nullptr),
         lock_step(config.lock_step ? std::make_unique<LockStep>(*link, driver) : nullptr),
         real_time(config.period_s),
-        arm(driver, region, run_operator.on_word),
+        arm(
+            driver,
+            [this](const PsmJoints& from, const PsmJoints& to) { return Refusal(from, to); },
+            run_operator.on_word),
         tool(task, driver, config.speed_m_s),
         log(recorder, driver, config.emergency_stop, run_operator.on_transition),
         stop(network, config.emergency_stop, config.emergency_stop_silence_s,
              config.emergency_stop_datagrams),
         platform(config.platform.device.empty()
                      ? nullptr
-                     : std::make_unique<PlatformMotion>(config.platform)),
+                     : std::make_unique<hardware::PlatformMotion>(config.platform)),
         camera(images, config, driver, task, lock_step.get(), recorder),
         loop(LoopOptions(config),
              {.clock = lock_step ? static_cast<robot::Clock*>(lock_step.get()) : &real_time,
@@ -217,6 +220,15 @@ struct RobotPlant::Impl {
               .interrupted = run_operator.interrupted}) {}
 
   [[nodiscard]] const vision::LineObservation& seen() const noexcept { return camera.last().seen; }
+
+  // Returns why the tips may not take this path; empty if they may.
+  [[nodiscard]] std::string_view Refusal(const PsmJoints& from, const PsmJoints& to) noexcept {
+    const line_task::Breach breach = region.Along(from, to);
+    if (!breach.any()) return {};
+    std::snprintf(refusal.data(), refusal.size(), "the tip would go %.2f mm beyond %s",
+                  1e3 * breach.depth_m, breach.what);
+    return refusal.data();
+  }
 
   // A path of straight pieces through joint space, and its purpose in words for the operator.
   struct Leg {
@@ -370,15 +382,16 @@ struct RobotPlant::Impl {
   std::unique_ptr<SimulatorLink> link;
   std::unique_ptr<LockStep> lock_step;
   robot::RealTimeClock real_time;
-  PsmArm arm;
+  std::array<char, 96> refusal{};
+  hardware::PsmArm arm;
   ToolTask tool;
   RunLog log;
-  EmergencyStopMonitor stop;
-  std::unique_ptr<PlatformMotion> platform;
+  hardware::EmergencyStopMonitor stop;
+  std::unique_ptr<hardware::PlatformMotion> platform;
   ImageWorker camera;
   robot::ControlLoop loop;
 
-  Company company;
+  hardware::Company company;
   vision::LineObservation first_seen;
   SimulatorTruth truth;
 };
@@ -391,10 +404,10 @@ RobotPlant::RobotPlant(const RobotConfig& config, const line_task::LineCalibrati
 
 RobotPlant::~RobotPlant() = default;  // its driver tells the console to hold
 
-void RobotPlant::BringUp(const Say& say, const Confirms& confirms) {
+void RobotPlant::BringUp(const hardware::Say& say, const hardware::Confirms& confirms) {
   Impl& i = *impl_;
   if (i.lock_step) i.link->Reset(0);  // enables and homes
-  line_tracking::BringUp(
+  hardware::BringUp(
       {.loop = &i.loop,
        .arm = &i.arm,
        .name = i.driver.arm(),
@@ -411,7 +424,7 @@ void RobotPlant::BringUp(const Say& say, const Confirms& confirms) {
       say, confirms);
 }
 
-bool RobotPlant::AcceptsOthers(const Say& say, const Confirms& confirms) {
+bool RobotPlant::AcceptsOthers(const hardware::Say& say, const hardware::Confirms& confirms) {
   Impl& i = *impl_;
   return i.company.Accepts(i.driver.Requesters(), i.simulated, say, confirms);
 }

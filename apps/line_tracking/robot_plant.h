@@ -6,8 +6,8 @@
 #include <memory>
 #include <string_view>
 
-#include "bring_up.h"
 #include "dfr/core/plant.h"
+#include "dfr/hardware/bring_up.h"
 #include "dfr/hardware/psm_driver.h"
 #include "dfr/recording/recorder.h"
 #include "dfr/robot/control_loop.h"
@@ -48,11 +48,11 @@ class RobotPlant final : public core::Plant {
              recording::Recorder* recorder, const RunOperator& run_operator = {});
   ~RobotPlant() override;
 
-  /// As line_tracking::BringUp(). In lock-step the simulator homes its arm itself.
-  void BringUp(const Say& say, const Confirms& confirms = {});
+  /// As hardware::BringUp(). In lock-step the simulator homes its arm itself.
+  void BringUp(const hardware::Say& say, const hardware::Confirms& confirms = {});
   /// Asks whether the operator accepts the participants that can hold or free the arm or change its
   /// state. Lists those that are not accepted yet.
-  [[nodiscard]] bool AcceptsOthers(const Say& say, const Confirms& confirms);
+  [[nodiscard]] bool AcceptsOthers(const hardware::Say& say, const hardware::Confirms& confirms);
   /// Returns true if no participant has joined since.
   [[nodiscard]] bool KnowsOthers() const;
   /// The control loop, with its reasons to hold.

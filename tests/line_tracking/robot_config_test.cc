@@ -103,10 +103,11 @@ TEST_F(RobotConfigTest, ErrorsNameFileLineKeyAndWhatThereIs) {
 
 TEST_F(RobotConfigTest, APlatformsWaveIsOneThatItCanDo) {
   const std::string port = "robot = 'dds'\n[platform]\ndevice = '/dev/ttyACM0'\n";
-  const PlatformOptions platform = Load(port +
-                                        "wave = 'breath'\namplitude = [0.002, 0, 0, 0, 0, 0.05]\n"
-                                        "frequency_hz = [0.1, 0, 0, 0, 0, 0.05]\n")
-                                       .platform;
+  const hardware::PlatformOptions platform =
+      Load(port +
+           "wave = 'breath'\namplitude = [0.002, 0, 0, 0, 0, 0.05]\n"
+           "frequency_hz = [0.1, 0, 0, 0, 0, 0.05]\n")
+          .platform;
   EXPECT_EQ(platform.device, "/dev/ttyACM0");
   EXPECT_EQ(platform.wave, hardware::SprkWaveKind::kBreath);
   EXPECT_EQ(platform.motion.amplitude.translation_m.x(), 0.002);

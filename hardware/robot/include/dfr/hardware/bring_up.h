@@ -8,7 +8,7 @@
 #include "dfr/dds/participant.h"
 #include "dfr/robot/control_loop.h"
 
-namespace dfr::apps::line_tracking {
+namespace dfr::hardware {
 
 /// Prints a text for the operator; may be empty.
 using Say = std::function<void(std::string_view)>;
@@ -57,4 +57,4 @@ struct BringUpOptions {
 /// @throws std::runtime_error with the reason.
 void BringUp(const BringUpOptions& robot, const Say& say, const Confirms& confirms);
 
-}  // namespace dfr::apps::line_tracking
+}  // namespace dfr::hardware

@@ -1,5 +1,5 @@
 // Bringing up a robot, and the questions to its operator.
-#include "bring_up.h"
+#include "dfr/hardware/bring_up.h"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@
 
 #include "tests/robot/fake_robot.h"
 
-namespace dfr::apps::line_tracking {
+namespace dfr::hardware {
 namespace {
 
 using runtime::HoldReason;
@@ -192,4 +192,4 @@ TEST_F(BringUpTest, ThePlatformMovesOnAWordOfItsOwn) {
 }
 
 }  // namespace
-}  // namespace dfr::apps::line_tracking
+}  // namespace dfr::hardware

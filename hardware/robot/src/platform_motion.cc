@@ -1,15 +1,13 @@
-#include "platform_motion.h"
+#include "dfr/hardware/platform_motion.h"
 
-namespace dfr::apps::line_tracking {
+namespace dfr::hardware {
 namespace {
-
-using hardware::SprkStatus;
 
 robot::Finding Found(SprkStatus status) noexcept {
   if (status == SprkStatus::kOk) return {};
   return {runtime::HoldReason::kPlatform, status == SprkStatus::kDeviceFailed
                                               ? "its port failed: cut its power, then start again"
-                                              : hardware::Name(status)};
+                                              : Name(status)};
 }
 
 }  // namespace
@@ -41,4 +39,4 @@ robot::Finding PlatformMotion::Rest() noexcept {
   return Found(status);
 }
 
-}  // namespace dfr::apps::line_tracking
+}  // namespace dfr::hardware

@@ -1,13 +1,12 @@
-#include "psm_arm.h"
+#include "dfr/hardware/psm_arm.h"
 
 #include <cstdio>
 
-namespace dfr::apps::line_tracking {
+namespace dfr::hardware {
 namespace {
 
-using hardware::PsmStatus;
 robot::Finding ArmFinding(PsmStatus status) noexcept {
-  return {hardware::HoldReasonFor(status), hardware::Name(status)};
+  return {HoldReasonFor(status), Name(status)};
 }
 
 }  // namespace
@@ -15,7 +14,7 @@ robot::Finding ArmFinding(PsmStatus status) noexcept {
 robot::Finding PsmArm::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept {
   const bool was_active = armed() || homing();
   const PsmStatus status = driver_->Tick(steady_ns, wall_ns);
-  if (hardware::ConsoleWord word; on_word_) {
+  if (ConsoleWord word; on_word_) {
     while (driver_->TakeWord(word)) on_word_(word);
   }
   // An unarmed driver is no reason to hold, but what keeps it from being armed is.
@@ -26,7 +25,7 @@ robot::Finding PsmArm::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexce
                                  : driver_->held_by_others() && !driver_->who().empty()
                                      ? SaidBy(driver_->who())
                                      : std::string_view();
-  return {hardware::HoldReasonFor(found_), error.empty() ? hardware::Name(found_) : error};
+  return {HoldReasonFor(found_), error.empty() ? Name(found_) : error};
 }
 
 // The reason, and who it was.
@@ -52,15 +51,13 @@ robot::Finding PsmArm::Arm() noexcept { return ArmFinding(driver_->Arm()); }
 
 robot::Finding PsmArm::MoveTo(std::span<const double> joints, double duration_s) noexcept {
   const kinematics::PsmJoints goal(Eigen::Map<const kinematics::PsmJoints>(joints.data()));
-  if (const line_task::Breach breach = region_->Along(driver_->client().setpoint(), goal);
-      breach.any()) {
-    std::snprintf(refused_.data(), refused_.size(), "the tip would go %.2f mm beyond %s",
-                  1e3 * breach.depth_m, breach.what);
-    return {runtime::HoldReason::kCommandRefused, refused_.data()};
+  if (const std::string_view refused = check_(driver_->client().setpoint(), goal);
+      !refused.empty()) {
+    return {runtime::HoldReason::kCommandRefused, refused};
   }
   const PsmStatus status = driver_->MoveTo(goal, duration_s);
   if (status == PsmStatus::kOk) return {};
-  return {runtime::HoldReason::kCommandRefused, hardware::Name(status)};
+  return {runtime::HoldReason::kCommandRefused, Name(status)};
 }
 
-}  // namespace dfr::apps::line_tracking
+}  // namespace dfr::hardware

@@ -1,9 +1,9 @@
-#include "bring_up.h"
+#include "dfr/hardware/bring_up.h"
 
 #include <algorithm>
 #include <stdexcept>
 
-namespace dfr::apps::line_tracking {
+namespace dfr::hardware {
 namespace {
 
 using runtime::HoldReason;
@@ -80,4 +80,4 @@ void BringUp(const BringUpOptions& robot, const Say& say, const Confirms& confir
   }
 }
 
-}  // namespace dfr::apps::line_tracking
+}  // namespace dfr::hardware

@@ -1,8 +1,8 @@
 #include <gtest/gtest.h>
 
-#include "emergency_stop_monitor.h"
+#include "dfr/hardware/emergency_stop_monitor.h"
 
-namespace dfr::apps::line_tracking {
+namespace dfr::hardware {
 namespace {
 
 using runtime::RunState;
@@ -28,4 +28,4 @@ TEST(RunAnnouncementsTest, NothingIsSaidOfALoopThatHangs) {
 }
 
 }  // namespace
-}  // namespace dfr::apps::line_tracking
+}  // namespace dfr::hardware

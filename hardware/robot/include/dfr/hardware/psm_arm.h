@@ -6,33 +6,37 @@
 #include <utility>
 
 #include "dfr/hardware/psm_driver.h"
-#include "dfr/line_task/tip_region.h"
 #include "dfr/robot/devices.h"
 
-namespace dfr::apps::line_tracking {
+namespace dfr::hardware {
 
-/// A PsmDriver as the arm of a robot::ControlLoop; joints are kinematics::PsmJoints. No way is sent
-/// on which the tips would leave their region.
+/// Checks a straight path through joint space. Returns why it is refused, valid until the next
+/// call; empty if it is allowed. It is called in the control loop, and may not wait, allocate or
+/// throw.
+using PathCheck = std::function<std::string_view(const kinematics::PsmJoints& from,
+                                                 const kinematics::PsmJoints& to)>;
+
+/// A PsmDriver as the arm of a robot::ControlLoop; joints are kinematics::PsmJoints. No path is
+/// sent that `check` refuses.
 class PsmArm final : public robot::Manipulator {
  public:
-  /// Borrows `driver` and `region`.
+  /// Borrows `driver`.
   /// @param on_word  told the console's words in Tick(), so it may not wait; may be empty.
-  PsmArm(hardware::PsmDriver& driver, const line_task::TipRegion& region,
-         std::function<void(const hardware::ConsoleWord&)> on_word = {})
-      : driver_(&driver), region_(&region), on_word_(std::move(on_word)) {}
+  PsmArm(PsmDriver& driver, PathCheck check, std::function<void(const ConsoleWord&)> on_word = {})
+      : driver_(&driver), check_(std::move(check)), on_word_(std::move(on_word)) {}
 
   [[nodiscard]] robot::Finding Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept override;
   [[nodiscard]] bool needs_homing() const noexcept override;
   [[nodiscard]] robot::Finding Home() noexcept override;
   [[nodiscard]] bool homing() const noexcept override {
-    return driver_->phase() == hardware::PsmPhase::kRequested;
+    return driver_->phase() == PsmPhase::kRequested;
   }
   [[nodiscard]] robot::Finding Arm() noexcept override;
   void Hold() noexcept override { driver_->Hold(); }
   [[nodiscard]] robot::Finding MoveTo(std::span<const double> joints,
                                       double duration_s) noexcept override;
   [[nodiscard]] bool armed() const noexcept override {
-    return driver_->phase() == hardware::PsmPhase::kArmed;
+    return driver_->phase() == PsmPhase::kArmed;
   }
   [[nodiscard]] bool moving() const noexcept override { return driver_->moving(); }
   [[nodiscard]] bool at_rest() const noexcept override { return driver_->at_rest(); }
@@ -40,12 +44,11 @@ class PsmArm final : public robot::Manipulator {
  private:
   [[nodiscard]] std::string_view SaidBy(std::string_view who) noexcept;
 
-  hardware::PsmDriver* driver_;
-  const line_task::TipRegion* region_;
-  std::function<void(const hardware::ConsoleWord&)> on_word_;
-  hardware::PsmStatus found_ = hardware::PsmStatus::kNoConsole;  // by the last Tick()
-  std::array<char, 96> refused_{};
+  PsmDriver* driver_;
+  PathCheck check_;
+  std::function<void(const ConsoleWord&)> on_word_;
+  PsmStatus found_ = PsmStatus::kNoConsole;  // by the last Tick()
   std::array<char, 96> said_{};
 };
 
-}  // namespace dfr::apps::line_tracking
+}  // namespace dfr::hardware

@@ -1,5 +1,5 @@
 // The platform of a run, whose port is an emulator's.
-#include "platform_motion.h"
+#include "dfr/hardware/platform_motion.h"
 
 #include <gtest/gtest.h>
 
@@ -10,7 +10,7 @@
 #include "tests/hardware_stewart/sprk_emulator.h"
 #include "tests/support/eventually.h"
 
-namespace dfr::apps::line_tracking {
+namespace dfr::hardware {
 namespace {
 
 using runtime::HoldReason;
@@ -20,7 +20,7 @@ class PlatformMotionTest : public testing::Test {
   PlatformMotionTest() {
     PlatformOptions options;
     options.device = port_.device();
-    options.wave = hardware::SprkWaveKind::kSine;
+    options.wave = SprkWaveKind::kSine;
     options.motion.amplitude.translation_m.x() = 0.00254;
     options.motion.frequency_hz[0] = 0.1;
     platform_.emplace(options);
@@ -69,4 +69,4 @@ TEST_F(PlatformMotionTest, APortThatFailsIsAReasonThatLasts) {
 }
 
 }  // namespace
-}  // namespace dfr::apps::line_tracking
+}  // namespace dfr::hardware

@@ -1,4 +1,4 @@
-#include "emergency_stop_monitor.h"
+#include "dfr/hardware/emergency_stop_monitor.h"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include "tests/dds/domain.h"
 #include "tests/support/eventually.h"
 
-namespace dfr::apps::line_tracking {
+namespace dfr::hardware {
 namespace {
 
 TEST(EmergencyStopMonitorTest, SaysHowTheLoopStandsAndThatItEnds) {
@@ -48,4 +48,4 @@ TEST(EmergencyStopMonitorTest, AStopIsSilentUntilItIsHeardAndPressedAsLongAsItIs
 }
 
 }  // namespace
-}  // namespace dfr::apps::line_tracking
+}  // namespace dfr::hardware

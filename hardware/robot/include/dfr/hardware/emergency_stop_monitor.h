@@ -8,7 +8,7 @@
 #include "dfr/dds/emergency_stop.h"
 #include "dfr/robot/devices.h"
 
-namespace dfr::apps::line_tracking {
+namespace dfr::hardware {
 
 /// Schedule for publishing the state of a loop: after each change, otherwise 50 times a second, and
 /// not while the loop hangs (no beat for 0.1 s).
@@ -58,4 +58,4 @@ class EmergencyStopMonitor final : public robot::EmergencyStop {
   std::thread thread_;
 };
 
-}  // namespace dfr::apps::line_tracking
+}  // namespace dfr::hardware

@@ -1,10 +1,10 @@
-#include "emergency_stop_monitor.h"
+#include "dfr/hardware/emergency_stop_monitor.h"
 
 #include <chrono>
 
 #include "dfr/runtime/periodic_timer.h"
 
-namespace dfr::apps::line_tracking {
+namespace dfr::hardware {
 namespace {
 
 constexpr std::int64_t kHangs = 100'000'000;          // ns
@@ -88,4 +88,4 @@ void EmergencyStopMonitor::Run() {
   std::this_thread::sleep_for(std::chrono::milliseconds(50));
 }
 
-}  // namespace dfr::apps::line_tracking
+}  // namespace dfr::hardware

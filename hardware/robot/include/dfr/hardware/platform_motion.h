@@ -6,22 +6,22 @@
 #include "dfr/hardware/sprk_driver.h"
 #include "dfr/robot/devices.h"
 
-namespace dfr::apps::line_tracking {
+namespace dfr::hardware {
 
 /// Motion of the SPRK platform in a run.
 struct PlatformOptions {
-  std::string device;                          ///< Serial port; empty: no platform.
-  std::optional<hardware::SprkWaveKind> wave;  ///< Absent: the platform rests.
-  hardware::SprkWave motion;
+  std::string device;                ///< Serial port; empty: no platform.
+  std::optional<SprkWaveKind> wave;  ///< Absent: the platform rests.
+  SprkWave motion;
 };
 
 /// Platform of a run for a control loop. Its firmware has no timeout and reports nothing: after a
 /// killed program the wave continues until the power is cut or another command arrives. Commands
-/// wait at most for the end of the last frame (hardware::kSprkFramePeriod).
+/// wait at most for the end of the last frame (kSprkFramePeriod).
 class PlatformMotion final : public robot::Platform {
  public:
   /// Opens the port, without motion.
-  /// @throws core::Error as hardware::SprkDriver.
+  /// @throws core::Error as SprkDriver.
   explicit PlatformMotion(const PlatformOptions& options);
   /// Stops the platform.
   ~PlatformMotion() override;
@@ -38,8 +38,8 @@ class PlatformMotion final : public robot::Platform {
 
  private:
   PlatformOptions options_;
-  hardware::SprkDriver driver_;
+  SprkDriver driver_;
   bool moves_ = false;
 };
 
-}  // namespace dfr::apps::line_tracking
+}  // namespace dfr::hardware
