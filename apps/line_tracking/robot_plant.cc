@@ -159,6 +159,10 @@ robot::ControlLoopOptions LoopOptions(const RobotConfig& config) {
     // Pictures and threads take this machine's time, which may be busy. Nothing moves meanwhile.
     const double patience_s = std::max(10.0, config.simulator_answer_s);
     options.image_timeout_s = options.max_camera_check_s = options.max_stop_check_s = patience_s;
+  } else if (config.simulator) {
+    // Only a simulated arm moves: this machine's threads may be as late as the loop itself.
+    options.max_camera_check_s = std::max(options.max_camera_check_s, config.max_period_s);
+    options.max_stop_check_s = std::max(options.max_stop_check_s, config.max_period_s);
   }
   options.image_latency_s = config.image_latency_s;
   options.max_state_jump = config.max_state_jump_mm;

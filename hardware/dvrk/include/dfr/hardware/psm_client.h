@@ -137,8 +137,8 @@ struct PsmInput {
   /// arm: ControlStatedBy().
   int pose_controls = 0;
   int other_controls = 0;
-  /// Participants discovered since the last step, and publishers on the topics of the two members
-  /// above. Their earlier messages are unknown.
+  /// Participants discovered since the last step, and publishers of commands to the arm or of its
+  /// settings. Their earlier messages are unknown.
   int newcomers = 0;
   int goals_reached = 0;      ///< Moves ended by the console; this client never starts such moves.
   bool teleoperated = false;  ///< Teleoperation is enabled, or was since the last step.
