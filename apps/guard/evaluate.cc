@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
 #include <stdexcept>
 #include <string>
@@ -9,6 +8,7 @@
 #include "dfr/experiment/intervals.h"
 #include "dfr/imitation/demonstrations.h"
 #include "dfr/safety/guard.h"
+#include "dfr/safety/guard_advice.h"
 
 namespace dfr::apps::guard {
 
@@ -21,11 +21,15 @@ void RunEvaluate(const EvaluateOptions& options) {
                              options.guard.string());
   }
   safety::Guard guard(model);
-  std::vector<double> safe(static_cast<std::size_t>(model->action_dim()));
   std::vector<double> micros;
   int alarms = 0;
   int untouched = 0;
-  std::printf("%-24s %8s %10s %8s  %s\n", "episode", "actions", "lowest l", "alarm",
+  int actions = 0;
+  int passed = 0;
+  int changed = 0;
+  int halted = 0;
+  double change = 0.0;
+  std::printf("%-24s %8s %9s %10s %8s  %s\n", "episode", "actions", "passed %", "lowest l", "alarm",
               "first action that would not pass");
   for (int i = 0; i < reader->num_episodes(); ++i) {
     const core::Trajectory episode = reader->Read(i);
@@ -33,23 +37,20 @@ void RunEvaluate(const EvaluateOptions& options) {
     const auto alarm = std::find_if(levels.begin(), levels.end(),
                                     [&](double l) { return l < -model->settings().alarm_level; });
     alarms += alarm != levels.end() ? 1 : 0;
-    // After the guard has changed an action, the recorded states no longer follow from its actions.
-    std::string first = "-";
-    guard.Reset();
-    for (int t = 0; t < episode.num_steps(); ++t) {
-      const auto start = std::chrono::steady_clock::now();
-      const safety::Verdict verdict =
-          guard.Filter(t, core::Row(episode.states, t), core::Row(episode.controls, t), safe);
-      micros.push_back(
-          std::chrono::duration<double, std::micro>(std::chrono::steady_clock::now() - start)
-              .count());
-      if (verdict.changed) {
-        first = std::to_string(t) + " (" + verdict.reason() + ")";
-        break;
-      }
-    }
-    untouched += first == "-" ? 1 : 0;
-    std::printf("%-24s %8d %10.3f %8s  %s\n", reader->name(i).c_str(), episode.num_steps(),
+    const safety::Shadow shadow = safety::RunInShadow(guard, episode);
+    micros.insert(micros.end(), shadow.micros.begin(), shadow.micros.end());
+    untouched += shadow.first_changed < 0 ? 1 : 0;
+    actions += shadow.actions;
+    passed += shadow.passed;
+    // Up to the halt, if there is one.
+    changed += static_cast<int>(shadow.micros.size()) - shadow.passed - (shadow.halted < 0 ? 0 : 1);
+    halted += shadow.halted < 0 ? 0 : 1;
+    change += shadow.change;
+    const std::string first = shadow.first_changed < 0 ? "-"
+                                                       : std::to_string(shadow.first_changed) +
+                                                             " (" + shadow.reason + ")";
+    std::printf("%-24s %8d %9.1f %10.3f %8s  %s\n", reader->name(i).c_str(), shadow.actions,
+                100.0 * shadow.passed / std::max(1, shadow.actions),
                 *std::min_element(levels.begin(), levels.end()),
                 alarm == levels.end() ? "-" : std::to_string(alarm - levels.begin()).c_str(),
                 first.c_str());
@@ -61,6 +62,13 @@ void RunEvaluate(const EvaluateOptions& options) {
       "untouched\n",
       alarms, episodes, 100.0 * alarms / episodes, 100.0 * interval.low, 100.0 * interval.high,
       untouched);
+  std::printf("%.1f %% of the %d actions pass unchanged", 100.0 * passed / std::max(1, actions),
+              actions);
+  if (changed > 0) {
+    std::printf("; %d are changed, by %.2f ordinary actions on average", changed, change / changed);
+  }
+  if (halted > 0) std::printf("; %d episodes are halted, and no later action passes", halted);
+  std::printf("\n");
   std::sort(micros.begin(), micros.end());
   std::printf("a call takes %.1f us (median), %.1f us (99th of 100)\n", micros[micros.size() / 2],
               micros[micros.size() * 99 / 100]);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <memory>
 #include <numeric>
 #include <stdexcept>
 #include <string>
@@ -14,6 +15,8 @@
 #include "dfr/core/format.h"
 #include "dfr/experiment/intervals.h"
 #include "dfr/imitation/demonstrations.h"
+#include "dfr/safety/guard.h"
+#include "dfr/safety/guard_advice.h"
 
 namespace dfr::apps::guard {
 namespace {
@@ -25,6 +28,7 @@ struct Episode {
   double inside = 0.0;   // Share of states.
   int first_alarm = -1;  // Step, or -1.
   int passing = 0;       // Actions that a certificate lets pass.
+  safety::Shadow shadow = {};
 };
 
 // Returns whether the guard's file contains the data that a certificate needs.
@@ -106,13 +110,16 @@ std::string EntryName(const core::StateLayout& layout, int entry) {
   return std::to_string(entry);
 }
 
-std::vector<Episode> Follow(const safety::GuardModel& model, const std::filesystem::path& path,
-                            const std::string& filter_key, Drivers* drivers) {
+std::vector<Episode> Follow(const std::shared_ptr<const safety::GuardModel>& shared,
+                            const std::filesystem::path& path, const std::string& filter_key,
+                            Drivers* drivers) {
+  const safety::GuardModel& model = *shared;
   const auto reader = imitation::OpenDemonstrations(path, filter_key);
   if (reader->layout() != model.layout()) {
     throw std::runtime_error(path.string() + ": its states have different parts than the guard's");
   }
   std::vector<Episode> episodes;
+  safety::Guard guard(shared);
   for (int i = 0; i < reader->num_episodes(); ++i) {
     const core::Trajectory trajectory = reader->Read(i);
     Episode episode{.name = reader->name(i), .levels = {}};
@@ -130,6 +137,7 @@ std::vector<Episode> Follow(const safety::GuardModel& model, const std::filesyst
               ? 1
               : 0;
     }
+    episode.shadow = safety::RunInShadow(guard, trajectory);
     episode.lowest = *std::min_element(episode.levels.begin(), episode.levels.end());
     episode.inside = static_cast<double>(std::count_if(episode.levels.begin(), episode.levels.end(),
                                                        [](double l) { return l >= 0.0; })) /
@@ -184,17 +192,19 @@ experiment::ReportTable EpisodeTable(const std::string& heading, const std::stri
                                      std::vector<Episode> episodes) {
   std::sort(episodes.begin(), episodes.end(),
             [](const Episode& a, const Episode& b) { return a.lowest < b.lowest; });
-  experiment::ReportTable table{
-      .heading = heading,
-      .caption = caption,
-      .header = {"Episode", "Steps", "Inside, %", "Lowest l", "First alarm", "Lead, steps"},
-      .rows = {}};
+  experiment::ReportTable table{.heading = heading,
+                                .caption = caption,
+                                .header = {"Episode", "Steps", "Passed, %", "Inside, %", "Lowest l",
+                                           "First alarm", "Lead, steps"},
+                                .rows = {}};
   for (const Episode& episode : episodes) {
     const int last = static_cast<int>(episode.levels.size()) - 1;
     const bool alarm = episode.first_alarm >= 0;
     table.rows.push_back(
-        {episode.name, std::to_string(last), core::Format("%.1f", 100.0 * episode.inside),
-         core::Format("%.3f", episode.lowest), alarm ? std::to_string(episode.first_alarm) : "-",
+        {episode.name, std::to_string(last),
+         core::Format("%.1f", 100.0 * episode.shadow.passed / std::max(1, episode.shadow.actions)),
+         core::Format("%.1f", 100.0 * episode.inside), core::Format("%.3f", episode.lowest),
+         alarm ? std::to_string(episode.first_alarm) : "-",
          alarm ? std::to_string(last - episode.first_alarm) : "-"});
   }
   return table;
@@ -217,6 +227,17 @@ double MeanInside(const std::vector<Episode>& episodes) {
          static_cast<double>(episodes.size());
 }
 
+// Share of the actions that the guard's strategy passes unchanged.
+double Passed(const std::vector<Episode>& episodes) {
+  double actions = 0.0;
+  double passed = 0.0;
+  for (const Episode& episode : episodes) {
+    actions += episode.shadow.actions;
+    passed += episode.shadow.passed;
+  }
+  return passed / std::max(1.0, actions);
+}
+
 std::string Introduction(const safety::GuardModel& model, const ReportOptions& options,
                          const std::vector<Episode>& episodes) {
   const double alarm_level = model.settings().alarm_level;
@@ -226,6 +247,8 @@ std::string Introduction(const safety::GuardModel& model, const ReportOptions& o
              "(mean over episodes). An alarm is raised at l < %.3g.",
              options.demonstrations.filename().c_str(), 100.0 * MeanInside(episodes),
              -alarm_level) +
+         core::Format("\n\nStrategy %s passes %.1f %% of their actions unchanged.",
+                      safety::Name(model.settings().strategy), 100.0 * Passed(episodes)) +
          "\n\nEpisodes with an alarm: " +
          Rate(Alarms(episodes), static_cast<int>(episodes.size())) +
          core::Format(
@@ -329,9 +352,9 @@ void RunReport(const ReportOptions& options) {
   const double alarm_level = model->settings().alarm_level;
   Drivers drivers(*model);
   const std::vector<Episode> episodes =
-      Follow(*model, options.demonstrations, options.filter_key, &drivers);
+      Follow(model, options.demonstrations, options.filter_key, &drivers);
   std::vector<Episode> failures;
-  if (!options.failures.empty()) failures = Follow(*model, options.failures, "", nullptr);
+  if (!options.failures.empty()) failures = Follow(model, options.failures, "", nullptr);
 
   experiment::ReportOptions page;
   page.title = "Guard " + options.guard.filename().string();

@@ -55,6 +55,17 @@ int FilterChunk(Guard& guard, const py::object& t, const Array& state, const Arr
   return verdict.playable;
 }
 
+void Applied(Guard& guard, const Array& action) {
+  DFR_THROW_UNLESS(action.size() == guard.action_dim(), "action has "
+                                                            << action.size() << " entries, "
+                                                            << guard.action_dim() << " needed");
+  for (py::ssize_t i = 0; i < action.size(); ++i) {
+    DFR_THROW_UNLESS(std::isfinite(action.data()[i]),
+                     "entry " << i << " of the action is " << action.data()[i]);
+  }
+  guard.Applied(Entries(action));
+}
+
 // The time step whose support fits the state best.
 int BestStep(const Guard& guard, std::span<const double> state) {
   int best = 0;
@@ -129,6 +140,20 @@ int StepOf(const py::object& t) {
 
 void AddGuardAdvice(py::class_<Guard>& guard_class) {
   guard_class
+      .def("applied", &Applied, py::arg("action"),
+           R"(Report that `action` was applied in place of the one that the last `filter` returned.
+
+With the policy's own action after each `filter`, the guard runs in shadow: it judges every action and
+changes none. A robot that limits actions itself reports what it did. Call it before the next `filter`.
+
+Strategies "dfr", "early-stopping" and "certified" halt if `action` is not the one that `filter` returned.
+A guard halts if `filter` has not been called since `reset`.
+
+Raises
+------
+ValueError
+    If the action has the wrong number of entries or one that is not finite.
+)")
       .def("filter_chunk", &FilterChunk, py::arg("t"), py::arg("state"), py::arg("actions"),
            R"(Return how many of a chunk's actions are predicted to be safe from `state` on.
 

@@ -11,7 +11,7 @@ namespace dfr::python {
 /// @throws pybind11::error_already_set if it is no index.
 [[nodiscard]] int StepOf(const pybind11::object& t);
 
-/// Methods of dfr.Guard for chunks and states: filter_chunk, explain, levels, attribution.
+/// Methods of dfr.Guard for chunks and states: applied, filter_chunk, explain, levels, attribution.
 void AddGuardAdvice(pybind11::class_<safety::Guard>& guard_class);
 
 }  // namespace dfr::python

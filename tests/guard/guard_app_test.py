@@ -62,13 +62,16 @@ class GuardAppTest(unittest.TestCase):
         # .1 on the average over sets of 30 demonstrations, sqrt(.1 .9 / 32) = .053 between sets and
         # sqrt(.1 .9 / 60) = .039 by chance; three of both together.
         self.assertLess(alarms / 60, 0.1 + 3 * 0.066)
+        self.assertGreater(float(re.search(r"([\d.]+) % of the 1200 actions pass unchanged", out).group(1)), 80.0)
         out = self.run_guard("evaluate", "task.guard", "failures.hdf5")
         self.assertIn("10 of 10 episodes raise an alarm", out)
         self.assertIn("0 pass untouched", out)
+        self.assertRegex(out, r"[\d.]+ % of the \d+ actions pass unchanged; \d+ are changed, by [\d.]+ ordinary")
         self.run_guard("report", "task.guard", "fresh.hdf5", "--failures", "failures.hdf5", "-o", "r.html")
         page = (self.folder / "r.html").read_text()
         self.assertIn("10 of 10, 100.0 %", page)
         self.assertIn("steps before their end", page)
+        self.assertRegex(page, r"Strategy guard passes [89]\d\.\d % of their actions unchanged")
         for name in ("tip[1]", "object[0]", "data/demo_59", "demos.hdf5"):
             self.assertIn(name, page)
         self.assertNotIn("clock", page)
@@ -432,7 +435,7 @@ class GuardAppTest(unittest.TestCase):
         for arguments, message in [
             (["fit", "missing.hdf5"], "missing.hdf5"),
             (["fit", "demos.hdf5", "--features", "gripper"], "feature 'gripper' is not part of the state; it has"),
-            (["fit", "demos.hdf5", "--strategy", "brave"], "no strategy 'brave'; there are: guard, controller"),
+            (["fit", "demos.hdf5", "--strategy", "brave"], "unknown strategy 'brave'; valid: guard, controller"),
             (["fit", "demos.hdf5", "--features", "tip", "--nu", "2"], "nu"),
             (["check", "demos.hdf5", "--action-limit", "-1"], "--action-limit: must be positive, not -1; --help"),
             (["check", "."], ".: has neither data/main_data.hdf5 (Minari) nor meta/info.json (LeRobot)"),

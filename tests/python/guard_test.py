@@ -656,7 +656,8 @@ class GuardedEnvTest(unittest.TestCase):
 class Documentation(unittest.TestCase):
     def test_docstrings_run(self):
         self.assertEqual(doctest.testmod(sys.modules["dfr._guarded_env"]).failed, 0)
-        for name in ("fit", "load", "save", "filter", "filter_chunk", "explain", "reset", "decision", "levels"):
+        names = ("fit", "load", "save", "filter", "applied", "filter_chunk", "explain", "reset", "decision", "levels")
+        for name in names:
             self.assertTrue(getattr(dfr.Guard, name).__doc__, name)
 
 

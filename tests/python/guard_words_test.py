@@ -79,6 +79,23 @@ class ChunkTest(unittest.TestCase):
             self.assertEqual(info, same)
             x = plant.step(action)[0]
 
+    def test_in_shadow_it_judges_and_changes_nothing(self):
+        plant = Corridor()
+        x, _ = plant.reset(seed=1)
+        self.guard.reset()
+        changed = []
+        for t in range(15):
+            action = action_for(0.0997, 0.0) if t < 5 else DRIFT
+            _, info = self.guard.filter(t, x, action)
+            self.guard.applied(action)
+            changed.append(info["changed"])
+            x = plant.step(action)[0]
+        self.assertEqual(changed[:5], 5 * [False])
+        self.assertTrue(changed[-1])
+        for action, message in [([0.1], "action has 1 entries, 2 needed"), ([0.1, np.nan], "entry 1 .* is nan")]:
+            with self.assertRaisesRegex(ValueError, message):
+                self.guard.applied(action)
+
     def test_bad_input_is_named(self):
         state, chunk = np.zeros(3), np.tile(action_for(0.0997, 0.0), (CHUNK, 1))
         fresh = self.guard.with_settings()

@@ -89,8 +89,8 @@ TEST(MethodTest, UnknownNamesListWhatThereIs) {
   for (const std::string_view name :
        {"", "magic", "guided-lwr", "Guided", "guided ", "guided-", "guided-without",
         "guided-without-", "guided-without-filter+", "dfr-coarse", "baseline,dfr"}) {
-    EXPECT_THAT(Refusal(name), HasSubstr("no method '" + std::string(name) + "'"));
-    EXPECT_THAT(Refusal(name), HasSubstr("there are: " + MethodNames(kOthers)));
+    EXPECT_THAT(Refusal(name), HasSubstr("unknown method '" + std::string(name) + "'"));
+    EXPECT_THAT(Refusal(name), HasSubstr("valid: " + MethodNames(kOthers)));
   }
   for (const std::string_view name : {"guided-without-magic", "guided-without-filter+magic"}) {
     EXPECT_THAT(Refusal(name), HasSubstr("no part 'magic'; it has: filter, reach, demonstrated"));

@@ -251,8 +251,8 @@ Permission ParsePermission(std::string_view name) {
   for (const Permission permission : kPermissions) {
     if (name == Name(permission)) return permission;
   }
-  throw std::invalid_argument("there is no permission '" + std::string(name) +
-                              "': controller, console, button or monitor");
+  throw std::invalid_argument("unknown permission '" + std::string(name) +
+                              "'; valid: controller, console, button or monitor");
 }
 
 void MakeAuthority(const std::filesystem::path& folder, const CertificateOptions& options) {

@@ -117,8 +117,9 @@ struct Guard::Loop {
         tracker(model.support()),
         proposed(static_cast<std::size_t>(model.action_dim()), 0.0),
         bounded(proposed),
+        given(proposed),
         chosen(proposal.action().size(), 0.0) {
-    guided = dynamic_cast<const control::GuidedPolicy*>(controller.get());
+    guided = dynamic_cast<control::GuidedPolicy*>(controller.get());
     if (guided != nullptr) ahead = std::make_unique<control::GuidedPolicy>(*guided);
   }
 
@@ -126,11 +127,12 @@ struct Guard::Loop {
   bool steers;    // The controller's controls are ActionSpace's.
   Proposal proposal;
   std::unique_ptr<control::Controller> controller;
-  const control::GuidedPolicy* guided = nullptr;  // The controller, if it predicts.
-  std::unique_ptr<control::GuidedPolicy> ahead;   // Its twin that looks ahead.
+  control::GuidedPolicy* guided = nullptr;       // The controller, if it predicts.
+  std::unique_ptr<control::GuidedPolicy> ahead;  // Its twin that looks ahead.
   control::PhaseTracker tracker;
   std::vector<double> proposed;
   std::vector<double> bounded;  // `proposed` within the limits.
+  std::vector<double> given;    // What the last Filter() wrote.
   std::vector<double> chosen;   // The controller's control.
   int next = 0;
   int entry = -1;  // The quaternion that it halted for.
@@ -233,7 +235,10 @@ Verdict Guard::Filter(int t, std::span<const double> state, std::span<const doub
   }
   // The one place where limits are kept, whatever chose the action. A recovery of the caller's own
   // knows none, and units round.
-  if (room) Clamp(model_->settings().action_limit, safe);
+  if (room) {
+    Clamp(model_->settings().action_limit, safe);
+    std::copy(safe.begin(), safe.end(), loop.given.begin());
+  }
 
   Verdict verdict;
   verdict.mode = step.mode;
@@ -275,6 +280,18 @@ Verdict Guard::Filter(int t, std::span<const double> state, std::span<const doub
       break;
   }
   return verdict;
+}
+
+void Guard::Applied(std::span<const double> action) noexcept {
+  Loop& loop = *loop_;
+  if (action.size() != loop.given.size() || !AllFinite(action)) {
+    return loop.controller->Stop(HaltCause::kControlInvalid);
+  }
+  if (loop.next == 0) return loop.controller->Stop(HaltCause::kStepSkipped);
+  if (loop.monitors || std::equal(action.begin(), action.end(), loop.given.begin())) return;
+  if (loop.guided == nullptr) return loop.controller->Stop(HaltCause::kStepSkipped);
+  model_->actions().Measure(action, loop.chosen);
+  loop.guided->Applied(loop.chosen);
 }
 
 ChunkVerdict Guard::FilterChunk(int t, std::span<const double> state,

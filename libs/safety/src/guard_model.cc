@@ -147,8 +147,8 @@ Strategy ParseStrategy(std::string_view name) {
     if (name == Name(strategy)) return strategy;
   }
   throw std::invalid_argument(
-      "there is no strategy '" + std::string(name) +
-      "'; there are: guard, controller, dfr, early-stopping, monitor, certified");
+      "unknown strategy '" + std::string(name) +
+      "'; valid: guard, controller, dfr, early-stopping, monitor, certified");
 }
 
 std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layout,

@@ -43,8 +43,8 @@ Method ParseMethod(std::string_view name, std::span<const std::string_view> othe
     method.recovery = control::Recovery::kNone;
     return method;
   }
-  throw std::invalid_argument("there is no method '" + method.name +
-                              "'; there are: " + MethodNames(others));
+  throw std::invalid_argument("unknown method '" + method.name +
+                              "'; valid: " + MethodNames(others));
 }
 
 std::string MethodNames(std::span<const std::string_view> others) {

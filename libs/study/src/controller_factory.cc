@@ -88,12 +88,12 @@ safety::Method ParseMethod(std::string_view name, std::span<const std::string_vi
   const MethodName parts = Split(name);
   DFR_THROW_UNLESS(
       name.find('@') == std::string_view::npos || std::ranges::count(kPolicies, parts.policy) == 1,
-      "method '" << name << "': there is no policy '" << parts.policy << "'; there are "
-                 << Join(kPolicies));
+      "method '" << name << "': unknown policy '" << parts.policy
+                 << "'; valid: " << Join(kPolicies));
   const bool on_support = name.find('/') != std::string_view::npos;
   DFR_THROW_UNLESS(!on_support || std::ranges::count(kSupports, parts.support) == 1,
-                   "method '" << name << "': there is no support '" << parts.support
-                              << "'; there are " << Join(kSupports));
+                   "method '" << name << "': unknown support '" << parts.support
+                              << "'; valid: " << Join(kSupports));
   if (on_support && parts.controller == kCertified) {
     return {.name = std::string(name), .kind = safety::Method::Kind::kGuided};
   }

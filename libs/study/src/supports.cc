@@ -269,7 +269,7 @@ SupportModel::SupportModel(std::string_view name, const safety::TaskModel& task,
   } else if (name == "mahalanobis") {
     own_ = std::make_unique<Mahalanobis>(features_, demonstrations);
   } else {
-    DFR_THROW_UNLESS(false, "there is no support '" << name << "'; there are " << Join(kSupports));
+    DFR_THROW_UNLESS(false, "unknown support '" << name << "'; valid: " << Join(kSupports));
   }
   if (own_ != nullptr) support_ = own_.get();
   const control::FeatureTrajectories seen(features_, demonstrations);

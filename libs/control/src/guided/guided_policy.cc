@@ -23,7 +23,8 @@ GuidedPolicy::GuidedPolicy(const core::Policy& policy, const TaskView& task,
       observer_(task.features().num_features(), task.response().control_dim(),
                 task.response().prior()->options().forgetting, options.observer),
       correction_(task, options),
-      tracker_(task.support()) {
+      tracker_(task.support()),
+      chose_in_(tracker_) {
   for (Eigen::VectorXd* v : {&z_, &seen_, &last_seen_, &dz_}) {
     *v = Eigen::VectorXd::Zero(task.features().num_features());
   }
@@ -102,6 +103,7 @@ Step GuidedPolicy::Decide(Step step, std::span<double> u) noexcept {
   }
   step.mode = choice.mode;
   step.log_learned = choice.learned;
+  chose_in_ = tracker_;
   Advance(choice.level);
   const bool passes = step.mode == Mode::kPolicy && within && v_ == learned_;
   at_edge_ *= guided::kEdgeMemory;
@@ -115,6 +117,17 @@ Step GuidedPolicy::Decide(Step step, std::span<double> u) noexcept {
   last_seen_ = seen_;
   ++progress_.controls;
   return step;
+}
+
+void GuidedPolicy::Applied(std::span<const double> u) noexcept {
+  if (halt_cause() != HaltCause::kNone || progress_.controls == 0) return;
+  v_ = core::AsVector(u) / task_.response().control_unit();
+  tracker_ = chose_in_;
+  if (!estimate_.fresh()) {
+    estimate_.Compute(tracker_.phase(), AsSpan(z_));
+    computed_ = true;
+  }
+  Advance(LocalModel{task_.support(), estimate_, AsSpan(z_)}.Level(tracker_.phase() + 1, v_));
 }
 
 void GuidedPolicy::Foresee(const GuidedPolicy& present, std::span<const double> x) noexcept {

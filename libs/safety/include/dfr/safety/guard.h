@@ -85,14 +85,14 @@ struct ChunkVerdict {
 ///   }
 ///
 /// The guard learns from every applied action how states answer. It takes each call to mean that
-/// the action it gave last was applied in full and that `state` is what it led to; `t` counts the
-/// calls, so that a lost or doubled one is noticed. It fails closed: a state or action of the wrong
-/// size or with a non-finite entry, a quaternion whose length is not 1, a `t` that is not the next
-/// one, a call before Reset() and whatever else is doubtful halt it, and then every action is zero
-/// until Reset().
+/// the action it gave last, or the one of Applied(), was applied in full and that `state` is what
+/// it led to; `t` counts the calls, so that a lost or doubled one is noticed. It fails closed: a
+/// state or action of the wrong size or with a non-finite entry, a quaternion whose length is not
+/// 1, a `t` that is not the next one, a call before Reset() and whatever else is doubtful halt it,
+/// and then every action is zero until Reset().
 ///
-/// One object belongs to one thread; guards of several share a model. Reset() and Filter() neither
-/// allocate, lock nor throw.
+/// One object belongs to one thread; guards of several share a model. Reset(), Filter() and
+/// Applied() neither allocate, lock nor throw.
 class Guard {
  public:
   /// With `strategy`, Algorithm 1 with a recovery of the caller's own takes the place of the
@@ -117,6 +117,17 @@ class Guard {
   /// Reset() and goes up by one with each.
   [[nodiscard]] Verdict Filter(int t, std::span<const double> state, std::span<const double> action,
                                std::span<double> safe) noexcept;
+
+  /// Says that `action` (action_dim() entries) was applied in place of what the last Filter() gave.
+  /// With the policy's own action after each Filter(), the guard runs in shadow: it judges every
+  /// action and changes none. A robot with limits of its own reports what it did. Call it before
+  /// the next Filter(), at most once; without effect on a guard that has halted.
+  ///
+  /// The guard halts if it cannot go on from `action`: kControlInvalid for a wrong number of
+  /// entries or one that is not finite, kStepSkipped before the first Filter(), and for an action
+  /// other than Filter()'s under kDfr, kEarlyStopping, kCertified and a recovery of the caller's
+  /// own.
+  void Applied(std::span<const double> action) noexcept;
 
   /// How many of a chunk's `actions`, one after another in one row, may be played from `state` on.
   /// An action counts if it is within the limits and predicted to end inside, at the level from

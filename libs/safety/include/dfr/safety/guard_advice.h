@@ -82,4 +82,20 @@ struct NearestDemonstration {
 [[nodiscard]] std::string Explain(const GuardModel& model, const Verdict& verdict,
                                   std::span<const double> state, std::span<const double> action);
 
+/// What a guard would have done with the actions of a recorded episode.
+struct Shadow {
+  int actions = 0;             ///< All of the episode's.
+  int passed = 0;              ///< Those that Guard::Filter() does not change.
+  double change = 0.0;         ///< Sum of Verdict::change over the actions that were changed.
+  int first_changed = -1;      ///< Time step of the first action that does not pass, or -1.
+  std::string reason = {};     ///< Verdict::reason() there.
+  int halted = -1;             ///< Time step of the halt, or -1. No later action passes.
+  std::vector<double> micros;  ///< Duration of each call of Filter(), in microseconds.
+};
+/// Runs `guard` in shadow: Filter() judges each recorded action, and Guard::Applied() tells the
+/// guard that this action was applied. A guard that cannot go on from another action than its own
+/// (see Guard::Applied()) halts at the first change.
+/// @throws std::invalid_argument if states or actions are not as wide as the guard's.
+[[nodiscard]] Shadow RunInShadow(Guard& guard, const core::Trajectory& episode);
+
 }  // namespace dfr::safety

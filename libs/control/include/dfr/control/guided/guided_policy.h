@@ -62,6 +62,12 @@ class GuidedPolicy final : public Controller {
   /// lead to. From Foresee() on Next() must not be called. Neither allocates nor locks.
   [[nodiscard]] bool PassesNext(std::span<const double> control) noexcept;
 
+  /// Says that `u` (control_dim() finite entries) was applied in place of the control that the last
+  /// Next() gave: by a policy that the controller only watches, or by a robot with limits of its
+  /// own. Call it before the next Next(), at most once. What is learned and the phase then follow
+  /// from `u`; a controller that has halted stays halted. Neither allocates nor locks.
+  void Applied(std::span<const double> u) noexcept;
+
   /// J of the last Next() that needed one, in features per Response::control_unit().
   [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return estimate_.jacobian(); }
 
@@ -87,6 +93,7 @@ class GuidedPolicy final : public Controller {
   StateObserver observer_;
   Correction correction_;
   PhaseTracker tracker_;
+  PhaseTracker chose_in_;  ///< tracker_ as it was when the last control was chosen.
 
   Progress progress_;
   bool computed_ = false;  ///< estimate_, since DoReset().

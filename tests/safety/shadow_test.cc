@@ -1,0 +1,156 @@
+// A guard that is told what was applied in place of its own action.
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <vector>
+
+#include "dfr/safety/guard.h"
+#include "dfr/safety/guard_advice.h"
+#include "tests/safety/corridor.h"
+#include "tests/safety/corridor_guard.h"
+#include "tests/support/no_alloc.h"
+
+// A separate namespace, because sources are compiled together.
+namespace dfr::safety::shadow_tests {
+namespace {
+
+using control::HaltCause;
+using test::Action;
+using test::CorridorPlant;
+using test::Model;
+
+const std::vector<double> kAhead = Action(0.0997, 0.0);
+const std::vector<double> kAside = Action(0.05, 0.3);
+
+TEST(ShadowTest, TheGivenActionChangesNothing) {
+  for (const Strategy strategy : {Strategy::kGuard, Strategy::kController, Strategy::kMonitor,
+                                  Strategy::kDfr, Strategy::kEarlyStopping}) {
+    Guard told(Model(strategy));
+    Guard blind(Model(strategy));
+    told.Reset(1);
+    blind.Reset(1);
+    CorridorPlant plant;
+    std::vector<double> safe(2);
+    std::vector<double> expected(2);
+    for (int t = 0; t < 20; ++t) {
+      const std::vector<double> action = Action(0.09, t % 3 == 0 ? 0.06 : -0.02);
+      const Verdict verdict = told.Filter(t, plant.x, action, safe);
+      told.Applied(safe);
+      ASSERT_EQ(verdict.mode, blind.Filter(t, plant.x, action, expected).mode) << t;
+      ASSERT_EQ(safe, expected) << t;
+      plant.Apply(safe);
+    }
+  }
+}
+
+// Whoever chose an action: from then on the guard is the one that it would be if the policy had.
+TEST(ShadowTest, GoesOnFromTheAppliedAction) {
+  Guard told(Model());
+  Guard asked(Model());
+  told.Reset(1);
+  asked.Reset(1);
+  CorridorPlant plant;
+  std::vector<double> safe(2);
+  std::vector<double> expected(2);
+  for (int t = 0; t < 3; ++t) {
+    ASSERT_FALSE(asked.Filter(t, plant.x, kAhead, expected).changed) << t;
+    ASSERT_TRUE(told.Filter(t, plant.x, kAside, safe).changed) << t;
+    told.Applied(kAhead);
+    plant.Apply(kAhead);
+  }
+  for (int t = 3; t < 20; ++t) {
+    const std::vector<double> action = Action(0.09, t % 3 == 0 ? 0.06 : -0.02);
+    const Verdict verdict = told.Filter(t, plant.x, action, safe);
+    const Verdict same = asked.Filter(t, plant.x, action, expected);
+    ASSERT_EQ(verdict.step, same.step) << t;
+    ASSERT_EQ(safe, expected) << t;
+    plant.Apply(safe);
+  }
+}
+
+TEST(ShadowTest, CountsTheActionsThatPass) {
+  Guard guard(Model());
+  int actions = 0;
+  int passed = 0;
+  for (const core::Trajectory& episode : test::CorridorDemonstrations(7, 20)) {
+    const Shadow shadow = RunInShadow(guard, episode);
+    EXPECT_EQ(shadow.actions, 20);
+    EXPECT_EQ(shadow.halted, -1);
+    EXPECT_EQ(shadow.micros.size(), 20U);
+    EXPECT_EQ(shadow.first_changed < 0, shadow.passed == shadow.actions);
+    actions += shadow.actions;
+    passed += shadow.passed;
+  }
+  // An action passes from the .05 quantile of the demonstrated levels on.
+  EXPECT_GT(passed, 0.8 * actions);
+  EXPECT_LT(passed, actions);
+}
+
+// An episode that leaves at step 8 and does not come back.
+TEST(ShadowTest, NamesTheFirstActionThatLeaves) {
+  core::Trajectory episode = test::CorridorDemonstrations(7, 1)[0];
+  CorridorPlant plant;
+  for (int t = 0; t < 20; ++t) {
+    const std::vector<double>& action = t < 8 ? kAhead : kAside;
+    episode.states.row(t) << plant.x[0], plant.x[1], plant.x[2];
+    episode.controls.row(t) << action[0], action[1];
+    plant.Apply(action);
+  }
+  episode.states.row(20) << plant.x[0], plant.x[1], plant.x[2];
+  Guard guard(Model());
+  const Shadow shadow = RunInShadow(guard, episode);
+  EXPECT_EQ(shadow.first_changed, 8);
+  EXPECT_EQ(shadow.reason, "demonstrations");
+  EXPECT_EQ(shadow.passed, 8);
+  EXPECT_GT(shadow.change, 0.0);
+  // Algorithm 1 cannot go on from an action that it did not choose.
+  Guard published(Model(Strategy::kDfr));
+  const Shadow first = RunInShadow(published, episode);
+  EXPECT_GE(first.first_changed, 0);
+  EXPECT_LE(first.halted, first.first_changed + 1);
+}
+
+TEST(ShadowTest, HaltsAtAnActionItCannotGoOnFrom) {
+  std::vector<double> safe(2);
+  const CorridorPlant plant;
+  const auto cause = [&](Strategy strategy, const std::vector<double>& applied) {
+    Guard guard(Model(strategy));
+    guard.Reset(1);
+    static_cast<void>(guard.Filter(0, plant.x, kAhead, safe));
+    guard.Applied(applied);
+    return guard.Filter(1, plant.x, kAhead, safe).cause;
+  };
+  EXPECT_EQ(cause(Strategy::kGuard, {0.1}), HaltCause::kControlInvalid);
+  EXPECT_EQ(cause(Strategy::kGuard, {0.1, std::numeric_limits<double>::quiet_NaN()}),
+            HaltCause::kControlInvalid);
+  EXPECT_EQ(cause(Strategy::kMonitor, {0.1, std::numeric_limits<double>::infinity()}),
+            HaltCause::kControlInvalid);
+  EXPECT_EQ(cause(Strategy::kDfr, kAside), HaltCause::kStepSkipped);
+  EXPECT_EQ(cause(Strategy::kMonitor, kAside), HaltCause::kNone);
+  Guard early(Model());
+  early.Reset(1);
+  early.Applied(kAhead);
+  EXPECT_EQ(early.Filter(0, plant.x, kAhead, safe).cause, HaltCause::kStepSkipped);
+  core::Trajectory narrow = test::CorridorDemonstrations(7, 1)[0];
+  narrow.controls.conservativeResize(Eigen::NoChange, 1);
+  EXPECT_THROW(static_cast<void>(RunInShadow(early, narrow)), std::invalid_argument);
+}
+
+TEST(ShadowTest, AllocatesNothing) {
+  Guard guard(Model());
+  guard.Reset(1);
+  const CorridorPlant plant;
+  std::vector<double> safe(2);
+  const test::NoAlloc no_alloc;
+  for (int t = 0; t < 3; ++t) {
+    static_cast<void>(guard.Filter(t, plant.x, kAside, safe));
+    guard.Applied(kAhead);
+  }
+}
+
+}  // namespace
+}  // namespace dfr::safety::shadow_tests
