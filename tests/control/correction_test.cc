@@ -94,6 +94,33 @@ TEST_F(CorrectionTest, WithoutDemonstrationsTheLearnedControlIsRaised) {
   EXPECT_TRUE(v == expected);
 }
 
+// Far outside, where nothing leads inside, the learned control passes as long as the change that is
+// spared is small and costs no more than the margin.
+TEST_F(CorrectionTest, WhereNothingLeadsInsideAnIdleChangeIsNotMade) {
+  z_ = Eigen::Vector2d(0.0, 1.5);
+  estimate_.Compute(0, core::AsSpan(z_));
+  const GuidedOptions options{.iterations = 0, .probe_size = 0.0};
+  Eigen::VectorXd changed(2);
+  ASSERT_TRUE(estimate_.Demonstrated(changed));
+  const double level = Level(changed);
+  ASSERT_LT(level, 0.0);
+  for (const double difference : {0.4, 0.6}) {
+    const Eigen::VectorXd learned = changed + Eigen::VectorXd(Eigen::Vector2d(0.0, difference));
+    const double cost = level - Level(learned);
+    ASSERT_GT(cost, 0.0);
+    for (const double margin : {0.999 * cost, 1.001 * cost}) {
+      Eigen::VectorXd v = learned;
+      const Choice choice = Correction(model_, options)
+                                .Choose(estimate_, core::AsSpan(z_), {1, 10.0}, 10.0 - margin, v);
+      const bool passes = difference < 0.5 && margin > cost;
+      EXPECT_EQ(choice.mode, passes ? Mode::kPolicy : Mode::kRecovery) << difference;
+      EXPECT_TRUE(v == (passes ? learned : changed)) << difference << " " << margin;
+      EXPECT_EQ(choice.level, passes ? Level(learned) : level);
+      EXPECT_EQ(choice.learned, Level(learned));
+    }
+  }
+}
+
 TEST_F(CorrectionTest, RemembersNothingAndNeverAllocates) {
   Correction correction(model_, {});
   Eigen::VectorXd first = outwards_;

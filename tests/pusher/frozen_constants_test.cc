@@ -75,6 +75,7 @@ std::map<std::string, double> InTheCode() {
           {"guided::kEdgeMemory", control::guided::kEdgeMemory},
           {"guided::kEdgeGrace", control::guided::kEdgeGrace},
           {"guided::kEdgeRamp", control::guided::kEdgeRamp},
+          {"guided::kIdle", control::guided::kIdle},
           {"guided::kUnknown", control::guided::kUnknown},
           {"guided::kMostReach", control::guided::kMostReach},
           {"StateObserver::kMaxLag", control::StateObserver::kMaxLag},

@@ -23,18 +23,34 @@ Correction::Correction(const TaskView& task, const GuidedOptions& options)
       demonstrates_(options.demonstrated),
       drifts_(options.drift_time.rest > 0.0 || options.drift_time.travel > 0.0),
       trial_(Eigen::VectorXd::Zero(task.response().control_dim())),
-      demonstrated_(Eigen::VectorXd::Zero(task.response().control_dim())) {}
+      demonstrated_(trial_),
+      learned_(trial_) {}
 
 Correction::Choice Correction::Choose(JacobianEstimate& estimate, std::span<const double> z,
                                       const StepTarget& target, double pass,
                                       Eigen::VectorXd& v) noexcept {
   const LocalModel model{task_.support(), estimate, z};
   const double learned = model.Level(target.phase, v);
-  Choice choice{Mode::kPolicy, learned};
-  if (!(learned >= pass)) choice = Replace(estimate, model, target, v);
-  choice.learned = learned;
+  Choice choice{Mode::kPolicy, learned, learned};
+  if (!(learned >= pass)) {
+    learned_ = v;
+    choice = Replace(estimate, model, target, v);
+    choice.learned = learned;
+    if (Idle(choice, target.level - pass, v)) {
+      v = learned_;
+      return {Mode::kPolicy, learned, learned};
+    }
+  }
   if (Probe(estimate, model, target, v, choice.level)) choice.mode = Mode::kProbe;
   return choice;
+}
+
+// Inside, a learned control may give up `margin` of the level that is aimed at. It may give up as
+// much of the best level outside, if it hardly differs from what reaches that.
+bool Correction::Idle(const Choice& choice, double margin,
+                      const Eigen::VectorXd& v) const noexcept {
+  return choice.level < 0.0 && margin > 0.0 && choice.learned >= choice.level - margin &&
+         (v - learned_).squaredNorm() <= guided::kIdle * guided::kIdle;
 }
 
 Correction::Choice Correction::Replace(JacobianEstimate& estimate, const LocalModel& model,

@@ -46,6 +46,9 @@ inline constexpr double kEdgeMemory = 0.98;
 inline constexpr double kEdgeGrace = 10.0;
 inline constexpr double kEdgeRamp = 10.0;
 
+/// Correction: where no control is predicted to end inside, a change of the learned control of this
+/// length at most, in ordinary controls, is not made if it gains little.
+inline constexpr double kIdle = 0.5;
 /// Correction: largest eigenvalue of A^-1 beyond which a direction of control counts as unknown, a
 /// fifth of an ordinary control's measurement.
 inline constexpr double kUnknown = 5.0;

@@ -27,8 +27,10 @@ class Correction {
   };
   /// At features `z`, about which `estimate` was computed last, with the learned control `v` within
   /// the limits: `v` becomes the control that is to be applied. `target` is the next phase, and hi
-  /// there; a `v` that is predicted to reach `pass` there is left as it is. kRecovery: `v` does not
-  /// come from the learned control. kProbe: `v` is there to find out what it does.
+  /// there; a `v` that is predicted to reach `pass` there is left as it is, and so is one whose
+  /// correction would be idle: it would end outside too, would change `v` by no more than
+  /// guided::kIdle and gain no more than target.level - pass. kRecovery: `v` does not come from the
+  /// learned control. kProbe: `v` is there to find out what it does.
   [[nodiscard]] Choice Choose(JacobianEstimate& estimate, std::span<const double> z,
                               const StepTarget& target, double pass, Eigen::VectorXd& v) noexcept;
 
@@ -38,6 +40,8 @@ class Correction {
  private:
   [[nodiscard]] Choice Replace(JacobianEstimate& estimate, const LocalModel& model,
                                const StepTarget& target, Eigen::VectorXd& v) noexcept;
+  [[nodiscard]] bool Idle(const Choice& choice, double margin,
+                          const Eigen::VectorXd& v) const noexcept;
   [[nodiscard]] bool Probe(JacobianEstimate& estimate, const LocalModel& model,
                            const StepTarget& target, Eigen::VectorXd& v, double& level) noexcept;
 
@@ -49,6 +53,7 @@ class Correction {
   bool drifts_;
   Eigen::VectorXd trial_;
   Eigen::VectorXd demonstrated_;
+  Eigen::VectorXd learned_;  ///< The control that a correction began with.
 };
 
 }  // namespace dfr::control

@@ -26,7 +26,9 @@ namespace dfr::control {
 ///      l_{tau+1}(z) >= hi and v_hat is no larger than demonstrated, it passes without a look at J.
 ///      With GuidedOptions::least_intervention it passes at Levels::pass already, unless
 ///      it has passed at the edge of the support for long: the level then rises to hi
-///      (guided::kEdgeGrace).
+///      (guided::kEdgeGrace). There it also passes if the control of 2 and 3 would end outside too,
+///      differs from v_hat by half an ordinary control at most (guided::kIdle), and gains no more
+///      level than lies between hi and the level at which v_hat passes.
 ///   2. v <- RaiseLevel(v_d, hi), from the control v_d that does what demonstrations did nearby
 ///      (JacobianEstimate::Demonstrated()). If it leads inside, l_{tau+1}(z'(v)) >= 0, v is
 ///      applied.
