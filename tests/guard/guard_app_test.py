@@ -56,13 +56,16 @@ class GuardAppTest(unittest.TestCase):
         self.assertIn("object,tip: 4 of 5 entries", out)
         self.assertIn("30 with 600 actions, from demos.hdf5", out)
         self.assertIn("support fits: 11", out)
+        changed = float(re.search(r"it would change ([\d.]+) %", out).group(1))
         self.assertEqual(self.run_guard("show", "task.guard"), out.replace("task.guard\n", ""))
         out = self.run_guard("evaluate", "task.guard", "fresh.hdf5")
         alarms = int(re.search(r"(\d+) of 60 episodes raise an alarm", out).group(1))
         # .1 on the average over sets of 30 demonstrations, sqrt(.1 .9 / 32) = .053 between sets and
         # sqrt(.1 .9 / 60) = .039 by chance; three of both together.
         self.assertLess(alarms / 60, 0.1 + 3 * 0.066)
-        self.assertGreater(float(re.search(r"([\d.]+) % of the 1200 actions pass unchanged", out).group(1)), 80.0)
+        passed = float(re.search(r"([\d.]+) % of the 1200 actions pass unchanged", out).group(1))
+        # The fit counts all whose prediction is below the pass level, also where a change would be idle.
+        self.assertGreater(passed, 100.0 - changed)
         out = self.run_guard("evaluate", "task.guard", "failures.hdf5")
         self.assertIn("10 of 10 episodes raise an alarm", out)
         self.assertIn("0 pass untouched", out)
@@ -71,7 +74,7 @@ class GuardAppTest(unittest.TestCase):
         page = (self.folder / "r.html").read_text()
         self.assertIn("10 of 10, 100.0 %", page)
         self.assertIn("steps before their end", page)
-        self.assertRegex(page, r"Strategy guard passes [89]\d\.\d % of their actions unchanged")
+        self.assertRegex(page, rf"Strategy guard passes {passed} % of their actions unchanged")
         for name in ("tip[1]", "object[0]", "data/demo_59", "demos.hdf5"):
             self.assertIn(name, page)
         self.assertNotIn("clock", page)

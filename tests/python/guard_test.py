@@ -206,7 +206,7 @@ class GuardTest(unittest.TestCase):
         stopping = self.guard.with_settings(strategy="early-stopping")
         stopping.reset()
         self.assertEqual(stopping.filter(0, [0.0, 0.0, 0.9], [0.1, 0.1])[1]["reason"], "outside-support")
-        with self.assertRaisesRegex(ValueError, "no strategy 'brave'"):
+        with self.assertRaisesRegex(ValueError, "unknown strategy 'brave'"):
             self.guard.with_settings(strategy="brave")
 
     def test_a_certified_guard_applies_what_it_certifies(self):

@@ -818,7 +818,8 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
   EXPECT_EQ(refusal(&GuardSettings::direction_error, 0.0), "nothing thrown");
   EXPECT_THAT(
       test::MessageOf<std::invalid_argument>([&] { static_cast<void>(ParseStrategy("brave")); }),
-      HasSubstr("unknown strategy 'brave'; valid: guard, controller, dfr, early-stopping, monitor"));
+      HasSubstr(
+          "unknown strategy 'brave'; valid: guard, controller, dfr, early-stopping, monitor"));
 }
 
 TEST(GuardModelTest, FileNamesOfObservationsAreStripped) {

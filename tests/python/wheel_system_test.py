@@ -1,6 +1,6 @@
 """A wheel built from the source installs into a clean virtual environment and passes the tests there.
 
-usage: wheel_test.py SOURCE_DIR     (with python3-skbuild, python3-pip and python3-venv)
+usage: wheel_system_test.py SOURCE_DIR     (with python3-skbuild, python3-pip and python3-venv)
 """
 
 import os
