@@ -72,6 +72,8 @@ template <int kLines>
 [[gnu::always_inline]] inline void Prefetch(std::uintptr_t address) noexcept {
 #pragma GCC unroll 16
   for (std::uintptr_t k = 0; k < kLines; ++k) {
+    // May lie beyond the object, where no pointer may be computed.
+    // NOLINTNEXTLINE(performance-no-int-to-ptr)
     __builtin_prefetch(reinterpret_cast<const void*>(address + 64 * k));
   }
 }
