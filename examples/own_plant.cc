@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstdio>
 
-#include "dfr/control/published/switching_policy.h"
+#include "dfr/control/published/switching_controller.h"
 #include "dfr/control/rollout.h"
 
 namespace {
@@ -63,7 +63,7 @@ int main() {
   Cart cart;
   const Forward policy;
   const Rail support;
-  dfr::control::SwitchingPolicy controller(policy, support, /*lambda=*/1.0);
+  dfr::control::SwitchingController controller(policy, support, /*lambda=*/1.0);
   const auto result = dfr::control::Rollout(cart, controller, {.plant_seed = 7});
   std::printf("%s after %d controls\n", Name(result.outcome), result.controls());
   return result.outcome == dfr::core::Outcome::kCompleted ? 0 : 1;

@@ -7,7 +7,7 @@
 #include <memory>
 
 #include "dfr/control/published/recovery_strategy.h"
-#include "dfr/control/published/switching_policy.h"
+#include "dfr/control/published/switching_controller.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/policy.h"
 
@@ -67,8 +67,8 @@ int main() {
   const Disk support;
   const Outward policy;
   const std::array<double, 1> lambda = {1.0};
-  dfr::control::SwitchingPolicy controller(policy, support, lambda,
-                                           std::make_unique<Inward>(support, /*size=*/0.1));
+  dfr::control::SwitchingController controller(policy, support, lambda,
+                                               std::make_unique<Inward>(support, /*size=*/0.1));
   controller.Reset(/*seed=*/1);
   std::array<double, 2> x = {0.0, 0.0};
   std::array<double, 2> u{};

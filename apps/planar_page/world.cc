@@ -6,8 +6,8 @@
 #include <limits>
 #include <utility>
 
-#include "dfr/control/certified/assumptions.h"
-#include "dfr/control/certified/certified_policy.h"
+#include "dfr/control/certified/certificate_constants.h"
+#include "dfr/control/certified/certified_controller.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/random.h"
@@ -335,7 +335,7 @@ struct World::Learned {
     if (planar_page::SupportOf(method) != Support::kCertified) {
       return model.MakeController(safety::ParseMethod(name), with, {.first_step = first_step});
     }
-    return std::make_unique<control::CertifiedPolicy>(
+    return std::make_unique<control::CertifiedController>(
         with, certified->model.view(),
         control::CertifiedOptions{
             .horizon = kHorizon,

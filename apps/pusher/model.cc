@@ -91,7 +91,7 @@ Model Model::Fit(const imitation::DemonstrationSet& set, int demonstrations,
   task.horizon = options.horizon;
   imitation::MlpPolicy policy = imitation::FitMlp(some, fit);
   safety::TaskModel model(set.layout, some.trajectories, task);
-  study::Teaching teaching = study::TeachMlp(some, fit);
+  study::Expert teaching = study::TeachMlp(some, fit);
   if (supervisor != nullptr) {
     teaching.plant = std::make_shared<sim::PusherPlant>(scene);
     teaching.supervise = [mean = std::make_shared<imitation::MlpPolicy>(supervisor->mean())](

@@ -45,19 +45,19 @@ const std::vector<std::string>& PolicyNames() {
   return names;
 }
 
-Teaching SupervisorOf(const sim::GalleryTask& task) {
-  Teaching teaching;
+Expert SupervisorOf(const sim::GalleryTask& task) {
+  Expert teaching;
   teaching.plant = task.plant;
   teaching.supervise = [](const core::SimulatedPlant& plant, int /*t*/, std::uint64_t episode,
                           std::span<double> u) {
     core::Random random(core::DeriveSeed(episode, {1}));
-    const sim::Habit habit{.way = random.Uniform(), .offset = random.Normal()};
+    const sim::SupervisorVariation habit{.way = random.Uniform(), .offset = random.Normal()};
     static_cast<const sim::GalleryPlant&>(plant).Supervise(habit, u);
   };
   return teaching;
 }
 
-Imitator::Imitator(std::shared_ptr<const core::Policy> learned, const sim::Flaw& flaw)
+Imitator::Imitator(std::shared_ptr<const core::Policy> learned, const sim::PolicyBias& flaw)
     : learned_(std::move(learned)), flaw_(flaw) {
   wanted_.resize(static_cast<std::size_t>(learned_->control_dim()) *
                  static_cast<std::size_t>(flaw.late));
@@ -127,8 +127,8 @@ Imitator Imitate(const sim::GalleryTask& task, std::span<const core::Trajectory>
   if (weak || name == "good") return {std::move(learned), {}};
   if (name == "biased") return {std::move(learned), task.flaw};
 
-  Teaching teaching = TeachMlp(set, fit);
-  const Teaching supervisor = SupervisorOf(task);
+  Expert teaching = TeachMlp(set, fit);
+  const Expert supervisor = SupervisorOf(task);
   teaching.plant = supervisor.plant;
   teaching.supervise = supervisor.supervise;
   for (const core::Trajectory& d : demonstrations) {

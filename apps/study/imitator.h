@@ -20,13 +20,13 @@ namespace dfr::study {
 [[nodiscard]] const std::vector<std::string>& PolicyNames();
 
 /// The task's supervisor, for policies that query it while they learn.
-[[nodiscard]] Teaching SupervisorOf(const sim::GalleryTask& task);
+[[nodiscard]] Expert SupervisorOf(const sim::GalleryTask& task);
 
 /// A policy for one episode at a time: a late one stores its previous controls. Never allocates
 /// after construction.
 class Imitator {
  public:
-  Imitator(std::shared_ptr<const core::Policy> learned, const sim::Flaw& flaw);
+  Imitator(std::shared_ptr<const core::Policy> learned, const sim::PolicyBias& flaw);
   /// A policy that learns from the controls that are applied.
   explicit Imitator(std::shared_ptr<OnlineLwrPolicy> online);
   /// Begins an episode; the seed determines the size of the flaw.
@@ -41,7 +41,7 @@ class Imitator {
  private:
   std::shared_ptr<const core::Policy> learned_;
   std::shared_ptr<OnlineLwrPolicy> online_;  // null: it learns nothing
-  sim::Flaw flaw_;
+  sim::PolicyBias flaw_;
   double share_ = 0.0;
   std::size_t late_ = 0;        // entries of wanted_ that are in use
   std::vector<double> wanted_;  // the last controls, oldest first

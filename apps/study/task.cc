@@ -30,7 +30,7 @@ constexpr std::uint64_t kLearnerStream = 2;
 // Imitates like the Pusher's weak learner.
 LearnedModel Learn(const std::string& name, const core::SimulatedPlant& plant,
                    std::vector<core::Trajectory> demonstrations, const safety::TaskOptions& options,
-                   std::uint64_t seed, const Teaching& supervisor) {
+                   std::uint64_t seed, const Expert& supervisor) {
   imitation::DemonstrationSet set{.layout = plant.layout(),
                                   .control_dim = plant.control_dim(),
                                   .environment = name,
@@ -39,7 +39,7 @@ LearnedModel Learn(const std::string& name, const core::SimulatedPlant& plant,
   const imitation::FitMlpOptions fit{.hidden = {8}, .epochs = 10, .seed = seed};
   imitation::MlpPolicy policy = imitation::FitMlp(set, fit);
   safety::TaskModel task(set.layout, set.trajectories, options);
-  Teaching teaching = TeachMlp(set, fit);
+  Expert teaching = TeachMlp(set, fit);
   teaching.plant = supervisor.plant;
   teaching.supervise = supervisor.supervise;
   return {std::move(policy), std::move(task), std::move(set), std::move(teaching)};

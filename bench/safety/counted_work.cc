@@ -22,7 +22,7 @@
 #include <vector>
 
 #include "bench/kernel/trajectories.h"
-#include "dfr/control/guided/guided_policy.h"
+#include "dfr/control/guided/guided_controller.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/random.h"
 #include "dfr/kernel/one_class_svm.h"
@@ -206,7 +206,7 @@ void RunControllers(Runner& runner) {
     struct Guided {
       Linear policy;
       safety::TaskModel task;
-      control::GuidedPolicy controller;
+      control::GuidedController controller;
       Guided(const core::StateLayout& layout, const std::vector<core::Trajectory>& demonstrations)
           : task(layout, demonstrations, {.guided = {.single_precision = true}}),
             controller(policy, task.view()) {}

@@ -45,7 +45,7 @@ double Deepest(const test::GaussianSupport& support, int phase, std::span<const 
 // inside some B_q of the window.
 TEST(CertifierTest, EveryStateThatTheAssumptionAllowsIsInsideSomeSupport) {
   const auto support = Moving();
-  const JacobianEstimate answer = test::KnownJacobian(Jacobian());
+  const ResponseEstimate answer = test::KnownJacobian(Jacobian());
   constexpr double kError = 0.3;
   Certifier certifier({kError}, 2, 2, kUnit);
   core::Random random(1);
@@ -75,7 +75,7 @@ TEST(CertifierTest, EveryStateThatTheAssumptionAllowsIsInsideSomeSupport) {
 // more of the control could end outside.
 TEST(CertifierTest, IsExactForASingleGaussian) {
   const test::GaussianSupport support({{0.0, 0.0}}, 1.0, 0.5);
-  const JacobianEstimate answer = test::KnownJacobian(Eigen::Matrix2d::Identity());
+  const ResponseEstimate answer = test::KnownJacobian(Eigen::Matrix2d::Identity());
   const std::vector<double> z = {0.5, 0.0};
   const double radius = std::sqrt(std::log(2.0));
   const Eigen::VectorXd outwards = Eigen::Vector2d(3.0, 0.0);
@@ -90,7 +90,7 @@ TEST(CertifierTest, IsExactForASingleGaussian) {
 // provably end inside a ball at the predicted state.
 TEST(CertifierTest, TheDirectionsShareIsTheLargerOfBothBalls) {
   const auto support = Moving();
-  const JacobianEstimate answer = test::KnownJacobian(Jacobian());
+  const ResponseEstimate answer = test::KnownJacobian(Jacobian());
   constexpr double kError = 0.3;
   for (const double level : {0.0, 0.4}) {
     Certifier certifier({.direction_error = kError, .level = level}, 2, 2, kUnit);
@@ -136,7 +136,7 @@ TEST(CertifierTest, TheDirectionsShareIsTheLargerOfBothBalls) {
 // docs/certificates.md has one.
 TEST(CertifierTest, PredictTellsTheLevelThatAControlNeeds) {
   const auto support = Moving();
-  const JacobianEstimate answer = test::KnownJacobian(Jacobian());
+  const ResponseEstimate answer = test::KnownJacobian(Jacobian());
   const Certificate certificate{.direction_error = 0.4, .level = 0.2, .state_error = 0.05};
   Certifier certifier(certificate, 2, 2, kUnit);
   core::Random random(4);
@@ -146,7 +146,7 @@ TEST(CertifierTest, PredictTellsTheLevelThatAControlNeeds) {
     const std::vector<double> z = {phase * kSpeed + 0.5 * random.Normal(), 0.5 * random.Normal()};
     const Eigen::VectorXd v = 2.0 * Eigen::Vector2d(random.Normal(), random.Normal());
     const LocalModel local{support, answer, z};
-    const Certifier::Need need = certifier.Predict(local, phase, v);
+    const Certifier::RequiredLevel need = certifier.Predict(local, phase, v);
     EXPECT_EQ(need.met(), local.Level(need.phase, v) >= need.level + 1e-12);
     EXPECT_LE(std::abs(need.phase - phase), PhaseTracker::kWindow);
     const double radius = 0.4 * v.norm() * kUnit + 0.05;
@@ -180,7 +180,7 @@ TEST(CertifierTest, PredictTellsTheLevelThatAControlNeeds) {
 // A state that is known up to delta: what holds for all states that near.
 TEST(CertifierTest, AStateErrorCountsWhereverTheStateReallyIs) {
   const auto support = Moving();
-  const JacobianEstimate answer = test::KnownJacobian(Jacobian());
+  const ResponseEstimate answer = test::KnownJacobian(Jacobian());
   constexpr double kStateError = 0.1;
   Certifier certifier({0.3, 0.1, kStateError}, 2, 2, kUnit);
   core::Random random(5);
@@ -207,7 +207,7 @@ TEST(CertifierTest, AStateErrorCountsWhereverTheStateReallyIs) {
 TEST(CertifierTest, LooksAtTheWindowAndNotBeyond) {
   // Disks of radius 0.83 around (2 t, 0): they do not overlap.
   const test::GaussianSupport support({{0.0, 0.0}}, 1.0, 0.5, {2.0, 0.0}, 12);
-  const JacobianEstimate answer = test::KnownJacobian(Eigen::Matrix2d::Identity());
+  const ResponseEstimate answer = test::KnownJacobian(Eigen::Matrix2d::Identity());
   const std::vector<double> z = {12.0, 0.0};  // in B_6
   const Eigen::VectorXd v = Eigen::Vector2d(0.1, 0.0);
   Certifier certifier({0.5}, 2, 2, kUnit);
@@ -219,7 +219,7 @@ TEST(CertifierTest, LooksAtTheWindowAndNotBeyond) {
 
 TEST(CertifierTest, NothingPassesOutsideAndNoControlAlwaysDoes) {
   const auto support = Moving();
-  const JacobianEstimate answer = test::KnownJacobian(Jacobian());
+  const ResponseEstimate answer = test::KnownJacobian(Jacobian());
   const std::vector<double> outside = {0.0, 5.0};
   const std::vector<double> inside = {0.0, 0.0};
   Certifier certifier({1.0}, 2, 2, kUnit);
@@ -251,7 +251,7 @@ TEST(CertifierTest, ConfirmsWhatItTrustsAndSaysWhatContradictsIt) {
 // allows.
 TEST(CertifierTest, WhatItAdmitsIsCertified) {
   const auto support = Moving();
-  JacobianEstimate answer = test::KnownJacobian(Jacobian());
+  ResponseEstimate answer = test::KnownJacobian(Jacobian());
   Certifier certifier({0.3}, 2, 2, kUnit);
   core::Random random(1);
   int whole = 0;
@@ -295,7 +295,7 @@ TEST(CertifierTest, WhatItAdmitsIsCertified) {
 TEST(CertifierTest, ThreeControlsOfWhichNextToNothingPassesAreTheEnd) {
   // A peak at which no step raises l, and whose ball every control leaves.
   const test::GaussianSupport support({{0.0, 0.0}}, 1.0, 1.0);
-  JacobianEstimate answer = test::KnownJacobian(Jacobian());
+  ResponseEstimate answer = test::KnownJacobian(Jacobian());
   const std::vector<double> z = {0.0, 0.0};
   Certifier certifier({1.0}, 2, 2, kUnit);
   const auto admit = [&] {
@@ -311,7 +311,7 @@ TEST(CertifierTest, ThreeControlsOfWhichNextToNothingPassesAreTheEnd) {
 
 TEST(CertifierTest, NeverAllocates) {
   const auto support = Moving();
-  JacobianEstimate answer = test::KnownJacobian(Jacobian());
+  ResponseEstimate answer = test::KnownJacobian(Jacobian());
   const std::vector<double> z = {0.1, 0.2};
   const Eigen::VectorXd v = Eigen::Vector2d(2.0, 1.0);
   Certifier certifier({1.0}, 2, 2, kUnit);

@@ -28,7 +28,7 @@ class CorrectionTest : public testing::Test {
 
   test::GaussianSupport support_ = test::MovingDisk();
   test::Task model_{test::IdentityFeatures(), support_, test::Rightwards()};
-  JacobianEstimate estimate_{model_.response.prior()};
+  ResponseEstimate estimate_{model_.response.prior()};
   Eigen::VectorXd z_ = Eigen::Vector2d(0.0, 0.35);
   LocalModel local_{support_, estimate_, core::AsSpan(z_)};
   StepTarget target_{1, model_.levels.gate(1)};
@@ -51,7 +51,7 @@ TEST_F(CorrectionTest, WhatLeadsDeepInsideIsLeftBitForBit) {
 TEST_F(CorrectionTest, WhatLeadsOutsideGivesWayToWhatDemonstrationsDid) {
   ASSERT_LT(Level(outwards_), 0.0);
   Eigen::VectorXd expected(2);
-  ASSERT_TRUE(estimate_.Demonstrated(expected));
+  ASSERT_TRUE(estimate_.NominalControl(expected));
   const double level = RaiseLevel(local_, target_, limits_, expected);
   Eigen::VectorXd v = outwards_;
   const Choice choice = Choose({}, v);
@@ -101,7 +101,7 @@ TEST_F(CorrectionTest, WhereNothingLeadsInsideAnIdleChangeIsNotMade) {
   estimate_.Compute(0, core::AsSpan(z_));
   const GuidedOptions options{.iterations = 0, .probe_size = 0.0};
   Eigen::VectorXd changed(2);
-  ASSERT_TRUE(estimate_.Demonstrated(changed));
+  ASSERT_TRUE(estimate_.NominalControl(changed));
   const double level = Level(changed);
   ASSERT_LT(level, 0.0);
   for (const double difference : {0.4, 0.6}) {

@@ -7,7 +7,7 @@
 #include <stdexcept>
 #include <vector>
 
-#include "dfr/control/published/switching_policy.h"
+#include "dfr/control/published/switching_controller.h"
 #include "tests/control/analytic.h"
 #include "tests/control/rightwards.h"
 #include "tests/control/task.h"
@@ -26,7 +26,7 @@ TEST(GradientRecoveryTest, ReachesTheGateInAFewControls) {
   const test::Task model(test::IdentityFeatures(), support, test::Rightwards());
   ASSERT_GT(support.FromLog(0, model.levels.gate(0)), 0.4);
   const auto policy = test::ConstantPolicy(2, 0.08);
-  const auto controls = [&](SwitchingPolicy controller) {
+  const auto controls = [&](SwitchingController controller) {
     test::TurnedPoint plant{.x = kStart};
     controller.Reset(1);
     std::vector<double> u(2);
@@ -40,10 +40,10 @@ TEST(GradientRecoveryTest, ReachesTheGateInAFewControls) {
     ADD_FAILURE() << Name(controller.halt_cause());
     return 1000;
   };
-  EXPECT_LE(controls(SwitchingPolicy(policy, support, kLevelRate,
-                                     std::make_unique<GradientRecovery>(model))),
+  EXPECT_LE(controls(SwitchingController(policy, support, kLevelRate,
+                                         std::make_unique<GradientRecovery>(model))),
             2);
-  EXPECT_GT(controls(SwitchingPolicy(policy, support, kLevelRate)), 50) << "DFR's probes";
+  EXPECT_GT(controls(SwitchingController(policy, support, kLevelRate)), 50) << "DFR's probes";
 }
 
 // Steps towards the gate level and no further.
@@ -68,8 +68,8 @@ TEST(GradientRecoveryTest, LearnsFromItsOwnControls) {
   const test::Task model(test::IdentityFeatures(), support, test::Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.08);
   test::TurnedPoint plant{.angle = 0.9, .x = kStart};
-  SwitchingPolicy controller(policy, support, kLevelRate,
-                             std::make_unique<GradientRecovery>(model));
+  SwitchingController controller(policy, support, kLevelRate,
+                                 std::make_unique<GradientRecovery>(model));
   controller.Reset(1);
   std::vector<double> u(2);
   int controls = 0;
@@ -111,8 +111,8 @@ TEST(GradientRecoveryTest, HasNoDirectionWhereControlsDoNothing) {
   const auto support = test::MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, demonstrations);
   const auto policy = test::ConstantPolicy(2, 0.08);
-  SwitchingPolicy controller(policy, support, kLevelRate,
-                             std::make_unique<GradientRecovery>(model));
+  SwitchingController controller(policy, support, kLevelRate,
+                                 std::make_unique<GradientRecovery>(model));
   controller.Reset(1);
   std::vector<double> u(2, 1.0);
   EXPECT_EQ(controller.Next(kStart, u).cause, HaltCause::kNoDirection);

@@ -4,20 +4,20 @@
 #include <memory>
 #include <vector>
 
-#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/response_estimate.h"
 #include "dfr/core/matrix.h"
 
 namespace dfr::test {
 
 /// An estimate with enough samples of z' = z + J v + s d to have J and d to about 1e-9.
-inline control::JacobianEstimate KnownJacobian(const Eigen::MatrixXd& jacobian,
+inline control::ResponseEstimate KnownJacobian(const Eigen::MatrixXd& jacobian,
                                                const Eigen::VectorXd& drift = {},
                                                const control::DriftTime& drift_time = {}) {
   const std::vector<core::Matrix> features = {core::Matrix::Zero(2, jacobian.rows())};
   const std::vector<core::Matrix> controls = {core::Matrix::Ones(1, jacobian.cols())};
-  control::JacobianEstimate estimate(
-      std::make_shared<const control::JacobianPrior>(
-          features, controls, control::JacobianOptions{.ridge = 1e-9, .prior_weight = 0.0}),
+  control::ResponseEstimate estimate(
+      std::make_shared<const control::TransitionStore>(
+          features, controls, control::ResponseOptions{.ridge = 1e-9, .prior_weight = 0.0}),
       drift_time, /*own_motion=*/false);
   const Eigen::VectorXd z = Eigen::VectorXd::Zero(jacobian.rows());
   for (Eigen::Index i = 0; i < jacobian.cols(); ++i) {

@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/response_estimate.h"
 #include "dfr/core/archive.h"
 #include "dfr/core/random.h"
 #include "tests/control/rightwards.h"
@@ -73,8 +73,8 @@ TEST(ResponseTest, AFileKeepsAllThatItKnows) {
   EXPECT_EQ(loaded.control_unit(), response.control_unit());
   EXPECT_EQ(loaded.largest_control(), response.largest_control());
   EXPECT_EQ(loaded.own_motion(), response.own_motion());
-  JacobianEstimate kept(loaded.prior());
-  JacobianEstimate made(response.prior());
+  ResponseEstimate kept(loaded.prior());
+  ResponseEstimate made(response.prior());
   for (int t = 0; t < test::kSteps; ++t) {
     const std::vector<double> z = {t * test::kSpeed, 0.1};
     kept.Compute(t, z);

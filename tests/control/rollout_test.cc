@@ -7,7 +7,7 @@
 #include <stdexcept>
 #include <vector>
 
-#include "dfr/control/published/switching_policy.h"
+#include "dfr/control/published/switching_controller.h"
 #include "tests/control/analytic.h"
 #include "tests/support/no_alloc.h"
 
@@ -20,7 +20,7 @@ using test::PointPlant;
 // The learned policy moves by 0.25 along the first axis.
 class RolloutTest : public testing::Test {
  protected:
-  SwitchingPolicy Make(Recovery recovery, double lambda = 1.0, int horizon = 10) const {
+  SwitchingController Make(Recovery recovery, double lambda = 1.0, int horizon = 10) const {
     return {policy, ball, lambda, {.recovery = recovery, .horizon = horizon}};
   }
   test::FunctionSupport ball = test::UnitBall(2);
@@ -238,7 +238,7 @@ TEST_F(RolloutTest, CpuTimeIsSplitIntoPlantAndDecision) {
     for (int i = 0; i < 100'000; ++i) sum = sum + i;
     u[0] = u[1] = 0.0;
   });
-  SwitchingPolicy baseline(slow, ball, 1.0, {.recovery = Recovery::kNone, .horizon = 20});
+  SwitchingController baseline(slow, ball, 1.0, {.recovery = Recovery::kNone, .horizon = 20});
   PointPlant plant({});
   const RolloutResult result = Rollout(plant, baseline, {});
   EXPECT_GT(result.decision_seconds, 10.0 * result.plant_seconds);

@@ -6,7 +6,7 @@
 #include <memory>
 #include <vector>
 
-#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/response_estimate.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
 #include "tests/support/all_close.h"
@@ -18,7 +18,7 @@ namespace {
 constexpr double kForgetting = 0.93;
 
 // Demonstrations of z' = z + J v.
-std::shared_ptr<const JacobianPrior> Linear(const core::Matrix& jacobian, core::Random& random) {
+std::shared_ptr<const TransitionStore> Linear(const core::Matrix& jacobian, core::Random& random) {
   std::vector<core::Matrix> features;
   std::vector<core::Matrix> controls;
   for (int d = 0; d < 30; ++d) {
@@ -29,7 +29,7 @@ std::shared_ptr<const JacobianPrior> Linear(const core::Matrix& jacobian, core::
     features.push_back(z);
     controls.push_back(v);
   }
-  return std::make_shared<const JacobianPrior>(features, controls, JacobianOptions{});
+  return std::make_shared<const TransitionStore>(features, controls, ResponseOptions{});
 }
 
 class StateObserverTest : public testing::Test {
@@ -42,8 +42,8 @@ class StateObserverTest : public testing::Test {
 
   core::Random random_{13};
   core::Matrix truth_ = (core::Matrix(2, 2) << 0.2, 0.1, -0.1, 0.3).finished();
-  std::shared_ptr<const JacobianPrior> prior_ = Linear(truth_, random_);
-  JacobianEstimate estimate_{prior_};
+  std::shared_ptr<const TransitionStore> prior_ = Linear(truth_, random_);
+  ResponseEstimate estimate_{prior_};
   StateObserver observer_{2, 2, kForgetting};
 };
 

@@ -91,8 +91,8 @@ TEST(FoldsTest, TheOrderOfDemonstrationsChangesNothing) {
     for (std::uint64_t seed = 1; seed <= 20; ++seed) {
       const auto permuted = Permuted(demonstrations, Permutation(demonstrations.size(), seed));
       ASSERT_EQ(folds_of(permuted, 7), expected) << seed;
-      ASSERT_EQ(Entries(Permuted(permuted, ContentOrder(permuted))),
-                Entries(Permuted(demonstrations, ContentOrder(demonstrations))))
+      ASSERT_EQ(Entries(Permuted(permuted, DeterministicOrder(permuted))),
+                Entries(Permuted(demonstrations, DeterministicOrder(demonstrations))))
           << seed;
     }
     EXPECT_NE(folds_of(demonstrations, 8), expected) << "another seed, other folds";
@@ -107,7 +107,7 @@ TEST(FoldsTest, ARoundingChangesNothing) {
   for (Matrix& states : rounded) {
     for (double& x : states.reshaped()) x *= 1.0 + 1e-15 * random.Normal();
   }
-  EXPECT_EQ(ContentOrder(rounded, 3), ContentOrder(demonstrations, 3));
+  EXPECT_EQ(DeterministicOrder(rounded, 3), DeterministicOrder(demonstrations, 3));
   EXPECT_EQ(StratifiedFolds(rounded, 5, 3), StratifiedFolds(demonstrations, 5, 3));
 }
 
@@ -116,8 +116,8 @@ TEST(FoldsTest, WhatDiffersInDoublePrecisionAloneIsStillTold) {
   std::vector<Matrix> demonstrations;
   for (int d = 0; d < 6; ++d) demonstrations.push_back(Matrix::Constant(2, 1, 1.0 + 1e-12 * d));
   const std::vector<Matrix> reversed(demonstrations.rbegin(), demonstrations.rend());
-  EXPECT_EQ(Entries(Permuted(reversed, ContentOrder(reversed))),
-            Entries(Permuted(demonstrations, ContentOrder(demonstrations))));
+  EXPECT_EQ(Entries(Permuted(reversed, DeterministicOrder(reversed))),
+            Entries(Permuted(demonstrations, DeterministicOrder(demonstrations))));
 }
 
 // Assumption of split conformal prediction: the first demonstrations are a random sample, and a
@@ -136,7 +136,7 @@ TEST(FoldsTest, TheFirstAreARandomSample) {
     for (int d = 0; d < kCount; ++d) {
       demonstrations.push_back(Matrix::Constant(1, 1, random.Normal()));
     }
-    const std::vector<std::size_t> order = ContentOrder(demonstrations);
+    const std::vector<std::size_t> order = DeterministicOrder(demonstrations);
     double largest = 0.0;
     for (std::size_t i = 0; i < kHeldOut; ++i) {
       const double value = demonstrations[order[i]](0, 0);

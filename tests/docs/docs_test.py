@@ -64,7 +64,7 @@ class Glossary(unittest.TestCase):
         told = set(re.findall(r"`([a-z-]+)`", (SOURCE / "docs/glossary.md").read_text()))
         for source, least in (("libs/control/src/controller.cc", 15), ("libs/runtime/src/fail_safe.cc", 25),
                               ("libs/safety/src/guard.cc", 6), ("libs/safety/src/guard_model.cc", 6),
-                              ("libs/control/src/published/switching_policy.cc", 3)):
+                              ("libs/control/src/published/switching_controller.cc", 3)):
             names = set(re.findall(r'return "([a-z-]+)";', (SOURCE / source).read_text())) - {"unknown"}
             self.assertGreaterEqual(len(names), least, source)
             self.assertEqual(names - told, set(), source)

@@ -6,7 +6,7 @@
 #include <stdexcept>
 #include <vector>
 
-#include "dfr/control/published/switching_policy.h"
+#include "dfr/control/published/switching_controller.h"
 #include "tests/control/analytic.h"
 #include "tests/support/all_close.h"
 #include "tests/support/no_alloc.h"
@@ -60,8 +60,8 @@ TEST(FiniteDifferenceRecoveryTest, ClimbsAtEveryIteration) {
   const auto policy = test::ConstantPolicy(2, 0.5);
   PointPlant plant({.start = {0.4, 0.8}});
   plant.Reset(1);
-  control::SwitchingPolicy oracle(policy, ball, kLambda,
-                                  std::make_unique<FiniteDifferenceRecovery>(plant, ball));
+  control::SwitchingController oracle(policy, ball, kLambda,
+                                      std::make_unique<FiniteDifferenceRecovery>(plant, ball));
   oracle.Reset(1);
   std::vector<double> u(2);
   double g = ball.Decision(0, plant.x);
@@ -88,15 +88,15 @@ TEST(FiniteDifferenceRecoveryTest, HasNoDirectionWhereGIsFlatOrTheCopyRefuses) {
   {
     const auto flat = test::ConstantSupport(2, 0.1);
     PointPlant plant({});
-    control::SwitchingPolicy oracle(policy, flat, kLambda,
-                                    std::make_unique<FiniteDifferenceRecovery>(plant, flat));
+    control::SwitchingController oracle(policy, flat, kLambda,
+                                        std::make_unique<FiniteDifferenceRecovery>(plant, flat));
     oracle.Reset(0);
     EXPECT_EQ(oracle.Next(plant.x, u).cause, control::HaltCause::kNoDirection);
   }
   const auto ball = test::UnitBall(2);
   PointPlant plant({.start = {0.9, 0.0}, .refuse_at = 0});
-  control::SwitchingPolicy oracle(policy, ball, kLambda,
-                                  std::make_unique<FiniteDifferenceRecovery>(plant, ball));
+  control::SwitchingController oracle(policy, ball, kLambda,
+                                      std::make_unique<FiniteDifferenceRecovery>(plant, ball));
   oracle.Reset(0);
   EXPECT_EQ(oracle.Next(plant.x, u).cause, control::HaltCause::kNoDirection);
 }

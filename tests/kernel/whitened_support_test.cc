@@ -136,7 +136,7 @@ TEST(WhitenedSupportTest, GoalsStayInsideWhereEndedDemonstrationsCount) {
 std::vector<double> UnseenLevels(std::span<const core::Matrix> demonstrations,
                                  const WhitenedSupportOptions& options, int folds = 5,
                                  int window = 3) {
-  const auto order = core::ContentOrder(demonstrations);
+  const auto order = core::DeterministicOrder(demonstrations);
   const auto left_out = core::StratifiedFolds(demonstrations, folds);
   std::vector<double> levels;
   for (std::size_t fold = 0; fold < left_out.size(); ++fold) {
@@ -286,20 +286,20 @@ std::vector<core::Matrix> Passing(double aside, int pause) {
 
 TEST(WhitenedSupportTest, TheRoomBetweenTwoWaysIsSeen) {
   const auto ways = Passing(3.0, 0);
-  const GapTest tight = TestGaps(WhitenedSupport::Fit(ways), ways);
+  const ModeSeparationTest tight = TestModeSeparation(WhitenedSupport::Fit(ways), ways);
   EXPECT_EQ(tight.steps, 21);
   // Not at the ends, where the ways meet: at nine time steps they are more than five apart.
   EXPECT_GE(tight.points, 9);
   EXPECT_LE(tight.points, 15);
   EXPECT_EQ(tight.inside, 0);
   const auto wide = WhitenedSupport::Fit(ways, {.svm = {.nu = 0.05, .gamma = 0.002}});
-  const GapTest loose = TestGaps(wide, ways);
+  const ModeSeparationTest loose = TestModeSeparation(wide, ways);
   EXPECT_EQ(loose.inside, loose.points) << "one cloud for both ways";
 }
 
 // One time step, whose support is a ball of radius .83 about `center`. Later states, if any, are of
 // the same demonstrations and have no estimate of their own.
-GapTest Gaps(const std::vector<double>& states, double center, double later = -100.0) {
+ModeSeparationTest Gaps(const std::vector<double>& states, double center, double later = -100.0) {
   std::vector<core::Matrix> demonstrations;
   for (const double state : states) {
     core::Matrix rows(2, 1);
@@ -309,7 +309,7 @@ GapTest Gaps(const std::vector<double>& states, double center, double later = -1
   const WhitenedSupport support(
       {{core::Matrix::Identity(1, 1), OneClassSvm::FromParts(core::Matrix::Constant(1, 1, center),
                                                              Eigen::VectorXd::Ones(1), 1.0, 0.5)}});
-  return TestGaps(support, demonstrations);
+  return TestModeSeparation(support, demonstrations);
 }
 
 TEST(WhitenedSupportTest, AGapIsTheMiddleBetweenClustersOfThreeThatAreFourApart) {
@@ -339,10 +339,10 @@ TEST(WhitenedSupportTest, AGapIsTheMiddleBetweenClustersOfThreeThatAreFourApart)
 TEST(WhitenedSupportTest, DifferingPacesAreNotTakenForWays) {
   for (const int pause : {0, 6}) {
     const auto way = Passing(0.0, pause);
-    EXPECT_LE(TestGaps(WhitenedSupport::Fit(way), way).points, 2) << pause;
+    EXPECT_LE(TestModeSeparation(WhitenedSupport::Fit(way), way).points, 2) << pause;
   }
-  EXPECT_THROW((void)TestGaps(WhitenedSupport::Fit(Passing(0.0, 0)),
-                              std::vector<core::Matrix>{core::Matrix::Zero(3, 3)}),
+  EXPECT_THROW((void)TestModeSeparation(WhitenedSupport::Fit(Passing(0.0, 0)),
+                                        std::vector<core::Matrix>{core::Matrix::Zero(3, 3)}),
                std::invalid_argument);
 }
 

@@ -10,9 +10,9 @@
 #include "dfr/control/certified/certified_options.h"
 #include "dfr/control/certified/constants.h"
 #include "dfr/control/guided/constants.h"
-#include "dfr/control/guided/guided_policy.h"
-#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/guided_controller.h"
 #include "dfr/control/guided/levels.h"
+#include "dfr/control/guided/response_estimate.h"
 #include "dfr/control/guided/state_observer.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/control/published/derivative_free_recovery.h"
@@ -36,7 +36,7 @@ std::string Page() {
 std::map<std::string, double> InTheCode() {
   const control::GuidedOptions guided;
   const control::LevelOptions levels;
-  const control::JacobianOptions jacobian;
+  const control::ResponseOptions jacobian;
   const control::CertifiedOptions certified;
   const kernel::WhitenedSupportOptions support;
   const pusher::ModelOptions pusher;
@@ -52,16 +52,16 @@ std::map<std::string, double> InTheCode() {
           {"LevelOptions::pass_quantile", levels.pass_quantile},
           {"LevelOptions::edge_quantile", levels.edge_quantile},
           {"LevelOptions::slack", levels.slack},
-          {"JacobianOptions::ridge", jacobian.ridge},
-          {"JacobianOptions::motion_ridge", jacobian.motion_ridge},
-          {"JacobianOptions::slope_ridge", jacobian.slope_ridge},
-          {"JacobianOptions::prior_weight", jacobian.prior_weight},
-          {"JacobianOptions::window", jacobian.window},
-          {"JacobianOptions::max_per_step", jacobian.max_per_step},
-          {"JacobianOptions::forgetting", jacobian.forgetting},
-          {"JacobianPrior::kBandwidth", control::JacobianPrior::kBandwidth},
-          {"JacobianPrior::kNearest", control::JacobianPrior::kNearest},
-          {"JacobianPrior::kSpread", control::JacobianPrior::kSpread},
+          {"ResponseOptions::ridge", jacobian.ridge},
+          {"ResponseOptions::motion_ridge", jacobian.motion_ridge},
+          {"ResponseOptions::slope_ridge", jacobian.slope_ridge},
+          {"ResponseOptions::prior_weight", jacobian.prior_weight},
+          {"ResponseOptions::window", jacobian.window},
+          {"ResponseOptions::max_per_step", jacobian.max_per_step},
+          {"ResponseOptions::forgetting", jacobian.forgetting},
+          {"TransitionStore::kBandwidth", control::TransitionStore::kBandwidth},
+          {"TransitionStore::kNearest", control::TransitionStore::kNearest},
+          {"TransitionStore::kSpread", control::TransitionStore::kSpread},
           {"guided::kMostLeft", control::guided::kMostLeft},
           {"guided::kSlackQuantile", control::guided::kSlackQuantile},
           {"guided::kWeightFloor", control::guided::kWeightFloor},

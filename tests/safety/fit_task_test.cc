@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/response_estimate.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/folds.h"
 #include "dfr/kernel/whitened_support.h"
@@ -83,7 +83,8 @@ TEST(FitTaskTest, PutsTogetherWhatTheLibrariesMake) {
 TEST(FitTaskTest, EachStateHasALevelWhereTwoDemonstrationsRemain) {
   for (const auto& [count, states] : {std::pair(12, 12), std::pair(4, 4), std::pair(3, 1)}) {
     const auto demonstrations = test::CorridorDemonstrations(3, count);
-    const internal::Recorded recorded(Tip(), demonstrations, core::ContentOrder(demonstrations));
+    const internal::Recorded recorded(Tip(), demonstrations,
+                                      core::DeterministicOrder(demonstrations));
     const auto fit = internal::FitGuard(recorded, {.window_share = 1.0}, 9,
                                         [](std::string_view, double) { return true; });
     ASSERT_TRUE(fit);
@@ -99,7 +100,7 @@ TEST(FitTaskTest, EachStateHasALevelWhereTwoDemonstrationsRemain) {
 // A stretch of the recording stays together, whatever the order of contents.
 TEST(FitTaskTest, StretchesAreThoseOfTheRecording) {
   const auto demonstrations = test::CorridorDemonstrations(3, 12);
-  const auto order = core::ContentOrder(demonstrations);
+  const auto order = core::DeterministicOrder(demonstrations);
   const internal::Recorded recorded(Tip(), demonstrations, std::span(order).subspan(2));
   EXPECT_EQ(recorded.seen.points.size(), 10u);
   int next = 0;
@@ -134,8 +135,8 @@ TEST(FitTaskTest, AFileKeepsAllBits) {
     EXPECT_EQ(loaded.response().control_unit(), model.response().control_unit());
     EXPECT_EQ(loaded.levels().slack(), model.levels().slack());
     EXPECT_EQ(loaded.response().largest_control(), model.response().largest_control());
-    control::JacobianEstimate ours(model.response().prior());
-    control::JacobianEstimate theirs(loaded.response().prior());
+    control::ResponseEstimate ours(model.response().prior());
+    control::ResponseEstimate theirs(loaded.response().prior());
     core::Random random(5);
     for (int i = 0; i < 50; ++i) {
       const int t = i % 25;

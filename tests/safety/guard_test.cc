@@ -11,8 +11,8 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/control/guided/guided_policy.h"
-#include "dfr/control/published/switching_policy.h"
+#include "dfr/control/guided/guided_controller.h"
+#include "dfr/control/published/switching_controller.h"
 #include "tests/safety/corridor.h"
 #include "tests/safety/corridor_guard.h"
 #include "tests/support/no_alloc.h"
@@ -118,7 +118,7 @@ TEST(GuardTest, IsTheControllerOfItsStrategy) {
     const Constant policy(asked);
     std::unique_ptr<control::Controller> direct;
     if (steers) {
-      direct = std::make_unique<control::GuidedPolicy>(
+      direct = std::make_unique<control::GuidedController>(
           policy, model->task().view(),
           control::GuidedOptions{
               .horizon = 40,
@@ -126,12 +126,12 @@ TEST(GuardTest, IsTheControllerOfItsStrategy) {
               .control_limit = actions.MeasuredLimits(model->settings().action_limit),
               .least_intervention = strategy == Strategy::kGuard});
     } else {
-      direct = std::make_unique<control::SwitchingPolicy>(
+      direct = std::make_unique<control::SwitchingController>(
           policy, model->support(), model->lambda(),
-          control::SwitchingPolicyOptions{.recovery = strategy == Strategy::kDfr
-                                                          ? control::Recovery::kDfr
-                                                          : control::Recovery::kEarlyStopping,
-                                          .horizon = 40});
+          control::SwitchingControllerOptions{.recovery = strategy == Strategy::kDfr
+                                                              ? control::Recovery::kDfr
+                                                              : control::Recovery::kEarlyStopping,
+                                              .horizon = 40});
     }
     ASSERT_EQ(model->settings().horizon, 40);
     Guard guard(model);

@@ -9,7 +9,7 @@
 #include <string>
 #include <string_view>
 
-#include "dfr/control/guided/guided_policy.h"
+#include "dfr/control/guided/guided_controller.h"
 
 namespace dfr::safety {
 namespace {

@@ -6,7 +6,7 @@
 #include <numeric>
 
 #include "apps/study/planar/task.h"
-#include "dfr/control/certified/assumptions.h"
+#include "dfr/control/certified/certificate_constants.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
 #include "dfr/core/trajectory.h"

@@ -2,7 +2,7 @@
 
 #include <utility>
 
-#include "dfr/control/certified/certified_policy.h"
+#include "dfr/control/certified/certified_controller.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/folds.h"
 
@@ -40,8 +40,8 @@ kernel::WhitenedSupport StartSupport(const core::FeatureTransform& features,
       points, {.svm = {.gamma = 0.35, .tolerance = 1e-6}, .phase_whitening = false});
 }
 
-Teaching Teach(const Task& task, std::uint64_t seed) {
-  Teaching teaching = SupervisorOf(task);
+Expert Teach(const Task& task, std::uint64_t seed) {
+  Expert teaching = SupervisorOf(task);
   teaching.seed = seed;
   teaching.learn = [degree = task.degree](std::span<const core::Trajectory> demonstrations,
                                           std::uint64_t /*seed*/) {
@@ -67,8 +67,8 @@ safety::TaskOptions TaskOptionsOf(const Task& task, const MethodOptions& options
   return result;
 }
 
-Teaching SupervisorOf(const Task& task) {
-  Teaching teaching;
+Expert SupervisorOf(const Task& task) {
+  Expert teaching;
   teaching.plant = task.plant;
   teaching.supervise = [](const core::SimulatedPlant& plant, int /*t*/, std::uint64_t /*episode*/,
                           std::span<double> u) {
@@ -120,7 +120,7 @@ std::unique_ptr<control::Controller> Methods::Make(std::string_view method,
   }
   DFR_THROW_UNLESS(Split(method).policy.empty(),
                    "method '" << method << "': it runs around the learned policy only");
-  return std::make_unique<control::CertifiedPolicy>(
+  return std::make_unique<control::CertifiedController>(
       policy_, model_.view(),
       control::CertifiedOptions{.horizon = task_.horizon, .certificate = certificate()});
 }

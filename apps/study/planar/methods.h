@@ -10,10 +10,10 @@
 
 #include "apps/study/planar/polynomial_policy.h"
 #include "apps/study/planar/task.h"
-#include "dfr/control/certified/assumptions.h"
 #include "dfr/control/certified/certificate.h"
+#include "dfr/control/certified/certificate_constants.h"
 #include "dfr/control/controller.h"
-#include "dfr/control/guided/guided_policy.h"
+#include "dfr/control/guided/guided_controller.h"
 #include "dfr/kernel/time_varying_support.h"
 #include "dfr/kernel/whitened_support.h"
 #include "dfr/safety/task_model.h"
@@ -55,7 +55,7 @@ enum class SupportKind { kRaw, kGuided };
 [[nodiscard]] safety::TaskOptions TaskOptionsOf(const Task& task, const MethodOptions& options);
 
 /// Supervisor of a planar task, which baselines can query; the caller sets the learner.
-[[nodiscard]] Teaching SupervisorOf(const Task& task);
+[[nodiscard]] Expert SupervisorOf(const Task& task);
 
 /// Everything learned from one set of demonstrations, and controllers that use it.
 class Methods {

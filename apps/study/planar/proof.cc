@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/control/certified/certified_policy.h"
+#include "dfr/control/certified/certified_controller.h"
 #include "dfr/control/guided/task_view.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/matrix.h"
@@ -260,8 +260,8 @@ class World {
   }
 
   // In half of the worlds the controller has no estimate of J and probes.
-  control::JacobianOptions Knowledge() {
-    control::JacobianOptions knowledge;
+  control::ResponseOptions Knowledge() {
+    control::ResponseOptions knowledge;
     if (random_.Below(2) == 0) knowledge.prior_weight = 0.0;
     return knowledge;
   }
@@ -282,7 +282,7 @@ class World {
   control::Levels levels_;
   control::Response response_;
   Adversary policy_;
-  control::CertifiedPolicy controller_;
+  control::CertifiedController controller_;
   int lost_;
 };
 

@@ -144,14 +144,15 @@ std::vector<std::size_t> Clusters(const Matrix& points) {
 
 }  // namespace
 
-std::vector<std::size_t> ContentOrder(std::span<const Trajectory> demonstrations,
-                                      std::uint64_t seed) {
+std::vector<std::size_t> DeterministicOrder(std::span<const Trajectory> demonstrations,
+                                            std::uint64_t seed) {
   return Order(demonstrations.size(), seed, [&](std::size_t d) {
     return std::array{&demonstrations[d].states, &demonstrations[d].controls};
   });
 }
 
-std::vector<std::size_t> ContentOrder(std::span<const Matrix> demonstrations, std::uint64_t seed) {
+std::vector<std::size_t> DeterministicOrder(std::span<const Matrix> demonstrations,
+                                            std::uint64_t seed) {
   return Order(demonstrations.size(), seed,
                [&](std::size_t d) { return std::array{&demonstrations[d]}; });
 }
@@ -160,7 +161,7 @@ std::vector<Trajectory> InContentOrder(std::span<const Trajectory> demonstration
                                        std::uint64_t seed) {
   std::vector<Trajectory> ordered;
   ordered.reserve(demonstrations.size());
-  for (const std::size_t d : ContentOrder(demonstrations, seed)) {
+  for (const std::size_t d : DeterministicOrder(demonstrations, seed)) {
     ordered.push_back(demonstrations[d]);
   }
   return ordered;
@@ -169,7 +170,7 @@ std::vector<Trajectory> InContentOrder(std::span<const Trajectory> demonstration
 Folds StratifiedFolds(std::span<const Matrix> demonstrations, int folds, std::uint64_t seed) {
   Check(demonstrations.size(), folds);
   const std::vector<std::size_t> cluster = Clusters(Landmarks(demonstrations));
-  const std::vector<std::size_t> order = ContentOrder(demonstrations, seed);
+  const std::vector<std::size_t> order = DeterministicOrder(demonstrations, seed);
   std::vector<std::size_t> size(demonstrations.size(), 0);
   for (const std::size_t c : cluster) ++size[c];
   // Sorted by the first member of each cluster in `order`; clusters that are too small share a

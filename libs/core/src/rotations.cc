@@ -254,7 +254,8 @@ std::vector<Rotation> RotationFinder::Find() const {
 std::vector<Rotation> FindRotations(const StateLayout& layout,
                                     std::span<const Trajectory> demonstrations) {
   RotationFinder finder(layout);
-  for (const std::size_t d : ContentOrder(demonstrations)) finder.Add(demonstrations[d].states);
+  for (const std::size_t d : DeterministicOrder(demonstrations))
+    finder.Add(demonstrations[d].states);
   return finder.Find();
 }
 

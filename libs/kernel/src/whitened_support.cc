@@ -206,12 +206,13 @@ double Nearest(std::span<const core::Matrix> demonstrations, const core::Matrix&
 
 }  // namespace
 
-GapTest TestGaps(const WhitenedSupport& support, std::span<const core::Matrix> demonstrations) {
+ModeSeparationTest TestModeSeparation(const WhitenedSupport& support,
+                                      std::span<const core::Matrix> demonstrations) {
   constexpr double kLeastShare = 0.1;
   // In units of the states' local spread: two from either side.
   constexpr double kLeastWidth = 4.0;
   const Eigen::Index n = support.state_dim();
-  GapTest test{.steps = support.num_steps()};
+  ModeSeparationTest test{.steps = support.num_steps()};
   for (int t = 0; t < support.num_steps(); ++t) {
     core::Matrix states(std::ssize(demonstrations), n);
     Eigen::Index rows = 0;

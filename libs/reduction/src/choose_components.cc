@@ -5,7 +5,7 @@
 #include <memory>
 #include <utility>
 
-#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/response_estimate.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/feature_transform.h"
@@ -91,7 +91,7 @@ class Judge {
     DFR_THROW_UNLESS(square > 0.0, "no demonstrated action differs from zero");
     unit_ = std::sqrt(square / moving);
     stride_ = std::max<std::size_t>(1, actions / kMostActions);
-    order_ = core::ContentOrder(demonstrations);
+    order_ = core::DeterministicOrder(demonstrations);
     const int folds =
         std::min(options.folds, std::max(2, static_cast<int>(demonstrations.size() / 2)));
     const auto whitening = core::FeatureTransform::Whitening(
@@ -123,8 +123,8 @@ class Judge {
         core::FeatureTransform::Whitening(core::FeatureSelection::All(components), points);
     for (core::Matrix& z : points) z = whitening.Apply(z);
     const auto support = kernel::WhitenedSupport::Fit(points, options_.support);
-    control::JacobianEstimate estimate(std::make_shared<const control::JacobianPrior>(
-        points, controls, control::JacobianOptions{}));
+    control::ResponseEstimate estimate(std::make_shared<const control::TransitionStore>(
+        points, controls, control::ResponseOptions{}));
     // In an order that does not depend on that of recording.
     for (const std::size_t d : order_) {
       if (std::ranges::count(folds_[fold], d) == 0) continue;
@@ -134,7 +134,7 @@ class Judge {
   }
 
   void JudgeOne(const core::Matrix& z, const core::Matrix& controls,
-                const kernel::WhitenedSupport& support, control::JacobianEstimate& estimate,
+                const kernel::WhitenedSupport& support, control::ResponseEstimate& estimate,
                 Sums& sums, std::size_t& next) const {
     control::PhaseTracker tracker(support);
     Eigen::VectorXd guess(controls.cols());
@@ -149,7 +149,7 @@ class Judge {
       sums.changes += (z.row(t + 1) - z.row(t)).squaredNorm();
       sums.wrong += (z.row(t + 1).transpose() - predicted).squaredNorm();
       guess.setZero();
-      if (!estimate.Demonstrated(guess)) continue;
+      if (!estimate.NominalControl(guess)) continue;
       sums.guessed += 1.0;
       sums.v += v;
       sums.squares += v.squaredNorm();

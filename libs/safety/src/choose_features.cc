@@ -31,7 +31,7 @@ std::optional<Candidate> Try(const core::StateLayout& layout, const std::string&
   try {
     const Recorded part(
         core::FeatureSelection(layout, spec).Mapped(recorded.features.selection().map()),
-        recorded.ordered, core::ContentOrder(recorded.ordered), &actions);
+        recorded.ordered, core::DeterministicOrder(recorded.ordered), &actions);
     const std::optional<GuardFit> fit =
         FitGuard(part, options, folds, [](std::string_view, double) { return true; });
     return Candidate{spec, fit->left_out.acceptance()};

@@ -114,7 +114,7 @@ std::vector<double> Follow(const core::LogDecisionFunction& support, const core:
   return levels;
 }
 
-bool TooManyInGaps(const kernel::GapTest& gaps) {
+bool TooManyInGaps(const kernel::ModeSeparationTest& gaps) {
   return gaps.inside > kMostInGaps * std::max(gaps.steps, gaps.points);
 }
 
@@ -171,11 +171,11 @@ std::optional<GuardFit> FitGuard(const Recorded& recorded,
   SupportFits fits(recorded);
   kernel::WhitenedSupportOptions chosen = options;
   std::optional<kernel::WhitenedSupport> support;
-  kernel::GapTest gaps;
+  kernel::ModeSeparationTest gaps;
   for (int doubled = 0;; ++doubled) {
     if (!going_on("looking for gaps", 0.0)) return std::nullopt;
     support = fits.ToAll(chosen);
-    gaps = kernel::TestGaps(*support, recorded.seen.points);
+    gaps = kernel::TestModeSeparation(*support, recorded.seen.points);
     if (!TooManyInGaps(gaps) || doubled == kMostDoublings) break;
     chosen.svm.gamma *= 2.0;
   }
@@ -196,7 +196,8 @@ std::optional<GuardFit> FitGuard(const Recorded& recorded,
     wider.window_share = std::min(1.0, 2.0 * chosen.window_share);
     if (wider.Stride(support->num_steps()) == chosen.Stride(support->num_steps())) break;
     kernel::WhitenedSupport wider_support = fits.ToAll(wider);
-    const kernel::GapTest wider_gaps = kernel::TestGaps(wider_support, recorded.seen.points);
+    const kernel::ModeSeparationTest wider_gaps =
+        kernel::TestModeSeparation(wider_support, recorded.seen.points);
     if (TooManyInGaps(wider_gaps) && !TooManyInGaps(gaps)) break;
     gaps = wider_gaps;
     chosen = wider;
@@ -233,7 +234,7 @@ TaskParts MakeTask(const Recorded& recorded, kernel::WhitenedSupport support,
 
 TaskParts FitTask(const core::StateLayout& layout, std::span<const core::Trajectory> demonstrations,
                   const TaskOptions& options) {
-  const std::vector<std::size_t> order = core::ContentOrder(demonstrations);
+  const std::vector<std::size_t> order = core::DeterministicOrder(demonstrations);
   const Recorded recorded =
       options.features ? Recorded(*options.features, demonstrations, order)
                        : Recorded(core::FeatureSelection::Of(layout, options.guided_features),

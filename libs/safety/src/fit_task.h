@@ -28,7 +28,7 @@ std::vector<double> Follow(const core::LogDecisionFunction& support, const core:
                            std::vector<int>* steps);
 
 /// Whether more points between ways are inside than a fit should allow.
-bool TooManyInGaps(const kernel::GapTest& gaps);
+bool TooManyInGaps(const kernel::ModeSeparationTest& gaps);
 
 /// The demonstrations that a model is fitted to, in an order that their content decides.
 struct Recorded {
@@ -66,7 +66,7 @@ struct HeldOut {
 struct GuardFit {
   kernel::WhitenedSupportOptions options;  ///< gamma and window_share as the tests ask for them.
   kernel::WhitenedSupport support;         ///< Fitted to all of them with `options`.
-  kernel::GapTest gaps;                    ///< Of `support`.
+  kernel::ModeSeparationTest gaps;         ///< Of `support`.
   core::Folds folds;                       ///< Those of `left_out`,
   /// and the support without each; none where fewer than two demonstrations remain.
   std::vector<std::optional<kernel::WhitenedSupport>> without;

@@ -6,8 +6,8 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/control/certified/certified_policy.h"
-#include "dfr/control/guided/guided_policy.h"
+#include "dfr/control/certified/certified_controller.h"
+#include "dfr/control/guided/guided_controller.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/policy.h"
 
@@ -24,9 +24,9 @@ bool AllFinite(std::span<const double> values) noexcept {
 }
 
 // The action of a policy that runs somewhere else, as a policy.
-class Proposal final : public core::Policy {
+class ExternalPolicy final : public core::Policy {
  public:
-  Proposal(int state_dim, int action_dim)
+  ExternalPolicy(int state_dim, int action_dim)
       : state_dim_(state_dim), action_(static_cast<std::size_t>(action_dim), 0.0) {}
 
   /// What Control() gives from then on.
@@ -84,12 +84,12 @@ bool Steers(const GuardModel& model, const control::RecoveryStrategy* strategy) 
 }
 
 std::unique_ptr<control::Controller> MakeController(
-    const Proposal& proposal, const GuardModel& model,
+    const ExternalPolicy& proposal, const GuardModel& model,
     std::unique_ptr<control::RecoveryStrategy> strategy) {
   const GuardSettings& settings = model.settings();
   if (strategy == nullptr && settings.strategy == Strategy::kCertified) {
     const TaskModel& task = model.task();
-    return std::make_unique<control::CertifiedPolicy>(
+    return std::make_unique<control::CertifiedController>(
         proposal, task.view(),
         control::CertifiedOptions{
             .horizon = settings.horizon != 0 ? settings.horizon : task.horizon(),
@@ -119,16 +119,16 @@ struct Guard::Loop {
         bounded(proposed),
         given(proposed),
         chosen(proposal.action().size(), 0.0) {
-    guided = dynamic_cast<control::GuidedPolicy*>(controller.get());
-    if (guided != nullptr) ahead = std::make_unique<control::GuidedPolicy>(*guided);
+    guided = dynamic_cast<control::GuidedController*>(controller.get());
+    if (guided != nullptr) ahead = std::make_unique<control::GuidedController>(*guided);
   }
 
   bool monitors;  // Nothing looks at g but the alarm.
   bool steers;    // The controller's controls are ActionSpace's.
-  Proposal proposal;
+  ExternalPolicy proposal;
   std::unique_ptr<control::Controller> controller;
-  control::GuidedPolicy* guided = nullptr;       // The controller, if it predicts.
-  std::unique_ptr<control::GuidedPolicy> ahead;  // Its twin that looks ahead.
+  control::GuidedController* guided = nullptr;       // The controller, if it predicts.
+  std::unique_ptr<control::GuidedController> ahead;  // Its twin that looks ahead.
   control::PhaseTracker tracker;
   std::vector<double> proposed;
   std::vector<double> bounded;  // `proposed` within the limits.

@@ -182,7 +182,7 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
   }
   // By their content, which has nothing to do with what they are like: a random sample, so that
   // further demonstrations are exchangeable with those held out.
-  const std::vector<std::size_t> order = core::ContentOrder(demonstrations);
+  const std::vector<std::size_t> order = core::DeterministicOrder(demonstrations);
   const auto num_held_out = static_cast<std::size_t>(
       std::ceil(options.hold_out * static_cast<double>(demonstrations.size())));
   DFR_THROW_UNLESS(demonstrations.size() >= num_held_out + 3,
@@ -315,7 +315,7 @@ Certification GuardModel::Certify(int t, std::span<const double> state,
   Eigen::VectorXd z(n);
   task.features().Apply(state, core::AsSpan(z));
   // What a certificate assumes.
-  control::JacobianEstimate answer(task.response().prior(), {}, /*own_motion=*/false);
+  control::ResponseEstimate answer(task.response().prior(), {}, /*own_motion=*/false);
   answer.Compute(t, core::AsSpan(z));
   Eigen::VectorXd v(actions_->steered_dim());
   actions_->Measure(action, core::AsSpan(v));
@@ -337,7 +337,7 @@ Certification GuardModel::Certify(int t, std::span<const double> state,
   control::Certifier certifier(certificate, n, actions_->steered_dim(),
                                task.response().control_unit());
   const control::LocalModel local{task.support(), answer, core::AsSpan(z)};
-  const control::Certifier::Need need = certifier.Predict(local, t, v);
+  const control::Certifier::RequiredLevel need = certifier.Predict(local, t, v);
   found.passes = need.met();
   found.step = need.phase;
   found.margin = -need.missing;

@@ -4,7 +4,7 @@
 #include <memory>
 #include <numeric>
 
-#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/response_estimate.h"
 
 namespace dfr::safety::internal {
 namespace {
@@ -34,7 +34,7 @@ struct Sums {
 
 void Judge(int phase, std::span<const double> z, const Eigen::VectorXd& v,
            const core::LogDecisionFunction& support, const control::Levels& levels,
-           control::JacobianEstimate& estimate, Sums& sums) {
+           control::ResponseEstimate& estimate, Sums& sums) {
   estimate.Compute(phase, z);
   Eigen::VectorXd next = core::AsVector(z);
   estimate.AddEffect(v, next);
@@ -43,7 +43,7 @@ void Judge(int phase, std::span<const double> z, const Eigen::VectorXd& v,
   sums.changed += level >= levels.pass(phase + 1) ? 0.0 : 1.0;
   sums.outside += level >= 0.0 ? 0.0 : 1.0;
   Eigen::VectorXd guess = Eigen::VectorXd::Zero(v.size());
-  if (!estimate.Demonstrated(guess)) return;
+  if (!estimate.NominalControl(guess)) return;
   sums.guessed += 1.0;
   sums.v += v;
   sums.squares += v.squaredNorm();
@@ -74,7 +74,7 @@ Replay ReplayLeftOut(const Recorded& recorded, const GuardFit& fit, const contro
       others.push_back(points[d]);
       other_controls.push_back(controls[d]);
     }
-    control::JacobianEstimate estimate(std::make_shared<const control::JacobianPrior>(
+    control::ResponseEstimate estimate(std::make_shared<const control::TransitionStore>(
                                            others, other_controls, response.prior()->options()),
                                        {}, response.own_motion());
     std::size_t next = 0;

@@ -9,7 +9,7 @@ namespace dfr::safety::internal {
 struct Replay {
   double changed = 0.0;       ///< Share that strategy kGuard would change.
   double ends_outside = 0.0;  ///< Share whose predicted next state is outside.
-  /// Share of the variance of actions that JacobianEstimate::Demonstrated() explains; negative if
+  /// Share of the variance of actions that ResponseEstimate::NominalControl() explains; negative if
   /// the mean action is the better guess.
   double explained = 1.0;
   double error = 0.0;  ///< What it misses, squared, as a share of the squared actions.

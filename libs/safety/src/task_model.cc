@@ -196,23 +196,24 @@ std::unique_ptr<control::Controller> TaskModel::MakeController(
     guided.horizon = options.horizon != 0 ? options.horizon : horizon();
     guided.first_step = options.first_step;
     guided.least_intervention = method.kind == Method::Kind::kGuard;
-    return std::make_unique<control::GuidedPolicy>(policy, view(), guided);
+    return std::make_unique<control::GuidedController>(policy, view(), guided);
   }
-  const control::SwitchingPolicyOptions switching{
+  const control::SwitchingControllerOptions switching{
       .recovery = method.recovery,
       .horizon = options.horizon != 0 ? options.horizon : horizon(),
       .first_step = options.first_step,
       .dfr = method.published_dfr ? control::DfrOptions{} : options.dfr};
-  return std::make_unique<control::SwitchingPolicy>(policy, support(), lambda(), switching);
+  return std::make_unique<control::SwitchingController>(policy, support(), lambda(), switching);
 }
 
 std::unique_ptr<control::Controller> TaskModel::MakeController(
     std::unique_ptr<control::RecoveryStrategy> strategy, const core::Policy& policy,
     const ControllerOptions& options) const {
-  return std::make_unique<control::SwitchingPolicy>(
+  return std::make_unique<control::SwitchingController>(
       policy, support(), lambda(), std::move(strategy),
-      control::SwitchingPolicyOptions{.horizon = options.horizon != 0 ? options.horizon : horizon(),
-                                      .first_step = options.first_step});
+      control::SwitchingControllerOptions{
+          .horizon = options.horizon != 0 ? options.horizon : horizon(),
+          .first_step = options.first_step});
 }
 
 }  // namespace dfr::safety

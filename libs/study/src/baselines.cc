@@ -14,12 +14,12 @@
 namespace dfr::study {
 namespace {
 
-// Streams of Teaching::seed.
+// Streams of Expert::seed.
 constexpr std::uint64_t kEnsembleStream = 1;
 constexpr std::uint64_t kNoiseStream = 2;
 constexpr std::uint64_t kAskingStream = 3;
 
-void CheckSupervisor(const Teaching& teaching, const char* name) {
+void CheckSupervisor(const Expert& teaching, const char* name) {
   DFR_THROW_UNLESS(teaching.learn && teaching.plant != nullptr && teaching.supervise,
                    "policy '" << name << "' asks the task's supervisor for more demonstrations, "
                               << "and this program has none to ask here");
@@ -30,7 +30,7 @@ using Change =
     std::function<void(int t, std::span<const double> x, std::span<double> u, core::Random&)>;
 
 // Runs one episode: returns the visited states and the supervisor's controls there.
-core::Trajectory Ask(const Teaching& teaching, core::SimulatedPlant& plant, std::uint64_t seed,
+core::Trajectory Ask(const Expert& teaching, core::SimulatedPlant& plant, std::uint64_t seed,
                      int horizon, const Change& change) {
   core::Trajectory trajectory;
   trajectory.seed = seed;
@@ -204,9 +204,8 @@ class TrueJacobianFilter final : public Stepwise {
 
 }  // namespace
 
-Teaching TeachMlp(const imitation::DemonstrationSet& like,
-                  const imitation::FitMlpOptions& options) {
-  Teaching teaching;
+Expert TeachMlp(const imitation::DemonstrationSet& like, const imitation::FitMlpOptions& options) {
+  Expert teaching;
   teaching.seed = options.seed;
   imitation::DemonstrationSet empty{.layout = like.layout,
                                     .control_dim = like.control_dim,
@@ -224,7 +223,7 @@ Teaching TeachMlp(const imitation::DemonstrationSet& like,
   return teaching;
 }
 
-EnsemblePolicy::EnsemblePolicy(const Teaching& teaching,
+EnsemblePolicy::EnsemblePolicy(const Expert& teaching,
                                std::span<const core::Trajectory> demonstrations) {
   DFR_THROW_UNLESS(teaching.learn,
                    "an ensemble learns anew from demonstrations, and this program "
@@ -269,10 +268,9 @@ std::unique_ptr<control::Controller> MakeEnsembleController(
   return std::make_unique<EnsembleController>(std::move(ensemble), horizon);
 }
 
-std::unique_ptr<const core::Policy> LearnWithNoise(const Teaching& teaching,
-                                                   const core::Policy& learned,
-                                                   std::span<const core::Trajectory> demonstrations,
-                                                   int horizon) {
+std::unique_ptr<const core::Policy> TrainDart(const Expert& teaching, const core::Policy& learned,
+                                              std::span<const core::Trajectory> demonstrations,
+                                              int horizon) {
   constexpr int kPilots = 10;
   CheckSupervisor(teaching, "dart");
   const std::uint64_t seed = core::DeriveSeed(teaching.seed, {kNoiseStream});
@@ -317,10 +315,9 @@ std::unique_ptr<const core::Policy> LearnWithNoise(const Teaching& teaching,
   return teaching.learn(noisy, core::DeriveSeed(seed, {2}));
 }
 
-std::unique_ptr<const core::Policy> LearnByAsking(const Teaching& teaching,
-                                                  const core::Policy& learned,
-                                                  std::span<const core::Trajectory> demonstrations,
-                                                  int horizon) {
+std::unique_ptr<const core::Policy> TrainDagger(const Expert& teaching, const core::Policy& learned,
+                                                std::span<const core::Trajectory> demonstrations,
+                                                int horizon) {
   constexpr std::uint64_t kRounds = 10;
   CheckSupervisor(teaching, "dagger");
   const std::uint64_t seed = core::DeriveSeed(teaching.seed, {kAskingStream});

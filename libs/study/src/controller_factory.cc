@@ -4,8 +4,8 @@
 #include <array>
 #include <utility>
 
-#include "dfr/control/certified/assumptions.h"
-#include "dfr/control/certified/certified_policy.h"
+#include "dfr/control/certified/certificate_constants.h"
+#include "dfr/control/certified/certified_controller.h"
 #include "dfr/core/contract.h"
 #include "dfr/experiment/finite_difference_recovery.h"
 #include "dfr/study/online_lwr.h"
@@ -194,9 +194,9 @@ std::unique_ptr<control::Controller> ControllerFactory::OnSupport(
   // The cache keeps it as long as this factory exists.
   const int horizon = options.horizon != 0 ? options.horizon : task_->horizon();
   if (method.kind != safety::Method::Kind::kGuided) {
-    return std::make_unique<control::SwitchingPolicy>(
+    return std::make_unique<control::SwitchingController>(
         policy, support->decision(), support->lambda(),
-        control::SwitchingPolicyOptions{
+        control::SwitchingControllerOptions{
             .recovery = method.recovery,
             .horizon = horizon,
             .first_step = options.first_step,
@@ -206,7 +206,7 @@ std::unique_ptr<control::Controller> ControllerFactory::OnSupport(
     // Twice the value of the demonstrations, as in a guard.
     const double error =
         control::EstimateDirectionError(support->view().features(), demonstrations_).value;
-    return std::make_unique<control::CertifiedPolicy>(
+    return std::make_unique<control::CertifiedController>(
         policy, support->view(),
         control::CertifiedOptions{.horizon = horizon,
                                   .first_step = options.first_step,
@@ -215,7 +215,7 @@ std::unique_ptr<control::Controller> ControllerFactory::OnSupport(
   control::GuidedOptions guided = control::Without(options.guided, method.without);
   guided.horizon = horizon;
   guided.first_step = options.first_step;
-  return std::make_unique<control::GuidedPolicy>(policy, support->view(), guided);
+  return std::make_unique<control::GuidedController>(policy, support->view(), guided);
 }
 
 }  // namespace dfr::study

@@ -3,7 +3,7 @@
 namespace dfr::study {
 
 LearnedModel::LearnedModel(imitation::MlpPolicy policy, safety::TaskModel task,
-                           imitation::DemonstrationSet set, Teaching teaching)
+                           imitation::DemonstrationSet set, Expert teaching)
     : parts_(std::make_unique<const Parts>(std::move(policy), std::move(task), std::move(set),
                                            std::move(teaching))) {}
 

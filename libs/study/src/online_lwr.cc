@@ -47,7 +47,7 @@ void OnlineLwrPolicy::Control(int t, std::span<const double> x,
   bool known = z_.allFinite();
   if (known) {
     estimate_.Compute(t, AsSpan(z_));
-    known = estimate_.Demonstrated(v_);
+    known = estimate_.NominalControl(v_);
   }
   const double unit = response_.control_unit();
   for (std::size_t i = 0; i < u.size(); ++i) {

@@ -236,7 +236,7 @@ std::shared_ptr<const core::Policy> PolicyFactory::Make(std::string_view name,
   if (name == "negated") return std::make_shared<Negated>(*learned_);
   if (name == "ensemble") return Ensemble();
   if (name == "dart" || name == "dagger") {
-    const auto learn = name == "dart" ? LearnWithNoise : LearnByAsking;
+    const auto learn = name == "dart" ? TrainDart : TrainDagger;
     return *made_.Get(std::string(name), [&] {
       return std::shared_ptr<const core::Policy>(
           learn(teaching_, *learned_, demonstrations_,

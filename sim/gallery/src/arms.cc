@@ -64,7 +64,7 @@ class Arm2Plant final : public Cloned<Arm2Plant> {
  public:
   Arm2Plant() : Cloned({{"joints", 0, 2}, {"tip", 0, 2}}, 0, 2) {}
 
-  void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
     // Folds the elbow before the pillar and unfolds it behind the pillar.
     const double fold = 2.15 + 0.03 * habit.offset;
     const std::array<Point, 4> path{{{-0.3, 0.9}, {-0.2, fold}, {1.0, fold}, {1.5, 1.2}}};
@@ -116,7 +116,7 @@ class Arm7Plant final : public Cloned<Arm7Plant> {
  public:
   Arm7Plant() : Cloned({{"joints", 0, kJoints}, {"tip", 0, 2}}, 0, kJoints) {}
 
-  void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
     const double inner = 0.52 + 0.015 * habit.offset;
     const std::array<Point, 4> path{{{0.72, -0.36}, {inner, -0.12}, {inner, 0.12}, kGoal.centre}};
     const Point tip{x(kJoints), x(kJoints + 1)};
@@ -175,7 +175,7 @@ class JointsPlant final : public Cloned<JointsPlant> {
  public:
   JointsPlant() : Cloned({{"joints", 0, kJoints}, {"tip", 0, 2}}, kJoints, kJoints) {}
 
-  void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
     const double inner = 0.5 + 0.015 * habit.offset;
     const std::array<Point, 4> path{{{0.75, -0.34}, {inner, -0.12}, {inner, 0.12}, kGoal.centre}};
     const auto points = Points();
@@ -252,7 +252,7 @@ class BimanualPlant final : public Cloned<BimanualPlant> {
                 {"goal", 0, 2}},
                0, 2 * kJoints) {}
 
-  void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
     const double side = 0.12 + 0.006 * habit.offset;
     const std::array<Point, 4> path{{{-0.1, 0.5}, {side, 0.54}, {side, 0.66}, kGoal.centre}};
     const Point centre{x(24), x(25)};

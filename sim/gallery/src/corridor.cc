@@ -103,7 +103,8 @@ std::unique_ptr<core::SimulatedPlant> CorridorPlant::Clone() const {
   return std::make_unique<CorridorPlant>(*this);
 }
 
-void CorridorPlant::Supervise(const Habit& /*habit*/, std::span<double> u) const noexcept {
+void CorridorPlant::Supervise(const SupervisorVariation& /*habit*/,
+                              std::span<double> u) const noexcept {
   // Aims two steps ahead: near enough to follow the bends, far enough not to zigzag.
   const double ahead = x(0) + 2.0 * kSpeed * options_.gain;
   const double dx = ahead - x(0);

@@ -77,7 +77,8 @@ std::unique_ptr<core::SimulatedPlant> DiscPushPlant::Clone() const {
   return std::make_unique<DiscPushPlant>(*this);
 }
 
-void DiscPushPlant::Supervise(const Habit& /*habit*/, std::span<double> u) const noexcept {
+void DiscPushPlant::Supervise(const SupervisorVariation& /*habit*/,
+                              std::span<double> u) const noexcept {
   // Steers the object to a point on the axis 0.1 m ahead, at most to the goal. It reaches the axis
   // before the gate.
   const double aim_x = std::min(options_.goal_x + 0.02, x(2) + 0.1);

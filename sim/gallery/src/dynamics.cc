@@ -17,7 +17,7 @@ class InertiaPlant final : public Cloned<InertiaPlant> {
  public:
   InertiaPlant() : Cloned({{"point", 0, 2}, {"velocity", 0, 2}}, 0, 2) {}
 
-  void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
     const double y = 0.28 + 0.02 * habit.offset;
     const std::array<Point, 5> path{{{0.0, 0.0}, {0.4, y}, {0.6, y}, kGoal.centre, kGoal.centre}};
     const Point p{x(0), x(1)};
@@ -57,7 +57,7 @@ class BalancePlant final : public Cloned<BalancePlant> {
  public:
   BalancePlant() : Cloned({{"cart", 0, 2}, {"pole", 0, 2}}, 1, 1) {}
 
-  void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
     u[0] = 0.12 * (x(0) - 0.02 * habit.offset) + 0.25 * x(1) + 2.6 * x(2) + 0.55 * x(3);
   }
 
@@ -98,7 +98,7 @@ class CarPlant final : public Cloned<CarPlant> {
  public:
   CarPlant() : Cloned({{"car", 0, 2}}, 0, 1) {}
 
-  void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
     // Accelerates with the motion, but only to a speed at which the brakes can stop before the
     // wall.
     const double turn = kWall + 0.12 + 0.02 * habit.offset;

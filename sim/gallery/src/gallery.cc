@@ -42,7 +42,7 @@ core::Trajectory DemonstrateOnce(const GalleryTask& task, std::uint64_t seed) {
   core::Trajectory trajectory;
   trajectory.seed = seed;
   core::Random random(core::DeriveSeed(seed, {1}));
-  const Habit habit{.way = random.Uniform(), .offset = random.Normal()};
+  const SupervisorVariation habit{.way = random.Uniform(), .offset = random.Normal()};
   const double pace = std::exp(random.Uniform(std::log(task.slowest), std::log(task.fastest)));
   const std::unique_ptr<core::SimulatedPlant> clone = task.plant->Clone();
   auto& plant = static_cast<GalleryPlant&>(*clone);

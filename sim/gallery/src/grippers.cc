@@ -20,7 +20,7 @@ class GraspPlant final : public Cloned<GraspPlant> {
  public:
   GraspPlant() : Cloned({{"gripper", 0, 2}, {"closed", 0, 1}, {"object", 0, 2}}, 2, 3) {}
 
-  void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
     const double aside = x(3) + 0.002 * habit.offset - x(0);
     const bool above = std::abs(aside) < 0.5 * kSlack;
     const bool down = x(1) < 0.025 && above;
@@ -83,7 +83,7 @@ class LidPlant final : public Cloned<LidPlant> {
  public:
   LidPlant() : Cloned({{"gripper", 0, 2}, {"closed", 0, 1}, {"lid", 0, 1}}, 1, 3) {}
 
-  void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
     const Point p{x(0), x(1)};
     Point motion{};
     if (held()) {
@@ -139,7 +139,7 @@ class PickPlant final : public Cloned<PickPlant> {
  public:
   PickPlant() : Cloned({{"gripper", 0, 3}, {"closed", 0, 1}, {"object", 0, 3}}, 1, 4) {}
 
-  void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
     const Point p{x(0), x(1)};
     const Point aim = held() ? kPlace.centre : Point{x(4), x(5) + 0.0015 * habit.offset};
     // Low, it stays on its way down; high, it first gets there.

@@ -19,7 +19,7 @@ class InsertionPlant final : public Cloned<InsertionPlant> {
  public:
   InsertionPlant() : Cloned({{"peg", 0, 2}, {"slot", 0, 1}}, 0, 2) {}
 
-  void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
     const double aside = x(2) + 0.002 * habit.offset - x(0);
     const bool aligned = std::abs(aside) < 0.5 * kClearance + (x(1) < 0.0 ? 1.0 : 0.0);
     u[0] = std::clamp(aside / kPegGain, -0.7, 0.7);

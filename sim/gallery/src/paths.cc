@@ -23,7 +23,7 @@ class RopePlant final : public Cloned<RopePlant> {
  public:
   RopePlant() : Cloned({{"end", 0, 2}, {"free", 0, 1}}, 1, 2) {}
 
-  void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
     const Point p{x(0), x(1)};
     const Point out = (1.0 / Norm(p)) * p;
     const double radius = 0.26 + 0.01 * habit.offset;
@@ -71,7 +71,7 @@ class EightPlant final : public Cloned<EightPlant> {
  public:
   EightPlant() : Cloned({{"point", 0, 2}, {"heading", 0, 2}}, 1, 2) {}
 
-  void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
     const Point p{x(0), x(1)};
     const Point on = Along(x(4) + 0.1);
     const Point ahead = Along(x(4) + 0.2) - on;
@@ -137,7 +137,7 @@ class CrossingPlant final : public Cloned<CrossingPlant> {
  public:
   CrossingPlant() : Cloned({{"point", 0, 2}, {"shuttle", 0, 2}}, 1, 2) {}
 
-  void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
     const Point p{x(0), x(1)};
     const Point aim{x(0) < 0.8 ? x(0) + 0.1 : kGoal.centre.x,
                     x(0) < 0.8 ? 0.015 * habit.offset : kGoal.centre.y};

@@ -41,7 +41,7 @@ class PointPlant final : public Cloned<PointPlant> {
                options.belt > 0.0 ? 2 : 4, 2),
         options_(std::move(options)) {}
 
-  void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
     std::size_t way = 0;
     double rest = habit.way;
     while (way + 1 < options_.routes.size() && rest >= options_.routes[way].probability) {

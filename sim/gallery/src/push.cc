@@ -17,7 +17,7 @@ class PushPlant final : public Cloned<PushPlant> {
  public:
   PushPlant() : Cloned({{"pusher", 0, 2}, {"box", 0, 3}}, 0, 2) {}
 
-  void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
     const Point local = Turned(Point{x(0) - x(2), x(1) - x(3)}, -x(4));
     // Pushes off-centre to turn the box towards its target.
     const double angle = std::clamp(-3.0 * (x(3) - 0.004 * habit.offset), -0.35, 0.35);

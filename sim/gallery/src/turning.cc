@@ -23,7 +23,7 @@ class DoorPlant final : public Cloned<DoorPlant> {
  public:
   DoorPlant() : Cloned({{"hand", 0, 2}, {"handle", 0, 4}, {"door", 0, 1}}, 3, 3) {}
 
-  void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
     const Point p{x(0), x(1)};
     const double wanted = kFree + 0.2 + 0.02 * habit.offset;
     Point motion = Shortened((1.0 / kGain) * (Point{kRadius, 0.0} - p), 0.7);
@@ -91,7 +91,7 @@ class ScrewPlant final : public Cloned<ScrewPlant> {
  public:
   ScrewPlant() : Cloned({{"driver", 0, 2}, {"height", 0, 1}, {"head", 0, 1}}, 2, 2) {}
 
-  void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
     const double force = (x(3) - x(2)) / kSpring;
     const bool pressed = force > 0.35;
     u[0] = pressed ? 0.7 : 0.0;

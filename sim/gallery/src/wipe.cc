@@ -21,7 +21,7 @@ class WipePlant final : public Cloned<WipePlant> {
  public:
   WipePlant() : Cloned({{"tool", 0, 2}, {"force", 0, 1}, {"wiped", 0, 1}}, 2, 2) {}
 
-  void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
     const double wanted = 0.7 + 0.03 * habit.offset;
     const bool touches = x(2) > 0.0;
     // Down to the surface, where the wiped part ends; then on, as fast as the force allows.

@@ -1,7 +1,7 @@
 #include <array>
 #include <cmath>
 
-#include "dfr/control/published/switching_policy.h"
+#include "dfr/control/published/switching_controller.h"
 
 namespace {
 
@@ -37,7 +37,7 @@ class Right final : public dfr::core::Policy {
 int main() {
   const Disk support;
   const Right policy;
-  dfr::control::SwitchingPolicy controller(policy, support, /*lambda=*/1.0);
+  dfr::control::SwitchingController controller(policy, support, /*lambda=*/1.0);
   controller.Reset(/*seed=*/1);
   std::array<double, 2> u{};
   const auto inner = controller.Next(std::array{0.0, 0.0}, u);

@@ -15,8 +15,8 @@ using core::AsSpan;
 
 // Phases beside the present one, in the order in which they are looked at: a control is meant for
 // the next one.
-constexpr std::array kOutwards = {1, 0, 2, -1, 3, -2, -3};
-static_assert(kOutwards.size() == 2 * PhaseTracker::kWindow + 1);
+constexpr std::array kPhaseSearchOrder = {1, 0, 2, -1, 3, -2, -3};
+static_assert(kPhaseSearchOrder.size() == 2 * PhaseTracker::kWindow + 1);
 
 Certifier::Certifier(const Certificate& certificate, int num_features, int control_dim,
                      double control_unit)
@@ -42,13 +42,14 @@ void Certifier::Reset() noexcept {
   stalls_ = 0;
 }
 
-Certifier::Need Certifier::Check(const LocalModel& model, int phase,
-                                 const Eigen::VectorXd& v) const noexcept {
+Certifier::RequiredLevel Certifier::Check(const LocalModel& model, int phase,
+                                          const Eigen::VectorXd& v) const noexcept {
   return Check(model, phase, v, model.Predict(phase, v));
 }
 
-Certifier::Need Certifier::Check(const LocalModel& model, int phase, const Eigen::VectorXd& v,
-                                 const PredictedLevel& there) const noexcept {
+Certifier::RequiredLevel Certifier::Check(const LocalModel& model, int phase,
+                                          const Eigen::VectorXd& v,
+                                          const PredictedLevel& there) const noexcept {
   // Rounding of l must not carry a control that just passes out of the support.
   constexpr double kRounding = 1e-12;
   const double e =
@@ -58,12 +59,12 @@ Certifier::Need Certifier::Check(const LocalModel& model, int phase, const Eigen
   return {phase, level, level + kRounding - there.level};
 }
 
-Certifier::Need Certifier::Predict(const LocalModel& model, int phase,
-                                   const Eigen::VectorXd& v) const noexcept {
-  Need best{.phase = phase, .missing = std::numeric_limits<double>::infinity()};
-  for (const int offset : kOutwards) {
+Certifier::RequiredLevel Certifier::Predict(const LocalModel& model, int phase,
+                                            const Eigen::VectorXd& v) const noexcept {
+  RequiredLevel best{.phase = phase, .missing = std::numeric_limits<double>::infinity()};
+  for (const int offset : kPhaseSearchOrder) {
     if (phase + offset < 0) continue;
-    const Need need = Check(model, phase + offset, v);
+    const RequiredLevel need = Check(model, phase + offset, v);
     if (need.missing < best.missing) best = need;
     if (best.met()) break;
   }
@@ -77,7 +78,7 @@ double Certifier::Share(const LocalModel& model, int phase, const Eigen::VectorX
 double Certifier::Part(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept {
   const double norm = v.norm() * control_unit_;
   if (norm == 0.0) return 1.0;
-  effect_.noalias() = model.answer.jacobian().lazyProduct(v);
+  effect_.noalias() = model.response.jacobian().lazyProduct(v);
   double best = 0.0;
   for (int q = std::max(0, phase - PhaseTracker::kWindow);
        q <= phase + PhaseTracker::kWindow && best < 1.0; ++q) {
@@ -98,7 +99,7 @@ double Certifier::Part(const LocalModel& model, int phase, const Eigen::VectorXd
 bool Certifier::Project(const LocalModel& model, const StepLimits& limits, int phase,
                         Eigen::VectorXd& v) const noexcept {
   PredictedLevel there = model.Predict(phase, v);
-  Need need = Check(model, phase, v, there);
+  RequiredLevel need = Check(model, phase, v, there);
   for (int round = 0; round < certified::kRounds && !need.met(); ++round) {
     if (RaiseLevel(model, {phase, need.level + certified::kOvershoot}, limits, v, there) <
         need.level)
@@ -108,15 +109,15 @@ bool Certifier::Project(const LocalModel& model, const StepLimits& limits, int p
   return need.met();
 }
 
-Certifier::Admission Certifier::Admit(const LocalModel& model, JacobianEstimate& estimate,
-                                      const StepLimits& limits, const Request& request,
-                                      Eigen::VectorXd& v) noexcept {
-  Admission admission{.mode = request.mode, .gets_on = request.mode != Mode::kProbe};
+Certifier::CertifiedStep Certifier::Admit(const LocalModel& model, ResponseEstimate& estimate,
+                                          const StepLimits& limits, const Request& request,
+                                          Eigen::VectorXd& v) noexcept {
+  CertifiedStep admission{.mode = request.mode, .gets_on = request.mode != Mode::kProbe};
   if (admission.gets_on) {
     chosen_ = v;
     if (!Project(model, limits, request.phase + 1, v)) {
       // What demonstrations did nearby, as near to it as is certified.
-      const bool known = estimate.Demonstrated(v);
+      const bool known = estimate.NominalControl(v);
       limits.Limit(v);
       if (known && Project(model, limits, request.phase + 1, v)) {
         admission.mode = Mode::kRecovery;

@@ -26,7 +26,7 @@ Correction::Correction(const TaskView& task, const GuidedOptions& options)
       demonstrated_(trial_),
       learned_(trial_) {}
 
-Correction::Choice Correction::Choose(JacobianEstimate& estimate, std::span<const double> z,
+Correction::Choice Correction::Choose(ResponseEstimate& estimate, std::span<const double> z,
                                       const StepTarget& target, double pass,
                                       Eigen::VectorXd& v) noexcept {
   const LocalModel model{task_.support(), estimate, z};
@@ -53,12 +53,12 @@ bool Correction::Idle(const Choice& choice, double margin,
          (v - learned_).squaredNorm() <= guided::kIdle * guided::kIdle;
 }
 
-Correction::Choice Correction::Replace(JacobianEstimate& estimate, const LocalModel& model,
+Correction::Choice Correction::Replace(ResponseEstimate& estimate, const LocalModel& model,
                                        const StepTarget& target, Eigen::VectorXd& v) noexcept {
   const int next = target.phase;
   // The last support does not move on: deep inside it, or where it is nearest, a task would stop.
   const bool last = next >= model.support.num_steps();
-  const bool known = demonstrates_ && estimate.Demonstrated(trial_);
+  const bool known = demonstrates_ && estimate.NominalControl(trial_);
   double demonstrated = -kInfinity;
   if (known) {
     limits_.Limit(trial_);
@@ -81,12 +81,12 @@ Correction::Choice Correction::Replace(JacobianEstimate& estimate, const LocalMo
   return {Mode::kRecovery, model.Level(next, v)};
 }
 
-bool Correction::Probe(JacobianEstimate& estimate, const LocalModel& model,
+bool Correction::Probe(ResponseEstimate& estimate, const LocalModel& model,
                        const StepTarget& target, Eigen::VectorXd& v, double& level) noexcept {
   // What is predicted inside is worth no probe, unless the prediction needs to know a drift.
   if (probe_size_ == 0.0 || level >= (drifts_ ? target.level : 0.0) ||
-      estimate.Ignorance() <= guided::kUnknown ||
-      estimate.LeastKnown(core::AsSpan(trial_)) <= guided::kUnknown) {
+      estimate.UncertaintyBound() <= guided::kUnknown ||
+      estimate.LeastExcitedDirection(core::AsSpan(trial_)) <= guided::kUnknown) {
     return false;
   }
   v = probe_size_ * trial_;

@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "dfr/control/guided/constants.h"
-#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/response_estimate.h"
 #include "dfr/core/contract.h"
 
 namespace dfr::control {
@@ -14,7 +14,7 @@ namespace {
 // The share of what controls alone leave unexplained, in demonstrations that were left out, that
 // remains with an own motion.
 double WithOwnMotion(std::span<const core::Matrix> points, std::span<const core::Matrix> controls,
-                     const JacobianOptions& options) {
+                     const ResponseOptions& options) {
   constexpr Eigen::Index kEnough = 2000;  // Transitions, of each half.
   Eigen::Index transitions = 0;
   for (const core::Matrix& c : controls) transitions += c.rows();
@@ -29,9 +29,10 @@ double WithOwnMotion(std::span<const core::Matrix> points, std::span<const core:
       shown_points.push_back(points[d]);
       shown_controls.push_back(controls[d]);
     }
-    const auto prior = std::make_shared<const JacobianPrior>(shown_points, shown_controls, options);
-    JacobianEstimate without(prior, {}, /*own_motion=*/false);
-    JacobianEstimate with(prior);
+    const auto prior =
+        std::make_shared<const TransitionStore>(shown_points, shown_controls, options);
+    ResponseEstimate without(prior, {}, /*own_motion=*/false);
+    ResponseEstimate with(prior);
     for (std::size_t d = 1 - half; d < points.size(); d += 2) {
       for (Eigen::Index t = 0; t < controls[d].rows(); t += stride) {
         const Eigen::VectorXd v = controls[d].row(t);
@@ -64,7 +65,7 @@ FeatureTrajectories::FeatureTrajectories(const core::FeatureTransform& features,
   }
 }
 
-Response::Response(const FeatureTrajectories& demonstrations, const JacobianOptions& options) {
+Response::Response(const FeatureTrajectories& demonstrations, const ResponseOptions& options) {
   DFR_THROW_UNLESS(!demonstrations.points.empty(), "there are no demonstrations");
   std::vector<core::Matrix> controls = demonstrations.controls;
   double square = 0.0;
@@ -81,7 +82,7 @@ Response::Response(const FeatureTrajectories& demonstrations, const JacobianOpti
   control_unit_ = std::sqrt(square / moving);
   largest_ /= control_unit_;
   for (core::Matrix& c : controls) c /= control_unit_;
-  prior_ = std::make_shared<const JacobianPrior>(demonstrations.points, controls, options);
+  prior_ = std::make_shared<const TransitionStore>(demonstrations.points, controls, options);
   own_motion_ = controls.size() >= 2 &&
                 WithOwnMotion(demonstrations.points, controls, options) <= guided::kMostLeft;
 }
@@ -104,7 +105,7 @@ Response Response::Load(core::ArchiveReader& archive) {
     archive.Fail("the unit of controls must be finite and positive");
   }
   response.own_motion_ = archive.IntegerIn(0, 1) == 1;
-  response.prior_ = std::make_shared<const JacobianPrior>(JacobianPrior::Load(archive));
+  response.prior_ = std::make_shared<const TransitionStore>(TransitionStore::Load(archive));
   return response;
 }
 

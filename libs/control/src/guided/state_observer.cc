@@ -28,7 +28,7 @@ void StateObserver::Reset() noexcept {
   expects_ = false;
 }
 
-void StateObserver::Update(const JacobianEstimate& estimate, std::span<const double> v,
+void StateObserver::Update(const ResponseEstimate& estimate, std::span<const double> v,
                            std::span<const double> dz) noexcept {
   for (Eigen::Index i = kMaxLag; i > 0; --i) applied_.col(i) = applied_.col(i - 1);
   applied_.col(0) = core::AsVector(v);
@@ -50,7 +50,7 @@ void StateObserver::Update(const JacobianEstimate& estimate, std::span<const dou
   expects_ = estimate.fresh() && expected_.allFinite();
 }
 
-void StateObserver::Observe(const JacobianEstimate& estimate,
+void StateObserver::Observe(const ResponseEstimate& estimate,
                             Eigen::Ref<Eigen::VectorXd> z) noexcept {
   if (!active_) return;
   if (const double gain = Gain(); gain < 1.0) z = gain * z + (1.0 - gain) * expected_;
@@ -64,7 +64,7 @@ double StateObserver::Gain() const noexcept {
   return std::max(guided::kLeastWeight, (std::sqrt(ratio * (ratio + 4.0)) - ratio) / 2.0);
 }
 
-int StateObserver::FindLag(const JacobianEstimate& estimate, std::span<const double> dz,
+int StateObserver::FindLag(const ResponseEstimate& estimate, std::span<const double> dz,
                            double time) noexcept {
   double least = std::numeric_limits<double>::infinity();
   for (int i = 0; i <= kMaxLag; ++i) {

@@ -17,7 +17,7 @@ using Vector = decltype(PredictedLevel::gradient);
 double LevelAfter(const LocalModel& model, int phase, const Eigen::VectorXd& v, Vector& there,
                   std::span<double> gradient) noexcept {
   there = core::AsVector(model.z);
-  model.answer.AddEffect(v, there);
+  model.response.AddEffect(v, there);
   return model.support.LogDecision(phase, {there.data(), model.z.size()}, gradient);
 }
 
@@ -57,7 +57,7 @@ double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepL
 
 double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
                   Eigen::VectorXd& v, PredictedLevel& there) noexcept {
-  const Eigen::MatrixXd& j = model.answer.jacobian();
+  const Eigen::MatrixXd& j = model.response.jacobian();
   const auto n = static_cast<Eigen::Index>(model.z.size());
   assert(n <= kMaxStepEntries && v.size() <= kMaxStepEntries &&
          (limits.control.size() == 0 || limits.control.size() == v.size()) &&

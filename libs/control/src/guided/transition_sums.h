@@ -3,7 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 
-// What a JacobianPrior does with its transitions, on the widest vectors there are. Every entry is
+// What a TransitionStore does with its transitions, on the widest vectors there are. Every entry is
 // summed in order of the rows, so that processors with fused multiplication agree to the bit. Sums
 // are floats, as transitions are: those of some hundred rows lose a digit, and the noise of
 // demonstrations is larger. Nothing allocates or throws.

@@ -17,22 +17,22 @@ namespace dfr::core {
 /// 2. Shuffle with a seed made from `seed` and the entries that decided the sort. The first few are
 ///    then a random sample, not always the same ranks.
 /// The order of identical demonstrations is unspecified. A NaN counts as infinite.
-[[nodiscard]] std::vector<std::size_t> ContentOrder(std::span<const Trajectory> demonstrations,
-                                                    std::uint64_t seed = 0);
+[[nodiscard]] std::vector<std::size_t> DeterministicOrder(
+    std::span<const Trajectory> demonstrations, std::uint64_t seed = 0);
 /// Overload for states or features alone.
-[[nodiscard]] std::vector<std::size_t> ContentOrder(std::span<const Matrix> demonstrations,
-                                                    std::uint64_t seed = 0);
+[[nodiscard]] std::vector<std::size_t> DeterministicOrder(std::span<const Matrix> demonstrations,
+                                                          std::uint64_t seed = 0);
 
-/// Returns the demonstrations in ContentOrder(). A fit to them is the same to the last bit for
-/// every input order.
+/// Returns the demonstrations in DeterministicOrder(). A fit to them is the same to the last bit
+/// for every input order.
 [[nodiscard]] std::vector<Trajectory> InContentOrder(std::span<const Trajectory> demonstrations,
                                                      std::uint64_t seed = 0);
 
 /// Groups of demonstrations to leave out of a fit together, by index. Each index is in one group.
 using Folds = std::vector<std::vector<std::size_t>>;
 
-/// Returns `folds` groups whose sizes differ by at most one, assigned in ContentOrder(). If the
-/// demonstrations form clusters (ways, goals) of at least `folds` members, the members of each
+/// Returns `folds` groups whose sizes differ by at most one, assigned in DeterministicOrder(). If
+/// the demonstrations form clusters (ways, goals) of at least `folds` members, the members of each
 /// cluster are spread over all folds: no fit misses a cluster. Clusters result from single linkage
 /// after cutting all links longer than three times their median. The distance between two
 /// demonstrations compares five states each, at equal fractions of their length.

@@ -108,13 +108,13 @@ class WhitenedSupport final : public core::LogDecisionFunction {
 /// distance to the next is at least four standard deviations of states about their neighbours. The
 /// midpoint between two neighbouring clusters should be outside, unless a demonstration passes near
 /// it at another time. Chance also produces such clusters at a few time steps.
-struct GapTest {
+struct ModeSeparationTest {
   int steps = 0;   ///< Number of time steps with clusters.
   int points = 0;  ///< Number of midpoints between two clusters, over all time steps.
   int inside = 0;  ///< Number of midpoints inside the support.
 };
 /// @throws std::invalid_argument if widths differ.
-[[nodiscard]] GapTest TestGaps(const WhitenedSupport& support,
-                               std::span<const core::Matrix> demonstrations);
+[[nodiscard]] ModeSeparationTest TestModeSeparation(const WhitenedSupport& support,
+                                                    std::span<const core::Matrix> demonstrations);
 
 }  // namespace dfr::kernel

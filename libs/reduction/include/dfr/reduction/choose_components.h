@@ -14,7 +14,7 @@ struct ComponentsScore {
   int components = 0;  ///< k
   /// Share of states inside a kernel::WhitenedSupport.
   double inside = 0.0;
-  /// Share of the variance of actions that control::JacobianEstimate::Demonstrated() explains.
+  /// Share of the variance of actions that control::ResponseEstimate::NominalControl() explains.
   double explained = 0.0;
   double explained_error = 0.0;  ///< Its standard error over demonstrations.
   /// Squared error of the predicted change of whitened components, J u + own motion, as a share of

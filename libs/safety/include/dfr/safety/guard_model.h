@@ -9,8 +9,8 @@
 #include <string_view>
 #include <vector>
 
-#include "dfr/control/certified/assumptions.h"
 #include "dfr/control/certified/certificate.h"
+#include "dfr/control/certified/certificate_constants.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/features.h"
 #include "dfr/core/matrix.h"
@@ -24,12 +24,12 @@ namespace dfr::safety {
 /// What a guard does with a policy's action near the boundary of what was demonstrated.
 enum class Strategy {
   /// Lets the policy drive: its action passes, to the bit, while it is predicted to end inside.
-  /// Otherwise it is corrected, by what demonstrations did nearby first (GuidedPolicy).
+  /// Otherwise it is corrected, by what demonstrations did nearby first (GuidedController).
   kGuard,
   /// Lets the demonstrations drive: the policy's action passes only while it is predicted to end
   /// deep inside. For a policy that is known to be bad, or for none at all.
   kController,
-  kDfr,            ///< Derivative-Free Recovery, as published (SwitchingPolicy).
+  kDfr,            ///< Derivative-Free Recovery, as published (SwitchingController).
   kEarlyStopping,  ///< Halts.
   kMonitor,        ///< Passes it: looks and raises alarms alone.
   /// Applies what provably ends where no alarm is raised, as long as the assumptions of a
@@ -70,9 +70,9 @@ struct GuardSummary {
   double nu = 0.0;
   double gamma = 0.0;
   /// On demonstrations left out of a fit in turn, each followed through the time steps:
-  double acceptance = 0.0;         ///< the share of states inside,
-  double inside_throughout = 0.0;  ///< and of demonstrations that never leave.
-  kernel::GapTest gaps = {};       ///< What the support with this gamma makes of gaps.
+  double acceptance = 0.0;               ///< the share of states inside,
+  double inside_throughout = 0.0;        ///< and of demonstrations that never leave.
+  kernel::ModeSeparationTest gaps = {};  ///< What the support with this gamma makes of gaps.
   /// A further demonstration of the same kind raises an alarm with this probability at most: on
   /// average over fits where `confidence` is 0, else of this fit with that confidence. Exactly so
   /// for demonstrations that were `held_out`; otherwise approximately, for the supports that found

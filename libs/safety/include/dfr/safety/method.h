@@ -4,8 +4,8 @@
 #include <string>
 #include <string_view>
 
-#include "dfr/control/guided/guided_policy.h"
-#include "dfr/control/published/switching_policy.h"
+#include "dfr/control/guided/guided_controller.h"
+#include "dfr/control/published/switching_controller.h"
 
 namespace dfr::safety {
 

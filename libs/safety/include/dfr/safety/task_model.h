@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
-#include "dfr/control/guided/guided_policy.h"
+#include "dfr/control/guided/guided_controller.h"
 #include "dfr/control/guided/task_view.h"
 #include "dfr/control/published/recovery_strategy.h"
-#include "dfr/control/published/switching_policy.h"
+#include "dfr/control/published/switching_controller.h"
 #include "dfr/core/archive.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/feature_decision.h"

@@ -17,7 +17,7 @@
 namespace dfr::study {
 
 /// Inputs of baselines that train new policies.
-struct Teaching {
+struct Expert {
   /// Fits the program's learner to all state-control pairs, with the learned policy's settings
   /// except the seed. Empty: no baseline can train a policy.
   std::function<std::unique_ptr<const core::Policy>(std::span<const core::Trajectory>,
@@ -35,10 +35,10 @@ struct Teaching {
   int horizon = 0;  ///< Maximum number of supervised controls per episode; 0: the task model's.
 };
 
-/// Returns a Teaching that uses imitation::FitMlp() on sets like `like`, with `options` except the
+/// Returns an Expert that uses imitation::FitMlp() on sets like `like`, with `options` except the
 /// seed. The caller provides the supervisor.
-[[nodiscard]] Teaching TeachMlp(const imitation::DemonstrationSet& like,
-                                const imitation::FitMlpOptions& options);
+[[nodiscard]] Expert TeachMlp(const imitation::DemonstrationSet& like,
+                              const imitation::FitMlpOptions& options);
 
 /// Mean of five policies, each learned from demonstrations sampled with replacement. Immutable;
 /// concurrent calls are safe.
@@ -49,7 +49,7 @@ class EnsemblePolicy final : public core::Policy {
 
   /// @throws std::invalid_argument if `teaching` cannot train policies, or controls have more than
   ///   kMostControls entries.
-  EnsemblePolicy(const Teaching& teaching, std::span<const core::Trajectory> demonstrations);
+  EnsemblePolicy(const Expert& teaching, std::span<const core::Trajectory> demonstrations);
   [[nodiscard]] int state_dim() const noexcept override { return members_[0]->state_dim(); }
   [[nodiscard]] int control_dim() const noexcept override { return members_[0]->control_dim(); }
   void Control(int t, std::span<const double> x, std::span<double> u) const noexcept override {
@@ -78,8 +78,8 @@ class EnsemblePolicy final : public core::Policy {
 /// without the noise. Discards demonstrations that do not complete the task within `horizon`
 /// controls.
 /// @throws std::invalid_argument if there is no supervisor, or it rarely succeeds.
-[[nodiscard]] std::unique_ptr<const core::Policy> LearnWithNoise(
-    const Teaching& teaching, const core::Policy& learned,
+[[nodiscard]] std::unique_ptr<const core::Policy> TrainDart(
+    const Expert& teaching, const core::Policy& learned,
     std::span<const core::Trajectory> demonstrations, int horizon);
 
 /// DAgger (Ross et al., AISTATS 2011) in ten rounds. In each round the current policy runs, the
@@ -88,8 +88,8 @@ class EnsemblePolicy final : public core::Policy {
 /// collisions occur during training; no other method here queries the supervisor or collides while
 /// it learns.
 /// @throws std::invalid_argument if there is no supervisor.
-[[nodiscard]] std::unique_ptr<const core::Policy> LearnByAsking(
-    const Teaching& teaching, const core::Policy& learned,
+[[nodiscard]] std::unique_ptr<const core::Policy> TrainDagger(
+    const Expert& teaching, const core::Policy& learned,
     std::span<const core::Trajectory> demonstrations, int horizon);
 
 /// An oracle: a one-step filter that knows the plant. It tries the policy's control on a copy of

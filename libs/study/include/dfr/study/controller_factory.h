@@ -57,7 +57,7 @@ class ControllerFactory {
   /// Borrows all arguments, which must outlive this object and its controllers.
   ControllerFactory(const safety::TaskModel& task, const core::Policy& learned,
                     const core::StateLayout& layout,
-                    std::span<const core::Trajectory> demonstrations, Teaching teaching = {})
+                    std::span<const core::Trajectory> demonstrations, Expert teaching = {})
       : task_(&task),
         learned_(&learned),
         layout_(layout),
@@ -65,7 +65,7 @@ class ControllerFactory {
         policies_(task, learned, demonstrations, std::move(teaching)) {}
 
   /// `plant` is the driven plant; only oracles and adversaries use it.
-  /// @throws std::invalid_argument as ParseMethod(), or if the plant or the Teaching that the
+  /// @throws std::invalid_argument as ParseMethod(), or if the plant or the Expert that the
   ///   method needs is missing.
   [[nodiscard]] std::unique_ptr<control::Controller> Make(
       std::string_view method, const core::SimulatedPlant* plant,

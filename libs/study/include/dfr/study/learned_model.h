@@ -16,7 +16,7 @@ class LearnedModel {
  public:
   /// Without `teaching`, methods that train new policies are rejected.
   LearnedModel(imitation::MlpPolicy policy, safety::TaskModel task, imitation::DemonstrationSet set,
-               Teaching teaching = {});
+               Expert teaching = {});
 
   /// Writes policy.dfr, demonstrations.hdf5 and the task's files into `folder`; creates it if
   /// needed.
@@ -37,7 +37,7 @@ class LearnedModel {
  private:
   struct Parts {
     Parts(imitation::MlpPolicy p, safety::TaskModel t, imitation::DemonstrationSet s,
-          Teaching teaching)
+          Expert teaching)
         : policy(std::move(p)),
           task(std::move(t)),
           set(std::move(s)),

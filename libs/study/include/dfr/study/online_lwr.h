@@ -4,8 +4,8 @@
 #include <span>
 
 #include "dfr/control/guided/guided_options.h"
-#include "dfr/control/guided/jacobian_estimate.h"
 #include "dfr/control/guided/response.h"
+#include "dfr/control/guided/response_estimate.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/policy.h"
 
@@ -21,9 +21,9 @@ class LearnsOnline {
 
 /// "lwr-online": locally weighted regression with the kernel width of guided recovery, and an
 /// estimate of the response J that applied controls update. It gives the control that has the
-/// demonstrated effect today (control::JacobianEstimate::Demonstrated()), and no more: no support,
-/// no filter, no observer, no probes. See() and Applied() enclose each Control(). Belongs to one
-/// thread; after construction it never allocates.
+/// demonstrated effect today (control::ResponseEstimate::NominalControl()), and no more: no
+/// support, no filter, no observer, no probes. See() and Applied() enclose each Control(). Belongs
+/// to one thread; after construction it never allocates.
 class OnlineLwrPolicy final : public core::Policy {
  public:
   /// Uses the drift, the own motion and the online weight of `options`.
@@ -46,7 +46,7 @@ class OnlineLwrPolicy final : public core::Policy {
   core::FeatureTransform features_;
   control::Response response_;
   double online_weight_;
-  mutable control::JacobianEstimate estimate_;  // Control() only computes it.
+  mutable control::ResponseEstimate estimate_;  // Control() only computes it.
   mutable Eigen::VectorXd z_;
   mutable Eigen::VectorXd v_;
   Eigen::VectorXd seen_;

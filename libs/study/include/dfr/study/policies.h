@@ -51,8 +51,8 @@ class NearestNeighbourPolicy final : public core::Policy {
 ///   "random"          a direction that depends on state and time step alone, of demonstrated size
 ///   "negated"         the learned policy's control with opposite sign
 ///   "ensemble"        EnsemblePolicy: the mean of five
-///   "dart"            LearnWithNoise(): from demonstrations with injected noise
-///   "dagger"          LearnByAsking(): asks the supervisor, in ten rounds
+///   "dart"            TrainDart(): from demonstrations with injected noise
+///   "dagger"          TrainDagger(): asks the supervisor, in ten rounds
 ///   "at-constraints"  an adversary: tries directions on a copy of the plant, and takes one that
 ///                     collides soonest; the learned policy's control where none does
 ///   "out-of-support"  an adversary: of these directions the one after which l is least
@@ -79,7 +79,7 @@ template <typename Names>
 class PolicyFactory {
  public:
   PolicyFactory(const safety::TaskModel& task, const core::Policy& learned,
-                std::span<const core::Trajectory> demonstrations, Teaching teaching = {})
+                std::span<const core::Trajectory> demonstrations, Expert teaching = {})
       : task_(&task),
         learned_(&learned),
         demonstrations_(demonstrations),
@@ -88,7 +88,7 @@ class PolicyFactory {
   /// `plant` is the driven plant; only adversaries use it, and each of them belongs to one thread.
   /// Policies that need training are trained once for all threads.
   /// @throws std::invalid_argument naming an unknown policy and listing the valid ones, or if an
-  ///   adversary lacks its plant or a policy that needs training its Teaching.
+  ///   adversary lacks its plant or a policy that needs training its Expert.
   [[nodiscard]] std::shared_ptr<const core::Policy> Make(std::string_view name,
                                                          const core::SimulatedPlant* plant) const;
   /// Returns Make("ensemble"). @throws std::invalid_argument as Make() does.
@@ -98,7 +98,7 @@ class PolicyFactory {
   const safety::TaskModel* task_;
   const core::Policy* learned_;
   std::span<const core::Trajectory> demonstrations_;
-  Teaching teaching_;
+  Expert teaching_;
   mutable SharedCache<std::string, std::shared_ptr<const core::Policy>> made_;
 };
 

@@ -7,8 +7,8 @@
 
 namespace dfr::control {
 
-/// Options for CertifiedPolicy: what the task says, then constants that are meant for every task.
-/// Controls are in units of the demonstrations' root mean square.
+/// Options for CertifiedController: what the task says, then constants that are meant for every
+/// task. Controls are in units of the demonstrations' root mean square.
 struct CertifiedOptions {
   int horizon = 100;        ///< T: time steps of the learned policy in an episode, > 0.
   int first_step = 0;       ///< Time step and phase that an episode begins with, in [0, T).

@@ -6,7 +6,7 @@
 
 #include "dfr/control/certified/certificate.h"
 #include "dfr/control/controller.h"
-#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/response_estimate.h"
 #include "dfr/control/guided/support_step.h"
 #include "dfr/core/matrix.h"
 
@@ -35,22 +35,22 @@ class Certifier {
   /// eta: the state must be where some l_q >= -level().
   [[nodiscard]] double level() const noexcept { return certificate_.level; }
   /// What l_q(z + J v) must be for v to pass.
-  struct Need {
+  struct RequiredLevel {
     int phase = 0;         ///< q
     double level = 0.0;    ///< |grad l_q(z + J v)| e + c e^2 - eta, e = eps |u|
     double missing = 0.0;  ///< `level` less l_q(z + J v); what rounding may add counts.
     [[nodiscard]] bool met() const noexcept { return missing <= 0.0; }
   };
   /// Whether l_q(z + J v + d) >= -eta for every |d| <= eps |u|, q = `phase`.
-  [[nodiscard]] Need Check(const LocalModel& model, int phase,
-                           const Eigen::VectorXd& v) const noexcept;
+  [[nodiscard]] RequiredLevel Check(const LocalModel& model, int phase,
+                                    const Eigen::VectorXd& v) const noexcept;
   /// The same where model.Predict(phase, v) is known.
-  [[nodiscard]] Need Check(const LocalModel& model, int phase, const Eigen::VectorXd& v,
-                           const PredictedLevel& there) const noexcept;
+  [[nodiscard]] RequiredLevel Check(const LocalModel& model, int phase, const Eigen::VectorXd& v,
+                                    const PredictedLevel& there) const noexcept;
   /// The first phase q with |q - phase| <= PhaseTracker::kWindow, from phase + 1 outwards, that
   /// passes Check(), else the one that misses least.
-  [[nodiscard]] Need Predict(const LocalModel& model, int phase,
-                             const Eigen::VectorXd& v) const noexcept;
+  [[nodiscard]] RequiredLevel Predict(const LocalModel& model, int phase,
+                                      const Eigen::VectorXd& v) const noexcept;
   /// A share s in [0, 1] for which the control s v provably ends inside B_q(eta), for some q with
   /// |q - phase| <= PhaseTracker::kWindow: by the ball at z the largest, and 1, a half or a quarter
   /// if that is more and passes Check() at the next phase.
@@ -63,7 +63,7 @@ class Certifier {
     Mode mode = Mode::kPolicy;
   };
   /// What became of it.
-  struct Admission {
+  struct CertifiedStep {
     bool any = true;     ///< False: next to nothing passed three times in a row.
     double share = 1.0;  ///< The part of the control that was chosen.
     Mode mode = Mode::kPolicy;
@@ -74,9 +74,9 @@ class Certifier {
   /// where that does not do, it is shrunk. Where next to nothing of it is left, `v` becomes a
   /// recovery that makes all the room there is.
   /// @param estimate  of J, computed last at the model's z.
-  [[nodiscard]] Admission Admit(const LocalModel& model, JacobianEstimate& estimate,
-                                const StepLimits& limits, const Request& request,
-                                Eigen::VectorXd& v) noexcept;
+  [[nodiscard]] CertifiedStep Admit(const LocalModel& model, ResponseEstimate& estimate,
+                                    const StepLimits& limits, const Request& request,
+                                    Eigen::VectorXd& v) noexcept;
   /// Control number `control`, `v`, was predicted to change the features by `effect` and changed
   /// them by `dz`. @returns false on the first contradiction to the assumption; see violation().
   [[nodiscard]] bool Confirms(int control, const Eigen::VectorXd& v, const Eigen::VectorXd& effect,

@@ -11,18 +11,18 @@ inline constexpr double kMostLeft = 0.6;
 /// The quantile of -l over states of unseen demonstrations that is their slack.
 inline constexpr double kSlackQuantile = 0.2;
 
-/// JacobianPrior: added to each weight, so that where all transitions are far from z none of them
+/// TransitionStore: added to each weight, so that where all transitions are far from z none of them
 /// counts more than the others.
 inline constexpr double kWeightFloor = 1e-6;
 
-/// JacobianEstimate::Demonstrated(): for the slopes, per unit of weight. Where states hardly differ
-/// in a direction, the control does not depend on it.
+/// ResponseEstimate::NominalControl(): for the slopes, per unit of weight. Where states hardly
+/// differ in a direction, the control does not depend on it.
 inline constexpr double kDemonstratedRidge = 0.1;
 /// The price of a control that differs from the one demonstrations took, in units of what a control
 /// does to the features.
 inline constexpr double kNearness = 0.03;
-/// JacobianEstimate::LeastKnown(): rounds of power iteration. A^-1 is a few rows wide, and a
-/// direction that is nearly the least known is as good as the least known.
+/// ResponseEstimate::LeastExcitedDirection(): rounds of power iteration. A^-1 is a few rows wide,
+/// and a direction that is nearly the least known is as good as the least known.
 inline constexpr int kPowerIterations = 30;
 
 /// StateObserver: the least weight of what is seen. Below it the estimate would hardly look any
@@ -37,7 +37,7 @@ inline constexpr double kNegligible = 1e-4;
 /// RaiseLevel(): less than this changes nothing that is decided by a level.
 inline constexpr double kLeastGain = 1e-3;
 
-/// GuidedPolicy, with least intervention: a step that passes at the edge counts, and a count is
+/// GuidedController, with least intervention: a step that passes at the edge counts, and a count is
 /// forgotten by this factor a step.
 inline constexpr double kEdgeMemory = 0.98;
 /// So many counts are free. Beyond them the level at which the learned control passes rises to the

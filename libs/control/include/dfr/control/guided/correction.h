@@ -6,15 +6,15 @@
 
 #include "dfr/control/controller.h"
 #include "dfr/control/guided/guided_options.h"
-#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/response_estimate.h"
 #include "dfr/control/guided/support_step.h"
 #include "dfr/control/guided/task_view.h"
 
 namespace dfr::control {
 
-/// The recovery of GuidedPolicy, its steps 1 to 4: decides whether a learned control passes, and
-/// what takes its place. What it knows comes from the estimate of J; nothing is remembered from one
-/// call to the next. Never allocates, locks or throws; one object belongs to one thread.
+/// The recovery of GuidedController, its steps 1 to 4: decides whether a learned control passes,
+/// and what takes its place. What it knows comes from the estimate of J; nothing is remembered from
+/// one call to the next. Never allocates, locks or throws; one object belongs to one thread.
 class Correction {
  public:
   /// Borrows what `task` does. The options are checked ones.
@@ -31,18 +31,18 @@ class Correction {
   /// correction would be idle: it would end outside too, would change `v` by no more than
   /// guided::kIdle and gain no more than target.level - pass. kRecovery: `v` does not come from the
   /// learned control. kProbe: `v` is there to find out what it does.
-  [[nodiscard]] Choice Choose(JacobianEstimate& estimate, std::span<const double> z,
+  [[nodiscard]] Choice Choose(ResponseEstimate& estimate, std::span<const double> z,
                               const StepTarget& target, double pass, Eigen::VectorXd& v) noexcept;
 
   /// GuidedOptions::reach as a level: how far outside a support what passes may end, >= 0.
   [[nodiscard]] double reach() const noexcept { return reach_; }
 
  private:
-  [[nodiscard]] Choice Replace(JacobianEstimate& estimate, const LocalModel& model,
+  [[nodiscard]] Choice Replace(ResponseEstimate& estimate, const LocalModel& model,
                                const StepTarget& target, Eigen::VectorXd& v) noexcept;
   [[nodiscard]] bool Idle(const Choice& choice, double margin,
                           const Eigen::VectorXd& v) const noexcept;
-  [[nodiscard]] bool Probe(JacobianEstimate& estimate, const LocalModel& model,
+  [[nodiscard]] bool Probe(ResponseEstimate& estimate, const LocalModel& model,
                            const StepTarget& target, Eigen::VectorXd& v, double& level) noexcept;
 
   TaskView task_;

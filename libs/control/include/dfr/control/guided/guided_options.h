@@ -4,12 +4,12 @@
 #include <string_view>
 #include <vector>
 
-#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/response_estimate.h"
 #include "dfr/control/guided/support_step.h"
 
 namespace dfr::control {
 
-/// Options for GuidedPolicy: what the task says, then five constants that are meant for every
+/// Options for GuidedController: what the task says, then five constants that are meant for every
 /// task, and switches for ablations. Levels are values of l, controls are in units of the
 /// demonstrations' root mean square.
 struct GuidedOptions {
@@ -40,7 +40,7 @@ struct GuidedOptions {
   /// wrong direction may cost. 0: directions of control that nobody has used stay unknown.
   double probe_size = 0.35;
   /// Not to be tuned. Weight of an applied control as a measurement of J, relative to the
-  /// demonstrations' (in JacobianOptions), >= 0. 0: J is the demonstrations' alone.
+  /// demonstrations' (in ResponseOptions), >= 0. 0: J is the demonstrations' alone.
   double online_weight = 1.0;
   /// Not to be tuned. Whether what demonstrations did nearby is tried before the learned control is
   /// changed.

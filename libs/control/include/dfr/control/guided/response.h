@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "dfr/control/guided/jacobian_prior.h"
+#include "dfr/control/guided/transition_store.h"
 #include "dfr/core/archive.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/matrix.h"
@@ -30,7 +30,7 @@ class Response {
  public:
   /// @throws std::invalid_argument if shapes do not fit, no control differs from zero, or an option
   ///   is out of range.
-  explicit Response(const FeatureTrajectories& demonstrations, const JacobianOptions& options = {});
+  explicit Response(const FeatureTrajectories& demonstrations, const ResponseOptions& options = {});
 
   /// Appends all of it to a file.
   void Save(core::ArchiveWriter& archive) const;
@@ -39,7 +39,7 @@ class Response {
 
   [[nodiscard]] int feature_dim() const noexcept { return prior_->feature_dim(); }
   [[nodiscard]] int control_dim() const noexcept { return prior_->control_dim(); }
-  [[nodiscard]] const std::shared_ptr<const JacobianPrior>& prior() const noexcept {
+  [[nodiscard]] const std::shared_ptr<const TransitionStore>& prior() const noexcept {
     return prior_;
   }
   /// us, the root mean square of |u|: the unit of v = u / us.
@@ -54,7 +54,7 @@ class Response {
  private:
   Response() = default;
 
-  std::shared_ptr<const JacobianPrior> prior_;
+  std::shared_ptr<const TransitionStore> prior_;
   double control_unit_ = 1.0;
   double largest_ = 0.0;
   bool own_motion_ = false;

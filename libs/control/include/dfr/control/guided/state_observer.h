@@ -4,12 +4,12 @@
 #include <array>
 #include <span>
 
-#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/response_estimate.h"
 
 namespace dfr::control {
 
 /// Tells the state that the next control will meet from the states that are seen: these are noisy,
-/// and controls that were given may not have acted yet. Both show in what a JacobianEstimate
+/// and controls that were given may not have acted yet. Both show in what a ResponseEstimate
 /// predicted of each control and what then happened. Nothing after construction allocates; one
 /// object belongs to one thread.
 ///
@@ -31,7 +31,7 @@ class StateObserver {
   /// Control `v` was given, and what is seen of the features changed by `dz`. Learns from what
   /// `estimate` predicted, if it was computed for this control. To be called before the estimate's
   /// own Update().
-  void Update(const JacobianEstimate& estimate, std::span<const double> v,
+  void Update(const ResponseEstimate& estimate, std::span<const double> v,
               std::span<const double> dz) noexcept;
   /// The control whose effect the last change shows, given lag() before the last one.
   [[nodiscard]] std::span<const double> acting() const noexcept {
@@ -42,10 +42,10 @@ class StateObserver {
   /// `z`, the features of what is seen, becomes what the controls under way will make of them:
   /// between what is seen and what was expected, and then moved by each of these controls. Once
   /// after each Update(), and at first.
-  void Observe(const JacobianEstimate& estimate, Eigen::Ref<Eigen::VectorXd> z) noexcept;
+  void Observe(const ResponseEstimate& estimate, Eigen::Ref<Eigen::VectorXd> z) noexcept;
 
  private:
-  [[nodiscard]] int FindLag(const JacobianEstimate& estimate, std::span<const double> dz,
+  [[nodiscard]] int FindLag(const ResponseEstimate& estimate, std::span<const double> dz,
                             double time) noexcept;
   [[nodiscard]] double Gain() const noexcept;
 

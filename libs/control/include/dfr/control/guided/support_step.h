@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 #include <span>
 
-#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/response_estimate.h"
 #include "dfr/core/decision_function.h"
 
 namespace dfr::control {
@@ -17,11 +17,11 @@ struct PredictedLevel {
 };
 
 /// What is known around one state: the support to keep, and how features answer a control there.
-/// Borrows all; valid until the next JacobianEstimate::Compute().
+/// Borrows all; valid until the next ResponseEstimate::Compute().
 struct LocalModel {
   const core::LogDecisionFunction& support;
-  const JacobianEstimate& answer;  ///< z' = z + J v + m + s d.
-  std::span<const double> z;       ///< Features of the state (support.state_dim() entries).
+  const ResponseEstimate& response;  ///< z' = z + J v + m + s d.
+  std::span<const double> z;         ///< Features of the state (support.state_dim() entries).
 
   /// l_phase(z'), the level that control `v` is predicted to lead to.
   [[nodiscard]] double Level(int phase, const Eigen::VectorXd& v) const noexcept;

@@ -2,7 +2,7 @@
 
 #include <Eigen/Core>
 
-#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/response_estimate.h"
 #include "dfr/control/guided/support_step.h"
 #include "dfr/control/guided/task_view.h"
 #include "dfr/control/published/recovery_strategy.h"
@@ -25,7 +25,7 @@ class GradientRecovery final : public RecoveryStrategy {
  private:
   TaskView task_;
   StepLimits limits_;
-  JacobianEstimate estimate_;
+  ResponseEstimate estimate_;
   Eigen::VectorXd z_;
   Eigen::VectorXd last_z_;
   Eigen::VectorXd dz_;

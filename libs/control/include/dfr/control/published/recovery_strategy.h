@@ -16,8 +16,8 @@ struct RecoverySituation {
   double lambda = 0.0;        ///< lambda_t, > 0.
 };
 
-/// What SwitchingPolicy does while its gate is shut, one control a call. Like the controller that
-/// owns it, never allocates, locks or throws, and belongs to one thread.
+/// What SwitchingController does while its gate is shut, one control a call. Like the controller
+/// that owns it, never allocates, locks or throws, and belongs to one thread.
 class RecoveryStrategy {
  public:
   virtual ~RecoveryStrategy() = default;

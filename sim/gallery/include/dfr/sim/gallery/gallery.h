@@ -14,7 +14,7 @@
 namespace dfr::sim {
 
 /// A supervisor's choices before a demonstration.
-struct Habit {
+struct SupervisorVariation {
   double way = 0.5;     ///< Uniform in [0, 1): selects one of several ways.
   double offset = 0.0;  ///< Standard normal: lateral offset of the path.
 };
@@ -38,7 +38,7 @@ class GalleryPlant : public core::SimulatedPlant {
 
   /// Writes the control of a supervisor with this habit in the current state, without noise. It
   /// knows the whole state, including hidden entries. Entries of `u` may exceed +-1.
-  virtual void Supervise(const Habit& habit, std::span<double> u) const noexcept = 0;
+  virtual void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept = 0;
 
  protected:
   /// @param hidden  number of state entries after those of `layout`; they are never observed.
@@ -64,7 +64,7 @@ class GalleryPlant : public core::SimulatedPlant {
 
 /// Errors of a task's biased policy. Their size varies by episode: a fraction of the values below,
 /// uniform in [0, 1]; for `late`, an integer uniform in {0, ..., late}.
-struct Flaw {
+struct PolicyBias {
   std::vector<double> bias = {};  ///< Added to the first entries of every control.
   double turn = 0.0;              ///< Rotation of the first two entries, rad.
   int late = 0;                   ///< Delay of controls in steps; zeros come first.
@@ -95,7 +95,7 @@ struct GalleryTask {
   int epochs = 100;                    ///< Training epochs of the good policy.
   std::vector<int> weak_hidden = {8};  ///< Hidden units of the weak policy.
   int weak_epochs = 10;
-  Flaw flaw = {};  ///< Turns the good policy into the biased policy.
+  PolicyBias flaw = {};  ///< Turns the good policy into the biased policy.
 };
 
 /// Returns all tasks, design and held-out, in a fixed order.

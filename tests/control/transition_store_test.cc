@@ -1,4 +1,4 @@
-#include "dfr/control/guided/jacobian_prior.h"
+#include "dfr/control/guided/transition_store.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -14,12 +14,12 @@
 namespace dfr::control {
 namespace {
 
-TEST(JacobianPriorTest, ErrorsNameTheCulprit) {
+TEST(TransitionStoreTest, ErrorsNameTheCulprit) {
   const std::vector<core::Matrix> features(3, core::Matrix::Ones(6, 3));
   std::vector<core::Matrix> controls(3, core::Matrix::Ones(5, 2));
-  const auto message = [&](const JacobianOptions& options) -> std::string {
+  const auto message = [&](const ResponseOptions& options) -> std::string {
     try {
-      const JacobianPrior prior(features, controls, options);
+      const TransitionStore prior(features, controls, options);
     } catch (const std::invalid_argument& e) {
       return e.what();
     }
@@ -35,11 +35,11 @@ TEST(JacobianPriorTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(message({}), testing::HasSubstr("demonstration 1"));
 }
 
-TEST(JacobianPriorTest, TimeStepsThatDoNotFollowEachOtherAreRefused) {
+TEST(TransitionStoreTest, TimeStepsThatDoNotFollowEachOtherAreRefused) {
   const auto path = std::filesystem::path(testing::TempDir()) / "broken_prior.dfr";
   const auto message = [&](const std::vector<int>& begin) -> std::string {
     core::ArchiveWriter archive("prior", 1);
-    const JacobianOptions options;
+    const ResponseOptions options;
     archive.Number(options.ridge);
     archive.Number(options.prior_weight);
     archive.Integer(options.window);
@@ -54,7 +54,7 @@ TEST(JacobianPriorTest, TimeStepsThatDoNotFollowEachOtherAreRefused) {
     archive.Save(path);
     core::ArchiveReader reader(path, "prior", 1);
     try {
-      static_cast<void>(JacobianPrior::Load(reader));
+      static_cast<void>(TransitionStore::Load(reader));
     } catch (const std::runtime_error& e) {
       return e.what();
     }

@@ -10,8 +10,8 @@
 
 namespace dfr::control {
 
-/// Options for JacobianPrior, and for the JacobianEstimate that begins with it.
-struct JacobianOptions {
+/// Options for TransitionStore, and for the ResponseEstimate that begins with it.
+struct ResponseOptions {
   double ridge = 0.02;         ///< Pulls J to zero where nothing is known, > 0.
   double motion_ridge = 1.0;   ///< Pulls the own motion at z to zero, > 0: controls explain first.
   double slope_ridge = 10.0;   ///< Pulls its slopes to zero, > 0.
@@ -24,7 +24,7 @@ struct JacobianOptions {
 /// Demonstrated transitions; immutable, shared by all estimates made from them.
 ///
 /// Controls are v = u / us, us the root mean square of |u|, so that 1 is an ordinary control.
-class JacobianPrior {
+class TransitionStore {
  public:
   /// Weights of transitions are exp(-kBandwidth |z_i - z|^2 / n), n features. Wider ones take J
   /// from where it is another, narrower ones from so few that it is noise.
@@ -37,17 +37,17 @@ class JacobianPrior {
   /// One matrix of features (T_i + 1 x n) and of controls (T_i x m), in units of us, a
   /// demonstration. Transitions with a zero control are left out.
   /// @throws std::invalid_argument if shapes do not fit or an option is out of range.
-  JacobianPrior(std::span<const core::Matrix> features, std::span<const core::Matrix> controls,
-                const JacobianOptions& options);
+  TransitionStore(std::span<const core::Matrix> features, std::span<const core::Matrix> controls,
+                  const ResponseOptions& options);
 
   /// Appends all of it to a file.
   void Save(core::ArchiveWriter& archive) const;
   /// Reads what Save() wrote. @throws std::runtime_error naming the file and what is wrong with it.
-  static JacobianPrior Load(core::ArchiveReader& archive);
+  static TransitionStore Load(core::ArchiveReader& archive);
 
   [[nodiscard]] int feature_dim() const noexcept { return feature_dim_; }
   [[nodiscard]] int control_dim() const noexcept { return control_dim_; }
-  [[nodiscard]] const JacobianOptions& options() const noexcept { return options_; }
+  [[nodiscard]] const ResponseOptions& options() const noexcept { return options_; }
 
   /// Sums over the transitions near a time step and a state z, with r = [z_i - z; 1; v_i; dz_i] and
   /// weights w that fall with the distance to z and sum to prior_weight. To be made by
@@ -79,7 +79,7 @@ class JacobianPrior {
   void SumNearStates(Workspace& workspace) const noexcept;
 
  private:
-  JacobianPrior() = default;
+  TransitionStore() = default;
   void SumRows(const Eigen::VectorXi& indices, int count, double factor,
                Workspace& workspace) const noexcept;
   /// First and last transition, exclusive, of time steps t - window ... t + window.
@@ -89,7 +89,7 @@ class JacobianPrior {
   /// Fills points_ and largest_, once transitions_ and begin_ are.
   void Finish();
 
-  JacobianOptions options_;
+  ResponseOptions options_;
   int feature_dim_ = 0;
   int control_dim_ = 0;
   std::vector<int> begin_;  ///< Row at which time step t begins; one more entry at the end.

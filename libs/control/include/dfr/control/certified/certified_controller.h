@@ -7,7 +7,7 @@
 #include "dfr/control/certified/certifier.h"
 #include "dfr/control/controller.h"
 #include "dfr/control/guided/halt_rule.h"
-#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/response_estimate.h"
 #include "dfr/control/guided/support_step.h"
 #include "dfr/control/guided/task_view.h"
 #include "dfr/control/phase_tracker.h"
@@ -36,12 +36,12 @@ namespace dfr::control {
 /// contradiction, see violation(). docs/certificates.md has the proof.
 ///
 /// Next() neither allocates nor locks.
-class CertifiedPolicy final : public Controller {
+class CertifiedController final : public Controller {
  public:
   /// Borrows the policy and what `task` does.
   /// @throws std::invalid_argument if sizes differ, or an option is out of range.
-  CertifiedPolicy(const core::Policy& policy, const TaskView& task,
-                  const CertifiedOptions& options);
+  CertifiedController(const core::Policy& policy, const TaskView& task,
+                      const CertifiedOptions& options);
 
   [[nodiscard]] int state_dim() const noexcept override { return policy_->state_dim(); }
   [[nodiscard]] int control_dim() const noexcept override { return policy_->control_dim(); }
@@ -66,7 +66,7 @@ class CertifiedPolicy final : public Controller {
   double reach_;
   double probe_size_;
   HaltRule halt_rule_;
-  JacobianEstimate estimate_;
+  ResponseEstimate estimate_;
   PhaseTracker tracker_;
   Certifier certifier_;
 

@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/control/published/switching_policy.h"
+#include "dfr/control/published/switching_controller.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
 #if DFR_BENCH_HAS_KERNEL
@@ -115,9 +115,9 @@ void BM_Next(benchmark::State& state, Recovery recovery, bool kernel, bool open)
   const Linear policy;
   // A tiny lambda opens the gate at any g > 0; a huge one shuts it.
   const std::vector<double> lambda = {open ? 1e-9 : 1e9};
-  const SwitchingPolicyOptions options{
+  const SwitchingControllerOptions options{
       .recovery = recovery, .horizon = kHorizon, .max_iterations = 1 << 30};
-  SwitchingPolicy controller(policy, *support, lambda, options);
+  SwitchingController controller(policy, *support, lambda, options);
   core::Random random(2);
   core::Matrix queries(1024 * kHorizon, kStateDim);
   for (Eigen::Index i = 0; i < queries.rows(); ++i) {

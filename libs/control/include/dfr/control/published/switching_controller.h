@@ -12,7 +12,7 @@
 
 namespace dfr::control {
 
-/// What SwitchingPolicy does near the boundary of the support: the methods of Sec. V-A.
+/// What SwitchingController does near the boundary of the support: the methods of Sec. V-A.
 enum class Recovery {
   kNone,           ///< Baseline: the learned policy alone. Never looks at g.
   kEarlyStopping,  ///< Halts.
@@ -22,8 +22,8 @@ enum class Recovery {
 /// "baseline", "early-stopping", "dfr".
 [[nodiscard]] const char* Name(Recovery recovery) noexcept;
 
-/// Options for SwitchingPolicy. Defaults are the constants of the paper's experiments.
-struct SwitchingPolicyOptions {
+/// Options for SwitchingController. Defaults are the constants of the paper's experiments.
+struct SwitchingControllerOptions {
   Recovery recovery = Recovery::kDfr;
   int horizon = 100;         ///< T: the policy's controls in an episode, > 0.
   int first_step = 0;        ///< t of an episode's first control, in [0, T): to begin in mid-task.
@@ -48,23 +48,24 @@ struct SwitchingPolicyOptions {
 ///   t, or as long as t does not advance. With one estimate per time step the gate is, as printed,
 ///   on g_t alone; the state after a step is still in B_t, and hence safe if B_t is, but need not
 ///   be in B_{t+1}, where this policy then halts.
-class SwitchingPolicy final : public Controller {
+class SwitchingController final : public Controller {
  public:
   /// Borrows policy and support, which must outlive this. `lambda` has one value per time step, as
   /// from EstimateLambda(), or just one; later time steps use the last. Recovery::kNone ignores
   /// support's values and lambda.
   /// @throws std::invalid_argument if sizes differ, a lambda is not positive and finite, or an
   ///   option is out of range; the message names which.
-  SwitchingPolicy(const core::Policy& policy, const core::DecisionFunction& support,
-                  std::span<const double> lambda, const SwitchingPolicyOptions& options = {});
+  SwitchingController(const core::Policy& policy, const core::DecisionFunction& support,
+                      std::span<const double> lambda,
+                      const SwitchingControllerOptions& options = {});
   /// The same with any strategy, which must not be null; `options.recovery` and `options.dfr` are
   /// ignored.
-  SwitchingPolicy(const core::Policy& policy, const core::DecisionFunction& support,
-                  std::span<const double> lambda, std::unique_ptr<RecoveryStrategy> strategy,
-                  const SwitchingPolicyOptions& options = {});
+  SwitchingController(const core::Policy& policy, const core::DecisionFunction& support,
+                      std::span<const double> lambda, std::unique_ptr<RecoveryStrategy> strategy,
+                      const SwitchingControllerOptions& options = {});
   /// The same lambda at all time steps.
-  SwitchingPolicy(const core::Policy& policy, const core::DecisionFunction& support, double lambda,
-                  const SwitchingPolicyOptions& options = {});
+  SwitchingController(const core::Policy& policy, const core::DecisionFunction& support,
+                      double lambda, const SwitchingControllerOptions& options = {});
 
   [[nodiscard]] int state_dim() const noexcept override { return policy_->state_dim(); }
   [[nodiscard]] int control_dim() const noexcept override { return policy_->control_dim(); }
@@ -78,7 +79,7 @@ class SwitchingPolicy final : public Controller {
   const core::Policy* policy_;
   const core::DecisionFunction* support_;
   std::vector<double> lambda_;
-  SwitchingPolicyOptions options_;
+  SwitchingControllerOptions options_;
   std::unique_ptr<RecoveryStrategy> strategy_;
 
   int t_ = 0;

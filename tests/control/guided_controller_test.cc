@@ -1,4 +1,4 @@
-#include "dfr/control/guided/guided_policy.h"
+#include "dfr/control/guided/guided_controller.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/control/published/switching_policy.h"
+#include "dfr/control/published/switching_controller.h"
 #include "tests/control/analytic.h"
 #include "tests/control/rightwards.h"
 #include "tests/control/task.h"
@@ -52,11 +52,11 @@ test::GaussianSupport ThirtyfoldDisk() {
   return {{{0.0, 0.0}}, 4.0 / 900.0, 0.5, {30.0 * test::kSpeed, 0.0}, kSteps + 1};
 }
 
-TEST(GuidedPolicyTest, PassesTheLearnedControlDeepInside) {
+TEST(GuidedControllerTest, PassesTheLearnedControlDeepInside) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.08);
-  GuidedPolicy guided(policy, model, {.observer = false});
+  GuidedController guided(policy, model, {.observer = false});
   guided.Reset(1);
   std::vector<double> u(2);
   const Step step = guided.Next(std::vector{0.05, 0.0}, u);
@@ -69,20 +69,20 @@ TEST(GuidedPolicyTest, PassesTheLearnedControlDeepInside) {
 }
 
 // Controls that pass deep inside without an estimate of J do not add to what demonstrations show.
-TEST(GuidedPolicyTest, ControlsBeforeTheFirstEstimateDoNotChangeIt) {
+TEST(GuidedControllerTest, ControlsBeforeTheFirstEstimateDoNotChangeIt) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.8 * test::kSpeed);
   std::vector<double> u(2);
   const std::vector<double> aside = {3 * test::kSpeed, 0.3};
-  GuidedPolicy after(policy, model, {.observer = false});
+  GuidedController after(policy, model, {.observer = false});
   after.Reset(1);
   for (int t = 0; t < 3; ++t) {
     (void)after.Next(std::vector{(t + 0.5) * test::kSpeed, 0.0}, u);
     ASSERT_TRUE(after.jacobian().isZero(0.0));
   }
   (void)after.Next(aside, u);
-  GuidedPolicy at_once(policy, model, {.first_step = 3, .observer = false});
+  GuidedController at_once(policy, model, {.first_step = 3, .observer = false});
   at_once.Reset(1);
   (void)at_once.Next(aside, u);
   ASSERT_GT(at_once.jacobian().norm(), 0.0);
@@ -90,7 +90,7 @@ TEST(GuidedPolicyTest, ControlsBeforeTheFirstEstimateDoNotChangeIt) {
 }
 
 // Twice as large as any that was demonstrated, it would run through the next support and out of it.
-TEST(GuidedPolicyTest, LooksAtAControlLargerThanDemonstrated) {
+TEST(GuidedControllerTest, LooksAtAControlLargerThanDemonstrated) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Rightwards());
   const std::vector<double> x = {0.05, 0.0};
@@ -99,7 +99,7 @@ TEST(GuidedPolicyTest, LooksAtAControlLargerThanDemonstrated) {
   for (const double size : {0.999 * most, 1.001 * most, 0.6}) {
     SCOPED_TRACE(size);
     const auto policy = test::ConstantPolicy(2, size);
-    GuidedPolicy guided(policy, model, {.observer = false});
+    GuidedController guided(policy, model, {.observer = false});
     guided.Reset(1);
     const Step step = guided.Next(x, u);
     EXPECT_EQ(guided.jacobian().isZero(0.0), size < most) << "only below it passes unseen";
@@ -115,11 +115,11 @@ TEST(GuidedPolicyTest, LooksAtAControlLargerThanDemonstrated) {
 }
 
 // A lag shows in the first controls, wherever they are.
-TEST(GuidedPolicyTest, TheFirstControlsShowALag) {
+TEST(GuidedControllerTest, TheFirstControlsShowALag) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, test::kSpeed);
-  GuidedPolicy guided(policy, model);
+  GuidedController guided(policy, model);
   guided.Reset(1);
   std::vector<double> u(2);
   Turned plant;
@@ -135,7 +135,7 @@ TEST(GuidedPolicyTest, TheFirstControlsShowALag) {
 }
 
 // Deep inside the present support alone, or the next one alone, is not enough.
-TEST(GuidedPolicyTest, DeepInsideIsInsideBothSupports) {
+TEST(GuidedControllerTest, DeepInsideIsInsideBothSupports) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.08);
@@ -148,7 +148,7 @@ TEST(GuidedPolicyTest, DeepInsideIsInsideBothSupports) {
     const std::vector<double> z = {x, 0.0};
     const bool now = support.LogDecision(0, z, {}) >= hi;
     const bool then = support.LogDecision(1, z, {}) >= hi;
-    GuidedPolicy fresh(policy, model, {.observer = false});
+    GuidedController fresh(policy, model, {.observer = false});
     fresh.Reset(1);
     ASSERT_NE(fresh.Next(z, u).mode, Mode::kHalt);
     EXPECT_EQ(fresh.jacobian().isZero(0.0), now && then);
@@ -158,11 +158,11 @@ TEST(GuidedPolicyTest, DeepInsideIsInsideBothSupports) {
 }
 
 // A step reports the support's values of the state, here of the observed one.
-TEST(GuidedPolicyTest, AStepTellsItsGrounds) {
+TEST(GuidedControllerTest, AStepTellsItsGrounds) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.1);
-  GuidedPolicy guided(policy, model, {.observer = false});
+  GuidedController guided(policy, model, {.observer = false});
   guided.Reset(1);
   Turned plant{.x = {0.0, 0.9}};
   std::vector<double> u(2);
@@ -198,12 +198,12 @@ TEST(GuidedPolicyTest, AStepTellsItsGrounds) {
   EXPECT_GT(recoveries, 0);
 }
 
-TEST(GuidedPolicyTest, EndsWithItsTimeAndItsControls) {
+TEST(GuidedControllerTest, EndsWithItsTimeAndItsControls) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, test::kSpeed);
   const auto end = [&](const GuidedOptions& options) {
-    GuidedPolicy guided(policy, model, options);
+    GuidedController guided(policy, model, options);
     guided.Reset(1);
     Turned plant{.x = {options.first_step * test::kSpeed, 0.0}};
     std::vector<double> u(2);
@@ -218,7 +218,7 @@ TEST(GuidedPolicyTest, EndsWithItsTimeAndItsControls) {
 
 // A policy that runs off the corridor sideways is changed so that the next state keeps its level,
 // and still gets on.
-TEST(GuidedPolicyTest, FilterKeepsAWrongPolicyInsideAndMoving) {
+TEST(GuidedControllerTest, FilterKeepsAWrongPolicyInsideAndMoving) {
   for (const double angle : {0.0, 0.9, -2.0}) {
     SCOPED_TRACE(angle);
     const auto support = MovingDisk();
@@ -230,7 +230,7 @@ TEST(GuidedPolicyTest, FilterKeepsAWrongPolicyInsideAndMoving) {
                                         u[1] = -std::sin(angle) * dx + std::cos(angle) * dy;
                                       });
     Turned plant{.angle = angle};
-    GuidedPolicy guided(policy, model, {.horizon = 40});
+    GuidedController guided(policy, model, {.horizon = 40});
     guided.Reset(1);
     std::vector<double> u(2);
     int replaced = 0;
@@ -250,7 +250,7 @@ TEST(GuidedPolicyTest, FilterKeepsAWrongPolicyInsideAndMoving) {
 
 // In strategy guard a control that is predicted to end inside passes unchanged, and the state still
 // stays in the corridor.
-TEST(GuidedPolicyTest, WithLeastInterventionWhatEndsInsidePasses) {
+TEST(GuidedControllerTest, WithLeastInterventionWhatEndsInsidePasses) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Rightwards());
   int passed[] = {0, 0};
@@ -260,7 +260,7 @@ TEST(GuidedPolicyTest, WithLeastInterventionWhatEndsInsidePasses) {
       u[1] = 0.0123;
     });
     Turned plant{};
-    GuidedPolicy guided(policy, model, {.horizon = 40, .least_intervention = least});
+    GuidedController guided(policy, model, {.horizon = 40, .least_intervention = least});
     guided.Reset(1);
     std::vector<double> u(2);
     for (int controls = 0; plant.x[0] < 1.8 && controls < 60; ++controls) {
@@ -277,13 +277,13 @@ TEST(GuidedPolicyTest, WithLeastInterventionWhatEndsInsidePasses) {
   EXPECT_GT(passed[1], passed[0]);
 }
 
-TEST(GuidedPolicyTest, ComesBackFromOutside) {
+TEST(GuidedControllerTest, ComesBackFromOutside) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Rightwards(0.7));
   const auto still = test::ConstantPolicy(2, 0.0);
   Turned plant{.angle = 0.7, .x = {0.0, 1.5}};
   ASSERT_LT(support.Decision(0, plant.x), -0.4) << "so far out that g is flat";
-  GuidedPolicy guided(still, model);
+  GuidedController guided(still, model);
   guided.Reset(1);
   std::vector<double> u(2);
   int controls = 0;
@@ -296,22 +296,22 @@ TEST(GuidedPolicyTest, ComesBackFromOutside) {
 }
 
 // A controller that takes over in mid-task looks for its phase there.
-TEST(GuidedPolicyTest, BeginsAtTheFirstStepItIsGiven) {
+TEST(GuidedControllerTest, BeginsAtTheFirstStepItIsGiven) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.08);
   std::vector<double> u(2);
-  GuidedPolicy guided(policy, model, {.horizon = 20, .first_step = 12});
+  GuidedController guided(policy, model, {.horizon = 20, .first_step = 12});
   guided.Reset(1);
   const Step step = guided.Next(std::vector{12 * test::kSpeed, 0.0}, u);
   EXPECT_EQ(step.t, 12);
   EXPECT_EQ(step.mode, Mode::kPolicy);
-  SwitchingPolicy dfr(policy, support, 0.01, {.horizon = 20, .first_step = 12});
+  SwitchingController dfr(policy, support, 0.01, {.horizon = 20, .first_step = 12});
   dfr.Reset(1);
   EXPECT_EQ(dfr.Next(std::vector{12 * test::kSpeed, 0.0}, u).t, 12);
-  EXPECT_THROW(GuidedPolicy(policy, model, {.horizon = 20, .first_step = 20}),
+  EXPECT_THROW(GuidedController(policy, model, {.horizon = 20, .first_step = 20}),
                std::invalid_argument);
-  EXPECT_THROW(SwitchingPolicy(policy, support, 0.01, {.horizon = 20, .first_step = -1}),
+  EXPECT_THROW(SwitchingController(policy, support, 0.01, {.horizon = 20, .first_step = -1}),
                std::invalid_argument);
 }
 
@@ -340,16 +340,16 @@ class Aside : public testing::Test {
   test::GaussianSupport support_{{{0.0, 0.0, 0.0}}, 4.0, 0.5, {test::kSpeed, 0.0, 0.0}, kSteps + 1};
   double offset_ = std::sqrt((0.3 - std::log(0.5)) / 4.0);  // -4 offset^2 - log 0.5 = -0.3
 };
-using GuidedPolicySlackTest = Aside;
+using GuidedControllerSlackTest = Aside;
 
 // If no control can correct the state, the best one passes within a reach of twice the slack.
 // Beyond, recoveries apply the demonstrated controls, and the phase skips supports that they miss.
-TEST_F(GuidedPolicySlackTest, TheBestGoesOnWithinReachAndTheDemonstrationsBeyond) {
+TEST_F(GuidedControllerSlackTest, TheBestGoesOnWithinReachAndTheDemonstrationsBeyond) {
   const auto policy = Along(test::kSpeed);
   for (const double slack : {0.14, 0.16}) {
     SCOPED_TRACE(slack);
     const test::Task model = Model(slack);
-    GuidedPolicy guided(policy, model);
+    GuidedController guided(policy, model);
     guided.Reset(1);
     std::vector<double> u(2), x = {0.0, 0.0, offset_};
     Step step;
@@ -375,12 +375,12 @@ TEST_F(GuidedPolicySlackTest, TheBestGoesOnWithinReachAndTheDemonstrationsBeyond
 
 // The filter can do no better than -0.3, B_1's middle but for the object. Whether that is near
 // enough for it to pass is a multiple of the slack, here 0.2.
-TEST_F(GuidedPolicySlackTest, TheFilteredControlPassesWithinReach) {
+TEST_F(GuidedControllerSlackTest, TheFilteredControlPassesWithinReach) {
   const auto policy = Along(test::kSpeed);
   const test::Task model = Model(0.2);
   for (const double reach : {0.0, 1.0, 2.0}) {
     SCOPED_TRACE(reach);
-    GuidedPolicy guided(policy, model, {.reach = reach});
+    GuidedController guided(policy, model, {.reach = reach});
     guided.Reset(1);
     std::vector<double> u(2);
     const Step step = guided.Next(std::vector{0.0, 0.0, offset_}, u);
@@ -392,11 +392,11 @@ TEST_F(GuidedPolicySlackTest, TheFilteredControlPassesWithinReach) {
 // An object too far aside for that. A climb would end at B_1's centre; what is applied is what
 // demonstrations did, here to the right; what y asks for is shrunk by the regression's ridge, these
 // features being far smaller than whitened ones.
-TEST_F(GuidedPolicySlackTest, ARecoveryThatStaysOutsideDoesWhatDemonstrationsDid) {
+TEST_F(GuidedControllerSlackTest, ARecoveryThatStaysOutsideDoesWhatDemonstrationsDid) {
   const auto policy = Along(-test::kSpeed);
   const test::Task model = Model(0.1);
   const std::vector<double> x = {0.0, 0.1, offset_};
-  GuidedPolicy guided(policy, model, {.reach = 0.0});
+  GuidedController guided(policy, model, {.reach = 0.0});
   guided.Reset(1);
   std::vector<double> u(2);
   const Step step = guided.Next(x, u);
@@ -422,13 +422,13 @@ TEST(LevelsTest, SlackIsWhatUnseenDemonstrationsNeed) {
 
 // If no control has an effect, the controller halts in the end. The goal may lie at the edge of the
 // last support, which does not move on.
-TEST(GuidedPolicyTest, DoesNotStandStillInTheLastSupport) {
+TEST(GuidedControllerTest, DoesNotStandStillInTheLastSupport) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, test::kSpeed);
   GuidedOptions options;
   options.horizon = 3 * kSteps;
-  GuidedPolicy guided(policy, model, options);
+  GuidedController guided(policy, model, options);
   guided.Reset(1);
   // Edge of the last support.
   double edge = kSteps * test::kSpeed;
@@ -443,12 +443,12 @@ TEST(GuidedPolicyTest, DoesNotStandStillInTheLastSupport) {
   EXPECT_LE(plant.x[0], edge + test::kSpeed / 2.0) << "and does not leave it";
 }
 
-TEST(GuidedPolicyTest, HoldsWhereNothingHelps) {
+TEST(GuidedControllerTest, HoldsWhereNothingHelps) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.1);
   const std::vector<double> stuck = {0.0, 0.6};
-  GuidedPolicy guided(policy, model);
+  GuidedController guided(policy, model);
   guided.Reset(1);
   std::vector<double> u(2);
   int controls = 0;
@@ -467,7 +467,7 @@ std::string Modes(double y, const GuidedOptions& options) {
   const test::GaussianSupport support({{0.0, 0.0}}, 4.0, 0.5);
   const test::Task model(Identity(), support, Rightwards());
   const auto still = test::ConstantPolicy(2, 0.0);
-  GuidedPolicy guided(still, model, options);
+  GuidedController guided(still, model, options);
   guided.Reset(1);
   std::vector<double> u(2);
   std::string modes;
@@ -479,7 +479,7 @@ std::string Modes(double y, const GuidedOptions& options) {
   return modes;
 }
 
-TEST(GuidedPolicyTest, HaltsAfterItsPatienceWhereItStaysOutside) {
+TEST(GuidedControllerTest, HaltsAfterItsPatienceWhereItStaysOutside) {
   EXPECT_EQ(Modes(2.5, {}), "RRRRRRRRRRRR no-progress");
   EXPECT_EQ(Modes(2.5, {.patience = 5}), "RRRRR no-progress");
 }
@@ -487,7 +487,7 @@ TEST(GuidedPolicyTest, HaltsAfterItsPatienceWhereItStaysOutside) {
 // Supports at x = t test::kSpeed, and a point above the path that demonstrations' controls carry
 // past them: the phase goes on with the prediction, and the episode with it. The first support
 // missed is not insisted on.
-TEST(GuidedPolicyTest, ThePhasePassesOverSupportsThatARecoveryMisses) {
+TEST(GuidedControllerTest, ThePhasePassesOverSupportsThatARecoveryMisses) {
   const auto support = MovingDisk();
   // Demonstrations with constant y: they contain no way down.
   auto demonstrations = Rightwards();
@@ -497,7 +497,7 @@ TEST(GuidedPolicyTest, ThePhasePassesOverSupportsThatARecoveryMisses) {
   }
   const test::Task model(Identity(), support, demonstrations);
   const auto still = test::ConstantPolicy(2, 0.0);
-  GuidedPolicy guided(still, model, {.probe_size = 0.0});
+  GuidedController guided(still, model, {.probe_size = 0.0});
   guided.Reset(1);
   std::vector<double> x = {0.0, 1.0};
   std::vector<double> u(2);
@@ -517,13 +517,13 @@ std::vector<core::Trajectory> Sideless() {
   return demonstrations;
 }
 
-TEST(GuidedPolicyTest, ProbesAControlThatNobodyHasEverUsed) {
+TEST(GuidedControllerTest, ProbesAControlThatNobodyHasEverUsed) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Sideless());
   const auto along = test::ConstantPolicy(2, test::kSpeed);
   const std::vector<double> x = {0.0, 0.6};  // beyond the reach
   std::vector<double> u(2);
-  GuidedPolicy guided(along, model);
+  GuidedController guided(along, model);
   guided.Reset(1);
   Step step = guided.Next(x, u);
   EXPECT_EQ(step.mode, Mode::kProbe);
@@ -534,18 +534,18 @@ TEST(GuidedPolicyTest, ProbesAControlThatNobodyHasEverUsed) {
   step = guided.Next(std::vector{x[0] + u[0], x[1] + u[1]}, u);
   EXPECT_NE(step.mode, Mode::kProbe);
 
-  GuidedPolicy never(along, model, {.probe_size = 0.0});
+  GuidedController never(along, model, {.probe_size = 0.0});
   never.Reset(1);
   EXPECT_NE(never.Next(x, u).mode, Mode::kProbe);
   // Nor if the response is known or the prediction is inside. In a drift that is not sufficient.
   const test::Task known(Identity(), support, Rightwards());
-  GuidedPolicy knows(along, known);
+  GuidedController knows(along, known);
   knows.Reset(1);
   EXPECT_EQ(knows.Next(x, u).mode, Mode::kRecovery);
   const std::vector<double> inside = {0.0, 0.35};
   guided.Reset(1);
   EXPECT_NE(guided.Next(inside, u).mode, Mode::kProbe);
-  GuidedPolicy drifts(along, model, {.drift_time = {.rest = 1.0}});
+  GuidedController drifts(along, model, {.drift_time = {.rest = 1.0}});
   drifts.Reset(1);
   EXPECT_EQ(drifts.Next(inside, u).mode, Mode::kProbe);
   drifts.Reset(1);
@@ -555,7 +555,7 @@ TEST(GuidedPolicyTest, ProbesAControlThatNobodyHasEverUsed) {
 // The world drifts sideways by more than a probe moves it, in a direction without demonstrated
 // controls. A controller that takes the drift for the probe's effect steers the wrong way; one that
 // estimates the drift does not.
-TEST(GuidedPolicyTest, HoldsItsPlaceInADrift) {
+TEST(GuidedControllerTest, HoldsItsPlaceInADrift) {
   constexpr double kDrift = 0.06;  // a probe is 0.035
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Sideless(), {.gate_quantile = 0.5});
@@ -567,7 +567,7 @@ TEST(GuidedPolicyTest, HoldsItsPlaceInADrift) {
     GuidedOptions options = Without({}, "reach+demonstrated");
     options.horizon = 60;
     options.drift_time = drift_time;
-    GuidedPolicy guided(rightwards, model, options);
+    GuidedController guided(rightwards, model, options);
     guided.Reset(1);
     std::vector<double> x = {0.0, 0.0};
     std::vector<double> u(2);
@@ -592,12 +592,12 @@ TEST(GuidedPolicyTest, HoldsItsPlaceInADrift) {
 
 // A policy at a third of the demonstrated speed: the phase waits for it, and the point stays
 // inside.
-TEST(GuidedPolicyTest, ThePhaseWaitsForAPolicyThatIsLate) {
+TEST(GuidedControllerTest, ThePhaseWaitsForAPolicyThatIsLate) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Rightwards());
   const auto slow = test::ConstantPolicy(2, test::kSpeed / 3.0);
   Turned plant;
-  GuidedPolicy guided(slow, model, {.control_limit = {test::kSpeed / 3.0}});
+  GuidedController guided(slow, model, {.control_limit = {test::kSpeed / 3.0}});
   guided.Reset(1);
   std::vector<double> u(2);
   int recoveries = 0;
@@ -617,7 +617,7 @@ std::vector<double> Trace(const core::Policy& policy, const test::Task& model,
                           const GuidedOptions& options, std::vector<double> x, int controls,
                           double angle = 0.0, double drift = 0.0, int late = 0,
                           double noise = 0.0) {
-  GuidedPolicy guided(policy, model, options);
+  GuidedController guided(policy, model, options);
   guided.Reset(1);
   Turned plant{.angle = angle, .x = std::move(x)};
   std::vector<double> trace;
@@ -637,7 +637,7 @@ std::vector<double> Trace(const core::Policy& policy, const test::Task& model,
   return trace;
 }
 
-TEST(GuidedPolicyTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
+TEST(GuidedControllerTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
   const auto support = MovingDisk();
   const auto thirtyfold = ThirtyfoldDisk();
   const test::Task toppling(Thirtyfold(), thirtyfold, Toppling());
@@ -687,7 +687,7 @@ TEST(GuidedPolicyTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
             Trace(along, model, Without({}, "observer"), {0.0, 0.3}, 8, 0.0, 0.0, 0, 0.1));
 }
 
-TEST(GuidedPolicyTest, PartsAreTakenOutByTheirNeutralValues) {
+TEST(GuidedControllerTest, PartsAreTakenOutByTheirNeutralValues) {
   GuidedOptions options;
   options.drift_time = {.rest = 1.0, .travel = 2.0};
   options.horizon = 77;
@@ -719,7 +719,7 @@ TEST(GuidedPolicyTest, PartsAreTakenOutByTheirNeutralValues) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Rightwards());
   const auto along = test::ConstantPolicy(2, test::kSpeed);
-  GuidedPolicy bare(along, model, all);
+  GuidedController bare(along, model, all);
   bare.Reset(1);
   std::vector<double> u(2);
   EXPECT_EQ(bare.Next(std::vector{0.0, 0.38}, u).mode, Mode::kPolicy);
@@ -727,7 +727,7 @@ TEST(GuidedPolicyTest, PartsAreTakenOutByTheirNeutralValues) {
   EXPECT_EQ(u[1], 0.0);
 }
 
-TEST(GuidedPolicyTest, AnUnknownPartIsRefusedWithTheNamesOfAll) {
+TEST(GuidedControllerTest, AnUnknownPartIsRefusedWithTheNamesOfAll) {
   for (const char* parts : {"Filter", "filter+nothing", "+filter", "filter time"}) {
     SCOPED_TRACE(parts);
     try {
@@ -741,11 +741,11 @@ TEST(GuidedPolicyTest, AnUnknownPartIsRefusedWithTheNamesOfAll) {
   }
 }
 
-TEST(GuidedPolicyTest, ControlsStayWithinThePlantsLimit) {
+TEST(GuidedControllerTest, ControlsStayWithinThePlantsLimit) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 7.0);
-  GuidedPolicy guided(policy, model, {.control_limit = {0.05}});
+  GuidedController guided(policy, model, {.control_limit = {0.05}});
   core::Random random(1);
   std::vector<double> u(2);
   for (std::uint64_t seed = 0; seed < 200; ++seed) {
@@ -759,11 +759,11 @@ TEST(GuidedPolicyTest, ControlsStayWithinThePlantsLimit) {
 }
 
 // Episodes are deterministic and independent of earlier ones.
-TEST(GuidedPolicyTest, TheSameStatesGiveTheSameControls) {
+TEST(GuidedControllerTest, TheSameStatesGiveTheSameControls) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Sideless());
   const auto policy = test::ConstantPolicy(2, 0.1);
-  GuidedPolicy guided(policy, model);
+  GuidedController guided(policy, model);
   const auto controls = [&](std::uint64_t seed) {
     guided.Reset(seed);
     Turned plant{.x = {0.0, 0.3}};
@@ -780,12 +780,12 @@ TEST(GuidedPolicyTest, TheSameStatesGiveTheSameControls) {
   EXPECT_EQ(controls(2), first);
 }
 
-TEST(GuidedPolicyTest, HaltsAtEveryDoubt) {
+TEST(GuidedControllerTest, HaltsAtEveryDoubt) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Rightwards());
   std::vector<double> u(2);
   const auto nothing = test::ConstantPolicy(2, std::nan(""));
-  GuidedPolicy guided(nothing, model);
+  GuidedController guided(nothing, model);
   EXPECT_EQ(guided.Next(std::vector{0.0, 0.0}, u).cause, HaltCause::kNotReset);
   guided.Reset(1);
   EXPECT_EQ(guided.Next(std::vector{0.0, 0.0}, u).cause, HaltCause::kControlInvalid);
@@ -795,11 +795,11 @@ TEST(GuidedPolicyTest, HaltsAtEveryDoubt) {
   EXPECT_EQ(guided.Next(std::vector{1e200, 0.0}, u).cause, HaltCause::kSupportInvalid);
 }
 
-TEST(GuidedPolicyTest, NextNeverAllocates) {
+TEST(GuidedControllerTest, NextNeverAllocates) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.1);
-  GuidedPolicy guided(policy, model, {.drift_time = {.rest = 0.5, .travel = 1.0}});
+  GuidedController guided(policy, model, {.drift_time = {.rest = 0.5, .travel = 1.0}});
   core::Random random(1);
   std::vector<double> x(2), u(2);
   const test::NoAlloc guard;
@@ -814,14 +814,14 @@ TEST(GuidedPolicyTest, NextNeverAllocates) {
   }
 }
 
-TEST(GuidedPolicyTest, ErrorsNameTheCulprit) {
+TEST(GuidedControllerTest, ErrorsNameTheCulprit) {
   const auto support = MovingDisk();
   const auto message = [&](const GuidedOptions& options, int control_dim = 2) -> std::string {
     const test::Task model(Identity(), support, Rightwards());
     const test::FunctionPolicy policy(2, control_dim,
                                       [](int, std::span<const double>, std::span<double>) {});
     try {
-      GuidedPolicy guided(policy, model, options);
+      GuidedController guided(policy, model, options);
     } catch (const std::invalid_argument& e) {
       return e.what();
     }

@@ -1,4 +1,4 @@
-#include "dfr/control/certified/assumptions.h"
+#include "dfr/control/certified/certificate_constants.h"
 
 #include <gtest/gtest.h>
 

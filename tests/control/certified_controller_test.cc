@@ -1,4 +1,4 @@
-#include "dfr/control/certified/certified_policy.h"
+#include "dfr/control/certified/certified_controller.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "dfr/control/published/switching_policy.h"
+#include "dfr/control/published/switching_controller.h"
 #include "tests/control/analytic.h"
 #include "tests/control/rightwards.h"
 #include "tests/control/task.h"
@@ -34,11 +34,11 @@ CertifiedOptions Certified(double direction_error) {
 
 // The assumption |dz - J u| <= eps |u| is watched: a plant that does otherwise is stopped after the
 // first control that shows it.
-TEST(CertifiedPolicyTest, HaltsAtTheFirstViolation) {
+TEST(CertifiedControllerTest, HaltsAtTheFirstViolation) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.05);
-  CertifiedPolicy certified(policy, model, Certified(0.1));
+  CertifiedController certified(policy, model, Certified(0.1));
   certified.Reset(1);
   std::vector<double> x = {0.0, 0.0}, u(2);
   for (int i = 0; i < 2; ++i) {
@@ -53,11 +53,11 @@ TEST(CertifiedPolicyTest, HaltsAtTheFirstViolation) {
   EXPECT_GT(certified.violation().observed, certified.violation().allowed);
 }
 
-TEST(CertifiedPolicyTest, HaltsOutside) {
+TEST(CertifiedControllerTest, HaltsOutside) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.05);
-  CertifiedPolicy certified(policy, model, Certified(1.0));
+  CertifiedController certified(policy, model, Certified(1.0));
   certified.Reset(1);
   std::vector<double> u(2);
   EXPECT_EQ(certified.Next(std::vector{0.0, 2.0}, u).cause, HaltCause::kOutsideSupport);
@@ -65,13 +65,13 @@ TEST(CertifiedPolicyTest, HaltsOutside) {
 
 // Time is consumed as far as learned controls are applied: of ever the same control only a part may
 // pass, and the one step of the horizon is over once the parts make a whole.
-TEST(CertifiedPolicyTest, AShrunkLearnedControlConsumesItsShareOfATimeStep) {
+TEST(CertifiedControllerTest, AShrunkLearnedControlConsumesItsShareOfATimeStep) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards(), {.gate_quantile = 0.5});
   const auto policy = test::ConstantPolicy(2, 0.08);
   CertifiedOptions options = Certified(17.0);
   options.horizon = 1;
-  CertifiedPolicy certified(policy, model, options);
+  CertifiedController certified(policy, model, options);
   certified.Reset(1);
   std::vector<double> u(2);
   double time = 0.0;
@@ -91,7 +91,7 @@ TEST(CertifiedPolicyTest, AShrunkLearnedControlConsumesItsShareOfATimeStep) {
 
 // At x = 0.05 the state is as deep in B_0 as in B_1: the phase is the one that a control, which
 // passes by half at least, was meant to lead to.
-TEST(CertifiedPolicyTest, HalfALearnedControlAdvancesACertifiedPhase) {
+TEST(CertifiedControllerTest, HalfALearnedControlAdvancesACertifiedPhase) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.08);
@@ -101,7 +101,7 @@ TEST(CertifiedPolicyTest, HalfALearnedControlAdvancesACertifiedPhase) {
   for (int i = 0; i < 34; ++i) {
     const double error = 5.0 + 0.3 * i;
     SCOPED_TRACE(error);
-    CertifiedPolicy certified(policy, model, Certified(error));
+    CertifiedController certified(policy, model, Certified(error));
     certified.Reset(1);
     ASSERT_EQ(certified.Next(x, u).mode, Mode::kPolicy);
     const double share = u[0] / 0.08;
@@ -119,7 +119,7 @@ TEST(Proposition1Test, ThePublishedGateLeavesItsOwnInvariantAndPhaseHoldKeepsIt)
   const test::GaussianSupport support({{0.0}}, 1.0, 0.5, {1.0}, 2);
   const auto policy = test::ConstantPolicy(1, 0.001);
   std::vector<double> x = {-0.6}, u(1);
-  SwitchingPolicy published(policy, support, support.lipschitz_bound(0));
+  SwitchingController published(policy, support, support.lipschitz_bound(0));
   published.Reset(1);
   ASSERT_EQ(published.Next(x, u).mode, Mode::kPolicy);
   x[0] += u[0];
@@ -135,7 +135,7 @@ TEST(Proposition1Test, ThePublishedGateLeavesItsOwnInvariantAndPhaseHoldKeepsIt)
   }
   const test::Task model(core::FeatureTransform::Identity(core::FeatureSelection::All(1)), support,
                          demonstrations);
-  CertifiedPolicy held(policy, model, Certified(1.0));
+  CertifiedController held(policy, model, Certified(1.0));
   held.Reset(1);
   x = {-0.6};
   for (int i = 0; i < 50; ++i) {
@@ -163,7 +163,7 @@ TEST(Proposition1Test, NeverLeavesTheUnionOfSupports) {
                                       u[1] = 3.0 * x[1] + 0.01;
                                     });
   constexpr double kError = 0.7;
-  CertifiedPolicy certified(policy, model, Certified(kError));
+  CertifiedController certified(policy, model, Certified(kError));
   std::vector<double> x(2), u(2), direction(2);
   int controls = 0;
   for (std::uint64_t seed = 0; controls < 20'000; ++seed) {
@@ -189,11 +189,11 @@ TEST(Proposition1Test, NeverLeavesTheUnionOfSupports) {
 }
 
 // Nothing is random, and nothing is left of an episode that was before. Nothing allocates.
-TEST(CertifiedPolicyTest, TheSameStatesGiveTheSameControls) {
+TEST(CertifiedControllerTest, TheSameStatesGiveTheSameControls) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.1);
-  CertifiedPolicy certified(policy, model, Certified(2.0));
+  CertifiedController certified(policy, model, Certified(2.0));
   std::vector<double> all(60), first(60), x(2);
   const auto episode = [&](std::uint64_t seed) {
     const test::NoAlloc guard;
@@ -213,19 +213,19 @@ TEST(CertifiedPolicyTest, TheSameStatesGiveTheSameControls) {
   EXPECT_EQ(all, first);
 }
 
-TEST(CertifiedPolicyTest, HaltsAtEveryDoubt) {
+TEST(CertifiedControllerTest, HaltsAtEveryDoubt) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
   std::vector<double> u(2);
   const auto nothing = test::ConstantPolicy(2, std::nan(""));
-  CertifiedPolicy certified(nothing, model, Certified(1.0));
+  CertifiedController certified(nothing, model, Certified(1.0));
   certified.Reset(1);
   EXPECT_EQ(certified.Next(std::vector{0.0, 0.0}, u).cause, HaltCause::kControlInvalid);
   certified.Reset(1);
   EXPECT_EQ(certified.Next(std::vector{1e200, 0.0}, u).cause, HaltCause::kSupportInvalid);
 }
 
-TEST(CertifiedPolicyTest, ErrorsNameTheCulprit) {
+TEST(CertifiedControllerTest, ErrorsNameTheCulprit) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
   const auto message = [&](CertifiedOptions options, int control_dim = 2) {
@@ -233,7 +233,7 @@ TEST(CertifiedPolicyTest, ErrorsNameTheCulprit) {
     const test::FunctionPolicy policy(2, control_dim,
                                       [](int, std::span<const double>, std::span<double>) {});
     return test::MessageOf<std::invalid_argument>(
-        [&] { const CertifiedPolicy certified(policy, model, options); });
+        [&] { const CertifiedController certified(policy, model, options); });
   };
   EXPECT_THAT(message({}, 3), HasSubstr("3 control entries"));
   EXPECT_THAT(message({.horizon = 0}), HasSubstr("horizon"));

@@ -1,4 +1,4 @@
-#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/response_estimate.h"
 
 #include <algorithm>
 #include <cmath>
@@ -34,7 +34,7 @@ void SolveColumns(const Eigen::LLT<Eigen::MatrixXd>& cholesky, Eigen::Index colu
 
 }  // namespace
 
-JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
+ResponseEstimate::ResponseEstimate(std::shared_ptr<const TransitionStore> prior,
                                    const DriftTime& drift_time, bool own_motion)
     : prior_(std::move(prior)),
       drift_time_(drift_time),
@@ -71,7 +71,7 @@ JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
   wanted_ = Eigen::VectorXd::Zero(n);
 }
 
-void JacobianEstimate::Reset() noexcept {
+void ResponseEstimate::Reset() noexcept {
   a_online_.setZero();
   b_online_.setZero();
   center_.setZero();
@@ -79,7 +79,7 @@ void JacobianEstimate::Reset() noexcept {
   fresh_ = false;
 }
 
-void JacobianEstimate::Update(std::span<const double> z, std::span<const double> v,
+void ResponseEstimate::Update(std::span<const double> z, std::span<const double> v,
                               std::span<const double> dz, double time, double weight) noexcept {
   fresh_ = false;
   if (motion_rows_ > 0) {
@@ -98,7 +98,7 @@ void JacobianEstimate::Update(std::span<const double> z, std::span<const double>
 }
 
 // With y = z' - z, sums of [y; 1] about another z are those of [y + shift; 1].
-void JacobianEstimate::MoveTo(std::span<const double> z) noexcept {
+void ResponseEstimate::MoveTo(std::span<const double> z) noexcept {
   if (motion_rows_ == 0) return;
   const Eigen::Index n = motion_rows_ - 1;
   wanted_ = center_ - core::AsVector(z);
@@ -108,7 +108,7 @@ void JacobianEstimate::MoveTo(std::span<const double> z) noexcept {
   b_online_.topRows(n) += wanted_.lazyProduct(b_online_.row(n));
 }
 
-void JacobianEstimate::AddDemonstrations() noexcept {
+void ResponseEstimate::AddDemonstrations() noexcept {
   const auto& sums = workspace_.sums;
   const Eigen::Index n = jacobian_.rows();
   const Eigen::Index m = jacobian_.cols();
@@ -125,8 +125,8 @@ void JacobianEstimate::AddDemonstrations() noexcept {
   demonstrated_.topRows(moves) += sums.block(states, v + m, moves, n).cast<double>();
 }
 
-void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
-  const JacobianOptions& options = prior_->options();
+void ResponseEstimate::Compute(int t, std::span<const double> z) noexcept {
+  const ResponseOptions& options = prior_->options();
   MoveTo(z);
   a_.setZero();
   a_.diagonal().setConstant(options.ridge);
@@ -154,14 +154,14 @@ void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
   fresh_ = true;
 }
 
-void JacobianEstimate::Solve(core::Matrix& b, Eigen::Index first) const noexcept {
+void ResponseEstimate::Solve(core::Matrix& b, Eigen::Index first) const noexcept {
   Eigen::Index column = 0;
   for (; column + 8 <= b.cols(); column += 8) SolveColumns<8>(cholesky_, column, first, b);
   for (; column + 4 <= b.cols(); column += 4) SolveColumns<4>(cholesky_, column, first, b);
   for (; column < b.cols(); ++column) SolveColumns<1>(cholesky_, column, first, b);
 }
 
-bool JacobianEstimate::Demonstrated(Eigen::VectorXd& v) noexcept {
+bool ResponseEstimate::NominalControl(Eigen::VectorXd& v) noexcept {
   const auto& sums = workspace_.sums;
   const Eigen::Index n = jacobian_.rows();
   const Eigen::Index m = jacobian_.cols();
@@ -197,14 +197,14 @@ bool JacobianEstimate::Demonstrated(Eigen::VectorXd& v) noexcept {
   return true;
 }
 
-void JacobianEstimate::AddEffect(const Eigen::Ref<const Eigen::VectorXd>& v, double time,
+void ResponseEstimate::AddEffect(const Eigen::Ref<const Eigen::VectorXd>& v, double time,
                                  Eigen::Ref<Eigen::VectorXd> z) const noexcept {
   z.noalias() += jacobian_.lazyProduct(v);
   z += own_motion_;
   if (drifts_) z += time * drift_;
 }
 
-double JacobianEstimate::Ignorance() noexcept {
+double ResponseEstimate::UncertaintyBound() noexcept {
   const Eigen::Index rows = inverse_.rows();
   inverse_.setIdentity();
   const auto lower =
@@ -214,8 +214,8 @@ double JacobianEstimate::Ignorance() noexcept {
   return inverse_.diagonal().tail(jacobian_.cols()).sum();
 }
 
-double JacobianEstimate::LeastKnown(std::span<double> direction) noexcept {
-  static_cast<void>(Ignorance());
+double ResponseEstimate::LeastExcitedDirection(std::span<double> direction) noexcept {
+  static_cast<void>(UncertaintyBound());
   // Power iteration.
   direction_.setConstant(1.0 / std::sqrt(static_cast<double>(direction_.size())));
   // Off the constant vector, which may by symmetry be orthogonal to the answer.

@@ -1,4 +1,4 @@
-#include "dfr/control/guided/jacobian_prior.h"
+#include "dfr/control/guided/transition_store.h"
 
 #include <algorithm>
 #include <cmath>
@@ -22,7 +22,7 @@ int RoundUp(int value, std::size_t multiple) {
 // Entries of features and of a control: each decision solves a problem of the size of the control.
 constexpr int kMaxEntries = 256;
 
-void Check(const JacobianOptions& options) {
+void Check(const ResponseOptions& options) {
   DFR_THROW_UNLESS(options.ridge > 0.0, "ridge must be positive, not " << options.ridge);
   DFR_THROW_UNLESS(options.motion_ridge > 0.0,
                    "motion_ridge must be positive, not " << options.motion_ridge);
@@ -44,8 +44,9 @@ void Check(const JacobianOptions& options) {
 
 }  // namespace
 
-JacobianPrior::JacobianPrior(std::span<const core::Matrix> features,
-                             std::span<const core::Matrix> controls, const JacobianOptions& options)
+TransitionStore::TransitionStore(std::span<const core::Matrix> features,
+                                 std::span<const core::Matrix> controls,
+                                 const ResponseOptions& options)
     : options_(options) {
   Check(options);
   DFR_THROW_UNLESS(!features.empty() && features.size() == controls.size(),
@@ -96,13 +97,13 @@ JacobianPrior::JacobianPrior(std::span<const core::Matrix> features,
   Finish();
 }
 
-int JacobianPrior::Width() const noexcept {
+int TransitionStore::Width() const noexcept {
   // The controls of a row are read in steps of kWidth.
   const int controls = feature_dim_ + 1 + RoundUp(control_dim_, internal::kWidth);
   return RoundUp(std::max(2 * feature_dim_ + 1 + control_dim_, controls), internal::kWidth);
 }
 
-void JacobianPrior::Finish() {
+void TransitionStore::Finish() {
   points_.setZero(transitions_.rows() + Eigen::Index{internal::kPadding}, feature_dim_);
   points_.topRows(transitions_.rows()) = transitions_.leftCols(feature_dim_);
   for (int t = 0; t + 1 < static_cast<int>(begin_.size()); ++t) {
@@ -111,7 +112,7 @@ void JacobianPrior::Finish() {
   }
 }
 
-void JacobianPrior::Save(core::ArchiveWriter& archive) const {
+void TransitionStore::Save(core::ArchiveWriter& archive) const {
   archive.Number(options_.ridge);
   archive.Number(options_.prior_weight);
   archive.Integer(options_.window);
@@ -125,10 +126,10 @@ void JacobianPrior::Save(core::ArchiveWriter& archive) const {
   archive.MatrixBlock(transitions_.leftCols(2 * feature_dim_ + 1 + control_dim_).cast<double>());
 }
 
-JacobianPrior JacobianPrior::Load(core::ArchiveReader& archive) {
-  JacobianPrior prior;
+TransitionStore TransitionStore::Load(core::ArchiveReader& archive) {
+  TransitionStore prior;
   try {
-    JacobianOptions& options = prior.options_;
+    ResponseOptions& options = prior.options_;
     options.ridge = archive.Number();
     options.prior_weight = archive.Number();
     options.window = archive.IntegerIn(0, kMaxTransitions);
@@ -165,14 +166,14 @@ JacobianPrior JacobianPrior::Load(core::ArchiveReader& archive) {
   return prior;
 }
 
-std::pair<int, int> JacobianPrior::Near(int t) const noexcept {
+std::pair<int, int> TransitionStore::Near(int t) const noexcept {
   const int steps = static_cast<int>(begin_.size()) - 1;
   t = std::min(t, steps - 1);
   return {begin_[static_cast<std::size_t>(std::clamp(t - options_.window, 0, steps))],
           begin_[static_cast<std::size_t>(std::clamp(t + options_.window + 1, 0, steps))]};
 }
 
-JacobianPrior::Workspace JacobianPrior::MakeWorkspace() const {
+TransitionStore::Workspace TransitionStore::MakeWorkspace() const {
   Workspace workspace;
   workspace.states = RoundUp(control_dim_, internal::kWidth);
   const int left = workspace.states + RoundUp(feature_dim_ + 1, internal::kWidth);
@@ -187,8 +188,8 @@ JacobianPrior::Workspace JacobianPrior::MakeWorkspace() const {
   return workspace;
 }
 
-bool JacobianPrior::SumControls(int t, std::span<const double> z,
-                                Workspace& workspace) const noexcept {
+bool TransitionStore::SumControls(int t, std::span<const double> z,
+                                  Workspace& workspace) const noexcept {
   const auto [first, last] = Near(t);
   const int rows = last - first;
   if (rows <= 0) return false;
@@ -229,19 +230,19 @@ bool JacobianPrior::SumControls(int t, std::span<const double> z,
   return true;
 }
 
-void JacobianPrior::SumStates(Workspace& workspace) const noexcept {
+void TransitionStore::SumStates(Workspace& workspace) const noexcept {
   SumRows(workspace.spread, workspace.used, workspace.factor, workspace);
 }
 
-void JacobianPrior::SumNearStates(Workspace& workspace) const noexcept {
+void TransitionStore::SumNearStates(Workspace& workspace) const noexcept {
   const int count = std::min(workspace.rows, kNearest);
   internal::Nearest(workspace.distances.data(), static_cast<std::size_t>(workspace.rows),
                     static_cast<std::size_t>(count), workspace.nearest.data());
   SumRows(workspace.nearest, count, 1.0, workspace);
 }
 
-void JacobianPrior::SumRows(const Eigen::VectorXi& indices, int count, double factor,
-                            Workspace& workspace) const noexcept {
+void TransitionStore::SumRows(const Eigen::VectorXi& indices, int count, double factor,
+                              Workspace& workspace) const noexcept {
   const auto rows = static_cast<std::size_t>(count);
   const auto width = static_cast<std::size_t>(transitions_.cols());
   const auto left_width = static_cast<std::size_t>(workspace.sums.rows());

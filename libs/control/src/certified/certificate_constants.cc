@@ -1,4 +1,4 @@
-#include "dfr/control/certified/assumptions.h"
+#include "dfr/control/certified/certificate_constants.h"
 
 #include <algorithm>
 #include <cmath>
@@ -6,7 +6,7 @@
 #include <numeric>
 #include <vector>
 
-#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/response_estimate.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/folds.h"
 
@@ -39,7 +39,7 @@ double RootMeanSquare(std::span<const core::Matrix> controls) {
 
 // The largest |dz - J u| / |u|, J with what the demonstration itself has shown until then.
 double LargestError(const core::Matrix& points, const core::Matrix& controls, double unit,
-                    JacobianEstimate& estimate) {
+                    ResponseEstimate& estimate) {
   double largest = 0.0;
   estimate.Reset();
   for (Eigen::Index t = 0; t < controls.rows(); ++t) {
@@ -85,7 +85,7 @@ EstimatedConstant EstimateGain(const FeatureTrajectories& demonstrations, double
 }
 
 EstimatedConstant EstimateDirectionError(const FeatureTrajectories& demonstrations,
-                                         const core::Folds& folds, const JacobianOptions& options,
+                                         const core::Folds& folds, const ResponseOptions& options,
                                          double confidence) {
   Check(demonstrations.points.size(), 2, confidence);
   const double unit = RootMeanSquare(demonstrations.controls);
@@ -104,8 +104,8 @@ EstimatedConstant EstimateDirectionError(const FeatureTrajectories& demonstratio
       other_points.push_back(points[d]);
       other_controls.push_back(controls[d]);
     }
-    JacobianEstimate estimate(
-        std::make_shared<const JacobianPrior>(other_points, other_controls, options), {},
+    ResponseEstimate estimate(
+        std::make_shared<const TransitionStore>(other_points, other_controls, options), {},
         kOwnMotion);
     for (const std::size_t d : folds[fold]) {
       largest = std::max(largest, LargestError(points[d], controls[d], unit, estimate));
@@ -116,7 +116,7 @@ EstimatedConstant EstimateDirectionError(const FeatureTrajectories& demonstratio
 
 EstimatedConstant EstimateDirectionError(const core::FeatureTransform& features,
                                          std::span<const core::Trajectory> demonstrations,
-                                         const JacobianOptions& options, double confidence) {
+                                         const ResponseOptions& options, double confidence) {
   Check(demonstrations.size(), 2, confidence);
   // In this order sums have the same bits, whatever the order of the demonstrations.
   const FeatureTrajectories ordered(features, core::InContentOrder(demonstrations));
@@ -128,7 +128,7 @@ EstimatedConstant EstimateDirectionError(const core::FeatureTransform& features,
 EstimatedConstant EstimateDirectionError(const Response& response,
                                          const FeatureTrajectories& held_out, double confidence) {
   Check(held_out.points.size(), 1, confidence);
-  JacobianEstimate estimate(response.prior(), {}, kOwnMotion);
+  ResponseEstimate estimate(response.prior(), {}, kOwnMotion);
   const double unit = response.control_unit();
   double largest = 0.0;
   for (std::size_t d = 0; d < held_out.points.size(); ++d) {

@@ -5,7 +5,7 @@
 #include <memory>
 #include <span>
 
-#include "dfr/control/guided/jacobian_prior.h"
+#include "dfr/control/guided/transition_store.h"
 #include "dfr/core/matrix.h"
 
 namespace dfr::control {
@@ -33,11 +33,11 @@ struct DriftTime {
 /// Where the world moves by itself, w has one more entry, the time s of the control. The drift d is
 /// distinguished from the response to controls. Demonstrations were not disturbed, their s is 0.
 /// Nothing after construction allocates.
-class JacobianEstimate {
+class ResponseEstimate {
  public:
   /// @param own_motion  Off: nothing moves without a control, but for a drift.
   /// @throws std::invalid_argument if a time is negative or not finite.
-  explicit JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
+  explicit ResponseEstimate(std::shared_ptr<const TransitionStore> prior,
                             const DriftTime& drift_time = {}, bool own_motion = true);
 
   /// Forgets the applied controls.
@@ -74,7 +74,7 @@ class JacobianEstimate {
   /// moves the world, is made up for as far as the estimate knows it. Takes what the last Compute()
   /// found, at its time step and z. O(n^3).
   /// @returns false, and leaves `v` (m entries), where nothing is known of demonstrated controls.
-  [[nodiscard]] bool Demonstrated(Eigen::VectorXd& v) noexcept;
+  [[nodiscard]] bool NominalControl(Eigen::VectorXd& v) noexcept;
   /// z += J v + m + s d of the last Compute(), where s is the time of `v`, or `time`.
   void AddEffect(const Eigen::Ref<const Eigen::VectorXd>& v, double time,
                  Eigen::Ref<Eigen::VectorXd> z) const noexcept;
@@ -88,9 +88,9 @@ class JacobianEstimate {
   /// belongs to v), its eigenvector to `direction` (m entries). Where the world moves by itself,
   /// its sign is the one that tells more: the same control again would leave the answer to it and
   /// the drift mixed up.
-  double LeastKnown(std::span<double> direction) noexcept;
+  double LeastExcitedDirection(std::span<double> direction) noexcept;
   /// The sum of its eigenvalues: an upper bound on the largest, for less time.
-  [[nodiscard]] double Ignorance() noexcept;
+  [[nodiscard]] double UncertaintyBound() noexcept;
 
  private:
   void MoveTo(std::span<const double> z) noexcept;
@@ -99,7 +99,7 @@ class JacobianEstimate {
   /// b = A^-1 b with the factor of `cholesky_`; rows before `first` are left undefined.
   void Solve(core::Matrix& b, Eigen::Index first) const noexcept;
 
-  std::shared_ptr<const JacobianPrior> prior_;
+  std::shared_ptr<const TransitionStore> prior_;
   DriftTime drift_time_;
   bool drifts_;
   // Rows of A and B: [z' - z (n); 1; s; v (m)], the first n + 1 only with an own motion, s only
@@ -119,11 +119,11 @@ class JacobianEstimate {
   Eigen::VectorXd regressor_;
   Eigen::VectorXd direction_;
   Eigen::VectorXd scratch_;
-  JacobianPrior::Workspace workspace_;
+  TransitionStore::Workspace workspace_;
   bool has_sums_ = false;  ///< workspace_ holds those of the last Compute().
   bool fresh_ = false;
 
-  // For Demonstrated().
+  // For NominalControl().
   Eigen::MatrixXd a_demo_;
   Eigen::VectorXd unit_;  ///< n + 1
   Eigen::LLT<Eigen::MatrixXd> cholesky_demo_;

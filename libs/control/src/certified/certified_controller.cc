@@ -1,4 +1,4 @@
-#include "dfr/control/certified/certified_policy.h"
+#include "dfr/control/certified/certified_controller.h"
 
 #include <algorithm>
 #include <cmath>
@@ -30,8 +30,8 @@ void Check(const CertifiedOptions& options) {
                    "probe_size must not be negative: " << options.probe_size);
 }
 
-CertifiedPolicy::CertifiedPolicy(const core::Policy& policy, const TaskView& task,
-                                 const CertifiedOptions& options)
+CertifiedController::CertifiedController(const core::Policy& policy, const TaskView& task,
+                                         const CertifiedOptions& options)
     : policy_(&policy),
       task_(task),
       first_step_((CheckFits(policy, task), Check(options), options.first_step)),
@@ -49,14 +49,14 @@ CertifiedPolicy::CertifiedPolicy(const core::Policy& policy, const TaskView& tas
   v_ = learned_ = trial_ = Eigen::VectorXd::Zero(task.response().control_dim());
 }
 
-void CertifiedPolicy::DoReset(std::uint64_t /*seed*/) noexcept {
+void CertifiedController::DoReset(std::uint64_t /*seed*/) noexcept {
   estimate_.Reset();
   tracker_.Reset(first_step_);
   certifier_.Reset();
   progress_ = {.time = static_cast<double>(first_step_)};
 }
 
-Step CertifiedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexcept {
+Step CertifiedController::DoNext(std::span<const double> x, std::span<double> u) noexcept {
   const core::LogDecisionFunction& support = task_.support();
   task_.features().Apply(x, AsSpan(z_));
   Step step{.t = tracker_.phase(), .iteration = tracker_.waited()};
@@ -106,21 +106,21 @@ Step CertifiedPolicy::DoNext(std::span<const double> x, std::span<double> u) noe
   return step;
 }
 
-bool CertifiedPolicy::DeepInside(double level, double hi) const noexcept {
+bool CertifiedController::DeepInside(double level, double hi) const noexcept {
   return level >= hi && learned_.norm() <= task_.response().largest_control() &&
          task_.support().LogDecision(tracker_.phase() + 1, AsSpan(z_), {}) >= hi;
 }
 
 // Raises v_, the learned control, or makes it a probe.
-Mode CertifiedPolicy::Correct(const LocalModel& model, const StepTarget& target) noexcept {
+Mode CertifiedController::Correct(const LocalModel& model, const StepTarget& target) noexcept {
   const double level = RaiseLevel(model, target, limits_, v_);
   if (level < 0.0 && Probe(model, target.phase)) return Mode::kProbe;
   return level >= -reach_ ? Mode::kPolicy : Mode::kRecovery;
 }
 
-bool CertifiedPolicy::Probe(const LocalModel& model, int phase) noexcept {
-  if (probe_size_ == 0.0 || estimate_.Ignorance() <= guided::kUnknown ||
-      estimate_.LeastKnown(AsSpan(trial_)) <= guided::kUnknown) {
+bool CertifiedController::Probe(const LocalModel& model, int phase) noexcept {
+  if (probe_size_ == 0.0 || estimate_.UncertaintyBound() <= guided::kUnknown ||
+      estimate_.LeastExcitedDirection(AsSpan(trial_)) <= guided::kUnknown) {
     return false;
   }
   v_ = probe_size_ * trial_;
@@ -130,8 +130,8 @@ bool CertifiedPolicy::Probe(const LocalModel& model, int phase) noexcept {
   return true;
 }
 
-bool CertifiedPolicy::Certify(const LocalModel& model, Step& step) noexcept {
-  const Certifier::Admission admission =
+bool CertifiedController::Certify(const LocalModel& model, Step& step) noexcept {
+  const Certifier::CertifiedStep admission =
       certifier_.Admit(model, estimate_, limits_, {step.t, step.mode}, v_);
   if (!admission.any) return false;
   step.mode = admission.mode;

@@ -1,4 +1,4 @@
-#include "dfr/control/published/switching_policy.h"
+#include "dfr/control/published/switching_controller.h"
 
 #include <algorithm>
 #include <cmath>
@@ -16,7 +16,7 @@ double Norm(std::span<const double> v) noexcept {
 }
 
 // Names no strategy, so that none is made from options that do not count.
-SwitchingPolicyOptions WithoutStrategy(SwitchingPolicyOptions options) {
+SwitchingControllerOptions WithoutStrategy(SwitchingControllerOptions options) {
   options.recovery = Recovery::kEarlyStopping;
   return options;
 }
@@ -35,9 +35,10 @@ const char* Name(Recovery recovery) noexcept {
   return "unknown";
 }
 
-SwitchingPolicy::SwitchingPolicy(const core::Policy& policy, const core::DecisionFunction& support,
-                                 std::span<const double> lambda,
-                                 const SwitchingPolicyOptions& options)
+SwitchingController::SwitchingController(const core::Policy& policy,
+                                         const core::DecisionFunction& support,
+                                         std::span<const double> lambda,
+                                         const SwitchingControllerOptions& options)
     : policy_(&policy),
       support_(&support),
       lambda_(lambda.begin(), lambda.end()),
@@ -60,24 +61,26 @@ SwitchingPolicy::SwitchingPolicy(const core::Policy& policy, const core::Decisio
   }
 }
 
-SwitchingPolicy::SwitchingPolicy(const core::Policy& policy, const core::DecisionFunction& support,
-                                 std::span<const double> lambda,
-                                 std::unique_ptr<RecoveryStrategy> strategy,
-                                 const SwitchingPolicyOptions& options)
-    : SwitchingPolicy(policy, support, lambda, WithoutStrategy(options)) {
+SwitchingController::SwitchingController(const core::Policy& policy,
+                                         const core::DecisionFunction& support,
+                                         std::span<const double> lambda,
+                                         std::unique_ptr<RecoveryStrategy> strategy,
+                                         const SwitchingControllerOptions& options)
+    : SwitchingController(policy, support, lambda, WithoutStrategy(options)) {
   DFR_THROW_UNLESS(strategy != nullptr, "the recovery strategy is null");
   strategy_ = std::move(strategy);
 }
 
-SwitchingPolicy::SwitchingPolicy(const core::Policy& policy, const core::DecisionFunction& support,
-                                 double lambda, const SwitchingPolicyOptions& options)
-    : SwitchingPolicy(policy, support, std::span<const double>(&lambda, 1), options) {}
+SwitchingController::SwitchingController(const core::Policy& policy,
+                                         const core::DecisionFunction& support, double lambda,
+                                         const SwitchingControllerOptions& options)
+    : SwitchingController(policy, support, std::span<const double>(&lambda, 1), options) {}
 
-double SwitchingPolicy::lambda(int t) const noexcept {
+double SwitchingController::lambda(int t) const noexcept {
   return lambda_[std::min(static_cast<std::size_t>(t), lambda_.size() - 1)];
 }
 
-void SwitchingPolicy::DoReset(std::uint64_t seed) noexcept {
+void SwitchingController::DoReset(std::uint64_t seed) noexcept {
   t_ = options_.first_step;
   iteration_ = 0;
   probing_ = false;
@@ -85,7 +88,7 @@ void SwitchingPolicy::DoReset(std::uint64_t seed) noexcept {
   if (strategy_ != nullptr) strategy_->Reset(seed);
 }
 
-Step SwitchingPolicy::DoNext(std::span<const double> x, std::span<double> u) noexcept {
+Step SwitchingController::DoNext(std::span<const double> x, std::span<double> u) noexcept {
   Step step;
   step.t = t_;
   step.iteration = iteration_;
@@ -122,7 +125,8 @@ Step SwitchingPolicy::DoNext(std::span<const double> x, std::span<double> u) noe
   return Recover(step, x, u);
 }
 
-Step SwitchingPolicy::Recover(Step step, std::span<const double> x, std::span<double> u) noexcept {
+Step SwitchingController::Recover(Step step, std::span<const double> x,
+                                  std::span<double> u) noexcept {
   step.mode = strategy_->Next({t_, iteration_, x, step.g, lambda(t_)}, u);
   if (step.mode == Mode::kHalt) return Halted(step, HaltCause::kNoDirection);
   probing_ = step.mode == Mode::kProbe;

@@ -1,4 +1,4 @@
-#include "dfr/control/published/switching_policy.h"
+#include "dfr/control/published/switching_controller.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -25,11 +25,11 @@ using testing::HasSubstr;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-TEST(SwitchingPolicyTest, AppliesTheLearnedControlExactlyWhereTheGateIsOpen) {
+TEST(SwitchingControllerTest, AppliesTheLearnedControlExactlyWhereTheGateIsOpen) {
   // lambda |u| = 0.25; in one dimension g(x) = 1 - |x|.
   const auto ball = test::UnitBall(1);
   const auto policy = test::ConstantPolicy(1, 0.125);
-  SwitchingPolicy stopping(policy, ball, 2.0, {.recovery = Recovery::kEarlyStopping});
+  SwitchingController stopping(policy, ball, 2.0, {.recovery = Recovery::kEarlyStopping});
   std::vector<double> u(1);
 
   stopping.Reset(0);
@@ -49,13 +49,13 @@ TEST(SwitchingPolicyTest, AppliesTheLearnedControlExactlyWhereTheGateIsOpen) {
 // x = 0.9, g = 0.1, lambda = 2: |u_delta| = 0.1 / (500 * 2) = 1e-4. With gain 1 it leads to
 // g(x_delta) = 0.1 -+ 1e-4, and |u_R| = g(x_delta) / (50 * 2), towards the centre whichever way the
 // probe went.
-TEST(SwitchingPolicyTest, ProbeAndStepHaveTheAuthorsSizesAndABadProbeIsReversed) {
+TEST(SwitchingControllerTest, ProbeAndStepHaveTheAuthorsSizesAndABadProbeIsReversed) {
   const auto ball = test::UnitBall(1);
   const auto policy = test::ConstantPolicy(1, 1.0);
   std::set<double> probe_signs;
   for (std::uint64_t seed = 0; seed < 20; ++seed) {
     PointPlant plant({.start = {0.9}});
-    SwitchingPolicy dfr(policy, ball, 2.0);
+    SwitchingController dfr(policy, ball, 2.0);
     dfr.Reset(seed);
     std::vector<double> u(1);
 
@@ -82,11 +82,11 @@ TEST(SwitchingPolicyTest, ProbeAndStepHaveTheAuthorsSizesAndABadProbeIsReversed)
   EXPECT_EQ(probe_signs.size(), 2u) << "both directions must have been tried";
 }
 
-TEST(SwitchingPolicyTest, AProbeThatChangesNothingIsReversed) {
+TEST(SwitchingControllerTest, AProbeThatChangesNothingIsReversed) {
   // Line 7 has g(x_delta) <= g(x_t).
   const auto flat = test::ConstantSupport(3, 0.1);
   const auto policy = test::ConstantPolicy(3, 1.0);
-  SwitchingPolicy dfr(policy, flat, 1.0);
+  SwitchingController dfr(policy, flat, 1.0);
   dfr.Reset(1);
   const std::vector<double> x(3, 0.0);
   std::vector<double> probe(3), step(3);
@@ -95,12 +95,12 @@ TEST(SwitchingPolicyTest, AProbeThatChangesNothingIsReversed) {
   for (std::size_t i = 0; i < 3; ++i) EXPECT_NEAR(step[i], -10.0 * probe[i], 1e-18);
 }
 
-TEST(SwitchingPolicyTest, AProbeThatEndsOutsideIsFollowedByAStepBack) {
+TEST(SwitchingControllerTest, AProbeThatEndsOutsideIsFollowedByAStepBack) {
   // g is 0.1 at the start and -0.2 wherever a probe leads.
   const test::FunctionSupport cliff(
       1, [](int, std::span<const double> x) { return x[0] == 0.0 ? 0.1 : -0.2; });
   const auto policy = test::ConstantPolicy(1, 1.0);
-  SwitchingPolicy dfr(policy, cliff, 1.0);
+  SwitchingController dfr(policy, cliff, 1.0);
   dfr.Reset(1);
   std::vector<double> probe(1), step(1);
   ASSERT_EQ(dfr.Next(std::vector{0.0}, probe).mode, Mode::kProbe);
@@ -109,10 +109,10 @@ TEST(SwitchingPolicyTest, AProbeThatEndsOutsideIsFollowedByAStepBack) {
   EXPECT_EQ(dfr.Next(std::vector{probe[0] + step[0]}, step).cause, HaltCause::kOutsideSupport);
 }
 
-TEST(SwitchingPolicyTest, HaltsAfterItsIterations) {
+TEST(SwitchingControllerTest, HaltsAfterItsIterations) {
   const auto flat = test::ConstantSupport(2, 0.1);
   const auto policy = test::ConstantPolicy(2, 1.0);
-  SwitchingPolicy dfr(policy, flat, 1.0);
+  SwitchingController dfr(policy, flat, 1.0);
   dfr.Reset(1);
   const std::vector<double> x(2, 0.0);
   std::vector<double> u(2);
@@ -126,12 +126,12 @@ TEST(SwitchingPolicyTest, HaltsAfterItsIterations) {
   EXPECT_EQ(step.t, 0);
 }
 
-TEST(SwitchingPolicyTest, HaltsAtAndOutsideTheBoundary) {
+TEST(SwitchingControllerTest, HaltsAtAndOutsideTheBoundary) {
   const auto ball = test::UnitBall(1);
   const auto still = test::ConstantPolicy(1, 0.0);  // even a zero control
   for (const Recovery recovery : {Recovery::kEarlyStopping, Recovery::kDfr}) {
     for (const double x : {1.0, 1.5}) {
-      SwitchingPolicy policy(still, ball, 1.0, {.recovery = recovery});
+      SwitchingController policy(still, ball, 1.0, {.recovery = recovery});
       policy.Reset(0);
       std::vector<double> u(1);
       EXPECT_EQ(policy.Next(std::vector{x}, u).cause, HaltCause::kOutsideSupport)
@@ -140,7 +140,7 @@ TEST(SwitchingPolicyTest, HaltsAtAndOutsideTheBoundary) {
   }
 }
 
-TEST(SwitchingPolicyTest, RecoveryDoesNotConsumeTime) {
+TEST(SwitchingControllerTest, RecoveryDoesNotConsumeTime) {
   // g_t opens the gate at times 0 and 2, and at time 1 after the fifth evaluation, two iterations
   // later.
   int looks = 0;
@@ -155,7 +155,7 @@ TEST(SwitchingPolicyTest, RecoveryDoesNotConsumeTime) {
     policy_times.push_back(t);
     u[0] = 1.0;
   });
-  SwitchingPolicy dfr(policy, support, 1.0, {.horizon = 3});
+  SwitchingController dfr(policy, support, 1.0, {.horizon = 3});
   dfr.Reset(0);
   std::vector<double> x(1, 0.0), u(1);
   std::string modes;
@@ -169,23 +169,23 @@ TEST(SwitchingPolicyTest, RecoveryDoesNotConsumeTime) {
   EXPECT_THAT(policy_times, testing::ElementsAre(0, 1, 1, 1, 2));
 }
 
-TEST(SwitchingPolicyTest, IterationsAreCountedPerRecovery) {
+TEST(SwitchingControllerTest, IterationsAreCountedPerRecovery) {
   // Alternates between one iteration and an open gate: never 3 iterations in one go.
   int looks = 0;
   const test::FunctionSupport support(
       1, [&](int, std::span<const double>) { return ++looks % 3 == 0 ? 10.0 : 0.5; });
   const auto policy = test::ConstantPolicy(1, 1.0);
-  SwitchingPolicy dfr(policy, support, 1.0, {.horizon = 20, .max_iterations = 2});
+  SwitchingController dfr(policy, support, 1.0, {.horizon = 20, .max_iterations = 2});
   dfr.Reset(0);
   std::vector<double> x(1, 0.0), u(1);
   while (dfr.Next(x, u).mode != Mode::kHalt) continue;
   EXPECT_EQ(dfr.halt_cause(), HaltCause::kTimeUp);
 }
 
-TEST(SwitchingPolicyTest, BaselineNeverLooksAtTheSupport) {
+TEST(SwitchingControllerTest, BaselineNeverLooksAtTheSupport) {
   const auto outside = test::ConstantSupport(1, kNaN);
   const auto policy = test::ConstantPolicy(1, 0.5);
-  SwitchingPolicy baseline(policy, outside, 1.0, {.recovery = Recovery::kNone, .horizon = 7});
+  SwitchingController baseline(policy, outside, 1.0, {.recovery = Recovery::kNone, .horizon = 7});
   baseline.Reset(0);
   std::vector<double> x(1, 0.0), u(1);
   for (int t = 0; t < 7; ++t) {
@@ -199,10 +199,10 @@ TEST(SwitchingPolicyTest, BaselineNeverLooksAtTheSupport) {
   EXPECT_EQ(outside.calls, 0);
 }
 
-TEST(SwitchingPolicyTest, LambdaIsThatOfTheTimeStepAndTheLastOneBeyond) {
+TEST(SwitchingControllerTest, LambdaIsThatOfTheTimeStepAndTheLastOneBeyond) {
   const auto wide = test::ConstantSupport(1, 100.0);
   const auto policy = test::ConstantPolicy(1, 1.0);
-  SwitchingPolicy dfr(policy, wide, std::vector<double>{1.0, 2.0, 4.0}, {.horizon = 5});
+  SwitchingController dfr(policy, wide, std::vector<double>{1.0, 2.0, 4.0}, {.horizon = 5});
   dfr.Reset(0);
   std::vector<double> x(1, 0.0), u(1);
   for (const double threshold : {1.0, 2.0, 4.0, 4.0, 4.0}) {
@@ -213,7 +213,7 @@ TEST(SwitchingPolicyTest, LambdaIsThatOfTheTimeStepAndTheLastOneBeyond) {
 // Prop. IV.3 where its proof holds, for a support that does not depend on time: where
 // |x' - x| <= K |u| and lambda = L K, g never goes below zero, whatever the learned policy asks for
 // and however the plant turns the command. The ball's g is 1-Lipschitz, so lambda = K.
-TEST(SwitchingPolicyTest, NeverLeavesSupportWhenLambdaIsLipschitzTimesGain) {
+TEST(SwitchingControllerTest, NeverLeavesSupportWhenLambdaIsLipschitzTimesGain) {
   constexpr double kGain = 2.0;
   const auto ball = test::UnitBall(2);
   const auto outward = test::OutwardPolicy(2, 0.05);
@@ -224,7 +224,7 @@ TEST(SwitchingPolicyTest, NeverLeavesSupportWhenLambdaIsLipschitzTimesGain) {
       SCOPED_TRACE(testing::Message() << "seed = " << seed);
       PointPlant plant({.gain = kGain, .turns = true});
       plant.Reset(seed);
-      SwitchingPolicy dfr(outward, ball, kGain, {.horizon = 200, .dfr = options});
+      SwitchingController dfr(outward, ball, kGain, {.horizon = 200, .dfr = options});
       dfr.Reset(seed);
       std::vector<double> u(2);
       while (dfr.Next(plant.x, u).mode != Mode::kHalt) {
@@ -238,7 +238,7 @@ TEST(SwitchingPolicyTest, NeverLeavesSupportWhenLambdaIsLipschitzTimesGain) {
 // The step of the proof that fails with one support per time step: g_{t+1}(x_{t+1}) is bounded by
 // g_t(x_t), although they are different functions. Here the gate passes u = 0.001 at time 0 and the
 // state ends at g_1 = -0.42, while g_0 has barely changed.
-TEST(SwitchingPolicyTest, ATimeVaryingSupportCanBeLeftThroughAnOpenGate) {
+TEST(SwitchingControllerTest, ATimeVaryingSupportCanBeLeftThroughAnOpenGate) {
   const test::FunctionSupport moving(1, [](int t, std::span<const double> x) {
     const double centre = t == 0 ? 0.0 : 1.0;
     return std::exp(-(x[0] - centre) * (x[0] - centre)) - 0.5;
@@ -246,7 +246,7 @@ TEST(SwitchingPolicyTest, ATimeVaryingSupportCanBeLeftThroughAnOpenGate) {
   const double lipschitz = std::sqrt(2.0 / std::exp(1.0));  // of exp(-x^2)
   const auto policy = test::ConstantPolicy(1, 0.001);
   PointPlant plant({.start = {-0.6}});
-  SwitchingPolicy dfr(policy, moving, lipschitz);
+  SwitchingController dfr(policy, moving, lipschitz);
   dfr.Reset(0);
   std::vector<double> u(1);
   ASSERT_EQ(dfr.Next(plant.x, u).mode, Mode::kPolicy);
@@ -258,11 +258,11 @@ TEST(SwitchingPolicyTest, ATimeVaryingSupportCanBeLeftThroughAnOpenGate) {
 
 // With lambda = L K an iteration raises g by at most step_fraction and twice the probe, so a factor
 // F takes about 50 ln F iterations at best: what makes the method slow.
-TEST(SwitchingPolicyTest, DfrClimbsAndGainsAtMostItsStepPerIteration) {
+TEST(SwitchingControllerTest, DfrClimbsAndGainsAtMostItsStepPerIteration) {
   const auto ball = test::UnitBall(2);
   const auto policy = test::ConstantPolicy(2, 0.5);
   PointPlant plant({.start = {0.7, 0.5}});
-  SwitchingPolicy dfr(policy, ball, 1.0);
+  SwitchingController dfr(policy, ball, 1.0);
   dfr.Reset(4);
   std::vector<double> u(2);
   double g = 0.0;
@@ -285,13 +285,13 @@ TEST(SwitchingPolicyTest, DfrClimbsAndGainsAtMostItsStepPerIteration) {
   EXPECT_GT(iterations, 50.0 * std::log(0.5 / (1.0 - std::hypot(0.7, 0.5))));
 }
 
-TEST(SwitchingPolicyTest, HaltsAtEveryDoubt) {
+TEST(SwitchingControllerTest, HaltsAtEveryDoubt) {
   const auto policy = test::ConstantPolicy(1, 0.1);
   const auto ball = test::UnitBall(1);
   std::vector<double> u(1);
   const auto cause = [&](const core::Policy& p, const core::DecisionFunction& g, double x,
                          Recovery recovery) {
-    SwitchingPolicy controller(p, g, 1.0, {.recovery = recovery});
+    SwitchingController controller(p, g, 1.0, {.recovery = recovery});
     controller.Reset(0);
     u[0] = 9.0;
     const Step step = controller.Next(std::vector{x}, u);
@@ -314,22 +314,22 @@ TEST(SwitchingPolicyTest, HaltsAtEveryDoubt) {
   EXPECT_EQ(cause(policy, ball, kNaN, Recovery::kNone), HaltCause::kStateInvalid);
 }
 
-TEST(SwitchingPolicyTest, HaltsWhenGIsLostAfterAProbe) {
+TEST(SwitchingControllerTest, HaltsWhenGIsLostAfterAProbe) {
   int looks = 0;
   const test::FunctionSupport support(
       1, [&](int, std::span<const double>) { return ++looks == 1 ? 0.1 : kNaN; });
   const auto policy = test::ConstantPolicy(1, 1.0);
-  SwitchingPolicy dfr(policy, support, 1.0);
+  SwitchingController dfr(policy, support, 1.0);
   dfr.Reset(0);
   std::vector<double> x(1, 0.0), u(1);
   ASSERT_EQ(dfr.Next(x, u).mode, Mode::kProbe);
   EXPECT_EQ(dfr.Next(x, u).cause, HaltCause::kSupportInvalid);
 }
 
-TEST(SwitchingPolicyTest, TheSeedDecidesEverythingAndResetStartsAfresh) {
+TEST(SwitchingControllerTest, TheSeedDecidesEverythingAndResetStartsAfresh) {
   const auto flat = test::ConstantSupport(3, 0.1);
   const auto policy = test::ConstantPolicy(3, 1.0);
-  SwitchingPolicy dfr(policy, flat, 1.0);
+  SwitchingController dfr(policy, flat, 1.0);
   const std::vector<double> x(3, 0.0);
   const auto probes = [&](std::uint64_t seed, int controls) {
     dfr.Reset(seed);
@@ -345,12 +345,12 @@ TEST(SwitchingPolicyTest, TheSeedDecidesEverythingAndResetStartsAfresh) {
   EXPECT_EQ(probes(1, 9), first);
 }
 
-TEST(SwitchingPolicyTest, NextNeverAllocates) {
+TEST(SwitchingControllerTest, NextNeverAllocates) {
   const auto ball = test::UnitBall(2);
   const auto policy = test::ConstantPolicy(2, 0.4);
   PointPlant plant({});
   const std::vector<double> lambda = {1.0};
-  const auto drive = [&](SwitchingPolicy controller) {
+  const auto drive = [&](SwitchingController controller) {
     plant.Reset(1);
     std::vector<double> u(2);
     const test::NoAlloc guard;
@@ -361,7 +361,7 @@ TEST(SwitchingPolicyTest, NextNeverAllocates) {
     }
   };
   for (const Recovery recovery : {Recovery::kNone, Recovery::kEarlyStopping, Recovery::kDfr}) {
-    drive(SwitchingPolicy(policy, ball, lambda, {.recovery = recovery}));
+    drive(SwitchingController(policy, ball, lambda, {.recovery = recovery}));
   }
 }
 
@@ -383,7 +383,7 @@ class ScriptedRecovery final : public RecoveryStrategy {
   std::uint64_t seed_ = 0;
 };
 
-TEST(SwitchingPolicyTest, AnInjectedStrategyIsUsedAndTheOptionsChoiceIsNot) {
+TEST(SwitchingControllerTest, AnInjectedStrategyIsUsedAndTheOptionsChoiceIsNot) {
   // The gate is shut at g = 0.1 and open at 10; the fourth look is the one after the recovery.
   int looks = 0;
   const test::FunctionSupport support(
@@ -396,9 +396,9 @@ TEST(SwitchingPolicyTest, AnInjectedStrategyIsUsedAndTheOptionsChoiceIsNot) {
     std::vector<RecoverySituation> asked;
     const std::vector<Mode> answers = {Mode::kProbe, Mode::kRecovery, Mode::kRecovery, Mode::kHalt};
     // The constants of DFR are ignored, too: these would be refused.
-    SwitchingPolicy controller(policy, support, lambda,
-                               std::make_unique<ScriptedRecovery>(asked, answers),
-                               {.recovery = ignored, .dfr = {.probe_fraction = -1.0}});
+    SwitchingController controller(policy, support, lambda,
+                                   std::make_unique<ScriptedRecovery>(asked, answers),
+                                   {.recovery = ignored, .dfr = {.probe_fraction = -1.0}});
     controller.Reset(3);
     std::vector<double> x(1, 0.0), u(1);
     std::string modes;
@@ -424,25 +424,25 @@ TEST(SwitchingPolicyTest, AnInjectedStrategyIsUsedAndTheOptionsChoiceIsNot) {
   }
 }
 
-TEST(SwitchingPolicyTest, ANullStrategyIsRefused) {
+TEST(SwitchingControllerTest, ANullStrategyIsRefused) {
   const auto ball = test::UnitBall(2);
   const auto policy = test::ConstantPolicy(2, 1.0);
   try {
-    const SwitchingPolicy switching(policy, ball, std::vector<double>{1.0},
-                                    std::unique_ptr<RecoveryStrategy>());
+    const SwitchingController switching(policy, ball, std::vector<double>{1.0},
+                                        std::unique_ptr<RecoveryStrategy>());
     ADD_FAILURE() << "nothing thrown";
   } catch (const std::invalid_argument& e) {
     EXPECT_THAT(e.what(), HasSubstr("strategy is null"));
   }
 }
 
-TEST(SwitchingPolicyTest, ErrorsNameTheOption) {
+TEST(SwitchingControllerTest, ErrorsNameTheOption) {
   const auto ball = test::UnitBall(2);
   const auto policy = test::ConstantPolicy(2, 1.0);
   const auto message = [&](const core::DecisionFunction& g, std::vector<double> lambda,
-                           const SwitchingPolicyOptions& options) -> std::string {
+                           const SwitchingControllerOptions& options) -> std::string {
     try {
-      SwitchingPolicy(policy, g, lambda, options);
+      SwitchingController(policy, g, lambda, options);
     } catch (const std::invalid_argument& e) {
       return e.what();
     }

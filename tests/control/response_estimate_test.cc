@@ -1,4 +1,4 @@
-#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/response_estimate.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -48,24 +48,24 @@ Demonstrations Linear(const core::Matrix& jacobian, int count, int length, core:
   return demonstrations;
 }
 
-TEST(JacobianEstimateTest, RecoversALinearSystemFromDemonstrations) {
+TEST(ResponseEstimateTest, RecoversALinearSystemFromDemonstrations) {
   core::Random random(1);
   const core::Matrix truth = RandomMatrix(random, kN, kM);
   const auto d = Linear(truth, 20, 10, random);
-  JacobianEstimate estimate(std::make_shared<const JacobianPrior>(d.features, d.controls,
-                                                                  JacobianOptions{.ridge = 1e-9}));
+  ResponseEstimate estimate(std::make_shared<const TransitionStore>(
+      d.features, d.controls, ResponseOptions{.ridge = 1e-9}));
   estimate.Compute(4, core::Row(d.features[3], 4));
   // Products of controls and changes are kept in float, of relative error 6e-8.
   EXPECT_TRUE(test::AllClose(estimate.jacobian(), truth, 1e-6));
 }
 
 // The definition: J minimises ridge |J|^2 + sum of weights |dz - J v|^2.
-TEST(JacobianEstimateTest, OnlineDataAreWeightedLeastSquaresWithForgetting) {
+TEST(ResponseEstimateTest, OnlineDataAreWeightedLeastSquaresWithForgetting) {
   core::Random random(2);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
-  const JacobianOptions options{.prior_weight = 0.0};
-  JacobianEstimate estimate(std::make_shared<const JacobianPrior>(d.features, d.controls, options),
-                            {}, kOwnMotion);
+  const ResponseOptions options{.prior_weight = 0.0};
+  ResponseEstimate estimate(
+      std::make_shared<const TransitionStore>(d.features, d.controls, options), {}, kOwnMotion);
   const std::vector<double> z(kN, 0.0);
   Eigen::MatrixXd a = Eigen::MatrixXd::Zero(kM, kM);
   Eigen::MatrixXd b = Eigen::MatrixXd::Zero(kM, kN);
@@ -87,16 +87,16 @@ TEST(JacobianEstimateTest, OnlineDataAreWeightedLeastSquaresWithForgetting) {
 }
 
 // A measurement of weight w counts as w equal ones; of weight 0, not at all.
-TEST(JacobianEstimateTest, AMeasurementCountsAsOftenAsItsWeightSays) {
+TEST(ResponseEstimateTest, AMeasurementCountsAsOftenAsItsWeightSays) {
   core::Random random(7);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
   const auto prior =
-      std::make_shared<const JacobianPrior>(d.features, d.controls, JacobianOptions{});
+      std::make_shared<const TransitionStore>(d.features, d.controls, ResponseOptions{});
   const std::vector<double> z(kN, 0.0);
   const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
   const Eigen::VectorXd dz = RandomMatrix(random, kN, 1);
   const auto after = [&](double weight) -> Eigen::MatrixXd {
-    JacobianEstimate estimate(prior, {}, kOwnMotion);
+    ResponseEstimate estimate(prior, {}, kOwnMotion);
     estimate.Compute(0, z);
     estimate.Update(z, core::AsSpan(v), core::AsSpan(dz), 0.0, weight);
     estimate.Compute(0, z);
@@ -104,7 +104,7 @@ TEST(JacobianEstimateTest, AMeasurementCountsAsOftenAsItsWeightSays) {
   };
   // Neither forgetting nor the prior's own weight scale with it: the sums are
   // A + w v v', B + w v dz', which the same control, sqrt(w) as large, gives as well.
-  JacobianEstimate scaled(prior, {}, kOwnMotion);
+  ResponseEstimate scaled(prior, {}, kOwnMotion);
   const Eigen::VectorXd v2 = std::sqrt(2.5) * v;
   const Eigen::VectorXd dz2 = std::sqrt(2.5) * dz;
   scaled.Compute(0, z);
@@ -112,21 +112,21 @@ TEST(JacobianEstimateTest, AMeasurementCountsAsOftenAsItsWeightSays) {
   scaled.Compute(0, z);
   EXPECT_TRUE(test::AllClose(after(2.5), scaled.jacobian(), 1e-12));
   EXPECT_GT((after(2.5) - after(1.0)).norm(), 1e-3);
-  JacobianEstimate untouched(prior, {}, kOwnMotion);
+  ResponseEstimate untouched(prior, {}, kOwnMotion);
   untouched.Compute(0, z);
   EXPECT_TRUE(test::AllClose(after(0.0), untouched.jacobian(), 0.0));
   EXPECT_TRUE(after(1.0) != untouched.jacobian());
 }
 
 // A control that is turned by 90 degrees at test time is learned from what it does.
-TEST(JacobianEstimateTest, FollowsAPlantThatHasChanged) {
+TEST(ResponseEstimateTest, FollowsAPlantThatHasChanged) {
   core::Random random(3);
   core::Matrix before = core::Matrix::Identity(2, 2);
   core::Matrix after(2, 2);
   after << 0.0, -1.0, 1.0, 0.0;
   const auto d = Linear(before, 30, 10, random);
-  JacobianEstimate estimate(
-      std::make_shared<const JacobianPrior>(d.features, d.controls, JacobianOptions{}), {},
+  ResponseEstimate estimate(
+      std::make_shared<const TransitionStore>(d.features, d.controls, ResponseOptions{}), {},
       kOwnMotion);
   const std::vector<double> z(2, 0.0);
   estimate.Compute(5, z);
@@ -143,7 +143,7 @@ TEST(JacobianEstimateTest, FollowsAPlantThatHasChanged) {
 }
 
 // Demonstrations that respond by `first` until time step 10 and by `second` from then on.
-TEST(JacobianEstimateTest, ADemonstratedChangeOfTheResponseIsNoCorrection) {
+TEST(ResponseEstimateTest, ADemonstratedChangeOfTheResponseIsNoCorrection) {
   core::Random random(11);
   const core::Matrix first = core::Matrix::Identity(2, 2);
   core::Matrix second = core::Matrix::Zero(2, 2);
@@ -158,8 +158,8 @@ TEST(JacobianEstimateTest, ADemonstratedChangeOfTheResponseIsNoCorrection) {
     d.features.push_back(z);
     d.controls.push_back(u);
   }
-  JacobianEstimate estimate(
-      std::make_shared<const JacobianPrior>(d.features, d.controls, JacobianOptions{.window = 0}),
+  ResponseEstimate estimate(
+      std::make_shared<const TransitionStore>(d.features, d.controls, ResponseOptions{.window = 0}),
       {}, kOwnMotion);
   const std::vector<double> z(2, 0.0);
   // This plant turns controls by 20 degrees, before and after the contact.
@@ -181,25 +181,25 @@ TEST(JacobianEstimateTest, ADemonstratedChangeOfTheResponseIsNoCorrection) {
 }
 
 // Reset() leaves the state of a new estimate, to the last bit.
-TEST(JacobianEstimateTest, NothingRemainsOfAnEpisodeBefore) {
+TEST(ResponseEstimateTest, NothingRemainsOfAnEpisodeBefore) {
   core::Random random(12);
   const core::Matrix truth = RandomMatrix(random, kN, kM);
   const auto d = Linear(truth, 20, 10, random);
   const auto prior =
-      std::make_shared<const JacobianPrior>(d.features, d.controls, JacobianOptions{});
+      std::make_shared<const TransitionStore>(d.features, d.controls, ResponseOptions{});
   const auto z = core::Row(d.features[3], 4);
   const auto elsewhere = core::Row(d.features[5], 9);
   const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
   const Eigen::VectorXd dz = 2.0 * truth * v;
   for (const bool own_motion : {false, true}) {
     SCOPED_TRACE(own_motion);
-    JacobianEstimate fresh(prior, {}, own_motion);
-    JacobianEstimate used(prior, {}, own_motion);
+    ResponseEstimate fresh(prior, {}, own_motion);
+    ResponseEstimate used(prior, {}, own_motion);
     used.Compute(9, elsewhere);
     used.Update(elsewhere, core::AsSpan(v), core::AsSpan(dz));
     used.Compute(9, elsewhere);
     used.Reset();
-    for (JacobianEstimate* estimate : {&fresh, &used}) {
+    for (ResponseEstimate* estimate : {&fresh, &used}) {
       // Even where the first control is measured before anything is computed.
       estimate->Update(z, core::AsSpan(v), core::AsSpan(dz));
       estimate->Compute(4, z);
@@ -210,23 +210,23 @@ TEST(JacobianEstimateTest, NothingRemainsOfAnEpisodeBefore) {
 }
 
 // z' = z + J v + s d: an estimate that takes the drift for a response to the control has a wrong J.
-TEST(JacobianEstimateTest, TellsADriftFromTheAnswerToControls) {
+TEST(ResponseEstimateTest, TellsADriftFromTheAnswerToControls) {
   core::Random random(5);
   const core::Matrix truth = RandomMatrix(random, kN, kM);
   const Eigen::VectorXd drift = RandomMatrix(random, kN, 1);
   const DriftTime time{.rest = 0.5, .travel = 1.0};
   const auto d = Linear(truth, 4, 3, random);
-  const auto prior = std::make_shared<const JacobianPrior>(
-      d.features, d.controls, JacobianOptions{.ridge = 1e-9, .prior_weight = 0.0});
-  JacobianEstimate aware(prior, time, kOwnMotion);
-  JacobianEstimate blind(prior, {}, kOwnMotion);
+  const auto prior = std::make_shared<const TransitionStore>(
+      d.features, d.controls, ResponseOptions{.ridge = 1e-9, .prior_weight = 0.0});
+  ResponseEstimate aware(prior, time, kOwnMotion);
+  ResponseEstimate blind(prior, {}, kOwnMotion);
   const std::vector<double> z(kN, 0.0);
   aware.Compute(0, z);
   blind.Compute(0, z);
   for (int i = 0; i < 12; ++i) {
     const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
     const Eigen::VectorXd dz = truth * v + (time.rest + time.travel * v.norm()) * drift;
-    for (JacobianEstimate* estimate : {&aware, &blind}) {
+    for (ResponseEstimate* estimate : {&aware, &blind}) {
       estimate->Update(z, core::AsSpan(v), core::AsSpan(dz));
     }
   }
@@ -250,11 +250,12 @@ TEST(JacobianEstimateTest, TellsADriftFromTheAnswerToControls) {
 
 // The definition, in one go: weighted least squares with forgetting over [z' - z; 1; v], z the
 // state that is asked about last.
-TEST(JacobianEstimateTest, OwnMotionIsLeastSquaresAboutTheStateThatIsAskedAbout) {
+TEST(ResponseEstimateTest, OwnMotionIsLeastSquaresAboutTheStateThatIsAskedAbout) {
   core::Random random(11);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
-  const JacobianOptions options{.prior_weight = 0.0};
-  JacobianEstimate estimate(std::make_shared<const JacobianPrior>(d.features, d.controls, options));
+  const ResponseOptions options{.prior_weight = 0.0};
+  ResponseEstimate estimate(
+      std::make_shared<const TransitionStore>(d.features, d.controls, options));
   constexpr int kRows = kN + 1 + kM;
   const Eigen::VectorXd here = RandomMatrix(random, kN, 1);
   Eigen::MatrixXd a = Eigen::MatrixXd::Zero(kRows, kRows);
@@ -282,7 +283,7 @@ TEST(JacobianEstimateTest, OwnMotionIsLeastSquaresAboutTheStateThatIsAskedAbout)
 
 // A mass: what it does without a force is its velocity, and no demonstration was without force.
 // Feedback makes forces and states go together, so that J alone takes the motion for their answer.
-TEST(JacobianEstimateTest, TellsTheMotionOfAMassFromTheAnswerToForces) {
+TEST(ResponseEstimateTest, TellsTheMotionOfAMassFromTheAnswerToForces) {
   core::Random random(12);
   std::vector<core::Matrix> features;
   std::vector<core::Matrix> controls;
@@ -298,12 +299,12 @@ TEST(JacobianEstimateTest, TellsTheMotionOfAMassFromTheAnswerToForces) {
     features.push_back(z);
     controls.push_back(v);
   }
-  const auto prior = std::make_shared<const JacobianPrior>(
+  const auto prior = std::make_shared<const TransitionStore>(
       features, controls,
-      JacobianOptions{.ridge = 1e-6, .motion_ridge = 1e-3, .slope_ridge = 1e-2});
+      ResponseOptions{.ridge = 1e-6, .motion_ridge = 1e-3, .slope_ridge = 1e-2});
   const Eigen::VectorXd z = Eigen::Vector2d(0.4, -0.7);
   const Eigen::VectorXd answer = Eigen::Vector2d(0.0, 0.5);
-  JacobianEstimate estimate(prior);
+  ResponseEstimate estimate(prior);
   estimate.Compute(3, core::AsSpan(z));
   EXPECT_TRUE(test::AllClose(estimate.jacobian(), answer, 0.02));
   EXPECT_TRUE(test::AllClose(estimate.own_motion(), Eigen::Vector2d(0.5 * z[1], 0.0), 0.02));
@@ -312,22 +313,22 @@ TEST(JacobianEstimateTest, TellsTheMotionOfAMassFromTheAnswerToForces) {
   Eigen::VectorXd there = z;
   estimate.AddEffect(v, there);
   EXPECT_TRUE(test::AllClose(there, Eigen::Vector2d(z[0] + 0.5 * z[1], z[1] + 0.15), 0.02));
-  JacobianEstimate alone(prior, {}, kOwnMotion);
+  ResponseEstimate alone(prior, {}, kOwnMotion);
   alone.Compute(3, core::AsSpan(z));
   EXPECT_GT((alone.jacobian() - answer).norm(), 0.1);
   EXPECT_TRUE(test::AllClose(alone.own_motion(), Eigen::Vector2d::Zero(), 0.0));
 }
 
-TEST(JacobianEstimateTest, DriftTimesAreChecked) {
+TEST(ResponseEstimateTest, DriftTimesAreChecked) {
   core::Random random(6);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
   const auto prior =
-      std::make_shared<const JacobianPrior>(d.features, d.controls, JacobianOptions{});
-  EXPECT_THROW(JacobianEstimate(prior, {.rest = -0.1}), std::invalid_argument);
-  EXPECT_THROW(JacobianEstimate(prior, {.travel = std::nan("")}), std::invalid_argument);
+      std::make_shared<const TransitionStore>(d.features, d.controls, ResponseOptions{});
+  EXPECT_THROW(ResponseEstimate(prior, {.rest = -0.1}), std::invalid_argument);
+  EXPECT_THROW(ResponseEstimate(prior, {.travel = std::nan("")}), std::invalid_argument);
   // Either of them alone is a drift.
   for (const DriftTime time : {DriftTime{.rest = 0.5}, DriftTime{.travel = 0.5}, DriftTime{}}) {
-    JacobianEstimate estimate(prior, time, kOwnMotion);
+    ResponseEstimate estimate(prior, time, kOwnMotion);
     const std::vector<double> z(kN, 0.0);
     const std::vector<double> v(kM, 1.0);
     const std::vector<double> dz(kN, 1.0);
@@ -340,7 +341,7 @@ TEST(JacobianEstimateTest, DriftTimesAreChecked) {
 
 // Demonstrations take v = K (z* - z) exactly, dz = v. The plant turns controls by .6 and the world
 // drifts: the control with the demonstrated effect is the one turned back, minus the drift.
-TEST(JacobianEstimateTest, DoesWhatDemonstrationsDidWhateverControlsDoToday) {
+TEST(ResponseEstimateTest, DoesWhatDemonstrationsDidWhateverControlsDoToday) {
   core::Random random(5);
   const Eigen::Vector2d goal(0.5, -0.3);
   std::vector<core::Matrix> features;
@@ -356,25 +357,25 @@ TEST(JacobianEstimateTest, DoesWhatDemonstrationsDidWhateverControlsDoToday) {
     features.push_back(z);
     controls.push_back(v);
   }
-  const auto prior = std::make_shared<const JacobianPrior>(features, controls, JacobianOptions{});
+  const auto prior = std::make_shared<const TransitionStore>(features, controls, ResponseOptions{});
   const Eigen::Vector2d here(1.5, 0.4);
   const std::vector<double> z = {here[0], here[1]};
   const Eigen::Vector2d wanted = 0.4 * (goal - here);
   Eigen::VectorXd v(2);
 
-  JacobianEstimate still(prior);
+  ResponseEstimate still(prior);
   still.Compute(3, z);
-  ASSERT_TRUE(still.Demonstrated(v));
+  ASSERT_TRUE(still.NominalControl(v));
   // Shrunk by the ridge of the regression, in the same direction.
   EXPECT_GT(v.normalized().dot(wanted.normalized()), 0.995);
   EXPECT_NEAR(v.norm() / wanted.norm(), 0.85, 0.1);
   const Eigen::Vector2d regressed = v;
   still.Compute(99, z);
-  ASSERT_TRUE(still.Demonstrated(v)) << "beyond the last, the last demonstrated control";
+  ASSERT_TRUE(still.NominalControl(v)) << "beyond the last, the last demonstrated control";
 
   const Eigen::Rotation2Dd turn(0.6);
   const Eigen::Vector2d drift(0.05, 0.1);
-  JacobianEstimate turned(prior, {.rest = 1.0});
+  ResponseEstimate turned(prior, {.rest = 1.0});
   turned.Compute(3, z);
   for (int i = 0; i < 300; ++i) {
     const Eigen::Vector2d tried(random.Normal(), random.Normal());
@@ -383,79 +384,80 @@ TEST(JacobianEstimateTest, DoesWhatDemonstrationsDidWhateverControlsDoToday) {
                   1.0, 20.0);
   }
   turned.Compute(3, z);
-  ASSERT_TRUE(turned.Demonstrated(v));
+  ASSERT_TRUE(turned.NominalControl(v));
   EXPECT_NEAR((turn * Eigen::Vector2d(v) + drift - regressed).norm() / regressed.norm(), 0.0, 0.06);
   const test::NoAlloc guard;
-  (void)turned.Demonstrated(v);
+  (void)turned.NominalControl(v);
 }
 
 // There is no control that causes a change: what was demonstrated is taken as it was.
-TEST(JacobianEstimateTest, WhereControlsDoNothingTheDemonstratedOneIsTaken) {
+TEST(ResponseEstimateTest, WhereControlsDoNothingTheDemonstratedOneIsTaken) {
   const std::vector<core::Matrix> features(8, core::Matrix::Zero(6, 3));
   const std::vector<core::Matrix> controls(8, core::Matrix::Constant(5, 2, 0.7));
-  JacobianEstimate estimate(
-      std::make_shared<const JacobianPrior>(features, controls, JacobianOptions{}));
+  ResponseEstimate estimate(
+      std::make_shared<const TransitionStore>(features, controls, ResponseOptions{}));
   const std::vector<double> z(3, 0.0);
   estimate.Compute(2, z);
   ASSERT_TRUE(estimate.jacobian().isZero(0.0));
   Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
-  ASSERT_TRUE(estimate.Demonstrated(v));
+  ASSERT_TRUE(estimate.NominalControl(v));
   EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(0.7, 0.7), 1e-6));
 }
 
-TEST(JacobianEstimateTest, LeastKnownIsTheTopEigenvectorOfTheInverse) {
+TEST(ResponseEstimateTest, LeastKnownIsTheTopEigenvectorOfTheInverse) {
   core::Random random(4);
   // Demonstrations that never use the third control.
   auto d = Linear(RandomMatrix(random, kN, 3), 10, 8, random);
   for (auto& u : d.controls) u.col(2).setZero();
-  JacobianEstimate estimate(
-      std::make_shared<const JacobianPrior>(d.features, d.controls, JacobianOptions{}));
+  ResponseEstimate estimate(
+      std::make_shared<const TransitionStore>(d.features, d.controls, ResponseOptions{}));
   estimate.Compute(3, core::Row(d.features[0], 3));
   std::vector<double> direction(3);
-  const double value = estimate.LeastKnown(direction);
-  EXPECT_NEAR(value, 1.0 / JacobianOptions{}.ridge, 1e-6);
+  const double value = estimate.LeastExcitedDirection(direction);
+  EXPECT_NEAR(value, 1.0 / ResponseOptions{}.ridge, 1e-6);
   EXPECT_NEAR(std::abs(direction[2]), 1.0, 1e-6);
-  EXPECT_GE(estimate.Ignorance(), value);
+  EXPECT_GE(estimate.UncertaintyBound(), value);
   const Eigen::VectorXd v = Eigen::Vector3d(0, 0, 2);
   const Eigen::VectorXd dz = Eigen::VectorXd::Zero(kN);
   estimate.Update(core::Row(d.features[0], 3), core::AsSpan(v), core::AsSpan(dz));
   estimate.Compute(3, core::Row(d.features[0], 3));
-  EXPECT_LT(estimate.LeastKnown(direction), 1.0) << "after it was tried";
+  EXPECT_LT(estimate.LeastExcitedDirection(direction), 1.0) << "after it was tried";
 }
 
 // In a drift a second probe like the first would tell nothing: only the other sign tells its effect
 // from what time does.
-TEST(JacobianEstimateTest, LeastKnownHasTheSignThatTellsADriftFromTheAnswer) {
+TEST(ResponseEstimateTest, LeastKnownHasTheSignThatTellsADriftFromTheAnswer) {
   core::Random random(8);
   auto d = Linear(RandomMatrix(random, kN, 2), 10, 8, random);
   for (auto& u : d.controls) u.col(1).setZero();
   const auto prior =
-      std::make_shared<const JacobianPrior>(d.features, d.controls, JacobianOptions{});
+      std::make_shared<const TransitionStore>(d.features, d.controls, ResponseOptions{});
   const std::vector<double> z(kN, 0.0);
   const Eigen::VectorXd dz = Eigen::VectorXd::Ones(kN);
   for (const double sign : {1.0, -1.0}) {
-    JacobianEstimate estimate(prior, {.rest = 1.0, .travel = 0.5}, kOwnMotion);
+    ResponseEstimate estimate(prior, {.rest = 1.0, .travel = 0.5}, kOwnMotion);
     const Eigen::VectorXd probe = Eigen::Vector2d(0.0, sign * 0.5);
     std::vector<double> direction(2);
     estimate.Compute(3, z);
     for (int i = 0; i < 3; ++i) {
       estimate.Update(z, core::AsSpan(probe), core::AsSpan(dz));
       estimate.Compute(3, z);
-      EXPECT_GT(estimate.LeastKnown(direction), 10.0) << "as unknown as before, however often";
+      EXPECT_GT(estimate.LeastExcitedDirection(direction), 10.0)
+          << "as unknown as before, however often";
       EXPECT_NEAR(direction[1], -sign, 1e-3);
     }
     const Eigen::VectorXd other = -probe;
     estimate.Update(z, core::AsSpan(other), core::AsSpan(dz));
     estimate.Compute(3, z);
-    EXPECT_LT(estimate.LeastKnown(direction), 5.0);
+    EXPECT_LT(estimate.LeastExcitedDirection(direction), 5.0);
   }
 }
 
-TEST(JacobianEstimateTest, NothingAllocatesAfterConstruction) {
+TEST(ResponseEstimateTest, NothingAllocatesAfterConstruction) {
   core::Random random(5);
   const auto d = Linear(RandomMatrix(random, 12, 7), 20, 10, random);
-  JacobianEstimate estimate(
-      std::make_shared<const JacobianPrior>(d.features, d.controls, JacobianOptions{}));
+  ResponseEstimate estimate(
+      std::make_shared<const TransitionStore>(d.features, d.controls, ResponseOptions{}));
   const std::vector<double> v(7, 0.5);
   const std::vector<double> z(12, 0.1);
   std::vector<double> direction(7);
@@ -466,8 +468,8 @@ TEST(JacobianEstimateTest, NothingAllocatesAfterConstruction) {
     estimate.Update(z, v, z);
     estimate.Compute(t, z);
     estimate.AddEffect(control, there);
-    (void)estimate.Demonstrated(control);
-    (void)estimate.LeastKnown(direction);
+    (void)estimate.NominalControl(control);
+    (void)estimate.LeastExcitedDirection(direction);
   }
 }
 

@@ -20,9 +20,9 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/control/certified/assumptions.h"
-#include "dfr/control/certified/certified_policy.h"
-#include "dfr/control/guided/guided_policy.h"
+#include "dfr/control/certified/certificate_constants.h"
+#include "dfr/control/certified/certified_controller.h"
+#include "dfr/control/guided/guided_controller.h"
 #include "dfr/control/guided/task_view.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/matrix.h"
@@ -99,7 +99,7 @@ void BM_Next(benchmark::State& state, double spread, bool single) {
   GuidedOptions options;
   options.horizon = 1 << 30;
   options.max_controls = 1 << 30;
-  GuidedPolicy controller(policy, {features, support, levels, response}, options);
+  GuidedController controller(policy, {features, support, levels, response}, options);
 
   core::Random random(2);
   core::Matrix queries(64 * kHorizon, kStateDim);
@@ -207,7 +207,7 @@ void BM_Certified(benchmark::State& state) {
   const Levels levels(support, seen.points);
   const Response response(seen);
   const Bold policy(world, random);
-  CertifiedPolicy controller(
+  CertifiedController controller(
       policy, {features, support, levels, response},
       {.horizon = kHorizon,
        .certificate = {2.0 * EstimateDirectionError(features, demonstrations).value}});

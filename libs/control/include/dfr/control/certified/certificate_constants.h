@@ -37,13 +37,13 @@ struct EstimatedConstant {
 /// @throws std::invalid_argument as EstimateGain(), and if there are fewer than two demonstrations.
 [[nodiscard]] EstimatedConstant EstimateDirectionError(const FeatureTrajectories& demonstrations,
                                                        const core::Folds& folds,
-                                                       const JacobianOptions& options = {},
+                                                       const ResponseOptions& options = {},
                                                        double confidence = 0.95);
 
 /// The same in fifths of the demonstrations (core::StratifiedFolds()). Their order changes no bit.
 [[nodiscard]] EstimatedConstant EstimateDirectionError(
     const core::FeatureTransform& features, std::span<const core::Trajectory> demonstrations,
-    const JacobianOptions& options = {}, double confidence = 0.95);
+    const ResponseOptions& options = {}, double confidence = 0.95);
 
 /// The same with the J of a response, on demonstrations that it was not fitted to: the promise
 /// holds. @throws std::invalid_argument as EstimateGain().

@@ -7,7 +7,7 @@
 #include "dfr/control/guided/correction.h"
 #include "dfr/control/guided/guided_options.h"
 #include "dfr/control/guided/halt_rule.h"
-#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/response_estimate.h"
 #include "dfr/control/guided/state_observer.h"
 #include "dfr/control/guided/support_step.h"
 #include "dfr/control/guided/task_view.h"
@@ -17,7 +17,7 @@
 namespace dfr::control {
 
 /// Guided recovery: drives a learned policy inside a support without a dynamics model, as
-/// Algorithm 1 does, but learns from every applied control how features change (JacobianEstimate),
+/// Algorithm 1 does, but learns from every applied control how features change (ResponseEstimate),
 /// so that the gradient of the support becomes a direction for controls. In a state with features
 /// z, those that controls under way will lead to, in phase tau, with the learned control v_hat and
 /// the prediction z'(v) = z + J v + m:
@@ -30,7 +30,7 @@ namespace dfr::control {
 ///      differs from v_hat by half an ordinary control at most (guided::kIdle), and gains no more
 ///      level than lies between hi and the level at which v_hat passes.
 ///   2. v <- RaiseLevel(v_d, hi), from the control v_d that does what demonstrations did nearby
-///      (JacobianEstimate::Demonstrated()). If it leads inside, l_{tau+1}(z'(v)) >= 0, v is
+///      (ResponseEstimate::NominalControl()). If it leads inside, l_{tau+1}(z'(v)) >= 0, v is
 ///      applied.
 ///   3. v <- RaiseLevel(v_hat, hi). If it leads inside, v is applied; if it does not, the better of
 ///      both is, where the support is near (reach). Otherwise v_d is: where nothing leads inside,
@@ -47,18 +47,19 @@ namespace dfr::control {
 /// Mode::kPolicy, and Step::filtered if v is not v_hat. What passes does so to the bit.
 ///
 /// docs/recovery.md derives all this. Next() neither allocates nor locks.
-class GuidedPolicy final : public Controller {
+class GuidedController final : public Controller {
  public:
   /// Borrows the policy and what `task` does.
   /// @throws std::invalid_argument if sizes differ, or an option is out of range.
-  GuidedPolicy(const core::Policy& policy, const TaskView& task, const GuidedOptions& options = {});
+  GuidedController(const core::Policy& policy, const TaskView& task,
+                   const GuidedOptions& options = {});
 
   [[nodiscard]] int state_dim() const noexcept override { return policy_->state_dim(); }
   [[nodiscard]] int control_dim() const noexcept override { return policy_->control_dim(); }
 
   /// Takes the place of `present`, a policy of the same model and options, in state `x`: what
   /// PassesNext() then says is what `present` would do from there on, which itself stays as it is.
-  void Foresee(const GuidedPolicy& present, std::span<const double> x) noexcept;
+  void Foresee(const GuidedController& present, std::span<const double> x) noexcept;
   /// Whether `control` would pass as it is and is predicted to end inside, at step 1's level; false
   /// once an answer was false. The next call is about the state that this control is predicted to
   /// lead to. From Foresee() on Next() must not be called. Neither allocates nor locks.
@@ -91,7 +92,7 @@ class GuidedPolicy final : public Controller {
   GuidedOptions options_;
   StepLimits limits_;
   HaltRule halt_rule_;
-  JacobianEstimate estimate_;
+  ResponseEstimate estimate_;
   StateObserver observer_;
   Correction correction_;
   PhaseTracker tracker_;

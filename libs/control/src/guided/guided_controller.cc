@@ -1,4 +1,4 @@
-#include "dfr/control/guided/guided_policy.h"
+#include "dfr/control/guided/guided_controller.h"
 
 #include <algorithm>
 #include <cmath>
@@ -11,8 +11,8 @@ namespace dfr::control {
 
 using core::AsSpan;
 
-GuidedPolicy::GuidedPolicy(const core::Policy& policy, const TaskView& task,
-                           const GuidedOptions& options)
+GuidedController::GuidedController(const core::Policy& policy, const TaskView& task,
+                                   const GuidedOptions& options)
     : policy_(&policy),
       task_(task),
       options_((CheckFits(policy, task), Check(options), options)),
@@ -31,7 +31,7 @@ GuidedPolicy::GuidedPolicy(const core::Policy& policy, const TaskView& task,
   v_ = learned_ = foreseen_ = Eigen::VectorXd::Zero(task.response().control_dim());
 }
 
-void GuidedPolicy::DoReset(std::uint64_t /*seed*/) noexcept {
+void GuidedController::DoReset(std::uint64_t /*seed*/) noexcept {
   estimate_.Reset();
   observer_.Reset();
   tracker_.Reset(options_.first_step);
@@ -40,7 +40,7 @@ void GuidedPolicy::DoReset(std::uint64_t /*seed*/) noexcept {
   at_edge_ = 0.0;
 }
 
-Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexcept {
+Step GuidedController::DoNext(std::span<const double> x, std::span<double> u) noexcept {
   See(x);
   const Step step = Look();
   if (step.cause != HaltCause::kNone) return step;
@@ -48,7 +48,7 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
   return Decide(step, u);
 }
 
-void GuidedPolicy::See(std::span<const double> x) noexcept {
+void GuidedController::See(std::span<const double> x) noexcept {
   task_.features().Apply(x, AsSpan(seen_));
   if (progress_.controls > 0) {
     dz_ = seen_ - last_seen_;
@@ -63,7 +63,7 @@ void GuidedPolicy::See(std::span<const double> x) noexcept {
   observer_.Observe(estimate_, z_);
 }
 
-Step GuidedPolicy::Look() noexcept {
+Step GuidedController::Look() noexcept {
   const core::LogDecisionFunction& support = task_.support();
   Step step{.t = tracker_.phase(), .iteration = tracker_.waited()};
   step.log_g = support.LogDecision(step.t, AsSpan(z_), {});
@@ -75,7 +75,7 @@ Step GuidedPolicy::Look() noexcept {
   return cause != HaltCause::kNone ? Halted(step, cause) : step;
 }
 
-Step GuidedPolicy::Decide(Step step, std::span<double> u) noexcept {
+Step GuidedController::Decide(Step step, std::span<double> u) noexcept {
   learned_ = core::AsVector(std::span<const double>(u)) / task_.response().control_unit();
   if (!learned_.allFinite()) return Halted(step, HaltCause::kControlInvalid);
   const double asked = learned_.squaredNorm();
@@ -119,7 +119,7 @@ Step GuidedPolicy::Decide(Step step, std::span<double> u) noexcept {
   return step;
 }
 
-void GuidedPolicy::Applied(std::span<const double> u) noexcept {
+void GuidedController::Applied(std::span<const double> u) noexcept {
   if (halt_cause() != HaltCause::kNone || progress_.controls == 0) return;
   v_ = core::AsVector(u) / task_.response().control_unit();
   tracker_ = chose_in_;
@@ -130,12 +130,13 @@ void GuidedPolicy::Applied(std::span<const double> u) noexcept {
   Advance(LocalModel{task_.support(), estimate_, AsSpan(z_)}.Level(tracker_.phase() + 1, v_));
 }
 
-void GuidedPolicy::Foresee(const GuidedPolicy& present, std::span<const double> x) noexcept {
+void GuidedController::Foresee(const GuidedController& present,
+                               std::span<const double> x) noexcept {
   *this = present;
   if (halt_cause() == HaltCause::kNone) See(x);
 }
 
-bool GuidedPolicy::PassesNext(std::span<const double> control) noexcept {
+bool GuidedController::PassesNext(std::span<const double> control) noexcept {
   if (halt_cause() != HaltCause::kNone) return false;
   Step step = Look();
   if (step.cause == HaltCause::kNone) {
@@ -153,14 +154,14 @@ bool GuidedPolicy::PassesNext(std::span<const double> control) noexcept {
   return false;
 }
 
-bool GuidedPolicy::DeepInside(double level) const noexcept {
+bool GuidedController::DeepInside(double level) const noexcept {
   const int phase = tracker_.phase();
   const double hi = task_.levels().gate(phase + 1);
   return level >= hi && learned_.norm() <= task_.response().largest_control() &&
          task_.support().LogDecision(phase + 1, AsSpan(z_), {}) >= hi;
 }
 
-void GuidedPolicy::Advance(double level) noexcept {
+void GuidedController::Advance(double level) noexcept {
   if (level >= 0.0) return tracker_.Advance();
   dz_ = z_;
   estimate_.AddEffect(v_, dz_);
