@@ -52,6 +52,22 @@ TEST(ChooseComponentsTest, TheStateItselfNeedsAllItsEntries) {
   EXPECT_LT(choice.table[1].explained_error, 0.05);
 }
 
+TEST(ChooseComponentsTest, ColumnsBesideAreThereWithAnyNumber) {
+  const std::vector<core::Trajectory> states = Reduced(test::MakeGapPictures(20, 5));
+  const auto row = [&](const ChooseComponentsOptions& options) {
+    return ChooseComponents(states, options).table.at(0);
+  };
+  const ComponentsScore nine = row({.candidates = {9}});
+  for (const ChooseComponentsOptions& same :
+       {ChooseComponentsOptions{.candidates = {4}, .beside = 5},
+        ChooseComponentsOptions{.candidates = {3}, .beside = 3, .scores_each = 2}}) {
+    const ComponentsScore score = row(same);
+    EXPECT_EQ(score.components, same.candidates[0]);
+    EXPECT_EQ(score.explained, nine.explained);
+    EXPECT_EQ(score.inside, nine.inside);
+  }
+}
+
 TEST(ChooseComponentsTest, RefusesWhatDoesNotExplainActions) {
   // Actions have nothing to do with the pictures.
   test::GapPictures pictures = test::MakeGapPictures(20, 3);

@@ -64,7 +64,19 @@ void StateLayout::Add(std::string name, int size) {
   DFR_THROW_UNLESS(size <= kMaxStateDim - offset,
                    "with the block '" << name << "' of " << size
                                       << " entries a state has more than " << kMaxStateDim);
-  blocks.push_back({std::move(name), offset, size});
+  blocks.push_back({.name = std::move(name), .offset = offset, .size = size});
+}
+
+void StateLayout::Add(std::string name, const PictureShape& picture) {
+  const auto [height, width, channels] = picture;
+  DFR_THROW_UNLESS(height > 0 && width > 0 && (channels == 1 || channels == 3),
+                   "the picture '" << name << "' of " << height << " x " << width << " x "
+                                   << channels << " needs 1 or 3 channels, the last of its sizes");
+  DFR_THROW_UNLESS(height <= kMaxStateDim / width / channels,
+                   "the picture '" << name << "' of " << height << " x " << width << " x "
+                                   << channels << " has more than " << kMaxStateDim << " entries");
+  Add(std::move(name), height * width * channels);
+  blocks.back().picture = picture;
 }
 
 int StateLayout::state_dim() const noexcept {
@@ -133,15 +145,20 @@ Matrix FeatureSelection::Apply(const Matrix& states) const {
 }
 
 std::string StripObservationPrefixes(std::string_view features) {
+  constexpr std::string_view kReduced = "pca:";  // reduction::StateReduction's
   constexpr std::array<std::string_view, 2> kPrefixes = {"obs/", "observations/"};
   std::string stripped;
   while (!features.empty()) {
     std::string_view item = features.substr(0, features.find(','));
     features.remove_prefix(std::min(features.size(), item.size() + 1));
+    if (!stripped.empty()) stripped += ',';
+    if (item.starts_with(kReduced)) {
+      stripped += kReduced;
+      item.remove_prefix(kReduced.size());
+    }
     for (const std::string_view prefix : kPrefixes) {
       if (item.starts_with(prefix)) item.remove_prefix(prefix.size());
     }
-    if (!stripped.empty()) stripped += ',';
     stripped += item;
   }
   return stripped;

@@ -100,27 +100,35 @@ class Judge {
     folds_ = core::StratifiedFolds(first_scores, folds);
   }
 
+  // The columns of this many components.
+  [[nodiscard]] static Eigen::Index Columns(const ChooseComponentsOptions& options, int components,
+                                            Eigen::Index all) {
+    return std::min<Eigen::Index>(
+        all, options.beside + static_cast<Eigen::Index>(components) * options.scores_each);
+  }
+
   [[nodiscard]] ComponentsScore operator()(int components) const {
+    const auto columns =
+        static_cast<int>(Columns(options_, components, demonstrations_[0].states.cols()));
     std::vector<Sums> each(demonstrations_.size(), Sums(demonstrations_[0].controls.cols()));
     std::size_t next = 0;
     for (std::size_t fold = 0; fold < folds_.size(); ++fold) {
-      JudgeFold(fold, components, each, next);
+      JudgeFold(fold, columns, each, next);
     }
     return Score(components, each);
   }
 
  private:
-  void JudgeFold(std::size_t fold, int components, std::vector<Sums>& each,
-                 std::size_t& next) const {
+  void JudgeFold(std::size_t fold, int columns, std::vector<Sums>& each, std::size_t& next) const {
     const std::vector<std::size_t> others = core::Others(folds_, fold, order_);
     std::vector<core::Matrix> points;
     std::vector<core::Matrix> controls;
     for (const std::size_t d : others) {
-      points.emplace_back(demonstrations_[d].states.leftCols(components));
+      points.emplace_back(demonstrations_[d].states.leftCols(columns));
       controls.emplace_back(demonstrations_[d].controls / unit_);
     }
     const auto whitening =
-        core::FeatureTransform::Whitening(core::FeatureSelection::All(components), points);
+        core::FeatureTransform::Whitening(core::FeatureSelection::All(columns), points);
     for (core::Matrix& z : points) z = whitening.Apply(z);
     const auto support = kernel::WhitenedSupport::Fit(points, options_.support);
     control::ResponseEstimate estimate(std::make_shared<const control::TransitionStore>(
@@ -128,7 +136,7 @@ class Judge {
     // In an order that does not depend on that of recording.
     for (const std::size_t d : order_) {
       if (std::ranges::count(folds_[fold], d) == 0) continue;
-      JudgeOne(whitening.Apply(core::Matrix(demonstrations_[d].states.leftCols(components))),
+      JudgeOne(whitening.Apply(core::Matrix(demonstrations_[d].states.leftCols(columns))),
                demonstrations_[d].controls, support, estimate, each[d], next);
     }
   }
@@ -188,9 +196,12 @@ void Check(std::span<const core::Trajectory> demonstrations,
   DFR_THROW_UNLESS(!options.candidates.empty() && options.candidates.front() >= 1 &&
                        std::ranges::is_sorted(options.candidates, std::ranges::less_equal{}),
                    "candidates must be positive and ascending");
-  DFR_THROW_UNLESS(options.candidates.front() <= p, "the smallest candidate is "
-                                                        << options.candidates.front()
-                                                        << ", but there are " << p << " scores");
+  DFR_THROW_UNLESS(options.beside >= 0 && options.scores_each >= 1,
+                   "beside must not be negative and scores_each at least 1, not "
+                       << options.beside << " and " << options.scores_each);
+  DFR_THROW_UNLESS(options.beside + options.candidates.front() <= p,
+                   "the smallest candidate is " << options.candidates.front() << ", but there are "
+                                                << p - options.beside << " scores");
   DFR_THROW_UNLESS(options.least_inside >= 0.0 && options.least_inside <= 1.0,
                    "least_inside must lie in [0, 1], not be " << options.least_inside);
 }
@@ -240,7 +251,11 @@ ComponentsChoice ChooseComponents(std::span<const core::Trajectory> demonstratio
   const Judge judge(demonstrations, options);
   ComponentsChoice choice;
   for (const int components : options.candidates) {
-    if (components <= demonstrations[0].states.cols()) choice.table.push_back(judge(components));
+    // Fewer than `scores_each` columns are left of the last component of unequal blocks.
+    if (options.beside + (components - 1) * options.scores_each < demonstrations[0].states.cols() &&
+        components <= demonstrations[0].states.cols() - options.beside) {
+      choice.table.push_back(judge(components));
+    }
   }
   Decide(options, choice);
   return choice;

@@ -11,6 +11,14 @@
 
 namespace dfr::core {
 
+/// Shape of a picture: rows of pixels from the top, interleaved channels.
+struct PictureShape {
+  int height = 0;
+  int width = 0;
+  int channels = 0;
+  bool operator==(const PictureShape&) const = default;
+};
+
 /// Names of the parts of a state vector: block "object" is entries [offset, offset + size). The
 /// same names are the `obs/<key>` datasets of a demonstration file.
 struct StateLayout {
@@ -18,6 +26,8 @@ struct StateLayout {
     std::string name;
     int offset = 0;
     int size = 0;
+    /// Set if the entries are a picture of values from 0 to 255; else all zero.
+    PictureShape picture = {};
     bool operator==(const Block&) const = default;
   };
   std::vector<Block> blocks;
@@ -28,6 +38,8 @@ struct StateLayout {
   /// Appends a block.
   /// @throws std::invalid_argument if the block is empty or the state would exceed kMaxStateDim.
   void Add(std::string name, int size);
+  /// Appends a picture. @throws std::invalid_argument also if it has neither 1 nor 3 channels.
+  void Add(std::string name, const PictureShape& picture);
   [[nodiscard]] int state_dim() const noexcept;
   bool operator==(const StateLayout&) const = default;
 };

@@ -26,6 +26,10 @@ struct ComponentsScore {
 struct ChooseComponentsOptions {
   /// Numbers of components to try, ascending.
   std::vector<int> candidates = {2, 3, 4, 6, 8, 10, 12, 16, 20, 24, 32, 48};
+  /// Columns of states that are there with any number of components, before the scores.
+  int beside = 0;
+  /// Scores that a component has: the number of blocks that are reduced.
+  int scores_each = 1;
   int folds = 5;
   double least_inside = 0.5;     ///< Smallest acceptable share of states inside.
   double least_explained = 0.2;  ///< Smallest acceptable share of actions explained.
@@ -50,11 +54,11 @@ struct ComponentsChoice {
 /// within one standard error of the best (Breiman et al., Classification and Regression Trees,
 /// 1984, Sec. 3.4.3). Refused if no candidate has least_inside, or the best one explains less than
 /// least_explained. docs/decisions.md has the reasons.
-/// @param demonstrations  scores as states (T + 1 x p), actions as controls (T x m). Candidates
-/// above
-///   p are left out.
+/// @param demonstrations  scores as states (T + 1 x p), actions as controls (T x m). k components
+///   are the first beside + k scores_each columns, or all. Candidates that would ask for all
+///   columns more than once are left out.
 /// @throws std::invalid_argument if there are fewer than four demonstrations, shapes do not fit, an
-///   entry is not finite, no action differs from zero, no candidate is at most p, or an option is
+///   entry is not finite, no action differs from zero, no candidate fits into p, or an option is
 ///   out of range.
 [[nodiscard]] ComponentsChoice ChooseComponents(std::span<const core::Trajectory> demonstrations,
                                                 const ChooseComponentsOptions& options = {});

@@ -1,18 +1,25 @@
-#include "dfr/vision/image_features.h"
+#include "dfr/reduction/image_features.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <limits>
 
 #include "dfr/core/contract.h"
 
-namespace dfr::vision {
+namespace dfr::reduction {
 namespace {
 
 constexpr int kMostPixels = 1 << 13;  // Largest width and height.
 constexpr double kMean = 128.0;
 constexpr double kDeviation = 48.0;
+
+// Weights of a colour picture's channels in its grey.
+std::array<float, 3> GreyWeights(ChannelOrder order) noexcept {
+  if (order == ChannelOrder::kRgb) return {0.299F, 0.587F, 0.114F};
+  return {0.114F, 0.587F, 0.299F};
+}
 
 void CheckPart(const char* name, int first, int size, int all) {
   DFR_THROW_UNLESS(first >= 0 && size >= 1 && size <= all - first,
@@ -72,15 +79,15 @@ std::vector<ImageFeatures::Average> ImageFeatures::Averages(int in, int out) {
   return averages;
 }
 
-NotSeen ImageFeatures::Check(const PictureView& picture) noexcept {
+PictureFault ImageFeatures::Check(const PictureView& picture) noexcept {
   const std::size_t bytes =
       static_cast<std::size_t>(options_.width) * static_cast<std::size_t>(options_.channels);
   if (picture.data == nullptr || picture.width != options_.width ||
       picture.height != options_.height || picture.channels != options_.channels ||
       picture.stride < bytes) {
-    return NotSeen::kWrongSize;
+    return PictureFault::kWrongSize;
   }
-  if (options_.frozen_after == 0) return NotSeen::kNothing;
+  if (options_.frozen_after == 0) return PictureFault::kNone;
   bool same = identical_ > 0;
   for (int y = 0; y < picture.height; ++y) {
     const std::uint8_t* now = picture.data + static_cast<std::size_t>(y) * picture.stride;
@@ -90,14 +97,12 @@ NotSeen ImageFeatures::Check(const PictureView& picture) noexcept {
     std::memcpy(before, now, bytes);
   }
   identical_ = same ? std::min(identical_ + 1, options_.frozen_after) : 1;
-  return identical_ >= options_.frozen_after ? NotSeen::kFrozen : NotSeen::kNothing;
+  return identical_ >= options_.frozen_after ? PictureFault::kFrozen : PictureFault::kNone;
 }
 
 void ImageFeatures::Resample(const PictureView& picture, std::span<float> features) noexcept {
   const bool mix = options_.grey && options_.channels == 3;
-  const bool rgb = options_.order == ChannelOrder::kRgb;
-  const float first = rgb ? 0.299F : 0.114F;
-  const float last = rgb ? 0.114F : 0.299F;
+  const auto [first, middle, last] = GreyWeights(options_.order);
   float* out = features.data();
   for (const Average& row : rows_) {
     std::fill(row_.begin(), row_.end(), 0.0F);
@@ -111,7 +116,7 @@ void ImageFeatures::Resample(const PictureView& picture, std::span<float> featur
       if (mix) {
         for (float& value : row_) {
           value += weight * (first * static_cast<float>(in[0]) +
-                             0.587F * static_cast<float>(in[1]) + last * static_cast<float>(in[2]));
+                             middle * static_cast<float>(in[1]) + last * static_cast<float>(in[2]));
           in += 3;
         }
       } else {
@@ -132,12 +137,12 @@ void ImageFeatures::Resample(const PictureView& picture, std::span<float> featur
   }
 }
 
-NotSeen ImageFeatures::Normalise(std::span<float> features) const noexcept {
+PictureFault ImageFeatures::Normalise(std::span<float> features) const noexcept {
   double sum = 0.0;
   for (const float value : features) sum += static_cast<double>(value);
   const double mean = sum / static_cast<double>(features.size());
-  if (mean < options_.least_mean) return NotSeen::kDark;
-  if (options_.light == LightNormalisation::kNone || !(mean > 0.0)) return NotSeen::kNothing;
+  if (mean < options_.least_mean) return PictureFault::kDark;
+  if (options_.light == LightNormalisation::kNone || !(mean > 0.0)) return PictureFault::kNone;
   double gain = kMean / mean;
   double offset = 0.0;
   if (options_.light == LightNormalisation::kGainAndOffset) {
@@ -151,20 +156,50 @@ NotSeen ImageFeatures::Normalise(std::span<float> features) const noexcept {
   for (float& value : features) {
     value = static_cast<float>(gain * static_cast<double>(value) + offset);
   }
-  return NotSeen::kNothing;
+  return PictureFault::kNone;
 }
 
-NotSeen ImageFeatures::Apply(const PictureView& picture, std::span<float> features) noexcept {
-  NotSeen seen = NotSeen::kWrongSize;
+void ImageFeatures::Spread(std::span<const double> features,
+                           std::span<double> pixels) const noexcept {
+  const bool mix = options_.grey && options_.channels == 3;
+  const std::array<float, 3> grey = GreyWeights(options_.order);
+  const double* value = features.data();
+  for (const Average& row : rows_) {
+    for (const Average& column : columns_) {
+      for (int c = 0; c < out_channels_; ++c, ++value) {
+        for (std::size_t j = 0; j < row.weights.size(); ++j) {
+          const int y = options_.crop_y + row.first + static_cast<int>(j);
+          for (std::size_t i = 0; i < column.weights.size(); ++i) {
+            const int x = options_.crop_x + column.first + static_cast<int>(i);
+            const double share = *value * static_cast<double>(row.weights[j] * column.weights[i]);
+            double* const pixel =
+                pixels.data() +
+                (static_cast<std::ptrdiff_t>(y) * options_.width + x) * options_.channels;
+            if (!mix) {
+              pixel[c] += share;
+              continue;
+            }
+            for (std::size_t k = 0; k < grey.size(); ++k) {
+              pixel[k] += share * static_cast<double>(grey[k]);
+            }
+          }
+        }
+      }
+    }
+  }
+}
+
+PictureFault ImageFeatures::Apply(const PictureView& picture, std::span<float> features) noexcept {
+  PictureFault seen = PictureFault::kWrongSize;
   if (std::ssize(features) == size()) seen = Check(picture);
-  if (seen == NotSeen::kNothing) {
+  if (seen == PictureFault::kNone) {
     Resample(picture, features);
     seen = Normalise(features);
   }
-  if (seen != NotSeen::kNothing) {
+  if (seen != PictureFault::kNone) {
     std::fill(features.begin(), features.end(), std::numeric_limits<float>::quiet_NaN());
   }
   return seen;
 }
 
-}  // namespace dfr::vision
+}  // namespace dfr::reduction

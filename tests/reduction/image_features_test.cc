@@ -1,4 +1,4 @@
-#include "dfr/vision/image_features.h"
+#include "dfr/reduction/image_features.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -10,7 +10,7 @@
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 
-namespace dfr::vision {
+namespace dfr::reduction {
 namespace {
 
 using testing::Each;
@@ -35,7 +35,7 @@ PictureView View(const std::vector<std::uint8_t>& bytes, int width, int channels
 std::vector<float> Features(const ImageFeaturesOptions& options, const PictureView& view) {
   ImageFeatures features(options);
   std::vector<float> out(static_cast<std::size_t>(features.size()));
-  EXPECT_EQ(features.Apply(view, out), NotSeen::kNothing);
+  EXPECT_EQ(features.Apply(view, out), PictureFault::kNone);
   return out;
 }
 
@@ -99,28 +99,28 @@ TEST(ImageFeaturesTest, BadPicturesAreNamedAndGiveNoNumbers) {
   std::vector<float> out(16);
   std::vector<std::uint8_t> bytes(48, 50);
   const PictureView good{bytes.data(), 4, 4, 1, 4};
-  const auto refused = [&](const PictureView& view, NotSeen reason) {
+  const auto refused = [&](const PictureView& view, PictureFault reason) {
     out.assign(16, 0.0F);
     EXPECT_EQ(features.Apply(view, out), reason);
     EXPECT_THAT(out, Each(IsNan()));
   };
-  refused({bytes.data(), 4, 3, 1, 4}, NotSeen::kWrongSize);
-  refused({bytes.data(), 4, 4, 3, 12}, NotSeen::kWrongSize);
-  refused({bytes.data(), 4, 4, 1, 3}, NotSeen::kWrongSize);
-  refused({nullptr, 4, 4, 1, 4}, NotSeen::kWrongSize);
-  EXPECT_EQ(features.Apply(good, out), NotSeen::kNothing);
-  EXPECT_EQ(features.Apply(good, out), NotSeen::kNothing);
-  refused(good, NotSeen::kFrozen);
-  refused(good, NotSeen::kFrozen);
+  refused({bytes.data(), 4, 3, 1, 4}, PictureFault::kWrongSize);
+  refused({bytes.data(), 4, 4, 3, 12}, PictureFault::kWrongSize);
+  refused({bytes.data(), 4, 4, 1, 3}, PictureFault::kWrongSize);
+  refused({nullptr, 4, 4, 1, 4}, PictureFault::kWrongSize);
+  EXPECT_EQ(features.Apply(good, out), PictureFault::kNone);
+  EXPECT_EQ(features.Apply(good, out), PictureFault::kNone);
+  refused(good, PictureFault::kFrozen);
+  refused(good, PictureFault::kFrozen);
   bytes[15] = 51;
-  EXPECT_EQ(features.Apply(good, out), NotSeen::kNothing);
-  EXPECT_EQ(features.Apply(good, out), NotSeen::kNothing);
+  EXPECT_EQ(features.Apply(good, out), PictureFault::kNone);
+  EXPECT_EQ(features.Apply(good, out), PictureFault::kNone);
   features.Reset();
-  EXPECT_EQ(features.Apply(good, out), NotSeen::kNothing);
+  EXPECT_EQ(features.Apply(good, out), PictureFault::kNone);
   bytes.assign(48, 1);
-  refused(good, NotSeen::kDark);
+  refused(good, PictureFault::kDark);
   std::vector<float> few(15);
-  EXPECT_EQ(features.Apply(good, few), NotSeen::kWrongSize);
+  EXPECT_EQ(features.Apply(good, few), PictureFault::kWrongSize);
 }
 
 TEST(ImageFeaturesTest, ApplyAllocatesNothing) {
@@ -133,7 +133,38 @@ TEST(ImageFeaturesTest, ApplyAllocatesNothing) {
   std::vector<std::uint8_t> bytes(9 * 7 * 3, 80);
   std::vector<float> out(static_cast<std::size_t>(features.size()));
   const test::NoAlloc guard;
-  EXPECT_EQ(features.Apply(View(bytes, 9, 3), out), NotSeen::kNothing);
+  EXPECT_EQ(features.Apply(View(bytes, 9, 3), out), PictureFault::kNone);
+}
+
+TEST(ImageFeaturesTest, SpreadIsTheTransposeOfTheAverages) {
+  core::Random random(4);
+  for (const bool grey : {false, true}) {
+    ImageFeaturesOptions options{.width = 9, .height = 7, .crop_x = 1, .crop_height = 5};
+    options.out_width = 3;
+    options.out_height = 2;
+    options.grey = grey;
+    options.light = LightNormalisation::kNone;
+    std::vector<std::uint8_t> bytes(9 * 7 * 3);
+    for (auto& byte : bytes) byte = static_cast<std::uint8_t>(random.Below(256));
+    const std::vector<float> features = Features(options, View(bytes, 9, 3));
+    std::vector<double> shares(features.size());
+    for (double& share : shares) share = random.Normal();
+    std::vector<double> pixels(bytes.size(), 0.0);
+    ImageFeatures(options).Spread(shares, pixels);
+    double by_features = 0.0;
+    double sum = 0.0;
+    for (std::size_t i = 0; i < shares.size(); ++i) {
+      by_features += shares[i] * static_cast<double>(features[i]);
+      sum += shares[i];
+    }
+    double by_pixels = 0.0;
+    for (std::size_t i = 0; i < pixels.size(); ++i) {
+      by_pixels += pixels[i] * static_cast<double>(bytes[i]);
+      sum -= pixels[i];
+    }
+    EXPECT_NEAR(by_pixels, by_features, 1e-3);
+    EXPECT_NEAR(sum, 0.0, 1e-5);
+  }
 }
 
 TEST(ImageFeaturesTest, OptionsOutOfRangeAreNamed) {
@@ -158,4 +189,4 @@ TEST(ImageFeaturesTest, OptionsOutOfRangeAreNamed) {
 }
 
 }  // namespace
-}  // namespace dfr::vision
+}  // namespace dfr::reduction

@@ -4,9 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "dfr/vision/line_vision.h"
-
-namespace dfr::vision {
+namespace dfr::reduction {
 
 /// 8-bit picture with interleaved channels, rows from the top. Borrowed. Of a cv::Mat m of type
 /// CV_8UC1 or CV_8UC3: {m.data, m.cols, m.rows, m.channels(), m.step}.
@@ -16,6 +14,14 @@ struct PictureView {
   int height = 0;
   int channels = 3;        ///< 1: grey. 3: colour, in the order of ImageFeaturesOptions.
   std::size_t stride = 0;  ///< Bytes from one row to the next, >= channels width.
+};
+
+/// Reasons for a picture without features.
+enum class PictureFault {
+  kNone,
+  kWrongSize,  ///< Another size, number of channels or stride, or no data.
+  kDark,       ///< Black: darker than ImageFeaturesOptions::least_mean.
+  kFrozen,     ///< The same bytes as the previous pictures: a working sensor has noise.
 };
 
 /// Order of the channels of a colour picture: OpenCV's, or that of datasets.
@@ -66,9 +72,16 @@ class ImageFeatures {
   void Reset() noexcept { identical_ = 0; }
 
   /// Writes the features of `picture` to `features` (size()).
-  /// @returns kNothing; or kWrongSize for another size, number of channels or stride, or no data;
-  ///   kDark; kFrozen; and then fills `features` with NaN, for which supports give "outside".
-  NotSeen Apply(const PictureView& picture, std::span<float> features) noexcept;
+  /// @returns kNone, or what is wrong; then fills `features` with NaN, for which supports give
+  ///   "outside".
+  PictureFault Apply(const PictureView& picture, std::span<float> features) noexcept;
+
+  /// Adds a value of each feature (size()), such as its share of a level, to the pixels that it is
+  /// the average of, in proportion to their weights: `pixels` has height x width x channels entries
+  /// and grows by the same sum. The light is left out of it.
+  void Spread(std::span<const double> features, std::span<double> pixels) const noexcept;
+
+  [[nodiscard]] const ImageFeaturesOptions& options() const noexcept { return options_; }
 
  private:
   /// Inputs first, ..., first + weights.size() - 1 make one output.
@@ -77,9 +90,9 @@ class ImageFeatures {
     std::vector<float> weights;
   };
   static std::vector<Average> Averages(int in, int out);
-  NotSeen Check(const PictureView& picture) noexcept;
+  PictureFault Check(const PictureView& picture) noexcept;
   void Resample(const PictureView& picture, std::span<float> features) noexcept;
-  NotSeen Normalise(std::span<float> features) const noexcept;
+  PictureFault Normalise(std::span<float> features) const noexcept;
 
   ImageFeaturesOptions options_;
   std::vector<Average> rows_;
@@ -91,4 +104,4 @@ class ImageFeatures {
   int identical_ = 0;               ///< Pictures in a row that equal `last_`; 0: none yet.
 };
 
-}  // namespace dfr::vision
+}  // namespace dfr::reduction

@@ -1,0 +1,455 @@
+#include "dfr/reduction/state_reduction.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <stdexcept>
+#include <utility>
+
+#include "dfr/core/contract.h"
+#include "dfr/core/format.h"
+#include "dfr/core/numbers.h"
+#include "dfr/reduction/principal_components.h"
+
+namespace dfr::reduction {
+namespace {
+
+constexpr std::string_view kReduced = "pca:";
+constexpr int kMostParts = 1 << 12;
+constexpr int kMostPixelsASide = 1 << 13;
+// What a guard's features may have, and blocks beside them that are copied whole.
+constexpr int kMostReducedEntries = 1 << 12;
+
+// Takes the text before the first `separator` off the front.
+std::string_view Next(std::string_view& text, char separator) {
+  const std::size_t end = text.find(separator);
+  const std::string_view item = text.substr(0, end);
+  text.remove_prefix(end == std::string_view::npos ? text.size() : end + 1);
+  return item;
+}
+
+// "32x24", height first.
+std::optional<std::pair<int, int>> ParseSize(std::string_view text) {
+  const std::string_view height = Next(text, 'x');
+  const auto rows = core::ParseInteger<int>(height);
+  const auto columns = core::ParseInteger<int>(text);
+  if (!rows || !columns) return std::nullopt;
+  return std::pair(*rows, *columns);
+}
+
+std::optional<LightNormalisation> ParseLight(std::string_view text) {
+  if (text == "light=none") return LightNormalisation::kNone;
+  if (text == "light=gain") return LightNormalisation::kGain;
+  if (text == "light=standard") return LightNormalisation::kGainAndOffset;
+  return std::nullopt;
+}
+
+// One "pca:" of a list of features.
+struct Asked {
+  std::string name;
+  int components = 0;  // 0: left open.
+  std::optional<ImageFeaturesOptions> picture = {};
+};
+
+Asked ParseAsked(const core::StateLayout& layout, std::string_view item) {
+  std::string_view rest = item.substr(kReduced.size());
+  Asked asked{.name = std::string(Next(rest, ':'))};
+  const auto block = std::ranges::find(layout.blocks, asked.name, &core::StateLayout::Block::name);
+  if (block == layout.blocks.end()) {
+    std::string names;
+    for (const auto& b : layout.blocks) names += (names.empty() ? "" : ", ") + b.name;
+    DFR_THROW_UNLESS(false, "feature '" << item << "': there is no block '" << asked.name
+                                        << "' in the state; it has " << names);
+  }
+  const core::PictureShape& shape = block->picture;
+  if (shape.height > 0) {
+    asked.picture = ImageFeaturesOptions{
+        .width = shape.width, .height = shape.height, .channels = shape.channels};
+    asked.picture->light = LightNormalisation::kGainAndOffset;
+  }
+  while (!rest.empty()) {
+    const std::string_view option = Next(rest, ':');
+    if (const auto components = core::ParseInteger<int>(option)) {
+      DFR_THROW_UNLESS(*components >= 1 && *components <= Reduction::kMaxComponents,
+                       "feature '" << item << "': the number of components must lie in [1, "
+                                   << Reduction::kMaxComponents << "]");
+      asked.components = *components;
+      continue;
+    }
+    const auto size = ParseSize(option);
+    const auto light = ParseLight(option);
+    DFR_THROW_UNLESS(size || light || option == "grey",
+                     "feature '" << item << "': '" << option
+                                 << "' is no option; they are a number of components, grey, a size "
+                                    "such as 32x32, and light=none, light=gain or light=standard");
+    DFR_THROW_UNLESS(asked.picture, "feature '" << item << "': '" << option
+                                                << "' is for pictures; give the block the shape "
+                                                   "(height, width, channels) in the layout");
+    if (size) std::tie(asked.picture->out_height, asked.picture->out_width) = *size;
+    if (light) asked.picture->light = *light;
+    if (option == "grey") asked.picture->grey = true;
+  }
+  return asked;
+}
+
+bool AllFinite(std::span<const double> values) noexcept {
+  return std::ranges::all_of(values, [](double v) { return std::isfinite(v); });
+}
+
+PictureView ViewOf(const ImageFeatures& picture, const std::vector<std::uint8_t>& bytes) noexcept {
+  const ImageFeaturesOptions& o = picture.options();
+  return {bytes.data(), o.width, o.height, o.channels,
+          static_cast<std::size_t>(o.width) * static_cast<std::size_t>(o.channels)};
+}
+
+// Rounds to bytes; false if a value is not one.
+bool ToBytes(std::span<const double> values, std::vector<std::uint8_t>& bytes) noexcept {
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    if (!(values[i] >= 0.0 && values[i] <= 255.0)) return false;
+    bytes[i] = static_cast<std::uint8_t>(values[i] + 0.5);
+  }
+  return true;
+}
+
+}  // namespace
+
+// The rows of one part of all demonstrations.
+class StateReduction::Rows final : public RowSource {
+ public:
+  Rows(const Part& part, std::span<const core::Trajectory> demonstrations)
+      : part_(part), demonstrations_(demonstrations), begin_{0} {
+    begin_.reserve(demonstrations.size() + 1);
+    for (const core::Trajectory& d : demonstrations) {
+      begin_.push_back(begin_.back() + d.states.rows());
+    }
+  }
+
+  [[nodiscard]] Eigen::Index rows() const noexcept override { return begin_.back(); }
+  [[nodiscard]] Eigen::Index width() const noexcept override {
+    return part_.picture ? part_.picture->size() : part_.size;
+  }
+  void Read(Eigen::Index first, Eigen::Ref<core::Matrix> block) const override {
+    std::optional<ImageFeatures> picture = part_.picture;
+    std::vector<std::uint8_t> bytes(static_cast<std::size_t>(part_.size));
+    std::vector<float> floats(static_cast<std::size_t>(width()));
+    auto d = static_cast<std::size_t>(std::ranges::upper_bound(begin_, first) - begin_.begin()) - 1;
+    for (Eigen::Index i = 0; i < block.rows(); ++i) {
+      while (first + i >= begin_[d + 1]) ++d;
+      const core::Matrix& states = demonstrations_[d].states;
+      const Eigen::Index row = first + i - begin_[d];
+      if (!picture) {
+        block.row(i) = states.block(row, part_.offset, 1, part_.size);
+        continue;
+      }
+      const auto values =
+          core::Row(states, row).subspan(static_cast<std::size_t>(part_.offset), bytes.size());
+      DFR_THROW_UNLESS(ToBytes(values, bytes),
+                       "demonstration " << d << ", state " << row << ": the picture '" << part_.name
+                                        << "' has a value outside of [0, 255]; pictures of another "
+                                           "scale must be converted");
+      DFR_THROW_UNLESS(picture->Apply(ViewOf(*picture, bytes), floats) == PictureFault::kNone,
+                       "demonstration "
+                           << d << ", state " << row << ": the picture '" << part_.name
+                           << "' is black (values are 0 to 255, not 0 to 1); leave it out");
+      block.row(i) =
+          Eigen::Map<const Eigen::RowVectorXf>(floats.data(), block.cols()).cast<double>();
+    }
+  }
+
+ private:
+  const Part& part_;
+  std::span<const core::Trajectory> demonstrations_;
+  std::vector<Eigen::Index> begin_;  // First row of each demonstration; then the number of rows.
+};
+
+StateReduction::Workspace::Workspace(const StateReduction& reduction) {
+  std::size_t bytes = 0;
+  std::size_t floats = 0;
+  for (const Part& part : reduction.parts_) {
+    if (!part.picture) continue;
+    pictures_.push_back(*part.picture);
+    bytes = std::max(bytes, static_cast<std::size_t>(part.size));
+    floats = std::max(floats, static_cast<std::size_t>(part.picture->size()));
+  }
+  bytes_.resize(bytes);
+  floats_.resize(floats);
+  state_.resize(static_cast<std::size_t>(reduction.reduced_dim()));
+}
+
+StateReduction::StateReduction(core::StateLayout layout, std::vector<Part> parts,
+                               std::string features)
+    : layout_(std::move(layout)), parts_(std::move(parts)), features_(std::move(features)) {
+  for (Part& part : parts_) {
+    part.first = reduced_.state_dim();
+    reduced_.Add((part.reduction ? std::string(kReduced) : std::string()) + part.name,
+                 part.reduced_size());
+  }
+  DFR_THROW_UNLESS(reduced_dim() <= kMostReducedEntries,
+                   "the blocks beside reduced ones have together "
+                       << reduced_dim() << " entries, at most " << kMostReducedEntries
+                       << " are possible: put pca: before large ones");
+}
+
+std::vector<std::string> StateReduction::Names(std::string_view features) {
+  std::vector<std::string> names;
+  while (!features.empty()) {
+    std::string_view item = Next(features, ',');
+    if (!item.starts_with(kReduced)) continue;
+    item.remove_prefix(kReduced.size());
+    names.emplace_back(Next(item, ':'));
+  }
+  return names;
+}
+
+StateReduction StateReduction::Fit(const core::StateLayout& layout, std::string_view features,
+                                   std::span<const core::Trajectory> demonstrations, int threads) {
+  std::vector<Part> parts;
+  std::string plain;
+  const auto add = [&](Part part, std::string_view feature) {
+    const bool again = std::ranges::count(parts, part.name, &Part::name) > 0;
+    // Several ranges of one block are one part.
+    DFR_THROW_UNLESS(!again || !part.reduction,
+                     "feature '" << feature << "' names a block that is there already");
+    for (const Part& other : parts) {
+      DFR_THROW_UNLESS(other.name != part.name || !other.reduction,
+                       "feature '" << feature << "' is part of a block that is reduced");
+    }
+    if (!again) parts.push_back(std::move(part));
+    plain.append(plain.empty() ? "" : ",").append(feature);
+  };
+  while (!features.empty()) {
+    const std::string_view item = Next(features, ',');
+    const bool reduced = item.starts_with(kReduced);
+    const std::optional<Asked> asked =
+        reduced ? std::optional(ParseAsked(layout, item)) : std::nullopt;
+    const std::string name = asked ? asked->name : std::string(item.substr(0, item.find('[')));
+    const auto block = std::ranges::find(layout.blocks, name, &core::StateLayout::Block::name);
+    if (block == layout.blocks.end()) core::FeatureSelection(layout, item);  // Throws.
+    Part part{.name = name, .offset = block->offset, .size = block->size};
+    if (!asked) {
+      DFR_THROW_UNLESS(block->picture.height == 0,
+                       "feature '" << item << "' is a picture: put pca: before it");
+      add(std::move(part), item);
+      continue;
+    }
+    if (asked->picture) part.picture.emplace(*asked->picture);
+    part.open = asked->components == 0;
+    const Rows rows(part, demonstrations);
+    PrincipalComponentsOptions options;
+    options.components = part.open ? kMostChosen : asked->components;
+    // The entries of a picture share a unit.
+    if (part.picture) options.scale_floor = 1.0;
+    options.threads = threads;
+    try {
+      const PrincipalComponents fit = FitPrincipalComponents(rows, options);
+      const auto found = static_cast<int>(fit.components.rows());
+      DFR_THROW_UNLESS(found >= asked->components,
+                       "there are " << found << " components, not " << asked->components);
+      part.reduction = Reduction::Principal(fit, found);
+    } catch (const std::invalid_argument& e) {
+      throw std::invalid_argument("feature '" + std::string(item) + "': " + e.what());
+    }
+    add(std::move(part), std::string(kReduced) + name);
+  }
+  return {layout, std::move(parts), std::move(plain)};
+}
+
+StateReduction StateReduction::WithComponents(int components) const {
+  std::vector<Part> parts = parts_;
+  for (Part& part : parts) {
+    if (!part.open) continue;
+    const Reduction& all = *part.reduction;
+    part.reduction =
+        Reduction(all.mean(), all.scale(),
+                  all.projection().topRows(std::clamp(components, 1, all.num_components())));
+  }
+  return {layout_, std::move(parts), features_};
+}
+
+int StateReduction::num_open() const noexcept {
+  return static_cast<int>(std::ranges::count(parts_, true, &Part::open));
+}
+
+int StateReduction::most_components() const noexcept {
+  int most = 0;
+  for (const Part& part : parts_) {
+    if (part.open) most = std::max(most, part.reduced_size());
+  }
+  return most;
+}
+
+std::vector<int> StateReduction::InOrderOfComponents() const {
+  std::vector<int> columns;
+  columns.reserve(static_cast<std::size_t>(reduced_dim()));
+  for (const Part& part : parts_) {
+    for (int i = 0; i < part.reduced_size() && !part.open; ++i) columns.push_back(part.first + i);
+  }
+  for (int i = 0; i < most_components(); ++i) {
+    for (const Part& part : parts_) {
+      if (part.open && i < part.reduced_size()) columns.push_back(part.first + i);
+    }
+  }
+  return columns;
+}
+
+bool StateReduction::Apply(std::span<const double> state, Workspace& workspace) const noexcept {
+  bool good = static_cast<int>(state.size()) == state_dim();
+  std::size_t next_picture = 0;
+  for (const Part& part : parts_) {
+    if (!good) break;
+    const auto in =
+        state.subspan(static_cast<std::size_t>(part.offset), static_cast<std::size_t>(part.size));
+    const auto out = std::span(workspace.state_)
+                         .subspan(static_cast<std::size_t>(part.first),
+                                  static_cast<std::size_t>(part.reduced_size()));
+    if (part.picture) {
+      ImageFeatures& picture = workspace.pictures_[next_picture++];
+      const auto floats =
+          std::span(workspace.floats_).first(static_cast<std::size_t>(picture.size()));
+      good = ToBytes(in, workspace.bytes_) &&
+             picture.Apply(ViewOf(picture, workspace.bytes_), floats) == PictureFault::kNone;
+      if (good) part.reduction->Apply(std::span<const float>(floats), out);
+    } else if (part.reduction) {
+      part.reduction->Apply(in, out);
+    } else {
+      std::copy(in.begin(), in.end(), out.begin());
+    }
+    good = good && AllFinite(out);
+  }
+  if (!good) std::ranges::fill(workspace.state_, std::numeric_limits<double>::quiet_NaN());
+  return good;
+}
+
+std::string StateReduction::Fault(std::span<const double> state) const {
+  if (static_cast<int>(state.size()) != state_dim()) {
+    return core::Format("state has %zu entries, %d needed", state.size(), state_dim());
+  }
+  Workspace workspace(*this);
+  std::size_t next_picture = 0;
+  for (const Part& part : parts_) {
+    const auto in =
+        state.subspan(static_cast<std::size_t>(part.offset), static_cast<std::size_t>(part.size));
+    const auto bad = std::ranges::find_if(in, [&](double v) {
+      return !std::isfinite(v) || (part.picture && !(v >= 0.0 && v <= 255.0));
+    });
+    if (bad != in.end()) {
+      return part.name + core::Format("[%td] of the state is %g", bad - in.begin(), *bad) +
+             (std::isfinite(*bad) ? ", a picture has values from 0 to 255" : "");
+    }
+    if (!part.picture) continue;
+    ImageFeatures& picture = workspace.pictures_[next_picture++];
+    static_cast<void>(ToBytes(in, workspace.bytes_));
+    if (picture.Apply(
+            ViewOf(picture, workspace.bytes_),
+            std::span(workspace.floats_).first(static_cast<std::size_t>(picture.size()))) ==
+        PictureFault::kDark) {
+      return "the picture '" + part.name + "' is black";
+    }
+  }
+  return {};
+}
+
+void StateReduction::Spread(const Eigen::MatrixXd& products, std::span<double> state) const {
+  std::ranges::fill(state, 0.0);
+  for (const Part& part : parts_) {
+    const Eigen::Index k = part.reduced_size();
+    const auto own = products.block(part.first, part.first, k, k);
+    const auto out =
+        state.subspan(static_cast<std::size_t>(part.offset), static_cast<std::size_t>(part.size));
+    if (!part.reduction) {
+      core::AsVector(out) = own.diagonal();
+      continue;
+    }
+    const core::Matrix& p = part.reduction->projection();
+    const Eigen::VectorXd share = (own * p).cwiseProduct(p).colwise().sum().transpose();
+    if (part.picture) {
+      part.picture->Spread(core::AsSpan(share), out);
+    } else {
+      core::AsVector(out) = share;
+    }
+  }
+}
+
+StateReduction::Seen StateReduction::Reconstruct(std::string_view block,
+                                                 std::span<const double> state) const {
+  Workspace workspace(*this);
+  DFR_THROW_UNLESS(Apply(state, workspace), Fault(state));
+  for (const Part& part : parts_) {
+    if (part.name != block || !part.reduction) continue;
+    Seen seen;
+    if (part.picture) {
+      const ImageFeaturesOptions& o = part.picture->options();
+      seen.shape = {o.out_height, o.out_width, o.grey ? 1 : o.channels};
+    }
+    const Reduction& reduction = *part.reduction;
+    const auto z = core::AsVector(workspace.state()).segment(part.first, part.reduced_size());
+    const Eigen::VectorXd values =
+        reduction.mean() +
+        reduction.scale().cwiseProduct(Eigen::VectorXd(reduction.projection().transpose() * z));
+    seen.values.assign(values.begin(), values.end());
+    return seen;
+  }
+  DFR_THROW_UNLESS(false,
+                   "there is no reduced block '" << block << "'; the features are " << features_);
+}
+
+void StateReduction::Save(core::ArchiveWriter& archive) const {
+  archive.Text(features_);
+  archive.Integer(std::ssize(parts_));
+  for (const Part& part : parts_) {
+    archive.Text(part.name);
+    archive.Integer(part.open ? 1 : 0);
+    archive.Integer(part.reduction ? 1 : 0);
+    if (!part.reduction) continue;
+    if (part.picture) {
+      const ImageFeaturesOptions& o = part.picture->options();
+      for (const int value : {o.out_height, o.out_width, o.grey ? 1 : 0, static_cast<int>(o.light)})
+        archive.Integer(value);
+    }
+    part.reduction->Save(archive);
+  }
+}
+
+StateReduction StateReduction::Load(core::ArchiveReader& archive, const core::StateLayout& layout) {
+  std::string features = archive.Text();
+  std::vector<Part> parts;
+  const int count = archive.IntegerIn(1, kMostParts);
+  try {
+    for (int i = 0; i < count; ++i) {
+      Part part{.name = archive.Text()};
+      const auto block =
+          std::ranges::find(layout.blocks, part.name, &core::StateLayout::Block::name);
+      if (block == layout.blocks.end()) archive.Fail("reduces a block that the state lacks");
+      part.offset = block->offset;
+      part.size = block->size;
+      part.open = archive.IntegerIn(0, 1) == 1;
+      const bool reduced = archive.IntegerIn(0, 1) == 1;
+      if (part.open && !reduced) archive.Fail("leaves the components of a copied block open");
+      if (reduced) {
+        if (block->picture.height > 0) {
+          ImageFeaturesOptions o{.width = block->picture.width,
+                                 .height = block->picture.height,
+                                 .channels = block->picture.channels};
+          o.out_height = archive.IntegerIn(1, kMostPixelsASide);
+          o.out_width = archive.IntegerIn(1, kMostPixelsASide);
+          o.grey = archive.IntegerIn(0, 1) == 1;
+          o.light = static_cast<LightNormalisation>(
+              archive.IntegerIn(0, static_cast<int>(LightNormalisation::kGainAndOffset)));
+          part.picture.emplace(o);
+        }
+        part.reduction = Reduction::Load(archive);
+        const int width = part.picture ? part.picture->size() : part.size;
+        if (part.reduction->input_dim() != width) {
+          archive.Fail("holds a reduction of another number of entries");
+        }
+      }
+      parts.push_back(std::move(part));
+    }
+    return {layout, std::move(parts), std::move(features)};
+  } catch (const std::invalid_argument& e) {
+    archive.Fail(std::string("holds no reduction of states: ") + e.what());
+  }
+}
+
+}  // namespace dfr::reduction

@@ -1,0 +1,254 @@
+#include "dfr/reduction/state_reduction.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <limits>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "dfr/core/archive.h"
+#include "dfr/core/random.h"
+#include "tests/support/all_close.h"
+#include "tests/support/message_of.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::reduction {
+namespace {
+
+using core::Matrix;
+using testing::Each;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::IsNan;
+
+constexpr int kSide = 6;
+
+// A colour picture, two entries, an embedding of eight, and one entry that nothing looks at.
+core::StateLayout WorldLayout() {
+  core::StateLayout layout;
+  layout.Add("image", core::PictureShape{kSide, kSide, 3});
+  layout.Add("tip", 2);
+  layout.Add("code", 8);
+  layout.Add("clock", 1);
+  return layout;
+}
+
+std::vector<core::Trajectory> Demonstrations(std::uint64_t seed) {
+  core::Random random(seed);
+  std::vector<core::Trajectory> all(5);
+  for (core::Trajectory& d : all) {
+    d.states.resize(9, WorldLayout().state_dim());
+    for (double& value : d.states.reshaped()) value = std::floor(random.Uniform(20.0, 200.0));
+    d.controls = Matrix::Ones(8, 2);
+  }
+  return all;
+}
+
+StateReduction Fitted(std::string_view features) {
+  return StateReduction::Fit(WorldLayout(), features, Demonstrations(1), 1);
+}
+
+std::vector<double> Applied(const StateReduction& reduction, const std::vector<double>& state) {
+  StateReduction::Workspace workspace(reduction);
+  EXPECT_TRUE(reduction.Apply(state, workspace)) << reduction.Fault(state);
+  return {workspace.state().begin(), workspace.state().end()};
+}
+
+std::vector<double> SomeState(std::uint64_t seed) {
+  const Matrix states = Demonstrations(seed)[0].states;
+  return {states.row(0).begin(), states.row(0).end()};
+}
+
+TEST(StateReductionTest, KeepsWhatIsBesideAndDropsTheRest) {
+  const StateReduction reduction = Fitted("pca:code:3,tip[1:2]");
+  EXPECT_EQ(reduction.features(), "pca:code,tip[1:2]");
+  ASSERT_EQ(reduction.reduced_layout().blocks.size(), 2U);
+  EXPECT_EQ(reduction.reduced_layout().blocks[0].name, "pca:code");
+  EXPECT_EQ(reduction.reduced_layout().blocks[0].size, 3);
+  EXPECT_EQ(reduction.reduced_layout().blocks[1].name, "tip");
+  const std::vector<double> state = SomeState(2);
+  const std::vector<double> reduced = Applied(reduction, state);
+  ASSERT_EQ(reduced.size(), 5U);
+  const int tip = WorldLayout().blocks[1].offset;
+  EXPECT_EQ(reduced[3], state[static_cast<std::size_t>(tip)]);
+  EXPECT_EQ(reduced[4], state[static_cast<std::size_t>(tip) + 1]);
+}
+
+TEST(StateReductionTest, ComponentsAreThoseOfTheBlock) {
+  const StateReduction reduction = Fitted("pca:code:8");
+  // All components of the standardised block: a rotation of it, so that differences keep their
+  // length in units of the standard deviations.
+  std::vector<Matrix> blocks;
+  for (const core::Trajectory& d : Demonstrations(1)) {
+    blocks.emplace_back(d.states.middleCols(WorldLayout().blocks[2].offset, 8));
+  }
+  const PrincipalComponents fit = FitPrincipalComponents(MatrixRows(blocks), {.components = 8});
+  const std::vector<double> a = SomeState(2);
+  const std::vector<double> b = SomeState(3);
+  const std::vector<double> za = Applied(reduction, a);
+  const std::vector<double> zb = Applied(reduction, b);
+  const Eigen::VectorXd difference = (core::AsVector(a) - core::AsVector(b))
+                                         .segment(WorldLayout().blocks[2].offset, 8)
+                                         .cwiseQuotient(fit.scale);
+  EXPECT_NEAR((core::AsVector(za) - core::AsVector(zb)).norm(), difference.norm(), 1e-4);
+}
+
+TEST(StateReductionTest, AStandardisedPictureDoesNotShowItsLight) {
+  const std::vector<double> state = SomeState(2);
+  std::vector<double> lit = state;
+  for (int i = 0; i < kSide * kSide * 3; ++i) {
+    double& value = lit[static_cast<std::size_t>(i)];
+    value = std::round(1.2 * value + 5.0);
+  }
+  const auto change = [&](std::string_view features) {
+    const StateReduction reduction = Fitted(features);
+    const std::vector<double> z = Applied(reduction, state);
+    return (core::AsVector(Applied(reduction, lit)) - core::AsVector(z)).norm();
+  };
+  EXPECT_LT(change("pca:image:4"), 0.02 * change("pca:image:4:light=none"));
+  EXPECT_LT(change("pca:image:4:light=standard"), change("pca:image:4:light=gain"));
+}
+
+TEST(StateReductionTest, PicturesBecomeGreyAndSmall) {
+  const StateReduction reduction = Fitted("pca:image:4:grey:3x2");
+  const StateReduction::Seen seen = reduction.Reconstruct("image", SomeState(2));
+  EXPECT_EQ(seen.shape, (core::PictureShape{3, 2, 1}));
+  EXPECT_EQ(seen.values.size(), 6U);
+  EXPECT_THAT(
+      test::MessageOf([&] { static_cast<void>(reduction.Reconstruct("tip", SomeState(2))); }),
+      HasSubstr("no reduced block 'tip'; the features are pca:image"));
+}
+
+TEST(StateReductionTest, ReconstructsWhatAllComponentsShow) {
+  const StateReduction reduction = Fitted("pca:code:8");
+  const std::vector<double> state = SomeState(2);
+  const StateReduction::Seen seen = reduction.Reconstruct("code", state);
+  EXPECT_EQ(seen.shape, core::PictureShape());
+  const auto offset = static_cast<std::size_t>(WorldLayout().blocks[2].offset);
+  for (std::size_t i = 0; i < 8; ++i) EXPECT_NEAR(seen.values[i], state[offset + i], 1e-2);
+}
+
+TEST(StateReductionTest, OpenNumbersAreCutAndOthersStay) {
+  const StateReduction all = Fitted("pca:code,tip,pca:image:4");
+  EXPECT_EQ(all.num_open(), 1);
+  EXPECT_EQ(all.most_components(), 8);
+  EXPECT_THAT(all.InOrderOfComponents(), ElementsAre(8, 9, 10, 11, 12, 13, 0, 1, 2, 3, 4, 5, 6, 7));
+  const StateReduction few = all.WithComponents(3);
+  EXPECT_EQ(few.reduced_dim(), 3 + 2 + 4);
+  const std::vector<double> state = SomeState(2);
+  const std::vector<double> more = Applied(all, state);
+  const std::vector<double> less = Applied(few, state);
+  for (std::size_t i = 0; i < 3; ++i) EXPECT_NEAR(less[i], more[i], 1e-12);
+  EXPECT_EQ(std::vector(less.begin() + 3, less.end()), std::vector(more.begin() + 8, more.end()));
+}
+
+TEST(StateReductionTest, RefusesWhatIsNoState) {
+  const StateReduction reduction = Fitted("pca:image:4,tip");
+  StateReduction::Workspace workspace(reduction);
+  const auto refused = [&](const std::vector<double>& state, const std::string& fault) {
+    EXPECT_FALSE(reduction.Apply(state, workspace));
+    EXPECT_THAT(std::vector(workspace.state().begin(), workspace.state().end()), Each(IsNan()));
+    EXPECT_THAT(reduction.Fault(state), HasSubstr(fault));
+  };
+  std::vector<double> state = SomeState(2);
+  EXPECT_THAT(reduction.Fault(state), IsEmpty());
+  state.pop_back();
+  refused(state, "state has 118 entries, 119 needed");
+  state = SomeState(2);
+  state[7] = std::numeric_limits<double>::quiet_NaN();
+  refused(state, "image[7] of the state is nan");
+  state[7] = 256.0;
+  refused(state, "image[7] of the state is 256, a picture has values from 0 to 255");
+  state = SomeState(2);
+  std::fill_n(state.begin(), kSide * kSide * 3, 1.0);
+  refused(state, "the picture 'image' is black");
+  state = SomeState(2);
+  state[kSide * kSide * 3] = std::numeric_limits<double>::infinity();
+  refused(state, "tip[0] of the state is inf");
+}
+
+TEST(StateReductionTest, ApplyAllocatesNothing) {
+  const StateReduction reduction = Fitted("pca:image:4:grey:3x3,tip,pca:code:2");
+  StateReduction::Workspace workspace(reduction);
+  const std::vector<double> state = SomeState(2);
+  const test::NoAlloc guard;
+  EXPECT_TRUE(reduction.Apply(state, workspace));
+}
+
+TEST(StateReductionTest, SharesOfComponentsAddUpOverPixels) {
+  for (const char* const features : {"pca:image:4,tip", "pca:image:4:grey:3x2,tip"}) {
+    const StateReduction reduction = Fitted(features);
+    core::Random random(5);
+    Eigen::MatrixXd products(6, 6);
+    for (double& value : products.reshaped()) value = random.Normal();
+    std::vector<double> shares(static_cast<std::size_t>(reduction.state_dim()), 7.0);
+    reduction.Spread(products, shares);
+    const auto all = core::AsVector(std::span<const double>(shares));
+    EXPECT_NEAR(all.head(kSide * kSide * 3).sum(), products.topLeftCorner(4, 4).trace(), 1e-4);
+    EXPECT_EQ(all[kSide * kSide * 3 + 1], products(5, 5));
+    EXPECT_EQ(all.tail(9), Eigen::VectorXd::Zero(9));
+  }
+}
+
+TEST(StateReductionTest, AFileHoldsAllOfIt) {
+  const std::filesystem::path path =
+      std::filesystem::path(testing::TempDir()) / "state_reduction_test.dfr";
+  const StateReduction written = Fitted("pca:image:grey:light=gain,tip[0:1],pca:code:2");
+  core::ArchiveWriter writer("test", 1);
+  written.Save(writer);
+  writer.Save(path);
+  core::ArchiveReader reader(path, "test", 1);
+  const StateReduction read = StateReduction::Load(reader, WorldLayout());
+  reader.End();
+  EXPECT_EQ(read.features(), written.features());
+  EXPECT_EQ(read.reduced_layout(), written.reduced_layout());
+  EXPECT_EQ(read.num_open(), 1);
+  const std::vector<double> state = SomeState(2);
+  EXPECT_EQ(Applied(read, state), Applied(written, state));
+  core::StateLayout other = WorldLayout();
+  other.blocks[2].name = "another";
+  core::ArchiveReader again(path, "test", 1);
+  EXPECT_THAT(test::MessageOf([&] { static_cast<void>(StateReduction::Load(again, other)); }),
+              HasSubstr("reduces a block that the state lacks"));
+  std::filesystem::remove(path);
+}
+
+TEST(StateReductionTest, FeaturesThatMakeNoSenseAreNamed) {
+  const auto message = [](std::string_view features) {
+    return test::MessageOf([&] { static_cast<void>(Fitted(features)); });
+  };
+  EXPECT_THAT(message("pca:camera"),
+              HasSubstr("no block 'camera' in the state; it has image, tip, code, clock"));
+  EXPECT_THAT(message("pca:code:grey"), HasSubstr("'grey' is for pictures; give the block"));
+  EXPECT_THAT(message("pca:image:blue"), HasSubstr("'blue' is no option; they are a number"));
+  EXPECT_THAT(message("pca:image:7x7"), HasSubstr("[1, 6] and [1, 6], not 7 and 7"));
+  EXPECT_THAT(message("pca:image:0"), HasSubstr("must lie in [1, 256]"));
+  EXPECT_THAT(message("pca:code:9"), HasSubstr("there are 8 components, not 9"));
+  EXPECT_THAT(message("pca:code:2,pca:code:3"), HasSubstr("names a block that is there already"));
+  EXPECT_THAT(message("pca:code:2,code[0:1]"), HasSubstr("is part of a block that is reduced"));
+  EXPECT_THAT(message("pca:code:2,image"), HasSubstr("is a picture: put pca: before it"));
+  EXPECT_THAT(message("pca:code:2,hand"), HasSubstr("feature 'hand' is not part of the state"));
+  EXPECT_THAT(StateReduction::Names("tip,pca:image:3:grey,pca:code"), ElementsAre("image", "code"));
+  EXPECT_THAT(StateReduction::Names("tip,image"), IsEmpty());
+}
+
+TEST(StateReductionTest, PicturesOfAnotherScaleAreNamed) {
+  std::vector<core::Trajectory> demonstrations = Demonstrations(1);
+  const auto message = [&] {
+    return test::MessageOf([&] {
+      static_cast<void>(StateReduction::Fit(WorldLayout(), "pca:image:2", demonstrations, 1));
+    });
+  };
+  demonstrations[2].states(3, 5) = -1.0;
+  EXPECT_THAT(message(), HasSubstr("demonstration 2, state 3: the picture 'image' has a value"));
+  for (core::Trajectory& d : demonstrations) d.states = d.states.cwiseMax(0.0) / 255.0;
+  EXPECT_THAT(message(), HasSubstr("is black (values are 0 to 255, not 0 to 1)"));
+}
+
+}  // namespace
+}  // namespace dfr::reduction
