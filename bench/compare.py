@@ -33,8 +33,8 @@ MOST_COUNTED = 1.05
 # Bytes, ways, bytes of a line. The last level is too large for conflicts.
 CACHES = ("--cache-sim=yes", "--I1=32768,64,64", "--D1=49152,96,64", "--LL=33554432,16,64")
 PADDINGS = (0, 16, 32, 1000)  # Bytes of an environment variable: each gives another memory layout.
-SOURCES = ("libs/core", "libs/kernel", "libs/control", "libs/safety", "bench/kernel", "bench/control", "bench/safety",
-           "cmake", "CMakeLists.txt", "CMakePresets.json", "components.txt")
+SOURCES = ("libs/core", "libs/kernel", "libs/control", "libs/reduction", "libs/safety", "bench/kernel",
+           "bench/control", "bench/safety", "cmake", "CMakeLists.txt", "CMakePresets.json", "components.txt")
 WORK = ROOT / "build" / "compare"
 
 

@@ -19,9 +19,24 @@ void Describe(const safety::GuardModel& model) {
   const auto [low, high] = std::minmax_element(model.lambda().begin(), model.lambda().end());
   std::printf("demonstrations  %d with %d actions, from %s\n", summary.demonstrations,
               summary.transitions, summary.source.c_str());
-  std::printf("features        %s: %d of %d entries of a state\n",
-              spec.empty() ? "the whole state" : spec.c_str(),
-              model.task().features().selection().num_features(), model.state_dim());
+  const int features = model.task().features().selection().num_features();
+  if (model.reduction() == nullptr) {
+    std::printf("features        %s: %d of %d entries of a state\n",
+                spec.empty() ? "the whole state" : spec.c_str(), features, model.state_dim());
+  } else {
+    std::printf("features        %s: %d of the %d entries of a state\n", spec.c_str(), features,
+                model.state_dim());
+  }
+  for (const reduction::ComponentsScore& row : summary.components) {
+    std::printf(
+        "components      %3d: of left-out demonstrations, actions explained %5.1f %%, states "
+        "inside "
+        "%5.1f %%, error of the predicted change %5.1f %%\n",
+        row.components, 100.0 * row.explained, 100.0 * row.inside, 100.0 * row.response_error);
+  }
+  if (!summary.components_reason.empty()) {
+    std::printf("                %s\n", summary.components_reason.c_str());
+  }
   std::printf("support         %d time steps, nu %g, gamma %g (whitened); support fits: %d\n",
               model.num_steps(), summary.nu, summary.gamma, summary.support_fits);
   std::printf(
@@ -74,7 +89,10 @@ void Describe(const std::vector<std::string>& findings) {
 }
 
 bool RunFit(const FitOptions& options) {
-  const auto reader = imitation::OpenDemonstrations(options.demonstrations, options.filter_key);
+  safety::GuardOptions guard = options.guard;
+  guard.features = core::StripObservationPrefixes(guard.features);
+  const auto reader = imitation::OpenDemonstrations(
+      options.demonstrations, options.filter_key, reduction::StateReduction::Names(guard.features));
   if (!reader->note().empty()) std::printf("%s\n", reader->note().c_str());
   std::vector<core::Trajectory> all;
   std::vector<core::Trajectory> completed;
@@ -97,8 +115,6 @@ bool RunFit(const FitOptions& options) {
         "guard convert --differences, or give --as-recorded if these are");
   }
 
-  safety::GuardOptions guard = options.guard;
-  guard.features = core::StripObservationPrefixes(guard.features);
   guard.strategy = safety::ParseStrategy(options.strategy);
   guard.source = options.demonstrations.filename().string();
   experiment::ProgressBar bar("fit");

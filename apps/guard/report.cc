@@ -41,10 +41,10 @@ bool CanCertify(const safety::GuardModel& model) {
 class Drivers {
  public:
   explicit Drivers(const safety::GuardModel& model)
-      : model_(&model), sums_(Eigen::VectorXd::Zero(model.state_dim())) {}
+      : model_(&model), sums_(Eigen::VectorXd::Zero(model.task_layout().state_dim())) {}
 
   void Add(const core::Matrix& states, const std::vector<int>& steps) {
-    std::vector<double> gradient(static_cast<std::size_t>(model_->state_dim()));
+    std::vector<double> gradient(static_cast<std::size_t>(model_->task_layout().state_dim()));
     for (Eigen::Index i = 0; i < states.rows(); ++i) {
       const double l = model_->support().LogDecision(steps[static_cast<std::size_t>(i)],
                                                      core::Row(states, i), gradient);
@@ -72,7 +72,7 @@ class Drivers {
  private:
   // Standard deviation of each entry across episodes at the same step.
   [[nodiscard]] Eigen::VectorXd Spread() const {
-    const Eigen::Index n = model_->state_dim();
+    const Eigen::Index n = model_->task_layout().state_dim();
     Eigen::VectorXd scatter = Eigen::VectorXd::Zero(n);
     double count = 0.0;
     Eigen::Index longest = 0;
@@ -114,7 +114,8 @@ std::vector<Episode> Follow(const std::shared_ptr<const safety::GuardModel>& sha
                             const std::filesystem::path& path, const std::string& filter_key,
                             Drivers* drivers) {
   const safety::GuardModel& model = *shared;
-  const auto reader = imitation::OpenDemonstrations(path, filter_key);
+  const auto reader =
+      imitation::OpenDemonstrations(path, filter_key, imitation::PictureNames(model.layout()));
   if (reader->layout() != model.layout()) {
     throw std::runtime_error(path.string() + ": its states have different parts than the guard's");
   }
@@ -126,8 +127,9 @@ std::vector<Episode> Follow(const std::shared_ptr<const safety::GuardModel>& sha
     std::vector<int> steps;
     episode.levels = model.Levels(trajectory.states, &steps);
     if (drivers != nullptr) {
-      drivers->Add(trajectory.states, steps);
-      drivers->AddSpread(trajectory.states);
+      const core::Matrix states = model.TaskStates(trajectory.states);
+      drivers->Add(states, steps);
+      drivers->AddSpread(states);
     }
     for (Eigen::Index t = 0; CanCertify(model) && t < trajectory.controls.rows(); ++t) {
       episode.passing +=
@@ -284,7 +286,8 @@ experiment::ReportTable FeatureTable(const safety::GuardModel& model, const Driv
       .header = {"Entry", "Share, %"},
       .rows = {}};
   for (const auto& [share, entry] : drivers.Ranked()) {
-    table.rows.push_back({EntryName(model.layout(), entry), core::Format("%.1f", 100.0 * share)});
+    table.rows.push_back(
+        {EntryName(model.task_layout(), entry), core::Format("%.1f", 100.0 * share)});
   }
   return table;
 }

@@ -8,6 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 __version__: str
 build_commit: str
 
+Size = int | tuple[int, int] | tuple[int, int, int]
+Layout = Sequence[tuple[str, Size]] | dict[str, Size]
 Strategy = Literal["guard", "controller", "dfr", "early-stopping", "monitor", "certified"]
 
 class GuardInfo(TypedDict):
@@ -134,7 +136,7 @@ class Guard:
         states: Iterable[ArrayLike],
         actions: Iterable[ArrayLike],
         *,
-        layout: Sequence[tuple[str, int]] | dict[str, int] = ...,
+        layout: Layout = ...,
         features: str | Sequence[str] = "",
         nu: float = 0.05,
         gamma: float = 0.25,
@@ -170,6 +172,7 @@ class Guard:
     def certify(self, t: int, state: ArrayLike, action: ArrayLike) -> dict[str, Any]: ...
     def levels(self, states: ArrayLike) -> NDArray[np.float64]: ...
     def attribution(self, states: ArrayLike) -> NDArray[np.float64]: ...
+    def reconstruct(self, block: str, state: ArrayLike) -> NDArray[np.float64]: ...
     def with_settings(
         self,
         *,
@@ -188,7 +191,7 @@ class Guard:
     @property
     def num_steps(self) -> int: ...
     @property
-    def layout(self) -> list[tuple[str, int]]: ...
+    def layout(self) -> list[tuple[str, Size]]: ...
     @property
     def features(self) -> str: ...
     @property
@@ -197,7 +200,7 @@ class Guard:
     def summary(self) -> dict[str, Any]: ...
 
 def load_demonstrations(
-    path: str | PathLike[str], filter_key: str
+    path: str | PathLike[str], filter_key: str, pictures: list[str]
 ) -> tuple[list[Any], list[Any], list[Any], list[bool], str, str]: ...
 def find_non_finite(x: ArrayLike) -> tuple[int, int] | None: ...
 def variance(x: ArrayLike) -> float: ...

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from os import PathLike
 from typing import NamedTuple
 
@@ -18,8 +19,8 @@ class Demonstrations(NamedTuple):
     """One array (n_actions + 1, state_dim) per episode, including the state after the last action."""
     actions: list[NDArray[np.float64]]
     """One array (n_actions, action_dim) per episode."""
-    layout: list[tuple[str, int]]
-    """Name and size of each part of a state."""
+    layout: list[tuple[str, int | tuple[int, int, int]]]
+    """Name and size of each part of a state; of a picture its height, width and channels."""
     completed: list[bool]
     """Whether each episode completed its task; False if the file does not record it."""
     environment: str
@@ -28,7 +29,9 @@ class Demonstrations(NamedTuple):
     """Skipped content, for example images and videos; empty if there is none."""
 
 
-def load_demonstrations(path: str | PathLike[str], *, filter_key: str = "") -> Demonstrations:
+def load_demonstrations(
+    path: str | PathLike[str], *, filter_key: str = "", pictures: Sequence[str] = ()
+) -> Demonstrations:
     """Read demonstrations of robomimic (HDF5), Minari or LeRobot; detects the format.
 
     Parameters
@@ -37,6 +40,8 @@ def load_demonstrations(path: str | PathLike[str], *, filter_key: str = "") -> D
         A robomimic file, or the folder of a Minari or LeRobot dataset.
     filter_key : str
         Reads only the episodes under this key: a mask of a robomimic file or a split of LeRobot.
+    pictures : sequence of str
+        Names of datasets of pictures (HDF5) to read as parts of the states; others are skipped.
 
     Returns
     -------
@@ -56,4 +61,4 @@ def load_demonstrations(path: str | PathLike[str], *, filter_key: str = "") -> D
             "this build of dfr reads no demonstrations. Install libhdf5-dev, libsnappy-dev, libzstd-dev and "
             "nlohmann-json3-dev and build it again, or read the file with h5py and pass arrays to dfr.Guard.fit."
         )
-    return Demonstrations(*_core.load_demonstrations(path, filter_key))
+    return Demonstrations(*_core.load_demonstrations(path, filter_key, list(pictures)))

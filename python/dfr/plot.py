@@ -124,7 +124,7 @@ def features(guard: Guard, episodes: Sequence[ArrayLike], *, most: int = 12, ax:
         raise ValueError("all states are inside: pass episodes that leave the support, recorded with strategy "
                          "'monitor' for example")
     mean = np.mean(outside, axis=0)
-    names = [name if size == 1 else f"{name}[{k}]" for name, size in guard.layout for k in range(size)]
+    names = [name if size == 1 else f"{name}[{k}]" for name, size in guard.layout for k in range(int(np.prod(size)))]
     chosen = [k for k in np.argsort(-np.abs(mean), kind="stable")[:most] if mean[k] != 0.0][::-1]
     ax = _axes(ax)
     ax.barh([names[k] for k in chosen], mean[chosen], color="#26786e")

@@ -1,11 +1,13 @@
 #include "dfr/imitation/demonstrations.h"
 
 #include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
 #include <filesystem>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "arrays.h"
 
@@ -22,9 +24,10 @@ py::array_t<double> ToArray(core::Matrix&& matrix) {
 }
 
 // Returns (states, actions, layout, completed, environment, note), see _demonstrations.py.
-py::tuple Load(const std::filesystem::path& path, const std::string& filter_key) {
+py::tuple Load(const std::filesystem::path& path, const std::string& filter_key,
+               const std::vector<std::string>& pictures) {
   RequireFile(path);
-  const auto reader = imitation::OpenDemonstrations(path, filter_key);
+  const auto reader = imitation::OpenDemonstrations(path, filter_key, pictures);
   py::list states;
   py::list actions;
   py::list completed;
@@ -38,7 +41,10 @@ py::tuple Load(const std::filesystem::path& path, const std::string& filter_key)
   }
   py::list layout;
   for (const auto& block : reader->layout().blocks) {
-    layout.append(py::make_tuple(block.name, block.size));
+    const auto& [height, width, channels] = block.picture;
+    layout.append(py::make_tuple(block.name, height == 0
+                                                 ? py::object(py::int_(block.size))
+                                                 : py::make_tuple(height, width, channels)));
   }
   return py::make_tuple(states, actions, layout, completed, reader->environment(), reader->note());
 }
@@ -46,7 +52,8 @@ py::tuple Load(const std::filesystem::path& path, const std::string& filter_key)
 }  // namespace
 
 void AddDemonstrations(py::module_& module) {
-  module.def("load_demonstrations", &Load, py::arg("path"), py::arg("filter_key"));
+  module.def("load_demonstrations", &Load, py::arg("path"), py::arg("filter_key"),
+             py::arg("pictures"));
 }
 
 }  // namespace dfr::python

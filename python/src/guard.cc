@@ -17,6 +17,7 @@
 #include <stdexcept>
 #include <string>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "arrays.h"
@@ -38,13 +39,24 @@ using safety::GuardModel;
 using safety::GuardSettings;
 using safety::Verdict;
 
-core::StateLayout Layout(const std::vector<std::pair<std::string, int>>& blocks, int state_dim) {
+// The size of a block, or the height, width and channels of a picture.
+using Size = std::variant<int, std::vector<int>>;
+
+core::StateLayout Layout(const std::vector<std::pair<std::string, Size>>& blocks, int state_dim) {
   core::StateLayout layout;
   for (const auto& [name, size] : blocks) {
     for (const auto& other : layout.blocks) {
       DFR_THROW_UNLESS(other.name != name, "the layout names '" << name << "' twice");
     }
-    layout.Add(name, size);
+    if (const int* const entries = std::get_if<int>(&size)) {
+      layout.Add(name, *entries);
+      continue;
+    }
+    const auto& shape = std::get<std::vector<int>>(size);
+    DFR_THROW_UNLESS(shape.size() == 2 || shape.size() == 3,
+                     "the layout gives '" << name << "' " << shape.size()
+                                          << " sizes; a picture has (height, width, channels)");
+    layout.Add(name, core::PictureShape{shape[0], shape[1], shape.size() == 3 ? shape[2] : 1});
   }
   if (blocks.empty()) layout.Add("state", state_dim);
   return layout;
@@ -77,10 +89,13 @@ void MakeIncrements(const core::StateLayout& layout, bool differences, bool as_r
 
 // Converts pairs of name and size, or a dict of them.
 core::StateLayout LayoutOption(const py::object& blocks, int state_dim) {
-  using Blocks = std::vector<std::pair<std::string, int>>;
+  using Blocks = std::vector<std::pair<std::string, Size>>;
   const py::object pairs =
       py::isinstance<py::dict>(blocks) ? py::list(blocks.attr("items")()) : blocks;
-  return Layout(Option<Blocks>(pairs, "layout", "a list of pairs (name, size)"), state_dim);
+  return Layout(Option<Blocks>(pairs, "layout",
+                               "a list of pairs (name, size), or (name, (height, width, channels)) "
+                               "for a picture"),
+                state_dim);
 }
 
 // Converts "object,tip[0:2]", or a list of such names.
@@ -241,7 +256,7 @@ py::tuple Filter(Guard& guard, const py::object& t, const Array& state, const Ar
   info["entry"] =
       verdict.entry < 0
           ? py::object(py::none())
-          : py::object(py::str(core::EntryRange(guard.model().layout(), verdict.entry, 4)));
+          : py::object(py::str(core::EntryRange(guard.model().task_layout(), verdict.entry, 4)));
   return py::make_tuple(std::move(safe), std::move(info));
 }
 
@@ -254,18 +269,24 @@ py::object Decision(const Guard& guard, const py::object& time, const Array& x) 
                    "t must be one time step, or one for each row of x");
   const bool shared = t.ndim() == 0;
   const std::int64_t* steps = t.data();
-  const auto width = static_cast<std::size_t>(rows.cols());
   const core::LogDecisionFunction& support = guard.model().support();
-  if (x.ndim() == 1) return py::float_(support.Decision(NearestInt(steps[0]), Entries(x)));
+  const bool reduced = guard.model().reduction() != nullptr;
+  if (x.ndim() == 1 && !reduced) {
+    return py::float_(support.Decision(NearestInt(steps[0]), Entries(x)));
+  }
   py::array_t<double> g = NewVector(rows.rows());
   const std::span<double> values = Entries(g);
   {
     const py::gil_scoped_release unlocked;
+    const core::Matrix reduced_rows = reduced ? guard.model().TaskStates(rows) : core::Matrix();
+    const auto width = static_cast<std::size_t>(reduced ? reduced_rows.cols() : rows.cols());
     for (Eigen::Index i = 0; i < rows.rows(); ++i) {
+      const double* const row = reduced ? reduced_rows.row(i).data() : rows.row(i).data();
       values[static_cast<std::size_t>(i)] =
-          support.Decision(NearestInt(steps[shared ? 0 : i]), {rows.row(i).data(), width});
+          support.Decision(NearestInt(steps[shared ? 0 : i]), {row, width});
     }
   }
+  if (x.ndim() == 1) return py::float_(values[0]);
   return g;
 }
 
@@ -340,6 +361,17 @@ py::dict Summary(const Guard& guard) {
   values["ends_outside"] = summary.ends_outside;
   values["explained"] = summary.explained;
   values["action_error"] = summary.action_error;
+  py::list components;
+  for (const reduction::ComponentsScore& row : summary.components) {
+    py::dict score;
+    score["components"] = row.components;
+    score["explained"] = row.explained;
+    score["inside"] = row.inside;
+    score["response_error"] = row.response_error;
+    components.append(std::move(score));
+  }
+  values["components"] = std::move(components);
+  values["components_reason"] = summary.components_reason;
   values["warnings"] = safety::Warnings(guard.model());
   return values;
 }
@@ -357,10 +389,13 @@ py::dict Settings(const Guard& guard) {
   return values;
 }
 
-std::vector<std::pair<std::string, int>> Blocks(const Guard& guard) {
-  std::vector<std::pair<std::string, int>> blocks;
+py::list Blocks(const Guard& guard) {
+  py::list blocks;
   for (const auto& block : guard.model().layout().blocks) {
-    blocks.emplace_back(block.name, block.size);
+    const auto& [height, width, channels] = block.picture;
+    blocks.append(py::make_tuple(block.name, height == 0
+                                                 ? py::object(py::int_(block.size))
+                                                 : py::make_tuple(height, width, channels)));
   }
   return blocks;
 }
@@ -389,8 +424,8 @@ Attributes
 state_dim, action_dim : int
 num_steps : int
     Number of time steps with a separate estimate; later ones use the last.
-layout : list of (str, int)
-    Name and size of each part of a state.
+layout : list of (str, int or (int, int, int))
+    Name and size of each part of a state; of a picture its height, width and channels.
 features : str
     Features of a state; empty for all entries.
 settings : dict
@@ -401,8 +436,10 @@ summary : dict
     inside, and false_alarms, the share of further demonstrations that may raise an alarm. For the actions
     of left-out demonstrations: changed, the share that the guard would change; ends_outside, the share
     that is predicted to end outside; explained, the share of their variance that the features explain;
-    action_error, the remaining squared error as a share of the squared actions. warnings: problems of the
-    guard, each with its remedy.
+    action_error, the remaining squared error as a share of the squared actions. components: for each number
+    of components that was tried, explained, inside and response_error, the relative squared error of the
+    predicted change; components_reason: the reason of the choice. warnings: problems of the guard, each
+    with its remedy.
 )");
   PickleBy(
       guard_class, [](const py::object& self) { return ToBytes(self.cast<const Guard&>()); },
@@ -426,9 +463,15 @@ states : iterable of array_like of shape (n_actions_i + 1, state_dim)
     One array per demonstration, including the state after the last action.
 actions : iterable of array_like of shape (n_actions_i, action_dim)
 layout : sequence of (name, size) or dict, optional
-    Names of the entries of a state, for `features`. Default: one block "state".
+    Names of the entries of a state, for `features`. Default: one block "state". A size (height, width) or
+    (height, width, channels), with 1 or 3 channels, makes a block a picture of values from 0 to 255, rows
+    from the top.
 features : str or list of str
     Features, as in "object,tip[0:2]"; all entries if empty. "obs/object" is "object".
+    "pca:image[:K][:grey][:HxW][:light=none|gain|standard]" stands for K principal components of a block;
+    without K the fit chooses their number. The other options are for pictures: one channel, the size after
+    averaging, and the light, of which "standard" (the default) removes brightness and contrast, "gain"
+    the brightness. docs/pixels.md has more.
 nu, gamma : float
     Parameters of the supports; gamma in whitened units, which all tasks share. It is doubled at most twice
     if a support contains the gap between two modes.
@@ -462,7 +505,8 @@ differences : bool
 as_recorded : bool
     Accept actions that look like target positions, which are refused otherwise.
 accept_any : bool
-    Accept a fit in which almost no state of left-out demonstrations is inside, which is refused otherwise.
+    Accept a fit in which almost no state of left-out demonstrations is inside, or components that hold up
+    their demonstrator, which is refused otherwise.
 progress : callable(stage: str, share: float) or bool, optional
     None: in a terminal or notebook, show the progress of a fit of more than 2 s. True: always. False: never.
 

@@ -86,8 +86,10 @@ py::dict Explain(const Guard& guard, const Array& state, const py::object& t,
                    "state has " << state.size() << " entries, " << guard.state_dim() << " needed");
   const safety::GuardModel& model = guard.model();
   const std::span<const double> x = Entries(state);
+  const core::Matrix task_state = model.TaskStates(core::AsVector(x).transpose());
+  const std::span<const double> seen = core::Row(task_state, 0);
   const int asked = t.is_none() ? -1 : std::max(0, StepOf(t));
-  const int step = t.is_none() ? BestStep(guard, x) : std::min(asked, model.num_steps() - 1);
+  const int step = t.is_none() ? BestStep(guard, seen) : std::min(asked, model.num_steps() - 1);
   const std::vector<safety::OutsideEntry> outside = safety::OutsideEntries(model, step, x);
   std::string text = outside.empty()
                          ? "inside what was demonstrated at step " + std::to_string(step)
@@ -95,7 +97,7 @@ py::dict Explain(const Guard& guard, const Array& state, const py::object& t,
   py::list entries;
   for (const safety::OutsideEntry& one : outside) {
     py::dict entry;
-    entry["name"] = core::EntryName(model.layout(), one.entry);
+    entry["name"] = core::EntryName(model.task_layout(), one.entry);
     entry["entry"] = one.entry;
     entry["excess"] = one.excess;
     entry["share"] = one.share;
@@ -121,7 +123,7 @@ py::dict Explain(const Guard& guard, const Array& state, const py::object& t,
   }
   py::dict result;
   result["text"] = text;
-  result["l"] = model.support().LogDecision(step, x, {});
+  result["l"] = model.support().LogDecision(step, seen, {});
   result["step"] = step;
   result["entries"] = std::move(entries);
   result["nearest"] = std::move(nearest);
@@ -215,6 +217,39 @@ ValueError
     If the state or a demonstration has the wrong number of entries.
 )")
       .def(
+          "reconstruct",
+          [](const Guard& guard, const std::string& block, const Array& state) {
+            const reduction::StateReduction* const reduction = guard.model().reduction();
+            DFR_THROW_UNLESS(reduction != nullptr,
+                             "the guard has no reduced block: its features have no pca:");
+            const auto seen = reduction->Reconstruct(block, Entries(state));
+            const auto& [height, width, channels] = seen.shape;
+            using Shape = std::vector<py::ssize_t>;
+            return py::array_t<double>(
+                height == 0 ? Shape{std::ssize(seen.values)} : Shape{height, width, channels},
+                seen.values.data());
+          },
+          py::arg("block"), py::arg("state"),
+          R"(Return what the components of a block behind "pca:" show of a state.
+
+A picture has the size, the channels and the light that the guard gives it.
+
+Parameters
+----------
+block : str
+    Name of the block in `layout`, without "pca:".
+state : array_like of shape (state_dim,)
+
+Returns
+-------
+ndarray of shape (height, width, channels), or (n_entries,)
+
+Raises
+------
+ValueError
+    If there is no such block, or the state is not valid.
+)")
+      .def(
           "levels",
           [](const Guard& guard, const Array& states) {
             DFR_THROW_UNLESS(states.ndim() == 2, "states must have 2 dimensions");
@@ -252,7 +287,8 @@ ndarray of shape (n_states,)
           R"(Return the contribution of each entry of each state to -l.
 
 Rows sum to -l of `levels`, and are zero if that is not positive. An entry's contribution is the rise of
-l along it on the way back inside, independent of units. A negative one compensates for others.
+l along it on the way back inside, independent of units. A negative one compensates for others. Of a
+block behind "pca:" the entries are its own, such as pixels: the way back in the space of its components.
 
 Returns
 -------

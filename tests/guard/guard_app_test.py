@@ -48,6 +48,31 @@ class GuardAppTest(unittest.TestCase):
     def fit(self, name, demonstrations="demos.hdf5", *more):
         return self.run_guard("fit", demonstrations, "--features", "obs/object,obs/tip", "-o", name, *more)
 
+    def test_a_picture_is_a_feature(self):
+        rows, columns = np.mgrid[-0.7:0.8:0.2, -0.2:2.3:0.2]
+        rng = np.random.default_rng(5)
+        data = episodes(1, 30)
+        for observations, _ in data:
+            tips = observations["tip"]
+            blobs = [np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / 0.125) for x, y in tips]
+            light = rng.uniform(0.8, 1.2, size=(len(tips), 1, 1))
+            observations["eye"] = np.round((40 + 150 * np.array(blobs)) * light).astype(np.uint8)
+        write_robomimic(self.folder / "seen.hdf5", data)
+        out = self.run_guard("fit", "seen.hdf5", "-f", "pca:obs/eye,obs/object", "-o", "seen.guard")
+        self.assertRegex(out, r"components +2: of left-out demonstrations, actions explained")
+        self.assertRegex(out, r"\d+ components explain -?\d+ % of the variance")
+        self.assertRegex(out, r"warning +pca:eye,object explain -?\d+ % of the actions .*strategy monitor, not guard")
+        self.assertRegex(out, r"strategy +monitor")
+        self.assertRegex(out, r"pca:eye,object: \d+ of the 109 entries of a state")
+        self.assertEqual(self.run_guard("show", "seen.guard"), out.replace("seen.guard\n", ""))
+        self.assertIn("episodes raise an alarm", self.run_guard("evaluate", "seen.guard", "seen.hdf5"))
+        self.run_guard("report", "seen.guard", "seen.hdf5", "-o", "seen.html")
+        self.assertIn("pca:eye[0]", (self.folder / "seen.html").read_text())
+        error = self.run_guard("export", "seen.guard", "--onnx", "seen.onnx", fails=True)
+        self.assertIn("pca:eye,object, cannot be exported", error)
+        error = self.run_guard("fit", "seen.hdf5", "-f", "pca:obs/wrist", fails=True)
+        self.assertIn("obs/wrist: does not exist", error)
+
     def test_commands_follow_one_another(self):
         out = self.run_guard("check", "demos.hdf5")
         self.assertIn("30 episodes of 20 to 20 actions", out)

@@ -68,6 +68,24 @@ TEST(ChooseComponentsTest, ColumnsBesideAreThereWithAnyNumber) {
   }
 }
 
+TEST(ChooseComponentsTest, AcceptsOneActionWithNoise) {
+  // States tell nothing of the noise. The mean is a good guess.
+  core::Random random(4);
+  std::vector<core::Trajectory> demonstrations(20);
+  for (core::Trajectory& d : demonstrations) {
+    d.states.setZero(16, 2);
+    d.controls.setZero(15, 2);
+    for (Eigen::Index t = 0; t < 15; ++t) {
+      d.controls.row(t) << 1.0 + 0.2 * random.Normal(), 0.2 * random.Normal();
+      d.states.row(t + 1) = d.states.row(t) + d.controls.row(t);
+    }
+  }
+  const ComponentsChoice choice = ChooseComponents(demonstrations, {.candidates = {2}});
+  EXPECT_LT(choice.table[0].explained, 0.2);
+  EXPECT_LT(choice.table[0].action_error, 0.2);  // The noise is .08 of the squared actions.
+  EXPECT_EQ(choice.components, 2) << choice.reason;
+}
+
 TEST(ChooseComponentsTest, RefusesWhatDoesNotExplainActions) {
   // Actions have nothing to do with the pictures.
   test::GapPictures pictures = test::MakeGapPictures(20, 3);

@@ -47,7 +47,11 @@ ComponentsScore Score(int components, const std::vector<Sums>& each) {
   }
   ComponentsScore score{.components = components, .inside = all.inside / all.states};
   if (all.changes > 0.0) score.response_error = all.wrong / all.changes;
-  if (!(all.guessed > 0.0)) return score;
+  if (!(all.guessed > 0.0)) {
+    score.action_error = 1.0;  // Nothing is known.
+    return score;
+  }
+  if (all.squares > 0.0) score.action_error = all.missed / all.squares;
   const double variance = all.squares - all.v.squaredNorm() / all.guessed;
   // The same action everywhere is as well known as can be.
   constexpr double kConstant = 1e-9;
@@ -221,7 +225,7 @@ void Decide(const ChooseComponentsOptions& options, ComponentsChoice& choice) {
         100.0 * options.least_inside, 100.0 * most_inside->inside, most_inside->components);
     return;
   }
-  if (best->explained < options.least_explained) {
+  if (control::ResponseEstimate::Guesses(best->explained, best->action_error)) {
     choice.reason = core::Format(
         "the components do not explain the actions of left-out demonstrations: at most %.0f %% of "
         "their variance, with %d components. Add what the demonstrator looks at, such as a second "

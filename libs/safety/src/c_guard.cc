@@ -2,6 +2,7 @@
 #include <cstddef>
 #include <cstring>
 #include <exception>
+#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -123,8 +124,16 @@ int32_t dfr_guard_decision(const dfr_guard* guard, size_t count, const int32_t* 
     return -1;
   }
   const auto dim = static_cast<std::size_t>(guard->guard.state_dim());
+  const dfr::safety::GuardModel& model = guard->guard.model();
+  std::optional<dfr::reduction::StateReduction::Workspace> workspace;
+  if (model.reduction() != nullptr) workspace.emplace(*model.reduction());
   for (std::size_t i = 0; i < count; ++i) {
-    g[i] = guard->guard.model().support().Decision(t[i], {states + i * dim, dim});
+    std::span<const double> state(states + i * dim, dim);
+    if (workspace) {
+      model.reduction()->Apply(state, *workspace);
+      state = workspace->state();
+    }
+    g[i] = model.support().Decision(t[i], state);
   }
   return 0;
 }

@@ -22,17 +22,20 @@ using control::HaltCause;
 // it leads in the units of the state.
 class WayBack {
  public:
-  explicit WayBack(const GuardModel& model)
+  explicit WayBack(const GuardModel& model, bool with_products = false)
       : features_(&model.task().features()),
         support_(&model.task().feature_support()),
         scale_(features_->scale()),
-        inverse_(scale_) {}
+        inverse_(scale_) {
+    if (with_products) products_.resize(scale_.cols(), scale_.cols());
+  }
 
   /// From features z at time step t, which are `missing` > 0 below l = 0.
   void Go(int t, Eigen::VectorXd z, double missing) {
     constexpr int kSteps = 64;
     share_ = Eigen::VectorXd::Zero(z.size());
     way_ = share_;
+    products_.setZero();
     Eigen::VectorXd before(z.size());
     Eigen::VectorXd slope(z.size());
     double l = support_->LogDecision(t, core::AsSpan(z), core::AsSpan(before));
@@ -44,15 +47,21 @@ class WayBack {
       z += up;
       l = support_->LogDecision(t, core::AsSpan(z), core::AsSpan(slope));
       const Eigen::VectorXd along = inverse_.solve(up);
-      share_ += (0.5 * scale_.transpose() * (before + slope)).cwiseProduct(along);
+      const Eigen::VectorXd gradient = 0.5 * scale_.transpose() * (before + slope);
+      share_ += gradient.cwiseProduct(along);
+      if (products_.size() > 0) products_ += gradient * along.transpose();
       way_ += along;
       before = slope;
     }
     // The trapezoids sum to the rise but for their error.
-    if (share_.sum() > 0.0) share_ *= missing / share_.sum();
+    if (!(share_.sum() > 0.0)) return;
+    products_ *= missing / share_.sum();
+    share_ *= missing / share_.sum();
   }
   [[nodiscard]] const Eigen::VectorXd& share() const { return share_; }
   [[nodiscard]] const Eigen::VectorXd& way() const { return way_; }
+  /// Sum of gradient times step', whose diagonal is share(); empty unless asked for.
+  [[nodiscard]] const Eigen::MatrixXd& products() const { return products_; }
 
  private:
   const core::FeatureTransform* features_;
@@ -61,6 +70,7 @@ class WayBack {
   Eigen::PartialPivLU<Eigen::MatrixXd> inverse_;
   Eigen::VectorXd share_;
   Eigen::VectorXd way_;
+  Eigen::MatrixXd products_;
 };
 
 void CheckWidth(const GuardModel& model, std::span<const double> state) {
@@ -71,7 +81,13 @@ void CheckWidth(const GuardModel& model, std::span<const double> state) {
 
 Eigen::VectorXd FeaturesOf(const GuardModel& model, std::span<const double> state) {
   Eigen::VectorXd z(model.task().features().num_features());
-  model.task().features().Apply(state, core::AsSpan(z));
+  if (model.reduction() == nullptr) {
+    model.task().features().Apply(state, core::AsSpan(z));
+    return z;
+  }
+  reduction::StateReduction::Workspace workspace(*model.reduction());
+  model.reduction()->Apply(state, workspace);
+  model.task().features().Apply(workspace.state(), core::AsSpan(z));
   return z;
 }
 
@@ -120,6 +136,9 @@ std::string WrongInput(const GuardModel& model, std::span<const double> state,
   if (const auto i = FirstNotFinite(state)) {
     return core::EntryName(model.layout(), static_cast<Eigen::Index>(*i)) +
            core::Format(" of the state is %g", state[*i]);
+  }
+  if (model.reduction() != nullptr) {
+    if (std::string fault = model.reduction()->Fault(state); !fault.empty()) return fault;
   }
   if (static_cast<int>(action.size()) != model.action_dim()) {
     return core::Format("action has %zu entries, %d needed", action.size(), model.action_dim());
@@ -184,12 +203,20 @@ core::Matrix Attribution(const GuardModel& model, const core::Matrix& states) {
   std::vector<int> steps;
   const std::vector<double> levels = model.Levels(states, &steps);
   const std::vector<int>& entries = model.task().features().selection().indices();
-  WayBack back(model);
+  const reduction::StateReduction* const reduction = model.reduction();
+  WayBack back(model, reduction != nullptr);
   core::Matrix attribution = core::Matrix::Zero(states.rows(), states.cols());
   for (Eigen::Index i = 0; i < states.rows(); ++i) {
     const double missing = -levels[static_cast<std::size_t>(i)];
     if (!(missing > 0.0 && std::isfinite(missing))) continue;
     back.Go(steps[static_cast<std::size_t>(i)], FeaturesOf(model, core::Row(states, i)), missing);
+    if (reduction != nullptr) {
+      const auto dim = static_cast<Eigen::Index>(reduction->reduced_dim());
+      Eigen::MatrixXd products = Eigen::MatrixXd::Zero(dim, dim);
+      products(entries, entries) = back.products();
+      reduction->Spread(products, core::Row(attribution, i));
+      continue;
+    }
     for (std::size_t k = 0; k < entries.size(); ++k) {
       attribution(i, entries[k]) += back.share()[static_cast<Eigen::Index>(k)];
     }
@@ -210,7 +237,7 @@ std::string Describe(const GuardModel& model, int t, std::span<const OutsideEntr
   std::string text;
   for (std::size_t i = 0; i < std::min(kMost, entries.size()); ++i) {
     if (i > 0 && entries[i].share < kLeastShare * entries[0].share) break;
-    text += (i == 0 ? "" : ", ") + core::EntryName(model.layout(), entries[i].entry) +
+    text += (i == 0 ? "" : ", ") + core::EntryName(model.task_layout(), entries[i].entry) +
             (i == 0 ? " is " : " ") +
             core::Format("%.3g %s", std::abs(entries[i].excess),
                          entries[i].excess >= 0.0 ? "above" : "below");

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -112,13 +113,15 @@ struct Guard::Loop {
   Loop(const GuardModel& model, std::unique_ptr<control::RecoveryStrategy> strategy)
       : monitors(strategy == nullptr && model.settings().strategy == Strategy::kMonitor),
         steers(Steers(model, strategy.get())),
-        proposal(model.state_dim(), steers ? model.actions().steered_dim() : model.action_dim()),
+        proposal(model.task_layout().state_dim(),
+                 steers ? model.actions().steered_dim() : model.action_dim()),
         controller(MakeController(proposal, model, std::move(strategy))),
         tracker(model.support()),
         proposed(static_cast<std::size_t>(model.action_dim()), 0.0),
         bounded(proposed),
         given(proposed),
         chosen(proposal.action().size(), 0.0) {
+    if (model.reduction() != nullptr) workspace.emplace(*model.reduction());
     guided = dynamic_cast<control::GuidedController*>(controller.get());
     if (guided != nullptr) ahead = std::make_unique<control::GuidedController>(*guided);
   }
@@ -131,11 +134,21 @@ struct Guard::Loop {
   std::unique_ptr<control::GuidedController> ahead;  // Its twin that looks ahead.
   control::PhaseTracker tracker;
   std::vector<double> proposed;
-  std::vector<double> bounded;  // `proposed` within the limits.
-  std::vector<double> given;    // What the last Filter() wrote.
-  std::vector<double> chosen;   // The controller's control.
+  std::vector<double> bounded;                                    // `proposed` within the limits.
+  std::vector<double> given;                                      // What the last Filter() wrote.
+  std::vector<double> chosen;                                     // The controller's control.
+  std::optional<reduction::StateReduction::Workspace> workspace;  // If states are reduced.
   int next = 0;
   int entry = -1;  // The quaternion that it halted for.
+
+  // The task's state that `state` is, and whether it is one.
+  std::pair<std::span<const double>, bool> TaskState(const GuardModel& model,
+                                                     std::span<const double> state) noexcept {
+    const bool usable = static_cast<int>(state.size()) == model.state_dim() && AllFinite(state);
+    if (!workspace) return {state, usable};
+    const bool reduced = model.reduction()->Apply(state, *workspace);
+    return {workspace->state(), usable && reduced};
+  }
 };
 
 const char* Name(Source source) noexcept {
@@ -191,11 +204,11 @@ int Guard::next_step() const noexcept { return loop_->next; }
 
 void Guard::Stop(HaltCause cause) noexcept { loop_->controller->Stop(cause); }
 
-Verdict Guard::Filter(int t, std::span<const double> state, std::span<const double> action,
+Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const double> action,
                       std::span<double> safe) noexcept {
   Loop& loop = *loop_;
   control::Controller& controller = *loop.controller;
-  const bool state_usable = static_cast<int>(state.size()) == state_dim() && AllFinite(state);
+  const auto [state, state_usable] = loop.TaskState(*model_, whole);
   const core::StateMap& map = model_->task().features().selection().map();
   const int off = state_usable ? map.FindInvalid(state) : -1;
   const bool action_usable = action.size() == loop.proposed.size() && AllFinite(action);
@@ -294,7 +307,7 @@ void Guard::Applied(std::span<const double> action) noexcept {
   loop.guided->Applied(loop.chosen);
 }
 
-ChunkVerdict Guard::FilterChunk(int t, std::span<const double> state,
+ChunkVerdict Guard::FilterChunk(int t, std::span<const double> whole,
                                 std::span<const double> actions) noexcept {
   Loop& loop = *loop_;
   ChunkVerdict verdict;
@@ -302,9 +315,10 @@ ChunkVerdict Guard::FilterChunk(int t, std::span<const double> state,
   verdict.cause = loop.controller->halt_cause();
   verdict.halted = verdict.cause != HaltCause::kNone;
   if (verdict.halted) return verdict;
+  const auto [state, state_usable] = loop.TaskState(*model_, whole);
   if (t != loop.next) {
     verdict.cause = HaltCause::kStepSkipped;
-  } else if (static_cast<int>(state.size()) != state_dim() || !AllFinite(state)) {
+  } else if (!state_usable) {
     verdict.cause = HaltCause::kStateInvalid;
   } else if (actions.empty() || actions.size() % width != 0 || !AllFinite(actions)) {
     verdict.cause = HaltCause::kControlInvalid;

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "choose_features.h"
+#include "dfr/control/guided/response_estimate.h"
 #include "dfr/core/absolute_actions.h"
 #include "dfr/core/format.h"
 #include "dfr/kernel/cover_radius.h"
@@ -45,7 +46,7 @@ std::vector<std::string> Warnings(const GuardModel& model) {
         "%.0f %% of them to end outside: record more demonstrations, or look at fewer features",
         100.0 * summary.changed, 100.0 * summary.ends_outside));
   }
-  if (internal::Replay::Guesses(summary.explained, summary.action_error)) {
+  if (control::ResponseEstimate::Guesses(summary.explained, summary.action_error)) {
     warnings.push_back(core::Format(
         "the features tell only %.0f %% of how actions of left-out demonstrations vary: look at "
         "what the demonstrator looked at.%s",
@@ -167,16 +168,16 @@ std::vector<std::string> Findings(const GuardModel& model,
   // Guided recovery predicts so little then that its corrections are guesses.
   constexpr double kLeastExplained = 0.5;
   std::vector<std::string> warnings;
-  for (const core::Rotation& rotation :
-       internal::Rotations(model.task().features().selection(), model.layout(), demonstrations)) {
+  for (const core::Rotation& rotation : internal::Rotations(model.task().features().selection(),
+                                                            model.task_layout(), demonstrations)) {
     // A matrix is continuous.
     if (rotation.continuous || rotation.kind == core::Rotation::Kind::kMatrix) continue;
-    warnings.push_back(core::Describe(rotation, model.layout()));
+    warnings.push_back(core::Describe(rotation, model.task_layout()));
   }
   std::string clocks;
   for (const int entry : model.task().features().selection().indices()) {
     if (!FollowsClock(demonstrations, entry)) continue;
-    clocks.append(clocks.empty() ? "" : ", ").append(core::EntryName(model.layout(), entry));
+    clocks.append(clocks.empty() ? "" : ", ").append(core::EntryName(model.task_layout(), entry));
   }
   if (!clocks.empty()) {
     warnings.push_back(
@@ -213,7 +214,7 @@ std::vector<Clearance> Clearances(const GuardModel& model) {
   std::vector<Clearance> clearances;
   std::vector<std::vector<double>> lengths;
   std::vector<std::vector<Eigen::Index>> columns;
-  for (const auto& block : model.layout().blocks) {
+  for (const auto& block : model.task_layout().blocks) {
     std::vector<Eigen::Index> own;
     for (std::size_t k = 0; k < entries.size(); ++k) {
       if (entries[k] >= block.offset && entries[k] < block.offset + block.size) {

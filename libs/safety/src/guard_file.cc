@@ -1,3 +1,4 @@
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <stdexcept>
@@ -12,9 +13,10 @@ namespace dfr::safety {
 namespace {
 
 constexpr std::string_view kGuardKind = "guard";
-constexpr int kGuardVersion = 1;
+constexpr int kGuardVersion = 2;
 constexpr int kMostCount = 1 << 30;
 constexpr int kMostFindings = 1 << 16;
+constexpr int kMostRows = 1 << 10;
 
 void Write(core::ArchiveWriter& archive, const control::EstimatedConstant& constant) {
   archive.Number(constant.value);
@@ -32,15 +34,37 @@ control::EstimatedConstant ReadConstant(core::ArchiveReader& archive) {
   return constant;
 }
 
+void Write(core::ArchiveWriter& archive, const reduction::ComponentsScore& row) {
+  archive.Integer(row.components);
+  for (const double value :
+       {row.inside, row.explained, row.explained_error, row.action_error, row.response_error}) {
+    archive.Number(value);
+  }
+}
+
+reduction::ComponentsScore ReadScore(core::ArchiveReader& archive) {
+  reduction::ComponentsScore row;
+  row.components = archive.IntegerIn(1, reduction::Reduction::kMaxComponents);
+  row.inside = archive.Number();
+  row.explained = archive.Number();
+  row.explained_error = archive.Number();
+  row.action_error = archive.Number();
+  row.response_error = archive.Number();
+  return row;
+}
+
 }  // namespace
 
 void GuardModel::Save(const std::filesystem::path& path) const {
   core::ArchiveWriter archive(kGuardKind, kGuardVersion);
-  archive.Integer(static_cast<std::int64_t>(layout_.blocks.size()));
-  for (const auto& block : layout_.blocks) {
+  archive.Integer(static_cast<std::int64_t>(layout().blocks.size()));
+  for (const auto& block : layout().blocks) {
     archive.Text(block.name);
     archive.Integer(block.size);
+    archive.Integers(std::array{block.picture.height, block.picture.width, block.picture.channels});
   }
+  archive.Integer(reduction_ ? 1 : 0);
+  if (reduction_) reduction_->Save(archive);
   archive.Text(task_->features().selection().spec());
   task_->features().selection().map().Save(archive);
   archive.Text(Name(settings_.strategy));
@@ -72,6 +96,9 @@ void GuardModel::Save(const std::filesystem::path& path) const {
   archive.Number(summary_.ends_outside);
   archive.Number(summary_.explained);
   archive.Number(summary_.action_error);
+  archive.Integer(std::ssize(summary_.components));
+  for (const reduction::ComponentsScore& row : summary_.components) Write(archive, row);
+  archive.Text(summary_.components_reason);
   archive.Integer(std::ssize(summary_.findings));
   for (const std::string& finding : summary_.findings) archive.Text(finding);
   actions_->Save(archive);
@@ -86,7 +113,21 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     const int blocks = archive.IntegerIn(1, 1 << 16);
     for (int i = 0; i < blocks; ++i) {
       std::string name = archive.Text();
-      layout.Add(std::move(name), archive.IntegerIn(1, 1 << 20));
+      const int size = archive.IntegerIn(1, core::StateLayout::kMaxStateDim);
+      const std::vector<int> picture = archive.Integers();
+      if (picture.size() != 3) archive.Fail("holds a picture without a shape");
+      if (picture == std::vector{0, 0, 0}) {
+        layout.Add(std::move(name), size);
+      } else {
+        layout.Add(std::move(name), {picture[0], picture[1], picture[2]});
+        if (layout.blocks.back().size != size) archive.Fail("holds a picture of another size");
+      }
+    }
+    std::shared_ptr<const reduction::StateReduction> reduction;
+    if (archive.IntegerIn(0, 1) == 1) {
+      reduction = std::make_shared<const reduction::StateReduction>(
+          reduction::StateReduction::Load(archive, layout));
+      layout = reduction->reduced_layout();
     }
     const std::string spec = archive.Text();
     core::FeatureSelection selection =
@@ -124,6 +165,9 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     summary.ends_outside = archive.Number();
     summary.explained = archive.Number();
     summary.action_error = archive.Number();
+    const int rows = archive.IntegerIn(0, kMostRows);
+    for (int i = 0; i < rows; ++i) summary.components.push_back(ReadScore(archive));
+    summary.components_reason = archive.Text();
     const int findings = archive.IntegerIn(0, kMostFindings);
     for (int i = 0; i < findings; ++i) summary.findings.push_back(archive.Text());
     auto actions = std::make_shared<const ActionSpace>(ActionSpace::Load(archive));
@@ -133,6 +177,7 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     if (task->response().control_dim() != actions->steered_dim()) {
       archive.Fail("recovery steers another number of entries of an action");
     }
+    model->reduction_ = std::move(reduction);
     model->Complete(std::move(layout), std::move(actions), std::move(task), settings);
     model->summary_ = std::move(summary);
     return model;

@@ -155,6 +155,14 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
                                                   std::span<const core::Trajectory> demonstrations,
                                                   const GuardOptions& options) {
   Check(layout, demonstrations);
+  return reduction::StateReduction::Names(options.features).empty()
+             ? FitStates(layout, demonstrations, options)
+             : FitReduced(layout, demonstrations, options);
+}
+
+std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layout,
+                                                  std::span<const core::Trajectory> demonstrations,
+                                                  const GuardOptions& options) {
   DFR_THROW_UNLESS(
       options.horizon >= 0 && options.horizon <= kLongestHorizon,
       "horizon must lie in [0, " << kLongestHorizon << "], not be " << options.horizon);
@@ -313,7 +321,13 @@ Certification GuardModel::Certify(int t, std::span<const double> state,
   const control::TaskView task = task_->view();
   const int n = task.features().num_features();
   Eigen::VectorXd z(n);
-  task.features().Apply(state, core::AsSpan(z));
+  if (reduction_) {
+    reduction::StateReduction::Workspace workspace(*reduction_);
+    reduction_->Apply(state, workspace);
+    task.features().Apply(workspace.state(), core::AsSpan(z));
+  } else {
+    task.features().Apply(state, core::AsSpan(z));
+  }
   // What a certificate assumes.
   control::ResponseEstimate answer(task.response().prior(), {}, /*own_motion=*/false);
   answer.Compute(t, core::AsSpan(z));
@@ -347,6 +361,7 @@ Certification GuardModel::Certify(int t, std::span<const double> state,
 std::shared_ptr<const GuardModel> GuardModel::With(const GuardSettings& settings) const {
   std::shared_ptr<GuardModel> model(new GuardModel);
   model->Complete(layout_, actions_, task_, settings);
+  model->reduction_ = reduction_;
   model->summary_ = summary_;
   return model;
 }
@@ -354,7 +369,20 @@ std::shared_ptr<const GuardModel> GuardModel::With(const GuardSettings& settings
 std::vector<double> GuardModel::Levels(const core::Matrix& states, std::vector<int>* steps) const {
   DFR_THROW_UNLESS(states.cols() == state_dim(),
                    "states have " << states.cols() << " entries, the guard's have " << state_dim());
-  return internal::Follow(support(), states, steps);
+  return internal::Follow(support(), reduction_ ? TaskStates(states) : states, steps);
+}
+
+core::Matrix GuardModel::TaskStates(const core::Matrix& states) const {
+  DFR_THROW_UNLESS(states.cols() == state_dim(),
+                   "states have " << states.cols() << " entries, the guard's have " << state_dim());
+  if (!reduction_) return states;
+  reduction::StateReduction::Workspace workspace(*reduction_);
+  core::Matrix reduced(states.rows(), layout_.state_dim());
+  for (Eigen::Index i = 0; i < states.rows(); ++i) {
+    reduction_->Apply(core::Row(states, i), workspace);
+    reduced.row(i) = core::AsVector(workspace.state()).transpose();
+  }
+  return reduced;
 }
 
 }  // namespace dfr::safety

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "dfr/control/guided/response_estimate.h"
 #include "dfr/control/guided/task_view.h"
 #include "fit_task.h"
 
@@ -14,17 +15,9 @@ struct Replay {
   double explained = 1.0;
   double error = 0.0;  ///< What it misses, squared, as a share of the squared actions.
 
-  /// Whether it is a guess that a guard does not use: it neither explains how actions vary nor hits
-  /// what they have in common.
-  [[nodiscard]] bool guesses() const noexcept { return Guesses(explained, error); }
-  /// In the gallery's tasks `explained` is .29 and more, the least where each demonstrator has a
-  /// pace of its own. Without a part of the state that the demonstrator looks at, a box, a velocity
-  /// or a pole, it is .17 and less, and the error .46 and more. A demonstrator whose action is one
-  /// and the same but for noise explains nothing, with an error of .2.
-  [[nodiscard]] static bool Guesses(double explained, double error) noexcept {
-    constexpr double kLeastExplained = 0.2;
-    constexpr double kMostError = 0.5;
-    return explained < kLeastExplained && error > kMostError;
+  /// Whether a guard does not use ResponseEstimate::NominalControl().
+  [[nodiscard]] bool guesses() const noexcept {
+    return control::ResponseEstimate::Guesses(explained, error);
   }
 };
 

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "dfr/core/absolute_actions.h"
+#include "dfr/core/contract.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/rotations.h"
@@ -15,6 +16,10 @@ namespace dfr::safety {
 using core::OnnxGraph;
 
 void CheckExport(const GuardModel& model) {
+  DFR_THROW_UNLESS(model.reduction() == nullptr,
+                   "a guard with reduced features, "
+                       << model.task().features().selection().spec()
+                       << ", cannot be exported: its reduction is no part of the file");
   const core::StateMap& map = model.task().features().selection().map();
   if (!map.quaternions().empty()) {
     const int first = map.quaternions()[0].first;

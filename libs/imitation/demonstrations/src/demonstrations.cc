@@ -1,5 +1,6 @@
 #include "dfr/imitation/demonstrations.h"
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <stdexcept>
@@ -33,8 +34,9 @@ std::string EnvironmentName(const Hdf5Reader& file) {
 
 class RobomimicReader final : public internal::EpisodeReader {
  public:
-  RobomimicReader(Hdf5Reader opened, const std::string& filter_key)
-      : EpisodeReader(std::move(opened)) {
+  RobomimicReader(Hdf5Reader opened, const std::string& filter_key,
+                  std::vector<std::string> pictures)
+      : EpisodeReader(std::move(opened), std::move(pictures)) {
     if (!file().Exists("data")) file().Fail("data", "does not exist: this is not a robomimic file");
     environment_ = EnvironmentName(file());
     discarded_ = static_cast<int>(file().IntegerAttribute("data", "discarded").value_or(0));
@@ -238,17 +240,30 @@ void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem
 }
 
 std::unique_ptr<DemonstrationReader> OpenRobomimic(const std::filesystem::path& path,
-                                                   const std::string& filter_key) {
-  return std::make_unique<RobomimicReader>(Hdf5Reader(path), filter_key);
+                                                   const std::string& filter_key,
+                                                   const std::vector<std::string>& pictures) {
+  return std::make_unique<RobomimicReader>(Hdf5Reader(path), filter_key, pictures);
 }
 
 std::unique_ptr<DemonstrationReader> OpenDemonstrations(const std::filesystem::path& path,
-                                                        const std::string& filter_key) {
-  if (IsLeRobot(path)) return OpenLeRobot(path, filter_key);
+                                                        const std::string& filter_key,
+                                                        const std::vector<std::string>& pictures) {
+  if (IsLeRobot(path)) {
+    auto reader = OpenLeRobot(path, filter_key);
+    for (const std::string& name : pictures) {
+      if (std::ranges::count(reader->layout().blocks, name, &core::StateLayout::Block::name) > 0) {
+        continue;
+      }
+      throw std::runtime_error(path.string() + ": " + name +
+                               " does not exist, or is a video or an image, which LeRobot's reader "
+                               "skips: load the frames in Python and pass them to Guard.fit");
+    }
+    return reader;
+  }
   if (!std::filesystem::is_directory(path)) {
     Hdf5Reader file(path);
     if (file.Exists("data")) {
-      return std::make_unique<RobomimicReader>(std::move(file), filter_key);
+      return std::make_unique<RobomimicReader>(std::move(file), filter_key, pictures);
     }
     if (file.Exists("action") && file.Exists("observations")) {
       file.Fail(
@@ -263,7 +278,15 @@ std::unique_ptr<DemonstrationReader> OpenDemonstrations(const std::filesystem::p
         path.string() + ": has no filter keys, so '" + filter_key +
         "' names no episodes; robomimic's files and LeRobot's datasets have them");
   }
-  return OpenMinari(path);
+  return OpenMinari(path, pictures);
+}
+
+std::vector<std::string> PictureNames(const core::StateLayout& layout) {
+  std::vector<std::string> names;
+  for (const auto& block : layout.blocks) {
+    if (block.picture.height > 0) names.push_back(block.name);
+  }
+  return names;
 }
 
 DemonstrationSet LoadDemonstrations(const std::filesystem::path& path) {

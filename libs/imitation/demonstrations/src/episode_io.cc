@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <set>
 #include <stdexcept>
@@ -19,7 +20,10 @@ struct Key {
   std::int64_t offset;
   std::string name;
   int size;
+  core::PictureShape picture = {};
 };
+
+using Pictures = std::vector<std::string>;
 
 constexpr char kActions[] = "actions";
 
@@ -27,9 +31,33 @@ constexpr char kActions[] = "actions";
 // circular link.
 constexpr int kDeepest = 8;
 
+// A dataset (N, height, width) or (N, height, width, channels), behind all with an offset.
+Key PictureKey(const Hdf5Reader& file, const std::string& path, const std::string& name,
+               const std::vector<std::int64_t>& shape) {
+  constexpr std::int64_t kMost = 1 << 13;
+  if (shape.size() > 4) {
+    file.Fail(path,
+              "holds no pictures: they have 3 or 4 dimensions, (steps, height, width, "
+              "channels), not " +
+                  std::to_string(shape.size()));
+  }
+  if (!file.IsNumeric(path)) file.Fail(path, "is not numeric");
+  const std::int64_t channels = shape.size() == 4 ? shape[3] : 1;
+  if (shape[1] < 1 || shape[1] > kMost || shape[2] < 1 || shape[2] > kMost ||
+      (channels != 1 && channels != 3)) {
+    file.Fail(path, "holds pictures of " + std::to_string(shape[1]) + " x " +
+                        std::to_string(shape[2]) + " x " + std::to_string(channels) +
+                        "; they need 1 or 3 channels, the last dimension");
+  }
+  const core::PictureShape picture{static_cast<int>(shape[1]), static_cast<int>(shape[2]),
+                                   static_cast<int>(channels)};
+  return {std::numeric_limits<std::int64_t>::max(), name,
+          picture.height * picture.width * picture.channels, picture};
+}
+
 // Appends the datasets at `path`, a dataset or a group of them. Returns false if one has no offset.
 bool CollectKeys(const Hdf5Reader& file, const std::string& path, const std::string& name,
-                 int depth, std::vector<Key>& keys) {
+                 int depth, const Pictures& pictures, std::vector<Key>& keys) {
   if (file.IsGroup(path)) {
     if (depth > kDeepest) {
       file.Fail(path, "is nested more than " + std::to_string(kDeepest) + " groups deep");
@@ -40,12 +68,16 @@ bool CollectKeys(const Hdf5Reader& file, const std::string& path, const std::str
       below += member;
       std::string inner = path + "/";
       inner += member;
-      all_have_offsets &= CollectKeys(file, inner, below, depth + 1, keys);
+      all_have_offsets &= CollectKeys(file, inner, below, depth + 1, pictures, keys);
     }
     return all_have_offsets;
   }
   const std::vector<std::int64_t> shape = file.Shape(path);
   if (shape.empty()) file.Fail(path, "is a single value, not one row per step");
+  if (shape.size() > 2 && std::ranges::count(pictures, name) > 0) {
+    keys.push_back(PictureKey(file, path, name, shape));
+    return true;
+  }
   if (shape.size() > 2) return true;
   if (!file.IsNumeric(path)) file.Fail(path, "is not numeric");
   const std::int64_t size = shape.size() == 2 ? shape[1] : 1;
@@ -80,8 +112,9 @@ std::vector<std::string> NumberedMembers(const Hdf5Reader& file, const std::stri
 
 // Returns the vector-valued datasets of a part of an episode, including nested groups
 // ("goal/position"), by their attributes `offset` if all have one, else by name. Skips datasets of
-// more than two dimensions (images). A single dataset may replace the group.
-core::StateLayout PartLayout(const Hdf5Reader& file, const std::string& episode, const char* part) {
+// more than two dimensions (images) but for `pictures`. A single dataset may replace the group.
+core::StateLayout PartLayout(const Hdf5Reader& file, const std::string& episode, const char* part,
+                             const Pictures& pictures = {}) {
   const std::string path = episode + "/" + part;
   if (!file.Exists(path)) {
     // A simulator's full state is not an observation of a robot.
@@ -92,9 +125,13 @@ core::StateLayout PartLayout(const Hdf5Reader& file, const std::string& episode,
                                  : "does not exist");
   }
   std::vector<Key> keys;
-  if (CollectKeys(file, path, part, 0, keys)) {
+  if (CollectKeys(file, path, part, 0, pictures, keys)) {
     std::stable_sort(keys.begin(), keys.end(),
                      [](const Key& a, const Key& b) { return a.offset < b.offset; });
+  }
+  for (const std::string& name : pictures) {
+    if (std::ranges::count(keys, name, &Key::name) == 0)
+      file.Fail(path + "/" + name, "does not exist");
   }
   if (keys.empty()) file.Fail(path, "has no vector-valued dataset");
   core::StateLayout layout;
@@ -102,14 +139,18 @@ core::StateLayout PartLayout(const Hdf5Reader& file, const std::string& episode,
   for (const Key& key : keys) {
     size += key.size;
     if (size > core::StateLayout::kMaxStateDim) file.Fail(path, "has too many columns in all");
-    layout.Add(key.name, key.size);
+    if (key.picture.height > 0) {
+      layout.Add(key.name, key.picture);
+    } else {
+      layout.Add(key.name, key.size);
+    }
   }
   return layout;
 }
 
 void CheckPart(const Hdf5Reader& file, const std::string& episode, const char* part,
-               const core::StateLayout& layout) {
-  if (PartLayout(file, episode, part) != layout) {
+               const core::StateLayout& layout, const Pictures& pictures = {}) {
+  if (PartLayout(file, episode, part, pictures) != layout) {
     file.Fail(episode + "/" + part, "has datasets or shapes that differ from the first episode's");
   }
 }
@@ -207,7 +248,7 @@ void EpisodeReader::FindEpisodes(const std::string& group, std::string_view pref
   if (episodes_.empty()) file_.Fail(group.empty() ? "/" : group, "holds no episode");
   LeaveUnfinished(last);
   states_ = states;
-  layout_ = PartLayout(file_, episodes_[0], states_);
+  layout_ = PartLayout(file_, episodes_[0], states_, pictures_);
   controls_ = PartLayout(file_, episodes_[0], kActions);
 }
 
@@ -273,7 +314,7 @@ void EpisodeReader::KeepMasked(const std::string& group, const std::string& mask
 
 core::Trajectory EpisodeReader::Read(int i) const {
   const std::string& episode = name(i);
-  CheckPart(file_, episode, states_, layout_);
+  CheckPart(file_, episode, states_, layout_, pictures_);
   core::Trajectory trajectory = ReadEpisode(episode);
   trajectory.seed = static_cast<std::uint64_t>(file_.IntegerAttribute(episode, "seed").value_or(0));
   return trajectory;

@@ -68,7 +68,9 @@ class EpisodeReader : public DemonstrationReader {
   [[nodiscard]] const std::string& note() const noexcept override { return note_; }
 
  protected:
-  explicit EpisodeReader(Hdf5Reader file) : file_(std::move(file)) {}
+  /// @param pictures  datasets of pictures to read as parts of the state.
+  explicit EpisodeReader(Hdf5Reader file, std::vector<std::string> pictures = {})
+      : file_(std::move(file)), pictures_(std::move(pictures)) {}
   /// @param group  group with the episodes, "" for the root.
   /// @param prefix  text before the number in an episode's name; members with other names are
   ///   rejected.
@@ -103,6 +105,7 @@ class EpisodeReader : public DemonstrationReader {
   void LeaveUnfinished(const char* last);
 
   Hdf5Reader file_;
+  std::vector<std::string> pictures_;
   std::string note_;
   std::vector<std::string> episodes_;
   const char* states_ = nullptr;

@@ -414,8 +414,8 @@ bool Hdf5File::IsNumeric(const std::string& path) const {
 
 core::Matrix Hdf5File::Read(const std::string& path) const {
   const std::vector<std::int64_t> shape = Shape(path);
-  if (shape.empty() || shape.size() > 2) {
-    Fail(path, "has " + std::to_string(shape.size()) + " dimensions, not one or two");
+  if (shape.empty() || shape.size() > 4) {
+    Fail(path, "has " + std::to_string(shape.size()) + " dimensions, not one to four");
   }
   const Quiet quiet;
   const Place at = At(path);
@@ -423,8 +423,12 @@ core::Matrix Hdf5File::Read(const std::string& path) const {
   const Handle type(H5Dget_type(dataset.id()), H5Tclose);
   const H5T_class_t kind = H5Tget_class(type.id());
   if (!HoldsNumbers(kind)) Fail(path, "is not numeric");
-  const std::int64_t cols = shape.size() == 2 ? shape[1] : 1;
   constexpr std::int64_t kMost = std::int64_t{1} << 31;
+  std::int64_t cols = 1;
+  for (std::size_t k = 1; k < shape.size(); ++k) {
+    // A product of claims that has become too large stays too large.
+    cols = shape[k] < 0 || shape[k] > kMost || cols > kMost ? kMost + 1 : cols * shape[k];
+  }
   if (shape[0] < 0 || shape[0] > kMost || cols < 0 || cols > kMost ||
       !budget().Take(static_cast<std::uint64_t>(shape[0]) * sizeof(double),
                      static_cast<std::uint64_t>(cols))) {

@@ -65,7 +65,8 @@ class Hdf5File {
   [[nodiscard]] std::vector<std::int64_t> Shape(const std::string& path) const;
   /// Returns whether a dataset holds numbers or truth values.
   [[nodiscard]] bool IsNumeric(const std::string& path) const;
-  /// Reads a numeric dataset of one dimension (as one column) or two, converted to doubles.
+  /// Reads a numeric dataset, converted to doubles: one row for each entry of the first dimension,
+  /// with all others in it (one column if there is none).
   [[nodiscard]] core::Matrix Read(const std::string& path) const;
   /// Reads a one-dimensional dataset of texts, of fixed or variable length.
   [[nodiscard]] std::vector<std::string> ReadTexts(const std::string& path) const;

@@ -87,8 +87,8 @@ std::filesystem::path MainFile(const std::filesystem::path& path) {
 
 class MinariReader final : public internal::EpisodeReader {
  public:
-  explicit MinariReader(const std::filesystem::path& path)
-      : EpisodeReader(internal::Hdf5Reader(path)) {
+  MinariReader(const std::filesystem::path& path, std::vector<std::string> pictures)
+      : EpisodeReader(internal::Hdf5Reader(path), std::move(pictures)) {
     FindEpisodes("", kPrefix, kPlain, kTotal);
     ReadMetadata(path.parent_path() / "metadata.json");
   }
@@ -277,8 +277,9 @@ void SaveMinari(const DemonstrationSet& demonstrations, const std::filesystem::p
   });
 }
 
-std::unique_ptr<DemonstrationReader> OpenMinari(const std::filesystem::path& path) {
-  return std::make_unique<MinariReader>(MainFile(path));
+std::unique_ptr<DemonstrationReader> OpenMinari(const std::filesystem::path& path,
+                                                const std::vector<std::string>& pictures) {
+  return std::make_unique<MinariReader>(MainFile(path), pictures);
 }
 
 }  // namespace dfr::imitation

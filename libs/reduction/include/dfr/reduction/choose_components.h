@@ -17,6 +17,7 @@ struct ComponentsScore {
   /// Share of the variance of actions that control::ResponseEstimate::NominalControl() explains.
   double explained = 0.0;
   double explained_error = 0.0;  ///< Its standard error over demonstrations.
+  double action_error = 0.0;     ///< What it misses, squared, as a share of the squared actions.
   /// Squared error of the predicted change of whitened components, J u + own motion, as a share of
   /// the squared change.
   double response_error = 0.0;
@@ -31,8 +32,7 @@ struct ChooseComponentsOptions {
   /// Scores that a component has: the number of blocks that are reduced.
   int scores_each = 1;
   int folds = 5;
-  double least_inside = 0.5;     ///< Smallest acceptable share of states inside.
-  double least_explained = 0.2;  ///< Smallest acceptable share of actions explained.
+  double least_inside = 0.5;  ///< Smallest acceptable share of states inside.
   kernel::WhitenedSupportOptions support = {};
 };
 
@@ -52,8 +52,8 @@ struct ComponentsChoice {
 ///
 /// Rule: among the candidates with inside >= least_inside, the smallest k whose explained share is
 /// within one standard error of the best (Breiman et al., Classification and Regression Trees,
-/// 1984, Sec. 3.4.3). Refused if no candidate has least_inside, or the best one explains less than
-/// least_explained. docs/decisions.md has the reasons.
+/// 1984, Sec. 3.4.3). Refused if no candidate has least_inside, or
+/// control::ResponseEstimate::Guesses() of the best one. docs/decisions.md has the reasons.
 /// @param demonstrations  scores as states (T + 1 x p), actions as controls (T x m). k components
 ///   are the first beside + k scores_each columns, or all. Candidates that would ask for all
 ///   columns more than once are left out.

@@ -92,7 +92,7 @@ class StateReduction {
   void Spread(const Eigen::MatrixXd& products, std::span<double> state) const;
   /// What the components of a block show of a state: mean + scale P' z.
   struct Seen {
-    core::PictureShape shape;  ///< Of a picture, after its options; else zero.
+    core::PictureShape shape;  ///< A picture's, after its options; else zero.
     std::vector<double> values;
   };
   /// @param block  the name of a reduced block.

@@ -16,6 +16,8 @@
 #include "dfr/core/matrix.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/kernel/whitened_support.h"
+#include "dfr/reduction/choose_components.h"
+#include "dfr/reduction/state_reduction.h"
 #include "dfr/safety/action_space.h"
 #include "dfr/safety/task_model.h"
 
@@ -93,6 +95,10 @@ struct GuardSummary {
   /// Share of the variance of left-out actions that what other demonstrations did nearby explains.
   double explained = 1.0;
   double action_error = 0.0;  ///< Its squared error, as a share of the squared actions.
+  /// What is known of each number of components of the blocks behind "pca:", if the guard chose it;
+  /// and why it chose this one.
+  std::vector<reduction::ComponentsScore> components = {};
+  std::string components_reason = {};
   /// What the demonstrations say against the guard, which the model alone does not tell: see
   /// Warnings().
   std::vector<std::string> findings = {};
@@ -102,6 +108,8 @@ struct GuardSummary {
 struct GuardOptions {
   /// Which entries of a state are looked at, as core::FeatureSelection takes them; "" for all.
   /// Leave out what the robot cannot influence and what never differs; put in where objects are.
+  /// "pca:NAME[:K]" stands for principal components of a block: reduction::StateReduction. Without
+  /// K their number is chosen, and refused where none does (GuardModel::Fit()).
   std::string features = {};
   /// nu, gamma (in whitened units) and the rest. gamma is doubled, twice at most, while a gap
   /// test has more points inside than 5 % of its points, and of the time steps. window_share is
@@ -122,8 +130,8 @@ struct GuardOptions {
   /// GuardSettings::direction_error as a multiple of the one that demonstrations show, > 0: a
   /// policy asks for controls that no demonstration would have made.
   double error_factor = 2.0;
-  /// Fit even where next to no state of left-out demonstrations is inside. Such a guard halts
-  /// nearly everything.
+  /// Fit even where next to no state of left-out demonstrations is inside, or where components hold
+  /// up the demonstrator. Such a guard halts nearly everything.
   bool accept_any = false;
   std::string source = {};  ///< Kept in the file: where the demonstrations came from.
   /// Called with what is being done and the share of the work that is behind; false stops.
@@ -177,8 +185,21 @@ class GuardModel {
   ///   range.
   [[nodiscard]] std::shared_ptr<const GuardModel> With(const GuardSettings& settings) const;
 
-  [[nodiscard]] const core::StateLayout& layout() const noexcept { return layout_; }
-  [[nodiscard]] int state_dim() const noexcept { return layout_.state_dim(); }
+  /// The layout of states as Guard::Filter() takes them.
+  [[nodiscard]] const core::StateLayout& layout() const noexcept {
+    return reduction_ ? reduction_->layout() : layout_;
+  }
+  [[nodiscard]] int state_dim() const noexcept { return layout().state_dim(); }
+  /// How states become those of task() and support(); null where they are the same.
+  [[nodiscard]] const reduction::StateReduction* reduction() const noexcept {
+    return reduction_.get();
+  }
+  /// The layout of the states of task() and support().
+  [[nodiscard]] const core::StateLayout& task_layout() const noexcept { return layout_; }
+  /// Each row as a state of task() and support(). Rows of NaN, where
+  /// reduction::StateReduction::Apply() has something against one.
+  /// @throws std::invalid_argument if states are not state_dim() wide.
+  [[nodiscard]] core::Matrix TaskStates(const core::Matrix& states) const;
   [[nodiscard]] int action_dim() const noexcept { return actions_->dim(); }
   /// What demonstrations show of each entry of an action.
   [[nodiscard]] const ActionSpace& actions() const noexcept { return *actions_; }
@@ -188,7 +209,7 @@ class GuardModel {
   [[nodiscard]] const GuardSummary& summary() const noexcept { return summary_; }
   /// Its controls are the steered entries of an action, in the units of actions().
   [[nodiscard]] const TaskModel& task() const noexcept { return *task_; }
-  /// g_t of whole states, and its log form l_t.
+  /// g_t of whole states, and its log form l_t; of TaskStates(), where there is a reduction().
   [[nodiscard]] const core::LogDecisionFunction& support() const noexcept {
     return task_->guided_support();
   }
@@ -213,10 +234,19 @@ class GuardModel {
 
  private:
   GuardModel() = default;
+  static std::shared_ptr<GuardModel> FitStates(const core::StateLayout& layout,
+                                               std::span<const core::Trajectory> demonstrations,
+                                               const GuardOptions& options);
+  static std::shared_ptr<GuardModel> FitReduced(const core::StateLayout& layout,
+                                                std::span<const core::Trajectory> demonstrations,
+                                                const GuardOptions& options);
+  /// Makes a guard on components a monitor, and says so, if these do not explain the actions.
+  void WatchIfUnexplained();
   void Complete(core::StateLayout layout, std::shared_ptr<const ActionSpace> actions,
                 std::shared_ptr<const TaskModel> task, GuardSettings settings);
 
-  core::StateLayout layout_;
+  core::StateLayout layout_;  // The layout of the task's states.
+  std::shared_ptr<const reduction::StateReduction> reduction_;
   std::shared_ptr<const ActionSpace> actions_;
   GuardSettings settings_;
   GuardSummary summary_;

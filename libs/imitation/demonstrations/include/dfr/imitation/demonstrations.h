@@ -50,9 +50,15 @@ class DemonstrationReader {
 /// format.
 /// @param filter_key  reads only the episodes under this key, for example robomimic's mask/train or
 ///   a split of LeRobot; empty: all.
-/// @throws std::runtime_error with file and reason, also if the key does not exist.
+/// @param pictures  names of datasets that must exist. Pictures among them, (steps, height, width)
+///   or (steps, height, width, 1 or 3 channels), become parts of the state; all others are skipped.
+///   LeRobot's are not read.
+/// @throws std::runtime_error with file and reason, also if the key or a picture does not exist.
 [[nodiscard]] std::unique_ptr<DemonstrationReader> OpenDemonstrations(
-    const std::filesystem::path& path, const std::string& filter_key = "");
+    const std::filesystem::path& path, const std::string& filter_key = "",
+    const std::vector<std::string>& pictures = {});
+/// Names of the blocks of a layout that are pictures.
+[[nodiscard]] std::vector<std::string> PictureNames(const core::StateLayout& layout);
 /// Reads all demonstrations of a file or dataset.
 [[nodiscard]] DemonstrationSet LoadDemonstrations(const std::filesystem::path& path);
 
@@ -103,7 +109,7 @@ void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem
 
 /// Opens a robomimic file of any writer. Episodes are in the order of their numbers.
 /// - State: all vector-valued obs datasets, concatenated by `offset` if all have one, else by name.
-///   Datasets of more than two dimensions (images) are skipped.
+///   Datasets of more than two dimensions (images) are skipped, but for `pictures`.
 /// - Without next_obs, the file lacks the state after the last control, and that control is
 ///   dropped.
 /// - An incomplete episode at the end (its writer was killed) is dropped, and note() reports it.
@@ -111,7 +117,8 @@ void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem
 ///   or, without that attribute, if its last done is 1.
 /// - `filter_key` keeps the episodes listed in mask/FILTER_KEY.
 [[nodiscard]] std::unique_ptr<DemonstrationReader> OpenRobomimic(
-    const std::filesystem::path& path, const std::string& filter_key = "");
+    const std::filesystem::path& path, const std::string& filter_key = "",
+    const std::vector<std::string>& pictures = {});
 /// Reads all demonstrations of a file.
 [[nodiscard]] DemonstrationSet LoadRobomimic(const std::filesystem::path& path);
 

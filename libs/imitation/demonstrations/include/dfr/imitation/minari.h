@@ -57,6 +57,7 @@ void SaveMinari(const DemonstrationSet& demonstrations, const std::filesystem::p
 /// all vector-valued observations, as for robomimic; plain observations are one block
 /// "observations". Without `outcome`, an episode is completed if the last entry of infos/success is
 /// not zero or, without infos/success, if its last termination is true.
-[[nodiscard]] std::unique_ptr<DemonstrationReader> OpenMinari(const std::filesystem::path& path);
+[[nodiscard]] std::unique_ptr<DemonstrationReader> OpenMinari(
+    const std::filesystem::path& path, const std::vector<std::string>& pictures = {});
 
 }  // namespace dfr::imitation

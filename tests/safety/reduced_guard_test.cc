@@ -1,0 +1,250 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <filesystem>
+#include <limits>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "dfr/core/random.h"
+#include "dfr/safety/guard.h"
+#include "dfr/safety/guard_advice.h"
+#include "dfr/safety/onnx_export.h"
+#include "tests/safety/corridor.h"
+#include "tests/safety/corridor_guard.h"
+#include "tests/support/message_of.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::safety {
+namespace {
+
+using testing::HasSubstr;
+
+// The corridor as a camera sees it: a blob at the tip on 12 x 8 grey pixels, x in [-.2, 2.2] and y
+// in [-.6, .6], whose light varies by 20 %.
+constexpr int kWidth = 12;
+constexpr int kHeight = 8;
+constexpr int kPixels = kWidth * kHeight;
+constexpr double kPixel = 0.2;
+
+std::vector<double> Seen(double x, double y, core::Random& random) {
+  std::vector<double> picture;
+  const double light = random.Uniform(0.8, 1.2);
+  for (int row = 0; row < kHeight; ++row) {
+    for (int column = 0; column < kWidth; ++column) {
+      const double dx = kPixel * column - 0.1 - x;
+      const double dy = kPixel * (row - 3.5) - y;
+      const double value = 40.0 + 150.0 * std::exp(-(dx * dx + dy * dy) / (2.0 * 0.25 * 0.25));
+      picture.push_back(std::clamp(std::round(light * value + 2.0 * random.Normal()), 0.0, 255.0));
+    }
+  }
+  return picture;
+}
+
+core::StateLayout PictureLayout() {
+  core::StateLayout layout;
+  layout.Add("camera", core::PictureShape{kHeight, kWidth, 1});
+  layout.Add("clock", 1);
+  return layout;
+}
+
+std::vector<core::Trajectory> PictureDemonstrations(std::uint64_t seed, int count) {
+  core::Random random(seed);
+  std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(seed, count);
+  for (core::Trajectory& d : demonstrations) {
+    core::Matrix seen(d.states.rows(), kPixels + 1);
+    for (Eigen::Index t = 0; t < seen.rows(); ++t) {
+      const std::vector<double> picture = Seen(d.states(t, 1), d.states(t, 2), random);
+      seen.row(t) << core::AsVector(picture).transpose(), d.states(t, 0);
+    }
+    d.states = seen;
+  }
+  return demonstrations;
+}
+
+// As it is fitted: the demonstrator's noise is no function of pictures.
+std::shared_ptr<const GuardModel> FittedModel() {
+  static const std::shared_ptr<const GuardModel> kModel =
+      GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 40), {.features = "pca:camera"});
+  return kModel;
+}
+
+// With the strategy that corrects.
+std::shared_ptr<const GuardModel> PictureModel() {
+  static const std::shared_ptr<const GuardModel> kModel = [] {
+    GuardSettings settings = FittedModel()->settings();
+    settings.strategy = Strategy::kGuard;
+    return FittedModel()->With(settings);
+  }();
+  return kModel;
+}
+
+std::vector<double> StateAt(double x, double y, core::Random& random) {
+  std::vector<double> state = Seen(x, y, random);
+  state.push_back(0.0);
+  return state;
+}
+
+TEST(ReducedGuardTest, KeepsADriftingPolicyInsideByPicturesAlone) {
+  Guard guard(PictureModel());
+  core::Random random(7);
+  int completed = 0;
+  for (std::uint64_t episode = 0; episode < 5; ++episode) {
+    guard.Reset(episode);
+    test::CorridorPlant plant;
+    const Eigen::Vector2d drift = test::ActionFor(0.09, 0.06);
+    double worst = 0.0;
+    for (int t = 0; t < 40 && plant.x[1] < 1.7; ++t) {
+      std::vector<double> action = {drift[0], drift[1]};
+      const Verdict verdict =
+          guard.Filter(t, StateAt(plant.x[1], plant.x[2], random), action, action);
+      ASSERT_NE(verdict.cause, control::HaltCause::kStateInvalid);
+      plant.Apply(action);
+      worst = std::max(worst, std::abs(plant.x[2]));
+    }
+    completed += plant.x[1] >= 1.7 && worst < 0.5 ? 1 : 0;
+  }
+  EXPECT_GE(completed, 4);  // Alone the tip is at y = 1.2 then.
+}
+
+TEST(ReducedGuardTest, ASummaryHasWhatIsKnownOfEachNumber) {
+  const GuardSummary& summary = PictureModel()->summary();
+  ASSERT_FALSE(summary.components.empty());
+  const int chosen = PictureModel()->reduction()->reduced_dim();
+  EXPECT_TRUE(
+      std::ranges::count(summary.components, chosen, &reduction::ComponentsScore::components) == 1);
+  EXPECT_THAT(summary.components_reason, HasSubstr(std::to_string(chosen) + " components"));
+  EXPECT_GE(summary.acceptance, 0.85);
+  EXPECT_EQ(PictureModel()->state_dim(), kPixels + 1);
+  EXPECT_EQ(PictureModel()->task_layout().state_dim(), chosen);
+  EXPECT_EQ(PictureModel()->layout(), PictureLayout());
+}
+
+TEST(ReducedGuardTest, AFileHoldsAllOfIt) {
+  const std::filesystem::path path =
+      std::filesystem::path(testing::TempDir()) / "reduced_guard_test.guard";
+  PictureModel()->Save(path);
+  Guard read = Guard::Load(path);
+  std::filesystem::remove(path);
+  Guard written(PictureModel());
+  EXPECT_EQ(read.model().layout(), written.model().layout());
+  EXPECT_EQ(read.model().summary().components.size(), PictureModel()->summary().components.size());
+  EXPECT_EQ(read.model().summary().components_reason, PictureModel()->summary().components_reason);
+  core::Random random(3);
+  read.Reset(1);
+  written.Reset(1);
+  for (int t = 0; t < 6; ++t) {
+    const std::vector<double> state = StateAt(0.1 * t, 0.03 * t, random);
+    std::vector<double> a = test::Action(0.09, 0.06);
+    std::vector<double> b = a;
+    const Verdict first = written.Filter(t, state, a, a);
+    EXPECT_EQ(read.Filter(t, state, b, b).g, first.g);
+    EXPECT_EQ(a, b);
+    EXPECT_TRUE(std::isfinite(first.g));
+  }
+}
+
+TEST(ReducedGuardTest, FilterAllocatesNothing) {
+  Guard guard(PictureModel());
+  core::Random random(4);
+  const std::vector<double> state = StateAt(0.0, 0.0, random);
+  std::vector<double> action = test::Action(0.1, 0.0);
+  const test::NoAlloc no_alloc;
+  guard.Reset(1);
+  static_cast<void>(guard.Filter(0, state, action, action));
+  static_cast<void>(guard.FilterChunk(1, state, action));
+}
+
+TEST(ReducedGuardTest, APictureThatIsNoneHaltsWithItsReason) {
+  const auto why = [&](const std::vector<double>& state) {
+    Guard guard(PictureModel());
+    guard.Reset(1);
+    const std::vector<double> wish = test::Action(0.1, 0.0);
+    std::vector<double> action = wish;
+    const Verdict verdict = guard.Filter(0, state, action, action);
+    EXPECT_EQ(verdict.cause, control::HaltCause::kStateInvalid);
+    EXPECT_EQ(action, std::vector(2, 0.0));
+    return Explain(*PictureModel(), verdict, state, wish);
+  };
+  core::Random random(5);
+  std::vector<double> state = StateAt(0.0, 0.0, random);
+  state[9] = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(why(state), "halted: camera[9] of the state is nan");
+  state[9] = 300.0;
+  EXPECT_EQ(why(state),
+            "halted: camera[9] of the state is 300, a picture has values from 0 to 255");
+  std::fill_n(state.begin(), kPixels, 0.0);
+  EXPECT_EQ(why(state), "halted: the picture 'camera' is black");
+  state.pop_back();
+  EXPECT_EQ(why(state), "halted: state has 96 entries, 97 needed");
+}
+
+TEST(ReducedGuardTest, PixelsThatPutAStateOutsideAreThoseOfTheTip) {
+  core::Random random(6);
+  const std::vector<double> outside = StateAt(1.0, 0.45, random);
+  core::Matrix states(1, kPixels + 1);
+  states.row(0) = core::AsVector(outside).transpose();
+  const double l = PictureModel()->Levels(states)[0];
+  ASSERT_LT(l, -0.5);
+  const core::Matrix attribution = Attribution(*PictureModel(), states);
+  EXPECT_NEAR(attribution.sum(), -l, 1e-6 * -l);
+  EXPECT_EQ(attribution(0, kPixels), 0.0);  // The clock is no feature.
+  // Most of it is in the columns of the tip, x = 1.
+  double near = 0.0;
+  double all = 0.0;
+  for (int i = 0; i < kPixels; ++i) {
+    all += std::abs(attribution(0, i));
+    if (std::abs(kPixel * (i % kWidth) - 0.1 - 1.0) < 0.55) near += std::abs(attribution(0, i));
+  }
+  EXPECT_GT(near, 0.7 * all);
+}
+
+TEST(ReducedGuardTest, OnlyWatchesWhereComponentsDoNotExplainTheActions) {
+  EXPECT_LT(FittedModel()->summary().explained, 0.9);
+  EXPECT_EQ(FittedModel()->settings().strategy, Strategy::kMonitor);
+  EXPECT_THAT(Warnings(*FittedModel()),
+              testing::Contains(HasSubstr("strategy monitor, not guard")));
+  GuardOptions options{.features = "pca:camera"};
+  options.accept_any = true;
+  const auto any = GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 12), options);
+  EXPECT_EQ(any->settings().strategy, Strategy::kGuard);
+}
+
+TEST(ReducedGuardTest, RefusesPicturesThatDoNotShowTheTask) {
+  std::vector<core::Trajectory> demonstrations = PictureDemonstrations(2, 20);
+  core::Random random(8);
+  for (core::Trajectory& d : demonstrations) {
+    for (double& value : d.states.reshaped()) value = std::floor(random.Uniform(0.0, 255.0));
+    for (double& value : d.controls.reshaped()) value = random.Normal();
+  }
+  const std::string message = test::MessageOf([&] {
+    static_cast<void>(GuardModel::Fit(PictureLayout(), demonstrations, {.features = "pca:camera"}));
+  });
+  EXPECT_THAT(message, HasSubstr("pca:camera"));
+  EXPECT_THAT(message, HasSubstr("do not explain the actions"));
+}
+
+TEST(ReducedGuardTest, RefusesWhatWouldHoldUpTheDemonstrator) {
+  // Two components show nearly nothing of two positions, and much of the light.
+  const auto fit = [](bool accept_any) {
+    return GuardModel::Fit(PictureLayout(), PictureDemonstrations(3, 12),
+                           {.features = "pca:camera:40:light=none", .accept_any = accept_any});
+  };
+  const std::string message = test::MessageOf([&] { static_cast<void>(fit(false)); });
+  EXPECT_THAT(message, HasSubstr("would change"));
+  EXPECT_THAT(message, HasSubstr("Record more demonstrations"));
+  EXPECT_THAT(message, HasSubstr("light=standard"));
+  EXPECT_NE(fit(true), nullptr);
+}
+
+TEST(ReducedGuardTest, HasNoOnnxFile) {
+  const std::string message = test::MessageOf([] { CheckExport(*PictureModel()); });
+  EXPECT_THAT(message, HasSubstr("reduced features, pca:camera, cannot be exported"));
+}
+
+}  // namespace
+}  // namespace dfr::safety
