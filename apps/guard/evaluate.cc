@@ -68,7 +68,7 @@ void RunEvaluate(const EvaluateOptions& options) {
   if (changed > 0) {
     std::printf("; %d are changed, by %.2f ordinary actions on average", changed, change / changed);
   }
-  if (halted > 0) std::printf("; %d episodes are halted, and no later action passes", halted);
+  if (halted > 0) std::printf("; %d episodes halt, and no later action counts as passed", halted);
   std::printf("\n");
   std::sort(micros.begin(), micros.end());
   std::printf("a call takes %.1f us (median), %.1f us (99th of 100)\n", micros[micros.size() / 2],

@@ -180,7 +180,8 @@ TEST(FoldsTest, ControlsTellDemonstrationsOfEqualStatesApart) {
     for (const auto& d : items) all.push_back(d.controls);
     return all;
   };
-  EXPECT_EQ(controls(InContentOrder(demonstrations)), controls(InContentOrder(reversed)));
+  EXPECT_EQ(controls(InDeterministicOrder(demonstrations)),
+            controls(InDeterministicOrder(reversed)));
 }
 
 TEST(FoldsTest, ContiguousFoldsAreStretchesOfTheRecording) {

@@ -56,9 +56,9 @@ TEST(FitTaskTest, PutsTogetherWhatTheLibrariesMake) {
 
   std::vector<core::Matrix> states;
   states.reserve(demonstrations.size());
-  for (const auto& d : core::InContentOrder(demonstrations)) states.push_back(d.states);
+  for (const auto& d : core::InDeterministicOrder(demonstrations)) states.push_back(d.states);
   const auto features = core::FeatureTransform::Whitening(Tip(), states);
-  const control::FeatureTrajectories seen(features, core::InContentOrder(demonstrations));
+  const control::FeatureTrajectories seen(features, core::InDeterministicOrder(demonstrations));
   const auto support = kernel::WhitenedSupport::Fit(seen.points, options);
   const control::Levels levels(
       support, seen.points,

@@ -212,6 +212,12 @@ TEST(ReducedGuardTest, OnlyWatchesWhereComponentsDoNotExplainTheActions) {
   options.accept_any = true;
   const auto any = GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 12), options);
   EXPECT_EQ(any->settings().strategy, Strategy::kGuard);
+  EXPECT_THAT(Warnings(*any), testing::Contains(HasSubstr("can make a good policy fail")));
+  // A strategy that corrects nothing is kept: a monitor would be less careful.
+  const auto stops =
+      GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 40),
+                      {.features = "pca:camera", .strategy = Strategy::kEarlyStopping});
+  EXPECT_EQ(stops->settings().strategy, Strategy::kEarlyStopping);
 }
 
 TEST(ReducedGuardTest, RefusesPicturesThatDoNotShowTheTask) {

@@ -33,7 +33,7 @@ core::FeatureTransform Isotropic(const Task& task,
 kernel::WhitenedSupport StartSupport(const core::FeatureTransform& features,
                                      std::span<const core::Trajectory> demonstrations) {
   std::vector<core::Matrix> points;
-  for (const core::Trajectory& d : core::InContentOrder(demonstrations)) {
+  for (const core::Trajectory& d : core::InDeterministicOrder(demonstrations)) {
     points.push_back(features.Apply(d.states));
   }
   return kernel::WhitenedSupport::Fit(

@@ -157,8 +157,8 @@ std::vector<std::size_t> DeterministicOrder(std::span<const Matrix> demonstratio
                [&](std::size_t d) { return std::array{&demonstrations[d]}; });
 }
 
-std::vector<Trajectory> InContentOrder(std::span<const Trajectory> demonstrations,
-                                       std::uint64_t seed) {
+std::vector<Trajectory> InDeterministicOrder(std::span<const Trajectory> demonstrations,
+                                             std::uint64_t seed) {
   std::vector<Trajectory> ordered;
   ordered.reserve(demonstrations.size());
   for (const std::size_t d : DeterministicOrder(demonstrations, seed)) {

@@ -34,7 +34,7 @@ ActionSpace::ActionSpace(std::span<const core::Trajectory> demonstrations) {
   const Eigen::Index dim = demonstrations[0].controls.cols();
   entries_.resize(static_cast<std::size_t>(dim));
   // Sums in an order that does not depend on that of the demonstrations.
-  const std::vector<core::Trajectory> ordered = core::InContentOrder(demonstrations);
+  const std::vector<core::Trajectory> ordered = core::InDeterministicOrder(demonstrations);
   double moving = 0.0;
   std::vector<double> squares(entries_.size(), 0.0);
   std::vector<std::set<double>> values(entries_.size());

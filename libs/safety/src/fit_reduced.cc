@@ -100,6 +100,10 @@ std::string Reason(const reduction::ComponentsChoice& choice, int components,
       best->components, 100.0 * summary.acceptance, 100.0 * summary.changed);
 }
 
+bool Suffices(const GuardSummary& summary) {
+  return summary.acceptance >= kLeastInsideReduced && summary.changed <= kMostChangedReduced;
+}
+
 }  // namespace
 
 std::shared_ptr<GuardModel> GuardModel::FitReduced(const core::StateLayout& layout,
@@ -136,19 +140,19 @@ std::shared_ptr<GuardModel> GuardModel::FitReduced(const core::StateLayout& layo
         FitStates(reduction->reduced_layout(), Reduced(*reduction, demonstrations), own);
     if (!model) return nullptr;
     model->reduction_ = reduction;
-    const GuardSummary& summary = model->summary_;
-    const bool good =
-        summary.acceptance >= kLeastInsideReduced && summary.changed <= kMostChangedReduced;
     if (open) {
       model->summary_.components = choice.table;
-      model->summary_.components_reason = Reason(choice, candidates[i], summary);
+      model->summary_.components_reason = Reason(choice, candidates[i], model->summary_);
     }
-    if (good || !best || summary.changed < best->summary_.changed) best = std::move(model);
-    if (good && !options.accept_any) best->WatchIfUnexplained();
-    if (good) return best;
+    const bool good = Suffices(model->summary_);
+    if (good || !best || model->summary_.changed < best->summary_.changed) best = std::move(model);
+    if (good) break;
   }
-  if (options.accept_any) return best;
   const GuardSummary& summary = best->summary_;
+  if (options.accept_any || Suffices(summary)) {
+    best->DoubtCorrections(/*watch=*/!options.accept_any);
+    return best;
+  }
   throw std::invalid_argument(
       options.features +
       core::Format(
@@ -163,19 +167,24 @@ std::shared_ptr<GuardModel> GuardModel::FitReduced(const core::StateLayout& layo
           open ? "" : ", or let the fit choose the number of components"));
 }
 
-void GuardModel::WatchIfUnexplained() {
-  if (summary_.explained >= kLeastExplainedReduced || settings_.strategy == Strategy::kMonitor) {
-    return;
+void GuardModel::DoubtCorrections(bool watch) {
+  const Strategy strategy = settings_.strategy;
+  const bool corrects = strategy == Strategy::kGuard || strategy == Strategy::kController;
+  if (!corrects || summary_.explained >= kLeastExplainedReduced) return;
+  summary_.findings.push_back(core::Format(
+      "%s explain %.0f %% of the actions of left-out demonstrations, and %.0f %% are needed to "
+      "correct by: ",
+      task().features().selection().spec().c_str(), 100.0 * summary_.explained,
+      100.0 * kLeastExplainedReduced));
+  std::string& finding = summary_.findings.back();
+  if (watch) {
+    finding +=
+        core::Format("the guard only raises alarms (strategy monitor, not %s). ", Name(strategy));
+    settings_.strategy = Strategy::kMonitor;
+  } else {
+    finding += "its corrections can make a good policy fail. ";
   }
-  summary_.findings.push_back(
-      core::Format("%s explain %.0f %% of the actions of left-out demonstrations, and %.0f %% are "
-                   "needed to correct by: the "
-                   "guard only raises alarms (strategy monitor, not %s). Put states beside the "
-                   "pictures, or set the strategy "
-                   "after test runs",
-                   task().features().selection().spec().c_str(), 100.0 * summary_.explained,
-                   100.0 * kLeastExplainedReduced, Name(settings_.strategy)));
-  settings_.strategy = Strategy::kMonitor;
+  finding += "Put states beside the pictures, or set the strategy after test runs";
 }
 
 }  // namespace dfr::safety

@@ -119,7 +119,7 @@ EstimatedConstant EstimateDirectionError(const core::FeatureTransform& features,
                                          const ResponseOptions& options, double confidence) {
   Check(demonstrations.size(), 2, confidence);
   // In this order sums have the same bits, whatever the order of the demonstrations.
-  const FeatureTrajectories ordered(features, core::InContentOrder(demonstrations));
+  const FeatureTrajectories ordered(features, core::InDeterministicOrder(demonstrations));
   const int folds = static_cast<int>(std::min<std::size_t>(5, demonstrations.size()));
   return EstimateDirectionError(ordered, core::StratifiedFolds(ordered.points, folds), options,
                                 confidence);

@@ -25,8 +25,8 @@ namespace dfr::core {
 
 /// Returns the demonstrations in DeterministicOrder(). A fit to them is the same to the last bit
 /// for every input order.
-[[nodiscard]] std::vector<Trajectory> InContentOrder(std::span<const Trajectory> demonstrations,
-                                                     std::uint64_t seed = 0);
+[[nodiscard]] std::vector<Trajectory> InDeterministicOrder(
+    std::span<const Trajectory> demonstrations, std::uint64_t seed = 0);
 
 /// Groups of demonstrations to leave out of a fit together, by index. Each index is in one group.
 using Folds = std::vector<std::vector<std::size_t>>;

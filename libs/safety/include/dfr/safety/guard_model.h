@@ -240,8 +240,9 @@ class GuardModel {
   static std::shared_ptr<GuardModel> FitReduced(const core::StateLayout& layout,
                                                 std::span<const core::Trajectory> demonstrations,
                                                 const GuardOptions& options);
-  /// Makes a guard on components a monitor, and says so, if these do not explain the actions.
-  void WatchIfUnexplained();
+  /// Adds a finding if this guard on components corrects and they do not explain the actions. With
+  /// `watch` it becomes a monitor.
+  void DoubtCorrections(bool watch);
   void Complete(core::StateLayout layout, std::shared_ptr<const ActionSpace> actions,
                 std::shared_ptr<const TaskModel> task, GuardSettings settings);
 
