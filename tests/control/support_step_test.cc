@@ -69,7 +69,7 @@ class OneGaussianTest : public testing::Test {
 
 TEST_F(OneGaussianTest, AStepGoesWhereItGainsMost) {
   Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
-  const double l = RaiseLevel(model_, {.level = kInfinity}, {.iterations = 1}, v);
+  const double l = AscendSupport(model_, {.level = kInfinity}, {.iterations = 1}, v);
   // J is known to 1e-9.
   EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(-10.0 / 17.0, -5.0 / 17.0), 1e-8));
   EXPECT_NEAR(l, -306.0 / 289.0, 1e-7);
@@ -79,7 +79,7 @@ TEST_F(OneGaussianTest, AStepGoesWhereItGainsMost) {
 // The bound is exact for a single Gaussian: l = -4 + 80 s - 2 * 272 s^2 = -2.
 TEST_F(OneGaussianTest, AStepGoesNoFurtherThanTheTarget) {
   Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
-  const double l = RaiseLevel(model_, {.level = -2.0}, {.iterations = 1}, v);
+  const double l = AscendSupport(model_, {.level = -2.0}, {.iterations = 1}, v);
   const double s = (80.0 - std::sqrt(80.0 * 80.0 - 4.0 * 544.0 * 2.0)) / (2.0 * 544.0);
   EXPECT_NEAR(l, -2.0, 1e-12);
   EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(-8.0 * s, -4.0 * s), 1e-8));
@@ -87,7 +87,7 @@ TEST_F(OneGaussianTest, AStepGoesNoFurtherThanTheTarget) {
 
 TEST_F(OneGaussianTest, StepsLeadToTheMaximum) {
   Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
-  const double l = RaiseLevel(model_, {.level = kInfinity}, {.iterations = 100}, v);
+  const double l = AscendSupport(model_, {.level = kInfinity}, {.iterations = 100}, v);
   EXPECT_LE(l, 0.0);
   EXPECT_GT(l, -5e-3) << "it ends where a step gains less than 1e-3";
   EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(-0.5, -1.0), 0.05));
@@ -98,7 +98,7 @@ TEST_F(OneGaussianTest, ATargetThatIsMetLeavesTheControlBitForBit) {
   const Eigen::VectorXd before = v;
   const double l = model_.Level(0, v);
   for (const double level : {l, l - 1.0, -kInfinity}) {
-    EXPECT_EQ(RaiseLevel(model_, {.level = level}, {}, v), l);
+    EXPECT_EQ(AscendSupport(model_, {.level = level}, {}, v), l);
     EXPECT_TRUE(v == before);
   }
 }
@@ -112,8 +112,8 @@ TEST_F(OneGaussianTest, AKnownPredictionIsKeptUpToDate) {
     PredictedLevel there = model_.Predict(0, v);
     for (const double level : {-3.0, -2.0, -0.5, kInfinity}) {
       const StepLimits limits{.control = Eigen::VectorXd::Constant(v.size(), limit)};
-      EXPECT_EQ(RaiseLevel(model_, {.level = level}, limits, v, there),
-                RaiseLevel(model_, {.level = level}, limits, fresh));
+      EXPECT_EQ(AscendSupport(model_, {.level = level}, limits, v, there),
+                AscendSupport(model_, {.level = level}, limits, fresh));
       EXPECT_TRUE(v == fresh);
       const PredictedLevel expected = model_.Predict(0, v);
       EXPECT_EQ(there.level, expected.level);
@@ -126,7 +126,7 @@ TEST_F(OneGaussianTest, AKnownPredictionIsKeptUpToDate) {
 TEST_F(OneGaussianTest, WithoutIterationsNothingIsChanged) {
   Eigen::VectorXd v = Eigen::Vector2d(0.3, -0.7);
   const Eigen::VectorXd before = v;
-  EXPECT_EQ(RaiseLevel(model_, {.level = 0.0}, {.iterations = 0}, v), model_.Level(0, before));
+  EXPECT_EQ(AscendSupport(model_, {.level = 0.0}, {.iterations = 0}, v), model_.Level(0, before));
   EXPECT_TRUE(v == before);
 }
 
@@ -135,7 +135,7 @@ TEST_F(OneGaussianTest, WhereControlsDoNothingNothingIsChanged) {
   const LocalModel model{support_, nothing, core::AsSpan(z_)};
   Eigen::VectorXd v = Eigen::Vector2d(0.3, -0.7);
   const Eigen::VectorXd before = v;
-  EXPECT_EQ(RaiseLevel(model, {.level = 0.0}, {}, v), -4.0);
+  EXPECT_EQ(AscendSupport(model, {.level = 0.0}, {}, v), -4.0);
   EXPECT_TRUE(v == before);
 }
 
@@ -143,8 +143,8 @@ TEST_F(OneGaussianTest, WhereControlsDoNothingNothingIsChanged) {
 TEST_F(OneGaussianTest, AnEntryAtItsLimitLeavesTheDirection) {
   Eigen::VectorXd v = Eigen::Vector2d(-0.25, 0.0);
   const double l =
-      RaiseLevel(model_, {.level = kInfinity},
-                 {.control = Eigen::VectorXd::Constant(v.size(), 0.25), .iterations = 1}, v);
+      AscendSupport(model_, {.level = kInfinity},
+                    {.control = Eigen::VectorXd::Constant(v.size(), 0.25), .iterations = 1}, v);
   EXPECT_EQ(v[0], -0.25);
   EXPECT_EQ(v[1], -0.25);
   EXPECT_NEAR(l, -2.0 * (0.25 + 0.5625), 1e-7);  // at (1 - 2 * 0.25, 1 - 0.25)
@@ -157,8 +157,8 @@ TEST_F(OneGaussianTest, AnEntryAtItsLimitMayLeaveIt) {
     const Eigen::VectorXd z = sign * z_;
     const LocalModel model{support_, answer_, core::AsSpan(z)};
     Eigen::VectorXd v = Eigen::Vector2d(sign, 0.0);
-    (void)RaiseLevel(model, {.level = kInfinity},
-                     {.control = Eigen::VectorXd::Constant(v.size(), 1.0), .iterations = 1}, v);
+    (void)AscendSupport(model, {.level = kInfinity},
+                        {.control = Eigen::VectorXd::Constant(v.size(), 1.0), .iterations = 1}, v);
     const double s = 592.0 / 9280.0;
     EXPECT_TRUE(test::AllClose(v, sign * Eigen::Vector2d(1.0 - 24.0 * s, -4.0 * s), 1e-6));
   }
@@ -188,7 +188,7 @@ TEST(RaiseLevelTest, AStraightSlopeIsClimbedInOneStep) {
   const ResponseEstimate answer = test::KnownJacobian(Eigen::MatrixXd::Constant(1, 1, 2.0));
   const std::vector<double> z = {-3.0};
   Eigen::VectorXd v = Eigen::VectorXd::Zero(1);
-  EXPECT_NEAR(RaiseLevel({support, answer, z}, {.level = 1.0}, {}, v), 1.0, 1e-12);
+  EXPECT_NEAR(AscendSupport({support, answer, z}, {.level = 1.0}, {}, v), 1.0, 1e-12);
   EXPECT_NEAR(v[0], 2.0, 1e-8);
 }
 
@@ -201,8 +201,8 @@ TEST(RaiseLevelTest, NeverReturnsLessThanItWasGivenAndStaysWithinItsLimits) {
     const StepTarget target{.level = seed % 3 == 0 ? kInfinity : 0.1};
     Eigen::VectorXd v = world.v;
     const double before = model.Level(0, v);
-    const double l =
-        RaiseLevel(model, target, {.control = Eigen::VectorXd::Constant(v.size(), world.limit)}, v);
+    const double l = AscendSupport(
+        model, target, {.control = Eigen::VectorXd::Constant(v.size(), world.limit)}, v);
     ASSERT_GE(l, before);
     ASSERT_EQ(l, model.Level(0, v)) << "the level that it says";
     ASSERT_LE(v.cwiseAbs().maxCoeff(), world.limit);
@@ -227,7 +227,7 @@ TEST(RaiseLevelTest, ReachesATargetThatIsWithinReach) {
     const LocalModel model{support, answer, core::AsSpan(z)};
     Eigen::VectorXd v = RandomVector(random, 4);
     const double before = model.Level(0, v);
-    const double l = RaiseLevel(model, {.level = 0.0}, {.iterations = 100}, v);
+    const double l = AscendSupport(model, {.level = 0.0}, {.iterations = 100}, v);
     ASSERT_GE(l, -1e-12) << "from " << before;
   }
 }
@@ -250,7 +250,7 @@ TEST(RaiseLevelTest, ASingleStepOvershootsByNoMoreThanTheBoundLeavesOut) {
     const LocalModel model{support, answer, core::AsSpan(z)};
     Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
     const double target = model.Level(0, v) + 0.1;
-    const double l = RaiseLevel(model, {.level = target}, {.iterations = 1}, v);
+    const double l = AscendSupport(model, {.level = target}, {.iterations = 1}, v);
     const double moved = (answer.jacobian() * v).squaredNorm();
     ASSERT_LE(l, target + 0.5 * kGamma * kGamma * square * moved + 1e-12);
     // The step misses nothing of what it surely gains, if it is not the largest.
@@ -265,7 +265,7 @@ TEST(RaiseLevelTest, LooksAtTheSupportOfThePhaseItIsGiven) {
   const ResponseEstimate answer = test::KnownJacobian(Eigen::Matrix2d::Identity());
   const std::vector<double> z = {0.0, 0.0};
   Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
-  const double l = RaiseLevel({support, answer, z}, {.phase = 3, .level = kInfinity}, {}, v);
+  const double l = AscendSupport({support, answer, z}, {.phase = 3, .level = kInfinity}, {}, v);
   EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(3.0, 0.0), 1e-7));
   EXPECT_NEAR(l, std::log(2.0), 1e-12);
 }
@@ -274,7 +274,7 @@ TEST(RaiseLevelTest, AStateThatIsNotOneChangesNothing) {
   World world(1, false);
   world.z[1] = kInfinity;
   Eigen::VectorXd v = world.v;
-  const double l = RaiseLevel(world.model(), {}, {}, v);
+  const double l = AscendSupport(world.model(), {}, {}, v);
   EXPECT_FALSE(l >= 0.0);
   EXPECT_TRUE(v == world.v);
 }
@@ -284,7 +284,7 @@ TEST(RaiseLevelTest, NeverAllocates) {
     World world(seed, seed % 2 == 0);
     const StepLimits limits{.control = Eigen::VectorXd::Constant(world.v.size(), world.limit)};
     const test::NoAlloc guard;
-    (void)RaiseLevel(world.model(), {.level = kInfinity}, limits, world.v);
+    (void)AscendSupport(world.model(), {.level = kInfinity}, limits, world.v);
     (void)world.model().Level(0, world.v);
   }
 }

@@ -113,7 +113,7 @@ bool CertifiedController::DeepInside(double level, double hi) const noexcept {
 
 // Raises v_, the learned control, or makes it a probe.
 Mode CertifiedController::Correct(const LocalModel& model, const StepTarget& target) noexcept {
-  const double level = RaiseLevel(model, target, limits_, v_);
+  const double level = AscendSupport(model, target, limits_, v_);
   if (level < 0.0 && Probe(model, target.phase)) return Mode::kProbe;
   return level >= -reach_ ? Mode::kPolicy : Mode::kRecovery;
 }

@@ -101,7 +101,7 @@ bool Certifier::Project(const LocalModel& model, const StepLimits& limits, int p
   PredictedLevel there = model.Predict(phase, v);
   RequiredLevel need = Check(model, phase, v, there);
   for (int round = 0; round < certified::kRounds && !need.met(); ++round) {
-    if (RaiseLevel(model, {phase, need.level + certified::kOvershoot}, limits, v, there) <
+    if (AscendSupport(model, {phase, need.level + certified::kOvershoot}, limits, v, there) <
         need.level)
       break;
     need = Check(model, phase, v, there);
@@ -133,7 +133,7 @@ Certifier::CertifiedStep Certifier::Admit(const LocalModel& model, ResponseEstim
     // So near to the boundary in this direction: make all the room there is first.
     v.setZero();
     static_cast<void>(
-        RaiseLevel(model, {request.phase, std::numeric_limits<double>::infinity()}, limits, v));
+        AscendSupport(model, {request.phase, std::numeric_limits<double>::infinity()}, limits, v));
     admission = {
         .share = Share(model, request.phase, v), .mode = Mode::kRecovery, .gets_on = false};
   }

@@ -22,7 +22,7 @@ GuidedController::GuidedController(const core::Policy& policy, const TaskView& t
                 options.own_motion && task.response().own_motion()),
       observer_(task.features().num_features(), task.response().control_dim(),
                 task.response().prior()->options().forgetting, options.observer),
-      correction_(task, options),
+      filter_(task, options),
       tracker_(task.support()),
       chose_in_(tracker_) {
   for (Eigen::VectorXd* v : {&z_, &seen_, &last_seen_, &dz_}) {
@@ -97,9 +97,9 @@ Step GuidedController::Decide(Step step, std::span<double> u) noexcept {
     estimate_.Compute(step.t, AsSpan(z_));
     computed_ = true;
   }
-  Correction::Choice choice{Mode::kPolicy, step.log_threshold};
+  SafetyFilter::Choice choice{Mode::kPolicy, step.log_threshold};
   if (!deep) {
-    choice = correction_.Choose(estimate_, AsSpan(z_), {step.t + 1, hi}, step.log_threshold, v_);
+    choice = filter_.Filter(estimate_, AsSpan(z_), {step.t + 1, hi}, step.log_threshold, v_);
   }
   step.mode = choice.mode;
   step.log_learned = choice.learned;
@@ -165,7 +165,7 @@ void GuidedController::Advance(double level) noexcept {
   if (level >= 0.0) return tracker_.Advance();
   dz_ = z_;
   estimate_.AddEffect(v_, dz_);
-  tracker_.Advance(AsSpan(dz_), level, !(level >= -correction_.reach()));
+  tracker_.Advance(AsSpan(dz_), level, !(level >= -filter_.reach()));
 }
 
 }  // namespace dfr::control

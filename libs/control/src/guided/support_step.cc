@@ -49,14 +49,14 @@ PredictedLevel LocalModel::Predict(int phase, const Eigen::VectorXd& v) const no
   return predicted;
 }
 
-double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
-                  Eigen::VectorXd& v) noexcept {
+double AscendSupport(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
+                     Eigen::VectorXd& v) noexcept {
   PredictedLevel there = model.Predict(target.phase, v);
-  return RaiseLevel(model, target, limits, v, there);
+  return AscendSupport(model, target, limits, v, there);
 }
 
-double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
-                  Eigen::VectorXd& v, PredictedLevel& there) noexcept {
+double AscendSupport(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
+                     Eigen::VectorXd& v, PredictedLevel& there) noexcept {
   const Eigen::MatrixXd& j = model.response.jacobian();
   const auto n = static_cast<Eigen::Index>(model.z.size());
   assert(n <= kMaxStepEntries && v.size() <= kMaxStepEntries &&

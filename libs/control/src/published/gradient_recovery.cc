@@ -30,8 +30,8 @@ Mode GradientRecovery::Next(const RecoverySituation& situation, std::span<double
   }
   estimate_.Compute(situation.t, AsSpan(z_));
   v_.setZero();
-  static_cast<void>(RaiseLevel({task_.support(), estimate_, AsSpan(z_)},
-                               {situation.t, task_.levels().gate(situation.t)}, limits_, v_));
+  static_cast<void>(AscendSupport({task_.support(), estimate_, AsSpan(z_)},
+                                  {situation.t, task_.levels().gate(situation.t)}, limits_, v_));
   core::AsVector(u) = v_ * task_.response().control_unit();
   last_z_ = z_;
   return v_.isZero(0.0) ? Mode::kHalt : Mode::kRecovery;

@@ -21,7 +21,7 @@ namespace dfr::control {
 ///
 ///   1. The phase is one whose l_q(z) >= -eta: time advances only into supports that the state is
 ///      in. Outside all of them nothing is certified: the controller halts, kOutsideSupport.
-///   2. v <- RaiseLevel(v_hat, hi) towards the support of tau + 1, hi its
+///   2. v <- AscendSupport(v_hat, hi) towards the support of tau + 1, hi its
 ///      Levels::median(): every bit of depth costs controls that pass. Where l_tau(z),
 ///      l_{tau+1}(z) >= hi and v_hat is no larger than demonstrated, v = v_hat.
 ///   3. If that is not predicted to end inside and J hardly knows a direction of control, a probe

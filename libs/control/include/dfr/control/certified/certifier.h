@@ -70,8 +70,8 @@ class Certifier {
     bool gets_on = true;  ///< Whether it is meant for the next phase.
   };
   /// Changes `v` until it provably ends inside B_q(eta) of a phase q near the present one: by
-  /// RaiseLevel() towards the level that it needs, from what demonstrations did nearby if need be;
-  /// where that does not do, it is shrunk. Where next to nothing of it is left, `v` becomes a
+  /// AscendSupport() towards the level that it needs, from what demonstrations did nearby if need
+  /// be; where that does not do, it is shrunk. Where next to nothing of it is left, `v` becomes a
   /// recovery that makes all the room there is.
   /// @param estimate  of J, computed last at the model's z.
   [[nodiscard]] CertifiedStep Admit(const LocalModel& model, ResponseEstimate& estimate,

@@ -34,7 +34,7 @@ inline constexpr double kEvidence = 2.0;
 /// ridge: no reason to find a lag or noise.
 inline constexpr double kNegligible = 1e-4;
 
-/// RaiseLevel(): less than this changes nothing that is decided by a level.
+/// AscendSupport(): less than this changes nothing that is decided by a level.
 inline constexpr double kLeastGain = 1e-3;
 
 /// GuidedController, with least intervention: a step that passes at the edge counts, and a count is
@@ -46,11 +46,11 @@ inline constexpr double kEdgeMemory = 0.98;
 inline constexpr double kEdgeGrace = 10.0;
 inline constexpr double kEdgeRamp = 10.0;
 
-/// Correction: where no control is predicted to end inside, a change of the learned control of this
-/// length at most, in ordinary controls, is not made if it gains little.
+/// SafetyFilter: where no control is predicted to end inside, a change of the learned control of
+/// this length at most, in ordinary controls, is not made if it gains little.
 inline constexpr double kIdle = 0.5;
-/// Correction: largest eigenvalue of A^-1 beyond which a direction of control counts as unknown, a
-/// fifth of an ordinary control's measurement.
+/// SafetyFilter: largest eigenvalue of A^-1 beyond which a direction of control counts as unknown,
+/// a fifth of an ordinary control's measurement.
 inline constexpr double kUnknown = 5.0;
 /// A support from so few demonstrations that others are further outside than this does not know the
 /// task, whatever their slack.

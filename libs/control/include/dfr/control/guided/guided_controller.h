@@ -4,10 +4,10 @@
 #include <span>
 
 #include "dfr/control/controller.h"
-#include "dfr/control/guided/correction.h"
 #include "dfr/control/guided/guided_options.h"
 #include "dfr/control/guided/halt_rule.h"
 #include "dfr/control/guided/response_estimate.h"
+#include "dfr/control/guided/safety_filter.h"
 #include "dfr/control/guided/state_observer.h"
 #include "dfr/control/guided/support_step.h"
 #include "dfr/control/guided/task_view.h"
@@ -29,10 +29,11 @@ namespace dfr::control {
 ///      (guided::kEdgeGrace). There it also passes if the control of 2 and 3 would end outside too,
 ///      differs from v_hat by half an ordinary control at most (guided::kIdle), and gains no more
 ///      level than lies between hi and the level at which v_hat passes.
-///   2. v <- RaiseLevel(v_d, hi), from the control v_d that does what demonstrations did nearby
+///   2. v <- AscendSupport(v_d, hi), from the control v_d that does what demonstrations did nearby
 ///      (ResponseEstimate::NominalControl()). If it leads inside, l_{tau+1}(z'(v)) >= 0, v is
 ///      applied.
-///   3. v <- RaiseLevel(v_hat, hi). If it leads inside, v is applied; if it does not, the better of
+///   3. v <- AscendSupport(v_hat, hi). If it leads inside, v is applied; if it does not, the better
+///   of
 ///      both is, where the support is near (reach). Otherwise v_d is: where nothing leads inside,
 ///      what demonstrations did is known to go on, and what J promises is not. In the last phase 2
 ///      raises to l = 0 alone, and nothing passes within reach: that support does not move on.
@@ -94,7 +95,7 @@ class GuidedController final : public Controller {
   HaltRule halt_rule_;
   ResponseEstimate estimate_;
   StateObserver observer_;
-  Correction correction_;
+  SafetyFilter filter_;
   PhaseTracker tracker_;
   PhaseTracker chose_in_;  ///< tracker_ as it was when the last control was chosen.
 

@@ -63,11 +63,11 @@ void CheckLimits(std::span<const double> limits);
 /// A pure function: called with the demonstrated control, then with the learned one.
 /// `v` within the limits stays within. Neither allocates nor throws; at most kMaxStepEntries
 /// features and as many controls.
-double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
-                  Eigen::VectorXd& v) noexcept;
+double AscendSupport(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
+                     Eigen::VectorXd& v) noexcept;
 /// The same where model.Predict(target.phase, v) is known: `there`, which becomes that of the new
 /// `v`.
-double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
-                  Eigen::VectorXd& v, PredictedLevel& there) noexcept;
+double AscendSupport(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
+                     Eigen::VectorXd& v, PredictedLevel& there) noexcept;
 
 }  // namespace dfr::control

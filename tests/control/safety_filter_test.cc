@@ -1,4 +1,4 @@
-#include "dfr/control/guided/correction.h"
+#include "dfr/control/guided/safety_filter.h"
 
 #include <gtest/gtest.h>
 
@@ -13,16 +13,16 @@
 namespace dfr::control {
 namespace {
 
-using Choice = Correction::Choice;
+using Choice = SafetyFilter::Choice;
 
 // A disk that moves to the right, demonstrations that go along with it, and a state at its rim.
-class CorrectionTest : public testing::Test {
+class SafetyFilterTest : public testing::Test {
  protected:
-  CorrectionTest() { estimate_.Compute(0, core::AsSpan(z_)); }
+  SafetyFilterTest() { estimate_.Compute(0, core::AsSpan(z_)); }
 
-  [[nodiscard]] Choice Choose(const GuidedOptions& options, Eigen::VectorXd& v) {
-    return Correction(model_, options)
-        .Choose(estimate_, core::AsSpan(z_), target_, target_.level, v);
+  [[nodiscard]] Choice Filter(const GuidedOptions& options, Eigen::VectorXd& v) {
+    return SafetyFilter(model_, options)
+        .Filter(estimate_, core::AsSpan(z_), target_, target_.level, v);
   }
   [[nodiscard]] double Level(const Eigen::VectorXd& v) const { return local_.Level(1, v); }
 
@@ -39,22 +39,22 @@ class CorrectionTest : public testing::Test {
   Eigen::VectorXd inwards_ = Eigen::Vector2d(test::kSpeed, -0.35) / model_.response.control_unit();
 };
 
-TEST_F(CorrectionTest, WhatLeadsDeepInsideIsLeftBitForBit) {
+TEST_F(SafetyFilterTest, WhatLeadsDeepInsideIsLeftBitForBit) {
   ASSERT_GT(Level(inwards_), target_.level);
   Eigen::VectorXd v = inwards_;
-  const Choice choice = Choose({}, v);
+  const Choice choice = Filter({}, v);
   EXPECT_EQ(choice.mode, Mode::kPolicy);
   EXPECT_EQ(choice.level, Level(inwards_));
   EXPECT_TRUE(v == inwards_);
 }
 
-TEST_F(CorrectionTest, WhatLeadsOutsideGivesWayToWhatDemonstrationsDid) {
+TEST_F(SafetyFilterTest, WhatLeadsOutsideGivesWayToWhatDemonstrationsDid) {
   ASSERT_LT(Level(outwards_), 0.0);
   Eigen::VectorXd expected(2);
   ASSERT_TRUE(estimate_.NominalControl(expected));
-  const double level = RaiseLevel(local_, target_, limits_, expected);
+  const double level = AscendSupport(local_, target_, limits_, expected);
   Eigen::VectorXd v = outwards_;
-  const Choice choice = Choose({}, v);
+  const Choice choice = Filter({}, v);
   EXPECT_EQ(choice.mode, Mode::kRecovery);
   EXPECT_GE(choice.level, 0.0);
   EXPECT_EQ(choice.level, level);
@@ -62,33 +62,33 @@ TEST_F(CorrectionTest, WhatLeadsOutsideGivesWayToWhatDemonstrationsDid) {
 }
 
 // A learned control that ends inside passes or is replaced, depending on the pass level.
-TEST_F(CorrectionTest, WhatEndsInsidePassesFromTheGivenLevelOn) {
+TEST_F(SafetyFilterTest, WhatEndsInsidePassesFromTheGivenLevelOn) {
   Eigen::VectorXd between = inwards_;
   for (double share = 0.0; Level(between) >= target_.level; share += 0.01) {
     between = (1.0 - share) * inwards_ + share * outwards_;
   }
   ASSERT_GE(Level(between), 0.0);
   Eigen::VectorXd v = between;
-  const Choice choice = Choose({}, v);
+  const Choice choice = Filter({}, v);
   EXPECT_EQ(choice.mode, Mode::kRecovery);
   EXPECT_FALSE(v == between);
   EXPECT_GT(choice.level, Level(between));
 
   v = between;
   const Choice passed =
-      Correction(model_, {}).Choose(estimate_, core::AsSpan(z_), target_, Level(between), v);
+      SafetyFilter(model_, {}).Filter(estimate_, core::AsSpan(z_), target_, Level(between), v);
   EXPECT_EQ(passed.mode, Mode::kPolicy);
   EXPECT_TRUE(v == between);
   EXPECT_EQ(passed.level, Level(between));
 }
 
 // Without demonstrations the learned control itself is raised.
-TEST_F(CorrectionTest, WithoutDemonstrationsTheLearnedControlIsRaised) {
+TEST_F(SafetyFilterTest, WithoutDemonstrationsTheLearnedControlIsRaised) {
   Eigen::VectorXd expected = outwards_;
-  const double level = RaiseLevel(local_, target_, limits_, expected);
+  const double level = AscendSupport(local_, target_, limits_, expected);
   ASSERT_GE(level, 0.0);
   Eigen::VectorXd v = outwards_;
-  const Choice choice = Choose(Without({}, "demonstrated"), v);
+  const Choice choice = Filter(Without({}, "demonstrated"), v);
   EXPECT_EQ(choice.mode, Mode::kPolicy);
   EXPECT_EQ(choice.level, level);
   EXPECT_TRUE(v == expected);
@@ -96,7 +96,7 @@ TEST_F(CorrectionTest, WithoutDemonstrationsTheLearnedControlIsRaised) {
 
 // Far outside, where nothing leads inside, the learned control passes as long as the change that is
 // spared is small and costs no more than the margin.
-TEST_F(CorrectionTest, WhereNothingLeadsInsideAnIdleChangeIsNotMade) {
+TEST_F(SafetyFilterTest, WhereNothingLeadsInsideAnIdleChangeIsNotMade) {
   z_ = Eigen::Vector2d(0.0, 1.5);
   estimate_.Compute(0, core::AsSpan(z_));
   const GuidedOptions options{.iterations = 0, .probe_size = 0.0};
@@ -110,8 +110,8 @@ TEST_F(CorrectionTest, WhereNothingLeadsInsideAnIdleChangeIsNotMade) {
     ASSERT_GT(cost, 0.0);
     for (const double margin : {0.999 * cost, 1.001 * cost}) {
       Eigen::VectorXd v = learned;
-      const Choice choice = Correction(model_, options)
-                                .Choose(estimate_, core::AsSpan(z_), {1, 10.0}, 10.0 - margin, v);
+      const Choice choice = SafetyFilter(model_, options)
+                                .Filter(estimate_, core::AsSpan(z_), {1, 10.0}, 10.0 - margin, v);
       const bool passes = difference < 0.5 && margin > cost;
       EXPECT_EQ(choice.mode, passes ? Mode::kPolicy : Mode::kRecovery) << difference;
       EXPECT_TRUE(v == (passes ? learned : changed)) << difference << " " << margin;
@@ -121,16 +121,15 @@ TEST_F(CorrectionTest, WhereNothingLeadsInsideAnIdleChangeIsNotMade) {
   }
 }
 
-TEST_F(CorrectionTest, RemembersNothingAndNeverAllocates) {
-  Correction correction(model_, {});
+TEST_F(SafetyFilterTest, RemembersNothingAndNeverAllocates) {
+  SafetyFilter filter(model_, {});
   Eigen::VectorXd first = outwards_;
   Eigen::VectorXd second = outwards_;
   Eigen::VectorXd other = inwards_;
   const test::NoAlloc guard;
-  const Choice once = correction.Choose(estimate_, core::AsSpan(z_), target_, target_.level, first);
-  static_cast<void>(correction.Choose(estimate_, core::AsSpan(z_), target_, target_.level, other));
-  const Choice twice =
-      correction.Choose(estimate_, core::AsSpan(z_), target_, target_.level, second);
+  const Choice once = filter.Filter(estimate_, core::AsSpan(z_), target_, target_.level, first);
+  static_cast<void>(filter.Filter(estimate_, core::AsSpan(z_), target_, target_.level, other));
+  const Choice twice = filter.Filter(estimate_, core::AsSpan(z_), target_, target_.level, second);
   EXPECT_EQ(once.mode, twice.mode);
   EXPECT_EQ(once.level, twice.level);
   EXPECT_TRUE(first == second);

@@ -1,4 +1,4 @@
-#include "dfr/control/guided/correction.h"
+#include "dfr/control/guided/safety_filter.h"
 
 #include <algorithm>
 #include <limits>
@@ -15,7 +15,7 @@ constexpr double kInside = 1e-6;
 
 }  // namespace
 
-Correction::Correction(const TaskView& task, const GuidedOptions& options)
+SafetyFilter::SafetyFilter(const TaskView& task, const GuidedOptions& options)
     : task_(task),
       limits_(Limits(options, task.response().control_dim(), task.response().control_unit())),
       reach_(std::min(options.reach * task.levels().slack(), guided::kMostReach)),
@@ -26,15 +26,15 @@ Correction::Correction(const TaskView& task, const GuidedOptions& options)
       demonstrated_(trial_),
       learned_(trial_) {}
 
-Correction::Choice Correction::Choose(ResponseEstimate& estimate, std::span<const double> z,
-                                      const StepTarget& target, double pass,
-                                      Eigen::VectorXd& v) noexcept {
+SafetyFilter::Choice SafetyFilter::Filter(ResponseEstimate& estimate, std::span<const double> z,
+                                          const StepTarget& target, double pass,
+                                          Eigen::VectorXd& v) noexcept {
   const LocalModel model{task_.support(), estimate, z};
   const double learned = model.Level(target.phase, v);
   Choice choice{Mode::kPolicy, learned, learned};
   if (!(learned >= pass)) {
     learned_ = v;
-    choice = Replace(estimate, model, target, v);
+    choice = Correct(estimate, model, target, v);
     choice.learned = learned;
     if (Idle(choice, target.level - pass, v)) {
       v = learned_;
@@ -47,14 +47,14 @@ Correction::Choice Correction::Choose(ResponseEstimate& estimate, std::span<cons
 
 // Inside, a learned control may give up `margin` of the level that is aimed at. It may give up as
 // much of the best level outside, if it hardly differs from what reaches that.
-bool Correction::Idle(const Choice& choice, double margin,
-                      const Eigen::VectorXd& v) const noexcept {
+bool SafetyFilter::Idle(const Choice& choice, double margin,
+                        const Eigen::VectorXd& v) const noexcept {
   return choice.level < 0.0 && margin > 0.0 && choice.learned >= choice.level - margin &&
          (v - learned_).squaredNorm() <= guided::kIdle * guided::kIdle;
 }
 
-Correction::Choice Correction::Replace(ResponseEstimate& estimate, const LocalModel& model,
-                                       const StepTarget& target, Eigen::VectorXd& v) noexcept {
+SafetyFilter::Choice SafetyFilter::Correct(ResponseEstimate& estimate, const LocalModel& model,
+                                           const StepTarget& target, Eigen::VectorXd& v) noexcept {
   const int next = target.phase;
   // The last support does not move on: deep inside it, or where it is nearest, a task would stop.
   const bool last = next >= model.support.num_steps();
@@ -63,13 +63,13 @@ Correction::Choice Correction::Replace(ResponseEstimate& estimate, const LocalMo
   if (known) {
     limits_.Limit(trial_);
     demonstrated_ = trial_;
-    demonstrated = RaiseLevel(model, {next, last ? kInside : target.level}, limits_, trial_);
+    demonstrated = AscendSupport(model, {next, last ? kInside : target.level}, limits_, trial_);
     if (demonstrated >= 0.0) {
       v = trial_;
       return {Mode::kRecovery, demonstrated};
     }
   }
-  const double filtered = RaiseLevel(model, target, limits_, v);
+  const double filtered = AscendSupport(model, target, limits_, v);
   if (filtered >= 0.0) return {Mode::kPolicy, filtered};
   if (!(known && last) && std::max(demonstrated, filtered) >= -reach_) {
     if (demonstrated <= filtered) return {Mode::kPolicy, filtered};
@@ -81,8 +81,8 @@ Correction::Choice Correction::Replace(ResponseEstimate& estimate, const LocalMo
   return {Mode::kRecovery, model.Level(next, v)};
 }
 
-bool Correction::Probe(ResponseEstimate& estimate, const LocalModel& model,
-                       const StepTarget& target, Eigen::VectorXd& v, double& level) noexcept {
+bool SafetyFilter::Probe(ResponseEstimate& estimate, const LocalModel& model,
+                         const StepTarget& target, Eigen::VectorXd& v, double& level) noexcept {
   // What is predicted inside is worth no probe, unless the prediction needs to know a drift.
   if (probe_size_ == 0.0 || level >= (drifts_ ? target.level : 0.0) ||
       estimate.UncertaintyBound() <= guided::kUnknown ||

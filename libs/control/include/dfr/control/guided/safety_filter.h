@@ -15,10 +15,10 @@ namespace dfr::control {
 /// The recovery of GuidedController, its steps 1 to 4: decides whether a learned control passes,
 /// and what takes its place. What it knows comes from the estimate of J; nothing is remembered from
 /// one call to the next. Never allocates, locks or throws; one object belongs to one thread.
-class Correction {
+class SafetyFilter {
  public:
   /// Borrows what `task` does. The options are checked ones.
-  Correction(const TaskView& task, const GuidedOptions& options);
+  SafetyFilter(const TaskView& task, const GuidedOptions& options);
 
   struct Choice {
     Mode mode = Mode::kPolicy;
@@ -31,14 +31,14 @@ class Correction {
   /// correction would be idle: it would end outside too, would change `v` by no more than
   /// guided::kIdle and gain no more than target.level - pass. kRecovery: `v` does not come from the
   /// learned control. kProbe: `v` is there to find out what it does.
-  [[nodiscard]] Choice Choose(ResponseEstimate& estimate, std::span<const double> z,
+  [[nodiscard]] Choice Filter(ResponseEstimate& estimate, std::span<const double> z,
                               const StepTarget& target, double pass, Eigen::VectorXd& v) noexcept;
 
   /// GuidedOptions::reach as a level: how far outside a support what passes may end, >= 0.
   [[nodiscard]] double reach() const noexcept { return reach_; }
 
  private:
-  [[nodiscard]] Choice Replace(ResponseEstimate& estimate, const LocalModel& model,
+  [[nodiscard]] Choice Correct(ResponseEstimate& estimate, const LocalModel& model,
                                const StepTarget& target, Eigen::VectorXd& v) noexcept;
   [[nodiscard]] bool Idle(const Choice& choice, double margin,
                           const Eigen::VectorXd& v) const noexcept;
