@@ -178,8 +178,8 @@ class ConsoleArm final : public CheckedArm {
     (void)driver_.Tick(steady_ns, wall_ns);
   }
   [[nodiscard]] const hardware::PsmClient& client() const override { return driver_.client(); }
-  [[nodiscard]] bool TakeWord(hardware::ConsoleWord& word) override {
-    return driver_.TakeWord(word);
+  [[nodiscard]] bool TakeMessage(hardware::ConsoleMessage& message) override {
+    return driver_.TakeMessage(message);
   }
   [[nodiscard]] std::string_view last_error() const override { return driver_.last_error(); }
   [[nodiscard]] int other_publishers() const override { return driver_.other_publishers(); }
@@ -267,10 +267,10 @@ template <typename Done>
 void Listen(const CheckOptions& options, CheckedArm& arm, double seconds, const Done& done) {
   (void)Within(*options.clock, seconds, [&] {
     Tick(options, arm);
-    hardware::ConsoleWord word;
-    while (arm.TakeWord(word)) {
-      Say(options, std::string("the console says (") + hardware::Name(word.severity) +
-                       "): " + std::string(word.view()));
+    hardware::ConsoleMessage message;
+    while (arm.TakeMessage(message)) {
+      Say(options, std::string("the console says (") + hardware::Name(message.severity) +
+                       "): " + std::string(message.view()));
     }
     return done();
   });

@@ -25,7 +25,7 @@ class CheckedArm {
 
   virtual void Tick(std::int64_t steady_ns, std::int64_t wall_ns) = 0;
   [[nodiscard]] virtual const hardware::PsmClient& client() const = 0;
-  [[nodiscard]] virtual bool TakeWord(hardware::ConsoleWord& word) = 0;
+  [[nodiscard]] virtual bool TakeMessage(hardware::ConsoleMessage& message) = 0;
   /// The last error that the console reported, empty if none.
   [[nodiscard]] virtual std::string_view last_error() const = 0;
   [[nodiscard]] virtual int other_publishers() const = 0;

@@ -204,7 +204,7 @@ struct RobotPlant::Impl {
         arm(
             driver,
             [this](const PsmJoints& from, const PsmJoints& to) { return Refusal(from, to); },
-            run_operator.on_word),
+            run_operator.on_message),
         tool(task, driver, config.speed_m_s),
         log(recorder, driver, config.emergency_stop, run_operator.on_transition),
         stop(network, config.emergency_stop, config.emergency_stop_silence_s,

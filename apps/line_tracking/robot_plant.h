@@ -21,7 +21,7 @@ namespace dfr::apps::line_tracking {
 /// Observers of a run. The functions may be empty. The loop calls them, so they must not wait.
 struct RunOperator {
   std::function<void(const runtime::Transition&)> on_transition;
-  std::function<void(const hardware::ConsoleWord&)> on_word;
+  std::function<void(const hardware::ConsoleMessage&)> on_message;
   /// Asks a question, and continues the loop until the operator types exactly `word`; false if the
   /// operator refuses. If empty, all answers are no.
   std::function<bool(std::string_view question, std::string_view word)> confirms;

@@ -49,9 +49,9 @@ std::unique_ptr<RobotPlant> BringUpRobot(const RobotConfig& config,
     if (without_stop && t.to == runtime::RunState::kArmed) screen.Say("  %s\n", kWithoutStop);
     Show(screen, t);
   };
-  run_operator.on_word = [&screen](const hardware::ConsoleWord& word) {
-    screen.Say("  message from the console (%s): %s\n", hardware::Name(word.severity),
-               word.text.data());
+  run_operator.on_message = [&screen](const hardware::ConsoleMessage& message) {
+    screen.Say("  message from the console (%s): %s\n", hardware::Name(message.severity),
+               message.text.data());
   };
   run_operator.interrupted = &interrupted;
   auto plant = std::make_unique<RobotPlant>(config, calibration, recorder, run_operator);

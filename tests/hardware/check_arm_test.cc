@@ -61,7 +61,7 @@ class FakeCheckedArm final : public CheckedArm {
     if (output.servo) console.ServoCp(output.servo_cp);
   }
   const hardware::PsmClient& client() const override { return client_; }
-  bool TakeWord(hardware::ConsoleWord& /*word*/) override { return false; }
+  bool TakeMessage(hardware::ConsoleMessage& /*message*/) override { return false; }
   std::string_view last_error() const override { return last_error_; }
   int other_publishers() const override { return others; }
   int state_publishers() const override { return topics_[0].health.publishers; }

@@ -323,7 +323,7 @@ TEST_F(PsmClientTest, WhatElseIsHeardHolds) {
   ExpectHold(PsmStatus::kConsoleError, [](PsmInput& input) { input.errors = 1; });
   ExpectHold(PsmStatus::kOtherPublisher, [](PsmInput& input) { input.other_publishers = 1; });
   ExpectHold(PsmStatus::kSecondConsole, [](PsmInput& input) { input.state_publishers = 2; });
-  ExpectHold(PsmStatus::kForeignWord, [](PsmInput& input) { input.foreign_words = 1; });
+  ExpectHold(PsmStatus::kForeignMessage, [](PsmInput& input) { input.foreign_messages = 1; });
   ExpectHold(PsmStatus::kNewcomer, [](PsmInput& input) { input.newcomers = 1; });
   ExpectHold(PsmStatus::kBusy, [](PsmInput& input) { input.goals_reached = 1; });
   ExpectHold(PsmStatus::kTeleoperated, [](PsmInput& input) { input.teleoperated = true; });

@@ -205,12 +205,12 @@ TEST_F(PsmDriverTest, WhatOthersSayOfTheArmHolds) {
   dds::Publisher<dds::Signal> hold(other, "/PSM1/hold", dds::Role::kRequest);
   dds::Publisher<dds::Signal> free(other, "/PSM1/free", dds::Role::kRequest);
   dds::Publisher<dds::StringStamped> state(other, "/PSM1/state_command", dds::Role::kRequest);
-  // Who was there before is known; whoever is found later is a reason to hold without a word.
+  // Who was there before is known; whoever is found later is a reason to hold without a message.
   test::Eventually([&] { return driver->Requesters().size() == 3; });
-  holds(PsmStatus::kForeignWord, [&] { hold.Write({}); });
+  holds(PsmStatus::kForeignMessage, [&] { hold.Write({}); });
   EXPECT_THAT(driver->who(), HasSubstr("'other' at 127.0.0.1 publishes /PSM1/hold"));
-  holds(PsmStatus::kForeignWord, [&] { free.Write({}); });
-  holds(PsmStatus::kForeignWord, [&] { state.Write({{}, "", "enable"}); });
+  holds(PsmStatus::kForeignMessage, [&] { free.Write({}); });
+  holds(PsmStatus::kForeignMessage, [&] { state.Write({{}, "", "enable"}); });
 }
 
 TEST_F(PsmDriverTest, AFloodOfTextsIsCountedAndAnErrorInItIsStillAReason) {
@@ -221,7 +221,7 @@ TEST_F(PsmDriverTest, AFloodOfTextsIsCountedAndAnErrorInItIsStillAReason) {
   const auto driver = Armed();
   std::vector<std::string> shown;
   const auto take = [&] {
-    for (ConsoleWord word; driver->TakeWord(word);) shown.emplace_back(word.view());
+    for (ConsoleMessage message; driver->TakeMessage(message);) shown.emplace_back(message.view());
   };
   for (int i = 0; i < 150; ++i) Step(*driver);  // what the console said is over
   take();

@@ -35,10 +35,10 @@ PsmStatus BringUp(PsmDriver& driver, double timeout_s,
       return PsmStatus::kHeld;
     }
     driver.Tick(clock.steady_ns(), clock.wall_ns());
-    ConsoleWord word;
-    while (driver.TakeWord(word)) {
-      tell(std::string("the console says (") + Name(word.severity) +
-           "): " + std::string(word.view()));
+    ConsoleMessage message;
+    while (driver.TakeMessage(message)) {
+      tell(std::string("the console says (") + Name(message.severity) +
+           "): " + std::string(message.view()));
     }
     if (driver.phase() == PsmPhase::kArmed) return PsmStatus::kOk;
     if (driver.phase() == PsmPhase::kRequested) continue;

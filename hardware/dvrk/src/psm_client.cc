@@ -247,8 +247,8 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
 
   PsmStatus cause = hold_reason_;
   if (cause == PsmStatus::kOk) cause = lapse_;
-  if (cause == PsmStatus::kOk && options_.sole_commander && input.foreign_words > 0) {
-    cause = PsmStatus::kForeignWord;
+  if (cause == PsmStatus::kOk && options_.sole_commander && input.foreign_messages > 0) {
+    cause = PsmStatus::kForeignMessage;
   }
   if (cause == PsmStatus::kOk && options_.sole_commander && input.newcomers > 0) {
     cause = PsmStatus::kNewcomer;

@@ -16,13 +16,13 @@ using internal::Who;
 
 }  // namespace
 
-const char* Name(ConsoleWord::Severity severity) noexcept {
+const char* Name(ConsoleMessage::Severity severity) noexcept {
   switch (severity) {
-    case ConsoleWord::Severity::kError:
+    case ConsoleMessage::Severity::kError:
       return "error";
-    case ConsoleWord::Severity::kWarning:
+    case ConsoleMessage::Severity::kWarning:
       return "warning";
-    case ConsoleWord::Severity::kStatus:
+    case ConsoleMessage::Severity::kStatus:
       return "status";
   }
   return "unknown";
@@ -75,7 +75,7 @@ PsmStatus PsmDriver::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept
   input.command_subscribers = request_subscribers_ =
       link.command_subscribers.load(std::memory_order_relaxed);
   input.goals_reached = link.goals_reached.exchange(0, std::memory_order_acq_rel);
-  input.foreign_words = link.foreign_words.exchange(0, std::memory_order_acq_rel);
+  input.foreign_messages = link.foreign_messages.exchange(0, std::memory_order_acq_rel);
   input.pose_controls = link.pose_controls.exchange(0, std::memory_order_acq_rel);
   input.other_controls = link.other_controls.exchange(0, std::memory_order_acq_rel);
   input.tool_changes = link.tool_changes.exchange(0, std::memory_order_acq_rel);
@@ -113,12 +113,14 @@ PsmStatus PsmDriver::Tick() noexcept {
   return Tick(internal::SteadyNs(), dds::Stamp::Now().nanoseconds());
 }
 
-bool PsmDriver::TakeWord(ConsoleWord& word) noexcept { return link_->words.Take(word); }
+bool PsmDriver::TakeMessage(ConsoleMessage& message) noexcept {
+  return link_->messages.Take(message);
+}
 
 bool PsmDriver::held_by_others() const noexcept {
   const PsmStatus now = status();
   return client_.phase() == PsmPhase::kHolding &&
-         (now == PsmStatus::kNewcomer || now == PsmStatus::kForeignWord ||
+         (now == PsmStatus::kNewcomer || now == PsmStatus::kForeignMessage ||
           now == PsmStatus::kOtherPublisher || now == PsmStatus::kForeignControl);
 }
 

@@ -151,7 +151,7 @@ PsmStatus PsmClient::HomingHoldReason(const PsmInput& input, double dt) const no
   const PsmStatus others = CommandHoldReason(input);
   if (others != PsmStatus::kOk && others != PsmStatus::kWrongTool) return others;
   if (!homing()) return PsmStatus::kOk;
-  if (options_.sole_commander && input.foreign_words > 0) return PsmStatus::kForeignWord;
+  if (options_.sole_commander && input.foreign_messages > 0) return PsmStatus::kForeignMessage;
   if (options_.sole_commander && input.newcomers > 0) return PsmStatus::kNewcomer;
   if (hold_reason_ == PsmStatus::kConsoleGone || hold_reason_ == PsmStatus::kSecondConsole ||
       hold_reason_ == PsmStatus::kStateSilent || hold_reason_ == PsmStatus::kUnknownState ||

@@ -7,7 +7,7 @@
 #include <ctime>
 #include <tuple>
 
-#include "dfr/hardware/control_word.h"
+#include "dfr/hardware/control_statement.h"
 
 namespace dfr::hardware {
 namespace {
@@ -104,7 +104,7 @@ void PsmDriver::Link::Run() noexcept {
     const bool flushing = wanted != cycle_done.load(std::memory_order_relaxed);
     Send();
     Receive();
-    Watch();
+    ReadMonitors();
     if (flushing || poll % kPollsPerCount == 0) Count();
     if (flushing) {
       cycle_done.store(wanted, std::memory_order_release);
@@ -176,12 +176,12 @@ bool PsmDriver::Link::WriteServo() noexcept {
   return servo_cs->Write(state);
 }
 
-void PsmDriver::Link::NoteControl(const ConsoleWord& word) noexcept {
-  const PsmControl control = ControlStatedBy(word.view());
+void PsmDriver::Link::NoteControl(const ConsoleMessage& message) noexcept {
+  const PsmControl control = ControlStatedBy(message.view());
   if (control == PsmControl::kPoses) pose_controls.fetch_add(1, std::memory_order_acq_rel);
   if (control != PsmControl::kOther) return;
   Who who;
-  std::memcpy(who.text.data(), word.text.data(), who.text.size() - 1);
+  std::memcpy(who.text.data(), message.text.data(), who.text.size() - 1);
   new_control.Put(who);
   other_controls.fetch_add(1, std::memory_order_acq_rel);
 }
@@ -191,30 +191,31 @@ void PsmDriver::Link::Receive() noexcept {
   const std::int64_t now_ns = tick_ns.load(std::memory_order_relaxed);
   std::uint64_t left_out = 0;
   for (const auto& [subscriber, severity, limit] :
-       {std::tuple{&error, ConsoleWord::Severity::kError, &error_limit},
-        std::tuple{&warning, ConsoleWord::Severity::kWarning, &warning_limit},
-        std::tuple{&status, ConsoleWord::Severity::kStatus, &status_limit}}) {
+       {std::tuple{&error, ConsoleMessage::Severity::kError, &error_limit},
+        std::tuple{&warning, ConsoleMessage::Severity::kWarning, &warning_limit},
+        std::tuple{&status, ConsoleMessage::Severity::kStatus, &status_limit}}) {
     while (subscriber->Take(text)) {
-      ConsoleWord word;
-      word.severity = severity;
-      const std::size_t size = std::min(text.text.size(), word.text.size() - 1);
-      std::memcpy(word.text.data(), text.text.data(), size);
-      MakePrintable(word.text.data());
-      if (severity == ConsoleWord::Severity::kStatus) NoteControl(word);
-      if (limit->Passes(now_ns)) words.Put(word);
-      if (severity == ConsoleWord::Severity::kError) {
-        new_error.Put(word);
+      ConsoleMessage message;
+      message.severity = severity;
+      const std::size_t size = std::min(text.text.size(), message.text.size() - 1);
+      std::memcpy(message.text.data(), text.text.data(), size);
+      MakePrintable(message.text.data());
+      if (severity == ConsoleMessage::Severity::kStatus) NoteControl(message);
+      if (limit->Passes(now_ns)) messages.Put(message);
+      if (severity == ConsoleMessage::Severity::kError) {
+        new_error.Put(message);
         num_errors.fetch_add(1, std::memory_order_acq_rel);
       }
     }
     left_out += limit->TakeLeftOut(now_ns);
   }
   if (left_out > 0) {
-    ConsoleWord word;
-    word.severity = ConsoleWord::Severity::kWarning;
-    std::snprintf(word.text.data(), word.text.size(), "%llu more texts came, and are not shown",
+    ConsoleMessage message;
+    message.severity = ConsoleMessage::Severity::kWarning;
+    std::snprintf(message.text.data(), message.text.size(),
+                  "%llu more texts came, and are not shown",
                   static_cast<unsigned long long>(left_out));
-    words.Put(word);
+    messages.Put(message);
   }
   while (operating_state.Take(operating)) {
     PsmOperatingState state;
@@ -281,7 +282,7 @@ void PsmDriver::Link::LookForNewcomers() noexcept {
   newcomers.fetch_add(count, std::memory_order_acq_rel);
 }
 
-void PsmDriver::Link::Watch() noexcept {
+void PsmDriver::Link::ReadMonitors() noexcept {
   LookForNewcomers();
   dds::Flag reached;
   int goals = 0;
@@ -290,7 +291,7 @@ void PsmDriver::Link::Watch() noexcept {
   const int spoken = (HearsOthers(watched_hold, hold.origin()) ? 1 : 0) +
                      (HearsOthers(watched_free, {}) ? 1 : 0) +
                      (HearsOthers(watched_state_command, state_command.origin()) ? 1 : 0);
-  if (spoken > 0) foreign_words.fetch_add(spoken, std::memory_order_acq_rel);
+  if (spoken > 0) foreign_messages.fetch_add(spoken, std::memory_order_acq_rel);
   dds::Flag flag;
   bool any = false;
   for (std::size_t i = 0; i < teleoperations.size(); ++i) {

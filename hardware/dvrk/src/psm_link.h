@@ -56,7 +56,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   void Run() noexcept;
   void Send() noexcept;
   bool WriteServo() noexcept;
-  void NoteControl(const ConsoleWord& word) noexcept;
+  void NoteControl(const ConsoleMessage& message) noexcept;
   void Receive() noexcept;
 
   // Returns true if another publisher has sent messages, and takes them.
@@ -68,7 +68,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   void LookForNewcomers() noexcept;
 
   // Looks for other participants that command the arm.
-  void Watch() noexcept;
+  void ReadMonitors() noexcept;
 
   // Subscribes to topics only for a discovery server, which shows no other topics' publishers. Not
   // to servo_cs: drivers take its subscribers for a console. Its effect shows in the set-points.
@@ -105,14 +105,14 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   runtime::Latest<PsmJawSample> new_jaw_measured;
   runtime::Latest<PsmJawSample> new_jaw_setpoint;
   runtime::Latest<PsmOperatingState> new_operating;
-  runtime::Queue<ConsoleWord, 64> words;
+  runtime::Queue<ConsoleMessage, 64> messages;
   std::atomic<std::int64_t> tick_ns{0};
-  runtime::Latest<ConsoleWord> new_error;
+  runtime::Latest<ConsoleMessage> new_error;
   std::atomic<int> num_errors{0};
   std::atomic<int> state_publishers{0};
   std::atomic<int> incompatible{0};
   std::atomic<int> other_publishers{0};
-  std::atomic<int> foreign_words{0};
+  std::atomic<int> foreign_messages{0};
   std::atomic<int> newcomers{0};
   std::atomic<int> goals_reached{0};
   runtime::Latest<internal::Who> new_who;

@@ -69,7 +69,7 @@ constexpr std::array kEntries = std::to_array<Entry>({
      "more than one program publishes the arm's state",
      "end all consoles and simulators of this arm but one; one that was killed is forgotten after "
      "some seconds"},
-    {PsmStatus::kForeignWord, HoldReason::kSecondCommander,
+    {PsmStatus::kForeignMessage, HoldReason::kSecondCommander,
      "someone else told the arm to hold, to be free or to change its state",
      "ask who sent hold, free or state_command, then arm again"},
     {PsmStatus::kNewcomer, HoldReason::kSecondCommander,

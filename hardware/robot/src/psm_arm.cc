@@ -14,8 +14,8 @@ robot::Finding ArmFinding(PsmStatus status) noexcept {
 robot::Finding PsmArm::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept {
   const bool was_active = armed() || homing();
   const PsmStatus status = driver_->Tick(steady_ns, wall_ns);
-  if (ConsoleWord word; on_word_) {
-    while (driver_->TakeWord(word)) on_word_(word);
+  if (ConsoleMessage message; on_message_) {
+    while (driver_->TakeMessage(message)) on_message_(message);
   }
   // An unarmed driver is no reason to hold, but what keeps it from being armed is.
   found_ = was_active ? status : driver_->client().hold_reason();
@@ -30,7 +30,7 @@ robot::Finding PsmArm::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexce
 
 // The reason, and who it was.
 std::string_view PsmArm::SaidBy(std::string_view who) noexcept {
-  const char* const what = found_ == PsmStatus::kForeignWord      ? "told the arm something"
+  const char* const what = found_ == PsmStatus::kForeignMessage   ? "told the arm something"
                            : found_ == PsmStatus::kOtherPublisher ? "can command the arm"
                            : found_ == PsmStatus::kForeignControl
                                ? "the console obeyed someone else"

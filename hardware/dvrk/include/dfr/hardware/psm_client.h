@@ -132,7 +132,7 @@ struct PsmInput {
   int state_publishers = 0;  ///< Matched on measured_js.
   int incompatible = 0;      ///< Publishers refused there because of their quality of service.
   int other_publishers = 0;  ///< On the command topics, other than this client.
-  int foreign_words = 0;     ///< Messages of others on hold, free and state_command.
+  int foreign_messages = 0;  ///< Messages of others on hold, free and state_command.
   /// Statements of the console that servo_cp or servo_cs, and that another command, controls the
   /// arm: ControlStatedBy().
   int pose_controls = 0;

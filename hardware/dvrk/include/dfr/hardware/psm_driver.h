@@ -14,7 +14,7 @@
 namespace dfr::hardware {
 
 /// A message from the console's topics error, warning and status.
-struct ConsoleWord {
+struct ConsoleMessage {
   enum class Severity { kError, kWarning, kStatus };
   Severity severity = Severity::kStatus;
   /// Zero-terminated; longer text is truncated. Control characters become question marks.
@@ -23,7 +23,7 @@ struct ConsoleWord {
   [[nodiscard]] std::string_view view() const noexcept { return text.data(); }
 };
 
-[[nodiscard]] const char* Name(ConsoleWord::Severity severity) noexcept;
+[[nodiscard]] const char* Name(ConsoleMessage::Severity severity) noexcept;
 
 /// Options for PsmDriver.
 struct PsmDriverOptions {
@@ -102,7 +102,7 @@ class PsmDriver {
   /// Takes the oldest unread console message. Returns false if there is none. At most five per
   /// severity are passed in a second of Tick()'s clock; a warning states the number suppressed. The
   /// queue holds 64; further messages are lost.
-  bool TakeWord(ConsoleWord& word) noexcept;
+  bool TakeMessage(ConsoleMessage& message) noexcept;
   /// Returns the last error reported by the console; empty if none.
   [[nodiscard]] std::string_view last_error() const noexcept { return last_error_.view(); }
   /// Describes the last participant that published, sent a request or joined, with address and
@@ -138,7 +138,7 @@ class PsmDriver {
   struct Link;
   std::string arm_;
   PsmClient client_;
-  ConsoleWord last_error_;
+  ConsoleMessage last_error_;
   std::array<char, 160> who_{};
   std::array<char, 160> control_{};  // the console's last statement of another's control
   int other_publishers_ = 0;

@@ -4,10 +4,10 @@
 
 namespace dfr::hardware {
 
-/// Decides which of the console's statements of control, see control_word.h, are answers to own
-/// commands. The console states each change of control, so a command causes at most one statement:
-/// an own hold one of another control than poses, the first set-point after it one of poses. Any
-/// statement beyond these shows that the console has obeyed another's command.
+/// Decides which of the console's statements of control, see control_statement.h, are answers to
+/// own commands. The console states each change of control, so a command causes at most one
+/// statement: an own hold one of another control than poses, the first set-point after it one of
+/// poses. Any statement beyond these shows that the console has obeyed another's command.
 ///
 /// No set-point may be sent while the answer to an own hold may still come, see awaits(). Then a
 /// statement of another control than poses that comes after a set-point is never an own answer,

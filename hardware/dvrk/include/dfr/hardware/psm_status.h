@@ -32,7 +32,7 @@ enum class PsmStatus {
   // Commands and their effect.
   kOtherPublisher,   ///< Another program publishes on the arm's command topics.
   kSecondConsole,    ///< Several publishers of the arm's state.
-  kForeignWord,      ///< Another program told the arm to hold, be free or change its state.
+  kForeignMessage,   ///< Another program told the arm to hold, be free or change its state.
   kNewcomer,         ///< A participant joined, or began to publish on a command topic.
   kForeignControl,   ///< The console states that a command of another program controls the arm.
   kForeignSetpoint,  ///< The console's set-point does not match those sent to it.

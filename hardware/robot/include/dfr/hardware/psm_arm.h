@@ -21,9 +21,10 @@ using PathCheck = std::function<std::string_view(const kinematics::PsmJoints& fr
 class PsmArm final : public robot::Manipulator {
  public:
   /// Borrows `driver`.
-  /// @param on_word  told the console's words in Tick(), so it may not wait; may be empty.
-  PsmArm(PsmDriver& driver, PathCheck check, std::function<void(const ConsoleWord&)> on_word = {})
-      : driver_(&driver), check_(std::move(check)), on_word_(std::move(on_word)) {}
+  /// @param on_message  called in Tick() with each console message; must not wait. May be empty.
+  PsmArm(PsmDriver& driver, PathCheck check,
+         std::function<void(const ConsoleMessage&)> on_message = {})
+      : driver_(&driver), check_(std::move(check)), on_message_(std::move(on_message)) {}
 
   [[nodiscard]] robot::Finding Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept override;
   [[nodiscard]] bool needs_homing() const noexcept override;
@@ -46,7 +47,7 @@ class PsmArm final : public robot::Manipulator {
 
   PsmDriver* driver_;
   PathCheck check_;
-  std::function<void(const ConsoleWord&)> on_word_;
+  std::function<void(const ConsoleMessage&)> on_message_;
   PsmStatus found_ = PsmStatus::kNoConsole;  // by the last Tick()
   std::array<char, 96> said_{};
 };

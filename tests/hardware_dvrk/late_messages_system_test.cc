@@ -27,7 +27,7 @@ PsmDriverOptions Patient() {
   return options;
 }
 
-class LateWordsSystemTest : public testing::Test {
+class LateMessagesSystemTest : public testing::Test {
  protected:
   void SetUp() override {
     PsmJoints start = PsmJoints::Zero();
@@ -62,7 +62,7 @@ class LateWordsSystemTest : public testing::Test {
 };
 
 // From the moment on that anybody may hear it, 1 mm: 50 ms of this motion, and discovery takes 10.
-TEST_F(LateWordsSystemTest, FiftyHoldsOfWhoHasJustJoinedAreFiftyHolds) {
+TEST_F(LateMessagesSystemTest, FiftyHoldsOfWhoHasJustJoinedAreFiftyHolds) {
   double worst_m = 0.0;
   for (int i = 0; i < 50; ++i) {
     SCOPED_TRACE(i);
@@ -92,7 +92,7 @@ TEST_F(LateWordsSystemTest, FiftyHoldsOfWhoHasJustJoinedAreFiftyHolds) {
 }
 
 // The console has heard it, and the guest is found here up to half a second later.
-TEST_F(LateWordsSystemTest, FiftyHoldsThatTheConsoleAloneHasHeardAreFiftyHolds) {
+TEST_F(LateMessagesSystemTest, FiftyHoldsThatTheConsoleAloneHasHeardAreFiftyHolds) {
   double worst_m = 0.0;
   int by_the_console = 0;
   for (int i = 0; i < 50; ++i) {
@@ -127,7 +127,7 @@ TEST_F(LateWordsSystemTest, FiftyHoldsThatTheConsoleAloneHasHeardAreFiftyHolds) 
   std::printf("at most %.3f mm; %d by the console's statement\n", 1e3 * worst_m, by_the_console);
 }
 
-TEST_F(LateWordsSystemTest, AWindowThatWasThereBeforeIsNoReason) {
+TEST_F(LateMessagesSystemTest, AWindowThatWasThereBeforeIsNoReason) {
   dds::Participant window({.domain = test::OwnDomain(), .name = "window"});
   const dds::Publisher<dds::Signal> hold(window, "/PSM1/hold", dds::Role::kRequest);
   const dds::Publisher<dds::Signal> free(window, "/PSM1/free", dds::Role::kRequest);

@@ -1,11 +1,11 @@
-#include "dfr/hardware/control_word.h"
+#include "dfr/hardware/control_statement.h"
 
 #include <gtest/gtest.h>
 
 namespace dfr::hardware {
 namespace {
 
-TEST(ControlWordTest, WhatTheConsoleStatesOfItsControlIsRead) {
+TEST(ControlStatementTest, WhatTheConsoleStatesOfItsControlIsRead) {
   EXPECT_EQ(ControlStatedBy("PSM1: control CARTESIAN_SPACE/POSITION_MODE"), PsmControl::kPoses);
   EXPECT_EQ(ControlStatedBy("PSM1: control UNDEFINED_SPACE/UNDEFINED_MODE"), PsmControl::kNone);
   for (const char* text :

@@ -1,4 +1,4 @@
-#include "dfr/hardware/control_word.h"
+#include "dfr/hardware/control_statement.h"
 
 namespace dfr::hardware {
 namespace {

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "dfr/hardware/control_word.h"
+#include "dfr/hardware/control_statement.h"
 #include "dfr/hardware/psm_client.h"
 #include "dfr/sim/dvrk/psm_console.h"
 
@@ -29,7 +29,7 @@ PsmJoints Start() {
 }
 
 // A client at a simulated console, without a network. Steps of 5 ms, a sample with every other.
-class LateWordsTest : public testing::Test {
+class LateMessagesTest : public testing::Test {
  protected:
   // Both anew, armed and on their way.
   void Begin() {
@@ -142,7 +142,7 @@ class LateWordsTest : public testing::Test {
 
 // A hold, once and 20 times a second for .3 s, by a participant that is found here up to half a
 // second later than at the console.
-TEST_F(LateWordsTest, AHoldThatTheConsoleAloneHasHeardHolds) {
+TEST_F(LateMessagesTest, AHoldThatTheConsoleAloneHasHeardHolds) {
   double worst_m = 0.0;
   for (int i = 0; i < 50; ++i) {
     const int late_ms = 10 * i;
@@ -161,7 +161,7 @@ TEST_F(LateWordsTest, AHoldThatTheConsoleAloneHasHeardHolds) {
 
 // Nobody is found before 300 ms after the console has heard it, and what the console publishes is
 // all that there is.
-TEST_F(LateWordsTest, TheConsoleShowsWhatOthersCommand) {
+TEST_F(LateMessagesTest, TheConsoleShowsWhatOthersCommand) {
   struct Command {
     const char* topic;
     std::function<void()> carry_out;  // with every third step, out of step with the samples
@@ -208,7 +208,7 @@ TEST_F(LateWordsTest, TheConsoleShowsWhatOthersCommand) {
 
 // Without repetition: each command is carried out once, and its sender found 300 ms later. A move
 // makes the arm busy before the text comes.
-TEST_F(LateWordsTest, OneCommandIsEnough) {
+TEST_F(LateMessagesTest, OneCommandIsEnough) {
   struct Command {
     const char* topic;
     std::function<void()> carry_out;
@@ -238,7 +238,7 @@ TEST_F(LateWordsTest, OneCommandIsEnough) {
 }
 
 // The answers to our own hold and to the first set-point after it come when the arm is armed again.
-TEST_F(LateWordsTest, TheAnswersToOurOwnCommandsAreNoOneElses) {
+TEST_F(LateMessagesTest, TheAnswersToOurOwnCommandsAreNoOneElses) {
   Begin();
   for (int episode = 0; episode < 20; ++episode) {
     SCOPED_TRACE(episode);
@@ -260,7 +260,7 @@ TEST_F(LateWordsTest, TheAnswersToOurOwnCommandsAreNoOneElses) {
 
 // The texts come up to 0.9 s late: after the arm has been armed again, even several times. As soon
 // as all have come, a hold of another shows.
-TEST_F(LateWordsTest, LateAnswersToOurOwnCommandsAreNoOneElses) {
+TEST_F(LateMessagesTest, LateAnswersToOurOwnCommandsAreNoOneElses) {
   for (const int transit_steps : {20, 60, 180}) {
     for (const int phase_steps : {10, 25, 100}) {
       SCOPED_TRACE(testing::Message() << transit_steps << " late, " << phase_steps << " armed");
@@ -285,7 +285,7 @@ TEST_F(LateWordsTest, LateAnswersToOurOwnCommandsAreNoOneElses) {
 }
 
 // From the first set-point on, which is sent as soon as the answer to our own hold has come.
-TEST_F(LateWordsTest, AHoldRightAfterOurOwnHolds) {
+TEST_F(LateMessagesTest, AHoldRightAfterOurOwnHolds) {
   for (int steps = kTransitSteps - 1; steps < 40; ++steps) {
     SCOPED_TRACE(steps);
     Begin();
@@ -301,7 +301,7 @@ TEST_F(LateWordsTest, AHoldRightAfterOurOwnHolds) {
 
 // The console never answers our own hold, because it was lost: it is still controlled by poses. The
 // answer is awaited for a second before a set-point is sent, and no later hold is taken for it.
-TEST_F(LateWordsTest, AHoldAfterOneOfOurOwnThatTheConsoleNeverAnswersHolds) {
+TEST_F(LateMessagesTest, AHoldAfterOneOfOurOwnThatTheConsoleNeverAnswersHolds) {
   for (int ms = 0; ms < 2000; ms += 50) {
     SCOPED_TRACE(testing::Message() << ms << " ms after our own hold");
     Begin();
@@ -333,7 +333,7 @@ TEST_F(LateWordsTest, AHoldAfterOneOfOurOwnThatTheConsoleNeverAnswersHolds) {
 }
 
 // A hold that changes nothing has no answer, so none is waited for.
-TEST_F(LateWordsTest, AHoldAfterSeveralOfOurOwnHolds) {
+TEST_F(LateMessagesTest, AHoldAfterSeveralOfOurOwnHolds) {
   Begin();
   for (int i = 0; i < 3; ++i) {
     client_.Hold();
@@ -347,7 +347,7 @@ TEST_F(LateWordsTest, AHoldAfterSeveralOfOurOwnHolds) {
 }
 
 // Before our first set-point the control was already that of poses, as after teleoperation.
-TEST_F(LateWordsTest, AHoldRightAfterArmingHolds) {
+TEST_F(LateMessagesTest, AHoldRightAfterArmingHolds) {
   console_.Place(Start());
   console_.ServoCp(console_.setpoint_pose());
   for (int i = 0; i < 40; ++i) Step();
@@ -360,7 +360,7 @@ TEST_F(LateWordsTest, AHoldRightAfterArmingHolds) {
 
 // The window of 0.2 s in which a set-point reaches the console, and what the motion takes to leave
 // the tolerance.
-TEST_F(LateWordsTest, ASetpointThatStaysWhileOursMovesOnHolds) {
+TEST_F(LateMessagesTest, ASetpointThatStaysWhileOursMovesOnHolds) {
   Begin();
   deaf_ = true;
   const Eigen::Vector3d there = tip();
@@ -371,7 +371,7 @@ TEST_F(LateWordsTest, ASetpointThatStaysWhileOursMovesOnHolds) {
   EXPECT_LT((tip() - there).norm(), 1e-3);
 }
 
-TEST_F(LateWordsTest, NothingIsDetectedWhereNobodyElseIs) {
+TEST_F(LateMessagesTest, NothingIsDetectedWhereNobodyElseIs) {
   Begin();
   for (int i = 0; i < 2000; ++i) Step();
   EXPECT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());
