@@ -496,7 +496,7 @@ struct Pictures {
   [[nodiscard]] int good() const noexcept { return times[0]; }
 };
 
-Pictures Watch(const CheckOptions& options, hardware::Endoscope& endoscope) {
+Pictures ReceivePictures(const CheckOptions& options, hardware::Endoscope& endoscope) {
   Pictures pictures;
   hardware::Frame& frame = pictures.frame;
   Clock& clock = *options.clock;
@@ -653,7 +653,7 @@ DeviceReport CheckEndoscope(const CheckOptions& options) {
 
 void LookAt(const CheckOptions& options, const hardware::EndoscopeOptions& camera,
             hardware::Endoscope& endoscope, DeviceReport& report) {
-  Pictures pictures = Watch(options, endoscope);
+  Pictures pictures = ReceivePictures(options, endoscope);
   ReportPictures(options, camera, pictures, report);
   if (pictures.good() == 0 || pictures.ages.empty()) return;
   if (hardware::IsImageTopic(options.endoscope)) {

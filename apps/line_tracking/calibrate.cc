@@ -49,7 +49,7 @@ line_task::LineCalibration Guess(const RobotConfig& config) {
 // Empty, with a message for the operator, if these pictures are not sufficient.
 std::optional<line_task::LineCalibration> FromPictures(
     const std::vector<vision::CalibrationFrame>& frames, const line_task::LineCalibration& guess,
-    const RobotConfig& config, runtime::Screen& screen) {
+    const RobotConfig& config, runtime::AsyncPrinter& printer) {
   try {
     calibration::CalibrateOptions options;
     options.known_camera = true;
@@ -60,16 +60,16 @@ std::optional<line_task::LineCalibration> FromPictures(
     std::ostringstream table;
     calibration::Print(table, found, summary);
     std::istringstream lines(table.str());
-    for (std::string line; std::getline(lines, line);) screen.Say("%s\n", line.c_str());
+    for (std::string line; std::getline(lines, line);) printer.Say("%s\n", line.c_str());
     if (!summary.converged || !summary.has_covariance) {
-      screen.Say("not calibrated: %s. Take more pictures at other poses\n",
-                 summary.message.c_str());
+      printer.Say("not calibrated: %s. Take more pictures at other poses\n",
+                  summary.message.c_str());
       return std::nullopt;
     }
     found.provenance = guess.provenance;
     return found;
   } catch (const std::invalid_argument& e) {
-    screen.Say("not calibrated: %s\n", e.what());
+    printer.Say("not calibrated: %s\n", e.what());
     return std::nullopt;
   }
 }
@@ -82,9 +82,9 @@ void CalibrateRobot(const CalibrateOptions& options) {
   const line_task::LineCalibration guess = Guess(config);
   const std::filesystem::path out = options.out.empty() ? config.calibration : options.out;
   Terminal terminal;
-  runtime::Screen& screen = terminal.screen();
+  runtime::AsyncPrinter& printer = terminal.printer();
   const std::unique_ptr<RobotPlant> plant = BringUpRobot(config, guess, nullptr, terminal);
-  screen.Say(
+  printer.Say(
       "Move the tip by teleoperation all over the gauze, up to 30 mm above it, and let it "
       "rest for each\npicture. In %td or more, better forty, it touches the gauze.\n",
       kTouching);
@@ -93,7 +93,7 @@ void CalibrateRobot(const CalibrateOptions& options) {
   while (!found) {
     const std::ptrdiff_t touching = std::ranges::count_if(
         frames, [](const vision::CalibrationFrame& frame) { return frame.touching; });
-    const std::optional<std::string> word = terminal.desk().Answer(
+    const std::optional<std::string> word = terminal.prompt().Answer(
         plant->loop(),
         core::Format("%zu pictures, the tip touches in %td. Enter takes one, t one where it "
                      "touches; done calibrates",
@@ -101,21 +101,21 @@ void CalibrateRobot(const CalibrateOptions& options) {
         kWords);
     if (!word) throw std::runtime_error("not calibrated: nothing was written");
     if (*word == "done" && touching < kTouching) {
-      screen.Say("not calibrated: the tip has to touch the gauze in %td pictures\n", kTouching);
+      printer.Say("not calibrated: the tip has to touch the gauze in %td pictures\n", kTouching);
     } else if (*word == "done") {
-      found = FromPictures(frames, guess, config, screen);
+      found = FromPictures(frames, guess, config, printer);
     } else {
       try {
-        frames.push_back(plant->Sight());
+        frames.push_back(plant->CaptureCalibrationFrame());
         frames.back().touching = *word == "t";
       } catch (const std::runtime_error& e) {
-        screen.Say("  %s: no picture was taken\n", e.what());
+        printer.Say("  %s: no picture was taken\n", e.what());
       }
     }
   }
   if (out.has_parent_path()) std::filesystem::create_directories(out.parent_path());
   found->Save(out);
-  screen.Say("%s written\n", out.c_str());
+  printer.Say("%s written\n", out.c_str());
 }
 
 }  // namespace

@@ -50,14 +50,15 @@ std::optional<core::Trajectory> Drive(RobotPlant& plant, int steps, std::uint64_
 core::Trajectory Follow(RobotPlant& plant, int steps) {
   core::Trajectory trajectory = Empty(plant, steps);
   core::Matrix& x = trajectory.states;
-  if (!plant.Watch(Row(x, 0))) throw std::runtime_error("line or tip are not visible");
+  if (!plant.ObserveIdle(Row(x, 0))) throw std::runtime_error("line or tip are not visible");
   const vision::LineObservation first = plant.last_image().seen;
   for (int t = 0; t < steps; ++t) {
     constexpr int kPatience = 300;  // pictures
     for (int n = 0;; ++n) {
       if (Terminal::interrupted()) throw std::runtime_error("interrupted");
       if (n > kPatience) throw std::runtime_error("the tip rests");
-      if (!plant.Watch(Row(x, t + 1))) throw std::runtime_error("line or tip are not visible");
+      if (!plant.ObserveIdle(Row(x, t + 1)))
+        throw std::runtime_error("line or tip are not visible");
       if (std::abs(x(t + 1, 2)) > 1e3 * LineTask::kCollision) throw std::runtime_error("collided");
       if ((x.row(t + 1) - x.row(t)).head(2).norm() >= kDemonstratedStep) break;
     }
@@ -73,15 +74,17 @@ core::Trajectory Follow(RobotPlant& plant, int steps) {
 }
 
 // One demonstration, if the operator confirms it and the robot completes it.
-std::optional<core::Trajectory> Demonstrated(RobotPlant& plant, const DemonstrateOptions& options,
-                                             std::uint64_t seed, runtime::Screen& screen) {
+std::optional<core::Trajectory> RecordDemonstration(RobotPlant& plant,
+                                                    const DemonstrateOptions& options,
+                                                    std::uint64_t seed,
+                                                    runtime::AsyncPrinter& printer) {
   std::optional<core::Trajectory> trajectory;
   try {
     trajectory =
         options.teleoperation ? Follow(plant, options.steps) : Drive(plant, options.steps, seed);
-    if (!trajectory) screen.Say("  not completed: it is left out\n");
+    if (!trajectory) printer.Say("  not completed: it is left out\n");
   } catch (const std::runtime_error& e) {
-    screen.Say("  %s: it is left out\n", e.what());
+    printer.Say("  %s: it is left out\n", e.what());
   }
   if (!options.teleoperation) plant.Halt();
   if (trajectory && !trajectory->states.allFinite()) trajectory.reset();
@@ -98,12 +101,12 @@ void DemonstrateOnRobot(const DemonstrateOptions& options) {
   }
   const core::Provenance provenance = ProvenanceOf(config);
   Terminal terminal;
-  runtime::Screen& screen = terminal.screen();
+  runtime::AsyncPrinter& printer = terminal.printer();
   const std::unique_ptr<RobotPlant> plant = BringUpRobot(config, known, nullptr, terminal);
   imitation::RobomimicWriter writer(options.out, plant->layout(), plant->control_dim(),
                                     "line-tracking");
   writer.SetProvenance(provenance);
-  screen.Say(
+  printer.Say(
       "%d demonstrations, the platform at rest; begin at a different place each time, up to 1 mm "
       "off the line\n%s\n",
       options.count,
@@ -111,17 +114,17 @@ void DemonstrateOnRobot(const DemonstrateOptions& options) {
           ? "Enter once the tip is over the beginning, then lead it along by teleoperation"
           : "the arm follows the line by itself after Enter");
   for (std::uint64_t i = 0; writer.num_episodes() < options.count &&
-                            terminal.desk().AllowsEpisode(plant->loop(), kPrepare);
+                            terminal.prompt().AllowsEpisode(plant->loop(), kPrepare);
        ++i) {
     const std::uint64_t seed = core::DeriveSeed(options.seed, {i});
-    if (const auto trajectory = Demonstrated(*plant, options, seed, screen)) {
+    if (const auto trajectory = RecordDemonstration(*plant, options, seed, printer)) {
       writer.Append(*trajectory);
-      screen.Say("%d of %d\n", writer.num_episodes(), options.count);
+      printer.Say("%d of %d\n", writer.num_episodes(), options.count);
     } else {
       writer.CountDiscarded();
     }
   }
-  screen.Say("%s: %d demonstrations\n", options.out.c_str(), writer.num_episodes());
+  printer.Say("%s: %d demonstrations\n", options.out.c_str(), writer.num_episodes());
 }
 
 }  // namespace

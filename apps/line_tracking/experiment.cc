@@ -133,9 +133,9 @@ std::vector<StudiedMethod> StudyProbes(LineTrialRunner& runner,
                        ProbeStudy(runner.model(), runner.plant())});
     const auto episodes = std::min<std::size_t>(kStudiedEpisodes, starts.size());
     for (std::size_t i = 0; i < episodes; ++i) {
-      runner.Watch(static_cast<int>(m), starts[i],
-                   experiment::ControllerSeed(plan, 0, static_cast<int>(i)), &studied.back().study,
-                   kStudiedControls);
+      runner.RunObserved(static_cast<int>(m), starts[i],
+                         experiment::ControllerSeed(plan, 0, static_cast<int>(i)),
+                         &studied.back().study, kStudiedControls);
     }
   }
   return studied;
@@ -247,8 +247,8 @@ experiment::ReportFigure RecoveryFigure(LineTrialRunner& runner,
     }
     RecoveryCurves curves(kCurves);
     for (std::size_t i = 0; i < starts.size() && !curves.complete(); ++i) {
-      runner.Watch(static_cast<int>(m), starts[i],
-                   experiment::ControllerSeed(plan, 0, static_cast<int>(i)), &curves);
+      runner.RunObserved(static_cast<int>(m), starts[i],
+                         experiment::ControllerSeed(plan, 0, static_cast<int>(i)), &curves);
     }
     if (curves.curves().empty()) continue;
     experiment::ReportSeries series = Average(curves.curves());

@@ -70,7 +70,7 @@ ImageWorker::~ImageWorker() {
   thread_.join();
 }
 
-robot::ThreadFinding ImageWorker::Report() noexcept {
+robot::ThreadHealth ImageWorker::Report() noexcept {
   static_cast<void>(healths_.Take(health_));
   // In lock-step pictures arrive on request.
   if (lock_step_ != nullptr) return {{}, runtime::SteadyNow()};

@@ -46,7 +46,7 @@ class ImageWorker final : public robot::Camera {
   ImageWorker(const ImageWorker&) = delete;
   ImageWorker& operator=(const ImageWorker&) = delete;
 
-  [[nodiscard]] robot::ThreadFinding Report() noexcept override;
+  [[nodiscard]] robot::ThreadHealth Report() noexcept override;
   [[nodiscard]] robot::Finding Ask(std::int64_t after_ns) noexcept override;
   [[nodiscard]] Answer Take(std::span<double> state) noexcept override;
   /// Replaces Ask() for a calibration, in real time: finds only marks and tip, without the

@@ -335,7 +335,7 @@ struct RobotPlant::Impl {
   }
 
   // Waits for a new picture while nothing is armed.
-  robot::Camera::Answer Watch(std::span<double> state, bool marks) {
+  robot::Camera::Answer ObserveIdle(std::span<double> state, bool marks) {
     const std::int64_t after_ns = real_time.WallNs() + std::llround(1e9 * image_latency_s);
     if (marks) {
       camera.AskForMarks(after_ns);
@@ -502,16 +502,16 @@ void RobotPlant::Halt() noexcept {
   i.loop.Halt();
 }
 
-bool RobotPlant::Watch(std::span<double> state) {
-  return impl_->Watch(state, false) == robot::Camera::Answer::kSeen;
+bool RobotPlant::ObserveIdle(std::span<double> state) {
+  return impl_->ObserveIdle(state, false) == robot::Camera::Answer::kSeen;
 }
 
-vision::CalibrationFrame RobotPlant::Sight() {
+vision::CalibrationFrame RobotPlant::CaptureCalibrationFrame() {
   Impl& i = *impl_;
   constexpr double kStill = 1e-4;  // m
   const Eigen::Vector3d before = i.task.Tip(i.driver.client().measured_js().position);
   std::vector<double> none(static_cast<std::size_t>(i.task.layout().state_dim()));
-  static_cast<void>(i.Watch(none, true));
+  static_cast<void>(i.ObserveIdle(none, true));
   const PsmJoints joints = i.driver.client().measured_js().position;
   if (!((i.task.Tip(joints) - before).norm() <= kStill)) throw std::runtime_error("the arm moves");
   const ImageAnswer& answer = i.camera.last();

@@ -80,10 +80,11 @@ class RobotPlant final : public core::Plant {
   /// Measures the state while the robot is not started; the arm may be teleoperated, moved by its
   /// clutch, or at rest. Returns false, with a NaN state, if the next picture does not show it.
   /// @throws std::runtime_error with the error of arm, pictures or emergency stop.
-  [[nodiscard]] bool Watch(std::span<double> state);
+  [[nodiscard]] bool ObserveIdle(std::span<double> state);
   /// The same for a calibration: the arm's joints, and the marks and tip in the next picture.
-  /// @throws std::runtime_error as Watch(), and if the arm moves, or marks or tip are not found.
-  [[nodiscard]] vision::CalibrationFrame Sight();
+  /// @throws std::runtime_error as ObserveIdle(), and if the arm moves, or marks or tip are not
+  /// found.
+  [[nodiscard]] vision::CalibrationFrame CaptureCalibrationFrame();
 
   /// Picture of the last Observe(), and the features in it.
   [[nodiscard]] const ImageAnswer& last_image() const noexcept;

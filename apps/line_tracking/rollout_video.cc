@@ -84,7 +84,7 @@ RolloutVideo Record(LineTrialRunner& runner, int method, const std::string& titl
   const auto draw = [&plant](std::span<std::uint8_t> rgb) { DrawBothViews(plant, rgb); };
   RolloutVideoRecorder recorder(title, kPictureWidth, kPictureHeight, draw,
                                 runner.model().task().support(), kRecoveryStride);
-  runner.Watch(method, start_seed, controller_seed, &recorder);
+  runner.RunObserved(method, start_seed, controller_seed, &recorder);
   return recorder.Take();
 }
 

@@ -36,17 +36,17 @@ struct Robot {
 // A robot's episodes begin after the operator's confirmation, a simulation's by themselves after a
 // regular end. Returns false if there are no more episodes.
 bool MayBegin(RobotPlant& plant, bool simulated, Terminal& terminal) {
-  robot::OperatorDesk& desk = terminal.desk();
+  robot::OperatorPrompt& prompt = terminal.prompt();
   const auto say = [&](std::string_view words) {
-    terminal.screen().Say("  %.*s\n", static_cast<int>(words.size()), words.data());
+    terminal.printer().Say("  %.*s\n", static_cast<int>(words.size()), words.data());
   };
   const auto confirms = [&](std::string_view question, std::string_view word) {
-    return desk.Confirms(plant.loop(), question, word);
+    return prompt.Confirms(plant.loop(), question, word);
   };
   do {
     if (!plant.AcceptsOthers(say, confirms)) return false;
     if (simulated) return plant.loop().ended_regularly();
-    if (!desk.AllowsEpisode(plant.loop(), kPrepare)) return false;
+    if (!prompt.AllowsEpisode(plant.loop(), kPrepare)) return false;
   } while (!plant.KnowsOthers());  // a participant joined during the question
   return true;
 }
@@ -127,10 +127,10 @@ void Connect(RecordedController& controller, RobotPlant& plant) {
 // Runs the episodes and prints each outcome. Returns true if the robot ended the run early.
 bool RunEpisodes(const RunOptions& options, const RobotConfig& config, const Robot& robot,
                  RecordedController& controller, Terminal& terminal) {
-  runtime::Screen& screen = terminal.screen();
+  runtime::AsyncPrinter& printer = terminal.printer();
   std::array<int, 3> counts{};
   control::RolloutWorkspace workspace;
-  screen.Say("episode  outcome    controls  recovery  tracked [mm]  cause\n");
+  printer.Say("episode  outcome    controls  recovery  tracked [mm]  cause\n");
   bool stopped = false;
   for (int i = 0; i < options.episodes && !Terminal::interrupted(); ++i) {
     if (robot.wire != nullptr && !MayBegin(*robot.wire, config.simulator, terminal)) break;
@@ -146,18 +146,19 @@ bool RunEpisodes(const RunOptions& options, const RobotConfig& config, const Rob
     }
     const std::string cause = CauseOf(result, robot);
     ++counts[static_cast<std::size_t>(result.outcome)];
-    screen.Say("%7d  %-9s  %8d  %8d  %12.1f  %s\n", i, core::Name(result.outcome),
-               result.controls(), result.recovery_controls(), 1e3 * robot.progress_m(),
-               cause.c_str());
+    printer.Say("%7d  %-9s  %8d  %8d  %12.1f  %s\n", i, core::Name(result.outcome),
+                result.controls(), result.recovery_controls(), 1e3 * robot.progress_m(),
+                cause.c_str());
     stopped = robot.wire != nullptr && !robot.wire->loop().ended_regularly();
   }
-  screen.Say("%s: %d completed, %d halted, %d collided\n", config.method.c_str(), counts[0],
-             counts[1], counts[2]);
+  printer.Say("%s: %d completed, %d halted, %d collided\n", config.method.c_str(), counts[0],
+              counts[1], counts[2]);
   return stopped;
 }
 
-void PrintTimes(runtime::Screen& screen, const runtime::PeriodicTimer& timer, double period_s) {
-  screen.Say(
+void PrintTimes(runtime::AsyncPrinter& printer, const runtime::PeriodicTimer& timer,
+                double period_s) {
+  printer.Say(
       "loop: %lld periods of %.1f ms, off by %.3f ms (median), %.3f ms (99.9 %%), %.3f ms "
       "(worst); %lld left out\n",
       static_cast<long long>(timer.periods()), 1e3 * period_s, 1e3 * timer.Jitter(0.5),
@@ -195,20 +196,20 @@ void RunRun(const RunOptions& options) {
     recorder.emplace(log, RunMetadata(config, options.seed));
   }
   Terminal terminal;
-  runtime::Screen& screen = terminal.screen();
+  runtime::AsyncPrinter& printer = terminal.printer();
   Robot robot = MakeRobot(config, options, known, recorder ? &*recorder : nullptr, terminal);
   const std::unique_ptr<control::Controller> decides = model.MakeController(config.method);
   RecordedController controller(*decides, recorder ? &*recorder : nullptr);
   if (robot.wire != nullptr) Connect(controller, *robot.wire);
   const bool stopped = RunEpisodes(options, config, robot, controller, terminal);
   if (robot.wire != nullptr && robot.wire->timer() != nullptr) {
-    PrintTimes(screen, *robot.wire->timer(), config.period_s);
+    PrintTimes(printer, *robot.wire->timer(), config.period_s);
   }
   const std::string why = stopped ? robot.wire->loop().cause() : std::string();
   robot = {};  // its threads record no more
   if (recorder) {
     recorder->Finish();
-    screen.Say("%s written: line_tracking replay repeats its decisions\n", log.c_str());
+    printer.Say("%s written: line_tracking replay repeats its decisions\n", log.c_str());
   }
   if (stopped) throw std::runtime_error("the robot stands still: " + why);
 }

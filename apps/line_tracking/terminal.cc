@@ -16,17 +16,17 @@ constexpr const char* kWithoutStop =
 
 void Interrupt(int /*signal*/) { interrupted = true; }
 
-void Show(runtime::Screen& screen, const runtime::Transition& t) noexcept {
+void Show(runtime::AsyncPrinter& printer, const runtime::Transition& t) noexcept {
   const bool reasoned = t.reason != runtime::HoldReason::kNone;
   const bool detailed = t.detail[0] != '\0';
-  screen.Say("  %s -> %s%s%s%s%s%s\n", runtime::Name(t.from), runtime::Name(t.to),
-             reasoned ? ": " : "", reasoned ? runtime::Name(t.reason) : "", detailed ? " (" : "",
-             t.detail.data(), detailed ? ")" : "");
+  printer.Say("  %s -> %s%s%s%s%s%s\n", runtime::Name(t.from), runtime::Name(t.to),
+              reasoned ? ": " : "", reasoned ? runtime::Name(t.reason) : "", detailed ? " (" : "",
+              t.detail.data(), detailed ? ")" : "");
 }
 
 }  // namespace
 
-Terminal::Terminal() : desk_(keyboard_, screen_, line_tracking::interrupted) {
+Terminal::Terminal() : prompt_(keyboard_, printer_, line_tracking::interrupted) {
   std::signal(SIGINT, Interrupt);
   std::signal(SIGTERM, Interrupt);
   std::cout << std::flush;
@@ -37,32 +37,32 @@ const std::atomic<bool>& Terminal::interrupted() noexcept { return line_tracking
 std::unique_ptr<RobotPlant> BringUpRobot(const RobotConfig& config,
                                          const line_task::LineCalibration& calibration,
                                          recording::Recorder* recorder, Terminal& terminal) {
-  runtime::Screen& screen = terminal.screen();
+  runtime::AsyncPrinter& printer = terminal.printer();
   const bool without_stop = !config.emergency_stop;
-  if (without_stop) screen.Say("%s\n", kWithoutStop);
+  if (without_stop) printer.Say("%s\n", kWithoutStop);
   if (config.priority > 0) {
     const std::string refused = runtime::AskForRealTime(config.priority);
-    if (!refused.empty()) screen.Say("note: %s\n", refused.c_str());
+    if (!refused.empty()) printer.Say("note: %s\n", refused.c_str());
   }
   RunOperator run_operator;
-  run_operator.on_transition = [&screen, without_stop](const runtime::Transition& t) {
-    if (without_stop && t.to == runtime::RunState::kArmed) screen.Say("  %s\n", kWithoutStop);
-    Show(screen, t);
+  run_operator.on_transition = [&printer, without_stop](const runtime::Transition& t) {
+    if (without_stop && t.to == runtime::RunState::kArmed) printer.Say("  %s\n", kWithoutStop);
+    Show(printer, t);
   };
-  run_operator.on_message = [&screen](const hardware::ConsoleMessage& message) {
-    screen.Say("  message from the console (%s): %s\n", hardware::Name(message.severity),
-               message.text.data());
+  run_operator.on_message = [&printer](const hardware::ConsoleMessage& message) {
+    printer.Say("  message from the console (%s): %s\n", hardware::Name(message.severity),
+                message.text.data());
   };
   run_operator.interrupted = &interrupted;
   auto plant = std::make_unique<RobotPlant>(config, calibration, recorder, run_operator);
   // The loop's thread gets priority over the network's.
   if (config.priority > 0) static_cast<void>(runtime::AskForRealTime(config.priority + 1));
   plant->BringUp(
-      [&screen](std::string_view words) {
-        screen.Say("  %.*s\n", static_cast<int>(words.size()), words.data());
+      [&printer](std::string_view words) {
+        printer.Say("  %.*s\n", static_cast<int>(words.size()), words.data());
       },
       [&](std::string_view question, std::string_view word) {
-        return terminal.desk().Confirms(plant->loop(), question, word);
+        return terminal.prompt().Confirms(plant->loop(), question, word);
       });
   return plant;
 }

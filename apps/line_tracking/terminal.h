@@ -4,13 +4,13 @@
 #include <memory>
 
 #include "dfr/recording/recorder.h"
-#include "dfr/robot/operator_desk.h"
-#include "dfr/runtime/screen.h"
+#include "dfr/robot/operator_prompt.h"
+#include "dfr/runtime/async_printer.h"
 #include "robot_plant.h"
 
 namespace dfr::apps::line_tracking {
 
-/// What the operator does before an episode, see robot::OperatorDesk::AllowsEpisode().
+/// What the operator does before an episode, see robot::OperatorPrompt::AllowsEpisode().
 inline constexpr const char* kPrepare = "Put the tip over the line's beginning";
 
 /// Terminal of a program that controls a robot: output, input, and Ctrl-C. One per process.
@@ -19,14 +19,14 @@ class Terminal {
   /// Makes SIGINT and SIGTERM end the program in order.
   Terminal();
 
-  [[nodiscard]] runtime::Screen& screen() noexcept { return screen_; }
-  [[nodiscard]] robot::OperatorDesk& desk() noexcept { return desk_; }
+  [[nodiscard]] runtime::AsyncPrinter& printer() noexcept { return printer_; }
+  [[nodiscard]] robot::OperatorPrompt& prompt() noexcept { return prompt_; }
   [[nodiscard]] static const std::atomic<bool>& interrupted() noexcept;
 
  private:
-  runtime::Screen screen_;
+  runtime::AsyncPrinter printer_;
   runtime::Keyboard keyboard_;
-  robot::OperatorDesk desk_;
+  robot::OperatorPrompt prompt_;
 };
 
 /// Brings up the robot of the configuration with its operator at the terminal: see

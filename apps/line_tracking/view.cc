@@ -64,7 +64,7 @@ void RunView(const ViewOptions& options) {
     const std::uint64_t seed = options.seed + episode;
     WindowObserver observer(window, runner.plant(),
                             options.method + ", episode " + std::to_string(seed));
-    runner.Watch(0, seed, core::DeriveSeed(seed, {1}), &observer);
+    runner.RunObserved(0, seed, core::DeriveSeed(seed, {1}), &observer);
     open = observer.open();
   }
 }

@@ -116,8 +116,8 @@ std::vector<RolloutVideo> RecordRollouts(PusherTrialRunner& runner,
         method, width, height,
         [&](std::span<std::uint8_t> rgb) { renderer.Draw(runner.driven_plant(), rgb); },
         runner.model().task().support());
-    runner.Watch(static_cast<int>(found - runner.methods().begin()), start_seed, controller_seed,
-                 &recorder);
+    runner.RunObserved(static_cast<int>(found - runner.methods().begin()), start_seed,
+                       controller_seed, &recorder);
     videos.push_back(recorder.Take());
   }
   return videos;

@@ -43,7 +43,7 @@ class PusherTrialRunner final : public study::PlaceboRunner {
                           const std::filesystem::path& path) override;
 
   [[nodiscard]] const std::vector<safety::Method>& methods() const noexcept { return methods_; }
-  /// The plant that Watch() controls, without its disturbance.
+  /// The plant that RunObserved() controls, without its disturbance.
   [[nodiscard]] const sim::PusherPlant& driven_plant() noexcept {
     return static_cast<const sim::PusherPlant&>(world());
   }

@@ -201,7 +201,7 @@ bool Runner::Film(const std::vector<int>& methods, std::uint64_t start_seed,
   for (const int method : methods) {
     apps::RolloutVideoRecorder recorder(MethodName(method), drawing.width, drawing.height,
                                         drawing.draw, prepared_->task().support());
-    Watch(method, start_seed, controller_seed, &recorder);
+    RunObserved(method, start_seed, controller_seed, &recorder);
     videos.push_back(recorder.Take());
   }
   apps::WriteVideo(path, videos);
@@ -211,7 +211,7 @@ bool Runner::Film(const std::vector<int>& methods, std::uint64_t start_seed,
 double Runner::Credit(int method, std::uint64_t start_seed, std::uint64_t controller_seed,
                       const experiment::EpisodeCredit& credit) {
   Progress progress(prepared_->task().guided_support());
-  const auto episode = ResultOf(Watch(method, start_seed, controller_seed, &progress));
+  const auto episode = ResultOf(RunObserved(method, start_seed, controller_seed, &progress));
   return credit(episode.outcome, progress.share());
 }
 

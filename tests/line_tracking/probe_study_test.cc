@@ -22,7 +22,8 @@ TEST(ProbeStudyTest, ExactStatesHaveNoWrongSigns) {
   for (const int method : {0, 1}) {
     ProbeStudy study(runner.model(), runner.plant());
     EXPECT_TRUE(std::isnan(study.right_sign()));
-    for (std::uint64_t seed = 0; seed < 6; ++seed) runner.Watch(method, seed, seed, &study, 100);
+    for (std::uint64_t seed = 0; seed < 6; ++seed)
+      runner.RunObserved(method, seed, seed, &study, 100);
     ASSERT_GT(study.probes(), 20);
     EXPECT_EQ(study.right_sign(), 1.0);
     EXPECT_EQ(study.error_um(), 0.0);

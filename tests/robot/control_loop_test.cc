@@ -758,7 +758,7 @@ TEST(ControlLoopTest, NeverAllocates) {
 TEST(ControlLoopTest, ThrowsForOptionsOutOfRangeAndMissingDevices) {
   EXPECT_THROW(FakeRobot({.period_s = 0.0}), std::invalid_argument);
   EXPECT_THROW(FakeRobot({.max_period_s = 0.0}), std::invalid_argument);
-  EXPECT_THROW(FakeRobot({.calm_s = -1.0}), std::invalid_argument);
+  EXPECT_THROW(FakeRobot({.settle_time_s = -1.0}), std::invalid_argument);
   FakeRobot robot;
   EXPECT_THROW(ControlLoop({}, {.clock = &robot.clock}), std::invalid_argument);
 }

@@ -130,7 +130,7 @@ class FakeCamera final : public robot::Camera {
  public:
   FakeCamera(const FakeClock& clock, const FakeArm& arm) : clock_(&clock), arm_(&arm) {}
 
-  robot::ThreadFinding Report() noexcept override {
+  robot::ThreadHealth Report() noexcept override {
     if (!hangs) checked_ns_ = clock_->now_ns;
     return {found, checked_ns_};
   }
@@ -184,7 +184,7 @@ class FakeStop final : public robot::EmergencyStop {
  public:
   explicit FakeStop(const FakeClock& clock) : clock_(&clock) {}
 
-  robot::ThreadFinding Report() noexcept override {
+  robot::ThreadHealth Report() noexcept override {
     if (!hangs) checked_ns_ = clock_->now_ns;
     return {found, checked_ns_};
   }

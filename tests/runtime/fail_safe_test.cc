@@ -17,7 +17,7 @@ constexpr std::int64_t kPeriod = 10'000'000;  // ns
 
 // A machine and its loop's clock.
 struct Loop {
-  FailSafe machine{FailSafeOptions{.max_period_s = 0.05, .calm_s = 0.1}};
+  FailSafe machine{FailSafeOptions{.max_period_s = 0.05, .settle_time_s = 0.1}};
   std::int64_t now_ns = 1'000'000'000;
 
   void Tick(int periods = 1) {
@@ -195,8 +195,8 @@ TEST(FailSafeTest, EveryReasonAndStateHasANameOfItsOwn) {
 }
 
 TEST(FailSafeTest, ThrowsForOptionsOutOfRange) {
-  EXPECT_THROW(FailSafe({.max_period_s = 0.0, .calm_s = 0.1}), std::invalid_argument);
-  EXPECT_THROW(FailSafe({.max_period_s = 0.1, .calm_s = -1.0}), std::invalid_argument);
+  EXPECT_THROW(FailSafe({.max_period_s = 0.0, .settle_time_s = 0.1}), std::invalid_argument);
+  EXPECT_THROW(FailSafe({.max_period_s = 0.1, .settle_time_s = -1.0}), std::invalid_argument);
 }
 
 TEST(FailSafeTest, NeverAllocates) {

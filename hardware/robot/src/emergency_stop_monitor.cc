@@ -42,7 +42,7 @@ void EmergencyStopMonitor::Beat(runtime::RunState state) noexcept {
   beat_ns_ = runtime::SteadyNow();
 }
 
-robot::ThreadFinding EmergencyStopMonitor::Report() noexcept {
+robot::ThreadHealth EmergencyStopMonitor::Report() noexcept {
   const std::int64_t checked_ns = checked_ns_;
   switch (stop_state_) {
     case dds::EmergencyStop::kClear:

@@ -74,9 +74,10 @@ bool RolloutRunner::Accepts(std::uint64_t start_seed) {
   return Inside(start_);
 }
 
-control::RolloutResult RolloutRunner::Watch(int method, std::uint64_t start_seed,
-                                            std::uint64_t controller_seed,
-                                            control::RolloutObserver* observer, int max_controls) {
+control::RolloutResult RolloutRunner::RunObserved(int method, std::uint64_t start_seed,
+                                                  std::uint64_t controller_seed,
+                                                  control::RolloutObserver* observer,
+                                                  int max_controls) {
   Begin(method, start_seed);
   return control::Rollout(
       driven(), *controllers_.at(static_cast<std::size_t>(method)),
@@ -98,14 +99,14 @@ FilmedEpisode RolloutRunner::RecordStates(int method, std::uint64_t start_seed,
                                           std::uint64_t controller_seed) {
   FilmedEpisode episode{.method = MethodName(method), .result = {}, .states = {}, .recovery = {}};
   StateRecorder recorder(world(), episode);
-  episode.result = ResultOf(Watch(method, start_seed, controller_seed, &recorder));
+  episode.result = ResultOf(RunObserved(method, start_seed, controller_seed, &recorder));
   return episode;
 }
 
 EpisodeResult RolloutRunner::Run(int method, std::uint64_t start_seed,
                                  std::uint64_t controller_seed) {
   RecoveryCounter counter(recovery_lengths_.at(static_cast<std::size_t>(method)));
-  return ResultOf(Watch(method, start_seed, controller_seed, &counter));
+  return ResultOf(RunObserved(method, start_seed, controller_seed, &counter));
 }
 
 EpisodeResult RolloutRunner::ResultOf(const control::RolloutResult& result) {

@@ -25,7 +25,7 @@ std::string InWords(HoldReason reason, std::string_view detail) {
 ControlLoop::ControlLoop(const ControlLoopOptions& options, const Devices& devices)
     : options_(options),
       devices_(devices),
-      machine_({.max_period_s = options.max_period_s, .calm_s = options.calm_s}) {
+      machine_({.max_period_s = options.max_period_s, .settle_time_s = options.settle_time_s}) {
   DFR_THROW_UNLESS(devices.clock != nullptr && devices.arm != nullptr &&
                        devices.camera != nullptr && devices.task != nullptr,
                    "a control loop needs a clock, an arm, a camera and a task");
@@ -44,25 +44,25 @@ bool ControlLoop::Tick(double dt_s) noexcept {
   const Finding found = devices_.clock->Wait(dt_s);
   machine_.Tick(devices_.clock->SteadyNs());
   machine_.Hold(found.reason, found.detail);
-  Watch();
+  CheckThreads();
   Report();
   if (devices_.emergency_stop != nullptr) devices_.emergency_stop->Beat(machine_.state());
   return machine_.may_move();
 }
 
-void ControlLoop::Watch() noexcept {
+void ControlLoop::CheckThreads() noexcept {
   const auto& [clock, arm, camera, task, stop, recorder, platform, interrupted] = devices_;
   const Finding found = arm->Tick(clock->SteadyNs(), clock->WallNs());
   if (!homing_ || !arm->needs_homing()) machine_.Hold(found.reason, found.detail);
   Finding stop_found;
   if (stop != nullptr) {
-    stop_found = WatchThread(stop->Report(), Ns(options_.max_stop_check_s),
+    stop_found = CheckThread(stop->Report(), Ns(options_.max_stop_check_s),
                              {HoldReason::kEmergencyStopSilent,
                               "the thread that listens to it "
                               "hangs"});
   }
   if (!homing_) {  // homing needs no pictures
-    static_cast<void>(WatchThread(camera->Report(), Ns(options_.max_camera_check_s),
+    static_cast<void>(CheckThread(camera->Report(), Ns(options_.max_camera_check_s),
                                   {HoldReason::kImageSilent, "no program processes the pictures"}));
   }
   if (platform != nullptr) {
@@ -81,7 +81,7 @@ void ControlLoop::Watch() noexcept {
   }
 }
 
-Finding ControlLoop::WatchThread(const ThreadFinding& found, std::int64_t max_check_ns,
+Finding ControlLoop::CheckThread(const ThreadHealth& found, std::int64_t max_check_ns,
                                  const Finding& hangs) noexcept {
   const bool late = devices_.clock->MachineNs() - found.checked_ns > max_check_ns;
   const Finding& finding = late ? hangs : found.finding;
@@ -128,7 +128,8 @@ bool ControlLoop::AwaitHomeable(double timeout_s,
 
 bool ControlLoop::Await(double timeout_s, const std::function<void(std::string_view)>& say) {
   const std::int64_t start_ns = devices_.clock->MachineNs();
-  Idle(options_.calm_s + 0.05);  // long enough for the state machine to detect calm
+  Idle(options_.settle_time_s +
+       0.05);  // long enough for the state machine to find no reason to hold
   for (bool said = false;; Idle(0.1)) {
     if (blocking() == HoldReason::kNone) return true;
     if (blocking() == HoldReason::kEmergencyStop) return false;
@@ -154,7 +155,7 @@ HoldReason ControlLoop::Home() noexcept {
 
 HoldReason ControlLoop::TryToHome() noexcept {
   if (devices_.emergency_stop != nullptr) devices_.emergency_stop->Acknowledge();
-  Idle(options_.calm_s + 0.05);
+  Idle(options_.settle_time_s + 0.05);
   if (blocking() != HoldReason::kNone || !devices_.arm->needs_homing()) return blocking();
   if (const Finding refused = devices_.arm->Home(); !refused.ok()) {
     Hold(refused.reason, refused.detail);
@@ -186,7 +187,7 @@ void ControlLoop::MovePlatform() noexcept {
 }
 
 HoldReason ControlLoop::TryToStart() noexcept {
-  Idle(options_.calm_s + 0.05);
+  Idle(options_.settle_time_s + 0.05);
   if (!machine_.Arm()) {
     if (blocking() != HoldReason::kNone) return blocking();
     return last_reason_ != HoldReason::kNone ? last_reason_ : HoldReason::kOperator;
@@ -213,7 +214,7 @@ HoldReason ControlLoop::Start(double patience_s) noexcept {
 
 bool ControlLoop::Clear() noexcept {
   if (devices_.emergency_stop != nullptr) devices_.emergency_stop->Acknowledge();
-  Idle(options_.calm_s + 0.05);
+  Idle(options_.settle_time_s + 0.05);
   const bool cleared =
       state() == RunState::kIdle ? blocking() == HoldReason::kNone : machine_.Clear();
   Report();

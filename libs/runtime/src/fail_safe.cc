@@ -94,11 +94,11 @@ bool IsFault(HoldReason reason) noexcept { return reason >= HoldReason::kEmergen
 
 FailSafe::FailSafe(const FailSafeOptions& options)
     : max_period_ns_(std::llround(kNanoseconds * options.max_period_s)),
-      calm_ns_(std::llround(kNanoseconds * options.calm_s)) {
+      settle_ns_(std::llround(kNanoseconds * options.settle_time_s)) {
   DFR_THROW_UNLESS(options.max_period_s > 0.0 && options.max_period_s <= 10.0,
                    "fail-safe: max_period_s must lie in (0, 10], not " << options.max_period_s);
-  DFR_THROW_UNLESS(options.calm_s >= 0.0 && options.calm_s <= 60.0,
-                   "fail-safe: calm_s must lie in [0, 60], not " << options.calm_s);
+  DFR_THROW_UNLESS(options.settle_time_s >= 0.0 && options.settle_time_s <= 60.0,
+                   "fail-safe: settle_time_s must lie in [0, 60], not " << options.settle_time_s);
 }
 
 void FailSafe::Tick(std::int64_t steady_ns) noexcept {
@@ -123,7 +123,7 @@ void FailSafe::Hold(HoldReason reason, std::string_view detail) noexcept {
 }
 
 HoldReason FailSafe::blocking() const noexcept {
-  return last_reason_ != HoldReason::kNone && now_ns_ - last_reason_ns_ <= calm_ns_
+  return last_reason_ != HoldReason::kNone && now_ns_ - last_reason_ns_ <= settle_ns_
              ? last_reason_
              : HoldReason::kNone;
 }

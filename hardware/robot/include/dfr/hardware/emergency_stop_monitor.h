@@ -38,7 +38,7 @@ class EmergencyStopMonitor final : public robot::EmergencyStop {
   EmergencyStopMonitor(const EmergencyStopMonitor&) = delete;
   EmergencyStopMonitor& operator=(const EmergencyStopMonitor&) = delete;
 
-  [[nodiscard]] robot::ThreadFinding Report() noexcept override;
+  [[nodiscard]] robot::ThreadHealth Report() noexcept override;
   void Beat(runtime::RunState state) noexcept override;
   void Acknowledge() noexcept override { acknowledge_ = true; }
 

@@ -35,8 +35,10 @@ class RolloutRunner : public TrialRunner {
                                            std::uint64_t controller_seed);
 
   /// Same as Run(), with an observer that may draw the plant; ends after `max_controls`.
-  control::RolloutResult Watch(int method, std::uint64_t start_seed, std::uint64_t controller_seed,
-                               control::RolloutObserver* observer, int max_controls = 1'000'000);
+  control::RolloutResult RunObserved(int method, std::uint64_t start_seed,
+                                     std::uint64_t controller_seed,
+                                     control::RolloutObserver* observer,
+                                     int max_controls = 1'000'000);
 
   /// [method]: number of controls of each recovery in Run().
   [[nodiscard]] const std::vector<std::vector<int>>& recovery_lengths() const noexcept {

@@ -20,7 +20,7 @@ namespace dfr::robot {
 struct ControlLoopOptions {
   double period_s = 0.005;       ///< > 0
   double max_period_s = 0.05;    ///< Maximum period, in (0, 10]; longer is kOverrun.
-  double calm_s = 0.2;           ///< Time without a reason to hold before a start, in [0, 60].
+  double settle_time_s = 0.2;    ///< Time without a reason to hold before a start, in [0, 60].
   double image_latency_s = 0.0;  ///< Maximum delay of a stamp after the exposure.
   double image_timeout_s = 2.0;  ///< Maximum time to an answer; longer is kImageSilent.
   int max_images = 3;            ///< Maximum number of pictures tried until one shows the state.
@@ -136,8 +136,8 @@ class ControlLoop {
   [[nodiscard]] bool Await(double timeout_s, const std::function<void(std::string_view)>& say);
   [[nodiscard]] runtime::HoldReason TryToHome() noexcept;
   [[nodiscard]] runtime::HoldReason TryToStart() noexcept;
-  void Watch() noexcept;
-  Finding WatchThread(const ThreadFinding& found, std::int64_t max_check_ns,
+  void CheckThreads() noexcept;
+  Finding CheckThread(const ThreadHealth& found, std::int64_t max_check_ns,
                       const Finding& hangs) noexcept;
   void Report() noexcept;
   void RestPlatform() noexcept;

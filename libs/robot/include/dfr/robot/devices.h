@@ -21,7 +21,7 @@ struct Finding {
 };
 
 /// Result and time of the last check by a device's thread.
-struct ThreadFinding {
+struct ThreadHealth {
   Finding finding;
   std::int64_t checked_ns = 0;  ///< By Clock::MachineNs(). Too old: the thread hangs.
 };
@@ -88,7 +88,7 @@ class Camera {
   virtual ~Camera() = default;
 
   /// Returns the check of the picture stream by the camera's thread.
-  [[nodiscard]] virtual ThreadFinding Report() noexcept = 0;
+  [[nodiscard]] virtual ThreadHealth Report() noexcept = 0;
   /// Requests the state in the first picture stamped `after_ns` (ns since the Unix epoch) or later.
   /// Replaces a pending request.
   [[nodiscard]] virtual Finding Ask(std::int64_t after_ns) noexcept = 0;
@@ -101,7 +101,7 @@ class EmergencyStop {
  public:
   virtual ~EmergencyStop() = default;
 
-  [[nodiscard]] virtual ThreadFinding Report() noexcept = 0;
+  [[nodiscard]] virtual ThreadHealth Report() noexcept = 0;
   /// Called once per period: signals that the loop is alive and reports its state.
   virtual void Beat(runtime::RunState state) noexcept = 0;
   /// Confirms that the operator has noticed the stop.

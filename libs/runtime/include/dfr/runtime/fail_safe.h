@@ -68,18 +68,18 @@ struct Transition {
 struct FailSafeOptions {
   double max_period_s = 0.05;  ///< Maximum time between two calls of Tick(), > 0.
   /// Time without a reason to hold before arming, s, >= 0.
-  double calm_s = 0.3;
+  double settle_time_s = 0.3;
 };
 
 /// State machine between a control loop and a robot. Fails safe: any HoldReason stops the robot,
 /// and only an explicit operator command lets it move again.
 ///
-///   Arm()    idle, holding -> armed, if there was no reason to hold for calm_s
+///   Arm()    idle, holding -> armed, if there was no reason to hold for settle_time_s
 ///   Start()  armed -> running
 ///   Hold()   armed, running, recovering -> holding, or faulted if it IsFault();
 ///            holding -> faulted if it IsFault(); idle stays idle, and cannot be armed
 ///   Done()   running, recovering -> idle: the task is completed
-///   Clear()  faulted -> idle, if there was no reason to hold for calm_s
+///   Clear()  faulted -> idle, if there was no reason to hold for settle_time_s
 ///
 /// In every period, the loop first calls Tick(), then Hold() for each reason found. It moves the
 /// robot only if may_move(). A late loop is a reason to hold.
@@ -108,8 +108,8 @@ class FailSafe {
   [[nodiscard]] bool may_move() const noexcept {
     return state_ == RunState::kRunning || state_ == RunState::kRecovering;
   }
-  /// Returns the last reason to hold if it is at most calm_s old, or kNone if nothing prevents
-  /// arming.
+  /// Returns the last reason to hold if it is at most settle_time_s old, or kNone if nothing
+  /// prevents arming.
   [[nodiscard]] HoldReason blocking() const noexcept;
   /// Returns its detail. Valid until the next Hold().
   [[nodiscard]] std::string_view blocking_detail() const noexcept;
@@ -123,7 +123,7 @@ class FailSafe {
   void Enter(RunState to, HoldReason reason, std::string_view detail) noexcept;
 
   std::int64_t max_period_ns_;
-  std::int64_t calm_ns_;
+  std::int64_t settle_ns_;
   RunState state_ = RunState::kIdle;
   bool ticked_ = false;
   std::int64_t now_ns_ = 0;

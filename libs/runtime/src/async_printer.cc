@@ -1,4 +1,4 @@
-#include "dfr/runtime/screen.h"
+#include "dfr/runtime/async_printer.h"
 
 #include <poll.h>
 #include <unistd.h>
@@ -12,15 +12,15 @@
 
 namespace dfr::runtime {
 
-Screen::Screen(int file, int patience_ms)
+AsyncPrinter::AsyncPrinter(int file, int patience_ms)
     : file_(file), patience_ms_(patience_ms), thread_([this] { Run(); }) {}
 
-Screen::~Screen() {
+AsyncPrinter::~AsyncPrinter() {
   end_ = true;
   thread_.join();
 }
 
-void Screen::Say(const char* format, ...) noexcept {
+void AsyncPrinter::Say(const char* format, ...) noexcept {
   ++said_;
   Text text{};
   std::va_list arguments;
@@ -30,7 +30,7 @@ void Screen::Say(const char* format, ...) noexcept {
   if (!queue_.Put(text)) lost_.fetch_add(1);
 }
 
-bool Screen::Print(const char* text) noexcept {
+bool AsyncPrinter::Print(const char* text) noexcept {
   const char* const end = text + std::strlen(text);
   while (text != end) {
     // write() would wait for a stopped terminal.
@@ -46,7 +46,7 @@ bool Screen::Print(const char* text) noexcept {
   return true;
 }
 
-void Screen::Run() noexcept {
+void AsyncPrinter::Run() noexcept {
   GiveUpRealTime();
   Text text;
   while (true) {

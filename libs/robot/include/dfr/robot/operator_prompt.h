@@ -7,19 +7,19 @@
 #include <string_view>
 
 #include "dfr/robot/control_loop.h"
+#include "dfr/runtime/async_printer.h"
 #include "dfr/runtime/keyboard.h"
-#include "dfr/runtime/screen.h"
 
 namespace dfr::robot {
 
 /// Asks the operator of a robot at the terminal, while its loop continues. Text typed before a
 /// question is ignored. All arguments must outlive it.
-class OperatorDesk {
+class OperatorPrompt {
  public:
   /// @param interrupted  set by Ctrl-C: every answer is then no.
-  OperatorDesk(runtime::Keyboard& keyboard, runtime::Screen& screen,
-               const std::atomic<bool>& interrupted)
-      : keyboard_(&keyboard), screen_(&screen), interrupted_(&interrupted) {}
+  OperatorPrompt(runtime::Keyboard& keyboard, runtime::AsyncPrinter& printer,
+                 const std::atomic<bool>& interrupted)
+      : keyboard_(&keyboard), printer_(&printer), interrupted_(&interrupted) {}
 
   /// Returns the one of `words` that is typed exactly; empty for q, at the end of input and if
   /// interrupted.
@@ -34,7 +34,7 @@ class OperatorDesk {
 
  private:
   runtime::Keyboard* keyboard_;
-  runtime::Screen* screen_;
+  runtime::AsyncPrinter* printer_;
   const std::atomic<bool>* interrupted_;
 };
 

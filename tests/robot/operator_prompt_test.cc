@@ -1,5 +1,5 @@
 // The operator of a robot at the terminal: what is typed, and what it lets the robot do.
-#include "dfr/robot/operator_desk.h"
+#include "dfr/robot/operator_prompt.h"
 
 #include <gtest/gtest.h>
 
@@ -20,7 +20,7 @@ using runtime::RunState;
 using test::FakeRobot;
 using test::Pipe;
 
-class OperatorDeskTest : public testing::Test {
+class OperatorPromptTest : public testing::Test {
  protected:
   // After some periods of waiting at the prompt this is typed there.
   void TypeLater(std::string_view text) {
@@ -32,18 +32,18 @@ class OperatorDeskTest : public testing::Test {
     robot_.loop.Hold(reason, "for the test");
     robot_.loop.Idle(1.0);
   }
-  [[nodiscard]] bool Allows() { return desk_.AllowsEpisode(robot_.loop, "Ready the robot"); }
+  [[nodiscard]] bool Allows() { return prompt_.AllowsEpisode(robot_.loop, "Ready the robot"); }
 
   FakeRobot robot_;
   Pipe typed_;
   Pipe shown_;
   runtime::Keyboard keyboard_{typed_.in()};
-  runtime::Screen screen_{shown_.out()};
+  runtime::AsyncPrinter printer_{shown_.out()};
   std::atomic<bool> interrupted_ = false;
-  OperatorDesk desk_{keyboard_, screen_, interrupted_};
+  OperatorPrompt prompt_{keyboard_, printer_, interrupted_};
 };
 
-TEST_F(OperatorDeskTest, EnterStartsAfterAnEpisodeThatEndedAsEpisodesDo) {
+TEST_F(OperatorPromptTest, EnterStartsAfterAnEpisodeThatEndedAsEpisodesDo) {
   TypeLater("\n");
   EXPECT_TRUE(Allows());
   HoldFor(HoldReason::kNotSeen);
@@ -53,7 +53,7 @@ TEST_F(OperatorDeskTest, EnterStartsAfterAnEpisodeThatEndedAsEpisodesDo) {
   EXPECT_FALSE(Allows());
 }
 
-TEST_F(OperatorDeskTest, WhatWasTypedWhileItMovedStartsNothing) {
+TEST_F(OperatorPromptTest, WhatWasTypedWhileItMovedStartsNothing) {
   typed_.Type("\n\nstart\nclear\nhome\n\n");
   HoldFor(HoldReason::kNotSeen);
   TypeLater("q\n");
@@ -64,7 +64,7 @@ TEST_F(OperatorDeskTest, WhatWasTypedWhileItMovedStartsNothing) {
   EXPECT_FALSE(Allows());
 }
 
-TEST_F(OperatorDeskTest, AfterAnyOtherReasonAWordHasToBeTyped) {
+TEST_F(OperatorPromptTest, AfterAnyOtherReasonAWordHasToBeTyped) {
   for (int i = 1; i < runtime::kNumHoldReasons; ++i) {
     const auto reason = static_cast<HoldReason>(i);
     if (reason == HoldReason::kControllerHalted || reason == HoldReason::kNotSeen) continue;
@@ -76,7 +76,7 @@ TEST_F(OperatorDeskTest, AfterAnyOtherReasonAWordHasToBeTyped) {
     EXPECT_EQ(robot_.loop.state(), fault ? RunState::kFaulted : RunState::kHolding);
     if (fault) {
       TypeLater("clear\n");
-      ASSERT_TRUE(desk_.Confirms(robot_.loop, "?", "clear"));
+      ASSERT_TRUE(prompt_.Confirms(robot_.loop, "?", "clear"));
       ASSERT_TRUE(robot_.loop.Clear());
     }
     TypeLater("start\n");
@@ -84,7 +84,7 @@ TEST_F(OperatorDeskTest, AfterAnyOtherReasonAWordHasToBeTyped) {
   }
 }
 
-TEST_F(OperatorDeskTest, AFaultThatLastsIsNotCleared) {
+TEST_F(OperatorPromptTest, AFaultThatLastsIsNotCleared) {
   HoldFor(HoldReason::kArmSilent);
   robot_.arm.found = {HoldReason::kArmSilent, "still"};
   robot_.clock.plan_ns = robot_.clock.now_ns + 500'000'000;
@@ -96,7 +96,7 @@ TEST_F(OperatorDeskTest, AFaultThatLastsIsNotCleared) {
   EXPECT_EQ(robot_.loop.state(), RunState::kFaulted);
 }
 
-TEST_F(OperatorDeskTest, AStopThatWasPressedWhileIdleHasToBeCleared) {
+TEST_F(OperatorPromptTest, AStopThatWasPressedWhileIdleHasToBeCleared) {
   robot_.loop.Idle(0.5);
   robot_.stop.found = {HoldReason::kEmergencyStop, "pressed"};
   robot_.loop.Idle(0.5);
@@ -105,34 +105,34 @@ TEST_F(OperatorDeskTest, AStopThatWasPressedWhileIdleHasToBeCleared) {
   EXPECT_EQ(robot_.stop.acknowledged, 0);
 }
 
-TEST_F(OperatorDeskTest, TheLoopGoesOnAtThePrompt) {
+TEST_F(OperatorPromptTest, TheLoopGoesOnAtThePrompt) {
   robot_.clock.plan_ns = robot_.clock.now_ns + 500'000'000;
   robot_.clock.plan = [&] {
     robot_.stop.found = {HoldReason::kEmergencyStop, "pressed"};
     typed_.Type("home\n");
   };
-  EXPECT_TRUE(desk_.Confirms(robot_.loop, "?", "home"));
+  EXPECT_TRUE(prompt_.Confirms(robot_.loop, "?", "home"));
   EXPECT_EQ(robot_.loop.blocking(), HoldReason::kEmergencyStop);
 }
 
-TEST_F(OperatorDeskTest, TheQuestionIsAskedAgainBelowWhatOthersSay) {
+TEST_F(OperatorPromptTest, TheQuestionIsAskedAgainBelowWhatOthersSay) {
   robot_.clock.plan_ns = robot_.clock.now_ns + 500'000'000;
   robot_.clock.plan = [this] {
-    for (int i = 0; i < 15; ++i) screen_.Say("  the console says (status): %d\n", i);
+    for (int i = 0; i < 15; ++i) printer_.Say("  the console says (status): %d\n", i);
     robot_.clock.plan_ns = robot_.clock.now_ns + 5'000'000'000;
     robot_.clock.plan = [this] { typed_.Type("home\n"); };
   };
-  EXPECT_TRUE(desk_.Confirms(robot_.loop, "the question", "home"));
+  EXPECT_TRUE(prompt_.Confirms(robot_.loop, "the question", "home"));
   std::string text;
   test::Eventually([&] {
     text += shown_.Text();
     const std::size_t last = text.find("(status): 14\n");
     return last != std::string::npos && text.find("the question; q ends\n", last) < text.size();
   });
-  EXPECT_EQ(screen_.said(), 17) << "once again, not every second";
+  EXPECT_EQ(printer_.said(), 17) << "once again, not every second";
 }
 
-TEST_F(OperatorDeskTest, CtrlCAndTheEndOfInputSayNo) {
+TEST_F(OperatorPromptTest, CtrlCAndTheEndOfInputSayNo) {
   interrupted_ = true;
   EXPECT_FALSE(Allows());
   interrupted_ = false;

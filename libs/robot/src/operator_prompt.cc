@@ -1,35 +1,35 @@
-#include "dfr/robot/operator_desk.h"
+#include "dfr/robot/operator_prompt.h"
 
 #include <algorithm>
 
 namespace dfr::robot {
 
-std::optional<std::string> OperatorDesk::Answer(ControlLoop& loop, std::string_view question,
-                                                std::span<const std::string_view> words) {
+std::optional<std::string> OperatorPrompt::Answer(ControlLoop& loop, std::string_view question,
+                                                  std::span<const std::string_view> words) {
   constexpr int kAgain = 50;  // keyboard checks: one second
   keyboard_->Discard();
   std::int64_t asked = -1;  // lines shown at that time
   for (int looks = 0; !*interrupted_ && !keyboard_->ended(); ++looks) {
     // Repeats the question if other output has scrolled it away.
-    if (looks % kAgain == 0 && screen_->said() != asked) {
-      screen_->Say("%.*s; q ends\n", static_cast<int>(question.size()), question.data());
-      asked = screen_->said();
+    if (looks % kAgain == 0 && printer_->said() != asked) {
+      printer_->Say("%.*s; q ends\n", static_cast<int>(question.size()), question.data());
+      asked = printer_->said();
     }
     loop.Idle(0.02);
     std::optional<std::string> line = keyboard_->Line();
     if (!line) continue;
     if (std::ranges::find(words, std::string_view(*line)) != words.end()) return line;
     if (*line == "q") break;
-    screen_->Say("'%.40s' is not the requested word; q ends\n", line->c_str());
+    printer_->Say("'%.40s' is not the requested word; q ends\n", line->c_str());
   }
   return std::nullopt;
 }
 
-bool OperatorDesk::Confirms(ControlLoop& loop, std::string_view question, std::string_view word) {
+bool OperatorPrompt::Confirms(ControlLoop& loop, std::string_view question, std::string_view word) {
   return Answer(loop, question, {&word, 1}).has_value();
 }
 
-bool OperatorDesk::AllowsEpisode(ControlLoop& loop, const std::string& task) {
+bool OperatorPrompt::AllowsEpisode(ControlLoop& loop, const std::string& task) {
   using runtime::HoldReason;
   using runtime::RunState;
   while (true) {
@@ -41,7 +41,7 @@ bool OperatorDesk::AllowsEpisode(ControlLoop& loop, const std::string& task) {
     if (!faulted && !stopped) break;
     const std::string what = faulted ? "faulted: " + loop.cause() : loop.blocking_words();
     if (!Confirms(loop, what + ". Correct it, then type clear", "clear")) return false;
-    if (!loop.Clear()) screen_->Say("the reason remains: %s\n", loop.blocking_words().c_str());
+    if (!loop.Clear()) printer_->Say("the reason remains: %s\n", loop.blocking_words().c_str());
   }
   if (loop.ended_regularly()) {
     return Confirms(loop, task + "; Enter starts", "");

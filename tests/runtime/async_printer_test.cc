@@ -1,5 +1,5 @@
 // Output for the operator of a run, printed by a separate thread.
-#include "dfr/runtime/screen.h"
+#include "dfr/runtime/async_printer.h"
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
@@ -15,34 +15,34 @@ namespace {
 
 using test::Pipe;
 
-TEST(ScreenTest, PrintsAllInOrder) {
+TEST(AsyncPrinterTest, PrintsAllInOrder) {
   const Pipe shown;
   {
-    Screen screen(shown.out());
-    for (int i = 0; i < 3; ++i) screen.Say("line %d of %s\n", i, "three");
+    AsyncPrinter printer(shown.out());
+    for (int i = 0; i < 3; ++i) printer.Say("line %d of %s\n", i, "three");
   }
   EXPECT_EQ(shown.Text(), "line 0 of three\nline 1 of three\nline 2 of three\n");
 }
 
 // Like a terminal after Ctrl-S: neither the loop nor the program's end waits for it without limit.
-TEST(ScreenTest, NobodyWaitsForATerminalThatStandsStill) {
+TEST(AsyncPrinterTest, NobodyWaitsForATerminalThatStandsStill) {
   const Pipe shown;
   ::fcntl(shown.out(), F_SETFL, O_NONBLOCK);
   const std::string much(4096, 'x');
   while (::write(shown.out(), much.data(), much.size()) > 0) {
   }
   ::fcntl(shown.out(), F_SETFL, 0);
-  Screen screen(shown.out(), 10);
-  for (int i = 0; i < 1000; ++i) screen.Say("line %d\n", i);
+  AsyncPrinter printer(shown.out(), 10);
+  for (int i = 0; i < 1000; ++i) printer.Say("line %d\n", i);
 }
 
-TEST(ScreenTest, SaysHowMuchIsMissing) {
+TEST(AsyncPrinterTest, SaysHowMuchIsMissing) {
   const Pipe shown;
   std::string text;
   {
-    Screen screen(shown.out());
+    AsyncPrinter printer(shown.out());
     // More than the pipe and those that wait beside it.
-    for (int i = 0; i < 20'000; ++i) screen.Say("line %d\n", i);
+    for (int i = 0; i < 20'000; ++i) printer.Say("line %d\n", i);
     test::Eventually([&] {
       text += shown.Text();
       return text.find("lines were not shown") != std::string::npos;

@@ -11,15 +11,15 @@ namespace dfr::runtime {
 
 /// Output for the operator of a run, printed by a separate thread: a stopped terminal (Ctrl-S)
 /// blocks neither the robot's loop nor the program's end.
-class Screen {
+class AsyncPrinter {
  public:
   /// @param file  borrowed.
   /// @param patience_ms  largest time that the end waits for a stopped terminal.
-  explicit Screen(int file = 1, int patience_ms = 1000);
+  explicit AsyncPrinter(int file = 1, int patience_ms = 1000);
   /// Prints the remaining lines, unless the terminal stays stopped for this time.
-  ~Screen();
-  Screen(const Screen&) = delete;
-  Screen& operator=(const Screen&) = delete;
+  ~AsyncPrinter();
+  AsyncPrinter(const AsyncPrinter&) = delete;
+  AsyncPrinter& operator=(const AsyncPrinter&) = delete;
 
   /// Prints as std::printf does, up to 511 characters. Neither waits nor allocates. Texts beyond
   /// 256 waiting ones are lost, and their number is printed. Call it from one thread.
