@@ -26,7 +26,7 @@ namespace {
 using core::EntryName;
 
 // Prints problems as they are found, up to a limit for each kind.
-class Findings {
+class Problems {
  public:
   void Error(const std::string& what) { Say("error", what, errors_); }
   void Warning(const std::string& kind, const std::string& what) { Say(kind, what, counts_[kind]); }
@@ -134,23 +134,23 @@ class Collected {
     steps_.push_back(episode.num_steps());
   }
 
-  void Report(Findings& findings) {
+  void Report(Problems& problems) {
     for (Eigen::Index k = 0; k < low_.size(); ++k) {
       if (low_[k] == high_[k]) {
-        findings.Warning("dead", EntryName(*layout_, k) + " is always " + std::to_string(low_[k]) +
+        problems.Warning("dead", EntryName(*layout_, k) + " is always " + std::to_string(low_[k]) +
                                      ": leave it out of --features");
       }
     }
-    Doubled(findings);
+    Doubled(problems);
     for (Eigen::Index k = 0; k < action_low_.size(); ++k) {
       if (action_low_[k] == action_high_[k]) {
-        findings.Warning(
+        problems.Warning(
             "dead", "action " + std::to_string(k) + " is always " + std::to_string(action_low_[k]));
       }
     }
-    Alignment(findings);
-    Rotations(findings);
-    Actions(findings);
+    Alignment(problems);
+    Rotations(problems);
+    Actions(problems);
     std::sort(steps_.begin(), steps_.end());
     std::printf(
         "%zu episodes of %d to %d actions (median %d), states of %ld entries, actions of %ld "
@@ -162,7 +162,7 @@ class Collected {
 
  private:
   // Lists few entries one by one, and many in one line.
-  void Doubled(Findings& findings) const {
+  void Doubled(Problems& problems) const {
     constexpr std::size_t kFew = 3;
     std::vector<std::string> pairs;
     for (Eigen::Index k = 0; k < low_.size(); ++k) {
@@ -173,41 +173,41 @@ class Collected {
       }
     }
     if (pairs.size() > kFew) {
-      findings.Warning("doubled",
+      problems.Warning("doubled",
                        core::Format("%zu entries repeat others, for example %s: keep one of each",
                                     pairs.size(), pairs[0].c_str()));
       return;
     }
     for (const std::string& pair : pairs) {
-      findings.Warning("doubled", pair + ": keep one of them");
+      problems.Warning("doubled", pair + ": keep one of them");
     }
   }
 
-  void Rotations(Findings& findings) const {
+  void Rotations(Problems& problems) const {
     for (const core::Rotation& rotation : rotations_.Find()) {
       const std::string text = core::Describe(rotation, *layout_);
       if (rotation.continuous) {
         std::printf("rotation   %s\n", text.c_str());
       } else {
-        findings.Warning("rotation", text);
+        problems.Warning("rotation", text);
       }
     }
   }
 
   // Finds actions that are positions: their guard would take "hold still" for "go to zero".
-  void Actions(Findings& findings) const {
+  void Actions(Problems& problems) const {
     const auto absolute = actions_.Absolute();
     if (absolute.empty()) {
       std::printf(
           "actions    are not positions of the state's entries, but velocities or increments\n");
       return;
     }
-    findings.Error(
+    problems.Error(
         core::Describe(absolute, *layout_) +
         ". A guard needs velocities or increments: guard convert --differences makes them");
   }
 
-  void Alignment(Findings& findings) const {
+  void Alignment(Problems& problems) const {
     // The entries that the recorded actions explain best are those that they move. There the
     // neighbouring steps must not explain more.
     constexpr double kClearly = 0.1;
@@ -224,7 +224,7 @@ class Collected {
           "t %c 1, to %.0f %% by that of step t: are actions and states out of step?",
           EntryName(*layout_, entry).c_str(), 100.0 * share, i == 0 ? '-' : '+',
           100.0 * as_recorded[entry]);
-      findings.Warning("alignment", text);
+      problems.Warning("alignment", text);
     }
   }
 
@@ -241,17 +241,17 @@ class Collected {
 };
 
 void CheckActions(const std::string& name, const core::Matrix& actions, double limit,
-                  Findings& findings) {
+                  Problems& problems) {
   Eigen::Index t = 0;
   Eigen::Index k = 0;
   const double largest = actions.cwiseAbs().maxCoeff(&t, &k);
   if (largest > limit) {
-    findings.Warning("bounds", name + ", action " + std::to_string(k) + " is " +
+    problems.Warning("bounds", name + ", action " + std::to_string(k) + " is " +
                                    std::to_string(actions(t, k)) + " at step " + std::to_string(t) +
                                    ", beyond +-" + std::to_string(limit));
   }
   if (actions.rows() < 3) {
-    findings.Warning("short", name + " has " + std::to_string(actions.rows()) + " actions");
+    problems.Warning("short", name + " has " + std::to_string(actions.rows()) + " actions");
   }
 }
 
@@ -271,7 +271,7 @@ bool RunCheck(const CheckOptions& options) {
   if (!reader->note().empty()) std::printf("note:      %s\n", reader->note().c_str());
   std::optional<imitation::RobomimicWriter> repaired;
   if (!options.repair.empty()) repaired = OpenRepaired(options, *reader);
-  Findings findings;
+  Problems problems;
   Collected collected(reader->layout(), reader->control_dim());
   std::map<std::pair<double, Eigen::Index>, std::string> seen;
   int good = 0;
@@ -280,35 +280,35 @@ bool RunCheck(const CheckOptions& options) {
     try {
       episode = reader->Read(i);
     } catch (const std::runtime_error& e) {
-      findings.Error(e.what());
+      problems.Error(e.what());
       continue;
     }
     try {
       if (repaired) repaired->Append(episode);
     } catch (const std::invalid_argument& e) {
-      findings.Error(reader->name(i) + ": is left out of the repaired file: " + e.what());
+      problems.Error(reader->name(i) + ": is left out of the repaired file: " + e.what());
     }
-    CheckActions(reader->name(i), episode.controls, options.action_limit, findings);
+    CheckActions(reader->name(i), episode.controls, options.action_limit, problems);
     // Episodes with bitwise equal sums are equal.
     const std::pair<double, Eigen::Index> mark{
         episode.states.squaredNorm() + 3.0 * episode.controls.squaredNorm(), episode.states.rows()};
     const auto [first, fresh] = seen.emplace(mark, reader->name(i));
     if (!fresh) {
-      findings.Warning("doubled", reader->name(i) + " is the same episode as " + first->second);
+      problems.Warning("doubled", reader->name(i) + " is the same episode as " + first->second);
     }
     collected.Add(episode);
     ++good;
   }
-  if (good > 0) collected.Report(findings);
+  if (good > 0) collected.Report(problems);
   if (repaired) {
     std::printf("repaired:  %s has %d of %d episodes\n", options.repair.c_str(),
                 repaired->num_episodes(), reader->num_episodes());
   }
-  std::printf("%s: %d error%s, %d warning%s%s\n", options.demonstrations.c_str(), findings.errors(),
-              findings.errors() == 1 ? "" : "s", findings.warnings(),
-              findings.warnings() == 1 ? "" : "s",
-              findings.errors() > 0 ? "; a fit needs a file without errors" : "");
-  return findings.errors() == 0;
+  std::printf("%s: %d error%s, %d warning%s%s\n", options.demonstrations.c_str(), problems.errors(),
+              problems.errors() == 1 ? "" : "s", problems.warnings(),
+              problems.warnings() == 1 ? "" : "s",
+              problems.errors() > 0 ? "; a fit needs a file without errors" : "");
+  return problems.errors() == 0;
 }
 
 }  // namespace dfr::apps::guard

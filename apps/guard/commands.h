@@ -46,7 +46,7 @@ bool RunFit(const FitOptions& options);
 /// Prints the content of a file, the meaning of its figures, and warnings.
 void Describe(const safety::GuardModel& model);
 /// Prints each of safety::Warnings() in one line.
-void Describe(const std::vector<std::string>& findings);
+void Describe(const std::vector<std::string>& warnings);
 
 struct ReportOptions {
   std::filesystem::path guard;

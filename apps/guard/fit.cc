@@ -84,8 +84,8 @@ void Describe(const safety::GuardModel& model) {
   }
 }
 
-void Describe(const std::vector<std::string>& findings) {
-  for (const std::string& finding : findings) std::printf("warning         %s\n", finding.c_str());
+void Describe(const std::vector<std::string>& warnings) {
+  for (const std::string& warning : warnings) std::printf("warning         %s\n", warning.c_str());
 }
 
 bool RunFit(const FitOptions& options) {
@@ -130,11 +130,11 @@ bool RunFit(const FitOptions& options) {
   const std::vector<core::Trajectory>& chosen = choose ? completed : all;
   const auto model = safety::GuardModel::Fit(reader->layout(), chosen, guard);
   model->Save(options.out);
-  const std::vector<std::string> findings = safety::Warnings(*model);
+  const std::vector<std::string> warnings = safety::Warnings(*model);
   Describe(*model);
-  Describe(findings);
+  Describe(warnings);
   std::printf("%s\n", options.out.c_str());
-  return !options.strict || findings.empty();
+  return !options.strict || warnings.empty();
 }
 
 }  // namespace dfr::apps::guard

@@ -116,7 +116,7 @@ bool LineTrialRunner::Inside(std::span<const double> x) const {
 
 bool LineTrialRunner::CollidesAfterHalt() {
   if (!plant().options().disturbance.real_time) return false;
-  static_cast<sim::LineTrackingPlant&>(world()).Hold(kAftermath);
+  static_cast<sim::LineTrackingPlant&>(world()).Hold(kSettleTimeS);
   return world().collided();
 }
 

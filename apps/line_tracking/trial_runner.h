@@ -57,7 +57,7 @@ class RecoveryCurves final : public control::RolloutObserver {
                                                const std::string& world);
 
 /// Seconds after a halt during which the platform may move the line away from the tip.
-inline constexpr double kAftermath = 5.0;
+inline constexpr double kSettleTimeS = 5.0;
 
 /// One unit of the experiment: a model, and a plant to run it on.
 class LineTrialRunner final : public study::PlaceboRunner {
@@ -78,7 +78,7 @@ class LineTrialRunner final : public study::PlaceboRunner {
  private:
   [[nodiscard]] bool Inside(std::span<const double> x) const override;
   [[nodiscard]] std::string CauseOf(const control::RolloutResult& result) const override;
-  /// In real time the platform moves on for kAftermath.
+  /// In real time the platform moves on for kSettleTimeS.
   [[nodiscard]] bool CollidesAfterHalt() override;
 
   LineModel model_;

@@ -51,16 +51,16 @@ Expert SupervisorOf(const sim::GalleryTask& task) {
   teaching.supervise = [](const core::SimulatedPlant& plant, int /*t*/, std::uint64_t episode,
                           std::span<double> u) {
     core::Random random(core::DeriveSeed(episode, {1}));
-    const sim::SupervisorVariation habit{.way = random.Uniform(), .offset = random.Normal()};
-    static_cast<const sim::GalleryPlant&>(plant).Supervise(habit, u);
+    const sim::SupervisorVariation variation{.way = random.Uniform(), .offset = random.Normal()};
+    static_cast<const sim::GalleryPlant&>(plant).Supervise(variation, u);
   };
   return teaching;
 }
 
-Imitator::Imitator(std::shared_ptr<const core::Policy> learned, const sim::PolicyBias& flaw)
-    : learned_(std::move(learned)), flaw_(flaw) {
+Imitator::Imitator(std::shared_ptr<const core::Policy> learned, const sim::PolicyBias& bias)
+    : learned_(std::move(learned)), bias_(bias) {
   wanted_.resize(static_cast<std::size_t>(learned_->control_dim()) *
-                 static_cast<std::size_t>(flaw.late));
+                 static_cast<std::size_t>(bias.late));
 }
 
 Imitator::Imitator(std::shared_ptr<OnlineLwrPolicy> online)
@@ -70,7 +70,7 @@ void Imitator::Reset(std::uint64_t seed) noexcept {
   if (online_ != nullptr) online_->Reset();
   core::Random random(core::DeriveSeed(seed, {1}));
   share_ = random.Uniform();
-  late_ = random.Below(static_cast<std::uint64_t>(flaw_.late) + 1) *
+  late_ = random.Below(static_cast<std::uint64_t>(bias_.late) + 1) *
           static_cast<std::size_t>(learned_->control_dim());
   std::fill(wanted_.begin(), wanted_.end(), 0.0);
 }
@@ -78,10 +78,10 @@ void Imitator::Reset(std::uint64_t seed) noexcept {
 void Imitator::Control(int t, std::span<const double> x, std::span<double> u) noexcept {
   if (online_ != nullptr) online_->See(x);
   learned_->Control(t, x, u);
-  for (std::size_t i = 0; i < flaw_.bias.size(); ++i) u[i] += share_ * flaw_.bias[i];
-  if (flaw_.turn != 0.0) {
-    const double c = std::cos(share_ * flaw_.turn);
-    const double s = std::sin(share_ * flaw_.turn);
+  for (std::size_t i = 0; i < bias_.bias.size(); ++i) u[i] += share_ * bias_.bias[i];
+  if (bias_.turn != 0.0) {
+    const double c = std::cos(share_ * bias_.turn);
+    const double s = std::sin(share_ * bias_.turn);
     const double first = u[0];
     u[0] = c * first - s * u[1];
     u[1] = s * first + c * u[1];
@@ -125,7 +125,7 @@ Imitator Imitate(const sim::GalleryTask& task, std::span<const core::Trajectory>
   }
   auto learned = std::make_shared<const InUnits>(imitation::FitMlp(scaled, fit), task);
   if (weak || name == "good") return {std::move(learned), {}};
-  if (name == "biased") return {std::move(learned), task.flaw};
+  if (name == "biased") return {std::move(learned), task.policy_bias};
 
   Expert teaching = TeachMlp(set, fit);
   const Expert supervisor = SupervisorOf(task);

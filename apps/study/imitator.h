@@ -26,10 +26,10 @@ namespace dfr::study {
 /// after construction.
 class Imitator {
  public:
-  Imitator(std::shared_ptr<const core::Policy> learned, const sim::PolicyBias& flaw);
+  Imitator(std::shared_ptr<const core::Policy> learned, const sim::PolicyBias& bias);
   /// A policy that learns from the controls that are applied.
   explicit Imitator(std::shared_ptr<OnlineLwrPolicy> online);
-  /// Begins an episode; the seed determines the size of the flaw.
+  /// Begins an episode; the seed determines the size of the bias.
   void Reset(std::uint64_t seed) noexcept;
   /// As core::Policy::Control(); entries of `u` lie within +-1.
   void Control(int t, std::span<const double> x, std::span<double> u) noexcept;
@@ -41,14 +41,14 @@ class Imitator {
  private:
   std::shared_ptr<const core::Policy> learned_;
   std::shared_ptr<OnlineLwrPolicy> online_;  // null: it learns nothing
-  sim::PolicyBias flaw_;
+  sim::PolicyBias bias_;
   double share_ = 0.0;
   std::size_t late_ = 0;        // entries of wanted_ that are in use
   std::vector<double> wanted_;  // the last controls, oldest first
 };
 
 /// Learns policy `name` from `demonstrations` of `task`: by behaviour cloning "good", "weak" (few
-/// units and epochs) or "biased" (the good one with the task's flaw); or one of study::kPolicies,
+/// units and epochs) or "biased" (the good one with the task's bias); or one of study::kPolicies,
 /// with the good one as the learned policy. `model` is fitted to these demonstrations. `plant` is
 /// the controlled plant, for the adversaries only. Borrows everything except the seed.
 /// @throws std::invalid_argument listing the valid policies.

@@ -71,7 +71,7 @@ void RunAndPrint(const Study& study, bool grid, bool causes) {
 }
 
 void AddChoices(CLI::App& command, Study& study) {
-  command.add_option("--tasks", study.tasks, "tasks: names, gallery, design, judgement or all")
+  command.add_option("--tasks", study.tasks, "tasks: names, gallery, design, held-out or all")
       ->delimiter(',')
       ->capture_default_str();
   command
@@ -140,17 +140,17 @@ void Ablate(Study study, bool causes) {
 }
 
 void List() {
-  for (const bool judgement : {false, true}) {
-    std::printf("%s\n", judgement ? "judgement" : "design");
+  for (const bool held_out : {false, true}) {
+    std::printf("%s\n", held_out ? "held-out" : "design");
     for (const sim::GalleryTask& task : sim::GalleryTasks()) {
-      if (task.judgement != judgement) continue;
+      if (task.held_out != held_out) continue;
       std::printf("  %-15s %s\n", task.name.c_str(), task.summary.c_str());
       std::printf(
           "  %-15s demonstrated in at most %d controls; features of the guard: %s; a control of "
           "zero "
           "%s\n",
           "", task.horizon, task.features.empty() ? "all" : task.features.c_str(),
-          task.aftermath == 0 ? "holds still" : "lets the world move on");
+          task.settle_steps == 0 ? "holds still" : "lets the world move on");
     }
   }
 }
@@ -321,7 +321,7 @@ int main(int argc, char** argv) try {
   shown.controllers = GuardNames();
   int supervised = 100;
   auto* supervise = app.add_subcommand("supervise", "Evaluate the gallery's supervisors");
-  supervise->add_option("--tasks", shown.tasks, "tasks: names, gallery, design or judgement")
+  supervise->add_option("--tasks", shown.tasks, "tasks: names, gallery, design or held-out")
       ->delimiter(',')
       ->capture_default_str();
   supervise->add_option("--episodes", supervised, "number of episodes of each task")

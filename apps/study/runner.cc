@@ -239,7 +239,7 @@ std::map<std::string, std::vector<int>> Runner::Counts() {
 }
 
 bool Runner::CollidesAfterHalt() {
-  if (task_->aftermath) task_->aftermath(world());
+  if (task_->settle) task_->settle(world());
   return world().collided();
 }
 

@@ -114,10 +114,10 @@ Task Gallery(const std::string& name) {
     return Learn(small.name, *small.plant, std::move(set), options,
                  core::DeriveSeed(seed, {kLearnerStream}), SupervisorOf(small));
   };
-  if (small.aftermath > 0) {
-    task.aftermath = [&small](core::SimulatedPlant& world) {
+  if (small.settle_steps > 0) {
+    task.settle = [&small](core::SimulatedPlant& world) {
       const std::vector<double> zero(static_cast<std::size_t>(world.control_dim()));
-      for (int i = 0; i < small.aftermath && !world.collided(); ++i) {
+      for (int i = 0; i < small.settle_steps && !world.collided(); ++i) {
         if (world.Apply(zero) != core::PlantStatus::kOk) return;
       }
     };
@@ -156,9 +156,9 @@ Task LineTracking() {
                                          core::DeriveSeed(seed, {kDemonstrationStream})),
         model);
   };
-  task.aftermath = [](core::SimulatedPlant& world) {
+  task.settle = [](core::SimulatedPlant& world) {
     auto& line = static_cast<sim::LineTrackingPlant&>(world);
-    if (line.options().disturbance.real_time) line.Hold(apps::line_tracking::kAftermath);
+    if (line.options().disturbance.real_time) line.Hold(apps::line_tracking::kSettleTimeS);
   };
   task.draw = [](const core::SimulatedPlant& world) -> Drawing {
     const auto& line = static_cast<const sim::LineTrackingPlant&>(world);
@@ -196,9 +196,9 @@ std::vector<std::string> SelectTasks(const std::vector<std::string>& words) {
   for (const std::string& word : words) {
     if (word == "all") {
       for (const std::string& name : TaskNames()) add(name);
-    } else if (word == "gallery" || word == "design" || word == "judgement") {
+    } else if (word == "gallery" || word == "design" || word == "held-out") {
       for (const sim::GalleryTask& task : sim::GalleryTasks()) {
-        if (word == "gallery" || task.judgement == (word == "judgement")) add(task.name);
+        if (word == "gallery" || task.held_out == (word == "held-out")) add(task.name);
       }
     } else {
       add(MakeTask(word).name);

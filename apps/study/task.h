@@ -40,7 +40,7 @@ struct Task {
   /// of 8 units and 10 epochs, except in line tracking, whose demonstrations are open-loop.
   std::function<LearnedModel(int demonstrations, std::uint64_t seed)> learn = {};
   /// Continues the undisturbed plant after a halt. Empty: nothing moves.
-  std::function<void(core::SimulatedPlant&)> aftermath = {};
+  std::function<void(core::SimulatedPlant&)> settle = {};
   /// Draws the undisturbed plant, which must outlive the drawing. Empty: no pictures.
   std::function<Drawing(const core::SimulatedPlant&)> draw = {};
   /// The gallery's task for guards with default settings; null for other tasks.
@@ -55,7 +55,7 @@ struct Task {
 /// @throws std::invalid_argument naming the tasks there are.
 [[nodiscard]] Task MakeTask(const std::string& name);
 /// Expands task names of a command line, each once: names, "all", or the gallery's groups
-/// "gallery", "design" or "judgement".
+/// "gallery", "design" or "held-out".
 /// @throws std::invalid_argument naming the tasks there are.
 [[nodiscard]] std::vector<std::string> SelectTasks(const std::vector<std::string>& words);
 

@@ -610,11 +610,11 @@ TEST(GuardModelTest, FindingsNameFeaturesThatFollowTheClock) {
   const auto demonstrations = test::CorridorDemonstrations(1, 40);
   const auto whole =
       GuardModel::Fit(test::CorridorLayout(), demonstrations, {.action_limit = {0.2}});
-  EXPECT_THAT(Findings(*whole, demonstrations),
+  EXPECT_THAT(FitWarnings(*whole, demonstrations),
               testing::Contains(testing::StartsWith("clock[0]: the same in all demonstrations")));
   const auto tip = GuardModel::Fit(test::CorridorLayout(), demonstrations,
                                    {.features = "tip", .action_limit = {0.2}});
-  EXPECT_THAT(Findings(*tip, demonstrations), testing::IsEmpty());
+  EXPECT_THAT(FitWarnings(*tip, demonstrations), testing::IsEmpty());
 }
 
 TEST(GuardModelTest, AClockIsOneInAnyUnitAndWhatStandsStillIsNone) {
@@ -623,16 +623,17 @@ TEST(GuardModelTest, AClockIsOneInAnyUnitAndWhatStandsStillIsNone) {
   const auto whole = GuardModel::Fit(test::CorridorLayout(), demonstrations);
   auto slow = demonstrations;
   for (core::Trajectory& d : slow) d.states.col(0) *= 1e-6;
-  EXPECT_THAT(Findings(*whole, slow), testing::Contains(testing::StartsWith("clock[0]: the same")));
+  EXPECT_THAT(FitWarnings(*whole, slow),
+              testing::Contains(testing::StartsWith("clock[0]: the same")));
   auto still = demonstrations;
   for (core::Trajectory& d : still) d.states.col(0).setConstant(3.0);
-  EXPECT_THAT(Findings(*whole, still), testing::Not(testing::Contains(HasSubstr(kClock))));
+  EXPECT_THAT(FitWarnings(*whole, still), testing::Not(testing::Contains(HasSubstr(kClock))));
   // The last part of the longest demonstration has no other to compare with.
   const auto tip = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
   auto longer = test::CorridorDemonstrations(1, 40);
   longer.push_back(test::CorridorDemonstrations(2, 1, 25)[0]);
   longer.back().states.bottomRows(5).array() += 1e6;
-  EXPECT_THAT(Findings(*tip, longer), testing::Not(testing::Contains(HasSubstr(kClock))));
+  EXPECT_THAT(FitWarnings(*tip, longer), testing::Not(testing::Contains(HasSubstr(kClock))));
 }
 
 TEST(GuardModelTest, ActionsThatContradictWhatHappensExplainNothing) {
@@ -643,11 +644,11 @@ TEST(GuardModelTest, ActionsThatContradictWhatHappensExplainNothing) {
   back.states.resize(2, 3);
   back.states << 0.0, 0.0, 0.0, 1.0, -0.02, 0.0;
   back.controls = test::ActionFor(test::kSpeed, 0.0).transpose();
-  EXPECT_THAT(Findings(*model, std::vector{back}),
+  EXPECT_THAT(FitWarnings(*model, std::vector{back}),
               testing::Contains(testing::StartsWith("actions explain only 0 % of")));
   // Constant states need no explanation.
   back.states.row(1) = back.states.row(0);
-  EXPECT_THAT(Findings(*model, std::vector{back}), testing::IsEmpty());
+  EXPECT_THAT(FitWarnings(*model, std::vector{back}), testing::IsEmpty());
 }
 
 TEST(GuardModelTest, APromiseSaysOfWhichFitsAndByWhichDemonstrations) {
@@ -672,7 +673,7 @@ TEST(GuardModelTest, FindingsNameActionsThatDoNotMoveWhatIsLookedAt) {
   }
   const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations,
                                      {.features = "tip", .action_limit = {0.2}});
-  EXPECT_THAT(Findings(*model, demonstrations),
+  EXPECT_THAT(FitWarnings(*model, demonstrations),
               testing::Contains(testing::StartsWith("actions explain only")));
 }
 

@@ -46,7 +46,7 @@ TEST_P(EveryTaskTest, TheLayoutIsNamedAndUnitsFitTheControl) {
   const auto size = static_cast<std::size_t>(task_.plant->control_dim());
   EXPECT_TRUE(task_.units.empty() || task_.units.size() == size);
   for (const int entry : task_.switches) EXPECT_LT(entry, task_.plant->control_dim());
-  EXPECT_LE(task_.flaw.bias.size(), size);
+  EXPECT_LE(task_.policy_bias.bias.size(), size);
 }
 
 TEST_P(EveryTaskTest, ACloneAndACopyGoOnAsTheOriginalDoes) {
@@ -82,7 +82,7 @@ TEST_P(EveryTaskTest, AControlOfZeroHoldsStillUnlessTheWorldMovesOn) {
     const bool failed = plant->collided();
     const auto still = plant->Clone();
     Apply(*still, zero);
-    if (task_.aftermath == 0) {
+    if (task_.settle_steps == 0) {
       ASSERT_EQ(State(*still), before);
       ASSERT_EQ(still->collided(), failed);
     } else if (steps > 0) {
@@ -161,12 +161,12 @@ INSTANTIATE_TEST_SUITE_P(Gallery, EveryTaskTest, testing::ValuesIn(Names()), [](
   return name;
 });
 
-TEST(GalleryTest, NamesAreDistinctAndHalfOfTheTasksAreForJudgement) {
+TEST(GalleryTest, NamesAreDistinctAndHalfOfTheTasksAreHeldOut) {
   const std::vector<std::string> names = Names();
   EXPECT_EQ(std::set<std::string>(names.begin(), names.end()).size(), names.size());
-  const auto judgement =
-      std::ranges::count_if(GalleryTasks(), [](const GalleryTask& task) { return task.judgement; });
-  EXPECT_EQ(static_cast<std::size_t>(judgement), names.size() / 2);  // rounded down
+  const auto held_out =
+      std::ranges::count_if(GalleryTasks(), [](const GalleryTask& task) { return task.held_out; });
+  EXPECT_EQ(static_cast<std::size_t>(held_out), names.size() / 2);  // rounded down
   EXPECT_THROW((void)FindGalleryTask("magic"), std::invalid_argument);
 }
 

@@ -132,7 +132,7 @@ TEST(GuardsTest, UnknownNamesAreNamedWithThoseThereAre) {
 
 TEST(SelectTasksTest, GroupsMeanTheirTasks) {
   const auto all = SelectTasks({"gallery"});
-  auto both = SelectTasks({"design", "judgement"});
+  auto both = SelectTasks({"design", "held-out"});
   EXPECT_EQ(both.size(), all.size());
   EXPECT_TRUE(std::ranges::is_permutation(both, all));
   EXPECT_EQ(SelectTasks({"push", "reach"}), (std::vector<std::string>{"push", "reach"}));
@@ -226,8 +226,8 @@ class Constant final : public core::Policy {
   }
 };
 
-// The flaw varies over episodes from zero to the task's value, and is constant within one.
-TEST(ImitatorTest, AFlawDiffersBetweenEpisodes) {
+// The bias varies over episodes from zero to the task's value, and is constant within one.
+TEST(ImitatorTest, ABiasDiffersBetweenEpisodes) {
   Imitator imitator(std::make_shared<Constant>(), {.bias = {0.0, -0.4}});
   std::vector<double> seen;
   for (std::uint64_t seed = 0; seed < 200; ++seed) {

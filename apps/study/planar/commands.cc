@@ -71,7 +71,7 @@ std::string ShareOf(int count, int fits, double chance) {
 // Prints rows for demonstrations left out in turn, held out, and held out with a confidence.
 void PrintCoverage(CoverageOptions options, const std::vector<std::string>& worlds,
                    const std::vector<int>& demonstrations) {
-  struct Promise {
+  struct Guarantee {
     double hold_out;
     double confidence;
   };
@@ -81,14 +81,15 @@ void PrintCoverage(CoverageOptions options, const std::vector<std::string>& worl
               "eps falls short", "K falls short");
   for (const std::string& world : worlds) {
     for (const int n : demonstrations) {
-      for (const Promise& promise : {Promise{0.0, 0.0}, Promise{0.5, 0.0}, Promise{0.5, 0.8}}) {
+      for (const Guarantee& guarantee :
+           {Guarantee{0.0, 0.0}, Guarantee{0.5, 0.0}, Guarantee{0.5, 0.8}}) {
         options.world = world;
         options.demonstrations = n;
-        options.hold_out = promise.hold_out;
-        options.confidence = promise.confidence;
+        options.hold_out = guarantee.hold_out;
+        options.confidence = guarantee.confidence;
         const CoverageResult r = MeasureCoverage(options);
         std::printf("%-12s %4d %9.1f %11.1f %7.3f  %.3f +- %.3f       %-28s %-24s %-24s\n",
-                    world.c_str(), n, promise.hold_out, r.confidence, r.promised, r.mean,
+                    world.c_str(), n, guarantee.hold_out, r.confidence, r.promised, r.mean,
                     1.96 * r.mean_error, ShareOf(r.kept, options.fits, r.kept_chance).c_str(),
                     ShareOf(r.error_short, options.fits, r.short_chance).c_str(),
                     ShareOf(r.gain_short, options.fits, r.short_chance).c_str());

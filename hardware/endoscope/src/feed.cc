@@ -51,9 +51,9 @@ FrameStatus Feed::Judge(const std::vector<std::uint8_t>& pixels) {
   return repeats_ >= options_.max_repeats ? FrameStatus::kFrozen : FrameStatus::kOk;
 }
 
-void Feed::Hand(FrameStatus judgement, std::int64_t stamp_ns, std::int64_t arrival_ns) {
+void Feed::Hand(FrameStatus status, std::int64_t stamp_ns, std::int64_t arrival_ns) {
   Slot& slot = slots_[back_];
-  slot.judgement = judgement;
+  slot.status = status;
   slot.stamp_ns = stamp_ns;
   slot.arrival_ns = arrival_ns;
   slot.sequence = received_.fetch_add(1, std::memory_order_relaxed) + 1;
@@ -111,7 +111,7 @@ FrameStatus Feed::Grab(std::int64_t steady_ns, std::int64_t wall_ns, Frame& fram
   frame.num_missed = fresh ? slot.sequence - last_sequence_ - 1 : 0;
   missed_.fetch_add(frame.num_missed, std::memory_order_relaxed);
   last_sequence_ = slot.sequence;
-  if (slot.judgement == FrameStatus::kNever) return end == FrameStatus::kOk ? slot.judgement : end;
+  if (slot.status == FrameStatus::kNever) return end == FrameStatus::kOk ? slot.status : end;
 
   frame.stamp_ns = slot.stamp_ns;
   frame.age_s = 1e-9 * static_cast<double>(wall_ns - slot.stamp_ns);
@@ -119,7 +119,7 @@ FrameStatus Feed::Grab(std::int64_t steady_ns, std::int64_t wall_ns, Frame& fram
   frame.width = slot.width;
   frame.height = slot.height;
   const bool readable =
-      slot.judgement != FrameStatus::kWrongSize && slot.judgement != FrameStatus::kWrongEncoding;
+      slot.status != FrameStatus::kWrongSize && slot.status != FrameStatus::kWrongEncoding;
   frame.image = {};
   if (readable) {
     frame.image = {slot.pixels.data(), options_.width, options_.height,
@@ -127,7 +127,7 @@ FrameStatus Feed::Grab(std::int64_t steady_ns, std::int64_t wall_ns, Frame& fram
   }
   // A picture that arrived before the end is still delivered.
   if (end != FrameStatus::kOk && !fresh) return end;
-  if (!readable) return slot.judgement;
+  if (!readable) return slot.status;
   if (slot.stamp_ns == 0) return FrameStatus::kInvalidStamp;
   const double silence_s = 1e-9 * static_cast<double>(steady_ns - slot.arrival_ns);
   if (silence_s > options_.max_age_s) return FrameStatus::kSilent;
@@ -136,7 +136,7 @@ FrameStatus Feed::Grab(std::int64_t steady_ns, std::int64_t wall_ns, Frame& fram
     return frame.age_s < 2.0 * silence_s ? FrameStatus::kSilent : FrameStatus::kOld;
   }
   if (-frame.age_s > options_.max_ahead_s) return FrameStatus::kAhead;
-  return slot.judgement;
+  return slot.status;
 }
 
 EndoscopeCounts Feed::counts() const noexcept {

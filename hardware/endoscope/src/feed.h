@@ -33,14 +33,14 @@ class Feed {
  private:
   struct Slot {
     std::vector<std::uint8_t> pixels;
-    FrameStatus judgement = FrameStatus::kNever;
+    FrameStatus status = FrameStatus::kNever;
     int width = 0;
     int height = 0;
     std::int64_t stamp_ns = 0;
     std::int64_t arrival_ns = 0;
     std::uint64_t sequence = 0;
   };
-  void Hand(FrameStatus judgement, std::int64_t stamp_ns, std::int64_t arrival_ns);
+  void Hand(FrameStatus status, std::int64_t stamp_ns, std::int64_t arrival_ns);
   [[nodiscard]] FrameStatus Judge(const std::vector<std::uint8_t>& pixels);
 
   static constexpr unsigned kIndex = 3;

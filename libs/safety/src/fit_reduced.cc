@@ -171,20 +171,20 @@ void GuardModel::DoubtCorrections(bool watch) {
   const Strategy strategy = settings_.strategy;
   const bool corrects = strategy == Strategy::kGuard || strategy == Strategy::kController;
   if (!corrects || summary_.explained >= kLeastExplainedReduced) return;
-  summary_.findings.push_back(core::Format(
+  summary_.fit_warnings.push_back(core::Format(
       "%s explain %.0f %% of the actions of left-out demonstrations, and %.0f %% are needed to "
       "correct by: ",
       task().features().selection().spec().c_str(), 100.0 * summary_.explained,
       100.0 * kLeastExplainedReduced));
-  std::string& finding = summary_.findings.back();
+  std::string& warning = summary_.fit_warnings.back();
   if (watch) {
-    finding +=
+    warning +=
         core::Format("the guard only raises alarms (strategy monitor, not %s). ", Name(strategy));
     settings_.strategy = Strategy::kMonitor;
   } else {
-    finding += "its corrections can make a good policy fail. ";
+    warning += "its corrections can make a good policy fail. ";
   }
-  finding += "Put states beside the pictures, or set the strategy after test runs";
+  warning += "Put states beside the pictures, or set the strategy after test runs";
 }
 
 }  // namespace dfr::safety

@@ -109,8 +109,8 @@ std::unique_ptr<control::Controller> MakeController(
 
 }  // namespace
 
-struct Guard::Loop {
-  Loop(const GuardModel& model, std::unique_ptr<control::RecoveryStrategy> strategy)
+struct Guard::Episode {
+  Episode(const GuardModel& model, std::unique_ptr<control::RecoveryStrategy> strategy)
       : monitors(strategy == nullptr && model.settings().strategy == Strategy::kMonitor),
         steers(Steers(model, strategy.get())),
         proposal(model.task_layout().state_dim(),
@@ -185,7 +185,7 @@ const char* Verdict::reason() const noexcept {
 
 Guard::Guard(std::shared_ptr<const GuardModel> model,
              std::unique_ptr<control::RecoveryStrategy> strategy)
-    : model_(std::move(model)), loop_(std::make_unique<Loop>(*model_, std::move(strategy))) {}
+    : model_(std::move(model)), episode_(std::make_unique<Episode>(*model_, std::move(strategy))) {}
 
 Guard Guard::Load(const std::filesystem::path& path) { return Guard(GuardModel::Load(path)); }
 
@@ -194,63 +194,64 @@ Guard& Guard::operator=(Guard&&) noexcept = default;
 Guard::~Guard() = default;
 
 void Guard::Reset(std::uint64_t seed) noexcept {
-  loop_->controller->Reset(seed);
-  loop_->tracker.Reset();
-  loop_->next = 0;
-  loop_->entry = -1;
+  episode_->controller->Reset(seed);
+  episode_->tracker.Reset();
+  episode_->next = 0;
+  episode_->entry = -1;
 }
 
-int Guard::next_step() const noexcept { return loop_->next; }
+int Guard::next_step() const noexcept { return episode_->next; }
 
-void Guard::Stop(HaltCause cause) noexcept { loop_->controller->Stop(cause); }
+void Guard::Stop(HaltCause cause) noexcept { episode_->controller->Stop(cause); }
 
 Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const double> action,
                       std::span<double> safe) noexcept {
-  Loop& loop = *loop_;
-  control::Controller& controller = *loop.controller;
-  const auto [state, state_usable] = loop.TaskState(*model_, whole);
+  Episode& episode = *episode_;
+  control::Controller& controller = *episode.controller;
+  const auto [state, state_usable] = episode.TaskState(*model_, whole);
   const core::StateMap& map = model_->task().features().selection().map();
   const int off = state_usable ? map.FindInvalid(state) : -1;
-  const bool action_usable = action.size() == loop.proposed.size() && AllFinite(action);
-  if (action_usable) std::copy(action.begin(), action.end(), loop.proposed.begin());
-  if (t != loop.next) {
+  const bool action_usable = action.size() == episode.proposed.size() && AllFinite(action);
+  if (action_usable) std::copy(action.begin(), action.end(), episode.proposed.begin());
+  if (t != episode.next) {
     controller.Stop(HaltCause::kStepSkipped);
   } else if (!state_usable) {
     controller.Stop(HaltCause::kStateInvalid);
   } else if (off >= 0) {
     controller.Stop(HaltCause::kBadQuaternion);
-    if (controller.halt_cause() == HaltCause::kBadQuaternion && loop.entry < 0) loop.entry = off;
+    if (controller.halt_cause() == HaltCause::kBadQuaternion && episode.entry < 0)
+      episode.entry = off;
   } else if (!action_usable) {
     controller.Stop(HaltCause::kControlInvalid);
   } else {
-    ++loop.next;
-    loop.bounded = loop.proposed;
-    Clamp(model_->settings().action_limit, loop.bounded);
-    if (loop.steers) {
-      model_->actions().Measure(loop.bounded, loop.proposal.action());
+    ++episode.next;
+    episode.bounded = episode.proposed;
+    Clamp(model_->settings().action_limit, episode.bounded);
+    if (episode.steers) {
+      model_->actions().Measure(episode.bounded, episode.proposal.action());
     } else {
-      std::copy(loop.bounded.begin(), loop.bounded.end(), loop.proposal.action().begin());
+      std::copy(episode.bounded.begin(), episode.bounded.end(), episode.proposal.action().begin());
     }
   }
-  const bool room = safe.size() == loop.proposed.size();
+  const bool room = safe.size() == episode.proposed.size();
   if (!room) controller.Stop(HaltCause::kControlInvalid);
-  const control::Step step = controller.Next(state, loop.chosen);
+  const control::Step step = controller.Next(state, episode.chosen);
   if (step.mode == Mode::kHalt) {
     std::fill(safe.begin(), safe.end(), 0.0);
   } else if (step.mode == Mode::kPolicy && !step.filtered) {
     // To the bit; a monitor's too.
-    std::copy(loop.bounded.begin(), loop.bounded.end(), safe.begin());
-  } else if (loop.steers) {
-    std::copy(loop.bounded.begin(), loop.bounded.end(), safe.begin());
-    model_->actions().Restore(loop.chosen, safe);
+    std::copy(episode.bounded.begin(), episode.bounded.end(), safe.begin());
+  } else if (episode.steers) {
+    std::copy(episode.bounded.begin(), episode.bounded.end(), safe.begin());
+    model_->actions().Restore(episode.chosen, safe);
   } else {
-    std::copy(loop.chosen.begin(), loop.chosen.end(), safe.begin());
+    std::copy(episode.chosen.begin(), episode.chosen.end(), safe.begin());
   }
   // The one place where limits are kept, whatever chose the action. A recovery of the caller's own
   // knows none, and units round.
   if (room) {
     Clamp(model_->settings().action_limit, safe);
-    std::copy(safe.begin(), safe.end(), loop.given.begin());
+    std::copy(safe.begin(), safe.end(), episode.given.begin());
   }
 
   Verdict verdict;
@@ -261,29 +262,30 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
   verdict.predicted = step.log_learned;
   verdict.pass_level = step.log_threshold;
   verdict.certified = step.certified;
-  verdict.entry = loop.entry;
+  verdict.entry = episode.entry;
   if (state_usable) {
-    double level = loop.tracker.Follow(state);
+    double level = episode.tracker.Follow(state);
     // What is certified is a level at the controller's time step, which may be another one.
     if (step.certified) level = std::max(level, step.log_g);
     verdict.level = level;
     verdict.alarm = !(level >= -model_->settings().alarm_level);
-    verdict.alarm_step = loop.tracker.phase();
-    if (loop.monitors) verdict.step = verdict.alarm_step;
+    verdict.alarm_step = episode.tracker.phase();
+    if (episode.monitors) verdict.step = verdict.alarm_step;
     // A halted controller repeats what it saw before it halted.
     const bool seen = step.mode != Mode::kHalt && std::isfinite(step.g);
     verdict.g = seen ? step.g : model_->support().Decision(verdict.step, state);
   }
   // Not against `action`, which may be the memory that has just been written to.
-  verdict.changed = !action_usable || !std::equal(safe.begin(), safe.end(), loop.proposed.begin(),
-                                                  loop.proposed.end());
-  verdict.change = action_usable && room ? model_->actions().Distance(loop.proposed, safe) : kNaN;
+  verdict.changed = !action_usable || !std::equal(safe.begin(), safe.end(),
+                                                  episode.proposed.begin(), episode.proposed.end());
+  verdict.change =
+      action_usable && room ? model_->actions().Distance(episode.proposed, safe) : kNaN;
   switch (step.mode) {
     case Mode::kPolicy:
       verdict.source = verdict.changed ? Source::kPolicyChanged : Source::kPolicy;
       break;
     case Mode::kRecovery:
-      verdict.source = loop.steers ? Source::kDemonstrations : Source::kRecovery;
+      verdict.source = episode.steers ? Source::kDemonstrations : Source::kRecovery;
       break;
     case Mode::kProbe:
       verdict.source = Source::kProbe;
@@ -296,47 +298,47 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
 }
 
 void Guard::Applied(std::span<const double> action) noexcept {
-  Loop& loop = *loop_;
-  if (action.size() != loop.given.size() || !AllFinite(action)) {
-    return loop.controller->Stop(HaltCause::kControlInvalid);
+  Episode& episode = *episode_;
+  if (action.size() != episode.given.size() || !AllFinite(action)) {
+    return episode.controller->Stop(HaltCause::kControlInvalid);
   }
-  if (loop.next == 0) return loop.controller->Stop(HaltCause::kStepSkipped);
-  if (loop.monitors || std::equal(action.begin(), action.end(), loop.given.begin())) return;
-  if (loop.guided == nullptr) return loop.controller->Stop(HaltCause::kStepSkipped);
-  model_->actions().Measure(action, loop.chosen);
-  loop.guided->Applied(loop.chosen);
+  if (episode.next == 0) return episode.controller->Stop(HaltCause::kStepSkipped);
+  if (episode.monitors || std::equal(action.begin(), action.end(), episode.given.begin())) return;
+  if (episode.guided == nullptr) return episode.controller->Stop(HaltCause::kStepSkipped);
+  model_->actions().Measure(action, episode.chosen);
+  episode.guided->Applied(episode.chosen);
 }
 
 ChunkVerdict Guard::FilterChunk(int t, std::span<const double> whole,
                                 std::span<const double> actions) noexcept {
-  Loop& loop = *loop_;
+  Episode& episode = *episode_;
   ChunkVerdict verdict;
-  const std::size_t width = loop.proposed.size();
-  verdict.cause = loop.controller->halt_cause();
+  const std::size_t width = episode.proposed.size();
+  verdict.cause = episode.controller->halt_cause();
   verdict.halted = verdict.cause != HaltCause::kNone;
   if (verdict.halted) return verdict;
-  const auto [state, state_usable] = loop.TaskState(*model_, whole);
-  if (t != loop.next) {
+  const auto [state, state_usable] = episode.TaskState(*model_, whole);
+  if (t != episode.next) {
     verdict.cause = HaltCause::kStepSkipped;
   } else if (!state_usable) {
     verdict.cause = HaltCause::kStateInvalid;
   } else if (actions.empty() || actions.size() % width != 0 || !AllFinite(actions)) {
     verdict.cause = HaltCause::kControlInvalid;
   }
-  if (verdict.cause != HaltCause::kNone || !(loop.monitors || loop.ahead != nullptr)) {
+  if (verdict.cause != HaltCause::kNone || !(episode.monitors || episode.ahead != nullptr)) {
     return verdict;
   }
   verdict.judged = static_cast<int>(std::min<std::size_t>(actions.size() / width, kLongestChunk));
-  if (loop.ahead != nullptr) loop.ahead->Foresee(*loop.guided, state);
+  if (episode.ahead != nullptr) episode.ahead->Foresee(*episode.guided, state);
   for (int i = 0; i < verdict.judged; ++i) {
     const std::span<const double> action =
         actions.subspan(static_cast<std::size_t>(i) * width, width);
     if (!Within(model_->settings().action_limit, action)) break;
-    if (loop.monitors) {
+    if (episode.monitors) {
       if (t + i >= model_->settings().horizon) break;
     } else {
-      model_->actions().Measure(action, loop.chosen);
-      if (!loop.ahead->PassesNext(loop.chosen)) break;
+      model_->actions().Measure(action, episode.chosen);
+      if (!episode.ahead->PassesNext(episode.chosen)) break;
     }
     ++verdict.playable;
   }

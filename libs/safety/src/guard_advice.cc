@@ -94,7 +94,7 @@ std::vector<std::string> Warnings(const GuardModel& model) {
                        " of an action take few values in the demonstrations: the guard passes the "
                        "policy's values of them and steers by the others alone");
   }
-  warnings.insert(warnings.end(), summary.findings.begin(), summary.findings.end());
+  warnings.insert(warnings.end(), summary.fit_warnings.begin(), summary.fit_warnings.end());
   return warnings;
 }
 
@@ -163,8 +163,8 @@ double Explained(const GuardModel& model, std::span<const core::Trajectory> demo
 
 }  // namespace
 
-std::vector<std::string> Findings(const GuardModel& model,
-                                  std::span<const core::Trajectory> demonstrations) {
+std::vector<std::string> FitWarnings(const GuardModel& model,
+                                     std::span<const core::Trajectory> demonstrations) {
   // Guided recovery predicts so little then that its corrections are guesses.
   constexpr double kLeastExplained = 0.5;
   std::vector<std::string> warnings;

@@ -15,7 +15,7 @@ namespace {
 constexpr std::string_view kGuardKind = "guard";
 constexpr int kGuardVersion = 2;
 constexpr int kMostCount = 1 << 30;
-constexpr int kMostFindings = 1 << 16;
+constexpr int kMaxFitWarnings = 1 << 16;
 constexpr int kMostRows = 1 << 10;
 
 void Write(core::ArchiveWriter& archive, const control::EstimatedConstant& constant) {
@@ -99,8 +99,8 @@ void GuardModel::Save(const std::filesystem::path& path) const {
   archive.Integer(std::ssize(summary_.components));
   for (const reduction::ComponentsScore& row : summary_.components) Write(archive, row);
   archive.Text(summary_.components_reason);
-  archive.Integer(std::ssize(summary_.findings));
-  for (const std::string& finding : summary_.findings) archive.Text(finding);
+  archive.Integer(std::ssize(summary_.fit_warnings));
+  for (const std::string& warning : summary_.fit_warnings) archive.Text(warning);
   actions_->Save(archive);
   task_->Save(archive);
   archive.Save(path);
@@ -168,8 +168,8 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     const int rows = archive.IntegerIn(0, kMostRows);
     for (int i = 0; i < rows; ++i) summary.components.push_back(ReadScore(archive));
     summary.components_reason = archive.Text();
-    const int findings = archive.IntegerIn(0, kMostFindings);
-    for (int i = 0; i < findings; ++i) summary.findings.push_back(archive.Text());
+    const int count = archive.IntegerIn(0, kMaxFitWarnings);
+    for (int i = 0; i < count; ++i) summary.fit_warnings.push_back(archive.Text());
     auto actions = std::make_shared<const ActionSpace>(ActionSpace::Load(archive));
     auto task = std::make_shared<const TaskModel>(TaskModel::Load(archive, std::move(selection)));
     archive.End();

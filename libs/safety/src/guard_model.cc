@@ -268,13 +268,13 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
   settings.demonstrated = !replay.guesses();
   settings.direction_error = options.error_factor * model->summary_.direction_error.value;
   model->Complete(layout, actions, std::move(task), settings);
-  model->summary_.findings = Findings(*model, as_recorded);
+  model->summary_.fit_warnings = FitWarnings(*model, as_recorded);
   if (!moved.empty()) {
     std::string names;
     for (const int entry : moved) {
       names.append(names.empty() ? "" : ", ").append(core::EntryName(layout, entry));
     }
-    model->summary_.findings.push_back(
+    model->summary_.fit_warnings.push_back(
         names +
         ": moved by entries of an action that the guard passes and not by those that it steers. "
         "They are left out of the features: whether they are right is up to the policy");

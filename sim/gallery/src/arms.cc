@@ -64,9 +64,10 @@ class Arm2Plant final : public Cloned<Arm2Plant> {
  public:
   Arm2Plant() : Cloned({{"joints", 0, 2}, {"tip", 0, 2}}, 0, 2) {}
 
-  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& variation,
+                 std::span<double> u) const noexcept override {
     // Folds the elbow before the pillar and unfolds it behind the pillar.
-    const double fold = 2.15 + 0.03 * habit.offset;
+    const double fold = 2.15 + 0.03 * variation.offset;
     const std::array<Point, 4> path{{{-0.3, 0.9}, {-0.2, fold}, {1.0, fold}, {1.5, 1.2}}};
     const Point q{x(0), x(1)};
     const Point wanted = Shortened((1.0 / kStep) * (Ahead(path, q, kStep) - q), 1.0);
@@ -116,8 +117,9 @@ class Arm7Plant final : public Cloned<Arm7Plant> {
  public:
   Arm7Plant() : Cloned({{"joints", 0, kJoints}, {"tip", 0, 2}}, 0, kJoints) {}
 
-  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
-    const double inner = 0.52 + 0.015 * habit.offset;
+  void Supervise(const SupervisorVariation& variation,
+                 std::span<double> u) const noexcept override {
+    const double inner = 0.52 + 0.015 * variation.offset;
     const std::array<Point, 4> path{{{0.72, -0.36}, {inner, -0.12}, {inner, 0.12}, kGoal.centre}};
     const Point tip{x(kJoints), x(kJoints + 1)};
     const Point wanted = Shortened(Ahead(path, tip, 0.06) - tip, 0.05);
@@ -175,8 +177,9 @@ class JointsPlant final : public Cloned<JointsPlant> {
  public:
   JointsPlant() : Cloned({{"joints", 0, kJoints}, {"tip", 0, 2}}, kJoints, kJoints) {}
 
-  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
-    const double inner = 0.5 + 0.015 * habit.offset;
+  void Supervise(const SupervisorVariation& variation,
+                 std::span<double> u) const noexcept override {
+    const double inner = 0.5 + 0.015 * variation.offset;
     const std::array<Point, 4> path{{{0.75, -0.34}, {inner, -0.12}, {inner, 0.12}, kGoal.centre}};
     const auto points = Points();
     MoveTip(points, Shortened(Ahead(path, points.back(), 0.07) - points.back(), 0.05),
@@ -252,8 +255,9 @@ class BimanualPlant final : public Cloned<BimanualPlant> {
                 {"goal", 0, 2}},
                0, 2 * kJoints) {}
 
-  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
-    const double side = 0.12 + 0.006 * habit.offset;
+  void Supervise(const SupervisorVariation& variation,
+                 std::span<double> u) const noexcept override {
+    const double side = 0.12 + 0.006 * variation.offset;
     const std::array<Point, 4> path{{{-0.1, 0.5}, {side, 0.54}, {side, 0.66}, kGoal.centre}};
     const Point centre{x(24), x(25)};
     const Point aim = centre + Shortened(Ahead(path, centre, 0.04) - centre, 0.012);
@@ -341,7 +345,7 @@ GalleryTask Arm2Task() {
           .noise = 0.15,
           .weak_hidden = {4},
           .weak_epochs = 20,
-          .flaw = {.late = 4}};
+          .policy_bias = {.late = 4}};
 }
 
 GalleryTask Arm7Task() {
@@ -349,14 +353,14 @@ GalleryTask Arm7Task() {
           .summary =
               "An arm of seven joints takes its tip round a pillar, on the near side; any "
               "part touching it fails",
-          .judgement = true,
+          .held_out = true,
           .plant = std::make_shared<Arm7Plant>(),
           .features = "joints",
           .noise = 0.1,
           .hidden = {32},
           .epochs = 60,
           .weak_epochs = 25,
-          .flaw = {.bias = {-0.25}}};
+          .policy_bias = {.bias = {-0.25}}};
 }
 
 GalleryTask JointsTask() {
@@ -365,11 +369,11 @@ GalleryTask JointsTask() {
               "Absolute joint targets, each less the measured joint, take the tip of an arm round "
               "a pillar: the servo lags and sags; any part touching the pillar fails",
           .plant = std::make_shared<JointsPlant>(),
-          .aftermath = 10,
+          .settle_steps = 10,
           .noise = 0.1,
           .units = std::vector<double>(5, 0.12),
           .weak_epochs = 20,
-          .flaw = {.bias = {-0.03}}};
+          .policy_bias = {.bias = {-0.03}}};
 }
 
 GalleryTask BimanualTask() {
@@ -377,7 +381,7 @@ GalleryTask BimanualTask() {
           .summary =
               "Two arms of seven joints carry a bar past a post; 30 features follow from 14 "
               "joints; pulling, squeezing or tilting the bar and touching the post fails",
-          .judgement = true,
+          .held_out = true,
           .plant = std::make_shared<BimanualPlant>(),
           .features = "bar,gap",  // A fit to all 30, which repeat each other, is refused.
           .noise = 0.05,
@@ -385,7 +389,7 @@ GalleryTask BimanualTask() {
           .epochs = 60,
           .weak_hidden = {16},
           .weak_epochs = 25,
-          .flaw = {.bias = {0.15}}};
+          .policy_bias = {.bias = {0.15}}};
 }
 
 }  // namespace dfr::sim::internal

@@ -103,7 +103,7 @@ std::unique_ptr<core::SimulatedPlant> CorridorPlant::Clone() const {
   return std::make_unique<CorridorPlant>(*this);
 }
 
-void CorridorPlant::Supervise(const SupervisorVariation& /*habit*/,
+void CorridorPlant::Supervise(const SupervisorVariation& /*variation*/,
                               std::span<double> u) const noexcept {
   // Aims two steps ahead: near enough to follow the bends, far enough not to zigzag.
   const double ahead = x(0) + 2.0 * kSpeed * options_.gain;

@@ -77,7 +77,7 @@ std::unique_ptr<core::SimulatedPlant> DiscPushPlant::Clone() const {
   return std::make_unique<DiscPushPlant>(*this);
 }
 
-void DiscPushPlant::Supervise(const SupervisorVariation& /*habit*/,
+void DiscPushPlant::Supervise(const SupervisorVariation& /*variation*/,
                               std::span<double> u) const noexcept {
   // Steers the object to a point on the axis 0.1 m ahead, at most to the goal. It reaches the axis
   // before the gate.

@@ -17,8 +17,9 @@ class InertiaPlant final : public Cloned<InertiaPlant> {
  public:
   InertiaPlant() : Cloned({{"point", 0, 2}, {"velocity", 0, 2}}, 0, 2) {}
 
-  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
-    const double y = 0.28 + 0.02 * habit.offset;
+  void Supervise(const SupervisorVariation& variation,
+                 std::span<double> u) const noexcept override {
+    const double y = 0.28 + 0.02 * variation.offset;
     const std::array<Point, 5> path{{{0.0, 0.0}, {0.4, y}, {0.6, y}, kGoal.centre, kGoal.centre}};
     const Point p{x(0), x(1)};
     const Point wanted = Shortened(1.5 * (Ahead(path, p, 0.15) - p), 0.25);
@@ -57,8 +58,9 @@ class BalancePlant final : public Cloned<BalancePlant> {
  public:
   BalancePlant() : Cloned({{"cart", 0, 2}, {"pole", 0, 2}}, 1, 1) {}
 
-  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
-    u[0] = 0.12 * (x(0) - 0.02 * habit.offset) + 0.25 * x(1) + 2.6 * x(2) + 0.55 * x(3);
+  void Supervise(const SupervisorVariation& variation,
+                 std::span<double> u) const noexcept override {
+    u[0] = 0.12 * (x(0) - 0.02 * variation.offset) + 0.25 * x(1) + 2.6 * x(2) + 0.55 * x(3);
   }
 
  private:
@@ -98,10 +100,11 @@ class CarPlant final : public Cloned<CarPlant> {
  public:
   CarPlant() : Cloned({{"car", 0, 2}}, 0, 1) {}
 
-  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& variation,
+                 std::span<double> u) const noexcept override {
     // Accelerates with the motion, but only to a speed at which the brakes can stop before the
     // wall.
-    const double turn = kWall + 0.12 + 0.02 * habit.offset;
+    const double turn = kWall + 0.12 + 0.02 * variation.offset;
     const double room =
         kForce * (x(0) - turn) + kGravity / 3.0 * (std::sin(3.0 * turn) - std::sin(3.0 * x(0)));
     u[0] = x(1) < 0.0 && 0.5 * x(1) * x(1) > 0.7 * room ? 1.0 : std::copysign(0.8, x(1));
@@ -131,10 +134,10 @@ GalleryTask InertiaTask() {
               "control lets it fly on",
           .plant = std::make_shared<InertiaPlant>(),
           .horizon = 150,
-          .aftermath = 50,
+          .settle_steps = 50,
           .noise = 0.2,
           .weak_epochs = 10,
-          .flaw = {.turn = 0.5}};
+          .policy_bias = {.turn = 0.5}};
 }
 
 GalleryTask BalanceTask() {
@@ -142,13 +145,13 @@ GalleryTask BalanceTask() {
           .summary =
               "A cart balances a pole for 120 steps and goes to the middle of its track; "
               "the pole falls where nothing is done",
-          .judgement = true,
+          .held_out = true,
           .plant = std::make_shared<BalancePlant>(),
           .horizon = 120,
-          .aftermath = 60,
+          .settle_steps = 60,
           .noise = 0.1,
           .weak_epochs = 4,
-          .flaw = {.late = 2}};
+          .policy_bias = {.late = 2}};
 }
 
 GalleryTask CarTask() {
@@ -157,10 +160,10 @@ GalleryTask CarTask() {
               "A car swings up a valley that is too steep for it; the wall on the left "
               "fails; it rolls where nothing is done",
           .plant = std::make_shared<CarPlant>(),
-          .aftermath = 60,
+          .settle_steps = 60,
           .noise = 0.15,
           .weak_epochs = 4,
-          .flaw = {.bias = {-0.8}}};
+          .policy_bias = {.bias = {-0.8}}};
 }
 
 }  // namespace dfr::sim::internal

@@ -42,7 +42,7 @@ core::Trajectory DemonstrateOnce(const GalleryTask& task, std::uint64_t seed) {
   core::Trajectory trajectory;
   trajectory.seed = seed;
   core::Random random(core::DeriveSeed(seed, {1}));
-  const SupervisorVariation habit{.way = random.Uniform(), .offset = random.Normal()};
+  const SupervisorVariation variation{.way = random.Uniform(), .offset = random.Normal()};
   const double pace = std::exp(random.Uniform(std::log(task.slowest), std::log(task.fastest)));
   const std::unique_ptr<core::SimulatedPlant> clone = task.plant->Clone();
   auto& plant = static_cast<GalleryPlant&>(*clone);
@@ -58,7 +58,7 @@ core::Trajectory DemonstrateOnce(const GalleryTask& task, std::uint64_t seed) {
   int t = 0;
   for (; t < task.horizon && !plant.completed() && !plant.collided(); ++t) {
     const std::span<double> u = core::Row(trajectory.controls, t);
-    plant.Supervise(habit, u);
+    plant.Supervise(variation, u);
     if (task.pause > 0.0 && pause == 0 && random.Uniform() < task.pause) {
       pause = 5 + static_cast<int>(random.Below(26));
     }

@@ -20,8 +20,9 @@ class GraspPlant final : public Cloned<GraspPlant> {
  public:
   GraspPlant() : Cloned({{"gripper", 0, 2}, {"closed", 0, 1}, {"object", 0, 2}}, 2, 3) {}
 
-  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
-    const double aside = x(3) + 0.002 * habit.offset - x(0);
+  void Supervise(const SupervisorVariation& variation,
+                 std::span<double> u) const noexcept override {
+    const double aside = x(3) + 0.002 * variation.offset - x(0);
     const bool above = std::abs(aside) < 0.5 * kSlack;
     const bool down = x(1) < 0.025 && above;
     u[0] = held() ? 0.0 : std::clamp(aside / kGain, -0.7, 0.7);
@@ -83,14 +84,15 @@ class LidPlant final : public Cloned<LidPlant> {
  public:
   LidPlant() : Cloned({{"gripper", 0, 2}, {"closed", 0, 1}, {"lid", 0, 1}}, 1, 3) {}
 
-  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& variation,
+                 std::span<double> u) const noexcept override {
     const Point p{x(0), x(1)};
     Point motion{};
     if (held()) {
       const Point out = (1.0 / Norm(p)) * p;
       motion = 0.7 * Point{-out.y, out.x} + ((kRadius - Norm(p)) / kGain) * out;
     } else {
-      motion = Shortened((1.0 / kGain) * (Point{kRadius, 0.003 * habit.offset} - p), 0.7);
+      motion = Shortened((1.0 / kGain) * (Point{kRadius, 0.003 * variation.offset} - p), 0.7);
     }
     u[0] = motion.x;
     u[1] = motion.y;
@@ -139,9 +141,10 @@ class PickPlant final : public Cloned<PickPlant> {
  public:
   PickPlant() : Cloned({{"gripper", 0, 3}, {"closed", 0, 1}, {"object", 0, 3}}, 1, 4) {}
 
-  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& variation,
+                 std::span<double> u) const noexcept override {
     const Point p{x(0), x(1)};
-    const Point aim = held() ? kPlace.centre : Point{x(4), x(5) + 0.0015 * habit.offset};
+    const Point aim = held() ? kPlace.centre : Point{x(4), x(5) + 0.0015 * variation.offset};
     // Low, it stays on its way down; high, it first gets there.
     const bool above = Norm(aim - p) < (x(2) < 0.08 ? 0.02 : 0.006);
     const bool low = x(2) < 0.014;
@@ -201,7 +204,7 @@ GalleryTask GraspTask() {
           .noise = 0.1,
           .weak_hidden = {16},
           .weak_epochs = 25,
-          .flaw = {.bias = {0.1, 0.0, 0.0}}};
+          .policy_bias = {.bias = {0.1, 0.0, 0.0}}};
 }
 
 GalleryTask LidTask() {
@@ -209,11 +212,11 @@ GalleryTask LidTask() {
           .summary =
               "A gripper takes the handle of a lid and lifts it along its circle; slipping "
               "off, letting go, closing beside it or hitting the chest fails",
-          .judgement = true,
+          .held_out = true,
           .plant = std::make_shared<LidPlant>(),
           .noise = 0.1,
           .weak_epochs = 20,
-          .flaw = {.turn = 0.35}};
+          .policy_bias = {.turn = 0.35}};
 }
 
 GalleryTask PickTask() {
@@ -228,7 +231,7 @@ GalleryTask PickTask() {
           .switches = {3},
           .weak_hidden = {32},
           .weak_epochs = 60,
-          .flaw = {.bias = {0.006}}};
+          .policy_bias = {.bias = {0.006}}};
 }
 
 }  // namespace dfr::sim::internal

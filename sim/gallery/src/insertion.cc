@@ -19,8 +19,9 @@ class InsertionPlant final : public Cloned<InsertionPlant> {
  public:
   InsertionPlant() : Cloned({{"peg", 0, 2}, {"slot", 0, 1}}, 0, 2) {}
 
-  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
-    const double aside = x(2) + 0.002 * habit.offset - x(0);
+  void Supervise(const SupervisorVariation& variation,
+                 std::span<double> u) const noexcept override {
+    const double aside = x(2) + 0.002 * variation.offset - x(0);
     const bool aligned = std::abs(aside) < 0.5 * kClearance + (x(1) < 0.0 ? 1.0 : 0.0);
     u[0] = std::clamp(aside / kPegGain, -0.7, 0.7);
     // Waits above the surface until it is aligned.
@@ -70,11 +71,11 @@ GalleryTask InsertionTask() {
           .summary =
               "A peg goes into a slot with chamfers, whose place differs; pressing against "
               "what is solid with 0.4 of the largest control fails",
-          .judgement = true,
+          .held_out = true,
           .plant = std::make_shared<InsertionPlant>(),
           .noise = 0.1,
           .weak_epochs = 4,
-          .flaw = {.bias = {-0.6, 0.0}}};
+          .policy_bias = {.bias = {-0.6, 0.0}}};
 }
 
 }  // namespace dfr::sim::internal

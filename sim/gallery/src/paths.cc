@@ -23,10 +23,11 @@ class RopePlant final : public Cloned<RopePlant> {
  public:
   RopePlant() : Cloned({{"end", 0, 2}, {"free", 0, 1}}, 1, 2) {}
 
-  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& variation,
+                 std::span<double> u) const noexcept override {
     const Point p{x(0), x(1)};
     const Point out = (1.0 / Norm(p)) * p;
-    const double radius = 0.26 + 0.01 * habit.offset;
+    const double radius = 0.26 + 0.01 * variation.offset;
     Point motion = Shortened((1.0 / kGain) * (kHook.centre - p), 0.8);
     if (x(3) < kTurned - 0.6) {
       const double inward = std::clamp((radius - Norm(p)) / kGain, -0.55, 0.55);
@@ -71,11 +72,12 @@ class EightPlant final : public Cloned<EightPlant> {
  public:
   EightPlant() : Cloned({{"point", 0, 2}, {"heading", 0, 2}}, 1, 2) {}
 
-  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& variation,
+                 std::span<double> u) const noexcept override {
     const Point p{x(0), x(1)};
     const Point on = Along(x(4) + 0.1);
     const Point ahead = Along(x(4) + 0.2) - on;
-    const Point aside = (0.012 * habit.offset / Norm(ahead)) * Point{-ahead.y, ahead.x};
+    const Point aside = (0.012 * variation.offset / Norm(ahead)) * Point{-ahead.y, ahead.x};
     const Point motion = Shortened((1.0 / kGain) * (on + aside - p), 0.8);
     u[0] = motion.x;
     u[1] = motion.y;
@@ -137,10 +139,11 @@ class CrossingPlant final : public Cloned<CrossingPlant> {
  public:
   CrossingPlant() : Cloned({{"point", 0, 2}, {"shuttle", 0, 2}}, 1, 2) {}
 
-  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& variation,
+                 std::span<double> u) const noexcept override {
     const Point p{x(0), x(1)};
     const Point aim{x(0) < 0.8 ? x(0) + 0.1 : kGoal.centre.x,
-                    x(0) < 0.8 ? 0.015 * habit.offset : kGoal.centre.y};
+                    x(0) < 0.8 ? 0.015 * variation.offset : kGoal.centre.y};
     Point motion = Shortened((1.0 / kGain) * (aim - p), kSpeed);
     if (x(0) < kKerb + 0.03 && !Free()) motion.x = std::min(motion.x, (kKerb - x(0)) / kGain);
     u[0] = motion.x;
@@ -192,11 +195,11 @@ GalleryTask RopeTask() {
           .summary =
               "A rope is wound round a peg by a turn and a half, counter-clockwise, and put on a "
               "hook; touching the peg, the wrong way round and pulling the rope taut fail",
-          .judgement = true,
+          .held_out = true,
           .plant = std::make_shared<RopePlant>(),
           .horizon = 200,
           .weak_epochs = 7,
-          .flaw = {.turn = 0.4}};
+          .policy_bias = {.turn = 0.4}};
 }
 
 GalleryTask EightTask() {
@@ -209,7 +212,7 @@ GalleryTask EightTask() {
           .horizon = 150,
           .weak_hidden = {16},
           .weak_epochs = 8,
-          .flaw = {.turn = 0.5}};
+          .policy_bias = {.turn = 0.5}};
 }
 
 GalleryTask CrossingTask() {
@@ -217,13 +220,13 @@ GalleryTask CrossingTask() {
           .summary =
               "A point crosses a lane before or behind a shuttle of random phase, or waits for "
               "it; touching the shuttle fails",
-          .judgement = true,
+          .held_out = true,
           .plant = std::make_shared<CrossingPlant>(),
           .horizon = 150,
-          .aftermath = 60,
+          .settle_steps = 60,
           .weak_hidden = {16},
           .weak_epochs = 10,
-          .flaw = {.late = 8}};
+          .policy_bias = {.late = 8}};
 }
 
 }  // namespace dfr::sim::internal

@@ -7,8 +7,8 @@
 namespace dfr::sim::internal {
 namespace {
 
-/// A way to the goal and its probability. The habit's offset shifts its points sideways. Near the
-/// goal, the goal replaces the last point.
+/// A way to the goal and its probability. The offset of the variation shifts its points sideways.
+/// Near the goal, the goal replaces the last point.
 struct Route {
   double probability;
   std::vector<Point> points;
@@ -41,14 +41,15 @@ class PointPlant final : public Cloned<PointPlant> {
                options.belt > 0.0 ? 2 : 4, 2),
         options_(std::move(options)) {}
 
-  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& variation,
+                 std::span<double> u) const noexcept override {
     std::size_t way = 0;
-    double rest = habit.way;
+    double rest = variation.way;
     while (way + 1 < options_.routes.size() && rest >= options_.routes[way].probability) {
       rest -= options_.routes[way++].probability;
     }
     const Point p{x(0), x(1)};
-    const Point shift{0.0, options_.offset_spread * habit.offset};
+    const Point shift{0.0, options_.offset_spread * variation.offset};
     const std::vector<Point>& route = options_.routes[way].points;
     Point aim = Ahead(route, p - shift, 0.08) + shift;
     if (Norm(aim - route.back() - shift) < 0.01 || Norm(goal() - p) < 0.12) aim = goal();
@@ -114,25 +115,25 @@ std::vector<GalleryTask> PointTasks() {
        .summary = "A point goes round a pillar, always over it; touching it fails",
        .plant = MakePoint({.discs = {pillar}, .routes = {Over(1.0, 0.28)}}),
        .weak_epochs = 7,
-       .flaw = {.bias = {0.0, -0.2}}},
+       .policy_bias = {.bias = {0.0, -0.2}}},
       {.name = "two-ways",
        .summary = "Round the pillar of reach, over it or under it, at random",
        .plant = MakePoint({.discs = {pillar}, .routes = {Over(0.5, 0.3), Over(0.5, -0.3)}}),
        .weak_hidden = {16},
        .weak_epochs = 20,
-       .flaw = {.bias = {0.0, 0.2}}},
+       .policy_bias = {.bias = {0.0, 0.2}}},
       {.name = "unequal-ways",
        .summary =
            "Round the pillar of reach, over it in four of five demonstrations, otherwise under it",
-       .judgement = true,
+       .held_out = true,
        .plant = MakePoint({.discs = {pillar}, .routes = {Over(0.8, 0.3), Over(0.2, -0.3)}}),
        .epochs = 200,
        .weak_hidden = {16},
        .weak_epochs = 20,
-       .flaw = {.turn = -0.25}},
+       .policy_bias = {.turn = -0.25}},
       {.name = "three-ways",
        .summary = "Over two pillars, under them or between them, with probabilities .3, .25, .45",
-       .judgement = true,
+       .held_out = true,
        .plant = MakePoint({.goal_x = 1.3,
                            .discs = {{{0.85, 0.22}, 0.11}, {{0.85, -0.22}, 0.11}},
                            .routes = {Past(0.3, 0.42), Past(0.25, -0.42), Past(0.45, 0.0)},
@@ -141,22 +142,22 @@ std::vector<GalleryTask> PointTasks() {
        .epochs = 200,
        .weak_hidden = {16},
        .weak_epochs = 20,
-       .flaw = {.bias = {0.0, 0.2}}},
+       .policy_bias = {.bias = {0.0, 0.2}}},
       {.name = "passage",
        .summary = "A narrow bent passage between walls; touching them fails",
-       .judgement = true,
+       .held_out = true,
        .plant = MakePoint({.boxes = gap, .routes = {through}, .offset_spread = 0.01}),
        .noise = 0.12,
        .weak_epochs = 7,
-       .flaw = {.late = 3}},
+       .policy_bias = {.late = 3}},
       {.name = "goal",
        .summary = "Over a pillar to a goal on a belt, which moves on until the belt's end",
        .plant = MakePoint({.belt = 0.006,
                            .discs = {{{0.5, 0.0}, 0.15}},
                            .routes = {{1.0, {{0.0, 0.0}, {0.3, 0.2}, {0.5, 0.24}, {0.7, 0.2}}}}}),
-       .aftermath = 60,
+       .settle_steps = 60,
        .weak_epochs = 7,
-       .flaw = {.bias = {0.0, -0.18}}},
+       .policy_bias = {.bias = {0.0, -0.18}}},
       {.name = "paces",
        .summary = "Round a pillar at 30 Hz: hundreds of steps, demonstrated half as fast to twice "
                   "as fast as usual and with pauses",
@@ -168,10 +169,10 @@ std::vector<GalleryTask> PointTasks() {
        .pause = 0.01,
        .epochs = 60,
        .weak_epochs = 2,
-       .flaw = {.bias = {0.0, -0.1}}},
+       .policy_bias = {.bias = {0.0, -0.1}}},
       {.name = "slow-passage",
        .summary = "The narrow passage at 30 Hz, at any pace and with pauses",
-       .judgement = true,
+       .held_out = true,
        .plant = MakePoint(
            {.gain = 0.01, .speed = 0.45, .boxes = gap, .routes = {through}, .offset_spread = 0.01}),
        .horizon = 1000,
@@ -181,11 +182,11 @@ std::vector<GalleryTask> PointTasks() {
        .pause = 0.01,
        .epochs = 60,
        .weak_epochs = 2,
-       .flaw = {.turn = 0.15}},
+       .policy_bias = {.turn = 0.15}},
       {.name = "targets",
        .summary = "Round two walls with targets for a servo, each less the present position: half "
                   "of a motion goes on in the next step",
-       .judgement = true,
+       .held_out = true,
        .plant = MakePoint(
            {.carry = 0.5,
             .boxes = {{{0.25, -0.8}, {0.35, 0.08}}, {{0.65, -0.08}, {0.75, 0.8}}},
@@ -193,9 +194,9 @@ std::vector<GalleryTask> PointTasks() {
                 {{1.0,
                   {{0.0, 0.0}, {0.2, 0.16}, {0.4, 0.16}, {0.6, -0.16}, {0.8, -0.16}, {1.0, 0.0}}}},
             .offset_spread = 0.015}),
-       .aftermath = 10,
+       .settle_steps = 10,
        .weak_epochs = 15,
-       .flaw = {.turn = 0.35}},
+       .policy_bias = {.turn = 0.35}},
   };
 }
 

@@ -17,10 +17,11 @@ class PushPlant final : public Cloned<PushPlant> {
  public:
   PushPlant() : Cloned({{"pusher", 0, 2}, {"box", 0, 3}}, 0, 2) {}
 
-  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& variation,
+                 std::span<double> u) const noexcept override {
     const Point local = Turned(Point{x(0) - x(2), x(1) - x(3)}, -x(4));
     // Pushes off-centre to turn the box towards its target.
-    const double angle = std::clamp(-3.0 * (x(3) - 0.004 * habit.offset), -0.35, 0.35);
+    const double angle = std::clamp(-3.0 * (x(3) - 0.004 * variation.offset), -0.35, 0.35);
     const double side = std::clamp(-0.08 * (angle - x(4)), -0.03, 0.03);
     const double gap = -kHalf - kPusher - local.x;  // > 0 outside the box
     const double forward = std::abs(side - local.y) > 0.02 && gap < 0.01 ? 0.2 : 0.7;
@@ -87,7 +88,7 @@ GalleryTask PushTask() {
           .horizon = 150,
           .noise = 0.1,
           .weak_epochs = 4,
-          .flaw = {.bias = {0.0, 0.6}}};
+          .policy_bias = {.bias = {0.0, 0.6}}};
 }
 
 }  // namespace dfr::sim::internal

@@ -23,9 +23,10 @@ class DoorPlant final : public Cloned<DoorPlant> {
  public:
   DoorPlant() : Cloned({{"hand", 0, 2}, {"handle", 0, 4}, {"door", 0, 1}}, 3, 3) {}
 
-  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& variation,
+                 std::span<double> u) const noexcept override {
     const Point p{x(0), x(1)};
-    const double wanted = kFree + 0.2 + 0.02 * habit.offset;
+    const double wanted = kFree + 0.2 + 0.02 * variation.offset;
     Point motion = Shortened((1.0 / kGain) * (Point{kRadius, 0.0} - p), 0.7);
     u[2] = held() ? std::clamp((wanted - x(7)) / kTurn, -0.7, 0.7) : 0.0;
     if (held() && x(7) > kFree + 0.1) {
@@ -91,12 +92,13 @@ class ScrewPlant final : public Cloned<ScrewPlant> {
  public:
   ScrewPlant() : Cloned({{"driver", 0, 2}, {"height", 0, 1}, {"head", 0, 1}}, 2, 2) {}
 
-  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
+  void Supervise(const SupervisorVariation& variation,
+                 std::span<double> u) const noexcept override {
     const double force = (x(3) - x(2)) / kSpring;
     const bool pressed = force > 0.35;
     u[0] = pressed ? 0.7 : 0.0;
     const double sinks = pressed ? 0.7 * kTurn * kPitch / (2.0 * std::numbers::pi) : 0.0;
-    const double wanted = x(3) - (0.7 + 0.03 * habit.offset) * kSpring - sinks;
+    const double wanted = x(3) - (0.7 + 0.03 * variation.offset) * kSpring - sinks;
     u[1] = std::clamp((wanted - x(2)) / kGain, -0.6, 0.6);
   }
 
@@ -139,7 +141,7 @@ GalleryTask DoorTask() {
           .noise = 0.1,
           .weak_hidden = {16},
           .weak_epochs = 15,
-          .flaw = {.turn = 0.35}};
+          .policy_bias = {.turn = 0.35}};
 }
 
 GalleryTask ScrewTask() {
@@ -147,12 +149,12 @@ GalleryTask ScrewTask() {
           .summary =
               "A driver turns a screw in by two and a half turns, seen as cosine, sine and depth; "
               "slipping off and pressing too hard fail",
-          .judgement = true,
+          .held_out = true,
           .plant = std::make_shared<ScrewPlant>(),
           .horizon = 150,
           .noise = 0.1,
           .weak_epochs = 20,
-          .flaw = {.bias = {0.0, 0.3}}};
+          .policy_bias = {.bias = {0.0, 0.3}}};
 }
 
 }  // namespace dfr::sim::internal

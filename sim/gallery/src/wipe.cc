@@ -21,8 +21,9 @@ class WipePlant final : public Cloned<WipePlant> {
  public:
   WipePlant() : Cloned({{"tool", 0, 2}, {"force", 0, 1}, {"wiped", 0, 1}}, 2, 2) {}
 
-  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override {
-    const double wanted = 0.7 + 0.03 * habit.offset;
+  void Supervise(const SupervisorVariation& variation,
+                 std::span<double> u) const noexcept override {
+    const double wanted = 0.7 + 0.03 * variation.offset;
     const bool touches = x(2) > 0.0;
     // Down to the surface, where the wiped part ends; then on, as fast as the force allows.
     const double off = x(2) - wanted;
@@ -67,7 +68,7 @@ GalleryTask WipeTask() {
           .horizon = 200,
           .noise = 0.08,
           .weak_epochs = 5,
-          .flaw = {.bias = {0.0, -0.17}}};
+          .policy_bias = {.bias = {0.0, -0.17}}};
 }
 
 }  // namespace dfr::sim::internal

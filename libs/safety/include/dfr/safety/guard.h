@@ -155,9 +155,9 @@ class Guard {
   void Stop(control::HaltCause cause = control::HaltCause::kStopRequested) noexcept;
 
  private:
-  struct Loop;
+  struct Episode;
   std::shared_ptr<const GuardModel> model_;
-  std::unique_ptr<Loop> loop_;
+  std::unique_ptr<Episode> episode_;
 };
 
 }  // namespace dfr::safety

@@ -14,12 +14,13 @@ namespace dfr::safety {
 /// What speaks against using a guard, each with its remedy: too few demonstrations to tell ways
 /// apart, states or predictions of left-out demonstrations that are mostly outside, actions of
 /// these that it would change or that features do not tell, an alarm level far outside, an action
-/// limit far beyond the demonstrated actions, and GuardSummary::findings. Empty if nothing does.
+/// limit far beyond the demonstrated actions, and GuardSummary::fit_warnings. Empty if nothing
+/// does.
 [[nodiscard]] std::vector<std::string> Warnings(const GuardModel& model);
-/// GuardSummary::findings: features that only follow the clock, rotations that jump, actions that
-/// explain little of how features change.
-[[nodiscard]] std::vector<std::string> Findings(const GuardModel& model,
-                                                std::span<const core::Trajectory> demonstrations);
+/// GuardSummary::fit_warnings: features that only follow the clock, rotations that jump, actions
+/// that explain little of how features change.
+[[nodiscard]] std::vector<std::string> FitWarnings(
+    const GuardModel& model, std::span<const core::Trajectory> demonstrations);
 
 /// In which sense `false_alarms` and the constants of a certificate are promised: exactly or
 /// approximately, on average over fits or of this one.

@@ -101,7 +101,7 @@ struct GuardSummary {
   std::string components_reason = {};
   /// What the demonstrations say against the guard, which the model alone does not tell: see
   /// Warnings().
-  std::vector<std::string> findings = {};
+  std::vector<std::string> fit_warnings = {};
 };
 
 /// Options for GuardModel::Fit().
@@ -240,7 +240,7 @@ class GuardModel {
   static std::shared_ptr<GuardModel> FitReduced(const core::StateLayout& layout,
                                                 std::span<const core::Trajectory> demonstrations,
                                                 const GuardOptions& options);
-  /// Adds a finding if this guard on components corrects and they do not explain the actions. With
+  /// Adds a warning if this guard on components corrects and they do not explain the actions. With
   /// `watch` it becomes a monitor.
   void DoubtCorrections(bool watch);
   void Complete(core::StateLayout layout, std::shared_ptr<const ActionSpace> actions,

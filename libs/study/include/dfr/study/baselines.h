@@ -28,7 +28,7 @@ struct Expert {
   /// available.
   std::shared_ptr<const core::SimulatedPlant> plant = nullptr;
   /// Writes the supervisor's control for the plant's current state at time step t, without its
-  /// noise, to `u`. The episode's seed selects the supervisor's habits.
+  /// noise, to `u`. The episode's seed selects the supervisor's variation.
   std::function<void(const core::SimulatedPlant& plant, int t, std::uint64_t episode,
                      std::span<double> u)>
       supervise = {};

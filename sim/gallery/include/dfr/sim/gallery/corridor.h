@@ -33,7 +33,7 @@ class CorridorPlant final : public GalleryPlant {
 
   [[nodiscard]] const CorridorOptions& options() const noexcept { return options_; }
   [[nodiscard]] std::unique_ptr<core::SimulatedPlant> Clone() const override;
-  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override;
+  void Supervise(const SupervisorVariation& variation, std::span<double> u) const noexcept override;
 
   /// Returns half_width minus the distance of (x, y) to the centre line: > 0 inside.
   [[nodiscard]] double Clearance(double x, double y) const noexcept;

@@ -38,7 +38,7 @@ class DiscPushPlant final : public GalleryPlant {
 
   [[nodiscard]] const DiscPushOptions& options() const noexcept { return options_; }
   [[nodiscard]] std::unique_ptr<core::SimulatedPlant> Clone() const override;
-  void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept override;
+  void Supervise(const SupervisorVariation& variation, std::span<double> u) const noexcept override;
 
  private:
   void Start(core::Random& random) noexcept override;

@@ -36,9 +36,10 @@ class GalleryPlant : public core::SimulatedPlant {
   void Halt() noexcept final {}
   void CopyStateFrom(const core::SimulatedPlant& other) noexcept final;
 
-  /// Writes the control of a supervisor with this habit in the current state, without noise. It
+  /// Writes the control of a supervisor with this variation in the current state, without noise. It
   /// knows the whole state, including hidden entries. Entries of `u` may exceed +-1.
-  virtual void Supervise(const SupervisorVariation& habit, std::span<double> u) const noexcept = 0;
+  virtual void Supervise(const SupervisorVariation& variation,
+                         std::span<double> u) const noexcept = 0;
 
  protected:
   /// @param hidden  number of state entries after those of `layout`; they are never observed.
@@ -74,14 +75,14 @@ struct PolicyBias {
 /// layout, the demonstrations and `features`.
 struct GalleryTask {
   std::string name;
-  std::string summary;     ///< Goal, failure and difficulty of the task.
-  bool judgement = false;  ///< Held out for the final evaluation: no choice depends on it.
+  std::string summary;    ///< Goal, failure and difficulty of the task.
+  bool held_out = false;  ///< Held out for the final evaluation: no choice depends on it.
   std::shared_ptr<const GalleryPlant> plant;  ///< Cloned before use.
   std::string features = {};                  ///< Features of a guard; empty: all.
   int horizon = 100;                          ///< Maximum number of controls of a supervisor.
   /// Number of zero controls after a halt. Zero if a zero control holds everything still. In other
   /// tasks the world keeps moving, and a halt may fail.
-  int aftermath = 0;
+  int settle_steps = 0;
   double noise = 0.2;  ///< Standard deviation of the supervisor's noise per entry.
   /// Scale of each entry of a control, for example metres. Noise and the targets of the learners
   /// are multiples of it. Empty: 1 for all entries.
@@ -95,7 +96,7 @@ struct GalleryTask {
   int epochs = 100;                    ///< Training epochs of the good policy.
   std::vector<int> weak_hidden = {8};  ///< Hidden units of the weak policy.
   int weak_epochs = 10;
-  PolicyBias flaw = {};  ///< Turns the good policy into the biased policy.
+  PolicyBias policy_bias = {};  ///< Turns the good policy into the biased policy.
 };
 
 /// Returns all tasks, design and held-out, in a fixed order.
@@ -103,7 +104,8 @@ struct GalleryTask {
 /// @throws std::invalid_argument listing the valid names.
 [[nodiscard]] const GalleryTask& FindGalleryTask(std::string_view name);
 
-/// Returns one demonstration with any outcome. The seed determines start state, habit and noise.
+/// Returns one demonstration with any outcome. The seed determines start state, variation and
+/// noise.
 [[nodiscard]] core::Trajectory DemonstrateOnce(const GalleryTask& task, std::uint64_t seed);
 /// Returns demonstrations that complete the task and discards others.
 /// @throws std::runtime_error if the supervisor rarely succeeds.
