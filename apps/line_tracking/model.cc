@@ -56,7 +56,7 @@ safety::ControllerOptions Controllers() {
   options.dfr.step_fraction = 0.5;
   // The platform moves on during each control, and for as long as the arm rests between two: half
   // of the 0.1 s that an ordinary control takes is near enough (--pause is 0.05 s by default).
-  options.guided.drift_time = {.rest = 0.5, .travel = 1.0};
+  options.guided.disturbance_model = {.base = 0.5, .per_control = 1.0};
   // A probe must move the tool by more than the platform moves the line meanwhile.
   options.guided.probe_size = 1.0;
   return options;

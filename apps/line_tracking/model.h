@@ -36,8 +36,8 @@ struct LineModelOptions {
 
 /// Constants of this task's controllers. "dfr" is Algorithm 1 with steps larger than the noise of
 /// images, probe g / (10 lambda), step g / (2 lambda); "dfr-fine" has the paper's. "guided"
-/// estimates the platform's drift during a control; "guided-without-drift" attributes it to the
-/// control.
+/// estimates the platform's disturbance during a control; "guided-without-disturbance" attributes
+/// it to the control.
 [[nodiscard]] safety::ControllerOptions Controllers();
 
 /// Methods of study::kOtherMethods that query no supervisor, because the demonstrations are

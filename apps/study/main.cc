@@ -113,11 +113,11 @@ void AddOptions(CLI::App& command, Study& study) {
 void Ablate(Study study, bool causes) {
   study.controllers = {"guided", "lwr"};
   for (const std::string_view part : control::GuidedPartNames()) {
-    if (part != "drift") study.controllers.push_back("guided-without-" + std::string(part));
+    if (part != "disturbance") study.controllers.push_back("guided-without-" + std::string(part));
   }
   // Parts can mask each other's benefit or harm.
-  for (const std::string_view parts : {"reach+demonstrated", "online-jacobian+own-motion+observer",
-                                       "reach+demonstrated+online-jacobian+own-motion+observer"}) {
+  for (const std::string_view parts : {"exit-level+demonstrated", "online-jacobian+drift+observer",
+                                       "exit-level+demonstrated+online-jacobian+drift+observer"}) {
     study.controllers.push_back("guided-without-" + std::string(parts));
   }
   std::vector<Row> rows = RunStudy(study);

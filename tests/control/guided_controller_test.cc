@@ -342,7 +342,7 @@ class Aside : public testing::Test {
 };
 using GuidedControllerSlackTest = Aside;
 
-// If no control can correct the state, the best one passes within a reach of twice the slack.
+// If no control can correct the state, the best one passes within an exit level of twice the slack.
 // Beyond, recoveries apply the demonstrated controls, and the phase skips supports that they miss.
 TEST_F(GuidedControllerSlackTest, TheBestGoesOnWithinReachAndTheDemonstrationsBeyond) {
   const auto policy = Along(test::kSpeed);
@@ -378,13 +378,13 @@ TEST_F(GuidedControllerSlackTest, TheBestGoesOnWithinReachAndTheDemonstrationsBe
 TEST_F(GuidedControllerSlackTest, TheFilteredControlPassesWithinReach) {
   const auto policy = Along(test::kSpeed);
   const test::Task model = Model(0.2);
-  for (const double reach : {0.0, 1.0, 2.0}) {
-    SCOPED_TRACE(reach);
-    GuidedController guided(policy, model, {.reach = reach});
+  for (const double ratio : {0.0, 1.0, 2.0}) {
+    SCOPED_TRACE(ratio);
+    GuidedController guided(policy, model, {.max_exit_ratio = ratio});
     guided.Reset(1);
     std::vector<double> u(2);
     const Step step = guided.Next(std::vector{0.0, 0.0, offset_}, u);
-    EXPECT_EQ(step.mode, reach < 1.5 ? Mode::kRecovery : Mode::kPolicy);
+    EXPECT_EQ(step.mode, ratio < 1.5 ? Mode::kRecovery : Mode::kPolicy);
     EXPECT_NEAR(u[0], test::kSpeed, 0.003) << "as demonstrated, or as it is";
   }
 }
@@ -396,7 +396,7 @@ TEST_F(GuidedControllerSlackTest, ARecoveryThatStaysOutsideDoesWhatDemonstration
   const auto policy = Along(-test::kSpeed);
   const test::Task model = Model(0.1);
   const std::vector<double> x = {0.0, 0.1, offset_};
-  GuidedController guided(policy, model, {.reach = 0.0});
+  GuidedController guided(policy, model, {.max_exit_ratio = 0.0});
   guided.Reset(1);
   std::vector<double> u(2);
   const Step step = guided.Next(x, u);
@@ -408,8 +408,8 @@ TEST_F(GuidedControllerSlackTest, ARecoveryThatStaysOutsideDoesWhatDemonstration
 
 TEST(ResponseTest, SaysWhetherFeaturesMoveByThemselves) {
   const auto support = ThirtyfoldDisk();
-  EXPECT_FALSE(test::Task(Thirtyfold(), support, Rightwards()).response.own_motion());
-  EXPECT_TRUE(test::Task(Thirtyfold(), support, Toppling()).response.own_motion());
+  EXPECT_FALSE(test::Task(Thirtyfold(), support, Rightwards()).response.has_drift());
+  EXPECT_TRUE(test::Task(Thirtyfold(), support, Toppling()).response.has_drift());
 }
 
 TEST(LevelsTest, SlackIsWhatUnseenDemonstrationsNeed) {
@@ -521,7 +521,7 @@ TEST(GuidedControllerTest, ProbesAControlThatNobodyHasEverUsed) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Sideless());
   const auto along = test::ConstantPolicy(2, test::kSpeed);
-  const std::vector<double> x = {0.0, 0.6};  // beyond the reach
+  const std::vector<double> x = {0.0, 0.6};  // beyond the exit level
   std::vector<double> u(2);
   GuidedController guided(along, model);
   guided.Reset(1);
@@ -537,7 +537,8 @@ TEST(GuidedControllerTest, ProbesAControlThatNobodyHasEverUsed) {
   GuidedController never(along, model, {.probe_size = 0.0});
   never.Reset(1);
   EXPECT_NE(never.Next(x, u).mode, Mode::kProbe);
-  // Nor if the response is known or the prediction is inside. In a drift that is not sufficient.
+  // Nor if the response is known or the prediction is inside. Under a disturbance that is not
+  // sufficient.
   const test::Task known(Identity(), support, Rightwards());
   GuidedController knows(along, known);
   knows.Reset(1);
@@ -545,28 +546,28 @@ TEST(GuidedControllerTest, ProbesAControlThatNobodyHasEverUsed) {
   const std::vector<double> inside = {0.0, 0.35};
   guided.Reset(1);
   EXPECT_NE(guided.Next(inside, u).mode, Mode::kProbe);
-  GuidedController drifts(along, model, {.drift_time = {.rest = 1.0}});
-  drifts.Reset(1);
-  EXPECT_EQ(drifts.Next(inside, u).mode, Mode::kProbe);
-  drifts.Reset(1);
-  EXPECT_EQ(drifts.Next(std::vector{0.0, 0.0}, u).mode, Mode::kPolicy) << "deep inside";
+  GuidedController disturbed(along, model, {.disturbance_model = {.base = 1.0}});
+  disturbed.Reset(1);
+  EXPECT_EQ(disturbed.Next(inside, u).mode, Mode::kProbe);
+  disturbed.Reset(1);
+  EXPECT_EQ(disturbed.Next(std::vector{0.0, 0.0}, u).mode, Mode::kPolicy) << "deep inside";
 }
 
 // The world drifts sideways by more than a probe moves it, in a direction without demonstrated
-// controls. A controller that takes the drift for the probe's effect steers the wrong way; one that
-// estimates the drift does not.
-TEST(GuidedControllerTest, HoldsItsPlaceInADrift) {
-  constexpr double kDrift = 0.06;  // a probe is 0.035
+// controls. A controller that takes the disturbance for the probe's effect steers the wrong way;
+// one that estimates the disturbance does not.
+TEST(GuidedControllerTest, HoldsItsPlaceUnderADisturbance) {
+  constexpr double kDisturbance = 0.06;  // a probe is 0.035
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Sideless(), {.gate_quantile = 0.5});
   const auto rightwards = test::FunctionPolicy(
       2, 2, [](int, std::span<const double>, std::span<double> u) { u[0] = 0.1, u[1] = 0.0; });
-  const auto farthest = [&](const DriftTime& drift_time, double sign) {
+  const auto farthest = [&](const DisturbanceModel& disturbance_model, double sign) {
     // Content with what lies outside, it would be carried off; what demonstrations did leads back
     // without a J.
-    GuidedOptions options = Without({}, "reach+demonstrated");
+    GuidedOptions options = Without({}, "exit-level+demonstrated");
     options.horizon = 60;
-    options.drift_time = drift_time;
+    options.disturbance_model = disturbance_model;
     GuidedController guided(rightwards, model, options);
     guided.Reset(1);
     std::vector<double> x = {0.0, 0.0};
@@ -575,18 +576,18 @@ TEST(GuidedControllerTest, HoldsItsPlaceInADrift) {
     for (int controls = 0; x[0] < 1.8; ++controls) {
       if (controls == 60 || guided.Next(x, u).mode == Mode::kHalt) return 1.0;
       x[0] += u[0];
-      x[1] += u[1] + sign * kDrift;
+      x[1] += u[1] + sign * kDisturbance;
       y = std::max(y, std::abs(x[1]));
     }
     return y;
   };
   double aware = 0.0;
   for (const double sign : {1.0, -1.0}) {
-    aware = std::max(aware, farthest({.rest = 1.0}, sign));
+    aware = std::max(aware, farthest({.base = 1.0}, sign));
     // Half of it known as time that a control's travel takes is near enough.
-    aware = std::max(aware, farthest({.rest = 0.5, .travel = 0.5}, sign));
+    aware = std::max(aware, farthest({.base = 0.5, .per_control = 0.5}, sign));
   }
-  EXPECT_LT(aware, 0.2) << "two steps of the drift, a probe, and what is left of J's error";
+  EXPECT_LT(aware, 0.2) << "two steps of the disturbance, a probe, and what is left of J's error";
   EXPECT_GT(std::max(farthest({}, 1.0), farthest({}, -1.0)), 1.5 * aware);
 }
 
@@ -605,7 +606,7 @@ TEST(GuidedControllerTest, ThePhaseWaitsForAPolicyThatIsLate) {
     ASSERT_LT(controls, 60);
     const Step step = guided.Next(plant.x, u);
     ASSERT_NE(step.mode, Mode::kHalt) << Name(step.cause) << " at x = " << plant.x[0];
-    EXPECT_GE(step.log_g, -0.4) << "no phase farther than reach";
+    EXPECT_GE(step.log_g, -0.4) << "no phase beyond the exit level";
     recoveries += step.mode == Mode::kRecovery ? 1 : 0;
     plant.Apply(u);
   }
@@ -615,7 +616,7 @@ TEST(GuidedControllerTest, ThePhaseWaitsForAPolicyThatIsLate) {
 // Runs a controller in a world and returns its modes, times and controls.
 std::vector<double> Trace(const core::Policy& policy, const test::Task& model,
                           const GuidedOptions& options, std::vector<double> x, int controls,
-                          double angle = 0.0, double drift = 0.0, int late = 0,
+                          double angle = 0.0, double disturbance = 0.0, int late = 0,
                           double noise = 0.0) {
   GuidedController guided(policy, model, options);
   guided.Reset(1);
@@ -632,7 +633,7 @@ std::vector<double> Trace(const core::Policy& policy, const test::Task& model,
     trace.insert(trace.end(), u.begin(), u.end());
     given.push_back(u);
     if (i >= late) plant.Apply(given[static_cast<std::size_t>(i - late)]);
-    plant.x[1] += drift;
+    plant.x[1] += disturbance;
   }
   return trace;
 }
@@ -650,14 +651,14 @@ TEST(GuidedControllerTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
     SCOPED_TRACE(part);
     const auto trace = [&](const GuidedOptions& options) -> std::vector<double> {
       if (part == "filter") return Trace(along, model, options, {0.0, 0.38}, 1);
-      if (part == "own-motion") return Trace(along, toppling, options, {0.0, 0.38}, 1);
+      if (part == "drift") return Trace(along, toppling, options, {0.0, 0.38}, 1);
       if (part == "observer") return Trace(along, model, options, {0.0, 0.38}, 4, 0.0, 0.0, 1);
       if (part == "online-jacobian") return Trace(along, model, options, {0.0, 0.38}, 3, 0.9);
-      if (part == "drift") return Trace(along, model, options, {0.0, 0.2}, 3, 0.0, 0.05);
+      if (part == "disturbance") return Trace(along, model, options, {0.0, 0.2}, 3, 0.0, 0.05);
       if (part == "demonstrated") return Trace(back, model, options, {0.0, 2.6}, 1);
-      // reach: the point is 0.02 away from where it could be, with an object off to the side that
-      // no control moves.
-      if (part == "reach") {
+      // exit-level: the point is 0.02 away from where it could be, with an object off to the side
+      // that no control moves.
+      if (part == "exit-level") {
         const test::GaussianSupport aside({{0.0, 0.0}}, 4.0, 0.38, {}, kSteps + 1);
         const test::Task at_edge(Identity(), aside, Rightwards(), {.slack = 0.2});
         GuidedOptions limited = options;
@@ -673,13 +674,13 @@ TEST(GuidedControllerTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
       return {};
     };
     GuidedOptions options;
-    if (part == "drift") options.drift_time = {.rest = 1.0};
+    if (part == "disturbance") options.disturbance_model = {.base = 1.0};
     EXPECT_NE(trace(options), trace(Without(options, part)));
     EXPECT_EQ(trace(options), trace(options)) << "the difference is the part's";
     seen.push_back(part);
   }
-  EXPECT_THAT(seen, testing::ElementsAre("filter", "reach", "demonstrated", "online-jacobian",
-                                         "own-motion", "observer", "drift"));
+  EXPECT_THAT(seen, testing::ElementsAre("filter", "exit-level", "demonstrated", "online-jacobian",
+                                         "drift", "observer", "disturbance"));
   // Further purposes of two of them: unused directions of control, and noise.
   EXPECT_NE(Trace(along, sideless, {}, {0.0, 0.6}, 1),
             Trace(along, sideless, Without({}, "online-jacobian"), {0.0, 0.6}, 1));
@@ -689,31 +690,31 @@ TEST(GuidedControllerTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
 
 TEST(GuidedControllerTest, PartsAreTakenOutByTheirNeutralValues) {
   GuidedOptions options;
-  options.drift_time = {.rest = 1.0, .travel = 2.0};
+  options.disturbance_model = {.base = 1.0, .per_control = 2.0};
   options.horizon = 77;
   const GuidedOptions none = Without(options, "");
   EXPECT_EQ(none.iterations, options.iterations);
-  EXPECT_EQ(none.drift_time.rest, 1.0);
+  EXPECT_EQ(none.disturbance_model.base, 1.0);
   const GuidedOptions two = Without(options, "filter+online-jacobian");
   EXPECT_EQ(two.iterations, 0);
   EXPECT_EQ(two.probe_size, 0.0);
   EXPECT_EQ(two.online_weight, 0.0);
   EXPECT_TRUE(two.demonstrated);
-  EXPECT_TRUE(two.own_motion);
+  EXPECT_TRUE(two.drift);
   EXPECT_TRUE(two.observer);
   EXPECT_EQ(two.horizon, 77);
   const GuidedOptions all = Without(options,
-                                    "drift+observer+own-motion+online-jacobian+demonstrated+"
-                                    "reach+filter");
+                                    "disturbance+observer+drift+online-jacobian+demonstrated+"
+                                    "exit-level+filter");
   EXPECT_EQ(all.iterations, 0);
-  EXPECT_FALSE(all.own_motion);
+  EXPECT_FALSE(all.drift);
   EXPECT_FALSE(all.observer);
-  EXPECT_EQ(all.reach, 0.0);
+  EXPECT_EQ(all.max_exit_ratio, 0.0);
   EXPECT_FALSE(all.demonstrated);
   EXPECT_EQ(all.probe_size, 0.0);
   EXPECT_EQ(all.online_weight, 0.0);
-  EXPECT_EQ(all.drift_time.rest, 0.0);
-  EXPECT_EQ(all.drift_time.travel, 0.0);
+  EXPECT_EQ(all.disturbance_model.base, 0.0);
+  EXPECT_EQ(all.disturbance_model.per_control, 0.0);
   EXPECT_EQ(all.horizon, 77);
   // And a policy can be made of what is left.
   const auto support = MovingDisk();
@@ -799,7 +800,7 @@ TEST(GuidedControllerTest, NextNeverAllocates) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.1);
-  GuidedController guided(policy, model, {.drift_time = {.rest = 0.5, .travel = 1.0}});
+  GuidedController guided(policy, model, {.disturbance_model = {.base = 0.5, .per_control = 1.0}});
   core::Random random(1);
   std::vector<double> x(2), u(2);
   const test::NoAlloc guard;
@@ -831,11 +832,11 @@ TEST(GuidedControllerTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(message({.horizon = 0}), HasSubstr("horizon"));
   EXPECT_THAT(message({.max_controls = 0}), HasSubstr("max_controls"));
   EXPECT_THAT(message({.control_limit = {-1.0}}), HasSubstr("control_limit"));
-  EXPECT_THAT(message({.drift_time = {.rest = -1.0}}), HasSubstr("drift times"));
+  EXPECT_THAT(message({.disturbance_model = {.base = -1.0}}), HasSubstr("disturbance_model"));
   EXPECT_THAT(message({.first_step = -1}), HasSubstr("first_step"));
   EXPECT_THAT(message({.iterations = -1}), HasSubstr("iterations"));
-  EXPECT_THAT(message({.reach = -0.1}), HasSubstr("reach"));
-  EXPECT_THAT(message({.reach = -1.0}), HasSubstr("reach"));
+  EXPECT_THAT(message({.max_exit_ratio = -0.1}), HasSubstr("max_exit_ratio"));
+  EXPECT_THAT(message({.max_exit_ratio = -1.0}), HasSubstr("max_exit_ratio"));
   EXPECT_THAT(message({.patience = 0}), HasSubstr("patience"));
   EXPECT_THAT(message({.probe_size = -0.1}), HasSubstr("probe_size"));
   EXPECT_THAT(message({.online_weight = -1.0}), HasSubstr("online_weight"));

@@ -21,7 +21,7 @@ constexpr int kN = 3;
 constexpr int kM = 2;
 
 // dz = J v.
-constexpr bool kOwnMotion = false;
+constexpr bool kDrift = false;
 
 core::Matrix RandomMatrix(core::Random& random, int rows, int cols) {
   core::Matrix m(rows, cols);
@@ -65,7 +65,7 @@ TEST(ResponseEstimateTest, OnlineDataAreWeightedLeastSquaresWithForgetting) {
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
   const ResponseOptions options{.prior_weight = 0.0};
   ResponseEstimate estimate(
-      std::make_shared<const TransitionStore>(d.features, d.controls, options), {}, kOwnMotion);
+      std::make_shared<const TransitionStore>(d.features, d.controls, options), {}, kDrift);
   const std::vector<double> z(kN, 0.0);
   Eigen::MatrixXd a = Eigen::MatrixXd::Zero(kM, kM);
   Eigen::MatrixXd b = Eigen::MatrixXd::Zero(kM, kN);
@@ -96,7 +96,7 @@ TEST(ResponseEstimateTest, AMeasurementCountsAsOftenAsItsWeightSays) {
   const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
   const Eigen::VectorXd dz = RandomMatrix(random, kN, 1);
   const auto after = [&](double weight) -> Eigen::MatrixXd {
-    ResponseEstimate estimate(prior, {}, kOwnMotion);
+    ResponseEstimate estimate(prior, {}, kDrift);
     estimate.Compute(0, z);
     estimate.Update(z, core::AsSpan(v), core::AsSpan(dz), 0.0, weight);
     estimate.Compute(0, z);
@@ -104,7 +104,7 @@ TEST(ResponseEstimateTest, AMeasurementCountsAsOftenAsItsWeightSays) {
   };
   // Neither forgetting nor the prior's own weight scale with it: the sums are
   // A + w v v', B + w v dz', which the same control, sqrt(w) as large, gives as well.
-  ResponseEstimate scaled(prior, {}, kOwnMotion);
+  ResponseEstimate scaled(prior, {}, kDrift);
   const Eigen::VectorXd v2 = std::sqrt(2.5) * v;
   const Eigen::VectorXd dz2 = std::sqrt(2.5) * dz;
   scaled.Compute(0, z);
@@ -112,7 +112,7 @@ TEST(ResponseEstimateTest, AMeasurementCountsAsOftenAsItsWeightSays) {
   scaled.Compute(0, z);
   EXPECT_TRUE(test::AllClose(after(2.5), scaled.jacobian(), 1e-12));
   EXPECT_GT((after(2.5) - after(1.0)).norm(), 1e-3);
-  ResponseEstimate untouched(prior, {}, kOwnMotion);
+  ResponseEstimate untouched(prior, {}, kDrift);
   untouched.Compute(0, z);
   EXPECT_TRUE(test::AllClose(after(0.0), untouched.jacobian(), 0.0));
   EXPECT_TRUE(after(1.0) != untouched.jacobian());
@@ -127,7 +127,7 @@ TEST(ResponseEstimateTest, FollowsAPlantThatHasChanged) {
   const auto d = Linear(before, 30, 10, random);
   ResponseEstimate estimate(
       std::make_shared<const TransitionStore>(d.features, d.controls, ResponseOptions{}), {},
-      kOwnMotion);
+      kDrift);
   const std::vector<double> z(2, 0.0);
   estimate.Compute(5, z);
   EXPECT_TRUE(test::AllClose(estimate.jacobian(), before, 0.02));  // ridge / prior weight
@@ -160,7 +160,7 @@ TEST(ResponseEstimateTest, ADemonstratedChangeOfTheResponseIsNoCorrection) {
   }
   ResponseEstimate estimate(
       std::make_shared<const TransitionStore>(d.features, d.controls, ResponseOptions{.window = 0}),
-      {}, kOwnMotion);
+      {}, kDrift);
   const std::vector<double> z(2, 0.0);
   // This plant turns controls by 20 degrees, before and after the contact.
   const double angle = 20.0 / 180.0 * std::numbers::pi;
@@ -191,10 +191,10 @@ TEST(ResponseEstimateTest, NothingRemainsOfAnEpisodeBefore) {
   const auto elsewhere = core::Row(d.features[5], 9);
   const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
   const Eigen::VectorXd dz = 2.0 * truth * v;
-  for (const bool own_motion : {false, true}) {
-    SCOPED_TRACE(own_motion);
-    ResponseEstimate fresh(prior, {}, own_motion);
-    ResponseEstimate used(prior, {}, own_motion);
+  for (const bool drift : {false, true}) {
+    SCOPED_TRACE(drift);
+    ResponseEstimate fresh(prior, {}, drift);
+    ResponseEstimate used(prior, {}, drift);
     used.Compute(9, elsewhere);
     used.Update(elsewhere, core::AsSpan(v), core::AsSpan(dz));
     used.Compute(9, elsewhere);
@@ -205,27 +205,28 @@ TEST(ResponseEstimateTest, NothingRemainsOfAnEpisodeBefore) {
       estimate->Compute(4, z);
     }
     EXPECT_TRUE(used.jacobian() == fresh.jacobian());
-    EXPECT_TRUE(used.own_motion() == fresh.own_motion());
+    EXPECT_TRUE(used.drift() == fresh.drift());
   }
 }
 
-// z' = z + J v + s d: an estimate that takes the drift for a response to the control has a wrong J.
-TEST(ResponseEstimateTest, TellsADriftFromTheAnswerToControls) {
+// z' = z + J v + s d: an estimate that takes the disturbance for a response to the control has a
+// wrong J.
+TEST(ResponseEstimateTest, TellsADisturbanceFromTheAnswerToControls) {
   core::Random random(5);
   const core::Matrix truth = RandomMatrix(random, kN, kM);
-  const Eigen::VectorXd drift = RandomMatrix(random, kN, 1);
-  const DriftTime time{.rest = 0.5, .travel = 1.0};
+  const Eigen::VectorXd disturbance = RandomMatrix(random, kN, 1);
+  const DisturbanceModel time{.base = 0.5, .per_control = 1.0};
   const auto d = Linear(truth, 4, 3, random);
   const auto prior = std::make_shared<const TransitionStore>(
       d.features, d.controls, ResponseOptions{.ridge = 1e-9, .prior_weight = 0.0});
-  ResponseEstimate aware(prior, time, kOwnMotion);
-  ResponseEstimate blind(prior, {}, kOwnMotion);
+  ResponseEstimate aware(prior, time, kDrift);
+  ResponseEstimate blind(prior, {}, kDrift);
   const std::vector<double> z(kN, 0.0);
   aware.Compute(0, z);
   blind.Compute(0, z);
   for (int i = 0; i < 12; ++i) {
     const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
-    const Eigen::VectorXd dz = truth * v + (time.rest + time.travel * v.norm()) * drift;
+    const Eigen::VectorXd dz = truth * v + (time.base + time.per_control * v.norm()) * disturbance;
     for (ResponseEstimate* estimate : {&aware, &blind}) {
       estimate->Update(z, core::AsSpan(v), core::AsSpan(dz));
     }
@@ -233,24 +234,24 @@ TEST(ResponseEstimateTest, TellsADriftFromTheAnswerToControls) {
   aware.Compute(0, z);
   blind.Compute(0, z);
   EXPECT_TRUE(test::AllClose(aware.jacobian(), truth, 1e-7));  // ridge against 12 controls
-  EXPECT_TRUE(test::AllClose(aware.drift(), drift, 1e-7));
+  EXPECT_TRUE(test::AllClose(aware.disturbance(), disturbance, 1e-7));
   EXPECT_GT((blind.jacobian() - truth).norm(), 0.1);
-  EXPECT_TRUE(test::AllClose(blind.drift(), Eigen::VectorXd::Zero(kN), 0.0));
+  EXPECT_TRUE(test::AllClose(blind.disturbance(), Eigen::VectorXd::Zero(kN), 0.0));
 
   const Eigen::VectorXd v = Eigen::Vector2d(0.3, -0.4);
   Eigen::VectorXd there = Eigen::VectorXd::Ones(kN);
   aware.AddEffect(v, there);
   // |v| = 0.5, so s = 1.
-  const Eigen::VectorXd expected = Eigen::VectorXd::Ones(kN) + truth * v + drift;
+  const Eigen::VectorXd expected = Eigen::VectorXd::Ones(kN) + truth * v + disturbance;
   EXPECT_TRUE(test::AllClose(there, expected, 1e-7));
   aware.Reset();
   aware.Compute(0, z);
-  EXPECT_TRUE(test::AllClose(aware.drift(), Eigen::VectorXd::Zero(kN), 0.0));
+  EXPECT_TRUE(test::AllClose(aware.disturbance(), Eigen::VectorXd::Zero(kN), 0.0));
 }
 
 // The definition, in one go: weighted least squares with forgetting over [z' - z; 1; v], z the
 // state that is asked about last.
-TEST(ResponseEstimateTest, OwnMotionIsLeastSquaresAboutTheStateThatIsAskedAbout) {
+TEST(ResponseEstimateTest, DriftIsLeastSquaresAboutTheStateThatIsAskedAbout) {
   core::Random random(11);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
   const ResponseOptions options{.prior_weight = 0.0};
@@ -273,12 +274,12 @@ TEST(ResponseEstimateTest, OwnMotionIsLeastSquaresAboutTheStateThatIsAskedAbout)
     b = options.forgetting * b + w * dz.transpose();
   }
   for (Eigen::Index i = 0; i < kRows; ++i) {
-    a(i, i) += i < kN ? options.slope_ridge : i == kN ? options.motion_ridge : options.ridge;
+    a(i, i) += i < kN ? options.slope_ridge : i == kN ? options.drift_ridge : options.ridge;
   }
   const Eigen::MatrixXd expected = a.ldlt().solve(b);
   estimate.Compute(0, core::AsSpan(here));
   EXPECT_TRUE(test::AllClose(estimate.jacobian(), expected.bottomRows(kM).transpose(), 1e-12));
-  EXPECT_TRUE(test::AllClose(estimate.own_motion(), expected.row(kN).transpose(), 1e-12));
+  EXPECT_TRUE(test::AllClose(estimate.drift(), expected.row(kN).transpose(), 1e-12));
 }
 
 // A mass: what it does without a force is its velocity, and no demonstration was without force.
@@ -300,23 +301,22 @@ TEST(ResponseEstimateTest, TellsTheMotionOfAMassFromTheAnswerToForces) {
     controls.push_back(v);
   }
   const auto prior = std::make_shared<const TransitionStore>(
-      features, controls,
-      ResponseOptions{.ridge = 1e-6, .motion_ridge = 1e-3, .slope_ridge = 1e-2});
+      features, controls, ResponseOptions{.ridge = 1e-6, .drift_ridge = 1e-3, .slope_ridge = 1e-2});
   const Eigen::VectorXd z = Eigen::Vector2d(0.4, -0.7);
   const Eigen::VectorXd answer = Eigen::Vector2d(0.0, 0.5);
   ResponseEstimate estimate(prior);
   estimate.Compute(3, core::AsSpan(z));
   EXPECT_TRUE(test::AllClose(estimate.jacobian(), answer, 0.02));
-  EXPECT_TRUE(test::AllClose(estimate.own_motion(), Eigen::Vector2d(0.5 * z[1], 0.0), 0.02));
+  EXPECT_TRUE(test::AllClose(estimate.drift(), Eigen::Vector2d(0.5 * z[1], 0.0), 0.02));
   Eigen::VectorXd v(1);
   v << 0.3;
   Eigen::VectorXd there = z;
   estimate.AddEffect(v, there);
   EXPECT_TRUE(test::AllClose(there, Eigen::Vector2d(z[0] + 0.5 * z[1], z[1] + 0.15), 0.02));
-  ResponseEstimate alone(prior, {}, kOwnMotion);
+  ResponseEstimate alone(prior, {}, kDrift);
   alone.Compute(3, core::AsSpan(z));
   EXPECT_GT((alone.jacobian() - answer).norm(), 0.1);
-  EXPECT_TRUE(test::AllClose(alone.own_motion(), Eigen::Vector2d::Zero(), 0.0));
+  EXPECT_TRUE(test::AllClose(alone.drift(), Eigen::Vector2d::Zero(), 0.0));
 }
 
 TEST(ResponseEstimateTest, DriftTimesAreChecked) {
@@ -324,23 +324,24 @@ TEST(ResponseEstimateTest, DriftTimesAreChecked) {
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
   const auto prior =
       std::make_shared<const TransitionStore>(d.features, d.controls, ResponseOptions{});
-  EXPECT_THROW(ResponseEstimate(prior, {.rest = -0.1}), std::invalid_argument);
-  EXPECT_THROW(ResponseEstimate(prior, {.travel = std::nan("")}), std::invalid_argument);
-  // Either of them alone is a drift.
-  for (const DriftTime time : {DriftTime{.rest = 0.5}, DriftTime{.travel = 0.5}, DriftTime{}}) {
-    ResponseEstimate estimate(prior, time, kOwnMotion);
+  EXPECT_THROW(ResponseEstimate(prior, {.base = -0.1}), std::invalid_argument);
+  EXPECT_THROW(ResponseEstimate(prior, {.per_control = std::nan("")}), std::invalid_argument);
+  // Either of them alone is a disturbance.
+  for (const DisturbanceModel time :
+       {DisturbanceModel{.base = 0.5}, DisturbanceModel{.per_control = 0.5}, DisturbanceModel{}}) {
+    ResponseEstimate estimate(prior, time, kDrift);
     const std::vector<double> z(kN, 0.0);
     const std::vector<double> v(kM, 1.0);
     const std::vector<double> dz(kN, 1.0);
     estimate.Compute(0, z);
     estimate.Update(z, v, dz);
     estimate.Compute(0, z);
-    EXPECT_EQ(estimate.drift().isZero(0.0), time.rest == 0.0 && time.travel == 0.0);
+    EXPECT_EQ(estimate.disturbance().isZero(0.0), time.base == 0.0 && time.per_control == 0.0);
   }
 }
 
 // Demonstrations take v = K (z* - z) exactly, dz = v. The plant turns controls by .6 and the world
-// drifts: the control with the demonstrated effect is the one turned back, minus the drift.
+// drifts: the control with the demonstrated effect is the one turned back, minus the disturbance.
 TEST(ResponseEstimateTest, DoesWhatDemonstrationsDidWhateverControlsDoToday) {
   core::Random random(5);
   const Eigen::Vector2d goal(0.5, -0.3);
@@ -374,18 +375,19 @@ TEST(ResponseEstimateTest, DoesWhatDemonstrationsDidWhateverControlsDoToday) {
   ASSERT_TRUE(still.NominalControl(v)) << "beyond the last, the last demonstrated control";
 
   const Eigen::Rotation2Dd turn(0.6);
-  const Eigen::Vector2d drift(0.05, 0.1);
-  ResponseEstimate turned(prior, {.rest = 1.0});
+  const Eigen::Vector2d disturbance(0.05, 0.1);
+  ResponseEstimate turned(prior, {.base = 1.0});
   turned.Compute(3, z);
   for (int i = 0; i < 300; ++i) {
     const Eigen::Vector2d tried(random.Normal(), random.Normal());
-    const Eigen::Vector2d moved = turn * tried + drift;
+    const Eigen::Vector2d moved = turn * tried + disturbance;
     turned.Update(z, core::AsSpan(Eigen::VectorXd(tried)), core::AsSpan(Eigen::VectorXd(moved)),
                   1.0, 20.0);
   }
   turned.Compute(3, z);
   ASSERT_TRUE(turned.NominalControl(v));
-  EXPECT_NEAR((turn * Eigen::Vector2d(v) + drift - regressed).norm() / regressed.norm(), 0.0, 0.06);
+  EXPECT_NEAR((turn * Eigen::Vector2d(v) + disturbance - regressed).norm() / regressed.norm(), 0.0,
+              0.06);
   const test::NoAlloc guard;
   (void)turned.NominalControl(v);
 }
@@ -424,9 +426,9 @@ TEST(ResponseEstimateTest, LeastKnownIsTheTopEigenvectorOfTheInverse) {
   EXPECT_LT(estimate.LeastExcitedDirection(direction), 1.0) << "after it was tried";
 }
 
-// In a drift a second probe like the first would tell nothing: only the other sign tells its effect
-// from what time does.
-TEST(ResponseEstimateTest, LeastKnownHasTheSignThatTellsADriftFromTheAnswer) {
+// Under a disturbance a second probe like the first would tell nothing: only the other sign tells
+// its effect from what time does.
+TEST(ResponseEstimateTest, LeastExcitedDirectionHasTheSignThatSeparatesADisturbance) {
   core::Random random(8);
   auto d = Linear(RandomMatrix(random, kN, 2), 10, 8, random);
   for (auto& u : d.controls) u.col(1).setZero();
@@ -435,7 +437,7 @@ TEST(ResponseEstimateTest, LeastKnownHasTheSignThatTellsADriftFromTheAnswer) {
   const std::vector<double> z(kN, 0.0);
   const Eigen::VectorXd dz = Eigen::VectorXd::Ones(kN);
   for (const double sign : {1.0, -1.0}) {
-    ResponseEstimate estimate(prior, {.rest = 1.0, .travel = 0.5}, kOwnMotion);
+    ResponseEstimate estimate(prior, {.base = 1.0, .per_control = 0.5}, kDrift);
     const Eigen::VectorXd probe = Eigen::Vector2d(0.0, sign * 0.5);
     std::vector<double> direction(2);
     estimate.Compute(3, z);

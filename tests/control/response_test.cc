@@ -38,11 +38,11 @@ TEST(ResponseTest, ControlsAreThoseOfTheDemonstrations) {
   EXPECT_NEAR(response.largest_control(), largest / unit, 1e-12);
   EXPECT_EQ(response.feature_dim(), 2);
   EXPECT_EQ(response.control_dim(), 2);
-  EXPECT_FALSE(response.own_motion()) << "the point rests without a control";
+  EXPECT_FALSE(response.has_drift()) << "the point rests without a control";
 }
 
 // Thirty points that are thrown: each goes on at its speed, which a force changes.
-TEST(ResponseTest, OwnMotionIsFoundWhereItExplainsUnseenDemonstrations) {
+TEST(ResponseTest, DriftIsFoundWhereItExplainsUnseenDemonstrations) {
   core::Random random(2);
   std::vector<core::Trajectory> thrown(30);
   for (core::Trajectory& d : thrown) {
@@ -55,8 +55,8 @@ TEST(ResponseTest, OwnMotionIsFoundWhereItExplainsUnseenDemonstrations) {
       d.states(t + 1, 1) = d.states(t, 1) + 0.5 * d.controls(t, 0);
     }
   }
-  EXPECT_TRUE(Response({test::IdentityFeatures(), thrown}).own_motion());
-  EXPECT_FALSE(Response({test::IdentityFeatures(), {thrown.data(), 1}}).own_motion())
+  EXPECT_TRUE(Response({test::IdentityFeatures(), thrown}).has_drift());
+  EXPECT_FALSE(Response({test::IdentityFeatures(), {thrown.data(), 1}}).has_drift())
       << "there is none that it has not seen";
 }
 
@@ -72,7 +72,7 @@ TEST(ResponseTest, AFileKeepsAllThatItKnows) {
   std::filesystem::remove(path);
   EXPECT_EQ(loaded.control_unit(), response.control_unit());
   EXPECT_EQ(loaded.largest_control(), response.largest_control());
-  EXPECT_EQ(loaded.own_motion(), response.own_motion());
+  EXPECT_EQ(loaded.has_drift(), response.has_drift());
   ResponseEstimate kept(loaded.prior());
   ResponseEstimate made(response.prior());
   for (int t = 0; t < test::kSteps; ++t) {
@@ -80,7 +80,7 @@ TEST(ResponseTest, AFileKeepsAllThatItKnows) {
     kept.Compute(t, z);
     made.Compute(t, z);
     EXPECT_EQ(kept.jacobian(), made.jacobian());
-    EXPECT_EQ(kept.own_motion(), made.own_motion());
+    EXPECT_EQ(kept.drift(), made.drift());
   }
 }
 

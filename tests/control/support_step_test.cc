@@ -32,13 +32,14 @@ Eigen::MatrixXd RandomJacobian(core::Random& random, int rows, int cols) {
 // A support of three Gaussians, a J with more, as many or fewer controls than features, a state
 // that may be far outside, and a control within a limit that some of its entries may be at.
 struct World {
-  World(std::uint64_t seed, bool drifts)
+  World(std::uint64_t seed, bool disturbed)
       : random(seed),
         controls(1 + static_cast<int>(seed % 4)),
         support({Point(), Point(), Point()}, random.Uniform(0.2, 3.0), random.Uniform(0.1, 0.9)),
-        answer(test::KnownJacobian(RandomJacobian(random, kN, controls),
-                                   drifts ? RandomVector(random, kN) : Eigen::VectorXd(),
-                                   drifts ? DriftTime{.rest = 0.3, .travel = 0.2} : DriftTime{})),
+        answer(test::KnownJacobian(
+            RandomJacobian(random, kN, controls),
+            disturbed ? RandomVector(random, kN) : Eigen::VectorXd(),
+            disturbed ? DisturbanceModel{.base = 0.3, .per_control = 0.2} : DisturbanceModel{})),
         z(RandomVector(random, kN, 1.5)),
         limit(random.Uniform(0.2, 2.0)),
         v(RandomVector(random, controls).cwiseMax(-limit).cwiseMin(limit)) {}
@@ -196,7 +197,7 @@ TEST(RaiseLevelTest, NeverReturnsLessThanItWasGivenAndStaysWithinItsLimits) {
   int raised = 0;
   for (std::uint64_t seed = 0; seed < 2000; ++seed) {
     SCOPED_TRACE(testing::Message() << "seed = " << seed);
-    World world(seed, /*drifts=*/seed % 2 == 0);
+    World world(seed, /*disturbed=*/seed % 2 == 0);
     const LocalModel model = world.model();
     const StepTarget target{.level = seed % 3 == 0 ? kInfinity : 0.1};
     Eigen::VectorXd v = world.v;

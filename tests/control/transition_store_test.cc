@@ -27,7 +27,7 @@ TEST(TransitionStoreTest, ErrorsNameTheCulprit) {
   };
   EXPECT_EQ(message({}), "nothing thrown");
   EXPECT_THAT(message({.ridge = 0.0}), testing::HasSubstr("ridge"));
-  EXPECT_THAT(message({.motion_ridge = 0.0}), testing::HasSubstr("motion_ridge"));
+  EXPECT_THAT(message({.drift_ridge = 0.0}), testing::HasSubstr("drift_ridge"));
   EXPECT_THAT(message({.slope_ridge = -1.0}), testing::HasSubstr("slope_ridge"));
   EXPECT_THAT(message({.forgetting = 1.0}), testing::HasSubstr("forgetting"));
   EXPECT_THAT(message({.max_per_step = 0}), testing::HasSubstr("max_per_step"));
@@ -45,7 +45,7 @@ TEST(TransitionStoreTest, TimeStepsThatDoNotFollowEachOtherAreRefused) {
     archive.Integer(options.window);
     archive.Integer(options.max_per_step);
     archive.Number(options.forgetting);
-    archive.Number(options.motion_ridge);
+    archive.Number(options.drift_ridge);
     archive.Number(options.slope_ridge);
     archive.Integer(1);
     archive.Integer(1);

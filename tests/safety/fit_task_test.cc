@@ -19,7 +19,7 @@ namespace {
 
 core::FeatureSelection Tip() { return {test::CorridorLayout(), "tip"}; }
 
-// So narrow that what demonstrations need outside is more than the least slack.
+// So narrow that the slack of demonstrations exceeds the least one.
 constexpr double kNarrow = 20.0;
 
 TaskOptions Options(kernel::WhitenedSupportOptions guided = {}) {
@@ -97,7 +97,7 @@ TEST(FitTaskTest, EachStateHasALevelWhereTwoDemonstrationsRemain) {
   }
 }
 
-// A stretch of the recording stays together, whatever the order of contents.
+// A part of the recording stays together for any order of contents.
 TEST(FitTaskTest, StretchesAreThoseOfTheRecording) {
   const auto demonstrations = test::CorridorDemonstrations(3, 12);
   const auto order = core::DeterministicOrder(demonstrations);
@@ -151,7 +151,7 @@ TEST(FitTaskTest, AFileKeepsAllBits) {
       ours.Compute(t, z);
       theirs.Compute(t, z);
       EXPECT_EQ(ours.jacobian(), theirs.jacobian());
-      EXPECT_EQ(ours.own_motion(), theirs.own_motion());
+      EXPECT_EQ(ours.drift(), theirs.drift());
     }
   }
 }

@@ -55,10 +55,10 @@ TEST(MethodTest, PartsAreTakenOutOfGuidedRecovery) {
     EXPECT_EQ(method.kind, Kind::kGuided);
     EXPECT_EQ(method.without, part);
   }
-  const Method method = ParseMethod("guided-without-reach+online-jacobian");
-  EXPECT_EQ(method.without, "reach+online-jacobian");
+  const Method method = ParseMethod("guided-without-exit-level+online-jacobian");
+  EXPECT_EQ(method.without, "exit-level+online-jacobian");
   const control::GuidedOptions options = control::Without({}, method.without);
-  EXPECT_EQ(options.reach, control::Without({}, "reach").reach);
+  EXPECT_EQ(options.max_exit_ratio, control::Without({}, "exit-level").max_exit_ratio);
   EXPECT_EQ(options.probe_size, control::Without({}, "online-jacobian").probe_size);
   EXPECT_EQ(options.iterations, control::GuidedOptions().iterations);
 }
@@ -93,7 +93,8 @@ TEST(MethodTest, UnknownNamesListWhatThereIs) {
     EXPECT_THAT(Refusal(name), HasSubstr("valid: " + MethodNames(kOthers)));
   }
   for (const std::string_view name : {"guided-without-magic", "guided-without-filter+magic"}) {
-    EXPECT_THAT(Refusal(name), HasSubstr("no part 'magic'; it has: filter, reach, demonstrated"));
+    EXPECT_THAT(Refusal(name),
+                HasSubstr("no part 'magic'; it has: filter, exit-level, demonstrated"));
   }
   EXPECT_THAT(Refusal("guided-without-+filter"), HasSubstr("no part ''"));
 }

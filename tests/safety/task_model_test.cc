@@ -133,8 +133,8 @@ int ExpectSameEpisode(control::Controller& ours, control::Controller& theirs) {
 
 void ExpectSameControllers(const TaskModel& ours, const TaskModel& theirs) {
   const Drifting policy;
-  for (const std::string_view name :
-       {"baseline", "early-stopping", "dfr", "dfr-fine", "guided", "guided-without-filter+reach"}) {
+  for (const std::string_view name : {"baseline", "early-stopping", "dfr", "dfr-fine", "guided",
+                                      "guided-without-filter+exit-level"}) {
     SCOPED_TRACE(name);
     const Method method = ParseMethod(name);
     const auto a = ours.MakeController(method, policy);

@@ -68,7 +68,7 @@ TEST(PlanarTest, EveryMethodRunsAndUnknownNamesAreNamed) {
   const Methods methods(task, Demonstrate(task, 20, 1));
   for (const auto& name : {"baseline", "early-stopping", "dfr", "finite-difference",
                            "true-jacobian", "lwr", "ensemble", "dart", "dagger", "guided",
-                           "guided-without-filter+reach", "certified-direction"}) {
+                           "guided-without-filter+exit-level", "certified-direction"}) {
     EXPECT_EQ(methods.Make(name, *task.plant)->state_dim(), 4) << name;
   }
   EXPECT_THROW((void)methods.Make("magic", *task.plant), std::invalid_argument);

@@ -112,7 +112,7 @@ Passing CountPassing(const Methods& methods, int t) {
   control::Certifier certifier(methods.certificate(), task.features().num_features(),
                                response.control_dim(), response.control_unit());
   // Assumptions of the certificate.
-  control::ResponseEstimate estimate(response.prior(), {}, /*own_motion=*/false);
+  control::ResponseEstimate estimate(response.prior(), {}, /*drift=*/false);
   Passing passing;
   for (const core::Trajectory& d : methods.demonstrations()) {
     if (t >= d.controls.rows()) continue;

@@ -111,7 +111,7 @@ std::vector<OutsideEntry> EntriesAt(const GuardModel& model, int t, const Eigen:
 Eigen::VectorXd Predicted(const GuardModel& model, int t, Eigen::VectorXd z,
                           std::span<const double> action) {
   const control::Response& response = model.task().response();
-  control::ResponseEstimate answer(response.prior(), {}, response.own_motion());
+  control::ResponseEstimate answer(response.prior(), {}, response.has_drift());
   answer.Compute(t, core::AsSpan(z));
   Eigen::VectorXd v(model.actions().steered_dim());
   model.actions().Measure(action, core::AsSpan(v));

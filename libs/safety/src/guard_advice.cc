@@ -137,7 +137,7 @@ bool FollowsClock(std::span<const core::Trajectory> demonstrations, Eigen::Index
 double Explained(const GuardModel& model, std::span<const core::Trajectory> demonstrations) {
   constexpr std::size_t kSamples = 400;
   const control::Response& response = model.task().response();
-  control::ResponseEstimate answer(response.prior(), {}, response.own_motion());
+  control::ResponseEstimate answer(response.prior(), {}, response.has_drift());
   std::size_t transitions = 0;
   for (const auto& d : demonstrations) transitions += static_cast<std::size_t>(d.controls.rows());
   const std::size_t stride = std::max<std::size_t>(1, transitions / kSamples);

@@ -329,7 +329,7 @@ Certification GuardModel::Certify(int t, std::span<const double> state,
     task.features().Apply(state, core::AsSpan(z));
   }
   // What a certificate assumes.
-  control::ResponseEstimate answer(task.response().prior(), {}, /*own_motion=*/false);
+  control::ResponseEstimate answer(task.response().prior(), {}, /*drift=*/false);
   answer.Compute(t, core::AsSpan(z));
   Eigen::VectorXd v(actions_->steered_dim());
   actions_->Measure(action, core::AsSpan(v));

@@ -76,7 +76,7 @@ Replay ReplayLeftOut(const Recorded& recorded, const GuardFit& fit, const contro
     }
     control::ResponseEstimate estimate(std::make_shared<const control::TransitionStore>(
                                            others, other_controls, response.prior()->options()),
-                                       {}, response.own_motion());
+                                       {}, response.has_drift());
     std::size_t next = 0;
     for (const std::size_t d : order) {
       if (std::find(fit.folds[fold].begin(), fit.folds[fold].end(), d) == fit.folds[fold].end()) {

@@ -16,8 +16,8 @@ OnlineLwrPolicy::OnlineLwrPolicy(core::FeatureTransform features, control::Respo
     : features_(std::move(features)),
       response_(std::move(response)),
       online_weight_(options.online_weight),
-      estimate_(response_.prior(), options.drift_time,
-                options.own_motion && response_.own_motion()) {
+      estimate_(response_.prior(), options.disturbance_model,
+                options.drift && response_.has_drift()) {
   DFR_THROW_UNLESS(features_.num_features() == response_.feature_dim(),
                    "lwr-online: there are " << features_.num_features() << " features, and "
                                             << response_.feature_dim() << " in the response");

@@ -14,7 +14,7 @@ namespace dfr::control {
 namespace {
 
 // What is assumed is dz = J u, of controls that act at once.
-constexpr bool kOwnMotion = false;
+constexpr bool kDrift = false;
 
 void Check(std::size_t demonstrations, std::size_t least, double confidence) {
   DFR_THROW_UNLESS(confidence > 0.0 && confidence < 1.0,
@@ -105,8 +105,7 @@ EstimatedConstant EstimateDirectionError(const FeatureTrajectories& demonstratio
       other_controls.push_back(controls[d]);
     }
     ResponseEstimate estimate(
-        std::make_shared<const TransitionStore>(other_points, other_controls, options), {},
-        kOwnMotion);
+        std::make_shared<const TransitionStore>(other_points, other_controls, options), {}, kDrift);
     for (const std::size_t d : folds[fold]) {
       largest = std::max(largest, LargestError(points[d], controls[d], unit, estimate));
     }
@@ -128,7 +127,7 @@ EstimatedConstant EstimateDirectionError(const core::FeatureTransform& features,
 EstimatedConstant EstimateDirectionError(const Response& response,
                                          const FeatureTrajectories& held_out, double confidence) {
   Check(held_out.points.size(), 1, confidence);
-  ResponseEstimate estimate(response.prior(), {}, kOwnMotion);
+  ResponseEstimate estimate(response.prior(), {}, kDrift);
   const double unit = response.control_unit();
   double largest = 0.0;
   for (std::size_t d = 0; d < held_out.points.size(); ++d) {

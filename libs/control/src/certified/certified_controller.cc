@@ -36,10 +36,11 @@ CertifiedController::CertifiedController(const core::Policy& policy, const TaskV
       task_(task),
       first_step_((CheckFits(policy, task), Check(options), options.first_step)),
       limits_(Limits(options, task.response().control_dim(), task.response().control_unit())),
-      reach_(std::min(certified::kReach * task.levels().slack(), guided::kMostReach)),
+      max_exit_level_(
+          std::min(certified::kMaxExitRatio * task.levels().slack(), guided::kMaxExitLevel)),
       probe_size_(options.probe_size),
       halt_rule_{options.horizon, options.max_controls, options.patience},
-      estimate_(task.response().prior(), {}, /*own_motion=*/false),
+      estimate_(task.response().prior(), {}, /*drift=*/false),
       tracker_(task.support()),
       certifier_(options.certificate, task.features().num_features(), task.response().control_dim(),
                  task.response().control_unit()) {
@@ -115,7 +116,7 @@ bool CertifiedController::DeepInside(double level, double hi) const noexcept {
 Mode CertifiedController::Correct(const LocalModel& model, const StepTarget& target) noexcept {
   const double level = AscendSupport(model, target, limits_, v_);
   if (level < 0.0 && Probe(model, target.phase)) return Mode::kProbe;
-  return level >= -reach_ ? Mode::kPolicy : Mode::kRecovery;
+  return level >= -max_exit_level_ ? Mode::kPolicy : Mode::kRecovery;
 }
 
 bool CertifiedController::Probe(const LocalModel& model, int phase) noexcept {

@@ -18,8 +18,8 @@ GuidedController::GuidedController(const core::Policy& policy, const TaskView& t
       options_((CheckFits(policy, task), Check(options), options)),
       limits_(Limits(options, task.response().control_dim(), task.response().control_unit())),
       halt_rule_{options.horizon, options.max_controls, options.patience},
-      estimate_(task.response().prior(), options.drift_time,
-                options.own_motion && task.response().own_motion()),
+      estimate_(task.response().prior(), options.disturbance_model,
+                options.drift && task.response().has_drift()),
       observer_(task.features().num_features(), task.response().control_dim(),
                 task.response().prior()->options().forgetting, options.observer),
       filter_(task, options),
@@ -165,7 +165,7 @@ void GuidedController::Advance(double level) noexcept {
   if (level >= 0.0) return tracker_.Advance();
   dz_ = z_;
   estimate_.AddEffect(v_, dz_);
-  tracker_.Advance(AsSpan(dz_), level, !(level >= -filter_.reach()));
+  tracker_.Advance(AsSpan(dz_), level, !(level >= -filter_.max_exit_level()));
 }
 
 }  // namespace dfr::control

@@ -10,7 +10,7 @@ namespace dfr::control {
 namespace {
 
 constexpr std::array<std::string_view, 7> kParts = {
-    "filter", "reach", "demonstrated", "online-jacobian", "own-motion", "observer", "drift"};
+    "filter", "exit-level", "demonstrated", "online-jacobian", "drift", "observer", "disturbance"};
 
 }  // namespace
 
@@ -22,19 +22,19 @@ GuidedOptions Without(GuidedOptions options, std::string_view parts) {
     parts.remove_prefix(std::min(parts.size(), part.size() + 1));
     if (part == "filter") {
       options.iterations = 0;
-    } else if (part == "reach") {
-      options.reach = 0.0;
+    } else if (part == "exit-level") {
+      options.max_exit_ratio = 0.0;
     } else if (part == "demonstrated") {
       options.demonstrated = false;
     } else if (part == "online-jacobian") {
       options.online_weight = 0.0;
       options.probe_size = 0.0;  // A probe that is not measured is for nothing.
-    } else if (part == "own-motion") {
-      options.own_motion = false;
+    } else if (part == "drift") {
+      options.drift = false;
     } else if (part == "observer") {
       options.observer = false;
-    } else if (part == "drift") {
-      options.drift_time = {};
+    } else if (part == "disturbance") {
+      options.disturbance_model = {};
     } else {
       std::string known;
       for (const std::string_view name : kParts) {
@@ -62,7 +62,8 @@ void Check(const GuidedOptions& options) {
   DFR_THROW_UNLESS(options.patience > 0, "patience must be positive, not " << options.patience);
   DFR_THROW_UNLESS(options.probe_size >= 0.0,
                    "probe_size must not be negative: " << options.probe_size);
-  DFR_THROW_UNLESS(options.reach >= 0.0, "reach must not be negative: " << options.reach);
+  DFR_THROW_UNLESS(options.max_exit_ratio >= 0.0,
+                   "max_exit_ratio must not be negative: " << options.max_exit_ratio);
   DFR_THROW_UNLESS(options.online_weight >= 0.0,
                    "online_weight must not be negative: " << options.online_weight);
 }

@@ -12,9 +12,9 @@ namespace dfr::control {
 namespace {
 
 // The share of what controls alone leave unexplained, in demonstrations that were left out, that
-// remains with an own motion.
-double WithOwnMotion(std::span<const core::Matrix> points, std::span<const core::Matrix> controls,
-                     const ResponseOptions& options) {
+// remains with a drift.
+double WithDrift(std::span<const core::Matrix> points, std::span<const core::Matrix> controls,
+                 const ResponseOptions& options) {
   constexpr Eigen::Index kEnough = 2000;  // Transitions, of each half.
   Eigen::Index transitions = 0;
   for (const core::Matrix& c : controls) transitions += c.rows();
@@ -31,7 +31,7 @@ double WithOwnMotion(std::span<const core::Matrix> points, std::span<const core:
     }
     const auto prior =
         std::make_shared<const TransitionStore>(shown_points, shown_controls, options);
-    ResponseEstimate without(prior, {}, /*own_motion=*/false);
+    ResponseEstimate without(prior, {}, /*drift=*/false);
     ResponseEstimate with(prior);
     for (std::size_t d = 1 - half; d < points.size(); d += 2) {
       for (Eigen::Index t = 0; t < controls[d].rows(); t += stride) {
@@ -83,14 +83,14 @@ Response::Response(const FeatureTrajectories& demonstrations, const ResponseOpti
   largest_ /= control_unit_;
   for (core::Matrix& c : controls) c /= control_unit_;
   prior_ = std::make_shared<const TransitionStore>(demonstrations.points, controls, options);
-  own_motion_ = controls.size() >= 2 &&
-                WithOwnMotion(demonstrations.points, controls, options) <= guided::kMostLeft;
+  has_drift_ = controls.size() >= 2 &&
+               WithDrift(demonstrations.points, controls, options) <= guided::kMostLeft;
 }
 
 void Response::Save(core::ArchiveWriter& archive) const {
   archive.Number(largest_);
   archive.Number(control_unit_);
-  archive.Integer(own_motion_ ? 1 : 0);
+  archive.Integer(has_drift_ ? 1 : 0);
   prior_->Save(archive);
 }
 
@@ -104,7 +104,7 @@ Response Response::Load(core::ArchiveReader& archive) {
   if (!(response.control_unit_ > 0.0 && std::isfinite(response.control_unit_))) {
     archive.Fail("the unit of controls must be finite and positive");
   }
-  response.own_motion_ = archive.IntegerIn(0, 1) == 1;
+  response.has_drift_ = archive.IntegerIn(0, 1) == 1;
   response.prior_ = std::make_shared<const TransitionStore>(TransitionStore::Load(archive));
   return response;
 }

@@ -35,18 +35,19 @@ void SolveColumns(const Eigen::LLT<Eigen::MatrixXd>& cholesky, Eigen::Index colu
 }  // namespace
 
 ResponseEstimate::ResponseEstimate(std::shared_ptr<const TransitionStore> prior,
-                                   const DriftTime& drift_time, bool own_motion)
+                                   const DisturbanceModel& disturbance_model, bool drift)
     : prior_(std::move(prior)),
-      drift_time_(drift_time),
-      drifts_(drift_time.rest > 0.0 || drift_time.travel > 0.0) {
-  DFR_THROW_UNLESS(drift_time.rest >= 0.0 && std::isfinite(drift_time.rest) &&
-                       drift_time.travel >= 0.0 && std::isfinite(drift_time.travel),
-                   "drift times must not be negative, and finite: rest "
-                       << drift_time.rest << ", travel " << drift_time.travel);
+      disturbance_model_(disturbance_model),
+      disturbed_(disturbance_model.base > 0.0 || disturbance_model.per_control > 0.0) {
+  DFR_THROW_UNLESS(
+      disturbance_model.base >= 0.0 && std::isfinite(disturbance_model.base) &&
+          disturbance_model.per_control >= 0.0 && std::isfinite(disturbance_model.per_control),
+      "disturbance_model: times must not be negative, and finite: base "
+          << disturbance_model.base << ", per_control " << disturbance_model.per_control);
   const int n = prior_->feature_dim();
   const int m = prior_->control_dim();
-  motion_rows_ = own_motion ? n + 1 : 0;
-  const int rows = motion_rows_ + (drifts_ ? 1 : 0) + m;
+  drift_rows_ = drift ? n + 1 : 0;
+  const int rows = drift_rows_ + (disturbed_ ? 1 : 0) + m;
   a_online_ = Eigen::MatrixXd::Zero(rows, rows);
   b_online_ = core::Matrix::Zero(rows, n);
   center_ = Eigen::VectorXd::Zero(n);
@@ -54,10 +55,10 @@ ResponseEstimate::ResponseEstimate(std::shared_ptr<const TransitionStore> prior,
   a_ = Eigen::MatrixXd::Identity(rows, rows);
   b_ = core::Matrix::Zero(rows, n);
   cholesky_ = Eigen::LLT<Eigen::MatrixXd>(a_);
-  inverse_ = Eigen::MatrixXd::Identity(rows - motion_rows_, rows - motion_rows_);
+  inverse_ = Eigen::MatrixXd::Identity(rows - drift_rows_, rows - drift_rows_);
   jacobian_ = Eigen::MatrixXd::Zero(n, m);
+  disturbance_ = Eigen::VectorXd::Zero(n);
   drift_ = Eigen::VectorXd::Zero(n);
-  own_motion_ = Eigen::VectorXd::Zero(n);
   regressor_ = Eigen::VectorXd::Zero(rows);
   direction_ = Eigen::VectorXd::Zero(m);
   scratch_ = Eigen::VectorXd::Zero(m);
@@ -82,11 +83,11 @@ void ResponseEstimate::Reset() noexcept {
 void ResponseEstimate::Update(std::span<const double> z, std::span<const double> v,
                               std::span<const double> dz, double time, double weight) noexcept {
   fresh_ = false;
-  if (motion_rows_ > 0) {
-    regressor_.head(motion_rows_ - 1) = core::AsVector(z) - center_;
-    regressor_[motion_rows_ - 1] = 1.0;
+  if (drift_rows_ > 0) {
+    regressor_.head(drift_rows_ - 1) = core::AsVector(z) - center_;
+    regressor_[drift_rows_ - 1] = 1.0;
   }
-  if (drifts_) regressor_[motion_rows_] = time;
+  if (disturbed_) regressor_[drift_rows_] = time;
   regressor_.tail(jacobian_.cols()) = core::AsVector(v);
   wanted_ = core::AsVector(dz);
   wanted_.noalias() -= demonstrated_.transpose().lazyProduct(regressor_);
@@ -99,8 +100,8 @@ void ResponseEstimate::Update(std::span<const double> z, std::span<const double>
 
 // With y = z' - z, sums of [y; 1] about another z are those of [y + shift; 1].
 void ResponseEstimate::MoveTo(std::span<const double> z) noexcept {
-  if (motion_rows_ == 0) return;
-  const Eigen::Index n = motion_rows_ - 1;
+  if (drift_rows_ == 0) return;
+  const Eigen::Index n = drift_rows_ - 1;
   wanted_ = center_ - core::AsVector(z);
   center_ = core::AsVector(z);
   a_online_.topRows(n) += wanted_.lazyProduct(a_online_.row(n));
@@ -112,7 +113,7 @@ void ResponseEstimate::AddDemonstrations() noexcept {
   const auto& sums = workspace_.sums;
   const Eigen::Index n = jacobian_.rows();
   const Eigen::Index m = jacobian_.cols();
-  const Eigen::Index moves = motion_rows_;
+  const Eigen::Index moves = drift_rows_;
   const Eigen::Index states = workspace_.states;
   const Eigen::Index v = n + 1;  // In the sums; then the changes.
   a_.bottomRightCorner(m, m) += sums.block(0, v, m, m).cast<double>();
@@ -130,9 +131,9 @@ void ResponseEstimate::Compute(int t, std::span<const double> z) noexcept {
   MoveTo(z);
   a_.setZero();
   a_.diagonal().setConstant(options.ridge);
-  if (motion_rows_ > 0) {
-    a_.diagonal().head(motion_rows_ - 1).setConstant(options.slope_ridge);
-    a_(motion_rows_ - 1, motion_rows_ - 1) = options.motion_ridge;
+  if (drift_rows_ > 0) {
+    a_.diagonal().head(drift_rows_ - 1).setConstant(options.slope_ridge);
+    a_(drift_rows_ - 1, drift_rows_ - 1) = options.drift_ridge;
   }
   demonstrated_.setZero();
   has_sums_ = prior_->SumControls(t, z, workspace_);
@@ -145,11 +146,11 @@ void ResponseEstimate::Compute(int t, std::span<const double> z) noexcept {
   cholesky_.compute(a_);
   b_ = b_online_;
   // Slopes have no effect at z.
-  const Eigen::Index first = std::max(0, motion_rows_ - 1);
+  const Eigen::Index first = std::max(0, drift_rows_ - 1);
   Solve(b_, first);
   b_ += demonstrated_;
-  if (motion_rows_ > 0) own_motion_ = b_.row(first);
-  if (drifts_) drift_ = b_.row(motion_rows_);
+  if (drift_rows_ > 0) drift_ = b_.row(first);
+  if (disturbed_) disturbance_ = b_.row(drift_rows_);
   jacobian_ = b_.bottomRows(jacobian_.cols()).transpose();
   fresh_ = true;
 }
@@ -183,8 +184,8 @@ bool ResponseEstimate::NominalControl(Eigen::VectorXd& v) noexcept {
   v.noalias() = sums.block(states, n + 1, n + 1, m).transpose().cast<double>().lazyProduct(unit_);
   wanted_.noalias() =
       sums.block(states, n + 1 + m, n + 1, n).transpose().cast<double>().lazyProduct(unit_);
-  wanted_ -= own_motion_;
-  if (drifts_) wanted_ -= Time(v) * drift_;
+  wanted_ -= drift_;
+  if (disturbed_) wanted_ -= Time(v) * disturbance_;
   h_.noalias() = jacobian_.transpose().lazyProduct(jacobian_);
   const double nearness = guided::kNearness * h_.trace() / static_cast<double>(m);
   if (!(nearness > 0.0)) return true;
@@ -200,8 +201,8 @@ bool ResponseEstimate::NominalControl(Eigen::VectorXd& v) noexcept {
 void ResponseEstimate::AddEffect(const Eigen::Ref<const Eigen::VectorXd>& v, double time,
                                  Eigen::Ref<Eigen::VectorXd> z) const noexcept {
   z.noalias() += jacobian_.lazyProduct(v);
-  z += own_motion_;
-  if (drifts_) z += time * drift_;
+  z += drift_;
+  if (disturbed_) z += time * disturbance_;
 }
 
 double ResponseEstimate::UncertaintyBound() noexcept {
@@ -230,7 +231,7 @@ double ResponseEstimate::LeastExcitedDirection(std::span<double> direction) noex
     direction_ = scratch_ / value;
   }
   // Time always passes forwards: [v; s] and [-v; s] are not known equally well.
-  if (drifts_ && inverse_.row(0).tail(m).dot(direction_) < 0.0) direction_ = -direction_;
+  if (disturbed_ && inverse_.row(0).tail(m).dot(direction_) < 0.0) direction_ = -direction_;
   std::copy(direction_.begin(), direction_.end(), direction.begin());
   return value;
 }

@@ -18,10 +18,12 @@ constexpr double kInside = 1e-6;
 SafetyFilter::SafetyFilter(const TaskView& task, const GuidedOptions& options)
     : task_(task),
       limits_(Limits(options, task.response().control_dim(), task.response().control_unit())),
-      reach_(std::min(options.reach * task.levels().slack(), guided::kMostReach)),
+      max_exit_level_(
+          std::min(options.max_exit_ratio * task.levels().slack(), guided::kMaxExitLevel)),
       probe_size_(options.probe_size),
       demonstrates_(options.demonstrated),
-      drifts_(options.drift_time.rest > 0.0 || options.drift_time.travel > 0.0),
+      disturbed_(options.disturbance_model.base > 0.0 ||
+                 options.disturbance_model.per_control > 0.0),
       trial_(Eigen::VectorXd::Zero(task.response().control_dim())),
       demonstrated_(trial_),
       learned_(trial_) {}
@@ -71,7 +73,7 @@ SafetyFilter::Choice SafetyFilter::Correct(ResponseEstimate& estimate, const Loc
   }
   const double filtered = AscendSupport(model, target, limits_, v);
   if (filtered >= 0.0) return {Mode::kPolicy, filtered};
-  if (!(known && last) && std::max(demonstrated, filtered) >= -reach_) {
+  if (!(known && last) && std::max(demonstrated, filtered) >= -max_exit_level_) {
     if (demonstrated <= filtered) return {Mode::kPolicy, filtered};
     v = trial_;
     return {Mode::kRecovery, demonstrated};
@@ -83,8 +85,8 @@ SafetyFilter::Choice SafetyFilter::Correct(ResponseEstimate& estimate, const Loc
 
 bool SafetyFilter::Probe(ResponseEstimate& estimate, const LocalModel& model,
                          const StepTarget& target, Eigen::VectorXd& v, double& level) noexcept {
-  // What is predicted inside is worth no probe, unless the prediction needs to know a drift.
-  if (probe_size_ == 0.0 || level >= (drifts_ ? target.level : 0.0) ||
+  // What is predicted inside is worth no probe, unless the prediction needs to know a disturbance.
+  if (probe_size_ == 0.0 || level >= (disturbed_ ? target.level : 0.0) ||
       estimate.UncertaintyBound() <= guided::kUnknown ||
       estimate.LeastExcitedDirection(core::AsSpan(trial_)) <= guided::kUnknown) {
     return false;
@@ -92,8 +94,8 @@ bool SafetyFilter::Probe(ResponseEstimate& estimate, const LocalModel& model,
   v = probe_size_ * trial_;
   limits_.Limit(v);
   level = model.Level(target.phase, v);
-  // In a drift the sign says which of the two is not known.
-  if (drifts_) return true;
+  // Under a disturbance the sign says which of the two is not known.
+  if (disturbed_) return true;
   trial_ = -v;
   if (const double other = model.Level(target.phase, trial_); other > level) {
     v = trial_;

@@ -68,7 +68,7 @@ int StateObserver::FindLag(const ResponseEstimate& estimate, std::span<const dou
                            double time) noexcept {
   double least = std::numeric_limits<double>::infinity();
   for (int i = 0; i <= kMaxLag; ++i) {
-    scratch_ = core::AsVector(dz) - estimate.own_motion() - time * estimate.drift();
+    scratch_ = core::AsVector(dz) - estimate.drift() - time * estimate.disturbance();
     scratch_.noalias() -= estimate.jacobian().lazyProduct(applied_.col(i));
     double& error = errors_[static_cast<std::size_t>(i)];
     error = forgetting_ * error + scratch_.squaredNorm();

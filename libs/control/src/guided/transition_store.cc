@@ -24,8 +24,8 @@ constexpr int kMaxEntries = 256;
 
 void Check(const ResponseOptions& options) {
   DFR_THROW_UNLESS(options.ridge > 0.0, "ridge must be positive, not " << options.ridge);
-  DFR_THROW_UNLESS(options.motion_ridge > 0.0,
-                   "motion_ridge must be positive, not " << options.motion_ridge);
+  DFR_THROW_UNLESS(options.drift_ridge > 0.0,
+                   "drift_ridge must be positive, not " << options.drift_ridge);
   DFR_THROW_UNLESS(options.slope_ridge > 0.0,
                    "slope_ridge must be positive, not " << options.slope_ridge);
   DFR_THROW_UNLESS(options.prior_weight >= 0.0,
@@ -118,7 +118,7 @@ void TransitionStore::Save(core::ArchiveWriter& archive) const {
   archive.Integer(options_.window);
   archive.Integer(options_.max_per_step);
   archive.Number(options_.forgetting);
-  archive.Number(options_.motion_ridge);
+  archive.Number(options_.drift_ridge);
   archive.Number(options_.slope_ridge);
   archive.Integer(feature_dim_);
   archive.Integer(control_dim_);
@@ -135,7 +135,7 @@ TransitionStore TransitionStore::Load(core::ArchiveReader& archive) {
     options.window = archive.IntegerIn(0, kMaxTransitions);
     options.max_per_step = archive.IntegerIn(1, kMaxTransitions);
     options.forgetting = archive.Number();
-    options.motion_ridge = archive.Number();
+    options.drift_ridge = archive.Number();
     options.slope_ridge = archive.Number();
     Check(options);
     prior.feature_dim_ = archive.IntegerIn(1, kMaxEntries);

@@ -12,7 +12,7 @@ GradientRecovery::GradientRecovery(const TaskView& task, double control_limit)
       limits_{Eigen::VectorXd::Constant(task.response().control_dim(),
                                         control_limit / task.response().control_unit())},
       // Algorithm 1 recovers at rest: nothing moves but by its controls.
-      estimate_(task.response().prior(), {}, /*own_motion=*/false),
+      estimate_(task.response().prior(), {}, /*drift=*/false),
       z_(Eigen::VectorXd::Zero(task.features().num_features())),
       last_z_(z_),
       dz_(z_),

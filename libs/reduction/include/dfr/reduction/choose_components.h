@@ -18,7 +18,7 @@ struct ComponentsScore {
   double explained = 0.0;
   double explained_error = 0.0;  ///< Its standard error over demonstrations.
   double action_error = 0.0;     ///< What it misses, squared, as a share of the squared actions.
-  /// Squared error of the predicted change of whitened components, J u + own motion, as a share of
+  /// Squared error of the predicted change of whitened components, J u + drift, as a share of
   /// the squared change.
   double response_error = 0.0;
 };

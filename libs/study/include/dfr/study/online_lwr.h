@@ -26,7 +26,7 @@ class LearnsOnline {
 /// to one thread; after construction it never allocates.
 class OnlineLwrPolicy final : public core::Policy {
  public:
-  /// Uses the drift, the own motion and the online weight of `options`.
+  /// Uses the disturbance, the drift and the online weight of `options`.
   /// @throws std::invalid_argument if `features` and `response` do not fit.
   OnlineLwrPolicy(core::FeatureTransform features, control::Response response,
                   const control::GuidedOptions& options = {});

@@ -63,7 +63,7 @@ class CertifiedController final : public Controller {
   TaskView task_;
   int first_step_;
   StepLimits limits_;
-  double reach_;
+  double max_exit_level_;
   double probe_size_;
   HaltRule halt_rule_;
   ResponseEstimate estimate_;

@@ -5,7 +5,7 @@ namespace dfr::control::certified {
 
 /// A learned control that is raised and still predicted further outside than this multiple of
 /// Levels::slack() counts as a recovery.
-inline constexpr double kReach = 2.0;
+inline constexpr double kMaxExitRatio = 2.0;
 /// Times that a control is raised until it passes.
 inline constexpr int kRounds = 3;
 /// Its need is met a little later than it is computed: the slope of l differs where it leads to.

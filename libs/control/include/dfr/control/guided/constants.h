@@ -5,7 +5,7 @@
 namespace dfr::control::guided {
 
 /// Response: the share of what controls leave unexplained, in demonstrations that an estimate
-/// has not seen, that an own motion may leave at most. Less would be noise that is explained: free
+/// has not seen, that a drift may leave at most. Less would be noise that is explained: free
 /// motion and contact are better off without.
 inline constexpr double kMostLeft = 0.6;
 /// The quantile of -l over states of unseen demonstrations that is their slack.
@@ -54,6 +54,6 @@ inline constexpr double kIdle = 0.5;
 inline constexpr double kUnknown = 5.0;
 /// A support from so few demonstrations that others are further outside than this does not know the
 /// task, whatever their slack.
-inline constexpr double kMostReach = 0.8;
+inline constexpr double kMaxExitLevel = 0.8;
 
 }  // namespace dfr::control::guided

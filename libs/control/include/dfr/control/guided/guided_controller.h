@@ -16,38 +16,39 @@
 
 namespace dfr::control {
 
-/// Guided recovery: drives a learned policy inside a support without a dynamics model, as
-/// Algorithm 1 does, but learns from every applied control how features change (ResponseEstimate),
-/// so that the gradient of the support becomes a direction for controls. In a state with features
-/// z, those that controls under way will lead to, in phase tau, with the learned control v_hat and
-/// the prediction z'(v) = z + J v + m:
+/// Guided recovery: keeps a learned policy inside a support without a dynamics model. Algorithm 1
+/// does the same; guided recovery also learns from every applied control how features change
+/// (ResponseEstimate). The gradient of the support thereby becomes a direction for controls.
 ///
-///   1. l_{tau+1}(z'(v_hat)) >= hi: v_hat passes (hi is Levels::gate). Where l_tau(z),
-///      l_{tau+1}(z) >= hi and v_hat is no larger than demonstrated, it passes without a look at J.
-///      With GuidedOptions::least_intervention it passes at Levels::pass already, unless
-///      it has passed at the edge of the support for long: the level then rises to hi
-///      (guided::kEdgeGrace). There it also passes if the control of 2 and 3 would end outside too,
-///      differs from v_hat by half an ordinary control at most (guided::kIdle), and gains no more
-///      level than lies between hi and the level at which v_hat passes.
-///   2. v <- AscendSupport(v_d, hi), from the control v_d that does what demonstrations did nearby
-///      (ResponseEstimate::NominalControl()). If it leads inside, l_{tau+1}(z'(v)) >= 0, v is
-///      applied.
-///   3. v <- AscendSupport(v_hat, hi). If it leads inside, v is applied; if it does not, the better
-///   of
-///      both is, where the support is near (reach). Otherwise v_d is: where nothing leads inside,
-///      what demonstrations did is known to go on, and what J promises is not. In the last phase 2
-///      raises to l = 0 alone, and nothing passes within reach: that support does not move on.
-///   4. If that is not predicted to end inside (in a drift: not to end at hi) and J hardly knows a
-///      direction of control, a probe along it is applied instead.
-///   5. Where the prediction is inside B_{tau+1}, the phase advances by one. Otherwise it advances
-///      to the one of the next three whose support fits the prediction best, or waits where it is
-///      out of reach and the present support fits better (PhaseTracker).
-///   6. HaltRule ends what does not get on.
+/// Let z be the features of the state once pending controls have taken effect, tau the phase, v_hat
+/// the learned control, and z'(v) = z + J v + m the prediction.
 ///
-/// A step is a recovery, Mode::kRecovery, where v comes from v_d. Where it comes from v_hat it is
-/// Mode::kPolicy, and Step::filtered if v is not v_hat. What passes does so to the bit.
+///   1. If l_{tau+1}(z'(v_hat)) >= hi (Levels::gate), v_hat passes. If l_tau(z), l_{tau+1}(z) >= hi
+///      and v_hat is no larger than demonstrated, it passes without an evaluation of J. With
+///      GuidedOptions::least_intervention it passes from Levels::pass on; after many steps at the
+///      edge of the support this level rises to hi (guided::kEdgeGrace). It also passes if the
+///      control of steps 2 and 3 would end outside too, differs from v_hat by at most half an
+///      ordinary control (guided::kIdle), and gains at most hi minus the level at which v_hat
+///      passes.
+///   2. v <- AscendSupport(v_d, hi), where v_d has the effect of nearby demonstrations
+///      (ResponseEstimate::NominalControl()). If l_{tau+1}(z'(v)) >= 0, v is applied.
+///   3. v <- AscendSupport(v_hat, hi). If it leads inside, v is applied. Otherwise the better of
+///      both is applied, if its level is at least -max_exit_level. Otherwise v_d is applied: if no
+///      control leads inside, demonstrations are more reliable than J. In the last phase step 2
+///      ascends to l = 0 only, and no control outside passes, because that support does not move
+///      on.
+///   4. If this control is not predicted to end inside (under a disturbance: at hi) and J is
+///      uncertain in a direction of control, a probe along this direction is applied instead.
+///   5. If the prediction is inside B_{tau+1}, the phase advances by one. Otherwise it advances to
+///      the one of the next three phases whose support fits the prediction best, or stays if the
+///      prediction is beyond the exit level and the present support fits better (PhaseTracker).
+///   6. HaltRule ends episodes without progress.
 ///
-/// docs/recovery.md derives all this. Next() neither allocates nor locks.
+/// A step is a recovery (Mode::kRecovery) if v comes from v_d. If it comes from v_hat, the mode is
+/// Mode::kPolicy, and Step::filtered is set if v differs from v_hat. A control that passes is
+/// unchanged to the bit.
+///
+/// docs/recovery.md derives the method. Next() neither allocates nor locks.
 class GuidedController final : public Controller {
  public:
   /// Borrows the policy and what `task` does.

@@ -19,7 +19,7 @@ struct GuidedOptions {
   /// Each entry of an applied control is within +- this, >= 0: one limit for all, or one each.
   std::vector<double> control_limit = {1.0};
   /// Where something else moves the world: the time that controls take, |v| = 1 an ordinary one.
-  DriftTime drift_time = {};
+  DisturbanceModel disturbance_model = {};
 
   /// Gradients of l in one step, >= 0. Fewer decide faster and reach less where the learned control
   /// is far off; 0 changes nothing and leaves the learned control alone.
@@ -27,7 +27,7 @@ struct GuidedOptions {
   /// Where no control is predicted to end inside, the best one passes down to this multiple of
   /// Levels::slack() outside, at most .8 in all: what no control can mend, an object off to
   /// the side, must not stop the task. More completes more and collides more.
-  double reach = 2.0;
+  double max_exit_ratio = 2.0;
   /// HaltRule::patience. More completes little and collides more.
   int patience = 12;
   /// Where the learned control passes as it is. True: where it is predicted to end inside
@@ -46,18 +46,18 @@ struct GuidedOptions {
   /// changed.
   bool demonstrated = true;
   /// Not to be tuned. Whether features may move by themselves, where demonstrations say so
-  /// (Response::own_motion()).
-  bool own_motion = true;
+  /// (Response::has_drift()).
+  bool drift = true;
   /// Not to be tuned. Whether late effects are found and noise in what is seen is smoothed
   /// (StateObserver).
   bool observer = true;
 };
 
-/// The parts of guided recovery that can be taken out, for ablations: "filter", "reach",
-/// "demonstrated", "online-jacobian" (and the probes for it), "own-motion", "observer", and
-/// "drift", the drift_time of a task that has one.
+/// The parts of guided recovery that can be taken out, for ablations: "filter", "exit-level",
+/// "demonstrated", "online-jacobian" (and the probes for it), "drift", "observer", and
+/// "disturbance", the disturbance_model of a task that has one.
 [[nodiscard]] std::span<const std::string_view> GuidedPartNames() noexcept;
-/// The options with these parts at their neutral values; "filter+reach" takes out both.
+/// The options with these parts at their neutral values; "filter+exit-level" takes out both.
 /// @throws std::invalid_argument naming the part that does not exist, and those that do.
 [[nodiscard]] GuidedOptions Without(GuidedOptions options, std::string_view parts);
 /// What its controls have to respect, |u| = control_unit |v|.

@@ -49,7 +49,7 @@ class Response {
   /// Whether features move by themselves: what they do explains, of demonstrations that an estimate
   /// has not seen, at least 40 % of what controls leave unexplained. Where it explains less, the
   /// estimate is better without.
-  [[nodiscard]] bool own_motion() const noexcept { return own_motion_; }
+  [[nodiscard]] bool has_drift() const noexcept { return has_drift_; }
 
  private:
   Response() = default;
@@ -57,7 +57,7 @@ class Response {
   std::shared_ptr<const TransitionStore> prior_;
   double control_unit_ = 1.0;
   double largest_ = 0.0;
-  bool own_motion_ = false;
+  bool has_drift_ = false;
 };
 
 }  // namespace dfr::control

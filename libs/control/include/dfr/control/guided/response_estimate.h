@@ -10,16 +10,16 @@
 
 namespace dfr::control {
 
-/// The time that a control v takes, s = rest + travel |v|, while the world moves by itself:
+/// The time that a control v takes, s = base + per_control |v|, while the world moves by itself:
 /// features then change by J v + s d. Its unit does not matter. Both 0: nothing else moves the
 /// world.
-struct DriftTime {
-  double rest = 0.0;    ///< Whatever the control, >= 0.
-  double travel = 0.0;  ///< An ordinary control's, >= 0.
+struct DisturbanceModel {
+  double base = 0.0;         ///< Whatever the control, >= 0.
+  double per_control = 0.0;  ///< An ordinary control's, >= 0.
 };
 
 /// Estimates how features change, dz = J v + m(z), without a model. J is the response to controls.
-/// m(z) = m + M (z' - z) is the own motion, which continues without a control (mass, gravity).
+/// m(z) = m + M (z' - z) is the drift, which continues without a control (mass, gravity).
 /// The estimate is what demonstrations did nearby, plus a correction for this episode. With
 /// w = [v; 1; z' - z],
 ///   A_d = diag(ridges) + A_demo,  D = A_d^-1 B_demo,                     demonstrations near z
@@ -28,17 +28,17 @@ struct DriftTime {
 /// (recursive least squares with forgetting f; A_on and E_on move with z). E_on takes what a
 /// control did beyond the demonstrations at its own state and time. A contact that begins or ends
 /// is demonstrated; sums of dz instead would predict the response from before it. The ridges of the
-/// own motion are larger than that of J: a change that both explain is attributed to controls.
+/// drift are larger than that of J: a change that both explain is attributed to controls.
 ///
-/// Where the world moves by itself, w has one more entry, the time s of the control. The drift d is
-/// distinguished from the response to controls. Demonstrations were not disturbed, their s is 0.
-/// Nothing after construction allocates.
+/// Where the world moves by itself, w has one more entry, the time s of the control. The
+/// disturbance d is distinguished from the response to controls. Demonstrations were not disturbed,
+/// their s is 0. Nothing after construction allocates.
 class ResponseEstimate {
  public:
-  /// @param own_motion  Off: nothing moves without a control, but for a drift.
+  /// @param drift  Off: nothing moves without a control, but for a disturbance.
   /// @throws std::invalid_argument if a time is negative or not finite.
   explicit ResponseEstimate(std::shared_ptr<const TransitionStore> prior,
-                            const DriftTime& drift_time = {}, bool own_motion = true);
+                            const DisturbanceModel& disturbance_model = {}, bool drift = true);
 
   /// Forgets the applied controls.
   void Reset() noexcept;
@@ -58,14 +58,14 @@ class ResponseEstimate {
   /// J, n x m, of the last Compute().
   [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return jacobian_; }
   /// d, n, of the last Compute(); 0 where nothing else moves the world.
-  [[nodiscard]] const Eigen::VectorXd& drift() const noexcept { return drift_; }
+  [[nodiscard]] const Eigen::VectorXd& disturbance() const noexcept { return disturbance_; }
   /// m, n, of the last Compute(): what features do without a control.
-  [[nodiscard]] const Eigen::VectorXd& own_motion() const noexcept { return own_motion_; }
+  [[nodiscard]] const Eigen::VectorXd& drift() const noexcept { return drift_; }
   /// Whether Compute() was called since the last Update().
   [[nodiscard]] bool fresh() const noexcept { return fresh_; }
   /// s of control `v` (m entries).
   [[nodiscard]] double Time(const Eigen::Ref<const Eigen::VectorXd>& v) const noexcept {
-    return drift_time_.rest + drift_time_.travel * v.norm();
+    return disturbance_model_.base + disturbance_model_.per_control * v.norm();
   }
   /// The control that does to the features what demonstrations did nearby: locally weighted linear
   /// regression over their nearest transitions gives the control v_d that they took at `z` and the
@@ -100,7 +100,7 @@ class ResponseEstimate {
   /// The control direction that is known least: the largest eigenvalue of A^-1 (of its part that
   /// belongs to v), its eigenvector to `direction` (m entries). Where the world moves by itself,
   /// its sign is the one that tells more: the same control again would leave the answer to it and
-  /// the drift mixed up.
+  /// the disturbance mixed up.
   double LeastExcitedDirection(std::span<double> direction) noexcept;
   /// The sum of its eigenvalues: an upper bound on the largest, for less time.
   [[nodiscard]] double UncertaintyBound() noexcept;
@@ -113,11 +113,11 @@ class ResponseEstimate {
   void Solve(core::Matrix& b, Eigen::Index first) const noexcept;
 
   std::shared_ptr<const TransitionStore> prior_;
-  DriftTime drift_time_;
-  bool drifts_;
-  // Rows of A and B: [z' - z (n); 1; s; v (m)], the first n + 1 only with an own motion, s only
-  // with a drift.
-  int motion_rows_;
+  DisturbanceModel disturbance_model_;
+  bool disturbed_;
+  // Rows of A and B: [z' - z (n); 1; s; v (m)], the first n + 1 only with a drift, s only
+  // with a disturbance.
+  int drift_rows_;
   Eigen::MatrixXd a_online_;
   core::Matrix b_online_;      ///< E_on
   Eigen::VectorXd center_;     ///< z that A_on and E_on are about.
@@ -127,8 +127,8 @@ class ResponseEstimate {
   Eigen::LLT<Eigen::MatrixXd> cholesky_;
   Eigen::MatrixXd inverse_;  ///< The last rows of A's: s and v.
   Eigen::MatrixXd jacobian_;
+  Eigen::VectorXd disturbance_;
   Eigen::VectorXd drift_;
-  Eigen::VectorXd own_motion_;
   Eigen::VectorXd regressor_;
   Eigen::VectorXd direction_;
   Eigen::VectorXd scratch_;

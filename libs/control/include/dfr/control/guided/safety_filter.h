@@ -34,8 +34,8 @@ class SafetyFilter {
   [[nodiscard]] Choice Filter(ResponseEstimate& estimate, std::span<const double> z,
                               const StepTarget& target, double pass, Eigen::VectorXd& v) noexcept;
 
-  /// GuidedOptions::reach as a level: how far outside a support what passes may end, >= 0.
-  [[nodiscard]] double reach() const noexcept { return reach_; }
+  /// GuidedOptions::max_exit_ratio as a level: how far outside a support what passes may end, >= 0.
+  [[nodiscard]] double max_exit_level() const noexcept { return max_exit_level_; }
 
  private:
   [[nodiscard]] Choice Correct(ResponseEstimate& estimate, const LocalModel& model,
@@ -47,10 +47,10 @@ class SafetyFilter {
 
   TaskView task_;
   StepLimits limits_;
-  double reach_;
+  double max_exit_level_;
   double probe_size_;
   bool demonstrates_;  ///< Demonstrated controls are tried.
-  bool drifts_;
+  bool disturbed_;
   Eigen::VectorXd trial_;
   Eigen::VectorXd demonstrated_;
   Eigen::VectorXd learned_;  ///< The control that a correction began with.

@@ -13,7 +13,7 @@ namespace dfr::control {
 /// Options for TransitionStore, and for the ResponseEstimate that begins with it.
 struct ResponseOptions {
   double ridge = 0.02;         ///< Pulls J to zero where nothing is known, > 0.
-  double motion_ridge = 1.0;   ///< Pulls the own motion at z to zero, > 0: controls explain first.
+  double drift_ridge = 1.0;    ///< Pulls the drift at z to zero, > 0: controls explain first.
   double slope_ridge = 10.0;   ///< Pulls its slopes to zero, > 0.
   double prior_weight = 15.0;  ///< Total weight of the demonstrations' transitions, >= 0.
   int window = 5;              ///< Transitions of the time steps t - window ... t + window count.
