@@ -55,7 +55,7 @@ TEST(CertifierTest, EveryStateThatTheAssumptionAllowsIsInsideSomeSupport) {
     std::vector<double> z = {phase * kSpeed + 0.6 * random.Normal(), 0.6 * random.Normal()};
     if (support.LogDecision(phase, z, {}) < 0.0) continue;
     const Eigen::VectorXd v = 4.0 * Eigen::Vector2d(random.Normal(), random.Normal());
-    const double share = certifier.Share({support, answer, z}, phase, v);
+    const double share = certifier.StepFraction({support, answer, z}, phase, v);
     ASSERT_GE(share, 0.0);
     ASSERT_LE(share, 1.0);
     shrunk += share > 0.01 && share < 1.0 ? 1 : 0;
@@ -81,9 +81,11 @@ TEST(CertifierTest, IsExactForASingleGaussian) {
   const Eigen::VectorXd outwards = Eigen::Vector2d(3.0, 0.0);
   Certifier certifier({0.4}, 2, 2, kUnit);
   // |J v| + eps |u| = 3 + 0.4 * 3 * 0.25
-  EXPECT_NEAR(certifier.Share({support, answer, z}, 0, outwards), (radius - 0.5) / 3.3, 1e-8);
+  EXPECT_NEAR(certifier.StepFraction({support, answer, z}, 0, outwards), (radius - 0.5) / 3.3,
+              1e-8);
   // Inwards: through the centre to the far side.
-  EXPECT_NEAR(certifier.Share({support, answer, z}, 0, -outwards), (radius + 0.5) / 3.3, 1e-8);
+  EXPECT_NEAR(certifier.StepFraction({support, answer, z}, 0, -outwards), (radius + 0.5) / 3.3,
+              1e-8);
 }
 
 // At least what the ball at z allows; beyond that, whole, halves and quarters of the control that
@@ -126,7 +128,7 @@ TEST(CertifierTest, TheDirectionsShareIsTheLargerOfBothBalls) {
         }
       }
       gained += expected > by_ball + 0.05 ? 1 : 0;
-      ASSERT_NEAR(certifier.Share({support, answer, z}, phase, v), expected, 1e-9) << i;
+      ASSERT_NEAR(certifier.StepFraction({support, answer, z}, phase, v), expected, 1e-9) << i;
     }
     EXPECT_GT(gained, 20) << "the predicted state is worth its time";
   }
@@ -189,7 +191,7 @@ TEST(CertifierTest, AStateErrorCountsWhereverTheStateReallyIs) {
     const int phase = i % 10;
     const std::vector<double> z = {phase * kSpeed + 0.5 * random.Normal(), 0.5 * random.Normal()};
     const Eigen::VectorXd v = 2.0 * Eigen::Vector2d(random.Normal(), random.Normal());
-    const double share = certifier.Share({support, answer, z}, phase, v);
+    const double share = certifier.StepFraction({support, answer, z}, phase, v);
     if (share == 0.0) continue;
     moved += share > 0.01 ? 1 : 0;
     const Eigen::Vector2d centre = Eigen::Vector2d(z[0], z[1]) + share * (Jacobian() * v);
@@ -212,7 +214,8 @@ TEST(CertifierTest, LooksAtTheWindowAndNotBeyond) {
   const Eigen::VectorXd v = Eigen::Vector2d(0.1, 0.0);
   Certifier certifier({0.5}, 2, 2, kUnit);
   for (int phase = 0; phase < 12; ++phase) {
-    EXPECT_EQ(certifier.Share({support, answer, z}, phase, v), std::abs(phase - 6) <= 3 ? 1 : 0)
+    EXPECT_EQ(certifier.StepFraction({support, answer, z}, phase, v),
+              std::abs(phase - 6) <= 3 ? 1 : 0)
         << phase;
   }
 }
@@ -223,8 +226,8 @@ TEST(CertifierTest, NothingPassesOutsideAndNoControlAlwaysDoes) {
   const std::vector<double> outside = {0.0, 5.0};
   const std::vector<double> inside = {0.0, 0.0};
   Certifier certifier({1.0}, 2, 2, kUnit);
-  EXPECT_EQ(certifier.Share({support, answer, outside}, 0, Eigen::VectorXd::Ones(2)), 0.0);
-  EXPECT_EQ(certifier.Share({support, answer, inside}, 0, Eigen::VectorXd::Zero(2)), 1.0);
+  EXPECT_EQ(certifier.StepFraction({support, answer, outside}, 0, Eigen::VectorXd::Ones(2)), 0.0);
+  EXPECT_EQ(certifier.StepFraction({support, answer, inside}, 0, Eigen::VectorXd::Zero(2)), 1.0);
 }
 
 TEST(CertifierTest, ConfirmsWhatItTrustsAndSaysWhatContradictsIt) {
@@ -271,7 +274,7 @@ TEST(CertifierTest, WhatItAdmitsIsCertified) {
                         {phase, Mode::kPolicy}, v);
     ASSERT_TRUE(admission.any);
     ASSERT_LE(v.cwiseAbs().maxCoeff(), 5.0);
-    ASSERT_GE(certifier.Share(model, phase, v), 1.0 - 1e-8);
+    ASSERT_GE(certifier.StepFraction(model, phase, v), 1.0 - 1e-8);
     if (!admission.gets_on) {
       ++climbs;
       ASSERT_EQ(admission.mode, Mode::kRecovery);
@@ -318,7 +321,7 @@ TEST(CertifierTest, NeverAllocates) {
   Eigen::VectorXd admitted = v;
   const test::NoAlloc guard;
   (void)certifier.Admit({support, answer, z}, answer, {}, {1, Mode::kPolicy}, admitted);
-  (void)certifier.Share({support, answer, z}, 1, v);
+  (void)certifier.StepFraction({support, answer, z}, 1, v);
   (void)certifier.Confirms(0, v, v, v);
   (void)certifier.Predict({support, answer, z}, 1, v);
 }

@@ -121,7 +121,7 @@ Passing CountPassing(const Methods& methods, int t) {
     estimate.Compute(t, core::Row(z, t));
     ++passing.steps;
     passing.passed +=
-        certifier.Share({task.support(), estimate, core::Row(z, t)}, t, v) >= 1.0 ? 1 : 0;
+        certifier.StepFraction({task.support(), estimate, core::Row(z, t)}, t, v) >= 1.0 ? 1 : 0;
   }
   return passing;
 }

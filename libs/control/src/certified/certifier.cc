@@ -71,11 +71,14 @@ Certifier::RequiredLevel Certifier::Predict(const LocalModel& model, int phase,
   return best;
 }
 
-double Certifier::Share(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept {
-  return !v.isZero(0.0) && Predict(model, phase, v).met() ? 1.0 : Part(model, phase, v);
+double Certifier::StepFraction(const LocalModel& model, int phase,
+                               const Eigen::VectorXd& v) noexcept {
+  return !v.isZero(0.0) && Predict(model, phase, v).met() ? 1.0
+                                                          : ReducedStepFraction(model, phase, v);
 }
 
-double Certifier::Part(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept {
+double Certifier::ReducedStepFraction(const LocalModel& model, int phase,
+                                      const Eigen::VectorXd& v) noexcept {
   const double norm = v.norm() * control_unit_;
   if (norm == 0.0) return 1.0;
   effect_.noalias() = model.response.jacobian().lazyProduct(v);
@@ -112,35 +115,35 @@ bool Certifier::Project(const LocalModel& model, const StepLimits& limits, int p
 Certifier::CertifiedStep Certifier::Admit(const LocalModel& model, ResponseEstimate& estimate,
                                           const StepLimits& limits, const Request& request,
                                           Eigen::VectorXd& v) noexcept {
-  CertifiedStep admission{.mode = request.mode, .gets_on = request.mode != Mode::kProbe};
-  if (admission.gets_on) {
+  CertifiedStep admitted{.mode = request.mode, .gets_on = request.mode != Mode::kProbe};
+  if (admitted.gets_on) {
     chosen_ = v;
     if (!Project(model, limits, request.phase + 1, v)) {
       // What demonstrations did nearby, as near to it as is certified.
       const bool known = estimate.NominalControl(v);
       limits.Limit(v);
       if (known && Project(model, limits, request.phase + 1, v)) {
-        admission.mode = Mode::kRecovery;
+        admitted.mode = Mode::kRecovery;
       } else {
         v = chosen_;
-        admission.share = Part(model, request.phase, v);
+        admitted.share = ReducedStepFraction(model, request.phase, v);
       }
     }
   } else {
-    admission.share = Share(model, request.phase, v);
+    admitted.share = StepFraction(model, request.phase, v);
   }
-  if (admission.share < certified::kLeastShare) {
+  if (admitted.share < certified::kLeastShare) {
     // So near to the boundary in this direction: make all the room there is first.
     v.setZero();
     static_cast<void>(
         AscendSupport(model, {request.phase, std::numeric_limits<double>::infinity()}, limits, v));
-    admission = {
-        .share = Share(model, request.phase, v), .mode = Mode::kRecovery, .gets_on = false};
+    admitted = {
+        .share = StepFraction(model, request.phase, v), .mode = Mode::kRecovery, .gets_on = false};
   }
-  stalls_ = admission.share < certified::kLeastShare || v.isZero() ? stalls_ + 1 : 0;
-  admission.any = stalls_ < certified::kMaxStalls;
-  v *= admission.share;
-  return admission;
+  stalls_ = admitted.share < certified::kLeastShare || v.isZero() ? stalls_ + 1 : 0;
+  admitted.any = stalls_ < certified::kMaxStalls;
+  v *= admitted.share;
+  return admitted;
 }
 
 bool Certifier::Confirms(int control, const Eigen::VectorXd& v, const Eigen::VectorXd& effect,

@@ -29,16 +29,16 @@ SafetyFilter::SafetyFilter(const TaskView& task, const GuidedOptions& options)
       learned_(trial_) {}
 
 SafetyFilter::Choice SafetyFilter::Filter(ResponseEstimate& estimate, std::span<const double> z,
-                                          const StepTarget& target, double pass,
+                                          const StepTarget& target, double pass_level,
                                           Eigen::VectorXd& v) noexcept {
   const LocalModel model{task_.support(), estimate, z};
   const double learned = model.Level(target.phase, v);
   Choice choice{Mode::kPolicy, learned, learned};
-  if (!(learned >= pass)) {
+  if (!(learned >= pass_level)) {
     learned_ = v;
     choice = Correct(estimate, model, target, v);
     choice.learned = learned;
-    if (Idle(choice, target.level - pass, v)) {
+    if (Idle(choice, target.level - pass_level, v)) {
       v = learned_;
       return {Mode::kPolicy, learned, learned};
     }

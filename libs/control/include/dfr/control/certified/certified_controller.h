@@ -16,29 +16,31 @@
 namespace dfr::control {
 
 /// Certified recovery: applies a control only if it provably ends inside a support B_q(eta) with
-/// |q - tau| <= PhaseTracker::kWindow. In a state with features z in phase tau, with the learned
-/// control v_hat and the prediction z'(v) = z + J v:
+/// |q - tau| <= PhaseTracker::kWindow. Let z be the features of the state, tau the phase, v_hat the
+/// learned control, and z'(v) = z + J v the prediction.
 ///
-///   1. The phase is one whose l_q(z) >= -eta: time advances only into supports that the state is
-///      in. Outside all of them nothing is certified: the controller halts, kOutsideSupport.
-///   2. v <- AscendSupport(v_hat, hi) towards the support of tau + 1, hi its
-///      Levels::median(): every bit of depth costs controls that pass. Where l_tau(z),
+///   1. The phase becomes one with l_q(z) >= -eta: time advances only into supports that contain
+///   the
+///      state. Outside all of them nothing is certified, and the controller halts, kOutsideSupport.
+///   2. v <- AscendSupport(v_hat, hi) towards the support of tau + 1, where hi is its
+///      Levels::median(), because a higher level lets fewer controls pass. If l_tau(z),
 ///      l_{tau+1}(z) >= hi and v_hat is no larger than demonstrated, v = v_hat.
-///   3. If that is not predicted to end inside and J hardly knows a direction of control, a probe
-///      along it takes the place of v.
-///   4. Certifier::Admit() changes or shrinks v until it passes. Where next to nothing of it does,
-///      it becomes a recovery that climbs l_tau from v = 0. A shrunk learned control consumes its
-///      share of a time step. kNoProgress halts where nothing passes.
-///   5. HaltRule ends what does not get on.
+///   3. If v is not predicted to end inside and J is uncertain in a direction of control, a probe
+///      along this direction replaces v.
+///   4. Certifier::Admit() changes or shrinks v until it passes. If almost nothing of v passes, it
+///      becomes a recovery that ascends l_tau from v = 0. A shrunk learned control consumes the
+///      same fraction of a time step. If nothing passes, the controller halts, kNoProgress.
+///   5. HaltRule ends episodes without progress.
 ///
-/// A certificate assumes that controls act at once and alone, and that states are what is seen.
-/// After each control the assumption is compared with what happened; kViolated halts on the first
-/// contradiction, see violation(). docs/certificates.md has the proof.
+/// A certificate assumes that controls act at once, that nothing else moves the state, and that
+/// observed states are exact. The controller compares the assumption with the outcome of each
+/// control and halts with kViolated on the first contradiction, see violation().
+/// docs/certificates.md has the proof.
 ///
 /// Next() neither allocates nor locks.
 class CertifiedController final : public Controller {
  public:
-  /// Borrows the policy and what `task` does.
+  /// Borrows the policy and everything that `task` borrows.
   /// @throws std::invalid_argument if sizes differ, or an option is out of range.
   CertifiedController(const core::Policy& policy, const TaskView& task,
                       const CertifiedOptions& options);
@@ -74,8 +76,8 @@ class CertifiedController final : public Controller {
   Eigen::VectorXd z_;
   Eigen::VectorXd last_z_;
   Eigen::VectorXd dz_;
-  Eigen::VectorXd v_;       ///< The control that is applied, from then on the one applied last.
-  Eigen::VectorXd effect_;  ///< J v of the control applied last.
+  Eigen::VectorXd v_;       ///< The control of this step; after the step, the last applied control.
+  Eigen::VectorXd effect_;  ///< J v of the last applied control.
   Eigen::VectorXd learned_;
   Eigen::VectorXd trial_;
 };

@@ -1,21 +1,21 @@
 #pragma once
 
-/// What decides how certified recovery behaves and is no option: docs/frozen_constants.md lists it.
+/// Constants of certified recovery that are not options. docs/frozen_constants.md lists them.
 namespace dfr::control::certified {
 
-/// A learned control that is raised and still predicted further outside than this multiple of
-/// Levels::slack() counts as a recovery.
+/// A corrected learned control counts as a recovery if it is predicted to end outside by more than
+/// this multiple of Levels::slack().
 inline constexpr double kMaxExitRatio = 2.0;
-/// Times that a control is raised until it passes.
+/// Maximum number of ascents until a control passes.
 inline constexpr int kRounds = 3;
-/// Its need is met a little later than it is computed: the slope of l differs where it leads to.
+/// Margin above the required level, because the slope of l changes along the step.
 inline constexpr double kOvershoot = 0.02;
-/// The smallest part of a control that is tried about the state that it leads to; then the ball
-/// about the present one says which part passes.
+/// Smallest fraction of a control that is checked at its predicted state. The ball at the present
+/// state determines smaller fractions.
 inline constexpr double kLeastPart = 0.25;
-/// A control of which less than this share passes is a stall ...
+/// A control of which less than this fraction passes is a stall.
 inline constexpr double kLeastShare = 0.02;
-/// ... and so many in a row end the episode.
+/// Number of consecutive stalls that end the episode.
 inline constexpr int kMaxStalls = 3;
 
 }  // namespace dfr::control::certified

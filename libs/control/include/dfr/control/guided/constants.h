@@ -1,59 +1,58 @@
 #pragma once
 
-/// What decides how guided recovery behaves and is no option. docs/frozen_constants.md lists all of
-/// it.
+/// Constants of guided recovery that are not options. docs/frozen_constants.md lists them.
 namespace dfr::control::guided {
 
-/// Response: the share of what controls leave unexplained, in demonstrations that an estimate
-/// has not seen, that a drift may leave at most. Less would be noise that is explained: free
-/// motion and contact are better off without.
+/// Response: largest fraction of the variance unexplained by controls, in held-out demonstrations,
+/// that may remain with a drift. With a larger value the drift would fit noise in free motion and
+/// contact.
 inline constexpr double kMostLeft = 0.6;
-/// The quantile of -l over states of unseen demonstrations that is their slack.
+/// Quantile of -l over held-out demonstrated states that defines the slack.
 inline constexpr double kSlackQuantile = 0.2;
 
-/// TransitionStore: added to each weight, so that where all transitions are far from z none of them
-/// counts more than the others.
+/// TransitionStore: added to each weight. If all transitions are far from z, they then count
+/// equally.
 inline constexpr double kWeightFloor = 1e-6;
 
-/// ResponseEstimate::NominalControl(): for the slopes, per unit of weight. Where states hardly
-/// differ in a direction, the control does not depend on it.
+/// ResponseEstimate::NominalControl(): ridge of the slopes per unit of weight. In a direction in
+/// which states barely differ, the control does not depend on the state.
 inline constexpr double kDemonstratedRidge = 0.1;
-/// The price of a control that differs from the one demonstrations took, in units of what a control
-/// does to the features.
+/// Penalty on the difference from the demonstrated control, in units of the effect of a control on
+/// the features.
 inline constexpr double kNearness = 0.03;
-/// ResponseEstimate::LeastExcitedDirection(): rounds of power iteration. A^-1 is a few rows wide,
-/// and a direction that is nearly the least known is as good as the least known.
+/// ResponseEstimate::LeastExcitedDirection(): number of power iterations. A^-1 has a few rows, and
+/// an approximate eigenvector suffices.
 inline constexpr int kPowerIterations = 30;
 
-/// StateObserver: the least weight of what is seen. Below it the estimate would hardly look any
-/// more.
+/// StateObserver: smallest weight of an observation. With a smaller one the estimate would ignore
+/// observations.
 inline constexpr double kLeastWeight = 0.2;
-/// Predictions of a lag have to be so much better, in squared error, than those of a smaller one.
+/// Factor by which the squared error of a lag must be smaller than that of a smaller lag.
 inline constexpr double kEvidence = 2.0;
-/// Squared errors below this share of the squared changes, a hundredth each, are rounding and the
-/// ridge: no reason to find a lag or noise.
+/// Squared errors below this fraction of the squared changes, 1 % of each change, are attributed to
+/// rounding and the ridge, not to a lag or noise.
 inline constexpr double kNegligible = 1e-4;
 
-/// AscendSupport(): less than this changes nothing that is decided by a level.
+/// AscendSupport(): smaller gains change no decision.
 inline constexpr double kLeastGain = 1e-3;
 
-/// GuidedController, with least intervention: a step that passes at the edge counts, and a count is
-/// forgotten by this factor a step.
+/// GuidedController with least intervention: forgetting factor per step of the number of steps that
+/// pass at the edge.
 inline constexpr double kEdgeMemory = 0.98;
-/// So many counts are free. Beyond them the level at which the learned control passes rises to the
-/// gate level, over this many counts. A policy that stays at the edge for long would otherwise fail
-/// wherever the support reaches too far.
+/// Number of such steps without effect. Over the next kEdgeRamp steps the level at which the
+/// learned control passes rises to the gate level. Otherwise a policy that stays at the edge for
+/// long would fail where the support is too wide.
 inline constexpr double kEdgeGrace = 10.0;
 inline constexpr double kEdgeRamp = 10.0;
 
-/// SafetyFilter: where no control is predicted to end inside, a change of the learned control of
-/// this length at most, in ordinary controls, is not made if it gains little.
+/// SafetyFilter: if no control is predicted to end inside, a change of the learned control of at
+/// most this norm, in ordinary controls, is skipped if it gains little.
 inline constexpr double kIdle = 0.5;
-/// SafetyFilter: largest eigenvalue of A^-1 beyond which a direction of control counts as unknown,
-/// a fifth of an ordinary control's measurement.
+/// SafetyFilter: a direction of control counts as unknown if the largest eigenvalue of A^-1 exceeds
+/// this value, which corresponds to a fifth of an ordinary control's measurement.
 inline constexpr double kUnknown = 5.0;
-/// A support from so few demonstrations that others are further outside than this does not know the
-/// task, whatever their slack.
+/// Upper limit of the exit level. If held-out states are further outside, the support comes from
+/// too few demonstrations.
 inline constexpr double kMaxExitLevel = 0.8;
 
 }  // namespace dfr::control::guided

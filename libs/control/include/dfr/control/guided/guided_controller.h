@@ -51,7 +51,7 @@ namespace dfr::control {
 /// docs/recovery.md derives the method. Next() neither allocates nor locks.
 class GuidedController final : public Controller {
  public:
-  /// Borrows the policy and what `task` does.
+  /// Borrows the policy and everything that `task` borrows.
   /// @throws std::invalid_argument if sizes differ, or an option is out of range.
   GuidedController(const core::Policy& policy, const TaskView& task,
                    const GuidedOptions& options = {});
@@ -59,32 +59,32 @@ class GuidedController final : public Controller {
   [[nodiscard]] int state_dim() const noexcept override { return policy_->state_dim(); }
   [[nodiscard]] int control_dim() const noexcept override { return policy_->control_dim(); }
 
-  /// Takes the place of `present`, a policy of the same model and options, in state `x`: what
-  /// PassesNext() then says is what `present` would do from there on, which itself stays as it is.
+  /// Copies the situation of `present`, a controller of the same model and options, in state `x`.
+  /// PassesNext() then predicts the decisions of `present`, which does not change.
   void Foresee(const GuidedController& present, std::span<const double> x) noexcept;
-  /// Whether `control` would pass as it is and is predicted to end inside, at step 1's level; false
-  /// once an answer was false. The next call is about the state that this control is predicted to
-  /// lead to. From Foresee() on Next() must not be called. Neither allocates nor locks.
+  /// Returns true if `control` would pass unchanged and is predicted to end inside, at the level of
+  /// step 1. After the first false, all results are false. The next call starts in the predicted
+  /// state. Do not call Next() after Foresee(). Neither allocates nor locks.
   [[nodiscard]] bool PassesNext(std::span<const double> control) noexcept;
 
-  /// Says that `u` (control_dim() finite entries) was applied in place of the control that the last
-  /// Next() gave: by a policy that the controller only watches, or by a robot with limits of its
-  /// own. Call it before the next Next(), at most once. What is learned and the phase then follow
-  /// from `u`; a controller that has halted stays halted. Neither allocates nor locks.
+  /// Reports that `u` (control_dim() finite entries) was applied instead of the control of the last
+  /// Next(): by a policy that the controller only monitors, or by a robot with other limits. Call
+  /// it before the next Next(), at most once. The estimate and the phase are then updated with `u`.
+  /// A halted controller stays halted. Neither allocates nor locks.
   void Applied(std::span<const double> u) noexcept;
 
-  /// J of the last Next() that needed one, in features per Response::control_unit().
+  /// Returns J of the last Next() that computed one, in features per Response::control_unit().
   [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return estimate_.jacobian(); }
 
  private:
   void DoReset(std::uint64_t seed) noexcept override;
   [[nodiscard]] Step DoNext(std::span<const double> x, std::span<double> u) noexcept override;
 
-  /// Learns from what the last control led to, and tells z_, which the next control will meet.
+  /// Updates the estimate with the effect of the last control, and computes z_.
   void See(std::span<const double> x) noexcept;
-  /// Level and phase at z_; with a cause if the episode ends here.
+  /// Computes level and phase at z_, and a cause if the episode ends here.
   [[nodiscard]] Step Look() noexcept;
-  /// Chooses v_ in place of the learned control `u`, and writes it there if it is another one.
+  /// Chooses v_ from the learned control `u`. Writes it to `u` if it differs.
   [[nodiscard]] Step Decide(Step step, std::span<double> u) noexcept;
   [[nodiscard]] bool DeepInside(double level) const noexcept;
   void Advance(double level) noexcept;
@@ -98,18 +98,19 @@ class GuidedController final : public Controller {
   StateObserver observer_;
   SafetyFilter filter_;
   PhaseTracker tracker_;
-  PhaseTracker chose_in_;  ///< tracker_ as it was when the last control was chosen.
+  PhaseTracker chose_in_;  ///< Copy of tracker_ from before the last choice of a control.
 
   Progress progress_;
-  bool computed_ = false;  ///< estimate_, since DoReset().
-  double at_edge_ = 0.0;   ///< Recent steps at the edge that passed, by guided::kEdgeMemory.
+  bool computed_ = false;  ///< estimate_ was computed since DoReset().
+  double at_edge_ = 0.0;   ///< Number of recent steps that passed at the edge, with forgetting
+                           ///< guided::kEdgeMemory.
   Eigen::VectorXd z_;
-  Eigen::VectorXd v_;  ///< The control that is applied, from then on the one applied last.
+  Eigen::VectorXd v_;  ///< The control of this step; after the step, the last applied control.
   Eigen::VectorXd seen_;
   Eigen::VectorXd last_seen_;
   Eigen::VectorXd dz_;
   Eigen::VectorXd learned_;
-  Eigen::VectorXd foreseen_;  ///< PassesNext()'s control.
+  Eigen::VectorXd foreseen_;  ///< The control of PassesNext().
 };
 
 }  // namespace dfr::control

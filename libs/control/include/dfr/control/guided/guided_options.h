@@ -9,59 +9,57 @@
 
 namespace dfr::control {
 
-/// Options for GuidedController: what the task says, then five constants that are meant for every
-/// task, and switches for ablations. Levels are values of l, controls are in units of the
-/// demonstrations' root mean square.
+/// Options for GuidedController: properties of the task, then five constants for all tasks, and
+/// switches for ablations. Levels are values of l, controls are in units of the root mean square of
+/// the demonstrated ones.
 struct GuidedOptions {
-  int horizon = 100;        ///< T: time steps of the learned policy in an episode, > 0.
-  int first_step = 0;       ///< Time step and phase that an episode begins with, in [0, T).
-  int max_controls = 1200;  ///< In an episode, of any kind, > 0.
-  /// Each entry of an applied control is within +- this, >= 0: one limit for all, or one each.
+  int horizon = 100;        ///< T: number of the learned policy's time steps in an episode, > 0.
+  int first_step = 0;       ///< First time step and phase of an episode, in [0, T).
+  int max_controls = 1200;  ///< Maximum number of controls of any kind in an episode, > 0.
+  /// Largest absolute value of each entry of an applied control, >= 0: one for all, or one each.
   std::vector<double> control_limit = {1.0};
-  /// Where something else moves the world: the time that controls take, |v| = 1 an ordinary one.
+  /// Durations of controls, if something else moves the world. |v| = 1 is an ordinary control.
   DisturbanceModel disturbance_model = {};
 
-  /// Gradients of l in one step, >= 0. Fewer decide faster and reach less where the learned control
-  /// is far off; 0 changes nothing and leaves the learned control alone.
+  /// Number of gradients of l in one step, >= 0. Fewer are faster and correct distant controls
+  /// less. 0 leaves the learned control unchanged.
   int iterations = 6;
-  /// Where no control is predicted to end inside, the best one passes down to this multiple of
-  /// Levels::slack() outside, at most .8 in all: what no control can mend, an object off to
-  /// the side, must not stop the task. More completes more and collides more.
+  /// If no control is predicted to end inside, the best one passes if it ends outside by at most
+  /// this multiple of Levels::slack(), and at most .8. An offset that no control can correct, such
+  /// as an object to the side, then does not stop the task. Larger values complete more episodes
+  /// and collide more.
   double max_exit_ratio = 2.0;
-  /// HaltRule::patience. More completes little and collides more.
+  /// HaltRule::patience. Larger values complete few more episodes and collide more.
   int patience = 12;
-  /// Where the learned control passes as it is. True: where it is predicted to end inside
-  /// (Levels::pass), so that a good policy drives and is corrected at the boundary
-  /// alone. False: where it is predicted to end deep inside (Levels::gate); elsewhere what
-  /// demonstrations did nearby comes first, so that demonstrations drive and the policy hardly
-  /// matters.
+  /// Level at which the learned control passes unchanged. True: Levels::pass, just inside; a good
+  /// policy is corrected only at the boundary. False: Levels::gate, deep inside; elsewhere the
+  /// nominal control of nearby demonstrations comes first, and the policy has little influence.
   bool least_intervention = false;
-  /// Size of a probe, >= 0: above the noise of observations and what drifts meanwhile, below what a
-  /// wrong direction may cost. 0: directions of control that nobody has used stay unknown.
+  /// Norm of a probe, >= 0. Must exceed the noise of observations and the disturbance during a
+  /// control, and be small enough in a wrong direction. 0: directions without demonstrated controls
+  /// stay unknown.
   double probe_size = 0.35;
-  /// Not to be tuned. Weight of an applied control as a measurement of J, relative to the
-  /// demonstrations' (in ResponseOptions), >= 0. 0: J is the demonstrations' alone.
+  /// For ablations. Weight of an applied control as a measurement of J, relative to demonstrations
+  /// (ResponseOptions), >= 0. 0: J comes from demonstrations alone.
   double online_weight = 1.0;
-  /// Not to be tuned. Whether what demonstrations did nearby is tried before the learned control is
-  /// changed.
+  /// For ablations. Tries the nominal control of nearby demonstrations before changing the learned
+  /// one.
   bool demonstrated = true;
-  /// Not to be tuned. Whether features may move by themselves, where demonstrations say so
-  /// (Response::has_drift()).
+  /// For ablations. Estimates a drift if demonstrations show one (Response::has_drift()).
   bool drift = true;
-  /// Not to be tuned. Whether late effects are found and noise in what is seen is smoothed
-  /// (StateObserver).
+  /// For ablations. Estimates the lag and smooths observations (StateObserver).
   bool observer = true;
 };
 
-/// The parts of guided recovery that can be taken out, for ablations: "filter", "exit-level",
+/// Returns the parts of guided recovery that can be removed for ablations: "filter", "exit-level",
 /// "demonstrated", "online-jacobian" (and the probes for it), "drift", "observer", and
 /// "disturbance", the disturbance_model of a task that has one.
 [[nodiscard]] std::span<const std::string_view> GuidedPartNames() noexcept;
-/// The options with these parts at their neutral values; "filter+exit-level" takes out both.
-/// @throws std::invalid_argument naming the part that does not exist, and those that do.
+/// Returns the options with these parts at neutral values; "filter+exit-level" removes both.
+/// @throws std::invalid_argument naming the unknown part and the valid ones.
 [[nodiscard]] GuidedOptions Without(GuidedOptions options, std::string_view parts);
-/// What its controls have to respect, |u| = control_unit |v|.
-/// @throws std::invalid_argument if there are not as many limits as controls.
+/// Returns the limits of its controls, |u| = control_unit |v|.
+/// @throws std::invalid_argument unless there is one limit or one per entry of a control.
 [[nodiscard]] StepLimits Limits(const GuidedOptions& options, int control_dim, double control_unit);
 /// @throws std::invalid_argument naming the option that is out of range.
 void Check(const GuidedOptions& options);

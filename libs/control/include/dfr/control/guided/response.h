@@ -12,11 +12,12 @@
 
 namespace dfr::control {
 
-/// Demonstrations in features: one matrix of points (T + 1 rows) and one of controls (T rows) each.
+/// Demonstrations in features: for each, one matrix of points (T + 1 rows) and one of controls (T
+/// rows).
 struct FeatureTrajectories {
   FeatureTrajectories() = default;
-  /// @throws std::invalid_argument naming the demonstration that has not one state more than
-  ///   controls, or a non-finite entry.
+  /// @throws std::invalid_argument naming the demonstration whose number of states is not its
+  /// number of controls plus 1, or which has a non-finite entry.
   FeatureTrajectories(const core::FeatureTransform& features,
                       std::span<const core::Trajectory> demonstrations);
 
@@ -24,17 +25,17 @@ struct FeatureTrajectories {
   std::vector<core::Matrix> controls;
 };
 
-/// How features answered controls in demonstrations. A value; immutable, copies share the
+/// Response of features to controls in demonstrations. A value; immutable, copies share the
 /// transitions.
 class Response {
  public:
-  /// @throws std::invalid_argument if shapes do not fit, no control differs from zero, or an option
-  ///   is out of range.
+  /// @throws std::invalid_argument if shapes do not match, all controls are zero, or an option is
+  /// out of range.
   explicit Response(const FeatureTrajectories& demonstrations, const ResponseOptions& options = {});
 
-  /// Appends all of it to a file.
+  /// Appends this object to a file.
   void Save(core::ArchiveWriter& archive) const;
-  /// Reads what Save() wrote. @throws std::runtime_error naming the file and what is wrong with it.
+  /// Reads what Save() wrote. @throws std::runtime_error naming the file and its defect.
   static Response Load(core::ArchiveReader& archive);
 
   [[nodiscard]] int feature_dim() const noexcept { return prior_->feature_dim(); }
@@ -42,13 +43,13 @@ class Response {
   [[nodiscard]] const std::shared_ptr<const TransitionStore>& prior() const noexcept {
     return prior_;
   }
-  /// us, the root mean square of |u|: the unit of v = u / us.
+  /// Returns us, the root mean square of |u|: the unit of v = u / us.
   [[nodiscard]] double control_unit() const noexcept { return control_unit_; }
-  /// Largest demonstrated |v|.
+  /// Returns the largest demonstrated |v|.
   [[nodiscard]] double largest_control() const noexcept { return largest_; }
-  /// Whether features move by themselves: what they do explains, of demonstrations that an estimate
-  /// has not seen, at least 40 % of what controls leave unexplained. Where it explains less, the
-  /// estimate is better without.
+  /// Returns true if features move without controls: on held-out demonstrations, a drift explains
+  /// at least 40 % of the variance unexplained by controls. Otherwise the estimate is more accurate
+  /// without.
   [[nodiscard]] bool has_drift() const noexcept { return has_drift_; }
 
  private:

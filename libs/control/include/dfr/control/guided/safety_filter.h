@@ -12,29 +12,30 @@
 
 namespace dfr::control {
 
-/// The recovery of GuidedController, its steps 1 to 4: decides whether a learned control passes,
-/// and what takes its place. What it knows comes from the estimate of J; nothing is remembered from
-/// one call to the next. Never allocates, locks or throws; one object belongs to one thread.
+/// Steps 1 to 4 of GuidedController: passes, changes or replaces a learned control. Results depend
+/// only on the arguments, not on previous calls. Never allocates, locks or throws; one object
+/// belongs to one thread.
 class SafetyFilter {
  public:
-  /// Borrows what `task` does. The options are checked ones.
+  /// Borrows everything that `task` borrows. The options must have passed Check().
   SafetyFilter(const TaskView& task, const GuidedOptions& options);
 
   struct Choice {
     Mode mode = Mode::kPolicy;
-    double level = 0.0;  ///< That v is predicted to reach in the next phase; 0 where tolerated.
-    double learned = std::numeric_limits<double>::quiet_NaN();  ///< The same of the learned one.
+    double level = 0.0;  ///< Predicted level of v in the next phase.
+    double learned = std::numeric_limits<double>::quiet_NaN();  ///< Same, of the learned control.
   };
-  /// At features `z`, about which `estimate` was computed last, with the learned control `v` within
-  /// the limits: `v` becomes the control that is to be applied. `target` is the next phase, and hi
-  /// there; a `v` that is predicted to reach `pass` there is left as it is, and so is one whose
-  /// correction would be idle: it would end outside too, would change `v` by no more than
-  /// guided::kIdle and gain no more than target.level - pass. kRecovery: `v` does not come from the
-  /// learned control. kProbe: `v` is there to find out what it does.
+  /// Changes the learned control `v`, which must be within the limits, to the control to apply at
+  /// features `z`, for which `estimate` was computed last. `target` is the next phase and its hi.
+  /// `v` is unchanged if its predicted level there is at least `pass_level`. It is also unchanged
+  /// if the corrected control would end outside too, differs by at most guided::kIdle and gains at
+  /// most target.level - pass_level. kRecovery: `v` does not come from the learned control. kProbe:
+  /// `v` is a probe.
   [[nodiscard]] Choice Filter(ResponseEstimate& estimate, std::span<const double> z,
-                              const StepTarget& target, double pass, Eigen::VectorXd& v) noexcept;
+                              const StepTarget& target, double pass_level,
+                              Eigen::VectorXd& v) noexcept;
 
-  /// GuidedOptions::max_exit_ratio as a level: how far outside a support what passes may end, >= 0.
+  /// Returns the exit level >= 0: a control that passes may end outside by at most this.
   [[nodiscard]] double max_exit_level() const noexcept { return max_exit_level_; }
 
  private:
@@ -49,11 +50,11 @@ class SafetyFilter {
   StepLimits limits_;
   double max_exit_level_;
   double probe_size_;
-  bool demonstrates_;  ///< Demonstrated controls are tried.
+  bool demonstrates_;  ///< Tries demonstrated controls.
   bool disturbed_;
   Eigen::VectorXd trial_;
   Eigen::VectorXd demonstrated_;
-  Eigen::VectorXd learned_;  ///< The control that a correction began with.
+  Eigen::VectorXd learned_;  ///< The learned control before its correction.
 };
 
 }  // namespace dfr::control

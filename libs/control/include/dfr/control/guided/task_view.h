@@ -8,16 +8,16 @@
 
 namespace dfr::control {
 
-/// What guided recovery knows of a task. Borrows all of it; safety::TaskModel owns one.
+/// The parts of a task that guided recovery uses. Borrows them; safety::TaskModel owns them.
 class TaskView {
  public:
   TaskView(const core::FeatureTransform& features, const core::LogDecisionFunction& support,
            const Levels& levels, const Response& response) noexcept
       : features_(&features), support_(&support), levels_(&levels), response_(&response) {}
 
-  /// z of a state.
+  /// Returns the map from a state to z.
   [[nodiscard]] const core::FeatureTransform& features() const noexcept { return *features_; }
-  /// l_t(z)
+  /// Returns l_t(z).
   [[nodiscard]] const core::LogDecisionFunction& support() const noexcept { return *support_; }
   [[nodiscard]] const Levels& levels() const noexcept { return *levels_; }
   [[nodiscard]] const Response& response() const noexcept { return *response_; }
@@ -29,10 +29,10 @@ class TaskView {
   const Response* response_;
 };
 
-/// @throws std::invalid_argument if parts of `task` do not fit each other.
+/// @throws std::invalid_argument if the dimensions of the parts of `task` differ.
 void CheckFits(const TaskView& task);
-/// @throws std::invalid_argument if parts of `task` or the sizes of a policy do not fit, or there
-///   are more than kMaxStepEntries features or control entries.
+/// @throws std::invalid_argument if the dimensions of the parts of `task` or the policy differ, or
+/// there are more than kMaxStepEntries features or control entries.
 void CheckFits(const core::Policy& policy, const TaskView& task);
 
 }  // namespace dfr::control

@@ -10,39 +10,40 @@
 
 namespace dfr::control {
 
-/// Options for TransitionStore, and for the ResponseEstimate that begins with it.
+/// Options for TransitionStore and its ResponseEstimate.
 struct ResponseOptions {
-  double ridge = 0.02;         ///< Pulls J to zero where nothing is known, > 0.
-  double drift_ridge = 1.0;    ///< Pulls the drift at z to zero, > 0: controls explain first.
-  double slope_ridge = 10.0;   ///< Pulls its slopes to zero, > 0.
+  double ridge = 0.02;         ///< Ridge of J, > 0.
+  double drift_ridge = 1.0;    ///< Ridge of the drift at z, > 0.
+  double slope_ridge = 10.0;   ///< Ridge of the slopes of the drift, > 0.
   double prior_weight = 15.0;  ///< Total weight of the demonstrations' transitions, >= 0.
-  int window = 5;              ///< Transitions of the time steps t - window ... t + window count.
-  int max_per_step = 48;       ///< Most transitions kept of one time step: bounds the time.
-  double forgetting = 0.93;    ///< Weight that an applied control keeps at the next, in [0, 1).
+  int window = 5;              ///< Uses transitions of the time steps t - window ... t + window.
+  int max_per_step =
+      48;  ///< Maximum number of transitions per time step; bounds the computing time.
+  double forgetting = 0.93;  ///< Factor on the weight of earlier controls, in [0, 1).
 };
 
-/// Demonstrated transitions; immutable, shared by all estimates made from them.
+/// Demonstrated transitions; immutable, shared by their estimates.
 ///
 /// Controls are v = u / us, us the root mean square of |u|, so that 1 is an ordinary control.
 class TransitionStore {
  public:
-  /// Weights of transitions are exp(-kBandwidth |z_i - z|^2 / n), n features. Wider ones take J
-  /// from where it is another, narrower ones from so few that it is noise.
+  /// Weights of transitions are exp(-kBandwidth |z_i - z|^2 / n) with n features. Wider ones mix
+  /// regions with different J; narrower ones leave too few transitions.
   static constexpr double kBandwidth = 0.5;
-  /// Transitions that say what demonstrations did, which depends on where; and more, kSpread, that
-  /// say what J is, which varies little.
+  /// Number of transitions for the demonstrated control, which depends strongly on z, and for J,
+  /// which varies little.
   static constexpr int kNearest = 64;
   static constexpr int kSpread = 264;
 
-  /// One matrix of features (T_i + 1 x n) and of controls (T_i x m), in units of us, a
-  /// demonstration. Transitions with a zero control are left out.
-  /// @throws std::invalid_argument if shapes do not fit or an option is out of range.
+  /// @param features  one matrix (T_i + 1 x n) per demonstration. @param controls  one matrix (T_i
+  /// x m) per demonstration, in units of us. Transitions with a zero control are ignored.
+  /// @throws std::invalid_argument if shapes do not match or an option is out of range.
   TransitionStore(std::span<const core::Matrix> features, std::span<const core::Matrix> controls,
                   const ResponseOptions& options);
 
-  /// Appends all of it to a file.
+  /// Appends this object to a file.
   void Save(core::ArchiveWriter& archive) const;
-  /// Reads what Save() wrote. @throws std::runtime_error naming the file and what is wrong with it.
+  /// Reads what Save() wrote. @throws std::runtime_error naming the file and its defect.
   static TransitionStore Load(core::ArchiveReader& archive);
 
   [[nodiscard]] int feature_dim() const noexcept { return feature_dim_; }
@@ -50,52 +51,52 @@ class TransitionStore {
   [[nodiscard]] const ResponseOptions& options() const noexcept { return options_; }
 
   /// Sums over the transitions near a time step and a state z, with r = [z_i - z; 1; v_i; dz_i] and
-  /// weights w that fall with the distance to z and sum to prior_weight. To be made by
+  /// weights w that decrease with the distance to z and sum to prior_weight. Create it with
   /// MakeWorkspace().
   struct Workspace {
-    Eigen::VectorXf z;  ///< Then zeros, to the width of a row.
-    int first = 0;      ///< Transition,
-    int rows = 0;       ///< and how many of them are near in time.
+    Eigen::VectorXf z;  ///< Padded with zeros to the width of a row.
+    int first = 0;      ///< First transition that is near in time.
+    int rows = 0;       ///< Number of these transitions.
     Eigen::VectorXf distances;
-    Eigen::VectorXd weights;  ///< One a transition, to be multiplied
-    double factor = 1.0;      ///< by this, for sums that J is made from.
-    Eigen::VectorXi spread;   ///< Those that J is made from,
-    int used = 0;             ///< so many,
-    Eigen::VectorXi nearest;  ///< and those nearest to z.
+    Eigen::VectorXd weights;  ///< One per transition, without `factor`.
+    double factor = 1.0;      ///< Factor of the weights in sums for J.
+    Eigen::VectorXi spread;   ///< Indices of the transitions for J.
+    int used = 0;             ///< Number of entries of `spread`.
+    Eigen::VectorXi nearest;  ///< Indices of the transitions nearest to z.
     Eigen::VectorXf left;     ///< w [v_i; z_i - z; 1], row by row.
     Eigen::VectorXf right;    ///< r, row by row.
-    /// sum w v_i r' in the rows from 0, of which z_i - z is not asked for; sum w [z_i - z; 1] r' in
-    /// those from `states`.
+    /// sum w v_i r' in the rows from 0, without the columns of z_i - z, and sum w [z_i - z; 1] r'
+    /// in the rows from `states`.
     Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> sums;
     int states = 0;
   };
   [[nodiscard]] Workspace MakeWorkspace() const;
-  /// Sums over transitions near time step `t`, those of its last one where demonstrations end
-  /// before, of v_i alone. @returns false if there is no transition, or z is not finite.
+  /// Computes the sums of v_i over transitions near time step `t`, or near the last one if `t` is
+  /// later. @returns false if there is no transition or z is not finite.
   bool SumControls(int t, std::span<const double> z, Workspace& workspace) const noexcept;
-  /// Sums of [z_i - z; 1], after SumControls().
+  /// Computes the sums of [z_i - z; 1]. Call it after SumControls().
   void SumStates(Workspace& workspace) const noexcept;
-  /// The same of the nearest transitions alone, with weights that sum to whatever they do.
+  /// Same as above over the nearest transitions only, without normalization of the weights.
   void SumNearStates(Workspace& workspace) const noexcept;
 
  private:
   TransitionStore() = default;
   void SumRows(const Eigen::VectorXi& indices, int count, double factor,
                Workspace& workspace) const noexcept;
-  /// First and last transition, exclusive, of time steps t - window ... t + window.
+  /// Returns the first and the last transition, exclusive, of time steps t - window ... t + window.
   [[nodiscard]] std::pair<int, int> Near(int t) const noexcept;
-  /// Entries of a row of transitions_.
+  /// Returns the number of entries of a row of transitions_.
   [[nodiscard]] int Width() const noexcept;
-  /// Fills points_ and largest_, once transitions_ and begin_ are.
+  /// Fills points_ and largest_ from transitions_ and begin_.
   void Finish();
 
   ResponseOptions options_;
   int feature_dim_ = 0;
   int control_dim_ = 0;
-  std::vector<int> begin_;  ///< Row at which time step t begins; one more entry at the end.
-  int largest_ = 0;         ///< Most transitions that Near() gives.
-  /// [z, 1, v, dz] of each transition in order of time, then zeros. In float, because sums over
-  /// transitions are most of the work.
+  std::vector<int> begin_;  ///< First row of time step t; one more entry at the end.
+  int largest_ = 0;         ///< Maximum number of transitions in Near().
+  /// [z, 1, v, dz] of each transition in order of time, padded with zeros. In float, because sums
+  /// over transitions take most of the time.
   Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> transitions_;
   Eigen::MatrixXf points_;  ///< The z of transitions_, by columns; then rows of zeros.
 };

@@ -13,16 +13,16 @@ struct DfrOptions {
   double step_fraction = 1.0 / 50.0;    ///< |u_R| = step_fraction |g_t(x_delta)| / lambda_t
 };
 
-/// Derivative-Free Recovery (Algorithm 1, lines 5-12). Each iteration applies two controls: a
-/// probe u_delta in a direction drawn uniformly, then eta along it, or against it where the probe
-/// did not raise g.
+/// Derivative-Free Recovery (Algorithm 1, lines 5-12). Each iteration applies two controls: a probe
+/// u_delta in a uniformly random direction, then a step of size eta along it, or against it if the
+/// probe did not raise g.
 ///
-/// The text asks for |u_delta| << g/lambda and 0 < eta < g(x_t)/lambda; the experiments' code sets
-/// both as in DfrOptions, eta from |g| at the probed state. Where lambda is a true bound (LK), that
-/// keeps Prop. IV.3 for any fractions in (0, 1): the probe leaves g(x_delta) >=
-/// (1 - probe_fraction) g(x_t), the step at least (1 - step_fraction) of that.
-/// Where it is not, a probe may end outside: g(x_delta) < 0. The step is then taken all the same,
-/// back along the probe, and the gate decides in the state it leads to.
+/// The paper requires |u_delta| << g/lambda and 0 < eta < g(x_t)/lambda. The code of its
+/// experiments sets both as in DfrOptions, with eta from |g| at the probed state. If lambda is a
+/// true bound (LK), Prop. IV.3 holds for any fractions in (0, 1): the probe leaves g(x_delta) >= (1
+/// - probe_fraction) g(x_t), and the step leaves at least (1 - step_fraction) of that. Otherwise a
+/// probe may end outside: g(x_delta) < 0. The step then goes back along the probe, and the gate
+/// decides in the resulting state.
 class DerivativeFreeRecovery final : public RecoveryStrategy {
  public:
   /// @throws std::invalid_argument if control_dim < 1 or an option is out of range.

@@ -9,12 +9,12 @@
 
 namespace dfr::control {
 
-/// Guided recovery's step as a RecoveryStrategy, in place of DFR's probes: from v = 0 towards the
-/// gate level of the present support, with a J that learns from the recovery's own controls. One
-/// control an iteration. Where J shows no way up there is no direction.
+/// Guided recovery's step as a RecoveryStrategy, in place of DFR's probes. It ascends from v = 0
+/// towards the gate level of the present support, with a J that is updated by the recovery's
+/// controls. Each iteration applies one control. kHalt if J gives no direction of ascent.
 class GradientRecovery final : public RecoveryStrategy {
  public:
-  /// Borrows what `task` does. Each entry of a control is within +- `control_limit`.
+  /// Borrows everything that `task` borrows. Each entry of a control is within +- `control_limit`.
   /// @throws std::invalid_argument unless control_limit > 0.
   explicit GradientRecovery(const TaskView& task, double control_limit = 1.0);
 

@@ -7,17 +7,17 @@
 
 namespace dfr::control {
 
-/// Where a recovery stands when it is asked for its next control.
+/// State of a recovery at the request for its next control.
 struct RecoverySituation {
-  int t = 0;                  ///< The time step, the same during a recovery.
+  int t = 0;                  ///< The time step; constant during a recovery.
   int iteration = 0;          ///< From 0; a recovery begins at 0.
   std::span<const double> x;  ///< The present state.
-  double g = 0.0;             ///< g_t(x), finite; > 0 unless a probe has just been applied.
+  double g = 0.0;             ///< g_t(x), finite; > 0 except directly after a probe.
   double lambda = 0.0;        ///< lambda_t, > 0.
 };
 
-/// What SwitchingController does while its gate is shut, one control a call. Like the controller
-/// that owns it, never allocates, locks or throws, and belongs to one thread.
+/// Chooses the controls of SwitchingController while its gate is closed, one per call. Like the
+/// controller that owns it, never allocates, locks or throws, and belongs to one thread.
 class RecoveryStrategy {
  public:
   virtual ~RecoveryStrategy() = default;
@@ -25,9 +25,9 @@ class RecoveryStrategy {
   /// Starts an episode.
   virtual void Reset(std::uint64_t seed) noexcept = 0;
 
-  /// Writes a control to `u` and says what it is: kProbe is followed by a further call in the state
-  /// it led to, kRecovery ends the iteration and the gate is looked at again, kHalt means that
-  /// there is no direction to go.
+  /// Writes a control to `u` and returns its kind: after kProbe the controller calls again in the
+  /// resulting state, kRecovery ends the iteration, after which the controller checks the gate, and
+  /// kHalt reports that there is no direction of ascent.
   [[nodiscard]] virtual Mode Next(const RecoverySituation& situation,
                                   std::span<double> u) noexcept = 0;
 };

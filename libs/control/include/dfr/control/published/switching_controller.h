@@ -12,9 +12,9 @@
 
 namespace dfr::control {
 
-/// What SwitchingController does near the boundary of the support: the methods of Sec. V-A.
+/// Behaviour of SwitchingController near the boundary of the support: the methods of Sec. V-A.
 enum class Recovery {
-  kNone,           ///< Baseline: the learned policy alone. Never looks at g.
+  kNone,           ///< Baseline: the learned policy alone. Never evaluates g.
   kEarlyStopping,  ///< Halts.
   kDfr,            ///< DerivativeFreeRecovery.
 };
@@ -25,45 +25,44 @@ enum class Recovery {
 /// Options for SwitchingController. Defaults are the constants of the paper's experiments.
 struct SwitchingControllerOptions {
   Recovery recovery = Recovery::kDfr;
-  int horizon = 100;         ///< T: the policy's controls in an episode, > 0.
-  int first_step = 0;        ///< t of an episode's first control, in [0, T): to begin in mid-task.
-  int max_iterations = 500;  ///< In one recovery, > 0; the policy then halts.
+  int horizon = 100;         ///< T: number of the policy's controls in an episode, > 0.
+  int first_step = 0;        ///< t of an episode's first control, in [0, T).
+  int max_iterations = 500;  ///< Maximum in one recovery, > 0; the controller then halts.
   DfrOptions dfr = {};
 };
 
 /// Algorithm 1, one control at a time. In state x at time step t, with u = pi(x):
 ///   g_t(x) > lambda_t |u|   applies u, then t <- t + 1 (after T of them: halts, kTimeUp);
 ///   g_t(x) <= 0             halts, kOutsideSupport;
-///   otherwise               recovers: t stays, and the gate is looked at again after each
-///   iteration
-///                           with a new u; after max_iterations of them it halts, kIterationLimit.
-///                           Early stopping halts at once, kEarlyStopping.
-///
-/// Where this is more than, or apart from, the printed algorithm:
-/// - It says nothing of g <= 0. The size of its probe, g/lambda up to a factor, is then zero or
-///   meaningless: nothing that it may do can bring the state back, so it halts, as its authors did.
-/// - The limit of iterations is in the text (Sec. V-A), not in the algorithm.
-/// - The proof of Prop. IV.3 takes g_{t+1}(x_{t+1}) >= g_t(x_t) - LK|u_t|, yet Lipschitz continuity
-///   bounds the change of one g. The guarantee therefore holds for supports that do not depend on
-///   t, or as long as t does not advance. With one estimate per time step the gate is, as printed,
-///   on g_t alone; the state after a step is still in B_t, and hence safe if B_t is, but need not
-///   be in B_{t+1}, where this policy then halts.
+///   otherwise               recovers: t stays, and after each iteration the gate is checked with a
+///                           new u. Halts after max_iterations, kIterationLimit. Early stopping
+///                           halts at once, kEarlyStopping.
+/// Differences from the printed algorithm:
+/// - The paper does not treat g <= 0. The size of the probe, a multiple of g/lambda, is then zero
+/// or negative, and no allowed control can bring the state back. This class halts, as the authors'
+/// code does.
+/// - The paper states the limit of iterations in Sec. V-A, not in the algorithm.
+/// - The proof of Prop. IV.3 assumes g_{t+1}(x_{t+1}) >= g_t(x_t) - LK|u_t|, but Lipschitz
+/// continuity bounds the change of one g. The guarantee therefore holds for supports that do not
+/// depend on t, or while t does not advance. With one estimate per time step the gate uses g_t
+/// alone, as printed. The state after a step is still in B_t, and safe if B_t is, but may be
+/// outside B_{t+1}, where this controller halts.
 class SwitchingController final : public Controller {
  public:
   /// Borrows policy and support, which must outlive this. `lambda` has one value per time step, as
-  /// from EstimateLambda(), or just one; later time steps use the last. Recovery::kNone ignores
-  /// support's values and lambda.
-  /// @throws std::invalid_argument if sizes differ, a lambda is not positive and finite, or an
-  ///   option is out of range; the message names which.
+  /// EstimateLambda() returns, or a single value. Later time steps use the last one.
+  /// Recovery::kNone ignores the support's values and lambda.
+  /// @throws std::invalid_argument naming the argument whose size differs, the lambda that is not
+  /// positive and finite, or the option that is out of range.
   SwitchingController(const core::Policy& policy, const core::DecisionFunction& support,
                       std::span<const double> lambda,
                       const SwitchingControllerOptions& options = {});
-  /// The same with any strategy, which must not be null; `options.recovery` and `options.dfr` are
-  /// ignored.
+  /// Same as above with any strategy, which must not be null. Ignores `options.recovery` and
+  /// `options.dfr`.
   SwitchingController(const core::Policy& policy, const core::DecisionFunction& support,
                       std::span<const double> lambda, std::unique_ptr<RecoveryStrategy> strategy,
                       const SwitchingControllerOptions& options = {});
-  /// The same lambda at all time steps.
+  /// Same as above with one lambda for all time steps.
   SwitchingController(const core::Policy& policy, const core::DecisionFunction& support,
                       double lambda, const SwitchingControllerOptions& options = {});
 
