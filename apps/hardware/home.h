@@ -21,7 +21,7 @@ struct HomeOptions {
 
 /// Sends the Stewart platform home, for example if a killed program left it moving.
 /// @return the program's exit code: 1 if it was not confirmed, or was interrupted.
-/// @throws core::Error naming the port, what failed and the remedy.
+/// @throws core::Error naming the port, the failure and the remedy.
 int RunHome(const HomeOptions& options);
 
 }  // namespace dfr::apps::hardware_app

@@ -31,7 +31,7 @@ class Terminal {
 
 /// Brings up the robot of the configuration with its operator at the terminal: see
 /// RobotPlant::BringUp(). Terminal and recorder, which may be nullptr, must outlive it.
-/// @throws std::runtime_error with what is wrong.
+/// @throws std::runtime_error naming the device and its fault.
 [[nodiscard]] std::unique_ptr<RobotPlant> BringUpRobot(
     const RobotConfig& config, const line_task::LineCalibration& calibration,
     recording::Recorder* recorder, Terminal& terminal);

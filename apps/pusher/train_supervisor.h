@@ -30,7 +30,7 @@ struct TrainSupervisorOptions {
 /// min_steps it is evaluated every ten iterations, over 1000 start states that training does not
 /// use. Training ends when its mean action completes at least 99.5 % and collides in at most 0.2 %
 /// of them, and its samples complete at least 95 %. The saved policy is evaluated again over 1000
-/// other start states, and the result is printed. The supervisor.dfr beside this file is what
+/// other start states, and prints the result. The supervisor.dfr beside this file is what
 /// `pusher train-supervisor --seed 1` wrote: 282212 controls, 19 s.
 /// @return EXIT_SUCCESS, or EXIT_FAILURE if max_steps came first: `out` then holds the last policy.
 /// @throws std::runtime_error, std::invalid_argument for invalid options or files.

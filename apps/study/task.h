@@ -52,11 +52,11 @@ struct Task {
 /// "pusher", "planar-corridor", "planar-push", the gallery's tasks, "line-tracking". MakeTask()
 /// also knows "planar-push-weak", planar-push with a worse learner.
 [[nodiscard]] std::vector<std::string> TaskNames();
-/// @throws std::invalid_argument naming the tasks there are.
+/// @throws std::invalid_argument listing the valid names.
 [[nodiscard]] Task MakeTask(const std::string& name);
 /// Expands task names of a command line, each once: names, "all", or the gallery's groups
 /// "gallery", "design" or "held-out".
-/// @throws std::invalid_argument naming the tasks there are.
+/// @throws std::invalid_argument listing the valid names.
 [[nodiscard]] std::vector<std::string> SelectTasks(const std::vector<std::string>& words);
 
 /// Differences of the world from the demonstrated one.

@@ -6,7 +6,7 @@
 
 namespace dfr::python {
 
-/// An index as a time step. Integers beyond the range of int are not the next time step, whatever
+/// An index as a time step. Integers beyond the range of int are never the next time step, for any
 /// that is: -1.
 /// @throws pybind11::error_already_set if it is no index.
 [[nodiscard]] int StepOf(const pybind11::object& t);

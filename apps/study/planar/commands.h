@@ -12,7 +12,7 @@ class App;
 
 namespace dfr::study {
 
-/// Commands of a program, and what each does.
+/// Commands of a program, with their help texts.
 using Commands = std::vector<std::pair<CLI::App*, std::function<void()>>>;
 
 }  // namespace dfr::study

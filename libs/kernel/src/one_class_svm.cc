@@ -78,8 +78,8 @@ template <int kLines>
   }
 }
 
-// Fetches what a cold decision touches: the terms, their first blocks and the code of their sum.
-// The misses then overlap.
+// Prefetches the memory of a cold decision: the terms, their first blocks and the code of their
+// sum. The misses then overlap.
 template <typename T>
 [[gnu::always_inline]] inline void PrefetchSum(const internal::GaussianTerms<T>& terms) noexcept {
   Prefetch<3>(reinterpret_cast<std::uintptr_t>(&terms));

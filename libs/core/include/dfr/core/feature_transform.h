@@ -38,7 +38,7 @@ class FeatureTransform {
   /// Uses W = (Corr + ridge I)^(-1/2) diag(1/sd). Corr and sd describe how demonstrated states
   /// differ from their neighbours at the same time step (LocalScatter()), pooled over all t at
   /// which at least half of the demonstrations are still running. z therefore has about unit
-  /// variance across demonstrations, whatever the units. Progress of the task does not count as
+  /// variance across demonstrations, for any units. Progress of the task does not count as
   /// variance.
   /// @param demonstrations  one matrix of whole states each, rows in order of time.
   /// @throws std::invalid_argument if there are fewer than two demonstrations, their widths do not

@@ -101,7 +101,8 @@ class RotationFinder {
 /// "object[2:6]": adjacent entries of one block as users name them.
 [[nodiscard]] std::string EntryRange(const StateLayout& layout, int first, int size);
 
-/// One or two sentences for a warning or a report: what it is, and the remedy if one is needed.
+/// Describes the rotation in one or two sentences for a warning or a report, with the remedy if one
+/// is needed.
 [[nodiscard]] std::string Describe(const Rotation& rotation, const StateLayout& layout);
 
 }  // namespace dfr::core

@@ -14,7 +14,7 @@ namespace dfr::core {
 /// of the same pose map to the same bits, and a mapped state maps to itself. All other entries stay
 /// as they are.
 ///
-/// Immutable. No call allocates or throws, unless it says so.
+/// Immutable. No call allocates or throws unless documented.
 class StateMap {
  public:
   struct Quaternion {
@@ -34,8 +34,8 @@ class StateMap {
   StateMap(std::vector<Quaternion> quaternions, std::vector<Angle> angles);
   /// Appends all of it to a file.
   void Save(ArchiveWriter& archive) const;
-  /// Reads what Save() wrote for states of `state_dim` entries.
-  /// @throws std::runtime_error naming the file and what is wrong with it.
+  /// Reads the data of Save() for states of `state_dim` entries.
+  /// @throws std::runtime_error naming the file and its defect.
   static StateMap Load(ArchiveReader& archive, int state_dim);
 
   [[nodiscard]] bool empty() const noexcept { return quaternions_.empty() && angles_.empty(); }

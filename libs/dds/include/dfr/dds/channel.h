@@ -63,9 +63,9 @@ class Publisher {
 
   /// Sends a message. Returns false if DDS could not accept it within 100 ms.
   bool Write(const T& message) noexcept;
-  /// Waits until all subscribers have acknowledged what was written, at most `timeout_s`. Returns
-  /// true if they have. A publisher that is destroyed earlier takes samples along that a subscriber
-  /// has not received.
+  /// Waits until all subscribers have acknowledged all written samples, at most `timeout_s`.
+  /// Returns true if they have. A publisher that is destroyed earlier takes samples along that a
+  /// subscriber has not received.
   bool WaitUntilReceived(double timeout_s) noexcept;
   /// Returns the number of subscribers matched now.
   [[nodiscard]] int num_subscribers() const noexcept;

@@ -33,7 +33,7 @@ struct SecurityFiles {
 /// expired, not yet valid, or for another participant.
 /// @return the participant's name from its certificate.
 /// @param now  time at which all files must be valid.
-/// @throws std::runtime_error naming the file, what is wrong with it, and the remedy.
+/// @throws std::runtime_error naming the file, its defect and the remedy.
 std::string CheckSecurity(const std::filesystem::path& folder,
                           std::time_t now = std::time(nullptr));
 

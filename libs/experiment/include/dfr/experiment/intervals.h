@@ -110,10 +110,10 @@ struct PairedCounts {
 };
 
 /// A method against a reference. With fewer than 5 collisions of the method, of which a variance
-/// says too little, the interval of the reduction includes RateRatioInterval()'s as well, with the
-/// reference's collisions divided by their dispersion between units. Absent where the reference has
-/// no event to divide by; an interval is absent too where RatioInterval() is, unless it is one of
-/// fewer than 5 collisions and units can vary: then it is RateRatioInterval()'s alone.
+/// has too few events, the interval of the reduction includes RateRatioInterval()'s as well, with
+/// the reference's collisions divided by their dispersion between units. Absent where the reference
+/// has no event to divide by; an interval is absent too where RatioInterval() is, unless it is one
+/// of fewer than 5 collisions and units can vary: then it is RateRatioInterval()'s alone.
 struct PairedContrast {
   std::optional<double> collision_reduction;  ///< 1 - collisions / reference's
   std::optional<Interval> collision_reduction_interval;

@@ -50,7 +50,7 @@ struct Contrast {
   std::string learner;
   PairedContrast ratios;
   /// The clusters of the intervals: "supervisors" from 5 of them on, "trials", or "episodes" of
-  /// each trial with fewer than 5 trials. The last say nothing of how trials differ.
+  /// each trial with fewer than 5 trials. The last ignore the variation between trials.
   std::string clusters;
   std::optional<double> seconds_ratio;   ///< Seconds per trajectory / reference's.
   std::optional<double> controls_ratio;  ///< Controls per trajectory / reference's.

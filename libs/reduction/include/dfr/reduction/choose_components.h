@@ -9,7 +9,7 @@
 
 namespace dfr::reduction {
 
-/// How a guard on k components does on demonstrations that it was not fitted to.
+/// Scores of a guard on k components, by held-out demonstrations.
 struct ComponentsScore {
   int components = 0;  ///< k
   /// Share of states inside a kernel::WhitenedSupport.
@@ -17,7 +17,8 @@ struct ComponentsScore {
   /// Share of the variance of actions that control::ResponseEstimate::NominalControl() explains.
   double explained = 0.0;
   double explained_error = 0.0;  ///< Its standard error over demonstrations.
-  double action_error = 0.0;     ///< What it misses, squared, as a share of the squared actions.
+  double action_error =
+      0.0;  ///< Squared error of that prediction, relative to the squared actions.
   /// Squared error of the predicted change of whitened components, J u + drift, as a share of
   /// the squared change.
   double response_error = 0.0;
@@ -27,9 +28,9 @@ struct ComponentsScore {
 struct ChooseComponentsOptions {
   /// Numbers of components to try, ascending.
   std::vector<int> candidates = {2, 3, 4, 6, 8, 10, 12, 16, 20, 24, 32, 48};
-  /// Columns of states that are there with any number of components, before the scores.
+  /// Number of columns of states before the scores, used with any number of components.
   int beside = 0;
-  /// Scores that a component has: the number of blocks that are reduced.
+  /// Scores per component: the number of reduced blocks.
   int scores_each = 1;
   int folds = 5;
   double least_inside = 0.5;  ///< Smallest acceptable share of states inside.
@@ -40,7 +41,7 @@ struct ChooseComponentsOptions {
 struct ComponentsChoice {
   std::vector<ComponentsScore> table;  ///< One row for each candidate, ascending.
   int components = 0;                  ///< 0: refused.
-  std::string reason;                  ///< Why this number, or why none and the remedy.
+  std::string reason;                  ///< Reason of the choice, or of the refusal with its remedy.
 };
 
 /// Chooses the number of components by left-out demonstrations.
@@ -55,10 +56,10 @@ struct ComponentsChoice {
 /// 1984, Sec. 3.4.3). Refused if no candidate has least_inside, or
 /// control::ResponseEstimate::Guesses() of the best one. docs/decisions.md has the reasons.
 /// @param demonstrations  scores as states (T + 1 x p), actions as controls (T x m). k components
-///   are the first beside + k scores_each columns, or all. Candidates that would ask for all
-///   columns more than once are left out.
-/// @throws std::invalid_argument if there are fewer than four demonstrations, shapes do not fit, an
-///   entry is not finite, no action differs from zero, no candidate fits into p, or an option is
+///   are the first beside + k scores_each columns, or all. Only the first candidate that needs all
+///   columns is tried.
+/// @throws std::invalid_argument if there are fewer than four demonstrations, shapes do not match,
+/// an entry is not finite, all actions are zero, no candidate fits into p, or an option is
 ///   out of range.
 [[nodiscard]] ComponentsChoice ChooseComponents(std::span<const core::Trajectory> demonstrations,
                                                 const ChooseComponentsOptions& options = {});

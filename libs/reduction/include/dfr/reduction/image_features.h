@@ -27,10 +27,10 @@ enum class PictureFault {
 /// Order of the channels of a colour picture: OpenCV's, or that of datasets.
 enum class ChannelOrder { kBgr, kRgb };
 
-/// What ImageFeatures makes of the light of a picture.
+/// Normalization of the light of a picture by ImageFeatures.
 enum class LightNormalisation {
   kNone,
-  kGain,           ///< Scales to a mean of 128: the same under any brightness.
+  kGain,           ///< Scales to a mean of 128, which removes the brightness.
   kGainAndOffset,  ///< Scales and shifts to a mean of 128 and a standard deviation of 48.
 };
 
@@ -40,19 +40,19 @@ struct ImageFeaturesOptions {
   int height = 0;
   int channels = 3;
   ChannelOrder order = ChannelOrder::kRgb;
-  /// Part of the picture that is used: first column and row, then its size; 0: all of it.
+  /// Used part of the picture: first column and row, and size; 0: all of it.
   int crop_x = 0;
   int crop_y = 0;
   int crop_width = 0;
   int crop_height = 0;
-  /// Size that the part is reduced to, no larger than it; 0: its own.
+  /// Size after the reduction, at most that of the part; 0: the same.
   int out_width = 0;
   int out_height = 0;
   bool grey = false;  ///< One channel, 0.299 R + 0.587 G + 0.114 B, instead of three.
   LightNormalisation light = LightNormalisation::kGain;
   double least_mean = 4.0;  ///< A picture with a darker mean is black, in [0, 255].
-  /// Number of identical pictures in a row from which on the camera is frozen; 0: never, as for a
-  /// simulator that draws the same state twice.
+  /// Number of consecutive identical pictures that indicate a frozen camera; 0: never, for
+  /// simulators.
   int frozen_after = 0;
 };
 
@@ -65,20 +65,20 @@ class ImageFeatures {
   /// @throws std::invalid_argument naming the option that is out of range.
   explicit ImageFeatures(const ImageFeaturesOptions& options);
 
-  /// Number of features: out_height x out_width x channels, in this order, channels as they came.
+  /// Number of features: out_height x out_width x channels, in this order.
   [[nodiscard]] int size() const noexcept { return static_cast<int>(rows_.size()) * row_floats_; }
 
   /// Forgets the previous picture: call it at the start of an episode.
   void Reset() noexcept { identical_ = 0; }
 
   /// Writes the features of `picture` to `features` (size()).
-  /// @returns kNone, or what is wrong; then fills `features` with NaN, for which supports give
-  ///   "outside".
+  /// @returns kNone, or the fault; then fills `features` with NaN, which every support treats as
+  /// outside.
   PictureFault Apply(const PictureView& picture, std::span<float> features) noexcept;
 
-  /// Adds a value of each feature (size()), such as its share of a level, to the pixels that it is
-  /// the average of, in proportion to their weights: `pixels` has height x width x channels entries
-  /// and grows by the same sum. The light is left out of it.
+  /// Distributes a value of each feature (size()), such as its share of a level, over the averaged
+  /// pixels in proportion to their weights. Adds it to `pixels` (height x width x channels
+  /// entries), whose sum grows by the sum of the values. Ignores the normalization of light.
   void Spread(std::span<const double> features, std::span<double> pixels) const noexcept;
 
   [[nodiscard]] const ImageFeaturesOptions& options() const noexcept { return options_; }
@@ -101,7 +101,7 @@ class ImageFeatures {
   int row_floats_ = 0;              ///< Floats of one output row.
   std::vector<float> row_;          ///< One output row before its columns are averaged.
   std::vector<std::uint8_t> last_;  ///< Previous picture.
-  int identical_ = 0;               ///< Pictures in a row that equal `last_`; 0: none yet.
+  int identical_ = 0;  ///< Number of consecutive pictures equal to `last_`; 0: none yet.
 };
 
 }  // namespace dfr::reduction

@@ -18,8 +18,8 @@ struct PrincipalComponentsOptions {
   /// and its estimate is about (v_l / v_i)^q, v the variances and l = components + oversampling.
   int power_iterations = 3;
   /// The scale of an entry is its standard deviation, and at least this share of the root mean
-  /// square over all entries, in [0, 1]. It keeps the noise of entries that hardly vary small. Use
-  /// 1 for pictures, whose entries share a unit, and less where units differ.
+  /// square over all entries, in [0, 1]. It bounds the noise of entries that barely vary. Use 1 for
+  /// pictures, whose entries share a unit, and less if units differ.
   double scale_floor = 0.3;
   std::uint64_t seed = 1;
   int threads = 0;  ///< 0: one per core. The result does not depend on it.
@@ -47,8 +47,8 @@ struct PrincipalComponents {
 /// dropped. If all directions fit, l >= d, the subspace is exact.
 ///
 /// Memory: about 8 d (components + 2 l) + 12 n l bytes, and 50 MB for blocks of rows.
-/// @throws std::invalid_argument if there are fewer than two rows, an entry is not finite (the
-///   message names its row and column), no entry varies, or an option is out of range.
+/// @throws std::invalid_argument if there are fewer than two rows, an entry is not finite (naming
+/// its row and column), no entry varies, or an option is out of range.
 [[nodiscard]] PrincipalComponents FitPrincipalComponents(
     const RowSource& source, const PrincipalComponentsOptions& options = {});
 

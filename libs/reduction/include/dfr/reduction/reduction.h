@@ -17,7 +17,7 @@ namespace dfr::reduction {
 ///
 /// Immutable. Concurrent calls are safe. Apply() and BackProject() never allocate, lock or throw
 /// and may be called in the control loop. Weights are in float, sums over more than 512 entries in
-/// double: z of the same x is the same to the last bit whatever the type of x.
+/// double: the type of x does not change z.
 class Reduction {
  public:
   /// Maximum d and k.
@@ -28,8 +28,7 @@ class Reduction {
   /// @param scale       d, each >= 0.
   /// @param projection  P, k x d.
   /// @throws std::invalid_argument if sizes do not fit or exceed the maxima, a scale is negative,
-  /// or
-  ///   an entry is not finite.
+  ///   or an entry is not finite.
   Reduction(Eigen::VectorXd mean, Eigen::VectorXd scale, core::Matrix projection);
 
   /// Projects on the first `components` principal components.
@@ -43,8 +42,8 @@ class Reduction {
   [[nodiscard]] const core::Matrix& projection() const noexcept { return projection_; }
 
   /// Writes the components of `x` (input_dim()) to `z` (num_components()). A wrong size of x or a
-  /// non-finite entry, one that is ignored included, makes z non-finite. Supports then treat the
-  /// state as outside.
+  /// non-finite entry, even an ignored one, makes z non-finite. Supports then treat the state as
+  /// outside.
   void Apply(std::span<const double> x, std::span<double> z) const noexcept;
   void Apply(std::span<const float> x, std::span<double> z) const noexcept;
   void Apply(std::span<const std::uint8_t> x, std::span<double> z) const noexcept;
@@ -56,12 +55,12 @@ class Reduction {
   /// input raises the level; times x - x0 for a state x0 inside, how much each contributed.
   void BackProject(std::span<const double> dz, std::span<double> dx) const noexcept;
 
-  /// Appends all of it to a file.
+  /// Appends this object to a file.
   void Save(core::ArchiveWriter& archive) const;
   /// Reads what Save() wrote.
-  /// @throws std::runtime_error naming the file and what is wrong with it.
+  /// @throws std::runtime_error naming the file and its defect.
   static Reduction Load(core::ArchiveReader& archive);
-  /// The same as a file that holds nothing else.
+  /// Same as above, with a separate file.
   void Save(const std::filesystem::path& path) const;
   static Reduction Load(const std::filesystem::path& path);
 

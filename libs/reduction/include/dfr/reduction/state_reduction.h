@@ -16,29 +16,29 @@
 
 namespace dfr::reduction {
 
-/// Map from a state with pictures or other large blocks to the few entries that a guard looks at.
+/// Map from a state with pictures or other large blocks to the few entries that a guard uses.
 ///
-/// It follows from a list of features such as "pca:image,tip[0:2]". A block behind "pca:" is
-/// reduced to principal components, the blocks beside it are copied whole, all others are left out:
+/// Defined by a list of features such as "pca:image,tip[0:2]". A block after "pca:" is reduced to
+/// principal components, other listed blocks are copied whole, and all others are omitted:
 ///
 ///   pca:NAME[:K][:grey][:HxW][:light=none|gain|standard]
 ///
-/// K is the number of components; without it the caller chooses. The others are for pictures
-/// (core::StateLayout::Block::picture): one channel, the size after averaging, and what is done
-/// about the light (LightNormalisation; "standard", the default, is kGainAndOffset).
+/// K is the number of components; without it the caller chooses. The other options are for pictures
+/// (core::StateLayout::Block::picture): one channel, the size after averaging, and the
+/// normalization of light (LightNormalisation; "standard", the default, is kGainAndOffset).
 ///
-/// Immutable, and cheap to share, not to copy. Concurrent calls with workspaces of their own are
-/// safe.
+/// Immutable. Share it instead of copying it, which is slow. Concurrent calls with separate
+/// workspaces are safe.
 class StateReduction {
  public:
-  /// Largest number of components that are fitted where the list leaves the number open.
+  /// Maximum number of fitted components if the list does not give the number.
   static constexpr int kMostChosen = 48;
 
   /// Memory of one thread.
   class Workspace {
    public:
     explicit Workspace(const StateReduction& reduction);
-    /// What Apply() wrote: reduced_dim() entries.
+    /// Returns the result of Apply(): reduced_dim() entries.
     [[nodiscard]] std::span<const double> state() const noexcept { return state_; }
 
    private:
@@ -49,69 +49,70 @@ class StateReduction {
     std::vector<double> state_;
   };
 
-  /// The names behind "pca:" in a list of features.
+  /// Returns the names after "pca:" in a list of features.
   [[nodiscard]] static std::vector<std::string> Names(std::string_view features);
 
-  /// Fits principal components to the states of all demonstrations, kMostChosen of each block whose
-  /// number is left open, or as many as there are.
+  /// Fits principal components to the states of all demonstrations, at most kMostChosen of each
+  /// block whose number is open.
   /// @param threads  0: one per core. The result does not depend on it.
-  /// @throws std::invalid_argument naming the feature or the demonstration and what is wrong.
+  /// @throws std::invalid_argument naming the feature or the demonstration, and its defect.
   static StateReduction Fit(const core::StateLayout& layout, std::string_view features,
                             std::span<const core::Trajectory> demonstrations, int threads = 0);
 
-  /// The same with the first `components` of each block whose number the list left open, or all of
-  /// a block that has fewer.
+  /// Returns a copy with at most the first `components` of each block whose number is open.
   [[nodiscard]] StateReduction WithComponents(int components) const;
-  /// Number of blocks whose number of components the list left open.
+  /// Returns the number of blocks whose number of components is open.
   [[nodiscard]] int num_open() const noexcept;
-  /// The largest number of components of these.
+  /// Returns the largest number of components of these blocks.
   [[nodiscard]] int most_components() const noexcept;
-  /// Columns of a reduced state: all that are there with any number of components, then the first
-  /// component of each open block, then the second of each, and so on.
+  /// Returns the columns of a reduced state in this order: those that do not depend on the number
+  /// of components, then the first component of each open block, then the second of each, and so
+  /// on.
   [[nodiscard]] std::vector<int> InOrderOfComponents() const;
 
-  /// States as they are passed.
+  /// Returns the layout of unreduced states.
   [[nodiscard]] const core::StateLayout& layout() const noexcept { return layout_; }
   [[nodiscard]] int state_dim() const noexcept { return layout_.state_dim(); }
-  /// Reduced states: a block "pca:NAME" for each reduced one, and the blocks beside them.
+  /// Returns the layout of reduced states: a block "pca:NAME" for each reduced one, and the copied
+  /// blocks.
   [[nodiscard]] const core::StateLayout& reduced_layout() const noexcept { return reduced_; }
   [[nodiscard]] int reduced_dim() const noexcept { return reduced_.state_dim(); }
-  /// The features of reduced states, as core::FeatureSelection takes them: "pca:image,tip[0:2]".
+  /// Returns the features of reduced states for core::FeatureSelection: "pca:image,tip[0:2]".
   [[nodiscard]] const std::string& features() const noexcept { return features_; }
 
-  /// Reduces a state into `workspace`, which must be one of this reduction. Never allocates, locks
-  /// or throws. @returns false, and leaves NaN there, for a wrong size, a non-finite entry, and a
-  /// picture that is black or has a value outside of [0, 255].
+  /// Reduces a state into `workspace`, which must belong to this reduction. Never allocates, locks
+  /// or throws. @returns false, and writes NaN, for a wrong size, a non-finite entry, and a picture
+  /// that is black or has a value outside [0, 255].
   bool Apply(std::span<const double> state, Workspace& workspace) const noexcept;
-  /// What Apply() has against a state, in words; "" if nothing.
+  /// Describes the reason why Apply() rejects a state; "" if it does not.
   [[nodiscard]] std::string Fault(std::span<const double> state) const;
 
   /// Distributes the shares of reduced entries among the entries of the state. `products` is the
   /// sum of g dz' over the steps dz of a path of reduced states, with gradients g: entry i of a
   /// block P is credited with (P' g)_i (P' dz)_i, so that the sum is the trace of `products`.
   void Spread(const Eigen::MatrixXd& products, std::span<double> state) const;
-  /// What the components of a block show of a state: mean + scale P' z.
+  /// Reconstruction of a block of a state from its components: mean + scale P' z.
   struct Seen {
-    core::PictureShape shape;  ///< A picture's, after its options; else zero.
+    core::PictureShape shape;  ///< Shape of a picture after its options; zero for other blocks.
     std::vector<double> values;
   };
   /// @param block  the name of a reduced block.
   /// @throws std::invalid_argument if there is no such block, or with Fault().
   [[nodiscard]] Seen Reconstruct(std::string_view block, std::span<const double> state) const;
 
-  /// Appends all but the layout to a file.
+  /// Appends all except the layout to a file.
   void Save(core::ArchiveWriter& archive) const;
-  /// Reads what Save() wrote. @throws std::runtime_error naming the file and what is wrong.
+  /// Reads what Save() wrote. @throws std::runtime_error naming the file and its defect.
   static StateReduction Load(core::ArchiveReader& archive, const core::StateLayout& layout);
 
  private:
-  /// A block of the state and what becomes of it.
+  /// A block of the state and its reduction.
   struct Part {
     std::string name;
     int offset = 0;  ///< In the state.
     int size = 0;
-    int first = 0;                              ///< In the reduced state.
-    bool open = false;                          ///< The list left the number of components open.
+    int first = 0;      ///< In the reduced state.
+    bool open = false;  ///< The list does not give the number of components.
     std::optional<ImageFeatures> picture = {};  ///< Applied before `reduction`.
     std::optional<Reduction> reduction = {};    ///< None: copied.
 

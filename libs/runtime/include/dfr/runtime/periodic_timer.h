@@ -63,7 +63,7 @@ class PeriodicTimer {
 
 /// Requests real-time scheduling for the calling thread (SCHED_FIFO at `priority` in [1, 99]) and
 /// locks the memory of the process against paging. Threads created afterwards inherit the
-/// scheduling. Returns an empty string if both were granted, else a description of what was refused
+/// scheduling. Returns an empty string if both were granted, otherwise a description of the refusal
 /// and of the missing right. The program works without them.
 [[nodiscard]] std::string AskForRealTime(int priority);
 /// Returns the calling thread to normal scheduling, for non-urgent work in a real-time process.

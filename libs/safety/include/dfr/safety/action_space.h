@@ -10,49 +10,47 @@
 
 namespace dfr::safety {
 
-/// What demonstrations show of one entry of an action.
+/// Demonstrated range and unit of one entry of an action.
 struct ActionEntry {
   double largest = 0.0;  ///< Largest demonstrated |u_i|.
-  /// Whether a guard may choose values of its own. An entry with few demonstrated values, such as a
-  /// gripper that opens or closes, is not steered: the policy's value passes, within the limit.
-  /// Where no other entry moves, those that do are steered all the same.
+  /// True if a guard may change the entry. An entry with few demonstrated values, such as a gripper
+  /// that opens or closes, is not steered: the policy's value passes within the limit. If no other
+  /// entry moves, it is steered nevertheless.
   bool steered = true;
-  /// Size of an ordinary value: the root mean square of the demonstrated ones, times the square
-  /// root of the number of steered entries, so that an ordinary action has |a| = 1 whatever its
-  /// units.
+  /// Size of an ordinary value: the root mean square of the demonstrated ones times the square root
+  /// of the number of steered entries. An ordinary action thereby has |a| = 1 in any units.
   double unit = 1.0;
 };
 
-/// Measures each entry of an action u in a unit of its own: a_i = u_i / unit_i of the steered
-/// entries. Guided recovery sees nothing but a, so that metres, radians and a gripper of +-1 may
-/// stand side by side. Immutable.
+/// Scales the steered entries of an action u: a_i = u_i / unit_i. Guided recovery uses only a, so
+/// an action may combine metres, radians and a gripper of +-1. Immutable.
 class ActionSpace {
  public:
-  /// @throws std::invalid_argument if no demonstrated action differs from zero.
+  /// @throws std::invalid_argument if all demonstrated actions are zero.
   explicit ActionSpace(std::span<const core::Trajectory> demonstrations);
   void Save(core::ArchiveWriter& archive) const;
-  /// @throws std::runtime_error naming the file and what is wrong with it.
+  /// @throws std::runtime_error naming the file and its defect.
   static ActionSpace Load(core::ArchiveReader& archive);
 
-  /// Entries of u.
+  /// Returns the number of entries of u.
   [[nodiscard]] int dim() const noexcept { return static_cast<int>(entries_.size()); }
-  /// Entries of a.
+  /// Returns the number of entries of a.
   [[nodiscard]] int steered_dim() const noexcept { return static_cast<int>(steered_.size()); }
   [[nodiscard]] const std::vector<ActionEntry>& entries() const noexcept { return entries_; }
 
-  /// `factor` times the largest demonstrated |u_i| of each entry.
+  /// Returns `factor` times the largest demonstrated |u_i| of each entry.
   [[nodiscard]] std::vector<double> Limits(double factor) const;
-  /// Limits of a, one a steered entry, from those of u.
+  /// Returns limits of a, one per steered entry, from those of u.
   [[nodiscard]] std::vector<double> MeasuredLimits(std::span<const double> limits) const;
-  /// The demonstrations with a in place of u.
+  /// Returns the demonstrations with a instead of u.
   [[nodiscard]] std::vector<core::Trajectory> Measured(
       std::span<const core::Trajectory> demonstrations) const;
 
-  /// a of u. Neither allocates nor throws, as all that follow.
+  /// Writes a of u. Neither allocates nor throws; the same holds for all functions below.
   void Measure(std::span<const double> u, std::span<double> a) const noexcept;
   /// Writes the steered entries of u.
   void Restore(std::span<const double> a, std::span<double> u) const noexcept;
-  /// |a - b| of two actions.
+  /// Returns |a - b| of two actions.
   [[nodiscard]] double Distance(std::span<const double> u,
                                 std::span<const double> other) const noexcept;
 
@@ -63,7 +61,7 @@ class ActionSpace {
   std::vector<int> steered_;
 };
 
-/// "0.02, 0.02, 1" for people.
+/// Formats values: "0.02, 0.02, 1".
 [[nodiscard]] std::string Join(std::span<const double> values);
 
 }  // namespace dfr::safety

@@ -9,29 +9,30 @@
 
 namespace dfr::safety {
 
-/// Who is in control of an episode.
+/// A method that controls an episode.
 struct Method {
   enum class Kind {
-    kSwitching,  ///< Algorithm 1, Baseline and early stopping included.
+    kSwitching,  ///< Algorithm 1, including Baseline and early stopping.
     kGuided,     ///< Guided recovery: demonstrations drive.
-    kGuard,      ///< The same with least_intervention: the policy drives.
-    kOther,      ///< One of the caller's own names.
+    kGuard,      ///< Guided recovery with least_intervention: the policy drives.
+    kOther,      ///< A method of the caller.
   };
   std::string name;
   Kind kind = Kind::kSwitching;
-  control::Recovery recovery = control::Recovery::kNone;  ///< kSwitching: at the boundary.
-  bool published_dfr = false;  ///< "dfr-fine": DFR with the constants of the paper's simulations.
-  std::string without = {};    ///< kGuided: what control::Without() takes out.
+  control::Recovery recovery =
+      control::Recovery::kNone;  ///< kSwitching: behaviour at the boundary.
+  bool published_dfr = false;    ///< "dfr-fine": DFR with the constants of the paper's simulations.
+  std::string without = {};      ///< kGuided: parts that control::Without() removes.
 };
 
 /// Parses "baseline", "early-stopping", "dfr", "dfr-fine", "guard", "guided",
 /// "guided-without-<part>" (parts of control::GuidedPartNames(), several joined by "+"), or one of
 /// `others`.
-/// @throws std::invalid_argument naming what is unknown and what there is.
+/// @throws std::invalid_argument naming the unknown word and the valid ones.
 [[nodiscard]] Method ParseMethod(std::string_view name,
                                  std::span<const std::string_view> others = {});
 
-/// All that ParseMethod() takes, for help texts: "baseline, early-stopping, ...".
+/// Returns all names for ParseMethod(), for help texts: "baseline, early-stopping, ...".
 [[nodiscard]] std::string MethodNames(std::span<const std::string_view> others = {});
 
 }  // namespace dfr::safety

@@ -17,11 +17,11 @@
 
 namespace dfr::study {
 
-/// The methods besides those of safety::ParseMethod() that every program has. Oracles, which try
+/// Methods of every program, in addition to those of safety::ParseMethod(). Oracles, which try
 /// controls on a copy of the simulation: "finite-difference", that of Sec. V-A, and
 /// "true-jacobian", a filter of one step (MakeTrueJacobianFilter()). Baselines without a support:
 /// "lwr", "lwr-cv" and "knn", regressions on the demonstrations themselves; "lwr-online", one that
-/// adapts to what controls do (OnlineLwrPolicy); "ensemble", which halts
+/// adapts to the effects of controls (OnlineLwrPolicy); "ensemble", which halts
 /// where five policies disagree; "dart", learned from demonstrations with injected noise; "dagger",
 /// which asks the supervisor while it learns.
 inline constexpr std::array<std::string_view, 9> kOtherMethods = {

@@ -12,7 +12,7 @@
 namespace dfr::study {
 
 /// A controller that learns from the controls it gives. If another control is applied in their
-/// place, Applied() says which.
+/// place, Applied() reports it.
 class LearnsOnline {
  public:
   virtual ~LearnsOnline() = default;

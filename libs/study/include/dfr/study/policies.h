@@ -42,7 +42,7 @@ class NearestNeighbourPolicy final : public core::Policy {
   core::Matrix controls_;
 };
 
-/// Policies that a controller can be put around, besides the learned one:
+/// Policies for controllers, in addition to the learned one:
 ///   "lwr", "knn"      regression on the demonstrations themselves, locally weighted or by nearest
 ///                     neighbours
 ///   "lwr-cv"          "lwr" with imitation::CrossValidatedWidth()
