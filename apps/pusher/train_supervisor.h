@@ -29,9 +29,9 @@ struct TrainSupervisorOptions {
 /// Trains a supervisor by TRPO from scratch, showing rates and the remaining time on stderr. After
 /// min_steps it is evaluated every ten iterations, over 1000 start states that training does not
 /// use. Training ends when its mean action completes at least 99.5 % and collides in at most 0.2 %
-/// of them, and its samples complete at least 95 %. The saved policy is evaluated again over 1000
-/// other start states, and prints the result. The supervisor.dfr beside this file is what
-/// `pusher train-supervisor --seed 1` wrote: 282212 controls, 19 s.
+/// of them, and its samples complete at least 95 %. Finally evaluates the saved policy over 1000
+/// other start states and prints the result. `pusher train-supervisor --seed 1` wrote the
+/// supervisor.dfr in this folder: 282212 controls, 19 s.
 /// @return EXIT_SUCCESS, or EXIT_FAILURE if max_steps came first: `out` then holds the last policy.
 /// @throws std::runtime_error, std::invalid_argument for invalid options or files.
 int TrainSupervisor(const TrainSupervisorOptions& options);

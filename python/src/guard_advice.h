@@ -6,9 +6,8 @@
 
 namespace dfr::python {
 
-/// An index as a time step. Integers beyond the range of int are never the next time step, for any
-/// that is: -1.
-/// @throws pybind11::error_already_set if it is no index.
+/// Converts an index to a time step. Integers beyond the range of int become -1, which is never the
+/// next time step. @throws pybind11::error_already_set if `t` is not an index.
 [[nodiscard]] int StepOf(const pybind11::object& t);
 
 /// Methods of dfr.Guard for chunks and states: applied, filter_chunk, explain, levels, attribution.

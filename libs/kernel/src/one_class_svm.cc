@@ -21,7 +21,7 @@ namespace dfr::kernel {
 
 static_assert(OneClassSvm::kMaxStateDim == internal::kMaxStateDim);
 
-// What a decision reads comes first, in few cache lines.
+// The data of a decision comes first, in few cache lines.
 struct alignas(64) OneClassSvm::Data {
   double rho;
   double log_rho;

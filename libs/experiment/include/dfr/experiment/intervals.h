@@ -109,11 +109,11 @@ struct PairedCounts {
   int stratum = 0;  ///< Units vary about the mean of their stratum.
 };
 
-/// A method against a reference. With fewer than 5 collisions of the method, of which a variance
-/// has too few events, the interval of the reduction includes RateRatioInterval()'s as well, with
-/// the reference's collisions divided by their dispersion between units. Absent where the reference
-/// has no event to divide by; an interval is absent too where RatioInterval() is, unless it is one
-/// of fewer than 5 collisions and units can vary: then it is RateRatioInterval()'s alone.
+/// Comparison of a method with a reference. With fewer than 5 collisions of the method, too few for
+/// a variance, the interval of the reduction also includes RateRatioInterval(), with the
+/// reference's collisions divided by their dispersion between units. A value is absent if the
+/// reference has no event. An interval is absent if RatioInterval() is, except with fewer than 5
+/// collisions of units that can vary: then it is RateRatioInterval() alone.
 struct PairedContrast {
   std::optional<double> collision_reduction;  ///< 1 - collisions / reference's
   std::optional<Interval> collision_reduction_interval;
