@@ -29,7 +29,7 @@ void PhaseTracker::Advance(std::span<const double> z, double l, bool may_wait) n
   const int before = phase_;
   const int next = before + 1;
   const int last = support_->num_steps() - 1;
-  phase_ = may_wait ? before : next;  // Where there is no level at all.
+  phase_ = may_wait ? before : next;  // No level is finite.
   double best = kNowhere;
   if (next <= last) Take(next, next, l, best);
   if (may_wait) Take(before, next, support_->LogDecision(before, z, {}), best);
@@ -50,8 +50,8 @@ double PhaseTracker::Follow(std::span<const double> z) noexcept {
 }
 
 double PhaseTracker::Enter(std::span<const double> z, double least) noexcept {
-  // A certified control ends inside a phase near the one it was chosen at, which is one less than
-  // phase_ if that has advanced.
+  // A certified control ends inside a phase near that of its choice, which is phase_ - 1 if the
+  // phase advanced.
   const double l = Fit(z, std::max(0, phase_ - kWindow - 1), phase_ + kWindow, phase_, least);
   return l >= least ? l : support_->LogDecision(phase_, z, {});
 }

@@ -16,8 +16,8 @@ double ThreadSeconds() noexcept {
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
-// Adds to one account after another; reading the clock is a system call, so each reading ends one
-// span and begins the next.
+// Splits elapsed CPU time between accumulators. Each clock read, a system call, ends one interval
+// and starts the next.
 class Stopwatch {
  public:
   void Start() noexcept { last_ = ThreadSeconds(); }
@@ -50,7 +50,7 @@ void Count(const Step& step, RolloutResult& result) noexcept {
   result.last_mode = mode;
 }
 
-// Whether the episode is over in the present state.
+// Checks whether the episode ends in the present state.
 bool Ended(const RolloutEvent& event, RolloutResult& result) noexcept {
   if (event.collided) {
     result.outcome = core::Outcome::kCollided;
@@ -131,7 +131,7 @@ RolloutResult Rollout(core::Plant& plant, Controller& controller, const RolloutO
   plant.Reset(options.plant_seed);
   controller.Reset(options.controller_seed);
   RolloutResult result;
-  // A robot must not be left moving when an observer throws, so the Halt() is in a destructor.
+  // Halt() is in a destructor: the robot must stop even if an observer throws.
   {
     struct HaltAtEnd {
       core::Plant& plant;

@@ -12,11 +12,11 @@
 namespace dfr::safety {
 namespace {
 
-// An entry has few values where demonstrations show no more than kMostFew, each kLeastRepeated
-// times on average.
+// An entry has few values if demonstrations contain at most kMostFew, each kLeastRepeated times on
+// average.
 constexpr std::size_t kMostFew = 4;
 constexpr std::size_t kLeastRepeated = 5;
-// What files hold.
+// Limits of values in files.
 constexpr int kMostEntries = 1 << 16;
 
 std::vector<int> SteeredOf(const std::vector<ActionEntry>& entries) {
@@ -33,7 +33,7 @@ ActionSpace::ActionSpace(std::span<const core::Trajectory> demonstrations) {
   DFR_THROW_UNLESS(!demonstrations.empty(), "there are no demonstrations");
   const Eigen::Index dim = demonstrations[0].controls.cols();
   entries_.resize(static_cast<std::size_t>(dim));
-  // Sums in an order that does not depend on that of the demonstrations.
+  // The order of the sum must not depend on the order of the demonstrations.
   const std::vector<core::Trajectory> ordered = core::InDeterministicOrder(demonstrations);
   double moving = 0.0;
   std::vector<double> squares(entries_.size(), 0.0);
@@ -57,7 +57,7 @@ ActionSpace::ActionSpace(std::span<const core::Trajectory> demonstrations) {
     entries_[i].steered = moves(i) && (values[i].size() > kMostFew ||
                                        transitions < kLeastRepeated * values[i].size());
   }
-  // Where every entry that moves has few values there is nothing else to steer with.
+  // If every moving entry has few values, steers with these.
   const bool none = SteeredOf(entries_).empty();
   for (std::size_t i = 0; i < entries_.size() && none; ++i) entries_[i].steered = moves(i);
   steered_ = SteeredOf(entries_);

@@ -34,7 +34,7 @@ int32_t ModeOf(dfr::control::Mode mode) {
   return DFR_GUARD_HALT;
 }
 
-// A caller that was compiled with an older header has a shorter struct.
+// A caller compiled with an older header has a shorter struct.
 void Tell(const dfr_guard_verdict& whole, dfr_guard_verdict* verdict) {
   if (verdict == nullptr) return;
   const std::size_t size = std::min<std::size_t>(verdict->size, sizeof(whole));
@@ -96,7 +96,7 @@ int32_t dfr_guard_filter(dfr_guard* guard, int32_t t, const double* state, size_
     Tell(whole, verdict);
     return whole.mode;
   }
-  // An empty span is of the wrong size, which halts.
+  // An empty span has the wrong size, so the guard halts.
   const dfr::safety::Verdict decided = guard->guard.Filter(
       t, state == nullptr ? std::span<const double>() : std::span(state, state_size),
       action == nullptr ? std::span<const double>() : std::span(action, action_size),

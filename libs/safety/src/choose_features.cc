@@ -15,10 +15,10 @@
 namespace dfr::safety::internal {
 namespace {
 
-// Below this share of states inside, a guard halts nearly everything.
+// Below this fraction of states inside, a guard halts almost every policy.
 constexpr double kLeastInside = 0.2;
 
-// A choice of features, and what share of left-out states is inside with it.
+// A choice of features, and the fraction of left-out states inside with it.
 struct Candidate {
   std::string spec;
   double inside = 0.0;
@@ -36,11 +36,11 @@ std::optional<Candidate> Try(const core::StateLayout& layout, const std::string&
         FitGuard(part, options, folds, [](std::string_view, double) { return true; });
     return Candidate{spec, fit->left_out.acceptance()};
   } catch (const std::invalid_argument&) {
-    return std::nullopt;  // Nothing in it differs between demonstrations.
+    return std::nullopt;  // No entry differs between demonstrations.
   }
 }
 
-// "object[0:2],tip[1:2]" of entries in ascending order.
+// Formats entries in ascending order: "object[0:2],tip[1:2]".
 std::string Spec(const core::StateLayout& layout, const std::vector<int>& entries) {
   std::string spec;
   for (const auto& block : layout.blocks) {
@@ -61,8 +61,9 @@ std::string Spec(const core::StateLayout& layout, const std::vector<int>& entrie
   return spec;
 }
 
-// Entries whose linear functions the others nearly are, in how demonstrations differ at a time
-// step: pivoted Cholesky of their correlation, until a hundredth of it is left.
+// Finds entries of which the others are almost linear functions, over the differences of
+// demonstrations at a time step: pivoted Cholesky of the correlation, until 1 % of the variance
+// remains.
 std::vector<int> Independent(const Recorded& recorded) {
   constexpr double kLeft = 0.01;
   constexpr double kConstant = 1e-9;
@@ -81,7 +82,7 @@ std::vector<int> Independent(const Recorded& recorded) {
   }
   Eigen::MatrixXd left = core::PooledCovariance(steps);
   Eigen::VectorXd sd = left.diagonal().cwiseSqrt();
-  // Entries that never differ have no variance to explain.
+  // Constant entries have no variance to explain.
   sd = (sd.array() > kConstant * sd.maxCoeff()).select(sd.cwiseInverse(), 0.0);
   left = sd.asDiagonal() * left * sd.asDiagonal();
   const double all = left.trace();
@@ -99,7 +100,7 @@ std::vector<int> Independent(const Recorded& recorded) {
   return chosen;
 }
 
-// Squares that a linear regression of y on the first `columns` columns of x leaves.
+// Returns the squared residual of a linear regression of y on the first `columns` columns of x.
 double Left(const Eigen::MatrixXd& x, const Eigen::VectorXd& y, Eigen::Index columns) {
   const auto used = x.leftCols(columns);
   return (y - used * used.colPivHouseholderQr().solve(y)).squaredNorm();
@@ -130,10 +131,10 @@ core::FeatureSelection Continuous(const core::FeatureSelection& features,
 std::vector<int> MovedByPassed(const core::FeatureSelection& features, const ActionSpace& actions,
                                std::span<const core::Trajectory> demonstrations) {
   constexpr std::size_t kSamples = 4000;
-  // Shares of what is left that each kind of entry must explain, and may.
+  // Smallest and largest fraction of the residual that each kind of entry explains.
   constexpr double kPassedExplain = 0.3;
   constexpr double kSteeredExplain = 0.2;
-  constexpr double kRounding = 1e-9;  // A share of the squared changes that explains nothing.
+  constexpr double kRounding = 1e-9;  // A negligible fraction of the squared changes.
   const auto steered = static_cast<Eigen::Index>(actions.steered_dim());
   const Eigen::Index passed = actions.dim() - steered;
   if (passed == 0) return {};

@@ -11,29 +11,28 @@
 
 namespace dfr::safety::internal {
 
-/// The rotations in these states that `features` look at.
+/// Returns the rotations in these states that `features` use.
 std::vector<core::Rotation> Rotations(const core::FeatureSelection& features,
                                       const core::StateLayout& layout,
                                       std::span<const core::Trajectory> demonstrations);
-/// The features with the map that makes these continuous where one does.
+/// Returns the features with the map that makes these rotations continuous, if there is one.
 core::FeatureSelection Continuous(const core::FeatureSelection& features,
                                   const core::StateLayout& layout,
                                   std::span<const core::Trajectory> demonstrations);
-/// Entries of a state among `features` that passed entries of an action move and steered ones do
-/// not, such as the opening of a gripper: a guard can neither predict nor correct them. Empty if
-/// that holds for all features.
+/// Returns the entries among `features` that depend on passed entries of an action but not on
+/// steered ones, such as the opening of a gripper. A guard can neither predict nor correct them.
+/// Empty if all features are of this kind.
 std::vector<int> MovedByPassed(const core::FeatureSelection& features, const ActionSpace& actions,
                                std::span<const core::Trajectory> demonstrations);
-/// The features but for these entries.
+/// Returns the features without these entries.
 core::FeatureSelection Without(const core::FeatureSelection& features,
                                const core::StateLayout& layout, std::span<const int> entries);
-/// The demonstrations with mapped states.
+/// Returns the demonstrations with mapped states.
 std::vector<core::Trajectory> Mapped(const core::StateMap& map,
                                      std::span<const core::Trajectory> demonstrations);
 
-/// @throws std::invalid_argument if next to no state of left-out demonstrations is inside. The
-///   message names features that would do better: parts of the state, and entries that the others
-///   follow from.
+/// @throws std::invalid_argument if almost no state of left-out demonstrations is inside. The
+/// message names better features: parts of the state, and entries that determine the others.
 void RefuseUnlessInside(const core::StateLayout& layout, const Recorded& recorded,
                         const GuardFit& fit, const ActionSpace& actions, int folds);
 

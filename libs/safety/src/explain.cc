@@ -18,8 +18,8 @@ namespace {
 
 using control::HaltCause;
 
-// The steepest way back to l = 0, by features: what of the rise of l belongs to each, and how far
-// it leads in the units of the state.
+// Path of steepest ascent to l = 0 in features: the contribution of each feature to the rise of l,
+// and the displacement in the units of the state.
 class WayBack {
  public:
   explicit WayBack(const GuardModel& model, bool with_products = false)
@@ -41,8 +41,8 @@ class WayBack {
     double l = support_->LogDecision(t, core::AsSpan(z), core::AsSpan(before));
     for (int step = 0; step < kSteps && l < 0.0; ++step) {
       const double steepness = before.squaredNorm();
-      if (!(steepness > 0.0)) break;  // A place from which no way leads up.
-      // Each step makes up for the same part of what is missing.
+      if (!(steepness > 0.0)) break;  // No direction of ascent.
+      // Each step gains the same fraction of the missing level.
       const Eigen::VectorXd up = (-l / (kSteps - step) / steepness) * before;
       z += up;
       l = support_->LogDecision(t, core::AsSpan(z), core::AsSpan(slope));
@@ -53,7 +53,7 @@ class WayBack {
       way_ += along;
       before = slope;
     }
-    // The trapezoids sum to the rise but for their error.
+    // The trapezoids sum to the rise up to their error.
     if (!(share_.sum() > 0.0)) return;
     products_ *= missing / share_.sum();
     share_ *= missing / share_.sum();
@@ -107,7 +107,7 @@ std::vector<OutsideEntry> EntriesAt(const GuardModel& model, int t, const Eigen:
   return found;
 }
 
-// What demonstrations say of the features after `action`.
+// Predicts the features after `action` from demonstrations.
 Eigen::VectorXd Predicted(const GuardModel& model, int t, Eigen::VectorXd z,
                           std::span<const double> action) {
   const control::Response& response = model.task().response();
@@ -127,7 +127,7 @@ std::optional<std::size_t> FirstNotFinite(std::span<const double> values) {
   return std::nullopt;
 }
 
-// What is wrong with the values themselves; "" if nothing is.
+// Describes an invalid value; "" if there is none.
 std::string WrongInput(const GuardModel& model, std::span<const double> state,
                        std::span<const double> action) {
   if (static_cast<int>(state.size()) != model.state_dim()) {
@@ -172,7 +172,7 @@ const char* CauseOf(HaltCause cause) {
   }
 }
 
-// Why the policy's action is not the one that is applied.
+// Explains why the policy's action is not applied.
 std::string WhyNot(const GuardModel& model, const Verdict& verdict, std::span<const double> state,
                    std::span<const double> action) {
   const std::vector<double>& limits = model.settings().action_limit;

@@ -18,16 +18,16 @@ namespace {
 using reduction::ComponentsScore;
 using reduction::StateReduction;
 
-// What a guard on components must do with demonstrations that it has not seen: keep them inside,
-// and let their actions pass. A guard on 3 or 6 components of pictures that need 20 took a policy
-// from 97.5 to 50 and 75 % completed.
+// Requirements on a guard on components for held-out demonstrations: their states are inside, and
+// their actions pass. On pictures that need 20 components, guards on 3 and 6 reduced the
+// completions of a policy from 97.5 to 50 and 75 %.
 constexpr double kLeastInsideReduced = 0.85;
 constexpr double kMostChangedReduced = 0.2;
-// gamma is for features of a few entries. The squared distance between two demonstrations grows
-// with the number of whitened features, so that gamma falls with it.
+// gamma suits a few features. The squared distance between two demonstrations grows with the number
+// of whitened features, so gamma decreases with it.
 constexpr double kFeaturesOfGamma = 3.0;
-// A guard corrects by what features say of actions. On 10 components of 8 x 8 pictures that explain
-// 79 % of them, corrections took a good policy from 10 to 6 of 10 episodes
+// Corrections require features that explain the actions. On 10 components of 8 x 8 pictures, which
+// explain 79 %, corrections reduced the completions of a good policy from 10 to 6 of 10 episodes
 // (examples/guard_on_pixels.py).
 constexpr double kLeastExplainedReduced = 0.9;
 
@@ -57,7 +57,7 @@ std::vector<core::Trajectory> Reduced(const StateReduction& reduction,
   return reduced;
 }
 
-// What left-out demonstrations say of each number of components.
+// Scores each number of components by left-out demonstrations.
 reduction::ComponentsChoice Table(const StateReduction& all,
                                   std::span<const core::Trajectory> demonstrations,
                                   const GuardOptions& options) {
@@ -67,7 +67,7 @@ reduction::ComponentsChoice Table(const StateReduction& all,
   reduction::ChooseComponentsOptions choose;
   choose.folds = options.folds;
   choose.support = options.support;
-  choose.least_inside = 0.0;  // Judged below, with the support that each number gets.
+  choose.least_inside = 0.0;  // Checked below, with the support of each number.
   choose.scores_each = all.num_open();
   choose.beside = all.WithComponents(1).reduced_dim() - all.num_open();
   std::erase_if(choose.candidates, [&](int k) { return k > all.most_components(); });
@@ -75,8 +75,8 @@ reduction::ComponentsChoice Table(const StateReduction& all,
   return reduction::ChooseComponents(scores, choose);
 }
 
-// The numbers that are as good as the best, within a standard error, the smallest first; all, if
-// none is to be refused.
+// Returns the numbers within one standard error of the best, the smallest first; all if none may be
+// refused.
 std::vector<int> Candidates(const reduction::ComponentsChoice& choice) {
   const auto best = std::ranges::max_element(choice.table, {}, &ComponentsScore::explained);
   std::vector<int> candidates;
@@ -126,7 +126,7 @@ std::shared_ptr<GuardModel> GuardModel::FitReduced(const core::StateLayout& layo
         std::make_shared<const StateReduction>(open ? all.WithComponents(candidates[i]) : all);
     GuardOptions own = options;
     own.features = reduction->features();
-    own.accept_any = true;  // Judged here.
+    own.accept_any = true;  // Checked here.
     const int features =
         core::FeatureSelection(reduction->reduced_layout(), own.features).num_features();
     own.support.svm.gamma *= std::min(1.0, kFeaturesOfGamma / features);

@@ -13,15 +13,15 @@
 namespace dfr::safety::internal {
 namespace {
 
-// Points inside that a gap test allows, as a share of its time steps or of its points if these are
-// more, and how often gamma may be doubled for it.
+// Fraction of points, or of time steps if that is more, that a mode separation test may find
+// inside, and the maximum number of doublings of gamma.
 constexpr double kMostInGaps = 0.05;
 constexpr int kMostDoublings = 2;
-// States of left-out demonstrations that are to be inside, before a support of many time steps
-// pools more of them. It may do so twice.
+// Required fraction of left-out states inside. Below it a support pools more time steps, at most
+// twice.
 constexpr double kWantedInside = 0.85;
 constexpr int kMostWidenings = 2;
-// How many groups a task model leaves out in turn.
+// Number of folds of a task model.
 constexpr int kFolds = 5;
 
 std::vector<core::Trajectory> Ordered(std::span<const core::Trajectory> demonstrations,
@@ -41,12 +41,12 @@ core::FeatureTransform Whitened(const core::FeatureSelection& selection,
   return core::FeatureTransform::Whitening(selection, states, options);
 }
 
-// How many groups demonstrations are left out in: two must remain to fit to.
+// Returns the number of folds: two demonstrations must remain for each fit.
 int NumFolds(std::size_t demonstrations, int most) {
   return std::min(most, std::max(2, static_cast<int>(demonstrations / 2)));
 }
 
-// The one place where supports are fitted.
+// Fits all supports.
 class SupportFits {
  public:
   explicit SupportFits(const Recorded& recorded) : points_(recorded.seen.points) {}
@@ -55,8 +55,8 @@ class SupportFits {
     return Fit(points_, options);
   }
 
-  // The demonstrations of each fold under a support that has not seen them, in the order in which
-  // they are given; nothing if `going_on` says so. Where there are three, one has no support.
+  // Evaluates the demonstrations of each fold by a support fitted without them, in the given order.
+  // Returns nothing if `going_on` returns false. With three demonstrations one fold has no support.
   // `without`, if given, receives the supports.
   std::optional<HeldOut> LeaveOut(const core::Folds& folds,
                                   const kernel::WhitenedSupportOptions& options,

@@ -24,13 +24,13 @@ bool AllFinite(std::span<const double> values) noexcept {
   return std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); });
 }
 
-// The action of a policy that runs somewhere else, as a policy.
+// A policy that returns an action computed elsewhere.
 class ExternalPolicy final : public core::Policy {
  public:
   ExternalPolicy(int state_dim, int action_dim)
       : state_dim_(state_dim), action_(static_cast<std::size_t>(action_dim), 0.0) {}
 
-  /// What Control() gives from then on.
+  /// The action that Control() returns.
   [[nodiscard]] std::span<double> action() noexcept { return action_; }
 
   [[nodiscard]] int state_dim() const noexcept override { return state_dim_; }
@@ -71,13 +71,14 @@ Method MethodOf(Strategy strategy) {
     case Strategy::kEarlyStopping:
       return {.name = "early-stopping", .recovery = control::Recovery::kEarlyStopping};
     case Strategy::kMonitor:
-    case Strategy::kCertified:  // Not a method of a task model.
+    case Strategy::kCertified:  // Has no task model method.
       break;
   }
   return {.name = "baseline"};
 }
 
-// Whether the controller sees the steered entries alone, in the units of the model's actions().
+// Returns true if the controller uses only the steered entries, in the units of the model's
+// actions().
 bool Steers(const GuardModel& model, const control::RecoveryStrategy* strategy) {
   return strategy == nullptr &&
          (model.settings().strategy == Strategy::kCertified ||
@@ -126,22 +127,22 @@ struct Guard::Episode {
     if (guided != nullptr) ahead = std::make_unique<control::GuidedController>(*guided);
   }
 
-  bool monitors;  // Nothing looks at g but the alarm.
-  bool steers;    // The controller's controls are ActionSpace's.
+  bool monitors;  // Only the alarm uses g.
+  bool steers;    // The controller uses the units of ActionSpace.
   ExternalPolicy proposal;
   std::unique_ptr<control::Controller> controller;
-  control::GuidedController* guided = nullptr;       // The controller, if it predicts.
-  std::unique_ptr<control::GuidedController> ahead;  // Its twin that looks ahead.
+  control::GuidedController* guided = nullptr;       // The controller, if it can predict.
+  std::unique_ptr<control::GuidedController> ahead;  // A copy for predictions.
   control::PhaseTracker tracker;
   std::vector<double> proposed;
   std::vector<double> bounded;                                    // `proposed` within the limits.
-  std::vector<double> given;                                      // What the last Filter() wrote.
-  std::vector<double> chosen;                                     // The controller's control.
+  std::vector<double> given;                                      // Result of the last Filter().
+  std::vector<double> chosen;                                     // Control of the controller.
   std::optional<reduction::StateReduction::Workspace> workspace;  // If states are reduced.
   int next = 0;
-  int entry = -1;  // The quaternion that it halted for.
+  int entry = -1;  // First entry of the invalid quaternion.
 
-  // The task's state that `state` is, and whether it is one.
+  // Returns the task's state of `state`, and true if it is valid.
   std::pair<std::span<const double>, bool> TaskState(const GuardModel& model,
                                                      std::span<const double> state) noexcept {
     const bool usable = static_cast<int>(state.size()) == model.state_dim() && AllFinite(state);
@@ -239,7 +240,7 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
   if (step.mode == Mode::kHalt) {
     std::fill(safe.begin(), safe.end(), 0.0);
   } else if (step.mode == Mode::kPolicy && !step.filtered) {
-    // To the bit; a monitor's too.
+    // Unchanged to the bit, also for a monitor.
     std::copy(episode.bounded.begin(), episode.bounded.end(), safe.begin());
   } else if (episode.steers) {
     std::copy(episode.bounded.begin(), episode.bounded.end(), safe.begin());
@@ -247,8 +248,8 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
   } else {
     std::copy(episode.chosen.begin(), episode.chosen.end(), safe.begin());
   }
-  // The one place where limits are kept, whatever chose the action. A recovery of the caller's own
-  // knows none, and units round.
+  // Enforces the limits for every source of the action. The caller's recovery has no limits, and
+  // units cause rounding.
   if (room) {
     Clamp(model_->settings().action_limit, safe);
     std::copy(safe.begin(), safe.end(), episode.given.begin());
@@ -265,17 +266,17 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
   verdict.entry = episode.entry;
   if (state_usable) {
     double level = episode.tracker.Follow(state);
-    // What is certified is a level at the controller's time step, which may be another one.
+    // The certificate applies to the controller's time step, which may differ.
     if (step.certified) level = std::max(level, step.log_g);
     verdict.level = level;
     verdict.alarm = !(level >= -model_->settings().alarm_level);
     verdict.alarm_step = episode.tracker.phase();
     if (episode.monitors) verdict.step = verdict.alarm_step;
-    // A halted controller repeats what it saw before it halted.
+    // A halted controller returns values from before the halt.
     const bool seen = step.mode != Mode::kHalt && std::isfinite(step.g);
     verdict.g = seen ? step.g : model_->support().Decision(verdict.step, state);
   }
-  // Not against `action`, which may be the memory that has just been written to.
+  // Not compared with `action`, which may be the same memory as `safe`.
   verdict.changed = !action_usable || !std::equal(safe.begin(), safe.end(),
                                                   episode.proposed.begin(), episode.proposed.end());
   verdict.change =

@@ -100,8 +100,8 @@ std::vector<std::string> Warnings(const GuardModel& model) {
 
 namespace {
 
-// Whether an entry of the states is the same in all demonstrations at the same time step, but
-// differs from step to step: next to none of its variance is left within time steps.
+// Returns true if an entry follows the clock: it varies between time steps, but barely between
+// demonstrations at the same time step.
 bool FollowsClock(std::span<const core::Trajectory> demonstrations, Eigen::Index entry) {
   constexpr double kMostWithin = 1e-6;
   Eigen::Index longest = 0;
@@ -132,8 +132,8 @@ bool FollowsClock(std::span<const core::Trajectory> demonstrations, Eigen::Index
   return total > 0.0 && within <= kMostWithin * total;
 }
 
-// The share of the squared changes of features that the estimate of demonstrated answers and own
-// motion explains, in some hundred demonstrated transitions.
+// Returns the fraction of the squared changes of features that the demonstrated response and the
+// drift explain, over some hundred demonstrated transitions.
 double Explained(const GuardModel& model, std::span<const core::Trajectory> demonstrations) {
   constexpr std::size_t kSamples = 400;
   const control::Response& response = model.task().response();
@@ -165,12 +165,12 @@ double Explained(const GuardModel& model, std::span<const core::Trajectory> demo
 
 std::vector<std::string> FitWarnings(const GuardModel& model,
                                      std::span<const core::Trajectory> demonstrations) {
-  // Guided recovery predicts so little then that its corrections are guesses.
+  // Corrections of guided recovery are then unreliable.
   constexpr double kLeastExplained = 0.5;
   std::vector<std::string> warnings;
   for (const core::Rotation& rotation : internal::Rotations(model.task().features().selection(),
                                                             model.task_layout(), demonstrations)) {
-    // A matrix is continuous.
+    // Rotation matrices are continuous.
     if (rotation.continuous || rotation.kind == core::Rotation::Kind::kMatrix) continue;
     warnings.push_back(core::Describe(rotation, model.task_layout()));
   }

@@ -26,11 +26,11 @@ constexpr std::array kStrategies = {Strategy::kGuard,   Strategy::kController,
                                     Strategy::kDfr,     Strategy::kEarlyStopping,
                                     Strategy::kMonitor, Strategy::kCertified};
 
-// A guard gives up after so many actions a policy's action at the most.
+// Maximum number of actions per action of the policy.
 constexpr int kActionsPerStep = 12;
-// The largest entry of an applied action against that of a demonstrated one.
+// Default action limit relative to the largest demonstrated value.
 constexpr double kActionReach = 1.5;
-// What files hold.
+// Limits of values in files.
 constexpr int kMost = 1 << 30;
 constexpr int kLongestHorizon = kMost / kActionsPerStep;
 
@@ -87,8 +87,8 @@ void Check(const core::StateLayout& layout, std::span<const core::Trajectory> de
   }
 }
 
-// Wilcoxon's signed-rank test, by its normal approximation: how likely it is that `higher` is above
-// `lower` as much as it is, or more, if differences are as likely to be negative as positive.
+// Wilcoxon's signed-rank test by its normal approximation: the probability of differences at least
+// this large between `higher` and `lower` if their signs are random.
 double ChanceOfBeingHigher(std::span<const double> higher, std::span<const double> lower) {
   std::vector<double> differences;
   for (std::size_t i = 0; i < std::min(higher.size(), lower.size()); ++i) {
@@ -106,7 +106,7 @@ double ChanceOfBeingHigher(std::span<const double> higher, std::span<const doubl
   return 0.5 * std::erfc((ranks - n * (n + 1.0) / 4.0) / spread / std::sqrt(2.0));
 }
 
-// The alarm level, and what is promised of it.
+// The alarm level and its guarantee.
 struct AlarmLevel {
   double level = 0.0;
   double false_alarms = 0.0;
@@ -117,7 +117,7 @@ AlarmLevel AlarmLevelOf(const std::vector<double>& worst, const GuardOptions& op
   const double promised =
       kernel::ConformalThreshold(worst, options.false_alarms, options.confidence);
   if (std::isfinite(promised)) return {promised, options.false_alarms, options.confidence};
-  // With few demonstrations none of them promises so little; their worst is what there is.
+  // With few demonstrations no level has this guarantee, so the worst one is used.
   return {*std::max_element(worst.begin(), worst.end()),
           1.0 / static_cast<double>(worst.size() + 1), 0.0};
 }
@@ -188,8 +188,8 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
     mapped = internal::Mapped(selection.map(), as_recorded);
     demonstrations = mapped;
   }
-  // By their content, which has nothing to do with what they are like: a random sample, so that
-  // further demonstrations are exchangeable with those held out.
+  // Pseudo-random by a hash of their content: further demonstrations are then exchangeable with
+  // those held out.
   const std::vector<std::size_t> order = core::DeterministicOrder(demonstrations);
   const auto num_held_out = static_cast<std::size_t>(
       std::ceil(options.hold_out * static_cast<double>(demonstrations.size())));
@@ -328,7 +328,7 @@ Certification GuardModel::Certify(int t, std::span<const double> state,
   } else {
     task.features().Apply(state, core::AsSpan(z));
   }
-  // What a certificate assumes.
+  // Assumption of the certificate.
   control::ResponseEstimate answer(task.response().prior(), {}, /*drift=*/false);
   answer.Compute(t, core::AsSpan(z));
   Eigen::VectorXd v(actions_->steered_dim());

@@ -17,15 +17,15 @@ struct Sums {
   double count = 0.0;
   double changed = 0.0;
   double outside = 0.0;
-  double guessed = 0.0;  // Actions that the regression knows something of,
-  Eigen::VectorXd v;     // their sum,
-  double squares = 0.0;  // the sum of their squares,
-  double missed = 0.0;   // and of squared errors.
+  double guessed = 0.0;  // Number of actions with a prediction.
+  Eigen::VectorXd v;     // Sum of these actions.
+  double squares = 0.0;  // Sum of their squares.
+  double missed = 0.0;   // Sum of squared errors.
 
   [[nodiscard]] Replay Shares() const {
     if (!(count > 0.0)) return {};
     const double variance = guessed > 0.0 ? squares - v.squaredNorm() / guessed : 0.0;
-    // The same action everywhere is as well known as can be.
+    // A constant action is predicted perfectly.
     constexpr double kConstant = 1e-9;
     const double explained = variance > kConstant * squares ? 1.0 - missed / variance : 1.0;
     return {changed / count, outside / count, explained, squares > 0.0 ? missed / squares : 0.0};

@@ -17,7 +17,7 @@ constexpr int kTaskVersion = 1;
 constexpr std::string_view kTaskFile = "task.dfr";
 constexpr std::string_view kSupportFile = "support.dfr";
 constexpr int kMostHorizon = 1'000'000;
-// More time steps than any task has, and few enough that a damaged count is noticed.
+// Larger than for any task, and small enough to detect a damaged count.
 constexpr int kMostSteps = 1'000'000;
 
 kernel::WhitenedSupport LoadSupport(core::ArchiveReader& archive, bool single_precision) {

@@ -13,7 +13,7 @@
 namespace dfr::control {
 namespace {
 
-// What is assumed is dz = J u, of controls that act at once.
+// The certificate assumes dz = J u with controls that act at once.
 constexpr bool kDrift = false;
 
 void Check(std::size_t demonstrations, std::size_t least, double confidence) {
@@ -37,7 +37,7 @@ double RootMeanSquare(std::span<const core::Matrix> controls) {
   return std::sqrt(square / moving);
 }
 
-// The largest |dz - J u| / |u|, J with what the demonstration itself has shown until then.
+// Returns the largest |dz - J u| / |u|, with a J updated by the demonstration up to each step.
 double LargestError(const core::Matrix& points, const core::Matrix& controls, double unit,
                     ResponseEstimate& estimate) {
   double largest = 0.0;
@@ -55,7 +55,7 @@ double LargestError(const core::Matrix& points, const core::Matrix& controls, do
   return largest;
 }
 
-// An exactly linear system leaves no error at all; a certificate needs a positive one.
+// An exactly linear system has no error, but a certificate needs a positive one.
 double AtLeastRounding(double error) { return std::max(error, 1e-12); }
 
 EstimatedConstant Finish(double value, int demonstrations, double confidence) {

@@ -97,7 +97,7 @@ Step CertifiedController::DoNext(std::span<const double> x, std::span<double> u)
   if (!Certify(model, step)) return Halted(step, HaltCause::kNoProgress);
   const bool passes = step.mode == Mode::kPolicy && within && v_ == learned_;
   step.filtered = step.mode == Mode::kPolicy && !passes;
-  // What passes does so to the bit.
+  // A control that passes is unchanged to the bit.
   if (!passes) {
     step.change = (v_ - core::AsVector(u) / task_.response().control_unit()).norm();
     core::AsVector(u) = v_ * task_.response().control_unit();
@@ -112,7 +112,7 @@ bool CertifiedController::DeepInside(double level, double hi) const noexcept {
          task_.support().LogDecision(tracker_.phase() + 1, AsSpan(z_), {}) >= hi;
 }
 
-// Raises v_, the learned control, or makes it a probe.
+// Raises the level of v_, the learned control, or replaces it by a probe.
 Mode CertifiedController::Correct(const LocalModel& model, const StepTarget& target) noexcept {
   const double level = AscendSupport(model, target, limits_, v_);
   if (level < 0.0 && Probe(model, target.phase)) return Mode::kProbe;
@@ -138,7 +138,7 @@ bool CertifiedController::Certify(const LocalModel& model, Step& step) noexcept 
   step.mode = admission.mode;
   step.certified = true;
   effect_.noalias() = estimate_.jacobian().lazyProduct(v_);
-  // Enter() finds the phase that the control leads to, from the one it is meant to lead to.
+  // Enter() searches around the phase at which the control aims.
   if (!admission.gets_on) {
     tracker_.Wait();
   } else {

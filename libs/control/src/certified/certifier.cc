@@ -13,8 +13,7 @@ namespace dfr::control {
 
 using core::AsSpan;
 
-// Phases beside the present one, in the order in which they are looked at: a control is meant for
-// the next one.
+// Offsets of the phases in search order. A control usually aims at the next phase.
 constexpr std::array kPhaseSearchOrder = {1, 0, 2, -1, 3, -2, -3};
 static_assert(kPhaseSearchOrder.size() == 2 * PhaseTracker::kWindow + 1);
 
@@ -98,7 +97,7 @@ double Certifier::ReducedStepFraction(const LocalModel& model, int phase,
   return best;
 }
 
-// Changes `v` by the smallest steps that surely help until it provably ends inside `phase`.
+// Changes `v` by minimal ascent steps until it provably ends inside `phase`.
 bool Certifier::Project(const LocalModel& model, const StepLimits& limits, int phase,
                         Eigen::VectorXd& v) const noexcept {
   PredictedLevel there = model.Predict(phase, v);
@@ -119,7 +118,7 @@ Certifier::CertifiedStep Certifier::Admit(const LocalModel& model, ResponseEstim
   if (admitted.gets_on) {
     chosen_ = v;
     if (!Project(model, limits, request.phase + 1, v)) {
-      // What demonstrations did nearby, as near to it as is certified.
+      // The nominal control of nearby demonstrations, changed as little as the certificate allows.
       const bool known = estimate.NominalControl(v);
       limits.Limit(v);
       if (known && Project(model, limits, request.phase + 1, v)) {
@@ -133,7 +132,7 @@ Certifier::CertifiedStep Certifier::Admit(const LocalModel& model, ResponseEstim
     admitted.share = StepFraction(model, request.phase, v);
   }
   if (admitted.share < certified::kLeastShare) {
-    // So near to the boundary in this direction: make all the room there is first.
+    // Too close to the boundary in this direction: maximize the margin first.
     v.setZero();
     static_cast<void>(
         AscendSupport(model, {request.phase, std::numeric_limits<double>::infinity()}, limits, v));
@@ -148,12 +147,12 @@ Certifier::CertifiedStep Certifier::Admit(const LocalModel& model, ResponseEstim
 
 bool Certifier::Confirms(int control, const Eigen::VectorXd& v, const Eigen::VectorXd& effect,
                          const Eigen::VectorXd& dz) noexcept {
-  // Rounding of the features is all that may come on top.
+  // Only rounding of the features may exceed the bound.
   constexpr double kRounding = 1e-9;
   const double norm = v.norm() * control_unit_;
   const double change = (dz - effect).norm();
   const double allowed = certificate_.direction_error;
-  // Both states are observed ones.
+  // Both states are observed, each with an error of up to delta.
   if (change <= allowed * norm * (1.0 + kRounding) + 2.0 * certificate_.state_error + kRounding) {
     return true;
   }

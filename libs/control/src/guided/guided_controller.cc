@@ -53,7 +53,7 @@ void GuidedController::See(std::span<const double> x) noexcept {
   if (progress_.controls > 0) {
     dz_ = seen_ - last_seen_;
     observer_.Update(estimate_, AsSpan(v_), AsSpan(dz_));
-    // Before the first computation there are no demonstrations to compare a control with.
+    // Before the first Compute() there is no prediction to compare with.
     if (computed_) {
       estimate_.Update(AsSpan(last_seen_), observer_.acting(), AsSpan(dz_), estimate_.Time(v_),
                        options_.online_weight);
@@ -92,7 +92,7 @@ Step GuidedController::Decide(Step step, std::span<double> u) noexcept {
 
   v_ = learned_;
   const bool deep = DeepInside(step.log_g);
-  // J is most of the work. Deep inside only the first controls ask for it, because they show a lag.
+  // J takes most of the time. Deep inside only the first controls compute it, to detect a lag.
   if (!deep || (options_.observer && progress_.controls <= StateObserver::kMaxLag)) {
     estimate_.Compute(step.t, AsSpan(z_));
     computed_ = true;
@@ -109,7 +109,7 @@ Step GuidedController::Decide(Step step, std::span<double> u) noexcept {
   at_edge_ *= guided::kEdgeMemory;
   if (passes && step.log_g < task_.levels().edge(step.t)) at_edge_ += 1.0;
   step.filtered = step.mode == Mode::kPolicy && !passes;
-  // What passes does so to the bit.
+  // A control that passes is unchanged to the bit.
   if (!passes) {
     step.change = (v_ - core::AsVector(u) / task_.response().control_unit()).norm();
     core::AsVector(u) = v_ * task_.response().control_unit();
@@ -144,7 +144,7 @@ bool GuidedController::PassesNext(std::span<const double> control) noexcept {
     step = Decide(step, AsSpan(foreseen_));
   }
   if (step.mode == Mode::kPolicy && !step.filtered) {
-    // Nothing is learned from what was only predicted.
+    // Predicted states do not update the estimate.
     if (std::isnan(step.log_learned)) estimate_.Compute(step.t, AsSpan(z_));
     estimate_.AddEffect(v_, z_);
     const double level = task_.support().LogDecision(step.t + 1, AsSpan(z_), {});

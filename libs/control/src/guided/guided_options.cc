@@ -28,7 +28,7 @@ GuidedOptions Without(GuidedOptions options, std::string_view parts) {
       options.demonstrated = false;
     } else if (part == "online-jacobian") {
       options.online_weight = 0.0;
-      options.probe_size = 0.0;  // A probe that is not measured is for nothing.
+      options.probe_size = 0.0;  // A probe without a measurement has no use.
     } else if (part == "drift") {
       options.drift = false;
     } else if (part == "observer") {

@@ -11,11 +11,11 @@
 namespace dfr::control {
 namespace {
 
-// The share of what controls alone leave unexplained, in demonstrations that were left out, that
-// remains with a drift.
+// Returns the fraction of the variance unexplained by controls alone, in left-out demonstrations,
+// that remains with a drift.
 double WithDrift(std::span<const core::Matrix> points, std::span<const core::Matrix> controls,
                  const ResponseOptions& options) {
-  constexpr Eigen::Index kEnough = 2000;  // Transitions, of each half.
+  constexpr Eigen::Index kEnough = 2000;  // Number of transitions of each half.
   Eigen::Index transitions = 0;
   for (const core::Matrix& c : controls) transitions += c.rows();
   const Eigen::Index stride = 1 + transitions / (2 * kEnough);

@@ -10,8 +10,8 @@
 namespace dfr::control {
 namespace {
 
-// Columns [column, column + kColumns) of b = A^-1 b, each row in registers; rows before `first` are
-// substituted forwards alone.
+// Solves b = A^-1 b for columns [column, column + kColumns), with each row in registers. Rows
+// before `first` get only the forward substitution.
 template <int kColumns>
 void SolveColumns(const Eigen::LLT<Eigen::MatrixXd>& cholesky, Eigen::Index column,
                   Eigen::Index first, core::Matrix& b) noexcept {
@@ -98,7 +98,7 @@ void ResponseEstimate::Update(std::span<const double> z, std::span<const double>
   b_online_.noalias() += weight * regressor_.lazyProduct(wanted_.transpose());
 }
 
-// With y = z' - z, sums of [y; 1] about another z are those of [y + shift; 1].
+// With y = z' - z, moving z changes sums of [y; 1] to those of [y + shift; 1].
 void ResponseEstimate::MoveTo(std::span<const double> z) noexcept {
   if (drift_rows_ == 0) return;
   const Eigen::Index n = drift_rows_ - 1;
@@ -115,7 +115,7 @@ void ResponseEstimate::AddDemonstrations() noexcept {
   const Eigen::Index m = jacobian_.cols();
   const Eigen::Index moves = drift_rows_;
   const Eigen::Index states = workspace_.states;
-  const Eigen::Index v = n + 1;  // In the sums; then the changes.
+  const Eigen::Index v = n + 1;  // First row of v in the sums.
   a_.bottomRightCorner(m, m) += sums.block(0, v, m, m).cast<double>();
   demonstrated_.bottomRows(m) += sums.block(0, v + m, m, n).cast<double>();
   if (moves == 0) return;
@@ -219,7 +219,7 @@ double ResponseEstimate::LeastExcitedDirection(std::span<double> direction) noex
   static_cast<void>(UncertaintyBound());
   // Power iteration.
   direction_.setConstant(1.0 / std::sqrt(static_cast<double>(direction_.size())));
-  // Off the constant vector, which may by symmetry be orthogonal to the answer.
+  // Not the constant vector, which may be orthogonal to the result by symmetry.
   for (Eigen::Index i = 0; i < direction_.size(); ++i) {
     direction_[i] += 0.01 * static_cast<double>(i);
   }
@@ -230,7 +230,7 @@ double ResponseEstimate::LeastExcitedDirection(std::span<double> direction) noex
     value = scratch_.norm();
     direction_ = scratch_ / value;
   }
-  // Time always passes forwards: [v; s] and [-v; s] are not known equally well.
+  // The duration s is always positive, so [v; s] and [-v; s] differ in uncertainty.
   if (disturbed_ && inverse_.row(0).tail(m).dot(direction_) < 0.0) direction_ = -direction_;
   std::copy(direction_.begin(), direction_.end(), direction.begin());
   return value;

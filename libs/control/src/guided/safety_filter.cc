@@ -10,7 +10,7 @@ namespace dfr::control {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-// Inside, whatever rounding does.
+// Inside, with a margin for rounding.
 constexpr double kInside = 1e-6;
 
 }  // namespace
@@ -47,8 +47,8 @@ SafetyFilter::Choice SafetyFilter::Filter(ResponseEstimate& estimate, std::span<
   return choice;
 }
 
-// Inside, a learned control may give up `margin` of the level that is aimed at. It may give up as
-// much of the best level outside, if it hardly differs from what reaches that.
+// Inside, a learned control may end `margin` below the target level. Outside, it may end `margin`
+// below the best control's level if it differs little from that control.
 bool SafetyFilter::Idle(const Choice& choice, double margin,
                         const Eigen::VectorXd& v) const noexcept {
   return choice.level < 0.0 && margin > 0.0 && choice.learned >= choice.level - margin &&
@@ -58,7 +58,7 @@ bool SafetyFilter::Idle(const Choice& choice, double margin,
 SafetyFilter::Choice SafetyFilter::Correct(ResponseEstimate& estimate, const LocalModel& model,
                                            const StepTarget& target, Eigen::VectorXd& v) noexcept {
   const int next = target.phase;
-  // The last support does not move on: deep inside it, or where it is nearest, a task would stop.
+  // The last support does not move on: a target deep inside it would stop the task.
   const bool last = next >= model.support.num_steps();
   const bool known = demonstrates_ && estimate.NominalControl(trial_);
   double demonstrated = -kInfinity;
@@ -85,7 +85,7 @@ SafetyFilter::Choice SafetyFilter::Correct(ResponseEstimate& estimate, const Loc
 
 bool SafetyFilter::Probe(ResponseEstimate& estimate, const LocalModel& model,
                          const StepTarget& target, Eigen::VectorXd& v, double& level) noexcept {
-  // What is predicted inside is worth no probe, unless the prediction needs to know a disturbance.
+  // A control that is predicted to end inside needs no probe, except to estimate a disturbance.
   if (probe_size_ == 0.0 || level >= (disturbed_ ? target.level : 0.0) ||
       estimate.UncertaintyBound() <= guided::kUnknown ||
       estimate.LeastExcitedDirection(core::AsSpan(trial_)) <= guided::kUnknown) {
@@ -94,7 +94,7 @@ bool SafetyFilter::Probe(ResponseEstimate& estimate, const LocalModel& model,
   v = probe_size_ * trial_;
   limits_.Limit(v);
   level = model.Level(target.phase, v);
-  // Under a disturbance the sign says which of the two is not known.
+  // Under a disturbance the direction already has the more informative sign.
   if (disturbed_) return true;
   trial_ = -v;
   if (const double other = model.Level(target.phase, trial_); other > level) {

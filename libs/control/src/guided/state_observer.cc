@@ -74,7 +74,7 @@ int StateObserver::FindLag(const ResponseEstimate& estimate, std::span<const dou
     error = forgetting_ * error + scratch_.squaredNorm();
     least = std::min(least, error);
   }
-  // What is predicted well enough is not late, whatever would be predicted better.
+  // A lag whose predictions are accurate enough is kept, even if a larger one predicts better.
   const double enough = std::max(guided::kEvidence * least, guided::kNegligible * travel_);
   int lag = 0;
   while (errors_[static_cast<std::size_t>(lag)] > enough) ++lag;

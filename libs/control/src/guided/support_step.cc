@@ -11,7 +11,7 @@
 namespace dfr::control {
 namespace {
 
-// On the stack, whatever the size.
+// On the stack for every size.
 using Vector = decltype(PredictedLevel::gradient);
 
 double LevelAfter(const LocalModel& model, int phase, const Eigen::VectorXd& v, Vector& there,
@@ -70,7 +70,7 @@ double AscendSupport(const LocalModel& model, const StepTarget& target, const St
   Vector before(v.size());
   for (int i = 0; i < limits.iterations && there.level < target.level; ++i) {
     d.noalias() = j.transpose().lazyProduct(there.gradient);
-    // What the limits forbid is left out of the direction.
+    // Removes the part of the direction that the limits forbid.
     for (Eigen::Index k = 0; k < limits.control.size(); ++k) {
       if ((v[k] >= limits.control[k] && d[k] > 0.0) || (v[k] <= -limits.control[k] && d[k] < 0.0)) {
         d[k] = 0.0;
@@ -80,13 +80,13 @@ double AscendSupport(const LocalModel& model, const StepTarget& target, const St
     effect.noalias() = j.lazyProduct(d);
     const double bend = curvature * effect.squaredNorm();
     if (!(slope > 0.0)) break;
-    // A step s gains slope s - bend s^2 at least, most of all at `best`.
+    // A step s gains at least slope s - bend s^2, with the maximum at `best`.
     const double best = slope / (2.0 * bend);
     const double gain = slope * best / 2.0;
     const double missing = target.level - there.level;
     if (!(gain >= std::min(guided::kLeastGain, missing))) break;
-    // Where the level is nearer than `best`, in the form that neither cancels nor needs a
-    // curvature.
+    // If the level is reached before `best`: the root in a form without cancellation that also
+    // holds without curvature.
     const double step =
         gain > missing ? 2.0 * missing / (slope * (1.0 + std::sqrt(1.0 - missing / gain))) : best;
     before = v;
@@ -95,7 +95,7 @@ double AscendSupport(const LocalModel& model, const StepTarget& target, const St
     const double reached =
         LevelAfter(model, target.phase, v, after, {next_gradient.data(), model.z.size()});
     if (reached <= there.level) {
-      // Only a limit that was met on the way can do that.
+      // Only clamping to a limit can cause this.
       v = before;
       break;
     }

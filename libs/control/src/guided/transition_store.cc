@@ -12,14 +12,15 @@
 namespace dfr::control {
 namespace {
 
-// Transitions that one estimate may look at.
+// Maximum number of transitions per estimate.
 constexpr int kMaxTransitions = 1024;
 int RoundUp(int value, std::size_t multiple) {
   const int m = static_cast<int>(multiple);
   return (value + m - 1) / m * m;
 }
 
-// Entries of features and of a control: each decision solves a problem of the size of the control.
+// Maximum number of features and of control entries: each decision solves a problem of the size of
+// the control.
 constexpr int kMaxEntries = 256;
 
 void Check(const ResponseOptions& options) {
@@ -79,7 +80,8 @@ TransitionStore::TransitionStore(std::span<const core::Matrix> features,
     }
     const std::size_t most =
         std::min<std::size_t>(moving.size(), static_cast<std::size_t>(options.max_per_step));
-    // Others than at the time step before: the window sees as many demonstrations as it can.
+    // Selects other demonstrations than the previous time step: a window then covers most
+    // demonstrations.
     for (std::size_t i = 0; i < most; ++i) {
       const std::size_t first = i * moving.size() / most;
       chosen.emplace_back(moving[(first + static_cast<std::size_t>(t)) % moving.size()], t);
@@ -206,7 +208,7 @@ bool TransitionStore::SumControls(int t, std::span<const double> z,
   if (!std::isfinite(distances.sum())) return false;
   internal::Weights(distances.data(), count, distances.minCoeff(),
                     kBandwidth / static_cast<double>(n), workspace.weights.data());
-  // Evenly over demonstrations and time steps.
+  // Selects evenly over demonstrations and time steps.
   const int stride = (rows + kSpread - 1) / kSpread;
   workspace.used = (rows + stride - 1) / stride;
   double sum = 0.0;
@@ -222,7 +224,7 @@ bool TransitionStore::SumControls(int t, std::span<const double> z,
                       workspace.weights.data(), workspace.factor,
                       static_cast<std::size_t>(workspace.states), workspace.left.data(),
                       left_width);
-  // Most of the work of an estimate. Of r all that may follow z and 1.
+  // Takes most of the time of an estimate. Uses all columns of r after z and 1.
   const std::size_t begin = (n + 1) / internal::kWidth * internal::kWidth;
   internal::TransposedProduct(workspace.left.data(), left_width,
                               static_cast<std::size_t>(workspace.states), row + begin, row_stride,
@@ -247,7 +249,7 @@ void TransitionStore::SumRows(const Eigen::VectorXi& indices, int count, double 
   const auto width = static_cast<std::size_t>(transitions_.cols());
   const auto left_width = static_cast<std::size_t>(workspace.sums.rows());
   const auto begin = static_cast<std::size_t>(workspace.states);
-  // As they differ from z: sums about the origin would lose the digits that matter.
+  // Differences from z: sums about the origin would lose significant digits.
   internal::Differences(transitions_.row(workspace.first).data(), width, indices.data(), rows,
                         workspace.z.data(), workspace.right.data());
   internal::ScaleRows(workspace.right.data(), width, indices.data(), rows, workspace.weights.data(),

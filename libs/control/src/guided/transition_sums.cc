@@ -19,7 +19,7 @@ using Doubles = hn::CappedTag<double, kWidth>;
 using Floats = hn::CappedTag<float, kPadding>;
 using Row = hn::CappedTag<float, kWidth>;
 
-// Lane by lane over rows, and over what is behind them.
+// Vectorized over rows, including the padding behind them.
 void Distances(const float* points, std::size_t column_stride, std::size_t dim, const float* z,
                std::size_t rows, float* distances) {
   const Floats d;
@@ -35,7 +35,7 @@ void Distances(const float* points, std::size_t column_stride, std::size_t dim, 
   }
 }
 
-// Exponentials of floats differ between processors by more than all that is computed from them.
+// Vector exponentials of floats differ between processors by more than all later rounding.
 void WeightsOf(const float* distances, std::size_t rows, float least, double scale,
                double* weights) {
   const Doubles d;
@@ -49,7 +49,7 @@ void WeightsOf(const float* distances, std::size_t rows, float least, double sca
   }
 }
 
-// What is behind the rows does not count.
+// Ignores the padding behind the rows.
 HWY_INLINE std::size_t CountAtMost(const float* distances, std::size_t rows, float bound) {
   const Floats d;
   const std::size_t lanes = hn::Lanes(d);
@@ -66,7 +66,7 @@ HWY_INLINE std::size_t CountAtMost(const float* distances, std::size_t rows, flo
   return count;
 }
 
-// Floats that are not negative are ordered as their bits are.
+// Non-negative floats have the order of their bits.
 float FloatOf(std::uint32_t bits) {
   float value;
   std::memcpy(&value, &bits, sizeof value);
@@ -104,7 +104,7 @@ void NearestOf(const float* distances, std::size_t rows, std::size_t count, std:
     least = std::min(least, distances[i]);
     most = std::max(most, distances[i]);
   }
-  // A bound that `count` distances are within, or the smallest that so many are within.
+  // Finds an upper bound of at least `count` distances, at best the smallest one.
   std::uint32_t low = BitsOf(least);
   std::uint32_t high = BitsOf(most);
   std::uint32_t bound = high;
@@ -121,7 +121,7 @@ void NearestOf(const float* distances, std::size_t rows, std::size_t count, std:
   const float farthest = FloatOf(bound);
   std::size_t placed = 0;
   i = 0;
-  // Few are nearer than the farthest of them.
+  // Few distances are below the largest of them.
   for (; i + lanes <= rows; i += lanes) {
     std::uint64_t nearer = 0;
     hn::StoreMaskBits(d, hn::Lt(hn::LoadU(d, distances + i), hn::Set(d, farthest)),
@@ -164,8 +164,8 @@ void Scale(const float* rows, std::size_t row_stride, const std::int32_t* indice
   }
 }
 
-// The columns from `column` on that a vector holds. kWidth rows of sums at a time keep their sums
-// in registers, and the multipliers busy.
+// Sums the columns from `column` on that fit into a vector. kWidth rows of sums at a time stay in
+// registers and keep the multipliers busy.
 template <class D>
 HWY_INLINE void Columns(D d, const float* left, std::size_t left_stride, std::size_t n_left,
                         const float* right, std::size_t right_stride, std::size_t rows, float* sums,
@@ -205,8 +205,8 @@ HWY_INLINE void Columns(D d, const float* left, std::size_t left_stride, std::si
   }
 }
 
-// Three vectors of columns from `column` on, four rows of sums at a time: sixteen registers hold
-// them with what is multiplied, and an entry of `left` is loaded once for three products.
+// Sums three vectors of columns from `column` on, four rows at a time: sixteen registers hold the
+// sums and factors, and an entry of `left` is loaded once for three products.
 template <class D>
 HWY_INLINE void ThreeColumns(D d, const float* left, std::size_t left_stride, std::size_t n_left,
                              const float* right, std::size_t right_stride, std::size_t rows,

@@ -11,7 +11,7 @@ GradientRecovery::GradientRecovery(const TaskView& task, double control_limit)
     : task_((CheckFits(task), task)),
       limits_{Eigen::VectorXd::Constant(task.response().control_dim(),
                                         control_limit / task.response().control_unit())},
-      // Algorithm 1 recovers at rest: nothing moves but by its controls.
+      // Algorithm 1 recovers at rest: only its controls cause motion.
       estimate_(task.response().prior(), {}, /*drift=*/false),
       z_(Eigen::VectorXd::Zero(task.features().num_features())),
       last_z_(z_),

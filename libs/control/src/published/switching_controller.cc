@@ -15,7 +15,7 @@ double Norm(std::span<const double> v) noexcept {
   return std::sqrt(std::inner_product(v.begin(), v.end(), v.begin(), 0.0));
 }
 
-// Names no strategy, so that none is made from options that do not count.
+// Selects no strategy: none must be created from ignored options.
 SwitchingControllerOptions WithoutStrategy(SwitchingControllerOptions options) {
   options.recovery = Recovery::kEarlyStopping;
   return options;
