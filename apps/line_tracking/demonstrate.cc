@@ -56,7 +56,7 @@ core::Trajectory Follow(RobotPlant& plant, int steps) {
     constexpr int kPatience = 300;  // pictures
     for (int n = 0;; ++n) {
       if (Terminal::interrupted()) throw std::runtime_error("interrupted");
-      if (n > kPatience) throw std::runtime_error("the tip rests");
+      if (n > kPatience) throw std::runtime_error("the tip does not move; lead it along the line");
       if (!plant.ObserveIdle(Row(x, t + 1)))
         throw std::runtime_error("line or tip are not visible");
       if (std::abs(x(t + 1, 2)) > 1e3 * LineTask::kCollision) throw std::runtime_error("collided");

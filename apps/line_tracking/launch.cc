@@ -180,10 +180,11 @@ std::vector<std::string> InNetwork(std::vector<std::string> command,
   if (network.security.empty()) return command;
   const std::filesystem::path folder = (network.security / "." / ".." / name).lexically_normal();
   if (!std::filesystem::exists(folder)) {
-    throw std::runtime_error(folder.string() +
-                             " does not exist: the certificate of the launched program. Make it "
-                             "with `hardware certificates`, which makes those of " +
-                             name + " and line_tracking side by side");
+    throw std::runtime_error(
+        folder.string() +
+        " does not exist, but must hold the certificate of the launched program. Create it with "
+        "`hardware certificates`, together with that of " +
+        name + " and line_tracking");
   }
   command.insert(command.end(), {"--security", folder.string()});
   return command;

@@ -434,9 +434,9 @@ void CheckCamera(const RobotConfig& config, const line_task::LineCalibration& ca
          << " px, centre " << camera.cx << ", " << camera.cy << " px";
     return text.str();
   };
-  throw std::runtime_error(config.calibration.string() + " is of another camera (" + words(was) +
+  throw std::runtime_error(config.calibration.string() + " is for another camera (" + words(was) +
                            ") than " + config.intrinsics.string() + " (" + words(is) +
-                           "): calibrate with this one, or was it made in simulation?");
+                           "); calibrate with the camera of this robot");
 }
 
 }  // namespace dfr::apps::line_tracking

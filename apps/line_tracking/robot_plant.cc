@@ -351,7 +351,7 @@ struct RobotPlant::Impl {
       const bool others =
           found == HoldReason::kSecondCommander || found == HoldReason::kArmNotReady;
       if (found != HoldReason::kNone && !others) throw std::runtime_error(loop.blocking_words());
-      if (n > kPatience) throw std::runtime_error("no picture came");
+      if (n > kPatience) throw std::runtime_error("no picture arrived; check the camera");
       answer = camera.Take(state);
     }
     return answer;
@@ -513,10 +513,11 @@ vision::CalibrationFrame RobotPlant::CaptureCalibrationFrame() {
   std::vector<double> none(static_cast<std::size_t>(i.task.layout().state_dim()));
   static_cast<void>(i.ObserveIdle(none, true));
   const PsmJoints joints = i.driver.client().measured_js().position;
-  if (!((i.task.Tip(joints) - before).norm() <= kStill)) throw std::runtime_error("the arm moves");
+  if (!((i.task.Tip(joints) - before).norm() <= kStill))
+    throw std::runtime_error("the arm moves; hold it still");
   const ImageAnswer& answer = i.camera.last();
-  if (answer.marks_px.empty()) throw std::runtime_error("the marks are not found");
-  if (!answer.tip_px.allFinite()) throw std::runtime_error("the tip is not found");
+  if (answer.marks_px.empty()) throw std::runtime_error("the marks are not found in the picture");
+  if (!answer.tip_px.allFinite()) throw std::runtime_error("the tip is not found in the picture");
   vision::CalibrationFrame frame;
   std::copy_n(joints.data(), 6, frame.joints.begin());
   frame.tip_px = answer.tip_px;

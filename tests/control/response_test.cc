@@ -122,7 +122,7 @@ TEST(ResponseTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(message([](auto& demonstrations) {
                 for (auto& d : demonstrations) d.controls.setZero();
               }),
-              HasSubstr("no demonstrated control differs from zero"));
+              HasSubstr("all demonstrated controls are zero"));
 }
 
 TEST(TaskViewTest, PartsThatDoNotFitEachOtherAreRefused) {
@@ -138,7 +138,7 @@ TEST(TaskViewTest, PartsThatDoNotFitEachOtherAreRefused) {
   EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] {
                 CheckFits({one, narrow, task.levels, task.response});
               }),
-              HasSubstr("the Jacobian prior is one of 2"));
+              HasSubstr("the response has 2"));
 }
 
 }  // namespace

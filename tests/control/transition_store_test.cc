@@ -61,7 +61,7 @@ TEST(TransitionStoreTest, TimeStepsThatDoNotFollowEachOtherAreRefused) {
     return "nothing thrown";
   };
   EXPECT_EQ(message({0, 30, 60}), "nothing thrown");
-  EXPECT_THAT(message({0, 60, 60}), testing::HasSubstr("time step 0 of the Jacobian prior has 60"));
+  EXPECT_THAT(message({0, 60, 60}), testing::HasSubstr("time step 0 of the transitions has 60"));
   EXPECT_THAT(message({0, -1, 30, 60}), testing::HasSubstr("time step 0 of"));
   EXPECT_THAT(message({0, 30, 20, 60}), testing::HasSubstr("time step 1 of"));
   EXPECT_THAT(message({0, 30, 40, 35, 60}), testing::HasSubstr("time step 2 of"));

@@ -154,7 +154,7 @@ TEST_F(ArchiveTest, WhatAFileAsksForIsBoundedByItsSize) {
   EXPECT_THAT(Error([&] { reader.Spend(std::uint64_t{1} << 32, 8, "weights"); }),
               testing::AllOf(HasSubstr("values.dfr"), HasSubstr("4294967296 weights of 8 bytes")));
   EXPECT_THAT(Error([&] { reader.Spend(std::uint64_t{1} << 62, 16, "weights"); }),
-              HasSubstr("too much for a file of"));
+              HasSubstr("too many for a file of"));
 }
 
 // A limit on file sizes stands in for a full disk: the write, not the creation, fails.

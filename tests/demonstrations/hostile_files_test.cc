@@ -75,7 +75,7 @@ TEST(HostileFilesTest, ASmallFileMayNotClaimGigabytes) {
                           H5Pclose(layout);
                           H5Sclose(space);
                         }),
-              HasSubstr("claims 134217728 x 7 entries, which is too much for a file of this size"));
+              HasSubstr("declares 134217728 x 7 entries, too many for a file of this size"));
   // The number of rows may come from an attribute.
   {
     Hdf5File file = Hdf5File::Create(folder / "rows.hdf5");
@@ -84,7 +84,7 @@ TEST(HostileFilesTest, ASmallFileMayNotClaimGigabytes) {
     file.Write("data/demo_0/actions", core::Matrix(core::Matrix::Zero(3, 2)));
     file.SetAttribute("data/demo_0", "num_samples", std::int64_t{1} << 40);
   }
-  EXPECT_THAT(LoadError(folder / "rows.hdf5"), HasSubstr("claims 1099511627776 x 2 entries"));
+  EXPECT_THAT(LoadError(folder / "rows.hdf5"), HasSubstr("declares 1099511627776 x 2 entries"));
 }
 
 // Thrift's compact protocol, as far as Parquet's metadata need it.
@@ -134,10 +134,9 @@ TEST(HostileFilesTest, ASmallParquetFileMayNotClaimGigabytes) {
   EXPECT_EQ(few.Read(0, "done").values, std::vector<double>(1000, 1.0));
   save("many.parquet", std::uint64_t{1} << 26);
   const internal::ParquetFile many(folder / "many.parquet");
-  EXPECT_THAT(
-      [&] { static_cast<void>(many.Read(0, "done")); },
-      testing::ThrowsMessage<std::runtime_error>(HasSubstr(
-          "claims 67108864 values in a row group, which is too much for a file of this size")));
+  EXPECT_THAT([&] { static_cast<void>(many.Read(0, "done")); },
+              testing::ThrowsMessage<std::runtime_error>(HasSubstr(
+                  "declares 67108864 values in a row group, too many for a file of this size")));
 }
 
 // Each of 20 000 columns below one name of 20 000 letters repeats it.

@@ -213,7 +213,7 @@ class GuardAppTest(unittest.TestCase):
             (replace("actions"), "data/demo_3/actions: does not exist"),
             (replace("obs"), "data/demo_3/obs: does not exist"),
             (replace("actions", data=np.array([b"a", b"b"])), "data/demo_3/actions: is not numeric"),
-            (replace("actions", shape=(2**40, 2), dtype="f8", chunks=(1024, 2)), "claims 1099511627776 x 2 entries"),
+            (replace("actions", shape=(2**40, 2), dtype="f8", chunks=(1024, 2)), "declares 1099511627776 x 2 entries"),
             (replace("actions", shape=(0, 2), dtype="f8"), "data/demo_3/actions: has 0 rows"),
             (outside, "data/demo_3/actions: is a link to another file"),
             (cycle, "groups deep"),

@@ -272,7 +272,7 @@ TEST(MlpTest, ASmallFileMayNotAskForALargeNetwork) {
     core::ArchiveReader reader(folder / "a.dfr", "mlp", 1);
     const auto message = test::Message<std::runtime_error>([&] { Mlp::Load(reader); });
     EXPECT_THAT(message, HasSubstr("a.dfr"));
-    EXPECT_THAT(message, HasSubstr("weights of 8 bytes, too much for a file of"));
+    EXPECT_THAT(message, HasSubstr("weights of 8 bytes, too many for a file of"));
   }
 }
 

@@ -194,7 +194,7 @@ TEST_F(RobotConfigTest, ACalibrationOfAnotherCameraIsRefused) {
     CheckCamera(config, calibration);
     ADD_FAILURE() << "it was taken";
   } catch (const std::runtime_error& e) {
-    EXPECT_THAT(e.what(), HasSubstr("c.dfr is of another camera (640 x 480, focal length "));
+    EXPECT_THAT(e.what(), HasSubstr("c.dfr is for another camera (640 x 480, focal length "));
     EXPECT_THAT(e.what(), HasSubstr(intrinsics.string()));
   }
   std::filesystem::remove(intrinsics);

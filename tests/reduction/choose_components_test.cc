@@ -135,7 +135,7 @@ TEST(ChooseComponentsTest, RefusesBadInput) {
   demonstrations[2].controls.conservativeResize(4, Eigen::NoChange);
   EXPECT_THAT(message({}), HasSubstr("demonstration 2 has"));
   for (core::Trajectory& d : demonstrations) d.controls.setZero(d.states.rows() - 1, 2);
-  EXPECT_THAT(message({}), HasSubstr("no demonstrated action differs from zero"));
+  EXPECT_THAT(message({}), HasSubstr("all demonstrated actions are zero"));
   demonstrations.resize(3);
   EXPECT_THAT(message({}), HasSubstr("at least 4, there are 3"));
 }

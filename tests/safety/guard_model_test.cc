@@ -357,7 +357,8 @@ TEST(GuardModelTest, CertificatesNeedTheirConstantsAndDoublePrecision) {
       message([&] { (void)GuardModel::Fit(test::CorridorLayout(), demonstrations, options); }),
       HasSubstr("double precision"));
   settings.direction_error = 0.0;
-  EXPECT_THAT(message([&] { (void)single->With(settings); }), HasSubstr("how wrong J is"));
+  EXPECT_THAT(message([&] { (void)single->With(settings); }),
+              HasSubstr("needs a positive direction_error"));
   settings.direction_error = -1.0;
   EXPECT_THAT(message([&] { (void)single->With(settings); }), HasSubstr("direction_error"));
 }
@@ -797,7 +798,7 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
   };
   for (const double limit : {-0.1, kInfinity, std::nan("")}) {
     EXPECT_THAT(refusal(&GuardSettings::action_limit, std::vector{0.1, limit}),
-                HasSubstr("action_limit must not be negative, and finite: entry 1"));
+                HasSubstr("action_limit must be finite and not negative: entry 1"));
   }
   EXPECT_THAT(refusal(&GuardSettings::action_limit, std::vector{0.0, 0.0}),
               HasSubstr("nothing could move"));
@@ -815,7 +816,7 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
   EXPECT_THAT(refusal(&GuardSettings::alarm_level, -kInfinity),
               HasSubstr("alarm_level must be finite"));
   EXPECT_THAT(refusal(&GuardSettings::direction_error, kInfinity),
-              HasSubstr("direction_error must not be negative, and finite"));
+              HasSubstr("direction_error must be finite and not negative"));
   EXPECT_EQ(refusal(&GuardSettings::direction_error, 0.0), "nothing thrown");
   EXPECT_THAT(
       test::MessageOf<std::invalid_argument>([&] { static_cast<void>(ParseStrategy("brave")); }),

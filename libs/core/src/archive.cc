@@ -142,7 +142,7 @@ ArchiveReader::ArchiveReader(const std::filesystem::path& path, std::string_view
 void ArchiveReader::Spend(std::uint64_t count, std::uint64_t bytes_each, const char* what) {
   if (!budget_.Take(count, bytes_each)) {
     Fail("asks for " + std::to_string(count) + " " + what + " of " + std::to_string(bytes_each) +
-         " bytes, too much for a file of " + std::to_string(bytes_.size()) + " bytes");
+         " bytes, too many for a file of " + std::to_string(bytes_.size()) + " bytes");
   }
 }
 
@@ -230,7 +230,7 @@ Matrix ArchiveReader::MatrixBlock() {
   const std::uint64_t left = (bytes_.size() - position_) / sizeof(double);
   constexpr auto kMost = static_cast<std::uint64_t>(std::numeric_limits<int>::max());
   if (rows > kMost || cols > kMost || (cols > 0 && rows > left / cols)) {
-    Fail("announces a " + std::to_string(rows) + " x " + std::to_string(cols) +
+    Fail("declares a " + std::to_string(rows) + " x " + std::to_string(cols) +
          " matrix and does not contain it");
   }
   Matrix values(static_cast<Eigen::Index>(rows), static_cast<Eigen::Index>(cols));

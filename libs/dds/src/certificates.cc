@@ -297,7 +297,7 @@ void AddParticipant(const std::filesystem::path& folder, const std::string& name
   const std::filesystem::path own = folder / "enclaves" / name;
   if (std::filesystem::exists(own)) {
     throw std::runtime_error("there is a participant '" + name + "' already: remove " +
-                             own.string() + " to make it anew");
+                             own.string() + " to make it again");
   }
   internal::CheckPrivate(AuthorityKey(folder));
   internal::CheckUnchangeable(AuthorityKey(folder).parent_path());

@@ -93,8 +93,9 @@ EpisodeId ParseEpisode(std::string_view name, const EvaluationPlan& plan) {
                                 << "0/120/8/guided/17, not '" << name << "'");
   DFR_THROW_UNLESS(0 <= id.unit.trial && id.unit.trial < plan.trials,
                    name << ": trials are 0 to " << plan.trials - 1);
-  DFR_THROW_UNLESS(std::ranges::count(plan.demonstrations, id.unit.demonstrations) == 1,
-                   name << ": no data point " << id.unit.demonstrations);
+  DFR_THROW_UNLESS(
+      std::ranges::count(plan.demonstrations, id.unit.demonstrations) == 1,
+      name << ": the plan has no data point with " << id.unit.demonstrations << " demonstrations");
   DFR_THROW_UNLESS(0 <= id.start && id.start < plan.episodes,
                    name << ": start states are 0 to " << plan.episodes - 1);
   // Names of learners may contain slashes.

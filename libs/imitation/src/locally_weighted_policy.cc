@@ -30,9 +30,11 @@ LocallyWeightedPolicy::LocallyWeightedPolicy(core::FeatureTransform features,
   Eigen::Index longest = 0;
   for (std::size_t d = 0; d < demonstrations.size(); ++d) {
     const core::Trajectory& demonstration = demonstrations[d];
-    DFR_THROW_UNLESS(demonstration.controls.cols() == m &&
-                         demonstration.states.rows() == demonstration.controls.rows() + 1,
-                     "demonstration " << d << " does not fit demonstration 0 or itself");
+    DFR_THROW_UNLESS(
+        demonstration.controls.cols() == m &&
+            demonstration.states.rows() == demonstration.controls.rows() + 1,
+        "demonstration "
+            << d << " has other sizes than demonstration 0, or not one more state than controls");
     points.push_back(features_.Apply(demonstration.states));
     longest = std::max(longest, demonstration.controls.rows());
   }
@@ -50,7 +52,7 @@ LocallyWeightedPolicy::LocallyWeightedPolicy(core::FeatureTransform features,
     for (std::size_t i = 0; i < most; ++i) chosen.emplace_back(moving[i * moving.size() / most], t);
   }
   begin_.push_back(static_cast<int>(chosen.size()));
-  DFR_THROW_UNLESS(!chosen.empty(), "no demonstrated control differs from zero");
+  DFR_THROW_UNLESS(!chosen.empty(), "all demonstrated controls are zero");
   points_.resize(static_cast<Eigen::Index>(chosen.size()), n);
   controls_.resize(points_.rows(), m);
   for (Eigen::Index row = 0; row < points_.rows(); ++row) {

@@ -92,7 +92,7 @@ class Judge {
       }
       actions += static_cast<std::size_t>(d.controls.rows());
     }
-    DFR_THROW_UNLESS(square > 0.0, "no demonstrated action differs from zero");
+    DFR_THROW_UNLESS(square > 0.0, "all demonstrated actions are zero");
     unit_ = std::sqrt(square / moving);
     stride_ = std::max<std::size_t>(1, actions / kMostActions);
     order_ = core::DeterministicOrder(demonstrations);
@@ -180,8 +180,7 @@ class Judge {
 void Check(std::span<const core::Trajectory> demonstrations,
            const ChooseComponentsOptions& options) {
   DFR_THROW_UNLESS(demonstrations.size() >= kLeastDemonstrations,
-                   "the number of components is chosen by left-out demonstrations: it takes at "
-                   "least "
+                   "choosing the number of components needs at least "
                        << kLeastDemonstrations << ", there are " << demonstrations.size());
   const Eigen::Index p = demonstrations[0].states.cols();
   const Eigen::Index m = demonstrations[0].controls.cols();

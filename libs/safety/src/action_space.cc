@@ -52,7 +52,7 @@ ActionSpace::ActionSpace(std::span<const core::Trajectory> demonstrations) {
     }
   }
   const auto moves = [&](std::size_t i) { return squares[i] > 0.0; };
-  DFR_THROW_UNLESS(moving > 0.0, "no demonstrated control differs from zero");
+  DFR_THROW_UNLESS(moving > 0.0, "all demonstrated controls are zero");
   for (std::size_t i = 0; i < entries_.size(); ++i) {
     entries_[i].steered = moves(i) && (values[i].size() > kMostFew ||
                                        transitions < kLeastRepeated * values[i].size());

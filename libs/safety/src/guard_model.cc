@@ -38,7 +38,7 @@ void CheckLimit(const std::vector<double>& limit) {
   for (std::size_t i = 0; i < limit.size(); ++i) {
     DFR_THROW_UNLESS(
         limit[i] >= 0.0 && std::isfinite(limit[i]),
-        "action_limit must not be negative, and finite: entry " << i << " is " << limit[i]);
+        "action_limit must be finite and not negative: entry " << i << " is " << limit[i]);
   }
   DFR_THROW_UNLESS(limit.empty() || *std::max_element(limit.begin(), limit.end()) > 0.0,
                    "action_limit is zero in all entries: nothing could move");
@@ -53,9 +53,8 @@ void Check(const GuardSettings& settings) {
   DFR_THROW_UNLESS(!settings.action_limit.empty(), "action_limit has no entries");
   DFR_THROW_UNLESS(std::isfinite(settings.alarm_level),
                    "alarm_level must be finite, not " << settings.alarm_level);
-  DFR_THROW_UNLESS(
-      settings.direction_error >= 0.0 && std::isfinite(settings.direction_error),
-      "direction_error must not be negative, and finite: " << settings.direction_error);
+  DFR_THROW_UNLESS(settings.direction_error >= 0.0 && std::isfinite(settings.direction_error),
+                   "direction_error must be finite and not negative: " << settings.direction_error);
 }
 
 void Check(const core::StateLayout& layout, std::span<const core::Trajectory> demonstrations) {
@@ -220,8 +219,8 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
   if (held_out.empty()) levels = fit->left_out;
   const AlarmLevel alarm = AlarmLevelOf(levels.worst, options);
   DFR_THROW_UNLESS(std::isfinite(alarm.level),
-                   "no alarm level can be found: a demonstration is infinitely far from the others "
-                   "in the features "
+                   "no alarm level exists: check the demonstrations for outliers. One is "
+                   "infinitely far from the others in the features "
                        << (options.features.empty() ? "of the whole state" : options.features));
 
   GuardSettings settings;
@@ -300,11 +299,12 @@ void GuardModel::Complete(core::StateLayout layout, std::shared_ptr<const Action
 }
 
 control::Certificate GuardModel::certificate() const {
-  DFR_THROW_UNLESS(settings_.direction_error > 0.0,
-                   "a certificate needs to know how wrong J is: fit the guard again, or set "
-                   "direction_error");
-  DFR_THROW_UNLESS(!task_->single_precision(),
-                   "a certificate is to hold to the last digit: fit the guard in double precision");
+  DFR_THROW_UNLESS(
+      settings_.direction_error > 0.0,
+      "a certificate needs a positive direction_error: fit the guard again, or set it");
+  DFR_THROW_UNLESS(
+      !task_->single_precision(),
+      "a certificate needs double precision: fit the guard again without single precision");
   return {.direction_error = settings_.direction_error,
           .level = std::max(0.0, settings_.alarm_level)};
 }

@@ -16,20 +16,22 @@ namespace dfr::safety {
 using core::OnnxGraph;
 
 void CheckExport(const GuardModel& model) {
-  DFR_THROW_UNLESS(model.reduction() == nullptr,
-                   "a guard with reduced features, "
-                       << model.task().features().selection().spec()
-                       << ", cannot be exported: its reduction is no part of the file");
+  DFR_THROW_UNLESS(
+      model.reduction() == nullptr,
+      "a guard with reduced features, "
+          << model.task().features().selection().spec()
+          << ", cannot be exported: the formats have no reduction. Fit one without pca:");
   const core::StateMap& map = model.task().features().selection().map();
   if (!map.quaternions().empty()) {
     const int first = map.quaternions()[0].first;
-    throw std::invalid_argument("cannot export a guard that looks at the quaternion " +
-                                core::EntryRange(model.layout(), first, 4) +
-                                ", whose sign no linear map chooses: fit one to two columns of the "
-                                "rotation matrix instead");
+    throw std::invalid_argument(
+        "cannot export a guard that uses the quaternion " +
+        core::EntryRange(model.layout(), first, 4) +
+        ", whose sign is not a linear function: fit one to two columns of the "
+        "rotation matrix instead");
   }
   if (!map.angles().empty()) {
-    throw std::invalid_argument("cannot export a guard that looks at the angle " +
+    throw std::invalid_argument("cannot export a guard that uses the angle " +
                                 core::EntryName(model.layout(), map.angles()[0].entry) +
                                 ", which jumps: fit one to its cosine and sine instead");
   }

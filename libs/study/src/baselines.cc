@@ -21,8 +21,9 @@ constexpr std::uint64_t kAskingStream = 3;
 
 void CheckSupervisor(const Expert& teaching, const char* name) {
   DFR_THROW_UNLESS(teaching.learn && teaching.plant != nullptr && teaching.supervise,
-                   "policy '" << name << "' asks the task's supervisor for more demonstrations, "
-                              << "and this program has none to ask here");
+                   "policy '" << name
+                              << "' needs the task's supervisor, which this program does not have "
+                                 "here; choose another policy");
 }
 
 // Changes the supervisor's control before it is applied.
@@ -225,9 +226,9 @@ Expert TeachMlp(const imitation::DemonstrationSet& like, const imitation::FitMlp
 
 EnsemblePolicy::EnsemblePolicy(const Expert& teaching,
                                std::span<const core::Trajectory> demonstrations) {
-  DFR_THROW_UNLESS(teaching.learn,
-                   "an ensemble learns anew from demonstrations, and this program "
-                   "has no learner here");
+  DFR_THROW_UNLESS(
+      teaching.learn,
+      "an ensemble needs a learner, which this program does not have here; choose another policy");
   const std::uint64_t seed = core::DeriveSeed(teaching.seed, {kEnsembleStream});
   core::Random random(seed);
   for (std::uint64_t i = 0; i < kMembers; ++i) {

@@ -98,9 +98,10 @@ safety::Method ParseMethod(std::string_view name, std::span<const std::string_vi
     return {.name = std::string(name), .kind = safety::Method::Kind::kGuided};
   }
   safety::Method method = safety::ParseMethod(parts.controller, others);
-  DFR_THROW_UNLESS(parts.controller != kEnsemble || parts.policy.empty(),
-                   "method '" << name << "': an ensemble is a policy of its own; to put a "
-                              << "controller around one write guided@ensemble");
+  DFR_THROW_UNLESS(
+      parts.controller != kEnsemble || parts.policy.empty(),
+      "method '" << name
+                 << "': an ensemble is a policy; for a controller around it write guided@ensemble");
   DFR_THROW_UNLESS(
       !on_support || method.kind != safety::Method::Kind::kOther,
       "method '" << name << "': '" << parts.controller << "' runs without a choice of support");

@@ -47,14 +47,14 @@ Disturbance::Disturbance(const DisturbanceOptions& options, std::uint64_t seed)
   for (std::size_t k = 0; k < 6; ++k) {
     DFR_THROW_UNLESS(std::isfinite(amplitude_[k]) && amplitude_[k] >= 0.0,
                      "disturbance: the amplitude of "
-                         << kEntry[k] << " must not be negative, and finite: " << amplitude_[k]);
+                         << kEntry[k] << " must be finite and not negative: " << amplitude_[k]);
     DFR_THROW_UNLESS(std::isfinite(frequency_[k]) && frequency_[k] >= 0.0,
                      "disturbance: the frequency of "
-                         << kEntry[k] << " must not be negative, and finite: " << frequency_[k]);
+                         << kEntry[k] << " must be finite and not negative: " << frequency_[k]);
   }
   DFR_THROW_UNLESS(
       std::isfinite(options.latency_s) && options.latency_s >= 0.0,
-      "disturbance: the latency must not be negative, and finite: " << options.latency_s);
+      "disturbance: the latency must be finite and not negative: " << options.latency_s);
   if (wave_ == Wave::kSine || wave_ == Wave::kBreath) {
     // Motions of different frequencies eventually visit every corner of the box of extremes.
     for (unsigned corner = 0; corner < 64; ++corner) {

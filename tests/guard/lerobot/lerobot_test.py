@@ -155,7 +155,7 @@ class LeRobotTest(unittest.TestCase):
                     file.write_bytes(content[:size])
                     done = self.guard("check", target, check=False)
                     self.assertEqual(done.returncode, 1, done.stderr)
-                    self.assertRegex(done.stderr, r"file-000.parquet: (is not a Parquet|is truncated|claims metadata)")
+                    self.assertRegex(done.stderr, r"file-000.parquet: (is not a Parquet|is truncated|declares metadata)")
 
     def test_hostile_files_are_read_or_refused_within_the_budget(self):
         """Whatever bytes change, the program neither crashes nor takes memory without bound."""
@@ -222,14 +222,14 @@ class LeRobotTest(unittest.TestCase):
         nested = b"\x1c" * 200000
         for content, message in [
             (file(4, 16), "total_episodes is 24, but the files below data hold 1"),  # what is read, but for the rest
-            (file(2**40, 16), "claims 1099511627776 values in a row group, which is too much for a file"),
-            (file(4, 2**31 - 1), "claims a page of 2147483647 bytes, which is too much for a file"),
+            (file(2**40, 16), "declares 1099511627776 values in a row group, too many for a file"),
+            (file(4, 2**31 - 1), "declares a page of 2147483647 bytes, too many for a file"),
             (file(4, 64), "does not decompress to the size it claims"),
             (file(4, 16, page_values=2**30), "pages of more values than the column"),
             (file(2**20, 16, page_values=2**20), "ends in the middle of a page"),
             (file(4, 16, rows=9), "has 4 rows; its row group has 9"),
             (b"PAR1" + nested + len(nested).to_bytes(4, "little") + b"PAR1", "nested too deep"),
-            (b"PAR1" + b"\xff" * 4 + b"PAR1", "claims metadata of 4294967295 bytes"),
+            (b"PAR1" + b"\xff" * 4 + b"PAR1", "declares metadata of 4294967295 bytes"),
         ]:
             with self.subTest(message):
                 (target / "data/file.parquet").write_bytes(content)

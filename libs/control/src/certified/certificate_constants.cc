@@ -20,7 +20,7 @@ void Check(std::size_t demonstrations, std::size_t least, double confidence) {
   DFR_THROW_UNLESS(confidence > 0.0 && confidence < 1.0,
                    "confidence must lie in (0, 1), not be " << confidence);
   DFR_THROW_UNLESS(demonstrations >= least,
-                   "at least " << least << " demonstrations, not " << demonstrations);
+                   "at least " << least << " demonstrations are needed, not " << demonstrations);
 }
 
 // The root mean square of the demonstrated controls that are not zero.
@@ -33,7 +33,7 @@ double RootMeanSquare(std::span<const core::Matrix> controls) {
       moving += control.squaredNorm() > 0.0 ? 1 : 0;
     }
   }
-  DFR_THROW_UNLESS(moving > 0, "no demonstrated control differs from zero");
+  DFR_THROW_UNLESS(moving > 0, "all demonstrated controls are zero");
   return std::sqrt(square / moving);
 }
 

@@ -30,9 +30,9 @@ Certifier::Certifier(const Certificate& certificate, int num_features, int contr
                        << certificate.direction_error);
   DFR_THROW_UNLESS(
       certificate.level >= 0.0 && std::isfinite(certificate.level),
-      "the level of a certificate must not be negative, and finite: " << certificate.level);
+      "the level of a certificate must be finite and not negative: " << certificate.level);
   DFR_THROW_UNLESS(certificate.state_error >= 0.0 && std::isfinite(certificate.state_error),
-                   "the state error of a certificate must not be negative, and finite: "
+                   "the state error of a certificate must be finite and not negative: "
                        << certificate.state_error);
 }
 

@@ -78,7 +78,7 @@ Response::Response(const FeatureTrajectories& demonstrations, const ResponseOpti
       largest_ = std::max(largest_, std::sqrt(norm));
     }
   }
-  DFR_THROW_UNLESS(moving > 0, "no demonstrated control differs from zero");
+  DFR_THROW_UNLESS(moving > 0, "all demonstrated controls are zero");
   control_unit_ = std::sqrt(square / moving);
   largest_ /= control_unit_;
   for (core::Matrix& c : controls) c /= control_unit_;

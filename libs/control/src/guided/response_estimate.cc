@@ -42,7 +42,7 @@ ResponseEstimate::ResponseEstimate(std::shared_ptr<const TransitionStore> prior,
   DFR_THROW_UNLESS(
       disturbance_model.base >= 0.0 && std::isfinite(disturbance_model.base) &&
           disturbance_model.per_control >= 0.0 && std::isfinite(disturbance_model.per_control),
-      "disturbance_model: times must not be negative, and finite: base "
+      "disturbance_model: times must be finite and not negative: base "
           << disturbance_model.base << ", per_control " << disturbance_model.per_control);
   const int n = prior_->feature_dim();
   const int m = prior_->control_dim();

@@ -12,9 +12,9 @@ void CheckFits(const TaskView& task) {
   DFR_THROW_UNLESS(n == task.support().state_dim(), "there are " << n
                                                                  << " features, the support takes "
                                                                  << task.support().state_dim());
-  DFR_THROW_UNLESS(n == task.response().feature_dim(),
-                   "there are " << n << " features, the Jacobian prior is one of "
-                                << task.response().feature_dim());
+  DFR_THROW_UNLESS(n == task.response().feature_dim(), "there are "
+                                                           << n << " features, the response has "
+                                                           << task.response().feature_dim());
 }
 
 void CheckFits(const core::Policy& policy, const TaskView& task) {

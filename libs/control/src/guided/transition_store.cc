@@ -147,20 +147,20 @@ TransitionStore TransitionStore::Load(core::ArchiveReader& archive) {
     const std::vector<int>& begin = prior.begin_;
     DFR_THROW_UNLESS(
         begin.size() >= 2 && begin.front() == 0 && begin.back() == transitions.rows(),
-        "the transitions of the Jacobian prior do not begin and end where they should");
+        "the time steps of the transitions do not begin at row 0 and end at the last row");
     for (std::size_t t = 1; t < begin.size(); ++t) {
       DFR_THROW_UNLESS(begin[t] >= begin[t - 1] && begin[t] - begin[t - 1] <= options.max_per_step,
-                       "time step " << t - 1 << " of the Jacobian prior has "
+                       "time step " << t - 1 << " of the transitions has "
                                     << begin[t] - begin[t - 1] << " transitions");
     }
     const Eigen::Index n = prior.feature_dim_;
-    DFR_THROW_UNLESS(transitions.cols() == 2 * n + 1 + prior.control_dim_,
-                     "the matrix of the Jacobian prior does not fit its numbers of features and "
-                     "control entries");
+    DFR_THROW_UNLESS(
+        transitions.cols() == 2 * n + 1 + prior.control_dim_,
+        "the width of the transitions does not match the numbers of features and control entries");
     prior.transitions_.setZero(transitions.rows(), prior.Width());
     prior.transitions_.leftCols(transitions.cols()) = transitions.cast<float>();
     DFR_THROW_UNLESS(prior.transitions_.allFinite() && (transitions.col(n).array() == 1.0).all(),
-                     "the Jacobian prior has an entry that cannot be");
+                     "the transitions have an invalid entry");
     prior.Finish();
   } catch (const std::invalid_argument& e) {
     archive.Fail(e.what());

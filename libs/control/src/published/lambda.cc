@@ -45,12 +45,11 @@ std::vector<double> EstimateLambda(const core::DecisionFunction& support,
   }
   const auto known = [](double value) { return value > 0.0; };
   const auto first = std::find_if(lambda.begin(), lambda.end(), known);
-  DFR_THROW_UNLESS(first != lambda.end(), "lambda cannot be estimated: in "
-                                              << demonstrations.size()
-                                              << " demonstrations no control that is not zero "
-                                                 "changes g. With a kernel so narrow that each "
-                                                 "state is by itself, g is the same at all of "
-                                                 "them: choose a smaller gamma");
+  DFR_THROW_UNLESS(first != lambda.end(),
+                   "lambda cannot be estimated: in "
+                       << demonstrations.size()
+                       << " demonstrations no nonzero control changes g. The kernel is too narrow: "
+                          "choose a smaller gamma");
   const auto filled = static_cast<int>(lambda.size()) -
                       static_cast<int>(std::count_if(lambda.begin(), lambda.end(), known));
   std::fill(lambda.begin(), first, *first);

@@ -432,8 +432,8 @@ core::Matrix Hdf5File::Read(const std::string& path) const {
   if (shape[0] < 0 || shape[0] > kMost || cols < 0 || cols > kMost ||
       !budget().Take(static_cast<std::uint64_t>(shape[0]) * sizeof(double),
                      static_cast<std::uint64_t>(cols))) {
-    Fail(path, "claims " + std::to_string(shape[0]) + " x " + std::to_string(cols) +
-                   " entries, which is too much for a file of this size");
+    Fail(path, "declares " + std::to_string(shape[0]) + " x " + std::to_string(cols) +
+                   " entries, too many for a file of this size");
   }
   core::Matrix values(shape[0], cols);
   if (kind == H5T_ENUM) {
@@ -476,7 +476,7 @@ std::vector<std::string> Hdf5File::ReadTexts(const std::string& path) const {
   }
   const std::size_t size = H5Tget_size(type.id());
   if (!budget().Take(count, size)) {
-    Fail(path, "claims texts of " + std::to_string(size) + " bytes, which is too much");
+    Fail(path, "declares texts of " + std::to_string(size) + " bytes, which is too much");
   }
   std::string bytes(count * size, '\0');
   if (H5Dread(dataset.id(), type.id(), H5S_ALL, H5S_ALL, H5P_DEFAULT, bytes.data()) < 0) {

@@ -311,8 +311,8 @@ void Hdf5Reader::CheckSize(const std::string& path, std::int64_t rows, std::int6
       !core::ReadBudget(file_size_)
            .Take(static_cast<std::uint64_t>(rows) * sizeof(double),
                  static_cast<std::uint64_t>(cols))) {
-    Fail(path, "claims " + std::to_string(rows) + " x " + std::to_string(cols) +
-                   " entries, which is too much for a file of this size");
+    Fail(path, "declares " + std::to_string(rows) + " x " + std::to_string(cols) +
+                   " entries, too many for a file of this size");
   }
 }
 

@@ -128,7 +128,7 @@ class Thrift {
     std::uint64_t size = head >> 4;
     if (size == 15) size = bytes_->Varint();
     // Every element takes at least one byte.
-    if (size > bytes_->left()) throw Malformed("claims a list longer than its metadata");
+    if (size > bytes_->left()) throw Malformed("declares a list longer than its metadata");
     for (std::uint64_t i = 0; i < size; ++i) element(static_cast<Kind>(head & 0x0f));
   }
   std::int64_t Integer() {
@@ -179,7 +179,7 @@ class Thrift {
         const Deeper deeper(depth_);
         const std::uint64_t size = bytes_->Varint();
         if (size == 0) return;
-        if (size > bytes_->left()) throw Malformed("claims a map longer than its metadata");
+        if (size > bytes_->left()) throw Malformed("declares a map longer than its metadata");
         const std::uint8_t kinds = bytes_->Byte();
         for (std::uint64_t i = 0; i < size; ++i) {
           SkipElement(static_cast<Kind>(kinds >> 4));
@@ -226,7 +226,7 @@ class Thrift {
 class RunLength {
  public:
   RunLength(std::string_view bytes, int bit_width) : bytes_(bytes), width_(bit_width) {
-    if (bit_width < 0 || bit_width > 32) throw Malformed("claims a bit width beyond 32");
+    if (bit_width < 0 || bit_width > 32) throw Malformed("declares a bit width above 32");
   }
 
   std::uint32_t Next() {
@@ -258,7 +258,8 @@ class RunLength {
     buffer_ = 0;
     bits_ = 0;
     if ((head & 1) != 0) {
-      if ((head >> 1) > (std::uint64_t{1} << 40)) throw Malformed("claims a run that is too long");
+      if ((head >> 1) > (std::uint64_t{1} << 40))
+        throw Malformed("declares a run that is too long");
       packed_ = (head >> 1) * 8;
       return;
     }
@@ -281,8 +282,8 @@ class RunLength {
 std::string Decompress(int codec, std::string_view compressed, std::int64_t size,
                        core::ReadBudget& budget) {
   if (size < 0 || !budget.Take(static_cast<std::uint64_t>(size), 1)) {
-    throw Malformed("claims a page of " + std::to_string(size) +
-                    " bytes, which is too much for a file of this size");
+    throw Malformed("declares a page of " + std::to_string(size) +
+                    " bytes, too many for a file of this size");
   }
   const auto bytes = static_cast<std::size_t>(size);
   const char* const wrong = "has a page that does not decompress to the size it claims";
@@ -504,7 +505,7 @@ class FooterParser {
     }
     // Every leaf stores the names above it again.
     if (!budget_.Take(1, sizeof leaf + leaf.column.size() + leaf.path.size())) {
-      throw Malformed("has more names in its schema than a file of this size may have");
+      throw Malformed("has a schema with too many names for a file of this size");
     }
     if (element.children == 0) {
       leaf.type = element.type;
@@ -531,7 +532,7 @@ class FooterParser {
     if (group.chunks.size() != file_->leaves_.size()) {
       throw Malformed("has a row group whose columns differ from its schema");
     }
-    if (group.num_rows < 0) throw Malformed("claims a negative number of rows");
+    if (group.num_rows < 0) throw Malformed("declares a negative number of rows");
     file_->row_groups_.push_back(std::move(group));
   }
 
@@ -591,8 +592,8 @@ class ChunkDecoder {
     const std::int64_t most = std::max(chunk_->num_values, num_rows_);
     if (chunk_->num_values < 0 ||
         !budget_.Take(static_cast<std::uint64_t>(most), sizeof(double) + sizeof(std::int64_t))) {
-      throw Malformed("claims " + std::to_string(most) +
-                      " values in a row group, which is too much for a file of this size");
+      throw Malformed("declares " + std::to_string(most) +
+                      " values in a row group, too many for a file of this size");
     }
     Bytes bytes(data);
     std::int64_t seen = 0;
@@ -625,8 +626,8 @@ class ChunkDecoder {
   void ReadDictionary(const PageHeader& header, std::string_view page) {
     const std::string plain = Decompress(chunk_->codec, page, header.uncompressed_size, budget_);
     if (!budget_.Take(static_cast<std::uint64_t>(header.num_values), sizeof(double))) {
-      throw Malformed("claims a dictionary of " + std::to_string(header.num_values) +
-                      " values, which is too much for a file of this size");
+      throw Malformed("declares a dictionary of " + std::to_string(header.num_values) +
+                      " values, too many for a file of this size");
     }
     Bytes bytes(plain);
     dictionary_ = DecodePlain(*leaf_, bytes, header.num_values);
@@ -755,7 +756,7 @@ void ParquetFile::ReadFooter() {
   std::uint32_t length = 0;
   std::memcpy(&length, tail.data(), sizeof(length));
   if (length > size_ - kMagic - kTail) {
-    Fail("claims metadata of " + std::to_string(length) + " bytes");
+    Fail("declares metadata of " + std::to_string(length) + " bytes");
   }
   const std::string footer = ReadBytes(size_ - kTail - length, length);
   try {
