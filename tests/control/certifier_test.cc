@@ -252,7 +252,7 @@ TEST(CertifierTest, ConfirmsWhatItTrustsAndSaysWhatContradictsIt) {
 
 // The admitted part of a control ends inside a nearby support for every outcome that the assumption
 // allows.
-TEST(CertifierTest, WhatItAdmitsIsCertified) {
+TEST(CertifierTest, AdmittedControlsAreCertified) {
   const auto support = Moving();
   ResponseEstimate answer = test::KnownJacobian(Jacobian());
   Certifier certifier({0.3}, 2, 2, kUnit);

@@ -181,7 +181,7 @@ TEST(ResponseEstimateTest, ADemonstratedChangeOfTheResponseIsNoCorrection) {
 }
 
 // Reset() leaves the state of a new estimate, to the last bit.
-TEST(ResponseEstimateTest, NothingRemainsOfAnEpisodeBefore) {
+TEST(ResponseEstimateTest, ResetRemovesTheLastEpisode) {
   core::Random random(12);
   const core::Matrix truth = RandomMatrix(random, kN, kM);
   const auto d = Linear(truth, 20, 10, random);
@@ -393,7 +393,7 @@ TEST(ResponseEstimateTest, DoesWhatDemonstrationsDidWhateverControlsDoToday) {
 }
 
 // There is no control that causes a change: what was demonstrated is taken as it was.
-TEST(ResponseEstimateTest, WhereControlsDoNothingTheDemonstratedOneIsTaken) {
+TEST(ResponseEstimateTest, WithoutAnEffectTheNominalControlIsTheDemonstratedOne) {
   const std::vector<core::Matrix> features(8, core::Matrix::Zero(6, 3));
   const std::vector<core::Matrix> controls(8, core::Matrix::Constant(5, 2, 0.7));
   ResponseEstimate estimate(

@@ -39,7 +39,7 @@ class SafetyFilterTest : public testing::Test {
   Eigen::VectorXd inwards_ = Eigen::Vector2d(test::kSpeed, -0.35) / model_.response.control_unit();
 };
 
-TEST_F(SafetyFilterTest, WhatLeadsDeepInsideIsLeftBitForBit) {
+TEST_F(SafetyFilterTest, AControlThatEndsDeepInsidePassesUnchanged) {
   ASSERT_GT(Level(inwards_), target_.level);
   Eigen::VectorXd v = inwards_;
   const Choice choice = Filter({}, v);
@@ -48,7 +48,7 @@ TEST_F(SafetyFilterTest, WhatLeadsDeepInsideIsLeftBitForBit) {
   EXPECT_TRUE(v == inwards_);
 }
 
-TEST_F(SafetyFilterTest, WhatLeadsOutsideGivesWayToWhatDemonstrationsDid) {
+TEST_F(SafetyFilterTest, AControlThatEndsOutsideIsReplacedByTheNominalOne) {
   ASSERT_LT(Level(outwards_), 0.0);
   Eigen::VectorXd expected(2);
   ASSERT_TRUE(estimate_.NominalControl(expected));
@@ -62,7 +62,7 @@ TEST_F(SafetyFilterTest, WhatLeadsOutsideGivesWayToWhatDemonstrationsDid) {
 }
 
 // A learned control that ends inside passes or is replaced, depending on the pass level.
-TEST_F(SafetyFilterTest, WhatEndsInsidePassesFromTheGivenLevelOn) {
+TEST_F(SafetyFilterTest, AControlThatEndsInsidePassesFromThePassLevelOn) {
   Eigen::VectorXd between = inwards_;
   for (double share = 0.0; Level(between) >= target_.level; share += 0.01) {
     between = (1.0 - share) * inwards_ + share * outwards_;
@@ -96,7 +96,7 @@ TEST_F(SafetyFilterTest, WithoutDemonstrationsTheLearnedControlIsRaised) {
 
 // Far outside, where nothing leads inside, the learned control passes as long as the change that is
 // spared is small and costs no more than the margin.
-TEST_F(SafetyFilterTest, WhereNothingLeadsInsideAnIdleChangeIsNotMade) {
+TEST_F(SafetyFilterTest, AnIdleChangeIsNotMadeIfNoControlEndsInside) {
   z_ = Eigen::Vector2d(0.0, 1.5);
   estimate_.Compute(0, core::AsSpan(z_));
   const GuidedOptions options{.iterations = 0, .probe_size = 0.0};

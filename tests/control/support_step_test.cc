@@ -131,7 +131,7 @@ TEST_F(OneGaussianTest, WithoutIterationsNothingIsChanged) {
   EXPECT_TRUE(v == before);
 }
 
-TEST_F(OneGaussianTest, WhereControlsDoNothingNothingIsChanged) {
+TEST_F(OneGaussianTest, AControlWithoutEffectIsNotChanged) {
   const ResponseEstimate nothing = test::KnownJacobian(Eigen::Matrix2d::Zero());
   const LocalModel model{support_, nothing, core::AsSpan(z_)};
   Eigen::VectorXd v = Eigen::Vector2d(0.3, -0.7);

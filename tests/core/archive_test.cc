@@ -147,7 +147,7 @@ TEST_F(ArchiveTest, AFailedSaveNamesTheFile) {
 }
 
 // A small file must not request gigabytes; a large file may request memory of its size.
-TEST_F(ArchiveTest, WhatAFileAsksForIsBoundedByItsSize) {
+TEST_F(ArchiveTest, AllocationIsBoundedByTheFileSize) {
   Sample().Save(File());
   ArchiveReader reader(File(), "sample", 2);
   reader.Spend(1000, 8, "things");

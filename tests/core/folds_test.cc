@@ -112,7 +112,7 @@ TEST(FoldsTest, ARoundingChangesNothing) {
 }
 
 // All start alike, to single precision.
-TEST(FoldsTest, WhatDiffersInDoublePrecisionAloneIsStillTold) {
+TEST(FoldsTest, DistinguishesDifferencesInDoublePrecision) {
   std::vector<Matrix> demonstrations;
   for (int d = 0; d < 6; ++d) demonstrations.push_back(Matrix::Constant(2, 1, 1.0 + 1e-12 * d));
   const std::vector<Matrix> reversed(demonstrations.rbegin(), demonstrations.rend());

@@ -22,7 +22,7 @@ TEST(NumbersTest, DecimalNumbersAreReadToTheBit) {
   EXPECT_EQ(ParseNumber("4.9406564584124654e-324"), std::numeric_limits<double>::denorm_min());
 }
 
-TEST(NumbersTest, WhatIsTooSmallIsZeroAndWhatIsTooLargeIsRefused) {
+TEST(NumbersTest, UnderflowIsZeroAndOverflowIsRefused) {
   EXPECT_EQ(ParseNumber("1e-400"), 0.0);
   EXPECT_TRUE(std::signbit(ParseNumber("-1e-400").value()));
   EXPECT_EQ(ParseNumber("0." + std::string(400, '0') + "1"), 0.0);

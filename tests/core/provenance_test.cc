@@ -17,7 +17,7 @@ TEST(ProvenanceTest, ATextKeepsEverything) {
   EXPECT_EQ(ParseProvenance(ToText(part)), part);
 }
 
-TEST(ProvenanceTest, WhatIsNoneIsRefused) {
+TEST(ProvenanceTest, InvalidTextIsRefused) {
   for (const char* text : {"origin", "origin=dreamt\n", "origin=real\nowner=me\n", "\n"}) {
     EXPECT_THROW(static_cast<void>(ParseProvenance(text)), std::invalid_argument) << text;
   }

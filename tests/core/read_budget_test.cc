@@ -16,7 +16,7 @@ TEST(ReadBudgetTest, IsBoundedByTheSizeOfTheFile) {
   EXPECT_EQ(ReadBudget(kMost).left(), kMost);
 }
 
-TEST(ReadBudgetTest, WhatIsTakenIsGoneAndWhatIsRefusedIsNot) {
+TEST(ReadBudgetTest, GrantedBytesAreSpentAndRefusedOnesAreNot) {
   ReadBudget budget(0);
   EXPECT_TRUE(budget.Take(3, 1 << 20));
   EXPECT_EQ(budget.left(), ReadBudget::kAllowance - (3 << 20));

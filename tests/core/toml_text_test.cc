@@ -53,7 +53,7 @@ TEST(TomlTextTest, ElsewhereTheirLineIsNamed) {
               testing::StartsWith("run.toml:4: a character beyond ASCII"));
 }
 
-TEST(TomlTextTest, WhatConfigurationsNeedIsTaken) {
+TEST(TomlTextTest, ParsesConfigurations) {
   for (const char* text : {"[a]\n",
                            "  [ a . b ]  # c\r\n",
                            "[[a]]",
@@ -154,7 +154,7 @@ TEST(TomlTextTest, QuotesAreClosed) {
   }
 }
 
-TEST(TomlTextTest, WhatIsNoTextIsRefused) {
+TEST(TomlTextTest, RefusesBinaryInput) {
   EXPECT_EQ(Error("a = 1\n\x01"),
             "run.toml:2: there is the control character 1; is this a complete configuration file?");
   for (const char* broken : {"# \xC3", "# \x80", "# \xF8\x80", "# \xE0\x80"}) {

@@ -104,7 +104,7 @@ TEST_F(AttackTest, NorDoesASampleWithoutItsPayload) {
 }
 
 // A stranger announces that the publisher's participant leaves; each packet contains its name.
-TEST_F(AttackTest, NobodyIsForgottenBecauseAStrangerSaysThatItLeaves) {
+TEST_F(AttackTest, AStrangerCannotMakeAParticipantLeave) {
   Talk();
   const Origin writer = publisher_.origin();
   Bytes bytes = Header();

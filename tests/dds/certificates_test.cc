@@ -85,7 +85,7 @@ TEST_F(CertificatesTest, AnAuthorityWhoseKeyOthersCanReadAdmitsNobody) {
   EXPECT_NO_THROW(AddParticipant(keystore_.folder(), "late", Permission::kMonitor));
 }
 
-TEST_F(CertificatesTest, NothingIsOverwritten) {
+TEST_F(CertificatesTest, ExistingFilesAreNotOverwritten) {
   const std::string before = Load(files_.key);
   EXPECT_THROW(MakeAuthority(keystore_.folder()), std::runtime_error);
   EXPECT_THROW(AddParticipant(keystore_.folder(), "client", Permission::kConsole),
@@ -149,7 +149,7 @@ TEST_F(CertificatesTest, ChangedPermissionsAreRefused) {
   EXPECT_THAT(Complaint(client_), HasSubstr("permissions.p7s was changed after it was signed"));
 }
 
-TEST_F(CertificatesTest, WhatIsNotValidTodayIsRefused) {
+TEST_F(CertificatesTest, ExpiredCertificatesAreRefused) {
   constexpr std::time_t kDay = 86'400;
   const std::time_t today = std::time(nullptr);
   EXPECT_EQ(Complaint(client_, today + 1000 * kDay), "nothing");

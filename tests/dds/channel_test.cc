@@ -51,7 +51,7 @@ TEST(ParticipantTest, IsFoundHoweverManyThereWereBeforeInItsProcess) {
 }
 
 // The participant before its publishers, each with a number, and those that have left, too.
-TEST(ParticipantTest, WhoeverIsFoundIsToldInOrder) {
+TEST(ParticipantTest, ReportsParticipantsInOrder) {
   const Participant watcher({.domain = test::OwnDomain(), .name = "watcher"});
   const auto any = [](std::string_view topic) { return topic == "/arm/hold"; };
   {
@@ -196,7 +196,7 @@ TEST(ChannelTest, OldCommandsExpire) {
 }
 
 // Whatever the type: a flag, which has no strings, is one that DDS would share of its own accord.
-TEST(ChannelTest, NothingIsSharedUnlessAskedFor) {
+TEST(ChannelTest, SharedMemoryIsOffByDefault) {
   const std::vector<std::string> before = SharedSegments();
   Participant first(Loopback());
   Participant second(Loopback());

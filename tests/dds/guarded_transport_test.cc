@@ -111,7 +111,7 @@ TEST(SafeSizeTest, StatisticsAndWhatFollowsThemAreCutOff) {
   EXPECT_EQ(SafeSize(bytes), good);
 }
 
-TEST(SafeSizeTest, ThatAParticipantLeavesIsCutOff) {
+TEST(SafeSizeTest, ParticipantLeavesMessagesAreDropped) {
   const Bytes status = {0x71, 0, 4, 0, 0, 0, 0, 3, 1, 0, 0, 0};
   const Bytes status_big = {0, 0x71, 0, 4, 0, 0, 0, 3, 0, 1, 0, 0};
   EXPECT_TRUE(Passes({.announces = true}));

@@ -53,7 +53,7 @@ TEST_F(StopDatagramsTest, SayWhoSendsThemAndHowItStands) {
   EXPECT_EQ(one, two);
 }
 
-TEST_F(StopDatagramsTest, WhatWasSaidOnceIsNotBelievedAgain) {
+TEST_F(StopDatagramsTest, RepeatedDatagramsAreIgnored) {
   const std::string clear = writer_.Next(false, kNow);
   const std::string lost = writer_.Next(false, kNow);
   ASSERT_EQ(clear.size(), 43U);
@@ -63,7 +63,7 @@ TEST_F(StopDatagramsTest, WhatWasSaidOnceIsNotBelievedAgain) {
   EXPECT_EQ(Read(reader_, lost), std::nullopt) << "older than what came since";
 }
 
-TEST_F(StopDatagramsTest, WhatIsNotOfNowIsPassedOver) {
+TEST_F(StopDatagramsTest, OldDatagramsAreIgnored) {
   for (const std::int64_t astray_ns : {kSecond, -kSecond}) {
     EXPECT_EQ(Read(reader_, writer_.Next(false, kNow), kNow + astray_ns), false);
     const std::int64_t more_ns = astray_ns > 0 ? 1 : -1;
@@ -103,7 +103,7 @@ TEST_F(StopDatagramsTest, ANetworkThatDelaysThemTooMuchStops) {
 }
 
 // Seeded: random bytes, and good datagrams that are cut, longer or changed by a byte.
-TEST_F(StopDatagramsTest, NothingMalformedIsBelieved) {
+TEST_F(StopDatagramsTest, MalformedDatagramsAreIgnored) {
   core::Random random(1);
   for (int n = 0; n < 20'000; ++n) {
     std::string bytes(random.Below(200), '\0');

@@ -135,7 +135,7 @@ TEST_F(StopSocketsTest, AllListenersOfADomainHearHowItStands) {
 }
 
 // A flood is skipped, sixteen datagrams at a time, and a valid datagram after it is accepted.
-TEST_F(StopSocketsTest, WhatIsNoDatagramOfOursIsPassedOver) {
+TEST_F(StopSocketsTest, ForeignDatagramsAreIgnored) {
   const StopSocket mouth;
   const int yes = 1;
   ::setsockopt(mouth.get(), SOL_SOCKET, SO_BROADCAST, &yes, sizeof yes);

@@ -34,7 +34,7 @@ TEST(DemonstrationsTest, AFileRestoresEverything) {
   EXPECT_EQ(loaded.provenance, set.provenance);
 }
 
-TEST(DemonstrationsTest, WhatIsNoProvenanceIsRefusedByName) {
+TEST(DemonstrationsTest, InvalidProvenanceIsRefusedByName) {
   const test::TempFolder folder;
   {
     Hdf5File file = Hdf5File::Create(folder / "demos.hdf5");
@@ -93,7 +93,7 @@ TEST(DemonstrationsTest, WithoutNextObsTheLastControlIsLeftOut) {
   EXPECT_EQ(loaded.trajectories[0].outcome, Outcome::kHalted);
 }
 
-TEST(DemonstrationsTest, WhatDoesNotFitIsRefusedBeforeAnythingIsWritten) {
+TEST(DemonstrationsTest, MismatchedShapesAreRefusedBeforeWriting) {
   const test::TempFolder folder;
   const auto message = [&](auto change) {
     DemonstrationSet set = Episodes();

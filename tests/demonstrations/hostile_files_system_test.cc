@@ -10,7 +10,7 @@
 namespace dfr::imitation {
 namespace {
 
-TEST(EndlessFileTest, WhatKeepsLibhdf5BusyForeverIsAnError) {
+TEST(EndlessFileTest, AnEndlessFileIsAnError) {
   const std::filesystem::path path =
       std::filesystem::path(DFR_REGRESSIONS) / "hdf5_demonstrations" / "hdf5_global_heap_hang.hdf5";
   const auto start = std::chrono::steady_clock::now();

@@ -51,7 +51,7 @@ std::string ErrorWith(const std::filesystem::path& path, const Make& make) {
   return LoadError(path);
 }
 
-TEST(HostileFilesTest, WhatCrashesLibhdf5IsAnError) {
+TEST(HostileFilesTest, AFileThatCrashesLibhdf5IsAnError) {
   EXPECT_THAT(LoadError(kRegressions / "hdf5_global_heap_segv.hdf5"),
               AllOf(HasSubstr("hdf5_global_heap_segv.hdf5"), HasSubstr("libhdf5 crashed on it")));
 }

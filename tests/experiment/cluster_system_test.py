@@ -84,7 +84,7 @@ class ScriptTest(Folder):
                 self.assertEqual(len(summary["cells"]), cells * 4)
                 self.assertIn(f"cold = {cold}\n", (folder / "run.toml").read_text())
 
-    def test_what_is_missing_is_named_and_runs_again(self):
+    def test_missing_units_are_named_and_run_again(self):
         out = self.folder / "run"
         run(CLUSTER, "slurm", "--tasks", 3, "--out", out, "--time", 5, "--", PROGRAM, "experiment")
         self.assertIn("--time=5", (out / "cluster/submit.sh").read_text())

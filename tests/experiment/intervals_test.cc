@@ -245,7 +245,7 @@ TEST(ContrastTest, RatiosAreThoseOfTheTotals) {
   EXPECT_GE(contrast.completion_ratio_interval.value().high, 0.5);
 }
 
-TEST(ContrastTest, WhatIsUndefinedIsAbsent) {
+TEST(ContrastTest, UndefinedRatiosAreAbsent) {
   const std::vector<PairedCounts> no_collisions = {{60, 20, 1, 40, 0, 0}, {60, 20, 1, 40, 0, 0}};
   const PairedContrast contrast = EstimateContrast(no_collisions);
   EXPECT_FALSE(contrast.collision_reduction);

@@ -50,7 +50,7 @@ TEST(ProgressMeterTest, CallsAtMostOncePerIntervalAndAtTheEnd) {
   EXPECT_THAT(done, testing::ElementsAre(1, 4, 7, 10));
 }
 
-TEST(ProgressMeterTest, WhatWasDoneBeforeDoesNotCountForTheRemainingTime) {
+TEST(ProgressMeterTest, ResumedUnitsDoNotCountForTheRemainingTime) {
   Progress last;
   double now_s = 1000.0;
   ProgressMeter meter(

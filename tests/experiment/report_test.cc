@@ -123,7 +123,7 @@ TEST(ReportTest, ShowsWhatPassed) {
   EXPECT_THAT(RenderReport(summary, {}), HasSubstr("<td class=\"n\">96.3</td><td class=\"n\">0.4"));
 }
 
-TEST(ReportTest, WhatDoesNotExistIsADash) {
+TEST(ReportTest, AbsentValuesAreDashes) {
   Summary summary = MakeSummary();
   summary.contrasts[0].ratios = {};
   summary.contrasts[0].controls_ratio.reset();

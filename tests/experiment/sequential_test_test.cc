@@ -75,7 +75,7 @@ TEST(SequentialTestTest, LargeDifferencesAreSettledSoon) {
   EXPECT_LT(large.settled_at(), small.settled_at());
 }
 
-TEST(SequentialTestTest, WhatIsOutOfRangeIsRefused) {
+TEST(SequentialTestTest, OptionsOutOfRangeAreRefused) {
   SequentialTest test;
   EXPECT_THROW(test.Add(1.5), std::invalid_argument);
   EXPECT_THROW(test.Add(std::numeric_limits<double>::quiet_NaN()), std::invalid_argument);

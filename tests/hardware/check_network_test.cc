@@ -57,7 +57,7 @@ class NetworkCheckTest : public testing::Test {
   std::function<void()> goes_on;
 };
 
-TEST_F(NetworkCheckTest, WhereNobodyIsItSaysWhatToStart) {
+TEST_F(NetworkCheckTest, NamesTheProgramToStartIfNoneIsFound) {
   options_.arm = "PSM1";
   const DeviceReport report = CheckArm(options_);
   EXPECT_FALSE(report.ok());

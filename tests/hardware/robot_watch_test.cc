@@ -62,7 +62,7 @@ TEST_F(RobotWatchTest, OneAfterTheOtherIsTheRobot) {
 }
 
 // Whoever announces what it likes neither scrolls the screen away nor writes where it likes.
-TEST_F(RobotWatchTest, WhatComesTooFastIsCountedAndSilenceIsSaidAllTheSame) {
+TEST_F(RobotWatchTest, CountsAFloodAndStillReportsSilence) {
   for (int i = 0; i < 1000; ++i) watch_.Hear(kFirst, i % 2 == 0 ? "run\x1b[2Jning" : "idle", 0);
   EXPECT_EQ(Said(),
             "robot: run?[2Jning\nrobot: idle\nrobot: run?[2Jning\nrobot: idle\n"
@@ -77,7 +77,7 @@ TEST_F(RobotWatchTest, WhatComesTooFastIsCountedAndSilenceIsSaidAllTheSame) {
   EXPECT_EQ(Said(), "robot: idle\n");
 }
 
-TEST_F(RobotWatchTest, WhoIsOneTooManyIsLeftOut) {
+TEST_F(RobotWatchTest, OmitsParticipantsBeyondTheLimit) {
   for (std::uint8_t n = 1; n <= 9; ++n) watch_.Hear({n}, "idle", 0);
   const std::string said = Said();
   EXPECT_NE(said.find("robot 8: idle\n"), std::string::npos) << said;

@@ -5,7 +5,7 @@
 namespace dfr::hardware {
 namespace {
 
-TEST(ControlStatementTest, WhatTheConsoleStatesOfItsControlIsRead) {
+TEST(ControlStatementTest, ParsesTheConsolesStatements) {
   EXPECT_EQ(ControlStatedBy("PSM1: control CARTESIAN_SPACE/POSITION_MODE"), PsmControl::kPoses);
   EXPECT_EQ(ControlStatedBy("PSM1: control UNDEFINED_SPACE/UNDEFINED_MODE"), PsmControl::kNone);
   for (const char* text :

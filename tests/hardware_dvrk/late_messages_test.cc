@@ -371,7 +371,7 @@ TEST_F(LateMessagesTest, ASetpointThatStaysWhileOursMovesOnHolds) {
   EXPECT_LT((tip() - there).norm(), 1e-3);
 }
 
-TEST_F(LateMessagesTest, NothingIsDetectedWhereNobodyElseIs) {
+TEST_F(LateMessagesTest, AloneNothingIsDetected) {
   Begin();
   for (int i = 0; i < 2000; ++i) Step();
   EXPECT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());

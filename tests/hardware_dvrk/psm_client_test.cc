@@ -319,7 +319,7 @@ TEST_F(PsmClientTest, AConsoleThatIsNotReadyHolds) {
   });
 }
 
-TEST_F(PsmClientTest, WhatElseIsHeardHolds) {
+TEST_F(PsmClientTest, EveryOtherMessageHolds) {
   ExpectHold(PsmStatus::kConsoleError, [](PsmInput& input) { input.errors = 1; });
   ExpectHold(PsmStatus::kOtherPublisher, [](PsmInput& input) { input.other_publishers = 1; });
   ExpectHold(PsmStatus::kSecondConsole, [](PsmInput& input) { input.state_publishers = 2; });
@@ -559,7 +559,7 @@ TEST_F(PsmClientTest, FaultEndsHomingAndOnlyDisableIsTakenThen) {
 }
 
 // `hold` does not end a console's homing: `disable` does.
-TEST_F(PsmClientTest, WhateverComesBetweenEndsHoming) {
+TEST_F(PsmClientTest, AnyInterruptionEndsHoming) {
   const auto quiet = [](PsmInput& input) {
     input.measured_js.reset();
     input.measured_cp.reset();

@@ -49,7 +49,7 @@ TEST_F(PsmDriverTest, HomesMovesAndComesToRest) {
   EXPECT_EQ(driver->other_publishers(), 0);
 }
 
-TEST_F(PsmDriverTest, NothingIsAskedOfTheConsoleWhereNothingMayMove) {
+TEST_F(PsmDriverTest, SendsNoRequestIfMotionIsForbidden) {
   const auto driver = Connected();
   EXPECT_EQ(BringUp(
                 *driver, 60.0, {}, [] { return false; }, InStep(*driver)),
@@ -156,7 +156,7 @@ TEST_F(PsmDriverTest, EveryTopicThatCommandsTheArmIsWatched) {
 }
 
 // While the loop's time is stopped: the next tick acts on each received message.
-TEST_F(PsmDriverTest, WhatOthersSayOfTheArmHolds) {
+TEST_F(PsmDriverTest, MessagesOfOthersHold) {
   dds::Participant other({.domain = test::OwnDomain(), .name = "other"});
   Meet(other);
   const auto driver = Armed();
@@ -251,7 +251,7 @@ TEST_F(PsmDriverTest, AFloodOfTextsIsCountedAndAnErrorInItIsStillAReason) {
 }
 
 // The console may have heard by then what is never heard here.
-TEST_F(PsmDriverTest, WhoeverJoinsHoldsBeforeSayingAnything) {
+TEST_F(PsmDriverTest, ANewParticipantHoldsBeforeItsFirstMessage) {
   const auto driver = Armed();
   Until(*driver, [&] { return driver->MoveTo(Yaw(0.1), 5.0) == PsmStatus::kOk; });
   dds::Participant guest({.domain = test::OwnDomain(), .name = "gu\x1b[2Jest"});

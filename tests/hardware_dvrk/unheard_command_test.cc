@@ -61,7 +61,7 @@ TEST_F(UnheardCommandTest, AFloodOfTextsHidesNoStatement) {
   ExpectHolds(*driver, PsmStatus::kForeignControl);
 }
 
-TEST_F(UnheardCommandTest, WhoArmsAgainAtOnceIsNotHeldByTheAnswersToItsOwnCommands) {
+TEST_F(UnheardCommandTest, RearmingAtOnceIsNotHeldByAnswersToOwnCommands) {
   const auto driver = UnderWay();
   for (int i = 0; i < 20; ++i) {
     SCOPED_TRACE(i);

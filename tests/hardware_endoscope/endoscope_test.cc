@@ -58,7 +58,7 @@ TEST(PipelineTest, DeliversUntilItsSourceEnds) {
   EXPECT_EQ(endoscope->counts().received, 20U);
 }
 
-TEST(PipelineTest, OfOnePictureIsFrozenAndOfNoneDark) {
+TEST(PipelineTest, RepeatedPicturesAreFrozenAndBlackOnesDark) {
   const auto orange =
       OpenVideo(Pipeline("pattern=solid-color foreground-color=0xffff8000"), SmallPictures());
   Frame frame;
@@ -72,7 +72,7 @@ TEST(PipelineTest, OfOnePictureIsFrozenAndOfNoneDark) {
   Eventually([&] { return black->Grab(frame) == FrameStatus::kDark; });
 }
 
-TEST(PipelineTest, WhatIsNoneIsRefusedWithTheRemedy) {
+TEST(PipelineTest, AnInvalidPipelineIsRefusedWithTheRemedy) {
   EXPECT_THAT([] { (void)OpenVideo("nosuchsource ! appsink", SmallPictures()); },
               testing::ThrowsMessage<std::runtime_error>(testing::HasSubstr("gst-launch-1.0")));
 }

@@ -54,7 +54,7 @@ TEST_F(ImageMessagesTest, EncodingsBecomeBlueGreenRed) {
   EXPECT_EQ(Pixel(0, 1), (std::array<int, 3>{90, 90, 90}));
 }
 
-TEST_F(ImageMessagesTest, WhatIsNotUnderstoodIsNamed) {
+TEST_F(ImageMessagesTest, UnsupportedEncodingsAreNamed) {
   EXPECT_EQ(StatusOf(Message(Noise(1), kStamp, "bayer_rggb8")), FrameStatus::kWrongEncoding);
   EXPECT_EQ(frame_.image.data, nullptr);
   dds::Image cut = Message(Noise(2), kStamp);

@@ -58,7 +58,7 @@ class IntrinsicsFileTest : public testing::Test {
   std::filesystem::path folder_;
 };
 
-TEST_F(IntrinsicsFileTest, WhatIsWrittenComesBackToTheBit) {
+TEST_F(IntrinsicsFileTest, RoundTripIsExact) {
   const auto path = folder_ / "camera.yaml";
   WriteIntrinsics(path, Odd());
   EXPECT_EQ(ReadIntrinsics(path), Odd());

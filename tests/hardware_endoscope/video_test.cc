@@ -148,7 +148,7 @@ TEST_F(VideoTest, TruncatedFileIsToldFromOneThatEnded) {
               HasSubstr("is not a video that can be decoded"));
 }
 
-TEST_F(VideoTest, WhatCannotBeOpenedIsNamedWithTheRemedy) {
+TEST_F(VideoTest, AnUnreadableVideoIsNamedWithTheRemedy) {
   EXPECT_THAT(ErrorOf("/dev/video97", test::SmallPictures()),
               AllOf(HasSubstr("/dev/video97: cannot be opened: No such file"),
                     HasSubstr("ls /dev/video*")));

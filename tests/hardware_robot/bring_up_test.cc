@@ -50,7 +50,7 @@ class BringUpTest : public testing::Test {
   std::string said_;
 };
 
-TEST_F(BringUpTest, NothingIsPoweredUpUnlessTheOperatorAsks) {
+TEST_F(BringUpTest, PowersUpOnlyOnTheOperatorsRequest) {
   EXPECT_EQ(Refusal({}), "PSM1 is not homed, and the operator did not confirm homing");
   EXPECT_EQ(Refusal(Answers(0)), "PSM1 is not homed, and the operator did not confirm homing");
   EXPECT_EQ(words_, std::vector<std::string>{"home"});
@@ -70,7 +70,7 @@ TEST_F(BringUpTest, ASimulatedArmIsHomedWithoutBeingAsked) {
   EXPECT_EQ(robot_.arm.homings, 1);
 }
 
-TEST_F(BringUpTest, WhatIsFoundInTheMiddleOfHomingEndsIt) {
+TEST_F(BringUpTest, AReasonToHoldEndsHoming) {
   struct {
     HoldReason reason;
     const char* detail;
@@ -124,7 +124,7 @@ TEST_F(BringUpTest, AStopThatIsPressedOrSilentHasToBeMendedAndCleared) {
   EXPECT_EQ(words_, (std::vector<std::string>{"clear", "home"}));
 }
 
-TEST_F(BringUpTest, WhatIsNotMendedInTimeIsSaidWithItsRemedy) {
+TEST_F(BringUpTest, ATimeoutNamesTheReasonAndItsRemedy) {
   robot_.arm.found = {HoldReason::kArmSilent, "no console"};
   options_.patience_s = 3.0;
   options_.remedy = [] { return std::string("; start it"); };
@@ -140,7 +140,7 @@ TEST_F(BringUpTest, AnArmThatIsHomedElsewhereIsNotHomed) {
   EXPECT_EQ(robot_.arm.homings, 0);
 }
 
-TEST_F(BringUpTest, NothingIsPoweredUpBeforeOthersAreAccepted) {
+TEST_F(BringUpTest, PowersUpOnlyAfterOthersAreAccepted) {
   options_.accepts_others = [] { return false; };
   EXPECT_EQ(Refusal(Answers(9)), "others can command PSM1, and the operator did not accept them");
   EXPECT_EQ(words_, std::vector<std::string>());

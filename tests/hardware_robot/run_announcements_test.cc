@@ -18,7 +18,7 @@ TEST(RunAnnouncementsTest, AChangeIsSaidAtOnceAndTheSameFiftyTimesASecond) {
   EXPECT_FALSE(announcements.Due(RunState::kHolding, 1022 * kMs, 1022 * kMs));
 }
 
-TEST(RunAnnouncementsTest, NothingIsSaidOfALoopThatHangs) {
+TEST(RunAnnouncementsTest, AHangingLoopIsNotAnnounced) {
   RunAnnouncements announcements;
   EXPECT_FALSE(announcements.Due(RunState::kIdle, 0, 1000 * kMs)) << "it has not begun";
   EXPECT_TRUE(announcements.Due(RunState::kRunning, 1000 * kMs, 1100 * kMs));

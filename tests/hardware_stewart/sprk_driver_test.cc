@@ -98,7 +98,7 @@ TEST_F(SprkDriverTest, NothingMovesBeforeHoming) {
   EXPECT_EQ(commands[0].letter, 'h');
 }
 
-TEST_F(SprkDriverTest, WhatIsRefusedIsNotSentAndNotBelieved) {
+TEST_F(SprkDriverTest, RefusedPosesAreNotSent) {
   SprkDriver driver(Options());
   ASSERT_EQ(driver.Home(), SprkStatus::kOk);
   Wait(1.0);

@@ -36,7 +36,7 @@ struct Case {
   TrustRegionProblem Problem() const { return {mlp, log_std, inputs, controls, advantages}; }
 };
 
-TEST(TrustRegionTest, NothingIsGainedAndNothingDivergesAtTheOldPolicy) {
+TEST(TrustRegionTest, GainAndDivergenceAreZeroAtTheOldPolicy) {
   const Case c;
   TrustRegionProblem problem = c.Problem();
   const auto [gain, kl] = problem.Evaluate(problem.theta());

@@ -146,7 +146,7 @@ TEST_F(LibsvmIoTest, AStateMayHaveAsManyEntriesAsAnEstimateAllows) {
   EXPECT_THAT(LoadSamplesError("1 2049:1\n"), HasSubstr(":1: an index must be an integer from 1"));
 }
 
-TEST_F(LibsvmIoTest, WhatIsQuotedIsShortAndPrintable) {
+TEST_F(LibsvmIoTest, QuotesAreShortAndPrintable) {
   EXPECT_THAT(LoadSamplesError("1,2\n3,a\x01~\x7f b\n"), HasSubstr("not 'a?~?'"));
   EXPECT_THAT(LoadSamplesError("1,2\n3,x" + std::string(50, 'y') + "\n"),
               HasSubstr("not 'x" + std::string(39, 'y') + "'"));

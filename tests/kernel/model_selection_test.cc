@@ -212,7 +212,7 @@ TEST(ModelSelectionTest, TwoDemonstrationsAFoldAreEnough) {
   EXPECT_EQ(SelectModel(Demonstrations(8, 68), {.gammas = {1.0}, .folds = 4}).rows.size(), 1u);
 }
 
-TEST(ModelSelectionTest, WhereNoneAcceptsEnoughTheBestIsGivenAndSaidToFail) {
+TEST(ModelSelectionTest, WithoutAnAcceptableChoiceTheBestOneIsMarkedAsFailed) {
   SelectionOptions options;
   options.gammas = {50.0, 1000.0};
   options.acceptance = 1.0;

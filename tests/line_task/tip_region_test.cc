@@ -105,7 +105,7 @@ TEST_F(TipRegionTest, NoWayThatLeavesIsAllowed) {
   EXPECT_GT(refused, 50);
 }
 
-TEST_F(TipRegionTest, WhoIsTooDeepMayComeOutAndNoFartherIn) {
+TEST_F(TipRegionTest, FromTooDeepOnlyTheWayOutIsAllowed) {
   const TipRegion region(task_, {});
   const PsmJoints below = At(0.0, 0.0, -0.002);
   EXPECT_FALSE(region.Along(below, At(0.0, 0.0, 0.003)).any());
@@ -131,7 +131,7 @@ TEST_F(TipRegionTest, TheGauzeIsWhereItIsSeen) {
   EXPECT_FALSE(region.At(tip).any());
 }
 
-TEST_F(TipRegionTest, NothingIsAllocatedWhileItLooks) {
+TEST_F(TipRegionTest, NeverAllocates) {
   const TipRegion region(task_, {});
   const PsmJoints from = At(0.0, 0.0, 0.003);
   const PsmJoints to = At(0.01, 0.01, 0.003);

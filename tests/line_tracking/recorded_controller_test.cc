@@ -16,7 +16,7 @@
 namespace dfr::apps::line_tracking {
 namespace {
 
-TEST(RunTest, WhatWasSimulatedDrivesNoRobot) {
+TEST(RunTest, ASimulatedModelDrivesNoRobot) {
   RunOptions options;
   options.config = Data().path / "robot.toml";
   std::ofstream(options.config) << "robot = 'dds'\nmodel = '" << (Data().path / "model").string()

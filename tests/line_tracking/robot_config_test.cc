@@ -61,7 +61,7 @@ TEST_F(RobotConfigTest, AnEmptyFileIsTheSimulation) {
 }
 
 // The parser of TOML ran into undefined behaviour on such bytes.
-TEST_F(RobotConfigTest, WhatIsNoTextIsRefusedBeforeItIsParsed) {
+TEST_F(RobotConfigTest, BinaryFilesAreRefusedBeforeParsing) {
   try {
     static_cast<void>(RobotConfig::Load(DFR_REGRESSIONS "/robot_config/toml_crash.toml"));
     ADD_FAILURE() << "read";

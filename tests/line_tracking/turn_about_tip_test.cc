@@ -63,7 +63,7 @@ TEST(TurnAboutTipTest, TheTipsStayWhereTheyAreWhereOneMoveWouldDriveThemDown) {
   EXPECT_GT(worst_of_one_move, 0.003) << "this is what the way is for";
 }
 
-TEST(TurnAboutTipTest, WhereNothingHasToTurnTheWayIsOneMove) {
+TEST(TurnAboutTipTest, WithoutATurnTheWayIsOneMove) {
   PsmJoints home = PsmJoints::Zero();
   home[2] = 0.12;
   const auto way = TurnAboutTip(home, home);

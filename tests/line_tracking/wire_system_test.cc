@@ -246,7 +246,7 @@ TEST_F(AskewTest, TheToolIsLiftedThenTurnedAndNeverGoesDown) {
   EXPECT_GT(highest, before + 4e-3);
 }
 
-TEST_F(AskewTest, NothingMovesWhereAWayWouldLeaveTheRegion) {
+TEST_F(AskewTest, RefusesAWayThatLeavesTheRegion) {
   Tilt();
   const test::PeerProcess stop(Stop());
   RobotConfig config = Robot();

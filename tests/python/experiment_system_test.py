@@ -255,7 +255,7 @@ class ExperimentTest(unittest.TestCase):
         forked, spawned = (json.loads(self.bytes_of(f"{name}/summary.json")) for name in ("forked", "spawned"))
         self.assertEqual(forked["averages"], spawned["averages"])
 
-    def test_what_a_plant_raises_is_told_with_its_unit(self):
+    def test_exceptions_of_a_plant_name_the_unit(self):
         error = self.run_program(self.write("raises"), "experiment", *SMALL, "--out", "run", fails=True)
         # Every unit raises it: whichever is the first to.
         self.assertRegex(error, r"trial [0-2], (12|20) demonstrations, policy: Traceback")

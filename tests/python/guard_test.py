@@ -316,7 +316,7 @@ class GuardTest(unittest.TestCase):
             with self.subTest(dtype):
                 guard.levels(states[0].astype(dtype))
 
-    def test_what_holds_no_numbers_is_named_in_one_line(self):
+    def test_arrays_without_numbers_are_named_in_one_line(self):
         states, actions = demonstrations(1, 6)
         masked = np.ma.masked_array(states[2], mask=np.eye(21, 3, dtype=bool))
         for s, message in [
@@ -453,7 +453,7 @@ class RotationsTest(unittest.TestCase):
 
 
 class WarningsTest(unittest.TestCase):
-    def test_what_speaks_against_a_guard_is_a_warning_and_in_the_summary(self):
+    def test_weaknesses_of_a_guard_are_warnings_and_in_the_summary(self):
         states, actions = demonstrations(1, 4)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")

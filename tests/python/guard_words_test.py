@@ -132,7 +132,7 @@ class WhyTest(unittest.TestCase):
         self.guard.reset()
         return self.guard.filter(t, state, action)[1]["why"]
 
-    def test_what_does_not_pass_says_why(self):
+    def test_explains_actions_that_do_not_pass(self):
         plant = Corridor()
         x, _ = plant.reset(seed=3)
         self.guard.reset(3)

@@ -47,7 +47,7 @@ TEST(ChecksumTest, IsFnv1aOfAFile) {
   EXPECT_THROW(static_cast<void>(Checksum(folder / "missing")), std::runtime_error);
 }
 
-TEST(ChecksumTest, OfAFolderChangesWithNamesAndContents) {
+TEST(ChecksumTest, ChecksumOfAFolderChangesWithNamesAndContents) {
   const test::TempFolder folder;
   Write(folder / "one/policy", "abc");
   Write(folder / "one/support/0", "de");

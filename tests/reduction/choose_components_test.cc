@@ -137,7 +137,7 @@ TEST(ChooseComponentsTest, RefusesBadInput) {
   for (core::Trajectory& d : demonstrations) d.controls.setZero(d.states.rows() - 1, 2);
   EXPECT_THAT(message({}), HasSubstr("all demonstrated actions are zero"));
   demonstrations.resize(3);
-  EXPECT_THAT(message({}), HasSubstr("at least 4, there are 3"));
+  EXPECT_THAT(message({}), HasSubstr("at least 4 demonstrations; there are 3"));
 }
 
 }  // namespace

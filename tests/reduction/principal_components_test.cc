@@ -95,7 +95,7 @@ TEST(PrincipalComponentsTest, AreTheSameInOnePieceOrManyAndForAnyNumberOfThreads
   EXPECT_FALSE(fit.components == Fit(whole, seeded).components);
 }
 
-TEST(PrincipalComponentsTest, OfBytesAreThoseOfTheSameNumbers) {
+TEST(PrincipalComponentsTest, BytesGiveTheSameComponentsAsDoubles) {
   core::Random random(4);
   std::vector<std::uint8_t> bytes(40 * 60);
   for (auto& byte : bytes) byte = static_cast<std::uint8_t>(random.Below(256));

@@ -574,7 +574,7 @@ TEST(ControlLoopTest, HomesOnceAskedTo) {
   EXPECT_EQ(robot.arm.homings, 1) << "there was no need to";
 }
 
-TEST(ControlLoopTest, NothingIsPoweredUpWhileThereIsAReasonToHold) {
+TEST(ControlLoopTest, DoesNotPowerUpWithAReasonToHold) {
   for (const Source& source : Sources()) {
     if (source.name == "period" || !MattersForHoming(source)) continue;
     SCOPED_TRACE(source.name + ", " + runtime::Name(source.reason));

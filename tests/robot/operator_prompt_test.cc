@@ -53,7 +53,7 @@ TEST_F(OperatorPromptTest, EnterStartsAfterAnEpisodeThatEndedAsEpisodesDo) {
   EXPECT_FALSE(Allows());
 }
 
-TEST_F(OperatorPromptTest, WhatWasTypedWhileItMovedStartsNothing) {
+TEST_F(OperatorPromptTest, InputTypedDuringMotionIsIgnored) {
   typed_.Type("\n\nstart\nclear\nhome\n\n");
   HoldFor(HoldReason::kNotSeen);
   TypeLater("q\n");

@@ -25,7 +25,7 @@ TEST(AsyncPrinterTest, PrintsAllInOrder) {
 }
 
 // Like a terminal after Ctrl-S: neither the loop nor the program's end waits for it without limit.
-TEST(AsyncPrinterTest, NobodyWaitsForATerminalThatStandsStill) {
+TEST(AsyncPrinterTest, DoesNotWaitForAStoppedTerminal) {
   const Pipe shown;
   ::fcntl(shown.out(), F_SETFL, O_NONBLOCK);
   const std::string much(4096, 'x');

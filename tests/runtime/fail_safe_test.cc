@@ -64,7 +64,7 @@ TEST(FailSafeTest, EveryReasonEndsInStandingStillInEveryState) {
   }
 }
 
-TEST(FailSafeTest, NothingButAnOperatorMakesItMoveAgain) {
+TEST(FailSafeTest, OnlyAnOperatorMakesItMoveAgain) {
   for (int d = 1; d < kNumHoldReasons; ++d) {
     const auto reason = static_cast<HoldReason>(d);
     SCOPED_TRACE(Name(reason));

@@ -42,7 +42,7 @@ TEST_F(KeyboardTest, LinesComeWholeAndInTheirOrder) {
   EXPECT_TRUE(keyboard.ended());
 }
 
-TEST_F(KeyboardTest, WhatWasTypedBeforeAQuestionIsDiscarded) {
+TEST_F(KeyboardTest, InputTypedBeforeAQuestionIsDiscarded) {
   Keyboard keyboard(ends_[0]);
   Type(ends_[1], "first\nhalf");
   EXPECT_EQ(keyboard.Line(), "first");

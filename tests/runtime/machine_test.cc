@@ -50,7 +50,7 @@ TEST(MachineTest, RealTimeIsGrantedOrTheMissingRightIsNamed) {
       << refused;
 }
 
-TEST(MachineTest, WhatWasTypedAtATerminalBeforeAQuestionIsDiscarded) {
+TEST(MachineTest, TerminalInputBeforeAQuestionIsDiscarded) {
   const auto type = [](int file, const std::string& text) {
     ASSERT_EQ(::write(file, text.data(), text.size()), static_cast<ssize_t>(text.size()));
   };

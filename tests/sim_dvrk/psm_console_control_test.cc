@@ -85,7 +85,7 @@ TEST_F(PsmConsoleControlTest, AJawLeavesTheSpaceAsItIs) {
   EXPECT_EQ(Stated(), "JOINT_SPACE/TRAJECTORY_MODE ");
 }
 
-TEST_F(PsmConsoleControlTest, WhatIsDroppedChangesNothing) {
+TEST_F(PsmConsoleControlTest, DroppedCommandsChangeNothing) {
   Servo();
   console_.StateCommand("disable");
   EXPECT_EQ(Stated(), "CARTESIAN_SPACE/POSITION_MODE UNDEFINED_SPACE/UNDEFINED_MODE ");

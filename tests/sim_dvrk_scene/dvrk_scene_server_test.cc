@@ -193,7 +193,7 @@ TEST_F(DvrkSceneServerTest, InLockStepTimeStandsStillUnlessItIsAskedToGoOn) {
   EXPECT_EQ(measured.position_m, goal.position_m);
 }
 
-TEST_F(DvrkSceneServerTest, WhatCannotBeDoneIsAnsweredWithTheReason) {
+TEST_F(DvrkSceneServerTest, ImpossibleRequestsAreAnsweredWithTheReason) {
   command_timeout_s_ = 0.0;
   Serve(true, false);
   EXPECT_THAT(Ask("dance"), StartsWith("error: unknown request 'dance'"));

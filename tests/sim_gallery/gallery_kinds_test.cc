@@ -224,7 +224,7 @@ TEST(CrossingTest, TheShuttleMovesOnByItselfAtARandomPhase) {
   EXPECT_GT(highest, 0.4);
 }
 
-TEST(CrossingTest, WhoStopsOnTheLaneIsHitAndWhoWaitsIsNot) {
+TEST(CrossingTest, StoppingOnTheLaneFailsAndWaitingDoesNot) {
   for (const double stop : {0.2, 0.5}) {
     const auto plant = Make(FindGalleryTask("crossing"));
     plant->Reset(1);

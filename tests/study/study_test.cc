@@ -111,7 +111,7 @@ TEST(StressTest, TheGridHasARowASupportAndAColumnAController) {
   EXPECT_EQ(tables[0].rows[1][0], "density");
 }
 
-TEST(StressTest, WhatFailsIsListedWithWhatWasHarmed) {
+TEST(StressTest, ListsFailuresAndHarmedEpisodes) {
   const std::vector<Row> rows = {{"a", "c", "lwr", "baseline", 100, 90, 5, 0, 0},
                                  {"a", "c", "lwr", "guided", 100, 95, 0, 5, 2},
                                  {"b", "c", "lwr", "baseline", 100, 90, 5, 0, 0},
@@ -127,7 +127,7 @@ TEST(StressTest, WhatFailsIsListedWithWhatWasHarmed) {
   EXPECT_EQ(table.rows[1][5], "5.0 / 3.0");
 }
 
-TEST(StressTest, WhatIsUnknownIsNamedWithWhatThereIs) {
+TEST(StressTest, UnknownNamesAreReportedWithTheValidOnes) {
   const auto error = [](const Study& study) {
     try {
       static_cast<void>(RunStudy(study));

@@ -44,7 +44,7 @@ TEST(CameraModelTest, UndistortionInvertsDistortionOverTheWholeImage) {
   }
 }
 
-TEST(CameraModelTest, WhatCannotBeIsNaN) {
+TEST(CameraModelTest, ImpossiblePointsAreNaN) {
   CameraModel camera = Endoscope();
   EXPECT_TRUE(camera.Project({0.0, 0.0, -0.1}).array().isNaN().all());
   EXPECT_TRUE(camera.ToNormalized({std::nan(""), 0.0}).array().isNaN().all());

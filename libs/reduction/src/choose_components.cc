@@ -181,7 +181,8 @@ void Check(std::span<const core::Trajectory> demonstrations,
            const ChooseComponentsOptions& options) {
   DFR_THROW_UNLESS(demonstrations.size() >= kLeastDemonstrations,
                    "choosing the number of components needs at least "
-                       << kLeastDemonstrations << ", there are " << demonstrations.size());
+                       << kLeastDemonstrations << " demonstrations; there are "
+                       << demonstrations.size());
   const Eigen::Index p = demonstrations[0].states.cols();
   const Eigen::Index m = demonstrations[0].controls.cols();
   DFR_THROW_UNLESS(p >= 1 && m >= 1, "demonstrations need scores and actions");
