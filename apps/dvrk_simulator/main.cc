@@ -310,7 +310,7 @@ void Run(Options options) {
   for (const auto& [name, value] : options.faults) server.SetFault(name, value);
   Introduce(options);
 
-  // Set here, not earlier, so that the drawing threads do not inherit the priority.
+  // Set here, not earlier: the drawing threads must not inherit the priority.
   if (options.priority > 0) {
     const std::string refused = dfr::runtime::AskForRealTime(options.priority);
     if (!refused.empty()) std::cout << "note: " << refused << std::endl;
@@ -362,7 +362,7 @@ int main(int argc, char** argv) try {
   dfr::apps::CheckNumbers(app);
   if (const auto code = dfr::apps::Parse(app, argc, argv)) return *code;
 
-  // Installed before any thread starts, so that a signal never kills the program.
+  // Installed before any thread starts: a signal must never kill the program.
   std::signal(SIGINT, Stop);
   std::signal(SIGTERM, Stop);
   Run(options);

@@ -59,7 +59,7 @@ class LaggedFit {
 
   // Pairs the change from state t with action t + lag.
   void Add(const core::Trajectory& episode, Eigen::Index lag) {
-    // The same changes for every lag, so that fits can be compared.
+    // The same changes for every lag: otherwise fits are not comparable.
     for (Eigen::Index t = 1; t + 1 < episode.controls.rows(); ++t) {
       const Eigen::VectorXd change = episode.states.row(t + 1) - episode.states.row(t);
       const Eigen::VectorXd action = episode.controls.row(t + lag);

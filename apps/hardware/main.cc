@@ -43,7 +43,7 @@ void AddNetwork(CLI::App& command, dds::ParticipantOptions& network) {
                      "this participant's folder in a secured network (`hardware certificates`)");
 }
 
-// Without a terminal the answer is no, so that no device moves by mistake.
+// Without a terminal the answer is no: no device may move by mistake.
 std::string AnswerAtTerminal(const std::string& question, const char* hint, const char* otherwise) {
   std::string answer;
   if (::isatty(STDIN_FILENO) == 0) {

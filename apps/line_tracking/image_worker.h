@@ -32,7 +32,7 @@ struct ImageAnswer {
 };
 
 /// The endoscope of line tracking as the camera of a robot::ControlLoop. A separate thread
-/// processes the pictures, so that the loop never waits for OpenCV.
+/// processes the pictures: the loop never waits for OpenCV.
 class ImageWorker final : public robot::Camera {
  public:
   /// Opens config.camera. Borrows all arguments.

@@ -166,8 +166,8 @@ std::string Beside(const char* program) {
   return path.string();
 }
 
-// `command` with what makes it a member, as `name`, of the run's network; in a secured one its
-// folder is beside the run's own, as `hardware certificates` puts it.
+// Returns `command` with the options that make it participant `name` of the run's network. With
+// security, its folder is beside the run's, as `hardware certificates` creates it.
 std::vector<std::string> InNetwork(std::vector<std::string> command,
                                    const dds::ParticipantOptions& network,
                                    const std::string& name) {
@@ -265,7 +265,7 @@ void RunLaunch(const LaunchOptions& options) {
     }
     for (Child* child : all) child->Look();
   }
-  // Stops the robot's program first, so that it holds while the others still run.
+  // Stops the robot's program first: it must hold while the others still run.
   for (Child* child : all) child->Stop(SIGINT);
   while (client.output() >= 0 && client.Show()) {
   }

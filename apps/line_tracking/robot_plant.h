@@ -65,7 +65,7 @@ class RobotPlant final : public core::Plant {
   [[nodiscard]] int control_dim() const noexcept override { return 2; }
   /// With a simulator: begins the next episode, which starts as soon as there is no reason to hold.
   /// On a robot the operator has placed the tip, and the episode starts at once. The platform's
-  /// wave begins with it, and ends as soon as the robot holds for whatever reason.
+  /// wave begins with it, and ends as soon as the robot holds for any reason.
   /// @throws std::runtime_error with the reason to hold: at once on a robot and if a fault was not
   ///   cleared, with a simulator after 3 s, in lock-step after its time for an answer.
   void Reset(std::uint64_t seed) override;

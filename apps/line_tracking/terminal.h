@@ -10,7 +10,7 @@
 
 namespace dfr::apps::line_tracking {
 
-/// What the operator does before an episode, see robot::OperatorPrompt::AllowsEpisode().
+/// The operator's task before an episode, see robot::OperatorPrompt::AllowsEpisode().
 inline constexpr const char* kPrepare = "Put the tip over the line's beginning";
 
 /// Terminal of a program that controls a robot: output, input, and Ctrl-C. One per process.

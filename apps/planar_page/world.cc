@@ -20,7 +20,7 @@ namespace {
 constexpr double kSpeed = 0.6;      // Norm of a demonstrated control.
 constexpr double kUnsteady = 0.35;  // Noise on each entry of it, a standard deviation.
 constexpr int kHorizon = 200;       // Controls that a demonstration takes at most.
-constexpr int kLooks = 4;  // Collision checks along each motion, so that no corner is missed.
+constexpr int kLooks = 4;           // Collision checks along each motion, enough for every corner.
 
 Point operator+(const Point& a, const Point& b) { return {a[0] + b[0], a[1] + b[1]}; }
 Point operator-(const Point& a, const Point& b) { return {a[0] - b[0], a[1] - b[1]}; }
@@ -136,7 +136,7 @@ std::vector<Scene> MakeScenes() {
   };
 }
 
-// Tight, so that every machine finds the same solution to all printed digits.
+// Tight: all machines must find the same solution to all printed digits.
 constexpr double kTolerance = 1e-10;
 
 safety::TaskOptions Options() {
@@ -150,7 +150,7 @@ safety::TaskOptions Options() {
   return options;
 }
 
-// The certified mode's features: both coordinates in one unit, so that |dz| is |dx| times a factor.
+// Features of the certified mode: both coordinates in one unit, hence |dz| is a multiple of |dx|.
 core::FeatureTransform OneUnit(std::span<const core::Trajectory> demonstrations) {
   const core::FeatureSelection all = core::FeatureSelection::All(2);
   std::vector<core::Matrix> states;

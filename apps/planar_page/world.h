@@ -40,7 +40,7 @@ struct Scene {
   std::vector<Disc> discs = {};
   std::vector<Box> boxes = {};
   bool corridor = false;  ///< The walls of sim::CorridorPlant are there too.
-  /// Routes of the demonstrator from the start to the goal, taken in turn.
+  /// Routes of the demonstrator from the start to the goal, used alternately.
   std::vector<std::vector<Point>> routes = {};
   double wander = 0.05;  ///< Standard deviation of the demonstrator's distance from its route.
   int degree = 3;        ///< The learned policy is a polynomial of this degree.
@@ -171,7 +171,7 @@ class World {
   [[nodiscard]] const Scene& scene() const noexcept { return *scene_; }
   [[nodiscard]] const PointPlant& plant() const noexcept { return plant_; }
 
-  /// Adds `count` demonstrations along the routes of the scene, in turn.
+  /// Adds `count` demonstrations along alternating routes of the scene.
   void Demonstrate(int count, std::uint64_t seed);
   /// Adds the line that a user drew as a demonstration, and `repeats` more by an unsteady hand that
   /// follows it.

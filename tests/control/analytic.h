@@ -24,7 +24,7 @@ inline double Norm(std::span<const double> v) {
   return std::sqrt(square);
 }
 
-/// g_t(x) by a function; counts how often it is asked.
+/// g_t(x) by a function; counts its evaluations.
 class FunctionSupport : public core::DecisionFunction {
  public:
   using Function = std::function<double(int, std::span<const double>)>;

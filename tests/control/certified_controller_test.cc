@@ -32,8 +32,8 @@ CertifiedOptions Certified(double direction_error) {
   return {.certificate = {.direction_error = direction_error}};
 }
 
-// The assumption |dz - J u| <= eps |u| is watched: a plant that does otherwise is stopped after the
-// first control that shows it.
+// The controller checks |dz - J u| <= eps |u| and stops a plant that violates it after the first
+// such control.
 TEST(CertifiedControllerTest, HaltsAtTheFirstViolation) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
@@ -45,7 +45,7 @@ TEST(CertifiedControllerTest, HaltsAtTheFirstViolation) {
     const Step step = certified.Next(x, u);
     ASSERT_NE(step.mode, Mode::kHalt);
     EXPECT_TRUE(step.certified);
-    // The first control does as promised, the second twice as much.
+    // The first control has the predicted effect, the second twice as much.
     for (std::size_t k = 0; k < 2; ++k) x[k] += (i == 0 ? 1.0 : 2.0) * u[k];
   }
   EXPECT_EQ(certified.Next(x, u).cause, HaltCause::kViolated);
@@ -63,8 +63,8 @@ TEST(CertifiedControllerTest, HaltsOutside) {
   EXPECT_EQ(certified.Next(std::vector{0.0, 2.0}, u).cause, HaltCause::kOutsideSupport);
 }
 
-// Time is consumed as far as learned controls are applied: of ever the same control only a part may
-// pass, and the one step of the horizon is over once the parts make a whole.
+// Fractions of learned controls consume fractions of time steps. Only a fraction of the control
+// passes each time, and the horizon of one step ends once the fractions sum to 1.
 TEST(CertifiedControllerTest, AShrunkLearnedControlConsumesItsShareOfATimeStep) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards(), {.gate_quantile = 0.5});
@@ -89,8 +89,8 @@ TEST(CertifiedControllerTest, AShrunkLearnedControlConsumesItsShareOfATimeStep) 
   EXPECT_GE(controls, 2);
 }
 
-// At x = 0.05 the state is as deep in B_0 as in B_1: the phase is the one that a control, which
-// passes by half at least, was meant to lead to.
+// At x = 0.05 the state is equally deep in B_0 and B_1. The phase is the target of the last
+// control, of which at least half passed.
 TEST(CertifiedControllerTest, HalfALearnedControlAdvancesACertifiedPhase) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
@@ -113,7 +113,7 @@ TEST(CertifiedControllerTest, HalfALearnedControlAdvancesACertifiedPhase) {
 }
 
 // g_t(x) = exp(-(x - c_t)^2) - 0.5 with c_0 = 0, c_1 = 1, K = 1: at x = -0.6 the published gate
-// g_0(x) > L K |u| lets u = 0.001 pass, whatever its direction, and the state is then outside B_1,
+// g_0(x) > L K |u| lets u = 0.001 pass in any direction, and the state is then outside B_1,
 // which the proof by induction excludes. The phase is held instead.
 TEST(Proposition1Test, ThePublishedGateLeavesItsOwnInvariantAndPhaseHoldKeepsIt) {
   const test::GaussianSupport support({{0.0}}, 1.0, 0.5, {1.0}, 2);
@@ -188,7 +188,7 @@ TEST(Proposition1Test, NeverLeavesTheUnionOfSupports) {
   }
 }
 
-// Nothing is random, and nothing is left of an episode that was before. Nothing allocates.
+// Episodes are deterministic and independent of earlier ones. Nothing allocates.
 TEST(CertifiedControllerTest, TheSameStatesGiveTheSameControls) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());

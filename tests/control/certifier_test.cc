@@ -24,7 +24,7 @@ using testing::HasSubstr;
 constexpr double kUnit = 0.25;
 constexpr double kSpeed = 0.3;
 
-// Disks of radius 0.83 and more around (0.3 t, 0); two Gaussians, so that the ball is not all.
+// Disks of radius 0.83 and more around (0.3 t, 0); two Gaussians: the ball is not the whole set.
 test::GaussianSupport Moving() { return {{{0.0, 0.0}, {0.0, 0.3}}, 1.0, 0.5, {kSpeed, 0.0}, 12}; }
 
 Eigen::Matrix2d Jacobian() {
@@ -71,8 +71,8 @@ TEST(CertifierTest, EveryStateThatTheAssumptionAllowsIsInsideSomeSupport) {
   EXPECT_GT(shrunk, 200);
 }
 
-// l = log 2 - |x|^2 is the ball of radius sqrt(log 2) exactly, so nothing is given away: a little
-// more of the control could end outside.
+// l = log 2 - |x|^2 is the ball of radius sqrt(log 2) exactly, so the fraction is maximal: a
+// slightly larger one could end outside.
 TEST(CertifierTest, IsExactForASingleGaussian) {
   const test::GaussianSupport support({{0.0, 0.0}}, 1.0, 0.5);
   const ResponseEstimate answer = test::KnownJacobian(Eigen::Matrix2d::Identity());
@@ -88,7 +88,7 @@ TEST(CertifierTest, IsExactForASingleGaussian) {
               1e-8);
 }
 
-// At least what the ball at z allows; beyond that, whole, halves and quarters of the control that
+// At least the fraction that the ball at z allows. Larger fractions are 1, 1/2 or 1/4, if they
 // provably end inside a ball at the predicted state.
 TEST(CertifierTest, TheDirectionsShareIsTheLargerOfBothBalls) {
   const auto support = Moving();
@@ -179,7 +179,7 @@ TEST(CertifierTest, PredictTellsTheLevelThatAControlNeeds) {
   EXPECT_LT(met, 450);
 }
 
-// A state that is known up to delta: what holds for all states that near.
+// With an error delta of the state, the result holds for all states within delta.
 TEST(CertifierTest, AStateErrorCountsWhereverTheStateReallyIs) {
   const auto support = Moving();
   const ResponseEstimate answer = test::KnownJacobian(Jacobian());
@@ -280,10 +280,10 @@ TEST(CertifierTest, AdmittedControlsAreCertified) {
       ASSERT_EQ(admission.mode, Mode::kRecovery);
       ASSERT_GE(model.Level(phase, v), support.LogDecision(phase, z, {}));
     } else {
-      // From what demonstrations did, it is a recovery.
+      // A control that comes from demonstrations is a recovery.
       ASSERT_TRUE(admission.mode == Mode::kPolicy || admission.share == 1.0);
       ++(admission.share < 1.0 ? shrunk : whole);
-      // Time goes on: what is changed is changed towards the next support.
+      // Time advances: changed controls aim at the next support.
       if (v != chosen) {
         ASSERT_GE(model.Level(phase + 1, v), 0.0);
       }

@@ -18,7 +18,7 @@ using testing::Each;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-// Gives what the test puts into it.
+// Returns the steps set by the test.
 class Scripted final : public Controller {
  public:
   int state_dim() const noexcept override { return 2; }

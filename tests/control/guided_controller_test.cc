@@ -68,7 +68,7 @@ TEST(GuidedControllerTest, PassesTheLearnedControlDeepInside) {
   EXPECT_TRUE(guided.jacobian().isZero(0.0)) << "nobody has asked for J";
 }
 
-// Controls that pass deep inside without an estimate of J do not add to what demonstrations show.
+// Controls that pass deep inside without an estimate of J do not update it.
 TEST(GuidedControllerTest, ControlsBeforeTheFirstEstimateDoNotChangeIt) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Rightwards());
@@ -89,7 +89,7 @@ TEST(GuidedControllerTest, ControlsBeforeTheFirstEstimateDoNotChangeIt) {
   EXPECT_TRUE(test::AllClose(after.jacobian(), at_once.jacobian(), 1e-12));
 }
 
-// Twice as large as any that was demonstrated, it would run through the next support and out of it.
+// Twice as large as any demonstrated control, it would cross the next support and leave it.
 TEST(GuidedControllerTest, LooksAtAControlLargerThanDemonstrated) {
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Rightwards());
@@ -186,7 +186,7 @@ TEST(GuidedControllerTest, AStepTellsItsGrounds) {
     EXPECT_EQ(step.filtered, step.mode == Mode::kPolicy && changed);
     recoveries += step.mode == Mode::kRecovery ? 1 : 0;
     plant.Apply(u);
-    // A plant that does as it did for the supervisor: what is predicted inside is inside.
+    // The plant responds as in the demonstrations: predictions inside are correct.
     if (support.LogDecision(t + 1, plant.x, {}) >= 0.0) {
       ++t;
       waited = 0;
@@ -216,8 +216,8 @@ TEST(GuidedControllerTest, EndsWithItsTimeAndItsControls) {
   EXPECT_EQ(end({.horizon = 7, .max_controls = 5}), std::pair(5, HaltCause::kIterationLimit));
 }
 
-// A policy that runs off the corridor sideways is changed so that the next state keeps its level,
-// and still gets on.
+// The control of a policy that leaves the corridor sideways is changed: the next state keeps its
+// level, and the task progresses.
 TEST(GuidedControllerTest, FilterKeepsAWrongPolicyInsideAndMoving) {
   for (const double angle : {0.0, 0.9, -2.0}) {
     SCOPED_TRACE(angle);
@@ -373,8 +373,8 @@ TEST_F(GuidedControllerSlackTest, TheBestGoesOnWithinReachAndTheDemonstrationsBe
   }
 }
 
-// The filter can do no better than -0.3, B_1's middle but for the object. Whether that is near
-// enough for it to pass is a multiple of the slack, here 0.2.
+// The filter reaches at most -0.3, at B_1's centre except for the object. It passes if this is
+// within the exit level, a multiple of the slack, here 0.2.
 TEST_F(GuidedControllerSlackTest, TheFilteredControlPassesWithinReach) {
   const auto policy = Along(test::kSpeed);
   const test::Task model = Model(0.2);
@@ -389,9 +389,9 @@ TEST_F(GuidedControllerSlackTest, TheFilteredControlPassesWithinReach) {
   }
 }
 
-// An object too far aside for that. A climb would end at B_1's centre; what is applied is what
-// demonstrations did, here to the right; what y asks for is shrunk by the regression's ridge, these
-// features being far smaller than whitened ones.
+// The object is too far aside. Ascent would end at B_1's centre, but the demonstrated control, to
+// the right, is applied. Its y component is shrunk by the regression's ridge, because these
+// features are far smaller than whitened ones.
 TEST_F(GuidedControllerSlackTest, ARecoveryThatStaysOutsideDoesWhatDemonstrationsDid) {
   const auto policy = Along(-test::kSpeed);
   const test::Task model = Model(0.1);
@@ -461,8 +461,8 @@ TEST(GuidedControllerTest, HoldsWhereNothingHelps) {
   EXPECT_LE(controls, 41);
 }
 
-// A support that does not move, and a point outside that no control moves. Decisions are about the
-// same state again and again.
+// A support that does not move, and a point outside that no control moves: every decision is in the
+// same state.
 std::string Modes(double y, const GuidedOptions& options) {
   const test::GaussianSupport support({{0.0, 0.0}}, 4.0, 0.5);
   const test::Task model(Identity(), support, Rightwards());
@@ -484,9 +484,8 @@ TEST(GuidedControllerTest, HaltsAfterItsPatienceWhereItStaysOutside) {
   EXPECT_EQ(Modes(2.5, {.patience = 5}), "RRRRR no-progress");
 }
 
-// Supports at x = t test::kSpeed, and a point above the path that demonstrations' controls carry
-// past them: the phase goes on with the prediction, and the episode with it. The first support
-// missed is not insisted on.
+// Supports at x = t test::kSpeed, and a point above the path, which demonstrated controls move past
+// them. The phase advances with the prediction, and skips the missed support.
 TEST(GuidedControllerTest, ThePhasePassesOverSupportsThatARecoveryMisses) {
   const auto support = MovingDisk();
   // Demonstrations with constant y: they contain no way down.
@@ -530,7 +529,7 @@ TEST(GuidedControllerTest, ProbesAControlThatNobodyHasEverUsed) {
   EXPECT_FALSE(step.filtered);
   EXPECT_GT(std::abs(u[1]), 10.0 * std::abs(u[0]));
   EXPECT_NEAR(test::Norm(u), 0.35 * model.response.control_unit(), 1e-12);
-  // It has been tried: no second one.
+  // The direction was probed: no second probe.
   step = guided.Next(std::vector{x[0] + u[0], x[1] + u[1]}, u);
   EXPECT_NE(step.mode, Mode::kProbe);
 
@@ -563,8 +562,8 @@ TEST(GuidedControllerTest, HoldsItsPlaceUnderADisturbance) {
   const auto rightwards = test::FunctionPolicy(
       2, 2, [](int, std::span<const double>, std::span<double> u) { u[0] = 0.1, u[1] = 0.0; });
   const auto farthest = [&](const DisturbanceModel& disturbance_model, double sign) {
-    // Content with what lies outside, it would be carried off; what demonstrations did leads back
-    // without a J.
+    // The exit level would let the disturbance carry the state away, and the nominal control leads
+    // back without a J.
     GuidedOptions options = Without({}, "exit-level+demonstrated");
     options.horizon = 60;
     options.disturbance_model = disturbance_model;
@@ -584,7 +583,7 @@ TEST(GuidedControllerTest, HoldsItsPlaceUnderADisturbance) {
   double aware = 0.0;
   for (const double sign : {1.0, -1.0}) {
     aware = std::max(aware, farthest({.base = 1.0}, sign));
-    // Half of it known as time that a control's travel takes is near enough.
+    // Attributing half of the time to the control's norm is accurate enough.
     aware = std::max(aware, farthest({.base = 0.5, .per_control = 0.5}, sign));
   }
   EXPECT_LT(aware, 0.2) << "two steps of the disturbance, a probe, and what is left of J's error";
@@ -716,7 +715,7 @@ TEST(GuidedControllerTest, PartsAreTakenOutByTheirNeutralValues) {
   EXPECT_EQ(all.disturbance_model.base, 0.0);
   EXPECT_EQ(all.disturbance_model.per_control, 0.0);
   EXPECT_EQ(all.horizon, 77);
-  // And a policy can be made of what is left.
+  // A controller can be made without these parts.
   const auto support = MovingDisk();
   const test::Task model(Identity(), support, Rightwards());
   const auto along = test::ConstantPolicy(2, test::kSpeed);

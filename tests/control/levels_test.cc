@@ -31,7 +31,7 @@ TEST(LevelsTest, AreQuantilesOfTheDemonstrations) {
   const auto support = test::MovingDisk();
   const Levels levels(support, points);
   for (const int t : {0, 7, test::kSteps}) {
-    // By counting: as many of the thirty states are below a quantile as it says.
+    // By counting: the expected number of the thirty states is below each quantile.
     int below_gate = 0;
     int below_edge = 0;
     int below_median = 0;

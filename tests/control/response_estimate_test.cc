@@ -118,7 +118,7 @@ TEST(ResponseEstimateTest, AMeasurementCountsAsOftenAsItsWeightSays) {
   EXPECT_TRUE(after(1.0) != untouched.jacobian());
 }
 
-// A control that is turned by 90 degrees at test time is learned from what it does.
+// The estimate learns a rotation of controls by 90 degrees from their effects.
 TEST(ResponseEstimateTest, FollowsAPlantThatHasChanged) {
   core::Random random(3);
   core::Matrix before = core::Matrix::Identity(2, 2);
@@ -249,8 +249,8 @@ TEST(ResponseEstimateTest, TellsADisturbanceFromTheAnswerToControls) {
   EXPECT_TRUE(test::AllClose(aware.disturbance(), Eigen::VectorXd::Zero(kN), 0.0));
 }
 
-// The definition, in one go: weighted least squares with forgetting over [z' - z; 1; v], z the
-// state that is asked about last.
+// By the definition: weighted least squares with forgetting over [z' - z; 1; v], where z is the
+// last state.
 TEST(ResponseEstimateTest, DriftIsLeastSquaresAboutTheStateThatIsAskedAbout) {
   core::Random random(11);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
@@ -282,8 +282,8 @@ TEST(ResponseEstimateTest, DriftIsLeastSquaresAboutTheStateThatIsAskedAbout) {
   EXPECT_TRUE(test::AllClose(estimate.drift(), expected.row(kN).transpose(), 1e-12));
 }
 
-// A mass: what it does without a force is its velocity, and no demonstration was without force.
-// Feedback makes forces and states go together, so that J alone takes the motion for their answer.
+// A mass moves by its velocity without a force, but every demonstration has a force. Feedback
+// correlates forces with states, so J alone attributes the motion to the forces.
 TEST(ResponseEstimateTest, TellsTheMotionOfAMassFromTheAnswerToForces) {
   core::Random random(12);
   std::vector<core::Matrix> features;
@@ -392,7 +392,7 @@ TEST(ResponseEstimateTest, DoesWhatDemonstrationsDidWhateverControlsDoToday) {
   (void)turned.NominalControl(v);
 }
 
-// There is no control that causes a change: what was demonstrated is taken as it was.
+// No control causes a change: the demonstrated control is returned unchanged.
 TEST(ResponseEstimateTest, WithoutAnEffectTheNominalControlIsTheDemonstratedOne) {
   const std::vector<core::Matrix> features(8, core::Matrix::Zero(6, 3));
   const std::vector<core::Matrix> controls(8, core::Matrix::Constant(5, 2, 0.7));
@@ -426,8 +426,8 @@ TEST(ResponseEstimateTest, LeastKnownIsTheTopEigenvectorOfTheInverse) {
   EXPECT_LT(estimate.LeastExcitedDirection(direction), 1.0) << "after it was tried";
 }
 
-// Under a disturbance a second probe like the first would tell nothing: only the other sign tells
-// its effect from what time does.
+// Under a disturbance a second equal probe is uninformative: only the other sign separates its
+// effect from the disturbance.
 TEST(ResponseEstimateTest, LeastExcitedDirectionHasTheSignThatSeparatesADisturbance) {
   core::Random random(8);
   auto d = Linear(RandomMatrix(random, kN, 2), 10, 8, random);

@@ -15,7 +15,7 @@ namespace {
 
 using Choice = SafetyFilter::Choice;
 
-// A disk that moves to the right, demonstrations that go along with it, and a state at its rim.
+// A disk that moves to the right, demonstrations that follow it, and a state at its rim.
 class SafetyFilterTest : public testing::Test {
  protected:
   SafetyFilterTest() { estimate_.Compute(0, core::AsSpan(z_)); }
@@ -34,7 +34,7 @@ class SafetyFilterTest : public testing::Test {
   StepTarget target_{1, model_.levels.gate(1)};
   StepLimits limits_ =
       Limits(GuidedOptions{}, model_.response.control_dim(), model_.response.control_unit());
-  // One that leads out of the disk, and one that leads far into it.
+  // Two controls: one leads out of the disk, the other deep into it.
   Eigen::VectorXd outwards_ = Eigen::Vector2d(0.0, 3.0);
   Eigen::VectorXd inwards_ = Eigen::Vector2d(test::kSpeed, -0.35) / model_.response.control_unit();
 };
@@ -94,8 +94,8 @@ TEST_F(SafetyFilterTest, WithoutDemonstrationsTheLearnedControlIsRaised) {
   EXPECT_TRUE(v == expected);
 }
 
-// Far outside, where nothing leads inside, the learned control passes as long as the change that is
-// spared is small and costs no more than the margin.
+// Far outside, where no control ends inside, the learned control passes if the skipped change is
+// small and gains no more than the margin.
 TEST_F(SafetyFilterTest, AnIdleChangeIsNotMadeIfNoControlEndsInside) {
   z_ = Eigen::Vector2d(0.0, 1.5);
   estimate_.Compute(0, core::AsSpan(z_));

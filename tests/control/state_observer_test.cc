@@ -50,7 +50,7 @@ class StateObserverTest : public testing::Test {
 // A plant that applies each control some controls late.
 class LagTest : public StateObserverTest, public testing::WithParamInterface<int> {
  protected:
-  // `count` controls, noise of `noise` in what is seen.
+  // Applies `count` controls with observation noise `noise`.
   void Drive(int count, int lag, double noise) {
     for (int i = 0; i < count; ++i) {
       estimate_.Compute(5, core::AsSpan(seen_));

@@ -233,9 +233,9 @@ TEST(RaiseLevelTest, ReachesATargetThatIsWithinReach) {
   }
 }
 
-// Between the target and what a single step may reach beyond lies what l bends upwards: with the
-// centres within D of each other the Hessian of l is at most -2 gamma + gamma^2 D^2, the bound
-// takes -2 gamma, so that l exceeds the target by at most gamma^2 D^2 |J s d|^2 / 2.
+// A step may exceed the target by the curvature that the bound ignores: with centres within D of
+// each other the Hessian of l is at most -2 gamma + gamma^2 D^2, and the bound uses -2 gamma. Hence
+// l exceeds the target by at most gamma^2 D^2 |J s d|^2 / 2.
 TEST(RaiseLevelTest, ASingleStepOvershootsByNoMoreThanTheBoundLeavesOut) {
   int reached = 0;
   for (std::uint64_t seed = 0; seed < 500; ++seed) {
@@ -254,7 +254,7 @@ TEST(RaiseLevelTest, ASingleStepOvershootsByNoMoreThanTheBoundLeavesOut) {
     const double l = AscendSupport(model, {.level = target}, {.iterations = 1}, v);
     const double moved = (answer.jacobian() * v).squaredNorm();
     ASSERT_LE(l, target + 0.5 * kGamma * kGamma * square * moved + 1e-12);
-    // The step misses nothing of what it surely gains, if it is not the largest.
+    // The step gains at least its guaranteed gain, if it is not the largest.
     reached += l >= target - 1e-12 ? 1 : 0;
   }
   EXPECT_GT(reached, 300);

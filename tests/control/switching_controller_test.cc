@@ -211,8 +211,8 @@ TEST(SwitchingControllerTest, LambdaIsThatOfTheTimeStepAndTheLastOneBeyond) {
 }
 
 // Prop. IV.3 where its proof holds, for a support that does not depend on time: where
-// |x' - x| <= K |u| and lambda = L K, g never goes below zero, whatever the learned policy asks for
-// and however the plant turns the command. The ball's g is 1-Lipschitz, so lambda = K.
+// |x' - x| <= K |u| and lambda = L K, g never goes below zero, for any learned policy and any
+// rotation of the command by the plant. The ball's g is 1-Lipschitz, so lambda = K.
 TEST(SwitchingControllerTest, NeverLeavesSupportWhenLambdaIsLipschitzTimesGain) {
   constexpr double kGain = 2.0;
   const auto ball = test::UnitBall(2);
@@ -257,7 +257,7 @@ TEST(SwitchingControllerTest, ATimeVaryingSupportCanBeLeftThroughAnOpenGate) {
 }
 
 // With lambda = L K an iteration raises g by at most step_fraction and twice the probe, so a factor
-// F takes about 50 ln F iterations at best: what makes the method slow.
+// F takes at least about 50 ln F iterations, which makes the method slow.
 TEST(SwitchingControllerTest, DfrClimbsAndGainsAtMostItsStepPerIteration) {
   const auto ball = test::UnitBall(2);
   const auto policy = test::ConstantPolicy(2, 0.5);
@@ -384,7 +384,7 @@ class ScriptedRecovery final : public RecoveryStrategy {
 };
 
 TEST(SwitchingControllerTest, AnInjectedStrategyIsUsedAndTheOptionsChoiceIsNot) {
-  // The gate is shut at g = 0.1 and open at 10; the fourth look is the one after the recovery.
+  // The gate is closed at g = 0.1 and open at 10; the fourth check is after the recovery.
   int looks = 0;
   const test::FunctionSupport support(
       1, [&](int, std::span<const double>) { return ++looks == 4 ? 10.0 : 0.1; });

@@ -8,7 +8,7 @@
 
 namespace dfr::test {
 
-/// Owns what controllers borrow of a task, but for the support.
+/// Owns the parts of a task that controllers borrow, except the support.
 struct Task {
   Task(core::FeatureTransform transform, const core::LogDecisionFunction& inner,
        std::span<const core::Trajectory> demonstrations, const control::LevelOptions& options = {})
@@ -19,7 +19,7 @@ struct Task {
         response(seen) {}
 
   [[nodiscard]] control::TaskView view() const { return {features, support, levels, response}; }
-  // Where a view is asked for. NOLINTNEXTLINE(google-explicit-constructor)
+  // Converts to a view. NOLINTNEXTLINE(google-explicit-constructor)
   operator control::TaskView() const { return view(); }
 
   core::FeatureTransform features;

@@ -59,7 +59,7 @@ TEST_P(TransitionSumsTest, DistancesAndWeightsAreTheirDefinitions) {
 TEST_P(TransitionSumsTest, NearestAreThoseOfASort) {
   const std::size_t rows = Rows();
   std::vector<float> distances(rows);
-  // Few values, so that many distances are equal, and some as far as can be.
+  // Few values: many distances are equal, and some are maximal.
   for (float& d : distances) d = static_cast<float>(std::floor(random_.Uniform(0.0, 9.0)));
   distances.back() = std::numeric_limits<float>::infinity();
   std::vector<std::int32_t> sorted(rows);
@@ -80,7 +80,7 @@ TEST_P(TransitionSumsTest, NearestAreThoseOfASort) {
   }
 }
 
-// Widths around those that are summed together: one narrow vector, one wide one, three of them.
+// Widths around one narrow vector, one wide vector, and three wide vectors.
 TEST_P(TransitionSumsTest, SumsAreThoseOfWeightedOuterProducts) {
   constexpr std::size_t kLeft = kWidth;
   constexpr double kFactor = 3.0;
@@ -121,7 +121,7 @@ TEST_P(TransitionSumsTest, SumsAreThoseOfWeightedOuterProducts) {
   }
 }
 
-// Less than a vector, whole ones, and a rest.
+// Less than a vector, whole vectors, and a remainder.
 INSTANTIATE_TEST_SUITE_P(Rows, TransitionSumsTest,
                          testing::Combine(testing::Values(1, 3, 16, 31, 64, 527),
                                           testing::ValuesIn(hwy::SupportedAndGeneratedTargets())));

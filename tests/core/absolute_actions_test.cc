@@ -119,7 +119,7 @@ TEST(AbsoluteActionsTest, VelocitiesAreNone) {
   }
 }
 
-// The distance to the goal is what a proportional policy with gain one answers.
+// A proportional policy with gain 1 returns the distance to the goal.
 TEST(AbsoluteActionsTest, AStateThatHoldsTheDistanceToTheGoalIsNone) {
   World world = Velocities(1.0);
   world.observe = [](const auto& x, const auto& goal, const auto&) {

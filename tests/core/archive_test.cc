@@ -124,7 +124,7 @@ TEST_F(ArchiveTest, ErrorsNameFileAndReason) {
   EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 2); }), HasSubstr("not a file written"));
 }
 
-// A hostile file with a right checksum must not make the reader allocate what it announces.
+// A hostile file with a valid checksum must not make the reader allocate the declared size.
 TEST_F(ArchiveTest, AnnouncedSizesAreCheckedAgainstTheFile) {
   ArchiveWriter writer("sample", 1);
   writer.Numbers(std::vector<double>{1.0});

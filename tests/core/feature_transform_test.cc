@@ -33,7 +33,7 @@ std::vector<Matrix> Walks() {
 }
 
 // The definition without local: across demonstrations at the same time, the correlation of z is
-// (Corr + r)^(-1/2) Corr (Corr + r)^(-1/2), whatever the units, and progress does not count.
+// (Corr + r)^(-1/2) Corr (Corr + r)^(-1/2) for any units, and progress does not count.
 TEST(FeatureTransformTest, WhitensTheSpreadAcrossDemonstrations) {
   const auto walks = Walks();
   const auto transform =

@@ -14,7 +14,7 @@
 namespace dfr::core {
 namespace {
 
-// `goals` ways from one start, `each` demonstrations of each, in turn as a supervisor cycles.
+// `goals` ways from one start with `each` demonstrations each, alternating as a supervisor cycles.
 std::vector<Matrix> Cycle(int goals, int each, std::uint64_t seed) {
   Random random(seed);
   std::vector<Matrix> demonstrations;
@@ -74,8 +74,8 @@ std::vector<std::vector<double>> Entries(const std::vector<Matrix>& matrices) {
   return entries;
 }
 
-// The property that a fit rests on: whatever the order, the same demonstrations share a fold, and
-// they come in the same order.
+// Fits rely on this property: in any order of input, the same demonstrations share a fold, in the
+// same order.
 TEST(FoldsTest, TheOrderOfDemonstrationsChangesNothing) {
   for (const int goals : {1, 5}) {
     const auto demonstrations = Cycle(goals, 12, 2);

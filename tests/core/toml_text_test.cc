@@ -28,7 +28,7 @@ TEST(TomlTextTest, CharactersBeyondAsciiMayStandInQuotesAndComments) {
   }
 }
 
-// toml++ 3.3 asks of characters beyond ASCII in a malformed value what it cannot answer.
+// toml++ 3.3 fails on characters beyond ASCII in a malformed value.
 TEST(TomlTextTest, TheParserSeesAsciiThatMeansTheSame) {
   const auto ascii = [](std::string_view text) { return CheckToml("run.toml", text); };
   EXPECT_EQ(ascii("a = \"x\\\"\xC3\xA9\" # \xC3\xA9t\n"), "a = \"x\\\"\\u00e9\" # t\n");

@@ -85,8 +85,8 @@ TEST_F(AttackTest, AMalformedStatisticsMessageEndsNobody) {
   Talk();
 }
 
-// The same of a sample with parameters and without the payload that its flags announce: Fast DDS
-// 2.9.1 freed what was not its own.
+// Same, for a sample with parameters and without the payload of its flags: Fast DDS 2.9.1 freed
+// foreign memory.
 TEST_F(AttackTest, NorDoesASampleWithoutItsPayload) {
   Talk();
   for (const bool fragments : {false, true}) {

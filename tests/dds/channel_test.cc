@@ -50,7 +50,8 @@ TEST(ParticipantTest, IsFoundHoweverManyThereWereBeforeInItsProcess) {
   Eventually([&] { return publisher.num_subscribers() == 1; });
 }
 
-// The participant before its publishers, each with a number, and those that have left, too.
+// Reports the participant before its publishers, each with a number, including those that have
+// left.
 TEST(ParticipantTest, ReportsParticipantsInOrder) {
   const Participant watcher({.domain = test::OwnDomain(), .name = "watcher"});
   const auto any = [](std::string_view topic) { return topic == "/arm/hold"; };
@@ -97,13 +98,13 @@ TEST(ChannelTest, EventsReachLateJoinersInOrder) {
   EXPECT_EQ(text.text, "19");  // unchanged
 }
 
-// A console that starts later must not home its arm because of what was asked of another.
+// A console that starts later must not home its arm because of a request to another console.
 TEST(ChannelTest, ARequestReachesNobodyWhoJoinsLater) {
   Participant first(Loopback());
   Participant second(Loopback());
   Publisher<StringStamped> publisher(first, "/state_command", Role::kRequest);
   Eventually([&] { return publisher.Write({{}, {}, "home"}); });
-  // One that asks for what was kept is not even matched, and one that does not gets what comes.
+  // A subscriber that requests stored samples is not matched; others receive new samples.
   const Subscriber<StringStamped> keeps(second, "/state_command", Role::kEvent);
   Subscriber<StringStamped> late(second, "/state_command", Role::kRequest);
   Eventually([&] { return publisher.num_subscribers() == 1; });
@@ -195,7 +196,7 @@ TEST(ChannelTest, OldCommandsExpire) {
   EXPECT_FALSE(subscriber.Take(got));
 }
 
-// Whatever the type: a flag, which has no strings, is one that DDS would share of its own accord.
+// For every type: DDS would share a flag, which has no strings, by default.
 TEST(ChannelTest, SharedMemoryIsOffByDefault) {
   const std::vector<std::string> before = SharedSegments();
   Participant first(Loopback());

@@ -36,7 +36,7 @@ std::string LoadError(const std::filesystem::path& path) {
   return test::Message<std::runtime_error>([&] { (void)LoadDemonstrations(path); });
 }
 
-// An episode of robomimic's format in which `make` may put what it likes.
+// An episode in robomimic's format, modified by `make`.
 template <typename Make>
 std::string ErrorWith(const std::filesystem::path& path, const Make& make) {
   {

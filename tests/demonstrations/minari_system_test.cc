@@ -36,7 +36,7 @@ TEST(DemonstrationReaderTest, MemoryDoesNotGrowWithTheFile) {
     ASSERT_EQ(reader->num_episodes(), kEpisodes);
     for (int i = 0; i < kEpisodes; ++i) EXPECT_EQ(reader->Read(i).controls, episode.controls);
   }
-  // libhdf5 keeps some of its own; the files are of 120 and 240 MiB.
+  // Includes the memory of libhdf5; the files have 120 and 240 MiB.
   EXPECT_LT(peak_mib() - start, 40);
 }
 

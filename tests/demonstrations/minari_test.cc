@@ -143,7 +143,7 @@ TEST(MinariErrorsTest, NameTheDatasetAndTheReason) {
   beyond.trajectories[2].controls(7, 1) = 1.5;
   EXPECT_THAT(Message([&] { SaveMinari(beyond, folder / "d", kId); }),
               HasSubstr("demonstration 2, step 7: control 1 is 1.5"));
-  EXPECT_EQ(OpenMinari(file)->num_episodes(), 3);  // what was there is untouched
+  EXPECT_EQ(OpenMinari(file)->num_episodes(), 3);  // the existing file is unchanged
 }
 
 }  // namespace

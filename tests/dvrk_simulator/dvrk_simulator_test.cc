@@ -12,7 +12,7 @@
 namespace dfr::test {
 namespace {
 
-// What the program has mapped below /dev/shm.
+// Files below /dev/shm that the program has mapped.
 std::vector<std::string> SharedMemory(const PeerProcess& process) {
   std::ifstream maps("/proc/" + std::to_string(process.pid()) + "/maps");
   std::vector<std::string> files;

@@ -35,7 +35,7 @@ TEST(DisturbedPlantTest, WithoutDisturbanceItIsThePlant) {
 TEST(DisturbedPlantTest, ControlsComeLate) {
   DisturbedPlant plant(Point(1), {.control_delay = 2});
   for (const std::uint64_t seed : {1, 2}) {
-    plant.Reset(seed);  // forgets what was under way
+    plant.Reset(seed);  // discards pending controls
     EXPECT_EQ(After(plant, {1.0})[0], 0.0);
     EXPECT_EQ(After(plant, {2.0})[0], 0.0);
     EXPECT_EQ(After(plant, {4.0})[0], 1.0);
@@ -73,7 +73,7 @@ TEST(DisturbedPlantTest, ControlsAndStatesAreLostAsOftenAsAsked) {
       const double seen = After(losing, {1.0})[0];
       repeated += seen == before ? 1 : 0;
       if (seen != before) {
-        EXPECT_EQ(seen, std::max(0, i + 1 - delay));  // what is seen anew is not older than asked
+        EXPECT_EQ(seen, std::max(0, i + 1 - delay));  // an observation is not older than the delay
       }
       before = seen;
     }

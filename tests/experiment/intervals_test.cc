@@ -182,7 +182,7 @@ TEST(PowerTest, McNemarsTestHasThePower) {
     }
     found += McNemarExact(only_first, only_second) < 0.05 ? 1 : 0;
   }
-  // The exact test keeps less than its level, so that it has a little less power.
+  // The exact test is conservative and therefore has slightly less power.
   EXPECT_GT(found, 0.72 * 2000);
   EXPECT_LT(found, 0.84 * 2000);
 }
@@ -254,7 +254,7 @@ TEST(ContrastTest, UndefinedRatiosAreAbsent) {
   const std::vector<PairedCounts> one_trial = {{60, 20, 1, 40, 10, 0}};
   EXPECT_TRUE(EstimateContrast(one_trial).collision_reduction);
   EXPECT_FALSE(EstimateContrast(one_trial).collision_reduction_interval);
-  // Each a stratum of its own: nothing to draw from either.
+  // Each unit is a separate stratum: there is nothing to resample.
   const std::vector<PairedCounts> strata = {{60, 20, 1, 40, 10, 0}, {60, 20, 1, 40, 10, 1}};
   EXPECT_FALSE(EstimateContrast(strata).collision_reduction_interval);
 }

@@ -1,4 +1,4 @@
-// A run that is killed at each of its writes in turn, with part of a line written.
+// Runs that are killed at each write, with part of a line written.
 #include <gtest/gtest.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>

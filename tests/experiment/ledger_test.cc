@@ -21,8 +21,8 @@
 
 namespace {
 
-// What the next calls of write() and fdatasync() do, as a failing disk does: fail with an error, or
-// write a part. They stand in for the C library's in this program.
+// Faults of the next calls of write() and fdatasync(), as of a failing disk: an error, or a partial
+// write. They replace the C library's functions in this program.
 struct Fault {
   int after = -1;  // calls that still succeed; negative: all
   int error = 0;   // 0: short writes from then on
@@ -255,7 +255,7 @@ TEST_F(LedgerTest, AnotherWriterIsRefusedAndLosesNothing) {
   EXPECT_EQ(ReadLedger(ledger).records.size(), results.size());
 }
 
-// ENOSPC, EIO and short writes at every call: what was written before is kept, nothing is repeated.
+// ENOSPC, EIO and short writes at every call: earlier results are kept, and nothing is repeated.
 TEST_F(LedgerTest, WriteErrorsLoseAndRepeatNothing) {
   const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner);
   for (const int error : {ENOSPC, EIO, 0}) {

@@ -90,7 +90,7 @@ TEST(EvaluateTest, MethodsAndLearnersShareStartStatesAndControllerSeeds) {
 }
 
 TEST(EvaluateTest, StartStatesOutsideAreRedrawnAndCounted) {
-  // Accepts only what its own record says, and notes every question.
+  // Accepts only recorded units, and records every query.
   struct Runner final : TrialRunner {
     bool Accepts(std::uint64_t seed) override {
       asked.push_back(seed);

@@ -146,7 +146,7 @@ TEST(ReportTest, NeedsNothingButItself) {
   for (const char* reference : {"http:", "https:", "//", "@import", "url(", "<script", "<link"}) {
     EXPECT_THAT(html, Not(HasSubstr(reference)));
   }
-  // Whatever is referred to is a data URI.
+  // Every reference is a data URI.
   EXPECT_EQ(Count(html, "src=\""), Count(html, "src=\"data:"));
   EXPECT_EQ(Count(html, "href="), 0);
 }

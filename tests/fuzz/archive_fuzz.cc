@@ -36,7 +36,7 @@ void Read(const std::filesystem::path& path, std::string_view order) {
       }
     }
     reader.End();
-  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): what a bad file is to be
+  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): expected for bad input
   }
 }
 

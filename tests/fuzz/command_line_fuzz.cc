@@ -1,5 +1,5 @@
-// Command lines, one argument a line; before a null byte, a configuration for --config. What is
-// taken has numbers in their ranges, and run.toml, which is written of it, starts the same run.
+// Command lines, one argument per line; before a null byte, a configuration for --config. Accepted
+// ones have numbers in their ranges, and the written run.toml starts the same run.
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
@@ -31,7 +31,7 @@ struct Program {
   std::string run_toml;
 };
 
-// What the arguments of the command `experiment` say; nothing where they are refused.
+// Parses the arguments of the command `experiment`; empty if they are refused.
 std::optional<Program> Run(const std::vector<std::string>& arguments) {
   Program program;
   CLI::App app("fuzz", "fuzz");

@@ -1,5 +1,5 @@
-// RTPS messages before Fast DDS sees them: what is handed on is a beginning of the message, and a
-// message of which all is handed on.
+// RTPS messages before Fast DDS receives them: the passed part is a prefix of the message, and is
+// itself passed whole.
 #include <cstdlib>
 #include <span>
 

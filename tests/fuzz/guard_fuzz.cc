@@ -1,4 +1,4 @@
-// Guards with a right checksum around values from anywhere: what loads keeps its promises.
+// Guards with a valid checksum around arbitrary values: a guard that loads keeps its guarantees.
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -26,7 +26,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         if (!(std::abs(safe[i]) <= limits[i])) std::abort();
       }
     }
-  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): what a bad file is to be
+  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): expected for bad input
   }
   return 0;
 }

@@ -34,8 +34,8 @@ inline std::string_view AsText(const std::uint8_t* data, std::size_t size) {
                    : std::string_view(reinterpret_cast<const char*>(data), size);
 }
 
-/// An archive of this kind and version around values from anywhere: its checksum is right, so that
-/// what is behind it is reached (see libs/core/src/archive.cc).
+/// An archive of this kind and version around arbitrary values, with a valid checksum: the reader
+/// gets past it (see libs/core/src/archive.cc).
 inline std::string Archive(std::string_view kind, std::int64_t version, std::string_view values) {
   const auto number = [](auto value) {
     return std::string(reinterpret_cast<const char*>(&value), sizeof value);

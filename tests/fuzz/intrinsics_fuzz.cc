@@ -7,7 +7,7 @@
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   try {
     dfr::hardware::ReadIntrinsics(dfr::fuzz::InputFile(dfr::fuzz::AsText(data, size))).Check();
-  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): what a bad file is to be
+  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): expected for bad input
   }
   return 0;
 }

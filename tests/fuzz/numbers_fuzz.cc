@@ -17,7 +17,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     if (std::strtod(text.c_str(), nullptr) != *value) std::abort();
     if (!dfr::core::LooksLikeNumber(text)) std::abort();
   } else if (decimal && !text.empty()) {
-    // What is refused is no number, or none of a double.
+    // Refused text is not a number, or out of the range of double.
     char* end = nullptr;
     const double peer = std::strtod(text.c_str(), &end);
     if (*end == '\0' && std::isfinite(peer)) std::abort();
@@ -31,7 +31,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   try {
     const dfr::core::FeatureSelection selection(layout, text);
     if (selection.num_features() < 1 || selection.num_features() > 5) std::abort();
-  } catch (const std::invalid_argument&) {  // NOLINT(bugprone-empty-catch): what a bad one is to be
+  } catch (const std::invalid_argument&) {  // NOLINT(bugprone-empty-catch): expected for bad input
   }
   return 0;
 }

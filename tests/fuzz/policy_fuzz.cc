@@ -14,7 +14,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const std::vector<double> state(static_cast<std::size_t>(policy.state_dim()), 0.1);
     std::vector<double> control(static_cast<std::size_t>(policy.control_dim()));
     policy.Control(0, state, control);
-  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): what a bad file is to be
+  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): expected for bad input
   }
   return 0;
 }

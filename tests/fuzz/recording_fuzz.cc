@@ -8,7 +8,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   try {
     static_cast<void>(
         dfr::recording::ReadRecording(dfr::fuzz::InputFile(dfr::fuzz::AsText(data, size))));
-  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): what a bad file is to be
+  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): expected for bad input
   }
   return 0;
 }

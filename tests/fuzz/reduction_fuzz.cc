@@ -1,4 +1,4 @@
-// Reductions with a right checksum around values from anywhere: what loads can be applied.
+// Reductions with a valid checksum around arbitrary values: a reduction that loads can be applied.
 #include <stdexcept>
 #include <vector>
 
@@ -13,7 +13,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     std::vector<double> z(static_cast<std::size_t>(reduction.num_components()));
     reduction.Apply(x, z);
     reduction.BackProject(z, x);
-  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): what a bad file is to be
+  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): expected for bad input
   }
   return 0;
 }

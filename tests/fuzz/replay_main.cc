@@ -1,4 +1,4 @@
-// Runs a fuzz target on files instead of on what libFuzzer makes: each one is an ordinary test.
+// Runs a fuzz target on files instead of libFuzzer's inputs: each one is an ordinary test.
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>

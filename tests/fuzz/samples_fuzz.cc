@@ -14,14 +14,14 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   try {
     const dfr::core::Matrix samples = dfr::kernel::LoadSamples(dfr::fuzz::InputFile(input));
     if (samples.rows() < 1 || !samples.allFinite()) std::abort();
-  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): what a bad file is to be
+  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): expected for bad input
   }
   try {
     std::istringstream in{std::string(input)};
     const auto svm = dfr::kernel::LoadLibsvmModel(in, "model");
     const std::vector<double> state(static_cast<std::size_t>(svm.state_dim()), 0.5);
     if (std::isnan(svm.Decision(state))) std::abort();
-  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): what a bad file is to be
+  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): expected for bad input
   }
   return 0;
 }

@@ -27,7 +27,7 @@ dfr::vision::LineVision Vision() {
   return {camera, options};
 }
 
-// Grey, with what the input says: rectangles of colours, seven bytes each, over one another.
+// Grey with coloured rectangles from the input, seven bytes each, one over the other.
 std::vector<std::uint8_t> Picture(const std::uint8_t* data, std::size_t size) {
   std::vector<std::uint8_t> pixels(std::size_t{3} * kWidth * kHeight, 128);
   constexpr std::size_t kRectangle = 7;

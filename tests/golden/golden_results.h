@@ -28,7 +28,7 @@
 
 namespace dfr::test {
 
-// What a run gave: hashes of all bits, and what became of each episode.
+// Results of a run: hashes of all bits, and the outcome of each episode.
 struct Golden {
   std::map<std::string, std::string> hashes;
   std::map<std::string, std::vector<core::Outcome>> outcomes;

@@ -130,7 +130,7 @@ TEST(PlatformMoveCheckTest, OpensThePortAndMovesOnlyAfterAsking) {
 
 class PlatformHomeTest : public testing::Test {
  protected:
-  // What it says, and how it ends.
+  // Output and exit code.
   std::pair<std::string, int> Home(const std::string& answer) {
     std::string said;
     HomeOptions options;
@@ -187,7 +187,7 @@ TEST_F(PlatformHomeTest, APortThatFailsIsNamed) {
   }
 }
 
-// Whoever has no keyboard cannot have typed the word.
+// Without a keyboard the word cannot have been typed.
 TEST_F(PlatformHomeTest, NothingMovesWithoutATerminal) {
   const std::string command =
       std::string("echo platform | " DFR_HARDWARE " home --platform ") + emulator_.device();

@@ -16,7 +16,7 @@ constexpr dds::Origin kSecond = {2};
 
 class RobotWatchTest : public testing::Test {
  protected:
-  // What is said since the last call.
+  // Output since the last call.
   std::string Said() {
     std::string said = out_.str();
     out_.str("");
@@ -61,7 +61,7 @@ TEST_F(RobotWatchTest, OneAfterTheOtherIsTheRobot) {
   EXPECT_EQ(Said(), "robot: running\nrobot: ended\nrobot: idle\n");
 }
 
-// Whoever announces what it likes neither scrolls the screen away nor writes where it likes.
+// A hostile participant can neither flood the screen nor write control characters.
 TEST_F(RobotWatchTest, CountsAFloodAndStillReportsSilence) {
   for (int i = 0; i < 1000; ++i) watch_.Hear(kFirst, i % 2 == 0 ? "run\x1b[2Jning" : "idle", 0);
   EXPECT_EQ(Said(),

@@ -21,7 +21,7 @@ bool Contains(const std::filesystem::path& file, const std::string& text) {
   return std::string(std::istreambuf_iterator<char>(in), {}).find(text) != std::string::npos;
 }
 
-// A client that asks for a state and reads what the arm says.
+// A client that requests a state and reads the arm's messages.
 class Client {
  public:
   explicit Client(const std::filesystem::path& security)

@@ -29,8 +29,8 @@ PsmJoints Goal(double yaw) {
 // Both go by this test's time.
 class CycloneConsoleTest : public testing::Test {
  protected:
-  // Time goes on by 10 ms, and stands still until what the console measured then has arrived, and
-  // the console has the set-point of an armed driver: a busy machine may lose some on their way.
+  // Advances the time by 10 ms and waits until the console's measurement has arrived and the
+  // console has the set-point of an armed driver: a busy machine may lose samples.
   void Step() {
     now_ns_ += 10'000'000;
     const PsmClient& client = driver_.client();

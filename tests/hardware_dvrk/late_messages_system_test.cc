@@ -1,4 +1,4 @@
-// Another participant that joins and tells the arm to hold, in real time and over the loopback.
+// Another participant joins and sends the arm a hold, in real time and over the loopback.
 #include <gtest/gtest.h>
 
 #include <algorithm>

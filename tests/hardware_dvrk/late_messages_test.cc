@@ -1,4 +1,4 @@
-// What the console hears of another participant before this client does.
+// Messages of another participant that reach the console before this client.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -31,7 +31,7 @@ PsmJoints Start() {
 // A client at a simulated console, without a network. Steps of 5 ms, a sample with every other.
 class LateMessagesTest : public testing::Test {
  protected:
-  // Both anew, armed and on their way.
+  // Recreates both, armed and in motion.
   void Begin() {
     console_ = sim::PsmConsole({.arm = "PSM1", .homing_s = 0.2});
     client_ = PsmClient(PsmClientOptions{});
@@ -107,8 +107,8 @@ class LateMessagesTest : public testing::Test {
     now_ns_ += kStepNs;
   }
 
-  // What follows from a command that the console alone has heard, while nobody is found before
-  // `late_ms` have passed: the greatest motion from where the command was carried out, m.
+  // Largest motion from the position at a command that only the console has received, while its
+  // sender is discovered after `late_ms`, m.
   double MotionAfter(const std::function<void()>& command, int times, int late_ms) {
     Begin();
     const Eigen::Vector3d there = tip();
@@ -159,8 +159,8 @@ TEST_F(LateMessagesTest, AHoldThatTheConsoleAloneHasHeardHolds) {
   RecordProperty("worst_mm", std::to_string(1e3 * worst_m));
 }
 
-// Nobody is found before 300 ms after the console has heard it, and what the console publishes is
-// all that there is.
+// The sender is discovered 300 ms after the command: until then only the console's messages reveal
+// it.
 TEST_F(LateMessagesTest, TheConsoleShowsWhatOthersCommand) {
   struct Command {
     const char* topic;
@@ -358,8 +358,8 @@ TEST_F(LateMessagesTest, AHoldRightAfterArmingHolds) {
   EXPECT_EQ(client_.status(), PsmStatus::kForeignControl) << Name(client_.status());
 }
 
-// The window of 0.2 s in which a set-point reaches the console, and what the motion takes to leave
-// the tolerance.
+// The window of 0.2 s in which a set-point reaches the console, plus the time to leave the
+// tolerance.
 TEST_F(LateMessagesTest, ASetpointThatStaysWhileOursMovesOnHolds) {
   Begin();
   deaf_ = true;

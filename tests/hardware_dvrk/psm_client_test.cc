@@ -35,8 +35,8 @@ PsmJoints Yaw(double angle) {
   return q;
 }
 
-// A client and a console that does at once what it is told, with a sample every 10 ms; a step is 5
-// ms. What `spoil` does to a step's input is what goes wrong.
+// A client and a console that obeys at once, with a sample every 10 ms; a step is 5 ms. `spoil`
+// injects a fault into a step's input.
 class PsmClientTest : public testing::Test {
  protected:
   PsmInput Input() {
@@ -113,13 +113,13 @@ class PsmClientTest : public testing::Test {
     ASSERT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());
   }
 
-  // Under way to a goal when `spoil` strikes: the client holds in exactly the last of `steps` steps
-  // (no later, where these are a `bound`), sends nothing more, says why, and does not go on by
-  // itself when all is well again.
+  // Injects `spoil` during a motion: the client holds in exactly the last of `steps` steps (or
+  // earlier, if these are a `bound`), sends nothing more, reports the cause, and does not continue
+  // by itself after the fault.
   void ExpectHold(PsmStatus cause, const std::function<void(PsmInput&)>& spoil, int steps = 1,
                   bool bound = false) {
     SCOPED_TRACE(Name(cause));
-    if (num_steps_ % 2 != 0) Step();  // so that samples come with the same steps each time
+    if (num_steps_ % 2 != 0) Step();  // samples then come with the same steps each time
     ArmNow();
     ASSERT_EQ(client_.MoveTo(Yaw(0.2), 3.0), PsmStatus::kOk);
     Steps(41);
@@ -151,7 +151,7 @@ class PsmClientTest : public testing::Test {
   PsmOperatingState operating_;
   bool operating_changed_ = false;
   PsmJoints at_ = Home();
-  /// Whether the console says local/measured_cp, too, and where the arm's base is in the frame of
+  /// True if the console also publishes local/measured_cp, and the arm's base in the frame of
   /// measured_cp.
   bool on_cart_ = false;
   Eigen::Isometry3d camera_ = Eigen::Isometry3d::Identity();
@@ -701,7 +701,7 @@ class PsmClientOnCartTest : public PsmClientTest {
     camera_ = base;
     on_cart_ = true;
   }
-  // What is measured when the camera moves by `distance_m`.
+  // Measurements after the camera moves by `distance_m`.
   static std::function<void(PsmInput&)> CameraMoved(double distance_m) {
     return [distance_m](PsmInput& input) {
       if (input.measured_cp) input.measured_cp->position_m.x() += distance_m;
@@ -744,7 +744,7 @@ TEST_F(PsmClientOnCartTest, IsNotArmedWithAnotherInstrument) {
   EXPECT_EQ(client_.Arm(), PsmStatus::kFrameMismatch);
 }
 
-// The twist is what the pose does: the difference of two poses sent 5 ms apart.
+// The twist is the derivative of the pose: the difference of two poses sent 5 ms apart.
 TEST_F(PsmClientOnCartTest, TwistIsThatOfTheSetpoints) {
   ArmNow();
   PsmJoints goal = Yaw(0.2);

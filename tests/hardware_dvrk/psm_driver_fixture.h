@@ -29,8 +29,8 @@ inline kinematics::PsmJoints Yaw(double angle) {
   return q;
 }
 
-/// A simulated console and drivers in step: time is this test's, and stands still until what the
-/// console published has arrived.
+/// A simulated console and drivers in lock-step: the test's time advances only after the console's
+/// samples have arrived.
 class PsmDriverTest : public testing::Test {
  protected:
   explicit PsmDriverTest(const sim::PsmConsoleOptions& console = {.arm = "PSM1", .homing_s = 0.2})
@@ -48,7 +48,7 @@ class PsmDriverTest : public testing::Test {
     driver.Flush();
   }
 
-  // What the console measures at this moment has arrived.
+  // Waits until the console's present measurement has arrived.
   [[nodiscard]] bool Heard(const PsmDriver& driver) const {
     const PsmClient& client = driver.client();
     const dds::Stamp now = server_.now();
@@ -67,7 +67,7 @@ class PsmDriverTest : public testing::Test {
         return condition();
       });
     };
-    console_.Place(Home());  // what is measured before homing has no stamp
+    console_.Place(Home());  // measurements before homing have no stamp
     until([&] {
       return Heard(driver) && driver.request_subscribers() > 0 && driver.servo_subscribers() > 0;
     });

@@ -205,7 +205,7 @@ TEST_F(PsmDriverTest, MessagesOfOthersHold) {
   dds::Publisher<dds::Signal> hold(other, "/PSM1/hold", dds::Role::kRequest);
   dds::Publisher<dds::Signal> free(other, "/PSM1/free", dds::Role::kRequest);
   dds::Publisher<dds::StringStamped> state(other, "/PSM1/state_command", dds::Role::kRequest);
-  // Who was there before is known; whoever is found later is a reason to hold without a message.
+  // Earlier participants are admitted; one found later is a reason to hold even without a message.
   test::Eventually([&] { return driver->Requesters().size() == 3; });
   holds(PsmStatus::kForeignMessage, [&] { hold.Write({}); });
   EXPECT_THAT(driver->who(), HasSubstr("'other' at 127.0.0.1 publishes /PSM1/hold"));
@@ -223,7 +223,7 @@ TEST_F(PsmDriverTest, AFloodOfTextsIsCountedAndAnErrorInItIsStillAReason) {
   const auto take = [&] {
     for (ConsoleMessage message; driver->TakeMessage(message);) shown.emplace_back(message.view());
   };
-  for (int i = 0; i < 150; ++i) Step(*driver);  // what the console said is over
+  for (int i = 0; i < 150; ++i) Step(*driver);  // the console's messages are over
   take();
   shown.clear();
   for (int i = 0; i < 50; ++i) {
@@ -250,7 +250,7 @@ TEST_F(PsmDriverTest, AFloodOfTextsIsCountedAndAnErrorInItIsStillAReason) {
   EXPECT_LE(shown.size(), 10U);
 }
 
-// The console may have heard by then what is never heard here.
+// The console may have received messages that never arrive here.
 TEST_F(PsmDriverTest, ANewParticipantHoldsBeforeItsFirstMessage) {
   const auto driver = Armed();
   Until(*driver, [&] { return driver->MoveTo(Yaw(0.1), 5.0) == PsmStatus::kOk; });
@@ -281,8 +281,7 @@ TEST_F(PsmDriverTest, ANewParticipantHoldsBeforeItsFirstMessage) {
   }
 }
 
-// An Si does not accept a Classic's instrument: an arm with one is a Classic, whatever the
-// configuration.
+// An Si does not accept a Classic's instrument: an arm with one is a Classic in any configuration.
 TEST_F(PsmDriverTest, AnArmSaidToBeAnSiIsNotArmedWithAClassicsInstrument) {
   PsmDriverOptions options;
   options.client.limits.generation = kinematics::PsmGeneration::kSi;
@@ -413,7 +412,7 @@ TEST_F(PsmDriverOnCartTest, MovesTheArmInItsOwnFrameByStatesWithTwists) {
   const auto driver = Armed(options);
   EXPECT_TRUE(
       test::AllClose(driver->client().base_frame().matrix(), Cart().base_frame.matrix(), 1e-9));
-  // Found by now, so that nothing goes out on servo_cp any more.
+  // Discovered by now: nothing is sent on servo_cp any more.
   Until(*driver, [&] {
     dds::CartesianState state;
     return heard.TakeNewest(state) && state.pose_valid && state.twist_valid;

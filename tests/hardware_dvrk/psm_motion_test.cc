@@ -47,10 +47,10 @@ TEST(PsmMotionTest, LinearMoveIsAConstantShareOfTheWayPerTime) {
     ASSERT_TRUE(test::AllClose(motion.setpoint(), expected, 1e-15)) << i;
     ASSERT_EQ(motion.moving(), i < 50);
   }
-  EXPECT_EQ(motion.setpoint(), goal);  // exactly, whatever the steps summed up to
+  EXPECT_EQ(motion.setpoint(), goal);  // exactly, for any sum of the steps
 }
 
-// At whatever moments it is asked: no step is larger than the speed limits allow for its time.
+// At any times of calls, no step exceeds the speed limits for its duration.
 TEST(PsmMotionTest, EveryStepKeepsToTheSpeedLimits) {
   core::Random random(11);
   for (const PsmProfile profile : {PsmProfile::kSmooth, PsmProfile::kLinear}) {

@@ -16,7 +16,7 @@ using testing::HasSubstr;
 
 class UnheardCommandTest : public PsmDriverTest {
  protected:
-  // Armed and under way, past the time in which the console may state what was before.
+  // Armed and in motion, after the time in which the console may still state its previous control.
   std::unique_ptr<PsmDriver> UnderWay() {
     auto driver = Armed();
     for (int i = 0; i < 20; ++i) Step(*driver);
@@ -46,7 +46,7 @@ TEST_F(UnheardCommandTest, TheConsolesStatementHoldsAndIsTheReason) {
   }
 }
 
-// What is not shown is read all the same.
+// Suppressed messages are read nevertheless.
 TEST_F(UnheardCommandTest, AFloodOfTextsHidesNoStatement) {
   dds::Participant other({.domain = test::OwnDomain()});
   dds::Publisher<dds::Text> status(other, "/PSM1/status", dds::Role::kEvent);

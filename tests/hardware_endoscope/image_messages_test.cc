@@ -1,4 +1,4 @@
-// What becomes of ROS 2 images, by a clock that the test sets.
+// Processing of ROS 2 images, with a clock that the test sets.
 #include <gtest/gtest.h>
 
 #include <cstring>

@@ -65,7 +65,7 @@ TEST_F(IntrinsicsFileTest, RoundTripIsExact) {
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder_), {}), 1);
 }
 
-// OpenCV itself understands what is written, and we what it writes.
+// OpenCV reads our files, and we read its files.
 TEST_F(IntrinsicsFileTest, OpenCvReadsAndWritesTheSame) {
   const auto path = folder_ / "camera.yaml";
   WriteIntrinsics(path, Odd());
@@ -107,7 +107,7 @@ TEST_F(IntrinsicsFileTest, RosFilesAreRead) {
   EXPECT_EQ(camera.distortion[3], 0.001);
 }
 
-// A list below its key, keys in another order, comments, and what belongs to other keys.
+// A list below its key, keys in another order, comments, and entries of other keys.
 TEST_F(IntrinsicsFileTest, OtherWaysToWriteYamlAreRead) {
   const auto path = Write(
       "# made by hand\nother:\n  image_width: 1\n  rows: 7\n"

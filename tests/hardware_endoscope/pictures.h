@@ -22,7 +22,7 @@ inline hardware::EndoscopeOptions SmallPictures() {
   return options;
 }
 
-/// Noise over grey, so that no two pictures are the same.
+/// Noise over grey: no two pictures are equal.
 inline cv::Mat Noise(std::uint64_t seed, int width = kWidth, int height = kHeight) {
   core::Random random(seed);
   cv::Mat picture(height, width, CV_8UC3);

@@ -40,7 +40,7 @@ class VideoTest : public testing::Test {
   }
   ~VideoTest() override { std::filesystem::remove_all(folder_); }
 
-  // Without loss, so that what is read is what was written.
+  // Lossless: pictures are read back exactly.
   std::string Video(int num_frames, double rate) {
     std::string path = (folder_ / "video.avi").string();
     cv::VideoWriter writer(path, cv::CAP_FFMPEG, cv::VideoWriter::fourcc('F', 'F', 'V', '1'), rate,

@@ -27,7 +27,7 @@ class BringUpTest : public testing::Test {
       return static_cast<int>(words_.size()) <= yes;
     };
   }
-  // What is wrong; empty if it was brought up.
+  // The error; empty after success.
   std::string Refusal(const Confirms& confirms) {
     try {
       BringUp(

@@ -61,14 +61,14 @@ TEST_F(SprkDriverTest, EveryFrameArrivesInOnePiece) {
     ASSERT_TRUE(commands[i].whole);
     ASSERT_FALSE(commands[i].saturated);
   }
-  // The frame says what the driver says it says.
+  // The frame encodes the pose that the driver reports.
   EXPECT_TRUE(test::AllClose(commands.back().Pose().translation_m, driver.commanded().translation_m,
                              1e-16));
   EXPECT_TRUE(
       test::AllClose(commands.back().Pose().angles_rad, driver.commanded().angles_rad, 1e-15));
 }
 
-// Why a frame has to go out in one write: the emulator shows what the firmware does otherwise.
+// A frame must be sent in one write: the emulator shows the firmware's reaction otherwise.
 TEST_F(SprkDriverTest, FrameInTwoWritesIsMisunderstood) {
   const SprkDriver raw_mode(Options());
   const int fd = ::open(emulator_.device().c_str(), O_WRONLY | O_NOCTTY);
@@ -178,7 +178,7 @@ TEST_F(SprkDriverTest, PulledPlugIsToldAndFinal) {
   EXPECT_EQ(driver.Hold(), SprkStatus::kDeviceFailed);
 }
 
-// Nothing has to be said to find out, and what the firmware prints is no matter.
+// Detects it without sending anything, and ignores the firmware's output.
 TEST_F(SprkDriverTest, PulledPlugIsSeenWithoutACommand) {
   SprkDriver driver(Options());
   EXPECT_EQ(driver.Check(), SprkStatus::kOk) << "before it is home, too";

@@ -30,7 +30,7 @@ SprkEmulator::~SprkEmulator() {
 
 void SprkEmulator::Print(std::string_view text) const {
   pollfd room{master_, POLLOUT, 0};
-  // What nobody reads fills the port's buffer, and is lost then.
+  // Unread output fills the port's buffer and is then lost.
   if (::poll(&room, 1, 0) > 0) static_cast<void>(!::write(master_, text.data(), text.size()));
 }
 

@@ -23,9 +23,9 @@ class SprkEmulator {
 
   /// The port that a driver opens.
   [[nodiscard]] const std::string& device() const noexcept { return device_; }
-  /// What arrived, once there are `count` commands.
+  /// Returns the received commands, once there are `count`.
   [[nodiscard]] std::vector<SprkFirmware::Command> Await(std::size_t count);
-  /// Sends `text` to the program that has the port open. The firmware says nothing by itself.
+  /// Sends `text` to the program that has the port open. The firmware sends nothing by itself.
   void Print(std::string_view text) const;
   /// While it hangs nothing is read.
   void Hang(bool hangs) { hangs_ = hangs; }

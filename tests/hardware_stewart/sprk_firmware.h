@@ -9,10 +9,10 @@
 
 namespace dfr::test {
 
-/// What the platform's firmware makes of the bytes that it gets, its bugs included:
-/// it takes the bytes that are there for the whole frame (a missing one reads as -1), knows no
-/// range, saturates silently at the end of the mechanism's reach, turns pitch and yaw left-handed,
-/// and multiplies the sine's frequencies by 2 pi but not the breath's.
+/// The platform's firmware, including its bugs: it takes the available bytes for the whole frame (a
+/// missing one reads as -1), checks no range, saturates silently at the end of the mechanism's
+/// reach, turns pitch and yaw left-handed, and multiplies the sine's frequencies by 2 pi but not
+/// the breath's.
 class SprkFirmware {
  public:
   struct Command {

@@ -133,7 +133,7 @@ TEST(SprkProtocolTest, RangeIsRefusedBeforeItWrapsAround) {
 TEST(SprkProtocolTest, PublishedFifteenDegreesAreOutOfReach) {
   SprkPositionFrame frame;
   PlatformPose sent;
-  EXPECT_TRUE(Decoded("a050505035151").saturated);  // roll +15: the firmware says nothing
+  EXPECT_TRUE(Decoded("a050505035151").saturated);  // roll +15: the firmware reports nothing
   EXPECT_EQ(EncodeSprkPosition(Along(3, 15 * kDegree), frame, sent), SprkStatus::kOutOfReach);
   EXPECT_EQ(EncodeSprkPosition(Along(4, -15 * kDegree), frame, sent), SprkStatus::kOutOfReach);
   EXPECT_EQ(EncodeSprkPosition(Along(2, 0.4 * kInch), frame, sent), SprkStatus::kOutOfReach);
@@ -156,8 +156,8 @@ TEST(SprkProtocolTest, BrokenNumbersAreRefused) {
   }
 }
 
-// Accepted waves never saturate in the firmware, over 100 s of theirs; and their frequency is what
-// was asked for, although the firmware counts sines in Hz and breaths in rad/s.
+// Accepted waves never saturate in the firmware, over 100 s of theirs; and they have the requested
+// frequency, although the firmware counts sines in Hz and breaths in rad/s.
 TEST(SprkProtocolTest, WavesStayWithinReach) {
   core::Random random(2);
   int accepted = 0;

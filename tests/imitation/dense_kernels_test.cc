@@ -42,7 +42,7 @@ Product Of(const core::Matrix& a, const core::Matrix& b, core::Matrix& c) {
 }
 
 // Shapes around every tile edge. C's entries are sums of at most 34 terms of size around 1: 1e-13
-// is 10 times what reordering and fused rounding can differ by.
+// is 10 times the difference of reordering and fused rounding.
 TEST_P(DenseKernelsTest, ProductsAreThoseOfTheDefinition) {
   core::Random random(1);
   for (const int m : {1, 2, 5, 6, 7, 13}) {
@@ -128,8 +128,8 @@ TEST_P(DenseKernelsTest, RowsOfABatchAreThoseOfTheRowAlone) {
   }
 }
 
-// 4 units in the last place are at most 8.9e-16 relative. The size is odd, so that the last vector
-// is partial.
+// 4 units in the last place are at most 8.9e-16 relative. The size is odd: the last vector is
+// partial.
 TEST_P(DenseKernelsTest, TanhIsWithinFourUnitsInTheLastPlace) {
   std::vector<double> x = {0.0,  -0.0,  5e-324, 1e-300,
                            1e-8, 19.0,  19.1,   20.0,

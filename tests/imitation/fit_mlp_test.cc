@@ -55,7 +55,7 @@ Matrix Controls(const MlpPolicy& policy, const Matrix& states) {
 }
 
 // Without a hidden layer the minimum is that of linear least squares, which all methods must reach.
-// Adam's data are free of noise, so that its minima per batch agree and it can settle.
+// Adam's data are free of noise: its minima per batch agree, and it can converge.
 TEST(FitMlpTest, AllMethodsFindTheLeastSquaresSolution) {
   const LinearCase exact(300);
   FitReport report;

@@ -85,7 +85,7 @@ TEST(AdamTest, StepsAreThoseOfTheAlgorithm) {
 
 TEST(AdamTest, EveryEpochVisitsEveryRowOnce) {
   // A linear layer with one-hot inputs: each row of the weights moves in the steps whose batch has
-  // its sample, and Adam's first step is the learning rate whatever the gradient's size.
+  // its sample, and Adam's first step is the learning rate for any gradient.
   constexpr double kRate = 1e-3;
   const Matrix inputs = Matrix::Identity(7, 7);
   const Matrix targets = Matrix::Constant(7, 1, 5.0);

@@ -82,7 +82,7 @@ TEST_P(GaussianSumTest, FloatAgreesWithLongDouble) {
 }
 
 // One term with every exponent from 0 down to beyond the smallest normal number: its relative error
-// is what the documentation states.
+// agrees with the documentation.
 template <typename T>
 void CheckExponents(double polynomial, double per_exponent) {
   core::Matrix points(1, 1);

@@ -86,7 +86,7 @@ TEST(HardProblemsTest, OneOutlierChangesNothingForTheOthers) {
   }
 }
 
-// Neither mean nor median is near to both: float cannot tell samples of a cluster from each other.
+// Neither mean nor median is near both: float cannot distinguish samples of a cluster.
 TEST(HardProblemsTest, ClustersManyWidthsApartConverge) {
   core::Random random(54);
   for (const int m : {400, 2100}) {

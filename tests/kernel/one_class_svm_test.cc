@@ -153,8 +153,8 @@ TEST(OneClassSvmTest, ActiveSetFindsTheSolutionOfTheWholeProblem) {
   }
 }
 
-// Kernel values far from the diagonal are zero, and what begins at the bound lies above rho: an
-// active set of the samples nearest to moving holds only such as may rise.
+// Kernel values far from the diagonal are zero, and samples that start at the bound are above rho:
+// an active set of the samples nearest to moving contains only those that may rise.
 TEST(OneClassSvmTest, IsolatedSamplesOfWhichSomeCoincideConverge) {
   core::Random random(47);
   core::Matrix samples(3000, 32);
@@ -168,8 +168,8 @@ TEST(OneClassSvmTest, IsolatedSamplesOfWhichSomeCoincideConverge) {
   EXPECT_NEAR(svm.rho() * svm.libsvm_scale(), 150.0 / 2994.0, 1e-3);
 }
 
-// Narrow kernels, whose rows leave out what is negligible: KKT conditions by the definition, which
-// takes about a second.
+// Narrow kernels, whose rows omit negligible values: KKT conditions by the definition, which takes
+// about a second.
 TEST(OneClassSvmTest, NarrowKernelsFindTheSolutionOfTheWholeProblem) {
   core::Random random(48);
   const core::Matrix samples = 3.0 * Tube(2500, 4, random);
@@ -597,7 +597,7 @@ TEST(OneClassSvmTest, LogGradientIsTheDerivativeOfLogDecision) {
 struct Ball {
   std::vector<double> shift;  // of the centre, from x
   double radius = 0.0;        // NaN: there is none
-  double worst = 0.0;         // how far any change of state may go
+  double worst = 0.0;         // largest allowed change of state
 
   Ball(const OneClassSvm& svm, std::span<const double> x) : shift(x.size()) {
     const double l = svm.LogGradient(x, shift);
@@ -611,7 +611,7 @@ struct Ball {
   }
 };
 
-// The bound is a proof: no state of the ball may be outside, and it must say more than g / L does.
+// The bound is a proof: no state of the ball is outside, and the ball is larger than g / L.
 TEST(OneClassSvmTest, NoStateOfTheBallOfTheCurvatureBoundIsOutside) {
   core::Random random(38);
   const core::Matrix samples = Tube(150, 3, random);
@@ -759,7 +759,7 @@ TEST(OneClassSvmTest, NuNearBothEndsConverges) {
       EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
       EXPECT_NEAR(svm.alpha().sum(), 1.0, 1e-12);
       EXPECT_GE(svm.num_support_vectors(), nu * 300.0 - 1e-6);
-      // Outliers, beyond what the tolerance leaves open in our scale.
+      // Outliers, beyond the tolerance in our scale.
       EXPECT_LE((Decisions(svm, samples).array() < -2.0 * tolerance / svm.libsvm_scale()).count(),
                 nu * 300.0 + 1e-6);
       EXPECT_TRUE(std::isfinite(svm.rho()));

@@ -55,7 +55,7 @@ TEST_P(SupportEstimatesTest, LeavesAboutAShareNuOfItsSamplesOutside) {
       outside += estimate->Decision(core::Row(samples_, i)) < -1e-9 ? 1 : 0;
     }
     EXPECT_LE(outside, 300 * nu);
-    // The share of fresh ones, within four standard errors and what 300 samples leave open.
+    // The share of new samples, within four standard errors and the error of 300 samples.
     const core::Matrix fresh = Cloud(2000, random_);
     int fresh_outside = 0;
     for (Eigen::Index i = 0; i < fresh.rows(); ++i) {

@@ -188,7 +188,7 @@ TEST(WhitenedSupportTest, UnseenDemonstrationsShowWhatFewDoNotCover) {
 }
 
 // The longer a task and the more its pace varies, the further apart demonstrations are at a time
-// step: what a wider window sees of one is where another one is.
+// step: a wider window contains states of one where another one is.
 TEST(WhitenedSupportTest, LongDemonstrationsOfDifferingPaceAreCovered) {
   core::Random random(6);
   std::vector<core::Matrix> demonstrations;

@@ -120,7 +120,7 @@ TEST(PsmTest, SaysWhyAPoseCannotBeReached) {
   pose = Psm::Forward(Home());
   pose.translation().z() = -0.30;
   EXPECT_EQ(Psm::Inverse(pose, q), PsmReach::kJointLimit);
-  EXPECT_GT(q[2], Psm::upper_limits()[2]);  // tells which joint
+  EXPECT_GT(q[2], Psm::upper_limits()[2]);  // identifies the joint
 
   pose = Psm::Forward(Home());
   pose.translation() = Eigen::Vector3d(0.0, 0.11, -0.05);

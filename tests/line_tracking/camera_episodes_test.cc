@@ -51,7 +51,7 @@ TEST(CameraEpisodesTest, ABlindCameraHaltsTheEpisode) {
   }
 }
 
-// Results say what the picture did not show.
+// Results name the features that the picture did not show.
 TEST(CameraEpisodesTest, IntrinsicsOfAnotherCameraHaltTheEpisode) {
   const sim::LineTrackingOptions options;
   line_task::LineCalibration foreign = Known(options);

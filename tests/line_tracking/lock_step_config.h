@@ -19,7 +19,7 @@ inline RobotConfig LockStepConfig(int domain) {
   return config;
 }
 
-/// Confirms a limited number of questions, so that an endless repetition fails.
+/// Confirms a limited number of questions: an endless repetition fails.
 inline std::function<bool(std::string_view, std::string_view)> Agrees() {
   return [left = 10](std::string_view, std::string_view) mutable { return left-- > 0; };
 }

@@ -12,7 +12,7 @@
 namespace dfr::apps::line_tracking {
 namespace {
 
-// A probe is compared with what happened: with exact states no sign can be wrong, and the fine
+// Compares each probe with its effect: with exact states no sign can be wrong, and the fine
 // probes are 50 times shorter.
 TEST(ProbeStudyTest, ExactStatesHaveNoWrongSigns) {
   LineTrialRunner runner(LineModel::Fit(Demonstrate(FromTruth(), Known(FromTruth()), 20, 50, 1),

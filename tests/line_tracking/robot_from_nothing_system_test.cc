@@ -69,7 +69,7 @@ class Program {
     std::ifstream in(shown_);
     return {std::istreambuf_iterator<char>(in), {}};
   }
-  // Which of the texts it says next, behind what it was awaited to say before; -1: none.
+  // Index of the text that it prints next after the last awaited one; -1: none.
   int Await(const std::vector<std::string>& texts, double seconds = kQuestion) {
     const auto end = steady_clock::now() + std::chrono::duration<double>(seconds);
     while (steady_clock::now() < end) {
@@ -110,7 +110,7 @@ class Program {
   std::optional<test::PeerProcess> process_;
 };
 
-// Whoever moves the arm: a teleoperation at the console.
+// Moves the arm: a teleoperation at the console.
 class Surgeon {
  public:
   explicit Surgeon(int domain) : network_({.domain = domain}), link_(network_) {
@@ -120,11 +120,11 @@ class Surgeon {
       if (steady_clock::now() > end) throw std::runtime_error("there is no console");
       std::this_thread::sleep_for(milliseconds(10));
     }
-    std::this_thread::sleep_for(milliseconds(300));  // until it knows us, too
+    std::this_thread::sleep_for(milliseconds(300));  // until it has discovered this participant
     at_ = Tip();
   }
   [[nodiscard]] SimulatorLink& link() { return link_; }
-  // Where the tip would be if the arm's cables were right, world frame.
+  // Position of the tip without cable errors, world frame.
   [[nodiscard]] const Eigen::Vector3d& at() const { return at_; }
   // Straight to where it should be, and rests there.
   void Lead(const Eigen::Vector3d& goal, double speed_m_s) {
@@ -266,7 +266,7 @@ TEST_F(RobotFromNothingSystemTest, CalibratesDemonstratesFitsAndRuns) {
     bool done = false;
     for (std::uint64_t seed = 1; seed < 6 && !done; ++seed) {
       ASSERT_TRUE(program.Begin([&] {
-        surgeon.reset();  // nobody else may command the arm while it is placed and driven
+        surgeon.reset();  // no other participant may command the arm while it is placed and driven
         Place(seed);
         if (teleoperation) surgeon.emplace(domain_);
       })) << program.Shown();

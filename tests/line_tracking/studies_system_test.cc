@@ -11,7 +11,7 @@
 namespace dfr::apps::line_tracking {
 namespace {
 
-// What the paper reports of its robot: at least twice Baseline's completions, 84 % fewer
+// Results of the paper's robot: at least twice Baseline's completions, 84 % fewer
 // collisions. Either choice of the two constants that Algorithm 1 leaves open does it where states
 // are exact, and a kernel that is too narrow keeps either from it: its gate is out of reach. Ratios
 // of counts want 40 episodes of each method.

@@ -1,5 +1,5 @@
-// Line tracking on the simulated console in real time, and what becomes of it when one of its
-// processes is killed.
+// Line tracking on the simulated console in real time, and the effect of killing one of its
+// processes.
 //
 // By estimate an idle machine has all devices found and the robot brought up within 2.5 s.
 #include <gtest/gtest.h>
@@ -55,7 +55,7 @@ class RealTimeTest : public testing::Test {
   [[nodiscard]] std::vector<std::string> Stop() const {
     return {DFR_HARDWARE, "stop", "--unattended", "--domain", std::to_string(domain_)};
   }
-  // Whether the console says so of its arm.
+  // True if the console reports this state of its arm.
   [[nodiscard]] bool ConsoleSays(std::string_view state, bool busy) {
     const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(kPatience);
     dds::OperatingState heard;
@@ -96,7 +96,7 @@ TEST(LockStepSystemTest, ASimulatorThatIsKilledIsAFault) {
   const int domain = test::OwnDomain();
   test::PeerProcess simulator({DFR_SIMULATOR, "--lock-step", "--domain", std::to_string(domain)});
   RobotConfig config = LockStepConfig(domain);
-  config.simulator_answer_s = 10.0;  // by estimate 100 times what a picture takes
+  config.simulator_answer_s = 10.0;  // about 100 times the time of a picture
   RobotPlant robot(config, Data().Calibration(), nullptr);
   robot.BringUp({});
   robot.Reset(1);
@@ -190,7 +190,7 @@ TEST_F(RealTimeTest, InTwentyEpisodesAWindowThatWasThereBeforeIsNoReasonToHold) 
 // The tool hangs askew over the line: it is lifted, looked at, turned and lowered again.
 class AskewTest : public RealTimeTest {
  protected:
-  // Where the simulator says that the tip is, with the arm's tool tilted by 0.3 rad about it.
+  // The simulator's position of the tip, with the arm's tool tilted by 0.3 rad about it.
   void Tilt() {
     dds::Participant network({.domain = domain_});
     SimulatorLink link(network);
@@ -204,7 +204,8 @@ class AskewTest : public RealTimeTest {
       ASSERT_LT(std::chrono::steady_clock::now(), end);
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
     }
-    std::this_thread::sleep_for(std::chrono::milliseconds(500));  // until it knows us, too
+    std::this_thread::sleep_for(
+        std::chrono::milliseconds(500));  // until it has discovered this participant
     const Eigen::Vector3d jaw(0.0, 0.0, kinematics::Psm::kJawLength);
     const Eigen::Vector3d tip = pose.position_m + pose.orientation * jaw;
     pose.orientation =
@@ -241,7 +242,7 @@ TEST_F(AskewTest, TheToolIsLiftedThenTurnedAndNeverGoesDown) {
   done = true;
   watches.join();
   EXPECT_EQ(robot.loop().state(), runtime::RunState::kRunning) << robot.loop().cause();
-  // What the encoders have, within 0.3 mm; the simulated cables add a few tenths.
+  // Within 0.3 mm of the encoders; the simulated cables add a few tenths.
   EXPECT_GT(lowest, before - 1e-3);
   EXPECT_GT(highest, before + 4e-3);
 }

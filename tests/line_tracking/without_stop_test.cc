@@ -1,4 +1,4 @@
-// What a run says when its configuration has no emergency stop.
+// Output of a run whose configuration has no emergency stop.
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -19,7 +19,7 @@ namespace {
 constexpr const char* kWithoutStop =
     "WITHOUT AN EMERGENCY STOP: only the console and Ctrl-C here stop the arm\n";
 
-// Two episodes in lock-step: what the program prints, and its recording.
+// Two episodes in lock-step: the output of the program, and its recording.
 struct RunOfTwo {
   explicit RunOfTwo(bool with_stop) {
     const std::filesystem::path folder =
@@ -50,7 +50,7 @@ struct RunOfTwo {
     printed = text.str();
     log = recording::ReadRecording(std::filesystem::directory_iterator(folder / "log")->path());
   }
-  // How often it is printed.
+  // Number of occurrences.
   [[nodiscard]] int Count(const std::string& text) const {
     int count = 0;
     for (std::size_t at = printed.find(text); at != std::string::npos;
@@ -65,7 +65,7 @@ struct RunOfTwo {
   recording::Recording log;
 };
 
-// Runs the program twice, 10 s. Only this test reads what the operator of a whole run reads.
+// Runs the program twice, 10 s. Only this test reads the operator's output of a whole run.
 TEST(WithoutStopTest, ARunSaysSoFirstAtEveryStartAndInItsRecording) {
   const RunOfTwo without(false);
   ASSERT_EQ(without.code, 0) << without.printed;

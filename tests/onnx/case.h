@@ -28,7 +28,7 @@ std::string List(const T* values, Eigen::Index count) {
   return out.str() + "]";
 }
 
-/// An exported model, inputs, and what the library answers to them, for onnx_peer.cjs.
+/// An exported model, inputs, and the library's results, for onnx_peer.cjs.
 struct Case {
   std::filesystem::path folder;
   std::string name;

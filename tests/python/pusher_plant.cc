@@ -1,4 +1,4 @@
-// The simulated Pusher for pusher_guard_test.py: what a robot's driver would be.
+// The simulated Pusher for pusher_guard_test.py, in place of a robot's driver.
 #include "dfr/sim/pusher/pusher_plant.h"
 
 #include <pybind11/numpy.h>

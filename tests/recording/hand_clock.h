@@ -17,7 +17,7 @@ class RecorderHandClock final : public recording::RecorderClock {
     Eventually([&] { return granted_ >= turn || stopping; });
   }
 
-  /// Lets the time pass, and returns once the recorder has written what is due.
+  /// Advances the time, and returns once the recorder has written all due records.
   void Pass(std::int64_t ms) {
     Eventually([&] { return begun_ > granted_; });
     now_ns_ += ms * 1'000'000;

@@ -96,7 +96,7 @@ TEST(ReadRecordingTest, AFileCutOffAnywhereGivesWhatIsWhole) {
     }
   }
   EXPECT_EQ(least, 0U);
-  // Just those that end within the magic or the header, 8 + 9 + 4 + 4 + 3 bytes.
+  // Only those that end within the magic or the header, 8 + 9 + 4 + 4 + 3 bytes.
   EXPECT_EQ(refused, 28U);
   EXPECT_TRUE(ReadRecording(folder / "small.mcap").finished);
 }

@@ -175,7 +175,7 @@ TEST_F(RecorderTest, DroppedStepsAreCountedAndNoted) {
               testing::HasSubstr("6 steps, transitions or states of the arm and 0 pictures"));
 }
 
-// Time flies, so that the thread that writes is never at rest.
+// Time passes quickly: the writing thread is never idle.
 class RestlessClock final : public RecorderClock {
  public:
   [[nodiscard]] std::int64_t SteadyNs() override { return now_ns_ += 50'000'000; }

@@ -9,7 +9,7 @@
 
 namespace dfr::test {
 
-/// Bit for bit, so that NaN equals itself and -0 does not equal 0.
+/// Compares bits: NaN equals itself and -0 does not equal 0.
 inline bool Same(std::span<const double> a, std::span<const double> b) {
   return a.size() == b.size() &&
          (a.empty() || std::memcmp(a.data(), b.data(), a.size_bytes()) == 0);

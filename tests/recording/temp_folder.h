@@ -7,7 +7,7 @@
 
 namespace dfr::test {
 
-/// A folder of its own for each object, removed with it.
+/// A separate folder for each object, removed with it.
 class TempFolder {
  public:
   TempFolder() {

@@ -30,7 +30,7 @@ TEST(ChooseComponentsTest, PicturesNeedMoreComponentsThanTheirStateHasEntries) {
   const ComponentsChoice choice =
       ChooseComponents(Reduced(test::MakeGapPictures(40, 1)), {.candidates = {3, 6, 10, 16, 24}});
   ASSERT_EQ(choice.table.size(), 5U);
-  // The state has three entries, which the first three components do not tell.
+  // The state has three entries, which the first three components do not determine.
   EXPECT_LT(choice.table[0].explained, 0.0);
   EXPECT_GT(choice.table[2].explained, 0.5);
   EXPECT_GT(choice.table[0].response_error, choice.table[2].response_error);
@@ -69,7 +69,7 @@ TEST(ChooseComponentsTest, ColumnsBesideAreThereWithAnyNumber) {
 }
 
 TEST(ChooseComponentsTest, AcceptsOneActionWithNoise) {
-  // States tell nothing of the noise. The mean is a good guess.
+  // The noise does not depend on the states. The mean is a good prediction.
   core::Random random(4);
   std::vector<core::Trajectory> demonstrations(20);
   for (core::Trajectory& d : demonstrations) {

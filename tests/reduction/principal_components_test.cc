@@ -18,7 +18,7 @@ namespace {
 using core::Matrix;
 using testing::HasSubstr;
 
-// Rows of rank `rank` with falling variances, units of their own and far from zero.
+// Rows of rank `rank` with decreasing variances, different units and large means.
 Matrix Rows(Eigen::Index n, Eigen::Index d, Eigen::Index rank, std::uint64_t seed) {
   core::Random random(seed);
   const auto normal = [&](Eigen::Index rows, Eigen::Index cols) {

@@ -81,8 +81,8 @@ TEST(StateReductionTest, KeepsWhatIsBesideAndDropsTheRest) {
 
 TEST(StateReductionTest, ComponentsAreThoseOfTheBlock) {
   const StateReduction reduction = Fitted("pca:code:8");
-  // All components of the standardised block: a rotation of it, so that differences keep their
-  // length in units of the standard deviations.
+  // All components of the standardised block: a rotation of it, which preserves lengths of
+  // differences in units of the standard deviations.
   std::vector<Matrix> blocks;
   for (const core::Trajectory& d : Demonstrations(1)) {
     blocks.emplace_back(d.states.middleCols(WorldLayout().blocks[2].offset, 8));

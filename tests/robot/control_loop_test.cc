@@ -183,7 +183,7 @@ TEST(ControlLoopTest, EveryReasonThatTheCallerFindsHoldsToo) {
 }
 
 TEST(ControlLoopTest, NoReasonIsLeftWithoutASource) {
-  // Those that the controller, the task and the next tests find.
+  // Faults that the controller, the task and the next tests detect.
   std::set<HoldReason> found = {HoldReason::kNone,           HoldReason::kControllerHalted,
                                 HoldReason::kNotSeen,        HoldReason::kStateInvalid,
                                 HoldReason::kControlInvalid, HoldReason::kStateJump,

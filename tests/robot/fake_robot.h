@@ -17,8 +17,7 @@ namespace dfr::test {
 
 inline constexpr std::int64_t kPeriodNs = 5'000'000;
 
-/// A clock that goes on by one period a Wait(), and does what is planned for a moment when it
-/// comes.
+/// A clock that advances by one period per Wait(), and runs planned actions at their times.
 class FakeClock final : public robot::Clock {
  public:
   robot::Finding Wait(double dt_s) noexcept override {
@@ -168,8 +167,8 @@ class FakeCamera final : public robot::Camera {
   std::array<double, 2> off{};
   double scale = 1.0;
   double target = 0.0;    // a third entry of the state, if it has one
-  bool frozen = false;    // from now on it shows what it has shown last
-  int pictures_late = 0;  // shows what was so many questions ago
+  bool frozen = false;    // repeats the last picture from now on
+  int pictures_late = 0;  // delay of pictures in requests
 
  private:
   const FakeClock* clock_;

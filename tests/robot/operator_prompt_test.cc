@@ -1,4 +1,4 @@
-// The operator of a robot at the terminal: what is typed, and what it lets the robot do.
+// The operator of a robot at the terminal: typed input and the motions that it permits.
 #include "dfr/robot/operator_prompt.h"
 
 #include <gtest/gtest.h>

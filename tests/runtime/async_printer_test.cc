@@ -41,7 +41,7 @@ TEST(AsyncPrinterTest, SaysHowMuchIsMissing) {
   std::string text;
   {
     AsyncPrinter printer(shown.out());
-    // More than the pipe and those that wait beside it.
+    // More than the pipe and the queue hold.
     for (int i = 0; i < 20'000; ++i) printer.Say("line %d\n", i);
     test::Eventually([&] {
       text += shown.Text();

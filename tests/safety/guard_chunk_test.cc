@@ -39,7 +39,7 @@ std::span<const double> ActionOf(const std::vector<double>& chunk, int i) {
   return std::span(chunk).subspan(2 * static_cast<std::size_t>(i), 2);
 }
 
-// A policy that is asked every kChunk steps, at `y` of the tip.
+// A policy that is queried every kChunk steps, at `y` of the tip.
 using Ask = std::vector<double> (*)(double y);
 
 struct Episode {
@@ -78,7 +78,7 @@ Episode Play(const std::shared_ptr<const GuardModel>& model, double y, Ask ask) 
   return episode;
 }
 
-// Back to the middle within the chunk: what the policy saw when it was asked.
+// Returns to the middle within the chunk, from the state at the query.
 std::vector<double> GoodPolicy(double y) { return Repeated(Action(0.0997, -y / kChunk), kChunk); }
 // It does not observe its position.
 std::vector<double> DriftingPolicy(double /*y*/) { return Repeated(Action(0.09, 0.06), kChunk); }
@@ -118,8 +118,8 @@ TEST(GuardChunkTest, CountsUpToTheFirstActionThatLeaves) {
     ASSERT_EQ(alone, kChunk);
     const int playable = guard.FilterChunk(0, plant.x, chunk).playable;
     EXPECT_GE(playable, leaves);
-    // The tip's spread is .1 at first and .05 later: one such step may still end inside, and what
-    // follows stays there.
+    // The tip's spread is .1 at first and .05 later: one such step may still end inside, and the
+    // following ones stay there.
     const std::vector<double> far = Action(0.05, 0.29);
     ASSERT_LT(std::abs(far[0]), model->settings().action_limit[0] * 2.0);
     std::copy(far.begin(), far.end(), chunk.begin() + 2 * leaves);

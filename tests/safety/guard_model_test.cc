@@ -42,7 +42,7 @@ class GuardFileTest : public testing::Test {
                ".guard")) {}
   ~GuardFileTest() override { std::filesystem::remove(path_); }
 
-  // Small, so that every cut and many damages can be tried.
+  // Small: the tests try every truncation and many damages.
   static std::shared_ptr<const GuardModel> Small() {
     return GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(2, 6, 4),
                            {.features = "tip", .source = "six demonstrations"});
@@ -141,8 +141,8 @@ TEST_F(GuardFileTest, DamagedBytesAreRefused) {
   }
 }
 
-// Damage that the checksum does not see, as of a file that another program wrote wrongly: it is
-// refused, or what it holds can be used.
+// Damage with a valid checksum, as by another program: the file is refused, or its content is
+// usable.
 TEST_F(GuardFileTest, WrongContentWithARightChecksumDoesNoHarm) {
   Small()->Save(path_);
   const std::string content = Content();
@@ -363,7 +363,7 @@ TEST(GuardModelTest, CertificatesNeedTheirConstantsAndDoublePrecision) {
   EXPECT_THAT(message([&] { (void)single->With(settings); }), HasSubstr("direction_error"));
 }
 
-// By its definition: whatever the assumption allows ends where no alarm is raised.
+// By its definition: every outcome that the assumption allows raises no alarm.
 TEST(GuardModelTest, CertifySaysWhichActionsProvablyRaiseNoAlarm) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
                                      {.features = "tip"});
@@ -439,7 +439,7 @@ TEST(GuardModelTest, ClearanceIsADistanceThatNoStateWithoutAlarmExceeds) {
   EXPECT_LE(furthest, clearances[0].largest);
 }
 
-// One feature alone: what a support covers, divided by the scale of the feature.
+// One feature alone: the radius of the support divided by the scale of the feature.
 TEST(GuardModelTest, ClearanceOfOneFeatureIsWhatEachTimeStepCovers) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 30),
                                      {.features = "tip[1:2]"});
@@ -515,8 +515,8 @@ TEST(GuardModelTest, AttributionDoesNotDependOnUnits) {
   EXPECT_TRUE(test::AllClose(Attribution(*scaled, states), attribution, 1e-3));
 }
 
-// Few long demonstrations at paces of their own: most states of one that was left out are where no
-// other is at that time step. Its supports pool more time steps then, and short ones never do.
+// Few long demonstrations with different paces: most states of a left-out one are far from the
+// others at that time step. Its supports pool more time steps then, and short ones never do.
 TEST(GuardModelTest, LongDemonstrationsOfDifferingPaceAreMostlyInside) {
   const auto walk = [](int count, int shortest, int spread) {
     core::Random random(5);

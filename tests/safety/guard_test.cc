@@ -152,8 +152,8 @@ TEST(GuardTest, IsTheControllerOfItsStrategy) {
   }
 }
 
-// Whatever the policy asks for: no state raises an alarm as long as the robot answers as it did,
-// and the first answer that is too far off halts.
+// For any policy: no state raises an alarm while the robot responds as demonstrated, and the first
+// response that differs too much halts.
 TEST(GuardTest, ACertifiedGuardRaisesNoAlarmAndHaltsWhereItsAssumptionFails) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
                                      {.features = "tip", .strategy = Strategy::kCertified});
@@ -399,7 +399,7 @@ class Shove final : public control::RecoveryStrategy {
   std::vector<double> action_;
 };
 
-// Whatever the strategy in the settings is, Algorithm 1 with the caller's own takes its place.
+// Algorithm 1 with the caller's recovery replaces every strategy of the settings.
 TEST(GuardTest, ARecoveryOfTheCallersOwnTakesOverAtTheBoundary) {
   for (const Strategy strategy : {Strategy::kGuard, Strategy::kMonitor}) {
     SCOPED_TRACE(Name(strategy));

@@ -91,7 +91,7 @@ TEST(LeftOutTest, ActionsThatFeaturesDoNotTellAreNotUsed) {
   EXPECT_GT(model->summary().action_error, 0.5);
   EXPECT_FALSE(model->settings().demonstrated);
   EXPECT_THAT(Warnings(*model), Contains(HasSubstr("the features tell only")));
-  // Far outside, where what demonstrations did nearby would be tried first, the policy is asked.
+  // Far outside, where the nominal action would be tried first, the policy is queried.
   const auto sources = [&](bool demonstrated) {
     GuardSettings settings = model->settings();
     settings.demonstrated = demonstrated;
@@ -178,7 +178,7 @@ TEST(LeftOutTest, AFeatureThatOnlyPassedEntriesMoveIsLeftOutAndNamed) {
   }
   const auto steered = GuardModel::Fit(layout, demonstrations);
   EXPECT_EQ(steered->task().features().selection().num_features(), 3);
-  // It is all there is to look at.
+  // It is the only feature.
   const auto alone = GuardModel::Fit(layout, Gripping(20), {.features = "closed"});
   EXPECT_EQ(alone->task().features().selection().num_features(), 1);
 }

@@ -66,7 +66,7 @@ std::vector<core::Trajectory> PictureDemonstrations(std::uint64_t seed, int coun
   return demonstrations;
 }
 
-// As it is fitted: the demonstrator's noise is no function of pictures.
+// The default of the fit: the demonstrator's noise is not a function of pictures.
 std::shared_ptr<const GuardModel> FittedModel() {
   static const std::shared_ptr<const GuardModel> kModel =
       GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 40), {.features = "pca:camera"});

@@ -1,4 +1,4 @@
-// A guard that is told what was applied in place of its own action.
+// A guard with reports of actions that were applied instead of its own.
 
 #include <gtest/gtest.h>
 
@@ -47,7 +47,7 @@ TEST(ShadowTest, TheGivenActionChangesNothing) {
   }
 }
 
-// Whoever chose an action: from then on the guard is the one that it would be if the policy had.
+// The state of the guard after an action does not depend on the source of the action.
 TEST(ShadowTest, GoesOnFromTheAppliedAction) {
   Guard told(Model());
   Guard asked(Model());

@@ -53,7 +53,7 @@ TaskOptions Options(bool published) {
   TaskOptions options;
   options.guided_features = "tip";
   if (published) {
-    // Another choice of features than guided recovery's, so that they cannot be taken for it.
+    // A choice of features that differs from guided recovery's, to distinguish the two.
     options.published_features = "tip[1:2]";
     options.published.emplace().svm.gamma = 5.0;
   }
@@ -245,7 +245,7 @@ TEST_F(TaskModelTest, AHorizonOfZeroIsTheModels) {
   }
 }
 
-// Goes back by a hundredth towards y = 0 and remembers what it was asked.
+// Moves by a hundredth towards y = 0 and records its arguments.
 class Centring final : public control::RecoveryStrategy {
  public:
   struct Log {
@@ -403,7 +403,7 @@ TEST_F(TaskModelTest, CutsAreRefused) {
   EXPECT_EQ(Refusal(), "");
 }
 
-// Damage that the checksum does not see: it is refused, or what it holds can be used.
+// Damage with a valid checksum: the file is refused, or its content is usable.
 TEST_F(TaskModelTest, WrongContentWithARightChecksumDoesNoHarm) {
   TaskModel(test::CorridorLayout(), Demonstrations(4, 3), Options(true)).Save(folder_);
   const std::string content = Content();

@@ -106,7 +106,7 @@ using Joints = std::array<double, 6>;
 class Psm {
  public:
   Psm() {
-    // dvrk.arm and dvrk.psm: what each of their objects publishes ...
+    // dvrk.arm and dvrk.psm: the topics that each of their objects publishes ...
     for (const char* name : {"servo_jp", "servo_jr", "servo_jf", "move_jp", "move_jr",
                              "jaw/servo_jp", "jaw/move_jp", "jaw/servo_jf"}) {
       Publish(sensor_msgs_msg_dds__JointState__desc, name, false);
@@ -124,7 +124,7 @@ class Psm {
       Publish(std_msgs_msg_dds__Bool__desc, name, true);
     }
     Publish(std_msgs_msg_dds__Float64__desc, "trajectory_j/set_ratio", true);
-    // ... and what it subscribes to.
+    // ... and those to which it subscribes.
     for (const char* name : {"setpoint_js", "measured_js", "jaw/measured_js", "jaw/setpoint_js"}) {
       Subscribe(sensor_msgs_msg_dds__JointState__desc, name, false);
     }
@@ -379,7 +379,7 @@ int main(int argc, char** argv) {
 
   Step("check_connections");
   psm.CheckConnections();
-  // Here both sides have found each other, and what is sent is heard.
+  // Both sides have discovered each other: samples arrive from here on.
   dds_sleepfor(DDS_MSECS(500));
   Step("enable");
   Require(psm.Enable());

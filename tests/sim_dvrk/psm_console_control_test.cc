@@ -1,4 +1,4 @@
-// What the console states of its control: what only it has heard shows there.
+// The console's statements of control, which reveal commands that only the console has received.
 #include <gtest/gtest.h>
 
 #include <functional>

@@ -305,7 +305,7 @@ TEST(PsmConsoleTest, PosesAreInTheFrameThatIsGiven) {
   goal[4] = -0.3;
   console.ServoCp(options.base_frame * Psm::Forward(goal));
   for (int i = 0; i < 50; ++i) console.Step(1e-3);
-  // Under way: the twist is what the pose has done.
+  // During motion the twist is the derivative of the pose.
   const Eigen::Vector3d before = console.measured_pose().translation();
   console.Step(1e-3);
   EXPECT_TRUE(test::AllClose((console.measured_pose().translation() - before) / 1e-3,

@@ -22,7 +22,7 @@ TEST(DvrkSceneServerSystemTest, DrawingDoesNotDelayTheState) {
   DvrkSceneServer server(participant, participant, scene, {});
   dds::Participant client({.domain = test::OwnDomain()});
   const dds::Subscriber<dds::Image> images(client, "/ECM/image_raw", dds::Role::kImage);
-  // Time of the thread alone, so that a busy machine does not count.
+  // CPU time of the thread: a busy machine does not matter.
   const auto thread_s = [] {
     timespec t;
     ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);

@@ -281,7 +281,7 @@ TEST_F(DvrkSceneServerTest, FaultsOfTheCameraAreSeen) {
   const dds::Stamp first = image.stamp;
   look("camera frozen");
   EXPECT_EQ(image.data, before);
-  EXPECT_NE(image.stamp, first);  // a grabber does not know
+  EXPECT_NE(image.stamp, first);  // a grabber has no time stamp of its own
   look("camera black");
   EXPECT_LT(brightness(), 5.0);  // the sensor's noise
   look("camera overexposed");

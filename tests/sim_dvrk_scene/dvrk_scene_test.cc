@@ -38,8 +38,8 @@ double Duration(const std::array<double, 2>& u) {
   return step.norm() / LineTrackingPlant::kSpeed;
 }
 
-// A client that sends the joints on the way, one set-point for each of the plant's samples, makes
-// of the scene what the plant makes of its control.
+// A client that sends the joints of a motion, one set-point per sample of the plant, moves the
+// scene as the control moves the plant.
 TEST(DvrkSceneTest, SteppedByAClientItIsThePlantBitForBit) {
   for (const bool between : {false, true}) {
     DvrkSceneOptions options = LockStep();

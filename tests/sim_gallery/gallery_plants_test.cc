@@ -313,7 +313,8 @@ TEST(GraspTest, LeavingBeforeTheGripperIsClosedFails) {
   EXPECT_TRUE(plant->collided());
 }
 
-// Positions move by speeds, speeds by the control: what it does to positions comes a step late.
+// The control changes speeds, and speeds change positions: its effect on positions is one step
+// late.
 TEST(BalanceTest, AControlMovesPositionsOneStepLater) {
   const auto plant = Make(FindGalleryTask("balance"));
   plant->Reset(1);

@@ -36,8 +36,8 @@ Picture Develop(const Endoscope& endoscope, const Picture& pinhole, const Endosc
   return bgr;
 }
 
-// A soft white spot, so that its centre is defined to a fraction of a pixel, in a pinhole picture
-// whose bottom row comes first.
+// A soft white spot, whose centre is defined to a fraction of a pixel, in a pinhole picture with
+// the bottom row first.
 Picture PinholeSpot(const Eigen::Vector2d& ray, double fovy_rad) {
   const double focal = 0.5 * kHeight / std::tan(0.5 * fovy_rad);
   const double x0 = 0.5 * (kWidth - 1) + focal * ray.x();
@@ -65,7 +65,7 @@ Eigen::Vector2d Centre(const Picture& bgr) {
   return centre / sum;
 }
 
-// The lens is the camera model's: what a ray shows is where the model projects it.
+// The lens agrees with the camera model: a ray's point appears where the model projects it.
 TEST(EndoscopeTest, DistortsAsTheCameraModelSays) {
   const Endoscope endoscope(LineTrackingPlant::true_camera());
   for (const Eigen::Vector2d& ray : {Eigen::Vector2d(0.0, 0.0), Eigen::Vector2d(0.3, 0.1),

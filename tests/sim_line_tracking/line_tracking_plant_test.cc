@@ -55,7 +55,7 @@ TEST(LineTrackingPlantTest, OpenLoopDemonstrationsFollowTheLineWhenNothingMoves)
       farthest = std::max(farthest, std::abs(plant.truth().distance_m));
     }
     EXPECT_TRUE(plant.completed());
-    // Where it began, 0.6 mm off (sd), and the residual that no calibration finds.
+    // The initial error, 0.6 mm (sd), and the residual that no calibration can remove.
     EXPECT_LT(farthest, LineTrackingPlant::kCollision);
     // That residual is 0.5 mm in the mean; it counts at both ends.
     EXPECT_NEAR(plant.truth().progress_m, 0.050, 2.5e-3);
@@ -297,7 +297,7 @@ TEST(LineTrackingPlantTest, GroundTruthControlsNeverAllocate) {
   plant.Halt();
 }
 
-// Centre of what is blue, weighted by how blue, near a pixel.
+// Centre of blue pixels near a pixel, weighted by their blueness.
 Eigen::Vector2d BlueCentre(const std::vector<std::uint8_t>& bgr, const Eigen::Vector2d& near) {
   constexpr int kRadius = 18;
   double sum = 0.0;
@@ -353,7 +353,7 @@ TEST(LineTrackingPlantTest, ImagesDoNotDependOnTheThread) {
   options.disturbance.wave = Wave::kRandom;
   const auto run = [&options](std::vector<State>& states) {
     LineTrackingPlant plant(options);
-    LineTrackingPlant other(options);  // draws in turn on the same thread
+    LineTrackingPlant other(options);  // draws alternately on the same thread
     plant.Reset(3);
     other.Reset(4);
     for (int i = 0; i < 2; ++i) {

@@ -87,7 +87,7 @@ inline std::array<double, 7> MoveTip(const sim::PusherPlant& plant, const Eigen:
   return control;
 }
 
-/// The state with arm as it is and the cylinder at (x, y).
+/// The state with the same arm and the cylinder at (x, y).
 inline std::vector<double> WithObjectAt(std::vector<double> state, double x, double y) {
   state[kObject] = x;
   state[kObject + 1] = y;

@@ -26,8 +26,8 @@ using Control = std::array<double, 7>;
 
 PusherPlant Dynamic() { return PusherPlant({.physics = PusherPhysics::kDynamic}); }
 
-// Motors with a stiffness of 2000 N m/rad end within what 0.2 N m of joint friction can hold, and
-// gravity does not show.
+// Motors with a stiffness of 2000 N m/rad end within the error that 0.2 N m of joint friction can
+// hold, and gravity has no visible effect.
 TEST(DynamicMotionTest, JointsArriveWithinWhatFrictionHolds) {
   PusherPlant plant = Dynamic();
   core::Random random(1);

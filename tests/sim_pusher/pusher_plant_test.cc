@@ -189,8 +189,8 @@ TEST(PusherPlantTest, SlidesAlongTheTableInsteadOfEnteringIt) {
   EXPECT_GT(plant.statistics().stopped_by_table, 100);
 }
 
-// "The system comes to rest at each time step" (Sec. III): a further control of zero changes
-// nothing beyond what the settle tolerance, 5 um per substep, can leave.
+// "The system comes to rest at each time step" (Sec. III): a further zero control changes nothing
+// beyond the settle tolerance of 5 um per substep.
 TEST(PusherPlantTest, IsAtRestAfterEveryControl) {
   PusherPlant plant;
   core::Random random(5);

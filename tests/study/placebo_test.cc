@@ -112,7 +112,7 @@ const Row& RowIn(const std::vector<Row>& rows, const std::string& policy,
   throw std::logic_error("no such row");
 }
 
-// Also whatever the order of methods: the rate is of the guard's episodes, not of those so far.
+// For any order of methods: the rate is that of all episodes of the guard, not of those so far.
 TEST(PlaceboTest, HasTheRateOfTheGuardInTheSameRun) {
   Study study = PlaceboStudy();
   study.threads = 1;

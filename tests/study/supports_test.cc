@@ -25,7 +25,7 @@ SupportModel Make(std::string_view name) {
           Corridor().demonstrations().trajectories};
 }
 
-// About a share nu of demonstrated states is outside, whatever the estimate.
+// About a share nu of demonstrated states is outside, for each estimate.
 TEST(SupportsTest, DemonstratedStatesAreInside) {
   for (const std::string_view name : kSupports) {
     const SupportModel support = Make(name);

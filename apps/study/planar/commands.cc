@@ -68,7 +68,7 @@ std::string ShareOf(int count, int fits, double chance) {
   return text.data();
 }
 
-// Prints rows for demonstrations left out in turn, held out, and held out with a confidence.
+// Prints rows for cross-validation, held-out demonstrations, and held-out ones with a confidence.
 void PrintCoverage(CoverageOptions options, const std::vector<std::string>& worlds,
                    const std::vector<int>& demonstrations) {
   struct Guarantee {

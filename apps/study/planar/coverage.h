@@ -33,8 +33,7 @@ struct CoverageResult {
   int error_short = 0;      ///< Fits whose eps covers a smaller share than promised.
   int gain_short = 0;       ///< The same of K.
   /// Predictions for exact bounds and a sample of size `further`: probabilities of the three counts
-  /// above by the law of order statistics. Negative if demonstrations are left out in turn, for
-  /// which no such law is known.
+  /// above by the law of order statistics. Negative for cross-validation, which has no such law.
   double kept_chance = -1.0;
   double short_chance = -1.0;
 };

@@ -23,7 +23,7 @@ struct ProofResult {
 enum class Mutation {
   kNone,
   kShare,      ///< Controls are larger by a factor of 1 + 1e-5 than certified.
-  kConstant,   ///< eps is 2 % less than what the plant does.
+  kConstant,   ///< eps is 2 % below the plant's error.
   kCurvature,  ///< The curvature bound is 2 % too small.
   kLostPhase,  ///< One of its supports is wrong.
 };

@@ -122,7 +122,7 @@ void PsmDriver::Link::Run() noexcept {
     while (::sem_trywait(&wake) == 0) {
     }
   }
-  // A publisher that goes away takes along what the console has not yet received.
+  // Destroying a publisher discards samples that the console has not yet received.
   (void)state_command.WaitUntilReceived(kLastWordsS);
   (void)hold.WaitUntilReceived(kLastWordsS);
 }

@@ -17,9 +17,9 @@ robot::Finding PsmArm::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexce
   if (ConsoleMessage message; on_message_) {
     while (driver_->TakeMessage(message)) on_message_(message);
   }
-  // An unarmed driver is no reason to hold, but what keeps it from being armed is.
+  // An unarmed driver is no reason to hold, but the reason against arming it is.
   found_ = was_active ? status : driver_->client().hold_reason();
-  if (found_ == PsmStatus::kHeld) return {};  // by us: whoever asked for it knows why
+  if (found_ == PsmStatus::kHeld) return {};  // by us: the caller knows the reason
   const bool says_why = found_ == PsmStatus::kConsoleFault || found_ == PsmStatus::kConsoleError;
   const std::string_view error = says_why ? driver_->last_error()
                                  : driver_->held_by_others() && !driver_->who().empty()

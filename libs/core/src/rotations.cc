@@ -53,7 +53,7 @@ bool AllVary(const std::vector<Eigen::Vector4d>& seen) {
   Eigen::Vector4d low = seen[0];
   Eigen::Vector4d high = seen[0];
   for (const Eigen::Vector4d& q : seen) {
-    // The sign says nothing about the orientation.
+    // Both signs denote the same orientation.
     const Eigen::Vector4d near = q.dot(seen[0]) < 0.0 ? Eigen::Vector4d(-q) : q;
     low = low.cwiseMin(near);
     high = high.cwiseMax(near);

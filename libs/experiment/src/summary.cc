@@ -16,7 +16,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// Below this, intervals clustered by trial are too wide to say anything.
+// With fewer trials, clustered intervals are too wide to be useful.
 constexpr int kFewTrials = 5;
 
 // Trial t belongs to cluster t % NumClusters(). Only the highest level is independent.

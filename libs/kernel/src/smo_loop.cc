@@ -133,7 +133,7 @@ HWY_INLINE T Move(const Problem& p, std::size_t i, std::size_t j, T slope, T k_i
   const double room = std::min(alpha_j, 1.0 - alpha_i);
   const T wanted = slope / curvature;
   const T step = std::min(wanted, static_cast<T>(room));
-  // Sets alpha exactly to the bound that was reached, whatever the rounding. Writes may_rise and
+  // Sets alpha exactly to the reached bound, without rounding. Writes may_rise and
   // may_fall only on changes: reading a vector soon after a partial write is slow.
   const double taken = std::min(static_cast<double>(wanted), room);
   const bool fills = taken >= 1.0 - alpha_i;

@@ -43,7 +43,7 @@ class WithPolicy final : public control::Controller {
   std::unique_ptr<control::Controller> controller_;
 };
 
-// A controller around a policy that learns from what the controller applies.
+// A controller around a policy that learns from the applied controls.
 class WithOnlinePolicy final : public control::Controller, public LearnsOnline {
  public:
   WithOnlinePolicy(std::shared_ptr<OnlineLwrPolicy> policy,

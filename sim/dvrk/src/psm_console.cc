@@ -316,7 +316,7 @@ void PsmConsole::MoveCp(const Eigen::Isometry3d& goal) {
   }
 }
 
-// The jaw leaves the arm's space as it is.
+// The jaw does not change the arm's space.
 void PsmConsole::ControlJaw(std::string_view in_pose_space, std::string_view in_joint_space) {
   Control(control_ == kPosePosition || control_ == kPoseTrajectory ? in_pose_space
                                                                    : in_joint_space);

@@ -3,7 +3,7 @@
 
 #include <stdexcept>
 
-// A camera that the model has not is named before anything is drawn.
+// A camera not in the model is named before anything is drawn.
 int main() {
   const dfr::sim::MjModelPtr model = dfr::sim::LoadMujocoModel("<mujoco/>", "empty");
   try {

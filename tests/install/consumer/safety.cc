@@ -27,7 +27,8 @@ std::vector<dfr::core::Trajectory> Demonstrations() {
 
 }  // namespace
 
-// A guard from demonstrations, through its file: passes what was demonstrated, holds on nonsense.
+// A guard from demonstrations, through its file: passes demonstrated actions, halts on invalid
+// input.
 int main() {
   dfr::core::StateLayout layout;
   layout.Add("tip", 2);

@@ -41,7 +41,7 @@ auto WriteAll(const DemonstrationSet& demonstrations, const Create& create) {
 /// @throws std::invalid_argument unless every block's name is a valid dataset name.
 void CheckLayout(const core::StateLayout& layout, int control_dim);
 
-/// Reads a dataset of finite numbers with this many rows. `count` tells the source of that number
+/// Reads a dataset of finite numbers with this many rows. `count` names the source of that number
 /// in messages.
 [[nodiscard]] core::Matrix ReadRows(const Hdf5Reader& file, const std::string& path,
                                     Eigen::Index rows, const char* count);

@@ -171,7 +171,7 @@ void Serve(int socket, const std::filesystem::path& path, std::uint64_t file_siz
       try {
         if (!file) {
           file.emplace(Hdf5File::Open(path));
-          // Prevents opening any other file, whatever the file contains.
+          // Prevents the file from opening any other file.
           const rlimit none{0, 0};
           setrlimit(RLIMIT_NOFILE, &none);
           answer = std::string(1, kGood);

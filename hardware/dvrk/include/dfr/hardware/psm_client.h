@@ -110,7 +110,7 @@ struct PsmOperatingState {
   PsmConsoleState state = PsmConsoleState::kUnknown;
   bool homed = false;
   bool busy = false;
-  /// Number of samples that did not say ENABLED, homed and not busy, and the content of the last of
+  /// Number of samples other than ENABLED, homed and not busy, and the content of the last of
   /// these. Detects a sample that was replaced before the client read it.
   std::uint32_t lapses = 0;
   PsmStatus last_lapse = PsmStatus::kOk;

@@ -40,7 +40,7 @@ class PsmStatements {
   bool awaits_ = false;
   bool poses_ = false;  // one statement of poses may come
   bool held_last_ =
-      false;  // the control is that of an own hold, which another hold leaves as it is
+      false;  // the control is that of an own hold, which another hold does not change
 };
 
 }  // namespace dfr::hardware

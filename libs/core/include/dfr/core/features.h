@@ -56,8 +56,8 @@ class FeatureSelection {
   static FeatureSelection All(int state_dim);
   /// Selects the entries named by `spec`, or every entry if it is empty.
   static FeatureSelection Of(const StateLayout& layout, std::string_view spec);
-  /// The same entries, of states that `map` has made continuous. What it maps and this does not
-  /// select has no effect. @throws std::invalid_argument if a state is too short for it.
+  /// Returns the same selection on states that `map` has made continuous. Mapped entries that are
+  /// not selected have no effect. @throws std::invalid_argument if a state is too short for it.
   [[nodiscard]] FeatureSelection Mapped(StateMap map) const;
 
   [[nodiscard]] int state_dim() const noexcept { return state_dim_; }

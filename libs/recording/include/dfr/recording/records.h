@@ -20,7 +20,8 @@ class Text {
   Text() noexcept = default;
   Text(std::string_view text) noexcept  // NOLINT(google-explicit-constructor): is a text
       : size_(std::min(text.size(), N)) {
-    std::copy_n(text.data(), size_, bytes_.data());  // memcpy() takes no null, whatever the size
+    std::copy_n(text.data(), size_,
+                bytes_.data());  // memcpy() must not get a null pointer, even for size 0
   }
   Text(const char* text) noexcept  // NOLINT(google-explicit-constructor): is a text
       : Text(std::string_view(text)) {}

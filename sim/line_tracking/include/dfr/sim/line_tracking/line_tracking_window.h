@@ -12,8 +12,7 @@ namespace dfr::sim {
 /// plant's endoscope is then drawn in the window's OpenGL context.
 class LineTrackingWindow {
  public:
-  /// @throws std::runtime_error if there is no display; the message tells how to render without
-  ///   one.
+  /// @throws std::runtime_error if there is no display; the message explains rendering without one.
   explicit LineTrackingWindow(const std::string& title);
   ~LineTrackingWindow();
   LineTrackingWindow(const LineTrackingWindow&) = delete;

@@ -52,8 +52,7 @@ class PusherRenderer {
 /// A window that shows a Pusher; the mouse turns, moves and zooms the view.
 class PusherWindow {
  public:
-  /// @throws std::runtime_error if there is no display; the message tells how to render without
-  ///   one.
+  /// @throws std::runtime_error if there is no display; the message explains rendering without one.
   PusherWindow(const PusherPlant& plant, const std::string& title);
   ~PusherWindow();
   PusherWindow(const PusherWindow&) = delete;
