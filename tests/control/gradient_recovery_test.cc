@@ -99,7 +99,7 @@ TEST(GradientRecoveryTest, LearnsFromItsOwnControls) {
     return std::acos(inwards / test::Norm(plant.x) / test::Norm(control));
   };
   EXPECT_LT(off(second), 0.8);
-  // iteration 0: a recovery begins, and nothing is known of the control that led to its state.
+  // iteration 0: a recovery begins, and the control that led to its state is unknown.
   recovery.Reset(1);
   ASSERT_EQ(recovery.Next({.x = plant.x, .g = 0.06, .lambda = 5.0}, second), Mode::kRecovery);
   EXPECT_NEAR(off(second), 0.9, 0.02);

@@ -89,7 +89,7 @@ TEST_P(LagTest, IsFoundAtOnceAndWhatIsUnderWayIsPredicted) {
   EXPECT_EQ(observer_.lag(), 0);
 }
 
-// Noise as large as the effect of a control, for 200 controls: nothing is late, and no lag is
+// Noise as large as the effect of a control, for 200 controls: there is no lag, and none is
 // reported.
 TEST_P(LagTest, NoiseIsNotTakenForALag) {
   int wrong = 0;
@@ -155,7 +155,7 @@ TEST_F(StateObserverTest, WithoutPredictionsAStateIsWhatIsSeen) {
     const Eigen::VectorXd seen = Eigen::Vector2d(i % 2 == 0 ? 0.3 : -0.3, 0.1);
     Eigen::VectorXd z = seen;
     observer_.Observe(estimate_, z);
-    // No Compute(): nothing is expected of any control.
+    // Without Compute() there is no prediction for any control.
     EXPECT_TRUE(test::AllClose(z, seen, 0.0));
     Learn(seen, Eigen::Vector2d::Zero(), Eigen::Vector2d(i % 2 == 0 ? -0.6 : 0.6, 0.0));
   }

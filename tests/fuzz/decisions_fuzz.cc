@@ -51,8 +51,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   Eigen::VectorXd state(dim);
   for (double& entry : state) entry = numbers.Next();
 
-  // Coordinates are kept relative to one centre, in kernel widths: distant coordinates are rounded
-  // by as many times epsilon, and the kernel falls by less than 1 per width.
+  // Coordinates are relative to one centre, in kernel widths. The rounding error of a coordinate is
+  // its size times epsilon, and the kernel falls by less than 1 per width.
   double widths = 0.0;
   for (Eigen::Index k = 0; k < dim; ++k) {
     widths += std::sqrt(2.0 * gamma) * (vectors.col(k).maxCoeff() - vectors.col(k).minCoeff());

@@ -330,7 +330,8 @@ TEST(OneClassSvmTest, WrongWeightsAreNamed) {
   EXPECT_THAT(message({1.0, 1.0}, {}), HasSubstr("there are 2 weights for 4 samples"));
   EXPECT_THAT(message({1.0, 1.0, -2.0, 1.0}, {}), HasSubstr("the weight of sample 2 is -2"));
   EXPECT_THAT(message({1.0, 1.0, 1.0, kInfinity}, {}), HasSubstr("the weight of sample 3 is inf"));
-  EXPECT_THAT(message({0.0, 0.0, 0.0, 0.0}, {}), HasSubstr("the weights sum to 0"));
+  EXPECT_THAT(message({0.0, 0.0, 0.0, 0.0}, {}),
+              HasSubstr("the weights must have a positive and finite sum, not 0"));
   EXPECT_THAT(message({1.0, 1.0, 1.0, 1.0}, start), HasSubstr("cannot be given a start"));
 }
 
@@ -678,7 +679,7 @@ TEST(OneClassSvmTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(fit(fine, {.memory_mib = 0.0}), HasSubstr("memory_mib"));
   const std::vector<double> few(3, 1.0), negative(10, -1.0), none(10, 0.0);
   EXPECT_THAT(fit(fine, {.start = few}), HasSubstr("3 alpha for 10 samples"));
-  EXPECT_THAT(fit(fine, {.start = negative}), HasSubstr("alpha of -1"));
+  EXPECT_THAT(fit(fine, {.start = negative}), HasSubstr("not negative: -1"));
   EXPECT_THAT(fit(fine, {.start = none}), HasSubstr("sum to 0"));
   EXPECT_THAT(fit(core::Matrix(1, 2), {}), HasSubstr("at least 2 samples; there are 1"));
   EXPECT_THAT(fit(core::Matrix(5, 0), {}), HasSubstr("1 to 2048 entries, not 0"));
@@ -686,7 +687,7 @@ TEST(OneClassSvmTest, ErrorsNameTheCulprit) {
   broken(7, 1) = std::nan("");
   EXPECT_THAT(fit(broken, {}), HasSubstr("sample 7, entry 1 is nan"));
   const std::vector<double> endless(10, kInfinity);
-  EXPECT_THAT(fit(fine, {.start = endless}), HasSubstr("alpha of inf"));
+  EXPECT_THAT(fit(fine, {.start = endless}), HasSubstr("not negative: inf"));
   EXPECT_THAT(fit(fine, {.tolerance = kInfinity}), HasSubstr("tolerance must be positive"));
   EXPECT_THAT(fit(core::Matrix::Zero(5, 2049), {}), HasSubstr("1 to 2048 entries, not 2049"));
   const auto parts = [&](const core::Matrix& vectors, const Eigen::VectorXd& alpha, double gamma,

@@ -317,7 +317,7 @@ TEST(GuardExplainTest, FindsTheNearestDemonstration) {
     EXPECT_EQ(found.step, 6);
     EXPECT_NEAR(found.distance, 0.0, 1e-12);
   }
-  // Far from the time step nothing is looked at, unless no time step is named.
+  // Ignores states far from the time step, unless no time step is given.
   const auto late = core::Row(states[4], 15);
   EXPECT_GT(Nearest(*model, 3, late, states).distance, 0.1);
   EXPECT_EQ(Nearest(*model, -1, late, states).step, 15);

@@ -213,7 +213,7 @@ TEST(ReducedGuardTest, OnlyWatchesWhereComponentsDoNotExplainTheActions) {
   const auto any = GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 12), options);
   EXPECT_EQ(any->settings().strategy, Strategy::kGuard);
   EXPECT_THAT(Warnings(*any), testing::Contains(HasSubstr("can make a good policy fail")));
-  // A strategy that corrects nothing is kept: a monitor would be less careful.
+  // Keeps a strategy without corrections: a monitor would be less cautious.
   const auto stops =
       GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 40),
                       {.features = "pca:camera", .strategy = Strategy::kEarlyStopping});

@@ -15,7 +15,8 @@ PolynomialPolicy::PolynomialPolicy(std::span<const core::Trajectory> demonstrati
   DFR_THROW_UNLESS(!demonstrations.empty(), "there are no demonstrations");
   const Eigen::Index n = demonstrations[0].states.cols();
   const Eigen::Index m = demonstrations[0].controls.cols();
-  DFR_THROW_UNLESS(n <= kMaxStateDim, "at most " << kMaxStateDim << " state entries, not " << n);
+  DFR_THROW_UNLESS(n <= kMaxStateDim,
+                   "at most " << kMaxStateDim << " state entries are supported, not " << n);
   Eigen::Index rows = 0;
   for (const auto& d : demonstrations) rows += d.controls.rows();
   DFR_THROW_UNLESS(rows > 0, "no demonstration has a control");

@@ -80,11 +80,13 @@ void EndoscopeOptions::Check() const {
   const auto positive = [](double value) { return value > 0.0 && value < 1e6; };
   DFR_THROW_UNLESS(width > 0 && height > 0 && width <= 16384 && height <= 16384,
                    "width and height must lie in [1, 16384], not " << width << " x " << height);
-  DFR_THROW_UNLESS(positive(period_s), "period_s must be positive");
-  DFR_THROW_UNLESS(positive(max_age_s), "max_age_s must be positive");
-  DFR_THROW_UNLESS(max_ahead_s >= 0.0 && max_ahead_s < 1e6, "max_ahead_s must not be negative");
+  DFR_THROW_UNLESS(positive(period_s), "period_s must be positive, not " << period_s);
+  DFR_THROW_UNLESS(positive(max_age_s), "max_age_s must be positive, not " << max_age_s);
+  DFR_THROW_UNLESS(max_ahead_s >= 0.0 && max_ahead_s < 1e6,
+                   "max_ahead_s must not be negative: " << max_ahead_s);
   DFR_THROW_UNLESS(max_repeats > 1, "max_repeats must be larger than 1");
-  DFR_THROW_UNLESS(positive(open_timeout_s), "open_timeout_s must be positive");
+  DFR_THROW_UNLESS(positive(open_timeout_s),
+                   "open_timeout_s must be positive, not " << open_timeout_s);
 }
 
 bool IsImageTopic(const std::string& source) {

@@ -141,7 +141,7 @@ ArchiveReader::ArchiveReader(const std::filesystem::path& path, std::string_view
 
 void ArchiveReader::Spend(std::uint64_t count, std::uint64_t bytes_each, const char* what) {
   if (!budget_.Take(count, bytes_each)) {
-    Fail("asks for " + std::to_string(count) + " " + what + " of " + std::to_string(bytes_each) +
+    Fail("declares " + std::to_string(count) + " " + what + " of " + std::to_string(bytes_each) +
          " bytes, too many for a file of " + std::to_string(bytes_.size()) + " bytes");
   }
 }

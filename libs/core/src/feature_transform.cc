@@ -15,7 +15,7 @@ FeatureTransform::FeatureTransform(FeatureSelection selection, Eigen::VectorXd o
     : selection_(std::move(selection)), offset_(std::move(offset)), scale_(std::move(scale)) {
   const int features = selection_.num_features();
   DFR_THROW_UNLESS(features <= kMaxFeatures,
-                   "at most " << kMaxFeatures << " features, not " << features);
+                   "at most " << kMaxFeatures << " features are supported, not " << features);
   DFR_THROW_UNLESS(offset_.size() == features, "the offset has " << offset_.size()
                                                                  << " entries for " << features
                                                                  << " features");

@@ -364,7 +364,8 @@ Participant::Participant(const ParticipantOptions& options)
     : impl_(std::make_unique<Impl>(options, Authority(options))) {
   DFR_THROW_UNLESS(options.domain >= 0 && options.domain <= 232,
                    "domain must lie in [0, 232], not " << options.domain);
-  DFR_THROW_UNLESS(options.server_port > 0, "server_port must be positive");
+  DFR_THROW_UNLESS(options.server_port > 0,
+                   "server_port must be positive, not " << options.server_port);
   auto* factory = fdds::DomainParticipantFactory::get_instance();
   LeaveOutDeliveryWithinTheProcess();
   impl_->participant =

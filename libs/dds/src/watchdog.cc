@@ -32,9 +32,12 @@ const char* Name(Freshness freshness) noexcept {
 }
 
 Watchdog::Watchdog(const WatchdogOptions& options) {
-  DFR_THROW_UNLESS(Within(options.max_age_s, 1e-9), "max_age_s must be positive");
-  DFR_THROW_UNLESS(Within(options.max_silence_s, 1e-9), "max_silence_s must be positive");
-  DFR_THROW_UNLESS(Within(options.max_ahead_s, 0.0), "max_ahead_s must not be negative");
+  DFR_THROW_UNLESS(Within(options.max_age_s, 1e-9),
+                   "max_age_s must be positive, not " << options.max_age_s);
+  DFR_THROW_UNLESS(Within(options.max_silence_s, 1e-9),
+                   "max_silence_s must be positive, not " << options.max_silence_s);
+  DFR_THROW_UNLESS(Within(options.max_ahead_s, 0.0),
+                   "max_ahead_s must not be negative: " << options.max_ahead_s);
   max_age_ns_ = Nanoseconds(options.max_age_s);
   max_silence_ns_ = Nanoseconds(options.max_silence_s);
   max_ahead_ns_ = Nanoseconds(options.max_ahead_s);

@@ -24,12 +24,12 @@ void CheckOptions(const FitMlpOptions& o) {
   DFR_THROW_UNLESS(o.control_limit > 0.0,
                    "control limit must be positive, not " << o.control_limit);
   DFR_THROW_UNLESS(std::isfinite(o.weight_decay) && o.weight_decay >= 0.0,
-                   "weight decay must not be negative, but is " << o.weight_decay);
+                   "weight decay must be finite and not negative: " << o.weight_decay);
   if (o.method == FitMethod::kAdam) {
     DFR_THROW_UNLESS(o.epochs > 0, "epochs must be positive, not " << o.epochs);
     DFR_THROW_UNLESS(o.batch > 0, "batch must be positive, not " << o.batch);
     DFR_THROW_UNLESS(std::isfinite(o.learning_rate) && o.learning_rate > 0.0,
-                     "learning rate must be positive, not " << o.learning_rate);
+                     "learning rate must be positive and finite, not " << o.learning_rate);
   } else {
     DFR_THROW_UNLESS(o.max_iterations > 0,
                      "max_iterations must be positive, not " << o.max_iterations);

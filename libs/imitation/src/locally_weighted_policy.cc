@@ -23,9 +23,10 @@ LocallyWeightedPolicy::LocallyWeightedPolicy(core::FeatureTransform features,
   DFR_THROW_UNLESS(!demonstrations.empty(), "there are no demonstrations");
   const int n = features_.num_features();
   const Eigen::Index m = demonstrations[0].controls.cols();
-  DFR_THROW_UNLESS(n <= kMaxFeatures, "at most " << kMaxFeatures << " features, not " << n);
+  DFR_THROW_UNLESS(n <= kMaxFeatures,
+                   "at most " << kMaxFeatures << " features are supported, not " << n);
   DFR_THROW_UNLESS(m >= 1 && m <= kMaxControls,
-                   "1 to " << kMaxControls << " control entries, not " << m);
+                   "1 to " << kMaxControls << " control entries are supported, not " << m);
   std::vector<core::Matrix> points;
   Eigen::Index longest = 0;
   for (std::size_t d = 0; d < demonstrations.size(); ++d) {

@@ -207,10 +207,12 @@ void CheckStart(std::span<const double> start, Eigen::Index samples) {
                    "the start has " << start.size() << " alpha for " << samples << " samples");
   double sum = 0.0;
   for (const double a : start) {
-    DFR_THROW_UNLESS(a >= 0.0 && std::isfinite(a), "the start has an alpha of " << a);
+    DFR_THROW_UNLESS(a >= 0.0 && std::isfinite(a),
+                     "alpha of the start must be finite and not negative: " << a);
     sum += a;
   }
-  DFR_THROW_UNLESS(sum > 0.0 && std::isfinite(sum), "the start's alpha sum to " << sum);
+  DFR_THROW_UNLESS(sum > 0.0 && std::isfinite(sum),
+                   "alpha of the start must have a positive and finite sum, not " << sum);
 }
 
 void CheckWeights(const OneClassSvmOptions& options, Eigen::Index samples) {
@@ -227,7 +229,8 @@ void CheckWeights(const OneClassSvmOptions& options, Eigen::Index samples) {
                                                        << "; it must be finite, not negative");
     sum += w;
   }
-  DFR_THROW_UNLESS(sum > 0.0 && std::isfinite(sum), "the weights sum to " << sum);
+  DFR_THROW_UNLESS(sum > 0.0 && std::isfinite(sum),
+                   "the weights must have a positive and finite sum, not " << sum);
 }
 
 void CheckOptions(const OneClassSvmOptions& options) {

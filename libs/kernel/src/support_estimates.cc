@@ -91,7 +91,8 @@ GaussianEstimate GaussianEstimate::Fit(const Eigen::Ref<const core::Matrix>& sam
                                        double ridge) {
   CheckSamples(samples, 2);
   CheckNu(nu);
-  DFR_THROW_UNLESS(ridge >= 0.0 && std::isfinite(ridge), "ridge must not be negative: " << ridge);
+  DFR_THROW_UNLESS(ridge >= 0.0 && std::isfinite(ridge),
+                   "ridge must be finite and not negative: " << ridge);
   GaussianEstimate estimate;
   estimate.mean_ = samples.colwise().mean();
   Eigen::MatrixXd covariance = Covariance(samples, estimate.mean_);

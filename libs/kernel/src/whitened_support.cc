@@ -87,7 +87,8 @@ WhitenedSupport WhitenedSupport::Fit(std::span<const core::Matrix> demonstration
   DFR_THROW_UNLESS(options.least_share >= 0.0 && options.least_share <= 1.0,
                    "least_share must lie in [0, 1], not " << options.least_share);
   const Eigen::Index n = demonstrations[0].cols();
-  DFR_THROW_UNLESS(n >= 1 && n <= kMaxFeatures, "1 to " << kMaxFeatures << " features, not " << n);
+  DFR_THROW_UNLESS(n >= 1 && n <= kMaxFeatures,
+                   "1 to " << kMaxFeatures << " features are supported, not " << n);
   for (std::size_t d = 0; d < demonstrations.size(); ++d) {
     DFR_THROW_UNLESS(demonstrations[d].cols() == n && demonstrations[d].rows() >= 1,
                      "demonstration " << d << " is " << demonstrations[d].rows() << " x "
@@ -121,7 +122,8 @@ WhitenedSupport WhitenedSupport::Fit(std::span<const core::Matrix> demonstration
 WhitenedSupport::WhitenedSupport(std::vector<Estimate> estimates) {
   DFR_THROW_UNLESS(!estimates.empty(), "a support needs at least one estimate");
   const Eigen::Index n = estimates[0].map.rows();
-  DFR_THROW_UNLESS(n >= 1 && n <= kMaxFeatures, "1 to " << kMaxFeatures << " features, not " << n);
+  DFR_THROW_UNLESS(n >= 1 && n <= kMaxFeatures,
+                   "1 to " << kMaxFeatures << " features are supported, not " << n);
   for (std::size_t t = 0; t < estimates.size(); ++t) {
     Estimate& estimate = estimates[t];
     DFR_THROW_UNLESS(estimate.map.rows() == n && estimate.map.cols() == n &&

@@ -67,8 +67,10 @@ std::map<std::string, std::string> Entries(const RecordingMetadata& metadata) {
 }
 
 RecorderOptions Checked(const RecorderOptions& options) {
-  DFR_THROW_UNLESS(options.waiting_records >= 1, "waiting_records must be positive");
-  DFR_THROW_UNLESS(options.waiting_pictures >= 1, "waiting_pictures must be positive");
+  DFR_THROW_UNLESS(options.waiting_records >= 1,
+                   "waiting_records must be positive, not " << options.waiting_records);
+  DFR_THROW_UNLESS(options.waiting_pictures >= 1,
+                   "waiting_pictures must be positive, not " << options.waiting_pictures);
   DFR_THROW_UNLESS(options.jpeg_quality >= 1 && options.jpeg_quality <= 100,
                    "jpeg_quality must lie in [1, 100], not " << options.jpeg_quality);
   return options;

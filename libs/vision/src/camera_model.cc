@@ -34,8 +34,9 @@ Eigen::Vector2d Distort(const std::array<double, 5>& k, const Eigen::Vector2d& n
 void CameraModel::Check() const {
   DFR_THROW_UNLESS(width > 0 && height > 0,
                    "camera: the size must be positive, not " << width << " x " << height);
-  DFR_THROW_UNLESS(std::isfinite(fx) && fx > 0 && std::isfinite(fy) && fy > 0,
-                   "camera: the focal lengths must be positive, not " << fx << " and " << fy);
+  DFR_THROW_UNLESS(
+      std::isfinite(fx) && fx > 0 && std::isfinite(fy) && fy > 0,
+      "camera: the focal lengths must be positive and finite, not " << fx << " and " << fy);
   DFR_THROW_UNLESS(std::isfinite(cx) && std::isfinite(cy),
                    "camera: the principal point is not finite: " << cx << ", " << cy);
   for (double k : distortion) {

@@ -452,7 +452,8 @@ struct PsmConsoleServer::Impl {
 
 PsmConsoleServer::PsmConsoleServer(dds::Participant& participant, PsmConsole& console,
                                    const PsmConsoleServerOptions& options) {
-  DFR_THROW_UNLESS(options.state_period_s > 0.0, "state_period_s must be positive");
+  DFR_THROW_UNLESS(options.state_period_s > 0.0,
+                   "state_period_s must be positive, not " << options.state_period_s);
   impl_ = std::make_unique<Impl>(participant, console, options);
 }
 

@@ -160,7 +160,7 @@ class Arm7Plant final : public Cloned<Arm7Plant> {
   }
 };
 
-// An arm whose joints a servo moves to absolute targets. A control is the target less the measured
+// An arm whose joints a servo moves to absolute targets. A control is the target minus the measured
 // joint, rad, as users convert absolute targets: half of a motion carries over to the next step,
 // and the shoulder sags a little.
 // State: joints(5) in rad, tip(2); hidden: the last motion(5).
@@ -228,7 +228,7 @@ class JointsPlant final : public Cloned<JointsPlant> {
 // Two planar arms of seven joints carry a bar between their tips past a post. 30 observed entries
 // follow from 14 joints.
 // State: left(7) and right(7) in rad, tips(4), headings(2) in rad, elbows(4), bar(3) as centre and
-// tilt, gap(1) between the tips, goal(2) less the bar's centre.
+// tilt, gap(1) between the tips, goal(2) minus the bar's centre.
 class BimanualPlant final : public Cloned<BimanualPlant> {
   static constexpr int kJoints = 7;
   static constexpr double kLink = 1.0 / kJoints;

@@ -25,11 +25,15 @@ CorridorPlant::CorridorPlant(const CorridorOptions& options)
     : GalleryPlant({{"point", 0, 2}}, 0, 2), options_(options) {
   DFR_THROW_UNLESS(options.length > 0.0 && options.length <= 1000.0,
                    "length must lie in (0, 1000], not " << options.length);
-  DFR_THROW_UNLESS(options.amplitude >= 0.0, "amplitude must not be negative");
-  DFR_THROW_UNLESS(options.wavelength > 0.0, "wavelength must be positive");
-  DFR_THROW_UNLESS(options.half_width > 0.0, "half_width must be positive");
-  DFR_THROW_UNLESS(options.start_spread >= 0.0, "start_spread must not be negative");
-  DFR_THROW_UNLESS(options.gain > 0.0, "gain must be positive");
+  DFR_THROW_UNLESS(options.amplitude >= 0.0,
+                   "amplitude must not be negative: " << options.amplitude);
+  DFR_THROW_UNLESS(options.wavelength > 0.0,
+                   "wavelength must be positive, not " << options.wavelength);
+  DFR_THROW_UNLESS(options.half_width > 0.0,
+                   "half_width must be positive, not " << options.half_width);
+  DFR_THROW_UNLESS(options.start_spread >= 0.0,
+                   "start_spread must not be negative: " << options.start_spread);
+  DFR_THROW_UNLESS(options.gain > 0.0, "gain must be positive, not " << options.gain);
   DFR_THROW_UNLESS(std::isfinite(options.rotation), "rotation must be finite");
   // The line extends beyond both ends: a step past the goal is not a collision.
   const int points = static_cast<int>(std::ceil((options.length + 2.0) / kPolygonStep));

@@ -43,8 +43,9 @@ double MeanTipError(const Error& truth) {
 }  // namespace
 
 ArmError::ArmError(const ArmErrorOptions& options) {
-  DFR_THROW_UNLESS(std::isfinite(options.mean_error_m) && options.mean_error_m >= 0.0,
-                   "arm error: mean_error_m must not be negative: " << options.mean_error_m);
+  DFR_THROW_UNLESS(
+      std::isfinite(options.mean_error_m) && options.mean_error_m >= 0.0,
+      "arm error: mean_error_m must be finite and not negative: " << options.mean_error_m);
   DFR_THROW_UNLESS(
       options.mean_residual_m >= 0.0 && options.mean_residual_m <= options.mean_error_m,
       "arm error: mean_residual_m must lie in [0, mean_error_m], not " << options.mean_residual_m);

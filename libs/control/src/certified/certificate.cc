@@ -45,7 +45,7 @@ double LargestShare(const SafeBall& ball, std::span<const double> shift, std::sp
       share = std::min(share, -r / (root - q));
     }
   }
-  // Rounding must not carry a control that just passes out of the ball.
+  // A margin for rounding: a scaled control must stay in the ball.
   constexpr double kRounding = 1e-9;
   return share < 1.0 ? std::max(0.0, share * (1.0 - kRounding)) : 1.0;
 }

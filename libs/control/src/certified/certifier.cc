@@ -49,7 +49,7 @@ Certifier::RequiredLevel Certifier::Check(const LocalModel& model, int phase,
 Certifier::RequiredLevel Certifier::Check(const LocalModel& model, int phase,
                                           const Eigen::VectorXd& v,
                                           const PredictedLevel& there) const noexcept {
-  // Rounding of l must not carry a control that just passes out of the support.
+  // A margin for rounding of l: a control that passes must stay in the support.
   constexpr double kRounding = 1e-12;
   const double e =
       certificate_.direction_error * v.norm() * control_unit_ + certificate_.state_error;

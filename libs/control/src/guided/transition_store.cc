@@ -51,8 +51,8 @@ TransitionStore::TransitionStore(std::span<const core::Matrix> features,
     : options_(options) {
   Check(options);
   DFR_THROW_UNLESS(!features.empty() && features.size() == controls.size(),
-                   features.size()
-                       << " demonstrations of features, " << controls.size() << " of controls");
+                   "features of " << features.size() << " demonstrations and controls of "
+                                  << controls.size() << ": the numbers must be equal and positive");
   feature_dim_ = static_cast<int>(features[0].cols());
   control_dim_ = static_cast<int>(controls[0].cols());
   const int n = feature_dim_;

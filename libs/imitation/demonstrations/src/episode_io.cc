@@ -82,7 +82,9 @@ bool CollectKeys(const Hdf5Reader& file, const std::string& path, const std::str
   if (!file.IsNumeric(path)) file.Fail(path, "is not numeric");
   const std::int64_t size = shape.size() == 2 ? shape[1] : 1;
   constexpr std::int64_t kMost = 1 << 20;
-  if (size < 1 || size > kMost) file.Fail(path, "has " + std::to_string(size) + " columns");
+  if (size < 1 || size > kMost)
+    file.Fail(path, "has " + std::to_string(size) + " columns; 1 to " + std::to_string(kMost) +
+                        " are supported");
   const std::optional<std::int64_t> offset = file.IntegerAttribute(path, "offset");
   keys.push_back({offset.value_or(0), name, static_cast<int>(size)});
   return offset.has_value();
