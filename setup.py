@@ -1,4 +1,4 @@
-"""Builds the Python module dfr with CMake: nothing but what it needs, and parts of it only where that is there."""
+"""Builds the Python module dfr with CMake: only its dependencies, and optional parts if theirs are installed."""
 
 import pathlib
 import re
@@ -8,7 +8,7 @@ import sys
 from skbuild import setup
 
 HERE = pathlib.Path(__file__).parent.resolve()
-# What parts need that others can do without: component, what it is for, pkg-config's modules.
+# Dependencies of optional parts: component, its purpose, pkg-config's modules.
 PARTS = (
     ("demonstrations", "load_demonstrations()", ("hdf5-serial", "libzstd", "snappy", "nlohmann_json")),
     ("experiment", "Experiment", ("CLI11", "nlohmann_json", "tomlplusplus")),

@@ -22,7 +22,7 @@ class Demonstrations(NamedTuple):
     layout: list[tuple[str, int | tuple[int, int, int]]]
     """Name and size of each part of a state; of a picture its height, width and channels."""
     completed: list[bool]
-    """Whether each episode completed its task; False if the file does not record it."""
+    """True for each episode that completed its task; False if the file does not record it."""
     environment: str
     """Name of the environment, task or robot."""
     note: str

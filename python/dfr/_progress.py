@@ -45,7 +45,7 @@ class Display:
 
 
 def shows_progress(fit: Callable[..., Any]) -> Callable[..., Any]:
-    """`fit` with a display where its `progress` is None and somebody reads it; False is none."""
+    """`fit` with a display if its `progress` is None and stderr is a terminal; False turns it off."""
 
     @functools.wraps(fit)
     def call(*args: Any, progress: Callable[[str, float], object] | bool | None = None, **options: Any) -> Any:

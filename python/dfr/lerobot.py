@@ -247,7 +247,7 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
         return features
 
     def get_config(self) -> dict[str, Any]:
-        """What a pipeline stores and makes the step of again; a guard that was loaded is named by its path."""
+        """Return the configuration from which a pipeline recreates the step; a loaded guard is named by its path."""
         config: dict[str, Any] = {"positions": self.positions, "action_names": self.action_names}
         return config if self._path is None else {"guard": self._path, **config}
 

@@ -135,7 +135,7 @@ double MeanTipError(const line_task::LineCalibration& a, const line_task::LineCa
   return sum / 200;
 }
 
-// The priors pull by next to nothing against data this good.
+// The priors have a negligible effect against such accurate data.
 TEST(CalibrateTest, FindsTheTruthInExactData) {
   const line_task::LineCalibration known = True();
   CalibrationSummary summary;
@@ -161,7 +161,7 @@ TEST(CalibrateTest, UncertaintyCoversTheErrorOfNoisyData) {
   ASSERT_TRUE(summary.converged && summary.has_covariance) << summary.message;
   EXPECT_NEAR(summary.mark_rms_px, 0.05 * std::sqrt(2.0), 0.02);
   EXPECT_NEAR(summary.tip_rms_px, 2.0 * std::sqrt(2.0), 0.7);
-  // Within four standard deviations each; the loss makes them a little too small.
+  // Each within four standard deviations; the loss makes these slightly too small.
   EXPECT_LT(std::abs(found.camera.fx - known.camera.fx), 4 * summary.camera_sd[0]);
   EXPECT_LT(std::abs(found.camera.cx - known.camera.cx), 4 * summary.camera_sd[2]);
   for (int k = 0; k < 6; ++k) {

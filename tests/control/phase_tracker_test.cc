@@ -35,9 +35,9 @@ TEST(PhaseTrackerTest, AdvancesByOneWhereTheNextSupportIsReached) {
   EXPECT_EQ(tracker.waited(), 0);
 }
 
-// From phase 5 on, phase q fits a state x with -(x - q)^2, less .05 per phase to either side of the
-// next one: x = 7.3 is best at 7, x = 5.4 at 5. Earlier phases and those more than three ahead are
-// ignored.
+// From phase 5 on, phase q fits a state x with -(x - q)^2, minus .05 per phase to either side of
+// the next one: x = 7.3 is best at 7, x = 5.4 at 5. Earlier phases and those more than three ahead
+// are ignored.
 TEST(PhaseTrackerTest, AMissedSupportAdvancesToTheBestOneAhead) {
   const auto support = Line(1.0);
   const auto advanced = [&](double x, bool may_wait) {

@@ -96,7 +96,7 @@ TEST(SwitchingControllerTest, AProbeThatChangesNothingIsReversed) {
 }
 
 TEST(SwitchingControllerTest, AProbeThatEndsOutsideIsFollowedByAStepBack) {
-  // g is 0.1 at the start and -0.2 wherever a probe leads.
+  // g is 0.1 at the start and -0.2 after every probe.
   const test::FunctionSupport cliff(
       1, [](int, std::span<const double> x) { return x[0] == 0.0 ? 0.1 : -0.2; });
   const auto policy = test::ConstantPolicy(1, 1.0);

@@ -20,7 +20,7 @@ using test::Bytes;
 using test::Eventually;
 using test::Header;
 
-// To all ports of this machine at which participants of a domain listen.
+// Sends to all ports of this machine on which participants of a domain listen.
 class Attacker {
  public:
   explicit Attacker(int domain) : domain_(domain), socket_(::socket(AF_INET, SOCK_DGRAM, 0)) {}
@@ -53,8 +53,8 @@ class AttackTest : public testing::Test {
       return publisher_.Write({true}) && subscriber_.Take(flag);
     });
   }
-  // Until all that was sent has been read: both participants have found one that came later, whose
-  // announcement waited behind the rest in their sockets.
+  // Waits until all packets are read: both participants have discovered a later one, whose
+  // announcement queued behind them.
   void Digest() {
     Participant late({.domain = domain_});
     const Publisher<Flag> publisher(late, "/attacked", Role::kEmergencyStop);
@@ -103,7 +103,8 @@ TEST_F(AttackTest, NorDoesASampleWithoutItsPayload) {
   Talk();
 }
 
-// A stranger announces that the publisher's participant leaves; each packet contains its name.
+// A stranger announces the departure of the publisher's participant, whose name each packet
+// contains.
 TEST_F(AttackTest, AStrangerCannotMakeAParticipantLeave) {
   Talk();
   const Origin writer = publisher_.origin();

@@ -38,7 +38,7 @@ TEST(ParticipantTest, OptionsOutOfRangeAreRefused) {
                std::invalid_argument);
 }
 
-// Fast DDS numbers the participants of a process without end; how many there were is no matter.
+// Fast DDS numbers the participants of a process without limit; earlier ones have no effect.
 TEST(ParticipantTest, IsFoundHoweverManyThereWereBeforeInItsProcess) {
   for (int i = 0; i < 30; ++i) {
     const Participant gone(Loopback());
@@ -181,7 +181,7 @@ TEST(ChannelTest, SecondCommanderIsSeen) {
   Eventually([&] { return subscriber.health().publishers == 1; });
 }
 
-// A command that waited for a reader is not carried out late.
+// A command that waited for a reader is not executed late.
 TEST(ChannelTest, OldCommandsExpire) {
   Participant first(Loopback());
   Participant second(Loopback());

@@ -78,7 +78,7 @@ TEST_F(EmergencyStopJudgeTest, APressOnEitherWayStaysUntilReleasedAndAcknowledge
   }
 }
 
-// A stop that was forgotten does not hide that the operator's has died.
+// A forgotten button does not hide the failure of the operator's button.
 TEST_F(EmergencyStopJudgeTest, EachButtonIsMissedByItself) {
   Hear(1, kStart);
   Hear(2, kStart);

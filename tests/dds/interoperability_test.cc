@@ -19,8 +19,8 @@ namespace {
 
 class InteroperabilityTest : public testing::Test {
  protected:
-  // Asks until there is an answer: the first questions come before the peer has found us. Those are
-  // empty where the question is a picture.
+  // Repeats the question until the peer answers: the first ones precede its discovery of us. For
+  // pictures these are empty.
   template <typename T>
   T Ask(const std::string& name, Role role, const T& question) {
     Publisher<T> ask(participant_, "/peer/ask/" + name, role);

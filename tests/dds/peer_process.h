@@ -21,9 +21,9 @@ class PeerProcess {
   [[nodiscard]] pid_t pid() const noexcept { return pid_; }
   /// Sends a signal: SIGKILL, SIGSTOP, ...
   void Signal(int number) const;
-  /// The exit code, or -1 if it was killed; nothing while it runs.
+  /// Returns the exit code, or -1 if it was killed; nothing while it runs.
   [[nodiscard]] std::optional<int> Ended();
-  /// Waits for the end, however long it takes. The exit code, or -1 if it was killed.
+  /// Waits for the end without a limit. Returns the exit code, or -1 if it was killed.
   [[nodiscard]] int Await();
 
  private:

@@ -51,7 +51,7 @@ class SecurityTest : public testing::Test {
   struct Lab {
     explicit Lab(const test::Keystore& keystore)
         : client(With(keystore.enclave("client"))), console(With(keystore.enclave("console"))) {}
-    // Commands and answers go on until one of each has arrived.
+    // Repeats commands and answers until one of each has arrived.
     void Talk() {
       bool commanded = false;
       bool measured = false;
@@ -83,8 +83,8 @@ class SecurityTest : public testing::Test {
     Eventually([&] { return stranger.refused_peers().size() == 2; });
   }
 
-  // `stranger`, who is refused, tries to command and to listen. A friend who comes later than it
-  // has heard and is heard by then.
+  // `stranger`, which is refused, tries to command and to listen. A friend that joins later
+  // exchanges messages meanwhile.
   void ExpectShutOut(Lab& lab, Participant& stranger) const {
     Publisher<PoseStamped> command(stranger, kServo, Role::kCommand);
     Subscriber<PoseStamped> spy(stranger, kMeasured, Role::kState);

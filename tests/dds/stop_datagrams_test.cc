@@ -81,7 +81,7 @@ TEST_F(StopDatagramsTest, ANetworkThatDelaysThemTooMuchStops) {
     EmergencyStop found = EmergencyStop::kSilent;
     std::int64_t heard_ns = 0;
     StopSenderId who{};
-    // Beats of 20 ms, of which each takes 20 ms longer than the one before.
+    // Beats every 20 ms, each delayed by 20 ms more than the previous one.
     for (std::int64_t sent_ns = 0; sent_ns < 2 * kSecond; sent_ns += kSecond / 50) {
       const std::int64_t now_ns = 2 * sent_ns;
       const bool late = now_ns - sent_ns > kSecond;
@@ -93,7 +93,7 @@ TEST_F(StopDatagramsTest, ANetworkThatDelaysThemTooMuchStops) {
       }
       judge.Hear(EmergencyStopJudge::Way::kDds, who, false, now_ns);
       found = judge.Check(now_ns);
-      // As late as the second that is allowed, and the silence after it.
+      // Late by the allowed second, plus the silence after it.
       EXPECT_EQ(found, now_ns - heard_ns <= kLongestSilence ? EmergencyStop::kClear
                                                             : EmergencyStop::kSilent);
     }

@@ -12,8 +12,8 @@
 
 namespace dfr::test {
 
-/// The same numbers as in episodes.py, all exact in binary but the thirds, which both sides compute
-/// alike.
+/// The numbers of episodes.py, all exact in binary except the thirds, which both sides compute
+/// equally.
 inline core::Trajectory Episode(int index) {
   static constexpr int kLengths[] = {3, 1, 12};
   const int n = kLengths[index];
@@ -46,8 +46,8 @@ inline imitation::DemonstrationSet Episodes(bool plain = false) {
   return set;
 }
 
-/// Where the states of an independent writer, whose blocks are read in the order of their names,
-/// are those of Episode().
+/// Columns of Episode()'s states in an independent writer's, whose blocks are read in the order of
+/// their names.
 inline void ExpectStatesByName(const core::Matrix& actual, const core::Matrix& expected) {
   EXPECT_EQ(actual.col(0), expected.col(5));
   EXPECT_EQ(actual.middleCols(1, 2), expected.middleCols(3, 2));

@@ -1,4 +1,4 @@
-"""What episodes.h makes in C++, for the scripts that read and write it with h5py alone."""
+"""The episodes of episodes.h, for scripts that read and write them with h5py alone."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-// Files that are made to harm those who read them, and files that were cut off.
+// Files crafted to harm their readers, and truncated files.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <hdf5.h>
@@ -87,7 +87,7 @@ TEST(HostileFilesTest, ASmallFileMayNotClaimGigabytes) {
   EXPECT_THAT(LoadError(folder / "rows.hdf5"), HasSubstr("declares 1099511627776 x 2 entries"));
 }
 
-// Thrift's compact protocol, as far as Parquet's metadata need it.
+// The part of Thrift's compact protocol that Parquet's metadata use.
 std::string Varint(std::uint64_t value) {
   std::string out;
   for (; value >= 0x80; value >>= 7U) out += static_cast<char>((value & 0x7fU) | 0x80U);

@@ -17,7 +17,7 @@ from episodes import BLOCKS, LENGTHS, controls, states
 
 
 def check_as_minari_loads(metadata):
-    """What Minari 0.5.3's MinariDataset and Gymnasium 1.2's EnvSpec.from_json demand of metadata."""
+    """Metadata that Minari 0.5.3's MinariDataset and Gymnasium 1.2's EnvSpec.from_json require."""
     assert metadata["minari_version"] in {"0.5.0", "0.5.1", "0.5.2", "0.5.3"}
     assert re.fullmatch(r"([-_\w][-_\w/]*[-_\w]+/)?[-_\w]+?-v\d+", metadata["dataset_id"])
     assert isinstance(metadata["dataset_size"], float)  # `minari list` and `show` print it
@@ -64,7 +64,7 @@ def check(folder, plain):
         assert box["low"] == [-np.inf] * size and box["high"] == [np.inf] * size
 
     with h5py.File(folder / "data/main_data.hdf5", "r") as f:
-        # Of the group: a file that is opened again no longer tells its own properties.
+        # Checks the group: a reopened file does not have its creation properties.
         order = h5py.h5g.open(f.id, b"/").get_create_plist().get_link_creation_order()
         assert order == h5py.h5p.CRT_ORDER_TRACKED | h5py.h5p.CRT_ORDER_INDEXED
         assert list(f) == ["episode_0", "episode_1", "episode_2"]

@@ -26,7 +26,7 @@ def pages():
 
 
 def anchors(page):
-    """What GitHub calls the headings of a page."""
+    """Return GitHub's anchors of the headings of a page."""
     titles = re.findall(r"^#+ (.*)$", FENCE.sub("", page.read_text()), re.M)
     return {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
 

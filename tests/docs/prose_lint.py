@@ -16,7 +16,7 @@ import sys
 SOURCE = pathlib.Path(__file__).resolve().parents[2]
 MARKDOWN_COLUMNS = 110
 SUBJECT_COLUMNS = 72
-# Word or phrase, and what to write instead.
+# Word or phrase, and its replacement.
 WORDS = {
     r"\blikewise\b": "also, or the same sentence again",
     r"\bsomebody\b": "a person, an operator, a user",
@@ -45,7 +45,7 @@ STYLE = {
 }
 # A clause as subject or object: name the thing.
 OPENING = re.compile(r"(What|Which|Where|How|Whether|By how much)\b", re.I)
-# What may stand before the first word of a comment or paragraph.
+# Markup before the first word of a comment or paragraph.
 LEAD = re.compile(r"(?:[-*] |\d+\. )?[*`]*")
 NOT_IMPERATIVE = re.compile(
     r"(a|an|the|this|that|these|those|what|which|where|when|how|whether|if|no|one|two|each|every|all|it|its|is|are|"
@@ -101,7 +101,7 @@ def word_problems(number, line, words):
 
 
 def subject_problems(subject):
-    """Of a commit: at most SUBJECT_COLUMNS, and an imperative after the place, as far as its form tells."""
+    """Check the subject of a commit: at most SUBJECT_COLUMNS, and an imperative after the place."""
     if len(subject) > SUBJECT_COLUMNS:
         yield f"{len(subject)} columns; a subject has {SUBJECT_COLUMNS} at most"
     words = re.sub(r"^[\w.,/ -]+: ", "", subject).split()

@@ -1,4 +1,4 @@
-"""The lint of prose finds what it says, and nothing in what it should leave."""
+"""The prose lint finds each of its patterns, and nothing in correct text."""
 
 import contextlib
 import io

@@ -35,15 +35,15 @@ TEST(DvrkSimulatorSystemTest, DriverMovesTheArmAndHoldsWhenTheSimulatorDies) {
   options.client.watchdog.max_age_s = options.client.watchdog.max_silence_s = 0.5;
   options.client.max_tick_gap_s = 0.5;
   PsmDriver driver(participant, options);
-  // 1.5 s on an idle machine, of which 40 times as much are granted.
+  // 40 times the 1.5 s of an idle machine.
   ASSERT_EQ(BringUp(driver, 60.0), PsmStatus::kOk) << driver.Explain();
   kinematics::PsmJoints goal = driver.client().setpoint();
   goal[0] += 0.05;
   ASSERT_EQ(driver.MoveTo(goal, 1.0), PsmStatus::kOk);
-  // 1.2 s, of which 25 times as much are granted.
+  // 25 times the 1.2 s of an idle machine.
   ASSERT_TRUE(Within(30.0, driver, [&] { return driver.at_rest(); })) << driver.Explain();
   simulator.Signal(SIGKILL);
-  // 0.5 s, of which ten times as much are granted.
+  // 10 times the 0.5 s of an idle machine.
   ASSERT_TRUE(Within(5.0, driver, [&] { return driver.phase() == PsmPhase::kHolding; }));
   EXPECT_EQ(driver.status(), PsmStatus::kStateSilent);
 }

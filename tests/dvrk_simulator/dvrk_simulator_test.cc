@@ -25,7 +25,7 @@ std::vector<std::string> SharedMemory(const PeerProcess& process) {
   return files;
 }
 
-// Processes share ports; one that was killed in the same domain, by another test, leaves its own.
+// Processes share ports. A process killed by another test in the same domain leaves its files.
 void RemoveOldPorts(int domain) {
   for (int port = 7400 + 250 * domain; port < 7400 + 250 * (domain + 1); ++port) {
     const std::string name = "fastrtps_port" + std::to_string(port);

@@ -13,7 +13,7 @@ import tempfile
 import unittest
 
 PROGRAM = pathlib.Path(sys.argv.pop()).resolve()
-# Of each program: command, options that are not the defaults, one option with another value, and what a ledger says
+# For each program: command, options other than the defaults, one option with another value, and the ledger's text
 # of that one.
 RUNS = {
     "study": [
@@ -92,7 +92,7 @@ class AppsTest(unittest.TestCase):
         return done.stderr
 
     def rerun_the_worst(self, folder):
-        """The first of the episodes, and what the other methods make of it; the ledger must agree."""
+        """The first of the episodes, and its outcome with other methods; the ledger must agree."""
         done = subprocess.run([PROGRAM, "episodes", folder, "--most", "1"], cwd=self.folder, text=True, capture_output=True,
                               check=True)
         name = done.stdout.split("  ")[0]
@@ -105,7 +105,7 @@ class AppsTest(unittest.TestCase):
                 self.assertNotRegex(text, r"\b(nan|inf)\b")
 
     def episodes(self, command):
-        """What the last line of a command in a report says: count, per cent, controls, recovery."""
+        """Parse the last line of a command in a report: count, per cent, controls, recovery."""
         words = shlex.split(command)
         self.assertEqual(words[:3], [PROGRAM.name, "episodes", "FOLDER"])
         done = subprocess.run([PROGRAM, "episodes", "whole", *words[3:], "--most", "0"], cwd=self.folder, text=True,

@@ -98,7 +98,7 @@ class ScriptTest(Folder):
     def test_folders_may_have_any_name(self):
         out = self.folder / "50 % mit 'Ä' $x" / "日本 %j"
         run(CLUSTER, "slurm", "--tasks", 2, "--out", out, "--", PROGRAM, "experiment")
-        # To sbatch a file's name is a pattern, of which %% is a per cent sign.
+        # sbatch treats a file's name as a pattern, in which %% is a per cent sign.
         self.assertIn("50 %% mit", (out / "cluster/submit.sh").read_text())
         self.assertIn("%%j/cluster/%A_%a.out", (out / "cluster/submit.sh").read_text())
         for k in (1, 2):
@@ -264,7 +264,7 @@ class SlurmTest(Folder):
         os.kill(pids[0], 9)                                  # a task is killed
         running = self.slurm("squeue", "-h", "-r", "-t", "R", "-o", "%i").split()
         self.slurm("scontrol", "requeue", running[-1], anyway=True)   # one is preempted
-        # The time of another is nearly over: what Slurm sends --grace seconds before.
+        # Slurm's signal --grace seconds before the end of another task.
         self.slurm("scancel", "--batch", "--signal=USR1", running[0], anyway=True)
         time.sleep(6)                                        # it saves its state every five seconds
         self.end("slurmctld")                                # the controller is killed

@@ -71,7 +71,7 @@ inline std::unique_ptr<experiment::TrialRunner> MakeFakeTrialRunner(
   return std::make_unique<FakeTrialRunner>(unit);
 }
 
-/// An empty folder of the running test's own.
+/// Returns an empty folder for the running test.
 inline std::filesystem::path EmptyFolder(const std::string& name) {
   std::filesystem::path path = std::filesystem::path(testing::TempDir()) / ("dfr_" + name);
   std::filesystem::remove_all(path);

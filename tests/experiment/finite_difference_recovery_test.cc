@@ -56,7 +56,7 @@ TEST(FiniteDifferenceRecoveryTest, LeavesThePlantAsItWas) {
 
 TEST(FiniteDifferenceRecoveryTest, ClimbsAtEveryIteration) {
   const auto ball = test::UnitBall(2);
-  // The gate asks for g > 0.5.
+  // The gate requires g > 0.5.
   const auto policy = test::ConstantPolicy(2, 0.5);
   PointPlant plant({.start = {0.4, 0.8}});
   plant.Reset(1);
@@ -75,7 +75,7 @@ TEST(FiniteDifferenceRecoveryTest, ClimbsAtEveryIteration) {
     EXPECT_EQ(step.iteration, iterations++);
     ASSERT_EQ(plant.Apply(u), core::PlantStatus::kOk);
     const double next_g = ball.Decision(0, plant.x);
-    // Straight to the centre: each step gains its own length, g / 50.
+    // Straight to the centre: each step gains its length, g / 50.
     EXPECT_NEAR(next_g, g * (1.0 + 1.0 / 50.0), 1e-6 * g);
     g = next_g;
   }

@@ -32,8 +32,8 @@ std::string Read(const std::filesystem::path& path) {
   return text.str();
 }
 
-// DFR_KILLS: how many. Every unit that a killed process had written is there afterwards, and none
-// runs twice.
+// DFR_KILLS: number of kills. The ledger keeps every unit that a killed process had written, and
+// none runs twice.
 TEST(KilledLedgerTest, KilledProcessesLoseAndRepeatNothing) {
   const char* const wanted = std::getenv("DFR_KILLS");
   const int kills = wanted != nullptr ? std::atoi(wanted) : 30;

@@ -154,7 +154,7 @@ TEST_F(LedgerTest, DamageAndForeignFilesAreRefused) {
   EXPECT_THAT(message("{\"format\":\"dfr paired evaluation\",\"version\":1}\n"),
               testing::AllOf(HasSubstr("format version 1, which an older dfr wrote"),
                              HasSubstr("--restart")));
-  // A unit that is there twice, with the same results, does no harm.
+  // A repeated unit with the same results is accepted.
   EXPECT_EQ(message(text + text.substr(second, third - second)), "nothing thrown");
 }
 
@@ -288,8 +288,8 @@ int CountFrom(const char* variable, int standard) {
   return wanted != nullptr ? std::atoi(wanted) : standard;
 }
 
-// DFR_FAULTS: how many. A run is started again and again, and its disk fails at a random write each
-// time, with ENOSPC, EIO or a short write, until it comes to its end.
+// DFR_FAULTS: number of faults. Restarts a run until it ends; its disk fails at a random write each
+// time, with ENOSPC, EIO or a short write.
 TEST_F(LedgerTest, RunsThatFailAgainAndAgainLoseAndRepeatNothing) {
   const int faults = CountFrom("DFR_FAULTS", 20);
   const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner);

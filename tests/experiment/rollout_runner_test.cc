@@ -183,7 +183,7 @@ TEST(ExperimentTest, AShardLeavesALedgerAlone) {
   EXPECT_FALSE(std::filesystem::exists(options.out / "summary.json"));
 }
 
-// A scheduler announces the end: running units finish, and the next run resumes.
+// After a scheduler's signal running units finish, and the next run resumes.
 TEST(ExperimentTest, AfterASignalNoFurtherUnitBegins) {
   ExperimentOptions options;
   options.out = test::EmptyFolder("experiment_signal");

@@ -85,7 +85,7 @@ class ShardsTest(unittest.TestCase):
             self.assertIn(f"a shard is K/N with 1 <= K <= N, as in 2/7, not '{shard}'", error)
         error = self.run_program("experiment", "--shard", "1/2", "--out", "ganz \u65e5", fails=True)
         self.assertIn('shard is "1/1" there and "1/2" now', error)
-        # What is whole is merged and resumed without anything to do.
+        # A complete run is merged, and resumed without any work.
         self.run_program("merge", "Ä b/1", "--out", "ganz \u65e5")
         self.run_program("experiment", "--config", "ganz \u65e5/run.toml", "--out", "ganz \u65e5")
         self.assertEqual((self.bytes_of("ganz \u65e5/ledger.jsonl"), self.bytes_of("ganz \u65e5/summary.json")), kept)
@@ -176,7 +176,7 @@ class ShardsTest(unittest.TestCase):
         text = self.run_program("status", "grid")
         self.assertIn("2 runs, 40 of 40 units are finished", text)
         self.assertNotIn("shard-", text)
-        # A run of which no task came so far.
+        # A run without any started task.
         self.assertIn("0 of 0 units are finished", self.run_program("status", failed))
         self.assertIn("contains no ledger.jsonl", self.run_program("status", "nowhere", fails=True))
 

@@ -1,5 +1,4 @@
-// Results are the same wherever they are computed again: bit for bit with one instruction set, and
-// in their outcomes with all.
+// Results are reproducible: to the bit with one instruction set, and in their outcomes with all.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -125,7 +124,7 @@ inline void Pusher(const std::filesystem::path& folder, int episodes, Golden& go
   }
 }
 
-/// The results of so many episodes of each strategy.
+/// Results of this number of episodes of each strategy.
 inline Golden ResultsWith(std::int64_t target, int episodes) {
   const std::filesystem::path folder =
       std::filesystem::path(testing::TempDir()) / ("dfr_golden_" + std::to_string(getpid()));

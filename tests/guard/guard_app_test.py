@@ -1,4 +1,4 @@
-"""The program `guard` as its users run it, on files that know nothing of it.
+"""The program `guard` as its users run it, on files from independent writers.
 
 Takes 5 s. Only this test reads what each command prints and with which code it exits.
 

@@ -22,7 +22,7 @@ class ManPageTest(unittest.TestCase):
     def test_formats_without_a_warning_and_says_all_that_help_says(self):
         done = subprocess.run(["groff", "-man", "-ww", "-Tascii", "-P-cbou", MAN_PAGE], text=True, capture_output=True)
         self.assertEqual((done.returncode, done.stderr), (0, ""))
-        # Where a line breaks is groff's affair, and so are its hyphens.
+        # Ignores line breaks and hyphens, which groff chooses.
         page = "".join(done.stdout.split()).replace("-", "")
         for subcommand in [(), ("fit",), ("check",), ("export",)]:
             for word in help_of(*subcommand).split():

@@ -1,4 +1,4 @@
-// The checks on a network and at a port that are there.
+// The checks with an existing network and port.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <poll.h>

@@ -24,11 +24,11 @@ using dds::EmergencyStop;
 
 class StopTest : public testing::Test {
  protected:
-  // Time stands still until it hears so.
+  // Waits without advancing the time until the message arrives.
   void Hears(EmergencyStop wanted) {
     test::Eventually([&] { return receiver_.Check(now_ns_) == wanted; });
   }
-  // Time passes until nothing was heard for long enough.
+  // Advances the time until the silence is long enough.
   void HearsNothingAnyMore() {
     test::Eventually(
         [&] { return receiver_.Check(now_ns_ += 10'000'000) == EmergencyStop::kSilent; });

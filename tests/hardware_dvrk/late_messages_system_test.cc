@@ -19,7 +19,7 @@ namespace {
 using kinematics::PsmJoints;
 using Clock = std::chrono::steady_clock;
 
-// On a machine that others use, too.
+// For a busy machine.
 PsmDriverOptions Patient() {
   PsmDriverOptions options;
   options.client.watchdog.max_age_s = options.client.watchdog.max_silence_s = 5.0;
@@ -61,7 +61,7 @@ class LateMessagesSystemTest : public testing::Test {
   Clock::time_point next_ = Clock::now();
 };
 
-// From the moment on that anybody may hear it, 1 mm: 50 ms of this motion, and discovery takes 10.
+// At most 1 mm after the message may arrive: 50 ms of this motion, and discovery takes 10.
 TEST_F(LateMessagesSystemTest, FiftyHoldsOfWhoHasJustJoinedAreFiftyHolds) {
   double worst_m = 0.0;
   for (int i = 0; i < 50; ++i) {
@@ -91,7 +91,7 @@ TEST_F(LateMessagesSystemTest, FiftyHoldsOfWhoHasJustJoinedAreFiftyHolds) {
   std::printf("at most %.3f mm\n", 1e3 * worst_m);
 }
 
-// The console has heard it, and the guest is found here up to half a second later.
+// The console has received it, and this side discovers the guest up to half a second later.
 TEST_F(LateMessagesSystemTest, FiftyHoldsThatTheConsoleAloneHasHeardAreFiftyHolds) {
   double worst_m = 0.0;
   int by_the_console = 0;

@@ -140,7 +140,7 @@ class PsmClientTest : public testing::Test {
     EXPECT_EQ(client_.status(), cause);  // the first cause stays
     EXPECT_EQ(num_servo_, sent);
     EXPECT_EQ(client_.MoveTo(Yaw(0.0), 10.0), PsmStatus::kNotArmed);
-    // Only this goes on, from where the arm is.
+    // Only this resumes, from the arm's position.
     ASSERT_EQ(client_.Arm(), PsmStatus::kOk) << Name(client_.hold_reason());
     Steps(2);
     EXPECT_EQ(client_.status(), PsmStatus::kOk);
@@ -347,7 +347,7 @@ TEST_F(PsmClientTest, AJawThatOthersTurnHolds) {
   EXPECT_EQ(client_.status(), PsmStatus::kForeignSetpoint) << Name(client_.status());
 }
 
-// Who was found a moment ago may have publishers that are not known yet.
+// A newly discovered participant may have publishers that are still unknown.
 TEST_F(PsmClientTest, IsNeitherArmedNorHomedBeforeDiscoveryIsQuiet) {
   Become(PsmConsoleState::kEnabled, true, false);
   Steps(4);
@@ -365,7 +365,7 @@ TEST_F(PsmClientTest, IsNeitherArmedNorHomedBeforeDiscoveryIsQuiet) {
   EXPECT_EQ(requests_, "home ");
 }
 
-// To be armed at a set-point of before would take the arm back to it.
+// Arming at an earlier set-point would move the arm back to it.
 TEST_F(PsmClientTest, IsNotArmedWhereTheSetpointWasBefore) {
   Become(PsmConsoleState::kEnabled, true, false);
   Steps(4);

@@ -128,7 +128,7 @@ TEST_F(PsmDriverTest, EveryTopicThatCommandsTheArmIsWatched) {
   dds::Participant intruder({.domain = test::OwnDomain()});
   Meet(intruder);
   const auto driver = Armed();
-  // These do not: another arm's, and one that only begins alike.
+  // These do not: topics of another arm, and one with only a common prefix.
   const dds::Publisher<dds::Text> elsewhere(intruder, "/PSM11/servo_cs", dds::Role::kRequest);
   const dds::Publisher<dds::Text> nearby(intruder, "/PSM1/servo", dds::Role::kRequest);
   const auto holds = [&] {
@@ -227,7 +227,7 @@ TEST_F(PsmDriverTest, AFloodOfTextsIsCountedAndAnErrorInItIsStillAReason) {
   take();
   shown.clear();
   for (int i = 0; i < 50; ++i) {
-    // Until the driver has heard of it, while its loop's time stands still.
+    // Waits until the driver has received it, without advancing its loop's time.
     status.Write({"\x1b[2Jnothing " + std::to_string(i)});
     Tick(*driver);
   }
@@ -241,7 +241,7 @@ TEST_F(PsmDriverTest, AFloodOfTextsIsCountedAndAnErrorInItIsStillAReason) {
   EXPECT_THAT(shown, testing::Contains("the last straw"));
   EXPECT_LE(shown.size(), 10U);
   shown.clear();
-  // Errors that were written above may still be under way.
+  // Errors written above may still arrive.
   Until(*driver, [&] {
     take();
     return std::ranges::any_of(
@@ -347,7 +347,7 @@ TEST(PsmDriverNoConsoleTest, SaysThatNobodyIsThere) {
   EXPECT_THROW(PsmDriver(participant, {.arm = "/PSM1"}), std::invalid_argument);
 }
 
-// It shows only the publishers of topics that this process subscribes to.
+// It shows only publishers of topics to which this process subscribes.
 TEST(PsmDriverServerTest, BehindADiscoveryServerAllWhoCommandTheArmAreFound) {
   dds::ParticipantOptions options{.domain = test::OwnDomain()};
   options.server_port = static_cast<std::uint16_t>(11811 + test::OwnDomain());

@@ -96,7 +96,7 @@ TEST(TopicTest, PicturesArriveAsTheyWereSent) {
   EXPECT_EQ(std::memcmp(frame.image.data, Noise(which).data, 3UL * kWidth * kHeight), 0);
 }
 
-// As ROS 2 sends sensor data: a subscriber that relies on repeats would refuse it.
+// Best effort, as ROS 2 sends sensor data: a reliable subscriber would not match.
 TEST(TopicTest, ACameraThatRepeatsNothingIsHeard) {
   dds::Participant camera({.domain = test::OwnDomain()});
   dds::Participant participant({.domain = test::OwnDomain()});

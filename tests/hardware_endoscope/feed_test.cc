@@ -1,4 +1,4 @@
-// When a picture stops being good, to the nanosecond, by a clock that the test sets.
+// Expiry of pictures to the nanosecond, with a clock that the test sets.
 #include "feed.h"
 
 #include <gtest/gtest.h>

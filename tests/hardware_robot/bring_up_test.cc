@@ -147,7 +147,7 @@ TEST_F(BringUpTest, PowersUpOnlyAfterOthersAreAccepted) {
   EXPECT_EQ(robot_.arm.homings, 0);
 }
 
-// They are listed, and asked about once each.
+// Lists them, and asks about each one once.
 TEST_F(BringUpTest, TheOperatorAcceptsThoseWhoWereThereBefore) {
   Company company;
   const Say say = [this](std::string_view text) { said_ += std::string(text) + '\n'; };

@@ -73,7 +73,7 @@ TEST_F(SprkDriverTest, FrameInTwoWritesIsMisunderstood) {
   const SprkDriver raw_mode(Options());
   const int fd = ::open(emulator_.device().c_str(), O_WRONLY | O_NOCTTY);
   if (fd < 0) {
-    // Another user than root is kept out by the driver's claim.
+    // The driver's claim excludes other users, except root.
     ASSERT_EQ(errno, EBUSY);
     return;
   }

@@ -156,8 +156,8 @@ TEST(SprkProtocolTest, BrokenNumbersAreRefused) {
   }
 }
 
-// Accepted waves never saturate in the firmware, over 100 s of theirs; and they have the requested
-// frequency, although the firmware counts sines in Hz and breaths in rad/s.
+// Accepted waves never saturate in the firmware, over 100 s of their time; and they have the
+// requested frequency, although the firmware counts sines in Hz and breaths in rad/s.
 TEST(SprkProtocolTest, WavesStayWithinReach) {
   core::Random random(2);
   int accepted = 0;

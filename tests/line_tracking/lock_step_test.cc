@@ -76,8 +76,7 @@ TEST(LaunchTest, AllItStartsIsOfTheRunsSecuredNetwork) {
   EXPECT_GT(log.steps.size(), 0U);
 }
 
-// As where the simulator was stopped: both ways of asking give up by themselves, and the loop has
-// gone on meanwhile.
+// As with a stopped simulator: both kinds of requests time out, and the loop has continued.
 TEST(SimulatorLinkTest, AQuestionThatIsNeverAnsweredEndsAfterItsTime) {
   dds::Participant network({.domain = test::OwnDomain()});
   std::int64_t now_ns = 0;

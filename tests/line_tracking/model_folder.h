@@ -13,7 +13,7 @@
 
 namespace dfr::apps::line_tracking {
 
-/// A folder with model and calibration, which goes with this object.
+/// A folder with model and calibration, removed with this object.
 class ModelFolder {
  public:
   ModelFolder() {

@@ -144,7 +144,7 @@ TEST_F(RobotConfigTest, RegionAndLimitsAreRead) {
   ASSERT_EQ(config.region.forbidden.size(), 1U);
   EXPECT_EQ(config.region.forbidden[0].max().x(), 0.01);
   ASSERT_EQ(config.region.planes.size(), 1U);
-  // Two millimetres above the gauze at rest is where it begins.
+  // It begins two millimetres above the gauze at rest.
   EXPECT_NEAR(config.region.planes[0].signedDistance(Eigen::Vector3d(0.0, 0.0, 0.003)), 0.001,
               1e-15);
 }

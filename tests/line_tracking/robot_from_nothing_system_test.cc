@@ -84,8 +84,8 @@ class Program {
     }
     return -1;
   }
-  // Answers until an episode begins: a machine that others use may hold the robot for a moment,
-  // and its operator goes on. `place` puts the tip over a line's beginning.
+  // Answers until an episode begins: a busy machine may hold the robot for a moment, and its
+  // operator continues. `place` puts the tip over a line's beginning.
   [[nodiscard]] bool Begin(const std::function<void()>& place) {
     for (int n = 0; n < 5; ++n) {
       const int asked = Await({"Enter starts", "type start", "type clear"});
@@ -126,7 +126,7 @@ class Surgeon {
   [[nodiscard]] SimulatorLink& link() { return link_; }
   // Position of the tip without cable errors, world frame.
   [[nodiscard]] const Eigen::Vector3d& at() const { return at_; }
-  // Straight to where it should be, and rests there.
+  // Moves straight to the target and rests there.
   void Lead(const Eigen::Vector3d& goal, double speed_m_s) {
     const Eigen::Vector3d from = at_;
     const int steps = std::max(1, static_cast<int>((goal - from).norm() / speed_m_s / 0.01));
@@ -160,7 +160,7 @@ class RobotFromNothingSystemTest : public testing::Test {
   RobotFromNothingSystemTest() {
     std::filesystem::create_directories(folder_);
     hardware::WriteIntrinsics(folder_ / "camera.yaml", sim::LineTrackingPlant::true_camera());
-    // On a machine that others use, too.
+    // For a busy machine.
     std::ofstream(config_) << "robot = 'dds'\nmodel = '" << (folder_ / "model").string()
                            << "'\ncalibration = '" << (folder_ / "calibration.dfr").string()
                            << "'\nmethod = 'baseline'\nrecordings = 'none'\n[network]\ndomain = "

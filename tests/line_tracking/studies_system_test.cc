@@ -12,9 +12,9 @@ namespace dfr::apps::line_tracking {
 namespace {
 
 // Results of the paper's robot: at least twice Baseline's completions, 84 % fewer
-// collisions. Either choice of the two constants that Algorithm 1 leaves open does it where states
-// are exact, and a kernel that is too narrow keeps either from it: its gate is out of reach. Ratios
-// of counts want 40 episodes of each method.
+// collisions. With exact states, both choices of the two constants that Algorithm 1 leaves open
+// achieve this. With a too narrow kernel neither does, because g stays below the gate. Ratios of
+// counts need 40 episodes of each method.
 TEST(ProbeStudyTest, DfrDoublesCompletionsAndRemovesCollisions) {
   const imitation::DemonstrationSet set = Demonstrate(FromTruth(), Known(FromTruth()), 50, 50, 1);
   for (const double gamma : {0.02, 0.1}) {

@@ -33,7 +33,7 @@ constexpr double kPatience = 25.0;  // s: ten times that estimate
 
 class RealTimeTest : public testing::Test {
  protected:
-  // On a machine that others use, too: pictures are drawn by its processor.
+  // For a busy machine: its processor draws the pictures.
   [[nodiscard]] RobotConfig Simulated() const {
     RobotConfig config = LockStepConfig(domain_);
     config.lock_step = false;
@@ -44,7 +44,7 @@ class RealTimeTest : public testing::Test {
     config.arm_client.max_tick_gap_s = 5.0;
     return config;
   }
-  // The same, which takes the console for a robot's.
+  // Same, but treats the console as a robot's.
   [[nodiscard]] RobotConfig Robot() const {
     RobotConfig config = Simulated();
     config.simulator = false;
@@ -140,7 +140,7 @@ TEST_F(RealTimeTest, TheArmStandsStillWhenItsProgramIsKilled) {
   dds::PoseStamped pose;
   const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(2 * kPatience);
   const auto moved = [&] { return (pose.position_m - first.position_m).norm(); };
-  // In the middle of an episode: it has gone by a millimetre in steps of at most half of one.
+  // In the middle of an episode: it has moved by a millimetre in steps of at most half of one.
   bool began = false;
   while (!(began && moved() > 0.001) && std::chrono::steady_clock::now() < end) {
     if (!setpoint.Wait(0.1) || !setpoint.TakeNewest(pose) || !pose.stamp.valid()) continue;

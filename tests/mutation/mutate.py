@@ -26,7 +26,7 @@ import sys
 import tempfile
 import time
 
-# What stands there, and what is put in its place. Behind text and comments nothing is changed.
+# Text and its replacement. Strings and comments are not changed.
 CHANGES = [
     (r"(?<![<>=!+\-*/&|])<(?![<=])(?=\s)", ["<=", ">"]), (r"(?<=\s)>(?![>=])(?=\s)", [">=", "<"]),
     (r"<=", ["<", ">"]), (r"(?<![->])>=", [">", "<"]), (r"==", ["!="]), (r"!=", ["=="]),
@@ -58,7 +58,7 @@ def places(text):
 
 
 def run(command, folder, seconds, **more):
-    """The exit status; what the command has started ends with it."""
+    """Return the exit status; processes started by the command end with it."""
     process = subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
                                stderr=subprocess.DEVNULL, start_new_session=True, **more)
     try:
@@ -165,7 +165,7 @@ def main():
         of_file = f"{source.relative_to(copy)} {hashlib.sha256(text.encode()).hexdigest()[:16]}"
         changes += [(source, f"{of_file} {begin} {replacement}", begin, end, replacement)
                     for begin, end, replacement in places(text)]
-    # At random, and in the same order whatever becomes of other files.
+    # At random, in an order that does not depend on other files.
     changes.sort(key=lambda change: hashlib.sha256(f"{options.seed} {change[1]}".encode()).digest())
     record = root / "build/mutation" / f"{name}.jsonl"
     known = {}  # result of a change, and the tests

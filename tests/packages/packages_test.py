@@ -100,7 +100,7 @@ class PackagesTest(unittest.TestCase):
 
     @classmethod
     def install(cls):
-        """dpkg into a root that has nothing but what our packages depend on."""
+        """Install with dpkg into a root that contains only the dependencies of our packages."""
         names = {c for info in cls.info.values() for choices in alternatives(info.get("Depends", "")) for c in choices}
         for part in ("updates", "info", "triggers"):
             (cls.root / "var/lib/dpkg" / part).mkdir(parents=True)
@@ -126,7 +126,7 @@ class PackagesTest(unittest.TestCase):
             self.assertEqual(info["Version"], version)
             self.assertRegex(deb.name, rf"^{info['Package']}_{version}_[a-z0-9]+\.deb$")
             self.assertTrue(info["Description"] and info["Maintainer"])
-            # Nothing outside of what Debian lets packages own.
+            # No file outside the folders that Debian allows.
             for path in re.findall(r"(\./\S*)$", run("dpkg-deb", "--contents", deb), re.M):
                 self.assertRegex(path, r"^\./(usr/((bin|include|lib|share)/.*)?)?$")
 

@@ -1,4 +1,4 @@
-"""The page in headless Chromium: its numbers are those of this machine, and its controls do what they say.
+"""The page in headless Chromium: its numbers are those of this machine, and its controls work as labelled.
 
 usage: page_test.py PAGE LIBRARY CHROMIUM     (LIBRARY: the same functions, compiled for this machine)
 """
@@ -68,7 +68,7 @@ def native(script):
 
 
 class Answers(http.server.BaseHTTPRequestHandler):
-    """Takes what the page has to say."""
+    """Receive the messages of the page."""
 
     def do_POST(self):
         self.server.answer = self.rfile.read(int(self.headers["Content-Length"])).decode()
@@ -80,7 +80,7 @@ class Answers(http.server.BaseHTTPRequestHandler):
 
 
 def in_page(script, *flags):
-    """What `script`, a function's body in JavaScript, returns once the page is ready. The page is
+    """Return the result of `script`, a function's body in JavaScript, once the page is ready. The page is
     opened from the disk."""
     # Chromium's processes may write a little longer than they live.
     with (tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder,

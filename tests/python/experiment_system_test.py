@@ -39,7 +39,7 @@ class Corridor(example.Corridor):
     def plant(self):
         return Careless()
 """,
-    # Says completed and collided by methods. Waits while there is "hold" and the ledger has the lines of "most".
+    # Completes or collides depending on the method. Waits while "hold" exists and the ledger has the lines of "most".
     "held": """
 class Held:
     def __init__(self):
@@ -326,7 +326,7 @@ class ExperimentTest(unittest.TestCase):
         out = self.folder / "grid"
         run = [sys.executable, CLUSTER, "slurm", "--tasks", "2", "--grid", "ahead=0.4,0.8", "--out", out, "--", self.program]
         subprocess.run([*map(str, run), "experiment", *SMALL], check=True, capture_output=True)
-        # Its first line asks for the python3 that comes first.
+        # Its first line selects the first python3 of the path.
         path = {**os.environ, "PATH": f"{pathlib.Path(sys.executable).parent}:{os.environ['PATH']}"}
         for task in range(1, 5):
             subprocess.run([out / "cluster/task.sh", str(task)], check=True, env=path)

@@ -63,7 +63,7 @@ class GuardTest(unittest.TestCase):
         self.assertEqual(info["mode"], "policy")
         self.assertEqual(info["reason"], "inside")
         self.assertGreaterEqual(info["g"], info["threshold"])
-        # By way of its logarithm, which rounds.
+        # Computed by its logarithm, which rounds.
         self.assertAlmostEqual(info["g"], self.guard.decision(info["step"], state), delta=1e-15)
         self.assertIs(info["alarm"], False)
         self.assertEqual((info["step"], info["alarm_step"]), (0, 0))
@@ -600,7 +600,7 @@ class GuardedEnvTest(unittest.TestCase):
         np.testing.assert_array_equal(env.step(DRIFT)[0], twin.step(DRIFT)[0])
 
     def test_with_gymnasium_it_is_one_of_its_wrappers(self):
-        """Runs with a stand-in of what gymnasium.Wrapper demands, checked against Gymnasium 1.2."""
+        """Runs with a stand-in for gymnasium.Wrapper, checked against Gymnasium 1.2."""
         script = f"""
             import pickle, sys
             sys.path[:0] = [{str(pathlib.Path(__file__).parent / "stand_ins")!r}, {str(pathlib.Path(__file__).parent)!r}]

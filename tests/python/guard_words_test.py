@@ -1,4 +1,4 @@
-"""What dfr.Guard says: why an action did not pass, what is wrong with a call, how far a fit is. And of chunks."""
+"""Texts of dfr.Guard: reasons of changed actions, errors of calls, progress of fits; and chunks of actions."""
 
 import io
 import pathlib
@@ -28,7 +28,7 @@ class ChunkTest(unittest.TestCase):
         cls.guard = fit()
 
     def play(self, policy, seed):
-        """A policy that is asked every 8 steps. Plays what is counted, or one action that is corrected."""
+        """A policy that is queried every 8 steps. Plays the counted actions, or one corrected action."""
         plant = Corridor()
         x, _ = plant.reset(seed=seed)
         self.guard.reset(seed)

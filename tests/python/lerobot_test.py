@@ -192,7 +192,7 @@ class DictionariesTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         states, actions = demonstrations(1, 30)
-        # The dataset's feature, of which the robot gives the names.
+        # The dataset's feature; the robot defines its names.
         cls.guard = dfr.Guard.fit([x[:, 1:] for x in states], actions, layout=[("observation.state", 2)])
 
     def observation(self, x, y):
@@ -314,7 +314,7 @@ class OwnPipelineTest(unittest.TestCase):
         cls.guard = dfr.Guard.fit([x[:, 1:] for x in states], actions, layout=[("observation.state", 2)])
 
     def expected(self, steps):
-        """What the guard itself answers to DRIFT, from (0.02, 0) on."""
+        """Return the guard's results for DRIFT, from (0.02, 0) on."""
         guard = self.guard.with_settings()
         guard.reset()
         x = np.array([0.02, 0.0])

@@ -137,7 +137,7 @@ class AsEstimator(unittest.TestCase):
                 try:
                     check(estimator)
                 except unittest.SkipTest as skip:
-                    # Only what needs pandas may be left out where there is none.
+                    # Only checks that need pandas may be skipped without it.
                     self.assertIn("pandas", str(skip))
 
     def test_names_of_features_are_kept_and_compared(self):
@@ -241,7 +241,7 @@ class Memory(unittest.TestCase):
             print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before, "KiB more")
         """
         out = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, check=True)
-        # The decisions, 4 MB, and what predict makes of them.
+        # The decisions, 4 MB, and the result of predict.
         self.assertLess(int(out.stdout.split()[0]), 40_000)
 
     def test_other_layouts_and_types_give_the_same(self):

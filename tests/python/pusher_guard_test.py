@@ -1,4 +1,4 @@
-"""A guard around a scripted policy on the Pusher, from Python: what `pusher guarded` does, bit for bit.
+"""A guard around a scripted policy on the Pusher, from Python: the same bits as `pusher guarded`.
 
 usage: pusher_guard_test.py PUSHER GUARD
 
@@ -56,7 +56,7 @@ class PusherGuardTest(unittest.TestCase):
 
     @staticmethod
     def regress(path, layout):
-        """The script: actions as a linear function of where the cylinder is, blind to the arm."""
+        """The script: actions as a linear function of the cylinder's position, without the arm."""
         with h5py.File(path) as file:
             demos = list(file["data"].values())
             objects = np.vstack([d["obs/object"][:] for d in demos])

@@ -39,7 +39,7 @@ class WheelTest(unittest.TestCase):
         source = cls.folder / "source"  # a build leaves files beside setup.py
         # Ignored files are not sources; an unpacked archive has no git.
         shutil.copytree(SOURCE, source, ignore=shutil.ignore_patterns("build", ".git", "out", "_skbuild", "*.egg-info"))
-        # What is tested is the package, not its speed; what was compiled before is taken from a cache.
+        # Tests the package, not its speed; uses a compiler cache.
         ENVIRONMENT["SKBUILD_CONFIGURE_OPTIONS"] = (
             "-DDFR_BUNDLE=ON -DDFR_PRECOMPILE=ON -DCMAKE_UNITY_BUILD=ON -DCMAKE_CXX_FLAGS_RELEASE=-O1")
         if shutil.which("ccache"):

@@ -13,8 +13,8 @@
 
 namespace dfr::test {
 
-/// Step number `i` of an example: every field differs between steps, and numbers take all that a
-/// double can be, a NaN with a payload included.
+/// Step number `i` of an example: every field differs between steps, and numbers cover all kinds of
+/// doubles, including a NaN with a payload.
 inline recording::StepRecord ExampleStep(std::uint64_t i) {
   core::Random random(core::DeriveSeed(1, {i}));
   recording::StepRecord step;

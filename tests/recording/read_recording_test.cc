@@ -161,7 +161,7 @@ std::uint64_t BytesRead() {
   return bytes;
 }
 
-// Chunks that are empty, or claim more than the file has, with damage between them.
+// Chunks that are empty or declare more bytes than the file has, with damage between them.
 TEST(ReadRecordingTest, DamageEverywhereCostsNoMoreThanTheFileIsLarge) {
   const test::TempFolder folder;
   const std::string whole = SmallFile(folder);
@@ -208,7 +208,7 @@ TEST(ReadRecordingTest, OtherFilesAreRefusedByName) {
 TEST(ReadRecordingTest, AbsurdSizesAllocateNothing) {
   const test::TempFolder folder;
   const std::string whole = SmallFile(folder);
-  // A chunk that claims to have 2^63 bytes, in a file without an end.
+  // A chunk that declares 2^63 bytes, in a file without an end.
   Save(folder / "absurd",
        whole.substr(0, 28) + std::string("\x06\0\0\0\0\0\0\0\x80", 9) + std::string(100, 'x'));
   const Recording recording = ReadRecording(folder / "absurd");

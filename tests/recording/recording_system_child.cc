@@ -1,6 +1,5 @@
-// Records a step every millisecond and a picture every 33, until it is killed. The last step that
-// was recorded stands in a file, too, as the number of bytes of it.
-// usage: recording_system_child LOG PROGRESS
+// Records a step every millisecond and a picture every 33, until it is killed. The size of a file
+// is the number of the last recorded step. usage: recording_system_child LOG PROGRESS
 #include <fcntl.h>
 #include <unistd.h>
 

@@ -34,7 +34,7 @@ TEST(ChooseComponentsTest, PicturesNeedMoreComponentsThanTheirStateHasEntries) {
   EXPECT_LT(choice.table[0].explained, 0.0);
   EXPECT_GT(choice.table[2].explained, 0.5);
   EXPECT_GT(choice.table[0].response_error, choice.table[2].response_error);
-  // Each component more takes states out of the support.
+  // Each further component moves states out of the support.
   EXPECT_GT(choice.table[0].inside, choice.table[2].inside);
   EXPECT_GT(choice.table[2].inside, choice.table[4].inside);
   EXPECT_EQ(choice.components, 10) << choice.reason;
@@ -87,7 +87,7 @@ TEST(ChooseComponentsTest, AcceptsOneActionWithNoise) {
 }
 
 TEST(ChooseComponentsTest, RefusesWhatDoesNotExplainActions) {
-  // Actions have nothing to do with the pictures.
+  // Actions do not depend on the pictures.
   test::GapPictures pictures = test::MakeGapPictures(20, 3);
   core::Random random(4);
   for (core::Trajectory& d : pictures.truth) {

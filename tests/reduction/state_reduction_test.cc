@@ -28,7 +28,7 @@ using testing::IsNan;
 
 constexpr int kSide = 6;
 
-// A colour picture, two entries, an embedding of eight, and one entry that nothing looks at.
+// A colour picture, two entries, an embedding of eight, and one unused entry.
 core::StateLayout WorldLayout() {
   core::StateLayout layout;
   layout.Add("image", core::PictureShape{kSide, kSide, 3});

@@ -29,7 +29,7 @@ constexpr std::array kControl = {0.3, 0.4};  // 0.5 mm in 5 periods
 constexpr std::array kLong = {6.0, 8.0};     // 100 periods
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
-// Something that is found while the loop runs, how it begins and ends, and how long it may last.
+// A fault during the loop: its beginning, its end, and the deadline of the hold.
 struct Source {
   std::string name;
   HoldReason reason;
@@ -94,7 +94,7 @@ std::vector<Source> Sources() {
   return all;
 }
 
-// The robot holds for `reason`, and nothing but the operator's word makes it move again.
+// The robot holds for `reason`, and only the operator's confirmation makes it move again.
 void ExpectHeldUntilStarted(FakeRobot& robot, HoldReason reason,
                             const std::function<void()>& mend = {}) {
   EXPECT_EQ(robot.loop.state(), runtime::IsFault(reason) ? RunState::kFaulted : RunState::kHolding);
@@ -152,7 +152,7 @@ TEST(ControlLoopTest, AMotionEndsInThePeriodThatHolds) {
       ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
       const int start = robot.clock.periods;
       const std::int64_t start_ns = robot.clock.now_ns;
-      // At the beginning of that period; a thread that hangs has looked in the one before.
+      // At the beginning of that period; a hanging thread has checked in the previous one.
       robot.clock.plan_ns = start_ns + begins_in * kPeriodNs;
       robot.clock.plan = [&] { source.begin(robot); };
       EXPECT_EQ(robot.loop.Apply(kLong), PlantStatus::kFault);

@@ -124,7 +124,7 @@ class FakeArm final : public robot::Manipulator {
   int rest_in_ = 0;
 };
 
-/// Shows where the arm is, `delay` periods after it was asked.
+/// Shows the arm's position, `delay` periods after a request.
 class FakeCamera final : public robot::Camera {
  public:
   FakeCamera(const FakeClock& clock, const FakeArm& arm) : clock_(&clock), arm_(&arm) {}

@@ -24,7 +24,7 @@ TEST(AsyncPrinterTest, PrintsAllInOrder) {
   EXPECT_EQ(shown.Text(), "line 0 of three\nline 1 of three\nline 2 of three\n");
 }
 
-// Like a terminal after Ctrl-S: neither the loop nor the program's end waits for it without limit.
+// A terminal after Ctrl-S: neither the loop nor the program's end waits for it without limit.
 TEST(AsyncPrinterTest, DoesNotWaitForAStoppedTerminal) {
   const Pipe shown;
   ::fcntl(shown.out(), F_SETFL, O_NONBLOCK);

@@ -35,7 +35,7 @@ TEST(MachineTest, TheWallClockIsInNanoseconds) {
   EXPECT_LE(now_ns, (std::time(nullptr) + 2) * kSecond);
 }
 
-// The program continues in both cases, which depend on the user's rights, and has the result.
+// The program continues in both cases, which depend on the user's rights, and receives the result.
 TEST(MachineTest, RealTimeIsGrantedOrTheMissingRightIsNamed) {
   std::string refused;
   int granted = -1;

@@ -62,7 +62,7 @@ TEST_F(PeriodicTimerTest, BooksHowFarPeriodsWereOff) {
   clock_.late_ns = 0;
   timer_.Wait();  // on time, and 3 ms less than a period after the last
   EXPECT_DOUBLE_EQ(timer_.worst(), 0.003);
-  // To 1 us, and not better than it was.
+  // Accurate to 1 us.
   EXPECT_DOUBLE_EQ(timer_.Jitter(0.8), 1e-6);
   EXPECT_DOUBLE_EQ(timer_.Jitter(0.81), 0.003001);
   EXPECT_DOUBLE_EQ(timer_.Jitter(1.0), 0.003001);

@@ -189,7 +189,7 @@ TEST(ContinuousStatesTest, RotationsThatJumpAreWarnedOf) {
   const auto spun =
       GuardModel::Fit(Layout("quat", 4), Turning(Flipped, 1, 30, 0.3, 0.5), {.accept_any = true});
   EXPECT_THAT(Warnings(*spun), Contains(HasSubstr("quat[0:4] is a unit quaternion whose")));
-  // Not where nothing looks at them.
+  // Not if no feature uses them.
   const auto blind =
       GuardModel::Fit(Layout("angle", 1), Turning(Wrapped, 1, 30, 0.3, 0.7), {.features = "tip"});
   EXPECT_THAT(Warnings(*blind), Not(Contains(HasSubstr("angle"))));

@@ -12,7 +12,7 @@ namespace dfr::test {
 
 inline constexpr double kSpeed = 0.1;
 
-/// State: "clock" (1), which no feature should look at, and "tip" (2). The tip goes right at kSpeed
+/// State: "clock" (1), which no feature should use, and "tip" (2). The tip goes right at kSpeed
 /// a step along y = 0, scattered by about 0.1; actions are its change, turned by kTurn.
 inline core::StateLayout CorridorLayout() {
   core::StateLayout layout;

@@ -78,8 +78,8 @@ TEST(FitTaskTest, PutsTogetherWhatTheLibrariesMake) {
   }
 }
 
-// Two of four are left out at a time, however many folds are asked for; with a single one left
-// there is no support.
+// Leaves out two of four at a time for any requested number of folds: a single one gives no
+// support.
 TEST(FitTaskTest, EachStateHasALevelWhereTwoDemonstrationsRemain) {
   for (const auto& [count, states] : {std::pair(12, 12), std::pair(4, 4), std::pair(3, 1)}) {
     const auto demonstrations = test::CorridorDemonstrations(3, count);

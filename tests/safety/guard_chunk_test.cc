@@ -215,7 +215,7 @@ TEST(GuardChunkTest, BadInputIsNamedAndStopsNothing) {
   EXPECT_EQ(guard.FilterChunk(0, state, chunk).playable, 3);
   guard.Stop();
   EXPECT_EQ(cause(0, state, chunk), HaltCause::kStopRequested);
-  // Strategies that predict nothing judge nothing.
+  // Strategies without predictions examine no action.
   Guard published(Model(Strategy::kDfr));
   published.Reset(1);
   const ChunkVerdict none = published.FilterChunk(0, state, chunk);
@@ -263,7 +263,7 @@ TEST(GuardExplainTest, NamesTheEntryThatEndsOutside) {
   EXPECT_GT(explained, 3);
 }
 
-// The excess is measured in the entry's unit: taking it away leads back to the boundary.
+// The excess is in the entry's unit: removing it leads back to the boundary.
 TEST(GuardExplainTest, TheExcessLeadsBackToTheBoundary) {
   const auto model = Model();
   for (const double y : {-0.6, 0.4, 0.8}) {

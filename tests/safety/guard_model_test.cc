@@ -227,8 +227,8 @@ TEST_F(GuardFileTest, TheOrderOfDemonstrationsChangesNoBitOfTheFit) {
       EXPECT_EQ(other->lambda(), model->lambda());
       EXPECT_EQ(other_summary.acceptance, summary.acceptance);
       EXPECT_EQ(other_summary.gain.value, summary.gain.value);
-      // One of all that is fitted to, then without each of five folds and of five stretches: four
-      // of the nine demonstrations that are not held out.
+      // One support of all fitted demonstrations, then one without each of five folds and five
+      // stretches: four of the nine demonstrations that are not held out.
       EXPECT_EQ(summary.support_fits, hold_out > 0.0 ? 9 : 11);
       EXPECT_EQ(other_summary.support_fits, summary.support_fits);
       core::ArchiveWriter ours("recovery", 1);
@@ -313,8 +313,8 @@ TEST(GuardModelTest, AcceptanceIsOfStatesAndOfWholeDemonstrations) {
   EXPECT_EQ(narrow->summary().inside_throughout, 0.0);
 }
 
-// With demonstrations that nothing was fitted to, a fit's rate of alarms stays below the one it
-// promises with the confidence it promises.
+// With held-out demonstrations, the alarm rate of a fit stays below the guaranteed one with the
+// guaranteed confidence.
 TEST(GuardModelTest, AConfidenceHoldsForThatShareOfFits) {
   constexpr int kFits = 30;
   int kept = 0;
@@ -640,7 +640,7 @@ TEST(GuardModelTest, AClockIsOneInAnyUnitAndWhatStandsStillIsNone) {
 TEST(GuardModelTest, ActionsThatContradictWhatHappensExplainNothing) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
                                      {.features = "tip", .action_limit = {0.2}});
-  // Back by little, where the action is the demonstrated one forwards.
+  // Slightly backwards, where the demonstrated action is forwards.
   core::Trajectory back;
   back.states.resize(2, 3);
   back.states << 0.0, 0.0, 0.0, 1.0, -0.02, 0.0;

@@ -62,7 +62,7 @@ TEST(GuardTest, PassesTheActionDeepInside) {
   EXPECT_EQ(safe, action);
   EXPECT_GE(verdict.g, verdict.threshold);
   EXPECT_FALSE(verdict.alarm);
-  // By way of its logarithm, which rounds.
+  // Computed by its logarithm, which rounds.
   EXPECT_NEAR(verdict.g, guard.model().support().Decision(verdict.step, state), 1e-15);
 }
 
@@ -92,7 +92,7 @@ TEST(GuardTest, KeepsADriftingPolicyInsideAndMoving) {
   EXPECT_GT(changed, 0);
 }
 
-// The guard is the controller that it names, around the action as a policy.
+// The guard is the named controller, with the action as a policy.
 TEST(GuardTest, IsTheControllerOfItsStrategy) {
   class Constant final : public core::Policy {
    public:
@@ -204,7 +204,7 @@ TEST(GuardTest, AMonitorPassesEverythingAndRaisesAlarms) {
     ASSERT_EQ(safe, action);
     EXPECT_STREQ(verdict.reason(), verdict.g >= 0.0 ? "inside" : "outside");
     if (verdict.alarm && first_alarm < 0) first_alarm = t;
-    // Once out it goes on drifting away, and the alarm stays.
+    // Once outside it continues to drift away, and the alarm stays.
     if (first_alarm >= 0) {
       EXPECT_TRUE(verdict.alarm) << "t = " << t;
       EXPECT_LT(verdict.g, 0.0);
@@ -309,7 +309,7 @@ std::vector<core::Trajectory> WithGripper(const std::vector<double>& scale) {
   return demonstrations;
 }
 
-// The units of an action's entries change nothing, and a gripper is the policy's.
+// The units of an action's entries have no effect, and the gripper keeps the policy's value.
 TEST(GuardTest, UnitsOfEntriesDoNotMatterAndAGripperIsThePolicys) {
   for (const std::vector<double>& scale : {std::vector{1.0, 1.0}, std::vector{1024.0, 0.0078125}}) {
     Guard guard(GuardModel::Fit(test::CorridorLayout(), WithGripper(scale), {.features = "tip"}));
@@ -384,7 +384,7 @@ TEST(GuardTest, HoldsBeforeResetAndWhenStopped) {
   EXPECT_STREQ(stopped.reason(), "stop-requested");
 }
 
-// Recovers with one and the same action.
+// Recovers with a constant action.
 class Shove final : public control::RecoveryStrategy {
  public:
   explicit Shove(std::vector<double> action) : action_(std::move(action)) {}

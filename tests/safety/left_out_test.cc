@@ -171,7 +171,7 @@ TEST(LeftOutTest, AFeatureThatOnlyPassedEntriesMoveIsLeftOutAndNamed) {
   const auto model = GuardModel::Fit(layout, demonstrations);
   EXPECT_EQ(model->task().features().selection().indices(), (std::vector{0, 1}));
   EXPECT_THAT(Warnings(*model), Contains(HasSubstr("closed[0]: moved by entries")));
-  // An action that is steered answers for its feature.
+  // A steered entry of an action moves its feature.
   for (core::Trajectory& d : demonstrations) {
     core::Random random(static_cast<std::uint64_t>(d.states.sum() * 1e6));
     for (double& grip : d.controls.col(2)) grip *= random.Uniform(0.9, 1.0);

@@ -107,7 +107,7 @@ TEST(ShadowTest, NamesTheFirstActionThatLeaves) {
   EXPECT_EQ(shadow.reason, "demonstrations");
   EXPECT_EQ(shadow.passed, 8);
   EXPECT_GT(shadow.change, 0.0);
-  // Algorithm 1 cannot go on from an action that it did not choose.
+  // Algorithm 1 cannot continue after an action that it did not choose.
   Guard published(Model(Strategy::kDfr));
   const Shadow first = RunInShadow(published, episode);
   EXPECT_GE(first.first_changed, 0);

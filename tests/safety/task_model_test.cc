@@ -110,7 +110,7 @@ void ExpectSameDecisions(const TaskModel& ours, const TaskModel& theirs) {
   }
 }
 
-// In lock step through an episode; returns how often the policy did not have its way.
+// Steps both through an episode; returns the number of controls that are not the policy's.
 int ExpectSameEpisode(control::Controller& ours, control::Controller& theirs) {
   ours.Reset(5);
   theirs.Reset(5);
@@ -207,7 +207,7 @@ TEST_F(TaskModelTest, DfrFineHasTheConstantsOfThePaper) {
   EXPECT_GT(ExpectSameEpisode(*fine, *published), 0);
 }
 
-// Controls until time is up of a policy that nothing holds up.
+// Number of controls until kTimeUp of a policy that always passes.
 int Horizon(const TaskModel& model, std::string_view method, const ControllerOptions& options) {
   class Still final : public core::Policy {
    public:

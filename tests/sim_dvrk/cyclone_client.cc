@@ -1,8 +1,8 @@
 // A client of a console written with CycloneDDS, that knows only the CRTK names and types. It homes
-// PSM1, moves the wrist 8 mm along x with servo_cp, a millimetre with each pose that comes, opens
-// nothing, and on demand waits for a picture of the endoscope and what camera took it:
+// PSM1, moves the wrist 8 mm along x with servo_cp, a millimetre with each pose that comes, and on
+// demand waits for a picture of the endoscope and its camera's description:
 //   cyclone_client DOMAIN [picture]
-// It waits for what comes, without a limit. Exit code: 0 done; 3 the arm is not where homing ends;
+// It waits without a limit. Exit code: 0 done; 3 the arm is not where homing ends;
 // 1 DDS failed.
 #include <dds/dds.h>
 

@@ -1,4 +1,4 @@
-// What the test scripts of dvrk_python 2.4 do with a PSM (its arm and psm classes, crtk's utils,
+// The actions of dvrk_python 2.4's test scripts on a PSM (its arm and psm classes, crtk's utils,
 // the scripts for an arm and for a PSM), as an independent client written with CycloneDDS. It knows
 // only names, types and ROS 2's quality of service:
 //   cyclone_system_script DOMAIN
@@ -193,7 +193,7 @@ class Psm {
     return Until(10.0, [this] { return homed && !busy; });
   }
 
-  // Sends joints, and returns when it did: the handle that can be waited for.
+  // Sends joints and returns the time: the handle to wait for.
   double SendJoints(const char* topic, std::vector<double> goal) {
     const double start = Now();
     sensor_msgs_msg_dds__JointState_ message{};

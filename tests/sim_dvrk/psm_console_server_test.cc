@@ -46,7 +46,7 @@ class PsmConsoleServerTest : public testing::Test {
     server_.Tick(0.01);
   }
 
-  // Time goes on until `condition`.
+  // Advances the time until `condition`.
   void Until(const std::function<bool()>& condition) {
     test::Eventually([&] {
       if (condition()) return true;
@@ -55,8 +55,7 @@ class PsmConsoleServerTest : public testing::Test {
     });
   }
 
-  // Asks until the console has heard it: that this side has found the console does not mean that
-  // the console has found this side.
+  // Repeats the request until the console receives it: discovery is not symmetric.
   void Home() {
     Until([&] {
       if (!console_.busy() && !console_.homed()) command_.Write({{}, "", "home"});
@@ -65,8 +64,8 @@ class PsmConsoleServerTest : public testing::Test {
     });
   }
 
-  // Sends a motion command until the console has taken it, for the same reason. A busy machine's
-  // console takes it more than once, or loses it.
+  // Sends a motion command until the console has taken it, for the same reason. On a busy machine
+  // the console receives it more than once, or loses it.
   template <typename T>
   void Command(dds::Publisher<T>& publisher, const T& message) {
     before_ = server_.commands_taken();
@@ -204,7 +203,7 @@ TEST_F(PsmConsoleServerTest, AllCommandsArriveAndAllStatesAgree) {
   EXPECT_LT(yaw(), start + 0.45);
 }
 
-// servo_cs is servo_cp with a twist, which the simulated joints have no use for.
+// servo_cs is servo_cp with a twist, which the simulated joints ignore.
 TEST_F(PsmConsoleServerTest, CartesianStatesAreGoals) {
   dds::Publisher<dds::CartesianState> servo(client_participant_, "/PSM1/servo_cs",
                                             dds::Role::kCommand);

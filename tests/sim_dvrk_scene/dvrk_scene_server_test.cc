@@ -45,7 +45,7 @@ class DvrkSceneServerTest : public testing::Test {
     server_ = std::make_unique<DvrkSceneServer>(participant_, participant_, *scene_, options);
   }
 
-  // Lets the server do its work until `condition`.
+  // Runs the server until `condition`.
   void Until(const std::function<bool()>& condition) {
     test::Eventually([&] {
       if (condition()) return true;
@@ -58,8 +58,7 @@ class DvrkSceneServerTest : public testing::Test {
     });
   }
 
-  // The reply. A question that changes nothing comes first, again and again: that this side has
-  // found the other does not mean that the other has found this side.
+  // Returns the reply. First repeats a request without effect, because discovery is not symmetric.
   std::string Ask(const std::string& text) {
     dds::StringStamped reply;
     if (!known_) {
@@ -75,7 +74,7 @@ class DvrkSceneServerTest : public testing::Test {
     return reply.text;
   }
 
-  // The same for a run with a command, which is sent until it has come: a busy machine loses some.
+  // Same for a run with a command, which is sent until it arrives: a busy machine loses some.
   std::string AskWith(const dds::JointState& command, const std::string& run) {
     std::string reply;
     do {

@@ -1,4 +1,4 @@
-// The tasks of kinds that a guard must not take down: mixed units, rotations, times that run twice.
+// Kinds of tasks that a guard must not break: mixed units, rotations, repeated times.
 #include <gtest/gtest.h>
 
 #include <algorithm>

@@ -13,8 +13,8 @@ namespace {
 using kinematics::Psm;
 using kinematics::PsmJoints;
 
-// Tip errors over joint values within reach of the gauze; the sample is not the one that the class
-// scales itself with.
+// Tip errors over joint values within reach of the gauze; the sample differs from the one that
+// determines the scale of the class.
 template <typename Known>
 double MeanError(const ArmError& error, const Known& known) {
   core::Random random(7);

@@ -81,7 +81,7 @@ TEST(EndoscopeTest, DistortsAsTheCameraModelSays) {
 TEST(EndoscopeTest, CoversTheWholePicture) {
   const Endoscope endoscope(LineTrackingPlant::true_camera());
   const Picture bgr = Develop(endoscope, Picture(3 * kWidth * kHeight, 200), Plain());
-  // 200 less the vignette, which takes 13 % in the corners.
+  // 200 minus the vignette, which is 13 % in the corners.
   for (const std::uint8_t value : bgr) ASSERT_GE(value, 165);
   EXPECT_NEAR(bgr[At(322, 236)], 200, 1);
 }

@@ -192,7 +192,7 @@ TEST(LineTrackingPlantTest, RealTimeNeverStops) {
   EXPECT_GT((plant.truth().p_world_gauze.translation() - gauze).norm(), 5e-3);
 }
 
-// An arm and a clock of the caller's, with the readings that Apply() goes through.
+// The caller's arm and clock, with the readings of Apply().
 TEST(LineTrackingPlantTest, DrivenByReadingsItDoesWhatItDoesByControls) {
   LineTrackingOptions options = Truth(Wave::kRandom);
   options.disturbance.between = true;
@@ -407,7 +407,7 @@ TEST(LineTrackingPlantTest, VisionFindsTheTipAndItsSideOfTheLine) {
   }
 }
 
-// Each is an end in NaN, which controllers turn into a halt.
+// Each ends in a NaN state, at which controllers halt.
 TEST(LineTrackingPlantTest, AStateThatTheImageDoesNotShowIsNaN) {
   LineTrackingPlant plant;
   const auto reason = [&plant](CameraFault fault) {

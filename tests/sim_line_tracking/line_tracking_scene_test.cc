@@ -26,7 +26,7 @@ PsmJoints RandomJoints(core::Random& random) {
   return q;
 }
 
-// The chain of bodies in the MJCF and the Denavit-Hartenberg table are two accounts of one arm.
+// The chain of bodies in the MJCF and the Denavit-Hartenberg table describe the same arm.
 TEST(LineTrackingSceneTest, TheArmIsThatOfTheKinematics) {
   const SceneModel model(Places());
   SceneData data(model);

@@ -406,7 +406,7 @@ TEST(PusherPlantTest, PushingTheCylinderIntoARegionCollidesAndStaysSo) {
   EXPECT_FALSE(clone->collided());
 }
 
-// The way from pose to pose counts: a control whose both ends are free can cut a region's corner.
+// The path between poses counts: a control with both ends free can cut a region's corner.
 TEST(PusherPlantTest, CollisionsOnTheWayCount) {
   PusherPlant plant;
   PusherPlant judge;

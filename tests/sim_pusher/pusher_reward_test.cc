@@ -20,7 +20,8 @@ double Potential(const PusherPlant& plant) {
                   4.0 * std::abs(state[test::kObject + 1]));
 }
 
-// A sum of potential differences telescopes: policies earn by where they end, not by the way.
+// A sum of potential differences telescopes: the reward depends on the end of an episode, not on
+// the path.
 TEST(PusherRewardTest, SumsToThePotentialGainedLessTheCosts) {
   PusherPlant plant;
   PusherReward reward(plant);

@@ -24,7 +24,7 @@ Picture Draw(PusherRenderer& renderer, const PusherPlant& plant) {
   return rgb;
 }
 
-// Centre of the pixels of a colour, and how many there are.
+// Centre and number of the pixels of a colour.
 struct Blob {
   int pixels = 0;
   double column = 0.0;

@@ -34,7 +34,7 @@ TEST(PlanarTest, GuidedRecoveryCompletesTheCorridorWithoutCollisions) {
   EXPECT_EQ(rows[2].collided, 0);
 }
 
-// In contact J is wrong, and a certificate has to leave room for it.
+// In contact J is wrong, and a certificate must allow for the error.
 TEST(PlanarTest, TheDirectionCertificateCompletesPushingWithoutAViolation) {
   for (const char* task : {"push", "push-weak"}) {
     SCOPED_TRACE(task);
@@ -54,7 +54,7 @@ TEST(PlanarTest, GuidedRecoveryBeatsAWeakPolicyAtPushing) {
 }
 
 // The corrected Prop. IV.3, 150 000 controls; `study prove --steps 10000000` is the long version. A
-// false certificate shows itself once in thousands of controls.
+// false certificate fails once in thousands of controls.
 TEST(ProofTest, NeverLeavesTheUnionOfSupports) {
   const ProofResult result = Prove({.steps = 150'000});
   EXPECT_EQ(result.controls, 150'000);

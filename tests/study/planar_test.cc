@@ -34,7 +34,7 @@ TEST(PlanarTest, ResultsDoNotDependOnTheNumberOfThreads) {
   EXPECT_TRUE(one == RunStudy(study));
 }
 
-// The system tier goes on for longer, and finds every mutation.
+// The system tier runs longer and finds every mutation.
 TEST(ProofTest, StaysInsideTheUnionOfSupports) {
   for (const double error : {0.0, 0.05}) {
     SCOPED_TRACE(error);

@@ -3,6 +3,6 @@ import select
 
 
 def eventually(condition):
-    """Waits until condition() is true. Has no limit of its own: the test's TIMEOUT ends what never comes."""
+    """Waits until condition() is true. The only limit is the test's TIMEOUT."""
     while not condition():
         select.select([], [], [], 0.001)

@@ -6,8 +6,8 @@
 
 namespace dfr::test {
 
-/// The message of the exception of type E that `call` throws; "nothing thrown" if it returns. Any
-/// other exception passes through.
+/// Returns the message of the exception of type E that `call` throws; "nothing thrown" if it
+/// returns. Any other exception passes through.
 template <typename E = std::exception, typename Call>
 std::string MessageOf(Call&& call) {
   try {

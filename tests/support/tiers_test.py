@@ -1,4 +1,4 @@
-"""Each test has one tier, no tier is empty, and only the tier system looks at the machine's clocks. Besides, every
+"""Each test has one tier, no tier is empty, and only the tier system reads the machine's clocks. Also, every
 program ignores SIGXFSZ.
 
 usage: tiers_test.py SOURCE_DIR BINARY_DIR

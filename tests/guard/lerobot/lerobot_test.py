@@ -1,4 +1,4 @@
-"""Datasets of LeRobot, which independent writers have written, as the program `guard` reads them.
+"""Datasets of LeRobot from independent writers, as the program `guard` reads them.
 
 usage: lerobot_test.py PROGRAM DATASETS     (DATASETS is what write_datasets.mjs has written)
 """
@@ -158,7 +158,7 @@ class LeRobotTest(unittest.TestCase):
                     self.assertRegex(done.stderr, r"file-000.parquet: (is not a Parquet|is truncated|declares metadata)")
 
     def test_hostile_files_are_read_or_refused_within_the_budget(self):
-        """Whatever bytes change, the program neither crashes nor takes memory without bound."""
+        """For any changed bytes the program neither crashes nor uses unbounded memory."""
         rng = random.Random(11)
         for name in ("v30", "pages2", "hyparquet"):
             target = self.copy(name)

@@ -4,7 +4,7 @@
 #include "dfr/hardware/endoscope.h"
 #include "dfr/hardware/intrinsics_file.h"
 
-// Intrinsics there and back, and a camera that is not there.
+// A round trip of intrinsics, and an absent camera.
 int main() {
   dfr::vision::CameraModel camera;
   camera.fx = 612.25;

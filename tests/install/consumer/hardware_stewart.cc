@@ -2,7 +2,7 @@
 
 #include "dfr/hardware/sprk_driver.h"
 
-// The frame for home, and a port that is not there.
+// The frame for home, and an absent port.
 int main() {
   dfr::hardware::SprkPositionFrame frame;
   dfr::kinematics::PlatformPose sent;

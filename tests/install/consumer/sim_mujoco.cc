@@ -2,7 +2,7 @@
 
 #include <stdexcept>
 
-// A model is compiled, and a text that is none is refused.
+// Compiles a model, and refuses invalid text.
 int main() {
   if (dfr::sim::LoadMujocoModel("<mujoco/>", "empty") == nullptr) return 1;
   try {
