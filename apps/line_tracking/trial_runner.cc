@@ -91,9 +91,9 @@ sim::LineTrackingOptions InWorld(sim::LineTrackingOptions plant, const std::stri
   if (world.ends_with(kUnit)) {
     latency_ms = core::ParseNumber(std::string_view(world).substr(0, world.size() - kUnit.size()));
   }
-  DFR_THROW_UNLESS(latency_ms && *latency_ms >= 0.0,
-                   "unknown world '" << world << "'; valid: frozen, and a latency in real "
-                                     << "time as in 30ms");
+  DFR_THROW_UNLESS(
+      latency_ms && *latency_ms >= 0.0,
+      "unknown world '" << world << "'; valid: frozen, or a latency in real time such as 30ms");
   plant.disturbance.real_time = true;
   plant.disturbance.latency_s = 1e-3 * *latency_ms;
   return plant;

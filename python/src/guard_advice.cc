@@ -252,7 +252,8 @@ ValueError
       .def(
           "levels",
           [](const Guard& guard, const Array& states) {
-            DFR_THROW_UNLESS(states.ndim() == 2, "states must have 2 dimensions");
+            DFR_THROW_UNLESS(states.ndim() == 2,
+                             "states must have 2 dimensions, not " << states.ndim());
             const core::Matrix rows = Rows(states, "states");
             std::vector<double> levels;
             {

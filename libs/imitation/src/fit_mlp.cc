@@ -95,8 +95,8 @@ MlpPolicy FitMlp(const core::StateLayout& layout, const Matrix& states, const Ma
       internal::FitByAdam(inputs, targets, options.epochs, options.batch, options.weight_decay,
                           adam, shuffle, mlp);
     } catch (const std::invalid_argument& e) {
-      DFR_THROW_UNLESS(
-          false, "Adam diverges at learning rate " << options.learning_rate << ": " << e.what());
+      DFR_THROW_UNLESS(false, "Adam diverges; choose a smaller learning rate than "
+                                  << options.learning_rate << ": " << e.what());
     }
     result.iterations = options.epochs;
     result.message = "all epochs done";

@@ -233,7 +233,8 @@ class Hdf5Reader::Answer {
     return std::string(Take(size));
   }
   std::string_view Take(std::uint64_t size) {
-    if (size > bytes_.size() - position_) reader_->Fail(path_, "was read only in part");
+    if (size > bytes_.size() - position_)
+      reader_->Fail(path_, "cannot be read completely: the reading process ended early");
     const std::string_view taken = std::string_view(bytes_).substr(position_, size);
     position_ += size;
     return taken;
