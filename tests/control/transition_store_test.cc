@@ -65,9 +65,9 @@ TEST(TransitionStoreTest, TimeStepsThatDoNotFollowEachOtherAreRefused) {
   EXPECT_THAT(message({0, -1, 30, 60}), testing::HasSubstr("time step 0 of"));
   EXPECT_THAT(message({0, 30, 20, 60}), testing::HasSubstr("time step 1 of"));
   EXPECT_THAT(message({0, 30, 40, 35, 60}), testing::HasSubstr("time step 2 of"));
-  EXPECT_THAT(message({0, 30, 50}), testing::HasSubstr("begin and end"));
-  EXPECT_THAT(message({1, 30, 60}), testing::HasSubstr("begin and end"));
-  EXPECT_THAT(message({0}), testing::HasSubstr("begin and end"));
+  EXPECT_THAT(message({0, 30, 50}), testing::HasSubstr("begin at row 0"));
+  EXPECT_THAT(message({1, 30, 60}), testing::HasSubstr("begin at row 0"));
+  EXPECT_THAT(message({0}), testing::HasSubstr("begin at row 0"));
   std::filesystem::remove(path);
 }
 

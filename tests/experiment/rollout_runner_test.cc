@@ -36,7 +36,7 @@ class Script final : public control::Controller {
                                Mode::kRecovery, Mode::kPolicy, Mode::kRecovery, Mode::kHalt};
     u[0] = 0.1;
     control::Step step;
-    // Known of all but the probe.
+    // Every control except the probe has a change.
     if (next_ != 2) step.change = 0.5;
     step.mode = kModes[next_++];
     if (step.mode == Mode::kHalt) step.cause = control::HaltCause::kOutsideSupport;

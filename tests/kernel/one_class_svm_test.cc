@@ -680,7 +680,7 @@ TEST(OneClassSvmTest, ErrorsNameTheCulprit) {
   const std::vector<double> few(3, 1.0), negative(10, -1.0), none(10, 0.0);
   EXPECT_THAT(fit(fine, {.start = few}), HasSubstr("3 alpha for 10 samples"));
   EXPECT_THAT(fit(fine, {.start = negative}), HasSubstr("not negative: -1"));
-  EXPECT_THAT(fit(fine, {.start = none}), HasSubstr("sum to 0"));
+  EXPECT_THAT(fit(fine, {.start = none}), HasSubstr("sum, not 0"));
   EXPECT_THAT(fit(core::Matrix(1, 2), {}), HasSubstr("at least 2 samples; there are 1"));
   EXPECT_THAT(fit(core::Matrix(5, 0), {}), HasSubstr("1 to 2048 entries, not 0"));
   core::Matrix broken = fine;

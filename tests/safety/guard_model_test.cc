@@ -775,7 +775,7 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
   EXPECT_THAT(fit(good, {.features = "tip", .false_alarms = 0.0}),
               HasSubstr("false_alarms must lie in (0, 1)"));
   EXPECT_THAT(fit(good, {.features = "tip", .action_limit = {-1.0}}),
-              HasSubstr("action_limit must not be negative"));
+              HasSubstr("action_limit must be finite and not negative"));
   for (const double share : {-0.01, 0.51}) {
     EXPECT_THAT(fit(good, {.features = "tip", .hold_out = share}),
                 HasSubstr("hold_out must lie in [0, .5]"));
