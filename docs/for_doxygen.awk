@@ -1,6 +1,6 @@
 # Doxygen's filter of Markdown: what GitHub resolves by itself, Doxygen 1.9 has to be told. Headings
 # get the anchors that GitHub gives them, links to sources become references, links to what is no page
-# of the manual become text.
+# of the manual become text. Mathematics, $`...`$ and fences of math, becomes Doxygen's formulas.
 function base(path) { sub(/.*\//, "", path); sub(/\.md$/, "", path); return path }
 function slug(text) {
   text = tolower(text)
@@ -27,16 +27,47 @@ function unquoted(line,   parts, count, i, out) {
   }
   return out
 }
+# Code in bold, which Doxygen does not read: **`name` and text**.
+function bold(line,   found, out) {
+  out = ""
+  while (match(line, /\*\*(`[^`]*`|[^*`])+\*\*/)) {
+    found = substr(line, RSTART, RLENGTH)
+    out = out substr(line, 1, RSTART - 1)
+    line = substr(line, RSTART + RLENGTH)
+    out = out (found ~ /`/ ? "<b>" substr(found, 3, length(found) - 4) "</b>" : found)
+  }
+  return out line
+}
+# Formulas wait in `formulas` until the rest of the line is written.
+function hidden(line,   out) {
+  out = ""
+  count = 0
+  while (match(line, /\$`[^`]*`\$/)) {
+    formulas[++count] = "\\f$" substr(line, RSTART + 2, RLENGTH - 4) "\\f$"
+    out = out substr(line, 1, RSTART - 1) "\001" count "\001"
+    line = substr(line, RSTART + RLENGTH)
+  }
+  return out line
+}
+function shown(line,   i, at) {
+  for (i = 1; i <= count; ++i) {
+    at = index(line, "\001" i "\001")
+    line = substr(line, 1, at - 1) formulas[i] substr(line, at + length(i) + 2)
+  }
+  return line
+}
+/^```math$/ { display = 1; print "\\f["; next }
+display && /^```$/ { display = 0; print "\\f]"; next }
+display { print; next }
 /^ *```/ { fenced = !fenced }
 !fenced && /^##+ / {
   title = $0
   sub(/^#+ /, "", title)
-  $0 = $0 " {#" base(FILENAME) "_" slug(title) "}"
+  anchor = base(FILENAME) "_" slug(title)
+  $0 = $0 " {#" anchor (seen[anchor]++ ? "-" seen[anchor] - 1 : "") "}"
 }
 !fenced {
-  gsub(/\*\*`/, "<b>`")  # code in bold
-  gsub(/`\*\*/, "`</b>")
-  rest = unquoted($0)
+  rest = unquoted(bold(hidden($0)))
   $0 = ""
   while (match(rest, /\[[^][]*\]\([^() ]+\)/)) {
     found = substr(rest, RSTART, RLENGTH)
@@ -50,6 +81,6 @@ function unquoted(line,   parts, count, i, out) {
     link = target(link)
     $0 = $0 (link == "" ? substr(text, 2) : text "](" link ")")
   }
-  $0 = $0 rest
+  $0 = shown($0 rest)
 }
 { print }
