@@ -46,6 +46,15 @@ class Links(unittest.TestCase):
                         self.assertIn(anchor, anchors(target))
 
 
+    def test_no_link_and_no_formula_wraps_a_line(self):
+        # docs/for_doxygen.awk reads one line at a time.
+        for page in pages():
+            with self.subTest(page=page.name):
+                shown = FENCE.sub("", page.read_text())
+                self.assertEqual(re.findall(r"\[[^\[\]`]*\n[^\[\]`]*\]\([^() \n]+\)", shown), [])
+                self.assertEqual([line for line in shown.splitlines() if line.count("$`") != line.count("`$")], [])
+
+
 class Folders(unittest.TestCase):
     def test_says_what_each_component_needs(self):
         rows = [[cell.strip() for cell in row.split("|")[:3]]
@@ -59,19 +68,85 @@ class Folders(unittest.TestCase):
         self.assertEqual(told, listed)
 
 
+def words(label):
+    """The words of a column's head or a printed label: "Passed, %" and "alarms in fail. %" lose unit and case."""
+    return re.sub(r"( %|, (%|steps)| \[.*\]| \+- .*|:)$", "", label.strip()).lower()
+
+
+def text(source):
+    """A source with its adjacent string literals joined."""
+    return re.sub(r'"\s*\n\s*"', "", (SOURCE / source).read_text())
+
+
+# Source, a pattern that finds lists of labels in it, a pattern that finds the labels in a list, the least number.
+STRINGS = r'"([^"]+)"'
+LABELS = (
+    ("apps/guard/fit.cc", r'printf\(\s*("[a-z_][^\n]*?  )', r'"([\w ]+?)  ', 12),
+    ("apps/guard/check.cc", r'(?:Warning|Say)\(\s*("\w+")', STRINGS, 6),
+    ("apps/guard/check.cc", r'printf\(\s*("[a-z]+:? )', r'"(\w+)', 4),
+    ("apps/guard/evaluate.cc", r'printf\("%-24s[^"]*",(.*?)\);', STRINGS, 6),
+    ("apps/guard/report.cc", r"header = \{([^}]*)\}", STRINGS, 12),
+    ("apps/guard/report.cc", r'\.name = ("[a-z]+")', STRINGS, 3),
+    ("apps/study/tables.cc", r"header = \{([^}]*)\}", STRINGS, 25),
+    ("apps/study/tables.cc", r"header\.emplace_back\(([^)]*)\)", STRINGS, 2),
+    ("apps/study/main.cc", r'printf\("%-15s %7s[^"]*",(.*?)\);', STRINGS, 4),
+    ("apps/study/planar/commands.cc", r'printf\("%-1[02]s[^"]*?s\\n",(.*?)\);', STRINGS, 15),
+    ("apps/study/planar/proof.cc", r'return ("[a-z-]+");', STRINGS, 4),
+    ("apps/study/runner.cc", r'return ("\w+");', STRINGS, 1),
+    ("apps/pusher/experiment.cc", r"header = \{([^}]*)\}", STRINGS, 2),
+    ("apps/line_tracking/experiment.cc", r"header = \{([^}]*)\}", STRINGS, 8),
+    ("apps/line_tracking/run.cc", r'Say\(("episode .*?")', r'(\w+(?: \[mm\])?)(?:  |\\n)', 6),
+    ("apps/line_tracking/vision.cc", r'(blur  .*?vision)', r"(\w[\w %]*?)(?:  |$)", 10),
+    ("apps/hardware/check.cc", r'return ("(?:ok|note|wrong)")', STRINGS, 3),
+    ("libs/experiment/src/summary.cc", r"Format\(heads, name_width,([^)]*)\)", STRINGS, 8),
+    ("libs/study/include/dfr/study/policies.h", r"kPolicies = \{([^}]*)\}", STRINGS, 12),
+    ("libs/study/include/dfr/study/supports.h", r"kSupports = \{([^}]*)\}", STRINGS, 5),
+    ("libs/study/src/placebo.cc", r"names = \{([^}]*)\}", STRINGS, 2),
+    ("apps/study/study.cc", r"controllers = \{([^}]*)\}", STRINGS, 10),
+    ("apps/pusher/experiment.cc", r"methods = \{([^}]*)\}", STRINGS, 12),
+    ("libs/control/src/guided/guided_options.cc", r"kParts = \{([^}]*)\}", STRINGS, 7),
+)
+
+
 class Glossary(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.page = (SOURCE / "docs/glossary.md").read_text()
+        # The words of the first column, apart from units and emphasis.
+        cells = re.findall(r"^\| (.*?) \|", cls.page.replace("\\|", "!"), re.M)
+        cls.terms = {words(term) for cell in cells for term in re.split("[,;] ", cell.replace("`", ""))}
+        cls.code = set(re.findall(r"`([a-z-]+)`", cls.page))
+
+    def test_has_each_label_that_a_program_prints(self):
+        for source, lists, labels, least in LABELS:
+            with self.subTest(source=source, lists=lists):
+                found = re.findall(lists, text(source), re.S)
+                found = {words(label) for part in found for labelled in re.findall(labels, part)
+                         for label in re.split(" / |, (?=[a-z])", labelled)} - {"", "-", "unknown"}
+                found = {label for label in found if "@" not in label}
+                self.assertGreaterEqual(len(found), least, sorted(found))
+                self.assertEqual(found - self.terms - self.code, set())
+
+    def test_has_each_condition_of_the_study(self):
+        conditions = re.findall(r'\.name = "([^"]+)"', text("apps/study/task.cc")) + \
+            re.findall(r'\.name = "([^"]+)"', text("apps/pusher/drift.cc"))
+        conditions = set(conditions) - {"pusher", "line-tracking"}
+        self.assertGreater(len(conditions), 25)
+        table = re.search(r"^\| condition \|.*?(\n\n|\Z)", self.page, re.M | re.S).group()
+        known = [term for cell in re.findall(r"^\| (.*?) \|", table, re.M)[1:] for term in cell.split(", ")]
+        self.assertEqual({name for name in conditions if not any(term in name for term in known)}, set())
+
     def test_has_each_name_that_a_program_prints(self):
-        told = set(re.findall(r"`([a-z-]+)`", (SOURCE / "docs/glossary.md").read_text()))
         for source, least in (("libs/control/src/controller.cc", 15), ("libs/runtime/src/fail_safe.cc", 25),
                               ("libs/safety/src/guard.cc", 6), ("libs/safety/src/guard_model.cc", 6),
                               ("libs/control/src/published/switching_controller.cc", 3)):
             names = set(re.findall(r'return "([a-z-]+)";', (SOURCE / source).read_text())) - {"unknown"}
             self.assertGreaterEqual(len(names), least, source)
-            self.assertEqual(names - told, set(), source)
+            self.assertEqual(names - self.code, set(), source)
         binding = (SOURCE / "python/src/guard.cc").read_text()
         keys = set(re.findall(r'(?:info|result|values)\["(\w+)"\]', binding))
         self.assertGreater(len(keys), 30)
-        told = set(re.findall(r"[a-z_]+", (SOURCE / "docs/glossary.md").read_text()))
+        told = set(re.findall(r"[a-z_]+", self.page))
         self.assertEqual(keys - told, set())
 
 
