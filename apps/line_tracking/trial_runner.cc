@@ -107,7 +107,7 @@ LineTrialRunner::LineTrialRunner(LineModel model, const std::vector<std::string>
   AddAll(
       methods,
       [this](const std::string& method) { return model_.MakeController(method, &driven()); },
-      model_.task(), model_.demonstrations().trajectories);
+      model_.fit(), model_.demonstrations().trajectories);
 }
 
 bool LineTrialRunner::Inside(std::span<const double> x) const {

@@ -87,7 +87,7 @@ PusherTrialRunner::PusherTrialRunner(Model model, const std::vector<safety::Meth
       [this](const std::string& name) {
         return model_.MakeController(study::ParseMethod(name), &driven());
       },
-      model_.task(), model_.demonstrations().trajectories);
+      model_.fit(), model_.demonstrations().trajectories);
 }
 
 bool PusherTrialRunner::Inside(std::span<const double> x) const {

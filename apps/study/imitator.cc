@@ -95,16 +95,15 @@ void Imitator::Control(int t, std::span<const double> x, std::span<double> u) no
 }
 
 Imitator Imitate(const sim::GalleryTask& task, std::span<const core::Trajectory> demonstrations,
-                 const safety::TaskModel& model, const core::SimulatedPlant& plant,
-                 const std::string& name, std::uint64_t seed) {
+                 const FittedTask& fit, const core::SimulatedPlant& plant, const std::string& name,
+                 std::uint64_t seed) {
   DFR_THROW_UNLESS(std::ranges::count(PolicyNames(), name) == 1,
                    "unknown policy '" << name << "'; valid: " << Join(PolicyNames()));
   if (name == kOnlineLwr) {
-    return Imitator(std::make_shared<OnlineLwrPolicy>(
-        model.features(),
-        control::Response(control::FeatureTrajectories(model.features(), demonstrations))));
+    return Imitator(
+        std::make_shared<OnlineLwrPolicy>(fit.model().features(), fit.ResponseOf(demonstrations)));
   }
-  if (auto unlearned = MakeUnlearned(name, model.features(), demonstrations)) {
+  if (auto unlearned = MakeUnlearned(name, fit.model().features(), demonstrations)) {
     return {std::move(unlearned), {}};
   }
   const imitation::DemonstrationSet set{
@@ -114,20 +113,20 @@ Imitator Imitate(const sim::GalleryTask& task, std::span<const core::Trajectory>
       .trajectories = {demonstrations.begin(), demonstrations.end()},
       .note = {}};
   const bool weak = name == "weak";
-  const imitation::FitMlpOptions fit{.hidden = weak ? task.weak_hidden : task.hidden,
-                                     .epochs = weak ? task.weak_epochs : task.epochs,
-                                     .seed = seed};
+  const imitation::FitMlpOptions learner{.hidden = weak ? task.weak_hidden : task.hidden,
+                                         .epochs = weak ? task.weak_epochs : task.epochs,
+                                         .seed = seed};
   imitation::DemonstrationSet scaled = set;
   for (core::Trajectory& d : scaled.trajectories) {
     for (std::size_t i = 0; i < task.units.size(); ++i) {
       d.controls.col(static_cast<Eigen::Index>(i)) /= task.units[i];
     }
   }
-  auto learned = std::make_shared<const InUnits>(imitation::FitMlp(scaled, fit), task);
+  auto learned = std::make_shared<const InUnits>(imitation::FitMlp(scaled, learner), task);
   if (weak || name == "good") return {std::move(learned), {}};
   if (name == "biased") return {std::move(learned), task.policy_bias};
 
-  Expert teaching = TeachMlp(set, fit);
+  Expert teaching = TeachMlp(set, learner);
   const Expert supervisor = SupervisorOf(task);
   teaching.plant = supervisor.plant;
   teaching.supervise = supervisor.supervise;
@@ -142,7 +141,7 @@ Imitator Imitate(const sim::GalleryTask& task, std::span<const core::Trajectory>
   const auto made = std::make_shared<Made>();
   made->good = learned;
   made->policy =
-      PolicyFactory(model, *learned, demonstrations, std::move(teaching)).Make(name, &plant);
+      PolicyFactory(fit, *learned, demonstrations, std::move(teaching)).Make(name, &plant);
   return {std::shared_ptr<const core::Policy>(made, made->policy.get()), {}};
 }
 

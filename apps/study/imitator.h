@@ -9,9 +9,9 @@
 #include "dfr/core/plant.h"
 #include "dfr/core/policy.h"
 #include "dfr/core/trajectory.h"
-#include "dfr/safety/task_model.h"
 #include "dfr/sim/gallery/gallery.h"
 #include "dfr/study/baselines.h"
+#include "dfr/study/fitted_task.h"
 #include "dfr/study/online_lwr.h"
 
 namespace dfr::study {
@@ -49,12 +49,12 @@ class Imitator {
 
 /// Learns policy `name` from `demonstrations` of `task`: by behaviour cloning "good", "weak" (few
 /// units and epochs) or "biased" (the good one with the task's bias); or one of study::kPolicies,
-/// with the good one as the learned policy. `model` is fitted to these demonstrations. `plant` is
+/// with the good one as the learned policy. `fit` is of these demonstrations. `plant` is
 /// the controlled plant, for the adversaries only. Borrows everything except the seed.
 /// @throws std::invalid_argument listing the valid policies.
 [[nodiscard]] Imitator Imitate(const sim::GalleryTask& task,
                                std::span<const core::Trajectory> demonstrations,
-                               const safety::TaskModel& model, const core::SimulatedPlant& plant,
+                               const FittedTask& fit, const core::SimulatedPlant& plant,
                                const std::string& name, std::uint64_t seed);
 
 }  // namespace dfr::study

@@ -125,9 +125,7 @@ Prepared Prepare(const Task& task, Kind kind, int demonstrations, std::uint64_t 
     prepared.demonstrations = sim::Demonstrate(*task.small, demonstrations, shown);
     prepared.seed = learned;
     prepared.guard =
-        safety::GuardModel::Fit(task.small->plant->layout(), prepared.demonstrations,
-                                // A study also runs guards with warnings.
-                                {.features = task.small->features, .accept_any = true});
+        FittedTask::Fit(task.small->plant->layout(), prepared.demonstrations, task.small->features);
   }
   return prepared;
 }
@@ -137,16 +135,11 @@ Runner::Runner(const Place& place, std::shared_ptr<const Prepared> prepared,
     : PlaceboRunner(place.variant->make(), WithNoise(*place.condition, *place.task)),
       task_(place.task),
       prepared_(std::move(prepared)) {
-  const auto make = [this](const std::string& method) { return MakeController(method); };
-  const auto& guard = prepared_->guard;
-  if (guard == nullptr) {
-    const auto* model = prepared_->model.get();
-    AddAll(methods, make, prepared_->task(),
-           model != nullptr ? model->demonstrations().trajectories : prepared_->demonstrations);
-  } else {
-    AddAll(methods, make, guard->task().features(), prepared_->demonstrations,
-           [guard](auto a, auto b) { return guard->actions().Distance(a, b); });
-  }
+  const auto* model = prepared_->model.get();
+  AddAll(
+      methods, [this](const std::string& method) { return MakeController(method); },
+      prepared_->fit(),
+      model != nullptr ? model->demonstrations().trajectories : prepared_->demonstrations);
 }
 
 std::unique_ptr<control::Controller> Runner::MakeController(const std::string& method) {
@@ -158,10 +151,11 @@ std::unique_ptr<control::Controller> Runner::MakeController(const std::string& m
   auto& imitator = imitators_[std::string(policy)];
   if (imitator == nullptr) {
     imitator = std::make_shared<Imitator>(Imitate(*task_->small, prepared_->demonstrations,
-                                                  prepared_->task(), driven(), std::string(policy),
+                                                  prepared_->fit(), driven(), std::string(policy),
                                                   prepared_->seed));
   }
-  auto guarded = std::make_unique<Guarded>(imitator, *prepared_->guard, std::string(strategy));
+  auto guarded =
+      std::make_unique<Guarded>(imitator, *prepared_->guard->guard(), std::string(strategy));
   guarded_.push_back(guarded.get());
   if (guarded->monitors()) {
     for (const auto outcome : {core::Outcome::kCompleted, core::Outcome::kCollided}) {
@@ -200,7 +194,7 @@ bool Runner::Film(const std::vector<int>& methods, std::uint64_t start_seed,
   videos.reserve(methods.size());
   for (const int method : methods) {
     apps::RolloutVideoRecorder recorder(MethodName(method), drawing.width, drawing.height,
-                                        drawing.draw, prepared_->task().support());
+                                        drawing.draw, prepared_->fit().model().support());
     RunObserved(method, start_seed, controller_seed, &recorder);
     videos.push_back(recorder.Take());
   }
@@ -210,7 +204,7 @@ bool Runner::Film(const std::vector<int>& methods, std::uint64_t start_seed,
 
 double Runner::Credit(int method, std::uint64_t start_seed, std::uint64_t controller_seed,
                       const experiment::EpisodeCredit& credit) {
-  Progress progress(prepared_->task().guided_support());
+  Progress progress(prepared_->fit().model().guided_support());
   const auto episode = ResultOf(RunObserved(method, start_seed, controller_seed, &progress));
   return credit(episode.outcome, progress.share());
 }

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -12,7 +13,7 @@
 #include "apps/study/task.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/experiment/sequential_test.h"
-#include "dfr/safety/guard_model.h"
+#include "dfr/study/fitted_task.h"
 #include "dfr/study/learned_model.h"
 #include "dfr/study/placebo_runner.h"
 #include "dfr/study/shared_cache.h"
@@ -30,11 +31,11 @@ struct Prepared {
   std::unique_ptr<const LearnedModel> model = nullptr;     ///< For controllers.
   std::unique_ptr<const planar::Methods> plane = nullptr;  ///< For planar::Methods.
   std::vector<core::Trajectory> demonstrations = {};       ///< For guards,
-  std::shared_ptr<const safety::GuardModel> guard = nullptr;
+  std::optional<FittedTask> guard = {};
   std::uint64_t seed = 0;  ///< and that of their policies.
 
-  [[nodiscard]] const safety::TaskModel& task() const noexcept {
-    return model != nullptr ? model->task() : plane != nullptr ? plane->model() : guard->task();
+  [[nodiscard]] const FittedTask& fit() const noexcept {
+    return model != nullptr ? model->fit() : plane != nullptr ? plane->fit() : *guard;
   }
 };
 using PreparedCache = SharedCache<std::pair<std::string, int>, Prepared>;

@@ -29,7 +29,7 @@ constexpr std::uint64_t kLearnerStream = 2;
 
 // Imitates like the Pusher's weak learner.
 LearnedModel Learn(const std::string& name, const core::SimulatedPlant& plant,
-                   std::vector<core::Trajectory> demonstrations, const safety::TaskOptions& options,
+                   std::vector<core::Trajectory> demonstrations, FittedTask task,
                    std::uint64_t seed, const Expert& supervisor) {
   imitation::DemonstrationSet set{.layout = plant.layout(),
                                   .control_dim = plant.control_dim(),
@@ -38,7 +38,6 @@ LearnedModel Learn(const std::string& name, const core::SimulatedPlant& plant,
                                   .note = {}};
   const imitation::FitMlpOptions fit{.hidden = {8}, .epochs = 10, .seed = seed};
   imitation::MlpPolicy policy = imitation::FitMlp(set, fit);
-  safety::TaskModel task(set.layout, set.trajectories, options);
   Expert teaching = TeachMlp(set, fit);
   teaching.plant = supervisor.plant;
   teaching.supervise = supervisor.supervise;
@@ -82,11 +81,12 @@ Task Planar(const std::string& name) {
             .length = planar.name == "corridor" ? 1.0 : 0.1,
             .plane = planar};
   task.learn = [planar](int demonstrations, std::uint64_t seed) {
-    return Learn(
-        planar.name, *planar.plant,
-        planar::Demonstrate(planar, demonstrations, core::DeriveSeed(seed, {kDemonstrationStream})),
-        planar::TaskOptionsOf(planar, {}), core::DeriveSeed(seed, {kLearnerStream}),
-        planar::SupervisorOf(planar));
+    std::vector<core::Trajectory> set =
+        planar::Demonstrate(planar, demonstrations, core::DeriveSeed(seed, {kDemonstrationStream}));
+    FittedTask fit =
+        safety::TaskModel(planar.plant->layout(), set, planar::TaskOptionsOf(planar, {}));
+    return Learn(planar.name, *planar.plant, std::move(set), std::move(fit),
+                 core::DeriveSeed(seed, {kLearnerStream}), planar::SupervisorOf(planar));
   };
   task.draw = [planar](const core::SimulatedPlant& world) -> Drawing {
     const planar::PlanePicture picture(planar);
@@ -106,12 +106,8 @@ Task Gallery(const std::string& name) {
   task.learn = [&small](int demonstrations, std::uint64_t seed) {
     std::vector<core::Trajectory> set =
         sim::Demonstrate(small, demonstrations, core::DeriveSeed(seed, {kDemonstrationStream}));
-    // A guard's default: twice as many controls as the longest demonstration.
-    safety::TaskOptions options{.guided_features = small.features, .horizon = 1};
-    for (const core::Trajectory& d : set) {
-      options.horizon = std::max(options.horizon, 2 * d.num_steps());
-    }
-    return Learn(small.name, *small.plant, std::move(set), options,
+    FittedTask fit = FittedTask::Fit(small.plant->layout(), set, small.features);
+    return Learn(small.name, *small.plant, std::move(set), std::move(fit),
                  core::DeriveSeed(seed, {kLearnerStream}), SupervisorOf(small));
   };
   if (small.settle_steps > 0) {

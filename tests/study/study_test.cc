@@ -111,6 +111,21 @@ TEST(StressTest, TheGridHasARowASupportAndAColumnAController) {
   EXPECT_EQ(tables[0].rows[1][0], "density");
 }
 
+// Controls are metres and a gripper of +-1: a single unit and limit for all entries would move the
+// gripper in steps of metres.
+TEST(StressTest, ControllersKeepUnitsThatDiffer) {
+  Study study = Small();
+  study.tasks = {"pick"};
+  study.conditions = {"as demonstrated"};
+  study.policies = {"lwr"};
+  study.controllers = {"guided", "guard", "guided/density"};
+  study.demonstrations = 60;
+  const std::vector<Row> rows = RunStudy(study);
+  std::filesystem::remove_all(Folder());
+  ASSERT_EQ(rows.size(), 4u);
+  for (const Row& row : rows) EXPECT_GE(row.completed, 14) << row.controller;
+}
+
 TEST(StressTest, ListsFailuresAndHarmedEpisodes) {
   const std::vector<Row> rows = {{"a", "c", "lwr", "baseline", 100, 90, 5, 0, 0},
                                  {"a", "c", "lwr", "guided", 100, 95, 0, 5, 2},

@@ -21,7 +21,7 @@ const LearnedModel& Corridor() {
 }
 
 SupportModel Make(std::string_view name) {
-  return {name, Corridor().task(), Corridor().demonstrations().layout,
+  return {name, Corridor().fit(), Corridor().demonstrations().layout,
           Corridor().demonstrations().trajectories};
 }
 

@@ -83,11 +83,11 @@ Methods::Methods(const Task& task, std::vector<core::Trajectory> demonstrations,
       options_(options),
       demonstrations_(std::move(demonstrations)),
       policy_(demonstrations_, task.degree),
-      model_(task.plant->layout(), demonstrations_, TaskOptionsOf(task, options)),
+      fit_(safety::TaskModel(task.plant->layout(), demonstrations_, TaskOptionsOf(task, options))),
       start_features_(Isotropic(task, demonstrations_)),
       start_support_(StartSupport(start_features_, demonstrations_)),
-      controllers_(model_, policy_, task.plant->layout(), demonstrations_, Teach(task, seed)),
-      direction_error_(control::EstimateDirectionError(model_.features(), demonstrations_)) {}
+      controllers_(fit_, policy_, task.plant->layout(), demonstrations_, Teach(task, seed)),
+      direction_error_(control::EstimateDirectionError(model().features(), demonstrations_)) {}
 
 SupportKind SupportOf(std::string_view method) {
   return method.starts_with("guided") || method == "certified-direction" ? SupportKind::kGuided
@@ -96,7 +96,7 @@ SupportKind SupportOf(std::string_view method) {
 
 double Methods::Level(SupportKind kind, int t, std::span<const double> x) const {
   if (kind == SupportKind::kRaw) return raw_support().LogDecision(t, x, {});
-  return model_.guided_support().LogDecision(t, x, {});
+  return model().guided_support().LogDecision(t, x, {});
 }
 
 bool Methods::Begins(std::span<const double> x) const {
@@ -121,7 +121,7 @@ std::unique_ptr<control::Controller> Methods::Make(std::string_view method,
   DFR_THROW_UNLESS(Split(method).policy.empty(),
                    "method '" << method << "': it runs around the learned policy only");
   return std::make_unique<control::CertifiedController>(
-      policy_, model_.view(),
+      policy_, model().view(),
       control::CertifiedOptions{.horizon = task_.horizon, .certificate = certificate()});
 }
 

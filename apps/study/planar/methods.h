@@ -75,10 +75,11 @@ class Methods {
   [[nodiscard]] const std::vector<core::Trajectory>& demonstrations() const noexcept {
     return demonstrations_;
   }
-  [[nodiscard]] const safety::TaskModel& model() const noexcept { return model_; }
+  [[nodiscard]] const safety::TaskModel& model() const noexcept { return fit_.model(); }
+  [[nodiscard]] const FittedTask& fit() const noexcept { return fit_; }
   /// The paper's support on whole states.
   [[nodiscard]] const kernel::TimeVaryingSupport& raw_support() const noexcept {
-    return *model_.published();
+    return *model().published();
   }
   /// l_t(x) of a whole state.
   [[nodiscard]] double Level(SupportKind kind, int t, std::span<const double> x) const;
@@ -97,7 +98,7 @@ class Methods {
   MethodOptions options_;
   std::vector<core::Trajectory> demonstrations_;
   PolynomialPolicy policy_;
-  safety::TaskModel model_;
+  FittedTask fit_;
   core::FeatureTransform start_features_;
   kernel::WhitenedSupport start_support_;
   ControllerFactory controllers_;

@@ -152,8 +152,8 @@ std::unique_ptr<control::Controller> ControllerFactory::Make(
   std::shared_ptr<const core::Policy> other;
   std::shared_ptr<OnlineLwrPolicy> online;
   if (name == kOnlineLwr) {
-    online =
-        std::make_shared<OnlineLwrPolicy>(task_->features(), task_->response(), options.guided);
+    online = std::make_shared<OnlineLwrPolicy>(task_->model().features(),
+                                               task_->ResponseOf(demonstrations_), options.guided);
     other = online;
   } else if (!name.empty()) {
     const bool unlearned = name == "lwr" || name == "lwr-cv" || name == "knn" || name == "none";
@@ -174,10 +174,11 @@ std::unique_ptr<control::Controller> ControllerFactory::Make(
   } else {
     DFR_THROW_UNLESS(plant != nullptr, "oracles need the plant they drive");
     controller = Split(method).controller == kTrueJacobian
-                     ? MakeTrueJacobianFilter(*task_, policy, *plant, horizon)
-                     : task_->MakeController(std::make_unique<experiment::FiniteDifferenceRecovery>(
-                                                 *plant, task_->support()),
-                                             policy, options);
+                     ? MakeTrueJacobianFilter(task_->model(), policy, *plant, horizon)
+                     : task_->model().MakeController(
+                           std::make_unique<experiment::FiniteDifferenceRecovery>(
+                               *plant, task_->model().support()),
+                           policy, {.horizon = horizon, .first_step = options.first_step});
   }
   if (online != nullptr) {
     return std::make_unique<WithOnlinePolicy>(std::move(online), std::move(controller));
@@ -205,18 +206,29 @@ std::unique_ptr<control::Controller> ControllerFactory::OnSupport(
   }
   if (name.controller == kCertified) {
     // Twice the value of the demonstrations, as in a guard.
-    const double error =
-        control::EstimateDirectionError(support->view().features(), demonstrations_).value;
-    return std::make_unique<control::CertifiedController>(
-        policy, support->view(),
-        control::CertifiedOptions{.horizon = horizon,
-                                  .first_step = options.first_step,
-                                  .certificate = {.direction_error = 2.0 * error + 1e-9}});
+    const double error = control::EstimateDirectionError(support->view().features(),
+                                                         task_->Measured(demonstrations_))
+                             .value;
+    return task_->InUnits(
+        policy, control::CertifiedOptions().control_limit,
+        [&](const core::Policy& measured, std::vector<double> limit) {
+          return std::make_unique<control::CertifiedController>(
+              measured, support->view(),
+              control::CertifiedOptions{.horizon = horizon,
+                                        .first_step = options.first_step,
+                                        .control_limit = std::move(limit),
+                                        .certificate = {.direction_error = 2.0 * error + 1e-9}});
+        });
   }
   control::GuidedOptions guided = control::Without(options.guided, method.without);
   guided.horizon = horizon;
   guided.first_step = options.first_step;
-  return std::make_unique<control::GuidedController>(policy, support->view(), guided);
+  return task_->InUnits(policy, options.guided.control_limit,
+                        [&](const core::Policy& measured, std::vector<double> limit) {
+                          guided.control_limit = std::move(limit);
+                          return std::make_unique<control::GuidedController>(
+                              measured, support->view(), guided);
+                        });
 }
 
 }  // namespace dfr::study

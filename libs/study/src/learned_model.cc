@@ -1,13 +1,18 @@
 #include "dfr/study/learned_model.h"
 
+#include <utility>
+
+#include "dfr/core/contract.h"
+
 namespace dfr::study {
 
-LearnedModel::LearnedModel(imitation::MlpPolicy policy, safety::TaskModel task,
+LearnedModel::LearnedModel(imitation::MlpPolicy policy, FittedTask fit,
                            imitation::DemonstrationSet set, Expert teaching)
-    : parts_(std::make_unique<const Parts>(std::move(policy), std::move(task), std::move(set),
+    : parts_(std::make_unique<const Parts>(std::move(policy), std::move(fit), std::move(set),
                                            std::move(teaching))) {}
 
 void LearnedModel::Save(const std::filesystem::path& folder) const {
+  DFR_THROW_UNLESS(fit().guard() == nullptr, "a guard's fit has a file of its own: save the guard");
   task().Save(folder);
   policy().Save(folder / "policy.dfr");
   imitation::SaveRobomimic(demonstrations(), folder / "demonstrations.hdf5");

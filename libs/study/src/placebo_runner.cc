@@ -10,9 +10,8 @@
 namespace dfr::study {
 
 void PlaceboRunner::AddAll(const std::vector<std::string>& methods, const Maker& make,
-                           const core::FeatureTransform& features,
-                           std::span<const core::Trajectory> demonstrations,
-                           const Placebo::Distance& distance) {
+                           const FittedTask& task,
+                           std::span<const core::Trajectory> demonstrations) {
   CheckPlacebos(methods);
   std::shared_ptr<const core::Policy> nominal;
   for (const std::string& method : methods) {
@@ -22,9 +21,12 @@ void PlaceboRunner::AddAll(const std::vector<std::string>& methods, const Maker&
       const auto judged = std::ranges::find(methods, WithController(kJudged, method));
       compared.judged = static_cast<int>(judged - methods.begin());
       const bool corrects = method.starts_with(PlaceboNames()[0]);
-      if (corrects && nominal == nullptr) nominal = MakeUnlearned("lwr", features, demonstrations);
-      auto placebo = std::make_unique<Placebo>(make(WithController("baseline", method)),
-                                               corrects ? nominal : nullptr, distance);
+      if (corrects && nominal == nullptr) {
+        nominal = MakeUnlearned("lwr", task.model().features(), demonstrations);
+      }
+      auto placebo = std::make_unique<Placebo>(
+          make(WithController("baseline", method)), corrects ? nominal : nullptr,
+          [&task](auto u, auto other) { return task.Distance(u, other); });
       compared.placebo = placebo.get();
       controller = std::move(placebo);
     } else {
@@ -33,14 +35,6 @@ void PlaceboRunner::AddAll(const std::vector<std::string>& methods, const Maker&
     compared_.push_back(compared);
     Add(method, std::move(controller));
   }
-}
-
-void PlaceboRunner::AddAll(const std::vector<std::string>& methods, const Maker& make,
-                           const safety::TaskModel& task,
-                           std::span<const core::Trajectory> demonstrations) {
-  const double unit = task.response().control_unit();
-  AddAll(methods, make, task.features(), demonstrations,
-         [unit](auto a, auto b) { return (core::AsVector(a) - core::AsVector(b)).norm() / unit; });
 }
 
 experiment::EpisodeResult PlaceboRunner::Run(int method, std::uint64_t start_seed,

@@ -13,11 +13,6 @@
 namespace dfr::study {
 namespace {
 
-// Norm of the largest demonstrated control.
-double SizeOf(const safety::TaskModel& task) {
-  return task.response().largest_control() * task.response().control_unit();
-}
-
 // A policy with the dimensions of another one.
 class LikeAnother : public core::Policy {
  public:
@@ -58,7 +53,7 @@ class Negated final : public LikeAnother {
 
 class Haphazard final : public LikeAnother {
  public:
-  Haphazard(const core::Policy& learned, const safety::TaskModel& task)
+  Haphazard(const core::Policy& learned, const FittedTask& task)
       : LikeAnother(learned), task_(&task) {}
   void Control(int t, std::span<const double> x, std::span<double> u) const noexcept override {
     std::uint64_t seed = static_cast<std::uint64_t>(t);
@@ -66,11 +61,11 @@ class Haphazard final : public LikeAnother {
       seed = core::DeriveSeed(seed, {std::bit_cast<std::uint64_t>(entry)});
     }
     core::Random(seed).Direction(u);
-    for (double& entry : u) entry *= SizeOf(*task_);
+    task_->Enlarge(u);
   }
 
  private:
-  const safety::TaskModel* task_;
+  const FittedTask* task_;
 };
 
 // Tries the same directions on a copy of the plant at every control.
@@ -78,7 +73,7 @@ class Adversary final : public LikeAnother {
  public:
   enum class Aim { kConstraints, kOutOfSupport };
 
-  Adversary(Aim aim, const core::Policy& learned, const safety::TaskModel& task,
+  Adversary(Aim aim, const core::Policy& learned, const FittedTask& task,
             const core::SimulatedPlant& plant)
       : LikeAnother(learned),
         aim_(aim),
@@ -92,16 +87,16 @@ class Adversary final : public LikeAnother {
     core::Random random(kSeed);
     for (Eigen::Index i = 0; i < directions_.rows(); i += 2) {
       random.Direction(core::Row(directions_, i));
+      task.Enlarge(core::Row(directions_, i));
       directions_.row(i + 1) = -directions_.row(i);
     }
   }
 
   void Control(int t, std::span<const double> x, std::span<double> u) const noexcept override {
     learned().Control(t, x, u);
-    const double size = SizeOf(*task_);
     double worst = std::numeric_limits<double>::infinity();
     for (Eigen::Index i = 0; i < directions_.rows(); ++i) {
-      core::AsVector(std::span(control_)) = size * directions_.row(i).transpose();
+      core::AsVector(std::span(control_)) = directions_.row(i).transpose();
       const double found = aim_ == Aim::kConstraints ? StepsToCollision() : LevelAfter(t);
       if (found >= worst) continue;
       worst = found;
@@ -130,11 +125,11 @@ class Adversary final : public LikeAnother {
       return std::numeric_limits<double>::infinity();
     }
     copy_->Observe(state_);
-    return task_->guided_support().LogDecision(t + 1, state_, {});
+    return task_->model().guided_support().LogDecision(t + 1, state_, {});
   }
 
   Aim aim_;
-  const safety::TaskModel* task_;
+  const FittedTask* task_;
   const core::SimulatedPlant* plant_;
   // Scratch memory: this policy belongs to one thread.
   std::unique_ptr<core::SimulatedPlant> copy_;
@@ -229,8 +224,9 @@ std::shared_ptr<const core::Policy> MakeUnlearned(
 std::shared_ptr<const core::Policy> PolicyFactory::Make(std::string_view name,
                                                         const core::SimulatedPlant* plant) const {
   if (name == "lwr" || name == "lwr-cv" || name == "knn" || name == "none") {
-    return *made_.Get(std::string(name),
-                      [&] { return MakeUnlearned(name, task_->features(), demonstrations_); });
+    return *made_.Get(std::string(name), [&] {
+      return MakeUnlearned(name, task_->model().features(), demonstrations_);
+    });
   }
   if (name == "random") return std::make_shared<Haphazard>(*learned_, *task_);
   if (name == "negated") return std::make_shared<Negated>(*learned_);

@@ -249,10 +249,11 @@ class Mahalanobis final : public Pooled {
 
 }  // namespace
 
-SupportModel::SupportModel(std::string_view name, const safety::TaskModel& task,
+SupportModel::SupportModel(std::string_view name, const FittedTask& fit,
                            const core::StateLayout& layout,
                            std::span<const core::Trajectory> demonstrations)
-    : features_(task.features()) {
+    : features_(fit.model().features()) {
+  const safety::TaskModel& task = fit.model();
   if (name == "raw") {
     DFR_THROW_UNLESS(task.published() != nullptr, "this task has no raw support");
     features_ = core::FeatureTransform::Identity(
@@ -272,7 +273,7 @@ SupportModel::SupportModel(std::string_view name, const safety::TaskModel& task,
     DFR_THROW_UNLESS(false, "unknown support '" << name << "'; valid: " << Join(kSupports));
   }
   if (own_ != nullptr) support_ = own_.get();
-  const control::FeatureTrajectories seen(features_, demonstrations);
+  const control::FeatureTrajectories seen(features_, fit.Measured(demonstrations));
   levels_.emplace(*support_, seen.points, control::LevelOptions{.slack = task.levels().slack()});
   response_.emplace(seen);
   decision_.emplace(features_, *support_);

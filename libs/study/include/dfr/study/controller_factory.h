@@ -11,6 +11,7 @@
 #include "dfr/core/policy.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/safety/task_model.h"
+#include "dfr/study/fitted_task.h"
 #include "dfr/study/policies.h"
 #include "dfr/study/shared_cache.h"
 #include "dfr/study/supports.h"
@@ -55,7 +56,7 @@ struct MethodName {
 class ControllerFactory {
  public:
   /// Borrows all arguments, which must outlive this object and its controllers.
-  ControllerFactory(const safety::TaskModel& task, const core::Policy& learned,
+  ControllerFactory(const FittedTask& task, const core::Policy& learned,
                     const core::StateLayout& layout,
                     std::span<const core::Trajectory> demonstrations, Expert teaching = {})
       : task_(&task),
@@ -76,7 +77,7 @@ class ControllerFactory {
       const MethodName& name, const safety::Method& method, const core::Policy& policy,
       const safety::ControllerOptions& options) const;
 
-  const safety::TaskModel* task_;
+  const FittedTask* task_;
   const core::Policy* learned_;
   core::StateLayout layout_;
   std::span<const core::Trajectory> demonstrations_;

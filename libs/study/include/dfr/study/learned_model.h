@@ -8,6 +8,7 @@
 #include "dfr/imitation/mlp_policy.h"
 #include "dfr/safety/task_model.h"
 #include "dfr/study/controller_factory.h"
+#include "dfr/study/fitted_task.h"
 
 namespace dfr::study {
 
@@ -15,17 +16,18 @@ namespace dfr::study {
 class LearnedModel {
  public:
   /// Without `teaching`, methods that train new policies are rejected.
-  LearnedModel(imitation::MlpPolicy policy, safety::TaskModel task, imitation::DemonstrationSet set,
+  LearnedModel(imitation::MlpPolicy policy, FittedTask fit, imitation::DemonstrationSet set,
                Expert teaching = {});
 
   /// Writes policy.dfr, demonstrations.hdf5 and the task's files into `folder`; creates it if
-  /// needed.
+  /// needed. @throws std::invalid_argument for a guard's fit, which has a file of its own.
   void Save(const std::filesystem::path& folder) const;
   /// Reads the files of Save(). @throws std::runtime_error with the file and the problem.
   static LearnedModel Load(const std::filesystem::path& folder);
 
   [[nodiscard]] const imitation::MlpPolicy& policy() const noexcept { return parts_->policy; }
-  [[nodiscard]] const safety::TaskModel& task() const noexcept { return parts_->task; }
+  [[nodiscard]] const safety::TaskModel& task() const noexcept { return parts_->fit.model(); }
+  [[nodiscard]] const FittedTask& fit() const noexcept { return parts_->fit; }
   [[nodiscard]] const imitation::DemonstrationSet& demonstrations() const noexcept {
     return parts_->set;
   }
@@ -36,14 +38,13 @@ class LearnedModel {
 
  private:
   struct Parts {
-    Parts(imitation::MlpPolicy p, safety::TaskModel t, imitation::DemonstrationSet s,
-          Expert teaching)
+    Parts(imitation::MlpPolicy p, FittedTask f, imitation::DemonstrationSet s, Expert teaching)
         : policy(std::move(p)),
-          task(std::move(t)),
+          fit(std::move(f)),
           set(std::move(s)),
-          controllers(task, policy, set.layout, set.trajectories, std::move(teaching)) {}
+          controllers(fit, policy, set.layout, set.trajectories, std::move(teaching)) {}
     imitation::MlpPolicy policy;
-    safety::TaskModel task;
+    FittedTask fit;
     imitation::DemonstrationSet set;
     ControllerFactory controllers;
   };

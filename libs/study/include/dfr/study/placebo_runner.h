@@ -37,15 +37,11 @@ class PlaceboRunner : public experiment::RolloutRunner {
   /// Makes the controller of a method that is no placebo.
   using Maker = std::function<std::unique_ptr<control::Controller>(const std::string&)>;
   /// Adds the controllers of `methods`. Placebos wrap the policy alone, "baseline" around the same
-  /// policy. Their corrections are of locally weighted regression on the demonstrations;
-  /// `distance` is that of two controls.
+  /// policy. Their corrections are of locally weighted regression on the demonstrations. Borrows
+  /// the task.
   /// @throws std::invalid_argument as CheckPlacebos() does.
-  void AddAll(const std::vector<std::string>& methods, const Maker& make,
-              const core::FeatureTransform& features,
-              std::span<const core::Trajectory> demonstrations, const Placebo::Distance& distance);
-  /// The same, with distances in units of the task's controls.
-  void AddAll(const std::vector<std::string>& methods, const Maker& make,
-              const safety::TaskModel& task, std::span<const core::Trajectory> demonstrations);
+  void AddAll(const std::vector<std::string>& methods, const Maker& make, const FittedTask& task,
+              std::span<const core::Trajectory> demonstrations);
 
   /// Overrides call this one.
   void Begin(int method, std::uint64_t start_seed) override;

@@ -13,8 +13,8 @@
 #include "dfr/core/policy.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/imitation/locally_weighted_policy.h"
-#include "dfr/safety/task_model.h"
 #include "dfr/study/baselines.h"
+#include "dfr/study/fitted_task.h"
 #include "dfr/study/shared_cache.h"
 
 namespace dfr::study {
@@ -78,7 +78,7 @@ template <typename Names>
 /// Makes these policies, except kOnlineLwr, for one task. Borrows all that it is given.
 class PolicyFactory {
  public:
-  PolicyFactory(const safety::TaskModel& task, const core::Policy& learned,
+  PolicyFactory(const FittedTask& task, const core::Policy& learned,
                 std::span<const core::Trajectory> demonstrations, Expert teaching = {})
       : task_(&task),
         learned_(&learned),
@@ -95,7 +95,7 @@ class PolicyFactory {
   [[nodiscard]] std::shared_ptr<const EnsemblePolicy> Ensemble() const;
 
  private:
-  const safety::TaskModel* task_;
+  const FittedTask* task_;
   const core::Policy* learned_;
   std::span<const core::Trajectory> demonstrations_;
   Expert teaching_;

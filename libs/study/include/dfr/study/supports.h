@@ -13,7 +13,7 @@
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/features.h"
 #include "dfr/core/trajectory.h"
-#include "dfr/safety/task_model.h"
+#include "dfr/study/fitted_task.h"
 
 namespace dfr::study {
 
@@ -35,8 +35,8 @@ class SupportModel {
   /// `layout` is the layout of the demonstrated states.
   /// @throws std::invalid_argument naming an unknown support and listing the valid ones, or if the
   ///   task has no "raw" one.
-  SupportModel(std::string_view name, const safety::TaskModel& task,
-               const core::StateLayout& layout, std::span<const core::Trajectory> demonstrations);
+  SupportModel(std::string_view name, const FittedTask& fit, const core::StateLayout& layout,
+               std::span<const core::Trajectory> demonstrations);
   SupportModel(const SupportModel&) = delete;
   SupportModel& operator=(const SupportModel&) = delete;
   ~SupportModel();

@@ -1,0 +1,159 @@
+#include "dfr/study/fitted_task.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "dfr/core/contract.h"
+#include "dfr/core/matrix.h"
+
+namespace dfr::study {
+namespace {
+
+// A policy in the units of a guard's actions. It keeps its last control as it was, so that it
+// belongs to one thread.
+class MeasuredPolicy final : public core::Policy {
+ public:
+  MeasuredPolicy(const core::Policy& policy, const safety::ActionSpace& actions,
+                 std::vector<double> limit)
+      : policy_(&policy),
+        actions_(&actions),
+        limit_(std::move(limit)),
+        last_(static_cast<std::size_t>(actions.dim()), 0.0) {
+    DFR_THROW_UNLESS(policy.control_dim() == actions.dim(),
+                     "the policy's controls have " << policy.control_dim()
+                                                   << " entries, those of the demonstrations "
+                                                   << actions.dim());
+  }
+  [[nodiscard]] int state_dim() const noexcept override { return policy_->state_dim(); }
+  [[nodiscard]] int control_dim() const noexcept override { return actions_->steered_dim(); }
+  void Control(int t, std::span<const double> x, std::span<double> a) const noexcept override {
+    policy_->Control(t, x, last_);
+    Clamp(last_);
+    actions_->Measure(last_, a);
+  }
+  void Clamp(std::span<double> u) const noexcept {
+    for (std::size_t i = 0; i < u.size(); ++i) u[i] = std::clamp(u[i], -limit_[i], limit_[i]);
+  }
+  // Within the limits.
+  [[nodiscard]] std::span<const double> last() const noexcept { return last_; }
+
+ private:
+  const core::Policy* policy_;
+  const safety::ActionSpace* actions_;
+  std::vector<double> limit_;
+  mutable std::vector<double> last_;
+};
+
+// A controller in the units of a guard's actions.
+class Restored final : public control::Controller {
+ public:
+  Restored(const core::Policy& policy, const safety::ActionSpace& actions,
+           const std::vector<double>& limit, const FittedTask::Maker& make)
+      : policy_(policy, actions, limit),
+        actions_(&actions),
+        controller_(make(policy_, actions.MeasuredLimits(limit))),
+        chosen_(static_cast<std::size_t>(actions.steered_dim()), 0.0) {}
+  [[nodiscard]] int state_dim() const noexcept override { return policy_.state_dim(); }
+  [[nodiscard]] int control_dim() const noexcept override { return actions_->dim(); }
+
+ private:
+  void DoReset(std::uint64_t seed) noexcept override { controller_->Reset(seed); }
+  control::Step DoNext(std::span<const double> x, std::span<double> u) noexcept override {
+    const control::Step step = controller_->Next(x, chosen_);
+    if (step.mode == control::Mode::kHalt) {
+      std::ranges::fill(u, 0.0);
+      return step;
+    }
+    std::ranges::copy(policy_.last(), u.begin());
+    if (step.mode == control::Mode::kPolicy && !step.filtered) return step;
+    actions_->Restore(chosen_, u);
+    policy_.Clamp(u);  // Units round.
+    return step;
+  }
+
+  MeasuredPolicy policy_;
+  const safety::ActionSpace* actions_;
+  std::unique_ptr<control::Controller> controller_;
+  std::vector<double> chosen_;
+};
+
+}  // namespace
+
+FittedTask::FittedTask(safety::TaskModel model)
+    : model_(std::make_shared<const safety::TaskModel>(std::move(model))) {}
+
+FittedTask::FittedTask(std::shared_ptr<const safety::GuardModel> guard)
+    : guard_(std::move(guard)), model_(guard_, &guard_->task()) {
+  DFR_THROW_UNLESS(guard_->reduction() == nullptr,
+                   "a study compares methods on states as they are: choose features without pca:");
+}
+
+FittedTask FittedTask::Fit(const core::StateLayout& layout,
+                           std::span<const core::Trajectory> demonstrations,
+                           const std::string& features) {
+  return FittedTask(
+      safety::GuardModel::Fit(layout, demonstrations, {.features = features, .accept_any = true}));
+}
+
+std::vector<core::Trajectory> FittedTask::Measured(
+    std::span<const core::Trajectory> demonstrations) const {
+  if (guard_ != nullptr) return guard_->actions().Measured(demonstrations);
+  return {demonstrations.begin(), demonstrations.end()};
+}
+
+control::Response FittedTask::ResponseOf(std::span<const core::Trajectory> demonstrations) const {
+  if (guard_ == nullptr) return model_->response();
+  return control::Response(control::FeatureTrajectories(model_->features(), demonstrations));
+}
+
+double FittedTask::Distance(std::span<const double> u,
+                            std::span<const double> other) const noexcept {
+  if (guard_ != nullptr) return guard_->actions().Distance(u, other);
+  return (core::AsVector(u) - core::AsVector(other)).norm() / model_->response().control_unit();
+}
+
+void FittedTask::Enlarge(std::span<double> direction) const noexcept {
+  const double size = model_->response().largest_control() * model_->response().control_unit();
+  for (std::size_t i = 0; i < direction.size(); ++i) {
+    if (guard_ == nullptr) {
+      direction[i] *= size;
+    } else {
+      const safety::ActionEntry& entry = guard_->actions().entries()[i];
+      direction[i] *= entry.steered ? size * entry.unit : entry.largest;
+    }
+  }
+}
+
+std::unique_ptr<control::Controller> FittedTask::MakeController(
+    const safety::Method& method, const core::Policy& policy,
+    const safety::ControllerOptions& options) const {
+  using Kind = safety::Method::Kind;
+  safety::ControllerOptions own = options;
+  if (own.horizon == 0) own.horizon = horizon();
+  if (guard_ != nullptr && !guard_->settings().demonstrated) own.guided.demonstrated = false;
+  // Algorithm 1 is for controls as they are.
+  if (method.kind != Kind::kGuided && method.kind != Kind::kGuard) {
+    return model_->MakeController(method, policy, own);
+  }
+  return InUnits(policy, options.guided.control_limit,
+                 [&](const core::Policy& measured, std::vector<double> limit) {
+                   own.guided.control_limit = std::move(limit);
+                   return model_->MakeController(method, measured, own);
+                 });
+}
+
+std::unique_ptr<control::Controller> FittedTask::InUnits(const core::Policy& policy,
+                                                         const std::vector<double>& limit,
+                                                         const Maker& make) const {
+  if (guard_ == nullptr) return make(policy, limit);
+  std::vector<double> least = guard_->settings().action_limit;
+  DFR_THROW_UNLESS(
+      limit.size() == 1 || limit.size() == least.size(),
+      "there are " << limit.size() << " limits, controls have " << least.size() << " entries");
+  for (std::size_t i = 0; i < least.size(); ++i) {
+    least[i] = std::min(least[i], limit[limit.size() == 1 ? 0 : i]);
+  }
+  return std::make_unique<Restored>(policy, guard_->actions(), least, make);
+}
+
+}  // namespace dfr::study
