@@ -9,6 +9,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -18,9 +19,11 @@
 #include "apps/study/planar/picture.h"
 #include "apps/study/planar/proof.h"
 #include "dfr/control/certified/certifier.h"
+#include "dfr/core/format.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/intervals.h"
 #include "dfr/kernel/cover_radius.h"
+#include "dfr/sim/gallery/corridor.h"
 
 namespace dfr::study::planar {
 namespace {
@@ -126,6 +129,18 @@ Passing CountPassing(const Methods& methods, int t) {
   return passing;
 }
 
+// Smallest clearance that demonstrations kept at time step t; absent where the task does not tell.
+std::optional<double> ClearanceKept(const Task& task, const Methods& methods, int t) {
+  const auto* corridor = dynamic_cast<const sim::CorridorPlant*>(task.plant.get());
+  std::optional<double> least;
+  for (const core::Trajectory& d : methods.demonstrations()) {
+    if (corridor == nullptr || t >= d.states.rows()) continue;
+    const double clearance = corridor->Clearance(d.states(t, 0), d.states(t, 1));
+    least = std::min(least.value_or(clearance), clearance);
+  }
+  return least;
+}
+
 // Prints the assumptions of a certificate per time step, and the share of demonstrated steps that
 // it would pass.
 void PrintCertificate(const PlanarStudy& study) {
@@ -148,8 +163,10 @@ void PrintCertificate(const PlanarStudy& study) {
   std::printf(
       "  features show the constraints; states are exact; what is issued is applied; states\n"
       "  are certified, not the paths between them\n");
-  std::printf("%4s %9s %12s %40s\n", "t", "R median", "clearance",
+  std::printf("%4s %9s %12s %12s %32s\n", "t", "R median", "clearance", "kept",
               "demonstrated steps that pass, %");
+  int met = 0;
+  int compared = 0;
   for (int t = 0; t < support.num_steps(); t += std::max(1, support.num_steps() / 12)) {
     std::vector<double> radius;
     for (const core::Trajectory& d : methods.demonstrations()) {
@@ -167,8 +184,17 @@ void PrintCertificate(const PlanarStudy& study) {
     const Eigen::MatrixXd inverse = (support.map(t) * features.scale()).inverse();
     const double clearance =
         inverse.operatorNorm() * kernel::CoverRadius(support.estimate(t), certificate.level);
-    std::printf("%4d %9.4f %12.4g %40.1f\n", t, radius[radius.size() / 2], clearance,
+    const std::optional<double> kept = ClearanceKept(task, methods, t);
+    compared += kept ? 1 : 0;
+    met += kept && *kept >= clearance ? 1 : 0;
+    std::printf("%4d %9.4f %12.4g %12s %32.1f\n", t, radius[radius.size() / 2], clearance,
+                kept ? core::Format("%.4g", *kept).c_str() : "-",
                 CountPassing(methods, t).percent());
+  }
+  if (compared > 0) {
+    std::printf("demonstrations kept the clearance at %d of these %d time steps\n", met, compared);
+  } else {
+    std::printf("this task does not tell which clearance demonstrations kept\n");
   }
 }
 
