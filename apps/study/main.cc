@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "apps/command_line.h"
+#include "apps/study/detect.h"
 #include "apps/study/imitator.h"
 #include "apps/study/picture.h"
 #include "apps/study/planar/commands.h"
@@ -251,6 +252,36 @@ void AddOptions(CLI::App& command, Comparison& comparison) {
   command.add_option("--seed", comparison.seed, "random seed")->capture_default_str();
 }
 
+void DetectAndPrint(const Detection& detection) {
+  const DetectionReport report = Detect(LoadDetection(detection), detection);
+  std::cout << report.text;
+  Print({report.table}, 1);
+}
+
+void AddOptions(CLI::App& command, Detection& detection) {
+  command.footer(DetectionSources());
+  command.add_option("file", detection.file,
+                     "demonstrations: robomimic, Minari or LeRobot; default: those of --task");
+  command.add_option("--failures", detection.failures,
+                     "file of further episodes, which failed unless they are labelled completed");
+  command.add_flag("--unlike", detection.unlike,
+                   "count all episodes of --failures as failures, as those of another goal");
+  command.add_option("--task", detection.task, "task of the gallery")->capture_default_str();
+  command.add_option("--policy", detection.policy, "policy of the task's further episodes")
+      ->capture_default_str();
+  command.add_option("--demonstrations", detection.demonstrations, "number of the task's")
+      ->capture_default_str();
+  command.add_option("--episodes", detection.episodes, "number of the task's further episodes")
+      ->capture_default_str();
+  command.add_option("--features", detection.features, "features of the guard; default: all");
+  command
+      .add_option("--false-alarms", detection.false_alarms,
+                  "share of demonstrations that thresholds are set for")
+      ->check(CLI::Range(0.01, 0.5))
+      ->capture_default_str();
+  command.add_option("--seed", detection.seed)->capture_default_str();
+}
+
 }  // namespace
 }  // namespace dfr::study
 
@@ -346,6 +377,10 @@ int main(int argc, char** argv) try {
   planar::AddCoverage(app, commands);
   planar::AddCertificate(app, commands);
   planar::AddFigure(app, commands);
+  auto* detect = app.add_subcommand(
+      "detect", "Compare the guard's alarms with other detectors, on a file or in a task");
+  Detection detection;
+  AddOptions(*detect, detection);
   dfr::apps::CheckNumbers(app);
   if (const auto code = dfr::experiment::Parse(app, argc, argv)) return *code;
 
@@ -363,6 +398,7 @@ int main(int argc, char** argv) try {
     SavePicture(RecordStudy(shown, count), dfr::sim::FindGalleryTask(shown.tasks[0]), entries,
                 page);
   }
+  if (*detect) DetectAndPrint(detection);
   for (const auto& [command, run_it] : commands) {
     if (*command) run_it();
   }

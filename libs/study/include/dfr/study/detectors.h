@@ -1,0 +1,75 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "dfr/core/matrix.h"
+#include "dfr/core/trajectory.h"
+#include "dfr/imitation/demonstrations.h"
+#include "dfr/study/fitted_task.h"
+
+namespace dfr::study {
+
+/// Detectors of states that are unlike the demonstrated ones:
+///   "guard"         the guard's support, -l
+///   "knn-distance"  mean squared distance to the 5 nearest states of these time steps
+///   "mahalanobis"   distance from a Gaussian of these time steps
+///   "rnd"           random network distillation (Burda et al., ICLR 2019): error of a network that
+///                   learned a random one's outputs in demonstrated states
+///   "ensemble"      disagreement of EnsemblePolicy's members
+/// The first three follow the time steps like the guard's alarm; the last two know no time.
+inline constexpr std::array<std::string_view, 5> kDetectors = {"guard", "knn-distance",
+                                                               "mahalanobis", "rnd", "ensemble"};
+
+/// Scores the states of an episode; larger is stranger. Immutable.
+class Detector {
+ public:
+  virtual ~Detector() = default;
+  /// One score for each row.
+  [[nodiscard]] virtual std::vector<double> Scores(const core::Matrix& states) const = 0;
+};
+
+/// Borrows `fit` and `demonstrations`, to which the task was fitted. `seed` is for networks.
+/// @throws std::invalid_argument naming an unknown detector and listing the valid ones.
+[[nodiscard]] std::unique_ptr<const Detector> MakeDetector(
+    std::string_view name, const FittedTask& fit, const imitation::DemonstrationSet& demonstrations,
+    std::uint64_t seed);
+
+/// Scores of an episode, and whether it failed.
+struct ScoredEpisode {
+  std::vector<double> scores;
+  bool failed = false;
+};
+
+/// What a detector says of episodes by the same time.
+struct DetectorRates {
+  int failures = 0;
+  int alarmed_failures = 0;
+  int successes = 0;
+  int alarmed_successes = 0;
+  std::vector<int> leads = {};  ///< Controls from the alarm to the end, of each alarmed failure.
+
+  /// Mean of the shares of failures with an alarm and of successes without. Absent without a
+  /// failure or a success.
+  [[nodiscard]] std::optional<double> balanced_accuracy() const noexcept;
+  /// Median of `leads`; absent without one.
+  [[nodiscard]] std::optional<double> lead() const;
+};
+
+/// Threshold that a further demonstration exceeds with probability `alpha` by time step `until`
+/// (kernel::ConformalThreshold()); with too few of them for that, the highest score.
+/// @throws std::invalid_argument if there are no episodes.
+[[nodiscard]] double CalibratedThreshold(std::span<const ScoredEpisode> demonstrations, int until,
+                                         double alpha);
+/// Counts episodes with a score above `threshold` in time steps 0 to `until`. Later scores do not
+/// count: long episodes have more time for an alarm, and failures are often long.
+[[nodiscard]] DetectorRates RatesOf(std::span<const ScoredEpisode> episodes, double threshold,
+                                    int until);
+
+}  // namespace dfr::study
