@@ -198,7 +198,6 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
       "A da Vinci arm follows a red line on gauze that a Stewart platform moves, seen by an "
       "endoscope. Demonstrations are open-loop and undisturbed, so the learned policy knows no "
       "feedback: recovery has to supply it.";
-  report.method_names["dfr-fine"] = "DFR, fine steps";
   for (const std::string& world : plan.learners) {
     report.learner_names[world] = world == "frozen" ? "frozen: the platform stops with the robot"
                                                     : world + " from a look to its control";
@@ -253,7 +252,7 @@ experiment::ReportFigure RecoveryFigure(LineTrialRunner& runner,
     if (curves.curves().empty()) continue;
     experiment::ReportSeries series = Average(curves.curves());
     series.name = plan.methods[m] + ", " + series.name;
-    series.style = static_cast<int>(m);
+    series.style = experiment::MethodStyle(plan.methods[m]);
     plot.series.push_back(std::move(series));
   }
   return {"Recoveries",

@@ -34,7 +34,7 @@ void SavePicture(const std::vector<experiment::FilmedEpisode>& recordings,
     const bool named = std::ranges::count(series, outcome, &experiment::ReportSeries::name) > 0;
     experiment::ReportSeries line;
     line.name = named ? "" : outcome;
-    line.style = static_cast<int>(recording.result.outcome);
+    line.style = experiment::MethodStyle(outcome);
     for (Eigen::Index i = 0; i < recording.states.rows(); ++i) {
       line.x.push_back(recording.states(i, across));
       line.y.push_back(recording.states(i, up));

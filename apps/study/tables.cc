@@ -391,7 +391,7 @@ experiment::ReportFigure MakeFigure(const std::vector<Row>& rows) {
            .commands = {CommandOf(
                {.task = "", .condition = "", .policy = policy, .controller = controllers[i]},
                {"completed"})},
-           .style = static_cast<int>(i)});
+           .style = experiment::MethodStyle(Shown(controllers[i]))});
     }
     figure.plots.push_back(std::move(plot));
   }

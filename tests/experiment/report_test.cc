@@ -6,6 +6,7 @@
 #include <cctype>
 #include <fstream>
 #include <limits>
+#include <set>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -65,11 +66,12 @@ TEST(ReportTest, ShowsThePapersThreePanelsPerLearner) {
   for (const char* panel : {"Completed", "Halted", "Collided"}) {
     EXPECT_EQ(Count(html, std::string("aria-label=\"") + panel + "\""), 2) << panel;
   }
-  // Two methods in each of 2 x 3 panels, with a band, a line, a name and a marker per data point.
+  // Two methods in each of 2 x 3 panels, with a band, a line and a marker per data point. Each row
+  // of panels has a legend with the name and marker of both.
   EXPECT_EQ(Count(html, "class=\"band\""), 12);
   EXPECT_EQ(Count(html, "class=\"line\""), 12);
-  EXPECT_EQ(Count(html, "class=\"mark\""), 24);
-  EXPECT_EQ(Count(html, "class=\"name\""), 12);
+  EXPECT_EQ(Count(html, "class=\"mark\""), 24 + 4);
+  EXPECT_EQ(Count(html, "class=\"name\""), 4);
   EXPECT_THAT(html, HasSubstr("<h1>Pusher</h1>"));
   EXPECT_THAT(html, HasSubstr("0123abc"));
   EXPECT_THAT(html, HasSubstr("halted: outside-support"));
@@ -123,6 +125,68 @@ TEST(ReportTest, ShowsWhatPassed) {
   EXPECT_THAT(RenderReport(summary, {}), HasSubstr("<td class=\"n\">96.3</td><td class=\"n\">0.4"));
 }
 
+TEST(ReportTest, AMethodLooksTheSameOnEveryPage) {
+  // By its id or name, in any company and order, and unlike every other method.
+  std::set<int> styles;
+  for (const NamedStyle& style : NamedStyles()) {
+    EXPECT_EQ(MethodStyle(style.method), style.style);
+    EXPECT_EQ(MethodStyle(style.name), style.style);
+    styles.insert(style.style);
+  }
+  EXPECT_EQ(styles.size() + 1, NamedStyles().size());  // baseline and alone are the same
+  EXPECT_EQ(MethodStyle("my-method"), -1);
+  ReportPlot plot{.title = "Climb", .x_label = "step"};
+  plot.series = {{.name = "Guided", .x = {0, 1}, .y = {0, 1}}};
+  const std::string alone =
+      RenderReport({}, {.figures = {{.heading = "F", .caption = "C", .plots = {plot}}}});
+  EXPECT_THAT(alone, HasSubstr("<g style=\"--c:var(--s3)\"><path class=\"line\""));
+  Summary summary = MakeSummary();
+  for (Cell& cell : summary.averages) cell.method = cell.method == "baseline" ? "mine" : "guided";
+  const std::string compared = RenderReport(summary, {});
+  EXPECT_THAT(compared, HasSubstr("style=\"--c:var(--s3)\"></span>Guided"));
+  EXPECT_THAT(compared, HasSubstr("style=\"--c:var(--s0)\"></span>mine"));
+}
+
+TEST(ReportTest, BeginsWithAVerdict) {
+  Summary summary = MakeSummary();
+  for (Contrast& contrast : summary.contrasts) {
+    contrast.ratios.collision_reduction = 0.8;
+    contrast.ratios.collision_reduction_interval = Interval{0.7, 0.9};
+    contrast.ratios.completion_ratio = 1.1;
+    contrast.ratios.completion_ratio_interval = Interval{1.0, 1.2};
+    contrast.clusters = "trials";
+  }
+  const auto verdict = [&] {
+    const std::string html = RenderReport(summary, {});
+    const std::size_t begin = html.find("</h1>");
+    return html.substr(begin, html.find("</ul>", begin) - begin);
+  };
+  EXPECT_THAT(verdict(), HasSubstr("Fit for use"));
+  // The learner that speaks most against a method decides.
+  Contrast& last = summary.contrasts.back();
+  last.clusters = "episodes";
+  EXPECT_THAT(verdict(), HasSubstr("too few trials"));
+  last.ratios.completion_ratio_interval->low = 0.89;
+  EXPECT_THAT(verdict(), HasSubstr("Doubtful"));
+  last.ratios.collision_reduction_interval->low = -0.01;
+  EXPECT_THAT(verdict(), HasSubstr("fewer collisions are not shown"));
+  last.ratios.completion_ratio = 0.49;
+  EXPECT_THAT(verdict(), HasSubstr("Do not use"));
+  last.ratios.collision_reduction_interval = Interval{-0.9, -0.1};
+  EXPECT_THAT(verdict(), HasSubstr("it collides more often"));
+  EXPECT_THAT(RenderReport({}, {.verdict = "Doubtful: few."}),
+              HasSubstr("</h1>\n<p class=\"verdict\">Doubtful: few.</p>"));
+}
+
+TEST(ReportTest, PicturesComeBeforeTables) {
+  ReportOptions options;
+  options.figures = {{"Paths", "", {{.title = "l", .series = {{"a", {0, 1}, {1, 2}}}}}}};
+  options.tables = {{"Entries", "by share", {"Entry"}, {{"tip[0]"}}}};
+  const std::string html = RenderReport(MakeSummary(), options);
+  EXPECT_LT(html.find("<h2>Paths"), html.find("<table"));
+  EXPECT_LT(html.find("class=\"bars\""), html.find("<table"));
+}
+
 TEST(ReportTest, AbsentValuesAreDashes) {
   Summary summary = MakeSummary();
   summary.contrasts[0].ratios = {};
@@ -143,7 +207,7 @@ TEST(ReportTest, NeedsNothingButItself) {
   ExpectNested(html);
   EXPECT_THAT(html, HasSubstr("src=\"data:image/png;base64,TWFu\""));
   EXPECT_THAT(html, HasSubstr("src=\"data:video/webm;base64,TWE=\""));
-  for (const char* reference : {"http:", "https:", "//", "@import", "url(", "<script", "<link"}) {
+  for (const char* reference : {"http:", "https:", "//", "@import", "url(", "<script ", "<link"}) {
     EXPECT_THAT(html, Not(HasSubstr(reference)));
   }
   // Every reference is a data URI.
@@ -209,7 +273,7 @@ TEST(ReportTest, TakesFurtherFiguresTablesNotesAndSettings) {
   EXPECT_THAT(html, Not(HasSubstr("nan")));
 }
 
-TEST(ReportTest, ALineWithoutANameHasNoneAtItsEnd) {
+TEST(ReportTest, ALineWithoutANameHasNoneInTheLegend) {
   ReportOptions options;
   options.figures = {
       {"Paths",
@@ -225,8 +289,8 @@ TEST(ReportTest, ALineWithoutANameHasNoneAtItsEnd) {
     return n;
   };
   EXPECT_EQ(count("<path class=\"line\""), 3);
-  EXPECT_EQ(count("<path class=\"leader\""), 1);
-  EXPECT_EQ(count(">named</text>"), 1);
+  EXPECT_EQ(count("<path class=\"stroke\""), 1);
+  EXPECT_EQ(count("</svg>named</span>"), 1);
 }
 
 TEST(ReportTest, WithoutMethodsItIsWhatTheOptionsHold) {

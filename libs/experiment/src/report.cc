@@ -23,6 +23,22 @@ namespace {
 using internal::Escape;
 using internal::Number;
 
+// Shows on a click or a tap what hovering shows.
+constexpr const char* kTips = R"(<script>
+{
+  const tip = document.getElementById("tip");
+  addEventListener("click", event => {
+    let text = "";
+    for (let e = event.target; e instanceof Element && !text; e = e.parentElement) {
+      text = e.getAttribute("title") || e.querySelector(":scope > title")?.textContent || "";
+    }
+    tip.textContent = text;
+    tip.hidden = !text;
+  });
+}
+</script>
+)";
+
 class Page {
  public:
   Page(const Summary& summary, const ReportOptions& options)
@@ -44,6 +60,7 @@ class Page {
          << Escape(title) << "</title>\n<style>\n"
          << embedded::kReportCss << "</style>\n</head>\n<body>\n"
          << "<main>\n<h1>" << Escape(title) << "</h1>\n";
+    Verdict();
     // Without methods to compare, the page shows only the options' content.
     const bool compared = !summary_.cells.empty();
     if (compared) {
@@ -53,22 +70,23 @@ class Page {
            << "</code></p>\n";
     }
     out_ << internal::Paragraphs(options_.introduction);
-    HowToFindEpisodes();
-    Contrasts();
     // A single data point has no curves; bars show everything.
     const bool one_point = DataPoints() < 2;
     if (compared) one_point ? Endings() : Curves();
-    Media();
-    if (compared) Averages();
     if (!one_point) Endings();
+    Media();
     for (const ReportFigure& figure : options_.figures) Figure(figure);
+    HowToFindEpisodes();
+    Contrasts();
+    if (compared) Averages();
+    CollisionCauses();
     for (const ReportTable& table : options_.tables) Table(table);
     for (const ReportNote& note : options_.notes) {
       out_ << "<h2>" << Escape(note.heading) << "</h2>\n" << internal::Paragraphs(note.text);
     }
     Settings();
     if (compared) Cells();
-    out_ << "</main>\n</body>\n</html>\n";
+    out_ << "</main>\n<output id=\"tip\" hidden></output>\n" << kTips << "</body>\n</html>\n";
     return out_.str();
   }
 
@@ -76,17 +94,9 @@ class Page {
   std::string NameOf(const std::string& method) const {
     const auto named = options_.method_names.find(method);
     if (named != options_.method_names.end()) return named->second;
-    if (method == "baseline") return "Baseline";
-    if (method == "early-stopping") return "Early stopping";
-    if (method == "dfr") return "DFR";
-    if (method == "finite-difference") return "Oracle";
-    if (method == "guided") return "Guided";
-    if (method == "lwr") return "LWR alone";
-    if (method == "knn") return "Nearest neighbours alone";
-    if (method == "ensemble") return "Ensemble that stops";
-    if (method == "dart") return "DART";
-    if (method == "dagger") return "DAgger (asks the supervisor)";
-    if (method == "true-jacobian") return "True Jacobian (oracle)";
+    for (const NamedStyle& style : NamedStyles()) {
+      if (style.method == method) return std::string(style.name);
+    }
     return method;
   }
 
@@ -95,12 +105,21 @@ class Page {
     return named != options_.learner_names.end() ? named->second : learner;
   }
 
+  // A method without a style of its own has the first that no other method of the page has.
   int StyleOf(const std::string& method) const {
-    return static_cast<int>(std::find(methods_.begin(), methods_.end(), method) - methods_.begin());
+    int style = MethodStyle(method);
+    if (style >= 0) return style;
+    std::set<int> taken;
+    for (const std::string& other : methods_) taken.insert(MethodStyle(other));
+    for (const std::string& other : methods_) {
+      if (MethodStyle(other) >= 0) continue;
+      do ++style;
+      while (taken.contains(style));
+      if (other == method) break;
+    }
+    return style;
   }
 
-  // The style sheet's colours differ in lightness as well as hue, and each has its marker. The
-  // first method is grey, because the others are compared with it.
   std::string ColourOf(const std::string& method) const {
     return internal::StyleAttribute(StyleOf(method));
   }
@@ -171,6 +190,67 @@ class Page {
             .against = {.method = other, .outcomes = {"completed", "halted"}}};
   }
 
+  // What a contrast says about using its method instead of the reference.
+  struct Judgement {
+    int grade = 0;  // 0: fit for use, 1: doubtful, 2: do not use
+    std::string why;
+  };
+  Judgement Judge(const Contrast& contrast) const {
+    const PairedContrast& ratios = contrast.ratios;
+    const auto& fewer = ratios.collision_reduction_interval;
+    const auto& completes = ratios.completion_ratio_interval;
+    const std::string numbers = Change(ratios.collision_reduction) + " collisions, " +
+                                Times(ratios.completion_ratio) + " completions";
+    if (fewer && fewer->high < 0.0) return {2, numbers + ": it collides more often"};
+    if (ratios.completion_ratio && *ratios.completion_ratio < 0.5) {
+      return {2, numbers + ": it completes less than half as often"};
+    }
+    if (!fewer || fewer->low <= 0.0) return {1, numbers + ": fewer collisions are not shown"};
+    if (!completes || completes->low < 0.9) {
+      return {1, numbers + ": as many completions are not shown"};
+    }
+    if (contrast.clusters == "episodes") {
+      return {1, numbers + ": too few trials to tell how trials differ"};
+    }
+    return {0, numbers};
+  }
+
+  // Each method is judged by its worst learner.
+  void Verdict() {
+    if (!options_.verdict.empty()) {
+      out_ << "<p class=\"verdict\">" << Escape(options_.verdict) << "</p>\n";
+    }
+    if (!options_.verdict.empty() || summary_.contrasts.empty()) return;
+    std::array<std::string, 3> lists;
+    for (const std::string& method : methods_) {
+      Judgement worst{.grade = -1, .why = ""};
+      for (const Contrast& contrast : summary_.contrasts) {
+        if (contrast.method != method) continue;
+        const Judgement judged = Judge(contrast);
+        if (judged.grade > worst.grade) worst = judged;
+      }
+      if (worst.grade < 0) continue;
+      double passed = 1.0;
+      for (const Cell& cell : summary_.averages) {
+        if (cell.method == method) passed = std::min(passed, cell.passed);
+      }
+      std::string& list = lists[static_cast<std::size_t>(worst.grade)];
+      list += "<li><span class=\"dot\" " + ColourOf(method) + "></span>" + Escape(NameOf(method)) +
+              " (" + Escape(worst.why) + "; passes " + Percent(passed, 0) +
+              " of the controls)</li>";
+    }
+    constexpr std::array<const char*, 3> kGrades = {"Fit for use", "Doubtful", "Do not use"};
+    out_ << "<div class=\"verdict\">";
+    for (std::size_t grade = 0; grade < 3; ++grade) {
+      if (lists[grade].empty()) continue;
+      out_ << "<b>" << kGrades[grade] << "</b><ul>" << lists[grade] << "</ul>";
+    }
+    out_ << "<p class=\"caption\">Judged in this experiment against "
+         << Escape(NameOf(summary_.contrasts.front().against))
+         << ", by the learner that speaks most against it. Fit for use: 95 % intervals show fewer "
+            "collisions and at least 0.9 times the completions.</p></div>\n";
+  }
+
   void HowToFindEpisodes() {
     bool has_commands = !summary_.cells.empty();
     for (const ReportTable& table : options_.tables) {
@@ -178,7 +258,8 @@ class Page {
     }
     if (options_.program.empty() || !has_commands) return;
     const std::string program = Escape(options_.program);
-    out_ << "<p class=\"caption\">Hover over a number to see the command that prints it with the "
+    out_ << "<p class=\"caption\">Hover over a number, or tap it, to see the command that prints "
+            "it with the "
             "ids of its episodes, worst first. FOLDER is the folder of this page. "
             "<code>"
          << program << " rerun FOLDER ID --methods METHOD --film FILE</code> shows an episode "
@@ -189,9 +270,9 @@ class Page {
     if (summary_.contrasts.empty()) return;
     const std::string reference = Escape(NameOf(summary_.contrasts.front().against));
     for (const std::string& learner : learners_) {
-      out_ << "<h3>Against " << reference << ", learner " << Escape(LearnerNameOf(learner))
-           << "</h3>\n"
-           << "<div class=\"cards\">\n";
+      out_ << "<details" << (summary_.contrasts.size() <= 6 ? " open" : "") << "><summary>Against "
+           << reference << ", learner " << Escape(LearnerNameOf(learner))
+           << "</summary>\n<div class=\"cards\">\n";
       for (const Contrast& contrast : summary_.contrasts) {
         if (contrast.learner != learner) continue;
         const PairedContrast& ratios = contrast.ratios;
@@ -203,7 +284,9 @@ class Page {
           out_ << Range(-interval->high, -interval->low, 0);
         }
         out_ << "</span><span" << Title(FiltersOf(contrast, {"completed"})) << "><b>"
-             << (ratios.completion_ratio ? Percent(*ratios.completion_ratio, 0) : "\u2013")
+             << (!ratios.completion_ratio         ? "\u2013"
+                 : *ratios.completion_ratio > 1.5 ? Times(ratios.completion_ratio)
+                                                  : Percent(*ratios.completion_ratio, 0))
              << "</b>of its completions<br>";
         if (const auto& interval = ratios.completion_ratio_interval) {
           out_ << Range(interval->low, interval->high, 0);
@@ -212,7 +295,7 @@ class Page {
              << Times(contrast.controls_ratio)
              << "</b>controls per trajectory</span></div></div>\n";
       }
-      out_ << "</div>\n";
+      out_ << "</div></details>\n";
     }
     const std::string& clusters = summary_.contrasts.front().clusters;
     out_
@@ -247,6 +330,7 @@ class Page {
         Panel{"Collided", &Cell::collided, Outcome::kCollided}};
     int episodes = 0;
     for (const std::string& learner : learners_) {
+      std::vector<ReportPlot> plots;
       out_ << "<figure>\n<h3>Learner " << Escape(LearnerNameOf(learner))
            << "</h3>\n<div class=\"row\">\n";
       for (const Panel& panel : kPanels) {
@@ -274,8 +358,9 @@ class Page {
           plot.series.push_back(std::move(series));
         }
         out_ << internal::SvgPlot(plot);
+        plots.push_back(std::move(plot));
       }
-      out_ << "</div>\n</figure>\n";
+      out_ << "</div>\n" << internal::Legend(plots) << "</figure>\n";
     }
     out_
         << "<p class=\"caption\">Share of " << episodes
@@ -397,7 +482,7 @@ class Page {
         bars.push_back(std::move(bar));
       }
       out_ << "<div><h3>Learner " << Escape(LearnerNameOf(learner)) << "</h3>\n"
-           << internal::SvgBars(bars) << "</div>\n";
+           << internal::Bars(bars) << "</div>\n";
     }
     out_ << "</div>\n<div class=\"key\">";
     const auto key = [&](const std::string& css_class, const std::string& name) {
@@ -408,7 +493,6 @@ class Page {
     key("hit", "collided");
     out_ << "</div>\n<figcaption>Shares of all episodes, in percent.";
     out_ << "</figcaption>\n</figure>\n";
-    CollisionCauses();
   }
 
   void CollisionCauses() {
@@ -446,9 +530,12 @@ class Page {
   }
 
   void Figure(const ReportFigure& figure) {
-    out_ << "<h2>" << Escape(figure.heading) << "</h2>\n<figure>\n<div class=\"row\">\n";
+    out_ << "<h2>" << Escape(figure.heading) << "</h2>\n<figure>\n<div class=\"row"
+         << (figure.plots.size() == 1 ? " one" : "") << "\">\n";
     for (const ReportPlot& plot : figure.plots) out_ << internal::SvgPlot(plot);
-    out_ << "</div>\n<figcaption>" << Escape(figure.caption) << "</figcaption>\n</figure>\n";
+    out_ << "</div>\n"
+         << internal::Legend(figure.plots) << "<figcaption>" << Escape(figure.caption)
+         << "</figcaption>\n</figure>\n";
   }
 
   void Table(const ReportTable& table) {

@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <numeric>
 #include <sstream>
 
 #include "dfr/core/contract.h"
@@ -16,12 +15,13 @@ namespace {
 // One panel, in units of its viewBox.
 constexpr double kWidth = 380.0;
 constexpr double kHeight = 262.0;
-constexpr double kLeft = 46.0;
-constexpr double kRight = 102.0;  // room for the names of the lines
+constexpr double kLeft = 52.0;
+constexpr double kRight = 16.0;
 constexpr double kTop = 34.0;
 constexpr double kBottom = 44.0;
-constexpr double kLabelGap = 15.0;
-constexpr int kNumStyles = 6;
+constexpr int kNumColours = 12;
+constexpr int kNumMarkers = 6;
+constexpr int kOutcomeStyles = 100;  // completed, halted, collided
 
 std::string Coordinate(double value) {
   std::ostringstream text;
@@ -74,10 +74,10 @@ Axis MakeXAxis(const ReportPlot& plot) {
   axis.low = plot.x_min.value_or(std::min(0.0, values.front()));
   axis.high = plot.x_max.value_or(values.back());
   if (!(axis.high > axis.low)) axis.high = axis.low + 1.0;
-  // Two ticks need at least a fourteenth of the axis between them for their numbers.
+  // Two ticks need at least an eleventh of the axis between them for their numbers.
   bool roomy = values.size() <= 8 && !plot.x_min && !plot.x_max;
   for (std::size_t i = 1; i < values.size(); ++i) {
-    roomy = roomy && values[i] - values[i - 1] >= (axis.high - axis.low) / 14.0;
+    roomy = roomy && values[i] - values[i - 1] >= (axis.high - axis.low) / 11.0;
   }
   if (roomy) {
     axis.ticks = values;
@@ -114,48 +114,6 @@ std::string TickText(double tick, double step, bool percent) {
   return Number(tick, DigitsOf(step));
 }
 
-// Computes the positions of the names without overlaps: sorts by y, then separates them.
-std::vector<double> SpreadLabels(const std::vector<double>& wanted) {
-  std::vector<std::size_t> order(wanted.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(),
-                   [&](std::size_t a, std::size_t b) { return wanted[a] < wanted[b]; });
-  std::vector<double> placed = wanted;
-  // Groups of touching labels, each centred on the mean of its members' wanted positions.
-  struct Group {
-    double sum = 0.0;
-    std::vector<std::size_t> members;
-    [[nodiscard]] double first() const {
-      const auto n = static_cast<double>(members.size());
-      const double height = (n - 1.0) * kLabelGap;
-      const double least = kTop;
-      const double most = kHeight - kBottom - height;
-      return std::clamp(sum / n - 0.5 * height, least, std::max(least, most));
-    }
-  };
-  std::vector<Group> groups;
-  for (const std::size_t i : order) {
-    groups.push_back({wanted[i], {i}});
-    while (groups.size() > 1) {
-      Group& last = groups.back();
-      Group& before = groups[groups.size() - 2];
-      const double end = before.first() + static_cast<double>(before.members.size()) * kLabelGap;
-      if (last.first() >= end) break;
-      before.sum += last.sum;
-      before.members.insert(before.members.end(), last.members.begin(), last.members.end());
-      groups.pop_back();
-    }
-  }
-  for (const Group& group : groups) {
-    double y = group.first();
-    for (const std::size_t i : group.members) {
-      placed[i] = y;
-      y += kLabelGap;
-    }
-  }
-  return placed;
-}
-
 void CheckPlot(const ReportPlot& plot) {
   for (const ReportSeries& series : plot.series) {
     const bool fits = series.x.size() == series.y.size() &&
@@ -167,12 +125,18 @@ void CheckPlot(const ReportPlot& plot) {
   }
 }
 
+int SeriesStyle(const ReportPlot& plot, std::size_t i) {
+  if (plot.series[i].style >= 0) return plot.series[i].style;
+  const int style = MethodStyle(plot.series[i].name);
+  return style >= 0 ? style : static_cast<int>(i);
+}
+
 // Returns the marker of style `style` at (x, y).
 std::string Marker(int style, double x, double y) {
   const auto at = [&](double dx, double dy) {
     return Coordinate(x + dx) + "," + Coordinate(y + dy) + " ";
   };
-  switch (style % kNumStyles) {
+  switch ((style + style / kNumColours) % kNumMarkers) {
     case 1:
       return "<polygon class=\"mark\" points=\"" + at(-3, -3) + at(3, -3) + at(3, 3) + at(-3, 3) +
              "\"/>";
@@ -210,9 +174,7 @@ class Panel {
     DrawAxes(svg);
     // All bands first: no band may cover a line.
     for (std::size_t i = 0; i < plot_.series.size(); ++i) DrawBand(i, svg);
-    std::vector<double> ends;
-    for (std::size_t i = 0; i < plot_.series.size(); ++i) ends.push_back(DrawLine(i, svg));
-    DrawNames(ends, svg);
+    for (std::size_t i = 0; i < plot_.series.size(); ++i) DrawLine(i, svg);
     svg << "</svg>\n";
     return svg.str();
   }
@@ -232,9 +194,7 @@ class Panel {
   [[nodiscard]] std::string YText(double y) const {
     return plot_.percent ? Number(100.0 * y, 1) + " %" : Number(y, 4);
   }
-  [[nodiscard]] int StyleOf(std::size_t i) const {
-    return plot_.series[i].style >= 0 ? plot_.series[i].style : static_cast<int>(i);
-  }
+  [[nodiscard]] int StyleOf(std::size_t i) const { return SeriesStyle(plot_, i); }
 
   void DrawAxes(std::ostream& svg) const {
     const double y_step = y_axis_.ticks.size() > 1 ? y_axis_.ticks[1] - y_axis_.ticks[0] : 1.0;
@@ -281,19 +241,16 @@ class Panel {
         << Coordinate(MapY(series.high[0])) << "\"/></g>\n";
   }
 
-  // Returns the height at which the line ends.
-  double DrawLine(std::size_t i, std::ostream& svg) const {
+  void DrawLine(std::size_t i, std::ostream& svg) const {
     const ReportSeries& series = plot_.series[i];
     std::string path;
     std::ostringstream markers;
-    double end = kPlotBottom;
     for (std::size_t k = 0; k < series.x.size(); ++k) {
       if (!std::isfinite(series.y[k])) continue;
       const double x = MapX(series.x[k]);
       const double y = MapY(series.y[k]);
       path += path.empty() ? "M" : "L";
       path.append(Coordinate(x)).append(" ").append(Coordinate(y));
-      end = y;
       // Long curves have no markers; an isolated point among them is omitted.
       if (series.x.size() > 40) continue;
       markers << "<g>" << Marker(StyleOf(i), x, y) << "<title>" << Escape(series.name) << ", "
@@ -306,26 +263,6 @@ class Panel {
     }
     svg << "<g " << StyleAttribute(StyleOf(i)) << "><path class=\"line\""
         << " d=\"" << path << "\"/>" << markers.str() << "</g>\n";
-    return end;
-  }
-
-  // @param ends  height of the end of each line.
-  void DrawNames(const std::vector<double>& ends, std::ostream& svg) const {
-    std::vector<std::size_t> named;
-    std::vector<double> wanted;
-    for (std::size_t i = 0; i < ends.size(); ++i) {
-      if (plot_.series[i].name.empty()) continue;
-      named.push_back(i);
-      wanted.push_back(ends[i]);
-    }
-    const std::vector<double> labels = SpreadLabels(wanted);
-    for (std::size_t k = 0; k < named.size(); ++k) {
-      svg << "<g " << StyleAttribute(StyleOf(named[k])) << "><path class=\"leader\" d=\"M"
-          << kPlotRight + 5 << " " << Coordinate(wanted[k]) << "L" << kPlotRight + 13 << " "
-          << Coordinate(labels[k]) << "\"/><text class=\"name\" x=\"" << kPlotRight + 16
-          << "\" y=\"" << Coordinate(labels[k]) << "\" dy=\"0.35em\">"
-          << Escape(plot_.series[named[k]].name) << "</text></g>\n";
-    }
   }
 
   const ReportPlot& plot_;
@@ -337,7 +274,12 @@ class Panel {
 }  // namespace
 
 std::string StyleAttribute(int style) {
-  return "style=\"--c:var(--s" + std::to_string(style % kNumStyles) + ")\"";
+  constexpr std::array<const char*, 3> kOutcomes = {"done", "halt", "hit"};
+  const int outcome = style - kOutcomeStyles;
+  if (outcome >= 0 && outcome < 3) {
+    return std::string("style=\"--c:var(--") + kOutcomes[static_cast<std::size_t>(outcome)] + ")\"";
+  }
+  return "style=\"--c:var(--s" + std::to_string(style % kNumColours) + ")\"";
 }
 
 std::string SvgPlot(const ReportPlot& plot) {
@@ -345,41 +287,43 @@ std::string SvgPlot(const ReportPlot& plot) {
   return Panel(plot).Draw();
 }
 
-std::string SvgBars(const std::vector<Bar>& bars) {
-  constexpr double kBarsWidth = 560.0;
-  constexpr double kNames = 104.0;
-  constexpr double kRow = 30.0;
-  constexpr double kThickness = 20.0;
-  const double width = kBarsWidth - kNames;
-  std::ostringstream svg;
-  svg << "<svg viewBox=\"0 0 " << kBarsWidth << " " << kRow * static_cast<double>(bars.size())
-      << "\" role=\"img\" aria-label=\"How episodes ended\">\n";
-  for (std::size_t i = 0; i < bars.size(); ++i) {
-    const double y = kRow * static_cast<double>(i) + 0.5 * (kRow - kThickness);
-    svg << "<text class=\"name ink\" text-anchor=\"end\" x=\"" << kNames - 10 << "\" y=\""
-        << y + 0.5 * kThickness << "\" dy=\"0.35em\">" << Escape(bars[i].name) << "</text>";
-    double x = kNames;
-    for (const BarPart& part : bars[i].parts) {
-      const double length = part.share * width;
-      if (length <= 0.0) continue;
-      svg << "<g><rect class=\"" << part.css_class << "\" x=\"" << Coordinate(x) << "\" y=\""
-          << Coordinate(y) << "\" width=\"" << Coordinate(std::max(length - 1.0, 0.6))
-          << "\" height=\"" << kThickness << "\"/>";
-      if (length > 30.0) {
-        svg << "<text class=\"inside " << part.css_class << "\" text-anchor=\"middle\" x=\""
-            << Coordinate(x + 0.5 * length) << "\" y=\"" << y + 0.5 * kThickness
-            << "\" dy=\"0.35em\">" << Number(100.0 * part.share, 0) << "</text>";
-      }
-      svg << "<title>" << Escape(bars[i].name) << ", " << Escape(part.name) << ": "
-          << Number(100.0 * part.share, 1) << " %";
-      if (!part.command.empty()) svg << '\n' << Escape(part.command);
-      svg << "</title></g>";
-      x += length;
+std::string Legend(std::span<const ReportPlot> plots) {
+  std::vector<std::string> names;
+  std::string html;
+  for (const ReportPlot& plot : plots) {
+    for (std::size_t i = 0; i < plot.series.size(); ++i) {
+      const std::string& name = plot.series[i].name;
+      if (name.empty() || std::ranges::count(names, name) > 0) continue;
+      names.push_back(name);
+      const int style = SeriesStyle(plot, i);
+      html += "<span class=\"name\"><svg class=\"sample\" viewBox=\"0 0 24 12\" " +
+              StyleAttribute(style) + "><path class=\"stroke\" d=\"M0 6L24 6\"/>" +
+              Marker(style, 12.0, 6.0) + "</svg>" + Escape(name) + "</span>";
     }
-    svg << "\n";
   }
-  svg << "</svg>\n";
-  return svg.str();
+  return html.empty() ? html : "<div class=\"key\">" + html + "</div>\n";
+}
+
+std::string Bars(const std::vector<Bar>& bars) {
+  std::ostringstream html;
+  html << "<div class=\"bars\">\n";
+  for (const Bar& bar : bars) {
+    html << "<span>" << Escape(bar.name) << "</span><div>";
+    for (const BarPart& part : bar.parts) {
+      if (part.share <= 0.0) continue;
+      html << "<i class=\"" << part.css_class
+           << "\" style=\"flex-grow:" << Coordinate(100.0 * part.share) << "\" title=\""
+           << Escape(bar.name) << ", " << Escape(part.name) << ": " << Number(100.0 * part.share, 1)
+           << " %";
+      if (!part.command.empty()) html << '\n' << Escape(part.command);
+      html << "\">";
+      if (part.share >= 0.1) html << Number(100.0 * part.share, 0);
+      html << "</i>";
+    }
+    html << "</div>\n";
+  }
+  html << "</div>\n";
+  return html.str();
 }
 
 std::string SvgSwatch(const std::string& css_class) {
@@ -388,3 +332,42 @@ std::string SvgSwatch(const std::string& css_class) {
 }
 
 }  // namespace dfr::experiment::internal
+
+namespace dfr::experiment {
+
+std::span<const NamedStyle> NamedStyles() {
+  // What is compared with is grey. Neighbouring numbers differ in lightness, hue and marker.
+  static constexpr std::array<NamedStyle, 22> kStyles = {
+      {{"baseline", "Baseline", 0},
+       {"alone", "Alone", 0},
+       {"early-stopping", "Early stopping", 1},
+       {"dfr", "DFR", 2},
+       {"guided", "Guided", 3},
+       {"finite-difference", "Oracle", 4},
+       {"lwr", "LWR alone", 5},
+       {"knn", "Nearest neighbours alone", 6},
+       {"ensemble", "Ensemble that stops", 7},
+       {"dart", "DART", 8},
+       {"dagger", "DAgger (asks the supervisor)", 9},
+       {"true-jacobian", "True Jacobian (oracle)", 10},
+       {"placebo-corrections", "Placebo: random corrections", 11},
+       {"placebo-halts", "Placebo: random halts", 12},
+       {"dfr-fine", "DFR, fine steps", 13},
+       {"guard", "Guard", 14},
+       {"baseline@none", "No policy", 15},
+       {"lwr-cv", "LWR, cross-validated", 16},
+       {"lwr-online", "LWR, online", 17},
+       {"completed", "completed", internal::kOutcomeStyles},
+       {"halted", "halted", internal::kOutcomeStyles + 1},
+       {"collided", "collided", internal::kOutcomeStyles + 2}}};
+  return kStyles;
+}
+
+int MethodStyle(std::string_view method) {
+  for (const NamedStyle& style : NamedStyles()) {
+    if (method == style.method || method == style.name) return style.style;
+  }
+  return -1;
+}
+
+}  // namespace dfr::experiment

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <span>
 #include <string>
 #include <vector>
 
@@ -7,9 +8,12 @@
 
 namespace dfr::experiment::internal {
 
-/// Returns the plot as an inline <svg>, coloured by the page's style sheet (--s0 to --s5, --ink,
-/// --grid). Lines are labelled at the right end instead of in a legend.
+/// Returns the plot as an inline <svg>, coloured by the page's style sheet (--s0 to --s11, --ink,
+/// --grid). Legend() names its lines.
 [[nodiscard]] std::string SvgPlot(const ReportPlot& plot);
+
+/// Returns the names of all lines of the plots, each once, beside its line and marker. "" for none.
+[[nodiscard]] std::string Legend(std::span<const ReportPlot> plots);
 
 /// Returns style="..." with the colour of style `style`, 0 for the first. Colours repeat.
 [[nodiscard]] std::string StyleAttribute(int style);
@@ -25,7 +29,7 @@ struct Bar {
   std::string name;
   std::vector<BarPart> parts;
 };
-[[nodiscard]] std::string SvgBars(const std::vector<Bar>& bars);
+[[nodiscard]] std::string Bars(const std::vector<Bar>& bars);
 
 /// Returns a small square in the colour of parts of class `css_class`.
 [[nodiscard]] std::string SvgSwatch(const std::string& css_class);

@@ -5,7 +5,9 @@
 #include <iosfwd>
 #include <map>
 #include <optional>
+#include <span>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -13,16 +15,27 @@
 
 namespace dfr::experiment {
 
+/// How pages and pictures show a method: by the same name, colour and marker everywhere.
+struct NamedStyle {
+  std::string_view method;  ///< As in plans and on command lines, or an outcome.
+  std::string_view name;    ///< For readers.
+  int style = 0;            ///< Number of a colour and marker.
+};
+/// All methods and outcomes that have a style of their own.
+[[nodiscard]] std::span<const NamedStyle> NamedStyles();
+/// The style of a method or outcome by its id or its name; -1 if it has none.
+[[nodiscard]] int MethodStyle(std::string_view method);
+
 /// One line of a ReportPlot. Points with a non-finite y are skipped.
 struct ReportSeries {
-  std::string name;  ///< Label at the line's right end; empty: none.
+  std::string name;  ///< In the legend below the figure; empty: none.
   std::vector<double> x;
   std::vector<double> y;
   std::vector<double> low = {};   ///< Lower edge of a band, or of a point's bar; empty: none.
   std::vector<double> high = {};  ///< Its upper edge, as long as `low`.
-  /// Command that prints the episodes of each point, shown when the mouse is over it; or empty.
+  /// Command that prints the episodes of each point, shown on hover or tap; or empty.
   std::vector<std::string> commands = {};
-  /// Colour and marker, by index of the method in the plan. -1: by index in the plot.
+  /// Colour and marker. -1: MethodStyle() of `name`, or else the index in the plot.
   int style = -1;
 };
 
@@ -50,7 +63,7 @@ struct ReportTable {
   std::string caption;
   std::vector<std::string> header;
   std::vector<std::vector<std::string>> rows;  ///< Each as long as `header`.
-  /// Command that prints the episodes behind an entry, shown on mouse hover: same shape as `rows`,
+  /// Command that prints the episodes behind an entry, shown on hover or tap: same shape as `rows`,
   /// or empty.
   std::vector<std::vector<std::string>> commands = {};
 };
@@ -73,7 +86,10 @@ struct ReportMedia {
 /// Content of a report in addition to the summary. All texts are escaped.
 struct ReportOptions {
   std::string title = {};
-  /// Program that wrote the report. The page shows on mouse hover which of its `episodes` commands
+  /// First sentence of the page: fit for use, doubtful or do not use, and why. Empty: derived from
+  /// the summary's contrasts, if there are any.
+  std::string verdict = {};
+  /// Program that wrote the report. The page shows on hover or tap which of its `episodes` commands
   /// prints the ids of the episodes behind a number. Empty: not shown.
   std::string program = {};
   std::string introduction = {};  ///< Paragraphs, as in ReportNote::text.
@@ -87,11 +103,12 @@ struct ReportOptions {
   std::vector<ReportNote> notes = {};
 };
 
-/// Renders a self-contained page: the ratios between methods, the paper's three curves per learner
-/// with bands, how episodes ended, the tables, and the content of the options. Figures are inline
-/// SVG, media are data URIs. The layout supports light and dark themes, narrow and wide windows,
-/// and print. A summary without cells gives a page of the options' content only. The page contains
-/// no measured times and is therefore identical bit for bit, whichever machine ran the units.
+/// Renders a self-contained page: a verdict on each method, the paper's three curves per learner
+/// with bands, how episodes ended, the figures of the options, and then all tables. Figures are
+/// inline SVG, media are data URIs. The layout supports light and dark themes, narrow and wide
+/// windows, and print. A summary without cells gives a page of the options' content only. The page
+/// contains no measured times and is therefore identical bit for bit, whichever machine ran the
+/// units.
 /// @throws std::invalid_argument if a series, a table or a kind of media does not match its
 ///   description; std::runtime_error naming a media file that cannot be read.
 [[nodiscard]] std::string RenderReport(const Summary& summary, const ReportOptions& options);
