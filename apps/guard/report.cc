@@ -164,9 +164,9 @@ double Quantile(std::vector<double> values, double q) {
 experiment::ReportPlot LevelPlot(const std::string& title, const std::vector<Episode>& episodes,
                                  double alarm_level) {
   experiment::ReportPlot plot{.title = title, .x_label = "step"};
-  experiment::ReportSeries middle{.name = "median", .x = {}, .y = {}};
-  experiment::ReportSeries lowest{.name = "lowest", .x = {}, .y = {}};
-  experiment::ReportSeries alarm{.name = "alarm", .x = {}, .y = {}};
+  experiment::ReportSeries middle{.name = "median and quartiles", .x = {}, .y = {}};
+  experiment::ReportSeries lowest{.name = "lowest", .x = {}, .y = {}, .style = 1};
+  experiment::ReportSeries alarm{.name = "alarm", .x = {}, .y = {}, .style = 7};
   std::size_t longest = 0;
   for (const Episode& episode : episodes) longest = std::max(longest, episode.levels.size());
   // Far outside, l falls with the squared distance; the limit keeps the rest of the plot readable.
@@ -258,6 +258,90 @@ std::string Introduction(const safety::GuardModel& model, const ReportOptions& o
              "those "
              "that it was fitted to raise fewer.",
              model.summary().false_alarms, safety::DescribeGuarantee(model.summary()).c_str());
+}
+
+// First sentence of the page: what the guard is good for, and why not.
+std::string Verdict(const safety::GuardModel& model, const std::vector<Episode>& episodes,
+                    const std::vector<Episode>& failures) {
+  const double passed = Passed(episodes);
+  const double inside = MeanInside(episodes);
+  const int alarms = Alarms(episodes);
+  const auto count = static_cast<int>(episodes.size());
+  const double promised = model.summary().false_alarms;
+  const std::string share = core::Format(
+      "the guard passes %.0f %% of these demonstrations' actions unchanged, and %.0f "
+      "%% of their states are inside the support",
+      100.0 * passed, 100.0 * inside);
+  if (inside < 0.5) {
+    return "Do not use this guard for such episodes: " + share +
+           ". Fit it to demonstrations like these.";
+  }
+  if (experiment::ProportionInterval(alarms, count).low > promised) {
+    return "Do not use this guard for such episodes: " + share +
+           core::Format(
+               ", but %d of %d raise an alarm, more than the promised share of %.3g. Fit "
+               "it to demonstrations like these.",
+               alarms, count, promised);
+  }
+  const auto failed = static_cast<int>(failures.size());
+  if (failed > 0 && experiment::ProportionInterval(Alarms(failures), failed).low <= promised) {
+    return "Doubtful: " + share +
+           core::Format(
+               ", but alarms in %d of %d episodes that went wrong do not tell these from "
+               "good ones.",
+               Alarms(failures), failed);
+  }
+  if (passed < 0.5) {
+    return "Doubtful: " + share +
+           ". It would replace most actions of a good policy; try --strategy soft or monitor.";
+  }
+  const std::vector<std::string> warnings = safety::Warnings(model);
+  if (!warnings.empty()) return "Doubtful: " + share + ", but " + warnings.front();
+  return "Fit for use: " + share + core::Format("; %d of %d raise an alarm.", alarms, count);
+}
+
+// Plots the lowest l of each episode.
+experiment::ReportPlot LowestPlot(const std::string& title, const std::vector<Episode>& episodes,
+                                  double alarm_level) {
+  experiment::ReportPlot plot{.title = title, .x_label = "episodes, lowest first"};
+  experiment::ReportSeries lowest{.name = "lowest", .x = {}, .y = {}, .style = 1};
+  experiment::ReportSeries alarm{.name = "alarm", .x = {}, .y = {}, .style = 7};
+  std::vector<double> levels;
+  levels.reserve(episodes.size());
+  const double floor = -4.0 * std::max(1.0, alarm_level);
+  for (const Episode& episode : episodes) levels.push_back(std::max(floor, episode.lowest));
+  std::sort(levels.begin(), levels.end());
+  for (std::size_t i = 0; i < levels.size(); ++i) {
+    lowest.x.push_back(static_cast<double>(i + 1));
+    lowest.y.push_back(levels[i]);
+    alarm.x.push_back(static_cast<double>(i + 1));
+    alarm.y.push_back(-alarm_level);
+  }
+  plot.series = {std::move(lowest), std::move(alarm)};
+  return plot;
+}
+
+// Plots each episode's share of actions that pass unchanged.
+experiment::ReportPlot PassedPlot(const std::string& title, const std::vector<Episode>& episodes) {
+  experiment::ReportPlot plot{.title = title,
+                              .x_label = "episodes, least first",
+                              .percent = true,
+                              .y_min = 0.0,
+                              .y_max = 1.0};
+  experiment::ReportSeries passed{.name = "passed unchanged", .x = {}, .y = {}, .style = 3};
+  std::vector<double> shares;
+  shares.reserve(episodes.size());
+  for (const Episode& episode : episodes) {
+    shares.push_back(static_cast<double>(episode.shadow.passed) /
+                     std::max(1, episode.shadow.actions));
+  }
+  std::sort(shares.begin(), shares.end());
+  for (std::size_t i = 0; i < shares.size(); ++i) {
+    passed.x.push_back(static_cast<double>(i + 1));
+    passed.y.push_back(shares[i]);
+  }
+  plot.series = {std::move(passed)};
+  return plot;
 }
 
 std::string FailureNote(const std::vector<Episode>& failures) {
@@ -361,6 +445,7 @@ void RunReport(const ReportOptions& options) {
 
   experiment::ReportOptions page;
   page.title = "Guard " + options.guard.filename().string();
+  page.verdict = Verdict(*model, episodes, failures);
   page.introduction = Introduction(*model, options, episodes);
   experiment::ReportFigure levels{
       .heading = "How far inside",
@@ -378,6 +463,17 @@ void RunReport(const ReportOptions& options) {
                                        failures));
   }
   page.figures.push_back(std::move(levels));
+  experiment::ReportFigure each{
+      .heading = "Episode by episode",
+      .caption =
+          "A point for an episode: the share of its actions that the guard passes "
+          "unchanged, and its lowest l.",
+      .plots = {PassedPlot("Demonstrations: passed", episodes),
+                LowestPlot("Demonstrations: lowest l", episodes, alarm_level)}};
+  if (!failures.empty()) {
+    each.plots.push_back(LowestPlot("Failures: lowest l", failures, alarm_level));
+  }
+  page.figures.push_back(std::move(each));
   page.tables.push_back(EpisodeTable("Demonstrations", "Lowest first.", episodes));
   page.settings = Settings(*model);
   experiment::Summary nothing;

@@ -1,6 +1,7 @@
 // A program like those of apps/, whose episodes are hashes and take no time, for tests of tools
 // that run such programs.
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <atomic>
 #include <cstdlib>
 #include <fstream>
@@ -24,6 +25,7 @@ int main(int argc, char** argv) try {
   std::filesystem::path fails_once;
   std::filesystem::path until;
   std::string before;
+  bool all_methods = false;
   CLI::App* command = app.add_subcommand("experiment", "all methods");
   experiment::AddExperimentOptions(*command, options, "quick or paper", "baseline, dfr");
   command->add_option("--gamma", gamma)->capture_default_str();
@@ -32,9 +34,17 @@ int main(int argc, char** argv) try {
   command->add_option("--until", until, "a file that units wait for from the third on");
   command->add_option("--before", before, "a program that runs before each unit");
   command->add_option("--fails-once", fails_once, "a file that a first run makes, and fails");
+  command->add_flag("--all-methods", all_methods, "all methods that have a colour");
   if (const auto code = experiment::Parse(app, argc, argv)) return *code;
 
-  experiment::EvaluationPlan plan = experiment::ApplyTo(test::FakePlan(), options);
+  experiment::EvaluationPlan plan = test::FakePlan();
+  for (const experiment::NamedStyle& style : experiment::NamedStyles()) {
+    const bool outcome = style.method == style.name;
+    if (all_methods && !outcome && std::ranges::count(plan.methods, style.method) == 0) {
+      plan.methods.emplace_back(style.method);
+    }
+  }
+  plan = experiment::ApplyTo(plan, options);
   plan.demonstrations = demonstrations;
   const experiment::OutputFolder folder(options);
   std::atomic<int> made = 0;
