@@ -6,8 +6,11 @@
 #include <cstdlib>
 #include <optional>
 #include <string>
+#include <vector>
 
+#include "dfr/core/build_info.h"
 #include "dfr/core/numbers.h"
+#include "dfr/core/suggest.h"
 
 namespace dfr::apps {
 
@@ -64,11 +67,21 @@ inline void CheckNumbers(CLI::App& app) {
   }
 }
 
+/// Adds --version, which prints the version and the commit.
+inline void AddVersion(CLI::App& app) {
+  app.set_version_flag("--version",
+                       std::string(core::BuildVersion()) + " (" + core::BuildCommit() + ")");
+}
+
 /// Parses the arguments. Returns the exit code if the program is done: EXIT_SUCCESS after --help
-/// and --version, 2 after a usage error, which is printed in one line.
+/// and --version, 2 after a usage error, which is printed in one line, with the closest name of an
+/// unknown command or option.
 inline std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
-  app.failure_message([](const CLI::App* program, const CLI::Error& e) {
-    return program->get_name() + ": " + e.what() + "; --help lists commands and options\n";
+  const std::vector<std::string> arguments(argv + 1, argv + argc);
+  app.failure_message([&arguments](const CLI::App* program, const CLI::Error& e) {
+    const std::string unknown = core::DescribeUnknown(*program, arguments);
+    return program->get_name() + ": " + (unknown.empty() ? e.what() : unknown) +
+           "; --help lists commands and options\n";
   });
   try {
     app.parse(argc, argv);

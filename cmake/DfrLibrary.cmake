@@ -128,7 +128,8 @@ function(dfr_add_app_library target)
   dfr_use_precompiled(${target} program)
 endfunction()
 
-# dfr_add_app(pusher SOURCES ... LINK ...) makes bin/pusher, its manual page and its completion in bash.
+# dfr_add_app(pusher SOURCES ... LINK ...) makes bin/pusher, its manual page and its completion in bash, fish
+# and zsh.
 function(dfr_add_app name)
   cmake_parse_arguments(PARSE_ARGV 1 arg "" "" "SOURCES;LINK")
   add_executable(${name} ${arg_SOURCES})
@@ -144,6 +145,10 @@ function(dfr_add_app name)
   install(FILES ${manual} DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 COMPONENT ${name})
   install(FILES ${PROJECT_SOURCE_DIR}/cmake/completion.bash RENAME ${name}
     DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions COMPONENT ${name})
+  install(FILES ${PROJECT_SOURCE_DIR}/cmake/completion.fish RENAME ${name}.fish
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/fish/vendor_completions.d COMPONENT ${name})
+  install(FILES ${PROJECT_SOURCE_DIR}/cmake/completion.zsh RENAME _${name}
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/vendor-completions COMPONENT ${name})
   set_property(GLOBAL APPEND PROPERTY DFR_APPS ${name})
 endfunction()
 

@@ -16,7 +16,6 @@
 #include <vector>
 
 #include "apps/command_line.h"
-#include "dfr/core/build_info.h"
 #include "dfr/runtime/periodic_timer.h"
 #include "dfr/sim/dvrk_scene/dvrk_scene_server.h"
 
@@ -353,8 +352,7 @@ int main(int argc, char** argv) try {
       "console (CRTK over ROS 2's DDS), until Ctrl-C. ROS 2 nodes and dfr's own clients find them\n"
       "by their usual names. Try: dvrk_simulator --status 1",
       "dvrk_simulator");
-  app.set_version_flag("--version",
-                       std::string(dfr::core::BuildVersion()) + " " + dfr::core::BuildCommit());
+  dfr::apps::AddVersion(app);
   AddScene(app, options);
   AddTime(app, options);
   AddNetwork(app, options);

@@ -9,7 +9,6 @@
 
 #include "apps/command_line.h"
 #include "commands.h"
-#include "dfr/core/build_info.h"
 
 namespace dfr::apps::guard {
 namespace {
@@ -188,8 +187,7 @@ int Main(int argc, char** argv) {
       "  guard fit demos.hdf5 --features obs/object,obs/robot0_eef_pos -o task.guard\n"
       "  guard report task.guard demos.hdf5 -o report.html",
       "guard");
-  app.set_version_flag("--version",
-                       std::string(core::BuildVersion()) + " (" + core::BuildCommit() + ")");
+  apps::AddVersion(app);
   app.require_subcommand(1);
   int result = EXIT_SUCCESS;
   AddCheck(app, result);

@@ -15,7 +15,6 @@
 #include "apps/command_line.h"
 #include "certificates.h"
 #include "check.h"
-#include "dfr/core/build_info.h"
 #include "emergency_stop.h"
 #include "home.h"
 
@@ -68,8 +67,7 @@ void Say(const std::string& text) { std::cerr << text << '\n'; }
 
 int Main(int argc, char** argv) {
   CLI::App app("Prepares and checks the network and devices of a robot.", "hardware");
-  app.set_version_flag("--version",
-                       std::string(core::BuildVersion()) + " (" + core::BuildCommit() + ")");
+  apps::AddVersion(app);
   app.require_subcommand(1);
   int result = EXIT_SUCCESS;
 

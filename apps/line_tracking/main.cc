@@ -10,7 +10,6 @@
 
 #include "apps/command_line.h"
 #include "commands.h"
-#include "dfr/core/build_info.h"
 #include "dfr/experiment/command_line.h"
 #include "dfr/safety/method.h"
 
@@ -278,10 +277,8 @@ int Main(int argc, char** argv) {
       "units of 2 mm, within [-1, 1]. Without arguments of their own, the commands follow one\n"
       "another: calibrate, demonstrate, fit, run, render, view. experiment needs none of them.",
       "line_tracking");
-  app.set_version_flag("--version",
-                       std::string(core::BuildVersion()) + " (" + core::BuildCommit() + ")");
+  apps::AddVersion(app);
   app.require_subcommand(1);
-  app.failure_message(CLI::FailureMessage::simple);
 
   ExperimentOptions compared;
   CalibrateOptions calibrate;

@@ -11,7 +11,6 @@
 
 #include "apps/command_line.h"
 #include "commands.h"
-#include "dfr/core/build_info.h"
 #include "dfr/experiment/command_line.h"
 #include "dfr/experiment/ledger.h"
 #include "dfr/safety/method.h"
@@ -293,10 +292,8 @@ int Main(int argc, char** argv) {
       "of --joint-step, within [-1, 1]; lengths are metres. Without arguments of their own, the\n"
       "commands follow one another: demonstrate, fit, evaluate, render.",
       "pusher");
-  app.set_version_flag("--version",
-                       std::string(core::BuildVersion()) + " (" + core::BuildCommit() + ")");
+  apps::AddVersion(app);
   app.require_subcommand(1);
-  app.failure_message(CLI::FailureMessage::simple);
 
   ExperimentOptions compared;
   TrainSupervisorOptions train;

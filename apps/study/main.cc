@@ -288,7 +288,8 @@ void AddOptions(CLI::App& command, Detection& detection) {
 int main(int argc, char** argv) try {
   dfr::apps::IgnoreFileSizeSignal();
   using namespace dfr::study;  // NOLINT: this is their main
-  CLI::App app("Compares policies, controllers and guards in the tasks of all programs.");
+  CLI::App app("Compares policies, controllers and guards in the tasks of all programs.", "study");
+  dfr::apps::AddVersion(app);
   app.require_subcommand(1);
   auto* list = app.add_subcommand("list", "List the tasks of the gallery");
   Study guards = Study::OfGuards();

@@ -5,6 +5,7 @@ usage: exit_codes_test.py PROGRAM ...
 """
 
 import pathlib
+import re
 import subprocess
 import sys
 import unittest
@@ -21,6 +22,24 @@ class ExitCodesTest(unittest.TestCase):
             with self.subTest(program=program.name):
                 done = self.run_program(program, "--help")
                 self.assertEqual((done.returncode, done.stderr), (0, ""))
+
+    def test_version_names_the_release_and_the_commit(self):
+        for program in PROGRAMS:
+            with self.subTest(program=program.name):
+                done = self.run_program(program, "--version")
+                self.assertEqual((done.returncode, done.stderr), (0, ""))
+                self.assertRegex(done.stdout, r"\A\d+\.\d+\.\d+ \((unknown|[0-9a-f]+(\+changes)?)\)\n\Z")
+
+    def test_a_misspelt_option_and_command_get_the_closest_name(self):
+        for program in PROGRAMS:
+            with self.subTest(program=program.name):
+                done = self.run_program(program, "--versoin")
+                self.assertIn("unknown option '--versoin'; did you mean '--version'?", done.stderr)
+                commands = re.findall(r"^  ([a-z]+) ", self.run_program(program, "--help").stdout.partition("Subcommands:")[2], re.M)
+                for command in commands:
+                    done = self.run_program(program, command + "x")
+                    self.assertEqual(done.returncode, 2)
+                    self.assertIn(f"unknown command '{command}x'; did you mean '{command}'?", done.stderr)
 
     def test_usage_errors_give_two_and_one_line(self):
         for program in PROGRAMS:

@@ -208,7 +208,10 @@ class PackagesTest(unittest.TestCase):
         for program in self.root.glob("usr/bin/*"):
             self.assertIn("sage", run(program, "--help"))
             self.assertTrue((self.root / "usr/share/man/man1" / f"{program.name}.1").is_file(), program.name)
-            self.assertTrue((self.root / "usr/share/bash-completion/completions" / program.name).is_file(), program.name)
+            for completion in (f"bash-completion/completions/{program.name}",
+                               f"fish/vendor_completions.d/{program.name}.fish",
+                               f"zsh/vendor-completions/_{program.name}"):
+                self.assertTrue((self.root / "usr/share" / completion).is_file(), completion)
         built = {info["Package"] for info in self.info.values()}
         if "dfr-planar-page" in built:
             self.assertTrue((self.root / "usr/share/dfr/planar.html").is_file())

@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "dfr/core/format.h"
+#include "dfr/core/suggest.h"
 #include "dfr/core/toml_text.h"
 #include "dfr/experiment/episodes.h"
 #include "dfr/experiment/ledger.h"
@@ -408,21 +409,17 @@ void AddRunOptions(CLI::App& command, ExperimentOptions& options) {
 std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
   if (app.get_name().empty()) app.name(std::filesystem::path(argv[0]).filename().string());
   // One line, because status shows the last line of a task's log.
-  app.failure_message([](const CLI::App* program, const CLI::Error& e) {
-    return program->get_name() + ": " + e.what() + "; --help lists commands and options\n";
+  const Arguments arguments(argv + 1, argv + argc);
+  app.failure_message([&arguments](const CLI::App* program, const CLI::Error& e) {
+    const std::string unknown = core::DescribeUnknown(*program, arguments);
+    return program->get_name() + ": " + (unknown.empty() ? e.what() : unknown) +
+           "; --help lists commands and options\n";
   });
   Added added;
   Add(app, added);
-  const auto commands = app.get_subcommands([](const CLI::App*) { return true; });
-  if (argc > 1 && argv[1][0] != '-' && std::ranges::none_of(commands, [&](const CLI::App* known) {
-        return known->get_name() == argv[1];
-      })) {
-    std::cerr << app.get_name() << ": unknown command '" << argv[1] << "'; --help lists them\n";
-    return kUsage;
-  }
   try {
     KeepGivenValues(app);
-    ParseArguments(app, {argv + 1, argv + argc});
+    ParseArguments(app, arguments);
     if (added.merge->parsed()) {
       ParseArguments(app, Merge(added.folders, added.out));
     } else if (added.status->parsed()) {

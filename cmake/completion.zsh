@@ -1,0 +1,28 @@
+#compdef dvrk_simulator guard hardware line_tracking pusher study
+# Completion in zsh for each program of dfr, installed as _PROGRAM. The candidates are what the
+# program's own --help lists.
+_dfr_complete() {
+  local help word
+  local -a given names
+  help=$($words[1] --help 2>/dev/null) || return
+  for word in ${words[2,CURRENT-1]}; do
+    if [[ -n ${(M)${(f)"$(_dfr_subcommands $help)"}:#$word} ]]; then
+      given+=($word)
+      help=$($words[1] $given --help 2>/dev/null) || return
+    fi
+  done
+  if [[ $PREFIX == -* ]]; then
+    names=(${(f)"$(awk '/^  -/ { split($1, n, ","); for (i in n) { sub(/[=:].*/, "", n[i]); print n[i] } }' <<<$help)"})
+    compadd -a names
+  else
+    names=(${(f)"$(_dfr_subcommands $help)"})
+    compadd -a names || _files
+  fi
+}
+
+# The first words of the list under "Subcommands:".
+_dfr_subcommands() {
+  awk '/^[A-Z][A-Za-z ]*:$/ { inside = ($0 == "Subcommands:") } inside && /^  [^ ]/ { print $1 }' <<<$1
+}
+
+_dfr_complete "$@"
