@@ -86,7 +86,7 @@ LABELS = (
     ("apps/guard/check.cc", r'printf\(\s*("[a-z]+:? )', r'"(\w+)', 4),
     ("apps/guard/evaluate.cc", r'printf\("%-24s[^"]*",(.*?)\);', STRINGS, 6),
     ("apps/guard/report.cc", r"header = \{([^}]*)\}", STRINGS, 12),
-    ("apps/guard/report.cc", r'\.name = ("[a-z]+")', STRINGS, 3),
+    ("apps/guard/report.cc", r'\.name = ("[a-z ]+")', STRINGS, 4),
     ("apps/study/tables.cc", r"header = \{([^}]*)\}", STRINGS, 25),
     ("apps/study/tables.cc", r"header\.emplace_back\(([^)]*)\)", STRINGS, 2),
     ("apps/study/main.cc", r'printf\("%-15s %7s[^"]*",(.*?)\);', STRINGS, 4),
