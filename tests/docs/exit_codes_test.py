@@ -34,12 +34,12 @@ class ExitCodesTest(unittest.TestCase):
         for program in PROGRAMS:
             with self.subTest(program=program.name):
                 done = self.run_program(program, "--versoin")
-                self.assertIn("unknown option '--versoin'; did you mean '--version'?", done.stderr)
+                self.assertIn("unknown option '--versoin' (did you mean '--version'?)", done.stderr)
                 commands = re.findall(r"^  ([a-z]+) ", self.run_program(program, "--help").stdout.partition("Subcommands:")[2], re.M)
                 for command in commands:
                     done = self.run_program(program, command + "x")
                     self.assertEqual(done.returncode, 2)
-                    self.assertIn(f"unknown command '{command}x'; did you mean '{command}'?", done.stderr)
+                    self.assertIn(f"unknown command '{command}x' (did you mean '{command}'?)", done.stderr)
 
     def test_usage_errors_give_two_and_one_line(self):
         for program in PROGRAMS:

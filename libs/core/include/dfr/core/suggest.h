@@ -12,7 +12,7 @@ namespace dfr::core {
 [[nodiscard]] std::string Closest(std::string_view name, std::span<const std::string> known);
 
 /// Describes the first command or option in `arguments` that a program does not have, with the
-/// closest name: "unknown option '--stratgy'; did you mean '--strategy'?". Returns "" if there is
+/// closest name: "unknown option '--stratgy' (did you mean '--strategy'?)". Returns "" if there is
 /// none. `App` has the interface of CLI::App (CLI11).
 template <typename App>
 std::string DescribeUnknown(const App& program, std::span<const std::string> arguments) {
@@ -20,7 +20,7 @@ std::string DescribeUnknown(const App& program, std::span<const std::string> arg
                            const std::vector<std::string>& known) {
     const std::string closest = Closest(name, known);
     return "unknown " + kind + " '" + name + "'" +
-           (closest.empty() ? "" : "; did you mean '" + closest + "'?");
+           (closest.empty() ? "" : " (did you mean '" + closest + "'?)");
   };
   const App* command = &program;
   for (const std::string& argument : arguments) {
