@@ -17,7 +17,7 @@ PROGRAM = pathlib.Path(sys.argv.pop()).resolve()
 # of that one.
 RUNS = {
     "study": [
-        ("run", "--tasks reach,push,goal --policies lwr,weak --methods guided,monitor --trials 1 --episodes 2 --demonstrations 12",
+        ("run", "--tasks reach,push,goal --policies lwr,weak --methods controller,monitor --trials 1 --episodes 2 --demonstrations 12",
          "--demonstrations=13", "demonstrations"),
         ("experiment", "--trials 4 --episodes 3 --demonstrations 20 --methods guided,certified-direction "
          "--certified-level 0.1 --factor 1.2 --seed 3", "--certified-level=0.2", "settings.certified level"),
