@@ -7,7 +7,7 @@ if(PROJECT_IS_TOP_LEVEL)
   set(CMAKE_RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/bin)
   set(CMAKE_EXPORT_COMPILE_COMMANDS ON)
 endif()
-if(PROJECT_IS_TOP_LEVEL AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+if(DFR_PRECOMPILE AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   # GCC collects garbage first at 1 GiB and seldom after it: a seventh less time for a large unit.
   add_compile_options(--param=ggc-min-heapsize=1048576 --param=ggc-min-expand=300)
   # gold links the test programs in a third of the time of bfd. Both come with binutils.

@@ -59,8 +59,13 @@ class Numbers(html.parser.HTMLParser):
     def handle_starttag(self, tag, attributes):
         if tag in ("meta", "br", "img"):
             return
-        title = dict(attributes).get("title")
-        self.open.append((tag, title.splitlines() if title else None, []))
+        commands = (dict(attributes).get("title") or "").splitlines()
+        if commands and not commands[0].startswith(PROGRAM.name):  # of a bar: its name and number, then the command
+            first, *commands = commands
+            if commands:
+                self.found.append((first.rpartition(": ")[2], commands))
+            commands = None
+        self.open.append((tag, commands, []))
 
     def handle_data(self, data):
         for _, _, texts in self.open:
