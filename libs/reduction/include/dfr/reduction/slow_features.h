@@ -1,0 +1,32 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <span>
+
+#include "dfr/core/matrix.h"
+
+namespace dfr::reduction {
+
+/// Slow features of episodes: directions of rows x - mean that change little from step to step
+/// compared with their range over all episodes.
+struct SlowFeatures {
+  Eigen::VectorXd mean;  ///< d
+  /// k x d. Along each row v, the differences of successive rows have variance 1. Slowest first.
+  /// The largest entry of each row is positive.
+  core::Matrix directions;
+  /// k; v' Cov(x) v / v' Cov(x_(t+1) - x_t) v, descending. White noise has 1/2.
+  Eigen::VectorXd slowness;
+};
+
+/// Fits slow features (Wiskott and Sejnowski, Neural Computation 14(4), 2002): the directions v
+/// that maximise v' Cov(x) v / v' D v, D the covariance of differences within episodes. What moves
+/// smoothly and what stays constant in an episode is slow, noise is not.
+///
+/// D grows by 1e-6 of the mean variance of an entry: it bounds the directions without differences.
+/// Directions in which rows do not vary are dropped.
+/// @param episodes  rows in order of time, d columns each.
+/// @throws std::invalid_argument if widths differ, there is no difference, an entry is not finite,
+///   or all rows are equal.
+[[nodiscard]] SlowFeatures FitSlowFeatures(std::span<const core::Matrix> episodes);
+
+}  // namespace dfr::reduction
