@@ -1,0 +1,105 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <span>
+
+#include "dfr/core/archive.h"
+#include "dfr/core/features.h"
+#include "dfr/core/matrix.h"
+#include "dfr/reduction/row_source.h"
+
+namespace dfr::reduction {
+
+/// Options for FeaturePoints::Fit().
+struct FeaturePointsOptions {
+  int points = 16;         ///< Number of patches, in [1, kMostPoints].
+  int side = 5;            ///< Height and width of a patch in pixels, in [1, kMostSide].
+  double sharpness = 5.0;  ///< beta, > 0. The larger, the more the best position alone decides.
+  int samples = 20000;     ///< Windows that are drawn, at most all; >= points.
+  int iterations = 30;     ///< Steps of k-means, >= 1.
+  std::uint64_t seed = 5;
+};
+
+/// Positions of patches in a picture: the map from pixels to 2 points numbers.
+///
+/// Each patch c (side x side pixels, all channels) is compared with each window w of the picture.
+/// The expected column and row under the weights softmax(-beta mean((w - c)^2)) over all windows
+/// are the patch's position, in [0, 1] from the first window to the last (spatial softmax; Levine
+/// et al., JMLR 17, 2016; Finn et al., ICRA 2016). A picture that shows the patch twice gives the
+/// middle.
+///
+/// Values of pixels are as ImageFeatures makes them with LightNormalisation::kGainAndOffset, of
+/// mean 128 and standard deviation 48. Immutable. Concurrent calls with separate workspaces are
+/// safe.
+class FeaturePoints {
+ public:
+  static constexpr int kMostPoints = 64;
+  static constexpr int kMostSide = 7;
+  /// Largest height and width of a picture.
+  static constexpr int kMostPixelsASide = 128;
+
+  /// Memory of one thread.
+  class Workspace {
+   public:
+    Workspace() = default;
+    explicit Workspace(const FeaturePoints& points);
+
+   private:
+    friend class FeaturePoints;
+    Eigen::VectorXf picture_;  // In units of the standard deviation.
+    Eigen::MatrixXf windows_;  // Those of one row of windows, one a column.
+    Eigen::MatrixXf logits_;   // points x windows; then weights.
+  };
+
+  /// @param shape    height and width in [side, kMostPixelsASide], and channels.
+  /// @param patches  points x (side side channels), in units of the standard deviation: rows from
+  ///   the top, interleaved channels.
+  /// @throws std::invalid_argument if a size does not fit or is out of range, or a value is not
+  ///   finite or not within 1e6.
+  FeaturePoints(const core::PictureShape& shape, int side, double sharpness, core::Matrix patches);
+
+  /// Finds patches by k-means on those of random windows whose variance is above the median
+  /// (Coates and Ng, AISTATS 2011). Reads the pictures once.
+  /// @param pictures  height x width x channels entries a row.
+  /// @throws std::invalid_argument if an option is out of range, the pictures are smaller than a
+  ///   patch or larger than kMostPixelsASide, or all windows are of one colour.
+  static FeaturePoints Fit(const RowSource& pictures, const core::PictureShape& shape,
+                           const FeaturePointsOptions& options = {});
+
+  [[nodiscard]] const core::PictureShape& shape() const noexcept { return shape_; }
+  [[nodiscard]] int num_points() const noexcept { return static_cast<int>(patches_.rows()); }
+  /// Number of positions: column and row of each patch.
+  [[nodiscard]] int size() const noexcept { return 2 * num_points(); }
+  [[nodiscard]] const core::Matrix& patches() const noexcept { return patches_; }
+
+  /// Writes column and row of each patch to `positions` (size()). Never allocates, locks or throws.
+  /// A wrong size of the picture or an entry that is not finite makes them NaN.
+  void Apply(std::span<const float> picture, Workspace& workspace,
+             std::span<double> positions) const noexcept;
+
+  /// Distributes a value of each patch (num_points()) over the pixels of its windows, by their
+  /// weights in the last Apply() with `workspace`. Adds it to `pixels`, whose sum grows by the sum
+  /// of the values.
+  void Spread(std::span<const double> values, const Workspace& workspace,
+              std::span<double> pixels) const;
+
+  /// Appends all except the shape to a file.
+  void Save(core::ArchiveWriter& archive) const;
+  /// Reads what Save() wrote. @throws std::runtime_error naming the file and its defect.
+  static FeaturePoints Load(core::ArchiveReader& archive, const core::PictureShape& shape);
+
+ private:
+  [[nodiscard]] Eigen::Index rows() const noexcept { return shape_.height - side_ + 1; }
+  [[nodiscard]] Eigen::Index columns() const noexcept { return shape_.width - side_ + 1; }
+
+  core::PictureShape shape_;
+  int side_ = 0;
+  double sharpness_ = 0.0;
+  core::Matrix patches_;
+  float factor_ = 0.0F;      // beta over the entries of a patch.
+  Eigen::MatrixXf weights_;  // 2 factor patches,
+  Eigen::VectorXf offset_;   // and -factor times their squared norms.
+};
+
+}  // namespace dfr::reduction
