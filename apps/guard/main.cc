@@ -72,8 +72,9 @@ void AddFit(CLI::App& app, int& result) {
       "-f,--features", options->guard.features,
       "features: parts of the state, as in obs/object,obs/tip[0:2]; default: all. Leave out what "
       "the robot cannot influence, and joint angles if the tool's pose is a feature. "
-      "pca:obs/image[:K][:grey][:HxW][:light=none|gain|standard] stands for principal components "
-      "of a picture or of another large part; without K the fit chooses how many");
+      "points:obs/image[:K][:grey][:HxW][:light=none|gain|standard] stands for positions of what a "
+      "picture shows, pca:obs/embedding[:K] for principal components of another large part, slow: "
+      "for what changes slowly among these; without K the fit chooses how many");
   command
       ->add_option(
           "--strategy", options->strategy,

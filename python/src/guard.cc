@@ -468,10 +468,11 @@ layout : sequence of (name, size) or dict, optional
     from the top.
 features : str or list of str
     Features, as in "object,tip[0:2]"; all entries if empty. "obs/object" is "object".
-    "pca:image[:K][:grey][:HxW][:light=none|gain|standard]" stands for K principal components of a block;
-    without K the fit chooses their number. The other options are for pictures: one channel, the size after
-    averaging, and the light, of which "standard" (the default) removes brightness and contrast, "gain"
-    the brightness. docs/pixels.md has more.
+    "points:image[:K][:grey][:HxW][:light=none|gain|standard]" stands for K slow features of the positions
+    of patches in a picture, "pca:embedding[:K]" for K principal components of a block, "slow:embedding[:K]"
+    for K slow features of these; without K the fit chooses their number. The other options are for
+    pictures: one channel, the size after averaging, and the light, of which "standard" (the default)
+    removes brightness and contrast, "gain" the brightness. docs/pixels.md has more.
 nu, gamma : float
     Parameters of the supports; gamma in whitened units, which all tasks share. It is doubled at most twice
     if a support contains the gap between two modes.

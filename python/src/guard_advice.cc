@@ -221,7 +221,7 @@ ValueError
           [](const Guard& guard, const std::string& block, const Array& state) {
             const reduction::StateReduction* const reduction = guard.model().reduction();
             DFR_THROW_UNLESS(reduction != nullptr,
-                             "the guard has no reduced block: its features have no pca:");
+                             "the guard has no reduced block: its features have no pca: or slow:");
             const auto seen = reduction->Reconstruct(block, Entries(state));
             const auto& [height, width, channels] = seen.shape;
             using Shape = std::vector<py::ssize_t>;
@@ -230,14 +230,14 @@ ValueError
                 seen.values.data());
           },
           py::arg("block"), py::arg("state"),
-          R"(Return what the components of a block behind "pca:" show of a state.
+          R"(Return what the components of a block behind "pca:" or "slow:" show of a state.
 
 A picture has the size, the channels and the light that the guard gives it.
 
 Parameters
 ----------
 block : str
-    Name of the block in `layout`, without "pca:".
+    Name of the block in `layout`, without the prefix.
 state : array_like of shape (state_dim,)
 
 Returns
@@ -247,7 +247,7 @@ ndarray of shape (height, width, channels), or (n_entries,)
 Raises
 ------
 ValueError
-    If there is no such block, or the state is not valid.
+    If there is no such block, if it is behind "points:", or the state is not valid.
 )")
       .def(
           "levels",
@@ -289,7 +289,8 @@ ndarray of shape (n_states,)
 
 Rows sum to -l of `levels`, and are zero if that is not positive. An entry's contribution is the rise of
 l along it on the way back inside, independent of units. A negative one compensates for others. Of a
-block behind "pca:" the entries are its own, such as pixels: the way back in the space of its components.
+block behind "pca:" or "slow:" the entries are its own, such as pixels: the way back in the space of its
+components. Behind "points:" the pixels are those on which the points lie that put the state outside.
 
 Returns
 -------

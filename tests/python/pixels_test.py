@@ -88,7 +88,7 @@ class PixelsTest(unittest.TestCase):
             fit({"camera": (HEIGHT, WIDTH * 3 // 4, 4)}, "pca:camera")
         with self.assertRaisesRegex(ValueError, "give the block the shape"):
             fit({"camera": HEIGHT * WIDTH * 3}, "pca:camera:grey")
-        with self.assertRaisesRegex(ValueError, "put pca: before it"):
+        with self.assertRaisesRegex(ValueError, "put points: or pca: before it"):
             fit({"camera": (HEIGHT, WIDTH, 3)}, "camera,pca:camera")
 
     def test_pictures_are_read_from_a_file_if_asked_for(self):

@@ -125,12 +125,76 @@ TEST(StateReductionTest, PicturesBecomeGreyAndSmall) {
 }
 
 TEST(StateReductionTest, ReconstructsWhatAllComponentsShow) {
-  const StateReduction reduction = Fitted("pca:code:8");
-  const std::vector<double> state = SomeState(2);
-  const StateReduction::Seen seen = reduction.Reconstruct("code", state);
-  EXPECT_EQ(seen.shape, core::PictureShape());
+  for (const char* const features : {"pca:code:8", "slow:code:8"}) {
+    const StateReduction reduction = Fitted(features);
+    const std::vector<double> state = SomeState(2);
+    const StateReduction::Seen seen = reduction.Reconstruct("code", state);
+    EXPECT_EQ(seen.shape, core::PictureShape());
+    const auto offset = static_cast<std::size_t>(WorldLayout().blocks[2].offset);
+    for (std::size_t i = 0; i < 8; ++i) EXPECT_NEAR(seen.values[i], state[offset + i], 1e-2);
+  }
+  EXPECT_THAT(test::MessageOf([] {
+                static_cast<void>(Fitted("points:image:2").Reconstruct("image", SomeState(2)));
+              }),
+              HasSubstr("positions of patches, which show no picture; pca: and slow: do"));
+}
+
+TEST(StateReductionTest, SlowComponentsComeInOrder) {
+  // An embedding that rotates a counter through an episode into noise.
+  std::vector<core::Trajectory> demonstrations = Demonstrations(1);
+  core::Random random(3);
+  for (core::Trajectory& d : demonstrations) {
+    for (Eigen::Index t = 0; t < d.states.rows(); ++t) {
+      auto code = d.states.row(t).segment(WorldLayout().blocks[2].offset, 8);
+      for (double& value : code) value = 3.0 * random.Normal();
+      code[3] += static_cast<double>(t);
+      code[5] -= static_cast<double>(t);
+      code[3] -= code[4];
+    }
+  }
+  const StateReduction slow = StateReduction::Fit(WorldLayout(), "slow:code:1", demonstrations, 1);
+  EXPECT_EQ(slow.features(), "slow:code");
+  // A step of the counter moves the component more than any noise of the same size.
+  std::vector<double> state = SomeState(2);
+  const double before = Applied(slow, state)[0];
   const auto offset = static_cast<std::size_t>(WorldLayout().blocks[2].offset);
-  for (std::size_t i = 0; i < 8; ++i) EXPECT_NEAR(seen.values[i], state[offset + i], 1e-2);
+  const auto moved = [&](std::vector<double> code) {
+    std::vector<double> next = state;
+    for (std::size_t i = 0; i < 8; ++i) next[offset + i] += code[i];
+    return std::abs(Applied(slow, next)[0] - before);
+  };
+  const double counted = moved({0, 0, 0, 1, 0, -1, 0, 0});
+  EXPECT_GT(counted, 3.0 * moved({0, 0, 0, -1, 1, 0, 0, 0}));
+  EXPECT_GT(counted, 3.0 * moved({0, 0, 1, 0, 0, 0, 1, 0}));
+}
+
+TEST(StateReductionTest, PointsDoNotDependOnThreads) {
+  const auto fitted = [](int threads) {
+    return StateReduction::Fit(WorldLayout(), "points:image:5,slow:code:3", Demonstrations(1),
+                               threads);
+  };
+  const std::vector<double> state = SomeState(2);
+  EXPECT_EQ(Applied(fitted(1), state), Applied(fitted(4), state));
+}
+
+TEST(StateReductionTest, LargePicturesOfPointsAreAveraged) {
+  core::StateLayout layout;
+  layout.Add("eye", core::PictureShape{48, 64, 1});
+  core::Random random(6);
+  std::vector<core::Trajectory> demonstrations(3);
+  for (core::Trajectory& d : demonstrations) {
+    d.states.resize(4, layout.state_dim());
+    for (double& value : d.states.reshaped()) value = std::floor(random.Uniform(20.0, 200.0));
+  }
+  // Two pictures with the same averages have the same positions; 24 x 32 is the default.
+  std::vector<double> state = {demonstrations[0].states.row(1).begin(),
+                               demonstrations[0].states.row(1).end()};
+  const StateReduction points = StateReduction::Fit(layout, "points:eye:3", demonstrations, 1);
+  const std::vector<double> at = Applied(points, state);
+  EXPECT_EQ(at,
+            Applied(StateReduction::Fit(layout, "points:eye:3:24x32", demonstrations, 1), state));
+  std::swap(state[0], state[1]);
+  EXPECT_EQ(Applied(points, state), at);
 }
 
 TEST(StateReductionTest, OpenNumbersAreCutAndOthersStay) {
@@ -173,21 +237,33 @@ TEST(StateReductionTest, RefusesWhatIsNoState) {
 }
 
 TEST(StateReductionTest, ApplyAllocatesNothing) {
-  const StateReduction reduction = Fitted("pca:image:4:grey:3x3,tip,pca:code:2");
+  core::StateLayout layout = WorldLayout();
+  layout.Add("wrist", core::PictureShape{kSide, kSide, 1});
+  std::vector<core::Trajectory> demonstrations = Demonstrations(1);
+  for (core::Trajectory& d : demonstrations) {
+    const Matrix first = d.states;
+    d.states.resize(first.rows(), layout.state_dim());
+    d.states << first, first.leftCols(kSide * kSide);
+  }
+  const StateReduction reduction = StateReduction::Fit(
+      layout, "pca:image:4:grey:3x3,tip,slow:code:2,points:wrist:3", demonstrations, 1);
   StateReduction::Workspace workspace(reduction);
-  const std::vector<double> state = SomeState(2);
+  const std::vector<double> state = {demonstrations[1].states.row(2).begin(),
+                                     demonstrations[1].states.row(2).end()};
   const test::NoAlloc guard;
   EXPECT_TRUE(reduction.Apply(state, workspace));
 }
 
 TEST(StateReductionTest, SharesOfComponentsAddUpOverPixels) {
-  for (const char* const features : {"pca:image:4,tip", "pca:image:4:grey:3x2,tip"}) {
+  for (const char* const features :
+       {"pca:image:4,tip", "pca:image:4:grey:3x2,tip", "slow:image:4,tip", "points:image:4,tip",
+        "points:image:4:grey:light=gain,tip"}) {
     const StateReduction reduction = Fitted(features);
     core::Random random(5);
     Eigen::MatrixXd products(6, 6);
     for (double& value : products.reshaped()) value = random.Normal();
     std::vector<double> shares(static_cast<std::size_t>(reduction.state_dim()), 7.0);
-    reduction.Spread(products, shares);
+    reduction.Spread(products, SomeState(2), shares);
     const auto all = core::AsVector(std::span<const double>(shares));
     EXPECT_NEAR(all.head(kSide * kSide * 3).sum(), products.topLeftCorner(4, 4).trace(), 1e-4);
     EXPECT_EQ(all[kSide * kSide * 3 + 1], products(5, 5));
@@ -198,23 +274,49 @@ TEST(StateReductionTest, SharesOfComponentsAddUpOverPixels) {
 TEST(StateReductionTest, AFileHoldsAllOfIt) {
   const std::filesystem::path path =
       std::filesystem::path(testing::TempDir()) / "state_reduction_test.dfr";
-  const StateReduction written = Fitted("pca:image:grey:light=gain,tip[0:1],pca:code:2");
+  for (const char* const features : {"pca:image:grey:light=gain,tip[0:1],pca:code:2",
+                                     "points:image:grey:light=gain,tip[0:1],slow:code:2"}) {
+    const StateReduction written = Fitted(features);
+    core::ArchiveWriter writer("test", 1);
+    written.Save(writer);
+    writer.Save(path);
+    core::ArchiveReader reader(path, "test", 1);
+    const StateReduction read = StateReduction::Load(reader, WorldLayout());
+    reader.End();
+    EXPECT_EQ(read.features(), written.features());
+    EXPECT_EQ(read.reduced_layout(), written.reduced_layout());
+    EXPECT_EQ(read.num_open(), 1);
+    const std::vector<double> state = SomeState(2);
+    EXPECT_EQ(Applied(read, state), Applied(written, state));
+    core::StateLayout other = WorldLayout();
+    other.blocks[2].name = "another";
+    core::ArchiveReader again(path, "test", 1);
+    EXPECT_THAT(test::MessageOf([&] { static_cast<void>(StateReduction::Load(again, other)); }),
+                HasSubstr("reduces a block that the state lacks"));
+  }
+  std::filesystem::remove(path);
+}
+
+TEST(StateReductionTest, AFileWithPointsOfNoPictureIsRefused) {
+  const std::filesystem::path path =
+      std::filesystem::path(testing::TempDir()) / "state_reduction_points_test.dfr";
   core::ArchiveWriter writer("test", 1);
-  written.Save(writer);
+  Fitted("points:image:3").Save(writer);
   writer.Save(path);
-  core::ArchiveReader reader(path, "test", 1);
-  const StateReduction read = StateReduction::Load(reader, WorldLayout());
-  reader.End();
-  EXPECT_EQ(read.features(), written.features());
-  EXPECT_EQ(read.reduced_layout(), written.reduced_layout());
-  EXPECT_EQ(read.num_open(), 1);
-  const std::vector<double> state = SomeState(2);
-  EXPECT_EQ(Applied(read, state), Applied(written, state));
-  core::StateLayout other = WorldLayout();
-  other.blocks[2].name = "another";
-  core::ArchiveReader again(path, "test", 1);
-  EXPECT_THAT(test::MessageOf([&] { static_cast<void>(StateReduction::Load(again, other)); }),
-              HasSubstr("reduces a block that the state lacks"));
+  const auto message = [&](const core::StateLayout& layout) {
+    core::ArchiveReader reader(path, "test", 1);
+    return test::MessageOf([&] { static_cast<void>(StateReduction::Load(reader, layout)); });
+  };
+  EXPECT_EQ(message(WorldLayout()), "nothing thrown");
+  core::StateLayout other;
+  other.Add("image", core::PictureShape{kSide - 1, kSide, 3});
+  EXPECT_THAT(message(other), HasSubstr("out_width and out_height must lie in"));
+  other = {};
+  other.Add("image", core::PictureShape{kSide, kSide, 1});
+  EXPECT_THAT(message(other), HasSubstr("patches have 75 entries, not 5 x 5 x 1"));
+  other = {};
+  other.Add("image", kSide * kSide * 3);
+  EXPECT_THAT(message(other), HasSubstr("points of a block that is no picture"));
   std::filesystem::remove(path);
 }
 
@@ -231,9 +333,16 @@ TEST(StateReductionTest, FeaturesThatMakeNoSenseAreNamed) {
   EXPECT_THAT(message("pca:code:9"), HasSubstr("there are 8 components, not 9"));
   EXPECT_THAT(message("pca:code:2,pca:code:3"), HasSubstr("names a block that is there already"));
   EXPECT_THAT(message("pca:code:2,code[0:1]"), HasSubstr("is part of a block that is reduced"));
-  EXPECT_THAT(message("pca:code:2,image"), HasSubstr("is a picture: put pca: before it"));
+  EXPECT_THAT(message("pca:code:2,image"),
+              HasSubstr("is a picture: put points: or pca: before it"));
+  EXPECT_THAT(message("points:code"), HasSubstr("points are for pictures; give the block the "
+                                                "shape (height, width, channels) in the layout, "
+                                                "or put pca: before it"));
+  EXPECT_THAT(message("points:image:4x6"), HasSubstr("need pictures of 5 to 128 pixels a side"));
+  EXPECT_THAT(message("points:image:33"), HasSubstr("there are 32 components, not 33"));
   EXPECT_THAT(message("pca:code:2,hand"), HasSubstr("feature 'hand' is not part of the state"));
-  EXPECT_THAT(StateReduction::Names("tip,pca:image:3:grey,pca:code"), ElementsAre("image", "code"));
+  EXPECT_THAT(StateReduction::Names("tip,points:image:3:grey,pca:code,slow:hand"),
+              ElementsAre("image", "code", "hand"));
   EXPECT_THAT(StateReduction::Names("tip,image"), IsEmpty());
 }
 

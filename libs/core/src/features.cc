@@ -144,18 +144,24 @@ Matrix FeatureSelection::Apply(const Matrix& states) const {
   return features;
 }
 
+std::string_view ReductionPrefix(std::string_view feature) noexcept {
+  constexpr std::array<std::string_view, 3> kPrefixes = {"pca:", "points:", "slow:"};
+  for (const std::string_view prefix : kPrefixes) {
+    if (feature.starts_with(prefix)) return prefix;
+  }
+  return {};
+}
+
 std::string StripObservationPrefixes(std::string_view features) {
-  constexpr std::string_view kReduced = "pca:";  // reduction::StateReduction's
   constexpr std::array<std::string_view, 2> kPrefixes = {"obs/", "observations/"};
   std::string stripped;
   while (!features.empty()) {
     std::string_view item = features.substr(0, features.find(','));
     features.remove_prefix(std::min(features.size(), item.size() + 1));
     if (!stripped.empty()) stripped += ',';
-    if (item.starts_with(kReduced)) {
-      stripped += kReduced;
-      item.remove_prefix(kReduced.size());
-    }
+    const std::string_view reduced = ReductionPrefix(item);
+    stripped += reduced;
+    item.remove_prefix(reduced.size());
     for (const std::string_view prefix : kPrefixes) {
       if (item.starts_with(prefix)) item.remove_prefix(prefix.size());
     }

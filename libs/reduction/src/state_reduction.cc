@@ -1,6 +1,8 @@
 #include "dfr/reduction/state_reduction.h"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -10,12 +12,17 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"
 #include "dfr/core/numbers.h"
+#include "dfr/core/workers.h"
 #include "dfr/reduction/principal_components.h"
+#include "dfr/reduction/slow_features.h"
 
 namespace dfr::reduction {
 namespace {
 
-constexpr std::string_view kReduced = "pca:";
+// By StateReduction::Kind.
+constexpr std::array<std::string_view, 4> kPrefixes = {"", "pca:", "points:", "slow:"};
+// Pixels along the longer side of a picture of points, unless a size is given.
+constexpr int kSideOfPoints = 32;
 constexpr int kMostParts = 1 << 12;
 constexpr int kMostPixelsASide = 1 << 13;
 // What a guard's features may have, and blocks beside them that are copied whole.
@@ -45,15 +52,15 @@ std::optional<LightNormalisation> ParseLight(std::string_view text) {
   return std::nullopt;
 }
 
-// One "pca:" of a list of features.
+// One reduced block of a list of features.
 struct Asked {
   std::string name;
   int components = 0;  // 0: left open.
   std::optional<ImageFeaturesOptions> picture = {};
 };
 
-Asked ParseAsked(const core::StateLayout& layout, std::string_view item) {
-  std::string_view rest = item.substr(kReduced.size());
+Asked ParseAsked(const core::StateLayout& layout, std::string_view item, bool points) {
+  std::string_view rest = item.substr(core::ReductionPrefix(item).size());
   Asked asked{.name = std::string(Next(rest, ':'))};
   const auto block = std::ranges::find(layout.blocks, asked.name, &core::StateLayout::Block::name);
   if (block == layout.blocks.end()) {
@@ -67,7 +74,17 @@ Asked ParseAsked(const core::StateLayout& layout, std::string_view item) {
     asked.picture = ImageFeaturesOptions{
         .width = shape.width, .height = shape.height, .channels = shape.channels};
     asked.picture->light = LightNormalisation::kGainAndOffset;
+    const int longer = std::max(shape.height, shape.width);
+    if (points && longer > kSideOfPoints) {
+      asked.picture->out_height = std::max(1, shape.height * kSideOfPoints / longer);
+      asked.picture->out_width = std::max(1, shape.width * kSideOfPoints / longer);
+    }
   }
+  DFR_THROW_UNLESS(asked.picture || !points,
+                   "feature '" << item
+                               << "': points are for pictures; give the block the shape "
+                                  "(height, width, channels) in the layout, or put pca: "
+                                  "before it");
   while (!rest.empty()) {
     const std::string_view option = Next(rest, ':');
     if (const auto components = core::ParseInteger<int>(option)) {
@@ -103,6 +120,18 @@ PictureView ViewOf(const ImageFeatures& picture, const std::vector<std::uint8_t>
           static_cast<std::size_t>(o.width) * static_cast<std::size_t>(o.channels)};
 }
 
+core::PictureShape ShapeOf(const ImageFeatures& picture) noexcept {
+  const ImageFeaturesOptions& o = picture.options();
+  return {o.out_height, o.out_width, o.grey ? 1 : o.channels};
+}
+
+// Multiplies by the inverse of P P', so that P' of the result is the pseudo-inverse. P of principal
+// components is orthonormal.
+Eigen::MatrixXd InverseGram(const core::Matrix& p) {
+  const Eigen::MatrixXd gram = p * p.transpose();
+  return gram.ldlt().solve(Eigen::MatrixXd::Identity(p.rows(), p.rows()));
+}
+
 // Rounds to bytes; false if a value is not one.
 bool ToBytes(std::span<const double> values, std::vector<std::uint8_t>& bytes) noexcept {
   for (std::size_t i = 0; i < values.size(); ++i) {
@@ -125,6 +154,10 @@ class StateReduction::Rows final : public RowSource {
     }
   }
 
+  // First row of a demonstration; for the number of demonstrations, the number of rows.
+  [[nodiscard]] Eigen::Index begin(std::size_t demonstration) const noexcept {
+    return begin_[demonstration];
+  }
   [[nodiscard]] Eigen::Index rows() const noexcept override { return begin_.back(); }
   [[nodiscard]] Eigen::Index width() const noexcept override {
     return part_.picture ? part_.picture->size() : part_.size;
@@ -171,6 +204,9 @@ StateReduction::Workspace::Workspace(const StateReduction& reduction) {
     pictures_.push_back(*part.picture);
     bytes = std::max(bytes, static_cast<std::size_t>(part.size));
     floats = std::max(floats, static_cast<std::size_t>(part.picture->size()));
+    if (!part.points) continue;
+    points_.emplace_back(*part.points);
+    positions_.resize(std::max(positions_.size(), static_cast<std::size_t>(part.points->size())));
   }
   bytes_.resize(bytes);
   floats_.resize(floats);
@@ -182,7 +218,7 @@ StateReduction::StateReduction(core::StateLayout layout, std::vector<Part> parts
     : layout_(std::move(layout)), parts_(std::move(parts)), features_(std::move(features)) {
   for (Part& part : parts_) {
     part.first = reduced_.state_dim();
-    reduced_.Add((part.reduction ? std::string(kReduced) : std::string()) + part.name,
+    reduced_.Add(std::string(kPrefixes[static_cast<std::size_t>(part.kind)]) + part.name,
                  part.reduced_size());
   }
   DFR_THROW_UNLESS(reduced_dim() <= kMostReducedEntries,
@@ -195,11 +231,54 @@ std::vector<std::string> StateReduction::Names(std::string_view features) {
   std::vector<std::string> names;
   while (!features.empty()) {
     std::string_view item = Next(features, ',');
-    if (!item.starts_with(kReduced)) continue;
-    item.remove_prefix(kReduced.size());
+    const std::string_view prefix = core::ReductionPrefix(item);
+    if (prefix.empty()) continue;
+    item.remove_prefix(prefix.size());
     names.emplace_back(Next(item, ':'));
   }
   return names;
+}
+
+// Fits `components` at most, and the points of the part.
+Reduction StateReduction::FitPart(Part& part, int components,
+                                  std::span<const core::Trajectory> demonstrations, int threads) {
+  const Rows rows(part, demonstrations);
+  std::vector<core::Matrix> episodes(demonstrations.size());
+  if (part.kind == Kind::kPoints) {
+    part.points = FeaturePoints::Fit(rows, ShapeOf(*part.picture));
+    core::Workers workers(threads);
+    workers.Run(episodes.size(), [&](std::size_t d) {
+      core::Matrix pictures(rows.begin(d + 1) - rows.begin(d), rows.width());
+      rows.Read(rows.begin(d), pictures);
+      FeaturePoints::Workspace workspace(*part.points);
+      std::vector<float> picture(static_cast<std::size_t>(rows.width()));
+      episodes[d].resize(pictures.rows(), part.points->size());
+      for (Eigen::Index i = 0; i < pictures.rows(); ++i) {
+        std::ranges::transform(core::Row(pictures, i), picture.begin(),
+                               [](double v) { return static_cast<float>(v); });
+        part.points->Apply(picture, workspace, core::Row(episodes[d], i));
+      }
+    });
+    const SlowFeatures slow = FitSlowFeatures(episodes);
+    const Eigen::Index kept = std::min<Eigen::Index>(components, slow.directions.rows());
+    return {slow.mean, Eigen::VectorXd::Ones(slow.mean.size()), slow.directions.topRows(kept)};
+  }
+  PrincipalComponentsOptions options;
+  options.components = part.kind == Kind::kSlow ? std::max(components, kMostChosen) : components;
+  // The entries of a picture share a unit.
+  if (part.picture) options.scale_floor = 1.0;
+  options.threads = threads;
+  const PrincipalComponents fit = FitPrincipalComponents(rows, options);
+  if (part.kind == Kind::kPrincipal) {
+    return Reduction::Principal(fit, static_cast<int>(fit.components.rows()));
+  }
+  for (std::size_t d = 0; d < episodes.size(); ++d) {
+    episodes[d] = fit.scores.middleRows(rows.begin(d), rows.begin(d + 1) - rows.begin(d));
+  }
+  const SlowFeatures slow = FitSlowFeatures(episodes);
+  const Eigen::Index kept = std::min<Eigen::Index>(components, slow.directions.rows());
+  // The mean of the scores is zero.
+  return {fit.mean, fit.scale, slow.directions.topRows(kept) * fit.components};
 }
 
 StateReduction StateReduction::Fit(const core::StateLayout& layout, std::string_view features,
@@ -220,37 +299,34 @@ StateReduction StateReduction::Fit(const core::StateLayout& layout, std::string_
   };
   while (!features.empty()) {
     const std::string_view item = Next(features, ',');
-    const bool reduced = item.starts_with(kReduced);
+    const std::string_view prefix = core::ReductionPrefix(item);
+    const auto kind = static_cast<Kind>(std::ranges::find(kPrefixes, prefix) - kPrefixes.begin());
     const std::optional<Asked> asked =
-        reduced ? std::optional(ParseAsked(layout, item)) : std::nullopt;
+        prefix.empty() ? std::nullopt
+                       : std::optional(ParseAsked(layout, item, kind == Kind::kPoints));
     const std::string name = asked ? asked->name : std::string(item.substr(0, item.find('[')));
     const auto block = std::ranges::find(layout.blocks, name, &core::StateLayout::Block::name);
     if (block == layout.blocks.end()) core::FeatureSelection(layout, item);  // Throws.
-    Part part{.name = name, .offset = block->offset, .size = block->size};
+    Part part{.name = name, .offset = block->offset, .size = block->size, .kind = kind};
     if (!asked) {
       DFR_THROW_UNLESS(block->picture.height == 0,
-                       "feature '" << item << "' is a picture: put pca: before it");
+                       "feature '" << item << "' is a picture: put points: or pca: before it");
       add(std::move(part), item);
       continue;
     }
     if (asked->picture) part.picture.emplace(*asked->picture);
     part.open = asked->components == 0;
-    const Rows rows(part, demonstrations);
-    PrincipalComponentsOptions options;
-    options.components = part.open ? kMostChosen : asked->components;
-    // The entries of a picture share a unit.
-    if (part.picture) options.scale_floor = 1.0;
-    options.threads = threads;
     try {
-      const PrincipalComponents fit = FitPrincipalComponents(rows, options);
-      const auto found = static_cast<int>(fit.components.rows());
-      DFR_THROW_UNLESS(found >= asked->components,
-                       "there are " << found << " components, not " << asked->components);
-      part.reduction = Reduction::Principal(fit, found);
+      Reduction reduction =
+          FitPart(part, part.open ? kMostChosen : asked->components, demonstrations, threads);
+      DFR_THROW_UNLESS(
+          reduction.num_components() >= asked->components,
+          "there are " << reduction.num_components() << " components, not " << asked->components);
+      part.reduction = std::move(reduction);
     } catch (const std::invalid_argument& e) {
       throw std::invalid_argument("feature '" + std::string(item) + "': " + e.what());
     }
-    add(std::move(part), std::string(kReduced) + name);
+    add(std::move(part), std::string(prefix) + name);
   }
   return {layout, std::move(parts), std::move(plain)};
 }
@@ -293,9 +369,23 @@ std::vector<int> StateReduction::InOrderOfComponents() const {
   return columns;
 }
 
+// `points` and `positions` are used if the part has points.
+void StateReduction::ReducePicture(const Part& part, std::span<const float> picture,
+                                   FeaturePoints::Workspace* points, std::span<double> positions,
+                                   std::span<double> out) noexcept {
+  if (!part.points) {
+    part.reduction->Apply(picture, out);
+    return;
+  }
+  positions = positions.first(static_cast<std::size_t>(part.points->size()));
+  part.points->Apply(picture, *points, positions);
+  part.reduction->Apply(std::span<const double>(positions), out);
+}
+
 bool StateReduction::Apply(std::span<const double> state, Workspace& workspace) const noexcept {
   bool good = static_cast<int>(state.size()) == state_dim();
   std::size_t next_picture = 0;
+  std::size_t next_points = 0;
   for (const Part& part : parts_) {
     if (!good) break;
     const auto in =
@@ -309,7 +399,9 @@ bool StateReduction::Apply(std::span<const double> state, Workspace& workspace) 
           std::span(workspace.floats_).first(static_cast<std::size_t>(picture.size()));
       good = ToBytes(in, workspace.bytes_) &&
              picture.Apply(ViewOf(picture, workspace.bytes_), floats) == PictureFault::kNone;
-      if (good) part.reduction->Apply(std::span<const float>(floats), out);
+      FeaturePoints::Workspace* const points =
+          part.points ? &workspace.points_[next_points++] : nullptr;
+      if (good) ReducePicture(part, floats, points, workspace.positions_, out);
     } else if (part.reduction) {
       part.reduction->Apply(in, out);
     } else {
@@ -350,20 +442,32 @@ std::string StateReduction::Fault(std::span<const double> state) const {
   return {};
 }
 
-void StateReduction::Spread(const Eigen::MatrixXd& products, std::span<double> state) const {
-  std::ranges::fill(state, 0.0);
+void StateReduction::Spread(const Eigen::MatrixXd& products, std::span<const double> state,
+                            std::span<double> shares) const {
+  std::ranges::fill(shares, 0.0);
+  Workspace workspace(*this);
+  if (!Apply(state, workspace)) return;
+  std::size_t next_points = 0;
   for (const Part& part : parts_) {
     const Eigen::Index k = part.reduced_size();
     const auto own = products.block(part.first, part.first, k, k);
     const auto out =
-        state.subspan(static_cast<std::size_t>(part.offset), static_cast<std::size_t>(part.size));
+        shares.subspan(static_cast<std::size_t>(part.offset), static_cast<std::size_t>(part.size));
     if (!part.reduction) {
       core::AsVector(out) = own.diagonal();
       continue;
     }
     const core::Matrix& p = part.reduction->projection();
-    const Eigen::VectorXd share = (own * p).cwiseProduct(p).colwise().sum().transpose();
-    if (part.picture) {
+    const Eigen::VectorXd share =
+        (own * InverseGram(p) * p).cwiseProduct(p).colwise().sum().transpose();
+    if (part.points) {
+      // Column and row of each point.
+      const Eigen::VectorXd of_points =
+          share.reshaped(2, part.points->num_points()).colwise().sum().transpose();
+      std::vector<double> pixels(static_cast<std::size_t>(part.picture->size()));
+      part.points->Spread(core::AsSpan(of_points), workspace.points_[next_points++], pixels);
+      part.picture->Spread(pixels, out);
+    } else if (part.picture) {
       part.picture->Spread(core::AsSpan(share), out);
     } else {
       core::AsVector(out) = share;
@@ -377,16 +481,16 @@ StateReduction::Seen StateReduction::Reconstruct(std::string_view block,
   DFR_THROW_UNLESS(Apply(state, workspace), Fault(state));
   for (const Part& part : parts_) {
     if (part.name != block || !part.reduction) continue;
+    DFR_THROW_UNLESS(!part.points, "the block '" << block
+                                                 << "' is reduced to positions of patches, which "
+                                                    "show no picture; pca: and slow: do");
     Seen seen;
-    if (part.picture) {
-      const ImageFeaturesOptions& o = part.picture->options();
-      seen.shape = {o.out_height, o.out_width, o.grey ? 1 : o.channels};
-    }
+    if (part.picture) seen.shape = ShapeOf(*part.picture);
     const Reduction& reduction = *part.reduction;
     const auto z = core::AsVector(workspace.state()).segment(part.first, part.reduced_size());
-    const Eigen::VectorXd values =
-        reduction.mean() +
-        reduction.scale().cwiseProduct(Eigen::VectorXd(reduction.projection().transpose() * z));
+    const core::Matrix& p = reduction.projection();
+    const Eigen::VectorXd standardised = p.transpose() * (InverseGram(p) * z);
+    const Eigen::VectorXd values = reduction.mean() + reduction.scale().cwiseProduct(standardised);
     seen.values.assign(values.begin(), values.end());
     return seen;
   }
@@ -400,13 +504,14 @@ void StateReduction::Save(core::ArchiveWriter& archive) const {
   for (const Part& part : parts_) {
     archive.Text(part.name);
     archive.Integer(part.open ? 1 : 0);
-    archive.Integer(part.reduction ? 1 : 0);
+    archive.Integer(static_cast<int>(part.kind));
     if (!part.reduction) continue;
     if (part.picture) {
       const ImageFeaturesOptions& o = part.picture->options();
       for (const int value : {o.out_height, o.out_width, o.grey ? 1 : 0, static_cast<int>(o.light)})
         archive.Integer(value);
     }
+    if (part.points) part.points->Save(archive);
     part.reduction->Save(archive);
   }
 }
@@ -424,7 +529,8 @@ StateReduction StateReduction::Load(core::ArchiveReader& archive, const core::St
       part.offset = block->offset;
       part.size = block->size;
       part.open = archive.IntegerIn(0, 1) == 1;
-      const bool reduced = archive.IntegerIn(0, 1) == 1;
+      part.kind = static_cast<Kind>(archive.IntegerIn(0, static_cast<int>(Kind::kSlow)));
+      const bool reduced = part.kind != Kind::kCopied;
       if (part.open && !reduced) archive.Fail("leaves the components of a copied block open");
       if (reduced) {
         if (block->picture.height > 0) {
@@ -438,8 +544,13 @@ StateReduction StateReduction::Load(core::ArchiveReader& archive, const core::St
               archive.IntegerIn(0, static_cast<int>(LightNormalisation::kGainAndOffset)));
           part.picture.emplace(o);
         }
+        int width = part.picture ? part.picture->size() : part.size;
+        if (part.kind == Kind::kPoints) {
+          if (!part.picture) archive.Fail("has points of a block that is no picture");
+          part.points = FeaturePoints::Load(archive, ShapeOf(*part.picture));
+          width = part.points->size();
+        }
         part.reduction = Reduction::Load(archive);
-        const int width = part.picture ? part.picture->size() : part.size;
         if (part.reduction->input_dim() != width) {
           archive.Fail("holds a reduction of another number of entries");
         }

@@ -214,7 +214,7 @@ core::Matrix Attribution(const GuardModel& model, const core::Matrix& states) {
       const auto dim = static_cast<Eigen::Index>(reduction->reduced_dim());
       Eigen::MatrixXd products = Eigen::MatrixXd::Zero(dim, dim);
       products(entries, entries) = back.products();
-      reduction->Spread(products, core::Row(attribution, i));
+      reduction->Spread(products, core::Row(states, i), core::Row(attribution, i));
       continue;
     }
     for (std::size_t k = 0; k < entries.size(); ++k) {

@@ -16,11 +16,11 @@ namespace dfr::safety {
 using core::OnnxGraph;
 
 void CheckExport(const GuardModel& model) {
-  DFR_THROW_UNLESS(
-      model.reduction() == nullptr,
-      "a guard with reduced features, "
-          << model.task().features().selection().spec()
-          << ", cannot be exported: the formats have no reduction. Fit one without pca:");
+  DFR_THROW_UNLESS(model.reduction() == nullptr,
+                   "a guard with reduced features, "
+                       << model.task().features().selection().spec()
+                       << ", cannot be exported: the formats have no reduction. Fit one without "
+                          "pca:, points: and slow:");
   const core::StateMap& map = model.task().features().selection().map();
   if (!map.quaternions().empty()) {
     const int first = map.quaternions()[0].first;

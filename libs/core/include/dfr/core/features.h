@@ -81,6 +81,10 @@ class FeatureSelection {
   StateMap map_;
 };
 
+/// Returns the prefix of a feature that stands for a reduced block, such as "pca:" of "pca:image";
+/// "" if it has none (reduction::StateReduction).
+[[nodiscard]] std::string_view ReductionPrefix(std::string_view feature) noexcept;
+
 /// The feature list of a command line, "obs/object,obs/tip[0:2]", as FeatureSelection takes it:
 /// without the "obs/" or "observations/" that stands before a name in a file.
 [[nodiscard]] std::string StripObservationPrefixes(std::string_view features);

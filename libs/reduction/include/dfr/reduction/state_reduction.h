@@ -11,6 +11,7 @@
 #include "dfr/core/features.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/trajectory.h"
+#include "dfr/reduction/feature_points.h"
 #include "dfr/reduction/image_features.h"
 #include "dfr/reduction/reduction.h"
 
@@ -18,14 +19,19 @@ namespace dfr::reduction {
 
 /// Map from a state with pictures or other large blocks to the few entries that a guard uses.
 ///
-/// Defined by a list of features such as "pca:image,tip[0:2]". A block after "pca:" is reduced to
-/// principal components, other listed blocks are copied whole, and all others are omitted:
+/// Defined by a list of features such as "points:image,tip[0:2]". A block after a prefix is
+/// reduced, other listed blocks are copied whole, and all others are omitted:
 ///
-///   pca:NAME[:K][:grey][:HxW][:light=none|gain|standard]
+///   points:NAME[:K][:grey][:HxW][:light=none|gain|standard]
+///
+/// points:  slow features (SlowFeatures) of the positions of patches (FeaturePoints) of a picture
+/// pca:     principal components of a picture or of another block
+/// slow:    slow features of the leading kMostChosen principal components
 ///
 /// K is the number of components; without it the caller chooses. The other options are for pictures
 /// (core::StateLayout::Block::picture): one channel, the size after averaging, and the
 /// normalization of light (LightNormalisation; "standard", the default, is kGainAndOffset).
+/// points: averages larger pictures to 32 pixels along the longer side, unless a size is given.
 ///
 /// Immutable. Share it instead of copying it, which is slow. Concurrent calls with separate
 /// workspaces are safe.
@@ -45,15 +51,17 @@ class StateReduction {
     friend class StateReduction;
     std::vector<ImageFeatures> pictures_;  // One for each part that is a picture.
     std::vector<std::uint8_t> bytes_;
+    std::vector<FeaturePoints::Workspace> points_;  // One for each part with points.
     std::vector<float> floats_;
+    std::vector<double> positions_;
     std::vector<double> state_;
   };
 
-  /// Returns the names after "pca:" in a list of features.
+  /// Returns the names after a prefix such as "pca:" in a list of features.
   [[nodiscard]] static std::vector<std::string> Names(std::string_view features);
 
-  /// Fits principal components to the states of all demonstrations, at most kMostChosen of each
-  /// block whose number is open.
+  /// Fits the components to the states of all demonstrations, at most kMostChosen of each block
+  /// whose number is open.
   /// @param threads  0: one per core. The result does not depend on it.
   /// @throws std::invalid_argument naming the feature or the demonstration, and its defect.
   static StateReduction Fit(const core::StateLayout& layout, std::string_view features,
@@ -73,8 +81,8 @@ class StateReduction {
   /// Returns the layout of unreduced states.
   [[nodiscard]] const core::StateLayout& layout() const noexcept { return layout_; }
   [[nodiscard]] int state_dim() const noexcept { return layout_.state_dim(); }
-  /// Returns the layout of reduced states: a block "pca:NAME" for each reduced one, and the copied
-  /// blocks.
+  /// Returns the layout of reduced states: a block such as "pca:NAME" for each reduced one, and the
+  /// copied blocks.
   [[nodiscard]] const core::StateLayout& reduced_layout() const noexcept { return reduced_; }
   [[nodiscard]] int reduced_dim() const noexcept { return reduced_.state_dim(); }
   /// Returns the features of reduced states for core::FeatureSelection: "pca:image,tip[0:2]".
@@ -87,17 +95,21 @@ class StateReduction {
   /// Describes the reason why Apply() rejects a state; "" if it does not.
   [[nodiscard]] std::string Fault(std::span<const double> state) const;
 
-  /// Distributes the shares of reduced entries among the entries of the state. `products` is the
-  /// sum of g dz' over the steps dz of a path of reduced states, with gradients g: entry i of a
-  /// block P is credited with (P' g)_i (P' dz)_i, so that the sum is the trace of `products`.
-  void Spread(const Eigen::MatrixXd& products, std::span<double> state) const;
-  /// Reconstruction of a block of a state from its components: mean + scale P' z.
+  /// Distributes the shares of reduced entries among the entries of `state`, which Apply() accepts.
+  /// `products` is the sum of g dz' over the steps dz of a path of reduced states, with gradients
+  /// g: entry i of a block P is credited with (P' g)_i (P^+ dz)_i, P^+ the pseudo-inverse, so that
+  /// the sum is the trace of `products`. What a feature point is credited with goes to the pixels
+  /// on which it lies in this state.
+  void Spread(const Eigen::MatrixXd& products, std::span<const double> state,
+              std::span<double> shares) const;
+  /// Reconstruction of a block of a state from its components: mean + scale P^+ z.
   struct Seen {
     core::PictureShape shape;  ///< Shape of a picture after its options; zero for other blocks.
     std::vector<double> values;
   };
   /// @param block  the name of a reduced block.
-  /// @throws std::invalid_argument if there is no such block, or with Fault().
+  /// @throws std::invalid_argument if there is no such block, if it is reduced to points, which
+  /// show no picture, or with Fault().
   [[nodiscard]] Seen Reconstruct(std::string_view block, std::span<const double> state) const;
 
   /// Appends all except the layout to a file.
@@ -106,21 +118,31 @@ class StateReduction {
   static StateReduction Load(core::ArchiveReader& archive, const core::StateLayout& layout);
 
  private:
+  /// Values are those of files.
+  enum class Kind { kCopied, kPrincipal, kPoints, kSlow };
   /// A block of the state and its reduction.
   struct Part {
     std::string name;
     int offset = 0;  ///< In the state.
     int size = 0;
-    int first = 0;      ///< In the reduced state.
+    int first = 0;  ///< In the reduced state.
+    Kind kind = Kind::kCopied;
     bool open = false;  ///< The list does not give the number of components.
-    std::optional<ImageFeatures> picture = {};  ///< Applied before `reduction`.
-    std::optional<Reduction> reduction = {};    ///< None: copied.
+    std::optional<ImageFeatures> picture = {};  ///< Applied first,
+    std::optional<FeaturePoints> points = {};   ///< then these,
+    std::optional<Reduction> reduction = {};    ///< then this. None: copied.
 
     [[nodiscard]] int reduced_size() const noexcept {
       return reduction ? reduction->num_components() : size;
     }
   };
   class Rows;
+
+  static Reduction FitPart(Part& part, int components,
+                           std::span<const core::Trajectory> demonstrations, int threads);
+  static void ReducePicture(const Part& part, std::span<const float> picture,
+                            FeaturePoints::Workspace* points, std::span<double> positions,
+                            std::span<double> out) noexcept;
 
   StateReduction(core::StateLayout layout, std::vector<Part> parts, std::string features);
 

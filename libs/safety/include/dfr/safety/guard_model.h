@@ -96,7 +96,7 @@ struct GuardSummary {
   double explained = 1.0;
   double action_error =
       0.0;  ///< Squared error of that prediction, relative to the squared actions.
-  /// Scores of each number of components of the blocks after "pca:", and the reason of the choice,
+  /// Scores of each number of components of the reduced blocks, and the reason of the choice,
   /// if the fit chose the number.
   std::vector<reduction::ComponentsScore> components = {};
   std::string components_reason = {};
@@ -108,8 +108,8 @@ struct GuardSummary {
 struct GuardOptions {
   /// Entries of a state to use, in the syntax of core::FeatureSelection; "" for all. Omit entries
   /// that the robot cannot influence or that never differ; include positions of objects.
-  /// "pca:NAME[:K]" denotes principal components of a block (reduction::StateReduction). Without K
-  /// the fit chooses their number, and fails if none suffices.
+  /// "points:NAME[:K]" and "pca:NAME[:K]" denote components of a block (reduction::StateReduction).
+  /// Without K the fit chooses their number, and fails if none suffices.
   std::string features = {};
   /// nu, gamma (in whitened units) and others. The fit doubles gamma up to twice while a mode
   /// separation test has more than 5 % of its points, and of the time steps, inside. It doubles
