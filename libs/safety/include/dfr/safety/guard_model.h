@@ -241,8 +241,9 @@ class GuardModel {
   static std::shared_ptr<GuardModel> FitReduced(const core::StateLayout& layout,
                                                 std::span<const core::Trajectory> demonstrations,
                                                 const GuardOptions& options);
-  /// Adds a warning if this guard corrects and its components do not explain the actions. With
-  /// `watch` it becomes a monitor.
+  /// Adds a warning if this guard corrects and its components explain too little of the
+  /// demonstrated actions. If they explain nothing, or predict too many actions to end outside, it
+  /// becomes a monitor with `watch`.
   void DoubtCorrections(bool watch);
   void Complete(core::StateLayout layout, std::shared_ptr<const ActionSpace> actions,
                 std::shared_ptr<const TaskModel> task, GuardSettings settings);
