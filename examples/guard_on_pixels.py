@@ -2,9 +2,8 @@
 
 usage: guard_on_pixels.py [PICTURE [EPISODES]]
 
-Its components explain too little of the actions to correct by, so that the fit makes it a monitor. Prints its
-alarms along a good and a weak policy, and what the strategy "guard" would do. Writes a PNG of a state outside:
-the picture, what the components show of it, and the pixels that put it outside. The policies know the state.
+It sees slow features of the positions of what its pictures show. Prints what it does along a good and a weak
+policy, which know the state. Writes a PNG of a state outside: the picture, and the pixels that put it outside.
 """
 
 import sys
@@ -68,21 +67,23 @@ def episode(seed, weak, guard):
     rng = np.random.default_rng(seed)
     state = start(rng)
     alarm = False
+    passed = []
     if guard is not None:
         guard.reset(seed)
     for t in range(150):
-        action = act(state, rng, weak)
+        wish = action = act(state, rng, weak)
         if guard is not None:
-            action, info = guard.filter(t, picture(state, rng), action)
+            action, info = guard.filter(t, picture(state, rng), wish)
             alarm = alarm or info["alarm"]
             if info["mode"] == "halt":
-                return "halted", alarm
+                return "halted", alarm, np.mean(passed or [0])
+        passed.append(np.array_equal(action, wish))
         state = moved(state, action)
         if hits(state):
-            return "failed", alarm
+            return "failed", alarm, np.mean(passed)
         if state[0] >= 0.9:
-            return "completed", alarm
-    return "halted", alarm
+            return "completed", alarm, np.mean(passed)
+    return "halted", alarm, np.mean(passed)
 
 
 def main():
@@ -94,37 +95,37 @@ def main():
         [pictures for pictures, _ in demonstrations],
         [actions for _, actions in demonstrations],
         layout={"image": (SIDE, SIDE)},
-        features="pca:image:8x8",
+        features="points:image",
     )
     for row in guard.summary["components"]:
         print("{components:3} components: actions explained {explained:.2f}, inside {inside:.2f}".format(**row))
     print(guard.summary["components_reason"])
     print("strategy:", guard.settings["strategy"])
-    guards = {"alone": None, "monitored": guard, "guarded": guard.with_settings(strategy="guard")}
+    guards = {"alone": None, "monitored": guard.with_settings(strategy="monitor"), "guarded": guard}
     completed = {}
     for policy in ("good", "weak"):
         for how, filtered in guards.items():
-            ends = [episode(seed, policy == "weak", filtered) for seed in range(20000, 20000 + episodes)]
+            runs = [episode(seed, policy == "weak", filtered) for seed in range(20000, 20000 + episodes)]
+            ends = [(outcome, alarm) for outcome, alarm, _ in runs]
             outcomes = [outcome for outcome, _ in ends]
+            passed = np.mean([share for *_, share in runs])
             completed[policy, how] = outcomes.count("completed")
             print(
                 f"{policy} policy, {how}: {completed[policy, how]} of {episodes} completed,"
                 f" {sum(alarm for outcome, alarm in ends if outcome == 'completed')} of them with an alarm;"
-                f" {outcomes.count('failed')} failed, {ends.count(('failed', True))} with an alarm"
+                f" {outcomes.count('failed')} failed, {ends.count(('failed', True))} with an alarm;"
+                f" {passed:.0%} of the actions passed"
             )
 
     # Before the gap, where no demonstration was.
     outside = picture([0.4, 0.2, 0.7], rng)
-    shown = guard.reconstruct("image", outside)[:, :, 0]
     pixels = guard.attribution(outside[None].astype(float))[0].reshape(SIDE, SIDE)
-    figure, axes = plt.subplots(1, 3, figsize=(9, 3.2))
+    figure, axes = plt.subplots(1, 2, figsize=(6, 3.2))
     axes[0].imshow(outside.reshape(SIDE, SIDE), cmap="gray", vmin=0, vmax=255)
     axes[0].set_title("picture")
-    axes[1].imshow(shown, cmap="gray")
-    axes[1].set_title("its components")
     most = abs(pixels).max()
-    axes[2].imshow(pixels, cmap="PuOr", vmin=-most, vmax=most)
-    axes[2].set_title(f"share of -l = {pixels.sum():.1f}")
+    axes[1].imshow(pixels, cmap="PuOr", vmin=-most, vmax=most)
+    axes[1].set_title(f"share of -l = {pixels.sum():.1f}")
     for ax in axes:
         ax.set_axis_off()
     figure.tight_layout()
@@ -135,5 +136,5 @@ def main():
 
 if __name__ == "__main__":
     done = main()
-    assert done["good", "monitored"] == done["good", "alone"], done
-    assert done["weak", "monitored"] == done["weak", "alone"], done
+    assert done["good", "guarded"] >= done["good", "alone"], done
+    assert done["weak", "guarded"] > done["weak", "alone"], done
