@@ -70,6 +70,12 @@ class GuardAppTest(unittest.TestCase):
         self.assertIn("pca:eye[0]", (self.folder / "seen.html").read_text())
         error = self.run_guard("export", "seen.guard", "--onnx", "seen.onnx", fails=True)
         self.assertIn("pca:eye,object, cannot be exported", error)
+        out = self.run_guard("fit", "seen.hdf5", "-f", "points:obs/eye:3", "-o", "points.guard")
+        self.assertRegex(out, r"points:eye: 3 of the 109 entries of a state")
+        self.assertRegex(out, r"strategy +guard")
+        self.assertEqual(self.run_guard("show", "points.guard"), out.replace("points.guard\n", ""))
+        error = self.run_guard("fit", "seen.hdf5", "-f", "points:obs/object", fails=True)
+        self.assertIn("'points:object': points are for pictures", error)
         error = self.run_guard("fit", "seen.hdf5", "-f", "pca:obs/wrist", fails=True)
         self.assertIn("obs/wrist: does not exist", error)
 

@@ -58,6 +58,19 @@ class PixelsTest(unittest.TestCase):
         self.assertGreater(near, 0.7 * abs(share).sum())
         self.assertIn("pca:camera[", self.guard.explain(outside[0].astype(float))["text"])
 
+    def test_points_are_features_and_show_no_picture(self):
+        seen = [p.reshape(len(p), -1) for p in self.seen]
+        guard = dfr.Guard.fit(seen, self.actions, layout={"camera": (HEIGHT, WIDTH, 3)}, features="points:camera:grey")
+        self.assertEqual(guard.features, "points:camera")
+        self.assertEqual(guard.settings["strategy"], "guard")
+        outside = pictures([(0, 1.0, 0.45)], 7).reshape(1, -1).astype(float)
+        share = guard.attribution(outside)
+        self.assertAlmostEqual(share.sum() / -guard.levels(outside)[0], 1.0, places=6)
+        with self.assertRaisesRegex(ValueError, "positions of patches, which show no picture"):
+            guard.reconstruct("camera", outside[0])
+        again = pickle.loads(pickle.dumps(guard))
+        self.assertEqual(again.decision(3, seen[0][3]), guard.decision(3, seen[0][3]))
+
     def test_components_show_the_tip(self):
         state = self.seen[0][10].ravel().astype(float)
         shown = self.guard.reconstruct("camera", state)
@@ -88,6 +101,8 @@ class PixelsTest(unittest.TestCase):
             fit({"camera": (HEIGHT, WIDTH * 3 // 4, 4)}, "pca:camera")
         with self.assertRaisesRegex(ValueError, "give the block the shape"):
             fit({"camera": HEIGHT * WIDTH * 3}, "pca:camera:grey")
+        with self.assertRaisesRegex(ValueError, "points are for pictures"):
+            fit({"camera": HEIGHT * WIDTH * 3}, "points:camera")
         with self.assertRaisesRegex(ValueError, "put points: or pca: before it"):
             fit({"camera": (HEIGHT, WIDTH, 3)}, "camera,pca:camera")
 
