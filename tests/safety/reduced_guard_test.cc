@@ -204,7 +204,7 @@ TEST(ReducedGuardTest, PixelsThatPutAStateOutsideAreThoseOfTheTip) {
 }
 
 TEST(ReducedGuardTest, OnlyWatchesWhereItWouldCorrectTheDemonstrator) {
-  EXPECT_GT(FittedModel()->summary().ends_outside, 0.1);
+  EXPECT_GT(FittedModel()->summary().ends_outside, 0.12);
   EXPECT_EQ(FittedModel()->settings().strategy, Strategy::kMonitor);
   EXPECT_THAT(Warnings(*FittedModel()),
               testing::Contains(HasSubstr("strategy monitor, not guard")));
@@ -223,7 +223,7 @@ TEST(ReducedGuardTest, OnlyWatchesWhereItWouldCorrectTheDemonstrator) {
 TEST(ReducedGuardTest, OnlyWatchesWhereNothingExplainsTheActions) {
   const auto model = GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 12),
                                      {.features = "pca:camera:2:light=none"});
-  EXPECT_LE(model->summary().ends_outside, 0.1);
+  EXPECT_LE(model->summary().ends_outside, 0.12);
   EXPECT_LT(model->summary().explained, 0.1);
   EXPECT_EQ(model->settings().strategy, Strategy::kMonitor);
 }
@@ -233,7 +233,7 @@ TEST(ReducedGuardTest, PointsAreFeaturesOfAGuard) {
       GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 40), {.features = "points:camera"});
   // The demonstrator's noise is not a function of pictures.
   EXPECT_LT(model->summary().explained, 0.8);
-  EXPECT_LE(model->summary().ends_outside, 0.1);
+  EXPECT_LE(model->summary().ends_outside, 0.12);
   EXPECT_EQ(model->settings().strategy, Strategy::kGuard);
   EXPECT_THAT(Warnings(*model), testing::Contains(HasSubstr("save few failures below 80 %")));
   EXPECT_LE(model->task_layout().state_dim(), 8);
