@@ -4,6 +4,8 @@
 #include <cmath>
 #include <span>
 
+#include "dfr/sim/gallery/canvas.h"
+
 namespace dfr::sim::internal {
 
 struct Point {
@@ -70,5 +72,12 @@ inline Point Shortened(Point a, double longest) noexcept {
   const double norm = Norm(a);
   return norm > longest ? (longest / norm) * a : a;
 }
+
+// Colours of pictures.
+inline constexpr Colour kGround{224, 220, 208};
+inline constexpr Colour kSolid{96, 92, 88};
+inline constexpr Colour kRobot{200, 40, 32};
+inline constexpr Colour kObject{32, 72, 184};
+inline constexpr Colour kTarget{40, 152, 72};
 
 }  // namespace dfr::sim::internal

@@ -36,6 +36,20 @@ class GraspPlant final : public Cloned<GraspPlant> {
     u[2] = held() || down ? 1.0 : -0.5;
   }
 
+  bool Draw(std::span<const double> state, std::span<std::uint8_t> rgb) const noexcept override {
+    constexpr double kHalf = 0.012;  // of the object and a finger
+    Canvas canvas(rgb, kPictureSide, -0.1, -0.06, 0.54);
+    canvas.Fill(kGround);
+    canvas.Box(0.2, -0.5, 1.0, 0.5, 0.0, kSolid);
+    canvas.Box(state[3], state[4] + 0.5 * kHeight, kHalf, 0.5 * kHeight, 0.0, kObject);
+    const double aside = kFingers + state[2] * (2.0 * kHalf - kFingers);
+    for (const double side : {-1.0, 1.0}) {
+      canvas.Box(state[0] + side * aside, state[1] + 0.035, kHalf, 0.035, 0.0, kRobot);
+    }
+    canvas.Box(state[0], state[1] + 0.08, kFingers + kHalf, 0.012, 0.0, kRobot);
+    return true;
+  }
+
  private:
   [[nodiscard]] bool held() const noexcept { return x(6) > 0.5; }
   [[nodiscard]] bool between() const noexcept {

@@ -28,6 +28,17 @@ class InsertionPlant final : public Cloned<InsertionPlant> {
     u[1] = aligned ? -0.6 : std::clamp((0.04 - x(1)) / kPegGain, -0.6, 0.6);
   }
 
+  bool Draw(std::span<const double> state, std::span<std::uint8_t> rgb) const noexcept override {
+    constexpr double kPeg = 0.02;  // half the width
+    Canvas canvas(rgb, kPictureSide, -0.1, -0.16, 0.48);
+    canvas.Fill(kGround);
+    canvas.Box(0.1, -0.5, 1.0, 0.5, 0.0, kSolid);
+    canvas.Box(state[2], -0.5 * kDepth, kPeg + kClearance, 0.5 * kDepth, 0.0, kGround);
+    canvas.Box(state[2], -0.25 * kChamfer, kPeg + kMouth, 0.25 * kChamfer, 0.0, kGround);
+    canvas.Box(state[0], state[1] + 0.075, kPeg, 0.075, 0.0, kRobot);
+    return true;
+  }
+
  private:
   void Start(core::Random& random) noexcept override {
     x(0) = random.Uniform(-0.03, 0.03);

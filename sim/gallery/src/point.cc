@@ -28,6 +28,7 @@ struct PointOptions {
 
 constexpr double kSpread = 0.05;  // half the side of the square of start states
 constexpr double kGoalRadius = 0.05;
+constexpr double kPointRadius = 0.05;  // in pictures
 constexpr double kBelt = 0.35;  // a moving goal moves from -kBelt, or slightly higher, to kBelt
 
 // A point that starts near the origin and moves as commanded to (goal_x, 0) or to a goal on a belt.
@@ -56,6 +57,23 @@ class PointPlant final : public Cloned<PointPlant> {
     const Point direction = Shortened((1.0 / options_.gain) * (aim - p), options_.speed);
     u[0] = direction.x;
     u[1] = direction.y;
+  }
+
+  bool Draw(std::span<const double> state, std::span<std::uint8_t> rgb) const noexcept override {
+    const double size = std::max(1.6, options_.goal_x + 0.6);
+    Canvas canvas(rgb, kPictureSide, 0.5 * (options_.goal_x - size), -0.5 * size, size);
+    canvas.Fill(kGround);
+    for (const Disc& disc : options_.discs) {
+      canvas.Disc(disc.centre.x, disc.centre.y, disc.radius, kSolid);
+    }
+    for (const Box& box : options_.boxes) {
+      const Point centre = 0.5 * (box.low + box.high);
+      canvas.Box(centre.x, centre.y, box.high.x - centre.x, box.high.y - centre.y, 0.0, kSolid);
+    }
+    const bool moving = options_.belt > 0.0;
+    canvas.Disc(moving ? state[2] : options_.goal_x, moving ? state[3] : 0.0, kGoalRadius, kTarget);
+    canvas.Disc(state[0], state[1], kPointRadius, kRobot);
+    return true;
   }
 
  private:

@@ -31,6 +31,18 @@ class PushPlant final : public Cloned<PushPlant> {
     u[1] = wanted.y;
   }
 
+  bool Draw(std::span<const double> state, std::span<std::uint8_t> rgb) const noexcept override {
+    Canvas canvas(rgb, kPictureSide, -0.17, -0.32, 0.64);
+    canvas.Fill(kGround);
+    for (const double side : {-1.0, 1.0}) {
+      canvas.Box(0.15, side * (0.04 + kHalf + 0.01), 0.4, 0.01, 0.0, kSolid);
+    }
+    canvas.Box(kGoal + kHalf, 0.0, 0.008, 0.04 + kHalf, 0.0, kTarget);
+    canvas.Box(state[2], state[3], kHalf, kHalf, state[4], kObject);
+    canvas.Disc(state[0], state[1], kPusher, kRobot);
+    return true;
+  }
+
  private:
   void Start(core::Random& random) noexcept override {
     x(0) = -0.1;

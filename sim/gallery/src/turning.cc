@@ -37,6 +37,20 @@ class DoorPlant final : public Cloned<DoorPlant> {
     u[1] = motion.y;
   }
 
+  bool Draw(std::span<const double> state, std::span<std::uint8_t> rgb) const noexcept override {
+    Canvas canvas(rgb, kPictureSide, -0.1, -0.15, 0.8);
+    canvas.Fill(kGround);
+    const Point handle = Turned({kRadius, 0.0}, state[6]);
+    canvas.Segment(0.0, 0.0, handle.x, handle.y, 0.015, kSolid);
+    canvas.Disc(handle.x, handle.y, 0.03, kObject);
+    // The quaternion of either sign is the same turn; a pointer that shows it.
+    const double turn = 2.0 * std::atan2(0.6 * state[3] + 0.8 * state[5], state[2]);
+    const Point end = handle + Turned({0.12, 0.0}, turn);
+    canvas.Segment(handle.x, handle.y, end.x, end.y, 0.012, kObject);
+    canvas.Disc(state[0], state[1], 0.02, kRobot);
+    return true;
+  }
+
  private:
   [[nodiscard]] bool held() const noexcept { return x(8) > 0.5; }
   [[nodiscard]] bool free() const noexcept { return x(9) > 0.5; }

@@ -10,6 +10,7 @@
 #include "dfr/core/plant.h"
 #include "dfr/core/random.h"
 #include "dfr/core/trajectory.h"
+#include "dfr/sim/gallery/canvas.h"
 
 namespace dfr::sim {
 
@@ -40,6 +41,15 @@ class GalleryPlant : public core::SimulatedPlant {
   /// knows the whole state, including hidden entries. Entries of `u` may exceed +-1.
   virtual void Supervise(const SupervisorVariation& variation,
                          std::span<double> u) const noexcept = 0;
+
+  /// Side of a picture.
+  static constexpr int kPictureSide = 64;
+  /// Draws an observed state, seen from above or from the side, to kPictureSide x kPictureSide x 3
+  /// bytes: RGB, rows from the top. @returns false if the task has no pictures.
+  virtual bool Draw(std::span<const double> /*state*/,
+                    std::span<std::uint8_t> /*rgb*/) const noexcept {
+    return false;
+  }
 
  protected:
   /// @param hidden  number of state entries after those of `layout`; they are never observed.
