@@ -337,6 +337,15 @@ int main(int argc, char** argv) try {
   AddOptions(*experiment, plane);
   AddOptions(*drift_command, drift);
   AddOptions(*run, guards);
+  run->add_option("--pictures", guards.pictures.features,
+                  "features of image, such as points:image, for methods guard/pictures and others, "
+                  "which see a picture of the state; the policy sees the state");
+  run->add_option("--picture-light", guards.pictures.shown.light,
+                  "change of light in the demonstrations' pictures")
+      ->capture_default_str();
+  run->add_option("--picture-noise", guards.pictures.shown.noise,
+                  "noise of the demonstrations' pictures")
+      ->capture_default_str();
   AddOptions(*stress_command, stress);
   AddOptions(*grid_command, grid);
   auto* compare = app.add_subcommand(

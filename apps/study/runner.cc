@@ -1,6 +1,7 @@
 #include "apps/study/runner.h"
 
 #include <algorithm>
+#include <optional>
 #include <utility>
 
 #include "apps/rollout_video.h"
@@ -48,10 +49,12 @@ experiment::DisturbanceOptions WithNoise(const Condition& condition, const Task&
 // A policy alone or with a guard.
 class Guarded final : public control::Controller, public LearnsOnline {
  public:
+  /// The guard sees the state, or pictures of it by `camera`.
   Guarded(std::shared_ptr<Imitator> policy, const safety::GuardModel& model,
-          const std::string& strategy)
+          const std::string& strategy, int state_dim, std::optional<Camera> camera)
       : policy_(std::move(policy)),
-        state_dim_(model.layout().state_dim()),
+        camera_(std::move(camera)),
+        state_dim_(state_dim),
         control_dim_(model.action_dim()),
         horizon_(model.settings().horizon) {
     if (strategy == kAlone) return;
@@ -59,6 +62,7 @@ class Guarded final : public control::Controller, public LearnsOnline {
     settings.strategy = safety::ParseStrategy(strategy);
     guard_ = std::make_unique<safety::Guard>(model.With(settings));
     monitors_ = settings.strategy == safety::Strategy::kMonitor;
+    if (camera_) picture_.resize(Camera::kSize);
   }
   [[nodiscard]] int state_dim() const noexcept override { return state_dim_; }
   [[nodiscard]] int control_dim() const noexcept override { return control_dim_; }
@@ -72,6 +76,7 @@ class Guarded final : public control::Controller, public LearnsOnline {
  private:
   void DoReset(std::uint64_t seed) noexcept override {
     if (guard_ != nullptr) guard_->Reset(seed);
+    if (camera_) camera_->Reset(seed);
     t_ = 0;
     chooser_ = "policy";
     alarmed_ = false;
@@ -83,7 +88,9 @@ class Guarded final : public control::Controller, public LearnsOnline {
       policy_->Applied(u);
       return {.mode = control::Mode::kPolicy, .t = t_++};
     }
-    const safety::Verdict verdict = guard_->Filter(t_++, x, u, u);
+    if (camera_) camera_->See(x, picture_);
+    const safety::Verdict verdict =
+        guard_->Filter(t_++, camera_ ? std::span<const double>(picture_) : x, u, u);
     policy_->Applied(u);
     alarmed_ = alarmed_ || verdict.alarm;
     const bool unchanged = verdict.mode == control::Mode::kPolicy && !verdict.changed;
@@ -100,6 +107,8 @@ class Guarded final : public control::Controller, public LearnsOnline {
 
   std::shared_ptr<Imitator> policy_;
   std::unique_ptr<safety::Guard> guard_;  // null: the policy alone
+  std::optional<Camera> camera_;
+  std::vector<double> picture_;
   int state_dim_, control_dim_, horizon_;
   bool monitors_ = false;
   int t_ = 0;
@@ -108,7 +117,7 @@ class Guarded final : public control::Controller, public LearnsOnline {
 };
 
 Prepared Prepare(const Task& task, Kind kind, int demonstrations, std::uint64_t seed, int trial,
-                 const planar::MethodOptions& plane) {
+                 const planar::MethodOptions& plane, const PictureOptions& pictures) {
   const auto stream = static_cast<std::uint64_t>(trial);
   const std::uint64_t shown = core::DeriveSeed(seed, {2, stream});
   const std::uint64_t learned = core::DeriveSeed(seed, {3, stream});
@@ -126,6 +135,11 @@ Prepared Prepare(const Task& task, Kind kind, int demonstrations, std::uint64_t 
     prepared.seed = learned;
     prepared.guard =
         FittedTask::Fit(task.small->plant->layout(), prepared.demonstrations, task.small->features);
+    if (!pictures.features.empty()) {
+      prepared.seeing = safety::GuardModel::Fit(
+          PictureLayout(), Pictures(*task.small, prepared.demonstrations, pictures.shown),
+          {.features = pictures.features, .accept_any = true});
+    }
   }
   return prepared;
 }
@@ -134,6 +148,7 @@ Runner::Runner(const Place& place, std::shared_ptr<const Prepared> prepared,
                const std::vector<std::string>& methods)
     : PlaceboRunner(place.variant->make(), WithNoise(*place.condition, *place.task)),
       task_(place.task),
+      nuisances_(place.condition->nuisances),
       prepared_(std::move(prepared)) {
   const auto* model = prepared_->model.get();
   AddAll(
@@ -154,8 +169,11 @@ std::unique_ptr<control::Controller> Runner::MakeController(const std::string& m
                                                   prepared_->fit(), driven(), std::string(policy),
                                                   prepared_->seed));
   }
-  auto guarded =
-      std::make_unique<Guarded>(imitator, *prepared_->guard->guard(), std::string(strategy));
+  std::optional<Camera> camera;
+  if (!support.empty()) camera.emplace(task_->small->plant, nuisances_);
+  auto guarded = std::make_unique<Guarded>(
+      imitator, camera ? *prepared_->seeing : *prepared_->guard->guard(), std::string(strategy),
+      task_->small->plant->state_dim(), std::move(camera));
   guarded_.push_back(guarded.get());
   if (guarded->monitors()) {
     for (const auto outcome : {core::Outcome::kCompleted, core::Outcome::kCollided}) {

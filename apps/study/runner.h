@@ -26,13 +26,25 @@ inline constexpr const char* kAlone = "baseline";
 /// Kind of methods: controllers around a policy, guards around a policy, or planar::Methods.
 enum class Kind { kControllers, kGuards, kPlane };
 
+/// Guards on pictures, beside those on states.
+struct PictureOptions {
+  std::string features = {};  ///< Features of "image", such as "points:image"; "": none.
+  /// Of the demonstrations' pictures. Those of a run are Condition::nuisances.
+  Nuisances shown = {.light = 0.2, .noise = 0.03};
+};
+
+/// Ends the method name of a guard that sees pictures only: "guard/pictures". Its policy sees the
+/// state.
+inline constexpr const char* kOnPictures = "/pictures";
+
 /// Data shared by all methods of a task in one trial.
 struct Prepared {
   std::unique_ptr<const LearnedModel> model = nullptr;     ///< For controllers.
   std::unique_ptr<const planar::Methods> plane = nullptr;  ///< For planar::Methods.
   std::vector<core::Trajectory> demonstrations = {};       ///< For guards,
   std::optional<FittedTask> guard = {};
-  std::uint64_t seed = 0;  ///< and that of their policies.
+  std::shared_ptr<const safety::GuardModel> seeing = nullptr;  ///< On pictures; may be null.
+  std::uint64_t seed = 0;                                      ///< and that of their policies.
 
   [[nodiscard]] const FittedTask& fit() const noexcept {
     return model != nullptr ? model->fit() : plane != nullptr ? plane->fit() : *guard;
@@ -44,7 +56,8 @@ using PreparedCache = SharedCache<std::pair<std::string, int>, Prepared>;
 /// guards. `seed` is the study's.
 /// @throws std::invalid_argument if the task does not support such methods.
 [[nodiscard]] Prepared Prepare(const Task& task, Kind kind, int demonstrations, std::uint64_t seed,
-                               int trial, const planar::MethodOptions& plane = {});
+                               int trial, const planar::MethodOptions& plane = {},
+                               const PictureOptions& pictures = {});
 
 /// Conditions of a run.
 struct Place {
@@ -60,8 +73,8 @@ class Imitator;
 /// elsewhere one outside the support counts like any other.
 class Runner final : public PlaceboRunner {
  public:
-  /// `methods` are those of ParseMethod(), or "<guard's strategy>@<policy>" where `prepared` is of
-  /// guards; around both also PlaceboNames(). Borrows the parts of the place.
+  /// `methods` are those of ParseMethod(), or "<guard's strategy>@<policy>[/pictures]" where
+  /// `prepared` is of guards; around both also PlaceboNames(). Borrows the parts of the place.
   Runner(const Place& place, std::shared_ptr<const Prepared> prepared,
          const std::vector<std::string>& methods);
   ~Runner() override;
@@ -89,6 +102,7 @@ class Runner final : public PlaceboRunner {
   [[nodiscard]] std::unique_ptr<control::Controller> MakeController(const std::string& method);
 
   const Task* task_;
+  Nuisances nuisances_;
   std::shared_ptr<const Prepared> prepared_;
   std::map<std::string, std::shared_ptr<Imitator>> imitators_;  // guards' policies
   std::vector<Guarded*> guarded_;                               // [method]

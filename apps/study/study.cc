@@ -58,6 +58,9 @@ class Units {
     if (study.kind == Kind::kGuards) {
       CheckNames("policy", study.policies, PolicyNames());
       std::vector<std::string> known = GuardNames();
+      if (!study.pictures.features.empty()) {
+        for (const std::string& name : GuardNames()) known.push_back(name + kOnPictures);
+      }
       known.insert(known.end(), PlaceboNames().begin(), PlaceboNames().end());
       CheckNames("method", controllers_, known);
     }
@@ -88,7 +91,8 @@ class Units {
     const int count =
         place.condition->demonstrations > 0 ? place.condition->demonstrations : unit.demonstrations;
     return prepared_.Get({place.task->name + "/" + std::to_string(count), unit.trial}, [&] {
-      return Prepare(*place.task, study_.kind, count, plan_.seed, unit.trial, study_.plane);
+      return Prepare(*place.task, study_.kind, count, plan_.seed, unit.trial, study_.plane,
+                     study_.pictures);
     });
   }
   [[nodiscard]] std::unique_ptr<Runner> Make(const experiment::EvaluationUnit& unit) {
@@ -120,6 +124,11 @@ const char* NameOf(Kind kind) {
 
 std::map<std::string, std::string> SettingsOf(const Study& study) {
   using experiment::Exactly;
+  if (!study.pictures.features.empty()) {
+    return {{"pictures", study.pictures.features},
+            {"light", Exactly(study.pictures.shown.light)},
+            {"noise", Exactly(study.pictures.shown.noise)}};
+  }
   if (study.kind != Kind::kPlane) return {};
   return {{"gamma", Exactly(study.plane.gamma)},
           {"raw gamma", Exactly(study.plane.raw_gamma)},

@@ -41,6 +41,8 @@ struct Study : experiment::ExperimentOptions {
   std::vector<std::string> conditions = {};  ///< Names of Conditions(); empty: all.
   int demonstrations = 60;
   planar::MethodOptions plane = {};  ///< For planar tasks.
+  /// For guards. With features, methods may end in kOnPictures, and conditions disturb pictures.
+  PictureOptions pictures = {};
 };
 
 /// Strategies of guards. Studies of guards or controllers also accept PlaceboNames().

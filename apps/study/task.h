@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "apps/rollout_video.h"
+#include "apps/study/camera.h"
 #include "apps/study/planar/task.h"
 #include "dfr/core/plant.h"
 #include "dfr/experiment/disturbed_plant.h"
@@ -64,9 +65,10 @@ struct Condition {
   std::string name;
   std::string variant = {};  ///< Runs only in tasks with that variant.
   experiment::DisturbanceOptions disturbance = {};
-  double noise = 0.0;       ///< Standard deviation of observation noise, in units of Task::length.
-  int demonstrations = 0;   ///< Replaces the study's number unless 0.
-  bool on_request = false;  ///< Excluded from studies of all conditions.
+  double noise = 0.0;        ///< Standard deviation of observation noise, in units of Task::length.
+  Nuisances nuisances = {};  ///< Of the pictures of guards on pictures; others see the state.
+  int demonstrations = 0;    ///< Replaces the study's number unless 0.
+  bool on_request = false;   ///< Excluded from studies of all conditions.
 };
 
 /// Returns all conditions, "as demonstrated" first.

@@ -1,0 +1,81 @@
+#include "apps/study/camera.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "dfr/core/contract.h"
+#include "dfr/core/matrix.h"
+
+namespace dfr::study {
+
+Camera::Camera(std::shared_ptr<const sim::GalleryPlant> plant, const Nuisances& nuisances)
+    : plant_(std::move(plant)), nuisances_(nuisances), drawn_(kSize) {
+  const std::vector<double> zero(static_cast<std::size_t>(plant_->state_dim()));
+  DFR_THROW_UNLESS(plant_->Draw(zero, drawn_),
+                   "--pictures: a task has no pictures; those of reach, two-ways, passage, goal, "
+                   "push, insertion, grasp and door show their states");
+}
+
+void Camera::Reset(std::uint64_t seed) noexcept {
+  random_ = core::Random(core::DeriveSeed(seed, {7}));
+  gain_ = 1.0 + nuisances_.light * random_.Uniform(-1.0, 1.0);
+  constexpr std::array<std::array<int, 2>, 4> kDirections{{{1, 0}, {-1, 0}, {0, 1}, {0, -1}}};
+  for (std::size_t i = 0; const int step : kDirections[random_.Below(kDirections.size())]) {
+    shift_[i++] = nuisances_.shift * step;
+  }
+  disc_ = {random_.Uniform(0.0, kSide), random_.Uniform(0.0, kSide), random_.Uniform(2.0, 4.0)};
+  for (std::uint8_t& channel : colour_) channel = static_cast<std::uint8_t>(random_.Below(256));
+  for (int& first : hidden_) first = static_cast<int>(random_.Below(kSide - kSide / 3));
+}
+
+void Camera::See(std::span<const double> state, std::span<double> picture) noexcept {
+  static_cast<void>(plant_->Draw(state, drawn_));
+  if (nuisances_.distractor) {
+    sim::Canvas(drawn_, kSide, 0.0, 0.0, kSide).Disc(disc_[0], disc_[1], disc_[2], colour_);
+  }
+  if (nuisances_.occlusion) {
+    const double half = 0.5 * (kSide / 3);
+    sim::Canvas(drawn_, kSide, 0.0, 0.0, kSide)
+        .Box(hidden_[0] + half, hidden_[1] + half, half, half, 0.0, {16, 16, 16});
+  }
+  for (int row = 0; row < kSide; ++row) {
+    for (int column = 0; column < kSide; ++column) {
+      // The edge continues beyond the picture.
+      const int from_row = std::clamp(row - shift_[1], 0, kSide - 1);
+      const int from_column = std::clamp(column - shift_[0], 0, kSide - 1);
+      for (int channel = 0; channel < 3; ++channel) {
+        double value =
+            gain_ *
+            drawn_[static_cast<std::size_t>(3 * (kSide * from_row + from_column) + channel)];
+        if (nuisances_.noise > 0.0) value += 255.0 * nuisances_.noise * random_.Normal();
+        picture[static_cast<std::size_t>(3 * (kSide * row + column) + channel)] =
+            std::clamp(std::round(value), 0.0, 255.0);
+      }
+    }
+  }
+}
+
+core::StateLayout PictureLayout() {
+  core::StateLayout layout;
+  layout.Add("image", {.height = Camera::kSide, .width = Camera::kSide, .channels = 3});
+  return layout;
+}
+
+std::vector<core::Trajectory> Pictures(const sim::GalleryTask& task,
+                                       std::span<const core::Trajectory> demonstrations,
+                                       const Nuisances& nuisances) {
+  Camera camera(task.plant, nuisances);
+  std::vector<core::Trajectory> seen(demonstrations.begin(), demonstrations.end());
+  for (core::Trajectory& demonstration : seen) {
+    core::Matrix pictures(demonstration.states.rows(), Camera::kSize);
+    camera.Reset(demonstration.seed);
+    for (Eigen::Index t = 0; t < pictures.rows(); ++t) {
+      camera.See(core::Row(std::as_const(demonstration.states), t), core::Row(pictures, t));
+    }
+    demonstration.states = std::move(pictures);
+  }
+  return seen;
+}
+
+}  // namespace dfr::study

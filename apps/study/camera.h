@@ -1,0 +1,64 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "dfr/core/features.h"
+#include "dfr/core/random.h"
+#include "dfr/core/trajectory.h"
+#include "dfr/sim/gallery/gallery.h"
+
+namespace dfr::study {
+
+/// What changes a picture and not the task. All zero: none.
+struct Nuisances {
+  double light = 0.0;       ///< Pixels are scaled by 1 +- this, drawn per episode.
+  double noise = 0.0;       ///< Standard deviation per pixel and picture, as a share of 255.
+  bool distractor = false;  ///< A disc of any colour, place and episode.
+  int shift = 0;            ///< Shift in pixels, in one of four directions, drawn per episode.
+  bool occlusion = false;   ///< A dark square of a third of the side, drawn per episode.
+
+  bool operator==(const Nuisances&) const = default;
+};
+
+/// Takes pictures of the states of a gallery task. Belongs to one thread. Only the constructor
+/// throws and allocates.
+class Camera {
+ public:
+  /// Entries of a picture.
+  static constexpr int kSide = sim::GalleryPlant::kPictureSide;
+  static constexpr int kSize = kSide * kSide * 3;
+
+  /// @throws std::invalid_argument if the task has no pictures.
+  Camera(std::shared_ptr<const sim::GalleryPlant> plant, const Nuisances& nuisances);
+
+  /// Begins an episode: draws its nuisances.
+  void Reset(std::uint64_t seed) noexcept;
+  /// Writes the picture of an observed state: kSize values from 0 to 255.
+  void See(std::span<const double> state, std::span<double> picture) noexcept;
+
+ private:
+  std::shared_ptr<const sim::GalleryPlant> plant_;
+  Nuisances nuisances_;
+  core::Random random_{0};
+  double gain_ = 1.0;
+  std::array<int, 2> shift_{};    // columns, rows
+  std::array<double, 3> disc_{};  // column, row, radius
+  sim::Colour colour_{};
+  std::array<int, 2> hidden_{};  // first column and row of the occlusion
+  std::vector<std::uint8_t> drawn_;
+};
+
+/// Layout of the states that a guard on pictures sees: "image".
+[[nodiscard]] core::StateLayout PictureLayout();
+
+/// Returns the demonstrations with pictures as states. The nuisances follow from their seeds.
+[[nodiscard]] std::vector<core::Trajectory> Pictures(
+    const sim::GalleryTask& task, std::span<const core::Trajectory> demonstrations,
+    const Nuisances& nuisances);
+
+}  // namespace dfr::study
