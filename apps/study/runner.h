@@ -29,7 +29,7 @@ enum class Kind { kControllers, kGuards, kPlane };
 /// Guards on pictures, beside those on states.
 struct PictureOptions {
   std::string features = {};  ///< Features of "image", such as "points:image"; "": none.
-  /// Of the demonstrations' pictures. Those of a run are Condition::nuisances.
+  /// What disturbs the pictures of demonstrations. Condition::nuisances disturb those of a run.
   Nuisances shown = {.light = 0.2, .noise = 0.03};
 };
 

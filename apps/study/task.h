@@ -66,7 +66,7 @@ struct Condition {
   std::string variant = {};  ///< Runs only in tasks with that variant.
   experiment::DisturbanceOptions disturbance = {};
   double noise = 0.0;        ///< Standard deviation of observation noise, in units of Task::length.
-  Nuisances nuisances = {};  ///< Of the pictures of guards on pictures; others see the state.
+  Nuisances nuisances = {};  ///< Disturb the pictures that guards see.
   int demonstrations = 0;    ///< Replaces the study's number unless 0.
   bool on_request = false;   ///< Excluded from studies of all conditions.
 };
