@@ -35,22 +35,23 @@ void Camera::See(std::span<const double> state, std::span<double> picture) noexc
     sim::Canvas(drawn_, kSide, 0.0, 0.0, kSide).Disc(disc_[0], disc_[1], disc_[2], colour_);
   }
   if (nuisances_.occlusion) {
-    const double half = 0.5 * (kSide / 3);
+    constexpr int kHidden = kSide / 3;
+    constexpr double kHalf = 0.5 * kHidden;
     sim::Canvas(drawn_, kSide, 0.0, 0.0, kSide)
-        .Box(hidden_[0] + half, hidden_[1] + half, half, half, 0.0, {16, 16, 16});
+        .Box(hidden_[0] + kHalf, hidden_[1] + kHalf, kHalf, kHalf, 0.0, {16, 16, 16});
   }
   for (int row = 0; row < kSide; ++row) {
     for (int column = 0; column < kSide; ++column) {
       // The edge continues beyond the picture.
       const int from_row = std::clamp(row - shift_[1], 0, kSide - 1);
       const int from_column = std::clamp(column - shift_[0], 0, kSide - 1);
-      for (int channel = 0; channel < 3; ++channel) {
-        double value =
-            gain_ *
-            drawn_[static_cast<std::size_t>(3 * (kSide * from_row + from_column) + channel)];
+      const auto from =
+          static_cast<std::size_t>(3) * static_cast<std::size_t>(kSide * from_row + from_column);
+      const auto to = static_cast<std::size_t>(3) * static_cast<std::size_t>(kSide * row + column);
+      for (std::size_t channel = 0; channel < 3; ++channel) {
+        double value = gain_ * drawn_[from + channel];
         if (nuisances_.noise > 0.0) value += 255.0 * nuisances_.noise * random_.Normal();
-        picture[static_cast<std::size_t>(3 * (kSide * row + column) + channel)] =
-            std::clamp(std::round(value), 0.0, 255.0);
+        picture[to + channel] = std::clamp(std::round(value), 0.0, 255.0);
       }
     }
   }

@@ -228,7 +228,7 @@ double Runner::Credit(int method, std::uint64_t start_seed, std::uint64_t contro
 }
 
 std::string Runner::CauseOf(const control::RolloutResult& result) const {
-  const std::string cause = PlaceboRunner::CauseOf(result);
+  std::string cause = PlaceboRunner::CauseOf(result);
   if (cause == "placebo") return cause;
   if (!guarded_.empty() && result.outcome == core::Outcome::kCollided) {
     return guarded_[static_cast<std::size_t>(method_)]->chooser();
