@@ -61,7 +61,8 @@ TEST_F(CanvasTest, ATurnByARightAngleSwapsTheSides) {
 }
 
 Colour At(const std::vector<std::uint8_t>& rgb, int row, int column) {
-  const auto i = static_cast<std::size_t>(3 * (GalleryPlant::kPictureSide * row + column));
+  const auto i =
+      std::size_t{3} * static_cast<std::size_t>(GalleryPlant::kPictureSide * row + column);
   return {rgb[i], rgb[i + 1], rgb[i + 2]};
 }
 

@@ -61,9 +61,9 @@ TEST(CameraTest, AShiftMovesEveryPixelByOne) {
   const auto fits = [&](int columns, int rows) {
     for (int row = 1; row + 1 < kSide; ++row) {
       for (int i = 3; i + 3 < 3 * kSide; ++i) {
-        const auto to = static_cast<std::size_t>(3 * kSide * row + i);
-        if (shifted[to] !=
-            plain[static_cast<std::size_t>(3 * kSide * (row - rows) + i - 3 * columns)]) {
+        const int to = 3 * kSide * row + i;
+        const int from = 3 * kSide * (row - rows) + i - 3 * columns;
+        if (shifted[static_cast<std::size_t>(to)] != plain[static_cast<std::size_t>(from)]) {
           return false;
         }
       }
