@@ -293,7 +293,8 @@ std::string Verdict(const safety::GuardModel& model, const std::vector<Episode>&
   }
   if (passed < 0.5) {
     return "Doubtful: " + share +
-           ". It would replace most actions of a good policy; try --strategy soft or monitor.";
+           ". It would replace most actions of a good policy; run it with --strategy monitor "
+           "first.";
   }
   const std::vector<std::string> warnings = safety::Warnings(model);
   if (!warnings.empty()) return "Doubtful: " + share + ", but " + warnings.front();

@@ -150,6 +150,20 @@ class Glossary(unittest.TestCase):
         self.assertEqual(keys - told, set())
 
 
+class Strategies(unittest.TestCase):
+    def test_each_text_recommends_one_that_exists(self):
+        help_text = subprocess.run([GUARD, "fit", "--help"], text=True, capture_output=True, check=True).stdout
+        known = set(re.findall(r"([a-z-]+) \(", re.search(r"--strategy.*", help_text).group()))
+        self.assertIn("monitor", known)
+        named = set()
+        for folder in ("apps", "libs", "python", "examples", "docs"):
+            for path in (SOURCE / folder).rglob("*"):
+                if path.suffix in (".cc", ".h", ".py", ".md"):
+                    named |= set(re.findall(r"--strategy ([a-z-]+)", path.read_text()))
+        self.assertGreater(len(named), 2)
+        self.assertEqual(named - known, set())
+
+
 class FirstGuard(unittest.TestCase):
     def test_the_commands_print_what_the_page_shows(self):
         with tempfile.TemporaryDirectory() as folder:
