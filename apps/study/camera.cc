@@ -9,12 +9,14 @@
 
 namespace dfr::study {
 
+bool HasPictures(const sim::GalleryPlant& plant) {
+  std::vector<std::uint8_t> picture(Camera::kSize);
+  return plant.Draw(std::vector<double>(static_cast<std::size_t>(plant.state_dim())), picture);
+}
+
 Camera::Camera(std::shared_ptr<const sim::GalleryPlant> plant, const Nuisances& nuisances)
     : plant_(std::move(plant)), nuisances_(nuisances), drawn_(kSize) {
-  const std::vector<double> zero(static_cast<std::size_t>(plant_->state_dim()));
-  DFR_THROW_UNLESS(plant_->Draw(zero, drawn_),
-                   "--pictures: a task has no pictures; those of reach, two-ways, passage, goal, "
-                   "push, insertion, grasp and door show their states");
+  DFR_THROW_UNLESS(HasPictures(*plant_), "the plant has no pictures");
 }
 
 void Camera::Reset(std::uint64_t seed) noexcept {

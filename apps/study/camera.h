@@ -33,7 +33,7 @@ class Camera {
   static constexpr int kSide = sim::GalleryPlant::kPictureSide;
   static constexpr int kSize = kSide * kSide * 3;
 
-  /// @throws std::invalid_argument if the task has no pictures.
+  /// @throws std::invalid_argument if the plant has no pictures.
   Camera(std::shared_ptr<const sim::GalleryPlant> plant, const Nuisances& nuisances);
 
   /// Begins an episode: draws its nuisances.
@@ -52,6 +52,9 @@ class Camera {
   std::array<int, 2> hidden_{};  // first column and row of the occlusion
   std::vector<std::uint8_t> drawn_;
 };
+
+/// Whether the states of a task's plant can be drawn.
+[[nodiscard]] bool HasPictures(const sim::GalleryPlant& plant);
 
 /// Layout of the states that a guard on pictures sees: "image".
 [[nodiscard]] core::StateLayout PictureLayout();

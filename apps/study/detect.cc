@@ -39,7 +39,7 @@ Parts Split(const imitation::DemonstrationSet& all, std::uint64_t seed) {
   std::vector<std::size_t> order(all.trajectories.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   core::Random random(seed);
-  for (std::size_t i = order.size(); i > 1; --i) std::swap(order[i - 1], order[random.Below(i)]);
+  random.Shuffle(std::span(order));
   const auto count = static_cast<double>(order.size());
   const auto fitted = static_cast<std::size_t>(std::lround(kFitted * count));
   const auto calibrating = static_cast<std::size_t>(std::lround(kCalibrating * count));

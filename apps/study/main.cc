@@ -269,9 +269,11 @@ void AddOptions(CLI::App& command, Detection& detection) {
   command.add_option("--task", detection.task, "task of the gallery")->capture_default_str();
   command.add_option("--policy", detection.policy, "policy of the task's further episodes")
       ->capture_default_str();
-  command.add_option("--demonstrations", detection.demonstrations, "number of the task's")
+  command
+      .add_option("--demonstrations", detection.demonstrations,
+                  "number of demonstrations of the task")
       ->capture_default_str();
-  command.add_option("--episodes", detection.episodes, "number of the task's further episodes")
+  command.add_option("--episodes", detection.episodes, "number of further episodes of the task")
       ->capture_default_str();
   command.add_option("--features", detection.features, "features of the guard; default: all");
   command
@@ -341,10 +343,12 @@ int main(int argc, char** argv) try {
                   "features of image, such as points:image, for methods guard/pictures and others, "
                   "which see a picture of the state; the policy sees the state");
   run->add_option("--picture-light", guards.pictures.shown.light,
-                  "change of light in the demonstrations' pictures")
+                  "change of light in the demonstrations' pictures, as a share")
+      ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
   run->add_option("--picture-noise", guards.pictures.shown.noise,
-                  "noise of the demonstrations' pictures")
+                  "noise of the demonstrations' pictures, as a share of 255")
+      ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
   AddOptions(*stress_command, stress);
   AddOptions(*grid_command, grid);

@@ -25,6 +25,16 @@ void CheckNames(const char* what, const std::vector<std::string>& names,
   }
 }
 
+// Throws if a task cannot be drawn.
+void CheckPictures(const Task& task) {
+  if (task.small != nullptr && HasPictures(*task.small->plant)) return;
+  std::vector<std::string> drawn;
+  for (const sim::GalleryTask& other : sim::GalleryTasks()) {
+    if (HasPictures(*other.plant)) drawn.push_back(other.name);
+  }
+  DFR_THROW_UNLESS(false, "task '" << task.name << "' has no pictures; valid: " << Join(drawn));
+}
+
 std::map<std::string, Place> Places(const std::vector<std::string>& wanted,
                                     const std::vector<Task>& tasks,
                                     std::vector<std::string>& names) {
@@ -63,6 +73,14 @@ class Units {
       }
       known.insert(known.end(), PlaceboNames().begin(), PlaceboNames().end());
       CheckNames("method", controllers_, known);
+    }
+    for (const auto& [name, place] : places_) {
+      const bool disturbed = place.condition->nuisances != Nuisances{};
+      DFR_THROW_UNLESS(!disturbed || !study.pictures.features.empty(),
+                       "condition '" << place.condition->name
+                                     << "' disturbs pictures: add --pictures points:image, and a "
+                                        "method such as guard/pictures");
+      if (!study.pictures.features.empty()) CheckPictures(*place.task);
     }
     if (study.kind != Kind::kPlane) CheckPlacebos(controllers_);
     controllers_.insert(controllers_.begin(), kAlone);

@@ -332,7 +332,8 @@ std::vector<experiment::ReportTable> MakeRowTables(const std::vector<Row>& rows,
       .rows = {}};
   for (const Row& row : rows) {
     const bool alone = row.controller == kAlone;
-    const bool monitor = row.controller == safety::Name(safety::Strategy::kMonitor);
+    const std::string watching = safety::Name(safety::Strategy::kMonitor);
+    const bool monitor = row.controller == watching || row.controller == watching + kOnPictures;
     const auto share = [&](int count) { return core::Format("%.0f", Share(count, row.episodes)); };
     const auto alarms = [&](int count, int of) -> std::string {
       if (!monitor) return "";

@@ -1,9 +1,11 @@
 #include "apps/study/camera.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <stdexcept>
+#include <string>
 #include <vector>
 
 #include "apps/study/study.h"
@@ -11,6 +13,10 @@
 
 namespace dfr::study {
 namespace {
+
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::Not;
 
 constexpr int kSide = Camera::kSide;
 
@@ -125,10 +131,35 @@ TEST(PicturedGuardsTest, MonitorsChangeNothingAndThreadsDoNotMatter) {
   EXPECT_TRUE(rows == RunStudy(Pictured(2)));
 }
 
+std::string ErrorOf(const Study& study) {
+  try {
+    static_cast<void>(RunStudy(study));
+  } catch (const std::invalid_argument& e) {
+    return e.what();
+  }
+  return "";
+}
+
 TEST(PicturedGuardsTest, NeedFeatures) {
   Study study = Pictured(1);
   study.pictures.features.clear();
-  EXPECT_THROW((void)RunStudy(study), std::invalid_argument);
+  EXPECT_THAT(ErrorOf(study), HasSubstr("unknown method 'monitor/pictures'"));
+}
+
+// Without a guard that sees them a disturbance of pictures would have no effect.
+TEST(PicturedGuardsTest, ConditionsOfPicturesNeedPictures) {
+  Study study = Pictured(1);
+  study.controllers = {"guard"};
+  study.conditions = {"picture shifted"};
+  study.pictures.features.clear();
+  EXPECT_THAT(ErrorOf(study), AllOf(HasSubstr("'picture shifted'"), HasSubstr("--pictures")));
+}
+
+TEST(PicturedGuardsTest, ATaskWithoutPicturesIsNamedWithThoseThatHaveThem) {
+  Study study = Pictured(1);
+  study.tasks = {"reach", "balance"};
+  EXPECT_THAT(ErrorOf(study), AllOf(HasSubstr("'balance'"), HasSubstr("two-ways"),
+                                    HasSubstr("door"), Not(HasSubstr("inertia"))));
 }
 
 }  // namespace

@@ -171,6 +171,22 @@ TEST(RowTableTest, SharesAreOfEpisodesAndAlarmsOfOutcomes) {
   EXPECT_EQ(tables[2].rows.at(0)[5], "halted: no-progress");
 }
 
+TEST(RowTableTest, AlarmsAreThoseOfEachMonitorAndOfNoOtherMethod) {
+  for (const char* method : {"monitor", "monitor/pictures", "guard", "guard/pictures"}) {
+    Row row;
+    row.controller = method;
+    row.episodes = 10;
+    row.completed = 8;
+    row.collided = 2;
+    row.alarmed_failures = 1;
+    row.alarmed_successes = 4;
+    const auto tables = MakeRowTables({row}, true);
+    const bool watches = std::string(method).starts_with("monitor");
+    EXPECT_EQ(tables[0].rows.at(0)[13].substr(0, 4), watches ? "50.0" : "") << method;
+    EXPECT_EQ(tables[0].rows.at(0)[14].substr(0, 4), watches ? "50.0" : "") << method;
+  }
+}
+
 TEST(RecordTest, EpisodesAreThoseOfTheStudy) {
   Study study = SmallGuards();
   study.tasks = {"reach"};

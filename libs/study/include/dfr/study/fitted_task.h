@@ -44,7 +44,7 @@ class FittedTask {
   /// The demonstrations with controls in the model's units.
   [[nodiscard]] std::vector<core::Trajectory> Measured(
       std::span<const core::Trajectory> demonstrations) const;
-  /// How these demonstrations' features answer controls as they are recorded.
+  /// Response of these demonstrations' features to controls as they are recorded.
   [[nodiscard]] control::Response ResponseOf(
       std::span<const core::Trajectory> demonstrations) const;
   /// Distance of two controls, in ordinary demonstrated controls.
