@@ -573,6 +573,35 @@ TEST(OneClassSvmTest, LogDecisionHasTheSignOfGAndReachesFar) {
   }
 }
 
+// States of up to 64 entries use a smaller part of the stack than longer ones.
+TEST(OneClassSvmTest, ValuesAndGradientsAreThoseOfTheDefinitionForLongStates) {
+  constexpr double kGamma = 0.7;
+  constexpr double kRho = 0.3;
+  for (const int dim : {63, 64, 65, 200}) {
+    core::Matrix points = core::Matrix::Zero(2, dim);
+    points(1, dim - 1) = 1.0;
+    const OneClassSvm svm =
+        OneClassSvm::FromParts(points, Eigen::VectorXd::Constant(2, 0.5), kGamma, kRho, 1.0);
+    // The sum underflows at the second state.
+    for (const double last : {0.4, 60.0}) {
+      std::vector<double> x(static_cast<std::size_t>(dim), 0.0);
+      x.back() = last;
+      const double near = std::exp(-kGamma * (last - 1.0) * (last - 1.0));
+      const double share = std::exp(-kGamma * (2.0 * last - 1.0));  // of the first point's term
+      const double log_sum = std::log(0.5 * (1.0 + share)) - kGamma * (last - 1.0) * (last - 1.0);
+      const double slope = 2.0 * kGamma * (1.0 / (1.0 + share) - last);
+      std::vector<double> gradient(x.size(), 1.0);
+      EXPECT_NEAR(svm.LogDecision(x), log_sum - std::log(kRho), 1e-9) << dim;
+      EXPECT_EQ(svm.LogGradient(x, gradient), svm.LogDecision(x)) << dim;
+      EXPECT_NEAR(gradient.back(), slope, 1e-9) << dim;
+      EXPECT_EQ(gradient[0], 0.0);
+      EXPECT_EQ(svm.Gradient(x, gradient), svm.Decision(x)) << dim;
+      EXPECT_NEAR(gradient.back(), 0.5 * near * (1.0 + share) * slope, 1e-12) << dim;
+      EXPECT_EQ(gradient[0], 0.0);
+    }
+  }
+}
+
 TEST(OneClassSvmTest, LogGradientIsTheDerivativeOfLogDecision) {
   core::Random random(37);
   const auto svm = OneClassSvm::Fit(Tube(150, 4, random), {.gamma = 2.0});

@@ -78,26 +78,33 @@ template <int kLines>
   }
 }
 
-// Prefetches the memory of a cold decision: the terms, their first blocks and the code of their
-// sum. The misses then overlap.
-template <typename T>
-[[gnu::always_inline]] inline void PrefetchSum(const internal::GaussianTerms<T>& terms) noexcept {
+// Small states, the usual case, use the part of the stack that is in the caller's cache.
+constexpr int kSmallState = 64;
+
+// Prefetches the memory of a cold decision: the terms, their first blocks and the code that sums
+// them. The misses then overlap.
+template <typename T, typename Function>
+[[gnu::always_inline]] inline void PrefetchSum(const internal::GaussianTerms<T>& terms,
+                                               Function* sum) noexcept {
   Prefetch<3>(reinterpret_cast<std::uintptr_t>(&terms));
   Prefetch<2>(reinterpret_cast<std::uintptr_t>(terms.data.data()));
   Prefetch<1>(reinterpret_cast<std::uintptr_t>(terms.data.data()) + 4096);
   Prefetch<2>(reinterpret_cast<std::uintptr_t>(terms.center.data()));
-  Prefetch<16>(reinterpret_cast<std::uintptr_t>(terms.functions.sum));
+  Prefetch<16>(reinterpret_cast<std::uintptr_t>(sum));
+}
+
+// The same for the code of std::log().
+[[gnu::always_inline]] inline void PrefetchLog() noexcept {
+  Prefetch<4>(reinterpret_cast<std::uintptr_t>(static_cast<double (*)(double)>(&std::log)));
 }
 
 template <typename T>
 double Decide(const internal::GaussianTerms<T>& terms, double rho,
               std::span<const double> x) noexcept {
-  PrefetchSum(terms);
+  PrefetchSum(terms, terms.functions.sum);
   if (x.size() != terms.dim) return kOutside;
-  // Small states, the usual case, use the part of the stack that is in the caller's cache.
-  constexpr int kSmall = 64;
-  return x.size() <= kSmall ? DecideWithin<kSmall>(terms, rho, x)
-                            : DecideWithin<internal::kMaxStateDim>(terms, rho, x);
+  return x.size() <= kSmallState ? DecideWithin<kSmallState>(terms, rho, x)
+                                 : DecideWithin<internal::kMaxStateDim>(terms, rho, x);
 }
 
 // Below this value a sum has lost terms to underflow; it is then recomputed relative to its largest
@@ -105,24 +112,35 @@ double Decide(const internal::GaussianTerms<T>& terms, double rho,
 template <typename T>
 constexpr T kSmallSum = sizeof(T) == sizeof(double) ? T(1e-280) : T(1e-25);
 
-template <typename T>
-double LogSum(const internal::GaussianTerms<T>& terms, std::span<const double> x) noexcept {
-  T scaled[internal::kMaxStateDim];
+// The log of the sum, for states of at most kCapacity entries. `x` must have the right size.
+template <int kCapacity, typename T>
+double LogSumWithin(const internal::GaussianTerms<T>& terms, std::span<const double> x) noexcept {
+  T scaled[kCapacity];
   if (!terms.Scale(x.data(), scaled)) return kOutside;
   const T sum = internal::GaussianSum(terms, scaled);
   if (sum > kSmallSum<T>) return std::log(static_cast<double>(sum));
-  T unused[internal::kMaxStateDim];
+  T unused[kCapacity];
   const T largest = internal::LargestExponent(terms, scaled);
   const T shifted = internal::GaussianSumShift(terms, scaled, -largest, unused);
   return std::log(static_cast<double>(shifted)) + std::numbers::ln2 * largest;
 }
 
-// Returns log(sum) and writes sum_i w_i (x_i - x) to `mean_shift`.
 template <typename T>
-double LogSumShift(const internal::GaussianTerms<T>& terms, std::span<const double> x,
-                   std::span<double> mean_shift) noexcept {
-  T scaled[internal::kMaxStateDim];
-  T shift[internal::kMaxStateDim];
+double LogSum(const internal::GaussianTerms<T>& terms, std::span<const double> x) noexcept {
+  PrefetchSum(terms, terms.functions.sum);
+  PrefetchLog();
+  if (x.size() != terms.dim) return kOutside;
+  return x.size() <= kSmallState ? LogSumWithin<kSmallState>(terms, x)
+                                 : LogSumWithin<internal::kMaxStateDim>(terms, x);
+}
+
+// Returns log(sum) and writes sum_i w_i (x_i - x) to `mean_shift`, for states of at most kCapacity
+// entries.
+template <int kCapacity, typename T>
+double LogSumShiftWithin(const internal::GaussianTerms<T>& terms, std::span<const double> x,
+                         std::span<double> mean_shift) noexcept {
+  T scaled[kCapacity];
+  T shift[kCapacity];
   if (!terms.Scale(x.data(), scaled)) return kOutside;
   double offset = 0.0;
   T sum = internal::GaussianSumShift(terms, scaled, T{0}, shift);
@@ -134,6 +152,39 @@ double LogSumShift(const internal::GaussianTerms<T>& terms, std::span<const doub
   const double unscale = 1.0 / (static_cast<double>(sum) * terms.scale);
   for (std::size_t k = 0; k < terms.dim; ++k) mean_shift[k] = unscale * shift[k];
   return std::log(static_cast<double>(sum)) + offset;
+}
+
+template <typename T>
+double LogSumShift(const internal::GaussianTerms<T>& terms, std::span<const double> x,
+                   std::span<double> mean_shift) noexcept {
+  PrefetchSum(terms, terms.functions.sum_shift);
+  PrefetchLog();
+  if (x.size() != terms.dim || mean_shift.size() != terms.dim) return kOutside;
+  return x.size() <= kSmallState ? LogSumShiftWithin<kSmallState>(terms, x, mean_shift)
+                                 : LogSumShiftWithin<internal::kMaxStateDim>(terms, x, mean_shift);
+}
+
+// Returns g and writes its gradient, for states of at most kCapacity entries.
+template <int kCapacity, typename T>
+double GradientWithin(const internal::GaussianTerms<T>& terms, double rho, double gamma,
+                      std::span<const double> x, std::span<double> gradient) noexcept {
+  T scaled[kCapacity];
+  T shift[kCapacity];
+  if (!terms.Scale(x.data(), scaled)) return OutsideOrFar(x, -rho);
+  const T sum = internal::GaussianSumShift(terms, scaled, T{0}, shift);
+  const double factor = 2.0 * gamma / terms.scale;
+  for (std::size_t k = 0; k < terms.dim; ++k) gradient[k] = factor * shift[k];
+  return static_cast<double>(sum) - rho;
+}
+
+template <typename T>
+double GradientOf(const internal::GaussianTerms<T>& terms, double rho, double gamma,
+                  std::span<const double> x, std::span<double> gradient) noexcept {
+  PrefetchSum(terms, terms.functions.sum_shift);
+  if (x.size() != terms.dim || gradient.size() != terms.dim) return kOutside;
+  return x.size() <= kSmallState
+             ? GradientWithin<kSmallState>(terms, rho, gamma, x, gradient)
+             : GradientWithin<internal::kMaxStateDim>(terms, rho, gamma, x, gradient);
 }
 
 template <typename T>
@@ -363,38 +414,28 @@ OneClassSvm OneClassSvm::InSinglePrecision() const {
   return d.single ? Decide(d.in_float, d.rho, x) : Decide(d.in_double, d.rho, x);
 }
 
-double OneClassSvm::Gradient(std::span<const double> x, std::span<double> gradient) const noexcept {
+[[gnu::hot]] double OneClassSvm::Gradient(std::span<const double> x,
+                                          std::span<double> gradient) const noexcept {
   const Data& d = *data_;
   std::fill(gradient.begin(), gradient.end(), 0.0);
-  if (static_cast<int>(x.size()) != state_dim() || gradient.size() != x.size()) return kOutside;
-  const auto evaluate = [&]<typename T>(const internal::GaussianTerms<T>& terms) {
-    T scaled[kMaxStateDim];
-    T shift[kMaxStateDim];
-    if (!terms.Scale(x.data(), scaled)) return OutsideOrFar(x, -d.rho);
-    const T sum = internal::GaussianSumShift(terms, scaled, T{0}, shift);
-    const double factor = 2.0 * d.gamma / terms.scale;
-    for (std::size_t k = 0; k < terms.dim; ++k) gradient[k] = factor * shift[k];
-    return static_cast<double>(sum) - d.rho;
-  };
-  return d.single ? evaluate(d.in_float) : evaluate(d.in_double);
+  return d.single ? GradientOf(d.in_float, d.rho, d.gamma, x, gradient)
+                  : GradientOf(d.in_double, d.rho, d.gamma, x, gradient);
 }
 
 double OneClassSvm::FromLog(double l) const noexcept {
   return l == kOutside ? kOutside : rho() * std::expm1(l);
 }
 
-double OneClassSvm::LogDecision(std::span<const double> x) const noexcept {
+[[gnu::hot]] double OneClassSvm::LogDecision(std::span<const double> x) const noexcept {
   const Data& d = *data_;
-  if (static_cast<int>(x.size()) != state_dim()) return kOutside;
   const double log_sum = d.single ? LogSum(d.in_float, x) : LogSum(d.in_double, x);
   return log_sum == kOutside ? kOutside : log_sum - d.log_rho;
 }
 
-double OneClassSvm::LogGradient(std::span<const double> x,
-                                std::span<double> gradient) const noexcept {
+[[gnu::hot]] double OneClassSvm::LogGradient(std::span<const double> x,
+                                             std::span<double> gradient) const noexcept {
   const Data& d = *data_;
   std::fill(gradient.begin(), gradient.end(), 0.0);
-  if (static_cast<int>(x.size()) != state_dim() || gradient.size() != x.size()) return kOutside;
   const double log_sum =
       d.single ? LogSumShift(d.in_float, x, gradient) : LogSumShift(d.in_double, x, gradient);
   if (log_sum == kOutside) return kOutside;
