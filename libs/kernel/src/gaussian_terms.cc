@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <type_traits>
 
 #include "gaussian_sum.h"
 
@@ -98,18 +99,26 @@ GaussianTerms<T>::GaussianTerms(const core::Matrix& points, const Extent& extent
   assert(weights.empty() || weights.size() == count);
   for (std::size_t b = 0; b < num_blocks; ++b) {
     T* block = data.data() + b * (dim + 1) * kLanes;
-    for (std::size_t lane = 0; lane < kLanes; ++lane) {
-      const std::size_t i = b * kLanes + lane;
-      if (i >= count) {
-        ClearLane(block, dim, lane);
-        continue;
-      }
-      block[lane] = weights.empty() ? T{0} : static_cast<T>(std::log2(weights[i]));
-      const double* row = points.data() + i * dim;
-      for (std::size_t k = 0; k < dim; ++k) {
-        block[(1 + k) * kLanes + lane] = static_cast<T>(scale * (row[k] - center[k]));
-      }
+    const std::size_t lanes = std::min(kLanes, count - b * kLanes);
+    for (std::size_t lane = 0; lane < lanes; ++lane) {
+      block[lane] = weights.empty() ? T{0} : static_cast<T>(std::log2(weights[b * kLanes + lane]));
     }
+    const double* rows = points.data() + b * kLanes * dim;
+    // A constant number of lanes makes vectors of them.
+    const auto fill = [&](auto number) {
+      for (std::size_t k = 0; k < dim; ++k) {
+        for (std::size_t lane = 0; lane < number; ++lane) {
+          block[(1 + k) * kLanes + lane] =
+              static_cast<T>(scale * (rows[lane * dim + k] - center[k]));
+        }
+      }
+    };
+    if (lanes == kLanes) {
+      fill(std::integral_constant<std::size_t, kLanes>());
+    } else {
+      fill(lanes);
+    }
+    for (std::size_t lane = lanes; lane < kLanes; ++lane) ClearLane(block, dim, lane);
   }
 }
 
