@@ -14,7 +14,7 @@
 
 #include "apps/command_line.h"
 #include "certificates.h"
-#include "check.h"
+#include "check/check.h"
 #include "emergency_stop.h"
 #include "home.h"
 

@@ -97,7 +97,7 @@ LABELS = (
     ("apps/line_tracking/experiment.cc", r"header = \{([^}]*)\}", STRINGS, 8),
     ("apps/line_tracking/run.cc", r'Say\(("episode .*?")', r'(\w+(?: \[mm\])?)(?:  |\\n)', 6),
     ("apps/line_tracking/vision.cc", r'(blur  .*?vision)', r"(\w[\w %]*?)(?:  |$)", 10),
-    ("apps/hardware/check.cc", r'return ("(?:ok|note|wrong)")', STRINGS, 3),
+    ("apps/hardware/check/check.cc", r'return ("(?:ok|note|wrong)")', STRINGS, 3),
     ("libs/experiment/src/summary.cc", r"Format\(heads, name_width,([^)]*)\)", STRINGS, 8),
     ("libs/study/include/dfr/study/policies.h", r"kPolicies = \{([^}]*)\}", STRINGS, 12),
     ("libs/study/include/dfr/study/supports.h", r"kSupports = \{([^}]*)\}", STRINGS, 5),

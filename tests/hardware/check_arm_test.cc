@@ -7,7 +7,7 @@
 #include <limits>
 #include <string>
 
-#include "check.h"
+#include "check/check.h"
 #include "dfr/sim/dvrk/psm_console.h"
 #include "tests/hardware/check_support.h"
 

@@ -9,7 +9,7 @@
 #include <string>
 #include <utility>
 
-#include "check.h"
+#include "check/check.h"
 #include "dfr/core/error.h"
 #include "dfr/core/random.h"
 #include "dfr/dds/channel.h"

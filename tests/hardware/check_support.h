@@ -5,7 +5,7 @@
 #include <sstream>
 #include <string>
 
-#include "check.h"
+#include "check/check.h"
 
 namespace dfr::test {
 

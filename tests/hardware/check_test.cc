@@ -1,4 +1,4 @@
-#include "check.h"
+#include "check/check.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

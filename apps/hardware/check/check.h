@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "checked_arm.h"
+#include "check/checked_arm.h"
 #include "clock.h"
 #include "dfr/dds/participant.h"
 #include "dfr/hardware/endoscope.h"

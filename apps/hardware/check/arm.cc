@@ -1,29 +1,22 @@
-#include "check.h"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdlib>
-#include <exception>
-#include <iostream>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <optional>
+#include <string>
+#include <vector>
 
-#include "dfr/core/error.h"
-#include "dfr/core/format.h"
+#include "check/check.h"
+#include "check/findings.h"
+#include "check/missing_arm.h"
 #include "dfr/core/quantile.h"
 #include "dfr/dds/channel.h"
 #include "dfr/dds/emergency_stop.h"
-#include "dfr/hardware/endoscope.h"
-#include "dfr/hardware/intrinsics_file.h"
 #include "dfr/hardware/psm_driver.h"
-#include "dfr/hardware/sprk_driver.h"
 
 namespace dfr::apps::hardware_app {
 namespace {
 
-using hardware::FrameStatus;
 using hardware::PsmPhase;
 using hardware::PsmStatus;
 
@@ -32,132 +25,6 @@ constexpr double kLeastStateRate = 50.0;  // 1/s: the watchdog takes 50 ms for s
 constexpr double kTinyMove = 0.002;       // m of insertion
 constexpr double kTinyMoveTime = 1.0;     // s
 constexpr double kBringUpTime = 120.0;    // s
-
-void Ok(DeviceReport& report, const std::string& what) {
-  report.findings.push_back({Finding::Level::kOk, what, ""});
-}
-void Note(DeviceReport& report, const std::string& what, const std::string& remedy) {
-  report.findings.push_back({Finding::Level::kNote, what, remedy});
-}
-void Wrong(DeviceReport& report, const std::string& what, const std::string& remedy) {
-  report.findings.push_back({Finding::Level::kWrong, what, remedy});
-}
-
-std::string Text(double value, int digits) { return core::Format("%.*f", digits, value); }
-
-const char* Name(dds::Discovery discovery) {
-  switch (discovery) {
-    case dds::Discovery::kLoopback:
-      return "loopback";
-    case dds::Discovery::kNetwork:
-      return "network";
-    case dds::Discovery::kServerClient:
-    case dds::Discovery::kServer:
-      return "server";
-  }
-  return "unknown";
-}
-
-const char* Word(Finding::Level level) {
-  switch (level) {
-    case Finding::Level::kOk:
-      return "ok";
-    case Finding::Level::kNote:
-      return "note";
-    case Finding::Level::kWrong:
-      return "wrong";
-  }
-  return "unknown";
-}
-
-void Say(const CheckOptions& options, const std::string& text) {
-  if (options.say) options.say(text);
-}
-bool Ask(const CheckOptions& options, const std::string& question) {
-  return options.ask && options.ask(question);
-}
-
-// Other arms that publish on the network.
-std::vector<std::string> OtherArms(const CheckOptions& options, double seconds) {
-  dds::Participant participant(options.network);
-  struct Candidate {
-    std::string name;
-    std::unique_ptr<dds::Subscriber<dds::JointState>> subscriber;
-  };
-  std::vector<Candidate> candidates;
-  for (const char* name : {"PSM1", "PSM2", "PSM3", "ECM", "MTML", "MTMR"}) {
-    if (name == options.arm) continue;
-    candidates.push_back(
-        {name, std::make_unique<dds::Subscriber<dds::JointState>>(
-                   participant, std::string("/") + name + "/measured_js", dds::Role::kState)});
-  }
-  std::vector<std::string> found;
-  (void)Within(*options.clock, seconds, [&] {
-    found.clear();
-    for (const Candidate& candidate : candidates) {
-      if (candidate.subscriber->health().publishers > 0) found.push_back(candidate.name);
-    }
-    return !found.empty();
-  });
-  return found;
-}
-
-bool PublishedIn(const dds::ParticipantOptions& network, const std::string& topic, double seconds,
-                 Clock& clock) {
-  dds::Participant participant(network);
-  const dds::Subscriber<dds::JointState> subscriber(participant, topic, dds::Role::kState);
-  return Within(clock, seconds, [&] { return subscriber.health().publishers > 0; });
-}
-
-// Reports participants that security keeps from this one.
-void ExplainRefused(const CheckOptions& options, const dds::Participant& participant,
-                    DeviceReport& report) {
-  for (const dds::RefusedPeer& peer : participant.refused_peers()) {
-    Wrong(report, "'" + peer.name + "' is present, but not admitted: " + peer.reason,
-          options.network.security.empty()
-              ? "give --security with a folder of that network's `hardware certificates`"
-              : "give both folders of the same `hardware certificates`");
-  }
-}
-
-// Reports why no console was found: another domain, another kind of discovery, another arm.
-void ExplainSilence(const CheckOptions& options, DeviceReport& report) {
-  const std::string topic = "/" + options.arm + "/measured_js";
-  const double seconds = std::min(options.find_s, 2.0);
-  std::string remedy = "start the console (or dvrk_simulator); its ROS_DOMAIN_ID must be " +
-                       std::to_string(options.network.domain) + " and its network reachable";
-  for (const dds::Discovery other : {dds::Discovery::kNetwork, dds::Discovery::kLoopback}) {
-    dds::ParticipantOptions network = options.network;
-    if (other == network.discovery || network.discovery == dds::Discovery::kServerClient) continue;
-    network.discovery = other;
-    if (PublishedIn(network, topic, seconds, *options.clock)) {
-      remedy = std::string("it is found with --discovery ") + Name(other) + ": give that option";
-    }
-  }
-  const char* text = std::getenv("ROS_DOMAIN_ID");
-  char* end = nullptr;
-  const long domain = text == nullptr ? 0 : std::strtol(text, &end, 10);
-  if (text != nullptr && end != text && domain != options.network.domain && domain >= 0 &&
-      domain <= 232) {
-    dds::ParticipantOptions network = options.network;
-    network.domain = static_cast<int>(domain);
-    if (PublishedIn(network, topic, seconds, *options.clock)) {
-      remedy =
-          "it is in domain " + std::string(text) + ", as ROS_DOMAIN_ID says: give --domain " + text;
-    }
-  }
-  Say(options, "looking for other arms");
-  const std::vector<std::string> others = OtherArms(options, seconds);
-  if (!others.empty()) {
-    remedy = "there is " + others.front();
-    for (std::size_t i = 1; i < others.size(); ++i) remedy += ", " + others[i];
-    remedy += ": give --arm, or configure the console for " + options.arm;
-  }
-  Wrong(report,
-        "no program publishes " + topic + " in domain " + std::to_string(options.network.domain) +
-            " (discovery: " + Name(options.network.discovery) + ")",
-        remedy);
-}
 
 // The arm of a console over DDS.
 class ConsoleArm final : public CheckedArm {
@@ -247,7 +114,7 @@ void ReportTopics(const CheckOptions& options, const CheckedArm& arm, DeviceRepo
             "end all consoles and simulators of this arm except one");
     } else if (health.incompatible > 0) {
       Wrong(report, "a publisher on " + full + " does not match (QoS)",
-            "itmust be reliable, and transient-local for operating_state and error");
+            "it must be reliable, and transient-local for operating_state and error");
     } else if (needed) {
       Wrong(report, "no program publishes " + full, "is this a CRTK console, dVRK 2.0 or later?");
     } else {
@@ -484,97 +351,11 @@ bool IsMissing(const CheckedArm& arm) {
          arm.client().status() != PsmStatus::kIncompatible;
 }
 
-// Pictures received from an endoscope in a while.
-struct Pictures {
-  std::array<int, static_cast<std::size_t>(FrameStatus::kFrozen) + 1> times{};  // by FrameStatus
-  std::vector<double> ages;                                                     // s
-  std::uint64_t received = 0;
-  std::uint64_t lost = 0;
-  double rate = 0.0;      // 1/s
-  hardware::Frame frame;  // the last one
-
-  [[nodiscard]] int good() const noexcept { return times[0]; }
-};
-
-Pictures ReceivePictures(const CheckOptions& options, hardware::Endoscope& endoscope) {
-  Pictures pictures;
-  hardware::Frame& frame = pictures.frame;
-  Clock& clock = *options.clock;
-  const auto grab = [&] { return endoscope.Grab(clock.SteadyNs(), clock.WallNs(), frame); };
-  (void)Within(clock, options.find_s, [&] { return grab() != FrameStatus::kNever; });
-  const std::int64_t start_ns = clock.SteadyNs();
-  const hardware::EndoscopeCounts before = endoscope.counts();
-  std::uint64_t last = 0;
-  (void)Within(clock, options.listen_s, [&] {
-    const FrameStatus status = grab();
-    ++pictures.times[static_cast<std::size_t>(status)];
-    if (frame.sequence != last) pictures.ages.push_back(frame.age_s);
-    last = frame.sequence;
-    return status == FrameStatus::kEnded || status == FrameStatus::kTruncated ||
-           status == FrameStatus::kFailed;
-  });
-  const hardware::EndoscopeCounts after = endoscope.counts();
-  const double seconds = 1e-9 * static_cast<double>(clock.SteadyNs() - start_ns);
-  pictures.received = after.received - before.received;
-  pictures.lost = after.lost - before.lost;
-  pictures.rate = static_cast<double>(pictures.received) / seconds;
-  return pictures;
-}
-
-// Reports the number of good pictures and the most frequent error of the others.
-void ReportPictures(const CheckOptions& options, const hardware::EndoscopeOptions& camera,
-                    const Pictures& pictures, DeviceReport& report) {
-  const auto& [times, ages, received, lost, rate, frame] = pictures;
-  const auto size = [](int width, int height) {
-    return std::to_string(width) + " x " + std::to_string(height);
-  };
-  if (pictures.good() > 0) {
-    Ok(report,
-       Text(rate, 1) + " pictures a second of " + size(frame.width, frame.height) + " pixels");
-  }
-  const auto worst = std::max_element(times.begin() + 1, times.end());
-  const int looks = std::max(1, *std::max_element(times.begin(), times.end()));
-  const auto status = static_cast<FrameStatus>(worst - times.begin());
-  const bool late = status == FrameStatus::kOld || status == FrameStatus::kSilent;
-  if (*worst > 0 && status == FrameStatus::kEnded) {
-    Note(report, hardware::Name(status), hardware::Remedy(status));
-  } else if (late && 10 * *worst > looks && 2 * *worst <= looks) {
-    Note(report, std::string("occasionally: ") + hardware::Name(status),
-         "is the network, or the machine, overloaded?");
-  } else if (10 * *worst > looks) {
-    std::string what = hardware::Name(status);
-    if (status == FrameStatus::kWrongSize) {
-      what = "pictures have " + size(frame.width, frame.height) +
-             " pixels, the intrinsics are for " + size(camera.width, camera.height);
-    } else if (status == FrameStatus::kOld || status == FrameStatus::kAhead) {
-      what += ": by " + Text(std::abs(frame.age_s), 3) + " s";
-    } else if (status == FrameStatus::kNever) {
-      what = "no program publishes pictures on " + options.endoscope;
-    }
-    Wrong(report, what, hardware::Remedy(status));
-  }
-}
-
-nlohmann::json Json(const DeviceReport& report) {
-  nlohmann::json findings = nlohmann::json::array();
-  for (const Finding& finding : report.findings) {
-    findings.push_back(
-        {{"level", Word(finding.level)}, {"what", finding.what}, {"remedy", finding.remedy}});
-  }
-  return {{"device", report.device}, {"ok", report.ok()}, {"findings", findings}};
-}
-
 }  // namespace
-
-bool DeviceReport::ok() const noexcept {
-  return std::none_of(findings.begin(), findings.end(),
-                      [](const Finding& f) { return f.level == Finding::Level::kWrong; });
-}
 
 DeviceReport CheckArm(const CheckOptions& options, CheckedArm& arm) {
   DeviceReport report;
-  report.device = options.arm + " (DDS domain " + std::to_string(options.network.domain) +
-                  ", discovery: " + Name(options.network.discovery) + ")";
+  report.device = options.arm + InNetwork(options);
   Say(options, "looking for " + options.arm);
   Listen(options, arm, options.find_s, [&] { return AllFound(arm); });
   if (IsMissing(arm)) return report;
@@ -604,143 +385,9 @@ DeviceReport CheckArm(const CheckOptions& options) {
   ConsoleArm arm(participant, options);
   DeviceReport report = CheckArm(options, arm);
   if (IsMissing(arm)) {
-    ExplainRefused(options, participant, report);
-    if (report.ok()) ExplainSilence(options, report);
+    ExplainMissing(options, participant, report);
   }
   return report;
-}
-
-DeviceReport CheckEndoscope(const CheckOptions& options) {
-  DeviceReport report;
-  report.device = "endoscope " + options.endoscope;
-  hardware::EndoscopeOptions camera;
-  if (!options.camera.empty()) {
-    try {
-      const vision::CameraModel model = hardware::ReadIntrinsics(options.camera);
-      camera.width = model.width;
-      camera.height = model.height;
-      Ok(report, "intrinsics for " + std::to_string(model.width) + " x " +
-                     std::to_string(model.height) + " pixels, focal length " + Text(model.fx, 1) +
-                     " x " + Text(model.fy, 1) + " pixels");
-    } catch (const std::runtime_error& e) {
-      Wrong(report, e.what(), "calibrate the camera; see docs/robot.md");
-      return report;
-    }
-  }
-  std::unique_ptr<dds::Participant> participant;
-  std::unique_ptr<hardware::Endoscope> endoscope;
-  Say(options, "looking at " + options.endoscope);
-  try {
-    if (hardware::IsImageTopic(options.endoscope)) {
-      participant = std::make_unique<dds::Participant>(options.network);
-      report.device += " (DDS domain " + std::to_string(options.network.domain) +
-                       ", discovery: " + Name(options.network.discovery) + ")";
-      endoscope = hardware::OpenTopic(*participant, options.endoscope, camera);
-    } else {
-      endoscope = hardware::OpenVideo(options.endoscope, camera);
-    }
-  } catch (const core::Error& e) {
-    Wrong(report, std::string(e.problem()), std::string(e.remedy()));
-    return report;
-  } catch (const std::runtime_error& e) {
-    Wrong(report, e.what(), "");
-    return report;
-  }
-
-  LookAt(options, camera, *endoscope, report);
-  return report;
-}
-
-void LookAt(const CheckOptions& options, const hardware::EndoscopeOptions& camera,
-            hardware::Endoscope& endoscope, DeviceReport& report) {
-  Pictures pictures = ReceivePictures(options, endoscope);
-  ReportPictures(options, camera, pictures, report);
-  if (pictures.good() == 0 || pictures.ages.empty()) return;
-  if (hardware::IsImageTopic(options.endoscope)) {
-    Ok(report, "pictures are " + Text(1e3 * core::Median(pictures.ages), 1) + " ms old");
-  }
-  if (10 * pictures.lost > pictures.received) {
-    Note(report, std::to_string(pictures.lost) + " pictures were lost",
-         "is the network, or the machine, overloaded? send compressed pictures");
-  }
-}
-
-DeviceReport CheckPlatform(const CheckOptions& options) {
-  DeviceReport report;
-  report.device = "platform at " + options.platform;
-  try {
-    hardware::SprkDriver driver({.device = options.platform, .clock_s = [&options] {
-                                   return 1e-9 * static_cast<double>(options.clock->SteadyNs());
-                                 }});
-    Ok(report, "the port opens at 57600 8N1, and no other program uses it");
-    Note(report,
-         "the firmware never answers: only a motion shows whether the platform receives commands",
-         "run this check with --move, and watch");
-    if (options.move &&
-        Ask(options, "the platform will go home and tilt by 3 degrees and back. Is it clear?")) {
-      hardware::SprkStatus status = driver.Home();
-      kinematics::PlatformPose tilted;
-      tilted.angles_rad.x() = 3.0 * 0.017453292519943295;
-      for (const kinematics::PlatformPose& pose : {tilted, kinematics::PlatformPose{}}) {
-        options.clock->Wait(1.0);
-        if (status == hardware::SprkStatus::kOk) status = driver.MoveTo(pose);
-      }
-      if (status != hardware::SprkStatus::kOk) {
-        Wrong(report, std::string("the platform cannot be commanded: ") + hardware::Name(status),
-              "is the cable in and the board powered?");
-      } else {
-        Ok(report,
-           "was told to go home, tilt by 3 degrees and return: if it did not, switch its power off "
-           "and on and plug it in again");
-      }
-    }
-  } catch (const core::Error& e) {
-    Wrong(report, std::string(e.problem()),
-          e.remedy().empty() ? "is this the platform's port?" : std::string(e.remedy()));
-  }
-  return report;
-}
-
-void Print(const DeviceReport& report, std::ostream& out) {
-  out << report.device << '\n';
-  for (const Finding& finding : report.findings) {
-    const std::string word = std::string("[") + Word(finding.level) + "]";
-    out << "  " << word << std::string(8 - word.size(), ' ') << finding.what << '\n';
-    if (!finding.remedy.empty()) out << "          -> " << finding.remedy << '\n';
-  }
-}
-
-void PrintJson(const std::vector<DeviceReport>& reports, std::ostream& out) {
-  nlohmann::json all;
-  all["ok"] = std::all_of(reports.begin(), reports.end(),
-                          [](const DeviceReport& report) { return report.ok(); });
-  all["devices"] = nlohmann::json::array();
-  for (const DeviceReport& report : reports) all["devices"].push_back(Json(report));
-  out << all.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) << std::endl;
-}
-
-int RunCheck(CheckOptions options) {
-  if (options.arm.empty() && options.endoscope.empty() && options.platform.empty()) {
-    options.arm = "PSM1";
-    options.endoscope = "/ECM/image_raw";
-  }
-  std::vector<DeviceReport> reports;
-  const auto add = [&](DeviceReport report) {
-    if (!options.json) Print(report, std::cout);
-    std::cout.flush();
-    reports.push_back(std::move(report));
-  };
-  if (!options.arm.empty()) add(CheckArm(options));
-  if (!options.endoscope.empty()) add(CheckEndoscope(options));
-  if (!options.platform.empty()) add(CheckPlatform(options));
-  const bool ok = std::all_of(reports.begin(), reports.end(),
-                              [](const DeviceReport& report) { return report.ok(); });
-  if (options.json) {
-    PrintJson(reports, std::cout);
-  } else {
-    std::cout << (ok ? "no errors" : "errors were found: see above") << std::endl;
-  }
-  return ok ? EXIT_SUCCESS : EXIT_FAILURE;
 }
 
 }  // namespace dfr::apps::hardware_app

@@ -1,0 +1,49 @@
+#pragma once
+
+#include <string>
+
+#include "check/check.h"
+#include "dfr/core/format.h"
+
+/// What the checks of all devices share: findings, and words to and from the user.
+namespace dfr::apps::hardware_app {
+
+inline void Ok(DeviceReport& report, const std::string& what) {
+  report.findings.push_back({Finding::Level::kOk, what, ""});
+}
+inline void Note(DeviceReport& report, const std::string& what, const std::string& remedy) {
+  report.findings.push_back({Finding::Level::kNote, what, remedy});
+}
+inline void Wrong(DeviceReport& report, const std::string& what, const std::string& remedy) {
+  report.findings.push_back({Finding::Level::kWrong, what, remedy});
+}
+
+inline std::string Text(double value, int digits) { return core::Format("%.*f", digits, value); }
+
+inline const char* Name(dds::Discovery discovery) {
+  switch (discovery) {
+    case dds::Discovery::kLoopback:
+      return "loopback";
+    case dds::Discovery::kNetwork:
+      return "network";
+    case dds::Discovery::kServerClient:
+    case dds::Discovery::kServer:
+      return "server";
+  }
+  return "unknown";
+}
+
+inline void Say(const CheckOptions& options, const std::string& text) {
+  if (options.say) options.say(text);
+}
+inline bool Ask(const CheckOptions& options, const std::string& question) {
+  return options.ask && options.ask(question);
+}
+
+/// Ends a report's name with the network in which the device was looked for.
+inline std::string InNetwork(const CheckOptions& options) {
+  return " (DDS domain " + std::to_string(options.network.domain) +
+         ", discovery: " + Name(options.network.discovery) + ")";
+}
+
+}  // namespace dfr::apps::hardware_app
