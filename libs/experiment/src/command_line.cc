@@ -19,7 +19,7 @@
 #include "dfr/experiment/episodes.h"
 #include "dfr/experiment/ledger.h"
 #include "dfr/experiment/status.h"
-#include "ledger_file.h"
+#include "ledger/ledger_file.h"
 #include "text_file.h"
 
 namespace dfr::experiment {

@@ -13,7 +13,7 @@
 #include "dfr/core/format.h"
 #include "dfr/experiment/episodes.h"
 #include "dfr/experiment/film.h"
-#include "ledger_file.h"
+#include "ledger/ledger_file.h"
 #include "text_file.h"
 
 namespace dfr::experiment {

@@ -22,7 +22,7 @@
 #include "dfr/core/build_info.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
-#include "ledger_file.h"
+#include "ledger/ledger_file.h"
 
 namespace dfr::experiment {
 namespace {

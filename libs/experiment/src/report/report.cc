@@ -9,12 +9,12 @@
 #include <sstream>
 #include <stdexcept>
 
-#include "dfr/core/contract.h"
-#include "dfr/core/format.h"
 #include "dfr/experiment/episodes.h"
-#include "html.h"
 #include "report.css.h"
-#include "svg_plot.h"
+#include "report/html.h"
+#include "report/page_words.h"
+#include "report/report_parts.h"
+#include "report/svg_plot.h"
 #include "text_file.h"
 
 namespace dfr::experiment {
@@ -23,35 +23,9 @@ namespace {
 using internal::Escape;
 using internal::Number;
 
-// Shows on a click or a tap what hovering shows.
-constexpr const char* kTips = R"(<script>
-{
-  const tip = document.getElementById("tip");
-  addEventListener("click", event => {
-    let text = "";
-    for (let e = event.target; e instanceof Element && !text; e = e.parentElement) {
-      text = e.getAttribute("title") || e.querySelector(":scope > title")?.textContent || "";
-    }
-    tip.textContent = text;
-    tip.hidden = !text;
-  });
-}
-</script>
-)";
-
-class Page {
+class Page : internal::PageWords {
  public:
-  Page(const Summary& summary, const ReportOptions& options)
-      : summary_(summary), options_(options) {
-    for (const Cell& cell : summary.averages) {
-      if (std::find(methods_.begin(), methods_.end(), cell.method) == methods_.end()) {
-        methods_.push_back(cell.method);
-      }
-      if (std::find(learners_.begin(), learners_.end(), cell.learner) == learners_.end()) {
-        learners_.push_back(cell.learner);
-      }
-    }
-  }
+  using PageWords::PageWords;
 
   std::string Render() {
     const std::string title = options_.title.empty() ? summary_.experiment : options_.title;
@@ -74,147 +48,24 @@ class Page {
     const bool one_point = DataPoints() < 2;
     if (compared) one_point ? Endings() : Curves();
     if (!one_point) Endings();
-    Media();
-    for (const ReportFigure& figure : options_.figures) Figure(figure);
+    internal::AddMedia(options_.media, out_);
+    for (const ReportFigure& figure : options_.figures) internal::AddFigure(figure, out_);
     HowToFindEpisodes();
     Contrasts();
     if (compared) Averages();
     CollisionCauses();
-    for (const ReportTable& table : options_.tables) Table(table);
+    for (const ReportTable& table : options_.tables) internal::AddTable(table, out_);
     for (const ReportNote& note : options_.notes) {
       out_ << "<h2>" << Escape(note.heading) << "</h2>\n" << internal::Paragraphs(note.text);
     }
     Settings();
     if (compared) Cells();
-    out_ << "</main>\n<output id=\"tip\" hidden></output>\n" << kTips << "</body>\n</html>\n";
+    out_ << "</main>\n<output id=\"tip\" hidden></output>\n"
+         << internal::kTips << "</body>\n</html>\n";
     return out_.str();
   }
 
  private:
-  std::string NameOf(const std::string& method) const {
-    const auto named = options_.method_names.find(method);
-    if (named != options_.method_names.end()) return named->second;
-    for (const NamedStyle& style : NamedStyles()) {
-      if (style.method == method) return std::string(style.name);
-    }
-    return method;
-  }
-
-  std::string LearnerNameOf(const std::string& learner) const {
-    const auto named = options_.learner_names.find(learner);
-    return named != options_.learner_names.end() ? named->second : learner;
-  }
-
-  // A method without a style of its own has the first that no other method of the page has.
-  int StyleOf(const std::string& method) const {
-    int style = MethodStyle(method);
-    if (style >= 0) return style;
-    std::set<int> taken;
-    for (const std::string& other : methods_) taken.insert(MethodStyle(other));
-    for (const std::string& other : methods_) {
-      if (MethodStyle(other) >= 0) continue;
-      do ++style;
-      while (taken.contains(style));
-      if (other == method) break;
-    }
-    return style;
-  }
-
-  std::string ColourOf(const std::string& method) const {
-    return internal::StyleAttribute(StyleOf(method));
-  }
-
-  static std::string Percent(double value, int digits) {
-    return Number(100.0 * value, digits) + "\u2009%";
-  }
-
-  static std::string Range(double low, double high, int digits) {
-    std::string text = "[";
-    text += Number(100.0 * low, digits);
-    text += ", ";
-    text += Number(100.0 * high, digits);
-    text += "]";
-    return text;
-  }
-
-  // Formats the change of collisions, negative if there are fewer.
-  static std::string Change(const std::optional<double>& reduction) {
-    if (!reduction) return "\u2013";
-    std::string text = *reduction < 0.0 ? "+" : "";
-    text += Percent(-*reduction, 0);
-    return text;
-  }
-
-  static std::string Times(const std::optional<double>& ratio) {
-    if (!ratio) return "\u2013";
-    return Number(*ratio, *ratio < 10.0 ? 2 : 1) + "\u2009\u00d7";
-  }
-
-  // Formats the commands that print a number and the ids of its episodes, for element attributes.
-  std::string Title(const std::vector<EpisodeFilter>& filters) const {
-    const std::string commands = Commands(filters);
-    return commands.empty() ? "" : " title=\"" + Escape(commands) + "\"";
-  }
-
-  std::string Commands(const std::vector<EpisodeFilter>& filters) const {
-    std::string commands;
-    if (options_.program.empty()) return commands;
-    for (const EpisodeFilter& filter : filters) {
-      if (!commands.empty()) commands += '\n';
-      commands += EpisodesCommand(options_.program, filter);
-    }
-    return commands;
-  }
-
-  static EpisodeFilter FilterOf(const Cell& cell, const std::vector<std::string>& outcomes = {}) {
-    return {.method = cell.method,
-            .learner = cell.learner,
-            .demonstrations = cell.demonstrations,
-            .outcomes = outcomes};
-  }
-
-  // Returns filters for the method's episodes, then for those of its reference.
-  static std::vector<EpisodeFilter> FiltersOf(const Contrast& contrast,
-                                              const std::vector<std::string>& outcomes = {}) {
-    return {{.method = contrast.method, .learner = contrast.learner, .outcomes = outcomes},
-            {.method = contrast.against, .learner = contrast.learner, .outcomes = outcomes}};
-  }
-
-  // Returns the filter for the start states from which only one of the two collides.
-  static EpisodeFilter OnlyCollided(const Contrast& contrast, bool reference) {
-    const std::string& one = reference ? contrast.against : contrast.method;
-    const std::string& other = reference ? contrast.method : contrast.against;
-    return {.method = one,
-            .learner = contrast.learner,
-            .outcomes = {"collided"},
-            .against = {.method = other, .outcomes = {"completed", "halted"}}};
-  }
-
-  // What a contrast says about using its method instead of the reference.
-  struct Judgement {
-    int grade = 0;  // 0: fit for use, 1: doubtful, 2: do not use
-    std::string why;
-  };
-  Judgement Judge(const Contrast& contrast) const {
-    const PairedContrast& ratios = contrast.ratios;
-    const auto& fewer = ratios.collision_reduction_interval;
-    const auto& completes = ratios.completion_ratio_interval;
-    const std::string numbers = Change(ratios.collision_reduction) + " collisions, " +
-                                Times(ratios.completion_ratio) + " completions";
-    if (fewer && fewer->high < 0.0) return {2, numbers + ": it collides more often"};
-    if (ratios.completion_ratio && *ratios.completion_ratio < 0.5) {
-      return {2, numbers + ": it completes less than half as often"};
-    }
-    if (!fewer || fewer->low <= 0.0) return {1, numbers + ": fewer collisions are not shown"};
-    if (!completes || completes->low < 0.9) {
-      return {1, numbers + ": as many completions are not shown"};
-    }
-    if (contrast.clusters == "episodes") {
-      return {1, numbers + ": too few trials to tell how trials differ"};
-    }
-    return {0, numbers};
-  }
-
   // Each method is judged by its worst learner.
   void Verdict() {
     if (!options_.verdict.empty()) {
@@ -369,30 +220,6 @@ class Page {
            "which treat episodes as independent.</p>\n";
   }
 
-  void Media() {
-    if (options_.media.empty()) return;
-    out_ << "<h2>Pictures and videos</h2>\n<div class=\"media\">\n";
-    for (const ReportMedia& media : options_.media) {
-      static const std::map<std::string, std::string> kTypes = {
-          {".png", "image/png"}, {".jpg", "image/jpeg"},  {".jpeg", "image/jpeg"},
-          {".gif", "image/gif"}, {".webp", "image/webp"}, {".webm", "video/webm"},
-          {".mp4", "video/mp4"}};
-      const auto type = kTypes.find(media.path.extension().string());
-      DFR_THROW_UNLESS(type != kTypes.end(),
-                       media.path.string()
-                           << ": a report embeds png, jpg, gif, webp, webm and mp4 files");
-      const std::string uri =
-          "data:" + type->second + ";base64," + internal::Base64(internal::ReadFile(media.path));
-      if (type->second.starts_with("video")) {
-        out_ << "<figure><video controls loop muted playsinline src=\"" << uri << "\"></video>";
-      } else {
-        out_ << "<figure><img alt=\"" << Escape(media.caption) << "\" src=\"" << uri << "\">";
-      }
-      out_ << "<figcaption>" << Escape(media.caption) << "</figcaption></figure>\n";
-    }
-    out_ << "</div>\n";
-  }
-
   void ShareCells(const Cell& cell) {
     for (const auto& [share, outcome] : {std::pair(&cell.completed, "completed"),
                                          {&cell.halted, "halted"},
@@ -529,38 +356,6 @@ class Page {
          << Escape(NameOf(cell.method)) << "</td>";
   }
 
-  void Figure(const ReportFigure& figure) {
-    out_ << "<h2>" << Escape(figure.heading) << "</h2>\n<figure>\n<div class=\"row"
-         << (figure.plots.size() == 1 ? " one" : "") << "\">\n";
-    for (const ReportPlot& plot : figure.plots) out_ << internal::SvgPlot(plot);
-    out_ << "</div>\n"
-         << internal::Legend(figure.plots) << "<figcaption>" << Escape(figure.caption)
-         << "</figcaption>\n</figure>\n";
-  }
-
-  void Table(const ReportTable& table) {
-    // A <caption> would be as narrow as the table.
-    out_ << "<h2>" << Escape(table.heading) << "</h2>\n<p class=\"caption\">"
-         << Escape(table.caption) << "</p>\n<div class=\"wide\"><table><thead><tr>";
-    for (const std::string& head : table.header) out_ << "<th>" << Escape(head) << "</th>";
-    out_ << "</tr></thead><tbody>\n";
-    for (std::size_t r = 0; r < table.rows.size(); ++r) {
-      const std::vector<std::string>& row = table.rows[r];
-      DFR_THROW_UNLESS(row.size() == table.header.size() &&
-                           (table.commands.empty() || table.commands.at(r).size() == row.size()),
-                       "report table '" << table.heading << "' has rows of different lengths");
-      out_ << "<tr>";
-      for (std::size_t c = 0; c < row.size(); ++c) {
-        const std::string command = table.commands.empty() ? "" : table.commands[r][c];
-        out_ << "<td class=\"text\"";
-        if (!command.empty()) out_ << " title=\"" << Escape(command) << "\"";
-        out_ << ">" << Escape(row[c]) << "</td>";
-      }
-      out_ << "</tr>\n";
-    }
-    out_ << "</tbody></table></div>\n";
-  }
-
   void Settings() {
     if (summary_.commit.empty() && options_.settings.empty()) return;
     out_ << "<h2>Settings</h2>\n<div class=\"wide\"><table><tbody>\n";
@@ -613,32 +408,10 @@ class Page {
     out_ << "</tbody></table></div>\n</details>\n";
   }
 
-  const Summary& summary_;
-  const ReportOptions& options_;
-  std::vector<std::string> methods_;
-  std::vector<std::string> learners_;
   std::ostringstream out_;
 };
 
 }  // namespace
-
-void PrintTable(const ReportTable& table, std::ostream& out, std::size_t left_aligned) {
-  std::vector<std::size_t> widths;
-  for (std::size_t c = 0; c < table.header.size(); ++c) {
-    widths.push_back(table.header[c].size());
-    for (const auto& row : table.rows) widths[c] = std::max(widths[c], row[c].size());
-  }
-  out << table.heading << '\n';
-  const auto line = [&](const std::vector<std::string>& cells) {
-    for (std::size_t c = 0; c < cells.size(); ++c) {
-      const int width = static_cast<int>(widths[c]);
-      out << core::Format("  %*s", c < left_aligned ? -width : width, cells[c].c_str());
-    }
-    out << '\n';
-  };
-  line(table.header);
-  for (const auto& row : table.rows) line(row);
-}
 
 std::string RenderReport(const Summary& summary, const ReportOptions& options) {
   return Page(summary, options).Render();

@@ -11,7 +11,7 @@
 #include "dfr/core/format.h"
 #include "dfr/experiment/ledger.h"
 #include "dfr/experiment/progress.h"
-#include "ledger_file.h"
+#include "ledger/ledger_file.h"
 
 namespace dfr::experiment {
 namespace {

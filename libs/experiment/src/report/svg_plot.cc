@@ -1,4 +1,4 @@
-#include "svg_plot.h"
+#include "report/svg_plot.h"
 
 #include <algorithm>
 #include <array>
@@ -7,7 +7,7 @@
 #include <sstream>
 
 #include "dfr/core/contract.h"
-#include "html.h"
+#include "report/html.h"
 
 namespace dfr::experiment::internal {
 namespace {

@@ -1,0 +1,65 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <exception>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <tuple>
+
+#include "dfr/experiment/ledger.h"
+
+/// Lines of a ledger: the header's and one a unit, each with its checksum.
+namespace dfr::experiment::internal {
+
+using UnitKey = std::tuple<int, int, std::string>;
+inline UnitKey KeyOf(const EvaluationUnit& unit) {
+  return {unit.trial, unit.demonstrations, unit.learner};
+}
+/// Names a unit in an error text.
+[[nodiscard]] std::string NameOf(const EvaluationUnit& unit);
+[[nodiscard]] std::string TextOf(const Shard& shard);
+
+/// Hash of bytes, as 16 digits.
+[[nodiscard]] std::string HashText(std::string_view bytes);
+/// Hash of all that must be equal in two ledgers with the same results.
+[[nodiscard]] std::uint64_t IdentityHash(const LedgerHeader& header);
+/// Hash of a unit's results, without times.
+[[nodiscard]] std::uint64_t Fingerprint(const LedgerRecord& record);
+
+[[nodiscard]] std::string HeaderLine(const LedgerHeader& header);
+[[nodiscard]] std::string UnitLine(const LedgerRecord& record, std::uint64_t identity);
+
+/// Reads lines and accumulates units. Error texts omit the file's name.
+class LedgerReader {
+ public:
+  /// Reads the header line. @throws std::runtime_error with the reason and the remedy.
+  static LedgerHeader Header(std::string_view line);
+
+  explicit LedgerReader(const LedgerHeader& header);
+
+  /// Reads the line of a unit; returns std::nullopt if it repeats an earlier unit with the same
+  /// results. @throws std::runtime_error with the reason.
+  std::optional<LedgerRecord> Record(std::string_view line);
+
+ private:
+  const EvaluationPlan* plan_;
+  std::uint64_t identity_;
+  std::map<UnitKey, std::uint64_t> units_;
+};
+
+/// Calls `use` for each complete line with its number from 1, and returns the end of the last one.
+std::size_t ForEachLine(std::string_view text,
+                        const std::function<void(std::string_view, int)>& use);
+
+/// Text of an error in a unit's line, with the remedy.
+[[nodiscard]] std::string DamagedLine(int number, const std::exception& e);
+
+/// @throws std::runtime_error
+[[noreturn]] void Fail(const std::filesystem::path& path, const std::string& reason);
+
+}  // namespace dfr::experiment::internal

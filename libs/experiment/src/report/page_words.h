@@ -1,0 +1,52 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "dfr/experiment/episodes.h"
+#include "dfr/experiment/report.h"
+
+namespace dfr::experiment::internal {
+
+/// How a page names, colours and judges methods and learners, formats their numbers, and words the
+/// commands that print these. Borrows both arguments.
+class PageWords {
+ public:
+  PageWords(const Summary& summary, const ReportOptions& options);
+
+ protected:
+  [[nodiscard]] std::string NameOf(const std::string& method) const;
+  [[nodiscard]] std::string LearnerNameOf(const std::string& learner) const;
+  /// A method without a style of its own has the first that no other method of the page has.
+  [[nodiscard]] int StyleOf(const std::string& method) const;
+  [[nodiscard]] std::string ColourOf(const std::string& method) const;
+  [[nodiscard]] static std::string Percent(double value, int digits);
+  [[nodiscard]] static std::string Range(double low, double high, int digits);
+  /// Formats the change of collisions, negative if there are fewer.
+  [[nodiscard]] static std::string Change(const std::optional<double>& reduction);
+  [[nodiscard]] static std::string Times(const std::optional<double>& ratio);
+  /// Formats the commands that print a number and the ids of its episodes, for element attributes.
+  [[nodiscard]] std::string Title(const std::vector<EpisodeFilter>& filters) const;
+  [[nodiscard]] std::string Commands(const std::vector<EpisodeFilter>& filters) const;
+  [[nodiscard]] static EpisodeFilter FilterOf(const Cell& cell,
+                                              const std::vector<std::string>& outcomes = {});
+  /// Returns filters for the method's episodes, then for those of its reference.
+  [[nodiscard]] static std::vector<EpisodeFilter> FiltersOf(
+      const Contrast& contrast, const std::vector<std::string>& outcomes = {});
+  /// Returns the filter for the start states from which only one of the two collides.
+  [[nodiscard]] static EpisodeFilter OnlyCollided(const Contrast& contrast, bool reference);
+  /// What a contrast says about using its method instead of the reference.
+  struct Judgement {
+    int grade = 0;  ///< 0: fit for use, 1: doubtful, 2: do not use
+    std::string why;
+  };
+  [[nodiscard]] Judgement Judge(const Contrast& contrast) const;
+
+  const Summary& summary_;
+  const ReportOptions& options_;
+  std::vector<std::string> methods_;
+  std::vector<std::string> learners_;
+};
+
+}  // namespace dfr::experiment::internal
