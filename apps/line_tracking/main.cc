@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "apps/command_line.h"
-#include "commands.h"
+#include "commands/commands.h"
 #include "dfr/experiment/command_line.h"
 #include "dfr/safety/method.h"
 

@@ -1,20 +1,13 @@
 // Behaviour of line tracking over the network under faults: each fault many times at random moments
 // of motion, in one table. The robot's program is this one with --robot.
-#include <arpa/inet.h>
-#include <netinet/in.h>
-#include <poll.h>
 #include <signal.h>
-#include <sys/socket.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <array>
-#include <atomic>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
-#include <functional>
 #include <iostream>
 #include <limits>
 #include <map>
@@ -26,318 +19,24 @@
 #include <thread>
 #include <vector>
 
-#include "commands.h"
-#include "dfr/control/rollout.h"
+#include "bench_robot.h"
+#include "commands/commands.h"
 #include "dfr/core/build_info.h"
 #include "dfr/core/quantile.h"
 #include "dfr/core/random.h"
 #include "dfr/dds/channel.h"
 #include "dfr/dds/emergency_stop.h"
 #include "dfr/runtime/periodic_timer.h"
+#include "faults.h"
 #include "lossy_wire.h"
 #include "packet_storm.h"
-#include "recorded_controller.h"
-#include "robot_plant.h"
 #include "robot_site.h"
-#include "simulator_link.h"
 #include "trial_runner.h"
 
 namespace dfr::apps::line_tracking {
 namespace {
 
 constexpr double kMillisecond = 1e6;  // ns
-
-// -- the robot's program ------------------------------------------------------------------------
-
-std::atomic<bool> policy_is_broken = false;
-
-// A policy that returns NaN from a given moment on.
-class BreakingPolicy final : public control::Controller {
- public:
-  explicit BreakingPolicy(control::Controller& inner) : inner_(&inner) {}
-  [[nodiscard]] int state_dim() const noexcept override { return inner_->state_dim(); }
-  [[nodiscard]] int control_dim() const noexcept override { return inner_->control_dim(); }
-
- private:
-  void DoReset(std::uint64_t seed) noexcept override { inner_->Reset(seed); }
-  [[nodiscard]] control::Step DoNext(std::span<const double> x,
-                                     std::span<double> u) noexcept override {
-    const control::Step step = inner_->Next(x, u);
-    if (!policy_is_broken) said_ = false;
-    if (policy_is_broken) {
-      if (!said_) {
-        std::printf("%lld broken none\n", static_cast<long long>(runtime::SteadyNow()));
-        std::fflush(stdout);
-      }
-      said_ = true;
-      std::fill(u.begin(), u.end(), std::numeric_limits<double>::quiet_NaN());
-    }
-    return step;
-  }
-  control::Controller* inner_;
-  bool said_ = false;
-};
-
-RobotConfig Configuration(int domain, dds::Discovery discovery) {
-  RobotConfig config;
-  config.robot = RobotPlace::kDds;
-  config.network.domain = domain;
-  config.network.discovery = discovery;
-  config.simulator = true;
-  return config;
-}
-
-// Checks for typed input after several periods.
-bool IsAskedToGo(RobotPlant& plant) {
-  pollfd input{STDIN_FILENO, POLLIN, 0};
-  plant.loop().Idle(0.02);
-  std::array<char, 64> text;
-  return poll(&input, 1, 0) > 0 && read(STDIN_FILENO, text.data(), text.size()) > 0;
-}
-
-// Runs until the arm is homed. Reports an error that interrupts it, and waits for "go".
-void BringUp(RobotPlant& plant) {
-  for (;;) {
-    try {
-      plant.BringUp({}, [](std::string_view, std::string_view word) { return word == "platform"; });
-      return;
-    } catch (const std::runtime_error&) {
-      std::printf("%lld faulted %s none\n", static_cast<long long>(runtime::SteadyNow()),
-                  runtime::Name(plant.loop().blocking()));
-      std::fflush(stdout);
-    }
-    while (!IsAskedToGo(plant)) {
-    }
-    static_cast<void>(plant.Clear());
-  }
-}
-
-// Runs episodes until a reason to hold occurs; then waits for "go" on its input.
-void RunRobot(const std::filesystem::path& folder, int domain, double image_age_s,
-              dds::Discovery discovery, const std::string& platform) {
-  const LineModel model = LineModel::Load(folder / "model");
-  RobotConfig config = Configuration(domain, discovery);
-  config.image_max_age_s = image_age_s;
-  if (!platform.empty()) {
-    config.platform.device = platform;
-    config.platform.wave = hardware::SprkWaveKind::kSine;
-    config.platform.motion.amplitude.translation_m.x() = 0.00254;
-    config.platform.motion.frequency_hz[0] = 0.1;
-  }
-  if (const std::string refused = runtime::AskForRealTime(config.priority); !refused.empty()) {
-    std::cout << "note " << refused << std::endl;
-  }
-  RunOperator screen;
-  screen.on_transition = [](const runtime::Transition& t) {
-    std::printf("%lld %s %s %s\n", static_cast<long long>(t.steady_ns), runtime::Name(t.to),
-                runtime::Name(t.reason), t.detail.data());
-    std::fflush(stdout);
-  };
-  RobotPlant plant(config, line_task::LineCalibration::Load(folder / "calibration.dfr"), nullptr,
-                   screen);
-  static_cast<void>(runtime::AskForRealTime(config.priority + 1));
-  BringUp(plant);
-  const std::unique_ptr<control::Controller> guided = model.MakeController("guided");
-  BreakingPolicy breaking(*guided);
-  RecordedController controller(breaking, nullptr);
-  controller.on_decision = [&plant](const control::Step& step) { plant.loop().Decided(step); };
-  for (std::uint64_t episode = 0;; ++episode) {
-    try {
-      const control::RolloutResult result =
-          control::Rollout(plant, controller, {.plant_seed = episode, .controller_seed = episode});
-      if (result.halt_cause == control::HaltCause::kControlInvalid) {
-        plant.loop().Hold(runtime::HoldReason::kControlInvalid,
-                          "the policy's control is not finite");
-      }
-    } catch (const std::runtime_error& e) {  // not started: retry
-      std::cerr << "robot: " << e.what() << std::endl;
-    }
-    if (const runtime::PeriodicTimer* timer = plant.timer()) {
-      std::printf("loop %lld %lld %.3f\n", static_cast<long long>(timer->periods()),
-                  static_cast<long long>(timer->missed()), 1e3 * timer->worst());
-      std::fflush(stdout);
-    }
-    while (!plant.loop().ended_regularly()) {
-      if (!IsAskedToGo(plant)) continue;
-      policy_is_broken = false;
-      if (plant.loop().state() == runtime::RunState::kFaulted && !plant.Clear()) continue;
-      break;
-    }
-  }
-}
-
-// -- one fault after another --------------------------------------------------------------------
-
-struct Fault {
-  std::string name;
-  std::function<void(Site&)> begin;
-  std::function<void(Site&)> end;
-  bool blind = false;        ///< The simulator is stopped and cannot be queried during the fault.
-  bool to_operator = false;  ///< The robot's program fails; detected on the operator's screen.
-  bool wire = false;         ///< Between two hosts, if the system permits them.
-  bool harmless = false;     ///< Must have no effect: passes if the run continues.
-  bool homing = false;       ///< During homing, which the fault must end.
-  bool ends = false;         ///< Ends a program, or needs a different site from a soak's.
-  bool platform = false;     ///< At the platform's port; other faults run without a platform.
-};
-
-Fault Injected(const std::string& name, const std::string& fault, const std::string& on,
-               const std::string& off) {
-  return {name, [=](Site& s) { s.link->Fault(fault, on); },
-          [=](Site& s) { s.link->Fault(fault, off); }, false, false};
-}
-
-// A defective cable; on one host, its effect on the measured state.
-Fault Lossy(const std::string& name, double loss) {
-  const auto set = [](Site& s, double share, double jitter_s) {
-    if (s.wire != nullptr) {
-      s.wire->Disturb(share, jitter_s);
-    } else {
-      s.link->Fault("drop", std::to_string(share));
-      s.link->Fault("jitter", std::to_string(jitter_s));
-    }
-  };
-  return {
-      name, [=](Site& s) { set(s, loss, 0.05); }, [=](Site& s) { set(s, 0.0, 0.0); }, false, false,
-      true};
-}
-
-// Sends two messages to every port at which a process of the domain may listen: 82 bytes with one
-// of Fast DDS's statistics submessages, and a fragment of a sample with parameters and without
-// payload. Without a filter either ends a process with Debian's Fast DDS.
-void SendPackets(int domain) {
-  std::vector<std::uint8_t> statistics = {'R', 'T', 'P', 'S', 2, 3, 1, 15};
-  statistics.resize(20, 0xab);
-  std::vector<std::uint8_t> fragment = statistics;
-  statistics.insert(statistics.end(), {0x80, 1, 58});
-  statistics.resize(82);
-  fragment.insert(fragment.end(), {0x16, 3, 36, 0});             // kind, flags, length
-  fragment.insert(fragment.end(), {0, 0, 28, 0});                // offset of the parameters
-  fragment.insert(fragment.end(), {0, 0, 0, 0, 0, 0, 1, 0xc2});  // reader, writer
-  fragment.insert(fragment.end(), {0, 0, 0, 0, 1, 0, 0, 0});     // sequence number
-  fragment.insert(fragment.end(), {1, 0, 0, 0, 1, 0, 100, 0, 100, 0, 0, 0});  // fragment and sizes
-  fragment.insert(fragment.end(), {1, 0, 0, 0});                              // end of parameters
-  const int out = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-  sockaddr_in to{};
-  to.sin_family = AF_INET;
-  to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  for (int offset = 0; offset < 60; ++offset) {
-    to.sin_port = htons(static_cast<std::uint16_t>(7400 + 250 * domain + offset));
-    for (const auto& packet : {statistics, fragment}) {
-      static_cast<void>(sendto(out, packet.data(), packet.size(), MSG_NOSIGNAL,
-                               reinterpret_cast<const sockaddr*>(&to), sizeof to));
-    }
-  }
-  close(out);
-}
-
-std::vector<Fault> Faults() {
-  std::vector<Fault> faults;
-  faults.push_back({"kill-robot", [](Site& s) { s.robot->Signal(SIGKILL); },
-                    [](Site& s) { s.StartRobot(); }, false, true});
-  faults.back().ends = true;
-  faults.push_back({"stop-robot", [](Site& s) { s.robot->Signal(SIGSTOP); },
-                    [](Site& s) { s.robot->Signal(SIGCONT); }, false, true});
-  faults.push_back({"kill-console", [](Site& s) { s.simulator->Kill(); },
-                    [](Site& s) {
-                      s.StartSimulator();
-                      s.link->Reset(1);  // homes the arm
-                    },
-                    true, false});
-  faults.back().ends = true;
-  faults.push_back({"stop-console", [](Site& s) { s.simulator->Signal(SIGSTOP); },
-                    [](Site& s) { s.simulator->Signal(SIGCONT); }, true, false});
-  faults.push_back({"kill-stop-button", [](Site& s) { s.stop->Kill(); },
-                    [](Site& s) { s.StartStop(); }, false, false});
-  faults.back().ends = true;
-  faults.push_back({"stop-stop-button", [](Site& s) { s.stop->Signal(SIGSTOP); },
-                    [](Site& s) { s.stop->Signal(SIGCONT); }, false, false});
-  faults.push_back({"emergency-stop", [](Site& s) { s.stop->Type("\n"); },
-                    [](Site& s) { s.stop->Type("r\n"); }, false, false});
-  faults.push_back(Lossy("loss-5-jitter-50ms", 0.05));
-  faults.push_back(Lossy("loss-15-jitter-50ms", 0.15));
-  faults.push_back(Lossy("loss-30-jitter-50ms", 0.3));
-  faults.push_back(Injected("frozen-image", "camera", "frozen", "none"));
-  faults.push_back(Injected("black-image", "camera", "black", "none"));
-  faults.push_back(Injected("no-image", "camera", "silent", "none"));
-  faults.push_back(Injected("stamp-zero", "invalid", "1", "0"));
-  faults.push_back(Injected("nan-pose", "corrupt", "1", "0"));
-  faults.push_back(Injected("frozen-state", "freeze", "1", "0"));
-  faults.push_back(Injected("no-state", "silent", "1", "0"));
-  faults.push_back(Injected("clock-ahead-1s", "clock_jump", "1", "0"));
-  faults.push_back(Injected("clock-behind-1s", "clock_jump", "-1", "0"));
-  faults.push_back(
-      {"nan-policy", [](Site& s) { s.robot->Signal(SIGUSR1); }, [](Site&) {}, false, false});
-  faults.push_back({"arm-fault", [](Site& s) { s.link->Fault("arm_fault", "overcurrent"); },
-                    [](Site& s) { s.link->Reset(1); }, false, false});
-  const auto second = std::make_shared<std::optional<dds::Publisher<dds::PoseStamped>>>();
-  faults.push_back(
-      {"second-commander",
-       [second](Site& s) { second->emplace(s.participant, "/PSM1/servo_cp", dds::Role::kCommand); },
-       [second](Site&) { second->reset(); }, false, false});
-  faults.push_back(Injected("frozen-noisy-image", "camera", "frozen_noisy", "none"));
-  faults.push_back(Injected("image-late-1s", "camera", "late", "none"));
-  // Interference by another client. Messages and states of others are published beforehand, as a
-  // console does.
-  faults.push_back({"teleoperation", [](Site& s) { s.following.Write({true}); },
-                    [](Site& s) { s.following.Write({false}); }, false, false});
-  faults.push_back({"clutch",
-                    [](Site& s) {
-                      s.clutch.Write({{}, "", {}, {1}});
-                    },
-                    [](Site& s) {
-                      s.clutch.Write({{}, "", {}, {0}});
-                    },
-                    false, false});
-  faults.push_back({"foreign-hold", [](Site& s) { s.hold.Write({}); }, [](Site&) {}, false, false});
-  // A participant joins and repeats its announcement 20 times per second for .3 s. The console may
-  // be matched first.
-  const auto guest = std::make_shared<std::thread>();
-  faults.push_back({"late-hold",
-                    [guest](Site& s) {
-                      *guest = std::thread([&s] {
-                        dds::Participant joined({.domain = s.domain(),
-                                                 .name = "guest",
-                                                 .discovery = s.participant.options().discovery});
-                        dds::Publisher<dds::Signal> hold(joined, "/PSM1/hold", dds::Role::kRequest);
-                        for (int i = 0; i < 6; ++i, SleepMs(50.0)) hold.Write({});
-                      });
-                    },
-                    [guest](Site&) { guest->join(); }, false, false});
-  // The same, heard by the console alone.
-  faults.push_back({"unheard-hold", [](Site& s) { s.link->Fault("unheard", "hold"); }, [](Site&) {},
-                    false, false});
-  faults.push_back({"unheard-free", [](Site& s) { s.link->Fault("unheard", "free"); }, [](Site&) {},
-                    false, false});
-  const auto console = std::make_shared<std::optional<dds::Publisher<dds::JointState>>>();
-  faults.push_back({"second-console",
-                    [console](Site& s) {
-                      console->emplace(s.participant, "/PSM1/measured_js", dds::Role::kState);
-                    },
-                    [console](Site&) { console->reset(); }, false, false});
-  // Faster than the tip can follow.
-  faults.push_back(Injected("moving-platform", "platform", "0.06", "0"));
-  // The platform's port. Its firmware reports nothing: its output is irrelevant, and a hang is not
-  // detectable.
-  faults.push_back({"platform-unplugged", [](Site& s) { s.platform->Unplug(); },
-                    [](Site& s) { s.StartPlatform(); }, false, false});
-  faults.back().ends = faults.back().platform = true;
-  faults.push_back({"platform-garbage",
-                    [](Site& s) {
-                      for (int i = 0; i < 100; ++i) s.platform->Print("a\xff\x00h!d~\n");
-                    },
-                    [](Site&) {}, false, false, false, true});
-  faults.back().ends = faults.back().platform = true;
-  faults.push_back({"platform-hangs", [](Site& s) { s.platform->Hang(true); },
-                    [](Site& s) { s.platform->Hang(false); }, false, false, false, true});
-  faults.back().ends = faults.back().platform = true;
-  faults.push_back({"packets", [](Site& s) { SendPackets(s.domain()); }, [](Site&) {}, false, false,
-                    false, true});
-  faults.push_back({"emergency-stop-homing", [](Site& s) { s.stop->Type("\n"); },
-                    [](Site& s) { s.stop->Type("r\n"); }, false, false});
-  faults.back().homing = faults.back().ends = true;
-  return faults;
-}
 
 struct Row {
   int trials = 0;
@@ -673,7 +372,7 @@ int Main(int argc, char** argv) {
   signal(SIGPIPE, SIG_IGN);
   signal(SIGXFSZ, SIG_IGN);
   if (!robot.empty()) {
-    signal(SIGUSR1, [](int) { policy_is_broken = true; });
+    signal(SIGUSR1, [](int) { BreakPolicy(); });
     RunRobot(robot, domain, image_age_s, far ? dds::Discovery::kNetwork : dds::Discovery::kLoopback,
              platform);
     return EXIT_SUCCESS;

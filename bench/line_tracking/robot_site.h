@@ -11,7 +11,7 @@
 
 #include "dfr/dds/channel.h"
 #include "lossy_wire.h"
-#include "simulator_link.h"
+#include "simulator/simulator_link.h"
 #include "tests/hardware_stewart/sprk_emulator.h"
 
 namespace dfr::apps::line_tracking {

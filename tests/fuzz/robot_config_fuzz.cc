@@ -1,7 +1,7 @@
 // Configurations of line tracking, in TOML.
 #include <stdexcept>
 
-#include "apps/line_tracking/robot_config.h"
+#include "apps/line_tracking/robot/robot_config.h"
 #include "tests/fuzz/input_file.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

@@ -3,7 +3,7 @@
 #include <functional>
 #include <string_view>
 
-#include "robot_config.h"
+#include "robot/robot_config.h"
 
 namespace dfr::apps::line_tracking {
 

@@ -14,8 +14,8 @@
 #include <vector>
 
 #include "dfr/recording/read_recording.h"
-#include "robot_plant.h"
-#include "simulator_link.h"
+#include "robot/robot_plant.h"
+#include "simulator/simulator_link.h"
 #include "tests/dds/domain.h"
 #include "tests/dds/keystore.h"
 #include "tests/dds/peer_process.h"

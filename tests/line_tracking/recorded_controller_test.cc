@@ -9,7 +9,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "commands.h"
+#include "commands/commands.h"
 #include "dfr/recording/read_recording.h"
 #include "tests/line_tracking/model_folder.h"
 

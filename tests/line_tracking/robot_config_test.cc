@@ -1,4 +1,4 @@
-#include "robot_config.h"
+#include "robot/robot_config.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -23,12 +23,12 @@
 #include <thread>
 #include <vector>
 
-#include "commands.h"
+#include "commands/commands.h"
 #include "dfr/core/random.h"
 #include "dfr/hardware/intrinsics_file.h"
 #include "dfr/imitation/demonstrations.h"
 #include "dfr/sim/line_tracking/calibration_motion.h"
-#include "simulator_link.h"
+#include "simulator/simulator_link.h"
 #include "tests/dds/domain.h"
 #include "tests/dds/peer_process.h"
 #include "tests/line_tracking/scene.h"

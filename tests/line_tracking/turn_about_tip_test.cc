@@ -1,4 +1,4 @@
-#include "turn_about_tip.h"
+#include "robot/turn_about_tip.h"
 
 #include <gtest/gtest.h>
 

@@ -18,8 +18,8 @@
 #include <thread>
 #include <vector>
 
-#include "robot_plant.h"
-#include "simulator_link.h"
+#include "robot/robot_plant.h"
+#include "simulator/simulator_link.h"
 #include "tests/dds/domain.h"
 #include "tests/dds/peer_process.h"
 #include "tests/line_tracking/lock_step_config.h"

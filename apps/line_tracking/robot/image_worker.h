@@ -14,8 +14,8 @@
 #include "dfr/robot/devices.h"
 #include "dfr/runtime/latest.h"
 #include "dfr/vision/line_vision.h"
-#include "lock_step.h"
-#include "robot_config.h"
+#include "robot/robot_config.h"
+#include "simulator/lock_step.h"
 
 namespace dfr::apps::line_tracking {
 

@@ -7,7 +7,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "commands.h"
+#include "commands/commands.h"
 #include "dfr/core/format.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/ledger.h"

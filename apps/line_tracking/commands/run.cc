@@ -5,15 +5,15 @@
 #include <stdexcept>
 #include <utility>
 
-#include "commands.h"
+#include "commands/commands.h"
 #include "dfr/control/rollout.h"
 #include "dfr/core/build_info.h"
 #include "dfr/core/random.h"
 #include "dfr/runtime/periodic_timer.h"
 #include "recorded_controller.h"
-#include "robot_plant.h"
+#include "robot/robot_plant.h"
+#include "robot/terminal.h"
 #include "rollout_video.h"
-#include "terminal.h"
 #include "trial_runner.h"
 
 namespace dfr::apps::line_tracking {

@@ -1,4 +1,4 @@
-#include "terminal.h"
+#include "robot/terminal.h"
 
 #include <csignal>
 #include <iostream>

@@ -1,4 +1,4 @@
-#include "lock_step.h"
+#include "simulator/lock_step.h"
 
 #include <stdexcept>
 

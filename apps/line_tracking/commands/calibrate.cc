@@ -9,13 +9,13 @@
 #include <sstream>
 #include <stdexcept>
 
-#include "commands.h"
+#include "commands/commands.h"
 #include "dfr/core/format.h"
 #include "dfr/core/random.h"
 #include "dfr/hardware/intrinsics_file.h"
 #include "dfr/sim/line_tracking/calibration_motion.h"
-#include "robot_plant.h"
-#include "terminal.h"
+#include "robot/robot_plant.h"
+#include "robot/terminal.h"
 #include "trial_runner.h"
 
 namespace dfr::apps::line_tracking {

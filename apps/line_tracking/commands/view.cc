@@ -1,6 +1,6 @@
 #include <opencv2/imgproc.hpp>
 
-#include "commands.h"
+#include "commands/commands.h"
 #include "dfr/core/random.h"
 #include "dfr/sim/line_tracking/line_tracking_window.h"
 #include "rollout_video.h"

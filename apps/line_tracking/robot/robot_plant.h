@@ -13,8 +13,8 @@
 #include "dfr/robot/control_loop.h"
 #include "dfr/runtime/periodic_timer.h"
 #include "dfr/vision/calibration_frame.h"
-#include "image_worker.h"
-#include "robot_config.h"
+#include "robot/image_worker.h"
+#include "robot/robot_config.h"
 
 namespace dfr::apps::line_tracking {
 

@@ -9,7 +9,7 @@
 #include "dfr/recording/records.h"
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
 #include "model.h"
-#include "robot_config.h"
+#include "robot/robot_config.h"
 
 namespace dfr::apps::line_tracking {
 

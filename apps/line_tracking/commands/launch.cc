@@ -16,8 +16,8 @@
 #include <string>
 #include <vector>
 
-#include "commands.h"
-#include "robot_config.h"
+#include "commands/commands.h"
+#include "robot/robot_config.h"
 
 namespace dfr::apps::line_tracking {
 namespace {

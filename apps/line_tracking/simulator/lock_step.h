@@ -4,7 +4,7 @@
 
 #include "dfr/hardware/psm_driver.h"
 #include "dfr/robot/devices.h"
-#include "simulator_link.h"
+#include "simulator/simulator_link.h"
 
 namespace dfr::apps::line_tracking {
 

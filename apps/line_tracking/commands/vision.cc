@@ -5,7 +5,7 @@
 #include <iostream>
 #include <stdexcept>
 
-#include "commands.h"
+#include "commands/commands.h"
 #include "dfr/core/random.h"
 
 namespace dfr::apps::line_tracking {

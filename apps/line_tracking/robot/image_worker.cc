@@ -1,4 +1,4 @@
-#include "image_worker.h"
+#include "robot/image_worker.h"
 
 #include <chrono>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "robot_plant.h"
+#include "robot/robot_plant.h"
 
 #include <algorithm>
 #include <array>
@@ -18,9 +18,11 @@
 #include "dfr/hardware/psm_driver.h"
 #include "dfr/robot/real_time_clock.h"
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
-#include "lock_step.h"
-#include "simulator_link.h"
-#include "turn_about_tip.h"
+#include "robot/run_log.h"
+#include "robot/tool_task.h"
+#include "robot/turn_about_tip.h"
+#include "simulator/lock_step.h"
+#include "simulator/simulator_link.h"
 
 namespace dfr::apps::line_tracking {
 namespace {
@@ -29,116 +31,6 @@ using core::PlantStatus;
 using kinematics::PsmJoints;
 using line_task::LineTask;
 using runtime::HoldReason;
-
-// Controls are displacements of the tool.
-class ToolTask final : public robot::Task {
- public:
-  ToolTask(const LineTask& task, const hardware::PsmDriver& driver, double speed_m_s)
-      : task_(&task), driver_(&driver), speed_m_s_(speed_m_s) {}
-
-  [[nodiscard]] int state_dim() const noexcept override { return task_->layout().state_dim(); }
-  [[nodiscard]] int control_dim() const noexcept override { return 2; }
-  void Begin() noexcept override { command_m_ = task_->Tip(driver_->client().setpoint()); }
-  [[nodiscard]] std::optional<robot::Motion> Plan(
-      std::span<const double> control) noexcept override {
-    const Eigen::Vector3d step = LineTask::Displacement(control);
-    if (!task_->Reading(command_m_ + step, joints_)) return std::nullopt;
-    command_m_ += step;
-    change_mm_ = {1e3 * step.x(), 1e3 * step.y()};
-    return robot::Motion{{joints_.data(), 6}, step.norm() / speed_m_s_, change_mm_};
-  }
-  // Joints that hold the tool upright at its position. Returns false if the arm cannot.
-  [[nodiscard]] bool Upright(PsmJoints& joints) const noexcept {
-    return task_->Reading(command_m_, joints);
-  }
-
- private:
-  const LineTask* task_;
-  const hardware::PsmDriver* driver_;
-  double speed_m_s_;
-  Eigen::Vector3d command_m_ = Eigen::Vector3d::Zero();  // tip, world
-  PsmJoints joints_ = PsmJoints::Zero();
-  std::array<double, 2> change_mm_{};
-};
-
-// Sends transitions to the recording and to the operator, and the arm's states to the recording.
-class RunLog final : public robot::Recorder {
- public:
-  RunLog(recording::Recorder* recorder, const hardware::PsmDriver& driver, bool stop_required,
-         std::function<void(const runtime::Transition&)> on_transition)
-      : recorder_(recorder),
-        driver_(&driver),
-        stop_required_(stop_required),
-        on_transition_(std::move(on_transition)) {}
-
-  [[nodiscard]] bool failed() const noexcept override {
-    return recorder_ != nullptr && recorder_->failed();
-  }
-  void Write(const runtime::Transition& transition, std::int64_t wall_ns) noexcept override {
-    if (recorder_ != nullptr) {
-      recording::TransitionRecord record;
-      record.time_ns = wall_ns;
-      record.from = runtime::Name(transition.from);
-      record.to = runtime::Name(transition.to);
-      const bool reasoned = transition.reason != HoldReason::kNone;
-      std::array<char, 160> text{};
-      const int size = std::snprintf(text.data(), text.size(), "%s%s%s",
-                                     reasoned ? runtime::Name(transition.reason) : "",
-                                     reasoned ? ": " : "", transition.detail.data());
-      record.cause = std::string_view(text.data(), static_cast<std::size_t>(std::max(0, size)));
-      static_cast<void>(recorder_->Transition(record));
-    }
-    if (on_transition_) on_transition_(transition);
-  }
-  void Period(const robot::Finding& arm, const robot::Finding& stop, runtime::RunState state,
-              std::int64_t wall_ns) noexcept override {
-    if (recorder_ == nullptr) return;
-    const hardware::PsmClient& client = driver_->client();
-    // A sample of the arm's, or news between two.
-    const bool same = client.num_samples() == num_samples_ && arm.reason == arm_ &&
-                      stop.reason == stop_ && state == state_;
-    if (same) return;
-    num_samples_ = client.num_samples();
-    arm_ = arm.reason;
-    stop_ = stop.reason;
-    state_ = state;
-    recording::ArmRecord record;
-    record.time_ns = wall_ns;
-    record.measured_ns = client.measured_js().stamp.nanoseconds();
-    const auto joints = [](const PsmJoints& q) { return std::span(q.data(), 6); };
-    record.position.Assign(joints(client.measured_js().position));
-    record.velocity.Assign(joints(client.measured_js().velocity));
-    if (client.phase() == hardware::PsmPhase::kArmed) {
-      record.setpoint.Assign(joints(client.setpoint()));
-    }
-    record.console_setpoint.Assign(joints(client.setpoint_js().position));
-    record.operating_state = hardware::Name(client.operating_state().state);
-    record.homed = client.operating_state().homed;
-    record.busy = client.operating_state().busy;
-    record.machine = runtime::Name(state);
-    if (!arm.ok()) {
-      std::array<char, 96> fault{};
-      std::snprintf(fault.data(), fault.size(), "%s: %.*s", runtime::Name(arm.reason),
-                    static_cast<int>(arm.detail.size()), arm.detail.data());
-      record.fault = std::string_view(fault.data());
-    }
-    record.stop = !stop_required_                             ? "none"
-                  : stop.ok()                                 ? "released"
-                  : stop.reason == HoldReason::kEmergencyStop ? "pressed"
-                                                              : "silent";
-    static_cast<void>(recorder_->Arm(record));
-  }
-
- private:
-  recording::Recorder* recorder_;
-  const hardware::PsmDriver* driver_;
-  bool stop_required_;
-  std::uint64_t num_samples_ = 0;
-  HoldReason arm_ = HoldReason::kNone;
-  HoldReason stop_ = HoldReason::kNone;
-  runtime::RunState state_ = runtime::RunState::kIdle;
-  std::function<void(const runtime::Transition&)> on_transition_;
-};
 
 hardware::PsmDriverOptions DriverOptions(const RobotConfig& config) {
   hardware::PsmDriverOptions options;

@@ -4,12 +4,12 @@
 #include <iostream>
 #include <optional>
 
-#include "commands.h"
+#include "commands/commands.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/progress.h"
 #include "dfr/imitation/demonstrations.h"
-#include "robot_plant.h"
-#include "terminal.h"
+#include "robot/robot_plant.h"
+#include "robot/terminal.h"
 #include "trial_runner.h"
 
 namespace dfr::apps::line_tracking {

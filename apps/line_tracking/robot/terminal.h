@@ -6,7 +6,7 @@
 #include "dfr/recording/recorder.h"
 #include "dfr/robot/operator_prompt.h"
 #include "dfr/runtime/async_printer.h"
-#include "robot_plant.h"
+#include "robot/robot_plant.h"
 
 namespace dfr::apps::line_tracking {
 

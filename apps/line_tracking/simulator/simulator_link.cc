@@ -1,4 +1,4 @@
-#include "simulator_link.h"
+#include "simulator/simulator_link.h"
 
 #include <algorithm>
 #include <array>

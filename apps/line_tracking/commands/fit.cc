@@ -1,6 +1,6 @@
 #include <iostream>
 
-#include "commands.h"
+#include "commands/commands.h"
 #include "dfr/imitation/demonstrations.h"
 
 namespace dfr::apps::line_tracking {
