@@ -36,12 +36,12 @@ const char* Name(FitSummary::Reason reason) {
   return "unknown";
 }
 
-std::pair<OneClassSvm, FitSummary> Fit(const Array& samples, const py::object& nu,
-                                       const py::object& gamma, const py::object& tolerance,
-                                       const py::object& max_iterations,
-                                       const py::object& memory_mib,
-                                       const std::optional<Array>& weights,
-                                       const py::object& threads) {
+std::pair<OneClassSvm, FitSummary> FitEstimate(const Array& samples, const py::object& nu,
+                                               const py::object& gamma, const py::object& tolerance,
+                                               const py::object& max_iterations,
+                                               const py::object& memory_mib,
+                                               const std::optional<Array>& weights,
+                                               const py::object& threads) {
   OneClassSvmOptions options{
       .nu = RealOption(nu, "nu"),
       .gamma = RealOption(gamma, "gamma"),
@@ -70,7 +70,7 @@ double InLibsvmScale(const OneClassSvm& svm, double g) {
 }
 
 // Returns g of one state as a number, of several as an array.
-py::object Decision(const OneClassSvm& svm, const Array& x, bool libsvm_scale) {
+py::object EstimateDecision(const OneClassSvm& svm, const Array& x, bool libsvm_scale) {
   const MatrixView rows = Rows(x, "x");
   DFR_THROW_UNLESS(rows.cols() == svm.state_dim(),
                    "states of " << rows.cols() << " entries; the estimate has " << svm.state_dim());
@@ -104,7 +104,7 @@ void ExportOnnx(const OneClassSvm& svm, const std::filesystem::path& path, bool 
   graph.Save(path);
 }
 
-py::tuple Gradient(const OneClassSvm& svm, const Array& x) {
+py::tuple EstimateGradient(const OneClassSvm& svm, const Array& x) {
   DFR_THROW_UNLESS(x.ndim() == 1 && x.size() == svm.state_dim(),
                    "x must be one state of " << svm.state_dim() << " entries");
   py::array_t<double> gradient = NewVector(svm.state_dim());
@@ -219,7 +219,7 @@ support_vectors : ndarray of shape (n_support_vectors, state_dim)
       estimate, [](const py::object& self) { return GetState(self.cast<const OneClassSvm&>()); },
       &FromState);
   estimate
-      .def_static("fit", &Fit, py::arg("samples"), py::kw_only(), py::arg("nu") = 0.05,
+      .def_static("fit", &FitEstimate, py::arg("samples"), py::kw_only(), py::arg("nu") = 0.05,
                   py::arg("gamma") = 5.0, py::arg("tolerance") = 1e-4,
                   py::arg("max_iterations") = 0, py::arg("memory_mib") = 512.0,
                   py::arg("weights") = py::none(), py::arg("threads") = 0,
@@ -257,7 +257,8 @@ ValueError
 KeyboardInterrupt
     After Ctrl-C. Other threads run during a fit: it does not hold the interpreter's lock.
 )")
-      .def("decision", &Decision, py::arg("x"), py::kw_only(), py::arg("libsvm_scale") = false,
+      .def("decision", &EstimateDecision, py::arg("x"), py::kw_only(),
+           py::arg("libsvm_scale") = false,
            R"(Return g of one state (a float) or of one state per row (an array).
 
 Parameters
@@ -268,7 +269,7 @@ libsvm_scale : bool
     Multiply by `libsvm_scale`, as in scikit-learn and LIBSVM. Values below their accuracy of
     1e-12 rho are 0, so that a sample on the boundary is inside.
 )")
-      .def("gradient", &Gradient, py::arg("x"), R"(Return g and its derivative at one state.
+      .def("gradient", &EstimateGradient, py::arg("x"), R"(Return g and its derivative at one state.
 
 Returns
 -------

@@ -22,10 +22,10 @@ namespace {
 using kernel::OneClassSvm;
 using kernel::TimeVaryingSupport;
 
-TimeVaryingSupport Fit(const Arrays& arrays, const py::object& nu, const py::object& gamma,
-                       const py::object& tolerance, const py::object& num_steps,
-                       const py::object& pooled, const py::object& threads,
-                       const std::optional<Array>& weights) {
+TimeVaryingSupport FitSupport(const Arrays& arrays, const py::object& nu, const py::object& gamma,
+                              const py::object& tolerance, const py::object& num_steps,
+                              const py::object& pooled, const py::object& threads,
+                              const std::optional<Array>& weights) {
   const std::vector<Array>& demonstrations = arrays.each;
   std::vector<MatrixView> views;
   for (std::size_t i = 0; i < demonstrations.size(); ++i) {
@@ -90,7 +90,7 @@ py::array_t<double> DecisionOver(const TimeVaryingSupport& support, const py::ob
   return g;
 }
 
-py::tuple Gradient(const TimeVaryingSupport& support, int t, const Array& x) {
+py::tuple SupportGradient(const TimeVaryingSupport& support, int t, const Array& x) {
   DFR_THROW_UNLESS(x.ndim() == 1, "x must be one state of " << support.state_dim() << " entries");
   CheckWidth(support, x.size());
   py::array_t<double> gradient = NewVector(support.state_dim());
@@ -135,9 +135,9 @@ num_steps : int
         return TimeVaryingSupport(std::move(estimates));
       });
   support_class.def(py::init<std::vector<OneClassSvm>>(), py::arg("estimates"))
-      .def_static("fit", &Fit, py::arg("demonstrations"), py::kw_only(), py::arg("nu") = 0.05,
-                  py::arg("gamma") = 5.0, py::arg("tolerance") = 1e-4, py::arg("num_steps") = 0,
-                  py::arg("pooled") = false, py::arg("threads") = 0,
+      .def_static("fit", &FitSupport, py::arg("demonstrations"), py::kw_only(),
+                  py::arg("nu") = 0.05, py::arg("gamma") = 5.0, py::arg("tolerance") = 1e-4,
+                  py::arg("num_steps") = 0, py::arg("pooled") = false, py::arg("threads") = 0,
                   py::arg("weights") = py::none(), R"(Fit one estimate per time step.
 
 Parameters
@@ -208,7 +208,7 @@ Returns
 float or ndarray of shape (n,)
 )")
       .def("decision", &DecisionOver, py::arg("t"), py::arg("x"))
-      .def("gradient", &Gradient, py::arg("t"), py::arg("x"),
+      .def("gradient", &SupportGradient, py::arg("t"), py::arg("x"),
            R"(Return g_t and its derivative at one state.
 
 Returns

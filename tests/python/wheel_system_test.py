@@ -104,7 +104,7 @@ class WheelTest(unittest.TestCase):
         self.assertEqual(run(self.python, "-c", script, "demos.hdf5", cwd=self.folder), "60\n")
 
     def test_the_tests_pass_there(self):
-        for name in ("guard_test.py", "time_varying_support_test.py"):
+        for name in ("guard_test.py", "guard_fit_test.py", "guarded_env_test.py", "time_varying_support_test.py"):
             run(self.python, SOURCE / "tests/python" / name, cwd=self.folder)
         run(self.python, SOURCE / "examples/guard_a_policy.py", cwd=self.folder)
         small = ["--trials", 1, "--episodes", 2, "--demonstrations", 12, "--out", "small"]

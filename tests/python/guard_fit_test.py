@@ -1,0 +1,261 @@
+"""dfr.Guard.fit: arrays of many kinds, wrong demonstrations, rotations, warnings and files."""
+
+import gc
+import pathlib
+import pickle
+import tempfile
+import unittest
+import warnings
+
+import numpy as np
+
+import dfr
+from corridor import LAYOUT, demonstrations
+from corridor_guard import DRIFT, fit
+
+
+class GuardFitTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.guard = fit()
+
+    def test_the_order_of_demonstrations_changes_nothing(self):
+        states, actions = demonstrations(1, 20)
+        ours = dfr.Guard.fit(states, actions, layout=LAYOUT, features="tip", hold_out=0.3, confidence=0.5)
+        theirs = dfr.Guard.fit(
+            states[::-1], actions[::-1], layout=LAYOUT, features="tip", hold_out=0.3, confidence=0.5
+        )
+        self.assertEqual(ours.settings, theirs.settings)
+        self.assertEqual(ours.summary["held_out"], 6)
+        self.assertEqual(ours.summary["support_fits"], 11)
+        np.testing.assert_array_equal(ours.levels(states[0]), theirs.levels(states[0]))
+
+    def test_wrong_demonstrations_are_named(self):
+        states, actions = demonstrations(1, 4)
+        bad = [x.copy() for x in states]
+        bad[2][3, 1] = np.nan
+        for s, a, message in [
+            (bad, actions, "demonstration 2 has a non-finite entry in state 3"),
+            (states, actions[:-1], "4 arrays of states and 3 of actions"),
+            (states, [u[:-1] for u in actions], "21 states and 19 actions"),
+            ([], [], "no demonstrations"),
+            (states[:2], actions[:2], "at least 3 demonstrations"),
+        ]:
+            with self.subTest(message), self.assertRaisesRegex(ValueError, message):
+                dfr.Guard.fit(s, a, layout=LAYOUT, features="tip")
+        with self.assertRaisesRegex(ValueError, "feature 'gripper' is not part of the state"):
+            dfr.Guard.fit(states, actions, layout=LAYOUT, features="gripper")
+
+    def test_arrays_of_many_kinds_make_the_same_guard(self):
+        class Tensor:  # as torch's, on a device and with a tape
+            def __init__(self, values):
+                self.values = values
+
+            def __array__(self, dtype=None):
+                raise TypeError("can't convert cuda:0 device type tensor to numpy")
+
+            def detach(self):
+                return self
+
+            def cpu(self):
+                return self.values
+
+        states, actions = demonstrations(1, 6)
+        ragged = np.empty(6, dtype=object)
+        ragged[:] = states
+        for name, s, a in [
+            ("lists", [x.tolist() for x in states], [u.tolist() for u in actions]),
+            ("generators", (x for x in states), (u for u in actions)),
+            ("one array", np.stack(states), np.stack(actions)),
+            ("an array of arrays", ragged, tuple(actions)),
+            ("strided", [np.repeat(x, 2, axis=0)[::2] for x in states], [np.asfortranarray(u) for u in actions]),
+            ("big-endian", [x.astype(">f8") for x in states], [u.astype(">f8") for u in actions]),
+            ("tensors", [Tensor(x) for x in states], [Tensor(u) for u in actions]),
+        ]:
+            with self.subTest(name):
+                guard = dfr.Guard.fit(s, a, layout=LAYOUT, features="tip")
+                np.testing.assert_array_equal(
+                    guard.levels(states[0]), dfr.Guard.fit(states, actions, layout=LAYOUT, features="tip").levels(states[0])
+                )
+        other = dfr.Guard.fit(states, actions, layout=dict(LAYOUT), features=["tip[0:1]", "tip[1:2]"])
+        self.assertEqual(other.features, "tip[0:1],tip[1:2]")
+        for dtype in ("f4", "f2", "i8", "bool"):
+            with self.subTest(dtype):
+                guard.levels(states[0].astype(dtype))
+
+    def test_arrays_without_numbers_are_named_in_one_line(self):
+        states, actions = demonstrations(1, 6)
+        masked = np.ma.masked_array(states[2], mask=np.eye(21, 3, dtype=bool))
+        for s, message in [
+            (None, "a list of arrays is needed, one a demonstration, not None"),
+            ("demos.hdf5", "not 'demos.hdf5' of type str"),
+            (dict(enumerate(states)), "of type dict"),
+            (states[:2] + [[[1, 2, 3], [1, 2]]], "demonstration 2: .*rows of different lengths"),
+            (states[:2] + [states[2] + 1j], "demonstration 2: .*complex numbers"),
+            (states[:2] + [states[2].astype(str)], "demonstration 2: .*text"),
+            (states[:2] + [masked], "demonstration 2: the array has masked entries"),
+        ]:
+            with self.subTest(message), self.assertRaisesRegex(TypeError, message) as raised:
+                dfr.Guard.fit(s, actions, layout=LAYOUT, features="tip")
+            self.assertNotIn("\n", str(raised.exception))
+            self.assertLess(len(str(raised.exception)), 250)
+        for options, message in [
+            ({"nu": "a"}, "nu must be a number, not 'a'"),
+            ({"horizon": 1.5}, "horizon must be a whole number, not 1.5"),
+            ({"features": {"tip"}}, "features must be text"),
+            ({"differences": "yes"}, "differences must be True or False"),
+        ]:
+            with self.subTest(message), self.assertRaisesRegex(TypeError, message):
+                dfr.Guard.fit(states, actions, **{"layout": LAYOUT, **options})
+        for options, message in [
+            ({"layout": [("tip", 1), ("tip", 2)]}, "names 'tip' twice"),
+            ({"false_alarms": 7}, "false_alarms must lie in"),
+        ]:
+            with self.subTest(message), self.assertRaisesRegex(ValueError, message):
+                dfr.Guard.fit(states, actions, **{"layout": LAYOUT, **options})
+        self.guard.reset(None)
+        with self.assertRaisesRegex(TypeError, "seed must be a whole number from 0"):
+            self.guard.reset(-1)
+        with self.assertRaisesRegex(TypeError, "not a dict: concatenate"):
+            self.guard.filter(0, {"tip": [0.0, 0.0]}, DRIFT)
+
+    def test_target_positions_are_refused_and_converted(self):
+        rng = np.random.default_rng(4)
+        states, actions = [], []
+        for _ in range(12):
+            x, u = np.zeros((31, 2)), np.zeros((30, 2))
+            x[0], goal = rng.normal(size=2), rng.normal(size=2)
+            for t in range(30):
+                u[t] = x[t] + 0.2 * (goal - x[t])
+                x[t + 1] = u[t]
+            states.append(x)
+            actions.append(u)
+        with self.assertRaisesRegex(ValueError, r"actions 0, 1 take the values of state\[0\], state\[1\]"):
+            dfr.Guard.fit(states, actions)
+        converted = dfr.Guard.fit(states, actions, differences=True)
+        by_hand = dfr.Guard.fit(states, [u - x[:-1] for x, u in zip(states, actions)])
+        self.assertEqual(converted.summary, by_hand.summary)
+        dfr.Guard.fit(states, actions, as_recorded=True)
+        with self.assertRaisesRegex(ValueError, "nothing to convert"):
+            dfr.Guard.fit(*demonstrations(1, 6), differences=True)
+
+    def test_progress_and_its_exceptions(self):
+        stages = []
+        fit(8, progress=lambda stage, share: stages.append((stage, share)))
+        self.assertEqual(stages[-1][1], 1.0)
+        self.assertEqual([share for _, share in stages], sorted(share for _, share in stages))
+
+        def fail(stage, share):
+            raise RuntimeError("enough")
+
+        with self.assertRaisesRegex(RuntimeError, "enough"):
+            fit(8, progress=fail)
+
+
+def turning(seed, count, turn):
+    """The corridor with `turn(angle)` in place of the clock; a third action turns."""
+    rng = np.random.default_rng(seed)
+    states, actions = demonstrations(seed, count)
+    turned = []
+    for x, u in zip(states, actions):
+        rates = 0.06 + 0.02 * rng.normal(size=len(u))
+        angles = 0.1 * rng.normal() + np.concatenate([[0.0], np.cumsum(rates)])
+        turned.append((np.c_[x[:, 1:], [turn(a) for a in angles]], np.c_[u, rates]))
+    return [x for x, _ in turned], [u for _, u in turned]
+
+
+class RotationsTest(unittest.TestCase):
+    LAYOUT = [("tip", 2), ("quat", 4)]
+
+    @staticmethod
+    def quaternion(angle):
+        return [np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)]
+
+    def test_a_quaternion_and_its_negative_are_one_and_zeros_halt_by_name(self):
+        states, actions = turning(1, 20, self.quaternion)
+        guard = dfr.Guard.fit(states, actions, layout=self.LAYOUT)
+        flipped = states[0] * [1, 1, -1, -1, -1, -1]
+        np.testing.assert_array_equal(guard.levels(states[0]), guard.levels(flipped))
+        same = pickle.loads(pickle.dumps(guard))
+        np.testing.assert_array_equal(guard.levels(states[0]), same.levels(flipped))
+        guard.reset()
+        self.assertIsNone(guard.filter(0, states[0][0], actions[0][0])[1]["entry"])
+        _, info = guard.filter(1, states[0][1] * [1, 1, 0, 0, 0, 0], actions[0][1])
+        self.assertEqual((info["mode"], info["reason"]), ("halt", "quaternion-invalid"))
+        self.assertEqual(info["entry"], "quat[0:4]")
+
+    def test_an_angle_that_goes_all_the_way_round_is_warned_of(self):
+        states, actions = turning(1, 20, lambda a: [np.angle(np.exp(12j * a))])
+        with self.assertWarnsRegex(UserWarning, r"angle\[0\] is an angle that jumps by 6.28"):
+            guard = dfr.Guard.fit(states, actions, layout=[("tip", 2), ("angle", 1)], accept_any=True)
+        self.assertTrue(any("angle[0]" in w for w in guard.summary["warnings"]))
+
+
+class WarningsTest(unittest.TestCase):
+    def test_weaknesses_of_a_guard_are_warnings_and_in_the_summary(self):
+        states, actions = demonstrations(1, 4)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            guard = dfr.Guard.fit(states, actions, layout=LAYOUT, features="tip")
+        self.assertEqual([str(w.message) for w in caught], guard.summary["warnings"])
+        self.assertTrue(all(w.category is UserWarning and w.filename == __file__ for w in caught))
+        self.assertIn("4 demonstrations cannot tell", guard.summary["warnings"][0])
+
+    def test_a_good_guard_warns_of_nothing(self):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            guard = dfr.Guard.fit(*demonstrations(1, 40), layout=LAYOUT, features="tip", action_limit=0.2)
+        self.assertEqual(guard.summary["warnings"], [])
+        self.assertLess(guard.summary["changed"], 0.3)
+        self.assertLessEqual(guard.summary["ends_outside"], guard.summary["changed"])
+        self.assertTrue(guard.settings["demonstrated"])
+        self.assertFalse(guard.with_settings(demonstrated=False).settings["demonstrated"])
+
+    def test_features_with_which_nothing_is_inside_are_refused(self):
+        rng = np.random.default_rng(1)
+        states, actions = demonstrations(1, 12)
+        noisy = [np.c_[x, rng.normal(size=(len(x), 30))] for x in states]
+        layout = LAYOUT + [("noise", 30)]
+        with self.assertRaisesRegex(ValueError, r"inside would be with .*tip \("):
+            dfr.Guard.fit(noisy, actions, layout=layout)
+        with self.assertWarns(UserWarning):
+            dfr.Guard.fit(noisy, actions, layout=layout, accept_any=True)
+
+
+class DemonstrationsTest(unittest.TestCase):
+    def test_a_file_becomes_arrays_that_a_guard_is_fitted_to(self):
+        import h5py
+
+        states, actions = demonstrations(1, 6)
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "demos.hdf5"
+            with h5py.File(path, "w") as file:
+                file["mask/few"] = np.array([b"demo_1", b"demo_4"])
+                for i, (x, u) in enumerate(zip(states, actions)):
+                    demo = file.create_group(f"data/demo_{i}")
+                    demo.attrs["num_samples"] = len(u)
+                    demo["actions"] = u
+                    demo["dones"] = np.arange(len(u)) == (len(u) - 1 if i != 2 else -1)
+                    for name, part in (("clock", x[:, :1]), ("tip", x[:, 1:])):
+                        demo[f"obs/{name}"], demo[f"next_obs/{name}"] = part[:-1], part[1:]
+                    demo["obs/camera"] = np.zeros((len(u), 2, 2, 3))
+            loaded = dfr.load_demonstrations(path)
+            self.assertEqual(loaded.layout, LAYOUT)
+            self.assertEqual(loaded.completed, [i != 2 for i in range(6)])
+            for i in range(6):
+                np.testing.assert_array_equal(loaded.states[i], states[i])
+                np.testing.assert_array_equal(loaded.actions[i], actions[i])
+            few = dfr.load_demonstrations(str(path), filter_key="few")
+            del loaded.states[:], loaded.actions[:]
+            gc.collect()
+            np.testing.assert_array_equal(few.states[1], states[4])
+            guard = dfr.Guard.fit(states, actions, layout=few.layout, features="tip")
+            self.assertEqual(guard.features, "tip")
+            with self.assertRaisesRegex(RuntimeError, "demos.hdf5: mask/none: does not exist"):
+                dfr.load_demonstrations(path, filter_key="none")
+        with self.assertRaisesRegex(FileNotFoundError, "absent.hdf5"):
+            dfr.load_demonstrations("absent.hdf5")
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,153 @@
+"""dfr.GuardedEnv: an environment in Gymnasium's shape whose actions a guard filters."""
+
+import pathlib
+import pickle
+import subprocess
+import sys
+import textwrap
+import unittest
+
+import numpy as np
+
+import dfr
+from corridor import LAYOUT, Corridor, action_for, demonstrations
+from corridor_guard import DRIFT, fit
+
+
+class GuardedEnvTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.guard = fit()
+
+    def test_an_episode_in_gymnasiums_shape(self):
+        for as_dict in (False, True):
+            env = dfr.GuardedEnv(Corridor(as_dict), self.guard)
+            obs, info = env.reset(seed=3, options="given")
+            self.assertEqual(info, {"options": "given"})
+            for _ in range(80):
+                obs, reward, terminated, truncated, info = env.step(DRIFT)
+                self.assertFalse(info["hit"])
+                self.assertEqual(info["action"].shape, (2,))
+                if terminated or truncated:
+                    break
+            self.assertTrue(terminated)
+            self.assertFalse(truncated)
+
+    def test_a_halt_truncates_with_action_zero(self):
+        env = dfr.GuardedEnv(Corridor(), self.guard)
+        env.reset(seed=0)
+        x = env.x.copy()
+        _, _, _, truncated, info = env.step([np.nan, 0.0])
+        self.assertTrue(truncated)
+        self.assertEqual(info["guard"]["reason"], "control-invalid")
+        np.testing.assert_array_equal(env.x[1:], x[1:])
+        env.reset(seed=0)
+        self.assertEqual(env.step(action_for(0.05, 0.0))[4]["guard"]["mode"], "policy")
+
+    def test_limits_are_one_for_all_or_one_each(self):
+        for limit in (0.05, np.float32(0.05), np.array([0.05, 0.05]), (0.05, 0.05)):
+            guard = self.guard.with_settings(action_limit=limit)
+            np.testing.assert_allclose(guard.settings["action_limit"], [0.05, 0.05], rtol=1e-6)
+        for wrong in ([0.05, -1.0], [0.05, np.nan], "wide", [0.1, 0.1, 0.1]):
+            with self.assertRaisesRegex((ValueError, TypeError), "action_limit"):
+                self.guard.with_settings(action_limit=wrong)
+
+    def test_action_space_bounds_what_the_guard_gives(self):
+        class Space:
+            def __init__(self, low, high, dtype=np.float32):
+                self.low, self.high = np.array(low, dtype), np.array(high, dtype)
+                self.dtype, self.shape = np.dtype(dtype), self.low.shape
+
+        class Bounded(Corridor):
+            action_space = Space([-0.08, -1.0], [0.08, 1.0])
+            largest = np.zeros(2)
+
+            def step(self, action):
+                assert action.dtype == np.float32 and action.shape == (2,)
+                self.largest = np.maximum(self.largest, np.abs(action))
+                return super().step(action)
+
+        self.assertGreater(self.guard.settings["action_limit"][0], 0.08)
+        plant = Bounded()
+        env = dfr.GuardedEnv(plant, self.guard)
+        np.testing.assert_array_equal(
+            env.guard.settings["action_limit"],
+            np.minimum(self.guard.settings["action_limit"], [float(np.float32(0.08)), 1.0]),
+        )
+        env.reset(seed=3)
+        for _ in range(40):
+            env.step(10 * DRIFT)
+        np.testing.assert_array_less(plant.largest, np.nextafter(np.float32(env.guard.settings["action_limit"]), 1))
+        self.assertIs(dfr.GuardedEnv(Corridor(), self.guard).guard, self.guard)
+        for space, message in [
+            (Space([-1, 0], [1, 1]), r"entry 1 .* \[0, 1\]: a guard needs room on both sides of zero"),
+            (Space([-1, -1], [1, 1], np.int64), "continuous actions"),
+        ]:
+            plant.action_space = space
+            with self.assertRaisesRegex(ValueError, message):
+                dfr.GuardedEnv(plant, self.guard)
+
+    def test_environments_with_their_guards_are_pickled(self):
+        env = dfr.GuardedEnv(Corridor(), self.guard)
+        env.reset(seed=2)
+        twin = pickle.loads(pickle.dumps(env))
+        for one in (env, twin):
+            one.reset(seed=2)
+        np.testing.assert_array_equal(env.step(DRIFT)[0], twin.step(DRIFT)[0])
+
+    def test_with_gymnasium_it_is_one_of_its_wrappers(self):
+        """Runs with a stand-in for gymnasium.Wrapper, checked against Gymnasium 1.2."""
+        script = f"""
+            import pickle, sys
+            sys.path[:0] = [{str(pathlib.Path(__file__).parent / "stand_ins")!r}, {str(pathlib.Path(__file__).parent)!r}]
+            import gymnasium
+            import numpy as np
+            import dfr
+            from corridor import LAYOUT, Corridor, action_for, demonstrations
+
+            class Env(Corridor, gymnasium.Env):
+                action_space = gymnasium.Box(-0.25, 0.25, (2,))
+                observation_space = gymnasium.Box(-np.inf, np.inf, (3,))
+
+            guard = dfr.Guard.fit(*demonstrations(1, 20), layout=LAYOUT, features="tip")
+            env = gymnasium.TimeLimit(dfr.GuardedEnv(Env(), guard), 7)
+            assert isinstance(env.env, gymnasium.Wrapper) and isinstance(env.env, dfr.GuardedEnv)
+            assert env.action_space is Env.action_space and isinstance(env.unwrapped, Env)
+            gymnasium.check_determinism(env, action_for(0.09, 0.06).astype(np.float32))
+            env.reset(seed=0)
+            for _ in range(7):
+                truncated = env.step(action_for(0.05, 0.0))[3]
+            assert truncated
+            assert env.get_wrapper_attr("guard").settings["action_limit"] == [min(0.25, c) for c in guard.settings["action_limit"]]
+            assert not hasattr(env.env, "as_dict")  # as in all of Gymnasium's wrappers
+            assert env.get_wrapper_attr("as_dict") is False
+            shaped = dfr.GuardedEnv(Corridor(), guard)  # no gymnasium.Env
+            assert isinstance(shaped, gymnasium.Env)
+            shaped.reset(seed=0)
+            assert shaped.step(action_for(0.05, 0.0))[4]["guard"]["mode"] != "halt"
+            assert shaped.get_wrapper_attr("x")[0] == 1
+            for one in (env, shaped):
+                pickle.loads(pickle.dumps(one)).reset(seed=0)
+        """
+        done = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True)
+        self.assertEqual(done.returncode, 0, done.stderr)
+
+    def test_a_path_is_no_guard(self):
+        with self.assertRaisesRegex(TypeError, r"guard must be a dfr.Guard, not 'task.guard': dfr.Guard.load"):
+            dfr.GuardedEnv(Corridor(), "task.guard")
+
+    def test_own_states(self):
+        env = dfr.GuardedEnv(Corridor(as_dict=True), self.guard, state=lambda obs: [0.0, *obs["tip"]])
+        env.reset(seed=1)
+        self.assertEqual(env.step(action_for(0.05, 0.0))[4]["guard"]["mode"], "policy")
+
+        class Other(Corridor):
+            def _observe(self):
+                return {"position": self.x}
+
+        with self.assertRaisesRegex(ValueError, "no clock, tip; it has position. Give GuardedEnv"):
+            dfr.GuardedEnv(Other(), self.guard).reset(seed=0)
+
+
+if __name__ == "__main__":
+    unittest.main()
