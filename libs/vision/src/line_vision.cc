@@ -8,12 +8,22 @@
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
+#include "colour_blobs.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/quantile.h"
+#include "exposure.h"
 #include "plane_pose.h"
+#include "robust_quadratic.h"
 
 namespace dfr::vision {
 namespace {
+
+using internal::Blob;
+using internal::Exposure;
+using internal::Judge;
+using internal::LinePoint;
+using internal::Measure;
+using internal::RobustQuadratic;
 
 constexpr double kUnseen = std::numeric_limits<double>::quiet_NaN();
 
@@ -29,50 +39,6 @@ constexpr double kMaxLineErrorM = 2.5e-4;  // RMS over the accepted columns
 constexpr double kMinLineLengthM = 0.015;
 constexpr double kMaxBeyondLineM = 0.002;  // maximum distance of the tip ahead of the visible line
 constexpr int kMinColumns = 50;
-
-struct Exposure {
-  double brightness = 0.0;  // 90 % quantile of the green channel: the gauze
-  double mean = 0.0;
-  double saturated = 0.0;  // fraction of pixels
-  std::uint64_t hash = 0;
-};
-
-// Brightness and identity are sampled at every 13th pixel.
-Exposure Measure(const ImageView& image) noexcept {
-  std::array<int, 256> histogram{};
-  Exposure exposure;
-  exposure.hash = 1469598103934665603ULL;
-  int count = 0;
-  int saturated = 0;
-  double sum = 0.0;
-  for (int y = 0; y < image.height; ++y) {
-    const std::uint8_t* row = image.data + static_cast<std::size_t>(y) * image.stride;
-    for (int x = (y * 5) % 13; x < image.width; x += 13) {
-      const std::uint8_t* p = row + 3 * x;
-      exposure.hash = (exposure.hash ^
-                       (static_cast<std::uint64_t>(p[0]) | static_cast<std::uint64_t>(p[1]) << 8 |
-                        static_cast<std::uint64_t>(p[2]) << 16)) *
-                      1099511628211ULL;
-      ++histogram[p[1]];
-      sum += p[1];
-      if (p[0] >= 253 && p[1] >= 253 && p[2] >= 253) ++saturated;
-      ++count;
-    }
-  }
-  exposure.mean = sum / count;
-  exposure.saturated = static_cast<double>(saturated) / count;
-  int above = 0;
-  int level = 255;
-  while (level > 0 && above < count / 10) above += histogram[static_cast<std::size_t>(level--)];
-  exposure.brightness = level;
-  return exposure;
-}
-
-NotSeen Judge(const Exposure& exposure) noexcept {
-  if (exposure.brightness < 25.0) return NotSeen::kDark;
-  if (exposure.saturated > 0.3) return NotSeen::kOverexposed;
-  return NotSeen::kNothing;
-}
 
 double SmallestDistance(const std::vector<Eigen::Vector2d>& points) {
   double smallest = std::numeric_limits<double>::infinity();
@@ -100,76 +66,6 @@ bool OnOneLine(const std::vector<internal::MarkSighting>& sightings) noexcept {
   const double trace = scatter.trace();
   return !(scatter.determinant() > 0.01 * trace * trace);
 }
-
-struct Blob {
-  Eigen::Vector2d center;
-  double area = 0.0;  // pixels; partly covered ones count fractionally
-  bool round = false;
-};
-
-struct LinePoint {
-  double x = 0.0;
-  double y = 0.0;
-};
-
-// Fits y = c0 + c1 x + c2 x^2 by iteratively reweighted least squares with Tukey's weights. x is in
-// units of 0.03 m, which keeps the normal equations well scaled. Returns the fraction of inliers.
-class RobustQuadratic {
- public:
-  bool Fit(const std::vector<LinePoint>& points, std::vector<double>& weights) noexcept {
-    weights.assign(points.size(), 1.0);
-    if (!Solve(points, weights)) return false;
-    // Outliers bias the first fit: start with a wide scale and narrow it.
-    for (const double scale : {2e-3, 1e-3, 5e-4, 3e-4, 3e-4, 3e-4}) {
-      for (std::size_t i = 0; i < points.size(); ++i) {
-        const double r = (points[i].y - At(points[i].x)) / scale;
-        const double w = 1.0 - r * r;
-        weights[i] = std::abs(r) < 1.0 ? w * w : 0.0;
-      }
-      if (!Solve(points, weights)) return false;
-    }
-    return true;
-  }
-
-  [[nodiscard]] double At(double x) const noexcept { return c_[0] + x * (c_[1] + x * c_[2]); }
-  [[nodiscard]] double SlopeAt(double x) const noexcept { return c_[1] + 2.0 * c_[2] * x; }
-  [[nodiscard]] const Eigen::Vector3d& coefficients() const noexcept { return c_; }
-
-  // Returns x of the curve's point nearest to a point a few millimetres away; NaN if the curve
-  // bends too much. Newton's method on (x - px) + (f(x) - py) f'(x) = 0, whose derivative stays
-  // positive for a gentle curve.
-  [[nodiscard]] double Nearest(const Eigen::Vector2d& p) const noexcept {
-    double x = p.x();
-    for (int iteration = 0; iteration < 8; ++iteration) {
-      const double f = At(x) - p.y();
-      const double slope = SlopeAt(x);
-      const double derivative = 1.0 + slope * slope + f * 2.0 * c_[2];
-      if (!(derivative > 0.1)) return kUnseen;
-      x -= (x - p.x() + f * slope) / derivative;
-    }
-    return x;
-  }
-
- private:
-  bool Solve(const std::vector<LinePoint>& points, const std::vector<double>& weights) noexcept {
-    constexpr double kUnit = 0.03;
-    Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
-    Eigen::Vector3d right = Eigen::Vector3d::Zero();
-    for (std::size_t i = 0; i < points.size(); ++i) {
-      if (weights[i] == 0.0) continue;
-      const double s = points[i].x / kUnit;
-      const Eigen::Vector3d row(1.0, s, s * s);
-      normal += weights[i] * row * row.transpose();
-      right += weights[i] * points[i].y * row;
-    }
-    if (!(std::abs(normal.determinant()) > 1e-6)) return false;
-    const Eigen::Vector3d c = normal.inverse() * right;
-    c_ = {c[0], c[1] / kUnit, c[2] / (kUnit * kUnit)};
-    return c_.allFinite();
-  }
-
-  Eigen::Vector3d c_ = Eigen::Vector3d::Zero();
-};
 
 }  // namespace
 
@@ -199,17 +95,9 @@ const char* Name(NotSeen reason) noexcept {
   return "unknown";
 }
 
-struct LineVision::Impl {
+struct LineVision::Impl : internal::ColourBlobs {
   CameraModel camera;
   LineVisionOptions options;
-  std::array<cv::Mat, 3> channels;  // blue, green, red
-  cv::Mat other;                    // maximum of the two other channels
-  cv::Mat excess;                   // of one channel over both others, 0 where negative
-  cv::Mat mask;
-  cv::Mat labels;
-  cv::Mat stats;
-  cv::Mat centroids;
-  std::vector<Blob> blobs;
   std::vector<Eigen::Vector2d> mark_pixels;  // expected position of each mark
   double mark_gate = 0.0;                    // px, maximum distance from there
   std::vector<double> mark_distance;
@@ -225,77 +113,6 @@ struct LineVision::Impl {
   std::vector<double> point_weights;
   std::uint64_t last_hash = 0;
   bool has_last = false;
-
-  void Split(const ImageView& image) {
-    const cv::Mat view(image.height, image.width, CV_8UC3,
-                       const_cast<std::uint8_t*>(image.data),  // read only
-                       image.stride);
-    cv::split(view, channels.data());
-  }
-
-  // Computes the excess of channel `c` over both others.
-  void Excess(int c) {
-    const auto i = static_cast<std::size_t>(c);
-    cv::max(channels[(i + 1) % 3], channels[(i + 2) % 3], other);
-    cv::subtract(channels[i], other, excess);
-  }
-
-  // Finds connected regions of the present excess above `threshold`.
-  void FindBlobs(double threshold) {
-    cv::threshold(excess, mask, threshold, 255.0, cv::THRESH_BINARY);
-    const int count = cv::connectedComponentsWithStats(mask, labels, stats, centroids, 8, CV_16U);
-    blobs.clear();
-    for (int i = 1; i < count; ++i) {
-      const int* row = stats.ptr<int>(i);
-      if (row[cv::CC_STAT_AREA] < 6 || row[cv::CC_STAT_AREA] > 4000) continue;
-      blobs.push_back(Refine(row, threshold));
-    }
-  }
-
-  // Computes the sub-pixel centre and area: edge pixels count in proportion to their colour.
-  Blob Refine(const int* row, double threshold) const {
-    const int x0 = std::max(0, row[cv::CC_STAT_LEFT] - 2);
-    const int y0 = std::max(0, row[cv::CC_STAT_TOP] - 2);
-    const int x1 = std::min(excess.cols, row[cv::CC_STAT_LEFT] + row[cv::CC_STAT_WIDTH] + 2);
-    const int y1 = std::min(excess.rows, row[cv::CC_STAT_TOP] + row[cv::CC_STAT_HEIGHT] + 2);
-    std::array<int, 256> histogram{};
-    for (int y = y0; y < y1; ++y) {
-      const std::uint8_t* p = excess.ptr<std::uint8_t>(y);
-      for (int x = x0; x < x1; ++x) ++histogram[p[x]];
-    }
-    // Full colour: a high quantile of the values above the threshold, which is robust to noise.
-    int remaining = row[cv::CC_STAT_AREA] / 3;
-    int full = 255;
-    while (full > threshold && remaining > 0)
-      remaining -= histogram[static_cast<std::size_t>(full--)];
-    // Below a fifth of it is background with noise; above four fifths is inside.
-    const double low = 0.2 * full;
-    const double high = 0.8 * full;
-    double sum = 0.0;
-    double sum_x = 0.0;
-    double sum_y = 0.0;
-    for (int y = y0; y < y1; ++y) {
-      const std::uint8_t* p = excess.ptr<std::uint8_t>(y);
-      for (int x = x0; x < x1; ++x) {
-        const double w = std::clamp((p[x] - low) / (high - low), 0.0, 1.0);
-        sum += w;
-        sum_x += w * x;
-        sum_y += w * y;
-      }
-    }
-    Blob blob;
-    blob.area = sum;
-    blob.center = {sum_x / sum, sum_y / sum};
-    const double aspect =
-        static_cast<double>(row[cv::CC_STAT_WIDTH]) / static_cast<double>(row[cv::CC_STAT_HEIGHT]);
-    const double box =
-        static_cast<double>(row[cv::CC_STAT_WIDTH]) * static_cast<double>(row[cv::CC_STAT_HEIGHT]);
-    const bool inside = row[cv::CC_STAT_LEFT] > 0 && row[cv::CC_STAT_TOP] > 0 &&
-                        row[cv::CC_STAT_LEFT] + row[cv::CC_STAT_WIDTH] < excess.cols &&
-                        row[cv::CC_STAT_TOP] + row[cv::CC_STAT_HEIGHT] < excess.rows;
-    blob.round = inside && aspect > 0.7 && aspect < 1.43 && row[cv::CC_STAT_AREA] > 0.6 * box;
-    return blob;
-  }
 
   // Writes NaN for marks that are not seen; returns the number seen.
   int MatchMarks(double threshold) {
