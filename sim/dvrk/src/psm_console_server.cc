@@ -13,123 +13,22 @@
 #include "dfr/core/numbers.h"
 #include "dfr/core/random.h"
 #include "dfr/dds/channel.h"
+#include "psm_messages.h"
 
 namespace dfr::sim {
 namespace {
 
+using internal::ByRows;
+using internal::Jacobians;
+using internal::Jaw;
+using internal::JawGoal;
+using internal::JointGoal;
+using internal::Joints;
+using internal::Pose;
+using internal::Snapshot;
+using internal::Transform;
 using kinematics::Psm;
 using kinematics::PsmJoints;
-
-const std::vector<std::string>& JointNames() {
-  static const std::vector<std::string> kNames = {"yaw",  "pitch",       "insertion",
-                                                  "roll", "wrist_pitch", "wrist_yaw"};
-  return kNames;
-}
-
-// All published motion data of one time.
-struct Snapshot {
-  double due_s = 0.0;
-  dds::JointState measured_js;
-  dds::JointState setpoint_js;
-  dds::PoseStamped measured_cp;
-  dds::PoseStamped setpoint_cp;
-  dds::TwistStamped measured_cv;
-  dds::JointState jaw_measured_js;
-  dds::JointState jaw_setpoint_js;
-  dds::PoseStamped local_measured_cp;
-  dds::PoseStamped local_setpoint_cp;
-  dds::WrenchStamped measured_cf;
-  dds::Matrix body_jacobian;
-  dds::Matrix spatial_jacobian;
-};
-
-dds::JointState Joints(const dds::Stamp& stamp, const PsmJoints& position) {
-  dds::JointState message;
-  message.stamp = stamp;
-  message.name = JointNames();
-  message.position.assign(position.data(), position.data() + position.size());
-  return message;
-}
-
-dds::JointState Jaw(const dds::Stamp& stamp, double angle) {
-  dds::JointState message;
-  message.stamp = stamp;
-  message.name = {"jaw"};
-  message.position = {angle};
-  return message;
-}
-
-dds::PoseStamped Pose(const dds::Stamp& stamp, const std::string& frame,
-                      const Eigen::Isometry3d& pose) {
-  dds::PoseStamped message;
-  message.stamp = stamp;
-  message.frame_id = frame;
-  message.position_m = pose.translation();
-  message.orientation = Eigen::Quaterniond(pose.linear());
-  return message;
-}
-
-// Pose of a PoseStamped, a CartesianState or a query.
-template <typename Message>
-Eigen::Isometry3d Transform(const Message& message) {
-  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
-  pose.translation() = message.position_m;
-  constexpr double kRounding = 1e-3;
-  if (std::abs(message.orientation.norm() - 1.0) <= kRounding) {
-    pose.linear() = message.orientation.normalized().toRotationMatrix();
-  } else {
-    // Not an orientation: the console rejects values that are not finite.
-    pose.linear().setConstant(std::numeric_limits<double>::quiet_NaN());
-  }
-  return pose;
-}
-
-// A wrong number of joint values is not a goal.
-PsmJoints JointGoal(const dds::JointState& message) {
-  if (message.position.size() != 6) {
-    return PsmJoints::Constant(std::numeric_limits<double>::quiet_NaN());
-  }
-  return Eigen::Map<const PsmJoints>(message.position.data());
-}
-
-// Entries of the twist with the matrix [w] v; 0 0.
-Eigen::Matrix<double, 6, 1> Twist(const Eigen::Matrix4d& matrix) {
-  Eigen::Matrix<double, 6, 1> twist;
-  twist << matrix.topRightCorner<3, 1>(), matrix(2, 1), matrix(0, 2), matrix(1, 0);
-  return twist;
-}
-
-dds::Matrix ByRows(const Eigen::Matrix<double, 6, 6>& jacobian) {
-  dds::Matrix message;
-  message.rows = message.cols = 6;
-  message.data.reserve(36);
-  for (int row = 0; row < 6; ++row) {
-    for (int col = 0; col < 6; ++col) message.data.push_back(jacobian(row, col));
-  }
-  return message;
-}
-
-// Jacobians of the manipulator: column i is the twist (linear before angular) of the wrist due to
-// joint i, in the wrist's own frame (body) and in the base's, at its origin (spatial).
-void Jacobians(const PsmJoints& joints, Eigen::Matrix<double, 6, 6>& body,
-               Eigen::Matrix<double, 6, 6>& spatial) {
-  constexpr double kHalf = 1e-5;  // rad, m: error 1e-10
-  const Eigen::Matrix4d inverse = Psm::Forward(joints).inverse().matrix();
-  for (int i = 0; i < 6; ++i) {
-    PsmJoints step = PsmJoints::Zero();
-    step[i] = kHalf;
-    const Eigen::Matrix4d change =
-        (Psm::Forward(joints + step).matrix() - Psm::Forward(joints - step).matrix()) /
-        (2.0 * kHalf);
-    body.col(i) = Twist(inverse * change);
-    spatial.col(i) = Twist(change * inverse);
-  }
-}
-
-double JawGoal(const dds::JointState& message) {
-  return message.position.size() == 1 ? message.position[0]
-                                      : std::numeric_limits<double>::quiet_NaN();
-}
 
 }  // namespace
 
