@@ -1,0 +1,153 @@
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <vector>
+
+#include "dfr/hardware/psm_client.h"
+#include "tests/hardware_dvrk/psm_client_fixture.h"
+
+namespace dfr::hardware {
+namespace {
+
+using PsmClientRequestTest = PsmClientTest;
+
+TEST_F(PsmClientRequestTest, HomingIsAskedForOnceAndEndsInIdle) {
+  Become(PsmConsoleState::kDisabled, false, false);
+  Steps(4);
+  ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
+  EXPECT_EQ(client_.phase(), PsmPhase::kRequested);
+  Steps(2);
+  Become(PsmConsoleState::kEnabled, false, true);
+  Steps(2000);  // 10 s
+  EXPECT_EQ(client_.phase(), PsmPhase::kRequested);
+  EXPECT_EQ(requests_, "home ");
+  Become(PsmConsoleState::kEnabled, true, false);
+  Steps(2);
+  EXPECT_EQ(client_.phase(), PsmPhase::kIdle);
+  EXPECT_EQ(client_.status(), PsmStatus::kOk);
+  EXPECT_EQ(num_servo_, 0);
+}
+
+TEST_F(PsmClientRequestTest, RequestsAreRepeatedUntilTheyShowAndThenTimeOut) {
+  Become(PsmConsoleState::kDisabled, false, false);
+  Steps(4);
+  ASSERT_EQ(client_.Request(PsmRequest::kEnable), PsmStatus::kOk);
+  Steps(1990);
+  EXPECT_EQ(requests_, "enable enable enable enable enable ");  // every 2 s
+  EXPECT_EQ(client_.phase(), PsmPhase::kRequested);
+  Steps(20);
+  EXPECT_EQ(client_.phase(), PsmPhase::kHolding);
+  EXPECT_EQ(client_.status(), PsmStatus::kTimedOut);
+}
+
+TEST_F(PsmClientRequestTest, ARequestBeforeTheFirstStepHasItsFullTime) {
+  now_ns_ = 1000 * 1000 * kMs;  // the machine has been up for a quarter of an hour
+  Become(PsmConsoleState::kDisabled, false, false);
+  ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
+  Steps(2);
+  EXPECT_EQ(client_.phase(), PsmPhase::kRequested) << Name(client_.status());
+}
+
+TEST_F(PsmClientRequestTest, RequestWaitsForTheConsoleToListen) {
+  ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
+  for (int i = 0; i < 10; ++i) Step([](PsmInput& input) { input.command_subscribers = 0; });
+  EXPECT_EQ(requests_, "");
+  Step();
+  EXPECT_EQ(requests_, "home ");
+}
+
+TEST_F(PsmClientRequestTest, FaultEndsHomingAndOnlyDisableIsTakenThen) {
+  Become(PsmConsoleState::kEnabled, false, true);
+  Steps(4);
+  ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
+  Steps(2);
+  Become(PsmConsoleState::kFault, false, false);
+  Steps(2);
+  EXPECT_EQ(client_.status(), PsmStatus::kConsoleFault);
+  EXPECT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kConsoleFault);
+  EXPECT_EQ(client_.Request(PsmRequest::kDisable), PsmStatus::kOk);
+  Steps(2);
+  EXPECT_EQ(client_.phase(), PsmPhase::kIdle);
+  EXPECT_EQ(requests_, "home disable ");
+}
+
+// `hold` does not end a console's homing: `disable` does.
+TEST_F(PsmClientRequestTest, AnyInterruptionEndsHoming) {
+  const auto quiet = [](PsmInput& input) {
+    input.measured_js.reset();
+    input.measured_cp.reset();
+  };
+  struct Doubt {
+    PsmStatus cause;
+    std::function<void(PsmInput&)> spoil;
+    int steps;
+  };
+  const std::vector<Doubt> doubts = {
+      {PsmStatus::kHeld, [this](PsmInput&) { client_.Hold(); }, 1},
+      {PsmStatus::kOtherPublisher, [](PsmInput& input) { input.other_publishers = 1; }, 1},
+      {PsmStatus::kNewcomer, [](PsmInput& input) { input.newcomers = 1; }, 1},
+      {PsmStatus::kStateSilent, quiet, 12},
+      {PsmStatus::kTickLate, [this](PsmInput&) { now_ns_ += 200 * kMs; }, 2},
+      {PsmStatus::kPaused,
+       [](PsmInput& input) {
+         input.operating_state.emplace();
+         input.operating_state->state = PsmConsoleState::kPaused;
+       },
+       1}};
+  for (const Doubt& doubt : doubts) {
+    SCOPED_TRACE(Name(doubt.cause));
+    Become(PsmConsoleState::kDisabled, false, false);
+    Steps(4);
+    ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
+    Steps(2);
+    Become(PsmConsoleState::kEnabled, false, true);
+    Steps(20);
+    ASSERT_TRUE(client_.homing()) << Name(client_.status());
+    num_holds_ = 0;
+    requests_.clear();
+    for (int i = 0; i < doubt.steps && client_.phase() == PsmPhase::kRequested; ++i) {
+      Step(doubt.spoil);
+    }
+    ASSERT_EQ(client_.phase(), PsmPhase::kHolding);
+    EXPECT_EQ(client_.status(), doubt.cause) << Name(client_.status());
+    EXPECT_EQ(num_holds_, 1);
+    EXPECT_EQ(requests_, "disable ");
+    Steps(100);
+    EXPECT_EQ(requests_, "disable ") << "nothing is asked for again";
+  }
+}
+
+TEST_F(PsmClientRequestTest, HomingIsNotAskedForWhereSomebodyElseCommands) {
+  Become(PsmConsoleState::kDisabled, false, false);
+  Steps(4);
+  ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
+  Step([](PsmInput& input) { input.other_publishers = 1; });
+  EXPECT_EQ(client_.status(), PsmStatus::kOtherPublisher);
+  Steps(10);
+  EXPECT_EQ(requests_, "");
+}
+
+TEST_F(PsmClientRequestTest, HomingThatIsLateIsEnded) {
+  Become(PsmConsoleState::kDisabled, false, false);
+  Steps(4);
+  ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
+  Steps(2);
+  Become(PsmConsoleState::kEnabled, false, true);
+  Steps(18'010);  // 90 s
+  EXPECT_EQ(client_.status(), PsmStatus::kTimedOut);
+  EXPECT_EQ(requests_, "home disable ");
+}
+
+TEST_F(PsmClientRequestTest, PauseHoldsFirst) {
+  ArmNow();
+  ASSERT_EQ(client_.MoveTo(Yaw(0.2), 3.0), PsmStatus::kOk);
+  Steps(20);
+  ASSERT_EQ(client_.Request(PsmRequest::kPause), PsmStatus::kOk);
+  const PsmOutput output = Step();
+  EXPECT_TRUE(output.hold);
+  EXPECT_FALSE(output.servo);
+  EXPECT_EQ(output.request, PsmRequest::kPause);
+}
+
+}  // namespace
+}  // namespace dfr::hardware

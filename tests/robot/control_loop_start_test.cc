@@ -1,0 +1,216 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <string>
+#include <vector>
+
+#include "dfr/robot/control_loop.h"
+#include "tests/robot/control_loop_faults.h"
+#include "tests/robot/fake_robot.h"
+
+namespace dfr::robot {
+namespace {
+
+using runtime::HoldReason;
+using runtime::RunState;
+using test::FakeRobot;
+using test::kPeriodNs;
+using test::Source;
+using test::Sources;
+using testing::HasSubstr;
+
+// -- starting -------------------------------------------------------------------------------------
+
+TEST(ControlLoopStartTest, AReasonBeforeTheStartOnlyPreventsIt) {
+  for (const Source& source : Sources()) {
+    if (source.name == "period") continue;  // is over when it is found
+    SCOPED_TRACE(source.name + ", " + runtime::Name(source.reason));
+    FakeRobot robot;
+    robot.loop.Tick();
+    source.begin(robot);
+    robot.loop.Idle(0.3);
+    EXPECT_EQ(robot.loop.state(), RunState::kIdle);
+    EXPECT_EQ(robot.loop.blocking(), source.reason);
+    EXPECT_THAT(robot.loop.blocking_words(), HasSubstr(runtime::Name(source.reason)));
+    EXPECT_EQ(robot.loop.Start(), source.reason);
+    EXPECT_FALSE(robot.arm.armed());
+    source.end(robot);
+    EXPECT_EQ(robot.loop.Start(), HoldReason::kNone);
+    EXPECT_TRUE(robot.arm.armed());
+  }
+}
+
+TEST(ControlLoopStartTest, AnArmThatRefusesIsNotStarted) {
+  FakeRobot robot;
+  robot.arm.refuses_arm = {HoldReason::kArmJump, "frames disagree"};
+  EXPECT_EQ(robot.loop.Start(), HoldReason::kArmJump);
+  EXPECT_EQ(robot.loop.state(), RunState::kFaulted);
+  EXPECT_EQ(robot.loop.cause(), "arm-jump: frames disagree");
+}
+
+TEST(ControlLoopStartTest, WaitsForReasonsToEndAsLongAsItHasPatience) {
+  FakeRobot robot;
+  robot.arm.found = {HoldReason::kArmInvalid, "stamped zero"};
+  robot.clock.plan_ns = robot.clock.now_ns + 1'000'000'000;
+  robot.clock.plan = [&] { robot.arm.found = {}; };
+  EXPECT_EQ(robot.loop.Start(), HoldReason::kArmInvalid) << "no patience";
+  EXPECT_EQ(robot.loop.Start(3.0), HoldReason::kNone);
+
+  FakeRobot faulted;
+  ASSERT_EQ(faulted.loop.Start(), HoldReason::kNone);
+  faulted.loop.Hold(HoldReason::kArmSilent);
+  const std::int64_t start_ns = faulted.clock.now_ns;
+  EXPECT_EQ(faulted.loop.Start(3.0), HoldReason::kArmSilent);
+  EXPECT_LT(faulted.clock.now_ns - start_ns, 500'000'000) << "time mends no fault";
+}
+
+// -- homing ---------------------------------------------------------------------------------------
+
+// Before arming, only the encoders may report motion.
+bool MattersForHoming(const Source& source) {
+  return source.name != "camera" && source.name != "camera's thread hangs";
+}
+
+TEST(ControlLoopStartTest, HomesOnceAskedTo) {
+  FakeRobot robot;
+  robot.arm.unhomed = true;
+  robot.camera.found = {HoldReason::kImageInvalid, "dark"};
+  EXPECT_FALSE(robot.loop.AwaitReady(0.5, {}));
+  EXPECT_TRUE(robot.loop.AwaitHomeable(0.5, {}));
+  robot.loop.Idle(10.0);
+  EXPECT_EQ(robot.arm.homings, 0) << "nobody has asked for it";
+  EXPECT_EQ(robot.loop.Home(), HoldReason::kNone);
+  EXPECT_EQ(robot.arm.homings, 1);
+  EXPECT_FALSE(robot.arm.unhomed);
+  robot.camera.found = {};
+  EXPECT_EQ(robot.loop.Start(), HoldReason::kNone);
+  EXPECT_EQ(robot.loop.Home(), HoldReason::kOperator) << "it is armed";
+  robot.loop.Halt();
+  EXPECT_EQ(robot.loop.Home(), HoldReason::kNone);
+  EXPECT_EQ(robot.arm.homings, 1) << "there was no need to";
+}
+
+TEST(ControlLoopStartTest, DoesNotPowerUpWithAReasonToHold) {
+  for (const Source& source : Sources()) {
+    if (source.name == "period" || !MattersForHoming(source)) continue;
+    SCOPED_TRACE(source.name + ", " + runtime::Name(source.reason));
+    FakeRobot robot;
+    robot.arm.unhomed = true;
+    robot.loop.Tick();
+    source.begin(robot);
+    robot.loop.Idle(0.3);
+    EXPECT_FALSE(robot.loop.AwaitHomeable(0.5, {}));
+    EXPECT_EQ(robot.loop.Home(), source.reason);
+    EXPECT_EQ(robot.arm.homings, 0);
+    source.end(robot);
+    EXPECT_EQ(robot.loop.Home(), HoldReason::kNone);
+  }
+}
+
+TEST(ControlLoopStartTest, HomingEndsExactlyAtTheDeadlineOfEverythingItWatches) {
+  for (const Source& source : Sources()) {
+    if (!MattersForHoming(source)) continue;
+    SCOPED_TRACE(source.name + ", " + runtime::Name(source.reason));
+    FakeRobot robot;
+    robot.arm.unhomed = true;
+    robot.loop.Idle(0.5);
+    const std::int64_t begins_ns = robot.clock.now_ns + 750'000'000;  // half a second into it
+    robot.clock.plan_ns = begins_ns;
+    robot.clock.plan = [&] { source.begin(robot); };
+    EXPECT_EQ(robot.loop.Home(), source.reason);
+    EXPECT_EQ(robot.arm.homings, 1);
+    EXPECT_TRUE(robot.arm.unhomed);
+    EXPECT_EQ(robot.arm.disabled_ns, robot.clock.now_ns) << "in the period that finds it";
+    const int late = source.name == "period" ? 1 : 0;  // it is the next one that is late
+    EXPECT_LE(robot.clock.now_ns - begins_ns,
+              (source.periods() + late - 1) * kPeriodNs + (late != 0 ? 50'000'000 : 0));
+    source.end(robot);
+    robot.loop.Idle(5.0);
+    EXPECT_TRUE(robot.arm.unhomed) << "it went on by itself";
+    EXPECT_EQ(robot.loop.Home(), HoldReason::kNone);
+  }
+}
+
+TEST(ControlLoopStartTest, AStopThatWasPressedWhileIdleIsKnownOnceCleared) {
+  FakeRobot robot;
+  robot.stop.found = {HoldReason::kEmergencyStop, "pressed"};
+  robot.loop.Idle(0.3);
+  EXPECT_FALSE(robot.loop.Clear());
+  robot.stop.found = {};
+  EXPECT_TRUE(robot.loop.Clear());
+  EXPECT_EQ(robot.loop.state(), RunState::kIdle);
+}
+
+TEST(ControlLoopStartTest, WaitingEndsAtOnceWhenInterruptedOrStopped) {
+  FakeRobot robot;
+  robot.stop.found = {HoldReason::kEmergencyStopSilent, "is it running?"};
+  robot.interrupted = true;
+  std::int64_t start_ns = robot.clock.now_ns;
+  EXPECT_FALSE(robot.loop.AwaitReady(10.0, {}));
+  EXPECT_LT(robot.clock.now_ns - start_ns, 500'000'000);
+  robot.interrupted = false;
+  robot.stop.found = {HoldReason::kEmergencyStop, "pressed"};
+  start_ns = robot.clock.now_ns;
+  EXPECT_FALSE(robot.loop.AwaitReady(10.0, {}));
+  EXPECT_LT(robot.clock.now_ns - start_ns, 500'000'000);
+}
+
+TEST(ControlLoopStartTest, SaysOnceWhatItWaitsFor) {
+  FakeRobot robot;
+  std::vector<std::string> said;
+  const auto say = [&](std::string_view words) { said.emplace_back(words); };
+  robot.stop.found = {HoldReason::kEmergencyStopSilent, "is it running?"};
+  robot.clock.plan_ns = robot.clock.now_ns + 5'000'000'000;
+  robot.clock.plan = [&] { robot.stop.found = {}; };
+  EXPECT_TRUE(robot.loop.AwaitReady(10.0, say));
+  EXPECT_THAT(said, testing::ElementsAre("waiting: emergency-stop-silent: is it running?"));
+
+  robot.stop.found = {HoldReason::kEmergencyStopSilent, "is it running?"};
+  const std::int64_t start_ns = robot.clock.now_ns;
+  EXPECT_FALSE(robot.loop.AwaitReady(10.0, {}));
+  EXPECT_NEAR(1e-9 * static_cast<double>(robot.clock.now_ns - start_ns), 10.0, 0.2);
+}
+
+TEST(ControlLoopStartTest, EpisodesEndRegularlyWhenCompletedHaltedOrNotSeen) {
+  FakeRobot robot;
+  EXPECT_TRUE(robot.loop.ended_regularly());
+  ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
+  robot.loop.Complete();
+  EXPECT_EQ(robot.loop.state(), RunState::kIdle);
+  EXPECT_TRUE(robot.loop.ended_regularly());
+  for (int i = 1; i < runtime::kNumHoldReasons; ++i) {
+    const auto reason = static_cast<HoldReason>(i);
+    FakeRobot other;
+    ASSERT_EQ(other.loop.Start(), HoldReason::kNone);
+    other.loop.Hold(reason);
+    EXPECT_EQ(other.loop.ended_regularly(),
+              reason == HoldReason::kControllerHalted || reason == HoldReason::kNotSeen)
+        << runtime::Name(reason);
+  }
+}
+
+TEST(ControlLoopStartTest, HaltTellsTheArmWhateverTheState) {
+  FakeRobot robot;
+  ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
+  robot.loop.Complete();
+  EXPECT_TRUE(robot.arm.armed());
+  robot.loop.Halt();
+  EXPECT_FALSE(robot.arm.armed());
+  robot.loop.Halt();
+  EXPECT_FALSE(robot.arm.armed());
+}
+
+TEST(ControlLoopStartTest, ClearAcknowledgesTheEmergencyStop) {
+  FakeRobot robot;
+  ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
+  robot.stop.found = {HoldReason::kEmergencyStop, "pressed"};
+  robot.loop.Tick();
+  EXPECT_FALSE(robot.loop.Clear());
+  EXPECT_EQ(robot.stop.acknowledged, 1);
+  robot.stop.found = {};
+  EXPECT_TRUE(robot.loop.Clear());
+  EXPECT_EQ(robot.loop.state(), RunState::kIdle);
+}
+
+}  // namespace
+}  // namespace dfr::robot
