@@ -1,4 +1,4 @@
-#include "dense_kernels.h"
+#include "mlp/dense_kernels.h"
 
 #include <gtest/gtest.h>
 

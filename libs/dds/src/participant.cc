@@ -17,8 +17,8 @@
 #include "dfr/core/error.h"
 #include "dfr/dds/security.h"
 #include "guarded_transport.h"
-#include "openssl.h"
 #include "participant_impl.h"
+#include "security/openssl.h"
 #include "stale_memory.h"
 
 namespace dfr::dds {

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "dfr/dds/participant.h"
-#include "openssl.h"
+#include "security/openssl.h"
 
 /// Second path of the emergency stop through the network: datagrams that share neither parser nor
 /// threads with DDS. Each contains its sender, its number, the time of sending, and whether the

@@ -2,9 +2,9 @@
 
 #include <Eigen/Core>
 
-#include "adam.h"
 #include "dfr/core/random.h"
 #include "dfr/imitation/mlp.h"
+#include "mlp/adam.h"
 
 namespace dfr::imitation::internal {
 

@@ -8,10 +8,11 @@
 #include <string_view>
 #include <utility>
 
-#include "adam.h"
 #include "checks.h"
 #include "dfr/core/contract.h"
+#include "mlp/adam.h"
 #include "regression.h"
+#include "trpo_options.h"
 #include "trust_region.h"
 
 namespace dfr::imitation {
@@ -26,66 +27,6 @@ enum Purpose : std::uint64_t { kWeights, kCriticWeights, kEpisode, kNoise, kShuf
 // The line search tries the full step, then steps shortened by this factor each.
 constexpr double kBacktrack = 0.8;
 constexpr int kMaxBacktracks = 15;
-
-TrpoOptions Checked(TrpoOptions o) {
-  DFR_THROW_UNLESS(o.control_limit > 0.0,
-                   "TRPO control limit must be positive, not " << o.control_limit);
-  DFR_THROW_UNLESS(o.horizon > 0, "TRPO horizon must be positive, not " << o.horizon);
-  DFR_THROW_UNLESS(o.batch_steps > 1, "TRPO batch_steps must be at least 2, not " << o.batch_steps);
-  DFR_THROW_UNLESS(o.discount >= 0.0 && o.discount <= 1.0,
-                   "TRPO discount must lie in [0, 1], not " << o.discount);
-  DFR_THROW_UNLESS(o.gae_lambda >= 0.0 && o.gae_lambda <= 1.0,
-                   "TRPO GAE lambda must lie in [0, 1], not " << o.gae_lambda);
-  DFR_THROW_UNLESS(o.max_kl > 0.0, "TRPO KL bound must be positive, not " << o.max_kl);
-  DFR_THROW_UNLESS(o.cg_iterations > 0,
-                   "TRPO cg_iterations must be positive, not " << o.cg_iterations);
-  DFR_THROW_UNLESS(o.cg_damping >= 0.0,
-                   "TRPO damping must not be negative, but is " << o.cg_damping);
-  DFR_THROW_UNLESS(std::isfinite(o.initial_log_std) && std::isfinite(o.min_log_std) &&
-                       o.initial_log_std >= o.min_log_std,
-                   "TRPO initial log standard deviation "
-                       << o.initial_log_std << " must be finite and not below its floor "
-                       << o.min_log_std);
-  DFR_THROW_UNLESS(o.critic_epochs > 0 && o.critic_batch > 0 && o.critic_learning_rate > 0.0,
-                   "TRPO critic needs positive epochs, batch and learning rate, not "
-                       << o.critic_epochs << ", " << o.critic_batch << ", "
-                       << o.critic_learning_rate);
-  return o;
-}
-
-void SaveOptions(const TrpoOptions& o, core::ArchiveWriter& archive) {
-  archive.Integers(o.hidden);
-  archive.Integers(o.critic_hidden);
-  archive.Text(o.features);
-  for (const double value : {o.control_limit, o.discount, o.gae_lambda, o.max_kl, o.cg_damping,
-                             o.initial_log_std, o.min_log_std, o.critic_learning_rate}) {
-    archive.Number(value);
-  }
-  for (const int value :
-       {o.horizon, o.batch_steps, o.cg_iterations, o.critic_epochs, o.critic_batch}) {
-    archive.Integer(value);
-  }
-  archive.Integer(static_cast<std::int64_t>(o.seed));
-}
-
-TrpoOptions LoadOptions(core::ArchiveReader& archive) {
-  constexpr int kMax = std::numeric_limits<int>::max();
-  TrpoOptions o;
-  o.hidden = archive.Integers();
-  o.critic_hidden = archive.Integers();
-  o.features = archive.Text();
-  for (double* const value :
-       {&o.control_limit, &o.discount, &o.gae_lambda, &o.max_kl, &o.cg_damping, &o.initial_log_std,
-        &o.min_log_std, &o.critic_learning_rate}) {
-    *value = archive.Number();
-  }
-  for (int* const value :
-       {&o.horizon, &o.batch_steps, &o.cg_iterations, &o.critic_epochs, &o.critic_batch}) {
-    *value = archive.IntegerIn(0, kMax);
-  }
-  o.seed = static_cast<std::uint64_t>(archive.Integer());
-  return o;
-}
 
 std::vector<int> Sizes(int inputs, const std::vector<int>& hidden, int outputs) {
   std::vector<int> sizes = {inputs};
@@ -145,7 +86,7 @@ class Trpo::Learner {
  public:
   Learner(Environment& environment, TrpoOptions options)
       : environment_(&environment),
-        options_(Checked(std::move(options))),
+        options_(internal::CheckedTrpoOptions(std::move(options))),
         selection_(Select(environment.plant().layout(), options_.features)),
         mlp_(Network(kWeights, selection_.num_features(), options_.hidden,
                      environment.plant().control_dim(), 0.01)),
@@ -392,7 +333,7 @@ GaussianPolicy Trpo::Learner::policy() const {
 
 void Trpo::Learner::Save(const std::filesystem::path& checkpoint) const {
   core::ArchiveWriter archive(kCheckpointKind, kCheckpointVersion);
-  SaveOptions(options_, archive);
+  internal::SaveTrpoOptions(options_, archive);
   mlp_.Save(archive);
   archive.Numbers(core::AsSpan(log_std_));
   critic_.Save(archive);
@@ -449,7 +390,7 @@ Trpo::Trpo(std::unique_ptr<Learner> learner) : learner_(std::move(learner)) {}
 Trpo Trpo::Resume(Environment& environment, const std::filesystem::path& checkpoint) {
   core::ArchiveReader archive(checkpoint, kCheckpointKind, kCheckpointVersion);
   try {
-    auto learner = std::make_unique<Learner>(environment, LoadOptions(archive));
+    auto learner = std::make_unique<Learner>(environment, internal::LoadTrpoOptions(archive));
     learner->LoadState(archive);
     return Trpo(std::move(learner));
   } catch (const std::invalid_argument& e) {

@@ -5,7 +5,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "tasks.h"
+#include "tasks/tasks.h"
 
 namespace dfr::sim {
 

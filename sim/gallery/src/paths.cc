@@ -3,7 +3,7 @@
 #include <numbers>
 
 #include "geometry.h"
-#include "tasks.h"
+#include "tasks/tasks.h"
 
 namespace dfr::sim::internal {
 namespace {

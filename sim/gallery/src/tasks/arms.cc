@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "geometry.h"
-#include "tasks.h"
+#include "tasks/tasks.h"
 
 namespace dfr::sim::internal {
 namespace {

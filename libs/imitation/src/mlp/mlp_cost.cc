@@ -1,4 +1,4 @@
-#include "mlp_cost.h"
+#include "mlp/mlp_cost.h"
 
 #include <ceres/ceres.h>
 

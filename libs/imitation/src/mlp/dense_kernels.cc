@@ -1,4 +1,4 @@
-#include "dense_kernels.h"
+#include "mlp/dense_kernels.h"
 
 #include <cmath>
 #include <cstdint>
@@ -7,7 +7,7 @@
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
 
 #undef HWY_TARGET_INCLUDE
-#define HWY_TARGET_INCLUDE "dense_kernels.cc"
+#define HWY_TARGET_INCLUDE "mlp/dense_kernels.cc"
 #include "hwy/foreach_target.h"  // recompiles this file for each instruction set
 #include "hwy/highway.h"
 

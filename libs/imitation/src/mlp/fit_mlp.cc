@@ -6,7 +6,7 @@
 
 #include "checks.h"
 #include "dfr/core/contract.h"
-#include "mlp_cost.h"
+#include "mlp/mlp_cost.h"
 #include "regression.h"
 
 namespace dfr::imitation {

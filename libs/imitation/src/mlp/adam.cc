@@ -1,4 +1,4 @@
-#include "adam.h"
+#include "mlp/adam.h"
 
 #include <cmath>
 #include <vector>

@@ -8,7 +8,7 @@
 #include <stdexcept>
 
 #include "dfr/core/error.h"
-#include "openssl.h"
+#include "security/openssl.h"
 
 namespace dfr::dds {
 namespace {

@@ -17,7 +17,7 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/dds/security.h"
-#include "openssl.h"
+#include "security/openssl.h"
 
 namespace dfr::dds {
 namespace {

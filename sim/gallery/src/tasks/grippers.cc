@@ -1,7 +1,7 @@
 #include <cmath>
 
 #include "geometry.h"
-#include "tasks.h"
+#include "tasks/tasks.h"
 
 namespace dfr::sim::internal {
 namespace {

@@ -1,4 +1,4 @@
-#include "openssl.h"
+#include "security/openssl.h"
 
 #include <openssl/err.h>
 #include <openssl/pem.h>

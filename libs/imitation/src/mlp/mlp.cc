@@ -7,8 +7,8 @@
 #include <cstddef>
 #include <string>
 
-#include "dense_kernels.h"
 #include "dfr/core/contract.h"
+#include "mlp/dense_kernels.h"
 
 namespace dfr::imitation {
 namespace {

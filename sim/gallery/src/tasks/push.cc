@@ -1,5 +1,5 @@
 #include "geometry.h"
-#include "tasks.h"
+#include "tasks/tasks.h"
 
 namespace dfr::sim::internal {
 namespace {
