@@ -1,8 +1,12 @@
 cmake_minimum_required(VERSION 3.25)
-# Writes OUTPUT: page.html of SOURCE with its style, its script and KERNEL, the compiled libraries.
+# Writes OUTPUT: page.html of SOURCE with its style, its scripts and KERNEL, the compiled libraries.
 file(READ ${SOURCE}/page.html page)
 file(READ ${SOURCE}/page.css css)
-file(READ ${SOURCE}/page.js js)
+set(js "")
+foreach(part IN ITEMS page picture input)
+  file(READ ${SOURCE}/${part}.js text)
+  string(APPEND js "${text}\n")
+endforeach()
 file(READ ${KERNEL} kernel)
 string(REPLACE "@CSS@" "${css}" page "${page}")
 string(REPLACE "@JS@" "${js}" page "${page}")
