@@ -16,7 +16,7 @@
 #include "dfr/imitation/demonstrations.h"
 #include "hdf5_file.h"
 #include "hdf5_reader.h"
-#include "parquet_file.h"
+#include "parquet/parquet_file.h"
 #include "tests/demonstrations/episodes.h"
 #include "tests/imitation/temp_folder.h"
 

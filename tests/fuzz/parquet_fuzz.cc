@@ -1,7 +1,7 @@
 // Apache Parquet: every column of every row group, as far as it can be read.
 #include <stdexcept>
 
-#include "parquet_file.h"
+#include "parquet/parquet_file.h"
 #include "tests/fuzz/input_file.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

@@ -13,7 +13,7 @@
 #include <utility>
 #include <vector>
 
-#include "parquet_file.h"
+#include "parquet/parquet_file.h"
 
 namespace dfr::imitation {
 namespace {

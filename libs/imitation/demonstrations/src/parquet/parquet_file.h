@@ -43,6 +43,14 @@ class ParquetFile {
     int repeated_definition = 0;  // level from which on a row's list has an entry
   };
 
+  /// Place of a leaf's values in a row group.
+  struct Chunk {
+    int codec = 0;
+    std::int64_t num_values = 0;
+    std::int64_t start = 0;
+    std::int64_t size = 0;
+  };
+
   explicit ParquetFile(std::filesystem::path path);
 
   [[nodiscard]] int num_row_groups() const noexcept { return static_cast<int>(row_groups_.size()); }
@@ -56,12 +64,6 @@ class ParquetFile {
   [[nodiscard]] ParquetColumn Read(int row_group, const std::string& column) const;
 
  private:
-  struct Chunk {
-    int codec = 0;
-    std::int64_t num_values = 0;
-    std::int64_t start = 0;
-    std::int64_t size = 0;
-  };
   struct RowGroup {
     std::int64_t num_rows = 0;
     std::vector<Chunk> chunks;  // one per leaf
@@ -74,7 +76,6 @@ class ParquetFile {
   [[nodiscard]] std::string ReadBytes(std::int64_t start, std::int64_t size) const;
   [[noreturn]] void Fail(const std::string& reason) const;
 
-  friend class ChunkDecoder;
   friend class FooterParser;
 
   std::filesystem::path path_;
