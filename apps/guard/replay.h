@@ -1,0 +1,58 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "dfr/core/matrix.h"
+#include "dfr/safety/guard_advice.h"
+#include "dfr/safety/guard_model.h"
+
+/// Recorded episodes as a guard sees them.
+namespace dfr::apps::guard {
+
+struct ReplayedEpisode {
+  std::string name;
+  std::vector<double> levels;
+  double lowest = 0.0;
+  double inside = 0.0;   ///< Share of states.
+  int first_alarm = -1;  ///< Step, or -1.
+  int passing = 0;       ///< Actions that a certificate lets pass.
+  safety::Shadow shadow = {};
+};
+
+/// Returns whether the guard's file contains the data that a certificate needs.
+bool CanCertify(const safety::GuardModel& model);
+
+/// Influence of each entry of a state on l: the mean of |dl/dx| times the standard deviation of
+/// that entry over demonstrations at the same time.
+class Drivers {
+ public:
+  explicit Drivers(const safety::GuardModel& model)
+      : model_(&model), sums_(Eigen::VectorXd::Zero(model.task_layout().state_dim())) {}
+
+  void Add(const core::Matrix& states, const std::vector<int>& steps);
+  void AddSpread(const core::Matrix& states) { states_.push_back(states); }
+
+  /// Shares, largest first.
+  [[nodiscard]] std::vector<std::pair<double, int>> Ranked() const;
+
+ private:
+  [[nodiscard]] Eigen::VectorXd Spread() const;
+
+  const safety::GuardModel* model_;
+  Eigen::VectorXd sums_;
+  std::vector<core::Matrix> states_;
+};
+
+/// Follows each episode of a file, without applying the guard's actions.
+/// @param drivers  gets the states; nullptr: none does.
+/// @throws std::runtime_error naming the file if its states differ from the guard's or it has none.
+std::vector<ReplayedEpisode> Replay(const std::shared_ptr<const safety::GuardModel>& shared,
+                                    const std::filesystem::path& path,
+                                    const std::string& filter_key, Drivers* drivers);
+
+}  // namespace dfr::apps::guard
