@@ -13,11 +13,13 @@
 #include "line_tracking_scene.h"
 #include "line_tracking_simulation.h"
 #include "line_tracking_views.h"
+#include "platform_error.h"
 
 namespace dfr::sim {
 namespace {
 
 using internal::GauzeLine;
+using internal::PlatformError;
 using kinematics::PlatformPose;
 using kinematics::Psm;
 using kinematics::PsmJoints;
@@ -41,41 +43,6 @@ line_task::LineCalibration TrueCalibration() {
   truth.p_base_cam = LineTrackingPlant::p_world_base().inverse() * LineTrackingPlant::p_world_cam();
   return truth;
 }
-
-// Positioning error of an individual platform: waves over its workspace with the published RMS.
-struct PlatformError {
-  struct Term {
-    double amplitude = 0.0;
-    Eigen::Matrix<double, 6, 1> rate = Eigen::Matrix<double, 6, 1>::Zero();  // per m, per rad
-    double phase = 0.0;
-  };
-  std::array<std::array<Term, 2>, 3> terms;
-
-  explicit PlatformError(std::uint64_t seed) {
-    constexpr std::array<double, 3> kRms = {1.22e-3, 1.07e-3, 0.20e-3};
-    core::Random random(seed);
-    for (std::size_t k = 0; k < 3; ++k) {
-      for (Term& term : terms[k]) {
-        // Two sines of random phase, each with half of the mean square.
-        term.amplitude = kRms[k];
-        for (int i = 0; i < 6; ++i) term.rate[i] = (i < 3 ? 150.0 : 15.0) * random.Normal();
-        term.phase = random.Uniform(0.0, 2.0 * std::numbers::pi);
-      }
-    }
-  }
-
-  [[nodiscard]] Eigen::Vector3d At(const PlatformPose& pose) const noexcept {
-    Eigen::Matrix<double, 6, 1> p;
-    p << pose.translation_m, pose.angles_rad;
-    Eigen::Vector3d error = Eigen::Vector3d::Zero();
-    for (int k = 0; k < 3; ++k) {
-      for (const Term& term : terms[static_cast<std::size_t>(k)]) {
-        error[k] += term.amplitude * std::sin(term.rate.dot(p) + term.phase);
-      }
-    }
-    return error;
-  }
-};
 
 PlatformPose Plus(const PlatformPose& a, const PlatformPose& b) noexcept {
   return {a.translation_m + b.translation_m, a.angles_rad + b.angles_rad};

@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
-#include <limits>
 #include <string>
 
+#include "arm_pose.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
 #include "dynamic_motion.h"
@@ -16,14 +16,17 @@
 namespace dfr::sim {
 namespace {
 
-using internal::Point;
+using internal::Arm;
+using internal::FindLowPoint;
+using internal::JointAngles;
+using internal::kTableZ;
+using internal::LiftOffTable;
+using internal::ReadAxes;
 using internal::Segment;
-using Part = PusherPlant::World::Part;
+using internal::SetArm;
 
 constexpr int kNumJoints = PusherPlant::kNumJoints;
 constexpr int kObjectX = kNumJoints;  // index of the cylinder's coordinates in qpos and qvel
-constexpr int kMaxParts = 6;
-constexpr double kTableZ = -0.325;
 
 // Maximum motion of the gripper per substep (except for the curvature of its path): less than the
 // margin for contact detection.
@@ -37,26 +40,6 @@ constexpr int kMaxSettleSubsteps = 20;
 constexpr double kJammed = 5e-4;
 // Maximum distance between any point of the arm and the axis of any of its joints.
 constexpr double kArmLength = 0.96;
-
-using JointAngles = std::array<double, kNumJoints>;
-
-struct Arm {
-  std::array<Segment, kMaxParts> axes;
-};
-
-// Reads the capsule axes of the arm's parts in the pose of the last mj_kinematics().
-void ReadAxes(const PusherPlant::World& world, const mjData* d, Arm& arm) noexcept {
-  for (std::size_t i = 0; i < world.parts.size(); ++i) {
-    const Part& part = world.parts[i];
-    const mjtNum* center = d->geom_xpos + 3 * part.geom;
-    const mjtNum* frame = d->geom_xmat + 9 * part.geom;
-    for (int k = 0; k < 3; ++k) {
-      const double half = part.half_length * frame[3 * k + 2];
-      arm.axes[i].a[k] = center[k] - half;
-      arm.axes[i].b[k] = center[k] + half;
-    }
-  }
-}
 
 double Lowest(const Segment& axis) noexcept { return std::min(axis.a[2], axis.b[2]); }
 
@@ -125,56 +108,6 @@ double MaxMotion(const PusherPlant::World& world, const Arm& a, const Arm& b,
     squared = std::max({squared, at_a, at_b});
   }
   return std::sqrt(squared);
-}
-
-void SetArm(const JointAngles& q, mjData* d) noexcept { std::copy(q.begin(), q.end(), d->qpos); }
-
-struct LowPoint {
-  double z = std::numeric_limits<double>::infinity();
-  Point position{};
-  int body = 0;
-};
-
-LowPoint FindLowPoint(const PusherPlant::World& world, const Arm& arm) noexcept {
-  LowPoint low;
-  for (std::size_t i = 0; i < world.parts.size(); ++i) {
-    for (const Point& end : {arm.axes[i].a, arm.axes[i].b}) {
-      const double z = end[2] - world.parts[i].radius;
-      if (z < low.z) low = {z, end, world.model->geom_bodyid[world.parts[i].geom]};
-    }
-  }
-  return low;
-}
-
-// Changes `q` by the smallest joint angles (Gauss-Newton on the height of the lowest point) that
-// keep the arm above the table: a compliant arm slides along it. Returns false if the joint limits
-// do not allow it. `d` and `arm` receive the kinematics of the last `q`.
-bool LiftOffTable(const PusherPlant::World& world, mjData* d, JointAngles& q, Arm& arm) noexcept {
-  constexpr double kClearance = 1e-4;  // m, target: rounding cannot end below the table
-  const mjModel* m = world.model.get();
-  for (int iteration = 0; iteration < 8; ++iteration) {
-    const LowPoint low = FindLowPoint(world, arm);
-    if (low.z >= kTableZ) return true;
-    JointAngles gradient{};
-    double norm = 0.0;
-    for (int j = 0; j < kNumJoints; ++j) {
-      if (m->jnt_bodyid[j] > low.body) break;  // bodies are a chain: later joints do not move it
-      const mjtNum* axis = d->xaxis + 3 * j;
-      const mjtNum* anchor = d->xanchor + 3 * j;
-      gradient[j] =
-          axis[0] * (low.position[1] - anchor[1]) - axis[1] * (low.position[0] - anchor[0]);
-      norm += gradient[j] * gradient[j];
-    }
-    if (norm < 1e-9) return false;
-    const double gain = (kTableZ - low.z + kClearance) / norm;
-    for (int j = 0; j < kNumJoints; ++j) {
-      q[j] = std::clamp(q[j] + gain * gradient[j], m->jnt_range[2 * j], m->jnt_range[2 * j + 1]);
-    }
-    SetArm(q, d);
-    mj_kinematics(m, d);
-    ReadAxes(world, d, arm);
-  }
-  return FindLowPoint(world, arm).z >= kTableZ;
 }
 
 }  // namespace
