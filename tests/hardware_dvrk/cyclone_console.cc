@@ -16,56 +16,26 @@
 
 #include "dfr/kinematics/psm.h"
 #include "ros2_types.h"
+#include "tests/dds/cyclone.h"
 
 namespace {
 
 using dfr::kinematics::Psm;
 using dfr::kinematics::PsmJoints;
-
-dds_entity_t participant;
-
-dds_entity_t Check(dds_entity_t code) {
-  if (code < 0) std::exit(EXIT_FAILURE);
-  return code;
-}
-
-dds_entity_t Topic(const dds_topic_descriptor_t& type, const std::string& full) {
-  return Check(dds_create_topic(participant, &type, full.c_str(), nullptr, nullptr));
-}
-
-dds_qos_t* Qos(int depth, bool latched) {
-  dds_qos_t* qos = dds_create_qos();
-  dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, DDS_SECS(1));
-  dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, depth);
-  dds_qset_durability(qos, latched ? DDS_DURABILITY_TRANSIENT_LOCAL : DDS_DURABILITY_VOLATILE);
-  return qos;
-}
+using dfr::test::Check;
+using dfr::test::MakeReader;
+using dfr::test::MakeWriter;
+using dfr::test::participant;
+using dfr::test::Take;
 
 dds_entity_t Reader(const dds_topic_descriptor_t& type, const char* full, dds_entity_t waitset) {
-  dds_qos_t* qos = Qos(1, false);
-  const dds_entity_t reader =
-      Check(dds_create_reader(participant, Topic(type, full), qos, nullptr));
-  dds_delete_qos(qos);
+  const dds_entity_t reader = MakeReader(type, full, 1);
   Check(dds_waitset_attach(waitset, Check(dds_create_readcondition(reader, DDS_ANY_STATE)), 0));
   return reader;
 }
 
 dds_entity_t Writer(const dds_topic_descriptor_t& type, const char* name, bool latched) {
-  dds_qos_t* qos = Qos(100, latched);
-  const dds_entity_t writer = Check(
-      dds_create_writer(participant, Topic(type, std::string("rt/PSM1/") + name), qos, nullptr));
-  dds_delete_qos(qos);
-  return writer;
-}
-
-template <typename T, typename Use>
-void Take(dds_entity_t reader, Use use) {
-  void* sample = nullptr;
-  dds_sample_info_t info;
-  const dds_return_t count = dds_take(reader, &sample, &info, 1, 1);
-  Check(count);
-  if (count > 0 && info.valid_data) use(*static_cast<const T*>(sample));
-  if (count > 0) dds_return_loan(reader, &sample, count);
+  return MakeWriter(type, std::string("rt/PSM1/") + name, 100, latched);
 }
 
 class Console {

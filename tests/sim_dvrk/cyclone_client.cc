@@ -14,60 +14,25 @@
 #include <string>
 
 #include "ros2_types.h"
+#include "tests/dds/cyclone.h"
 
 namespace {
 
-dds_entity_t participant;
-
-dds_entity_t Check(dds_entity_t code) {
-  if (code < 0) std::exit(1);
-  return code;
-}
-
-dds_qos_t* RosDefaults(int depth) {
-  dds_qos_t* qos = dds_create_qos();
-  dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, DDS_SECS(1));
-  dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, depth);
-  return qos;
-}
-
-dds_entity_t Topic(const dds_topic_descriptor_t& type, const char* name) {
-  const std::string full = std::string("rt/") + name;
-  return Check(dds_create_topic(participant, &type, full.c_str(), nullptr, nullptr));
-}
+using dfr::test::Check;
+using dfr::test::MakeReader;
+using dfr::test::MakeWriter;
+using dfr::test::participant;
+using dfr::test::Take;
 
 struct Reader {
-  Reader(const dds_topic_descriptor_t& type, const char* name) {
-    dds_qos_t* qos = RosDefaults(1);
-    entity = Check(dds_create_reader(participant, Topic(type, name), qos, nullptr));
-    dds_delete_qos(qos);
-    waitset = Check(dds_create_waitset(participant));
+  Reader(const dds_topic_descriptor_t& type, const char* name)
+      : entity(MakeReader(type, std::string("rt/") + name, 1)),
+        waitset(Check(dds_create_waitset(participant))) {
     Check(dds_waitset_attach(waitset, Check(dds_create_readcondition(entity, DDS_ANY_STATE)), 0));
   }
   dds_entity_t entity;
   dds_entity_t waitset;
 };
-
-dds_entity_t Writer(const dds_topic_descriptor_t& type, const char* name) {
-  dds_qos_t* qos = RosDefaults(10);
-  const dds_entity_t writer =
-      Check(dds_create_writer(participant, Topic(type, name), qos, nullptr));
-  dds_delete_qos(qos);
-  return writer;
-}
-
-// Calls use(sample) if there is one.
-template <typename T, typename Use>
-bool Take(const Reader& reader, Use use) {
-  void* sample = nullptr;
-  dds_sample_info_t info;
-  const dds_return_t count = dds_take(reader.entity, &sample, &info, 1, 1);
-  Check(count);
-  const bool any = count > 0 && info.valid_data;
-  if (any) use(*static_cast<const T*>(sample));
-  if (count > 0) dds_return_loan(reader.entity, &sample, count);
-  return any;
-}
 
 struct Position {
   double x, y, z;
@@ -80,7 +45,7 @@ double Distance(const Position& a, const Position& b) {
 // Calls use(sample) for the next one.
 template <typename T, typename Use>
 void Await(const Reader& reader, Use use) {
-  while (!Take<T>(reader, use)) {
+  while (!Take<T>(reader.entity, use)) {
     Check(dds_waitset_wait(reader.waitset, nullptr, 0, DDS_INFINITY));
   }
 }
@@ -117,8 +82,10 @@ int main(int argc, char** argv) {
   const Reader state(crtk_msgs_msg_dds__OperatingState__desc, "PSM1/operating_state");
   const Reader cp(geometry_msgs_msg_dds__PoseStamped__desc, "PSM1/measured_cp");
   const Reader js(sensor_msgs_msg_dds__JointState__desc, "PSM1/measured_js");
-  const dds_entity_t command = Writer(crtk_msgs_msg_dds__StringStamped__desc, "PSM1/state_command");
-  const dds_entity_t servo = Writer(geometry_msgs_msg_dds__PoseStamped__desc, "PSM1/servo_cp");
+  const dds_entity_t command =
+      MakeWriter(crtk_msgs_msg_dds__StringStamped__desc, "rt/PSM1/state_command", 10);
+  const dds_entity_t servo =
+      MakeWriter(geometry_msgs_msg_dds__PoseStamped__desc, "rt/PSM1/servo_cp", 10);
 
   // The first pose of a homed arm: a console stamps those before with zero.
   geometry_msgs_msg_dds__PoseStamped_ goal{};
@@ -141,7 +108,7 @@ int main(int argc, char** argv) {
       goal.pose_ = m.pose_;
       from = {m.pose_.position_.x_, m.pose_.position_.y_, m.pose_.position_.z_};
     });
-    Take<crtk_msgs_msg_dds__OperatingState_>(state, [&](const auto& m) {
+    Take<crtk_msgs_msg_dds__OperatingState_>(state.entity, [&](const auto& m) {
       homed = std::strcmp(m.state_, "ENABLED") == 0 && m.is_homed_ && !m.is_busy_;
     });
   }

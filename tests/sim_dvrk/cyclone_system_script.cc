@@ -18,63 +18,32 @@
 #include <vector>
 
 #include "ros2_types.h"
+#include "tests/dds/cyclone.h"
 
 namespace {
 
 using Clock = std::chrono::steady_clock;
 
-dds_entity_t participant;
-
-dds_entity_t Check(dds_entity_t code) {
-  if (code < 0) std::exit(1);
-  return code;
-}
-
-// crtk's ral: the last `depth` reliably; "latched" publishers keep them for late joiners.
-dds_qos_t* Qos(int depth, bool latched) {
-  dds_qos_t* qos = dds_create_qos();
-  dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, DDS_SECS(1));
-  dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, depth);
-  if (latched) dds_qset_durability(qos, DDS_DURABILITY_TRANSIENT_LOCAL);
-  return qos;
-}
-
-dds_entity_t Topic(const dds_topic_descriptor_t& type, const std::string& full) {
-  return Check(dds_create_topic(participant, &type, full.c_str(), nullptr, nullptr));
-}
-
-dds_entity_t Reader(const dds_topic_descriptor_t& type, const std::string& full, bool latched) {
-  dds_qos_t* qos = Qos(10, latched);
-  const dds_entity_t reader =
-      Check(dds_create_reader(participant, Topic(type, full), qos, nullptr));
-  dds_delete_qos(qos);
-  return reader;
-}
-
-dds_entity_t Writer(const dds_topic_descriptor_t& type, const std::string& full, bool latched) {
-  dds_qos_t* qos = Qos(10, latched);
-  const dds_entity_t writer =
-      Check(dds_create_writer(participant, Topic(type, full), qos, nullptr));
-  dds_delete_qos(qos);
-  return writer;
-}
+using dfr::test::Check;
+using dfr::test::MakeReader;
+using dfr::test::MakeWriter;
+using dfr::test::participant;
+using dfr::test::Take;
 
 // Calls use(sample) for each sample that there is.
 template <typename T, typename Use>
 bool TakeAll(dds_entity_t reader, Use use) {
   bool any = false;
-  while (true) {
-    void* sample = nullptr;
-    dds_sample_info_t info;
-    const dds_return_t count = dds_take(reader, &sample, &info, 1, 1);
-    Check(count);
-    if (count == 0) return any;
+  dds_sample_info_t info;
+  for (void* sample = nullptr; Check(dds_take(reader, &sample, &info, 1, 1)) > 0;
+       sample = nullptr) {
     if (info.valid_data) {
       use(*static_cast<const T*>(sample));
       any = true;
     }
-    dds_return_loan(reader, &sample, count);
+    dds_return_loan(reader, &sample, 1);
   }
+  return any;
 }
 
 double Seconds(const builtin_interfaces_msg_dds__Time_& stamp) {
@@ -248,10 +217,10 @@ class Psm {
 
  private:
   void Publish(const dds_topic_descriptor_t& type, const std::string& name, bool latched) {
-    writers_[name] = Writer(type, "rt/PSM1/" + name, latched);
+    writers_[name] = MakeWriter(type, "rt/PSM1/" + name, 10, latched);
   }
   void Subscribe(const dds_topic_descriptor_t& type, const std::string& name, bool latched) {
-    readers_[name] = Reader(type, "rt/PSM1/" + name, latched);
+    readers_[name] = MakeReader(type, "rt/PSM1/" + name, 10, latched);
   }
   static bool Missing(const std::string& name) {
     step_name = "nobody is connected to " + name;
@@ -324,8 +293,8 @@ template <typename Answer>
 bool Ask(Psm& psm, const std::string& name, const dds_topic_descriptor_t& query_type,
          const void* query, const dds_topic_descriptor_t& answer_type,
          const std::function<void(const Answer&)>& use) {
-  const dds_entity_t writer = Writer(query_type, "rq/PSM1/" + name + "Request", false);
-  const dds_entity_t reader = Reader(answer_type, "rr/PSM1/" + name + "Reply", false);
+  const dds_entity_t writer = MakeWriter(query_type, "rq/PSM1/" + name + "Request", 10);
+  const dds_entity_t reader = MakeReader(answer_type, "rr/PSM1/" + name + "Reply", 10);
   const bool found = psm.Until(5.0, [&] {
     dds_publication_matched_status_t published;
     dds_subscription_matched_status_t subscribed;
