@@ -3,7 +3,7 @@
 #include "commands.h"
 #include "dfr/experiment/progress.h"
 #include "dfr/imitation/demonstrations.h"
-#include "supervisor.h"
+#include "supervisor/supervisor.h"
 
 namespace dfr::apps::pusher {
 

@@ -7,7 +7,7 @@
 #include <string>
 
 #include "commands.h"
-#include "convergence_report.h"
+#include "convergence/convergence_report.h"
 #include "dfr/core/build_info.h"
 #include "dfr/core/format.h"
 #include "dfr/core/random.h"

@@ -14,8 +14,8 @@
 #include "dfr/experiment/command_line.h"
 #include "dfr/experiment/ledger.h"
 #include "dfr/safety/method.h"
-#include "supervisor.h"
-#include "train_supervisor.h"
+#include "supervisor/supervisor.h"
+#include "supervisor/train_supervisor.h"
 
 namespace dfr::apps::pusher {
 namespace {

@@ -14,7 +14,7 @@
 #include "dfr/sim/pusher/pusher_plant.h"
 #include "dfr/study/placebo_runner.h"
 #include "model.h"
-#include "supervisor.h"
+#include "supervisor/supervisor.h"
 
 namespace dfr::apps::pusher {
 

@@ -13,9 +13,9 @@
 #include <vector>
 
 #include "apps/command_line.h"
-#include "apps/study/detect.h"
 #include "apps/study/imitator.h"
-#include "apps/study/picture.h"
+#include "apps/study/pictures/detect.h"
+#include "apps/study/pictures/picture.h"
 #include "apps/study/planar/commands.h"
 #include "apps/study/study.h"
 #include "apps/study/tables.h"

@@ -8,7 +8,7 @@
 #include "apps/line_tracking/rollout_video.h"
 #include "apps/line_tracking/trial_runner.h"
 #include "apps/pusher/model.h"
-#include "apps/pusher/supervisor.h"
+#include "apps/pusher/supervisor/supervisor.h"
 #include "apps/study/imitator.h"
 #include "apps/study/planar/methods.h"
 #include "apps/study/planar/picture.h"

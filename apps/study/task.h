@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "apps/rollout_video.h"
-#include "apps/study/camera.h"
+#include "apps/study/pictures/camera.h"
 #include "apps/study/planar/task.h"
 #include "dfr/core/plant.h"
 #include "dfr/experiment/disturbed_plant.h"

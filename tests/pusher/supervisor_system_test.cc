@@ -6,8 +6,8 @@
 #include <iterator>
 #include <string>
 
+#include "supervisor/train_supervisor.h"
 #include "tests/pusher/supervisor_episodes.h"
-#include "train_supervisor.h"
 
 namespace dfr::apps::pusher {
 namespace {

@@ -4,8 +4,8 @@
 #include <filesystem>
 #include <stdexcept>
 
+#include "supervisor/train_supervisor.h"
 #include "tests/pusher/supervisor_episodes.h"
-#include "train_supervisor.h"
 
 namespace dfr::apps::pusher {
 namespace {

@@ -1,4 +1,4 @@
-#include "apps/study/detect.h"
+#include "apps/study/pictures/detect.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "apps/study/imitator.h"
-#include "apps/study/picture.h"
+#include "apps/study/pictures/picture.h"
 #include "apps/study/study.h"
 #include "apps/study/tables.h"
 

@@ -1,11 +1,11 @@
-#include "convergence_report.h"
+#include "convergence/convergence_report.h"
 
 #include <cstdio>
 #include <memory>
 #include <string>
 #include <vector>
 
-#include "convergence.h"
+#include "convergence/convergence.h"
 #include "dfr/core/random.h"
 
 namespace dfr::apps::pusher {

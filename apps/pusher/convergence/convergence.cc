@@ -1,4 +1,4 @@
-#include "convergence.h"
+#include "convergence/convergence.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "train_supervisor.h"
+#include "supervisor/train_supervisor.h"
 
 #include <CLI/CLI.hpp>
 #include <chrono>

@@ -1,4 +1,4 @@
-#include "apps/study/picture.h"
+#include "apps/study/pictures/picture.h"
 
 #include <algorithm>
 #include <utility>

@@ -1,4 +1,4 @@
-#include "apps/study/camera.h"
+#include "apps/study/pictures/camera.h"
 
 #include <algorithm>
 #include <cmath>
