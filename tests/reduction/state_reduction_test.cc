@@ -288,6 +288,12 @@ TEST(StateReductionTest, AFileHoldsAllOfIt) {
     EXPECT_EQ(read.num_open(), 1);
     const std::vector<double> state = SomeState(2);
     EXPECT_EQ(Applied(read, state), Applied(written, state));
+    StateReduction::Workspace of_read(read);
+    StateReduction::Workspace of_written(written);
+    static_cast<void>(read.Apply(state, of_read));
+    static_cast<void>(written.Apply(state, of_written));
+    EXPECT_GT(of_read.novelty(), 0.0);
+    EXPECT_EQ(of_read.novelty(), of_written.novelty());
     core::StateLayout other = WorldLayout();
     other.blocks[2].name = "another";
     core::ArchiveReader again(path, "test", 1);

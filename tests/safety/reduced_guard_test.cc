@@ -183,6 +183,72 @@ TEST(ReducedGuardTest, APictureThatIsNoneHaltsWithItsReason) {
   EXPECT_EQ(why(state), "halted: state has 96 entries, 97 needed");
 }
 
+std::shared_ptr<const GuardModel> PointsModel() {
+  static const std::shared_ptr<const GuardModel> kModel =
+      GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 40), {.features = "points:camera"});
+  return kModel;
+}
+
+// A bright square of 3 x 3 pixels in a corner that the tip never visits.
+std::vector<double> WithDistractor(std::vector<double> state) {
+  for (const int row : {0, 1, 2}) {
+    for (const int column : {10, 11})
+      state[static_cast<std::size_t>(kWidth * row + column)] = 250.0;
+  }
+  return state;
+}
+
+TEST(ReducedGuardTest, APictureThatResemblesNoDemonstrationHaltsWithItsReason) {
+  core::Random random(11);
+  const std::vector<double> ordinary = StateAt(0.1, 0.0, random);
+  const std::vector<double> strange = WithDistractor(ordinary);
+  const auto model = PointsModel();
+  Guard guard(model);
+  guard.Reset(1);
+  const std::vector<double> wish = test::Action(0.1, 0.0);
+  std::vector<double> action = wish;
+  EXPECT_EQ(guard.FilterChunk(0, strange, wish).cause, control::HaltCause::kStateInvalid);
+  const Verdict verdict = guard.Filter(0, strange, action, action);
+  EXPECT_EQ(verdict.cause, control::HaltCause::kStateInvalid);
+  EXPECT_TRUE(verdict.alarm);
+  EXPECT_EQ(action, std::vector(2, 0.0));
+  EXPECT_THAT(Explain(*model, verdict, strange, wish),
+              HasSubstr("halted: the picture 'camera' resembles no demonstration: its difference "
+                        "from them is "));
+  guard.Reset(2);
+  action = wish;
+  EXPECT_NE(guard.Filter(0, ordinary, action, action).cause, control::HaltCause::kStateInvalid);
+  GuardSettings settings = model->settings();
+  settings.strategy = Strategy::kMonitor;
+  Guard monitor(model->With(settings));
+  monitor.Reset(1);
+  action = wish;
+  const Verdict watched = monitor.Filter(0, strange, action, action);
+  EXPECT_TRUE(watched.alarm);
+  EXPECT_FALSE(watched.changed);
+  EXPECT_EQ(action, wish);
+  EXPECT_EQ(monitor.FilterChunk(1, strange, wish).playable, 1);
+}
+
+// Light and noise are those of the demonstrations.
+TEST(ReducedGuardTest, PicturesOfOtherDemonstrationsResembleThese) {
+  const auto others = PictureDemonstrations(9, 60);
+  for (const auto& model : {PointsModel(), PictureModel()}) {
+    EXPECT_LE(model->reduction()->novel_left_out(), 0.05);
+    reduction::StateReduction::Workspace workspace(*model->reduction());
+    int novel = 0;
+    for (const core::Trajectory& d : others) {
+      double most = 0.0;
+      for (Eigen::Index t = 0; t < d.states.rows(); ++t) {
+        ASSERT_TRUE(model->reduction()->Apply(core::Row(d.states, t), workspace));
+        most = std::max(most, workspace.novelty());
+      }
+      novel += most > 1.0 ? 1 : 0;
+    }
+    EXPECT_LE(novel, 1);
+  }
+}
+
 TEST(ReducedGuardTest, PixelsThatPutAStateOutsideAreThoseOfTheTip) {
   core::Random random(6);
   const std::vector<double> outside = StateAt(1.0, 0.45, random);
@@ -229,8 +295,7 @@ TEST(ReducedGuardTest, OnlyWatchesWhereNothingExplainsTheActions) {
 }
 
 TEST(ReducedGuardTest, PointsAreFeaturesOfAGuard) {
-  const auto model =
-      GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 40), {.features = "points:camera"});
+  const auto model = PointsModel();
   // The demonstrator's noise is not a function of pictures.
   EXPECT_LT(model->summary().explained, 0.8);
   EXPECT_LE(model->summary().ends_outside, 0.12);

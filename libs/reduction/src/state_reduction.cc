@@ -155,6 +155,7 @@ class StateReduction::Rows final : public RowSource {
     }
   }
 
+  [[nodiscard]] std::span<const Eigen::Index> begin() const noexcept { return begin_; }
   // First row of a demonstration; for the number of demonstrations, the number of rows.
   [[nodiscard]] Eigen::Index begin(std::size_t demonstration) const noexcept {
     return begin_[demonstration];
@@ -203,6 +204,7 @@ StateReduction::Workspace::Workspace(const StateReduction& reduction) {
   for (const Part& part : reduction.parts_) {
     if (!part.picture) continue;
     pictures_.push_back(*part.picture);
+    novelties_.push_back(part.novelty ? Novelty::Workspace(*part.novelty) : Novelty::Workspace());
     bytes = std::max(bytes, static_cast<std::size_t>(part.size));
     floats = std::max(floats, static_cast<std::size_t>(part.picture->size()));
     if (!part.points) continue;
@@ -240,11 +242,16 @@ std::vector<std::string> StateReduction::Names(std::string_view features) {
   return names;
 }
 
-// Fits `components` at most, and the points of the part.
+// Fits `components` at most, and the points and the novelty of the part.
 Reduction StateReduction::FitPart(Part& part, int components,
                                   std::span<const core::Trajectory> demonstrations, int threads) {
   const Rows rows(part, demonstrations);
   std::vector<core::Matrix> episodes(demonstrations.size());
+  const auto fit_novelty = [&](std::span<const core::Matrix> positions) {
+    if (part.picture && demonstrations.size() > 1) {
+      part.novelty = Novelty::Fit(rows, ShapeOf(*part.picture), rows.begin(), positions);
+    }
+  };
   if (part.kind == Kind::kPoints) {
     part.points = FeaturePoints::Fit(rows, ShapeOf(*part.picture));
     core::Workers workers(threads);
@@ -260,10 +267,12 @@ Reduction StateReduction::FitPart(Part& part, int components,
         part.points->Apply(picture, workspace, core::Row(episodes[d], i));
       }
     });
+    fit_novelty(episodes);
     const SlowFeatures slow = FitSlowFeatures(episodes);
     const Eigen::Index kept = std::min<Eigen::Index>(components, slow.directions.rows());
     return {slow.mean, Eigen::VectorXd::Ones(slow.mean.size()), slow.directions.topRows(kept)};
   }
+  fit_novelty({});
   PrincipalComponentsOptions options;
   options.components = part.kind == Kind::kSlow ? std::max(components, kMostChosen) : components;
   // The entries of a picture share a unit.
@@ -370,21 +379,23 @@ std::vector<int> StateReduction::InOrderOfComponents() const {
   return columns;
 }
 
-// `points` and `positions` are used if the part has points.
-void StateReduction::ReducePicture(const Part& part, std::span<const float> picture,
-                                   FeaturePoints::Workspace* points, std::span<double> positions,
-                                   std::span<double> out) noexcept {
-  if (!part.points) {
+// `points` and `positions` are used if the part has points, `novelty` if it has a novelty.
+double StateReduction::ReducePicture(const Part& part, std::span<const float> picture,
+                                     FeaturePoints::Workspace* points, std::span<double> positions,
+                                     Novelty::Workspace& novelty, std::span<double> out) noexcept {
+  positions = positions.first(part.points ? static_cast<std::size_t>(part.points->size()) : 0);
+  if (part.points) {
+    part.points->Apply(picture, *points, positions);
+    part.reduction->Apply(std::span<const double>(positions), out);
+  } else {
     part.reduction->Apply(picture, out);
-    return;
   }
-  positions = positions.first(static_cast<std::size_t>(part.points->size()));
-  part.points->Apply(picture, *points, positions);
-  part.reduction->Apply(std::span<const double>(positions), out);
+  return part.novelty ? part.novelty->Of(picture, positions, novelty) : 0.0;
 }
 
 bool StateReduction::Apply(std::span<const double> state, Workspace& workspace) const noexcept {
   bool good = static_cast<int>(state.size()) == state_dim();
+  workspace.novelty_ = 0.0;
   std::size_t next_picture = 0;
   std::size_t next_points = 0;
   for (const Part& part : parts_) {
@@ -395,6 +406,7 @@ bool StateReduction::Apply(std::span<const double> state, Workspace& workspace) 
                          .subspan(static_cast<std::size_t>(part.first),
                                   static_cast<std::size_t>(part.reduced_size()));
     if (part.picture) {
+      Novelty::Workspace& novelty = workspace.novelties_[next_picture];
       ImageFeatures& picture = workspace.pictures_[next_picture++];
       const auto floats =
           std::span(workspace.floats_).first(static_cast<std::size_t>(picture.size()));
@@ -402,7 +414,11 @@ bool StateReduction::Apply(std::span<const double> state, Workspace& workspace) 
              picture.Apply(ViewOf(picture, workspace.bytes_), floats) == PictureFault::kNone;
       FeaturePoints::Workspace* const points =
           part.points ? &workspace.points_[next_points++] : nullptr;
-      if (good) ReducePicture(part, floats, points, workspace.positions_, out);
+      if (good) {
+        workspace.novelty_ =
+            std::max(workspace.novelty_,
+                     ReducePicture(part, floats, points, workspace.positions_, novelty, out));
+      }
     } else if (part.reduction) {
       part.reduction->Apply(in, out);
     } else {
@@ -410,7 +426,10 @@ bool StateReduction::Apply(std::span<const double> state, Workspace& workspace) 
     }
     good = good && AllFinite(out);
   }
-  if (!good) std::ranges::fill(workspace.state_, std::numeric_limits<double>::quiet_NaN());
+  if (!good) {
+    std::ranges::fill(workspace.state_, std::numeric_limits<double>::quiet_NaN());
+    workspace.novelty_ = 0.0;
+  }
   return good;
 }
 
@@ -420,6 +439,8 @@ std::string StateReduction::Fault(std::span<const double> state) const {
   }
   Workspace workspace(*this);
   std::size_t next_picture = 0;
+  std::size_t next_points = 0;
+  std::string strange;  // Named if there is no other fault.
   for (const Part& part : parts_) {
     const auto in =
         state.subspan(static_cast<std::size_t>(part.offset), static_cast<std::size_t>(part.size));
@@ -431,16 +452,29 @@ std::string StateReduction::Fault(std::span<const double> state) const {
              (std::isfinite(*bad) ? ", a picture has values from 0 to 255" : "");
     }
     if (!part.picture) continue;
+    Novelty::Workspace& novelty = workspace.novelties_[next_picture];
     ImageFeatures& picture = workspace.pictures_[next_picture++];
+    FeaturePoints::Workspace* const points =
+        part.points ? &workspace.points_[next_points++] : nullptr;
+    const auto floats =
+        std::span(workspace.floats_).first(static_cast<std::size_t>(picture.size()));
     static_cast<void>(ToBytes(in, workspace.bytes_));
-    if (picture.Apply(
-            ViewOf(picture, workspace.bytes_),
-            std::span(workspace.floats_).first(static_cast<std::size_t>(picture.size()))) ==
-        PictureFault::kDark) {
+    if (picture.Apply(ViewOf(picture, workspace.bytes_), floats) == PictureFault::kDark) {
       return "the picture '" + part.name + "' is black";
     }
+    const double relative =
+        ReducePicture(part, floats, points, workspace.positions_, novelty,
+                      std::span(workspace.state_)
+                          .subspan(static_cast<std::size_t>(part.first),
+                                   static_cast<std::size_t>(part.reduced_size())));
+    if (relative > 1.0 && strange.empty()) {
+      strange = core::Format(
+          "the picture '%s' resembles no demonstration: its difference from them is %.3g times the "
+          "limit; remove what they do not show, or add demonstrations that show it",
+          part.name.c_str(), relative);
+    }
   }
-  return {};
+  return strange;
 }
 
 void StateReduction::Spread(const Eigen::MatrixXd& products, std::span<const double> state,
@@ -499,6 +533,14 @@ StateReduction::Seen StateReduction::Reconstruct(std::string_view block,
                    "there is no reduced block '" << block << "'; the features are " << features_);
 }
 
+double StateReduction::novel_left_out() const noexcept {
+  double most = 0.0;
+  for (const Part& part : parts_) {
+    if (part.novelty) most = std::max(most, part.novelty->left_out());
+  }
+  return most;
+}
+
 void StateReduction::Save(core::ArchiveWriter& archive) const {
   archive.Text(features_);
   archive.Integer(std::ssize(parts_));
@@ -514,6 +556,9 @@ void StateReduction::Save(core::ArchiveWriter& archive) const {
     }
     if (part.points) part.points->Save(archive);
     part.reduction->Save(archive);
+    if (!part.picture) continue;
+    archive.Integer(part.novelty ? 1 : 0);
+    if (part.novelty) part.novelty->Save(archive);
   }
 }
 
@@ -554,6 +599,12 @@ StateReduction StateReduction::Load(core::ArchiveReader& archive, const core::St
         part.reduction = Reduction::Load(archive);
         if (part.reduction->input_dim() != width) {
           archive.Fail("holds a reduction of another number of entries");
+        }
+        if (part.picture && archive.IntegerIn(0, 1) == 1) {
+          part.novelty = Novelty::Load(archive, ShapeOf(*part.picture));
+          if (part.novelty->num_positions() != (part.points ? part.points->size() : 0)) {
+            archive.Fail("holds a limit of novelty of another number of positions");
+          }
         }
       }
       parts.push_back(std::move(part));

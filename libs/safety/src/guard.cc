@@ -140,7 +140,8 @@ struct Guard::Episode {
   std::vector<double> chosen;                                     // Control of the controller.
   std::optional<reduction::StateReduction::Workspace> workspace;  // If states are reduced.
   int next = 0;
-  int entry = -1;  // First entry of the invalid quaternion.
+  int entry = -1;      // First entry of the invalid quaternion.
+  bool novel = false;  // A picture of the last state resembles no demonstration.
 
   // Returns the task's state of `state`, and true if it is valid.
   std::pair<std::span<const double>, bool> TaskState(const GuardModel& model,
@@ -148,6 +149,7 @@ struct Guard::Episode {
     const bool usable = static_cast<int>(state.size()) == model.state_dim() && AllFinite(state);
     if (!workspace) return {state, usable};
     const bool reduced = model.reduction()->Apply(state, *workspace);
+    novel = workspace->novelty() > 1.0;
     return {workspace->state(), usable && reduced};
   }
 };
@@ -216,7 +218,7 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
   if (action_usable) std::copy(action.begin(), action.end(), episode.proposed.begin());
   if (t != episode.next) {
     controller.Stop(HaltCause::kStepSkipped);
-  } else if (!state_usable) {
+  } else if (!state_usable || (episode.novel && !episode.monitors)) {
     controller.Stop(HaltCause::kStateInvalid);
   } else if (off >= 0) {
     controller.Stop(HaltCause::kBadQuaternion);
@@ -269,7 +271,7 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
     // The certificate applies to the controller's time step, which may differ.
     if (step.certified) level = std::max(level, step.log_g);
     verdict.level = level;
-    verdict.alarm = !(level >= -model_->settings().alarm_level);
+    verdict.alarm = episode.novel || !(level >= -model_->settings().alarm_level);
     verdict.alarm_step = episode.tracker.phase();
     if (episode.monitors) verdict.step = verdict.alarm_step;
     // A halted controller returns values from before the halt.
@@ -321,7 +323,7 @@ ChunkVerdict Guard::FilterChunk(int t, std::span<const double> whole,
   const auto [state, state_usable] = episode.TaskState(*model_, whole);
   if (t != episode.next) {
     verdict.cause = HaltCause::kStepSkipped;
-  } else if (!state_usable) {
+  } else if (!state_usable || (episode.novel && !episode.monitors)) {
     verdict.cause = HaltCause::kStateInvalid;
   } else if (actions.empty() || actions.size() % width != 0 || !AllFinite(actions)) {
     verdict.cause = HaltCause::kControlInvalid;

@@ -13,6 +13,7 @@
 #include "dfr/core/trajectory.h"
 #include "dfr/reduction/feature_points.h"
 #include "dfr/reduction/image_features.h"
+#include "dfr/reduction/novelty.h"
 #include "dfr/reduction/reduction.h"
 
 namespace dfr::reduction {
@@ -46,6 +47,9 @@ class StateReduction {
     explicit Workspace(const StateReduction& reduction);
     /// Returns the result of Apply(): reduced_dim() entries.
     [[nodiscard]] std::span<const double> state() const noexcept { return state_; }
+    /// Returns the largest Novelty of the pictures of the last Apply(): above 1 a picture resembles
+    /// no demonstration. 0 if there is none, or if Apply() rejected the state.
+    [[nodiscard]] double novelty() const noexcept { return novelty_; }
 
    private:
     friend class StateReduction;
@@ -54,14 +58,16 @@ class StateReduction {
     std::vector<FeaturePoints::Workspace> points_;  // One for each part with points.
     std::vector<float> floats_;
     std::vector<double> positions_;
+    std::vector<Novelty::Workspace> novelties_;  // One for each part that is a picture.
     std::vector<double> state_;
+    double novelty_ = 0.0;
   };
 
   /// Returns the names after a prefix such as "pca:" in a list of features.
   [[nodiscard]] static std::vector<std::string> Names(std::string_view features);
 
   /// Fits the components to the states of all demonstrations, at most kMostChosen of each block
-  /// whose number is open.
+  /// whose number is open, and the novelty of pictures.
   /// @param threads  0: one per core. The result does not depend on it.
   /// @throws std::invalid_argument naming the feature or the demonstration, and its defect.
   static StateReduction Fit(const core::StateLayout& layout, std::string_view features,
@@ -92,7 +98,8 @@ class StateReduction {
   /// or throws. @returns false, and writes NaN, for a wrong size, a non-finite entry, and a picture
   /// that is black or has a value outside [0, 255].
   bool Apply(std::span<const double> state, Workspace& workspace) const noexcept;
-  /// Describes the reason why Apply() rejects a state; "" if it does not.
+  /// Describes the reason why Apply() rejects a state, or the picture that resembles no
+  /// demonstration; "" for other states.
   [[nodiscard]] std::string Fault(std::span<const double> state) const;
 
   /// Distributes the shares of reduced entries among the entries of `state`, which Apply() accepts.
@@ -111,6 +118,9 @@ class StateReduction {
   /// @throws std::invalid_argument if there is no such block, if it is reduced to points, which
   /// show no picture, or with Fault().
   [[nodiscard]] Seen Reconstruct(std::string_view block, std::span<const double> state) const;
+
+  /// Returns the largest Novelty::left_out() of the pictures; 0 without.
+  [[nodiscard]] double novel_left_out() const noexcept;
 
   /// Appends all except the layout to a file.
   void Save(core::ArchiveWriter& archive) const;
@@ -131,6 +141,8 @@ class StateReduction {
     std::optional<ImageFeatures> picture = {};  ///< Applied first,
     std::optional<FeaturePoints> points = {};   ///< then these,
     std::optional<Reduction> reduction = {};    ///< then this. None: copied.
+    /// Pictures of two demonstrations or more have one.
+    std::optional<Novelty> novelty = {};
 
     [[nodiscard]] int reduced_size() const noexcept {
       return reduction ? reduction->num_components() : size;
@@ -140,9 +152,10 @@ class StateReduction {
 
   static Reduction FitPart(Part& part, int components,
                            std::span<const core::Trajectory> demonstrations, int threads);
-  static void ReducePicture(const Part& part, std::span<const float> picture,
-                            FeaturePoints::Workspace* points, std::span<double> positions,
-                            std::span<double> out) noexcept;
+  /// Returns the picture's novelty.
+  static double ReducePicture(const Part& part, std::span<const float> picture,
+                              FeaturePoints::Workspace* points, std::span<double> positions,
+                              Novelty::Workspace& novelty, std::span<double> out) noexcept;
 
   StateReduction(core::StateLayout layout, std::vector<Part> parts, std::string features);
 
