@@ -193,7 +193,8 @@ std::shared_ptr<const GuardModel> PointsModel() {
 std::vector<double> WithDistractor(std::vector<double> state) {
   for (const int row : {0, 1, 2}) {
     for (const int column : {10, 11})
-      state[static_cast<std::size_t>(kWidth * row + column)] = 250.0;
+      state[static_cast<std::size_t>(kWidth) * static_cast<std::size_t>(row) +
+            static_cast<std::size_t>(column)] = 250.0;
   }
   return state;
 }
