@@ -203,8 +203,8 @@ features : str or list of str
     pictures: one channel, the size after averaging, and the light, of which "standard" (the default)
     removes brightness and contrast, "gain" the brightness. docs/pixels.md has more.
 nu, gamma : float
-    Parameters of the supports; gamma in whitened units, which all tasks share. It is doubled at most twice
-    if a support contains the gap between two modes.
+    Parameters of the supports; gamma in whitened units, which all tasks share. It is doubled if that makes
+    the supports smaller with as many left-out states inside, and while they contain gaps between modes.
 strategy : {"guard", "controller", "dfr", "early-stopping", "monitor", "certified"}
     Source of the actions. "guard": the policy, whose action passes unchanged while it is predicted to end
     inside; at the boundary it is corrected. "controller": the demonstrations; the policy's action passes

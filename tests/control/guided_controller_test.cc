@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "dfr/control/guided/constants.h"
 #include "dfr/control/published/switching_controller.h"
 #include "tests/control/analytic.h"
 #include "tests/control/rightwards.h"
@@ -459,6 +460,35 @@ TEST(GuidedControllerTest, HoldsWhereNothingHelps) {
   } while (step.mode != Mode::kHalt && controls < 1000);
   EXPECT_EQ(step.cause, HaltCause::kNoProgress);
   EXPECT_LE(controls, 41);
+}
+
+// An episode in the last phase whose state belongs to the fourth one, and does not move.
+TEST(GuidedControllerTest, WithLeastInterventionAStuckEpisodeGoesOnFromItsState) {
+  const auto support = MovingDisk();
+  const test::Task model(Identity(), support, Rightwards());
+  const auto policy = test::ConstantPolicy(2, 0.0);
+  const std::vector<double> stuck = {4.0 * test::kSpeed, 0.0};
+  for (const bool least : {false, true}) {
+    GuidedController guided(policy, model,
+                            {.horizon = 100, .first_step = kSteps, .least_intervention = least});
+    guided.Reset(1);
+    std::vector<double> u(2);
+    std::vector<int> phases;
+    Step step = guided.Next(stuck, u);
+    for (int i = 0; i < 200 && step.mode != Mode::kHalt; ++i) {
+      phases.push_back(step.t);
+      step = guided.Next(stuck, u);
+    }
+    EXPECT_EQ(step.cause, HaltCause::kNoProgress);
+    int back = 0;
+    for (std::size_t i = 1; i < phases.size(); ++i) {
+      if (phases[i] >= phases[i - 1]) continue;
+      ++back;
+      EXPECT_EQ(phases[i], 4);
+    }
+    EXPECT_GE(back, least ? 1 : 0);
+    EXPECT_LE(back, least ? guided::kMostRelocations : 0);
+  }
 }
 
 // A support that does not move, and a point outside that no control moves: every decision is in the

@@ -52,7 +52,9 @@ TEST(LevelsTest, AreQuantilesOfTheDemonstrations) {
 
 TEST(LevelsTest, AFileKeepsAllThatTheyKnow) {
   const auto path = std::filesystem::path(testing::TempDir()) / "levels_kept.dfr";
-  const Levels levels(test::MovingDisk(), Points(), {.slack = 0.3});
+  Levels levels(test::MovingDisk(), Points(), {.slack = 0.3});
+  levels.SetEdgeStay(std::vector{HeldOutLevels{.levels = std::vector(20, -1.0),  // All at the edge.
+                                               .phases = std::vector(20, 0)}});
   core::ArchiveWriter archive("levels", 1);
   levels.Save(archive);
   archive.Save(path);
@@ -61,6 +63,8 @@ TEST(LevelsTest, AFileKeepsAllThatTheyKnow) {
   reader.End();
   std::filesystem::remove(path);
   EXPECT_EQ(loaded.slack(), 0.3);
+  EXPECT_EQ(loaded.edge_stay(), levels.edge_stay());
+  EXPECT_GT(loaded.edge_stay(), 10.0);
   for (int t = 0; t < test::kSteps; ++t) {
     EXPECT_EQ(loaded.gate(t), levels.gate(t));
     EXPECT_EQ(loaded.pass(t), levels.pass(t));
@@ -73,13 +77,14 @@ TEST(LevelsTest, AFileWithALevelThatCannotBeIsRefused) {
   const auto path = std::filesystem::path(testing::TempDir()) / "levels.dfr";
   const auto message = [&](const std::vector<double>& gate, const std::vector<double>& pass,
                            const std::vector<double>& edge, const std::vector<double>& median,
-                           double slack) {
+                           double slack, double edge_stay = 10.0) {
     core::ArchiveWriter archive("levels", 1);
     archive.Numbers(gate);
     archive.Numbers(pass);
     archive.Numbers(edge);
     archive.Numbers(median);
     archive.Number(slack);
+    archive.Number(edge_stay);
     archive.Save(path);
     core::ArchiveReader reader(path, "levels", 1);
     return test::MessageOf<std::runtime_error>([&] { static_cast<void>(Levels::Load(reader)); });
@@ -93,6 +98,7 @@ TEST(LevelsTest, AFileWithALevelThatCannotBeIsRefused) {
     EXPECT_THAT(message(good, good, {0.5, bad}, good, 0.2), HasSubstr("edge levels"));
     EXPECT_THAT(message(good, good, good, {bad, 0.5}, 0.2), HasSubstr("median levels"));
     EXPECT_THAT(message(good, good, good, good, bad), HasSubstr("slack"));
+    EXPECT_THAT(message(good, good, good, good, 0.2, bad), HasSubstr("stay at the edge"));
   }
   EXPECT_THAT(message({}, good, good, good, 0.2), HasSubstr("gate levels"));
   EXPECT_THAT(message(good, good, good, good, 0.0), testing::Not(HasSubstr("slack")));
@@ -111,6 +117,26 @@ TEST(LevelsTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(message({}, {}), HasSubstr("no demonstrations"));
   EXPECT_THAT(message({core::Matrix::Zero(4, 3)}, {}),
               HasSubstr("there are 3 features, the support takes 2"));
+}
+
+// Demonstration k of 10, ..., 20 is at the edge in k steps on end, and in none before or after.
+TEST(LevelsTest, NineOfTenHeldOutDemonstrationsStayAtTheEdgeNoLonger) {
+  Levels levels(test::MovingDisk(), Points());
+  EXPECT_EQ(levels.edge_stay(), 10.0);
+  std::vector<HeldOutLevels> held_out;
+  for (int k = 10; k <= 20; ++k) {
+    HeldOutLevels& one = held_out.emplace_back();
+    for (int t = 0; t < 30; ++t) {
+      const bool at_edge = t >= 3 && t < 3 + k;
+      one.levels.push_back(levels.edge(t) + (at_edge ? -1e-9 : 0.0));
+      one.phases.push_back(t);
+    }
+  }
+  levels.SetEdgeStay(held_out);
+  EXPECT_NEAR(levels.edge_stay(), (1.0 - std::pow(0.98, 19)) / 0.02, 1e-12);
+  levels.SetEdgeStay(std::vector{HeldOutLevels{.levels = {-1.0, -1.0}, .phases = {0, 1}}});
+  EXPECT_EQ(levels.edge_stay(), 10.0) << "two steps show too little";
+  EXPECT_THROW(levels.SetEdgeStay({}), std::invalid_argument);
 }
 
 TEST(LevelsTest, SlackIsWhatUnseenDemonstrationsNeedAndNoLessThanTheDefault) {

@@ -114,6 +114,22 @@ TEST(PhaseTrackerTest, ResetStartsAfresh) {
 }
 
 // An episode that goes at `pace` phases a step is followed: the phase is that of the demonstration.
+TEST(PhaseTrackerTest, RelocatesToTheSupportThatContainsTheStateMostDeeply) {
+  const auto support = Line(1.0);
+  PhaseTracker tracker(support);
+  tracker.Reset(30);
+  tracker.Wait();
+  EXPECT_FALSE(tracker.Relocate(std::vector{-1.0})) << "0.83 is the half width";
+  EXPECT_FALSE(tracker.Relocate(std::vector{std::nan("")}));
+  EXPECT_EQ(tracker.phase(), 30);
+  EXPECT_EQ(tracker.waited(), 1);
+  EXPECT_TRUE(tracker.Relocate(std::vector{5.4}));
+  EXPECT_EQ(tracker.phase(), 5);
+  EXPECT_EQ(tracker.waited(), 0);
+  EXPECT_TRUE(tracker.Relocate(std::vector{39.2}));
+  EXPECT_EQ(tracker.phase(), 39);
+}
+
 TEST(PhaseTrackerTest, FollowsPacesOtherThanTheDemonstrations) {
   const auto support = Line(1.0);
   PhaseTracker tracker(support);

@@ -346,6 +346,58 @@ TEST(WhitenedSupportTest, DifferingPacesAreNotTakenForWays) {
                std::invalid_argument);
 }
 
+// Positions in a ring of radii 1 and 2, at three time steps.
+std::vector<core::Matrix> Rings(int count) {
+  core::Random random(3);
+  std::vector<core::Matrix> rings;
+  while (std::ssize(rings) < count) {
+    const double x = random.Uniform(-2.0, 2.0);
+    const double y = random.Uniform(-2.0, 2.0);
+    const double radius = std::hypot(x, y);
+    if (radius < 1.0 || radius > 2.0) continue;
+    core::Matrix states(3, 2);
+    for (int t = 0; t < 3; ++t) states.row(t) << x, y;
+    rings.push_back(states);
+  }
+  return rings;
+}
+
+TEST(WhitenedSupportTest, TheRatioOfVolumesIsThatOfAreas) {
+  const std::vector<core::Matrix> rings = Rings(80);
+  const auto fit = [&](double gamma) {
+    return WhitenedSupport::Fit(rings, {.svm = {.gamma = gamma}, .phase_whitening = false});
+  };
+  const auto area = [&](const WhitenedSupport& support, double level) {
+    int inside = 0;
+    for (int i = 0; i < 200 * 200; ++i) {
+      const std::vector<double> z = {0.05 * (i % 200 - 100), 0.05 * (i / 200 - 100)};  // NOLINT
+      inside += support.LogDecision(1, z, {}) >= level ? 1 : 0;
+    }
+    return inside;
+  };
+  const WhitenedSupport wide = fit(1.0);
+  const WhitenedSupport narrow = fit(4.0);
+  for (const double level : {0.0, -0.3}) {
+    const double expected = std::log(static_cast<double>(area(narrow, level)) / area(wide, level));
+    EXPECT_LT(expected, -0.1);
+    EXPECT_NEAR(LogVolumeRatio(wide, level, narrow, level, rings), expected, 0.1) << level;
+  }
+  EXPECT_EQ(LogVolumeRatio(wide, 0.0, wide, 0.0, rings), 0.0);
+  EXPECT_EQ(LogVolumeRatio(wide, 0.0, narrow, 0.0, std::span(rings).first(4)), 0.0);
+}
+
+TEST(WhitenedSupportTest, ACoarseSupportHasEveryFewthEstimate) {
+  const std::vector<core::Matrix> walks = Walks(20);
+  const auto fine = WhitenedSupport::Fit(walks);
+  const auto coarse = WhitenedSupport::Fit(walks, {.every = 4});
+  ASSERT_EQ(coarse.num_steps(), (fine.num_steps() + 3) / 4);
+  for (int t = 0; t < coarse.num_steps(); ++t) {
+    const std::vector<double> z = {4.0 * t, 0.2};
+    EXPECT_EQ(coarse.LogDecision(t, z, {}), fine.LogDecision(4 * t, z, {}));
+  }
+  EXPECT_THROW(WhitenedSupport::Fit(walks, {.every = 0}), std::invalid_argument);
+}
+
 TEST(WhitenedSupportTest, BrokenSensorsReadAsOutsideAndNothingAllocates) {
   const auto support = WhitenedSupport::Fit(Walks(30));
   std::vector<double> gradient(2);

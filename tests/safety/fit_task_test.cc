@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <cstdint>
 #include <filesystem>
 #include <numeric>
 #include <utility>
@@ -11,6 +13,7 @@
 #include "dfr/control/guided/response_estimate.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/folds.h"
+#include "dfr/core/random.h"
 #include "dfr/kernel/whitened_support.h"
 #include "tests/safety/corridor.h"
 
@@ -85,19 +88,53 @@ TEST(FitTaskTest, EachStateHasALevelWhereTwoDemonstrationsRemain) {
     const auto demonstrations = test::CorridorDemonstrations(3, count);
     const internal::Recorded recorded(Tip(), demonstrations,
                                       core::DeterministicOrder(demonstrations));
-    const auto fit = internal::FitGuard(recorded, {.window_share = 1.0}, 9,
-                                        [](std::string_view, double) { return true; });
+    const auto fit = internal::FitGuard(
+        recorded, {.window_share = 1.0}, 9, [](std::string_view, double) { return true; }, true);
     ASSERT_TRUE(fit);
     EXPECT_EQ(fit->left_out.worst.size(), static_cast<std::size_t>(states)) << count;
-    EXPECT_EQ(fit->left_out.levels.size(),
+    EXPECT_EQ(fit->left_out.levels().size(),
               static_cast<std::size_t>(states * demonstrations[0].states.rows()))
         << count;
+    const std::vector<double> levels = fit->left_out.levels();
     EXPECT_EQ(*std::max_element(fit->left_out.worst.begin(), fit->left_out.worst.end()),
-              -*std::min_element(fit->left_out.levels.begin(), fit->left_out.levels.end()));
+              -*std::min_element(levels.begin(), levels.end()));
   }
 }
 
 // A part of the recording stays together for any order of contents.
+// Ways to the right at a place in a ring of radii `hole` and 2 across the way.
+std::vector<core::Trajectory> AroundAHole(double hole, std::uint64_t seed) {
+  constexpr int kSteps = 12;
+  core::Random random(seed);
+  std::vector<core::Trajectory> demonstrations;
+  while (demonstrations.size() < 60) {
+    const double y = random.Uniform(-2.0, 2.0);
+    const double z = random.Uniform(-2.0, 2.0);
+    if (std::hypot(y, z) < hole || std::hypot(y, z) > 2.0) continue;
+    core::Trajectory& demonstration = demonstrations.emplace_back();
+    demonstration.states.resize(kSteps + 1, 3);
+    demonstration.controls = core::Matrix::Constant(kSteps, 1, 0.2);
+    for (int t = 0; t <= kSteps; ++t) demonstration.states.row(t) << 0.2 * t, y, z;
+  }
+  return demonstrations;
+}
+
+TEST(FitTaskTest, ARegionThatDemonstrationsAvoidDoublesGamma) {
+  core::StateLayout layout;
+  layout.Add("tip", 3);
+  for (const double hole : {0.0, 1.6}) {
+    for (std::uint64_t seed = 1; seed <= 3; ++seed) {
+      const std::vector<core::Trajectory> demonstrations = AroundAHole(hole, seed);
+      const internal::Recorded recorded({layout, "tip"}, demonstrations,
+                                        core::DeterministicOrder(demonstrations));
+      const auto fit = internal::FitGuard(
+          recorded, {}, 5, [](std::string_view, double) { return true; }, true);
+      ASSERT_TRUE(fit);
+      EXPECT_EQ(fit->options.svm.gamma, hole > 0.0 ? 0.5 : 0.25) << hole << ' ' << seed;
+    }
+  }
+}
+
 TEST(FitTaskTest, StretchesAreThoseOfTheRecording) {
   const auto demonstrations = test::CorridorDemonstrations(3, 12);
   const auto order = core::DeterministicOrder(demonstrations);

@@ -56,6 +56,21 @@ double PhaseTracker::Enter(std::span<const double> z, double least) noexcept {
   return l >= least ? l : support_->LogDecision(phase_, z, {});
 }
 
+bool PhaseTracker::Relocate(std::span<const double> z) noexcept {
+  double best = 0.0;
+  int found = -1;
+  for (int q = 0; q < support_->num_steps(); ++q) {
+    const double l = support_->LogDecision(q, z, {});
+    if (!(l >= best)) continue;
+    best = l;
+    found = q;
+  }
+  if (found < 0) return false;
+  phase_ = found;
+  waited_ = 0;
+  return true;
+}
+
 bool PhaseTracker::Take(int q, int expected, double l, double& best) noexcept {
   const double score = l - kPenalty * std::abs(q - expected);
   if (!(score > best)) return false;

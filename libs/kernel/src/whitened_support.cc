@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <functional>
 #include <limits>
 #include <utility>
@@ -11,6 +12,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/folds.h"
 #include "dfr/core/local_scatter.h"
+#include "dfr/core/random.h"
 #include "dfr/core/spanning_tree.h"
 
 namespace dfr::kernel {
@@ -59,6 +61,23 @@ core::Matrix LocalCovariance(std::span<const core::Matrix> demonstrations, const
   return core::LocalScatter({&means, 1}, {.rounds = 1}) + core::PooledCovariance(own);
 }
 
+Window WindowAt(int t, int num_steps, const WhitenedSupportOptions& options) {
+  const int stride = options.Stride(num_steps);
+  return {.first = t - stride * std::min(options.window, t / stride),
+          .last = t + stride * options.window,
+          .stride = stride,
+          .hold = options.hold_ended};
+}
+
+// Returns V_t, a symmetric matrix. `states` are those of the window.
+core::Matrix MapOf(std::span<const core::Matrix> demonstrations, const core::Matrix& states,
+                   const Window& window, const WhitenedSupportOptions& options) {
+  if (!options.phase_whitening) return core::Matrix::Identity(states.cols(), states.cols());
+  return core::InverseSquareRoot(options.local ? LocalCovariance(demonstrations, window)
+                                               : core::PooledCovariance({&states, 1}),
+                                 options.phase_ridge);
+}
+
 // Number of time steps that at least a share of the demonstrations, and two of them, reach.
 int NumSteps(std::span<const core::Matrix> demonstrations, double share) {
   std::vector<Eigen::Index> lengths;
@@ -82,6 +101,7 @@ WhitenedSupport WhitenedSupport::Fit(std::span<const core::Matrix> demonstration
                    "demonstrations, not "
                        << demonstrations.size());
   DFR_THROW_UNLESS(options.window >= 0, "window must not be negative: " << options.window);
+  DFR_THROW_UNLESS(options.every >= 1, "every must be at least 1: " << options.every);
   DFR_THROW_UNLESS(options.window_share >= 0.0 && options.window_share <= 1.0,
                    "window_share must lie in [0, 1], not " << options.window_share);
   DFR_THROW_UNLESS(options.least_share >= 0.0 && options.least_share <= 1.0,
@@ -98,20 +118,11 @@ WhitenedSupport WhitenedSupport::Fit(std::span<const core::Matrix> demonstration
                      "demonstration " << d << " has a non-finite entry");
   }
   const int num_steps = NumSteps(demonstrations, options.least_share);
-  const int stride = options.Stride(num_steps);
   std::vector<Estimate> estimates;
-  for (int t = 0; t < num_steps; ++t) {
-    const Window window{.first = t - stride * std::min(options.window, t / stride),
-                        .last = t + stride * options.window,
-                        .stride = stride,
-                        .hold = options.hold_ended};
+  for (int t = 0; t < num_steps; t += options.every) {
+    const Window window = WindowAt(t, num_steps, options);
     const core::Matrix states = Pool(demonstrations, window);
-    core::Matrix map = core::Matrix::Identity(n, n);
-    if (options.phase_whitening) {
-      map = core::InverseSquareRoot(options.local ? LocalCovariance(demonstrations, window)
-                                                  : core::PooledCovariance({&states, 1}),
-                                    options.phase_ridge);
-    }
+    const core::Matrix map = MapOf(demonstrations, states, window, options);
     // map is symmetric.
     const OneClassSvm svm = OneClassSvm::Fit(states * map, options.svm);
     estimates.push_back({map, options.single_precision ? svm.InSinglePrecision() : svm});
@@ -242,6 +253,47 @@ ModeSeparationTest TestModeSeparation(const WhitenedSupport& support,
     }
   }
   return test;
+}
+
+double LogVolumeRatio(const WhitenedSupport& wide, double wide_level, const WhitenedSupport& narrow,
+                      double narrow_level, std::span<const core::Matrix> demonstrations) {
+  constexpr std::size_t kLeastDemonstrations = 5;
+  constexpr std::size_t kDraws = 400;
+  constexpr int kLeastInside = 10;
+  constexpr double kSpread = 1.5;  // Standard deviation of draws about the states.
+  constexpr std::uint64_t kSeed = 0x766f6c;
+  core::Random random(kSeed);
+  double sum = 0.0;
+  int steps = 0;
+  for (int t = 0; t < wide.num_steps(); ++t) {
+    const core::Matrix& map = wide.map(t);
+    std::vector<Eigen::VectorXd> states;
+    for (const core::Matrix& demonstration : demonstrations) {
+      if (t < demonstration.rows()) states.emplace_back(map * demonstration.row(t).transpose());
+    }
+    if (states.size() < kLeastDemonstrations) continue;
+    double wide_volume = 0.0;
+    double narrow_volume = 0.0;
+    int inside = 0;
+    for (std::size_t draw = 0; draw < kDraws; ++draw) {
+      Eigen::VectorXd y = states[draw % states.size()];
+      for (double& entry : y) entry += kSpread * random.Normal();
+      double density = 0.0;
+      for (const Eigen::VectorXd& state : states) {
+        density += std::exp(-(y - state).squaredNorm() / (2.0 * kSpread * kSpread));
+      }
+      if (wide.estimate(t).LogDecision(core::AsSpan(y)) >= wide_level) {
+        wide_volume += 1.0 / density;
+      }
+      if (narrow.estimate(t).LogDecision(core::AsSpan(y)) < narrow_level) continue;
+      narrow_volume += 1.0 / density;
+      ++inside;
+    }
+    if (inside < kLeastInside || wide_volume == 0.0) continue;
+    sum += std::log(narrow_volume / wide_volume);
+    ++steps;
+  }
+  return steps > 0 ? sum / steps : 0.0;
 }
 
 }  // namespace dfr::kernel

@@ -32,8 +32,8 @@ std::optional<Candidate> Try(const core::StateLayout& layout, const std::string&
     const Recorded part(
         core::FeatureSelection(layout, spec).Mapped(recorded.features.selection().map()),
         recorded.ordered, core::DeterministicOrder(recorded.ordered), &actions);
-    const std::optional<GuardFit> fit =
-        FitGuard(part, options, folds, [](std::string_view, double) { return true; });
+    const std::optional<GuardFit> fit = FitGuard(
+        part, options, folds, [](std::string_view, double) { return true; }, false);
     return Candidate{spec, fit->left_out.acceptance()};
   } catch (const std::invalid_argument&) {
     return std::nullopt;  // No entry differs between demonstrations.

@@ -140,7 +140,7 @@ std::shared_ptr<GuardModel> GuardModel::FitReduced(const core::StateLayout& layo
       };
     }
     std::shared_ptr<GuardModel> model =
-        FitStates(reduction->reduced_layout(), Reduced(*reduction, demonstrations), own);
+        FitStates(reduction->reduced_layout(), Reduced(*reduction, demonstrations), own, false);
     if (!model) return nullptr;
     model->reduction_ = reduction;
     if (open) {

@@ -1,6 +1,7 @@
 #include "fit_task.h"
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 #include <string>
 #include <utility>
@@ -9,6 +10,7 @@
 #include "dfr/control/published/lambda.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/feature_decision.h"
+#include "dfr/core/quantile.h"
 
 namespace dfr::safety::internal {
 namespace {
@@ -17,6 +19,12 @@ namespace {
 // inside, and the maximum number of doublings of gamma.
 constexpr double kMostInGaps = 0.05;
 constexpr int kMostDoublings = 2;
+// The fit doubles gamma if that reduces the logarithm of the support's volume by at least
+// kLeastGain plus the share of left-out states that it loses. Volumes are compared at kCoarseSteps
+// time steps, with kLeftOutside of the left-out states outside.
+constexpr double kLeastGain = 0.15;
+constexpr Eigen::Index kCoarseSteps = 12;
+constexpr double kLeftOutside = 0.1;
 // Required fraction of left-out states inside. Below it a support pools more time steps, at most
 // twice.
 constexpr double kWantedInside = 0.85;
@@ -80,7 +88,7 @@ class SupportFits {
     }
     HeldOut all;
     for (const HeldOut& one : each) {
-      all.levels.insert(all.levels.end(), one.levels.begin(), one.levels.end());
+      all.each.insert(all.each.end(), one.each.begin(), one.each.end());
       all.worst.insert(all.worst.end(), one.worst.begin(), one.worst.end());
       all.inside_throughout += one.inside_throughout;
     }
@@ -98,6 +106,59 @@ class SupportFits {
 
   const std::vector<core::Matrix>& points_;
   int count_ = 0;
+};
+
+// Supports at a few time steps, which take less time than fits to all.
+class CoarseSupports {
+ public:
+  CoarseSupports(const Recorded& recorded, const kernel::WhitenedSupportOptions& options, int folds)
+      : points_(recorded.seen.points), folds_(recorded.Stratified(folds)), options_(options) {
+    Eigen::Index longest = 0;
+    for (const core::Matrix& points : points_) longest = std::max(longest, points.rows());
+    options_.every = static_cast<int>((longest + kCoarseSteps - 1) / kCoarseSteps);
+    for (const core::Matrix& points : points_) {
+      coarse_.emplace_back(points(Eigen::seq(0, Eigen::last, options_.every), Eigen::all));
+    }
+  }
+
+  // Returns true if twice the gamma of the options describes the demonstrations better.
+  [[nodiscard]] bool PreferNarrow() const {
+    const Fitted wide = Fit(options_.svm.gamma);
+    const Fitted narrow = Fit(2.0 * options_.svm.gamma);
+    const double gain =
+        -kernel::LogVolumeRatio(wide.support, wide.level, narrow.support, narrow.level, coarse_);
+    return gain - (wide.acceptance - narrow.acceptance) >= kLeastGain;
+  }
+
+ private:
+  struct Fitted {
+    kernel::WhitenedSupport support;
+    double level;  // All but kLeftOutside of the left-out states reach it.
+    double acceptance;
+  };
+
+  [[nodiscard]] Fitted Fit(double gamma) const {
+    kernel::WhitenedSupportOptions options = options_;
+    options.svm.gamma = gamma;
+    std::vector<std::size_t> order(points_.size());
+    std::iota(order.begin(), order.end(), std::size_t{0});
+    HeldOut held_out;
+    for (std::size_t fold = 0; fold < folds_.size(); ++fold) {
+      std::vector<core::Matrix> others;
+      others.reserve(points_.size());
+      for (const std::size_t d : core::Others(folds_, fold, order)) others.push_back(points_[d]);
+      if (others.size() < 2) continue;
+      const auto support = kernel::WhitenedSupport::Fit(others, options);
+      for (const std::size_t d : folds_[fold]) held_out.Add(support, coarse_[d]);
+    }
+    return {kernel::WhitenedSupport::Fit(points_, options),
+            core::Quantile(held_out.levels(), kLeftOutside), held_out.acceptance()};
+  }
+
+  const std::vector<core::Matrix>& points_;
+  core::Folds folds_;
+  kernel::WhitenedSupportOptions options_;
+  std::vector<core::Matrix> coarse_;  // Every options_.every-th state.
 };
 
 }  // namespace
@@ -152,26 +213,39 @@ core::Folds Recorded::Contiguous(int most) const {
 }
 
 void HeldOut::Add(const core::LogDecisionFunction& support, const core::Matrix& points) {
-  const std::vector<double> followed = Follow(support, points, nullptr);
-  const double lowest = *std::min_element(followed.begin(), followed.end());
-  levels.insert(levels.end(), followed.begin(), followed.end());
+  control::HeldOutLevels& one = each.emplace_back();
+  one.levels = Follow(support, points, &one.phases);
+  const double lowest = *std::min_element(one.levels.begin(), one.levels.end());
   worst.push_back(-lowest);
   inside_throughout += lowest >= 0.0 ? 1 : 0;
 }
 
+std::vector<double> HeldOut::levels() const {
+  std::vector<double> all;
+  for (const control::HeldOutLevels& one : each) {
+    all.insert(all.end(), one.levels.begin(), one.levels.end());
+  }
+  return all;
+}
+
 double HeldOut::acceptance() const {
-  const auto inside =
-      std::count_if(levels.begin(), levels.end(), [](double l) { return l >= 0.0; });
-  return static_cast<double>(inside) / static_cast<double>(levels.size());
+  const std::vector<double> all = levels();
+  const auto inside = std::count_if(all.begin(), all.end(), [](double l) { return l >= 0.0; });
+  return static_cast<double>(inside) / static_cast<double>(all.size());
 }
 
 std::optional<GuardFit> FitGuard(const Recorded& recorded,
                                  const kernel::WhitenedSupportOptions& options, int folds,
-                                 const std::function<bool(std::string_view, double)>& going_on) {
+                                 const std::function<bool(std::string_view, double)>& going_on,
+                                 bool may_narrow) {
   SupportFits fits(recorded);
   kernel::WhitenedSupportOptions chosen = options;
   std::optional<kernel::WhitenedSupport> support;
   kernel::ModeSeparationTest gaps;
+  if (may_narrow) {
+    if (!going_on("comparing kernel widths", 0.0)) return std::nullopt;
+    if (CoarseSupports(recorded, options, folds).PreferNarrow()) chosen.svm.gamma *= 2.0;
+  }
   for (int doubled = 0;; ++doubled) {
     if (!going_on("looking for gaps", 0.0)) return std::nullopt;
     support = fits.ToAll(chosen);
@@ -221,7 +295,8 @@ TaskParts MakeTask(const Recorded& recorded, kernel::WhitenedSupport support,
                    const HeldOut& left_out, bool single_precision,
                    std::optional<PublishedSupport> published) {
   control::Levels levels(support, recorded.seen.points,
-                         {.slack = control::EstimateSlack(left_out.levels)});
+                         {.slack = control::EstimateSlack(left_out.levels())});
+  levels.SetEdgeStay(left_out.each);
   TaskParts task{.features = recorded.features,
                  .support = std::move(support),
                  .levels = std::move(levels),

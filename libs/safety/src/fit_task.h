@@ -7,6 +7,7 @@
 #include <string_view>
 #include <vector>
 
+#include "dfr/control/guided/levels.h"
 #include "dfr/control/guided/response.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/feature_transform.h"
@@ -53,11 +54,13 @@ struct Recorded {
 
 /// Levels of demonstrations by supports fitted without them.
 struct HeldOut {
-  std::vector<double> levels;  ///< l of each state.
-  std::vector<double> worst;   ///< -l at the worst state of each demonstration.
-  int inside_throughout = 0;   ///< Number of demonstrations.
+  std::vector<control::HeldOutLevels> each;  ///< One per demonstration.
+  std::vector<double> worst;                 ///< -l at the worst state of each demonstration.
+  int inside_throughout = 0;                 ///< Number of demonstrations.
 
   void Add(const core::LogDecisionFunction& support, const core::Matrix& points);
+  /// Returns l of each state.
+  [[nodiscard]] std::vector<double> levels() const;
   /// Returns the fraction of states inside.
   [[nodiscard]] double acceptance() const;
 };
@@ -75,12 +78,13 @@ struct GuardFit {
   int support_fits = 0;
 };
 
-/// Chooses gamma by the mode separation test and window_share by cross-validation; see
-/// GuardOptions.
+/// Chooses gamma by the mode separation test, if `may_narrow` also by volume, and window_share by
+/// cross-validation; see GuardOptions.
 /// @returns nothing if `going_on` returns false.
 std::optional<GuardFit> FitGuard(const Recorded& recorded,
                                  const kernel::WhitenedSupportOptions& options, int folds,
-                                 const std::function<bool(std::string_view, double)>& going_on);
+                                 const std::function<bool(std::string_view, double)>& going_on,
+                                 bool may_narrow);
 
 /// Creates the task of a support and its cross-validation.
 TaskParts MakeTask(const Recorded& recorded, kernel::WhitenedSupport support,

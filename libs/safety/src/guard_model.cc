@@ -155,13 +155,13 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
                                                   const GuardOptions& options) {
   Check(layout, demonstrations);
   return reduction::StateReduction::Names(options.features).empty()
-             ? FitStates(layout, demonstrations, options)
+             ? FitStates(layout, demonstrations, options, true)
              : FitReduced(layout, demonstrations, options);
 }
 
 std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layout,
                                                   std::span<const core::Trajectory> demonstrations,
-                                                  const GuardOptions& options) {
+                                                  const GuardOptions& options, bool may_narrow) {
   DFR_THROW_UNLESS(
       options.horizon >= 0 && options.horizon <= kLongestHorizon,
       "horizon must lie in [0, " << kLongestHorizon << "], not be " << options.horizon);
@@ -198,7 +198,7 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
   const internal::Recorded recorded(selection, demonstrations,
                                     std::span(order).subspan(num_held_out), actions.get());
   std::optional<internal::GuardFit> fit =
-      internal::FitGuard(recorded, options.support, options.folds, going_on);
+      internal::FitGuard(recorded, options.support, options.folds, going_on, may_narrow);
   if (!fit) return nullptr;
   if (!options.accept_any) {
     internal::RefuseUnlessInside(layout, recorded, *fit, *actions, options.folds);

@@ -37,7 +37,8 @@ void GuidedController::DoReset(std::uint64_t /*seed*/) noexcept {
   tracker_.Reset(options_.first_step);
   progress_ = {};
   computed_ = false;
-  at_edge_ = 0.0;
+  at_edge_.Reset();
+  relocations_ = 0;
 }
 
 Step GuidedController::DoNext(std::span<const double> x, std::span<double> u) noexcept {
@@ -63,7 +64,16 @@ void GuidedController::See(std::span<const double> x) noexcept {
   observer_.Observe(estimate_, z_);
 }
 
+void GuidedController::Relocate() noexcept {
+  if (!options_.least_intervention || relocations_ == guided::kMostRelocations) return;
+  if (tracker_.waited() < std::max(1, options_.patience / 2)) return;
+  const double level = task_.support().LogDecision(tracker_.phase(), AsSpan(z_), {});
+  if (!(level < -filter_.max_exit_level()) || !tracker_.Relocate(AsSpan(z_))) return;
+  ++relocations_;
+}
+
 Step GuidedController::Look() noexcept {
+  Relocate();
   const core::LogDecisionFunction& support = task_.support();
   Step step{.t = tracker_.phase(), .iteration = tracker_.waited()};
   step.log_g = support.LogDecision(step.t, AsSpan(z_), {});
@@ -85,7 +95,7 @@ Step GuidedController::Decide(Step step, std::span<double> u) noexcept {
   step.log_threshold = hi;
   if (options_.least_intervention) {
     const double lo = task_.levels().pass(step.t + 1);
-    const double share = (at_edge_ - guided::kEdgeGrace) / guided::kEdgeRamp;
+    const double share = (at_edge_.steps() - task_.levels().edge_stay()) / guided::kEdgeRamp;
     step.log_threshold = lo + (hi - lo) * std::clamp(share, 0.0, 1.0);
   }
   step.threshold = task_.support().FromLog(step.t, step.log_threshold);
@@ -106,8 +116,7 @@ Step GuidedController::Decide(Step step, std::span<double> u) noexcept {
   chose_in_ = tracker_;
   Advance(choice.level);
   const bool passes = step.mode == Mode::kPolicy && within && v_ == learned_;
-  at_edge_ *= guided::kEdgeMemory;
-  if (passes && step.log_g < task_.levels().edge(step.t)) at_edge_ += 1.0;
+  at_edge_.Add(passes && step.log_g < task_.levels().edge(step.t));
   step.filtered = step.mode == Mode::kPolicy && !passes;
   // A control that passes is unchanged to the bit.
   if (!passes) {

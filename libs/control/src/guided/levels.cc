@@ -35,6 +35,10 @@ double EstimateSlack(std::vector<double> held_out_levels) {
   return std::max(LevelOptions().slack, -Quantile(held_out_levels, guided::kSlackQuantile));
 }
 
+void EdgeStay::Add(bool at_edge) noexcept {
+  steps_ = guided::kEdgeMemory * steps_ + (at_edge ? 1.0 : 0.0);
+}
+
 Levels::Levels(const core::LogDecisionFunction& support, std::span<const core::Matrix> points,
                const LevelOptions& options)
     : slack_(options.slack) {
@@ -65,12 +69,29 @@ Levels::Levels(const core::LogDecisionFunction& support, std::span<const core::M
   }
 }
 
+void Levels::SetEdgeStay(std::span<const HeldOutLevels> held_out) {
+  DFR_THROW_UNLESS(!held_out.empty(), "there are no levels of unseen demonstrations");
+  std::vector<double> longest;
+  longest.reserve(held_out.size());
+  for (const HeldOutLevels& demonstration : held_out) {
+    EdgeStay stay;
+    double most = 0.0;
+    for (std::size_t i = 0; i < demonstration.levels.size(); ++i) {
+      stay.Add(demonstration.levels[i] < edge(demonstration.phases[i]));
+      most = std::max(most, stay.steps());
+    }
+    longest.push_back(most);
+  }
+  edge_stay_ = std::max(guided::kLeastEdgeStay, Quantile(longest, guided::kEdgeStayQuantile));
+}
+
 void Levels::Save(core::ArchiveWriter& archive) const {
   archive.Numbers(gate_);
   archive.Numbers(pass_);
   archive.Numbers(edge_);
   archive.Numbers(median_);
   archive.Number(slack_);
+  archive.Number(edge_stay_);
 }
 
 Levels Levels::Load(core::ArchiveReader& archive) {
@@ -82,6 +103,10 @@ Levels Levels::Load(core::ArchiveReader& archive) {
   levels.slack_ = archive.Number();
   if (!(levels.slack_ >= 0.0 && std::isfinite(levels.slack_))) {
     archive.Fail("the slack must be finite and not negative");
+  }
+  levels.edge_stay_ = archive.Number();
+  if (!(levels.edge_stay_ >= 0.0 && std::isfinite(levels.edge_stay_))) {
+    archive.Fail("the stay at the edge must be finite and not negative");
   }
   return levels;
 }

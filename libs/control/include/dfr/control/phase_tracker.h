@@ -38,6 +38,9 @@ class PhaseTracker {
   /// level `l` of it. Moves to the phase with the best-fitting support for `z`, from phase() + 1
   /// (phase() if `may_wait`) to phase() + kWindow; phase() + 1 if levels are not finite.
   void Advance(std::span<const double> z, double l, bool may_wait) noexcept;
+  /// Moves to the phase, of all, whose support contains `z` most deeply. @returns false if no
+  /// support contains `z`; the phase then stays.
+  bool Relocate(std::span<const double> z) noexcept;
   /// Keeps the phase for one more control.
   void Wait() noexcept { ++waited_; }
   /// Processes an observer's next state `z`. @returns l at the selected phase, -infinity for an

@@ -111,7 +111,8 @@ struct GuardOptions {
   /// "points:NAME[:K]" and "pca:NAME[:K]" denote components of a block (reduction::StateReduction).
   /// Without K the fit chooses their number, and fails if none suffices.
   std::string features = {};
-  /// nu, gamma (in whitened units) and others. The fit doubles gamma up to twice while a mode
+  /// nu, gamma (in whitened units) and others. The fit doubles gamma if that makes the support
+  /// smaller with as many left-out states inside (docs/recovery.md), and up to twice while a mode
   /// separation test has more than 5 % of its points, and of the time steps, inside. It doubles
   /// window_share up to twice while less than 85 % of the states of left-out demonstrations are
   /// inside and the test allows it.
@@ -235,9 +236,10 @@ class GuardModel {
 
  private:
   GuardModel() = default;
+  /// @param may_narrow  gamma may be doubled where that reduces the volume of the support.
   static std::shared_ptr<GuardModel> FitStates(const core::StateLayout& layout,
                                                std::span<const core::Trajectory> demonstrations,
-                                               const GuardOptions& options);
+                                               const GuardOptions& options, bool may_narrow);
   static std::shared_ptr<GuardModel> FitReduced(const core::StateLayout& layout,
                                                 std::span<const core::Trajectory> demonstrations,
                                                 const GuardOptions& options);

@@ -39,11 +39,16 @@ inline constexpr double kLeastGain = 1e-3;
 /// GuidedController with least intervention: forgetting factor per step of the number of steps that
 /// pass at the edge.
 inline constexpr double kEdgeMemory = 0.98;
-/// Number of such steps without effect. Over the next kEdgeRamp steps the level at which the
-/// learned control passes rises to the gate level. Otherwise a policy that stays at the edge for
-/// long would fail where the support is too wide.
-inline constexpr double kEdgeGrace = 10.0;
+/// Fraction of held-out demonstrations that stay at the edge no longer than Levels::edge_stay().
+/// From there, over the next kEdgeRamp steps, the level at which the learned control passes rises
+/// to the gate level. Otherwise a policy that stays at the edge would fail where the support is too
+/// wide.
+inline constexpr double kEdgeStayQuantile = 0.9;
+/// Smallest Levels::edge_stay(). Few or short demonstrations show too little.
+inline constexpr double kLeastEdgeStay = 10.0;
 inline constexpr double kEdgeRamp = 10.0;
+/// GuidedController: largest number of times in an episode that the phase is looked up again.
+inline constexpr int kMostRelocations = 2;
 
 /// SafetyFilter: if no control is predicted to end inside, a change of the learned control of at
 /// most this norm, in ordinary controls, is skipped if it gains little.

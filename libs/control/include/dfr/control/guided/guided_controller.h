@@ -25,8 +25,9 @@ namespace dfr::control {
 ///
 ///   1. If l_{tau+1}(z'(v_hat)) >= hi (Levels::gate), v_hat passes. If l_tau(z), l_{tau+1}(z) >= hi
 ///      and v_hat is no larger than demonstrated, it passes without an evaluation of J. With
-///      GuidedOptions::least_intervention it passes from Levels::pass on; after many steps at the
-///      edge of the support this level rises to hi (guided::kEdgeGrace). It also passes if the
+///      GuidedOptions::least_intervention it passes from Levels::pass on; after a longer stay
+///      at the edge of the support than in demonstrations, this level rises to hi
+///      (Levels::edge_stay()). It also passes if the
 ///      control of steps 2 and 3 would end outside too, differs from v_hat by at most half an
 ///      ordinary control (guided::kIdle), and gains at most hi minus the level at which v_hat
 ///      passes.
@@ -42,6 +43,10 @@ namespace dfr::control {
 ///   5. If the prediction is inside B_{tau+1}, the phase advances by one. Otherwise it advances to
 ///      the one of the next three phases whose support fits the prediction best, or stays if the
 ///      prediction is beyond the exit level and the present support fits better (PhaseTracker).
+///      With GuidedOptions::least_intervention, after half of GuidedOptions::patience controls in a
+///      phase, in a state beyond the exit level of its support, the phase becomes the one whose
+///      support contains the state most deeply, if there is one: the task goes on from there. This
+///      evaluates all supports once, at most guided::kMostRelocations times in an episode.
 ///   6. HaltRule ends episodes without progress.
 ///
 /// A step is a recovery (Mode::kRecovery) if v comes from v_d. If it comes from v_hat, the mode is
@@ -86,6 +91,8 @@ class GuidedController final : public Controller {
   [[nodiscard]] Step Look() noexcept;
   /// Chooses v_ from the learned control `u`. Writes it to `u` if it differs.
   [[nodiscard]] Step Decide(Step step, std::span<double> u) noexcept;
+  /// Looks up the phase again if the episode is stuck outside the support of the present one.
+  void Relocate() noexcept;
   [[nodiscard]] bool DeepInside(double level) const noexcept;
   void Advance(double level) noexcept;
 
@@ -102,8 +109,8 @@ class GuidedController final : public Controller {
 
   Progress progress_;
   bool computed_ = false;  ///< estimate_ was computed since DoReset().
-  double at_edge_ = 0.0;   ///< Number of recent steps that passed at the edge, with forgetting
-                           ///< guided::kEdgeMemory.
+  EdgeStay at_edge_;       ///< Counts the steps that passed.
+  int relocations_ = 0;
   Eigen::VectorXd z_;
   Eigen::VectorXd v_;  ///< The control of this step; after the step, the last applied control.
   Eigen::VectorXd seen_;

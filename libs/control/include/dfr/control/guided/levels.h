@@ -3,6 +3,7 @@
 #include <span>
 #include <vector>
 
+#include "dfr/control/guided/constants.h"
 #include "dfr/core/archive.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/matrix.h"
@@ -19,8 +20,8 @@ struct LevelOptions {
   /// from l = 0. A higher one corrects earlier: weak policies fail less, and more controls of a
   /// good policy are changed (docs/recovery.md has the curve).
   double pass_quantile = 0.05;
-  /// States below this quantile are at the edge of the support. A policy that stays there must end
-  /// deeper inside (guided::kEdgeGrace).
+  /// States below this quantile are at the edge of the support. A policy that stays there longer
+  /// than demonstrations do must end deeper inside (Levels::edge_stay()).
   double edge_quantile = 0.25;
   /// States of the task may be outside the support down to l = -slack: an object to the side must
   /// not stop the rest. EstimateSlack() estimates it from demonstrations.
@@ -34,6 +35,24 @@ struct LevelOptions {
 /// @throws std::invalid_argument if there are none.
 [[nodiscard]] double EstimateSlack(std::vector<double> held_out_levels);
 
+/// Number of steps at the edge of the support, with forgetting guided::kEdgeMemory.
+class EdgeStay {
+ public:
+  void Reset() noexcept { steps_ = 0.0; }
+  /// Records a step.
+  void Add(bool at_edge) noexcept;
+  [[nodiscard]] double steps() const noexcept { return steps_; }
+
+ private:
+  double steps_ = 0.0;
+};
+
+/// A demonstration by a support that was fitted without it.
+struct HeldOutLevels {
+  std::vector<double> levels;  ///< l of each state,
+  std::vector<int> phases;     ///< at this phase.
+};
+
 /// Levels of l_t that demonstrations keep at each time step, and the slack. A value; immutable.
 class Levels {
  public:
@@ -42,6 +61,10 @@ class Levels {
   /// state_dim(), or an option is out of range.
   Levels(const core::LogDecisionFunction& support, std::span<const core::Matrix> points,
          const LevelOptions& options = {});
+
+  /// Sets edge_stay() to the 0.9-quantile of the longest stays of `held_out` at the edge,
+  /// at least guided::kLeastEdgeStay. @throws std::invalid_argument if there are none.
+  void SetEdgeStay(std::span<const HeldOutLevels> held_out);
 
   /// Appends this object to a file.
   void Save(core::ArchiveWriter& archive) const;
@@ -55,6 +78,10 @@ class Levels {
   [[nodiscard]] double pass(int t) const noexcept { return Clamped(pass_, t); }
   /// Returns the level of l_t below which a state is at the edge of the support, >= 0.
   [[nodiscard]] double edge(int t) const noexcept { return Clamped(edge_, t); }
+  /// Returns the EdgeStay::steps() from which the level at which the learned control passes rises
+  /// from pass() to gate(), over the next guided::kEdgeRamp steps. guided::kLeastEdgeStay
+  /// without SetEdgeStay().
+  [[nodiscard]] double edge_stay() const noexcept { return edge_stay_; }
   /// Returns the median of l_t over demonstrated states, >= 0.
   [[nodiscard]] double median(int t) const noexcept { return Clamped(median_, t); }
   /// Returns LevelOptions::slack.
@@ -69,6 +96,7 @@ class Levels {
   std::vector<double> edge_;
   std::vector<double> median_;
   double slack_ = 0.0;
+  double edge_stay_ = guided::kLeastEdgeStay;
 };
 
 }  // namespace dfr::control
