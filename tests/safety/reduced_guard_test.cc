@@ -189,7 +189,7 @@ std::shared_ptr<const GuardModel> PointsModel() {
   return kModel;
 }
 
-// A bright square of 3 x 3 pixels in a corner that the tip never visits.
+// A bright patch of 3 x 2 pixels in a corner that the tip never visits.
 std::vector<double> WithDistractor(std::vector<double> state) {
   for (const int row : {0, 1, 2}) {
     for (const int column : {10, 11})

@@ -25,12 +25,11 @@ namespace dfr::control {
 ///
 ///   1. If l_{tau+1}(z'(v_hat)) >= hi (Levels::gate), v_hat passes. If l_tau(z), l_{tau+1}(z) >= hi
 ///      and v_hat is no larger than demonstrated, it passes without an evaluation of J. With
-///      GuidedOptions::least_intervention it passes from Levels::pass on; after a longer stay
-///      at the edge of the support than in demonstrations, this level rises to hi
-///      (Levels::edge_stay()). It also passes if the
-///      control of steps 2 and 3 would end outside too, differs from v_hat by at most half an
-///      ordinary control (guided::kIdle), and gains at most hi minus the level at which v_hat
-///      passes.
+///      GuidedOptions::least_intervention it passes from Levels::pass on; after a longer stay at
+///      the edge of the support than in demonstrations, this level rises to hi
+///      (Levels::edge_stay()). It also passes if the control of steps 2 and 3 would end outside
+///      too, differs from v_hat by at most half an ordinary control (guided::kIdle), and gains at
+///      most hi minus the level at which v_hat passes.
 ///   2. v <- AscendSupport(v_d, hi), where v_d has the effect of nearby demonstrations
 ///      (ResponseEstimate::NominalControl()). If l_{tau+1}(z'(v)) >= 0, v is applied.
 ///   3. v <- AscendSupport(v_hat, hi). If it leads inside, v is applied. Otherwise the better of
@@ -109,7 +108,7 @@ class GuidedController final : public Controller {
 
   Progress progress_;
   bool computed_ = false;  ///< estimate_ was computed since DoReset().
-  EdgeStay at_edge_;       ///< Counts the steps that passed.
+  EdgeStay at_edge_;       ///< Counts steps whose learned control passed.
   int relocations_ = 0;
   Eigen::VectorXd z_;
   Eigen::VectorXd v_;  ///< The control of this step; after the step, the last applied control.

@@ -47,13 +47,14 @@ class EdgeStay {
   double steps_ = 0.0;
 };
 
-/// A demonstration by a support that was fitted without it.
+/// Levels of one demonstration by a support that was fitted without it.
 struct HeldOutLevels {
   std::vector<double> levels;  ///< l of each state,
   std::vector<int> phases;     ///< at this phase.
 };
 
-/// Levels of l_t that demonstrations keep at each time step, and the slack. A value; immutable.
+/// Levels of l_t that demonstrations keep at each time step, the slack, and the stay at the edge. A
+/// value: const calls are safe from several threads.
 class Levels {
  public:
   /// @param points  features of demonstrated states, one matrix per demonstration.
