@@ -37,6 +37,7 @@ class FakeCheckedArm final : public CheckedArm {
     input.state_publishers = topics_[0].health.publishers;
     input.other_publishers = others;
     input.command_subscribers = 1;
+    input.instrument = hardware::PsmInstrument::kSuitable;
     for (const sim::ConsoleMessage& message : console.TakeMessages()) {
       if (message.severity != sim::ConsoleMessage::Severity::kError) continue;
       last_error_ = message.text;

@@ -56,6 +56,7 @@ class LateMessagesTest : public testing::Test {
   void Step(int newcomers = 0, const std::function<void()>& others = {}) {
     PsmInput input;
     input.state_publishers = input.command_subscribers = 1;
+    input.instrument = PsmInstrument::kSuitable;
     input.newcomers = newcomers;
     const bool changed = console_.moves_begun() != moves_ || console_.busy() != state_.busy ||
                          Name(state_.state) != std::string(sim::Name(console_.state()));

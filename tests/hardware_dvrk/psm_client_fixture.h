@@ -39,6 +39,7 @@ class PsmClientTest : public testing::Test {
     PsmInput input;
     input.state_publishers = 1;
     input.command_subscribers = 1;
+    input.instrument = PsmInstrument::kSuitable;
     input.pose_controls = stated_poses_ ? 1 : 0;
     input.other_controls = stated_others_ ? 1 : 0;
     if (num_steps_ == 0 || operating_changed_) {

@@ -71,6 +71,18 @@ TEST_F(PsmClientRequestTest, FaultEndsHomingAndOnlyDisableIsTakenThen) {
   EXPECT_EQ(requests_, "home disable ");
 }
 
+// A console may name the instrument only once homing has engaged it.
+TEST_F(PsmClientRequestTest, HomingNeedsNoNamedInstrument) {
+  const auto not_named = [](PsmInput& input) { input.instrument = PsmInstrument::kNotNamed; };
+  Become(PsmConsoleState::kDisabled, false, false);
+  for (int i = 0; i < 4; ++i) Step(not_named);
+  ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
+  for (int i = 0; i < 2; ++i) Step(not_named);
+  Become(PsmConsoleState::kEnabled, false, true);
+  for (int i = 0; i < 20; ++i) Step(not_named);
+  EXPECT_TRUE(client_.homing()) << Name(client_.status());
+}
+
 // `hold` does not end a console's homing: `disable` does.
 TEST_F(PsmClientRequestTest, AnyInterruptionEndsHoming) {
   const auto quiet = [](PsmInput& input) {

@@ -179,7 +179,10 @@ TEST_F(PsmClientTest, EveryOtherMessageHolds) {
   ExpectHold(PsmStatus::kBusy, [](PsmInput& input) { input.goals_reached = 1; });
   ExpectHold(PsmStatus::kTeleoperated, [](PsmInput& input) { input.teleoperated = true; });
   ExpectHold(PsmStatus::kClutched, [](PsmInput& input) { input.clutched = true; });
-  ExpectHold(PsmStatus::kWrongTool, [](PsmInput& input) { input.wrong_tool = true; });
+  ExpectHold(PsmStatus::kWrongTool,
+             [](PsmInput& input) { input.instrument = PsmInstrument::kOther; });
+  ExpectHold(PsmStatus::kToolNotNamed,
+             [](PsmInput& input) { input.instrument = PsmInstrument::kNotNamed; });
   ExpectHold(PsmStatus::kToolChanged, [](PsmInput& input) { input.tool_changes = 1; });
   ExpectHold(PsmStatus::kSendFailed, [](PsmInput& input) { input.send_failed = true; });
 }
@@ -347,6 +350,10 @@ TEST_F(PsmClientTest, ArmSaysWhatIsWrong) {
   Become(PsmConsoleState::kUnknown, false, false);
   Steps(2);
   EXPECT_EQ(client_.Arm(), PsmStatus::kUnknownState);
+  Become(PsmConsoleState::kEnabled, true, false);
+  Steps(3);
+  Step([](PsmInput& input) { input.instrument = PsmInstrument::kNotNamed; });
+  EXPECT_EQ(client_.Arm(), PsmStatus::kToolNotNamed);
 }
 
 // Consoles may leave velocities out: they are then those of the positions.

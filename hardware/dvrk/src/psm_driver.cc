@@ -79,7 +79,7 @@ PsmStatus PsmDriver::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept
   input.pose_controls = link.pose_controls.exchange(0, std::memory_order_acq_rel);
   input.other_controls = link.other_controls.exchange(0, std::memory_order_acq_rel);
   input.tool_changes = link.tool_changes.exchange(0, std::memory_order_acq_rel);
-  input.wrong_tool = link.wrong_tool.load(std::memory_order_acquire);
+  input.instrument = link.instrument.load(std::memory_order_acquire);
   input.teleoperated = link.was_teleoperated.exchange(false, std::memory_order_acq_rel);
   input.teleoperated = link.is_teleoperated.load(std::memory_order_acquire) || input.teleoperated;
   input.clutched = link.was_clutched.exchange(false, std::memory_order_acq_rel);

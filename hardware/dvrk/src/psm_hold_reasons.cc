@@ -87,6 +87,8 @@ PsmStatus PsmClient::FindHoldReason(const PsmInput& input) const noexcept {
   if (ready != PsmStatus::kOk) return ready;
   const PsmStatus measured = MeasurementHoldReason();
   if (measured != PsmStatus::kOk) return measured;
+  if (input.instrument == PsmInstrument::kNotNamed) return PsmStatus::kToolNotNamed;
+  if (input.instrument == PsmInstrument::kOther) return PsmStatus::kWrongTool;
   const PsmStatus others = CommandHoldReason(input);
   if (others != PsmStatus::kOk) return others;
   return phase_ != PsmPhase::kArmed && Discovering() ? PsmStatus::kNewcomer : PsmStatus::kOk;
@@ -99,7 +101,6 @@ bool PsmClient::Discovering() const noexcept {
 
 // Another client commands the arm, or may do so.
 PsmStatus PsmClient::CommandHoldReason(const PsmInput& input) const noexcept {
-  if (input.wrong_tool) return PsmStatus::kWrongTool;
   if (input.clutched) return PsmStatus::kClutched;
   if (!options_.sole_commander) return PsmStatus::kOk;
   if (input.teleoperated) return PsmStatus::kTeleoperated;
@@ -147,9 +148,8 @@ PsmStatus PsmClient::HomingHoldReason(const PsmInput& input, double dt) const no
   if (!homing() && request_ != PsmRequest::kHome && request_ != PsmRequest::kEnable) {
     return PsmStatus::kOk;
   }
-  // While homing, no tool is known until it is engaged.
-  const PsmStatus others = CommandHoldReason(input);
-  if (others != PsmStatus::kOk && others != PsmStatus::kWrongTool) return others;
+  const PsmStatus others = CommandHoldReason(input);  // no instrument is named until engaged
+  if (others != PsmStatus::kOk) return others;
   if (!homing()) return PsmStatus::kOk;
   if (options_.sole_commander && input.foreign_messages > 0) return PsmStatus::kForeignMessage;
   if (options_.sole_commander && input.newcomers > 0) return PsmStatus::kNewcomer;

@@ -310,6 +310,13 @@ void PsmDriver::Link::ReadMonitors() noexcept {
     }
   }
   is_clutched.store(arm_clutched || manip_clutched, std::memory_order_release);
+  // Whoever named the instrument has gone, with the arm perhaps: the next one names it anew.
+  const int namers = tool_type.health().publishers;
+  if (namers == 0 && num_namers > 0) {
+    tool.clear();
+    instrument.store(PsmInstrument::kNotNamed, std::memory_order_release);
+  }
+  num_namers = namers;
   while (tool_type.Take(text)) {
     if (!tool.empty() && text.text != tool) tool_changes.fetch_add(1, std::memory_order_acq_rel);
     tool = text.text;
@@ -317,7 +324,8 @@ void PsmDriver::Link::ReadMonitors() noexcept {
     // limits a Classic does not have.
     const bool known = tool.find("420006") != std::string::npos ||
                        (!is_si && tool.find("400006") != std::string::npos);
-    wrong_tool.store(!known, std::memory_order_release);
+    instrument.store(known ? PsmInstrument::kSuitable : PsmInstrument::kOther,
+                     std::memory_order_release);
   }
 }
 

@@ -124,7 +124,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   std::atomic<bool> was_teleoperated{false};
   std::atomic<bool> is_clutched{false};
   std::atomic<bool> was_clutched{false};
-  std::atomic<bool> wrong_tool{false};
+  std::atomic<PsmInstrument> instrument{PsmInstrument::kNotNamed};
   std::atomic<int> command_subscribers{0};
   std::atomic<int> servo_subscribers{0};
 
@@ -145,6 +145,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   dds::Text text;
   dds::Joy joy;
   std::string tool;
+  int num_namers = 0;
   bool arm_clutched = false;
   bool manip_clutched = false;
   std::vector<bool> teleoperated;

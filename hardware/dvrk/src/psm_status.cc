@@ -88,6 +88,8 @@ constexpr std::array kEntries = std::to_array<Entry>({
      "disable teleoperation at the console, then arm again"},
     {PsmStatus::kClutched, HoldReason::kSecondCommander, "the operator holds the arm's clutch",
      "let go of the clutch, then arm again"},
+    {PsmStatus::kToolNotNamed, HoldReason::kArmNotReady, "the console has not named the instrument",
+     "a console names it on tool_type once it is engaged: mount it, or choose it at the console"},
     {PsmStatus::kWrongTool, HoldReason::kArmNotReady, "the arm has another instrument",
      "put in a Large Needle Driver, 400006 or 420006; on an arm of generation Si 420006"},
     {PsmStatus::kToolChanged, HoldReason::kArmNotReady, "the instrument was changed",

@@ -119,6 +119,13 @@ struct PsmOperatingState {
 /// Returns kOk if the arm is ENABLED, homed and not busy; otherwise its condition.
 [[nodiscard]] PsmStatus Readiness(const PsmOperatingState& state) noexcept;
 
+/// The instrument on the arm, as the console names it on tool_type.
+enum class PsmInstrument {
+  kNotNamed,  ///< The console has named none yet.
+  kOther,     ///< One whose kinematics are unknown.
+  kSuitable,  ///< A Large Needle Driver for this generation of the arm.
+};
+
 /// Input received since the last step.
 struct PsmInput {
   std::optional<PsmJointSample> measured_js;
@@ -143,7 +150,7 @@ struct PsmInput {
   int goals_reached = 0;      ///< Moves ended by the console; this client never starts such moves.
   bool teleoperated = false;  ///< Teleoperation is enabled, or was since the last step.
   bool clutched = false;      ///< Same for the arm's clutch.
-  bool wrong_tool = false;    ///< The console names an unknown instrument.
+  PsmInstrument instrument = PsmInstrument::kNotNamed;
   int tool_changes = 0;       ///< Number of changes of the instrument.
   int command_subscribers = 0;  ///< On state_command.
   bool send_failed = false;     ///< Output was dropped because a queue was full.

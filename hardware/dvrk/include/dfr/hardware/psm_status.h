@@ -39,6 +39,7 @@ enum class PsmStatus {
   kSetpointStays,    ///< The console's set-point does not follow those sent to it.
   kTeleoperated,     ///< Teleoperation is enabled in the console.
   kClutched,         ///< The operator holds the arm's clutch.
+  kToolNotNamed,     ///< The console has not named the instrument.
   kWrongTool,        ///< An instrument whose kinematics are unknown.
   kToolChanged,      ///< The instrument was changed.
   kNotFollowing,     ///< The distance to the set-point is too large.
