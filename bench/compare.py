@@ -4,7 +4,8 @@
 BASE is a commit, or a folder with a build of it. Default: the merge base with origin/main, or on main
 the previous commit. Both builds run the same operations (bench/safety/counted_work.cc): decisions,
 gradients, fits, a guided step, a guard's filter. One folder, build/compare, holds both builds one after the
-other, and the second compiles only what differs.
+other, and the second compiles only what differs. Both are optimised as in a release. With --short they are
+optimised as the tests are, and build/dev, which the tests have built, has the second's libraries.
 
 The comparison uses valgrind's counts for each operation: instructions, and the cycles that valgrind
 estimates from them with a model of the caches. The modelled caches are the same on each machine and have
@@ -18,6 +19,7 @@ also timed, alternately and pinned to one core, and a loss of time is confirmed 
 Exits with 1 if there is a loss.
 """
 import argparse
+import json
 import math
 import os
 import pathlib
@@ -43,12 +45,27 @@ def compiles_in_units(source):
     return "CMAKE_UNITY_BUILD" in (pathlib.Path(source) / "CMakePresets.json").read_text()
 
 
-def build(source, folder, units=True):
+def settings_of_tests():
+    """Returns the settings of the preset dev, as arguments of cmake."""
+    presets = json.loads((ROOT / "CMakePresets.json").read_text())["configurePresets"]
+    settings = next(preset["cacheVariables"] for preset in presets if preset["name"] == "dev")
+    return [f"-D{name}={value}" for name, value in settings.items()]
+
+
+def settings_of_release(units):
+    return ["-DCMAKE_BUILD_TYPE=Release", "-DDFR_PRECOMPILE=ON",
+            f"-DCMAKE_UNITY_BUILD={'ON' if units else 'OFF'}"]
+
+
+def build(source, folder, settings):
     """Builds the program of the tree at `source` in `folder`; returns its path."""
-    subprocess.run(["cmake", "-S", source, "-B", folder, "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release",
-                    "-DDFR_BUILD_TESTS=OFF", "-DDFR_BUILD_BENCH=ON", "-DDFR_COMPONENTS=safety",
-                    "-DDFR_PRECOMPILE=ON", f"-DCMAKE_UNITY_BUILD={'ON' if units else 'OFF'}"],
+    subprocess.run(["cmake", "-S", source, "-B", folder, "-G", "Ninja", "--no-warn-unused-cli", "-DDFR_BUILD_TESTS=OFF",
+                    "-DDFR_BUILD_BENCH=ON", "-DDFR_COMPONENTS=safety", *settings],
                    check=True, stdout=subprocess.DEVNULL)
+    return build_program(folder)
+
+
+def build_program(folder):
     subprocess.run(["cmake", "--build", folder, "--target", PROGRAM], check=True, stdout=subprocess.DEVNULL)
     return folder / "bin" / PROGRAM
 
@@ -208,7 +225,7 @@ def copy_changes(commit, tree):
             shutil.copy(ROOT / name, tree / name)  # with the time of the copy, for ninja
 
 
-def build_both(base):
+def build_both(base, as_tested):
     """Returns the programs of the commit `base` and of the sources here, or None if `base` has no such program."""
     commit = git("rev-parse", "--verify", "--quiet", base + "^{commit}")
     if commit is None:
@@ -216,13 +233,17 @@ def build_both(base):
     tree = check_out(commit)
     if not (tree / "bench/safety" / (PROGRAM + ".cc")).exists():
         return None
-    units = compiles_in_units(tree)  # both builds, or neither
+    if as_tested:
+        programs = [build(tree, WORK / "tested", settings_of_tests())]
+        subprocess.run(["cmake", "--preset", "dev"], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+        return [*programs, build_program(ROOT / "build" / "dev")]
+    settings = settings_of_release(compiles_in_units(tree))  # both builds, or neither
     programs = []
     for name in "base", "head":
         if name == "head":
             copy_changes(commit, tree)
         (WORK / name).mkdir(exist_ok=True)
-        programs.append(shutil.copy(build(tree, WORK / "build", units), WORK / name))
+        programs.append(shutil.copy(build(tree, WORK / "build", settings), WORK / name))
     return programs
 
 
@@ -243,7 +264,8 @@ def arguments():
     parser.add_argument("--seconds", type=float, default=0.1, help="of one measurement of time")
     parser.add_argument("--threshold", type=float, default=1.10, help="ratio of times that is a loss")
     parser.add_argument("--short", action="store_true",
-                        help="three short turns, and a threshold of 1.25 for times, as neighbours disturb them")
+                        help="the builds of the tests, three short turns, and a threshold of 1.25 for times, as "
+                             "neighbours disturb them")
     parser.add_argument("--self-test", action="store_true",
                         help="slow each operation down by 10, 15 and 25 %% and see whether that is found")
     options = parser.parse_args()
@@ -258,7 +280,7 @@ def main():
     if shutil.which("valgrind") is None:
         sys.exit("compare.py: valgrind is missing. Install it with: apt-get install valgrind")
     if options.self_test:
-        wrong = self_test(build(ROOT, WORK / "here"), options.filter)
+        wrong = self_test(build(ROOT, WORK / "here", settings_of_release(True)), options.filter)
         for line in wrong:
             print(f"compare.py: {line}", file=sys.stderr)
         sys.exit(1 if wrong else 0)
@@ -268,12 +290,12 @@ def main():
         return
     program = pathlib.Path(base) / "bin" / PROGRAM
     if program.exists():
-        programs = program, build(ROOT, WORK / "here")
+        programs = program, build(ROOT, WORK / "here", settings_of_release(True))
     elif git("diff", "--quiet", base, "--", *SOURCES) is not None:
         print(f"Nothing that the operations are built from differs from {base[:10]}.")
         return
     else:
-        programs = build_both(base)
+        programs = build_both(base, options.short)
         if programs is None:
             print(f"The base has no {PROGRAM} yet: there is nothing to compare with.")
             return
