@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "tests/control/analytic.h"
+#include "tests/support/message_of.h"
 
 namespace dfr::control {
 namespace {
@@ -52,13 +53,9 @@ TEST(EstimateLambdaTest, LeavesOutZeroControlsAndTakesTheNearestKnownStep) {
 }
 
 TEST(EstimateLambdaTest, ErrorsNameTheDemonstration) {
-  const auto message = [](const std::vector<Trajectory>& demonstrations) -> std::string {
-    try {
-      (void)EstimateLambda(kLinear, demonstrations);
-    } catch (const std::invalid_argument& e) {
-      return e.what();
-    }
-    return "nothing thrown";
+  const auto message = [](const std::vector<Trajectory>& demonstrations) {
+    return test::MessageOf<std::invalid_argument>(
+        [&] { (void)EstimateLambda(kLinear, demonstrations); });
   };
   EXPECT_THAT(message({}), HasSubstr("0 demonstrations"));
   EXPECT_THAT(message({Make({0, 1}, {0})}), HasSubstr("1 demonstrations"));

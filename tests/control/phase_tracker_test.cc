@@ -19,22 +19,6 @@ constexpr int kLineSteps = 40;
 // l_t(x) = log 2 - (x - speed t)^2: B_t is |x - speed t| <= 0.8326.
 test::GaussianSupport Line(double speed) { return {{{0.0}}, 1.0, 0.5, {speed}, kLineSteps}; }
 
-TEST(PhaseTrackerTest, AdvancesByOneWhereTheNextSupportIsReached) {
-  const auto support = Line(1.0);
-  PhaseTracker tracker(support);
-  EXPECT_EQ(tracker.phase(), 0);
-  tracker.Advance();
-  EXPECT_EQ(tracker.phase(), 1);
-  EXPECT_EQ(tracker.waited(), 0);
-  tracker.Wait();
-  tracker.Wait();
-  EXPECT_EQ(tracker.phase(), 1);
-  EXPECT_EQ(tracker.waited(), 2);
-  tracker.Advance();
-  EXPECT_EQ(tracker.phase(), 2);
-  EXPECT_EQ(tracker.waited(), 0);
-}
-
 // From phase 5 on, phase q fits a state x with -(x - q)^2, minus .05 per phase to either side of
 // the next one: x = 7.3 is best at 7, x = 5.4 at 5. Earlier phases and those more than three ahead
 // are ignored.

@@ -118,30 +118,6 @@ TEST(ResponseEstimateTest, AMeasurementCountsAsOftenAsItsWeightSays) {
   EXPECT_TRUE(after(1.0) != untouched.jacobian());
 }
 
-// The estimate learns a rotation of controls by 90 degrees from their effects.
-TEST(ResponseEstimateTest, FollowsAPlantThatHasChanged) {
-  core::Random random(3);
-  core::Matrix before = core::Matrix::Identity(2, 2);
-  core::Matrix after(2, 2);
-  after << 0.0, -1.0, 1.0, 0.0;
-  const auto d = Linear(before, 30, 10, random);
-  ResponseEstimate estimate(
-      std::make_shared<const TransitionStore>(d.features, d.controls, ResponseOptions{}), {},
-      kDrift);
-  const std::vector<double> z(2, 0.0);
-  estimate.Compute(5, z);
-  EXPECT_TRUE(test::AllClose(estimate.jacobian(), before, 0.02));  // ridge / prior weight
-  for (int i = 0; i < 40; ++i) {
-    // As large in every direction as the demonstrated ones.
-    const Eigen::VectorXd v = std::sqrt(2.0) * Eigen::Vector2d::Unit(i % 2);
-    const Eigen::VectorXd dz = after * v;
-    estimate.Update(z, core::AsSpan(v), core::AsSpan(dz));
-  }
-  estimate.Compute(5, z);
-  // The prior weighs 15, the applied controls 1 / (1 - 0.93) = 14: half way by now.
-  EXPECT_LT((estimate.jacobian() - after).norm(), 0.6 * (before - after).norm());
-}
-
 // Demonstrations that respond by `first` until time step 10 and by `second` from then on.
 TEST(ResponseEstimateTest, ADemonstratedChangeOfTheResponseIsNoCorrection) {
   core::Random random(11);

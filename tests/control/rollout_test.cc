@@ -47,22 +47,9 @@ TEST_F(RolloutTest, ACollisionOnTheWayIsNotACompletion) {
   EXPECT_EQ(result.outcome, Outcome::kCollided);
   EXPECT_EQ(result.controls(), 3);
   EXPECT_EQ(plant.halts, 1);
-}
-
-TEST_F(RolloutTest, ACollisionInTheControlThatReachesTheGoalCounts) {
-  PointPlant plant({.wall = 0.7, .goal = 0.75});
-  auto baseline = Make(Recovery::kNone);
-  EXPECT_EQ(Rollout(plant, baseline, {}).outcome, Outcome::kCollided);
-}
-
-TEST_F(RolloutTest, OutOfTimeIsHalted) {
-  PointPlant plant({});
-  auto baseline = Make(Recovery::kNone, 1.0, 4);
-  const RolloutResult result = Rollout(plant, baseline, {});
-  EXPECT_EQ(result.outcome, Outcome::kHalted);
-  EXPECT_EQ(result.halt_cause, HaltCause::kTimeUp);
-  EXPECT_EQ(result.controls(), 4);
-  EXPECT_EQ(plant.halts, 1);
+  PointPlant at_once({.wall = 0.7, .goal = 0.75});
+  EXPECT_EQ(Rollout(at_once, baseline, {}).outcome, Outcome::kCollided)
+      << "in the control that reaches the goal";
 }
 
 TEST_F(RolloutTest, TheStartStateIsLookedAt) {
@@ -119,17 +106,6 @@ TEST_F(RolloutTest, CountsRecoveriesAndTheirControls) {
   EXPECT_EQ(result.controls(), plant.applied);
 }
 
-TEST_F(RolloutTest, EarlyStoppingSaysHowNearTheBoundaryItWas) {
-  PointPlant plant({});
-  auto stopping = Make(Recovery::kEarlyStopping);
-  const RolloutResult result = Rollout(plant, stopping, {});
-  EXPECT_EQ(result.halt_cause, HaltCause::kEarlyStopping);
-  EXPECT_EQ(result.controls(), 3);  // g = 1, .75, .5 pass the gate; .25 does not
-  EXPECT_EQ(result.last_step.g, 0.25);
-  EXPECT_EQ(result.last_step.threshold, 0.25);
-  EXPECT_EQ(result.last_step.t, 3);
-}
-
 TEST_F(RolloutTest, ARefusedControlHaltsAndIsNotCounted) {
   PointPlant plant({.refuse_at = 2});
   auto baseline = Make(Recovery::kNone);
@@ -162,9 +138,17 @@ TEST_F(RolloutTest, AFaultHaltsUnlessItCollided) {
 TEST_F(RolloutTest, StopsAtTheLimitOfControls) {
   PointPlant plant({});
   auto baseline = Make(Recovery::kNone);
-  const RolloutResult result = Rollout(plant, baseline, {.max_controls = 5});
+  RolloutResult result = Rollout(plant, baseline, {.max_controls = 5});
+  EXPECT_EQ(result.outcome, Outcome::kHalted);
   EXPECT_EQ(result.halt_cause, HaltCause::kControlLimit);
   EXPECT_EQ(plant.applied, 5);
+  // The controller's own end: the time is up.
+  result = Rollout(plant, baseline, {});
+  EXPECT_EQ(result.outcome, Outcome::kHalted);
+  EXPECT_EQ(result.halt_cause, HaltCause::kTimeUp);
+  EXPECT_EQ(result.controls(), 10);
+  EXPECT_EQ(result.last_step.t, 10);
+  EXPECT_EQ(plant.halts, 1) << "of this rollout";
 }
 
 TEST_F(RolloutTest, TheObserverSeesEveryControlWithWhatItLedTo) {

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "tests/control/analytic.h"
+#include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::control {
@@ -235,27 +236,6 @@ TEST(SwitchingControllerTest, NeverLeavesSupportWhenLambdaIsLipschitzTimesGain) 
   }
 }
 
-// The step of the proof that fails with one support per time step: g_{t+1}(x_{t+1}) is bounded by
-// g_t(x_t), although they are different functions. Here the gate passes u = 0.001 at time 0 and the
-// state ends at g_1 = -0.42, while g_0 has barely changed.
-TEST(SwitchingControllerTest, ATimeVaryingSupportCanBeLeftThroughAnOpenGate) {
-  const test::FunctionSupport moving(1, [](int t, std::span<const double> x) {
-    const double centre = t == 0 ? 0.0 : 1.0;
-    return std::exp(-(x[0] - centre) * (x[0] - centre)) - 0.5;
-  });
-  const double lipschitz = std::sqrt(2.0 / std::exp(1.0));  // of exp(-x^2)
-  const auto policy = test::ConstantPolicy(1, 0.001);
-  PointPlant plant({.start = {-0.6}});
-  SwitchingController dfr(policy, moving, lipschitz);
-  dfr.Reset(0);
-  std::vector<double> u(1);
-  ASSERT_EQ(dfr.Next(plant.x, u).mode, Mode::kPolicy);
-  ASSERT_EQ(plant.Apply(u), core::PlantStatus::kOk);
-  EXPECT_NEAR(moving.Decision(1, plant.x), -0.422, 5e-4);
-  EXPECT_GT(moving.Decision(0, plant.x), 0.19) << "still in B_0";
-  EXPECT_EQ(dfr.Next(plant.x, u).cause, HaltCause::kOutsideSupport);
-}
-
 // With lambda = L K an iteration raises g by at most step_fraction and twice the probe, so a factor
 // F takes at least about 50 ln F iterations, which makes the method slow.
 TEST(SwitchingControllerTest, DfrClimbsAndGainsAtMostItsStepPerIteration) {
@@ -424,29 +404,13 @@ TEST(SwitchingControllerTest, AnInjectedStrategyIsUsedAndTheOptionsChoiceIsNot) 
   }
 }
 
-TEST(SwitchingControllerTest, ANullStrategyIsRefused) {
-  const auto ball = test::UnitBall(2);
-  const auto policy = test::ConstantPolicy(2, 1.0);
-  try {
-    const SwitchingController switching(policy, ball, std::vector<double>{1.0},
-                                        std::unique_ptr<RecoveryStrategy>());
-    ADD_FAILURE() << "nothing thrown";
-  } catch (const std::invalid_argument& e) {
-    EXPECT_THAT(e.what(), HasSubstr("strategy is null"));
-  }
-}
-
 TEST(SwitchingControllerTest, ErrorsNameTheOption) {
   const auto ball = test::UnitBall(2);
   const auto policy = test::ConstantPolicy(2, 1.0);
   const auto message = [&](const core::DecisionFunction& g, std::vector<double> lambda,
-                           const SwitchingControllerOptions& options) -> std::string {
-    try {
-      SwitchingController(policy, g, lambda, options);
-    } catch (const std::invalid_argument& e) {
-      return e.what();
-    }
-    return "nothing thrown";
+                           const SwitchingControllerOptions& options) {
+    return test::MessageOf<std::invalid_argument>(
+        [&] { SwitchingController(policy, g, lambda, options); });
   };
   EXPECT_THAT(message(test::UnitBall(3), {1}, {}), HasSubstr("the support of 3"));
   EXPECT_THAT(message(ball, {}, {}), HasSubstr("lambda needs"));
@@ -456,6 +420,11 @@ TEST(SwitchingControllerTest, ErrorsNameTheOption) {
   EXPECT_THAT(message(ball, {1}, {.max_iterations = 0}), HasSubstr("max_iterations"));
   EXPECT_THAT(message(ball, {1}, {.dfr = {.probe_fraction = 1.0}}), HasSubstr("probe_fraction"));
   EXPECT_THAT(message(ball, {1}, {.dfr = {.step_fraction = 0.0}}), HasSubstr("step_fraction"));
+  EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] {
+                SwitchingController(policy, ball, std::vector{1.0},
+                                    std::unique_ptr<RecoveryStrategy>());
+              }),
+              HasSubstr("strategy is null"));
 }
 
 }  // namespace

@@ -10,6 +10,7 @@
 
 #include "dfr/core/archive.h"
 #include "dfr/core/matrix.h"
+#include "tests/support/message_of.h"
 
 namespace dfr::control {
 namespace {
@@ -17,13 +18,9 @@ namespace {
 TEST(TransitionStoreTest, ErrorsNameTheCulprit) {
   const std::vector<core::Matrix> features(3, core::Matrix::Ones(6, 3));
   std::vector<core::Matrix> controls(3, core::Matrix::Ones(5, 2));
-  const auto message = [&](const ResponseOptions& options) -> std::string {
-    try {
-      const TransitionStore prior(features, controls, options);
-    } catch (const std::invalid_argument& e) {
-      return e.what();
-    }
-    return "nothing thrown";
+  const auto message = [&](const ResponseOptions& options) {
+    return test::MessageOf<std::invalid_argument>(
+        [&] { const TransitionStore prior(features, controls, options); });
   };
   EXPECT_EQ(message({}), "nothing thrown");
   EXPECT_THAT(message({.ridge = 0.0}), testing::HasSubstr("ridge"));
@@ -37,7 +34,7 @@ TEST(TransitionStoreTest, ErrorsNameTheCulprit) {
 
 TEST(TransitionStoreTest, TimeStepsThatDoNotFollowEachOtherAreRefused) {
   const auto path = std::filesystem::path(testing::TempDir()) / "broken_prior.dfr";
-  const auto message = [&](const std::vector<int>& begin) -> std::string {
+  const auto message = [&](const std::vector<int>& begin) {
     core::ArchiveWriter archive("prior", 1);
     const ResponseOptions options;
     archive.Number(options.ridge);
@@ -53,12 +50,8 @@ TEST(TransitionStoreTest, TimeStepsThatDoNotFollowEachOtherAreRefused) {
     archive.MatrixBlock(core::Matrix::Ones(60, 4));
     archive.Save(path);
     core::ArchiveReader reader(path, "prior", 1);
-    try {
-      static_cast<void>(TransitionStore::Load(reader));
-    } catch (const std::runtime_error& e) {
-      return e.what();
-    }
-    return "nothing thrown";
+    return test::MessageOf<std::runtime_error>(
+        [&] { static_cast<void>(TransitionStore::Load(reader)); });
   };
   EXPECT_EQ(message({0, 30, 60}), "nothing thrown");
   EXPECT_THAT(message({0, 60, 60}), testing::HasSubstr("time step 0 of the transitions has 60"));
