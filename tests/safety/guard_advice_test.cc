@@ -1,0 +1,182 @@
+#include "dfr/safety/guard_advice.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "dfr/core/random.h"
+#include "dfr/kernel/cover_radius.h"
+#include "dfr/kernel/whitened_support.h"
+#include "dfr/safety/guard_model.h"
+#include "tests/safety/corridor.h"
+#include "tests/support/all_close.h"
+
+namespace dfr::safety {
+namespace {
+
+using testing::HasSubstr;
+
+// In the unit of the state: no state that raises no alarm is further from all demonstrated ones.
+TEST(GuardAdviceTest, ClearanceIsADistanceThatNoStateWithoutAlarmExceeds) {
+  const auto demonstrations = test::CorridorDemonstrations(1, 30);
+  const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
+  const auto clearances = Clearances(*model);
+  ASSERT_EQ(clearances.size(), 1u) << "no feature looks at the clock";
+  EXPECT_EQ(clearances[0].block, "tip");
+  EXPECT_GE(clearances[0].largest, clearances[0].median);
+  double furthest = 0.0;
+  core::Random random(8);
+  for (int i = 0; i < 20000; ++i) {
+    const std::vector<double> x = {0.0, random.Uniform(-1.0, 3.0), random.Uniform(-1.0, 1.0)};
+    const int t = static_cast<int>(random.Below(20));
+    if (model->support().LogDecision(t, x, {}) < -std::max(0.0, model->settings().alarm_level)) {
+      continue;
+    }
+    double nearest = std::numeric_limits<double>::infinity();
+    for (const auto& d : demonstrations) {
+      for (const auto& row : d.states.rowwise()) {
+        nearest = std::min(nearest, std::hypot(row[1] - x[1], row[2] - x[2]));
+      }
+    }
+    furthest = std::max(furthest, nearest);
+  }
+  EXPECT_GT(furthest, 0.02);
+  EXPECT_LE(furthest, clearances[0].largest);
+}
+
+// One feature alone: the radius of the support divided by the scale of the feature.
+TEST(GuardAdviceTest, ClearanceOfOneFeatureIsWhatEachTimeStepCovers) {
+  const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 30),
+                                     {.features = "tip[1:2]"});
+  const kernel::WhitenedSupport& support = model->task().feature_support();
+  const double level = std::max(0.0, model->settings().alarm_level);
+  std::vector<double> lengths;
+  for (int t = 0; t < support.num_steps(); ++t) {
+    const double scale = support.map(t)(0, 0) * model->task().features().scale()(0, 0);
+    lengths.push_back(kernel::CoverRadius(support.estimate(t), level) / std::abs(scale));
+  }
+  ASSERT_EQ(lengths.size(), 21u);
+  const auto clearances = Clearances(*model);
+  ASSERT_EQ(clearances.size(), 1u);
+  EXPECT_EQ(clearances[0].block, "tip");
+  const auto largest = std::max_element(lengths.begin(), lengths.end());
+  EXPECT_NEAR(clearances[0].largest, *largest, 1e-12 * *largest);
+  EXPECT_EQ(clearances[0].step, largest - lengths.begin());
+  std::sort(lengths.begin(), lengths.end());
+  EXPECT_NEAR(clearances[0].median, lengths[10], 1e-12 * lengths[10]);
+}
+
+// Half of the demonstrations go round at y = 2.
+TEST(GuardAdviceTest, AttributionNamesTheEntriesThatPutAStateOutside) {
+  const std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(1, 40);
+  const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
+  core::Matrix states = demonstrations[3].states;
+  const core::Matrix inside = Attribution(*model, states);
+  states.rightCols(1).array() += 1.0;
+  states.col(0).array() += 100.0;  // no feature looks at it
+  const std::vector<double> levels = model->Levels(states);
+  const core::Matrix attribution = Attribution(*model, states);
+  ASSERT_EQ(attribution.rows(), states.rows());
+  ASSERT_EQ(attribution.cols(), 3);
+  for (Eigen::Index i = 0; i < states.rows(); ++i) {
+    const double l = levels[static_cast<std::size_t>(i)];
+    ASSERT_LT(l, 0.0);
+    EXPECT_NEAR(attribution.row(i).sum(), -l, 1e-9 * -l);
+    EXPECT_EQ(attribution(i, 0), 0.0);
+    EXPECT_GT(attribution(i, 2), 0.6 * -l);
+    const double own = model->Levels(demonstrations[3].states)[static_cast<std::size_t>(i)];
+    if (own >= 0.0) {
+      EXPECT_EQ(inside.row(i).cwiseAbs().sum(), 0.0);
+    }
+  }
+}
+
+// The same demonstrations with one entry in other units: millimetres instead of metres.
+TEST(GuardAdviceTest, AttributionDoesNotDependOnUnits) {
+  std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(1, 40);
+  core::Matrix states = demonstrations[0].states;
+  states.rightCols(2).array() += 0.7;
+  const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
+  const core::Matrix attribution = Attribution(*model, states);
+  for (core::Trajectory& d : demonstrations) d.states.col(2) *= 1024.0;
+  states.col(2) *= 1024.0;
+  const auto scaled = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
+  EXPECT_TRUE(test::AllClose(Attribution(*scaled, states), attribution, 1e-3));
+}
+
+TEST(GuardAdviceTest, FindingsNameWhatSpeaksAgainstAGuardAndTheRemedy) {
+  const auto good = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
+                                    {.features = "tip", .action_limit = {0.2}});
+  EXPECT_THAT(Warnings(*good), testing::IsEmpty());
+  const auto few = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 4),
+                                   {.features = "tip", .action_limit = {0.2}});
+  EXPECT_THAT(Warnings(*few), testing::Contains(HasSubstr("4 demonstrations cannot tell")));
+  GuardSettings settings = good->settings();
+  settings.alarm_level = 3.5;
+  settings.action_limit = {50.0};
+  EXPECT_THAT(Warnings(*good->With(settings)),
+              testing::ElementsAre(HasSubstr("alarm is raised below l = -3.5"),
+                                   HasSubstr("entry 0 of an action may reach 50"),
+                                   HasSubstr("give --action-limit")));
+  // A kernel so narrow that no unseen state is inside.
+  GuardOptions narrow{.features = "tip", .action_limit = {0.2}, .accept_any = true};
+  narrow.support.svm.gamma = 1e3;
+  EXPECT_THAT(Warnings(*GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
+                                        narrow)),
+              testing::Contains(HasSubstr("of the states of left-out demonstrations are inside")));
+}
+
+TEST(GuardAdviceTest, AClockIsOneInAnyUnitAndWhatStandsStillIsNone) {
+  constexpr const char* kClock = "the same in all demonstrations";
+  const auto demonstrations = test::CorridorDemonstrations(1, 40);
+  const auto whole = GuardModel::Fit(test::CorridorLayout(), demonstrations);
+  auto slow = demonstrations;
+  for (core::Trajectory& d : slow) d.states.col(0) *= 1e-6;
+  EXPECT_THAT(FitWarnings(*whole, slow),
+              testing::Contains(testing::StartsWith("clock[0]: the same")));
+  auto still = demonstrations;
+  for (core::Trajectory& d : still) d.states.col(0).setConstant(3.0);
+  EXPECT_THAT(FitWarnings(*whole, still), testing::Not(testing::Contains(HasSubstr(kClock))));
+  // The last part of the longest demonstration has no other to compare with.
+  const auto tip = GuardModel::Fit(test::CorridorLayout(), demonstrations,
+                                   {.features = "tip", .action_limit = {0.2}});
+  EXPECT_THAT(FitWarnings(*tip, demonstrations), testing::IsEmpty());
+  auto longer = test::CorridorDemonstrations(1, 40);
+  longer.push_back(test::CorridorDemonstrations(2, 1, 25)[0]);
+  longer.back().states.bottomRows(5).array() += 1e6;
+  EXPECT_THAT(FitWarnings(*tip, longer), testing::Not(testing::Contains(HasSubstr(kClock))));
+}
+
+TEST(GuardAdviceTest, ActionsThatContradictWhatHappensExplainNothing) {
+  const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
+                                     {.features = "tip", .action_limit = {0.2}});
+  // Slightly backwards, where the demonstrated action is forwards.
+  core::Trajectory back;
+  back.states.resize(2, 3);
+  back.states << 0.0, 0.0, 0.0, 1.0, -0.02, 0.0;
+  back.controls = test::ActionFor(test::kSpeed, 0.0).transpose();
+  EXPECT_THAT(FitWarnings(*model, std::vector{back}),
+              testing::Contains(testing::StartsWith("actions explain only 0 % of")));
+  // Constant states need no explanation.
+  back.states.row(1) = back.states.row(0);
+  EXPECT_THAT(FitWarnings(*model, std::vector{back}), testing::IsEmpty());
+}
+
+TEST(GuardAdviceTest, APromiseSaysOfWhichFitsAndByWhichDemonstrations) {
+  GuardSummary summary;
+  EXPECT_EQ(DescribeGuarantee(summary),
+            "on average over fits, approximately: by fits that left some out");
+  summary.held_out = 12;
+  EXPECT_EQ(DescribeGuarantee(summary),
+            "on average over fits, by 12 demonstrations that nothing was fitted to");
+  summary.confidence = 0.95;
+  EXPECT_EQ(DescribeGuarantee(summary),
+            "with 95 % confidence for this fit, by 12 demonstrations that nothing was fitted to");
+}
+
+}  // namespace
+}  // namespace dfr::safety

@@ -1,0 +1,202 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <span>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "dfr/core/archive.h"
+#include "dfr/core/random.h"
+#include "dfr/safety/guard.h"
+#include "dfr/safety/guard_model.h"
+#include "tests/safety/corridor.h"
+#include "tests/support/message_of.h"
+
+namespace dfr::safety {
+namespace {
+
+using testing::HasSubstr;
+
+class GuardFileTest : public testing::Test {
+ protected:
+  GuardFileTest()
+      : path_(std::filesystem::path(testing::TempDir()) /
+              (std::string(testing::UnitTest::GetInstance()->current_test_info()->name()) +
+               ".guard")) {}
+  ~GuardFileTest() override { std::filesystem::remove(path_); }
+
+  // Small: the tests try every truncation and many damages.
+  static std::shared_ptr<const GuardModel> Small() {
+    return GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(2, 6, 4),
+                           {.features = "tip", .source = "six demonstrations"});
+  }
+
+  std::string Content() const {
+    std::ostringstream out;
+    out << std::ifstream(path_, std::ios::binary).rdbuf();
+    return out.str();
+  }
+  void Replace(const std::string& content) const {
+    std::ofstream(path_, std::ios::binary | std::ios::trunc) << content;
+  }
+  // Returns Load()'s error about the file.
+  std::string Refusal() const {
+    return test::MessageOf<std::runtime_error>([&] { static_cast<void>(GuardModel::Load(path_)); });
+  }
+
+  std::filesystem::path path_;
+};
+
+TEST_F(GuardFileTest, KeepsAllBits) {
+  const auto model =
+      GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(2, 20),
+                      {.features = "tip", .horizon = 33, .source = "twenty demonstrations"});
+  model->Save(path_);
+  const auto loaded = GuardModel::Load(path_);
+  EXPECT_EQ(loaded->layout(), model->layout());
+  EXPECT_EQ(loaded->lambda(), model->lambda());
+  EXPECT_EQ(loaded->settings().strategy, Strategy::kGuard);
+  EXPECT_EQ(loaded->settings().horizon, 33);
+  EXPECT_EQ(loaded->settings().max_actions, model->settings().max_actions);
+  EXPECT_EQ(loaded->settings().alarm_level, model->settings().alarm_level);
+  EXPECT_EQ(loaded->summary().source, "twenty demonstrations");
+  EXPECT_EQ(loaded->summary().demonstrations, 20);
+  EXPECT_EQ(loaded->summary().transitions, 400);
+  EXPECT_EQ(loaded->summary().acceptance, model->summary().acceptance);
+
+  Guard ours(model);
+  Guard theirs(loaded);
+  core::Random random(3);
+  for (int episode = 0; episode < 5; ++episode) {
+    const auto seed = static_cast<std::uint64_t>(episode);
+    ours.Reset(seed);
+    theirs.Reset(seed);
+    test::CorridorPlant plant;
+    std::vector<double> action(2);
+    std::vector<double> safe(2);
+    std::vector<double> same(2);
+    for (int t = 0; t < 30; ++t) {
+      for (double& a : action) a = 0.1 * random.Normal();
+      const Verdict a = ours.Filter(t, plant.x, action, safe);
+      const Verdict b = theirs.Filter(t, plant.x, action, same);
+      ASSERT_EQ(a.mode, b.mode);
+      ASSERT_EQ(a.g, b.g);
+      ASSERT_EQ(a.alarm, b.alarm);
+      ASSERT_EQ(safe, same);
+      plant.Apply(safe);
+    }
+  }
+  // Saving again gives the same file.
+  const std::string before = Content();
+  loaded->Save(path_);
+  EXPECT_EQ(Content(), before);
+}
+
+TEST_F(GuardFileTest, DamagedBytesAreRefused) {
+  Small()->Save(path_);
+  const std::string content = Content();
+  core::Random random(11);
+  for (std::size_t at = 0; at < content.size(); at += 1 + content.size() / 100) {
+    std::string damaged = content;
+    damaged[at] = static_cast<char>(damaged[at] ^ (1 << random.Below(8)));
+    Replace(damaged);
+    ASSERT_NE(Refusal(), "nothing thrown") << "byte " << at;
+  }
+}
+
+// Damage with a valid checksum, as by another program: the file is refused, or its content is
+// usable.
+TEST_F(GuardFileTest, WrongContentWithARightChecksumDoesNoHarm) {
+  Small()->Save(path_);
+  const std::string content = Content();
+  core::Random random(12);
+  int refused = 0;
+  for (int i = 0; i < 400; ++i) {
+    std::string damaged = content.substr(0, content.size() - sizeof(std::uint64_t));
+    for (std::uint64_t n = 1 + random.Below(3); n > 0; --n) {
+      damaged[random.Below(damaged.size())] = static_cast<char>(random.Below(256));
+    }
+    if (random.Below(8) == 0) damaged.resize(random.Below(damaged.size()));
+    std::uint64_t checksum = 0xcbf29ce484222325u;  // FNV-1a
+    for (const char c : damaged) {
+      checksum = (checksum ^ static_cast<unsigned char>(c)) * 0x100000001b3u;
+    }
+    damaged.append(reinterpret_cast<const char*>(&checksum), sizeof checksum);
+    Replace(damaged);
+    std::shared_ptr<const GuardModel> model;
+    try {
+      model = GuardModel::Load(path_);
+    } catch (const std::runtime_error& e) {
+      ASSERT_THAT(e.what(), HasSubstr(path_.string()));
+      ++refused;
+      continue;
+    }
+    Guard guard(model);
+    guard.Reset(1);
+    const std::vector<double> state(static_cast<std::size_t>(model->state_dim()), 0.1);
+    std::vector<double> action(static_cast<std::size_t>(model->action_dim()), 0.1);
+    for (int t = 0; t < 6; ++t) {
+      static_cast<void>(guard.Filter(t, state, action, action));
+      for (const double a : action) ASSERT_TRUE(std::isfinite(a));
+    }
+  }
+  EXPECT_GT(refused, 40);
+  EXPECT_LT(refused, 400);
+}
+
+TEST_F(GuardFileTest, OtherVersionsAndFilesAreRefusedByName) {
+  core::ArchiveWriter("guard", 5).Save(path_);
+  EXPECT_THAT(Refusal(), HasSubstr("is a guard file of version 5; this program reads version 2: "
+                                   "fit it again"));
+  core::ArchiveWriter("time-varying-support", 1).Save(path_);
+  EXPECT_THAT(Refusal(), HasSubstr("is a time-varying-support file, where a guard file is needed"));
+  std::filesystem::remove(path_);
+  EXPECT_THAT(Refusal(), HasSubstr("cannot be opened"));
+}
+
+// The fit does not depend on the order of recording.
+TEST_F(GuardFileTest, TheOrderOfDemonstrationsChangesNoBitOfTheFit) {
+  const auto demonstrations = test::CorridorDemonstrations(5, 14, 6);
+  const auto fit = [&](const std::vector<core::Trajectory>& some, double hold_out) {
+    const auto model = GuardModel::Fit(
+        test::CorridorLayout(), some,
+        {.features = "tip", .strategy = Strategy::kCertified, .hold_out = hold_out});
+    return std::pair(model, model->summary());
+  };
+  for (const double hold_out : {0.0, 0.3}) {
+    SCOPED_TRACE(hold_out);
+    const auto [model, summary] = fit(demonstrations, hold_out);
+    for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+      std::vector<core::Trajectory> permuted = demonstrations;
+      core::Random(seed).Shuffle(std::span(permuted));
+      const auto [other, other_summary] = fit(permuted, hold_out);
+      EXPECT_EQ(other->settings().alarm_level, model->settings().alarm_level);
+      EXPECT_EQ(other->settings().direction_error, model->settings().direction_error);
+      EXPECT_EQ(other->lambda(), model->lambda());
+      EXPECT_EQ(other_summary.acceptance, summary.acceptance);
+      EXPECT_EQ(other_summary.gain.value, summary.gain.value);
+      // One support of all fitted demonstrations, then one without each of five folds and five
+      // stretches: four of the nine demonstrations that are not held out.
+      EXPECT_EQ(summary.support_fits, hold_out > 0.0 ? 9 : 11);
+      EXPECT_EQ(other_summary.support_fits, summary.support_fits);
+      core::ArchiveWriter ours("recovery", 1);
+      model->task().Save(ours);
+      ours.Save(path_);
+      const std::string expected = Content();
+      core::ArchiveWriter theirs("recovery", 1);
+      other->task().Save(theirs);
+      theirs.Save(path_);
+      EXPECT_EQ(Content(), expected) << seed;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace dfr::safety
