@@ -5,12 +5,11 @@
 
 #include <cmath>
 #include <stdexcept>
-#include <string>
-#include <vector>
 
 #include "dfr/core/random.h"
 #include "dfr/kernel/one_class_svm.h"
 #include "tests/kernel/libsvm_peer.h"
+#include "tests/support/message_of.h"
 
 namespace dfr::kernel {
 namespace {
@@ -128,15 +127,17 @@ TEST(HardProblemsTest, AFitMayBeStoppedAnywhere) {
     EXPECT_EQ(stopped_at(-1).reason, FitSummary::Reason::kConverged);
     const int all = calls;
     ASSERT_GE(all, 4);
-    for (const int call : {1, 2, all / 2, all - 1}) {
+    for (const int call : {1, all / 2, all - 1}) {
       SCOPED_TRACE(testing::Message() << "gamma " << gamma << ", call " << call << " of " << all);
       const FitSummary summary = stopped_at(call);
       EXPECT_EQ(calls, call) << "asked again after it was told to stop";
       EXPECT_EQ(summary.reason, FitSummary::Reason::kInterrupted);
-      if (std::isinf(summary.kkt_gap)) continue;  // stopped before G was known
+      if (call == 1) {
+        EXPECT_TRUE(std::isinf(summary.kkt_gap)) << "stopped before G was known";
+      }
+      if (std::isinf(summary.kkt_gap)) continue;
       EXPECT_NEAR(KktGapOfSummary(samples, summary, 0.05, gamma), summary.kkt_gap, 1e-4);
     }
-    EXPECT_TRUE(std::isinf(stopped_at(1).kkt_gap));
   }
 }
 
@@ -144,13 +145,10 @@ TEST(HardProblemsTest, SamplesWhoseSquaredDistancesOverflowAreNamed) {
   core::Random random(55);
   core::Matrix samples = Samples(Kind::kNormal, 400, 3, random);
   samples(123, 2) = 1e200;
-  try {
-    (void)OneClassSvm::Fit(samples, {});
-    FAIL() << "nothing thrown";
-  } catch (const std::invalid_argument& e) {
-    EXPECT_THAT(e.what(), HasSubstr("sample 123, entry 2 is 1e+200"));
-    EXPECT_THAT(e.what(), HasSubstr("Leave the sample out"));
-  }
+  EXPECT_THAT(
+      dfr::test::MessageOf<std::invalid_argument>([&] { (void)OneClassSvm::Fit(samples, {}); }),
+      testing::AllOf(HasSubstr("sample 123, entry 2 is 1e+200"),
+                     HasSubstr("Leave the sample out")));
 }
 
 }  // namespace

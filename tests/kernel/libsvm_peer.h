@@ -6,6 +6,7 @@
 
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
+#include "dfr/kernel/one_class_svm.h"
 
 struct svm_model;
 struct svm_node;
@@ -36,5 +37,13 @@ class LibsvmPeer {
 /// States on a curved tube, as trajectories of a robot are: `n` entries, each a sine of a common
 /// phase, plus noise of 0.1.
 [[nodiscard]] core::Matrix Tube(int m, int n, core::Random& random);
+
+/// g of every row.
+[[nodiscard]] inline Eigen::VectorXd Decisions(const OneClassSvm& svm,
+                                               const core::Matrix& queries) {
+  Eigen::VectorXd g(queries.rows());
+  for (Eigen::Index i = 0; i < queries.rows(); ++i) g[i] = svm.Decision(core::Row(queries, i));
+  return g;
+}
 
 }  // namespace dfr::kernel::test

@@ -4,10 +4,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <functional>
 #include <limits>
 #include <span>
-#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -15,6 +13,7 @@
 #include "fit_sharing.h"
 #include "states_at.h"
 #include "tests/support/all_close.h"
+#include "tests/support/message_of.h"
 
 namespace dfr::kernel {
 namespace {
@@ -35,15 +34,6 @@ std::vector<core::Matrix> Demonstrations(int count, std::uint64_t seed) {
     all.push_back(states);
   }
   return all;
-}
-
-std::string Message(const std::function<void()>& call) {
-  try {
-    call();
-  } catch (const std::exception& e) {
-    return e.what();
-  }
-  return "nothing thrown";
 }
 
 TEST(ConformalThresholdTest, IsTheScoreOfRankCeilNPlusOneTimesOneMinusAlpha) {
@@ -97,12 +87,18 @@ TEST(ConformalThresholdTest, WithAConfidenceThePromiseHoldsForThatShareOfSets) {
 
 TEST(ConformalThresholdTest, ErrorsNameTheReason) {
   const std::vector<double> none, broken = {1.0, std::nan("")}, fine = {1.0};
-  EXPECT_THAT(Message([&] { (void)ConformalThreshold(none, 0.1); }), HasSubstr("no held-out"));
-  EXPECT_THAT(Message([&] { (void)ConformalThreshold(broken, 0.1); }), HasSubstr("NaN"));
-  EXPECT_THAT(Message([&] { (void)ConformalThreshold(fine, 1.0); }), HasSubstr("alpha must lie"));
-  EXPECT_THAT(Message([&] { (void)ConformalThreshold(fine, 0.0); }), HasSubstr("alpha must lie"));
-  EXPECT_THAT(Message([&] { (void)ConformalThreshold(fine, 0.5, 1.0); }), HasSubstr("confidence"));
-  EXPECT_THAT(Message([&] { (void)ConformalThreshold(fine, 0.5, -0.1); }), HasSubstr("confidence"));
+  EXPECT_THAT(dfr::test::MessageOf([&] { (void)ConformalThreshold(none, 0.1); }),
+              HasSubstr("no held-out"));
+  EXPECT_THAT(dfr::test::MessageOf([&] { (void)ConformalThreshold(broken, 0.1); }),
+              HasSubstr("NaN"));
+  EXPECT_THAT(dfr::test::MessageOf([&] { (void)ConformalThreshold(fine, 1.0); }),
+              HasSubstr("alpha must lie"));
+  EXPECT_THAT(dfr::test::MessageOf([&] { (void)ConformalThreshold(fine, 0.0); }),
+              HasSubstr("alpha must lie"));
+  EXPECT_THAT(dfr::test::MessageOf([&] { (void)ConformalThreshold(fine, 0.5, 1.0); }),
+              HasSubstr("confidence"));
+  EXPECT_THAT(dfr::test::MessageOf([&] { (void)ConformalThreshold(fine, 0.5, -0.1); }),
+              HasSubstr("confidence"));
 }
 
 TEST(ModelSelectionTest, ExcursionScoreIsTheWorstStep) {
@@ -246,7 +242,7 @@ TEST(ModelSelectionTest, ErrorsNameTheOption) {
   const auto with = [&](auto&& change) {
     SelectionOptions options;
     change(options);
-    return Message([&] { (void)SelectModel(demonstrations, options); });
+    return dfr::test::MessageOf([&] { (void)SelectModel(demonstrations, options); });
   };
   EXPECT_THAT(with([](auto& o) { o.gammas = {}; }), HasSubstr("gammas is empty"));
   EXPECT_THAT(with([](auto& o) { o.nus = {}; }), HasSubstr("nus is empty"));

@@ -11,12 +11,12 @@
 #include <ostream>
 #include <stdexcept>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "dfr/core/random.h"
 #include "dfr/kernel/time_varying_support.h"
 #include "tests/support/all_close.h"
+#include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::kernel {
@@ -242,40 +242,52 @@ TEST(EstimatePerStepTest, FollowsTheTimeStepsAsTheSvmsDo) {
 }
 
 TEST(SupportEstimatesErrorsTest, NameTheCulprit) {
-  const auto message = [](const std::function<void()>& call) -> std::string {
-    try {
-      call();
-    } catch (const std::invalid_argument& e) {
-      return e.what();
-    }
-    return "nothing thrown";
-  };
   const core::Matrix few = core::Matrix::Random(3, 2);
   const core::Matrix equal = core::Matrix::Ones(5, 2);
   core::Matrix broken = core::Matrix::Random(9, 2);
   broken(4, 1) = std::nan("");
-  EXPECT_THAT(message([&] { (void)NeighbourEstimate::Fit(few, 0.1, 5); }),
+  EXPECT_THAT(dfr::test::MessageOf<std::invalid_argument>(
+                  [&] { (void)NeighbourEstimate::Fit(few, 0.1, 5); }),
               HasSubstr("at least 6 samples are needed; there are 3"));
-  EXPECT_THAT(message([&] { (void)NeighbourEstimate::Fit(few, 0.1, 0); }), HasSubstr("k must"));
-  EXPECT_THAT(message([&] { (void)GaussianEstimate::Fit(equal, 0.1); }), HasSubstr("singular"));
-  EXPECT_THAT(message([&] { (void)GaussianEstimate::Fit(broken, 0.1); }), HasSubstr("sample 4"));
-  EXPECT_THAT(message([&] { (void)GaussianEstimate::Fit(few, 0.0); }), HasSubstr("nu must"));
-  EXPECT_THAT(message([&] { (void)GaussianEstimate::Fit(few, 1.1); }), HasSubstr("nu must"));
-  EXPECT_THAT(message([&] { (void)GaussianEstimate::Fit(few, 0.1, -1.0); }), HasSubstr("ridge"));
-  EXPECT_THAT(message([&] { (void)NeighbourEstimate::Fit(few, 0.1, 1000); }), HasSubstr("k must"));
-  EXPECT_THAT(message([&] { (void)FitKernelDensity(few, 0.1, -1.0); }), HasSubstr("gamma"));
-  EXPECT_THAT(message([&] { (void)FitWhitening(equal); }), HasSubstr("equal"));
-  EXPECT_THAT(message([&] { (void)FitPca(few, 3); }), HasSubstr("components"));
-  EXPECT_THAT(message([&] { (void)FitPca(few, -1); }), HasSubstr("components"));
-  EXPECT_THAT(message([&] {
+  EXPECT_THAT(dfr::test::MessageOf<std::invalid_argument>(
+                  [&] { (void)NeighbourEstimate::Fit(few, 0.1, 0); }),
+              HasSubstr("k must"));
+  EXPECT_THAT(
+      dfr::test::MessageOf<std::invalid_argument>([&] { (void)GaussianEstimate::Fit(equal, 0.1); }),
+      HasSubstr("singular"));
+  EXPECT_THAT(dfr::test::MessageOf<std::invalid_argument>(
+                  [&] { (void)GaussianEstimate::Fit(broken, 0.1); }),
+              HasSubstr("sample 4"));
+  EXPECT_THAT(
+      dfr::test::MessageOf<std::invalid_argument>([&] { (void)GaussianEstimate::Fit(few, 0.0); }),
+      HasSubstr("nu must"));
+  EXPECT_THAT(
+      dfr::test::MessageOf<std::invalid_argument>([&] { (void)GaussianEstimate::Fit(few, 1.1); }),
+      HasSubstr("nu must"));
+  EXPECT_THAT(dfr::test::MessageOf<std::invalid_argument>(
+                  [&] { (void)GaussianEstimate::Fit(few, 0.1, -1.0); }),
+              HasSubstr("ridge"));
+  EXPECT_THAT(dfr::test::MessageOf<std::invalid_argument>(
+                  [&] { (void)NeighbourEstimate::Fit(few, 0.1, 1000); }),
+              HasSubstr("k must"));
+  EXPECT_THAT(
+      dfr::test::MessageOf<std::invalid_argument>([&] { (void)FitKernelDensity(few, 0.1, -1.0); }),
+      HasSubstr("gamma"));
+  EXPECT_THAT(dfr::test::MessageOf<std::invalid_argument>([&] { (void)FitWhitening(equal); }),
+              HasSubstr("equal"));
+  EXPECT_THAT(dfr::test::MessageOf<std::invalid_argument>([&] { (void)FitPca(few, 3); }),
+              HasSubstr("components"));
+  EXPECT_THAT(dfr::test::MessageOf<std::invalid_argument>([&] { (void)FitPca(few, -1); }),
+              HasSubstr("components"));
+  EXPECT_THAT(dfr::test::MessageOf<std::invalid_argument>([&] {
                 (void)EstimatePerStep::Fit({&few, 1}, {}, -1);
               }),
               HasSubstr("num_steps must not be negative: -1"));
-  EXPECT_THAT(message([&] {
+  EXPECT_THAT(dfr::test::MessageOf<std::invalid_argument>([&] {
                 (void)EstimatePerStep::Fit({&few, 1}, [](const auto&) { return nullptr; });
               }),
               HasSubstr("the fit of time step 0 returned no estimate"));
-  EXPECT_THAT(message([&] {
+  EXPECT_THAT(dfr::test::MessageOf<std::invalid_argument>([&] {
                 (void)MappedEstimate(FitPca(few, 1), std::make_shared<GaussianEstimate>(
                                                          GaussianEstimate::Fit(few, 0.1)));
               }),

@@ -6,15 +6,13 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
-#include <functional>
 #include <iterator>
 #include <limits>
-#include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "dfr/core/random.h"
-#include "tests/support/all_close.h"
+#include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::kernel {
@@ -37,15 +35,6 @@ std::vector<core::Matrix> Walks(int count, std::uint64_t seed) {
     walks.push_back(states);
   }
   return walks;
-}
-
-std::string Message(const std::function<void()>& call) {
-  try {
-    call();
-  } catch (const std::exception& e) {
-    return e.what();
-  }
-  return "nothing thrown";
 }
 
 class TimeVaryingSupportFileTest : public testing::Test {
@@ -141,7 +130,7 @@ TEST(TimeVaryingSupportTest, DecisionNeverAllocates) {
   const std::vector<double> x = {1.0, 0.0};
   const std::vector<double> broken = {1.0, std::numeric_limits<double>::quiet_NaN()};
   std::vector<double> gradient(2);
-  const test::NoAlloc guard;
+  const dfr::test::NoAlloc guard;
   EXPECT_TRUE(std::isfinite(support.Decision(1, x)));
   support.Gradient(1, x, gradient);
   EXPECT_EQ(support.Decision(1, broken), -std::numeric_limits<double>::infinity());
@@ -150,7 +139,7 @@ TEST(TimeVaryingSupportTest, DecisionNeverAllocates) {
 TEST(TimeVaryingSupportTest, ErrorsNameTheDemonstration) {
   auto walks = Walks(5, 47);
   const auto fit = [&](const TimeVaryingSupportOptions& options) {
-    return Message([&] { (void)TimeVaryingSupport::Fit(walks, options); });
+    return dfr::test::MessageOf([&] { (void)TimeVaryingSupport::Fit(walks, options); });
   };
   EXPECT_THAT(fit({.num_steps = -1}), HasSubstr("num_steps"));
   EXPECT_THAT(fit({.threads = -1}), HasSubstr("threads"));
@@ -188,7 +177,9 @@ TEST_F(TimeVaryingSupportFileTest, ADamagedFileIsRefusedByName) {
     std::ifstream file(path_, std::ios::binary);
     bytes.assign(std::istreambuf_iterator<char>(file), {});
   }
-  const auto load = [&] { return Message([&] { (void)TimeVaryingSupport::Load(path_); }); };
+  const auto load = [&] {
+    return dfr::test::MessageOf([&] { (void)TimeVaryingSupport::Load(path_); });
+  };
   const auto write = [&](const std::string& content) {
     std::ofstream(path_, std::ios::binary) << content;
   };

@@ -98,21 +98,6 @@ TEST(WhitenedSupportTest, PhaseWhiteningMakesTheMapsFollowTheSpread) {
   EXPECT_EQ(plain.curvature_bound(4), plain.estimate(4).gamma());
 }
 
-TEST(WhitenedSupportTest, AcceptsMostOfWhatItWasFittedTo) {
-  const auto walks = Walks(60);
-  const auto support = WhitenedSupport::Fit(walks);
-  int inside = 0, count = 0;
-  for (const auto& walk : walks) {
-    for (Eigen::Index t = 0; t < 9; ++t) {
-      inside += support.Decision(static_cast<int>(t), core::Row(walk, t)) > -1e-5 ? 1 : 0;
-      ++count;
-    }
-  }
-  // nu = 0.05 bounds the outliers of the pool of five time steps; those of the middle one are
-  // fewer.
-  EXPECT_GT(inside, 0.93 * count);
-}
-
 TEST(WhitenedSupportTest, GoalsStayInsideWhereEndedDemonstrationsCount) {
   const auto walks = Walks(60);
   Eigen::Index longest = 0;
@@ -416,7 +401,7 @@ TEST(WhitenedSupportTest, BrokenSensorsReadAsOutsideAndNothingAllocates) {
   EXPECT_EQ(support.LogDecision(1, z, wide), -kInfinity);
   EXPECT_EQ(wide, std::vector<double>(3, 0.0));
   EXPECT_EQ(support.Gradient(1, std::vector<double>(3), wide), -kInfinity);
-  const test::NoAlloc guard;
+  const dfr::test::NoAlloc guard;
   (void)support.Decision(1, z);
   (void)support.Gradient(1, z, gradient);
   (void)support.LogDecision(1, z, gradient);
