@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 
-#include <cmath>
 #include <csignal>
 #include <filesystem>
 #include <fstream>
@@ -12,6 +11,8 @@
 #include <limits>
 #include <sstream>
 #include <stdexcept>
+
+#include "tests/support/message_of.h"
 
 namespace dfr::core {
 namespace {
@@ -53,12 +54,7 @@ class ArchiveTest : public testing::Test {
   }
 
   static std::string Error(const std::function<void()>& run) {
-    try {
-      run();
-    } catch (const std::runtime_error& e) {
-      return e.what();
-    }
-    return "nothing thrown";
+    return dfr::test::MessageOf<std::runtime_error>([&] { run(); });
   }
 
  private:
@@ -91,12 +87,17 @@ TEST_F(ArchiveTest, EveryTruncationIsRefused) {
 TEST_F(ArchiveTest, EveryFlippedBitIsRefused) {
   Sample().Save(File());
   const std::string whole = Content();
+  std::fstream file(File(), std::ios::in | std::ios::out | std::ios::binary);
+  const auto set = [&](std::size_t byte, char value) {
+    file.seekp(static_cast<std::streamoff>(byte)).put(value).flush();
+  };
   for (std::size_t i = 0; i < whole.size() * 8; ++i) {
-    std::string damaged = whole;
-    damaged[i / 8] = static_cast<char>(damaged[i / 8] ^ (1 << (i % 8)));
-    Replace(damaged);
+    const char right = whole[i / 8];
+    set(i / 8, static_cast<char>(right ^ (1 << (i % 8))));
     EXPECT_THROW(ArchiveReader(File(), "sample", 2), std::runtime_error) << "bit " << i;
+    set(i / 8, right);
   }
+  EXPECT_EQ(Content(), whole);
 }
 
 TEST_F(ArchiveTest, ErrorsNameFileAndReason) {

@@ -18,6 +18,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "tests/support/message_of.h"
+
 namespace dfr::core {
 namespace {
 
@@ -46,12 +48,7 @@ class AtomicFileTest : public testing::Test {
     return found.st_mode & 07777;
   }
   static std::string Error(const std::function<void()>& call) {
-    try {
-      call();
-    } catch (const std::runtime_error& e) {
-      return e.what();
-    }
-    return "no error";
+    return dfr::test::MessageOf<std::runtime_error>([&] { call(); });
   }
   // Nothing but these files: no temporary one stays.
   void ExpectOnly(std::ptrdiff_t files) const {
@@ -136,7 +133,7 @@ TEST_F(AtomicFileTest, ItClosesItsOwnFileAndNoOther) {
   const auto before = open_files();
   ReplaceFile(folder_ / "file", "x");
   EXPECT_EQ(open_files(), before);
-  EXPECT_NE(Error([&] { ReplaceFile(folder_ / "absent" / "file", "x"); }), "no error");
+  EXPECT_NE(Error([&] { ReplaceFile(folder_ / "absent" / "file", "x"); }), "nothing thrown");
   EXPECT_EQ(open_files(), before);
 }
 

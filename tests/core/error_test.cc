@@ -2,8 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include <stdexcept>
-#include <string>
 #include <type_traits>
 
 namespace dfr::core {
@@ -23,17 +21,6 @@ TEST(ErrorTest, TheRemedyMayBeUnknown) {
   EXPECT_EQ(error.problem(), "a.avi: cannot be opened");
   EXPECT_EQ(error.remedy(), "");
   EXPECT_STREQ(error.what(), "a.avi: cannot be opened");
-}
-
-TEST(ErrorTest, IsCaughtAsARuntimeErrorAndOutlivesItsTexts) {
-  try {
-    throw Error(std::string("problem"), std::string("remedy"));
-  } catch (const std::runtime_error& e) {
-    const auto& error = dynamic_cast<const Error&>(e);
-    const Error copy = error;
-    EXPECT_EQ(copy.problem(), "problem");
-    EXPECT_EQ(copy.remedy(), "remedy");
-  }
 }
 
 }  // namespace

@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "tests/support/message_of.h"
+
 namespace dfr::core {
 namespace {
 
@@ -40,12 +42,9 @@ TEST(OnnxGraphTest, RefusesWrongShapesAndUnwritableFiles) {
   const std::vector<double> values(5, 1.0);
   const std::int64_t shape[] = {2, 3};
   EXPECT_THROW(graph.Constant(values, shape), std::invalid_argument);
-  try {
-    graph.Save("/nonexistent/model.onnx");
-    FAIL() << "nothing thrown";
-  } catch (const std::runtime_error& e) {
-    EXPECT_THAT(e.what(), HasSubstr("/nonexistent/model.onnx"));
-  }
+  EXPECT_THAT(
+      dfr::test::MessageOf<std::runtime_error>([&] { graph.Save("/nonexistent/model.onnx"); }),
+      HasSubstr("/nonexistent/model.onnx"));
 }
 
 }  // namespace
