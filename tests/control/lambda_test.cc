@@ -5,7 +5,6 @@
 
 #include <limits>
 #include <stdexcept>
-#include <string>
 #include <vector>
 
 #include "tests/control/analytic.h"

@@ -5,7 +5,6 @@
 
 #include <filesystem>
 #include <stdexcept>
-#include <string>
 #include <vector>
 
 #include "dfr/core/archive.h"
