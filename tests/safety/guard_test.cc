@@ -384,54 +384,6 @@ TEST(GuardTest, HoldsBeforeResetAndWhenStopped) {
   EXPECT_STREQ(stopped.reason(), "stop-requested");
 }
 
-// Recovers with a constant action.
-class Shove final : public control::RecoveryStrategy {
- public:
-  explicit Shove(std::vector<double> action) : action_(std::move(action)) {}
-  void Reset(std::uint64_t) noexcept override {}
-  [[nodiscard]] Mode Next(const control::RecoverySituation&,
-                          std::span<double> u) noexcept override {
-    std::copy(action_.begin(), action_.end(), u.begin());
-    return Mode::kRecovery;
-  }
-
- private:
-  std::vector<double> action_;
-};
-
-// Algorithm 1 with the caller's recovery replaces every strategy of the settings.
-TEST(GuardTest, ARecoveryOfTheCallersOwnTakesOverAtTheBoundary) {
-  for (const Strategy strategy : {Strategy::kGuard, Strategy::kMonitor}) {
-    SCOPED_TRACE(Name(strategy));
-    const auto model = Model(strategy);
-    const std::vector<double> own = Action(0.0, -0.02);
-    Guard guard(model, std::make_unique<Shove>(own));
-    guard.Reset(1);
-    CorridorPlant plant;
-    const std::vector<double> action = Action(0.09, 0.04);
-    std::vector<double> safe(2);
-    int recoveries = 0;
-    for (int t = 0; t < 30; ++t) {
-      const Verdict verdict = guard.Filter(t, plant.x, action, safe);
-      if (verdict.mode == Mode::kHalt) break;
-      // The gate of Algorithm 1 at the step it is in.
-      const auto step =
-          std::min<std::size_t>(static_cast<std::size_t>(verdict.step), model->lambda().size() - 1);
-      EXPECT_EQ(verdict.g, model->support().Decision(verdict.step, plant.x));
-      EXPECT_EQ(verdict.mode == Mode::kPolicy, verdict.g > verdict.threshold);
-      EXPECT_NEAR(verdict.threshold, model->lambda()[step] * std::hypot(action[0], action[1]),
-                  1e-12);
-      if (verdict.mode == Mode::kRecovery) {
-        ++recoveries;
-        EXPECT_STREQ(verdict.reason(), "recovery");
-        EXPECT_EQ(safe, own);
-      }
-      plant.Apply(safe);
-    }
-    EXPECT_GT(recoveries, 0);
-  }
-}
-
 // An episode that dwells: the clock of the strategy goes on, the alarm's follows the state.
 TEST(GuardTest, TheAlarmHasATimeStepOfItsOwn) {
   Guard guard(Model(Strategy::kEarlyStopping));
@@ -450,19 +402,6 @@ TEST(GuardTest, TheAlarmHasATimeStepOfItsOwn) {
     EXPECT_EQ(verdict.alarm, levels.back() < -guard.model().settings().alarm_level);
     plant.Apply(Action(0.05, 0.0));
   }
-}
-
-TEST(GuardTest, ARecoveryOfTheCallersOwnIsWithinTheLimit) {
-  GuardSettings settings = Model()->settings();
-  settings.action_limit = {0.1};
-  Guard guard(Model()->With(settings), std::make_unique<Shove>(std::vector{7.0, -0.02}));
-  guard.Reset(1);
-  // Inside by little: g of demonstrations changes by more than that with such an action.
-  const std::vector<double> state = {0.0, 0.08, 0.0};
-  std::vector<double> safe(2);
-  const Verdict verdict = guard.Filter(0, state, Action(0.09, 0.04), safe);
-  ASSERT_EQ(verdict.mode, Mode::kRecovery) << verdict.reason();
-  EXPECT_THAT(safe, testing::ElementsAre(0.1, -0.02));
 }
 
 TEST(GuardTest, ActionsAreWithinTheirLimit) {
