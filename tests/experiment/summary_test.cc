@@ -9,6 +9,7 @@
 #include <stdexcept>
 
 #include "tests/experiment/fake_trial_runner.h"
+#include "tests/support/message_of.h"
 
 namespace dfr::experiment {
 namespace {
@@ -193,12 +194,8 @@ TEST(SummaryJsonTest, FiguresThatDoNotExistAreNull) {
 
 TEST(SummaryJsonTest, AFolderThatDoesNotExistIsNamed) {
   const std::filesystem::path path = test::EmptyFolder("summary_missing") / "no" / "summary.json";
-  try {
-    SaveSummary({}, path);
-    FAIL() << "nothing thrown";
-  } catch (const std::runtime_error& e) {
-    EXPECT_THAT(e.what(), HasSubstr(path.string()));
-  }
+  EXPECT_THAT(dfr::test::MessageOf<std::runtime_error>([&] { SaveSummary({}, path); }),
+              HasSubstr(path.string()));
 }
 
 TEST(PrintTableTest, ShowsEveryCellAndTheContrast) {
