@@ -3,12 +3,12 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "apps/study/study.h"
+#include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::study {
@@ -132,12 +132,7 @@ TEST(PicturedGuardsTest, MonitorsChangeNothingAndThreadsDoNotMatter) {
 }
 
 std::string ErrorOf(const Study& study) {
-  try {
-    static_cast<void>(RunStudy(study));
-  } catch (const std::invalid_argument& e) {
-    return e.what();
-  }
-  return "";
+  return dfr::test::MessageOf<std::invalid_argument>([&] { static_cast<void>(RunStudy(study)); });
 }
 
 TEST(PicturedGuardsTest, NeedFeatures) {

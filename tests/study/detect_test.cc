@@ -3,14 +3,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <stdexcept>
-#include <string>
 #include <vector>
 
 #include "dfr/core/random.h"
 #include "dfr/sim/gallery/gallery.h"
 #include "dfr/study/detectors.h"
+#include "tests/support/message_of.h"
 
 namespace dfr::study {
 namespace {
@@ -117,13 +116,10 @@ TEST(DetectTest, TooManyFeaturesAreReducedWithAReason) {
 }
 
 TEST(DetectTest, AMissingFileSaysWhereToGetOne) {
-  try {
-    (void)LoadDetection({.file = "nowhere.hdf5"});
-    FAIL();
-  } catch (const std::runtime_error& error) {
-    EXPECT_THAT(error.what(), HasSubstr("nowhere.hdf5: no such file"));
-    EXPECT_THAT(error.what(), HasSubstr("D4RL/door/human-v2"));
-  }
+  EXPECT_THAT(
+      dfr::test::MessageOf<std::runtime_error>(
+          [&] { (void)LoadDetection({.file = "nowhere.hdf5"}); }),
+      testing::AllOf(HasSubstr("nowhere.hdf5: no such file"), HasSubstr("D4RL/door/human-v2")));
 }
 
 }  // namespace

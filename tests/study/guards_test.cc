@@ -1,13 +1,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <array>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <memory>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -16,6 +14,7 @@
 #include "apps/study/pictures/picture.h"
 #include "apps/study/study.h"
 #include "apps/study/tables.h"
+#include "tests/support/message_of.h"
 
 namespace dfr::study {
 namespace {
@@ -33,12 +32,7 @@ Study SmallGuards() {
 }
 
 std::string GuardMessageOf(const Study& study) {
-  try {
-    (void)RunStudy(study);
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "";
+  return dfr::test::MessageOf<std::invalid_argument>([&] { (void)RunStudy(study); });
 }
 
 // As one thread gives them.

@@ -14,6 +14,7 @@
 #include "apps/study/tables.h"
 #include "apps/study/totals.h"
 #include "dfr/study/policies.h"
+#include "tests/support/message_of.h"
 
 namespace dfr::study {
 namespace {
@@ -156,12 +157,9 @@ TEST(PlaceboTest, AControllersGuardIsComparedToo) {
 TEST(PlaceboTest, WithoutTheGuardThereIsNoRate) {
   Study study = PlaceboStudy();
   study.controllers = {"placebo-halts"};
-  try {
-    static_cast<void>(RunStudy(study));
-    FAIL() << "nothing thrown";
-  } catch (const std::invalid_argument& error) {
-    EXPECT_THAT(error.what(), testing::HasSubstr("add 'guard' to the methods"));
-  }
+  EXPECT_THAT(
+      dfr::test::MessageOf<std::invalid_argument>([&] { static_cast<void>(RunStudy(study)); }),
+      testing::HasSubstr("add 'guard' to the methods"));
 }
 
 TEST(NoPolicyTest, GivesZero) {

@@ -1,15 +1,16 @@
 #include "dfr/study/supports.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <limits>
 #include <stdexcept>
-#include <string>
 #include <vector>
 
 #include "apps/study/task.h"
 #include "dfr/core/random.h"
+#include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::study {
@@ -114,12 +115,9 @@ TEST(SupportsTest, BrokenStatesAreOutsideAndNothingIsAllocated) {
 }
 
 TEST(SupportsTest, UnknownOnesAreNamed) {
-  try {
-    static_cast<void>(Make("magic"));
-    FAIL();
-  } catch (const std::invalid_argument& e) {
-    EXPECT_NE(std::string(e.what()).find("mahalanobis"), std::string::npos);
-  }
+  EXPECT_THAT(
+      dfr::test::MessageOf<std::invalid_argument>([&] { static_cast<void>(Make("magic")); }),
+      testing::HasSubstr("mahalanobis"));
 }
 
 }  // namespace
