@@ -151,23 +151,6 @@ TEST(MlpTest, TangentIsTheDerivativeAlongADirection) {
   }
 }
 
-// <J v, w> = <v, J' w>: forward and backward derivatives are transposes of each other, exactly but
-// for rounding in sums of some thousand terms.
-TEST(MlpTest, TangentAndBackwardAreTransposes) {
-  for (const auto& shape : Shapes()) {
-    const Mlp mlp = RandomMlp(shape, 14);
-    const Matrix x = RandomMatrix(300, mlp.input_dim(), 15);
-    const Matrix w = RandomMatrix(300, mlp.output_dim(), 16);
-    const Eigen::VectorXd v = RandomVector(mlp.num_parameters(), 17);
-    Mlp::Workspace workspace;
-    mlp.Forward(x, workspace);
-    const double forward = mlp.Tangent(x, v, workspace).cwiseProduct(w).sum();
-    Eigen::VectorXd gradient;
-    mlp.Backward(x, w, workspace, gradient);
-    EXPECT_NEAR(forward, gradient.dot(v), 1e-10 * gradient.norm() * v.norm());
-  }
-}
-
 TEST(MlpTest, JacobianRowsAreGradientsOfSingleOutputs) {
   for (const auto& shape : Shapes()) {
     const Mlp mlp = RandomMlp(shape, 18);
