@@ -2,10 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <functional>
-#include <string>
-#include <vector>
 
 #include "tests/hardware_dvrk/psm_driver_fixture.h"
 
@@ -59,19 +56,6 @@ TEST_F(UnheardCommandTest, AFloodOfTextsHidesNoStatement) {
   ASSERT_EQ(driver->phase(), PsmPhase::kArmed) << driver->Explain();
   console_.Hold();
   ExpectHolds(*driver, PsmStatus::kForeignControl);
-}
-
-TEST_F(UnheardCommandTest, RearmingAtOnceIsNotHeldByAnswersToOwnCommands) {
-  const auto driver = UnderWay();
-  for (int i = 0; i < 20; ++i) {
-    SCOPED_TRACE(i);
-    driver->Hold();
-    Step(*driver);
-    ASSERT_EQ(driver->phase(), PsmPhase::kHolding);
-    Until(*driver, [&] { return driver->Arm() == PsmStatus::kOk; });
-    for (int n = 0; n < 25; ++n) Step(*driver);
-    ASSERT_EQ(driver->phase(), PsmPhase::kArmed) << driver->Explain();
-  }
 }
 
 }  // namespace
