@@ -2,13 +2,13 @@
 
 #include <CLI/CLI.hpp>
 #include <csignal>
-#include <cstdint>
 #include <cstdlib>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "dfr/core/build_info.h"
+#include "dfr/core/command_line.h"
 #include "dfr/core/numbers.h"
 #include "dfr/core/suggest.h"
 
@@ -36,46 +36,15 @@ inline const CLI::Validator kNotNegative(
 /// the program by a signal. Call this before the first thread starts.
 inline void IgnoreFileSizeSignal() { static_cast<void>(std::signal(SIGXFSZ, SIG_IGN)); }
 
-/// Makes every numeric option of a program and its commands follow core/numbers.h: no NaN,
-/// infinity, hexadecimal, octal or overflow, and no sign where a number cannot be negative. Call
-/// this after all options are added. Options may have additional range checks.
-inline void CheckNumbers(CLI::App& app) {
-  for (CLI::Option* option : app.get_options()) {
-    const std::string type = option->get_type_name();
-    const auto check = [option](const char* what, bool (*good)(const std::string&)) {
-      option->check(CLI::Validator(
-          [what, good](std::string& text) {
-            return good(text) ? std::string() : "'" + text + "' is not " + what;
-          },
-          ""));
-    };
-    if (type.starts_with("FLOAT")) {
-      check("a finite decimal number",
-            [](const std::string& text) { return core::ParseNumber(text).has_value(); });
-    } else if (type.starts_with("UINT")) {
-      check("a whole number from 0 on", [](const std::string& text) {
-        return core::ParseInteger<std::uint64_t>(text).has_value();
-      });
-    } else if (type.starts_with("INT")) {
-      check("a whole number", [](const std::string& text) {
-        return core::ParseInteger<std::int64_t>(text).has_value();
-      });
-    }
-  }
-  for (CLI::App* command : app.get_subcommands([](CLI::App*) { return true; })) {
-    CheckNumbers(*command);
-  }
-}
-
 /// Adds --version, which prints the version and the commit.
 inline void AddVersion(CLI::App& app) {
   app.set_version_flag("--version",
                        std::string(core::BuildVersion()) + " (" + core::BuildCommit() + ")");
 }
 
-/// Parses the arguments. Returns the exit code if the program is done: EXIT_SUCCESS after --help
-/// and --version, 2 after a usage error, which is printed in one line, with the closest name of an
-/// unknown command or option.
+/// Parses the arguments, numbers as core::CheckNumbers(). Returns the exit code if the program is
+/// done: EXIT_SUCCESS after --help and --version, 2 after a usage error, which is printed in one
+/// line, with the closest name of an unknown command or option.
 inline std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
   const std::vector<std::string> arguments(argv + 1, argv + argc);
   app.failure_message([&arguments](const CLI::App* program, const CLI::Error& e) {
@@ -83,6 +52,7 @@ inline std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv
     return program->get_name() + ": " + (unknown.empty() ? e.what() : unknown) +
            "; --help lists commands and options\n";
   });
+  core::CheckNumbers(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {

@@ -357,7 +357,6 @@ int main(int argc, char** argv) try {
   AddTime(app, options);
   AddNetwork(app, options);
   AddFaults(app, options);
-  dfr::apps::CheckNumbers(app);
   if (const auto code = dfr::apps::Parse(app, argc, argv)) return *code;
 
   // Installed before any thread starts: a signal must never kill the program.

@@ -198,7 +198,6 @@ int Main(int argc, char** argv) {
   AddReport(app);
   AddEvaluate(app);
   AddExport(app);
-  dfr::apps::CheckNumbers(app);
   return Parse(app, argc, argv).value_or(result);
 }
 

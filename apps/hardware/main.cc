@@ -176,7 +176,6 @@ int Main(int argc, char** argv) {
     result = RunHome(home);
   });
 
-  dfr::apps::CheckNumbers(app);
   return Parse(app, argc, argv).value_or(result);
 }
 

@@ -308,7 +308,6 @@ int Main(int argc, char** argv) {
   if (argc > 1 && std::string_view(argv[1]).rfind("--config", 0) == 0) {
     arguments.insert(arguments.begin() + 1, "run");
   }
-  dfr::apps::CheckNumbers(app);
   return experiment::Parse(app, static_cast<int>(arguments.size()), arguments.data())
       .value_or(EXIT_SUCCESS);
 }

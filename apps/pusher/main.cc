@@ -314,7 +314,6 @@ int Main(int argc, char** argv) {
   AddRender(app, render);
   AddView(app, view);
 
-  dfr::apps::CheckNumbers(app);
   return experiment::Parse(app, argc, argv).value_or(EXIT_SUCCESS);
 }
 

@@ -395,7 +395,6 @@ int main(int argc, char** argv) try {
       "detect", "Compare the guard's alarms with other detectors, on a file or in a task");
   Detection detection;
   AddOptions(*detect, detection);
-  dfr::apps::CheckNumbers(app);
   if (const auto code = dfr::experiment::Parse(app, argc, argv)) return *code;
 
   if (*list) List();

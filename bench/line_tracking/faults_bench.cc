@@ -19,6 +19,7 @@
 #include <thread>
 #include <vector>
 
+#include "apps/command_line.h"
 #include "bench_robot.h"
 #include "commands/commands.h"
 #include "dfr/core/build_info.h"
@@ -364,11 +365,7 @@ int Main(int argc, char** argv) {
   app.add_option("--robot", robot)->group("");
   app.add_option("--platform", platform)->group("");
   app.add_flag("--far", far)->group("");
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& e) {
-    return app.exit(e) == EXIT_SUCCESS ? EXIT_SUCCESS : 2;
-  }
+  if (const auto code = apps::Parse(app, argc, argv)) return *code;
   signal(SIGPIPE, SIG_IGN);
   signal(SIGXFSZ, SIG_IGN);
   if (!robot.empty()) {

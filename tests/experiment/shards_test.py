@@ -117,6 +117,26 @@ class ShardsTest(unittest.TestCase):
         # A program whose outcome differs from the ledger's.
         self.assertIn("in its ledger the episode is", self.run_program("rerun", "run", name, fails=True, differs="yes"))
 
+    def test_whole_numbers_are_decimal_also_with_leading_zeros(self):
+        self.run_program("experiment", "--seed", "06151984", "--demonstrations", "08,+010", "--trials=-00", "--out", "one",
+                         "--episodes=000000000000000000000001")
+        text = (self.folder / "one/run.toml").read_text()
+        for says in ("seed = 6151984\n", "demonstrations = [8, 10]\n", "trials = 0\n", "episodes = 1\n"):
+            self.assertIn(says, text)
+        (self.folder / "c.toml").write_text('[experiment]\nseed = "0011"\ndemonstrations = ["012", 13]\ntrials = "01"\n')
+        self.run_program("experiment", "--config", "c.toml", "--out", "two")
+        text = (self.folder / "two/run.toml").read_text()
+        for says in ("seed = 11\n", "demonstrations = [12, 13]\n", "trials = 1\n"):
+            self.assertIn(says, text)
+        for option, values in (("--seed", ("0x10", "1e3", "12a", "-1", "018446744073709551616", "1_0", " 7", "")),
+                               ("--trials", ("0x10", "1e3", "012a", "2147483648", "0b1", "1.0")),
+                               ("--demonstrations", ("6,0x10", "6,09999999999999999999"))):
+            for value in values:
+                with self.subTest(option=option, value=value):
+                    error = self.run_program("experiment", f"{option}={value}", "--out", "three", fails=True)
+                    self.assertIn(option, error)
+                    self.assertEqual(error.count("\n"), 1, error)
+
     def test_mistakes_in_a_configuration_name_the_line(self):
         for text, says in [("[experiment]\nseed = 1\ngama = 5\n", "c.toml:3: experiment has no option 'gama'"),
                            ("seed = 1\n", "c.toml:1: 'seed' is not in a table"),

@@ -48,7 +48,6 @@ std::optional<Program> Run(const std::vector<std::string>& arguments) {
   command->add_option("--weights", program.weights)->check(dfr::apps::kNotNegative);
   command->add_option("--data", program.data)->type_name("FILE");
   command->add_flag("--cold,!--warm", program.cold);
-  dfr::apps::CheckNumbers(app);
   std::vector<const char*> argv = {"fuzz", "experiment"};
   for (const std::string& argument : arguments) argv.push_back(argument.c_str());
   try {

@@ -13,6 +13,7 @@
 #include <string_view>
 #include <utility>
 
+#include "dfr/core/command_line.h"
 #include "dfr/core/format.h"
 #include "dfr/core/suggest.h"
 #include "dfr/core/toml_text.h"
@@ -419,6 +420,8 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
   Add(app, added);
   try {
     KeepGivenValues(app);
+    core::CheckNumbers(
+        app);  // its transform runs first: run.toml has numbers without leading zeros
     ParseArguments(app, arguments);
     if (added.merge->parsed()) {
       ParseArguments(app, Merge(added.folders, added.out));
