@@ -420,8 +420,8 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
   Add(app, added);
   try {
     KeepGivenValues(app);
-    core::CheckNumbers(
-        app);  // its transform runs first: run.toml has numbers without leading zeros
+    // Its transform runs first, so that run.toml has numbers without leading zeros.
+    core::CheckNumbers(app);
     ParseArguments(app, arguments);
     if (added.merge->parsed()) {
       ParseArguments(app, Merge(added.folders, added.out));
