@@ -12,6 +12,7 @@
 
 #include "dfr/dds/security.h"
 #include "tests/dds/keystore.h"
+#include "tests/support/message_of.h"
 
 namespace dfr::dds {
 namespace {
@@ -27,12 +28,7 @@ std::string Load(const path& file) {
 
 // Returns the error about a participant's folder.
 std::string Complaint(const path& folder, std::time_t now = std::time(nullptr)) {
-  try {
-    CheckSecurity(folder, now);
-  } catch (const std::runtime_error& e) {
-    return e.what();
-  }
-  return "nothing";
+  return dfr::test::MessageOf<std::runtime_error>([&] { CheckSecurity(folder, now); });
 }
 
 void Replace(const path& file, const path& by) {
@@ -66,7 +62,7 @@ TEST_F(CertificatesTest, FoldersAndFilesThatOthersCanChangeAreRefused) {
       std::filesystem::permissions(path, who, perm_options::add);
       EXPECT_THAT(Complaint(client_), HasSubstr(path.string() + " can be changed by others"));
       std::filesystem::permissions(path, who, perm_options::remove);
-      EXPECT_EQ(Complaint(client_), "nothing");
+      EXPECT_EQ(Complaint(client_), "nothing thrown");
     }
   }
 }
@@ -74,12 +70,9 @@ TEST_F(CertificatesTest, FoldersAndFilesThatOthersCanChangeAreRefused) {
 TEST_F(CertificatesTest, AnAuthorityWhoseKeyOthersCanReadAdmitsNobody) {
   using std::filesystem::perm_options;
   std::filesystem::permissions(ca_key_, perms::others_read, perm_options::add);
-  try {
-    AddParticipant(keystore_.folder(), "late", Permission::kMonitor);
-    FAIL() << "it was admitted";
-  } catch (const std::runtime_error& e) {
-    EXPECT_THAT(e.what(), HasSubstr("ca.key.pem can be read by others: chmod 600"));
-  }
+  EXPECT_THAT(dfr::test::MessageOf<std::runtime_error>(
+                  [&] { AddParticipant(keystore_.folder(), "late", Permission::kMonitor); }),
+              HasSubstr("ca.key.pem can be read by others: chmod 600"));
   EXPECT_FALSE(std::filesystem::exists(keystore_.enclave("late")));
   std::filesystem::permissions(ca_key_, perms::others_read, perm_options::remove);
   EXPECT_NO_THROW(AddParticipant(keystore_.folder(), "late", Permission::kMonitor));
@@ -112,7 +105,7 @@ TEST_F(CertificatesTest, EachMissingFileIsNamed) {
     std::filesystem::remove(file);
     std::filesystem::rename(aside, file);
   }
-  EXPECT_EQ(Complaint(client_), "nothing");
+  EXPECT_EQ(Complaint(client_), "nothing thrown");
 }
 
 TEST_F(CertificatesTest, FilesOfTwoParticipantsDoNotMix) {
@@ -134,7 +127,7 @@ TEST_F(CertificatesTest, AnotherAuthorityIsRefused) {
   Replace(files_.certificate, others.certificate);
   Replace(files_.key, others.key);
   EXPECT_EQ(Complaint(client_),
-            "nothing");  // identity and permissions may come from two authorities
+            "nothing thrown");  // identity and permissions may come from two authorities
   Replace(files_.permissions_ca, others.permissions_ca);
   EXPECT_THAT(Complaint(client_), HasSubstr("governance.p7s was changed after it was signed"));
 }
@@ -152,7 +145,7 @@ TEST_F(CertificatesTest, ChangedPermissionsAreRefused) {
 TEST_F(CertificatesTest, ExpiredCertificatesAreRefused) {
   constexpr std::time_t kDay = 86'400;
   const std::time_t today = std::time(nullptr);
-  EXPECT_EQ(Complaint(client_, today + 1000 * kDay), "nothing");
+  EXPECT_EQ(Complaint(client_, today + 1000 * kDay), "nothing thrown");
   EXPECT_THAT(Complaint(client_, today + 1100 * kDay), HasSubstr("cert.pem expired on 20"));
   EXPECT_THAT(Complaint(client_, today - 2 * kDay), HasSubstr("cert.pem is not valid before 20"));
   // The permissions end before the certificate.
@@ -162,7 +155,7 @@ TEST_F(CertificatesTest, ExpiredCertificatesAreRefused) {
   const SecurityFiles last(lasting);
   Replace(files_.certificate, last.certificate);
   Replace(files_.key, last.key);
-  EXPECT_EQ(Complaint(client_, today), "nothing");
+  EXPECT_EQ(Complaint(client_, today), "nothing thrown");
   EXPECT_THAT(Complaint(client_, today + 2 * kDay), HasSubstr("permissions.p7s expired on 20"));
 }
 

@@ -18,6 +18,7 @@
 #include "reading_endoscope.h"
 #include "tests/hardware_endoscope/pictures.h"
 #include "tests/support/eventually.h"
+#include "tests/support/message_of.h"
 
 namespace dfr::hardware {
 namespace {
@@ -51,12 +52,7 @@ class VideoTest : public testing::Test {
   }
 
   static std::string ErrorOf(const std::string& source, const EndoscopeOptions& options) {
-    try {
-      (void)OpenVideo(source, options);
-    } catch (const std::runtime_error& e) {
-      return e.what();
-    }
-    return "no error";
+    return dfr::test::MessageOf<std::runtime_error>([&] { (void)OpenVideo(source, options); });
   }
 
   // The file at a pace that the test sets.

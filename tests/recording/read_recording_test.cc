@@ -17,6 +17,7 @@
 #include "tests/recording/hand_clock.h"
 #include "tests/recording/same.h"
 #include "tests/recording/temp_folder.h"
+#include "tests/support/message_of.h"
 
 namespace dfr::recording {
 namespace {
@@ -189,12 +190,8 @@ TEST(ReadRecordingTest, DamageEverywhereCostsNoMoreThanTheFileIsLarge) {
 TEST(ReadRecordingTest, OtherFilesAreRefusedByName) {
   const test::TempFolder folder;
   const auto complaint = [&](const std::string& name) -> std::string {
-    try {
-      static_cast<void>(ReadRecording(folder / name));
-    } catch (const std::runtime_error& e) {
-      return e.what();
-    }
-    return "nothing";
+    return dfr::test::MessageOf<std::runtime_error>(
+        [&] { static_cast<void>(ReadRecording(folder / name)); });
   };
   EXPECT_THAT(complaint("missing"), testing::HasSubstr("does it exist?"));
   Save(folder / "text", "a text of some length");

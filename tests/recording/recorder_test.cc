@@ -19,6 +19,7 @@
 #include "tests/recording/same.h"
 #include "tests/recording/temp_folder.h"
 #include "tests/support/eventually.h"
+#include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::recording {
@@ -27,12 +28,7 @@ namespace {
 // Returns the message of a call's exception.
 template <typename F>
 std::string Complaint(F&& call) {
-  try {
-    call();
-  } catch (const std::exception& e) {
-    return e.what();
-  }
-  return "nothing";
+  return dfr::test::MessageOf([&] { call(); });
 }
 
 // Files that the process writes may not grow beyond a size: as on a full disk, writing fails, with
