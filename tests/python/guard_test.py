@@ -6,10 +6,8 @@ import gc
 import os
 import pathlib
 import pickle
-import subprocess
 import sys
 import tempfile
-import textwrap
 import threading
 import unittest
 
@@ -150,31 +148,6 @@ class GuardTest(unittest.TestCase):
         with self.assertRaises((RuntimeError, pickle.UnpicklingError, ValueError)):
             pickle.loads(content.replace(b"guard", b"guarf").replace(b"monitor", b"monitos"))
 
-    def test_worker_processes_get_guards(self):
-        """A child process with only the pickle runs the same episode."""
-        script = """
-            import pickle, sys
-            sys.path.insert(0, sys.argv[1])
-            from corridor import Corridor, action_for
-            guard = pickle.load(sys.stdin.buffer)
-            plant = Corridor()
-            plant.reset(seed=5)
-            guard.reset(5)
-            for t in range(30):
-                plant.step(guard.filter(t, plant.x, action_for(0.09, 0.06))[0])
-            print(plant.x.tolist())
-        """
-        done = subprocess.run(
-            [sys.executable, "-c", textwrap.dedent(script), str(pathlib.Path(__file__).parent)],
-            input=pickle.dumps(self.guard), capture_output=True, check=True,
-        )
-        plant = Corridor()
-        plant.reset(seed=5)
-        self.guard.reset(5)
-        for t in range(30):
-            plant.step(self.guard.filter(t, plant.x, DRIFT)[0])
-        self.assertEqual(eval(done.stdout), plant.x.tolist())
-
     def test_no_object_comes_without_its_content(self):
         for cls in (dfr.Guard, dfr.FitSummary, dfr.SupportEstimate, dfr.TimeVaryingSupport):
             for make in (lambda: cls.__new__(cls), lambda: object.__new__(cls), cls):
@@ -202,25 +175,6 @@ class GuardTest(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "unknown strategy 'brave'"):
             self.guard.with_settings(strategy="brave")
 
-    def test_a_certified_guard_applies_what_it_certifies(self):
-        guard = fit(40, strategy="certified")
-        self.assertEqual(guard.settings["strategy"], "certified")
-        self.assertEqual(guard.settings["direction_error"], 2.0 * guard.summary["direction_error"])
-        plant = Corridor()
-        plant.reset(seed=3)
-        guard.reset(3)
-        certified = 0
-        for t in range(40):
-            action, info = guard.filter(t, plant.x, DRIFT)
-            self.assertNotEqual(info["reason"], "assumption-violated")
-            if info["mode"] == "halt":
-                break
-            self.assertTrue(info["certified"])
-            self.assertFalse(info["alarm"])
-            certified += 1
-            plant.step(action)
-        self.assertGreater(certified, 10)
-
     def test_certify_tells_what_passes_and_by_how_much(self):
         state = [0.0, 0.0, 0.0]
         small = self.guard.certify(0, state, action_for(0.1, 0.0))
@@ -236,14 +190,6 @@ class GuardTest(unittest.TestCase):
         self.assertLess(outside["radius"], 0.0)
         with self.assertRaisesRegex(ValueError, "action has 1 entries"):
             self.guard.certify(0, state, [0.0])
-
-    def test_alarms_on_demonstrations_are_few(self):
-        states, _ = demonstrations(2, 200)
-        level = -self.guard.settings["alarm_level"]
-        alarms = sum(self.guard.levels(x).min() < level for x in states)
-        # .1 promised on the average over sets of 30 demonstrations; sqrt(.1 .9 / 32) = .053 is the
-        # scatter between sets. Three of these.
-        self.assertLess(alarms / 200, 0.1 + 3 * 0.053)
 
     def test_threads_have_guards_of_their_own(self):
         def run(guard, out):

@@ -27,58 +27,6 @@ class ChunkTest(unittest.TestCase):
     def setUpClass(cls):
         cls.guard = fit()
 
-    def play(self, policy, seed):
-        """A policy that is queried every 8 steps. Plays the counted actions, or one corrected action."""
-        plant = Corridor()
-        x, _ = plant.reset(seed=seed)
-        self.guard.reset(seed)
-        t = asked = counted = passed = 0
-        furthest = 0.0
-        while x[1] < 1.8 and t < 100:
-            chunk = policy(x)
-            playable = self.guard.filter_chunk(t, x, chunk)
-            asked += 1
-            counted += playable
-            for k in range(max(1, playable)):
-                action, info = self.guard.filter(t, x, chunk[k])
-                self.assertNotEqual(info["mode"], "halt", info["why"])
-                passed += k < playable and not info["changed"]
-                x = plant.step(action)[0]
-                furthest = max(furthest, abs(x[2]))
-                t += 1
-        return asked, counted, passed, furthest
-
-    def test_a_policy_that_is_asked_every_eight_steps(self):
-        def good(x):
-            return np.tile(action_for(0.0997, -x[2] / CHUNK), (CHUNK, 1))
-
-        def drifting(x):
-            return np.tile(DRIFT, (CHUNK, 1))
-
-        for seed in range(3):
-            with self.subTest(seed=seed):
-                asked, counted, passed, _ = self.play(good, seed)
-                self.assertLessEqual(asked, 5)  # of 19 actions
-                self.assertEqual(passed, counted)
-                asked, counted, passed, furthest = self.play(drifting, seed)
-                self.assertGreater(asked, 5)
-                self.assertEqual(passed, counted)
-                self.assertLess(furthest, 0.6)
-
-    def test_it_changes_nothing(self):
-        blind = self.guard.with_settings()
-        for guard in (self.guard, blind):
-            guard.reset()
-        plant = Corridor()
-        x, _ = plant.reset(seed=1)
-        for t in range(20):
-            self.guard.filter_chunk(t, x, np.tile(DRIFT, (CHUNK, 1)))
-            action, info = self.guard.filter(t, x, DRIFT)
-            expected, same = blind.filter(t, x, DRIFT)
-            np.testing.assert_array_equal(action, expected)
-            self.assertEqual(info, same)
-            x = plant.step(action)[0]
-
     def test_in_shadow_it_judges_and_changes_nothing(self):
         plant = Corridor()
         x, _ = plant.reset(seed=1)

@@ -219,10 +219,6 @@ class WrongCalls(unittest.TestCase):
         self.assertEqual(svm.fit_status_, 1)
         self.assertTrue(np.isfinite(svm.decision_function(X)).all())
 
-    def test_constant_data_is_fitted(self):
-        svm = dfr.OneClassSVM().fit(np.ones((5, 2)))
-        self.assertLess(svm.decision_function([[3.0, 3.0]])[0], 0.0)
-
 
 class Memory(unittest.TestCase):
     def test_contiguous_float64_is_read_in_place(self):
