@@ -42,9 +42,9 @@ inline void AddVersion(CLI::App& app) {
                        std::string(core::BuildVersion()) + " (" + core::BuildCommit() + ")");
 }
 
-/// Parses the arguments, numbers as core::CheckNumbers(). Returns the exit code if the program is
-/// done: EXIT_SUCCESS after --help and --version, 2 after a usage error, which is printed in one
-/// line, with the closest name of an unknown command or option.
+/// Parses the arguments, with core::CheckNumbers() and core::CheckDefaultOutputs(). Returns the
+/// exit code if the program is done: EXIT_SUCCESS after --help and --version, 2 after a usage
+/// error, which is printed in one line, with the closest name of an unknown command or option.
 inline std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
   const std::vector<std::string> arguments(argv + 1, argv + argc);
   app.failure_message([&arguments](const CLI::App* program, const CLI::Error& e) {
@@ -53,6 +53,7 @@ inline std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv
            "; --help lists commands and options\n";
   });
   core::CheckNumbers(app);
+  core::CheckDefaultOutputs(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {

@@ -39,9 +39,9 @@ void AddCheck(CLI::App& app, int& result) {
                    "report entries of actions beyond +- this")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
-  command->add_option(
-      "--repair", options->repair,
-      "write all readable episodes to this .hdf5 file, after a killed writer or on a damaged disk");
+  core::WritesFile(command->add_option("--repair", options->repair,
+                                       "write all readable episodes to this .hdf5 file, after a "
+                                       "killed writer or on a damaged disk"));
   command->callback(
       [options, &result] { result = RunCheck(*options) ? EXIT_SUCCESS : EXIT_FAILURE; });
 }
@@ -51,9 +51,13 @@ void AddConvert(CLI::App& app) {
   CLI::App* command = app.add_subcommand(
       "convert", "Convert LeRobot's or Minari's format to robomimic's, or any format to Minari's");
   AddDemonstrations(*command, *options);
-  command
-      ->add_option("OUT", options->out,
-                   "output: a .hdf5 file in robomimic's format, or the folder of a Minari dataset")
+  core::Writes(command->add_option(
+                   "OUT", options->out,
+                   "output: a .hdf5 file in robomimic's format, or the folder of a Minari dataset"),
+               [](const std::filesystem::path& path) {
+                 return path.extension() == ".hdf5" ? core::UnwritableFile(path)
+                                                    : core::UnwritableFolder(path);
+               })
       ->required();
   command->add_option("--id", options->id,
                       "id of the Minari dataset, namespace/name-v0; by default from its folder");
@@ -67,7 +71,8 @@ void AddFit(CLI::App& app, int& result) {
   const auto options = std::make_shared<FitOptions>();
   CLI::App* command = app.add_subcommand("fit", "Learn a guard from demonstrations");
   AddDemonstrations(*command, *options);
-  command->add_option("-o,--out", options->out, "file of the guard")->capture_default_str();
+  core::WritesFile(command->add_option("-o,--out", options->out, "file of the guard"))
+      ->capture_default_str();
   command->add_option(
       "-f,--features", options->guard.features,
       "features: parts of the state, as in obs/object,obs/tip[0:2]; default: all. Leave out what "
@@ -152,7 +157,8 @@ void AddReport(CLI::App& app) {
   AddDemonstrations(*command, *options);
   command->add_option("--failures", options->failures,
                       "episodes that failed: adds how long before their end alarms occur");
-  command->add_option("-o,--out", options->out, "file of the page")->capture_default_str();
+  core::WritesFile(command->add_option("-o,--out", options->out, "file of the page"))
+      ->capture_default_str();
   command->callback([options] { RunReport(*options); });
 }
 
@@ -170,11 +176,12 @@ void AddExport(CLI::App& app) {
   CLI::App* command =
       app.add_subcommand("export", "Export the decision function g for other tools");
   AddGuard(*command, options->guard);
-  command->add_option("--onnx", options->onnx,
-                      "ONNX file with the function from time step and state to g");
-  command->add_option("--libsvm", options->libsvm,
-                      "folder with one LIBSVM model per time step, and the transformation of "
-                      "states to its features");
+  core::WritesFile(command->add_option(
+      "--onnx", options->onnx, "ONNX file with the function from time step and state to g"));
+  core::WritesFolder(
+      command->add_option("--libsvm", options->libsvm,
+                          "folder with one LIBSVM model per time step, and the transformation of "
+                          "states to its features"));
   command->callback([options] { RunExport(*options); });
 }
 

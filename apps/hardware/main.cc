@@ -86,9 +86,8 @@ int Main(int argc, char** argv) {
       app.add_subcommand("certificates",
                          "Make the authority of a secured network, and the files that each "
                          "participant needs.\nRun again with other --participants, it adds them");
-  command
-      ->add_option("FOLDER", certificates.folder,
-                   "folder for the keys and certificates; keep it safe")
+  core::WritesFolder(command->add_option("FOLDER", certificates.folder,
+                                         "folder for the keys and certificates; keep it safe"))
       ->required();
   command
       ->add_option(

@@ -136,8 +136,9 @@ void AddCalibrate(CLI::App& app, CalibrateOptions& options) {
       "--config", options.config,
       "configuration of the robot, as for run: its operator moves it and triggers pictures; "
       "default: a motion in the simulation of this process, which the other options describe");
-  command.add_option("--out", options.out,
-                     "file of the calibration (default: calibration.dfr, or the configuration's)");
+  core::WritesFile(command.add_option(
+      "--out", options.out,
+      "file of the calibration (default: calibration.dfr, or the configuration's)"));
   command.add_option("--frames", options.frames, "number of pictures of the motion")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
@@ -157,7 +158,8 @@ void AddDemonstrate(CLI::App& app, DemonstrateOptions& options) {
   command.add_flag("--teleoperation", options.teleoperation,
                    "with --config: the operator leads the tip, and it is recorded; by default the "
                    "robot follows the line by itself after the operator's confirmation");
-  command.add_option("--out", options.out, "file of the demonstrations")->capture_default_str();
+  core::WritesFile(command.add_option("--out", options.out, "file of the demonstrations"))
+      ->capture_default_str();
   command.add_option("--count", options.count, "demonstrations")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
@@ -175,7 +177,8 @@ void AddFit(CLI::App& app, FitOptions& options) {
       *app.add_subcommand("fit", "Learn policy, supports and lambda from demonstrations");
   command.add_option("--demonstrations", options.demonstrations, "robomimic HDF5 file")
       ->capture_default_str();
-  command.add_option("--out", options.out, "folder for the model's files")->capture_default_str();
+  core::WritesFolder(command.add_option("--out", options.out, "folder for the model's files"))
+      ->capture_default_str();
   command.add_option("--seed", options.model.seed, "random seed of the network's initial weights")
       ->capture_default_str();
   AddModelOptions(command, options.model);
@@ -192,8 +195,12 @@ void AddRun(CLI::App& app, RunOptions& options) {
   command.add_option("--model", options.model, "folder written by fit (default: model)");
   command.add_option("--method", options.method,
                      study::MethodHelp(kOtherLineMethods) + " (default: guided)");
-  command.add_option("--recordings", options.recordings,
-                     "folder for the logs of runs (default: recordings); none: no log");
+  core::Writes(
+      command.add_option("--recordings", options.recordings,
+                         "folder for the logs of runs (default: recordings); none: no log"),
+      [](const std::filesystem::path& path) {
+        return path == "none" ? "" : core::UnwritableFolder(path);
+      });
   command.add_option("--episodes", options.episodes, "number of start states")
       ->capture_default_str();
   command
@@ -217,7 +224,8 @@ void AddLaunch(CLI::App& app, LaunchOptions& options) {
       "launch", "Start a simulated console, an emergency stop and a run, all over the network");
   command.add_option("--config", options.config, "configuration, as for run, with a simulator")
       ->required();
-  command.add_option("--out", options.folder, "folder for calibration, demonstrations and model")
+  core::WritesFolder(command.add_option("--out", options.folder,
+                                        "folder for calibration, demonstrations and model"))
       ->capture_default_str();
   command.add_option("--episodes", options.episodes, "number of start states")
       ->capture_default_str();
@@ -235,7 +243,8 @@ void AddRender(CLI::App& app, RenderOptions& options) {
   command.add_option("--method", options.method, study::MethodHelp(kOtherLineMethods))
       ->capture_default_str();
   command.add_option("--seed", options.seed, "random seed of the episode")->capture_default_str();
-  command.add_option("--out", options.out, "a video: .mp4 or .webm")->capture_default_str();
+  core::WritesFile(command.add_option("--out", options.out, "a video: .mp4 or .webm"))
+      ->capture_default_str();
   AddScene(command, options.scene, true);
   command.callback([&options] { RunRender(options); });
 }

@@ -132,7 +132,8 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options, std::function<void
 void AddDemonstrate(CLI::App& app, DemonstrateOptions& options) {
   CLI::App* command =
       app.add_subcommand("demonstrate", "Write demonstrations of the supervisor as robomimic HDF5");
-  command->add_option("--out", options.out, "file of the demonstrations")->capture_default_str();
+  core::WritesFile(command->add_option("--out", options.out, "file of the demonstrations"))
+      ->capture_default_str();
   command->add_option("--count", options.count, "number of demonstrations, without discarded ones")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
@@ -157,7 +158,8 @@ void AddFit(CLI::App& app, FitOptions& options) {
       ->add_option("--use", options.use, "number of demonstrations to use, from the first; 0: all")
       ->check(dfr::apps::kNotNegative)
       ->capture_default_str();
-  command->add_option("--out", options.out, "folder for the model's files")->capture_default_str();
+  core::WritesFolder(command->add_option("--out", options.out, "folder for the model's files"))
+      ->capture_default_str();
   command->add_option("--learner", options.learner, "hidden units of the policy, as in 8 or 64-64")
       ->capture_default_str();
   command
@@ -247,9 +249,9 @@ void AddRender(CLI::App& app, RenderOptions& options) {
   command->add_option("--run", options.run, "folder of that experiment")->capture_default_str();
   command->add_option("--seed", options.seed, "random seed of the start state")
       ->capture_default_str();
-  command
-      ->add_option("--out", options.out,
-                   "file of the video (.mp4, .webm) or of the last picture (.png, .jpg)")
+  core::WritesFile(
+      command->add_option("--out", options.out,
+                          "file of the video (.mp4, .webm) or of the last picture (.png, .jpg)"))
       ->capture_default_str();
   command->add_option("--width", options.width, "width of each picture [px]")
       ->check(CLI::Range(160, 1920))

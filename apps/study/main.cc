@@ -385,7 +385,7 @@ int main(int argc, char** argv) try {
   picture->add_option("--count", count, "number of demonstrations, and of episodes of each method")
       ->capture_default_str();
   picture->add_option("--seed", shown.seed)->capture_default_str();
-  picture->add_option("--out", page)->capture_default_str();
+  dfr::core::WritesFile(picture->add_option("--out", page))->capture_default_str();
   Commands commands;
   planar::AddProof(app, commands);
   planar::AddCoverage(app, commands);

@@ -137,6 +137,15 @@ class ShardsTest(unittest.TestCase):
                     self.assertIn(option, error)
                     self.assertEqual(error.count("\n"), 1, error)
 
+    def test_a_folder_that_cannot_be_written_is_a_usage_error(self):
+        (self.folder / "text").write_text("kept")
+        for command in ("experiment --out", "merge none --out", "rerun none 0/6/8/dfr/0 --film"):
+            for path in ("/proc/x/y", "text/x"):
+                with self.subTest(command=command, path=path):
+                    done = subprocess.run([PROGRAM, *command.split(), path], cwd=self.folder, text=True, capture_output=True)
+                    self.assertEqual(done.returncode, 2, done.stderr)
+                    self.assertIn(f": {path}: ", done.stderr)
+
     def test_mistakes_in_a_configuration_name_the_line(self):
         for text, says in [("[experiment]\nseed = 1\ngama = 5\n", "c.toml:3: experiment has no option 'gama'"),
                            ("seed = 1\n", "c.toml:1: 'seed' is not in a table"),

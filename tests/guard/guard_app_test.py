@@ -480,6 +480,27 @@ class GuardAppTest(unittest.TestCase):
                 self.assertIn(message, self.run_guard(*arguments, fails=True))
         self.assertIn("--features", self.run_guard("fit", "--help"))
 
+    def test_outputs_are_checked_before_the_work(self):
+        (self.folder / "taken").mkdir()
+        (self.folder / "text").write_text("kept")
+        # No input exists: a message about the output shows that it was checked first.
+        for command, kinds in (("fit none -o", "file"), ("report none none -o", "file"), ("check none --repair", "file"),
+                               ("export none --onnx", "file"), ("export none --libsvm", "folder"),
+                               ("convert none", "folder")):
+            for path, says in {"file": (("none/x", "there is no folder none; create it"), ("/proc/x", "nothing can be created in /proc; name"),
+                                        ("taken", "is a folder; name a file in it"), ("text/x", "text is no folder")),
+                               "folder": (("text", "text is no folder; name another"), ("text/x", "text is no folder"),
+                                          ("/proc/x", "nothing can be created in /proc; name"))}[kinds]:
+                with self.subTest(command=command, path=path):
+                    done = subprocess.run([PROGRAM, *command.split(), path], cwd=self.folder, text=True, capture_output=True)
+                    self.assertEqual(done.returncode, 2, done.stderr)
+                    self.assertIn(f"{path}: ", done.stderr)
+                    self.assertIn(says, done.stderr)
+        self.assertEqual((self.folder / "text").read_text(), "kept")
+        (self.folder / "taken/task.guard").mkdir()
+        done = subprocess.run([PROGRAM, "fit", "none"], cwd=self.folder / "taken", text=True, capture_output=True)
+        self.assertEqual((done.returncode, "task.guard: is a folder" in done.stderr), (2, True), done.stderr)
+
 
 if __name__ == "__main__":
     unittest.main()

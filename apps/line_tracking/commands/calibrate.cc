@@ -11,6 +11,7 @@
 
 #include "commands/commands.h"
 #include "dfr/core/format.h"
+#include "dfr/core/output_path.h"
 #include "dfr/core/random.h"
 #include "dfr/hardware/intrinsics_file.h"
 #include "dfr/sim/line_tracking/calibration_motion.h"
@@ -81,6 +82,8 @@ void CalibrateRobot(const CalibrateOptions& options) {
   const RobotConfig config = LoadRobot(options.config);
   const line_task::LineCalibration guess = Guess(config);
   const std::filesystem::path out = options.out.empty() ? config.calibration : options.out;
+  const std::string unwritable = core::UnwritableFile(out, /*makes_folders=*/true);
+  if (!unwritable.empty()) throw std::runtime_error(unwritable);
   Terminal terminal;
   runtime::AsyncPrinter& printer = terminal.printer();
   const std::unique_ptr<RobotPlant> plant = BringUpRobot(config, guess, nullptr, terminal);

@@ -177,9 +177,11 @@ int TrainSupervisor(const TrainSupervisorOptions& options) {
 void AddTrainSupervisor(CLI::App& app, TrainSupervisorOptions& options) {
   CLI::App* command = app.add_subcommand(
       "train-supervisor", "Train a supervisor by TRPO from scratch, in a few minutes");
-  command->add_option("--out", options.out, "file of the policy")->capture_default_str();
-  command->add_option("--checkpoint", options.checkpoint,
-                      "file to resume from (default: the policy's name and .checkpoint)");
+  core::WritesFile(command->add_option("--out", options.out, "file of the policy"))
+      ->capture_default_str();
+  core::WritesFile(
+      command->add_option("--checkpoint", options.checkpoint,
+                          "file to resume from (default: the policy's name and .checkpoint)"));
   command->add_flag("--resume", options.resume, "resume from the checkpoint");
   command->add_option("--seed", options.seed, "random seed of start states, noise and weights")
       ->capture_default_str();

@@ -307,7 +307,7 @@ void AddFigure(CLI::App& app, Commands& commands) {
       "Write pictures and a video of one start state of a planar task, as the paper's Fig. 2");
   AddTask(*figure, *study);
   figure->add_option("--start", *start, "random seed of the start state")->capture_default_str();
-  figure->add_option("--out", *folder)->capture_default_str();
+  core::WritesFolder(figure->add_option("--out", *folder))->capture_default_str();
   figure->add_option("--methods", *methods)->delimiter(',');
   commands.emplace_back(figure, [=] { Picture(*study, *methods, *start, *folder); });
 }

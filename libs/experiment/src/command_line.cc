@@ -318,7 +318,8 @@ void Add(CLI::App& app, Added& added) {
   added.merge
       ->add_option("folders", added.folders, "folders of shards, or folders that contain some")
       ->required();
-  added.merge->add_option("--out", added.out, "folder for the merged run")->required();
+  core::WritesFolder(added.merge->add_option("--out", added.out, "folder for the merged run"))
+      ->required();
   added.status = app.add_subcommand("status", "Print the progress of runs");
   added.status
       ->add_option("folders", added.folders, "folders of runs, or folders that contain some")
@@ -349,8 +350,9 @@ void Add(CLI::App& app, Added& added) {
       ->required();
   added.rerun->add_option("--methods", added.again.methods, "methods of that run to compare with")
       ->delimiter(',');
-  added.rerun->add_option("--film", added.again.film,
-                          "file to draw the episodes to: .mp4, or .html for paths");
+  core::Writes(added.rerun->add_option("--film", added.again.film,
+                                       "file to draw the episodes to: .mp4, or .html for paths"),
+               [](const std::filesystem::path& path) { return core::UnwritableFile(path, true); });
 }
 
 void ParseArguments(CLI::App& app, Arguments arguments) {
@@ -374,7 +376,8 @@ void AddExperimentOptions(CLI::App& command, ExperimentOptions& options, const s
 }
 
 void AddRunOptions(CLI::App& command, ExperimentOptions& options) {
-  command.add_option("--out", options.out, "folder for the ledger and the results")
+  core::WritesFolder(
+      command.add_option("--out", options.out, "folder for the ledger and the results"))
       ->capture_default_str();
   command.add_option("--seed", options.seed, "random seed")->capture_default_str();
   command
@@ -422,6 +425,7 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
     KeepGivenValues(app);
     // Its transform runs first, so that run.toml has numbers without leading zeros.
     core::CheckNumbers(app);
+    core::CheckDefaultOutputs(app);
     ParseArguments(app, arguments);
     if (added.merge->parsed()) {
       ParseArguments(app, Merge(added.folders, added.out));

@@ -2,9 +2,11 @@
 
 #include <concepts>
 #include <cstdint>
+#include <exception>
 #include <string>
 
 #include "dfr/core/numbers.h"
+#include "dfr/core/output_path.h"
 
 namespace dfr::core {
 
@@ -36,6 +38,50 @@ void CheckNumbers(App& app) {
     }
   }
   for (App* command : app.get_subcommands([](App*) { return true; })) CheckNumbers(*command);
+}
+
+/// Makes a path that output_path.h finds unwritable a usage error of `option`, before the command
+/// begins. `unwritable` has the interface of UnwritableFolder(). An empty path is accepted.
+template <typename Option, typename Unwritable>
+Option* Writes(Option* option, Unwritable unwritable) {
+  const auto check = [unwritable](const std::string& path) {
+    return path.empty() ? path : std::string(unwritable(path));
+  };
+  return option->check(check, "", "output");
+}
+
+/// As Writes(), for a file.
+template <typename Option>
+Option* WritesFile(Option* option) {
+  return Writes(option, [](const std::filesystem::path& path) { return UnwritableFile(path); });
+}
+
+/// As Writes(), for a folder.
+template <typename Option>
+Option* WritesFolder(Option* option) {
+  return Writes(option, UnwritableFolder);
+}
+
+/// Checks the outputs of the called commands also where their paths are the defaults. Call this
+/// before parsing.
+template <typename App>
+void CheckDefaultOutputs(App& app) {
+  app.parse_complete_callback([&app] {
+    for (App* command : app.get_subcommands()) {
+      for (auto* option : command->get_options()) {
+        const std::string path = option->get_default_str();
+        if (option->count() > 0 || path.empty() || path == "\"\"") continue;
+        try {
+          static_cast<void>(option->get_validator("output"));
+        } catch (const std::exception&) {
+          continue;  // writes nothing
+        }
+        option->add_result(path);
+        option->run_callback();
+        option->clear();
+      }
+    }
+  });
 }
 
 }  // namespace dfr::core

@@ -1,0 +1,20 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+namespace dfr::core {
+
+/// For programs, which refuse an output path before they begin to work. Both functions try to
+/// create a file and remove it at once; existing files keep their content.
+
+/// Describes in one line why no file can be written at `path`, with the remedy; "" if it can.
+/// `makes_folders`: the program creates the missing folders of the path. A pipe or device is not
+/// opened.
+[[nodiscard]] std::string UnwritableFile(const std::filesystem::path& path,
+                                         bool makes_folders = false);
+
+/// As UnwritableFile(), for a folder to be created, with its parents, or filled.
+[[nodiscard]] std::string UnwritableFolder(const std::filesystem::path& path);
+
+}  // namespace dfr::core
