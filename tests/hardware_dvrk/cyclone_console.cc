@@ -99,6 +99,7 @@ class Console {
     at_.setZero();
     at_[2] = 0.12;
     measured_ = at_;
+    Say(tool_type_, "LARGE_NEEDLE_DRIVER:400006");  // the instrument is engaged
     PublishState();
   }
 
@@ -163,6 +164,7 @@ class Console {
       Writer(crtk_msgs_msg_dds__OperatingState__desc, "operating_state", true);
   dds_entity_t error_ = Writer(std_msgs_msg_dds__String__desc, "error", true);
   dds_entity_t warning_ = Writer(std_msgs_msg_dds__String__desc, "warning", true);
+  dds_entity_t tool_type_ = Writer(std_msgs_msg_dds__String__desc, "tool_type", true);
 };
 
 }  // namespace
