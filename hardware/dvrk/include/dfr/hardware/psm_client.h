@@ -151,7 +151,7 @@ struct PsmInput {
   bool teleoperated = false;  ///< Teleoperation is enabled, or was since the last step.
   bool clutched = false;      ///< Same for the arm's clutch.
   PsmInstrument instrument = PsmInstrument::kNotNamed;
-  int tool_changes = 0;       ///< Number of changes of the instrument.
+  int tool_changes = 0;         ///< Number of changes of the instrument.
   int command_subscribers = 0;  ///< On state_command.
   bool send_failed = false;     ///< Output was dropped because a queue was full.
 };
