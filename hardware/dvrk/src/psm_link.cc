@@ -310,13 +310,6 @@ void PsmDriver::Link::ReadMonitors() noexcept {
     }
   }
   is_clutched.store(arm_clutched || manip_clutched, std::memory_order_release);
-  // Whoever named the instrument has gone, with the arm perhaps: the next one names it anew.
-  const int namers = tool_type.health().publishers;
-  if (namers == 0 && num_namers > 0) {
-    tool.clear();
-    instrument.store(PsmInstrument::kNotNamed, std::memory_order_release);
-  }
-  num_namers = namers;
   while (tool_type.Take(text)) {
     if (!tool.empty() && text.text != tool) tool_changes.fetch_add(1, std::memory_order_acq_rel);
     tool = text.text;
@@ -326,6 +319,12 @@ void PsmDriver::Link::ReadMonitors() noexcept {
                        (!is_si && tool.find("400006") != std::string::npos);
     instrument.store(known ? PsmInstrument::kSuitable : PsmInstrument::kOther,
                      std::memory_order_release);
+  }
+  // Once whoever named the instrument has gone, the next one names it anew. Checked after its last
+  // name has been read, which would otherwise stay.
+  if (tool_type.health().publishers == 0) {
+    tool.clear();
+    instrument.store(PsmInstrument::kNotNamed, std::memory_order_release);
   }
 }
 

@@ -145,7 +145,6 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   dds::Text text;
   dds::Joy joy;
   std::string tool;
-  int num_namers = 0;
   bool arm_clutched = false;
   bool manip_clutched = false;
   std::vector<bool> teleoperated;
