@@ -7,15 +7,11 @@ gradients, fits, a guided step, a guard's filter. One folder, build/compare, hol
 other, and the second compiles only what differs. Both are optimised as in a release. With --short they are
 optimised as the tests are, and build/dev, which the tests have built, has the second's libraries.
 
-The comparison uses valgrind's counts for each operation: instructions, and the cycles that valgrind
-estimates from them with a model of the caches. The modelled caches are the same on each machine and have
-eight sets of many ways, because conflicts in a processor's caches depend on the memory layout of each run.
-One set would double the time of the simulation.
-Instruction counts repeat exactly, regardless of other load on the machine, and an increase of 5 % is a
-loss. Cycles also depend on the heap that earlier operations left and on the length of the environment.
-An operation with 5 % more cycles is counted again separately in several memory layouts, and the
-smallest count of each build decides. Valgrind does not support AVX-512. The operations are therefore
-also timed, alternately and pinned to one core, and a loss of time is confirmed by a longer measurement.
+The comparison uses valgrind's counts of each operation's instructions. They repeat exactly, regardless of
+other load on the machine, and an increase of 5 % is a loss. Valgrind supports no AVX-512, and instructions
+do not show misses of the caches. The operations are therefore also timed, alternately and pinned to one
+core, and a loss of time is confirmed by a longer measurement. Valgrind's model of the caches is not used:
+an operation whose data fill the modelled cache lost 7 % there by its addresses alone, and no time.
 Exits with 1 if there is a loss.
 """
 import argparse
@@ -32,9 +28,6 @@ import tempfile
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 PROGRAM = "counted_work"
 MOST_COUNTED = 1.05
-# Bytes, ways, bytes of a line. The last level is too large for conflicts.
-CACHES = ("--cache-sim=yes", "--I1=32768,64,64", "--D1=49152,96,64", "--LL=33554432,16,64")
-PADDINGS = (0, 16, 32, 1000)  # Bytes of an environment variable: each gives another memory layout.
 SOURCES = ("libs/core", "libs/kernel", "libs/control", "libs/reduction", "libs/safety", "bench/kernel",
            "bench/control", "bench/safety", "cmake", "CMakeLists.txt", "CMakePresets.json", "components.txt")
 WORK = ROOT / "build" / "compare"
@@ -71,29 +64,23 @@ def build_program(folder):
 
 
 def read_counts(folder):
-    """Reads callgrind's output in `folder`: (instructions, estimated cycles) of each operation by name."""
+    """Reads callgrind's output in `folder`: the instructions of each operation by name."""
     counts = {}
     for dump in sorted(folder.iterdir()):
-        of, name = {}, None
+        total, name = 0, None
         for line in dump.read_text().splitlines():
             if line.startswith("desc: Trigger: Client Request: "):
                 name = line.split(": ", 3)[3]
-            elif line.startswith("events: "):
-                events = line.split()[1:]
             elif line.startswith("totals: "):
-                of = dict(zip(events, map(int, line.split()[1:])))
-        if name is None:
-            continue  # the end of the program
-        first = of["I1mr"] + of["D1mr"] + of["D1mw"]
-        last = of["ILmr"] + of["DLmr"] + of["DLmw"]
-        # Costs of a miss as in KCachegrind.
-        counts[name] = (of["Ir"], of["Ir"] + 10 * first + 100 * last)
+                total = int(line.split()[1])
+        if name is not None:  # otherwise the end of the program
+            counts[name] = total
     return counts
 
 
-def count(commands, pattern, padding=0):
+def count(commands, pattern):
     """Returns read_counts() of each command. The commands run in parallel, and end with this program."""
-    environment = {"PATH": os.environ["PATH"], "PADDING": "x" * padding}  # the same on each machine
+    environment = {"PATH": os.environ["PATH"]}  # the same on each machine
     with tempfile.TemporaryDirectory() as work:
         folders = [pathlib.Path(work) / str(number) for number in range(len(commands))]
         running = []
@@ -101,7 +88,7 @@ def count(commands, pattern, padding=0):
             for command, folder in zip(commands, folders):
                 folder.mkdir()
                 running.append(subprocess.Popen(
-                    ["valgrind", "--tool=callgrind", f"--callgrind-out-file={folder}/counts", *CACHES,
+                    ["valgrind", "--tool=callgrind", f"--callgrind-out-file={folder}/counts",
                      "--instr-atstart=no", *command, f"--filter={pattern}"],
                     stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment))
             for command, process in zip(commands, running):
@@ -113,16 +100,6 @@ def count(commands, pattern, padding=0):
                 process.kill()
                 process.wait()
         return [read_counts(folder) for folder in folders]
-
-
-def least_cycles(commands, names):
-    """Returns by operation the ratio new / base of the minimum cycles over several memory layouts."""
-    ratios = {}
-    for name in names:
-        layouts = [count(commands, name, padding) for padding in PADDINGS]
-        base, new = (min(counts[which][name][1] for counts in layouts) for which in (0, 1))
-        ratios[name] = new / base
-    return ratios
 
 
 def measure(command, pattern, seconds):
@@ -145,16 +122,6 @@ def alternate(commands, pattern, turns, seconds):
             for name, times in samples[1].items()}
 
 
-def confirmed_losses(first, look_again, threshold, what):
-    """Returns the operations with a loss in two measurements; the second covers suspects of the first."""
-    suspects = [name for name, ratio in sorted(first.items()) if ratio > threshold]
-    if not suspects:
-        return {}
-    print(f"Looking again at {what} of {', '.join(suspects)}", flush=True)
-    second = look_again(suspects)
-    return {name: second[name] for name in suspects if second.get(name, first[name]) > threshold}
-
-
 def compare(base, new, options):
     """Prints all ratios and returns the losses as lines. `base` and `new` are commands."""
     counted = count((base, new), options.filter)
@@ -163,22 +130,23 @@ def compare(base, new, options):
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     times = alternate((base, new), options.filter, options.turns, options.seconds)
-    losses, cycles = [], {}
-    print(f"{'new / base':40s} instructions  with misses    time")
-    for name, counts in counted[1].items():
-        before = counted[0].get(name, (math.nan, math.nan))
-        instructions, cycles[name] = (c / b for c, b in zip(counts, before))
-        print(f"{name:40s} {instructions:12.3f} {cycles[name]:12.3f} {times[name]:7.3f}", flush=True)
-        if instructions > MOST_COUNTED:
-            losses.append(f"{name}: {instructions:.3f} of the base's instructions")
-            del cycles[name]
-    missed = confirmed_losses(cycles, lambda names: least_cycles((base, new), names), MOST_COUNTED, "the cycles")
-    slow = confirmed_losses(
-        times, lambda _: alternate((base, new), options.filter, 2 * options.turns, 2 * options.seconds),
-        options.threshold, "the time")
-    return (losses + [f"{name}: {ratio:.3f} of the base's cycles by instructions and misses, in the best layout"
-                      for name, ratio in missed.items()]
-            + [f"{name}: {ratio:.3f} of the base's time, twice" for name, ratio in slow.items()])
+    losses = []
+    print(f"{'new / base':40s} instructions    time")
+    for name, instructions in counted[1].items():
+        if name not in counted[0]:
+            print(f"{name:40s} {'new':>12s} {'new':>7s}")
+            continue
+        ratio = instructions / counted[0][name]
+        print(f"{name:40s} {ratio:12.3f} {times[name]:7.3f}", flush=True)
+        if ratio > MOST_COUNTED:
+            losses.append(f"{name}: {ratio:.3f} of the base's instructions")
+    suspects = [name for name, ratio in times.items() if ratio > options.threshold]
+    if suspects:
+        print(f"Looking again at the time of {', '.join(suspects)}", flush=True)
+        times = alternate((base, new), options.filter, 2 * options.turns, 2 * options.seconds)
+        losses += [f"{name}: {times[name]:.3f} of the base's time, twice"
+                   for name in suspects if times[name] > options.threshold]
+    return losses
 
 
 def self_test(program, pattern):
@@ -189,7 +157,7 @@ def self_test(program, pattern):
     percents = (0, 10, 15, 25)
     base, *counts = count([[program], *([program, f"--slow={p}"] for p in percents)], pattern)
     for percent, slowed in zip(percents, counts):
-        found = {name for name in base if any(c > MOST_COUNTED * b for c, b in zip(slowed[name], base[name]))}
+        found = {name for name in base if slowed[name] > MOST_COUNTED * base[name]}
         wrong += [f"{name}: no slow-down of {percent} % found" for name in base if percent and name not in found]
         wrong += [f"{name}: a slow-down found where there is none" for name in found if not percent]
         print(f"slowed by {percent:2d} %: {len(found)} of {len(base)} operations are found slower", flush=True)
