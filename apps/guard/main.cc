@@ -205,6 +205,16 @@ int Main(int argc, char** argv) {
   AddReport(app);
   AddEvaluate(app);
   AddExport(app);
+  core::AddExamples(app,
+                    {{"check", {"demos.hdf5", "damaged.hdf5 --repair demos.hdf5"}},
+                     {"convert", {"lerobot_dataset demos.hdf5", "demos.hdf5 my/task-v0"}},
+                     {"fit",
+                      {"demos.hdf5 -o task.guard",
+                       "demos.hdf5 --features obs/object,obs/robot0_eef_pos --hold-out 0.2"}},
+                     {"show", {"task.guard"}},
+                     {"report", {"task.guard demos.hdf5 --failures failed.hdf5 -o report.html"}},
+                     {"evaluate", {"task.guard demos.hdf5"}},
+                     {"export", {"task.guard --onnx task.onnx", "task.guard --libsvm models"}}});
   return Parse(app, argc, argv).value_or(result);
 }
 

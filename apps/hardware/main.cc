@@ -175,6 +175,13 @@ int Main(int argc, char** argv) {
     result = RunHome(home);
   });
 
+  core::AddExamples(app,
+                    {{"stop", {"--discovery network"}},
+                     {"certificates", {"keys", "keys --participants monitor:monitor --days 365"}},
+                     {"check",
+                      {"--arm PSM1 --endoscope /ECM/image_raw --discovery network",
+                       "--platform /dev/ttyACM0 --move"}},
+                     {"home", {"--platform /dev/ttyACM0"}}});
   return Parse(app, argc, argv).value_or(result);
 }
 

@@ -309,6 +309,18 @@ int Main(int argc, char** argv) {
   AddRender(app, render);
   AddView(app, view);
   AddVision(app, vision);
+  core::AddExamples(
+      app, {{"experiment",
+             {"--out out/line_tracking", "--worlds frozen,30ms --methods baseline,guided"}},
+            {"calibrate", {"--out calibration.dfr"}},
+            {"demonstrate", {"--calibration none --count 60 --out demonstrations.hdf5"}},
+            {"fit", {"--demonstrations demonstrations.hdf5 --out model"}},
+            {"run", {"--model model --method guided --episodes 10", "--config robot.toml"}},
+            {"replay", {"recordings/20260102-030405.mcap --model model"}},
+            {"launch", {"--config simulated.toml --episodes 3"}},
+            {"render", {"--model model --out episode.mp4"}},
+            {"view", {"--model model --method guided"}},
+            {"vision", {"--calibration none --episodes 5"}}});
 
   // One thread per trial is enough; OpenCV's threads would only wait for each other.
   cv::setNumThreads(1);

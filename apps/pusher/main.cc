@@ -315,6 +315,18 @@ int Main(int argc, char** argv) {
   AddDrift(app, drift);
   AddRender(app, render);
   AddView(app, view);
+  core::AddExamples(
+      app, {{"experiment",
+             {"--out out/pusher",
+              "--preset paper --methods baseline,dfr,guided --shard 1/8 --out out/pusher/1"}},
+            {"train-supervisor", {"--seed 2 --out supervisor.dfr"}},
+            {"demonstrate", {"--count 60 --out demonstrations.hdf5"}},
+            {"fit", {"--demonstrations demonstrations.hdf5 --use 40 --out model"}},
+            {"evaluate", {"--model model --methods baseline,dfr,guided --episodes 100"}},
+            {"guarded", {"--guard task.guard --policy policy.txt --episodes 10"}},
+            {"drift", {"--trials 2 --episodes 20 --out out/drift"}},
+            {"render", {"--model model --methods baseline,dfr --out rollout.mp4"}},
+            {"view", {"--model model --method guided"}}});
 
   return experiment::Parse(app, argc, argv).value_or(EXIT_SUCCESS);
 }

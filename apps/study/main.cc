@@ -395,6 +395,23 @@ int main(int argc, char** argv) try {
       "detect", "Compare the guard's alarms with other detectors, on a file or in a task");
   Detection detection;
   AddOptions(*detect, detection);
+  dfr::core::AddExamples(
+      app, {{"list", {""}},
+            {"run", {"--tasks reach,push --trials 2 --episodes 20 --out out/guards"}},
+            {"stress", {"--tasks planar-corridor --controllers guided,dfr --out out/stress"}},
+            {"grid", {"--tasks planar-corridor --trials 2 --episodes 20"}},
+            {"experiment", {"--trials 4 --episodes 50 --causes"}},
+            {"drift", {"--trials 2 --episodes 20 --methods dfr,guided"}},
+            {"ablate", {"--trials 2 --episodes 20"}},
+            {"compare", {"--task pusher --first guided --second dfr"}},
+            {"power", {"--only-first 0.02 --only-second 0.05"}},
+            {"supervise", {"--tasks held-out --episodes 50"}},
+            {"picture", {"reach --out reach.html"}},
+            {"prove", {"--steps 10000", "--mutations"}},
+            {"coverage", {"--demonstrations 20,60 --fits 50"}},
+            {"certificate", {"--task corridor"}},
+            {"figure", {"--task push --methods baseline,guided --out planar"}},
+            {"detect", {"demos.hdf5 --failures failed.hdf5", "--task pick"}}});
   if (const auto code = dfr::experiment::Parse(app, argc, argv)) return *code;
 
   if (*list) List();

@@ -146,6 +146,10 @@ class ShardsTest(unittest.TestCase):
                     self.assertEqual(done.returncode, 2, done.stderr)
                     self.assertIn(f": {path}: ", done.stderr)
 
+    def test_help_ends_with_examples(self):
+        for command in ("merge", "status", "episodes", "rerun"):
+            self.assertRegex(self.run_program(command, "--help"), rf"\n\nExamples:\n(  \S*fake_experiment {command} .+\n)+\n?$")
+
     def test_mistakes_in_a_configuration_name_the_line(self):
         for text, says in [("[experiment]\nseed = 1\ngama = 5\n", "c.toml:3: experiment has no option 'gama'"),
                            ("seed = 1\n", "c.toml:1: 'seed' is not in a table"),

@@ -421,6 +421,11 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
   });
   Added added;
   Add(app, added);
+  core::AddExamples(app,
+                    {{"merge", {"out/shards --out out/whole"}},
+                     {"status", {"out/shards", "out/shards --json"}},
+                     {"episodes", {"out/whole --method dfr --outcome collided --most 0"}},
+                     {"rerun", {"out/whole 0/60/8/dfr/3 --methods baseline --film film.html"}}});
   try {
     KeepGivenValues(app);
     // Its transform runs first, so that run.toml has numbers without leading zeros.

@@ -3,7 +3,9 @@
 #include <concepts>
 #include <cstdint>
 #include <exception>
+#include <initializer_list>
 #include <string>
+#include <vector>
 
 #include "dfr/core/numbers.h"
 #include "dfr/core/output_path.h"
@@ -38,6 +40,25 @@ void CheckNumbers(App& app) {
     }
   }
   for (App* command : app.get_subcommands([](App*) { return true; })) CheckNumbers(*command);
+}
+
+struct Example {
+  const char* command;
+  std::vector<std::string> arguments;  ///< One call each, without program and command.
+};
+
+/// Ends the --help of each named command with calls that work, before a footer that it has.
+template <typename App>
+void AddExamples(App& app, std::initializer_list<Example> examples) {
+  for (const Example& example : examples) {
+    App* const command = app.get_subcommand(example.command);
+    std::string text = "Examples:";
+    for (const std::string& call : example.arguments) {
+      text += "\n  " + app.get_name() + " " + example.command + (call.empty() ? "" : " ") + call;
+    }
+    const std::string footer = command->get_footer();
+    command->footer(text + (footer.empty() ? "" : "\n\n" + footer));
+  }
 }
 
 /// Makes a path that output_path.h finds unwritable a usage error of `option`, before the command
