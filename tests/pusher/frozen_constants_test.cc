@@ -19,6 +19,7 @@
 #include "dfr/core/feature_transform.h"
 #include "dfr/imitation/locally_weighted_policy.h"
 #include "dfr/kernel/whitened_support.h"
+#include "dfr/safety/constants.h"
 #include "dfr/sim/pusher/pusher_plant.h"
 #include "dfr/study/baselines.h"
 #include "dfr/study/policies.h"
@@ -83,6 +84,36 @@ std::map<std::string, double> InTheCode() {
           {"StateObserver::kMaxLag", control::StateObserver::kMaxLag},
           {"PhaseTracker::kWindow", control::PhaseTracker::kWindow},
           {"PhaseTracker::kPenalty", control::PhaseTracker::kPenalty},
+          {"fit::kFolds", safety::fit::kFolds},
+          {"fit::kMostInGaps", safety::fit::kMostInGaps},
+          {"fit::kMostDoublings", safety::fit::kMostDoublings},
+          {"fit::kLeastGain", safety::fit::kLeastGain},
+          {"fit::kCoarseSteps", safety::fit::kCoarseSteps},
+          {"fit::kLeftOutside", safety::fit::kLeftOutside},
+          {"fit::kWantedInside", safety::fit::kWantedInside},
+          {"fit::kMostWidenings", safety::fit::kMostWidenings},
+          {"fit::kActionsPerStep", safety::fit::kActionsPerStep},
+          {"fit::kActionReach", safety::fit::kActionReach},
+          {"fit::kMostFew", safety::fit::kMostFew},
+          {"fit::kLeastRepeated", safety::fit::kLeastRepeated},
+          {"fit::kPassedExplain", safety::fit::kPassedExplain},
+          {"fit::kSteeredExplain", safety::fit::kSteeredExplain},
+          {"fit::kLeftVariance", safety::fit::kLeftVariance},
+          {"fit::kLeastInside", safety::fit::kLeastInside},
+          {"fit::kLeastInsideReduced", safety::fit::kLeastInsideReduced},
+          {"fit::kMostChangedReduced", safety::fit::kMostChangedReduced},
+          {"fit::kFeaturesOfGamma", safety::fit::kFeaturesOfGamma},
+          {"fit::kMostOutsideReduced", safety::fit::kMostOutsideReduced},
+          {"fit::kLeastExplainedReduced", safety::fit::kLeastExplainedReduced},
+          {"fit::kFewestDemonstrations", safety::fit::kFewestDemonstrations},
+          {"fit::kLeastAcceptance", safety::fit::kLeastAcceptance},
+          {"fit::kMostChanged", safety::fit::kMostChanged},
+          {"fit::kMostOutside", safety::fit::kMostOutside},
+          {"fit::kLowestAlarm", safety::fit::kLowestAlarm},
+          {"fit::kMostOvershoot", safety::fit::kMostOvershoot},
+          {"fit::kUnlikely", safety::fit::kUnlikely},
+          {"fit::kLeastDrift", safety::fit::kLeastDrift},
+          {"fit::kLeastResponse", safety::fit::kLeastResponse},
           {"CertifiedOptions::iterations", certified.iterations},
           {"CertifiedOptions::patience", certified.patience},
           {"CertifiedOptions::probe_size", certified.probe_size},

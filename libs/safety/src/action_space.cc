@@ -8,14 +8,11 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/folds.h"
 #include "dfr/core/format.h"
+#include "dfr/safety/constants.h"
 
 namespace dfr::safety {
 namespace {
 
-// An entry has few values if demonstrations contain at most kMostFew, each kLeastRepeated times on
-// average.
-constexpr std::size_t kMostFew = 4;
-constexpr std::size_t kLeastRepeated = 5;
 // Limits of values in files.
 constexpr int kMostEntries = 1 << 16;
 
@@ -46,7 +43,7 @@ ActionSpace::ActionSpace(std::span<const core::Trajectory> demonstrations) {
       for (std::size_t i = 0; i < entries_.size(); ++i) {
         const double value = u[static_cast<Eigen::Index>(i)];
         squares[i] += value * value;
-        if (values[i].size() <= kMostFew) values[i].insert(value);
+        if (values[i].size() <= fit::kMostFew) values[i].insert(value);
         entries_[i].largest = std::max(entries_[i].largest, std::abs(value));
       }
     }
@@ -54,8 +51,8 @@ ActionSpace::ActionSpace(std::span<const core::Trajectory> demonstrations) {
   const auto moves = [&](std::size_t i) { return squares[i] > 0.0; };
   DFR_THROW_UNLESS(moving > 0.0, "all demonstrated controls are zero");
   for (std::size_t i = 0; i < entries_.size(); ++i) {
-    entries_[i].steered = moves(i) && (values[i].size() > kMostFew ||
-                                       transitions < kLeastRepeated * values[i].size());
+    entries_[i].steered = moves(i) && (values[i].size() > fit::kMostFew ||
+                                       transitions < fit::kLeastRepeated * values[i].size());
   }
   // If every moving entry has few values, steers with these.
   const bool none = SteeredOf(entries_).empty();

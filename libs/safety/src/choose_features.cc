@@ -11,12 +11,10 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"
 #include "dfr/core/local_scatter.h"
+#include "dfr/safety/constants.h"
 
 namespace dfr::safety::internal {
 namespace {
-
-// Below this fraction of states inside, a guard halts almost every policy.
-constexpr double kLeastInside = 0.2;
 
 // A choice of features, and the fraction of left-out states inside with it.
 struct Candidate {
@@ -65,7 +63,6 @@ std::string Spec(const core::StateLayout& layout, const std::vector<int>& entrie
 // demonstrations at a time step: pivoted Cholesky of the correlation, until 1 % of the variance
 // remains.
 std::vector<int> Independent(const Recorded& recorded) {
-  constexpr double kLeft = 0.01;
   constexpr double kConstant = 1e-9;
   const core::FeatureSelection& selection = recorded.features.selection();
   std::vector<core::Matrix> states;
@@ -88,7 +85,7 @@ std::vector<int> Independent(const Recorded& recorded) {
   const double all = left.trace();
   std::vector<int> chosen;
   Eigen::Index pivot = 0;
-  while (left.trace() > kLeft * all && left.diagonal().maxCoeff(&pivot) > 0.0) {
+  while (left.trace() > fit::kLeftVariance * all && left.diagonal().maxCoeff(&pivot) > 0.0) {
     chosen.push_back(selection.indices()[static_cast<std::size_t>(pivot)]);
     const Eigen::VectorXd column = left.col(pivot) / std::sqrt(left(pivot, pivot));
     left -= column * column.transpose();
@@ -131,9 +128,6 @@ core::FeatureSelection Continuous(const core::FeatureSelection& features,
 std::vector<int> MovedByPassed(const core::FeatureSelection& features, const ActionSpace& actions,
                                std::span<const core::Trajectory> demonstrations) {
   constexpr std::size_t kSamples = 4000;
-  // Smallest and largest fraction of the residual that each kind of entry explains.
-  constexpr double kPassedExplain = 0.3;
-  constexpr double kSteeredExplain = 0.2;
   constexpr double kRounding = 1e-9;  // A negligible fraction of the squared changes.
   const auto steered = static_cast<Eigen::Index>(actions.steered_dim());
   const Eigen::Index passed = actions.dim() - steered;
@@ -172,8 +166,8 @@ std::vector<int> MovedByPassed(const core::FeatureSelection& features, const Act
     const double by_steered = Left(x, change[k], 2 + steered);
     const double by_all = Left(x, change[k], x.cols());
     if (alone > kRounding * change[k].squaredNorm() &&
-        alone - by_steered <= kSteeredExplain * alone &&
-        by_steered - by_all > kPassedExplain * by_steered) {
+        alone - by_steered <= fit::kSteeredExplain * alone &&
+        by_steered - by_all > fit::kPassedExplain * by_steered) {
       moved.push_back(features.indices()[k]);
     }
   }
@@ -202,7 +196,7 @@ std::vector<core::Trajectory> Mapped(const core::StateMap& map,
 void RefuseUnlessInside(const core::StateLayout& layout, const Recorded& recorded,
                         const GuardFit& fit, const ActionSpace& actions, int folds) {
   const double inside = fit.left_out.acceptance();
-  if (inside >= kLeastInside) return;
+  if (inside >= fit::kLeastInside) return;
   const core::FeatureSelection& selection = recorded.features.selection();
   std::vector<Candidate> candidates;
   const auto consider = [&](const std::string& spec) {

@@ -11,6 +11,7 @@
 
 #include "dfr/control/guided/response_estimate.h"
 #include "dfr/core/format.h"
+#include "dfr/safety/constants.h"
 #include "dfr/safety/guard_model.h"
 
 namespace dfr::safety {
@@ -18,21 +19,6 @@ namespace {
 
 using reduction::ComponentsScore;
 using reduction::StateReduction;
-
-// Requirements on a guard on components for held-out demonstrations: their states are inside, and
-// their actions pass. On pictures that need 20 components, guards on 3 and 6 reduced the
-// completions of a policy from 97.5 to 50 and 75 %.
-constexpr double kLeastInsideReduced = 0.85;
-constexpr double kMostChangedReduced = 0.2;
-// gamma suits a few features. The squared distance between two demonstrations grows with the number
-// of whitened features, so gamma decreases with it.
-constexpr double kFeaturesOfGamma = 3.0;
-// Corrections do harm where the demonstrator's own actions are predicted to end outside: above this
-// share of left-out actions the guard only watches. The guards of 41 fits had 4 to 10 %
-// (feature points, no harm) or 14 to 47 % (components of pixels, most of them with harm).
-constexpr double kMostOutsideReduced = 0.12;
-// Features that explain less of the actions save few failures, unless actions carry noise.
-constexpr double kLeastExplainedReduced = 0.8;
 
 std::vector<core::Trajectory> Reduced(const StateReduction& reduction,
                                       std::span<const core::Trajectory> demonstrations) {
@@ -104,7 +90,8 @@ std::string Reason(const reduction::ComponentsChoice& choice, int components,
 }
 
 bool Suffices(const GuardSummary& summary) {
-  return summary.acceptance >= kLeastInsideReduced && summary.changed <= kMostChangedReduced;
+  return summary.acceptance >= fit::kLeastInsideReduced &&
+         summary.changed <= fit::kMostChangedReduced;
 }
 
 }  // namespace
@@ -132,7 +119,7 @@ std::shared_ptr<GuardModel> GuardModel::FitReduced(const core::StateLayout& layo
     own.accept_any = true;  // Checked here.
     const int features =
         core::FeatureSelection(reduction->reduced_layout(), own.features).num_features();
-    own.support.svm.gamma *= std::min(1.0, kFeaturesOfGamma / features);
+    own.support.svm.gamma *= std::min(1.0, fit::kFeaturesOfGamma / features);
     if (options.progress) {
       own.progress = [&](std::string_view stage, double share) {
         return options.progress(
@@ -166,7 +153,8 @@ std::shared_ptr<GuardModel> GuardModel::FitReduced(const core::StateLayout& layo
           "size, light=standard), or put states beside them%s. To fit all the same: --accept-any, "
           "accept_any=True",
           best->task().features().selection().num_features(), 100.0 * summary.acceptance,
-          100.0 * summary.changed, 100.0 * kLeastInsideReduced, 100.0 * kMostChangedReduced,
+          100.0 * summary.changed, 100.0 * fit::kLeastInsideReduced,
+          100.0 * fit::kMostChangedReduced,
           open ? "" : ", or let the fit choose the number of components"));
 }
 
@@ -177,19 +165,19 @@ void GuardModel::DoubtCorrections(bool watch) {
   std::string warning = core::Format("%s explain %.0f %% of the actions of left-out demonstrations",
                                      features.c_str(), 100.0 * summary_.explained);
   const bool blind = control::ResponseEstimate::Guesses(summary_.explained, summary_.action_error);
-  if (!blind && summary_.ends_outside <= kMostOutsideReduced) {
-    if (summary_.explained >= kLeastExplainedReduced) return;
+  if (!blind && summary_.ends_outside <= fit::kMostOutsideReduced) {
+    if (summary_.explained >= fit::kLeastExplainedReduced) return;
     warning += core::Format(
         ". Unless actions carry noise, corrections save few failures below %.0f %%: put states "
         "beside the pictures, or record more demonstrations",
-        100.0 * kLeastExplainedReduced);
+        100.0 * fit::kLeastExplainedReduced);
     summary_.fit_warnings.push_back(std::move(warning));
     return;
   }
   warning += core::Format(
       ", and %.0f %% of these are predicted to end outside%s: ", 100.0 * summary_.ends_outside,
       blind ? ""
-            : core::Format(", at most %.0f %% allow corrections", 100.0 * kMostOutsideReduced)
+            : core::Format(", at most %.0f %% allow corrections", 100.0 * fit::kMostOutsideReduced)
                   .c_str());
   if (watch) {
     warning +=

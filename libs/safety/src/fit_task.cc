@@ -11,26 +11,10 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/feature_decision.h"
 #include "dfr/core/quantile.h"
+#include "dfr/safety/constants.h"
 
 namespace dfr::safety::internal {
 namespace {
-
-// Fraction of points, or of time steps if that is more, that a mode separation test may find
-// inside, and the maximum number of doublings of gamma.
-constexpr double kMostInGaps = 0.05;
-constexpr int kMostDoublings = 2;
-// The fit doubles gamma if that reduces the logarithm of the support's volume by at least
-// kLeastGain plus the share of left-out states that it loses. Volumes are compared at kCoarseSteps
-// time steps, with kLeftOutside of the left-out states outside.
-constexpr double kLeastGain = 0.15;
-constexpr Eigen::Index kCoarseSteps = 12;
-constexpr double kLeftOutside = 0.1;
-// Required fraction of left-out states inside. Below it a support pools more time steps, at most
-// twice.
-constexpr double kWantedInside = 0.85;
-constexpr int kMostWidenings = 2;
-// Number of folds of a task model.
-constexpr int kFolds = 5;
 
 std::vector<core::Trajectory> Ordered(std::span<const core::Trajectory> demonstrations,
                                       std::span<const std::size_t> order) {
@@ -115,7 +99,7 @@ class CoarseSupports {
       : points_(recorded.seen.points), folds_(recorded.Stratified(folds)), options_(options) {
     Eigen::Index longest = 0;
     for (const core::Matrix& points : points_) longest = std::max(longest, points.rows());
-    options_.every = static_cast<int>((longest + kCoarseSteps - 1) / kCoarseSteps);
+    options_.every = static_cast<int>((longest + fit::kCoarseSteps - 1) / fit::kCoarseSteps);
     for (const core::Matrix& points : points_) {
       coarse_.emplace_back(points(Eigen::seq(0, Eigen::last, options_.every), Eigen::all));
     }
@@ -127,13 +111,13 @@ class CoarseSupports {
     const Fitted narrow = Fit(2.0 * options_.svm.gamma);
     const double gain =
         -kernel::LogVolumeRatio(wide.support, wide.level, narrow.support, narrow.level, coarse_);
-    return gain - (wide.acceptance - narrow.acceptance) >= kLeastGain;
+    return gain - (wide.acceptance - narrow.acceptance) >= fit::kLeastGain;
   }
 
  private:
   struct Fitted {
     kernel::WhitenedSupport support;
-    double level;  // All but kLeftOutside of the left-out states reach it.
+    double level;  // All but fit::kLeftOutside of the left-out states reach it.
     double acceptance;
   };
 
@@ -152,7 +136,7 @@ class CoarseSupports {
       for (const std::size_t d : folds_[fold]) held_out.Add(support, coarse_[d]);
     }
     return {kernel::WhitenedSupport::Fit(points_, options),
-            core::Quantile(held_out.levels(), kLeftOutside), held_out.acceptance()};
+            core::Quantile(held_out.levels(), fit::kLeftOutside), held_out.acceptance()};
   }
 
   const std::vector<core::Matrix>& points_;
@@ -176,7 +160,7 @@ std::vector<double> Follow(const core::LogDecisionFunction& support, const core:
 }
 
 bool TooManyInGaps(const kernel::ModeSeparationTest& gaps) {
-  return gaps.inside > kMostInGaps * std::max(gaps.steps, gaps.points);
+  return gaps.inside > fit::kMostInGaps * std::max(gaps.steps, gaps.points);
 }
 
 Recorded::Recorded(const core::FeatureSelection& selection,
@@ -250,7 +234,7 @@ std::optional<GuardFit> FitGuard(const Recorded& recorded,
     if (!going_on("looking for gaps", 0.0)) return std::nullopt;
     support = fits.ToAll(chosen);
     gaps = kernel::TestModeSeparation(*support, recorded.seen.points);
-    if (!TooManyInGaps(gaps) || doubled == kMostDoublings) break;
+    if (!TooManyInGaps(gaps) || doubled == fit::kMostDoublings) break;
     chosen.svm.gamma *= 2.0;
   }
 
@@ -261,11 +245,12 @@ std::optional<GuardFit> FitGuard(const Recorded& recorded,
     left_out = fits.LeaveOut(
         stratified, chosen,
         [&](double s) {
-          return going_on("leaving demonstrations out", 0.4 * (widened + s) / (1 + kMostWidenings));
+          return going_on("leaving demonstrations out",
+                          0.4 * (widened + s) / (1 + fit::kMostWidenings));
         },
         &without);
     if (!left_out) return std::nullopt;
-    if (left_out->acceptance() >= kWantedInside || widened == kMostWidenings) break;
+    if (left_out->acceptance() >= fit::kWantedInside || widened == fit::kMostWidenings) break;
     kernel::WhitenedSupportOptions wider = chosen;
     wider.window_share = std::min(1.0, 2.0 * chosen.window_share);
     if (wider.Stride(support->num_steps()) == chosen.Stride(support->num_steps())) break;
@@ -319,7 +304,7 @@ TaskParts FitTask(const core::StateLayout& layout, std::span<const core::Traject
   SupportFits fits(recorded);
   kernel::WhitenedSupport support = fits.ToAll(options.guided);
   const std::optional<HeldOut> left_out = fits.LeaveOut(
-      recorded.Stratified(kFolds), options.guided, [](double) { return true; }, nullptr);
+      recorded.Stratified(fit::kFolds), options.guided, [](double) { return true; }, nullptr);
   std::optional<PublishedSupport> published;
   if (options.published) {
     core::FeatureSelection selection =

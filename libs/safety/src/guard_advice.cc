@@ -11,36 +11,29 @@
 #include "dfr/core/absolute_actions.h"
 #include "dfr/core/format.h"
 #include "dfr/kernel/cover_radius.h"
+#include "dfr/safety/constants.h"
 #include "fit_task.h"
 #include "left_out.h"
 
 namespace dfr::safety {
 
 std::vector<std::string> Warnings(const GuardModel& model) {
-  constexpr int kFewest = 10;
-  constexpr double kLeastAcceptance = 0.7;
-  constexpr double kMostChanged = 0.3;
-  constexpr double kMostOutside = 0.3;
-  constexpr double kLowestAlarm = 3.0;
-  constexpr double kMostOvershoot = 5.0;
-  constexpr double kUnlikely = 0.01;
-  constexpr double kLeastDrift = 0.2;
   const GuardSummary& summary = model.summary();
   const GuardSettings& settings = model.settings();
   std::vector<std::string> warnings;
-  if (summary.demonstrations < kFewest) {
+  if (summary.demonstrations < fit::kFewestDemonstrations) {
     warnings.push_back(core::Format(
         "%d demonstrations cannot tell several ways of doing the task from one: record %d or more",
-        summary.demonstrations, kFewest));
+        summary.demonstrations, fit::kFewestDemonstrations));
   }
-  if (summary.acceptance < kLeastAcceptance) {
+  if (summary.acceptance < fit::kLeastAcceptance) {
     warnings.push_back(core::Format(
         "only %.0f %% of the states of left-out demonstrations are inside, so that a good policy "
         "will be held up: record more demonstrations, look at fewer features, or at every k-th "
         "state where demonstrations are long or differ in pace",
         100.0 * summary.acceptance));
   }
-  if (summary.changed > kMostChanged || summary.ends_outside > kMostOutside) {
+  if (summary.changed > fit::kMostChanged || summary.ends_outside > fit::kMostOutside) {
     warnings.push_back(core::Format(
         "the guard would change %.0f %% of the actions of left-out demonstrations, and predicts "
         "%.0f %% of them to end outside: record more demonstrations, or look at fewer features",
@@ -62,14 +55,14 @@ std::vector<std::string> Warnings(const GuardModel& model) {
         "inside: record more demonstrations of each way, or give a larger --gamma",
         summary.gaps.points, summary.gaps.inside));
   }
-  if (settings.alarm_level > kLowestAlarm) {
+  if (settings.alarm_level > fit::kLowestAlarm) {
     warnings.push_back(core::Format(
         "the alarm is raised below l = %.3g only, far outside: look for a demonstration that is "
         "unlike the others, or allow more --false-alarms",
         -settings.alarm_level));
   }
-  if (summary.drift_chance < kUnlikely &&
-      summary.drift_level > settings.alarm_level + kLeastDrift) {
+  if (summary.drift_chance < fit::kUnlikely &&
+      summary.drift_level > settings.alarm_level + fit::kLeastDrift) {
     warnings.push_back(core::Format(
         "conditions of recording drift: supports that have not seen a stretch of the recording "
         "would need an alarm at l < %.3g instead of %.3g. Record in all conditions that the policy "
@@ -82,7 +75,7 @@ std::vector<std::string> Warnings(const GuardModel& model) {
     const double limit = settings.action_limit[i];
     if (!entry.steered) {
       passed.append(passed.empty() ? "" : ", ").append(std::to_string(i));
-    } else if (limit > kMostOvershoot * entry.largest) {
+    } else if (limit > fit::kMostOvershoot * entry.largest) {
       warnings.push_back(
           core::Format("entry %zu of an action may reach %.3g, demonstrated ones reach %.3g: give "
                        "--action-limit",
@@ -165,8 +158,6 @@ double Explained(const GuardModel& model, std::span<const core::Trajectory> demo
 
 std::vector<std::string> FitWarnings(const GuardModel& model,
                                      std::span<const core::Trajectory> demonstrations) {
-  // Corrections of guided recovery are then unreliable.
-  constexpr double kLeastExplained = 0.5;
   std::vector<std::string> warnings;
   for (const core::Rotation& rotation : internal::Rotations(model.task().features().selection(),
                                                             model.task_layout(), demonstrations)) {
@@ -186,7 +177,7 @@ std::vector<std::string> FitWarnings(const GuardModel& model,
         "robot that is slower than they were is outside: leave it out of --features");
   }
   const double explained = Explained(model, demonstrations);
-  if (explained < kLeastExplained) {
+  if (explained < fit::kLeastResponse) {
     warnings.push_back(core::Format(
         "actions explain only %.0f %% of how features change: look at features that the robot "
         "moves, and let guard check see whether actions belong to the states beside them",

@@ -15,6 +15,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/folds.h"
 #include "dfr/kernel/model_selection.h"
+#include "dfr/safety/constants.h"
 #include "dfr/safety/guard_advice.h"
 #include "fit_task.h"
 #include "left_out.h"
@@ -26,13 +27,9 @@ constexpr std::array kStrategies = {Strategy::kGuard,   Strategy::kController,
                                     Strategy::kDfr,     Strategy::kEarlyStopping,
                                     Strategy::kMonitor, Strategy::kCertified};
 
-// Maximum number of actions per action of the policy.
-constexpr int kActionsPerStep = 12;
-// Default action limit relative to the largest demonstrated value.
-constexpr double kActionReach = 1.5;
 // Limits of values in files.
 constexpr int kMost = 1 << 30;
-constexpr int kLongestHorizon = kMost / kActionsPerStep;
+constexpr int kLongestHorizon = kMost / fit::kActionsPerStep;
 
 void CheckLimit(const std::vector<double>& limit) {
   for (std::size_t i = 0; i < limit.size(); ++i) {
@@ -234,9 +231,9 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
   settings.horizon = options.horizon > 0
                          ? options.horizon
                          : static_cast<int>(std::min<Eigen::Index>(2 * longest, kLongestHorizon));
-  settings.max_actions = kActionsPerStep * settings.horizon;
+  settings.max_actions = fit::kActionsPerStep * settings.horizon;
   settings.action_limit =
-      options.action_limit.empty() ? actions->Limits(kActionReach) : options.action_limit;
+      options.action_limit.empty() ? actions->Limits(fit::kActionReach) : options.action_limit;
   settings.alarm_level = alarm.level;
 
   std::shared_ptr<GuardModel> model(new GuardModel);
