@@ -42,7 +42,7 @@ inline void AddVersion(CLI::App& app) {
                        std::string(core::BuildVersion()) + " (" + core::BuildCommit() + ")");
 }
 
-/// Parses the arguments, with core::CheckNumbers() and core::CheckDefaultOutputs(). Returns the
+/// Parses the arguments, with core::CheckNumbers() and core::CheckOutputs(). Returns the
 /// exit code if the program is done: EXIT_SUCCESS after --help and --version, 2 after a usage
 /// error, which is printed in one line, with the closest name of an unknown command or option.
 inline std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
@@ -53,7 +53,7 @@ inline std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv
            "; --help lists commands and options\n";
   });
   core::CheckNumbers(app);
-  core::CheckDefaultOutputs(app);
+  core::CheckOutputs(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {

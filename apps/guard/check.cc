@@ -1,14 +1,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <filesystem>
 #include <limits>
 #include <map>
 #include <memory>
 #include <optional>
 #include <stdexcept>
 #include <string>
-#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -255,22 +253,16 @@ void CheckActions(const std::string& name, const core::Matrix& actions, double l
   }
 }
 
-imitation::RobomimicWriter OpenRepaired(const CheckOptions& options,
-                                        const imitation::DemonstrationReader& reader) {
-  std::error_code error;
-  if (std::filesystem::equivalent(options.repair, options.demonstrations, error)) {
-    throw std::runtime_error(options.repair.string() + ": is the file to repair; give another one");
-  }
-  return {options.repair, reader.layout(), reader.control_dim(), reader.environment()};
-}
-
 }  // namespace
 
 bool RunCheck(const CheckOptions& options) {
   const auto reader = imitation::OpenDemonstrations(options.demonstrations, options.filter_key);
   if (!reader->note().empty()) std::printf("note:      %s\n", reader->note().c_str());
   std::optional<imitation::RobomimicWriter> repaired;
-  if (!options.repair.empty()) repaired = OpenRepaired(options, *reader);
+  if (!options.repair.empty()) {
+    repaired.emplace(options.repair, reader->layout(), reader->control_dim(),
+                     reader->environment());
+  }
   Problems problems;
   Collected collected(reader->layout(), reader->control_dim());
   std::map<std::pair<double, Eigen::Index>, std::string> seen;

@@ -1,8 +1,10 @@
 #include <cstdio>
+#include <filesystem>
 #include <set>
 #include <span>
 #include <stdexcept>
 #include <string>
+#include <system_error>
 #include <vector>
 
 #include "commands.h"
@@ -75,9 +77,21 @@ std::vector<core::AbsoluteAction> FindPositions(const imitation::DemonstrationRe
   return absolute;
 }
 
+// Returns the file that holds a robomimic file's or a Minari dataset's episodes.
+std::filesystem::path EpisodesOf(const std::filesystem::path& path) {
+  std::error_code error;
+  return std::filesystem::is_directory(path, error) ? path / "data" / "main_data.hdf5" : path;
+}
+
 }  // namespace
 
 void RunConvert(const ConvertOptions& options) {
+  std::error_code error;
+  if (std::filesystem::equivalent(EpisodesOf(options.demonstrations), EpisodesOf(options.out),
+                                  error)) {
+    throw std::runtime_error(options.out.string() +
+                             ": would overwrite the episodes to convert; name another output");
+  }
   const auto reader = imitation::OpenDemonstrations(options.demonstrations, options.filter_key);
   if (!reader->note().empty()) std::printf("%s\n", reader->note().c_str());
   std::vector<core::AbsoluteAction> absolute;

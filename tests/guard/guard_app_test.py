@@ -189,7 +189,7 @@ class GuardAppTest(unittest.TestCase):
         out = self.run_guard("check", "spoilt2.hdf5", "--repair", "rest.hdf5", fails=True)
         self.assertIn("rest.hdf5 has 28 of 29 episodes", out)
         before = (self.folder / "cut.hdf5").read_bytes()
-        self.assertIn("is the file to repair", self.run_guard("check", "cut.hdf5", "--repair", "cut.hdf5", fails=True))
+        self.assertIn("cut.hdf5: would overwrite DEMOS", self.run_guard("check", "cut.hdf5", "--repair", "cut.hdf5", fails=True))
         self.assertEqual((self.folder / "cut.hdf5").read_bytes(), before)
 
     def test_numbers_that_are_none_are_refused(self):
@@ -479,6 +479,26 @@ class GuardAppTest(unittest.TestCase):
             with self.subTest(arguments):
                 self.assertIn(message, self.run_guard(*arguments, fails=True))
         self.assertIn("--features", self.run_guard("fit", "--help"))
+
+    def test_inputs_are_not_overwritten(self):
+        self.fit("kept.guard")
+        (self.folder / "alias.hdf5").symlink_to("demos.hdf5")
+        inputs = ("demos.hdf5", "fresh.hdf5", "failures.hdf5", "kept.guard", "right-v0/data/main_data.hdf5")
+        before = {name: hash((self.folder / name).read_bytes()) for name in inputs}
+        for arguments, says in (
+            ("fit demos.hdf5 -f tip -o demos.hdf5", "--out: demos.hdf5: would overwrite DEMOS; name another file"),
+            ("fit demos.hdf5 -f tip -o alias.hdf5", "--out: alias.hdf5: would overwrite DEMOS"),
+            ("report kept.guard fresh.hdf5 -o ./fresh.hdf5", "--out: ./fresh.hdf5: would overwrite DEMOS"),
+            ("report kept.guard fresh.hdf5 -o kept.guard", "--out: kept.guard: would overwrite GUARD"),
+            ("report kept.guard fresh.hdf5 --failures failures.hdf5 -o failures.hdf5", "would overwrite --failures"),
+            ("export kept.guard --onnx kept.guard", "--onnx: kept.guard: would overwrite GUARD"),
+            ("convert demos.hdf5 demos.hdf5", "OUT: demos.hdf5: would overwrite DEMOS"),
+            ("convert right-v0 right-v0 --id a/right-v0", "right-v0: would overwrite the episodes to convert; name another"),
+            ("convert right-v0 right-v0/data/main_data.hdf5", "would overwrite the episodes to convert"),
+        ):
+            with self.subTest(arguments):
+                self.assertIn(says, self.run_guard(*arguments.split(), fails=True))
+        self.assertEqual({name: hash((self.folder / name).read_bytes()) for name in inputs}, before)
 
     def test_outputs_are_checked_before_the_work(self):
         (self.folder / "taken").mkdir()

@@ -430,7 +430,7 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
     KeepGivenValues(app);
     // Its transform runs first, so that run.toml has numbers without leading zeros.
     core::CheckNumbers(app);
-    core::CheckDefaultOutputs(app);
+    core::CheckOutputs(app);
     ParseArguments(app, arguments);
     if (added.merge->parsed()) {
       ParseArguments(app, Merge(added.folders, added.out));

@@ -3,8 +3,10 @@
 #include <concepts>
 #include <cstdint>
 #include <exception>
+#include <filesystem>
 #include <initializer_list>
 #include <string>
+#include <system_error>
 #include <vector>
 
 #include "dfr/core/numbers.h"
@@ -83,21 +85,50 @@ Option* WritesFolder(Option* option) {
   return Writes(option, UnwritableFolder);
 }
 
-/// Checks the outputs of the called commands also where their paths are the defaults. Call this
-/// before parsing.
+/// Returns true if Writes() was called for the option.
+template <typename Option>
+bool IsOutput(Option& option) {
+  try {
+    static_cast<void>(option.get_validator("output"));
+    return true;
+  } catch (const std::exception&) {
+    return false;
+  }
+}
+
+/// Describes, with the remedy, which input of `command` is the existing file `output`; "" if none.
 template <typename App>
-void CheckDefaultOutputs(App& app) {
+std::string OverwrittenInput(App& command, const std::string& output) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(output, error)) return "";
+  for (auto* option : command.get_options()) {
+    if (IsOutput(*option)) continue;
+    for (const std::string& input : option->results()) {
+      if (std::filesystem::equivalent(input, output, error)) {
+        return output + ": would overwrite " + option->get_name() + "; name another file";
+      }
+    }
+  }
+  return "";
+}
+
+/// Checks the outputs of the called commands also where their paths are the defaults, and makes an
+/// output that would overwrite an input of the same command a usage error. Call this before
+/// parsing.
+template <typename App>
+void CheckOutputs(App& app) {
   app.parse_complete_callback([&app] {
     for (App* command : app.get_subcommands()) {
       for (auto* option : command->get_options()) {
-        const std::string path = option->get_default_str();
-        if (option->count() > 0 || path.empty() || path == "\"\"") continue;
-        try {
-          static_cast<void>(option->get_validator("output"));
-        } catch (const std::exception&) {
-          continue;  // writes nothing
-        }
+        if (!IsOutput(*option)) continue;
+        const bool given = option->count() > 0;
+        const std::string path = given ? option->results().front() : option->get_default_str();
+        if (path.empty() || path == "\"\"") continue;
+        const std::string overwritten = OverwrittenInput(*command, path);
+        if (given && overwritten.empty()) continue;
+        option->clear();
         option->add_result(path);
+        option->check([overwritten](const std::string&) { return overwritten; });
         option->run_callback();
         option->clear();
       }
