@@ -163,7 +163,7 @@ TEST(DemonstrationsTest, ErrorsNameFileEpisodeAndDataset) {
                 f.Write("data/demo_1/obs/object", actions(3));
                 f.SetAttribute("data/demo_1", "num_samples", 3);
               }),
-              HasSubstr("data/demo_1/obs: has datasets or shapes that differ"));
+              HasSubstr("data/demo_1/obs: lacks 'tip' of the first episode"));
   EXPECT_THAT(message([&](Hdf5File& f) {
                 f.Write("data/demo_0/actions", actions(3));
                 f.SetAttribute("data/demo_0", "outcome", std::string("won"));

@@ -199,6 +199,10 @@ class GuardAppTest(unittest.TestCase):
             self.assertFalse((self.folder / "none.guard").exists())
 
     def test_check_survives_what_files_may_hold(self):
+        def widen(file):
+            del file["data/demo_3/actions"]
+            file["data/demo_3/actions"] = np.zeros((20, 3))
+
         def replace(key, **dataset):
             def edit(file):
                 del file["data/demo_3/" + key]
@@ -224,6 +228,9 @@ class GuardAppTest(unittest.TestCase):
             (cycle, "groups deep"),
             (lambda file: file["data/demo_3"].attrs.create("num_samples", "many"), "num_samples is neither an integer nor a truth value"),
             (lambda file: file.__delitem__("data"), "holds no episode"),
+            (lambda file: file.move("data/demo_3/obs/tip", "data/demo_3/obs/tool"), "data/demo_3/obs: lacks 'tip' of the first episode"),
+            (lambda file: file["data/demo_3/obs"].create_dataset("tool", data=np.zeros((20, 2))), "data/demo_3/obs: has 'tool', which the first episode lacks"),
+            (widen, "data/demo_3/actions: has 3 columns in 'actions', the first episode 2"),
         ]:
             with self.subTest(message):
                 write_robomimic(self.folder / "hostile.hdf5", episodes(1, 6), edit=edit)

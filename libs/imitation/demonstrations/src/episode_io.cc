@@ -150,11 +150,28 @@ core::StateLayout PartLayout(const Hdf5Reader& file, const std::string& episode,
   return layout;
 }
 
+// Describes the first difference between the layouts of an episode and of the first one.
+std::string Difference(const core::StateLayout& found, const core::StateLayout& first) {
+  for (const auto& block : first.blocks) {
+    const auto same = std::ranges::find(found.blocks, block.name, &core::StateLayout::Block::name);
+    if (same == found.blocks.end()) return "lacks '" + block.name + "' of the first episode";
+    if (same->size != block.size) {
+      return "has " + std::to_string(same->size) + " columns in '" + block.name +
+             "', the first episode " + std::to_string(block.size);
+    }
+  }
+  for (const auto& block : found.blocks) {
+    if (std::ranges::count(first.blocks, block.name, &core::StateLayout::Block::name) == 0) {
+      return "has '" + block.name + "', which the first episode lacks";
+    }
+  }
+  return "has shapes or an order of datasets that differ from the first episode's";
+}
+
 void CheckPart(const Hdf5Reader& file, const std::string& episode, const char* part,
                const core::StateLayout& layout, const Pictures& pictures = {}) {
-  if (PartLayout(file, episode, part, pictures) != layout) {
-    file.Fail(episode + "/" + part, "has datasets or shapes that differ from the first episode's");
-  }
+  const core::StateLayout found = PartLayout(file, episode, part, pictures);
+  if (found != layout) file.Fail(episode + "/" + part, Difference(found, layout));
 }
 
 Matrix ReadPart(const Hdf5Reader& file, const std::string& episode, const char* part,
