@@ -84,6 +84,10 @@ py::dict Explain(const Guard& guard, const Array& state, const py::object& t,
                  const Arrays& demonstrations) {
   DFR_THROW_UNLESS(state.size() == guard.state_dim(),
                    "state has " << state.size() << " entries, " << guard.state_dim() << " needed");
+  for (py::ssize_t i = 0; i < state.size(); ++i) {
+    DFR_THROW_UNLESS(std::isfinite(state.data()[i]),
+                     "entry " << i << " of the state is " << state.data()[i]);
+  }
   const safety::GuardModel& model = guard.model();
   const std::span<const double> x = Entries(state);
   const core::Matrix task_state = model.TaskStates(core::AsVector(x).transpose());
@@ -91,9 +95,13 @@ py::dict Explain(const Guard& guard, const Array& state, const py::object& t,
   const int asked = t.is_none() ? -1 : std::max(0, StepOf(t));
   const int step = t.is_none() ? BestStep(guard, seen) : std::min(asked, model.num_steps() - 1);
   const std::vector<safety::OutsideEntry> outside = safety::OutsideEntries(model, step, x);
-  std::string text = outside.empty()
-                         ? "inside what was demonstrated at step " + std::to_string(step)
-                         : safety::Describe(model, step, outside);
+  const double l = model.support().LogDecision(step, seen, {});
+  std::string text = safety::Describe(model, step, outside);
+  if (outside.empty()) {
+    text = (l >= 0.0 ? "inside what was demonstrated at step "
+                     : "immeasurably far outside what was demonstrated at step ") +
+           std::to_string(step);
+  }
   py::list entries;
   for (const safety::OutsideEntry& one : outside) {
     py::dict entry;
@@ -123,7 +131,7 @@ py::dict Explain(const Guard& guard, const Array& state, const py::object& t,
   }
   py::dict result;
   result["text"] = text;
-  result["l"] = model.support().LogDecision(step, seen, {});
+  result["l"] = l;
   result["step"] = step;
   result["entries"] = std::move(entries);
   result["nearest"] = std::move(nearest);
@@ -214,7 +222,7 @@ dict
 Raises
 ------
 ValueError
-    If the state or a demonstration has the wrong number of entries.
+    If the state or a demonstration has the wrong number of entries, or the state one that is not finite.
 )")
       .def(
           "reconstruct",

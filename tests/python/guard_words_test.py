@@ -124,6 +124,10 @@ class WhyTest(unittest.TestCase):
         self.assertEqual(inside["entries"], [])
         self.assertEqual((inside["nearest"]["demonstration"], inside["nearest"]["step"]), (4, 6))
         self.assertIsNone(self.guard.explain(states[4][6])["nearest"])
+        self.assertEqual(self.why(0, [0.0, 1e200, 0.0], [0.0, 0.0]), "halted: the state is immeasurably far outside")
+        self.assertIn("immeasurably far outside what was demonstrated", self.guard.explain([0.0, 1e200, 0.0])["text"])
+        with self.assertRaisesRegex(ValueError, "entry 1 of the state is nan"):
+            self.guard.explain([0.0, np.nan, 0.0])
         with self.assertRaisesRegex(ValueError, "state has 2 entries, 3 needed"):
             self.guard.explain([0.0, 0.0])
         with self.assertRaisesRegex(ValueError, "demonstration 1 has states of 2 entries"):

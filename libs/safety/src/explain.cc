@@ -161,6 +161,8 @@ const char* CauseOf(HaltCause cause) {
       return "t was not the next one: a call was lost or doubled";
     case HaltCause::kStopRequested:
       return "the caller asked for it";
+    case HaltCause::kSupportInvalid:
+      return "the state is immeasurably far outside";
     case HaltCause::kNoProgress:
       return "no action has led on for many steps";
     case HaltCause::kStateInvalid:
