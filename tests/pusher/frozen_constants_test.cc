@@ -111,6 +111,7 @@ std::map<std::string, double> InTheCode() {
           {"fit::kMostOutside", safety::fit::kMostOutside},
           {"fit::kLowestAlarm", safety::fit::kLowestAlarm},
           {"fit::kMostOvershoot", safety::fit::kMostOvershoot},
+          {"fit::kLeastReach", safety::fit::kLeastReach},
           {"fit::kUnlikely", safety::fit::kUnlikely},
           {"fit::kLeastDrift", safety::fit::kLeastDrift},
           {"fit::kLeastResponse", safety::fit::kLeastResponse},

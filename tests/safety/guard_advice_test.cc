@@ -122,6 +122,12 @@ TEST(GuardAdviceTest, FindingsNameWhatSpeaksAgainstAGuardAndTheRemedy) {
               testing::ElementsAre(HasSubstr("alarm is raised below l = -3.5"),
                                    HasSubstr("entry 0 of an action may reach 50"),
                                    HasSubstr("give --action-limit")));
+  settings = good->settings();
+  settings.action_limit = {test::kSpeed / 2.0, 0.2};
+  settings.horizon = 5;
+  EXPECT_THAT(Warnings(*good->With(settings)),
+              testing::ElementsAre(HasSubstr("entry 0 of an action is limited to 0.05"),
+                                   HasSubstr("the guard halts after 5 actions")));
   // A kernel so narrow that no unseen state is inside.
   GuardOptions narrow{.features = "tip", .action_limit = {0.2}, .accept_any = true};
   narrow.support.svm.gamma = 1e3;

@@ -80,7 +80,19 @@ std::vector<std::string> Warnings(const GuardModel& model) {
           core::Format("entry %zu of an action may reach %.3g, demonstrated ones reach %.3g: give "
                        "--action-limit",
                        i, limit, entry.largest));
+    } else if (limit < fit::kLeastReach * entry.largest) {
+      warnings.push_back(
+          core::Format("entry %zu of an action is limited to %.3g, demonstrated ones reach %.3g: "
+                       "the guard would change them; give a larger --action-limit",
+                       i, limit, entry.largest));
     }
+  }
+  const int longest = model.num_steps() - 1;
+  if (settings.horizon < longest) {
+    warnings.push_back(
+        core::Format("the guard halts after %d actions of the policy, and the longest "
+                     "demonstration has %d: give a larger --horizon",
+                     settings.horizon, longest));
   }
   if (!passed.empty()) {
     warnings.push_back("entries " + passed +

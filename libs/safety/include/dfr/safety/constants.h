@@ -58,14 +58,16 @@ inline constexpr double kMostOutsideReduced = 0.12;
 inline constexpr double kLeastExplainedReduced = 0.8;
 
 /// Thresholds of warnings: number of demonstrations, share of left-out states inside, shares of the
-/// demonstrator's own actions that are changed or end outside, level of the alarm, action limit
-/// relative to the largest demonstrated value, and chance of a drift of at least kLeastDrift.
+/// demonstrator's own actions that are changed or end outside, level of the alarm, largest and
+/// smallest action limit relative to the largest demonstrated value, and chance of a drift of at
+/// least kLeastDrift. Drivers often clip the largest actions slightly.
 inline constexpr int kFewestDemonstrations = 10;
 inline constexpr double kLeastAcceptance = 0.7;
 inline constexpr double kMostChanged = 0.3;
 inline constexpr double kMostOutside = 0.3;
 inline constexpr double kLowestAlarm = 3.0;
 inline constexpr double kMostOvershoot = 5.0;
+inline constexpr double kLeastReach = 0.9;
 inline constexpr double kUnlikely = 0.01;
 inline constexpr double kLeastDrift = 0.2;
 /// Share of the features' changes that the response explains. Below it corrections are unreliable.
