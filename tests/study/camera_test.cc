@@ -109,7 +109,7 @@ Study Pictured(int threads) {
   study.controllers = {"monitor/pictures", "guard/pictures"};
   study.conditions = {"as demonstrated", "picture disturbed"};
   study.pictures.features = "pca:image:3:grey:16x16";
-  study.demonstrations = 12;
+  study.demonstrations = 8;
   study.episodes = 4;
   study.trials = 1;
   study.seed = 3;

@@ -75,29 +75,29 @@ TEST(DetectorTest, AStateFarAwayIsStrangerThanADemonstratedOne) {
 
 TEST(DetectTest, AFailingPolicyIsFound) {
   const Detection detection{
-      .task = "reach", .policy = "at-constraints", .demonstrations = 40, .episodes = 10};
+      .task = "reach", .policy = "at-constraints", .demonstrations = 30, .episodes = 6};
   const DetectionReport report = Detect(LoadDetection(detection), detection);
   ASSERT_EQ(report.table.rows.size(), kDetectors.size());
   for (const auto& row : report.table.rows) ASSERT_EQ(row.size(), report.table.header.size());
   EXPECT_EQ(report.table.rows[0][0], "guard");
   EXPECT_THAT(report.table.rows[0][3], testing::StartsWith("100 ["));
-  EXPECT_THAT(report.text, HasSubstr("20 demonstrations fitted, 8 for thresholds, 12 left out"));
+  EXPECT_THAT(report.text, HasSubstr("15 demonstrations fitted, 6 for thresholds, 9 left out"));
 }
 
-// Forty entries of a state that only three numbers move: no left-out state is inside.
+// Thirty entries of a state that only three numbers move: no left-out state is inside.
 TEST(DetectTest, TooManyFeaturesAreReducedWithAReason) {
   core::Random random(4);
-  core::Matrix mixing(3, 40);
+  core::Matrix mixing(3, 30);
   for (Eigen::Index i = 0; i < mixing.size(); ++i) mixing.data()[i] = random.Normal();
   DetectionSet set;
-  set.demonstrations.layout.Add("state", 40);
+  set.demonstrations.layout.Add("state", 30);
   set.demonstrations.control_dim = 3;
-  for (int d = 0; d < 80; ++d) {
+  for (int d = 0; d < 40; ++d) {
     core::Trajectory episode;
-    core::Matrix low = core::Matrix::Zero(31, 3);
-    episode.controls = core::Matrix::Zero(30, 3);
+    core::Matrix low = core::Matrix::Zero(16, 3);
+    episode.controls = core::Matrix::Zero(15, 3);
     for (Eigen::Index k = 0; k < 3; ++k) low(0, k) = 0.3 * random.Uniform();
-    for (Eigen::Index t = 0; t < 30; ++t) {
+    for (Eigen::Index t = 0; t < 15; ++t) {
       for (Eigen::Index k = 0; k < 3; ++k) episode.controls(t, k) = 0.1 * (1.0 - low(t, k));
       low.row(t + 1) = low.row(t) + episode.controls.row(t);
     }

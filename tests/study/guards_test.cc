@@ -35,13 +35,8 @@ std::string GuardMessageOf(const Study& study) {
   return dfr::test::MessageOf<std::invalid_argument>([&] { (void)RunStudy(study); });
 }
 
-// As one thread gives them.
 const std::vector<Row>& SmallRows() {
-  static const std::vector<Row> rows = [] {
-    Study study = SmallGuards();
-    study.threads = 1;
-    return RunStudy(study);
-  }();
+  static const std::vector<Row> rows = RunStudy(SmallGuards());
   return rows;
 }
 
@@ -49,16 +44,6 @@ const Row& RowOf(const std::string& task, const std::string& policy, const std::
   return *std::ranges::find_if(SmallRows(), [&](const Row& row) {
     return row.task == task && row.policy == policy && row.controller == method;
   });
-}
-
-TEST(GuardsTest, RowsDoNotDependOnTheNumberOfThreads) {
-  Study study = SmallGuards();
-  study.policies = {"good"};
-  study.threads = 2;
-  std::vector<Row> one;
-  std::ranges::copy_if(SmallRows(), std::back_inserter(one),
-                       [](const Row& row) { return row.policy == "good"; });
-  EXPECT_TRUE(one == RunStudy(study));
 }
 
 TEST(GuardsTest, CountsAreOfTheirEpisodes) {

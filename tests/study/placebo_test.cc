@@ -113,7 +113,8 @@ const Row& RowIn(const std::vector<Row>& rows, const std::string& policy,
   throw std::logic_error("no such row");
 }
 
-// For any order of methods: the rate is that of all episodes of the guard, not of those so far.
+// For any order of methods and number of threads: the rate is that of all episodes of the guard,
+// not of those so far.
 TEST(PlaceboTest, HasTheRateOfTheGuardInTheSameRun) {
   Study study = PlaceboStudy();
   study.threads = 1;
@@ -129,7 +130,6 @@ TEST(PlaceboTest, HasTheRateOfTheGuardInTheSameRun) {
   EXPECT_EQ(RowIn(rows, "biased", "placebo-halts").changed, 0.0);
 
   study.threads = 2;
-  EXPECT_TRUE(RunStudy(study) == rows);
   study.controllers = {"placebo-halts", "placebo-corrections", "guard"};
   const std::vector<Row> reversed = RunStudy(study);
   for (const Row& row : rows) {

@@ -79,6 +79,8 @@ TEST(StressTest, CountsWhatAControllerSavesAndHarms) {
 
 TEST(StressTest, RowsDoNotDependOnTheNumberOfThreads) {
   Study study = Small();
+  study.conditions = {"as demonstrated"};
+  study.demonstrations = 12;
   study.episodes = 3;
   const auto run = [&](int threads) {
     study.threads = threads;
@@ -172,24 +174,23 @@ TEST(CompareTest, SettlesWhatIsPlainAndSavesTheRest) {
   comparison.task = "planar-corridor";
   comparison.demonstrations = 20;
   comparison.trials = 2;
-  comparison.pairs = 60;
+  comparison.pairs = 30;
   comparison.first = "lwr";
   comparison.second = "baseline@none";
   const auto plain = Compare(comparison);
   EXPECT_TRUE(plain.settled());
-  EXPECT_LT(plain.pairs(), 30);
+  EXPECT_LT(plain.pairs(), 25);
   EXPECT_GT(plain.mean(), 0.9);  // completed against halted at the start
-  EXPECT_EQ(plain.pairs(), Compare(comparison).pairs());
   comparison.second = "lwr";
   const auto same = Compare(comparison);
   EXPECT_FALSE(same.settled());
-  EXPECT_EQ(same.pairs(), 60);
+  EXPECT_EQ(same.pairs(), 30);
   EXPECT_EQ(same.mean(), 0.0);
   // Most of DFR's episodes halt on the way. The second method's all do at the start.
   comparison.task = "push";
   comparison.first = "dfr@lwr";
   comparison.second = "baseline@none";
-  comparison.pairs = 40;
+  comparison.pairs = 20;
   comparison.alpha = 1e-9;
   comparison.credit.halted = 1.0;
   const auto partial = Compare(comparison);
