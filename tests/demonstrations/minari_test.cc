@@ -10,6 +10,7 @@
 #include <limits>
 #include <string>
 
+#include "episode_io.h"
 #include "hdf5_file.h"
 #include "tests/demonstrations/episodes.h"
 #include "tests/imitation/temp_folder.h"
@@ -24,7 +25,11 @@ using test::Episodes;
 using testing::AllOf;
 using testing::HasSubstr;
 
-constexpr char kId[] = "dfr/test-v0";
+void Save(const DemonstrationSet& set, const std::filesystem::path& folder) {
+  internal::WriteAll(set, [&] {
+    return MinariWriter(folder, "dfr/test-v0", set.layout, set.control_dim, set.environment);
+  });
+}
 
 std::string Message(const std::function<void()>& call) {
   return test::Message<std::exception>(call);
@@ -35,7 +40,7 @@ class MinariTest : public testing::TestWithParam<bool> {};
 TEST_P(MinariTest, ADatasetRestoresEverything) {
   const test::TempFolder folder;
   const DemonstrationSet set = Episodes(GetParam());
-  SaveMinari(set, folder / "test-v0", kId);
+  Save(set, folder / "test-v0");
   for (const char* path : {"test-v0", "test-v0/data", "test-v0/data/main_data.hdf5"}) {
     const DemonstrationSet loaded = LoadDemonstrations(folder / path);
     test::ExpectSame(loaded, set);
@@ -44,7 +49,7 @@ TEST_P(MinariTest, ADatasetRestoresEverything) {
 
 TEST_P(MinariTest, AnIndependentReaderFindsEveryValue) {
   const test::TempFolder folder;
-  SaveMinari(Episodes(GetParam()), folder / "test-v0", kId);
+  Save(Episodes(GetParam()), folder / "test-v0");
   test::RunPeer("minari_peer.py", GetParam() ? "check-plain" : "check", folder / "test-v0");
 }
 
@@ -84,7 +89,7 @@ INSTANTIATE_TEST_SUITE_P(Observations, MinariTest, testing::Bool(),
 
 TEST(MinariErrorsTest, NameTheDatasetAndTheReason) {
   const test::TempFolder folder;
-  SaveMinari(Episodes(false), folder / "d", kId);
+  Save(Episodes(false), folder / "d");
   const std::filesystem::path file = folder / "d/data/main_data.hdf5";
   const auto broken = [&](const std::function<void(Hdf5File&)>& build) {
     {
@@ -126,7 +131,7 @@ TEST(MinariErrorsTest, NameTheDatasetAndTheReason) {
 
   // Beside data that can be read.
   const std::filesystem::path metadata = folder / "m/data/metadata.json";
-  SaveMinari(Episodes(false), folder / "m", kId);
+  Save(Episodes(false), folder / "m");
   const auto with_metadata = [&](const std::string& text) {
     std::ofstream(metadata) << text;
     return Message([&] { (void)OpenMinari(folder / "m"); });
@@ -141,7 +146,7 @@ TEST(MinariErrorsTest, NameTheDatasetAndTheReason) {
 
   DemonstrationSet beyond = Episodes(false);
   beyond.trajectories[2].controls(7, 1) = 1.5;
-  EXPECT_THAT(Message([&] { SaveMinari(beyond, folder / "d", kId); }),
+  EXPECT_THAT(Message([&] { Save(beyond, folder / "d"); }),
               HasSubstr("demonstration 2, step 7: control 1 is 1.5"));
   EXPECT_EQ(OpenMinari(file)->num_episodes(), 3);  // the existing file is unchanged
 }

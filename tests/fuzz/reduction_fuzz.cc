@@ -17,7 +17,6 @@ void TryReduction(const std::filesystem::path& path) {
   std::vector<double> x(static_cast<std::size_t>(reduction.input_dim()), 0.5);
   std::vector<double> z(static_cast<std::size_t>(reduction.num_components()));
   reduction.Apply(x, z);
-  reduction.BackProject(z, x);
 }
 
 // The layout has two pictures and another block.

@@ -7,7 +7,6 @@
 #include <functional>
 #include <limits>
 #include <memory>
-#include <numbers>
 #include <ostream>
 #include <stdexcept>
 #include <string>
@@ -15,7 +14,6 @@
 
 #include "dfr/core/random.h"
 #include "dfr/kernel/time_varying_support.h"
-#include "tests/support/all_close.h"
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 
@@ -122,14 +120,6 @@ INSTANTIATE_TEST_SUITE_P(
                           [](const core::Matrix& s, double nu) {
                             return std::make_shared<NeighbourEstimate>(
                                 NeighbourEstimate::Fit(s, nu, 5));
-                          }},
-                    Named{"WhitenedSvm",
-                          [](const core::Matrix& s, double nu) {
-                            const core::FeatureTransform map = FitWhitening(s);
-                            return std::make_shared<MappedEstimate>(
-                                map,
-                                std::make_shared<SvmEstimate>(OneClassSvm::Fit(
-                                    map.Apply(s), {.nu = nu, .gamma = 0.2, .tolerance = 1e-7})));
                           }}),
     [](const auto& test) { return test.param.name; });
 
@@ -166,35 +156,6 @@ TEST(NeighbourEstimateTest, IsTheDistanceToTheKthNearest) {
   EXPECT_EQ(slope, -1.0);
 }
 
-TEST(FitWhiteningTest, GivesUnitCovarianceAndPcaKeepsDistancesInItsPlane) {
-  core::Random random(72);
-  const core::Matrix samples = Cloud(200, random);
-  const core::Matrix white = FitWhitening(samples).Apply(samples);
-  EXPECT_TRUE(
-      dfr::test::AllClose(white.transpose() * white / 200.0, Eigen::Matrix2d::Identity(), 1e-12));
-  const core::FeatureTransform pca = FitPca(samples, 1);
-  EXPECT_EQ(pca.num_features(), 1);
-  EXPECT_NEAR(pca.scale().norm(), 1.0, 1e-14);
-  // The first direction is the one of most variance.
-  const double most = pca.Apply(samples).squaredNorm();
-  for (int degrees = 0; degrees < 180; ++degrees) {
-    const double angle = degrees * std::numbers::pi / 180.0;
-    const Eigen::Vector2d direction(std::cos(angle), std::sin(angle));
-    EXPECT_LE(((samples.rowwise() - pca.offset().transpose()) * direction).squaredNorm(),
-              most * (1.0 + 1e-12));
-  }
-}
-
-TEST(FitWhiteningTest, DirectionsOfNextToNoVarianceAreNotBlownUp) {
-  core::Matrix samples(4, 2);
-  samples << 2, 1e-3, -2, 1e-3, 2, -1e-3, -2, -1e-3;  // variances 4 and 1e-6
-  EXPECT_NEAR(FitWhitening(samples, 0, 0.0).scale().row(1).norm(), 1e3, 1e-6);
-  EXPECT_NEAR(FitWhitening(samples, 0, 0.01).scale().row(1).norm(), 5.0, 1e-12);  // 1 / sqrt(.04)
-  EXPECT_NEAR(FitWhitening(samples, 0, 0.01).scale().row(0).norm(), 0.5, 1e-12);
-  EXPECT_EQ(FitWhitening(samples, 1).num_features(), 1);
-  EXPECT_EQ(FitWhitening(samples, 2).num_features(), 2);
-}
-
 // The end of a range is valid.
 TEST(SupportEstimatesEndsTest, TheFewestSamplesAndTheLargestNuAreTaken) {
   core::Matrix two(2, 1);
@@ -203,7 +164,6 @@ TEST(SupportEstimatesEndsTest, TheFewestSamplesAndTheLargestNuAreTaken) {
   EXPECT_NEAR(FitKernelDensity(two, 1.0, 0.5).rho(), std::exp(-2.0), 1e-15);
   EXPECT_NEAR(GaussianEstimate::Fit(two, 1.0, 0.0).radius(), 1.0, 1e-15);
   EXPECT_EQ(NeighbourEstimate::Fit(two, 1.0, 1).radius(), 2.0);
-  EXPECT_EQ(FitPca(two, 1).num_features(), 1);
   core::Matrix three(3, 1);
   three << 0.0, 1.0, 3.0;
   // Nearest others at 1, 1, 2.
@@ -273,12 +233,6 @@ TEST(SupportEstimatesErrorsTest, NameTheCulprit) {
   EXPECT_THAT(
       dfr::test::MessageOf<std::invalid_argument>([&] { (void)FitKernelDensity(few, 0.1, -1.0); }),
       HasSubstr("gamma"));
-  EXPECT_THAT(dfr::test::MessageOf<std::invalid_argument>([&] { (void)FitWhitening(equal); }),
-              HasSubstr("equal"));
-  EXPECT_THAT(dfr::test::MessageOf<std::invalid_argument>([&] { (void)FitPca(few, 3); }),
-              HasSubstr("components"));
-  EXPECT_THAT(dfr::test::MessageOf<std::invalid_argument>([&] { (void)FitPca(few, -1); }),
-              HasSubstr("components"));
   EXPECT_THAT(dfr::test::MessageOf<std::invalid_argument>([&] {
                 (void)EstimatePerStep::Fit({&few, 1}, {}, -1);
               }),
@@ -287,11 +241,6 @@ TEST(SupportEstimatesErrorsTest, NameTheCulprit) {
                 (void)EstimatePerStep::Fit({&few, 1}, [](const auto&) { return nullptr; });
               }),
               HasSubstr("the fit of time step 0 returned no estimate"));
-  EXPECT_THAT(dfr::test::MessageOf<std::invalid_argument>([&] {
-                (void)MappedEstimate(FitPca(few, 1), std::make_shared<GaussianEstimate>(
-                                                         GaussianEstimate::Fit(few, 0.1)));
-              }),
-              HasSubstr("the map has 1 outputs, the estimate 2 entries"));
 }
 
 }  // namespace

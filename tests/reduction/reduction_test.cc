@@ -73,26 +73,6 @@ TEST(ReductionTest, FarFromZeroKeepsSmallDifferences) {
   EXPECT_TRUE(test::AllClose(z, Eigen::Vector2d(1.0, -2.0), 1e-6));
 }
 
-TEST(ReductionTest, BackProjectionIsTheTransposedJacobian) {
-  const Reduction reduction = Random(3);
-  core::Random random(4);
-  std::vector<double> x(kInputs, 100.0);
-  Eigen::VectorXd before(kComponents);
-  Eigen::VectorXd after(kComponents);
-  Eigen::VectorXd dz(kComponents);
-  for (double& value : dz) value = random.Normal();
-  Eigen::VectorXd dx(kInputs);
-  reduction.BackProject(core::AsSpan(dz), core::AsSpan(dx));
-  reduction.Apply(x, core::AsSpan(before));
-  for (const int entry : {0, 5, 511, 512, kInputs - 1}) {
-    x[static_cast<std::size_t>(entry)] += 8.0;
-    reduction.Apply(x, core::AsSpan(after));
-    x[static_cast<std::size_t>(entry)] -= 8.0;
-    EXPECT_NEAR(dx[entry], dz.dot(after - before) / 8.0, 1e-6) << entry;
-  }
-  EXPECT_EQ(dx[5], 0.0);
-}
-
 TEST(ReductionTest, BadStatesAreNotFinite) {
   const Reduction reduction = Random(5);
   Eigen::VectorXd z(kComponents);
@@ -114,16 +94,14 @@ TEST(ReductionTest, BadStatesAreNotFinite) {
   }
 }
 
-TEST(ReductionTest, ApplyAndBackProjectAllocateNothing) {
+TEST(ReductionTest, ApplyAllocatesNothing) {
   const Reduction reduction = Random(6);
   const std::vector<std::uint8_t> picture = Picture(7);
   const std::vector<double> x(picture.begin(), picture.end());
   Eigen::VectorXd z(kComponents);
-  Eigen::VectorXd dx(kInputs);
   const test::NoAlloc guard;
   reduction.Apply(picture, core::AsSpan(z));
   reduction.Apply(x, core::AsSpan(z));
-  reduction.BackProject(core::AsSpan(z), core::AsSpan(dx));
 }
 
 TEST(ReductionTest, ProjectsOnPrincipalComponents) {

@@ -214,21 +214,6 @@ int EpisodesForBound(double bound, double confidence) {
   return static_cast<int>(std::ceil(std::log(0.5 * (1.0 - confidence)) / std::log1p(-bound)));
 }
 
-double McNemarExact(int only_first, int only_second) {
-  DFR_THROW_UNLESS(only_first >= 0 && only_second >= 0,
-                   "counts of pairs must not be negative: " << only_first << ", " << only_second);
-  const int n = only_first + only_second;
-  const int k = std::min(only_first, only_second);
-  // P(X <= k) for X binomial(n, 1/2); the terms decrease from k downwards.
-  double term = 1.0;
-  double sum = 1.0;
-  for (int i = k; i > 0 && term > 1e-18 * sum; --i) {
-    term *= i / (n - i + 1.0);
-    sum += term;
-  }
-  return std::min(1.0, 2.0 * sum * std::exp(LogChoose(n, k) - n * std::log(2.0)));
-}
-
 double ClusteredMcNemar(std::span<const DiscordantPairs> clusters) {
   std::int64_t sum = 0;
   std::vector<std::size_t> sizes;

@@ -1,10 +1,8 @@
 #include "dfr/kernel/support_estimates.h"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <Eigen/SVD>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <utility>
@@ -50,24 +48,6 @@ core::Matrix Covariance(const Eigen::Ref<const core::Matrix>& samples,
 bool Fits(std::span<const double> x, int state_dim) noexcept {
   if (static_cast<int>(x.size()) != state_dim) return false;
   return std::all_of(x.begin(), x.end(), [](double v) { return std::isfinite(v); });
-}
-
-// Returns the rows of the map: the directions of largest variance, with their variances.
-std::pair<core::Matrix, Eigen::VectorXd> Principal(const Eigen::Ref<const core::Matrix>& samples,
-                                                   const Eigen::VectorXd& mean, int components) {
-  DFR_THROW_UNLESS(components >= 0 && components <= samples.cols(),
-                   "components must lie in [0, " << samples.cols() << "], not " << components);
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(Covariance(samples, mean));
-  const Eigen::Index count = components == 0 ? samples.cols() : components;
-  // Eigen sorts in ascending order.
-  core::Matrix directions = eigen.eigenvectors().rightCols(count).rowwise().reverse().transpose();
-  Eigen::VectorXd variances = eigen.eigenvalues().tail(count).reverse();
-  DFR_THROW_UNLESS(variances[0] > 0.0, "all samples are equal: there is no direction of variance");
-  return {std::move(directions), std::move(variances)};
-}
-
-core::FeatureSelection AllOf(const Eigen::Ref<const core::Matrix>& samples) {
-  return core::FeatureSelection::All(static_cast<int>(samples.cols()));
 }
 
 }  // namespace
@@ -201,62 +181,6 @@ double NeighbourEstimate::Gradient(std::span<const double> x,
     }
   }
   return radius_ - distance;
-}
-
-core::FeatureTransform FitWhitening(const Eigen::Ref<const core::Matrix>& samples, int components,
-                                    double floor) {
-  CheckSamples(samples, 2);
-  const Eigen::VectorXd mean = samples.colwise().mean();
-  const auto [directions, variances] = Principal(samples, mean, components);
-  const Eigen::VectorXd scales = variances.cwiseMax(floor * variances[0]).cwiseSqrt();
-  return {AllOf(samples), mean, scales.cwiseInverse().asDiagonal() * directions};
-}
-
-core::FeatureTransform FitPca(const Eigen::Ref<const core::Matrix>& samples, int components) {
-  CheckSamples(samples, 2);
-  const Eigen::VectorXd mean = samples.colwise().mean();
-  return {AllOf(samples), mean, Principal(samples, mean, components).first};
-}
-
-MappedEstimate::MappedEstimate(core::FeatureTransform map,
-                               std::shared_ptr<const SupportEstimate> inner)
-    : map_(std::move(map)), inner_(std::move(inner)) {
-  DFR_THROW_UNLESS(inner_ != nullptr, "there is no estimate behind the map");
-  DFR_THROW_UNLESS(map_.num_features() == inner_->state_dim(),
-                   "the map has " << map_.num_features() << " outputs, the estimate "
-                                  << inner_->state_dim() << " entries");
-  DFR_THROW_UNLESS(map_.num_features() <= core::FeatureTransform::kMaxFeatures,
-                   "a map has at most " << core::FeatureTransform::kMaxFeatures << " outputs");
-  lipschitz_bound_ = inner_->lipschitz_bound() *
-                     Eigen::JacobiSVD<Eigen::MatrixXd>(map_.scale()).singularValues()[0];
-}
-
-double MappedEstimate::Decision(std::span<const double> x) const noexcept {
-  if (!Fits(x, state_dim())) return kOutside;
-  std::array<double, core::FeatureTransform::kMaxFeatures> buffer;
-  const std::span y(buffer.data(), static_cast<std::size_t>(map_.num_features()));
-  map_.Apply(x, y);
-  return inner_->Decision(y);
-}
-
-double MappedEstimate::Gradient(std::span<const double> x,
-                                std::span<double> gradient) const noexcept {
-  std::fill(gradient.begin(), gradient.end(), 0.0);
-  if (!Fits(x, state_dim()) || gradient.size() != x.size()) return kOutside;
-  std::array<double, core::FeatureTransform::kMaxFeatures> buffer;
-  std::array<double, core::FeatureTransform::kMaxFeatures> slope;
-  const auto outputs = static_cast<std::size_t>(map_.num_features());
-  const std::span y(buffer.data(), outputs);
-  map_.Apply(x, y);
-  const double g = inner_->Gradient(y, {slope.data(), outputs});
-  const std::vector<int>& entries = map_.selection().indices();
-  for (std::size_t i = 0; i < outputs; ++i) {
-    for (std::size_t k = 0; k < entries.size(); ++k) {
-      gradient[static_cast<std::size_t>(entries[k])] +=
-          map_.scale()(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) * slope[i];
-    }
-  }
-  return g;
 }
 
 EstimatePerStep EstimatePerStep::Fit(std::span<const core::Matrix> demonstrations,

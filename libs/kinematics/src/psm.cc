@@ -84,11 +84,6 @@ Eigen::Vector3d Psm::Tip(const PsmJoints& q) noexcept {
   return Forward(q) * Eigen::Vector3d(0.0, 0.0, kJawLength);
 }
 
-Eigen::Vector3d Psm::ShaftEnd(const PsmJoints& q) noexcept {
-  return (q[2] + kShaftOffset) * Eigen::Vector3d(std::sin(q[0]) * std::cos(q[1]), -std::sin(q[1]),
-                                                 -std::cos(q[0]) * std::cos(q[1]));
-}
-
 PsmReach Psm::Inverse(const Eigen::Isometry3d& pose, PsmJoints& q,
                       PsmGeneration generation) noexcept {
   if (!pose.matrix().allFinite()) return PsmReach::kInvalid;

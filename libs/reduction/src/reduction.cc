@@ -87,14 +87,6 @@ core::Matrix Reduction::Apply(const core::Matrix& rows) const {
   return z;
 }
 
-void Reduction::BackProject(std::span<const double> dz, std::span<double> dx) const noexcept {
-  auto out = core::AsVector(dx);
-  out.setZero();
-  for (Eigen::Index k = 0; k < weights_.rows(); ++k) {
-    out += dz[static_cast<std::size_t>(k)] * weights_.row(k).transpose().cast<double>();
-  }
-}
-
 void Reduction::Save(core::ArchiveWriter& archive) const {
   archive.Numbers(core::AsSpan(mean_));
   archive.Numbers(core::AsSpan(scale_));

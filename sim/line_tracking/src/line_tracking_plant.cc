@@ -260,10 +260,6 @@ PsmJoints LineTrackingPlant::true_joints() const noexcept {
   return world_->arm_error.Truth(state_->reading, state_->drift());
 }
 
-Eigen::Vector3d LineTrackingPlant::reported_tip_m() const noexcept {
-  return world_->task.Tip(state_->reading);
-}
-
 // Moves joints and platform to the values in the state. Call after every change of the state.
 void LineTrackingPlant::Place() noexcept {
   const PlatformPose& platform = state_->platform;

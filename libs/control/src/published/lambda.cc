@@ -9,10 +9,8 @@
 namespace dfr::control {
 
 std::vector<double> EstimateLambda(const core::DecisionFunction& support,
-                                   std::span<const core::Trajectory> demonstrations,
-                                   LambdaSummary* summary) {
+                                   std::span<const core::Trajectory> demonstrations) {
   std::vector<double> lambda;
-  std::vector<int> transitions;
   for (std::size_t i = 0; i < demonstrations.size(); ++i) {
     const core::Matrix& states = demonstrations[i].states;
     const core::Matrix& controls = demonstrations[i].controls;
@@ -26,10 +24,7 @@ std::vector<double> EstimateLambda(const core::DecisionFunction& support,
     DFR_THROW_UNLESS(states.allFinite() && controls.allFinite(),
                      "demonstration " << i << " has a non-finite entry");
     const auto steps = static_cast<std::size_t>(controls.rows());
-    if (lambda.size() < steps) {
-      lambda.resize(steps, 0.0);
-      transitions.resize(steps, 0);
-    }
+    if (lambda.size() < steps) lambda.resize(steps, 0.0);
     for (std::size_t t = 0; t < steps; ++t) {
       const auto row = static_cast<Eigen::Index>(t);
       const double size = controls.row(row).norm();
@@ -40,7 +35,6 @@ std::vector<double> EstimateLambda(const core::DecisionFunction& support,
       DFR_THROW_UNLESS(std::isfinite(change),
                        "demonstration " << i << ": g is not finite at step " << t);
       lambda[t] = std::max(lambda[t], change / size);
-      ++transitions[t];
     }
   }
   const auto known = [](double value) { return value > 0.0; };
@@ -50,13 +44,10 @@ std::vector<double> EstimateLambda(const core::DecisionFunction& support,
                        << demonstrations.size()
                        << " demonstrations no nonzero control changes g. The kernel is too narrow: "
                           "choose a smaller gamma");
-  const auto filled = static_cast<int>(lambda.size()) -
-                      static_cast<int>(std::count_if(lambda.begin(), lambda.end(), known));
   std::fill(lambda.begin(), first, *first);
   for (auto it = first + 1; it != lambda.end(); ++it) {
     if (!known(*it)) *it = *(it - 1);
   }
-  if (summary != nullptr) *summary = {std::move(transitions), filled};
   return lambda;
 }
 

@@ -269,14 +269,6 @@ void MinariWriter::Append(const core::Trajectory& trajectory) { file_->Append(tr
 
 int MinariWriter::num_episodes() const noexcept { return file_->num_episodes(); }
 
-void SaveMinari(const DemonstrationSet& demonstrations, const std::filesystem::path& folder,
-                const std::string& dataset_id) {
-  internal::WriteAll(demonstrations, [&] {
-    return MinariWriter(folder, dataset_id, demonstrations.layout, demonstrations.control_dim,
-                        demonstrations.environment);
-  });
-}
-
 std::unique_ptr<DemonstrationReader> OpenMinari(const std::filesystem::path& path,
                                                 const std::vector<std::string>& pictures) {
   return std::make_unique<MinariReader>(MainFile(path), pictures);

@@ -63,11 +63,6 @@ struct ClusterCount {
 /// bound lies in (0, 1).
 [[nodiscard]] int EpisodesForBound(double bound, double confidence = 0.95);
 
-/// McNemar's exact two-sided test for pairs: the probability of a split at least as uneven as
-/// `only_first` to `only_second`, if either method is equally likely to be the one that fails in a
-/// discordant pair.
-[[nodiscard]] double McNemarExact(int only_first, int only_second);
-
 /// Pairs of one cluster in which exactly one of two methods fails.
 struct DiscordantPairs {
   int only_first = 0;
@@ -77,8 +72,8 @@ struct DiscordantPairs {
 /// McNemar's exact two-sided test for clustered pairs: pairs of one cluster may be dependent,
 /// clusters are independent. Under the null hypothesis, each cluster's difference only_first -
 /// only_second is equally likely with either sign. Returns the probability of a sum at least as
-/// large over all signs (the permutation test of Fisher, 1935, sec. 21). Equals McNemarExact() with
-/// one pair per cluster. With c clusters it is at least 2^(1 - c).
+/// large over all signs (the permutation test of Fisher, 1935, sec. 21). With one pair per cluster,
+/// this is the exact test of unclustered pairs. With c clusters it is at least 2^(1 - c).
 /// @throws std::invalid_argument if a count is negative.
 [[nodiscard]] double ClusteredMcNemar(std::span<const DiscordantPairs> clusters);
 

@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "dfr/core/decision_function.h"
-#include "dfr/core/feature_transform.h"
 #include "dfr/core/matrix.h"
 #include "dfr/kernel/one_class_svm.h"
 
@@ -108,36 +107,6 @@ class NeighbourEstimate final : public SupportEstimate {
   core::Matrix samples_;
   int k_ = 1;
   double radius_ = 0.0;
-};
-
-/// Fits a map for use before an estimate: projection on the `components` (0: all) directions of
-/// largest variance of a sample cloud, each scaled to variance 1. Variances below `floor` times the
-/// largest are raised to that value.
-/// @throws std::invalid_argument if there are fewer than 2 samples, one is not finite, all are
-///   equal, components is not in [0, features], or there are more than
-///   core::FeatureTransform::kMaxFeatures features.
-[[nodiscard]] core::FeatureTransform FitWhitening(const Eigen::Ref<const core::Matrix>& samples,
-                                                  int components = 0, double floor = 1e-6);
-/// Fits the same directions without the scaling.
-[[nodiscard]] core::FeatureTransform FitPca(const Eigen::Ref<const core::Matrix>& samples,
-                                            int components);
-
-/// Applies an estimate of mapped states to the states themselves.
-class MappedEstimate final : public SupportEstimate {
- public:
-  /// @throws std::invalid_argument if sizes do not fit or exceed
-  ///   core::FeatureTransform::kMaxFeatures.
-  MappedEstimate(core::FeatureTransform map, std::shared_ptr<const SupportEstimate> inner);
-
-  [[nodiscard]] int state_dim() const noexcept override { return map_.state_dim(); }
-  [[nodiscard]] double Decision(std::span<const double> x) const noexcept override;
-  double Gradient(std::span<const double> x, std::span<double> gradient) const noexcept override;
-  [[nodiscard]] double lipschitz_bound() const noexcept override { return lipschitz_bound_; }
-
- private:
-  core::FeatureTransform map_;
-  std::shared_ptr<const SupportEstimate> inner_;
-  double lipschitz_bound_ = 0.0;
 };
 
 /// Fits an estimate to one sample cloud.

@@ -54,9 +54,6 @@ class Psm {
   /// Returns the position of the jaw tips in the base frame, m.
   [[nodiscard]] static Eigen::Vector3d Tip(const PsmJoints& q) noexcept;
 
-  /// Returns the end of the shaft, which is the wrist-pitch axis, in the base frame, m.
-  [[nodiscard]] static Eigen::Vector3d ShaftEnd(const PsmJoints& q) noexcept;
-
   /// Computes the joint values for a pose of the wrist in closed form. Returns the solution with
   /// the wrist bent by less than a right angle, the only one within the limits. Writes `q` unless
   /// the result is kInvalid or kSingular: a message can then name the joint that is beyond its

@@ -15,8 +15,8 @@ namespace dfr::reduction {
 ///   z = P ((x - mean) / scale).
 /// Entries with scale 0 never varied in the fit and are ignored.
 ///
-/// Immutable. Concurrent calls are safe. Apply() and BackProject() never allocate, lock or throw
-/// and may be called in the control loop. Weights are in float, sums over more than 512 entries in
+/// Immutable. Concurrent calls are safe. Apply() of one state never allocates, locks or throws and
+/// may be called in the control loop. Weights are in float, sums over more than 512 entries in
 /// double: the type of x does not change z.
 class Reduction {
  public:
@@ -49,11 +49,6 @@ class Reduction {
   void Apply(std::span<const std::uint8_t> x, std::span<double> z) const noexcept;
   /// Returns the components of each row. @throws std::invalid_argument if the width differs.
   [[nodiscard]] core::Matrix Apply(const core::Matrix& rows) const;
-
-  /// Maps a derivative with respect to z (num_components()) to one with respect to x (input_dim()):
-  /// J' dz, J = P diag(1 / scale). For the derivative of a support's level it gives how much each
-  /// input raises the level; times x - x0 for a state x0 inside, how much each contributed.
-  void BackProject(std::span<const double> dz, std::span<double> dx) const noexcept;
 
   /// Appends this object to a file.
   void Save(core::ArchiveWriter& archive) const;

@@ -24,7 +24,6 @@ enum class NotSeen {
   kTip,            ///< No end-effector.
   kFault,          ///< OpenCV failed (out of memory).
 };
-inline constexpr int kNumNotSeen = static_cast<int>(NotSeen::kFault) + 1;
 
 [[nodiscard]] const char* Name(NotSeen reason) noexcept;
 

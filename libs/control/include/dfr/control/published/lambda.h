@@ -8,14 +8,6 @@
 
 namespace dfr::control {
 
-/// Statistics of EstimateLambda().
-struct LambdaSummary {
-  /// Transitions with u_t != 0 at each time step.
-  std::vector<int> transitions;
-  /// Number of time steps without data, which use the value of a neighbour.
-  int filled_steps = 0;
-};
-
 /// Estimates the change of the decision function per unit of control, one value per time step:
 ///   lambda_t = max over demonstrated transitions of |g_t(x_{t+1}) - g_t(x_t)| / |u_t|.
 ///
@@ -28,7 +20,6 @@ struct LambdaSummary {
 /// @throws std::invalid_argument naming the demonstration whose shapes do not match the support or
 /// each other, or which has a non-finite entry, or if no transition changes g.
 [[nodiscard]] std::vector<double> EstimateLambda(const core::DecisionFunction& support,
-                                                 std::span<const core::Trajectory> demonstrations,
-                                                 LambdaSummary* summary = nullptr);
+                                                 std::span<const core::Trajectory> demonstrations);
 
 }  // namespace dfr::control

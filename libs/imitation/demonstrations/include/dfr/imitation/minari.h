@@ -49,10 +49,6 @@ class MinariWriter {
   std::unique_ptr<File> file_;
 };
 
-/// Writes a whole set.
-void SaveMinari(const DemonstrationSet& demonstrations, const std::filesystem::path& folder,
-                const std::string& dataset_id);
-
 /// Opens a dataset's folder, its data folder, or main_data.hdf5. The state is the concatenation of
 /// all vector-valued observations, as for robomimic; plain observations are one block
 /// "observations". Without `outcome`, an episode is completed if the last entry of infos/success is

@@ -185,8 +185,6 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   /// Encoder readings and true joint positions.
   [[nodiscard]] kinematics::PsmJoints reported_joints() const noexcept;
   [[nodiscard]] kinematics::PsmJoints true_joints() const noexcept;
-  /// Returns the tip from encoders and calibration, world frame, m.
-  [[nodiscard]] Eigen::Vector3d reported_tip_m() const noexcept;
 
   /// True poses. The arm's base is known by construction.
   [[nodiscard]] static Eigen::Isometry3d p_world_base() noexcept;
