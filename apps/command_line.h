@@ -3,6 +3,7 @@
 #include <CLI/CLI.hpp>
 #include <csignal>
 #include <cstdlib>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -31,6 +32,22 @@ inline const CLI::Validator kNotNegative(
       return value && *value >= 0.0 ? std::string() : "must not be negative, not " + text;
     },
     "NONNEGATIVE");
+
+/// For CLI::Option::transform(), an option that takes one of a few words. Help and errors list
+/// exactly these.
+template <typename T>
+CLI::Validator OneOf(const std::map<std::string, T>& words) {
+  std::string list;
+  for (const auto& [word, value] : words) list.append(list.empty() ? "{" : ",").append(word);
+  list += "}";
+  return {[words, list](std::string& text) {
+            const auto found = words.find(text);
+            if (found == words.end()) return "'" + text + "' is not one of " + list;
+            text = std::to_string(static_cast<int>(found->second));
+            return std::string();
+          },
+          list};
+}
 
 /// Makes a write beyond the file size limit (ulimit -f) fail as on a full disk, instead of killing
 /// the program by a signal. Call this before the first thread starts.

@@ -8,7 +8,6 @@
 #include <exception>
 #include <iomanip>
 #include <iostream>
-#include <map>
 #include <optional>
 #include <string>
 #include <thread>
@@ -21,6 +20,7 @@
 
 namespace {
 
+using dfr::apps::OneOf;
 using dfr::dds::Discovery;
 using dfr::kinematics::PsmGeneration;
 using dfr::sim::Wave;
@@ -41,21 +41,6 @@ struct Options {
   int priority = 0;
   std::vector<std::pair<std::string, std::string>> faults;
 };
-
-// An option that takes one of a few words; help and errors list exactly these.
-template <typename T>
-CLI::Validator OneOf(const std::map<std::string, T>& words) {
-  std::string list;
-  for (const auto& [word, value] : words) list.append(list.empty() ? "{" : ",").append(word);
-  list += "}";
-  return {[words, list](std::string& text) {
-            const auto found = words.find(text);
-            if (found == words.end()) return "'" + text + "' is not one of " + list;
-            text = std::to_string(static_cast<int>(found->second));
-            return std::string();
-          },
-          list};
-}
 
 void AddNetwork(CLI::App& app, Options& options) {
   auto& network = options.network;

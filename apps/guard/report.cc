@@ -13,6 +13,7 @@
 #include "commands.h"
 #include "dfr/core/build_info.h"
 #include "dfr/core/format.h"
+#include "dfr/core/quantile.h"
 #include "dfr/experiment/intervals.h"
 #include "dfr/safety/guard.h"
 #include "dfr/safety/guard_advice.h"
@@ -30,11 +31,6 @@ std::string EntryName(const core::StateLayout& layout, int entry) {
     }
   }
   return std::to_string(entry);
-}
-
-double Quantile(std::vector<double> values, double q) {
-  std::sort(values.begin(), values.end());
-  return values[static_cast<std::size_t>(std::lround(q * static_cast<double>(values.size() - 1)))];
 }
 
 // Plots median, interquartile range and minimum of l over time.
@@ -55,11 +51,11 @@ experiment::ReportPlot LevelPlot(const std::string& title, const std::vector<Epi
     }
     const double x = static_cast<double>(t);
     middle.x.push_back(x);
-    middle.y.push_back(Quantile(here, 0.5));
-    middle.low.push_back(Quantile(here, 0.25));
-    middle.high.push_back(Quantile(here, 0.75));
+    middle.y.push_back(core::Median(here));
+    middle.low.push_back(core::Quantile(here, 0.25));
+    middle.high.push_back(core::Quantile(here, 0.75));
     lowest.x.push_back(x);
-    lowest.y.push_back(Quantile(here, 0.0));
+    lowest.y.push_back(*std::min_element(here.begin(), here.end()));
     alarm.x.push_back(x);
     alarm.y.push_back(-alarm_level);
   }
@@ -235,7 +231,8 @@ std::string FailureNote(const std::vector<Episode>& failures) {
               ? std::string(".")
               : core::Format("; it comes %.0f steps before their end (median; %.0f to %.0f for "
                              "the middle half).",
-                             Quantile(leads, 0.5), Quantile(leads, 0.25), Quantile(leads, 0.75)));
+                             core::Median(leads), core::Quantile(leads, 0.25),
+                             core::Quantile(leads, 0.75)));
 }
 
 experiment::ReportTable FeatureTable(const safety::GuardModel& model, const Drivers& drivers) {

@@ -2,7 +2,6 @@
 #include <CLI/CLI.hpp>
 #include <cstdlib>
 #include <iostream>
-#include <map>
 #include <opencv2/core/utility.hpp>
 #include <string>
 #include <string_view>
@@ -15,21 +14,6 @@
 
 namespace dfr::apps::line_tracking {
 namespace {
-
-// An option that takes one of a few words; help and errors list exactly these.
-template <typename T>
-CLI::Validator OneOf(const std::map<std::string, T>& words) {
-  std::string list;
-  for (const auto& [word, value] : words) list.append(list.empty() ? "{" : ",").append(word);
-  list += "}";
-  return {[words, list](std::string& text) {
-            const auto found = words.find(text);
-            if (found == words.end()) return "'" + text + "' is not one of " + list;
-            text = std::to_string(static_cast<int>(found->second));
-            return std::string();
-          },
-          list};
-}
 
 void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed) {
   command
