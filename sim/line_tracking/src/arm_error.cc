@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <numbers>
+#include <vector>
 
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
@@ -25,19 +26,33 @@ PsmJoints Centre() noexcept {
   return q;
 }
 
-// Mean distance between tips over a fixed sample of the workspace.
-template <typename Error>
-double MeanTipError(const Error& truth) {
-  core::Random random(20170919);
-  double sum = 0.0;
+struct Sample {
+  PsmJoints q;
+  double drift;
+  Eigen::Vector3d tip;
+};
+
+// A fixed sample of the workspace.
+std::vector<Sample> Workspace() {
   constexpr int kSamples = 500;
-  for (int i = 0; i < kSamples; ++i) {
-    PsmJoints q = Centre();
-    for (int k = 0; k < 6; ++k) q[k] += random.Uniform(-1.0, 1.0) * Spread()[k];
-    const double drift = random.Uniform(0.0, 2.0 * std::numbers::pi);
-    sum += (Psm::Tip(truth(q, drift)) - Psm::Tip(q)).norm();
+  core::Random random(20170919);
+  std::vector<Sample> samples(kSamples);
+  for (Sample& sample : samples) {
+    sample.q = Centre();
+    for (int k = 0; k < 6; ++k) sample.q[k] += random.Uniform(-1.0, 1.0) * Spread()[k];
+    sample.drift = random.Uniform(0.0, 2.0 * std::numbers::pi);
+    sample.tip = Psm::Tip(sample.q);
   }
-  return sum / kSamples;
+  return samples;
+}
+
+// Mean distance between tips.
+double MeanTipError(const std::vector<Sample>& samples, const ArmError& error) {
+  double sum = 0.0;
+  for (const Sample& sample : samples) {
+    sum += (Psm::Tip(error.Truth(sample.q, sample.drift)) - sample.tip).norm();
+  }
+  return sum / static_cast<double>(samples.size());
 }
 
 }  // namespace
@@ -66,9 +81,8 @@ ArmError::ArmError(const ArmErrorOptions& options) {
   }
   ArmError residual = raw;
   residual.systematic_ = {};
-  const double residual_mean =
-      MeanTipError([&](const PsmJoints& q, double drift) { return residual.Truth(q, drift); });
-  const double residual_share = options.mean_residual_m / residual_mean;
+  static const std::vector<Sample> kWorkspace = Workspace();
+  const double residual_share = options.mean_residual_m / MeanTipError(kWorkspace, residual);
   wave_ = residual_share * raw.wave_;
   wave_rate_ = raw.wave_rate_;
   wave_phase_ = raw.wave_phase_;
@@ -82,9 +96,7 @@ ArmError::ArmError(const ArmErrorOptions& options) {
     const double share = 0.5 * (low + high);
     systematic_.offset = share * raw.systematic_.offset;
     systematic_.scale = share * raw.systematic_.scale;
-    const double mean =
-        MeanTipError([this](const PsmJoints& q, double drift) { return Truth(q, drift); });
-    (mean < options.mean_error_m ? low : high) = share;
+    (MeanTipError(kWorkspace, *this) < options.mean_error_m ? low : high) = share;
   }
 }
 

@@ -48,6 +48,30 @@ PlatformPose Plus(const PlatformPose& a, const PlatformPose& b) noexcept {
   return {a.translation_m + b.translation_m, a.angles_rad + b.angles_rad};
 }
 
+// Before anything of the scene is made.
+const LineTrackingOptions& Checked(const LineTrackingOptions& options) {
+  const EndoscopeOptions& e = options.endoscope;
+  DFR_THROW_UNLESS(e.light_change >= 0 && e.light_change <= 0.6,
+                   "endoscope: light_change must lie in [0, 0.6], not " << e.light_change);
+  DFR_THROW_UNLESS(e.glare >= 0 && e.glare <= 255,
+                   "endoscope: glare must lie in [0, 255], not " << e.glare);
+  DFR_THROW_UNLESS(e.blur_px >= 0 && e.blur_px <= 10,
+                   "endoscope: blur_px must lie in [0, 10], not " << e.blur_px);
+  DFR_THROW_UNLESS(e.noise >= 0 && e.noise <= 60,
+                   "endoscope: noise must lie in [0, 60], not " << e.noise);
+  DFR_THROW_UNLESS(
+      options.max_curvature >= 0 && options.max_curvature <= 1.0 / 80.0,
+      "line tracking: max_curvature must lie in [0, 1/80] per mm, not " << options.max_curvature);
+  DFR_THROW_UNLESS(
+      options.start_scatter_m >= 0 && options.start_scatter_m <= 1e-3,
+      "line tracking: start_scatter_m must lie in [0, 0.001], not " << options.start_scatter_m);
+  DFR_THROW_UNLESS(
+      options.disturbance.pause_s >= 0 && options.disturbance.pause_s <= 10,
+      "line tracking: pause_s must lie in [0, 10], not " << options.disturbance.pause_s);
+  static_cast<void>(Disturbance(options.disturbance, 0));  // validates its options
+  return options;
+}
+
 }  // namespace
 
 struct LineTrackingPlant::World {
@@ -59,32 +83,12 @@ struct LineTrackingPlant::World {
   internal::SceneModel scene;
 
   World(const LineTrackingOptions& o, const line_task::LineCalibration* known)
-      : options(o),
+      : options(Checked(o)),
         task(known != nullptr ? *known : TrueCalibration(), p_world_base()),
         arm_error(o.arm),
         platform_error(o.platform_seed),
         endoscope(true_camera()),
-        scene({p_world_base(), p_world_cam(), endoscope.pinhole_fovy_rad(), target().marks_m}) {
-    const EndoscopeOptions& e = options.endoscope;
-    DFR_THROW_UNLESS(e.light_change >= 0 && e.light_change <= 0.6,
-                     "endoscope: light_change must lie in [0, 0.6], not " << e.light_change);
-    DFR_THROW_UNLESS(e.glare >= 0 && e.glare <= 255,
-                     "endoscope: glare must lie in [0, 255], not " << e.glare);
-    DFR_THROW_UNLESS(e.blur_px >= 0 && e.blur_px <= 10,
-                     "endoscope: blur_px must lie in [0, 10], not " << e.blur_px);
-    DFR_THROW_UNLESS(e.noise >= 0 && e.noise <= 60,
-                     "endoscope: noise must lie in [0, 60], not " << e.noise);
-    DFR_THROW_UNLESS(
-        options.max_curvature >= 0 && options.max_curvature <= 1.0 / 80.0,
-        "line tracking: max_curvature must lie in [0, 1/80] per mm, not " << options.max_curvature);
-    DFR_THROW_UNLESS(
-        options.start_scatter_m >= 0 && options.start_scatter_m <= 1e-3,
-        "line tracking: start_scatter_m must lie in [0, 0.001], not " << options.start_scatter_m);
-    DFR_THROW_UNLESS(
-        options.disturbance.pause_s >= 0 && options.disturbance.pause_s <= 10,
-        "line tracking: pause_s must lie in [0, 10], not " << options.disturbance.pause_s);
-    static_cast<void>(Disturbance(options.disturbance, 0));  // validates the options
-  }
+        scene({p_world_base(), p_world_cam(), endoscope.pinhole_fovy_rad(), target().marks_m}) {}
 };
 
 // All variable data, as plain values: copying it copies the plant.
