@@ -48,12 +48,16 @@ Demonstrations Linear(const core::Matrix& jacobian, int count, int length, core:
   return demonstrations;
 }
 
+std::shared_ptr<const TransitionStore> Store(const Demonstrations& d,
+                                             const ResponseOptions& options = {}) {
+  return std::make_shared<const TransitionStore>(d.features, d.controls, options);
+}
+
 TEST(ResponseEstimateTest, RecoversALinearSystemFromDemonstrations) {
   core::Random random(1);
   const core::Matrix truth = RandomMatrix(random, kN, kM);
   const auto d = Linear(truth, 20, 10, random);
-  ResponseEstimate estimate(std::make_shared<const TransitionStore>(
-      d.features, d.controls, ResponseOptions{.ridge = 1e-9}));
+  ResponseEstimate estimate(Store(d, {.ridge = 1e-9}));
   estimate.Compute(4, core::Row(d.features[3], 4));
   // Products of controls and changes are kept in float, of relative error 6e-8.
   EXPECT_TRUE(test::AllClose(estimate.jacobian(), truth, 1e-6));
@@ -64,8 +68,7 @@ TEST(ResponseEstimateTest, OnlineDataAreWeightedLeastSquaresWithForgetting) {
   core::Random random(2);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
   const ResponseOptions options{.prior_weight = 0.0};
-  ResponseEstimate estimate(
-      std::make_shared<const TransitionStore>(d.features, d.controls, options), {}, kDrift);
+  ResponseEstimate estimate(Store(d, options), {}, kDrift);
   const std::vector<double> z(kN, 0.0);
   Eigen::MatrixXd a = Eigen::MatrixXd::Zero(kM, kM);
   Eigen::MatrixXd b = Eigen::MatrixXd::Zero(kM, kN);
@@ -90,8 +93,7 @@ TEST(ResponseEstimateTest, OnlineDataAreWeightedLeastSquaresWithForgetting) {
 TEST(ResponseEstimateTest, AMeasurementCountsAsOftenAsItsWeightSays) {
   core::Random random(7);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
-  const auto prior =
-      std::make_shared<const TransitionStore>(d.features, d.controls, ResponseOptions{});
+  const auto prior = Store(d);
   const std::vector<double> z(kN, 0.0);
   const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
   const Eigen::VectorXd dz = RandomMatrix(random, kN, 1);
@@ -134,9 +136,7 @@ TEST(ResponseEstimateTest, ADemonstratedChangeOfTheResponseIsNoCorrection) {
     d.features.push_back(z);
     d.controls.push_back(u);
   }
-  ResponseEstimate estimate(
-      std::make_shared<const TransitionStore>(d.features, d.controls, ResponseOptions{.window = 0}),
-      {}, kDrift);
+  ResponseEstimate estimate(Store(d, {.window = 0}), {}, kDrift);
   const std::vector<double> z(2, 0.0);
   // This plant turns controls by 20 degrees, before and after the contact.
   const double angle = 20.0 / 180.0 * std::numbers::pi;
@@ -161,8 +161,7 @@ TEST(ResponseEstimateTest, ResetRemovesTheLastEpisode) {
   core::Random random(12);
   const core::Matrix truth = RandomMatrix(random, kN, kM);
   const auto d = Linear(truth, 20, 10, random);
-  const auto prior =
-      std::make_shared<const TransitionStore>(d.features, d.controls, ResponseOptions{});
+  const auto prior = Store(d);
   const auto z = core::Row(d.features[3], 4);
   const auto elsewhere = core::Row(d.features[5], 9);
   const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
@@ -193,8 +192,7 @@ TEST(ResponseEstimateTest, TellsADisturbanceFromTheAnswerToControls) {
   const Eigen::VectorXd disturbance = RandomMatrix(random, kN, 1);
   const DisturbanceModel time{.base = 0.5, .per_control = 1.0};
   const auto d = Linear(truth, 4, 3, random);
-  const auto prior = std::make_shared<const TransitionStore>(
-      d.features, d.controls, ResponseOptions{.ridge = 1e-9, .prior_weight = 0.0});
+  const auto prior = Store(d, {.ridge = 1e-9, .prior_weight = 0.0});
   ResponseEstimate aware(prior, time, kDrift);
   ResponseEstimate blind(prior, {}, kDrift);
   const std::vector<double> z(kN, 0.0);
@@ -231,8 +229,7 @@ TEST(ResponseEstimateTest, DriftIsLeastSquaresAboutTheStateThatIsAskedAbout) {
   core::Random random(11);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
   const ResponseOptions options{.prior_weight = 0.0};
-  ResponseEstimate estimate(
-      std::make_shared<const TransitionStore>(d.features, d.controls, options));
+  ResponseEstimate estimate(Store(d, options));
   constexpr int kRows = kN + 1 + kM;
   const Eigen::VectorXd here = RandomMatrix(random, kN, 1);
   Eigen::MatrixXd a = Eigen::MatrixXd::Zero(kRows, kRows);
@@ -298,8 +295,7 @@ TEST(ResponseEstimateTest, TellsTheMotionOfAMassFromTheAnswerToForces) {
 TEST(ResponseEstimateTest, DriftTimesAreChecked) {
   core::Random random(6);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
-  const auto prior =
-      std::make_shared<const TransitionStore>(d.features, d.controls, ResponseOptions{});
+  const auto prior = Store(d);
   EXPECT_THROW(ResponseEstimate(prior, {.base = -0.1}), std::invalid_argument);
   EXPECT_THROW(ResponseEstimate(prior, {.per_control = std::nan("")}), std::invalid_argument);
   // Either of them alone is a disturbance.
@@ -387,8 +383,7 @@ TEST(ResponseEstimateTest, LeastKnownIsTheTopEigenvectorOfTheInverse) {
   // Demonstrations that never use the third control.
   auto d = Linear(RandomMatrix(random, kN, 3), 10, 8, random);
   for (auto& u : d.controls) u.col(2).setZero();
-  ResponseEstimate estimate(
-      std::make_shared<const TransitionStore>(d.features, d.controls, ResponseOptions{}));
+  ResponseEstimate estimate(Store(d));
   estimate.Compute(3, core::Row(d.features[0], 3));
   std::vector<double> direction(3);
   const double value = estimate.LeastExcitedDirection(direction);
@@ -408,8 +403,7 @@ TEST(ResponseEstimateTest, LeastExcitedDirectionHasTheSignThatSeparatesADisturba
   core::Random random(8);
   auto d = Linear(RandomMatrix(random, kN, 2), 10, 8, random);
   for (auto& u : d.controls) u.col(1).setZero();
-  const auto prior =
-      std::make_shared<const TransitionStore>(d.features, d.controls, ResponseOptions{});
+  const auto prior = Store(d);
   const std::vector<double> z(kN, 0.0);
   const Eigen::VectorXd dz = Eigen::VectorXd::Ones(kN);
   for (const double sign : {1.0, -1.0}) {
@@ -434,8 +428,7 @@ TEST(ResponseEstimateTest, LeastExcitedDirectionHasTheSignThatSeparatesADisturba
 TEST(ResponseEstimateTest, NothingAllocatesAfterConstruction) {
   core::Random random(5);
   const auto d = Linear(RandomMatrix(random, 12, 7), 20, 10, random);
-  ResponseEstimate estimate(
-      std::make_shared<const TransitionStore>(d.features, d.controls, ResponseOptions{}));
+  ResponseEstimate estimate(Store(d));
   const std::vector<double> v(7, 0.5);
   const std::vector<double> z(12, 0.1);
   std::vector<double> direction(7);

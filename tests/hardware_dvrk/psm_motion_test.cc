@@ -56,7 +56,7 @@ TEST(PsmMotionTest, EveryStepKeepsToTheSpeedLimits) {
   for (const PsmProfile profile : {PsmProfile::kSmooth, PsmProfile::kLinear}) {
     PsmMotion motion = AtHome({}, profile);
     const PsmLimits& limits = motion.limits();
-    for (int move = 0; move < 80; ++move) {
+    for (int move = 0; move < 25; ++move) {
       PsmJoints goal;
       for (int i = 0; i < 6; ++i) goal[i] = random.Uniform(-0.6, 0.6);
       goal[2] = random.Uniform(0.05, 0.2);

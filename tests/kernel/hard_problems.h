@@ -14,23 +14,45 @@
 
 namespace dfr::kernel::test {
 
-// max G over alpha > 0 minus min G over alpha < 1 in LIBSVM's scale, from the alpha of the summary.
-inline double KktGapOfSummary(const core::Matrix& samples, const FitSummary& summary, double nu,
-                              double gamma) {
-  const double total = nu * static_cast<double>(samples.rows());
+// Sum over the rows p of `vectors` of alpha exp(-gamma |x - p|^2), for each sample x.
+inline Eigen::VectorXd Gradients(const core::Matrix& samples, const core::Matrix& vectors,
+                                 const Eigen::VectorXd& alpha, double gamma) {
+  const Eigen::ArrayXXd columns = vectors.array();
+  Eigen::ArrayXd squared(vectors.rows());
+  Eigen::VectorXd gradients(samples.rows());
+  for (Eigen::Index i = 0; i < samples.rows(); ++i) {
+    squared.setZero();
+    for (Eigen::Index k = 0; k < samples.cols(); ++k) {
+      squared += (columns.col(k) - samples(i, k)).square();
+    }
+    gradients[i] = (alpha.array() * (-gamma * squared).exp()).sum();
+  }
+  return gradients;
+}
+
+// max G over alpha > 0 minus min G over alpha < 1 in LIBSVM's scale; alpha are those of the
+// summary.
+inline double KktGap(const Eigen::VectorXd& gradients, const FitSummary& summary, double nu) {
+  const double total = nu * static_cast<double>(gradients.size());
   double largest = -std::numeric_limits<double>::infinity();
   double smallest = std::numeric_limits<double>::infinity();
-  for (Eigen::Index i = 0; i < samples.rows(); ++i) {
-    double gradient = 0.0;
-    for (Eigen::Index j = 0; j < samples.rows(); ++j) {
-      if (summary.alpha[j] == 0.0) continue;
-      gradient +=
-          summary.alpha[j] * std::exp(-gamma * (samples.row(i) - samples.row(j)).squaredNorm());
+  for (Eigen::Index i = 0; i < gradients.size(); ++i) {
+    if (summary.alpha[i] > 0.0) largest = std::max(largest, total * gradients[i]);
+    if (total * summary.alpha[i] < 1.0 - 1e-12) {
+      smallest = std::min(smallest, total * gradients[i]);
     }
-    if (summary.alpha[i] > 0.0) largest = std::max(largest, total * gradient);
-    if (total * summary.alpha[i] < 1.0 - 1e-12) smallest = std::min(smallest, total * gradient);
   }
   return std::isinf(smallest) ? 0.0 : std::max(0.0, largest - smallest);
+}
+
+inline double KktGapOfSummary(const core::Matrix& samples, const FitSummary& summary, double nu,
+                              double gamma) {
+  std::vector<Eigen::Index> rows;
+  for (Eigen::Index i = 0; i < samples.rows(); ++i) {
+    if (summary.alpha[i] != 0.0) rows.push_back(i);
+  }
+  return KktGap(Gradients(samples, samples(rows, Eigen::all), summary.alpha(rows), gamma), summary,
+                nu);
 }
 
 inline double MedianSquaredDistance(const core::Matrix& samples) {

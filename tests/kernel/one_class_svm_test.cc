@@ -13,6 +13,7 @@
 
 #include "dfr/core/random.h"
 #include "gaussian_sum.h"
+#include "tests/kernel/hard_problems.h"
 #include "tests/kernel/libsvm_peer.h"
 #include "tests/support/all_close.h"
 #include "tests/support/message_of.h"
@@ -28,24 +29,11 @@ using testing::HasSubstr;
 
 constexpr double kUnbounded = std::numeric_limits<double>::infinity();
 
-// max G over alpha > 0 minus min G over alpha < 1, from the definition, in LIBSVM's scale.
-double KktGap(const OneClassSvm& svm, const core::Matrix& samples, double nu) {
-  const double bound = 1.0 / (nu * static_cast<double>(samples.rows()));
-  double largest = -kUnbounded;
-  double smallest = kUnbounded;
-  for (Eigen::Index i = 0; i < samples.rows(); ++i) {
-    double gradient = 0.0;
-    double alpha = 0.0;
-    for (Eigen::Index j = 0; j < svm.alpha().size(); ++j) {
-      const double squared = (samples.row(i) - svm.support_vectors().row(j)).squaredNorm();
-      gradient += svm.alpha()[j] * std::exp(-svm.gamma() * squared);
-      if (squared == 0.0) alpha = svm.alpha()[j];  // samples are distinct here
-    }
-    gradient *= svm.libsvm_scale();
-    if (alpha > 0.0) largest = std::max(largest, gradient);
-    if (alpha < bound * (1.0 - 1e-12)) smallest = std::min(smallest, gradient);
-  }
-  return largest - smallest;
+// The KKT gap of the estimate, in LIBSVM's scale.
+double GapOf(const OneClassSvm& svm, const FitSummary& summary, const core::Matrix& samples,
+             double nu) {
+  return test::KktGap(test::Gradients(samples, svm.support_vectors(), svm.alpha(), svm.gamma()),
+                      summary, nu);
 }
 
 struct Case {
@@ -95,7 +83,7 @@ TEST_P(OneClassSvmPeerTest, KktGapIsBelowTheTolerance) {
         OneClassSvm::Fit(samples, {.nu = c.nu, .gamma = c.gamma, .tolerance = tolerance}, &summary);
     EXPECT_LT(summary.kkt_gap, tolerance);
     // The definition rounds differently, by about 1e-16 nu m.
-    EXPECT_LT(KktGap(svm, samples, c.nu), tolerance + 1e-10);
+    EXPECT_LT(GapOf(svm, summary, samples, c.nu), tolerance + 1e-10);
   }
 }
 
@@ -142,7 +130,7 @@ TEST(OneClassSvmTest, ActiveSetFindsTheSolutionOfTheWholeProblem) {
           OneClassSvm::Fit(samples, {.nu = 0.05, .gamma = gamma, .tolerance = tolerance}, &summary);
       EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
       // Kernel values in float shift the gap by up to 1e-7 nu m.
-      EXPECT_LT(KktGap(svm, samples, 0.05), tolerance + (tolerance > 1e-4 ? 2.5e-5 : 1e-9));
+      EXPECT_LT(GapOf(svm, summary, samples, 0.05), tolerance + (tolerance > 1e-4 ? 2.5e-5 : 1e-9));
     }
   }
 }
@@ -178,7 +166,7 @@ TEST(OneClassSvmTest, NarrowKernelsFindTheSolutionOfTheWholeProblem) {
           samples, {.nu = 0.05, .gamma = gamma, .tolerance = tolerance, .memory_mib = memory_mib},
           &summary);
       EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
-      EXPECT_LT(KktGap(svm, samples, 0.05), tolerance);
+      EXPECT_LT(GapOf(svm, summary, samples, 0.05), tolerance);
     }
   }
 }
@@ -368,7 +356,7 @@ TEST(OneClassSvmTest, EveryInstructionSetFindsTheSolution) {
             OneClassSvm::Fit(*samples, {.nu = 0.1, .gamma = 5.0, .tolerance = tolerance}, &summary);
         EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
         // Kernel values in float shift the gap by up to 1e-7 nu m.
-        EXPECT_LT(KktGap(svm, *samples, 0.1), tolerance + (tolerance > 1e-4 ? 3e-5 : 1e-9));
+        EXPECT_LT(GapOf(svm, summary, *samples, 0.1), tolerance + (tolerance > 1e-4 ? 3e-5 : 1e-9));
       }
     }
     internal::ForceTarget(0);
@@ -385,7 +373,7 @@ TEST(OneClassSvmTest, TheSmallestProblemsConverge) {
       const auto svm =
           OneClassSvm::Fit(samples, {.nu = 0.5, .gamma = 1.0, .tolerance = tolerance}, &summary);
       EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged) << m;
-      EXPECT_LT(KktGap(svm, samples, 0.5), tolerance + 1e-10) << m;
+      EXPECT_LT(GapOf(svm, summary, samples, 0.5), tolerance + 1e-10) << m;
     }
   }
 }

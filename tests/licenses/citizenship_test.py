@@ -70,13 +70,6 @@ class Citizenship(unittest.TestCase):
         title = re.search(r"preferred-citation:\n.*\n  title: >-\n    (.*)\n", citation).group(1)
         self.assertIn(" ".join(title.split()), " ".join(text("README.md").split()))
 
-    def test_pages_for_contributors_and_reporters_are_there(self):
-        for command in ("./dev test", "./dev check", "./dev compare --short"):
-            self.assertIn(command, text("CONTRIBUTING.md"))
-        self.assertIn("What a guard is not", text("SECURITY.md"))
-        for page in ("CONTRIBUTING.md", "SECURITY.md", "CITATION.cff"):
-            self.assertIn(f"({page})", text("README.md"))
-
     def test_the_page_on_licences_says_what_reaches_gpl_code(self):
         rows = components()
         [row] = re.findall(r"^\| (.*`dfr::imitation`.*) \| (.*) \|$", text("third_party_licenses/README.md"), re.M)

@@ -122,15 +122,13 @@ TEST(FitTaskTest, ARegionThatDemonstrationsAvoidDoublesGamma) {
   core::StateLayout layout;
   layout.Add("tip", 3);
   for (const double hole : {0.0, 1.6}) {
-    for (std::uint64_t seed = 1; seed <= 2; ++seed) {
-      const std::vector<core::Trajectory> demonstrations = AroundAHole(hole, seed);
-      const internal::Recorded recorded({layout, "tip"}, demonstrations,
-                                        core::DeterministicOrder(demonstrations));
-      const auto fit = internal::FitGuard(
-          recorded, {}, 5, [](std::string_view, double) { return true; }, true);
-      ASSERT_TRUE(fit);
-      EXPECT_EQ(fit->options.svm.gamma, hole > 0.0 ? 0.5 : 0.25) << hole << ' ' << seed;
-    }
+    const std::vector<core::Trajectory> demonstrations = AroundAHole(hole, 1);
+    const internal::Recorded recorded({layout, "tip"}, demonstrations,
+                                      core::DeterministicOrder(demonstrations));
+    const auto fit = internal::FitGuard(
+        recorded, {}, 5, [](std::string_view, double) { return true; }, true);
+    ASSERT_TRUE(fit);
+    EXPECT_EQ(fit->options.svm.gamma, hole > 0.0 ? 0.5 : 0.25) << hole;
   }
 }
 

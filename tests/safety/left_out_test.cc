@@ -124,7 +124,7 @@ TEST(LeftOutTest, TheOrderOfTheDemonstrationsChangesNoShare) {
 }
 
 TEST(LeftOutTest, RedundantFeaturesAreRefusedAndBetterOnesNamed) {
-  const auto demonstrations = Redundant(20, 28, 0.05);
+  const auto demonstrations = Redundant(14, 28, 0.05);
   const auto layout = RedundantLayout(28);
   const std::string refusal = test::MessageOf<std::invalid_argument>(
       [&] { static_cast<void>(GuardModel::Fit(layout, demonstrations)); });

@@ -282,7 +282,7 @@ TEST(ReducedGuardTest, OnlyWatchesWhereItWouldCorrectTheDemonstrator) {
   EXPECT_THAT(Warnings(*any), testing::Contains(HasSubstr("can make a good policy fail")));
   // Keeps a strategy without corrections: a monitor would be less cautious.
   const auto stops =
-      GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 40),
+      GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 24),
                       {.features = "pca:camera", .strategy = Strategy::kEarlyStopping});
   EXPECT_EQ(stops->settings().strategy, Strategy::kEarlyStopping);
 }
@@ -320,7 +320,7 @@ TEST(ReducedGuardTest, PointsAreFeaturesOfAGuard) {
 }
 
 TEST(ReducedGuardTest, RefusesPicturesThatDoNotShowTheTask) {
-  std::vector<core::Trajectory> demonstrations = PictureDemonstrations(2, 20);
+  std::vector<core::Trajectory> demonstrations = PictureDemonstrations(2, 12);
   core::Random random(8);
   for (core::Trajectory& d : demonstrations) {
     for (double& value : d.states.reshaped()) value = std::floor(random.Uniform(0.0, 255.0));

@@ -6,10 +6,14 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <stdexcept>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "dfr/core/random.h"
 #include "tests/sim_pusher/arm_kinematics.h"
+#include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::sim {
@@ -46,17 +50,7 @@ double PostDistance(const Eigen::Vector3d& p, double red_y) {
   return (p - Eigen::Vector3d(0.64, red_y, z)).norm();
 }
 
-TEST(PusherPlantTest, HomeTipIsWhereTheSceneSays) {
-  const PusherPlant plant;
-  const State s = Observe(plant);
-  // The home angles have 16 digits.
-  EXPECT_NEAR(s[kTip], 0.35, 1e-12);
-  EXPECT_NEAR(s[kTip + 1], 0.0, 1e-12);
-  EXPECT_NEAR(s[kTip + 2], -0.285, 1e-12);
-  for (int k = 0; k < 3; ++k) EXPECT_NEAR(s[kTilt + k], 0.0, 1e-12);
-}
-
-TEST(PusherPlantTest, LayoutNamesTheState) {
+TEST(PusherPlantTest, TheStateIsThatOfTheSceneAtHome) {
   const PusherPlant plant;
   EXPECT_EQ(plant.state_dim(), 25);
   EXPECT_EQ(core::FeatureSelection(plant.layout(), "red,object,tip").num_features(), 12);
@@ -68,6 +62,11 @@ TEST(PusherPlantTest, LayoutNamesTheState) {
   EXPECT_THAT(State(part.begin() + 3, part.begin() + 5), testing::ElementsAre(0.76, 0.0));
   EXPECT_THAT(State(part.begin() + 6, part.end()),
               testing::ElementsAre(0.64, 0.15, kTableZ, 0.64, -0.15, kTableZ));
+  // The home angles have 16 digits.
+  EXPECT_NEAR(s[kTip], 0.35, 1e-12);
+  EXPECT_NEAR(s[kTip + 1], 0.0, 1e-12);
+  EXPECT_NEAR(s[kTip + 2], -0.285, 1e-12);
+  for (int k = 0; k < 3; ++k) EXPECT_NEAR(s[kTilt + k], 0.0, 1e-12);
 }
 
 // MuJoCo's chain against the one written out from the documented dimensions.
@@ -121,13 +120,15 @@ TEST(PusherPlantTest, StartStatesAreUniformInTheirRectangleAndReproducible) {
   EXPECT_NE(Observe(plant), first);
 }
 
-TEST(PusherPlantTest, AControlIsAChangeOfPose) {
-  PusherPlant plant;
-  State s = Observe(plant);
+TEST(PusherPlantTest, AControlIsAChangeOfPoseByTheJointStep) {
   const Control control = {0.5, -0.25, 0.1, 0.0, -1.0, 0.3, 1.0};
-  ASSERT_EQ(plant.Apply(control), PlantStatus::kOk);
-  const State after = Observe(plant);
-  for (int j = 0; j < 7; ++j) EXPECT_DOUBLE_EQ(after[j], s[j] + 0.06 * control[j]);
+  for (const double step : {0.06, 0.03}) {
+    PusherPlant plant({.joint_step = step});
+    const State s = Observe(plant);
+    ASSERT_EQ(plant.Apply(control), PlantStatus::kOk);
+    const State after = Observe(plant);
+    for (int j = 0; j < 7; ++j) EXPECT_DOUBLE_EQ(after[j], s[j] + step * control[j]);
+  }
 }
 
 TEST(PusherPlantTest, SaturatesAtTheActuatorsLimit) {
@@ -319,7 +320,7 @@ TEST(PusherPlantTest, CollisionsOfArmPartsAgreeWithSampledDistances) {
   State s = WithObjectAt(Observe(plant), 0.45, 0.0);
   std::map<std::string, int> hits;
   int free_poses = 0;
-  for (int i = 0; i < 20000; ++i) {
+  for (int i = 0; i < 15000; ++i) {
     const double centers[] = {0.0, 0.3, 0.0, 1.0, 0.0, -0.3, 0.0};
     const double widths[] = {0.6, 0.9, 1.0, 0.8, 1.0, 1.2, 1.4};
     for (int j = 0; j < 7; ++j) s[j] = centers[j] + random.Uniform(-widths[j], widths[j]);
@@ -370,18 +371,25 @@ TEST(PusherPlantTest, ForkProngsCollideToo) {
   EXPECT_GT(hits["prong_right"], 0);
 }
 
-TEST(PusherPlantTest, TheCylinderCollidesAtTheSumOfTheRadii) {
+// Collided at the sum of the radii, completed where its centre is over the goal.
+TEST(PusherPlantTest, WhereTheCylinderIsDecidesTheOutcome) {
+  struct Case {
+    double x, y;
+    bool collided, completed;
+  };
   PusherPlant plant;
   const State home = Observe(plant);
-  plant.SetState(WithObjectAt(home, 0.64, 0.0499));
-  EXPECT_FALSE(plant.collided());
-  plant.SetState(WithObjectAt(home, 0.64, 0.0501));
-  EXPECT_TRUE(plant.collided());
-  EXPECT_EQ(plant.collided_part(), "object");
-  plant.SetState(WithObjectAt(home, 0.64, -0.0501));
-  EXPECT_TRUE(plant.collided());
-  plant.SetState(WithObjectAt(home, 0.64 - 0.1001, 0.15));
-  EXPECT_FALSE(plant.collided());
+  for (const Case& c :
+       {Case{0.64, 0.0499, false, false}, Case{0.64, 0.0501, true, false},
+        Case{0.64, -0.0501, true, false}, Case{0.64 - 0.1001, 0.15, false, false},
+        Case{0.7201, 0.0, false, true}, Case{0.7199, 0.0, false, false},
+        Case{0.76, 0.0399, false, true}, Case{0.76 + 0.029, -0.029, false, false}}) {
+    SCOPED_TRACE(testing::Message() << c.x << ", " << c.y);
+    plant.SetState(WithObjectAt(home, c.x, c.y));
+    EXPECT_EQ(plant.collided(), c.collided);
+    EXPECT_EQ(plant.collided_part(), c.collided ? "object" : "");
+    EXPECT_EQ(plant.completed(), c.completed);
+  }
 }
 
 TEST(PusherPlantTest, PushingTheCylinderIntoARegionCollidesAndStaysSo) {
@@ -448,53 +456,26 @@ TEST(PusherPlantTest, CollisionsOnTheWayCount) {
   EXPECT_EQ(only_between, 1);
 }
 
-TEST(PusherPlantTest, CompletedIsTheCylindersCentreOverTheGoal) {
+TEST(PusherPlantTest, WrongStatesAndOptionsAreNamed) {
   PusherPlant plant;
-  const State home = Observe(plant);
-  plant.SetState(WithObjectAt(home, 0.7201, 0.0));
-  EXPECT_TRUE(plant.completed());
-  plant.SetState(WithObjectAt(home, 0.7199, 0.0));
-  EXPECT_FALSE(plant.completed());
-  plant.SetState(WithObjectAt(home, 0.76, 0.0399));
-  EXPECT_TRUE(plant.completed());
-  plant.SetState(WithObjectAt(home, 0.76 + 0.029, -0.029));
-  EXPECT_FALSE(plant.completed());
-}
-
-TEST(PusherPlantTest, SetStateNamesWhatIsWrong) {
-  PusherPlant plant;
+  const auto refused = [&](const State& s) {
+    return dfr::test::MessageOf<std::invalid_argument>([&] { plant.SetState(s); });
+  };
   State s = Observe(plant);
   s[4] = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_THAT([&] { plant.SetState(s); },
-              testing::ThrowsMessage<std::invalid_argument>(testing::HasSubstr("entry 4")));
+  EXPECT_THAT(refused(s), testing::HasSubstr("entry 4"));
   s[4] = 0.0;
   s[3] = 4.0;
-  EXPECT_THAT([&] { plant.SetState(s); },
-              testing::ThrowsMessage<std::invalid_argument>(testing::HasSubstr("joint 3")));
+  EXPECT_THAT(refused(s), testing::HasSubstr("joint 3"));
   s.pop_back();
-  EXPECT_THAT([&] { plant.SetState(s); },
-              testing::ThrowsMessage<std::invalid_argument>(testing::HasSubstr("25 entries")));
-}
-
-TEST(PusherPlantTest, OptionsOutOfRangeAreNamed) {
-  EXPECT_THAT([] { PusherPlant plant({.red_y = 0.1}); },
-              testing::ThrowsMessage<std::invalid_argument>(testing::HasSubstr("red_y")));
-  EXPECT_THAT([] { PusherPlant plant({.start_x_min = 0.5, .start_x_max = 0.45}); },
-              testing::ThrowsMessage<std::invalid_argument>(testing::HasSubstr("start_x_min")));
-  EXPECT_THAT([] { PusherPlant plant({.start_y = 0.3}); },
-              testing::ThrowsMessage<std::invalid_argument>(testing::HasSubstr("start_y")));
-  EXPECT_THAT([] { PusherPlant plant({.joint_step = 0.2}); },
-              testing::ThrowsMessage<std::invalid_argument>(testing::HasSubstr("joint_step")));
-}
-
-TEST(PusherPlantTest, AJointMovesByItsStep) {
-  for (const double step : {0.06, 0.03}) {
-    PusherPlant plant({.joint_step = step});
-    plant.Reset(1);
-    const State before = Observe(plant);
-    ASSERT_EQ(plant.Apply(std::vector<double>{0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -0.5}),
-              PlantStatus::kOk);
-    EXPECT_NEAR(Observe(plant)[6], before[6] - 0.5 * step, 1e-12);
+  EXPECT_THAT(refused(s), testing::HasSubstr("25 entries"));
+  for (const auto& [options, name] :
+       {std::pair(PusherOptions{.red_y = 0.1}, "red_y"),
+        std::pair(PusherOptions{.start_x_min = 0.5, .start_x_max = 0.45}, "start_x_min"),
+        std::pair(PusherOptions{.start_y = 0.3}, "start_y"),
+        std::pair(PusherOptions{.joint_step = 0.2}, "joint_step")}) {
+    EXPECT_THAT(dfr::test::MessageOf<std::invalid_argument>([&] { PusherPlant wrong(options); }),
+                testing::HasSubstr(name));
   }
 }
 
