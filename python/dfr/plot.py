@@ -15,15 +15,15 @@ from dfr._core import Guard
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Colour-blind-safe colours, by the source of the action.
+# Colour-blind-safe colours, by the source of the action; those of the page planar.html.
 _COLOURS = {
     "inside": "#0072b2",
     "outside": "#56b4e9",
     "changed": "#009e73",
     "probe": "#e69f00",
-    "demonstrations": "#d55e00",
-    "recovery": "#cc79a7",
-    "halt": "#28292b",
+    "demonstrations": "#cc79a7",
+    "recovery": "#d55e00",
+    "halt": "#22252a",
 }
 
 

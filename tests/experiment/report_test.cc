@@ -3,9 +3,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <cctype>
+#include <cmath>
 #include <fstream>
 #include <limits>
+#include <map>
 #include <set>
 #include <sstream>
 #include <stdexcept>
@@ -141,7 +145,89 @@ TEST(ReportTest, AMethodLooksTheSameOnEveryPage) {
   for (Cell& cell : summary.averages) cell.method = cell.method == "baseline" ? "mine" : "guided";
   const std::string compared = RenderReport(summary, {});
   EXPECT_THAT(compared, HasSubstr("style=\"--c:var(--s3)\"></span>Guided"));
-  EXPECT_THAT(compared, HasSubstr("style=\"--c:var(--s0)\"></span>mine"));
+  EXPECT_THAT(compared, HasSubstr("style=\"--c:var(--s1)\"></span>mine"));
+}
+
+// A colour "#rrggbb" in Oklab (Ottosson 2020) and its relative luminance (WCAG 2).
+struct SeenColour {
+  std::array<double, 3> lab;
+  double luminance;
+};
+
+SeenColour See(const std::string& hex) {
+  std::array<double, 3> c{};
+  for (std::size_t i = 0; i < 3; ++i) {
+    const double value = std::stoi(hex.substr(1 + 2 * i, 2), nullptr, 16) / 255.0;
+    c[i] = value <= 0.04045 ? value / 12.92 : std::pow((value + 0.055) / 1.055, 2.4);
+  }
+  const double l = std::cbrt(0.4122214708 * c[0] + 0.5363325363 * c[1] + 0.0514459929 * c[2]);
+  const double m = std::cbrt(0.2119034982 * c[0] + 0.6806995451 * c[1] + 0.1073969566 * c[2]);
+  const double s = std::cbrt(0.0883024619 * c[0] + 0.2817188376 * c[1] + 0.6299787005 * c[2]);
+  return {{0.2104542553 * l + 0.7936177850 * m - 0.0040720468 * s,
+           1.9779984951 * l - 2.4285922050 * m + 0.4505937099 * s,
+           0.0259040371 * l + 0.7827717662 * m - 0.8086757660 * s},
+          0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2]};
+}
+
+double Distance(const SeenColour& a, const SeenColour& b) {
+  return std::hypot(a.lab[0] - b.lab[0], a.lab[1] - b.lab[1], a.lab[2] - b.lab[2]);
+}
+
+TEST(ReportTest, NoTwoStylesLookTheSame) {
+  EXPECT_NEAR(Distance(See("#000000"), See("#ffffff")), 1.0, 1e-6);
+  const std::string page = RenderReport({}, {});
+  const std::size_t dark = page.find("prefers-color-scheme: dark");
+  ASSERT_NE(dark, std::string::npos);
+  for (const std::size_t mode : {std::size_t{0}, dark}) {
+    const auto colour_of = [&](const std::string& name) {
+      return See(page.substr(page.find("--" + name + ": ", mode) + name.size() + 4, 7));
+    };
+    const double paper = colour_of("paper").luminance;
+    std::map<std::string, SeenColour> seen;
+    for (const NamedStyle& named : NamedStyles()) {
+      // As the page draws the method, without its name.
+      const ReportPlot plot{.title = "P",
+                            .x_label = "x",
+                            .series = {{.name = std::string(named.name), .x = {0}, .y = {0}}}};
+      const std::string html =
+          RenderReport({}, {.figures = {{.heading = "F", .caption = "C", .plots = {plot}}}});
+      const std::size_t begin = html.find("--c:var(--") + 10;
+      const std::string variable = html.substr(begin, html.find(')', begin) - begin);
+      if (seen.contains(variable)) {
+        EXPECT_THAT(named.method, testing::AnyOf("baseline", "alone")) << variable;
+        continue;
+      }
+      const SeenColour colour = colour_of(variable);
+      const double contrast =
+          (std::max(paper, colour.luminance) + 0.05) / (std::min(paper, colour.luminance) + 0.05);
+      EXPECT_GE(contrast, 3.0) << named.name;  // WCAG 2 for graphics
+      // Three times what side by side is just noticed.
+      for (const auto& [other, theirs] : seen) {
+        if (variable.front() != 's' || other.front() != 's') continue;  // outcomes are no methods
+        EXPECT_GT(Distance(colour, theirs), 0.06) << named.name << " and " << other;
+      }
+      seen.emplace(variable, colour);
+    }
+  }
+}
+
+TEST(ReportTest, ALineWithoutAStyleTakesAFreeOne) {
+  ReportPlot plot{.title = "P", .x_label = "x"};
+  plot.series = {{.name = "mine", .x = {0}, .y = {0}},
+                 {.name = "alone", .x = {0}, .y = {0}},
+                 {.name = "yours", .x = {0}, .y = {0}},
+                 {.name = "monitor", .x = {0}, .y = {0}}};
+  const std::string page =
+      RenderReport({}, {.figures = {{.heading = "F", .caption = "C", .plots = {plot}}}});
+  const std::string key = page.substr(page.find("class=\"key\""));
+  const auto style_of = [&](const std::string& name) {
+    const std::size_t begin = key.rfind("style=\"", key.find("</svg>" + name)) + 7;
+    return key.substr(begin, key.find('"', begin) - begin);
+  };
+  EXPECT_EQ(style_of("alone"), "--c:var(--s0)");
+  EXPECT_EQ(style_of("mine"), "--c:var(--s1)");
+  EXPECT_EQ(style_of("yours"), "--c:var(--s2)");
+  EXPECT_EQ(style_of("monitor"), "--c:var(--s18);--dash:6 3;--dot:transparent");
 }
 
 TEST(ReportTest, BeginsWithAVerdict) {

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <set>
 #include <sstream>
 
 #include "dfr/core/contract.h"
@@ -19,7 +20,8 @@ constexpr double kLeft = 52.0;
 constexpr double kRight = 16.0;
 constexpr double kTop = 34.0;
 constexpr double kBottom = 44.0;
-constexpr int kNumColours = 12;
+// Colours of report.css. Lines of the second half are dashed.
+constexpr int kNumColours = 24;
 constexpr int kNumMarkers = 6;
 constexpr int kOutcomeStyles = 100;  // completed, halted, collided
 
@@ -126,9 +128,19 @@ void CheckPlot(const ReportPlot& plot) {
 }
 
 int SeriesStyle(const ReportPlot& plot, std::size_t i) {
-  if (plot.series[i].style >= 0) return plot.series[i].style;
-  const int style = MethodStyle(plot.series[i].name);
-  return style >= 0 ? style : static_cast<int>(i);
+  const auto own = [](const ReportSeries& series) {
+    return series.style >= 0 ? series.style : MethodStyle(series.name);
+  };
+  int style = own(plot.series[i]);
+  if (style >= 0) return style;
+  std::set<int> taken = {0};  // what is compared with
+  for (const ReportSeries& series : plot.series) taken.insert(own(series));
+  for (std::size_t j = 0; j <= i; ++j) {
+    if (own(plot.series[j]) >= 0) continue;
+    do ++style;
+    while (taken.contains(style));
+  }
+  return style;
 }
 
 // Returns the marker of style `style` at (x, y).
@@ -136,7 +148,7 @@ std::string Marker(int style, double x, double y) {
   const auto at = [&](double dx, double dy) {
     return Coordinate(x + dx) + "," + Coordinate(y + dy) + " ";
   };
-  switch ((style + style / kNumColours) % kNumMarkers) {
+  switch ((style + 2 * style / kNumColours) % kNumMarkers) {
     case 1:
       return "<polygon class=\"mark\" points=\"" + at(-3, -3) + at(3, -3) + at(3, 3) + at(-3, 3) +
              "\"/>";
@@ -279,7 +291,9 @@ std::string StyleAttribute(int style) {
   if (outcome >= 0 && outcome < 3) {
     return std::string("style=\"--c:var(--") + kOutcomes[static_cast<std::size_t>(outcome)] + ")\"";
   }
-  return "style=\"--c:var(--s" + std::to_string(style % kNumColours) + ")\"";
+  const int colour = style % kNumColours;
+  return "style=\"--c:var(--s" + std::to_string(colour) + ")" +
+         (colour < kNumColours / 2 ? "\"" : ";--dash:6 3;--dot:transparent\"");
 }
 
 std::string SvgPlot(const ReportPlot& plot) {
@@ -337,7 +351,7 @@ namespace dfr::experiment {
 
 std::span<const NamedStyle> NamedStyles() {
   // What is compared with is grey. Neighbouring numbers differ in lightness, hue and marker.
-  static constexpr std::array<NamedStyle, 22> kStyles = {
+  static constexpr std::array<NamedStyle, 26> kStyles = {
       {{"baseline", "Baseline", 0},
        {"alone", "Alone", 0},
        {"early-stopping", "Early stopping", 1},
@@ -357,6 +371,10 @@ std::span<const NamedStyle> NamedStyles() {
        {"baseline@none", "No policy", 15},
        {"lwr-cv", "LWR, cross-validated", 16},
        {"lwr-online", "LWR, online", 17},
+       {"monitor", "Monitor", 18},
+       {"controller", "Controller", 19},
+       {"certified", "Certified", 20},
+       {"certified-direction", "Certified direction", 21},
        {"completed", "completed", internal::kOutcomeStyles},
        {"halted", "halted", internal::kOutcomeStyles + 1},
        {"collided", "collided", internal::kOutcomeStyles + 2}}};

@@ -8,14 +8,15 @@
 
 namespace dfr::experiment::internal {
 
-/// Returns the plot as an inline <svg>, coloured by the page's style sheet (--s0 to --s11, --ink,
+/// Returns the plot as an inline <svg>, coloured by the page's style sheet (--s0 to --s23, --ink,
 /// --grid). Legend() names its lines.
 [[nodiscard]] std::string SvgPlot(const ReportPlot& plot);
 
 /// Returns the names of all lines of the plots, each once, beside its line and marker. "" for none.
 [[nodiscard]] std::string Legend(std::span<const ReportPlot> plots);
 
-/// Returns style="..." with the colour of style `style`, 0 for the first. Colours repeat.
+/// Returns style="..." with the colour of style `style`, 0 for the first. The colours repeat after
+/// 24. Lines of the styles 12 to 23 are dashed, and their dots hollow.
 [[nodiscard]] std::string StyleAttribute(int style);
 
 /// One 100 % bar of `parts`, left to right.

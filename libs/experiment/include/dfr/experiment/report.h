@@ -15,11 +15,11 @@
 
 namespace dfr::experiment {
 
-/// How pages and pictures show a method: by the same name, colour and marker everywhere.
+/// How pages and pictures show a method: by the same name, colour, dashes and marker everywhere.
 struct NamedStyle {
   std::string_view method;  ///< As in plans and on command lines, or an outcome.
   std::string_view name;    ///< For readers.
-  int style = 0;            ///< Number of a colour and marker.
+  int style = 0;            ///< Number of a colour, dashes and marker.
 };
 /// All methods and outcomes that have a style of their own.
 [[nodiscard]] std::span<const NamedStyle> NamedStyles();
@@ -35,7 +35,8 @@ struct ReportSeries {
   std::vector<double> high = {};  ///< Its upper edge, as long as `low`.
   /// Command that prints the episodes of each point, shown on hover or tap; or empty.
   std::vector<std::string> commands = {};
-  /// Colour and marker. -1: MethodStyle() of `name`, or else the index in the plot.
+  /// Colour, dashes and marker. -1: MethodStyle() of `name`, or else the first one that is free in
+  /// the plot.
   int style = -1;
 };
 
