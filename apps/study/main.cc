@@ -56,6 +56,8 @@ void RunAndPrint(const Study& study, bool grid, bool causes) {
   experiment::SaveReport(
       {},
       {.title = wide ? "Disturbed policies, alone and guarded" : "Policies, alone and guarded",
+       .judgements = JudgeMethods(rows),
+       .judged_by = kJudgedBy,
        .program = "study",
        .introduction = "Saved: the policy alone collides from this start state, and does not with "
                        "the controller. Harmed: the policy alone completes from it, and does not "

@@ -6,6 +6,7 @@
 #include <map>
 #include <optional>
 #include <stdexcept>
+#include <string_view>
 #include <utility>
 
 #include "apps/study/runner.h"
@@ -14,6 +15,7 @@
 #include "dfr/experiment/episodes.h"
 #include "dfr/experiment/intervals.h"
 #include "dfr/safety/guard.h"
+#include "dfr/study/placebo.h"
 
 namespace dfr::study {
 namespace {
@@ -227,10 +229,10 @@ std::vector<experiment::ReportTable> MakeTables(const std::vector<Row>& rows) {
   if (rows.empty()) return tables;
   const std::vector<std::string> policies = Distinct(rows, &Row::policy);
   const std::vector<std::string> controllers = Distinct(rows, &Row::controller);
+  tables.push_back(MeansTable(rows, policies, controllers));
   for (const std::string& policy : policies) {
     tables.push_back(PolicyTable(rows, policy, controllers));
   }
-  tables.push_back(MeansTable(rows, policies, controllers));
   return tables;
 }
 
@@ -314,6 +316,56 @@ experiment::ReportTable WhereItFails(const std::vector<Row>& rows, const std::st
   return table;
 }
 
+std::vector<experiment::ReportJudgement> JudgeMethods(const std::vector<Row>& rows) {
+  constexpr double kMostHarmed = 0.1;  // of what the policies complete alone
+  constexpr double kLeastPassed = 0.5;
+  const auto all_of = [&](const std::string& controller) {
+    std::vector<Row> selected;
+    std::ranges::copy_if(rows, std::back_inserter(selected),
+                         [&](const Row& row) { return row.controller == controller; });
+    return selected;
+  };
+  std::vector<experiment::ReportJudgement> judgements;
+  const std::vector<Row> alone_rows = all_of(kAlone);
+  if (alone_rows.empty()) return judgements;
+  const Totals alone(alone_rows);
+  const double completed = static_cast<double>(alone.counts().completed) / alone.episodes();
+  const std::string watching = safety::Name(safety::Strategy::kMonitor);
+  for (const std::string& controller : Distinct(rows, &Row::controller)) {
+    const bool watches = controller == watching || controller == watching + kOnPictures;
+    if (controller == kAlone || watches || IsPlacebo(controller)) continue;
+    const Totals totals(all_of(controller));
+    const experiment::Interval saved = totals.IntervalOf(&TrialCounts::saved);
+    const experiment::Interval harmed = totals.IntervalOf(&TrialCounts::harmed);
+    const double passed = totals.passed().value_or(1.0);
+    experiment::ReportJudgement judged{
+        .method = controller,
+        .why = core::Format("passes %.0f %% of the controls, saves %.1f %% of the episodes and "
+                            "harms %.1f %%",
+                            100.0 * passed, Share(totals.counts().saved, totals.episodes()),
+                            Share(totals.counts().harmed, totals.episodes()))};
+    const auto judge = [&](int grade, const char* why) {
+      judged.grade = grade;
+      judged.why.append(": ").append(why);
+    };
+    if (harmed.low > saved.high) {
+      judge(2, "it harms more than it saves");
+    } else if (2 * totals.counts().completed < alone.counts().completed) {
+      judge(2, "it completes less than half as often as the policies alone");
+    } else if (saved.low <= harmed.high) {
+      judge(1, "that it saves more than it harms is not shown");
+    } else if (harmed.high >= kMostHarmed * completed) {
+      judge(1, "that it harms less than a tenth of what the policies complete is not shown");
+    } else if (std::string_view(totals.clusters()) == "episode") {
+      judge(1, "there are too few trials to tell how trials differ");
+    } else if (passed < kLeastPassed) {
+      judge(1, "it replaces most of the policies' controls");
+    }
+    judgements.push_back(std::move(judged));
+  }
+  return judgements;
+}
+
 std::vector<experiment::ReportTable> MakeRowTables(const std::vector<Row>& rows, bool causes) {
   std::vector<experiment::ReportTable> tables;
   if (rows.empty()) return tables;
@@ -358,9 +410,9 @@ std::vector<experiment::ReportTable> MakeRowTables(const std::vector<Row>& rows,
                           std::to_string(count), cause});
     }
   }
-  tables.push_back(std::move(table));
   tables.push_back(
       MeansTable(rows, Distinct(rows, &Row::policy), Distinct(rows, &Row::controller)));
+  tables.push_back(std::move(table));
   if (causes) tables.push_back(std::move(why));
   return tables;
 }
@@ -378,6 +430,8 @@ experiment::ReportFigure MakeFigure(const std::vector<Row>& rows) {
     experiment::ReportPlot plot{.title = "Policy: " + policy,
                                 .x_label = "controls not passed, %",
                                 .percent = true,
+                                .x_min = 0.0,
+                                .x_max = 100.0,
                                 .y_min = 0.0,
                                 .y_max = 1.0};
     for (std::size_t i = 0; i < controllers.size(); ++i) {

@@ -15,12 +15,23 @@ inline constexpr const char* kBetween = ": ";
 [[nodiscard]] std::string MethodOf(const std::string& controller, const std::string& policy);
 
 /// Returns one table per policy, with a row for each task and condition: completed / collided of
-/// each controller, then saved / harmed and passed, in per cent, with the size of changes. The last
-/// table has means and worst rows.
+/// each controller, then saved / harmed and passed, in per cent, with the size of changes. The
+/// first table has means and worst rows.
 [[nodiscard]] std::vector<experiment::ReportTable> MakeTables(const std::vector<Row>& rows);
 
-/// A row for each of `rows`, shares in per cent with the 95 % intervals of Totals, and the table of
-/// means. With `causes` a table of them.
+/// Judges each method around all policies together, against these alone: by 95 % intervals of the
+/// episodes that it saves and harms, then by the share of controls that it passes. Placebos and a
+/// guard that only watches are not judged.
+[[nodiscard]] std::vector<experiment::ReportJudgement> JudgeMethods(const std::vector<Row>& rows);
+/// The rule of JudgeMethods(), for readers.
+inline constexpr const char* kJudgedBy =
+    "Judged over all tasks, conditions and policies of this study, against the policies alone. Fit "
+    "for use: 95 % intervals show that the method saves more episodes than it harms, and harms "
+    "less than a tenth of those that the policies complete; it passes at least half of the "
+    "controls unchanged.";
+
+/// The table of means, and a row for each of `rows`, shares in per cent with the 95 % intervals of
+/// Totals. With `causes` a table of them.
 [[nodiscard]] std::vector<experiment::ReportTable> MakeRowTables(const std::vector<Row>& rows,
                                                                  bool causes);
 

@@ -136,8 +136,8 @@ TEST(RowTableTest, SharesAreOfEpisodesAndAlarmsOfOutcomes) {
                                       .sized_changes = 8}},
                                     true);
   ASSERT_EQ(tables.size(), 3u);
-  const std::vector<std::string>& row = tables[0].rows.at(0);
-  ASSERT_EQ(row.size(), tables[0].header.size());
+  const std::vector<std::string>& row = tables[1].rows.at(0);
+  ASSERT_EQ(row.size(), tables[1].header.size());
   EXPECT_THAT(row[4], testing::StartsWith("75.0 ["));
   EXPECT_THAT(row[5], testing::StartsWith("20.0 ["));
   EXPECT_THAT(row[6], testing::StartsWith("5.0 ["));
@@ -161,8 +161,8 @@ TEST(RowTableTest, AlarmsAreThoseOfEachMonitorAndOfNoOtherMethod) {
     row.alarmed_successes = 4;
     const auto tables = MakeRowTables({row}, true);
     const bool watches = std::string(method).starts_with("monitor");
-    EXPECT_EQ(tables[0].rows.at(0)[13].substr(0, 4), watches ? "50.0" : "") << method;
-    EXPECT_EQ(tables[0].rows.at(0)[14].substr(0, 4), watches ? "50.0" : "") << method;
+    EXPECT_EQ(tables[1].rows.at(0)[13].substr(0, 4), watches ? "50.0" : "") << method;
+    EXPECT_EQ(tables[1].rows.at(0)[14].substr(0, 4), watches ? "50.0" : "") << method;
   }
 }
 

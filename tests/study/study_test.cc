@@ -5,8 +5,10 @@
 #include <unistd.h>
 
 #include <filesystem>
+#include <map>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "apps/study/tables.h"
@@ -71,7 +73,7 @@ TEST(StressTest, CountsWhatAControllerSavesAndHarms) {
 
   const auto tables = MakeTables(rows);
   ASSERT_EQ(tables.size(), 4u);
-  EXPECT_EQ(tables[0].rows.size(), 2u);
+  EXPECT_EQ(tables[1].rows.size(), 2u);
   for (const auto& table : tables) {
     for (const auto& row : table.rows) EXPECT_EQ(row.size(), table.header.size());
   }
@@ -142,6 +144,50 @@ TEST(StressTest, ListsFailuresAndHarmedEpisodes) {
   EXPECT_EQ(table.rows[0][0], "b");
   EXPECT_EQ(table.rows[1][0], "c");
   EXPECT_EQ(table.rows[1][5], "5.0 / 3.0");
+}
+
+TEST(StressTest, JudgesEachMethodByWhatItSavesHarmsAndPasses) {
+  // Three trials, each a third of 300 episodes: 200 completed and 100 collided alone.
+  const auto row = [](const char* controller, int completed, int saved, int harmed,
+                      double changed) {
+    Row made{.task = "reach", .condition = "c", .policy = "weak", .controller = controller};
+    made.episodes = 300;
+    made.completed = completed;
+    made.saved = saved;
+    made.harmed = harmed;
+    const TrialCounts trial{.episodes = 100,
+                            .completed = completed / 3,
+                            .saved = saved / 3,
+                            .harmed = harmed / 3,
+                            .controls = 1000.0,
+                            .changed = 1000.0 * changed};
+    made.trials = {trial, trial, trial};
+    return made;
+  };
+  std::vector<Row> rows = {
+      row("baseline", 201, 0, 0, 0.0),       row("guard", 297, 96, 0, 0.1),
+      row("controller", 297, 96, 0, 0.6),    row("dfr", 201, 60, 60, 0.1),
+      row("guided", 240, 90, 51, 0.1),       row("early-stopping", 99, 96, 102, 0.0),
+      row("certified", 150, 3, 51, 0.0),     row("monitor", 201, 0, 0, 0.0),
+      row("placebo-halts", 30, 90, 180, 0.0)};
+  const auto expected = std::map<std::string, std::pair<int, std::string>>{
+      {"guard", {0, ""}},
+      {"controller", {1, "replaces most"}},
+      {"dfr", {1, "saves more than it harms is not shown"}},
+      {"guided", {1, "less than a tenth"}},
+      {"early-stopping", {2, "less than half as often"}},
+      {"certified", {2, "harms more than it saves"}}};
+  const auto judgements = JudgeMethods(rows);
+  ASSERT_EQ(judgements.size(), expected.size());
+  for (const auto& judged : judgements) {
+    const auto& [grade, why] = expected.at(judged.method);
+    EXPECT_EQ(judged.grade, grade) << judged.method << ": " << judged.why;
+    EXPECT_THAT(judged.why, testing::HasSubstr(why)) << judged.method;
+  }
+  EXPECT_EQ(judgements[0].why,
+            "passes 90 % of the controls, saves 32.0 % of the episodes and harms 0.0 %");
+  for (Row& few : rows) few.trials.resize(1);
+  EXPECT_THAT(JudgeMethods(rows)[0].why, testing::HasSubstr("too few trials"));
 }
 
 TEST(StressTest, UnknownNamesAreReportedWithTheValidOnes) {

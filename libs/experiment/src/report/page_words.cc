@@ -18,6 +18,9 @@ PageWords::PageWords(const Summary& summary, const ReportOptions& options)
       learners_.push_back(cell.learner);
     }
   }
+  for (const ReportJudgement& judged : options.judgements) {
+    if (std::ranges::count(methods_, judged.method) == 0) methods_.push_back(judged.method);
+  }
 }
 
 std::string PageWords::NameOf(const std::string& method) const {
@@ -114,24 +117,25 @@ EpisodeFilter PageWords::OnlyCollided(const Contrast& contrast, bool reference) 
           .against = {.method = other, .outcomes = {"completed", "halted"}}};
 }
 
-PageWords::Judgement PageWords::Judge(const Contrast& contrast) const {
+ReportJudgement PageWords::Judge(const Contrast& contrast) const {
+  const std::string& method = contrast.method;
   const PairedContrast& ratios = contrast.ratios;
   const auto& fewer = ratios.collision_reduction_interval;
   const auto& completes = ratios.completion_ratio_interval;
   const std::string numbers = Change(ratios.collision_reduction) + " collisions, " +
                               Times(ratios.completion_ratio) + " completions";
-  if (fewer && fewer->high < 0.0) return {2, numbers + ": it collides more often"};
+  if (fewer && fewer->high < 0.0) return {method, 2, numbers + ": it collides more often"};
   if (ratios.completion_ratio && *ratios.completion_ratio < 0.5) {
-    return {2, numbers + ": it completes less than half as often"};
+    return {method, 2, numbers + ": it completes less than half as often"};
   }
-  if (!fewer || fewer->low <= 0.0) return {1, numbers + ": fewer collisions are not shown"};
+  if (!fewer || fewer->low <= 0.0) return {method, 1, numbers + ": fewer collisions are not shown"};
   if (!completes || completes->low < 0.9) {
-    return {1, numbers + ": as many completions are not shown"};
+    return {method, 1, numbers + ": as many completions are not shown"};
   }
   if (contrast.clusters == "episodes") {
-    return {1, numbers + ": too few trials to tell how trials differ"};
+    return {method, 1, numbers + ": too few trials to tell how trials differ"};
   }
-  return {0, numbers};
+  return {method, 0, numbers};
 }
 
 }  // namespace dfr::experiment::internal

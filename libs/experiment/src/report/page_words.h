@@ -37,11 +37,7 @@ class PageWords {
   /// Returns the filter for the start states from which only one of the two collides.
   [[nodiscard]] static EpisodeFilter OnlyCollided(const Contrast& contrast, bool reference);
   /// What a contrast says about using its method instead of the reference.
-  struct Judgement {
-    int grade = 0;  ///< 0: fit for use, 1: doubtful, 2: do not use
-    std::string why;
-  };
-  [[nodiscard]] Judgement Judge(const Contrast& contrast) const;
+  [[nodiscard]] ReportJudgement Judge(const Contrast& contrast) const;
 
   const Summary& summary_;
   const ReportOptions& options_;

@@ -8,6 +8,9 @@
 #include <set>
 #include <sstream>
 #include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "dfr/experiment/episodes.h"
 #include "report.css.h"
@@ -67,28 +70,38 @@ class Page : internal::PageWords {
 
  private:
   // Each method is judged by its worst learner.
-  void Verdict() {
-    if (!options_.verdict.empty()) {
-      out_ << "<p class=\"verdict\">" << Escape(options_.verdict) << "</p>\n";
-    }
-    if (!options_.verdict.empty() || summary_.contrasts.empty()) return;
-    std::array<std::string, 3> lists;
+  [[nodiscard]] std::vector<ReportJudgement> Judgements() const {
+    std::vector<ReportJudgement> all;
     for (const std::string& method : methods_) {
-      Judgement worst{.grade = -1, .why = ""};
+      ReportJudgement worst{.grade = -1};
       for (const Contrast& contrast : summary_.contrasts) {
         if (contrast.method != method) continue;
-        const Judgement judged = Judge(contrast);
-        if (judged.grade > worst.grade) worst = judged;
+        ReportJudgement judged = Judge(contrast);
+        if (judged.grade > worst.grade) worst = std::move(judged);
       }
       if (worst.grade < 0) continue;
       double passed = 1.0;
       for (const Cell& cell : summary_.averages) {
         if (cell.method == method) passed = std::min(passed, cell.passed);
       }
-      std::string& list = lists[static_cast<std::size_t>(worst.grade)];
-      list += "<li><span class=\"dot\" " + ColourOf(method) + "></span>" + Escape(NameOf(method)) +
-              " (" + Escape(worst.why) + "; passes " + Percent(passed, 0) +
-              " of the controls)</li>";
+      worst.why += "; passes " + Percent(passed, 0) + " of the controls";
+      all.push_back(std::move(worst));
+    }
+    return all;
+  }
+
+  void Verdict() {
+    if (!options_.verdict.empty()) {
+      out_ << "<p class=\"verdict\">" << Escape(options_.verdict) << "</p>\n";
+      return;
+    }
+    const bool given = !options_.judgements.empty();
+    if (!given && summary_.contrasts.empty()) return;
+    std::array<std::string, 3> lists;
+    for (const ReportJudgement& judged : given ? options_.judgements : Judgements()) {
+      lists.at(static_cast<std::size_t>(judged.grade)) +=
+          "<li><span class=\"dot\" " + ColourOf(judged.method) + "></span>" +
+          Escape(NameOf(judged.method)) + " (" + Escape(judged.why) + ")</li>";
     }
     constexpr std::array<const char*, 3> kGrades = {"Fit for use", "Doubtful", "Do not use"};
     out_ << "<div class=\"verdict\">";
@@ -96,10 +109,17 @@ class Page : internal::PageWords {
       if (lists[grade].empty()) continue;
       out_ << "<b>" << kGrades[grade] << "</b><ul>" << lists[grade] << "</ul>";
     }
-    out_ << "<p class=\"caption\">Judged in this experiment against "
-         << Escape(NameOf(summary_.contrasts.front().against))
-         << ", by the learner that speaks most against it. Fit for use: 95 % intervals show fewer "
-            "collisions and at least 0.9 times the completions.</p></div>\n";
+    out_ << "<p class=\"caption\">";
+    if (given) {
+      out_ << Escape(options_.judged_by);
+    } else {
+      out_
+          << "Judged in this experiment against "
+          << Escape(NameOf(summary_.contrasts.front().against))
+          << ", by the learner that speaks most against it. Fit for use: 95 % intervals show fewer "
+             "collisions and at least 0.9 times the completions.";
+    }
+    out_ << "</p></div>\n";
   }
 
   void HowToFindEpisodes() {

@@ -160,8 +160,8 @@ std::string Marker(int style, double x, double y) {
     case 4:
       return "<polygon class=\"mark\" points=\"" + at(0, 4) + at(3.8, -3) + at(-3.8, -3) + "\"/>";
     case 5:
-      return "<polygon class=\"mark\" points=\"" + at(-1.2, -4) + at(1.2, -4) + at(1.2, 4) +
-             at(-1.2, 4) + "\"/>";
+      return "<polygon class=\"mark\" points=\"" + at(-2, -4.5) + at(2, -4.5) + at(2, 4.5) +
+             at(-2, 4.5) + "\"/>";
     default:
       return "<circle class=\"mark\" cx=\"" + Coordinate(x) + "\" cy=\"" + Coordinate(y) +
              "\" r=\"3.3\"/>";

@@ -84,12 +84,21 @@ struct ReportMedia {
   std::string caption;
 };
 
+/// What an experiment says about using a method.
+struct ReportJudgement {
+  std::string method = {};
+  int grade = 0;  ///< 0: fit for use, 1: doubtful, 2: do not use
+  std::string why = {};
+};
+
 /// Content of a report in addition to the summary. All texts are escaped.
 struct ReportOptions {
   std::string title = {};
-  /// First sentence of the page: fit for use, doubtful or do not use, and why. Empty: derived from
-  /// the summary's contrasts, if there are any.
+  /// First sentence of the page: fit for use, doubtful or do not use, and why. Empty: a list of
+  /// `judgements`, or else derived from the summary's contrasts, if there are any.
   std::string verdict = {};
+  std::vector<ReportJudgement> judgements = {};
+  std::string judged_by = {};  ///< The rule behind `judgements`, below them.
   /// Program that wrote the report. The page shows on hover or tap which of its `episodes` commands
   /// prints the ids of the episodes behind a number. Empty: not shown.
   std::string program = {};
