@@ -1,8 +1,9 @@
 """Reports in headless Chromium at two widths: no text over another, none cut, none too small to read.
 
-usage: report_layout_test.py CHROMIUM FAKE_EXPERIMENT GUARD EXAMPLES
+usage: report_layout_test.py CHROMIUM FAKE_EXPERIMENT GUARD STUDY SOURCE_DIR
 """
 
+import csv
 import html
 import json
 import pathlib
@@ -12,8 +13,8 @@ import sys
 import tempfile
 import unittest
 
-CHROMIUM, FAKE, GUARD, EXAMPLES = sys.argv[1:5]
-del sys.argv[1:5]
+CHROMIUM, FAKE, GUARD, STUDY, SOURCE = sys.argv[1:6]
+del sys.argv[1:6]
 WIDTHS = (500, 1300)
 
 # All boxes of visible text, a line each; then the pairs that overlap by more than a pixel.
@@ -99,7 +100,7 @@ class Layout(unittest.TestCase):
     def test_guard(self):
         with tempfile.TemporaryDirectory() as folder:
             demos = f"{folder}/demos.hdf5"
-            subprocess.run([sys.executable, f"{EXAMPLES}/record_demonstrations.py", demos], check=True, capture_output=True)
+            subprocess.run([sys.executable, f"{SOURCE}/examples/record_demonstrations.py", demos], check=True, capture_output=True)
             subprocess.run([GUARD, "fit", demos, "--features", "obs/tip", "-o", f"{folder}/task.guard"], check=True, capture_output=True)
             subprocess.run([GUARD, "report", f"{folder}/task.guard", demos, "-o", f"{folder}/report.html"], check=True,
                            capture_output=True)
@@ -107,6 +108,33 @@ class Layout(unittest.TestCase):
             self.assertRegex(page, r'</h1>\s*<p class="verdict">(Fit for use|Doubtful|Do not use)')
             self.assertLess(page.index("<svg"), page.index("<table"))
             self.expect_legible(page, 80)
+
+    def test_study(self):
+        with tempfile.TemporaryDirectory() as folder:
+            subprocess.run([STUDY, "run", "--tasks", "reach,push", "--policies", "good,weak", "--trials", "1", "--episodes", "3",
+                            "--out", f"{folder}/out"], check=True, capture_output=True)
+            page = pathlib.Path(folder, "out/report.html").read_text()
+            self.assertRegex(page, r'</h1>\s*<div class="verdict"><b>(Fit for use|Doubtful|Do not use)</b>')
+            self.assertLess(page.index("% of the controls"), page.index("<svg"))
+            self.assertLess(page.rindex("<figure"), page.index("<table"))
+            self.expect_legible(page, 150)
+
+    def test_gallery(self):
+        with tempfile.TemporaryDirectory() as folder:
+            recorded = pathlib.Path(SOURCE, "docs/recorded/gallery.csv")
+            subprocess.run([sys.executable, "-B", f"{SOURCE}/docs/gallery.py", STUDY, recorded, f"{folder}/gallery.html"], check=True)
+            page = pathlib.Path(folder, "gallery.html").read_text()
+            listed = subprocess.run([STUDY, "list"], check=True, capture_output=True, text=True).stdout
+            names = re.findall(r"^  ([a-z]\S+)", listed, re.M)
+            self.assertGreater(len(names), 20)
+            self.assertEqual(re.findall(r'<section id="(.*?)">', page), names)
+            self.assertEqual(page.count('role="img"'), 3 * len(names))
+            # The first task's shares, from its counts.
+            with recorded.open(newline="") as file:
+                rows = [row for row in csv.DictReader(file) if (row["task"], row["method"]) == (names[0], "alone")]
+            done = sum(int(row["ok"]) for row in rows) / sum(int(row["episodes"]) for row in rows)
+            self.assertIn(f"Alone: completed {100 * done:.1f} %", page)
+            self.expect_legible(page, 100)
 
 
 if __name__ == "__main__":
