@@ -139,8 +139,8 @@ TEST(LeftOutTest, RedundantFeaturesAreRefusedAndBetterOnesNamed) {
 }
 
 // A tip in the plane goes right. A gripper, which moves by a quarter of its way in a step, closes
-// as soon as a demonstrator decides.
-std::vector<core::Trajectory> Gripping(int count) {
+// as soon as a demonstrator decides, who then goes back if `returns`.
+std::vector<core::Trajectory> Gripping(int count, bool returns = false) {
   constexpr int kSteps = 30;
   core::Random random(6);
   std::vector<core::Trajectory> demonstrations;
@@ -153,8 +153,9 @@ std::vector<core::Trajectory> Gripping(int count) {
     for (int t = 0; t < kSteps; ++t) {
       auto x = demonstration.states.row(t);
       auto u = demonstration.controls.row(t);
-      u << 0.02 + 0.003 * random.Normal(), -0.2 * x[1] + 0.003 * random.Normal(),
-          t >= decides ? 1.0 : -1.0;
+      const double forth = returns && t >= decides ? -0.02 : 0.02;
+      u << forth + (returns ? 0.015 : 0.003) * random.Normal(),
+          -0.2 * x[1] + 0.003 * random.Normal(), t >= decides ? 1.0 : -1.0;
       demonstration.states.row(t + 1) << x[0] + u[0], x[1] + u[1],
           std::clamp(x[2] + 0.25 * u[2], 0.0, 1.0);
     }
@@ -171,6 +172,9 @@ TEST(LeftOutTest, AFeatureThatOnlyPassedEntriesMoveIsLeftOutAndNamed) {
   const auto model = GuardModel::Fit(layout, demonstrations);
   EXPECT_EQ(model->task().features().selection().indices(), (std::vector{0, 1}));
   EXPECT_THAT(Warnings(*model), Contains(HasSubstr("closed[0]: moved by entries")));
+  // Steered entries that change at the same time explain the gripper's motion in part.
+  const auto returning = GuardModel::Fit(layout, Gripping(20, true));
+  EXPECT_EQ(returning->task().features().selection().indices(), (std::vector{0, 1}));
   // A steered entry of an action moves its feature.
   for (core::Trajectory& d : demonstrations) {
     core::Random random(static_cast<std::uint64_t>(d.states.sum() * 1e6));

@@ -97,10 +97,9 @@ std::vector<int> Independent(const Recorded& recorded) {
   return chosen;
 }
 
-// Returns the squared residual of a linear regression of y on the first `columns` columns of x.
-double Left(const Eigen::MatrixXd& x, const Eigen::VectorXd& y, Eigen::Index columns) {
-  const auto used = x.leftCols(columns);
-  return (y - used * used.colPivHouseholderQr().solve(y)).squaredNorm();
+// Returns the squared residual of a linear regression of y on the columns of x.
+double Left(const Eigen::MatrixXd& x, const Eigen::VectorXd& y) {
+  return (y - x * x.colPivHouseholderQr().solve(y)).squaredNorm();
 }
 
 std::string Share(double share) { return core::Format("%.0f %%", 100.0 * share); }
@@ -159,15 +158,19 @@ std::vector<int> MovedByPassed(const core::FeatureSelection& features, const Act
       ++row;
     }
   }
+  std::vector<Eigen::Index> without_steered = {0, 1};
+  for (Eigen::Index i = 2 + steered; i < x.cols(); ++i) without_steered.push_back(i);
   std::vector<int> moved;
   for (std::size_t k = 0; k < before.size(); ++k) {
     x.col(1) = before[k];
-    const double alone = Left(x, change[k], 2);
-    const double by_steered = Left(x, change[k], 2 + steered);
-    const double by_all = Left(x, change[k], x.cols());
-    if (alone > kRounding * change[k].squaredNorm() &&
-        alone - by_steered <= fit::kSteeredExplain * alone &&
-        by_steered - by_all > fit::kPassedExplain * by_steered) {
+    const double all = change[k].squaredNorm();
+    const double alone = Left(x.leftCols(2), change[k]);
+    const double by_steered = Left(x.leftCols(2 + steered), change[k]);
+    const double by_passed = Left(x(Eigen::all, without_steered), change[k]);
+    const double by_both = Left(x, change[k]);
+    // Steered entries often move at the same time as passed ones, and then explain them in part.
+    if (by_steered > kRounding * all && by_passed - by_both <= fit::kSteeredExplain * alone &&
+        by_steered - by_both > fit::kPassedExplain * by_steered) {
       moved.push_back(features.indices()[k]);
     }
   }

@@ -31,8 +31,8 @@ inline constexpr double kActionReach = 1.5;
 inline constexpr std::size_t kMostFew = 4;
 inline constexpr std::size_t kLeastRepeated = 5;
 /// Only entries of the action that the guard does not steer move a feature if the steered ones
-/// explain at most kSteeredExplain of its change, and the others more than kPassedExplain of the
-/// rest.
+/// explain at most kSteeredExplain of its change in addition to the others, and the others more
+/// than kPassedExplain of what the steered ones leave.
 inline constexpr double kPassedExplain = 0.3;
 inline constexpr double kSteeredExplain = 0.2;
 
