@@ -321,8 +321,9 @@ std::vector<experiment::ReportJudgement> JudgeMethods(const std::vector<Row>& ro
   constexpr double kLeastPassed = 0.5;
   const auto all_of = [&](const std::string& controller) {
     std::vector<Row> selected;
-    std::ranges::copy_if(rows, std::back_inserter(selected),
-                         [&](const Row& row) { return row.controller == controller; });
+    std::ranges::copy_if(rows, std::back_inserter(selected), [&](const Row& row) {
+      return row.controller == controller && row.policy != "none";
+    });
     return selected;
   };
   std::vector<experiment::ReportJudgement> judgements;

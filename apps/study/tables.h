@@ -19,13 +19,13 @@ inline constexpr const char* kBetween = ": ";
 /// first table has means and worst rows.
 [[nodiscard]] std::vector<experiment::ReportTable> MakeTables(const std::vector<Row>& rows);
 
-/// Judges each method around all policies together, against these alone: by 95 % intervals of the
-/// episodes that it saves and harms, then by the share of controls that it passes. Placebos and a
-/// guard that only watches are not judged.
+/// Judges each method around all policies but "none" together, against these alone: by 95 %
+/// intervals of the episodes that it saves and harms, then by the share of controls that it passes.
+/// Placebos and a guard that only watches are not judged.
 [[nodiscard]] std::vector<experiment::ReportJudgement> JudgeMethods(const std::vector<Row>& rows);
 /// The rule of JudgeMethods(), for readers.
 inline constexpr const char* kJudgedBy =
-    "Judged over all tasks, conditions and policies of this study, against the policies alone. Fit "
+    "Judged over all tasks, conditions and policies but none, against the policies alone. Fit "
     "for use: 95 % intervals show that the method saves more episodes than it harms, and harms "
     "less than a tenth of those that the policies complete; it passes at least half of the "
     "controls unchanged.";

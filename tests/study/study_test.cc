@@ -186,6 +186,9 @@ TEST(StressTest, JudgesEachMethodByWhatItSavesHarmsAndPasses) {
   }
   EXPECT_EQ(judgements[0].why,
             "passes 90 % of the controls, saves 32.0 % of the episodes and harms 0.0 %");
+  rows.push_back(row("guard", 0, 0, 0, 1.0));
+  rows.back().policy = "none";
+  EXPECT_EQ(JudgeMethods(rows)[0].why, judgements[0].why);
   for (Row& few : rows) few.trials.resize(1);
   EXPECT_THAT(JudgeMethods(rows)[0].why, testing::HasSubstr("too few trials"));
 }
