@@ -25,7 +25,7 @@ inline constexpr const char* kBetween = ": ";
 [[nodiscard]] std::vector<experiment::ReportJudgement> JudgeMethods(const std::vector<Row>& rows);
 /// The rule of JudgeMethods(), for readers.
 inline constexpr const char* kJudgedBy =
-    "Judged over all tasks, conditions and policies but none, against the policies alone. Fit "
+    "Judged over all tasks, conditions and learned policies, against these policies alone. Fit "
     "for use: 95 % intervals show that the method saves more episodes than it harms, and harms "
     "less than a tenth of those that the policies complete; it passes at least half of the "
     "controls unchanged.";
