@@ -54,12 +54,15 @@ template <typename App>
 void AddExamples(App& app, std::initializer_list<Example> examples) {
   for (const Example& example : examples) {
     App* const command = app.get_subcommand(example.command);
+    std::string begin = "\n  ";
+    begin.append(app.get_name()).append(" ").append(example.command);
     std::string text = "Examples:";
     for (const std::string& call : example.arguments) {
-      text += "\n  " + app.get_name() + " " + example.command + (call.empty() ? "" : " ") + call;
+      text.append(begin).append(call.empty() ? "" : " ").append(call);
     }
     const std::string footer = command->get_footer();
-    command->footer(text + (footer.empty() ? "" : "\n\n" + footer));
+    if (!footer.empty()) text.append("\n\n").append(footer);
+    command->footer(text);
   }
 }
 
@@ -124,7 +127,7 @@ void CheckOutputs(App& app) {
         const bool given = option->count() > 0;
         const std::string path = given ? option->results().front() : option->get_default_str();
         if (path.empty() || path == "\"\"") continue;
-        const std::string overwritten = OverwrittenInput(*command, path);
+        std::string overwritten = OverwrittenInput(*command, path);
         if (given && overwritten.empty()) continue;
         option->clear();
         option->add_result(path);
