@@ -10,7 +10,8 @@ optimised as the tests are, and build/dev, which the tests have built, has the s
 The comparison uses valgrind's counts of each operation's instructions. They repeat exactly, regardless of
 other load on the machine, and an increase of 5 % is a loss. Valgrind supports no AVX-512, and instructions
 do not show misses of the caches. The operations are therefore also timed, alternately and pinned to one
-core, and a loss of time is confirmed by a longer measurement. Valgrind's model of the caches is not used:
+core, and a loss of time is confirmed by a longer measurement. --short measures no times: other load on
+the machine must not fail it. Valgrind's model of the caches is not used:
 an operation whose data fill the modelled cache lost 7 % there by its addresses alone, and no time.
 Exits with 1 if there is a loss.
 """
@@ -127,17 +128,19 @@ def compare(base, new, options):
     counted = count((base, new), options.filter)
     if not counted[1]:
         sys.exit(f"compare.py: no operation has '{options.filter}' in its name")
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-    times = alternate((base, new), options.filter, options.turns, options.seconds)
+    times = {}
+    if not options.short:
+        if hasattr(os, "sched_setaffinity"):
+            os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+        times = alternate((base, new), options.filter, options.turns, options.seconds)
     losses = []
-    print(f"{'new / base':40s} instructions    time")
+    print(f"{'new / base':40s} instructions{'    time' if times else ''}")
     for name, instructions in counted[1].items():
         if name not in counted[0]:
-            print(f"{name:40s} {'new':>12s} {'new':>7s}")
+            print(f"{name:40s} {'new':>12s}")
             continue
         ratio = instructions / counted[0][name]
-        print(f"{name:40s} {ratio:12.3f} {times[name]:7.3f}", flush=True)
+        print(f"{name:40s} {ratio:12.3f}{f' {times[name]:7.3f}' if times else ''}", flush=True)
         if ratio > MOST_COUNTED:
             losses.append(f"{name}: {ratio:.3f} of the base's instructions")
     suspects = [name for name, ratio in times.items() if ratio > options.threshold]
@@ -232,15 +235,10 @@ def arguments():
     parser.add_argument("--seconds", type=float, default=0.1, help="of one measurement of time")
     parser.add_argument("--threshold", type=float, default=1.10, help="ratio of times that is a loss")
     parser.add_argument("--short", action="store_true",
-                        help="the builds of the tests, three short turns, and a threshold of 1.25 for times, as "
-                             "neighbours disturb them")
+                        help="the builds of the tests, and instructions alone")
     parser.add_argument("--self-test", action="store_true",
                         help="slow each operation down by 10, 15 and 25 %% and see whether that is found")
-    options = parser.parse_args()
-    if options.short:
-        options.turns, options.seconds = 3, 0.03
-        options.threshold = max(options.threshold, 1.25)
-    return options
+    return parser.parse_args()
 
 
 def main():
