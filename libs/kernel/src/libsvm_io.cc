@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "dfr/core/atomic_file.h"
+#include "dfr/core/format.h"
 #include "dfr/core/numbers.h"
 #include "dfr/core/read_budget.h"
 
@@ -33,6 +34,8 @@ class LineReader {
     while (std::getline(in_, line_)) {
       ++number_;
       bytes_ += line_.size() + 1;
+      // Byte-order mark, which spreadsheets write for UTF-8.
+      if (number_ == 1 && line_.starts_with("\xEF\xBB\xBF")) line_.erase(0, 3);
       if (!line_.empty() && line_.back() == '\r') line_.pop_back();
       if (line_.find_first_not_of(" \t") != std::string::npos) return true;
     }
@@ -99,6 +102,32 @@ std::ifstream Open(const std::filesystem::path& path) {
   return in;
 }
 
+// Memory available without swapping; empty if the system does not report it.
+std::optional<std::uint64_t> AvailableMemory() {
+  std::ifstream in("/proc/meminfo");
+  std::string key;
+  std::uint64_t kibibytes = 0;
+  std::string unit;
+  while (in >> key >> kibibytes && std::getline(in, unit)) {
+    if (key == "MemAvailable:") return kibibytes << 10;
+  }
+  return std::nullopt;
+}
+
+// Numbers take about as much memory as their text. A file larger than the available memory would
+// fail midway and could affect other programs.
+void CheckFitsMemory(const std::filesystem::path& path) {
+  std::error_code unknown;
+  const std::uint64_t size = std::filesystem::file_size(path, unknown);
+  const std::optional<std::uint64_t> available = AvailableMemory();
+  if (unknown || !available || size <= *available) return;
+  throw std::runtime_error(
+      core::Format("%s: %.1f GiB of samples are more than the %.1f GiB of memory that are "
+                   "available: use fewer of them, for example every tenth line",
+                   path.c_str(), static_cast<double>(size) * 0x1p-30,
+                   static_cast<double>(*available) * 0x1p-30));
+}
+
 // Entries "1:v 3:v ..." of one line.
 struct SparseRow {
   std::vector<std::pair<int, double>> entries;  // 0-based index, value
@@ -142,6 +171,73 @@ core::Matrix Dense(const LineReader& reader, const std::vector<SparseRow>& rows,
     }
   }
   return matrix;
+}
+
+std::vector<double> ReadCommas(const LineReader& reader) {
+  std::vector<double> values;
+  std::string_view text = reader.line();
+  while (true) {
+    const auto comma = text.find(',');
+    std::string_view cell = text.substr(0, comma);
+    const std::string_view word = LineReader::Word(cell);
+    values.push_back(reader.Number(word, "an entry"));
+    if (!LineReader::Word(cell).empty()) reader.Fail("an entry holds more than one number");
+    if (values.size() > OneClassSvm::kMaxStateDim) {
+      reader.Fail("more than " + std::to_string(OneClassSvm::kMaxStateDim) + " entries");
+    }
+    if (comma == std::string_view::npos) return values;
+    text.remove_prefix(comma + 1);
+  }
+}
+
+// The first line may hold column names. A line with a cell that is meant as a number, valid or not,
+// is a sample.
+bool IsHeading(std::string_view line) {
+  while (true) {
+    const auto comma = line.find(',');
+    std::string_view cell = line.substr(0, comma);
+    if (core::LooksLikeNumber(LineReader::Word(cell))) return false;
+    if (comma == std::string_view::npos) return true;
+    line.remove_prefix(comma + 1);
+  }
+}
+
+core::Matrix LoadCommas(LineReader& reader, int state_dim) {
+  std::vector<double> all;
+  std::size_t width = state_dim > 0 ? static_cast<std::size_t>(state_dim) : 0;
+  bool first = true;
+  do {
+    const bool heading = first && IsHeading(reader.line());
+    first = false;
+    if (heading) continue;
+    const std::vector<double> row = ReadCommas(reader);
+    if (width == 0) width = row.size();
+    if (row.size() != width) {
+      reader.Fail(std::to_string(row.size()) + " entries where " + std::to_string(width) +
+                  " are expected");
+    }
+    all.insert(all.end(), row.begin(), row.end());
+  } while (reader.Next());
+  if (all.empty()) reader.Fail("there are no samples");
+  return Eigen::Map<const core::Matrix>(all.data(), static_cast<Eigen::Index>(all.size() / width),
+                                        static_cast<Eigen::Index>(width));
+}
+
+core::Matrix LoadSparse(LineReader& reader, int state_dim) {
+  std::vector<SparseRow> rows;
+  int width = 1;
+  do {
+    std::string_view text = reader.line();
+    const std::string_view label = LineReader::Word(text);
+    (void)reader.Number(label, "a label");
+    rows.push_back(ReadSparse(reader, text));
+    width = std::max(width, rows.back().width());
+    if (state_dim > 0 && width > state_dim) {
+      reader.Fail("index " + std::to_string(width) + " where " + std::to_string(state_dim) +
+                  " entries are expected");
+    }
+  } while (reader.Next());
+  return Dense(reader, rows, state_dim > 0 ? state_dim : width);
 }
 
 }  // namespace
@@ -246,6 +342,16 @@ OneClassSvm LoadLibsvmModel(std::istream& in, const std::string& name) {
   } catch (const std::invalid_argument& e) {
     reader.Fail(e.what());
   }
+}
+
+core::Matrix LoadSamples(const std::filesystem::path& path, int state_dim) {
+  std::ifstream in = Open(path);
+  CheckFitsMemory(path);
+  LineReader reader(in, path.string());
+  if (!reader.Next()) reader.Fail("the file is empty");
+  // A single column of plain numbers counts as comma-separated; sparse lines have a colon.
+  const bool sparse = reader.line().find(':') != std::string_view::npos;
+  return sparse ? LoadSparse(reader, state_dim) : LoadCommas(reader, state_dim);
 }
 
 }  // namespace dfr::kernel

@@ -1,4 +1,4 @@
-// LIBSVM's models.
+// LIBSVM's samples and models, and comma-separated values.
 #include <cmath>
 #include <cstdlib>
 #include <sstream>
@@ -10,8 +10,14 @@
 #include "tests/fuzz/input_file.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const std::string_view input = dfr::fuzz::AsText(data, size);
   try {
-    std::istringstream in{std::string(dfr::fuzz::AsText(data, size))};
+    const dfr::core::Matrix samples = dfr::kernel::LoadSamples(dfr::fuzz::InputFile(input));
+    if (samples.rows() < 1 || !samples.allFinite()) std::abort();
+  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): expected for bad input
+  }
+  try {
+    std::istringstream in{std::string(input)};
     const auto svm = dfr::kernel::LoadLibsvmModel(in, "model");
     const std::vector<double> state(static_cast<std::size_t>(svm.state_dim()), 0.5);
     if (std::isnan(svm.Decision(state))) std::abort();
