@@ -14,6 +14,7 @@
 #include "dfr/core/absolute_actions.h"
 #include "dfr/core/features.h"
 #include "dfr/core/format.h"
+#include "dfr/core/linear_algebra.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/rotations.h"
 #include "dfr/imitation/demonstrations.h"
@@ -78,7 +79,8 @@ class LaggedFit {
     uu.diagonal().array() += 1e-9 * uu.trace() + 1e-300;
     const Eigen::MatrixXd ux = ux_ - u_ * x_.transpose() / count_;
     const Eigen::VectorXd xx = xx_ - x_.cwiseAbs2() / count_;
-    const Eigen::VectorXd explained = (ux.array() * uu.ldlt().solve(ux).array()).colwise().sum();
+    const Eigen::VectorXd explained =
+        (ux.array() * core::SolveSymmetric(uu, ux).array()).colwise().sum();
     for (Eigen::Index k = 0; k < xx.size(); ++k) {
       // The rounding error of a constant change is not variance.
       if (xx[k] > 1e-12 * xx_[k]) shares[k] = explained[k] / xx[k];

@@ -3,11 +3,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <Eigen/Dense>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
 
+#include "dfr/core/linear_algebra.h"
 #include "tests/imitation/temp_folder.h"
 #include "tests/support/all_close.h"
 
@@ -68,8 +68,7 @@ TEST(FitMlpTest, AllMethodsFindTheLeastSquaresSolution) {
   const LinearCase noisy(300, 0.2);
   Eigen::MatrixXd design(300, 4);
   design << noisy.states, Eigen::VectorXd::Ones(300);
-  const Eigen::MatrixXd solution =
-      design.colPivHouseholderQr().solve(Eigen::MatrixXd(noisy.controls));
+  const Eigen::MatrixXd solution = core::SolveLeastSquares(design, noisy.controls);
   for (const FitMethod method : {FitMethod::kLbfgs, FitMethod::kLevenbergMarquardt}) {
     const MlpPolicy policy =
         FitMlp(Layout(), noisy.states, noisy.controls, {.hidden = {}, .method = method}, &report);
@@ -87,7 +86,7 @@ TEST(FitMlpTest, WeightDecayGivesRidgeRegression) {
   const Eigen::RowVector2d mean = data.controls.colwise().mean();  // z has mean zero
   const Eigen::MatrixXd gram = z.transpose() * z / 300.0 + kDecay * Eigen::MatrixXd::Identity(3, 3);
   const Eigen::MatrixXd slope =
-      gram.llt().solve(Eigen::MatrixXd(z.transpose() * (data.controls.rowwise() - mean) / 300.0));
+      core::SolveSymmetric(gram, z.transpose() * (data.controls.rowwise() - mean) / 300.0);
   for (const FitMethod method : {FitMethod::kLbfgs, FitMethod::kLevenbergMarquardt}) {
     const MlpPolicy policy = FitMlp(Layout(), data.states, data.controls,
                                     {.hidden = {}, .method = method, .weight_decay = kDecay});

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "dfr/core/linear_algebra.h"
 #include "dfr/sim/pusher/pusher_plant.h"
 
 namespace dfr::test {
@@ -78,10 +79,9 @@ inline std::array<double, 7> MoveTip(const sim::PusherPlant& plant, const Eigen:
   }
   Eigen::Matrix<double, 6, 1> error;
   error << step_m, -0.285 - now[2], yaw - now[3], -now[4], -now[5];
-  const Eigen::VectorXd dq = jacobian.transpose() * (jacobian * jacobian.transpose() +
-                                                     1e-6 * Eigen::Matrix<double, 6, 6>::Identity())
-                                                        .ldlt()
-                                                        .solve(error);
+  const Eigen::MatrixXd regular =
+      jacobian * jacobian.transpose() + 1e-6 * Eigen::MatrixXd::Identity(6, 6);
+  const Eigen::VectorXd dq = jacobian.transpose() * core::SolveSymmetric(regular, error);
   std::array<double, 7> control;
   for (int j = 0; j < 7; ++j) control[j] = dq[j] / plant.options().joint_step;
   return control;

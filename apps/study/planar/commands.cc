@@ -1,8 +1,6 @@
 #include "apps/study/planar/commands.h"
 
 #include <CLI/CLI.hpp>
-#include <Eigen/Eigenvalues>
-#include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cstdint>
@@ -20,6 +18,7 @@
 #include "apps/study/planar/proof.h"
 #include "dfr/control/certified/certifier.h"
 #include "dfr/core/format.h"
+#include "dfr/core/linear_algebra.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/intervals.h"
 #include "dfr/kernel/cover_radius.h"
@@ -181,9 +180,9 @@ void PrintCertificate(const PlanarStudy& study) {
     std::nth_element(radius.begin(),
                      radius.begin() + static_cast<std::ptrdiff_t>(radius.size() / 2), radius.end());
     // In the state's own unit, in its worst direction.
-    const Eigen::MatrixXd inverse = (support.map(t) * features.scale()).inverse();
+    const Eigen::MatrixXd inverse = core::Inverse(support.map(t) * features.scale());
     const double clearance =
-        inverse.operatorNorm() * kernel::CoverRadius(support.estimate(t), certificate.level);
+        core::OperatorNorm(inverse) * kernel::CoverRadius(support.estimate(t), certificate.level);
     const std::optional<double> kept = ClearanceKept(task, methods, t);
     compared += kept ? 1 : 0;
     met += kept && *kept >= clearance ? 1 : 0;

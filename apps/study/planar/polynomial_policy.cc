@@ -1,11 +1,11 @@
 #include "apps/study/planar/polynomial_policy.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/linear_algebra.h"
 
 namespace dfr::study::planar {
 
@@ -42,7 +42,7 @@ PolynomialPolicy::PolynomialPolicy(std::span<const core::Trajectory> demonstrati
     a += phi * phi.transpose();
     b += phi * u.row(i);
   }
-  weights_ = a.ldlt().solve(b);
+  weights_ = core::SolveSymmetric(a, b);
 }
 
 int PolynomialPolicy::Terms(std::span<const double> x, std::span<double> terms) const noexcept {

@@ -1,11 +1,12 @@
 #include "dfr/core/absolute_actions.h"
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <optional>
 
 #include "dfr/core/format.h"
+#include "dfr/core/linear_algebra.h"
 
 namespace dfr::core {
 namespace {
@@ -16,7 +17,7 @@ double ShareThroughOrigin(const Eigen::MatrixXd& uu, const Eigen::VectorXd& uy, 
   if (yy <= 0.0) return 0.0;
   Eigen::MatrixXd regular = uu;
   regular.diagonal().array() += 1e-9 * uu.trace() + 1e-300;
-  return uy.dot(regular.ldlt().solve(uy)) / yy;
+  return uy.dot(SolveSymmetric(regular, uy).col(0)) / yy;
 }
 
 }  // namespace

@@ -1,6 +1,5 @@
 #include "dfr/core/feature_decision.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <limits>
@@ -8,6 +7,7 @@
 #include <vector>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/linear_algebra.h"
 #include "dfr/core/matrix.h"
 
 namespace dfr::core {
@@ -20,9 +20,7 @@ using Buffer = std::array<double, FeatureTransform::kMaxFeatures>;
 }  // namespace
 
 FeatureDecision::FeatureDecision(FeatureTransform features, const LogDecisionFunction& inner)
-    : features_(std::move(features)),
-      inner_(&inner),
-      norm_(Eigen::MatrixXd(features_.scale()).operatorNorm()) {
+    : features_(std::move(features)), inner_(&inner), norm_(OperatorNorm(features_.scale())) {
   DFR_THROW_UNLESS(features_.num_features() == inner.state_dim(),
                    "there are " << features_.num_features()
                                 << " features, the decision function takes " << inner.state_dim());

@@ -1,6 +1,5 @@
 #include "dfr/core/local_scatter.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -10,6 +9,7 @@
 #include <vector>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/linear_algebra.h"
 #include "dfr/core/random.h"
 
 namespace dfr::core {
@@ -32,9 +32,11 @@ Matrix Scatter(const Matrix& points, const Matrix& map, const LocalScatterOption
       std::lround(options.neighbours * static_cast<double>(count)), 1, count - 1);
   const auto kept =
       std::clamp<Eigen::Index>(std::lround(options.kept * static_cast<double>(count)), 2, count);
-  const Matrix mapped = (points.rowwise() - points.colwise().mean()) * map.transpose();
+  const Matrix centred = points.rowwise() - points.colwise().mean();
+  const Matrix mapped = centred * map.transpose();
   const Eigen::VectorXd square = mapped.rowwise().squaredNorm();
-  Eigen::MatrixXd distance = -2.0 * mapped * mapped.transpose();
+  Eigen::MatrixXd distance = mapped * mapped.transpose();
+  distance *= -2.0;
   distance.colwise() += square;
   distance.rowwise() += square.transpose();
 
@@ -119,8 +121,8 @@ Matrix LocalScatter(std::span<const Matrix> groups, const LocalScatterOptions& o
   for (int round = 0; round < options.rounds; ++round) {
     Eigen::VectorXd inverse_sd = scatter.diagonal().cwiseSqrt();
     for (double& s : inverse_sd) s = s > 0.0 ? 1.0 / s : 0.0;
-    const Matrix units = inverse_sd.asDiagonal();
-    const Matrix map = InverseSquareRoot(units * scatter * units, options.ridge) * units;
+    const Matrix scaled = inverse_sd.asDiagonal() * scatter * inverse_sd.asDiagonal();
+    const Matrix map = InverseSquareRoot(scaled, options.ridge) * inverse_sd.asDiagonal();
     scatter = Matrix::Zero(n, n);
     Eigen::Index count = 0;
     for (const Matrix& group : points) {
@@ -151,9 +153,10 @@ Matrix PooledCovariance(std::span<const Matrix> groups) {
 
 Matrix InverseSquareRoot(const Matrix& covariance, double ridge) {
   DFR_THROW_UNLESS(ridge > 0.0, "the ridge must be positive, not " << ridge);
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(covariance);
-  const Eigen::VectorXd scale = (solver.eigenvalues().array().max(0.0) + ridge).rsqrt();
-  return solver.eigenvectors() * scale.asDiagonal() * solver.eigenvectors().transpose();
+  const SymmetricEigen eigen = DecomposeSymmetric(covariance);
+  const Eigen::VectorXd scale = (eigen.values.array().max(0.0) + ridge).rsqrt();
+  const Eigen::MatrixXd scaled = eigen.vectors * scale.asDiagonal();
+  return scaled * eigen.vectors.transpose();
 }
 
 }  // namespace dfr::core

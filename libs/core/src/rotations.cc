@@ -1,6 +1,5 @@
 #include "dfr/core/rotations.h"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
@@ -11,6 +10,7 @@
 #include "dfr/core/absolute_actions.h"
 #include "dfr/core/folds.h"
 #include "dfr/core/format.h"
+#include "dfr/core/linear_algebra.h"
 
 namespace dfr::core {
 namespace {
@@ -67,8 +67,7 @@ Eigen::Vector4d MeanOrientation(const std::vector<Eigen::Vector4d>& seen) {
   constexpr double kTie = 1e-6;
   Eigen::Matrix4d sum = Eigen::Matrix4d::Zero();
   for (const Eigen::Vector4d& q : seen) sum += q * q.transpose();
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d> solver(sum);
-  Eigen::Vector4d mean = solver.eigenvectors().col(3).normalized();
+  Eigen::Vector4d mean = DecomposeSymmetric(sum).vectors.col(3).normalized();
   const double largest = mean.cwiseAbs().maxCoeff();
   for (const double entry : mean) {
     if (std::abs(entry) < largest - kTie) continue;

@@ -1,13 +1,13 @@
 #include "dfr/kernel/support_estimates.h"
 
 #include <Eigen/Cholesky>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <utility>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/linear_algebra.h"
 #include "states_at.h"
 
 namespace dfr::kernel {
@@ -82,7 +82,7 @@ GaussianEstimate GaussianEstimate::Fit(const Eigen::Ref<const core::Matrix>& sam
                    "the samples' covariance is singular; give a larger ridge than " << ridge);
   estimate.root_ =
       cholesky.matrixL().solve(Eigen::MatrixXd::Identity(samples.cols(), samples.cols()));
-  estimate.lipschitz_bound_ = Eigen::JacobiSVD<Eigen::MatrixXd>(estimate.root_).singularValues()[0];
+  estimate.lipschitz_bound_ = core::OperatorNorm(estimate.root_);
   std::vector<double> distances;
   for (Eigen::Index i = 0; i < samples.rows(); ++i) {
     distances.push_back((estimate.root_ * (samples.row(i).transpose() - estimate.mean_)).norm());

@@ -1,6 +1,5 @@
 #include "dfr/kernel/whitened_support.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -11,6 +10,7 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/core/folds.h"
+#include "dfr/core/linear_algebra.h"
 #include "dfr/core/local_scatter.h"
 #include "dfr/core/random.h"
 #include "dfr/core/spanning_tree.h"
@@ -141,7 +141,7 @@ WhitenedSupport::WhitenedSupport(std::vector<Estimate> estimates) {
                          estimate.svm.state_dim() == n && estimate.map.allFinite(),
                      "estimate " << t << ": its map must be " << n << " x " << n
                                  << " and finite, and its states have " << n << " entries");
-    const double norm = Eigen::MatrixXd(estimate.map).operatorNorm();
+    const double norm = core::OperatorNorm(estimate.map);
     phases_.push_back({std::move(estimate.map), norm, std::move(estimate.svm)});
   }
 }

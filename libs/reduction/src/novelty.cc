@@ -1,6 +1,5 @@
 #include "dfr/reduction/novelty.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <functional>
@@ -11,6 +10,7 @@
 #include <vector>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/linear_algebra.h"
 
 namespace dfr::reduction {
 namespace {
@@ -172,13 +172,10 @@ Novelty Novelty::Fit(const RowSource& pictures, const core::PictureShape& shape,
     // Positions lie in [0, 1]: without any variance a change of kRidge has length 1.
     covariance.diagonal().array() +=
         kRidge * std::max(kRidge, covariance.trace() / static_cast<double>(places));
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(covariance);
-    const core::Matrix whitening = eigen.eigenvalues()
-                                       .cwiseMax(kRidge * kRidge * kRidge)
-                                       .cwiseSqrt()
-                                       .cwiseInverse()
-                                       .asDiagonal() *
-                                   eigen.eigenvectors().transpose();
+    const core::SymmetricEigen eigen = core::DecomposeSymmetric(covariance);
+    const core::Matrix whitening =
+        eigen.values.cwiseMax(kRidge * kRidge * kRidge).cwiseSqrt().cwiseInverse().asDiagonal() *
+        eigen.vectors.transpose();
     return Novelty(shape, mean, of_windows, middle, whitening);
   };
   std::vector<double> of_pictures(count);

@@ -1,12 +1,11 @@
 #include "dfr/reduction/principal_components.h"
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <functional>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/linear_algebra.h"
 #include "dfr/core/random.h"
 #include "dfr/core/workers.h"
 
@@ -158,10 +157,7 @@ class Standardised {
 
 // An orthonormal basis of the columns.
 FloatRows Orthonormal(const FloatRows& columns) {
-  Eigen::HouseholderQR<Eigen::MatrixXd> qr(columns.cast<double>());
-  Eigen::MatrixXd q = Eigen::MatrixXd::Identity(columns.rows(), columns.cols());
-  q.applyOnTheLeft(qr.householderQ());
-  return q.cast<float>();
+  return core::OrthonormalBasis(columns.cast<double>()).cast<float>();
 }
 
 }  // namespace
@@ -199,16 +195,17 @@ PrincipalComponents FitPrincipalComponents(const RowSource& source,
         product.middleRows(first, std::min(kJobColumns, n - first)).cast<double>();
     gram.noalias() += part.transpose() * part;
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(gram / static_cast<double>(n));
-  const Eigen::VectorXd variance = eigen.eigenvalues().reverse();
+  const core::SymmetricEigen eigen = core::DecomposeSymmetric(gram / static_cast<double>(n));
+  const Eigen::VectorXd variance = eigen.values.reverse();
   Eigen::Index kept = 0;
   while (kept < std::min<Eigen::Index>(l, options.components) &&
          variance[kept] > kNoise * kNoise * variance[0]) {
     ++kept;
   }
-  Eigen::MatrixXd rotation = eigen.eigenvectors().rowwise().reverse().leftCols(kept);
+  Eigen::MatrixXd rotation = eigen.vectors.rowwise().reverse().leftCols(kept);
   fit.variance = variance.head(kept);
-  fit.components.noalias() = rotation.transpose() * q.cast<double>().transpose();
+  const Eigen::MatrixXd basis = q.cast<double>();
+  fit.components.noalias() = rotation.transpose() * basis.transpose();
   for (Eigen::Index i = 0; i < source.width(); ++i) {
     if (fit.scale[i] == 0.0)
       fit.components.col(i).setZero();  // Rounding is left of the random start.

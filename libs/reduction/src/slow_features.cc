@@ -1,8 +1,9 @@
 #include "dfr/reduction/slow_features.h"
 
-#include <Eigen/Eigenvalues>
+#include <Eigen/Core>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/linear_algebra.h"
 
 namespace dfr::reduction {
 namespace {
@@ -50,12 +51,11 @@ SlowFeatures FitSlowFeatures(std::span<const core::Matrix> episodes) {
   const double variance = all.trace() / static_cast<double>(d);
   DFR_THROW_UNLESS(variance > 0.0, "all rows are equal: there is nothing to reduce");
   differences.diagonal().array() += kLeastDifference * variance;
-  const Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::MatrixXd> eigen(all, differences);
-  DFR_THROW_UNLESS(eigen.info() == Eigen::Success, "the slow features do not converge");
+  const core::SymmetricEigen eigen = core::DecomposeSymmetric(all, differences);
   Eigen::Index kept = 1;
-  while (kept < d && eigen.eigenvalues()[d - 1 - kept] > kLeastSlowness) ++kept;
-  fit.slowness = eigen.eigenvalues().reverse().head(kept);
-  fit.directions = eigen.eigenvectors().rowwise().reverse().leftCols(kept).transpose();
+  while (kept < d && eigen.values[d - 1 - kept] > kLeastSlowness) ++kept;
+  fit.slowness = eigen.values.reverse().head(kept);
+  fit.directions = eigen.vectors.rowwise().reverse().leftCols(kept).transpose();
   for (Eigen::Index k = 0; k < kept; ++k) {
     Eigen::Index largest = 0;
     fit.directions.row(k).cwiseAbs().maxCoeff(&largest);

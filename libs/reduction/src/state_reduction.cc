@@ -1,6 +1,5 @@
 #include "dfr/reduction/state_reduction.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -11,6 +10,7 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"
+#include "dfr/core/linear_algebra.h"
 #include "dfr/core/numbers.h"
 #include "dfr/core/workers.h"
 #include "dfr/reduction/principal_components.h"
@@ -129,7 +129,7 @@ core::PictureShape ShapeOf(const ImageFeatures& picture) noexcept {
 // components is orthonormal.
 Eigen::MatrixXd InverseGram(const core::Matrix& p) {
   const Eigen::MatrixXd gram = p * p.transpose();
-  return gram.ldlt().solve(Eigen::MatrixXd::Identity(p.rows(), p.rows()));
+  return core::SolveSymmetric(gram, Eigen::MatrixXd::Identity(p.rows(), p.rows()));
 }
 
 // Rounds to bytes; false if a value is not one.
@@ -493,8 +493,8 @@ void StateReduction::Spread(const Eigen::MatrixXd& products, std::span<const dou
       continue;
     }
     const core::Matrix& p = part.reduction->projection();
-    const Eigen::VectorXd share =
-        (own * InverseGram(p) * p).cwiseProduct(p).colwise().sum().transpose();
+    const core::Matrix spread = own * InverseGram(p) * p;
+    const Eigen::VectorXd share = spread.cwiseProduct(p).colwise().sum().transpose();
     if (part.points) {
       // Column and row of each point.
       const Eigen::VectorXd of_points =

@@ -1,6 +1,5 @@
 #include "choose_features.h"
 
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -10,6 +9,7 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"
+#include "dfr/core/linear_algebra.h"
 #include "dfr/core/local_scatter.h"
 #include "dfr/safety/constants.h"
 
@@ -99,7 +99,7 @@ std::vector<int> Independent(const Recorded& recorded) {
 
 // Returns the squared residual of a linear regression of y on the columns of x.
 double Left(const Eigen::MatrixXd& x, const Eigen::VectorXd& y) {
-  return (y - x * x.colPivHouseholderQr().solve(y)).squaredNorm();
+  return (y - x * core::SolveLeastSquares(x, y)).squaredNorm();
 }
 
 std::string Share(double share) { return core::Format("%.0f %%", 100.0 * share); }

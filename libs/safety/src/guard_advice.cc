@@ -1,7 +1,5 @@
 #include "dfr/safety/guard_advice.h"
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -10,6 +8,7 @@
 #include "dfr/control/guided/response_estimate.h"
 #include "dfr/core/absolute_actions.h"
 #include "dfr/core/format.h"
+#include "dfr/core/linear_algebra.h"
 #include "dfr/kernel/cover_radius.h"
 #include "dfr/safety/constants.h"
 #include "fit_task.h"
@@ -233,10 +232,9 @@ std::vector<Clearance> Clearances(const GuardModel& model) {
     const double radius = kernel::CoverRadius(support.estimate(t), level);
     // y = M x: |y - y_i| <= radius bounds a block of x - x_i by its rows of the inverse of M.
     const Eigen::MatrixXd map = support.map(t) * features.scale();
-    const Eigen::MatrixXd inverse = map.completeOrthogonalDecomposition().pseudoInverse();
+    const Eigen::MatrixXd inverse = core::PseudoInverse(map);
     for (std::size_t b = 0; b < clearances.size(); ++b) {
-      const double length =
-          radius * Eigen::MatrixXd(inverse(columns[b], Eigen::all)).operatorNorm();
+      const double length = radius * core::OperatorNorm(inverse(columns[b], Eigen::all));
       lengths[b].push_back(length);
       if (length > clearances[b].largest) {
         clearances[b].largest = length;

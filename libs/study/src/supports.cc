@@ -1,7 +1,6 @@
 #include "dfr/study/supports.h"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -10,6 +9,7 @@
 
 #include "dfr/control/published/lambda.h"
 #include "dfr/core/contract.h"
+#include "dfr/core/linear_algebra.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/quantile.h"
 #include "dfr/study/policies.h"
@@ -207,12 +207,10 @@ class Mahalanobis final : public Pooled {
       means_.emplace_back(points.colwise().mean());
       const core::Matrix centred = points.rowwise() - means_.back().transpose();
       const Eigen::MatrixXd covariance =
-          centred.transpose() * centred / static_cast<double>(points.rows()) +
+          core::Matrix(centred.transpose() * centred) / static_cast<double>(points.rows()) +
           kRidge * Eigen::MatrixXd::Identity(points.cols(), points.cols());
-      precisions_.emplace_back(covariance.inverse());
-      largest_.push_back(Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(precisions_.back())
-                             .eigenvalues()
-                             .maxCoeff());
+      precisions_.emplace_back(core::Inverse(covariance));
+      largest_.push_back(core::DecomposeSymmetric(precisions_.back()).values.maxCoeff());
     }
     q_.assign(points_.size(), 1.0);
     for (std::size_t t = 0; t < points_.size(); ++t) q_[t] = std::max(1e-9, 1.0 - LevelQuantile(t));

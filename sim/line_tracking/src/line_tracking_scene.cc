@@ -116,8 +116,15 @@ void SceneData::PlaceRod(int mocap, const Eigen::Vector3d& from,
                          const Eigen::Vector3d& to) noexcept {
   Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
   pose.translation() = 0.5 * (from + to);
-  pose.linear() =
-      Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), to - from).toRotationMatrix();
+  // The smallest rotation from the z-axis to the rod; about the x-axis if the rod points down.
+  const Eigen::Vector3d along = (to - from).normalized();
+  const double twice_cosine = std::sqrt(2.0 * (1.0 + along.z()));
+  const double scale = 1.0 / twice_cosine;
+  const Eigen::Quaterniond rotation =
+      twice_cosine < 1e-6
+          ? Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0)
+          : Eigen::Quaterniond(0.5 * twice_cosine, -along.y() * scale, along.x() * scale, 0.0);
+  pose.linear() = rotation.toRotationMatrix();
   SetPose(pose, data_->mocap_pos + 3 * mocap, data_->mocap_quat + 4 * mocap);
 }
 

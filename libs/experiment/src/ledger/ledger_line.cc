@@ -255,7 +255,8 @@ std::string UnitLine(const LedgerRecord& record, std::uint64_t identity) {
 LedgerHeader LedgerReader::Header(std::string_view line) {
   const Json json = Parse(line);
   const auto format = json.is_object() ? json.find("format") : json.end();
-  if (!json.is_object() || format == json.end() || *format != kFormat) {
+  if (!json.is_object() || format == json.end() || !format->is_string() ||
+      format->get_ref<const std::string&>() != kFormat) {
     throw std::runtime_error("is not a ledger of a paired evaluation; choose another folder");
   }
   const Json version = json.value("version", Json());

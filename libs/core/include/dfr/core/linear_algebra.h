@@ -1,0 +1,46 @@
+#pragma once
+
+#include <Eigen/Core>
+
+namespace dfr::core {
+
+// Decompositions of dense matrices by Eigen, compiled once: each costs a compiler several seconds
+// where it is instantiated. They allocate; matrices of any size, also 0 x 0 where not said
+// otherwise. Thread-safe.
+
+/// Eigenvalues in ascending order, and their eigenvectors as columns.
+struct SymmetricEigen {
+  Eigen::VectorXd values;
+  Eigen::MatrixXd vectors;
+};
+
+/// Decomposes a symmetric matrix, whose lower triangle is read, by tridiagonalisation and QR.
+[[nodiscard]] SymmetricEigen DecomposeSymmetric(const Eigen::MatrixXd& a);
+
+/// Solves a v = lambda b v for symmetric `a` and positive definite `b`. The eigenvectors satisfy
+/// v' b v = 1.
+/// @throws std::invalid_argument if `b` is not positive definite.
+[[nodiscard]] SymmetricEigen DecomposeSymmetric(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
+
+/// Returns the largest singular value of a matrix with at least one entry.
+[[nodiscard]] double OperatorNorm(const Eigen::MatrixXd& a);
+
+/// Returns x of a x = b for a positive or negative semidefinite matrix, whose lower triangle is
+/// read (pivoted Cholesky decomposition). Where `a` is singular, x solves as many equations as it
+/// can.
+[[nodiscard]] Eigen::MatrixXd SolveSymmetric(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
+
+/// Returns the inverse of a regular matrix (LU decomposition with pivoted rows).
+[[nodiscard]] Eigen::MatrixXd Inverse(const Eigen::MatrixXd& a);
+
+/// Returns the x of least |a x - b|^2 (QR decomposition with pivoted columns).
+[[nodiscard]] Eigen::MatrixXd SolveLeastSquares(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
+
+/// Returns the Moore-Penrose inverse (complete orthogonal decomposition).
+[[nodiscard]] Eigen::MatrixXd PseudoInverse(const Eigen::MatrixXd& a);
+
+/// Returns an orthonormal basis of the columns of a matrix with at least as many rows, in order (QR
+/// decomposition without pivoting).
+[[nodiscard]] Eigen::MatrixXd OrthonormalBasis(const Eigen::MatrixXd& a);
+
+}  // namespace dfr::core

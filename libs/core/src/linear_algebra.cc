@@ -1,0 +1,50 @@
+#include "dfr/core/linear_algebra.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <Eigen/QR>
+#include <cmath>
+
+#include "dfr/core/contract.h"
+
+namespace dfr::core {
+
+SymmetricEigen DecomposeSymmetric(const Eigen::MatrixXd& a) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(a);
+  return {solver.eigenvalues(), solver.eigenvectors()};
+}
+
+SymmetricEigen DecomposeSymmetric(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
+  const Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::MatrixXd> solver(a, b);
+  DFR_THROW_UNLESS(solver.info() == Eigen::Success, "the matrix b is not positive definite");
+  return {solver.eigenvalues(), solver.eigenvectors()};
+}
+
+double OperatorNorm(const Eigen::MatrixXd& a) {
+  const Eigen::MatrixXd gram = a.transpose() * a;
+  return std::sqrt(DecomposeSymmetric(gram).values.maxCoeff());
+}
+
+Eigen::MatrixXd SolveSymmetric(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
+  return a.ldlt().solve(b);
+}
+
+Eigen::MatrixXd Inverse(const Eigen::MatrixXd& a) { return a.inverse(); }
+
+Eigen::MatrixXd SolveLeastSquares(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
+  return a.colPivHouseholderQr().solve(b);
+}
+
+Eigen::MatrixXd PseudoInverse(const Eigen::MatrixXd& a) {
+  return a.completeOrthogonalDecomposition().pseudoInverse();
+}
+
+Eigen::MatrixXd OrthonormalBasis(const Eigen::MatrixXd& a) {
+  const Eigen::HouseholderQR<Eigen::MatrixXd> qr(a);
+  Eigen::MatrixXd q = Eigen::MatrixXd::Identity(a.rows(), a.cols());
+  q.applyOnTheLeft(qr.householderQ());
+  return q;
+}
+
+}  // namespace dfr::core
