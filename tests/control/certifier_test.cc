@@ -45,7 +45,7 @@ double Deepest(const test::GaussianSupport& support, int phase, std::span<const 
 // wherever within the error of the state it really is, is inside some B_q of the window.
 TEST(CertifierTest, EveryStateThatTheAssumptionAllowsIsInsideSomeSupport) {
   const auto support = Moving();
-  const ResponseEstimate answer = test::KnownJacobian(Jacobian());
+  const LocalFit answer = test::KnownJacobian(Jacobian());
   constexpr double kError = 0.3;
   for (const auto& [level, state_error] : {std::pair(0.0, 0.0), std::pair(0.1, 0.1)}) {
     SCOPED_TRACE(state_error);
@@ -78,7 +78,7 @@ TEST(CertifierTest, EveryStateThatTheAssumptionAllowsIsInsideSomeSupport) {
 // slightly larger one could end outside.
 TEST(CertifierTest, IsExactForASingleGaussian) {
   const test::GaussianSupport support({{0.0, 0.0}}, 1.0, 0.5);
-  const ResponseEstimate answer = test::KnownJacobian(Eigen::Matrix2d::Identity());
+  const LocalFit answer = test::KnownJacobian(Eigen::Matrix2d::Identity());
   const std::vector<double> z = {0.5, 0.0};
   const double radius = std::sqrt(std::log(2.0));
   const Eigen::VectorXd outwards = Eigen::Vector2d(3.0, 0.0);
@@ -95,7 +95,7 @@ TEST(CertifierTest, IsExactForASingleGaussian) {
 // provably end inside a ball at the predicted state.
 TEST(CertifierTest, TheDirectionsShareIsTheLargerOfBothBalls) {
   const auto support = Moving();
-  const ResponseEstimate answer = test::KnownJacobian(Jacobian());
+  const LocalFit answer = test::KnownJacobian(Jacobian());
   constexpr double kError = 0.3;
   for (const double level : {0.0, 0.4}) {
     Certifier certifier({.direction_error = kError, .level = level}, 2, 2, kUnit);
@@ -141,7 +141,7 @@ TEST(CertifierTest, TheDirectionsShareIsTheLargerOfBothBalls) {
 // docs/certificates.md has one.
 TEST(CertifierTest, PredictTellsTheLevelThatAControlNeeds) {
   const auto support = Moving();
-  const ResponseEstimate answer = test::KnownJacobian(Jacobian());
+  const LocalFit answer = test::KnownJacobian(Jacobian());
   const Certificate certificate{.direction_error = 0.4, .level = 0.2, .state_error = 0.05};
   Certifier certifier(certificate, 2, 2, kUnit);
   core::Random random(4);
@@ -185,7 +185,7 @@ TEST(CertifierTest, PredictTellsTheLevelThatAControlNeeds) {
 TEST(CertifierTest, LooksAtTheWindowAndNotBeyond) {
   // Disks of radius 0.83 around (2 t, 0): they do not overlap.
   const test::GaussianSupport support({{0.0, 0.0}}, 1.0, 0.5, {2.0, 0.0}, 12);
-  const ResponseEstimate answer = test::KnownJacobian(Eigen::Matrix2d::Identity());
+  const LocalFit answer = test::KnownJacobian(Eigen::Matrix2d::Identity());
   const std::vector<double> z = {12.0, 0.0};  // in B_6
   const Eigen::VectorXd v = Eigen::Vector2d(0.1, 0.0);
   Certifier certifier({0.5}, 2, 2, kUnit);
@@ -198,7 +198,7 @@ TEST(CertifierTest, LooksAtTheWindowAndNotBeyond) {
 
 TEST(CertifierTest, NothingPassesOutsideAndNoControlAlwaysDoes) {
   const auto support = Moving();
-  const ResponseEstimate answer = test::KnownJacobian(Jacobian());
+  const LocalFit answer = test::KnownJacobian(Jacobian());
   const std::vector<double> outside = {0.0, 5.0};
   const std::vector<double> inside = {0.0, 0.0};
   Certifier certifier({1.0}, 2, 2, kUnit);
@@ -230,7 +230,7 @@ TEST(CertifierTest, ConfirmsWhatItTrustsAndSaysWhatContradictsIt) {
 // allows.
 TEST(CertifierTest, AdmittedControlsAreCertified) {
   const auto support = Moving();
-  ResponseEstimate answer = test::KnownJacobian(Jacobian());
+  LocalFit answer = test::KnownJacobian(Jacobian());
   Certifier certifier({0.3}, 2, 2, kUnit);
   core::Random random(1);
   int whole = 0;
@@ -274,7 +274,7 @@ TEST(CertifierTest, AdmittedControlsAreCertified) {
 TEST(CertifierTest, ThreeControlsOfWhichNextToNothingPassesAreTheEnd) {
   // A peak at which no step raises l, and whose ball every control leaves.
   const test::GaussianSupport support({{0.0, 0.0}}, 1.0, 1.0);
-  ResponseEstimate answer = test::KnownJacobian(Jacobian());
+  LocalFit answer = test::KnownJacobian(Jacobian());
   const std::vector<double> z = {0.0, 0.0};
   Certifier certifier({1.0}, 2, 2, kUnit);
   const auto admit = [&] {
@@ -290,7 +290,7 @@ TEST(CertifierTest, ThreeControlsOfWhichNextToNothingPassesAreTheEnd) {
 
 TEST(CertifierTest, NeverAllocates) {
   const auto support = Moving();
-  ResponseEstimate answer = test::KnownJacobian(Jacobian());
+  LocalFit answer = test::KnownJacobian(Jacobian());
   const std::vector<double> z = {0.1, 0.2};
   const Eigen::VectorXd v = Eigen::Vector2d(2.0, 1.0);
   Certifier certifier({1.0}, 2, 2, kUnit);

@@ -73,12 +73,12 @@ TEST(ResponseTest, AFileKeepsAllThatItKnows) {
   EXPECT_EQ(loaded.control_unit(), response.control_unit());
   EXPECT_EQ(loaded.largest_control(), response.largest_control());
   EXPECT_EQ(loaded.has_drift(), response.has_drift());
-  ResponseEstimate kept(loaded.prior());
-  ResponseEstimate made(response.prior());
+  const ResponseEstimate kept_estimate(loaded.prior());
+  const ResponseEstimate made_estimate(response.prior());
   for (int t = 0; t < test::kSteps; ++t) {
     const std::vector<double> z = {t * test::kSpeed, 0.1};
-    kept.Compute(t, z);
-    made.Compute(t, z);
+    const LocalFit kept = kept_estimate.FitAt(t, z);
+    const LocalFit made = made_estimate.FitAt(t, z);
     EXPECT_EQ(kept.jacobian(), made.jacobian());
     EXPECT_EQ(kept.drift(), made.drift());
   }

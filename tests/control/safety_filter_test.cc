@@ -2,8 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include <span>
-
+#include "dfr/control/guided/response_estimate.h"
 #include "dfr/core/matrix.h"
 #include "tests/control/analytic.h"
 #include "tests/control/rightwards.h"
@@ -18,11 +17,10 @@ using Choice = SafetyFilter::Choice;
 // A disk that moves to the right, demonstrations that follow it, and a state at its rim.
 class SafetyFilterTest : public testing::Test {
  protected:
-  SafetyFilterTest() { estimate_.Compute(0, core::AsSpan(z_)); }
+  SafetyFilterTest() { estimate_.FitAt(0, core::AsSpan(z_), fit_); }
 
   [[nodiscard]] Choice Filter(const GuidedOptions& options, Eigen::VectorXd& v) {
-    return SafetyFilter(model_, options)
-        .Filter(estimate_, core::AsSpan(z_), target_, target_.level, v);
+    return SafetyFilter(model_, options).Filter(fit_, target_, target_.level, v);
   }
   [[nodiscard]] double Level(const Eigen::VectorXd& v) const { return local_.Level(1, v); }
 
@@ -30,7 +28,8 @@ class SafetyFilterTest : public testing::Test {
   test::Task model_{test::IdentityFeatures(), support_, test::Rightwards()};
   ResponseEstimate estimate_{model_.response.prior()};
   Eigen::VectorXd z_ = Eigen::Vector2d(0.0, 0.35);
-  LocalModel local_{support_, estimate_, core::AsSpan(z_)};
+  LocalFit fit_ = estimate_.MakeFit();
+  LocalModel local_{support_, fit_};
   StepTarget target_{1, model_.levels.gate(1)};
   StepLimits limits_ =
       Limits(GuidedOptions{}, model_.response.control_dim(), model_.response.control_unit());
@@ -51,7 +50,7 @@ TEST_F(SafetyFilterTest, AControlThatEndsDeepInsidePassesUnchanged) {
 TEST_F(SafetyFilterTest, AControlThatEndsOutsideIsReplacedByTheNominalOne) {
   ASSERT_LT(Level(outwards_), 0.0);
   Eigen::VectorXd expected(2);
-  ASSERT_TRUE(estimate_.NominalControl(expected));
+  ASSERT_TRUE(fit_.NominalControl(expected));
   const double level = AscendSupport(local_, target_, limits_, expected);
   Eigen::VectorXd v = outwards_;
   const Choice choice = Filter({}, v);
@@ -75,8 +74,7 @@ TEST_F(SafetyFilterTest, AControlThatEndsInsidePassesFromThePassLevelOn) {
   EXPECT_GT(choice.level, Level(between));
 
   v = between;
-  const Choice passed =
-      SafetyFilter(model_, {}).Filter(estimate_, core::AsSpan(z_), target_, Level(between), v);
+  const Choice passed = SafetyFilter(model_, {}).Filter(fit_, target_, Level(between), v);
   EXPECT_EQ(passed.mode, Mode::kPolicy);
   EXPECT_TRUE(v == between);
   EXPECT_EQ(passed.level, Level(between));
@@ -98,10 +96,10 @@ TEST_F(SafetyFilterTest, WithoutDemonstrationsTheLearnedControlIsRaised) {
 // small and gains no more than the margin.
 TEST_F(SafetyFilterTest, AnIdleChangeIsNotMadeIfNoControlEndsInside) {
   z_ = Eigen::Vector2d(0.0, 1.5);
-  estimate_.Compute(0, core::AsSpan(z_));
+  estimate_.FitAt(0, core::AsSpan(z_), fit_);
   const GuidedOptions options{.iterations = 0, .probe_size = 0.0};
   Eigen::VectorXd changed(2);
-  ASSERT_TRUE(estimate_.NominalControl(changed));
+  ASSERT_TRUE(fit_.NominalControl(changed));
   const double level = Level(changed);
   ASSERT_LT(level, 0.0);
   for (const double difference : {0.4, 0.6}) {
@@ -110,8 +108,7 @@ TEST_F(SafetyFilterTest, AnIdleChangeIsNotMadeIfNoControlEndsInside) {
     ASSERT_GT(cost, 0.0);
     for (const double margin : {0.999 * cost, 1.001 * cost}) {
       Eigen::VectorXd v = learned;
-      const Choice choice = SafetyFilter(model_, options)
-                                .Filter(estimate_, core::AsSpan(z_), {1, 10.0}, 10.0 - margin, v);
+      const Choice choice = SafetyFilter(model_, options).Filter(fit_, {1, 10.0}, 10.0 - margin, v);
       const bool passes = difference < 0.5 && margin > cost;
       EXPECT_EQ(choice.mode, passes ? Mode::kPolicy : Mode::kRecovery) << difference;
       EXPECT_TRUE(v == (passes ? learned : changed)) << difference << " " << margin;
@@ -127,9 +124,9 @@ TEST_F(SafetyFilterTest, RemembersNothingAndNeverAllocates) {
   Eigen::VectorXd second = outwards_;
   Eigen::VectorXd other = inwards_;
   const test::NoAlloc guard;
-  const Choice once = filter.Filter(estimate_, core::AsSpan(z_), target_, target_.level, first);
-  static_cast<void>(filter.Filter(estimate_, core::AsSpan(z_), target_, target_.level, other));
-  const Choice twice = filter.Filter(estimate_, core::AsSpan(z_), target_, target_.level, second);
+  const Choice once = filter.Filter(fit_, target_, target_.level, first);
+  static_cast<void>(filter.Filter(fit_, target_, target_.level, other));
+  const Choice twice = filter.Filter(fit_, target_, target_.level, second);
   EXPECT_EQ(once.mode, twice.mode);
   EXPECT_EQ(once.level, twice.level);
   EXPECT_TRUE(first == second);

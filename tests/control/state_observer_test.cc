@@ -34,16 +34,19 @@ std::shared_ptr<const TransitionStore> Linear(const core::Matrix& jacobian, core
 
 class StateObserverTest : public testing::Test {
  protected:
-  // Performs a controller's update after control `v`, with the next state at `dz` from `before`.
-  void Learn(const Eigen::VectorXd& before, const Eigen::VectorXd& v, const Eigen::VectorXd& dz) {
-    observer_.Update(estimate_, core::AsSpan(v), core::AsSpan(dz));
-    estimate_.Update(core::AsSpan(before), observer_.acting(), core::AsSpan(dz), 0.0, 1.0);
+  // Performs a controller's update after control `v`, predicted by `fit`, with the next state at
+  // `dz` from `before`.
+  void Learn(const LocalFit* fit, const Eigen::VectorXd& before, const Eigen::VectorXd& v,
+             const Eigen::VectorXd& dz) {
+    observer_.Update(fit, core::AsSpan(v), core::AsSpan(dz));
+    estimate_.Update(fit_, core::AsSpan(before), observer_.acting(), core::AsSpan(dz), 0.0, 1.0);
   }
 
   core::Random random_{13};
   core::Matrix truth_ = (core::Matrix(2, 2) << 0.2, 0.1, -0.1, 0.3).finished();
   std::shared_ptr<const TransitionStore> prior_ = Linear(truth_, random_);
   ResponseEstimate estimate_{prior_};
+  LocalFit fit_ = estimate_.MakeFit();
   StateObserver observer_{2, 2, kForgetting};
 };
 
@@ -53,7 +56,7 @@ class LagTest : public StateObserverTest, public testing::WithParamInterface<int
   // Applies `count` controls with observation noise `noise`.
   void Drive(int count, int lag, double noise) {
     for (int i = 0; i < count; ++i) {
-      estimate_.Compute(5, core::AsSpan(seen_));
+      estimate_.FitAt(5, core::AsSpan(seen_), fit_);
       const Eigen::VectorXd v =
           Eigen::Vector2d(1.0, 0.5) + 0.5 * Eigen::Vector2d(random_.Normal(), random_.Normal());
       given_.push_back(v);
@@ -61,7 +64,7 @@ class LagTest : public StateObserverTest, public testing::WithParamInterface<int
       if (k >= 0) state_ += truth_ * given_[static_cast<std::size_t>(k)];
       const Eigen::VectorXd before = seen_;
       seen_ = state_ + noise * Eigen::Vector2d(random_.Normal(), random_.Normal());
-      Learn(before, v, seen_ - before);
+      Learn(&fit_, before, v, seen_ - before);
     }
   }
 
@@ -78,10 +81,10 @@ TEST_P(LagTest, IsFoundAtOnceAndWhatIsUnderWayIsPredicted) {
   EXPECT_EQ(observer_.lag(), lag);
   const Eigen::VectorXd& acted = given_[given_.size() - 1 - static_cast<std::size_t>(lag)];
   EXPECT_TRUE(test::AllClose(core::AsVector(observer_.acting()), acted, 0.0));
-  estimate_.Compute(5, core::AsSpan(seen_));
-  EXPECT_TRUE(test::AllClose(estimate_.jacobian(), truth_, 0.02));
+  estimate_.FitAt(5, core::AsSpan(seen_), fit_);
+  EXPECT_TRUE(test::AllClose(fit_.jacobian(), truth_, 0.02));
   Eigen::VectorXd there = seen_;
-  observer_.Observe(estimate_, there);
+  observer_.Observe(fit_, there);
   Eigen::VectorXd expected = state_;
   for (int i = 0; i < lag; ++i) expected += truth_ * given_[given_.size() - 1 - i];
   EXPECT_TRUE(test::AllClose(there, expected, 0.05));
@@ -112,7 +115,7 @@ TEST_P(LagTest, SwitchedOffItTakesControlsToActAtOnceAndStatesForWhatIsSeen) {
   EXPECT_EQ(observer_.lag(), 0);
   EXPECT_TRUE(test::AllClose(core::AsVector(observer_.acting()), given_.back(), 0.0));
   Eigen::VectorXd there = seen_;
-  observer_.Observe(estimate_, there);
+  observer_.Observe(fit_, there);
   EXPECT_TRUE(test::AllClose(there, seen_, 0.0));
 }
 
@@ -129,10 +132,10 @@ TEST_F(StateObserverTest, NoiseIsSmoothedAndDisturbancesAreNot) {
     Eigen::VectorXd seen = state;
     for (int i = 0; i < 400; ++i) {
       Eigen::VectorXd smooth = seen;
-      observer_.Observe(estimate_, smooth);
+      observer_.Observe(fit_, smooth);
       if (i >= 50) squared += (smooth - state).squaredNorm();
       if (i >= 50) raw += (seen - state).squaredNorm();
-      estimate_.Compute(5, core::AsSpan(smooth));
+      estimate_.FitAt(5, core::AsSpan(smooth), fit_);
       const Eigen::VectorXd v = Eigen::Vector2d(random_.Normal(), random_.Normal());
       const Eigen::Vector2d other(random_.Normal(), random_.Normal());
       state += truth_ * v;
@@ -140,7 +143,7 @@ TEST_F(StateObserverTest, NoiseIsSmoothedAndDisturbancesAreNot) {
       const Eigen::VectorXd before = seen;
       seen = state;
       if (noisy) seen += 0.3 * other;
-      Learn(before, v, seen - before);
+      Learn(&fit_, before, v, seen - before);
     }
     if (noisy) {
       EXPECT_LT(squared, 0.35 * raw) << "the variance that is left";
@@ -154,10 +157,10 @@ TEST_F(StateObserverTest, WithoutPredictionsAStateIsWhatIsSeen) {
   for (int i = 0; i < 20; ++i) {
     const Eigen::VectorXd seen = Eigen::Vector2d(i % 2 == 0 ? 0.3 : -0.3, 0.1);
     Eigen::VectorXd z = seen;
-    observer_.Observe(estimate_, z);
-    // Without Compute() there is no prediction for any control.
+    observer_.Observe(fit_, z);
+    // Without a fit there is no prediction for any control.
     EXPECT_TRUE(test::AllClose(z, seen, 0.0));
-    Learn(seen, Eigen::Vector2d::Zero(), Eigen::Vector2d(i % 2 == 0 ? -0.6 : 0.6, 0.0));
+    Learn(nullptr, seen, Eigen::Vector2d::Zero(), Eigen::Vector2d(i % 2 == 0 ? -0.6 : 0.6, 0.0));
   }
 }
 
@@ -167,10 +170,10 @@ TEST_F(StateObserverTest, NothingAllocatesAfterConstruction) {
   Eigen::VectorXd z = seen;
   const test::NoAlloc guard;
   for (int t = 0; t < 12; ++t) {
-    observer_.Observe(estimate_, z);
-    estimate_.Compute(t, core::AsSpan(z));
-    observer_.Update(estimate_, core::AsSpan(v), core::AsSpan(seen));
-    estimate_.Update(core::AsSpan(z), observer_.acting(), core::AsSpan(seen), 0.0, 1.0);
+    observer_.Observe(fit_, z);
+    estimate_.FitAt(t, core::AsSpan(z), fit_);
+    observer_.Update(&fit_, core::AsSpan(v), core::AsSpan(seen));
+    estimate_.Update(fit_, core::AsSpan(z), observer_.acting(), core::AsSpan(seen), 0.0, 1.0);
   }
 }
 

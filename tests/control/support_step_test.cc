@@ -52,7 +52,7 @@ struct World {
   core::Random random;
   int controls;
   test::GaussianSupport support;
-  ResponseEstimate answer;
+  LocalFit answer;
   Eigen::VectorXd z;
   double limit;
   Eigen::VectorXd v;
@@ -63,7 +63,7 @@ struct World {
 class OneGaussianTest : public testing::Test {
  protected:
   test::GaussianSupport support_{{{0.0, 0.0}}, 2.0, 1.0};
-  ResponseEstimate answer_ = test::KnownJacobian(Eigen::Vector2d(2.0, 1.0).asDiagonal());
+  LocalFit answer_ = test::KnownJacobian(Eigen::Vector2d(2.0, 1.0).asDiagonal());
   Eigen::VectorXd z_ = Eigen::Vector2d(1.0, 1.0);
   LocalModel model_{support_, answer_, core::AsSpan(z_)};
 };
@@ -132,7 +132,7 @@ TEST_F(OneGaussianTest, WithoutIterationsNothingIsChanged) {
 }
 
 TEST_F(OneGaussianTest, AControlWithoutEffectIsNotChanged) {
-  const ResponseEstimate nothing = test::KnownJacobian(Eigen::Matrix2d::Zero());
+  const LocalFit nothing = test::KnownJacobian(Eigen::Matrix2d::Zero());
   const LocalModel model{support_, nothing, core::AsSpan(z_)};
   Eigen::VectorXd v = Eigen::Vector2d(0.3, -0.7);
   const Eigen::VectorXd before = v;
@@ -186,7 +186,7 @@ TEST(RaiseLevelTest, AStraightSlopeIsClimbedInOneStep) {
     double curvature_bound(int) const noexcept override { return 0.0; }
   };
   const Ramp support;
-  const ResponseEstimate answer = test::KnownJacobian(Eigen::MatrixXd::Constant(1, 1, 2.0));
+  const LocalFit answer = test::KnownJacobian(Eigen::MatrixXd::Constant(1, 1, 2.0));
   const std::vector<double> z = {-3.0};
   Eigen::VectorXd v = Eigen::VectorXd::Zero(1);
   EXPECT_NEAR(AscendSupport({support, answer, z}, {.level = 1.0}, {}, v), 1.0, 1e-12);
@@ -222,7 +222,7 @@ TEST(RaiseLevelTest, ReachesATargetThatIsWithinReach) {
     };
     // One of three Gaussians alone reaches log(1 / (3 * 0.3)) = 0.1.
     const test::GaussianSupport support({point(), point(), point()}, 1.0, 0.3);
-    const ResponseEstimate answer =
+    const LocalFit answer =
         test::KnownJacobian(Eigen::MatrixXd::Identity(kN, 4) + 0.1 * RandomJacobian(random, kN, 4));
     const Eigen::VectorXd z = RandomVector(random, kN, 1.5);
     const LocalModel model{support, answer, core::AsSpan(z)};
@@ -246,7 +246,7 @@ TEST(RaiseLevelTest, ASingleStepOvershootsByNoMoreThanTheBoundLeavesOut) {
     const std::vector<double> b = {0.3 * random.Normal(), 0.3 * random.Normal()};
     const double square = std::pow(a[0] - b[0], 2) + std::pow(a[1] - b[1], 2);
     const test::GaussianSupport support({a, b}, kGamma, 0.5);
-    const ResponseEstimate answer = test::KnownJacobian(RandomJacobian(random, 2, 2));
+    const LocalFit answer = test::KnownJacobian(RandomJacobian(random, 2, 2));
     const Eigen::VectorXd z = RandomVector(random, 2);
     const LocalModel model{support, answer, core::AsSpan(z)};
     Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
@@ -263,7 +263,7 @@ TEST(RaiseLevelTest, ASingleStepOvershootsByNoMoreThanTheBoundLeavesOut) {
 TEST(RaiseLevelTest, LooksAtTheSupportOfThePhaseItIsGiven) {
   // B_t is a disk around (t, 0).
   const test::GaussianSupport support({{0.0, 0.0}}, 1.0, 0.5, {1.0, 0.0}, 5);
-  const ResponseEstimate answer = test::KnownJacobian(Eigen::Matrix2d::Identity());
+  const LocalFit answer = test::KnownJacobian(Eigen::Matrix2d::Identity());
   const std::vector<double> z = {0.0, 0.0};
   Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
   const double l = AscendSupport({support, answer, z}, {.phase = 3, .level = kInfinity}, {}, v);

@@ -169,8 +169,8 @@ TEST(FitTaskTest, AFileKeepsAllBits) {
     EXPECT_EQ(loaded.response().control_unit(), model.response().control_unit());
     EXPECT_EQ(loaded.levels().slack(), model.levels().slack());
     EXPECT_EQ(loaded.response().largest_control(), model.response().largest_control());
-    control::ResponseEstimate ours(model.response().prior());
-    control::ResponseEstimate theirs(loaded.response().prior());
+    const control::ResponseEstimate our_estimate(model.response().prior());
+    const control::ResponseEstimate their_estimate(loaded.response().prior());
     core::Random random(5);
     for (int i = 0; i < 50; ++i) {
       const int t = i % 25;
@@ -182,8 +182,8 @@ TEST(FitTaskTest, AFileKeepsAllBits) {
       EXPECT_EQ(loaded.levels().gate(t), model.levels().gate(t));
       EXPECT_EQ(loaded.levels().median(t), model.levels().median(t));
       EXPECT_LT(model.levels().median(t), model.levels().gate(t));
-      ours.Compute(t, z);
-      theirs.Compute(t, z);
+      const control::LocalFit ours = our_estimate.FitAt(t, z);
+      const control::LocalFit theirs = their_estimate.FitAt(t, z);
       EXPECT_EQ(ours.jacobian(), theirs.jacobian());
       EXPECT_EQ(ours.drift(), theirs.drift());
     }

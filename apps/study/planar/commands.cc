@@ -114,16 +114,16 @@ Passing CountPassing(const Methods& methods, int t) {
   control::Certifier certifier(methods.certificate(), task.features().num_features(),
                                response.control_dim(), response.control_unit());
   // Assumptions of the certificate.
-  control::ResponseEstimate estimate(response.prior(), {}, /*drift=*/false);
+  const control::ResponseEstimate estimate(response.prior(), {}, /*drift=*/false);
+  control::LocalFit fit = estimate.MakeFit();
   Passing passing;
   for (const core::Trajectory& d : methods.demonstrations()) {
     if (t >= d.controls.rows()) continue;
     const core::Matrix z = task.features().Apply(d.states);
     const Eigen::VectorXd v = d.controls.row(t) / response.control_unit();
-    estimate.Compute(t, core::Row(z, t));
+    estimate.FitAt(t, core::Row(z, t), fit);
     ++passing.steps;
-    passing.passed +=
-        certifier.StepFraction({task.support(), estimate, core::Row(z, t)}, t, v) >= 1.0 ? 1 : 0;
+    passing.passed += certifier.StepFraction({task.support(), fit}, t, v) >= 1.0 ? 1 : 0;
   }
   return passing;
 }

@@ -135,7 +135,7 @@ class Judge {
         core::FeatureTransform::Whitening(core::FeatureSelection::All(columns), points);
     for (core::Matrix& z : points) z = whitening.Apply(z);
     const auto support = kernel::WhitenedSupport::Fit(points, options_.support);
-    control::ResponseEstimate estimate(std::make_shared<const control::TransitionStore>(
+    const control::ResponseEstimate estimate(std::make_shared<const control::TransitionStore>(
         points, controls, control::ResponseOptions{}));
     // In an order that does not depend on that of recording.
     for (const std::size_t d : order_) {
@@ -146,22 +146,23 @@ class Judge {
   }
 
   void JudgeOne(const core::Matrix& z, const core::Matrix& controls,
-                const kernel::WhitenedSupport& support, control::ResponseEstimate& estimate,
+                const kernel::WhitenedSupport& support, const control::ResponseEstimate& estimate,
                 Sums& sums, std::size_t& next) const {
     control::PhaseTracker tracker(support);
+    control::LocalFit fit = estimate.MakeFit();
     Eigen::VectorXd guess(controls.cols());
     for (Eigen::Index t = 0; t < z.rows(); ++t) {
       sums.states += 1.0;
       sums.inside += tracker.Follow(core::Row(z, t)) >= 0.0 ? 1.0 : 0.0;
       if (t >= controls.rows() || next++ % stride_ != 0) continue;
       const Eigen::VectorXd v = controls.row(t).transpose() / unit_;
-      estimate.Compute(tracker.phase(), core::Row(z, t));
+      estimate.FitAt(tracker.phase(), core::Row(z, t), fit);
       Eigen::VectorXd predicted = z.row(t);
-      estimate.AddEffect(v, predicted);
+      fit.AddEffect(v, predicted);
       sums.changes += (z.row(t + 1) - z.row(t)).squaredNorm();
       sums.wrong += (z.row(t + 1).transpose() - predicted).squaredNorm();
       guess.setZero();
-      if (!estimate.NominalControl(guess)) continue;
+      if (!fit.NominalControl(guess)) continue;
       sums.guessed += 1.0;
       sums.v += v;
       sums.squares += v.squaredNorm();
@@ -225,7 +226,7 @@ void Decide(const ChooseComponentsOptions& options, ComponentsChoice& choice) {
         100.0 * options.least_inside, 100.0 * most_inside->inside, most_inside->components);
     return;
   }
-  if (control::ResponseEstimate::Guesses(best->explained, best->action_error)) {
+  if (control::LocalFit::Guesses(best->explained, best->action_error)) {
     choice.reason = core::Format(
         "the components do not explain the actions of left-out demonstrations: at most %.0f %% of "
         "their variance, with %d components. Add what the demonstrator looks at, such as a second "

@@ -111,8 +111,9 @@ std::vector<OutsideEntry> EntriesAt(const GuardModel& model, int t, const Eigen:
 Eigen::VectorXd Predicted(const GuardModel& model, int t, Eigen::VectorXd z,
                           std::span<const double> action) {
   const control::Response& response = model.task().response();
-  control::ResponseEstimate answer(response.prior(), {}, response.has_drift());
-  answer.Compute(t, core::AsSpan(z));
+  const control::LocalFit answer =
+      control::ResponseEstimate(response.prior(), {}, response.has_drift())
+          .FitAt(t, core::AsSpan(z));
   Eigen::VectorXd v(model.actions().steered_dim());
   model.actions().Measure(action, core::AsSpan(v));
   v /= response.control_unit();

@@ -164,7 +164,7 @@ void GuardModel::DoubtCorrections(bool watch) {
   const std::string& features = task().features().selection().spec();
   std::string warning = core::Format("%s explain %.0f %% of the actions of left-out demonstrations",
                                      features.c_str(), 100.0 * summary_.explained);
-  const bool blind = control::ResponseEstimate::Guesses(summary_.explained, summary_.action_error);
+  const bool blind = control::LocalFit::Guesses(summary_.explained, summary_.action_error);
   if (!blind && summary_.ends_outside <= fit::kMostOutsideReduced) {
     if (summary_.explained >= fit::kLeastExplainedReduced) return;
     warning += core::Format(

@@ -38,7 +38,7 @@ std::vector<std::string> Warnings(const GuardModel& model) {
         "%.0f %% of them to end outside: record more demonstrations, or look at fewer features",
         100.0 * summary.changed, 100.0 * summary.ends_outside));
   }
-  if (control::ResponseEstimate::Guesses(summary.explained, summary.action_error)) {
+  if (control::LocalFit::Guesses(summary.explained, summary.action_error)) {
     warnings.push_back(core::Format(
         "the features tell only %.0f %% of how actions of left-out demonstrations vary: look at "
         "what the demonstrator looked at.%s",
@@ -141,7 +141,8 @@ bool FollowsClock(std::span<const core::Trajectory> demonstrations, Eigen::Index
 double Explained(const GuardModel& model, std::span<const core::Trajectory> demonstrations) {
   constexpr std::size_t kSamples = 400;
   const control::Response& response = model.task().response();
-  control::ResponseEstimate answer(response.prior(), {}, response.has_drift());
+  const control::ResponseEstimate estimate(response.prior(), {}, response.has_drift());
+  control::LocalFit answer = estimate.MakeFit();
   std::size_t transitions = 0;
   for (const auto& d : demonstrations) transitions += static_cast<std::size_t>(d.controls.rows());
   const std::size_t stride = std::max<std::size_t>(1, transitions / kSamples);
@@ -156,7 +157,7 @@ double Explained(const GuardModel& model, std::span<const core::Trajectory> demo
       model.actions().Measure(core::Row(d.controls, t), core::AsSpan(v));
       v /= response.control_unit();
       Eigen::VectorXd expected = points.row(t).transpose();
-      answer.Compute(static_cast<int>(t), core::Row(points, t));
+      estimate.FitAt(static_cast<int>(t), core::Row(points, t), answer);
       answer.AddEffect(v, expected);
       squares += (points.row(t + 1) - points.row(t)).squaredNorm();
       missed += (points.row(t + 1).transpose() - expected).squaredNorm();

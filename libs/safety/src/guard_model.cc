@@ -326,8 +326,9 @@ Certification GuardModel::Certify(int t, std::span<const double> state,
     task.features().Apply(state, core::AsSpan(z));
   }
   // Assumption of the certificate.
-  control::ResponseEstimate answer(task.response().prior(), {}, /*drift=*/false);
-  answer.Compute(t, core::AsSpan(z));
+  const control::LocalFit answer =
+      control::ResponseEstimate(task.response().prior(), {}, /*drift=*/false)
+          .FitAt(t, core::AsSpan(z));
   Eigen::VectorXd v(actions_->steered_dim());
   actions_->Measure(action, core::AsSpan(v));
   v /= task.response().control_unit();
@@ -347,7 +348,7 @@ Certification GuardModel::Certify(int t, std::span<const double> state,
   }
   control::Certifier certifier(certificate, n, actions_->steered_dim(),
                                task.response().control_unit());
-  const control::LocalModel local{task.support(), answer, core::AsSpan(z)};
+  const control::LocalModel local{task.support(), answer};
   const control::Certifier::RequiredLevel need = certifier.Predict(local, t, v);
   found.passes = need.met();
   found.step = need.phase;

@@ -34,16 +34,16 @@ struct Sums {
 
 void Judge(int phase, std::span<const double> z, const Eigen::VectorXd& v,
            const core::LogDecisionFunction& support, const control::Levels& levels,
-           control::ResponseEstimate& estimate, Sums& sums) {
-  estimate.Compute(phase, z);
+           const control::ResponseEstimate& estimate, control::LocalFit& fit, Sums& sums) {
+  estimate.FitAt(phase, z, fit);
   Eigen::VectorXd next = core::AsVector(z);
-  estimate.AddEffect(v, next);
+  fit.AddEffect(v, next);
   const double level = support.LogDecision(phase + 1, core::AsSpan(next), {});
   sums.count += 1.0;
   sums.changed += level >= levels.pass(phase + 1) ? 0.0 : 1.0;
   sums.outside += level >= 0.0 ? 0.0 : 1.0;
   Eigen::VectorXd guess = Eigen::VectorXd::Zero(v.size());
-  if (!estimate.NominalControl(guess)) return;
+  if (!fit.NominalControl(guess)) return;
   sums.guessed += 1.0;
   sums.v += v;
   sums.squares += v.squaredNorm();
@@ -74,9 +74,11 @@ Replay ReplayLeftOut(const Recorded& recorded, const GuardFit& fit, const contro
       others.push_back(points[d]);
       other_controls.push_back(controls[d]);
     }
-    control::ResponseEstimate estimate(std::make_shared<const control::TransitionStore>(
-                                           others, other_controls, response.prior()->options()),
-                                       {}, response.has_drift());
+    const control::ResponseEstimate estimate(
+        std::make_shared<const control::TransitionStore>(others, other_controls,
+                                                         response.prior()->options()),
+        {}, response.has_drift());
+    control::LocalFit made = estimate.MakeFit();
     std::size_t next = 0;
     for (const std::size_t d : order) {
       if (std::find(fit.folds[fold].begin(), fit.folds[fold].end(), d) == fit.folds[fold].end()) {
@@ -87,7 +89,7 @@ Replay ReplayLeftOut(const Recorded& recorded, const GuardFit& fit, const contro
       for (Eigen::Index t = 0; t < controls[d].rows(); ++t, ++next) {
         if (next % stride != 0) continue;
         Judge(steps[static_cast<std::size_t>(t)], core::Row(points[d], t), controls[d].row(t),
-              support, task.levels(), estimate, sums);
+              support, task.levels(), estimate, made, sums);
       }
     }
   }

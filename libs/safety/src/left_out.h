@@ -1,6 +1,6 @@
 #pragma once
 
-#include "dfr/control/guided/response_estimate.h"
+#include "dfr/control/guided/local_fit.h"
 #include "dfr/control/guided/task_view.h"
 #include "fit_task.h"
 
@@ -10,14 +10,14 @@ namespace dfr::safety::internal {
 struct Replay {
   double changed = 0.0;       ///< Fraction that strategy kGuard would change.
   double ends_outside = 0.0;  ///< Fraction whose predicted next state is outside.
-  /// Fraction of the variance of actions that ResponseEstimate::NominalControl() explains; negative
+  /// Fraction of the variance of actions that LocalFit::NominalControl() explains; negative
   /// if the mean action predicts better.
   double explained = 1.0;
   double error = 0.0;  ///< Squared error of that prediction, relative to the squared actions.
 
-  /// Returns true if a guard must not use ResponseEstimate::NominalControl().
+  /// Returns true if a guard must not use LocalFit::NominalControl().
   [[nodiscard]] bool guesses() const noexcept {
-    return control::ResponseEstimate::Guesses(explained, error);
+    return control::LocalFit::Guesses(explained, error);
   }
 };
 

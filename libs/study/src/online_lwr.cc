@@ -17,7 +17,8 @@ OnlineLwrPolicy::OnlineLwrPolicy(core::FeatureTransform features, control::Respo
       response_(std::move(response)),
       online_weight_(options.online_weight),
       estimate_(response_.prior(), options.disturbance_model,
-                options.drift && response_.has_drift()) {
+                options.drift && response_.has_drift()),
+      fit_(estimate_.MakeFit()) {
   DFR_THROW_UNLESS(features_.num_features() == response_.feature_dim(),
                    "lwr-online: there are " << features_.num_features() << " features, and "
                                             << response_.feature_dim() << " in the response");
@@ -34,8 +35,8 @@ void OnlineLwrPolicy::See(std::span<const double> x) noexcept {
   features_.Apply(x, AsSpan(z_));
   if (has_applied_ && z_.allFinite() && applied_.allFinite()) {
     change_ = z_ - seen_;
-    estimate_.Update(AsSpan(seen_), AsSpan(applied_), AsSpan(change_), estimate_.Time(applied_),
-                     online_weight_);
+    estimate_.Update(fit_, AsSpan(seen_), AsSpan(applied_), AsSpan(change_),
+                     fit_.Duration(applied_), online_weight_);
   }
   seen_ = z_;
   has_applied_ = false;
@@ -46,8 +47,8 @@ void OnlineLwrPolicy::Control(int t, std::span<const double> x,
   features_.Apply(x, AsSpan(z_));
   bool known = z_.allFinite();
   if (known) {
-    estimate_.Compute(t, AsSpan(z_));
-    known = estimate_.NominalControl(v_);
+    estimate_.FitAt(t, AsSpan(z_), fit_);
+    known = fit_.NominalControl(v_);
   }
   const double unit = response_.control_unit();
   for (std::size_t i = 0; i < u.size(); ++i) {

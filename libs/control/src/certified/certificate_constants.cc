@@ -41,16 +41,16 @@ double RootMeanSquare(std::span<const core::Matrix> controls) {
 double LargestError(const core::Matrix& points, const core::Matrix& controls, double unit,
                     ResponseEstimate& estimate) {
   double largest = 0.0;
+  LocalFit fit = estimate.MakeFit();
   estimate.Reset();
   for (Eigen::Index t = 0; t < controls.rows(); ++t) {
     const Eigen::VectorXd v = controls.row(t);
-    const Eigen::VectorXd z = points.row(t);
-    const Eigen::VectorXd dz = points.row(t + 1).transpose() - z;
+    const Eigen::VectorXd dz = points.row(t + 1) - points.row(t);
     const double norm = v.norm() * unit;
     if (norm == 0.0) continue;
-    estimate.Compute(static_cast<int>(t), core::AsSpan(z));
-    largest = std::max(largest, (dz - estimate.jacobian() * v).norm() / norm);
-    estimate.Update(core::AsSpan(z), core::AsSpan(v), core::AsSpan(dz));
+    estimate.FitAt(static_cast<int>(t), core::Row(points, t), fit);
+    largest = std::max(largest, (dz - fit.jacobian() * v).norm() / norm);
+    estimate.Update(fit, core::AsSpan(v), core::AsSpan(dz));
   }
   return largest;
 }

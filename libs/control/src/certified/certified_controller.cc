@@ -41,10 +41,11 @@ CertifiedController::CertifiedController(const core::Policy& policy, const TaskV
       probe_size_(options.probe_size),
       halt_rule_{options.horizon, options.max_controls, options.patience},
       estimate_(task.response().prior(), {}, /*drift=*/false),
+      fit_(estimate_.MakeFit()),
       tracker_(task.support()),
       certifier_(options.certificate, task.features().num_features(), task.response().control_dim(),
                  task.response().control_unit()) {
-  for (Eigen::VectorXd* z : {&z_, &last_z_, &dz_, &effect_}) {
+  for (Eigen::VectorXd* z : {&z_, &dz_, &effect_}) {
     *z = Eigen::VectorXd::Zero(task.features().num_features());
   }
   v_ = learned_ = trial_ = Eigen::VectorXd::Zero(task.response().control_dim());
@@ -62,11 +63,11 @@ Step CertifiedController::DoNext(std::span<const double> x, std::span<double> u)
   task_.features().Apply(x, AsSpan(z_));
   Step step{.t = tracker_.phase(), .iteration = tracker_.waited()};
   if (progress_.controls > 0) {
-    dz_ = z_ - last_z_;
+    dz_ = z_ - core::AsVector(fit_.z());
     if (!certifier_.Confirms(progress_.controls - 1, v_, effect_, dz_)) {
       return Halted(step, HaltCause::kViolated);
     }
-    estimate_.Update(AsSpan(last_z_), AsSpan(v_), AsSpan(dz_));
+    estimate_.Update(fit_, AsSpan(v_), AsSpan(dz_));
   }
 
   const double least = -certifier_.level();
@@ -87,8 +88,8 @@ Step CertifiedController::DoNext(std::span<const double> x, std::span<double> u)
   limits_.Limit(learned_);
   const bool within = learned_.squaredNorm() == asked;
   v_ = learned_;
-  estimate_.Compute(step.t, AsSpan(z_));
-  const LocalModel model{support, estimate_, AsSpan(z_)};
+  estimate_.FitAt(step.t, AsSpan(z_), fit_);
+  const LocalModel model{support, fit_};
   const StepTarget target{step.t + 1, task_.levels().median(step.t + 1)};
   step.log_threshold = target.level;
   step.threshold = support.FromLog(step.t, step.log_threshold);
@@ -102,7 +103,6 @@ Step CertifiedController::DoNext(std::span<const double> x, std::span<double> u)
     step.change = (v_ - core::AsVector(u) / task_.response().control_unit()).norm();
     core::AsVector(u) = v_ * task_.response().control_unit();
   }
-  last_z_ = z_;
   ++progress_.controls;
   return step;
 }
@@ -120,8 +120,8 @@ Mode CertifiedController::Correct(const LocalModel& model, const StepTarget& tar
 }
 
 bool CertifiedController::Probe(const LocalModel& model, int phase) noexcept {
-  if (probe_size_ == 0.0 || estimate_.UncertaintyBound() <= guided::kUnknown ||
-      estimate_.LeastExcitedDirection(AsSpan(trial_)) <= guided::kUnknown) {
+  if (probe_size_ == 0.0 ||
+      fit_.LeastExcitedDirection(AsSpan(trial_), guided::kUnknown) <= guided::kUnknown) {
     return false;
   }
   v_ = probe_size_ * trial_;
@@ -133,11 +133,11 @@ bool CertifiedController::Probe(const LocalModel& model, int phase) noexcept {
 
 bool CertifiedController::Certify(const LocalModel& model, Step& step) noexcept {
   const Certifier::CertifiedStep admission =
-      certifier_.Admit(model, estimate_, limits_, {step.t, step.mode}, v_);
+      certifier_.Admit(model, fit_, limits_, {step.t, step.mode}, v_);
   if (!admission.any) return false;
   step.mode = admission.mode;
   step.certified = true;
-  effect_.noalias() = estimate_.jacobian().lazyProduct(v_);
+  effect_.noalias() = fit_.jacobian().lazyProduct(v_);
   // Enter() searches around the phase at which the control aims.
   if (!admission.gets_on) {
     tracker_.Wait();

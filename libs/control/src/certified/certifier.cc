@@ -111,7 +111,7 @@ bool Certifier::Project(const LocalModel& model, const StepLimits& limits, int p
   return need.met();
 }
 
-Certifier::CertifiedStep Certifier::Admit(const LocalModel& model, ResponseEstimate& estimate,
+Certifier::CertifiedStep Certifier::Admit(const LocalModel& model, LocalFit& fit,
                                           const StepLimits& limits, const Request& request,
                                           Eigen::VectorXd& v) noexcept {
   CertifiedStep admitted{.mode = request.mode, .gets_on = request.mode != Mode::kProbe};
@@ -119,7 +119,7 @@ Certifier::CertifiedStep Certifier::Admit(const LocalModel& model, ResponseEstim
     chosen_ = v;
     if (!Project(model, limits, request.phase + 1, v)) {
       // The nominal control of nearby demonstrations, changed as little as the certificate allows.
-      const bool known = estimate.NominalControl(v);
+      const bool known = fit.NominalControl(v);
       limits.Limit(v);
       if (known && Project(model, limits, request.phase + 1, v)) {
         admitted.mode = Mode::kRecovery;

@@ -20,6 +20,7 @@ GuidedController::GuidedController(const core::Policy& policy, const TaskView& t
       halt_rule_{options.horizon, options.max_controls, options.patience},
       estimate_(task.response().prior(), options.disturbance_model,
                 options.drift && task.response().has_drift()),
+      fit_(estimate_.MakeFit()),
       observer_(task.features().num_features(), task.response().control_dim(),
                 task.response().prior()->options().forgetting, options.observer),
       filter_(task, options),
@@ -36,7 +37,7 @@ void GuidedController::DoReset(std::uint64_t /*seed*/) noexcept {
   observer_.Reset();
   tracker_.Reset(options_.first_step);
   progress_ = {};
-  computed_ = false;
+  fitted_ = 0;
   at_edge_.Reset();
   relocations_ = 0;
 }
@@ -53,15 +54,15 @@ void GuidedController::See(std::span<const double> x) noexcept {
   task_.features().Apply(x, AsSpan(seen_));
   if (progress_.controls > 0) {
     dz_ = seen_ - last_seen_;
-    observer_.Update(estimate_, AsSpan(v_), AsSpan(dz_));
-    // Before the first Compute() there is no prediction to compare with.
-    if (computed_) {
-      estimate_.Update(AsSpan(last_seen_), observer_.acting(), AsSpan(dz_), estimate_.Time(v_),
+    observer_.Update(fitted_ == progress_.controls ? &fit_ : nullptr, AsSpan(v_), AsSpan(dz_));
+    // Before the first fit there is no prediction to compare with.
+    if (fitted_ > 0) {
+      estimate_.Update(fit_, AsSpan(last_seen_), observer_.acting(), AsSpan(dz_), fit_.Duration(v_),
                        options_.online_weight);
     }
   }
   z_ = seen_;
-  observer_.Observe(estimate_, z_);
+  observer_.Observe(fit_, z_);
 }
 
 void GuidedController::Relocate() noexcept {
@@ -104,12 +105,12 @@ Step GuidedController::Decide(Step step, std::span<double> u) noexcept {
   const bool deep = DeepInside(step.log_g);
   // J takes most of the time. Deep inside only the first controls compute it, to detect a lag.
   if (!deep || (options_.observer && progress_.controls <= StateObserver::kMaxLag)) {
-    estimate_.Compute(step.t, AsSpan(z_));
-    computed_ = true;
+    estimate_.FitAt(step.t, AsSpan(z_), fit_);
+    fitted_ = progress_.controls + 1;
   }
   SafetyFilter::Choice choice{Mode::kPolicy, step.log_threshold};
   if (!deep) {
-    choice = filter_.Filter(estimate_, AsSpan(z_), {step.t + 1, hi}, step.log_threshold, v_);
+    choice = filter_.Filter(fit_, {step.t + 1, hi}, step.log_threshold, v_);
   }
   step.mode = choice.mode;
   step.log_learned = choice.learned;
@@ -132,11 +133,11 @@ void GuidedController::Applied(std::span<const double> u) noexcept {
   if (halt_cause() != HaltCause::kNone || progress_.controls == 0) return;
   v_ = core::AsVector(u) / task_.response().control_unit();
   tracker_ = chose_in_;
-  if (!estimate_.fresh()) {
-    estimate_.Compute(tracker_.phase(), AsSpan(z_));
-    computed_ = true;
+  if (fitted_ != progress_.controls) {
+    estimate_.FitAt(tracker_.phase(), AsSpan(z_), fit_);
+    fitted_ = progress_.controls;
   }
-  Advance(LocalModel{task_.support(), estimate_, AsSpan(z_)}.Level(tracker_.phase() + 1, v_));
+  Advance(LocalModel{task_.support(), fit_}.Level(tracker_.phase() + 1, v_));
 }
 
 void GuidedController::Foresee(const GuidedController& present,
@@ -154,8 +155,8 @@ bool GuidedController::PassesNext(std::span<const double> control) noexcept {
   }
   if (step.mode == Mode::kPolicy && !step.filtered) {
     // Predicted states do not update the estimate.
-    if (std::isnan(step.log_learned)) estimate_.Compute(step.t, AsSpan(z_));
-    estimate_.AddEffect(v_, z_);
+    if (fitted_ != progress_.controls) estimate_.FitAt(step.t, AsSpan(z_), fit_);
+    fit_.AddEffect(v_, z_);
     const double level = task_.support().LogDecision(step.t + 1, AsSpan(z_), {});
     if (level >= step.log_threshold) return true;
   }
@@ -173,7 +174,7 @@ bool GuidedController::DeepInside(double level) const noexcept {
 void GuidedController::Advance(double level) noexcept {
   if (level >= 0.0) return tracker_.Advance();
   dz_ = z_;
-  estimate_.AddEffect(v_, dz_);
+  fit_.AddEffect(v_, dz_);
   tracker_.Advance(AsSpan(dz_), level, !(level >= -filter_.max_exit_level()));
 }
 

@@ -31,16 +31,16 @@ double WithDrift(std::span<const core::Matrix> points, std::span<const core::Mat
     }
     const auto prior =
         std::make_shared<const TransitionStore>(shown_points, shown_controls, options);
-    ResponseEstimate without(prior, {}, /*drift=*/false);
-    ResponseEstimate with(prior);
-    for (std::size_t d = 1 - half; d < points.size(); d += 2) {
-      for (Eigen::Index t = 0; t < controls[d].rows(); t += stride) {
-        const Eigen::VectorXd v = controls[d].row(t);
-        for (auto [estimate, error] : {std::pair{&without, &alone}, std::pair{&with, &together}}) {
-          estimate->Compute(static_cast<int>(t), core::Row(points[d], t));
+    for (const bool drift : {false, true}) {
+      const ResponseEstimate estimate(prior, {}, drift);
+      LocalFit fit = estimate.MakeFit();
+      double& error = drift ? together : alone;
+      for (std::size_t d = 1 - half; d < points.size(); d += 2) {
+        for (Eigen::Index t = 0; t < controls[d].rows(); t += stride) {
+          estimate.FitAt(static_cast<int>(t), core::Row(points[d], t), fit);
           there = points[d].row(t);
-          estimate->AddEffect(v, there);
-          *error += (points[d].row(t + 1).transpose() - there).squaredNorm();
+          fit.AddEffect(controls[d].row(t).transpose(), there);
+          error += (points[d].row(t + 1).transpose() - there).squaredNorm();
         }
       }
     }

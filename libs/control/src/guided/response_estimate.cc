@@ -4,7 +4,6 @@
 #include <cmath>
 #include <utility>
 
-#include "dfr/control/guided/constants.h"
 #include "dfr/core/contract.h"
 
 namespace dfr::control {
@@ -32,208 +31,133 @@ void SolveColumns(const Eigen::LLT<Eigen::MatrixXd>& cholesky, Eigen::Index colu
   }
 }
 
+// Sets b = A^-1 b; rows before `first` become undefined.
+void Solve(const Eigen::LLT<Eigen::MatrixXd>& cholesky, core::Matrix& b,
+           Eigen::Index first) noexcept {
+  Eigen::Index column = 0;
+  for (; column + 8 <= b.cols(); column += 8) SolveColumns<8>(cholesky, column, first, b);
+  for (; column + 4 <= b.cols(); column += 4) SolveColumns<4>(cholesky, column, first, b);
+  for (; column < b.cols(); ++column) SolveColumns<1>(cholesky, column, first, b);
+}
+
+// With y = z' - z, moving z by -shift changes sums of [y; 1] to those of [y + shift; 1].
+void Move(const Eigen::VectorXd& shift, Eigen::MatrixXd& a, core::Matrix& b) noexcept {
+  const Eigen::Index n = shift.size();
+  for (Eigen::Index j = a.cols() - 1; j >= 0; --j) {
+    a.col(j).head(n) += a(n, j) * shift;
+    if (j < n) a.col(j) += shift[j] * a.col(n);
+  }
+  for (Eigen::Index i = 0; i < n; ++i) b.row(i) += shift[i] * b.row(n);
+}
+
 }  // namespace
 
 ResponseEstimate::ResponseEstimate(std::shared_ptr<const TransitionStore> prior,
                                    const DisturbanceModel& disturbance_model, bool drift)
-    : prior_(std::move(prior)),
-      disturbance_model_(disturbance_model),
-      disturbed_(disturbance_model.base > 0.0 || disturbance_model.per_control > 0.0) {
+    : prior_(std::move(prior)), disturbance_model_(disturbance_model) {
   DFR_THROW_UNLESS(
       disturbance_model.base >= 0.0 && std::isfinite(disturbance_model.base) &&
           disturbance_model.per_control >= 0.0 && std::isfinite(disturbance_model.per_control),
       "disturbance_model: times must be finite and not negative: base "
           << disturbance_model.base << ", per_control " << disturbance_model.per_control);
   const int n = prior_->feature_dim();
-  const int m = prior_->control_dim();
   drift_rows_ = drift ? n + 1 : 0;
-  const int rows = drift_rows_ + (disturbed_ ? 1 : 0) + m;
+  const int rows = drift_rows_ + (disturbance_model.active() ? 1 : 0) + prior_->control_dim();
   a_online_ = Eigen::MatrixXd::Zero(rows, rows);
   b_online_ = core::Matrix::Zero(rows, n);
-  center_ = Eigen::VectorXd::Zero(n);
-  demonstrated_ = core::Matrix::Zero(rows, n);
-  a_ = Eigen::MatrixXd::Identity(rows, rows);
-  b_ = core::Matrix::Zero(rows, n);
-  cholesky_ = Eigen::LLT<Eigen::MatrixXd>(a_);
-  inverse_ = Eigen::MatrixXd::Identity(rows - drift_rows_, rows - drift_rows_);
-  jacobian_ = Eigen::MatrixXd::Zero(n, m);
-  disturbance_ = Eigen::VectorXd::Zero(n);
-  drift_ = Eigen::VectorXd::Zero(n);
+  center_ = error_ = Eigen::VectorXd::Zero(n);
   regressor_ = Eigen::VectorXd::Zero(rows);
-  direction_ = Eigen::VectorXd::Zero(m);
-  scratch_ = Eigen::VectorXd::Zero(m);
-  workspace_ = prior_->MakeWorkspace();
-  a_demo_ = Eigen::MatrixXd::Identity(n + 1, n + 1);
-  unit_ = Eigen::VectorXd::Zero(n + 1);
-  cholesky_demo_ = Eigen::LLT<Eigen::MatrixXd>(a_demo_);
-  h_ = Eigen::MatrixXd::Identity(m, m);
-  cholesky_controls_ = Eigen::LLT<Eigen::MatrixXd>(h_);
-  did_ = Eigen::MatrixXd::Zero(m, 1);
-  wanted_ = Eigen::VectorXd::Zero(n);
+}
+
+LocalFit ResponseEstimate::MakeFit() const {
+  return {prior_, disturbance_model_, drift_rows_, a_online_.rows()};
+}
+
+LocalFit ResponseEstimate::FitAt(int t, std::span<const double> z) const {
+  LocalFit fit = MakeFit();
+  FitAt(t, z, fit);
+  return fit;
 }
 
 void ResponseEstimate::Reset() noexcept {
   a_online_.setZero();
   b_online_.setZero();
   center_.setZero();
-  demonstrated_.setZero();
-  fresh_ = false;
 }
 
-void ResponseEstimate::Update(std::span<const double> z, std::span<const double> v,
-                              std::span<const double> dz, double time, double weight) noexcept {
-  fresh_ = false;
+void ResponseEstimate::Update(const LocalFit& fit, std::span<const double> z,
+                              std::span<const double> v, std::span<const double> dz,
+                              double duration, double weight) noexcept {
   if (drift_rows_ > 0) {
+    if (center_ != fit.z_) {
+      error_ = center_ - fit.z_;
+      center_ = fit.z_;
+      Move(error_, a_online_, b_online_);
+    }
     regressor_.head(drift_rows_ - 1) = core::AsVector(z) - center_;
     regressor_[drift_rows_ - 1] = 1.0;
   }
-  if (disturbed_) regressor_[drift_rows_] = time;
-  regressor_.tail(jacobian_.cols()) = core::AsVector(v);
-  wanted_ = core::AsVector(dz);
-  wanted_.noalias() -= demonstrated_.transpose().lazyProduct(regressor_);
+  if (disturbance_model_.active()) regressor_[drift_rows_] = duration;
+  regressor_.tail(prior_->control_dim()) = core::AsVector(v);
+  error_ = core::AsVector(dz);
+  error_.noalias() -= fit.demonstrated_.transpose().lazyProduct(regressor_);
   const double keep = prior_->options().forgetting;
   a_online_ *= keep;
   b_online_ *= keep;
   a_online_.noalias() += weight * regressor_.lazyProduct(regressor_.transpose());
-  b_online_.noalias() += weight * regressor_.lazyProduct(wanted_.transpose());
+  b_online_.noalias() += weight * regressor_.lazyProduct(error_.transpose());
 }
 
-// With y = z' - z, moving z changes sums of [y; 1] to those of [y + shift; 1].
-void ResponseEstimate::MoveTo(std::span<const double> z) noexcept {
-  if (drift_rows_ == 0) return;
-  const Eigen::Index n = drift_rows_ - 1;
-  wanted_ = center_ - core::AsVector(z);
-  center_ = core::AsVector(z);
-  a_online_.topRows(n) += wanted_.lazyProduct(a_online_.row(n));
-  a_online_.leftCols(n) += a_online_.col(n).lazyProduct(wanted_.transpose());
-  b_online_.topRows(n) += wanted_.lazyProduct(b_online_.row(n));
-}
-
-void ResponseEstimate::AddDemonstrations() noexcept {
-  const auto& sums = workspace_.sums;
-  const Eigen::Index n = jacobian_.rows();
-  const Eigen::Index m = jacobian_.cols();
+void ResponseEstimate::AddDemonstrations(LocalFit& fit) const noexcept {
+  const auto& sums = fit.transitions_.sums;
+  const Eigen::Index n = prior_->feature_dim();
+  const Eigen::Index m = prior_->control_dim();
   const Eigen::Index moves = drift_rows_;
-  const Eigen::Index states = workspace_.states;
+  const Eigen::Index states = fit.transitions_.states;
   const Eigen::Index v = n + 1;  // First row of v in the sums.
-  a_.bottomRightCorner(m, m) += sums.block(0, v, m, m).cast<double>();
-  demonstrated_.bottomRows(m) += sums.block(0, v + m, m, n).cast<double>();
+  fit.a_.bottomRightCorner(m, m) += sums.block(0, v, m, m).cast<double>();
+  fit.demonstrated_.bottomRows(m) += sums.block(0, v + m, m, n).cast<double>();
   if (moves == 0) return;
-  prior_->SumStates(workspace_);
+  prior_->SumStates(fit.transitions_);
   // The lower triangle is enough.
-  a_.topLeftCorner(moves, moves) += sums.block(states, 0, moves, moves).cast<double>();
-  a_.bottomLeftCorner(m, moves) += sums.block(states, v, moves, m).transpose().cast<double>();
-  demonstrated_.topRows(moves) += sums.block(states, v + m, moves, n).cast<double>();
+  fit.a_.topLeftCorner(moves, moves) += sums.block(states, 0, moves, moves).cast<double>();
+  fit.a_.bottomLeftCorner(m, moves) += sums.block(states, v, moves, m).transpose().cast<double>();
+  fit.demonstrated_.topRows(moves) += sums.block(states, v + m, moves, n).cast<double>();
 }
 
-void ResponseEstimate::Compute(int t, std::span<const double> z) noexcept {
+void ResponseEstimate::FitAt(int t, std::span<const double> z, LocalFit& fit) const noexcept {
   const ResponseOptions& options = prior_->options();
-  MoveTo(z);
-  a_.setZero();
-  a_.diagonal().setConstant(options.ridge);
+  fit.z_ = core::AsVector(z);
+  fit.a_.setZero();
+  fit.a_.diagonal().setConstant(options.ridge);
   if (drift_rows_ > 0) {
-    a_.diagonal().head(drift_rows_ - 1).setConstant(options.slope_ridge);
-    a_(drift_rows_ - 1, drift_rows_ - 1) = options.drift_ridge;
+    fit.a_.diagonal().head(drift_rows_ - 1).setConstant(options.slope_ridge);
+    fit.a_(drift_rows_ - 1, drift_rows_ - 1) = options.drift_ridge;
   }
-  demonstrated_.setZero();
-  has_sums_ = prior_->SumControls(t, z, workspace_);
-  if (has_sums_) {
-    AddDemonstrations();
-    cholesky_.compute(a_);
-    Solve(demonstrated_, 0);
+  fit.demonstrated_.setZero();
+  fit.has_transitions_ = prior_->SumControls(t, z, fit.transitions_);
+  if (fit.has_transitions_) {
+    AddDemonstrations(fit);
+    fit.cholesky_.compute(fit.a_);
+    Solve(fit.cholesky_, fit.demonstrated_, 0);
   }
-  a_ += a_online_;
-  cholesky_.compute(a_);
-  b_ = b_online_;
+  fit.b_ = b_online_;
+  if (drift_rows_ > 0) {
+    fit.a_online_ = a_online_;
+    fit.wanted_ = center_ - fit.z_;
+    Move(fit.wanted_, fit.a_online_, fit.b_);
+    fit.a_ += fit.a_online_;
+  } else {
+    fit.a_ += a_online_;
+  }
+  fit.cholesky_.compute(fit.a_);
   // Slopes have no effect at z.
   const Eigen::Index first = std::max(0, drift_rows_ - 1);
-  Solve(b_, first);
-  b_ += demonstrated_;
-  if (drift_rows_ > 0) drift_ = b_.row(first);
-  if (disturbed_) disturbance_ = b_.row(drift_rows_);
-  jacobian_ = b_.bottomRows(jacobian_.cols()).transpose();
-  fresh_ = true;
-}
-
-void ResponseEstimate::Solve(core::Matrix& b, Eigen::Index first) const noexcept {
-  Eigen::Index column = 0;
-  for (; column + 8 <= b.cols(); column += 8) SolveColumns<8>(cholesky_, column, first, b);
-  for (; column + 4 <= b.cols(); column += 4) SolveColumns<4>(cholesky_, column, first, b);
-  for (; column < b.cols(); ++column) SolveColumns<1>(cholesky_, column, first, b);
-}
-
-bool ResponseEstimate::NominalControl(Eigen::VectorXd& v) noexcept {
-  const auto& sums = workspace_.sums;
-  const Eigen::Index n = jacobian_.rows();
-  const Eigen::Index m = jacobian_.cols();
-  if (!has_sums_) return false;
-  prior_->SumNearStates(workspace_);
-  const Eigen::Index states = workspace_.states;
-  a_demo_ = sums.block(states, 0, n + 1, n + 1).cast<double>();
-  const double weight = a_demo_(n, n);
-  if (!(weight > 0.0)) return false;
-  a_demo_.diagonal().head(n).array() += guided::kDemonstratedRidge * weight;
-  cholesky_demo_.compute(a_demo_);
-  // At z itself, [z' - z; 1] is the last unit vector, and L^-1 of it a multiple.
-  const auto& lower = cholesky_demo_.matrixLLT();
-  for (Eigen::Index i = n; i >= 0; --i) {
-    double sum = i == n ? 1.0 / lower(n, n) : 0.0;
-    for (Eigen::Index k = i + 1; k <= n; ++k) sum -= lower(k, i) * unit_[k];
-    unit_[i] = sum / lower(i, i);
-  }
-  v.noalias() = sums.block(states, n + 1, n + 1, m).transpose().cast<double>().lazyProduct(unit_);
-  wanted_.noalias() =
-      sums.block(states, n + 1 + m, n + 1, n).transpose().cast<double>().lazyProduct(unit_);
-  wanted_ -= drift_;
-  if (disturbed_) wanted_ -= Time(v) * disturbance_;
-  h_.noalias() = jacobian_.transpose().lazyProduct(jacobian_);
-  const double nearness = guided::kNearness * h_.trace() / static_cast<double>(m);
-  if (!(nearness > 0.0)) return true;
-  h_.diagonal().array() += nearness;
-  scratch_.noalias() = jacobian_.transpose().lazyProduct(wanted_);
-  did_ = scratch_ + nearness * v;
-  cholesky_controls_.compute(h_);
-  cholesky_controls_.solveInPlace(did_);
-  v = did_.col(0);
-  return true;
-}
-
-void ResponseEstimate::AddEffect(const Eigen::Ref<const Eigen::VectorXd>& v, double time,
-                                 Eigen::Ref<Eigen::VectorXd> z) const noexcept {
-  z.noalias() += jacobian_.lazyProduct(v);
-  z += drift_;
-  if (disturbed_) z += time * disturbance_;
-}
-
-double ResponseEstimate::UncertaintyBound() noexcept {
-  const Eigen::Index rows = inverse_.rows();
-  inverse_.setIdentity();
-  const auto lower =
-      cholesky_.matrixLLT().bottomRightCorner(rows, rows).triangularView<Eigen::Lower>();
-  lower.solveInPlace(inverse_);
-  lower.adjoint().solveInPlace(inverse_);
-  return inverse_.diagonal().tail(jacobian_.cols()).sum();
-}
-
-double ResponseEstimate::LeastExcitedDirection(std::span<double> direction) noexcept {
-  static_cast<void>(UncertaintyBound());
-  // Power iteration.
-  direction_.setConstant(1.0 / std::sqrt(static_cast<double>(direction_.size())));
-  // Not the constant vector, which may be orthogonal to the result by symmetry.
-  for (Eigen::Index i = 0; i < direction_.size(); ++i) {
-    direction_[i] += 0.01 * static_cast<double>(i);
-  }
-  const Eigen::Index m = jacobian_.cols();
-  double value = 0.0;
-  for (int i = 0; i < guided::kPowerIterations; ++i) {
-    scratch_.noalias() = inverse_.bottomRightCorner(m, m).lazyProduct(direction_);
-    value = scratch_.norm();
-    direction_ = scratch_ / value;
-  }
-  // The duration s is always positive, so [v; s] and [-v; s] differ in uncertainty.
-  if (disturbed_ && inverse_.row(0).tail(m).dot(direction_) < 0.0) direction_ = -direction_;
-  std::copy(direction_.begin(), direction_.end(), direction.begin());
-  return value;
+  Solve(fit.cholesky_, fit.b_, first);
+  fit.b_ += fit.demonstrated_;
+  if (drift_rows_ > 0) fit.drift_ = fit.b_.row(first);
+  if (disturbance_model_.active()) fit.disturbance_ = fit.b_.row(drift_rows_);
+  fit.jacobian_ = fit.b_.bottomRows(prior_->control_dim()).transpose();
 }
 
 }  // namespace dfr::control

@@ -22,28 +22,26 @@ SafetyFilter::SafetyFilter(const TaskView& task, const GuidedOptions& options)
           std::min(options.max_exit_ratio * task.levels().slack(), guided::kMaxExitLevel)),
       probe_size_(options.probe_size),
       demonstrates_(options.demonstrated),
-      disturbed_(options.disturbance_model.base > 0.0 ||
-                 options.disturbance_model.per_control > 0.0),
+      disturbed_(options.disturbance_model.active()),
       trial_(Eigen::VectorXd::Zero(task.response().control_dim())),
       demonstrated_(trial_),
       learned_(trial_) {}
 
-SafetyFilter::Choice SafetyFilter::Filter(ResponseEstimate& estimate, std::span<const double> z,
-                                          const StepTarget& target, double pass_level,
-                                          Eigen::VectorXd& v) noexcept {
-  const LocalModel model{task_.support(), estimate, z};
+SafetyFilter::Choice SafetyFilter::Filter(LocalFit& fit, const StepTarget& target,
+                                          double pass_level, Eigen::VectorXd& v) noexcept {
+  const LocalModel model{task_.support(), fit};
   const double learned = model.Level(target.phase, v);
   Choice choice{Mode::kPolicy, learned, learned};
   if (!(learned >= pass_level)) {
     learned_ = v;
-    choice = Correct(estimate, model, target, v);
+    choice = Correct(fit, model, target, v);
     choice.learned = learned;
     if (Idle(choice, target.level - pass_level, v)) {
       v = learned_;
       return {Mode::kPolicy, learned, learned};
     }
   }
-  if (Probe(estimate, model, target, v, choice.level)) choice.mode = Mode::kProbe;
+  if (Probe(fit, model, target, v, choice.level)) choice.mode = Mode::kProbe;
   return choice;
 }
 
@@ -55,12 +53,12 @@ bool SafetyFilter::Idle(const Choice& choice, double margin,
          (v - learned_).squaredNorm() <= guided::kIdle * guided::kIdle;
 }
 
-SafetyFilter::Choice SafetyFilter::Correct(ResponseEstimate& estimate, const LocalModel& model,
+SafetyFilter::Choice SafetyFilter::Correct(LocalFit& fit, const LocalModel& model,
                                            const StepTarget& target, Eigen::VectorXd& v) noexcept {
   const int next = target.phase;
   // The last support does not move on: a target deep inside it would stop the task.
   const bool last = next >= model.support.num_steps();
-  const bool known = demonstrates_ && estimate.NominalControl(trial_);
+  const bool known = demonstrates_ && fit.NominalControl(trial_);
   double demonstrated = -kInfinity;
   if (known) {
     limits_.Limit(trial_);
@@ -83,12 +81,11 @@ SafetyFilter::Choice SafetyFilter::Correct(ResponseEstimate& estimate, const Loc
   return {Mode::kRecovery, model.Level(next, v)};
 }
 
-bool SafetyFilter::Probe(ResponseEstimate& estimate, const LocalModel& model,
-                         const StepTarget& target, Eigen::VectorXd& v, double& level) noexcept {
+bool SafetyFilter::Probe(LocalFit& fit, const LocalModel& model, const StepTarget& target,
+                         Eigen::VectorXd& v, double& level) noexcept {
   // A control that is predicted to end inside needs no probe, except to estimate a disturbance.
   if (probe_size_ == 0.0 || level >= (disturbed_ ? target.level : 0.0) ||
-      estimate.UncertaintyBound() <= guided::kUnknown ||
-      estimate.LeastExcitedDirection(core::AsSpan(trial_)) <= guided::kUnknown) {
+      fit.LeastExcitedDirection(core::AsSpan(trial_), guided::kUnknown) <= guided::kUnknown) {
     return false;
   }
   v = probe_size_ * trial_;

@@ -28,17 +28,17 @@ void StateObserver::Reset() noexcept {
   expects_ = false;
 }
 
-void StateObserver::Update(const ResponseEstimate& estimate, std::span<const double> v,
+void StateObserver::Update(const LocalFit* fit, std::span<const double> v,
                            std::span<const double> dz) noexcept {
   for (Eigen::Index i = kMaxLag; i > 0; --i) applied_.col(i) = applied_.col(i - 1);
   applied_.col(0) = core::AsVector(v);
   if (!active_) return;
-  if (estimate.fresh()) {
-    const double time = estimate.Time(applied_.col(0));
+  if (fit != nullptr) {
+    const double time = fit->Duration(applied_.col(0));
     travel_ = forgetting_ * travel_ + core::AsVector(dz).squaredNorm();
-    lag_ = FindLag(estimate, dz, time);
+    lag_ = FindLag(*fit, dz, time);
     scratch_.setZero();
-    estimate.AddEffect(applied_.col(lag_), time, scratch_);
+    fit->AddEffect(applied_.col(lag_), time, scratch_);
     expected_ += scratch_;
     scratch_ = core::AsVector(dz) - scratch_;
     power_ = forgetting_ * power_ + scratch_.squaredNorm();
@@ -47,15 +47,14 @@ void StateObserver::Update(const ResponseEstimate& estimate, std::span<const dou
   } else {
     error_.setZero();
   }
-  expects_ = estimate.fresh() && expected_.allFinite();
+  expects_ = fit != nullptr && expected_.allFinite();
 }
 
-void StateObserver::Observe(const ResponseEstimate& estimate,
-                            Eigen::Ref<Eigen::VectorXd> z) noexcept {
+void StateObserver::Observe(const LocalFit& fit, Eigen::Ref<Eigen::VectorXd> z) noexcept {
   if (!active_) return;
   if (const double gain = Gain(); gain < 1.0) z = gain * z + (1.0 - gain) * expected_;
   expected_ = z;
-  for (Eigen::Index i = 0; i < lag_; ++i) estimate.AddEffect(applied_.col(i), z);
+  for (Eigen::Index i = 0; i < lag_; ++i) fit.AddEffect(applied_.col(i), z);
 }
 
 double StateObserver::Gain() const noexcept {
@@ -64,12 +63,11 @@ double StateObserver::Gain() const noexcept {
   return std::max(guided::kLeastWeight, (std::sqrt(ratio * (ratio + 4.0)) - ratio) / 2.0);
 }
 
-int StateObserver::FindLag(const ResponseEstimate& estimate, std::span<const double> dz,
-                           double time) noexcept {
+int StateObserver::FindLag(const LocalFit& fit, std::span<const double> dz, double time) noexcept {
   double least = std::numeric_limits<double>::infinity();
   for (int i = 0; i <= kMaxLag; ++i) {
-    scratch_ = core::AsVector(dz) - estimate.drift() - time * estimate.disturbance();
-    scratch_.noalias() -= estimate.jacobian().lazyProduct(applied_.col(i));
+    scratch_ = core::AsVector(dz) - fit.drift() - time * fit.disturbance();
+    scratch_.noalias() -= fit.jacobian().lazyProduct(applied_.col(i));
     double& error = errors_[static_cast<std::size_t>(i)];
     error = forgetting_ * error + scratch_.squaredNorm();
     least = std::min(least, error);

@@ -13,8 +13,8 @@ GradientRecovery::GradientRecovery(const TaskView& task, double control_limit)
                                         control_limit / task.response().control_unit())},
       // Algorithm 1 recovers at rest: only its controls cause motion.
       estimate_(task.response().prior(), {}, /*drift=*/false),
+      fit_(estimate_.MakeFit()),
       z_(Eigen::VectorXd::Zero(task.features().num_features())),
-      last_z_(z_),
       dz_(z_),
       v_(Eigen::VectorXd::Zero(task.response().control_dim())) {
   DFR_THROW_UNLESS(control_limit > 0.0, "control_limit must be positive, not " << control_limit);
@@ -25,15 +25,14 @@ void GradientRecovery::Reset(std::uint64_t /*seed*/) noexcept { estimate_.Reset(
 Mode GradientRecovery::Next(const RecoverySituation& situation, std::span<double> u) noexcept {
   task_.features().Apply(situation.x, AsSpan(z_));
   if (situation.iteration > 0) {
-    dz_ = z_ - last_z_;
-    estimate_.Update(AsSpan(last_z_), AsSpan(v_), AsSpan(dz_));
+    dz_ = z_ - core::AsVector(fit_.z());
+    estimate_.Update(fit_, AsSpan(v_), AsSpan(dz_));
   }
-  estimate_.Compute(situation.t, AsSpan(z_));
+  estimate_.FitAt(situation.t, AsSpan(z_), fit_);
   v_.setZero();
-  static_cast<void>(AscendSupport({task_.support(), estimate_, AsSpan(z_)},
+  static_cast<void>(AscendSupport({task_.support(), fit_},
                                   {situation.t, task_.levels().gate(situation.t)}, limits_, v_));
   core::AsVector(u) = v_ * task_.response().control_unit();
-  last_z_ = z_;
   return v_.isZero(0.0) ? Mode::kHalt : Mode::kRecovery;
 }
 

@@ -14,7 +14,7 @@ struct ComponentsScore {
   int components = 0;  ///< k
   /// Share of states inside a kernel::WhitenedSupport.
   double inside = 0.0;
-  /// Share of the variance of actions that control::ResponseEstimate::NominalControl() explains.
+  /// Share of the variance of actions that control::LocalFit::NominalControl() explains.
   double explained = 0.0;
   double explained_error = 0.0;  ///< Its standard error over demonstrations.
   double action_error =
@@ -54,7 +54,7 @@ struct ComponentsChoice {
 /// Rule: among the candidates with inside >= least_inside, the smallest k whose explained share is
 /// within one standard error of the best (Breiman et al., Classification and Regression Trees,
 /// 1984, Sec. 3.4.3). Refused if no candidate has least_inside, or
-/// control::ResponseEstimate::Guesses() of the best one. docs/decisions.md has the reasons.
+/// control::LocalFit::Guesses() of the best one. docs/decisions.md has the reasons.
 /// @param demonstrations  scores as states (T + 1 x p), actions as controls (T x m). k components
 ///   are the first beside + k scores_each columns, or all. Only the first candidate that needs all
 ///   columns is tried.

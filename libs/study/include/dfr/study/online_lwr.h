@@ -21,7 +21,7 @@ class LearnsOnline {
 
 /// "lwr-online": locally weighted regression with the kernel width of guided recovery, and an
 /// estimate of the response J that applied controls update. It gives the control that has the
-/// demonstrated effect today (control::ResponseEstimate::NominalControl()), and no more: no
+/// demonstrated effect today (control::LocalFit::NominalControl()), and no more: no
 /// support, no filter, no observer, no probes. See() and Applied() enclose each Control(). Belongs
 /// to one thread; after construction it never allocates.
 class OnlineLwrPolicy final : public core::Policy {
@@ -46,7 +46,8 @@ class OnlineLwrPolicy final : public core::Policy {
   core::FeatureTransform features_;
   control::Response response_;
   double online_weight_;
-  mutable control::ResponseEstimate estimate_;  // Control() only computes it.
+  control::ResponseEstimate estimate_;
+  mutable control::LocalFit fit_;  // The last Control() made it.
   mutable Eigen::VectorXd z_;
   mutable Eigen::VectorXd v_;
   Eigen::VectorXd seen_;

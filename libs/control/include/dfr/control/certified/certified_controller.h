@@ -50,7 +50,7 @@ class CertifiedController final : public Controller {
 
   [[nodiscard]] const Violation& violation() const noexcept { return certifier_.violation(); }
   /// J of the last Next(), in features per Response::control_unit().
-  [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return estimate_.jacobian(); }
+  [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return fit_.jacobian(); }
 
  private:
   void DoReset(std::uint64_t seed) noexcept override;
@@ -69,12 +69,12 @@ class CertifiedController final : public Controller {
   double probe_size_;
   HaltRule halt_rule_;
   ResponseEstimate estimate_;
+  LocalFit fit_;  ///< In the state of the last control.
   PhaseTracker tracker_;
   Certifier certifier_;
 
   Progress progress_;
   Eigen::VectorXd z_;
-  Eigen::VectorXd last_z_;
   Eigen::VectorXd dz_;
   Eigen::VectorXd v_;       ///< The control of this step; after the step, the last applied control.
   Eigen::VectorXd effect_;  ///< J v of the last applied control.

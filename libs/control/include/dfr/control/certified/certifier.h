@@ -6,7 +6,7 @@
 
 #include "dfr/control/certified/certificate.h"
 #include "dfr/control/controller.h"
-#include "dfr/control/guided/response_estimate.h"
+#include "dfr/control/guided/local_fit.h"
 #include "dfr/control/guided/support_step.h"
 #include "dfr/core/matrix.h"
 
@@ -74,9 +74,8 @@ class Certifier {
   /// Changes `v` until it provably ends inside B_q(eta) of a nearby phase q. First it calls
   /// AscendSupport() towards the required level, then starts from the nominal control of nearby
   /// demonstrations, and finally shrinks `v`. If almost nothing remains, `v` becomes a recovery
-  /// that maximizes the margin.
-  /// @param estimate  J, last computed at the model's z.
-  [[nodiscard]] CertifiedStep Admit(const LocalModel& model, ResponseEstimate& estimate,
+  /// that maximizes the margin. `fit` is that of `model`.
+  [[nodiscard]] CertifiedStep Admit(const LocalModel& model, LocalFit& fit,
                                     const StepLimits& limits, const Request& request,
                                     Eigen::VectorXd& v) noexcept;
   /// Compares the predicted change `effect` of control number `control`, `v`, with the observed

@@ -14,13 +14,13 @@ inline constexpr double kSlackQuantile = 0.2;
 /// equally.
 inline constexpr double kWeightFloor = 1e-6;
 
-/// ResponseEstimate::NominalControl(): ridge of the slopes per unit of weight. In a direction in
+/// LocalFit::NominalControl(): ridge of the slopes per unit of weight. In a direction in
 /// which states barely differ, the control does not depend on the state.
 inline constexpr double kDemonstratedRidge = 0.1;
 /// Penalty on the difference from the demonstrated control, in units of the effect of a control on
 /// the features.
 inline constexpr double kNearness = 0.03;
-/// ResponseEstimate::LeastExcitedDirection(): number of power iterations. A^-1 has a few rows, and
+/// LocalFit::LeastExcitedDirection(): number of power iterations. A^-1 has a few rows, and
 /// an approximate eigenvector suffices.
 inline constexpr int kPowerIterations = 30;
 

@@ -31,7 +31,7 @@ namespace dfr::control {
 ///      too, differs from v_hat by at most half an ordinary control (guided::kIdle), and gains at
 ///      most hi minus the level at which v_hat passes.
 ///   2. v <- AscendSupport(v_d, hi), where v_d has the effect of nearby demonstrations
-///      (ResponseEstimate::NominalControl()). If l_{tau+1}(z'(v)) >= 0, v is applied.
+///      (LocalFit::NominalControl()). If l_{tau+1}(z'(v)) >= 0, v is applied.
 ///   3. v <- AscendSupport(v_hat, hi). If it leads inside, v is applied. Otherwise the better of
 ///      both is applied, if its level is at least -max_exit_level. Otherwise v_d is applied: if no
 ///      control leads inside, demonstrations are more reliable than J. In the last phase step 2
@@ -78,7 +78,7 @@ class GuidedController final : public Controller {
   void Applied(std::span<const double> u) noexcept;
 
   /// Returns J of the last Next() that computed one, in features per Response::control_unit().
-  [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return estimate_.jacobian(); }
+  [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return fit_.jacobian(); }
 
  private:
   void DoReset(std::uint64_t seed) noexcept override;
@@ -101,14 +101,15 @@ class GuidedController final : public Controller {
   StepLimits limits_;
   HaltRule halt_rule_;
   ResponseEstimate estimate_;
+  LocalFit fit_;
   StateObserver observer_;
   SafetyFilter filter_;
   PhaseTracker tracker_;
   PhaseTracker chose_in_;  ///< Copy of tracker_ from before the last choice of a control.
 
   Progress progress_;
-  bool computed_ = false;  ///< estimate_ was computed since DoReset().
-  EdgeStay at_edge_;       ///< Counts steps whose learned control passed.
+  int fitted_ = 0;    ///< Number of the control for which fit_ was made, from 1; 0: none yet.
+  EdgeStay at_edge_;  ///< Counts steps whose learned control passed.
   int relocations_ = 0;
   Eigen::VectorXd z_;
   Eigen::VectorXd v_;  ///< The control of this step; after the step, the last applied control.

@@ -4,7 +4,7 @@
 #include <string_view>
 #include <vector>
 
-#include "dfr/control/guided/response_estimate.h"
+#include "dfr/control/guided/local_fit.h"
 #include "dfr/control/guided/support_step.h"
 
 namespace dfr::control {

@@ -1,21 +1,14 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <memory>
 #include <span>
 
+#include "dfr/control/guided/local_fit.h"
 #include "dfr/control/guided/transition_store.h"
 #include "dfr/core/matrix.h"
 
 namespace dfr::control {
-
-/// Duration of a control v, s = base + per_control |v|, during which a disturbance moves the
-/// features: they change by J v + s d. The unit is arbitrary. Both 0: there is no disturbance.
-struct DisturbanceModel {
-  double base = 0.0;         ///< Constant part, >= 0.
-  double per_control = 0.0;  ///< Additional duration of an ordinary control, >= 0.
-};
 
 /// Estimates how features change, dz = J v + m(z), without a model. J is the response to controls.
 /// m(z) = m + M (z' - z) is the drift, which continues without a control (mass, gravity). The
@@ -31,8 +24,10 @@ struct DisturbanceModel {
 /// attributed to controls.
 ///
 /// With a disturbance model, w has one more entry, the duration s of the control. It separates the
-/// disturbance d from the response to controls. For demonstrations s = 0. Never allocates after
-/// construction.
+/// disturbance d from the response to controls. For demonstrations s = 0.
+///
+/// FitAt() makes a value, LocalFit, from which all predictions come; Update() takes the fit of the
+/// control that was applied. Neither allocates, locks or throws.
 class ResponseEstimate {
  public:
   /// @param drift  false: m = 0 and M = 0.
@@ -40,108 +35,40 @@ class ResponseEstimate {
   explicit ResponseEstimate(std::shared_ptr<const TransitionStore> prior,
                             const DisturbanceModel& disturbance_model = {}, bool drift = true);
 
+  /// Returns a fit of 0 for FitAt(), with all the memory that it needs. Allocates.
+  [[nodiscard]] LocalFit MakeFit() const;
+  /// Computes `fit`, which MakeFit() of this object has made, for time step `t` at `z`. If `z` is
+  /// not finite, neither is the result.
+  void FitAt(int t, std::span<const double> z, LocalFit& fit) const noexcept;
+  /// Same as above. Allocates.
+  [[nodiscard]] LocalFit FitAt(int t, std::span<const double> z) const;
+
   /// Removes the effect of all applied controls.
   void Reset() noexcept;
-  /// Adds a measurement of `weight` >= 0: control `v` of duration s = `time` changed the features
-  /// `z` by `dz`. Uses D of the last Compute() since Reset(), and D = 0 before the first. If there
-  /// are demonstrations, begin an episode with Compute().
-  void Update(std::span<const double> z, std::span<const double> v, std::span<const double> dz,
-              double time, double weight) noexcept;
-  /// Same as above with weight 1 and the duration Time(v).
-  void Update(std::span<const double> z, std::span<const double> v,
-              std::span<const double> dz) noexcept {
-    Update(z, v, dz, Time(core::AsVector(v)), 1.0);
+  /// Adds a measurement of `weight` >= 0: control `v` of duration s = `duration` changed the
+  /// features `z` by `dz`. `fit` is the one whose prediction the measurement corrects: its D is
+  /// subtracted, and A_on and E_on are then centred at its z.
+  void Update(const LocalFit& fit, std::span<const double> z, std::span<const double> v,
+              std::span<const double> dz, double duration, double weight) noexcept;
+  /// Same as above at the z of `fit`, with weight 1 and the duration of `v`.
+  void Update(const LocalFit& fit, std::span<const double> v, std::span<const double> dz) noexcept {
+    Update(fit, fit.z(), v, dz, fit.Duration(core::AsVector(v)), 1.0);
   }
-  /// Computes J for time step `t` at `z`.
-  void Compute(int t, std::span<const double> z) noexcept;
-
-  /// Returns J, n x m, of the last Compute().
-  [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return jacobian_; }
-  /// Returns d (n entries) of the last Compute(); 0 without a disturbance model.
-  [[nodiscard]] const Eigen::VectorXd& disturbance() const noexcept { return disturbance_; }
-  /// Returns m (n entries) of the last Compute(), the change of features without a control.
-  [[nodiscard]] const Eigen::VectorXd& drift() const noexcept { return drift_; }
-  /// Returns true if Compute() was called since the last Update().
-  [[nodiscard]] bool fresh() const noexcept { return fresh_; }
-  /// Returns the duration s of control `v` (m entries).
-  [[nodiscard]] double Time(const Eigen::Ref<const Eigen::VectorXd>& v) const noexcept {
-    return disturbance_model_.base + disturbance_model_.per_control * v.norm();
-  }
-  /// Computes the control with the effect of nearby demonstrations. Locally weighted linear
-  /// regression over the nearest transitions gives the demonstrated control v_d at `z` and its
-  /// change dz_d. The result minimizes |J v + m + s d - dz_d|^2 + 0.03 trace(J' J) / m |v - v_d|^2.
-  /// It thereby compensates for rotated or scaled controls and for disturbances, as far as they are
-  /// estimated. Uses the time step, z and results of the last Compute(). O(n^3).
-  /// @returns false, and leaves `v` (m entries) unchanged, if there is no demonstrated control.
-  [[nodiscard]] bool NominalControl(Eigen::VectorXd& v) noexcept;
-  /// Returns true if NominalControl() predicts demonstrated actions poorly: it explains neither
-  /// their variance nor their mean. In the gallery's tasks `explained` is at least .29, and
-  /// smallest if paces differ between demonstrators. If the state lacks something that the
-  /// demonstrator uses (a box, a velocity, a pole), it is at most .17, with an error of at least
-  /// .46. For a constant action with noise it is 0, with an error of .2.
-  /// @param explained  explained fraction of the variance of left-out actions.
-  /// @param error  squared error, as a fraction of the squared actions.
-  [[nodiscard]] static bool Guesses(double explained, double error) noexcept {
-    constexpr double kLeastExplained = 0.2;
-    constexpr double kMostError = 0.5;
-    return explained < kLeastExplained && error > kMostError;
-  }
-  /// Adds J v + m + s d of the last Compute() to z, where s is Time(v), or `time`.
-  void AddEffect(const Eigen::Ref<const Eigen::VectorXd>& v, double time,
-                 Eigen::Ref<Eigen::VectorXd> z) const noexcept;
-  void AddEffect(const Eigen::Ref<const Eigen::VectorXd>& v,
-                 // A view. NOLINTNEXTLINE(performance-unnecessary-value-param)
-                 Eigen::Ref<Eigen::VectorXd> z) const noexcept {
-    AddEffect(v, Time(v), z);
-  }
-
-  /// Returns the largest eigenvalue of the block of A^-1 that belongs to v, and writes its
-  /// eigenvector, the least excited control direction, to `direction` (m entries). With a
-  /// disturbance model, its sign is the more informative one: repeating the same control would not
-  /// separate its response from the disturbance.
-  double LeastExcitedDirection(std::span<double> direction) noexcept;
-  /// Returns the sum of the eigenvalues of this block, a faster upper bound on the largest.
-  [[nodiscard]] double UncertaintyBound() noexcept;
 
  private:
-  void MoveTo(std::span<const double> z) noexcept;
-  /// Adds A_demo to a_ and B_demo to demonstrated_.
-  void AddDemonstrations() noexcept;
-  /// Sets b = A^-1 b with the factor of `cholesky_`; rows before `first` become undefined.
-  void Solve(core::Matrix& b, Eigen::Index first) const noexcept;
+  /// Adds A_demo to A and B_demo to D of `fit`.
+  void AddDemonstrations(LocalFit& fit) const noexcept;
 
   std::shared_ptr<const TransitionStore> prior_;
   DisturbanceModel disturbance_model_;
-  bool disturbed_;
   // Rows of A and B: [z' - z (n); 1; s; v (m)], the first n + 1 only with a drift, s only
   // with a disturbance.
   int drift_rows_;
   Eigen::MatrixXd a_online_;
-  core::Matrix b_online_;      ///< E_on
-  Eigen::VectorXd center_;     ///< z at which A_on and E_on are centred.
-  core::Matrix demonstrated_;  ///< D of the last Compute().
-  Eigen::MatrixXd a_;
-  core::Matrix b_;
-  Eigen::LLT<Eigen::MatrixXd> cholesky_;
-  Eigen::MatrixXd inverse_;  ///< Rows of s and v of A^-1.
-  Eigen::MatrixXd jacobian_;
-  Eigen::VectorXd disturbance_;
-  Eigen::VectorXd drift_;
+  core::Matrix b_online_;   ///< E_on
+  Eigen::VectorXd center_;  ///< z at which A_on and E_on are centred.
   Eigen::VectorXd regressor_;
-  Eigen::VectorXd direction_;
-  Eigen::VectorXd scratch_;
-  TransitionStore::Workspace workspace_;
-  bool has_sums_ = false;  ///< workspace_ has the sums of the last Compute().
-  bool fresh_ = false;
-
-  // For NominalControl().
-  Eigen::MatrixXd a_demo_;
-  Eigen::VectorXd unit_;  ///< n + 1
-  Eigen::LLT<Eigen::MatrixXd> cholesky_demo_;
-  Eigen::MatrixXd h_;
-  Eigen::LLT<Eigen::MatrixXd> cholesky_controls_;
-  Eigen::MatrixXd did_;     ///< m x 1
-  Eigen::VectorXd wanted_;  ///< n
+  Eigen::VectorXd error_;  ///< n
 };
 
 }  // namespace dfr::control

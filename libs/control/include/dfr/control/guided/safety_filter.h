@@ -2,11 +2,10 @@
 
 #include <Eigen/Core>
 #include <limits>
-#include <span>
 
 #include "dfr/control/controller.h"
 #include "dfr/control/guided/guided_options.h"
-#include "dfr/control/guided/response_estimate.h"
+#include "dfr/control/guided/local_fit.h"
 #include "dfr/control/guided/support_step.h"
 #include "dfr/control/guided/task_view.h"
 
@@ -25,26 +24,25 @@ class SafetyFilter {
     double level = 0.0;  ///< Predicted level of v in the next phase.
     double learned = std::numeric_limits<double>::quiet_NaN();  ///< Same, of the learned control.
   };
-  /// Changes the learned control `v`, which must be within the limits, to the control to apply at
-  /// features `z`, for which `estimate` was computed last. `target` is the next phase and its hi.
+  /// Changes the learned control `v`, which must be within the limits, to the control to apply in
+  /// the state of `fit`. `target` is the next phase and its hi.
   /// `v` is unchanged if its predicted level there is at least `pass_level`. It is also unchanged
   /// if the corrected control would end outside too, differs by at most guided::kIdle and gains at
   /// most target.level - pass_level. kRecovery: `v` does not come from the learned control. kProbe:
   /// `v` is a probe.
-  [[nodiscard]] Choice Filter(ResponseEstimate& estimate, std::span<const double> z,
-                              const StepTarget& target, double pass_level,
+  [[nodiscard]] Choice Filter(LocalFit& fit, const StepTarget& target, double pass_level,
                               Eigen::VectorXd& v) noexcept;
 
   /// Returns the exit level >= 0: a control that passes may end outside by at most this.
   [[nodiscard]] double max_exit_level() const noexcept { return max_exit_level_; }
 
  private:
-  [[nodiscard]] Choice Correct(ResponseEstimate& estimate, const LocalModel& model,
-                               const StepTarget& target, Eigen::VectorXd& v) noexcept;
+  [[nodiscard]] Choice Correct(LocalFit& fit, const LocalModel& model, const StepTarget& target,
+                               Eigen::VectorXd& v) noexcept;
   [[nodiscard]] bool Idle(const Choice& choice, double margin,
                           const Eigen::VectorXd& v) const noexcept;
-  [[nodiscard]] bool Probe(ResponseEstimate& estimate, const LocalModel& model,
-                           const StepTarget& target, Eigen::VectorXd& v, double& level) noexcept;
+  [[nodiscard]] bool Probe(LocalFit& fit, const LocalModel& model, const StepTarget& target,
+                           Eigen::VectorXd& v, double& level) noexcept;
 
   TaskView task_;
   StepLimits limits_;

@@ -4,12 +4,12 @@
 #include <array>
 #include <span>
 
-#include "dfr/control/guided/response_estimate.h"
+#include "dfr/control/guided/local_fit.h"
 
 namespace dfr::control {
 
 /// Estimates the state once pending controls have taken effect from noisy, delayed observations.
-/// Uses the prediction errors of a ResponseEstimate. Never allocates after construction; one object
+/// Uses the prediction errors of LocalFit. Never allocates after construction; one object
 /// belongs to one thread.
 ///
 /// An effect may be observed a few controls late. The lag is the smallest one, up to kMaxLag, whose
@@ -27,11 +27,9 @@ class StateObserver {
   StateObserver(int num_features, int control_dim, double forgetting, bool active = true);
 
   void Reset() noexcept;
-  /// Records that control `v` was applied and the observed features changed by `dz`. Uses the
-  /// prediction of `estimate` if it was computed for this control. Call it before the estimate's
-  /// Update().
-  void Update(const ResponseEstimate& estimate, std::span<const double> v,
-              std::span<const double> dz) noexcept;
+  /// Records that control `v` was applied and the observed features changed by `dz`.
+  /// @param fit  made in the state in which `v` was chosen; nullptr if there is none.
+  void Update(const LocalFit* fit, std::span<const double> v, std::span<const double> dz) noexcept;
   /// Returns the control whose effect the last change shows: lag() before the last one.
   [[nodiscard]] std::span<const double> acting() const noexcept {
     return {applied_.col(lag_).data(), static_cast<std::size_t>(applied_.rows())};
@@ -39,13 +37,12 @@ class StateObserver {
   /// Returns the delay of effects in controls, in [0, kMaxLag].
   [[nodiscard]] int lag() const noexcept { return lag_; }
   /// Replaces the observed features `z` by those after all pending controls: a weighted mean of
-  /// observed and expected ones, plus the effects of these controls. Call it once at the start and
-  /// after each Update().
-  void Observe(const ResponseEstimate& estimate, Eigen::Ref<Eigen::VectorXd> z) noexcept;
+  /// observed and expected ones, plus the effects of these controls by `fit`. Call it once at the
+  /// start and after each Update().
+  void Observe(const LocalFit& fit, Eigen::Ref<Eigen::VectorXd> z) noexcept;
 
  private:
-  [[nodiscard]] int FindLag(const ResponseEstimate& estimate, std::span<const double> dz,
-                            double time) noexcept;
+  [[nodiscard]] int FindLag(const LocalFit& fit, std::span<const double> dz, double time) noexcept;
   [[nodiscard]] double Gain() const noexcept;
 
   double forgetting_;

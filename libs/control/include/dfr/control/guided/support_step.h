@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 #include <span>
 
-#include "dfr/control/guided/response_estimate.h"
+#include "dfr/control/guided/local_fit.h"
 #include "dfr/core/decision_function.h"
 
 namespace dfr::control {
@@ -17,11 +17,12 @@ struct PredictedLevel {
 };
 
 /// Local model at one state: the support and the response of features to a control. Borrows its
-/// parts; valid until the next ResponseEstimate::Compute().
+/// parts.
 struct LocalModel {
   const core::LogDecisionFunction& support;
-  const ResponseEstimate& response;  ///< z' = z + J v + m + s d.
-  std::span<const double> z;         ///< Features of the state (support.state_dim() entries).
+  const LocalFit& response;  ///< z' = z + J v + m + s d.
+  /// Features of the state (support.state_dim() entries).
+  std::span<const double> z = response.z();
 
   /// Returns l_phase(z'), the predicted level of control `v`.
   [[nodiscard]] double Level(int phase, const Eigen::VectorXd& v) const noexcept;

@@ -26,8 +26,8 @@ class GradientRecovery final : public RecoveryStrategy {
   TaskView task_;
   StepLimits limits_;
   ResponseEstimate estimate_;
+  LocalFit fit_;  ///< In the state of the last control.
   Eigen::VectorXd z_;
-  Eigen::VectorXd last_z_;
   Eigen::VectorXd dz_;
   Eigen::VectorXd v_;
 };

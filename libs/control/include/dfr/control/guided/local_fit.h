@@ -1,0 +1,113 @@
+#pragma once
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+#include <memory>
+#include <span>
+
+#include "dfr/control/guided/transition_store.h"
+#include "dfr/core/matrix.h"
+
+namespace dfr::control {
+
+/// Duration of a control v, s = base + per_control |v|, during which a disturbance moves the
+/// features: they change by J v + s d. The unit is arbitrary. Both 0: there is no disturbance.
+struct DisturbanceModel {
+  double base = 0.0;         ///< Constant part, >= 0.
+  double per_control = 0.0;  ///< Additional duration of an ordinary control, >= 0.
+
+  [[nodiscard]] bool active() const noexcept { return base > 0.0 || per_control > 0.0; }
+  /// Returns the duration s of control `v`.
+  [[nodiscard]] double Duration(const Eigen::Ref<const Eigen::VectorXd>& v) const noexcept {
+    return base + per_control * v.norm();
+  }
+};
+
+/// How features change near one state, dz = J v + m + s d: the result of
+/// ResponseEstimate::FitAt(). A value that does not depend on the estimate any more. Its memory is
+/// that of ResponseEstimate::MakeFit(); nothing here allocates, locks or throws. The functions that
+/// are not const use scratch memory of the fit and do not change it. One object belongs to one
+/// thread.
+class LocalFit {
+ public:
+  /// Returns the features z of the state; 0, as all other results, before FitAt().
+  [[nodiscard]] std::span<const double> z() const noexcept { return core::AsSpan(z_); }
+  /// Returns J, n x m.
+  [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return jacobian_; }
+  /// Returns m (n entries), the change of features without a control.
+  [[nodiscard]] const Eigen::VectorXd& drift() const noexcept { return drift_; }
+  /// Returns d (n entries); 0 without a disturbance model.
+  [[nodiscard]] const Eigen::VectorXd& disturbance() const noexcept { return disturbance_; }
+  /// Returns the duration s of control `v` (m entries).
+  [[nodiscard]] double Duration(const Eigen::Ref<const Eigen::VectorXd>& v) const noexcept {
+    return disturbance_model_.Duration(v);
+  }
+  /// Adds J v + m + s d to z, where s is Duration(v), or `duration`.
+  void AddEffect(const Eigen::Ref<const Eigen::VectorXd>& v, double duration,
+                 Eigen::Ref<Eigen::VectorXd> z) const noexcept;
+  void AddEffect(const Eigen::Ref<const Eigen::VectorXd>& v,
+                 // A view. NOLINTNEXTLINE(performance-unnecessary-value-param)
+                 Eigen::Ref<Eigen::VectorXd> z) const noexcept {
+    AddEffect(v, Duration(v), z);
+  }
+
+  /// Computes the control with the effect of nearby demonstrations. Locally weighted linear
+  /// regression over the nearest transitions gives the demonstrated control v_d at z and its
+  /// change dz_d. The result minimizes |J v + m + s d - dz_d|^2 + 0.03 trace(J' J) / m |v - v_d|^2.
+  /// It thereby compensates for rotated or scaled controls and for disturbances, as far as they are
+  /// estimated. O(n^3).
+  /// @returns false, and leaves `v` (m entries) unchanged, if there is no demonstrated control.
+  [[nodiscard]] bool NominalControl(Eigen::VectorXd& v) noexcept;
+  /// Returns true if NominalControl() predicts demonstrated actions poorly: it explains neither
+  /// their variance nor their mean. In the gallery's tasks `explained` is at least .29, and
+  /// smallest if paces differ between demonstrators. If the state lacks something that the
+  /// demonstrator uses (a box, a velocity, a pole), it is at most .17, with an error of at least
+  /// .46. For a constant action with noise it is 0, with an error of .2.
+  /// @param explained  explained fraction of the variance of left-out actions.
+  /// @param error  squared error, as a fraction of the squared actions.
+  [[nodiscard]] static bool Guesses(double explained, double error) noexcept {
+    constexpr double kLeastExplained = 0.2;
+    constexpr double kMostError = 0.5;
+    return explained < kLeastExplained && error > kMostError;
+  }
+
+  /// Returns the largest eigenvalue of the block of A^-1 that belongs to v, and writes its
+  /// eigenvector, the least excited control direction, to `direction` (m entries). With a
+  /// disturbance model, its sign is the more informative one: repeating the same control would not
+  /// separate its response from the disturbance. If the sum of the eigenvalues is at most `known`,
+  /// returns this faster upper bound and writes nothing.
+  double LeastExcitedDirection(std::span<double> direction, double known = 0.0) noexcept;
+
+ private:
+  friend class ResponseEstimate;
+  LocalFit(std::shared_ptr<const TransitionStore> prior, const DisturbanceModel& disturbance_model,
+           int drift_rows, Eigen::Index rows);
+
+  std::shared_ptr<const TransitionStore> prior_;
+  DisturbanceModel disturbance_model_;
+  Eigen::VectorXd z_;
+  Eigen::MatrixXd jacobian_;
+  Eigen::VectorXd disturbance_;
+  Eigen::VectorXd drift_;
+  core::Matrix demonstrated_;               ///< D
+  Eigen::LLT<Eigen::MatrixXd> cholesky_;    ///< Factor of A.
+  TransitionStore::Workspace transitions_;  ///< The transitions near z.
+  bool has_transitions_ = false;
+
+  // Scratch of FitAt().
+  Eigen::MatrixXd a_;
+  Eigen::MatrixXd a_online_;
+  core::Matrix b_;
+  Eigen::MatrixXd inverse_;  ///< Scratch of LeastExcitedDirection(): rows of s and v of A^-1.
+  // Scratch of NominalControl().
+  Eigen::MatrixXd a_demo_;
+  Eigen::VectorXd unit_;  ///< n + 1
+  Eigen::LLT<Eigen::MatrixXd> cholesky_demo_;
+  Eigen::MatrixXd h_;
+  Eigen::LLT<Eigen::MatrixXd> cholesky_controls_;
+  Eigen::MatrixXd did_;      ///< m x 1
+  Eigen::VectorXd wanted_;   ///< n
+  Eigen::VectorXd scratch_;  ///< m
+};
+
+}  // namespace dfr::control

@@ -1,0 +1,99 @@
+#include "dfr/control/guided/local_fit.h"
+
+#include <cmath>
+#include <utility>
+
+#include "dfr/control/guided/constants.h"
+
+namespace dfr::control {
+
+LocalFit::LocalFit(std::shared_ptr<const TransitionStore> prior,
+                   const DisturbanceModel& disturbance_model, int drift_rows, Eigen::Index rows)
+    : prior_(std::move(prior)), disturbance_model_(disturbance_model) {
+  const int n = prior_->feature_dim();
+  const int m = prior_->control_dim();
+  z_ = disturbance_ = drift_ = wanted_ = Eigen::VectorXd::Zero(n);
+  jacobian_ = Eigen::MatrixXd::Zero(n, m);
+  demonstrated_ = b_ = core::Matrix::Zero(rows, n);
+  a_ = a_online_ = Eigen::MatrixXd::Identity(rows, rows);
+  cholesky_.compute(a_);
+  transitions_ = prior_->MakeWorkspace();
+  inverse_ = Eigen::MatrixXd::Identity(rows - drift_rows, rows - drift_rows);
+  scratch_ = Eigen::VectorXd::Zero(m);
+  a_demo_ = Eigen::MatrixXd::Identity(n + 1, n + 1);
+  unit_ = Eigen::VectorXd::Zero(n + 1);
+  cholesky_demo_.compute(a_demo_);
+  h_ = Eigen::MatrixXd::Identity(m, m);
+  cholesky_controls_.compute(h_);
+  did_ = Eigen::MatrixXd::Zero(m, 1);
+}
+
+bool LocalFit::NominalControl(Eigen::VectorXd& v) noexcept {
+  const auto& sums = transitions_.sums;
+  const Eigen::Index n = jacobian_.rows();
+  const Eigen::Index m = jacobian_.cols();
+  if (!has_transitions_) return false;
+  prior_->SumNearStates(transitions_);
+  const Eigen::Index states = transitions_.states;
+  a_demo_ = sums.block(states, 0, n + 1, n + 1).cast<double>();
+  const double weight = a_demo_(n, n);
+  if (!(weight > 0.0)) return false;
+  a_demo_.diagonal().head(n).array() += guided::kDemonstratedRidge * weight;
+  cholesky_demo_.compute(a_demo_);
+  // At z itself, [z' - z; 1] is the last unit vector, and L^-1 of it a multiple.
+  const auto& lower = cholesky_demo_.matrixLLT();
+  for (Eigen::Index i = n; i >= 0; --i) {
+    double sum = i == n ? 1.0 / lower(n, n) : 0.0;
+    for (Eigen::Index k = i + 1; k <= n; ++k) sum -= lower(k, i) * unit_[k];
+    unit_[i] = sum / lower(i, i);
+  }
+  v.noalias() = sums.block(states, n + 1, n + 1, m).transpose().cast<double>().lazyProduct(unit_);
+  wanted_.noalias() =
+      sums.block(states, n + 1 + m, n + 1, n).transpose().cast<double>().lazyProduct(unit_);
+  wanted_ -= drift_;
+  if (disturbance_model_.active()) wanted_ -= Duration(v) * disturbance_;
+  h_.noalias() = jacobian_.transpose().lazyProduct(jacobian_);
+  const double nearness = guided::kNearness * h_.trace() / static_cast<double>(m);
+  if (!(nearness > 0.0)) return true;
+  h_.diagonal().array() += nearness;
+  scratch_.noalias() = jacobian_.transpose().lazyProduct(wanted_);
+  did_ = scratch_ + nearness * v;
+  cholesky_controls_.compute(h_);
+  cholesky_controls_.solveInPlace(did_);
+  v = did_.col(0);
+  return true;
+}
+
+void LocalFit::AddEffect(const Eigen::Ref<const Eigen::VectorXd>& v, double duration,
+                         Eigen::Ref<Eigen::VectorXd> z) const noexcept {
+  z.noalias() += jacobian_.lazyProduct(v);
+  z += drift_;
+  if (disturbance_model_.active()) z += duration * disturbance_;
+}
+
+double LocalFit::LeastExcitedDirection(std::span<double> direction, double known) noexcept {
+  const Eigen::Index rows = inverse_.rows();
+  inverse_.setIdentity();
+  const auto lower =
+      cholesky_.matrixLLT().bottomRightCorner(rows, rows).triangularView<Eigen::Lower>();
+  lower.solveInPlace(inverse_);
+  lower.adjoint().solveInPlace(inverse_);
+  const Eigen::Index m = jacobian_.cols();
+  if (const double bound = inverse_.diagonal().tail(m).sum(); bound <= known) return bound;
+  // Power iteration.
+  auto v = core::AsVector(direction);
+  v.setConstant(1.0 / std::sqrt(static_cast<double>(m)));
+  // Not the constant vector, which may be orthogonal to the result by symmetry.
+  for (Eigen::Index i = 0; i < m; ++i) v[i] += 0.01 * static_cast<double>(i);
+  double value = 0.0;
+  for (int i = 0; i < guided::kPowerIterations; ++i) {
+    scratch_.noalias() = inverse_.bottomRightCorner(m, m).lazyProduct(v);
+    value = scratch_.norm();
+    v = scratch_ / value;
+  }
+  // The duration s is always positive, so [v; s] and [-v; s] differ in uncertainty.
+  if (disturbance_model_.active() && inverse_.row(0).tail(m).dot(v) < 0.0) v = -v;
+  return value;
+}
+
+}  // namespace dfr::control
