@@ -20,39 +20,20 @@ namespace dfr::control {
 /// does the same; guided recovery also learns from every applied control how features change
 /// (ResponseEstimate). The gradient of the support thereby becomes a direction for controls.
 ///
-/// Let z be the features of the state once pending controls have taken effect, tau the phase, v_hat
-/// the learned control, and z'(v) = z + J v + m the prediction.
+/// docs/recovery.md derives the method and lists the steps of a decision, in the section "One
+/// step". SafetyFilter has steps 1 to 4, PhaseTracker step 5, HaltRule step 6. Two steps differ
+/// with GuidedOptions::least_intervention:
 ///
-///   1. If l_{tau+1}(z'(v_hat)) >= hi (Levels::gate), v_hat passes. If l_tau(z), l_{tau+1}(z) >= hi
-///      and v_hat is no larger than demonstrated, it passes without an evaluation of J. With
-///      GuidedOptions::least_intervention it passes from Levels::pass on; after a longer stay at
-///      the edge of the support than in demonstrations, this level rises to hi
-///      (Levels::edge_stay()). It also passes if the control of steps 2 and 3 would end outside
-///      too, differs from v_hat by at most half an ordinary control (guided::kIdle), and gains at
-///      most hi minus the level at which v_hat passes.
-///   2. v <- AscendSupport(v_d, hi), where v_d has the effect of nearby demonstrations
-///      (LocalFit::NominalControl()). If l_{tau+1}(z'(v)) >= 0, v is applied.
-///   3. v <- AscendSupport(v_hat, hi). If it leads inside, v is applied. Otherwise the better of
-///      both is applied, if its level is at least -max_exit_level. Otherwise v_d is applied: if no
-///      control leads inside, demonstrations are more reliable than J. In the last phase step 2
-///      ascends to l = 0 only, and no control outside passes, because that support does not move
-///      on.
-///   4. If this control is not predicted to end inside (under a disturbance: at hi) and J is
-///      uncertain in a direction of control, a probe along this direction is applied instead.
-///   5. If the prediction is inside B_{tau+1}, the phase advances by one. Otherwise it advances to
-///      the one of the next three phases whose support fits the prediction best, or stays if the
-///      prediction is beyond the exit level and the present support fits better (PhaseTracker).
-///      With GuidedOptions::least_intervention, after half of GuidedOptions::patience controls in a
-///      phase, in a state beyond the exit level of its support, the phase becomes the one whose
-///      support contains the state most deeply, if there is one: the task goes on from there. This
-///      evaluates all supports once, at most guided::kMostRelocations times in an episode.
-///   6. HaltRule ends episodes without progress.
+///   1. The learned control passes from Levels::pass on. After a longer stay at the edge of the
+///      support than in demonstrations, this level rises to Levels::gate (Levels::edge_stay()).
+///   5. After half of GuidedOptions::patience controls in a phase, in a state beyond the exit level
+///      of its support, the phase becomes the one whose support contains the state most deeply, if
+///      there is one: the task goes on from there. This evaluates all supports once, at most
+///      guided::kMostRelocations times in an episode.
 ///
-/// A step is a recovery (Mode::kRecovery) if v comes from v_d. If it comes from v_hat, the mode is
-/// Mode::kPolicy, and Step::filtered is set if v differs from v_hat. A control that passes is
-/// unchanged to the bit.
-///
-/// docs/recovery.md derives the method. Next() neither allocates nor locks.
+/// A step is a recovery (Mode::kRecovery) if its control comes from the nominal one. If it comes
+/// from the learned control, the mode is Mode::kPolicy, and Step::filtered is set if both differ. A
+/// control that passes is unchanged to the bit. Next() neither allocates nor locks.
 class GuidedController final : public Controller {
  public:
   /// Borrows the policy and everything that `task` borrows.
