@@ -135,6 +135,58 @@ TEST(RotationsTest, CosineAndSineBesideDeadEntriesAndOneHotCodesAreNoQuaternions
   EXPECT_THAT(FindRotations(Layout(4), code), IsEmpty());
 }
 
+// A turn about one axis leaves two entries at zero. In a state without blocks only the signs show
+// that the four belong together.
+TEST(RotationsTest, SignsThatDifferBetweenEpisodesIndicateAQuaternion) {
+  StateLayout layout;
+  layout.Add("state", 6);
+  for (const bool scalar_first : {true, false}) {
+    const auto yaw = [&](bool flips) {
+      return Episodes(4, [=](int d, double share) -> Eigen::VectorXd {
+        const double half = 0.05 * d + 0.4 * share;
+        const double sign = flips && d % 2 == 1 ? -1.0 : 1.0;
+        const double w = sign * std::cos(half);
+        const double z = sign * std::sin(half);
+        return scalar_first ? Eigen::Vector4d(w, 0.0, 0.0, z) : Eigen::Vector4d(0.0, 0.0, z, w);
+      });
+    };
+    const auto found = FindRotations(layout, yaw(true));
+    ASSERT_EQ(found.size(), 1U);
+    EXPECT_EQ(found[0].first, 2);
+    EXPECT_TRUE(found[0].continuous);
+    EXPECT_TRUE(found[0].guessed);
+    EXPECT_THAT(Describe(found[0], layout), HasSubstr("sign differs between demonstrations"));
+    EXPECT_THAT(FindRotations(layout, yaw(false)), IsEmpty());
+    EXPECT_FALSE(FindRotations(Layout(4), yaw(true))[0].guessed) << "a block of four";
+  }
+}
+
+// A gripper that opens and closes beside dead entries has the signs of a quaternion.
+TEST(RotationsTest, AFlagBesideZerosIsNamedAndNotMapped) {
+  StateLayout layout;
+  layout.Add("state", 6);
+  for (const bool within : {true, false}) {
+    const auto found =
+        FindRotations(layout, Episodes(4, [=](int d, double share) -> Eigen::VectorXd {
+                        const bool closed = within ? share > 0.5 : d % 2 == 1;
+                        return Eigen::Vector4d(closed ? -1.0 : 1.0, 0.0, 0.0, 0.0);
+                      }));
+    ASSERT_EQ(found.size(), 1U);
+    EXPECT_TRUE(MapOf(found).empty());
+    EXPECT_THAT(Describe(found[0], layout), HasSubstr("a flag of +-1"));
+  }
+}
+
+TEST(RotationsTest, QuaternionsMayBeRoundedToTwoDigits) {
+  auto rounded = Quaternions(1.2, true);
+  for (Trajectory& episode : rounded) {
+    episode.states.rightCols(4) = (100.0 * episode.states.rightCols(4)).array().round() / 100.0;
+  }
+  const auto found = FindRotations(Layout(4), rounded);
+  ASSERT_EQ(found.size(), 1U);
+  EXPECT_TRUE(found[0].continuous);
+}
+
 TEST(RotationsTest, AnAngleThatWrapsIsMadeContinuousWhereACircleHasRoom) {
   for (const double period : {2.0 * kPi, 360.0}) {
     for (const bool centred : {true, false}) {
@@ -191,11 +243,13 @@ TEST(RotationsTest, AnAngleThatRunsOnIsNamedWhereEpisodesBeginOnOtherRevolutions
           1, 0.02 * d + 2.0 * kPi * (d % revolutions) + 5.0 * kPi * share);
     });
   };
-  const auto found = FindRotations(Layout(1), episodes(3));
-  ASSERT_EQ(found.size(), 1U);
-  EXPECT_EQ(found[0].kind, Kind::kRunning);
-  EXPECT_THAT(Describe(found[0], Layout(1)), HasSubstr("cosine and sine"));
-  EXPECT_TRUE(MapOf(found).empty());
+  for (const int revolutions : {2, 3}) {
+    const auto found = FindRotations(Layout(1), episodes(revolutions));
+    ASSERT_EQ(found.size(), 1U);
+    EXPECT_EQ(found[0].kind, Kind::kRunning);
+    EXPECT_THAT(Describe(found[0], Layout(1)), HasSubstr("cosine and sine"));
+    EXPECT_TRUE(MapOf(found).empty());
+  }
   // On one revolution it is as good as a length.
   EXPECT_THAT(FindRotations(Layout(1), episodes(1)), IsEmpty());
 }
@@ -233,6 +287,35 @@ TEST(RotationsTest, ARotationMatrixIsRedundantAndARotationVectorJumps) {
   EXPECT_EQ(found[0].kind, Kind::kAxisAngle);
   EXPECT_TRUE(found[0].jumps);
   EXPECT_THAT(Describe(found[0], Layout(3)), HasSubstr("rotation vector"));
+}
+
+// One entry of a rotation vector that jumps at pi looks like an angle.
+TEST(RotationsTest, ARotationVectorIsDistinguishedFromAnAngleBesideLengths) {
+  const auto vectors = [](const Eigen::Vector3d& axis) {
+    return Episodes(3, [=](int d, double share) -> Eigen::VectorXd {
+      const double angle = kPi - 0.6 + 0.02 * d + 1.2 * share;
+      return (angle > kPi ? angle - 2.0 * kPi : angle) * axis;
+    });
+  };
+  const auto tilted = FindRotations(Layout(3), vectors(Eigen::Vector3d(0.2, 0.1, 1).normalized()));
+  ASSERT_EQ(tilted.size(), 1U);
+  EXPECT_EQ(tilted[0].kind, Kind::kAxisAngle);
+  const auto upright = FindRotations(Layout(3), vectors(Eigen::Vector3d::UnitZ()));
+  ASSERT_EQ(upright.size(), 1U);
+  EXPECT_EQ(upright[0].kind, Kind::kAngle);
+  EXPECT_TRUE(upright[0].continuous);
+}
+
+// As 2 acos(w) gives them where the sign of the quaternion differs between episodes.
+TEST(RotationsTest, RotationVectorsThatDifferBetweenEpisodesAreNamed) {
+  const auto found =
+      FindRotations(Layout(3), Episodes(3, [](int d, double share) {
+                      const Eigen::Vector3d axis = Eigen::Vector3d(0.02 * d, 0.6, 0.8).normalized();
+                      const double angle = 0.6 + share;
+                      return Eigen::VectorXd((d % 2 == 1 ? angle - 2.0 * kPi : angle) * axis);
+                    }));
+  ASSERT_EQ(found.size(), 1U);
+  EXPECT_EQ(found[0].kind, Kind::kAxisAngle);
 }
 
 TEST(RotationsTest, TheOrderOfTheDemonstrationsChangesNoBit) {

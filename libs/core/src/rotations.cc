@@ -18,6 +18,9 @@ namespace {
 using Kind = Rotation::Kind;
 
 constexpr double kTolerance = 1e-3;
+// Lengths of quaternions with entries rounded to two and to three digits after the point.
+constexpr double kTwoDigits = 0.015;
+constexpr double kThreeDigits = 2e-3;
 constexpr double kPi = std::numbers::pi;
 constexpr std::array<double, 2> kPeriods = {2.0 * kPi, 360.0};
 constexpr int kParts = 128;
@@ -28,11 +31,18 @@ constexpr int kLeastFree = kParts / 8;
 constexpr double kMostMotion = 0.25;
 // cos(150 degrees / 2): beyond that the nearer of q and -q is soon the other one.
 constexpr double kLeastAlong = 0.2588190451025207;
+// cos(90 degrees / 2): both signs of quaternions this near to their mean, or its opposite, are
+// evidence of a quaternion.
+constexpr double kBothSigns = 0.7071067811865476;
+// Distance in radians of the begins of two episodes with the same rotation on two revolutions.
+constexpr double kSameBegin = 0.6;
+// Jumps of three entries are a rotation vector's if that reduces the squared error to this share.
+constexpr double kLessError = 0.5;
 // Criteria for episodes that begin at one angle on several revolutions: their number, their
 // distance in revolutions, and the length of the mean of their unit vectors. Lengths rarely meet
 // them.
 constexpr int kFewestEpisodes = 8;
-constexpr double kLeastApart = 1.5;
+constexpr double kLeastApart = 0.75;
 constexpr double kSameAngle = 0.97;
 
 // Calls `visit` with the first of `size` adjacent entries of a block, and whether they are all.
@@ -59,6 +69,33 @@ bool AllVary(const std::vector<Eigen::Vector4d>& seen) {
     high = high.cwiseMax(near);
   }
   return (high - low).minCoeff() > kTolerance;
+}
+
+// Returns the number of entries that differ from zero. One is a flag beside dead entries.
+int NumLive(const std::vector<Eigen::Vector4d>& seen) {
+  Eigen::Vector4d largest = Eigen::Vector4d::Zero();
+  for (const Eigen::Vector4d& q : seen) largest = largest.cwiseMax(q.cwiseAbs());
+  return static_cast<int>((largest.array() > kTolerance).count());
+}
+
+// Returns true if orientations are near their mean and come with both signs.
+bool HasBothSigns(const std::vector<Eigen::Vector4d>& seen, const Eigen::Vector4d& mean) {
+  double low = 1.0;
+  double high = -1.0;
+  for (const Eigen::Vector4d& q : seen) {
+    const double along = mean.dot(q);
+    if (std::abs(along) < kBothSigns) return false;
+    low = std::min(low, along);
+    high = std::max(high, along);
+  }
+  return low < 0.0 && high > 0.0;
+}
+
+// Returns the rotation vector of the same rotation by the opposite axis.
+Eigen::Vector3d OtherVector(const Eigen::Vector3d& v) { return v - 2.0 * kPi * v.normalized(); }
+
+Eigen::Vector3d ShortVector(const Eigen::Vector3d& v) {
+  return v.norm() > kPi ? OtherVector(v) : v;
 }
 
 // The orientation with the largest sum of squared cosines, which has no sign: the one whose first
@@ -117,7 +154,8 @@ void RotationFinder::Add(const Matrix& states) {
 void RotationFinder::AddFour(const Matrix& states) {
   std::erase_if(fours_, [&](Four& four) {
     const auto rows = states.middleCols(four.first, 4);
-    if ((rows.rowwise().norm().array() - 1.0).cwiseAbs().maxCoeff() > kTolerance) return true;
+    four.error = std::max(four.error, (rows.rowwise().norm().array() - 1.0).cwiseAbs().maxCoeff());
+    if (four.error > kTwoDigits) return true;
     for (Eigen::Index t = 0; t < rows.rows(); ++t) {
       const Eigen::Vector4d q = rows.row(t);
       four.flips = four.flips || (t > 0 && four.seen.back().dot(q) < 0.0);
@@ -140,19 +178,31 @@ void RotationFinder::AddNine(const Matrix& states) {
   });
 }
 
-// At pi, v turns into v - 2 pi v / |v|.
+// At pi, v turns into v - 2 pi v / |v|. A vector from a quaternion that changes its sign does so
+// anywhere, and is up to 2 pi long.
 void RotationFinder::AddThree(const Matrix& states) {
   std::erase_if(threes_, [&](Three& three) {
     const auto rows = states.middleCols(three.first, 3);
-    if (rows.rowwise().norm().maxCoeff() > kPi + kTolerance) return true;
+    if (rows.rowwise().norm().maxCoeff() > 2.0 * kPi + kTolerance) return true;
     for (Eigen::Index t = 0; t + 1 < rows.rows(); ++t) {
       const Eigen::Vector3d v = rows.row(t);
       const Eigen::Vector3d next = rows.row(t + 1);
       if ((next - v).norm() <= kPi) continue;
-      const Eigen::Vector3d other = v - 2.0 * kPi * v.normalized();
-      if ((next - other).norm() > kMostMotion * kPeriods[0]) return true;
+      const double missed = (next - OtherVector(v)).norm();
+      if (missed > kMostMotion * kPeriods[0]) return true;
       three.jumps = true;
+      three.as_vector += missed * missed;
+      Eigen::Vector3d moved = next - v;
+      Eigen::Index most = 0;
+      moved.cwiseAbs().maxCoeff(&most);
+      moved[most] = std::abs(moved[most]) - kPeriods[0];
+      three.as_angle += moved.squaredNorm();
     }
+    const Eigen::Vector3d begin = rows.row(0);
+    if (episodes_ == 0) three.begin = begin;
+    const double apart = std::min((ShortVector(begin) - ShortVector(three.begin)).norm(),
+                                  (begin - OtherVector(three.begin)).norm());
+    if ((begin - three.begin).norm() > kPi && apart <= kSameBegin) three.jumps = true;
     return false;
   });
 }
@@ -197,8 +247,11 @@ std::vector<Rotation> RotationFinder::Find() const {
   for (const int first : nines_) take({.kind = Kind::kMatrix, .first = first, .size = 9});
   for (const Four& four : fours_) {
     if (four.seen.empty() || (four.one_hot && !four.flips)) continue;
-    if (!four.whole && !four.flips && !AllVary(four.seen)) continue;
     const Eigen::Vector4d mean = MeanOrientation(four.seen);
+    const int live = NumLive(four.seen);
+    const bool both_signs = four.flips || HasBothSigns(four.seen, mean);
+    const bool flag = !four.whole && live == 1;
+    if (!four.whole && !both_signs && (four.error > kThreeDigits || !AllVary(four.seen))) continue;
     const bool near = std::all_of(four.seen.begin(), four.seen.end(), [&](const auto& q) {
       return std::abs(mean.dot(q)) >= kLeastAlong;
     });
@@ -206,8 +259,14 @@ std::vector<Rotation> RotationFinder::Find() const {
           .first = four.first,
           .size = 4,
           .jumps = four.flips,
-          .continuous = near,
+          .guessed = flag || (!four.whole && !four.flips && live == 2),
+          .continuous = near && !flag,
           .reference = {mean[0], mean[1], mean[2], mean[3]}});
+  }
+  // A jump of several entries is no angle's. About one axis of the coordinates they are one angle.
+  for (const Three& three : threes_) {
+    if (!three.jumps || three.as_vector >= kLessError * three.as_angle) continue;
+    take({.kind = Kind::kAxisAngle, .first = three.first, .size = 3, .jumps = true});
   }
   for (std::size_t k = 0; k < circles_.size(); ++k) {
     for (std::size_t i = 0; i < kPeriods.size(); ++i) {
@@ -229,10 +288,6 @@ std::vector<Rotation> RotationFinder::Find() const {
             .centre = period * (free < 0.5 ? free + 0.5 : free - 0.5)});
     }
   }
-  for (const Three& three : threes_) {
-    if (!three.jumps) continue;
-    take({.kind = Kind::kAxisAngle, .first = three.first, .size = 3, .jumps = true});
-  }
   for (std::size_t k = 0; k < circles_.size(); ++k) {
     for (std::size_t i = 0; i < kPeriods.size(); ++i) {
       const Circle& circle = circles_[k][i];
@@ -244,6 +299,10 @@ std::vector<Rotation> RotationFinder::Find() const {
       take(
           {.kind = Kind::kRunning, .first = static_cast<int>(k), .size = 1, .period = kPeriods[i]});
     }
+  }
+  for (const Three& three : threes_) {
+    if (!three.jumps) continue;
+    take({.kind = Kind::kAxisAngle, .first = three.first, .size = 3, .jumps = true});
   }
   std::sort(found.begin(), found.end(),
             [](const Rotation& a, const Rotation& b) { return a.first < b.first; });
@@ -280,6 +339,18 @@ std::string Describe(const Rotation& rotation, const StateLayout& layout) {
                                         : EntryRange(layout, rotation.first, rotation.size);
   switch (rotation.kind) {
     case Kind::kQuaternion:
+      if (rotation.guessed && !rotation.continuous) {
+        return name +
+               " is a flag of +-1 beside zeros, or a unit quaternion that never turns but changes "
+               "its sign: the signs remain two states. Make the sign of a quaternion the same "
+               "everywhere, or give it a block of four entries in the layout";
+      }
+      if (rotation.guessed) {
+        return name +
+               " is taken for a unit quaternion about a fixed axis, because its sign differs "
+               "between demonstrations: q and -q are one state. If they are not, give these "
+               "entries blocks of their own in the layout";
+      }
       if (rotation.continuous) {
         return name + " is a unit quaternion: a guard takes q and -q for the same orientation";
       }
@@ -303,9 +374,8 @@ std::string Describe(const Rotation& rotation, const StateLayout& layout) {
              "or two columns, are enough";
     case Kind::kAxisAngle:
       return name +
-             " is a rotation vector (axis times angle) that jumps at pi. Give the first two "
-             "columns "
-             "of the rotation matrix instead";
+             " is a rotation vector (axis times angle) that jumps by 2 pi along its axis. Give the "
+             "first two columns of the rotation matrix instead";
     case Kind::kRunning:
       return name + Format(
                         " is an angle that runs on: episodes begin a whole number of %g apart, "

@@ -174,7 +174,9 @@ std::vector<std::string> FitWarnings(const GuardModel& model,
   for (const core::Rotation& rotation : internal::Rotations(model.task().features().selection(),
                                                             model.task_layout(), demonstrations)) {
     // Rotation matrices are continuous.
-    if (rotation.continuous || rotation.kind == core::Rotation::Kind::kMatrix) continue;
+    if ((rotation.continuous && !rotation.guessed) ||
+        rotation.kind == core::Rotation::Kind::kMatrix)
+      continue;
     warnings.push_back(core::Describe(rotation, model.task_layout()));
   }
   std::string clocks;

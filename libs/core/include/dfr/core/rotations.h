@@ -20,15 +20,19 @@ struct Rotation {
     kQuaternion,  ///< 4 entries; q and -q are the same orientation.
     kAngle,       ///< 1 entry that jumps by a period, 2 pi or 360.
     kMatrix,      ///< 9 entries; continuous and redundant.
-    kAxisAngle,   ///< 3 entries whose length is an angle; jumps at pi.
-    kRunning,     ///< 1 entry; episodes begin at one angle, but on three revolutions or more.
+    kAxisAngle,   ///< 3 entries whose length is an angle; jumps at pi, or at another sign of q.
+    kRunning,     ///< 1 entry; episodes begin at one angle, but on several revolutions.
   };
   Kind kind = Kind::kAngle;
   int first = 0;
   int size = 1;
   double period = 0.0;  ///< For kAngle and kRunning.
-  /// It jumps between consecutive states of a demonstration.
+  /// It jumps between consecutive states of a demonstration. For kAxisAngle also between
+  /// demonstrations.
   bool jumps = false;
+  /// For kQuaternion: two or more of its entries are always zero, and only the sign indicates a
+  /// quaternion.
+  bool guessed = false;
   /// A StateMap makes it continuous: all quaternions are within 150 degrees of `reference`; the
   /// values of an angle leave at least an eighth of the period free around its opposite.
   bool continuous = false;
@@ -38,11 +42,12 @@ struct Rotation {
 
 /// Finds rotations in states, one episode at a time.
 ///
-/// Tolerances: lengths and orthonormality are right within 1e-3 in all states. A block of four
-/// entries is a quaternion if its length is 1; four entries of a larger block only if they change
-/// sign together, or all of them vary. An angle that runs on without a jump looks like a length; it
-/// is found where 8 episodes or more begin a whole number of periods apart. Memory grows with the
-/// number of states only where quaternions are.
+/// Tolerances: orthonormality is right within 1e-3 in all states. A block of four entries is a
+/// quaternion if its length is 1 within 0.015, which two digits after the point keep; four entries
+/// of a larger block only if they change sign together, between states or between episodes, or all
+/// of them vary and the length is 1 within 0.002. An angle that runs on without a jump looks like a
+/// length; it is found where 8 episodes or more begin a whole number of periods apart. Memory grows
+/// with the number of states only where quaternions are.
 class RotationFinder {
  public:
   explicit RotationFinder(const StateLayout& layout);
@@ -58,11 +63,16 @@ class RotationFinder {
     bool whole = false;  // All of the block.
     bool flips = false;
     bool one_hot = true;
+    double error = 0.0;  // Largest error of the length.
     std::vector<Eigen::Vector4d> seen;
   };
   struct Three {
     int first = 0;
     bool jumps = false;
+    Eigen::Vector3d begin = Eigen::Vector3d::Zero();  // First state of the first episode.
+    // Squared errors of the jumps of a rotation vector, and of one angle beside two lengths.
+    double as_vector = 0.0;
+    double as_angle = 0.0;
   };
   // Statistics of one entry, as an angle with this period.
   struct Circle {
