@@ -101,16 +101,25 @@ inline pybind11::array_t<double> NewVector(pybind11::ssize_t count,
   return pybind11::array_t<double>(pybind11::array::ShapeContainer{count}, values);
 }
 
+/// @throws std::invalid_argument if the time step is negative.
+inline void CheckStep(std::int64_t t) {
+  DFR_THROW_UNLESS(t >= 0, "t must not be negative, as "
+                               << t
+                               << " is: time steps begin at 0, and those after the last "
+                                  "demonstrated one use the last estimate");
+}
 /// Converts time steps to NumPy's 64-bit integers: no wrap-around, and fractions are rejected.
-/// @throws std::invalid_argument unless they are integers.
+/// @throws std::invalid_argument unless they are integers and not negative.
 inline pybind11::array_t<std::int64_t> Steps(const pybind11::object& t) {
   const auto array = pybind11::array::ensure(t);
   DFR_THROW_UNLESS(array && (array.dtype().kind() == 'i' || array.dtype().kind() == 'u'),
                    "t must hold integers that fit into 64 bits");
-  return pybind11::array_t<std::int64_t,
-                           pybind11::array::c_style | pybind11::array::forcecast>::ensure(array);
+  auto steps = pybind11::array_t<std::int64_t, pybind11::array::c_style |
+                                                   pybind11::array::forcecast>::ensure(array);
+  for (pybind11::ssize_t i = 0; i < steps.size(); ++i) CheckStep(steps.data()[i]);
+  return steps;
 }
-/// Returns the nearest int: time steps out of range use the nearest estimate.
+/// Returns the nearest int: later time steps use the last estimate.
 inline int NearestInt(std::int64_t value) noexcept {
   return static_cast<int>(std::clamp<std::int64_t>(value, std::numeric_limits<int>::min(),
                                                    std::numeric_limits<int>::max()));

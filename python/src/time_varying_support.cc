@@ -58,6 +58,7 @@ void CheckWidth(const TimeVaryingSupport& support, Eigen::Index width) {
 }
 
 py::object DecisionAt(const TimeVaryingSupport& support, int t, const Array& x) {
+  CheckStep(t);
   const MatrixView rows = Rows(x, "x");
   CheckWidth(support, rows.cols());
   if (x.ndim() == 1) return py::float_(support.Decision(t, Entries(x)));
@@ -91,6 +92,7 @@ py::array_t<double> DecisionOver(const TimeVaryingSupport& support, const py::ob
 }
 
 py::tuple SupportGradient(const TimeVaryingSupport& support, int t, const Array& x) {
+  CheckStep(t);
   DFR_THROW_UNLESS(x.ndim() == 1, "x must be one state of " << support.state_dim() << " entries");
   CheckWidth(support, x.size());
   py::array_t<double> gradient = NewVector(support.state_dim());

@@ -127,11 +127,15 @@ class GuardTest(unittest.TestCase):
         x = np.zeros((2, 3))
         support = dfr.TimeVaryingSupport.fit(demonstrations(1, 5)[0])
         for decide in (self.guard.decision, support.decision):
-            np.testing.assert_array_equal(decide(np.array([2**32, -(2**40)]), x), decide(np.array([last, 0]), x))
+            np.testing.assert_array_equal(decide(np.array([2**32, 0]), x), decide(np.array([last, 0]), x))
             with self.assertRaisesRegex(ValueError, "t must hold integers"):
                 decide(np.array([0.5, 1.0]), x)
             with self.assertRaisesRegex(ValueError, "t must hold integers"):
                 decide(np.array([2**70, 0]), x)
+            with self.assertRaisesRegex(ValueError, "t must not be negative, as -1 is: time steps begin at 0"):
+                decide(-1, x[0])
+            with self.assertRaisesRegex(ValueError, "t must not be negative"):
+                decide(np.array([0, -(2**40)]), x)
 
     def test_pickles_and_copies_keep_knowledge_and_settings_and_need_a_reset(self):
         guard = self.guard.with_settings(strategy="monitor", action_limit=0.5)

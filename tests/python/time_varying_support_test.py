@@ -42,7 +42,11 @@ class TimeVaryingSupportTest(unittest.TestCase):
                 support.decision(t, queries) * support.at(t).libsvm_scale, peer.decision_function(queries), atol=1e-8
             )
         np.testing.assert_array_equal(support.decision(99, queries), support.decision(29, queries))
-        np.testing.assert_array_equal(support.decision(-1, queries), support.decision(0, queries))
+        for t in (-1, [0, -1]):
+            with self.subTest(t=t), self.assertRaisesRegex(ValueError, "t must not be negative, as -1 is"):
+                support.decision(t, queries[:2])
+        with self.assertRaisesRegex(ValueError, "t must not be negative"):
+            support.gradient(-1, queries[0])
 
     def test_one_state_a_batch_and_a_step_per_row_give_the_same_bits(self):
         support = dfr.TimeVaryingSupport.fit(demonstrations(), nu=0.3, gamma=2.0)

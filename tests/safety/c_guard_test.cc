@@ -144,6 +144,9 @@ TEST_F(CGuardTest, DecisionIsThatOfEachState) {
   EXPECT_EQ(g[2], -std::numeric_limits<double>::infinity());
   EXPECT_EQ(dfr_guard_decision(guard_, 3, t, nullptr, g), -1);
   EXPECT_THAT(dfr_guard_last_error(), HasSubstr("states is NULL"));
+  const std::int32_t negative[] = {0, 4, -1};
+  EXPECT_EQ(dfr_guard_decision(guard_, 3, negative, states.data(), g), -1);
+  EXPECT_THAT(dfr_guard_last_error(), HasSubstr("t[2] is negative"));
 }
 
 TEST(CGuardErrorsTest, NameTheFile) {

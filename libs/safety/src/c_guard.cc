@@ -123,6 +123,11 @@ int32_t dfr_guard_decision(const dfr_guard* guard, size_t count, const int32_t* 
     last_error = std::string("dfr_guard_decision: ") + name + " is NULL";
     return -1;
   }
+  for (std::size_t i = 0; i < count; ++i) {
+    if (t[i] >= 0) continue;
+    last_error = "dfr_guard_decision: t[" + std::to_string(i) + "] is negative";
+    return -1;
+  }
   const auto dim = static_cast<std::size_t>(guard->guard.state_dim());
   const dfr::safety::GuardModel& model = guard->guard.model();
   std::optional<dfr::reduction::StateReduction::Workspace> workspace;

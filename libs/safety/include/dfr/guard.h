@@ -63,8 +63,9 @@ int32_t dfr_guard_filter(dfr_guard* guard, int32_t t, const double* state, size_
                          dfr_guard_verdict* verdict);
 
 /* Writes g of `count` states, one after another in `states` (count x state_dim), to `g`; t[i] is
- * the time step of state i. A state with a feature that is not finite gives -infinity. Returns 0,
- * or -1 if a pointer is NULL; dfr_guard_last_error() says which. */
+ * the time step of state i, from 0; steps after the last demonstrated one use the last estimate. A
+ * state with a feature that is not finite gives -infinity. Returns 0, or -1 if a pointer is NULL or
+ * a time step negative; dfr_guard_last_error() says which. */
 int32_t dfr_guard_decision(const dfr_guard* guard, size_t count, const int32_t* t,
                            const double* states, double* g);
 
