@@ -107,6 +107,13 @@ bool RunFit(const FitOptions& options) {
                 all.size() - completed.size());
   }
 
+  if (!options.all && completed.empty()) {
+    std::printf(
+        "none of %zu episodes is recorded as completed. The guard learns from all of them: if they "
+        "failed, give it others (--all confirms)\n",
+        all.size());
+  }
+
   const auto absolute = core::FindAbsoluteActions(choose ? completed : all);
   if (!absolute.empty() && !options.as_recorded) {
     throw std::runtime_error(

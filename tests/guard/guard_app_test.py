@@ -317,6 +317,16 @@ class GuardAppTest(unittest.TestCase):
         self.assertIn("12 with 240 actions", out)
         self.assertIn("16 with 320 actions", self.fit("m.guard", "mixed.hdf5", "--all"))
 
+    def test_a_file_of_failed_episodes_is_named(self):
+        def mark(file):
+            for i in range(12):
+                file[f"data/demo_{i}/dones"][:] = 0
+
+        write_robomimic(self.folder / "failed.hdf5", episodes(1, 12), edit=mark)
+        words = "none of 12 episodes is recorded as completed"
+        self.assertIn(words, self.fit("m.guard", "failed.hdf5"))
+        self.assertNotIn(words, self.fit("m.guard", "failed.hdf5", "--all"))
+
     def test_isaac_labs_groups_are_read(self):
         """Nested observations, attribute success, no next_obs and no dones; groups of the simulator beside them."""
         data = episodes(1, 16)
