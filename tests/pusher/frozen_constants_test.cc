@@ -115,6 +115,8 @@ std::map<std::string, double> InTheCode() {
           {"fit::kUnlikely", safety::fit::kUnlikely},
           {"fit::kLeastDrift", safety::fit::kLeastDrift},
           {"fit::kLeastResponse", safety::fit::kLeastResponse},
+          {"fit::kLagGain", safety::fit::kLagGain},
+          {"fit::kClockError", safety::fit::kClockError},
           {"CertifiedOptions::iterations", certified.iterations},
           {"CertifiedOptions::patience", certified.patience},
           {"CertifiedOptions::probe_size", certified.probe_size},

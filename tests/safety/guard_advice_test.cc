@@ -136,6 +136,66 @@ TEST(GuardAdviceTest, FindingsNameWhatSpeaksAgainstAGuardAndTheRemedy) {
               testing::Contains(HasSubstr("of the states of left-out demonstrations are inside")));
 }
 
+TEST(GuardAdviceTest, AClockThatBeginsElsewhereInEachEpisodeIsNamed) {
+  // Actions that differ from each other in all entries: the tip does not move uniformly.
+  auto demonstrations = test::CorridorDemonstrations(1, 40);
+  core::Random random(8);
+  for (core::Trajectory& d : demonstrations) {
+    for (Eigen::Index t = 0; t < d.controls.rows(); ++t) {
+      const double dx = test::kSpeed * (1.0 + 0.5 * random.Normal());
+      const double dy = d.states(t + 1, 2) - d.states(t, 2);
+      d.states(t + 1, 1) = d.states(t, 1) + dx;
+      d.controls.row(t) = test::ActionFor(dx, dy).transpose();
+    }
+  }
+  const auto warned = [](const std::vector<std::string>& warnings) {
+    return std::count_if(warnings.begin(), warnings.end(), [](const std::string& w) {
+      return w.find("advances uniformly") != std::string::npos;
+    });
+  };
+  const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations);
+  EXPECT_EQ(warned(FitWarnings(*model, demonstrations)), 0);
+  auto begun = demonstrations;
+  for (core::Trajectory& d : begun) d.states.col(0).array() += 1e4 * random.Normal();
+  EXPECT_THAT(FitWarnings(*model, begun),
+              testing::Contains(testing::StartsWith("clock[0]: advances uniformly")));
+  // A goal that stands still, in units that round.
+  for (core::Trajectory& d : begun) d.states.col(0).setConstant(random.Normal() / 3.0);
+  EXPECT_EQ(warned(FitWarnings(*model, begun)), 0);
+  // A phase from 0 to 1, which does not begin elsewhere but has another rate in each episode.
+  for (std::size_t i = 0; i < begun.size(); ++i) {
+    core::Trajectory& d = begun[i];
+    const Eigen::Index steps = 10 + static_cast<Eigen::Index>(i % 11);
+    d.states.conservativeResize(steps + 1, Eigen::NoChange);
+    d.controls.conservativeResize(steps, Eigen::NoChange);
+    d.states.col(0) = Eigen::VectorXd::LinSpaced(steps + 1, 0.0, 1.0);
+  }
+  EXPECT_EQ(warned(FitWarnings(*model, begun)), 1);
+}
+
+TEST(GuardAdviceTest, ActionsThatActLaterAreNamedWithTheDelay) {
+  const auto demonstrations = test::CorridorDemonstrations(1, 40);
+  const auto fit = [&](int later) {
+    // Those of step t act at t + later: the state changes by earlier ones.
+    auto delayed = demonstrations;
+    for (core::Trajectory& d : delayed) {
+      const Eigen::Index steps = d.controls.rows() - std::abs(later);
+      const Eigen::Index first = std::max(0, -later);
+      const Eigen::Index first_action = std::max(0, later);
+      d.states = core::Matrix(d.states.middleRows(first, steps + 1));
+      d.controls = core::Matrix(d.controls.middleRows(first_action, steps));
+    }
+    return GuardModel::Fit(test::CorridorLayout(), delayed, {.features = "tip"})
+        ->summary()
+        .fit_warnings;
+  };
+  EXPECT_THAT(fit(0), testing::Not(testing::Contains(HasSubstr("later"))));
+  EXPECT_THAT(fit(1), testing::Contains(testing::AllOf(HasSubstr("act 1 step later"),
+                                                       HasSubstr("add the last action to"))));
+  EXPECT_THAT(fit(2), testing::Contains(HasSubstr("act 2 steps later")));
+  EXPECT_THAT(fit(-1), testing::Contains(HasSubstr("recorded one step later")));
+}
+
 TEST(GuardAdviceTest, AClockIsOneInAnyUnitAndWhatStandsStillIsNone) {
   constexpr const char* kClock = "the same in all demonstrations";
   const auto demonstrations = test::CorridorDemonstrations(1, 40);

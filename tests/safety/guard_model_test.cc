@@ -5,13 +5,16 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <stdexcept>
 #include <utility>
 #include <vector>
 
+#include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
 #include "dfr/kernel/whitened_support.h"
+#include "dfr/safety/guard.h"
 #include "dfr/safety/guard_advice.h"
 #include "tests/safety/corridor.h"
 #include "tests/support/message_of.h"
@@ -19,7 +22,77 @@
 namespace dfr::safety {
 namespace {
 
+using testing::Contains;
 using testing::HasSubstr;
+
+// Demonstrations of the corridor with further columns in the middle of the state.
+std::vector<core::Trajectory> WithColumns(
+    std::vector<core::Trajectory> demonstrations,
+    const std::function<Eigen::RowVectorXd(const Eigen::RowVectorXd&)>& columns) {
+  for (core::Trajectory& d : demonstrations) {
+    const Eigen::Index more = columns(d.states.row(0)).size();
+    core::Matrix states(d.states.rows(), 3 + more);
+    for (Eigen::Index t = 0; t < states.rows(); ++t) {
+      states.row(t) << d.states(t, 0), columns(d.states.row(t)), d.states(t, 1), d.states(t, 2);
+    }
+    d.states = std::move(states);
+  }
+  return demonstrations;
+}
+
+core::StateLayout LayoutWith(int columns) {
+  core::StateLayout layout;
+  layout.Add("clock", 1);
+  layout.Add("more", columns);
+  layout.Add("tip", 2);
+  return layout;
+}
+
+TEST(GuardModelTest, ConstantColumnsChangeNoBitOfADecision) {
+  const auto demonstrations = test::CorridorDemonstrations(3, 30);
+  const auto other = test::CorridorDemonstrations(4, 5);
+  const Eigen::RowVectorXd values = Eigen::RowVector3d(1e6, 0.0, -0.1);
+  const auto constant = [&](const Eigen::RowVectorXd&) { return values; };
+  const auto plain = GuardModel::Fit(test::CorridorLayout(), demonstrations);
+  const auto padded = GuardModel::Fit(LayoutWith(3), WithColumns(demonstrations, constant));
+  EXPECT_THAT(padded->summary().fit_warnings,
+              Contains(HasSubstr("more[0], more[1], more[2]: constant in all demonstrations")));
+  EXPECT_EQ(padded->summary().gamma, plain->summary().gamma);
+  EXPECT_EQ(padded->settings().alarm_level, plain->settings().alarm_level);
+  Guard one(plain);
+  Guard two(padded);
+  const auto padded_other = WithColumns(other, constant);
+  int changed = 0;
+  for (std::size_t d = 0; d < other.size(); ++d) {
+    one.Reset(d);
+    two.Reset(d);
+    for (int t = 0; t < other[d].num_steps(); ++t) {
+      // The second half leads outside.
+      const std::vector<double> u = {other[d].controls(t, 0),
+                                     t < 10 ? other[d].controls(t, 1) : 0.1};
+      std::vector<double> a(2);
+      std::vector<double> b(2);
+      const Verdict first = one.Filter(t, core::Row(other[d].states, t), u, a);
+      const Verdict second = two.Filter(t, core::Row(padded_other[d].states, t), u, b);
+      EXPECT_EQ(a, b);
+      EXPECT_EQ(first.g, second.g);
+      EXPECT_EQ(first.alarm, second.alarm);
+      changed += first.changed ? 1 : 0;
+    }
+  }
+  EXPECT_GT(changed, 0);
+}
+
+TEST(GuardModelTest, ColumnsThatRepeatAnotherAreNamed) {
+  const auto demonstrations = test::CorridorDemonstrations(3, 30);
+  const auto copied = WithColumns(demonstrations, [](const Eigen::RowVectorXd& x) {
+    return Eigen::RowVector2d(x[2], 4.0 - 57.3 * x[1]);
+  });
+  const auto model =
+      GuardModel::Fit(LayoutWith(2), copied, {.features = "more,tip", .accept_any = true});
+  EXPECT_THAT(model->summary().fit_warnings,
+              Contains(HasSubstr("tip[0] by more[1], tip[1] by more[0]. They count twice")));
+}
 
 TEST(GuardModelTest, AlarmsOnFewUnseenDemonstrations) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 60),

@@ -49,7 +49,10 @@ ActionSpace::ActionSpace(std::span<const core::Trajectory> demonstrations) {
     }
   }
   const auto moves = [&](std::size_t i) { return squares[i] > 0.0; };
-  DFR_THROW_UNLESS(moving > 0.0, "all demonstrated controls are zero");
+  DFR_THROW_UNLESS(moving > 0.0, "all actions of all "
+                                     << demonstrations.size()
+                                     << " demonstrations are zero: record the velocities or "
+                                        "increments that moved the robot");
   for (std::size_t i = 0; i < entries_.size(); ++i) {
     entries_[i].steered = moves(i) && (values[i].size() > fit::kMostFew ||
                                        transitions < fit::kLeastRepeated * values[i].size());

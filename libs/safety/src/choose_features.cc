@@ -7,6 +7,7 @@
 #include <string>
 #include <utility>
 
+#include "dfr/core/absolute_actions.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"
 #include "dfr/core/linear_algebra.h"
@@ -38,23 +39,21 @@ std::optional<Candidate> Try(const core::StateLayout& layout, const std::string&
   }
 }
 
-// Formats entries in ascending order: "object[0:2],tip[1:2]".
+// Formats entries in this order: "object[0:2],tip[1:2]".
 std::string Spec(const core::StateLayout& layout, const std::vector<int>& entries) {
   std::string spec;
-  for (const auto& block : layout.blocks) {
-    for (std::size_t i = 0; i < entries.size();) {
-      std::size_t end = i + 1;
-      if (entries[i] >= block.offset && entries[i] < block.offset + block.size) {
-        while (end < entries.size() && entries[end] == entries[end - 1] + 1 &&
-               entries[end] < block.offset + block.size) {
-          ++end;
-        }
-        spec +=
-            (spec.empty() ? "" : ",") + block.name +
-            core::Format("[%d:%d]", entries[i] - block.offset, entries[end - 1] + 1 - block.offset);
-      }
-      i = end;
+  for (std::size_t i = 0; i < entries.size();) {
+    const auto block = std::find_if(layout.blocks.begin(), layout.blocks.end(),
+                                    [&](const auto& b) { return entries[i] < b.offset + b.size; });
+    std::size_t end = i + 1;
+    while (end < entries.size() && entries[end] == entries[end - 1] + 1 &&
+           entries[end] < block->offset + block->size) {
+      ++end;
     }
+    spec +=
+        (spec.empty() ? "" : ",") + block->name +
+        core::Format("[%d:%d]", entries[i] - block->offset, entries[end - 1] + 1 - block->offset);
+    i = end;
   }
   return spec;
 }
@@ -177,11 +176,50 @@ std::vector<int> MovedByPassed(const core::FeatureSelection& features, const Act
   return moved.size() < before.size() ? moved : std::vector<int>{};
 }
 
+std::vector<int> ConstantEntries(const core::FeatureSelection& features,
+                                 std::span<const core::Trajectory> demonstrations) {
+  constexpr double kRounding = 1e-12;  // Relative to the value, or to 1.
+  std::vector<int> constant;
+  for (const int entry : features.indices()) {
+    double low = demonstrations[0].states(0, entry);
+    double high = low;
+    for (const core::Trajectory& d : demonstrations) {
+      low = std::min(low, d.states.col(entry).minCoeff());
+      high = std::max(high, d.states.col(entry).maxCoeff());
+    }
+    if (high - low <= kRounding * std::max({1.0, std::abs(low), std::abs(high)})) {
+      constant.push_back(entry);
+    }
+  }
+  return std::ssize(constant) < features.num_features() ? constant : std::vector<int>{};
+}
+
+std::vector<core::Trajectory> WithoutConstants(std::span<const core::Trajectory> demonstrations) {
+  const auto all = core::FeatureSelection::All(static_cast<int>(demonstrations[0].states.cols()));
+  const std::vector<int> constant = ConstantEntries(all, demonstrations);
+  std::vector<core::Trajectory> varying;
+  if (constant.empty()) return varying;
+  std::vector<int> kept = all.indices();
+  std::erase_if(kept, [&](int entry) { return std::ranges::count(constant, entry) > 0; });
+  varying.assign(demonstrations.begin(), demonstrations.end());
+  for (core::Trajectory& d : varying) d.states = core::Matrix(d.states(Eigen::all, kept));
+  return varying;
+}
+
+std::string Names(const core::StateLayout& layout, std::span<const int> entries) {
+  constexpr std::size_t kMost = 8;
+  std::string names;
+  for (std::size_t i = 0; i < std::min(kMost, entries.size()); ++i) {
+    names.append(names.empty() ? "" : ", ").append(core::EntryName(layout, entries[i]));
+  }
+  if (entries.size() > kMost) names += core::Format(" and %zu others", entries.size() - kMost);
+  return names;
+}
+
 core::FeatureSelection Without(const core::FeatureSelection& features,
                                const core::StateLayout& layout, std::span<const int> entries) {
   std::vector<int> kept = features.indices();
   std::erase_if(kept, [&](int entry) { return std::ranges::count(entries, entry) > 0; });
-  std::sort(kept.begin(), kept.end());
   return core::FeatureSelection::Of(layout, Spec(layout, kept));
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <span>
+#include <string>
 #include <vector>
 
 #include "dfr/core/features.h"
@@ -24,7 +25,15 @@ core::FeatureSelection Continuous(const core::FeatureSelection& features,
 /// Empty if all features are of this kind.
 std::vector<int> MovedByPassed(const core::FeatureSelection& features, const ActionSpace& actions,
                                std::span<const core::Trajectory> demonstrations);
-/// Returns the features without these entries.
+/// Returns the entries among `features` that are constant up to rounding. Empty if all are.
+std::vector<int> ConstantEntries(const core::FeatureSelection& features,
+                                 std::span<const core::Trajectory> demonstrations);
+/// Returns copies of the demonstrations without the constant entries of their states; empty if
+/// there are none. Their order by content does not depend on constant entries.
+std::vector<core::Trajectory> WithoutConstants(std::span<const core::Trajectory> demonstrations);
+/// Lists entries for a message, at most eight by name.
+std::string Names(const core::StateLayout& layout, std::span<const int> entries);
+/// Returns the features without these entries, in the same order.
 core::FeatureSelection Without(const core::FeatureSelection& features,
                                const core::StateLayout& layout, std::span<const int> entries);
 /// Returns the demonstrations with mapped states.

@@ -136,6 +136,174 @@ bool FollowsClock(std::span<const core::Trajectory> demonstrations, Eigen::Index
   return total > 0.0 && within <= kMostWithin * total;
 }
 
+// Returns true if an entry advances uniformly, at one rate or from one begin to one end, whatever
+// the actions are.
+bool AdvancesUniformly(std::span<const core::Trajectory> demonstrations, Eigen::Index entry,
+                       double unexplained_by_actions) {
+  constexpr double kLeastUnexplained = 0.05;
+  constexpr double kSame = 1e-2;  // Relative difference of rates and of distances.
+  if (unexplained_by_actions < kLeastUnexplained) return false;
+  constexpr double kRounding = 1e-28;
+  double values = 0.0;
+  double squares = 0.0;
+  double missed = 0.0;
+  double low[2] = {};
+  double high[2] = {};
+  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
+    const Eigen::VectorXd x = demonstrations[d].states.col(entry);
+    const auto steps = static_cast<double>(x.size() - 1);
+    const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(x.size(), -0.5 * steps, 0.5 * steps);
+    const Eigen::VectorXd moved = x.array() - x.mean();
+    const double rate = t.dot(moved) / t.squaredNorm();
+    values += x.squaredNorm();
+    squares += moved.squaredNorm();
+    missed += (moved - rate * t).squaredNorm();
+    const double paces[2] = {rate, rate * steps};
+    for (std::size_t i = 0; i < 2; ++i) {
+      low[i] = d == 0 ? paces[i] : std::min(low[i], paces[i]);
+      high[i] = d == 0 ? paces[i] : std::max(high[i], paces[i]);
+    }
+  }
+  if (squares <= kRounding * values || missed > fit::kClockError * squares) return false;
+  for (std::size_t i = 0; i < 2; ++i) {
+    if (high[i] - low[i] <= kSame * std::max(std::abs(low[i]), std::abs(high[i]))) return true;
+  }
+  return false;
+}
+
+// Returns the fraction of a constant that a linear function of the actions leaves: uniform motion
+// is the robot's own if there is none.
+double ConstantLeftByActions(std::span<const core::Trajectory> demonstrations) {
+  const Eigen::Index dim = demonstrations[0].controls.cols();
+  Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(dim, dim);
+  Eigen::VectorXd sum = Eigen::VectorXd::Zero(dim);
+  double count = 0.0;
+  for (const core::Trajectory& d : demonstrations) {
+    squares.noalias() += d.controls.transpose() * d.controls;
+    sum += d.controls.colwise().sum().transpose();
+    count += static_cast<double>(d.controls.rows());
+  }
+  return 1.0 - sum.dot(squares.completeOrthogonalDecomposition().solve(sum)) / count;
+}
+
+// Describes features that repeat others or are linear functions of one; "" if there are none.
+std::string DescribeRepeated(const GuardModel& model,
+                             std::span<const core::Trajectory> demonstrations) {
+  constexpr double kRedundant = 1e-9;  // Fraction of the variance that the other feature leaves.
+  constexpr std::size_t kMostNamed = 3;
+  const core::FeatureSelection& selection = model.task().features().selection();
+  const Eigen::Index n = selection.num_features();
+  Eigen::VectorXd mean = Eigen::VectorXd::Zero(n);
+  double count = 0.0;
+  for (const core::Trajectory& d : demonstrations) {
+    mean += selection.Apply(d.states).colwise().sum().transpose();
+    count += static_cast<double>(d.states.rows());
+  }
+  mean /= count;
+  Eigen::MatrixXd scatter = Eigen::MatrixXd::Zero(n, n);
+  for (const core::Trajectory& d : demonstrations) {
+    const Eigen::MatrixXd off = selection.Apply(d.states).rowwise() - mean.transpose();
+    scatter.noalias() += off.transpose() * off;
+  }
+  std::string pairs;
+  std::size_t found = 0;
+  for (Eigen::Index k = 0; k < n; ++k) {
+    for (Eigen::Index i = 0; i < k; ++i) {
+      const double product = scatter(k, k) * scatter(i, i);
+      if (!(product > 0.0) || product - scatter(k, i) * scatter(k, i) > kRedundant * product) {
+        continue;
+      }
+      const auto name = [&](Eigen::Index feature) {
+        return core::EntryName(model.task_layout(),
+                               selection.indices()[static_cast<std::size_t>(feature)]);
+      };
+      if (++found <= kMostNamed) {
+        pairs.append(pairs.empty() ? "" : ", ").append(name(k) + " by " + name(i));
+      }
+      break;
+    }
+  }
+  if (found == 0) return pairs;
+  if (found > kMostNamed) pairs += core::Format(" and %zu others", found - kMostNamed);
+  return "features are determined by others, as a copy or in another unit: " + pairs +
+         ". They count twice: keep one of each pair in --features";
+}
+
+// Returns the residuals of each column of y after a linear regression on the columns of x.
+Eigen::VectorXd Residuals(const Eigen::MatrixXd& x, const Eigen::MatrixXd& y) {
+  return (y - x * x.colPivHouseholderQr().solve(y)).colwise().squaredNorm();
+}
+
+// Describes the delay between actions and their effect; "" if there is none. Of the change of a
+// feature that the state does not determine, another action must explain more than the recorded
+// one.
+std::string DescribeDelay(const GuardModel& model,
+                          std::span<const core::Trajectory> demonstrations) {
+  constexpr Eigen::Index kMostLag = 3;
+  constexpr Eigen::Index kSamples = 3000;
+  constexpr Eigen::Index kRowsPerColumn = 5;
+  constexpr double kDetermined = 1e-6;  // Negligible fraction of the squared changes.
+  const Eigen::Index n = model.task().features().num_features();
+  const Eigen::Index m = demonstrations[0].controls.cols();
+  Eigen::Index transitions = 0;
+  const auto count = [](const core::Trajectory& d) {
+    return std::max<Eigen::Index>(0, d.controls.rows() - 1 - kMostLag);
+  };
+  for (const core::Trajectory& d : demonstrations) transitions += count(d);
+  const Eigen::Index stride = std::max<Eigen::Index>(1, transitions / kSamples);
+  const Eigen::Index rows = (transitions + stride - 1) / stride;
+  if (rows < kRowsPerColumn * (1 + n + m)) return "";
+  Eigen::MatrixXd x = Eigen::MatrixXd::Ones(rows, 1 + n + m);
+  Eigen::MatrixXd change(rows, n);
+  std::vector<Eigen::MatrixXd> actions(2 + kMostLag, Eigen::MatrixXd(rows, m));
+  Eigen::Index sample = 0;
+  Eigen::Index row = 0;
+  for (const core::Trajectory& d : demonstrations) {
+    if (count(d) == 0) continue;
+    const core::Matrix points = model.task().features().Apply(d.states);
+    for (Eigen::Index t = kMostLag; t + 1 < d.controls.rows(); ++t, ++sample) {
+      if (sample % stride != 0) continue;
+      x.row(row).segment(1, n) = points.row(t);
+      change.row(row) = points.row(t + 1) - points.row(t);
+      for (Eigen::Index i = 0; i < std::ssize(actions); ++i) {
+        actions[static_cast<std::size_t>(i)].row(row) = d.controls.row(t + 1 - i);
+      }
+      ++row;
+    }
+  }
+  const Eigen::VectorXd open = Residuals(x.leftCols(1 + n), change);
+  std::vector<Eigen::VectorXd> explained;
+  explained.reserve(actions.size());
+  for (const Eigen::MatrixXd& u : actions) {
+    x.rightCols(m) = u;
+    explained.emplace_back(1.0 - (Residuals(x, change).array() / open.array()));
+  }
+  double best_gain = fit::kLagGain;
+  std::size_t best = 1;
+  Eigen::Index feature = 0;
+  for (std::size_t i = 0; i < explained.size(); ++i) {
+    for (Eigen::Index k = 0; k < n; ++k) {
+      const double gain = explained[i][k] - explained[1][k];
+      if (open[k] <= kDetermined * change.col(k).squaredNorm() || !(gain > best_gain)) continue;
+      best_gain = gain;
+      best = i;
+      feature = k;
+    }
+  }
+  if (best == 1) return "";
+  const int later = static_cast<int>(best) - 1;
+  const std::string shares =
+      core::Format(" (to %.0f %%; the recorded one to %.0f %%)", 100.0 * explained[best][feature],
+                   100.0 * std::max(0.0, explained[1][feature]));
+  if (later < 0) {
+    return "the change of a state is explained by the action recorded one step later" + shares +
+           ": actions and states are out of step, see guard check";
+  }
+  return core::Format("actions act %d step%s later", later, later == 1 ? "" : "s") + shares +
+         (later == 1 ? ": add the last action" : core::Format(": add the last %d actions", later)) +
+         " to the states, or pair each state with the action that moves it";
+}
+
 // Returns the fraction of the squared changes of features that the demonstrated response and the
 // drift explain, over some hundred demonstrated transitions.
 double Explained(const GuardModel& model, std::span<const core::Trajectory> demonstrations) {
@@ -184,11 +352,29 @@ std::vector<std::string> FitWarnings(const GuardModel& model,
     if (!FollowsClock(demonstrations, entry)) continue;
     clocks.append(clocks.empty() ? "" : ", ").append(core::EntryName(model.task_layout(), entry));
   }
+  const double left = ConstantLeftByActions(demonstrations);
+  std::vector<int> uniform;
+  for (const int entry : model.task().features().selection().indices()) {
+    if (!FollowsClock(demonstrations, entry) && AdvancesUniformly(demonstrations, entry, left)) {
+      uniform.push_back(entry);
+    }
+  }
   if (!clocks.empty()) {
     warnings.push_back(
         clocks +
         ": the same in all demonstrations at the same time step, as a clock is. A "
         "robot that is slower than they were is outside: leave it out of --features");
+  }
+  if (!uniform.empty()) {
+    warnings.push_back(
+        internal::Names(model.task_layout(), uniform) +
+        ": advances uniformly whatever the actions are, as a clock or a phase does. A robot that "
+        "is slower is outside: leave it out of --features, unless it is an object that moves by "
+        "itself");
+  }
+  for (std::string fault :
+       {DescribeRepeated(model, demonstrations), DescribeDelay(model, demonstrations)}) {
+    if (!fault.empty()) warnings.push_back(std::move(fault));
   }
   const double explained = Explained(model, demonstrations);
   if (explained < fit::kLeastResponse) {

@@ -174,19 +174,28 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
     return !options.progress || options.progress(stage, share);
   };
   const std::span<const core::Trajectory> as_recorded = demonstrations;
-  const auto actions = std::make_shared<const ActionSpace>(as_recorded);
+  std::vector<core::Trajectory> varying = internal::WithoutConstants(as_recorded);
+  const auto actions = std::make_shared<const ActionSpace>(
+      varying.empty() ? as_recorded : std::span<const core::Trajectory>(varying));
   const auto asked = core::FeatureSelection::Of(layout, options.features);
   const std::vector<int> moved = internal::MovedByPassed(asked, *actions, as_recorded);
-  const core::FeatureSelection selection = internal::Continuous(
+  core::FeatureSelection selection = internal::Continuous(
       moved.empty() ? asked : internal::Without(asked, layout, moved), layout, as_recorded);
   std::vector<core::Trajectory> mapped;
   if (!selection.map().empty()) {
     mapped = internal::Mapped(selection.map(), as_recorded);
     demonstrations = mapped;
   }
+  const std::vector<int> constant = internal::ConstantEntries(selection, demonstrations);
+  if (!constant.empty()) {
+    selection =
+        internal::Continuous(internal::Without(selection, layout, constant), layout, as_recorded);
+  }
   // Pseudo-random by a hash of their content: further demonstrations are then exchangeable with
   // those held out.
-  const std::vector<std::size_t> order = core::DeterministicOrder(demonstrations);
+  varying = internal::WithoutConstants(demonstrations);
+  const std::vector<std::size_t> order = core::DeterministicOrder(
+      varying.empty() ? demonstrations : std::span<const core::Trajectory>(varying));
   const auto num_held_out = static_cast<std::size_t>(
       std::ceil(options.hold_out * static_cast<double>(demonstrations.size())));
   DFR_THROW_UNLESS(demonstrations.size() >= num_held_out + 3,
@@ -265,13 +274,16 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
   settings.direction_error = options.error_factor * model->summary_.direction_error.value;
   model->Complete(layout, actions, std::move(task), settings);
   model->summary_.fit_warnings = FitWarnings(*model, as_recorded);
-  if (!moved.empty()) {
-    std::string names;
-    for (const int entry : moved) {
-      names.append(names.empty() ? "" : ", ").append(core::EntryName(layout, entry));
-    }
+  if (!constant.empty()) {
     model->summary_.fit_warnings.push_back(
-        names +
+        internal::Names(layout, constant) +
+        ": constant in all demonstrations and therefore no features. The guard does not notice "
+        "when they change: record demonstrations in which they differ, or leave them out of "
+        "--features");
+  }
+  if (!moved.empty()) {
+    model->summary_.fit_warnings.push_back(
+        internal::Names(layout, moved) +
         ": moved by entries of an action that the guard passes and not by those that it steers. "
         "They are left out of the features: whether they are right is up to the policy");
   }

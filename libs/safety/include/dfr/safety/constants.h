@@ -72,5 +72,10 @@ inline constexpr double kUnlikely = 0.01;
 inline constexpr double kLeastDrift = 0.2;
 /// Share of the features' changes that the response explains. Below it corrections are unreliable.
 inline constexpr double kLeastResponse = 0.5;
+/// An earlier or later action moves a feature if it explains at least this share more of the change
+/// that the state leaves open than the recorded one does.
+inline constexpr double kLagGain = 0.3;
+/// Share of its variance that an entry which advances like a clock may deviate from uniform motion.
+inline constexpr double kClockError = 1e-3;
 
 }  // namespace dfr::safety::fit

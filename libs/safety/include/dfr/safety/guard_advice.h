@@ -16,8 +16,9 @@ namespace dfr::safety {
 /// guard would change, or whose actions the features do not determine; an alarm level far outside;
 /// an action limit far beyond the demonstrated actions; and GuardSummary::fit_warnings.
 [[nodiscard]] std::vector<std::string> Warnings(const GuardModel& model);
-/// Returns GuardSummary::fit_warnings: features that only follow the clock, rotations that jump,
-/// and actions that explain little of the change of features.
+/// Returns GuardSummary::fit_warnings: features that only follow a clock or repeat others,
+/// rotations that jump, and actions that act later or explain little of the change of features.
+/// A fit adds the features that it leaves out.
 [[nodiscard]] std::vector<std::string> FitWarnings(
     const GuardModel& model, std::span<const core::Trajectory> demonstrations);
 
