@@ -5,7 +5,7 @@
 
 #include "dfr/control/certified/constants.h"
 #include "dfr/control/guided/constants.h"
-#include "dfr/core/contract.h"
+#include "dfr/control/guided/guided_options.h"
 #include "dfr/core/matrix.h"
 
 namespace dfr::control {
@@ -17,17 +17,13 @@ StepLimits Limits(const CertifiedOptions& options, int control_dim, double contr
 }
 
 void Check(const CertifiedOptions& options) {
-  DFR_THROW_UNLESS(options.horizon > 0, "horizon must be positive, not " << options.horizon);
-  DFR_THROW_UNLESS(options.first_step >= 0 && options.first_step < options.horizon,
-                   "first_step must lie in [0, horizon), not " << options.first_step);
-  DFR_THROW_UNLESS(options.max_controls > 0,
-                   "max_controls must be positive, not " << options.max_controls);
-  CheckLimits(options.control_limit);
-  DFR_THROW_UNLESS(options.iterations >= 0,
-                   "iterations must not be negative: " << options.iterations);
-  DFR_THROW_UNLESS(options.patience > 0, "patience must be positive, not " << options.patience);
-  DFR_THROW_UNLESS(options.probe_size >= 0.0,
-                   "probe_size must not be negative: " << options.probe_size);
+  Check(GuidedOptions{.horizon = options.horizon,
+                      .first_step = options.first_step,
+                      .max_controls = options.max_controls,
+                      .control_limit = options.control_limit,
+                      .iterations = options.iterations,
+                      .patience = options.patience,
+                      .probe_size = options.probe_size});
 }
 
 CertifiedController::CertifiedController(const core::Policy& policy, const TaskView& task,

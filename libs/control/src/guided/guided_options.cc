@@ -56,7 +56,9 @@ void Check(const GuidedOptions& options) {
                    "first_step must lie in [0, horizon), not " << options.first_step);
   DFR_THROW_UNLESS(options.max_controls > 0,
                    "max_controls must be positive, not " << options.max_controls);
-  CheckLimits(options.control_limit);
+  for (const double limit : options.control_limit) {
+    DFR_THROW_UNLESS(limit >= 0.0, "control_limit must not be negative: " << limit);
+  }
   DFR_THROW_UNLESS(options.iterations >= 0,
                    "iterations must not be negative: " << options.iterations);
   DFR_THROW_UNLESS(options.patience > 0, "patience must be positive, not " << options.patience);

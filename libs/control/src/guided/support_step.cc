@@ -30,12 +30,6 @@ StepLimits ScaledLimits(std::span<const double> limits, int dim, double unit, in
   return {core::AsVector(limits) / unit, iterations};
 }
 
-void CheckLimits(std::span<const double> limits) {
-  for (const double limit : limits) {
-    DFR_THROW_UNLESS(limit >= 0.0, "control_limit must not be negative: " << limit);
-  }
-}
-
 double LocalModel::Level(int phase, const Eigen::VectorXd& v) const noexcept {
   Vector there;
   return LevelAfter(*this, phase, v, there, {});

@@ -7,22 +7,17 @@
 
 namespace dfr::control {
 
-/// Options for CertifiedController: what the task says, then constants that are meant for every
-/// task. Controls are in units of the demonstrations' root mean square.
+/// Options for CertifiedController. All but the certificate are those of GuidedOptions. With fewer
+/// iterations, fewer controls pass.
 struct CertifiedOptions {
-  int horizon = 100;        ///< T: time steps of the learned policy in an episode, > 0.
-  int first_step = 0;       ///< Time step and phase that an episode begins with, in [0, T).
-  int max_controls = 1200;  ///< In an episode, of any kind, > 0.
-  /// Each entry of an applied control is within +- this, >= 0: one limit for all, or one each.
+  int horizon = 100;
+  int first_step = 0;
+  int max_controls = 1200;
   std::vector<double> control_limit = {1.0};
   Certificate certificate = {};
 
-  /// Gradients of l in one step, >= 0. Fewer decide faster and find fewer controls that pass.
   int iterations = 6;
-  /// HaltRule::patience
   int patience = 12;
-  /// Size of a probe, >= 0: above the noise of observations, below what a wrong direction may cost.
-  /// 0: directions of control that nobody has used stay unknown.
   double probe_size = 0.35;
 };
 

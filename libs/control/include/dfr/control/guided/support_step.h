@@ -51,8 +51,6 @@ struct StepLimits {
 /// @throws std::invalid_argument for another number of limits.
 [[nodiscard]] StepLimits ScaledLimits(std::span<const double> limits, int dim, double unit,
                                       int iterations);
-/// @throws std::invalid_argument if one is negative or NaN.
-void CheckLimits(std::span<const double> limits);
 
 /// Raises the predicted level l_q(z + J v) towards `target.level` by minimal steps with a
 /// guaranteed gain. With d = J' grad l and the support's curvature bound c, Jensen's inequality
