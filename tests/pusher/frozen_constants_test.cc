@@ -117,6 +117,7 @@ std::map<std::string, double> InTheCode() {
           {"fit::kLeastResponse", safety::fit::kLeastResponse},
           {"fit::kLagGain", safety::fit::kLagGain},
           {"fit::kClockError", safety::fit::kClockError},
+          {"fit::kConstantTolerance", safety::fit::kConstantTolerance},
           {"CertifiedOptions::iterations", certified.iterations},
           {"CertifiedOptions::patience", certified.patience},
           {"CertifiedOptions::probe_size", certified.probe_size},

@@ -5,9 +5,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <functional>
 #include <limits>
 #include <stdexcept>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -55,8 +57,7 @@ TEST(GuardModelTest, ConstantColumnsChangeNoBitOfADecision) {
   const auto constant = [&](const Eigen::RowVectorXd&) { return values; };
   const auto plain = GuardModel::Fit(test::CorridorLayout(), demonstrations);
   const auto padded = GuardModel::Fit(LayoutWith(3), WithColumns(demonstrations, constant));
-  EXPECT_THAT(padded->summary().fit_warnings,
-              Contains(HasSubstr("more[0], more[1], more[2]: constant in all demonstrations")));
+  EXPECT_EQ(padded->num_constants(), 3);
   EXPECT_EQ(padded->summary().gamma, plain->summary().gamma);
   EXPECT_EQ(padded->settings().alarm_level, plain->settings().alarm_level);
   Guard one(plain);
@@ -81,6 +82,39 @@ TEST(GuardModelTest, ConstantColumnsChangeNoBitOfADecision) {
     }
   }
   EXPECT_GT(changed, 0);
+}
+
+TEST(GuardModelTest, AConstantThatChangesHaltsWithItsReason) {
+  const auto columns = [](double value) {
+    return [value](const Eigen::RowVectorXd&) { return Eigen::RowVector2d(-0.5, value); };
+  };
+  const auto demonstrations = test::CorridorDemonstrations(3, 30);
+  const auto fitted = GuardModel::Fit(LayoutWith(2), WithColumns(demonstrations, columns(200.0)));
+  const std::filesystem::path path =
+      std::filesystem::path(testing::TempDir()) / "constant_columns_test.guard";
+  fitted->Save(path);
+  const auto model = GuardModel::Load(path);
+  std::filesystem::remove(path);
+  const auto cause_at = [&](double value, const GuardModel& guarded, std::string& why) {
+    const core::Matrix states = WithColumns(demonstrations, columns(value))[0].states;
+    Guard guard(guarded.With(guarded.settings()));
+    guard.Reset(1);
+    const std::vector<double> wish = test::Action(0.1, 0.0);
+    std::vector<double> action = wish;
+    const Verdict verdict = guard.Filter(0, core::Row(states, 0), action, action);
+    EXPECT_EQ(verdict.alarm, std::abs(value - 200.0) > 0.2);
+    why = Explain(guarded, verdict, core::Row(states, 0), wish);
+    return verdict.cause;
+  };
+  std::string why;
+  EXPECT_EQ(cause_at(200.1, *model, why), control::HaltCause::kNone);  // Less than a thousandth.
+  EXPECT_EQ(cause_at(201.0, *model, why), control::HaltCause::kStateInvalid);
+  EXPECT_EQ(why,
+            "halted: more[1] of the state is 201, unlike in all demonstrations, where it is "
+            "constant");
+  GuardSettings settings = model->settings();
+  settings.strategy = Strategy::kMonitor;
+  EXPECT_EQ(cause_at(201.0, *model->With(settings), why), control::HaltCause::kNone);
 }
 
 TEST(GuardModelTest, ColumnsThatRepeatAnotherAreNamed) {

@@ -16,8 +16,8 @@ SymmetricEigen DecomposeSymmetric(const Eigen::MatrixXd& a) {
 }
 
 SymmetricEigen DecomposeSymmetric(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
+  DFR_THROW_UNLESS(b.llt().info() == Eigen::Success, "the matrix b is not positive definite");
   const Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::MatrixXd> solver(a, b);
-  DFR_THROW_UNLESS(solver.info() == Eigen::Success, "the matrix b is not positive definite");
   return {solver.eigenvalues(), solver.eigenvectors()};
 }
 

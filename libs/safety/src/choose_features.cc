@@ -216,6 +216,10 @@ std::string Names(const core::StateLayout& layout, std::span<const int> entries)
   return names;
 }
 
+core::FeatureSelection Only(const core::StateLayout& layout, const std::vector<int>& entries) {
+  return core::FeatureSelection::Of(layout, Spec(layout, entries));
+}
+
 core::FeatureSelection Without(const core::FeatureSelection& features,
                                const core::StateLayout& layout, std::span<const int> entries) {
   std::vector<int> kept = features.indices();

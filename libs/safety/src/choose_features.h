@@ -33,6 +33,8 @@ std::vector<int> ConstantEntries(const core::FeatureSelection& features,
 std::vector<core::Trajectory> WithoutConstants(std::span<const core::Trajectory> demonstrations);
 /// Lists entries for a message, at most eight by name.
 std::string Names(const core::StateLayout& layout, std::span<const int> entries);
+/// Returns these entries as features.
+core::FeatureSelection Only(const core::StateLayout& layout, const std::vector<int>& entries);
 /// Returns the features without these entries, in the same order.
 core::FeatureSelection Without(const core::FeatureSelection& features,
                                const core::StateLayout& layout, std::span<const int> entries);

@@ -141,6 +141,16 @@ std::string WrongInput(const GuardModel& model, std::span<const double> state,
   if (model.reduction() != nullptr) {
     if (std::string fault = model.reduction()->Fault(state); !fault.empty()) return fault;
   }
+  const core::Matrix row = core::AsVector(state).transpose();
+  const core::Matrix seen = model.TaskStates(row);
+  std::vector<double> values(static_cast<std::size_t>(model.num_constants()));
+  const std::span<const double> task_state = core::Row(seen, 0);
+  const bool mappable = model.task().features().selection().map().FindInvalid(task_state) < 0;
+  if (const int entry = mappable ? model.FindChangedConstant(task_state, values) : -1; entry >= 0) {
+    return core::EntryName(model.task_layout(), entry) +
+           core::Format(" of the state is %.4g, unlike in all demonstrations, where it is constant",
+                        task_state[static_cast<std::size_t>(entry)]);
+  }
   if (static_cast<int>(action.size()) != model.action_dim()) {
     return core::Format("action has %zu entries, %d needed", action.size(), model.action_dim());
   }

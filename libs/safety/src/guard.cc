@@ -122,6 +122,7 @@ struct Guard::Episode {
         bounded(proposed),
         given(proposed),
         chosen(proposal.action().size(), 0.0) {
+    constants.resize(static_cast<std::size_t>(model.num_constants()));
     if (model.reduction() != nullptr) workspace.emplace(*model.reduction());
     guided = dynamic_cast<control::GuidedController*>(controller.get());
     if (guided != nullptr) ahead = std::make_unique<control::GuidedController>(*guided);
@@ -140,17 +141,22 @@ struct Guard::Episode {
   std::vector<double> chosen;                                     // Control of the controller.
   std::optional<reduction::StateReduction::Workspace> workspace;  // If states are reduced.
   int next = 0;
-  int entry = -1;      // First entry of the invalid quaternion.
-  bool novel = false;  // A picture of the last state resembles no demonstration.
+  int entry = -1;  // First entry of the invalid quaternion.
+  // A picture of the last state resembles no demonstration, or a constant entry differs.
+  bool novel = false;
+  std::vector<double> constants;
 
   // Returns the task's state of `state`, and true if it is valid.
   std::pair<std::span<const double>, bool> TaskState(const GuardModel& model,
                                                      std::span<const double> state) noexcept {
     const bool usable = static_cast<int>(state.size()) == model.state_dim() && AllFinite(state);
-    if (!workspace) return {state, usable};
-    const bool reduced = model.reduction()->Apply(state, *workspace);
-    novel = workspace->novelty() > 1.0;
-    return {workspace->state(), usable && reduced};
+    const bool reduced = !workspace || model.reduction()->Apply(state, *workspace);
+    const std::span<const double> task_state = workspace ? workspace->state() : state;
+    novel = workspace && workspace->novelty() > 1.0;
+    if (!(usable && reduced)) return {task_state, false};
+    novel = novel || (model.task().features().selection().map().FindInvalid(task_state) < 0 &&
+                      model.FindChangedConstant(task_state, constants) >= 0);
+    return {task_state, true};
   }
 };
 

@@ -183,7 +183,7 @@ double ConstantLeftByActions(std::span<const core::Trajectory> demonstrations) {
     sum += d.controls.colwise().sum().transpose();
     count += static_cast<double>(d.controls.rows());
   }
-  return 1.0 - sum.dot(squares.completeOrthogonalDecomposition().solve(sum)) / count;
+  return 1.0 - sum.dot(core::PseudoInverse(squares) * sum) / count;
 }
 
 // Describes features that repeat others or are linear functions of one; "" if there are none.
@@ -231,7 +231,7 @@ std::string DescribeRepeated(const GuardModel& model,
 
 // Returns the residuals of each column of y after a linear regression on the columns of x.
 Eigen::VectorXd Residuals(const Eigen::MatrixXd& x, const Eigen::MatrixXd& y) {
-  return (y - x * x.colPivHouseholderQr().solve(y)).colwise().squaredNorm();
+  return (y - x * core::SolveLeastSquares(x, y)).colwise().squaredNorm();
 }
 
 // Describes the delay between actions and their effect; "" if there is none. Of the change of a

@@ -1,6 +1,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -13,7 +14,7 @@ namespace dfr::safety {
 namespace {
 
 constexpr std::string_view kGuardKind = "guard";
-constexpr int kGuardVersion = 2;
+constexpr int kGuardVersion = 3;
 constexpr int kMostCount = 1 << 30;
 constexpr int kMaxFitWarnings = 1 << 16;
 constexpr int kMostRows = 1 << 10;
@@ -67,6 +68,8 @@ void GuardModel::Save(const std::filesystem::path& path) const {
   if (reduction_) reduction_->Save(archive);
   archive.Text(task_->features().selection().spec());
   task_->features().selection().map().Save(archive);
+  archive.Numbers(constants_);
+  if (constant_entries_) archive.Text(constant_entries_->spec());
   archive.Text(Name(settings_.strategy));
   archive.Integer(settings_.horizon);
   archive.Integer(settings_.max_actions);
@@ -133,6 +136,14 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     core::FeatureSelection selection =
         core::FeatureSelection::Of(layout, spec)
             .Mapped(core::StateMap::Load(archive, layout.state_dim()));
+    std::vector<double> constants = archive.Numbers();
+    std::optional<core::FeatureSelection> constant_entries;
+    if (!constants.empty()) {
+      constant_entries = core::FeatureSelection::Of(layout, archive.Text()).Mapped(selection.map());
+      if (constants.size() != static_cast<std::size_t>(constant_entries->num_features())) {
+        archive.Fail("holds constants of another number of entries");
+      }
+    }
     GuardSettings settings;
     settings.strategy = ParseStrategy(archive.Text());
     settings.horizon = archive.IntegerIn(1, kMostCount);
@@ -180,6 +191,8 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     model->reduction_ = std::move(reduction);
     model->Complete(std::move(layout), std::move(actions), std::move(task), settings);
     model->summary_ = std::move(summary);
+    model->constant_entries_ = std::move(constant_entries);
+    model->constants_ = std::move(constants);
     return model;
   } catch (const std::invalid_argument& e) {
     archive.Fail(e.what());

@@ -187,7 +187,9 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
     demonstrations = mapped;
   }
   const std::vector<int> constant = internal::ConstantEntries(selection, demonstrations);
+  std::optional<core::FeatureSelection> constant_entries;
   if (!constant.empty()) {
+    constant_entries = internal::Only(layout, constant).Mapped(selection.map());
     selection =
         internal::Continuous(internal::Without(selection, layout, constant), layout, as_recorded);
   }
@@ -274,12 +276,10 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
   settings.direction_error = options.error_factor * model->summary_.direction_error.value;
   model->Complete(layout, actions, std::move(task), settings);
   model->summary_.fit_warnings = FitWarnings(*model, as_recorded);
-  if (!constant.empty()) {
-    model->summary_.fit_warnings.push_back(
-        internal::Names(layout, constant) +
-        ": constant in all demonstrations and therefore no features. The guard does not notice "
-        "when they change: record demonstrations in which they differ, or leave them out of "
-        "--features");
+  if (constant_entries) {
+    model->constants_.resize(constant.size());
+    constant_entries->Apply(core::Row(as_recorded[0].states, 0), model->constants_);
+    model->constant_entries_ = std::move(constant_entries);
   }
   if (!moved.empty()) {
     model->summary_.fit_warnings.push_back(
@@ -373,7 +373,22 @@ std::shared_ptr<const GuardModel> GuardModel::With(const GuardSettings& settings
   model->Complete(layout_, actions_, task_, settings);
   model->reduction_ = reduction_;
   model->summary_ = summary_;
+  model->constant_entries_ = constant_entries_;
+  model->constants_ = constants_;
   return model;
+}
+
+int GuardModel::FindChangedConstant(std::span<const double> task_state,
+                                    std::span<double> values) const noexcept {
+  if (!constant_entries_) return -1;
+  constant_entries_->Apply(task_state, values);
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    if (!(std::abs(values[i] - constants_[i]) <=
+          fit::kConstantTolerance * std::max(1.0, std::abs(constants_[i])))) {
+      return constant_entries_->indices()[i];
+    }
+  }
+  return -1;
 }
 
 std::vector<double> GuardModel::Levels(const core::Matrix& states, std::vector<int>* steps) const {

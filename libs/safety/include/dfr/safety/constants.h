@@ -78,4 +78,8 @@ inline constexpr double kLagGain = 0.3;
 /// Share of its variance that an entry which advances like a clock may deviate from uniform motion.
 inline constexpr double kClockError = 1e-3;
 
+/// An entry that was constant in all demonstrations differs from its value by more than this
+/// fraction of it, or of 1: the state is of another task.
+inline constexpr double kConstantTolerance = 1e-3;
+
 }  // namespace dfr::safety::fit

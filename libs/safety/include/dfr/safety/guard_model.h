@@ -219,6 +219,15 @@ class GuardModel {
   /// kEarlyStopping is lambda_t |u|.
   [[nodiscard]] const std::vector<double>& lambda() const noexcept { return task_->lambda(); }
 
+  /// Returns the number of features that were asked for and are constant in all demonstrations.
+  /// They do not enter support and response.
+  [[nodiscard]] int num_constants() const noexcept { return static_cast<int>(constants_.size()); }
+  /// Returns the first entry of a finite state of task() that was constant in all demonstrations
+  /// and now differs, by more than fit::kConstantTolerance; -1 if there is none.
+  /// @param values  num_constants() entries, which receive the entries as compared. Real-time safe.
+  [[nodiscard]] int FindChangedConstant(std::span<const double> task_state,
+                                        std::span<double> values) const noexcept;
+
   /// Returns l of each state of an episode (rows in order of time) at the nearby time step that
   /// fits it best, as for an alarm. `steps`, if given, receives these time steps.
   /// @throws std::invalid_argument if states are not state_dim() wide.
@@ -256,6 +265,8 @@ class GuardModel {
   GuardSettings settings_;
   GuardSummary summary_;
   std::shared_ptr<const TaskModel> task_;
+  std::optional<core::FeatureSelection> constant_entries_;  // None: there are none.
+  std::vector<double> constants_;                           // Their values.
 };
 
 }  // namespace dfr::safety
