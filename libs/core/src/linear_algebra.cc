@@ -22,7 +22,7 @@ SymmetricEigen DecomposeSymmetric(const Eigen::MatrixXd& a, const Eigen::MatrixX
 }
 
 double OperatorNorm(const Eigen::MatrixXd& a) {
-  const Eigen::MatrixXd gram = a.transpose() * a;
+  const Eigen::MatrixXd gram = a * a.transpose();
   return std::sqrt(DecomposeSymmetric(gram).values.maxCoeff());
 }
 
