@@ -13,7 +13,6 @@
 namespace dfr::line_task {
 namespace {
 
-using kinematics::Psm;
 using kinematics::PsmJoints;
 
 // The arm hangs over the gauze's middle, its tool straight down.
