@@ -71,7 +71,7 @@ TEST_F(LateMessagesSystemTest, FiftyHoldsOfWhoHasJustJoinedAreFiftyHolds) {
     dds::Publisher<dds::Signal> hold(guest, "/PSM1/hold", dds::Role::kRequest);
     std::optional<Eigen::Vector3d> there;
     double motion_m = 0.0;
-    // 20 times a second for .3 s, or once as soon as it may be heard.
+    // Sends holds 20 times a second for .3 s, or one hold as soon as a subscriber is known.
     for (int n = 0; n < 120; ++n) {
       if (!there && hold.num_subscribers() > 0) {
         there = tip();

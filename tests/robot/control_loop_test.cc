@@ -129,7 +129,7 @@ TEST(ControlLoopTest, TheControllersDecisionsMakeTheState) {
 
 // -- pictures that are from now -------------------------------------------------------------------
 
-// Applies controls of `size` mm until it holds; the way of the tip until then, mm.
+// Applies controls of `size` mm until the loop holds. Returns the path length of the tip in mm.
 double WayUntilHeld(FakeRobot& robot, double size, int most = 100) {
   const std::array<double, 2> begin = robot.arm.at;
   const std::array control = {0.6 * size, 0.8 * size};

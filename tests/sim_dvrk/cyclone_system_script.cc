@@ -184,7 +184,7 @@ class Psm {
     return start;
   }
   double Move(const Joints& goal) { return SendJoints("move_jp", {goal.begin(), goal.end()}); }
-  // wait_move_handle.wait(): busy since `start`, and then no longer.
+  // As wait_move_handle.wait(): waits until the arm was busy after `start` and is busy no more.
   void Wait(double start) {
     Require(Until(30.0, [&] { return last_busy > start && !busy; }));
   }

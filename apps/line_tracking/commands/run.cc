@@ -216,7 +216,9 @@ void RunRun(const RunOptions& options) {
 
 void RunReplay(const ReplayOptions& options) {
   if (!ReplayRecording(options.recording, options.model)) {
-    throw std::runtime_error(options.recording.string() + ": its decisions cannot be repeated");
+    throw std::runtime_error(
+        options.recording.string() +
+        ": not every decision was repeated; the differences are printed above");
   }
 }
 

@@ -48,7 +48,7 @@ PlatformPose Plus(const PlatformPose& a, const PlatformPose& b) noexcept {
   return {a.translation_m + b.translation_m, a.angles_rad + b.angles_rad};
 }
 
-// Before anything of the scene is made.
+// Checks the options before the scene is created.
 const LineTrackingOptions& Checked(const LineTrackingOptions& options) {
   const EndoscopeOptions& e = options.endoscope;
   DFR_THROW_UNLESS(e.light_change >= 0 && e.light_change <= 0.6,
