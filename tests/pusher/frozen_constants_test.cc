@@ -118,6 +118,8 @@ std::map<std::string, double> InTheCode() {
           {"fit::kLagGain", safety::fit::kLagGain},
           {"fit::kClockError", safety::fit::kClockError},
           {"fit::kConstantTolerance", safety::fit::kConstantTolerance},
+          {"fit::kStandstillFactor", safety::fit::kStandstillFactor},
+          {"fit::kStandstillMargin", safety::fit::kStandstillMargin},
           {"CertifiedOptions::iterations", certified.iterations},
           {"CertifiedOptions::patience", certified.patience},
           {"CertifiedOptions::probe_size", certified.probe_size},

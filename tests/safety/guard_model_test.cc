@@ -13,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "dfr/core/format.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
 #include "dfr/kernel/whitened_support.h"
@@ -115,6 +116,77 @@ TEST(GuardModelTest, AConstantThatChangesHaltsWithItsReason) {
   GuardSettings settings = model->settings();
   settings.strategy = Strategy::kMonitor;
   EXPECT_EQ(cause_at(201.0, *model->With(settings), why), control::HaltCause::kNone);
+}
+
+// A sensor that is read at every third step.
+TEST(GuardModelTest, AStateMayStandStillTwiceAsLongAsDemonstratedAndThreeSteps) {
+  auto demonstrations = test::CorridorDemonstrations(3, 30, 21);
+  const ActionSpace space(demonstrations);
+  double longest = 0.0;
+  for (core::Trajectory& d : demonstrations) {
+    for (Eigen::Index t = 0; t < d.states.rows(); ++t) d.states.row(t) = d.states.row(t - t % 3);
+    for (Eigen::Index t = 0; t < d.controls.rows(); t += 3) {
+      longest = std::max(longest, space.StepOf(core::Row(d.controls, t)) +
+                                      space.StepOf(core::Row(d.controls, t + 1)));
+    }
+  }
+  EXPECT_GT(longest, 1.0);
+  EXPECT_LE(longest, 2.0);
+  const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations,
+                                     {.features = "tip", .accept_any = true});
+  ASSERT_EQ(model->sensor_groups().size(), 1u);
+  const SensorGroup& group = model->sensor_groups()[0];
+  ASSERT_EQ(group.ranges.size(), 1u);
+  EXPECT_EQ(group.ranges[0].first, 1);
+  EXPECT_EQ(group.ranges[0].size, 2);
+  EXPECT_NEAR(group.longest, longest, 1e-12);
+  EXPECT_NEAR(group.limit(), 2.0 * longest + 3.0, 1e-12);
+
+  GuardSettings settings = model->settings();
+  const std::vector<double> wish = test::Action(0.3, 0.0);  // Counts 1.
+  std::vector<double> state = {0.0, 0.0, 0.0};
+  std::vector<double> action(2);
+  settings.strategy = Strategy::kMonitor;
+  Guard monitor(model->With(settings));
+  monitor.Reset(1);
+  Verdict verdict;
+  for (int t = 0; t < 9; ++t) {
+    state[0] = t;  // No feature.
+    verdict = monitor.Filter(t, state, wish, action);
+    EXPECT_EQ(verdict.frozen, t > 2.0 * longest + 3.0 ? 0 : -1) << t;
+  }
+  verdict.source = Source::kHalt;
+  verdict.cause = control::HaltCause::kStateInvalid;
+  EXPECT_EQ(Explain(*model, verdict, state, wish),
+            core::Format("halted: tip[0:2] has not changed for 8 steps; in demonstrations it never "
+                         "stood still for more than %.3g",
+                         longest));
+}
+
+TEST(GuardModelTest, AClockDoesNotHideAStateThatStandsStill) {
+  // Actions that differ from each other in all entries: they do not explain the clock.
+  auto demonstrations = test::CorridorDemonstrations(1, 30);
+  core::Random random(8);
+  for (core::Trajectory& d : demonstrations) {
+    for (Eigen::Index t = 0; t < d.controls.rows(); ++t) {
+      const double dx = test::kSpeed * (1.0 + 0.5 * random.Normal());
+      d.states(t + 1, 1) = d.states(t, 1) + dx;
+      d.controls.row(t) = test::ActionFor(dx, d.states(t + 1, 2) - d.states(t, 2)).transpose();
+    }
+  }
+  const auto first_entry = [&] {
+    return GuardModel::Fit(test::CorridorLayout(), demonstrations, {.accept_any = true})
+        ->sensor_groups()
+        .at(0)
+        .ranges.at(0)
+        .first;
+  };
+  EXPECT_EQ(first_entry(), 1);
+  for (core::Trajectory& d : demonstrations) d.states.col(0).array() += 1e4 * random.Normal();
+  EXPECT_EQ(first_entry(), 1);
+  // What advances with the actions is no clock.
+  for (core::Trajectory& d : demonstrations) d.states.col(0) = 2.0 * d.states.col(1);
+  EXPECT_EQ(first_entry(), 0);
 }
 
 TEST(GuardModelTest, ColumnsThatRepeatAnotherAreNamed) {

@@ -10,7 +10,9 @@
 #include <string>
 #include <vector>
 
+#include "dfr/core/format.h"
 #include "dfr/core/random.h"
+#include "dfr/safety/constants.h"
 #include "dfr/safety/guard.h"
 #include "dfr/safety/guard_advice.h"
 #include "dfr/safety/onnx_export.h"
@@ -229,6 +231,86 @@ TEST(ReducedGuardTest, APictureThatResemblesNoDemonstrationHaltsWithItsReason) {
   EXPECT_FALSE(watched.changed);
   EXPECT_EQ(action, wish);
   EXPECT_EQ(monitor.FilterChunk(1, strange, wish).playable, 1);
+}
+
+// The clock goes on.
+TEST(ReducedGuardTest, AFrozenPictureHaltsWithItsReasonAfterTheStepsOfItsDefinition) {
+  const auto model = PictureModel();
+  ASSERT_EQ(model->sensor_groups().size(), 1u);
+  EXPECT_EQ(model->sensor_groups()[0].longest, 0.0);  // Pictures have noise.
+  core::Random random(12);
+  std::vector<double> state = StateAt(0.1, 0.0, random);
+  const std::vector<double> wish = test::Action(0.1, 0.0);
+  for (const bool asks_for_chunks : {false, true}) {
+    Guard guard(model);
+    guard.Reset(1);
+    double steps = 0.0;  // Since the picture is the same.
+    int t = 0;
+    for (; steps <= fit::kStandstillMargin; ++t) {
+      ASSERT_LT(t, 10);
+      state[kPixels] = t;
+      for (int i = 0; i < 3 && asks_for_chunks; ++i) {
+        EXPECT_NE(guard.FilterChunk(t, state, wish).cause, control::HaltCause::kStateInvalid);
+      }
+      std::vector<double> action = wish;
+      const Verdict verdict = guard.Filter(t, state, action, action);
+      ASSERT_EQ(verdict.cause, control::HaltCause::kNone) << Explain(*model, verdict, state, wish);
+      EXPECT_EQ(verdict.frozen, -1);
+      steps += std::min(1.0, model->actions().Distance(action, std::vector(2, 0.0)));
+    }
+    EXPECT_GE(t, 4);
+    std::vector<double> action = wish;
+    EXPECT_EQ(guard.FilterChunk(t, state, wish).cause, control::HaltCause::kStateInvalid);
+    const Verdict verdict = guard.Filter(t, state, action, action);
+    EXPECT_EQ(verdict.cause, control::HaltCause::kStateInvalid);
+    EXPECT_TRUE(verdict.alarm);
+    EXPECT_EQ(action, std::vector(2, 0.0));
+    EXPECT_NEAR(verdict.unchanged, steps, 1e-12);
+    const std::string why = Explain(*model, verdict, state, wish);
+    EXPECT_EQ(why, core::Format("halted: the picture 'camera' has not changed for %.3g steps; in "
+                                "demonstrations it never stood still for more than 0",
+                                steps));
+    // The reason remains when the picture changes, until the next episode.
+    const std::vector<double> other = StateAt(0.1, 0.0, random);
+    EXPECT_EQ(Explain(*model, guard.Filter(t + 1, other, wish, action), other, wish), why);
+    guard.Reset(2);
+    EXPECT_EQ(guard.Filter(0, state, wish, action).frozen, -1);
+  }
+}
+
+TEST(ReducedGuardTest, AMonitorRaisesAnAlarmWhileAPictureIsFrozenAndTheRobotMoves) {
+  const std::filesystem::path path =
+      std::filesystem::path(testing::TempDir()) / "frozen_picture_test.guard";
+  GuardSettings settings = PictureModel()->settings();
+  settings.strategy = Strategy::kMonitor;
+  PictureModel()->With(settings)->Save(path);
+  Guard monitor = Guard::Load(path);
+  std::filesystem::remove(path);
+  core::Random random(13);
+  const std::vector<double> state = StateAt(0.1, 0.0, random);
+  const std::vector<double> rest = {0.0, 0.0};
+  const std::vector<double> move = test::Action(0.3, 0.0);  // Counts 1.
+  std::vector<double> action(2);
+  monitor.Reset(1);
+  int t = 0;
+  for (; t < 20; ++t) EXPECT_EQ(monitor.Filter(t, state, rest, action).frozen, -1);
+  for (const int last = t + 4; t < last; ++t) {
+    EXPECT_EQ(monitor.Filter(t, state, move, action).frozen, -1);
+  }
+  const Verdict frozen = monitor.Filter(t, state, move, action);
+  EXPECT_EQ(frozen.frozen, 0);
+  EXPECT_EQ(frozen.unchanged, 4.0);
+  EXPECT_TRUE(frozen.alarm);
+  EXPECT_FALSE(frozen.changed);
+  EXPECT_EQ(frozen.cause, control::HaltCause::kNone);
+  EXPECT_EQ(monitor.FilterChunk(t + 1, state, move).cause, control::HaltCause::kNone);
+  EXPECT_EQ(monitor.Filter(t + 1, StateAt(0.1, 0.0, random), move, action).frozen, -1);
+  // The actions were not applied.
+  monitor.Reset(2);
+  for (t = 0; t < 20; ++t) {
+    EXPECT_EQ(monitor.Filter(t, state, move, action).frozen, -1);
+    monitor.Applied(rest);
+  }
 }
 
 // Light and noise are those of the demonstrations.

@@ -153,4 +153,13 @@ double ActionSpace::Distance(std::span<const double> u,
   return std::sqrt(square);
 }
 
+double ActionSpace::StepOf(std::span<const double> u) const noexcept {
+  double square = 0.0;
+  for (const int k : steered_) {
+    const auto i = static_cast<std::size_t>(k);
+    square += u[i] / entries_[i].unit * (u[i] / entries_[i].unit);
+  }
+  return std::min(1.0, std::sqrt(square));
+}
+
 }  // namespace dfr::safety

@@ -11,6 +11,7 @@
 #include "dfr/core/absolute_actions.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"
+#include "dfr/core/rotations.h"
 #include "dfr/safety/guard_advice.h"
 
 namespace dfr::safety {
@@ -160,6 +161,31 @@ std::string WrongInput(const GuardModel& model, std::span<const double> state,
   return {};
 }
 
+// Describes the frozen sensor of a verdict.
+std::string Standstill(const GuardModel& model, const Verdict& verdict) {
+  const SensorGroup& group = model.sensor_groups()[static_cast<std::size_t>(verdict.frozen)];
+  const core::StateLayout& layout = model.layout();
+  constexpr int kMost = 4;
+  std::string name;
+  int parts = 0;
+  for (const SensorGroup::Range& range : group.ranges) {
+    for (const auto& block : layout.blocks) {
+      const int first = std::max(range.first, block.offset);
+      const int size = std::min(range.first + range.size, block.offset + block.size) - first;
+      if (size <= 0 || ++parts > kMost) continue;
+      name += parts == 1 ? "" : ", ";
+      name += block.picture.height > 0 ? "the picture '" + block.name + "'"
+              : size == 1              ? core::EntryName(layout, first)
+                                       : core::EntryRange(layout, first, size);
+    }
+  }
+  if (parts > kMost) name += core::Format(" and %d others", parts - kMost);
+  return name + core::Format(
+                    " has not changed for %.3g steps; in demonstrations it never "
+                    "stood still for more than %.3g",
+                    verdict.unchanged, group.longest);
+}
+
 const char* CauseOf(HaltCause cause) {
   switch (cause) {
     case HaltCause::kNotReset:
@@ -290,6 +316,8 @@ std::string Explain(const GuardModel& model, const Verdict& verdict, std::span<c
     case Source::kHalt:
       switch (verdict.cause) {
         case HaltCause::kStateInvalid:
+          if (verdict.frozen >= 0) return "halted: " + Standstill(model, verdict);
+          [[fallthrough]];
         case HaltCause::kControlInvalid:
           return std::string("halted: ") + (wrong.empty() ? CauseOf(verdict.cause) : wrong);
         case HaltCause::kOutsideSupport:

@@ -123,6 +123,14 @@ struct Guard::Episode {
         given(proposed),
         chosen(proposal.action().size(), 0.0) {
     constants.resize(static_cast<std::size_t>(model.num_constants()));
+    std::size_t entries = 0;
+    for (const SensorGroup& group : model.sensor_groups()) {
+      for (const SensorGroup::Range& range : group.ranges) {
+        entries += static_cast<std::size_t>(range.size);
+      }
+    }
+    last.resize(entries);
+    unchanged.resize(model.sensor_groups().size());
     if (model.reduction() != nullptr) workspace.emplace(*model.reduction());
     guided = dynamic_cast<control::GuidedController*>(controller.get());
     if (guided != nullptr) ahead = std::make_unique<control::GuidedController>(*guided);
@@ -145,6 +153,10 @@ struct Guard::Episode {
   // A picture of the last state resembles no demonstration, or a constant entry differs.
   bool novel = false;
   std::vector<double> constants;
+  std::vector<double> last;       // Entries of the sensor groups in the last state.
+  std::vector<double> unchanged;  // Standstill of each group.
+  double moved = 0.0;             // What the last applied action adds to it.
+  int frozen = -1;                // First group that stands still for too long.
 
   // Returns the task's state of `state`, and true if it is valid.
   std::pair<std::span<const double>, bool> TaskState(const GuardModel& model,
@@ -157,6 +169,28 @@ struct Guard::Episode {
     novel = novel || (model.task().features().selection().map().FindInvalid(task_state) < 0 &&
                       model.FindChangedConstant(task_state, constants) >= 0);
     return {task_state, true};
+  }
+
+  // Returns the first sensor group that stands still for too long with `state` as the next state;
+  // -1 if there is none. Updates `last` and `unchanged` if this state is to be remembered.
+  int FindFrozen(const GuardModel& model, std::span<const double> state, bool remember) noexcept {
+    int found = -1;
+    auto before = last.begin();
+    for (std::size_t k = 0; k < unchanged.size(); ++k) {
+      const SensorGroup& group = model.sensor_groups()[k];
+      bool same = next > 0;
+      for (const SensorGroup::Range& range : group.ranges) {
+        const auto now = state.subspan(static_cast<std::size_t>(range.first),
+                                       static_cast<std::size_t>(range.size));
+        same = same && std::equal(now.begin(), now.end(), before);
+        if (remember && !same) std::copy(now.begin(), now.end(), before);
+        before += range.size;
+      }
+      const double steps = same ? unchanged[k] + moved : 0.0;
+      if (remember) unchanged[k] = steps;
+      if (found < 0 && steps > group.limit()) found = static_cast<int>(k);
+    }
+    return found;
   }
 };
 
@@ -207,6 +241,7 @@ void Guard::Reset(std::uint64_t seed) noexcept {
   episode_->tracker.Reset();
   episode_->next = 0;
   episode_->entry = -1;
+  episode_->frozen = -1;
 }
 
 int Guard::next_step() const noexcept { return episode_->next; }
@@ -218,13 +253,18 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
   Episode& episode = *episode_;
   control::Controller& controller = *episode.controller;
   const auto [state, state_usable] = episode.TaskState(*model_, whole);
+  // A halted guard keeps the group that halted it.
+  if (state_usable && controller.halt_cause() == HaltCause::kNone) {
+    episode.frozen = episode.FindFrozen(*model_, whole, /*remember=*/true);
+  }
+  const bool useless = episode.novel || episode.frozen >= 0;
   const core::StateMap& map = model_->task().features().selection().map();
   const int off = state_usable ? map.FindInvalid(state) : -1;
   const bool action_usable = action.size() == episode.proposed.size() && AllFinite(action);
   if (action_usable) std::copy(action.begin(), action.end(), episode.proposed.begin());
   if (t != episode.next) {
     controller.Stop(HaltCause::kStepSkipped);
-  } else if (!state_usable || (episode.novel && !episode.monitors)) {
+  } else if (!state_usable || (useless && !episode.monitors)) {
     controller.Stop(HaltCause::kStateInvalid);
   } else if (off >= 0) {
     controller.Stop(HaltCause::kBadQuaternion);
@@ -261,6 +301,7 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
   if (room) {
     Clamp(model_->settings().action_limit, safe);
     std::copy(safe.begin(), safe.end(), episode.given.begin());
+    episode.moved = model_->actions().StepOf(episode.given);
   }
 
   Verdict verdict;
@@ -272,12 +313,16 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
   verdict.pass_level = step.log_threshold;
   verdict.certified = step.certified;
   verdict.entry = episode.entry;
+  verdict.frozen = episode.frozen;
+  if (episode.frozen >= 0) {
+    verdict.unchanged = episode.unchanged[static_cast<std::size_t>(episode.frozen)];
+  }
   if (state_usable) {
     double level = episode.tracker.Follow(state);
     // The certificate applies to the controller's time step, which may differ.
     if (step.certified) level = std::max(level, step.log_g);
     verdict.level = level;
-    verdict.alarm = episode.novel || !(level >= -model_->settings().alarm_level);
+    verdict.alarm = useless || !(level >= -model_->settings().alarm_level);
     verdict.alarm_step = episode.tracker.phase();
     if (episode.monitors) verdict.step = verdict.alarm_step;
     // A halted controller returns values from before the halt.
@@ -312,6 +357,7 @@ void Guard::Applied(std::span<const double> action) noexcept {
     return episode.controller->Stop(HaltCause::kControlInvalid);
   }
   if (episode.next == 0) return episode.controller->Stop(HaltCause::kStepSkipped);
+  episode.moved = model_->actions().StepOf(action);
   if (episode.monitors || std::equal(action.begin(), action.end(), episode.given.begin())) return;
   if (episode.guided == nullptr) return episode.controller->Stop(HaltCause::kStepSkipped);
   model_->actions().Measure(action, episode.chosen);
@@ -329,7 +375,9 @@ ChunkVerdict Guard::FilterChunk(int t, std::span<const double> whole,
   const auto [state, state_usable] = episode.TaskState(*model_, whole);
   if (t != episode.next) {
     verdict.cause = HaltCause::kStepSkipped;
-  } else if (!state_usable || (episode.novel && !episode.monitors)) {
+  } else if (!state_usable ||
+             (!episode.monitors &&
+              (episode.novel || episode.FindFrozen(*model_, whole, /*remember=*/false) >= 0))) {
     verdict.cause = HaltCause::kStateInvalid;
   } else if (actions.empty() || actions.size() % width != 0 || !AllFinite(actions)) {
     verdict.cause = HaltCause::kControlInvalid;

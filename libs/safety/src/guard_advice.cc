@@ -13,6 +13,7 @@
 #include "dfr/safety/constants.h"
 #include "fit_task.h"
 #include "left_out.h"
+#include "sensor_groups.h"
 
 namespace dfr::safety {
 
@@ -103,88 +104,6 @@ std::vector<std::string> Warnings(const GuardModel& model) {
 }
 
 namespace {
-
-// Returns true if an entry follows the clock: it varies between time steps, but barely between
-// demonstrations at the same time step.
-bool FollowsClock(std::span<const core::Trajectory> demonstrations, Eigen::Index entry) {
-  constexpr double kMostWithin = 1e-6;
-  Eigen::Index longest = 0;
-  for (const auto& d : demonstrations) longest = std::max(longest, d.states.rows());
-  double count = 0.0;
-  double sum = 0.0;
-  double squares = 0.0;
-  double within = 0.0;
-  const double origin = demonstrations[0].states(0, entry);
-  for (Eigen::Index t = 0; t < longest; ++t) {
-    double here = 0.0;
-    double sum_here = 0.0;
-    double squares_here = 0.0;
-    for (const auto& d : demonstrations) {
-      if (t >= d.states.rows()) continue;
-      const double x = d.states(t, entry) - origin;
-      here += 1.0;
-      sum_here += x;
-      squares_here += x * x;
-    }
-    if (here < 2.0) continue;
-    count += here;
-    sum += sum_here;
-    squares += squares_here;
-    within += squares_here - sum_here * sum_here / here;
-  }
-  const double total = count > 0.0 ? squares - sum * sum / count : 0.0;
-  return total > 0.0 && within <= kMostWithin * total;
-}
-
-// Returns true if an entry advances uniformly, at one rate or from one begin to one end, whatever
-// the actions are.
-bool AdvancesUniformly(std::span<const core::Trajectory> demonstrations, Eigen::Index entry,
-                       double unexplained_by_actions) {
-  constexpr double kLeastUnexplained = 0.05;
-  constexpr double kSame = 1e-2;  // Relative difference of rates and of distances.
-  if (unexplained_by_actions < kLeastUnexplained) return false;
-  constexpr double kRounding = 1e-28;
-  double values = 0.0;
-  double squares = 0.0;
-  double missed = 0.0;
-  double low[2] = {};
-  double high[2] = {};
-  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
-    const Eigen::VectorXd x = demonstrations[d].states.col(entry);
-    const auto steps = static_cast<double>(x.size() - 1);
-    const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(x.size(), -0.5 * steps, 0.5 * steps);
-    const Eigen::VectorXd moved = x.array() - x.mean();
-    const double rate = t.dot(moved) / t.squaredNorm();
-    values += x.squaredNorm();
-    squares += moved.squaredNorm();
-    missed += (moved - rate * t).squaredNorm();
-    const double paces[2] = {rate, rate * steps};
-    for (std::size_t i = 0; i < 2; ++i) {
-      low[i] = d == 0 ? paces[i] : std::min(low[i], paces[i]);
-      high[i] = d == 0 ? paces[i] : std::max(high[i], paces[i]);
-    }
-  }
-  if (squares <= kRounding * values || missed > fit::kClockError * squares) return false;
-  for (std::size_t i = 0; i < 2; ++i) {
-    if (high[i] - low[i] <= kSame * std::max(std::abs(low[i]), std::abs(high[i]))) return true;
-  }
-  return false;
-}
-
-// Returns the fraction of a constant that a linear function of the actions leaves: uniform motion
-// is the robot's own if there is none.
-double ConstantLeftByActions(std::span<const core::Trajectory> demonstrations) {
-  const Eigen::Index dim = demonstrations[0].controls.cols();
-  Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(dim, dim);
-  Eigen::VectorXd sum = Eigen::VectorXd::Zero(dim);
-  double count = 0.0;
-  for (const core::Trajectory& d : demonstrations) {
-    squares.noalias() += d.controls.transpose() * d.controls;
-    sum += d.controls.colwise().sum().transpose();
-    count += static_cast<double>(d.controls.rows());
-  }
-  return 1.0 - sum.dot(core::PseudoInverse(squares) * sum) / count;
-}
 
 // Describes features that repeat others or are linear functions of one; "" if there are none.
 std::string DescribeRepeated(const GuardModel& model,
@@ -349,13 +268,13 @@ std::vector<std::string> FitWarnings(const GuardModel& model,
   }
   std::string clocks;
   for (const int entry : model.task().features().selection().indices()) {
-    if (!FollowsClock(demonstrations, entry)) continue;
+    if (!internal::FollowsClock(demonstrations, entry)) continue;
     clocks.append(clocks.empty() ? "" : ", ").append(core::EntryName(model.task_layout(), entry));
   }
-  const double left = ConstantLeftByActions(demonstrations);
   std::vector<int> uniform;
   for (const int entry : model.task().features().selection().indices()) {
-    if (!FollowsClock(demonstrations, entry) && AdvancesUniformly(demonstrations, entry, left)) {
+    if (!internal::FollowsClock(demonstrations, entry) &&
+        internal::AdvancesUniformly(demonstrations, entry)) {
       uniform.push_back(entry);
     }
   }

@@ -1,4 +1,5 @@
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -54,6 +55,36 @@ reduction::ComponentsScore ReadScore(core::ArchiveReader& archive) {
   return row;
 }
 
+void Write(core::ArchiveWriter& archive, const std::vector<SensorGroup>& groups) {
+  archive.Integer(std::ssize(groups));
+  for (const SensorGroup& group : groups) {
+    archive.Integer(std::ssize(group.ranges));
+    for (const SensorGroup::Range& range : group.ranges) {
+      archive.Integer(range.first);
+      archive.Integer(range.size);
+    }
+    archive.Number(group.longest);
+  }
+}
+
+std::vector<SensorGroup> ReadGroups(core::ArchiveReader& archive, int state_dim) {
+  std::vector<SensorGroup> groups(static_cast<std::size_t>(archive.IntegerIn(0, state_dim)));
+  for (SensorGroup& group : groups) {
+    group.ranges.resize(static_cast<std::size_t>(archive.IntegerIn(1, state_dim)));
+    int end = 0;
+    for (SensorGroup::Range& range : group.ranges) {
+      range.first = archive.IntegerIn(end, state_dim - 1);
+      range.size = archive.IntegerIn(1, state_dim - range.first);
+      end = range.first + range.size;
+    }
+    group.longest = archive.Number();
+    if (!(group.longest >= 0.0 && std::isfinite(group.longest))) {
+      archive.Fail("holds a standstill that is no number of steps");
+    }
+  }
+  return groups;
+}
+
 }  // namespace
 
 void GuardModel::Save(const std::filesystem::path& path) const {
@@ -70,6 +101,7 @@ void GuardModel::Save(const std::filesystem::path& path) const {
   task_->features().selection().map().Save(archive);
   archive.Numbers(constants_);
   if (constant_entries_) archive.Text(constant_entries_->spec());
+  Write(archive, sensor_groups_);
   archive.Text(Name(settings_.strategy));
   archive.Integer(settings_.horizon);
   archive.Integer(settings_.max_actions);
@@ -144,6 +176,8 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
         archive.Fail("holds constants of another number of entries");
       }
     }
+    std::vector<SensorGroup> groups =
+        ReadGroups(archive, reduction ? reduction->state_dim() : layout.state_dim());
     GuardSettings settings;
     settings.strategy = ParseStrategy(archive.Text());
     settings.horizon = archive.IntegerIn(1, kMostCount);
@@ -193,6 +227,7 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     model->summary_ = std::move(summary);
     model->constant_entries_ = std::move(constant_entries);
     model->constants_ = std::move(constants);
+    model->sensor_groups_ = std::move(groups);
     return model;
   } catch (const std::invalid_argument& e) {
     archive.Fail(e.what());

@@ -19,6 +19,7 @@
 #include "dfr/safety/guard_advice.h"
 #include "fit_task.h"
 #include "left_out.h"
+#include "sensor_groups.h"
 
 namespace dfr::safety {
 namespace {
@@ -151,9 +152,12 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
                                                   std::span<const core::Trajectory> demonstrations,
                                                   const GuardOptions& options) {
   Check(layout, demonstrations);
-  return reduction::StateReduction::Names(options.features).empty()
-             ? FitStates(layout, demonstrations, options, true)
-             : FitReduced(layout, demonstrations, options);
+  const std::shared_ptr<GuardModel> model =
+      reduction::StateReduction::Names(options.features).empty()
+          ? FitStates(layout, demonstrations, options, true)
+          : FitReduced(layout, demonstrations, options);
+  if (model) model->sensor_groups_ = internal::FitSensorGroups(*model, demonstrations);
+  return model;
 }
 
 std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layout,
@@ -375,7 +379,12 @@ std::shared_ptr<const GuardModel> GuardModel::With(const GuardSettings& settings
   model->summary_ = summary_;
   model->constant_entries_ = constant_entries_;
   model->constants_ = constants_;
+  model->sensor_groups_ = sensor_groups_;
   return model;
+}
+
+double SensorGroup::limit() const noexcept {
+  return fit::kStandstillFactor * longest + fit::kStandstillMargin;
 }
 
 int GuardModel::FindChangedConstant(std::span<const double> task_state,

@@ -53,6 +53,8 @@ class ActionSpace {
   /// Returns |a - b| of two actions.
   [[nodiscard]] double Distance(std::span<const double> u,
                                 std::span<const double> other) const noexcept;
+  /// Returns |a| of an action, at most 1: how much of an ordinary step it asks for.
+  [[nodiscard]] double StepOf(std::span<const double> u) const noexcept;
 
  private:
   ActionSpace() = default;

@@ -82,4 +82,9 @@ inline constexpr double kClockError = 1e-3;
 /// fraction of it, or of 1: the state is of another task.
 inline constexpr double kConstantTolerance = 1e-3;
 
+/// A sensor is frozen if its entries are the same to the bit for more than kStandstillFactor times
+/// the longest demonstrated standstill and kStandstillMargin more steps.
+inline constexpr double kStandstillFactor = 2.0;
+inline constexpr double kStandstillMargin = 3.0;
+
 }  // namespace dfr::safety::fit

@@ -38,7 +38,8 @@ struct Verdict {
   double change = 0.0;
   /// Strategy kCertified: under its assumptions, the next state raises no alarm.
   bool certified = false;
-  bool alarm = false;  ///< The state is below -GuardSettings::alarm_level.
+  /// The state is below -GuardSettings::alarm_level, resembles no demonstration or is frozen.
+  bool alarm = false;
   /// Time step of the alarm: the one near the expected time step whose support fits the state best.
   /// The paces of demonstrations and robots differ.
   int alarm_step = 0;
@@ -46,6 +47,10 @@ struct Verdict {
   /// Cause kBadQuaternion: index in layout() of the first of the quaternion's four entries;
   /// otherwise -1.
   int entry = -1;
+  /// Index in GuardModel::sensor_groups() of the first group that has stood still for longer than
+  /// SensorGroup::limit(), and its standstill; -1 and 0 if there is none.
+  int frozen = -1;
+  double unchanged = 0.0;
   /// g at `step`, positive inside; NaN for an invalid state.
   double g = std::numeric_limits<double>::quiet_NaN();
   /// The policy's action passes without a prediction if g is at least this. NaN without such a
@@ -90,8 +95,8 @@ struct ChunkVerdict {
 /// the last returned action, or that of Applied(), was applied in full and led to `state`. `t`
 /// counts the calls, which reveals a lost or repeated one. The guard fails closed: it halts on a
 /// state or action of the wrong size or with a non-finite entry, a quaternion whose norm is not 1,
-/// a `t` that is not the next one, and a call before Reset(). Then every action is zero until
-/// Reset().
+/// a state that stays the same to the bit for longer than demonstrated while the robot moves, a `t`
+/// that is not the next one, and a call before Reset(). Then every action is zero until Reset().
 ///
 /// One object belongs to one thread; guards on several threads may share a model. Reset(), Filter()
 /// and Applied() neither allocate, lock nor throw.
@@ -141,9 +146,9 @@ class Guard {
   /// observations may differ from predictions. After these, or after the first action that Filter()
   /// changes, query the policy for a new chunk.
   ///
-  /// Causes: kStepSkipped for another `t`; kStateInvalid for a state of the wrong size or with a
-  /// non-finite entry; kControlInvalid for no action, a number of entries that is not a multiple of
-  /// action_dim(), or a non-finite entry. A halted guard returns its cause.
+  /// Causes: kStepSkipped for another `t`; kStateInvalid for a state of the wrong size, with a
+  /// non-finite entry, or frozen; kControlInvalid for no action, a number of entries that is not a
+  /// multiple of action_dim(), or a non-finite entry. A halted guard returns its cause.
   [[nodiscard]] ChunkVerdict FilterChunk(int t, std::span<const double> state,
                                          std::span<const double> actions) noexcept;
   static constexpr int kLongestChunk = 256;

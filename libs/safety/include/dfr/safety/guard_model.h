@@ -154,6 +154,20 @@ struct Certification {
   Eigen::VectorXd effect = {};  ///< J u, the predicted change of the features.
 };
 
+/// Entries of a state that a frozen sensor or camera leaves unchanged to the bit while the robot
+/// moves. A standstill is counted in steps: one with an ordinary action or a larger one counts 1,
+/// one with a smaller action its |a| (ActionSpace), one at rest 0.
+struct SensorGroup {
+  struct Range {
+    int first = 0;
+    int size = 0;
+  };
+  std::vector<Range> ranges = {};  ///< In states of GuardModel::layout(), ascending.
+  double longest = 0.0;            ///< Longest demonstrated standstill.
+  /// Returns the longest standstill that a guard accepts.
+  [[nodiscard]] double limit() const noexcept;
+};
+
 /// Model of a task for guards: the features of a state and their scales, their support at each time
 /// step, lambda, the response of states to actions, and the settings. Stored in one file. Its use
 /// needs only Eigen and Highway.
@@ -227,6 +241,11 @@ class GuardModel {
   /// @param values  num_constants() entries, which receive the entries as compared. Real-time safe.
   [[nodiscard]] int FindChangedConstant(std::span<const double> task_state,
                                         std::span<double> values) const noexcept;
+  /// Returns the entries that features use in groups: each picture or other reduced block alone,
+  /// then all others without those that advance with time only.
+  [[nodiscard]] const std::vector<SensorGroup>& sensor_groups() const noexcept {
+    return sensor_groups_;
+  }
 
   /// Returns l of each state of an episode (rows in order of time) at the nearby time step that
   /// fits it best, as for an alarm. `steps`, if given, receives these time steps.
@@ -267,6 +286,7 @@ class GuardModel {
   std::shared_ptr<const TaskModel> task_;
   std::optional<core::FeatureSelection> constant_entries_;  // None: there are none.
   std::vector<double> constants_;                           // Their values.
+  std::vector<SensorGroup> sensor_groups_;
 };
 
 }  // namespace dfr::safety
