@@ -265,8 +265,8 @@ void AddGuard(py::module_& module) {
 
 It estimates the response of states to actions online. Each call of `filter` therefore means that the
 last returned action was applied, and that `state` is its result. It fails closed: on a state or action of
-the wrong size or with a NaN, a `t` that is not the next one, or before `reset`, it halts, and all
-actions are zero until `reset`. Zero must hold the robot still: actions are velocities or increments.
+the wrong size or with a NaN, a frozen sensor, a `t` that is not the next one, or before `reset`, it halts,
+and all actions are zero until `reset`. Zero must hold the robot still: actions are velocities or increments.
 
 One object belongs to one thread. Copies and unpickled guards have the same models and settings, and
 wait for `reset`.
