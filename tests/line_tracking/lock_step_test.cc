@@ -7,6 +7,7 @@
 #include <fstream>
 #include <functional>
 #include <memory>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -67,13 +68,20 @@ TEST(LaunchTest, AllItStartsIsOfTheRunsSecuredNetwork) {
                         << keys.enclave("line_tracking").string()
                         << "'\n[simulator]\npresent = true\nlock_step = true\nanswer_s = 86400.0\n"
                            "[emergency_stop]\nmax_silence_s = 10.0\n";
-  test::PeerProcess launch(
-      {DFR_LINE_TRACKING, "launch", "--config", config.string(), "--episodes", "1"});
+  const std::filesystem::path out = Data().path / "launch.txt";
+  test::PeerProcess launch({"/bin/sh", "-c",
+                            "exec '" DFR_LINE_TRACKING "' launch --episodes 1 --config '" +
+                                config.string() + "' > '" + out.string() + "' 2>&1"});
   ASSERT_EQ(launch.Await(), 0);
+  std::ostringstream text;
+  text << std::ifstream(out).rdbuf();
+  EXPECT_NE(text.str().find("-> armed"), std::string::npos) << text.str();
+  EXPECT_EQ(text.str().find("WITHOUT AN EMERGENCY STOP"), std::string::npos) << text.str();
   ASSERT_TRUE(std::filesystem::exists(recordings));
   const recording::Recording log =
       recording::ReadRecording(std::filesystem::directory_iterator(recordings)->path());
   EXPECT_GT(log.steps.size(), 0U);
+  EXPECT_EQ(log.metadata.more.at("emergency stop"), "required");
 }
 
 // As with a stopped simulator: both kinds of requests time out, and the loop has continued.
