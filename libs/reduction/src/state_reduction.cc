@@ -1,128 +1,31 @@
 #include "dfr/reduction/state_reduction.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
-#include <numeric>
 #include <stdexcept>
 #include <utility>
 
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"
 #include "dfr/core/linear_algebra.h"
-#include "dfr/core/numbers.h"
-#include "dfr/core/workers.h"
-#include "dfr/reduction/principal_components.h"
-#include "dfr/reduction/slow_features.h"
+#include "state_pictures.h"
 
 namespace dfr::reduction {
 namespace {
 
-// By StateReduction::Kind.
-constexpr std::array<std::string_view, 4> kPrefixes = {"", "pca:", "points:", "slow:"};
-// Pixels along the longer side of a picture of points, unless a size is given.
-constexpr int kSideOfPoints = 32;
+using internal::kPrefixes;
+using internal::ShapeOf;
+using internal::ToBytes;
+using internal::ViewOf;
+
 constexpr int kMostParts = 1 << 12;
 constexpr int kMostPixelsASide = 1 << 13;
 // What a guard's features may have, and blocks beside them that are copied whole.
 constexpr int kMostReducedEntries = 1 << 12;
 
-// Takes the text before the first `separator` off the front.
-std::string_view Next(std::string_view& text, char separator) {
-  const std::size_t end = text.find(separator);
-  const std::string_view item = text.substr(0, end);
-  text.remove_prefix(end == std::string_view::npos ? text.size() : end + 1);
-  return item;
-}
-
-// "32x24", height first.
-std::optional<std::pair<int, int>> ParseSize(std::string_view text) {
-  const std::string_view height = Next(text, 'x');
-  const auto rows = core::ParseInteger<int>(height);
-  const auto columns = core::ParseInteger<int>(text);
-  if (!rows || !columns) return std::nullopt;
-  return std::pair(*rows, *columns);
-}
-
-std::optional<LightNormalisation> ParseLight(std::string_view text) {
-  if (text == "light=none") return LightNormalisation::kNone;
-  if (text == "light=gain") return LightNormalisation::kGain;
-  if (text == "light=standard") return LightNormalisation::kGainAndOffset;
-  return std::nullopt;
-}
-
-// One reduced block of a list of features.
-struct Asked {
-  std::string name;
-  int components = 0;  // 0: left open.
-  std::optional<ImageFeaturesOptions> picture = {};
-};
-
-Asked ParseAsked(const core::StateLayout& layout, std::string_view item, bool points) {
-  std::string_view rest = item.substr(core::ReductionPrefix(item).size());
-  Asked asked{.name = std::string(Next(rest, ':'))};
-  const auto block = std::ranges::find(layout.blocks, asked.name, &core::StateLayout::Block::name);
-  if (block == layout.blocks.end()) {
-    std::string names;
-    for (const auto& b : layout.blocks) names += (names.empty() ? "" : ", ") + b.name;
-    DFR_THROW_UNLESS(false, "feature '" << item << "': there is no block '" << asked.name
-                                        << "' in the state; it has " << names);
-  }
-  const core::PictureShape& shape = block->picture;
-  if (shape.height > 0) {
-    asked.picture = ImageFeaturesOptions{
-        .width = shape.width, .height = shape.height, .channels = shape.channels};
-    asked.picture->light = LightNormalisation::kGainAndOffset;
-    const int longer = std::max(shape.height, shape.width);
-    if (points && longer > kSideOfPoints) {
-      asked.picture->out_height = std::max(1, shape.height * kSideOfPoints / longer);
-      asked.picture->out_width = std::max(1, shape.width * kSideOfPoints / longer);
-    }
-  }
-  DFR_THROW_UNLESS(asked.picture || !points,
-                   "feature '" << item
-                               << "': points are for pictures; give the block the shape "
-                                  "(height, width, channels) in the layout, or put pca: "
-                                  "before it");
-  while (!rest.empty()) {
-    const std::string_view option = Next(rest, ':');
-    if (const auto components = core::ParseInteger<int>(option)) {
-      DFR_THROW_UNLESS(*components >= 1 && *components <= Reduction::kMaxComponents,
-                       "feature '" << item << "': the number of components must lie in [1, "
-                                   << Reduction::kMaxComponents << "]");
-      asked.components = *components;
-      continue;
-    }
-    const auto size = ParseSize(option);
-    const auto light = ParseLight(option);
-    DFR_THROW_UNLESS(size || light || option == "grey",
-                     "feature '" << item << "': '" << option
-                                 << "' is no option; they are a number of components, grey, a size "
-                                    "such as 32x32, and light=none, light=gain or light=standard");
-    DFR_THROW_UNLESS(asked.picture, "feature '" << item << "': '" << option
-                                                << "' is for pictures; give the block the shape "
-                                                   "(height, width, channels) in the layout");
-    if (size) std::tie(asked.picture->out_height, asked.picture->out_width) = *size;
-    if (light) asked.picture->light = *light;
-    if (option == "grey") asked.picture->grey = true;
-  }
-  return asked;
-}
-
 bool AllFinite(std::span<const double> values) noexcept {
   return std::ranges::all_of(values, [](double v) { return std::isfinite(v); });
-}
-
-PictureView ViewOf(const ImageFeatures& picture, const std::vector<std::uint8_t>& bytes) noexcept {
-  const ImageFeaturesOptions& o = picture.options();
-  return {bytes.data(), o.width, o.height, o.channels,
-          static_cast<std::size_t>(o.width) * static_cast<std::size_t>(o.channels)};
-}
-
-core::PictureShape ShapeOf(const ImageFeatures& picture) noexcept {
-  const ImageFeaturesOptions& o = picture.options();
-  return {o.out_height, o.out_width, o.grey ? 1 : o.channels};
 }
 
 // Multiplies by the inverse of P P', so that P' of the result is the pseudo-inverse. P of principal
@@ -132,71 +35,7 @@ Eigen::MatrixXd InverseGram(const core::Matrix& p) {
   return core::SolveSymmetric(gram, Eigen::MatrixXd::Identity(p.rows(), p.rows()));
 }
 
-// Rounds to bytes; false if a value is not one.
-bool ToBytes(std::span<const double> values, std::vector<std::uint8_t>& bytes) noexcept {
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    if (!(values[i] >= 0.0 && values[i] <= 255.0)) return false;
-    const double above = values[i] + 0.5;  // lround() would take most of the time of a picture.
-    bytes[i] = static_cast<std::uint8_t>(above);
-  }
-  return true;
-}
-
 }  // namespace
-
-// The rows of one part of all demonstrations.
-class StateReduction::Rows final : public RowSource {
- public:
-  Rows(const Part& part, std::span<const core::Trajectory> demonstrations)
-      : part_(part), demonstrations_(demonstrations), begin_{0} {
-    begin_.reserve(demonstrations.size() + 1);
-    for (const core::Trajectory& d : demonstrations) {
-      begin_.push_back(begin_.back() + d.states.rows());
-    }
-  }
-
-  [[nodiscard]] std::span<const Eigen::Index> begin() const noexcept { return begin_; }
-  // First row of a demonstration; for the number of demonstrations, the number of rows.
-  [[nodiscard]] Eigen::Index begin(std::size_t demonstration) const noexcept {
-    return begin_[demonstration];
-  }
-  [[nodiscard]] Eigen::Index rows() const noexcept override { return begin_.back(); }
-  [[nodiscard]] Eigen::Index width() const noexcept override {
-    return part_.picture ? part_.picture->size() : part_.size;
-  }
-  void Read(Eigen::Index first, Eigen::Ref<core::Matrix> block) const override {
-    std::optional<ImageFeatures> picture = part_.picture;
-    std::vector<std::uint8_t> bytes(static_cast<std::size_t>(part_.size));
-    std::vector<float> floats(static_cast<std::size_t>(width()));
-    auto d = static_cast<std::size_t>(std::ranges::upper_bound(begin_, first) - begin_.begin()) - 1;
-    for (Eigen::Index i = 0; i < block.rows(); ++i) {
-      while (first + i >= begin_[d + 1]) ++d;
-      const core::Matrix& states = demonstrations_[d].states;
-      const Eigen::Index row = first + i - begin_[d];
-      if (!picture) {
-        block.row(i) = states.block(row, part_.offset, 1, part_.size);
-        continue;
-      }
-      const auto values =
-          core::Row(states, row).subspan(static_cast<std::size_t>(part_.offset), bytes.size());
-      DFR_THROW_UNLESS(ToBytes(values, bytes),
-                       "demonstration " << d << ", state " << row << ": the picture '" << part_.name
-                                        << "' has a value outside of [0, 255]; pictures of another "
-                                           "scale must be converted");
-      DFR_THROW_UNLESS(picture->Apply(ViewOf(*picture, bytes), floats) == PictureFault::kNone,
-                       "demonstration "
-                           << d << ", state " << row << ": the picture '" << part_.name
-                           << "' is black (values are 0 to 255, not 0 to 1); leave it out");
-      block.row(i) =
-          Eigen::Map<const Eigen::RowVectorXf>(floats.data(), block.cols()).cast<double>();
-    }
-  }
-
- private:
-  const Part& part_;
-  std::span<const core::Trajectory> demonstrations_;
-  std::vector<Eigen::Index> begin_;  // First row of each demonstration; then the number of rows.
-};
 
 StateReduction::Workspace::Workspace(const StateReduction& reduction) {
   std::size_t bytes = 0;
@@ -228,117 +67,6 @@ StateReduction::StateReduction(core::StateLayout layout, std::vector<Part> parts
                    "the blocks beside reduced ones have together "
                        << reduced_dim() << " entries, at most " << kMostReducedEntries
                        << " are possible: put pca: before large ones");
-}
-
-std::vector<std::string> StateReduction::Names(std::string_view features) {
-  std::vector<std::string> names;
-  while (!features.empty()) {
-    std::string_view item = Next(features, ',');
-    const std::string_view prefix = core::ReductionPrefix(item);
-    if (prefix.empty()) continue;
-    item.remove_prefix(prefix.size());
-    names.emplace_back(Next(item, ':'));
-  }
-  return names;
-}
-
-// Fits `components` at most, and the points and the novelty of the part.
-Reduction StateReduction::FitPart(Part& part, int components,
-                                  std::span<const core::Trajectory> demonstrations, int threads) {
-  const Rows rows(part, demonstrations);
-  std::vector<core::Matrix> episodes(demonstrations.size());
-  const auto fit_novelty = [&](std::span<const core::Matrix> positions) {
-    if (part.picture && demonstrations.size() > 1) {
-      part.novelty = Novelty::Fit(rows, ShapeOf(*part.picture), rows.begin(), positions);
-    }
-  };
-  if (part.kind == Kind::kPoints) {
-    part.points = FeaturePoints::Fit(rows, ShapeOf(*part.picture));
-    core::Workers workers(threads);
-    workers.Run(episodes.size(), [&](std::size_t d) {
-      core::Matrix pictures(rows.begin(d + 1) - rows.begin(d), rows.width());
-      rows.Read(rows.begin(d), pictures);
-      FeaturePoints::Workspace workspace(*part.points);
-      std::vector<float> picture(static_cast<std::size_t>(rows.width()));
-      episodes[d].resize(pictures.rows(), part.points->size());
-      for (Eigen::Index i = 0; i < pictures.rows(); ++i) {
-        std::ranges::transform(core::Row(pictures, i), picture.begin(),
-                               [](double v) { return static_cast<float>(v); });
-        part.points->Apply(picture, workspace, core::Row(episodes[d], i));
-      }
-    });
-    fit_novelty(episodes);
-    const SlowFeatures slow = FitSlowFeatures(episodes);
-    const Eigen::Index kept = std::min<Eigen::Index>(components, slow.directions.rows());
-    return {slow.mean, Eigen::VectorXd::Ones(slow.mean.size()), slow.directions.topRows(kept)};
-  }
-  fit_novelty({});
-  PrincipalComponentsOptions options;
-  options.components = part.kind == Kind::kSlow ? std::max(components, kMostChosen) : components;
-  // The entries of a picture share a unit.
-  if (part.picture) options.scale_floor = 1.0;
-  options.threads = threads;
-  const PrincipalComponents fit = FitPrincipalComponents(rows, options);
-  if (part.kind == Kind::kPrincipal) {
-    return Reduction::Principal(fit, static_cast<int>(fit.components.rows()));
-  }
-  for (std::size_t d = 0; d < episodes.size(); ++d) {
-    episodes[d] = fit.scores.middleRows(rows.begin(d), rows.begin(d + 1) - rows.begin(d));
-  }
-  const SlowFeatures slow = FitSlowFeatures(episodes);
-  const Eigen::Index kept = std::min<Eigen::Index>(components, slow.directions.rows());
-  // The mean of the scores is zero.
-  return {fit.mean, fit.scale, slow.directions.topRows(kept) * fit.components};
-}
-
-StateReduction StateReduction::Fit(const core::StateLayout& layout, std::string_view features,
-                                   std::span<const core::Trajectory> demonstrations, int threads) {
-  std::vector<Part> parts;
-  std::string plain;
-  const auto add = [&](Part part, std::string_view feature) {
-    const bool again = std::ranges::count(parts, part.name, &Part::name) > 0;
-    // Several ranges of one block are one part.
-    DFR_THROW_UNLESS(!again || !part.reduction,
-                     "feature '" << feature << "' names a block that is there already");
-    for (const Part& other : parts) {
-      DFR_THROW_UNLESS(other.name != part.name || !other.reduction,
-                       "feature '" << feature << "' is part of a block that is reduced");
-    }
-    if (!again) parts.push_back(std::move(part));
-    plain.append(plain.empty() ? "" : ",").append(feature);
-  };
-  while (!features.empty()) {
-    const std::string_view item = Next(features, ',');
-    const std::string_view prefix = core::ReductionPrefix(item);
-    const auto kind = static_cast<Kind>(std::ranges::find(kPrefixes, prefix) - kPrefixes.begin());
-    const std::optional<Asked> asked =
-        prefix.empty() ? std::nullopt
-                       : std::optional(ParseAsked(layout, item, kind == Kind::kPoints));
-    const std::string name = asked ? asked->name : std::string(item.substr(0, item.find('[')));
-    const auto block = std::ranges::find(layout.blocks, name, &core::StateLayout::Block::name);
-    if (block == layout.blocks.end()) core::FeatureSelection(layout, item);  // Throws.
-    Part part{.name = name, .offset = block->offset, .size = block->size, .kind = kind};
-    if (!asked) {
-      DFR_THROW_UNLESS(block->picture.height == 0,
-                       "feature '" << item << "' is a picture: put points: or pca: before it");
-      add(std::move(part), item);
-      continue;
-    }
-    if (asked->picture) part.picture.emplace(*asked->picture);
-    part.open = asked->components == 0;
-    try {
-      Reduction reduction =
-          FitPart(part, part.open ? kMostChosen : asked->components, demonstrations, threads);
-      DFR_THROW_UNLESS(
-          reduction.num_components() >= asked->components,
-          "there are " << reduction.num_components() << " components, not " << asked->components);
-      part.reduction = std::move(reduction);
-    } catch (const std::invalid_argument& e) {
-      throw std::invalid_argument("feature '" + std::string(item) + "': " + e.what());
-    }
-    add(std::move(part), std::string(prefix) + name);
-  }
-  return {layout, std::move(parts), std::move(plain)};
 }
 
 StateReduction StateReduction::WithComponents(int components) const {
