@@ -241,35 +241,32 @@ void PsmConsole::StartServo(const PsmJoints& goal) {
   goal_ = goal;
 }
 
-void PsmConsole::ServoJp(const PsmJoints& goal) {
-  if (!Ready("servo_jp")) return;
+void PsmConsole::ServoJoints(const char* command, PsmJoints joints) {
+  if (!Ready(command)) return;
   Control(kJointPosition);
-  PsmJoints joints = goal;
-  if (Clip("servo_jp", joints)) StartServo(joints);
+  if (Clip(command, joints)) StartServo(joints);
 }
 
-void PsmConsole::ServoCp(const Eigen::Isometry3d& goal) {
-  if (!Ready("servo_cp")) return;
+void PsmConsole::ServoPose(const char* command, const Eigen::Isometry3d& goal) {
+  if (!Ready(command)) return;
   Control(kPosePosition);
   PsmJoints joints;
-  if (Reach("servo_cp", goal, joints)) StartServo(joints);
+  if (Reach(command, goal, joints)) StartServo(joints);
 }
 
+void PsmConsole::ServoJp(const PsmJoints& goal) { ServoJoints("servo_jp", goal); }
+
+void PsmConsole::ServoCp(const Eigen::Isometry3d& goal) { ServoPose("servo_cp", goal); }
+
 void PsmConsole::ServoJr(const PsmJoints& difference) {
-  if (!Ready("servo_jr")) return;
-  Control(kJointPosition);
-  PsmJoints joints = (moving_ ? setpoint_ : goal_) + difference;
-  if (Clip("servo_jr", joints)) StartServo(joints);
+  ServoJoints("servo_jr", (moving_ ? setpoint_ : goal_) + difference);
 }
 
 void PsmConsole::ServoCr(const Eigen::Isometry3d& difference) {
-  if (!Ready("servo_cr")) return;
-  Control(kPosePosition);
   Eigen::Isometry3d goal = options_.base_frame * Psm::Forward(moving_ ? setpoint_ : goal_);
   goal.translation() += difference.translation();
   goal.linear() = difference.linear() * goal.linear();
-  PsmJoints joints;
-  if (Reach("servo_cr", goal, joints)) StartServo(joints);
+  ServoPose("servo_cr", goal);
 }
 
 void PsmConsole::ServoEffort(const char* command) {
@@ -291,19 +288,17 @@ void PsmConsole::SetTrajectoryRatio(double ratio) {
   Say(ConsoleMessage::Severity::kWarning, text.str());
 }
 
-void PsmConsole::MoveJr(const PsmJoints& difference) {
-  if (!Ready("move_jr")) return;
+void PsmConsole::MoveJoints(const char* command, PsmJoints joints) {
+  if (!Ready(command)) return;
   Control(kJointTrajectory);
-  PsmJoints joints = (moving_ ? goal_ : setpoint_) + difference;
-  if (Clip("move_jr", joints)) StartMove(joints);
+  if (Clip(command, joints)) StartMove(joints);
 }
 
-void PsmConsole::MoveJp(const PsmJoints& goal) {
-  if (!Ready("move_jp")) return;
-  Control(kJointTrajectory);
-  PsmJoints joints = goal;
-  if (Clip("move_jp", joints)) StartMove(joints);
+void PsmConsole::MoveJr(const PsmJoints& difference) {
+  MoveJoints("move_jr", (moving_ ? goal_ : setpoint_) + difference);
 }
+
+void PsmConsole::MoveJp(const PsmJoints& goal) { MoveJoints("move_jp", goal); }
 
 void PsmConsole::MoveCp(const Eigen::Isometry3d& goal) {
   if (!Ready("move_cp")) return;

@@ -143,6 +143,9 @@ class PsmConsole {
   void ControlJaw(std::string_view in_pose_space, std::string_view in_joint_space);
   void StartMove(const kinematics::PsmJoints& goal);
   void StartServo(const kinematics::PsmJoints& goal);
+  void ServoJoints(const char* command, kinematics::PsmJoints joints);
+  void ServoPose(const char* command, const Eigen::Isometry3d& goal);
+  void MoveJoints(const char* command, kinematics::PsmJoints joints);
   void StopMoves();
 
   PsmConsoleOptions options_;
