@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <iostream>
 #include <map>
+#include <sstream>
 #include <stdexcept>
 #include <string_view>
 #include <utility>
@@ -67,14 +68,10 @@ void KeepGivenValues(CLI::App& app) {
   }
 }
 
-Arguments Split(const std::string& text, char delimiter) {
+Arguments SplitAtCommas(const std::string& text) {
   Arguments parts;
-  std::size_t begin = 0;
-  for (std::size_t end = text.find(delimiter); end != std::string::npos;
-       begin = end + 1, end = text.find(delimiter, begin)) {
-    parts.push_back(text.substr(begin, end - begin));
-  }
-  parts.push_back(text.substr(begin));
+  std::istringstream in(text);
+  for (std::string part; std::getline(in, part, ',');) parts.push_back(part);
   return parts;
 }
 
@@ -108,8 +105,7 @@ std::string Value(const std::string& text, bool is_number) {
 
 bool IsNumeric(const CLI::Option& option) {
   const std::string type = option.get_type_name();
-  return type.starts_with("INT") || type.starts_with("UINT") || type.starts_with("FLOAT") ||
-         type.find("INT") != std::string::npos || type.find("FLOAT") != std::string::npos;
+  return type.find("INT") != std::string::npos || type.find("FLOAT") != std::string::npos;
 }
 
 // Formats all options of a command with their present values as a table of run.toml.
@@ -137,7 +133,7 @@ std::string Resolve(const CLI::App& command) {
         standard = standard.substr(1, standard.size() - 2);
       }
       if (standard.empty() || standard == "\"\"") continue;
-      values = list ? Split(standard, ',') : Arguments{standard};
+      values = list ? SplitAtCommas(standard) : Arguments{standard};
     }
     if (option->get_type_name() == "FILE") {
       for (std::string& value : values) value = std::filesystem::absolute(value).string();
@@ -160,19 +156,23 @@ std::string TextOf(const toml::node& node) {
   throw std::invalid_argument("must be a text, a number, true, false, or a list of these");
 }
 
+// Reads a configuration. @throws std::runtime_error naming file and line.
+toml::table ReadToml(const std::filesystem::path& file) {
+  try {
+    return toml::parse(core::CheckToml(file, internal::ReadFile(file)), file.string());
+  } catch (const toml::parse_error& e) {
+    throw std::runtime_error(file.string() + ":" + std::to_string(e.source().begin.line) + ": " +
+                             std::string(e.description()));
+  }
+}
+
 // Sets the options of `command` that have no value yet from a file. Runs as the callback of
 // --config, when the command line has been parsed but not yet processed.
 void ReadConfiguration(const std::filesystem::path& file, CLI::App& command) {
-  const std::string text = internal::ReadFile(file);
   const auto place = [&](const toml::source_region& where) {
     return file.string() + ":" + std::to_string(where.begin.line);
   };
-  toml::table root;
-  try {
-    root = toml::parse(core::CheckToml(file, text), file.string());
-  } catch (const toml::parse_error& e) {
-    throw std::runtime_error(place(e.source()) + ": " + std::string(e.description()));
-  }
+  const toml::table root = ReadToml(file);
   for (const auto& [key, node] : root) {
     const std::string name(key.str());
     const auto commands =
@@ -245,13 +245,7 @@ std::vector<std::filesystem::path> LedgersIn(const std::vector<std::filesystem::
 
 // Returns the name of the command in a folder's run.toml.
 std::string CommandOf(const std::filesystem::path& configuration) {
-  const std::string text = internal::ReadFile(configuration);
-  toml::table root;
-  try {
-    root = toml::parse(core::CheckToml(configuration, text), configuration.string());
-  } catch (const toml::parse_error& e) {
-    throw std::runtime_error(configuration.string() + ": " + std::string(e.description()));
-  }
+  const toml::table root = ReadToml(configuration);
   if (root.size() != 1) {
     throw std::runtime_error(configuration.string() + ": must have one table, the run's command");
   }
