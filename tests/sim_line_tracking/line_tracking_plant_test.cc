@@ -9,19 +9,17 @@
 #include <thread>
 #include <vector>
 
+#include "tests/sim_line_tracking/perfect_calibration.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::sim {
 namespace {
 
 using core::PlantStatus;
-using State = std::array<double, 4>;
-
-State Observe(const core::Plant& plant) {
-  State x;
-  plant.Observe(x);
-  return x;
-}
+using test::Apply;
+using test::Observe;
+using test::PerfectCalibration;
+using test::State;
 
 LineTrackingOptions Truth(Wave wave = Wave::kNone) {
   LineTrackingOptions options;
@@ -29,17 +27,6 @@ LineTrackingOptions Truth(Wave wave = Wave::kNone) {
   options.disturbance.wave = wave;
   return options;
 }
-
-// Result of a perfect calibration.
-line_task::LineCalibration PerfectCalibration(const LineTrackingOptions& options) {
-  line_task::LineCalibration known;
-  known.camera = LineTrackingPlant::true_camera();
-  known.p_base_cam = LineTrackingPlant::p_world_base().inverse() * LineTrackingPlant::p_world_cam();
-  known.arm = ArmError(options.arm).systematic();
-  return known;
-}
-
-PlantStatus Apply(core::Plant& plant, double x, double y) { return plant.Apply(std::array{x, y}); }
 
 TEST(LineTrackingPlantTest, OpenLoopDemonstrationsFollowTheLineWhenNothingMoves) {
   const line_task::LineCalibration known = PerfectCalibration(Truth());

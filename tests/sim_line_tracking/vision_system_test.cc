@@ -6,31 +6,17 @@
 #include <vector>
 
 #include "dfr/core/random.h"
-#include "dfr/sim/line_tracking/arm_error.h"
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
+#include "tests/sim_line_tracking/perfect_calibration.h"
 
 namespace dfr::sim {
 namespace {
 
 using core::PlantStatus;
-using State = std::array<double, 4>;
-
-State Observe(const core::Plant& plant) {
-  State x;
-  plant.Observe(x);
-  return x;
-}
-
-// Result of a perfect calibration.
-line_task::LineCalibration PerfectCalibration(const LineTrackingOptions& options) {
-  line_task::LineCalibration known;
-  known.camera = LineTrackingPlant::true_camera();
-  known.p_base_cam = LineTrackingPlant::p_world_base().inverse() * LineTrackingPlant::p_world_cam();
-  known.arm = ArmError(options.arm).systematic();
-  return known;
-}
-
-PlantStatus Apply(core::Plant& plant, double x, double y) { return plant.Apply(std::array{x, y}); }
+using test::Apply;
+using test::Observe;
+using test::PerfectCalibration;
+using test::State;
 
 // The requirement on vision: 95 % of errors below 0.3 mm, and never the wrong side, over poses of
 // tool and platform, light and blur. A side counts from 0.3 mm on: nearer it is within the errors.
