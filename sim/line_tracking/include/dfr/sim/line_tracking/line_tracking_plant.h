@@ -107,6 +107,7 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   static constexpr double kSpeed = line_task::LineTask::kSpeed;          ///< m/s of the tool.
   static constexpr double kCollision = line_task::LineTask::kCollision;  ///< m
   static constexpr double kCompletion = line_task::LineTask::kCompletion;  ///< m
+  static constexpr double kHover = 0.0025;  ///< m, initial height of the tip above the gauze.
 
   /// @param calibration  used by vision and commands; nullptr: the true camera, at its true place,
   ///   and an uncorrected arm.
