@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <optional>
 #include <span>
 #include <string>
@@ -9,6 +10,19 @@
 #include "dfr/experiment/intervals.h"
 
 namespace dfr::study {
+
+/// Returns a share in per cent.
+[[nodiscard]] inline double Share(int count, int of) { return 100.0 * count / of; }
+
+/// Returns the values of a member of the rows, each once, in their order.
+template <typename Member>
+[[nodiscard]] std::vector<std::string> Distinct(const std::vector<Row>& rows, Member member) {
+  std::vector<std::string> values;
+  for (const Row& row : rows) {
+    if (std::ranges::count(values, row.*member) == 0) values.push_back(row.*member);
+  }
+  return values;
+}
 
 /// Sums of the rows of one method around one policy, in independent clusters: tasks if there are at
 /// least 5, otherwise the trials of each task. With fewer than 3 clusters episodes count as
