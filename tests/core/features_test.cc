@@ -71,5 +71,12 @@ TEST(StateLayoutTest, HasABoundThatSumsDoNotPass) {
   EXPECT_THROW(layout.Add("d", std::numeric_limits<int>::max()), std::invalid_argument);
 }
 
+TEST(FeaturesTest, FileNamesOfObservationsAreStripped) {
+  EXPECT_EQ(StripObservationPrefixes("obs/object,obs/robot0_eef_pos[0:3]"),
+            "object,robot0_eef_pos[0:3]");
+  EXPECT_EQ(StripObservationPrefixes("observations/tip,tilt"), "tip,tilt");
+  EXPECT_EQ(StripObservationPrefixes(""), "");
+}
+
 }  // namespace
 }  // namespace dfr::core

@@ -4,6 +4,7 @@
 usage: exit_codes_test.py PROGRAM ...
 """
 
+import functools
 import pathlib
 import re
 import subprocess
@@ -14,7 +15,9 @@ PROGRAMS = [pathlib.Path(name) for name in sys.argv[1:]]
 
 
 class ExitCodesTest(unittest.TestCase):
-    def run_program(self, program, *arguments):
+    @staticmethod
+    @functools.cache
+    def run_program(program, *arguments):
         return subprocess.run([program, *arguments], text=True, capture_output=True, check=False, timeout=60)
 
     def test_help_succeeds(self):

@@ -513,12 +513,5 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
           "unknown strategy 'brave'; valid: guard, controller, dfr, early-stopping, monitor"));
 }
 
-TEST(GuardModelTest, FileNamesOfObservationsAreStripped) {
-  EXPECT_EQ(core::StripObservationPrefixes("obs/object,obs/robot0_eef_pos[0:3]"),
-            "object,robot0_eef_pos[0:3]");
-  EXPECT_EQ(core::StripObservationPrefixes("observations/tip,tilt"), "tip,tilt");
-  EXPECT_EQ(core::StripObservationPrefixes(""), "");
-}
-
 }  // namespace
 }  // namespace dfr::safety
