@@ -1,6 +1,5 @@
 #include "dfr/control/guided/response_estimate.h"
 
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
@@ -11,47 +10,23 @@
 #include <vector>
 
 #include "dfr/core/random.h"
+#include "tests/control/linear_demonstrations.h"
 #include "tests/support/all_close.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::control {
 namespace {
 
+using test::Demonstrations;
+using test::Linear;
+using test::RandomMatrix;
+using test::Store;
+
 constexpr int kN = 3;
 constexpr int kM = 2;
 
 // dz = J v.
 constexpr bool kDrift = false;
-
-core::Matrix RandomMatrix(core::Random& random, int rows, int cols) {
-  core::Matrix m(rows, cols);
-  for (Eigen::Index i = 0; i < m.size(); ++i) m.data()[i] = random.Normal();
-  return m;
-}
-
-struct Demonstrations {
-  std::vector<core::Matrix> features;
-  std::vector<core::Matrix> controls;
-};
-
-// z' = z + J u exactly.
-Demonstrations Linear(const core::Matrix& jacobian, int count, int length, core::Random& random) {
-  Demonstrations demonstrations;
-  for (int d = 0; d < count; ++d) {
-    core::Matrix u = RandomMatrix(random, length, static_cast<int>(jacobian.cols()));
-    core::Matrix z(length + 1, jacobian.rows());
-    z.row(0).setZero();
-    for (int t = 0; t < length; ++t) z.row(t + 1) = z.row(t) + u.row(t) * jacobian.transpose();
-    demonstrations.features.push_back(z);
-    demonstrations.controls.push_back(u);
-  }
-  return demonstrations;
-}
-
-std::shared_ptr<const TransitionStore> Store(const Demonstrations& d,
-                                             const ResponseOptions& options = {}) {
-  return std::make_shared<const TransitionStore>(d.features, d.controls, options);
-}
 
 TEST(ResponseEstimateTest, RecoversALinearSystemFromDemonstrations) {
   core::Random random(1);
@@ -327,120 +302,6 @@ TEST(ResponseEstimateTest, DriftTimesAreChecked) {
     estimate.Update(estimate.FitAt(0, z), v, dz);
     EXPECT_EQ(estimate.FitAt(0, z).disturbance().isZero(0.0),
               time.base == 0.0 && time.per_control == 0.0);
-  }
-}
-
-// Demonstrations take v = K (z* - z) exactly, dz = v. The plant turns controls by .6 and the world
-// drifts: the control with the demonstrated effect is the one turned back, minus the disturbance.
-TEST(ResponseEstimateTest, DoesWhatDemonstrationsDidWhateverControlsDoToday) {
-  core::Random random(5);
-  const Eigen::Vector2d goal(0.5, -0.3);
-  std::vector<core::Matrix> features;
-  std::vector<core::Matrix> controls;
-  for (int d = 0; d < 40; ++d) {
-    core::Matrix z(11, 2);
-    core::Matrix v(10, 2);
-    z.row(0) << 3.0 * random.Normal(), 3.0 * random.Normal();
-    for (Eigen::Index t = 0; t < 10; ++t) {
-      v.row(t) = 0.4 * (goal.transpose() - z.row(t));
-      z.row(t + 1) = z.row(t) + v.row(t);
-    }
-    features.push_back(z);
-    controls.push_back(v);
-  }
-  const auto prior = std::make_shared<const TransitionStore>(features, controls, ResponseOptions{});
-  const Eigen::Vector2d here(1.5, 0.4);
-  const std::vector<double> z = {here[0], here[1]};
-  const Eigen::Vector2d wanted = 0.4 * (goal - here);
-  Eigen::VectorXd v(2);
-
-  const ResponseEstimate still_estimate(prior);
-  LocalFit still = still_estimate.FitAt(3, z);
-  ASSERT_TRUE(still.NominalControl(v));
-  // Shrunk by the ridge of the regression, in the same direction.
-  EXPECT_GT(v.normalized().dot(wanted.normalized()), 0.995);
-  EXPECT_NEAR(v.norm() / wanted.norm(), 0.85, 0.1);
-  const Eigen::Vector2d regressed = v;
-  still_estimate.FitAt(99, z, still);
-  ASSERT_TRUE(still.NominalControl(v)) << "beyond the last, the last demonstrated control";
-
-  const Eigen::Rotation2Dd turn(0.6);
-  const Eigen::Vector2d disturbance(0.05, 0.1);
-  ResponseEstimate estimate(prior, {.base = 1.0});
-  LocalFit turned = estimate.FitAt(3, z);
-  for (int i = 0; i < 300; ++i) {
-    const Eigen::Vector2d tried(random.Normal(), random.Normal());
-    const Eigen::Vector2d moved = turn * tried + disturbance;
-    estimate.Update(turned, z, core::AsSpan(Eigen::VectorXd(tried)),
-                    core::AsSpan(Eigen::VectorXd(moved)), 1.0, 20.0);
-  }
-  estimate.FitAt(3, z, turned);
-  ASSERT_TRUE(turned.NominalControl(v));
-  EXPECT_NEAR((turn * Eigen::Vector2d(v) + disturbance - regressed).norm() / regressed.norm(), 0.0,
-              0.06);
-  const test::NoAlloc guard;
-  (void)turned.NominalControl(v);
-}
-
-// No control causes a change: the demonstrated control is returned unchanged.
-TEST(ResponseEstimateTest, WithoutAnEffectTheNominalControlIsTheDemonstratedOne) {
-  const std::vector<core::Matrix> features(8, core::Matrix::Zero(6, 3));
-  const std::vector<core::Matrix> controls(8, core::Matrix::Constant(5, 2, 0.7));
-  const ResponseEstimate estimate(
-      std::make_shared<const TransitionStore>(features, controls, ResponseOptions{}));
-  LocalFit fit = estimate.FitAt(2, std::vector<double>(3, 0.0));
-  ASSERT_TRUE(fit.jacobian().isZero(0.0));
-  Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
-  ASSERT_TRUE(fit.NominalControl(v));
-  EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(0.7, 0.7), 1e-6));
-}
-
-TEST(ResponseEstimateTest, LeastKnownIsTheTopEigenvectorOfTheInverse) {
-  core::Random random(4);
-  // Demonstrations that never use the third control.
-  auto d = Linear(RandomMatrix(random, kN, 3), 10, 8, random);
-  for (auto& u : d.controls) u.col(2).setZero();
-  ResponseEstimate estimate(Store(d));
-  LocalFit fit = estimate.FitAt(3, core::Row(d.features[0], 3));
-  std::vector<double> direction(3);
-  const double value = fit.LeastExcitedDirection(direction);
-  EXPECT_NEAR(value, 1.0 / ResponseOptions{}.ridge, 1e-6);
-  EXPECT_NEAR(std::abs(direction[2]), 1.0, 1e-6);
-  std::vector<double> untouched = {7.0, 7.0, 7.0};
-  EXPECT_GE(fit.LeastExcitedDirection(untouched, 1e9), value);
-  EXPECT_EQ(untouched[0], 7.0);
-  const Eigen::VectorXd v = Eigen::Vector3d(0, 0, 2);
-  const Eigen::VectorXd dz = Eigen::VectorXd::Zero(kN);
-  estimate.Update(fit, core::AsSpan(v), core::AsSpan(dz));
-  estimate.FitAt(3, core::Row(d.features[0], 3), fit);
-  EXPECT_LT(fit.LeastExcitedDirection(direction), 1.0) << "after it was tried";
-}
-
-// Under a disturbance a second equal probe is uninformative: only the other sign separates its
-// effect from the disturbance.
-TEST(ResponseEstimateTest, LeastExcitedDirectionHasTheSignThatSeparatesADisturbance) {
-  core::Random random(8);
-  auto d = Linear(RandomMatrix(random, kN, 2), 10, 8, random);
-  for (auto& u : d.controls) u.col(1).setZero();
-  const auto prior = Store(d);
-  const std::vector<double> z(kN, 0.0);
-  const Eigen::VectorXd dz = Eigen::VectorXd::Ones(kN);
-  for (const double sign : {1.0, -1.0}) {
-    ResponseEstimate estimate(prior, {.base = 1.0, .per_control = 0.5}, kDrift);
-    LocalFit fit = estimate.FitAt(3, z);
-    const Eigen::VectorXd probe = Eigen::Vector2d(0.0, sign * 0.5);
-    std::vector<double> direction(2);
-    for (int i = 0; i < 3; ++i) {
-      estimate.Update(fit, core::AsSpan(probe), core::AsSpan(dz));
-      estimate.FitAt(3, z, fit);
-      EXPECT_GT(fit.LeastExcitedDirection(direction), 10.0)
-          << "as unknown as before, however often";
-      EXPECT_NEAR(direction[1], -sign, 1e-3);
-    }
-    const Eigen::VectorXd other = -probe;
-    estimate.Update(fit, core::AsSpan(other), core::AsSpan(dz));
-    estimate.FitAt(3, z, fit);
-    EXPECT_LT(fit.LeastExcitedDirection(direction), 5.0);
   }
 }
 

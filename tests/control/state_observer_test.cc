@@ -9,6 +9,7 @@
 #include "dfr/control/guided/response_estimate.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
+#include "tests/control/linear_demonstrations.h"
 #include "tests/support/all_close.h"
 #include "tests/support/no_alloc.h"
 
@@ -16,21 +17,6 @@ namespace dfr::control {
 namespace {
 
 constexpr double kForgetting = 0.93;
-
-// Demonstrations of z' = z + J v.
-std::shared_ptr<const TransitionStore> Linear(const core::Matrix& jacobian, core::Random& random) {
-  std::vector<core::Matrix> features;
-  std::vector<core::Matrix> controls;
-  for (int d = 0; d < 30; ++d) {
-    core::Matrix v(10, jacobian.cols());
-    for (Eigen::Index i = 0; i < v.size(); ++i) v.data()[i] = random.Normal();
-    core::Matrix z = core::Matrix::Zero(11, jacobian.rows());
-    for (Eigen::Index t = 0; t < 10; ++t) z.row(t + 1) = z.row(t) + v.row(t) * jacobian.transpose();
-    features.push_back(z);
-    controls.push_back(v);
-  }
-  return std::make_shared<const TransitionStore>(features, controls, ResponseOptions{});
-}
 
 class StateObserverTest : public testing::Test {
  protected:
@@ -44,7 +30,8 @@ class StateObserverTest : public testing::Test {
 
   core::Random random_{13};
   core::Matrix truth_ = (core::Matrix(2, 2) << 0.2, 0.1, -0.1, 0.3).finished();
-  std::shared_ptr<const TransitionStore> prior_ = Linear(truth_, random_);
+  std::shared_ptr<const TransitionStore> prior_ =
+      test::Store(test::Linear(truth_, 30, 10, random_));
   ResponseEstimate estimate_{prior_};
   LocalFit fit_ = estimate_.MakeFit();
   StateObserver observer_{2, 2, kForgetting};

@@ -11,9 +11,12 @@
 #include "dfr/core/random.h"
 #include "hwy/highway.h"
 #include "tests/support/all_close.h"
+#include "tests/support/random_matrix.h"
 
 namespace dfr::imitation::internal {
 namespace {
+
+using test::RandomMatrix;
 
 // Every test runs on each instruction set that this machine has.
 class DenseKernelsTest : public testing::TestWithParam<std::int64_t> {
@@ -21,12 +24,6 @@ class DenseKernelsTest : public testing::TestWithParam<std::int64_t> {
   DenseKernelsTest() { hwy::GetChosenTarget().Update(GetParam()); }
   ~DenseKernelsTest() override { hwy::GetChosenTarget().DeInit(); }
 };
-
-core::Matrix RandomMatrix(Eigen::Index rows, Eigen::Index cols, core::Random& random) {
-  core::Matrix m(rows, cols);
-  for (Eigen::Index i = 0; i < m.size(); ++i) m.data()[i] = random.Normal();
-  return m;
-}
 
 Product Of(const core::Matrix& a, const core::Matrix& b, core::Matrix& c) {
   return {.m = static_cast<int>(a.rows()),
@@ -49,10 +46,10 @@ TEST_P(DenseKernelsTest, ProductsAreThoseOfTheDefinition) {
     for (const int n : {1, 2, 3, 4, 7, 8, 9, 15, 16, 31, 33, 64, 71}) {
       for (const int k : {0, 1, 5, 33}) {
         SCOPED_TRACE(testing::Message() << m << " x " << k << " times " << k << " x " << n);
-        const core::Matrix a = RandomMatrix(m, k, random);
-        const core::Matrix b = RandomMatrix(k, n, random);
-        const core::Matrix bias = RandomMatrix(1, n, random);
-        const core::Matrix start = RandomMatrix(m, n, random);
+        const core::Matrix a = RandomMatrix(random, m, k);
+        const core::Matrix b = RandomMatrix(random, k, n);
+        const core::Matrix bias = RandomMatrix(random, 1, n);
+        const core::Matrix start = RandomMatrix(random, m, n);
 
         core::Matrix actual = start, expected = start;
         Multiply(Of(a, b, actual));
@@ -76,8 +73,8 @@ TEST_P(DenseKernelsTest, ProductsAreThoseOfTheDefinition) {
 
 TEST_P(DenseKernelsTest, TransposedAndConstantLeftFactorsAreStrides) {
   core::Random random(2);
-  const core::Matrix a = RandomMatrix(11, 7, random);
-  const core::Matrix b = RandomMatrix(11, 9, random);
+  const core::Matrix a = RandomMatrix(random, 11, 7);
+  const core::Matrix b = RandomMatrix(random, 11, 9);
   core::Matrix c(7, 9);
   Product product = Of(a.transpose(), b, c);
   product.a = a.data();
@@ -98,8 +95,8 @@ TEST_P(DenseKernelsTest, TransposedAndConstantLeftFactorsAreStrides) {
 TEST_P(DenseKernelsTest, NothingBeyondTheTileIsWritten) {
   core::Random random(3);
   for (const int n : {1, 3, 7, 13}) {
-    const core::Matrix a = RandomMatrix(3, 4, random);
-    const core::Matrix b = RandomMatrix(4, n, random);
+    const core::Matrix a = RandomMatrix(random, 3, 4);
+    const core::Matrix b = RandomMatrix(random, 4, n);
     core::Matrix c = core::Matrix::Constant(4, n + 5, 99.0);
     Product product = Of(a, b, c);
     product.c_row = n + 5;
@@ -114,8 +111,8 @@ TEST_P(DenseKernelsTest, NothingBeyondTheTileIsWritten) {
 TEST_P(DenseKernelsTest, RowsOfABatchAreThoseOfTheRowAlone) {
   core::Random random(4);
   for (const int n : {7, 64}) {
-    const core::Matrix a = RandomMatrix(13, 33, random);
-    const core::Matrix b = RandomMatrix(33, n, random);
+    const core::Matrix a = RandomMatrix(random, 13, 33);
+    const core::Matrix b = RandomMatrix(random, 33, n);
     core::Matrix batch(13, n), alone(1, n);
     Multiply(Of(a, b, batch));
     Tanh(batch.data(), static_cast<std::size_t>(batch.size()));
@@ -161,9 +158,9 @@ TEST_P(DenseKernelsTest, TanhOfNanIsNan) {
 TEST_P(DenseKernelsTest, SlopesAreThoseOfTheDefinition) {
   core::Random random(6);
   for (const int size : {1, 2, 7, 8, 9, 64}) {
-    core::Matrix actual = RandomMatrix(1, size, random);
+    core::Matrix actual = RandomMatrix(random, 1, size);
     core::Matrix expected = actual;
-    const core::Matrix activations = RandomMatrix(1, size, random).array().tanh().matrix();
+    const core::Matrix activations = RandomMatrix(random, 1, size).array().tanh().matrix();
     const auto count = static_cast<std::size_t>(size);
     TimesTanhSlope(actual.data(), activations.data(), count);
     TimesTanhSlopeReference(expected.data(), activations.data(), count);

@@ -10,6 +10,7 @@
 #include "tests/imitation/temp_folder.h"
 #include "tests/support/all_close.h"
 #include "tests/support/no_alloc.h"
+#include "tests/support/random_matrix.h"
 
 namespace dfr::imitation {
 namespace {
@@ -19,9 +20,7 @@ using testing::HasSubstr;
 
 Matrix RandomMatrix(Eigen::Index rows, Eigen::Index cols, std::uint64_t seed) {
   core::Random random(seed);
-  Matrix m(rows, cols);
-  for (Eigen::Index i = 0; i < m.size(); ++i) m.data()[i] = random.Normal();
-  return m;
+  return test::RandomMatrix(random, rows, cols);
 }
 
 Eigen::VectorXd RandomVector(Eigen::Index size, std::uint64_t seed) {

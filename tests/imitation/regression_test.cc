@@ -6,17 +6,13 @@
 
 #include "tests/support/all_close.h"
 #include "tests/support/no_alloc.h"
+#include "tests/support/random_matrix.h"
 
 namespace dfr::imitation::internal {
 namespace {
 
 using core::Matrix;
-
-Matrix NormalInputs(Eigen::Index rows, Eigen::Index cols, core::Random& random) {
-  Matrix m(rows, cols);
-  for (Eigen::Index i = 0; i < m.size(); ++i) m.data()[i] = random.Normal();
-  return m;
-}
+using test::RandomMatrix;
 
 TEST(RegressionLossTest, LossIsTheFormulaWithoutBiasesInTheDecay) {
   Mlp mlp({1, 2});
@@ -34,7 +30,7 @@ TEST(RegressionLossTest, GradientIsThatOfTheLoss) {
   constexpr double kStep = 1e-5;
   core::Random random(1);
   const Mlp mlp({4, 6, 5, 3}, random);
-  const Matrix inputs = NormalInputs(20, 4, random), targets = NormalInputs(20, 3, random);
+  const Matrix inputs = RandomMatrix(random, 20, 4), targets = RandomMatrix(random, 20, 3);
   RegressionLoss loss(mlp, 0.3);
   Eigen::VectorXd gradient;
   loss.Evaluate(mlp.parameters(), inputs, targets, &gradient);
@@ -51,7 +47,7 @@ TEST(RegressionLossTest, GradientIsThatOfTheLoss) {
 TEST(RegressionLossTest, SmallerBatchesAfterTheFirstDoNotAllocate) {
   core::Random random(2);
   const Mlp mlp({4, 6, 3}, random);
-  const Matrix inputs = NormalInputs(20, 4, random), targets = NormalInputs(20, 3, random);
+  const Matrix inputs = RandomMatrix(random, 20, 4), targets = RandomMatrix(random, 20, 3);
   RegressionLoss loss(mlp, 0.3);
   Eigen::VectorXd gradient;
   loss.Evaluate(mlp.parameters(), inputs, targets, &gradient);
@@ -65,11 +61,11 @@ TEST(AdamTest, StepsAreThoseOfTheAlgorithm) {
   constexpr double kRate = 0.05, kBeta1 = 0.9, kBeta2 = 0.999, kEpsilon = 1e-8;
   core::Random random(3);
   Adam adam(4, kRate);
-  Eigen::VectorXd actual = NormalInputs(4, 1, random).col(0);
+  Eigen::VectorXd actual = RandomMatrix(random, 4, 1).col(0);
   Eigen::VectorXd expected = actual;
   double m[4] = {}, v[4] = {};
   for (int t = 1; t <= 50; ++t) {
-    const Eigen::VectorXd gradient = NormalInputs(4, 1, random).col(0);
+    const Eigen::VectorXd gradient = RandomMatrix(random, 4, 1).col(0);
     adam.Step(gradient, actual);
     for (int i = 0; i < 4; ++i) {
       m[i] = kBeta1 * m[i] + (1 - kBeta1) * gradient[i];

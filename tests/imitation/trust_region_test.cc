@@ -7,31 +7,27 @@
 #include "dfr/core/linear_algebra.h"
 #include "dfr/core/random.h"
 #include "tests/support/all_close.h"
+#include "tests/support/random_matrix.h"
 
 namespace dfr::imitation::internal {
 namespace {
 
 using core::Matrix;
-
-Matrix NormalMatrix(Eigen::Index rows, Eigen::Index cols, core::Random& random) {
-  Matrix m(rows, cols);
-  for (Eigen::Index i = 0; i < m.size(); ++i) m.data()[i] = random.Normal();
-  return m;
-}
+using test::RandomMatrix;
 
 // A small policy with controls drawn from it.
 struct Case {
   core::Random random{1};
   Mlp mlp{{3, 5, 2}, random};
   Eigen::VectorXd log_std = Eigen::Vector2d(-0.4, 0.1);
-  Matrix inputs = NormalMatrix(40, 3, random);
+  Matrix inputs = RandomMatrix(random, 40, 3);
   Matrix controls;
-  Eigen::VectorXd advantages = NormalMatrix(40, 1, random).col(0);
+  Eigen::VectorXd advantages = RandomMatrix(random, 40, 1).col(0);
 
   Case() {
     Mlp::Workspace workspace;
     controls = mlp.Forward(inputs, workspace);
-    controls += NormalMatrix(40, 2, random) * Eigen::Vector2d(log_std.array().exp()).asDiagonal();
+    controls += RandomMatrix(random, 40, 2) * Eigen::Vector2d(log_std.array().exp()).asDiagonal();
   }
   TrustRegionProblem Problem() const { return {mlp, log_std, inputs, controls, advantages}; }
 };
@@ -70,8 +66,8 @@ TEST(TrustRegionTest, FisherVectorProductIsTheHessianOfTheKl) {
     return problem.Evaluate(problem.theta() + step).kl;
   };
   for (int k = 0; k < 20; ++k) {
-    const Eigen::VectorXd v = NormalMatrix(problem.theta().size(), 1, random).col(0).normalized();
-    const Eigen::VectorXd w = NormalMatrix(problem.theta().size(), 1, random).col(0).normalized();
+    const Eigen::VectorXd v = RandomMatrix(random, problem.theta().size(), 1).col(0).normalized();
+    const Eigen::VectorXd w = RandomMatrix(random, problem.theta().size(), 1).col(0).normalized();
     Eigen::VectorXd product;
     problem.FisherVectorProduct(v, product);
     // Second derivative across v and w; the error is step^2 times fourth derivatives of order 10.
@@ -90,7 +86,7 @@ TEST(TrustRegionTest, KlIsTheMeanLogRatioOfTheDensities) {
   moved << 0, 0, 0.3, -0.2, new_log_std;  // the biases move the mean
   constexpr int kDraws = 200000;
   core::Random random(3);
-  const Matrix noise = NormalMatrix(kDraws, 2, random);
+  const Matrix noise = RandomMatrix(random, kDraws, 2);
   const Matrix inputs = Matrix::Zero(kDraws, 1);
   const Matrix controls = noise * Eigen::Vector2d(old_log_std.array().exp()).asDiagonal();
   const Eigen::VectorXd advantages = Eigen::VectorXd::Zero(kDraws);
@@ -109,9 +105,9 @@ TEST(TrustRegionTest, KlIsTheMeanLogRatioOfTheDensities) {
 
 TEST(TrustRegionTest, ConjugateGradientSolvesInAsManyStepsAsUnknowns) {
   core::Random random(4);
-  const Eigen::MatrixXd root = NormalMatrix(8, 8, random);
+  const Eigen::MatrixXd root = RandomMatrix(random, 8, 8);
   const Eigen::MatrixXd a = root * root.transpose() + Eigen::MatrixXd::Identity(8, 8);
-  const Eigen::VectorXd b = NormalMatrix(8, 1, random).col(0);
+  const Eigen::VectorXd b = RandomMatrix(random, 8, 1).col(0);
   const auto product = [&](const Eigen::VectorXd& v, Eigen::VectorXd& out) { out = a * v; };
   // The condition number is below 100; conjugacy is lost by about that times rounding.
   EXPECT_TRUE(
