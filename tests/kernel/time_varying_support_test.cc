@@ -12,30 +12,15 @@
 #include <vector>
 
 #include "dfr/core/random.h"
+#include "tests/kernel/walks.h"
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::kernel {
 namespace {
 
+using dfr::test::Walks;
 using testing::HasSubstr;
-
-// Walks to the right from around the origin, of 8 to 12 steps.
-std::vector<core::Matrix> Walks(int count, std::uint64_t seed) {
-  core::Random random(seed);
-  std::vector<core::Matrix> walks;
-  for (int d = 0; d < count; ++d) {
-    core::Matrix states(9 + static_cast<int>(random.Below(5)), 2);
-    states.row(0) << 0.1 * random.Normal(), 0.1 * random.Normal();
-    for (Eigen::Index t = 1; t < states.rows(); ++t) {
-      states.row(t) = states.row(t - 1);
-      states(t, 0) += 1.0 + 0.1 * random.Normal();
-      states(t, 1) += 0.1 * random.Normal();
-    }
-    walks.push_back(states);
-  }
-  return walks;
-}
 
 class TimeVaryingSupportFileTest : public testing::Test {
  protected:

@@ -13,27 +13,14 @@
 
 #include "dfr/core/folds.h"
 #include "dfr/core/random.h"
+#include "tests/kernel/walks.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::kernel {
 namespace {
 
-// Walks to the right of 8 to 12 steps that spread out as they go.
-std::vector<core::Matrix> Walks(int count) {
-  core::Random random(1);
-  std::vector<core::Matrix> walks;
-  for (int d = 0; d < count; ++d) {
-    core::Matrix states(9 + static_cast<int>(random.Below(5)), 2);
-    states.row(0) << 0.1 * random.Normal(), 0.1 * random.Normal();
-    for (Eigen::Index t = 1; t < states.rows(); ++t) {
-      states.row(t) = states.row(t - 1);
-      states(t, 0) += 1.0 + 0.1 * random.Normal();
-      states(t, 1) += 0.3 * random.Normal();
-    }
-    walks.push_back(states);
-  }
-  return walks;
-}
+// Spread out as they go.
+std::vector<core::Matrix> Walks(int count) { return dfr::test::Walks(count, 1, 0.3); }
 
 TEST(WhitenedSupportTest, LogFormHasTheSignOfGAndGradientsAreDerivatives) {
   const auto support = WhitenedSupport::Fit(Walks(60));
