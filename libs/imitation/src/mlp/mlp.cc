@@ -32,6 +32,22 @@ std::size_t Entries(Eigen::Index rows, int cols) {
   return static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols);
 }
 
+// Returns the product that takes a gradient by a layer's outputs to one by its inputs.
+internal::Product ToInputs(const Mlp::Layer& layer, int rows, const double* delta,
+                           std::ptrdiff_t delta_row, const std::vector<double>& transposed,
+                           double* to) {
+  return {.m = rows,
+          .n = layer.inputs,
+          .k = layer.outputs,
+          .a = delta,
+          .a_row = delta_row,
+          .a_col = 1,
+          .b = transposed.data() + layer.weights,
+          .b_row = layer.inputs,
+          .c = to,
+          .c_row = layer.inputs};
+}
+
 }  // namespace
 
 Mlp::Mlp(std::vector<int> sizes) : sizes_(std::move(sizes)) {
@@ -208,16 +224,7 @@ void Mlp::Backward(const Rows& inputs, const Rows& output_gradient, Workspace& w
                 .c_row = layer.outputs,
                 .accumulate = true});
       if (bottom) break;
-      Multiply({.m = rows,
-                .n = layer.inputs,
-                .k = layer.outputs,
-                .a = delta,
-                .a_row = delta_row,
-                .a_col = 1,
-                .b = workspace.transposed_.data() + layer.weights,
-                .b_row = layer.inputs,
-                .c = next,
-                .c_row = layer.inputs});
+      Multiply(ToInputs(layer, rows, delta, delta_row, workspace.transposed_, next));
       TimesTanhSlope(next, from, Entries(rows, layer.inputs));
       delta = next;
       delta_row = layer.inputs;
@@ -245,16 +252,7 @@ Eigen::Map<const core::Matrix> Mlp::InputGradient(const Rows& output_gradient,
     for (std::size_t l = layers_.size(); l-- > 0;) {
       const Layer& layer = layers_[l];
       double* const to = l == 0 ? workspace.input_gradient_.data() + first * input_dim() : next;
-      Multiply({.m = rows,
-                .n = layer.inputs,
-                .k = layer.outputs,
-                .a = delta,
-                .a_row = delta_row,
-                .a_col = 1,
-                .b = workspace.transposed_.data() + layer.weights,
-                .b_row = layer.inputs,
-                .c = to,
-                .c_row = layer.inputs});
+      Multiply(ToInputs(layer, rows, delta, delta_row, workspace.transposed_, to));
       if (l == 0) break;
       TimesTanhSlope(next, workspace.activations_[l - 1].data() + first * layer.inputs,
                      Entries(rows, layer.inputs));
