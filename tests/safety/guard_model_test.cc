@@ -20,6 +20,7 @@
 #include "dfr/safety/guard.h"
 #include "dfr/safety/guard_advice.h"
 #include "tests/safety/corridor.h"
+#include "tests/safety/corridor_guard.h"
 #include "tests/support/message_of.h"
 
 namespace dfr::safety {
@@ -54,7 +55,7 @@ core::StateLayout LayoutWith(int columns) {
 TEST(GuardModelTest, ConstantColumnsChangeNoBitOfADecision) {
   const auto demonstrations = test::CorridorDemonstrations(3, 30);
   const auto other = test::CorridorDemonstrations(4, 5);
-  const Eigen::RowVectorXd values = Eigen::RowVector3d(1e6, 0.0, -0.1);
+  Eigen::RowVectorXd values = Eigen::RowVector3d(1e6, 0.0, -0.1);
   const auto constant = [&](const Eigen::RowVectorXd&) { return values; };
   const auto plain = GuardModel::Fit(test::CorridorLayout(), demonstrations);
   const auto padded = GuardModel::Fit(LayoutWith(3), WithColumns(demonstrations, constant));
