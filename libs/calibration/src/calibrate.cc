@@ -46,6 +46,26 @@ void Transform(const T* pose, const T* p, T* moved) {
   for (int k = 0; k < 3; ++k) moved[k] += pose[3 + k];
 }
 
+// Writes the difference between a point's pixel and the one seen, in standard deviations.
+template <typename T>
+bool PixelError(const T* camera, const T* in_camera, const Eigen::Vector2d& seen, double sd,
+                T* residual) {
+  T pixel[2];
+  if (!ProjectPoint(camera, in_camera, pixel)) return false;
+  for (int k = 0; k < 2; ++k) residual[k] = (pixel[k] - seen[k]) / sd;
+  return true;
+}
+
+template <typename T>
+void TipInCamera(const PsmJoints& joints, const PsmJoints& reference, const T* arm,
+                 const T* p_cam_base, T* in_camera) {
+  T q[6];
+  for (int k = 0; k < 6; ++k) q[k] = joints[k] + arm[k] + arm[6 + k] * (joints[k] - reference[k]);
+  T tip[3];
+  kinematics::PsmTip(q, Psm::kJawLength, tip);
+  Transform(p_cam_base, tip, in_camera);
+}
+
 struct MarkError {
   Eigen::Vector2d on_target;
   Eigen::Vector2d seen;
@@ -56,10 +76,7 @@ struct MarkError {
     const T p[3] = {T(on_target.x()), T(on_target.y()), T(0.0)};
     T in_camera[3];
     Transform(p_cam_target, p, in_camera);
-    T pixel[2];
-    if (!ProjectPoint(camera, in_camera, pixel)) return false;
-    for (int k = 0; k < 2; ++k) residual[k] = (pixel[k] - seen[k]) / sd;
-    return true;
+    return PixelError(camera, in_camera, seen, sd, residual);
   }
 };
 
@@ -71,16 +88,9 @@ struct TipError {
 
   template <typename T>
   bool operator()(const T* camera, const T* p_cam_base, const T* arm, T* residual) const {
-    T q[6];
-    for (int k = 0; k < 6; ++k) q[k] = joints[k] + arm[k] + arm[6 + k] * (joints[k] - reference[k]);
-    T tip[3];
-    kinematics::PsmTip(q, Psm::kJawLength, tip);
     T in_camera[3];
-    Transform(p_cam_base, tip, in_camera);
-    T pixel[2];
-    if (!ProjectPoint(camera, in_camera, pixel)) return false;
-    for (int k = 0; k < 2; ++k) residual[k] = (pixel[k] - seen[k]) / sd;
-    return true;
+    TipInCamera(joints, reference, arm, p_cam_base, in_camera);
+    return PixelError(camera, in_camera, seen, sd, residual);
   }
 };
 
@@ -91,12 +101,8 @@ struct TouchError {
 
   template <typename T>
   bool operator()(const T* p_cam_target, const T* p_cam_base, const T* arm, T* residual) const {
-    T q[6];
-    for (int k = 0; k < 6; ++k) q[k] = joints[k] + arm[k] + arm[6 + k] * (joints[k] - reference[k]);
-    T tip[3];
-    kinematics::PsmTip(q, Psm::kJawLength, tip);
     T in_camera[3];
-    Transform(p_cam_base, tip, in_camera);
+    TipInCamera(joints, reference, arm, p_cam_base, in_camera);
     const T up[3] = {T(0.0), T(0.0), T(1.0)};
     T normal[3];
     ceres::AngleAxisRotatePoint(p_cam_target, up, normal);
