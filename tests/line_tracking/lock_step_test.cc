@@ -61,11 +61,11 @@ TEST(LaunchTest, AllItStartsIsOfTheRunsSecuredNetwork) {
                                {"stop", dds::Permission::kButton}};
   const std::filesystem::path config = Data().path / "secured.toml";
   const std::filesystem::path recordings = Data().path / "secured";
-  std::ofstream(config) << "robot = 'dds'\nmodel = '" << (Data().path / "model").string()
-                        << "'\ncalibration = '" << (Data().path / "calibration.dfr").string()
-                        << "'\nrecordings = '" << recordings.string()
-                        << "'\n[network]\ndomain = " << test::OwnDomain() << "\nsecurity = '"
-                        << keys.enclave("line_tracking").string()
+  std::ofstream(config) << "robot = 'dds'\nmethod = 'early-stopping'\nmodel = '"
+                        << (Data().path / "model").string() << "'\ncalibration = '"
+                        << (Data().path / "calibration.dfr").string() << "'\nrecordings = '"
+                        << recordings.string() << "'\n[network]\ndomain = " << test::OwnDomain()
+                        << "\nsecurity = '" << keys.enclave("line_tracking").string()
                         << "'\n[simulator]\npresent = true\nlock_step = true\nanswer_s = 86400.0\n"
                            "[emergency_stop]\nmax_silence_s = 10.0\n";
   const std::filesystem::path out = Data().path / "launch.txt";
