@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "cyclone_psm.h"
+#include "cyclone_system_psm.h"
 #include "ros2_types.h"
 #include "tests/dds/cyclone.h"
 
