@@ -72,7 +72,8 @@ void Program::Kill() {
 }
 
 void Program::Type(const std::string& text) const {
-  if (write(input_, text.data(), text.size()) < 0) throw std::runtime_error("the program has closed its input");
+  if (write(input_, text.data(), text.size()) < 0)
+    throw std::runtime_error("the program has closed its input");
 }
 
 std::optional<std::string> Program::Line() {
