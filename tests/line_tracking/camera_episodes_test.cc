@@ -6,6 +6,7 @@
 
 #include "dfr/experiment/paired_evaluation.h"
 #include "tests/line_tracking/scene.h"
+#include "tests/sim_line_tracking/perfect_calibration.h"
 #include "trial_runner.h"
 
 namespace dfr::apps::line_tracking {
@@ -15,7 +16,7 @@ using sim::LineTrackingPlant;
 
 LineModel Fitted() {
   static const imitation::DemonstrationSet set =
-      Demonstrate(FromTruth(), Known(FromTruth()), 10, 50, 1);
+      Demonstrate(FromTruth(), test::PerfectCalibration(FromTruth()), 10, 50, 1);
   return LineModel::Fit(set, {.hidden = {8}, .gammas = {0.5}});
 }
 
@@ -35,7 +36,7 @@ class Saboteur final : public control::RolloutObserver {
 
 TEST(CameraEpisodesTest, ABlindCameraHaltsTheEpisode) {
   const sim::LineTrackingOptions options;
-  const line_task::LineCalibration known = Known(options);
+  const line_task::LineCalibration known = test::PerfectCalibration(options);
   const LineModel model = Fitted();
   for (const sim::CameraFault fault :
        {sim::CameraFault::kFrozen, sim::CameraFault::kBlack, sim::CameraFault::kOverexposed,
@@ -54,7 +55,7 @@ TEST(CameraEpisodesTest, ABlindCameraHaltsTheEpisode) {
 // Results name the features that the picture did not show.
 TEST(CameraEpisodesTest, IntrinsicsOfAnotherCameraHaltTheEpisode) {
   const sim::LineTrackingOptions options;
-  line_task::LineCalibration foreign = Known(options);
+  line_task::LineCalibration foreign = test::PerfectCalibration(options);
   foreign.camera.fx *= 1.5;
   foreign.camera.fy *= 1.5;
   LineTrialRunner runner(Fitted(), {"baseline", "guided"}, options, foreign);
@@ -77,7 +78,8 @@ TEST(CameraEpisodesTest, TheNumberOfThreadsDoesNotMatter) {
                                         .episodes = 1,
                                         .seed = 5};
   const auto make = [&](const experiment::EvaluationUnit& /*unit*/) {
-    return std::make_unique<LineTrialRunner>(Fitted(), plan.methods, options, Known(options));
+    return std::make_unique<LineTrialRunner>(Fitted(), plan.methods, options,
+                                             test::PerfectCalibration(options));
   };
   const auto run = [&](int threads) {
     auto results = experiment::Evaluate(plan, make, {.threads = threads});

@@ -9,6 +9,7 @@
 #include "dfr/core/random.h"
 #include "model.h"
 #include "tests/line_tracking/scene.h"
+#include "tests/sim_line_tracking/perfect_calibration.h"
 #include "trial_runner.h"
 
 namespace dfr::apps::line_tracking {
@@ -18,7 +19,7 @@ class ModelFolder {
  public:
   ModelFolder() {
     std::filesystem::create_directories(path);
-    line_task::LineCalibration known = Known(Disturbed());
+    line_task::LineCalibration known = test::PerfectCalibration(Disturbed());
     known.provenance.origin = core::Origin::kSimulated;
     known.Save(path / "calibration.dfr");
     LineModelOptions options;

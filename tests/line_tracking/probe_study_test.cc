@@ -7,6 +7,7 @@
 
 #include "dfr/core/random.h"
 #include "tests/line_tracking/scene.h"
+#include "tests/sim_line_tracking/perfect_calibration.h"
 #include "trial_runner.h"
 
 namespace dfr::apps::line_tracking {
@@ -15,9 +16,10 @@ namespace {
 // Compares each probe with its effect: with exact states no sign can be wrong, and the fine
 // probes are 50 times shorter.
 TEST(ProbeStudyTest, ExactStatesHaveNoWrongSigns) {
-  LineTrialRunner runner(LineModel::Fit(Demonstrate(FromTruth(), Known(FromTruth()), 20, 50, 1),
-                                        {.hidden = {8}, .gammas = {0.05}}),
-                         {"dfr", "dfr-fine"}, FromTruth(), Known(FromTruth()));
+  LineTrialRunner runner(
+      LineModel::Fit(Demonstrate(FromTruth(), test::PerfectCalibration(FromTruth()), 20, 50, 1),
+                     {.hidden = {8}, .gammas = {0.05}}),
+      {"dfr", "dfr-fine"}, FromTruth(), test::PerfectCalibration(FromTruth()));
   std::array<double, 2> sizes{};
   for (const int method : {0, 1}) {
     ProbeStudy study(runner.model(), runner.plant());

@@ -1,6 +1,5 @@
 #pragma once
 
-#include "dfr/sim/line_tracking/arm_error.h"
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
 
 namespace dfr::apps::line_tracking {
@@ -17,16 +16,6 @@ inline sim::LineTrackingOptions FromTruth() {
   sim::LineTrackingOptions options = Disturbed();
   options.observation = sim::Observation::kGroundTruth;
   return options;
-}
-
-/// A perfect calibration: it removes all systematic errors.
-inline line_task::LineCalibration Known(const sim::LineTrackingOptions& options) {
-  line_task::LineCalibration known;
-  known.camera = sim::LineTrackingPlant::true_camera();
-  known.p_base_cam =
-      sim::LineTrackingPlant::p_world_base().inverse() * sim::LineTrackingPlant::p_world_cam();
-  known.arm = sim::ArmError(options.arm).systematic();
-  return known;
 }
 
 }  // namespace dfr::apps::line_tracking

@@ -6,6 +6,7 @@
 
 #include "dfr/core/random.h"
 #include "tests/line_tracking/scene.h"
+#include "tests/sim_line_tracking/perfect_calibration.h"
 #include "trial_runner.h"
 
 namespace dfr::apps::line_tracking {
@@ -16,14 +17,15 @@ namespace {
 // achieve this. With a too narrow kernel neither does, because g stays below the gate. Ratios of
 // counts need 40 episodes of each method.
 TEST(ProbeStudyTest, DfrDoublesCompletionsAndRemovesCollisions) {
-  const imitation::DemonstrationSet set = Demonstrate(FromTruth(), Known(FromTruth()), 50, 50, 1);
+  const imitation::DemonstrationSet set =
+      Demonstrate(FromTruth(), test::PerfectCalibration(FromTruth()), 50, 50, 1);
   for (const double gamma : {0.02, 0.1}) {
     SCOPED_TRACE(gamma);
     LineModelOptions model;
     model.hidden = {16};
     model.gammas = {gamma};
     LineTrialRunner runner(LineModel::Fit(set, model), {"baseline", "dfr", "dfr-fine"}, FromTruth(),
-                           Known(FromTruth()));
+                           test::PerfectCalibration(FromTruth()));
     std::array<int, 3> completed{};
     std::array<int, 3> collided{};
     for (std::uint64_t seed = 0, accepted = 0; accepted < 40; ++seed) {
@@ -60,8 +62,9 @@ TEST(LineTrialRunnerTest, GuidedRecoveryCompletesOnAMovingPlatform) {
     LineModelOptions model;
     model.hidden = {16};
     model.gammas = {0.1};
-    LineTrialRunner runner(LineModel::Fit(Demonstrate(options, Known(options), 50, 50, 1), model),
-                           {"baseline", "guided"}, options, Known(options));
+    LineTrialRunner runner(
+        LineModel::Fit(Demonstrate(options, test::PerfectCalibration(options), 50, 50, 1), model),
+        {"baseline", "guided"}, options, test::PerfectCalibration(options));
     std::array<std::array<int, 3>, 2> counts{};
     for (std::uint64_t seed = 0; seed < 100; ++seed) {
       for (int method = 0; method < 2; ++method) {

@@ -10,6 +10,7 @@
 #include "dfr/experiment/paired_evaluation.h"
 #include "dfr/sim/line_tracking/calibration_motion.h"
 #include "tests/line_tracking/scene.h"
+#include "tests/sim_line_tracking/perfect_calibration.h"
 #include "tests/support/message_of.h"
 
 namespace dfr::apps::line_tracking {
@@ -19,7 +20,7 @@ using sim::LineTrackingPlant;
 
 LineModel Fitted() {
   static const imitation::DemonstrationSet set =
-      Demonstrate(FromTruth(), Known(FromTruth()), 10, 50, 1);
+      Demonstrate(FromTruth(), test::PerfectCalibration(FromTruth()), 10, 50, 1);
   return LineModel::Fit(set, {.hidden = {4}, .gammas = {0.2}});
 }
 
@@ -34,7 +35,7 @@ TEST(LineTrialRunnerTest, CalibrationBringsTheArmBelowAMillimetre) {
     for (double error : sim::HeldOutTipErrors(plant, known, 50, 4)) sum += error;
     return sum / 50;
   };
-  line_task::LineCalibration uncorrected = Known(options);
+  line_task::LineCalibration uncorrected = test::PerfectCalibration(options);
   uncorrected.arm = {};
   EXPECT_GT(mean(uncorrected), 3.5);
   EXPECT_LT(mean(found), 1.0);
@@ -42,7 +43,8 @@ TEST(LineTrialRunnerTest, CalibrationBringsTheArmBelowAMillimetre) {
 }
 
 TEST(LineTrialRunnerTest, DemonstrationsAreUndisturbedAndStayAtTheLine) {
-  const imitation::DemonstrationSet set = Demonstrate(FromTruth(), Known(FromTruth()), 3, 50, 1);
+  const imitation::DemonstrationSet set =
+      Demonstrate(FromTruth(), test::PerfectCalibration(FromTruth()), 3, 50, 1);
   ASSERT_EQ(set.trajectories.size(), 3U);
   for (const core::Trajectory& trajectory : set.trajectories) {
     EXPECT_EQ(trajectory.outcome, core::Outcome::kCompleted);
@@ -56,7 +58,7 @@ TEST(LineTrialRunnerTest, DemonstrationsAreUndisturbedAndStayAtTheLine) {
 TEST(LineTrialRunnerTest, SameSeedsGiveTheSameEpisode) {
   const std::vector<std::string> methods = {"baseline", "dfr"};
   const auto make = [&] {
-    return LineTrialRunner(Fitted(), methods, FromTruth(), Known(FromTruth()));
+    return LineTrialRunner(Fitted(), methods, FromTruth(), test::PerfectCalibration(FromTruth()));
   };
   LineTrialRunner one = make();
   LineTrialRunner other = make();
@@ -77,7 +79,8 @@ TEST(LineTrialRunnerTest, InRealTimeAHaltMayCollide) {
   std::array<int, 2> completed{};
   for (const std::string world : {"frozen", "30ms"}) {
     const bool frozen = world == "frozen";
-    LineTrialRunner runner(Fitted(), methods, InWorld(FromTruth(), world), Known(FromTruth()));
+    LineTrialRunner runner(Fitted(), methods, InWorld(FromTruth(), world),
+                           test::PerfectCalibration(FromTruth()));
     for (std::uint64_t seed = 0; seed < 20; ++seed) {
       const experiment::EpisodeResult stopped = runner.Run(0, seed, seed);
       if (stopped.cause.starts_with("after ")) {
@@ -120,7 +123,8 @@ TEST(LineTrialRunnerTest, ModelsSurviveTheirFiles) {
 TEST(LineTrialRunnerTest, GuidedRecoveryCompletesWhereTheLearnedPolicyCollides) {
   sim::LineTrackingOptions options = FromTruth();
   options.disturbance.between = true;
-  LineTrialRunner runner(Fitted(), {"baseline", "guided"}, options, Known(options));
+  LineTrialRunner runner(Fitted(), {"baseline", "guided"}, options,
+                         test::PerfectCalibration(options));
   std::array<std::array<int, 3>, 2> counts{};
   for (std::uint64_t seed = 0; seed < 10; ++seed) {
     for (int method = 0; method < 2; ++method) {
@@ -140,7 +144,8 @@ TEST(LineTrialRunnerTest, UnknownMethodsAreNamed) {
 }
 
 TEST(LineTrialRunnerTest, TooFewDemonstrationsThrow) {
-  const imitation::DemonstrationSet set = Demonstrate(FromTruth(), Known(FromTruth()), 4, 45, 1);
+  const imitation::DemonstrationSet set =
+      Demonstrate(FromTruth(), test::PerfectCalibration(FromTruth()), 4, 45, 1);
   EXPECT_THROW(static_cast<void>(LineModel::Fit(set, {})), std::invalid_argument);
 }
 
