@@ -142,9 +142,14 @@ function(dfr_add_app name)
   dfr_use_precompiled(${name} command_line)
   install(TARGETS ${name} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT ${name})
   set(manual ${PROJECT_BINARY_DIR}/man/${name}.1)
-  add_custom_command(TARGET ${name} POST_BUILD BYPRODUCTS ${manual}
+  add_custom_command(OUTPUT ${manual} DEPENDS ${name}
     COMMAND ${CMAKE_COMMAND} -DPROGRAM=$<TARGET_FILE:${name}> -DNAME=${name}
-      -DVERSION=${PROJECT_VERSION} -DOUTPUT=${manual} -P ${PROJECT_SOURCE_DIR}/cmake/ManPage.cmake)
+      -DVERSION=${PROJECT_VERSION} -DOUTPUT=${manual} -P ${PROJECT_SOURCE_DIR}/cmake/ManPage.cmake
+    COMMENT "Writing the manual page of ${name}")
+  add_custom_target(${name}_manual ALL DEPENDS ${manual})
+  if(DFR_QUICK AND DFR_BUILD_TESTS)  # only an installation needs all pages
+    dfr_build_with_tier(system ${name}_manual)
+  endif()
   install(FILES ${manual} DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 COMPONENT ${name})
   install(FILES ${PROJECT_SOURCE_DIR}/cmake/completion.bash RENAME ${name}
     DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions COMPONENT ${name})

@@ -16,7 +16,7 @@ namespace {
 
 using testing::Each;
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr double kNotANumber = std::numeric_limits<double>::quiet_NaN();
 
 // Returns the steps set by the test.
 class Scripted final : public Controller {
@@ -68,8 +68,8 @@ TEST_F(ControllerTest, HaltsUntilItIsReset) {
 }
 
 TEST_F(ControllerTest, HaltsOnANonFiniteStateWithoutAskingTheStrategy) {
-  for (const double bad :
-       {kNaN, std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity()}) {
+  for (const double bad : {kNotANumber, std::numeric_limits<double>::infinity(),
+                           -std::numeric_limits<double>::infinity()}) {
     controller.Reset(0);
     x[1] = bad;
     ExpectHalted(HaltCause::kStateInvalid);
@@ -89,7 +89,7 @@ TEST_F(ControllerTest, HaltsOnWrongSizes) {
 
 TEST_F(ControllerTest, HaltsOnANonFiniteControl) {
   controller.Reset(0);
-  controller.control = kNaN;
+  controller.control = kNotANumber;
   ExpectHalted(HaltCause::kControlInvalid);
 }
 
@@ -98,7 +98,7 @@ TEST_F(ControllerTest, StaysHaltedWithTheFirstCauseUntilReset) {
   controller.step = Step{Mode::kHalt, HaltCause::kTimeUp, 9};
   ExpectHalted(HaltCause::kTimeUp);
   controller.step = Step{Mode::kPolicy};
-  x[0] = kNaN;
+  x[0] = kNotANumber;
   ExpectHalted(HaltCause::kTimeUp);
   x[0] = 0.0;
   controller.Stop(HaltCause::kPlantFault);

@@ -64,10 +64,10 @@ TEST_F(RolloutTest, TheStartStateIsLookedAt) {
 
 TEST_F(RolloutTest, ACollisionDuringAProbeCounts) {
   // The wall is nearer than any probe goes, so the first one that points outwards hits it.
-  constexpr double kStart = 0.9;
+  constexpr double kFrom = 0.9;
   bool in_probe = false;
   for (std::uint64_t seed = 0; seed < 10; ++seed) {
-    PointPlant plant({.start = {kStart, 0.0}, .wall = kStart + 1e-9});
+    PointPlant plant({.start = {kFrom, 0.0}, .wall = kFrom + 1e-9});
     auto dfr = Make(Recovery::kDfr);
     const RolloutResult result = Rollout(plant, dfr, {.controller_seed = seed});
     if (result.outcome != Outcome::kCollided || result.last_mode != Mode::kProbe) continue;

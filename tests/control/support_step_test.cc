@@ -14,8 +14,8 @@
 namespace dfr::control {
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr int kN = 3;
+constexpr double kUnbounded = std::numeric_limits<double>::infinity();
+constexpr int kNumStates = 3;
 
 Eigen::VectorXd RandomVector(core::Random& random, int size, double scale = 1.0) {
   Eigen::VectorXd v(size);
@@ -37,10 +37,10 @@ struct World {
         controls(1 + static_cast<int>(seed % 4)),
         support({Point(), Point(), Point()}, random.Uniform(0.2, 3.0), random.Uniform(0.1, 0.9)),
         answer(test::KnownJacobian(
-            RandomJacobian(random, kN, controls),
-            disturbed ? RandomVector(random, kN) : Eigen::VectorXd(),
+            RandomJacobian(random, kNumStates, controls),
+            disturbed ? RandomVector(random, kNumStates) : Eigen::VectorXd(),
             disturbed ? DisturbanceModel{.base = 0.3, .per_control = 0.2} : DisturbanceModel{})),
-        z(RandomVector(random, kN, 1.5)),
+        z(RandomVector(random, kNumStates, 1.5)),
         limit(random.Uniform(0.2, 2.0)),
         v(RandomVector(random, controls).cwiseMax(-limit).cwiseMin(limit)) {}
 
@@ -70,7 +70,7 @@ class OneGaussianTest : public testing::Test {
 
 TEST_F(OneGaussianTest, AStepGoesWhereItGainsMost) {
   Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
-  const double l = AscendSupport(model_, {.level = kInfinity}, {.iterations = 1}, v);
+  const double l = AscendSupport(model_, {.level = kUnbounded}, {.iterations = 1}, v);
   // J is known to 1e-9.
   EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(-10.0 / 17.0, -5.0 / 17.0), 1e-8));
   EXPECT_NEAR(l, -306.0 / 289.0, 1e-7);
@@ -88,7 +88,7 @@ TEST_F(OneGaussianTest, AStepGoesNoFurtherThanTheTarget) {
 
 TEST_F(OneGaussianTest, StepsLeadToTheMaximum) {
   Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
-  const double l = AscendSupport(model_, {.level = kInfinity}, {.iterations = 100}, v);
+  const double l = AscendSupport(model_, {.level = kUnbounded}, {.iterations = 100}, v);
   EXPECT_LE(l, 0.0);
   EXPECT_GT(l, -5e-3) << "it ends where a step gains less than 1e-3";
   EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(-0.5, -1.0), 0.05));
@@ -98,7 +98,7 @@ TEST_F(OneGaussianTest, ATargetThatIsMetLeavesTheControlBitForBit) {
   Eigen::VectorXd v = Eigen::Vector2d(-0.1 / 3.0, 0.7 / 3.0);
   const Eigen::VectorXd before = v;
   const double l = model_.Level(0, v);
-  for (const double level : {l, l - 1.0, -kInfinity}) {
+  for (const double level : {l, l - 1.0, -kUnbounded}) {
     EXPECT_EQ(AscendSupport(model_, {.level = level}, {}, v), l);
     EXPECT_TRUE(v == before);
   }
@@ -107,11 +107,11 @@ TEST_F(OneGaussianTest, ATargetThatIsMetLeavesTheControlBitForBit) {
 // A prediction that is handed on from call to call is that of the control at every time, bit for
 // bit, and changes nothing.
 TEST_F(OneGaussianTest, AKnownPredictionIsKeptUpToDate) {
-  for (const double limit : {kInfinity, 0.25}) {
+  for (const double limit : {kUnbounded, 0.25}) {
     Eigen::VectorXd v = Eigen::Vector2d(0.2, -0.1);
     Eigen::VectorXd fresh = v;
     PredictedLevel there = model_.Predict(0, v);
-    for (const double level : {-3.0, -2.0, -0.5, kInfinity}) {
+    for (const double level : {-3.0, -2.0, -0.5, kUnbounded}) {
       const StepLimits limits{.control = Eigen::VectorXd::Constant(v.size(), limit)};
       EXPECT_EQ(AscendSupport(model_, {.level = level}, limits, v, there),
                 AscendSupport(model_, {.level = level}, limits, fresh));
@@ -144,7 +144,7 @@ TEST_F(OneGaussianTest, AControlWithoutEffectIsNotChanged) {
 TEST_F(OneGaussianTest, AnEntryAtItsLimitLeavesTheDirection) {
   Eigen::VectorXd v = Eigen::Vector2d(-0.25, 0.0);
   const double l =
-      AscendSupport(model_, {.level = kInfinity},
+      AscendSupport(model_, {.level = kUnbounded},
                     {.control = Eigen::VectorXd::Constant(v.size(), 0.25), .iterations = 1}, v);
   EXPECT_EQ(v[0], -0.25);
   EXPECT_EQ(v[1], -0.25);
@@ -158,7 +158,7 @@ TEST_F(OneGaussianTest, AnEntryAtItsLimitMayLeaveIt) {
     const Eigen::VectorXd z = sign * z_;
     const LocalModel model{support_, answer_, core::AsSpan(z)};
     Eigen::VectorXd v = Eigen::Vector2d(sign, 0.0);
-    (void)AscendSupport(model, {.level = kInfinity},
+    (void)AscendSupport(model, {.level = kUnbounded},
                         {.control = Eigen::VectorXd::Constant(v.size(), 1.0), .iterations = 1}, v);
     const double s = 592.0 / 9280.0;
     EXPECT_TRUE(test::AllClose(v, sign * Eigen::Vector2d(1.0 - 24.0 * s, -4.0 * s), 1e-6));
@@ -199,7 +199,7 @@ TEST(RaiseLevelTest, NeverReturnsLessThanItWasGivenAndStaysWithinItsLimits) {
     SCOPED_TRACE(testing::Message() << "seed = " << seed);
     World world(seed, /*disturbed=*/seed % 2 == 0);
     const LocalModel model = world.model();
-    const StepTarget target{.level = seed % 3 == 0 ? kInfinity : 0.1};
+    const StepTarget target{.level = seed % 3 == 0 ? kUnbounded : 0.1};
     Eigen::VectorXd v = world.v;
     const double before = model.Level(0, v);
     const double l = AscendSupport(
@@ -222,9 +222,9 @@ TEST(RaiseLevelTest, ReachesATargetThatIsWithinReach) {
     };
     // One of three Gaussians alone reaches log(1 / (3 * 0.3)) = 0.1.
     const test::GaussianSupport support({point(), point(), point()}, 1.0, 0.3);
-    const LocalFit answer =
-        test::KnownJacobian(Eigen::MatrixXd::Identity(kN, 4) + 0.1 * RandomJacobian(random, kN, 4));
-    const Eigen::VectorXd z = RandomVector(random, kN, 1.5);
+    const LocalFit answer = test::KnownJacobian(Eigen::MatrixXd::Identity(kNumStates, 4) +
+                                                0.1 * RandomJacobian(random, kNumStates, 4));
+    const Eigen::VectorXd z = RandomVector(random, kNumStates, 1.5);
     const LocalModel model{support, answer, core::AsSpan(z)};
     Eigen::VectorXd v = RandomVector(random, 4);
     const double before = model.Level(0, v);
@@ -266,14 +266,14 @@ TEST(RaiseLevelTest, LooksAtTheSupportOfThePhaseItIsGiven) {
   const LocalFit answer = test::KnownJacobian(Eigen::Matrix2d::Identity());
   const std::vector<double> z = {0.0, 0.0};
   Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
-  const double l = AscendSupport({support, answer, z}, {.phase = 3, .level = kInfinity}, {}, v);
+  const double l = AscendSupport({support, answer, z}, {.phase = 3, .level = kUnbounded}, {}, v);
   EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(3.0, 0.0), 1e-7));
   EXPECT_NEAR(l, std::log(2.0), 1e-12);
 }
 
 TEST(RaiseLevelTest, AStateThatIsNotOneChangesNothing) {
   World world(1, false);
-  world.z[1] = kInfinity;
+  world.z[1] = kUnbounded;
   Eigen::VectorXd v = world.v;
   const double l = AscendSupport(world.model(), {}, {}, v);
   EXPECT_FALSE(l >= 0.0);
@@ -285,7 +285,7 @@ TEST(RaiseLevelTest, NeverAllocates) {
     World world(seed, seed % 2 == 0);
     const StepLimits limits{.control = Eigen::VectorXd::Constant(world.v.size(), world.limit)};
     const test::NoAlloc guard;
-    (void)AscendSupport(world.model(), {.level = kInfinity}, limits, world.v);
+    (void)AscendSupport(world.model(), {.level = kUnbounded}, limits, world.v);
     (void)world.model().Level(0, world.v);
   }
 }

@@ -24,10 +24,10 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-std::atomic<bool> interrupted = false;
+std::atomic<bool> stopping = false;
 static_assert(std::atomic<bool>::is_always_lock_free);
 
-void Interrupt(int /*signal*/) { interrupted = true; }
+void NoteStop(int /*signal*/) { stopping = true; }
 
 /// A child program. Its output is printed line by line after its name. It ends with this process,
 /// however that ends.
@@ -230,7 +230,7 @@ void RunLaunch(const LaunchOptions& options) {
   }
   Prepare(config, options.folder);
   struct sigaction action {};
-  action.sa_handler = Interrupt;
+  action.sa_handler = NoteStop;
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
 
@@ -255,7 +255,7 @@ void RunLaunch(const LaunchOptions& options) {
              InNetwork({Beside("hardware"), "stop", "--unattended"}, config.network, "stop"));
   Child client("robot", run);
   const std::array<Child*, 3> all = {&client, &simulator, &stop};
-  while (client.running() && !interrupted) {
+  while (client.running() && !stopping) {
     std::array<pollfd, 3> outputs{};
     for (std::size_t i = 0; i < all.size(); ++i) outputs[i] = {all[i]->output(), POLLIN, 0};
     if (poll(outputs.data(), outputs.size(), 100) > 0) {

@@ -93,10 +93,10 @@ Score Judge(const imitation::GaussianPolicy& policy, sim::PusherPlant& plant, in
           completed > 0 ? static_cast<double>(controls) / completed : 0.0};
 }
 
-std::string Percent(double fraction) { return core::Format("%.1f %%", 100.0 * fraction); }
+std::string Share(double fraction) { return core::Format("%.1f %%", 100.0 * fraction); }
 
 std::string Describe(const Score& score) {
-  return Percent(score.completed) + " completed, " + Percent(score.collided) + " collided";
+  return Share(score.completed) + " completed, " + Share(score.collided) + " collided";
 }
 
 imitation::Trpo Start(imitation::Environment& environment, const TrainSupervisorOptions& options,

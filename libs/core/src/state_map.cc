@@ -15,7 +15,7 @@ constexpr int kSize = 4;
 constexpr double kMostOff = 0.1;
 // References are normalised.
 constexpr double kRounding = 1e-6;
-constexpr int kMost = 1 << 16;
+constexpr int kMostEntries = 1 << 16;
 
 template <typename Values>
 double Dot(const Values& a, std::span<const double> b) noexcept {
@@ -72,7 +72,7 @@ void StateMap::Save(ArchiveWriter& archive) const {
 
 StateMap StateMap::Load(ArchiveReader& archive, int state_dim) {
   std::vector<Quaternion> quaternions;
-  const int num_quaternions = archive.IntegerIn(0, kMost);
+  const int num_quaternions = archive.IntegerIn(0, kMostEntries);
   for (int i = 0; i < num_quaternions; ++i) {
     const int first = archive.IntegerIn(0, std::max(0, state_dim - kSize));
     const std::vector<double> reference = archive.Numbers();
@@ -82,7 +82,7 @@ StateMap StateMap::Load(ArchiveReader& archive, int state_dim) {
     quaternions.push_back({first, {reference[0], reference[1], reference[2], reference[3]}});
   }
   std::vector<Angle> angles;
-  const int num_angles = archive.IntegerIn(0, kMost);
+  const int num_angles = archive.IntegerIn(0, kMostEntries);
   for (int i = 0; i < num_angles; ++i) {
     const int entry = archive.IntegerIn(0, state_dim - 1);
     const double centre = archive.Number();

@@ -13,7 +13,7 @@ namespace {
 namespace rtps = eprosima::fastrtps::rtps;
 namespace transport = eprosima::fastdds::rtps;
 
-constexpr std::array<std::uint8_t, 4> kMagic = {'R', 'T', 'P', 'S'};
+constexpr std::array<std::uint8_t, 4> kRtpsMagic = {'R', 'T', 'P', 'S'};
 constexpr std::size_t kPrefixAt = 8;    // in the message's header
 constexpr std::size_t kHeader = 20;     // of a message
 constexpr std::size_t kSubheader = 4;   // of a submessage: kind, flags, length
@@ -25,8 +25,8 @@ constexpr std::uint8_t kStatistics = 0x80;
 constexpr std::size_t kStatus = 0x71;  // the parameter that announces the end of an entity
 
 // Returns the unsigned integer of `size` bytes at `at`.
-std::size_t Number(std::span<const std::uint8_t> bytes, std::size_t at, std::size_t size,
-                   bool little) noexcept {
+std::size_t ReadInteger(std::span<const std::uint8_t> bytes, std::size_t at, std::size_t size,
+                        bool little) noexcept {
   std::size_t number = 0;
   for (std::size_t k = 0; k < size; ++k) {
     number = (number << 8U) + bytes[at + (little ? size - 1 - k : k)];
@@ -45,8 +45,8 @@ Parameters FindParameters(std::span<const std::uint8_t> bytes, bool little,
   bool found = false;
   std::size_t at = 0;
   while (at <= bytes.size() && bytes.size() - at >= 4) {
-    const std::size_t name = Number(bytes, at, 2, little);
-    const std::size_t length = Number(bytes, at + 2, 2, little);
+    const std::size_t name = ReadInteger(bytes, at, 2, little);
+    const std::size_t length = ReadInteger(bytes, at + 2, 2, little);
     at += 4;
     if (name == kEnd) return {at, found};
     found = found || name == wanted;
@@ -67,7 +67,7 @@ bool WholeSample(std::uint8_t kind, std::uint8_t flags,
   if (has_data && has_key) return false;
   const std::size_t head = fragments ? 32 : 20;
   if (content.size() < head) return false;
-  std::size_t at = 4 + Number(content, 2, 2, little);
+  std::size_t at = 4 + ReadInteger(content, 2, 2, little);
   if (at < head || at > content.size()) return false;
   if ((flags & kParameters) != 0) {
     const std::size_t size = FindParameters(content.subspan(at), little, kStatus).size;
@@ -77,10 +77,10 @@ bool WholeSample(std::uint8_t kind, std::uint8_t flags,
   const std::size_t payload = content.size() - at;
   if (!has_data) return !has_key || payload > 0;
   if (!fragments) return payload > 0;
-  const std::size_t first = Number(content, 20, 4, little);
-  const std::size_t count = Number(content, 24, 2, little);
-  const std::size_t size = Number(content, 26, 2, little);
-  const std::size_t whole = Number(content, 28, 4, little);
+  const std::size_t first = ReadInteger(content, 20, 4, little);
+  const std::size_t count = ReadInteger(content, 24, 2, little);
+  const std::size_t size = ReadInteger(content, 26, 2, little);
+  const std::size_t whole = ReadInteger(content, 28, 4, little);
   return payload > 0 && first > 0 && count > 0 && size > 0 && payload <= count * size &&
          (first - 1 + count - 1) * size < whole;
 }
@@ -94,7 +94,8 @@ bool EndsParticipant(std::uint8_t kind, std::uint8_t flags,
   if (!has_data) return true;
   if ((flags & 2U) == 0) return false;
   const bool little = (flags & 1U) != 0;
-  return FindParameters(content.subspan(4 + Number(content, 2, 2, little)), little, kStatus).found;
+  return FindParameters(content.subspan(4 + ReadInteger(content, 2, 2, little)), little, kStatus)
+      .found;
 }
 
 // Participants of this process that are ending, or ended a few seconds ago.
@@ -173,7 +174,8 @@ struct GuardedDescriptor final : transport::ChainingTransportDescriptor {
 void Leaves(const ParticipantPrefix& prefix) { TheLeaving().Add(prefix); }
 
 std::size_t SafeSize(std::span<const std::uint8_t> message, bool may_leave) noexcept {
-  if (message.size() < kHeader || !std::equal(kMagic.begin(), kMagic.end(), message.begin())) {
+  if (message.size() < kHeader ||
+      !std::equal(kRtpsMagic.begin(), kRtpsMagic.end(), message.begin())) {
     return 0;
   }
   std::size_t at = kHeader;

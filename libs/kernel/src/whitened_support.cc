@@ -18,7 +18,7 @@
 namespace dfr::kernel {
 namespace {
 
-constexpr double kOutside = -std::numeric_limits<double>::infinity();
+constexpr double kOutOfReach = -std::numeric_limits<double>::infinity();
 
 using Buffer = std::array<double, WhitenedSupport::kMaxFeatures>;
 
@@ -155,7 +155,7 @@ int WhitenedSupport::state_dim() const noexcept { return static_cast<int>(phases
 int WhitenedSupport::num_steps() const noexcept { return static_cast<int>(phases_.size()); }
 
 double WhitenedSupport::Decision(int t, std::span<const double> z) const noexcept {
-  if (static_cast<int>(z.size()) != state_dim()) return kOutside;
+  if (static_cast<int>(z.size()) != state_dim()) return kOutOfReach;
   Buffer buffer;
   const std::span<double> y(buffer.data(), z.size());
   core::AsVector(y).noalias() = at(t).map.lazyProduct(core::AsVector(z));
@@ -165,7 +165,7 @@ double WhitenedSupport::Decision(int t, std::span<const double> z) const noexcep
 double WhitenedSupport::Gradient(int t, std::span<const double> z,
                                  std::span<double> gradient) const noexcept {
   std::fill(gradient.begin(), gradient.end(), 0.0);
-  if (static_cast<int>(z.size()) != state_dim() || gradient.size() != z.size()) return kOutside;
+  if (static_cast<int>(z.size()) != state_dim() || gradient.size() != z.size()) return kOutOfReach;
   Buffer buffer;
   Buffer inner_buffer;
   const std::span<double> y(buffer.data(), z.size());
@@ -180,8 +180,8 @@ double WhitenedSupport::Gradient(int t, std::span<const double> z,
 double WhitenedSupport::LogDecision(int t, std::span<const double> z,
                                     std::span<double> gradient) const noexcept {
   std::fill(gradient.begin(), gradient.end(), 0.0);
-  if (static_cast<int>(z.size()) != state_dim()) return kOutside;
-  if (!gradient.empty() && gradient.size() != z.size()) return kOutside;
+  if (static_cast<int>(z.size()) != state_dim()) return kOutOfReach;
+  if (!gradient.empty() && gradient.size() != z.size()) return kOutOfReach;
   Buffer buffer;
   Buffer inner_buffer;
   const std::span<double> y(buffer.data(), z.size());

@@ -15,7 +15,7 @@ namespace {
 using core::Matrix;
 
 // Purposes of the random streams.
-enum Purpose : std::uint64_t { kWeights, kShuffle };
+enum FitStream : std::uint64_t { kFitWeights, kFitShuffle };
 
 // Ceres keeps the whole Jacobian.
 constexpr double kMostJacobianBytes = 2e9;
@@ -80,7 +80,7 @@ MlpPolicy FitMlp(const core::StateLayout& layout, const Matrix& states, const Ma
   std::vector<int> sizes = {selection.num_features()};
   sizes.insert(sizes.end(), options.hidden.begin(), options.hidden.end());
   sizes.push_back(static_cast<int>(controls.cols()));
-  core::Random weights(core::DeriveSeed(options.seed, {kWeights}));
+  core::Random weights(core::DeriveSeed(options.seed, {kFitWeights}));
   Mlp mlp(std::move(sizes), weights);
 
   internal::RegressionLoss loss(mlp, options.weight_decay);
@@ -90,7 +90,7 @@ MlpPolicy FitMlp(const core::StateLayout& layout, const Matrix& states, const Ma
   result.initial_loss = loss.Evaluate(mlp.parameters(), inputs, targets, nullptr);
   if (options.method == FitMethod::kAdam) {
     internal::Adam adam(mlp.num_parameters(), options.learning_rate);
-    core::Random shuffle(core::DeriveSeed(options.seed, {kShuffle}));
+    core::Random shuffle(core::DeriveSeed(options.seed, {kFitShuffle}));
     try {
       internal::FitByAdam(inputs, targets, options.epochs, options.batch, options.weight_decay,
                           adam, shuffle, mlp);
