@@ -209,6 +209,10 @@ endfunction()
 # find_package(dfr COMPONENTS ...) for those who install.
 function(dfr_install_package)
   get_property(libraries GLOBAL PROPERTY DFR_LIBRARIES)
+  set(needs "")
+  foreach(name IN LISTS libraries)
+    string(APPEND needs "set(dfr_${name}_needs ${component_${name}_needs})\n")
+  endforeach()
   set(destination ${CMAKE_INSTALL_LIBDIR}/cmake/dfr)
   configure_package_config_file(${PROJECT_SOURCE_DIR}/cmake/dfrConfig.cmake.in
     ${PROJECT_BINARY_DIR}/dfrConfig.cmake INSTALL_DESTINATION ${destination})
