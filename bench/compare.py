@@ -39,9 +39,9 @@ def compiles_in_units(source):
     return "CMAKE_UNITY_BUILD" in (pathlib.Path(source) / "CMakePresets.json").read_text()
 
 
-def settings_of_tests():
-    """Returns the settings of the preset dev, as arguments of cmake."""
-    presets = json.loads((ROOT / "CMakePresets.json").read_text())["configurePresets"]
+def settings_of_tests(source):
+    """Returns the settings that the preset dev has in the tree at `source`, as arguments of cmake."""
+    presets = json.loads((source / "CMakePresets.json").read_text())["configurePresets"]
     settings = next(preset["cacheVariables"] for preset in presets if preset["name"] == "dev")
     return [f"-D{name}={value}" for name, value in settings.items()]
 
@@ -205,7 +205,7 @@ def build_both(base, as_tested):
     if not (tree / "bench/safety" / (PROGRAM + ".cc")).exists():
         return None
     if as_tested:
-        programs = [build(tree, WORK / "tested", settings_of_tests())]
+        programs = [build(tree, WORK / "tested", settings_of_tests(tree))]
         subprocess.run(["cmake", "--preset", "dev"], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
         return [*programs, build_program(ROOT / "build" / "dev")]
     settings = settings_of_release(compiles_in_units(tree))  # both builds, or neither
