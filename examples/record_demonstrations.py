@@ -41,6 +41,7 @@ def demonstrate(rng):
     while not world.completed:
         ahead = world.tip[0] + 0.06
         action = np.array([0.06, world.centre(ahead) - world.tip[1]]) + 0.01 * rng.normal(size=2)
+        action = np.clip(action, -0.1, 0.1)  # recorded as the world takes it
         world.step(action)
         actions.append(action)
         states.append(world.tip)

@@ -155,14 +155,14 @@ class ExperimentTest(unittest.TestCase):
             for name in ("summary.json", "report.html", "run.toml"):
                 self.assertEqual(self.bytes_of(f"{folder}/{name}"), self.bytes_of(f"one/{name}"), f"{folder}/{name}")
         self.assertIn("6 of 6 units are finished", self.run_program(self.program, "status", "in7"))
-        self.assertIn("own_experiment.py episodes FOLDER --learner policy --method guided", self.bytes_of("one/report.html").decode())
+        self.assertIn("own_experiment.py episodes FOLDER --learner policy --method guard", self.bytes_of("one/report.html").decode())
 
     def test_an_episode_can_be_run_again(self):
         self.run_program(self.program, "experiment", *SMALL, "--out", "run", "--ahead", 0.9)
         lines = self.run_program(self.program, "episodes", "run", "--most", 0).splitlines()
         own_experiment = self.import_program()
         corridor = own_experiment.Corridor()
-        for line in (lines[0], next(line for line in lines if "/guided/" in line)):
+        for line in (lines[0], next(line for line in lines if "/guard/" in line)):
             name, outcome, controls = line.split("  ")[0], line.split("  ")[1], line.split("  ")[2]
             method = name.split("/")[3]
             found = corridor.replay(self.folder / "run", name, methods=["early-stopping", method])
@@ -176,7 +176,7 @@ class ExperimentTest(unittest.TestCase):
         name = lines[0].split("  ")[0]
         out = self.run_program(self.program, "rerun", "run", name, "--methods", "guard")
         self.assertIn(lines[0].split("  ")[1] + " after " + lines[0].split("  ")[2].split(",")[0], out)
-        self.assertTrue(out.startswith("guided "))
+        self.assertTrue(out.startswith("guard "))
         with self.assertRaisesRegex(RuntimeError, "no pair of learner and method|unknown method"):
             try:
                 corridor.replay(self.folder / "run", "0/12/policy/magic/0")
@@ -193,7 +193,7 @@ class ExperimentTest(unittest.TestCase):
         name, actions = line.split("  ")[0], int(line.split("  ")[2].split()[0])
         self.run_program(self.program, "rerun", "run", name, "--methods", "guard", "--film", "new/film.html")
         page = self.bytes_of("new/film.html").decode()
-        self.assertIn("Left to right: guided, baseline", page)
+        self.assertIn("Left to right: guard, baseline", page)
         self.assertIn(f"baseline: {line.split('  ')[1]} after {actions} controls", page)
         # The animation is beside it: a picture for each state of the longer episode, two plants wide.
         self.run_program(self.program, "rerun", "run", name, "--film", "film.png")
@@ -332,7 +332,7 @@ class ExperimentTest(unittest.TestCase):
             subprocess.run([out / "cluster/task.sh", str(task)], check=True, env=path)
         subprocess.run([out / "cluster/merge.sh"], check=True, capture_output=True, env=path)
         table = subprocess.run([sys.executable, CLUSTER, "table", out], check=True, capture_output=True, text=True).stdout
-        self.assertIn("ahead=0.4,policy,guided,12,", table)
+        self.assertIn("ahead=0.4,policy,guard,12,", table)
         self.assertIn("ahead=0.8,policy,baseline,12,", table)
 
 

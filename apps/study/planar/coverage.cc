@@ -93,7 +93,8 @@ CoverageResult MeasureCoverage(const CoverageOptions& options) {
     const auto model = safety::GuardModel::Fit(layout, demonstrations,
                                                {.false_alarms = options.false_alarms,
                                                 .confidence = options.confidence,
-                                                .hold_out = options.hold_out});
+                                                .hold_out = options.hold_out,
+                                                .accept_any = true});
     const safety::GuardSummary& summary = model->summary();
     int alarms = 0;
     int error_below = 0;
@@ -102,7 +103,8 @@ CoverageResult MeasureCoverage(const CoverageOptions& options) {
          Draw(options.world, options.further, core::DeriveSeed(options.seed, {number, 1}))) {
       const std::vector<double> levels = model->Levels(d.states);
       alarms += *std::min_element(levels.begin(), levels.end()) < -model->settings().alarm_level;
-      const control::FeatureTrajectories further(model->task().features(), {&d, 1});
+      const control::FeatureTrajectories further(model->task().features(),
+                                                 model->actions().Measured({&d, 1}));
       error_below += control::EstimateDirectionError(model->task().response(), further).value <=
                      summary.direction_error.value;
       gain_below += control::EstimateGain(further).value <= summary.gain.value;
