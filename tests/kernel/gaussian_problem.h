@@ -101,12 +101,12 @@ inline void Fill(QueryKind kind, const Problem& p, core::Random& random, std::sp
 /// accuracy.
 inline void CheckDecisions(int states) {
   const Problem p(24, 9, 1.0 / 9.0, 13);
-  std::vector<GaussianTerms<double>> in_double;
-  std::vector<GaussianTerms<float>> in_float;
+  std::vector<SumTerms<double>> in_double;
+  std::vector<SumTerms<float>> in_float;
   for (const std::int64_t target : SupportedTargets()) {
     ForceTarget(target);
-    in_double.emplace_back(p.points, p.weights, p.gamma);
-    in_float.emplace_back(p.points, p.weights, p.gamma);
+    in_double.emplace_back(GaussianTerms<double>(p.points, p.weights, p.gamma));
+    in_float.emplace_back(GaussianTerms<float>(p.points, p.weights, p.gamma));
   }
   ForceTarget(0);
   core::Random random(14);
@@ -120,11 +120,11 @@ inline void CheckDecisions(int states) {
     Fill(static_cast<QueryKind>(kind), p, random, x);
     const auto expected = static_cast<double>(LongDouble(p, x).sum);
     const double scale = std::max(expected, kRho);
-    ASSERT_TRUE(in_double[0].Scale(x.data(), scaled.data()));
-    ASSERT_TRUE(in_float[0].Scale(x.data(), scaled_float.data()));
+    ASSERT_TRUE(in_double[0]->Scale(x.data(), scaled.data()));
+    ASSERT_TRUE(in_float[0]->Scale(x.data(), scaled_float.data()));
     for (std::size_t k = 0; k < in_double.size(); ++k) {
-      const double a = GaussianSum(in_double[k], scaled.data());
-      const double b = GaussianSum(in_float[k], scaled_float.data());
+      const double a = GaussianSum(*in_double[k], scaled.data());
+      const double b = GaussianSum(*in_float[k], scaled_float.data());
       worst_double[kind] = std::max(worst_double[kind], std::abs(a - expected) / scale);
       worst_float[kind] = std::max(worst_float[kind], std::abs(b - expected) / scale);
     }

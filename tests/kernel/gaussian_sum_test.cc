@@ -34,6 +34,7 @@ TEST_P(GaussianSumTest, DoubleAgreesWithLongDouble) {
     for (const int n : {1, 3, 4, 9}) {
       const Problem p(m, n, 0.7, static_cast<std::uint64_t>(m * 100 + n));
       const GaussianTerms<double> terms(p.points, p.weights, p.gamma);
+      const SumTerms<double> sums(terms);
       std::vector<double> x(static_cast<std::size_t>(n)), scaled(x.size()), shift(x.size());
       for (int query = 0; query < 20; ++query) {
         for (double& v : x) v = 1.5 * random.Normal();
@@ -41,11 +42,11 @@ TEST_P(GaussianSumTest, DoubleAgreesWithLongDouble) {
         ASSERT_TRUE(terms.Scale(x.data(), scaled.data()));
         // Exponents here reach 60; each of a term's d + 1 roundings is 1.1e-16 of that.
         const double tolerance = 4e-14 * static_cast<double>(expected.sum);
-        EXPECT_NEAR(GaussianSum(terms, scaled.data()), static_cast<double>(expected.sum), tolerance)
+        EXPECT_NEAR(GaussianSum(*sums, scaled.data()), static_cast<double>(expected.sum), tolerance)
             << m << " x " << n;
         EXPECT_NEAR(GaussianSumReference(p.points, p.weights, p.gamma, x),
                     static_cast<double>(expected.sum), tolerance);
-        EXPECT_NEAR(GaussianSumShift(terms, scaled.data(), 0.0, shift.data()),
+        EXPECT_NEAR(GaussianSumShift(*sums, scaled.data(), 0.0, shift.data()),
                     static_cast<double>(expected.sum), tolerance);
         for (std::size_t k = 0; k < x.size(); ++k) {
           // Differences reach 8 in each coordinate.
@@ -62,6 +63,7 @@ TEST_P(GaussianSumTest, FloatAgreesWithLongDouble) {
   for (const int m : kCounts) {
     const Problem p(m, 9, 1.0 / 9.0, static_cast<std::uint64_t>(m));
     const GaussianTerms<float> terms(p.points, p.weights, p.gamma);
+    const SumTerms<float> sums(terms);
     std::vector<double> x(9);
     std::vector<float> scaled(9), shift(9);
     for (int query = 0; query < 20; ++query) {
@@ -70,8 +72,8 @@ TEST_P(GaussianSumTest, FloatAgreesWithLongDouble) {
       ASSERT_TRUE(terms.Scale(x.data(), scaled.data()));
       // Exponents of the terms that matter are below 10: 3e-7 + 10 * 1e-7.
       const double tolerance = 1.3e-6 * static_cast<double>(expected.sum);
-      EXPECT_NEAR(GaussianSum(terms, scaled.data()), static_cast<double>(expected.sum), tolerance);
-      EXPECT_NEAR(GaussianSumShift(terms, scaled.data(), 0.0f, shift.data()),
+      EXPECT_NEAR(GaussianSum(*sums, scaled.data()), static_cast<double>(expected.sum), tolerance);
+      EXPECT_NEAR(GaussianSumShift(*sums, scaled.data(), 0.0f, shift.data()),
                   static_cast<double>(expected.sum), tolerance);
       for (std::size_t k = 0; k < x.size(); ++k) {
         EXPECT_NEAR(shift[k] / terms.scale, static_cast<double>(expected.shift[k]),
@@ -88,12 +90,13 @@ void CheckExponents(double polynomial, double per_exponent) {
   core::Matrix points(1, 1);
   points(0, 0) = 0.0;
   const GaussianTerms<T> terms(points, {}, 1.0 / std::numbers::log2e);
+  const SumTerms<T> sums(terms);
   const double lowest = std::numeric_limits<T>::min_exponent;
   double worst = 0.0;
   for (int i = 0; i <= 200000; ++i) {
     const T x = static_cast<T>(std::sqrt(-lowest * 1.05 * i / 200000.0));
     const long double exponent = -static_cast<long double>(x) * x;
-    const T actual = GaussianSum(terms, &x);
+    const T actual = GaussianSum(*sums, &x);
     if (exponent < lowest) {
       EXPECT_LE(actual, 2 * std::numeric_limits<T>::min());
       continue;
@@ -114,9 +117,10 @@ TEST_P(GaussianSumTest, AtItsOwnPointATermIsItsWeight) {
   core::Matrix points(1, 3);
   points << 0.3, -7.0, 1e6;
   const GaussianTerms<double> terms(points, {}, 5.0);
+  const SumTerms<double> sums(terms);
   std::vector<double> scaled(3);
   ASSERT_TRUE(terms.Scale(points.data(), scaled.data()));
-  EXPECT_EQ(GaussianSum(terms, scaled.data()), 1.0);
+  EXPECT_EQ(GaussianSum(*sums, scaled.data()), 1.0);
 }
 
 TEST_P(GaussianSumTest, RowHoldsEachTermAndThePaddingIsZero) {
@@ -166,12 +170,13 @@ TEST_P(GaussianSumTest, AllRowsAtOnceHaveTheBitsOfEachByItself) {
 TEST_P(GaussianSumTest, FarQueriesAreZeroAndNonFiniteOnesAreRefused) {
   const Problem p(20, 2, 5.0, 4);
   const GaussianTerms<double> terms(p.points, p.weights, p.gamma);
+  const SumTerms<double> sums(terms);
   std::vector<double> scaled(2), shift(2);
   for (const double far : {30.0, 1e10, 1e149}) {
     const std::vector<double> x = {far, -far};
     ASSERT_TRUE(terms.Scale(x.data(), scaled.data()));
-    EXPECT_LE(GaussianSum(terms, scaled.data()), 1e-300);
-    EXPECT_LE(GaussianSumShift(terms, scaled.data(), 0.0, shift.data()), 1e-300);
+    EXPECT_LE(GaussianSum(*sums, scaled.data()), 1e-300);
+    EXPECT_LE(GaussianSumShift(*sums, scaled.data(), 0.0, shift.data()), 1e-300);
     EXPECT_TRUE(std::isfinite(shift[0]) && std::isfinite(shift[1]));
   }
   for (const double bad :
@@ -189,6 +194,7 @@ void CheckSmallTerms() {
   core::Matrix points(kCount, 1);
   for (int i = 0; i < kCount; ++i) points(i, 0) = std::sqrt(-kLeast - 10.0 + 0.05 * i);
   const GaussianTerms<T> terms(points, {}, std::numbers::ln2);  // 2^-|x - s|^2
+  const SumTerms<T> sums(terms);
   AlignedVector<T> row(terms.row_size());
   const double origin = 0.0;
   std::vector<T> scaled(1), shift(1);
@@ -207,8 +213,8 @@ void CheckSmallTerms() {
   // The sum of the remaining terms, for every instruction set.
   double sum = 0.0;
   for (const T term : row) sum += static_cast<double>(term);
-  EXPECT_NEAR(static_cast<double>(GaussianSum(terms, scaled.data())), sum, 1e-5 * sum);
-  EXPECT_NEAR(static_cast<double>(GaussianSumShift(terms, scaled.data(), T{0}, shift.data())), sum,
+  EXPECT_NEAR(static_cast<double>(GaussianSum(*sums, scaled.data())), sum, 1e-5 * sum);
+  EXPECT_NEAR(static_cast<double>(GaussianSumShift(*sums, scaled.data(), T{0}, shift.data())), sum,
               1e-5 * sum);
 }
 
@@ -220,11 +226,12 @@ TEST_P(GaussianSumTest, ATermIsZeroOrANormalNumber) {
 TEST_P(GaussianSumTest, NeverAllocates) {
   const Problem p(600, 9, 0.5, 5);
   const GaussianTerms<double> terms(p.points, p.weights, p.gamma);
+  const SumTerms<double> sums(terms);
   std::vector<double> scaled(9), shift(9);
   const dfr::test::NoAlloc guard;
   ASSERT_TRUE(terms.Scale(p.points.data(), scaled.data()));
-  EXPECT_EQ(GaussianSum(terms, scaled.data()), GaussianSum(terms, scaled.data()));
-  GaussianSumShift(terms, scaled.data(), 0.0, shift.data());
+  EXPECT_EQ(GaussianSum(*sums, scaled.data()), GaussianSum(*sums, scaled.data()));
+  GaussianSumShift(*sums, scaled.data(), 0.0, shift.data());
 }
 
 // The system tier has a million.
@@ -236,23 +243,23 @@ TEST(GaussianSumTargetsTest, InstructionSetsDifferByRoundingOnly) {
   core::Random random(16);
   std::vector<double> x(9), scaled(9);
   std::vector<float> scaled_float(9);
-  std::vector<GaussianTerms<double>> in_double;
-  std::vector<GaussianTerms<float>> in_float;
+  std::vector<SumTerms<double>> in_double;
+  std::vector<SumTerms<float>> in_float;
   for (const std::int64_t target : SupportedTargets()) {
     ForceTarget(target);
-    in_double.emplace_back(p.points, p.weights, p.gamma);
-    in_float.emplace_back(p.points, p.weights, p.gamma);
+    in_double.emplace_back(GaussianTerms<double>(p.points, p.weights, p.gamma));
+    in_float.emplace_back(GaussianTerms<float>(p.points, p.weights, p.gamma));
   }
   ForceTarget(0);
   for (int i = 0; i < 2000; ++i) {
     for (double& v : x) v = random.Normal();
-    ASSERT_TRUE(in_double[0].Scale(x.data(), scaled.data()));
-    ASSERT_TRUE(in_float[0].Scale(x.data(), scaled_float.data()));
-    const double best = GaussianSum(in_double[0], scaled.data());
+    ASSERT_TRUE(in_double[0]->Scale(x.data(), scaled.data()));
+    ASSERT_TRUE(in_float[0]->Scale(x.data(), scaled_float.data()));
+    const double best = GaussianSum(*in_double[0], scaled.data());
     for (std::size_t k = 1; k < in_double.size(); ++k) {
-      EXPECT_NEAR(GaussianSum(in_double[k], scaled.data()), best, 1e-14 * best);
-      EXPECT_NEAR(GaussianSum(in_float[k], scaled_float.data()),
-                  GaussianSum(in_float[0], scaled_float.data()), 1e-6 * best);
+      EXPECT_NEAR(GaussianSum(*in_double[k], scaled.data()), best, 1e-14 * best);
+      EXPECT_NEAR(GaussianSum(*in_float[k], scaled_float.data()),
+                  GaussianSum(*in_float[0], scaled_float.data()), 1e-6 * best);
     }
   }
 }

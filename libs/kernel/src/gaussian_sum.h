@@ -6,6 +6,7 @@
 
 #include "dfr/core/matrix.h"
 #include "gaussian_terms.h"
+#include "sum_block.h"
 
 namespace dfr::kernel::internal {
 
@@ -17,33 +18,35 @@ namespace dfr::kernel::internal {
 /// Functions for the widest instruction set of this machine, or for the forced one.
 template <typename T>
 [[nodiscard]] GaussianFunctions<T> BestFunctions();
+template <typename T>
+[[nodiscard]] SumFunctions<T> BestSumFunctions();
 
 /// Computes the same sum with SIMD; `x` is scaled by terms.Scale(). The order of summation depends
 /// only on the number of terms and the instruction set.
 /// Relative error of each term: 4e-16 + 2e-16 |exponent| in double, 3e-7 + 1e-7 |exponent| in
 /// float. In float, terms below the smallest normal number count as zero.
 template <typename T>
-[[nodiscard]] T GaussianSum(const GaussianTerms<T>& terms, const T* x) noexcept {
+[[nodiscard]] T GaussianSum(const SumBlock<T>& terms, const T* x) noexcept {
   return terms.functions.sum(terms, x);
 }
 
 /// GaussianSum() of `count` queries, concatenated in `x`; the same bits.
 template <typename T>
-void GaussianSums(const GaussianTerms<T>& terms, const T* x, std::size_t count, T* sums) noexcept {
+void GaussianSums(const SumBlock<T>& terms, const T* x, std::size_t count, T* sums) noexcept {
   terms.functions.sums(terms, x, count, sums);
 }
 
 /// Returns the sum of all terms times 2^offset and writes the sum of term_i 2^offset (s'_i - x') to
 /// `shift` (dim entries). With offset 0, the same bits as GaussianSum().
 template <typename T>
-T GaussianSumShift(const GaussianTerms<T>& terms, const T* x, T offset, T* shift) noexcept {
+T GaussianSumShift(const SumBlock<T>& terms, const T* x, T offset, T* shift) noexcept {
   return terms.functions.sum_shift(terms, x, offset, shift);
 }
 
 /// Returns the largest exponent log2 w_i - |x' - s'_i|^2: the offset that prevents underflow of
 /// sums far away.
 template <typename T>
-[[nodiscard]] T LargestExponent(const GaussianTerms<T>& terms, const T* x) noexcept {
+[[nodiscard]] T LargestExponent(const SumBlock<T>& terms, const T* x) noexcept {
   return terms.functions.largest(terms, x);
 }
 

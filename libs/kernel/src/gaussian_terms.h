@@ -59,13 +59,9 @@ struct GaussianTerms;
 template <typename T>
 struct GroupBoxes;
 
-/// Functions of gaussian_sum.h for one instruction set.
+/// Functions of gaussian_sum.h that compute rows, for one instruction set.
 template <typename T>
 struct GaussianFunctions {
-  T (*sum)(const GaussianTerms<T>&, const T* x) = nullptr;
-  void (*sums)(const GaussianTerms<T>&, const T* x, std::size_t count, T* sums) = nullptr;
-  T (*sum_shift)(const GaussianTerms<T>&, const T* x, T offset, T* shift) = nullptr;
-  T (*largest)(const GaussianTerms<T>&, const T* x) = nullptr;
   void (*row)(const GaussianTerms<T>&, const T* x, T* row) = nullptr;
   void (*all_rows)(const GaussianTerms<T>&, T* point, T* rows, T* sums) = nullptr;
   void (*exponents)(const GaussianTerms<T>&, const T* x, T* row) = nullptr;
@@ -77,6 +73,21 @@ struct GaussianFunctions {
   std::size_t (*near_row)(const GaussianTerms<T>&, const T* x, T reach, std::uint32_t* groups,
                           std::size_t count, T* values) = nullptr;
 };
+
+/// Computes scale (x - center) of `x` (dim entries). Returns false if an entry is not finite or so
+/// far away that its square overflows; every term is then zero.
+template <typename T>
+[[nodiscard]] bool ScaleState(const double* x, const double* center, double scale, std::size_t dim,
+                              T* scaled) noexcept {
+  constexpr double kFar = sizeof(T) == sizeof(double) ? 1e150 : 1e18;
+  bool near = true;
+  for (std::size_t k = 0; k < dim; ++k) {
+    const double v = scale * (x[k] - center[k]);
+    near &= std::abs(v) < kFar;  // false for NaN
+    scaled[k] = static_cast<T>(v);
+  }
+  return near;
+}
 
 /// Terms w_i exp(-gamma |x - s_i|^2) of a sum, in the layout of the SIMD code.
 ///
@@ -97,17 +108,9 @@ struct GaussianTerms {
   GaussianTerms(const core::Matrix& points, const Extent& extent, std::span<const double> weights,
                 double gamma);
 
-  /// Computes x' of `x` (dim entries). Returns false if an entry is not finite or so far away that
-  /// its square overflows; every term is then zero.
+  /// Computes x' of `x`, as ScaleState().
   [[nodiscard]] bool Scale(const double* x, T* scaled) const noexcept {
-    constexpr double kFar = sizeof(T) == sizeof(double) ? 1e150 : 1e18;
-    bool near = true;
-    for (std::size_t k = 0; k < dim; ++k) {
-      const double v = scale * (x[k] - center[k]);
-      near &= std::abs(v) < kFar;  // false for NaN
-      scaled[k] = static_cast<T>(v);
-    }
-    return near;
+    return ScaleState(x, center.data(), scale, dim, scaled);
   }
 
   /// Returns the terms of these indices, in this order, padded to a multiple of `whole` terms.
@@ -123,7 +126,6 @@ struct GaussianTerms {
   /// Number of entries of a row over all terms.
   [[nodiscard]] std::size_t row_size() const noexcept { return num_blocks * kLanes; }
 
-  /// Chosen at construction: a cold query then touches neither Highway's tables nor its code.
   GaussianFunctions<T> functions;
   std::size_t dim = 0;
   std::size_t count = 0;

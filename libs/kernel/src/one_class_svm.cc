@@ -3,9 +3,13 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <memory>
+#include <new>
 #include <numbers>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -16,24 +20,59 @@
 #include "gaussian_sum.h"
 #include "gaussian_terms.h"
 #include "smo_solver.h"
+#include "sum_block.h"
 #include "weighted_dual.h"
 
 namespace dfr::kernel {
 
 static_assert(OneClassSvm::kMaxStateDim == internal::kMaxStateDim);
 
-// The data of a decision comes first, in few cache lines.
+// What a decision does not read, and the memory of what it reads.
+struct OneClassSvm::Parts {
+  core::Matrix support_vectors;
+  Eigen::VectorXd alpha;
+  internal::AlignedVector<std::byte> memory;
+};
+
+// All that a decision reads is one block of memory: this cache line, then a SumBlock.
 struct alignas(64) OneClassSvm::Data {
   double rho;
   double log_rho;
-  bool single = false;
-  // Exactly one of the two is filled.
-  internal::GaussianTerms<double> in_double;
-  internal::GaussianTerms<float> in_float;
   double gamma;
   double libsvm_scale;
-  core::Matrix support_vectors;
-  Eigen::VectorXd alpha;
+  bool single;  // The block is a SumBlock<float>, otherwise a SumBlock<double>.
+  const Parts* parts;
+  const void* sum_code;    // of Decision() and LogDecision(),
+  const void* shift_code;  // of the gradients: to prefetch
+
+  template <typename T>
+  [[nodiscard]] const internal::SumBlock<T>& sum() const noexcept {
+    return *reinterpret_cast<const internal::SumBlock<T>*>(this + 1);
+  }
+
+  // Returns an estimate in the precision of `terms` whose rho and log_rho remain to be set.
+  template <typename T>
+  static std::shared_ptr<Data> Make(const internal::GaussianTerms<T>& terms,
+                                    core::Matrix support_vectors, Eigen::VectorXd alpha,
+                                    double gamma, double libsvm_scale) {
+    auto parts = std::make_shared<Parts>();
+    parts->support_vectors = std::move(support_vectors);
+    parts->alpha = std::move(alpha);
+    parts->memory.resize(sizeof(Data) + internal::SumBlock<T>::Bytes(terms));
+    auto* data =
+        ::new (static_cast<void*>(parts->memory.data())) Data{.rho = 0.0,
+                                                              .log_rho = 0.0,
+                                                              .gamma = gamma,
+                                                              .libsvm_scale = libsvm_scale,
+                                                              .single = std::is_same_v<T, float>,
+                                                              .parts = parts.get(),
+                                                              .sum_code = nullptr,
+                                                              .shift_code = nullptr};
+    const auto& functions = internal::SumBlock<T>::Write(terms, data + 1).functions;
+    data->sum_code = reinterpret_cast<const void*>(functions.sum);
+    data->shift_code = reinterpret_cast<const void*>(functions.sum_shift);
+    return {std::move(parts), data};
+  }
 };
 
 namespace {
@@ -47,30 +86,34 @@ bool AllFinite(std::span<const double> x) noexcept {
   return sum == 0.0;
 }
 
-double OutsideOrFar(std::span<const double> x, double far) noexcept {
+[[gnu::cold, gnu::noinline]] double OutsideOrFar(std::span<const double> x, double far) noexcept {
   return AllFinite(x) ? far : kOutside;
 }
 
 // Returns one decision in the precision of `terms`, for states of at most kCapacity entries. `x`
 // must have the right size.
 template <int kCapacity, typename T>
-[[gnu::hot]] double DecideWithin(const internal::GaussianTerms<T>& terms, double rho,
-                                 std::span<const double> x) noexcept {
+[[gnu::hot, gnu::noinline]] double DecideWithin(const internal::SumBlock<T>& terms, double rho,
+                                                std::span<const double> x) noexcept {
   T scaled[kCapacity];
-  if (!terms.Scale(x.data(), scaled)) return OutsideOrFar(x, -rho);
+  if (!terms.Scale(x.data(), scaled)) [[unlikely]] {
+    return OutsideOrFar(x, -rho);
+  }
   return static_cast<double>(internal::GaussianSum(terms, scaled)) - rho;
 }
 
 // Returns the sum of all terms for a state of the right size.
-double SumAt(const internal::GaussianTerms<double>& terms, std::span<const double> x) noexcept {
+double SumAt(const internal::SumBlock<double>& terms, std::span<const double> x) noexcept {
   return DecideWithin<internal::kMaxStateDim>(terms, 0.0, x);
 }
 
 double LogOfRho(double rho) { return rho > 0.0 ? std::log(rho) : kOutside; }
 
-// Fetches `kLines` cache lines. Always inline: GCC drops calls whose only effect is to prefetch.
-template <int kLines>
-[[gnu::always_inline]] inline void Prefetch(std::uintptr_t address) noexcept {
+// Fetches `kLines` cache lines, `kOffset` bytes behind `start`. Always inline: GCC drops calls
+// whose only effect is to prefetch.
+template <int kLines, int kOffset = 0>
+[[gnu::always_inline]] inline void Prefetch(const void* start) noexcept {
+  const auto address = reinterpret_cast<std::uintptr_t>(start) + kOffset;
 #pragma GCC unroll 16
   for (std::uintptr_t k = 0; k < kLines; ++k) {
     // May lie beyond the object, where no pointer may be computed.
@@ -82,30 +125,29 @@ template <int kLines>
 // Small states, the usual case, use the part of the stack that is in the caller's cache.
 constexpr int kSmallState = 64;
 
-// Prefetches the memory of a cold decision: the terms, their first blocks and the code that sums
-// them. The misses then overlap.
-template <typename T, typename Function>
-[[gnu::always_inline]] inline void PrefetchSum(const internal::GaussianTerms<T>& terms,
-                                               Function* sum) noexcept {
-  Prefetch<3>(reinterpret_cast<std::uintptr_t>(&terms));
-  Prefetch<2>(reinterpret_cast<std::uintptr_t>(terms.data.data()));
-  Prefetch<1>(reinterpret_cast<std::uintptr_t>(terms.data.data()) + 4096);
-  Prefetch<2>(reinterpret_cast<std::uintptr_t>(terms.center.data()));
-  Prefetch<16>(reinterpret_cast<std::uintptr_t>(sum));
+// Prefetches what a cold decision reads: the constants of 2^e, the start of the block of the
+// estimate `data` and the code that sums its terms. The misses then overlap. Processors fetch the
+// rest of a page ahead, but not the next page.
+[[gnu::always_inline]] inline void PrefetchBlock(const void* data, const void* code) noexcept {
+  Prefetch<2>(&internal::kExp2Double);
+  Prefetch<1>(&internal::kExp2Float);
+  Prefetch<6>(data);
+  Prefetch<1, 4096>(data);
+  Prefetch<16>(code);
 }
 
 // The same for the code of std::log().
 [[gnu::always_inline]] inline void PrefetchLog() noexcept {
-  Prefetch<4>(reinterpret_cast<std::uintptr_t>(static_cast<double (*)(double)>(&std::log)));
+  Prefetch<4>(reinterpret_cast<const void*>(static_cast<double (*)(double)>(&std::log)));
 }
 
 template <typename T>
-double Decide(const internal::GaussianTerms<T>& terms, double rho,
-              std::span<const double> x) noexcept {
-  PrefetchSum(terms, terms.functions.sum);
+double Decide(const internal::SumBlock<T>& terms, double rho, std::span<const double> x) noexcept {
   if (x.size() != terms.dim) return kOutside;
-  return x.size() <= kSmallState ? DecideWithin<kSmallState>(terms, rho, x)
-                                 : DecideWithin<internal::kMaxStateDim>(terms, rho, x);
+  if (x.size() > kSmallState) [[unlikely]] {
+    return DecideWithin<internal::kMaxStateDim>(terms, rho, x);
+  }
+  return DecideWithin<kSmallState>(terms, rho, x);
 }
 
 // Below this value a sum has lost terms to underflow; it is then recomputed relative to its largest
@@ -115,7 +157,7 @@ constexpr T kSmallSum = sizeof(T) == sizeof(double) ? T(1e-280) : T(1e-25);
 
 // The log of the sum, for states of at most kCapacity entries. `x` must have the right size.
 template <int kCapacity, typename T>
-double LogSumWithin(const internal::GaussianTerms<T>& terms, std::span<const double> x) noexcept {
+double LogSumWithin(const internal::SumBlock<T>& terms, std::span<const double> x) noexcept {
   T scaled[kCapacity];
   if (!terms.Scale(x.data(), scaled)) return kOutside;
   const T sum = internal::GaussianSum(terms, scaled);
@@ -127,8 +169,7 @@ double LogSumWithin(const internal::GaussianTerms<T>& terms, std::span<const dou
 }
 
 template <typename T>
-double LogSum(const internal::GaussianTerms<T>& terms, std::span<const double> x) noexcept {
-  PrefetchSum(terms, terms.functions.sum);
+double LogSum(const internal::SumBlock<T>& terms, std::span<const double> x) noexcept {
   PrefetchLog();
   if (x.size() != terms.dim) return kOutside;
   return x.size() <= kSmallState ? LogSumWithin<kSmallState>(terms, x)
@@ -138,7 +179,7 @@ double LogSum(const internal::GaussianTerms<T>& terms, std::span<const double> x
 // Returns log(sum) and writes sum_i w_i (x_i - x) to `mean_shift`, for states of at most kCapacity
 // entries.
 template <int kCapacity, typename T>
-double LogSumShiftWithin(const internal::GaussianTerms<T>& terms, std::span<const double> x,
+double LogSumShiftWithin(const internal::SumBlock<T>& terms, std::span<const double> x,
                          std::span<double> mean_shift) noexcept {
   T scaled[kCapacity];
   T shift[kCapacity];
@@ -156,9 +197,8 @@ double LogSumShiftWithin(const internal::GaussianTerms<T>& terms, std::span<cons
 }
 
 template <typename T>
-double LogSumShift(const internal::GaussianTerms<T>& terms, std::span<const double> x,
+double LogSumShift(const internal::SumBlock<T>& terms, std::span<const double> x,
                    std::span<double> mean_shift) noexcept {
-  PrefetchSum(terms, terms.functions.sum_shift);
   PrefetchLog();
   if (x.size() != terms.dim || mean_shift.size() != terms.dim) return kOutside;
   return x.size() <= kSmallState ? LogSumShiftWithin<kSmallState>(terms, x, mean_shift)
@@ -167,7 +207,7 @@ double LogSumShift(const internal::GaussianTerms<T>& terms, std::span<const doub
 
 // Returns g and writes its gradient, for states of at most kCapacity entries.
 template <int kCapacity, typename T>
-double GradientWithin(const internal::GaussianTerms<T>& terms, double rho, double gamma,
+double GradientWithin(const internal::SumBlock<T>& terms, double rho, double gamma,
                       std::span<const double> x, std::span<double> gradient) noexcept {
   T scaled[kCapacity];
   T shift[kCapacity];
@@ -179,9 +219,8 @@ double GradientWithin(const internal::GaussianTerms<T>& terms, double rho, doubl
 }
 
 template <typename T>
-double GradientOf(const internal::GaussianTerms<T>& terms, double rho, double gamma,
+double GradientOf(const internal::SumBlock<T>& terms, double rho, double gamma,
                   std::span<const double> x, std::span<double> gradient) noexcept {
-  PrefetchSum(terms, terms.functions.sum_shift);
   if (x.size() != terms.dim || gradient.size() != terms.dim) return kOutside;
   return x.size() <= kSmallState
              ? GradientWithin<kSmallState>(terms, rho, gamma, x, gradient)
@@ -189,7 +228,7 @@ double GradientOf(const internal::GaussianTerms<T>& terms, double rho, double ga
 }
 
 template <typename T>
-void DecideBatch(const internal::GaussianTerms<T>& terms, double rho,
+void DecideBatch(const internal::SumBlock<T>& terms, double rho,
                  const Eigen::Ref<const core::Matrix>& x, std::span<double> g) noexcept {
   constexpr std::size_t kMostQueries = 64;
   T scaled[2 * internal::kMaxStateDim];
@@ -258,25 +297,20 @@ OneClassSvm internal::FitSharing(const core::Matrix& samples, const OneClassSvmO
   // nu m up to the rounding of the solver's steps.
   const double scale = alpha.sum();
   alpha /= scale;
-  GaussianTerms<double> terms(support_vectors, core::AsSpan(alpha), options.gamma);
-  OneClassSvm::Data data{.rho = dual.rho / scale,
-                         .log_rho = 0.0,
-                         .in_double = std::move(terms),
-                         .in_float = {},
-                         .gamma = options.gamma,
-                         .libsvm_scale = scale,
-                         .support_vectors = std::move(support_vectors),
-                         .alpha = std::move(alpha)};
+  const GaussianTerms<double> terms(support_vectors, core::AsSpan(alpha), options.gamma);
+  const auto data = OneClassSvm::Data::Make(terms, std::move(support_vectors), std::move(alpha),
+                                            options.gamma, scale);
+  data->rho = dual.rho / scale;
   for (const DualSolution::RhoSample& s : dual.rho_samples) {
-    const double exact = SumAt(data.in_double, core::Row(samples, s.sample));
-    data.rho += (exact - s.gradient / scale) / static_cast<double>(dual.rho_samples.size());
+    const double exact = SumAt(data->sum<double>(), core::Row(samples, s.sample));
+    data->rho += (exact - s.gradient / scale) / static_cast<double>(dual.rho_samples.size());
   }
-  data.log_rho = LogOfRho(data.rho);
+  data->log_rho = LogOfRho(data->rho);
   result.num_support_vectors = static_cast<int>(chosen.size());
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   result.alpha = dual.alpha / scale;
   if (summary != nullptr) *summary = std::move(result);
-  return OneClassSvm(std::make_shared<const OneClassSvm::Data>(std::move(data)));
+  return OneClassSvm(data);
 }
 
 OneClassSvm OneClassSvm::FromParts(core::Matrix support_vectors, Eigen::VectorXd alpha,
@@ -296,44 +330,36 @@ OneClassSvm OneClassSvm::FromParts(core::Matrix support_vectors, Eigen::VectorXd
   DFR_THROW_UNLESS(std::isfinite(rho), "rho must be finite, not " << rho);
   DFR_THROW_UNLESS(libsvm_scale > 0.0 && std::isfinite(libsvm_scale),
                    "libsvm_scale must be positive and finite, not " << libsvm_scale);
-  internal::GaussianTerms<double> terms(support_vectors, core::AsSpan(alpha), gamma);
-  return OneClassSvm(
-      std::make_shared<const Data>(Data{.rho = rho,
-                                        .log_rho = LogOfRho(rho),
-                                        .in_double = std::move(terms),
-                                        .in_float = {},
-                                        .gamma = gamma,
-                                        .libsvm_scale = libsvm_scale,
-                                        .support_vectors = std::move(support_vectors),
-                                        .alpha = std::move(alpha)}));
+  const internal::GaussianTerms<double> terms(support_vectors, core::AsSpan(alpha), gamma);
+  const auto data =
+      Data::Make(terms, std::move(support_vectors), std::move(alpha), gamma, libsvm_scale);
+  data->rho = rho;
+  data->log_rho = LogOfRho(rho);
+  return OneClassSvm(data);
 }
 
 OneClassSvm OneClassSvm::InSinglePrecision() const {
-  const Data& d = *data_;
-  internal::GaussianTerms<float> terms(d.support_vectors, core::AsSpan(d.alpha), d.gamma);
-  return OneClassSvm(std::make_shared<const Data>(Data{.rho = d.rho,
-                                                       .log_rho = d.log_rho,
-                                                       .single = true,
-                                                       .in_double = {},
-                                                       .in_float = std::move(terms),
-                                                       .gamma = d.gamma,
-                                                       .libsvm_scale = d.libsvm_scale,
-                                                       .support_vectors = d.support_vectors,
-                                                       .alpha = d.alpha}));
+  const internal::GaussianTerms<float> terms(support_vectors(), core::AsSpan(alpha()), gamma());
+  const auto data = Data::Make(terms, support_vectors(), alpha(), gamma(), libsvm_scale());
+  data->rho = data_->rho;
+  data->log_rho = data_->log_rho;
+  return OneClassSvm(data);
 }
 
 // Hot functions are linked next to one another: a cold decision touches fewer pages.
 [[gnu::hot]] double OneClassSvm::Decision(std::span<const double> x) const noexcept {
   const Data& d = *data_;
-  return d.single ? Decide(d.in_float, d.rho, x) : Decide(d.in_double, d.rho, x);
+  PrefetchBlock(&d, d.sum_code);
+  return d.single ? Decide(d.sum<float>(), d.rho, x) : Decide(d.sum<double>(), d.rho, x);
 }
 
 [[gnu::hot]] double OneClassSvm::Gradient(std::span<const double> x,
                                           std::span<double> gradient) const noexcept {
   const Data& d = *data_;
+  PrefetchBlock(&d, d.shift_code);
   std::fill(gradient.begin(), gradient.end(), 0.0);
-  return d.single ? GradientOf(d.in_float, d.rho, d.gamma, x, gradient)
-                  : GradientOf(d.in_double, d.rho, d.gamma, x, gradient);
+  return d.single ? GradientOf(d.sum<float>(), d.rho, d.gamma, x, gradient)
+                  : GradientOf(d.sum<double>(), d.rho, d.gamma, x, gradient);
 }
 
 double OneClassSvm::FromLog(double l) const noexcept {
@@ -342,16 +368,18 @@ double OneClassSvm::FromLog(double l) const noexcept {
 
 [[gnu::hot]] double OneClassSvm::LogDecision(std::span<const double> x) const noexcept {
   const Data& d = *data_;
-  const double log_sum = d.single ? LogSum(d.in_float, x) : LogSum(d.in_double, x);
+  PrefetchBlock(&d, d.sum_code);
+  const double log_sum = d.single ? LogSum(d.sum<float>(), x) : LogSum(d.sum<double>(), x);
   return log_sum == kOutside ? kOutside : log_sum - d.log_rho;
 }
 
 [[gnu::hot]] double OneClassSvm::LogGradient(std::span<const double> x,
                                              std::span<double> gradient) const noexcept {
   const Data& d = *data_;
+  PrefetchBlock(&d, d.shift_code);
   std::fill(gradient.begin(), gradient.end(), 0.0);
-  const double log_sum =
-      d.single ? LogSumShift(d.in_float, x, gradient) : LogSumShift(d.in_double, x, gradient);
+  const double log_sum = d.single ? LogSumShift(d.sum<float>(), x, gradient)
+                                  : LogSumShift(d.sum<double>(), x, gradient);
   if (log_sum == kOutside) return kOutside;
   for (double& g : gradient) g *= 2.0 * d.gamma;
   return log_sum - d.log_rho;
@@ -369,9 +397,9 @@ void OneClassSvm::DecisionBatch(const Eigen::Ref<const core::Matrix>& x, std::sp
     const auto rows = x.middleRows(first, count);
     const auto values = g.subspan(static_cast<std::size_t>(first), static_cast<std::size_t>(count));
     if (d.single) {
-      DecideBatch(d.in_float, d.rho, rows, values);
+      DecideBatch(d.sum<float>(), d.rho, rows, values);
     } else {
-      DecideBatch(d.in_double, d.rho, rows, values);
+      DecideBatch(d.sum<double>(), d.rho, rows, values);
     }
   };
   if (threads == 1) return decide(0, x.rows());
@@ -388,13 +416,15 @@ double OneClassSvm::lipschitz_bound() const noexcept {
 }
 
 int OneClassSvm::state_dim() const noexcept {
-  return static_cast<int>(data_->support_vectors.cols());
+  return static_cast<int>(data_->parts->support_vectors.cols());
 }
 int OneClassSvm::num_support_vectors() const noexcept {
-  return static_cast<int>(data_->support_vectors.rows());
+  return static_cast<int>(data_->parts->support_vectors.rows());
 }
-const core::Matrix& OneClassSvm::support_vectors() const noexcept { return data_->support_vectors; }
-const Eigen::VectorXd& OneClassSvm::alpha() const noexcept { return data_->alpha; }
+const core::Matrix& OneClassSvm::support_vectors() const noexcept {
+  return data_->parts->support_vectors;
+}
+const Eigen::VectorXd& OneClassSvm::alpha() const noexcept { return data_->parts->alpha; }
 double OneClassSvm::gamma() const noexcept { return data_->gamma; }
 double OneClassSvm::rho() const noexcept { return data_->rho; }
 double OneClassSvm::libsvm_scale() const noexcept { return data_->libsvm_scale; }

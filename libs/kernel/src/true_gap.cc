@@ -42,19 +42,19 @@ std::vector<double> ExactGradient(const core::Matrix& samples, double gamma,
     weights.push_back(alpha[i]);
   }
   const core::Matrix points = samples(support, Eigen::all);
-  const GaussianTerms<double> terms(points, weights, gamma);
+  const SumTerms<double> terms(GaussianTerms<double>(points, weights, gamma));
   std::vector<double> gradient(chosen.size());
   // Enough work to justify starting a thread.
   const std::size_t run_size = 32 + (std::size_t{1} << 18) / (support.size() + 1);
   workers.Run((chosen.size() + run_size - 1) / run_size, [&](std::size_t run) {
-    std::vector<double> scaled(terms.dim);
+    std::vector<double> scaled(terms->dim);
     for (std::size_t q = run * run_size; q < std::min(chosen.size(), (run + 1) * run_size); ++q) {
       const auto x = core::Row(samples, static_cast<Eigen::Index>(chosen[q]));
       if (far) {
         gradient[q] = GaussianSumReference(points, weights, gamma, x);
       } else {
-        (void)terms.Scale(x.data(), scaled.data());
-        gradient[q] = GaussianSum(terms, scaled.data());
+        (void)terms->Scale(x.data(), scaled.data());
+        gradient[q] = GaussianSum(*terms, scaled.data());
       }
     }
   });

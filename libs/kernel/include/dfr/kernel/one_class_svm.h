@@ -147,6 +147,7 @@ class OneClassSvm {
   [[nodiscard]] double libsvm_scale() const noexcept;
 
  private:
+  struct Parts;
   struct Data;
   friend OneClassSvm internal::FitSharing(const core::Matrix& samples,
                                           const OneClassSvmOptions& options,
