@@ -18,6 +18,7 @@
 #include "bench/kernel/machine.h"
 #include "bench/kernel/peers.h"
 #include "bench/kernel/trajectories.h"
+#include "dfr/core/quantile.h"
 #include "dfr/kernel/one_class_svm.h"
 
 namespace dfr::bench {
@@ -119,26 +120,29 @@ class DecisionCase {
     Report("batch", RunContest(contestants, kQueries, options), results);
   }
 
-  // Measures one query with cold caches by the wall clock: the median of many, alternately.
+  // Measures one query with cold caches by the wall clock: the median of many, alternately. A call
+  // that only reads the query shows what the cold call itself takes.
   void Cold(const ContestOptions& options, std::vector<CaseResult>& results) const {
     std::vector<char> other(std::size_t{48} << 20, 1);
-    std::vector<std::vector<double>> times(entrants_.size());
+    std::vector<Entrant> entrants = entrants_;
+    entrants.push_back({"empty", [this](int i) { return fitted_.queries(i, 0); }, {}, 1.0, 0.0});
+    std::vector<std::vector<double>> times(entrants.size());
     const int rounds = options.smoke() ? 1 : 25;
     for (int round = 0; round < rounds; ++round) {
-      for (std::size_t i = 0; i < entrants_.size(); ++i) {
+      for (std::size_t i = 0; i < entrants.size(); ++i) {
         for (std::size_t k = 0; k < other.size(); k += 64) ++other[k];
         const auto start = std::chrono::steady_clock::now();
-        sink = entrants_[i].decide(round);
+        sink = entrants[i].decide(round);
         const auto stop = std::chrono::steady_clock::now();
         times[i].push_back(std::chrono::duration<double, std::nano>(stop - start).count());
       }
     }
     std::vector<Timing> timings;
+    timings.reserve(entrants_.size());
     for (std::size_t i = 0; i < entrants_.size(); ++i) {
-      std::sort(times[i].begin(), times[i].end());
-      timings.push_back({entrants_[i].name, times[i][times[i].size() / 2], Check(entrants_[i])});
+      timings.push_back({entrants_[i].name, core::Median(times[i]), Check(entrants_[i])});
     }
-    Report("cold", timings, results);
+    Report("cold", timings, results, {{"empty call ns", core::Median(times.back())}});
   }
 
  private:
@@ -162,14 +166,15 @@ class DecisionCase {
 
   // Reports one row for each of our two precisions, against the same peers.
   void Report(const char* what, const std::vector<Timing>& timings,
-              std::vector<CaseResult>& results) const {
+              std::vector<CaseResult>& results,
+              const std::vector<std::pair<std::string, double>>& counters = {}) const {
     const auto terms = static_cast<std::size_t>(fitted_.svm->num_support_vectors());
     for (const std::size_t ours : {0u, 1u}) {
       const std::size_t bytes = ours == 0 ? 8 : 4;
       char name[80];
       std::snprintf(name, sizeof(name), "%s %s d=%d sv=%zu", what, timings[ours].name.c_str(), d_,
                     terms);
-      CaseResult result{name, {timings[ours]}, 0.0, {}};
+      CaseResult result{name, {timings[ours]}, 0.0, counters};
       result.timings.insert(result.timings.end(), timings.begin() + 2, timings.end());
       if (std::string(what) != "cold") {
         result.bound_nanoseconds = DecisionBound(Measure(), terms, static_cast<std::size_t>(d_),

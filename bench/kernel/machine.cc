@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstdio>
+#include <fstream>
+#include <string>
 #include <vector>
 
 #include "bench/kernel/contest.h"
@@ -86,8 +88,19 @@ double Least(double operations, Run&& run) {
   return least / operations * 1e9;
 }
 
+// Returns the name that Linux gives, empty if it gives none.
+std::string ProcessorName() {
+  std::ifstream file("/proc/cpuinfo");
+  for (std::string line; std::getline(file, line);) {
+    const std::size_t colon = line.find(": ");
+    if (line.starts_with("model name") && colon != std::string::npos) return line.substr(colon + 2);
+  }
+  return "";
+}
+
 Machine MeasureNow() {
   Machine machine;
+  machine.processor = ProcessorName();
   volatile float sink = 0.0f;
   machine.instruction_set = HWY_DYNAMIC_DISPATCH(Name)();
   machine.vector_bytes = HWY_DYNAMIC_DISPATCH(VectorBytes)();
@@ -116,10 +129,11 @@ const Machine& Measure() {
 
 std::string Describe(const Machine& machine) {
   char text[200];
-  std::snprintf(text, sizeof(text),
-                "%s, %zu-byte vectors: multiply-add %.3f ns, load from L1 %.3f ns, from L2 %.3f ns",
-                machine.instruction_set.c_str(), machine.vector_bytes, machine.fma_nanoseconds,
-                machine.load_l1_nanoseconds, machine.load_l2_nanoseconds);
+  std::snprintf(
+      text, sizeof(text),
+      "%s: %s, %zu-byte vectors: multiply-add %.3f ns, load from L1 %.3f ns, from L2 %.3f ns",
+      machine.processor.c_str(), machine.instruction_set.c_str(), machine.vector_bytes,
+      machine.fma_nanoseconds, machine.load_l1_nanoseconds, machine.load_l2_nanoseconds);
   return text;
 }
 

@@ -7,6 +7,7 @@ namespace dfr::bench {
 
 /// Peak performance of one core, measured with the widest instruction set that dispatch chooses.
 struct Machine {
+  std::string processor;  ///< Its name; empty if the system does not give it.
   std::string instruction_set;
   std::size_t vector_bytes = 0;
   double fma_nanoseconds = 0.0;      ///< One vector multiply-add, in a throughput-bound loop.
