@@ -72,12 +72,40 @@ template <typename T>
 // Number of features summed together in the second pass: the term is loaded once for all of them.
 constexpr std::size_t kFeatures = 4;
 
+// Adds sum_i term_i (s'_i - x') of kCount features from `first` on to `sum`: in groups of kGroup
+// blocks, then in smaller ones, as GroupBlocks(). The width of a group is a constant here: the
+// loads of all features share one base address.
+template <std::size_t kGroup, std::size_t kCount, typename T>
+HWY_INLINE void AddGroups(const T* HWY_RESTRICT data, const T* HWY_RESTRICT row,
+                          std::size_t num_blocks, std::size_t dim, std::size_t first,
+                          const hn::Vec<Tag<T>>* HWY_RESTRICT query,
+                          hn::Vec<Tag<T>>* HWY_RESTRICT sum) {
+  constexpr Tag<T> d;
+  constexpr std::size_t kWidth = kGroup * GaussianTerms<T>::kLanes;
+  for (; num_blocks >= kGroup; num_blocks -= kGroup) {
+    const T* HWY_RESTRICT coordinates = data + (1 + first) * kWidth;
+    HWY_UNROLL(4)
+    for (std::size_t lane = 0; lane < kWidth; lane += hn::MaxLanes(d)) {
+      const auto term = hn::Load(d, row + lane);
+      HWY_UNROLL(4)
+      for (std::size_t k = 0; k < kCount; ++k) {
+        const auto diff = hn::Sub(hn::Load(d, coordinates + k * kWidth + lane), query[k]);
+        sum[k] = hn::MulAdd(term, diff, sum[k]);
+      }
+    }
+    data += (dim + 1) * kWidth;
+    row += kWidth;
+  }
+  if constexpr (kGroup > 1) {
+    AddGroups<kGroup / 2, kCount>(data, row, num_blocks, dim, first, query, sum);
+  }
+}
+
 template <std::size_t kCount, typename T>
 HWY_INLINE void AddShift(const T* HWY_RESTRICT data, const T* HWY_RESTRICT row,
                          std::size_t num_blocks, std::size_t dim, std::size_t first,
                          const T* HWY_RESTRICT x, T* HWY_RESTRICT shift) {
   constexpr Tag<T> d;
-  constexpr std::size_t kLanes = GaussianTerms<T>::kLanes;
   hn::Vec<Tag<T>> sum[kCount];
   hn::Vec<Tag<T>> query[kCount];
   HWY_UNROLL(4)
@@ -85,20 +113,8 @@ HWY_INLINE void AddShift(const T* HWY_RESTRICT data, const T* HWY_RESTRICT row,
     sum[k] = hn::Zero(d);
     query[k] = hn::Set(d, x[first + k]);
   }
-  for (std::size_t b = 0; b < num_blocks;) {
-    const std::size_t group = GroupBlocks(BlocksTogether<T>(), num_blocks - b);
-    const std::size_t width = group * kLanes;
-    const T* HWY_RESTRICT coordinates = data + b * (dim + 1) * kLanes + (1 + first) * width;
-    for (std::size_t lane = 0; lane < width; lane += hn::MaxLanes(d)) {
-      const auto term = hn::Load(d, row + b * kLanes + lane);
-      HWY_UNROLL(4)
-      for (std::size_t k = 0; k < kCount; ++k) {
-        const auto diff = hn::Sub(hn::Load(d, coordinates + k * width + lane), query[k]);
-        sum[k] = hn::MulAdd(term, diff, sum[k]);
-      }
-    }
-    b += group;
-  }
+  AddGroups<BlocksTogether<T>(), kCount>(data, row, num_blocks, dim, first, query, sum);
+  HWY_UNROLL(4)
   for (std::size_t k = 0; k < kCount; ++k) {
     shift[first + k] += hn::GetLane(hn::SumOfLanes(d, sum[k]));
   }

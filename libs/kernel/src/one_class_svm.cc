@@ -31,7 +31,7 @@ static_assert(OneClassSvm::kMaxStateDim == internal::kMaxStateDim);
 struct OneClassSvm::Parts {
   core::Matrix support_vectors;
   Eigen::VectorXd alpha;
-  internal::AlignedVector<std::byte> memory;
+  internal::AlignedVector<internal::CacheLine> memory;
 };
 
 // All that a decision reads is one block of memory: this cache line, then a SumBlock.
@@ -58,7 +58,8 @@ struct alignas(64) OneClassSvm::Data {
     auto parts = std::make_shared<Parts>();
     parts->support_vectors = std::move(support_vectors);
     parts->alpha = std::move(alpha);
-    parts->memory.resize(sizeof(Data) + internal::SumBlock<T>::Bytes(terms));
+    parts->memory.resize(sizeof(Data) / sizeof(internal::CacheLine) +
+                         internal::SumBlock<T>::Lines(terms));
     auto* data =
         ::new (static_cast<void*>(parts->memory.data())) Data{.rho = 0.0,
                                                               .log_rho = 0.0,

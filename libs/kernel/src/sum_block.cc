@@ -21,8 +21,8 @@ constinit const Exp2Constants<float> kExp2Float{
     12582912.0f};
 
 template <typename T>
-std::size_t SumBlock<T>::Bytes(const GaussianTerms<T>& terms) noexcept {
-  return sizeof(SumBlock) + (terms.dim + 7) / 8 * 64 + terms.data.size() * sizeof(T);
+std::size_t SumBlock<T>::Lines(const GaussianTerms<T>& terms) noexcept {
+  return sizeof(SumBlock) / sizeof(CacheLine) + (terms.dim + 7) / 8 + terms.data.size() / kLanes;
 }
 
 template <typename T>
