@@ -12,7 +12,7 @@ import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 
-POLICY, METHOD, RECORDED_METHOD = "weak", "guard", "guided"
+POLICY, METHOD, RECORDED_METHOD = "weak", "guard", "controller"
 STYLE = """
 .tasks { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(520px, 100%), 1fr)); gap: 18px; }
 a { color: var(--s2); }
@@ -27,7 +27,7 @@ demonstrations, five episodes of a weak policy alone, and five from the same sta
 <code>guard</code>. A guard knows nothing of a task but its demonstrations. <code>study picture TASK</code> draws the
 same paths, with axes.</p>
 <p>The figures are those of the <a href="md_docs_recorded_README.html">recorded run</a>: per cent of the episodes around five
-policies together, alone and with guided recovery (strategy <code>controller</code>).</p>
+policies together, alone and with strategy <code>controller</code>.</p>
 """
 
 
@@ -63,7 +63,7 @@ def section(task, page, shares):
     told = "Newer than the recorded run."
     if (name, "alone") in shares:
         told = "; ".join(f"{shown}: completed {shares[name, key][0]:.1f} %, failed {shares[name, key][1]:.1f} %"
-                         for key, shown in (("alone", "Alone"), (RECORDED_METHOD, "guided recovery"))) + "."
+                         for key, shown in (("alone", "Alone"), (RECORDED_METHOD, RECORDED_METHOD))) + "."
     return (f'<section id="{html.escape(name)}"><h2>{html.escape(name)}</h2>\n<p>{html.escape(summary)}.</p>\n'
             f'<div class="row">{"".join(panels)}</div>\n<p>{told}</p>\n<p class="caption">{html.escape(facts[0].upper() + facts[1:])}.</p></section>\n')
 

@@ -84,8 +84,8 @@ void AddModelOptions(CLI::App& command, LineModelOptions& model) {
                   "features of the support: blocks of the state tip, distance, heading")
       ->capture_default_str();
   command
-      .add_option("--guided-gamma", model.guided_gamma,
-                  "gamma of guided recovery's support, in whitened units")
+      .add_option("--whitened-gamma", model.whitened_gamma,
+                  "gamma of the whitened support, that of guard and controller")
       ->capture_default_str();
   command
       .add_option("--horizon", model.horizon,
@@ -178,7 +178,7 @@ void AddRun(CLI::App& app, RunOptions& options) {
                      "`line_tracking --config FILE` is short for this");
   command.add_option("--model", options.model, "folder written by fit (default: model)");
   command.add_option("--method", options.method,
-                     study::MethodHelp(kOtherLineMethods) + " (default: guided)");
+                     study::MethodHelp(kOtherLineMethods) + " (default: controller)");
   core::Writes(
       command.add_option("--recordings", options.recordings,
                          "folder for the logs of runs (default: recordings); none: no log"),
@@ -295,15 +295,15 @@ int Main(int argc, char** argv) {
   AddVision(app, vision);
   core::AddExamples(
       app, {{"experiment",
-             {"--out out/line_tracking", "--worlds frozen,30ms --methods baseline,guided"}},
+             {"--out out/line_tracking", "--worlds frozen,30ms --methods baseline,controller"}},
             {"calibrate", {"--out calibration.dfr"}},
             {"demonstrate", {"--calibration none --count 60 --out demonstrations.hdf5"}},
             {"fit", {"--demonstrations demonstrations.hdf5 --out model"}},
-            {"run", {"--model model --method guided --episodes 10", "--config robot.toml"}},
+            {"run", {"--model model --method controller --episodes 10", "--config robot.toml"}},
             {"replay", {"recordings/20260102-030405.mcap --model model"}},
             {"launch", {"--config simulated.toml --episodes 3"}},
             {"render", {"--model model --out episode.mp4"}},
-            {"view", {"--model model --method guided"}},
+            {"view", {"--model model --method controller"}},
             {"vision", {"--calibration none --episodes 5"}}});
 
   // One thread per trial is enough; OpenCV's threads would only wait for each other.

@@ -95,7 +95,7 @@ LineModel LineModel::Fit(const imitation::DemonstrationSet& set, const LineModel
     support_options.svm.gamma = chosen.rows[chosen.chosen].gamma;
     if (selection != nullptr) *selection = std::move(chosen);
   }
-  safety::TaskOptions task = GuidedOptions(options.guided_gamma);
+  safety::TaskOptions task = GuidedOptions(options.whitened_gamma);
   task.published_features = options.support_features;
   task.published = support_options;
   task.horizon = options.horizon;

@@ -28,16 +28,17 @@ struct LineModelOptions {
   /// Share accepted according to nu, 1 - nu. The gate's threshold lambda |u| of a tighter support
   /// exceeds the largest g at some time step, and DFR halts there.
   double acceptance = 0.95;
-  double guided_gamma = kernel::WhitenedSupportOptions()
-                            .svm.gamma;  ///< Gamma of guided recovery's support, in whitened units.
+  double whitened_gamma =
+      kernel::WhitenedSupportOptions()
+          .svm.gamma;      ///< Gamma of the whitened support, that of guard and controller.
   int horizon = 55;        ///< T: number of the learned policy's controls per episode.
   std::uint64_t seed = 1;  ///< Seed of the network's initial weights.
 };
 
 /// Constants of this task's controllers. "dfr" is Algorithm 1 with steps larger than the noise of
-/// images, probe g / (10 lambda), step g / (2 lambda); "dfr-fine" has the paper's. "guided"
-/// estimates the platform's disturbance during a control; "guided-without-disturbance" attributes
-/// it to the control.
+/// images, probe g / (10 lambda), step g / (2 lambda); "dfr-fine" has the paper's. "controller"
+/// estimates the platform's disturbance during a control; "controller-without-disturbance"
+/// attributes it to the control.
 [[nodiscard]] safety::ControllerOptions Controllers();
 
 /// Methods of study::kOtherMethods that query no supervisor, because the demonstrations are

@@ -10,7 +10,7 @@ const METHODS = {
   "baseline": ["The policy alone", "The learned policy acts unguarded."],
   "early-stopping": ["Early stopping", "Halts where the next control could leave the support: g ≤ λ|u|."],
   "dfr": ["DFR, as published", "Where g ≤ λ|u|, small random probes find out which way g rises."],
-  "guided": ["Guided recovery", "Every applied control teaches how the robot answers. The policy's control is changed as little as it takes."],
+  "controller": ["Controller", "Guided recovery: every applied control teaches how the robot answers. The policy's control is changed as little as it takes."],
   "certified-direction": ["Certified", "A control passes only if the state that it leads to is provably inside the support."],
 };
 
@@ -110,7 +110,7 @@ function showFitted() {
     count === 0 ? "None yet. Draw a line from start to goal." : `${count} so far; it takes three to learn from.`;
 }
 
-// Microseconds that guided recovery takes for a decision, over many.
+// Microseconds that the controller takes for a decision, over many.
 function decisionTime() {
   const [x, y] = scene().start, begin = performance.now();
   let controls = 0;

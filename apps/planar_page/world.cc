@@ -102,7 +102,7 @@ void PushedPolicy::Control(int t, std::span<const double> x, std::span<double> u
 }
 
 const std::vector<std::string>& MethodNames() {
-  static const std::vector<std::string> names = {"baseline", "early-stopping", "dfr", "guided",
+  static const std::vector<std::string> names = {"baseline", "early-stopping", "dfr", "controller",
                                                  "certified-direction"};
   return names;
 }

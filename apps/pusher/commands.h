@@ -35,7 +35,7 @@ void RunFit(const FitOptions& options);
 
 struct EvaluateOptions {
   std::filesystem::path model = "model";
-  std::vector<std::string> methods = {"baseline", "early-stopping", "dfr", "guided"};
+  std::vector<std::string> methods = {"baseline", "early-stopping", "dfr", "controller"};
   int episodes = 60;
   std::uint64_t seed = 1001;
   int threads = 0;
@@ -67,7 +67,7 @@ void RunExperiment(const ExperimentOptions& options);
 
 struct DriftOptions : experiment::ExperimentOptions {
   DriftOptions() {
-    methods = {"baseline", "dfr", "guided", "lwr"};
+    methods = {"baseline", "dfr", "controller", "lwr"};
     trials = 4;
     episodes = 60;
     seed = 6001;
@@ -82,7 +82,7 @@ struct RenderOptions {
   std::string episode;                       ///< Id of an experiment's episode, or empty.
   std::filesystem::path run = "out/pusher";  ///< Folder of that experiment.
   std::filesystem::path model = "model";
-  std::vector<std::string> methods = {"baseline", "dfr", "guided"};
+  std::vector<std::string> methods = {"baseline", "dfr", "controller"};
   std::uint64_t seed = 1;  ///< Seed of the start state.
   std::filesystem::path out = "rollout.mp4";
   int width = 640;
@@ -96,7 +96,7 @@ void RenderEpisode(const ExperimentOptions& run, const RenderOptions& options);
 
 struct ViewOptions {
   std::filesystem::path model = "model";
-  std::string method = "guided";
+  std::string method = "controller";
   std::uint64_t seed = 1;
   sim::PusherOptions plant;
 };

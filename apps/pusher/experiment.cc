@@ -24,14 +24,16 @@ constexpr int kVideoHeight = 360;
 
 experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   experiment::EvaluationPlan plan;
-  plan.methods = {
-      "baseline",      "early-stopping", "dfr",           "guard", "guided", "placebo-corrections",
-      "placebo-halts", "true-jacobian",  "baseline@none", "lwr",   "lwr-cv", "lwr-online",
-      "knn",           "ensemble",       "dart",          "dagger"};
+  plan.methods = {"baseline",      "early-stopping", "dfr",
+                  "guard",         "controller",     "placebo-corrections",
+                  "placebo-halts", "true-jacobian",  "baseline@none",
+                  "lwr",           "lwr-cv",         "lwr-online",
+                  "knn",           "ensemble",       "dart",
+                  "dagger"};
   plan.learners = {"8", "8x100", "64-64"};
   plan.episodes = 60;
   if (options.preset == kFig5) {
-    plan.methods = {"baseline", "early-stopping", "dfr", "guard", "guided"};
+    plan.methods = {"baseline", "early-stopping", "dfr", "guard", "controller"};
     plan.learners = {"8", "64-64"};
     plan.trials = 6;
     plan.supervisors = 3;
@@ -76,7 +78,7 @@ std::map<std::string, std::string> Settings(const ExperimentOptions& options,
           {"joint_step", Exactly(options.plant.joint_step)},
           {"nu", Exactly(model.nu)},
           {"gamma", Exactly(model.gamma)},
-          {"guided_gamma", Exactly(model.guided_gamma)},
+          {"whitened_gamma", Exactly(model.whitened_gamma)},
           {"horizon", std::to_string(model.horizon)},
           {"support_features", model.support_features},
           {"epochs", std::to_string(model.epochs)},
@@ -84,8 +86,8 @@ std::map<std::string, std::string> Settings(const ExperimentOptions& options,
 }
 
 // Start state for the video: at the last data point of the first learner, one from which the
-// reference collides and guided recovery, or the last method, completes; otherwise one from which
-// the reference collides.
+// reference collides and the method "controller", or the last method, completes; otherwise one from
+// which the reference collides.
 struct Scene {
   experiment::EvaluationUnit unit;
   std::uint64_t start_seed = 0;
@@ -96,9 +98,9 @@ Scene ChooseScene(const experiment::EvaluationPlan& plan,
                   const std::vector<experiment::UnitResult>& results) {
   Scene chosen;
   int best = -1;
-  const auto guided =
-      static_cast<std::size_t>(std::ranges::find(plan.methods, "guided") - plan.methods.begin());
-  const std::size_t shown = std::min(guided, plan.methods.size() - 1);
+  const auto found = static_cast<std::size_t>(std::ranges::find(plan.methods, "controller") -
+                                              plan.methods.begin());
+  const std::size_t shown = std::min(found, plan.methods.size() - 1);
   for (const experiment::UnitResult& result : results) {
     if (result.unit.learner != plan.learners.front()) continue;
     for (std::size_t i = 0; i < result.starts.size(); ++i) {
@@ -221,8 +223,9 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
       "cylinder may touch. A policy is learned from a supervisor's demonstrations, and run alone "
       "(Baseline), until it comes near the boundary of the demonstrated states' support (Early "
       "Stopping), or with Derivative-Free Recovery (DFR) there: these are the paper's methods. "
-      "Guided recovery estimates the response of the state to controls online. Where a learned "
-      "control would not end well inside, it takes the control of nearby demonstrations, corrected "
+      "The controller runs guided recovery: it estimates the response of the state to controls "
+      "online. Where a learned control would not end well inside, it takes the control of nearby "
+      "demonstrations, corrected "
       "towards the inside. All methods start from the same states.";
   for (const std::string& learner : plan.learners) {
     report.learner_names[learner] = learner + " tanh";
@@ -235,7 +238,7 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
   report.settings.emplace_back("lambda", "per time step, the demonstrations' maximum");
   report.settings.emplace_back(
       "DFR", "probe g/(500 lambda), step |g|/(50 lambda), at most 500 iterations");
-  report.settings.emplace_back("guided recovery", "the defaults of control::GuidedOptions");
+  report.settings.emplace_back("controller", "the defaults of control::GuidedOptions");
   report.figures.push_back(OverlapFigure(summary, plan));
   report.tables.push_back(PaperTable(summary, plan));
   report.notes.push_back(
@@ -260,16 +263,16 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
       {"Information used by the methods",
        "LWR and nearest neighbours are regressions on the same demonstrations, without any "
        "support: "
-       "where they complete as much as guided recovery does, this task ranks controllers, not "
+       "where they complete as much as the controller does, this task ranks controllers, not "
        "policies.\n\n"
-       "Guided recovery has no given model. Local dynamics are learned from demonstrated and "
+       "The controller has no given model. Local dynamics are learned from demonstrated and "
        "applied "
        "transitions.\n\n"
        "The ensemble halts where five learners disagree more than in any demonstrated state. DART "
        "learns from separate demonstrations with injected noise. DAgger queries the supervisor in "
        "every state that it visits, in ten rounds, and collides while it learns. The "
        "filter with the true Jacobian is an oracle: it tries controls on a copy of the plant, and "
-       "looks at the support of guided recovery."});
+       "looks at the support of the controller."});
   if (options.preset == "quick") {
     report.notes.push_back(
         {"Quick preset",
@@ -341,10 +344,11 @@ void RunExperiment(const ExperimentOptions& options) {
               Percent(MeanMeasure(summary, "overlap")).c_str());
 
   for (const experiment::MeasureMean& measure : summary.measures) {
-    if (measure.name == "controls_per_recovery guided" &&
+    if (measure.name == "controls_per_recovery controller" &&
         measure.demonstrations == plan.demonstrations.back()) {
-      std::printf("guided, learner %s, %d demonstrations: median of %.1f controls per recovery\n",
-                  measure.learner.c_str(), measure.demonstrations, measure.mean);
+      std::printf(
+          "controller, learner %s, %d demonstrations: median of %.1f controls per recovery\n",
+          measure.learner.c_str(), measure.demonstrations, measure.mean);
     }
   }
 
@@ -362,7 +366,7 @@ void RunExperiment(const ExperimentOptions& options) {
         std::to_string(scene.unit.demonstrations) + " demonstrations, trial " +
         std::to_string(scene.unit.trial) +
         ". Below, the decision function and the gate's threshold. Chosen because the reference "
-        "collides and guided recovery completes, where there is such a one.";
+        "collides and the controller completes, where there is such a one.";
     report.media.push_back({options.out / "rollouts.mp4", caption});
   }
   experiment::SaveReport(summary, report, options.out / "report.html");

@@ -62,8 +62,8 @@ void AddModelOptions(CLI::App& command, ModelOptions& model) {
       ->check(kCount)
       ->capture_default_str();
   command
-      .add_option("--guided-gamma", model.guided_gamma,
-                  "gamma of guided recovery's support, whose features are whitened")
+      .add_option("--whitened-gamma", model.whitened_gamma,
+                  "gamma of the whitened support, that of guard and controller")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command.add_option("--epochs", model.epochs, "passes of Adam over the demonstrations")
@@ -318,15 +318,15 @@ int Main(int argc, char** argv) {
   core::AddExamples(
       app, {{"experiment",
              {"--out out/pusher",
-              "--preset paper --methods baseline,dfr,guided --shard 1/8 --out out/pusher/1"}},
+              "--preset paper --methods baseline,dfr,controller --shard 1/8 --out out/pusher/1"}},
             {"train-supervisor", {"--seed 2 --out supervisor.dfr"}},
             {"demonstrate", {"--count 60 --out demonstrations.hdf5"}},
             {"fit", {"--demonstrations demonstrations.hdf5 --use 40 --out model"}},
-            {"evaluate", {"--model model --methods baseline,dfr,guided --episodes 100"}},
+            {"evaluate", {"--model model --methods baseline,dfr,controller --episodes 100"}},
             {"guarded", {"--guard task.guard --policy policy.txt --episodes 10"}},
             {"drift", {"--trials 2 --episodes 20 --out out/drift"}},
             {"render", {"--model model --methods baseline,dfr --out rollout.mp4"}},
-            {"view", {"--model model --method guided"}}});
+            {"view", {"--model model --method controller"}}});
 
   return experiment::Parse(app, argc, argv).value_or(EXIT_SUCCESS);
 }

@@ -85,7 +85,7 @@ Model Model::Fit(const imitation::DemonstrationSet& set, int demonstrations,
   published.svm.nu = options.nu;
   published.svm.gamma = options.gamma;
   published.num_steps = options.horizon + 1;
-  safety::TaskOptions task = GuidedOptions(options.guided_gamma);
+  safety::TaskOptions task = GuidedOptions(options.whitened_gamma);
   task.published_features = options.support_features;
   task.published = published;
   task.horizon = options.horizon;

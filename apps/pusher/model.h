@@ -39,8 +39,9 @@ struct ModelOptions {
   double nu = 0.05;
   double gamma = 5.0;  ///< 1/m^2
   int horizon = 60;    ///< T
-  double guided_gamma = kernel::WhitenedSupportOptions()
-                            .svm.gamma;  ///< Gamma of guided recovery's support, in whitened units.
+  double whitened_gamma =
+      kernel::WhitenedSupportOptions()
+          .svm.gamma;  ///< Gamma of the whitened support, that of guard and controller.
   std::uint64_t seed = 1;
 };
 

@@ -47,7 +47,7 @@ void RunAndPrint(const Study& study, bool grid, bool causes) {
                                                 : grid ? MakeGrid(rows)
                                                        : MakeTables(rows);
   for (const std::string& controller : study.controllers) {
-    if (controller == "guided" && wide) tables.push_back(WhereItFails(rows, controller));
+    if (controller == "controller" && wide) tables.push_back(WhereItFails(rows, controller));
   }
   Print(tables, wide ? 2 : 4);
   if (study.kind == Kind::kPlane) std::cout << MarksOf(study.controllers);
@@ -112,33 +112,35 @@ void AddOptions(CLI::App& command, Study& study) {
   experiment::AddRunOptions(command, study);
 }
 
-// Runs guided recovery with each part off, one at a time; then parts of its features and support.
+// Runs the controller with each part off, one at a time; then parts of its features and support.
 void Ablate(Study study, bool causes) {
-  study.controllers = {"guided", "lwr"};
+  study.controllers = {"controller", "lwr"};
   for (const std::string_view part : control::GuidedPartNames()) {
-    if (part != "disturbance") study.controllers.push_back("guided-without-" + std::string(part));
+    if (part != "disturbance")
+      study.controllers.push_back("controller-without-" + std::string(part));
   }
   // Parts can mask each other's benefit or harm.
   for (const std::string_view parts : {"exit-level+demonstrated", "online-jacobian+drift+observer",
                                        "exit-level+demonstrated+online-jacobian+drift+observer"}) {
-    study.controllers.push_back("guided-without-" + std::string(parts));
+    study.controllers.push_back("controller-without-" + std::string(parts));
   }
   std::vector<Row> rows = RunStudy(study);
-  study.controllers = {"guided"};
+  study.controllers = {"controller"};
   const auto add = [&](const char* name, const auto& change) {
     Study variant = study;
     change(variant.plane);
     for (Row& row : RunStudy(variant)) {
-      if (row.controller != "guided") continue;
+      if (row.controller != "controller") continue;
       row.controller = name;
       rows.push_back(std::move(row));
     }
   };
   using Options = planar::MethodOptions;
-  add("guided-without-whitening", [](Options& options) { options.whitening = false; });
-  add("guided-without-phase-whitening", [](Options& options) { options.phase_whitening = false; });
-  add("guided-without-held-goals", [](Options& options) { options.hold_ended = false; });
-  add("guided-without-pooling", [](Options& options) { options.window = 0; });
+  add("controller-without-whitening", [](Options& options) { options.whitening = false; });
+  add("controller-without-phase-whitening",
+      [](Options& options) { options.phase_whitening = false; });
+  add("controller-without-held-goals", [](Options& options) { options.hold_ended = false; });
+  add("controller-without-pooling", [](Options& options) { options.window = 0; });
   Print(MakeRowTables(rows, causes), 4);
 }
 
@@ -309,7 +311,7 @@ int main(int argc, char** argv) try {
   grid.conditions = {"as demonstrated", "turned 40 deg"};
   grid.controllers.clear();
   for (const std::string_view support : kSupports) {
-    for (const char* controller : {"early-stopping", "dfr", "guided", "certified"}) {
+    for (const char* controller : {"early-stopping", "dfr", "controller", "certified"}) {
       grid.controllers.push_back(std::string(controller) + "/" + std::string(support));
     }
   }
@@ -320,7 +322,7 @@ int main(int argc, char** argv) try {
       "experiment",
       "Run controllers, also the certified one, around a polynomial policy in the plane");
   Study drift = plane;
-  drift.controllers = {"dfr", "guided", "lwr"};
+  drift.controllers = {"dfr", "controller", "lwr"};
   drift.conditions = {"as demonstrated",  "turned 10 deg",     "turned 20 deg",
                       "turned 40 deg",    "scaled 0.2",        "scaled 0.4",
                       "biased 0.1",       "biased 0.2",        "states noisy 0.5 %",
@@ -329,7 +331,7 @@ int main(int argc, char** argv) try {
   auto* drift_command = app.add_subcommand(
       "drift", "Run experiment also under disturbances and after few demonstrations");
   auto* ablate = app.add_subcommand(
-      "ablate", "Run experiment with each part of guided recovery off, one at a time");
+      "ablate", "Run experiment with each part of the controller off, one at a time");
   Study ablated = plane;
   AddChoices(*ablate, ablated);
   ablate->add_option("--seed", ablated.seed)->capture_default_str();
@@ -400,19 +402,19 @@ int main(int argc, char** argv) try {
   dfr::core::AddExamples(
       app, {{"list", {""}},
             {"run", {"--tasks reach,push --trials 2 --episodes 20 --out out/guards"}},
-            {"stress", {"--tasks planar-corridor --controllers guided,dfr --out out/stress"}},
+            {"stress", {"--tasks planar-corridor --controllers controller,dfr --out out/stress"}},
             {"grid", {"--tasks planar-corridor --trials 2 --episodes 20"}},
             {"experiment", {"--trials 4 --episodes 50 --causes"}},
-            {"drift", {"--trials 2 --episodes 20 --methods dfr,guided"}},
+            {"drift", {"--trials 2 --episodes 20 --methods dfr,controller"}},
             {"ablate", {"--trials 2 --episodes 20"}},
-            {"compare", {"--task pusher --first guided --second dfr"}},
+            {"compare", {"--task pusher --first controller --second dfr"}},
             {"power", {"--only-first 0.02 --only-second 0.05"}},
             {"supervise", {"--tasks held-out --episodes 50"}},
             {"picture", {"reach --out reach.html"}},
             {"prove", {"--steps 10000", "--mutations"}},
             {"coverage", {"--demonstrations 20,60 --fits 50"}},
             {"certificate", {"--task corridor"}},
-            {"figure", {"--task push --methods baseline,guided --out planar"}},
+            {"figure", {"--task push --methods baseline,controller --out planar"}},
             {"detect", {"demos.hdf5 --failures failed.hdf5", "--task pick"}}});
   if (const auto code = dfr::experiment::Parse(app, argc, argv)) return *code;
 

@@ -220,8 +220,8 @@ Study Study::OfPlane() {
   study.kind = Kind::kPlane;
   study.tasks = {"planar-corridor"};
   study.policies = {"learned"};
-  study.controllers = {"early-stopping", "dfr",  "guided", "true-jacobian",      "lwr", "knn",
-                       "ensemble",       "dart", "dagger", "certified-direction"};
+  study.controllers = {"early-stopping", "dfr",  "controller", "true-jacobian",      "lwr", "knn",
+                       "ensemble",       "dart", "dagger",     "certified-direction"};
   study.conditions = {"as demonstrated"};
   study.demonstrations = 120;
   return study;

@@ -37,7 +37,7 @@ struct Study : experiment::ExperimentOptions {
   /// With controllers: names from kPolicies, or "learned", the weak network. With guards:
   /// PolicyNames().
   std::vector<std::string> policies = {"lwr", "lwr-online", "learned"};
-  std::vector<std::string> controllers = {"early-stopping", "dfr", "guided"};
+  std::vector<std::string> controllers = {"early-stopping", "dfr", "controller"};
   std::vector<std::string> conditions = {};  ///< Names of Conditions(); empty: all.
   int demonstrations = 60;
   planar::MethodOptions plane = {};  ///< For planar tasks.
@@ -103,7 +103,7 @@ struct Row {
 struct Comparison {
   std::string task = "pusher";
   std::string condition = "as demonstrated";
-  std::string first = "guided@lwr";
+  std::string first = "controller@lwr";
   std::string second = "lwr";
   int demonstrations = 60;
   int trials = 5;    ///< Each with separate demonstrations and policies; they take turns.

@@ -11,7 +11,7 @@ namespace dfr::study {
 
 /// Separator of task and condition in a learner's name.
 inline constexpr const char* kBetween = ": ";
-/// A method's name in ids: "guided@lwr/density".
+/// A method's name in ids: "controller@lwr/density".
 [[nodiscard]] std::string MethodOf(const std::string& controller, const std::string& policy);
 
 /// Returns one table per policy, with a row for each task and condition: completed / collided of

@@ -113,7 +113,7 @@ void RunRobot(const std::filesystem::path& folder, int domain, double image_age_
                    screen);
   static_cast<void>(runtime::AskForRealTime(config.priority + 1));
   BringUp(plant);
-  const std::unique_ptr<control::Controller> guided = model.MakeController("guided");
+  const std::unique_ptr<control::Controller> guided = model.MakeController("controller");
   BreakingPolicy breaking(*guided);
   RecordedController controller(breaking, nullptr);
   controller.on_decision = [&plant](const control::Step& step) { plant.loop().Decided(step); };

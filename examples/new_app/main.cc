@@ -138,7 +138,7 @@ class Runner final : public experiment::RolloutRunner {
 
 int main(int argc, char** argv) try {
   experiment::EvaluationPlan plan;
-  plan.methods = {"baseline", "dfr", "guided"};
+  plan.methods = {"baseline", "dfr", "controller"};
   plan.learners = {"cutter"};
   plan.demonstrations = {20, 60};
   plan.trials = 5;

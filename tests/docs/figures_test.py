@@ -11,7 +11,7 @@ import unittest
 
 SOURCE = pathlib.Path(sys.argv.pop(1)).resolve()
 RECORDED = SOURCE / "docs/recorded"
-METHODS = {"Baseline": "baseline", "Early Stopping": "early-stopping", "DFR": "dfr", "Guided recovery": "guided",
+METHODS = {"Baseline": "baseline", "Early Stopping": "early-stopping", "DFR": "dfr", "`controller`": "controller",
            "LWR alone": "lwr"}
 
 
@@ -34,7 +34,7 @@ class Figures(unittest.TestCase):
         with (RECORDED / "gallery.csv").open(newline="") as file:
             gallery = list(csv.DictReader(file))
         cls.gallery = {}
-        for method in ("alone", "guided"):
+        for method in ("alone", "controller"):
             mine = [row for row in gallery if row["method"] == method]
             episodes = sum(int(row["episodes"]) for row in mine)
             ok, failed = (sum(int(row[key]) for row in mine) / episodes for key in ("ok", "failed"))
@@ -57,13 +57,13 @@ class Figures(unittest.TestCase):
         table = {cells[0]: cells[1:] for cells in rows("README.md")}
         self.assertEqual((len(self.tasks), len(self.policies)), (18, 5))
         for name, method in (("five policies in eighteen small tasks, alone", "alone"),
-                             ("with guided recovery, strategy `controller`", "guided")):
+                             ("with strategy `controller`", "controller")):
             for cell, share in zip(table[name], self.gallery[method]):
                 self.assert_printed(cell, share)
         for name, method in (("a weak policy on the paper's Pusher, alone (the time limit counts as halted)",
                               "baseline"),
                              ("with Derivative-Free Recovery, as published", "dfr"),
-                             ("with guided recovery", "guided"),
+                             ("the same, with strategy `controller`", "controller"),
                              ("locally weighted regression on the same demonstrations, no guard", "lwr")):
             with self.subTest(name=name):
                 row = self.average["8", method]
@@ -71,8 +71,8 @@ class Figures(unittest.TestCase):
                 for cell, outcome in zip(table[name], ("completed", "halted", "collided")):
                     self.assertEqual([int(n) for n in re.findall(r"\d+", cell.split("[")[1])],
                                      [round(100 * x) for x in row[outcome + "_interval"]])
-        around = re.search(r"guided recovery around it completes ([\d.]+) %", self.prose("README.md"))
-        self.assert_printed(around.group(1), self.average["8", "guided@lwr"]["completed"])
+        around = re.search(r"strategy `controller` around it completes ([\d.]+) %", self.prose("README.md"))
+        self.assert_printed(around.group(1), self.average["8", "controller@lwr"]["completed"])
 
     def test_results(self):
         text = (SOURCE / "docs/results.md").read_text()
@@ -90,7 +90,7 @@ class Figures(unittest.TestCase):
                 break
             name, method = cells[0], METHODS[cells[1]]
             if name == "LWR":  # in place of a network
-                learner, method = "8", "guided@lwr"
+                learner, method = "8", "controller@lwr"
             elif name:
                 learner = {"none": "8"}.get(name) or ("64-64" if name.startswith("64-64") else
                                                       "8x100" if "100 epochs" in name else "8")

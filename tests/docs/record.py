@@ -15,7 +15,7 @@ def record(source, target):
         with target.open("w", newline="") as file:
             out = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
             out.writeheader()
-            out.writerows(row for row in rows if row["method"] in ("alone", "guided"))
+            out.writerows(row for row in rows if row["method"] in ("alone", "controller"))
         return
     summary = json.loads(source.read_text())
     kept = {key: summary[key] for key in ("experiment", "preset", "commit", "seed", "averages", "contrasts")}

@@ -19,24 +19,24 @@ RUNS = {
     "study": [
         ("run", "--tasks reach,push,goal --policies lwr,weak --methods controller,monitor --trials 1 --episodes 2 --demonstrations 12",
          "--demonstrations=13", "demonstrations"),
-        ("experiment", "--trials 4 --episodes 3 --demonstrations 20 --methods guided,certified-direction "
+        ("experiment", "--trials 4 --episodes 3 --demonstrations 20 --methods controller,certified-direction "
          "--certified-level 0.1 --factor 1.2 --seed 3", "--certified-level=0.2", "settings.certified level"),
-        ("drift", "--trials 1 --episodes 2 --demonstrations 12 --methods guided --gamma 0.3 --tasks planar-push",
+        ("drift", "--trials 1 --episodes 2 --demonstrations 12 --methods controller --gamma 0.3 --tasks planar-push",
          "--gamma=0.4", "settings.gamma"),
-        ("stress", "--tasks planar-corridor --policies lwr --controllers guided --trials 1 --episodes 2 "
+        ("stress", "--tasks planar-corridor --policies lwr --controllers controller --trials 1 --episodes 2 "
          "--demonstrations 12", "--controllers=dfr", "methods"),
         ("grid", "--tasks planar-corridor --conditions 'as demonstrated,turned 40 deg' --policies lwr "
-         "--controllers guided/raw,dfr/whitened --trials 2 --episodes 2 --demonstrations 12", "--episodes=3", "episodes"),
+         "--controllers controller/raw,dfr/whitened --trials 2 --episodes 2 --demonstrations 12", "--episodes=3", "episodes"),
     ],
     "pusher": [
-        ("experiment", "--trials 2 --episodes 2 --demonstrations 6,12 --learners 8,8x20 --methods baseline,guided "
+        ("experiment", "--trials 2 --episodes 2 --demonstrations 6,12 --learners 8,8x20 --methods baseline,controller "
          "--gripper fork --no-video --no-convergence --epochs 5 --learning-rate 0.005", "--gripper=bar", "settings.gripper"),
-        ("experiment", "--preset authors --trials 2 --episodes 2 --demonstrations 6 --learners 8 --methods baseline,guided "
+        ("experiment", "--preset authors --trials 2 --episodes 2 --demonstrations 6 --learners 8 --methods baseline,controller "
          "--no-convergence --no-video --nu 0.2", "--nu=0.1", "settings.nu"),
-        ("drift", "--trials 1 --episodes 1 --demonstrations 6 --methods baseline,guided", "--learner=16", "settings.learner"),
+        ("drift", "--trials 1 --episodes 1 --demonstrations 6 --methods baseline,controller", "--learner=16", "settings.learner"),
     ],
     "line_tracking": [
-        ("experiment", "--trials 2 --episodes 2 --worlds frozen,30ms --methods baseline,guided,ensemble --observation truth --no-video "
+        ("experiment", "--trials 2 --episodes 2 --worlds frozen,30ms --methods baseline,controller,ensemble --observation truth --no-video "
          "--amplitude 0.001,0.001,0,0,0,0 --not-during --between --pause 0.2", "--pause=0.3", "settings.disturbance"),
     ],
 }

@@ -137,14 +137,15 @@ TEST(ReportTest, AMethodLooksTheSameOnEveryPage) {
   EXPECT_EQ(styles.size() + 1, NamedStyles().size());  // baseline and alone are the same
   EXPECT_EQ(MethodStyle("my-method"), -1);
   ReportPlot plot{.title = "Climb", .x_label = "step"};
-  plot.series = {{.name = "Guided", .x = {0, 1}, .y = {0, 1}}};
+  plot.series = {{.name = "Controller", .x = {0, 1}, .y = {0, 1}}};
   const std::string alone =
       RenderReport({}, {.figures = {{.heading = "F", .caption = "C", .plots = {plot}}}});
   EXPECT_THAT(alone, HasSubstr("<g style=\"--c:var(--s3)\"><path class=\"line\""));
   Summary summary = MakeSummary();
-  for (Cell& cell : summary.averages) cell.method = cell.method == "baseline" ? "mine" : "guided";
+  for (Cell& cell : summary.averages)
+    cell.method = cell.method == "baseline" ? "mine" : "controller";
   const std::string compared = RenderReport(summary, {});
-  EXPECT_THAT(compared, HasSubstr("style=\"--c:var(--s3)\"></span>Guided"));
+  EXPECT_THAT(compared, HasSubstr("style=\"--c:var(--s3)\"></span>Controller"));
   EXPECT_THAT(compared, HasSubstr("style=\"--c:var(--s1)\"></span>mine"));
 }
 

@@ -93,7 +93,7 @@ inline void Gallery(const std::filesystem::path& folder, int episodes, Golden& g
 
 inline void Pusher(const std::filesystem::path& folder, int episodes, Golden& golden) {
   apps::pusher::TrialRunnerOptions options;
-  for (const char* name : {"baseline", "early-stopping", "dfr", "guided"}) {
+  for (const char* name : {"baseline", "early-stopping", "dfr", "controller"}) {
     options.methods.push_back(safety::ParseMethod(name));
   }
   options.most_demonstrations = 20;

@@ -58,7 +58,7 @@ TEST(CameraEpisodesTest, IntrinsicsOfAnotherCameraHaltTheEpisode) {
   line_task::LineCalibration foreign = test::PerfectCalibration(options);
   foreign.camera.fx *= 1.5;
   foreign.camera.fy *= 1.5;
-  LineTrialRunner runner(Fitted(), {"baseline", "guided"}, options, foreign);
+  LineTrialRunner runner(Fitted(), {"baseline", "controller"}, options, foreign);
   for (const int method : {0, 1}) {
     const experiment::EpisodeResult result = runner.Run(method, 1, 1);
     EXPECT_EQ(result.outcome, core::Outcome::kHalted);

@@ -48,13 +48,13 @@ TEST(RecordedControllerTest, ARecordingIsDecidedAgainToTheBitAndADifferenceIsSee
   recording::RecordingMetadata metadata;
   metadata.model = folder.string();
   metadata.model_checksum = recording::Checksum(folder);
-  metadata.method = "guided";
+  metadata.method = "controller";
   metadata.commit = "0123456789ab";
   const line_task::LineCalibration known = Data().Calibration();
   sim::LineTrackingPlant plant(FromTruth(), &known);
   {
     recording::Recorder recorder(path, metadata);
-    const std::unique_ptr<control::Controller> guided = model.MakeController("guided");
+    const std::unique_ptr<control::Controller> guided = model.MakeController("controller");
     RecordedController controller(*guided, &recorder);
     for (std::uint64_t episode = 0; episode < 3; ++episode) {
       controller.BeginEpisode(episode);
@@ -86,7 +86,7 @@ TEST(RecordedControllerTest, ARecordingWithoutDecisionsIsNotMadeAgain) {
   recording::RecordingMetadata metadata;
   metadata.model = (Data().path / "model").string();
   metadata.model_checksum = recording::Checksum(Data().path / "model");
-  metadata.method = "guided";
+  metadata.method = "controller";
   recording::Recorder(path, metadata).Finish();
   try {
     static_cast<void>(ReplayRecording(path, {}));

@@ -64,7 +64,7 @@ TEST(LineTrialRunnerTest, GuidedRecoveryCompletesOnAMovingPlatform) {
     model.gammas = {0.1};
     LineTrialRunner runner(
         LineModel::Fit(Demonstrate(options, test::PerfectCalibration(options), 50, 50, 1), model),
-        {"baseline", "guided"}, options, test::PerfectCalibration(options));
+        {"baseline", "controller"}, options, test::PerfectCalibration(options));
     std::array<std::array<int, 3>, 2> counts{};
     for (std::uint64_t seed = 0; seed < 100; ++seed) {
       for (int method = 0; method < 2; ++method) {

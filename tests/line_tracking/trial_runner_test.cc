@@ -123,7 +123,7 @@ TEST(LineTrialRunnerTest, ModelsSurviveTheirFiles) {
 TEST(LineTrialRunnerTest, GuidedRecoveryCompletesWhereTheLearnedPolicyCollides) {
   sim::LineTrackingOptions options = FromTruth();
   options.disturbance.between = true;
-  LineTrialRunner runner(Fitted(), {"baseline", "guided"}, options,
+  LineTrialRunner runner(Fitted(), {"baseline", "controller"}, options,
                          test::PerfectCalibration(options));
   std::array<std::array<int, 3>, 2> counts{};
   for (std::uint64_t seed = 0; seed < 10; ++seed) {

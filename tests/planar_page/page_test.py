@@ -228,7 +228,7 @@ class Page(unittest.TestCase):
         for row in rows:
             self.assertEqual(sum(map(int, row[1:])), 100)
         self.assertGreater(int(rows[0][3]), 10)  # the policy alone
-        self.assertGreaterEqual(int(rows[3][1]), 90)  # guided recovery
+        self.assertGreaterEqual(int(rows[3][1]), 90)  # controller
         self.assertEqual(int(rows[3][3]), 0)
 
     def test_sixty_frames_a_second_with_sixty_demonstrations(self):

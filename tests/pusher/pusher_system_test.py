@@ -33,39 +33,39 @@ class PusherSystemTest(ProgramTest):
     def test_a_model_is_filmed(self):
         self.run_pusher("demonstrate", "--count", 12, "--out", "d.hdf5")
         self.run_pusher("fit", "--demonstrations", "d.hdf5", "--out", "m")
-        out = self.run_pusher("render", "--model", "m", "--methods", "early-stopping,guided", "--width", 160,
+        out = self.run_pusher("render", "--model", "m", "--methods", "early-stopping,controller", "--width", 160,
                               "--height", 120, "--out", "last.png")
         self.assertIn("controls", out)
         self.assertEqual((self.folder / "last.png").read_bytes()[:4], b"\x89PNG")
 
     def test_drift_compares_methods_under_every_condition_and_runs_in_shards(self):
-        small = ["--trials", 1, "--episodes", 2, "--demonstrations", 12, "--methods", "baseline,guided"]
+        small = ["--trials", 1, "--episodes", 2, "--demonstrations", 12, "--methods", "baseline,controller"]
         whole = self.run_pusher("drift", *small, "--threads", 1)
         for condition in ("as demonstrated", "noise doubled", "wide bar", "turned", "scaled"):
             self.assertIn(condition, whole)
-        self.assertEqual(whole.count("  baseline "), whole.count("  guided "))
+        self.assertEqual(whole.count("  baseline "), whole.count("  controller "))
         for k in (1, 2):
             self.run_pusher("drift", *small, "--shard", f"{k}/2", "--out", f"drift/{k}")
         self.assertEqual(self.run_pusher("merge", "drift", "--out", "drift/whole"), whole)
 
     def test_a_method_runs_around_other_policies(self):
         self.run_pusher("experiment", *ALL[:2], *ALL[4:], "--out", "policies", "--demonstrations", "16", "--methods",
-                        "baseline@none,lwr,baseline@lwr,guided@lwr,baseline@negated,baseline@random,"
-                        "baseline@at-constraints,baseline@out-of-support,guided@at-constraints")
+                        "baseline@none,lwr,baseline@lwr,controller@lwr,baseline@negated,baseline@random,"
+                        "baseline@at-constraints,baseline@out-of-support,controller@at-constraints")
         by_method = {c["method"]: c for c in self.summary("policies")["averages"]}
         self.assertEqual(by_method["baseline@none"]["halted"], 1.0, "what does not move does not arrive")
         self.assertEqual(by_method["lwr"] | {"method": ""}, by_method["baseline@lwr"] | {"method": ""})
         self.assertEqual(by_method["baseline@negated"]["completed"], 0.0)
         self.assertGreater(by_method["baseline@at-constraints"]["collided"], 0.5)
-        self.assertLess(by_method["guided@at-constraints"]["collided"],
+        self.assertLess(by_method["controller@at-constraints"]["collided"],
                         by_method["baseline@at-constraints"]["collided"])
 
     def test_baselines_learn_what_they_say(self):
         out = self.run_pusher("experiment", "--learners", "8", "--demonstrations", "30", "--trials", "2", "--episodes",
                               "20", "--no-video", "--no-convergence", "--out", "baselines", "--methods",
-                              "baseline,ensemble,dart,dagger,true-jacobian,guided@dagger")
+                              "baseline,ensemble,dart,dagger,true-jacobian,controller@dagger")
         self.assertIn("true-jacobian: an oracle", out)
-        self.assertIn("dagger, guided@dagger: asks the supervisor", out)
+        self.assertIn("dagger, controller@dagger: asks the supervisor", out)
         by_method = {c["method"]: c for c in self.summary("baselines")["averages"]}
         alone = by_method["baseline"]
         self.assertGreater(by_method["dagger"]["completed"], alone["completed"])
@@ -86,7 +86,7 @@ class PusherSystemTest(ProgramTest):
 
     def test_full_dynamics_are_a_choice(self):
         small = ["--learners", "8", "--demonstrations", "6", "--trials", "1", "--episodes", "2", "--no-video",
-                 "--no-convergence", "--methods", "baseline,guided"]
+                 "--no-convergence", "--methods", "baseline,controller"]
         self.run_pusher("experiment", *small, "--physics", "dynamic", "--out", "dynamic")
         self.assertEqual(self.settings("dynamic")["physics"], "dynamic")
         self.assertIn("physics", self.run_pusher("experiment", *small, "--out", "dynamic", fails=True))
@@ -97,11 +97,11 @@ class PusherSystemTest(ProgramTest):
         blocks = out.split("50 recoveries (")[1:]
         self.assertEqual(len(blocks), 2)
         reached = {}
-        for which, methods, block in (("first", {"dfr", "finite-difference", "guided"}, blocks[0]),
+        for which, methods, block in (("first", {"dfr", "finite-difference", "controller"}, blocks[0]),
                                       ("all", {"dfr", "finite-difference"}, blocks[1])):
             self.assertTrue(block.startswith("the first of each" if which == "first" else "all of each"))
             rows = {line.split()[0]: [float(x) for x in line.split()[1:]] for line in block.splitlines()
-                    if line.startswith("  ") and line.split()[0] in ("dfr", "finite-difference", "guided")}
+                    if line.startswith("  ") and line.split()[0] in ("dfr", "finite-difference", "controller")}
             self.assertEqual(set(rows), methods)
             if which == "first":
                 rows_of_first = rows

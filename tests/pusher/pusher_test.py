@@ -22,27 +22,27 @@ class PusherTest(ProgramTest):
         out = self.run_pusher("fit", "--demonstrations", "d.hdf5", "--out", "m")
         self.assertIn("policy 8", out)
         out = self.run_pusher("evaluate", "--model", "m", "--episodes", 1)
-        for method in ("baseline", "early-stopping", "dfr", "guided"):
+        for method in ("baseline", "early-stopping", "dfr", "controller"):
             self.assertIn(method, out)
 
     def test_a_summary_has_its_shape(self):
         summary = self.summary("whole")
         self.assertEqual(summary["experiment"], "pusher")
-        self.assertEqual([(c["method"], c["episodes"]) for c in summary["cells"]], [("baseline", 4), ("guided", 4)])
-        self.assertEqual([c["method"] for c in summary["contrasts"]], ["guided"])
+        self.assertEqual([(c["method"], c["episodes"]) for c in summary["cells"]], [("baseline", 4), ("controller", 4)])
+        self.assertEqual([c["method"] for c in summary["contrasts"]], ["controller"])
         self.assertIn(summary["commit"], (self.folder / "whole/report.html").read_text())
 
     def test_any_episode_can_be_filmed(self):
-        line = self.run_pusher("episodes", "whole", "--method", "guided", "--most", 1).splitlines()[0]
+        line = self.run_pusher("episodes", "whole", "--method", "controller", "--most", 1).splitlines()[0]
         name, outcome = line.split()[:2]
         controls = line.split("  ")[2].split()[0]
         # Each picture takes .1 s, so the other method is the one that ends first.
         out = self.run_pusher("render", "--run", "whole", "--episode", name, "--methods", "early-stopping", "--width", 160,
                               "--height", 120, "--out", "episode.png")
         self.assertIn("early-stopping", out)
-        guided = next(row for row in out.splitlines() if row.startswith("guided"))
-        self.assertIn(outcome.rstrip(":"), guided)
-        self.assertIn(f"after {controls} controls", guided)
+        row = next(row for row in out.splitlines() if row.startswith("controller"))
+        self.assertIn(outcome.rstrip(":"), row)
+        self.assertIn(f"after {controls} controls", row)
         self.assertEqual((self.folder / "episode.png").read_bytes()[:4], b"\x89PNG")
 
     def test_an_interrupted_experiment_goes_on_where_it_ended_on_any_number_of_threads(self):
@@ -56,7 +56,7 @@ class PusherTest(ProgramTest):
     def test_a_preset_is_not_taken_from_the_user_and_another_ledger_not_until_restart(self):
         shutil.copytree(self.folder / "whole", self.folder / "authors")
         authors = ["--learners", "8", "--demonstrations", "8", "--trials", 1, "--episodes", 1, "--no-video", "--no-convergence",
-                   "--methods", "baseline,guided", "--out", "authors", "--preset", "authors", "--gamma", 7]
+                   "--methods", "baseline,controller", "--out", "authors", "--preset", "authors", "--gamma", 7]
         error = self.run_pusher("experiment", *authors, fails=True)
         self.assertIn("was begun with other settings", error)
         self.run_pusher("experiment", *authors, "--restart")
@@ -77,7 +77,7 @@ class PusherTest(ProgramTest):
             (["experiment", *SMALL, "--red-y", "0.05", "--out", "r"], "red"),
             (["experiment", *SMALL, "--features", "gripper", "--out", "f"], "gripper"),
             (["drift", "--shard", "1/2"], "needs --out"),
-            (["render", "--run", "whole", "--episode", "7/8/8/guided/0"], "trials are 0 to 1"),
+            (["render", "--run", "whole", "--episode", "7/8/8/controller/0"], "trials are 0 to 1"),
         ]:
             with self.subTest(arguments=arguments):
                 self.assertIn(says, self.run_pusher(*arguments, fails=True))

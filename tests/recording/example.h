@@ -87,7 +87,7 @@ inline recording::RecordingMetadata ExampleMetadata() {
           .commit = "0123456789ab",
           .model = "models/example",
           .model_checksum = "00000000deadbeef",
-          .method = "guided",
+          .method = "controller",
           .seed = 18'446'744'073'709'551'615U,
           .configuration = "[robot]\narm = \"PSM1\"\n",
           .more = {{"operator", "nobody"}}};

@@ -43,16 +43,16 @@ TEST(MethodTest, NamesOfAlgorithm1AreItsRecoveries) {
 }
 
 TEST(MethodTest, PartsAreTakenOutOfGuidedRecovery) {
-  EXPECT_EQ(ParseMethod("guided").kind, Kind::kGuided);
-  EXPECT_EQ(ParseMethod("guided").without, "");
+  EXPECT_EQ(ParseMethod("controller").kind, Kind::kController);
+  EXPECT_EQ(ParseMethod("controller").without, "");
   for (const std::string_view part : control::GuidedPartNames()) {
-    const std::string name = "guided-without-" + std::string(part);
+    const std::string name = "controller-without-" + std::string(part);
     const Method method = ParseMethod(name);
     EXPECT_EQ(method.name, name);
-    EXPECT_EQ(method.kind, Kind::kGuided);
+    EXPECT_EQ(method.kind, Kind::kController);
     EXPECT_EQ(method.without, part);
   }
-  const Method method = ParseMethod("guided-without-exit-level+online-jacobian");
+  const Method method = ParseMethod("controller-without-exit-level+online-jacobian");
   EXPECT_EQ(method.without, "exit-level+online-jacobian");
 }
 
@@ -74,22 +74,23 @@ TEST(MethodTest, EveryListedNameIsTaken) {
     EXPECT_EQ(ParseMethod(name, kOthers).name, name);
     begin = end + 2;
   }
-  // Three of Algorithm 1, dfr-fine, guard, guided, two others.
+  // Three of Algorithm 1, dfr-fine, guard, controller, two others.
   EXPECT_EQ(count, 8 + static_cast<int>(control::GuidedPartNames().size()));
 }
 
 TEST(MethodTest, UnknownNamesListWhatThereIs) {
-  for (const std::string_view name :
-       {"", "magic", "guided-lwr", "Guided", "guided ", "guided-", "guided-without",
-        "guided-without-", "guided-without-filter+", "dfr-coarse", "baseline,dfr"}) {
+  for (const std::string_view name : {"", "magic", "controller-lwr", "Controller", "controller ",
+                                      "controller-", "controller-without", "controller-without-",
+                                      "controller-without-filter+", "dfr-coarse", "baseline,dfr"}) {
     EXPECT_THAT(Refusal(name), HasSubstr("unknown method '" + std::string(name) + "'"));
     EXPECT_THAT(Refusal(name), HasSubstr("valid: " + MethodNames(kOthers)));
   }
-  for (const std::string_view name : {"guided-without-magic", "guided-without-filter+magic"}) {
+  for (const std::string_view name :
+       {"controller-without-magic", "controller-without-filter+magic"}) {
     EXPECT_THAT(Refusal(name),
                 HasSubstr("no part 'magic'; it has: filter, exit-level, demonstrated"));
   }
-  EXPECT_THAT(Refusal("guided-without-+filter"), HasSubstr("no part ''"));
+  EXPECT_THAT(Refusal("controller-without-+filter"), HasSubstr("no part ''"));
 }
 
 }  // namespace

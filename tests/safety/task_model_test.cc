@@ -126,8 +126,8 @@ int ExpectSameEpisode(control::Controller& ours, control::Controller& theirs) {
 
 void ExpectSameControllers(const TaskModel& ours, const TaskModel& theirs) {
   const Drifting policy;
-  for (const std::string_view name : {"baseline", "early-stopping", "dfr", "dfr-fine", "guided",
-                                      "guided-without-filter+exit-level"}) {
+  for (const std::string_view name : {"baseline", "early-stopping", "dfr", "dfr-fine", "controller",
+                                      "controller-without-filter+exit-level"}) {
     SCOPED_TRACE(name);
     const Method method = ParseMethod(name);
     const auto a = ours.MakeController(method, policy);
@@ -229,7 +229,7 @@ TEST_F(TaskModelTest, AHorizonOfZeroIsTheModels) {
   task.horizon = 17;
   const TaskModel model(test::CorridorLayout(), Demonstrations(), task);
   EXPECT_EQ(model.horizon(), 17);
-  for (const std::string_view method : {"baseline", "guided"}) {
+  for (const std::string_view method : {"baseline", "controller"}) {
     SCOPED_TRACE(method);
     EXPECT_EQ(Horizon(model, method, {}), 17);
     EXPECT_EQ(Horizon(model, method, {.horizon = 9}), 9);
@@ -245,7 +245,7 @@ TEST_F(TaskModelTest, ControllersOutliveAMoveOfTheModel) {
     TaskModel first = Fit(published);
     const Drifting policy;
     const auto dfr = first.MakeController(ParseMethod("dfr"), policy);
-    const auto guided = first.MakeController(ParseMethod("guided"), policy);
+    const auto guided = first.MakeController(ParseMethod("controller"), policy);
     TaskModel second = std::move(first);
     {
       TaskModel third = Fit(!published);
@@ -257,7 +257,7 @@ TEST_F(TaskModelTest, ControllersOutliveAMoveOfTheModel) {
     ExpectSameDecisions(reference, second);
     ExpectSameControllers(reference, second);
     const auto their_dfr = reference.MakeController(ParseMethod("dfr"), policy);
-    const auto their_guided = reference.MakeController(ParseMethod("guided"), policy);
+    const auto their_guided = reference.MakeController(ParseMethod("controller"), policy);
     ExpectSameEpisode(*dfr, *their_dfr);
     ExpectSameEpisode(*guided, *their_guided);
   }
@@ -289,7 +289,7 @@ TEST_F(TaskModelTest, WrongArgumentsAreNamed) {
                     model.MakeController({.name = "oracle", .kind = Method::Kind::kOther}, policy));
               }),
               HasSubstr("'oracle'"));
-  for (const std::string_view method : {"baseline", "dfr", "guided"}) {
+  for (const std::string_view method : {"baseline", "dfr", "controller"}) {
     const auto make = [&](const ControllerOptions& controller) {
       return test::MessageOf<std::invalid_argument>([&] {
         static_cast<void>(model.MakeController(ParseMethod(method), policy, controller));
@@ -347,7 +347,7 @@ TEST_F(TaskModelTest, WrongContentWithARightChecksumDoesNoHarm) {
     Replace(damaged);
     try {
       const TaskModel model = TaskModel::Load(folder_, test::CorridorLayout());
-      for (const std::string_view name : {"dfr", "guided"}) {
+      for (const std::string_view name : {"dfr", "controller"}) {
         const auto controller = model.MakeController(ParseMethod(name), policy);
         controller->Reset(1);
         std::vector<double> u(2);

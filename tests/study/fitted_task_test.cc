@@ -39,7 +39,7 @@ TEST(FittedTaskTest, EachEntryHasItsLimitAndAPassedOneIsThePolicys) {
   const std::vector<double>& limit = fit.guard()->settings().action_limit;
   const FarAside policy;
   const core::Matrix& states = Pick().demonstrations().trajectories[0].states;
-  for (const auto kind : {safety::Method::Kind::kGuided, safety::Method::Kind::kGuard}) {
+  for (const auto kind : {safety::Method::Kind::kController, safety::Method::Kind::kGuard}) {
     const auto controller = fit.MakeController({.name = "it", .kind = kind}, policy);
     controller->Reset(1);
     std::array<double, 4> u{};

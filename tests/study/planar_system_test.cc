@@ -27,7 +27,7 @@ std::vector<Row> RunPlane(const std::string& task, std::vector<std::string> meth
 }
 
 TEST(PlanarTest, GuidedRecoveryCompletesTheCorridorWithoutCollisions) {
-  const auto rows = RunPlane("corridor", {"guided", "certified-direction"});
+  const auto rows = RunPlane("corridor", {"controller", "certified-direction"});
   EXPECT_GE(rows[1].completed, 38);
   EXPECT_EQ(rows[1].collided, 0);
   EXPECT_GE(rows[2].completed, 36);
@@ -48,7 +48,7 @@ TEST(PlanarTest, TheDirectionCertificateCompletesPushingWithoutAViolation) {
 }
 
 TEST(PlanarTest, GuidedRecoveryBeatsAWeakPolicyAtPushing) {
-  const auto rows = RunPlane("push-weak", {"guided"});
+  const auto rows = RunPlane("push-weak", {"controller"});
   EXPECT_GT(rows[1].completed, rows[0].completed);
   EXPECT_LT(rows[1].collided, rows[0].collided);
 }

@@ -22,7 +22,7 @@ namespace {
 TEST(PlanarTest, ResultsDoNotDependOnTheNumberOfThreads) {
   Study study = Study::OfPlane();
   study.tasks = {"planar-push"};
-  study.controllers = {"dfr", "guided"};
+  study.controllers = {"dfr", "controller"};
   study.demonstrations = 20;
   study.trials = 2;
   study.episodes = 3;
@@ -54,12 +54,12 @@ TEST(PlanarTest, EveryMethodRunsAndUnknownNamesAreNamed) {
   const Task task = MakeTask("push");
   const Methods methods(task, Demonstrate(task, 20, 1));
   for (const auto& name : {"baseline", "early-stopping", "dfr", "finite-difference",
-                           "true-jacobian", "lwr", "ensemble", "dart", "dagger", "guided",
-                           "guided-without-filter+exit-level", "certified-direction"}) {
+                           "true-jacobian", "lwr", "ensemble", "dart", "dagger", "controller",
+                           "controller-without-filter+exit-level", "certified-direction"}) {
     EXPECT_EQ(methods.Make(name, *task.plant)->state_dim(), 4) << name;
   }
   EXPECT_THROW((void)methods.Make("magic", *task.plant), std::invalid_argument);
-  EXPECT_THROW((void)methods.Make("guided-without-magic", *task.plant), std::invalid_argument);
+  EXPECT_THROW((void)methods.Make("controller-without-magic", *task.plant), std::invalid_argument);
   EXPECT_THROW((void)MakeTask("magic"), std::invalid_argument);
 }
 

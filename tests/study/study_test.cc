@@ -63,8 +63,8 @@ TEST(StressTest, CountsWhatAControllerSavesAndHarms) {
   }
   // Benefit of a guard, and its largest permitted cost.
   EXPECT_GE(Find(rows, "as demonstrated", "lwr", "baseline").completed, 18);
-  EXPECT_LE(Find(rows, "as demonstrated", "lwr", "guided").harmed, 1);
-  EXPECT_LE(Find(rows, "turned 40 deg", "lwr", "guided").collided,
+  EXPECT_LE(Find(rows, "as demonstrated", "lwr", "controller").harmed, 1);
+  EXPECT_LE(Find(rows, "turned 40 deg", "lwr", "controller").collided,
             Find(rows, "turned 40 deg", "lwr", "baseline").collided);
   // Early stopping does stop, and a controller that never filters would save nothing.
   EXPECT_GE(Find(rows, "as demonstrated", "learned", "early-stopping").harmed +
@@ -102,13 +102,13 @@ TEST(StressTest, TheGridHasARowASupportAndAColumnAController) {
   study.conditions = {"as demonstrated"};
   study.policies = {"lwr"};
   study.episodes = 4;
-  study.controllers = {"dfr/raw", "guided/raw", "dfr/density", "guided/density",
+  study.controllers = {"dfr/raw", "controller/raw", "dfr/density", "controller/density",
                        "certified/density"};
   const auto tables = MakeGrid(RunStudy(study));
   std::filesystem::remove_all(Folder());
   ASSERT_EQ(tables.size(), 1u);
   EXPECT_EQ(tables[0].header,
-            (std::vector<std::string>{"support", "alone", "dfr", "guided", "certified"}));
+            (std::vector<std::string>{"support", "alone", "dfr", "controller", "certified"}));
   ASSERT_EQ(tables[0].rows.size(), 2u);
   EXPECT_EQ(tables[0].rows[0][0], "raw");
   EXPECT_EQ(tables[0].rows[0][4], "-");
@@ -122,7 +122,7 @@ TEST(StressTest, ControllersKeepUnitsThatDiffer) {
   study.tasks = {"pick"};
   study.conditions = {"as demonstrated"};
   study.policies = {"lwr"};
-  study.controllers = {"guided", "guard", "guided/density"};
+  study.controllers = {"controller", "guard", "controller/density"};
   study.demonstrations = 60;
   const std::vector<Row> rows = RunStudy(study);
   std::filesystem::remove_all(Folder());
@@ -132,14 +132,14 @@ TEST(StressTest, ControllersKeepUnitsThatDiffer) {
 
 TEST(StressTest, ListsFailuresAndHarmedEpisodes) {
   const std::vector<Row> rows = {{"a", "c", "lwr", "baseline", 100, 90, 5, 0, 0},
-                                 {"a", "c", "lwr", "guided", 100, 95, 0, 5, 2},
+                                 {"a", "c", "lwr", "controller", 100, 95, 0, 5, 2},
                                  {"b", "c", "lwr", "baseline", 100, 90, 5, 0, 0},
-                                 {"b", "c", "lwr", "guided", 100, 95, 1, 4, 0},
+                                 {"b", "c", "lwr", "controller", 100, 95, 1, 4, 0},
                                  {"c", "c", "lwr", "baseline", 100, 90, 5, 0, 0},
-                                 {"c", "c", "lwr", "guided", 100, 87, 0, 5, 3},
+                                 {"c", "c", "lwr", "controller", 100, 87, 0, 5, 3},
                                  {"d", "c", "lwr", "baseline", 100, 40, 50, 0, 0},
-                                 {"d", "c", "lwr", "guided", 100, 30, 10, 40, 10}};
-  const auto table = WhereItFails(rows, "guided");
+                                 {"d", "c", "lwr", "controller", 100, 30, 10, 40, 10}};
+  const auto table = WhereItFails(rows, "controller");
   ASSERT_EQ(table.rows.size(), 2u);
   EXPECT_EQ(table.rows[0][0], "b");
   EXPECT_EQ(table.rows[1][0], "c");
@@ -167,14 +167,14 @@ TEST(StressTest, JudgesEachMethodByWhatItSavesHarmsAndPasses) {
   std::vector<Row> rows = {
       row("baseline", 201, 0, 0, 0.0),       row("guard", 297, 96, 0, 0.1),
       row("controller", 297, 96, 0, 0.6),    row("dfr", 201, 60, 60, 0.1),
-      row("guided", 240, 90, 51, 0.1),       row("early-stopping", 99, 96, 102, 0.0),
+      row("dfr-fine", 240, 90, 51, 0.1),     row("early-stopping", 99, 96, 102, 0.0),
       row("certified", 150, 3, 51, 0.0),     row("monitor", 201, 0, 0, 0.0),
       row("placebo-halts", 30, 90, 180, 0.0)};
   const auto expected = std::map<std::string, std::pair<int, std::string>>{
       {"guard", {0, ""}},
       {"controller", {1, "replaces most"}},
       {"dfr", {1, "saves more than it harms is not shown"}},
-      {"guided", {1, "less than a tenth"}},
+      {"dfr-fine", {1, "less than a tenth"}},
       {"early-stopping", {2, "less than half as often"}},
       {"certified", {2, "harms more than it saves"}}};
   const auto judgements = JudgeMethods(rows);
@@ -212,7 +212,7 @@ TEST(StressTest, UnknownNamesAreReportedWithTheValidOnes) {
   study.policies = {"magic"};
   EXPECT_THAT(error(study), HasSubstr("at-constraints"));
   study = Small();
-  study.controllers = {"guided/magic"};
+  study.controllers = {"controller/magic"};
   EXPECT_THAT(error(study), HasSubstr("mahalanobis"));
   study.controllers = {"magic"};
   EXPECT_THAT(error(study), HasSubstr("early-stopping"));
@@ -276,17 +276,17 @@ TEST(BaselinesTest, LearnAnewAndRun) {
 }
 
 TEST(MethodNameTest, HasThreeParts) {
-  const MethodName whole = Split("guided@lwr/density");
-  EXPECT_EQ(whole.controller, "guided");
+  const MethodName whole = Split("controller@lwr/density");
+  EXPECT_EQ(whole.controller, "controller");
   EXPECT_EQ(whole.policy, "lwr");
   EXPECT_EQ(whole.support, "density");
   EXPECT_EQ(Split("dfr/raw").support, "raw");
   EXPECT_EQ(Split("dfr/raw").policy, "");
   EXPECT_EQ(Split("knn").controller, "baseline");
   EXPECT_EQ(Split("knn").policy, "knn");
-  for (const char* bad :
-       {"guided@", "guided@magic", "guided/", "guided/magic", "certified", "finite-difference/raw",
-        "true-jacobian/raw", "magic@lwr", "ensemble@lwr", "ensemble/raw"}) {
+  for (const char* bad : {"controller@", "controller@magic", "controller/", "controller/magic",
+                          "certified", "finite-difference/raw", "true-jacobian/raw", "magic@lwr",
+                          "ensemble@lwr", "ensemble/raw"}) {
     EXPECT_THROW(static_cast<void>(ParseMethod(bad)), std::invalid_argument) << bad;
   }
 }

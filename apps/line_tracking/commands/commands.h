@@ -59,7 +59,7 @@ inline constexpr const char* kNoRecordings = "none";
 struct RunOptions {
   SceneOptions scene;
   std::filesystem::path config;  ///< A robot's; empty: the simulation in this process.
-  // Empty: the configuration's, or "model", "guided", "recordings".
+  // Empty: the configuration's, or "model", "controller", "recordings".
   std::filesystem::path model;
   std::string method;
   std::filesystem::path recordings;  ///< Or kNoRecordings.
@@ -96,7 +96,7 @@ void RunExperiment(const ExperimentOptions& options);
 struct RenderOptions {
   SceneOptions scene;
   std::filesystem::path model = "model";
-  std::string method = "guided";
+  std::string method = "controller";
   std::uint64_t seed = 1;
   std::filesystem::path out = "rollout.mp4";
 };
@@ -105,7 +105,7 @@ void RunRender(const RenderOptions& options);
 struct ViewOptions {
   SceneOptions scene;
   std::filesystem::path model = "model";
-  std::string method = "guided";
+  std::string method = "controller";
   std::uint64_t seed = 1;
   int episodes = 0;  ///< 0: until the window is closed.
 };

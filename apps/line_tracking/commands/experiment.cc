@@ -34,10 +34,11 @@ enum Stream : std::uint64_t { kDemonstrationStream = 2, kLearnerStream, kCalibra
 experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   const bool paper = options.preset == "paper";
   experiment::EvaluationPlan plan;
-  plan.methods = {
-      "baseline",      "early-stopping", "dfr",           "guard", "guided", "placebo-corrections",
-      "placebo-halts", "true-jacobian",  "baseline@none", "lwr",   "lwr-cv", "lwr-online",
-      "knn",           "ensemble",       "proportional"};
+  plan.methods = {"baseline",      "early-stopping", "dfr",
+                  "guard",         "controller",     "placebo-corrections",
+                  "placebo-halts", "true-jacobian",  "baseline@none",
+                  "lwr",           "lwr-cv",         "lwr-online",
+                  "knn",           "ensemble",       "proportional"};
   plan.learners = options.worlds;
   plan.demonstrations = {kDemonstrations};
   plan.trials = paper ? 5 : 2;
@@ -79,7 +80,7 @@ std::map<std::string, std::string> Settings(const ExperimentOptions& options) {
   settings["gamma candidates [1/mm^2]"] = gammas;
   settings["held-out acceptance wanted"] = experiment::Exactly(options.model.acceptance);
   settings["support features"] = options.model.support_features;
-  settings["guided gamma [whitened]"] = experiment::Exactly(options.model.guided_gamma);
+  settings["whitened gamma"] = experiment::Exactly(options.model.whitened_gamma);
   settings["horizon"] = std::to_string(options.model.horizon);
   return settings;
 }
@@ -260,13 +261,13 @@ experiment::ReportFigure RecoveryFigure(LineTrialRunner& runner,
           {plot}};
 }
 
-// Guided recovery's episodes, or the last method's.
+// Episodes of the method "controller", or the last method's.
 std::vector<experiment::ReportMedia> RecordEpisodes(LineTrialRunner& runner,
                                                     const experiment::EvaluationPlan& plan,
                                                     const experiment::UnitResult& unit,
                                                     const std::filesystem::path& folder) {
-  const auto guided = std::ranges::find(plan.methods, "guided") - plan.methods.begin();
-  const auto shown = std::min(static_cast<std::size_t>(guided), plan.methods.size() - 1);
+  const auto found = std::ranges::find(plan.methods, "controller") - plan.methods.begin();
+  const auto shown = std::min(static_cast<std::size_t>(found), plan.methods.size() - 1);
   std::vector<experiment::ReportMedia> media;
   for (const auto& [name, start] : PickEpisodes(unit, shown)) {
     const std::filesystem::path path = folder / (name + ".mp4");

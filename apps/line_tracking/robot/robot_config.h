@@ -33,7 +33,7 @@ struct RobotConfig {
   RobotPlace robot = RobotPlace::kProcess;
   std::filesystem::path model = "out/line_tracking/model";
   std::filesystem::path calibration = "out/line_tracking/calibration.dfr";
-  std::string method = "guided";
+  std::string method = "controller";
   std::filesystem::path recordings = "out/line_tracking/recordings";  ///< Empty: no recordings.
 
   // [network]

@@ -173,17 +173,18 @@ std::vector<ConvergenceCurve> MeasureConvergence(PusherTrialRunner& runner, int 
   const std::vector<Gate> gates = FindGates(runner, recoveries, seed);
   const PaperTask paper(model);
   std::vector<ConvergenceCurve> curves;
-  for (const std::string name : {"dfr", "finite-difference", "guided"}) {
+  for (const std::string name : {"dfr", "finite-difference", "controller"}) {
     std::vector<std::vector<double>> climbs;
     climbs.reserve(gates.size());
     for (std::size_t i = 0; i < gates.size(); ++i) {
       const Gate& gate = gates[i];
       const std::unique_ptr<core::SimulatedPlant> plant = gate.plant->Clone();
       const std::unique_ptr<control::Controller> controller =
-          name == "guided" ? model.task().MakeController(
-                                 std::make_unique<control::GradientRecovery>(paper.view()),
-                                 model.policy(), {.first_step = gate.t})
-                           : model.MakeController(study::ParseMethod(name), plant.get(), gate.t);
+          name == "controller"
+              ? model.task().MakeController(
+                    std::make_unique<control::GradientRecovery>(paper.view()), model.policy(),
+                    {.first_step = gate.t})
+              : model.MakeController(study::ParseMethod(name), plant.get(), gate.t);
       climbs.push_back(Climb(model, gate, *plant, *controller, core::DeriveSeed(seed, {i, 1})));
     }
     curves.push_back(Average(name, std::move(climbs)));

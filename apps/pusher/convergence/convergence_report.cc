@@ -25,7 +25,7 @@ experiment::ReportFigure ConvergenceFigure(const std::vector<ConvergenceCurve>& 
       "of " +
       std::to_string(kRecoveries) + " recoveries a model, learner " + learner +
       ". The oracle simulates its probes and applies none of them; an iteration of "
-      "DFR is a probe and a step. Guided recovery climbs the same g here. pusher experiment "
+      "DFR is a probe and a step. The controller climbs the same g here. pusher experiment "
       "--config FOLDER/run.toml --out FOLDER prints these figures again.";
   for (const bool iterations : {true, false}) {
     experiment::ReportPlot plot;
@@ -35,7 +35,9 @@ experiment::ReportFigure ConvergenceFigure(const std::vector<ConvergenceCurve>& 
     plot.y_max = 1.0;
     for (const ConvergenceCurve& curve : curves) {
       experiment::ReportSeries series;
-      series.name = curve.method == "dfr" ? "DFR" : curve.method == "guided" ? "Guided" : "Oracle";
+      series.name = curve.method == "dfr"          ? "DFR"
+                    : curve.method == "controller" ? "Controller"
+                                                   : "Oracle";
       const std::size_t stride =
           iterations ? static_cast<std::size_t>(curve.controls_per_iteration) : 1;
       for (std::size_t k = 0; k * stride < curve.mean.size() && k <= 500; ++k) {

@@ -235,7 +235,9 @@ void AddTask(CLI::App& command, PlanarStudy& study) {
 }  // namespace
 
 void AddMethodOptions(CLI::App& command, MethodOptions& options) {
-  command.add_option("--gamma", options.gamma, "gamma of guided recovery's support")
+  command
+      .add_option("--gamma", options.gamma,
+                  "gamma of the whitened support, that of guard and controller")
       ->capture_default_str();
   command.add_option("--raw-gamma", options.raw_gamma, "gamma of DFR's support; 0: the task's")
       ->capture_default_str();
@@ -300,7 +302,7 @@ void AddFigure(CLI::App& app, Commands& commands) {
   const auto start = std::make_shared<std::uint64_t>(3);
   const auto folder = std::make_shared<std::filesystem::path>("planar");
   const auto methods = std::make_shared<std::vector<std::string>>(
-      std::vector<std::string>{"baseline", "dfr", "guided"});
+      std::vector<std::string>{"baseline", "dfr", "controller"});
   auto* figure = app.add_subcommand(
       "figure",
       "Write pictures and a video of one start state of a planar task, as the paper's Fig. 2");

@@ -90,8 +90,8 @@ Methods::Methods(const Task& task, std::vector<core::Trajectory> demonstrations,
       direction_error_(control::EstimateDirectionError(model().features(), demonstrations_)) {}
 
 SupportKind SupportOf(std::string_view method) {
-  return method.starts_with("guided") || method == "certified-direction" ? SupportKind::kGuided
-                                                                         : SupportKind::kRaw;
+  return method.starts_with("controller") || method == "certified-direction" ? SupportKind::kGuided
+                                                                             : SupportKind::kRaw;
 }
 
 double Methods::Level(SupportKind kind, int t, std::span<const double> x) const {

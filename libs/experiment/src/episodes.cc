@@ -90,7 +90,7 @@ EpisodeId ParseEpisode(std::string_view name, const EvaluationPlan& plan) {
                        Read(TakeFirst(rest), id.unit.demonstrations) &&
                        Read(TakeLast(rest), id.start);
   DFR_THROW_UNLESS(numbers, "an episode is TRIAL/DEMONSTRATIONS/LEARNER/METHOD/START, as in "
-                                << "0/120/8/guided/17, not '" << name << "'");
+                                << "0/120/8/controller/17, not '" << name << "'");
   DFR_THROW_UNLESS(0 <= id.unit.trial && id.unit.trial < plan.trials,
                    name << ": trials are 0 to " << plan.trials - 1);
   DFR_THROW_UNLESS(

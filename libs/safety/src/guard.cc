@@ -61,20 +61,9 @@ void Clamp(const std::vector<double>& limits, std::span<double> action) noexcept
 }
 
 Method MethodOf(Strategy strategy) {
-  switch (strategy) {
-    case Strategy::kGuard:
-      return {.name = "guard", .kind = Method::Kind::kGuard};
-    case Strategy::kController:
-      return {.name = "guided", .kind = Method::Kind::kGuided};
-    case Strategy::kDfr:
-      return {.name = "dfr", .recovery = control::Recovery::kDfr};
-    case Strategy::kEarlyStopping:
-      return {.name = "early-stopping", .recovery = control::Recovery::kEarlyStopping};
-    case Strategy::kMonitor:
-    case Strategy::kCertified:  // Has no task model method.
-      break;
-  }
-  return {.name = "baseline"};
+  // A certified guard's controller is none of a task model.
+  const bool none = strategy == Strategy::kMonitor || strategy == Strategy::kCertified;
+  return ParseMethod(none ? Name(control::Recovery::kNone) : Name(strategy));
 }
 
 // Returns true if the controller uses only the steered entries, in the units of the model's

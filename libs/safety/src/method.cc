@@ -11,8 +11,8 @@ constexpr std::array kRecoveries = {control::Recovery::kNone, control::Recovery:
                                     control::Recovery::kDfr};
 constexpr std::string_view kDfrFine = "dfr-fine";
 constexpr std::string_view kGuard = "guard";
-constexpr std::string_view kGuided = "guided";
-constexpr std::string_view kWithout = "guided-without-";
+constexpr std::string_view kController = "controller";
+constexpr std::string_view kWithout = "controller-without-";
 
 }  // namespace
 
@@ -31,8 +31,8 @@ Method ParseMethod(std::string_view name, std::span<const std::string_view> othe
   }
   // Without() takes an empty list of parts, a name has none.
   const bool without = name.starts_with(kWithout) && name != kWithout && !name.ends_with('+');
-  if (name == kGuided || without) {
-    method.kind = Method::Kind::kGuided;
+  if (name == kController || without) {
+    method.kind = Method::Kind::kController;
     method.recovery = control::Recovery::kNone;
     method.without = name.substr(std::min(name.size(), kWithout.size()));
     static_cast<void>(control::Without({}, method.without));
@@ -50,7 +50,7 @@ Method ParseMethod(std::string_view name, std::span<const std::string_view> othe
 std::string MethodNames(std::span<const std::string_view> others) {
   std::string names;
   for (const control::Recovery recovery : kRecoveries) names.append(Name(recovery)).append(", ");
-  names.append(kDfrFine).append(", ").append(kGuard).append(", ").append(kGuided);
+  names.append(kDfrFine).append(", ").append(kGuard).append(", ").append(kController);
   for (const std::string_view other : others) names.append(", ").append(other);
   for (const std::string_view part : control::GuidedPartNames()) {
     names.append(", ").append(kWithout).append(part);

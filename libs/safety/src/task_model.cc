@@ -191,7 +191,7 @@ std::unique_ptr<control::Controller> TaskModel::MakeController(
     const Method& method, const core::Policy& policy, const ControllerOptions& options) const {
   DFR_THROW_UNLESS(method.kind != Method::Kind::kOther,
                    "the method '" << method.name << "' is not one of a task model");
-  if (method.kind == Method::Kind::kGuided || method.kind == Method::Kind::kGuard) {
+  if (method.kind == Method::Kind::kController || method.kind == Method::Kind::kGuard) {
     control::GuidedOptions guided = control::Without(options.guided, method.without);
     guided.horizon = options.horizon != 0 ? options.horizon : horizon();
     guided.first_step = options.first_step;

@@ -95,13 +95,14 @@ safety::Method ParseMethod(std::string_view name, std::span<const std::string_vi
                    "method '" << name << "': unknown support '" << parts.support
                               << "'; valid: " << Join(kSupports));
   if (on_support && parts.controller == kCertified) {
-    return {.name = std::string(name), .kind = safety::Method::Kind::kGuided};
+    return {.name = std::string(name), .kind = safety::Method::Kind::kController};
   }
   safety::Method method = safety::ParseMethod(parts.controller, others);
   DFR_THROW_UNLESS(
       parts.controller != kEnsemble || parts.policy.empty(),
-      "method '" << name
-                 << "': an ensemble is a policy; for a controller around it write guided@ensemble");
+      "method '"
+          << name
+          << "': an ensemble is a policy; for a controller around it write controller@ensemble");
   DFR_THROW_UNLESS(
       !on_support || method.kind != safety::Method::Kind::kOther,
       "method '" << name << "': '" << parts.controller << "' runs without a choice of support");
@@ -117,7 +118,7 @@ std::string MethodHelp(std::span<const std::string_view> others) {
          "policies disagree, dart learns from demonstrations with injected noise, dagger asks the "
          "supervisor while it learns, finite-difference and true-jacobian are oracles that know "
          "the plant. Behind a method, @ and another policy than "
-         "the learned one, as in guided@lwr, or none for a zero control: " +
+         "the learned one, as in controller@lwr, or none for a zero control: " +
          Join(kPolicies) +
          ". Behind that, / and another support, as in dfr@lwr/density: " + Join(kSupports);
 }
@@ -195,7 +196,7 @@ std::unique_ptr<control::Controller> ControllerFactory::OnSupport(
   });
   // The cache keeps it as long as this factory exists.
   const int horizon = options.horizon != 0 ? options.horizon : task_->horizon();
-  if (method.kind != safety::Method::Kind::kGuided) {
+  if (method.kind != safety::Method::Kind::kController) {
     return std::make_unique<control::SwitchingController>(
         policy, support->decision(), support->lambda(),
         control::SwitchingControllerOptions{

@@ -132,7 +132,7 @@ std::unique_ptr<control::Controller> FittedTask::MakeController(
   if (own.horizon == 0) own.horizon = horizon();
   if (guard_ != nullptr && !guard_->settings().demonstrated) own.guided.demonstrated = false;
   // Algorithm 1 is for controls as they are.
-  if (method.kind != Kind::kGuided && method.kind != Kind::kGuard) {
+  if (method.kind != Kind::kController && method.kind != Kind::kGuard) {
     return model_->MakeController(method, policy, own);
   }
   return InUnits(policy, options.guided.control_limit,

@@ -351,12 +351,12 @@ namespace dfr::experiment {
 
 std::span<const NamedStyle> NamedStyles() {
   // What is compared with is grey. Neighbouring numbers differ in lightness, hue and marker.
-  static constexpr std::array<NamedStyle, 26> kStyles = {
+  static constexpr std::array<NamedStyle, 25> kStyles = {
       {{"baseline", "Baseline", 0},
        {"alone", "Alone", 0},
        {"early-stopping", "Early stopping", 1},
        {"dfr", "DFR", 2},
-       {"guided", "Guided", 3},
+       {"controller", "Controller", 3},
        {"finite-difference", "Oracle", 4},
        {"lwr", "LWR alone", 5},
        {"knn", "Nearest neighbours alone", 6},
@@ -372,7 +372,6 @@ std::span<const NamedStyle> NamedStyles() {
        {"lwr-cv", "LWR, cross-validated", 16},
        {"lwr-online", "LWR, online", 17},
        {"monitor", "Monitor", 18},
-       {"controller", "Controller", 19},
        {"certified", "Certified", 20},
        {"certified-direction", "Certified direction", 21},
        {"completed", "completed", internal::kOutcomeStyles},

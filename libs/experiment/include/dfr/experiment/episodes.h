@@ -20,7 +20,7 @@ struct EpisodeId {
   bool operator==(const EpisodeId&) const = default;
 };
 
-/// Returns "trial/demonstrations/learner/method/start", such as 0/120/8/guided/17.
+/// Returns "trial/demonstrations/learner/method/start", such as 0/120/8/controller/17.
 [[nodiscard]] std::string Name(const EpisodeId& id);
 
 /// Inverse of Name() for the episodes of `plan`. @throws std::invalid_argument naming the error.

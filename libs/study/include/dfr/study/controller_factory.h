@@ -29,7 +29,7 @@ inline constexpr std::array<std::string_view, 9> kOtherMethods = {
     "finite-difference", "true-jacobian", "lwr",   "lwr-cv", "lwr-online", "knn",
     "ensemble",          "dart",          "dagger"};
 
-/// Parts of a method's name, for example "guided@lwr/density".
+/// Parts of a method's name, for example "controller@lwr/density".
 struct MethodName {
   std::string_view controller;  ///< Also "certified" (certified-direction) with a support.
   std::string_view policy;      ///< One of kPolicies; empty: the learned one.
