@@ -3,8 +3,8 @@
 #include <string>
 #include <vector>
 
+#include "apps/window_observer.h"
 #include "commands.h"
-#include "dfr/core/format.h"
 #include "dfr/core/random.h"
 #include "dfr/sim/pusher/pusher_view.h"
 #include "trial_runner.h"
@@ -38,45 +38,6 @@ void RunRender(const RenderOptions& options) {
   Save(videos, options.out);
 }
 
-namespace {
-
-// Shows each state in the window, slowly enough to follow.
-class WindowObserver final : public control::RolloutObserver {
- public:
-  WindowObserver(sim::PusherWindow& window, const sim::PusherPlant& plant, std::string title)
-      : window_(&window), plant_(&plant), title_(std::move(title)) {}
-
-  void OnStart(std::span<const double> /*x*/) override { Show("start", 0.7); }
-
-  void OnControl(const control::RolloutEvent& event) override {
-    const bool policy = event.step.mode == control::Mode::kPolicy;
-    Show(core::Format("t = %d  %s  g = %.4f", event.step.t, control::Name(event.step.mode),
-                      event.step.g),
-         policy ? 0.12 : 0.016);
-  }
-
-  void OnEnd(const control::RolloutResult& result) override {
-    const bool halted = result.outcome == core::Outcome::kHalted;
-    Show(std::string(core::Name(result.outcome)) +
-             (halted ? std::string(": ") + control::Name(result.halt_cause) : ""),
-         1.5);
-  }
-
-  [[nodiscard]] bool open() const noexcept { return open_; }
-
- private:
-  void Show(const std::string& text, double seconds) {
-    if (open_) open_ = window_->Show(*plant_, title_, text, seconds);
-  }
-
-  sim::PusherWindow* window_;
-  const sim::PusherPlant* plant_;
-  std::string title_;
-  bool open_ = true;
-};
-
-}  // namespace
-
 void RunView(const ViewOptions& options) {
   PusherTrialRunner runner(Model::Load(options.model), {study::ParseMethod(options.method)},
                            options.plant, {});
@@ -84,8 +45,10 @@ void RunView(const ViewOptions& options) {
   bool open = true;
   for (std::uint64_t episode = 0; open; ++episode) {
     const std::uint64_t seed = options.seed + episode;
-    WindowObserver observer(window, runner.plant(),
-                            options.method + ", start state " + std::to_string(seed));
+    const std::string title = options.method + ", start state " + std::to_string(seed);
+    WindowObserver observer([&](const std::string& text, double seconds) {
+      return window.Show(runner.plant(), title, text, seconds);
+    });
     runner.RunObserved(0, seed, core::DeriveSeed(seed, {1}), &observer);
     open = observer.open();
   }
