@@ -93,6 +93,8 @@ class Hdf5File {
   Hdf5File(std::string name, std::int64_t id);
   void WriteBlock(const std::string& path, std::int64_t type, std::span<const std::int64_t> shape,
                   bool growable, const void* values);
+  void WriteAttribute(const std::string& path, const char* name, std::int64_t type,
+                      const void* value);
 
   std::string name_;
   std::int64_t id_;  // hid_t

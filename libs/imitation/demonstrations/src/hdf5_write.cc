@@ -147,6 +147,19 @@ void Hdf5File::WriteGrowable(const std::string& path, const std::vector<bool>& v
 }
 
 void Hdf5File::SetAttribute(const std::string& path, const char* name, std::int64_t value) {
+  WriteAttribute(path, name, H5T_NATIVE_INT64, &value);
+}
+
+void Hdf5File::SetAttribute(const std::string& path, const char* name, const std::string& value) {
+  const Hdf5Handle type(H5Tcopy(H5T_C_S1), H5Tclose);
+  H5Tset_size(type.id(), H5T_VARIABLE);
+  H5Tset_cset(type.id(), H5T_CSET_UTF8);
+  const char* const text = value.c_str();
+  WriteAttribute(path, name, type.id(), &text);
+}
+
+void Hdf5File::WriteAttribute(const std::string& path, const char* name, std::int64_t type,
+                              const void* value) {
   const Hdf5Quiet quiet;
   const Place at = At(path);
   const Hdf5Handle object(H5Oopen(at.object, at.path.c_str(), H5P_DEFAULT), H5Oclose);
@@ -155,25 +168,9 @@ void Hdf5File::SetAttribute(const std::string& path, const char* name, std::int6
   const Hdf5Handle attribute(
       H5Aexists(object.id(), name) > 0
           ? H5Aopen(object.id(), name, H5P_DEFAULT)
-          : H5Acreate2(object.id(), name, H5T_NATIVE_INT64, space.id(), H5P_DEFAULT, H5P_DEFAULT),
+          : H5Acreate2(object.id(), name, type, space.id(), H5P_DEFAULT, H5P_DEFAULT),
       H5Aclose);
-  if (!attribute.ok() || H5Awrite(attribute.id(), H5T_NATIVE_INT64, &value) < 0) {
-    Fail(path, std::string("attribute ") + name + " cannot be written: " + LastHdf5Error());
-  }
-}
-
-void Hdf5File::SetAttribute(const std::string& path, const char* name, const std::string& value) {
-  const Hdf5Quiet quiet;
-  const Place at = At(path);
-  const Hdf5Handle object(H5Oopen(at.object, at.path.c_str(), H5P_DEFAULT), H5Oclose);
-  const Hdf5Handle space(H5Screate(H5S_SCALAR), H5Sclose);
-  const Hdf5Handle type(H5Tcopy(H5T_C_S1), H5Tclose);
-  H5Tset_size(type.id(), H5T_VARIABLE);
-  H5Tset_cset(type.id(), H5T_CSET_UTF8);
-  const Hdf5Handle attribute(
-      H5Acreate2(object.id(), name, type.id(), space.id(), H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
-  const char* const text = value.c_str();
-  if (!attribute.ok() || H5Awrite(attribute.id(), type.id(), &text) < 0) {
+  if (!attribute.ok() || H5Awrite(attribute.id(), type, value) < 0) {
     Fail(path, std::string("attribute ") + name + " cannot be written: " + LastHdf5Error());
   }
 }
