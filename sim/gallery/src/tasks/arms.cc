@@ -9,14 +9,13 @@
 namespace dfr::sim::internal {
 namespace {
 
-// The joints of a planar chain of equal links, then its tip.
+// The joints of a planar chain of equal links, then its tip. `joint` returns an angle by its index.
 template <std::size_t N>
-std::array<Point, N + 1> ChainPoints(Point base, double link,
-                                     const std::array<double, N>& joints) noexcept {
+std::array<Point, N + 1> ChainPoints(Point base, double link, const auto& joint) noexcept {
   std::array<Point, N + 1> points{base};
   double angle = 0.0;
   for (std::size_t i = 0; i < N; ++i) {
-    angle += joints[i];
+    angle += joint(static_cast<int>(i));
     points[i + 1] = points[i] + Turned({link, 0.0}, angle);
   }
   return points;
@@ -129,9 +128,7 @@ class Arm7Plant final : public Cloned<Arm7Plant> {
 
  private:
   [[nodiscard]] std::array<Point, kJoints + 1> Points() const noexcept {
-    std::array<double, kJoints> joints{};
-    for (int i = 0; i < kJoints; ++i) joints[static_cast<std::size_t>(i)] = x(i);
-    return ChainPoints({}, kLink, joints);
+    return ChainPoints<kJoints>({}, kLink, [this](int i) { return x(i); });
   }
   void Place() noexcept {
     const Point tip = Points().back();
@@ -189,9 +186,7 @@ class JointsPlant final : public Cloned<JointsPlant> {
 
  private:
   [[nodiscard]] std::array<Point, kJoints + 1> Points() const noexcept {
-    std::array<double, kJoints> joints{};
-    for (int i = 0; i < kJoints; ++i) joints[static_cast<std::size_t>(i)] = x(i);
-    return ChainPoints({}, kLink, joints);
+    return ChainPoints<kJoints>({}, kLink, [this](int i) { return x(i); });
   }
   void Place() noexcept {
     const Point tip = Points().back();
@@ -272,9 +267,8 @@ class BimanualPlant final : public Cloned<BimanualPlant> {
 
  private:
   [[nodiscard]] Chain Points(int arm) const noexcept {
-    std::array<double, kJoints> joints{};
-    for (int i = 0; i < kJoints; ++i) joints[static_cast<std::size_t>(i)] = x(arm * kJoints + i);
-    return ChainPoints({arm == 0 ? -kBase : kBase, 0.0}, kLink, joints);
+    return ChainPoints<kJoints>({arm == 0 ? -kBase : kBase, 0.0}, kLink,
+                                [&](int i) { return x(arm * kJoints + i); });
   }
   void Place() noexcept {
     std::array<Point, 2> tips{};
