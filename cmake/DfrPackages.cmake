@@ -178,6 +178,9 @@ function(dfr_describe_packages)
       set(CPACK_DEBIAN_${id}_PACKAGE_RECOMMENDS "${recommends}")
       set(CPACK_DEBIAN_${id}_PACKAGE_SECTION science)
     endif()
+    if(name STREQUAL "guard")  # starts it for LeRobot's videos
+      set(CPACK_DEBIAN_${id}_PACKAGE_SUGGESTS dfr-video-frames)
+    endif()
     if(name STREQUAL "python")
       # A module is built for one minor version of Python.
       get_property(version GLOBAL PROPERTY DFR_PYTHON_VERSION)
@@ -186,7 +189,7 @@ function(dfr_describe_packages)
       math(EXPR next "${minor} + 1")
       set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS
         "python3 (>= ${version}), python3 (<< 3.${next}), python3-numpy")
-      set(CPACK_DEBIAN_PYTHON_PACKAGE_SUGGESTS python3-sklearn)
+      set(CPACK_DEBIAN_PYTHON_PACKAGE_SUGGESTS "python3-sklearn, dfr-video-frames")
       set(CPACK_DEBIAN_PYTHON_PACKAGE_SECTION python)
     endif()
   endforeach()

@@ -15,7 +15,7 @@ namespace dfr::apps::guard {
 void RunEvaluate(const EvaluateOptions& options) {
   const auto model = safety::GuardModel::Load(options.guard);
   const auto reader = imitation::OpenDemonstrations(options.demonstrations, options.filter_key,
-                                                    imitation::PictureNames(model->layout()));
+                                                    imitation::PictureRequests(model->layout()));
   if (reader->layout() != model->layout()) {
     throw std::runtime_error(options.demonstrations.string() +
                              ": its states have different parts than those of " +

@@ -91,8 +91,9 @@ void Describe(const std::vector<std::string>& warnings) {
 bool RunFit(const FitOptions& options) {
   safety::GuardOptions guard = options.guard;
   guard.features = core::StripObservationPrefixes(guard.features);
-  const auto reader = imitation::OpenDemonstrations(
-      options.demonstrations, options.filter_key, reduction::StateReduction::Names(guard.features));
+  const auto reader =
+      imitation::OpenDemonstrations(options.demonstrations, options.filter_key,
+                                    reduction::StateReduction::Requests(guard.features));
   if (!reader->note().empty()) std::printf("%s\n", reader->note().c_str());
   std::vector<core::Trajectory> all;
   std::vector<core::Trajectory> completed;

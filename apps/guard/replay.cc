@@ -68,7 +68,7 @@ std::vector<ReplayedEpisode> Replay(const std::shared_ptr<const safety::GuardMod
                                     const std::string& filter_key, Drivers* drivers) {
   const safety::GuardModel& model = *shared;
   const auto reader =
-      imitation::OpenDemonstrations(path, filter_key, imitation::PictureNames(model.layout()));
+      imitation::OpenDemonstrations(path, filter_key, imitation::PictureRequests(model.layout()));
   if (reader->layout() != model.layout()) {
     throw std::runtime_error(path.string() + ": its states have different parts than the guard's");
   }

@@ -41,7 +41,9 @@ def load_demonstrations(
     filter_key : str
         Reads only the episodes under this key: a mask of a robomimic file or a split of LeRobot.
     pictures : sequence of str
-        Names of datasets of pictures (HDF5) to read as parts of the states; others are skipped.
+        Names of datasets of pictures (HDF5) or videos (LeRobot) to read as parts of the states; others
+        are skipped. A video's frames are averaged to 32 pixels along the longer side, those of
+        "observation.images.top:24x32" to 24 rows of 32 pixels.
 
     Returns
     -------

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "arrays.h"
+#include "dfr/reduction/state_reduction.h"
 
 namespace py = pybind11;
 
@@ -27,7 +28,13 @@ py::array_t<double> ToArray(core::Matrix&& matrix) {
 py::tuple Load(const std::filesystem::path& path, const std::string& filter_key,
                const std::vector<std::string>& pictures) {
   RequireFile(path);
-  const auto reader = imitation::OpenDemonstrations(path, filter_key, pictures);
+  std::vector<core::BlockRequest> requests;
+  for (const std::string& picture : pictures) {
+    for (auto& request : reduction::StateReduction::Requests("pca:" + picture)) {
+      requests.push_back(std::move(request));
+    }
+  }
+  const auto reader = imitation::OpenDemonstrations(path, filter_key, requests);
   py::list states;
   py::list actions;
   py::list completed;

@@ -347,9 +347,10 @@ TEST(StateReductionTest, FeaturesThatMakeNoSenseAreNamed) {
   EXPECT_THAT(message("points:image:4x6"), HasSubstr("need pictures of 5 to 128 pixels a side"));
   EXPECT_THAT(message("points:image:33"), HasSubstr("there are 32 components, not 33"));
   EXPECT_THAT(message("pca:code:2,hand"), HasSubstr("feature 'hand' is not part of the state"));
-  EXPECT_THAT(StateReduction::Names("tip,points:image:3:grey,pca:code,slow:hand"),
-              ElementsAre("image", "code", "hand"));
-  EXPECT_THAT(StateReduction::Names("tip,image"), IsEmpty());
+  using Request = core::BlockRequest;
+  EXPECT_THAT(StateReduction::Requests("tip,points:image:3:16x24:grey,pca:code:4,slow:hand"),
+              ElementsAre(Request{"image", 16, 24}, Request{"code"}, Request{"hand"}));
+  EXPECT_THAT(StateReduction::Requests("tip,image"), IsEmpty());
 }
 
 TEST(StateReductionTest, PicturesOfAnotherScaleAreNamed) {

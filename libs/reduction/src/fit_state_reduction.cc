@@ -160,16 +160,21 @@ class StateReduction::Rows final : public RowSource {
   std::vector<Eigen::Index> begin_;  // First row of each demonstration; then the number of rows.
 };
 
-std::vector<std::string> StateReduction::Names(std::string_view features) {
-  std::vector<std::string> names;
+std::vector<core::BlockRequest> StateReduction::Requests(std::string_view features) {
+  std::vector<core::BlockRequest> requests;
   while (!features.empty()) {
     std::string_view item = Next(features, ',');
     const std::string_view prefix = core::ReductionPrefix(item);
     if (prefix.empty()) continue;
     item.remove_prefix(prefix.size());
-    names.emplace_back(Next(item, ':'));
+    core::BlockRequest& request = requests.emplace_back();
+    request.name = Next(item, ':');
+    while (!item.empty()) {
+      const auto size = ParseSize(Next(item, ':'));
+      if (size) std::tie(request.height, request.width) = *size;
+    }
   }
-  return names;
+  return requests;
 }
 
 // Fits `components` at most, and the points and the novelty of the part.

@@ -153,7 +153,7 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
                                                   const GuardOptions& options) {
   Check(layout, demonstrations);
   const std::shared_ptr<GuardModel> model =
-      reduction::StateReduction::Names(options.features).empty()
+      reduction::StateReduction::Requests(options.features).empty()
           ? FitStates(layout, demonstrations, options, true)
           : FitReduced(layout, demonstrations, options);
   if (model) model->sensor_groups_ = internal::FitSensorGroups(*model, demonstrations);

@@ -15,6 +15,7 @@ import unittest
 
 import h5py
 import numpy as np
+from parquet_bytes import field, integer, listed, text
 
 PROGRAM, DATASETS = (pathlib.Path(p).resolve() for p in sys.argv[1:3])
 del sys.argv[1:3]
@@ -180,25 +181,6 @@ class LeRobotTest(unittest.TestCase):
             self.assertGreater(refused, 10)
 
     def test_claims_beyond_the_budget_are_refused_by_name(self):
-        def varint(value):
-            out = bytearray()
-            while value >= 0x80:
-                out.append(value & 0x7F | 0x80)
-                value >>= 7
-            return bytes(out) + bytes([value])
-
-        def integer(value):
-            return varint(value << 1)
-
-        def field(delta, kind, value):
-            return bytes([delta << 4 | kind]) + value
-
-        def listed(kind, *elements):
-            return bytes([len(elements) << 4 | kind]) + b"".join(elements)
-
-        def text(value):
-            return varint(len(value)) + value.encode()
-
         def file(values, page_size, rows=None, page_values=4):
             """One column episode_index of INT32 in one page."""
             header = field(1, 5, integer(0)) + field(1, 5, integer(page_size)) + field(1, 5, integer(16)) + field(

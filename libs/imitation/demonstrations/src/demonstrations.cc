@@ -245,25 +245,17 @@ std::unique_ptr<DemonstrationReader> OpenRobomimic(const std::filesystem::path& 
   return std::make_unique<RobomimicReader>(Hdf5Reader(path), filter_key, pictures);
 }
 
-std::unique_ptr<DemonstrationReader> OpenDemonstrations(const std::filesystem::path& path,
-                                                        const std::string& filter_key,
-                                                        const std::vector<std::string>& pictures) {
-  if (IsLeRobot(path)) {
-    auto reader = OpenLeRobot(path, filter_key);
-    for (const std::string& name : pictures) {
-      if (std::ranges::count(reader->layout().blocks, name, &core::StateLayout::Block::name) > 0) {
-        continue;
-      }
-      throw std::runtime_error(path.string() + ": " + name +
-                               " does not exist, or is a video or an image, which LeRobot's reader "
-                               "skips: load the frames in Python and pass them to Guard.fit");
-    }
-    return reader;
-  }
+std::unique_ptr<DemonstrationReader> OpenDemonstrations(
+    const std::filesystem::path& path, const std::string& filter_key,
+    const std::vector<core::BlockRequest>& pictures) {
+  if (IsLeRobot(path)) return OpenLeRobot(path, filter_key, pictures);
+  std::vector<std::string> names;
+  names.reserve(pictures.size());
+  for (const core::BlockRequest& picture : pictures) names.push_back(picture.name);
   if (!std::filesystem::is_directory(path)) {
     Hdf5Reader file(path);
     if (file.Exists("data")) {
-      return std::make_unique<RobomimicReader>(std::move(file), filter_key, pictures);
+      return std::make_unique<RobomimicReader>(std::move(file), filter_key, std::move(names));
     }
     if (file.Exists("action") && file.Exists("observations")) {
       file.Fail(
@@ -278,15 +270,16 @@ std::unique_ptr<DemonstrationReader> OpenDemonstrations(const std::filesystem::p
         path.string() + ": has no filter keys, so '" + filter_key +
         "' names no episodes; robomimic's files and LeRobot's datasets have them");
   }
-  return OpenMinari(path, pictures);
+  return OpenMinari(path, names);
 }
 
-std::vector<std::string> PictureNames(const core::StateLayout& layout) {
-  std::vector<std::string> names;
+std::vector<core::BlockRequest> PictureRequests(const core::StateLayout& layout) {
+  std::vector<core::BlockRequest> requests;
   for (const auto& block : layout.blocks) {
-    if (block.picture.height > 0) names.push_back(block.name);
+    const auto& [height, width, channels] = block.picture;
+    if (height > 0) requests.push_back({block.name, height, width});
   }
-  return names;
+  return requests;
 }
 
 DemonstrationSet LoadDemonstrations(const std::filesystem::path& path) {

@@ -17,6 +17,7 @@
 #include <utility>
 
 #include "hdf5_file.h"
+#include "socket_bytes.h"
 
 namespace dfr::imitation::internal {
 namespace {
@@ -42,30 +43,6 @@ constexpr char kError = '-';
 constexpr rlim_t kOverhead = rlim_t{128} << 20;
 constexpr rlim_t kSeconds = 2;
 constexpr rlim_t kBytesPerSecond = 20'000'000;
-
-bool SendAll(int socket, const void* bytes, std::size_t size) noexcept {
-  const char* from = static_cast<const char*>(bytes);
-  while (size > 0) {
-    const ssize_t sent = send(socket, from, size, MSG_NOSIGNAL);
-    if (sent < 0 && errno == EINTR) continue;
-    if (sent <= 0) return false;
-    from += sent;
-    size -= static_cast<std::size_t>(sent);
-  }
-  return true;
-}
-
-bool ReceiveAll(int socket, void* bytes, std::size_t size) noexcept {
-  char* to = static_cast<char*>(bytes);
-  while (size > 0) {
-    const ssize_t received = recv(socket, to, size, 0);
-    if (received < 0 && errno == EINTR) continue;
-    if (received <= 0) return false;
-    to += received;
-    size -= static_cast<std::size_t>(received);
-  }
-  return true;
-}
 
 void Append(std::string& bytes, std::uint64_t value) {
   bytes.append(reinterpret_cast<const char*>(&value), sizeof value);

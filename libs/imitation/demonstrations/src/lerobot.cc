@@ -13,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "lerobot_videos.h"
 #include "parquet/parquet_file.h"
 
 namespace dfr::imitation {
@@ -56,11 +57,13 @@ struct Part {
 
 class LeRobotReader final : public DemonstrationReader {
  public:
-  LeRobotReader(std::filesystem::path folder, const std::string& filter_key)
-      : folder_(std::move(folder)) {
+  LeRobotReader(std::filesystem::path folder, const std::string& filter_key,
+                const std::vector<core::BlockRequest>& pictures)
+      : folder_(std::move(folder)), videos_(folder_) {
     const json info = ReadInfo();
-    FindFeatures(info);
-    FindFiles();
+    FindFeatures(info, pictures);
+    videos_.Locate(info);
+    files_ = internal::ParquetFiles(folder_ / "data");
     FindEpisodes(info);
     if (!filter_key.empty()) KeepSplit(info, filter_key);
   }
@@ -83,7 +86,12 @@ class LeRobotReader final : public DemonstrationReader {
     core::Trajectory trajectory;
     trajectory.states.resize(frames, layout_.state_dim());
     for (const auto& block : layout_.blocks) {
-      ReadFeature(i, parts, block.name, block.size, trajectory.states, block.offset);
+      if (videos_.Has(block.name)) {
+        videos_.Read(block.name, numbers_[static_cast<std::size_t>(i)], trajectory.states,
+                     block.offset);
+      } else {
+        ReadFeature(i, parts, block.name, block.size, trajectory.states, block.offset);
+      }
     }
     Matrix actions(frames, control_dim_);
     ReadFeature(i, parts, kAction, control_dim_, actions, 0);
@@ -133,12 +141,13 @@ class LeRobotReader final : public DemonstrationReader {
     return size.get<int>();
   }
 
-  void FindFeatures(const json& info) {
+  void FindFeatures(const json& info, const std::vector<core::BlockRequest>& pictures) {
     const auto features = info.find("features");
     if (features == info.end() || !features->is_object()) {
       Fail(InfoFile(folder_), "has no features");
     }
     std::string left;
+    std::string videos;
     for (const auto& [name, feature] : features->items()) {  // sorted by name
       if (!feature.is_object())
         Fail(InfoFile(folder_), "feature " + name + " is not a JSON object");
@@ -148,35 +157,36 @@ class LeRobotReader final : public DemonstrationReader {
         if (size == 0) Fail(InfoFile(folder_), "the feature action is not a vector of numbers");
         control_dim_ = size;
       } else if (name == "observation" || name.starts_with("observation.")) {
+        const auto asked = std::ranges::find(pictures, name, &core::BlockRequest::name);
+        const bool video = feature.value("dtype", json()) == "video";
         if (size > 0) {
           layout_.Add(name, size);
+        } else if (asked != pictures.end() && video) {
+          layout_.Add(name, videos_.Add(*asked, feature));
         } else {
           left += (left.empty() ? "" : ", ") + name;
         }
+        if (video) videos += (videos.empty() ? "" : ", ") + name;
       }
     }
     if (control_dim_ == 0) Fail(InfoFile(folder_), "has no feature action");
     if (layout_.blocks.empty()) {
       Fail(InfoFile(folder_), "has no feature observation.<name> that is a vector of numbers");
     }
-    if (!left.empty()) note_ = "images and videos are skipped: " + left;
-  }
-
-  void FindFiles() {
-    const std::filesystem::path data = folder_ / "data";
-    std::error_code error;
-    std::vector<std::filesystem::path> paths;
-    for (std::filesystem::recursive_directory_iterator it(data, error), end; it != end;
-         it.increment(error)) {
-      // Names with a leading dot belong to other tools: macOS creates "._file-000.parquet".
-      if (it->path().extension() == ".parquet" &&
-          !it->path().filename().string().starts_with('.')) {
-        paths.push_back(it->path());
+    for (const core::BlockRequest& picture : pictures) {
+      if (std::ranges::count(layout_.blocks, picture.name, &core::StateLayout::Block::name) > 0) {
+        continue;
       }
+      Fail(InfoFile(folder_), picture.name + " is neither a vector of numbers nor a video; " +
+                                  (videos.empty() ? "the dataset has no video"
+                                                  : "the dataset's videos are " + videos) +
+                                  ". Images in Parquet files are not read: load them in Python "
+                                  "and pass them to Guard.fit");
     }
-    if (error || paths.empty()) Fail(data, "holds no Parquet file");
-    std::sort(paths.begin(), paths.end());
-    for (auto& path : paths) files_.push_back(std::move(path));
+    if (!left.empty()) note_ = "images and videos are skipped: " + left;
+    if (!videos.empty() && pictures.empty()) {
+      note_ += "; the feature points:" + videos.substr(0, videos.find(',')) + " reads a video";
+    }
   }
 
   // The frames of an episode are consecutive rows, which may continue in the next file.
@@ -275,9 +285,11 @@ class LeRobotReader final : public DemonstrationReader {
     for (std::size_t i = 0; i < episodes_.size(); ++i) {
       if (numbers_[i] < first || numbers_[i] >= end) continue;
       std::swap(episodes_[kept], episodes_[i]);
+      std::swap(numbers_[kept], numbers_[i]);
       std::swap(names_[kept++], names_[i]);
     }
     episodes_.resize(kept);
+    numbers_.resize(kept);
     names_.resize(kept);
     if (kept == 0) Fail(InfoFile(folder_), "split '" + key + "' names no episode");
   }
@@ -347,6 +359,7 @@ class LeRobotReader final : public DemonstrationReader {
   std::vector<std::string> names_;
   std::vector<std::int64_t> numbers_;
   std::vector<std::vector<Part>> episodes_;
+  mutable internal::LeRobotVideos videos_;
   mutable std::optional<ParquetFile> open_;
   mutable int open_file_ = -1;
   mutable int columns_group_ = -1;
@@ -360,8 +373,9 @@ bool IsLeRobot(const std::filesystem::path& folder) {
 }
 
 std::unique_ptr<DemonstrationReader> OpenLeRobot(const std::filesystem::path& folder,
-                                                 const std::string& filter_key) {
-  return std::make_unique<LeRobotReader>(folder, filter_key);
+                                                 const std::string& filter_key,
+                                                 const std::vector<core::BlockRequest>& pictures) {
+  return std::make_unique<LeRobotReader>(folder, filter_key, pictures);
 }
 
 }  // namespace dfr::imitation

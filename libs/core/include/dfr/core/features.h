@@ -44,6 +44,15 @@ struct StateLayout {
   bool operator==(const StateLayout&) const = default;
 };
 
+/// A block that a reader adds to the states only if a feature needs it.
+struct BlockRequest {
+  std::string name;
+  /// Size to which the frames of a video are averaged, in pixels; 0: the reader's choice.
+  int height = 0;
+  int width = 0;
+  bool operator==(const BlockRequest&) const = default;
+};
+
 /// The entries of a state that an estimator uses.
 class FeatureSelection {
  public:

@@ -63,8 +63,9 @@ class StateReduction {
     double novelty_ = 0.0;
   };
 
-  /// Returns the names after a prefix such as "pca:" in a list of features.
-  [[nodiscard]] static std::vector<std::string> Names(std::string_view features);
+  /// Returns the blocks after a prefix such as "pca:" in a list of features, with the sizes that it
+  /// gives. Ignores malformed options, which Fit() rejects.
+  [[nodiscard]] static std::vector<core::BlockRequest> Requests(std::string_view features);
 
   /// Fits the components to the states of all demonstrations, at most kMostChosen of each block
   /// whose number is open, and the novelty of pictures.

@@ -50,15 +50,15 @@ class DemonstrationReader {
 /// format.
 /// @param filter_key  reads only the episodes under this key, for example robomimic's mask/train or
 ///   a split of LeRobot; empty: all.
-/// @param pictures  names of datasets that must exist. Pictures among them, (steps, height, width)
-///   or (steps, height, width, 1 or 3 channels), become parts of the state; all others are skipped.
-///   LeRobot's are not read.
+/// @param pictures  datasets or videos that must exist. Pictures among them become parts of the
+///   state: datasets (steps, height, width) or (steps, height, width, 1 or 3 channels), and
+///   LeRobot's videos. All others are skipped. Only videos take the size of a request.
 /// @throws std::runtime_error with file and reason, also if the key or a picture does not exist.
 [[nodiscard]] std::unique_ptr<DemonstrationReader> OpenDemonstrations(
     const std::filesystem::path& path, const std::string& filter_key = "",
-    const std::vector<std::string>& pictures = {});
-/// Names of the blocks of a layout that are pictures.
-[[nodiscard]] std::vector<std::string> PictureNames(const core::StateLayout& layout);
+    const std::vector<core::BlockRequest>& pictures = {});
+/// Requests that give the pictures of a layout in the same size.
+[[nodiscard]] std::vector<core::BlockRequest> PictureRequests(const core::StateLayout& layout);
 /// Reads all demonstrations of a file or dataset.
 [[nodiscard]] DemonstrationSet LoadDemonstrations(const std::filesystem::path& path);
 

@@ -1,0 +1,62 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "dfr/core/features.h"
+#include "dfr/core/matrix.h"
+#include "video_frames.h"
+
+namespace dfr::imitation::internal {
+
+/// The videos of a dataset of LeRobot that are parts of the state. Errors are std::runtime_error
+/// with file, feature or episode, reason and remedy. Each object belongs to one thread.
+class LeRobotVideos {
+ public:
+  /// @param folder  the dataset's.
+  explicit LeRobotVideos(std::filesystem::path folder) : folder_(std::move(folder)) {}
+
+  /// Adds a feature of meta/info.json whose dtype is "video". Returns the shape of its pictures.
+  core::PictureShape Add(const core::BlockRequest& request, const nlohmann::json& feature);
+  /// Finds the files. Call it after all videos are added.
+  void Locate(const nlohmann::json& info);
+
+  [[nodiscard]] bool Has(const std::string& name) const { return videos_.contains(name); }
+  /// Reads the frames of an episode to the columns from `column` on, one row each.
+  void Read(const std::string& name, std::int64_t episode, core::Matrix& states,
+            Eigen::Index column);
+
+ private:
+  /// An episode in version 3.
+  struct Place {
+    std::int64_t chunk = 0;
+    std::int64_t file = 0;
+    double from_s = 0.0;
+    double to_s = 0.0;
+  };
+  struct Video {
+    int camera = 0;
+    core::PictureShape frame;
+    core::PictureShape picture;
+    std::map<std::int64_t, Place> places;  ///< By episode; empty in version 2.
+  };
+  void ReadPlaces();
+
+  std::filesystem::path folder_;
+  std::map<std::string, Video> videos_;
+  std::string pattern_;
+  double fps_ = 0.0;
+  std::int64_t chunk_size_ = 1000;
+  bool several_in_a_file_ = false;  ///< Version 3.
+  VideoFrames frames_;
+};
+
+/// The Parquet files in a folder and below it, sorted.
+/// @throws std::runtime_error if there is none.
+[[nodiscard]] std::vector<std::filesystem::path> ParquetFiles(const std::filesystem::path& folder);
+
+}  // namespace dfr::imitation::internal
