@@ -78,7 +78,8 @@ void AddFit(CLI::App& app, int& result) {
       "features: parts of the state, as in obs/object,obs/tip[0:2]; default: all. Leave out what "
       "the robot cannot influence, and joint angles if the tool's pose is a feature. "
       "points:obs/image[:K][:grey][:HxW][:light=none|gain|standard] stands for positions of what a "
-      "picture shows, pca:obs/embedding[:K] for principal components of another large part, slow: "
+      "picture or a video of LeRobot shows, pca:obs/embedding[:K] for principal components of "
+      "another large part, slow: "
       "for what changes slowly among these; without K the fit chooses how many");
   command
       ->add_option(
@@ -210,7 +211,8 @@ int Main(int argc, char** argv) {
                      {"convert", {"lerobot_dataset demos.hdf5", "demos.hdf5 my/task-v0"}},
                      {"fit",
                       {"demos.hdf5 -o task.guard",
-                       "demos.hdf5 --features obs/object,obs/robot0_eef_pos --hold-out 0.2"}},
+                       "demos.hdf5 --features obs/object,obs/robot0_eef_pos --hold-out 0.2",
+                       "lerobot_dataset -f points:observation.images.top,observation.state"}},
                      {"show", {"task.guard"}},
                      {"report", {"task.guard demos.hdf5 --failures failed.hdf5 -o report.html"}},
                      {"evaluate", {"task.guard demos.hdf5"}},
