@@ -29,6 +29,7 @@ py::tuple Load(const std::filesystem::path& path, const std::string& filter_key,
                const std::vector<std::string>& pictures) {
   RequireFile(path);
   std::vector<core::BlockRequest> requests;
+  requests.reserve(pictures.size());
   for (const std::string& picture : pictures) {
     for (auto& request : reduction::StateReduction::Requests("pca:" + picture)) {
       requests.push_back(std::move(request));
