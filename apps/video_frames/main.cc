@@ -101,6 +101,7 @@ int Main(int argc, char** argv) {
 }  // namespace dfr::apps
 
 int main(int argc, char** argv) try {
+  dfr::apps::IgnoreFileSizeSignal();
   return dfr::apps::Main(argc, argv);
 } catch (const std::exception& e) {
   std::cerr << "video_frames: " << e.what() << '\n';
