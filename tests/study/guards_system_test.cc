@@ -3,23 +3,29 @@
 #include <map>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "apps/study/study.h"
 
 namespace dfr::study {
 namespace {
 
-// Policies that learn again or query the supervisor work in tasks of the gallery, and the adversary
-// uses the controlled plant. Takes seconds: DAgger and DART learn many times over.
-TEST(GuardsTest, RunsBaselinesAndAdversaries) {
+Study OnReach(std::vector<std::string> policies, int trials, int episodes) {
   Study study = Study::OfGuards();
   study.tasks = {"reach"};
   study.demonstrations = 20;
-  study.episodes = 6;
-  study.trials = 1;
+  study.trials = trials;
+  study.episodes = episodes;
   study.seed = 3;
-  study.policies = {"ensemble", "dart", "dagger", "none"};
+  study.policies = std::move(policies);
   study.controllers = {"guard"};
+  return study;
+}
+
+// Policies that learn again or query the supervisor work in tasks of the gallery, and the adversary
+// uses the controlled plant. Takes seconds: DAgger and DART learn many times over.
+TEST(GuardsTest, RunsBaselinesAndAdversaries) {
+  const Study study = OnReach({"ensemble", "dart", "dagger", "none"}, 1, 6);
   std::map<std::pair<std::string, std::string>, Row> rows;
   for (const Row& row : RunStudy(study)) rows[{row.policy, row.controller}] = row;
   for (const char* policy : {"ensemble", "dart", "dagger"}) {
@@ -32,15 +38,7 @@ TEST(GuardsTest, RunsBaselinesAndAdversaries) {
 
 // A policy that heads for the constraints collides in every episode; a guard saves five of six.
 TEST(GuardsTest, SavesEpisodesFromAnAdversary) {
-  Study study = Study::OfGuards();
-  study.tasks = {"reach"};
-  study.demonstrations = 20;
-  study.episodes = 12;
-  study.trials = 4;
-  study.seed = 3;
-  study.policies = {"at-constraints"};
-  study.controllers = {"guard"};
-  const std::vector<Row> rows = RunStudy(study);
+  const std::vector<Row> rows = RunStudy(OnReach({"at-constraints"}, 4, 12));
   ASSERT_EQ(rows.size(), 2);
   EXPECT_EQ(rows[0].collided, 48);
   EXPECT_GE(rows[1].saved, 40);

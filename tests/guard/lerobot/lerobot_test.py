@@ -15,6 +15,7 @@ import unittest
 
 import h5py
 import numpy as np
+from dataset_copy import copy_dataset
 from parquet_bytes import field, integer, listed, text
 
 PROGRAM, DATASETS = (pathlib.Path(p).resolve() for p in sys.argv[1:3])
@@ -41,15 +42,7 @@ class LeRobotTest(unittest.TestCase):
         return done.stdout + done.stderr if check else done
 
     def copy(self, name, edit=None):
-        target = self.folder / name
-        shutil.rmtree(target, ignore_errors=True)
-        shutil.copytree(DATASETS / name, target)
-        if edit:
-            file = target / "meta/info.json"
-            info = json.loads(file.read_text())
-            edit(info)
-            file.write_text(json.dumps(info))
-        return target
+        return copy_dataset(DATASETS / name, self.folder / name, edit)
 
     def test_every_value_is_read(self):
         for name in READABLE:

@@ -5,7 +5,6 @@ Takes 20 s.
 usage: video_test.py GUARD VIDEO_FRAMES WRITE_VIDEO
 """
 
-import json
 import os
 import pathlib
 import shutil
@@ -15,6 +14,7 @@ import tempfile
 import unittest
 
 import numpy as np
+from dataset_copy import copy_dataset
 from parquet_bytes import parquet
 from video_dataset import FPS, SIDE, TOP, draw, episodes, write_dataset, write_video
 
@@ -27,17 +27,13 @@ FEATURES = f"pca:{TOP}:2,observation.state"
 class VideoTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        temporary = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(temporary.cleanup)
-        cls.data = pathlib.Path(temporary.name)
+        cls.data = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory()))
         cls.episodes = episodes(1, 8, 12)
         for version in ("v2.1", "v3.0"):
             write_dataset(WRITER, cls.data / version / "disc", version, cls.episodes, cameras=(TOP, SIDE))
 
     def setUp(self):
-        temporary = tempfile.TemporaryDirectory()
-        self.addCleanup(temporary.cleanup)
-        self.folder = pathlib.Path(temporary.name)
+        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
 
     def frames(self, *requests):
         """The answers to requests: arrays of frames, or the text of an error."""
@@ -67,15 +63,7 @@ class VideoTest(unittest.TestCase):
         return done.stderr if fails else done.stdout
 
     def copy(self, version, edit=None):
-        target = self.folder / version
-        shutil.rmtree(target, ignore_errors=True)
-        shutil.copytree(self.data / version / "disc", target)
-        if edit:
-            file = target / "meta/info.json"
-            info = json.loads(file.read_text())
-            edit(info)
-            file.write_text(json.dumps(info))
-        return target
+        return copy_dataset(self.data / version / "disc", self.folder / version, edit)
 
     def test_frames_are_those_that_were_written(self):
         pictures = draw(np.random.default_rng(3).uniform(-0.7, 0.7, (20, 2)), 48, 80)
