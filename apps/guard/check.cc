@@ -186,7 +186,7 @@ class Collected {
   void Rotations(Problems& problems) const {
     for (const core::Rotation& rotation : rotations_.Find()) {
       const std::string text = core::Describe(rotation, *layout_);
-      if (rotation.continuous) {
+      if (rotation.mapped()) {
         std::printf("rotation   %s\n", text.c_str());
       } else {
         problems.Warning("rotation", text);

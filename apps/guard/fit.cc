@@ -19,10 +19,13 @@ void Describe(const safety::GuardModel& model) {
   const auto [low, high] = std::minmax_element(model.lambda().begin(), model.lambda().end());
   std::printf("demonstrations  %d with %d actions, from %s\n", summary.demonstrations,
               summary.transitions, summary.source.c_str());
-  const int features = model.task().features().selection().num_features();
+  const core::FeatureSelection& selection = model.task().features().selection();
+  const auto circles = static_cast<int>(selection.map().circles().size());
+  const int features = selection.num_features() - circles;
   if (model.reduction() == nullptr) {
-    std::printf("features        %s: %d of %d entries of a state\n",
-                spec.empty() ? "the whole state" : spec.c_str(), features, model.state_dim());
+    std::printf("features        %s: %d of %d entries of a state%s\n",
+                spec.empty() ? "the whole state" : spec.c_str(), features, model.state_dim(),
+                circles > 0 ? ", angles by cosine and sine" : "");
   } else {
     std::printf("features        %s: %d of the %d entries of a state\n", spec.c_str(), features,
                 model.state_dim());

@@ -222,7 +222,7 @@ TEST(RotationsTest, AnAngleThatWrapsIsMadeContinuousWhereACircleHasRoom) {
   }
 }
 
-TEST(RotationsTest, AnAngleThatGoesAllTheWayRoundIsNamedWithTheRemedy) {
+TEST(RotationsTest, AnAngleThatGoesAllTheWayRoundBecomesCosineAndSine) {
   const auto episodes = Episodes(1, [](int d, double share) -> Eigen::VectorXd {
     return Eigen::VectorXd::Constant(1, Wrapped(0.05 * d + 5.0 * kPi * share, true));
   });
@@ -230,10 +230,22 @@ TEST(RotationsTest, AnAngleThatGoesAllTheWayRoundIsNamedWithTheRemedy) {
   ASSERT_EQ(found.size(), 1U);
   EXPECT_EQ(found[0].kind, Kind::kAngle);
   EXPECT_FALSE(found[0].continuous);
-  EXPECT_TRUE(MapOf(found).empty());
   EXPECT_THAT(Describe(found[0], Layout(1)),
               HasSubstr("rotation[0] is an angle that jumps by 6.28"));
-  EXPECT_THAT(Describe(found[0], Layout(1)), HasSubstr("cosine and sine"));
+  EXPECT_THAT(Describe(found[0], Layout(1)), HasSubstr("takes its cosine and sine"));
+  const auto selection = FeatureSelection(Layout(1), "rotation,position[1:2]").Mapped(MapOf(found));
+  EXPECT_EQ(selection.indices(), (std::vector{2, 2, 1}));
+  EXPECT_EQ(selection.Mapped(MapOf(found)).indices(), selection.indices());
+  for (const Trajectory& episode : episodes) {
+    for (Eigen::Index t = 0; t <= kSteps; ++t) {
+      const double angle = episode.states(t, 2);
+      std::vector<double> features(3);
+      selection.Apply(Row(episode.states, t), features);
+      EXPECT_NEAR(features[0], std::cos(angle), 1e-15);
+      EXPECT_NEAR(features[1], std::sin(angle), 1e-15);
+      EXPECT_EQ(features[2], episode.states(t, 1));
+    }
+  }
 }
 
 TEST(RotationsTest, AnAngleThatRunsOnIsNamedWhereEpisodesBeginOnOtherRevolutions) {
@@ -335,10 +347,17 @@ TEST(StateMapTest, NamesQuaternionsThatAreNone) {
 
 TEST(StateMapTest, WrongPartsAreNamed) {
   const auto refusal = [](std::vector<StateMap::Quaternion> quaternions,
-                          std::vector<StateMap::Angle> angles) {
+                          std::vector<StateMap::Angle> angles,
+                          std::vector<StateMap::Circle> circles = {}) {
     return test::MessageOf<std::invalid_argument>(
-        [&] { static_cast<void>(StateMap(quaternions, angles)); });
+        [&] { static_cast<void>(StateMap(quaternions, angles, circles)); });
   };
+  EXPECT_THAT(refusal({}, {}, {{0, std::nan("")}}), HasSubstr("the period of an angle"));
+  EXPECT_THAT(refusal({}, {}, {{-1, 1.0}}), HasSubstr("entry -1"));
+  EXPECT_THAT(test::MessageOf<std::invalid_argument>([] {
+                static_cast<void>(FeatureSelection::All(3).Mapped(StateMap({}, {}, {{3, 1.0}})));
+              }),
+              HasSubstr("do not fit states of 3"));
   EXPECT_THAT(refusal({{0, {1.0, 1.0, 0.0, 0.0}}}, {}), HasSubstr("must be a unit quaternion"));
   EXPECT_THAT(refusal({{-1, {1.0, 0.0, 0.0, 0.0}}}, {}), HasSubstr("begins at entry -1"));
   EXPECT_THAT(refusal({}, {{0, 0.0, 0.0}}), HasSubstr("its period positive"));
@@ -360,6 +379,29 @@ TEST(StateMapTest, SlopesAreThoseOfTheMappedEntries) {
   EXPECT_EQ(map.Value(state, 1), 0.8);
   EXPECT_EQ(map.Value(state, 0), 4.0 - 2.0 * kPi);
   EXPECT_EQ(map.Value(state, 5), 7.0);
+}
+
+// In degrees: features and entries have one unit, and the slopes are the differences of features.
+TEST(StateMapTest, FeaturesOfACircleMoveAsFarAsTheAngle) {
+  const auto selection =
+      FeatureSelection::All(3).Mapped(StateMap({}, {{0, 0.0, 360.0}}, {{1, 360.0}}));
+  ASSERT_EQ(selection.num_features(), 4);
+  const std::vector<double> state = {200.0, 130.0, 5.0};
+  const std::vector<double> next = {200.0, 130.001, 5.0};
+  std::vector<double> here(4);
+  std::vector<double> there(4);
+  std::vector<double> slopes(4);
+  selection.Apply(state, here);
+  selection.Apply(next, there);
+  selection.Slopes(state, slopes);
+  EXPECT_EQ(here[0], -160.0);
+  EXPECT_EQ(here[3], 5.0);
+  EXPECT_NEAR(std::hypot(there[1] - here[1], there[2] - here[2]), 0.001, 1e-9);
+  for (const std::size_t k : {1U, 2U}) {
+    EXPECT_NEAR(slopes[k], (there[k] - here[k]) / 0.001, 1e-4);
+  }
+  EXPECT_EQ(slopes[0], 1.0);
+  EXPECT_EQ(slopes[3], 1.0);
 }
 
 }  // namespace

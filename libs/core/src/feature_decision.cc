@@ -73,10 +73,12 @@ void FeatureDecision::Pull(std::span<const double> x, std::span<const double> in
                            std::span<double> gradient) const noexcept {
   const std::vector<int>& indices = features_.selection().indices();
   const Matrix& scale = features_.scale();
+  Buffer slopes;
+  features_.selection().Slopes(x, slopes);
   for (Eigen::Index k = 0; k < scale.cols(); ++k) {
     const int entry = indices[static_cast<std::size_t>(k)];
     gradient[static_cast<std::size_t>(entry)] +=
-        features_.selection().map().Slope(x, entry) * scale.col(k).dot(AsVector(inner));
+        slopes[static_cast<std::size_t>(k)] * scale.col(k).dot(AsVector(inner));
   }
 }
 

@@ -122,13 +122,42 @@ FeatureSelection FeatureSelection::Mapped(StateMap map) const {
                                                << state_dim_);
   FeatureSelection mapped = *this;
   mapped.map_ = std::move(map);
+  mapped.indices_.erase(std::unique(mapped.indices_.begin(), mapped.indices_.end()),
+                        mapped.indices_.end());
+  for (const StateMap::Circle& circle : mapped.map_.circles()) {
+    const auto at = std::ranges::find(mapped.indices_, circle.entry);
+    if (at != mapped.indices_.end()) mapped.indices_.insert(at, circle.entry);
+  }
   return mapped;
+}
+
+void FeatureSelection::Slopes(std::span<const double> state,
+                              std::span<double> slopes) const noexcept {
+  for (std::size_t i = 0; i < indices_.size(); ++i) {
+    const int entry = indices_[i];
+    if (const StateMap::Circle* const circle = map_.FindCircle(entry)) {
+      const auto tangent = circle->Tangent(state[static_cast<std::size_t>(entry)]);
+      slopes[i] = tangent[0];
+      slopes[++i] = tangent[1];
+    } else {
+      slopes[i] = map_.Slope(state, entry);
+    }
+  }
 }
 
 void FeatureSelection::Apply(std::span<const double> state,
                              std::span<double> features) const noexcept {
   if (!map_.empty()) {
-    for (std::size_t i = 0; i < indices_.size(); ++i) features[i] = map_.Value(state, indices_[i]);
+    for (std::size_t i = 0; i < indices_.size(); ++i) {
+      const int entry = indices_[i];
+      if (const StateMap::Circle* const circle = map_.FindCircle(entry)) {
+        const auto point = circle->Point(state[static_cast<std::size_t>(entry)]);
+        features[i] = point[0];
+        features[++i] = point[1];
+      } else {
+        features[i] = map_.Value(state, entry);
+      }
+    }
     return;
   }
   for (std::size_t i = 0; i < indices_.size(); ++i) {

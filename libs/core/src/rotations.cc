@@ -320,12 +320,17 @@ std::vector<Rotation> FindRotations(const StateLayout& layout,
 StateMap MapOf(std::span<const Rotation> rotations) {
   std::vector<StateMap::Quaternion> quaternions;
   std::vector<StateMap::Angle> angles;
+  std::vector<StateMap::Circle> circles;
   for (const Rotation& r : rotations) {
-    if (!r.continuous) continue;
-    if (r.kind == Kind::kQuaternion) quaternions.push_back({r.first, r.reference});
-    if (r.kind == Kind::kAngle) angles.push_back({r.first, r.centre, r.period});
+    if (r.kind == Kind::kQuaternion && r.continuous) quaternions.push_back({r.first, r.reference});
+    if (r.kind != Kind::kAngle) continue;
+    if (r.continuous) {
+      angles.push_back({r.first, r.centre, r.period});
+    } else {
+      circles.push_back({r.first, r.period});
+    }
   }
-  return {std::move(quaternions), std::move(angles)};
+  return {std::move(quaternions), std::move(angles), std::move(circles)};
 }
 
 std::string EntryRange(const StateLayout& layout, int first, int size) {
@@ -364,9 +369,9 @@ std::string Describe(const Rotation& rotation, const StateLayout& layout) {
                              rotation.period, rotation.centre);
       }
       return name + Format(
-                        " is an angle that jumps by %g and goes all the way round: the jump "
-                        "remains. Give its cosine and sine instead, or the running angle "
-                        "unwrapped where the revolution matters",
+                        " is an angle that jumps by %g and goes all the way round: a guard takes "
+                        "its cosine and sine. Give the running angle unwrapped instead where the "
+                        "revolution matters",
                         rotation.period);
     case Kind::kMatrix:
       return name +

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <stdexcept>
 #include <utility>
 
@@ -38,8 +39,21 @@ double Near(double value, const StateMap::Angle& angle) noexcept {
 
 }  // namespace
 
-StateMap::StateMap(std::vector<Quaternion> quaternions, std::vector<Angle> angles)
-    : quaternions_(std::move(quaternions)), angles_(std::move(angles)) {
+std::array<double, 2> StateMap::Circle::Point(double angle) const noexcept {
+  const double radius = period / (2.0 * std::numbers::pi);
+  return {radius * std::cos(angle / radius), radius * std::sin(angle / radius)};
+}
+
+std::array<double, 2> StateMap::Circle::Tangent(double angle) const noexcept {
+  const double radius = period / (2.0 * std::numbers::pi);
+  return {-std::sin(angle / radius), std::cos(angle / radius)};
+}
+
+StateMap::StateMap(std::vector<Quaternion> quaternions, std::vector<Angle> angles,
+                   std::vector<Circle> circles)
+    : quaternions_(std::move(quaternions)),
+      angles_(std::move(angles)),
+      circles_(std::move(circles)) {
   for (const Quaternion& q : quaternions_) {
     DFR_THROW_UNLESS(q.first >= 0, "a quaternion begins at entry " << q.first);
     const double length = std::sqrt(Dot(q.reference, q.reference));
@@ -54,6 +68,11 @@ StateMap::StateMap(std::vector<Quaternion> quaternions, std::vector<Angle> angle
         "the centre of an angle must be finite, its period positive and finite: "
             << angle.centre << ", " << angle.period);
   }
+  for (const Circle& circle : circles_) {
+    DFR_THROW_UNLESS(circle.entry >= 0, "an angle is entry " << circle.entry);
+    DFR_THROW_UNLESS(circle.period > 0.0 && std::isfinite(circle.period),
+                     "the period of an angle must be positive and finite: " << circle.period);
+  }
 }
 
 void StateMap::Save(ArchiveWriter& archive) const {
@@ -67,6 +86,11 @@ void StateMap::Save(ArchiveWriter& archive) const {
     archive.Integer(angle.entry);
     archive.Number(angle.centre);
     archive.Number(angle.period);
+  }
+  archive.Integer(std::ssize(circles_));
+  for (const Circle& circle : circles_) {
+    archive.Integer(circle.entry);
+    archive.Number(circle.period);
   }
 }
 
@@ -88,8 +112,14 @@ StateMap StateMap::Load(ArchiveReader& archive, int state_dim) {
     const double centre = archive.Number();
     angles.push_back({entry, centre, archive.Number()});
   }
+  std::vector<Circle> circles;
+  const int num_circles = archive.IntegerIn(0, kMostEntries);
+  for (int i = 0; i < num_circles; ++i) {
+    const int entry = archive.IntegerIn(0, state_dim - 1);
+    circles.push_back({entry, archive.Number()});
+  }
   try {
-    return {std::move(quaternions), std::move(angles)};
+    return {std::move(quaternions), std::move(angles), std::move(circles)};
   } catch (const std::invalid_argument& e) {
     archive.Fail(e.what());
   }
@@ -99,7 +129,13 @@ int StateMap::least_state_dim() const noexcept {
   int least = 0;
   for (const Quaternion& q : quaternions_) least = std::max(least, q.first + kSize);
   for (const Angle& angle : angles_) least = std::max(least, angle.entry + 1);
+  for (const Circle& circle : circles_) least = std::max(least, circle.entry + 1);
   return least;
+}
+
+const StateMap::Circle* StateMap::FindCircle(int entry) const noexcept {
+  const auto found = std::ranges::find(circles_, entry, &Circle::entry);
+  return found == circles_.end() ? nullptr : &*found;
 }
 
 double StateMap::Value(std::span<const double> state, int entry) const noexcept {

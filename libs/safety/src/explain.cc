@@ -59,6 +59,10 @@ class WayBack {
     products_ *= missing / share_.sum();
     share_ *= missing / share_.sum();
   }
+  /// Returns the selected entries of a state with features z.
+  [[nodiscard]] Eigen::VectorXd Selected(const Eigen::VectorXd& z) const {
+    return inverse_.solve(z) + features_->offset();
+  }
   [[nodiscard]] const Eigen::VectorXd& share() const { return share_; }
   [[nodiscard]] const Eigen::VectorXd& way() const { return way_; }
   /// Sum of gradient times step', whose diagonal is share(); empty unless asked for.
@@ -99,9 +103,18 @@ std::vector<OutsideEntry> EntriesAt(const GuardModel& model, int t, const Eigen:
   WayBack back(model);
   back.Go(t, z, -l);
   const std::vector<int>& entries = model.task().features().selection().indices();
+  const core::FeatureTransform& features = model.task().features();
   for (std::size_t k = 0; k < entries.size(); ++k) {
     const auto i = static_cast<Eigen::Index>(k);
-    found.push_back({.entry = entries[k], .share = back.share()[i], .excess = -back.way()[i]});
+    OutsideEntry& entry = found.emplace_back(
+        OutsideEntry{.entry = entries[k], .share = back.share()[i], .excess = -back.way()[i]});
+    if (features.selection().map().FindCircle(entries[k]) == nullptr) continue;
+    // The way back along the circle of the angle.
+    const Eigen::Vector2d point = back.Selected(z).segment<2>(i);
+    const Eigen::Vector2d way = back.way().segment<2>(i);
+    entry.share += back.share()[i + 1];
+    entry.excess = (point[1] * way[0] - point[0] * way[1]) / point.norm();
+    ++k;
   }
   std::stable_sort(found.begin(), found.end(),
                    [](const OutsideEntry& a, const OutsideEntry& b) { return a.share > b.share; });
@@ -252,7 +265,12 @@ core::Matrix Attribution(const GuardModel& model, const core::Matrix& states) {
     if (reduction != nullptr) {
       const auto dim = static_cast<Eigen::Index>(reduction->reduced_dim());
       Eigen::MatrixXd products = Eigen::MatrixXd::Zero(dim, dim);
-      products(entries, entries) = back.products();
+      for (std::size_t k = 0; k < entries.size(); ++k) {
+        for (std::size_t j = 0; j < entries.size(); ++j) {
+          products(entries[k], entries[j]) +=
+              back.products()(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(j));
+        }
+      }
       reduction->Spread(products, core::Row(states, i), core::Row(attribution, i));
       continue;
     }

@@ -261,18 +261,19 @@ std::vector<std::string> FitWarnings(const GuardModel& model,
   for (const core::Rotation& rotation : internal::Rotations(model.task().features().selection(),
                                                             model.task_layout(), demonstrations)) {
     // Rotation matrices are continuous.
-    if ((rotation.continuous && !rotation.guessed) ||
-        rotation.kind == core::Rotation::Kind::kMatrix)
+    if ((rotation.mapped() && !rotation.guessed) || rotation.kind == core::Rotation::Kind::kMatrix)
       continue;
     warnings.push_back(core::Describe(rotation, model.task_layout()));
   }
   std::string clocks;
-  for (const int entry : model.task().features().selection().indices()) {
+  std::vector<int> entries = model.task().features().selection().indices();
+  entries.erase(std::unique(entries.begin(), entries.end()), entries.end());
+  for (const int entry : entries) {
     if (!internal::FollowsClock(demonstrations, entry)) continue;
     clocks.append(clocks.empty() ? "" : ", ").append(core::EntryName(model.task_layout(), entry));
   }
   std::vector<int> uniform;
-  for (const int entry : model.task().features().selection().indices()) {
+  for (const int entry : entries) {
     if (!internal::FollowsClock(demonstrations, entry) &&
         internal::AdvancesUniformly(demonstrations, entry)) {
       uniform.push_back(entry);

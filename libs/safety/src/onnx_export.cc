@@ -30,9 +30,10 @@ void CheckExport(const GuardModel& model) {
         ", whose sign is not a linear function: fit one to two columns of the "
         "rotation matrix instead");
   }
-  if (!map.angles().empty()) {
+  if (!map.angles().empty() || !map.circles().empty()) {
+    const int entry = map.angles().empty() ? map.circles()[0].entry : map.angles()[0].entry;
     throw std::invalid_argument("cannot export a guard that uses the angle " +
-                                core::EntryName(model.layout(), map.angles()[0].entry) +
+                                core::EntryName(model.layout(), entry) +
                                 ", which jumps: fit one to its cosine and sine instead");
   }
 }

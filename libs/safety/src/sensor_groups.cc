@@ -119,6 +119,7 @@ std::vector<SensorGroup> FitSensorGroups(const GuardModel& model,
     }
   }
   std::ranges::sort(others);
+  others.erase(std::unique(others.begin(), others.end()), others.end());
   // Time goes on while a sensor is frozen.
   std::erase_if(others, [&](int entry) {
     return AdvancesUniformly(demonstrations, entry) ||

@@ -65,18 +65,22 @@ class FeatureSelection {
   static FeatureSelection All(int state_dim);
   /// Selects the entries named by `spec`, or every entry if it is empty.
   static FeatureSelection Of(const StateLayout& layout, std::string_view spec);
-  /// Returns the same selection on states that `map` has made continuous. Mapped entries that are
-  /// not selected have no effect. @throws std::invalid_argument if a state is too short for it.
+  /// Returns the same selection on states that `map` has made continuous. An entry with a
+  /// StateMap::Circle becomes two features. Mapped entries that are not selected have no effect.
+  /// @throws std::invalid_argument if a state is too short for it.
   [[nodiscard]] FeatureSelection Mapped(StateMap map) const;
 
   [[nodiscard]] int state_dim() const noexcept { return state_dim_; }
   [[nodiscard]] int num_features() const noexcept { return static_cast<int>(indices_.size()); }
+  /// Returns the entry of each feature; twice in a row that of a StateMap::Circle.
   [[nodiscard]] const std::vector<int>& indices() const noexcept { return indices_; }
   /// Returns the parsed text; empty for All().
   [[nodiscard]] const std::string& spec() const noexcept { return spec_; }
   /// Applied to states before features are taken from them.
   [[nodiscard]] const StateMap& map() const noexcept { return map_; }
 
+  /// Writes the derivative of each feature of `state` with respect to its entry. Never allocates.
+  void Slopes(std::span<const double> state, std::span<double> slopes) const noexcept;
   /// Copies the features of `state` (state_dim()) to `features` (num_features()). Never allocates.
   void Apply(std::span<const double> state, std::span<double> features) const noexcept;
   /// Returns the features of each row.

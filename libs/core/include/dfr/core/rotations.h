@@ -33,11 +33,14 @@ struct Rotation {
   /// For kQuaternion: two or more of its entries are always zero, and only the sign indicates a
   /// quaternion.
   bool guessed = false;
-  /// A StateMap makes it continuous: all quaternions are within 150 degrees of `reference`; the
-  /// values of an angle leave at least an eighth of the period free around its opposite.
+  /// One branch holds all values: all quaternions are within 150 degrees of `reference`; the values
+  /// of an angle leave at least an eighth of the period free around its opposite.
   bool continuous = false;
   std::array<double, 4> reference = {};  ///< The mean orientation, for kQuaternion.
   double centre = 0.0;                   ///< For kAngle.
+
+  /// Returns true if MapOf() makes it continuous: by one branch, or an angle by cosine and sine.
+  [[nodiscard]] bool mapped() const noexcept { return continuous || kind == Kind::kAngle; }
 };
 
 /// Finds rotations in states, one episode at a time.

@@ -12,7 +12,7 @@ namespace dfr::core {
 /// orientation, it takes the one in the hemisphere of a reference. Of the values of an angle that
 /// are a whole number of periods apart it takes the one nearest to a centre. Both are exact: states
 /// of the same pose map to the same bits, and a mapped state maps to itself. All other entries stay
-/// as they are.
+/// as they are. FeatureSelection takes two features of an angle that goes all the way round.
 ///
 /// Immutable. No call allocates or throws unless documented.
 class StateMap {
@@ -26,21 +26,36 @@ class StateMap {
     double centre = 0.0;
     double period = 0.0;
   };
+  /// An angle that goes all the way round. Its features are (r cos, r sin) of it, with
+  /// r = period / (2 pi): short ways have the length of the angle.
+  struct Circle {
+    int entry = 0;
+    double period = 0.0;
+    [[nodiscard]] std::array<double, 2> Point(double angle) const noexcept;
+    /// Returns the derivative of Point().
+    [[nodiscard]] std::array<double, 2> Tangent(double angle) const noexcept;
+  };
 
   /// Maps nothing.
   StateMap() = default;
   /// @throws std::invalid_argument if an entry is negative, a reference is not a unit quaternion, a
   ///   centre is not finite, or a period not positive and finite.
-  StateMap(std::vector<Quaternion> quaternions, std::vector<Angle> angles);
+  StateMap(std::vector<Quaternion> quaternions, std::vector<Angle> angles,
+           std::vector<Circle> circles = {});
   /// Appends all of it to a file.
   void Save(ArchiveWriter& archive) const;
   /// Reads the data of Save() for states of `state_dim` entries.
   /// @throws std::runtime_error naming the file and its defect.
   static StateMap Load(ArchiveReader& archive, int state_dim);
 
-  [[nodiscard]] bool empty() const noexcept { return quaternions_.empty() && angles_.empty(); }
+  [[nodiscard]] bool empty() const noexcept {
+    return quaternions_.empty() && angles_.empty() && circles_.empty();
+  }
   [[nodiscard]] const std::vector<Quaternion>& quaternions() const noexcept { return quaternions_; }
   [[nodiscard]] const std::vector<Angle>& angles() const noexcept { return angles_; }
+  [[nodiscard]] const std::vector<Circle>& circles() const noexcept { return circles_; }
+  /// The circle of an entry; null if it has none.
+  [[nodiscard]] const Circle* FindCircle(int entry) const noexcept;
   /// Entries of a state that it takes at least.
   [[nodiscard]] int least_state_dim() const noexcept;
 
@@ -57,6 +72,7 @@ class StateMap {
  private:
   std::vector<Quaternion> quaternions_;
   std::vector<Angle> angles_;
+  std::vector<Circle> circles_;
 };
 
 }  // namespace dfr::core
