@@ -286,6 +286,49 @@ TEST(ResponseEstimateTest, TellsTheMotionOfAMassFromTheAnswerToForces) {
   EXPECT_TRUE(test::AllClose(alone.drift(), Eigen::Vector2d::Zero(), 0.0));
 }
 
+// Everywhere, demonstrations of context 0 move by (1, 0), those of context 2 by (0, 1), one in
+// three of them: weights of exp(-c^2).
+TEST(ResponseEstimateTest, TheNominalControlIsThatOfDemonstrationsInTheSameContext) {
+  core::Random random(3);
+  std::vector<core::Matrix> features;
+  std::vector<core::Matrix> controls;
+  std::vector<core::Matrix> contexts;
+  constexpr int kLong = 10;
+  for (int d = 0; d < 30; ++d) {
+    const bool other = d % 3 == 0;
+    core::Matrix v(kLong, kM);
+    core::Matrix z = RandomMatrix(random, 1, 2);
+    z.conservativeResize(kLong + 1, Eigen::NoChange);
+    for (int t = 0; t < kLong; ++t) {
+      v.row(t) << (other ? 0.0 : 1.0), (other ? 1.0 : 0.0);
+      z.row(t + 1) = z.row(t) + 1e-3 * v.row(t);
+    }
+    features.push_back(z);
+    controls.push_back(v);
+    contexts.push_back(core::Matrix::Constant(kLong, 1, other ? 2.0 : 0.0));
+  }
+  const ResponseEstimate estimate(
+      std::make_shared<const TransitionStore>(features, controls, ResponseOptions{}, contexts), {},
+      kDrift);
+  LocalFit fit = estimate.MakeFit();
+  estimate.FitAt(4, std::vector{0.0, 0.0}, fit);
+  for (const double context : {0.0, 2.0}) {
+    fit.SetContext(std::vector{context});
+    estimate.FitAt(4, std::vector{0.0, 0.0}, fit);
+    Eigen::VectorXd v(kM);
+    ASSERT_TRUE(fit.NominalControl(v));
+    const double near = 2.0 * std::exp(-context * context);
+    const double far = std::exp(-(2.0 - context) * (2.0 - context));
+    EXPECT_NEAR(v[0], near / (near + far), 0.05);
+    EXPECT_NEAR(v[1], far / (near + far), 0.05);
+  }
+  // The wrong number of rows, or of columns.
+  contexts[7] = core::Matrix::Zero(kLong - 1, 1);
+  EXPECT_THROW(TransitionStore(features, controls, {}, contexts), std::invalid_argument);
+  contexts[7] = core::Matrix::Zero(kLong, 2);
+  EXPECT_THROW(TransitionStore(features, controls, {}, contexts), std::invalid_argument);
+}
+
 TEST(ResponseEstimateTest, DriftTimesAreChecked) {
   core::Random random(6);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);

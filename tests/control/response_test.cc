@@ -60,9 +60,39 @@ TEST(ResponseTest, DriftIsFoundWhereItExplainsUnseenDemonstrations) {
       << "there is none that it has not seen";
 }
 
+// The first entry has three values, the second many, and of 30 demonstrations five have a fifth.
+TEST(ResponseTest, ValuesAreThoseOfEntriesThatHaveFew) {
+  auto demonstrations = test::Rightwards();
+  const auto stepped = [&](int extra) {
+    for (std::size_t d = 0; d < demonstrations.size(); ++d) {
+      for (Eigen::Index t = 0; t < demonstrations[d].controls.rows(); ++t) {
+        const auto last = static_cast<int>(d) < extra && t < 2 ? static_cast<double>(t) : 0.0;
+        demonstrations[d].controls(t, 0) = 0.1 * static_cast<double>(t % 3) - 0.1 + last;
+      }
+    }
+    return Response({test::IdentityFeatures(), demonstrations});
+  };
+  const Response response = stepped(0);
+  ASSERT_EQ(response.values().size(), 2u);
+  const double size = 0.1 / response.control_unit();
+  ASSERT_EQ(response.values()[0].size(), 3u);
+  EXPECT_NEAR(response.values()[0][0], -size, 1e-12);
+  EXPECT_NEAR(response.values()[0][1], 0.0, 1e-12);
+  EXPECT_NEAR(response.values()[0][2], size, 1e-12);
+  EXPECT_TRUE(response.values()[1].empty());
+  EXPECT_EQ(stepped(5).values()[0].size(), 4u);
+  for (core::Trajectory& d : demonstrations) d.controls.col(0).setConstant(0.1);
+  const Response constant({test::IdentityFeatures(), demonstrations});
+  EXPECT_TRUE(constant.values()[0].empty()) << "there is nothing to choose";
+}
+
 TEST(ResponseTest, AFileKeepsAllThatItKnows) {
   const auto path = std::filesystem::path(testing::TempDir()) / "response_kept.dfr";
-  const Response response({test::IdentityFeatures(), test::Rightwards()});
+  auto demonstrations = test::Rightwards();
+  for (core::Trajectory& d : demonstrations) {
+    for (Eigen::Index t = 0; t < d.controls.rows(); ++t) d.controls(t, 0) = t % 2 == 0 ? 0.1 : 0.0;
+  }
+  const Response response({test::IdentityFeatures(), demonstrations});
   core::ArchiveWriter archive("response", 1);
   response.Save(archive);
   archive.Save(path);
@@ -73,6 +103,8 @@ TEST(ResponseTest, AFileKeepsAllThatItKnows) {
   EXPECT_EQ(loaded.control_unit(), response.control_unit());
   EXPECT_EQ(loaded.largest_control(), response.largest_control());
   EXPECT_EQ(loaded.has_drift(), response.has_drift());
+  EXPECT_EQ(loaded.values(), response.values());
+  EXPECT_EQ(loaded.values()[0].size(), 2u);
   const ResponseEstimate kept_estimate(loaded.prior());
   const ResponseEstimate made_estimate(response.prior());
   for (int t = 0; t < test::kSteps; ++t) {

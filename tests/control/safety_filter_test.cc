@@ -60,6 +60,33 @@ TEST_F(SafetyFilterTest, AControlThatEndsOutsideIsReplacedByTheNominalOne) {
   EXPECT_TRUE(v == expected);
 }
 
+// The disk moves to the right. Demonstrations do so at one speed or stand still: of the nominal
+// control and of a probe, the first entry has these values alone.
+TEST_F(SafetyFilterTest, AnEntryWithFewValuesIsNeverAMeanOfThem) {
+  auto demonstrations = test::Rightwards();
+  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
+    core::Trajectory& demonstration = demonstrations[d];
+    for (Eigen::Index t = 0; t < demonstration.controls.rows(); ++t) {
+      const double speed = (static_cast<std::size_t>(t) + d) % 3 == 0 ? 0.0 : test::kSpeed;
+      demonstration.controls(t, 0) = speed;
+      demonstration.states(t + 1, 0) = demonstration.states(t, 0) + speed;
+    }
+  }
+  const test::Task task{test::IdentityFeatures(), support_, demonstrations};
+  const ResponseEstimate estimate(task.response.prior());
+  LocalFit fit = estimate.MakeFit();
+  estimate.FitAt(0, core::AsSpan(z_), fit);
+  Eigen::VectorXd nominal(2);
+  ASSERT_TRUE(fit.NominalControl(nominal));
+  const double speed = test::kSpeed / task.response.control_unit();
+  ASSERT_GT(nominal[0], 0.1 * speed);
+  ASSERT_LT(nominal[0], 0.9 * speed);
+  Eigen::VectorXd v = outwards_;
+  const Choice choice = SafetyFilter(task, {}).Filter(fit, target_, target_.level, v);
+  EXPECT_EQ(choice.mode, Mode::kRecovery);
+  EXPECT_NEAR(v[0], nominal[0] > 0.5 * speed ? speed : 0.0, 1e-12);
+}
+
 // A learned control that ends inside passes or is replaced, depending on the pass level.
 TEST_F(SafetyFilterTest, AControlThatEndsInsidePassesFromThePassLevelOn) {
   Eigen::VectorXd between = inwards_;

@@ -165,6 +165,24 @@ TEST_F(OneGaussianTest, AnEntryAtItsLimitMayLeaveIt) {
   }
 }
 
+// The gradient of entry 0 is zero: entry 1 alone moves.
+TEST_F(OneGaussianTest, AnEntryWithFewValuesStaysAsItIs) {
+  const LocalModel model{support_, answer_, core::AsSpan(z_)};
+  const StepLimits limits{.iterations = 20, .values = {{-1.0, 0.25}, {}}};
+  Eigen::VectorXd v = Eigen::Vector2d(0.3, 0.0);
+  const double before = model.Level(0, v);
+  const double l = AscendSupport(model, {.level = kUnbounded}, limits, v);
+  EXPECT_GT(l, before);
+  EXPECT_EQ(v[0], 0.3);
+  limits.Snap(v);
+  EXPECT_EQ(v[0], 0.25);
+  v[0] = -0.5;
+  const double free = v[1];
+  limits.Snap(v);
+  EXPECT_EQ(v[0], -1.0);
+  EXPECT_EQ(v[1], free);
+}
+
 // Without curvature a step goes straight to the level.
 TEST(RaiseLevelTest, AStraightSlopeIsClimbedInOneStep) {
   class Ramp final : public core::LogDecisionFunction {

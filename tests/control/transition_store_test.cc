@@ -33,7 +33,7 @@ TEST(TransitionStoreTest, ErrorsNameTheCulprit) {
 
 TEST(TransitionStoreTest, TimeStepsThatDoNotFollowEachOtherAreRefused) {
   const auto path = std::filesystem::path(testing::TempDir()) / "broken_prior.dfr";
-  const auto message = [&](const std::vector<int>& begin) {
+  const auto message = [&](const std::vector<int>& begin, int contexts = 60) {
     core::ArchiveWriter archive("prior", 1);
     const ResponseOptions options;
     archive.Number(options.ridge);
@@ -47,6 +47,7 @@ TEST(TransitionStoreTest, TimeStepsThatDoNotFollowEachOtherAreRefused) {
     archive.Integer(1);
     archive.Integers(begin);
     archive.MatrixBlock(core::Matrix::Ones(60, 4));
+    archive.MatrixBlock(core::Matrix::Zero(contexts, 1));
     archive.Save(path);
     core::ArchiveReader reader(path, "prior", 1);
     return test::MessageOf<std::runtime_error>(
@@ -60,6 +61,7 @@ TEST(TransitionStoreTest, TimeStepsThatDoNotFollowEachOtherAreRefused) {
   EXPECT_THAT(message({0, 30, 50}), testing::HasSubstr("begin at row 0"));
   EXPECT_THAT(message({1, 30, 60}), testing::HasSubstr("begin at row 0"));
   EXPECT_THAT(message({0}), testing::HasSubstr("begin at row 0"));
+  EXPECT_THAT(message({0, 30, 60}, 59), testing::HasSubstr("contexts of the transitions"));
   std::filesystem::remove(path);
 }
 

@@ -153,7 +153,7 @@ TEST_F(GuardFileTest, WrongContentWithARightChecksumDoesNoHarm) {
 
 TEST_F(GuardFileTest, OtherVersionsAndFilesAreRefusedByName) {
   core::ArchiveWriter("guard", 5).Save(path_);
-  EXPECT_THAT(Refusal(), HasSubstr("is a guard file of version 5; this program reads version 3: "
+  EXPECT_THAT(Refusal(), HasSubstr("is a guard file of version 5; this program reads version 4: "
                                    "fit it again"));
   core::ArchiveWriter("time-varying-support", 1).Save(path_);
   EXPECT_THAT(Refusal(), HasSubstr("is a time-varying-support file, where a guard file is needed"));

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <filesystem>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -175,6 +176,7 @@ TEST(LeftOutTest, AFeatureThatOnlyPassedEntriesMoveIsLeftOutAndNamed) {
   // Steered entries that change at the same time explain the gripper's motion in part.
   const auto returning = GuardModel::Fit(layout, Gripping(20, true));
   EXPECT_EQ(returning->task().features().selection().indices(), (std::vector{0, 1}));
+  EXPECT_NE(model->context(), nullptr);
   // A steered entry of an action moves its feature.
   for (core::Trajectory& d : demonstrations) {
     core::Random random(static_cast<std::uint64_t>(d.states.sum() * 1e6));
@@ -185,6 +187,41 @@ TEST(LeftOutTest, AFeatureThatOnlyPassedEntriesMoveIsLeftOutAndNamed) {
   // It is the only feature.
   const auto alone = GuardModel::Fit(layout, Gripping(20), {.features = "closed"});
   EXPECT_EQ(alone->task().features().selection().num_features(), 1);
+  EXPECT_EQ(alone->context(), nullptr);
+}
+
+// With a closed gripper demonstrators go back, with an open one forth, at the same place and time.
+TEST(LeftOutTest, AFeatureThatIsLeftOutTellsDemonstrationsApart) {
+  core::StateLayout layout;
+  layout.Add("tip", 2);
+  layout.Add("closed", 1);
+  const auto path = std::filesystem::path(testing::TempDir()) / "context.guard";
+  const auto fitted =
+      GuardModel::Fit(layout, Gripping(40, true), {.strategy = Strategy::kController});
+  fitted->Save(path);
+  const auto loaded = GuardModel::Load(path);
+  std::filesystem::remove(path);
+  std::vector<double> ends;
+  for (const auto& model : {fitted, loaded}) {
+    for (const int closes : {10, 30}) {
+      Guard guard(model);
+      guard.Reset(1);
+      std::vector<double> state = {0.0, 0.0, 0.0};
+      std::vector<double> action(3);
+      for (int t = 0; t < 18; ++t) {
+        const double gripper = t >= closes ? 1.0 : -1.0;
+        // A policy that leaves the support sideways.
+        static_cast<void>(guard.Filter(t, state, std::vector{0.0, 0.04, gripper}, action));
+        ASSERT_EQ(action[2], gripper);
+        state = {state[0] + action[0], state[1] + action[1],
+                 std::clamp(state[2] + 0.25 * gripper, 0.0, 1.0)};
+      }
+      ends.push_back(state[0]);
+    }
+  }
+  EXPECT_GT(ends[1], ends[0] + 0.05);
+  EXPECT_EQ(ends[2], ends[0]);
+  EXPECT_EQ(ends[3], ends[1]);
 }
 
 }  // namespace

@@ -379,7 +379,7 @@ TEST_F(TaskModelTest, MissingFilesAndOtherStatesAreNamed) {
   EXPECT_THAT(Refusal(), HasSubstr((folder_ / "support.dfr").string()));
   core::ArchiveWriter("task-model", 5).Save(folder_ / "task.dfr");
   EXPECT_THAT(Refusal(), HasSubstr("is a task-model file of version 5; this program reads version "
-                                   "1: fit it again"));
+                                   "2: fit it again"));
   core::ArchiveWriter("guard", 1).Save(folder_ / "task.dfr");
   EXPECT_THAT(Refusal(), HasSubstr("is a guard file, where a task-model file is needed"));
 }

@@ -2,12 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
-#include <set>
+#include <optional>
 #include <utility>
 
+#include "dfr/control/guided/few_values.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/folds.h"
 #include "dfr/core/format.h"
+#include "dfr/core/linear_algebra.h"
 #include "dfr/safety/constants.h"
 
 namespace dfr::safety {
@@ -24,6 +26,62 @@ std::vector<int> SteeredOf(const std::vector<ActionEntry>& entries) {
   return steered;
 }
 
+// Linear response of the changes of a state to an action u, over all demonstrations: of changes dx
+// to u, and of the differences of consecutive changes to those of u.
+struct LinearResponse {
+  explicit LinearResponse(std::span<const core::Trajectory> demonstrations) {
+    const Eigen::Index m = demonstrations[0].controls.cols();
+    const Eigen::Index n = demonstrations[0].states.cols();
+    Eigen::MatrixXd uu = Eigen::MatrixXd::Zero(m, m);
+    Eigen::MatrixXd uu_at_once = uu;
+    Eigen::MatrixXd ux = Eigen::MatrixXd::Zero(m, n);
+    Eigen::MatrixXd ux_at_once = ux;
+    all = Eigen::VectorXd::Zero(n);
+    for (const core::Trajectory& d : demonstrations) {
+      const Eigen::Index steps = d.controls.rows();
+      const Eigen::MatrixXd u = d.controls;
+      const Eigen::MatrixXd dx = d.states.bottomRows(steps) - d.states.topRows(steps);
+      uu += u.transpose() * u;
+      ux += u.transpose() * dx;
+      all += dx.colwise().squaredNorm();
+      if (steps < 2) continue;
+      const Eigen::MatrixXd du = u.bottomRows(steps - 1) - u.topRows(steps - 1);
+      const Eigen::MatrixXd ddx = dx.bottomRows(steps - 1) - dx.topRows(steps - 1);
+      uu_at_once += du.transpose() * du;
+      ux_at_once += du.transpose() * ddx;
+    }
+    const Eigen::MatrixXd inverse = core::PseudoInverse(uu);
+    inverse_diagonal = inverse.diagonal();
+    lasting = inverse * ux;
+    left = all - ux.cwiseProduct(lasting).colwise().sum().transpose();
+    at_once = core::PseudoInverse(uu_at_once) * ux_at_once;
+  }
+
+  // Returns true if entry `i` of the action is a velocity or an increment: some entry of the state
+  // moves in proportion to it, as much in the first step of a new value as in later ones. A gripper
+  // that closes and then stays closed moves in the first steps only. What moves only while it is
+  // closed does not change with its value at once.
+  [[nodiscard]] bool Moves(Eigen::Index i) const {
+    if (!(inverse_diagonal[i] > 0.0)) return false;
+    for (Eigen::Index k = 0; k < lasting.cols(); ++k) {
+      const double explained = lasting(i, k) * lasting(i, k) / inverse_diagonal[i];
+      const double ratio = at_once(i, k) / lasting(i, k);
+      if (explained > fit::kLeastMoved * all[k] &&
+          explained > fit::kProportional * (explained + std::max(0.0, left[k])) &&
+          ratio >= 1.0 / fit::kSameEffect && ratio <= fit::kSameEffect) {
+        return true;
+      }
+    }
+    return false;
+  }
+
+  Eigen::VectorXd inverse_diagonal;
+  Eigen::MatrixXd lasting;  // One row per entry of the action.
+  Eigen::MatrixXd at_once;
+  Eigen::VectorXd all;   // Squared changes.
+  Eigen::VectorXd left;  // Squared changes that actions do not explain.
+};
+
 }  // namespace
 
 ActionSpace::ActionSpace(std::span<const core::Trajectory> demonstrations) {
@@ -34,16 +92,15 @@ ActionSpace::ActionSpace(std::span<const core::Trajectory> demonstrations) {
   const std::vector<core::Trajectory> ordered = core::InDeterministicOrder(demonstrations);
   double moving = 0.0;
   std::vector<double> squares(entries_.size(), 0.0);
-  std::vector<std::set<double>> values(entries_.size());
-  std::size_t transitions = 0;
+  std::vector<control::FewValues> values(entries_.size());
   for (const core::Trajectory& demonstration : ordered) {
-    for (Eigen::Index t = 0; t < demonstration.controls.rows(); ++t, ++transitions) {
+    for (Eigen::Index t = 0; t < demonstration.controls.rows(); ++t) {
       const auto u = demonstration.controls.row(t);
       moving += u.squaredNorm() > 0.0 ? 1.0 : 0.0;
       for (std::size_t i = 0; i < entries_.size(); ++i) {
         const double value = u[static_cast<Eigen::Index>(i)];
         squares[i] += value * value;
-        if (values[i].size() <= fit::kMostFew) values[i].insert(value);
+        values[i].Add(value);
         entries_[i].largest = std::max(entries_[i].largest, std::abs(value));
       }
     }
@@ -53,11 +110,14 @@ ActionSpace::ActionSpace(std::span<const core::Trajectory> demonstrations) {
                                      << demonstrations.size()
                                      << " demonstrations are zero: record the velocities or "
                                         "increments that moved the robot");
+  std::optional<LinearResponse> response;
   for (std::size_t i = 0; i < entries_.size(); ++i) {
-    entries_[i].steered = moves(i) && (values[i].size() > fit::kMostFew ||
-                                       transitions < fit::kLeastRepeated * values[i].size());
+    entries_[i].steered = moves(i);
+    if (!moves(i) || values[i].values().empty()) continue;
+    if (!response) response.emplace(ordered);
+    entries_[i].steered = response->Moves(static_cast<Eigen::Index>(i));
   }
-  // If every moving entry has few values, steers with these.
+  // If no entry is left, steers with all that move.
   const bool none = SteeredOf(entries_).empty();
   for (std::size_t i = 0; i < entries_.size() && none; ++i) entries_[i].steered = moves(i);
   steered_ = SteeredOf(entries_);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -93,6 +94,7 @@ std::vector<int> Independent(const Recorded& recorded) {
     left.col(pivot).setZero();
   }
   std::sort(chosen.begin(), chosen.end());
+  chosen.erase(std::unique(chosen.begin(), chosen.end()), chosen.end());
   return chosen;
 }
 
@@ -176,6 +178,24 @@ std::vector<int> MovedByPassed(const core::FeatureSelection& features, const Act
   return moved.size() < before.size() ? moved : std::vector<int>{};
 }
 
+core::FeatureTransform Context(const core::StateLayout& layout, const std::vector<int>& entries,
+                               const core::StateMap& map,
+                               std::span<const core::Trajectory> demonstrations) {
+  core::FeatureSelection selection = Only(layout, entries).Mapped(map);
+  const Eigen::Index n = selection.num_features();
+  Eigen::VectorXd low = Eigen::VectorXd::Constant(n, std::numeric_limits<double>::infinity());
+  Eigen::VectorXd high = -low;
+  for (const core::Trajectory& d : demonstrations) {
+    const core::Matrix values = selection.Apply(d.states);
+    low = low.cwiseMin(values.colwise().minCoeff().transpose());
+    high = high.cwiseMax(values.colwise().maxCoeff().transpose());
+  }
+  const Eigen::VectorXd unit = fit::kContextUnit * (high - low);
+  core::Matrix scale = core::Matrix::Zero(n, n);
+  for (Eigen::Index k = 0; k < n; ++k) scale(k, k) = unit[k] > 0.0 ? 1.0 / unit[k] : 0.0;
+  return {std::move(selection), low, std::move(scale)};
+}
+
 std::vector<int> ConstantEntries(const core::FeatureSelection& features,
                                  std::span<const core::Trajectory> demonstrations) {
   constexpr double kRounding = 1e-12;  // Relative to the value, or to 1.
@@ -223,6 +243,7 @@ core::FeatureSelection Only(const core::StateLayout& layout, const std::vector<i
 core::FeatureSelection Without(const core::FeatureSelection& features,
                                const core::StateLayout& layout, std::span<const int> entries) {
   std::vector<int> kept = features.indices();
+  kept.erase(std::unique(kept.begin(), kept.end()), kept.end());
   std::erase_if(kept, [&](int entry) { return std::ranges::count(entries, entry) > 0; });
   return core::FeatureSelection::Of(layout, Spec(layout, kept));
 }

@@ -112,6 +112,9 @@ struct Guard::Episode {
         given(proposed),
         chosen(proposal.action().size(), 0.0) {
     constants.resize(static_cast<std::size_t>(model.num_constants()));
+    if (model.context() != nullptr) {
+      context.resize(static_cast<std::size_t>(model.context()->num_features()));
+    }
     std::size_t entries = 0;
     for (const SensorGroup& group : model.sensor_groups()) {
       for (const SensorGroup::Range& range : group.ranges) {
@@ -142,6 +145,7 @@ struct Guard::Episode {
   // A picture of the last state resembles no demonstration, or a constant entry differs.
   bool novel = false;
   std::vector<double> constants;
+  std::vector<double> context;
   std::vector<double> last;       // Entries of the sensor groups in the last state.
   std::vector<double> unchanged;  // Standstill of each group.
   double moved = 0.0;             // What the last applied action adds to it.
@@ -267,6 +271,10 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
     Clamp(model_->settings().action_limit, episode.bounded);
     if (episode.steers) {
       model_->actions().Measure(episode.bounded, episode.proposal.action());
+      if (episode.guided != nullptr && model_->context() != nullptr) {
+        model_->context()->Apply(state, episode.context);
+        episode.guided->SetContext(episode.context);
+      }
     } else {
       std::copy(episode.bounded.begin(), episode.bounded.end(), episode.proposal.action().begin());
     }

@@ -15,7 +15,7 @@ namespace dfr::safety {
 namespace {
 
 constexpr std::string_view kGuardKind = "guard";
-constexpr int kGuardVersion = 3;
+constexpr int kGuardVersion = 4;
 constexpr int kMostCount = 1 << 30;
 constexpr int kMaxFitWarnings = 1 << 16;
 constexpr int kMostRows = 1 << 10;
@@ -101,6 +101,13 @@ void GuardModel::Save(const std::filesystem::path& path) const {
   task_->features().selection().map().Save(archive);
   archive.Numbers(constants_);
   if (constant_entries_) archive.Text(constant_entries_->spec());
+  archive.Integer(context_ ? 1 : 0);
+  if (context_) {
+    archive.Text(context_->selection().spec());
+    archive.Numbers(core::AsSpan(context_->offset()));
+    const Eigen::VectorXd scale = context_->scale().diagonal();
+    archive.Numbers(core::AsSpan(scale));
+  }
   Write(archive, sensor_groups_);
   archive.Text(Name(settings_.strategy));
   archive.Integer(settings_.horizon);
@@ -176,6 +183,15 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
         archive.Fail("holds constants of another number of entries");
       }
     }
+    std::optional<core::FeatureTransform> context;
+    if (archive.IntegerIn(0, 1) == 1) {
+      core::FeatureSelection entries =
+          core::FeatureSelection::Of(layout, archive.Text()).Mapped(selection.map());
+      const std::vector<double> offset = archive.Numbers();
+      const std::vector<double> scale = archive.Numbers();
+      context.emplace(std::move(entries), core::AsVector(std::span(offset)),
+                      core::Matrix(core::AsVector(std::span(scale)).asDiagonal()));
+    }
     std::vector<SensorGroup> groups =
         ReadGroups(archive, reduction ? reduction->state_dim() : layout.state_dim());
     GuardSettings settings;
@@ -222,6 +238,11 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     if (task->response().control_dim() != actions->steered_dim()) {
       archive.Fail("recovery steers another number of entries of an action");
     }
+    const int contexts = context ? context->num_features() : 0;
+    if (task->response().prior()->context_dim() != contexts) {
+      archive.Fail("recovery depends on another number of entries of a state");
+    }
+    model->context_ = std::move(context);
     model->reduction_ = std::move(reduction);
     model->Complete(std::move(layout), std::move(actions), std::move(task), settings);
     model->summary_ = std::move(summary);

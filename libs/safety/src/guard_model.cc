@@ -207,8 +207,15 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
   DFR_THROW_UNLESS(demonstrations.size() >= num_held_out + 3,
                    "holding out " << num_held_out << " of " << demonstrations.size()
                                   << " demonstrations leaves fewer than 3 to fit to");
-  const internal::Recorded recorded(selection, demonstrations,
-                                    std::span(order).subspan(num_held_out), actions.get());
+  internal::Recorded recorded(selection, demonstrations, std::span(order).subspan(num_held_out),
+                              actions.get());
+  std::optional<core::FeatureTransform> context;
+  if (!moved.empty()) {
+    context = internal::Context(layout, moved, selection.map(), demonstrations);
+    for (const core::Trajectory& d : recorded.ordered) {
+      recorded.seen.contexts.push_back(context->Apply(d.states));
+    }
+  }
   std::optional<internal::GuardFit> fit =
       internal::FitGuard(recorded, options.support, options.folds, going_on, may_narrow);
   if (!fit) return nullptr;
@@ -279,6 +286,7 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
   settings.demonstrated = !replay.guesses();
   settings.direction_error = options.error_factor * model->summary_.direction_error.value;
   model->Complete(layout, actions, std::move(task), settings);
+  model->context_ = std::move(context);
   model->summary_.fit_warnings = FitWarnings(*model, as_recorded);
   if (constant_entries) {
     model->constants_.resize(constant.size());
@@ -289,7 +297,7 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
     model->summary_.fit_warnings.push_back(
         internal::Names(layout, moved) +
         ": moved by entries of an action that the guard passes and not by those that it steers. "
-        "They are left out of the features: whether they are right is up to the policy");
+        "They are left out of the support: whether they are right is up to the policy");
   }
   if (!going_on("done", 1.0)) return nullptr;
   return model;
@@ -379,6 +387,7 @@ std::shared_ptr<const GuardModel> GuardModel::With(const GuardSettings& settings
   model->summary_ = summary_;
   model->constant_entries_ = constant_entries_;
   model->constants_ = constants_;
+  model->context_ = context_;
   model->sensor_groups_ = sensor_groups_;
   return model;
 }

@@ -55,6 +55,7 @@ void Judge(int phase, std::span<const double> z, const Eigen::VectorXd& v,
 Replay ReplayLeftOut(const Recorded& recorded, const GuardFit& fit, const control::TaskView& task) {
   const control::Response& response = task.response();
   const std::vector<core::Matrix>& points = recorded.seen.points;
+  const std::vector<core::Matrix>& contexts = recorded.seen.contexts;
   std::vector<core::Matrix> controls = recorded.seen.controls;
   std::vector<std::size_t> order(controls.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
@@ -70,13 +71,16 @@ Replay ReplayLeftOut(const Recorded& recorded, const GuardFit& fit, const contro
     const kernel::WhitenedSupport& support = *fit.without[fold];
     std::vector<core::Matrix> others;
     std::vector<core::Matrix> other_controls;
+    std::vector<core::Matrix> other_contexts;
     for (const std::size_t d : core::Others(fit.folds, fold, order)) {
       others.push_back(points[d]);
       other_controls.push_back(controls[d]);
+      if (!contexts.empty()) other_contexts.push_back(contexts[d]);
     }
     const control::ResponseEstimate estimate(
         std::make_shared<const control::TransitionStore>(others, other_controls,
-                                                         response.prior()->options()),
+                                                         response.prior()->options(),
+                                                         other_contexts),
         {}, response.has_drift());
     control::LocalFit made = estimate.MakeFit();
     std::size_t next = 0;
@@ -88,6 +92,7 @@ Replay ReplayLeftOut(const Recorded& recorded, const GuardFit& fit, const contro
       Follow(support, points[d], &steps);
       for (Eigen::Index t = 0; t < controls[d].rows(); ++t, ++next) {
         if (next % stride != 0) continue;
+        if (!contexts.empty()) made.SetContext(core::Row(contexts[d], t));
         Judge(steps[static_cast<std::size_t>(t)], core::Row(points[d], t), controls[d].row(t),
               support, task.levels(), estimate, made, sums);
       }

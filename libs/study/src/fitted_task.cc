@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "dfr/control/guided/guided_controller.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/matrix.h"
 
@@ -14,11 +15,13 @@ namespace {
 class MeasuredPolicy final : public core::Policy {
  public:
   MeasuredPolicy(const core::Policy& policy, const safety::ActionSpace& actions,
-                 std::vector<double> limit)
+                 std::vector<double> limit, const core::FeatureTransform* context)
       : policy_(&policy),
         actions_(&actions),
         limit_(std::move(limit)),
-        last_(static_cast<std::size_t>(actions.dim()), 0.0) {
+        last_(static_cast<std::size_t>(actions.dim()), 0.0),
+        context_(context) {
+    if (context != nullptr) values_.resize(static_cast<std::size_t>(context->num_features()));
     DFR_THROW_UNLESS(policy.control_dim() == actions.dim(),
                      "the policy's controls have " << policy.control_dim()
                                                    << " entries, those of the demonstrations "
@@ -30,7 +33,12 @@ class MeasuredPolicy final : public core::Policy {
     policy_->Control(t, x, last_);
     Clamp(last_);
     actions_->Measure(last_, a);
+    if (guided_ == nullptr || context_ == nullptr) return;
+    context_->Apply(x, values_);
+    guided_->SetContext(values_);
   }
+  // Gives this controller the context of each control.
+  void Inform(control::GuidedController* guided) { guided_ = guided; }
   void Clamp(std::span<double> u) const noexcept {
     for (std::size_t i = 0; i < u.size(); ++i) u[i] = std::clamp(u[i], -limit_[i], limit_[i]);
   }
@@ -42,17 +50,22 @@ class MeasuredPolicy final : public core::Policy {
   const safety::ActionSpace* actions_;
   std::vector<double> limit_;
   mutable std::vector<double> last_;
+  const core::FeatureTransform* context_;
+  mutable std::vector<double> values_;
+  control::GuidedController* guided_ = nullptr;
 };
 
 // A controller in the units of a guard's actions.
 class Restored final : public control::Controller {
  public:
-  Restored(const core::Policy& policy, const safety::ActionSpace& actions,
+  Restored(const core::Policy& policy, const safety::GuardModel& guard,
            const std::vector<double>& limit, const FittedTask::Maker& make)
-      : policy_(policy, actions, limit),
-        actions_(&actions),
-        controller_(make(policy_, actions.MeasuredLimits(limit))),
-        chosen_(static_cast<std::size_t>(actions.steered_dim()), 0.0) {}
+      : policy_(policy, guard.actions(), limit, guard.context()),
+        actions_(&guard.actions()),
+        controller_(make(policy_, actions_->MeasuredLimits(limit))),
+        chosen_(static_cast<std::size_t>(actions_->steered_dim()), 0.0) {
+    policy_.Inform(dynamic_cast<control::GuidedController*>(controller_.get()));
+  }
   [[nodiscard]] int state_dim() const noexcept override { return policy_.state_dim(); }
   [[nodiscard]] int control_dim() const noexcept override { return actions_->dim(); }
 
@@ -153,7 +166,7 @@ std::unique_ptr<control::Controller> FittedTask::InUnits(const core::Policy& pol
   for (std::size_t i = 0; i < least.size(); ++i) {
     least[i] = std::min(least[i], limit[limit.size() == 1 ? 0 : i]);
   }
-  return std::make_unique<Restored>(policy, guard_->actions(), least, make);
+  return std::make_unique<Restored>(policy, *guard_, least, make);
 }
 
 }  // namespace dfr::study

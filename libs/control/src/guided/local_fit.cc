@@ -18,6 +18,7 @@ LocalFit::LocalFit(std::shared_ptr<const TransitionStore> prior,
   a_ = a_online_ = Eigen::MatrixXd::Identity(rows, rows);
   cholesky_.compute(a_);
   transitions_ = prior_->MakeWorkspace();
+  context_ = Eigen::VectorXf::Zero(prior_->context_dim());
   inverse_ = Eigen::MatrixXd::Identity(rows - drift_rows, rows - drift_rows);
   scratch_ = Eigen::VectorXd::Zero(m);
   a_demo_ = Eigen::MatrixXd::Identity(n + 1, n + 1);
@@ -33,7 +34,7 @@ bool LocalFit::NominalControl(Eigen::VectorXd& v) noexcept {
   const Eigen::Index n = jacobian_.rows();
   const Eigen::Index m = jacobian_.cols();
   if (!has_transitions_) return false;
-  prior_->SumNearStates(transitions_);
+  prior_->SumNearStates(transitions_, context_);
   const Eigen::Index states = transitions_.states;
   a_demo_ = sums.block(states, 0, n + 1, n + 1).cast<double>();
   const double weight = a_demo_(n, n);

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "dfr/control/guided/constants.h"
+#include "dfr/control/guided/few_values.h"
 #include "dfr/control/guided/response_estimate.h"
 #include "dfr/core/contract.h"
 
@@ -81,8 +82,20 @@ Response::Response(const FeatureTrajectories& demonstrations, const ResponseOpti
   DFR_THROW_UNLESS(moving > 0, "all demonstrated controls are zero");
   control_unit_ = std::sqrt(square / moving);
   largest_ /= control_unit_;
-  for (core::Matrix& c : controls) c /= control_unit_;
-  prior_ = std::make_shared<const TransitionStore>(demonstrations.points, controls, options);
+  std::vector<FewValues> values(static_cast<std::size_t>(controls[0].cols()));
+  for (core::Matrix& c : controls) {
+    c /= control_unit_;
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      for (const double value : c.col(static_cast<Eigen::Index>(i))) values[i].Add(value);
+    }
+  }
+  for (const FewValues& entry : values) {
+    values_.push_back(entry.values());
+    // One value needs no choice.
+    if (values_.back().size() == 1) values_.back().clear();
+  }
+  prior_ = std::make_shared<const TransitionStore>(demonstrations.points, controls, options,
+                                                   demonstrations.contexts);
   has_drift_ = controls.size() >= 2 &&
                WithDrift(demonstrations.points, controls, options) <= guided::kMostLeft;
 }
@@ -92,6 +105,7 @@ void Response::Save(core::ArchiveWriter& archive) const {
   archive.Number(control_unit_);
   archive.Integer(has_drift_ ? 1 : 0);
   prior_->Save(archive);
+  for (const std::vector<double>& values : values_) archive.Numbers(values);
 }
 
 Response Response::Load(core::ArchiveReader& archive) {
@@ -106,6 +120,14 @@ Response Response::Load(core::ArchiveReader& archive) {
   }
   response.has_drift_ = archive.IntegerIn(0, 1) == 1;
   response.prior_ = std::make_shared<const TransitionStore>(TransitionStore::Load(archive));
+  for (int i = 0; i < response.control_dim(); ++i) {
+    response.values_.push_back(archive.Numbers());
+    const std::vector<double>& values = response.values_.back();
+    if (values.size() > guided::kMostFew || !std::ranges::is_sorted(values) ||
+        !std::ranges::all_of(values, [](double v) { return std::isfinite(v); })) {
+      archive.Fail("the values of an entry of a control must be few, ascending and finite");
+    }
+  }
   return response;
 }
 

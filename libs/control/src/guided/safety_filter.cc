@@ -25,7 +25,9 @@ SafetyFilter::SafetyFilter(const TaskView& task, const GuidedOptions& options)
       disturbed_(options.disturbance_model.active()),
       trial_(Eigen::VectorXd::Zero(task.response().control_dim())),
       demonstrated_(trial_),
-      learned_(trial_) {}
+      learned_(trial_) {
+  limits_.values = task.response().values();
+}
 
 SafetyFilter::Choice SafetyFilter::Filter(LocalFit& fit, const StepTarget& target,
                                           double pass_level, Eigen::VectorXd& v) noexcept {
@@ -61,6 +63,7 @@ SafetyFilter::Choice SafetyFilter::Correct(LocalFit& fit, const LocalModel& mode
   const bool known = demonstrates_ && fit.NominalControl(trial_);
   double demonstrated = -kInfinity;
   if (known) {
+    limits_.Snap(trial_);
     limits_.Limit(trial_);
     demonstrated_ = trial_;
     demonstrated = AscendSupport(model, {next, last ? kInside : target.level}, limits_, trial_);
@@ -88,6 +91,10 @@ bool SafetyFilter::Probe(LocalFit& fit, const LocalModel& model, const StepTarge
       fit.LeastExcitedDirection(core::AsSpan(trial_), guided::kUnknown) <= guided::kUnknown) {
     return false;
   }
+  for (Eigen::Index k = 0; k < trial_.size(); ++k) {
+    if (limits_.HasFewValues(k)) trial_[k] = 0.0;
+  }
+  if (trial_.squaredNorm() < guided::kLeastProbe) return false;
   v = probe_size_ * trial_;
   limits_.Limit(v);
   level = model.Level(target.phase, v);

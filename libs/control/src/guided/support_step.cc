@@ -30,6 +30,18 @@ StepLimits ScaledLimits(std::span<const double> limits, int dim, double unit, in
   return {core::AsVector(limits) / unit, iterations};
 }
 
+void StepLimits::Snap(Eigen::VectorXd& v) const noexcept {
+  for (std::size_t k = 0; k < values.size(); ++k) {
+    if (values[k].empty()) continue;
+    double& entry = v[static_cast<Eigen::Index>(k)];
+    double nearest = values[k][0];
+    for (const double value : values[k]) {
+      if (std::abs(value - entry) < std::abs(nearest - entry)) nearest = value;
+    }
+    entry = nearest;
+  }
+}
+
 double LocalModel::Level(int phase, const Eigen::VectorXd& v) const noexcept {
   Vector there;
   return LevelAfter(*this, phase, v, there, {});
@@ -65,6 +77,9 @@ double AscendSupport(const LocalModel& model, const StepTarget& target, const St
   for (int i = 0; i < limits.iterations && there.level < target.level; ++i) {
     d.noalias() = j.transpose().lazyProduct(there.gradient);
     // Removes the part of the direction that the limits forbid.
+    for (Eigen::Index k = 0; k < v.size(); ++k) {
+      if (limits.HasFewValues(k)) d[k] = 0.0;
+    }
     for (Eigen::Index k = 0; k < limits.control.size(); ++k) {
       if ((v[k] >= limits.control[k] && d[k] > 0.0) || (v[k] <= -limits.control[k] && d[k] < 0.0)) {
         d[k] = 0.0;

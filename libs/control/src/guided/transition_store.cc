@@ -47,7 +47,8 @@ void Check(const ResponseOptions& options) {
 
 TransitionStore::TransitionStore(std::span<const core::Matrix> features,
                                  std::span<const core::Matrix> controls,
-                                 const ResponseOptions& options)
+                                 const ResponseOptions& options,
+                                 std::span<const core::Matrix> contexts)
     : options_(options) {
   Check(options);
   DFR_THROW_UNLESS(!features.empty() && features.size() == controls.size(),
@@ -67,6 +68,10 @@ TransitionStore::TransitionStore(std::span<const core::Matrix> features,
                      "demonstration " << d << ": features " << features[d].rows() << " x "
                                       << features[d].cols() << ", controls " << controls[d].rows()
                                       << " x " << controls[d].cols());
+    DFR_THROW_UNLESS(contexts.empty() || (contexts.size() == controls.size() &&
+                                          contexts[d].cols() == contexts[0].cols() &&
+                                          contexts[d].rows() >= controls[d].rows()),
+                     "demonstration " << d << " needs one context per control, of one size");
     longest = std::max(longest, controls[d].rows());
   }
 
@@ -90,11 +95,13 @@ TransitionStore::TransitionStore(std::span<const core::Matrix> features,
   begin_.push_back(static_cast<int>(chosen.size()));
 
   transitions_.setZero(static_cast<Eigen::Index>(chosen.size()), Width());
+  contexts_.setZero(transitions_.rows(), contexts.empty() ? 0 : contexts[0].cols());
   for (Eigen::Index row = 0; row < transitions_.rows(); ++row) {
     const auto [d, t] = chosen[static_cast<std::size_t>(row)];
     transitions_.row(row).head(2 * n + 1 + m) << features[d].row(t).cast<float>(), 1.0F,
         controls[d].row(t).cast<float>(),
         (features[d].row(t + 1) - features[d].row(t)).cast<float>();
+    if (!contexts.empty()) contexts_.row(row) = contexts[d].row(t).cast<float>();
   }
   Finish();
 }
@@ -126,6 +133,7 @@ void TransitionStore::Save(core::ArchiveWriter& archive) const {
   archive.Integer(control_dim_);
   archive.Integers(begin_);
   archive.MatrixBlock(transitions_.leftCols(2 * feature_dim_ + 1 + control_dim_).cast<double>());
+  archive.MatrixBlock(contexts_.cast<double>());
 }
 
 TransitionStore TransitionStore::Load(core::ArchiveReader& archive) {
@@ -161,6 +169,11 @@ TransitionStore TransitionStore::Load(core::ArchiveReader& archive) {
     prior.transitions_.leftCols(transitions.cols()) = transitions.cast<float>();
     DFR_THROW_UNLESS(prior.transitions_.allFinite() && (transitions.col(n).array() == 1.0).all(),
                      "the transitions have an invalid entry");
+    const core::Matrix contexts = archive.MatrixBlock();
+    DFR_THROW_UNLESS(contexts.rows() == transitions.rows() && contexts.cols() <= kMaxEntries &&
+                         contexts.allFinite(),
+                     "the contexts of the transitions do not match them");
+    prior.contexts_ = contexts.cast<float>();
     prior.Finish();
   } catch (const std::invalid_argument& e) {
     archive.Fail(e.what());
@@ -236,7 +249,19 @@ void TransitionStore::SumStates(Workspace& workspace) const noexcept {
   SumRows(workspace.spread, workspace.used, workspace.factor, workspace);
 }
 
-void TransitionStore::SumNearStates(Workspace& workspace) const noexcept {
+void TransitionStore::SumNearStates(Workspace& workspace,
+                                    const Eigen::VectorXf& context) const noexcept {
+  if (contexts_.cols() > 0) {
+    auto distances = workspace.distances.head(workspace.rows);
+    const auto scale = static_cast<float>(feature_dim_ / kBandwidth);
+    for (Eigen::Index k = 0; k < contexts_.cols(); ++k) {
+      distances.array() +=
+          scale *
+          (contexts_.col(k).segment(workspace.first, workspace.rows).array() - context[k]).square();
+    }
+    internal::Weights(distances.data(), static_cast<std::size_t>(workspace.rows),
+                      distances.minCoeff(), kBandwidth / feature_dim_, workspace.weights.data());
+  }
   const int count = std::min(workspace.rows, kNearest);
   internal::Nearest(workspace.distances.data(), static_cast<std::size_t>(workspace.rows),
                     static_cast<std::size_t>(count), workspace.nearest.data());

@@ -13,9 +13,10 @@ namespace dfr::safety {
 /// Demonstrated range and unit of one entry of an action.
 struct ActionEntry {
   double largest = 0.0;  ///< Largest demonstrated |u_i|.
-  /// True if a guard may change the entry. An entry with few demonstrated values, such as a gripper
-  /// that opens or closes, is not steered: the policy's value passes within the limit. If no other
-  /// entry moves, it is steered nevertheless.
+  /// True if a guard may change the entry. An entry with few demonstrated values is not steered
+  /// unless the state moves in proportion to it: the policy's value of a gripper that opens or
+  /// closes passes within the limit, that of an axis which moves at one speed or stands still does
+  /// not. If no other entry moves, it is steered nevertheless.
   bool steered = true;
   /// Size of an ordinary value: the root mean square of the demonstrated ones times the square root
   /// of the number of steered entries. An ordinary action thereby has |a| = 1 in any units.

@@ -26,15 +26,21 @@ inline constexpr int kActionsPerStep = 12;
 /// Default action limit relative to the largest demonstrated value.
 inline constexpr double kActionReach = 1.5;
 
-/// ActionSpace: an entry has few values if demonstrations contain at most kMostFew, each
-/// kLeastRepeated times on average.
-inline constexpr std::size_t kMostFew = 4;
-inline constexpr std::size_t kLeastRepeated = 5;
+/// ActionSpace: an entry with few values is a velocity or an increment if a regression on it
+/// explains kLeastMoved of an entry of the state's squared changes, and kProportional of those that
+/// the action's other entries leave. The effect of a new value in its first step must be the same,
+/// within a factor kSameEffect.
+inline constexpr double kLeastMoved = 0.01;
+inline constexpr double kProportional = 0.7;
+inline constexpr double kSameEffect = 2.0;
 /// Only entries of the action that the guard does not steer move a feature if the steered ones
 /// explain at most kSteeredExplain of its change in addition to the others, and the others more
 /// than kPassedExplain of what the steered ones leave.
 inline constexpr double kPassedExplain = 0.3;
 inline constexpr double kSteeredExplain = 0.2;
+/// Features that only passed entries of an action move tell which demonstrations were in the same
+/// situation: a difference of this share of their demonstrated range reduces a weight to exp(-1).
+inline constexpr double kContextUnit = 0.25;
 
 /// Choice of features: fraction of the variance that may remain unexplained by the chosen entries.
 inline constexpr double kLeftVariance = 0.01;

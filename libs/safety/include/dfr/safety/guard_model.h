@@ -241,6 +241,12 @@ class GuardModel {
   /// @param values  num_constants() entries, which receive the entries as compared. Real-time safe.
   [[nodiscard]] int FindChangedConstant(std::span<const double> task_state,
                                         std::span<double> values) const noexcept;
+  /// Returns the map from a state of task() to what demonstrated controls depend on beside
+  /// features: entries that only those entries of an action move which a guard does not steer.
+  /// Null: none.
+  [[nodiscard]] const core::FeatureTransform* context() const noexcept {
+    return context_ ? &*context_ : nullptr;
+  }
   /// Returns the entries that features use in groups: each picture or other reduced block alone,
   /// then all others without those that advance with time only.
   [[nodiscard]] const std::vector<SensorGroup>& sensor_groups() const noexcept {
@@ -286,6 +292,7 @@ class GuardModel {
   std::shared_ptr<const TaskModel> task_;
   std::optional<core::FeatureSelection> constant_entries_;  // None: there are none.
   std::vector<double> constants_;                           // Their values.
+  std::optional<core::FeatureTransform> context_;
   std::vector<SensorGroup> sensor_groups_;
 };
 

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstddef>
+
 /// Constants of guided recovery that are not options. docs/frozen_constants.md lists them.
 namespace dfr::control::guided {
 
@@ -9,6 +11,14 @@ namespace dfr::control::guided {
 inline constexpr double kMostLeft = 0.6;
 /// Quantile of -l over held-out demonstrated states that defines the slack.
 inline constexpr double kSlackQuantile = 0.2;
+
+/// FewValues: an entry of a control has few values if demonstrations contain at most kMostFew, each
+/// kLeastRepeated times on average.
+inline constexpr std::size_t kMostFew = 4;
+inline constexpr std::size_t kLeastRepeated = 5;
+/// SafetyFilter: a probe needs at least this share of the squared length of its direction in
+/// entries with many values.
+inline constexpr double kLeastProbe = 0.5;
 
 /// TransitionStore: added to each weight. If all transitions are far from z, they then count
 /// equally.

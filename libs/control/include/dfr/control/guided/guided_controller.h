@@ -58,6 +58,8 @@ class GuidedController final : public Controller {
   /// A halted controller stays halted. Neither allocates nor locks.
   void Applied(std::span<const double> u) noexcept;
 
+  /// Sets the context of the next control (LocalFit::SetContext()).
+  void SetContext(std::span<const double> context) noexcept { fit_.SetContext(context); }
   /// Returns J of the last Next() that computed one, in features per Response::control_unit().
   [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return fit_.jacobian(); }
 

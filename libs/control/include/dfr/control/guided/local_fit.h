@@ -58,6 +58,11 @@ class LocalFit {
   /// estimated. O(n^3).
   /// @returns false, and leaves `v` (m entries) unchanged, if there is no demonstrated control.
   [[nodiscard]] bool NominalControl(Eigen::VectorXd& v) noexcept;
+  /// Sets what NominalControl() depends on beside z (TransitionStore::context_dim() entries). It
+  /// remains set over FitAt().
+  void SetContext(std::span<const double> context) noexcept {
+    context_ = core::AsVector(context).cast<float>();
+  }
   /// Returns true if NominalControl() predicts demonstrated actions poorly: it explains neither
   /// their variance nor their mean. In the gallery's tasks `explained` is at least .29, and
   /// smallest if paces differ between demonstrators. If the state lacks something that the
@@ -93,6 +98,7 @@ class LocalFit {
   Eigen::LLT<Eigen::MatrixXd> cholesky_;    ///< Factor of A.
   TransitionStore::Workspace transitions_;  ///< The transitions near z.
   bool has_transitions_ = false;
+  Eigen::VectorXf context_;
 
   // Scratch of FitAt().
   Eigen::MatrixXd a_;

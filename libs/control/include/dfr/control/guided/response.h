@@ -23,6 +23,8 @@ struct FeatureTrajectories {
 
   std::vector<core::Matrix> points;
   std::vector<core::Matrix> controls;
+  /// The contexts of TransitionStore; empty: there are none.
+  std::vector<core::Matrix> contexts;
 };
 
 /// Response of features to controls in demonstrations. A value; immutable, copies share the
@@ -47,6 +49,9 @@ class Response {
   [[nodiscard]] double control_unit() const noexcept { return control_unit_; }
   /// Returns the largest demonstrated |v|.
   [[nodiscard]] double largest_control() const noexcept { return largest_; }
+  /// Returns the demonstrated values of each entry of v, ascending, if they are few (FewValues) and
+  /// at least two; else none.
+  [[nodiscard]] const std::vector<std::vector<double>>& values() const noexcept { return values_; }
   /// Returns true if features move without controls: on held-out demonstrations, a drift explains
   /// at least 40 % of the variance unexplained by controls. Otherwise the estimate is more accurate
   /// without.
@@ -58,6 +63,7 @@ class Response {
   std::shared_ptr<const TransitionStore> prior_;
   double control_unit_ = 1.0;
   double largest_ = 0.0;
+  std::vector<std::vector<double>> values_;
   bool has_drift_ = false;
 };
 

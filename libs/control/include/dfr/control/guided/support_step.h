@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <span>
+#include <vector>
 
 #include "dfr/control/guided/local_fit.h"
 #include "dfr/core/decision_function.h"
@@ -40,11 +41,19 @@ struct StepTarget {
 struct StepLimits {
   Eigen::VectorXd control = {};  ///< |v_i| is at most entry i; empty: no limit.
   int iterations = 6;            ///< Maximum number of gradients of l per call, >= 0.
+  /// Response::values(); empty: every entry has many values. A step changes only these entries.
+  std::vector<std::vector<double>> values = {};
 
   /// Clamps `v` to `control`.
   void Limit(Eigen::VectorXd& v) const noexcept {
     if (control.size() > 0) v = v.cwiseMax(-control).cwiseMin(control);
   }
+  /// Returns true if entry `k` has few values.
+  [[nodiscard]] bool HasFewValues(Eigen::Index k) const noexcept {
+    return !values.empty() && !values[static_cast<std::size_t>(k)].empty();
+  }
+  /// Moves each entry with few values to the nearest one.
+  void Snap(Eigen::VectorXd& v) const noexcept;
 };
 
 /// Returns limits of v = u / `unit` from limits of u: one for all `dim` entries, or one each.
@@ -58,7 +67,7 @@ struct StepLimits {
 ///   l(z + J (v + s d)) >= l(z + J v) + s |d|^2 - s^2 c |J d|^2,
 /// whose maximum is at s = |d|^2 / (2 c |J d|^2). A step ends there, or where the bound reaches the
 /// level. Changes `v` in place and returns its predicted level, which is never less than that of
-/// the given `v`.
+/// the given `v`. Entries with few values stay as they are.
 ///
 /// A pure function. If `v` is within the limits, the result is too. Neither allocates nor throws.
 /// Supports at most kMaxStepEntries features and control entries.

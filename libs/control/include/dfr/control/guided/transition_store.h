@@ -37,9 +37,11 @@ class TransitionStore {
 
   /// @param features  one matrix (T_i + 1 x n) per demonstration. @param controls  one matrix (T_i
   /// x m) per demonstration, in units of us. Transitions with a zero control are ignored.
+  /// @param contexts  one matrix (T_i x k, or with more rows) per demonstration: what a control
+  /// depends on beside z, in units of which 1 matters. Empty: k is 0.
   /// @throws std::invalid_argument if shapes do not match or an option is out of range.
   TransitionStore(std::span<const core::Matrix> features, std::span<const core::Matrix> controls,
-                  const ResponseOptions& options);
+                  const ResponseOptions& options, std::span<const core::Matrix> contexts = {});
 
   /// Appends this object to a file.
   void Save(core::ArchiveWriter& archive) const;
@@ -48,6 +50,7 @@ class TransitionStore {
 
   [[nodiscard]] int feature_dim() const noexcept { return feature_dim_; }
   [[nodiscard]] int control_dim() const noexcept { return control_dim_; }
+  [[nodiscard]] int context_dim() const noexcept { return static_cast<int>(contexts_.cols()); }
   [[nodiscard]] const ResponseOptions& options() const noexcept { return options_; }
 
   /// Sums over the transitions near a time step and a state z, with r = [z_i - z; 1; v_i; dz_i] and
@@ -76,8 +79,10 @@ class TransitionStore {
   bool SumControls(int t, std::span<const double> z, Workspace& workspace) const noexcept;
   /// Computes the sums of [z_i - z; 1]. Call it after SumControls().
   void SumStates(Workspace& workspace) const noexcept;
-  /// Same as above over the nearest transitions only, without normalization of the weights.
-  void SumNearStates(Workspace& workspace) const noexcept;
+  /// Same as above over the nearest transitions only, without normalization of the weights. Their
+  /// distance includes that of their context c_i to `context` (context_dim() entries): weights are
+  /// exp(-kBandwidth |z_i - z|^2 / n - |c_i - c|^2).
+  void SumNearStates(Workspace& workspace, const Eigen::VectorXf& context) const noexcept;
 
  private:
   TransitionStore() = default;
@@ -93,8 +98,9 @@ class TransitionStore {
   ResponseOptions options_;
   int feature_dim_ = 0;
   int control_dim_ = 0;
-  std::vector<int> begin_;  ///< First row of time step t; one more entry at the end.
-  int largest_ = 0;         ///< Maximum number of transitions in Near().
+  std::vector<int> begin_;    ///< First row of time step t; one more entry at the end.
+  Eigen::MatrixXf contexts_;  ///< One row per transition.
+  int largest_ = 0;           ///< Maximum number of transitions in Near().
   /// [z, 1, v, dz] of each transition in order of time, padded with zeros. In float, because sums
   /// over transitions take most of the time.
   Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> transitions_;
