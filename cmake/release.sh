@@ -66,7 +66,7 @@ cmd_release() {
   export SOURCE_DATE_EPOCH LC_ALL=C.UTF-8 TZ=UTC
   export CFLAGS="-ffile-prefix-map=$work/= ${CFLAGS:-}" CXXFLAGS="-ffile-prefix-map=$work/= ${CXXFLAGS:-}"
   if [[ " $* " = *" packages "* ]]; then
-    (cd "$work/$name" && ./dev --no-install package)
+    (cd "$work/$name" && ./dev --no-install -j"$jobs" package)
     cp "$work/$name"/build/packages/*.deb "$out"
   fi
   if [[ " $* " = *" wheels "* ]]; then
