@@ -40,8 +40,8 @@ class ReleaseTest(unittest.TestCase):
             git(self.clone, "tag", "--delete", tag)
         shutil.rmtree(self.clone / "build", ignore_errors=True)
 
-    def release(self, *arguments, status=0):
-        command = [self.clone / "dev", "--no-install", "release", *arguments]
+    def release(self, *arguments, status=0, options=()):
+        command = [self.clone / "dev", "--no-install", *options, "release", *arguments]
         done = subprocess.run(command, capture_output=True, text=True)
         self.assertEqual(done.returncode, status, done.stderr)
         return done.stderr
@@ -63,6 +63,16 @@ class ReleaseTest(unittest.TestCase):
             self.assertEqual({member.mtime for member in tarball}, {int(git(self.clone, "log", "-1", "--format=%ct"))})
             commit = tarball.extractfile(f"dfr-{self.version}/cmake/commit.txt").read().decode().strip()
         self.assertEqual(commit, self.start)
+
+    def test_packages_are_built_from_the_tarball_with_the_jobs_of_the_command(self):
+        with (self.clone / "cmake/release.sh").open("a") as script:  # in place of a build of minutes
+            script.write('need() { :; }\n'
+                         'cmd_package() { mkdir -p build/packages && echo "$PWD $jobs" >build/packages/a.deb; }\n')
+        git(self.clone, "commit", "--quiet", "--all", "--message", "Replace the packages")
+        self.release("--dry-run", "packages", options=["-j7"])
+        self.assertEqual((self.artefacts / "a.deb").read_text(),
+                         f"{self.clone}/build/release-work/dfr-{self.version} 7\n")
+        self.assertIn("a.deb\n", (self.artefacts / "SHA256SUMS").read_text())
 
     def test_notes_are_the_versions_part_of_the_changelog(self):
         changes = self.clone / "CHANGELOG.md"
