@@ -131,6 +131,16 @@ function(dfr_add_app_library target)
   dfr_use_precompiled(${target} program)
 endfunction()
 
+# dfr_install_completions(program component): what completes the program's arguments in bash, fish and zsh.
+function(dfr_install_completions program component)
+  install(FILES ${PROJECT_SOURCE_DIR}/cmake/completion.bash RENAME ${program}
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions COMPONENT ${component})
+  install(FILES ${PROJECT_SOURCE_DIR}/cmake/completion.fish RENAME ${program}.fish
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/fish/vendor_completions.d COMPONENT ${component})
+  install(FILES ${PROJECT_SOURCE_DIR}/cmake/completion.zsh RENAME _${program}
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/vendor-completions COMPONENT ${component})
+endfunction()
+
 # dfr_add_app(pusher SOURCES ... LINK ...) makes bin/pusher, its manual page and its completion in bash, fish
 # and zsh.
 function(dfr_add_app name)
@@ -151,12 +161,7 @@ function(dfr_add_app name)
     dfr_build_with_tier(system ${name}_manual)
   endif()
   install(FILES ${manual} DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 COMPONENT ${name})
-  install(FILES ${PROJECT_SOURCE_DIR}/cmake/completion.bash RENAME ${name}
-    DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions COMPONENT ${name})
-  install(FILES ${PROJECT_SOURCE_DIR}/cmake/completion.fish RENAME ${name}.fish
-    DESTINATION ${CMAKE_INSTALL_DATADIR}/fish/vendor_completions.d COMPONENT ${name})
-  install(FILES ${PROJECT_SOURCE_DIR}/cmake/completion.zsh RENAME _${name}
-    DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/vendor-completions COMPONENT ${name})
+  dfr_install_completions(${name} ${name})
   set_property(GLOBAL APPEND PROPERTY DFR_APPS ${name})
 endfunction()
 

@@ -1,4 +1,4 @@
-#compdef dvrk_simulator guard hardware line_tracking pusher study
+#compdef dfr-cluster dvrk_simulator guard hardware line_tracking pusher study video_frames
 # Completion in zsh for each program of dfr, installed as _PROGRAM. The candidates are what the
 # program's own --help lists.
 _dfr_complete() {

@@ -207,11 +207,15 @@ class PackagesTest(unittest.TestCase):
     def test_programs_and_the_module_run(self):
         for program in self.root.glob("usr/bin/*"):
             self.assertIn("sage", run(program, "--help"))
-            self.assertTrue((self.root / "usr/share/man/man1" / f"{program.name}.1").is_file(), program.name)
+            page = (self.root / "usr/share/man/man1" / f"{program.name}.1").read_text()
+            self.assertRegex(page, rf"\n\.SH NAME\n{program.name} \\- [A-Z]")
+            self.assertIn("\n.SH OPTIONS\n", page)
             for completion in (f"bash-completion/completions/{program.name}",
                                f"fish/vendor_completions.d/{program.name}.fish",
                                f"zsh/vendor-completions/_{program.name}"):
                 self.assertTrue((self.root / "usr/share" / completion).is_file(), completion)
+            zsh = (self.root / f"usr/share/zsh/vendor-completions/_{program.name}").read_text()
+            self.assertIn(program.name, zsh.splitlines()[0].split())  # "#compdef NAME ..."
         built = {info["Package"] for info in self.info.values()}
         if "dfr-planar-page" in built:
             self.assertTrue((self.root / "usr/share/dfr/planar.html").is_file())
