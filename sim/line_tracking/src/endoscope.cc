@@ -4,9 +4,10 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <memory>
+#include <mutex>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
-#include <utility>
 #include <vector>
 
 #include "dfr/core/contract.h"
@@ -29,18 +30,17 @@ struct Endoscope::Tables {
   cv::Mat source_fraction;   // and the fraction in 32nds of a pixel
 };
 
-Endoscope::Endoscope(const vision::CameraModel& camera) : camera_(camera) {
-  camera_.Check();
+std::shared_ptr<const Endoscope::Tables> Endoscope::MakeTables(const vision::CameraModel& camera) {
   auto tables = std::make_shared<Tables>();
-  const auto width = static_cast<std::size_t>(camera_.width);
-  const std::size_t pixels = width * static_cast<std::size_t>(camera_.height);
+  const auto width = static_cast<std::size_t>(camera.width);
+  const std::size_t pixels = width * static_cast<std::size_t>(camera.height);
   tables->u.reserve(pixels);
   tables->v.reserve(pixels);
   double farthest_u = 0.0;
   double farthest_v = 0.0;
-  for (int y = 0; y < camera_.height; ++y) {
-    for (int x = 0; x < camera_.width; ++x) {
-      const Eigen::Vector2d ray = camera_.ToNormalized({x, y});
+  for (int y = 0; y < camera.height; ++y) {
+    for (int x = 0; x < camera.width; ++x) {
+      const Eigen::Vector2d ray = camera.ToNormalized({x, y});
       DFR_THROW_UNLESS(ray.allFinite(),
                        "endoscope: the lens distortion folds over at pixel " << x << ", " << y);
       tables->u.push_back(static_cast<float>(ray.x()));
@@ -51,14 +51,14 @@ Endoscope::Endoscope(const vision::CameraModel& camera) : camera_(camera) {
   }
   // Focal length of the pinhole camera in pixels: the largest for which all rays stay within the
   // pixel centres.
-  const double center_x = 0.5 * (camera_.width - 1);
-  const double center_y = 0.5 * (camera_.height - 1);
+  const double center_x = 0.5 * (camera.width - 1);
+  const double center_y = 0.5 * (camera.height - 1);
   const double focal = std::min(center_x / farthest_u, center_y / farthest_v);
-  tables->fovy_rad = 2.0 * std::atan(0.5 * camera_.height / focal);
-  cv::Mat map_x(camera_.height, camera_.width, CV_32F);
-  cv::Mat map_y(camera_.height, camera_.width, CV_32F);
-  for (int y = 0; y < camera_.height; ++y) {
-    for (int x = 0; x < camera_.width; ++x) {
+  tables->fovy_rad = 2.0 * std::atan(0.5 * camera.height / focal);
+  cv::Mat map_x(camera.height, camera.width, CV_32F);
+  cv::Mat map_y(camera.height, camera.width, CV_32F);
+  for (int y = 0; y < camera.height; ++y) {
+    for (int x = 0; x < camera.width; ++x) {
       const std::size_t i = static_cast<std::size_t>(y) * width + static_cast<std::size_t>(x);
       map_x.at<float>(y, x) = static_cast<float>(center_x + focal * tables->u[i]);
       // The bottom row is first.
@@ -69,7 +69,22 @@ Endoscope::Endoscope(const vision::CameraModel& camera) : camera_(camera) {
   core::Random random(640480);
   tables->noise.resize(static_cast<std::size_t>(kNoiseEntries) + width);
   for (float& value : tables->noise) value = static_cast<float>(random.Normal());
-  tables_ = std::move(tables);
+  return tables;
+}
+
+Endoscope::Endoscope(const vision::CameraModel& camera) : camera_(camera) {
+  camera_.Check();
+  // A process makes many plants with the same camera. Its tables take longer than the rest of a
+  // plant.
+  static std::mutex mutex;
+  static vision::CameraModel last;
+  static std::shared_ptr<const Tables> tables_of_last;
+  const std::scoped_lock lock(mutex);
+  if (tables_of_last == nullptr || !(last == camera_)) {
+    tables_of_last = MakeTables(camera_);
+    last = camera_;
+  }
+  tables_ = tables_of_last;
 }
 
 double Endoscope::pinhole_fovy_rad() const noexcept { return tables_->fovy_rad; }

@@ -52,6 +52,8 @@ class Endoscope {
 
  private:
   struct Tables;
+  [[nodiscard]] static std::shared_ptr<const Tables> MakeTables(const vision::CameraModel& camera);
+
   vision::CameraModel camera_;
   std::shared_ptr<const Tables> tables_;
 };
