@@ -14,9 +14,12 @@
 
 namespace dfr::kernel::test {
 
-// Sum over the rows p of `vectors` of alpha exp(-gamma |x - p|^2), for each sample x.
-inline Eigen::VectorXd Gradients(const core::Matrix& samples, const core::Matrix& vectors,
-                                 const Eigen::VectorXd& alpha, double gamma) {
+// Sum over the rows p of `vectors` of alpha exp(-gamma |x - p|^2), for each sample x. Without
+// "flatten" each operation of the exponential is a call when compiled with -Og: half the time of
+// all tests here.
+[[gnu::flatten]] inline Eigen::VectorXd Gradients(const core::Matrix& samples,
+                                                  const core::Matrix& vectors,
+                                                  const Eigen::VectorXd& alpha, double gamma) {
   const Eigen::ArrayXXd columns = vectors.array();
   Eigen::ArrayXd squared(vectors.rows());
   Eigen::VectorXd gradients(samples.rows());
