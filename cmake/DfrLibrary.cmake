@@ -38,8 +38,8 @@ if(DFR_FUZZ)
   target_compile_options(dfr_build_flags INTERFACE -fsanitize=fuzzer-no-link)
 endif()
 
-# Headers that most sources include, parsed once for each kind of target: libraries, programs without and
-# with a command line, tests.
+# Headers that most sources include, parsed once for each kind of target: libraries, those of them that need no
+# speed (offline), programs without and with a command line, tests.
 # A header that a source forgets to include shows in builds without DFR_PRECOMPILE, sanitized ones
 # among them.
 if(DFR_PRECOMPILE)
@@ -50,6 +50,9 @@ if(DFR_QUICK)
   set(DFR_OPTIONS_OF_program -Og)
   set(DFR_OPTIONS_OF_command_line -Og)
   set(DFR_OPTIONS_OF_test -Og)
+elseif(DFR_QUICK_OFFLINE)
+  set(DFR_OPTIONS_OF_offline -Og)
+  set(DFR_OPTIONS_OF_command_line -Og)
 endif()
 function(dfr_add_precompiled name)
   if(NOT DFR_PRECOMPILE)
@@ -65,11 +68,18 @@ function(dfr_add_precompiled name)
     <map> <memory> <optional> <random> <set> <span> <sstream> <stdexcept> <string> <string_view> <utility>
     <vector> ${ARGN})
 endfunction()
-dfr_add_precompiled(library)
-if(DFR_PRECOMPILE)
-  set_target_properties(dfr_precompiled_library PROPERTIES POSITION_INDEPENDENT_CODE ON)
+foreach(kind IN ITEMS library offline)
+  # What is compiled with the options of libraries shares their headers.
+  if(kind STREQUAL library OR DFR_OPTIONS_OF_${kind})
+    dfr_add_precompiled(${kind})
+    if(DFR_PRECOMPILE)
+      set_target_properties(dfr_precompiled_${kind} PROPERTIES POSITION_INDEPENDENT_CODE ON)
+    endif()
+  endif()
+endforeach()
+if(DFR_OPTIONS_OF_program)
+  dfr_add_precompiled(program)
 endif()
-dfr_add_precompiled(program)
 # CLI11's header costs the compiler 3 s in each source, even in one that only includes it.
 find_package(CLI11 QUIET)
 if(CLI11_FOUND)
@@ -81,20 +91,25 @@ else()
   dfr_add_precompiled(command_line)
 endif()
 
-# dfr_use_precompiled(target library|program|command_line|test)
+# dfr_use_precompiled(target library|offline|program|command_line|test)
 function(dfr_use_precompiled target kind)
   target_compile_options(${target} PRIVATE ${DFR_OPTIONS_OF_${kind}})
   if(DFR_PRECOMPILE)
+    if(NOT TARGET dfr_precompiled_${kind})
+      set(kind library)
+      set_target_properties(${target} PROPERTIES POSITION_INDEPENDENT_CODE ON)
+    endif()
     target_precompile_headers(${target} REUSE_FROM dfr_precompiled_${kind})
   endif()
 endfunction()
 
-# dfr_add_library(kernel SOURCES ... [PUBLIC ...] [PRIVATE ...])
-# makes dfr_kernel, its alias dfr::kernel, the install component and export set "kernel", and
+# dfr_add_library(kernel SOURCES ... [PUBLIC ...] [PRIVATE ...] [OFFLINE])
+# OFFLINE is for a library of files and reports, which no control loop and no fit waits for.
+# It makes dfr_kernel, its alias dfr::kernel, the install component and export set "kernel", and
 # dfr-kernel.pc.
 # Public headers are in include/ beside the CMakeLists.txt.
 function(dfr_add_library name)
-  cmake_parse_arguments(PARSE_ARGV 1 arg "" "" "SOURCES;PUBLIC;PRIVATE")
+  cmake_parse_arguments(PARSE_ARGV 1 arg "OFFLINE" "" "SOURCES;PUBLIC;PRIVATE")
   set(target dfr_${name})
   add_library(${target} STATIC ${arg_SOURCES})
   add_library(dfr::${name} ALIAS ${target})
@@ -106,7 +121,11 @@ function(dfr_add_library name)
     $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
   target_link_libraries(${target} PUBLIC ${arg_PUBLIC} PRIVATE ${arg_PRIVATE}
     $<BUILD_INTERFACE:dfr_build_flags>)
-  dfr_use_precompiled(${target} library)
+  if(arg_OFFLINE)
+    dfr_use_precompiled(${target} offline)
+  else()
+    dfr_use_precompiled(${target} library)
+  endif()
   if(DFR_COVERAGE)
     target_compile_options(${target} PRIVATE --coverage -fprofile-update=atomic)
     target_link_options(${target} INTERFACE $<BUILD_INTERFACE:--coverage>)
