@@ -5,7 +5,10 @@
 #include <span>
 #include <stdexcept>
 
+#include "dfr/core/feature_transform.h"
+#include "dfr/core/linear_algebra.h"
 #include "dfr/imitation/demonstrations.h"
+#include "dfr/kernel/whitened_support.h"
 #include "dfr/safety/guard.h"
 
 namespace dfr::apps::guard {
@@ -21,6 +24,7 @@ void Drivers::Add(const core::Matrix& states, const std::vector<int>& steps) {
                                                    core::Row(states, i), gradient);
     if (std::isfinite(l)) sums_ += core::AsVector(std::span<const double>(gradient)).cwiseAbs();
   }
+  states_.push_back(states);
 }
 
 std::vector<std::pair<double, int>> Drivers::Ranked() const {
@@ -63,9 +67,50 @@ Eigen::VectorXd Drivers::Spread() const {
   return (scatter / count).cwiseSqrt();
 }
 
+Strays::Strays(const safety::GuardModel& model)
+    : model_(&model), features_(static_cast<std::size_t>(model.num_steps())) {}
+
+void Strays::Add(const core::Matrix& states, const std::vector<int>& steps) {
+  const core::Matrix points = model_->task().features().Apply(states);
+  for (Eigen::Index i = 0; i < points.rows(); ++i) {
+    if (!points.row(i).allFinite()) continue;
+    const int t = std::clamp(steps[static_cast<std::size_t>(i)], 0, model_->num_steps() - 1);
+    features_[static_cast<std::size_t>(t)].emplace_back(points.row(i).transpose());
+  }
+}
+
+std::map<std::string, std::vector<double>> Strays::Distances() const {
+  const core::FeatureTransform& transform = model_->task().features();
+  const kernel::WhitenedSupport& support = model_->task().feature_support();
+  const std::vector<int>& entries = transform.selection().indices();
+  std::map<std::string, std::vector<Eigen::Index>> columns;
+  for (const auto& block : model_->task_layout().blocks) {
+    for (std::size_t k = 0; k < entries.size(); ++k) {
+      if (entries[k] < block.offset || entries[k] >= block.offset + block.size) continue;
+      columns[block.name].push_back(static_cast<Eigen::Index>(k));
+    }
+  }
+  std::map<std::string, std::vector<double>> distances;
+  for (int t = 0; t < support.num_steps(); ++t) {
+    const auto& points = features_[static_cast<std::size_t>(t)];
+    if (points.empty()) continue;
+    const core::Matrix& vectors = support.estimate(t).support_vectors();
+    // As in safety::Clearances(), from whitened features back to the units of the state.
+    const Eigen::MatrixXd inverse = core::PseudoInverse(support.map(t) * transform.scale());
+    for (const Eigen::VectorXd& z : points) {
+      const Eigen::VectorXd y = support.map(t) * z;
+      Eigen::Index nearest = 0;
+      (vectors.rowwise() - y.transpose()).rowwise().squaredNorm().minCoeff(&nearest);
+      const Eigen::VectorXd apart = inverse * (y - vectors.row(nearest).transpose());
+      for (const auto& [block, own] : columns) distances[block].push_back(apart(own).norm());
+    }
+  }
+  return distances;
+}
+
 std::vector<ReplayedEpisode> Replay(const std::shared_ptr<const safety::GuardModel>& shared,
                                     const std::filesystem::path& path,
-                                    const std::string& filter_key, Drivers* drivers) {
+                                    const std::string& filter_key, const SeeStates& see) {
   const safety::GuardModel& model = *shared;
   const auto reader =
       imitation::OpenDemonstrations(path, filter_key, imitation::PictureRequests(model.layout()));
@@ -79,11 +124,7 @@ std::vector<ReplayedEpisode> Replay(const std::shared_ptr<const safety::GuardMod
     ReplayedEpisode episode{.name = reader->name(i), .levels = {}};
     std::vector<int> steps;
     episode.levels = model.Levels(trajectory.states, &steps);
-    if (drivers != nullptr) {
-      const core::Matrix states = model.TaskStates(trajectory.states);
-      drivers->Add(states, steps);
-      drivers->AddSpread(states);
-    }
+    if (see) see(model.TaskStates(trajectory.states), steps);
     for (Eigen::Index t = 0; CanCertify(model) && t < trajectory.controls.rows(); ++t) {
       episode.passing +=
           model.Certify(steps[static_cast<std::size_t>(t)], core::Row(trajectory.states, t),

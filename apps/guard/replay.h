@@ -2,6 +2,8 @@
 
 #include <Eigen/Core>
 #include <filesystem>
+#include <functional>
+#include <map>
 #include <memory>
 #include <string>
 #include <utility>
@@ -35,7 +37,6 @@ class Drivers {
       : model_(&model), sums_(Eigen::VectorXd::Zero(model.task_layout().state_dim())) {}
 
   void Add(const core::Matrix& states, const std::vector<int>& steps);
-  void AddSpread(const core::Matrix& states) { states_.push_back(states); }
 
   /// Shares, largest first.
   [[nodiscard]] std::vector<std::pair<double, int>> Ranked() const;
@@ -48,11 +49,33 @@ class Drivers {
   std::vector<core::Matrix> states_;
 };
 
+/// How far states are from those demonstrated states that a guard keeps, its support vectors. Of a
+/// state that raises no alarm, none of these distances exceeds safety::Clearances().
+class Strays {
+ public:
+  explicit Strays(const safety::GuardModel& model);
+
+  /// Adds states of model.task_layout(), one a row, at these time steps of the support. Those with
+  /// an entry that is not finite have no distance.
+  void Add(const core::Matrix& states, const std::vector<int>& steps);
+
+  /// Returns, for each block that features use, the distance of each state in this block and its
+  /// unit, from the support vector that is nearest in whitened features.
+  [[nodiscard]] std::map<std::string, std::vector<double>> Distances() const;
+
+ private:
+  const safety::GuardModel* model_;
+  std::vector<std::vector<Eigen::VectorXd>> features_;  // [time step]
+};
+
+/// Gets the states of an episode, of model.task_layout(), and their time steps of the support.
+using SeeStates = std::function<void(const core::Matrix& states, const std::vector<int>& steps)>;
+
 /// Follows each episode of a file, without applying the guard's actions.
-/// @param drivers  gets the states; nullptr: none does.
+/// @param see  is called for each episode; may be empty.
 /// @throws std::runtime_error naming the file if its states differ from the guard's or it has none.
 std::vector<ReplayedEpisode> Replay(const std::shared_ptr<const safety::GuardModel>& shared,
                                     const std::filesystem::path& path,
-                                    const std::string& filter_key, Drivers* drivers);
+                                    const std::string& filter_key, const SeeStates& see);
 
 }  // namespace dfr::apps::guard

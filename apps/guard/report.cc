@@ -276,7 +276,7 @@ experiment::ReportTable CertificateTable(const safety::GuardModel& model,
       .header = {"Assumption", "Value", "Source"},
       .rows = {
           {"no state with l >= -eta meets a constraint", core::Format("eta = %.3g", level),
-           "assumed; eta is the alarm level"},
+           "assumed; eta is the alarm level; holds if demonstrations kept the clearance below"},
           {"|dz - J u| <= eps |u|", core::Format("eps = %.3g", model.settings().direction_error),
            core::Format("measured at each action; %.3g in demonstrations, ",
                         summary.direction_error.value) +
@@ -284,11 +284,37 @@ experiment::ReportTable CertificateTable(const safety::GuardModel& model,
           {"features are exact, and show the constraints", "-", "assumed"},
           {"the issued action was applied, and nothing else moves", "-",
            "assumed; one call for each state is checked"}}};
+  return table;
+}
+
+// Table of the distances from obstacles that demonstrations must have kept, beside those that the
+// states of these episodes used.
+experiment::ReportTable ClearanceTable(const safety::GuardModel& model, const Strays& strays) {
+  experiment::ReportTable table{
+      .heading = "Clearance",
+      .caption =
+          "A state that raises no alarm is at most Required away from a demonstrated one, in every "
+          "block at once and in the block's unit: the largest value over time steps, and its "
+          "median. "
+          "It meets no obstacle if the demonstrations kept more than Required from all of them. "
+          "The "
+          "guard does not know the obstacles. Compare Required with the smallest distance in the "
+          "recordings between an obstacle and the point that the block measures, less the size of "
+          "the body around that point. If the obstacle's position is a block, too, compare with "
+          "the "
+          "sum of both rows. Strayed: how far the states of these demonstrations are from the "
+          "demonstrated ones that the guard keeps. Only states with an alarm exceed Required.",
+      .header = {"Block", "Required", "Step", "Median", "Strayed", "Median strayed"},
+      .rows = {}};
+  auto distances = strays.Distances();
   for (const safety::Clearance& clearance : safety::Clearances(model)) {
+    const auto found = distances.find(clearance.block);
+    const bool known = found != distances.end();
     table.rows.push_back(
-        {"demonstrations kept a distance in " + clearance.block,
-         core::Format("%.3g (median %.3g)", clearance.largest, clearance.median),
-         core::Format("suffices for the first row; largest at step %d", clearance.step)});
+        {clearance.block, core::Format("%.3g", clearance.largest), std::to_string(clearance.step),
+         core::Format("%.3g", clearance.median),
+         known ? core::Format("%.3g", *std::ranges::max_element(found->second)) : "-",
+         known ? core::Format("%.3g", core::Median(found->second)) : "-"});
   }
   return table;
 }
@@ -313,8 +339,13 @@ void RunReport(const ReportOptions& options) {
   const auto model = safety::GuardModel::Load(options.guard);
   const double alarm_level = model->settings().alarm_level;
   Drivers drivers(*model);
+  Strays strays(*model);
   const std::vector<Episode> episodes =
-      Replay(model, options.demonstrations, options.filter_key, &drivers);
+      Replay(model, options.demonstrations, options.filter_key,
+             [&](const core::Matrix& states, const std::vector<int>& steps) {
+               drivers.Add(states, steps);
+               strays.Add(states, steps);
+             });
   std::vector<Episode> failures;
   if (!options.failures.empty()) failures = Replay(model, options.failures, "", nullptr);
 
@@ -330,6 +361,7 @@ void RunReport(const ReportOptions& options) {
       .plots = {LevelPlot("Demonstrations", episodes, alarm_level)}};
   page.tables.push_back(FeatureTable(*model, drivers));
   if (CanCertify(*model)) page.tables.push_back(CertificateTable(*model, episodes));
+  page.tables.push_back(ClearanceTable(*model, strays));
   if (!failures.empty()) {
     page.introduction += FailureNote(failures);
     levels.plots.push_back(LevelPlot("Failures", failures, alarm_level));

@@ -82,6 +82,36 @@ class GuardAppTest(GuardProgramTest):
         self.assertNotIn("clock", page)
         self.assertNotRegex(page, "https?://")
 
+    def test_the_report_tells_the_clearance_that_demonstrations_must_have_kept(self):
+        shown = self.fit("clear.guard")
+        moved = episodes(2, 20)
+        for observations, _ in moved:
+            observations["object"] += (3.0, 4.0)
+        write_robomimic(self.folder / "moved.hdf5", moved)
+
+        def rows(demonstrations):
+            self.run_guard("report", "clear.guard", demonstrations, "-o", "clear.html")
+            page = (self.folder / "clear.html").read_text()
+            table = re.search(r"Clearance</h2>.*?</table>", page, re.S).group()
+            found = [re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row) for row in re.findall(r"<tr>(.*?)</tr>", table, re.S)]
+            self.assertEqual(found[0], ["Block", "Required", "Step", "Median", "Strayed", "Median strayed"])
+            return {row[0]: row[1:] for row in found[1:]}, re.search(r"with an alarm: (\d+) of", page).group(1)
+
+        own, alarms = rows("demos.hdf5")
+        self.assertEqual((set(own), alarms), ({"object", "tip"}, "0"))
+        for block, (required, step, median, strayed, middle) in own.items():
+            self.assertRegex(shown, rf"clearance +{block}: .* within {required} in it \(step {step}; median {median}\)")
+            # No state of these raises an alarm.
+            self.assertLess(0.0, float(strayed))
+            self.assertLessEqual(float(middle), float(strayed))
+            self.assertLessEqual(float(strayed), float(required))
+        # Objects are within .6 of one another, in the unit of the file, and these are 5 away.
+        away, alarms = rows("moved.hdf5")
+        self.assertEqual(alarms, "20")
+        for distance in away["object"][3:]:
+            self.assertAlmostEqual(float(distance), 5.0, delta=0.6)
+        self.assertGreater(float(away["object"][3]), float(away["object"][0]))
+
     def test_a_strict_fit_fails_where_something_speaks_against_the_guard(self):
         out = self.run_guard("fit", "demos.hdf5", "--gamma", "100", "--accept-any", "-o", "narrow.guard")
         self.assertRegex(out, "warning .*of the states of left-out demonstrations are inside")
