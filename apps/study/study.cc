@@ -1,13 +1,16 @@
 #include "apps/study/study.h"
 
 #include <algorithm>
+#include <array>
 #include <map>
 #include <memory>
+#include <string_view>
 #include <utility>
 
 #include "apps/study/imitator.h"
 #include "apps/study/runner.h"
 #include "apps/study/tables.h"
+#include "dfr/control/controller.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/ledger.h"
@@ -169,6 +172,11 @@ void AddUnit(const experiment::UnitResult& unit, std::size_t alone, std::size_t 
     trial.halted += completed || collided ? 0 : 1;
     trial.saved += without == Outcome::kCollided && !collided ? 1 : 0;
     trial.harmed += without == Outcome::kCompleted && !completed ? 1 : 0;
+    const bool intervened = Intervened(episode);
+    trial.intervened += intervened ? 1 : 0;
+    trial.intervened_completed += intervened && completed ? 1 : 0;
+    trial.left_alone += intervened ? 0 : 1;
+    trial.left_alone_completed += !intervened && completed ? 1 : 0;
     trial.controls += episode.controls;
     trial.changed += episode.changed_controls;
     row.saved_completed += without == Outcome::kCollided && completed ? 1 : 0;
@@ -181,6 +189,8 @@ void AddUnit(const experiment::UnitResult& unit, std::size_t alone, std::size_t 
   row.collided += trial.collided;
   row.saved += trial.saved;
   row.harmed += trial.harmed;
+  row.intervened += trial.intervened;
+  row.intervened_completed += trial.intervened_completed;
   row.controls += trial.controls;
   row.changed += trial.changed;
   const auto alarms = [&](Outcome outcome) {
@@ -233,6 +243,22 @@ const std::vector<std::string>& GuardNames() {
       Name(Strategy::kMonitor), Name(Strategy::kEarlyStopping), Name(Strategy::kDfr),
       Name(Strategy::kGuard),   Name(Strategy::kController),    Name(Strategy::kCertified)};
   return names;
+}
+
+bool Intervened(const experiment::EpisodeResult& episode) {
+  using control::HaltCause;
+  if (episode.changed_controls > 0) return true;
+  // What a halt left to the world may collide: "after <cause>".
+  constexpr std::string_view kAfter = "after ";
+  std::string_view cause = episode.cause;
+  if (cause.starts_with(kAfter)) {
+    cause.remove_prefix(kAfter.size());
+  } else if (episode.outcome != core::Outcome::kHalted) {
+    return false;
+  }
+  return std::ranges::none_of(std::array{HaltCause::kTimeUp, HaltCause::kControlLimit,
+                                         HaltCause::kPlantRefused, HaltCause::kPlantFault},
+                              [cause](HaltCause other) { return cause == control::Name(other); });
 }
 
 std::vector<Row> RunStudy(const Study& study) {

@@ -56,10 +56,19 @@ struct TrialCounts {
   int halted = 0;
   int saved = 0;
   int harmed = 0;
-  double controls = 0.0;  ///< In all episodes.
-  double changed = 0.0;   ///< Controls that differ from the policy's.
+  int intervened = 0;            ///< Episodes that Intervened() accepts,
+  int intervened_completed = 0;  ///< those of them that complete,
+  int left_alone = 0;            ///< all other episodes,
+  int left_alone_completed = 0;  ///< and those of them that complete.
+  double controls = 0.0;         ///< In all episodes.
+  double changed = 0.0;          ///< Controls that differ from the policy's.
   bool operator==(const TrialCounts&) const = default;
 };
+
+/// Returns true if the method changed a control of the episode at least once, or halted it for
+/// another reason than the end of its time, a limit of its controls or the plant. The policy's
+/// action is not applied then.
+[[nodiscard]] bool Intervened(const experiment::EpisodeResult& episode);
 
 /// One method around one policy, in one task under one condition, over all trials.
 struct Row {
@@ -72,7 +81,9 @@ struct Row {
   int collided = 0;  ///< Includes collisions of a world that moves on after a halt.
   int saved = 0;     ///< Start states from which the policy alone collides and this does not,
   int harmed = 0;    ///< from which it completes, and this does not.
-  int saved_completed = 0;           ///< Those of `saved` that this completes.
+  int saved_completed = 0;  ///< Those of `saved` that this completes.
+  int intervened = 0;       ///< As in TrialCounts.
+  int intervened_completed = 0;
   int alarmed_failures = 0;          ///< Those of `collided` with a previous alarm; monitor only.
   int alarmed_successes = 0;         ///< Those of `completed` with an alarm; monitor only.
   double controls = 0.0;             ///< Mean number per episode.

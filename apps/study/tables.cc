@@ -22,6 +22,11 @@ std::string Shown(const std::string& controller) {
   return controller == kAlone ? "alone" : controller;
 }
 
+constexpr const char* kSuccessAfter =
+    " After intervention: the share of completed episodes among those in which the method changed "
+    "a "
+    "control or halted. Without intervention: the share among the other episodes.";
+
 constexpr const char* kChangeUnit =
     "Passed: controls that equal the policy's bit for bit. Change: mean size of the others' "
     "changes, "
@@ -92,9 +97,21 @@ std::string Percent(double share, const std::optional<experiment::Interval>& int
   return text;
 }
 
-std::string Percent(const Totals& totals, int TrialCounts::*count, int digits) {
-  return Percent(static_cast<double>(totals.counts().*count) / totals.episodes(),
-                 totals.IntervalOf(count), digits);
+// The share of `count` among the episodes that `of` counts; "-" if there is none.
+std::string Percent(const Totals& totals, int TrialCounts::*count, int digits,
+                    int TrialCounts::*of = &TrialCounts::episodes) {
+  const int episodes = totals.counts().*of;
+  if (episodes == 0) return "-";
+  return Percent(static_cast<double>(totals.counts().*count) / episodes,
+                 totals.IntervalOf(count, of), digits);
+}
+
+std::string AfterIntervention(const Totals& totals) {
+  return Percent(totals, &TrialCounts::intervened_completed, 1, &TrialCounts::intervened);
+}
+
+std::string WithoutIntervention(const Totals& totals) {
+  return Percent(totals, &TrialCounts::left_alone_completed, 1, &TrialCounts::left_alone);
 }
 
 std::string PassedPercent(const Totals& totals, int digits) {
@@ -158,9 +175,10 @@ experiment::ReportTable MeansTable(const std::vector<Row>& rows,
   table.heading = "Over all tasks and conditions";
   table.caption = std::string("Means in per cent with 95 % intervals ") +
                   ClusterText(Totals(Select(rows, policies[0], controllers[0]))) +
-                  ", and the worst row of each. " + kChangeUnit;
-  table.header = {"policy", "controller", "completed", "collided",        "saved",
-                  "harmed", "passed",     "change",    "most collisions", "most harm"};
+                  ", and the worst row of each. " + kChangeUnit + kSuccessAfter;
+  table.header = {"policy", "controller", "completed",          "collided",
+                  "saved",  "harmed",     "after intervention", "without intervention",
+                  "passed", "change",     "most collisions",    "most harm"};
   for (const std::string& policy : policies) {
     for (const std::string& controller : controllers) {
       const std::vector<Row> selected = Select(rows, policy, controller);
@@ -176,14 +194,16 @@ experiment::ReportTable MeansTable(const std::vector<Row>& rows,
         return core::Format("%.1f %s%s%s", Share(count, row.episodes), row.task.c_str(), kBetween,
                             row.condition.c_str());
       };
-      table.rows.push_back(
-          {policy, Shown(controller), Percent(totals, &TrialCounts::completed, 2),
-           Percent(totals, &TrialCounts::collided, 2), against(&TrialCounts::saved),
-           against(&TrialCounts::harmed), PassedPercent(totals, 1), Number(totals.change(), 2),
-           worst(collides, collides.collided), alone ? "" : worst(harms, harms.harmed)});
+      table.rows.push_back({policy, Shown(controller), Percent(totals, &TrialCounts::completed, 2),
+                            Percent(totals, &TrialCounts::collided, 2),
+                            against(&TrialCounts::saved), against(&TrialCounts::harmed),
+                            alone ? "" : AfterIntervention(totals),
+                            alone ? "" : WithoutIntervention(totals), PassedPercent(totals, 1),
+                            Number(totals.change(), 2), worst(collides, collides.collided),
+                            alone ? "" : worst(harms, harms.harmed)});
       table.commands.push_back({"", "", CommandOf(sum, {"completed"}), CommandOf(sum, {"collided"}),
                                 alone ? "" : SavedCommand(sum), alone ? "" : HarmedCommand(sum), "",
-                                "", CommandOf(collides, {"collided"}),
+                                "", "", "", CommandOf(collides, {"collided"}),
                                 alone ? "" : HarmedCommand(harms)});
     }
   }
@@ -309,10 +329,10 @@ std::vector<experiment::ReportTable> MakeRowTables(const std::vector<Row>& rows,
   experiment::ReportTable table{
       .heading = "Episodes",
       .caption = std::string("In per cent of the episodes, with 95 % intervals ") +
-                 ClusterText(Totals(rows.front())) + ". " + kChangeUnit,
+                 ClusterText(Totals(rows.front())) + ". " + kChangeUnit + kSuccessAfter,
       .header = {"task", "condition", "policy", "method", "ok %", "failed %", "halted %", "saved",
-                 "saved-ok", "harmed", "passed %", "change", "controls", "alarms in fail.",
-                 "false alarms", "controls per recovery"},
+                 "saved-ok", "harmed", "after intervention", "without intervention", "passed %",
+                 "change", "controls", "alarms in fail.", "false alarms", "controls per recovery"},
       .rows = {}};
   experiment::ReportTable why{
       .heading = "Why episodes were not completed",
@@ -334,14 +354,16 @@ std::vector<experiment::ReportTable> MakeRowTables(const std::vector<Row>& rows,
         {row.task, row.condition, row.policy, Shown(row.controller),
          Percent(totals, &TrialCounts::completed, 1), Percent(totals, &TrialCounts::collided, 1),
          Percent(totals, &TrialCounts::halted, 1), share(row.saved), share(row.saved_completed),
-         share(row.harmed), PassedPercent(totals, 1), Number(totals.change(), 2),
-         core::Format("%.1f", row.controls), alarms(row.alarmed_failures, row.collided),
-         alarms(row.alarmed_successes, row.completed), Lengths(row.recoveries)});
+         share(row.harmed), alone ? "" : AfterIntervention(totals),
+         alone ? "" : WithoutIntervention(totals), PassedPercent(totals, 1),
+         Number(totals.change(), 2), core::Format("%.1f", row.controls),
+         alarms(row.alarmed_failures, row.collided), alarms(row.alarmed_successes, row.completed),
+         Lengths(row.recoveries)});
     table.commands.push_back({"", "", "", "", CommandOf(row, {"completed"}),
                               CommandOf(row, {"collided"}), CommandOf(row, {"halted"}),
                               alone ? "" : SavedCommand(row),
                               alone ? "" : CommandOf(row, {"completed"}, {"collided"}),
-                              alone ? "" : HarmedCommand(row), "", "", "", "", "", ""});
+                              alone ? "" : HarmedCommand(row), "", "", "", "", "", "", "", ""});
     for (const auto& [cause, count] : row.causes) {
       why.rows.push_back({row.task, row.condition, row.policy, Shown(row.controller),
                           std::to_string(count), cause});
@@ -395,13 +417,15 @@ experiment::ReportFigure MakeFigure(const std::vector<Row>& rows) {
 void SaveCsv(const std::vector<Row>& rows, const std::filesystem::path& path) {
   std::ofstream out(path);
   out << "task,condition,policy,method,episodes,ok,failed,halted,saved,saved_ok,harmed,"
-         "alarmed_failures,alarmed_successes,controls,changed,change\n";
+         "intervened,ok_after_intervention,alarmed_failures,alarmed_successes,controls,changed,"
+         "change\n";
   for (const Row& row : rows) {
     out << row.task << ',' << row.condition << ',' << row.policy << ',' << Shown(row.controller)
         << ',' << row.episodes << ',' << row.completed << ',' << row.collided << ','
         << row.episodes - row.completed - row.collided << ',' << row.saved << ','
-        << row.saved_completed << ',' << row.harmed << ',' << row.alarmed_failures << ','
-        << row.alarmed_successes << ',' << row.controls << ',' << row.changed << ','
+        << row.saved_completed << ',' << row.harmed << ',' << row.intervened << ','
+        << row.intervened_completed << ',' << row.alarmed_failures << ',' << row.alarmed_successes
+        << ',' << row.controls << ',' << row.changed << ','
         << (row.sized_changes > 0 ? core::Format("%.6g", row.change / row.sized_changes) : "")
         << '\n';
   }

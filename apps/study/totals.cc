@@ -19,6 +19,10 @@ void Add(const TrialCounts& trial, TrialCounts& sum) {
   sum.halted += trial.halted;
   sum.saved += trial.saved;
   sum.harmed += trial.harmed;
+  sum.intervened += trial.intervened;
+  sum.intervened_completed += trial.intervened_completed;
+  sum.left_alone += trial.left_alone;
+  sum.left_alone_completed += trial.left_alone_completed;
   sum.controls += trial.controls;
   sum.changed += trial.changed;
 }
@@ -32,6 +36,10 @@ std::vector<TrialCounts> TrialsOf(const Row& row) {
            .halted = row.episodes - row.completed - row.collided,
            .saved = row.saved,
            .harmed = row.harmed,
+           .intervened = row.intervened,
+           .intervened_completed = row.intervened_completed,
+           .left_alone = row.episodes - row.intervened,
+           .left_alone_completed = row.completed - row.intervened_completed,
            .controls = row.controls * row.episodes,
            .changed = row.changed * row.episodes}};
 }
@@ -69,13 +77,11 @@ const char* Totals::clusters() const noexcept {
   return by_task_ ? "task" : "trial";
 }
 
-experiment::Interval Totals::IntervalOf(int TrialCounts::*count) const {
-  if (clusters_.size() < kFewClusters) {
-    return experiment::ProportionInterval(all_.*count, all_.episodes);
-  }
+experiment::Interval Totals::IntervalOf(int TrialCounts::*count, int TrialCounts::*of) const {
+  if (clusters_.size() < kFewClusters) return experiment::ProportionInterval(all_.*count, all_.*of);
   std::vector<experiment::ClusterCount> counts;
   for (const TrialCounts& cluster : clusters_) {
-    counts.push_back({.successes = cluster.*count, .episodes = cluster.episodes});
+    counts.push_back({.successes = cluster.*count, .episodes = cluster.*of});
   }
   return experiment::ClusteredInterval(counts);
 }

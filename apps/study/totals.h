@@ -37,8 +37,10 @@ class Totals {
   /// Kind of clusters: "task", "trial" or "episode".
   [[nodiscard]] const char* clusters() const noexcept;
 
-  /// 95 % interval of the share of the episodes that `count` counts.
-  [[nodiscard]] experiment::Interval IntervalOf(int TrialCounts::*count) const;
+  /// 95 % interval of the share of the episodes that `count` counts, among those that `of` counts,
+  /// at least one.
+  [[nodiscard]] experiment::Interval IntervalOf(
+      int TrialCounts::*count, int TrialCounts::*of = &TrialCounts::episodes) const;
   /// Share of the controls that equal the policy's bit for bit, averaged over rows and trials, so
   /// that long episodes have no more weight than short ones. Absent without a control.
   [[nodiscard]] std::optional<double> passed() const noexcept;

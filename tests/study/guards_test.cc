@@ -14,6 +14,8 @@
 #include "apps/study/pictures/picture.h"
 #include "apps/study/study.h"
 #include "apps/study/tables.h"
+#include "dfr/core/format.h"
+#include "dfr/experiment/intervals.h"
 #include "tests/support/message_of.h"
 
 namespace dfr::study {
@@ -127,6 +129,8 @@ TEST(RowTableTest, SharesAreOfEpisodesAndAlarmsOfOutcomes) {
                                       .episodes = 200,
                                       .completed = 150,
                                       .collided = 40,
+                                      .intervened = 40,
+                                      .intervened_completed = 10,
                                       .alarmed_failures = 30,
                                       .alarmed_successes = 15,
                                       .controls = 12.5,
@@ -141,11 +145,14 @@ TEST(RowTableTest, SharesAreOfEpisodesAndAlarmsOfOutcomes) {
   EXPECT_THAT(row[4], testing::StartsWith("75.0 ["));
   EXPECT_THAT(row[5], testing::StartsWith("20.0 ["));
   EXPECT_THAT(row[6], testing::StartsWith("5.0 ["));
-  EXPECT_EQ(row[10], "60.0");  // passed
-  EXPECT_EQ(row[11], "0.75");  // the size of changes
-  EXPECT_EQ(row[12], "12.5");
-  EXPECT_THAT(row[13], testing::StartsWith("75.0 ["));
-  EXPECT_THAT(row[14], testing::StartsWith("10.0 ["));
+  // Wilson's intervals of 10 of 40, and of 140 of the other 160.
+  EXPECT_EQ(row[10], "25.0 [14.2, 40.2]");
+  EXPECT_EQ(row[11], "87.5 [81.5, 91.8]");
+  EXPECT_EQ(row[12], "60.0");  // passed
+  EXPECT_EQ(row[13], "0.75");  // the size of changes
+  EXPECT_EQ(row[14], "12.5");
+  EXPECT_THAT(row[15], testing::StartsWith("75.0 ["));
+  EXPECT_THAT(row[16], testing::StartsWith("10.0 ["));
   EXPECT_EQ(tables[2].rows.at(0)[4], "10");
   EXPECT_EQ(tables[2].rows.at(0)[5], "halted: no-progress");
 }
@@ -161,9 +168,93 @@ TEST(RowTableTest, AlarmsAreThoseOfEachMonitorAndOfNoOtherMethod) {
     row.alarmed_successes = 4;
     const auto tables = MakeRowTables({row}, true);
     const bool watches = std::string(method).starts_with("monitor");
-    EXPECT_EQ(tables[1].rows.at(0)[13].substr(0, 4), watches ? "50.0" : "") << method;
-    EXPECT_EQ(tables[1].rows.at(0)[14].substr(0, 4), watches ? "50.0" : "") << method;
+    EXPECT_EQ(tables[1].rows.at(0)[15].substr(0, 4), watches ? "50.0" : "") << method;
+    EXPECT_EQ(tables[1].rows.at(0)[16].substr(0, 4), watches ? "50.0" : "") << method;
   }
+}
+
+TEST(InterventionTest, IsAChangedControlOrAHaltByTheMethod) {
+  using core::Outcome;
+  const auto intervened = [](Outcome outcome, const char* cause, int changed) {
+    return Intervened(
+        {.outcome = outcome, .cause = cause, .controls = 20, .changed_controls = changed});
+  };
+  EXPECT_TRUE(intervened(Outcome::kCompleted, "", 1));
+  EXPECT_FALSE(intervened(Outcome::kCompleted, "", 0));
+  EXPECT_TRUE(intervened(Outcome::kCollided, "demonstrations", 3));
+  EXPECT_FALSE(intervened(Outcome::kCollided, "policy", 0));
+  EXPECT_TRUE(intervened(Outcome::kHalted, "early-stopping", 0));
+  EXPECT_TRUE(intervened(Outcome::kCollided, "after early-stopping", 0));
+  EXPECT_TRUE(intervened(Outcome::kHalted, "time-up", 2));
+  for (const char* cause : {"time-up", "control-limit", "plant-refused", "plant-fault"}) {
+    EXPECT_FALSE(intervened(Outcome::kHalted, cause, 0)) << cause;
+    EXPECT_FALSE(intervened(Outcome::kCollided, (std::string("after ") + cause).c_str(), 0));
+  }
+}
+
+// Three trials: the method intervenes in 10, 0 and 20 of 30 episodes and completes 5, 0 and 20 of
+// these, and 10, 30 and 10 of the other 20, 30 and 10.
+TEST(InterventionTest, SuccessIsOfTheEpisodesOfAllTrialsTogether) {
+  const auto trial = [](int intervened, int completed, int left_alone_completed) {
+    return TrialCounts{.episodes = 30,
+                       .completed = completed + left_alone_completed,
+                       .intervened = intervened,
+                       .intervened_completed = completed,
+                       .left_alone = 30 - intervened,
+                       .left_alone_completed = left_alone_completed};
+  };
+  Row alone{.task = "reach", .condition = "c", .policy = "weak", .controller = "baseline"};
+  alone.episodes = 90;
+  alone.completed = 60;
+  alone.trials = {trial(0, 0, 20), trial(0, 0, 20), trial(0, 0, 20)};
+  Row guard = alone;
+  guard.controller = "guard";
+  guard.completed = 75;
+  guard.trials = {trial(10, 5, 10), trial(0, 0, 30), trial(20, 20, 10)};
+  Row monitor = alone;
+  monitor.controller = "monitor";
+  for (const experiment::ReportTable& table :
+       {MakeTables({alone, guard, monitor})[0], MakeRowTables({alone, guard, monitor}, false)[0],
+        MakeRowTables({alone, guard, monitor}, false)[1]}) {
+    const auto after = std::ranges::find(table.header, "after intervention");
+    ASSERT_NE(after, table.header.end());
+    const auto column = static_cast<std::size_t>(after - table.header.begin());
+    EXPECT_EQ(table.header.at(column + 1), "without intervention");
+    EXPECT_EQ(table.rows[0].at(column) + table.rows[0].at(column + 1), "") << "alone";
+    // 25 of 30 and 50 of 60: trials vary, so the intervals are wider than those of episodes.
+    for (const std::size_t i : {column, column + 1}) {
+      EXPECT_THAT(table.rows[1].at(i), testing::StartsWith("83.3 [")) << table.header[i];
+    }
+    const experiment::Interval interval =
+        experiment::ClusteredInterval(std::array<experiment::ClusterCount, 3>{
+            {{.successes = 5, .episodes = 10}, {}, {.successes = 20, .episodes = 20}}});
+    EXPECT_EQ(table.rows[1].at(column),
+              core::Format("83.3 [%.1f, %.1f]", 100.0 * interval.low, 100.0 * interval.high));
+    EXPECT_EQ(table.rows[2].at(column), "-") << "the monitor never intervenes";
+    EXPECT_THAT(table.rows[2].at(column + 1), testing::StartsWith("66.7 ["));
+  }
+}
+
+TEST(InterventionTest, EachEpisodeOfAStudyHasOneOrNone) {
+  for (const Row& row : SmallRows()) {
+    for (const TrialCounts& trial : row.trials) {
+      EXPECT_EQ(trial.intervened + trial.left_alone, trial.episodes);
+      EXPECT_EQ(trial.intervened_completed + trial.left_alone_completed, trial.completed);
+      EXPECT_EQ(trial.intervened, row.intervened);  // there is one trial
+      EXPECT_EQ(trial.intervened_completed, row.intervened_completed);
+    }
+    if (row.controller == "baseline" || row.controller == "monitor") {
+      EXPECT_EQ(row.intervened, 0);
+    }
+    if (row.changed > 0.0) {
+      EXPECT_GT(row.intervened, 0);
+    }
+  }
+  // Early stopping changes no control: an intervention is the end of the episode.
+  const Row& stopped = RowOf("reach", "biased", "early-stopping");
+  EXPECT_EQ(stopped.changed, 0.0);
+  EXPECT_GT(stopped.intervened, 0);
+  EXPECT_EQ(stopped.intervened_completed, 0);
 }
 
 TEST(RecordTest, EpisodesAreThoseOfTheStudy) {
