@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <span>
 #include <vector>
 
 #include "dfr/core/random.h"
@@ -158,6 +159,22 @@ TEST(AbsoluteActionsTest, OnlyTheEntriesThatAreTargetsAreConverted) {
   const Matrix before = set[0].controls;
   ToDifferences(found, set[0]);
   EXPECT_EQ(set[0].controls.col(1), before.col(1));
+}
+
+// A matrix of all pairs of entries would take 320 GB.
+TEST(AbsoluteActionsTest, PicturesTakeMemoryLinearInTheirPixels) {
+  constexpr Eigen::Index kPixels = 100'000;
+  const auto small = RollOut(Targets(0.5));
+  std::vector<Trajectory> set;
+  for (const Trajectory& episode : std::span(small).first(2)) {
+    Trajectory& wide = set.emplace_back(episode);
+    wide.states = Matrix::Constant(episode.states.rows(), kPixels + 2, 120.0);
+    wide.states.rightCols(2) = episode.states;
+  }
+  const auto found = FindAbsoluteActions(set);
+  ASSERT_EQ(found.size(), 2u);
+  EXPECT_EQ(found[0].state, kPixels);
+  EXPECT_EQ(found[1].state, kPixels + 1);
 }
 
 TEST(AbsoluteActionsTest, DescriptionNamesActionsAndEntries) {

@@ -25,15 +25,26 @@ double ShareThroughOrigin(const Eigen::MatrixXd& uu, const Eigen::VectorXd& uy, 
 ActionAnalysis::ActionAnalysis(int state_dim, int control_dim)
     : n_(state_dim),
       m_(control_dim),
-      sum_(Eigen::VectorXd::Zero(m_ + 2 * n_)),
-      products_(Eigen::MatrixXd::Zero(m_ + 2 * n_, m_ + 2 * n_)) {}
+      actions_(Eigen::VectorXd::Zero(m_)),
+      action_products_(Eigen::MatrixXd::Zero(m_, m_)),
+      sum_(Eigen::VectorXd::Zero(2 * n_)),
+      squares_(sum_),
+      products_(Eigen::MatrixXd::Zero(m_, 2 * n_)),
+      steps_(Eigen::VectorXd::Zero(n_)) {}
 
 void ActionAnalysis::Add(const Trajectory& episode) {
   const Eigen::Index steps = episode.controls.rows();
-  Eigen::MatrixXd rows(steps, m_ + 2 * n_);
-  rows << episode.controls, episode.states.topRows(steps), episode.states.bottomRows(steps);
-  sum_ += rows.colwise().sum().transpose();
-  products_.noalias() += rows.transpose() * rows;
+  const auto now = episode.states.topRows(steps);
+  const auto next = episode.states.bottomRows(steps);
+  actions_ += episode.controls.colwise().sum().transpose();
+  action_products_.noalias() += episode.controls.transpose() * episode.controls;
+  sum_.head(n_) += now.colwise().sum().transpose();
+  sum_.tail(n_) += next.colwise().sum().transpose();
+  squares_.head(n_) += now.colwise().squaredNorm().transpose();
+  squares_.tail(n_) += next.colwise().squaredNorm().transpose();
+  products_.leftCols(n_).noalias() += episode.controls.transpose() * now;
+  products_.rightCols(n_).noalias() += episode.controls.transpose() * next;
+  steps_ += now.cwiseProduct(next).colwise().sum().transpose();
   count_ += static_cast<double>(steps);
 }
 
@@ -44,27 +55,31 @@ std::vector<AbsoluteAction> ActionAnalysis::Absolute() const {
   constexpr double kMoves = 0.3;   // share of the changes that the distance to the target explains
   constexpr double kRepeats = 1e-3;  // fraction of the spread: the action repeats the state
   if (count_ < 8.0) return {};
-  const Eigen::VectorXd mean = sum_ / count_;
-  const Eigen::MatrixXd covariance = products_ / count_ - mean * mean.transpose();
-  // Variance of a linear combination of (u_k, x_j(t), x_j(t + 1)), and covariance of two.
+  const Eigen::VectorXd mean_u = actions_ / count_;
+  const Eigen::VectorXd mean_x = sum_ / count_;
+  const Eigen::VectorXd variance = squares_ / count_ - mean_x.cwiseAbs2();
   std::vector<AbsoluteAction> found;
   for (Eigen::Index k = 0; k < m_; ++k) {
-    const double var_u = covariance(k, k);
-    if (!(var_u > 1e-12 * products_(k, k) / count_)) continue;  // constant
+    const double square_u = action_products_(k, k) / count_;
+    const double var_u = square_u - mean_u[k] * mean_u[k];
+    if (!(var_u > 1e-12 * square_u)) continue;  // constant
+    const auto with = [&](Eigen::Index x) {
+      return products_(k, x) / count_ - mean_u[k] * mean_x[x];
+    };
     std::optional<AbsoluteAction> best;
     double best_distance = 0.0;
     for (Eigen::Index j = 0; j < n_; ++j) {
-      const Eigen::Index now = m_ + j;
-      const Eigen::Index next = m_ + n_ + j;
+      const Eigen::Index now = j;
+      const Eigen::Index next = n_ + j;
       AbsoluteAction match{.action = static_cast<int>(k), .state = static_cast<int>(j)};
       bool fits = false;
       for (const Eigen::Index x : {now, next}) {
-        const double var_x = covariance(x, x);
-        if (!(var_x > 1e-12 * products_(x, x) / count_)) continue;
-        const double slope = covariance(k, x) / var_x;
-        const double correlation = covariance(k, x) / std::sqrt(var_u * var_x);
+        const double var_x = variance[x];
+        if (!(var_x > 1e-12 * squares_[x] / count_)) continue;
+        const double slope = with(x) / var_x;
+        const double correlation = with(x) / std::sqrt(var_u * var_x);
         if (std::abs(slope - 1.0) > kSlope || correlation < kCorrelation ||
-            std::abs(mean[k] - mean[x]) > kOffset * std::sqrt(var_x)) {
+            std::abs(mean_u[k] - mean_x[x]) > kOffset * std::sqrt(var_x)) {
           continue;
         }
         if (!fits || correlation > match.correlation) {
@@ -75,12 +90,12 @@ std::vector<AbsoluteAction> ActionAnalysis::Absolute() const {
       }
       if (!fits) continue;
       // Share of the change that is towards the target: dx = x(t + 1) - x(t) on d = u - x(t).
-      const double var_d = var_u - 2.0 * covariance(k, now) + covariance(now, now);
-      const double var_dx =
-          covariance(next, next) - 2.0 * covariance(next, now) + covariance(now, now);
-      const double both =
-          covariance(k, next) - covariance(k, now) - covariance(now, next) + covariance(now, now);
-      match.leads = var_d > kRepeats * kRepeats * covariance(now, now);
+      const double var_now = variance[now];
+      const double step = steps_[j] / count_ - mean_x[now] * mean_x[next];
+      const double var_d = var_u - 2.0 * with(now) + var_now;
+      const double var_dx = variance[next] - 2.0 * step + var_now;
+      const double both = with(next) - with(now) - step + var_now;
+      match.leads = var_d > kRepeats * kRepeats * var_now;
       const bool moves =
           var_d > 0.0 && var_dx > 0.0 && both > 0.0 && both * both / (var_d * var_dx) >= kMoves;
       if (match.leads && !moves) continue;
@@ -97,19 +112,17 @@ std::vector<AbsoluteAction> ActionAnalysis::Absolute() const {
 bool ActionAnalysis::MovesUnmatchedEntry(const std::vector<AbsoluteAction>& candidates) const {
   constexpr double kExplained = 0.8;
   if (candidates.empty()) return false;
-  const Eigen::MatrixXd uu = products_.topLeftCorner(m_, m_);
   for (Eigen::Index p = 0; p < n_; ++p) {
     if (std::any_of(candidates.begin(), candidates.end(),
                     [p](const AbsoluteAction& match) { return match.state == p; })) {
       continue;
     }
-    const Eigen::Index now = m_ + p;
-    const Eigen::Index next = m_ + n_ + p;
-    const double yy = products_(next, next) - 2.0 * products_(next, now) + products_(now, now);
+    const double square = squares_[p];
+    const double yy = squares_[n_ + p] - 2.0 * steps_[p] + square;
     // Rounding residue of a constant entry is not a change.
-    if (yy <= 1e-12 * products_(now, now)) continue;
-    const Eigen::VectorXd uy = products_.col(next).head(m_) - products_.col(now).head(m_);
-    if (ShareThroughOrigin(uu, uy, yy) >= kExplained) return true;
+    if (yy <= 1e-12 * square) continue;
+    const Eigen::VectorXd uy = products_.col(n_ + p) - products_.col(p);
+    if (ShareThroughOrigin(action_products_, uy, yy) >= kExplained) return true;
   }
   return false;
 }

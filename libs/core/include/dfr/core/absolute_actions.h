@@ -27,7 +27,7 @@ struct AbsoluteAction {
 /// themselves explain the changes of an unmatched state entry better than these differences do, the
 /// actions are velocities and x_j reports them (its velocity or the last action).
 ///
-/// Memory and time per step are quadratic in the number of state and action entries together.
+/// Memory and time per step are linear in the number of state entries, also for pictures.
 class ActionAnalysis {
  public:
   ActionAnalysis(int state_dim, int control_dim);
@@ -44,9 +44,16 @@ class ActionAnalysis {
   Eigen::Index n_;
   Eigen::Index m_;
   double count_ = 0.0;
-  // Sums of (u(t), x(t), x(t + 1)) and of its products over all steps.
+  // Sums over all steps of u(t), and of its products.
+  Eigen::VectorXd actions_;
+  Eigen::MatrixXd action_products_;
+  // A column for each entry of x(t), and then of x(t + 1): its sum, that of its square, and those
+  // of its products with u(t).
   Eigen::VectorXd sum_;
+  Eigen::VectorXd squares_;
   Eigen::MatrixXd products_;
+  // Sum of x_j(t) x_j(t + 1).
+  Eigen::VectorXd steps_;
 };
 
 /// Analyses a whole set.
