@@ -51,6 +51,31 @@ void ForEachWindow(const core::PictureShape& shape, const Values& values, const 
   }
 }
 
+// Adds to the variance of each pixel the squared change of the mean picture, averaged over
+// channels, if the camera shifts by a pixel: the larger one of both directions along a row, and
+// along a column.
+void AddShift(const core::PictureShape& shape, const Eigen::VectorXd& mean,
+              Eigen::VectorXd& variance) {
+  const auto change = [&](Eigen::Index pixel, Eigen::Index other) {
+    return (mean.segment(pixel * shape.channels, shape.channels) -
+            mean.segment(other * shape.channels, shape.channels))
+               .squaredNorm() /
+           shape.channels;
+  };
+  for (int row = 0; row < shape.height; ++row) {
+    for (int column = 0; column < shape.width; ++column) {
+      const Eigen::Index pixel = Eigen::Index{row} * shape.width + column;
+      double along = 0.0;
+      double down = 0.0;
+      if (column > 0) along = change(pixel, pixel - 1);
+      if (column + 1 < shape.width) along = std::max(along, change(pixel, pixel + 1));
+      if (row > 0) down = change(pixel, pixel - shape.width);
+      if (row + 1 < shape.height) down = std::max(down, change(pixel, pixel + shape.width));
+      variance[pixel] += along + down;
+    }
+  }
+}
+
 // Sums over pictures, and over their positions.
 struct Moments {
   double rows = 0.0;
@@ -158,11 +183,11 @@ Novelty Novelty::Fit(const RowSource& pictures, const core::PictureShape& shape,
     }
     const Eigen::VectorXd mean = all.sum / all.rows;
     const Eigen::VectorXd variance = (all.squares / all.rows - mean.cwiseAbs2()).cwiseMax(0.0);
-    const Eigen::VectorXd of_pixels =
-        variance.reshaped(shape.channels, variance.size() / shape.channels)
-            .colwise()
-            .mean()
-            .transpose();
+    Eigen::VectorXd of_pixels = variance.reshaped(shape.channels, variance.size() / shape.channels)
+                                    .colwise()
+                                    .mean()
+                                    .transpose();
+    AddShift(shape, mean, of_pixels);
     Eigen::VectorXd of_windows(Eigen::Index{WindowRows(shape)} * WindowColumns(shape));
     ForEachWindow(shape, of_pixels,
                   [&](Eigen::Index i, double value) { of_windows[i] = value + kFloor * kFloor; });

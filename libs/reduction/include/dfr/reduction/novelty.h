@@ -14,7 +14,8 @@ namespace dfr::reduction {
 ///
 /// Two statistics, each divided by its limit:
 /// - the largest mean squared difference from the mean picture on a window of 3 x 3 pixels, in
-///   units of the demonstrations' variance there plus kFloor^2,
+///   units of the demonstrations' variance there plus kFloor^2 plus the square of what a shift of
+///   the camera by a pixel changes in the mean picture,
 /// - Hotelling's T^2 of the positions of patches (FeaturePoints), if there are any, with kRidge of
 ///   the mean variance added to each variance.
 /// A limit is kMargin times the maximum in an episode that at most 5 % of the demonstrations
