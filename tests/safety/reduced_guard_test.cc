@@ -377,6 +377,34 @@ TEST(ReducedGuardTest, OnlyWatchesWhereNothingExplainsTheActions) {
   EXPECT_EQ(model->settings().strategy, Strategy::kMonitor);
 }
 
+// Actions along and across the corridor: pictures show little of the latter, whose mean is zero.
+TEST(ReducedGuardTest, OnlyWatchesWhereASteadySpeedHidesThatTheRestIsAGuess) {
+  core::Random random(8);
+  std::vector<core::Trajectory> demonstrations = PictureDemonstrations(1, 40);
+  for (core::Trajectory& d : demonstrations) {
+    double x = 0.05 * random.Normal();
+    double y = 0.05 * random.Normal();
+    for (Eigen::Index t = 0; t < d.states.rows(); ++t) {
+      d.states.row(t).head(kPixels) =
+          Eigen::Map<const Eigen::RowVectorXd>(Seen(x, y, random).data(), kPixels);
+      if (t == d.controls.rows()) break;
+      const double dy =
+          0.05 * std::cos(0.5 * static_cast<double>(t)) - 0.3 * y + 0.05 * random.Normal();
+      const double dx = test::kSpeed * random.Uniform(0.8, 1.2);
+      d.controls.row(t) << dx, dy;
+      x += dx;
+      y += dy;
+    }
+  }
+  const auto model =
+      GuardModel::Fit(PictureLayout(), demonstrations, {.features = "points:camera"});
+  EXPECT_LE(model->summary().ends_outside, 0.12);
+  EXPECT_LT(model->summary().action_error, 0.5);
+  EXPECT_GT(model->summary().entry_error, 0.5);
+  EXPECT_EQ(model->settings().strategy, Strategy::kMonitor);
+  EXPECT_THAT(Warnings(*model), testing::Contains(HasSubstr("at least 50 % allow corrections")));
+}
+
 TEST(ReducedGuardTest, PointsAreFeaturesOfAGuard) {
   const auto model = PointsModel();
   // The demonstrator's noise is not a function of pictures.

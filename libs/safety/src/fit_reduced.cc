@@ -164,7 +164,10 @@ void GuardModel::DoubtCorrections(bool watch) {
   const std::string& features = task().features().selection().spec();
   std::string warning = core::Format("%s explain %.0f %% of the actions of left-out demonstrations",
                                      features.c_str(), 100.0 * summary_.explained);
-  const bool blind = control::LocalFit::Guesses(summary_.explained, summary_.action_error);
+  // An entry that hardly varies, such as a speed, hides in action_error that another is a guess.
+  const bool blind =
+      (summary_.explained < fit::kLeastTold && summary_.entry_error > 1.0 - fit::kLeastTold) ||
+      control::LocalFit::Guesses(summary_.explained, summary_.action_error);
   if (!blind && summary_.ends_outside <= fit::kMostOutsideReduced) {
     if (summary_.explained >= fit::kLeastExplainedReduced) return;
     warning += core::Format(
@@ -174,11 +177,13 @@ void GuardModel::DoubtCorrections(bool watch) {
     summary_.fit_warnings.push_back(std::move(warning));
     return;
   }
-  warning += core::Format(
-      ", and %.0f %% of these are predicted to end outside%s: ", 100.0 * summary_.ends_outside,
-      blind ? ""
-            : core::Format(", at most %.0f %% allow corrections", 100.0 * fit::kMostOutsideReduced)
-                  .c_str());
+  if (blind) {
+    warning += core::Format(", at least %.0f %% allow corrections: ", 100.0 * fit::kLeastTold);
+  } else {
+    warning += core::Format(
+        ", and %.0f %% of these are predicted to end outside, at most %.0f %% allow corrections: ",
+        100.0 * summary_.ends_outside, 100.0 * fit::kMostOutsideReduced);
+  }
   if (watch) {
     warning +=
         core::Format("the guard only raises alarms (strategy monitor, not %s). ", Name(strategy));

@@ -282,7 +282,8 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
       .changed = replay.changed,
       .ends_outside = replay.ends_outside,
       .explained = replay.explained,
-      .action_error = replay.error};
+      .action_error = replay.error,
+      .entry_error = replay.entry_error};
   settings.demonstrated = !replay.guesses();
   settings.direction_error = options.error_factor * model->summary_.direction_error.value;
   model->Complete(layout, actions, std::move(task), settings);

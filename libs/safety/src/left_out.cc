@@ -13,22 +13,31 @@ constexpr std::size_t kMostActions = 1000;
 
 // Sums over replayed actions v, in units of an ordinary one.
 struct Sums {
-  explicit Sums(Eigen::Index control_dim) : v(Eigen::VectorXd::Zero(control_dim)) {}
+  explicit Sums(Eigen::Index control_dim)
+      : v(Eigen::VectorXd::Zero(control_dim)), squares(v), missed(v) {}
   double count = 0.0;
   double changed = 0.0;
   double outside = 0.0;
-  double guessed = 0.0;  // Number of actions with a prediction.
-  Eigen::VectorXd v;     // Sum of these actions.
-  double squares = 0.0;  // Sum of their squares.
-  double missed = 0.0;   // Sum of squared errors.
+  double guessed = 0.0;     // Number of actions with a prediction.
+  Eigen::VectorXd v;        // Sum of these actions.
+  Eigen::VectorXd squares;  // Sum of the squares of each entry.
+  Eigen::VectorXd missed;   // Sum of squared errors.
 
   [[nodiscard]] Replay Shares() const {
     if (!(count > 0.0)) return {};
-    const double variance = guessed > 0.0 ? squares - v.squaredNorm() / guessed : 0.0;
+    Replay replay{.changed = changed / count, .ends_outside = outside / count};
+    if (!(guessed > 0.0) || !(squares.sum() > 0.0)) return replay;
+    const Eigen::VectorXd variances = squares - v.cwiseAbs2() / guessed;
+    Eigen::Index most = 0;
+    const double largest = variances.maxCoeff(&most);
     // A constant action is predicted perfectly.
     constexpr double kConstant = 1e-9;
-    const double explained = variance > kConstant * squares ? 1.0 - missed / variance : 1.0;
-    return {changed / count, outside / count, explained, squares > 0.0 ? missed / squares : 0.0};
+    if (variances.sum() > kConstant * squares.sum()) {
+      replay.explained = 1.0 - missed.sum() / variances.sum();
+    }
+    replay.error = missed.sum() / squares.sum();
+    if (largest > kConstant * squares[most]) replay.entry_error = missed[most] / squares[most];
+    return replay;
   }
 };
 
@@ -46,8 +55,8 @@ void Judge(int phase, std::span<const double> z, const Eigen::VectorXd& v,
   if (!fit.NominalControl(guess)) return;
   sums.guessed += 1.0;
   sums.v += v;
-  sums.squares += v.squaredNorm();
-  sums.missed += (guess - v).squaredNorm();
+  sums.squares += v.cwiseAbs2();
+  sums.missed += (guess - v).cwiseAbs2();
 }
 
 }  // namespace

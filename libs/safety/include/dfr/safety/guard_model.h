@@ -96,6 +96,8 @@ struct GuardSummary {
   double explained = 1.0;
   double action_error =
       0.0;  ///< Squared error of that prediction, relative to the squared actions.
+  /// The same for the entry of the action that varies most. Files do not store it.
+  double entry_error = 0.0;
   /// Scores of each number of components of the reduced blocks, and the reason of the choice,
   /// if the fit chose the number.
   std::vector<reduction::ComponentsScore> components = {};
