@@ -60,9 +60,9 @@ inline constexpr double kFeaturesOfGamma = 3.0;
 /// this share of left-out actions the guard only watches. The guards of 41 fits had 4 to 10 %
 /// (feature points, no harm) or 14 to 47 % (components of pixels, most of them with harm).
 inline constexpr double kMostOutsideReduced = 0.12;
-/// Features that explain less of the actions than this, and miss more of the squares of the entry
-/// that varies most than they tell, make corrections guesses: the guard only watches.
-inline constexpr double kLeastTold = 0.5;
+/// Features that explain less of the actions than this, and miss more than 1 - kLeastTold of the
+/// squares of the entry that varies most, make corrections guesses: the guard only watches.
+inline constexpr double kLeastTold = 0.4;
 /// Features that explain less of the actions save few failures, unless actions carry noise.
 inline constexpr double kLeastExplainedReduced = 0.8;
 
