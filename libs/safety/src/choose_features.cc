@@ -179,9 +179,8 @@ std::vector<int> MovedByPassed(const core::FeatureSelection& features, const Act
 }
 
 core::FeatureTransform Context(const core::StateLayout& layout, const std::vector<int>& entries,
-                               const core::StateMap& map,
                                std::span<const core::Trajectory> demonstrations) {
-  core::FeatureSelection selection = Only(layout, entries).Mapped(map);
+  core::FeatureSelection selection = Continuous(Only(layout, entries), layout, demonstrations);
   const Eigen::Index n = selection.num_features();
   Eigen::VectorXd low = Eigen::VectorXd::Constant(n, std::numeric_limits<double>::infinity());
   Eigen::VectorXd high = -low;

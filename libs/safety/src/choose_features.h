@@ -27,9 +27,8 @@ std::vector<int> MovedByPassed(const core::FeatureSelection& features, const Act
                                std::span<const core::Trajectory> demonstrations);
 
 /// Returns what a control depends on beside features, in units of fit::kContextUnit of its range in
-/// demonstrations: the entries of MovedByPassed(), of states that `map` makes continuous.
+/// demonstrations: the entries of MovedByPassed(), made continuous.
 core::FeatureTransform Context(const core::StateLayout& layout, const std::vector<int>& entries,
-                               const core::StateMap& map,
                                std::span<const core::Trajectory> demonstrations);
 /// Returns the entries among `features` that are constant up to rounding. Empty if all are.
 std::vector<int> ConstantEntries(const core::FeatureSelection& features,

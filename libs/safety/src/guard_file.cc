@@ -104,6 +104,7 @@ void GuardModel::Save(const std::filesystem::path& path) const {
   archive.Integer(context_ ? 1 : 0);
   if (context_) {
     archive.Text(context_->selection().spec());
+    context_->selection().map().Save(archive);
     archive.Numbers(core::AsSpan(context_->offset()));
     const Eigen::VectorXd scale = context_->scale().diagonal();
     archive.Numbers(core::AsSpan(scale));
@@ -185,8 +186,8 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     }
     std::optional<core::FeatureTransform> context;
     if (archive.IntegerIn(0, 1) == 1) {
-      core::FeatureSelection entries =
-          core::FeatureSelection::Of(layout, archive.Text()).Mapped(selection.map());
+      core::FeatureSelection entries = core::FeatureSelection::Of(layout, archive.Text());
+      entries = entries.Mapped(core::StateMap::Load(archive, layout.state_dim()));
       const std::vector<double> offset = archive.Numbers();
       const std::vector<double> scale = archive.Numbers();
       context.emplace(std::move(entries), core::AsVector(std::span(offset)),

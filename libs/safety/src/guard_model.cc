@@ -211,7 +211,7 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
                               actions.get());
   std::optional<core::FeatureTransform> context;
   if (!moved.empty()) {
-    context = internal::Context(layout, moved, selection.map(), demonstrations);
+    context = internal::Context(layout, moved, as_recorded);
     for (const core::Trajectory& d : recorded.ordered) {
       recorded.seen.contexts.push_back(context->Apply(d.states));
     }

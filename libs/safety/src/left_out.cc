@@ -87,9 +87,8 @@ Replay ReplayLeftOut(const Recorded& recorded, const GuardFit& fit, const contro
       if (!contexts.empty()) other_contexts.push_back(contexts[d]);
     }
     const control::ResponseEstimate estimate(
-        std::make_shared<const control::TransitionStore>(others, other_controls,
-                                                         response.prior()->options(),
-                                                         other_contexts),
+        std::make_shared<const control::TransitionStore>(
+            others, other_controls, response.prior()->options(), other_contexts),
         {}, response.has_drift());
     control::LocalFit made = estimate.MakeFit();
     std::size_t next = 0;
