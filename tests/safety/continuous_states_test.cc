@@ -168,6 +168,15 @@ TEST(ContinuousStatesTest, AQuaternionThatIsNoneHaltsByName) {
             Mode::kHalt);
 }
 
+void ExpectNearOnEveryRevolution(const GuardModel& model, const core::Matrix& states) {
+  core::Matrix later = states;
+  later.col(2).array() += 4.0 * kPi;
+  const std::vector<double> levels = model.Levels(states);
+  const std::vector<double> others = model.Levels(later);
+  for (std::size_t i = 0; i < levels.size(); ++i) EXPECT_NEAR(levels[i], others[i], 1e-9);
+  EXPECT_GT(*std::min_element(levels.begin(), levels.end()), -1.0);
+}
+
 TEST(ContinuousStatesTest, AnAngleThatWrapsIsContinuousOnEveryRevolution) {
   const auto layout = Layout("angle", 1);
   // From 2.6 to 3.8.
@@ -175,12 +184,7 @@ TEST(ContinuousStatesTest, AnAngleThatWrapsIsContinuousOnEveryRevolution) {
   EXPECT_GT(model->summary().acceptance, 0.7);
   EXPECT_THAT(Warnings(*model), Not(Contains(HasSubstr("angle[0]"))));
   const auto fresh = Turning(Wrapped, 2, 1, 2.6)[0];
-  core::Matrix later = fresh.states;
-  later.col(2).array() += 4.0 * kPi;
-  const std::vector<double> levels = model->Levels(fresh.states);
-  const std::vector<double> others = model->Levels(later);
-  for (std::size_t i = 0; i < levels.size(); ++i) EXPECT_NEAR(levels[i], others[i], 1e-9);
-  EXPECT_GT(*std::min_element(levels.begin(), levels.end()), -1.0);
+  ExpectNearOnEveryRevolution(*model, fresh.states);
 }
 
 // 2.2 revolutions. Every value of an angle, and every revolution, is one state.
@@ -191,12 +195,7 @@ TEST(ContinuousStatesTest, AnAngleThatGoesAllTheWayRoundIsContinuous) {
   EXPECT_GT(model->summary().acceptance, 0.7);
   EXPECT_THAT(Warnings(*model), Not(Contains(HasSubstr("angle[0]"))));
   const auto fresh = Turning(Wrapped, 2, 1, 0.3, 0.7)[0];
-  core::Matrix later = fresh.states;
-  later.col(2).array() += 4.0 * kPi;
-  const std::vector<double> levels = model->Levels(fresh.states);
-  const std::vector<double> others = model->Levels(later);
-  for (std::size_t i = 0; i < levels.size(); ++i) EXPECT_NEAR(levels[i], others[i], 1e-9);
-  EXPECT_GT(*std::min_element(levels.begin(), levels.end()), -1.0);
+  ExpectNearOnEveryRevolution(*model, fresh.states);
 
   // The gradient in the angle is the difference of g, and an explanation names the angle.
   std::vector<double> state(core::Row(fresh.states, 4).begin(), core::Row(fresh.states, 4).end());
