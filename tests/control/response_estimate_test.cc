@@ -321,6 +321,14 @@ TEST(ResponseEstimateTest, TheNominalControlIsThatOfDemonstrationsInTheSameConte
     const double far = std::exp(-(2.0 - context) * (2.0 - context));
     EXPECT_NEAR(v[0], near / (near + far), 0.05);
     EXPECT_NEAR(v[1], far / (near + far), 0.05);
+    // The same fit in another context, and back.
+    Eigen::VectorXd again(kM);
+    fit.SetContext(std::vector{1.0});
+    ASSERT_TRUE(fit.NominalControl(again));
+    EXPECT_FALSE(again == v);
+    fit.SetContext(std::vector{context});
+    ASSERT_TRUE(fit.NominalControl(again));
+    EXPECT_TRUE(again == v);
   }
   // The wrong number of rows, or of columns.
   contexts[7] = core::Matrix::Zero(kLong - 1, 1);

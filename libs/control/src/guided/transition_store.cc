@@ -252,6 +252,11 @@ void TransitionStore::SumStates(Workspace& workspace) const noexcept {
 void TransitionStore::SumNearStates(Workspace& workspace,
                                     const Eigen::VectorXf& context) const noexcept {
   if (contexts_.cols() > 0) {
+    // Anew: an earlier call may have added another context.
+    internal::SquaredDistances(
+        points_.data() + workspace.first, static_cast<std::size_t>(points_.rows()),
+        static_cast<std::size_t>(feature_dim_), workspace.z.data(),
+        static_cast<std::size_t>(workspace.rows), workspace.distances.data());
     auto distances = workspace.distances.head(workspace.rows);
     const auto scale = static_cast<float>(feature_dim_ / kBandwidth);
     for (Eigen::Index k = 0; k < contexts_.cols(); ++k) {
