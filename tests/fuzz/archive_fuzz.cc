@@ -5,6 +5,7 @@
 
 #include "dfr/core/archive.h"
 #include "tests/fuzz/input_file.h"
+#include "tests/fuzz/target.h"
 
 namespace {
 
@@ -42,7 +43,7 @@ void Read(const std::filesystem::path& path, std::string_view order) {
 
 }  // namespace
 
-extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+DFR_FUZZ_TARGET(archive) {
   const std::string_view input = dfr::fuzz::AsText(data, size);
   const std::size_t order = size > 0 ? std::min<std::size_t>(data[0] % 8U, size - 1) : 0;
   const std::string_view types = input.substr(std::min<std::size_t>(1, size), order);

@@ -14,6 +14,7 @@
 #include "apps/command_line.h"
 #include "dfr/experiment/command_line.h"
 #include "tests/fuzz/input_file.h"
+#include "tests/fuzz/target.h"
 
 namespace {
 
@@ -67,7 +68,7 @@ void Require(bool holds, const char* what, const Program& program) {
 
 }  // namespace
 
-extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+DFR_FUZZ_TARGET(command_line) {
   std::cout.rdbuf(nullptr);  // help and errors
   std::cerr.rdbuf(nullptr);
   std::string_view text = dfr::fuzz::AsText(data, size);

@@ -4,8 +4,9 @@
 #include <span>
 
 #include "guarded_transport.h"
+#include "tests/fuzz/target.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+DFR_FUZZ_TARGET(datagrams) {
   const std::span<const std::uint8_t> message(data, size);
   const std::size_t safe = dfr::dds::internal::SafeSize(message);
   if (safe > size || dfr::dds::internal::SafeSize(message.first(safe)) != safe) std::abort();

@@ -11,6 +11,7 @@
 #include "dfr/kernel/one_class_svm.h"
 #include "gaussian_sum.h"
 #include "tests/fuzz/input_file.h"
+#include "tests/fuzz/target.h"
 
 namespace {
 
@@ -37,7 +38,7 @@ class Numbers {
 
 }  // namespace
 
-extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+DFR_FUZZ_TARGET(decisions) {
   if (size < 4) return 0;
   const Eigen::Index terms = 1 + data[0] % 40;
   const Eigen::Index dim = 1 + data[1] % 12;

@@ -7,8 +7,9 @@
 
 #include "dfr/safety/guard.h"
 #include "tests/fuzz/input_file.h"
+#include "tests/fuzz/target.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+DFR_FUZZ_TARGET(guard) {
   const std::string_view input = dfr::fuzz::AsText(data, size);
   const std::int64_t version = 1 + (size > 0 ? data[0] % 5 : 0);
   const std::string_view values = input.substr(std::min<std::size_t>(1, size));

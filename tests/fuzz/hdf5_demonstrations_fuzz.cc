@@ -5,8 +5,9 @@
 
 #include "dfr/imitation/demonstrations.h"
 #include "tests/fuzz/input_file.h"
+#include "tests/fuzz/target.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+DFR_FUZZ_TARGET(hdf5_demonstrations) {
   try {
     const auto reader =
         dfr::imitation::OpenDemonstrations(dfr::fuzz::InputFile(dfr::fuzz::AsText(data, size)));

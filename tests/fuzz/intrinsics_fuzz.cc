@@ -3,8 +3,9 @@
 
 #include "dfr/hardware/intrinsics_file.h"
 #include "tests/fuzz/input_file.h"
+#include "tests/fuzz/target.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+DFR_FUZZ_TARGET(intrinsics) {
   try {
     dfr::hardware::ReadIntrinsics(dfr::fuzz::InputFile(dfr::fuzz::AsText(data, size))).Check();
   } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): expected for bad input

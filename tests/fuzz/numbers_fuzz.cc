@@ -8,8 +8,9 @@
 #include "dfr/core/features.h"
 #include "dfr/core/numbers.h"
 #include "tests/fuzz/input_file.h"
+#include "tests/fuzz/target.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+DFR_FUZZ_TARGET(numbers) {
   const std::string text(dfr::fuzz::AsText(data, size));
   const bool decimal = text.find_first_not_of("0123456789+-.eE") == std::string::npos;
   if (const auto value = dfr::core::ParseNumber(text)) {

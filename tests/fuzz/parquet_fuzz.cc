@@ -3,8 +3,9 @@
 
 #include "parquet/parquet_file.h"
 #include "tests/fuzz/input_file.h"
+#include "tests/fuzz/target.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+DFR_FUZZ_TARGET(parquet) {
   try {
     const dfr::imitation::internal::ParquetFile file(
         dfr::fuzz::InputFile(dfr::fuzz::AsText(data, size)));

@@ -5,8 +5,9 @@
 
 #include "dfr/imitation/mlp_policy.h"
 #include "tests/fuzz/input_file.h"
+#include "tests/fuzz/target.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+DFR_FUZZ_TARGET(policy) {
   const std::string_view values = dfr::fuzz::AsText(data, size);
   try {
     const auto policy = dfr::imitation::MlpPolicy::Load(

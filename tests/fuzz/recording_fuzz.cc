@@ -3,8 +3,9 @@
 
 #include "dfr/recording/read_recording.h"
 #include "tests/fuzz/input_file.h"
+#include "tests/fuzz/target.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+DFR_FUZZ_TARGET(recording) {
   try {
     static_cast<void>(
         dfr::recording::ReadRecording(dfr::fuzz::InputFile(dfr::fuzz::AsText(data, size))));

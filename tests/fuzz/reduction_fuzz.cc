@@ -6,6 +6,7 @@
 #include "dfr/reduction/reduction.h"
 #include "dfr/reduction/state_reduction.h"
 #include "tests/fuzz/input_file.h"
+#include "tests/fuzz/target.h"
 
 namespace {
 
@@ -38,7 +39,7 @@ void TryStateReduction(const std::filesystem::path& path) {
 
 }  // namespace
 
-extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+DFR_FUZZ_TARGET(reduction) {
   const std::filesystem::path path =
       dfr::fuzz::InputFile(dfr::fuzz::Archive("reduction", 1, dfr::fuzz::AsText(data, size)));
   for (const auto attempt : {TryReduction, TryStateReduction}) {

@@ -3,8 +3,9 @@
 
 #include "apps/line_tracking/robot/robot_config.h"
 #include "tests/fuzz/input_file.h"
+#include "tests/fuzz/target.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+DFR_FUZZ_TARGET(robot_config) {
   try {
     static_cast<void>(dfr::apps::line_tracking::RobotConfig::Load(
         dfr::fuzz::InputFile(dfr::fuzz::AsText(data, size))));

@@ -8,8 +8,9 @@
 
 #include "dfr/kernel/libsvm_io.h"
 #include "tests/fuzz/input_file.h"
+#include "tests/fuzz/target.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+DFR_FUZZ_TARGET(samples) {
   const std::string_view input = dfr::fuzz::AsText(data, size);
   try {
     const dfr::core::Matrix samples = dfr::kernel::LoadSamples(dfr::fuzz::InputFile(input));

@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "dfr/hardware/sprk_protocol.h"
+#include "tests/fuzz/target.h"
 #include "tests/hardware_stewart/sprk_firmware.h"
 
 namespace {
@@ -15,7 +16,7 @@ using dfr::kinematics::PlatformPose;
 
 constexpr std::size_t kEntries = 12;
 
-std::array<double, kEntries> Numbers(const std::uint8_t* data, std::size_t size, bool small) {
+std::array<double, kEntries> Entries(const std::uint8_t* data, std::size_t size, bool small) {
   std::array<double, kEntries> numbers{};
   if (small) {
     // Few doubles are of the size that a platform moves.
@@ -37,11 +38,11 @@ void Expect(bool holds) {
 
 }  // namespace
 
-extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+DFR_FUZZ_TARGET(sprk) {
   using namespace dfr::hardware;
   if (size == 0) return 0;
   const unsigned kind = data[0];
-  const auto numbers = Numbers(data + 1, size - 1, (kind & 1U) != 0);
+  const auto numbers = Entries(data + 1, size - 1, (kind & 1U) != 0);
   const PlatformPose pose{{numbers[0], numbers[1], numbers[2]},
                           {10.0 * numbers[3], 10.0 * numbers[4], 10.0 * numbers[5]}};
   dfr::test::SprkFirmware firmware;

@@ -5,6 +5,7 @@
 
 #include "dfr/vision/line_vision.h"
 #include "tests/fuzz/input_file.h"
+#include "tests/fuzz/target.h"
 
 namespace {
 
@@ -47,7 +48,7 @@ std::vector<std::uint8_t> Picture(const std::uint8_t* data, std::size_t size) {
 
 }  // namespace
 
-extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+DFR_FUZZ_TARGET(vision) {
   static dfr::vision::LineVision vision = Vision();
   const auto pixels = Picture(data, size);
   const Eigen::Hyperplane<double, 3> plane(Eigen::Vector3d::UnitZ(), -0.09);

@@ -1,0 +1,27 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+/// Begins a fuzz target: DFR_FUZZ_TARGET(archive) { ... return 0; } reads `data`, `size` bytes.
+///
+/// It is libFuzzer's entry point where DFR_FUZZ is defined. Otherwise the target has its name in
+/// fuzz_replay, which replay_main.cc runs.
+#ifdef DFR_FUZZ
+#define DFR_FUZZ_TARGET(name) \
+  extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size)
+#else
+#define DFR_FUZZ_TARGET(name)                                                       \
+  static int Fuzz_##name(const std::uint8_t* data, std::size_t size);               \
+  static const bool kRegistered_##name = dfr::fuzz::AddTarget(#name, &Fuzz_##name); \
+  static int Fuzz_##name(const std::uint8_t* data, std::size_t size)
+
+namespace dfr::fuzz {
+
+using Target = int (*)(const std::uint8_t* data, std::size_t size);
+
+/// Makes `target` known to fuzz_replay by its name; returns true.
+bool AddTarget(const char* name, Target target);
+
+}  // namespace dfr::fuzz
+#endif
