@@ -13,6 +13,10 @@ do not show misses of the caches. The operations are therefore also timed, alter
 core, and a loss of time is confirmed by a longer measurement. --short measures no times: other load on
 the machine must not fail it. Valgrind's model of the caches is not used:
 an operation whose data fill the modelled cache lost 7 % there by its addresses alone, and no time.
+
+--short first compares with bench/instructions.json, the counts that --record wrote. Where each count is
+within 2 % of its record, BASE is not built. Otherwise another compiler or processor, or a change, moved a count,
+and the comparison with BASE decides.
 Exits with 1 if there is a loss.
 """
 import argparse
@@ -29,6 +33,8 @@ import tempfile
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 PROGRAM = "counted_work"
 MOST_COUNTED = 1.05
+RECORD = ROOT / "bench" / "instructions.json"
+MOST_FROM_RECORD = 1.02
 SOURCES = ("libs/core", "libs/kernel", "libs/control", "libs/reduction", "libs/safety", "bench/kernel",
            "bench/control", "bench/safety", "cmake", "CMakeLists.txt", "CMakePresets.json", "components.txt")
 WORK = ROOT / "build" / "compare"
@@ -123,16 +129,13 @@ def alternate(commands, pattern, turns, seconds):
             for name, times in samples[1].items()}
 
 
-def compare(base, new, options):
-    """Prints all ratios and returns the losses as lines. `base` and `new` are commands."""
-    counted = count((base, new), options.filter)
-    if not counted[1]:
-        sys.exit(f"compare.py: no operation has '{options.filter}' in its name")
+def compare(programs, counted, options):
+    """Prints all ratios and returns the losses as lines. `programs` and their counts: of the base, then the new."""
     times = {}
     if not options.short:
         if hasattr(os, "sched_setaffinity"):
             os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-        times = alternate((base, new), options.filter, options.turns, options.seconds)
+        times = alternate(programs, options.filter, options.turns, options.seconds)
     losses = []
     print(f"{'new / base':40s} instructions{'    time' if times else ''}")
     for name, instructions in counted[1].items():
@@ -146,10 +149,23 @@ def compare(base, new, options):
     suspects = [name for name, ratio in times.items() if ratio > options.threshold]
     if suspects:
         print(f"Looking again at the time of {', '.join(suspects)}", flush=True)
-        times = alternate((base, new), options.filter, 2 * options.turns, 2 * options.seconds)
+        times = alternate(programs, options.filter, 2 * options.turns, 2 * options.seconds)
         losses += [f"{name}: {times[name]:.3f} of the base's time, twice"
                    for name in suspects if times[name] > options.threshold]
     return losses
+
+
+def differences_from_record(counted, pattern):
+    """Returns as lines which counts are not within MOST_FROM_RECORD of those in RECORD."""
+    record = json.loads(RECORD.read_text()) if RECORD.exists() else {}
+    record = {name: count for name, count in record.items() if pattern in name}
+    lines = [f"{name}: no longer counted" for name in record if name not in counted]
+    for name, instructions in counted.items():
+        ratio = instructions / record[name] if name in record else math.nan
+        if not 1 / MOST_FROM_RECORD <= ratio <= MOST_FROM_RECORD:
+            lines.append(f"{name}: {ratio:.3f} of the recorded instructions" if name in record
+                         else f"{name}: not recorded")
+    return lines
 
 
 def self_test(program, pattern):
@@ -196,18 +212,24 @@ def copy_changes(commit, tree):
             shutil.copy(ROOT / name, tree / name)  # with the time of the copy, for ninja
 
 
-def build_both(base, as_tested):
-    """Returns the programs of the commit `base` and of the sources here, or None if `base` has no such program."""
+def build_as_tested():
+    """Returns the program of the sources here, of the tests' build."""
+    subprocess.run(["cmake", "--preset", "dev"], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    return build_program(ROOT / "build" / "dev")
+
+
+def build_both(base, tested):
+    """Returns the programs of the commit `base` and of the sources here, or None if `base` has no such program.
+
+    `tested`: the program of the tests' build, with whose settings the base is built, or None."""
     commit = git("rev-parse", "--verify", "--quiet", base + "^{commit}")
     if commit is None:
         sys.exit(f"compare.py: '{base}' is neither a commit nor a build with bin/{PROGRAM}")
     tree = check_out(commit)
     if not (tree / "bench/safety" / (PROGRAM + ".cc")).exists():
         return None
-    if as_tested:
-        programs = [build(tree, WORK / "tested", settings_of_tests(tree))]
-        subprocess.run(["cmake", "--preset", "dev"], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
-        return [*programs, build_program(ROOT / "build" / "dev")]
+    if tested:
+        return [build(tree, WORK / "tested", settings_of_tests(tree)), tested]
     settings = settings_of_release(compiles_in_units(tree))  # both builds, or neither
     programs = []
     for name in "base", "head":
@@ -235,7 +257,9 @@ def arguments():
     parser.add_argument("--seconds", type=float, default=0.1, help="of one measurement of time")
     parser.add_argument("--threshold", type=float, default=1.10, help="ratio of times that is a loss")
     parser.add_argument("--short", action="store_true",
-                        help="the builds of the tests, and instructions alone")
+                        help="the builds of the tests, and instructions alone; BASE only where the record differs")
+    parser.add_argument("--record", action="store_true",
+                        help="write the counts of the tests' build to bench/instructions.json")
     parser.add_argument("--self-test", action="store_true",
                         help="slow each operation down by 10, 15 and 25 %% and see whether that is found")
     return parser.parse_args()
@@ -250,22 +274,42 @@ def main():
         for line in wrong:
             print(f"compare.py: {line}", file=sys.stderr)
         sys.exit(1 if wrong else 0)
+    if options.record:
+        counted, = count([[build_as_tested()]], "")
+        RECORD.write_text(json.dumps(counted, indent=1) + "\n")
+        return
     base = options.base or default_base()
     if base is None:
         print("There is no commit before this one: there is nothing to compare with.")
         return
     program = pathlib.Path(base) / "bin" / PROGRAM
+    tested = counted = None
     if program.exists():
         programs = program, build(ROOT, WORK / "here", settings_of_release(True))
     elif git("diff", "--quiet", base, "--", *SOURCES) is not None:
         print(f"Nothing that the operations are built from differs from {base[:10]}.")
         return
     else:
-        programs = build_both(base, options.short)
+        if options.short:
+            tested = build_as_tested()
+            counted, = count([[tested]], options.filter)
+            differences = differences_from_record(counted, options.filter)
+            if counted and not differences:
+                print(f"All {len(counted)} counts of instructions are within "
+                      f"{100 * (MOST_FROM_RECORD - 1):.0f} % of {RECORD.relative_to(ROOT)}.")
+                return
+            print("\n".join(differences))
+            print(f"The comparison with {base[:10]} decides. Then record the counts: bench/compare.py --record",
+                  flush=True)
+        programs = build_both(base, tested)
         if programs is None:
             print(f"The base has no {PROGRAM} yet: there is nothing to compare with.")
             return
-    losses = compare(*([program] for program in programs), options)
+    commands = [[program] for program in programs]
+    counted = [*count(commands[:1], options.filter), counted] if counted else count(commands, options.filter)
+    if not counted[1]:
+        sys.exit(f"compare.py: no operation has '{options.filter}' in its name")
+    losses = compare(commands, counted, options)
     for loss in losses:
         print(f"SLOWER: {loss}", file=sys.stderr)
     sys.exit(1 if losses else 0)

@@ -2,13 +2,14 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <cmath>
 #include <memory>
 #include <numbers>
 #include <stdexcept>
 #include <vector>
 
+#include "dfr/core/linear_algebra.h"
 #include "dfr/core/random.h"
 #include "tests/control/linear_demonstrations.h"
 #include "tests/support/all_close.h"
@@ -57,7 +58,7 @@ TEST(ResponseEstimateTest, OnlineDataAreWeightedLeastSquaresWithForgetting) {
   }
   a += options.ridge * Eigen::MatrixXd::Identity(kM, kM);
   estimate.FitAt(0, z, fit);
-  const Eigen::MatrixXd expected = a.ldlt().solve(b).transpose();
+  const Eigen::MatrixXd expected = core::SolveSymmetric(a, b).transpose();
   EXPECT_TRUE(test::AllClose(fit.jacobian(), expected, 1e-12));
   estimate.Reset();
   estimate.FitAt(0, z, fit);
@@ -245,7 +246,7 @@ TEST(ResponseEstimateTest, DriftIsLeastSquaresAboutTheStateThatIsAskedAbout) {
   for (Eigen::Index i = 0; i < kRows; ++i) {
     a(i, i) += i < kN ? options.slope_ridge : i == kN ? options.drift_ridge : options.ridge;
   }
-  const Eigen::MatrixXd expected = a.ldlt().solve(b);
+  const Eigen::MatrixXd expected = core::SolveSymmetric(a, b);
   estimate.FitAt(0, core::AsSpan(here), fit);
   EXPECT_TRUE(test::AllClose(fit.jacobian(), expected.bottomRows(kM).transpose(), 1e-12));
   EXPECT_TRUE(test::AllClose(fit.drift(), expected.row(kN).transpose(), 1e-12));

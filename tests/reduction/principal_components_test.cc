@@ -51,7 +51,6 @@ TEST(PrincipalComponentsTest, AreThoseOfAnExactDecomposition) {
   const Matrix rows = Rows(300, 200, 30, 1);
   const PrincipalComponents fit = Fit(rows, {.components = 8});
   const Matrix a = Standardised(rows, fit);
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(a, Eigen::ComputeThinU | Eigen::ComputeThinV);
   const core::SymmetricEigen eigen = core::DecomposeSymmetric(a.transpose() * a / 300.0);
   const Eigen::VectorXd exact = eigen.values.reverse();
   ASSERT_EQ(fit.components.rows(), 8);

@@ -1,4 +1,4 @@
-#include <Eigen/LU>
+#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -11,6 +11,7 @@
 #include "dfr/core/absolute_actions.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"
+#include "dfr/core/linear_algebra.h"
 #include "dfr/core/rotations.h"
 #include "dfr/safety/guard_advice.h"
 
@@ -27,7 +28,7 @@ class WayBack {
       : features_(&model.task().features()),
         support_(&model.task().feature_support()),
         scale_(features_->scale()),
-        inverse_(scale_) {
+        inverse_(core::Inverse(scale_)) {
     if (with_products) products_.resize(scale_.cols(), scale_.cols());
   }
 
@@ -47,7 +48,7 @@ class WayBack {
       const Eigen::VectorXd up = (-l / (kSteps - step) / steepness) * before;
       z += up;
       l = support_->LogDecision(t, core::AsSpan(z), core::AsSpan(slope));
-      const Eigen::VectorXd along = inverse_.solve(up);
+      const Eigen::VectorXd along = inverse_ * up;
       const Eigen::VectorXd gradient = 0.5 * scale_.transpose() * (before + slope);
       share_ += gradient.cwiseProduct(along);
       if (products_.size() > 0) products_ += gradient * along.transpose();
@@ -61,7 +62,7 @@ class WayBack {
   }
   /// Returns the selected entries of a state with features z.
   [[nodiscard]] Eigen::VectorXd Selected(const Eigen::VectorXd& z) const {
-    return inverse_.solve(z) + features_->offset();
+    return inverse_ * z + features_->offset();
   }
   [[nodiscard]] const Eigen::VectorXd& share() const { return share_; }
   [[nodiscard]] const Eigen::VectorXd& way() const { return way_; }
@@ -72,7 +73,7 @@ class WayBack {
   const core::FeatureTransform* features_;
   const kernel::WhitenedSupport* support_;
   Eigen::MatrixXd scale_;
-  Eigen::PartialPivLU<Eigen::MatrixXd> inverse_;
+  Eigen::MatrixXd inverse_;
   Eigen::VectorXd share_;
   Eigen::VectorXd way_;
   Eigen::MatrixXd products_;
