@@ -275,7 +275,7 @@ def main():
             print(f"compare.py: {line}", file=sys.stderr)
         sys.exit(1 if wrong else 0)
     if options.record:
-        counted, = count([[build_as_tested()]], "")
+        counted, = count([[build_as_tested(), "--few"]], "")
         RECORD.write_text(json.dumps(counted, indent=1) + "\n")
         return
     base = options.base or default_base()
@@ -283,7 +283,7 @@ def main():
         print("There is no commit before this one: there is nothing to compare with.")
         return
     program = pathlib.Path(base) / "bin" / PROGRAM
-    tested = counted = None
+    tested = None
     if program.exists():
         programs = program, build(ROOT, WORK / "here", settings_of_release(True))
     elif git("diff", "--quiet", base, "--", *SOURCES) is not None:
@@ -292,7 +292,7 @@ def main():
     else:
         if options.short:
             tested = build_as_tested()
-            counted, = count([[tested]], options.filter)
+            counted, = count([[tested, "--few"]], options.filter)
             differences = differences_from_record(counted, options.filter)
             if counted and not differences:
                 print(f"All {len(counted)} counts of instructions are within "
@@ -306,7 +306,7 @@ def main():
             print(f"The base has no {PROGRAM} yet: there is nothing to compare with.")
             return
     commands = [[program] for program in programs]
-    counted = [*count(commands[:1], options.filter), counted] if counted else count(commands, options.filter)
+    counted = count(commands, options.filter)
     if not counted[1]:
         sys.exit(f"compare.py: no operation has '{options.filter}' in its name")
     losses = compare(commands, counted, options)
