@@ -33,7 +33,7 @@ inline const CLI::Validator kNotNegative(
     },
     "NONNEGATIVE");
 
-/// For CLI::Option::transform(), an option that takes one of a few words. Help and errors list
+/// CLI::Option::transform() for an option that takes one of a few words. Help and errors list
 /// exactly these.
 template <typename T>
 CLI::Validator OneOf(const std::map<std::string, T>& words) {

@@ -18,8 +18,7 @@ constexpr int kMargin = 12;
 constexpr double kFramesPerSecond = 15.0;
 constexpr int kHoldFrames = 20;  // after the longest video has ended
 
-// OpenCV's colours are blue, green, red. The colours are distinguishable for colour-blind readers,
-// too.
+// OpenCV's colours are blue, green, red. Colour-blind readers can distinguish these colours.
 const cv::Scalar kPaper(252, 251, 250);
 const cv::Scalar kInk(45, 42, 40);
 const cv::Scalar kFaint(205, 200, 196);
@@ -67,7 +66,7 @@ Range RangeOf(const RolloutVideo& video) {
   return range;
 }
 
-// g over the frames up to `now`, the gate's threshold, and the boundary g = 0.
+// Draws g over the frames up to `now`, the gate's threshold, and the boundary g = 0.
 void DrawStrip(cv::Mat& strip, const RolloutVideo& video, std::size_t now) {
   strip.setTo(kPaper);
   const Range range = RangeOf(video);

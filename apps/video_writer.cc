@@ -9,7 +9,7 @@ namespace {
 int CodecOf(const std::filesystem::path& path) {
   if (path.extension() == ".mp4") return cv::VideoWriter::fourcc('a', 'v', 'c', '1');
   if (path.extension() == ".webm") return cv::VideoWriter::fourcc('V', 'P', '8', '0');
-  throw std::runtime_error(path.string() + ": a video's name ends in .mp4 or .webm");
+  throw std::runtime_error(path.string() + ": the name of a video must end in .mp4 or .webm");
 }
 
 }  // namespace

@@ -194,7 +194,8 @@ class Collected {
     }
   }
 
-  // Finds actions that are positions: their guard would take "hold still" for "go to zero".
+  // Finds actions that are positions: with such actions a guard would confuse "hold still" with "go
+  // to zero".
   void Actions(Problems& problems) const {
     const auto absolute = actions_.Absolute();
     if (absolute.empty()) {
@@ -208,7 +209,7 @@ class Collected {
   }
 
   void Alignment(Problems& problems) const {
-    // The entries that the recorded actions explain best are those that they move. There the
+    // The recorded actions explain best the entries that they move. For these entries the
     // neighbouring steps must not explain more.
     constexpr double kClearly = 0.1;
     const Eigen::VectorXd as_recorded = fits_[1].Shares();

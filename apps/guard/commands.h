@@ -52,7 +52,7 @@ struct ReportOptions {
   std::filesystem::path guard;
   std::filesystem::path demonstrations;
   std::string filter_key;
-  std::filesystem::path failures;  ///< Failed episodes; empty: none.
+  std::filesystem::path failures;  ///< File of failed episodes; empty: none.
   std::filesystem::path out = "report.html";
 };
 void RunReport(const ReportOptions& options);

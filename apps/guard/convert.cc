@@ -30,7 +30,7 @@ void Copy(const imitation::DemonstrationReader& reader,
   }
 }
 
-// <namespace>/<name>-v<version>, which Minari takes from the folders' names.
+// Returns <namespace>/<name>-v<version>, which Minari derives from the folders' names.
 std::string DatasetId(const std::filesystem::path& folder) {
   const std::filesystem::path whole = std::filesystem::absolute(folder).lexically_normal();
   const std::filesystem::path named = whole.has_filename() ? whole : whole.parent_path();

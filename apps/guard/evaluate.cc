@@ -18,7 +18,7 @@ void RunEvaluate(const EvaluateOptions& options) {
                                                     imitation::PictureRequests(model->layout()));
   if (reader->layout() != model->layout()) {
     throw std::runtime_error(options.demonstrations.string() +
-                             ": its states have different parts than those of " +
+                             ": its states have parts different from those of " +
                              options.guard.string());
   }
   safety::Guard guard(model);
@@ -43,7 +43,7 @@ void RunEvaluate(const EvaluateOptions& options) {
     untouched += shadow.first_changed < 0 ? 1 : 0;
     actions += shadow.actions;
     passed += shadow.passed;
-    // Up to the halt, if there is one.
+    // counts up to the halt, if there is one
     changed += static_cast<int>(shadow.micros.size()) - shadow.passed - (shadow.halted < 0 ? 0 : 1);
     halted += shadow.halted < 0 ? 0 : 1;
     change += shadow.change;

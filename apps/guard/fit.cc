@@ -122,7 +122,7 @@ bool RunFit(const FitOptions& options) {
   if (!absolute.empty() && !options.as_recorded) {
     throw std::runtime_error(
         options.demonstrations.string() + ": " + core::Describe(absolute, reader->layout()) +
-        ". A guard needs velocities or increments, of which zero holds still: make them with "
+        ". A guard needs velocities or increments, for which zero means no motion: make them with "
         "guard convert --differences, or give --as-recorded if these are");
   }
 

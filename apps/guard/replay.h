@@ -13,7 +13,7 @@
 #include "dfr/safety/guard_advice.h"
 #include "dfr/safety/guard_model.h"
 
-/// Recorded episodes as a guard sees them.
+/// Replays recorded episodes through a guard.
 namespace dfr::apps::guard {
 
 struct ReplayedEpisode {
@@ -38,7 +38,7 @@ class Drivers {
 
   void Add(const core::Matrix& states, const std::vector<int>& steps);
 
-  /// Shares, largest first.
+  /// Fraction of each entry, largest first.
   [[nodiscard]] std::vector<std::pair<double, int>> Ranked() const;
 
  private:
@@ -49,18 +49,18 @@ class Drivers {
   std::vector<core::Matrix> states_;
 };
 
-/// How far states are from those demonstrated states that a guard keeps, its support vectors. Of a
+/// Distances of states from a guard's support vectors, the demonstrated states that it keeps. For a
 /// state that raises no alarm, none of these distances exceeds safety::Clearances().
 class Strays {
  public:
   explicit Strays(const safety::GuardModel& model);
 
-  /// Adds states of model.task_layout(), one a row, at these time steps of the support. Those with
-  /// an entry that is not finite have no distance.
+  /// Adds states of model.task_layout(), one per row, at these time steps of the support. A state
+  /// with a nonfinite entry has no distance.
   void Add(const core::Matrix& states, const std::vector<int>& steps);
 
-  /// Returns, for each block that features use, the distance of each state in this block and its
-  /// unit, from the support vector that is nearest in whitened features.
+  /// Returns the distances of all states for each block that features use, in the block's unit. The
+  /// distance is to the support vector that is nearest in whitened features.
   [[nodiscard]] std::map<std::string, std::vector<double>> Distances() const;
 
  private:

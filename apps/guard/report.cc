@@ -133,7 +133,7 @@ std::string Introduction(const safety::GuardModel& model, const ReportOptions& o
              model.summary().false_alarms, safety::DescribeGuarantee(model.summary()).c_str());
 }
 
-// First sentence of the page: what the guard is good for, and why not.
+// First sentence of the page: the benefit of the guard, or the reason not to use it.
 std::string Verdict(const safety::GuardModel& model, const std::vector<Episode>& episodes,
                     const std::vector<Episode>& failures) {
   const double passed = Passed(episodes);
@@ -160,7 +160,7 @@ std::string Verdict(const safety::GuardModel& model, const std::vector<Episode>&
   if (failed > 0 && experiment::ProportionInterval(Alarms(failures), failed).low <= promised) {
     return "Doubtful: " + share +
            core::Format(
-               ", but alarms in %d of %d episodes that went wrong do not tell these from "
+               ", but alarms in %d of %d episodes that went wrong do not distinguish these from "
                "good ones.",
                Alarms(failures), failed);
   }
@@ -287,8 +287,8 @@ experiment::ReportTable CertificateTable(const safety::GuardModel& model,
   return table;
 }
 
-// Table of the distances from obstacles that demonstrations must have kept, beside those that the
-// states of these episodes used.
+// Table of the minimum distances from obstacles in the demonstrations, and of the distances that
+// the states of these episodes used.
 experiment::ReportTable ClearanceTable(const safety::GuardModel& model, const Strays& strays) {
   experiment::ReportTable table{
       .heading = "Clearance",

@@ -50,7 +50,7 @@ const char* Meaning(dds::Permission permission) {
 }  // namespace
 
 void RunCertificates(const CertificatesOptions& options) {
-  // All arguments are checked before any file is written.
+  // Checks all arguments before it writes any file.
   std::vector<std::pair<std::string, dds::Permission>> participants;
   std::set<std::string> names;
   const auto enclaves = options.folder / "enclaves";

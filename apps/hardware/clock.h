@@ -20,7 +20,7 @@ class Clock {
 /// Clock of this machine.
 [[nodiscard]] Clock& MachineClock();
 
-/// Asks `condition()` every 5 ms until it holds. False if it does not within `seconds`.
+/// Evaluates `condition()` every 5 ms until it holds. Returns false after `seconds`.
 template <typename Condition>
 bool Within(Clock& clock, double seconds, const Condition& condition) {
   const std::int64_t end_ns = clock.SteadyNs() + static_cast<std::int64_t>(1e9 * seconds);

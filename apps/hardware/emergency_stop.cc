@@ -44,7 +44,7 @@ void RunEmergencyStop(const EmergencyStopOptions& options) {
                                      "releases it; q and Enter presses it and quits")
             << std::endl;
   runtime::Keyboard keyboard;
-  // Reads all messages of robots: the newest alone could hide another robot's.
+  // Reads the messages of all robots: the newest message alone could hide another robot's.
   dds::Subscriber<dds::OperatingState> states(participant, dds::kRunStateTopic,
                                               dds::Role::kRequest);
   RobotWatch robots(std::cout);
@@ -64,7 +64,7 @@ void RunEmergencyStop(const EmergencyStopOptions& options) {
         std::cout << "PRESSED" << std::endl;
       }
     } else if (keyboard.ended()) {
-      // The terminal is gone, and with it the operator.
+      // The terminal, and with it the operator, is gone.
       button.Press();
       std::cout << "end of input: pressed" << std::endl;
       break;

@@ -9,7 +9,7 @@ namespace dfr::apps::hardware_app {
 struct EmergencyStopOptions {
   dds::ParticipantOptions network = {.name = "emergency_stop"};
   bool unattended =
-      false;  ///< There is no operator at the terminal: reports only that nothing is pressed.
+      false;  ///< No operator is at the terminal: reports only that nothing is pressed.
 };
 
 /// Meaning of a line typed at an emergency stop.
@@ -17,10 +17,9 @@ enum class StopWord { kPress, kRelease, kEnd };
 /// Exactly "r" releases it, and exactly "q" presses it and quits. Any other line presses it.
 [[nodiscard]] StopWord Meaning(std::string_view line) noexcept;
 
-/// An operator's emergency stop in a terminal, until Ctrl-C or q: Enter presses it, and so does any
-/// line but "r", which releases it.
-/// Runs without a robot, too, because one may join later. Shows the state of line_tracking, and
-/// reports when it goes silent.
+/// An operator's emergency stop in a terminal, until Ctrl-C or q: Enter or any line except "r"
+/// presses it; "r" releases it. Also runs without a robot, because one may join later. Shows the
+/// state of line_tracking, and reports when it goes silent.
 void RunEmergencyStop(const EmergencyStopOptions& options);
 
 }  // namespace dfr::apps::hardware_app

@@ -22,7 +22,7 @@ class RobotWatch {
   /// further ones; silence is always reported.
   /// @param steady_ns  a clock that never goes back, here and below.
   void Hear(const dds::Origin& who, const std::string& state, std::int64_t steady_ns);
-  /// Call this several times in 150 ms. After 150 ms of silence a program that has not ended is
+  /// Call this several times per 150 ms. After 150 ms of silence a program that has not ended is
   /// reported as missing.
   void Look(std::int64_t steady_ns);
 
@@ -31,14 +31,14 @@ class RobotWatch {
     dds::Origin who = {};
     std::string state;
     std::int64_t heard_ns = 0;
-    bool gone = true;  // ended, or reported as silent: another program may take its place
+    bool gone = true;  // ended, or reported as silent: another program may take its number
   };
   void Say(const std::string& text, std::int64_t steady_ns);
 
   static constexpr std::size_t kMost = 8;  // further programs are ignored
 
   Robot* Find(const dds::Origin& who);
-  // "robot"; all but the first have a number.
+  // Returns "robot", with a number for all but the first.
   [[nodiscard]] std::string Name(const Robot& robot) const;
 
   std::ostream* out_;

@@ -25,8 +25,8 @@ class Proportional final : public core::Policy {
   void Control(int /*t*/, std::span<const double> x, std::span<double> u) const noexcept override {
     constexpr double kForward = 1.0;  // mm a control
     constexpr double kGain = 0.8;
-    constexpr double kUnit = 2.0;        // mm of a control of 1
-    constexpr double kPerRadian = 10.0;  // mm, of the state's heading
+    constexpr double kUnit = 2.0;        // mm per unit of control
+    constexpr double kPerRadian = 10.0;  // mm per radian, of the state's heading
     const double angle = x[3] / kPerRadian;
     const double aside = -kGain * x[2];
     u[0] = std::clamp((kForward * std::cos(angle) - aside * std::sin(angle)) / kUnit, -1.0, 1.0);
@@ -54,10 +54,11 @@ safety::ControllerOptions Controllers() {
   // paper's simulations are below the resolution of an image.
   options.dfr.probe_fraction = 0.1;
   options.dfr.step_fraction = 0.5;
-  // The platform moves on during each control, and for as long as the arm rests between two: half
-  // of the 0.1 s that an ordinary control takes is near enough (--pause is 0.05 s by default).
+  // The platform moves during each control and during the rest of the arm between two controls.
+  // This rest is assumed to be half of the 0.1 s of an ordinary control (--pause is 0.05 s by
+  // default).
   options.guided.disturbance_model = {.base = 0.5, .per_control = 1.0};
-  // A probe must move the tool by more than the platform moves the line meanwhile.
+  // A probe must move the tool by more than the platform moves the line at the same time.
   options.guided.probe_size = 1.0;
   return options;
 }

@@ -30,7 +30,7 @@ struct LineModelOptions {
   double acceptance = 0.95;
   double whitened_gamma =
       kernel::WhitenedSupportOptions()
-          .svm.gamma;      ///< Gamma of the whitened support, that of guard and controller.
+          .svm.gamma;      ///< Gamma of the whitened support of guard and controller.
   int horizon = 55;        ///< T: number of the learned policy's controls per episode.
   std::uint64_t seed = 1;  ///< Seed of the network's initial weights.
 };

@@ -10,7 +10,7 @@
 namespace dfr::apps::line_tracking {
 namespace {
 
-constexpr std::size_t kDistance = 2;  // of LineTrackingPlant's state
+constexpr std::size_t kDistance = 2;  // index in LineTrackingPlant's state
 
 double MedianOrNan(std::vector<double> values) {
   if (values.empty()) return std::numeric_limits<double>::quiet_NaN();

@@ -10,8 +10,8 @@
 
 namespace dfr::apps::line_tracking {
 
-/// Information in Algorithm 1's probes: compares each probe of the observed episodes with the
-/// simulation's true values.
+/// Information in Algorithm 1's probes. Compares each probe of the observed episodes with the true
+/// values of the simulation.
 class ProbeStudy final : public control::RolloutObserver {
  public:
   /// Borrows both arguments.
@@ -31,13 +31,13 @@ class ProbeStudy final : public control::RolloutObserver {
   [[nodiscard]] int recoveries() const noexcept { return recoveries_; }
   /// Recoveries that ended in a control of the learned policy.
   [[nodiscard]] int ended() const noexcept { return ended_; }
-  /// Recoveries whose threshold lambda |u| was beyond g_t of every demonstrated state.
+  /// Recoveries whose threshold lambda |u| exceeded g_t of every demonstrated state.
   [[nodiscard]] int out_of_reach() const noexcept { return out_of_reach_; }
 
  private:
   const LineModel* model_;
   const sim::LineTrackingPlant* plant_;
-  std::vector<double> largest_g_;  ///< Over demonstrated states, of each time step.
+  std::vector<double> largest_g_;  ///< Largest g over demonstrated states, per time step.
   std::array<double, 4> before_{};
   bool recovering_ = false;
   std::vector<double> sizes_um_;

@@ -14,14 +14,14 @@ namespace dfr::apps::line_tracking {
 /// Neither allocates nor throws if the observers do not.
 class RecordedController final : public control::Controller {
  public:
-  /// Borrows `controller`. @param recorder  may be nullptr, else outlives this.
+  /// Borrows `controller`. @param recorder  may be nullptr, otherwise must outlive this object.
   RecordedController(control::Controller& controller, recording::Recorder* recorder)
       : controller_(&controller), recorder_(recorder) {}
 
   [[nodiscard]] int state_dim() const noexcept override { return controller_->state_dim(); }
   [[nodiscard]] int control_dim() const noexcept override { return controller_->control_dim(); }
 
-  /// Begins this episode for the following decisions.
+  /// Starts the episode for the following decisions.
   void BeginEpisode(std::uint64_t episode) noexcept { episode_ = episode; }
   /// Records a decision that was made without the controller, for an invalid state.
   void Record(const control::Step& step, std::span<const double> x,

@@ -17,7 +17,7 @@ constexpr int kWidth = kPictureWidth / 2;
 constexpr int kHeight = kPictureHeight;
 constexpr int kRecoveryStride = 10;
 
-// Blue, green, red.
+// colours as blue, green, red
 const cv::Scalar kSeen(220, 200, 0);
 
 void Write(cv::Mat& canvas, const std::string& text, cv::Point at, const cv::Scalar& colour,
@@ -91,7 +91,7 @@ RolloutVideo Record(LineTrialRunner& runner, int method, const std::string& titl
 control::RolloutResult RecordEpisode(LineTrialRunner& runner, int method, const std::string& title,
                                      std::uint64_t start_seed, std::uint64_t controller_seed,
                                      const std::filesystem::path& path) {
-  VideoWriter::CheckName(path);  // before the episode runs
+  VideoWriter::CheckName(path);  // checked before the episode runs
   const RolloutVideo video = Record(runner, method, title, start_seed, controller_seed);
   WriteVideo(path, {&video, 1});
   return video.result;

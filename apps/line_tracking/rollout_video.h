@@ -19,11 +19,11 @@ namespace dfr::apps::line_tracking {
 inline constexpr int kPictureWidth = 1280;
 inline constexpr int kPictureHeight = 480;
 
-/// The results of vision, beside an outside view of arm and platform: kPictureWidth x
+/// Draws the results of vision beside an outside view of arm and platform: kPictureWidth x
 /// kPictureHeight, RGB, rows from the top.
 void DrawBothViews(const sim::LineTrackingPlant& plant, std::span<std::uint8_t> rgb);
 
-/// Runs one episode and takes its pictures, as RecordEpisode() writes them.
+/// Runs one episode and records the pictures that RecordEpisode() writes.
 [[nodiscard]] RolloutVideo Record(LineTrialRunner& runner, int method, const std::string& title,
                                   std::uint64_t start_seed, std::uint64_t controller_seed);
 

@@ -73,7 +73,7 @@ line_task::LineCalibration CalibratePlant(const sim::LineTrackingOptions& option
                                           calibration::CalibrationSummary* summary) {
   sim::LineTrackingOptions still = options;
   still.disturbance.wave = sim::Wave::kNone;
-  still.observation = sim::Observation::kGroundTruth;  // the motion renders its pictures
+  still.observation = sim::Observation::kGroundTruth;  // the motion renders the pictures itself
   sim::LineTrackingPlant plant(still);
   const line_task::LineCalibration nominal = sim::NominalCalibration();
   line_task::LineCalibration found = calibration::Calibrate(

@@ -50,8 +50,8 @@ class RecoveryCurves final : public control::RolloutObserver {
   std::vector<std::vector<double>> curves_;
 };
 
-/// The world of a row: "frozen", in which the platform stops while the robot looks, computes or has
-/// halted, otherwise as in `plant`; or a latency in real time, "30ms".
+/// Returns `plant` in the world of a row: "frozen", in which the platform stops while the robot
+/// observes, computes or has halted; or a latency in real time, "30ms".
 /// @throws std::invalid_argument listing the valid worlds.
 [[nodiscard]] sim::LineTrackingOptions InWorld(sim::LineTrackingOptions plant,
                                                const std::string& world);
@@ -78,7 +78,7 @@ class LineTrialRunner final : public study::PlaceboRunner {
  private:
   [[nodiscard]] bool Inside(std::span<const double> x) const override;
   [[nodiscard]] std::string CauseOf(const control::RolloutResult& result) const override;
-  /// In real time the platform moves on for kSettleTimeS.
+  /// In real time, moves the platform for kSettleTimeS.
   [[nodiscard]] bool CollidesAfterHalt() override;
 
   LineModel model_;

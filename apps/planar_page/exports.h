@@ -27,21 +27,21 @@ int page_fit_certified();
 /// Number of time steps with a separate estimate.
 int page_num_steps(int support);
 
-/// l_t at columns x rows points of a grid, row by row from (left, top), `spacing` apart and
-/// downwards, to the array.
+/// Writes l_t at columns x rows points of a grid to the array, row by row downwards from (left,
+/// top), `spacing` apart.
 int page_levels(int support, int t, double left, double top, double spacing, int columns, int rows);
-/// To the array: l_t, g_t, x and y of the safe disc's centre and its radius;
-/// the last three are NaN before the fit of the certified method.
+/// Writes l_t, g_t, x and y of the safe disc's centre, and its radius to the array. The last three
+/// are NaN before the fit of the certified method.
 int page_look(int support, int t, double x, double y);
 int page_nearest_step(int support, double x, double y);
 
 /// Begins an episode at (x, y) at this time step.
 int page_start(int method, double x, double y, int first_step, int seed);
-/// A start state of the scene, to the array.
+/// Writes a start state of the scene to the array.
 int page_start_state(int seed);
-/// One control. To the array: x, y before; x, y after; x, y where the policy wanted to; mode; time
-/// step; g; threshold; 1 if the policy's control was changed; 1 if it is certified; outcome (-1
-/// while under way); halt cause.
+/// Applies one control. Writes to the array: x, y before; x, y after; x, y of the policy's target;
+/// mode; time step; g; threshold; 1 if the policy's control was changed; 1 if it is certified;
+/// outcome (-1 while running); halt cause.
 int page_step();
 /// Moves the robot of the episode, without telling the controller.
 int page_displace(double x, double y);
@@ -50,6 +50,6 @@ int page_push(double dx, double dy);
 /// Runs a separate episode of at most `most` controls and writes its path to the array. @returns
 /// the number of points; the outcome follows them, -1 if not over.
 int page_preview(int method, double x, double y, int first_step, int most);
-/// Episodes from random start states. To the array: completed, halted, collided.
+/// Runs episodes from random start states. Writes completed, halted and collided to the array.
 int page_run(int method, int count, int seed);
 }

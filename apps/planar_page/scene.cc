@@ -18,7 +18,7 @@ Point Turned(const Point& p, double angle) {
   return {c * p[0] - s * p[1], s * p[0] + c * p[1]};
 }
 
-// Distance to a box; inside, how deep, negated.
+// Returns the distance to a box; inside it, minus the depth.
 double Distance(const Box& box, const Point& p) {
   const double dx = std::max(box.low[0] - p[0], p[0] - box.high[0]);
   const double dy = std::max(box.low[1] - p[1], p[1] - box.high[1]);

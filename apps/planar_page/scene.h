@@ -33,7 +33,7 @@ struct Scene {
   Disc goal;   ///< Entering it completes the task.
   std::vector<Disc> discs = {};
   std::vector<Box> boxes = {};
-  bool corridor = false;  ///< The walls of sim::CorridorPlant are there too.
+  bool corridor = false;  ///< True if the scene has the walls of sim::CorridorPlant.
   /// Routes of the demonstrator from the start to the goal, used alternately.
   std::vector<std::vector<Point>> routes = {};
   double wander = 0.05;  ///< Standard deviation of the demonstrator's distance from its route.
@@ -48,7 +48,8 @@ struct Scene {
 /// State: point(2). Control (2): entries saturate at +-1. One object belongs to one thread.
 class PointPlant final : public core::SimulatedPlant {
  public:
-  static constexpr double kGain = 0.1;      ///< K: a control of norm 1 moves the point by this far.
+  /// K: distance that a control of norm 1 moves the point.
+  static constexpr double kGain = 0.1;
   static constexpr double kRotation = 0.6;  ///< rad
 
   explicit PointPlant(const Scene& scene);
@@ -69,7 +70,7 @@ class PointPlant final : public core::SimulatedPlant {
   [[nodiscard]] const Point& point() const noexcept { return point_; }
   /// Distance to the nearest obstacle, negative inside one.
   [[nodiscard]] double Clearance(const Point& p) const noexcept;
-  /// The walls of the corridor between these x, for drawing; empty where there is none.
+  /// Returns the walls of the corridor between these x, for drawing; empty if there are none.
   [[nodiscard]] std::vector<Point> Wall(double side, double left, double right) const;
 
  private:
@@ -89,7 +90,7 @@ inline Point operator+(const Point& a, const Point& b) { return {a[0] + b[0], a[
 inline Point operator-(const Point& a, const Point& b) { return {a[0] - b[0], a[1] - b[1]}; }
 inline Point operator*(double s, const Point& p) { return {s * p[0], s * p[1]}; }
 [[nodiscard]] double Norm(const Point& p);
-/// Entries of a control within +-1.
+/// Clips the entries of a control to +-1.
 [[nodiscard]] Point Saturated(const Point& u);
 
 }  // namespace dfr::apps::planar_page

@@ -18,8 +18,8 @@ namespace dfr::apps::planar_page {
 namespace {
 
 constexpr double kSpeed = 0.6;      // Norm of a demonstrated control.
-constexpr double kUnsteady = 0.35;  // Noise on each entry of it, a standard deviation.
-constexpr int kHorizon = 200;       // Controls that a demonstration takes at most.
+constexpr double kUnsteady = 0.35;  // Standard deviation of the noise on each of its entries.
+constexpr int kHorizon = 200;       // Maximum number of controls in a demonstration.
 
 // A polyline parametrised by its length.
 class Route {
@@ -37,7 +37,7 @@ class Route {
     const double share = segment > 0.0 ? std::clamp((s - at_[i - 1]) / segment, 0.0, 1.0) : 1.0;
     return points_[i - 1] + share * (points_[i] - points_[i - 1]);
   }
-  // Position of p along the route, not before `from` and not far after it.
+  // Returns the position of p along the route, not before `from` and not far after it.
   [[nodiscard]] double Progress(const Point& p, double from) const {
     constexpr int kPlaces = 20;
     constexpr double kSpacing = 0.02;
@@ -59,13 +59,14 @@ class Route {
   std::vector<double> at_;
 };
 
-// Tight: all machines must find the same solution to all printed digits.
+// A tight tolerance: all machines must find the same solution to all printed digits.
 constexpr double kTolerance = 1e-10;
 
 safety::TaskOptions Options() {
   safety::TaskOptions options;
   options.guided.svm.tolerance = kTolerance;
-  // Wider, the published support reaches across the pillar; narrower, DFR only ever halts.
+  // With a wider kernel the published support reaches across the pillar; with a narrower one DFR
+  // only halts.
   options.published = kernel::TimeVaryingSupportOptions();
   options.published->svm.gamma = 2.0;
   options.published->svm.tolerance = kTolerance;
@@ -73,7 +74,8 @@ safety::TaskOptions Options() {
   return options;
 }
 
-// Features of the certified mode: both coordinates in one unit, hence |dz| is a multiple of |dx|.
+// Features of the certified mode. Both coordinates have one unit, and |dz| is therefore a multiple
+// of |dx|.
 core::FeatureTransform OneUnit(std::span<const core::Trajectory> demonstrations) {
   const core::FeatureSelection all = core::FeatureSelection::All(2);
   std::vector<core::Matrix> states;
@@ -157,7 +159,7 @@ struct CertifiedModel {
 
   safety::TaskModel model;
   double direction_error;
-  double scale;  ///< The features are the state times this.
+  double scale;  ///< Factor from state to features.
 };
 
 }  // namespace
@@ -171,7 +173,7 @@ struct World::Learned {
 
   study::planar::PolynomialPolicy polynomial;
   PushedPolicy policy;
-  PushedPolicy unpushed;  ///< For Run(), without the user's pushes.
+  PushedPolicy unpushed;  ///< Policy of Run(), without the user's pushes.
   safety::TaskModel model;
   std::optional<CertifiedModel> certified;
 

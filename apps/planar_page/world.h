@@ -32,7 +32,7 @@ class PushedPolicy final : public core::Policy {
   Point push_{};
 };
 
-/// Selects Algorithm 1's, guided recovery's or the certified mode's support.
+/// Support of Algorithm 1, of guided recovery or of the certified mode.
 enum class Support { kPublished, kGuided, kCertified };
 
 /// Names of the methods, as in the program `study`.
@@ -50,7 +50,7 @@ struct SafeRegion {
 struct Decision {
   control::Step step;
   Point from{};
-  Point to{};      ///< The same as `from` after a halt.
+  Point to{};      ///< Equal to `from` after a halt.
   Point wanted{};  ///< Target of the policy, including pushes.
 };
 
@@ -100,8 +100,8 @@ class World {
 
   /// Adds `count` demonstrations along alternating routes of the scene.
   void Demonstrate(int count, std::uint64_t seed);
-  /// Adds the line that a user drew as a demonstration, and `repeats` more by an unsteady hand that
-  /// follows it.
+  /// Adds the line that a user drew as a demonstration, and `repeats` more that follow it with
+  /// noise.
   /// @throws std::invalid_argument with the reason for the user.
   void Draw(std::span<const Point> line, int repeats, std::uint64_t seed);
   /// Removes all demonstrations and models.
@@ -115,7 +115,7 @@ class World {
   void Fit();
   [[nodiscard]] bool fitted() const noexcept { return learned_ != nullptr; }
   /// Fits the additional parts of the certified method, unless they exist. Requires fitted(). Takes
-  /// as long as Fit(); a page can show the results of Fit() meanwhile.
+  /// as long as Fit(). A page can show the results of Fit() during that time.
   void FitCertified();
   [[nodiscard]] bool fitted_certified() const noexcept;
 
@@ -134,7 +134,7 @@ class World {
   /// `first_step`.
   [[nodiscard]] Episode Start(std::size_t method, const Point& start, int first_step,
                               std::uint64_t seed) const;
-  /// Pushes the policy of all episodes: added to its controls, as a motion of at most kGain.
+  /// Pushes the policy of all episodes: adds a motion of at most kGain to its controls.
   void Push(const Point& displacement) noexcept;
   /// Runs `count` episodes from random start states.
   [[nodiscard]] Tally Run(std::size_t method, int count, std::uint64_t seed) const;

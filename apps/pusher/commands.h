@@ -27,7 +27,7 @@ void RunDemonstrate(const DemonstrateOptions& options);
 struct FitOptions {
   std::filesystem::path demonstrations = "demonstrations.hdf5";
   std::filesystem::path out = "model";
-  int use = 0;  ///< 0: all of them.
+  int use = 0;  ///< 0: all demonstrations.
   std::string learner = "8";
   ModelOptions model;
 };
@@ -55,7 +55,8 @@ void RunGuarded(const GuardedOptions& options);
 struct ExperimentOptions : experiment::ExperimentOptions {
   ExperimentOptions() { out = "out/pusher"; }
   std::filesystem::path supervisor;  ///< Empty: the shipped ones.
-  int supervisors = 0;               ///< Number of these that take turns; 0: the preset's.
+  /// Number of supervisors that take turns; 0: the preset's number.
+  int supervisors = 0;
   bool convergence = true;
   // Empty: the preset's.
   std::vector<std::string> learners;

@@ -69,7 +69,7 @@ void RunDrift(const DriftOptions& options) {
   }
   site_options.most_demonstrations = std::max(options.demonstrations, kFewDemonstrations);
   site_options.seed = options.seed;
-  // Conditions take the place of learners.
+  // Conditions replace the learners of the plan.
   experiment::EvaluationPlan plan;
   plan.demonstrations = {options.demonstrations};
   plan = experiment::ApplyTo(std::move(plan), options);

@@ -113,7 +113,8 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options, std::function<void
     const auto take = [command](const char* option, auto& value, auto preset) {
       if (command->count(option) > 0) return;
       value = preset;
-      command->get_option(option)->default_str(experiment::Exactly(preset));  // for run.toml
+      // Default for run.toml.
+      command->get_option(option)->default_str(experiment::Exactly(preset));
     };
     if (options.preset == "fig5") {
       take("--joint-step", options.plant.joint_step, 0.03);
@@ -263,7 +264,7 @@ void AddRender(CLI::App& app, RenderOptions& options) {
   command->callback([&options, command] {
     if (options.episode.empty()) return RunRender(options);
     if (command->count("--methods") == 0) options.methods.clear();
-    // The experiment as its run.toml has it.
+    // Parses the experiment of its run.toml.
     CLI::App again("", "pusher");
     ExperimentOptions run;
     AddExperiment(again, run, [&] { RenderEpisode(run, options); });

@@ -21,8 +21,8 @@ namespace dfr::apps::pusher {
 /// Network and training of the learned policy (Sec. V-A and the authors' scripts).
 struct Learner {
   std::vector<int> hidden = {8};
-  std::optional<int> epochs =
-      {};                       ///< Passes of Adam over the demonstrations; default: ModelOptions'.
+  /// Number of passes of Adam over the demonstrations; default: that of ModelOptions.
+  std::optional<int> epochs = {};
   double learning_rate = 1e-3;  ///< Adam's.
 
   /// Parses "8" or "64-64", the units of each hidden layer; "8x100" is trained for 100 epochs.
@@ -41,7 +41,7 @@ struct ModelOptions {
   int horizon = 60;    ///< T
   double whitened_gamma =
       kernel::WhitenedSupportOptions()
-          .svm.gamma;  ///< Gamma of the whitened support, that of guard and controller.
+          .svm.gamma;  ///< Gamma of the whitened support of guard and controller.
   std::uint64_t seed = 1;
 };
 
@@ -49,8 +49,8 @@ struct ModelOptions {
 class Model : public study::LearnedModel {
  public:
   /// Fits to the first `demonstrations` trajectories of the set. Baselines that query the
-  /// supervisor need `supervisor` and its scene, and are refused without them.
-  /// @throws std::invalid_argument if there are not as many, or they do not fit.
+  /// supervisor need `supervisor` and its scene, and are rejected without them.
+  /// @throws std::invalid_argument if there are fewer trajectories, or they do not fit.
   static Model Fit(const imitation::DemonstrationSet& set, int demonstrations,
                    const ModelOptions& options,
                    const imitation::GaussianPolicy* supervisor = nullptr,

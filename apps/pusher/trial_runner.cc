@@ -61,7 +61,7 @@ double SupportOverlap(const Model& model, const imitation::DemonstrationSet& set
     try {
       plant.SetState(state);
     } catch (const std::invalid_argument&) {
-      continue;  // beyond a joint's limit: no state of this plant
+      continue;  // beyond a joint's limit: invalid state of this plant
     }
     plant.Observe(state);
     if (model.task().support().Decision(t, state) < 0.0) continue;

@@ -28,13 +28,13 @@ namespace dfr::apps::pusher {
 /// One unit of the experiment: a model, and a plant to run it on.
 class PusherTrialRunner final : public study::PlaceboRunner {
  public:
-  /// @param disturbance  of the plant that methods run on; start states are accepted without it.
+  /// @param disturbance  of the plant that methods run on. Start states are selected without it.
   PusherTrialRunner(Model model, const std::vector<safety::Method>& methods,
                     const sim::PusherOptions& plant_options, std::map<std::string, double> measures,
                     const experiment::DisturbanceOptions& disturbance = {});
 
-  /// The given measures, and for each method with recoveries the median "controls_per_recovery
-  /// <method>".
+  /// Returns the given measures, and the median "controls_per_recovery <method>" of each method
+  /// with recoveries.
   [[nodiscard]] std::map<std::string, double> Measures() override;
 
   /// Pictures of 480 x 360 each.
@@ -61,7 +61,7 @@ class PusherTrialRunner final : public study::PlaceboRunner {
   std::map<std::string, double> measures_;
 };
 
-/// Rolls some of the runner's methods out from one start state and draws them.
+/// Runs some of the runner's methods from one start state and draws the rollouts.
 [[nodiscard]] std::vector<RolloutVideo> RecordRollouts(PusherTrialRunner& runner,
                                                        const std::vector<std::string>& methods,
                                                        std::uint64_t start_seed,
@@ -75,9 +75,9 @@ void Save(const std::vector<RolloutVideo>& videos, const std::filesystem::path& 
 /// Options of the experiment that determine its results.
 struct TrialRunnerOptions {
   std::vector<safety::Method> methods;
-  ModelOptions model;  ///< The unit sets learner and seed.
+  ModelOptions model;  ///< The unit sets the learner and the seed.
   sim::PusherOptions plant;
-  experiment::DisturbanceOptions disturbance;  ///< At test time only.
+  experiment::DisturbanceOptions disturbance;  ///< Disturbance at test time only.
   double supervisor_noise = 1.0;               ///< Factor on the supervisor's standard deviation.
   int most_demonstrations = 120;
   std::uint64_t seed = 1;

@@ -12,7 +12,7 @@
 namespace dfr::study {
 namespace {
 
-// A policy learned in the units of the task. Its switches have two values.
+// A policy learned in the units of the task. Its switched entries have two values.
 class InUnits final : public core::Policy {
  public:
   InUnits(imitation::MlpPolicy learned, const sim::GalleryTask& task)
@@ -133,7 +133,7 @@ Imitator Imitate(const sim::GalleryTask& task, std::span<const core::Trajectory>
   for (const core::Trajectory& d : demonstrations) {
     teaching.horizon = std::max(teaching.horizon, 2 * d.num_steps());
   }
-  // Some policies borrow the good one.
+  // A policy, and the good policy that some policies borrow.
   struct Made {
     std::shared_ptr<const core::Policy> good;
     std::shared_ptr<const core::Policy> policy;

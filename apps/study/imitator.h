@@ -22,16 +22,16 @@ namespace dfr::study {
 /// The task's supervisor, for policies that query it while they learn.
 [[nodiscard]] Expert SupervisorOf(const sim::GalleryTask& task);
 
-/// A policy for one episode at a time: a late one stores its previous controls. Never allocates
-/// after construction.
+/// A policy for one episode at a time. A delayed policy stores its previous controls. Never
+/// allocates after construction.
 class Imitator {
  public:
   Imitator(std::shared_ptr<const core::Policy> learned, const sim::PolicyBias& bias);
-  /// A policy that learns from the controls that are applied.
+  /// Wraps a policy that learns from the applied controls.
   explicit Imitator(std::shared_ptr<OnlineLwrPolicy> online);
   /// Begins an episode; the seed determines the size of the bias.
   void Reset(std::uint64_t seed) noexcept;
-  /// As core::Policy::Control(); entries of `u` lie within +-1.
+  /// Same as core::Policy::Control(). Entries of `u` are within +-1.
   void Control(int t, std::span<const double> x, std::span<double> u) noexcept;
   /// `u` is applied in the state of the last Control().
   void Applied(std::span<const double> u) noexcept {
@@ -40,17 +40,17 @@ class Imitator {
 
  private:
   std::shared_ptr<const core::Policy> learned_;
-  std::shared_ptr<OnlineLwrPolicy> online_;  // null: it learns nothing
+  std::shared_ptr<OnlineLwrPolicy> online_;  // null: the policy does not learn
   sim::PolicyBias bias_;
   double share_ = 0.0;
-  std::size_t late_ = 0;        // entries of wanted_ that are in use
-  std::vector<double> wanted_;  // the last controls, oldest first
+  std::size_t late_ = 0;        // number of used entries of wanted_
+  std::vector<double> wanted_;  // previous controls, oldest first
 };
 
 /// Learns policy `name` from `demonstrations` of `task`: by behaviour cloning "good", "weak" (few
 /// units and epochs) or "biased" (the good one with the task's bias); or one of study::kPolicies,
-/// with the good one as the learned policy. `fit` is of these demonstrations. `plant` is
-/// the controlled plant, for the adversaries only. Borrows everything except the seed.
+/// with the good one as the learned policy. `fit` belongs to these demonstrations. `plant` is the
+/// controlled plant, for the adversaries only. Borrows everything except the seed.
 /// @throws std::invalid_argument listing the valid policies.
 [[nodiscard]] Imitator Imitate(const sim::GalleryTask& task,
                                std::span<const core::Trajectory> demonstrations,

@@ -14,7 +14,7 @@
 namespace dfr::study {
 
 std::vector<experiment::ReportJudgement> JudgeMethods(const std::vector<Row>& rows) {
-  constexpr double kMostHarmed = 0.1;  // of what the policies complete alone
+  constexpr double kMostHarmed = 0.1;  // share of the episodes that the policies complete alone
   constexpr double kLeastPassed = 0.5;
   const auto all_of = [&](const std::string& controller) {
     std::vector<Row> selected;

@@ -23,7 +23,7 @@ class Progress final : public control::RolloutObserver {
       : tracker_(support), last_(support.num_steps() - 1) {}
   void OnStart(std::span<const double> x) override { Follow(x); }
   void OnControl(const control::RolloutEvent& event) override { Follow(event.next_x); }
-  // As a share of the last one.
+  // Progress as a fraction of the last time step.
   [[nodiscard]] double share() const {
     return last_ > 0 ? static_cast<double>(reached_) / static_cast<double>(last_) : 1.0;
   }
@@ -106,7 +106,7 @@ class Guarded final : public control::Controller, public LearnsOnline {
   }
 
   std::shared_ptr<Imitator> policy_;
-  std::unique_ptr<safety::Guard> guard_;  // null: the policy alone
+  std::unique_ptr<safety::Guard> guard_;  // null: the policy without a guard
   std::optional<Camera> camera_;
   std::vector<double> picture_;
   int state_dim_, control_dim_, horizon_;

@@ -29,12 +29,12 @@ enum class Kind { kControllers, kGuards, kPlane };
 /// Guards on pictures, beside those on states.
 struct PictureOptions {
   std::string features = {};  ///< Features of "image", such as "points:image"; "": none.
-  /// What disturbs the pictures of demonstrations. Condition::nuisances disturb those of a run.
+  /// Disturbances of the pictures in demonstrations. Condition::nuisances disturb those of a run.
   Nuisances shown = {.light = 0.2, .noise = 0.03};
 };
 
-/// Ends the method name of a guard that sees pictures only: "guard/pictures". Its policy sees the
-/// state.
+/// Suffix of the method name of a guard that sees pictures only: "guard/pictures". Its policy sees
+/// the state.
 inline constexpr const char* kOnPictures = "/pictures";
 
 /// Data shared by all methods of a task in one trial.
@@ -43,8 +43,9 @@ struct Prepared {
   std::unique_ptr<const planar::Methods> plane = nullptr;  ///< For planar::Methods.
   std::vector<core::Trajectory> demonstrations = {};       ///< For guards,
   std::optional<FittedTask> guard = {};
-  std::shared_ptr<const safety::GuardModel> seeing = nullptr;  ///< On pictures; may be null.
-  std::uint64_t seed = 0;                                      ///< and that of their policies.
+  /// Guard model on pictures; may be null.
+  std::shared_ptr<const safety::GuardModel> seeing = nullptr;
+  std::uint64_t seed = 0;  ///< seed of the policies
 
   [[nodiscard]] const FittedTask& fit() const noexcept {
     return model != nullptr ? model->fit() : plane != nullptr ? plane->fit() : *guard;
@@ -70,11 +71,11 @@ class Guarded;
 class Imitator;
 
 /// Runs methods in one task under one condition. Only planar tasks draw start states again;
-/// elsewhere one outside the support counts like any other.
+/// elsewhere a start state outside the support counts like any other.
 class Runner final : public PlaceboRunner {
  public:
-  /// `methods` are those of ParseMethod(), or "<guard's strategy>@<policy>[/pictures]" where
-  /// `prepared` is of guards; around both also PlaceboNames(). Borrows the parts of the place.
+  /// `methods` are those of ParseMethod(), or "<guard's strategy>@<policy>[/pictures]" if
+  /// `prepared` belongs to guards, or PlaceboNames(). Borrows the parts of the place.
   Runner(const Place& place, std::shared_ptr<const Prepared> prepared,
          const std::vector<std::string>& methods);
   ~Runner() override;
@@ -86,7 +87,7 @@ class Runner final : public PlaceboRunner {
             std::uint64_t controller_seed, const std::filesystem::path& path) override;
   /// Numbers of episodes of each monitor with an alarm: AlarmsIn() of the method.
   std::map<std::string, double> Measures() override { return alarms_; }
-  /// [method]: controls of each recovery, in planar tasks only.
+  /// [method]: number of controls of each recovery, in planar tasks only.
   std::map<std::string, std::vector<int>> Counts() override;
 
   /// Credit of one episode.
@@ -106,7 +107,7 @@ class Runner final : public PlaceboRunner {
   std::shared_ptr<const Prepared> prepared_;
   std::map<std::string, std::shared_ptr<Imitator>> imitators_;  // guards' policies
   std::vector<Guarded*> guarded_;                               // [method]
-  int method_ = 0;                                              // of the last episode
+  int method_ = 0;                                              // values of the last episode
   std::map<std::string, double> alarms_;
 };
 

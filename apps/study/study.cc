@@ -248,7 +248,7 @@ const std::vector<std::string>& GuardNames() {
 bool Intervened(const experiment::EpisodeResult& episode) {
   using control::HaltCause;
   if (episode.changed_controls > 0) return true;
-  // What a halt left to the world may collide: "after <cause>".
+  // Prefix of a collision that the world caused after a halt: "after <cause>".
   constexpr std::string_view kAfter = "after ";
   std::string_view cause = episode.cause;
   if (cause.starts_with(kAfter)) {
@@ -306,7 +306,7 @@ std::vector<experiment::FilmedEpisode> RecordStudy(const Study& study, int count
   const auto runner = units.Make(unit);
   for (std::size_t method = 0; method < units.controllers().size(); ++method) {
     for (int i = 0; i < count; ++i) {
-      // Seeds as in experiment::Evaluate().
+      // Seeds equal those of experiment::Evaluate().
       const std::uint64_t start =
           core::DeriveSeed(plan.seed, {0, 0, static_cast<std::uint64_t>(i), 0});
       episodes.push_back(runner->RecordStates(static_cast<int>(method), start,

@@ -16,8 +16,9 @@
 namespace dfr::study {
 
 /// A study: every method around every policy, in every task under every condition, from the same
-/// start states. No start state is drawn again: one outside the support counts like any other. Each
-/// trial has separate demonstrations, policies and start states. The policy alone always runs.
+/// start states. No start state is drawn again: a start state outside the support counts like any
+/// other. Each trial has separate demonstrations, policies and start states. The policy alone
+/// always runs.
 struct Study : experiment::ExperimentOptions {
   /// Controllers under all conditions in all tasks.
   Study() {
@@ -40,7 +41,7 @@ struct Study : experiment::ExperimentOptions {
   std::vector<std::string> controllers = {"early-stopping", "dfr", "controller"};
   std::vector<std::string> conditions = {};  ///< Names of Conditions(); empty: all.
   int demonstrations = 60;
-  planar::MethodOptions plane = {};  ///< For planar tasks.
+  planar::MethodOptions plane = {};  ///< Options for planar tasks.
   /// For guards. With features, methods may end in kOnPictures, and conditions disturb pictures.
   PictureOptions pictures = {};
 };
@@ -56,18 +57,18 @@ struct TrialCounts {
   int halted = 0;
   int saved = 0;
   int harmed = 0;
-  int intervened = 0;            ///< Episodes that Intervened() accepts,
-  int intervened_completed = 0;  ///< those of them that complete,
-  int left_alone = 0;            ///< all other episodes,
-  int left_alone_completed = 0;  ///< and those of them that complete.
-  double controls = 0.0;         ///< In all episodes.
-  double changed = 0.0;          ///< Controls that differ from the policy's.
+  int intervened = 0;            ///< Number of episodes that Intervened() accepts.
+  int intervened_completed = 0;  ///< Number of these that complete.
+  int left_alone = 0;            ///< Number of all other episodes.
+  int left_alone_completed = 0;  ///< Number of the other episodes that complete.
+  double controls = 0.0;         ///< Number of controls in all episodes.
+  double changed = 0.0;          ///< Number of controls that differ from the policy's.
   bool operator==(const TrialCounts&) const = default;
 };
 
-/// Returns true if the method changed a control of the episode at least once, or halted it for
-/// another reason than the end of its time, a limit of its controls or the plant. The policy's
-/// action is not applied then.
+/// Returns true if the method changed a control of the episode at least once, or halted it for a
+/// reason other than the end of its time, a limit on controls, or the plant. The policy's action is
+/// not applied then.
 [[nodiscard]] bool Intervened(const experiment::EpisodeResult& episode);
 
 /// One method around one policy, in one task under one condition, over all trials.
@@ -78,22 +79,26 @@ struct Row {
   std::string controller;
   int episodes = 0;
   int completed = 0;
-  int collided = 0;  ///< Includes collisions of a world that moves on after a halt.
-  int saved = 0;     ///< Start states from which the policy alone collides and this does not,
-  int harmed = 0;    ///< from which it completes, and this does not.
-  int saved_completed = 0;  ///< Those of `saved` that this completes.
-  int intervened = 0;       ///< As in TrialCounts.
+  int collided = 0;  ///< Includes collisions after a halt in a world that continues to move.
+  /// Number of start states from which the policy alone collides and this method does not.
+  int saved = 0;
+  /// Number of start states from which the policy alone completes and this method does not.
+  int harmed = 0;
+  int saved_completed = 0;  ///< Number of `saved` that this method completes.
+  int intervened = 0;       ///< Defined as in TrialCounts.
   int intervened_completed = 0;
-  int alarmed_failures = 0;          ///< Those of `collided` with a previous alarm; monitor only.
-  int alarmed_successes = 0;         ///< Those of `completed` with an alarm; monitor only.
-  double controls = 0.0;             ///< Mean number per episode.
-  double changed = 0.0;              ///< Those of `controls` that differ from the policy's.
-  std::vector<int> recoveries = {};  ///< Controls of each recovery, in planar tasks only.
+  int alarmed_failures = 0;   ///< Number of `collided` with a previous alarm; monitor only.
+  int alarmed_successes = 0;  ///< Number of `completed` with an alarm; monitor only.
+  double controls = 0.0;      ///< Mean number of controls per episode.
+  /// Mean number of controls per episode that differ from the policy's.
+  double changed = 0.0;
+  std::vector<int> recoveries = {};  ///< Number of controls of each recovery, in planar tasks only.
   /// Causes of the other outcomes: "halted: no-progress", or the source of the control that
   /// collided.
   std::map<std::string, int> causes = {};
-  double change = 0.0;    ///< Sum of control::Step::change over changed controls that have one.
-  int sized_changes = 0;  ///< Number of these.
+  /// Sum of control::Step::change over changed controls that have this value.
+  double change = 0.0;
+  int sized_changes = 0;                 ///< Number of these changed controls.
   std::vector<TrialCounts> trials = {};  ///< [trial]
   bool operator==(const Row&) const = default;
 };
@@ -105,8 +110,8 @@ struct Row {
 ///   experiment::Evaluate() does.
 [[nodiscard]] std::vector<Row> RunStudy(const Study& study);
 
-/// The first `count` demonstrations of the first trial of a study of guards in one task, as
-/// "demonstrations", then its first `count` episodes of each method with its first policy.
+/// Records the first `count` demonstrations of the first trial of a study of guards in one task as
+/// "demonstrations", then its first `count` episodes of each method with the first policy.
 /// @throws std::invalid_argument as RunStudy() does.
 [[nodiscard]] std::vector<experiment::FilmedEpisode> RecordStudy(const Study& study, int count);
 
@@ -117,7 +122,8 @@ struct Comparison {
   std::string first = "controller@lwr";
   std::string second = "lwr";
   int demonstrations = 60;
-  int trials = 5;    ///< Each with separate demonstrations and policies; they take turns.
+  /// Number of trials with separate demonstrations and policies. The trials alternate.
+  int trials = 5;
   int pairs = 1000;  ///< Largest number.
   double alpha = 0.05;
   experiment::EpisodeCredit credit = {};

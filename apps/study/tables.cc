@@ -32,7 +32,7 @@ constexpr const char* kChangeUnit =
     "changes, "
     "in ordinary demonstrated controls.";
 
-// The row's part of ids. Empty for a sum over tasks and conditions.
+// Returns the row's part of ids; empty for a sum over tasks and conditions.
 std::string LearnerOf(const Row& row) {
   return row.task.empty() ? "" : row.task + kBetween + row.condition;
 }
@@ -58,7 +58,7 @@ std::string HarmedCommand(const Row& row) {
   return CommandOf(row, {"halted", "collided"}, {"completed"});
 }
 
-// The commands of the two numbers of Outcomes(), and of those of Compared().
+// Returns the commands of the two numbers of Outcomes(), and of those of Compared().
 std::string OutcomesCommand(const Row& row) {
   return CommandOf(row, {"completed"}) + "\n" + CommandOf(row, {"collided"});
 }
@@ -97,7 +97,7 @@ std::string Percent(double share, const std::optional<experiment::Interval>& int
   return text;
 }
 
-// The share of `count` among the episodes that `of` counts; "-" if there is none.
+// Formats the share of `count` among the episodes that `of` counts; "-" if there are none.
 std::string Percent(const Totals& totals, int TrialCounts::*count, int digits,
                     int TrialCounts::*of = &TrialCounts::episodes) {
   const int episodes = totals.counts().*of;

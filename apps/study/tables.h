@@ -30,8 +30,8 @@ inline constexpr const char* kJudgedBy =
     "less than a tenth of those that the policies complete; it passes at least half of the "
     "controls unchanged.";
 
-/// The table of means, and a row for each of `rows`, shares in per cent with the 95 % intervals of
-/// Totals. With `causes` a table of them.
+/// Returns the table of means and a table with a row for each of `rows`. Shares are in per cent
+/// with the 95 % intervals of Totals. Adds a table of causes if `causes` is set.
 [[nodiscard]] std::vector<experiment::ReportTable> MakeRowTables(const std::vector<Row>& rows,
                                                                  bool causes);
 
@@ -43,8 +43,8 @@ inline constexpr const char* kJudgedBy =
 /// Completion over intervention: one plot per policy, one point with its interval per method.
 [[nodiscard]] experiment::ReportFigure MakeFigure(const std::vector<Row>& rows);
 
-/// Rows of a good policy (one that completes at least half of the episodes) in which `controller`
-/// collides in more than .5 % or harms more than 2 %.
+/// Returns the rows of a good policy (one that completes at least half of the episodes) in which
+/// `controller` collides in more than .5 % or harms more than 2 %.
 [[nodiscard]] experiment::ReportTable WhereItFails(const std::vector<Row>& rows,
                                                    const std::string& controller);
 

@@ -34,7 +34,7 @@ struct Drawing {
 /// A task of any program, for tables of studies.
 struct Task {
   std::string name;
-  std::vector<Variant> variants;  ///< The demonstrated one first.
+  std::vector<Variant> variants;  ///< The demonstrated variant comes first.
   double length = 1.0;            ///< Length by which observation noise is scaled.
   safety::ControllerOptions controllers = {};
   /// Learns the task's models from this number of demonstrations. The learned policy is a weak one,
@@ -63,10 +63,10 @@ struct Task {
 /// Differences of the world from the demonstrated one.
 struct Condition {
   std::string name;
-  std::string variant = {};  ///< Runs only in tasks with that variant.
+  std::string variant = {};  ///< Runs the condition only in tasks with that variant.
   experiment::DisturbanceOptions disturbance = {};
   double noise = 0.0;        ///< Standard deviation of observation noise, in units of Task::length.
-  Nuisances nuisances = {};  ///< Disturb the pictures that guards see.
+  Nuisances nuisances = {};  ///< Disturbances of the pictures that guards see.
   int demonstrations = 0;    ///< Replaces the study's number unless 0.
   bool on_request = false;   ///< Excluded from studies of all conditions.
 };

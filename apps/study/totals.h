@@ -14,7 +14,7 @@ namespace dfr::study {
 /// Returns a share in per cent.
 [[nodiscard]] inline double Share(int count, int of) { return 100.0 * count / of; }
 
-/// Returns the values of a member of the rows, each once, in their order.
+/// Returns the distinct values of a member of the rows, in their order.
 template <typename Member>
 [[nodiscard]] std::vector<std::string> Distinct(const std::vector<Row>& rows, Member member) {
   std::vector<std::string> values;
@@ -44,9 +44,10 @@ class Totals {
   /// Share of the controls that equal the policy's bit for bit, averaged over rows and trials, so
   /// that long episodes have no more weight than short ones. Absent without a control.
   [[nodiscard]] std::optional<double> passed() const noexcept;
-  /// Its interval, RatioInterval() over the clusters; absent if those are episodes.
+  /// Interval of passed() by RatioInterval() over the clusters; absent if the clusters are
+  /// episodes.
   [[nodiscard]] std::optional<experiment::Interval> PassedInterval() const;
-  /// Mean size of a change. Absent if none is known.
+  /// Mean size of a change; absent if no size is known.
   [[nodiscard]] std::optional<double> change() const noexcept;
 
  private:

@@ -67,9 +67,9 @@ std::string CodecOf(const std::string& file) {
     throw core::Error("is not a video that can be decoded: it has no list of frames",
                       "is the download complete?");
   }
-  throw core::Error("no frame of its codec '" + codec + "' decodes",
+  throw core::Error("cannot decode any frame of its codec '" + codec + "'",
                     "this OpenCV may lack the codec: ffmpeg -i OLD.mp4 -c:v libx264 NEW.mp4 "
-                    "converts it. Else the file is damaged: download it again");
+                    "converts it. Otherwise the file is damaged: download it again");
 }
 
 }  // namespace
@@ -82,7 +82,7 @@ FrameSource::FrameSource(std::string file) : file_(std::move(file)) {
   }
   constexpr std::string_view kPointer = "version https://git-lfs";
   if (ReadBytes(in, kPointer.size()) == kPointer) {
-    throw core::Error("is a pointer of Git LFS, not the video", "`git lfs pull` downloads it");
+    throw core::Error("is a Git LFS pointer, not the video", "`git lfs pull` downloads it");
   }
   if (!cv::videoio_registry::hasBackend(cv::CAP_FFMPEG)) {
     throw core::Error("this OpenCV is built without FFmpeg, which decodes videos",
@@ -118,9 +118,9 @@ void FrameSource::FailAtEnd() const {
   const auto announced = std::llround(capture_.get(cv::CAP_PROP_FRAME_COUNT));
   if (next_ < announced) {
     if (next_ == 0) FailToDecode(file_);
-    throw core::Error(core::Format("frame %lld of %lld does not decode",
-                                   static_cast<long long>(next_), announced),
-                      "the file is damaged or incomplete: download it again");
+    throw core::Error(
+        core::Format("cannot decode frame %lld of %lld", static_cast<long long>(next_), announced),
+        "the file is damaged or incomplete: download it again");
   }
   throw core::Error(core::Format("it ends after %lld frames; the episode has more states",
                                  static_cast<long long>(next_)),
@@ -138,7 +138,7 @@ const cv::Mat& FrameSource::Take() {
                           static_cast<int>(capture_.get(cv::CAP_PROP_FRAME_HEIGHT)));
   if (!capture_.read(frame_)) FailAtEnd();
   if (frame_.size() != expected || frame_.type() != CV_8UC3) {
-    throw core::Error(core::Format("frame %lld has %d x %d pixels, other than the first",
+    throw core::Error(core::Format("frame %lld has %d x %d pixels, unlike the first frame",
                                    static_cast<long long>(next_), frame_.rows, frame_.cols),
                       "leave the episode out");
   }

@@ -36,7 +36,7 @@ Request ParseRequest(const std::string& line) {
   const bool good = in && r.first >= 0 && r.count >= 0 && r.fps > 0.0 && r.out.height > 0 &&
                     r.out.width > 0 && r.out.height <= r.size.height &&
                     r.out.width <= r.size.width && !r.file.empty();
-  if (!good) throw core::Error("this is no request", "video_frames --help describes them");
+  if (!good) throw core::Error("this is not a request", "video_frames --help describes them");
   return r;
 }
 
@@ -88,7 +88,8 @@ int Main(int argc, char** argv) {
       "video_frames");
   AddVersion(app);
   if (const auto status = Parse(app, argc, argv)) return *status;
-  // Files are untrusted: they must not make FFmpeg open an address. Its messages are ours.
+  // Files are untrusted and must not make FFmpeg open a network address. This program prints the
+  // messages.
   setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS", "protocol_whitelist;file", 1);
   setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 1);
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);

@@ -39,7 +39,7 @@ constexpr int kDemonstrations = 120;
 
 double Mean(int t, int k) { return std::sin(0.05 * t + k); }
 
-// A mean path with a spread of 0.03; controls move the first seven entries.
+// A mean path with a spread of 0.03. Controls move the first seven entries.
 std::vector<core::Trajectory> Demonstrations() {
   core::Random random(1);
   std::vector<core::Trajectory> demonstrations;

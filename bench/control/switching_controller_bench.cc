@@ -1,7 +1,7 @@
 // Time of one Next() of each strategy, as on the robot: a new state every time, 12 state entries, 7
 // control entries, 120 demonstrations, 60 time steps. The counters are percentiles of single calls
 // in ns; each includes one clock reading, which BM_Clock measures separately. (Open) measures calls
-// that pass the learned control, (Shut) the calls of a recovery.
+// that pass the learned control, and (Shut) measures calls of a recovery.
 
 #include <benchmark/benchmark.h>
 
@@ -141,7 +141,7 @@ void BM_Next(benchmark::State& state, Recovery recovery, bool kernel, bool open)
     wrong = wrong || (step.mode == Mode::kPolicy) != open || step.mode == Mode::kHalt;
     query = (query + 1) % queries.rows();
   }
-  if (wrong) return state.SkipWithError("another mode than the one to be measured");
+  if (wrong) return state.SkipWithError("the mode differs from the measured one");
   AddPercentiles(state, nanoseconds);
 }
 

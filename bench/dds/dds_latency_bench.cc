@@ -50,7 +50,7 @@ struct Answer {
   double one_way_s = 0.0;
 };
 
-// One end of a pair of topics: stamped questions in one direction, answers in the other.
+// One end of a pair of topics: stamped questions in one direction and answers in the other.
 class End {
  public:
   End() = default;
@@ -125,7 +125,7 @@ class OurEnd final : public End {
   std::unique_ptr<Publisher<PoseStamped>> answer_;
 };
 
-// Through CycloneDDS, with the same types and depth.
+// An end through CycloneDDS, with the same types and depth.
 class CycloneEnd final : public End {
  public:
   CycloneEnd(int domain, bool asks, bool image) : image_(image) {
@@ -171,7 +171,7 @@ class CycloneEnd final : public End {
     });
   }
   void Serve(double timeout_s) override {
-    // Copied, as in dfr.
+    // Copies the message, as dfr does.
     const auto reply = [this](const auto& message) {
       const std::int64_t asked_ns = Nanoseconds(message.header_);
       Write(asked_ns, 1e-9 * static_cast<double>(Now() - asked_ns));
@@ -354,7 +354,7 @@ DFR_CASE(BM_ImageOneWay, same_process, Way::kSameProcess);
 }  // namespace dfr::dds
 
 int main(int argc, char** argv) {
-  // As in dfr: loopback only, possibly without multicast.
+  // Same as in dfr: loopback only, possibly without multicast.
   ::setenv("CYCLONEDDS_URI",
            "<CycloneDDS><Domain><General><Interfaces><NetworkInterface address=\"127.0.0.1\"/>"
            "</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery>"

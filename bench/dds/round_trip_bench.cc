@@ -88,7 +88,7 @@ class Keystore {
   std::filesystem::path folder_;
 };
 
-// Arg: whether the network is secured.
+// Argument: whether the network is secured.
 void BM_RoundTrip(benchmark::State& state) {
   static const Keystore kKeystore;
   const bool secured = state.range(0) != 0;
@@ -107,7 +107,7 @@ void BM_RoundTrip(benchmark::State& state) {
     found = answer.Wait(0.1);
   }
   if (!found) return state.SkipWithError("the other process does not answer");
-  while (answer.Wait(0.2)) answer.Take(pose);  // discard answers in transit
+  while (answer.Wait(0.2)) answer.Take(pose);  // discards answers in transit
 
   std::vector<double> times_s;
   double number = 0.0;

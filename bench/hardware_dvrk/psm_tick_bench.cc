@@ -88,14 +88,14 @@ void BM_DriverTick(benchmark::State& state) {
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
     state.SetIterationTime(times.back());
   }
-  if (driver.phase() != hardware::PsmPhase::kArmed) state.SkipWithError("held on the way");
+  if (driver.phase() != hardware::PsmPhase::kArmed) state.SkipWithError("held during the move");
   std::sort(times.begin(), times.end());
   state.counters["p50_us"] = 1e6 * times[times.size() / 2];
   state.counters["p99_us"] = 1e6 * times[times.size() * 99 / 100];
 }
 BENCHMARK(BM_DriverTick)->UseManualTime()->Iterations(1000)->Unit(benchmark::kMicrosecond);
 
-// Args: length of the tip's path in mm, which is checked every half millimetre.
+// Argument: length of the tip's path in mm, which is checked every half millimetre.
 void BM_StartMove(benchmark::State& state) {
   hardware::PsmMotion motion({}, hardware::PsmProfile::kSmooth);
   motion.Rest(Home());

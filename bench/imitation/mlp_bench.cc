@@ -107,7 +107,7 @@ struct Case {
     }
   }
 
-  // Sums of at most `batch` terms of size 1.
+  // Allows for sums of at most `batch` terms of size 1.
   bool RightAnswers() {
     const double tolerance = 1e-12 * static_cast<double>(output_gradient.rows());
     if (!eigen.Forward(inputs[0]).isApprox(mlp.Forward(inputs[0], workspace), 1e-12)) return false;
@@ -169,7 +169,7 @@ void BM_ForwardBackwardEigen(benchmark::State& state) {
   CountSamples(state);
 }
 
-// Called in a control loop: one state, no workspace.
+// Called as in a control loop: one state, no workspace.
 void BM_ForwardOne(benchmark::State& state) {
   Case c(state);
   if (!c.RightAnswers()) return state.SkipWithError("wrong answer");

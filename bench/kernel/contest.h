@@ -10,9 +10,9 @@ namespace dfr::bench {
 
 /// Command line of all contests, with Google Benchmark's option names.
 struct ContestOptions {
-  std::string filter;      ///< --benchmark_filter=TEXT: cases whose name contains it.
+  std::string filter;      ///< --benchmark_filter=TEXT: runs cases whose name contains TEXT.
   double min_time = 0.01;  ///< --benchmark_min_time=SECONDS a round; 0: one repetition, untimed.
-  int rounds = 9;          ///< --rounds=N; the median round counts.
+  int rounds = 9;          ///< --rounds=N; the result is the median over the rounds.
   std::string json;        ///< --benchmark_out=FILE; PROGRAM.json unless it is a smoke run
   std::string picture;     ///< --picture=FILE.svg; PROGRAM.svg unless it is a smoke run
   std::string target;      ///< --target=NAME: our instruction set, such as AVX2; empty: the best.

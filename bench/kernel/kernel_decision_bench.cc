@@ -73,7 +73,7 @@ struct Entrant {
   std::string name;
   Decide decide;
   std::function<void(std::span<double>)> decide_all;
-  double factor;     // of the value that decide returns
+  double factor;     // scale of the value that decide returns
   double tolerance;  // peers are fitted separately, to a tolerance of 1e-3
 };
 

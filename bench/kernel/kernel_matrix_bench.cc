@@ -118,8 +118,8 @@ double Between(double low, double high, core::Random& random) {
   return std::clamp(low * std::pow(high / low, u), low, high);
 }
 
-// max G over alpha > 0 minus min G over alpha < 1, in LIBSVM's scale, computed from the definition
-// for all samples, or for some of them if there are many.
+// Returns max G over alpha > 0 minus min G over alpha < 1 in LIBSVM's scale, computed from the
+// definition. Uses all samples, or some of them if there are many.
 double Gap(const core::Matrix& samples, const kernel::FitSummary& summary, double nu,
            double gamma) {
   constexpr double kMostWork = 1e9;
@@ -155,7 +155,7 @@ struct Row {
   int wrong = 0;
   double worst_gap = 0.0;
   int compared = 0;
-  double worst_excess = -kInfinity;  // over LIBSVM's objective, relative
+  double worst_excess = -kInfinity;  // relative excess over LIBSVM's objective
   double slowest = 0.0;
 };
 

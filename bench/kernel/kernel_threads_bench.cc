@@ -79,7 +79,7 @@ class Runner {
  public:
   explicit Runner(Options options) : options_(std::move(options)) {}
 
-  // Alternates over the rounds; the minimum of each counts.
+  // Alternates over the rounds, and uses the minimum of each.
   void Run(const std::string& name, const Job& job) {
     if (name.find(options_.filter) == std::string::npos) return;
     Times times[2];

@@ -35,10 +35,10 @@ struct TrainingCase {
   double gamma;
   double nu;
   Data data = Data::kPooled;
-  bool libsvm_only = false;  // the others take minutes
+  bool libsvm_only = false;  // the other libraries take minutes
 };
 
-// KKT gap and objective from the support vectors only, in double, in LIBSVM's scale.
+// KKT gap and objective, computed from the support vectors only, in double and in LIBSVM's scale.
 struct Audit {
   double gap = 0.0;
   double objective = 0.0;
@@ -111,7 +111,7 @@ void Train(const TrainingCase& c, const ContestOptions& options, std::vector<Cas
   }
   CaseResult result{name, RunContest(contestants, 1, options), 0.0, {}};
   const double excess = audit.objective / libsvm_objective - 1.0;
-  // Ours may be lower; 1e-4 above LIBSVM's minimum indicates another solution.
+  // Our objective may be lower. 1e-4 above LIBSVM's minimum indicates another solution.
   if (excess > 1e-4) result.timings[0].wrong = "objective " + std::to_string(excess) + " too high";
   const auto support = static_cast<std::size_t>(svm.num_support_vectors());
   result.bound_nanoseconds =

@@ -76,7 +76,7 @@ HWY_EXPORT(Name);
 
 namespace {
 
-// Minimum of many runs, which excludes interrupts.
+// Returns the minimum of many runs, which excludes interrupts.
 template <typename Run>
 double Least(double operations, Run&& run) {
   double least = 1e9;
@@ -88,7 +88,7 @@ double Least(double operations, Run&& run) {
   return least / operations * 1e9;
 }
 
-// Returns the name that Linux gives, empty if it gives none.
+// Returns the name that Linux reports; empty if it reports none.
 std::string ProcessorName() {
   std::ifstream file("/proc/cpuinfo");
   for (std::string line; std::getline(file, line);) {

@@ -7,12 +7,13 @@ namespace dfr::bench {
 
 /// Peak performance of one core, measured with the widest instruction set that dispatch chooses.
 struct Machine {
-  std::string processor;  ///< Its name; empty if the system does not give it.
+  std::string processor;  ///< Name of the processor; empty if the system does not report it.
   std::string instruction_set;
   std::size_t vector_bytes = 0;
-  double fma_nanoseconds = 0.0;      ///< One vector multiply-add, in a throughput-bound loop.
-  double load_l1_nanoseconds = 0.0;  ///< One vector load from 16 KiB.
-  double load_l2_nanoseconds = 0.0;  ///< One vector load from 256 KiB.
+  /// Time of one vector multiply-add, in a throughput-bound loop.
+  double fma_nanoseconds = 0.0;
+  double load_l1_nanoseconds = 0.0;  ///< Time of one vector load from 16 KiB.
+  double load_l2_nanoseconds = 0.0;  ///< Time of one vector load from 256 KiB.
 };
 
 /// Measures once; later calls return the same result.

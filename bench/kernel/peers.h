@@ -31,11 +31,12 @@ struct PeerOptions {
 std::unique_ptr<Peer> TrainLibsvm(const core::Matrix& samples, const PeerOptions& options);
 std::unique_ptr<Peer> TrainOpenCv(const core::Matrix& samples, const PeerOptions& options);
 std::unique_ptr<Peer> TrainDlib(const core::Matrix& samples, const PeerOptions& options);
-/// Not trained: the sum in plain Eigen over given support vectors, alpha in LIBSVM's scale.
+/// An untrained peer: the sum in plain Eigen over given support vectors, with alpha in LIBSVM's
+/// scale.
 std::unique_ptr<Peer> PlainEigen(const core::Matrix& support_vectors, const Eigen::VectorXd& alpha,
                                  double gamma, double rho);
 
-/// alpha' K alpha / 2 of LIBSVM's solution, in double from its alpha.
+/// Returns alpha' K alpha / 2 of LIBSVM's solution, in double from its alpha.
 double LibsvmObjective(const Peer& libsvm);
 
 }  // namespace dfr::bench

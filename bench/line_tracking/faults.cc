@@ -20,7 +20,7 @@ Fault Injected(const std::string& name, const std::string& fault, const std::str
           [=](Site& s) { s.link->Fault(fault, off); }, false, false};
 }
 
-// A defective cable; on one host, its effect on the measured state.
+// A defective cable. On a single host, the same effect on the measured state.
 Fault Lossy(const std::string& name, double loss) {
   const auto set = [](Site& s, double share, double jitter_s) {
     if (s.wire != nullptr) {
@@ -76,7 +76,7 @@ std::vector<Fault> Faults() {
   faults.push_back({"kill-console", [](Site& s) { s.simulator->Kill(); },
                     [](Site& s) {
                       s.StartSimulator();
-                      s.link->Reset(1);  // homes the arm
+                      s.link->Reset(1);  // Reset() homes the arm.
                     },
                     true, false});
   faults.back().ends = true;
@@ -112,8 +112,8 @@ std::vector<Fault> Faults() {
        [second](Site&) { second->reset(); }, false, false});
   faults.push_back(Injected("frozen-noisy-image", "camera", "frozen_noisy", "none"));
   faults.push_back(Injected("image-late-1s", "camera", "late", "none"));
-  // Interference by another client. Messages and states of others are published beforehand, as a
-  // console does.
+  // Interference by another client. Messages and states of others are published before the fault,
+  // as a console does.
   faults.push_back({"teleoperation", [](Site& s) { s.following.Write({true}); },
                     [](Site& s) { s.following.Write({false}); }, false, false});
   faults.push_back({"clutch",
@@ -139,7 +139,7 @@ std::vector<Fault> Faults() {
                       });
                     },
                     [guest](Site&) { guest->join(); }, false, false});
-  // The same, heard by the console alone.
+  // Same fault, but only the console receives the message.
   faults.push_back({"unheard-hold", [](Site& s) { s.link->Fault("unheard", "hold"); }, [](Site&) {},
                     false, false});
   faults.push_back({"unheard-free", [](Site& s) { s.link->Fault("unheard", "free"); }, [](Site&) {},
@@ -150,10 +150,10 @@ std::vector<Fault> Faults() {
                       console->emplace(s.participant, "/PSM1/measured_js", dds::Role::kState);
                     },
                     [console](Site&) { console->reset(); }, false, false});
-  // Faster than the tip can follow.
+  // The platform moves faster than the tip can follow.
   faults.push_back(Injected("moving-platform", "platform", "0.06", "0"));
-  // The platform's port. Its firmware reports nothing: its output is irrelevant, and a hang is not
-  // detectable.
+  // Faults at the platform's port. Its firmware reports nothing: its output is irrelevant, and a
+  // hang is not detectable.
   faults.push_back({"platform-unplugged", [](Site& s) { s.platform->Unplug(); },
                     [](Site& s) { s.StartPlatform(); }, false, false});
   faults.back().ends = faults.back().platform = true;

@@ -12,13 +12,16 @@ struct Fault {
   std::string name;
   std::function<void(Site&)> begin;
   std::function<void(Site&)> end;
-  bool blind = false;        ///< The simulator is stopped and cannot be queried during the fault.
-  bool to_operator = false;  ///< The robot's program fails; detected on the operator's screen.
-  bool wire = false;         ///< Between two hosts, if the system permits them.
-  bool harmless = false;     ///< Must have no effect: passes if the run continues.
-  bool homing = false;       ///< During homing, which the fault must end.
-  bool ends = false;         ///< Ends a program, or needs a different site from a soak's.
-  bool platform = false;     ///< At the platform's port; other faults run without a platform.
+  bool blind = false;  ///< The simulator is stopped and cannot be queried during the fault.
+  /// The robot's program fails, which is detected on the operator's screen.
+  bool to_operator = false;
+  bool wire = false;  ///< The fault is between two hosts, if the system permits them.
+  /// The fault must have no effect: the test passes if the run continues.
+  bool harmless = false;
+  bool homing = false;  ///< The fault occurs during homing, which it must end.
+  bool ends = false;    ///< The fault ends a program, or needs a different site from a soak's.
+  /// The fault is at the platform's port. Other faults run without a platform.
+  bool platform = false;
 };
 
 /// All faults, in the order of the table.

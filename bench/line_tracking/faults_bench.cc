@@ -44,9 +44,10 @@ struct Row {
   int detected = 0;
   int restarts = 0;
   std::set<std::string> told;
-  std::vector<double> detection_ms;  // until the robot's program holds, or informs the operator
-  std::vector<double> rest_ms;       // until the tip is at rest
-  std::vector<double> motion_mm;     // of the tip, maximum
+  // Time until the robot's program holds, or informs the operator.
+  std::vector<double> detection_ms;
+  std::vector<double> rest_ms;    // time until the tip is at rest
+  std::vector<double> motion_mm;  // maximum motion of the tip
 };
 
 double Quantile(std::vector<double> values, double q) {
@@ -56,7 +57,7 @@ double Quantile(std::vector<double> values, double q) {
 
 void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
   constexpr double kObserved = 700.0;  // ms
-  constexpr double kStill = 0.02;      // mm; less is rounding and noise
+  constexpr double kStill = 0.02;      // mm; smaller motions are rounding and noise
   if (fault.homing) {
     site.StartSimulator(3.0);
     site.StartRobot();
@@ -66,7 +67,8 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
   } else {
     site.AwaitMotion();
     SleepMs(random.Uniform(200.0, 900.0));
-    for (site.Forget(); !site.Moving(); site.Forget()) site.AwaitMotion();  // between two episodes
+    // Waits between two episodes.
+    for (site.Forget(); !site.Moving(); site.Forget()) site.AwaitMotion();
   }
 
   Eigen::Vector3d before = site.link->Truth().tip_m;
@@ -111,7 +113,7 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
       (fault.to_operator ? site.operator_ns().has_value() : site.told().has_value()) &&
       !(fault.homing && homed);
   if (fault.harmless) {
-    // An episode may end meanwhile for its regular reasons.
+    // An episode may end for its regular reasons during the fault.
     const bool ended = site.told() && !site.ToldOfAnEnd();
     row.detected += ended || site.operator_ns() ? 0 : 1;
     row.restarts = 0;
@@ -121,7 +123,7 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
   if (told) {
     ++row.detected;
     const std::int64_t ns = fault.to_operator ? *site.operator_ns() : site.told_ns();
-    // Hold reasons carry the time of the start of their period.
+    // Hold reasons have the time of the start of their period.
     row.detection_ms.push_back(
         std::max(0.0, static_cast<double>(ns - start_ns) / kMillisecond - since_ms));
     row.told.insert(fault.to_operator ? "operator's screen" : *site.told());
@@ -219,7 +221,7 @@ void Soak(const std::filesystem::path& folder, int domain, double image_age_s, d
     Try(site, fault, random, row);
     missed += row.trials - row.detected;
     restarts += row.restarts;
-    // After the end of an episode the next one moves.
+    // After the end of an episode, the next one moves.
     const double moved_mm =
         row.motion_mm.empty() || site.ToldOfAnEnd() ? 0.0 : row.motion_mm.front();
     motion_mm = std::max(motion_mm, moved_mm);

@@ -66,7 +66,7 @@ sockaddr Address(const char* text) {
 void BecomeRoot() {
   const uid_t uid = getuid();
   const gid_t gid = getgid();
-  if (unshare(CLONE_NEWUSER) != 0) Fail("no user namespace");
+  if (unshare(CLONE_NEWUSER) != 0) Fail("cannot create a user namespace");
   std::ofstream("/proc/self/setgroups") << "deny";
   std::ofstream("/proc/self/uid_map") << "0 " << uid << " 1";
   std::ofstream("/proc/self/gid_map") << "0 " << gid << " 1";
@@ -74,9 +74,9 @@ void BecomeRoot() {
 
 void EnterNewNetwork() {
   if (unshare(CLONE_NEWNET) == 0) return;
-  if (errno != EPERM) Fail("no network namespace");
+  if (errno != EPERM) Fail("cannot create a network namespace");
   BecomeRoot();
-  if (unshare(CLONE_NEWNET) != 0) Fail("no network namespace");
+  if (unshare(CLONE_NEWNET) != 0) Fail("cannot create a network namespace");
 }
 
 // Moves this process to a new network namespace.
@@ -95,7 +95,7 @@ int MakeHost(const char* address) {
   Request(control, SIOCSIFADDR, request, "no address");
   request.ifr_netmask = Address("255.255.255.0");
   Request(control, SIOCSIFNETMASK, request, "no netmask");
-  // A picture arrives as a burst of 615 packets. Keep the usual queue of 1000, as users have it.
+  // A picture arrives as a burst of 615 packets. Keeps the usual queue of 1000 packets.
   request = Interface(kInterface);
   request.ifr_qlen = 10000;
   static_cast<void>(ioctl(control, SIOCSIFTXQLEN, &request));
@@ -137,7 +137,7 @@ struct Packet {
   std::uint64_t number;  // order of packets due at the same time
   int to;
   std::vector<char> bytes;
-  bool operator<(const Packet& other) const {  // the first one due is on top
+  bool operator<(const Packet& other) const {  // the first packet due is on top
     return due_ns != other.due_ns ? due_ns > other.due_ns : number > other.number;
   }
 };
@@ -191,7 +191,7 @@ void LossyWire::Carry(std::uint64_t seed) {
         if (random.Uniform() < loss) continue;
         const std::size_t length = static_cast<std::size_t>(size);
         if (jitter_ns <= 0.0 && under_way.empty()) {
-          // A host that cannot accept the packet loses it, as real hosts do.
+          // A host that cannot accept the packet loses it, as a real host does.
           static_cast<void>(!write(to, buffer.data(), length));
           continue;
         }

@@ -49,8 +49,9 @@ class Writer {
   Bytes Stop(const std::vector<Bytes>& heard) {
     if (heard.empty() || Below(4) == 0) return Noise(Below(120));
     Bytes bytes = Changed(heard[Below(heard.size())], false);
-    // Otherwise some would be valid messages of another button, or later ones of this button.
-    // Without security anyone may send those, and the robot holds. The time is in the far future.
+    // Sets a time in the far future. Otherwise some datagrams would be valid messages of another
+    // button, or later messages of this button. Without security anyone may send those, and the
+    // robot holds.
     if (bytes.size() > 32) bytes[32] = 255;
     return bytes;
   }
@@ -190,7 +191,7 @@ void PacketStorm::Run(double rate, std::uint64_t seed) {
     next = std::max(next, Clock::now() - std::chrono::milliseconds(20)) +
            std::chrono::microseconds(std::lround(1e6 * kPause_s));
     keep(announcements_, announced);
-    // The storm's own packets return here and are no messages of a stop.
+    // The storm's own packets return here and are not messages of a stop.
     std::vector<Bytes> said;
     keep(stops_, said);
     for (Bytes& bytes : said) {

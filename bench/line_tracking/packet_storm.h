@@ -21,7 +21,7 @@ class PacketStorm {
   PacketStorm(const PacketStorm&) = delete;
   PacketStorm& operator=(const PacketStorm&) = delete;
 
-  /// Enables sending. If false, it only listens.
+  /// Starts or stops sending. While stopped, it only listens.
   void Blow(bool blows) noexcept { blows_ = blows; }
   [[nodiscard]] std::uint64_t sent() const noexcept { return sent_; }
   /// Returns the number of messages of others that it has read and may change.

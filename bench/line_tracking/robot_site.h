@@ -91,7 +91,7 @@ class Site {
   /// Returns the time of the policy's first NaN.
   [[nodiscard]] const std::optional<std::int64_t>& broken_ns() const { return broken_ns_; }
   [[nodiscard]] int restarts() const { return restarts_; }
-  /// As of the end of the last episode.
+  /// Timing as of the end of the last episode.
   [[nodiscard]] const LoopTimes& loop_times() const { return loop_times_; }
   [[nodiscard]] int episodes() const { return episodes_; }
   /// Returns the memory of each program, MB, by name.

@@ -55,7 +55,7 @@ def forest(_):
 
 
 class Neighbors:
-    """A state is inside if its k-th neighbour is as near as that of all but a fraction NU of the samples."""
+    """Classifies a state as inside if its k-th neighbour is as near as that of all but a fraction NU of the samples."""
 
     COUNT = 10
 
@@ -66,7 +66,7 @@ class Neighbors:
         self.index_ = faiss.IndexFlatL2(X.shape[1])
         self.index_.add(X)
         some = np.random.default_rng(0).choice(len(X), min(len(X), 5000), replace=False)
-        # The first neighbour of a sample is the sample.
+        # The nearest neighbour of a sample is the sample itself.
         squared, _ = self.index_.search(X[some], self.COUNT + 1)
         self.threshold_ = np.quantile(squared[:, self.COUNT], 1 - NU)
         return self

@@ -134,7 +134,7 @@ void RunDecisions(Runner& runner) {
         sink = svm.Gradient(query(i), out);
       };
     });
-    // Cost of a certificate.
+    // Operation of a certificate.
     runner.Run("gradient of the logarithm of 256" + precision, 100, [&]() -> Operation {
       return [svm = estimate(256), query, out = std::vector<double>(kDim)](int i) mutable {
         sink = svm.LogGradient(query(i), out);

@@ -46,7 +46,7 @@ void BM_Picture(benchmark::State& state) {
 }
 BENCHMARK(BM_Picture)->MeasureProcessCPUTime()->UseRealTime()->Unit(benchmark::kMillisecond);
 
-// Intervals between arrivals, s.
+// Measures intervals between arrivals, s.
 class Arrivals {
  public:
   void Add(Clock::time_point now) {

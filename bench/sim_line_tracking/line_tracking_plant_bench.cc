@@ -15,7 +15,7 @@ LineTrackingOptions Options(Observation observation) {
   return options;
 }
 
-// One control with its settling and all collision checks, without a picture. Arg: size of the
+// One control with its settling and all collision checks, without a picture. Argument: size of the
 // control in thousandths of the maximum.
 void BM_Control(benchmark::State& state) {
   LineTrackingPlant plant(Options(Observation::kGroundTruth));

@@ -24,8 +24,7 @@ Control Push(int t, double noise, core::Random& random) {
   return control;
 }
 
-// The next control's start is prepared outside the timed part: every timed control moves the
-// cylinder.
+// Prepares the next control's start outside the timed part: every timed control moves the cylinder.
 void BM_Pushing(benchmark::State& state) {
   PusherPlant plant;
   std::vector<std::unique_ptr<core::SimulatedPlant>> starts;
@@ -81,7 +80,7 @@ void BM_Episode(benchmark::State& state) {
 }
 BENCHMARK(BM_Episode);
 
-// In free space: kinematics and distances only.
+// Controls in free space: kinematics and distances only.
 void BM_Free(benchmark::State& state) {
   PusherPlant plant;
   core::Random random(3);

@@ -32,7 +32,7 @@ class Demonstrations(NamedTuple):
 def load_demonstrations(
     path: str | PathLike[str], *, filter_key: str = "", pictures: Sequence[str] = ()
 ) -> Demonstrations:
-    """Read demonstrations of robomimic (HDF5), Minari or LeRobot; detects the format.
+    """Read demonstrations of robomimic (HDF5), Minari or LeRobot, and detect the format.
 
     Parameters
     ----------

@@ -90,7 +90,7 @@ class Experiment:
         return Guard.fit(states, actions)
 
     def main(self) -> None:
-        """Run the command line of this program; prints errors and exits with 1."""
+        """Run the command line of this program; after an error, print it and exit with 1."""
         try:
             self.run()
         except (ImportError, RuntimeError, ValueError, OSError) as error:
@@ -186,7 +186,7 @@ class Experiment:
         for key in sorted({*there, *now}):
             if now.get(key) != there.get(key):
                 raise RuntimeError(
-                    f"{folder}: its episodes cannot be run again by this program: {key} is {there.get(key)} there "
+                    f"{folder}: this program cannot run its episodes again: {key} is {there.get(key)} there "
                     f"and {now.get(key)} now"
                 )
         names = [*(m for m in methods if m != found["method"]), found["method"]]

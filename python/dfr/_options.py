@@ -1,4 +1,4 @@
-"""Messages for keywords that the functions of the compiled module do not have."""
+"""Error messages for keywords that a function of the compiled module does not accept."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Any, Callable
 
 
 def names_of(function: Callable[..., Any]) -> list[str]:
-    """The parameters of a compiled function, from the first line of its documentation."""
+    """Return the parameters of a compiled function, from the first line of its documentation."""
     signature = (function.__doc__ or "").split("->", 1)[0]
     return [name for name in re.findall(r"[(,] *(\w+):", signature) if name != "self"]
 
 
 def named_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`function`, whose refusal of an unknown keyword names it and the one that was meant."""
+    """Wrap `function`: its error for an unknown keyword names the keyword and the closest valid one."""
     known = names_of(function)
 
     @functools.wraps(function)

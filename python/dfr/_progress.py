@@ -19,7 +19,7 @@ def is_read() -> bool:
 
 
 class Display:
-    """Prints stage and share on one line of standard error, from the third second of a fit on."""
+    """Prints stage and completed share on one line of standard error, after the first three seconds of a fit."""
 
     AFTER, EVERY = 2.0, 0.2  # seconds
 
@@ -45,7 +45,7 @@ class Display:
 
 
 def shows_progress(fit: Callable[..., Any]) -> Callable[..., Any]:
-    """`fit` with a display if its `progress` is None and stderr is a terminal; False turns it off."""
+    """Wrap `fit` to display progress if its `progress` is None and stderr is a terminal; False disables the display."""
 
     @functools.wraps(fit)
     def call(*args: Any, progress: Callable[[str, float], object] | bool | None = None, **options: Any) -> Any:

@@ -110,7 +110,7 @@ class Unit:
         _seed(learning)
         guard = experiment.guard(states, actions)
         self.support = guard
-        # A method that is no strategy is refused by name.
+        # The name of an invalid strategy is part of the error.
         strategies = cast("list[Strategy]", methods)
         self.guards = [None if m == BASELINE else guard.with_settings(strategy=m) for m in strategies]
         self.plant = experiment.plant()
@@ -156,7 +156,7 @@ class Unit:
     def episode(
         self, method: int, start_seed: int, controller_seed: int, frames: list[NDArray[np.uint8]] | None = None
     ) -> Episode:
-        """Run one episode; appends the plant's picture of each state to `frames`."""
+        """Run one episode, and append the plant's picture of each state to `frames`."""
         guard = self.guards[method]
         _seed(start_seed)
         self.plant.reset(start_seed)
@@ -194,7 +194,7 @@ class Unit:
 
 
 def _demonstrations(experiment: Experiment, seed: int, trial: int, count: int) -> tuple[list[Any], list[Any]]:
-    """Return the first `count` demonstrations of a trial; caches those of the latest trial."""
+    """Return the first `count` demonstrations of a trial, and cache those of the latest trial."""
     key = (tuple(experiment.parameters.items()), seed, trial)
     if experiment._kept[0] != key:
         experiment._kept = (key, [])

@@ -44,52 +44,50 @@ def _item(value: Any) -> Any:
 
 
 class GuardStep(ProcessorStep):  # type: ignore[misc]
-    """Filters actions in a pipeline of LeRobot, whose `ProcessorStep` it is where LeRobot is installed.
+    """Filters actions in a LeRobot pipeline. With LeRobot installed, this class is a `ProcessorStep`.
 
-    It is called with a transition, a mapping with "observation" and "action", and returns a copy with
-    the action to apply and `transition["info"]["guard"]`, what `Guard.filter` decided. Called with a
-    pair (action, observation), as a robot_action_processor is, it returns the action to apply.
+    Called with a transition (a mapping with "observation" and "action"), it returns a copy with the action to
+    apply and with the decision of `Guard.filter` as `transition["info"]["guard"]`. Called with a pair
+    (action, observation), like a robot_action_processor, it returns the action to apply.
     `info` has the last decision in both cases. Call `reset` at the start of each episode.
 
-    An action is a tensor or array of n entries, in whatever shape, or a dictionary of n numbers,
-    {"shoulder_pan.pos": ...}, and comes back as the same. The guard decides in the state that the
-    robot is in now, so of a chunk (1, k, n) it takes one action in each call, in order; `reset` and
-    `next_chunk` start a chunk anew.
+    An action is a tensor or array of n entries in any shape, or a dictionary of n numbers,
+    {"shoulder_pan.pos": ...}. The result has the same form. The guard decides in the present state of the
+    robot. From a chunk (1, k, n) each call therefore takes one action, in order; `reset` and `next_chunk`
+    start a new chunk.
 
-    A transition of a policy's post-processor has no observation. Then `observe` has to be called
-    with one before each action.
+    A transition of a policy's post-processor has no observation. In this case call `observe` with an
+    observation before each action.
 
     Parameters
     ----------
     guard : Guard or path_like
-        Its layout names the features of the observation, as `guard fit` takes them from a LeRobot
-        dataset: "observation.state" and the like. A path is loaded. If the observation lacks one part
-        of the layout, its numbers, {"shoulder_pan.pos": ...}, are that part, if there are as many.
+        Its layout names the features of the observation, as `guard fit` reads them from a LeRobot dataset:
+        "observation.state" and the like. A path is loaded. If the observation lacks one part of the layout,
+        its numbers, {"shoulder_pan.pos": ...}, are used as that part if their count matches.
     positions : sequence of int or None, optional
-        For actions that are target positions: entry k of an action is a target for entry
-        positions[k] of the guard's state, and None leaves the entry as it is: zero must hold it
-        still. The guard then filters target minus present position, and the position is added to its
-        answer: a halt holds the pose in which it came. Give it for a guard that was fitted with
-        differences.
+        For actions that are target positions: entry k of an action is a target for entry positions[k] of the
+        guard's state. None leaves the entry unchanged: zero must hold it still. The guard then filters target
+        minus present position, and the position is added to its result: a halt holds the present pose.
+        Required for a guard that was fitted with differences.
     action_names : sequence of str, optional
-        The order of the entries of an action that is a dictionary; without it that of the first one.
+        The order of the entries of a dictionary action; by default the order of the first action.
     on_alarm : callable(info), optional
-        Called once when an alarm begins, and again only after it has ended: to ask for a human.
+        Called once when an alarm begins, and again only after it has ended, for example to call an operator.
     on_halt : callable(info), optional
         Called once when the guard halts in an episode.
 
     Attributes
     ----------
     info : dict or None
-        What `Guard.filter` decided last.
+        The last decision of `Guard.filter`.
 
     Raises
     ------
     TypeError
         If `guard` is neither a guard nor a path.
     ValueError
-        If `positions` or `action_names` has not one entry for each entry of an action, or one out of
-        range.
+        If `positions` or `action_names` does not have one entry per entry of an action, or has an entry out of range.
     """
 
     def __init__(
@@ -117,7 +115,7 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
                 raise ValueError(f"{name} has {len(entries)} entries; actions of this guard have {guard.action_dim}")
         for entry in self.positions or ():
             if entry is not None and not 0 <= entry < guard.state_dim:
-                raise ValueError(f"positions names entry {entry} of a state of {guard.state_dim}")
+                raise ValueError(f"positions contains {entry}, but a state has {guard.state_dim} entries")
         self._forget()
         self.guard.stop()  # halts until reset()
 
@@ -139,7 +137,7 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
         self._chunk = 0
 
     def observe(self, observation: Mapping[str, Any]) -> None:
-        """The robot's observation now, for the next action, whose transition has none."""
+        """Store the robot's present observation for the next action, whose transition has none."""
         self._observed = observation
 
     def _state(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
@@ -158,7 +156,7 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
         return np.concatenate(parts)
 
     def _present(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The pose that actions are relative to; after a halt, or in a broken state, the last one."""
+        """Return the pose that actions are relative to; after a halt, or in an invalid state, the last one."""
         present = np.zeros(self.guard.action_dim)
         for k, entry in enumerate(self.positions or ()):
             if entry is not None:
@@ -170,7 +168,7 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
         return self._pose
 
     def _entries(self, action: Mapping[str, Any]) -> list[str]:
-        """The order of an action's names."""
+        """Return the order of an action's names."""
         if self.action_names is None and len(action) == self.guard.action_dim:
             self.action_names = list(action)
         names = self.action_names or []
@@ -211,7 +209,7 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
             names = self._entries(original)
             safe = self._decide(np.array([float(_item(original[name])) for name in names]), observation)
             filtered = dict(zip(names, safe))
-            # A tensor of one number stays one.
+            # A tensor of one number remains a tensor.
             return {
                 name: _like(np.array(filtered[name]), value) if hasattr(value, "shape") else float(filtered[name])
                 for name, value in original.items()
@@ -220,8 +218,8 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
         if len(shape) == 3 and shape[:2] != (1, 1):
             if shape[0] != 1 or self._chunk >= shape[1]:
                 raise ValueError(
-                    f"a chunk of shape {shape} has no action {self._chunk}: one robot at a time, and "
-                    "next_chunk() where a new chunk begins"
+                    f"a chunk of shape {shape} has no action {self._chunk}: call next_chunk() when a "
+                    "new chunk begins, and filter one robot at a time"
                 )
             original = original[:, self._chunk]
             self._chunk += 1
@@ -243,18 +241,18 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
         return result
 
     def transform_features(self, features: Any) -> Any:
-        """An action keeps its shape."""
+        """Return the features unchanged, because an action keeps its shape."""
         return features
 
     def get_config(self) -> dict[str, Any]:
-        """Return the configuration from which a pipeline recreates the step; a loaded guard is named by its path."""
+        """Return the configuration from which a pipeline recreates the step; a loaded guard is given by its path."""
         config: dict[str, Any] = {"positions": self.positions, "action_names": self.action_names}
         return config if self._path is None else {"guard": self._path, **config}
 
     def save_artifacts(self, save_directory: Path) -> dict[str, str]:
         """Save the guard beside the pipeline and return its file's name.
 
-        LeRobot calls it from `save_pretrained`, and `from_pretrained` makes the step from that file.
+        LeRobot calls this from `save_pretrained`, and `from_pretrained` creates the step from that file.
         """
         path = Path(save_directory) / "new.guard"
         self.guard.save(path)
@@ -263,8 +261,8 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
         return {"guard": name}
 
     def state_dict(self) -> dict[str, Any]:
-        """Nothing: a guard is no tensor, and `save_artifacts` saves it."""
+        """Return an empty dictionary: a guard is not a tensor, and `save_artifacts` saves it."""
         return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Nothing to load."""
+        """Do nothing: there are no tensors to load."""

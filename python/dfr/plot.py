@@ -53,11 +53,11 @@ def episode(infos: Sequence[dict[str, Any]], *, ax: Axes | None = None) -> Axes:
         If `infos` is empty.
     """
     if len(infos) == 0:
-        raise ValueError("infos is empty: pass what Guard.filter returned in each step of an episode")
+        raise ValueError("infos is empty: pass the infos that Guard.filter returned in an episode")
     ax = _axes(ax)
     g = np.array([info["g"] for info in infos], dtype=float)
     threshold = np.array([info["threshold"] for info in infos], dtype=float)
-    # The reason of a halt is its cause.
+    # The reason for a halt is its cause.
     kinds = [info["mode"] if info["mode"] == "halt" else info["reason"] for info in infos]
     ax.axhline(0.0, color="0.5", linewidth=0.8)
     ax.plot(g, color="0.75", linewidth=1.0, zorder=1)

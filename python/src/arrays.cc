@@ -82,7 +82,7 @@ void RequireFile(const std::filesystem::path& path) {
 Arrays ToArrays(const py::handle& values) {
   if (py::isinstance<py::str>(values) || py::isinstance<py::bytes>(values) ||
       py::isinstance<py::dict>(values) || !py::hasattr(values, "__iter__")) {
-    throw py::type_error("a list of arrays is needed, one a demonstration, not " +
+    throw py::type_error("a list of arrays is needed, one per demonstration, not " +
                          Shortened(values));
   }
   Arrays arrays;

@@ -56,7 +56,8 @@ template <typename T>
 [[nodiscard]] inline double RealOption(const pybind11::object& value, const char* name) {
   return Option<double>(value, name, "a number");
 }
-/// Converts one number, which counts as a sequence of one, or several; 0 alone gives none.
+/// Converts one number, which counts as a sequence of one, or several numbers. A single 0 gives an
+/// empty sequence.
 [[nodiscard]] inline std::vector<double> RealsOption(const pybind11::object& value,
                                                      const char* name) {
   if (!pybind11::isinstance<pybind11::sequence>(value)) {
@@ -170,7 +171,7 @@ class Interruptible {
     if (interrupted_ || std::this_thread::get_id() != owner_) return !interrupted_;
     const auto now = std::chrono::steady_clock::now();
     if (now < next_) return true;
-    // Often enough for users, rarely enough for other Python threads.
+    // The interval is short enough for users and long enough for other Python threads.
     next_ = now + std::chrono::milliseconds(100);
     const pybind11::gil_scoped_acquire lock;
     interrupted_ = PyErr_CheckSignals() != 0;

@@ -290,7 +290,7 @@ summary : dict
     that is predicted to end outside; explained, the share of their variance that the features explain;
     action_error, the remaining squared error as a share of the squared actions. components: for each number
     of components that was tried, explained, inside and response_error, the relative squared error of the
-    predicted change; components_reason: the reason of the choice. warnings: problems of the guard, each
+    predicted change; components_reason: the reason for the choice. warnings: problems of the guard, each
     with its remedy.
 )");
   PickleBy(

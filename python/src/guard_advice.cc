@@ -24,7 +24,7 @@ namespace {
 using control::HaltCause;
 using safety::Guard;
 
-// The number of its leading actions that may be played.
+// Returns the number of leading actions that may be played.
 int FilterChunk(Guard& guard, const py::object& t, const Array& state, const Array& actions) {
   DFR_THROW_UNLESS(state.size() == guard.state_dim(),
                    "state has " << state.size() << " entries, " << guard.state_dim() << " needed");
@@ -66,7 +66,7 @@ void Applied(Guard& guard, const Array& action) {
   guard.Applied(Entries(action));
 }
 
-// The time step whose support fits the state best.
+// Returns the time step whose support fits the state best.
 int BestStep(const Guard& guard, std::span<const double> state) {
   int best = 0;
   double highest = -std::numeric_limits<double>::infinity();

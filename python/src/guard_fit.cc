@@ -23,7 +23,7 @@ namespace {
 using safety::Guard;
 using safety::GuardModel;
 
-// The size of a block, or the height, width and channels of a picture.
+// Size of a block, or height, width and channels of a picture.
 using Size = std::variant<int, std::vector<int>>;
 
 core::StateLayout Layout(const std::vector<std::pair<std::string, Size>>& blocks, int state_dim) {
@@ -63,11 +63,12 @@ void MakeIncrements(const core::StateLayout& layout, bool differences, bool as_r
   DFR_THROW_UNLESS(!differences || !absolute.empty(),
                    "no action takes the values of a state's entry, so differences=True has nothing "
                    "to convert");
-  DFR_THROW_UNLESS(differences || absolute.empty(),
-                   core::Describe(absolute, layout)
-                       << ". A guard needs velocities or increments, of which zero holds still. "
-                          "Subtract the present state from actions, here by differences=True and "
-                          "before each filter(), or pass as_recorded=True if zero does hold still");
+  DFR_THROW_UNLESS(
+      differences || absolute.empty(),
+      core::Describe(absolute, layout)
+          << ". A guard needs velocities or increments, for which zero means no motion. "
+             "Subtract the present state from actions, here by differences=True and "
+             "before each filter(), or pass as_recorded=True if zero does mean no motion");
   for (core::Trajectory& episode : demonstrations) core::ToDifferences(absolute, episode);
 }
 
@@ -162,7 +163,7 @@ Guard FitGuard(const Arrays& all_states, const Arrays& all_actions, const py::ob
     throw;
   }
   interruptible.Throw();
-  // Past the two wrappers of Guard.fit in dfr/__init__.py, to the caller's line.
+  // Skips the two wrappers of Guard.fit in dfr/__init__.py, up to the caller's line.
   constexpr int kCaller = 3;
   for (const std::string& warning : safety::Warnings(*model)) {
     if (PyErr_WarnEx(PyExc_UserWarning, warning.c_str(), kCaller) != 0)

@@ -6,7 +6,7 @@
 
 namespace dfr::python {
 
-/// dfr.Guard.fit: its arguments are converted and checked, and progress and warnings are reported.
+/// Adds dfr.Guard.fit: converts and checks its arguments, and reports progress and warnings.
 void AddGuardFit(pybind11::class_<safety::Guard>& guard_class);
 
 }  // namespace dfr::python

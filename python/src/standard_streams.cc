@@ -1,5 +1,5 @@
-// The linker puts these variables in the place of stderr and stdout (--wrap) for code that was
-// compiled for programs: such code cannot reach those of the C library from a shared object.
+// The linker replaces stderr and stdout by these variables (--wrap) in code that was compiled for
+// programs: such code cannot access those of the C library from a shared object.
 
 #include <cstdio>
 
@@ -12,7 +12,7 @@ extern FILE* __real_stdout;  // NOLINT(bugprone-reserved-identifier)
 
 namespace {
 
-// Before any other code of the module, which may print.
+// Runs before any other code of the module, which may print.
 [[gnu::constructor(101)]] void SetStandardStreams() {
   __wrap_stderr = __real_stderr;
   __wrap_stdout = __real_stdout;

@@ -69,7 +69,7 @@ double InLibsvmScale(const OneClassSvm& svm, double g) {
   return std::abs(g) <= kAccuracy * svm.rho() ? 0.0 : svm.libsvm_scale() * g;
 }
 
-// Returns g of one state as a number, of several as an array.
+// Returns g of one state as a number, and of several states as an array.
 py::object EstimateDecision(const OneClassSvm& svm, const Array& x, bool libsvm_scale) {
   const MatrixView rows = Rows(x, "x");
   DFR_THROW_UNLESS(rows.cols() == svm.state_dim(),
@@ -112,7 +112,7 @@ py::tuple EstimateGradient(const OneClassSvm& svm, const Array& x) {
   return py::make_tuple(g, std::move(gradient));
 }
 
-// Returns the position of the first entry that is not finite, or none.
+// Returns the position of the first nonfinite entry, or none.
 std::optional<std::pair<Eigen::Index, Eigen::Index>> FindNonFinite(const Array& x) {
   const MatrixView rows = Rows(x, "x");
   const py::gil_scoped_release unlocked;

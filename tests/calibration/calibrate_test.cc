@@ -76,7 +76,7 @@ line_task::LineCalibration Guess() {
   return guess;
 }
 
-// Pictures of exact geometry plus noise, in pixels.
+// Records exact geometry plus noise, in pixels.
 std::vector<vision::CalibrationFrame> Record(const line_task::LineCalibration& known, int count,
                                              double mark_noise, double tip_noise) {
   core::Random random(1);
@@ -102,7 +102,7 @@ std::vector<vision::CalibrationFrame> Record(const line_task::LineCalibration& k
     for (int k = 3; k < 6; ++k) q[k] += random.Uniform(-0.3, 0.3);
     frame.touching = i % 2 == 0;
     if (frame.touching) {
-      // The insertion that brings the tip to the plane, by secants.
+      // Insertion that brings the tip to the plane, found by the secant method.
       const auto above = [&](double insertion) {
         q[2] = insertion;
         return (target.inverse() * known.TipInCamera(q)).z();
@@ -161,7 +161,7 @@ TEST(CalibrateTest, UncertaintyCoversTheErrorOfNoisyData) {
   ASSERT_TRUE(summary.converged && summary.has_covariance) << summary.message;
   EXPECT_NEAR(summary.mark_rms_px, 0.05 * std::sqrt(2.0), 0.02);
   EXPECT_NEAR(summary.tip_rms_px, 2.0 * std::sqrt(2.0), 0.7);
-  // Each within four standard deviations; the loss makes these slightly too small.
+  // Each is within four standard deviations, which the loss underestimates slightly.
   EXPECT_LT(std::abs(found.camera.fx - known.camera.fx), 4 * summary.camera_sd[0]);
   EXPECT_LT(std::abs(found.camera.cx - known.camera.cx), 4 * summary.camera_sd[2]);
   for (int k = 0; k < 6; ++k) {

@@ -58,7 +58,7 @@ inline FunctionSupport ConstantSupport(int dim, double value) {
 }
 
 /// l_t(x) = log(sum_i exp(-gamma |x - c_i - t drift|^2) / k) - log rho with k equal Gaussians, term
-/// by term from the definition; B_t wanders with t. g_t(x) = rho (exp(l_t(x)) - 1).
+/// by term from the definition; B_t moves with t. g_t(x) = rho (exp(l_t(x)) - 1).
 class GaussianSupport : public core::LogDecisionFunction {
  public:
   GaussianSupport(std::vector<std::vector<double>> centres, double gamma, double rho,
@@ -139,7 +139,7 @@ inline FunctionPolicy ConstantPolicy(int dim, double value) {
           }};
 }
 
-/// `speed` away from the origin.
+/// Moves away from the origin at `speed`.
 inline FunctionPolicy OutwardPolicy(int dim, double speed) {
   return {dim, dim, [speed](int, std::span<const double> x, std::span<double> u) {
             const double norm = Norm(x);
@@ -149,14 +149,14 @@ inline FunctionPolicy OutwardPolicy(int dim, double speed) {
 }
 
 /// A point, x' = x + gain R u, with R the identity or a new random rotation of the first two
-/// coordinates at each step: |x' - x| = gain |u| however it turns.
+/// coordinates at each step: Always |x' - x| = gain |u|.
 struct PointPlantOptions {
   std::vector<double> start = {0.0, 0.0};
   double gain = 1.0;
   bool turns = false;
   double wall = std::numeric_limits<double>::infinity();  ///< Collides at |x| > wall.
   double goal = std::numeric_limits<double>::infinity();  ///< Completed at x_0 >= goal.
-  int refuse_at = -1;  ///< The control with this number (from 0) is refused,
+  int refuse_at = -1;  ///< The control with this number (from 0) is rejected,
   int fault_at = -1;   ///< or applied and reported as a fault.
 };
 

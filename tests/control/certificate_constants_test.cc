@@ -20,7 +20,7 @@ core::FeatureTransform Doubled() {
           2.0 * core::Matrix::Identity(2, 2)};
 }
 
-// x' = x + 0.3 R u, R turned by up to `wobble` rad at random.
+// x' = x + 0.3 R u. R is a random turn by up to `wobble` rad.
 std::vector<core::Trajectory> Walks(int count, double wobble, std::uint64_t seed = 1) {
   core::Random random(seed);
   std::vector<core::Trajectory> walks;
@@ -46,17 +46,17 @@ TEST(AssumptionsTest, GainIsFoundInFeatureUnits) {
   const auto gain = EstimateGain({Doubled(), Walks(59, 0.5)});
   EXPECT_NEAR(gain.value, 0.6, 1e-12);
   EXPECT_EQ(gain.demonstrations, 59);
-  // Wilks: 59 samples are the fewest whose largest covers 95 % with 95 % confidence.
+  // Wilks: with 59 samples or more, the largest covers 95 % with 95 % confidence.
   EXPECT_NEAR(gain.coverage, 0.95, 1e-3);
   EXPECT_GE(gain.coverage, 0.95);
   EXPECT_LT(EstimateGain({Doubled(), Walks(58, 0.5)}).coverage, 0.95);
 }
 
 TEST(AssumptionsTest, DirectionErrorIsThatOfTheJacobian) {
-  // Linear: only the ridge keeps J from being exact.
+  // The system is linear: only the ridge keeps J from being exact.
   EXPECT_LT(EstimateDirectionError(Doubled(), Walks(40, 0.0)).value, 0.02);
-  // Turned by up to 0.5 rad around the mean: at most 2 sin(0.25) K from the mean of all, and, J
-  // being a mean of turns that were seen, at most 2 sin(0.5) K from any J.
+  // A turn by up to 0.5 rad around the mean differs by at most 2 sin(0.25) K from the mean of all
+  // turns. J is a mean of observed turns, and a turn differs by at most 2 sin(0.5) K from any J.
   std::vector<double> wobbly;
   for (std::uint64_t seed = 1; seed <= 11; ++seed) {
     wobbly.push_back(EstimateDirectionError(Doubled(), Walks(40, 0.5, seed)).value);
@@ -77,8 +77,8 @@ TEST(AssumptionsTest, TheOrderOfDemonstrationsChangesNoBit) {
   }
 }
 
-// For the J that is used in the end, by demonstrations that it has not seen: the share of further
-// ones that stay below falls short of `coverage` in 5 % of fits at most.
+// J is the final one, and the demonstrations were not used to fit it. The share of further
+// demonstrations below the constant is less than `coverage` in at most 5 % of fits.
 TEST(AssumptionsTest, CoverageHoldsForTheJacobianThatIsUsed) {
   int short_of = 0;
   constexpr int kRuns = 100;
@@ -100,14 +100,14 @@ TEST(AssumptionsTest, CoverageHoldsForTheJacobianThatIsUsed) {
   EXPECT_LE(short_of, 5 + 7);
 }
 
-// Meaning of the coverage: over new demonstrations, the share that stays below the estimated
-// constant falls short of `coverage` in about 5 % of estimates.
+// Definition of coverage: in about 5 % of estimates the share of new demonstrations below the
+// estimated constant is less than `coverage`.
 TEST(AssumptionsTest, CoverageHolds) {
   core::Random random(3);
   int short_of = 0;
   constexpr int kRuns = 400;
   for (int run = 0; run < kRuns; ++run) {
-    // Each demonstration has one step with |dz| / |u| uniform in (0, 1): shares can be read off.
+    // Each demonstration has one step with |dz| / |u| uniform in (0, 1). This reveals the shares.
     std::vector<core::Trajectory> walks(20);
     for (auto& walk : walks) {
       walk.states.resize(2, 1);

@@ -36,7 +36,7 @@ TEST(SafeBallTest, LiesInsideTheSupport) {
   EXPECT_GT(inside, 3000);
 }
 
-// One Gaussian: {l >= 0} is a ball itself, and the certificate finds all of it from everywhere.
+// One Gaussian. {l >= 0} is a ball, and the certificate finds all of it from every state.
 TEST(SafeBallTest, IsExactForOneGaussian) {
   const test::GaussianSupport support({{0.3, -0.2}}, 2.0, 0.5);
   const double radius = std::sqrt(std::log(2.0) / 2.0);
@@ -49,8 +49,8 @@ TEST(SafeBallTest, IsExactForOneGaussian) {
   }
 }
 
-// The claim that makes it worth having (docs/recovery.md): never worse than g / L here,
-// mostly far better.
+// The certificate's benefit (docs/recovery.md): here it is never worse than g / L and mostly far
+// better.
 TEST(SafeBallTest, BeatsTheLipschitzBound) {
   const auto support = TwoBumps();
   core::Random random(2);
@@ -66,11 +66,11 @@ TEST(SafeBallTest, BeatsTheLipschitzBound) {
     ball_sum += ball.radius - ball.shift_norm;
     lipschitz_sum += g / support.lipschitz_bound(0);
   }
-  // 1.9 times here; more where rho is larger.
+  // The ratio is 1.9 here, and larger where rho is larger.
   EXPECT_GT(ball_sum, 1.5 * lipschitz_sum);
 }
 
-// Against bisection of its definition |s a - shift| + s e <= radius.
+// Compares with bisection of the definition |s a - shift| + s e <= radius.
 TEST(LargestShareTest, IsTheLargestThatPasses) {
   core::Random random(3);
   const auto passes = [](const SafeBall& ball, const std::vector<double>& shift,
@@ -101,7 +101,7 @@ TEST(LargestShareTest, IsTheLargestThatPasses) {
     ASSERT_TRUE(passes(ball, shift, a, e, share)) << i;
     if (share == 1.0) continue;
     ++partial;
-    // The result is a billionth below the largest, on purpose.
+    // The result is deliberately a billionth below the largest share.
     ASSERT_FALSE(passes(ball, shift, a, e, share * (1.0 + 1e-6))) << i;
   }
   EXPECT_GT(partial, 5000);
@@ -110,7 +110,7 @@ TEST(LargestShareTest, IsTheLargestThatPasses) {
 TEST(LargestShareTest, NothingPassesOutsideAndEverythingFromTheMiddle) {
   const std::vector<double> shift = {0.5, 0.0};
   EXPECT_EQ(LargestShare({-1.0, 0.5}, shift, std::vector{0.1, 0.0}, 0.0), 0.0);
-  // Straight to the centre of the ball and no further.
+  // The control leads to the centre of the ball and stops there.
   EXPECT_EQ(LargestShare({0.6, 0.5}, shift, std::vector{0.5, 0.0}, 0.0), 1.0);
   // On the boundary, outwards.
   EXPECT_EQ(LargestShare({0.5, 0.5}, shift, std::vector{-1.0, 0.0}, 0.0), 0.0);

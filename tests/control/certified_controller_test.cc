@@ -45,7 +45,7 @@ TEST(CertifiedControllerTest, HaltsAtTheFirstViolation) {
     const Step step = certified.Next(x, u);
     ASSERT_NE(step.mode, Mode::kHalt);
     EXPECT_TRUE(step.certified);
-    // The first control has the predicted effect, the second twice as much.
+    // The first control has the predicted effect, the second one twice that effect.
     for (std::size_t k = 0; k < 2; ++k) x[k] += (i == 0 ? 1.0 : 2.0) * u[k];
   }
   EXPECT_EQ(certified.Next(x, u).cause, HaltCause::kViolated);
@@ -113,8 +113,8 @@ TEST(CertifiedControllerTest, HalfALearnedControlAdvancesACertifiedPhase) {
 }
 
 // g_t(x) = exp(-(x - c_t)^2) - 0.5 with c_0 = 0, c_1 = 1, K = 1: at x = -0.6 the published gate
-// g_0(x) > L K |u| lets u = 0.001 pass in any direction, and the state is then outside B_1,
-// which the proof by induction excludes. The phase is held instead.
+// g_0(x) > L K |u| lets u = 0.001 pass in any direction, and the state is then outside B_1, which
+// the proof by induction excludes. The controller holds the phase instead.
 TEST(Proposition1Test, ThePublishedGateLeavesItsOwnInvariantAndPhaseHoldKeepsIt) {
   const test::GaussianSupport support({{0.0}}, 1.0, 0.5, {1.0}, 2);
   const auto policy = test::ConstantPolicy(1, 0.001);
@@ -150,9 +150,9 @@ TEST(Proposition1Test, ThePublishedGateLeavesItsOwnInvariantAndPhaseHoldKeepsIt)
   }
 }
 
-// Prop. IV.3 with a corrected induction: |dz - J u| <= eps |u| in a random direction each time, a
-// policy that runs for the boundary, supports that move on: the state never leaves the union of the
-// B_t.
+// Prop. IV.3 with a corrected induction: the state never leaves the union of the B_t. Each time |dz
+// - J u| <= eps |u| with a random direction. The policy steers for the boundary, and the supports
+// move.
 TEST(Proposition1Test, NeverLeavesTheUnionOfSupports) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
@@ -188,7 +188,7 @@ TEST(Proposition1Test, NeverLeavesTheUnionOfSupports) {
   }
 }
 
-// Episodes are deterministic and independent of earlier ones. Nothing allocates.
+// Episodes are deterministic and independent of earlier ones. Steps allocate no memory.
 TEST(CertifiedControllerTest, TheSameStatesGiveTheSameControls) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());

@@ -24,7 +24,8 @@ using testing::HasSubstr;
 constexpr double kUnit = 0.25;
 constexpr double kSpeed = 0.3;
 
-// Disks of radius 0.83 and more around (0.3 t, 0); two Gaussians: the ball is not the whole set.
+// Disks of radius 0.83 and more around (0.3 t, 0). With two Gaussians the ball is a part of the
+// set.
 test::GaussianSupport Moving() { return {{{0.0, 0.0}, {0.0, 0.3}}, 1.0, 0.5, {kSpeed, 0.0}, 12}; }
 
 Eigen::Matrix2d Jacobian() {
@@ -41,8 +42,8 @@ double Deepest(const test::GaussianSupport& support, int phase, std::span<const 
   return best;
 }
 
-// By brute force: the state after the control s v, with every error that the assumption allows and
-// wherever within the error of the state it really is, is inside some B_q of the window.
+// Brute force: for every allowed error and every true state within the observation error, the state
+// after the control s v is inside some B_q of the window.
 TEST(CertifierTest, EveryStateThatTheAssumptionAllowsIsInsideSomeSupport) {
   const auto support = Moving();
   const LocalFit answer = test::KnownJacobian(Jacobian());
@@ -86,12 +87,12 @@ TEST(CertifierTest, IsExactForASingleGaussian) {
   // |J v| + eps |u| = 3 + 0.4 * 3 * 0.25
   EXPECT_NEAR(certifier.StepFraction({support, answer, z}, 0, outwards), (radius - 0.5) / 3.3,
               1e-8);
-  // Inwards: through the centre to the far side.
+  // The step leads inwards, through the centre to the far side.
   EXPECT_NEAR(certifier.StepFraction({support, answer, z}, 0, -outwards), (radius + 0.5) / 3.3,
               1e-8);
 }
 
-// At least the fraction that the ball at z allows. Larger fractions are 1, 1/2 or 1/4, if they
+// The fraction is at least that of the ball at z. Larger fractions are 1, 1/2 or 1/4, if they
 // provably end inside a ball at the predicted state.
 TEST(CertifierTest, TheDirectionsShareIsTheLargerOfBothBalls) {
   const auto support = Moving();
@@ -256,7 +257,7 @@ TEST(CertifierTest, AdmittedControlsAreCertified) {
       ASSERT_EQ(admission.mode, Mode::kRecovery);
       ASSERT_GE(model.Level(phase, v), support.LogDecision(phase, z, {}));
     } else {
-      // A control that comes from demonstrations is a recovery.
+      // Controls derived from demonstrations are recoveries.
       ASSERT_TRUE(admission.mode == Mode::kPolicy || admission.share == 1.0);
       ++(admission.share < 1.0 ? shrunk : whole);
       // Time advances: changed controls aim at the next support.
@@ -266,13 +267,13 @@ TEST(CertifierTest, AdmittedControlsAreCertified) {
     }
   }
   EXPECT_GT(whole, 10);
-  // A control is changed into one that passes whole.
+  // Most controls are changed until they pass whole.
   EXPECT_LE(shrunk, 100);
   EXPECT_LE(climbs, 1);
 }
 
 TEST(CertifierTest, ThreeControlsOfWhichNextToNothingPassesAreTheEnd) {
-  // A peak at which no step raises l, and whose ball every control leaves.
+  // At this peak no step raises l, and every control leaves the ball.
   const test::GaussianSupport support({{0.0, 0.0}}, 1.0, 1.0);
   LocalFit answer = test::KnownJacobian(Jacobian());
   const std::vector<double> z = {0.0, 0.0};

@@ -16,8 +16,8 @@
 namespace dfr::control {
 namespace {
 
-// The gate asks for g > 5 * 0.08 = 0.4; g is 0.5 in the centre and 0.06 at the start. The gate
-// level of the model, the median of the demonstrations', lies beyond.
+// The gate requires g > 5 * 0.08 = 0.4; g is 0.5 in the centre and 0.06 at the start. The model's
+// gate level, the median over demonstrations, is higher.
 const std::vector<double> kLevelRate = {5.0};
 const std::vector<double> kStart = {0.0, 0.38};
 
@@ -46,7 +46,7 @@ TEST(GradientRecoveryTest, ReachesTheGateInAFewControls) {
   EXPECT_GT(controls(SwitchingController(policy, support, kLevelRate)), 50) << "DFR's probes";
 }
 
-// Steps towards the gate level and no further.
+// Each step ends at the gate level.
 TEST(GradientRecoveryTest, AimsAtTheGateLevelOfTheTimeStep) {
   const auto support = test::MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, test::Rightwards());
@@ -57,7 +57,7 @@ TEST(GradientRecoveryTest, AimsAtTheGateLevelOfTheTimeStep) {
     const std::vector<double> x = {t * test::kSpeed, -0.38};
     ASSERT_EQ(recovery.Next({.t = t, .x = x, .g = 0.06, .lambda = 5.0}, u), Mode::kRecovery);
     const std::vector<double> there = {x[0] + u[0], x[1] + u[1]};
-    // J is known to about the ridge over the weight of the demonstrations, 1e-3.
+    // J is accurate to about the ridge divided by the weight of the demonstrations, 1e-3.
     EXPECT_NEAR(support.LogDecision(t, there, {}), model.levels.gate(t), 0.02);
   }
 }
@@ -99,7 +99,7 @@ TEST(GradientRecoveryTest, LearnsFromItsOwnControls) {
     return std::acos(inwards / test::Norm(plant.x) / test::Norm(control));
   };
   EXPECT_LT(off(second), 0.8);
-  // iteration 0: a recovery begins, and the control that led to its state is unknown.
+  // At iteration 0 a recovery begins. The control that led to its state is unknown.
   recovery.Reset(1);
   ASSERT_EQ(recovery.Next({.x = plant.x, .g = 0.06, .lambda = 5.0}, second), Mode::kRecovery);
   EXPECT_NEAR(off(second), 0.9, 0.02);
@@ -126,7 +126,7 @@ TEST(GradientRecoveryTest, ControlsStayWithinTheLimit) {
   recovery.Reset(1);
   std::vector<double> u(2);
   ASSERT_EQ(recovery.Next({.x = kStart, .g = 0.06, .lambda = 5.0}, u), Mode::kRecovery);
-  // Rounding, to the control unit and back.
+  // Rounding in the conversion to the control unit and back.
   EXPECT_NEAR(u[1], -0.05, 1e-15);
   EXPECT_LE(std::abs(u[0]), 0.05 * (1.0 + 1e-12));
 }

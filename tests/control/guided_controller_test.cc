@@ -38,7 +38,7 @@ TEST(GuidedControllerTest, PassesTheLearnedControlDeepInside) {
   const Step step = guided.Next(std::vector{0.05, 0.0}, u);
   EXPECT_EQ(step.mode, Mode::kPolicy);
   EXPECT_FALSE(step.filtered);
-  EXPECT_NEAR(u[0], 0.08, 1e-16);  // to the control unit and back
+  EXPECT_NEAR(u[0], 0.08, 1e-16);  // conversion to the control unit and back
   EXPECT_EQ(u[1], 0.0);
   EXPECT_GE(step.log_g, step.log_threshold);
   EXPECT_TRUE(guided.jacobian().isZero(0.0)) << "nobody has asked for J";
@@ -65,7 +65,8 @@ TEST(GuidedControllerTest, ControlsBeforeTheFirstEstimateDoNotChangeIt) {
   EXPECT_TRUE(test::AllClose(after.jacobian(), at_once.jacobian(), 1e-12));
 }
 
-// Twice as large as any demonstrated control, it would cross the next support and leave it.
+// This control is twice as large as any demonstrated one. It would cross the next support and leave
+// it.
 TEST(GuidedControllerTest, LooksAtAControlLargerThanDemonstrated) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
@@ -90,7 +91,7 @@ TEST(GuidedControllerTest, LooksAtAControlLargerThanDemonstrated) {
   }
 }
 
-// A lag shows in the first controls, wherever they are.
+// The first controls reveal a lag in any state.
 TEST(GuidedControllerTest, TheFirstControlsShowALag) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
@@ -110,7 +111,7 @@ TEST(GuidedControllerTest, TheFirstControlsShowALag) {
   EXPECT_NEAR(plant.x[0], 7.0 * test::kSpeed, 0.02) << "one control late, no slower";
 }
 
-// Deep inside the present support alone, or the next one alone, is not enough.
+// A state deep inside only the present or only the next support is insufficient.
 TEST(GuidedControllerTest, DeepInsideIsInsideBothSupports) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
@@ -133,7 +134,7 @@ TEST(GuidedControllerTest, DeepInsideIsInsideBothSupports) {
   EXPECT_GT(only_one, 5);
 }
 
-// A step reports the support's values of the state, here of the observed one.
+// A step reports the support's values of the observed state.
 TEST(GuidedControllerTest, AStepTellsItsGrounds) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
@@ -224,8 +225,8 @@ TEST(GuidedControllerTest, FilterKeepsAWrongPolicyInsideAndMoving) {
   }
 }
 
-// In strategy guard a control that is predicted to end inside passes unchanged, and the state still
-// stays in the corridor.
+// With strategy guard, a control that is predicted to end inside passes unchanged, and the state
+// still stays in the corridor.
 TEST(GuidedControllerTest, WithLeastInterventionWhatEndsInsidePasses) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
@@ -253,7 +254,7 @@ TEST(GuidedControllerTest, WithLeastInterventionWhatEndsInsidePasses) {
   EXPECT_GT(passed[1], passed[0]);
 }
 
-// A controller that takes over in mid-task looks for its phase there.
+// A controller that takes over in mid-task searches for its phase there.
 TEST(GuidedControllerTest, BeginsAtTheFirstStepItIsGiven) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
@@ -273,7 +274,7 @@ TEST(GuidedControllerTest, BeginsAtTheFirstStepItIsGiven) {
                std::invalid_argument);
 }
 
-// If no control has an effect, the controller halts in the end. The goal may lie at the edge of the
+// If no control has an effect, the controller finally halts. The goal may lie at the edge of the
 // last support, which does not move on.
 TEST(GuidedControllerTest, DoesNotStandStillInTheLastSupport) {
   const auto support = MovingDisk();
@@ -283,7 +284,7 @@ TEST(GuidedControllerTest, DoesNotStandStillInTheLastSupport) {
   options.horizon = 3 * kSteps;
   GuidedController guided(policy, model, options);
   guided.Reset(1);
-  // Edge of the last support.
+  // right edge of the last support
   double edge = kSteps * test::kSpeed;
   while (support.LogDecision(kSteps, std::vector{edge, 0.0}, {}) >= 0.0) edge += 0.01;
   Turned plant;
@@ -296,7 +297,7 @@ TEST(GuidedControllerTest, DoesNotStandStillInTheLastSupport) {
   EXPECT_LE(plant.x[0], edge + test::kSpeed / 2.0) << "and does not leave it";
 }
 
-// An episode in the last phase whose state belongs to the fourth one, and does not move.
+// In this episode the phase is the last one, but the state belongs to the fourth and does not move.
 TEST(GuidedControllerTest, WithLeastInterventionAStuckEpisodeGoesOnFromItsState) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
@@ -325,7 +326,7 @@ TEST(GuidedControllerTest, WithLeastInterventionAStuckEpisodeGoesOnFromItsState)
   }
 }
 
-// A policy at a third of the demonstrated speed: the phase waits for it, and the point stays
+// The policy has a third of the demonstrated speed. The phase waits for it, and the point stays
 // inside.
 TEST(GuidedControllerTest, ThePhaseWaitsForAPolicyThatIsLate) {
   const auto support = MovingDisk();

@@ -26,8 +26,8 @@ using test::MovingDisk;
 using test::Rightwards;
 using Turned = test::TurnedPoint;
 
-// A third entry of the state, an object off to the side, that no control moves: the best that can
-// be reached is l = -0.3.
+// No control moves the third entry of the state, an object off to the side. The best attainable
+// level is l = -0.3.
 class Aside : public testing::Test {
  protected:
   static std::vector<core::Trajectory> Demonstrations() {
@@ -54,7 +54,8 @@ class Aside : public testing::Test {
 using GuidedRecoverySlackTest = Aside;
 
 // If no control can correct the state, the best one passes within an exit level of twice the slack.
-// Beyond, recoveries apply the demonstrated controls, and the phase skips supports that they miss.
+// Beyond that level, recoveries apply the demonstrated controls, and the phase skips supports that
+// they miss.
 TEST_F(GuidedRecoverySlackTest, TheBestGoesOnWithinReachAndTheDemonstrationsBeyond) {
   const auto policy = Along(test::kSpeed);
   for (const double slack : {0.14, 0.16}) {
@@ -78,8 +79,9 @@ TEST_F(GuidedRecoverySlackTest, TheBestGoesOnWithinReachAndTheDemonstrationsBeyo
     }
     EXPECT_EQ(controls, kSteps);
     EXPECT_NEAR(x[0], kSteps * test::kSpeed, 0.02);
-    // Demonstrations go to y = 0 by y' = 0.7 y + noise; the regression over some 130 of them is off
-    // by noise / sqrt(130), and y by 1 / 0.3 times that: three standard errors.
+    // Demonstrations approach y = 0 by y' = 0.7 y + noise. A regression over about 130 of them has
+    // the standard error noise / sqrt(130), and y has 1 / 0.3 times that error. The limit is three
+    // standard errors.
     EXPECT_NEAR(x[1], 0.0, 3.0 * 0.05 / std::sqrt(130.0) / 0.3);
   }
 }
@@ -101,8 +103,7 @@ TEST_F(GuidedRecoverySlackTest, ARecoveryThatStaysOutsideDoesWhatDemonstrationsD
   EXPECT_GT(u[1], -0.3 * x[1]);
 }
 
-// A support that does not move, and a point outside that no control moves: every decision is in the
-// same state.
+// Neither the support nor the point outside it ever moves, so every decision is in the same state.
 std::string Modes(double y, const GuidedOptions& options) {
   const test::GaussianSupport support({{0.0, 0.0}}, 4.0, 0.5);
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
@@ -124,11 +125,11 @@ TEST(GuidedRecoveryTest, HaltsAfterItsPatienceWhereItStaysOutside) {
   EXPECT_EQ(Modes(2.5, {.patience = 5}), "RRRRR no-progress");
 }
 
-// Supports at x = t test::kSpeed, and a point above the path, which demonstrated controls move past
+// The supports are at x = t test::kSpeed. Demonstrated controls move a point above the path past
 // them. The phase advances with the prediction, and skips the missed support.
 TEST(GuidedRecoveryTest, ThePhasePassesOverSupportsThatARecoveryMisses) {
   const auto support = MovingDisk();
-  // Demonstrations with constant y: they contain no way down.
+  // Demonstrations have constant y and contain no motion down.
   auto demonstrations = Rightwards();
   for (auto& d : demonstrations) {
     d.states.col(1).setConstant(d.states(0, 1));
@@ -186,15 +187,15 @@ TEST(GuidedRecoveryTest, ProbesAControlThatNobodyHasEverUsed) {
   EXPECT_FALSE(step.filtered);
   EXPECT_GT(std::abs(u[1]), 10.0 * std::abs(u[0]));
   EXPECT_NEAR(test::Norm(u), 0.35 * model.response.control_unit(), 1e-12);
-  // The direction was probed: no second probe.
+  // The direction was already probed; no second probe follows.
   step = guided.Next(std::vector{x[0] + u[0], x[1] + u[1]}, u);
   EXPECT_NE(step.mode, Mode::kProbe);
 
   GuidedController never(along, model, {.probe_size = 0.0});
   never.Reset(1);
   EXPECT_NE(never.Next(x, u).mode, Mode::kProbe);
-  // Nor if the response is known or the prediction is inside. Under a disturbance that is not
-  // sufficient.
+  // No probe follows if the response is known or the prediction is inside. With a disturbance model
+  // an inside prediction is not sufficient.
   const test::Task known(test::IdentityFeatures(), support, Rightwards());
   GuidedController knows(along, known);
   knows.Reset(1);
@@ -210,8 +211,8 @@ TEST(GuidedRecoveryTest, ProbesAControlThatNobodyHasEverUsed) {
 }
 
 // The world drifts sideways by more than a probe moves it, in a direction without demonstrated
-// controls. A controller that takes the disturbance for the probe's effect steers the wrong way;
-// one that estimates the disturbance does not.
+// controls. A controller that mistakes the disturbance for the probe's effect steers the wrong way.
+// A controller that estimates the disturbance does not.
 TEST(GuidedRecoveryTest, HoldsItsPlaceUnderADisturbance) {
   constexpr double kDisturbance = 0.06;  // a probe is 0.035
   const auto support = MovingDisk();
@@ -257,7 +258,7 @@ std::vector<core::Trajectory> Toppling() {
   }
   return demonstrations;
 }
-// In features as wide as whitened ones, and MovingDisk() in these.
+// Features as wide as whitened ones, and MovingDisk() in these features.
 core::FeatureTransform Thirtyfold() {
   return {core::FeatureSelection::All(2), Eigen::Vector2d::Zero(),
           30.0 * core::Matrix::Identity(2, 2)};
@@ -309,8 +310,8 @@ TEST(GuidedRecoveryTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
       if (part == "online-jacobian") return Trace(along, model, options, {0.0, 0.38}, 3, 0.9);
       if (part == "disturbance") return Trace(along, model, options, {0.0, 0.2}, 3, 0.0, 0.05);
       if (part == "demonstrated") return Trace(back, model, options, {0.0, 2.6}, 1);
-      // exit-level: the point is 0.02 away from where it could be, with an object off to the side
-      // that no control moves.
+      // exit-level: the point is 0.02 from its best position, and no control moves the object off
+      // to the side.
       if (part == "exit-level") {
         const test::GaussianSupport aside({{0.0, 0.0}}, 4.0, 0.38, {}, kSteps + 1);
         const test::Task at_edge(test::IdentityFeatures(), aside, Rightwards(), {.slack = 0.2});
@@ -334,14 +335,14 @@ TEST(GuidedRecoveryTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
   }
   EXPECT_THAT(seen, testing::ElementsAre("filter", "exit-level", "demonstrated", "online-jacobian",
                                          "drift", "observer", "disturbance"));
-  // Further purposes of two of them: unused directions of control, and noise.
+  // Two parts have further purposes: unused directions of control, and noise.
   EXPECT_NE(Trace(along, sideless, {}, {0.0, 0.6}, 1),
             Trace(along, sideless, Without({}, "online-jacobian"), {0.0, 0.6}, 1));
   EXPECT_NE(Trace(along, model, {}, {0.0, 0.3}, 8, 0.0, 0.0, 0, 0.1),
             Trace(along, model, Without({}, "observer"), {0.0, 0.3}, 8, 0.0, 0.0, 0, 0.1));
 }
 
-// A controller can be made without any of them: it gives the learned control.
+// A controller without any part returns the learned control.
 TEST(GuidedRecoveryTest, WithoutAllPartsTheLearnedControlPasses) {
   std::string all;
   for (const std::string_view part : GuidedPartNames()) {

@@ -31,7 +31,7 @@ TEST(LevelsTest, AreQuantilesOfTheDemonstrations) {
   const auto support = test::MovingDisk();
   const Levels levels(support, points);
   for (const int t : {0, 7, test::kSteps}) {
-    // By counting: the expected number of the thirty states is below each quantile.
+    // Counts the states: the expected number of the thirty is below each quantile.
     int below_gate = 0;
     int below_edge = 0;
     int below_median = 0;
@@ -53,8 +53,9 @@ TEST(LevelsTest, AreQuantilesOfTheDemonstrations) {
 TEST(LevelsTest, AFileKeepsAllThatTheyKnow) {
   const auto path = std::filesystem::path(testing::TempDir()) / "levels_kept.dfr";
   Levels levels(test::MovingDisk(), Points(), {.slack = 0.3});
-  levels.SetEdgeStay(std::vector{HeldOutLevels{.levels = std::vector(20, -1.0),  // All at the edge.
-                                               .phases = std::vector(20, 0)}});
+  // All states are at the edge.
+  levels.SetEdgeStay(
+      std::vector{HeldOutLevels{.levels = std::vector(20, -1.0), .phases = std::vector(20, 0)}});
   core::ArchiveWriter archive("levels", 1);
   levels.Save(archive);
   archive.Save(path);
@@ -119,7 +120,7 @@ TEST(LevelsTest, ErrorsNameTheCulprit) {
               HasSubstr("there are 3 features, the support takes 2"));
 }
 
-// Demonstration k of 10, ..., 20 is at the edge in k steps on end, and in none before or after.
+// Demonstration k of 10, ..., 20 is at the edge in k consecutive steps and in no other step.
 TEST(LevelsTest, NineOfTenHeldOutDemonstrationsStayAtTheEdgeNoLonger) {
   Levels levels(test::MovingDisk(), Points());
   EXPECT_EQ(levels.edge_stay(), 10.0);

@@ -22,8 +22,9 @@ using test::Store;
 
 constexpr int kEntries = 3;
 
-// Demonstrations take v = K (z* - z) exactly, dz = v. The plant turns controls by .6 and the world
-// drifts: the control with the demonstrated effect is the one turned back, minus the disturbance.
+// Demonstrations take v = K (z* - z) exactly, dz = v. The plant turns controls by .6 rad, and the
+// world drifts. The control with the demonstrated effect is turned back and compensates for the
+// disturbance.
 TEST(LocalFitTest, DoesWhatDemonstrationsDidWhateverControlsDoToday) {
   core::Random random(5);
   const Eigen::Vector2d goal(0.5, -0.3);
@@ -49,7 +50,7 @@ TEST(LocalFitTest, DoesWhatDemonstrationsDidWhateverControlsDoToday) {
   const ResponseEstimate still_estimate(prior);
   LocalFit still = still_estimate.FitAt(3, z);
   ASSERT_TRUE(still.NominalControl(v));
-  // Shrunk by the ridge of the regression, in the same direction.
+  // The ridge of the regression shrinks the control in the same direction.
   EXPECT_GT(v.normalized().dot(wanted.normalized()), 0.995);
   EXPECT_NEAR(v.norm() / wanted.norm(), 0.85, 0.1);
   const Eigen::Vector2d regressed = v;
@@ -108,8 +109,8 @@ TEST(LocalFitTest, LeastKnownIsTheTopEigenvectorOfTheInverse) {
   EXPECT_LT(fit.LeastExcitedDirection(direction), 1.0) << "after it was tried";
 }
 
-// Under a disturbance a second equal probe is uninformative: only the other sign separates its
-// effect from the disturbance.
+// Under a disturbance a second equal probe is uninformative. Only the opposite sign separates the
+// effect of the probe from the disturbance.
 TEST(LocalFitTest, LeastExcitedDirectionHasTheSignThatSeparatesADisturbance) {
   core::Random random(8);
   auto d = Linear(RandomMatrix(random, kEntries, 2), 10, 8, random);

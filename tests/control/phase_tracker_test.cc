@@ -97,7 +97,7 @@ TEST(PhaseTrackerTest, ResetStartsAfresh) {
   EXPECT_EQ(tracker.phase(), 0);
 }
 
-// An episode that goes at `pace` phases a step is followed: the phase is that of the demonstration.
+// The tracker follows an episode of `pace` phases per step: the phase is that of the demonstration.
 TEST(PhaseTrackerTest, RelocatesToTheSupportThatContainsTheStateMostDeeply) {
   const auto support = Line(1.0);
   PhaseTracker tracker(support);
@@ -141,7 +141,7 @@ TEST(PhaseTrackerTest, FollowsAPauseAndGoesOnAfterIt) {
   EXPECT_EQ(tracker.phase(), 6);
 }
 
-// The support is the same at all times: the clock decides, also from the end on.
+// The support is the same at all times. The clock decides, even past the end.
 TEST(PhaseTrackerTest, TiesGoToTheClock) {
   const auto support = Line(0.0);
   PhaseTracker tracker(support);
@@ -152,8 +152,8 @@ TEST(PhaseTrackerTest, TiesGoToTheClock) {
   }
 }
 
-// Phases gain 0.1 each in the direction of time. A phase to the side costs 0.05, so the farthest of
-// the window wins; where they gain 0.04, none is worth it.
+// Phases gain 0.1 each in the direction of time. A phase to the side costs 0.05, so the farthest
+// phase of the window wins. With a gain of 0.04 none wins.
 TEST(PhaseTrackerTest, LooksNoFurtherThanItsWindowAndOnlyForABetterFit) {
   class Slope final : public core::LogDecisionFunction {
    public:
@@ -197,13 +197,13 @@ TEST(PhaseTrackerTest, LooksNoFurtherThanItsWindowAndOnlyForABetterFit) {
     return tracker.phase();
   };
   EXPECT_EQ(entered(0.1), 10 + PhaseTracker::kWindow);
-  // One more behind: the phase may have advanced with a control that was chosen one earlier.
+  // One phase earlier: the phase may have advanced with the previous control.
   EXPECT_EQ(entered(-0.1), 10 - PhaseTracker::kWindow - 1);
   EXPECT_EQ(entered(0.04), 10);
 }
 
 TEST(PhaseTrackerTest, AStateThatIsNotOneIsNowhereAndTheClockGoesOn) {
-  // As every support of the library: -infinity where an entry is not finite.
+  // Returns -infinity for a nonfinite entry, as every support of the library does.
   class Strict final : public core::LogDecisionFunction {
    public:
     int state_dim() const noexcept override { return 1; }
@@ -261,7 +261,7 @@ TEST(PhaseTrackerTest, StaysWhereNoPhaseNearbyHoldsTheState) {
     EXPECT_LT(tracker.Enter(std::vector{x}), 0.0);
     EXPECT_EQ(tracker.phase(), 10);
   }
-  // B_0 and B_1 are all that is left before the start.
+  // Before the start only B_0 and B_1 remain.
   tracker.Reset(1);
   EXPECT_GE(tracker.Enter(std::vector{-0.5}), 0.0);
   EXPECT_EQ(tracker.phase(), 0);

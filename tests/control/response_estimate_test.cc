@@ -35,11 +35,11 @@ TEST(ResponseEstimateTest, RecoversALinearSystemFromDemonstrations) {
   const auto d = Linear(truth, 20, 10, random);
   const ResponseEstimate estimate(Store(d, {.ridge = 1e-9}));
   const LocalFit fit = estimate.FitAt(4, core::Row(d.features[3], 4));
-  // Products of controls and changes are kept in float, of relative error 6e-8.
+  // Products of controls and changes are stored as float, with a relative error of 6e-8.
   EXPECT_TRUE(test::AllClose(fit.jacobian(), truth, 1e-6));
 }
 
-// The definition: J minimises ridge |J|^2 + sum of weights |dz - J v|^2.
+// Definition: J minimises ridge |J|^2 + sum of weights |dz - J v|^2.
 TEST(ResponseEstimateTest, OnlineDataAreWeightedLeastSquaresWithForgetting) {
   core::Random random(2);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
@@ -65,7 +65,7 @@ TEST(ResponseEstimateTest, OnlineDataAreWeightedLeastSquaresWithForgetting) {
   EXPECT_TRUE(test::AllClose(fit.jacobian(), Eigen::MatrixXd::Zero(kN, kM), 0.0));
 }
 
-// A measurement of weight w counts as w equal ones; of weight 0, not at all.
+// A measurement of weight w counts as w equal ones; a weight of 0 excludes it.
 TEST(ResponseEstimateTest, AMeasurementCountsAsOftenAsItsWeightSays) {
   core::Random random(7);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
@@ -78,8 +78,8 @@ TEST(ResponseEstimateTest, AMeasurementCountsAsOftenAsItsWeightSays) {
     estimate.Update(estimate.FitAt(0, z), z, core::AsSpan(v), core::AsSpan(dz), 0.0, weight);
     return estimate.FitAt(0, z).jacobian();
   };
-  // Neither forgetting nor the prior's own weight scale with it: the sums are
-  // A + w v v', B + w v dz', which the same control, sqrt(w) as large, gives as well.
+  // The weight scales neither forgetting nor the prior: the sums are A + w v v', B + w v dz'. The
+  // same control times sqrt(w) gives the same sums.
   ResponseEstimate scaled(prior, {}, kDrift);
   const Eigen::VectorXd v2 = std::sqrt(2.5) * v;
   const Eigen::VectorXd dz2 = std::sqrt(2.5) * dz;
@@ -91,7 +91,7 @@ TEST(ResponseEstimateTest, AMeasurementCountsAsOftenAsItsWeightSays) {
   EXPECT_TRUE(after(1.0) != untouched.jacobian());
 }
 
-// Demonstrations that respond by `first` until time step 10 and by `second` from then on.
+// Demonstrations respond by `first` until time step 10 and then by `second`.
 TEST(ResponseEstimateTest, ADemonstratedChangeOfTheResponseIsNoCorrection) {
   core::Random random(11);
   const core::Matrix first = core::Matrix::Identity(2, 2);
@@ -121,9 +121,9 @@ TEST(ResponseEstimateTest, ADemonstratedChangeOfTheResponseIsNoCorrection) {
     estimate.Update(fit, core::AsSpan(v), core::AsSpan(dz));
   }
   estimate.FitAt(9, z, fit);
-  // Ten controls weigh less than the prior's 15: a part of the turn is learned.
+  // Ten controls weigh less than the prior's 15: the estimate learns a part of the turn.
   EXPECT_LT((fit.jacobian() - first * turn).norm(), 0.8 * (first - first * turn).norm());
-  // Ten free steps do not outvote the contact that demonstrations show for the next one.
+  // Ten free steps do not outweigh the contact that demonstrations contain in the next one.
   estimate.FitAt(10, z, fit);
   EXPECT_LT(std::abs(fit.jacobian()(1, 1)), 0.1);
 }
@@ -175,15 +175,14 @@ TEST(ResponseEstimateTest, AFitDependsOnMeasurementsAndArgumentsAlone) {
   ASSERT_TRUE(twice.NominalControl(v));
   EXPECT_EQ(twice.LeastExcitedDirection(core::AsSpan(direction)), value);
   EXPECT_TRUE(once.jacobian() == twice.jacobian());
-  // The measurement of a control counts for every fit that it was predicted by.
+  // The measurement of a control counts for every fit that predicted it.
   ResponseEstimate copy = estimate;
   estimate.Update(once, core::AsSpan(v), core::AsSpan(dz));
   copy.Update(twice, core::AsSpan(v), core::AsSpan(dz));
   EXPECT_TRUE(estimate.FitAt(9, z).jacobian() == copy.FitAt(9, z).jacobian());
 }
 
-// z' = z + J v + s d: an estimate that takes the disturbance for a response to the control has a
-// wrong J.
+// z' = z + J v + s d. An estimate that attributes the disturbance to the control has a wrong J.
 TEST(ResponseEstimateTest, TellsADisturbanceFromTheAnswerToControls) {
   core::Random random(5);
   const core::Matrix truth = RandomMatrix(random, kN, kM);
@@ -203,7 +202,8 @@ TEST(ResponseEstimateTest, TellsADisturbanceFromTheAnswerToControls) {
   }
   const LocalFit aware = aware_estimate.FitAt(0, z);
   const LocalFit blind = blind_estimate.FitAt(0, z);
-  EXPECT_TRUE(test::AllClose(aware.jacobian(), truth, 1e-7));  // ridge against 12 controls
+  // Ridge divided by the sum of 12 controls.
+  EXPECT_TRUE(test::AllClose(aware.jacobian(), truth, 1e-7));
   EXPECT_TRUE(test::AllClose(aware.disturbance(), disturbance, 1e-7));
   EXPECT_GT((blind.jacobian() - truth).norm(), 0.1);
   EXPECT_TRUE(test::AllClose(blind.disturbance(), Eigen::VectorXd::Zero(kN), 0.0));
@@ -219,8 +219,8 @@ TEST(ResponseEstimateTest, TellsADisturbanceFromTheAnswerToControls) {
       test::AllClose(aware_estimate.FitAt(0, z).disturbance(), Eigen::VectorXd::Zero(kN), 0.0));
 }
 
-// By the definition: weighted least squares with forgetting over [z' - z; 1; v], where z is the
-// last state.
+// Definition: weighted least squares with forgetting over [z' - z; 1; v], where z is the last
+// state.
 TEST(ResponseEstimateTest, DriftIsLeastSquaresAboutTheStateThatIsAskedAbout) {
   core::Random random(11);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
@@ -235,7 +235,7 @@ TEST(ResponseEstimateTest, DriftIsLeastSquaresAboutTheStateThatIsAskedAbout) {
     const Eigen::VectorXd z = RandomMatrix(random, kN, 1);
     const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
     const Eigen::VectorXd dz = RandomMatrix(random, kN, 1);
-    // Sums are about another state at every control.
+    // The sums are relative to another state at every control.
     estimate.FitAt(0, core::AsSpan(z), fit);
     estimate.Update(fit, core::AsSpan(v), core::AsSpan(dz));
     Eigen::VectorXd w(kRows);
@@ -287,8 +287,8 @@ TEST(ResponseEstimateTest, TellsTheMotionOfAMassFromTheAnswerToForces) {
   EXPECT_TRUE(test::AllClose(alone.drift(), Eigen::Vector2d::Zero(), 0.0));
 }
 
-// Everywhere, demonstrations of context 0 move by (1, 0), those of context 2 by (0, 1), one in
-// three of them: weights of exp(-c^2).
+// In every state, demonstrations of context 0 move by (1, 0). One in three has context 2 and moves
+// by (0, 1). The weights are exp(-c^2).
 TEST(ResponseEstimateTest, TheNominalControlIsThatOfDemonstrationsInTheSameContext) {
   core::Random random(3);
   std::vector<core::Matrix> features;
@@ -344,7 +344,7 @@ TEST(ResponseEstimateTest, DriftTimesAreChecked) {
   const auto prior = Store(d);
   EXPECT_THROW(ResponseEstimate(prior, {.base = -0.1}), std::invalid_argument);
   EXPECT_THROW(ResponseEstimate(prior, {.per_control = std::nan("")}), std::invalid_argument);
-  // Either of them alone is a disturbance.
+  // Either one alone enables the disturbance.
   for (const DisturbanceModel time :
        {DisturbanceModel{.base = 0.5}, DisturbanceModel{.per_control = 0.5}, DisturbanceModel{}}) {
     ResponseEstimate estimate(prior, time, kDrift);

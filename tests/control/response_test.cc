@@ -41,7 +41,7 @@ TEST(ResponseTest, ControlsAreThoseOfTheDemonstrations) {
   EXPECT_FALSE(response.has_drift()) << "the point rests without a control";
 }
 
-// Thirty points that are thrown: each goes on at its speed, which a force changes.
+// Thirty thrown points: each keeps its speed, which a force changes.
 TEST(ResponseTest, DriftIsFoundWhereItExplainsUnseenDemonstrations) {
   core::Random random(2);
   std::vector<core::Trajectory> thrown(30);
@@ -60,7 +60,8 @@ TEST(ResponseTest, DriftIsFoundWhereItExplainsUnseenDemonstrations) {
       << "there is none that it has not seen";
 }
 
-// The first entry has three values, the second many, and of 30 demonstrations five have a fifth.
+// The first entry has three values and the second many. Five of 30 demonstrations add a fifth
+// value.
 TEST(ResponseTest, ValuesAreThoseOfEntriesThatHaveFew) {
   auto demonstrations = test::Rightwards();
   const auto stepped = [&](int extra) {

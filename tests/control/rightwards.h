@@ -8,15 +8,14 @@
 #include "dfr/core/trajectory.h"
 #include "tests/control/analytic.h"
 
-/// A task of guided recovery that can be computed by hand: a point goes right, its supports with
-/// it.
+/// A task of guided recovery that can be computed by hand: a point and its supports move right.
 namespace dfr::test {
 
 inline constexpr double kSpeed = 0.1;
 inline constexpr int kSteps = 20;
 
-/// Demonstrations of a point that goes right at kSpeed a step, y scattered; the control is the
-/// change of state, but turned by `angle`.
+/// Demonstrations of a point that moves right by kSpeed per step, with scattered y. The control is
+/// the change of state, turned by `angle`.
 inline std::vector<core::Trajectory> Rightwards(double angle = 0.0) {
   core::Random random(1);
   std::vector<core::Trajectory> demonstrations;
@@ -44,7 +43,7 @@ inline core::FeatureTransform IdentityFeatures(int dim = 2) {
   return core::FeatureTransform::Identity(core::FeatureSelection::All(dim));
 }
 
-/// A point whose control is turned by `angle`, in the way that Rightwards() was.
+/// A point that turns its control by `angle`, as Rightwards() does.
 struct TurnedPoint {
   double angle = 0.0;
   std::vector<double> x = {0.0, 0.0};

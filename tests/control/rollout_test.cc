@@ -63,7 +63,7 @@ TEST_F(RolloutTest, TheStartStateIsLookedAt) {
 }
 
 TEST_F(RolloutTest, ACollisionDuringAProbeCounts) {
-  // The wall is nearer than any probe goes, so the first one that points outwards hits it.
+  // The wall is nearer than a probe's length. The first probe that points outwards hits it.
   constexpr double kFrom = 0.9;
   bool in_probe = false;
   for (std::uint64_t seed = 0; seed < 10; ++seed) {
@@ -79,8 +79,8 @@ TEST_F(RolloutTest, ACollisionDuringAProbeCounts) {
 }
 
 TEST_F(RolloutTest, CountsRecoveriesAndTheirControls) {
-  // From x_0 = 0.76 the gate g > 0.25 is shut, and opens after some iterations; the learned control
-  // then goes to the right again, where it is shut once more, until the time is up.
+  // At x_0 = 0.76 the gate g > 0.25 is closed, and it opens after some iterations. The learned
+  // control then moves right to where the gate is closed. This repeats until the time is up.
   PointPlant plant({.start = {0.76, 0.0}});
   auto dfr = Make(Recovery::kDfr, 1.0, 3);
   struct Counter final : RolloutObserver {
@@ -141,7 +141,7 @@ TEST_F(RolloutTest, StopsAtTheLimitOfControls) {
   EXPECT_EQ(result.outcome, Outcome::kHalted);
   EXPECT_EQ(result.halt_cause, HaltCause::kControlLimit);
   EXPECT_EQ(plant.applied, 5);
-  // The controller's own end: the time is up.
+  // The controller itself ends because the time is up.
   result = Rollout(plant, baseline, {});
   EXPECT_EQ(result.outcome, Outcome::kHalted);
   EXPECT_EQ(result.halt_cause, HaltCause::kTimeUp);
@@ -215,7 +215,7 @@ TEST_F(RolloutTest, NeverAllocatesWithAWorkspace) {
 }
 
 TEST_F(RolloutTest, CpuTimeIsSplitIntoPlantAndDecision) {
-  // The policy burns about as many operations as the plant none.
+  // The policy takes much time and the plant almost none.
   const test::FunctionPolicy slow(2, 2, [](int, std::span<const double>, std::span<double> u) {
     volatile double sum = 0.0;
     for (int i = 0; i < 100'000; ++i) sum = sum + i;

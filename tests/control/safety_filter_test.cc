@@ -14,7 +14,7 @@ namespace {
 
 using Choice = SafetyFilter::Choice;
 
-// A disk that moves to the right, demonstrations that follow it, and a state at its rim.
+// A disk that moves to the right, demonstrations that follow it, and a state at the disk's rim.
 class SafetyFilterTest : public testing::Test {
  protected:
   SafetyFilterTest() { estimate_.FitAt(0, core::AsSpan(z_), fit_); }
@@ -60,8 +60,8 @@ TEST_F(SafetyFilterTest, AControlThatEndsOutsideIsReplacedByTheNominalOne) {
   EXPECT_TRUE(v == expected);
 }
 
-// The disk moves to the right. Demonstrations do so at one speed or stand still: of the nominal
-// control and of a probe, the first entry has these values alone.
+// The disk moves to the right. Demonstrations follow it at one speed or stand still. The first
+// entry of the nominal control and of a probe has only these values.
 TEST_F(SafetyFilterTest, AnEntryWithFewValuesIsNeverAMeanOfThem) {
   auto demonstrations = test::Rightwards();
   for (std::size_t d = 0; d < demonstrations.size(); ++d) {

@@ -20,7 +20,7 @@ constexpr double kForgetting = 0.93;
 
 class StateObserverTest : public testing::Test {
  protected:
-  // Performs a controller's update after control `v`, predicted by `fit`, with the next state at
+  // Performs a controller's update after control `v`, which `fit` predicted. The next state is at
   // `dz` from `before`.
   void Learn(const LocalFit* fit, const Eigen::VectorXd& before, const Eigen::VectorXd& v,
              const Eigen::VectorXd& dz) {
@@ -37,7 +37,7 @@ class StateObserverTest : public testing::Test {
   StateObserver observer_{2, 2, kForgetting};
 };
 
-// A plant that applies each control some controls late.
+// A plant that delays each control by some controls.
 class LagTest : public StateObserverTest, public testing::WithParamInterface<int> {
  protected:
   // Applies `count` controls with observation noise `noise`.
@@ -79,8 +79,7 @@ TEST_P(LagTest, IsFoundAtOnceAndWhatIsUnderWayIsPredicted) {
   EXPECT_EQ(observer_.lag(), 0);
 }
 
-// Noise as large as the effect of a control, for 200 controls: there is no lag, and none is
-// reported.
+// The noise is as large as the effect of a control, for 200 controls. The observer reports no lag.
 TEST_P(LagTest, NoiseIsNotTakenForALag) {
   int wrong = 0;
   for (int i = 0; i < 200; ++i) {

@@ -30,7 +30,7 @@ Eigen::MatrixXd RandomJacobian(core::Random& random, int rows, int cols) {
 }
 
 // A support of three Gaussians, a J with more, as many or fewer controls than features, a state
-// that may be far outside, and a control within a limit that some of its entries may be at.
+// that may be far outside, and a control within a limit that some of its entries may reach.
 struct World {
   World(std::uint64_t seed, bool disturbed)
       : random(seed),
@@ -104,8 +104,8 @@ TEST_F(OneGaussianTest, ATargetThatIsMetLeavesTheControlBitForBit) {
   }
 }
 
-// A prediction that is handed on from call to call is that of the control at every time, bit for
-// bit, and changes nothing.
+// A prediction passed from call to call always equals that of the control, bit for bit, and has no
+// effect on the result.
 TEST_F(OneGaussianTest, AKnownPredictionIsKeptUpToDate) {
   for (const double limit : {kUnbounded, 0.25}) {
     Eigen::VectorXd v = Eigen::Vector2d(0.2, -0.1);
@@ -140,7 +140,7 @@ TEST_F(OneGaussianTest, AControlWithoutEffectIsNotChanged) {
   EXPECT_TRUE(v == before);
 }
 
-// One entry at its limit: only the other can raise the margin.
+// One entry is at its limit: only the other one can raise the margin.
 TEST_F(OneGaussianTest, AnEntryAtItsLimitLeavesTheDirection) {
   Eigen::VectorXd v = Eigen::Vector2d(-0.25, 0.0);
   const double l =
@@ -152,7 +152,7 @@ TEST_F(OneGaussianTest, AnEntryAtItsLimitLeavesTheDirection) {
 }
 
 // From z' = (3, 1), grad l = (-12, -4), d = (-24, -4), |J d|^2 = 2320, s = 592 / (2 * 2 * 2320);
-// the limit forbids nothing, as d leads away from it. The same with all signs changed.
+// the limit has no effect, because d leads away from it. The same holds with all signs changed.
 TEST_F(OneGaussianTest, AnEntryAtItsLimitMayLeaveIt) {
   for (const double sign : {1.0, -1.0}) {
     const Eigen::VectorXd z = sign * z_;
@@ -165,7 +165,7 @@ TEST_F(OneGaussianTest, AnEntryAtItsLimitMayLeaveIt) {
   }
 }
 
-// The gradient of entry 0 is zero: entry 1 alone moves.
+// The gradient of entry 0 is zero: only entry 1 moves.
 TEST_F(OneGaussianTest, AnEntryWithFewValuesStaysAsItIs) {
   const LocalModel model{support_, answer_, core::AsSpan(z_)};
   const StepLimits limits{.iterations = 20, .values = {{-1.0, 0.25}, {}}};

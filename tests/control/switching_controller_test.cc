@@ -41,15 +41,14 @@ TEST(SwitchingControllerTest, AppliesTheLearnedControlExactlyWhereTheGateIsOpen)
   EXPECT_EQ(u[0], 0.125);
 
   stopping.Reset(0);
-  step = stopping.Next(std::vector{0.75}, u);  // g = lambda |u|: line 4 has <=
+  step = stopping.Next(std::vector{0.75}, u);  // g = lambda |u|: line 4 of the algorithm has <=
   EXPECT_EQ(step.mode, Mode::kHalt);
   EXPECT_EQ(step.cause, HaltCause::kEarlyStopping);
   EXPECT_EQ(u[0], 0.0);
 }
 
-// x = 0.9, g = 0.1, lambda = 2: |u_delta| = 0.1 / (500 * 2) = 1e-4. With gain 1 it leads to
-// g(x_delta) = 0.1 -+ 1e-4, and |u_R| = g(x_delta) / (50 * 2), towards the centre whichever way the
-// probe went.
+// x = 0.9, g = 0.1, lambda = 2: |u_delta| = 0.1 / (500 * 2) = 1e-4. With gain 1, g(x_delta) = 0.1
+// -+ 1e-4, and |u_R| = g(x_delta) / (50 * 2), towards the centre for either direction of the probe.
 TEST(SwitchingControllerTest, ProbeAndStepHaveTheAuthorsSizesAndABadProbeIsReversed) {
   const auto ball = test::UnitBall(1);
   const auto policy = test::ConstantPolicy(1, 1.0);
@@ -74,7 +73,7 @@ TEST(SwitchingControllerTest, ProbeAndStepHaveTheAuthorsSizesAndABadProbeIsRever
     EXPECT_NEAR(u[0], -g_delta / 100.0, 1e-18);
     ASSERT_EQ(plant.Apply(u), core::PlantStatus::kOk);
 
-    // The gate is still shut: the next iteration.
+    // The gate is still closed: the next iteration follows.
     step = dfr.Next(plant.x, u);
     EXPECT_EQ(step.mode, Mode::kProbe);
     EXPECT_EQ(step.iteration, 1);
@@ -171,7 +170,7 @@ TEST(SwitchingControllerTest, RecoveryDoesNotConsumeTime) {
 }
 
 TEST(SwitchingControllerTest, IterationsAreCountedPerRecovery) {
-  // Alternates between one iteration and an open gate: never 3 iterations in one go.
+  // Alternates between one iteration and an open gate: there are never 3 consecutive iterations.
   int looks = 0;
   const test::FunctionSupport support(
       1, [&](int, std::span<const double>) { return ++looks % 3 == 0 ? 10.0 : 0.5; });
@@ -211,9 +210,9 @@ TEST(SwitchingControllerTest, LambdaIsThatOfTheTimeStepAndTheLastOneBeyond) {
   }
 }
 
-// Prop. IV.3 where its proof holds, for a support that does not depend on time: where
-// |x' - x| <= K |u| and lambda = L K, g never goes below zero, for any learned policy and any
-// rotation of the command by the plant. The ball's g is 1-Lipschitz, so lambda = K.
+// Prop. IV.3 for a support that does not depend on time, the case in which its proof holds. If |x'
+// - x| <= K |u| and lambda = L K, g never falls below zero, for any learned policy and any rotation
+// of the command by the plant. The ball's g is 1-Lipschitz, so lambda = K.
 TEST(SwitchingControllerTest, NeverLeavesSupportWhenLambdaIsLipschitzTimesGain) {
   constexpr double kGain = 2.0;
   const auto ball = test::UnitBall(2);
@@ -320,7 +319,7 @@ TEST(SwitchingControllerTest, TheSeedDecidesEverythingAndResetStartsAfresh) {
     }
     return all;
   };
-  const std::vector<double> first = probes(1, 9);  // ends between a probe and its step
+  const std::vector<double> first = probes(1, 9);  // ends between a probe and the step after it
   EXPECT_NE(probes(2, 9), first);
   EXPECT_EQ(probes(1, 9), first);
 }
@@ -375,7 +374,7 @@ TEST(SwitchingControllerTest, AnInjectedStrategyIsUsedAndTheOptionsChoiceIsNot) 
     looks = 0;
     std::vector<RecoverySituation> asked;
     const std::vector<Mode> answers = {Mode::kProbe, Mode::kRecovery, Mode::kRecovery, Mode::kHalt};
-    // The constants of DFR are ignored, too: these would be refused.
+    // The constants of DFR are also ignored: DFR itself would reject these.
     SwitchingController controller(policy, support, lambda,
                                    std::make_unique<ScriptedRecovery>(asked, answers),
                                    {.recovery = ignored, .dfr = {.probe_fraction = -1.0}});

@@ -8,7 +8,7 @@
 
 namespace dfr::test {
 
-/// Owns the parts of a task that controllers borrow, except the support.
+/// Owns the parts of a task that controllers borrow. The caller owns the support.
 struct Task {
   Task(core::FeatureTransform transform, const core::LogDecisionFunction& inner,
        std::span<const core::Trajectory> demonstrations, const control::LevelOptions& options = {})

@@ -17,7 +17,7 @@
 namespace dfr::control::internal {
 namespace {
 
-// Every test runs with some numbers of rows, on each instruction set that this machine has.
+// Every test runs with several numbers of rows on each instruction set of this machine.
 class TransitionSumsTest : public testing::TestWithParam<std::tuple<std::size_t, std::int64_t>> {
  protected:
   TransitionSumsTest() { hwy::GetChosenTarget().Update(std::get<1>(GetParam())); }
@@ -68,7 +68,8 @@ TEST_P(TransitionSumsTest, NearestAreThoseOfASort) {
     return distances[static_cast<std::size_t>(a)] < distances[static_cast<std::size_t>(b)];
   });
   for (std::size_t count = 1, next = 0; count <= rows; count = next) {
-    next = count == rows ? rows + 1 : std::min(rows, count + 1 + count / 2);  // All of them, too.
+    // The second count is all rows, too.
+    next = count == rows ? rows + 1 : std::min(rows, count + 1 + count / 2);
     std::vector<std::int32_t> nearest(count + 1, -1);
     Nearest(distances.data(), rows, count, nearest.data());
     nearest.resize(count);
@@ -80,7 +81,7 @@ TEST_P(TransitionSumsTest, NearestAreThoseOfASort) {
   }
 }
 
-// Widths around one narrow vector, one wide vector, and three wide vectors.
+// Widths near one narrow vector, one wide vector, and three wide vectors.
 TEST_P(TransitionSumsTest, SumsAreThoseOfWeightedOuterProducts) {
   constexpr std::size_t kLeft = kWidth;
   constexpr double kFactor = 3.0;

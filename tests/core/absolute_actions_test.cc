@@ -15,8 +15,9 @@ namespace {
 
 using testing::HasSubstr;
 
-// Episodes of 60 steps of a point that goes from a random start to a random goal. `act` makes the
-// action and the next position of the present position and the goal; `observe` the state.
+// Episodes of 60 steps, in which a point moves from a random start to a random goal. `act` computes
+// the action and the next position from the present position and the goal. `observe` computes the
+// state.
 struct World {
   std::function<void(const Eigen::Vector2d& x, const Eigen::Vector2d& goal, Random& random,
                      Eigen::Vector2d& action, Eigen::Vector2d& next)>

@@ -131,7 +131,7 @@ TEST_F(ArchiveTest, AnnouncedSizesAreCheckedAgainstTheFile) {
   writer.Numbers(std::vector<double>{1.0});
   writer.Save(File());
   std::string content = Content();
-  const std::size_t size_at = content.size() - 8 - 8 - 8;  // checksum, one number, the size
+  const std::size_t size_at = content.size() - 8 - 8 - 8;  // checksum, one number and the size
   content[size_at + 6] = 1;
   content.resize(content.size() - 8);
   std::uint64_t hash = 0xcbf29ce484222325u;

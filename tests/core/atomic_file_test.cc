@@ -50,7 +50,7 @@ class AtomicFileTest : public testing::Test {
   static std::string Error(const std::function<void()>& call) {
     return dfr::test::MessageOf<std::runtime_error>([&] { call(); });
   }
-  // Nothing but these files: no temporary one stays.
+  // Expects only these files: no temporary file remains.
   void ExpectOnly(std::ptrdiff_t files) const {
     EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder_), {}), files);
   }
@@ -157,7 +157,8 @@ TEST_F(AtomicFileTest, ANewFileHasTheModeThatTheUmaskLeaves) {
 TEST_F(AtomicFileTest, ADeviceIsWrittenTo) {
   std::filesystem::path null = "/dev/null";
   std::filesystem::path full = "/dev/full";
-  if (geteuid() == 0) {  // who could replace the machine's: devices of this test's own
+  // A privileged process could replace the machine's devices: the test creates its own.
+  if (geteuid() == 0) {
     null = folder_ / "own_null";
     full = folder_ / "own_full";
     if (mknod(null.c_str(), S_IFCHR | 0600, makedev(1, 3)) != 0 ||
@@ -175,7 +176,8 @@ TEST_F(AtomicFileTest, ADeviceIsWrittenTo) {
   EXPECT_TRUE(std::filesystem::is_character_file(full));
 }
 
-// As a shell's redirection leaves it: a rename would leave the shell with a file that is gone.
+// A shell's redirection leaves such an open file. A rename would leave the shell with a deleted
+// file.
 TEST_F(AtomicFileTest, AnOpenFileIsWrittenTo) {
   const auto path = folder_ / "redirected";
   const int out = open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);

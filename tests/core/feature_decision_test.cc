@@ -22,7 +22,7 @@ FeatureSelection Named(const char* name) {
   return {layout, name};
 }
 
-// g = l = t + z_0 + 10 z_1, to see which entries arrive where.
+// g = l = t + z_0 + 10 z_1. The values show the position of each entry.
 class Planar final : public LogDecisionFunction {
  public:
   int state_dim() const noexcept override { return 2; }
@@ -80,7 +80,7 @@ TEST(FeatureDecisionTest, FollowsTheChainRule) {
   EXPECT_EQ(gradient[3], 2.0);
   EXPECT_EQ(gradient[4], 31.0);
   EXPECT_EQ(gradient[5], 0.0);
-  // The larger singular value: squares are the roots of s^2 - 14 s + 36.
+  // The larger singular value: the squares are the roots of s^2 - 14 s + 36.
   const double norm = std::sqrt(7.0 + std::sqrt(13.0));
   EXPECT_NEAR(decision.lipschitz_bound(0), std::sqrt(101.0) * norm, 1e-12);
   EXPECT_NEAR(decision.curvature_bound(0), 2.0 * norm * norm, 1e-12);

@@ -14,8 +14,8 @@
 namespace dfr::core {
 namespace {
 
-// 200 walks of 10 or 20 states: feature 1 goes on with t, features 0 and 1 are correlated across
-// walks, feature 2 in other units, feature 3 constant.
+// 200 walks of 10 or 20 states. Feature 1 grows with t, features 0 and 1 are correlated across
+// walks, feature 2 has other units, and feature 3 is constant.
 std::vector<Matrix> Walks() {
   Random random(1);
   std::vector<Matrix> walks;
@@ -32,8 +32,8 @@ std::vector<Matrix> Walks() {
   return walks;
 }
 
-// The definition without local: across demonstrations at the same time, the correlation of z is
-// (Corr + r)^(-1/2) Corr (Corr + r)^(-1/2) for any units, and progress does not count.
+// Definition without local scatter: across demonstrations at the same time, the correlation of z is
+// (Corr + r)^(-1/2) Corr (Corr + r)^(-1/2) for any units. Progress has no effect.
 TEST(FeatureTransformTest, WhitensTheSpreadAcrossDemonstrations) {
   const auto walks = Walks();
   const auto transform =
@@ -51,8 +51,8 @@ TEST(FeatureTransformTest, WhitensTheSpreadAcrossDemonstrations) {
   }
   scatter /= count;
   Matrix expected = Matrix::Identity(4, 4);
-  expected(3, 3) = 0.0;  // a constant stays one
-  // States beyond t = 10, of half of the walks, are in the estimate, not in this check.
+  expected(3, 3) = 0.0;  // a constant stays constant
+  // States beyond t = 10 exist in half of the walks. The estimate uses them, this check does not.
   EXPECT_TRUE(test::AllClose(scatter, expected, 0.05));
 }
 
@@ -66,7 +66,7 @@ TEST(FeatureTransformTest, WithoutDecorrelationItDividesByTheStandardDeviation) 
   EXPECT_NEAR(diagonal[2], 0.001, 0.00005);
 }
 
-// Two ways, 20 standard deviations apart: a unit of z is nearer to the spread of one.
+// Two ways are 20 standard deviations apart. A unit of z is closer to the spread of one way.
 TEST(FeatureTransformTest, SeveralWaysAreNotOneWideOne) {
   Random random(3);
   std::vector<Matrix> demonstrations;

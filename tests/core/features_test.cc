@@ -48,7 +48,7 @@ TEST(FeatureSelectionTest, ErrorsNameTheFeatureAndWhatThereIs) {
   EXPECT_THAT(message(""), HasSubstr("no feature"));
 }
 
-// A specification of 23 KB that names an entry again and again asked for gigabytes of features.
+// A specification of 23 KB that repeated an entry once requested gigabytes of features.
 TEST(FeatureSelectionTest, NoEntryIsNamedTwice) {
   StateLayout layout;
   layout.Add("a", 3);

@@ -14,7 +14,8 @@
 namespace dfr::core {
 namespace {
 
-// `goals` ways from one start with `each` demonstrations each, alternating as a supervisor cycles.
+// `goals` ways from one start with `each` demonstrations each. Goals alternate as a supervisor
+// cycles.
 std::vector<Matrix> Cycle(int goals, int each, std::uint64_t seed) {
   Random random(seed);
   std::vector<Matrix> demonstrations;
@@ -111,7 +112,7 @@ TEST(FoldsTest, ARoundingChangesNothing) {
   EXPECT_EQ(StratifiedFolds(rounded, 5, 3), StratifiedFolds(demonstrations, 5, 3));
 }
 
-// All start alike, to single precision.
+// All episodes start at the same state, to single precision.
 TEST(FoldsTest, DistinguishesDifferencesInDoublePrecision) {
   std::vector<Matrix> demonstrations;
   for (int d = 0; d < 6; ++d) demonstrations.push_back(Matrix::Constant(2, 1, 1.0 + 1e-12 * d));
@@ -120,9 +121,9 @@ TEST(FoldsTest, DistinguishesDifferencesInDoublePrecision) {
             Entries(Permuted(demonstrations, DeterministicOrder(demonstrations))));
 }
 
-// Assumption of split conformal prediction: the first demonstrations are a random sample, and a
-// further one exceeds all of them with the probability of chance. The lowest must not always be
-// among the others.
+// Assumption of split conformal prediction: the first demonstrations are a random sample, and the
+// probability that a further one exceeds all of them is that of a random order. The lowest must not
+// always be among the others.
 TEST(FoldsTest, TheFirstAreARandomSample) {
   constexpr int kCount = 20;
   constexpr int kHeldOut = 10;
@@ -154,8 +155,8 @@ TEST(FoldsTest, TheFirstAreARandomSample) {
 }
 
 TEST(FoldsTest, NoFoldHoldsAWholeCluster) {
-  // d mod 5 would put each goal into a separate fold. Of ten each fold has two, give or take one
-  // that is far from the others of its goal.
+  // d mod 5 would put each goal into a separate fold. Each fold has two of ten. One demonstration
+  // far from the others of its goal may be added or missing.
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
     const auto demonstrations = Cycle(5, 10, seed);
     for (const auto& fold : StratifiedFolds(demonstrations, 5, seed)) {

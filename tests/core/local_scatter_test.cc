@@ -20,7 +20,7 @@ Matrix Normals(Random& random, int count, const Matrix& root, const Eigen::RowVe
   return (points * root.transpose()).rowwise() + mean;
 }
 
-// 40 groups of 60 points of one covariance, whose correlation is .8.
+// 40 groups of 60 points with one covariance, whose correlation is .8.
 struct Skewed {
   Random random{1};
   Matrix root = (Matrix(3, 3) << 2.0, 0.0, 0.0, 0.8, 0.6, 0.0, 0.0, 0.0, 0.1).finished();
@@ -38,7 +38,7 @@ struct Skewed {
     }
     return groups;
   }
-  // In units of the true standard deviations.
+  // Returns the scatter in units of the true standard deviations.
   Matrix Scaled(const Matrix& scatter) const {
     const Matrix units = covariance.diagonal().cwiseSqrt().cwiseInverse().asDiagonal();
     return units * scatter * units;
@@ -54,7 +54,8 @@ TEST(LocalScatterTest, NormalPointsNearlyKeepTheirCovariance) {
                              skewed.Scaled(skewed.covariance), 0.1));
 }
 
-// The scatter of two clusters is nearly that of one, where all points together are far wider.
+// The scatter of two clusters is nearly that of one. The spread of all points together is far
+// wider.
 TEST(LocalScatterTest, TwoClustersAreNotOneWideOne) {
   Skewed skewed;
   const auto groups = skewed.Groups(Eigen::RowVector3d(20.0, -10.0, 1.0));
@@ -73,7 +74,7 @@ TEST(LocalScatterTest, OutliersDoNotCount) {
   EXPECT_TRUE(test::AllClose(scatter, skewed.Scaled(skewed.covariance), 0.4));
 }
 
-// Units and the order of points change nothing that counts.
+// Units and the order of points have no relevant effect.
 TEST(LocalScatterTest, ScalesWithTheUnits) {
   Skewed skewed;
   std::vector<Matrix> groups = skewed.Groups(Eigen::RowVector3d(9.0, 9.0, 9.0));
@@ -86,8 +87,8 @@ TEST(LocalScatterTest, ScalesWithTheUnits) {
                              Matrix::Zero(3, 3), 1e-6));
 }
 
-// A feature that jumps between two values has no scatter among neighbours; it counts as a
-// twentieth of its standard deviation.
+// A feature that jumps between two values has no scatter among neighbours. It gets a twentieth of
+// its standard deviation.
 TEST(LocalScatterTest, ASwitchKeepsATwentiethOfItsDeviation) {
   Random random(4);
   std::vector<Matrix> groups;
@@ -144,7 +145,7 @@ TEST(InverseSquareRootTest, IsWhatItsNameSays) {
   const Matrix covariance = a * a.transpose();
   const Matrix root = InverseSquareRoot(covariance, 0.3);
   const Matrix regular = covariance + 0.3 * Matrix::Identity(5, 5);
-  // Condition about 1e2: a few of the sixteen digits are lost.
+  // The condition number is about 1e2: a few of the sixteen digits are lost.
   EXPECT_TRUE(test::AllClose(root * regular * root, Matrix::Identity(5, 5), 1e-12));
   EXPECT_TRUE(test::AllClose(root, root.transpose(), 1e-14));
 }

@@ -32,7 +32,7 @@ TEST(NumbersTest, UnderflowIsZeroAndOverflowIsRefused) {
   EXPECT_EQ(ParseNumber("0.01e+99999999999999999999"), std::nullopt);
   EXPECT_EQ(ParseNumber("0.01e+400"), std::nullopt);
   EXPECT_EQ(ParseNumber("1" + std::string(309, '0')), std::nullopt);
-  // The exponent alone does not decide.
+  // The exponent alone does not determine the range.
   EXPECT_EQ(ParseNumber("1" + std::string(400, '0') + "e-5"), std::nullopt);
   EXPECT_EQ(ParseNumber("0." + std::string(400, '0') + "1e5"), 0.0);
 }

@@ -20,7 +20,7 @@ TEST(OnnxGraphTest, IsProtocolBuffersByHand) {
   OnnxGraph graph("g");
   graph.Output(graph.Input("x", OnnxGraph::Type::kDouble, {-1, 300}), "y", OnnxGraph::Type::kDouble,
                {-1, 300});
-  // Fields as (number << 3 | wire type), lengths, values; 300 is the varint ac 02.
+  // Fields are (number << 3 | wire type), length and value. 300 is the varint ac 02.
   const std::string shape =
       std::string("\x12\x0d") + "\x0a\x06\x12\x04rows" + "\x0a\x03\x08\xac\x02";
   const std::string type = "\x12\x13\x0a\x11\x08\x0b" + shape;  // tensor of double

@@ -1,4 +1,4 @@
-// Does not link where its vector flags make Eigen allocate otherwise than the libraries do.
+// Fails to link if its vector flags make Eigen allocate differently from the libraries.
 #include "dfr/core/matrix.h"
 
 int main() {

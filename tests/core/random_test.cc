@@ -15,7 +15,7 @@ namespace {
 
 // From the authors' reference code (prng.di.unimi.it): xoshiro256++ behind SplitMix64 with seed 0.
 // SplitMix64(0) begins e220a8397b1dcdaf 6e789e6aa1b965f4 06c45d188009454f f88bb8a8724c81ec, and the
-// first output is rotl(s0 + s3, 23) + s0 of these.
+// first output is rotl(s0 + s3, 23) + s0.
 TEST(RandomTest, FirstOutputIsXoshiroOfSplitMixState) {
   const std::uint64_t s0 = 0xe220a8397b1dcdafu;
   const std::uint64_t s3 = 0xf88bb8a8724c81ecu;
@@ -53,8 +53,8 @@ TEST(RandomTest, UniformFillsItsBinsEvenly) {
   EXPECT_LT(chi_squared, 103.4);  // 63 degrees of freedom, 0.1 % tail
 }
 
-// The numbers of a seed never change: Marsaglia and Bray's polar method, pairs of uniform numbers
-// in [-1, 1) until one lies inside the circle.
+// The numbers of a seed never change. They follow Marsaglia and Bray's polar method: pairs of
+// uniform numbers in [-1, 1) until one lies inside the circle.
 TEST(RandomTest, NormalIsThePolarMethodOfTheUniformStream) {
   Random normal(9);
   Random uniform(9);

@@ -65,7 +65,7 @@ std::vector<Trajectory> Quaternions(double angle, bool flips) {
   });
 }
 
-// In [-pi, pi] if `centred`, else in [0, 2 pi].
+// Range: [-pi, pi] if `centred`, otherwise [0, 2 pi].
 double Wrapped(double angle, bool centred, double period = 2.0 * kPi) {
   return angle - period * (centred ? std::round(angle / period) : std::floor(angle / period));
 }
@@ -135,8 +135,8 @@ TEST(RotationsTest, CosineAndSineBesideDeadEntriesAndOneHotCodesAreNoQuaternions
   EXPECT_THAT(FindRotations(Layout(4), code), IsEmpty());
 }
 
-// A turn about one axis leaves two entries at zero. In a state without blocks only the signs show
-// that the four belong together.
+// A turn about one axis leaves two entries at zero. In a state without blocks only the signs reveal
+// that the four entries form a quaternion.
 TEST(RotationsTest, SignsThatDifferBetweenEpisodesIndicateAQuaternion) {
   StateLayout layout;
   layout.Add("state", 6);
@@ -161,7 +161,7 @@ TEST(RotationsTest, SignsThatDifferBetweenEpisodesIndicateAQuaternion) {
   }
 }
 
-// A gripper that opens and closes beside dead entries has the signs of a quaternion.
+// A gripper that opens and closes beside dead entries has a quaternion's pattern of signs.
 TEST(RotationsTest, AFlagBesideZerosIsNamedAndNotMapped) {
   StateLayout layout;
   layout.Add("state", 6);
@@ -190,7 +190,8 @@ TEST(RotationsTest, QuaternionsMayBeRoundedToTwoDigits) {
 TEST(RotationsTest, AnAngleThatWrapsIsMadeContinuousWhereACircleHasRoom) {
   for (const double period : {2.0 * kPi, 360.0}) {
     for (const bool centred : {true, false}) {
-      // From 110 to 250 degrees, and from -70 to 70: each crosses one of the two cuts.
+      // The angle goes from 110 to 250 degrees, and from -70 to 70. Each range crosses one of the
+      // two cuts.
       const double begin = (centred ? 110.0 : -70.0) / 360.0 * period;
       const auto episodes = Episodes(1, [&](int d, double share) -> Eigen::VectorXd {
         const double angle = begin + period * (0.01 * d + 0.3 * share);
@@ -262,7 +263,7 @@ TEST(RotationsTest, AnAngleThatRunsOnIsNamedWhereEpisodesBeginOnOtherRevolutions
     EXPECT_THAT(Describe(found[0], Layout(1)), HasSubstr("cosine and sine"));
     EXPECT_TRUE(MapOf(found).empty());
   }
-  // On one revolution it is as good as a length.
+  // An angle that stays on one revolution can be used like a length.
   EXPECT_THAT(FindRotations(Layout(1), episodes(1)), IsEmpty());
 }
 
@@ -318,7 +319,7 @@ TEST(RotationsTest, ARotationVectorIsDistinguishedFromAnAngleBesideLengths) {
   EXPECT_TRUE(upright[0].continuous);
 }
 
-// As 2 acos(w) gives them where the sign of the quaternion differs between episodes.
+// Computed by 2 acos(w), with the sign of the quaternion different between episodes.
 TEST(RotationsTest, RotationVectorsThatDifferBetweenEpisodesAreNamed) {
   const auto found =
       FindRotations(Layout(3), Episodes(3, [](int d, double share) {
@@ -381,7 +382,7 @@ TEST(StateMapTest, SlopesAreThoseOfTheMappedEntries) {
   EXPECT_EQ(map.Value(state, 5), 7.0);
 }
 
-// In degrees: features and entries have one unit, and the slopes are the differences of features.
+// In degrees: features and entries have one unit. The slopes are differences of features.
 TEST(StateMapTest, FeaturesOfACircleMoveAsFarAsTheAngle) {
   const auto selection =
       FeatureSelection::All(3).Mapped(StateMap({}, {{0, 0.0, 360.0}}, {{1, 360.0}}));

@@ -13,7 +13,7 @@ import subprocess
 
 
 def lines_of(build, root):
-    """{path below libs: {line: has it run?}}"""
+    """Returns {path below libs: {line: whether it ran}}."""
     lines = collections.defaultdict(dict)
     for notes in sorted(build.glob("libs/**/*.gcno")):
         done = subprocess.run(["gcov", "--json-format", "--stdout", notes.name], cwd=notes.parent, check=True,

@@ -46,7 +46,7 @@ class Attacker {
 
 class AttackTest : public testing::Test {
  protected:
-  // Until a sample gets through.
+  // Repeats a sample until one arrives.
   void Talk() {
     Eventually([&] {
       Flag flag;
@@ -71,7 +71,7 @@ class AttackTest : public testing::Test {
   Subscriber<Flag> subscriber_{other_, "/attacked", Role::kEmergencyStop};
 };
 
-// 82 bytes, without any certificate: an assertion of Fast DDS 2.9.1 ended the process.
+// The message has 82 bytes and no certificate. An assertion of Fast DDS 2.9.1 ended the process.
 TEST_F(AttackTest, AMalformedStatisticsMessageEndsNobody) {
   Talk();
   for (const std::uint16_t length : {58, 56, 57, 0, 1, 200, 65535}) {
@@ -85,7 +85,7 @@ TEST_F(AttackTest, AMalformedStatisticsMessageEndsNobody) {
   Talk();
 }
 
-// Same, for a sample with parameters and without the payload of its flags: Fast DDS 2.9.1 freed
+// The sample has parameters but lacks the payload that its flags declare. Fast DDS 2.9.1 freed
 // foreign memory.
 TEST_F(AttackTest, NorDoesASampleWithoutItsPayload) {
   Talk();

@@ -84,7 +84,7 @@ TEST_F(CertificatesTest, ExistingFilesAreNotOverwritten) {
   EXPECT_THROW(AddParticipant(keystore_.folder(), "client", Permission::kConsole),
                std::runtime_error);
   EXPECT_EQ(Load(files_.key), before);
-  // A third one later is no trouble.
+  // A third participant added later has no effect.
   AddParticipant(keystore_.folder(), "monitor", Permission::kMonitor);
   for (const char* name : {"client", "console", "monitor"}) {
     EXPECT_EQ(CheckSecurity(keystore_.enclave(name)), name);
@@ -132,7 +132,7 @@ TEST_F(CertificatesTest, AnotherAuthorityIsRefused) {
   EXPECT_THAT(Complaint(client_), HasSubstr("governance.p7s was changed after it was signed"));
 }
 
-// More rights than were signed.
+// The permissions grant more rights than were signed.
 TEST_F(CertificatesTest, ChangedPermissionsAreRefused) {
   std::string permissions = Load(files_.permissions);
   const std::size_t rule = permissions.find("<deny_rule>");

@@ -82,7 +82,7 @@ TEST(ChannelTest, TopicsHaveOneTypeAndBeginWithASlash) {
   EXPECT_THROW(Publisher<Flag>(participant, "/topic", Role::kEvent), std::runtime_error);
 }
 
-// All of a few events, in order.
+// Receives a few events completely and in order.
 TEST(ChannelTest, EventsReachLateJoinersInOrder) {
   Participant first(Loopback());
   Participant second(Loopback());
@@ -115,7 +115,7 @@ TEST(ChannelTest, ARequestReachesNobodyWhoJoinsLater) {
   EXPECT_EQ(got.text, "disable");
 }
 
-// Also if it goes away at once.
+// The publisher also waits if it is destroyed at once.
 TEST(ChannelTest, APublisherWaitsUntilItsLastSampleIsReceived) {
   Participant one(Loopback());
   Participant other(Loopback());
@@ -181,7 +181,7 @@ TEST(ChannelTest, SecondCommanderIsSeen) {
   Eventually([&] { return subscriber.health().publishers == 1; });
 }
 
-// A command that waited for a reader is not executed late.
+// A command that waited for a reader expires and is not executed late.
 TEST(ChannelTest, OldCommandsExpire) {
   Participant first(Loopback());
   Participant second(Loopback());
@@ -196,7 +196,7 @@ TEST(ChannelTest, OldCommandsExpire) {
   Eventually([&] { return !subscriber.Wait(0.0) && !subscriber.Take(got); });
 }
 
-// For every type: DDS would share a flag, which has no strings, by default.
+// Checked for every type: by default DDS would share a flag, which has no strings.
 TEST(ChannelTest, SharedMemoryIsOffByDefault) {
   const std::vector<std::string> before = SharedSegments();
   Participant first(Loopback());

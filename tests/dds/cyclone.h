@@ -5,8 +5,8 @@
 #include <cstdlib>
 #include <string>
 
-/// What independent programs with CycloneDDS share. They know only names, types and ROS 2's quality
-/// of service. Each has one participant, and ends with code 1 if DDS fails.
+/// Code shared by independent programs with CycloneDDS. They know only names, types and ROS 2's
+/// quality of service. Each has one participant, and ends with code 1 if DDS fails.
 namespace dfr::test {
 
 inline dds_entity_t participant;
@@ -16,7 +16,7 @@ inline dds_entity_t Check(dds_entity_t code) {
   return code;
 }
 
-/// The last `depth` reliably; "latched" publishers keep them for late joiners.
+/// Keeps the last `depth` samples, reliably. "latched" publishers keep them for late joiners.
 inline dds_qos_t* Qos(int depth, bool latched) {
   dds_qos_t* qos = dds_create_qos();
   dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, DDS_SECS(1));
@@ -47,7 +47,7 @@ inline dds_entity_t MakeWriter(const dds_topic_descriptor_t& type, const std::st
   return writer;
 }
 
-/// Calls use(sample) if there is one.
+/// Calls use(sample) if a sample is available.
 template <typename T, typename Use>
 bool Take(dds_entity_t reader, Use use) {
   void* sample = nullptr;

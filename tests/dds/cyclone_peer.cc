@@ -30,7 +30,7 @@ dds_entity_t Topic(dds_entity_t participant, const dds_topic_descriptor_t& type,
   return topic;
 }
 
-// As a ROS 2 node that leaves everything at its defaults.
+// Settings of a ROS 2 node that uses all defaults.
 dds_qos_t* RosDefaults() {
   dds_qos_t* qos = dds_create_qos();
   dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, DDS_SECS(1));
@@ -102,7 +102,7 @@ class Answerer {
   }
 
   void Poll() {
-    void* sample = nullptr;  // to be allocated by the take
+    void* sample = nullptr;  // allocated by the take
     dds_sample_info_t info;
     const dds_return_t count = dds_take(reader_, &sample, &info, 1, 1);
     Check(count);

@@ -12,13 +12,13 @@ namespace dfr::test {
 namespace {
 
 int Claim() {
-  // Domains above 101 reach into the ports that Linux hands out by itself.
+  // Domains above 101 use ports from Linux's ephemeral range.
   for (int domain = 20; domain <= 100; ++domain) {
     const auto file = std::filesystem::temp_directory_path() /
                       ("dfr-test-domain-" + std::to_string(domain) + ".lock");
     const int fd = ::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
     if (fd < 0) continue;
-    // Held until the process ends, however it does.
+    // The lock is held until the process ends for any reason.
     if (::flock(fd, LOCK_EX | LOCK_NB) == 0) return domain;
     ::close(fd);
   }

@@ -1,4 +1,4 @@
-// Evaluation of the buttons' messages: every doubt stops.
+// Evaluation of the buttons' messages: any uncertainty stops the robot.
 #include "dfr/dds/emergency_stop.h"
 
 #include <gtest/gtest.h>

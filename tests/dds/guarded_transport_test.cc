@@ -32,7 +32,7 @@ bool Passes(const Sample& sample) {
   return SafeSize(alone) == alone.size();
 }
 
-// A key hash, the end of the list.
+// A key hash and the end of the list.
 const Bytes kParameters = {0x70, 0, 4, 0, 1, 2, 3, 4, 1, 0, 0, 0};
 
 TEST(SafeSizeTest, WholeMessagesPassUnchanged) {
@@ -41,7 +41,7 @@ TEST(SafeSizeTest, WholeMessagesPassUnchanged) {
   Add(bytes, 0x09, 8);
   Add(bytes, {.little = false, .payload = 300});
   EXPECT_EQ(SafeSize(bytes), bytes.size());
-  Add(bytes, 0x09, 0);  // INFO_TS without a time
+  Add(bytes, 0x09, 0);  // INFO_TS without a timestamp
   Add(bytes, 0x07, 28);
   EXPECT_EQ(SafeSize(bytes), bytes.size());
   Add(bytes, {.payload = 100}, true);
@@ -51,7 +51,7 @@ TEST(SafeSizeTest, WholeMessagesPassUnchanged) {
 TEST(SafeSizeTest, SamplesPassWhoseParametersAndPayloadAreThere) {
   EXPECT_TRUE(Passes({}));
   EXPECT_TRUE(Passes({.payload = 1}));
-  EXPECT_TRUE(Passes({.to_parameters = 20}));  // parts of later versions before the parameters
+  EXPECT_TRUE(Passes({.to_parameters = 20}));  // fields of later versions before the parameters
   EXPECT_TRUE(Passes({.flags = 4 | 2, .parameters = kParameters}));
   EXPECT_TRUE(Passes({.flags = 8, .payload = 16}));                            // a key
   EXPECT_TRUE(Passes({.flags = 2, .parameters = kParameters, .payload = 0}));  // no data
@@ -74,7 +74,7 @@ TEST(SafeSizeTest, SamplesThatClaimMoreThanThereIsAreDropped) {
   for (const std::uint32_t octets : {1U, 15U, 37U, 0x7fffU, 0x8000U, 0xfff0U, 0xffffU}) {
     EXPECT_FALSE(Passes({.to_parameters = octets})) << octets;
   }
-  // Parameters without an end, or with more after it.
+  // Parameters without an end, or with data after the end.
   const Bytes cut(kParameters.begin(), kParameters.end() - 4);
   EXPECT_FALSE(Passes({.flags = 4 | 2, .parameters = cut, .payload = 3}));
   EXPECT_FALSE(Passes({.flags = 4 | 2, .parameters = {0x70, 0, 0xff, 0xff}}));
@@ -165,7 +165,8 @@ TEST(ParticipantCensusTest, ThoseThatWereHeardBeforeAFloodAreHeardThroughout) {
     ASSERT_TRUE(census.Admits(here, number(0), now_ns));
     ASSERT_TRUE(census.Admits(there, number(0), now_ns));
   }
-  // Each of the others is silent at once, and forgotten after 20 s: five times in 100 s.
+  // Each of the other addresses falls silent at once and is forgotten after 20 s: five times in 100
+  // s.
   EXPECT_LE(admitted, 5 * static_cast<int>(ParticipantCensus::kPerAddress));
   EXPECT_GE(admitted, static_cast<int>(ParticipantCensus::kPerAddress) - 1);
   now_ns += 21 * kSecond;

@@ -19,8 +19,8 @@ namespace {
 
 class InteroperabilityTest : public testing::Test {
  protected:
-  // Repeats the question until the peer answers: the first ones precede its discovery of us. For
-  // pictures these are empty.
+  // Repeats the question until the peer answers: the first questions precede its discovery of us.
+  // For pictures the first ones are empty.
   template <typename T>
   T Ask(const std::string& name, Role role, const T& question) {
     Publisher<T> ask(participant_, "/peer/ask/" + name, role);
@@ -184,7 +184,7 @@ TEST_F(InteroperabilityTest, Pictures) {
   }
 }
 
-// Deadline, liveliness: a plain publisher promises neither.
+// A plain publisher offers neither deadline nor liveliness.
 TEST_F(InteroperabilityTest, OwnCommandRefusesAPlainPublisher) {
   const Subscriber<PoseStamped> subscriber(participant_, "/peer/answer/pose", Role::kOwnCommand);
   test::Eventually([&] { return subscriber.health().incompatible > 0; });

@@ -32,7 +32,8 @@ PeerProcess::PeerProcess(const std::vector<std::string>& command) {
   if (::access(argv[0], X_OK) == 0) pid_ = ::fork();
   if (pid_ == 0) {
     ::prctl(PR_SET_PDEATHSIG, SIGKILL);
-    if (::getppid() == test) ::execv(argv[0], argv.data());  // else it is too late to hear of it
+    // Otherwise the parent's end went unnoticed.
+    if (::getppid() == test) ::execv(argv[0], argv.data());
     ::_exit(127);
   }
   if (pid_ < 0) throw std::runtime_error("cannot run " + command.front());

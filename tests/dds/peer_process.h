@@ -8,10 +8,10 @@
 
 namespace dfr::test {
 
-/// A child program of the test. It ends with the thread that created it, however that ends.
+/// A child program of the test. It ends with the thread that created it, for any reason.
 class PeerProcess {
  public:
-  /// Runs `command` (program and arguments) with CycloneDDS kept to the loopback.
+  /// Runs `command` (program and arguments) with CycloneDDS limited to the loopback interface.
   /// @throws std::runtime_error if it cannot be started.
   explicit PeerProcess(const std::vector<std::string>& command);
   ~PeerProcess();

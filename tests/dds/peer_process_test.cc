@@ -10,7 +10,7 @@
 namespace dfr::test {
 namespace {
 
-// The pipe is open as long as one of both lives: the killed test, or the program that it started.
+// The pipe is open while either the killed test or its child program lives.
 TEST(PeerProcessTest, EndsWithATestThatIsKilled) {
   std::array<int, 2> ends{};
   ASSERT_EQ(::pipe(ends.data()), 0);

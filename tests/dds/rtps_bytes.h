@@ -6,7 +6,7 @@
 
 namespace dfr::test {
 
-/// A message of RTPS.
+/// An RTPS message.
 using Bytes = std::vector<std::uint8_t>;
 
 inline Bytes Header(std::uint8_t who = 1) {
@@ -31,22 +31,22 @@ inline void AddNumber(Bytes& bytes, std::uint32_t number, int size, bool little)
   }
 }
 
-// Header of a sample, and its content.
+// Header and content of a sample.
 struct Sample {
   bool little = true;
   bool fragments = false;
-  std::uint8_t flags = 4;           // data; key where it is in fragments
-  std::uint32_t to_parameters = 0;  // 0: as it should be
+  std::uint8_t flags = 4;           // data flag; key flag in fragments
+  std::uint32_t to_parameters = 0;  // 0: the correct value
   Bytes parameters = {};
   std::size_t payload = 20;
   std::uint32_t first = 1;
   std::uint32_t count = 1;
   std::uint32_t size = 1000;
   std::uint32_t whole = 20;
-  bool announces = false;  // that a participant is there
+  bool announces = false;  // announces a participant
 };
 
-// As a submessage; `length` 0: its own, `to_end`: none.
+// Adds it as a submessage. `length` 0: the correct length. `to_end`: no length.
 inline void Add(Bytes& bytes, const Sample& sample, bool to_end = false) {
   Bytes content = {0, 0};
   const std::uint32_t right = sample.fragments ? 28 : 16;

@@ -48,7 +48,7 @@ class SecurityTest : public testing::Test {
     return {.domain = test::OwnDomain(), .security = folder};
   }
 
-  // The two ends of a lab, talking both ways.
+  // Two ends of a lab that communicate in both directions.
   struct Lab {
     explicit Lab(const test::Keystore& keystore)
         : client(With(keystore.enclave("client"))), console(With(keystore.enclave("console"))) {}
@@ -84,8 +84,8 @@ class SecurityTest : public testing::Test {
     Eventually([&] { return stranger.refused_peers().size() == 2; });
   }
 
-  // `stranger`, which is refused, tries to command and to listen. A friend that joins later
-  // exchanges messages meanwhile.
+  // The refused `stranger` tries to command and to listen. A trusted participant that joins later
+  // exchanges messages during that time.
   void ExpectShutOut(Lab& lab, Participant& stranger) const {
     Publisher<PoseStamped> command(stranger, kServo, Role::kCommand);
     Subscriber<PoseStamped> spy(stranger, kMeasured, Role::kState);
@@ -135,7 +135,7 @@ TEST_F(SecurityTest, OpenSslAgreesWithTheCertificates) {
                        files.certificate.string()));
 }
 
-// A picture larger than a message is cut up, encrypted and put together again, 3 s. Only this test
+// A picture larger than a message is divided, encrypted and reassembled, in 3 s. Only this test
 // sends encrypted fragments.
 TEST_F(SecurityTest, PicturesArriveWhole) {
   for (const bool shared_memory : {false, true}) {
@@ -181,7 +181,7 @@ TEST_F(SecurityTest, APeerWithoutCertificateHearsAndCommandsNothing) {
             "; 'stranger' is present, but not admitted: it has no certificate");
   EXPECT_EQ(lab.client.TakeRefusedPeers().size(), 1U);
   EXPECT_TRUE(lab.client.TakeRefusedPeers().empty());
-  // It also gets the reason for receiving nothing.
+  // It also learns the reason for receiving nothing.
   EXPECT_THAT(stranger.refused_peers()[0].reason, testing::HasSubstr("secured network"));
   ExpectShutOut(lab, stranger);
 }

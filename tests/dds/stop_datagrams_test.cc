@@ -24,7 +24,7 @@ using internal::StopWriter;
 constexpr std::int64_t kSecond = 1'000'000'000;
 constexpr std::int64_t kNow = 1'700'000'000 * kSecond;
 
-// Result of a datagram at a reader: none, or the state of the button.
+// A reader's result for a datagram: none, or the state of the button.
 std::optional<bool> Read(StopReader& reader, std::string_view datagram,
                          std::int64_t wall_ns = kNow) {
   StopSenderId who;
@@ -81,7 +81,7 @@ TEST_F(StopDatagramsTest, ANetworkThatDelaysThemTooMuchStops) {
     EmergencyStop found = EmergencyStop::kSilent;
     std::int64_t heard_ns = 0;
     StopSenderId who{};
-    // Beats every 20 ms, each delayed by 20 ms more than the previous one.
+    // The button sends every 20 ms. Each datagram is delayed by 20 ms more than the previous one.
     for (std::int64_t sent_ns = 0; sent_ns < 2 * kSecond; sent_ns += kSecond / 50) {
       const std::int64_t now_ns = 2 * sent_ns;
       const bool late = now_ns - sent_ns > kSecond;
@@ -93,7 +93,7 @@ TEST_F(StopDatagramsTest, ANetworkThatDelaysThemTooMuchStops) {
       }
       judge.Hear(EmergencyStopJudge::Way::kDds, who, false, now_ns);
       found = judge.Check(now_ns);
-      // Late by the allowed second, plus the silence after it.
+      // Delay by the allowed second, plus the silence after it.
       EXPECT_EQ(found, now_ns - heard_ns <= kLongestSilence ? EmergencyStop::kClear
                                                             : EmergencyStop::kSilent);
     }
@@ -102,7 +102,7 @@ TEST_F(StopDatagramsTest, ANetworkThatDelaysThemTooMuchStops) {
   }
 }
 
-// Seeded: random bytes, and good datagrams that are cut, longer or changed by a byte.
+// Seeded random bytes, and valid datagrams that are truncated, extended or changed by a byte.
 TEST_F(StopDatagramsTest, MalformedDatagramsAreIgnored) {
   core::Random random(1);
   for (int n = 0; n < 20'000; ++n) {
@@ -122,7 +122,7 @@ TEST_F(StopDatagramsTest, MalformedDatagramsAreIgnored) {
   EXPECT_EQ(Read(reader_, good), false);
 }
 
-// A flood of invented buttons displaces no button that was accepted before.
+// Many invented buttons displace no accepted button.
 TEST_F(StopDatagramsTest, InventedButtonsDisplaceNone) {
   EXPECT_EQ(Read(reader_, writer_.Next(false, kNow)), false);
   int believed = 0;
@@ -138,7 +138,8 @@ TEST(SecuredStopDatagramsTest, OnlyTheLabIsHeard) {
   const test::Keystore lab = {{"line_tracking", Permission::kController},
                               {"stop", Permission::kButton}};
   const test::Keystore others = {{"stop", Permission::kButton}};
-  const std::int64_t now_ns = Stamp::Now().nanoseconds();  // certificates are valid from now on
+  // Certificates are valid from this time on.
+  const std::int64_t now_ns = Stamp::Now().nanoseconds();
   StopReader reader(lab.enclave("line_tracking"));
   StopWriter unsigned_writer({});
   StopWriter foreign(others.enclave("stop"));
@@ -146,7 +147,7 @@ TEST(SecuredStopDatagramsTest, OnlyTheLabIsHeard) {
   EXPECT_EQ(Read(reader, unsigned_writer.Next(true, now_ns), now_ns), std::nullopt);
   EXPECT_EQ(Read(reader, foreign.Next(true, now_ns), now_ns), std::nullopt);
   const std::string good = writer.Next(false, now_ns);
-  // A later number, a press, another certificate, ...: with the old signature.
+  // A later number, a press, another certificate, ..., with the old signature.
   for (std::size_t at = 0; at < good.size(); at += at < 43 ? 1 : 29) {
     std::string changed = good;
     changed[at] = static_cast<char>(changed[at] ^ 1);

@@ -97,7 +97,7 @@ TEST_F(StopWaysTest, APressInDatagramsAloneStops) {
 TEST_F(StopWaysTest, LateJoinersLearnThatItIsPressed) {
   Eventually([&] { return publisher_.Write({true}); });
   EmergencyStopReceiver late(robot_, 0.1);
-  Eventually([&] {  // without a further word
+  Eventually([&] {  // without a further message
     const EmergencyStop found = late.Check(now_ns_, kWall);
     EXPECT_NE(found, EmergencyStop::kClear);
     return found == EmergencyStop::kPressed;
@@ -106,7 +106,7 @@ TEST_F(StopWaysTest, LateJoinersLearnThatItIsPressed) {
 
 class StopSocketsTest : public testing::Test {
  protected:
-  // Waits for the next good datagram: whether the button is pressed.
+  // Waits for the next valid datagram. Returns true if the button is pressed.
   static bool Await(StopListener& listener) {
     StopSenderId who;
     bool pressed = false;
@@ -134,7 +134,7 @@ TEST_F(StopSocketsTest, AllListenersOfADomainHearHowItStands) {
   EXPECT_FALSE(Hears(first));
 }
 
-// A flood is skipped, sixteen datagrams at a time, and a valid datagram after it is accepted.
+// A listener skips a flood of sixteen datagrams at a time, and accepts a valid datagram after it.
 TEST_F(StopSocketsTest, ForeignDatagramsAreIgnored) {
   const StopSocket mouth;
   const int yes = 1;

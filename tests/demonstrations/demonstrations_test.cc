@@ -186,7 +186,7 @@ TEST(DemonstrationsTest, FilesThatAreNoneAreRefusedByName) {
   { Hdf5File::Create(folder / "empty.hdf5"); }
   EXPECT_THAT(message("empty.hdf5"), HasSubstr("data: does not exist"));
 
-  // Cut anywhere, a file is refused or read, but never crashes the reader.
+  // For any truncation, the reader rejects or reads the file and never crashes.
   SaveRobomimic(Episodes(), folder / "whole.hdf5");
   const auto size = std::filesystem::file_size(folder / "whole.hdf5");
   for (std::uintmax_t cut = 0; cut < size; cut += size / 15) {

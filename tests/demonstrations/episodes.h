@@ -29,7 +29,7 @@ inline core::Trajectory Episode(int index) {
   return trajectory;
 }
 
-/// All three, of states that are one block or several.
+/// All three episodes, with states of one block or several.
 inline imitation::DemonstrationSet Episodes(bool plain = false) {
   imitation::DemonstrationSet set;
   if (plain) {
@@ -46,15 +46,15 @@ inline imitation::DemonstrationSet Episodes(bool plain = false) {
   return set;
 }
 
-/// Columns of Episode()'s states in an independent writer's, whose blocks are read in the order of
-/// their names.
+/// Returns the columns of Episode()'s states in the order of an independent writer, whose blocks
+/// are read by name.
 inline void ExpectStatesByName(const core::Matrix& actual, const core::Matrix& expected) {
   EXPECT_EQ(actual.col(0), expected.col(5));
   EXPECT_EQ(actual.middleCols(1, 2), expected.middleCols(3, 2));
   EXPECT_EQ(actual.rightCols(3), expected.leftCols(3));
 }
 
-/// Episodes that were written and read again.
+/// Expects episodes that were written and read again.
 inline void ExpectSame(const imitation::DemonstrationSet& loaded,
                        const imitation::DemonstrationSet& set) {
   EXPECT_EQ(loaded.layout, set.layout);

@@ -113,7 +113,7 @@ void SaveParquet(const std::filesystem::path& path, const std::string& pages,
       << std::string_view(reinterpret_cast<const char*>(&size), sizeof size) << "PAR1";
 }
 
-// A run of equal values takes a few bytes, however long it is: 2^26 of them would be a gibibyte.
+// A run of equal values of any length takes a few bytes: 2^26 of them would be a gibibyte.
 TEST(HostileFilesTest, ASmallParquetFileMayNotClaimGigabytes) {
   const test::TempFolder folder;
   const auto save = [&](const std::string& name, std::uint64_t values) {
@@ -139,7 +139,7 @@ TEST(HostileFilesTest, ASmallParquetFileMayNotClaimGigabytes) {
                   "declares 67108864 values in a row group, too many for a file of this size")));
 }
 
-// Each of 20 000 columns below one name of 20 000 letters repeats it.
+// 20 000 columns have a parent with a name of 20 000 letters, which each of them repeats.
 TEST(HostileFilesTest, ASmallSchemaMayNotAskForGigabytes) {
   const test::TempFolder folder;
   std::vector<std::string> elements(20'002, Number(1, 1));
@@ -202,7 +202,7 @@ TEST(HostileFilesTest, AnEpisodeThatWasCutOffIsLeftOutAndSaidSo) {
   EXPECT_EQ(LoadDemonstrations(path).note, reader->note());
 }
 
-// The process that reads keeps nothing of the caller's open.
+// The reading process keeps none of the caller's files open.
 TEST(HostileFilesTest, ReadingLeavesNoProcessAndNoFileBehind) {
   const test::TempFolder folder;
   SaveRobomimic(Episodes(), folder / "demos.hdf5");

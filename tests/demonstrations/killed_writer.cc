@@ -15,7 +15,7 @@
 
 namespace {
 
-// Writes until the process kills itself; -1: never.
+// number of writes until the process kills itself; -1: unlimited
 int writes_left = -1;  // NOLINT(cppcoreguidelines-avoid-non-const-global-variables)
 
 void CountWrite() {
@@ -25,7 +25,7 @@ void CountWrite() {
 
 }  // namespace
 
-// These stand in for the C library's, for libhdf5 as well.
+// These functions replace those of the C library, also in libhdf5.
 extern "C" ssize_t pwrite64(int file, const void* bytes, size_t size, off64_t offset) {
   CountWrite();
   return syscall(SYS_pwrite64, file, bytes, size, offset);
@@ -42,10 +42,10 @@ using imitation::DemonstrationReader;
 using imitation::DemonstrationSet;
 using imitation::RobomimicWriter;
 
-constexpr int kEpisodes = 10;  // More than libhdf5 keeps in one piece of a list.
+constexpr int kEpisodes = 10;  // more entries than libhdf5 keeps in one piece of a list
 
-// Appends kEpisodes episodes and dies at the given write. Returns the number of acknowledged ones,
-// and whether it completed.
+// Appends kEpisodes episodes and dies at the given write. Returns the number of acknowledged
+// episodes, and whether it completed.
 template <typename MakeWriter>
 int AppendUntilKilled(int writes, const MakeWriter& make_writer, bool* done) {
   int pipe_ends[2];
@@ -94,7 +94,7 @@ void ExpectNoEpisodeLost(int step, int least) {
   const std::filesystem::path path = folder / "demos.hdf5";
   const DemonstrationSet set = Episodes();
   bool done = false;
-  int kills = -1;  // the last one comes to its end
+  int kills = -1;  // the last run completes
   for (int writes = 0; !done; writes += step, ++kills) {
     SCOPED_TRACE(testing::Message() << "killed at write " << writes);
     const int acknowledged = AppendUntilKilled(

@@ -2,8 +2,8 @@
 
 namespace dfr::test {
 
-/// A writer that is killed at every `step`-th of its writes to the disk, or not at all, leaves
-/// every episode that it had appended. Expects at least `least` kills.
+/// A writer that is killed at every `step`-th write to the disk, or never, keeps every appended
+/// episode. Expects at least `least` kills.
 void ExpectNoEpisodeLost(int step, int least);
 
 }  // namespace dfr::test

@@ -5,7 +5,7 @@
 namespace dfr::imitation {
 namespace {
 
-// More kills than five an episode fall between the writes of one.
+// The writes of a single episode contain more than five kills.
 TEST(KilledAtEachWriteTest, EveryAcknowledgedEpisodeIsRead) { test::ExpectNoEpisodeLost(1, 51); }
 
 }  // namespace

@@ -31,7 +31,7 @@ def check_as_minari_loads(metadata):
     if "env_spec" in metadata:
         assert isinstance(metadata["env_spec"], str)
         spec = json.loads(metadata["env_spec"])
-        # Popped without a default; the rest are arguments of a dataclass.
+        # Popped without a default; the other entries are arguments of a dataclass.
         assert spec.pop("additional_wrappers") == []
         assert set(spec) <= {"id", "entry_point", "reward_threshold", "nondeterministic", "max_episode_steps",
                              "order_enforce", "disable_env_checker", "kwargs", "vector_entry_point"}

@@ -129,7 +129,7 @@ TEST(MinariErrorsTest, NameTheDatasetAndTheReason) {
   EXPECT_THAT(Message([&] { (void)OpenDemonstrations(folder / "absent"); }),
               HasSubstr("no such file"));
 
-  // Beside data that can be read.
+  // Tested with readable data.
   const std::filesystem::path metadata = folder / "m/data/metadata.json";
   Save(Episodes(false), folder / "m");
   const auto with_metadata = [&](const std::string& text) {

@@ -1,4 +1,4 @@
-"""The pages of docs: links lead somewhere, and the commands of the first guard do what the page says.
+"""Checks the pages of docs: links have targets, and the commands of the first guard have the described effect.
 
 usage: docs_test.py SOURCE_DIR GUARD     (with the module dfr on PYTHONPATH)
 """
@@ -47,7 +47,7 @@ class Links(unittest.TestCase):
 
 
     def test_no_link_and_no_formula_wraps_a_line(self):
-        # docs/for_doxygen.awk reads one line at a time.
+        # docs/for_doxygen.awk reads line by line.
         for page in pages():
             with self.subTest(page=page.name):
                 shown = FENCE.sub("", page.read_text())
@@ -69,16 +69,16 @@ class Folders(unittest.TestCase):
 
 
 def words(label):
-    """The words of a column's head or a printed label: "Passed, %" and "alarms in fail. %" lose unit and case."""
+    """Return the words of a column's head or a printed label: "Passed, %" and "alarms in fail. %" lose unit and case."""
     return re.sub(r"( %|, (%|steps)| \[.*\]| \+- .*|:)$", "", label.strip()).lower()
 
 
 def text(source):
-    """A source with its adjacent string literals joined."""
+    """Return a source with its adjacent string literals joined."""
     return re.sub(r'"\s*\n\s*"', "", (SOURCE / source).read_text())
 
 
-# Source, a pattern that finds lists of labels in it, a pattern that finds the labels in a list, the least number.
+# Source, a pattern for lists of labels in it, a pattern for the labels in a list, the smallest number.
 STRINGS = r'"([^"]+)"'
 LABELS = (
     ("apps/guard/fit.cc", r'printf\(\s*("[a-z_][^\n]*?  )', r'"([\w ]+?)  ', 12),
@@ -183,7 +183,7 @@ class FirstGuard(unittest.TestCase):
                     printed = done.stdout
                     commands += len(text.splitlines())
                 elif language == "":
-                    # Other processors may round otherwise: numbers are not compared here.
+                    # Other processors may round differently: numbers are not compared here.
                     plain = re.sub(r"[\d.]+", "#", printed)
                     for line in text.splitlines():
                         if line != "...":

@@ -16,7 +16,7 @@ METHODS = {"Baseline": "baseline", "Early Stopping": "early-stopping", "DFR": "d
 
 
 def rows(page):
-    """The cells of each row of each table, without emphasis."""
+    """Yield the cells of each row of each table, without emphasis."""
     return [[cell.strip().replace("**", "") for cell in line.strip("|\n").split("|")]
             for line in (SOURCE / page).read_text().splitlines() if line.startswith("|")]
 
@@ -46,7 +46,7 @@ class Figures(unittest.TestCase):
         return re.sub(r"\s+", " ", (SOURCE / page).read_text())
 
     def assert_printed(self, cell, share, digits=1):
-        """`cell` is `share` as printed in per cent."""
+        """Check that `cell` is `share` as printed in per cent."""
         self.assertAlmostEqual(number(cell), 100 * share, delta=0.5 * 10**-digits + 1e-9)
 
     def assert_outcomes(self, cells, row):

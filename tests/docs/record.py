@@ -19,7 +19,7 @@ def record(source, target):
         return
     summary = json.loads(source.read_text())
     kept = {key: summary[key] for key in ("experiment", "preset", "commit", "seed", "averages", "contrasts")}
-    # Times are another machine's.
+    # Times of another machine are not comparable.
     for row in kept["averages"] + kept["contrasts"]:
         for key in [key for key in row if "seconds" in key]:
             del row[key]

@@ -31,7 +31,7 @@ TEST(DvrkSimulatorSystemTest, DriverMovesTheArmAndHoldsWhenTheSimulatorDies) {
   test::PeerProcess simulator({DFR_SIMULATOR, "--domain", domain, "--homing", "0.5"});
   dds::Participant participant({.domain = test::OwnDomain()});
   PsmDriverOptions options;
-  // Five times the timeout of a client, for a busy machine.
+  // five times a client's timeout, for a busy machine
   options.client.watchdog.max_age_s = options.client.watchdog.max_silence_s = 0.5;
   options.client.max_tick_gap_s = 0.5;
   PsmDriver driver(participant, options);

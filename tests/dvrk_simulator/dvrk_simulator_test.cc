@@ -35,7 +35,7 @@ void RemoveOldPorts(int domain) {
   }
 }
 
-// Two programs of two DDS implementations.
+// The two programs use different DDS implementations.
 TEST(DvrkSimulatorTest, MovesTheArmForAClientAndLeavesNoSharedMemory) {
   RemoveOldPorts(OwnDomain());
   const std::string domain = std::to_string(OwnDomain());

@@ -40,7 +40,7 @@ RUNS = {
          "--amplitude 0.001,0.001,0,0,0,0 --not-during --between --pause 0.2", "--pause=0.3", "settings.disturbance"),
     ],
 }
-# A run of line_tracking calibrates first, which takes seconds.
+# A run of line_tracking first calibrates for several seconds.
 COUNTS = (7,) if PROGRAM.name == "line_tracking" else (2, 7)
 FILMS = {"pusher": ["film.mp4"], "line_tracking": ["film.mp4"],
          "study": ["film.html"]}
@@ -97,7 +97,7 @@ class AppsTest(unittest.TestCase):
         return done.stderr
 
     def rerun_the_worst(self, folder):
-        """The first of the episodes, and its outcome with other methods; the ledger must agree."""
+        """Check the first of the episodes and its outcome with other methods against the ledger."""
         done = subprocess.run([PROGRAM, "episodes", folder, "--most", "1"], cwd=self.folder, text=True, capture_output=True,
                               check=True)
         name = done.stdout.split("  ")[0]
@@ -123,7 +123,7 @@ class AppsTest(unittest.TestCase):
         return [float(value or 0.0) for value in said.groups()]
 
     def check_report(self):
-        """The commands in the report print its numbers: of the first, and of some in between up to the last."""
+        """Check that the commands in the report print its numbers: for the first number, and for some others up to the last."""
         known = {}
         numbers = Numbers((self.folder / "whole/report.html").read_text()).found
         self.assertGreater(len(numbers), 3)
@@ -146,7 +146,7 @@ class AppsTest(unittest.TestCase):
                 wanted = [[100 * ratio - 100, 100 * ratio, controls / there]]
             for value, candidates in zip(values, wanted):
                 digits = len(value.partition(".")[2])
-                # Half a digit there, and half of one that the command prints.
+                # Half a digit of the report, and half of a digit that the command prints.
                 slack = 0.5 * 10**-digits + 0.06 * max(1.0, max(map(abs, candidates)) / 100)
                 self.assertTrue(any(abs(float(value) - c) <= slack for c in candidates), f"{text}: {commands} {told}")
 
@@ -168,7 +168,7 @@ class AppsTest(unittest.TestCase):
                     self.compare(f"merged{count}", "whole")
                 self.check_report()
                 self.rerun_the_worst("whole")
-                # From its configuration alone, and with one value overridden.
+                # Runs from the configuration alone, and with one value overridden.
                 self.run_program(command, "--config", "whole/run.toml", "--out", "again", "--restart")
                 self.compare("again", "whole")
                 error = self.run_program(command, "--config", "whole/run.toml", other, "--out", "again", fails=True)

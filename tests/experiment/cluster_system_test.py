@@ -26,7 +26,7 @@ def run(*arguments, fails=False, **options):
 
 
 def pause(folder, seconds):
-    """A program that takes so long."""
+    """A program that takes a given time."""
     path = folder / "pause"
     path.write_text(f"#!/bin/sh\nsleep {seconds}\n")
     path.chmod(0o755)
@@ -264,14 +264,14 @@ class SlurmTest(Folder):
         os.kill(pids[0], 9)                                  # a task is killed
         running = self.slurm("squeue", "-h", "-r", "-t", "R", "-o", "%i").split()
         self.slurm("scontrol", "requeue", running[-1], anyway=True)   # one is preempted
-        # Slurm's signal --grace seconds before the end of another task.
+        # Slurm sends the signal --grace seconds before the end of a task.
         self.slurm("scancel", "--batch", "--signal=USR1", running[0], anyway=True)
         time.sleep(6)                                        # it saves its state every five seconds
         self.end("slurmctld")                                # the controller is killed
         time.sleep(2)
         self.start("slurmctld", "-D")
         wait_for(lambda: self.slurm("squeue", "-h", "-r", anyway=True) != "", "the controller's return")
-        # The node is drained and back, then down, which ends its tasks, and back.
+        # The node is drained and resumed, then set down, which ends its tasks, and resumed.
         for state in ("drain", "down"):
             self.slurm("scontrol", "update", f"nodename={self.host}", f"state={state}", "reason=test")
             if state == "drain":  # a node that is down comes back as soon as it answers

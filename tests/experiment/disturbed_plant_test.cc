@@ -109,7 +109,8 @@ TEST(DisturbedPlantTest, AnEpisodeHasOneRotationWithTheAskedSpread) {
     EXPECT_NEAR(second[1], 2.0 * first[1], 1e-14);
     square += std::pow(std::atan2(first[1], first[0]), 2);
   }
-  // The variance of a sample variance: 0.09 sqrt(2 / 2000) = 0.003; three of these.
+  // The standard deviation of a sample variance is 0.09 sqrt(2 / 2000) = 0.003; the limit is three
+  // of these.
   EXPECT_NEAR(square / kEpisodes, 0.09, 0.009);
 }
 
@@ -127,7 +128,8 @@ TEST(DisturbedPlantTest, NoiseIsOnObservationsOnlyAndStandsStill) {
     const auto x = After(plant, {0.0, 0.0});
     square += x[0] * x[0] + x[1] * x[1];
   }
-  // The point itself has not moved: noise does not add up. 0.01 sqrt(2 / 8000) = 0.00016.
+  // The point does not move: noise does not accumulate. The standard deviation is 0.01 sqrt(2 /
+  // 8000) = 0.00016.
   EXPECT_NEAR(square / (2 * kLooks), 0.01, 0.0005);
 }
 

@@ -62,7 +62,7 @@ int main(int argc, char** argv) try {
           std::ofstream(fails_once) << "failed\n";
           throw std::runtime_error("the plant fell over");
         }
-        // For a program whose results do not depend on its settings alone.
+        // Stands in for a program whose results do not depend on its settings alone.
         const char* differs = std::getenv("DFR_FAKE_DIFFERS");
         experiment::EvaluationUnit other = unit;
         if (differs != nullptr && *differs != '\0') other.demonstrations += 1;

@@ -31,7 +31,7 @@ TEST(FiniteDifferenceRecoveryTest, StepsAlongTheGradientWithDfrsStepSize) {
   const double length = g / (50.0 * 2.0);
   const Eigen::Vector3d expected =
       -length * core::AsVector(std::span<const double>(plant.x)).normalized();
-  // Central differences of a smooth function: relative error of the order h^2 = 1e-7.
+  // Central differences of a smooth function have a relative error of order h^2 = 1e-7.
   EXPECT_TRUE(test::AllClose(core::AsVector(std::span<const double>(u)), expected, 1e-6 * length));
 }
 
@@ -49,7 +49,7 @@ TEST(FiniteDifferenceRecoveryTest, LeavesThePlantAsItWas) {
     EXPECT_EQ(plant.x, untouched.x);
     ASSERT_EQ(plant.Apply(u), core::PlantStatus::kOk);
     ASSERT_EQ(untouched.Apply(u), core::PlantStatus::kOk);
-    // Its random stream is where it would be without the oracle.
+    // The random stream is the same as without the oracle.
     ASSERT_EQ(plant.x, untouched.x);
   }
 }
@@ -75,7 +75,7 @@ TEST(FiniteDifferenceRecoveryTest, ClimbsAtEveryIteration) {
     EXPECT_EQ(step.iteration, iterations++);
     ASSERT_EQ(plant.Apply(u), core::PlantStatus::kOk);
     const double next_g = ball.Decision(0, plant.x);
-    // Straight to the centre: each step gains its length, g / 50.
+    // The recovery goes straight to the centre: each step gains its length, g / 50.
     EXPECT_NEAR(next_g, g * (1.0 + 1.0 / 50.0), 1e-6 * g);
     g = next_g;
   }

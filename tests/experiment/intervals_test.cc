@@ -57,7 +57,7 @@ TEST(IntervalsTest, ClopperPearsonEndsHaveTheirTails) {
       for (int i = k; i <= kTrials; ++i) above += Probability(i, kTrials, interval.low);
       for (int i = 0; i <= k; ++i) below += Probability(i, kTrials, interval.high);
       const double tail = 0.5 * (1.0 - confidence);
-      // Sums of up to 26 terms of rounded powers.
+      // Allows for sums of up to 26 rounded powers.
       if (k > 0) {
         EXPECT_NEAR(above, tail, 1e-12) << k;
       }
@@ -143,7 +143,7 @@ TEST(ClusteredTest, CoversWhenTrialsDiffer) {
     covered += clustered.low <= 0.4 && 0.4 <= clustered.high ? 1 : 0;
     covered_as_if_independent += independent.low <= 0.4 && 0.4 <= independent.high ? 1 : 0;
   }
-  // .95 and four standard errors of 400 repetitions.
+  // .95 minus four standard errors of 400 repetitions
   EXPECT_GT(covered, 0.90 * kRepetitions);
   EXPECT_LT(covered_as_if_independent, 0.75 * kRepetitions);
 }
@@ -166,7 +166,7 @@ TEST(PowerTest, IsConnorsFormula) {
   EXPECT_THROW((void)EpisodesForDifference(0.6, 0.5), std::invalid_argument);
 }
 
-// As many exact McNemar tests as the formula promises find the difference.
+// The share of exact McNemar tests that find the difference is the one of the formula.
 TEST(PowerTest, McNemarsTestHasThePower) {
   const int episodes = EpisodesForDifference(0.05, 0.15);
   core::Random random(3);
@@ -211,7 +211,7 @@ TEST(ClusteredMcNemarTest, WithOnePairAClusterItIsMcNemarsTest) {
   EXPECT_EQ(ClusteredMcNemar({}), 1.0);
 }
 
-// One bad trial of five is no evidence, however many pairs it has.
+// One bad trial of five is not evidence, for any number of pairs.
 TEST(ClusteredMcNemarTest, PairsOfOneClusterAreNotIndependent) {
   const std::vector<DiscordantPairs> one = {{40, 0}, {0, 0}, {0, 0}, {0, 0}, {0, 0}};
   EXPECT_EQ(ClusteredMcNemar(one), 1.0);
@@ -252,7 +252,7 @@ TEST(ContrastTest, ZeroCollisionsHaveAnExactBound) {
   EXPECT_EQ(interval.high, 1.0);
   const double share = 1.0 - std::pow(0.025, 1.0 / 50);
   EXPECT_NEAR(interval.low, 1.0 - share / (1.0 - share), 1e-12);
-  // Where the reference's collisions come in clusters, fewer of them count.
+  // If the reference's collisions occur in clusters, they have less weight.
   std::vector<PairedCounts> uneven = units;
   uneven[0].reference_collided = 40;
   for (std::size_t i = 1; i < 5; ++i) uneven[i].reference_collided = i == 1 ? 10 : 0;
@@ -275,7 +275,7 @@ TEST(RatioTest, IsStudentsWhereTheDenominatorIsConstant) {
   ExpectInterval(RatioInterval(units).value(), 1.5 - 1.242069, 1.5 + 1.242069, 1e-6);
 }
 
-// Both ends r are where the t test of numerator - r denominator turns: |mean| = t s / sqrt(n).
+// At both ends r the t test of numerator - r denominator turns: |mean| = t s / sqrt(n).
 TEST(RatioTest, EndsAreWhereTheTTestTurns) {
   const std::vector<RatioPart> units = {
       {5.0, 9.0}, {8.0, 12.0}, {4.0, 10.0}, {9.0, 11.0}, {6.0, 8.0}};
@@ -320,7 +320,7 @@ Interval PercentileBootstrap(const std::vector<PairedCounts>& units, core::Rando
   return {ratios[kResamples / 40], ratios[kResamples - 1 - kResamples / 40]};
 }
 
-// Five trials that differ, 60 episodes each: the case of five supervisors.
+// Five different trials with 60 episodes each: the case of five supervisors.
 TEST(CoverageTest, FiveClustersAreEnoughForTButNotForABootstrap) {
   constexpr int kRepetitions = 2000;
   constexpr double kTrueRatio = 0.4 / 0.6;

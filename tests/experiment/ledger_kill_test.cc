@@ -13,12 +13,12 @@
 
 namespace {
 
-// Writes until the process kills itself; -1: never.
+// number of writes until the process kills itself; -1: unlimited
 int writes_left = -1;  // NOLINT(cppcoreguidelines-avoid-non-const-global-variables)
 
 }  // namespace
 
-// Stands in for the C library's in this program.
+// Replaces the C library's function in this program.
 extern "C" ssize_t write(int file, const void* bytes, size_t size) {
   if (writes_left == 0) {
     syscall(SYS_write, file, bytes, size / 2);
@@ -39,7 +39,7 @@ TEST(LedgerKillTest, EveryUnitThatWasWrittenIsKeptAndNoneRunsTwice) {
   const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner);
   const std::filesystem::path ledger = EmptyFolder("ledger_kill") / "ledger.jsonl";
   const EvaluationOptions options = {.threads = 1, .ledger = ledger};
-  for (int writes = 0; writes <= 20; ++writes) {  // of the header and of 20 units
+  for (int writes = 0; writes <= 20; ++writes) {  // the writes of the header and of 20 units
     SCOPED_TRACE(testing::Message() << "killed at write " << writes);
     std::filesystem::remove(ledger);
     const pid_t child = fork();

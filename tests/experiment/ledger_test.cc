@@ -165,7 +165,7 @@ TEST_F(LedgerTest, AFolderThatDoesNotExistIsNamed) {
               testing::AllOf(HasSubstr("missing"), HasSubstr("cannot be written")));
 }
 
-// A bit of every third byte.
+// Flips a bit of every third byte.
 TEST_F(LedgerTest, NoFlippedBitPasses) {
   EvaluationPlan plan = FakePlan();
   plan.trials = 1;
@@ -181,7 +181,7 @@ TEST_F(LedgerTest, NoFlippedBitPasses) {
     Write(ledger, flipped);
     try {
       const LedgerContents contents = ReadLedger(ledger);
-      // The last line's end is the one bit that makes the line one that was being written.
+      // The bit of the last newline makes the last line an incomplete one.
       accepted += contents.cut && i + 1 == text.size() ? 0 : 1;
     } catch (const std::runtime_error&) {
     }
@@ -282,7 +282,7 @@ TEST_F(LedgerTest, WriteErrorsLoseAndRepeatNothing) {
   }
 }
 
-// A number that the environment may raise: see docs/reliability.md.
+// Returns a number that the environment may raise: see docs/reliability.md.
 int CountFrom(const char* variable, int standard) {
   const char* const wanted = std::getenv(variable);
   return wanted != nullptr ? std::atoi(wanted) : standard;
@@ -332,7 +332,7 @@ TEST_F(LedgerTest, RunsThatFailAgainAndAgainLoseAndRepeatNothing) {
 
 class MergeTest : public testing::Test {
  protected:
-  // A ledger of shard index/count in a separate file.
+  // Creates a ledger of shard index/count in a separate file.
   std::filesystem::path Run(int index, int count, const EvaluationPlan& plan = FakePlan(),
                             const std::string& gamma = "5") const {
     std::filesystem::path path =

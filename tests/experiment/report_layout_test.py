@@ -61,7 +61,7 @@ addEventListener("load", () => {
 
 
 def measure(page, width):
-    """What the script finds on the page in a window of this width."""
+    """Return the findings of the script on the page in a window of this width."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         hooked = pathlib.Path(folder, "page.html")
         hooked.write_text(page.replace("</body>", MEASURE))

@@ -127,7 +127,8 @@ TEST(ReportTest, APointHasItsIntervalAsABar) {
 }
 
 TEST(ReportTest, AMethodLooksTheSameOnEveryPage) {
-  // By its id or name, in any company and order, and unlike every other method.
+  // Each method has a style by its id or name, in any company and order, and different from every
+  // other method.
   std::set<int> styles;
   for (const NamedStyle& style : NamedStyles()) {
     EXPECT_EQ(MethodStyle(style.method), style.style);
@@ -202,9 +203,9 @@ TEST(ReportTest, NoTwoStylesLookTheSame) {
       const double contrast =
           (std::max(paper, colour.luminance) + 0.05) / (std::min(paper, colour.luminance) + 0.05);
       EXPECT_GE(contrast, 3.0) << named.name;  // WCAG 2 for graphics
-      // Three times what side by side is just noticed.
+      // Minimum distance: three times the just-noticeable difference of colours side by side.
       for (const auto& [other, theirs] : seen) {
-        if (variable.front() != 's' || other.front() != 's') continue;  // outcomes are no methods
+        if (variable.front() != 's' || other.front() != 's') continue;  // outcomes are not methods
         EXPECT_GT(Distance(colour, theirs), 0.06) << named.name << " and " << other;
       }
       seen.emplace(variable, colour);
@@ -246,7 +247,7 @@ TEST(ReportTest, BeginsWithAVerdict) {
     return html.substr(begin, html.find("</ul>", begin) - begin);
   };
   EXPECT_THAT(verdict(), HasSubstr("Fit for use"));
-  // The learner that speaks most against a method decides.
+  // The learner with the strongest evidence against a method decides.
   Contrast& last = summary.contrasts.back();
   last.clusters = "episodes";
   EXPECT_THAT(verdict(), HasSubstr("too few trials"));

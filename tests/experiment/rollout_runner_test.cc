@@ -22,8 +22,8 @@ namespace {
 
 using control::Mode;
 
-// Goes right by 0.1 a control: two of the policy, three of a recovery, one of the policy, one of a
-// recovery, and halts.
+// Moves right by 0.1 per control: two controls of the policy, three of a recovery, one of the
+// policy, one of a recovery. Then halts.
 class Script final : public control::Controller {
  public:
   [[nodiscard]] int state_dim() const noexcept override { return 1; }
@@ -45,7 +45,7 @@ class Script final : public control::Controller {
   std::size_t next_ = 0;
 };
 
-// Starts at 0. A world that moves on after a halt, if asked.
+// Starts at 0. On request, the world continues to move after a halt.
 class PointRunner final : public RolloutRunner {
  public:
   PointRunner(double wall, double goal, bool moves_on,
@@ -79,7 +79,7 @@ TEST(RolloutRunnerTest, CountsTheControlsOfEachRecovery) {
   EXPECT_EQ(result.cause, "outside-support");
   EXPECT_EQ(result.controls, 7);
   EXPECT_EQ(result.recovery_controls, 4);
-  // A size counts where the control was changed.
+  // The size counts only if the control was changed.
   EXPECT_EQ(result.changed_controls, 4);
   EXPECT_EQ(result.sized_changes, 3);
   EXPECT_EQ(result.change, 1.5);
@@ -117,14 +117,14 @@ TEST(RolloutRunnerTest, AFilmIsAPageOfTheUndisturbedStates) {
   page << std::ifstream(folder / "film.html").rdbuf();
   EXPECT_NE(page.str().find("script: halted: outside-support after 7 controls, 4 of them recovery"),
             std::string::npos);
-  // The state after the last control, as a mark's text has it.
+  // The state after the last control, in the text of a mark.
   EXPECT_NE(page.str().find("<title>script, controls 7: 0.7000</title>"), std::string::npos);
   try {
     static_cast<void>(runner.Film({0}, 1, 2, folder / "film.mp4"));
     FAIL() << "there are no such pictures";
   } catch (const std::runtime_error& e) {
     EXPECT_NE(
-        std::string(e.what()).find("film.mp4: such episodes can be saved as a page only, .html"),
+        std::string(e.what()).find("film.mp4: such episodes can only be saved as a page, .html"),
         std::string::npos)
         << e.what();
   }

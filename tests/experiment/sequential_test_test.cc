@@ -14,7 +14,7 @@ namespace {
 TEST(SequentialTestTest, WealthIsTheMeanOverStakes) {
   SequentialTest test;
   test.Add(1.0);
-  EXPECT_NEAR(std::exp(test.log_wealth()), 1.0, 1e-12);  // for every stake there is its opposite
+  EXPECT_NEAR(std::exp(test.log_wealth()), 1.0, 1e-12);  // each stake has an opposite stake
   test.Add(1.0);
   // The mean of (1 + s)^2 is 1 + that of s^2, 2 (.01 + .04 + ... + .81) / 18 = .31666...
   EXPECT_NEAR(std::exp(test.log_wealth()), 1.0 + 5.7 / 18.0, 1e-12);
@@ -41,8 +41,8 @@ TEST(SequentialTestTest, ASettledQuestionStaysSettled) {
   EXPECT_EQ(test.pairs(), at + 50);
 }
 
-// Evaluated after every pair, equal methods are found different in at most a share alpha of the
-// runs.
+// Evaluated after every pair, the test declares equal methods different in at most a fraction alpha
+// of the runs.
 TEST(SequentialTestTest, LooksAsOftenAsOneLikes) {
   constexpr int kRuns = 2000;
   constexpr double kAlpha = 0.1;

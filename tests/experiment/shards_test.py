@@ -42,7 +42,7 @@ class ShardsTest(unittest.TestCase):
             self.assertIn("baseline", out)
             for name in ("summary.json", "report.html", "times.json", "run.toml"):
                 self.assertEqual(self.bytes_of(f"merged{count}/{name}"), self.bytes_of(f"whole/{name}"), name)
-        # In any order, with one of them twice, and again.
+        # Merges the shards in any order, one of them twice, and merges again.
         shards = [f"in7/shard-{k}" for k in (5, 1, 7, 3, 2, 6, 4, 3)]
         self.run_program("merge", *shards, "--out", "other")
         self.run_program("merge", *shards, "--out", "other")
@@ -54,7 +54,7 @@ class ShardsTest(unittest.TestCase):
             self.run_program("experiment", "--shard", f"{k}/2", "--out", f"Ä b/{k}")
         self.run_program("merge", "Ä b", "--out", "ganz \u65e5")
         kept = self.bytes_of("ganz \u65e5/ledger.jsonl"), self.bytes_of("ganz \u65e5/summary.json")
-        # A shard of another seed, one with a flipped bit, and a file that is none.
+        # A shard of another seed, one with a flipped bit, and an invalid file.
         self.run_program("experiment", "--seed", 7, "--shard", "1/2", "--out", "seed")
         flipped = self.folder / "flipped"
         flipped.mkdir()
@@ -181,7 +181,7 @@ class ShardsTest(unittest.TestCase):
         for gamma in (1, 5):
             for k in (1, 2):
                 self.run_program("experiment", "--gamma", gamma, "--shard", f"{k}/2", "--out", f"grid/gamma={gamma}/shard-{k}")
-        # A task that failed before it had a ledger.
+        # The task failed before it created a ledger.
         failed = self.folder / "grid/gamma=5/shard-3"
         failed.mkdir()
         error = self.run_program("experiment", "--gama", 5, "--out", failed, fails=True)
@@ -198,7 +198,7 @@ class ShardsTest(unittest.TestCase):
         text = self.run_program("status", "grid")
         self.assertIn("2 runs, 40 of 40 units are finished", text)
         self.assertNotIn("shard-", text)
-        # A run without any started task.
+        # The run has no started task.
         self.assertIn("0 of 0 units are finished", self.run_program("status", failed))
         self.assertIn("contains no ledger.jsonl", self.run_program("status", "nowhere", fails=True))
 
@@ -207,7 +207,7 @@ class ShardsTest(unittest.TestCase):
         child = subprocess.Popen([PROGRAM, "experiment", "--until", "go", "--threads", "1", "--out", "run"],
                                  cwd=self.folder, stderr=subprocess.DEVNULL)
         try:
-            # A header and two units; the third waits.
+            # The ledger has a header and two units; the third waits.
             eventually(lambda: ledger.exists() and ledger.read_bytes().count(b"\n") >= 3)
             status = json.loads(self.run_program("status", "run", "--json"))
             self.assertTrue(status["ledgers"][0]["running"])

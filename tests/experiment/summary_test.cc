@@ -101,10 +101,10 @@ TEST(SummarizeTest, TrialsAreTheClustersWhereThereAreEnough) {
   EXPECT_EQ(contrast.ratios.collision_reduction_interval.value().high, 0.5);
 }
 
-// Two trials of each of five supervisors: trials t and t + 5 belong together.
+// Trials t and t + 5 belong to one of five supervisors, with two trials each.
 TEST(SummarizeTest, FromFiveSupervisorsOnTheseAreTheClusters) {
   ByHand input(10);
-  // In trials of the first supervisor dfr collides at the second data point, too.
+  // In trials of the first supervisor, dfr also collides at the second data point.
   for (UnitResult& result : input.results) {
     if (result.unit.trial % 5 != 0 || result.unit.demonstrations != 60) continue;
     for (EpisodeResult& episode : result.episodes[1]) episode.outcome = Outcome::kCollided;
@@ -121,8 +121,8 @@ TEST(SummarizeTest, FromFiveSupervisorsOnTheseAreTheClusters) {
   EXPECT_EQ(dfr.collided.interval.low, expected.low);
   EXPECT_EQ(dfr.collided.interval.high, expected.high);
   EXPECT_LT(dfr.collided.interval.low, by_trial.averages[1].collided.interval.low);
-  // Four supervisors have two pairs more in which just the reference collides, the first two
-  // fewer: of 32 signs 12 make the sum at least 6 either way.
+  // For four supervisors the pairs in which only the reference collides are two more than the
+  // others, for the first two fewer. Of 32 signs, 12 give a sum of at least 6 in either direction.
   EXPECT_NEAR(by_supervisor.contrasts[0].mcnemar_p, 12.0 / 32.0, 1e-15);
 }
 
@@ -184,7 +184,7 @@ TEST(SummaryJsonTest, HasItsShapeToTheLetter) {
 TEST(SummaryJsonTest, FiguresThatDoNotExistAreNull) {
   ByHand input(1);
   input.plan.demonstrations = {60};
-  input.results.erase(input.results.begin());  // leaves a Baseline without collisions
+  input.results.erase(input.results.begin());  // leaves a baseline without collisions
   const std::string text = ToJson(Summarize(input.plan, input.results, {}));
   const json parsed = json::parse(text);  // throws on NaN
   EXPECT_TRUE(parsed.at("contrasts")[0].at("collision_reduction").is_null());
@@ -206,7 +206,7 @@ TEST(PrintTableTest, ShowsEveryCellAndTheContrast) {
               HasSubstr("learner 8: all data points, 20 episodes a method in 5 trials, %; "
                         "42.9 % of the start states drawn were outside"));
   EXPECT_THAT(out.str(), HasSubstr("dfr        50.0 [ 27.2, 72.8]"));
-  // 1011 of 1045 controls are not the policy's.
+  // 1011 of 1045 controls differ from the policy's.
   EXPECT_THAT(out.str(), testing::ContainsRegex("dfr +50.0 .* 3.3 +1.50\n"));
   EXPECT_THAT(out.str(), HasSubstr("against baseline: completions 200 % [200, 200], "
                                    "collisions -50 % [-50, -50], time x8.67"));

@@ -1,4 +1,4 @@
-// Damaged archives, and archives with a right checksum around values from anywhere.
+// Damaged archives, and archives with a valid checksum around arbitrary values.
 #include <algorithm>
 #include <stdexcept>
 #include <string>

@@ -1,5 +1,5 @@
-// Command lines, one argument per line; before a null byte, a configuration for --config. Accepted
-// ones have numbers in their ranges, and the written run.toml starts the same run.
+// Command lines with one argument per line, and a configuration for --config before a null byte.
+// Accepted ones have numbers in their ranges, and the written run.toml starts the same run.
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
@@ -20,7 +20,7 @@ namespace {
 
 using dfr::experiment::ExperimentOptions;
 
-// A program with an option of every kind that the programs of apps/ have.
+// A program with an option of every kind in the programs of apps/.
 struct Program {
   ExperimentOptions options;
   double gamma = 5.0;
@@ -32,7 +32,7 @@ struct Program {
   std::string run_toml;
 };
 
-// Parses the arguments of the command `experiment`; empty if they are refused.
+// Parses the arguments of the command `experiment`; empty if it rejects them.
 std::optional<Program> Run(const std::vector<std::string>& arguments) {
   Program program;
   CLI::App app("fuzz", "fuzz");
@@ -77,7 +77,7 @@ DFR_FUZZ_TARGET(command_line) {
   const std::string_view configuration =
       null == std::string_view::npos ? std::string_view() : text.substr(0, null);
   if (null != std::string_view::npos) text.remove_prefix(null + 1);
-  // Other files are not this target's.
+  // This target reads no other files.
   if (text.find('/') != std::string_view::npos) return 0;
   for (std::string argument; !text.empty();) {
     const std::size_t end = std::min(text.find('\n'), text.size());

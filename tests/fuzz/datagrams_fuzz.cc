@@ -1,5 +1,5 @@
-// RTPS messages before Fast DDS receives them: the passed part is a prefix of the message, and is
-// itself passed whole.
+// RTPS messages before Fast DDS receives them: the accepted part is a prefix of the message, and is
+// itself accepted whole.
 #include <cstdlib>
 #include <span>
 

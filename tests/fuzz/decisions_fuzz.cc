@@ -1,4 +1,4 @@
-// Decisions of a one-class SVM: every instruction set against a sum in extended precision.
+// Decisions of a one-class SVM: compares every instruction set with a sum in extended precision.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -15,7 +15,7 @@
 
 namespace {
 
-// Doubles of any size from bytes; those that are not finite become 0.
+// Doubles of any size from bytes. Nonfinite values become 0.
 class Numbers {
  public:
   Numbers(const std::uint8_t* data, std::size_t size) : data_(data), size_(size) {}
@@ -73,7 +73,8 @@ DFR_FUZZ_TARGET(decisions) {
     try {
       const auto svm = dfr::kernel::OneClassSvm::FromParts(vectors, alpha, gamma, 0.0, 1.0);
       const double g = svm.Decision(dfr::core::AsSpan(state));
-      // alpha sums to 1; the distance's rounding weighs as gamma |d|^2 e^{-gamma |d|^2} <= 1/e.
+      // alpha sums to 1. The rounding of the distance has the weight gamma |d|^2 e^{-gamma |d|^2}
+      // <= 1/e.
       if (!(std::abs(g - static_cast<double>(expected)) <= tolerance)) {
         std::fprintf(stderr, "%s: %.17g, expected %.17Lg\n",
                      dfr::kernel::internal::TargetName(target), g, expected);

@@ -13,9 +13,10 @@
 
 namespace dfr::fuzz {
 
-/// A file with the given content, for readers that take a path. The same one for the whole process.
+/// Returns a file with the given content, for readers that take a path. The whole process uses one
+/// file.
 inline std::filesystem::path InputFile(std::string_view bytes) {
-  // In memory, where there is such a folder: a disk would be most of the work.
+  // The file is in memory if such a folder exists: a disk would take most of the time.
   static const std::filesystem::path path =
       (access("/dev/shm", W_OK) == 0 ? "/dev/shm" : std::filesystem::temp_directory_path()) /
       std::filesystem::path("dfr_fuzz_" + std::to_string(getpid()));

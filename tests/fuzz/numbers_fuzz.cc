@@ -1,4 +1,4 @@
-// Numbers and features as users write them; numbers against the C library's reading.
+// Numbers and features as users write them. Compares numbers with the C library's.
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -18,7 +18,7 @@ DFR_FUZZ_TARGET(numbers) {
     if (std::strtod(text.c_str(), nullptr) != *value) std::abort();
     if (!dfr::core::LooksLikeNumber(text)) std::abort();
   } else if (decimal && !text.empty()) {
-    // Refused text is not a number, or out of the range of double.
+    // Rejected text is not a number or is outside the range of double.
     char* end = nullptr;
     const double peer = std::strtod(text.c_str(), &end);
     if (*end == '\0' && std::isfinite(peer)) std::abort();

@@ -1,4 +1,4 @@
-// Apache Parquet: every column of every row group, as far as it can be read.
+// Apache Parquet: every column of every row group, as far as it is readable.
 #include <stdexcept>
 
 #include "parquet/parquet_file.h"

@@ -1,4 +1,4 @@
-// Policies with a right checksum around values from anywhere.
+// Policies with a valid checksum around arbitrary values.
 #include <algorithm>
 #include <stdexcept>
 #include <vector>

@@ -1,4 +1,4 @@
-// Recordings (MCAP), finished or not.
+// Complete and incomplete recordings (MCAP).
 #include <stdexcept>
 
 #include "dfr/recording/read_recording.h"

@@ -1,4 +1,5 @@
-// Reductions with a valid checksum around arbitrary values: what loads can be applied.
+// Reductions with a valid checksum around arbitrary values: every reduction that loads can be
+// applied.
 #include <stdexcept>
 #include <vector>
 

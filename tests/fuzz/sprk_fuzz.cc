@@ -1,5 +1,5 @@
-// Arbitrary poses and waves: the firmware decodes encoded ones as reported, within its reach;
-// others are refused.
+// Arbitrary poses and waves: within its reach, the firmware decodes encoded poses as reported.
+// Others are rejected.
 #include <array>
 #include <cmath>
 #include <cstdlib>
@@ -19,7 +19,7 @@ constexpr std::size_t kEntries = 12;
 std::array<double, kEntries> Entries(const std::uint8_t* data, std::size_t size, bool small) {
   std::array<double, kEntries> numbers{};
   if (small) {
-    // Few doubles are of the size that a platform moves.
+    // Few doubles have the magnitude of a platform's motion.
     for (std::size_t i = 0; i < std::min(kEntries, size); ++i) numbers[i] = (data[i] - 128) / 8e3;
   } else if (size > 0) {
     std::memcpy(numbers.data(), data, std::min(size, sizeof numbers));

@@ -28,7 +28,7 @@ dfr::vision::LineVision Vision() {
   return {camera, options};
 }
 
-// Grey with coloured rectangles from the input, seven bytes each, one over the other.
+// A grey picture with overlapping coloured rectangles from the input, seven bytes each.
 std::vector<std::uint8_t> Picture(const std::uint8_t* data, std::size_t size) {
   std::vector<std::uint8_t> pixels(std::size_t{3} * kWidth * kHeight, 128);
   constexpr std::size_t kRectangle = 7;

@@ -1,4 +1,4 @@
-// Results are reproducible: to the bit with one instruction set, and in their outcomes with all.
+// Results are reproducible: bits with one instruction set, outcomes with all.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -33,7 +33,7 @@ struct Golden {
   std::map<std::string, std::vector<core::Outcome>> outcomes;
 };
 
-// A file of numbers, to be hashed as files of users are.
+// A file of numbers, to be hashed like files of users.
 class Numbers {
  public:
   explicit Numbers(const std::filesystem::path& path) : path_(path), out_(path, std::ios::binary) {}
@@ -117,14 +117,14 @@ inline void Pusher(const std::filesystem::path& folder, int episodes, Golden& go
   golden.hashes["episodes of pusher"] = numbers.Hash();
   runner->model().Save(folder / "model");
   for (const auto& file : std::filesystem::directory_iterator(folder / "model")) {
-    // The HDF5 file has the time at which it was written.
+    // The HDF5 file contains its time of writing.
     if (file.path().extension() == ".hdf5") continue;
     golden.hashes["pusher's " + file.path().filename().string()] =
         experiment::HashOfFile(file.path());
   }
 }
 
-/// Results of this number of episodes of each strategy.
+/// Returns the results of this number of episodes of each strategy.
 inline Golden ResultsWith(std::int64_t target, int episodes) {
   const std::filesystem::path folder =
       std::filesystem::path(testing::TempDir()) / ("dfr_golden_" + std::to_string(getpid()));
@@ -153,8 +153,8 @@ inline std::string Lines(const std::map<std::string, std::string>& hashes) {
   return lines.str();
 }
 
-/// A changed hash changes the users' results of a seed. CHANGELOG.md names the change, and the new
-/// lines replace those of the file.
+/// A changed hash changes the results of a seed for users. CHANGELOG.md then names the change, and
+/// the new lines replace those of the file.
 inline void ExpectRecordedBits(const char* recorded_in, int episodes) {
 #if __GNUC__ != 12 || defined(__clang__) || !defined(__OPTIMIZE__) || \
     defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)

@@ -7,8 +7,8 @@ namespace {
 
 TEST(GoldenTest, EveryBitIsTheRecordedOneWithAvx2) { test::ExpectRecordedBits(DFR_GOLDEN, 8); }
 
-// Takes seconds: an outcome differs in one episode of many, and each instruction set plays them
-// all.
+// Takes seconds: an outcome differs in one episode of many, and each instruction set runs all
+// episodes.
 TEST(GoldenTest, OutcomesAreTheSameWithEveryInstructionSet) {
   const test::Golden widest = test::ResultsWith(0, 8);
   for (const std::int64_t target : kernel::internal::SupportedTargets()) {

@@ -5,7 +5,7 @@
 namespace dfr {
 namespace {
 
-// The system tier has eight episodes of each strategy.
+// The system tier runs eight episodes of each strategy.
 TEST(GoldenTest, EveryBitOfOneEpisodeIsTheRecordedOneWithAvx2) {
   test::ExpectRecordedBits(DFR_GOLDEN_SHORT, 1);
 }

@@ -15,7 +15,7 @@ STEPS = 20
 def episodes(seed, count, drift=0.0):
     """Per episode a dict of observations (STEPS + 1 rows each) and actions (STEPS rows).
 
-    With a drift the tip leaves sideways: an episode that goes wrong."""
+    With a drift the tip leaves sideways: a failed episode."""
     rng = np.random.default_rng(seed)
     turn = np.array([[np.cos(0.8), -np.sin(0.8)], [np.sin(0.8), np.cos(0.8)]])
     result = []

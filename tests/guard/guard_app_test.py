@@ -62,11 +62,11 @@ class GuardAppTest(GuardProgramTest):
         self.assertEqual(self.run_guard("show", "task.guard"), out.replace("task.guard\n", ""))
         out = self.run_guard("evaluate", "task.guard", "fresh.hdf5")
         alarms = int(re.search(r"(\d+) of 60 episodes raise an alarm", out).group(1))
-        # .1 on the average over sets of 30 demonstrations, sqrt(.1 .9 / 32) = .053 between sets and
-        # sqrt(.1 .9 / 60) = .039 by chance; three of both together.
+        # .1 on average over sets of 30 demonstrations, sqrt(.1 .9 / 32) = .053 between sets and sqrt(.1 .9 /
+        # 60) = .039 by chance. The limit is three times both together.
         self.assertLess(alarms / 60, 0.1 + 3 * 0.066)
         passed = float(re.search(r"([\d.]+) % of the 1200 actions pass unchanged", out).group(1))
-        # The fit counts all whose prediction is below the pass level, also where a change would be idle.
+        # The fit counts all actions whose prediction is below the pass level, including idle changes.
         self.assertGreater(passed, 100.0 - changed)
         out = self.run_guard("evaluate", "task.guard", "failures.hdf5")
         self.assertIn("10 of 10 episodes raise an alarm", out)
@@ -101,11 +101,11 @@ class GuardAppTest(GuardProgramTest):
         self.assertEqual((set(own), alarms), ({"object", "tip"}, "0"))
         for block, (required, step, median, strayed, middle) in own.items():
             self.assertRegex(shown, rf"clearance +{block}: .* within {required} in it \(step {step}; median {median}\)")
-            # No state of these raises an alarm.
+            # None of these states raises an alarm.
             self.assertLess(0.0, float(strayed))
             self.assertLessEqual(float(middle), float(strayed))
             self.assertLessEqual(float(strayed), float(required))
-        # Objects are within .6 of one another, in the unit of the file, and these are 5 away.
+        # Objects are within .6 of one another, in the unit of the file. These are 5 away.
         away, alarms = rows("moved.hdf5")
         self.assertEqual(alarms, "20")
         for distance in away["object"][3:]:
@@ -138,7 +138,7 @@ class GuardAppTest(GuardProgramTest):
         self.assertIn("tip,yaw: 3 of 40 entries of a state, angles by cosine and sine", out)
         self.assertNotIn("yaw[0]", out)
         out = self.run_guard("fit", "turned.hdf5", "-f", "obs/tip,obs/noise", "-o", "noisy.guard", fails=True)
-        self.assertRegex(out, r"inside would be with .*tip \(\d+ %\).*--accept-any")
+        self.assertRegex(out, r"the share inside\): .*tip \(\d+ %\).*--accept-any")
 
     def test_numbers_that_are_none_are_refused(self):
         for option, value in [("--gamma", "nan"), ("--nu", "0x1"), ("--horizon", "2147483648"), ("--action-limit", "inf")]:
@@ -154,7 +154,7 @@ class GuardAppTest(GuardProgramTest):
         self.assertEqual(models[0].name, "t_000.model")
         self.assertIn("svm_type one_class", models[0].read_text())
         features = np.loadtxt(self.folder / "models/features.csv", delimiter=",", skiprows=1)
-        # Parts of a state in the order of their names: clock, object, tip.
+        # Parts of a state are in the order of their names: clock, object, tip.
         np.testing.assert_array_equal(features[:, 0], [1, 2, 3, 4])
         self.assertEqual(np.loadtxt(self.folder / "models/t_000.csv", delimiter=",").shape, (4, 4))
         self.assertIn("--onnx FILE or --libsvm FOLDER", self.run_guard("export", "e.guard", fails=True))
@@ -201,13 +201,13 @@ class GuardAppTest(GuardProgramTest):
     def test_outputs_are_checked_before_the_work(self):
         (self.folder / "taken").mkdir()
         (self.folder / "text").write_text("kept")
-        # No input exists: a message about the output shows that it was checked first.
+        # No input exists: a message about the output proves that the output is checked first.
         for command, kinds in (("fit none -o", "file"), ("report none none -o", "file"), ("check none --repair", "file"),
                                ("export none --onnx", "file"), ("export none --libsvm", "folder"),
                                ("convert none", "folder")):
             for path, says in {"file": (("none/x", "there is no folder none; create it"), ("/proc/x", "nothing can be created in /proc; name"),
-                                        ("taken", "is a folder; name a file in it"), ("text/x", "text is no folder")),
-                               "folder": (("text", "text is no folder; name another"), ("text/x", "text is no folder"),
+                                        ("taken", "is a folder; name a file in it"), ("text/x", "text is not a folder")),
+                               "folder": (("text", "text is not a folder; name another"), ("text/x", "text is not a folder"),
                                           ("/proc/x", "nothing can be created in /proc; name"))}[kinds]:
                 with self.subTest(command=command, path=path):
                     done = self.run_program(*command.split(), path)

@@ -134,7 +134,7 @@ class GuardDataTest(GuardProgramTest):
         self.assertNotIn("alignment", self.run_guard("check", "demos.hdf5"))
 
     def test_actions_that_are_positions_are_refused_and_converted(self):
-        """Joint targets of a teleoperated arm, which reaches half of the way in a step."""
+        """Joint targets of a teleoperated arm, which covers half of the distance in a step."""
         rng = np.random.default_rng(8)
         data = []
         for _ in range(20):
@@ -191,7 +191,7 @@ class GuardDataTest(GuardProgramTest):
         self.assertIn(words, self.fit("m.guard", "failed.hdf5"))
 
     def test_isaac_labs_groups_are_read(self):
-        """Nested observations, attribute success, no next_obs and no dones; groups of the simulator beside them."""
+        """Nested observations, attribute success, no next_obs and no dones, with groups of the simulator."""
         data = episodes(1, 16)
         with h5py.File(self.folder / "isaac.hdf5", "w") as file:
             group = file.create_group("data")
@@ -259,7 +259,7 @@ class GuardDataTest(GuardProgramTest):
                 self.run_guard("convert", "space/named-v2", "again.hdf5")
                 with h5py.File(self.folder / "again.hdf5") as file:
                     name_again = json.loads(file["data"].attrs["env_args"])["env_name"]
-                # Minari's datasets without an environment are known by their id.
+                # The ids identify Minari's datasets without an environment.
                 self.assertEqual(name_again, environment or "space/named-v2")
         for out, more in [("no-version", []), ("a b/x-v0", []), ("x-v0", ["--id", "x"])]:
             with self.subTest(out):
@@ -299,7 +299,7 @@ class GuardDataTest(GuardProgramTest):
                 self.assertEqual(len(out.strip().splitlines()), 1)
 
     def test_conversion_takes_the_memory_of_an_episode(self):
-        """Ten times as many episodes take little more."""
+        """Ten times as many episodes take little more memory."""
         rng = np.random.default_rng(0)
 
         def large(count):

@@ -1,4 +1,4 @@
-// The check of an arm, whose console is the simulated one without a network and without a clock.
+// The check of an arm with a simulated console, without a network and without a clock.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -20,7 +20,7 @@ using test::Shown;
 using testing::AllOf;
 using testing::HasSubstr;
 
-// A driver's client and a console that it talks to at once.
+// A driver's client and a console that it talks to directly.
 class FakeCheckedArm final : public CheckedArm {
  public:
   explicit FakeCheckedArm(test::HandMovedClock& clock, const sim::PsmConsoleOptions& options,
@@ -290,7 +290,7 @@ class SiArmCheckTest : public ArmCheckTest {
  protected:
   SiArmCheckTest() : ArmCheckTest(kinematics::PsmGeneration::kSi) {
     kinematics::PsmJoints joints = kinematics::PsmJoints::Zero();
-    joints[1] = 1.2;  // where no Classic can be
+    joints[1] = 1.2;  // outside the range of a Classic
     joints[2] = 0.12;
     arm_.console.Place(joints);
     options_.move = options_.without_stop = true;

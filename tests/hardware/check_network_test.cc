@@ -30,7 +30,7 @@ using testing::Not;
 
 constexpr double kForEver = 1e9;  // s
 
-// Time advances only between the texts that start and stop it; the test's actions run in each
+// Time advances only between the texts that start and stop it. The test's actions run in each
 // Wait().
 class NetworkCheckTest : public testing::Test {
  protected:
@@ -130,7 +130,7 @@ TEST(PlatformMoveCheckTest, OpensThePortAndMovesOnlyAfterAsking) {
 
 class PlatformHomeTest : public testing::Test {
  protected:
-  // Output and exit code.
+  // Returns output and exit code.
   std::pair<std::string, int> Home(const std::string& answer) {
     std::string said;
     HomeOptions options;
@@ -187,7 +187,7 @@ TEST_F(PlatformHomeTest, APortThatFailsIsNamed) {
   }
 }
 
-// Without a keyboard the word cannot have been typed.
+// Without a keyboard the operator cannot have typed the word.
 TEST_F(PlatformHomeTest, NothingMovesWithoutATerminal) {
   const std::string command =
       std::string("echo platform | " DFR_HARDWARE " home --platform ") + emulator_.device();

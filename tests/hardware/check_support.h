@@ -20,7 +20,7 @@ class HandMovedClock final : public apps::hardware_app::Clock {
   }
 
   std::int64_t now_ns = 1'000'000'000;
-  bool stands = false;          ///< No time passes.
+  bool stands = false;          ///< True if no time passes.
   std::function<void()> waits;  ///< Called with each Wait().
 };
 

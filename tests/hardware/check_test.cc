@@ -22,7 +22,7 @@ using testing::AllOf;
 using testing::HasSubstr;
 using testing::Not;
 
-// Pictures of 64 x 48, one for each look, of which every `bad_every`th is `bad`.
+// Pictures of 64 x 48, one for each look; every `bad_every`th is `bad`.
 class FakeEndoscope final : public hardware::Endoscope {
  public:
   FrameStatus Grab(std::int64_t /*steady_ns*/, std::int64_t /*wall_ns*/,

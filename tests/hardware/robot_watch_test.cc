@@ -16,7 +16,7 @@ constexpr dds::Origin kSecond = {2};
 
 class RobotWatchTest : public testing::Test {
  protected:
-  // Output since the last call.
+  // Returns the output since the last call.
   std::string Said() {
     std::string said = out_.str();
     out_.str("");

@@ -61,7 +61,7 @@ TEST(SecuredSimulatorTest, OnlyThoseWithCertificatesHearAndCommandTheArm) {
       std::filesystem::temp_directory_path() / ("dfr-secured-" + std::to_string(::getpid()));
   const auto enclave = [&](const std::string& name) { return folder / "enclaves" / name; };
   ASSERT_EQ(PeerProcess({DFR_HARDWARE, "certificates", folder}).Await(), 0);
-  // A second call overwrites nothing.
+  // The second call overwrites no file.
   ASSERT_EQ(PeerProcess({DFR_HARDWARE, "certificates", folder}).Await(), 1);
   const std::string log = folder / "log";
   PeerProcess simulator({"/bin/sh", "-c",
@@ -76,7 +76,8 @@ TEST(SecuredSimulatorTest, OnlyThoseWithCertificatesHearAndCommandTheArm) {
   });
   EXPECT_TRUE(member.participant().refused_peers().empty());
 
-  // Once both ends have refused the other, the stranger hears nothing while the member hears more.
+  // After both ends have refused each other, the stranger receives nothing, while the member
+  // continues to receive.
   Client stranger("");
   int poses = -1;
   Eventually([&] {

@@ -53,7 +53,7 @@ TEST_F(StopTest, AnUnattendedStopSaysThatAllIsWellAndItsDeathStops) {
   HearsNothingAnyMore();
 }
 
-// At a keyboard that this process types at.
+// The program's keyboard is typed by this process.
 class TypedStopTest : public StopTest {
  protected:
   TypedStopTest() {

@@ -1,5 +1,5 @@
-// A console written with CycloneDDS, which shares with ours the names and types of the topics and
-// the arm's dimensions, nothing else. PSM1 homes in 0.3 s and follows servo_cp at once, until the
+// A console written with CycloneDDS, which shares with our console only the names and types of the
+// topics and the arm's dimensions. PSM1 homes in 0.3 s and follows servo_cp at once, until the
 // program is killed:
 //   cyclone_console DOMAIN [FAIL_YAW]
 // Its time is that of the newest std_msgs/Float64 on /test/time, s since the epoch. For each of
@@ -128,7 +128,7 @@ class Console {
       header.stamp_.sec_ = static_cast<std::int32_t>(ns / 1'000'000'000);
       header.stamp_.nanosec_ = static_cast<std::uint32_t>(ns % 1'000'000'000);
     }
-    // The names are left out, as older consoles do.
+    // The names are omitted, as by older consoles.
     sensor_msgs_msg_dds__JointState_ joints{};
     joints.header_ = header;
     joints.position_._buffer = at_.data();

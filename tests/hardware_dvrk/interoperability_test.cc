@@ -26,7 +26,7 @@ PsmJoints Goal(double yaw) {
   return goal;
 }
 
-// Both go by this test's time.
+// Client and console use this test's time.
 class CycloneConsoleTest : public testing::Test {
  protected:
   // Advances the time by 10 ms and waits until the console's measurement has arrived and the

@@ -19,7 +19,7 @@ namespace {
 using kinematics::PsmJoints;
 using Clock = std::chrono::steady_clock;
 
-// For a busy machine.
+// Timeouts for a busy machine.
 PsmDriverOptions Patient() {
   PsmDriverOptions options;
   options.client.watchdog.max_age_s = options.client.watchdog.max_silence_s = 5.0;
@@ -35,14 +35,14 @@ class LateMessagesSystemTest : public testing::Test {
     console_.Place(start);
   }
 
-  // A period of 5 ms of both.
+  // Advances both by a period of 5 ms.
   void Step() {
     next_ += std::chrono::milliseconds(5);
     std::this_thread::sleep_until(next_);
     server_.Tick(0.005);
     driver_->Tick();
   }
-  // Under way to the other side.
+  // Begins a motion to the other side.
   void Begin() {
     while (driver_->Arm() != PsmStatus::kOk) Step();
     PsmJoints goal = driver_->client().setpoint();
@@ -61,7 +61,8 @@ class LateMessagesSystemTest : public testing::Test {
   Clock::time_point next_ = Clock::now();
 };
 
-// At most 1 mm after the message may arrive: 50 ms of this motion, and discovery takes 10.
+// The arm moves at most 1 mm after the message may arrive: 50 ms of this motion, including 10 ms
+// for discovery.
 TEST_F(LateMessagesSystemTest, FiftyHoldsOfWhoHasJustJoinedAreFiftyHolds) {
   double worst_m = 0.0;
   for (int i = 0; i < 50; ++i) {
@@ -91,20 +92,21 @@ TEST_F(LateMessagesSystemTest, FiftyHoldsOfWhoHasJustJoinedAreFiftyHolds) {
   std::printf("at most %.3f mm\n", 1e3 * worst_m);
 }
 
-// The console has received it, and this side discovers the guest up to half a second later.
+// The console has received the message, and this side discovers the guest up to half a second
+// later.
 TEST_F(LateMessagesSystemTest, FiftyHoldsThatTheConsoleAloneHasHeardAreFiftyHolds) {
   double worst_m = 0.0;
   int by_the_console = 0;
   for (int i = 0; i < 50; ++i) {
     SCOPED_TRACE(i);
     Begin();
-    const int late = 2 * i;  // periods of 5 ms
+    const int late = 2 * i;  // in periods of 5 ms
     const Eigen::Vector3d there = tip();
     double motion_m = 0.0;
     std::optional<dds::Participant> guest;
     std::optional<dds::Publisher<dds::Signal>> hold;
     for (int n = 0; n < 120; ++n) {
-      // Once, or 20 times a second for .3 s.
+      // Sent once, or 20 times a second for .3 s.
       if (n % 10 == 0 && n < (i % 2 == 0 ? 1 : 60)) console_.Hold();
       if (n == late) {
         guest.emplace(dds::ParticipantOptions{.domain = test::OwnDomain(), .name = "guest"});

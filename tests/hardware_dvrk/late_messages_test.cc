@@ -20,7 +20,7 @@ using kinematics::PsmJoints;
 constexpr std::int64_t kStepNs = 5'000'000;
 constexpr std::int64_t kBeginNs = 1'000'000'000;
 constexpr std::int64_t kEpochNs = 1'700'000'000'000'000'000;
-constexpr int kTransitSteps = 3;  // of the console's texts, unless a test says otherwise
+constexpr int kTransitSteps = 3;  // transit time of the console's texts, unless a test sets another
 
 PsmJoints Start() {
   PsmJoints q = PsmJoints::Zero();
@@ -28,7 +28,8 @@ PsmJoints Start() {
   return q;
 }
 
-// A client at a simulated console, without a network. Steps of 5 ms, a sample with every other.
+// A client at a simulated console, without a network. A step takes 5 ms, and every second step has
+// a sample.
 class LateMessagesTest : public testing::Test {
  protected:
   // Recreates both, armed and in motion.
@@ -51,8 +52,8 @@ class LateMessagesTest : public testing::Test {
     ASSERT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());
   }
 
-  /// @param newcomers  how many are found in this step.
-  /// @param others  carry something out after this client and before the console's own step.
+  /// @param newcomers  number of participants found in this step.
+  /// @param others  runs after this client and before the console's step.
   void Step(int newcomers = 0, const std::function<void()>& others = {}) {
     PsmInput input;
     input.state_publishers = input.command_subscribers = 1;
@@ -133,7 +134,7 @@ class LateMessagesTest : public testing::Test {
     bool is_error;
   };
   std::deque<Text> texts_;  // under way
-  bool deaf_ = false;       // our commands are lost
+  bool deaf_ = false;       // true: our commands are lost
   bool deaf_to_holds_ = false;
   int transit_steps_ = kTransitSteps;
   int moves_ = 0;
@@ -141,8 +142,8 @@ class LateMessagesTest : public testing::Test {
   std::int64_t now_ns_ = kBeginNs;
 };
 
-// A hold, once and 20 times a second for .3 s, by a participant that is found here up to half a
-// second later than at the console.
+// A hold, sent once or 20 times a second for .3 s. This side finds its sender up to half a second
+// later than the console does.
 TEST_F(LateMessagesTest, AHoldThatTheConsoleAloneHasHeardHolds) {
   double worst_m = 0.0;
   for (int i = 0; i < 50; ++i) {
@@ -165,7 +166,7 @@ TEST_F(LateMessagesTest, AHoldThatTheConsoleAloneHasHeardHolds) {
 TEST_F(LateMessagesTest, TheConsoleShowsWhatOthersCommand) {
   struct Command {
     const char* topic;
-    std::function<void()> carry_out;  // with every third step, out of step with the samples
+    std::function<void()> carry_out;  // with every third step, not synchronous to the samples
   };
   const auto aside = [](PsmJoints q) {
     q[1] += 0.03;
@@ -190,8 +191,8 @@ TEST_F(LateMessagesTest, TheConsoleShowsWhatOthersCommand) {
   }
 }
 
-// Without repetition: each command is carried out once, and its sender found 300 ms later. A move
-// makes the arm busy before the text comes.
+// Without repetition: the console executes each command once, and this side finds its sender 300 ms
+// later. A move makes the arm busy before the text arrives.
 TEST_F(LateMessagesTest, OneCommandIsEnough) {
   struct Command {
     const char* topic;
@@ -221,7 +222,8 @@ TEST_F(LateMessagesTest, OneCommandIsEnough) {
   }
 }
 
-// The answers to our own hold and to the first set-point after it come when the arm is armed again.
+// The answers to our own hold and to the first set-point after it arrive when the arm is armed
+// again.
 TEST_F(LateMessagesTest, TheAnswersToOurOwnCommandsAreNoOneElses) {
   Begin();
   for (int episode = 0; episode < 20; ++episode) {
@@ -242,8 +244,8 @@ TEST_F(LateMessagesTest, TheAnswersToOurOwnCommandsAreNoOneElses) {
   EXPECT_EQ(client_.status(), PsmStatus::kForeignControl) << Name(client_.status());
 }
 
-// The texts come up to 0.9 s late: after the arm has been armed again, even several times. As soon
-// as all have come, a hold of another shows.
+// The texts arrive up to 0.9 s late: after the arm has been armed again, even several times. Once
+// all have arrived, another participant's hold is detected.
 TEST_F(LateMessagesTest, LateAnswersToOurOwnCommandsAreNoOneElses) {
   for (const int transit_steps : {20, 60, 180}) {
     for (const int phase_steps : {10, 25, 100}) {
@@ -268,7 +270,8 @@ TEST_F(LateMessagesTest, LateAnswersToOurOwnCommandsAreNoOneElses) {
   }
 }
 
-// From the first set-point on, which is sent as soon as the answer to our own hold has come.
+// Tested from the first set-point on, which is sent as soon as the answer to our own hold has
+// arrived.
 TEST_F(LateMessagesTest, AHoldRightAfterOurOwnHolds) {
   for (int steps = kTransitSteps - 1; steps < 40; ++steps) {
     SCOPED_TRACE(steps);
@@ -283,8 +286,9 @@ TEST_F(LateMessagesTest, AHoldRightAfterOurOwnHolds) {
   }
 }
 
-// The console never answers our own hold, because it was lost: it is still controlled by poses. The
-// answer is awaited for a second before a set-point is sent, and no later hold is taken for it.
+// The console never answers our own hold, because it was lost: poses still control the console. The
+// client waits for the answer for a second before it sends a set-point, and does not confuse a
+// later hold with it.
 TEST_F(LateMessagesTest, AHoldAfterOneOfOurOwnThatTheConsoleNeverAnswersHolds) {
   for (int ms = 0; ms < 2000; ms += 50) {
     SCOPED_TRACE(testing::Message() << ms << " ms after our own hold");
@@ -302,7 +306,7 @@ TEST_F(LateMessagesTest, AHoldAfterOneOfOurOwnThatTheConsoleNeverAnswersHolds) {
     const Eigen::Vector3d there = tip();
     Step(0, [&] { console_.Hold(); });
     if (ms <= 1000) {
-      // No set-point has been sent: it finds a standing arm.
+      // No set-point was sent, so the arm stands still.
       EXPECT_LT((there - before).norm(), 1e-3);
       continue;
     }
@@ -316,7 +320,7 @@ TEST_F(LateMessagesTest, AHoldAfterOneOfOurOwnThatTheConsoleNeverAnswersHolds) {
   }
 }
 
-// A hold that changes nothing has no answer, so none is waited for.
+// A hold that changes nothing has no answer, and the client does not wait for one.
 TEST_F(LateMessagesTest, AHoldAfterSeveralOfOurOwnHolds) {
   Begin();
   for (int i = 0; i < 3; ++i) {
@@ -330,7 +334,7 @@ TEST_F(LateMessagesTest, AHoldAfterSeveralOfOurOwnHolds) {
   EXPECT_EQ(client_.status(), PsmStatus::kForeignControl) << Name(client_.status());
 }
 
-// Before our first set-point the control was already that of poses, as after teleoperation.
+// Poses controlled the console before our first set-point, as after teleoperation.
 TEST_F(LateMessagesTest, AHoldRightAfterArmingHolds) {
   console_.Place(Start());
   console_.ServoCp(console_.setpoint_pose());

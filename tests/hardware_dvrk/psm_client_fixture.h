@@ -111,12 +111,12 @@ class PsmClientTest : public testing::Test {
   }
 
   // Injects `spoil` during a motion: the client holds in exactly the last of `steps` steps (or
-  // earlier, if these are a `bound`), sends nothing more, reports the cause, and does not continue
-  // by itself after the fault.
+  // earlier, if these are a `bound`), sends nothing more, reports the cause, and does not resume
+  // after the fault.
   void ExpectHold(PsmStatus cause, const std::function<void(PsmInput&)>& spoil, int steps = 1,
                   bool bound = false) {
     SCOPED_TRACE(Name(cause));
-    if (num_steps_ % 2 != 0) Step();  // samples then come with the same steps each time
+    if (num_steps_ % 2 != 0) Step();  // aligns the samples with the steps
     ArmNow();
     ASSERT_EQ(client_.MoveTo(Yaw(0.2), 3.0), PsmStatus::kOk);
     Steps(41);
@@ -134,10 +134,10 @@ class PsmClientTest : public testing::Test {
     Become(PsmConsoleState::kEnabled, true, false);
     Steps(100);
     EXPECT_EQ(client_.phase(), PsmPhase::kHolding);
-    EXPECT_EQ(client_.status(), cause);  // the first cause stays
+    EXPECT_EQ(client_.status(), cause);  // the first cause is kept
     EXPECT_EQ(num_servo_, sent);
     EXPECT_EQ(client_.MoveTo(Yaw(0.0), 10.0), PsmStatus::kNotArmed);
-    // Only this resumes, from the arm's position.
+    // Only Arm() resumes, from the arm's position.
     ASSERT_EQ(client_.Arm(), PsmStatus::kOk) << Name(client_.hold_reason());
     Steps(2);
     EXPECT_EQ(client_.status(), PsmStatus::kOk);

@@ -41,7 +41,7 @@ TEST_F(PsmClientRequestTest, RequestsAreRepeatedUntilTheyShowAndThenTimeOut) {
 }
 
 TEST_F(PsmClientRequestTest, ARequestBeforeTheFirstStepHasItsFullTime) {
-  now_ns_ = 1000 * 1000 * kMs;  // the machine has been up for a quarter of an hour
+  now_ns_ = 1000 * 1000 * kMs;  // simulates a machine that has run for a quarter of an hour
   Become(PsmConsoleState::kDisabled, false, false);
   ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
   Steps(2);

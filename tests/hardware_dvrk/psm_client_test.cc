@@ -36,9 +36,9 @@ TEST_F(PsmClientTest, MovesAndComesToRestAtTheGoal) {
   int steps = 0;
   for (; !client_.at_rest() && steps < 1000; ++steps) Step();
   EXPECT_TRUE(test::AllClose(at_, Yaw(0.1), 1e-9));
-  // The duration, 0.1 s to settle, and a sample every other step.
+  // The duration, 0.1 s to settle, and a sample every second step.
   EXPECT_NEAR(steps, 200 + 20, 4);
-  // While armed the set-point is repeated.
+  // While armed, the client repeats the set-point.
   const int sent = num_servo_;
   Steps(10);
   EXPECT_EQ(num_servo_, sent + 10);
@@ -58,7 +58,7 @@ TEST_F(PsmClientTest, LateStepsStretchTheMoveInsteadOfLeaping) {
   const double before = client_.setpoint()[0];
   now_ns_ += 30 * kMs;
   Step();
-  // As in any step of 5 ms: at most the limit.
+  // At most the limit, as in any step of 5 ms.
   EXPECT_LE(client_.setpoint()[0] - before, 0.005 * client_.motion().limits().max_speed[0]);
   EXPECT_EQ(client_.phase(), PsmPhase::kArmed);
 }
@@ -99,7 +99,7 @@ TEST_F(PsmClientTest, HoldWorksAtAnyTime) {
   Steps(100);
   client_.Hold();
   EXPECT_EQ(client_.MoveTo(Yaw(0.2), 3.0), PsmStatus::kNotArmed);
-  EXPECT_EQ(client_.Arm(), PsmStatus::kOk);  // still armed: the hold comes with the next step
+  EXPECT_EQ(client_.Arm(), PsmStatus::kOk);  // still armed: the hold follows in the next step
   EXPECT_FALSE(Step().servo);
   EXPECT_EQ(client_.status(), PsmStatus::kHeld);
 }
@@ -127,13 +127,13 @@ TEST_F(PsmClientTest, SamplesThatMakeNoSenseHold) {
   joints(PsmStatus::kStateJumped, [](auto& js) { js.position[1] += 0.05; });
   pose(PsmStatus::kStateInvalid, [](auto& cp) { cp.stamp = {}; });
   pose(PsmStatus::kStateNotFinite, [](auto& cp) { cp.position_m.y() = kNan; });
-  // A quaternion of another length, and one whose length overflows.
+  // A quaternion whose length is not 1, and one whose length overflows.
   pose(PsmStatus::kStateNotFinite, [](auto& cp) { cp.orientation.coeffs() *= 3.0; });
   pose(PsmStatus::kStateNotFinite, [](auto& cp) { cp.orientation.coeffs() *= 1e200; });
   pose(PsmStatus::kStateJumped, [](auto& cp) { cp.position_m.x() += 0.02; });
 }
 
-// 50 ms of silence at the most, in steps of 5 ms; the last sample came one step before.
+// At most 50 ms of silence, in steps of 5 ms. The last sample arrived one step earlier.
 TEST_F(PsmClientTest, SilenceOfAnyTopicHolds) {
   const auto holds = [&](const std::function<void(PsmInput&)>& spoil) {
     ExpectHold(PsmStatus::kStateSilent, spoil, 11);
@@ -144,7 +144,7 @@ TEST_F(PsmClientTest, SilenceOfAnyTopicHolds) {
   });
   holds([](PsmInput& input) { input.measured_cp.reset(); });
   holds([](PsmInput& input) { input.setpoint_js.reset(); });
-  // Set-points that are none.
+  // Invalid set-points.
   holds([](PsmInput& input) {
     if (input.setpoint_js) input.setpoint_js->position[0] = kNan;
   });
@@ -162,7 +162,7 @@ TEST_F(PsmClientTest, AConsoleThatIsNotReadyHolds) {
   holds(PsmStatus::kDisabled, PsmConsoleState::kDisabled, true, false);
   holds(PsmStatus::kNotHomed, PsmConsoleState::kEnabled, false, false);
   holds(PsmStatus::kBusy, PsmConsoleState::kEnabled, true, true);
-  // FAULT and ENABLED again before the client looked.
+  // FAULT and ENABLED both arrive before the client looks.
   ExpectHold(PsmStatus::kConsoleFault, [&](PsmInput& input) {
     Become(PsmConsoleState::kFault, true, false);
     Become(PsmConsoleState::kEnabled, true, false);
@@ -250,7 +250,7 @@ TEST_F(PsmClientTest, ConsoleGoneHolds) {
       },
       11);
 }
-// As teleoperation inside the console does: within 2 mm, not only after 5 degrees of lag.
+// Reacts as teleoperation inside the console does: within 2 mm, not only after 5 degrees of lag.
 TEST_F(PsmClientTest, SetpointThatIsNotOursHolds) {
   ExpectHold(
       PsmStatus::kForeignSetpoint,
@@ -267,7 +267,7 @@ TEST_F(PsmClientTest, SetpointsThatComeLateAreOurs) {
     before.push_back(at_);
     Step([&](PsmInput& input) {
       if (!input.setpoint_js) return;
-      // 140 ms, at nearly the fastest that a move may be.
+      // 140 ms, at nearly the fastest speed of a move.
       input.setpoint_js->position = before[static_cast<std::size_t>(std::max(0, i - 28))];
     });
   }
@@ -275,7 +275,7 @@ TEST_F(PsmClientTest, SetpointsThatComeLateAreOurs) {
 }
 TEST_F(PsmClientTest, LoopThatStoodStillHolds) {
   ExpectHold(PsmStatus::kTickLate, [&](PsmInput& input) {
-    // All else is in time: the samples are those of the moment.
+    // Everything else is in time: the samples are current.
     now_ns_ += 200 * kMs;
     input = Input();
     num_steps_ -= num_steps_ % 2;
@@ -283,7 +283,7 @@ TEST_F(PsmClientTest, LoopThatStoodStillHolds) {
   });
 }
 TEST_F(PsmClientTest, ArmThatStaysBehindHolds) {
-  // 0.09 rad behind at 0.1 rad/s.
+  // The arm is 0.09 rad behind at 0.1 rad/s.
   ExpectHold(
       PsmStatus::kNotFollowing,
       [&, stuck = std::optional<PsmJointSample>()](PsmInput& input) mutable {
@@ -296,7 +296,7 @@ TEST_F(PsmClientTest, ArmThatStaysBehindHolds) {
       400, /*bound=*/true);
 }
 TEST_F(PsmClientTest, ArmThatDoesNotComeToRestHolds) {
-  // 559 steps until the end of the move, and more than 2 s.
+  // 559 steps until the end of the move, which is more than 2 s.
   ExpectHold(
       PsmStatus::kNotReached,
       [&](PsmInput& input) {
@@ -356,7 +356,7 @@ TEST_F(PsmClientTest, ArmSaysWhatIsWrong) {
   EXPECT_EQ(client_.Arm(), PsmStatus::kToolNotNamed);
 }
 
-// Consoles may leave velocities out: they are then those of the positions.
+// Consoles may omit velocities, which are then computed from the positions.
 TEST_F(PsmClientTest, VelocityIsThatOfThePositionsWhereNoneComes) {
   ArmNow();
   ASSERT_EQ(client_.MoveTo(Yaw(0.2), 2.0), PsmStatus::kOk);
@@ -365,7 +365,7 @@ TEST_F(PsmClientTest, VelocityIsThatOfThePositionsWhereNoneComes) {
       if (input.measured_js) input.measured_js->has_velocity = false;
     });
   }
-  // In the middle of s^2 (3 - 2 s).
+  // The middle of s^2 (3 - 2 s).
   EXPECT_NEAR(client_.measured_js().velocity[0], 1.5 * 0.2 / 2.0, 1e-3);
 }
 

@@ -85,7 +85,7 @@ class PsmDriverTest : public testing::Test {
     Connect(*driver);
     return driver;
   }
-  // The same, homed and armed.
+  // Advances both by `dt_s`.
   std::unique_ptr<PsmDriver> Armed(const PsmDriverOptions& options = {}) {
     console_.Place(Home());
     auto driver = Connected(options);
@@ -93,7 +93,7 @@ class PsmDriverTest : public testing::Test {
     return driver;
   }
 
-  // Both go on by `dt_s`.
+  // Waits until the driver's participant has found `other`.
   void Step(PsmDriver& driver, double dt_s = 0.01) {
     now_ns_ += std::llround(1e9 * dt_s);
     const std::uint64_t before = driver.client().num_samples();
@@ -131,7 +131,7 @@ class PsmDriverTest : public testing::Test {
   std::int64_t now_ns_ = 0;
   sim::PsmConsole console_;
   dds::Participant server_participant_{{.domain = test::OwnDomain()}};
-  // A state with each tick.
+  // Publishes a state with each tick.
   sim::PsmConsoleServer server_{
       server_participant_, console_, {.state_period_s = 1e-3, .clock = [this] {
                                         return dds::Stamp::FromNanoseconds(wall_ns());

@@ -76,7 +76,7 @@ TEST_F(PsmDriverTest, HomingEndsWithTheArmDisabledWhenItMayNoLongerMove) {
     ASSERT_EQ(driver->Home(), PsmStatus::kOk);
     Until(*driver, [&] { return console_.busy(); });
   }
-  test::Eventually(disabled);  // a driver that goes away leaves no arm that homes
+  test::Eventually(disabled);  // a driver that ends disables an arm that is homing
 }
 
 TEST_F(PsmDriverTest, FaultIsToldInTheConsolesWordsAndNeedsDisableHomeArm) {
@@ -106,12 +106,12 @@ TEST_F(PsmDriverTest, PauseHoldsUntilResumedAndArmed) {
   Until(*driver, [&] { return driver->Arm() == PsmStatus::kOk; });
 }
 
-// A console that stops without a message, and resumes.
+// The console stops without a message and later resumes.
 TEST_F(PsmDriverTest, SilenceHoldsAndNothingRestartsByItself) {
   const auto driver = Armed();
   ASSERT_EQ(driver->MoveTo(Yaw(0.2), 3.0), PsmStatus::kOk);
   Until(*driver, [&] { return driver->client().setpoint()[0] > 0.01; });
-  for (int i = 0; i < 11; ++i) {  // 110 ms, of which 100 are silence that is put up with
+  for (int i = 0; i < 11; ++i) {  // 110 ms, of which 100 are tolerated silence
     now_ns_ += 10'000'000;
     Tick(*driver);
   }
@@ -128,7 +128,7 @@ TEST_F(PsmDriverTest, EveryTopicThatCommandsTheArmIsWatched) {
   dds::Participant intruder({.domain = test::OwnDomain()});
   Meet(intruder);
   const auto driver = Armed();
-  // These do not: topics of another arm, and one with only a common prefix.
+  // These do not hold: topics of another arm, and one with only a common prefix.
   const dds::Publisher<dds::Text> elsewhere(intruder, "/PSM11/servo_cs", dds::Role::kRequest);
   const dds::Publisher<dds::Text> nearby(intruder, "/PSM1/servo", dds::Role::kRequest);
   const auto holds = [&] {
@@ -142,7 +142,7 @@ TEST_F(PsmDriverTest, EveryTopicThatCommandsTheArmIsWatched) {
     const dds::Publisher<dds::PoseStamped> second(intruder, "/PSM1/servo_cp", dds::Role::kCommand);
     holds();
   }
-  // Also those whose types are not known here: any will do.
+  // Topics with unknown types also hold: any type is used here.
   for (const char* topic :
        {"servo_cr", "servo_cs", "servo_cv", "servo_cf", "servo_ci", "servo_jp", "servo_jr",
         "servo_jv", "servo_jf", "body/servo_cf", "spatial/servo_cf", "move_jp", "move_jr",
@@ -155,7 +155,7 @@ TEST_F(PsmDriverTest, EveryTopicThatCommandsTheArmIsWatched) {
   }
 }
 
-// While the loop's time is stopped: the next tick acts on each received message.
+// The loop's time is stopped: the next tick acts on each received message.
 TEST_F(PsmDriverTest, MessagesOfOthersHold) {
   dds::Participant other({.domain = test::OwnDomain(), .name = "other"});
   Meet(other);
@@ -170,7 +170,7 @@ TEST_F(PsmDriverTest, MessagesOfOthersHold) {
     });
     for (int i = 0; i < 3; ++i) Step(*driver);
     test::Eventually([&] {
-      say();  // until it is heard
+      say();  // until the driver has received it
       Tick(*driver);
       return driver->phase() != PsmPhase::kArmed;
     });
@@ -184,7 +184,7 @@ TEST_F(PsmDriverTest, MessagesOfOthersHold) {
   holds(
       PsmStatus::kTeleoperated, [&] { following.Write({true}); },
       [&] { following.Write({false}); });
-  // One that keeps nothing for late joiners.
+  // A publisher that keeps nothing for late joiners.
   dds::Publisher<dds::Flag> enabled(other, "/console/teleop/enabled", dds::Role::kRequest);
   holds(
       PsmStatus::kTeleoperated, [&] { enabled.Write({true}); }, [&] { enabled.Write({false}); });
@@ -196,7 +196,7 @@ TEST_F(PsmDriverTest, MessagesOfOthersHold) {
     Until(*driver, [&] { return driver->Arm() == PsmStatus::kOk; });
   }
   dds::Publisher<dds::Text> tool(other, "/PSM1/tool_type", dds::Role::kEvent);
-  // The same as the console's own, and then others.
+  // First the console's own instrument, then others.
   tool.Write({"LARGE_NEEDLE_DRIVER:400006"});
   holds(PsmStatus::kToolChanged, [&] { tool.Write({"LARGE_NEEDLE_DRIVER_SI:420006"}); });
   holds(
@@ -205,7 +205,7 @@ TEST_F(PsmDriverTest, MessagesOfOthersHold) {
   dds::Publisher<dds::Signal> hold(other, "/PSM1/hold", dds::Role::kRequest);
   dds::Publisher<dds::Signal> free(other, "/PSM1/free", dds::Role::kRequest);
   dds::Publisher<dds::StringStamped> state(other, "/PSM1/state_command", dds::Role::kRequest);
-  // Earlier participants are admitted; one found later is a reason to hold even without a message.
+  // Earlier participants are admitted. One found later is a reason to hold, even without a message.
   test::Eventually([&] { return driver->Requesters().size() == 3; });
   holds(PsmStatus::kForeignMessage, [&] { hold.Write({}); });
   EXPECT_THAT(driver->who(), HasSubstr("'other' at 127.0.0.1 publishes /PSM1/hold"));
@@ -223,11 +223,11 @@ TEST_F(PsmDriverTest, AFloodOfTextsIsCountedAndAnErrorInItIsStillAReason) {
   const auto take = [&] {
     for (ConsoleMessage message; driver->TakeMessage(message);) shown.emplace_back(message.view());
   };
-  for (int i = 0; i < 150; ++i) Step(*driver);  // the console's messages are over
+  for (int i = 0; i < 150; ++i) Step(*driver);  // the console has stopped sending
   take();
   shown.clear();
   for (int i = 0; i < 50; ++i) {
-    // Waits until the driver has received it, without advancing its loop's time.
+    // Waits until the driver has received the message, without advancing its loop's time.
     status.Write({"\x1b[2Jnothing " + std::to_string(i)});
     Tick(*driver);
   }
@@ -258,7 +258,7 @@ TEST_F(PsmDriverTest, ANewParticipantHoldsBeforeItsFirstMessage) {
   ExpectHolds(*driver, PsmStatus::kNewcomer);
   EXPECT_EQ(driver->who(), "'gu?[2Jest' at 127.0.0.1");
   EXPECT_TRUE(driver->Requesters().empty());
-  // Its publications on other topics, and its departure, have no effect.
+  // The participant's publications on other topics and its departure have no effect.
   Until(*driver, [&] { return driver->Arm() == PsmStatus::kOk; });
   {
     const std::uint64_t before = participant_.num_found();
@@ -276,12 +276,13 @@ TEST_F(PsmDriverTest, ANewParticipantHoldsBeforeItsFirstMessage) {
     ExpectHolds(*driver, PsmStatus::kNewcomer);
     EXPECT_EQ(driver->who(), "'gu?[2Jest' at 127.0.0.1 publishes " + topic);
     ASSERT_EQ(driver->Requesters().size(), 1U);
-    // In its presence, after its owner has accepted it.
+    // In the presence of the participant, after the owner of the arm has accepted it.
     Until(*driver, [&] { return driver->Arm() == PsmStatus::kOk; });
   }
 }
 
-// An Si does not accept a Classic's instrument: an arm with one is a Classic in any configuration.
+// An Si does not accept a Classic's instrument: an arm with such an instrument is a Classic in any
+// configuration.
 TEST_F(PsmDriverTest, AnArmSaidToBeAnSiIsNotArmedWithAClassicsInstrument) {
   PsmDriverOptions options;
   options.client.limits.generation = kinematics::PsmGeneration::kSi;
@@ -298,7 +299,7 @@ TEST_F(PsmDriverTest, ASecondConsoleHolds) {
   ExpectHolds(*driver, PsmStatus::kSecondConsole);
 }
 
-// The console moves the arm by itself, where no topic shows it but the set-point.
+// The console moves the arm by itself. Only the topic of the set-point shows this.
 TEST_F(PsmDriverTest, ASetpointThatTheConsoleMovesByItselfHolds) {
   const auto driver = Armed();
   server_.SetFaults({.drop_commands = 1.0});
@@ -315,7 +316,7 @@ TEST_F(PsmDriverTest, HoldTellsTheConsoleAndSoDoesTheEndOfAnArmedDriver) {
   auto driver = Armed();
   dds::Subscriber<dds::Signal> hold(server_participant_, "/PSM1/hold", dds::Role::kRequest);
   dds::Signal signal;
-  // Once for each time that this side has found the driver, and the driver this side.
+  // Waits for each side to find the other.
   const auto until_heard = [&] {
     Until(*driver, [&] { return driver->Arm() == PsmStatus::kOk; });
     driver->Hold();
@@ -347,7 +348,7 @@ TEST(PsmDriverNoConsoleTest, SaysThatNobodyIsThere) {
   EXPECT_THROW(PsmDriver(participant, {.arm = "/PSM1"}), std::invalid_argument);
 }
 
-// It shows only publishers of topics to which this process subscribes.
+// The server shows only publishers of topics to which this process subscribes.
 TEST(PsmDriverServerTest, BehindADiscoveryServerAllWhoCommandTheArmAreFound) {
   dds::ParticipantOptions options{.domain = test::OwnDomain()};
   options.server_port = static_cast<std::uint16_t>(11811 + test::OwnDomain());
@@ -412,7 +413,7 @@ TEST_F(PsmDriverOnCartTest, MovesTheArmInItsOwnFrameByStatesWithTwists) {
   const auto driver = Armed(options);
   EXPECT_TRUE(
       test::AllClose(driver->client().base_frame().matrix(), Cart().base_frame.matrix(), 1e-9));
-  // Discovered by now: nothing is sent on servo_cp any more.
+  // Discovery is complete by now: nothing more is sent on servo_cp.
   Until(*driver, [&] {
     dds::CartesianState state;
     return heard.TakeNewest(state) && state.pose_valid && state.twist_valid;

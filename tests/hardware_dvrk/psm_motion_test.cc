@@ -66,10 +66,10 @@ TEST(PsmMotionTest, EveryStepKeepsToTheSpeedLimits) {
         const double dt = random.Uniform(1e-4, 5e-3);
         motion.Advance(dt);
         const PsmJoints step = (motion.setpoint() - before).cwiseAbs();
-        // The last step may make up for a microsecond of the clocks.
+        // The last step may compensate for a microsecond between the clocks.
         ASSERT_TRUE((step.array() <= (dt + 2e-6) * limits.max_speed.array() + 1e-12).all());
         const double tip = (Psm::Tip(motion.setpoint()) - Psm::Tip(before)).norm();
-        // Between two looks of ShortestDuration() the tip's speed differs by a little.
+        // The tip's speed varies slightly between the samples of ShortestDuration().
         ASSERT_LE(tip, 1.02 * (dt + 2e-6) * limits.max_tip_speed + 1e-9);
       }
       ASSERT_EQ(motion.setpoint(), goal);
@@ -126,14 +126,15 @@ TEST(PsmMotionTest, AnSiArmGoesFartherWhereItIsSaidToBeOne) {
   EXPECT_EQ(si.Start(Psm::Forward(Off(1, 1.2)), 100.0), PsmStatus::kOk);
   si.Rest(HomeJoints());
   EXPECT_EQ(si.Start(Off(0, 2.9), 100.0), PsmStatus::kOk);
-  limits.generation = kinematics::PsmGeneration::kClassic;  // whose own these limits are beyond
+  // These limits exceed the generation's own.
+  limits.generation = kinematics::PsmGeneration::kClassic;
   EXPECT_THROW(PsmMotion(limits, PsmProfile::kSmooth), std::invalid_argument);
 }
 
-// Both ends inside, the way between them not.
+// Both ends are inside, but the path between them is not.
 TEST(PsmMotionTest, WorkspaceHoldsOnTheWayToo) {
   PsmLimits limits;
-  // On a straight way through joint space the tip swings lower in the middle than at both ends.
+  // On a straight path in joint space the tip is lower in the middle than at both ends.
   limits.workspace_min_m << -1.0, -1.0, -0.115;
   PsmMotion motion(limits, PsmProfile::kSmooth);
   motion.Rest(Off(0, -0.5));
@@ -148,18 +149,18 @@ TEST(PsmMotionTest, PoseGoalsAreThoseOfTheirJoints) {
   PsmJoints goal = HomeJoints();
   goal << 0.05, -0.04, 0.13, 0.3, 0.2, -0.1;
   ASSERT_EQ(motion.Start(Psm::Forward(goal), 10.0), PsmStatus::kOk);
-  EXPECT_TRUE(test::AllClose(motion.goal(), goal, 1e-12));  // inverse kinematics' rounding
+  EXPECT_TRUE(test::AllClose(motion.goal(), goal, 1e-12));  // rounding of the inverse kinematics
   Eigen::Isometry3d far = Psm::Forward(goal);
   far.translation().z() = -0.4;
   EXPECT_EQ(motion.Start(far, 100.0), PsmStatus::kBeyondLimits);
   far.translation().setConstant(std::numeric_limits<double>::infinity());
   EXPECT_EQ(motion.Start(far, 100.0), PsmStatus::kInvalidGoal);
-  // 170 degrees of roll to -170: the short way as a pose, the long way as joints.
+  // From 170 degrees of roll to -170: the short way as a pose, the long way as joints.
   motion.Rest(Off(3, 170 * kDegree));
   EXPECT_EQ(motion.Start(Psm::Forward(Off(3, -170 * kDegree)), 100.0), PsmStatus::kUnreachable);
 }
 
-// Withdrawn beyond the remote centre the shaft would point the other way round.
+// Withdrawn beyond the remote centre, the shaft would point in the opposite direction.
 TEST(PsmMotionTest, WayThroughTheRemoteCentreIsRefused) {
   PsmMotion motion = AtHome();
   EXPECT_EQ(motion.Start(Off(2, -0.12), 100.0), PsmStatus::kUnreachable);
@@ -179,7 +180,7 @@ TEST(PsmMotionTest, LimitsThatMakeNoSenseAreRefused) {
   limits.max_speed[4] = 0.0;
   EXPECT_THROW(PsmMotion(limits, PsmProfile::kSmooth), std::invalid_argument);
   limits = {};
-  limits.upper[1] = 2.0;  // beyond the arm's own
+  limits.upper[1] = 2.0;  // beyond the arm's own limit
   EXPECT_THROW(PsmMotion(limits, PsmProfile::kSmooth), std::invalid_argument);
   limits = {};
   limits.workspace_max_m.x() = limits.workspace_min_m.x();

@@ -30,7 +30,8 @@ TEST(PsmStatementsTest, EachCommandHasOneAnswer) {
   EXPECT_FALSE(statements.Take(0, 1, 5020 * kMillisecond));
 }
 
-// The answer to a set-point before the hold comes late, together with that to the hold or before.
+// The answer to a set-point sent before the hold arrives late, together with or before the answer
+// to the hold.
 TEST(PsmStatementsTest, ThoseFromBeforeTheHoldAreNotTheNextSetpoints) {
   for (const bool together : {false, true}) {
     SCOPED_TRACE(together);
@@ -51,7 +52,7 @@ TEST(PsmStatementsTest, ThoseFromBeforeTheHoldAreNotTheNextSetpoints) {
   }
 }
 
-// Within one tick their order is unknown; the hold may have come after the set-point.
+// The order of messages within a tick is unknown: the hold may have arrived after the set-point.
 TEST(PsmStatementsTest, AHoldTogetherWithTheAnswerToASetpointIsAnothers) {
   PsmStatements statements;
   statements.Armed();

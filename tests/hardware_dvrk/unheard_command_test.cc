@@ -13,7 +13,8 @@ using testing::HasSubstr;
 
 class UnheardCommandTest : public PsmDriverTest {
  protected:
-  // Armed and in motion, after the time in which the console may still state its previous control.
+  // Returns a driver armed and in motion, after the time in which the console may still state its
+  // previous control.
   std::unique_ptr<PsmDriver> UnderWay() {
     auto driver = Armed();
     for (int i = 0; i < 20; ++i) Step(*driver);
@@ -43,7 +44,7 @@ TEST_F(UnheardCommandTest, TheConsolesStatementHoldsAndIsTheReason) {
   }
 }
 
-// Suppressed messages are read nevertheless.
+// The driver also reads suppressed messages.
 TEST_F(UnheardCommandTest, AFloodOfTextsHidesNoStatement) {
   dds::Participant other({.domain = test::OwnDomain()});
   dds::Publisher<dds::Text> status(other, "/PSM1/status", dds::Role::kEvent);

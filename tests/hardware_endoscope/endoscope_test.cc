@@ -1,4 +1,4 @@
-// Pictures of GStreamer's pipelines and of DDS topics.
+// Pictures from GStreamer pipelines and DDS topics.
 #include "dfr/hardware/endoscope.h"
 
 #include <gmock/gmock.h>
@@ -28,7 +28,7 @@ using test::Message;
 using test::Noise;
 using test::SmallPictures;
 
-// GStreamer's test pictures, as a capture card's pipeline has them.
+// GStreamer's test pictures, as from a capture card's pipeline.
 std::string Pipeline(const std::string& source) {
   return "videotestsrc " + source +
          " ! video/x-raw,width=64,height=48,framerate=30/1 ! videoconvert ! "
@@ -64,7 +64,7 @@ TEST(PipelineTest, RepeatedPicturesAreFrozenAndBlackOnesDark) {
   Frame frame;
   Eventually([&] { return orange->Grab(frame) == FrameStatus::kFrozen; });
   ASSERT_NE(frame.image.data, nullptr);
-  constexpr int kRounding = 6;                       // of the way through YUV
+  constexpr int kRounding = 6;                       // rounding of the conversion through YUV
   EXPECT_NEAR(frame.image.data[0], 0, kRounding);    // blue
   EXPECT_NEAR(frame.image.data[1], 128, kRounding);  // green
   EXPECT_NEAR(frame.image.data[2], 255, kRounding);  // red
@@ -96,7 +96,8 @@ TEST(TopicTest, PicturesArriveAsTheyWereSent) {
   EXPECT_EQ(std::memcmp(frame.image.data, Noise(which).data, 3UL * kWidth * kHeight), 0);
 }
 
-// Best effort, as ROS 2 sends sensor data: a reliable subscriber would not match.
+// The camera sends best effort, as ROS 2 does for sensor data: a reliable subscriber would not
+// match.
 TEST(TopicTest, ACameraThatRepeatsNothingIsHeard) {
   dds::Participant camera({.domain = test::OwnDomain()});
   dds::Participant participant({.domain = test::OwnDomain()});

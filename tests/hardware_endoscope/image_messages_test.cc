@@ -25,7 +25,7 @@ class ImageMessagesTest : public testing::Test {
     Put(feed_, image, kArrival);
     return feed_.Grab(kArrival, kStamp, frame_);
   }
-  // Blue, green and red of a pixel.
+  // Returns blue, green and red of a pixel.
   std::array<int, 3> Pixel(int row, int col) {
     const std::uint8_t* at = frame_.image.data +
                              static_cast<std::size_t>(row) * frame_.image.stride +
@@ -77,7 +77,7 @@ TEST_F(ImageMessagesTest, CompressedPicturesAreDecoded) {
   cv::imencode(".jpg", cv::Mat(kHeight, kWidth, CV_8UC3, cv::Scalar(60, 120, 180)), message.data);
   ASSERT_EQ(StatusOf(message), FrameStatus::kOk);
   const std::array<int, 3> middle = Pixel(kHeight / 2, kWidth / 2);
-  EXPECT_NEAR(middle[0], 60, 4);  // jpeg's loss on a plain colour
+  EXPECT_NEAR(middle[0], 60, 4);  // loss of JPEG on a plain colour
   EXPECT_NEAR(middle[1], 120, 4);
   EXPECT_NEAR(middle[2], 180, 4);
   message.data.assign(100, 7);

@@ -94,7 +94,7 @@ TEST_F(IntrinsicsFileTest, OpenCvReadsAndWritesTheSame) {
   }
 }
 
-// As camera_calibration of ROS writes them, without OpenCV's first line and types.
+// Files as written by ROS's camera_calibration, without OpenCV's first line and types.
 TEST_F(IntrinsicsFileTest, RosFilesAreRead) {
   const auto path = Write(
       "image_width: 640\nimage_height: 480\ncamera_name: ecm_left\ncamera_matrix:\n  rows: 3\n  "
@@ -124,7 +124,7 @@ TEST_F(IntrinsicsFileTest, OtherWaysToWriteYamlAreRead) {
   EXPECT_EQ(camera.distortion[3], 1e-3);
 }
 
-// OpenCV's parser crashed on the first and threw from within the library on the second.
+// OpenCV's parser crashed on the first file and threw an unhandled exception on the second.
 TEST_F(IntrinsicsFileTest, FilesThatOpenCvCannotBearAreErrors) {
   for (const char* name : {"intr_segv.yml", "intr_length_error.yml"}) {
     const auto path = std::filesystem::path(DFR_REGRESSIONS) / "intrinsics" / name;

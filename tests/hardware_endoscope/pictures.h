@@ -12,7 +12,7 @@ namespace dfr::test {
 constexpr int kWidth = 64;
 constexpr int kHeight = 48;
 
-/// For pictures of that size without an age limit; tests with a separate clock set one.
+/// Options for pictures of that size without an age limit. Tests with a separate clock set a limit.
 inline hardware::EndoscopeOptions SmallPictures() {
   hardware::EndoscopeOptions options;
   options.width = kWidth;

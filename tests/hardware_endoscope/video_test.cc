@@ -1,4 +1,4 @@
-// Video files, played by a clock that the test moves.
+// Video files, played on a clock that the test advances.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -41,7 +41,7 @@ class VideoTest : public testing::Test {
   }
   ~VideoTest() override { std::filesystem::remove_all(folder_); }
 
-  // Lossless: pictures are read back exactly.
+  // Writes a lossless video: pictures are read back exactly.
   std::string Video(int num_frames, double rate) {
     std::string path = (folder_ / "video.avi").string();
     cv::VideoWriter writer(path, cv::CAP_FFMPEG, cv::VideoWriter::fourcc('F', 'F', 'V', '1'), rate,
@@ -55,7 +55,7 @@ class VideoTest : public testing::Test {
     return dfr::test::MessageOf<std::runtime_error>([&] { (void)OpenVideo(source, options); });
   }
 
-  // The file at a pace that the test sets.
+  // Plays the file at a speed that the test sets.
   std::unique_ptr<Endoscope> Play(const std::string& path) {
     return internal::OpenVideo(path, test::SmallPictures(),
                                [this](double time_s, const std::atomic<bool>& stop) {
@@ -93,7 +93,7 @@ TEST_F(VideoTest, FilePlaysInItsOwnTimeAndEnds) {
     EXPECT_EQ(frame_.sequence, i + 1) << "20 pictures a second";
     EXPECT_EQ(frame_.num_missed, 0U);
     EXPECT_EQ(frame_.image.width, kWidth);
-    // Colours go through YUV in this codec: a few grey values off.
+    // This codec converts colours through YUV, with errors of a few grey values.
     const cv::Mat expected = Noise(i);
     double worst = 0.0;
     for (int row = 0; row < kHeight; ++row) {
@@ -138,7 +138,7 @@ TEST_F(VideoTest, TruncatedFileIsToldFromOneThatEnded) {
     });
     EXPECT_EQ(status, FrameStatus::kTruncated);
   }
-  // Only the file's head: no picture.
+  // Keeps only the head of the file, without a picture.
   std::filesystem::resize_file(path, 300);
   EXPECT_THAT(ErrorOf(path, test::SmallPictures()),
               HasSubstr("is not a video that can be decoded"));

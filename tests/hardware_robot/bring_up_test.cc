@@ -27,7 +27,7 @@ class BringUpTest : public testing::Test {
       return static_cast<int>(words_.size()) <= yes;
     };
   }
-  // The error; empty after success.
+  // Returns the error; empty after success.
   std::string Refusal(const Confirms& confirms) {
     try {
       BringUp(
@@ -147,7 +147,7 @@ TEST_F(BringUpTest, PowersUpOnlyAfterOthersAreAccepted) {
   EXPECT_EQ(robot_.arm.homings, 0);
 }
 
-// Lists them, and asks about each one once.
+// Lists earlier participants, and asks about each one once.
 TEST_F(BringUpTest, TheOperatorAcceptsThoseWhoWereThereBefore) {
   Company company;
   const Say say = [this](std::string_view text) { said_ += std::string(text) + '\n'; };

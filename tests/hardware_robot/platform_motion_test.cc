@@ -1,4 +1,4 @@
-// The platform of a run, whose port is an emulator's.
+// The platform of a run, on an emulator's port.
 #include "dfr/hardware/platform_motion.h"
 
 #include <gtest/gtest.h>
@@ -25,11 +25,11 @@ class PlatformMotionTest : public testing::Test {
     options.motion.frequency_hz[0] = 0.1;
     platform_.emplace(options);
   }
-  // As soon as the frame before is over.
+  // Begins when the previous frame has ended.
   void Begin() {
     test::Eventually([this] { return platform_->Begin().ok(); });
   }
-  // The letters of the first `count` commands.
+  // Returns the letters of the first `count` commands.
   [[nodiscard]] std::string Arrived(std::size_t count) {
     std::string letters;
     for (const auto& command : port_.Await(count)) letters += command.letter;

@@ -30,7 +30,7 @@ PlatformPose Pose(double x, double y, double z, double yaw = 0.0) {
   return pose;
 }
 
-// A driver at an emulated platform, on a clock that the test moves.
+// A driver at an emulated platform, on a clock that the test advances.
 class SprkDriverTest : public testing::Test {
  protected:
   [[nodiscard]] SprkOptions Options() {
@@ -69,7 +69,7 @@ TEST_F(SprkDriverTest, EveryFrameArrivesInOnePiece) {
       test::AllClose(commands.back().Pose().angles_rad, driver.commanded().angles_rad, 1e-15));
 }
 
-// A frame must be sent in one write: the emulator shows the firmware's reaction otherwise.
+// A frame must be sent in one write. The emulator reproduces the firmware's reaction to two writes.
 TEST_F(SprkDriverTest, FrameInTwoWritesIsMisunderstood) {
   const SprkDriver raw_mode(Options());
   const int fd = ::open(emulator_.device().c_str(), O_WRONLY | O_NOCTTY);
@@ -119,7 +119,7 @@ TEST_F(SprkDriverTest, EstimateIsTheCommandThroughTheLag) {
   SprkDriver driver(Options());
   ASSERT_EQ(driver.Home(), SprkStatus::kOk);
   Wait(1.0);
-  // 20 steps of the protocol; the rounding shows in the estimate.
+  // 20 steps of the protocol. The estimate includes the rounding.
   ASSERT_EQ(driver.MoveTo(Pose(0.00509, 0, 0)), SprkStatus::kOk);
   EXPECT_NEAR(driver.commanded().translation_m.x(), 0.00508, 1e-15);
   Wait(0.2);
@@ -138,7 +138,7 @@ TEST_F(SprkDriverTest, HoldStopsWhereThePlatformIs) {
   ASSERT_EQ(driver.Hold(), SprkStatus::kOk);
   Wait(5.0);
   const PlatformPose after = driver.Estimate().pose;
-  // Half a step of the protocol.
+  // half a step of the protocol
   EXPECT_TRUE(test::AllClose(after.translation_m, here.translation_m, 0.000128));
   EXPECT_TRUE(test::AllClose(after.angles_rad, here.angles_rad, 0.5001 * kDegree));
   const auto commands = emulator_.Await(3);
@@ -179,7 +179,7 @@ TEST_F(SprkDriverTest, PulledPlugIsToldAndFinal) {
   EXPECT_EQ(driver.Hold(), SprkStatus::kDeviceFailed);
 }
 
-// Detects it without sending anything, and ignores the firmware's output.
+// The driver detects this without sending anything, and ignores the firmware's output.
 TEST_F(SprkDriverTest, PulledPlugIsSeenWithoutACommand) {
   SprkDriver driver(Options());
   EXPECT_EQ(driver.Check(), SprkStatus::kOk) << "before it is home, too";
@@ -193,7 +193,7 @@ TEST_F(SprkDriverTest, PulledPlugIsSeenWithoutACommand) {
   EXPECT_EQ(driver.Hold(), SprkStatus::kDeviceFailed);
 }
 
-// A port whose other end does not read: the frame that does not fit is a failure, not a wait.
+// The other end of the port does not read: a frame that does not fit fails instead of waiting.
 TEST_F(SprkDriverTest, FullPortFailsInsteadOfBlocking) {
   const int master = ::posix_openpt(O_RDWR | O_NOCTTY);
   ASSERT_GE(master, 0);
@@ -245,7 +245,7 @@ TEST_F(SprkDriverTest, ClosingFreesThePort) {
   EXPECT_EQ(OpenError(emulator_.device()), "nothing thrown");
 }
 
-// Right behind another frame Hold() and Home() wait until the firmware can take theirs.
+// Directly after another frame, Hold() and Home() wait until the firmware can receive theirs.
 TEST_F(SprkDriverTest, HoldAndHomeWaitForTheFirmware) {
   SprkDriver driver(Options());
   ASSERT_EQ(driver.Home(), SprkStatus::kOk);

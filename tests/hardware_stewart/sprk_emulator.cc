@@ -30,7 +30,7 @@ SprkEmulator::~SprkEmulator() {
 
 void SprkEmulator::Print(std::string_view text) const {
   pollfd room{master_, POLLOUT, 0};
-  // Unread output fills the port's buffer and is then lost.
+  // Unread output fills the port's buffer; further output is lost.
   if (::poll(&room, 1, 0) > 0) static_cast<void>(!::write(master_, text.data(), text.size()));
 }
 
@@ -48,7 +48,7 @@ void SprkEmulator::Run() {
     ::poll(ready.data(), ready.size(), -1);
     if (ready[1].revents != 0) return;
     if ((ready[0].revents & POLLIN) == 0 || hangs_) {
-      // No program has the port open, or there is more than is read: poll() does not wait.
+      // No program has the port open, or it has not read all output: poll() returns at once.
       ::poll(&ready[1], 1, 2);
       continue;
     }

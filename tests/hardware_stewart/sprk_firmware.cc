@@ -7,7 +7,7 @@ namespace {
 
 constexpr double kPi = 3.14159265358979323846;
 
-// The bytes that are there; the firmware reads -1 when there is none.
+// The available bytes; the firmware reads -1 after the last one.
 class Bytes {
  public:
   explicit Bytes(std::string_view bytes) : bytes_(bytes) {}

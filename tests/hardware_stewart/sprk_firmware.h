@@ -9,19 +9,19 @@
 
 namespace dfr::test {
 
-/// The platform's firmware, including its bugs: it takes the available bytes for the whole frame (a
-/// missing one reads as -1), checks no range, saturates silently at the end of the mechanism's
+/// The platform's firmware, including its bugs: it treats the available bytes as the whole frame (a
+/// missing byte reads as -1), checks no range, saturates silently at the end of the mechanism's
 /// reach, turns pitch and yaw left-handed, and multiplies the sine's frequencies by 2 pi but not
 /// the breath's.
 class SprkFirmware {
  public:
   struct Command {
     char letter = 0;
-    /// As the firmware decodes them: inches and degrees, in its own directions.
+    /// Values as decoded by the firmware: inches and degrees, with its signs.
     Eigen::Matrix<double, 6, 1> values = Eigen::Matrix<double, 6, 1>::Zero();
     Eigen::Matrix<double, 6, 1> rad_per_s = Eigen::Matrix<double, 6, 1>::Zero();
-    bool whole = true;       ///< All of its bytes were there.
-    bool saturated = false;  ///< Somewhere on its way the mechanism ends.
+    bool whole = true;       ///< True if all of its bytes arrived.
+    bool saturated = false;  ///< True if the motion reaches the end of the mechanism.
 
     /// Entry values in m and rad, right-handed.
     [[nodiscard]] kinematics::PlatformPose Pose() const;
@@ -29,7 +29,7 @@ class SprkFirmware {
     [[nodiscard]] kinematics::PlatformPose PoseAt(double time_s) const;
   };
 
-  /// Bytes that arrived together.
+  /// Receives bytes that arrive together.
   void Receive(std::string_view bytes);
   [[nodiscard]] const std::vector<Command>& commands() const noexcept { return commands_; }
 

@@ -16,7 +16,7 @@ kinematics::PlatformPose Pose(double x, double yaw) {
   return pose;
 }
 
-// dx/dt = (c - x) / tau, integrated by small steps; the command changes twice on the way.
+// dx/dt = (c - x) / tau, integrated in small steps. The command changes twice.
 TEST(SprkLagTest, SolvesTheLagsEquation) {
   SprkLag lag;
   lag.Rest(Pose(0.0, 0.1), 5.0);
@@ -30,7 +30,8 @@ TEST(SprkLagTest, SolvesTheLagsEquation) {
       x.angles_rad += kStep / 0.2 * (command.angles_rad - x.angles_rad);
     }
     time_s += 0.15;
-    // Euler's method is off by its step times the second derivative, 0.3 rad / tau^2 at most.
+    // The error of Euler's method is its step times the second derivative, which is at most 0.3 rad
+    // / tau^2.
     EXPECT_TRUE(test::AllClose(lag.At(time_s).translation_m, x.translation_m, 1e-5));
     EXPECT_TRUE(test::AllClose(lag.At(time_s).angles_rad, x.angles_rad, 1e-4));
   }

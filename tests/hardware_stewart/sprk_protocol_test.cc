@@ -37,7 +37,7 @@ test::SprkFirmware::Command Decoded(std::string_view bytes) {
   return firmware.commands().empty() ? test::SprkFirmware::Command{} : firmware.commands().back();
 }
 
-// Written out by hand from the protocol's description.
+// Encoded by hand from the protocol's description.
 TEST(SprkProtocolTest, FramesAreThoseOfTheDescription) {
   SprkPositionFrame frame;
   PlatformPose sent;
@@ -85,7 +85,7 @@ TEST(SprkProtocolTest, FirmwareUnderstandsWhatWasSent) {
     const auto command = Decoded(Text(frame));
     ASSERT_TRUE(command.whole);
     ASSERT_FALSE(command.saturated);
-    // Inches and degrees in binary: a few units in the last place.
+    // Inches and degrees in binary differ by a few units in the last place.
     ASSERT_TRUE(test::AllClose(command.Pose().translation_m, sent.translation_m, 1e-16));
     ASSERT_TRUE(test::AllClose(command.Pose().angles_rad, sent.angles_rad, 1e-15));
     // Half a step.
@@ -182,7 +182,7 @@ TEST(SprkProtocolTest, WavesStayWithinReach) {
     EXPECT_FALSE(command.saturated) << "trial " << trial;
     EXPECT_TRUE(test::AllClose(command.Pose().translation_m, sent.amplitude.translation_m, 1e-16));
     EXPECT_TRUE(test::AllClose(command.Pose().angles_rad, sent.amplitude.angles_rad, 1e-15));
-    // Half a step: 0.005 Hz, or rad/s.
+    // half a step: 0.005 Hz or rad/s
     const double half = kind == SprkWaveKind::kSine ? 0.0050001 : 0.0050001 / (2 * M_PI);
     EXPECT_TRUE(test::AllClose(sent.frequency_hz, wave.frequency_hz, half));
     EXPECT_TRUE(test::AllClose(command.rad_per_s, 2 * M_PI * sent.frequency_hz, 1e-14));

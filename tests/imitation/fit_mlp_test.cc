@@ -55,7 +55,7 @@ Matrix Controls(const MlpPolicy& policy, const Matrix& states) {
 }
 
 // Without a hidden layer the minimum is that of linear least squares, which all methods must reach.
-// Adam's data are free of noise: its minima per batch agree, and it can converge.
+// Adam's data are free of noise: the minima of all batches agree, and Adam can converge.
 TEST(FitMlpTest, AllMethodsFindTheLeastSquaresSolution) {
   const LinearCase exact(300);
   FitReport report;
@@ -73,7 +73,8 @@ TEST(FitMlpTest, AllMethodsFindTheLeastSquaresSolution) {
     const MlpPolicy policy =
         FitMlp(Layout(), noisy.states, noisy.controls, {.hidden = {}, .method = method}, &report);
     EXPECT_TRUE(report.converged) << report.message;
-    // The loss is within 1e-9 of its minimum, so the controls within the root of that.
+    // The loss is within 1e-9 of its minimum, and the controls are therefore within the square root
+    // of that.
     EXPECT_TRUE(test::AllClose(Controls(policy, noisy.states), Matrix(design * solution), 1e-4));
   }
 }
@@ -95,8 +96,8 @@ TEST(FitMlpTest, WeightDecayGivesRidgeRegression) {
   }
 }
 
-// A network can be found again from its outputs, up to the symmetries of its units: the loss is
-// zero at the minimum.
+// A network can be recovered from its outputs, up to the symmetries of its units: the loss at the
+// minimum is zero.
 TEST(FitMlpTest, MinimisersFitWhatASmallNetworkMade) {
   core::Random random(2);
   Matrix states(400, 3);

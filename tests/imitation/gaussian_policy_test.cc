@@ -52,8 +52,8 @@ TEST(GaussianPolicyTest, SamplesHaveTheMeanAndDeviationOfThePolicy) {
   }
 }
 
-// The noise is added before the clipping: with a mean of 5 and a limit of 1 no sample is inside,
-// where clipping the mean first would bring half of them in.
+// The noise is added before the clipping: with a mean of 5 and a limit of 1 no sample is inside. If
+// the mean were clipped first, half of the samples would be inside.
 TEST(GaussianPolicyTest, NoiseIsAddedBeforeClipping) {
   const GaussianPolicy policy = Policy(1.0);
   core::Random random(2);

@@ -69,7 +69,7 @@ TEST(LocallyWeightedPolicyTest, FarAwayItStillGivesAControlWithinTheLimits) {
   for (const double entry : u) EXPECT_LE(std::abs(entry), 1.0);
 }
 
-// A law that bends needs a narrow width, a straight one under noise a wide one.
+// A curved law needs a narrow width, a straight law with noise a wide one.
 TEST(CrossValidatedWidthTest, FollowsTheLaw) {
   auto demonstrations = Linear();
   core::Random random(3);

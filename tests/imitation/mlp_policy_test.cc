@@ -134,7 +134,7 @@ TEST(MlpPolicyTest, WrongFilesAreRefusedByName) {
   other.Save(folder / "support.dfr");
   EXPECT_THAT(load("support.dfr"), HasSubstr("support"));
 
-  // Parts that do not fit together, in an undamaged file.
+  // Inconsistent parts in an undamaged file.
   core::ArchiveWriter writer("mlp-policy", 1);
   writer.Integer(1);
   writer.Text("object");

@@ -27,7 +27,7 @@ Eigen::VectorXd RandomVector(Eigen::Index size, std::uint64_t seed) {
   return RandomMatrix(size, 1, seed).col(0);
 }
 
-// Random biases too, which a fresh network does not have.
+// Includes random biases, which a new network does not have.
 Mlp RandomMlp(std::vector<int> sizes, std::uint64_t seed) {
   Mlp mlp(std::move(sizes));
   mlp.SetParameters(0.5 * RandomVector(mlp.num_parameters(), seed));
@@ -96,7 +96,8 @@ TEST(MlpTest, BackwardIsTheGradientByTheParameters) {
     mlp.Forward(x, workspace);
     mlp.Backward(x, weights, workspace, gradient);
     const Eigen::VectorXd theta = mlp.parameters();
-    // A large network is sampled: every 37th parameter meets each layer's weights and biases.
+    // In a large network, every 37th parameter is tested, which covers each layer's weights and
+    // biases.
     const Eigen::Index stride = mlp.num_parameters() > 500 ? 37 : 1;
     for (Eigen::Index i = 0; i < theta.size(); i += stride) {
       Eigen::VectorXd moved = theta;
@@ -106,7 +107,8 @@ TEST(MlpTest, BackwardIsTheGradientByTheParameters) {
       moved[i] = theta[i] - kStep;
       mlp.SetParameters(moved);
       const double below = Loss(mlp, x, weights);
-      // Central differences: step^2 times a third derivative around 10, and rounding / step.
+      // Errors of central differences: step^2 times a third derivative of about 10, and rounding /
+      // step.
       ASSERT_NEAR(gradient[i], (above - below) / (2.0 * kStep), 2e-8) << "parameter " << i;
     }
   }
@@ -192,7 +194,8 @@ TEST(MlpTest, FreshNetworksDependOnTheirSeedOnlyAndHaveTheDocumentedSpread) {
   EXPECT_NE(a.parameters(), c.parameters());
   EXPECT_EQ(a.parameters().segment(8000, 80).norm(), 0.0);
   EXPECT_EQ(a.parameters().tail(60).norm(), 0.0);
-  // Relative standard error of a standard deviation from n draws: 1/sqrt(2n); four of them.
+  // The relative standard error of a standard deviation from n draws is 1/sqrt(2n); the limit is
+  // four of them.
   const double hidden = a.parameters().head(8000).norm() / std::sqrt(8000.0);
   EXPECT_NEAR(hidden, 0.1, 4.0 * 0.1 / std::sqrt(16000.0));
   const double output = a.parameters().segment(8080, 4800).norm() / std::sqrt(4800.0);
@@ -243,7 +246,7 @@ TEST(MlpTest, AFileWithAnotherNumberOfParametersIsRefusedByName) {
   EXPECT_THAT(message, HasSubstr("37 parameters, not 36"));
 }
 
-// A few sizes can ask for any number of weights: these asked for 5 GB and for 800 GB.
+// A few sizes can request any number of weights: these requested 5 GB and 800 GB.
 TEST(MlpTest, ASmallFileMayNotAskForALargeNetwork) {
   const test::TempFolder folder;
   for (const int layers : {600, 100'000}) {

@@ -10,8 +10,8 @@
 
 namespace dfr::test {
 
-/// A point in the plane that moves by a tenth of the control, and a goal to reach. Collides where
-/// it leaves the square of side 4.
+/// A point in the plane that moves by a tenth of the control, and a goal to reach. Collides on
+/// leaving the square of side 4.
 class PointPlant final : public core::Plant {
  public:
   PointPlant() {

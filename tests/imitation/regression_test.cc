@@ -74,7 +74,7 @@ TEST(AdamTest, StepsAreThoseOfTheAlgorithm) {
       const double v_hat = v[i] / (1 - std::pow(kBeta2, t));
       expected[i] -= kRate * m_hat / (std::sqrt(v_hat) + kEpsilon);
     }
-    // 50 steps of size 0.05, each with a few roundings.
+    // 50 steps of size 0.05, each rounded several times.
     ASSERT_TRUE(test::AllClose(actual, expected, 1e-14)) << "step " << t;
   }
 }
@@ -91,7 +91,7 @@ TEST(AdamTest, EveryEpochVisitsEveryRowOnce) {
   FitByAdam(inputs, targets, 1, 7, 0.0, adam, random, mlp);
   EXPECT_TRUE(test::AllClose(mlp.parameters(), Eigen::VectorXd::Constant(8, kRate), 1e-10));
 
-  // In batches of 3, 3 and 1 every weight moves as well, none by more than three steps' worth.
+  // In batches of 3, 3 and 1, every weight moves, and none by more than three steps.
   Mlp other({7, 1});
   Adam fresh(other.num_parameters(), kRate);
   FitByAdam(inputs, targets, 1, 3, 0.0, fresh, random, other);

@@ -28,7 +28,7 @@ class TempFolder {
   std::filesystem::path path_;
 };
 
-/// Returns the message of the call's exception, or a remark that it throws nothing.
+/// Returns the message of the call's exception, or a note that it throws nothing.
 template <typename Exception, typename Call>
 std::string Message(Call call) {
   try {

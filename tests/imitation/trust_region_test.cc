@@ -50,7 +50,7 @@ TEST(TrustRegionTest, GradientIsThatOfTheSurrogate) {
     const double above = problem.Evaluate(theta).gain;
     theta[i] -= 2.0 * kStep;
     const double below = problem.Evaluate(theta).gain;
-    // step^2 times third derivatives of order 10.
+    // The error is step^2 times third derivatives of order 10.
     EXPECT_NEAR(problem.gradient()[i], (above - below) / (2.0 * kStep), 1e-8) << "entry " << i;
   }
 }
@@ -78,7 +78,7 @@ TEST(TrustRegionTest, FisherVectorProductIsTheHessianOfTheKl) {
   }
 }
 
-// Against the sample mean of log(pi_old / pi_new) over controls drawn from the old policy.
+// Compares with the sample mean of log(pi_old / pi_new) over controls drawn from the old policy.
 TEST(TrustRegionTest, KlIsTheMeanLogRatioOfTheDensities) {
   const Eigen::Vector2d old_log_std(-0.4, 0.1), new_log_std(-0.2, -0.1);
   Mlp mlp({1, 2});
@@ -109,7 +109,7 @@ TEST(TrustRegionTest, ConjugateGradientSolvesInAsManyStepsAsUnknowns) {
   const Eigen::MatrixXd a = root * root.transpose() + Eigen::MatrixXd::Identity(8, 8);
   const Eigen::VectorXd b = RandomMatrix(random, 8, 1).col(0);
   const auto product = [&](const Eigen::VectorXd& v, Eigen::VectorXd& out) { out = a * v; };
-  // The condition number is below 100; conjugacy is lost by about that times rounding.
+  // The condition number is below 100. The loss of conjugacy is about that times rounding.
   EXPECT_TRUE(
       test::AllClose(ConjugateGradient(product, b, 8), core::SolveSymmetric(a, b).col(0), 1e-8));
   EXPECT_EQ(ConjugateGradient(product, Eigen::VectorXd::Zero(8), 8).norm(), 0.0);

@@ -51,7 +51,7 @@ TEST(CoverRadiusTest, NoStateThatDeepInsideIsFurtherFromAllSamples) {
   }
 }
 
-// Samples in one place are one kernel, whose support is a ball of exactly the plain radius.
+// Identical samples form one kernel, whose support is a ball of exactly the plain radius.
 TEST(CoverRadiusTest, IsAttainedByASingleKernel) {
   const core::Matrix samples = core::Matrix::Constant(10, 3, 0.7);
   const auto svm = OneClassSvm::Fit(samples, {.nu = 0.5, .gamma = 2.0});
@@ -62,12 +62,12 @@ TEST(CoverRadiusTest, IsAttainedByASingleKernel) {
   EXPECT_EQ(CoverRadius(svm, -1.0), 0.0) << "nothing is that deep inside";
 }
 
-// Two distant samples share the weight: near one, the other has almost no effect.
+// Two distant samples share the weight. Near one of them, the other has almost no effect.
 TEST(CoverRadiusTest, IsSmallerThanThePlainRadiusWhereSamplesAreSpread) {
   core::Matrix samples(2, 1);
   samples << -5.0, 5.0;
   const auto svm = OneClassSvm::Fit(samples, {.nu = 0.9, .gamma = 1.0});
-  // .5 exp(-d^2) = .5 exp(-level), for rho is .5 but for exp(-100).
+  // .5 exp(-d^2) = .5 exp(-level), because rho is .5 up to exp(-100).
   const double level = 0.49;
   EXPECT_NEAR(CoverRadius(svm, level), 0.7, 0.7 * 0.02);
   EXPECT_GT(std::sqrt((level - std::log(svm.rho())) / svm.gamma()), 1.0);

@@ -67,7 +67,7 @@ TEST(OneClassSvmDecisionTest, BrokenSensorsReadAsOutside) {
   EXPECT_EQ(svm.Gradient(fine, long_gradient), -kEndless);
   EXPECT_EQ(svm.LogGradient(fine, long_gradient), -kEndless);
   EXPECT_THAT(long_gradient, testing::Each(0.0));
-  // Far, but finite: no kernel reaches it.
+  // Distant but finite: outside the reach of every kernel.
   const std::vector<double> far = {1e300, -1e300, 0.0};
   EXPECT_EQ(svm.Decision(far), -svm.rho());
   EXPECT_EQ(svm.Gradient(far, gradient), -svm.rho());
@@ -136,12 +136,12 @@ TEST(OneClassSvmDecisionTest, SinglePrecisionIsWithinAMillionthOfTheSum) {
     EXPECT_NEAR(single.LogDecision(x), svm.LogDecision(x), 1e-6);
     single.Gradient(x, a);
     svm.Gradient(x, b);
-    // Each summand of the gradient is at most 2 gamma |x - x_i| = 2 of the sum.
+    // The error is at most 2 gamma |x - x_i| = 2 times that of the sum, for each summand.
     for (std::size_t k = 0; k < 9; ++k) EXPECT_NEAR(a[k], b[k], 2e-6 * sum);
   }
 }
 
-// The bound of InSinglePrecision(), which grows with the number of entries.
+// The bound of InSinglePrecision(), which increases with the number of entries.
 TEST(OneClassSvmDecisionTest, SinglePrecisionIsWithinItsBoundForManyEntries) {
   core::Random random(50);
   for (const int n : {1, 30, 300, 2048}) {
@@ -170,7 +170,8 @@ TEST(OneClassSvmDecisionTest, LogDecisionHasTheSignOfGAndReachesFar) {
       EXPECT_NEAR(svm.LogDecision(x), std::log((g + svm.rho()) / svm.rho()),
                   1e-12 * svm.rho() / (g + svm.rho()) + 1e-12);
     }
-    // Far away one term remains: l = log a_i - gamma |x - x_i|^2 - log rho, by definition.
+    // Far from the samples one term remains: l = log a_i - gamma |x - x_i|^2 - log rho, by
+    // definition.
     const std::vector<double> far = {40.0, -30.0, 20.0};
     double largest = -kEndless;
     double total = 0.0;
@@ -211,7 +212,8 @@ TEST(OneClassSvmDecisionTest, ValuesAndGradientsAreThoseOfTheDefinitionForLongSt
       std::vector<double> x(static_cast<std::size_t>(dim), 0.0);
       x.back() = last;
       const double near = std::exp(-kGamma * (last - 1.0) * (last - 1.0));
-      const double share = std::exp(-kGamma * (2.0 * last - 1.0));  // of the first point's term
+      // Share of the first point's term.
+      const double share = std::exp(-kGamma * (2.0 * last - 1.0));
       const double log_sum = std::log(0.5 * (1.0 + share)) - kGamma * (last - 1.0) * (last - 1.0);
       const double slope = 2.0 * kGamma * (1.0 / (1.0 + share) - last);
       std::vector<double> gradient(x.size(), 1.0);
@@ -244,7 +246,8 @@ TEST(OneClassSvmDecisionTest, GradientsAreDerivatives) {
       x[k] = at - kStep;
       // Truncation h^2 gamma^1.5 and rounding 1e-16 / h are both below 1e-9.
       EXPECT_NEAR(gradient[k], (ahead - svm.Decision(x)) / (2.0 * kStep), 1e-8);
-      // Rounding of l, about 1e-15, over the step; truncation is gamma^2 h^2.
+      // The error is the rounding of l, about 1e-15, divided by the step. Truncation is gamma^2
+      // h^2.
       EXPECT_NEAR(log_gradient[k], (log_ahead - svm.LogDecision(x)) / (2.0 * kStep), 3e-8);
       x[k] = at;
     }
@@ -253,8 +256,8 @@ TEST(OneClassSvmDecisionTest, GradientsAreDerivatives) {
 
 // The ball of core::LogDecisionFunction::curvature_bound() at x, with c = gamma.
 struct Ball {
-  std::vector<double> shift;  // of the centre, from x
-  double radius = 0.0;        // NaN: there is none
+  std::vector<double> shift;  // from x to the centre
+  double radius = 0.0;        // NaN: no ball exists
   double worst = 0.0;         // largest allowed change of state
 
   Ball(const OneClassSvm& svm, std::span<const double> x) : shift(x.size()) {
@@ -269,7 +272,7 @@ struct Ball {
   }
 };
 
-// The bound is a proof: no state of the ball is outside, and the ball is larger than g / L.
+// The bound is proved: no state of the ball is outside, and the ball is larger than g / L.
 TEST(OneClassSvmDecisionTest, NoStateOfTheBallOfTheCurvatureBoundIsOutside) {
   core::Random random(38);
   const core::Matrix samples = Tube(150, 3, random);
@@ -301,7 +304,7 @@ TEST(OneClassSvmDecisionTest, NoStateOfTheBallOfTheCurvatureBoundIsOutside) {
   EXPECT_GT(radius_sum, 1.5 * lipschitz_sum);
 }
 
-// One kernel: the support is a ball, which the bound finds exactly wherever one stands.
+// With one kernel the support is a ball, which the bound finds exactly from every state.
 TEST(OneClassSvmDecisionTest, TheBallOfOneKernelIsItsSupport) {
   const auto one =
       OneClassSvm::FromParts(core::Matrix::Zero(1, 1), Eigen::VectorXd::Ones(1), 2.0, 0.5);

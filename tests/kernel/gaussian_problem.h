@@ -56,7 +56,7 @@ inline Reference LongDouble(const Problem& p, std::span<const double> x) {
   return result;
 }
 
-// The kinds of states that a broken or hostile caller may send.
+// Kinds of states that a faulty or hostile caller may send.
 enum class QueryKind { kRandom, kNear, kEqual, kFar, kVeryFar, kDenormal, kHuge, kMixed };
 inline constexpr int kKinds = 8;
 
@@ -74,7 +74,7 @@ inline void Fill(QueryKind kind, const Problem& p, core::Random& random, std::sp
       case QueryKind::kEqual:
         x[k] = own;
         break;
-      case QueryKind::kFar:  // some terms are left
+      case QueryKind::kFar:  // some terms remain
         x[k] = own + 10.0 * random.Normal();
         break;
       case QueryKind::kVeryFar:  // none is
@@ -96,9 +96,9 @@ inline void Fill(QueryKind kind, const Problem& p, core::Random& random, std::sp
   }
 }
 
-/// g = sum - rho on so many states, an eighth of each kind, with every instruction set. It is
-/// judged relative to max(sum, rho), with rho = 0.1: where they cancel there is no relative
-/// accuracy.
+/// g = sum - rho on so many states, an eighth of each kind, with every instruction set. The error
+/// is relative to max(sum, rho), with rho = 0.1, because g has no relative accuracy where both
+/// cancel.
 inline void CheckDecisions(int states) {
   const Problem p(24, 9, 1.0 / 9.0, 13);
   std::vector<SumTerms<double>> in_double;

@@ -5,8 +5,8 @@
 namespace dfr::kernel::internal {
 namespace {
 
-// Takes seconds: the reference is long double. This number of states is likely to include the rare
-// exponents at which float rounds worst.
+// Takes seconds, because the reference uses long double. This number of states is likely to include
+// the rare exponents at which float rounds worst.
 TEST(GaussianSumTargetsTest, GIsAccurateOnAMillionRandomAndAdversarialStates) {
   CheckDecisions(1'000'000);
 }

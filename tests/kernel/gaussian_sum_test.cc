@@ -40,7 +40,7 @@ TEST_P(GaussianSumTest, DoubleAgreesWithLongDouble) {
         for (double& v : x) v = 1.5 * random.Normal();
         const Reference expected = LongDouble(p, x);
         ASSERT_TRUE(terms.Scale(x.data(), scaled.data()));
-        // Exponents here reach 60; each of a term's d + 1 roundings is 1.1e-16 of that.
+        // Exponents are at most 60, and each of a term's d + 1 roundings is 1.1e-16 of that.
         const double tolerance = 4e-14 * static_cast<double>(expected.sum);
         EXPECT_NEAR(GaussianSum(*sums, scaled.data()), static_cast<double>(expected.sum), tolerance)
             << m << " x " << n;
@@ -49,7 +49,7 @@ TEST_P(GaussianSumTest, DoubleAgreesWithLongDouble) {
         EXPECT_NEAR(GaussianSumShift(*sums, scaled.data(), 0.0, shift.data()),
                     static_cast<double>(expected.sum), tolerance);
         for (std::size_t k = 0; k < x.size(); ++k) {
-          // Differences reach 8 in each coordinate.
+          // Differences are at most 8 in each coordinate.
           EXPECT_NEAR(shift[k] / terms.scale, static_cast<double>(expected.shift[k]),
                       8.0 * tolerance);
         }
@@ -83,8 +83,8 @@ TEST_P(GaussianSumTest, FloatAgreesWithLongDouble) {
   }
 }
 
-// One term with every exponent from 0 down to beyond the smallest normal number: its relative error
-// agrees with the documentation.
+// One term with every exponent from 0 down to below the smallest normal number: its relative error
+// is within the documented bound.
 template <typename T>
 void CheckExponents(double polynomial, double per_exponent) {
   core::Matrix points(1, 1);
@@ -186,10 +186,11 @@ TEST_P(GaussianSumTest, FarQueriesAreZeroAndNonFiniteOnesAreRefused) {
   }
 }
 
-// Arithmetic with denormal numbers costs Intel's processors more than a hundred cycles a vector.
+// Arithmetic with denormal numbers takes more than a hundred cycles per vector on Intel processors.
 template <typename T>
 void CheckSmallTerms() {
-  constexpr double kLeast = std::numeric_limits<T>::min_exponent - 1;  // of a normal number
+  // Exponent of a normal number.
+  constexpr double kLeast = std::numeric_limits<T>::min_exponent - 1;
   constexpr int kCount = 801;
   core::Matrix points(kCount, 1);
   for (int i = 0; i < kCount; ++i) points(i, 0) = std::sqrt(-kLeast - 10.0 + 0.05 * i);
@@ -234,7 +235,7 @@ TEST_P(GaussianSumTest, NeverAllocates) {
   GaussianSumShift(*sums, scaled.data(), 0.0, shift.data());
 }
 
-// The system tier has a million.
+// The system tier tests a million states.
 TEST(GaussianSumTargetsTest, GIsAccurateOnRandomAndAdversarialStates) { CheckDecisions(20'000); }
 
 // Instruction sets round in different orders: each is equally close to the exact sum.

@@ -15,8 +15,8 @@
 namespace dfr::kernel::test {
 
 // Sum over the rows p of `vectors` of alpha exp(-gamma |x - p|^2), for each sample x. Without
-// "flatten" each operation of the exponential is a call when compiled with -Og: half the time of
-// all tests here.
+// "flatten", -Og compiles each operation of the exponential as a call, which takes half of the time
+// of all tests here.
 [[gnu::flatten]] inline Eigen::VectorXd Gradients(const core::Matrix& samples,
                                                   const core::Matrix& vectors,
                                                   const Eigen::VectorXd& alpha, double gamma) {
@@ -88,7 +88,7 @@ inline core::Matrix Samples(Kind kind, int m, int n, core::Random& random) {
   return samples;
 }
 
-/// Fits `m` samples of `n` entries with kernels and nu of all sizes; `nus` as shares.
+/// Fits `m` samples of `n` entries with all kernel widths and nu; `nus` are fractions.
 inline void CheckFits(Kind kind, int m, int n, const std::vector<double>& nus,
                       core::Random& random) {
   constexpr double kTolerance = 1e-3;
@@ -106,7 +106,7 @@ inline void CheckFits(Kind kind, int m, int n, const std::vector<double>& nus,
       EXPECT_TRUE(std::isfinite(svm.rho()));
       EXPECT_LT(summary.kkt_gap, kTolerance);
       const double gap = KktGapOfSummary(samples, summary, nu, gamma);
-      // The definition's own rounding of the squared distance.
+      // Rounding of the squared distance in the definition.
       EXPECT_LT(gap, kTolerance * (1.0 + 1e-6) + 1e-12 * nu * m);
       EXPECT_NEAR(svm.alpha().sum(), 1.0, 1e-12);
     }

@@ -1,4 +1,4 @@
-// Problems that the unit tests leave out.
+// Problems that are too large for the unit tests.
 #include <gtest/gtest.h>
 
 #include "dfr/core/random.h"
@@ -12,7 +12,7 @@ using test::Kind;
 class LargeHardProblemsTest : public testing::TestWithParam<Kind> {};
 
 // Takes seconds: only problems of this size go through the active set and the sparse rows for every
-// width of the kernel, and the definition costs m^2 n.
+// width of the kernel, and evaluating the definition takes m^2 n operations.
 TEST_P(LargeHardProblemsTest, EveryFitConvergesWhateverItsSizeWidthAndNu) {
   core::Random random(51);
   for (const int n : {1, 9, 256}) {

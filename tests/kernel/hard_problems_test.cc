@@ -23,7 +23,7 @@ using testing::HasSubstr;
 
 class HardProblemsTest : public testing::TestWithParam<Kind> {};
 
-// The system tier has the larger ones.
+// The system tier has larger problems.
 TEST_P(HardProblemsTest, EveryFitConvergesWhateverItsSizeWidthAndNu) {
   core::Random random(51);
   for (const int m : {2, 7, 60, 200}) {
@@ -61,7 +61,8 @@ INSTANTIATE_TEST_SUITE_P(Kinds, HardProblemsTest,
                          testing::Values(Kind::kNormal, Kind::kDuplicates, Kind::kClusters,
                                          Kind::kTiny, Kind::kHuge));
 
-// One sample far away moves the mean, and with it the rounding of all coordinates in float.
+// One distant sample moves the mean, and therefore changes the rounding of all coordinates in
+// float.
 TEST(HardProblemsTest, OneOutlierChangesNothingForTheOthers) {
   core::Random random(53);
   for (const int m : {400, 2100}) {  // solved as a whole, and by an active set
@@ -85,7 +86,7 @@ TEST(HardProblemsTest, OneOutlierChangesNothingForTheOthers) {
   }
 }
 
-// Neither mean nor median is near both: float cannot distinguish samples of a cluster.
+// Neither mean nor median is near both clusters: float cannot distinguish samples within a cluster.
 TEST(HardProblemsTest, ClustersManyWidthsApartConverge) {
   core::Random random(54);
   for (const int m : {400, 2100}) {
@@ -103,13 +104,13 @@ TEST(HardProblemsTest, ClustersManyWidthsApartConverge) {
   }
 }
 
-// A fit that is stopped anywhere, even in a pass over all samples, is an estimate with its error.
-// Takes about a second: only from 4000 samples on does a fit begin with a part of them.
+// A fit stopped at any time, even during a pass over all samples, is an estimate with a known
+// error. Takes about a second: only from 4000 samples on does a fit begin with a part of them.
 TEST(HardProblemsTest, AFitMayBeStoppedAnywhere) {
   core::Random random(56);
   const int m = 4100;
   const core::Matrix samples = Samples(Kind::kNormal, m, 3, random);
-  for (const double gamma : {0.3, 100.0}) {  // by rows of all samples, and by sparse ones
+  for (const double gamma : {0.3, 100.0}) {  // with rows of all samples, and with sparse rows
     int calls = 0;
     const auto stopped_at = [&](int call) {
       calls = 0;

@@ -59,7 +59,7 @@ const char kModel[] =
 TEST_F(LibsvmIoTest, LibsvmLoadsOurModelWithIdenticalDecisionValues) {
   core::Random random(51);
   core::Matrix samples = Tube(200, 4, random);
-  samples.col(3).setZero();  // sparse files leave zeros out
+  samples.col(3).setZero();  // sparse files omit zeros
   const auto svm = OneClassSvm::Fit(samples, {.nu = 0.1, .gamma = 1.0});
   SaveLibsvmModel(svm, path_);
   svm_model* model = svm_load_model(path_.c_str());
@@ -115,7 +115,7 @@ TEST_F(LibsvmIoTest, NewerModelsWithDensityMarksLoad) {
   EXPECT_NEAR(svm.rho(), 0.5, 1e-15);  // 0.75 / (1 + 0.5)
 }
 
-// LIBSVM leaves zeros out, be they all.
+// LIBSVM omits all zeros, even if no entry remains.
 TEST_F(LibsvmIoTest, ASupportVectorAtTheOriginHasOneEntry) {
   Write(
       "svm_type one_class\nkernel_type rbf\ngamma 2\nnr_class 2\ntotal_sv 1\nrho 1\nSV\n"
@@ -184,7 +184,8 @@ TEST_F(LibsvmIoTest, WrongModelsAreRefusedWithLineAndReason) {
               HasSubstr("cannot be opened"));
 }
 
-// Every truncation and thousands of random damages: refused or read, never a crash or a hang.
+// Every truncation and thousands of random damages: the reader rejects or reads the model, and
+// never crashes or hangs.
 TEST(LibsvmModelTest, DamagedModelsNeverCrash) {
   const std::string good = kModel;
   const std::size_t header = good.find("SV\n");
@@ -192,7 +193,7 @@ TEST(LibsvmModelTest, DamagedModelsNeverCrash) {
     std::istringstream in(good.substr(0, size));
     try {
       (void)LoadLibsvmModel(in, "a model");
-      EXPECT_GT(size, header);  // a model that ends within a number is one with another number
+      EXPECT_GT(size, header);  // a truncation within a number leaves another valid number
     } catch (const std::runtime_error&) {
     }
   }
@@ -244,7 +245,7 @@ TEST_F(LibsvmIoTest, WrongSamplesAreRefusedWithLineAndReason) {
   EXPECT_THAT(LoadSamplesError("1,2,3\n", 2), HasSubstr(":1: 3 entries where 2"));
 }
 
-// Each of these was taken for the names of the columns, and the sample was lost.
+// The reader once mistook each of these lines for a heading, and lost the sample.
 TEST_F(LibsvmIoTest, NoFirstSampleIsTakenForAHeading) {
   Write(
       "\xEF\xBB\xBF"
@@ -266,11 +267,11 @@ TEST_F(LibsvmIoTest, NoFirstSampleIsTakenForAHeading) {
   EXPECT_EQ(LoadSamples(path_)(0, 0), 2.0);
 }
 
-// Dense rows of sparse ones: 9 bytes may ask for 16 KiB once, but not a hundred thousand times.
+// Dense rows of a sparse file: 9 bytes may request 16 KiB once, but not a hundred thousand times.
 TEST_F(LibsvmIoTest, ASmallSparseFileMayNotAskForGigabytes) {
   std::string text;
   for (int i = 0; i < 100'000; ++i) text += "1 2048:1\n";
-  EXPECT_THAT(LoadSamplesError(text), HasSubstr("100000 rows of 2048 entries are too much"));
+  EXPECT_THAT(LoadSamplesError(text), HasSubstr("100000 rows of 2048 entries are too many"));
   Write(text.substr(0, 9 * 1000));
   EXPECT_EQ(LoadSamples(path_).cols(), 2048);
 }

@@ -13,7 +13,7 @@ struct svm_node;
 
 namespace dfr::kernel::test {
 
-/// LIBSVM's one-class SVM with the Gaussian kernel, as the peer that ours is compared with.
+/// LIBSVM's one-class SVM with the Gaussian kernel, as the peer of ours.
 class LibsvmPeer {
  public:
   LibsvmPeer(const core::Matrix& samples, double nu, double gamma, double tolerance);
@@ -21,11 +21,11 @@ class LibsvmPeer {
   LibsvmPeer(const LibsvmPeer&) = delete;
   LibsvmPeer& operator=(const LibsvmPeer&) = delete;
 
-  /// In LIBSVM's scale: nu m times ours.
+  /// Decision in LIBSVM's scale, which is nu m times ours.
   [[nodiscard]] double Decision(std::span<const double> x) const;
   [[nodiscard]] double rho() const;
   [[nodiscard]] int num_support_vectors() const;
-  /// alpha' K alpha / 2 from the alpha it returned.
+  /// Computes alpha' K alpha / 2 from LIBSVM's alpha.
   [[nodiscard]] double Objective() const;
   [[nodiscard]] const svm_model* model() const { return model_; }
 
@@ -34,11 +34,11 @@ class LibsvmPeer {
   svm_model* model_ = nullptr;
 };
 
-/// States on a curved tube, as trajectories of a robot are: `n` entries, each a sine of a common
-/// phase, plus noise of 0.1.
+/// Returns states on a curved tube, like trajectories of a robot. Each of `n` entries is a sine of
+/// a common phase plus noise of 0.1.
 [[nodiscard]] core::Matrix Tube(int m, int n, core::Random& random);
 
-/// g of every row.
+/// Returns g of every row.
 [[nodiscard]] inline Eigen::VectorXd Decisions(const OneClassSvm& svm,
                                                const core::Matrix& queries) {
   Eigen::VectorXd g(queries.rows());

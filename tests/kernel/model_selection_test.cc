@@ -20,7 +20,7 @@ namespace {
 
 using testing::HasSubstr;
 
-// Demonstrations that differ from each other much more than their states do from one another.
+// Demonstrations differ from each other much more than states within a demonstration do.
 std::vector<core::Matrix> Demonstrations(int count, std::uint64_t seed) {
   core::Random random(seed);
   std::vector<core::Matrix> all;
@@ -43,11 +43,11 @@ TEST(ConformalThresholdTest, IsTheScoreOfRankCeilNPlusOneTimesOneMinusAlpha) {
   EXPECT_EQ(ConformalThreshold(scores, 0.25), 8.0);                // rank ceil(7.5)
   EXPECT_EQ(ConformalThreshold(scores, 0.5), 5.0);
   EXPECT_EQ(ConformalThreshold(scores, 0.99), 1.0);
-  // Nine items cannot promise less than one alarm in ten.
+  // Nine scores cannot guarantee less than one alarm in ten.
   EXPECT_EQ(ConformalThreshold(scores, 0.09), std::numeric_limits<double>::infinity());
 }
 
-// A new score exceeds the threshold with probability at most alpha, and not much less.
+// A new score exceeds the threshold with a probability of at most alpha, and not much less.
 TEST(ConformalThresholdTest, NewScoresExceedItAsOftenAsPromised) {
   core::Random random(61);
   constexpr int kTrials = 20000;
@@ -57,7 +57,7 @@ TEST(ConformalThresholdTest, NewScoresExceedItAsOftenAsPromised) {
     for (double& s : scores) s = random.Normal();
     exceeded += random.Normal() > ConformalThreshold(scores, 0.1) ? 1 : 0;
   }
-  // Rank 36 of 39: a tenth exactly, within four standard errors.
+  // Rank 36 of 39 gives exactly a tenth, within four standard errors.
   EXPECT_NEAR(exceeded / static_cast<double>(kTrials), 0.1, 4.0 * std::sqrt(0.1 * 0.9 / kTrials));
 }
 
@@ -72,12 +72,14 @@ TEST(ConformalThresholdTest, WithAConfidenceThePromiseHoldsForThatShareOfSets) {
   EXPECT_EQ(ConformalThreshold(scores, 0.5, 0.95), 8.0);
   EXPECT_EQ(ConformalThreshold(scores, 0.5, 0.99), 9.0);
   EXPECT_EQ(ConformalThreshold(scores, 0.5, 0.999), kNone);
-  // Nine that show heads three times in four show at most 6, 7, 8 in 40, 70, 92 % of cases.
+  // Nine coins that show heads three times in four show at most 6, 7, 8 heads in 40, 70, 92 % of
+  // cases.
   EXPECT_EQ(ConformalThreshold(scores, 0.25, 0.3), 7.0);
   EXPECT_EQ(ConformalThreshold(scores, 0.25, 0.5), 8.0);
   EXPECT_EQ(ConformalThreshold(scores, 0.25, 0.8), 9.0);
   EXPECT_EQ(ConformalThreshold(scores, 0.25, 0.95), kNone);
-  // Wilks: the largest of 29 is above nine tenths of all with 95 %, that of 28 is not; 59 for 95 %.
+  // Wilks: with 95 % confidence the largest of 29 exceeds nine tenths of all values; that of 28
+  // does not. For 95 % of all values, 59 are needed.
   const std::vector<double> many(59, 3.0);
   EXPECT_EQ(ConformalThreshold(std::span(many).first(28), 0.1, 0.95), kNone);
   EXPECT_EQ(ConformalThreshold(std::span(many).first(29), 0.1, 0.95), 3.0);
@@ -177,7 +179,8 @@ TEST(ModelSelectionTest, SharedDistancesGiveTheEstimatesOfSeparateFits) {
   }
 }
 
-// 24 demonstrations of 3 states, at 0, 1, ... 23 all the time: each fold fits to 18 of them.
+// 24 demonstrations of 3 states each, which stay at 0, 1, ... 23. Each fold is fitted to 18 of
+// them.
 TEST(ModelSelectionTest, SharesAreOfAllStatesDemonstrationsTimeStepsAndDraws) {
   std::vector<core::Matrix> demonstrations;
   demonstrations.reserve(24);
@@ -192,11 +195,11 @@ TEST(ModelSelectionTest, SharesAreOfAllStatesDemonstrationsTimeStepsAndDraws) {
     EXPECT_GE(row.support_vectors, 0.5 * 18.0);
     EXPECT_LE(row.support_vectors, 18.0);
   }
-  // A wide kernel leaves the half outside that stands at the ends.
+  // With a wide kernel the half at the ends is outside.
   EXPECT_NEAR(s.rows[0].acceptance, 0.5, 0.2);
   EXPECT_NEAR(s.rows[0].volume, 0.5, 0.2);
-  // Narrow supports contain only their samples: none of the others, and little of the space
-  // between.
+  // Narrow supports contain only their samples: none of the other demonstrations, and little of the
+  // space between.
   EXPECT_EQ(s.rows[1].acceptance, 0.0);
   EXPECT_EQ(s.rows[1].support_vectors, 18.0);
   EXPECT_LT(s.rows[1].volume, 0.2);

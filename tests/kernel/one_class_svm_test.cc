@@ -121,7 +121,8 @@ TEST(OneClassSvmTest, LittleMemoryGivesTheSameEstimate) {
 
 TEST(OneClassSvmTest, ActiveSetFindsTheSolutionOfTheWholeProblem) {
   core::Random random(40);
-  // More samples than are solved at once: nearly all alpha at the bound, and nearly all free.
+  // More samples than are solved at once. Nearly all alpha are at the bound, or nearly all are
+  // free.
   const core::Matrix samples = Tube(5000, 3, random);
   for (const double gamma : {0.3, 30.0}) {
     for (const double tolerance : {1e-3, 1e-5}) {  // kernel values in float, and in double
@@ -136,7 +137,7 @@ TEST(OneClassSvmTest, ActiveSetFindsTheSolutionOfTheWholeProblem) {
 }
 
 // Kernel values far from the diagonal are zero, and samples that start at the bound are above rho:
-// an active set of the samples nearest to moving contains only those that may rise.
+// an active set of the samples nearest to moving contains only samples that may rise.
 TEST(OneClassSvmTest, IsolatedSamplesOfWhichSomeCoincideConverge) {
   core::Random random(47);
   core::Matrix samples(3000, 32);
@@ -146,7 +147,8 @@ TEST(OneClassSvmTest, IsolatedSamplesOfWhichSomeCoincideConverge) {
   const auto svm = OneClassSvm::Fit(samples, {.gamma = 5.0, .tolerance = 1e-3}, &summary);
   EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
   EXPECT_LT(summary.kkt_gap, 1e-3);
-  // K is the identity but for the seven that coincide, which count as one: G = 0.05 * 3000 / 2994.
+  // K is the identity except for the seven equal samples, which count as one: G = 0.05 * 3000 /
+  // 2994.
   EXPECT_NEAR(svm.rho() * svm.libsvm_scale(), 150.0 / 2994.0, 1e-3);
 }
 
@@ -155,7 +157,7 @@ TEST(OneClassSvmTest, NarrowKernelsFindTheSolutionOfTheWholeProblem) {
   core::Random random(48);
   const core::Matrix samples = 3.0 * Tube(2100, 4, random);
   for (const double gamma : {5.0, 50.0}) {
-    // Kernel values in float and in double, and rows that have to make room.
+    // Kernel values in float and in double, and rows that must be evicted.
     for (const auto& [tolerance, memory_mib] :
          {std::pair(1e-3, 512.0), std::pair(1e-3, 2.0), std::pair(1e-6, 2.0)}) {
       SCOPED_TRACE(testing::Message() << "gamma " << gamma << ", tolerance " << tolerance << ", "
@@ -203,7 +205,7 @@ TEST(OneClassSvmTest, AStartLeadsToTheSameEstimateAndTheSolutionItselfAtOnce) {
   EXPECT_NEAR(warm.alpha.sum(), 1.0, 1e-12);
   options.start = core::AsSpan(std::as_const(cold.alpha));
   (void)OneClassSvm::Fit(samples, options, &warm);
-  EXPECT_LT(warm.iterations, cold.iterations / 20);  // scaling alpha and back rounds
+  EXPECT_LT(warm.iterations, cold.iterations / 20);  // scaling alpha and back causes rounding
 }
 
 TEST(OneClassSvmTest, ProgressIsReportedAndMayStopTheFit) {
@@ -336,7 +338,7 @@ TEST(OneClassSvmTest, NuNearBothEndsConverges) {
   }
 }
 
-// With samples that nearly coincide: their kernel value rounds to 1, or above it.
+// With nearly equal samples, whose kernel value rounds to 1 or above.
 TEST(OneClassSvmTest, EveryInstructionSetFindsTheSolution) {
   core::Random random(46);
   core::Matrix few = Tube(600, 3, random);
@@ -362,7 +364,7 @@ TEST(OneClassSvmTest, EveryInstructionSetFindsTheSolution) {
   }
 }
 
-// Two samples, and a few more than fill a vector of lanes: the least that there is to choose from.
+// Two samples, and slightly more than a vector of lanes: the minimum to choose from.
 TEST(OneClassSvmTest, TheSmallestProblemsConverge) {
   core::Random random(45);
   for (const int m : {2, 3, 15, 16, 17, 33}) {

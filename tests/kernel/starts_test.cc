@@ -25,7 +25,7 @@ TEST(StartsTest, EvenlySpreadLeavesEqualIntervals) {
 
 TEST(StartsTest, AStartIsScaledCutAtTheBoundAndFilledUp) {
   EXPECT_EQ(Feasible(Alpha{1.0, 3.0, 0.0}, 1.0), (Alpha{0.25, 0.75, 0.0}));
-  // 1.5 is cut: the rest goes to the other support vector, and not to the first sample.
+  // 1.5 is clipped. The rest goes to the other support vector, not to the first sample.
   EXPECT_EQ(Feasible(Alpha{0.0, 0.5, 1.5}, 2.0), (Alpha{0.0, 1.0, 1.0}));
   EXPECT_EQ(Feasible(Alpha{0.0, 0.5, 0.5}, 2.5), (Alpha{0.5, 1.0, 1.0}));
 }

@@ -41,7 +41,8 @@ TEST(TimeVaryingSupportTest, EachStepIsTheFitOfTheStatesAtThatStep) {
     core::Matrix states(40, 2);
     for (Eigen::Index d = 0; d < 40; ++d) {
       const auto& walk = walks[static_cast<std::size_t>(d)];
-      states.row(d) = walk.row(std::min<Eigen::Index>(t, walk.rows() - 1));  // holds its last state
+      // Ended walks hold their last state.
+      states.row(d) = walk.row(std::min<Eigen::Index>(t, walk.rows() - 1));
     }
     const auto expected = OneClassSvm::Fit(states, {.nu = 0.1, .gamma = 2.0});
     const std::vector<double> x = {t + 0.2, -0.1};
@@ -82,9 +83,9 @@ TEST(TimeVaryingSupportTest, TheResultDoesNotDependOnTheThreadCount) {
   }
 }
 
-// Sec. IV-A: the supervisor is in one of two places at each time step, rarely in B_0 and often in
-// B_1 over the whole trajectory. The smallest set that holds 1 - nu of the pooled states leaves B_0
-// out; the estimate of time step 0 holds it.
+// Sec. IV-A: at each time step the supervisor is in one of two places, rarely in B_0 and often in
+// B_1 over the whole trajectory. The smallest set with 1 - nu of the pooled states excludes B_0;
+// the estimate of time step 0 includes it.
 TEST(TimeVaryingSupportTest, PooledEstimateMissesRareEarlyStatesThatTheTimeVaryingOneHolds) {
   core::Random random(45);
   std::vector<core::Matrix> demonstrations;

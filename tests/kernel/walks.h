@@ -8,7 +8,8 @@
 
 namespace dfr::test {
 
-/// Walks to the right from around the origin, of 8 to 12 steps that each go `aside` sideways.
+/// Returns walks to the right from around the origin, of 8 to 12 steps with a sideways spread of
+/// `aside`.
 inline std::vector<core::Matrix> Walks(int count, std::uint64_t seed, double aside = 0.1) {
   core::Random random(seed);
   std::vector<core::Matrix> walks;

@@ -26,7 +26,7 @@ TEST(OneClassSvmWeightsTest, WholeWeightsAreRepeatedSamples) {
   std::vector<double> weights(300);
   std::vector<Eigen::Index> repeated;
   for (Eigen::Index i = 0; i < samples.rows(); ++i) {
-    const auto weight = static_cast<int>(random.Below(4));  // some are left out
+    const auto weight = static_cast<int>(random.Below(4));  // some samples have no weight
     weights[static_cast<std::size_t>(i)] = weight;
     repeated.insert(repeated.end(), static_cast<std::size_t>(weight), i);
   }
@@ -48,7 +48,7 @@ TEST(OneClassSvmWeightsTest, WholeWeightsAreRepeatedSamples) {
   }
 }
 
-// Two samples that do not see each other: alpha minimises a^2 + b^2 with a + b = nu (w_a + w_b).
+// Two samples outside each other's reach: alpha minimises a^2 + b^2 with a + b = nu (w_a + w_b).
 TEST(OneClassSvmWeightsTest, AWeightBoundsAlpha) {
   core::Matrix samples(2, 1);
   samples << 0.0, 100.0;
@@ -63,10 +63,10 @@ TEST(OneClassSvmWeightsTest, AWeightBoundsAlpha) {
     EXPECT_NEAR(svm.rho(), rho, 1e-9);
   };
   expect(fit({3.0, 3.0}, 0.5), 0.5, 0.5, 0.5);
-  expect(fit({7.0, 1.0}, 0.5), 0.75, 0.25, 0.75);  // 3 and 1, which is full
+  expect(fit({7.0, 1.0}, 0.5), 0.75, 0.25, 0.75);  // 3 and 1; the latter is at its bound
   expect(fit({1.0, 7.0}, 0.5), 0.25, 0.75, 0.75);
-  expect(fit({6.0, 2.0}, 1.0), 0.75, 0.25, 0.75);  // both are full
-  // No weight, no support vector.
+  expect(fit({6.0, 2.0}, 1.0), 0.75, 0.25, 0.75);  // both are at their bounds
+  // A sample without weight is not a support vector.
   EXPECT_EQ(fit({0.0, 2.0}, 0.5).num_support_vectors(), 1);
   expect(fit({0.0, 2.0}, 0.5), 0.0, 1.0, 1.0);
 }

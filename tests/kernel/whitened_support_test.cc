@@ -19,7 +19,7 @@
 namespace dfr::kernel {
 namespace {
 
-// Spread out as they go.
+// The walks spread out with time.
 std::vector<core::Matrix> Walks(int count) { return dfr::test::Walks(count, 1, 0.3); }
 
 TEST(WhitenedSupportTest, LogFormHasTheSignOfGAndGradientsAreDerivatives) {
@@ -69,7 +69,7 @@ TEST(WhitenedSupportTest, CurvatureAndLipschitzBoundsHold) {
       along += d[k] * gradient[k];
     }
     const double bound = l + along - support.curvature_bound(t) * square;
-    // Rounding: relative to the terms that are added.
+    // Rounding is relative to the added terms.
     ASSERT_GE(support.LogDecision(t, there, {}), bound - 1e-12 * (1.0 + std::abs(l) + square));
     ASSERT_LE(std::abs(support.Decision(t, there) - support.Decision(t, z)),
               support.lipschitz_bound(t) * std::sqrt(square) + 1e-14);
@@ -131,8 +131,8 @@ std::vector<double> UnseenLevels(std::span<const core::Matrix> demonstrations,
   return levels;
 }
 
-// Unseen demonstrations are less deep inside than those fitted to, and the fewer there are to fit
-// to, the further outside.
+// Unseen demonstrations are less deep inside than the fitted ones, and farther outside if fewer are
+// fitted.
 TEST(WhitenedSupportTest, UnseenDemonstrationsShowWhatFewDoNotCover) {
   const auto low = [](std::vector<double> levels) {
     const auto fifth = levels.begin() + static_cast<std::ptrdiff_t>(levels.size() / 5);
@@ -153,14 +153,14 @@ TEST(WhitenedSupportTest, UnseenDemonstrationsShowWhatFewDoNotCover) {
     }
   }
   EXPECT_LT(of_few, low(seen) - 0.2);
-  // As many levels as there are states that an estimate exists for: none is left out of all folds.
+  // Every state with an estimate has a level: none is left out of all folds.
   const auto levels = UnseenLevels(walks, {.least_share = 0.0}, 3, 0);
   EXPECT_GE(levels.size(), 60u * 9u);
   for (const double level : levels) EXPECT_TRUE(std::isfinite(level));
 }
 
-// The longer a task and the more its pace varies, the further apart demonstrations are at a time
-// step: a wider window contains states of one where another one is.
+// In a long task with varying pace, demonstrations are far apart at a time step. A wider window
+// contains states of one demonstration where another one is.
 TEST(WhitenedSupportTest, LongDemonstrationsOfDifferingPaceAreCovered) {
   core::Random random(6);
   std::vector<core::Matrix> demonstrations;
@@ -184,7 +184,7 @@ TEST(WhitenedSupportTest, LongDemonstrationsOfDifferingPaceAreCovered) {
   EXPECT_EQ(inside(0.002), inside(0.0)) << "below the window";
 }
 
-// Demonstrations with these numbers of states, each of one entry.
+// Returns demonstrations with these numbers of states of one entry.
 std::vector<core::Matrix> OfLengths(const std::vector<int>& lengths) {
   core::Random random(5);
   std::vector<core::Matrix> demonstrations;
@@ -220,10 +220,10 @@ TEST(WhitenedSupportTest, AnEstimateIsFittedToTheStatesOfItsWindow) {
   EXPECT_EQ(states(same, 5, {}), 4 * 5);
   EXPECT_EQ(states(same, 9, {}), 4 * 3);
   EXPECT_EQ(states(same, 5, {.window = 0}), 4);
-  // Every second time step: 1, 3, 5, 7, 9 about 5; 0, 2, 4, 6 about 2.
+  // Every second time step: 1, 3, 5, 7, 9 around 5; 0, 2, 4, 6 around 2.
   EXPECT_EQ(states(same, 5, {.window_share = 0.4}), 4 * 5);
   EXPECT_EQ(states(same, 2, {.window_share = 0.4}), 4 * 4);
-  // The window of 9 begins at 7: of 8 states one is in it, of 7 the last one, once.
+  // The window of 9 begins at 7. It contains one of 8 states, and of 7 states the last one, once.
   EXPECT_EQ(states({10, 10, 10, 8}, 9, {}), 3 * 3 + 1);
   EXPECT_EQ(states({10, 10, 10, 7}, 9, {}), 3 * 3 + 1);
   EXPECT_EQ(states({10, 10, 10, 8}, 9, {.hold_ended = false}), 3 * 3 + 1);
@@ -238,8 +238,8 @@ TEST(WhitenedSupportTest, TheStrideOfAWindowFollowsItsShare) {
   EXPECT_EQ((WhitenedSupportOptions{.window = 2, .window_share = 0.0}.Stride(10000)), 1);
 }
 
-// Along x, round an obstacle on one side or the other, or all at y = 0; every fifth one stands
-// still for `pause` time steps.
+// Returns demonstrations along x that pass an obstacle on either side, or all stay at y = 0. Every
+// fifth one stands still for `pause` time steps.
 std::vector<core::Matrix> Passing(double aside, int pause) {
   core::Random random(4);
   std::vector<core::Matrix> demonstrations;
@@ -260,7 +260,7 @@ TEST(WhitenedSupportTest, TheRoomBetweenTwoWaysIsSeen) {
   const auto ways = Passing(3.0, 0);
   const ModeSeparationTest tight = TestModeSeparation(WhitenedSupport::Fit(ways), ways);
   EXPECT_EQ(tight.steps, 21);
-  // Not at the ends, where the ways meet: at nine time steps they are more than five apart.
+  // The ways meet at the ends. At nine time steps they are more than five apart.
   EXPECT_GE(tight.points, 9);
   EXPECT_LE(tight.points, 15);
   EXPECT_EQ(tight.inside, 0);
@@ -269,8 +269,8 @@ TEST(WhitenedSupportTest, TheRoomBetweenTwoWaysIsSeen) {
   EXPECT_EQ(loose.inside, loose.points) << "one cloud for both ways";
 }
 
-// One time step, whose support is a ball of radius .83 about `center`. Later states, if any, are of
-// the same demonstrations and have no estimate of their own.
+// One time step, whose support is a ball of radius .83 about `center`. Later states, if any, belong
+// to the same demonstrations and have no separate estimate.
 ModeSeparationTest Gaps(const std::vector<double>& states, double center, double later = -100.0) {
   std::vector<core::Matrix> demonstrations;
   for (const double state : states) {
@@ -285,7 +285,8 @@ ModeSeparationTest Gaps(const std::vector<double>& states, double center, double
 }
 
 TEST(WhitenedSupportTest, AGapIsTheMiddleBetweenClustersOfThreeThatAreFourApart) {
-  const std::vector<double> apart = {0.0, 0.1, 0.2, 10.0, 10.1, 10.2};  // 5.1 is in the middle
+  // 5.1 is in the middle of the gap.
+  const std::vector<double> apart = {0.0, 0.1, 0.2, 10.0, 10.1, 10.2};
   EXPECT_EQ(Gaps(apart, 5.1).steps, 1);
   EXPECT_EQ(Gaps(apart, 5.1).points, 1);
   EXPECT_EQ(Gaps(apart, 5.1).inside, 1);
@@ -295,10 +296,10 @@ TEST(WhitenedSupportTest, AGapIsTheMiddleBetweenClustersOfThreeThatAreFourApart)
   EXPECT_EQ(Gaps({0.0, 0.1, 0.2, 4.1, 4.2, 4.3}, 0.0).points, 0) << "3.9 apart";
   EXPECT_EQ(Gaps({0.0, 0.1, 0.2, 4.3, 4.4, 4.5}, 0.0).points, 1) << "4.1 apart";
   EXPECT_EQ(Gaps({0.0, 0.1, 0.2, 0.3, 10.0, 10.1}, 0.0).points, 0) << "two are no cluster";
-  // A quarter of the gap, 2.45, about its middle: a demonstration passes there later.
+  // A demonstration passes later, within 2.45 (a quarter of the gap) of the middle.
   EXPECT_EQ(Gaps(apart, 0.0, 5.1 + 2.4).points, 0);
   EXPECT_EQ(Gaps(apart, 0.0, 5.1 + 2.5).points, 1);
-  // A tenth of 40 are four.
+  // A tenth of 40 is four.
   std::vector<double> many;
   many.reserve(40);
   for (int i = 0; i < 37; ++i) many.push_back(0.1 * i);
@@ -318,7 +319,7 @@ TEST(WhitenedSupportTest, DifferingPacesAreNotTakenForWays) {
                std::invalid_argument);
 }
 
-// Positions in a ring of radii 1 and 2, at three time steps.
+// Returns positions in a ring of radii 1 and 2, at three time steps.
 std::vector<core::Matrix> Rings(int count) {
   core::Random random(3);
   std::vector<core::Matrix> rings;

@@ -31,7 +31,7 @@ PsmJoints RandomJoints(core::Random& random) {
     const double low = i == 2 ? 0.05 : Psm::lower_limits()[i];
     q[i] = random.Uniform(low, Psm::upper_limits()[i]);
   }
-  // A roll of a full turn more is the same pose; the inverse gives the nearest to zero.
+  // A roll of one more full turn is the same pose. The inverse returns the value nearest to zero.
   q[3] = random.Uniform(-3.1, 3.1);
   return q;
 }
@@ -50,17 +50,17 @@ TEST(PsmTest, OneDegreeOfYawOrPitchMovesTheWristByTwoMillimetres) {
     q[joint] = kDegree;
     const double moved =
         (Psm::Forward(q).translation() - Psm::Forward(Home()).translation()).norm();
-    EXPECT_NEAR(moved, 0.1135 * kDegree, 1e-6);  // arc against chord
+    EXPECT_NEAR(moved, 0.1135 * kDegree, 1e-6);  // arc compared with chord
     EXPECT_NEAR(moved, 0.0020, 5e-5);
   }
 }
 
-// Along the shaft: insertion changes the position along a line through the origin only.
+// Insertion moves the position along a line through the origin only.
 TEST(PsmTest, ShaftPassesThroughTheRemoteCentreInEveryConfiguration) {
   core::Random random(1);
   for (int i = 0; i < 200; ++i) {
     PsmJoints q = RandomJoints(random);
-    q[4] = q[5] = 0.0;  // a straight wrist: the pose's origin is on the shaft's axis
+    q[4] = q[5] = 0.0;  // a straight wrist: the origin of the pose is on the shaft's axis
     const Eigen::Isometry3d pose = Psm::Forward(q);
     const Eigen::Vector3d axis = pose.linear().col(2);
     EXPECT_LT(pose.translation().cross(axis).norm(), 1e-12);
@@ -77,7 +77,8 @@ TEST(PsmTest, InverseUndoesForward) {
     const PsmJoints q = RandomJoints(random);
     PsmJoints found;
     ASSERT_EQ(Psm::Inverse(Psm::Forward(q), found), PsmReach::kOk);
-    // Rounding, magnified near wrist yaw 80 degrees, where the wrist is close to its singularity.
+    // Rounding is magnified near a wrist yaw of 80 degrees, where the wrist is close to its
+    // singularity.
     EXPECT_TRUE(AllClose(found, q, 1e-11));
   }
 }
@@ -96,7 +97,8 @@ TEST(PsmTest, PosesAreRigidAndInsertionMovesTheTipByItself) {
   }
 }
 
-// Two ways through the same table: frames as matrices, and one point from link to link.
+// Compares two computations with the same table: frames as matrices, and one point from link to
+// link.
 TEST(PsmTest, TheChainForAnyNumberTypeGivesTheSameTip) {
   core::Random random(4);
   for (int i = 0; i < 100; ++i) {

@@ -14,7 +14,7 @@ namespace {
 
 constexpr double kRadPerDegree = 0.017453292519943295;
 
-// entries 0-2 translation, 3-5 angles
+// Entries 0-2 are the translation, 3-5 the angles.
 PlatformPose Along(int entry, double value) {
   PlatformPose pose;
   (entry < 3 ? pose.translation_m[entry] : pose.angles_rad[entry - 3]) = value;
@@ -28,7 +28,7 @@ double Reach(int entry, double sign, double step) {
   return value;
 }
 
-// The definition of the mechanism: each leg, from the end of its arm to the plate, has its length.
+// Definition of the mechanism: each leg, from the end of its arm to the plate, keeps its length.
 TEST(SprkPlatformTest, ServoAnglesGiveEveryLegItsLength) {
   core::Random random(1);
   int reachable = 0;
@@ -106,9 +106,9 @@ TEST(SprkPlatformTest, ReachableShareEndsAtTheBoundary) {
 TEST(SprkPlatformTest, RotationIsYawAfterPitchAfterRoll) {
   PlatformPose pose;
   pose.angles_rad << 90 * kRadPerDegree, 0.0, 90 * kRadPerDegree;
-  // Roll takes y to z; yaw leaves it there.
+  // Roll rotates y to z; yaw then leaves it unchanged.
   EXPECT_LT((pose.Transform() * Eigen::Vector3d::UnitY() - Eigen::Vector3d::UnitZ()).norm(), 1e-15);
-  // x is not moved by roll; yaw takes it to y.
+  // Roll leaves x unchanged; yaw rotates it to y.
   EXPECT_LT((pose.Transform() * Eigen::Vector3d::UnitX() - Eigen::Vector3d::UnitY()).norm(), 1e-15);
 }
 

@@ -87,7 +87,7 @@ class Citizenship(unittest.TestCase):
                 copyright = file.read_text()
                 self.assertIn("License: BSD-3-Clause", copyright)
                 self.assertIn("ADVISED OF THE POSSIBILITY OF SUCH DAMAGE", copyright)
-                # In this format paragraphs end at empty lines.
+                # In this format, empty lines end paragraphs.
                 self.assertIn("\n .\n", copyright)
                 self.assertEqual("reaches code under the GPL" in copyright, reaches_gpl(file.parent.name, rows))
 

@@ -1,5 +1,5 @@
 """Every package and shared library that this build links has a row in third_party_licenses, whose packages bring
-their licence texts. A package that cannot is refused by name.
+their licence texts. A package without one is rejected by name.
 
 usage: licenses_test.py SOURCE_DIR BINARY_DIR
 """
@@ -51,7 +51,7 @@ def main(source, binary):
             continue
         packages.update(cells[3].split())
         libraries.update(cells[4].split())
-        # Packages of npm have their texts in themselves, and are in no package of ours.
+        # npm packages contain their licence texts and are not part of our packages.
         own = [] if cells[3].startswith("from npm: ") else cells[3].split(", through ")[0].split()
         licensed.update({library: own for library in cells[4].split()})
         for package in own:

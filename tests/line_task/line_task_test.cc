@@ -22,8 +22,8 @@ PsmJoints Home() {
   return home;
 }
 
-// At home the tip is in the world's origin, and the arm comes straight down; the camera looks down
-// from 0.1 m, its x along the world's.
+// At home the tip is at the world's origin, and the arm points straight down. The camera looks down
+// from 0.1 m, with its x along the world's x.
 LineTask StraightTask(const kinematics::PsmCorrection& arm = {}) {
   Eigen::Isometry3d p_world_base = Eigen::Isometry3d::Identity();
   p_world_base.translation() = -Psm::Tip(Home());
@@ -62,7 +62,7 @@ TEST(LineTaskTest, ReadingsPutTheTipThereUprightWhateverTheArmsErrors) {
                               random.Uniform(-0.01, 0.02));
     PsmJoints reading;
     ASSERT_TRUE(task.Reading(tip, reading));
-    // Rounding of a chain of six joints, lengths below 0.5 m.
+    // Rounding of a chain of six joints with lengths below 0.5 m.
     EXPECT_LT((task.Tip(reading) - tip).norm(), 1e-14);
     const Eigen::Isometry3d truth = Psm::Forward(task.calibration().arm.Apply(reading));
     EXPECT_LT((truth.linear() - Psm::Forward(Home()).linear()).norm(), 1e-13);
@@ -85,7 +85,7 @@ TEST(LineTaskTest, StatesAreInTheWorldFrameInMillimetres) {
   const LineTask task = StraightTask();
   vision::LineObservation seen;
   seen.missing = vision::NotSeen::kNothing;
-  // The camera's y and z point against the world's.
+  // The camera's y and z are opposite to the world's.
   seen.p_cam_tip = {0.004, -0.003, 0.09};
   seen.distance_m = -0.0015;
   seen.tangent_cam = {std::cos(0.2), -std::sin(0.2), 0.0};
@@ -125,7 +125,7 @@ TEST(LineTaskTest, TheTipIsOnItsPlaneAndThePlaneIsLevel) {
   PsmJoints reading;
   ASSERT_TRUE(task.Reading({0.01, -0.02, 0.004}, reading));
   const Eigen::Hyperplane<double, 3> plane = task.TipPlane(reading);
-  // The tip at height 4 mm is 96 mm before the camera, as is everything at that height.
+  // A tip at a height of 4 mm is 96 mm from the camera, like everything at that height.
   EXPECT_NEAR(plane.signedDistance(Eigen::Vector3d(0.01, 0.02, 0.096)), 0.0, 1e-14);
   EXPECT_NEAR(plane.signedDistance(Eigen::Vector3d(-0.03, 0.0, 0.096)), 0.0, 1e-14);
   EXPECT_NEAR(plane.absDistance(Eigen::Vector3d(0.0, 0.0, 0.1)), 0.004, 1e-14);

@@ -15,7 +15,7 @@ namespace {
 
 using kinematics::PsmJoints;
 
-// The arm hangs over the gauze's middle, its tool straight down.
+// The arm hangs over the gauze's middle, with its tool straight down.
 Eigen::Isometry3d Overhead() {
   Eigen::Isometry3d base = Eigen::Isometry3d::Identity();
   base.translation().z() = 0.13;
@@ -24,7 +24,7 @@ Eigen::Isometry3d Overhead() {
 
 class TipRegionTest : public testing::Test {
  protected:
-  // Readings that hold the tool upright with its tips there.
+  // Returns readings that hold the tool upright with its tips at this position.
   PsmJoints At(double x, double y, double z) {
     PsmJoints joints;
     EXPECT_TRUE(task_.Reading({x, y, z}, joints));
@@ -56,7 +56,7 @@ TEST_F(TipRegionTest, NamesWhatIsLeftAndByHowMuch) {
   EXPECT_TRUE(std::isinf(region.At({std::nan(""), 0.0, 0.0}).depth_m));
 }
 
-// Both ends are above the floor; in between the wrist drives the tips down.
+// Both ends are above the floor; between them the wrist moves the tips down.
 TEST_F(TipRegionTest, AWayIsLookedAtAllAlong) {
   const TipRegion region(task_, {});
   PsmJoints bent = At(0.0, 0.0, 0.002);
@@ -74,8 +74,8 @@ TEST_F(TipRegionTest, AWayIsLookedAtAllAlong) {
   EXPECT_FALSE(region.Along(lower_bent, bent).any());
 }
 
-// Seeded ways against looks that are twenty times as dense. About one in ten leaves: all of these
-// are refused, and none that stays is.
+// Seeded paths are compared with checks that are twenty times as dense. About one path in ten
+// leaves the region: all of these are rejected, and no other path is.
 TEST_F(TipRegionTest, NoWayThatLeavesIsAllowed) {
   const TipRegion region(task_, {});
   core::Random random(5);
@@ -95,7 +95,8 @@ TEST_F(TipRegionTest, NoWayThatLeavesIsAllowed) {
     const Breach found = region.Along(from, to);
     refused += found.any() ? 1 : 0;
     if (!found.any()) {
-      // Between two looks the tips move by half a millimetre at most, and deepest where they turn.
+      // Between two checks the tips move by at most half a millimetre, and are deepest where they
+      // turn.
       EXPECT_LT(deepest, 1e-4);
     } else {
       EXPECT_NEAR(found.depth_m, deepest, 3e-4);
@@ -110,7 +111,7 @@ TEST_F(TipRegionTest, FromTooDeepOnlyTheWayOutIsAllowed) {
   EXPECT_FALSE(region.Along(below, At(0.0, 0.0, 0.003)).any());
   EXPECT_FALSE(region.Along(below, At(0.0, 0.0, -0.001)).any());
   EXPECT_EQ(Named(region.Along(below, At(0.0, 0.0, -0.003))), "the floor");
-  // Up, and down again.
+  // Up and down again.
   PsmJoints end = below;
   end[2] += 0.001;
   EXPECT_TRUE(region.Along(below, end).any());
@@ -122,7 +123,7 @@ TEST_F(TipRegionTest, TheGauzeIsWhereItIsSeen) {
   EXPECT_FALSE(region.At(tip).any());
   Eigen::Isometry3d gauze = Eigen::Isometry3d::Identity();
   gauze.linear() = Eigen::AngleAxisd(-0.2, Eigen::Vector3d::UnitY()).toRotationMatrix();
-  region.SetGauze(gauze);  // its +x side is raised by 0.2 rad
+  region.SetGauze(gauze);  // the +x side is raised by 0.2 rad
   const Breach breach = region.At(tip);
   EXPECT_EQ(Named(breach), "the observed gauze");
   EXPECT_NEAR(breach.depth_m, 0.0005 + 0.02 * std::sin(0.2) - 0.004 * std::cos(0.2), 1e-12);

@@ -1,4 +1,4 @@
-// Episodes of line tracking with a camera, whose pictures are drawn.
+// Episodes of line tracking with a camera and rendered pictures.
 #include <gtest/gtest.h>
 
 #include <memory>

@@ -7,7 +7,7 @@
 
 namespace dfr::apps::line_tracking {
 
-/// A run on dvrk_simulator --lock-step, which waits for its answers without a limit.
+/// Returns a run on dvrk_simulator --lock-step, which waits for answers without a limit.
 inline RobotConfig LockStepConfig(int domain) {
   RobotConfig config;
   config.robot = RobotPlace::kDds;

@@ -1,5 +1,5 @@
-// Line tracking over the network, in lock-step with the simulator, against line tracking in one
-// process; the run as a program; the platform of a run, whose port is an emulator's.
+// Line tracking over the network, in lock-step with the simulator, compared with line tracking in
+// one process; the run as a program; the platform of a run, on an emulator's port.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -39,7 +39,7 @@ TEST(LockStepTest, InLockStepTheSameSeedsHaveTheSameOutcomesAsInOneProcess) {
   RobotPlant there(LockStepConfig(domain), known, nullptr);
   there.BringUp({});
   const LineModel model = LineModel::Load(Data().path / "model");
-  // Short ones: guided recovery, which makes more controls, is run below.
+  // Short episodes; guided recovery, which applies more controls, is tested below.
   for (const auto& [method, outcome] : {std::pair("baseline", core::Outcome::kCompleted),
                                         std::pair("early-stopping", core::Outcome::kHalted)}) {
     SCOPED_TRACE(method);
@@ -84,7 +84,7 @@ TEST(LaunchTest, AllItStartsIsOfTheRunsSecuredNetwork) {
   EXPECT_EQ(log.metadata.more.at("emergency stop"), "required");
 }
 
-// As with a stopped simulator: both kinds of requests time out, and the loop has continued.
+// Behaves like a stopped simulator: both kinds of requests time out, and the loop has continued.
 TEST(SimulatorLinkTest, AQuestionThatIsNeverAnsweredEndsAfterItsTime) {
   dds::Participant network({.domain = test::OwnDomain()});
   std::int64_t now_ns = 0;
@@ -121,7 +121,7 @@ class PlatformTest : public testing::Test {
     config.platform.motion.frequency_hz[0] = 0.1;
     return config;
   }
-  // The letters of the first `count` commands.
+  // Returns the letters of the first `count` commands.
   [[nodiscard]] std::string Arrived(std::size_t count) {
     std::string letters;
     for (const auto& command : port_.Await(count)) letters += command.letter;

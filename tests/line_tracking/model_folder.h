@@ -39,7 +39,7 @@ class ModelFolder {
       std::filesystem::temp_directory_path() / ("dfr-model-" + std::to_string(getpid()));
 };
 
-/// One for all tests of a program.
+/// One folder for all tests of a program.
 inline const ModelFolder& Data() {
   static const ModelFolder folder;
   return folder;

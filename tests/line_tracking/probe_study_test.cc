@@ -13,8 +13,8 @@
 namespace dfr::apps::line_tracking {
 namespace {
 
-// Compares each probe with its effect: with exact states no sign can be wrong, and the fine
-// probes are 50 times shorter.
+// Compares each probe with its effect: with exact states all signs are correct, and the fine probes
+// are 50 times shorter.
 TEST(ProbeStudyTest, ExactStatesHaveNoWrongSigns) {
   LineTrialRunner runner(
       LineModel::Fit(Demonstrate(FromTruth(), test::PerfectCalibration(FromTruth()), 20, 50, 1),
@@ -33,7 +33,7 @@ TEST(ProbeStudyTest, ExactStatesHaveNoWrongSigns) {
     EXPECT_GE(study.recoveries(), study.out_of_reach());
     sizes[static_cast<std::size_t>(method)] = study.size_um();
   }
-  // Not exactly 50, for the states are not the same.
+  // The ratio is not exactly 50, because the states differ.
   EXPECT_GT(sizes[0], 20.0 * sizes[1]);
 }
 

@@ -1,4 +1,4 @@
-// Recordings of runs, and files that a run refuses.
+// Recordings of runs, and files that a run rejects.
 #include "recorded_controller.h"
 
 #include <gtest/gtest.h>
@@ -71,7 +71,7 @@ TEST(RecordedControllerTest, ARecordingIsDecidedAgainToTheBitAndADifferenceIsSee
   EXPECT_NE(testing::internal::GetCapturedStdout().find("this program is of commit "),
             std::string::npos);
 
-  // Another model decides otherwise.
+  // Another model makes other decisions.
   LineModelOptions other;
   other.hidden = {8};
   other.gammas = {0.5};
@@ -80,7 +80,7 @@ TEST(RecordedControllerTest, ARecordingIsDecidedAgainToTheBitAndADifferenceIsSee
   EXPECT_FALSE(ReplayRecording(path, elsewhere));
 }
 
-// "All decisions are the same" would be true of it.
+// "All decisions are the same" would be true for it.
 TEST(RecordedControllerTest, ARecordingWithoutDecisionsIsNotMadeAgain) {
   const std::filesystem::path path = Data().path / "empty.mcap";
   recording::RecordingMetadata metadata;

@@ -56,7 +56,7 @@ TEST_F(RobotConfigTest, AnEmptyFileIsTheSimulation) {
   EXPECT_EQ(Load("").robot, RobotPlace::kProcess);
 }
 
-// The parser of TOML ran into undefined behaviour on such bytes.
+// Such bytes caused undefined behaviour in the TOML parser.
 TEST_F(RobotConfigTest, BinaryFilesAreRefusedBeforeParsing) {
   EXPECT_THAT(
       dfr::test::MessageOf<std::runtime_error>([&] {
@@ -139,7 +139,7 @@ TEST_F(RobotConfigTest, RegionAndLimitsAreRead) {
   ASSERT_EQ(config.region.forbidden.size(), 1U);
   EXPECT_EQ(config.region.forbidden[0].max().x(), 0.01);
   ASSERT_EQ(config.region.planes.size(), 1U);
-  // It begins two millimetres above the gauze at rest.
+  // The region begins two millimetres above the gauze at rest.
   EXPECT_NEAR(config.region.planes[0].signedDistance(Eigen::Vector3d(0.0, 0.0, 0.003)), 0.001,
               1e-15);
 }
@@ -197,7 +197,7 @@ class ProvenanceTest : public RobotConfigTest {
  protected:
   static constexpr char kRobot[] =
       "robot = 'dds'\n[arm]\nname = 'PSM1'\nserial = 'A7'\n[camera]\nname = 'left eye'\n";
-  // Returns the error about a calibration of `provenance`.
+  // Returns the error about a calibration with this provenance.
   static std::string Refusal(const RobotConfig& config, const core::Provenance& provenance) {
     return dfr::test::MessageOf<std::runtime_error>(
         [&] { CheckProvenance(config, "c.dfr", provenance, "Do it again"); });

@@ -49,7 +49,7 @@ class Program {
  public:
   Program(const std::filesystem::path& folder, const std::string& arguments)
       : shown_(folder / "shown.txt"), typed_(folder / "typed") {
-    std::filesystem::remove(shown_);  // that of the program before
+    std::filesystem::remove(shown_);  // removes the output of the previous program
     std::filesystem::remove(typed_);
     EXPECT_EQ(::mkfifo(typed_.c_str(), 0600), 0);
     keyboard_ = ::open(typed_.c_str(), O_RDWR);
@@ -69,7 +69,8 @@ class Program {
     std::ifstream in(shown_);
     return {std::istreambuf_iterator<char>(in), {}};
   }
-  // Index of the text that it prints next after the last awaited one; -1: none.
+  // Waits for one of the texts after the last awaited one. Returns the index of the first; -1:
+  // none.
   int Await(const std::vector<std::string>& texts, double seconds = kQuestion) {
     const auto end = steady_clock::now() + std::chrono::duration<double>(seconds);
     while (steady_clock::now() < end) {
@@ -85,7 +86,7 @@ class Program {
     return -1;
   }
   // Answers until an episode begins: a busy machine may hold the robot for a moment, and its
-  // operator continues. `place` puts the tip over a line's beginning.
+  // operator continues. `place` puts the tip over the beginning of a line.
   [[nodiscard]] bool Begin(const std::function<void()>& place) {
     for (int n = 0; n < 5; ++n) {
       const int asked = Await({"Enter starts", "type start", "type clear"});
@@ -110,7 +111,7 @@ class Program {
   std::optional<test::PeerProcess> process_;
 };
 
-// Moves the arm: a teleoperation at the console.
+// Moves the arm as a teleoperation at the console does.
 class Surgeon {
  public:
   explicit Surgeon(int domain) : network_({.domain = domain}), link_(network_) {
@@ -120,11 +121,12 @@ class Surgeon {
       if (steady_clock::now() > end) throw std::runtime_error("there is no console");
       std::this_thread::sleep_for(milliseconds(10));
     }
-    std::this_thread::sleep_for(milliseconds(300));  // until it has discovered this participant
+    // Until the console has discovered this participant.
+    std::this_thread::sleep_for(milliseconds(300));
     at_ = Tip();
   }
   [[nodiscard]] SimulatorLink& link() { return link_; }
-  // Position of the tip without cable errors, world frame.
+  // Position of the tip in the world frame, without cable errors.
   [[nodiscard]] const Eigen::Vector3d& at() const { return at_; }
   // Moves straight to the target and rests there.
   void Lead(const Eigen::Vector3d& goal, double speed_m_s) {
@@ -160,7 +162,7 @@ class RobotFromNothingSystemTest : public testing::Test {
   RobotFromNothingSystemTest() {
     std::filesystem::create_directories(folder_);
     hardware::WriteIntrinsics(folder_ / "camera.yaml", sim::LineTrackingPlant::true_camera());
-    // For a busy machine.
+    // Limits for a busy machine.
     std::ofstream(config_) << "robot = 'dds'\nmodel = '" << (folder_ / "model").string()
                            << "'\ncalibration = '" << (folder_ / "calibration.dfr").string()
                            << "'\nmethod = 'baseline'\nrecordings = 'none'\n[network]\ndomain = "
@@ -176,7 +178,7 @@ class RobotFromNothingSystemTest : public testing::Test {
   [[nodiscard]] std::vector<std::string> Console() const {
     return {DFR_SIMULATOR, "--domain", std::to_string(domain_), "--homing", "0.2"};
   }
-  // Twenty pictures, in twelve of which the tip touches the gauze.
+  // Takes twenty pictures; in twelve of them the tip touches the gauze.
   void Calibrate() {
     const test::PeerProcess console(Console());
     Program program(folder_, "calibrate --config " + config_.string());
@@ -187,7 +189,7 @@ class RobotFromNothingSystemTest : public testing::Test {
     ASSERT_EQ(program.Await({"has to touch the gauze in 10 pictures"}), 0) << program.Shown();
     Surgeon surgeon(domain_);
     core::Random random(1);
-    double lower_m = 0.0;  // by so much the true tip is above where the arm has it
+    double lower_m = 0.0;  // distance of the true tip above the arm's estimate
     int taken = 0;
     for (int i = 0; i < 40 && taken < 20; ++i) {
       const bool touches = taken % 5 > 1;
@@ -216,7 +218,7 @@ class RobotFromNothingSystemTest : public testing::Test {
     EXPECT_EQ(program.Await({"calibration.dfr written", "not calibrated"}), 0) << program.Shown();
     EXPECT_EQ(program.End(), 0);
   }
-  // The tip is over the beginning of a line.
+  // Moves the tip over the beginning of a line.
   void Place(std::uint64_t seed) const {
     dds::Participant network({.domain = domain_});
     SimulatorLink link(network);
@@ -266,7 +268,7 @@ TEST_F(RobotFromNothingSystemTest, CalibratesDemonstratesFitsAndRuns) {
     bool done = false;
     for (std::uint64_t seed = 1; seed < 6 && !done; ++seed) {
       ASSERT_TRUE(program.Begin([&] {
-        surgeon.reset();  // no other participant may command the arm while it is placed and driven
+        surgeon.reset();  // no other participant may command the arm from here on
         Place(seed);
         if (teleoperation) surgeon.emplace(domain_);
       })) << program.Shown();
@@ -290,7 +292,7 @@ TEST_F(RobotFromNothingSystemTest, CalibratesDemonstratesFitsAndRuns) {
       set = std::move(one);
     }
   }
-  // A robot's operator makes fifty; simulated ones save the time.
+  // An operator of a robot records fifty demonstrations. Simulated ones save time here.
   for (const core::Trajectory& more : Demonstrate(FromTruth(), known, 8, 45, 1).trajectories) {
     set.trajectories.push_back(more);
   }

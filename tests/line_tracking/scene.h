@@ -4,14 +4,14 @@
 
 namespace dfr::apps::line_tracking {
 
-/// A platform that moves at random.
+/// A platform with a random motion.
 inline sim::LineTrackingOptions Disturbed() {
   sim::LineTrackingOptions options;
   options.disturbance.wave = sim::Wave::kRandom;
   return options;
 }
 
-/// The same, observed without a camera.
+/// The same world, observed without a camera.
 inline sim::LineTrackingOptions FromTruth() {
   sim::LineTrackingOptions options = Disturbed();
   options.observation = sim::Observation::kGroundTruth;

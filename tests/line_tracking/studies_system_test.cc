@@ -12,10 +12,10 @@
 namespace dfr::apps::line_tracking {
 namespace {
 
-// Results of the paper's robot: at least twice Baseline's completions, 84 % fewer
-// collisions. With exact states, both choices of the two constants that Algorithm 1 leaves open
-// achieve this. With a too narrow kernel neither does, because g stays below the gate. Ratios of
-// counts need 40 episodes of each method.
+// Results of the paper's robot: at least twice the completions of Baseline, 84 % fewer collisions.
+// With exact states, both choices of the two constants that Algorithm 1 leaves open achieve this.
+// With a too narrow kernel neither does, because g stays below the gate. Ratios of counts need 40
+// episodes of each method.
 TEST(ProbeStudyTest, DfrDoublesCompletionsAndRemovesCollisions) {
   const imitation::DemonstrationSet set =
       Demonstrate(FromTruth(), test::PerfectCalibration(FromTruth()), 50, 50, 1);
@@ -51,7 +51,7 @@ TEST(ProbeStudyTest, DfrDoublesCompletionsAndRemovesCollisions) {
   }
 }
 
-// The goal of guided recovery, also when the platform goes on moving after every control: 95 %
+// The goal of guided recovery, also if the platform continues to move after every control: 95 %
 // completed, 2 % collided. Of 100 episodes a method that completes 98 % fails this 5 % of the time;
 // the seeds are fixed.
 TEST(LineTrialRunnerTest, GuidedRecoveryCompletesOnAMovingPlatform) {
@@ -74,7 +74,7 @@ TEST(LineTrialRunnerTest, GuidedRecoveryCompletesOnAMovingPlatform) {
     }
     EXPECT_GE(counts[1][static_cast<std::size_t>(core::Outcome::kCompleted)], 95);
     EXPECT_LE(counts[1][static_cast<std::size_t>(core::Outcome::kCollided)], 2);
-    // Without recovery most collide: the platform does disturb.
+    // Without recovery most episodes collide, which proves that the platform disturbs them.
     EXPECT_GE(counts[0][static_cast<std::size_t>(core::Outcome::kCollided)], 50);
   }
 }

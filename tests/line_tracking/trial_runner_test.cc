@@ -49,7 +49,7 @@ TEST(LineTrialRunnerTest, DemonstrationsAreUndisturbedAndStayAtTheLine) {
   for (const core::Trajectory& trajectory : set.trajectories) {
     EXPECT_EQ(trajectory.outcome, core::Outcome::kCompleted);
     EXPECT_EQ(trajectory.num_steps(), 50);
-    // Beyond where it began, an arm with a good calibration bends off by some tenths of a mm.
+    // Beyond its start, an arm with a good calibration deviates by some tenths of a mm.
     EXPECT_LT((trajectory.states.col(2).array() - trajectory.states(0, 2)).abs().maxCoeff(), 0.7);
     EXPECT_LT((trajectory.controls.rowwise().norm().array() - 0.5).abs().maxCoeff(), 0.01);
   }
@@ -93,7 +93,7 @@ TEST(LineTrialRunnerTest, InRealTimeAHaltMayCollide) {
   }
   EXPECT_EQ(collided_after_halt[0], 0);
   EXPECT_GE(collided_after_halt[1], 8);
-  // A controller that sees the line follows it in either world.
+  // A controller that sees the line follows it in both worlds.
   EXPECT_GE(completed[0], 18);
   EXPECT_GE(completed[1], 15);
 }
@@ -104,7 +104,7 @@ TEST(LineTrialRunnerTest, UnknownWorldsAreNamed) {
   }
 }
 
-// From a file the model is the same, bit for bit.
+// A model read from a file is the same, bit for bit.
 TEST(LineTrialRunnerTest, ModelsSurviveTheirFiles) {
   const std::filesystem::path folder =
       std::filesystem::temp_directory_path() / ("trial_runner_test_" + std::to_string(getpid()));
@@ -119,7 +119,7 @@ TEST(LineTrialRunnerTest, ModelsSurviveTheirFiles) {
   std::filesystem::remove_all(folder);
 }
 
-// The system tier has the goal of guided recovery, over a hundred episodes.
+// The system tier tests the goal of guided recovery over a hundred episodes.
 TEST(LineTrialRunnerTest, GuidedRecoveryCompletesWhereTheLearnedPolicyCollides) {
   sim::LineTrackingOptions options = FromTruth();
   options.disturbance.between = true;

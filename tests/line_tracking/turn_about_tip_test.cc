@@ -13,7 +13,7 @@ namespace {
 using kinematics::Psm;
 using kinematics::PsmJoints;
 
-// The tool upright, as line tracking has it, with the tips where those of `from` are.
+// Sets the tool upright, as in line tracking, with the tips at those of `from`.
 bool UprightAt(const PsmJoints& from, PsmJoints& upright) {
   PsmJoints home = PsmJoints::Zero();
   home[2] = 0.12;
@@ -22,7 +22,8 @@ bool UprightAt(const PsmJoints& from, PsmJoints& upright) {
   return Psm::Inverse(pose, upright) == kinematics::PsmReach::kOk;
 }
 
-// Largest distance of the tips from their place, and downwards, over moves through joint space.
+// Largest distance of the tips from their position, in total and downwards, over moves through
+// joint space.
 struct Way {
   double astray_m = 0.0;
   double down_m = 0.0;

@@ -1,7 +1,7 @@
 // Line tracking on the simulated console in real time, and the effect of killing one of its
 // processes.
 //
-// By estimate an idle machine has all devices found and the robot brought up within 2.5 s.
+// By estimate an idle machine finds all devices and brings up the robot within 2.5 s.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -33,7 +33,7 @@ constexpr double kPatience = 25.0;  // s: ten times that estimate
 
 class RealTimeTest : public testing::Test {
  protected:
-  // For a busy machine: its processor draws the pictures.
+  // Limits for a busy machine, whose processor draws the pictures.
   [[nodiscard]] RobotConfig Simulated() const {
     RobotConfig config = LockStepConfig(domain_);
     config.lock_step = false;
@@ -44,7 +44,7 @@ class RealTimeTest : public testing::Test {
     config.arm_client.max_tick_gap_s = 5.0;
     return config;
   }
-  // Same, but treats the console as a robot's.
+  // Same as above, but treats the console as a robot's.
   [[nodiscard]] RobotConfig Robot() const {
     RobotConfig config = Simulated();
     config.simulator = false;
@@ -55,7 +55,7 @@ class RealTimeTest : public testing::Test {
   [[nodiscard]] std::vector<std::string> Stop() const {
     return {DFR_HARDWARE, "stop", "--unattended", "--domain", std::to_string(domain_)};
   }
-  // True if the console reports this state of its arm.
+  // Returns true if the console reports this state of its arm.
   [[nodiscard]] bool ConsoleSays(std::string_view state, bool busy) {
     const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(kPatience);
     dds::OperatingState heard;
@@ -140,11 +140,12 @@ TEST_F(RealTimeTest, TheArmStandsStillWhenItsProgramIsKilled) {
   dds::PoseStamped pose;
   const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(2 * kPatience);
   const auto moved = [&] { return (pose.position_m - first.position_m).norm(); };
-  // In the middle of an episode: it has moved by a millimetre in steps of at most half of one.
+  // In the middle of an episode: the arm has moved by a millimetre, in steps of at most half of
+  // that.
   bool began = false;
   while (!(began && moved() > 0.001) && std::chrono::steady_clock::now() < end) {
     if (!setpoint.Wait(0.1) || !setpoint.TakeNewest(pose) || !pose.stamp.valid()) continue;
-    if (!began || moved() > 0.005) first = pose;  // it was placed elsewhere
+    if (!began || moved() > 0.005) first = pose;  // the arm was placed elsewhere
     began = true;
   }
   ASSERT_GT(moved(), 0.001) << "it does not move";
@@ -156,8 +157,9 @@ TEST_F(RealTimeTest, TheArmStandsStillWhenItsProgramIsKilled) {
   EXPECT_EQ(moved(), 0.0);
 }
 
-// A window of the lab that can hold, free and disable the arm, and was there first. Whole episodes
-// in real time, 20 times. Only this test finds a false alarm that takes a run's own timing.
+// The participant is a window of the lab that can hold, free and disable the arm, and that joined
+// first. Runs 20 whole episodes in real time. Only this test finds a false alarm that depends on
+// the timing of a run.
 TEST_F(RealTimeTest, InTwentyEpisodesAWindowThatWasThereBeforeIsNoReasonToHold) {
   dds::Participant window({.domain = domain_, .name = "window"});
   const dds::Publisher<dds::Signal> hold(window, "/PSM1/hold", dds::Role::kRequest);
@@ -187,10 +189,11 @@ TEST_F(RealTimeTest, InTwentyEpisodesAWindowThatWasThereBeforeIsNoReasonToHold) 
   std::printf("%d of 20 episodes completed, %d controls\n", completed, controls);
 }
 
-// The tool hangs askew over the line: it is lifted, looked at, turned and lowered again.
+// The tool is tilted over the line: the program lifts it, observes the gauze, and turns and lowers
+// it.
 class AskewTest : public RealTimeTest {
  protected:
-  // The simulator's position of the tip, with the arm's tool tilted by 0.3 rad about it.
+  // Moves the simulator's arm to a tilt of 0.3 rad about the tip.
   void Tilt() {
     dds::Participant network({.domain = domain_});
     SimulatorLink link(network);
@@ -205,7 +208,7 @@ class AskewTest : public RealTimeTest {
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
     }
     std::this_thread::sleep_for(
-        std::chrono::milliseconds(500));  // until it has discovered this participant
+        std::chrono::milliseconds(500));  // until the console has discovered this participant
     const Eigen::Vector3d jaw(0.0, 0.0, kinematics::Psm::kJawLength);
     const Eigen::Vector3d tip = pose.position_m + pose.orientation * jaw;
     pose.orientation =
@@ -251,7 +254,8 @@ TEST_F(AskewTest, RefusesAWayThatLeavesTheRegion) {
   Tilt();
   const test::PeerProcess stop(Stop());
   RobotConfig config = Robot();
-  config.region.box_min_m.z() = 0.02;  // so high that the tip is already below, and would return
+  // So high that the tip starts below it and would have to return.
+  config.region.box_min_m.z() = 0.02;
   RobotPlant robot(config, Data().Calibration(), nullptr);
   robot.BringUp({}, Agrees());
   SimulatorLink link(network_);

@@ -26,7 +26,7 @@ import sys
 import tempfile
 import time
 
-# Text and its replacement. Strings and comments are not changed.
+# Texts and their replacements. Strings and comments are not changed.
 CHANGES = [
     (r"(?<![<>=!+\-*/&|])<(?![<=])(?=\s)", ["<=", ">"]), (r"(?<=\s)>(?![>=])(?=\s)", [">=", "<"]),
     (r"<=", ["<", ">"]), (r"(?<![->])>=", [">", "<"]), (r"==", ["!="]), (r"!=", ["=="]),
@@ -41,12 +41,12 @@ CHANGES = [
 
 
 def places(text):
-    """(begin, end, replacement) of every change that can be made."""
-    # Comments, texts and directives become blanks of the same length.
+    """List (begin, end, replacement) of every possible change."""
+    # Replaces comments, texts and directives by blanks of the same length.
     blank = re.sub(r'//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|^\s*#[^\n]*',
                    lambda m: " " * len(m.group()), text, flags=re.S | re.M)
-    # Angle brackets of templates are no comparisons; template lines are left alone. How often a loop is unrolled is no
-    # result.
+    # Angle brackets of templates are not comparisons: template lines stay unchanged. The unrolling of a loop
+    # does not affect results.
     for pattern, replacements in CHANGES:
         for found in re.finditer(pattern, blank):
             line = blank[blank.rfind("\n", 0, found.start()) + 1:blank.find("\n", found.end())]
@@ -73,7 +73,7 @@ def run(command, folder, seconds, **more):
         process.wait()
 
 
-# A changed program may do anything, replace /dev/null for one. For root's, all but two folders can only be read.
+# A changed program may do anything, for example replace /dev/null. As root, it can write only to two folders.
 CONFINED = ["unshare", "--mount", "sh", "-c",
             'mount --bind /tmp /tmp && mount --bind "$0" "$0" && mount --bind "$1" "$1" && shift'
             ' && for ro in /tmp /dev /; do mount -o remount,bind,ro $ro || exit; done && exec "$@"']
@@ -91,7 +91,7 @@ def run_tests(build, program, cpu_s):
 
     with tempfile.TemporaryDirectory(prefix="dfr_mutate_") as scratch:
         command = confined([str(build / "tests" / program), "--gtest_fail_fast"], build, scratch)
-        # On a machine that others use, a test waits; one that hangs uses no processor time.
+        # On a shared machine a test may wait. A test that hangs uses no processor time.
         return run(command, build, 30.0 + 5.0 * cpu_s, preexec_fn=limit,
                    env={**os.environ, "TMPDIR": scratch, "TEST_TMPDIR": scratch})
 
@@ -108,7 +108,7 @@ def outcome(build, program, limit_s, jobs):
 
 
 def wilson(hits, total):
-    """The interval of 95 % of a share."""
+    """Return the 95 % interval of a share."""
     if total == 0:
         return 0.0, 1.0
     z2 = 1.96 ** 2
@@ -165,7 +165,7 @@ def main():
         of_file = f"{source.relative_to(copy)} {hashlib.sha256(text.encode()).hexdigest()[:16]}"
         changes += [(source, f"{of_file} {begin} {replacement}", begin, end, replacement)
                     for begin, end, replacement in places(text)]
-    # At random, in an order that does not depend on other files.
+    # Random order that does not depend on other files.
     changes.sort(key=lambda change: hashlib.sha256(f"{options.seed} {change[1]}".encode()).digest())
     record = root / "build/mutation" / f"{name}.jsonl"
     known = {}  # result of a change, and the tests

@@ -13,7 +13,7 @@
 namespace dfr::test {
 namespace {
 
-// States of seven entries, of which four are features, in another order.
+// Fits a guard to states of seven entries, of which four are features in another order.
 std::shared_ptr<const safety::GuardModel> FitGuard(core::Random& random) {
   core::StateLayout layout;
   layout.Add("object", 3);
@@ -37,7 +37,7 @@ void WriteGuard(const std::filesystem::path& folder) {
   std::vector<int> t;
   std::vector<double> g;
   for (int i = 0; i < 300; ++i) {
-    // Also before the first time step and behind the last.
+    // Includes steps before the first and after the last time step.
     t.push_back(static_cast<int>(random.Below(24)) - 4);
     x.row(i).array() += 0.3 * static_cast<double>(t.back());
     g.push_back(model->support().Decision(t.back(), core::Row(x, i)));

@@ -40,7 +40,7 @@ void WritePolicy(const std::filesystem::path& folder) {
   c.Write("u", "[200,2]", {u.data(), u.data() + u.size()});
 }
 
-// A policy and a support in one file: g of the control that the policy gives.
+// Writes a policy and a support to one file: g of the policy's control.
 void WriteBoth(const std::filesystem::path& folder) {
   core::Random random(4);
   const auto policy = MakePolicy(random);

@@ -46,7 +46,7 @@ void WriteSupport(const std::filesystem::path& folder) {
   std::vector<double> g;
   for (int i = 0; i < 200; ++i) {
     t.push_back(static_cast<int>(random.Below(20)) -
-                4);  // also before the first and behind the last
+                4);  // includes steps before the first and after the last
     g.push_back(support.Decision(t.back(), core::Row(x, i)));
   }
   Case c{folder, "time_varying_support", {}};

@@ -36,7 +36,7 @@ def alternatives(field):
 
 
 class Host:
-    """Files installed on this machine, by package."""
+    """Return the files installed on this machine, by package."""
 
     def __init__(self):
         self.stanzas, self.providers = {}, {}
@@ -49,7 +49,7 @@ class Host:
                 self.providers.setdefault(provided, info["Package"])
 
     def closure(self, names):
-        """These packages and all that they depend on."""
+        """Return these packages and all their dependencies."""
         found, wanted = set(), list(names)
         while wanted:
             name = wanted.pop()
@@ -84,7 +84,7 @@ class PackagesTest(unittest.TestCase):
         folder = tempfile.TemporaryDirectory(dir=BINARY)
         cls.addClassCleanup(folder.cleanup)
         cls.folder = pathlib.Path(folder.name)
-        # Quick compression: these packages are thrown away.
+        # Fast compression, because these packages are deleted.
         run("cpack", "-G", "DEB", "--config", BINARY / "CPackConfig.cmake", "-B", cls.folder,
             "-D", "CPACK_DEBIAN_COMPRESSION_TYPE=gzip")
         cls.debs = sorted(cls.folder.glob("*.deb"))
@@ -126,7 +126,7 @@ class PackagesTest(unittest.TestCase):
             self.assertEqual(info["Version"], version)
             self.assertRegex(deb.name, rf"^{info['Package']}_{version}_[a-z0-9]+\.deb$")
             self.assertTrue(info["Description"] and info["Maintainer"])
-            # No file outside the folders that Debian allows.
+            # No file may be outside the folders that Debian allows.
             for path in re.findall(r"(\./\S*)$", run("dpkg-deb", "--contents", deb), re.M):
                 self.assertRegex(path, r"^\./(usr/((bin|include|lib|share)/.*)?)?$")
 

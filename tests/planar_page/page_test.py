@@ -1,4 +1,4 @@
-"""The page in headless Chromium: its numbers are those of this machine, and its controls work as labelled.
+"""The page in headless Chromium: its numbers equal those of this machine, and its controls work as labelled.
 
 usage: page_test.py PAGE LIBRARY CHROMIUM     (LIBRARY: the same functions, compiled for this machine)
 """
@@ -82,7 +82,7 @@ class Answers(http.server.BaseHTTPRequestHandler):
 def in_page(script, *flags):
     """Return the result of `script`, a function's body in JavaScript, once the page is ready. The page is
     opened from the disk."""
-    # Chromium's processes may write a little longer than they live.
+    # Chromium's processes may still write after the browser has ended.
     with (tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder,
           http.server.HTTPServer(("127.0.0.1", 0), Answers) as server):
         hook = f"""<script>ready.then(async () => {{ {script} }}).catch(e => ({{failed: String(e)}})).then(result =>
@@ -232,8 +232,8 @@ class Page(unittest.TestCase):
         self.assertEqual(int(rows[3][3]), 0)
 
     def test_sixty_frames_a_second_with_sixty_demonstrations(self):
-        """A frame's work, with a control and a new support in it, is done well within 16.7 ms. The tenth
-        quickest of a hundred counts, because a busy machine interrupts the others."""
+        """A frame with a control and a new support takes well below 16.7 ms. The tenth fastest of a hundred
+        frames counts, because a busy machine interrupts the others."""
         result = in_page("""
           const quick = {};
           for (const method of world.methods.keys()) {

@@ -129,7 +129,7 @@ TEST(WorldTest, ADrawnLineIsADemonstrationAndARefusedOneLosesNothing) {
   for (int i = 0; i <= 40; ++i) line.push_back({0.1 * i, 0.6 * std::sin(M_PI * i / 20.0)});
   world.Draw(line, 7, 5);
   ASSERT_EQ(world.demonstrations().size(), 8u);
-  // The first is the line itself.
+  // The first demonstration is the line itself.
   const core::Matrix& states = world.demonstrations()[0].states;
   for (Eigen::Index t = 3; t < states.rows(); ++t) {
     EXPECT_NEAR(states(t, 1), 0.6 * std::sin(M_PI * states(t, 0) / 2.0), 0.04) << t;

@@ -160,8 +160,8 @@ std::map<std::string, double> InTheCode() {
           {"LocallyWeightedOptions::ridge", lwr.ridge}};
 }
 
-// A constant that changes without a new date fails here; so does one that is added to the page or
-// to this list alone.
+// A constant that changes without a new date fails here. So does a constant that is added only to
+// the page or only to this list.
 TEST(FrozenConstantsTest, AreThoseOfTheCode) {
   const std::string page = Page();
   ASSERT_FALSE(page.empty()) << DFR_FROZEN_CONSTANTS;

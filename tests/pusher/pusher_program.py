@@ -7,7 +7,7 @@ import tempfile
 import unittest
 
 PROGRAM = pathlib.Path(sys.argv.pop(1)).resolve()
-# A study of all methods, and one of two.
+# A study of all methods, and a study of one method.
 ALL = ["--learners", "8", "--demonstrations", "8,16", "--trials", "2", "--episodes", "4", "--no-video", "--no-convergence"]
 SMALL = ["--learners", "8", "--demonstrations", "8", "--trials", "2", "--episodes", "2", "--no-video", "--no-convergence",
          "--methods", "baseline,controller"]

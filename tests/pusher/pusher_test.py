@@ -1,6 +1,6 @@
-"""The program `pusher` as its users run it: each command on small numbers, and each kind of mistake.
+"""The program `pusher` as its users run it: each command with small numbers, and each kind of usage error.
 
-Takes 6 s. Only this test runs the commands one after the other on the files that they hand on.
+Takes 6 s. Only this test runs the commands in sequence, each on the files of the previous one.
 
 usage: pusher_test.py PROGRAM
 """
@@ -36,7 +36,7 @@ class PusherTest(ProgramTest):
         line = self.run_pusher("episodes", "whole", "--method", "controller", "--most", 1).splitlines()[0]
         name, outcome = line.split()[:2]
         controls = line.split("  ")[2].split()[0]
-        # Each picture takes .1 s, so the other method is the one that ends first.
+        # Each picture takes .1 s. The other method ends first.
         out = self.run_pusher("render", "--run", "whole", "--episode", name, "--methods", "early-stopping", "--width", 160,
                               "--height", 120, "--out", "episode.png")
         self.assertIn("early-stopping", out)
@@ -48,7 +48,7 @@ class PusherTest(ProgramTest):
     def test_an_interrupted_experiment_goes_on_where_it_ended_on_any_number_of_threads(self):
         ledger = (self.folder / "whole/ledger.jsonl").read_text().splitlines(keepends=True)
         (self.folder / "half").mkdir()
-        # Killed while it wrote its second unit.
+        # The run was killed while it wrote its second unit.
         (self.folder / "half/ledger.jsonl").write_text("".join(ledger[:2]) + ledger[2][:20])
         self.run_pusher("experiment", *SMALL, "--threads", 2, "--out", "half")
         self.assertEqual(self.summary_text("whole"), self.summary_text("half"))

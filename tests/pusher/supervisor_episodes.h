@@ -16,7 +16,7 @@ struct Counts {
   int collided = 0;
 };
 
-/// Over start states that neither training nor its stopping rule has used.
+/// Runs episodes over start states that neither training nor its stopping rule used.
 inline Counts Episodes(const imitation::GaussianPolicy& policy, bool sample, int episodes) {
   constexpr int kHorizon = 60;
   sim::PusherPlant plant;

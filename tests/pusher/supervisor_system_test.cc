@@ -12,7 +12,7 @@
 namespace dfr::apps::pusher {
 namespace {
 
-// The experiment's requirement. Shares of one per cent need a thousand episodes.
+// The experiment's requirement. Rates of one per cent need a thousand episodes.
 TEST(ShippedSupervisorTest, CompletesAndHardlyEverCollides) {
   const auto policy = imitation::GaussianPolicy::Load(DFR_SUPERVISOR);
   const Counts mean = Episodes(policy, false, 1000);
@@ -20,7 +20,7 @@ TEST(ShippedSupervisorTest, CompletesAndHardlyEverCollides) {
   EXPECT_LE(mean.collided, 5);
 }
 
-// Rates of demonstrations: only few may be discarded.
+// Yield of demonstrations: only a few may be discarded.
 TEST(ShippedSupervisorTest, SamplesAreUsableDemonstrations) {
   const auto policy = imitation::GaussianPolicy::Load(DFR_SUPERVISOR);
   EXPECT_NEAR(policy.log_std().array().exp().mean(), 0.3, 0.02);
@@ -34,7 +34,7 @@ std::string Bytes(const std::filesystem::path& path) {
   return {std::istreambuf_iterator<char>(file), {}};
 }
 
-// Takes seconds: each end of a training is judged by a thousand episodes.
+// Takes seconds: each end of a training is evaluated over a thousand episodes.
 TEST(TrainSupervisorTest, GoesOnFromACheckpointAsIfNeverInterrupted) {
   const std::filesystem::path folder =
       std::filesystem::path(testing::TempDir()) / "dfr_train_supervisor_system";

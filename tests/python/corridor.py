@@ -1,4 +1,4 @@
-"""A point that goes right along y = 0, whose actions are turned: demonstrations and the plant."""
+"""Demonstrations and the plant of a point that moves right along y = 0 and rotates its actions."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ def action_for(dx, dy):
 
 
 def demonstrations(seed, count, steps=STEPS):
-    """Lists of states (steps + 1, 3) and actions (steps, 2)."""
+    """Return lists of states (steps + 1, 3) and actions (steps, 2)."""
     rng = np.random.default_rng(seed)
     states, actions = [], []
     for _ in range(count):

@@ -84,7 +84,7 @@ class Corridor(example.Corridor):
 
 
 def frames_of(animation):
-    """The pictures of an animated PNG whose lines are not filtered."""
+    """Return the pictures of an animated PNG with unfiltered lines."""
     assert animation.startswith(b"\x89PNG\r\n\x1a\n")
     at, frames, width = 8, [], 0
     while at < len(animation):
@@ -184,7 +184,7 @@ class ExperimentTest(unittest.TestCase):
                 raise RuntimeError(error)
         with open(self.program, "a", encoding="utf-8") as file:
             file.write("# another one\n")
-        with self.assertRaisesRegex(RuntimeError, "cannot be run again by this program: hash of own_experiment.py"):
+        with self.assertRaisesRegex(RuntimeError, "this program cannot run its episodes again: hash of own_experiment.py"):
             corridor.replay(self.folder / "run", lines[0].split("  ")[0])
 
     def test_an_episode_has_a_film(self):
@@ -257,7 +257,7 @@ class ExperimentTest(unittest.TestCase):
 
     def test_exceptions_of_a_plant_name_the_unit(self):
         error = self.run_program(self.write("raises"), "experiment", *SMALL, "--out", "run", fails=True)
-        # Every unit raises it: whichever is the first to.
+        # Every unit raises the error: any of them may be the first.
         self.assertRegex(error, r"trial [0-2], (12|20) demonstrations, policy: Traceback")
         self.assertIn("ValueError: the arm is not plugged in", error)
         (self.folder / "mended").touch()
@@ -326,7 +326,7 @@ class ExperimentTest(unittest.TestCase):
         out = self.folder / "grid"
         run = [sys.executable, CLUSTER, "slurm", "--tasks", "2", "--grid", "ahead=0.4,0.8", "--out", out, "--", self.program]
         subprocess.run([*map(str, run), "experiment", *SMALL], check=True, capture_output=True)
-        # Its first line selects the first python3 of the path.
+        # The first line selects the first python3 of the path.
         path = {**os.environ, "PATH": f"{pathlib.Path(sys.executable).parent}:{os.environ['PATH']}"}
         for task in range(1, 5):
             subprocess.run([out / "cluster/task.sh", str(task)], check=True, env=path)

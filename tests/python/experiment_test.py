@@ -55,7 +55,7 @@ class ExperimentTest(unittest.TestCase):
 
     def test_it_runs_in_a_program_of_ones_own(self):
         class Corner(dfr.Experiment):
-            """A plant that is at its goal."""
+            """A plant that starts at its goal."""
 
             parameters = {"goal_x": 1.0, "fast": True, "count": 3, "word": "a b"}
             episodes, trials, demonstrations = 1, 1, (5,)

@@ -76,7 +76,7 @@ class GuardFitTest(unittest.TestCase):
         states, actions = demonstrations(1, 6)
         masked = np.ma.masked_array(states[2], mask=np.eye(21, 3, dtype=bool))
         for s, message in [
-            (None, "a list of arrays is needed, one a demonstration, not None"),
+            (None, "a list of arrays is needed, one per demonstration, not None"),
             ("demos.hdf5", "not 'demos.hdf5' of type str"),
             (dict(enumerate(states)), "of type dict"),
             (states[:2] + [[[1, 2, 3], [1, 2]]], "demonstration 2: .*rows of different lengths"),

@@ -1,4 +1,4 @@
-"""dfr.Guard: a drifting policy stays inside, every doubt halts, files keep all."""
+"""dfr.Guard: a drifting policy stays inside, every invalid input halts, and files keep all data."""
 
 import copy
 import doctest
@@ -54,7 +54,7 @@ class GuardTest(unittest.TestCase):
         self.assertEqual(info["mode"], "policy")
         self.assertEqual(info["reason"], "inside")
         self.assertGreaterEqual(info["g"], info["threshold"])
-        # Computed by its logarithm, which rounds.
+        # g is computed from its logarithm, which causes rounding.
         self.assertAlmostEqual(info["g"], self.guard.decision(info["step"], state), delta=1e-15)
         self.assertIs(info["alarm"], False)
         self.assertEqual((info["step"], info["alarm_step"]), (0, 0))

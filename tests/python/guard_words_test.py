@@ -1,4 +1,4 @@
-"""Texts of dfr.Guard: reasons of changed actions, errors of calls, progress of fits; and chunks of actions."""
+"""Texts of dfr.Guard: reasons for changed actions, errors of calls, progress of fits; and chunks of actions."""
 
 import io
 import pathlib

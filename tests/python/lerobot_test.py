@@ -112,7 +112,7 @@ class GuardStepTest(unittest.TestCase):
 
     def test_mistakes_are_named(self):
         for positions, message in [([1], "positions has 1 entries; actions of this guard have 2"),
-                                   ([1, 3], "names entry 3 of a state of 3")]:
+                                   ([1, 3], "contains 3, but a state has 3 entries")]:
             with self.assertRaisesRegex(ValueError, message):
                 GuardStep(self.guard, positions=positions)
         step = GuardStep(self.guard)
@@ -187,12 +187,12 @@ class TensorTest(unittest.TestCase):
 
 
 class DictionariesTest(unittest.TestCase):
-    """Actions and observations of a robot, {"x.pos": ...}."""
+    """Return the actions and observations of a robot, {"x.pos": ...}."""
 
     @classmethod
     def setUpClass(cls):
         states, actions = demonstrations(1, 30)
-        # The dataset's feature; the robot defines its names.
+        # Name of the dataset's feature; the robot defines the names of its entries.
         cls.guard = dfr.Guard.fit([x[:, 1:] for x in states], actions, layout=[("observation.state", 2)])
 
     def observation(self, x, y):
@@ -258,7 +258,7 @@ class ContractTest(unittest.TestCase):
                 self.assertEqual(list(inspect.signature(getattr(GuardStep, name)).parameters), parameters)
 
     def test_it_derives_from_lerobots_step_where_there_is_one(self):
-        """Runs with a stand-in of lerobot.processor that has the recorded methods and checks."""
+        """Runs with a stand-in for lerobot.processor that has the recorded methods and checks."""
         folder = pathlib.Path(__file__).parent
         script = f"""
             import sys
@@ -306,7 +306,7 @@ except ImportError:
 @unittest.skipIf(processor is None or not hasattr(processor, "DataProcessorPipeline"),
                  "needs LeRobot's src/lerobot/processor/pipeline.py and torch: docs/lerobot.md says how")
 class OwnPipelineTest(unittest.TestCase):
-    """LeRobot's own pipeline and converters, and torch's tensors."""
+    """LeRobot's own pipeline and converters, with torch's tensors."""
 
     @classmethod
     def setUpClass(cls):

@@ -32,7 +32,7 @@ HAS_DATA = "PUSHT" in os.environ
 
 
 def execute(notebook):
-    """The names that the cells leave, and the outputs of each code cell."""
+    """Return the names that the cells define, and the outputs of each code cell."""
     names, outputs = {}, []
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)  # they write files
@@ -86,7 +86,7 @@ class NotebookTest(unittest.TestCase):
         return notebook
 
     def expect_stored(self, notebook, outputs):
-        """The stored words are those of the run, and the numbers within a per mille: compilers differ."""
+        """The stored words equal those of the run. Numbers agree within a per mille, because compilers differ."""
         stored = [cell["outputs"] for cell in notebook["cells"] if cell["cell_type"] == "code"]
         self.assertEqual(len(stored), len(outputs))
         for old, new in zip(stored, outputs):

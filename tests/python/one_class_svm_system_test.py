@@ -10,7 +10,7 @@ import dfr
 
 class ThreadsTest(unittest.TestCase):
     def count_during(self, work):
-        """Number of times that another Python thread ran during `work`, and its seconds."""
+        """Return the number of times that another Python thread ran during `work`, and its seconds."""
         count, stop = 0, threading.Event()
 
         def ticker():
@@ -34,8 +34,8 @@ class ThreadsTest(unittest.TestCase):
         queries = np.random.default_rng(1).normal(size=(100_000, 9))
         for work in (lambda: svm.fit(X), lambda: svm.decision_function(queries)):
             count, seconds = self.count_during(work)
-            # A thread that never got the lock would count at both ends alone. On an idle machine one
-            # tick takes a millisecond: a hundred times that.
+            # A thread that never gets the lock would count only at both ends. On an idle machine one tick
+            # takes a millisecond; the limit is a hundred times that.
             self.assertGreater(count, 5 + 10 * seconds)
 
 

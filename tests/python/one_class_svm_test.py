@@ -1,4 +1,4 @@
-"""dfr.OneClassSVM beside scikit-learn's, as one of its estimators, and without it.
+"""dfr.OneClassSVM compared with scikit-learn's, as one of its estimators, and without scikit-learn.
 
 Takes 3 s, most of it in scikit-learn's own checks of estimators, which no other test runs."""
 
@@ -22,7 +22,7 @@ import dfr
 
 
 def cloud(kind, n, d, rng):
-    """Samples of one kind, and queries that are partly new, partly far."""
+    """Return samples of one kind, and queries of which some are new and some are far away."""
     if kind == "normal":
         X = rng.normal(size=(n, d))
     elif kind == "uniform":
@@ -75,7 +75,7 @@ class AgainstSklearn(unittest.TestCase):
                 X, queries = cloud(kind, n, d, np.random.default_rng(seed))
                 ours = dfr.OneClassSVM(nu=nu, gamma=gamma, tol=1e-9).fit(X)
                 theirs = sklearn.svm.OneClassSVM(nu=nu, gamma=gamma, tol=1e-9).fit(X)
-                # Decision values are differences of two sums: relative to the larger one.
+                # Decision values are differences of two sums, so the tolerance is relative to the larger sum.
                 scale = np.maximum(theirs.score_samples(queries), theirs.offset_)
                 error = np.abs(ours.decision_function(queries) - theirs.decision_function(queries)) / scale
                 self.assertLess(error.max(), 1e-6)
@@ -94,7 +94,7 @@ class AgainstSklearn(unittest.TestCase):
             a, b = getattr(ours, name), getattr(theirs, name)
             self.assertEqual(np.asarray(a).dtype, np.asarray(b).dtype, name)
             self.assertEqual(np.shape(a), np.shape(b), name)
-            # alpha of this well-conditioned problem follow to the root of the tolerance.
+            # For this well-conditioned problem alpha is accurate to the square root of the tolerance.
             np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-7, err_msg=name)
         self.assertEqual(ours.shape_fit_, theirs.shape_fit_)
         self.assertEqual(ours.fit_status_, theirs.fit_status_)
@@ -137,7 +137,7 @@ class AsEstimator(unittest.TestCase):
                 try:
                     check(estimator)
                 except unittest.SkipTest as skip:
-                    # Only checks that need pandas may be skipped without it.
+                    # Only checks that need pandas may be skipped without pandas.
                     self.assertIn("pandas", str(skip))
 
     def test_names_of_features_are_kept_and_compared(self):
@@ -222,7 +222,7 @@ class WrongCalls(unittest.TestCase):
 
 class Memory(unittest.TestCase):
     def test_contiguous_float64_is_read_in_place(self):
-        """200 MB of states take no second 200 MB."""
+        """A fit to 200 MB of states allocates no second 200 MB."""
         script = """
             import resource
             import numpy as np

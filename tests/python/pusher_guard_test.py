@@ -24,7 +24,7 @@ SEEDS = 30
 
 
 def control(weights, x):
-    """One sum after the other: matrix products add up in an order of their own."""
+    """Add the terms one by one: matrix products use another order."""
     u = []
     for row in weights:
         total = row[0]
@@ -56,7 +56,7 @@ class PusherGuardTest(unittest.TestCase):
 
     @staticmethod
     def regress(path, layout):
-        """The script: actions as a linear function of the cylinder's position, without the arm."""
+        """The scripted policy: actions are a linear function of the cylinder's position, and the arm is ignored."""
         with h5py.File(path) as file:
             demos = list(file["data"].values())
             objects = np.vstack([d["obs/object"][:] for d in demos])
@@ -105,7 +105,7 @@ class PusherGuardTest(unittest.TestCase):
         alone = [self.rollout(plant, None, seed)[0] for seed in range(SEEDS)]
         print("guarded:", {o: outcomes.count(o) for o in sorted(set(outcomes))})
         print("alone:  ", {o: alone.count(o) for o in sorted(set(alone))})
-        # A policy so crude collides more often than not; guarded it completes or halts.
+        # Such a crude policy collides in most episodes. With the guard it completes or halts.
         self.assertGreater(alone.count("collided"), SEEDS // 2)
         self.assertEqual(outcomes.count("collided"), 0)
         self.assertGreater(outcomes.count("completed"), alone.count("completed"))

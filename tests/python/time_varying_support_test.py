@@ -68,7 +68,7 @@ class TimeVaryingSupportTest(unittest.TestCase):
             step = np.zeros(3)
             step[k] = 1e-5
             difference = (support.decision(4, x + step) - support.decision(4, x - step)) / 2e-5
-            # Second order: 1e-10 times a third derivative of about gamma^1.5.
+            # Second-order error: 1e-10 times a third derivative of about gamma^1.5.
             self.assertAlmostEqual(gradient[k], difference, delta=1e-8)
         self.assertLess(np.linalg.norm(gradient), support.lipschitz_bound(4))
 

@@ -28,7 +28,8 @@ class VideoTest(unittest.TestCase):
                 for i, (states, (positions, _)) in enumerate(zip(loaded.states, data)):
                     np.testing.assert_array_equal(states[:, -2:], positions)
                     pictures = states[:, :-2].reshape(-1, 64, 64, 3)
-                    # Noise and compression; the first frame of the neighbour would show another place.
+                    # Noise and compression cause small errors. The first frame of the next episode would show
+                    # another position.
                     self.assertLess(np.abs(pictures - draw(positions, 64, 64, seed=i)).mean(axis=(1, 2, 3)).max(), 5.0)
                 other = draw(data[0][0], 64, 64)
                 self.assertGreater(np.abs(pictures - other).mean(), 6.0)

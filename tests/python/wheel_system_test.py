@@ -18,7 +18,7 @@ import numpy
 
 SOURCE = pathlib.Path(sys.argv[1]).resolve()
 del sys.argv[1]
-# Nothing of the build tree, and no network.
+# Excludes everything of the build tree, and the network.
 ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
 ENVIRONMENT |= {"PIP_NO_INDEX": "1", "PIP_DISABLE_PIP_VERSION_CHECK": "1", "PYTHONDONTWRITEBYTECODE": "1"}
 
@@ -38,9 +38,9 @@ class WheelTest(unittest.TestCase):
         cls.addClassCleanup(temporary.cleanup)
         cls.folder = pathlib.Path(temporary.name)
         source = cls.folder / "source"  # a build leaves files beside setup.py
-        # Ignored files are not sources; an unpacked archive has no git.
+        # Ignored files are not sources. An unpacked archive has no git.
         shutil.copytree(SOURCE, source, ignore=shutil.ignore_patterns("build", ".git", "out", "_skbuild", "*.egg-info"))
-        # Tests the package, not its speed; uses a compiler cache.
+        # Tests the package, not its speed, and therefore uses a compiler cache.
         ENVIRONMENT["SKBUILD_CONFIGURE_OPTIONS"] = (
             "-DDFR_BUNDLE=ON -DDFR_PRECOMPILE=ON -DCMAKE_UNITY_BUILD=ON -DCMAKE_CXX_FLAGS_RELEASE=-O1")
         if shutil.which("ccache"):
@@ -48,7 +48,7 @@ class WheelTest(unittest.TestCase):
             ENVIRONMENT.update(CCACHE_BASEDIR=str(cls.folder), CCACHE_NOHASHDIR="1")
         run(sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "-w", cls.folder, source)
         [cls.wheel] = cls.folder.glob("*.whl")
-        # NumPy alone comes from the system: there is no network to get it from.
+        # Only NumPy comes from the system, because there is no network.
         run(sys.executable, "-m", "venv", cls.folder / "venv")
         [site] = (cls.folder / "venv").glob("lib/python*/site-packages")
         (site / "numpy").symlink_to(pathlib.Path(numpy.__file__).parent)
@@ -105,7 +105,7 @@ class WheelTest(unittest.TestCase):
         self.assertEqual(run(self.python, "-c", script, "demos.hdf5", cwd=self.folder), "60\n")
 
     def test_the_tests_pass_there(self):
-        # One test writes a file with the system's h5py, whose HDF5 is another than the wheel's.
+        # One test writes a file with the system's h5py, whose HDF5 differs from the wheel's.
         package = run("/usr/bin/python3", "-c", "import h5py; print(h5py.__path__[0])").strip()
         (self.folder / "with_h5py").mkdir()
         (self.folder / "with_h5py/h5py").symlink_to(package)

@@ -13,8 +13,8 @@
 
 namespace dfr::test {
 
-/// Step number `i` of an example: every field differs between steps, and numbers cover all kinds of
-/// doubles, including a NaN with a payload.
+/// Returns step number `i` of an example: every field differs between steps, and numbers cover all
+/// kinds of doubles, including a NaN with a payload.
 inline recording::StepRecord ExampleStep(std::uint64_t i) {
   core::Random random(core::DeriveSeed(1, {i}));
   recording::StepRecord step;
@@ -93,7 +93,7 @@ inline recording::RecordingMetadata ExampleMetadata() {
           .more = {{"operator", "nobody"}}};
 }
 
-/// Pixels of a picture of 64 x 48, bgr8: smooth, so that a JPEG file of it is nearly the same.
+/// Pixels of a 64 x 48 picture, bgr8, which is smooth and therefore changes little as a JPEG file.
 inline std::vector<std::uint8_t> ExamplePixels(std::uint32_t i) {
   std::vector<std::uint8_t> pixels(std::size_t{64} * 48 * 3);
   for (std::size_t k = 0; k < pixels.size(); ++k) {

@@ -48,7 +48,7 @@ std::string SmallFile(const test::TempFolder& folder) {
   return Load(folder / "small.mcap");
 }
 
-// All content is right, and in its place.
+// Expects that all content is correct and at its position.
 void ExpectPart(const Recording& recording) {
   ASSERT_LE(recording.steps.size(), kSteps);
   ASSERT_EQ(recording.steps.size(), recording.step_numbers.size());
@@ -76,7 +76,7 @@ TEST(ReadRecordingTest, AFileCutOffAnywhereGivesWhatIsWhole) {
   Save(folder / "cut", whole);
   std::size_t least = kSteps;
   std::size_t refused = 0;
-  // Each size up to the types, a fifth of the others.
+  // Tests every size up to 100 bytes, and every fifth size above.
   for (std::size_t size = whole.size() - 1; size + 1 > 0; size -= size > 100 ? 5 : 1) {
     SCOPED_TRACE(size);
     std::filesystem::resize_file(folder / "cut", size);
@@ -85,7 +85,7 @@ TEST(ReadRecordingTest, AFileCutOffAnywhereGivesWhatIsWhole) {
       EXPECT_FALSE(recording.finished);
       ExpectPart(recording);
       EXPECT_TRUE(recording.damage.empty());
-      // Shorter files give no more.
+      // Shorter files contain no more steps.
       EXPECT_LE(recording.steps.size(), least);
       if (size == whole.size() - 1) {
         EXPECT_EQ(recording.steps.size(), kSteps);
@@ -97,7 +97,7 @@ TEST(ReadRecordingTest, AFileCutOffAnywhereGivesWhatIsWhole) {
     }
   }
   EXPECT_EQ(least, 0U);
-  // Only those that end within the magic or the header, 8 + 9 + 4 + 4 + 3 bytes.
+  // Only files that end within the magic or the header are rejected, 8 + 9 + 4 + 4 + 3 bytes.
   EXPECT_EQ(refused, 28U);
   EXPECT_TRUE(ReadRecording(folder / "small.mcap").finished);
 }
@@ -116,7 +116,7 @@ TEST(ReadRecordingTest, AChangedByteLosesItsChunkAlone) {
     file.seekp(static_cast<std::streamoff>(at));
     file.put(byte).flush();
   };
-  // Each byte of the magic at the end, a quarter of the others.
+  // Tests each byte of the magic at the end, and a quarter of the others.
   for (std::size_t at = 0; at < whole.size(); at += at + 12 <= whole.size() ? 4 : 1) {
     SCOPED_TRACE(at);
     put(at, static_cast<char>(whole[at] ^ static_cast<char>(1 + random.Below(255))));
@@ -144,7 +144,7 @@ TEST(ReadRecordingTest, AChangedByteLosesItsChunkAlone) {
     }
     put(at, whole[at]);
   }
-  // The magic at the end, without which a file counts as cut off.
+  // The eight bytes of the magic at the end. Without it, a file counts as incomplete.
   EXPECT_EQ(unseen, 8);
   // The content that a reader must trust precedes the first chunk: header, types, metadata,
   // configuration.
@@ -153,7 +153,7 @@ TEST(ReadRecordingTest, AChangedByteLosesItsChunkAlone) {
   EXPECT_GT(lost, 250);
 }
 
-// Bytes that this process has read so far.
+// Number of bytes that this process has read.
 std::uint64_t BytesRead() {
   std::ifstream io("/proc/self/io");
   std::string name;

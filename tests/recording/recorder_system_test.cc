@@ -21,7 +21,7 @@
 namespace dfr::recording {
 namespace {
 
-// Messages older than a second are complete and right.
+// Messages older than a second are complete and correct.
 TEST(KilledRecorderTest, AKilledProcessLosesLessThanTheLastSecond) {
   const test::TempFolder folder;
   core::Random random(3);
@@ -43,10 +43,11 @@ TEST(KilledRecorderTest, AKilledProcessLosesLessThanTheLastSecond) {
     const Recording recording = ReadRecording(log);
     EXPECT_FALSE(recording.finished);
     EXPECT_EQ(recording.metadata, test::ExampleMetadata());
-    const auto recorded = std::filesystem::file_size(progress);  // one byte a step
+    const auto recorded = std::filesystem::file_size(progress);  // one byte per step
     const auto kept = recording.steps.size();
     EXPECT_LE(kept, recorded + 1);
-    // A step a millisecond. On an idle machine a quarter of a second is lost: four times that.
+    // One step per millisecond. An idle machine loses a quarter of a second; the limit is four
+    // times that.
     EXPECT_LT(recorded - std::min<std::uintmax_t>(kept, recorded), 1000U) << recorded << " steps";
     for (std::uint32_t i = 0; i < kept; ++i) {
       ASSERT_TRUE(test::Same(recording.steps[i], test::ExampleStep(i))) << "step " << i;

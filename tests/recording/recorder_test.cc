@@ -31,8 +31,8 @@ std::string Complaint(F&& call) {
   return dfr::test::MessageOf([&] { call(); });
 }
 
-// Files that the process writes may not grow beyond a size: as on a full disk, writing fails, with
-// part of a record written.
+// Limits the size of files that the process writes. Writing then fails as on a full disk, with part
+// of a record written.
 class SmallDisk {
  public:
   explicit SmallDisk(rlim_t bytes) {
@@ -134,7 +134,7 @@ TEST_F(RecorderTest, PicturesThatAreNoneAreCounted) {
   const std::vector<std::uint8_t> pixels = test::ExamplePixels(0);
   PictureView picture = test::ExamplePicture(0, pixels);
   EXPECT_TRUE(recorder.Picture(picture));
-  picture.height = 49;  // more rows than data
+  picture.height = 49;  // more rows than the data has
   EXPECT_FALSE(recorder.Picture(picture));
   picture.height = 48;
   picture.step = 191;  // rows overlap
@@ -159,7 +159,7 @@ TEST_F(RecorderTest, DroppedStepsAreCountedAndNoted) {
     }
     clock_.Pass(25);
     EXPECT_EQ(recorder.counts().records, 4U);
-    ASSERT_TRUE(recorder.Record(test::ExampleStep(10)));  // shows the gap before it
+    ASSERT_TRUE(recorder.Record(test::ExampleStep(10)));  // reveals the gap before it
     recorder.Finish();
     EXPECT_EQ(recorder.dropped(), 6U);
   }
@@ -249,7 +249,7 @@ TEST_F(RecorderTest, ADiskThatFillsUpDoesNotStopTheRun) {
   }
 }
 
-// A killed process leaves the data that the system has.
+// A killed process keeps the data that it passed to the system.
 TEST_F(RecorderTest, AStepIsInTheFileAQuarterOfASecondLaterAtMost) {
   const std::string path = folder_ / "log.mcap";
   Recorder recorder(path, test::ExampleMetadata(), Options());

@@ -18,7 +18,7 @@ namespace {
 using core::Matrix;
 using testing::HasSubstr;
 
-// Scores of `pictures`, as states.
+// Returns the scores of `pictures` as states.
 std::vector<core::Trajectory> Reduced(const test::GapPictures& pictures) {
   const PrincipalComponents fit =
       FitPrincipalComponents(ByteRows(pictures.pixels, test::GapPictures::kPixels),
@@ -44,7 +44,7 @@ TEST(ChooseComponentsTest, PicturesNeedMoreComponentsThanTheirStateHasEntries) {
 TEST(ChooseComponentsTest, TheStateItselfNeedsAllItsEntries) {
   const ComponentsChoice choice =
       ChooseComponents(test::MakeGapPictures(40, 2).truth, {.candidates = {2, 3, 4}});
-  ASSERT_EQ(choice.table.size(), 2U);  // There is no fourth.
+  ASSERT_EQ(choice.table.size(), 2U);  // There is no fourth component.
   EXPECT_EQ(choice.components, 3) << choice.reason;
   EXPECT_GT(choice.table[1].explained, 0.8);
   EXPECT_LT(choice.table[1].response_error, 0.05);
@@ -69,7 +69,7 @@ TEST(ChooseComponentsTest, ColumnsBesideAreThereWithAnyNumber) {
 }
 
 TEST(ChooseComponentsTest, AcceptsOneActionWithNoise) {
-  // The noise does not depend on the states. The mean is a good prediction.
+  // The noise does not depend on the states, and the mean predicts it well.
   core::Random random(4);
   std::vector<core::Trajectory> demonstrations(20);
   for (core::Trajectory& d : demonstrations) {
@@ -114,7 +114,7 @@ TEST(ChooseComponentsTest, DoesNotDependOnTheOrderOfDemonstrations) {
   std::swap(demonstrations[3], demonstrations[11]);
   const ComponentsChoice after = ChooseComponents(demonstrations, {.candidates = {6}});
   EXPECT_EQ(before.table[0].inside, after.table[0].inside);
-  // Sums over demonstrations round in their order.
+  // The rounding of sums over demonstrations depends on their order.
   EXPECT_NEAR(before.table[0].explained, after.table[0].explained, 1e-12);
 }
 

@@ -61,8 +61,8 @@ TEST(FeaturePointsTest, ABrightPatchIsWhereItIs) {
 }
 
 TEST(FeaturePointsTest, PositionsAreExpectedOnes) {
-  // 1 x 1 patches of value 3 on one bright pixel of a 1 x 3 picture: windows differ by 9 from the
-  // patch, except for the last.
+  // 1 x 1 patches of value 3 on one bright pixel of a 1 x 3 picture: all windows except the last
+  // differ by 9 from the patch.
   const FeaturePoints points({1, 3, 1}, 1, 0.1, Matrix::Constant(1, 1, 3.0));
   const std::vector<double> at = Positions(points, Bright({1, 3, 1}, 0, 2, 1));
   const double others = std::exp(-0.1 * 9.0);
@@ -88,7 +88,7 @@ Matrix RandomPictures(std::uint64_t seed, int count) {
   return pictures;
 }
 
-// From the definition, in double.
+// Computes the definition in double.
 TEST(FeaturePointsTest, AgreesWithTheDefinition) {
   const Matrix pictures = RandomPictures(1, 20);
   const FeaturePoints points =
@@ -119,7 +119,7 @@ TEST(FeaturePointsTest, AgreesWithTheDefinition) {
 }
 
 TEST(FeaturePointsTest, PatchesAreWhatPicturesShow) {
-  // Stripes of one pixel: there are two kinds of windows.
+  // Stripes of one pixel have two kinds of windows.
   const core::PictureShape shape = {3, 8, 1};
   Matrix pictures(4, 24);
   for (Eigen::Index i = 0; i < pictures.size(); ++i) {

@@ -10,16 +10,17 @@
 
 namespace dfr::test {
 
-/// A disc that goes through a gap of random height in a wall, seen as noisy grey pictures of
-/// kSide x kSide bytes. x runs from 0 to 1, the wall is at .5, y and the gap are in [.2, .8].
+/// A disc that moves through a gap of random height in a wall, in noisy grey pictures of kSide x
+/// kSide bytes. x goes from 0 to 1, the wall is at .5, y and the gap are in [.2, .8].
 struct GapPictures {
   static constexpr int kSide = 32;
   static constexpr Eigen::Index kPixels = kSide * kSide;
 
-  std::vector<core::Trajectory> truth;  ///< States [x, y, gap], actions the step.
-  std::vector<std::uint8_t> pixels;     ///< One picture a state, one demonstration after the other.
+  std::vector<core::Trajectory> truth;  ///< States [x, y, gap]; actions are the step.
+  /// One picture per state, one demonstration after the other.
+  std::vector<std::uint8_t> pixels;
 
-  /// Demonstrations whose states are rows of `scores`, one a picture.
+  /// Returns demonstrations whose states are rows of `scores`, one per picture.
   [[nodiscard]] std::vector<core::Trajectory> WithScores(const core::Matrix& scores) const {
     std::vector<core::Trajectory> demonstrations = truth;
     Eigen::Index row = 0;

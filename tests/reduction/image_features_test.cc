@@ -40,7 +40,7 @@ std::vector<float> Features(const ImageFeaturesOptions& options, const PictureVi
 }
 
 TEST(ImageFeaturesTest, AveragesAreasThatPixelsCoverInPart) {
-  // 3 x 2 pixels to 2 x 1: the middle column belongs to both halves.
+  // From 3 x 2 to 2 x 1 pixels: the middle column belongs to both halves.
   const std::vector<std::uint8_t> bytes = {10, 40, 100, 30, 60, 200};
   ImageFeaturesOptions options = Grey(3, 2);
   options.out_width = 2;

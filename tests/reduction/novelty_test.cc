@@ -33,7 +33,7 @@ struct Seen {
   std::vector<Eigen::Index> begin{0};
 };
 
-// Pixels of mean 100 and deviation 10, and two positions whose sum varies little.
+// Pixels have mean 100 and deviation 10. Two positions have a sum that varies little.
 Seen Demonstrations(std::uint64_t seed, int count) {
   core::Random random(seed);
   Seen seen;
@@ -62,7 +62,7 @@ double Of(const Novelty& novelty, const Eigen::VectorXd& picture, double x, doub
   return novelty.Of(pixels, std::array{x, y}, workspace);
 }
 
-// A window that changes by 40, as a small object does; and positions apart whose sum is new.
+// One window changes by 40, like a small object. Two positions have a new sum.
 TEST(NoveltyTest, NamesWhatNoDemonstrationHasAndLetsOthersPass) {
   const Novelty novelty = Fitted(Demonstrations(1, 40));
   EXPECT_LE(novelty.left_out(), 0.05);
@@ -144,7 +144,7 @@ TEST(NoveltyTest, AgreesWithTheDefinition) {
   EXPECT_NEAR(of(mean, near) / of(mean, far), squared(near)(0) / squared(far)(0), 1e-6);
 }
 
-// The edge of a table before a floor, seen by a camera that stands still in all demonstrations.
+// The edge of a table in front of a floor. The camera is at rest in all demonstrations.
 TEST(NoveltyTest, AShiftOfTheCameraByAPixelPassesAndAnObjectDoesNot) {
   constexpr core::PictureShape kColours{10, 12, 3};
   const auto scene = [](int right, int down) {
@@ -207,7 +207,7 @@ TEST(NoveltyTest, RefusesWhatDoesNotFit) {
   EXPECT_THAT(message(), HasSubstr("needs two demonstrations, not 1"));
 }
 
-// The values of a file, in their order.
+// Values of a file, in their order.
 struct Values {
   std::vector<double> mean = std::vector<double>(kPixels, 100.0);
   std::vector<double> variance = std::vector<double>(6, 116.0);

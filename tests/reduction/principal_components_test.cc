@@ -18,7 +18,7 @@ namespace {
 using core::Matrix;
 using testing::HasSubstr;
 
-// Rows of rank `rank` with decreasing variances, different units and large means.
+// Returns rows of rank `rank` with decreasing variances, different units and large means.
 Matrix Rows(Eigen::Index n, Eigen::Index d, Eigen::Index rank, std::uint64_t seed) {
   core::Random random(seed);
   const auto normal = [&](Eigen::Index rows, Eigen::Index cols) {
@@ -54,7 +54,7 @@ TEST(PrincipalComponentsTest, AreThoseOfAnExactDecomposition) {
   const core::SymmetricEigen eigen = core::DecomposeSymmetric(a.transpose() * a / 300.0);
   const Eigen::VectorXd exact = eigen.values.reverse();
   ASSERT_EQ(fit.components.rows(), 8);
-  // Products in float.
+  // The products are in float.
   EXPECT_TRUE(test::AllClose(fit.variance, exact.head(8), 0.0, 1e-5));
   EXPECT_NEAR(fit.total_variance, exact.sum(), 1e-9 * exact.sum());
   for (Eigen::Index k = 0; k < 8; ++k) {

@@ -21,7 +21,7 @@ namespace {
 using core::Matrix;
 using testing::HasSubstr;
 
-constexpr int kInputs = 1300;  // Several chunks and a rest.
+constexpr int kInputs = 1300;  // Several chunks and a remainder.
 constexpr int kComponents = 7;
 
 Reduction Random(std::uint64_t seed) {
@@ -55,7 +55,7 @@ TEST(ReductionTest, IsItsDefinitionForEachTypeOfInput) {
   const Eigen::VectorXd expected = reduction.projection() * a;
   Eigen::VectorXd z(kComponents);
   reduction.Apply(x, core::AsSpan(z));
-  EXPECT_TRUE(test::AllClose(z, expected, 1e-5));  // Weights in float.
+  EXPECT_TRUE(test::AllClose(z, expected, 1e-5));  // The weights are in float.
   Eigen::VectorXd same(kComponents);
   reduction.Apply(floats, core::AsSpan(same));
   EXPECT_EQ(z, same);

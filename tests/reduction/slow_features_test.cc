@@ -33,11 +33,12 @@ TEST(SlowFeaturesTest, FindsTheSlowSourceOfAMixture) {
   const std::vector<Matrix> episodes = {Mixed(mixing, 4000, 1)};
   const SlowFeatures fit = FitSlowFeatures(episodes);
   ASSERT_EQ(fit.directions.rows(), 3);
-  // The first direction reads the slow source, whatever the others add: v' M is along e_0.
+  // The first direction extracts the slow source for any added sources: v' M is along e_0.
   Eigen::RowVector3d read = fit.directions.row(0) * mixing;
   read /= read.norm();
   EXPECT_NEAR(std::abs(read[0]), 1.0, 1e-3);
-  // Variance over variance of differences: 1 / 2 over 2 sin(0.01)^2 of a sine, 1 / 2 of noise.
+  // Variance divided by variance of differences: 1 / 2 over 2 sin(0.01)^2 for a sine, 1 / 2 for
+  // noise.
   EXPECT_NEAR(fit.slowness[0], 0.25 / std::pow(std::sin(0.01), 2), 0.05 * fit.slowness[0]);
   EXPECT_NEAR(fit.slowness[1], 0.25 / std::pow(std::sin(0.45), 2), 0.05 * fit.slowness[1]);
   EXPECT_NEAR(fit.slowness[2], 0.5, 0.05);
@@ -82,8 +83,8 @@ TEST(SlowFeaturesTest, WhatIsConstantInAnEpisodeIsSlowest) {
   ASSERT_EQ(fit.directions.rows(), 2);
   EXPECT_GT(fit.directions(0, 0), 0.0);
   EXPECT_LT(std::abs(fit.directions(0, 1)), 0.01 * fit.directions(0, 0));
-  // The bound of differences is a millionth of the mean variance, about 2 / 3, and 1 is the
-  // variance along the constants.
+  // The lower bound on differences is a millionth of the mean variance, about 2 / 3. The variance
+  // along the constants is 1.
   EXPECT_NEAR(fit.slowness[0], 1.5e6, 0.2e6);
   EXPECT_NEAR(fit.mean[2], 7.0, 1e-12);
 }

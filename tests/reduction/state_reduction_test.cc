@@ -81,7 +81,7 @@ TEST(StateReductionTest, KeepsWhatIsBesideAndDropsTheRest) {
 
 TEST(StateReductionTest, ComponentsAreThoseOfTheBlock) {
   const StateReduction reduction = Fitted("pca:code:8");
-  // All components of the standardised block: a rotation of it, which preserves lengths of
+  // All components of the standardised block: a rotation, which preserves the lengths of
   // differences in units of the standard deviations.
   std::vector<Matrix> blocks;
   for (const core::Trajectory& d : Demonstrations(1)) {
@@ -140,7 +140,7 @@ TEST(StateReductionTest, ReconstructsWhatAllComponentsShow) {
 }
 
 TEST(StateReductionTest, SlowComponentsComeInOrder) {
-  // An embedding that rotates a counter through an episode into noise.
+  // An embedding that rotates from an episode counter into noise.
   std::vector<core::Trajectory> demonstrations = Demonstrations(1);
   core::Random random(3);
   for (core::Trajectory& d : demonstrations) {
@@ -186,7 +186,7 @@ TEST(StateReductionTest, LargePicturesOfPointsAreAveraged) {
     d.states.resize(4, layout.state_dim());
     for (double& value : d.states.reshaped()) value = std::floor(random.Uniform(20.0, 200.0));
   }
-  // Two pictures with the same averages have the same positions; 24 x 32 is the default.
+  // Two pictures with the same averages have the same positions. The default size is 24 x 32.
   std::vector<double> state = {demonstrations[0].states.row(1).begin(),
                                demonstrations[0].states.row(1).end()};
   const StateReduction points = StateReduction::Fit(layout, "points:eye:3", demonstrations, 1);
@@ -322,7 +322,7 @@ TEST(StateReductionTest, AFileWithPointsOfNoPictureIsRefused) {
   EXPECT_THAT(message(other), HasSubstr("patches have 75 entries, not 5 x 5 x 1"));
   other = {};
   other.Add("image", kSide * kSide * 3);
-  EXPECT_THAT(message(other), HasSubstr("points of a block that is no picture"));
+  EXPECT_THAT(message(other), HasSubstr("points of a block that is not a picture"));
   std::filesystem::remove(path);
 }
 
@@ -333,7 +333,8 @@ TEST(StateReductionTest, FeaturesThatMakeNoSenseAreNamed) {
   EXPECT_THAT(message("pca:camera"),
               HasSubstr("no block 'camera' in the state; it has image, tip, code, clock"));
   EXPECT_THAT(message("pca:code:grey"), HasSubstr("'grey' is for pictures; give the block"));
-  EXPECT_THAT(message("pca:image:blue"), HasSubstr("'blue' is no option; they are a number"));
+  EXPECT_THAT(message("pca:image:blue"),
+              HasSubstr("'blue' is not an option; options are a number"));
   EXPECT_THAT(message("pca:image:7x7"), HasSubstr("[1, 6] and [1, 6], not 7 and 7"));
   EXPECT_THAT(message("pca:image:0"), HasSubstr("must lie in [1, 256]"));
   EXPECT_THAT(message("pca:code:9"), HasSubstr("there are 8 components, not 9"));

@@ -1,4 +1,4 @@
-"""./dev release in a clone: the same tarball twice, notes, checksums, and tags that are refused.
+"""./dev release in a clone: the same tarball twice, notes, checksums, and rejected tags.
 
 usage: release_test.py SOURCE_DIR
 """

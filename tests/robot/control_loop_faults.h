@@ -24,9 +24,9 @@ struct Source {
   runtime::HoldReason reason;
   std::function<void(FakeRobot&)> begin;
   std::function<void(FakeRobot&)> end;
-  std::int64_t deadline_ns = 0;  // 0: none, it counts in the period in which it is found
+  std::int64_t deadline_ns = 0;  // 0: none; the fault counts in the period in which it is found
 
-  // Periods from begin() to the one that must hold: the first one after the deadline.
+  // Number of periods from begin() to the one that must hold: the first one after the deadline.
   [[nodiscard]] int periods() const { return static_cast<int>(deadline_ns / kPeriodNs) + 1; }
 };
 

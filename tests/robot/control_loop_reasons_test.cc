@@ -45,16 +45,17 @@ TEST(ControlLoopReasonsTest, HoldsExactlyAtTheDeadlineOfEverythingItWatches) {
 
 TEST(ControlLoopReasonsTest, AMotionEndsInThePeriodThatHolds) {
   for (const Source& source : Sources()) {
-    // In the motion, while the arm comes to rest, while the picture is waited for.
+    // During the motion, while the arm comes to rest, and while the loop waits for the picture.
     for (const int begins_in : {20, 101, 105}) {
-      if (begins_in > 100 && source.deadline_ns > 0) continue;  // over before the deadline
+      // The control ends before the deadline.
+      if (begins_in > 100 && source.deadline_ns > 0) continue;
       SCOPED_TRACE(source.name + ", " + runtime::Name(source.reason) + " in period " +
                    std::to_string(begins_in));
       FakeRobot robot;
       ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
       const int start = robot.clock.periods;
       const std::int64_t start_ns = robot.clock.now_ns;
-      // At the beginning of that period; a hanging thread has checked in the previous one.
+      // The fault begins with that period. A hanging thread has checked in during the previous one.
       robot.clock.plan_ns = start_ns + begins_in * kPeriodNs;
       robot.clock.plan = [&] { source.begin(robot); };
       EXPECT_EQ(robot.loop.Apply(kLong), PlantStatus::kFault);
@@ -183,7 +184,7 @@ TEST(ControlLoopReasonsTest, APeriodOfJustTheLimitIsNoOverrun) {
 }
 
 TEST(ControlLoopReasonsTest, APictureIsWaitedForUntilItsDeadline) {
-  constexpr int kPeriods = 401;  // the first after 2 s
+  constexpr int kPeriods = 401;  // the first report after 2 s
   FakeRobot robot;
   ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
   robot.camera.delay = kPeriods;

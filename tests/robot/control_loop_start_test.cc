@@ -114,7 +114,8 @@ TEST(ControlLoopStartTest, HomingEndsExactlyAtTheDeadlineOfEverythingItWatches) 
     FakeRobot robot;
     robot.arm.unhomed = true;
     robot.loop.Idle(0.5);
-    const std::int64_t begins_ns = robot.clock.now_ns + 750'000'000;  // half a second into it
+    // Half a second after the start.
+    const std::int64_t begins_ns = robot.clock.now_ns + 750'000'000;
     robot.clock.plan_ns = begins_ns;
     robot.clock.plan = [&] { source.begin(robot); };
     EXPECT_EQ(robot.loop.Home(), source.reason);

@@ -97,7 +97,7 @@ TEST(ControlLoopTest, PicturesThatShowNothingAreTriedAgain) {
   EXPECT_EQ(robot.loop.Apply(kControl), PlantStatus::kOk);
   EXPECT_EQ(robot.camera.questions, 3);
   EXPECT_NEAR(robot.loop.observation()[0], 0.3, 1e-12);
-  // The state is NaN then, which a controller halts at; it is no fault of a device.
+  // The state is then NaN, and a controller halts. This is not a fault of a device.
   robot.camera.unseen = 3;
   EXPECT_EQ(robot.loop.Apply(kControl), PlantStatus::kOk);
   EXPECT_EQ(robot.camera.questions, 6);
@@ -127,7 +127,7 @@ TEST(ControlLoopTest, TheControllersDecisionsMakeTheState) {
   EXPECT_THAT(robot.loop.cause(), HasSubstr("control-invalid"));
 }
 
-// -- pictures that are from now -------------------------------------------------------------------
+// -- current pictures -------------------------------------------------------------------
 
 // Applies controls of `size` mm until the loop holds. Returns the path length of the tip in mm.
 double WayUntilHeld(FakeRobot& robot, double size, int most = 100) {
@@ -162,7 +162,7 @@ TEST(ControlLoopTest, PicturesThatAreLateWithFreshStampsHold) {
     ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
     ASSERT_TRUE(robot.loop.Look());
     for (int i = 0; i < 10; ++i) ASSERT_EQ(robot.loop.Apply(kControl), PlantStatus::kOk);
-    robot.camera.pictures_late = 6;  // for example 2 s, with controls of a third of a second
+    robot.camera.pictures_late = 6;  // for example 2 s, for controls that take a third of a second
     EXPECT_LT(WayUntilHeld(robot, size), 3.0);
     EXPECT_EQ(robot.loop.state(), RunState::kFaulted) << robot.loop.cause();
   }
@@ -173,7 +173,7 @@ TEST(ControlLoopTest, MotionThatNobodyCommandedHolds) {
   ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
   ASSERT_TRUE(robot.loop.Look());
   int applied = 0;
-  // 0.2 mm to the side with each control of 0.1 mm forth or back.
+  // 0.2 mm to the side with each control of 0.1 mm forwards or backwards.
   for (; applied < 100; ++applied) {
     robot.camera.off[0] += 0.2;
     const std::array control = {0.0, applied % 2 == 0 ? 0.1 : -0.1};
@@ -183,7 +183,7 @@ TEST(ControlLoopTest, MotionThatNobodyCommandedHolds) {
   EXPECT_EQ(robot.loop.state(), RunState::kFaulted);
 }
 
-// An arm is calibrated to some per cent, and vision is as exact as its pixels.
+// The calibration of an arm has errors of some per cent, and vision is accurate to a pixel.
 TEST(ControlLoopTest, ErrorsOfCalibrationAndVisionAreNoReason) {
   for (const double scale : {0.85, 1.15}) {
     FakeRobot robot;

@@ -36,7 +36,7 @@ class FakeClock final : public robot::Clock {
   }
 
   std::int64_t now_ns = 1'000'000'000;
-  std::int64_t late_ns = 0;  // of the next period
+  std::int64_t late_ns = 0;  // delay of the next period
   int periods = 0;
   int rests = 0;
   bool in_lock_step = false;
@@ -46,7 +46,7 @@ class FakeClock final : public robot::Clock {
   std::function<void()> plan;
 };
 
-/// An arm with two joints that needs `lag` more periods after a motion until it is at rest.
+/// An arm with two joints that comes to rest `lag` periods after the end of a motion.
 class FakeArm final : public robot::Manipulator {
  public:
   robot::Finding Tick(std::int64_t steady_ns, std::int64_t /*wall_ns*/) noexcept override {
@@ -64,7 +64,7 @@ class FakeArm final : public robot::Manipulator {
     }
     needs_homing_ = false;
     if (moving_ && armed_) {
-      // Set-points go out at equal times.
+      // Set-points are sent at equal times.
       ++setpoints;
       moving_ = ++sent_ < steps;
       if (!moving_) at = goal_;
@@ -111,7 +111,7 @@ class FakeArm final : public robot::Manipulator {
   bool unhomed = false;
   int homings = 0;
   int homing_takes = 200;
-  std::int64_t disabled_ns = 0;  // when homing was ended before its time
+  std::int64_t disabled_ns = 0;  // time at which homing was interrupted
 
  private:
   bool needs_homing_ = false;
@@ -124,7 +124,7 @@ class FakeArm final : public robot::Manipulator {
   int rest_in_ = 0;
 };
 
-/// Shows the arm's position, `delay` periods after a request.
+/// Shows the arm's position `delay` periods after a request.
 class FakeCamera final : public robot::Camera {
  public:
   FakeCamera(const FakeClock& clock, const FakeArm& arm) : clock_(&clock), arm_(&arm) {}
@@ -168,12 +168,12 @@ class FakeCamera final : public robot::Camera {
   double scale = 1.0;
   double target = 0.0;    // a third entry of the state, if it has one
   bool frozen = false;    // repeats the last picture from now on
-  int pictures_late = 0;  // delay of pictures in requests
+  int pictures_late = 0;  // delay of pictures, as a number of requests
 
  private:
   const FakeClock* clock_;
   const FakeArm* arm_;
-  std::array<std::array<double, 2>, 8> shown_{};  // the newest first
+  std::array<std::array<double, 2>, 8> shown_{};  // newest first
   std::array<double, 2> picture_{};
   std::int64_t checked_ns_ = 0;
   int asked_in_ = 0;

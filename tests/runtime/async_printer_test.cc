@@ -24,7 +24,7 @@ TEST(AsyncPrinterTest, PrintsAllInOrder) {
   EXPECT_EQ(shown.Text(), "line 0 of three\nline 1 of three\nline 2 of three\n");
 }
 
-// A terminal after Ctrl-S: neither the loop nor the program's end waits for it without limit.
+// A terminal after Ctrl-S: neither the loop nor the end of the program waits for it without limit.
 TEST(AsyncPrinterTest, DoesNotWaitForAStoppedTerminal) {
   const Pipe shown;
   ::fcntl(shown.out(), F_SETFL, O_NONBLOCK);
@@ -41,7 +41,7 @@ TEST(AsyncPrinterTest, SaysHowMuchIsMissing) {
   std::string text;
   {
     AsyncPrinter printer(shown.out());
-    // More than the pipe and the queue hold.
+    // More lines than the pipe and the queue hold.
     for (int i = 0; i < 20'000; ++i) printer.Say("line %d\n", i);
     test::Eventually([&] {
       text += shown.Text();

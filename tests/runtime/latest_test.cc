@@ -28,7 +28,7 @@ TEST(LatestTest, TakesEachValueOnceAndTheNewestOnly) {
   EXPECT_FALSE(latest.Take(value));
 }
 
-// All entries of a value are its number: a torn one would mix two.
+// All entries of a value are its number: an incomplete value would mix two numbers.
 TEST(LatestTest, HandsWholeValuesInOrderBetweenThreads) {
   using Value = std::array<std::int64_t, 32>;
   Latest<Value> latest;

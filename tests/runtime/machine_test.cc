@@ -1,4 +1,4 @@
-// Uses of the machine by the runtime: its clocks, its scheduler, a terminal.
+// Access of the runtime to the machine: its clocks, its scheduler, a terminal.
 #include <gtest/gtest.h>
 #include <poll.h>
 #include <pty.h>

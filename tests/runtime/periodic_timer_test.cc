@@ -21,7 +21,7 @@ class PeriodicTimerTest : public testing::Test {
 
 TEST_F(PeriodicTimerTest, WakesAtTheEndOfEachPeriodFromTheFirst) {
   for (int i = 1; i <= 20; ++i) {
-    clock_.now_ns += i % 5 * kMs;  // the loop's work
+    clock_.now_ns += i % 5 * kMs;  // the work of the loop
     timer_.Wait();
     EXPECT_EQ(clock_.now_ns, start_ns_ + i * 5 * kMs);
   }
@@ -32,7 +32,7 @@ TEST_F(PeriodicTimerTest, WakesAtTheEndOfEachPeriodFromTheFirst) {
 
 TEST_F(PeriodicTimerTest, LeavesOutWhatIsOverAndStaysOnTheGrid) {
   timer_.Wait();
-  clock_.now_ns += 28 * kMs;  // held up until 33 ms after the start
+  clock_.now_ns += 28 * kMs;  // delayed until 33 ms after the start
   timer_.Wait();
   EXPECT_EQ(clock_.now_ns, start_ns_ + 33 * kMs) << "at once";
   EXPECT_EQ(timer_.missed(), 4) << "those that end at 15, 20, 25 and 30 ms";
@@ -60,9 +60,9 @@ TEST_F(PeriodicTimerTest, BooksHowFarPeriodsWereOff) {
   clock_.late_ns = 3 * kMs;
   timer_.Wait();  // 3 ms late
   clock_.late_ns = 0;
-  timer_.Wait();  // on time, and 3 ms less than a period after the last
+  timer_.Wait();  // on time, and 3 ms less than a period after the previous one
   EXPECT_DOUBLE_EQ(timer_.worst(), 0.003);
-  // Accurate to 1 us.
+  // The resolution is 1 us.
   EXPECT_DOUBLE_EQ(timer_.Jitter(0.8), 1e-6);
   EXPECT_DOUBLE_EQ(timer_.Jitter(0.81), 0.003001);
   EXPECT_DOUBLE_EQ(timer_.Jitter(1.0), 0.003001);

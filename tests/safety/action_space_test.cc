@@ -12,7 +12,7 @@ namespace dfr::safety {
 namespace {
 
 // A gripper carries an object along x. State: x, opening of the gripper, x of the object. Action:
-// the change of x, from `speeds`, and the gripper's command, which opens or closes it within a few
+// the change of x, from `speeds`, and the command that opens or closes the gripper within a few
 // steps.
 std::vector<core::Trajectory> Carried(const std::vector<double>& speeds) {
   constexpr int kSteps = 40;
@@ -49,7 +49,7 @@ TEST(ActionSpaceTest, AnAxisWithFewSpeedsIsSteeredAndAGripperIsNot) {
   }
 }
 
-// The axis moves nothing that the states show: nothing tells it from a gripper.
+// The axis moves nothing in the state. Nothing distinguishes it from a gripper.
 TEST(ActionSpaceTest, AnEntryThatMovesNothingSeenIsNotSteeredIfAnotherIs) {
   auto demonstrations = Carried({0.0, 0.04});
   core::Random random(1);
@@ -68,7 +68,7 @@ TEST(ActionSpaceTest, AnEntryThatMovesNothingSeenIsNotSteeredIfAnotherIs) {
   EXPECT_FALSE(space.entries()[0].steered);
   EXPECT_FALSE(space.entries()[1].steered);
   EXPECT_TRUE(space.entries()[2].steered);
-  // Without the third entry there is none but these.
+  // Without the third entry, only such entries remain.
   for (core::Trajectory& d : demonstrations) d.controls = core::Matrix(d.controls.leftCols(2));
   EXPECT_EQ(ActionSpace(demonstrations).steered_dim(), 2);
 }

@@ -38,7 +38,8 @@ using Writer = std::function<std::vector<double>(double angle, core::Random& ran
 std::vector<core::Trajectory> Turning(const Writer& rotation, std::uint64_t seed, int count,
                                       double begin, double rate = kTurnRate) {
   core::Random random(seed);
-  core::Random own(seed + 1000);  // For `rotation` only: all other random numbers are the same.
+  // Generator for `rotation` only: all other random numbers are unchanged.
+  core::Random own(seed + 1000);
   auto corridor = test::CorridorDemonstrations(seed, count);
   for (core::Trajectory& d : corridor) {
     const Eigen::Index steps = d.controls.rows();
@@ -148,7 +149,7 @@ TEST(ContinuousStatesTest, AQuaternionThatIsNoneHaltsByName) {
     EXPECT_STREQ(verdict.reason(), "quaternion-invalid");
     EXPECT_EQ(verdict.entry, 2);
     EXPECT_EQ(safe, std::vector<double>(3, 0.0));
-    // Until the next episode.
+    // Lasts until the next episode.
     verdict = guard.Filter(1, core::Row(fresh.states, 0), core::Row(fresh.controls, 0), safe);
     EXPECT_EQ(verdict.cause, HaltCause::kBadQuaternion);
     EXPECT_EQ(verdict.entry, 2);
@@ -187,7 +188,7 @@ TEST(ContinuousStatesTest, AnAngleThatWrapsIsContinuousOnEveryRevolution) {
   ExpectNearOnEveryRevolution(*model, fresh.states);
 }
 
-// 2.2 revolutions. Every value of an angle, and every revolution, is one state.
+// 2.2 revolutions. All revolutions of an angle are the same state.
 TEST(ContinuousStatesTest, AnAngleThatGoesAllTheWayRoundIsContinuous) {
   const auto layout = Layout("angle", 1);
   const auto model = GuardModel::Fit(layout, Turning(Wrapped, 1, 30, 0.3, 0.7));
@@ -218,7 +219,7 @@ TEST(ContinuousStatesTest, RotationsThatJumpAreWarnedOf) {
   const auto spun =
       GuardModel::Fit(Layout("quat", 4), Turning(Flipped, 1, 30, 0.3, 0.5), {.accept_any = true});
   EXPECT_THAT(Warnings(*spun), Contains(HasSubstr("quat[0:4] is a unit quaternion whose")));
-  // Not if no feature uses them.
+  // There is no warning if no feature uses the angle.
   const auto blind =
       GuardModel::Fit(Layout("quat", 4), Turning(Flipped, 1, 30, 0.3, 0.5), {.features = "tip"});
   EXPECT_THAT(Warnings(*blind), Not(Contains(HasSubstr("quat"))));

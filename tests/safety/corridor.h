@@ -12,8 +12,8 @@ namespace dfr::test {
 
 inline constexpr double kSpeed = 0.1;
 
-/// State: "clock" (1), which no feature should use, and "tip" (2). The tip goes right at kSpeed
-/// a step along y = 0, scattered by about 0.1; actions are its change, turned by kTurn.
+/// State: "clock" (1), which no feature should use, and "tip" (2). The tip moves right by kSpeed
+/// per step along y = 0, with a spread of about 0.1. Actions are its change, turned by kTurn.
 inline core::StateLayout CorridorLayout() {
   core::StateLayout layout;
   layout.Add("clock", 1);
@@ -27,7 +27,7 @@ inline constexpr double kTurn = 0.8;
 inline Eigen::Vector2d Effect(double u0, double u1) {
   return {std::cos(kTurn) * u0 - std::sin(kTurn) * u1, std::sin(kTurn) * u0 + std::cos(kTurn) * u1};
 }
-/// The action that moves the tip by (dx, dy).
+/// Returns the action that moves the tip by (dx, dy).
 inline Eigen::Vector2d ActionFor(double dx, double dy) {
   return {std::cos(kTurn) * dx + std::sin(kTurn) * dy,
           -std::sin(kTurn) * dx + std::cos(kTurn) * dy};

@@ -8,7 +8,7 @@
 
 namespace dfr::test {
 
-/// A guard of the corridor with this strategy, fitted once.
+/// Returns a guard of the corridor with this strategy, fitted once.
 inline std::shared_ptr<const safety::GuardModel> Model(
     safety::Strategy strategy = safety::Strategy::kGuard) {
   static const std::shared_ptr<const safety::GuardModel> kModel =
@@ -18,7 +18,7 @@ inline std::shared_ptr<const safety::GuardModel> Model(
   return kModel->With(settings);
 }
 
-/// The action that moves the tip by (dx, dy).
+/// Returns the action that moves the tip by (dx, dy).
 inline std::vector<double> Action(double dx, double dy) {
   const Eigen::Vector2d u = ActionFor(dx, dy);
   return {u[0], u[1]};

@@ -22,15 +22,14 @@ namespace {
 
 core::FeatureSelection Tip() { return {test::CorridorLayout(), "tip"}; }
 
-// So narrow that the slack of demonstrations exceeds the least one.
+// The kernel is so narrow that the slack of demonstrations exceeds the minimum.
 constexpr double kNarrow = 20.0;
 
 TaskOptions Options(kernel::WhitenedSupportOptions guided = {}) {
   return {.guided_features = "tip", .guided = guided};
 }
 
-// l of each state under a support of the others, at the time step a phase tracker takes it to be
-// in.
+// Returns l of each state under a support of the others, at the phase of a phase tracker.
 std::vector<double> UnseenLevels(const std::vector<core::Matrix>& points,
                                  const kernel::WhitenedSupportOptions& options, int folds) {
   std::vector<std::size_t> order(points.size());
@@ -51,7 +50,7 @@ std::vector<double> UnseenLevels(const std::vector<core::Matrix>& points,
   return levels;
 }
 
-// Built by hand from the parts that docs/recovery.md names.
+// Built by hand from the parts named in docs/recovery.md.
 TEST(FitTaskTest, PutsTogetherWhatTheLibrariesMake) {
   const auto demonstrations = test::CorridorDemonstrations(3, 12);
   const kernel::WhitenedSupportOptions options{.svm = {.gamma = kNarrow}};
@@ -81,8 +80,8 @@ TEST(FitTaskTest, PutsTogetherWhatTheLibrariesMake) {
   }
 }
 
-// Leaves out two of four at a time for any requested number of folds: a single one gives no
-// support.
+// For any requested number of folds, leaves out two of four at a time: a single demonstration gives
+// no support.
 TEST(FitTaskTest, EachStateHasALevelWhereTwoDemonstrationsRemain) {
   for (const auto& [count, states] : {std::pair(12, 12), std::pair(4, 4), std::pair(3, 1)}) {
     const auto demonstrations = test::CorridorDemonstrations(3, count);
@@ -101,7 +100,7 @@ TEST(FitTaskTest, EachStateHasALevelWhereTwoDemonstrationsRemain) {
   }
 }
 
-// Ways to the right at a place in a ring of radii `hole` and 2 across the way.
+// Returns ways to the right. Across the way, their position is in a ring of radii `hole` and 2.
 std::vector<core::Trajectory> AroundAHole(double hole, std::uint64_t seed) {
   constexpr int kSteps = 12;
   core::Random random(seed);

@@ -20,7 +20,7 @@ namespace {
 
 using testing::HasSubstr;
 
-// In the unit of the state: no state that raises no alarm is further from all demonstrated ones.
+// In the unit of the state: no state without an alarm is farther from all demonstrated states.
 TEST(GuardAdviceTest, ClearanceIsADistanceThatNoStateWithoutAlarmExceeds) {
   const auto demonstrations = test::CorridorDemonstrations(1, 30);
   const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
@@ -48,7 +48,7 @@ TEST(GuardAdviceTest, ClearanceIsADistanceThatNoStateWithoutAlarmExceeds) {
   EXPECT_LE(furthest, clearances[0].largest);
 }
 
-// One feature alone: the radius of the support divided by the scale of the feature.
+// With one feature, the clearance is the radius of the support divided by the feature's scale.
 TEST(GuardAdviceTest, ClearanceOfOneFeatureIsWhatEachTimeStepCovers) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 30),
                                      {.features = "tip[1:2]"});
@@ -70,14 +70,14 @@ TEST(GuardAdviceTest, ClearanceOfOneFeatureIsWhatEachTimeStepCovers) {
   EXPECT_NEAR(clearances[0].median, lengths[10], 1e-12 * lengths[10]);
 }
 
-// Half of the demonstrations go round at y = 2.
+// Half of the demonstrations pass at y = 2.
 TEST(GuardAdviceTest, AttributionNamesTheEntriesThatPutAStateOutside) {
   const std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(1, 40);
   const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
   core::Matrix states = demonstrations[3].states;
   const core::Matrix inside = Attribution(*model, states);
   states.rightCols(1).array() += 1.0;
-  states.col(0).array() += 100.0;  // no feature looks at it
+  states.col(0).array() += 100.0;  // no feature uses it
   const std::vector<double> levels = model->Levels(states);
   const core::Matrix attribution = Attribution(*model, states);
   ASSERT_EQ(attribution.rows(), states.rows());
@@ -137,7 +137,7 @@ TEST(GuardAdviceTest, FindingsNameWhatSpeaksAgainstAGuardAndTheRemedy) {
 }
 
 TEST(GuardAdviceTest, AClockThatBeginsElsewhereInEachEpisodeIsNamed) {
-  // Actions that differ from each other in all entries: the tip does not move uniformly.
+  // Actions differ from each other in all entries: the tip does not move uniformly.
   auto demonstrations = test::CorridorDemonstrations(1, 40);
   core::Random random(8);
   for (core::Trajectory& d : demonstrations) {
@@ -159,10 +159,10 @@ TEST(GuardAdviceTest, AClockThatBeginsElsewhereInEachEpisodeIsNamed) {
   for (core::Trajectory& d : begun) d.states.col(0).array() += 1e4 * random.Normal();
   EXPECT_THAT(FitWarnings(*model, begun),
               testing::Contains(testing::StartsWith("clock[0]: advances uniformly")));
-  // A goal that stands still, in units that round.
+  // A goal at rest, in units that cause rounding.
   for (core::Trajectory& d : begun) d.states.col(0).setConstant(random.Normal() / 3.0);
   EXPECT_EQ(warned(FitWarnings(*model, begun)), 0);
-  // A phase from 0 to 1, which does not begin elsewhere but has another rate in each episode.
+  // A phase from 0 to 1, which always starts at 0 but has a different rate in each episode.
   for (std::size_t i = 0; i < begun.size(); ++i) {
     core::Trajectory& d = begun[i];
     const Eigen::Index steps = 10 + static_cast<Eigen::Index>(i % 11);
@@ -176,7 +176,7 @@ TEST(GuardAdviceTest, AClockThatBeginsElsewhereInEachEpisodeIsNamed) {
 TEST(GuardAdviceTest, ActionsThatActLaterAreNamedWithTheDelay) {
   const auto demonstrations = test::CorridorDemonstrations(1, 40);
   const auto fit = [&](int later) {
-    // Those of step t act at t + later: the state changes by earlier ones.
+    // The action of step t acts at t + later: earlier actions change the state.
     auto delayed = demonstrations;
     for (core::Trajectory& d : delayed) {
       const Eigen::Index steps = d.controls.rows() - std::abs(later);
@@ -207,7 +207,7 @@ TEST(GuardAdviceTest, AClockIsOneInAnyUnitAndWhatStandsStillIsNone) {
   auto still = demonstrations;
   for (core::Trajectory& d : still) d.states.col(0).setConstant(3.0);
   EXPECT_THAT(FitWarnings(*whole, still), testing::Not(testing::Contains(HasSubstr(kClock))));
-  // The last part of the longest demonstration has no other to compare with.
+  // The last part of the longest demonstration has no other demonstration to compare with.
   const auto tip = GuardModel::Fit(test::CorridorLayout(), demonstrations,
                                    {.features = "tip", .action_limit = {0.2}});
   EXPECT_THAT(FitWarnings(*tip, demonstrations), testing::IsEmpty());
@@ -220,7 +220,7 @@ TEST(GuardAdviceTest, AClockIsOneInAnyUnitAndWhatStandsStillIsNone) {
 TEST(GuardAdviceTest, ActionsThatContradictWhatHappensExplainNothing) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
                                      {.features = "tip", .action_limit = {0.2}});
-  // Slightly backwards, where the demonstrated action is forwards.
+  // Moves slightly backwards, although the demonstrated action moves forwards.
   core::Trajectory back;
   back.states.resize(2, 3);
   back.states << 0.0, 0.0, 0.0, 1.0, -0.02, 0.0;

@@ -1,4 +1,4 @@
-// Chunks of actions, and the sentence that explains why an action did not pass.
+// Chunks of actions, and the explanation of an action that did not pass.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -28,7 +28,7 @@ using testing::HasSubstr;
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr int kChunk = 8;
 
-// The same action, `count` times in a row.
+// Returns the same action `count` times.
 std::vector<double> Repeated(const std::vector<double>& action, int count) {
   std::vector<double> chunk;
   for (int i = 0; i < count; ++i) chunk.insert(chunk.end(), action.begin(), action.end());
@@ -39,19 +39,19 @@ std::span<const double> ActionOf(const std::vector<double>& chunk, int i) {
   return std::span(chunk).subspan(2 * static_cast<std::size_t>(i), 2);
 }
 
-// A policy that is queried every kChunk steps, at `y` of the tip.
+// Policy that is queried every kChunk steps, at `y` of the tip.
 using Ask = std::vector<double> (*)(double y);
 
 struct Episode {
   int asked = 0;
-  int counted = 0;  // Actions that chunks promised,
-  int passed = 0;   // and those of them that Filter() then passed.
+  int counted = 0;  // Number of actions counted by chunks.
+  int passed = 0;   // Number of these that Filter() then passed.
   double furthest = 0.0;
   double reached = 0.0;
   bool halted = false;
 };
 
-// Applies the counted actions or, if there are none, one action as changed by the guard.
+// Applies the counted actions. If there are none, applies one action as changed by the guard.
 Episode Play(const std::shared_ptr<const GuardModel>& model, double y, Ask ask) {
   Guard guard(model);
   guard.Reset(1);
@@ -80,7 +80,7 @@ Episode Play(const std::shared_ptr<const GuardModel>& model, double y, Ask ask) 
 
 // Returns to the middle within the chunk, from the state at the query.
 std::vector<double> GoodPolicy(double y) { return Repeated(Action(0.0997, -y / kChunk), kChunk); }
-// It does not observe its position.
+// This policy does not observe its position.
 std::vector<double> DriftingPolicy(double /*y*/) { return Repeated(Action(0.09, 0.06), kChunk); }
 
 TEST(GuardChunkTest, AGoodPolicyThatIsAskedEveryEightStepsPlaysItsChunks) {
@@ -104,7 +104,7 @@ TEST(GuardChunkTest, ADriftingPolicyIsAskedAgainWhereItsChunkWouldLeave) {
   EXPECT_EQ(episode.passed, episode.counted);
 }
 
-// A chunk is cut at the first action that is predicted to end outside.
+// The guard cuts a chunk before the first action that is predicted to end outside.
 TEST(GuardChunkTest, CountsUpToTheFirstActionThatLeaves) {
   const auto model = Model();
   Guard guard(model);
@@ -118,8 +118,8 @@ TEST(GuardChunkTest, CountsUpToTheFirstActionThatLeaves) {
     ASSERT_EQ(alone, kChunk);
     const int playable = guard.FilterChunk(0, plant.x, chunk).playable;
     EXPECT_GE(playable, leaves);
-    // The tip's spread is .1 at first and .05 later: one such step may still end inside, and the
-    // following ones stay there.
+    // The tip's spread is .1 at first and .05 later. One such step may still end inside, and the
+    // following steps stay inside.
     const std::vector<double> far = Action(0.05, 0.29);
     ASSERT_LT(std::abs(far[0]), model->settings().action_limit[0] * 2.0);
     std::copy(far.begin(), far.end(), chunk.begin() + 2 * leaves);
@@ -127,7 +127,7 @@ TEST(GuardChunkTest, CountsUpToTheFirstActionThatLeaves) {
   }
 }
 
-// The guard is not changed: an episode continues with the same bits as without the call.
+// The call does not change the guard: an episode continues with the same bits.
 TEST(GuardChunkTest, ChangesNothing) {
   for (const Strategy strategy : {Strategy::kGuard, Strategy::kController, Strategy::kMonitor}) {
     Guard looks(Model(strategy));

@@ -32,7 +32,7 @@ class GuardFileTest : public testing::Test {
                ".guard")) {}
   ~GuardFileTest() override { std::filesystem::remove(path_); }
 
-  // Small: the tests try every truncation and many damages.
+  // A small model: the tests try every truncation and many damages.
   static std::shared_ptr<const GuardModel> Small() {
     return GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(2, 6, 4),
                            {.features = "tip", .source = "six demonstrations"});
@@ -111,8 +111,8 @@ TEST_F(GuardFileTest, DamagedBytesAreRefused) {
   }
 }
 
-// Damage with a valid checksum, as by another program: the file is refused, or its content is
-// usable.
+// Damage with a valid checksum, as by another program: the loader rejects the file, or its content
+// is usable.
 TEST_F(GuardFileTest, WrongContentWithARightChecksumDoesNoHarm) {
   Small()->Save(path_);
   const std::string content = Content();

@@ -29,7 +29,7 @@ namespace {
 using testing::Contains;
 using testing::HasSubstr;
 
-// Demonstrations of the corridor with further columns in the middle of the state.
+// Returns demonstrations of the corridor with further columns in the middle of the state.
 std::vector<core::Trajectory> WithColumns(
     std::vector<core::Trajectory> demonstrations,
     const std::function<Eigen::RowVectorXd(const Eigen::RowVectorXd&)>& columns) {
@@ -70,7 +70,7 @@ TEST(GuardModelTest, ConstantColumnsChangeNoBitOfADecision) {
     one.Reset(d);
     two.Reset(d);
     for (int t = 0; t < other[d].num_steps(); ++t) {
-      // The second half leads outside.
+      // The second half of the actions leads outside.
       const std::vector<double> u = {other[d].controls(t, 0),
                                      t < 10 ? other[d].controls(t, 1) : 0.1};
       std::vector<double> a(2);
@@ -109,7 +109,8 @@ TEST(GuardModelTest, AConstantThatChangesHaltsWithItsReason) {
     return verdict.cause;
   };
   std::string why;
-  EXPECT_EQ(cause_at(200.1, *model, why), control::HaltCause::kNone);  // Less than a thousandth.
+  // The change is less than a thousandth.
+  EXPECT_EQ(cause_at(200.1, *model, why), control::HaltCause::kNone);
   EXPECT_EQ(cause_at(201.0, *model, why), control::HaltCause::kStateInvalid);
   EXPECT_EQ(why,
             "halted: more[1] of the state is 201, unlike in all demonstrations, where it is "
@@ -119,7 +120,7 @@ TEST(GuardModelTest, AConstantThatChangesHaltsWithItsReason) {
   EXPECT_EQ(cause_at(201.0, *model->With(settings), why), control::HaltCause::kNone);
 }
 
-// A sensor that is read at every third step.
+// A sensor that is read in every third step.
 TEST(GuardModelTest, AStateMayStandStillTwiceAsLongAsDemonstratedAndThreeSteps) {
   auto demonstrations = test::CorridorDemonstrations(3, 30, 21);
   const ActionSpace space(demonstrations);
@@ -165,7 +166,7 @@ TEST(GuardModelTest, AStateMayStandStillTwiceAsLongAsDemonstratedAndThreeSteps) 
 }
 
 TEST(GuardModelTest, AClockDoesNotHideAStateThatStandsStill) {
-  // Actions that differ from each other in all entries: they do not explain the clock.
+  // Actions differ from each other in all entries and therefore do not explain the clock.
   auto demonstrations = test::CorridorDemonstrations(1, 30);
   core::Random random(8);
   for (core::Trajectory& d : demonstrations) {
@@ -185,7 +186,7 @@ TEST(GuardModelTest, AClockDoesNotHideAStateThatStandsStill) {
   EXPECT_EQ(first_entry(), 1);
   for (core::Trajectory& d : demonstrations) d.states.col(0).array() += 1e4 * random.Normal();
   EXPECT_EQ(first_entry(), 1);
-  // What advances with the actions is no clock.
+  // An entry that advances with the actions is not a clock.
   for (core::Trajectory& d : demonstrations) d.states.col(0) = 2.0 * d.states.col(1);
   EXPECT_EQ(first_entry(), 0);
 }
@@ -211,8 +212,8 @@ TEST(GuardModelTest, AlarmsOnFewUnseenDemonstrations) {
     const std::vector<double> levels = model->Levels(demonstration.states);
     alarms += *std::min_element(levels.begin(), levels.end()) < -model->settings().alarm_level;
   }
-  // 40 of 400 on the average over sets of 60 demonstrations, whose threshold itself scatters: its
-  // level is a beta variable of standard deviation sqrt(.1 .9 / 62) = .04. Three of these.
+  // 40 of 400 on average over sets of 60 demonstrations. The level of the threshold is a beta
+  // variable with standard deviation sqrt(.1 .9 / 62) = .04; the limit is three of these.
   EXPECT_LT(alarms, 400 * (0.1 + 3 * 0.04));
 }
 
@@ -233,7 +234,7 @@ TEST(GuardModelTest, ASupervisorWhoCyclesThroughGoalsLosesNothing) {
   const auto sorted = GuardModel::Fit(test::CorridorLayout(), goals(false), {.features = "tip"});
   EXPECT_LT(cycled->settings().alarm_level, 1.0);
   EXPECT_LT(sorted->settings().alarm_level, 1.0);
-  // Recorded one goal after the other, a stretch of the recording is a goal.
+  // With goals recorded one after the other, each stretch of the recording contains one goal.
   EXPECT_THAT(Warnings(*sorted), testing::Contains(HasSubstr("conditions of recording drift")));
   EXPECT_GT(sorted->summary().drift_level, sorted->settings().alarm_level + 0.2);
   EXPECT_LT(sorted->summary().drift_chance, 0.01);
@@ -241,9 +242,9 @@ TEST(GuardModelTest, ASupervisorWhoCyclesThroughGoalsLosesNothing) {
               testing::Not(testing::Contains(HasSubstr("conditions of recording drift"))));
 }
 
-// Four demonstrations are left out in pairs. Of the three ways to pair them, one is that in which
-// they are left out anyway: no demonstration is further outside then. The others have up to four
-// ranks of Wilcoxon's test, whose sum has the mean 5 and the variance 4 * 5 * 9 / 24 = 7.5.
+// Four demonstrations are left out in pairs. One of the three ways to pair them is also the pairing
+// of the folds: then no demonstration is farther outside. The other ways have up to four ranks of
+// Wilcoxon's test, whose sum has mean 5 and variance 4 * 5 * 9 / 24 = 7.5.
 TEST(GuardModelTest, StretchesThatAreLeftOutAnywayTellOfNoDrift) {
   const auto recorded = test::CorridorDemonstrations(7, 4);
   std::vector<double> possible;
@@ -269,7 +270,7 @@ TEST(GuardModelTest, StretchesThatAreLeftOutAnywayTellOfNoDrift) {
   EXPECT_EQ(the_same, 1);
 }
 
-// A demonstration that never leaves has all of its states inside.
+// All states of a demonstration that never leaves are inside.
 TEST(GuardModelTest, AcceptanceIsOfStatesAndOfWholeDemonstrations) {
   const auto demonstrations = test::CorridorDemonstrations(1, 40);
   GuardOptions options{.features = "tip"};
@@ -308,7 +309,7 @@ TEST(GuardModelTest, CertificatesNeedTheirConstantsAndDoublePrecision) {
   EXPECT_THAT(message([&] { (void)single->With(settings); }), HasSubstr("direction_error"));
 }
 
-// By its definition: every outcome that the assumption allows raises no alarm.
+// Definition: no outcome allowed by the assumption raises an alarm.
 TEST(GuardModelTest, CertifySaysWhichActionsProvablyRaiseNoAlarm) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
                                      {.features = "tip"});
@@ -453,7 +454,7 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
   EXPECT_THAT(fit(bad), HasSubstr("demonstration 0 has states of 2 entries, the layout 3"));
   EXPECT_THAT(fit(good, {.features = "gripper"}), HasSubstr("feature 'gripper'"));
   EXPECT_THAT(fit(good, {.features = "tip", .horizon = -1}), HasSubstr("horizon"));
-  // A file that no loader takes is not written.
+  // Options that no loader accepts produce no file.
   EXPECT_THAT(fit(good, {.features = "tip", .horizon = 1073741825}), HasSubstr("horizon"));
   EXPECT_THAT(fit(good, {.features = "tip", .horizon = std::numeric_limits<int>::max()}),
               HasSubstr("horizon"));

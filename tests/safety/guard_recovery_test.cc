@@ -51,7 +51,7 @@ TEST(GuardRecoveryTest, ARecoveryOfTheCallersOwnTakesOverAtTheBoundary) {
     for (int t = 0; t < 30; ++t) {
       const Verdict verdict = guard.Filter(t, plant.x, action, safe);
       if (verdict.mode == Mode::kHalt) break;
-      // The gate of Algorithm 1 at the step it is in.
+      // The gate of Algorithm 1 at the current step.
       const auto step =
           std::min<std::size_t>(static_cast<std::size_t>(verdict.step), model->lambda().size() - 1);
       EXPECT_EQ(verdict.g, model->support().Decision(verdict.step, plant.x));
@@ -74,7 +74,7 @@ TEST(GuardRecoveryTest, ARecoveryOfTheCallersOwnIsWithinTheLimit) {
   settings.action_limit = {0.1};
   Guard guard(Model()->With(settings), std::make_unique<Shove>(std::vector{7.0, -0.02}));
   guard.Reset(1);
-  // Inside by little: g of demonstrations changes by more than that with such an action.
+  // Slightly inside: with such an action, g of demonstrations changes by more than the margin.
   const std::vector<double> state = {0.0, 0.08, 0.0};
   std::vector<double> safe(2);
   const Verdict verdict = guard.Filter(0, state, Action(0.09, 0.04), safe);

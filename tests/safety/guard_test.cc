@@ -48,14 +48,14 @@ TEST(GuardTest, KeepsADriftingPolicyInsideAndMoving) {
     ASSERT_NE(verdict.mode, Mode::kHalt) << verdict.reason() << " at x = " << plant.x[1];
     changed += verdict.changed ? 1 : 0;
     plant.Apply(safe);
-    // Five standard deviations of where demonstrations were.
+    // Five standard deviations of the demonstrated positions.
     ASSERT_LT(std::abs(plant.x[2]), 0.5);
   }
   EXPECT_GE(plant.x[1], 1.8);
   EXPECT_GT(changed, 0);
 }
 
-// The guard is the named controller, with the action as a policy.
+// The guard equals the named controller with the action as a policy.
 TEST(GuardTest, IsTheControllerOfItsStrategy) {
   class Constant final : public core::Policy {
    public:
@@ -147,7 +147,7 @@ TEST(GuardTest, ACertifiedGuardRaisesNoAlarmAndHaltsWhereItsAssumptionFails) {
   std::vector<double> safe(2);
   Verdict verdict = guard.Filter(0, plant.x, Action(test::kSpeed, 0.0), safe);
   ASSERT_TRUE(verdict.certified);
-  // The robot goes the other way.
+  // The robot moves in the opposite direction.
   for (double& entry : safe) entry = -entry;
   plant.Apply(safe);
   verdict = guard.Filter(1, plant.x, Action(test::kSpeed, 0.0), safe);
@@ -167,7 +167,7 @@ TEST(GuardTest, AMonitorPassesEverythingAndRaisesAlarms) {
     ASSERT_EQ(safe, action);
     EXPECT_STREQ(verdict.reason(), verdict.g >= 0.0 ? "inside" : "outside");
     if (verdict.alarm && first_alarm < 0) first_alarm = t;
-    // Once outside it continues to drift away, and the alarm stays.
+    // Once outside, the policy continues to drift away, and the alarm remains.
     if (first_alarm >= 0) {
       EXPECT_TRUE(verdict.alarm) << "t = " << t;
       EXPECT_LT(verdict.g, 0.0);
@@ -235,7 +235,8 @@ std::vector<Doubt> Doubts() {
 }
 
 // A policy that stays inside drives: each of its actions is applied to the last bit, although many
-// states of the corridor are not deep inside. With strategy controller demonstrations replace them.
+// states of the corridor are not deep inside. With strategy `controller`, the demonstrated actions
+// replace most of them.
 TEST(GuardTest, LetsAPolicyThatStaysInsideDrive) {
   int changed = 0;
   for (const Strategy strategy : {Strategy::kGuard, Strategy::kController}) {
@@ -252,9 +253,9 @@ TEST(GuardTest, LetsAPolicyThatStaysInsideDrive) {
         EXPECT_EQ(verdict.mode, Mode::kPolicy);
         EXPECT_EQ(verdict.source, Source::kPolicy);
         EXPECT_EQ(verdict.change, 0.0);
-        // Computed by its logarithm, which rounds.
+        // Decision() computes g from its logarithm, which causes rounding.
         EXPECT_NEAR(verdict.g, guard.model().support().Decision(verdict.step, plant.x), 1e-15);
-        // Deep inside at the start.
+        // The start is deep inside.
         EXPECT_TRUE(t > 0 || (verdict.g >= verdict.threshold && !verdict.alarm));
         EXPECT_TRUE(t > 0 || verdict.reason() == std::string("inside"));
       }
@@ -265,8 +266,8 @@ TEST(GuardTest, LetsAPolicyThatStaysInsideDrive) {
   EXPECT_GT(changed, 0);
 }
 
-// Demonstrations of the corridor whose actions are rescaled, entry by entry, with a gripper that
-// closes half way.
+// Demonstrations of the corridor with each action entry rescaled, and a gripper that closes half
+// way.
 std::vector<core::Trajectory> WithGripper(const std::vector<double>& scale) {
   std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(1, 30);
   for (core::Trajectory& d : demonstrations) {
@@ -330,7 +331,7 @@ TEST(GuardTest, EveryDoubtHoldsUntilReset) {
       EXPECT_EQ(verdict.mode, Mode::kHalt);
       EXPECT_EQ(verdict.cause, doubt.cause) << verdict.reason();
       EXPECT_EQ(safe[0], 0.0);
-      // Good input afterwards changes nothing.
+      // Valid input afterwards changes nothing.
       const Verdict after = guard.Filter(4, std::vector{4.0, 0.4, 0.0}, Action(0.1, 0.0), safe);
       EXPECT_EQ(after.mode, Mode::kHalt);
       EXPECT_EQ(after.cause, doubt.cause);
@@ -355,7 +356,8 @@ TEST(GuardTest, HoldsBeforeResetAndWhenStopped) {
   EXPECT_STREQ(stopped.reason(), "stop-requested");
 }
 
-// An episode that dwells: the clock of the strategy goes on, the alarm's follows the state.
+// In an episode that waits, the strategy's clock advances while the alarm's clock follows the
+// state.
 TEST(GuardTest, TheAlarmHasATimeStepOfItsOwn) {
   Guard guard(Model(Strategy::kEarlyStopping));
   guard.Reset(1);
@@ -386,7 +388,7 @@ TEST(GuardTest, ActionsAreWithinTheirLimit) {
     const Verdict verdict = guard.Filter(0, std::vector{0.0, 0.0, 0.0}, safe, safe);
     EXPECT_EQ(verdict.mode, Mode::kPolicy);
     EXPECT_TRUE(verdict.changed);
-    // Rounding by the unit of controls.
+    // Conversion to the unit of controls causes rounding.
     EXPECT_THAT(
         safe, testing::Each(testing::AllOf(testing::Ge(-0.05 - 1e-15), testing::Le(0.05 + 1e-15))));
   }

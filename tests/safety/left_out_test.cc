@@ -22,8 +22,8 @@ namespace {
 using testing::Contains;
 using testing::HasSubstr;
 
-// The corridor, where half of the demonstrators walk along it and half come back by a rule that no
-// feature shows.
+// The corridor. Half of the demonstrators walk along it, and half return by a rule that no feature
+// shows.
 std::vector<core::Trajectory> Undecided(std::uint64_t seed, int count) {
   core::Random random(seed);
   auto demonstrations = test::CorridorDemonstrations(seed, count);
@@ -81,7 +81,7 @@ TEST(LeftOutTest, AGoodFitChangesFewActionsAndKnowsThem) {
   EXPECT_LT(model->summary().changed, 0.25);
   EXPECT_LE(model->summary().ends_outside, model->summary().changed);
   EXPECT_TRUE(model->settings().demonstrated);
-  // If all demonstrations go the same way, noise is most of the variance, but a small part of the
+  // If all demonstrations take the same way, noise is most of the variance, but a small part of the
   // action.
   EXPECT_LT(model->summary().action_error, 0.4);
 }
@@ -92,7 +92,7 @@ TEST(LeftOutTest, ActionsThatFeaturesDoNotTellAreNotUsed) {
   EXPECT_GT(model->summary().action_error, 0.5);
   EXPECT_FALSE(model->settings().demonstrated);
   EXPECT_THAT(Warnings(*model), Contains(HasSubstr("the features tell only")));
-  // Far outside, where the nominal action would be tried first, the policy is queried.
+  // Far outside, the guard would first try the nominal action. It then queries the policy.
   const auto sources = [&](bool demonstrated) {
     GuardSettings settings = model->settings();
     settings.demonstrated = demonstrated;
@@ -139,8 +139,8 @@ TEST(LeftOutTest, RedundantFeaturesAreRefusedAndBetterOnesNamed) {
   EXPECT_GT(chosen->summary().acceptance, 0.5);
 }
 
-// A tip in the plane goes right. A gripper, which moves by a quarter of its way in a step, closes
-// as soon as a demonstrator decides, who then goes back if `returns`.
+// A tip in the plane moves right. The gripper closes when a demonstrator decides, by a quarter of
+// its range per step. The demonstrator then moves back if `returns`.
 std::vector<core::Trajectory> Gripping(int count, bool returns = false) {
   constexpr int kSteps = 30;
   core::Random random(6);
@@ -173,7 +173,7 @@ TEST(LeftOutTest, AFeatureThatOnlyPassedEntriesMoveIsLeftOutAndNamed) {
   const auto model = GuardModel::Fit(layout, demonstrations);
   EXPECT_EQ(model->task().features().selection().indices(), (std::vector{0, 1}));
   EXPECT_THAT(Warnings(*model), Contains(HasSubstr("closed[0]: moved by entries")));
-  // Steered entries that change at the same time explain the gripper's motion in part.
+  // Steered entries that change at the same time partly explain the gripper's motion.
   const auto returning = GuardModel::Fit(layout, Gripping(20, true));
   EXPECT_EQ(returning->task().features().selection().indices(), (std::vector{0, 1}));
   EXPECT_NE(model->context(), nullptr);
@@ -184,13 +184,14 @@ TEST(LeftOutTest, AFeatureThatOnlyPassedEntriesMoveIsLeftOutAndNamed) {
   }
   const auto steered = GuardModel::Fit(layout, demonstrations);
   EXPECT_EQ(steered->task().features().selection().num_features(), 3);
-  // It is the only feature.
+  // The gripper is the only feature.
   const auto alone = GuardModel::Fit(layout, Gripping(20), {.features = "closed"});
   EXPECT_EQ(alone->task().features().selection().num_features(), 1);
   EXPECT_EQ(alone->context(), nullptr);
 }
 
-// With a closed gripper demonstrators go back, with an open one forth, at the same place and time.
+// At the same place and time, demonstrators move back with a closed gripper and forward with an
+// open one.
 TEST(LeftOutTest, AFeatureThatIsLeftOutTellsDemonstrationsApart) {
   core::StateLayout layout;
   layout.Add("tip", 2);
@@ -210,7 +211,7 @@ TEST(LeftOutTest, AFeatureThatIsLeftOutTellsDemonstrationsApart) {
       std::vector<double> action(3);
       for (int t = 0; t < 18; ++t) {
         const double gripper = t >= closes ? 1.0 : -1.0;
-        // A policy that leaves the support sideways.
+        // The policy leaves the support sideways.
         static_cast<void>(guard.Filter(t, state, std::vector{0.0, 0.04, gripper}, action));
         ASSERT_EQ(action[2], gripper);
         state = {state[0] + action[0], state[1] + action[1],

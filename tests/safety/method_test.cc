@@ -74,7 +74,7 @@ TEST(MethodTest, EveryListedNameIsTaken) {
     EXPECT_EQ(ParseMethod(name, kOthers).name, name);
     begin = end + 2;
   }
-  // Three of Algorithm 1, dfr-fine, guard, controller, two others.
+  // Three of Algorithm 1, dfr-fine, guard, controller and two others.
   EXPECT_EQ(count, 8 + static_cast<int>(control::GuidedPartNames().size()));
 }
 

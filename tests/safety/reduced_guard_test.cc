@@ -26,8 +26,8 @@ namespace {
 
 using testing::HasSubstr;
 
-// The corridor as a camera sees it: a blob at the tip on 12 x 8 grey pixels, x in [-.2, 2.2] and y
-// in [-.6, .6], whose light varies by 20 %.
+// The corridor seen by a camera: a blob at the tip in 12 x 8 grey pixels, x in [-.2, 2.2] and y in
+// [-.6, .6]. The light varies by 20 %.
 constexpr int kWidth = 12;
 constexpr int kHeight = 8;
 constexpr int kPixels = kWidth * kHeight;
@@ -68,14 +68,14 @@ std::vector<core::Trajectory> PictureDemonstrations(std::uint64_t seed, int coun
   return demonstrations;
 }
 
-// The default of the fit.
+// Returns the model of a fit with default options.
 std::shared_ptr<const GuardModel> FittedModel() {
   static const std::shared_ptr<const GuardModel> kModel =
       GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 40), {.features = "pca:camera"});
   return kModel;
 }
 
-// With the strategy that corrects.
+// Returns the model with a correcting strategy.
 std::shared_ptr<const GuardModel> PictureModel() {
   static const std::shared_ptr<const GuardModel> kModel = [] {
     GuardSettings settings = FittedModel()->settings();
@@ -110,7 +110,7 @@ TEST(ReducedGuardTest, KeepsADriftingPolicyInsideByPicturesAlone) {
     }
     completed += plant.x[1] >= 1.7 && worst < 0.5 ? 1 : 0;
   }
-  EXPECT_GE(completed, 4);  // Alone the tip is at y = 1.2 then.
+  EXPECT_GE(completed, 4);  // Without the guard the tip is then at y = 1.2.
 }
 
 TEST(ReducedGuardTest, ASummaryHasWhatIsKnownOfEachNumber) {
@@ -233,7 +233,7 @@ TEST(ReducedGuardTest, APictureThatResemblesNoDemonstrationHaltsWithItsReason) {
   EXPECT_EQ(monitor.FilterChunk(1, strange, wish).playable, 1);
 }
 
-// The clock goes on.
+// The clock advances.
 TEST(ReducedGuardTest, AFrozenPictureHaltsWithItsReasonAfterTheStepsOfItsDefinition) {
   const auto model = PictureModel();
   ASSERT_EQ(model->sensor_groups().size(), 1u);
@@ -244,7 +244,7 @@ TEST(ReducedGuardTest, AFrozenPictureHaltsWithItsReasonAfterTheStepsOfItsDefinit
   for (const bool asks_for_chunks : {false, true}) {
     Guard guard(model);
     guard.Reset(1);
-    double steps = 0.0;  // Since the picture is the same.
+    double steps = 0.0;  // Number of steps since the picture last changed.
     int t = 0;
     for (; steps <= fit::kStandstillMargin; ++t) {
       ASSERT_LT(t, 10);
@@ -305,7 +305,7 @@ TEST(ReducedGuardTest, AMonitorRaisesAnAlarmWhileAPictureIsFrozenAndTheRobotMove
   EXPECT_EQ(frozen.cause, control::HaltCause::kNone);
   EXPECT_EQ(monitor.FilterChunk(t + 1, state, move).cause, control::HaltCause::kNone);
   EXPECT_EQ(monitor.Filter(t + 1, StateAt(0.1, 0.0, random), move, action).frozen, -1);
-  // The actions were not applied.
+  // The monitor's actions were not applied.
   monitor.Reset(2);
   for (t = 0; t < 20; ++t) {
     EXPECT_EQ(monitor.Filter(t, state, move, action).frozen, -1);
@@ -313,7 +313,7 @@ TEST(ReducedGuardTest, AMonitorRaisesAnAlarmWhileAPictureIsFrozenAndTheRobotMove
   }
 }
 
-// Light and noise are those of the demonstrations.
+// Light and noise equal those of the demonstrations.
 TEST(ReducedGuardTest, PicturesOfOtherDemonstrationsResembleThese) {
   const auto others = PictureDemonstrations(9, 60);
   for (const auto& model : {PointsModel(), PictureModel()}) {
@@ -341,8 +341,8 @@ TEST(ReducedGuardTest, PixelsThatPutAStateOutsideAreThoseOfTheTip) {
   ASSERT_LT(l, -0.5);
   const core::Matrix attribution = Attribution(*PictureModel(), states);
   EXPECT_NEAR(attribution.sum(), -l, 1e-6 * -l);
-  EXPECT_EQ(attribution(0, kPixels), 0.0);  // The clock is no feature.
-  // Most of it is in the columns of the tip, x = 1.
+  EXPECT_EQ(attribution(0, kPixels), 0.0);  // The clock is not a feature.
+  // Most of the attribution is in the columns of the tip, x = 1.
   double near = 0.0;
   double all = 0.0;
   for (int i = 0; i < kPixels; ++i) {
@@ -377,7 +377,8 @@ TEST(ReducedGuardTest, OnlyWatchesWhereNothingExplainsTheActions) {
   EXPECT_EQ(model->settings().strategy, Strategy::kMonitor);
 }
 
-// Actions along and across the corridor: pictures show little of the latter, whose mean is zero.
+// Actions are along and across the corridor. Pictures show little of the action across, whose mean
+// is zero.
 TEST(ReducedGuardTest, OnlyWatchesWhereASteadySpeedHidesThatTheRestIsAGuess) {
   core::Random random(8);
   std::vector<core::Trajectory> demonstrations = PictureDemonstrations(1, 40);
@@ -407,7 +408,7 @@ TEST(ReducedGuardTest, OnlyWatchesWhereASteadySpeedHidesThatTheRestIsAGuess) {
 
 TEST(ReducedGuardTest, PointsAreFeaturesOfAGuard) {
   const auto model = PointsModel();
-  // The demonstrator's noise is not a function of pictures.
+  // The demonstrator's noise is not a function of the pictures.
   EXPECT_LT(model->summary().explained, 0.8);
   EXPECT_LE(model->summary().ends_outside, 0.12);
   EXPECT_EQ(model->settings().strategy, Strategy::kGuard);
@@ -444,7 +445,7 @@ TEST(ReducedGuardTest, RefusesPicturesThatDoNotShowTheTask) {
 }
 
 TEST(ReducedGuardTest, RefusesWhatWouldHoldUpTheDemonstrator) {
-  // Two components show nearly nothing of two positions, and much of the light.
+  // Two components contain almost nothing of two positions, and much of the light.
   const auto fit = [](bool accept_any) {
     return GuardModel::Fit(PictureLayout(), PictureDemonstrations(3, 12),
                            {.features = "pca:camera:40:light=none", .accept_any = accept_any});

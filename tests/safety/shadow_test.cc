@@ -1,4 +1,4 @@
-// A guard with reports of actions that were applied instead of its own.
+// A guard whose caller reports other applied actions than the guard's.
 
 #include <gtest/gtest.h>
 
@@ -90,7 +90,7 @@ TEST(ShadowTest, CountsTheActionsThatPass) {
   EXPECT_LT(passed, actions);
 }
 
-// An episode that leaves at step 8 and does not come back.
+// An episode that leaves at step 8 and does not return.
 TEST(ShadowTest, NamesTheFirstActionThatLeaves) {
   core::Trajectory episode = test::CorridorDemonstrations(7, 1)[0];
   CorridorPlant plant;

@@ -30,7 +30,7 @@ using control::HaltCause;
 using control::Mode;
 using testing::HasSubstr;
 
-// Drifts off sideways.
+// A policy that drifts sideways.
 class Drifting final : public core::Policy {
  public:
   [[nodiscard]] int state_dim() const noexcept override { return 3; }
@@ -50,7 +50,7 @@ TaskOptions Options(bool published) {
   TaskOptions options;
   options.guided_features = "tip";
   if (published) {
-    // A choice of features that differs from guided recovery's, to distinguish the two.
+    // Published features that differ from guided recovery's, to distinguish the two.
     options.published_features = "tip[1:2]";
     options.published.emplace().svm.gamma = 5.0;
   }
@@ -103,7 +103,7 @@ void ExpectSameDecisions(const TaskModel& ours, const TaskModel& theirs) {
   }
 }
 
-// Steps both through an episode; returns the number of controls that are not the policy's.
+// Runs both through an episode. Returns the number of controls that differ from the policy's.
 int ExpectSameEpisode(control::Controller& ours, control::Controller& theirs) {
   ours.Reset(5);
   theirs.Reset(5);
@@ -162,7 +162,7 @@ TEST_F(TaskModelTest, WholeStatesAreSavedAsWholeStates) {
   ExpectSameDecisions(model, TaskModel::Load(folder_, test::CorridorLayout()));
 }
 
-// A folder is used again: files of an earlier model have no effect.
+// A folder is reused: files of an earlier model have no effect.
 TEST_F(TaskModelTest, APublishedSupportOfBeforeIsNotTakenForTheModels) {
   Fit(true).Save(folder_);
   Fit(false).Save(folder_);
@@ -200,7 +200,7 @@ TEST_F(TaskModelTest, DfrFineHasTheConstantsOfThePaper) {
   EXPECT_GT(ExpectSameEpisode(*fine, *published), 0);
 }
 
-// Number of controls until kTimeUp of a policy that always passes.
+// Returns the number of controls before kTimeUp of a policy that always passes.
 int Horizon(const TaskModel& model, std::string_view method, const ControllerOptions& options) {
   class Still final : public core::Policy {
    public:
@@ -215,7 +215,7 @@ int Horizon(const TaskModel& model, std::string_view method, const ControllerOpt
   controller->Reset(1);
   std::vector<double> u(2);
   for (int i = 0;; ++i) {
-    // Mean of the demonstrations at that time step.
+    // Mean of the demonstrations at this time step.
     const std::vector<double> x = {0.0, test::kSpeed * (options.first_step + i), 0.0};
     const control::Step step = controller->Next(x, u);
     if (step.mode != Mode::kHalt) continue;
@@ -252,7 +252,7 @@ TEST_F(TaskModelTest, ControllersOutliveAMoveOfTheModel) {
       third = std::move(second);
       second = std::move(third);
     }
-    first = Fit(!published);  // a model that was moved from can be assigned to
+    first = Fit(!published);  // a moved-from model can be assigned to
     EXPECT_EQ(first.published() != nullptr, !published);
     ExpectSameDecisions(reference, second);
     ExpectSameControllers(reference, second);
@@ -327,7 +327,7 @@ TEST_F(TaskModelTest, WrongArgumentsAreNamed) {
               HasSubstr("there are 1 features, the decision function takes 2"));
 }
 
-// Damage with a valid checksum: the file is refused, or its content is usable.
+// Damage with a valid checksum: the loader rejects the file, or its content is usable.
 TEST_F(TaskModelTest, WrongContentWithARightChecksumDoesNoHarm) {
   TaskModel(test::CorridorLayout(), Demonstrations(4, 3), Options(true)).Save(folder_);
   const std::string content = Content();
@@ -360,7 +360,7 @@ TEST_F(TaskModelTest, WrongContentWithARightChecksumDoesNoHarm) {
       ASSERT_THAT(e.what(), HasSubstr(folder_.string()));
       ++refused;
     } catch (const std::invalid_argument&) {
-      // From MakeController(): other numbers of controls than the policy's.
+      // MakeController() rejects numbers of controls other than the policy's.
       ++refused;
     }
   }

@@ -1,6 +1,6 @@
-// A client of a console written with CycloneDDS, that knows only the CRTK names and types. It homes
-// PSM1, moves the wrist 8 mm along x with servo_cp, a millimetre with each pose that comes, and on
-// demand waits for a picture of the endoscope and its camera's description:
+// A console's client, written with CycloneDDS, that uses only the CRTK names and types. It homes
+// PSM1 and moves the wrist 8 mm along x with servo_cp, by a millimetre for each pose that it
+// receives. On demand it waits for a picture of the endoscope and its camera's description:
 //   cyclone_client DOMAIN [picture]
 // It waits without a limit. Exit code: 0 done; 3 the arm is not where homing ends;
 // 1 DDS failed.
@@ -42,7 +42,7 @@ double Distance(const Position& a, const Position& b) {
   return std::hypot(a.x - b.x, a.y - b.y, a.z - b.z);
 }
 
-// Calls use(sample) for the next one.
+// Calls use(sample) for the next sample.
 template <typename T, typename Use>
 void Await(const Reader& reader, Use use) {
   while (!Take<T>(reader.entity, use)) {
@@ -87,7 +87,7 @@ int main(int argc, char** argv) {
   const dds_entity_t servo =
       MakeWriter(geometry_msgs_msg_dds__PoseStamped__desc, "rt/PSM1/servo_cp", 10);
 
-  // The first pose of a homed arm: a console stamps those before with zero.
+  // The first pose of a homed arm. Before homing, a console sends poses with stamp zero.
   geometry_msgs_msg_dds__PoseStamped_ goal{};
   char frame[] = "PSM1_base";
   goal.header_.frame_id_ = frame;
@@ -125,7 +125,7 @@ int main(int argc, char** argv) {
     });
   }
 
-  // 2.0 mm per degree of yaw or pitch at home: 8 mm are 4 degrees.
+  // 2.0 mm per degree of yaw or pitch at home: 8 mm correspond to 4 degrees.
   for (bool agrees = false; !agrees;) {
     Await<sensor_msgs_msg_dds__JointState_>(js, [&](const auto& m) {
       agrees = m.position_._length == 6 && m.name_._length == 6 &&

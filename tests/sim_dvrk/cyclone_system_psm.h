@@ -17,7 +17,7 @@
 
 namespace dfr::test {
 
-/// Calls use(sample) for each sample that there is.
+/// Calls use(sample) for each available sample.
 template <typename T, typename Use>
 bool TakeAll(dds_entity_t reader, Use use) {
   bool any = false;
@@ -41,7 +41,7 @@ inline double Now() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-/// What Fail() prints and exits with.
+/// Name that Fail() prints, with the exit code.
 inline std::string step_name;
 inline int step_number = 1;
 
@@ -61,11 +61,11 @@ inline void Require(bool good) {
 
 using Joints = std::array<double, 6>;
 
-/// A PSM as dvrk_python's classes arm and psm see it.
+/// A PSM as seen by dvrk_python's classes arm and psm.
 class Psm {
  public:
   Psm() {
-    // dvrk.arm and dvrk.psm: the topics that each of their objects publishes ...
+    // Topics that each object of dvrk.arm and dvrk.psm publishes.
     for (const char* name : {"servo_jp", "servo_jr", "servo_jf", "move_jp", "move_jr",
                              "jaw/servo_jp", "jaw/move_jp", "jaw/servo_jf"}) {
       Publish(sensor_msgs_msg_dds__JointState__desc, name, false);
@@ -83,7 +83,7 @@ class Psm {
       Publish(std_msgs_msg_dds__Bool__desc, name, true);
     }
     Publish(std_msgs_msg_dds__Float64__desc, "trajectory_j/set_ratio", true);
-    // ... and those to which it subscribes.
+    // Topics to which each of these objects subscribes.
     for (const char* name : {"setpoint_js", "measured_js", "jaw/measured_js", "jaw/setpoint_js"}) {
       Subscribe(sensor_msgs_msg_dds__JointState__desc, name, false);
     }
@@ -100,7 +100,7 @@ class Psm {
     Subscribe(geometry_msgs_msg_dds__TwistStamped__desc, "measured_cv", false);
     Subscribe(crtk_msgs_msg_dds__OperatingState__desc, "operating_state", false);
     Subscribe(std_msgs_msg_dds__Float64__desc, "trajectory_j/ratio", false);
-    // The contract that simulators of this robot share.
+    // The contract shared by simulators of this robot.
     Subscribe(crtk_msgs_msg_dds__StringStamped__desc, "state", true);
     Subscribe(crtk_msgs_msg_dds__StringStamped__desc, "info", true);
     Subscribe(std_msgs_msg_dds__String__desc, "tool_type", true);
@@ -108,7 +108,7 @@ class Psm {
     Subscribe(std_msgs_msg_dds__String__desc, "error", false);
   }
 
-  // ral.check_connections(5.0): everybody has found a counterpart.
+  // ral.check_connections(5.0): all endpoints have found a counterpart.
   void CheckConnections() {
     const bool all = Until(5.0, [this] {
       for (const auto& [name, writer] : writers_) {
@@ -152,7 +152,7 @@ class Psm {
     return Until(10.0, [this] { return homed && !busy; });
   }
 
-  // Sends joints and returns the time: the handle to wait for.
+  // Sends joints. Returns the time as the handle for Wait().
   double SendJoints(const char* topic, std::vector<double> goal) {
     const double start = Now();
     sensor_msgs_msg_dds__JointState_ message{};
@@ -174,7 +174,7 @@ class Psm {
     return start;
   }
   double Move(const Joints& goal) { return SendJoints("move_jp", {goal.begin(), goal.end()}); }
-  // As wait_move_handle.wait(): waits until the arm was busy after `start` and is busy no more.
+  // Same as wait_move_handle.wait(): waits until the arm was busy after `start` and no longer is.
   void Wait(double start) {
     Require(Until(30.0, [&] { return last_busy > start && !busy; }));
   }

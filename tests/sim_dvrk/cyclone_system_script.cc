@@ -47,7 +47,7 @@ Joints Current(const Psm& psm) {
   return joints;
 }
 
-// A query, and its answer; false if none comes.
+// Sends a query and receives its answer; false without an answer.
 template <typename Answer>
 bool Ask(Psm& psm, const std::string& name, const dds_topic_descriptor_t& query_type,
          const void* query, const dds_topic_descriptor_t& answer_type,
@@ -107,7 +107,7 @@ int main(int argc, char** argv) {
 
   Step("check_connections");
   psm.CheckConnections();
-  // Both sides have discovered each other: samples arrive from here on.
+  // Both sides have discovered each other. Samples arrive from here on.
   dds_sleepfor(DDS_MSECS(500));
   Step("enable");
   Require(psm.Enable());
@@ -189,7 +189,7 @@ int main(int argc, char** argv) {
   Require(psm.jacobians_are_6_by_6 && psm.jacobians["body/jacobian"].size() == 36);
   const std::vector<double>& spatial = psm.jacobians["spatial/jacobian"];
   Require(spatial.size() == 36);
-  // Column 0 by rows: the origin does not move, which turns about -y; insertion goes along -z.
+  // Column 0 by rows: the origin does not move and turns about -y; insertion moves along -z.
   const std::array<double, 6> yaw = {0.0, 0.0, 0.0, 0.0, -1.0, 0.0};
   const std::array<double, 6> insertion = {0.0, 0.0, -1.0, 0.0, 0.0, 0.0};
   for (std::size_t row = 0; row < 6; ++row) {

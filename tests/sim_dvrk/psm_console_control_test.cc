@@ -20,7 +20,7 @@ class PsmConsoleControlTest : public testing::Test {
     joints[2] = 0.12;
     console_.Place(joints);
   }
-  // The statements since the last call, one after the other.
+  // Returns the statements since the last call, in order.
   std::string Stated() {
     std::string all;
     for (const ConsoleMessage& message : console_.TakeMessages()) {

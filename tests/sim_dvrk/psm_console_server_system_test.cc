@@ -12,8 +12,7 @@
 namespace dfr::sim {
 namespace {
 
-// The calls of dvrk_python's test scripts, one after another, in real time: some 17 s on an idle
-// machine.
+// The calls of dvrk_python's test scripts in sequence, in real time: about 17 s on an idle machine.
 TEST(PsmConsoleServerSystemTest, AnswersWhateverTheScriptsOfDvrkPythonAsk) {
   using Clock = std::chrono::steady_clock;
   PsmConsole console({.arm = "PSM1", .homing_s = 0.2});

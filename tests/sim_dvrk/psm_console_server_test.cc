@@ -37,16 +37,16 @@ dds::JointState Joints(const std::vector<double>& position) {
   return message;
 }
 
-// A served arm and a client's ends of its topics, in step.
+// A served arm and a client's endpoints of its topics, in step.
 class PsmConsoleServerTest : public testing::Test {
  protected:
-  // One state is published with each tick.
+  // Advances by one tick, which publishes one state.
   void Tick() {
     now_ns_ += 10'000'000;
     server_.Tick(0.01);
   }
 
-  // Advances the time until `condition`.
+  // Advances the time until `condition` holds.
   void Until(const std::function<bool()>& condition) {
     test::Eventually([&] {
       if (condition()) return true;
@@ -64,8 +64,8 @@ class PsmConsoleServerTest : public testing::Test {
     });
   }
 
-  // Sends a motion command until the console has taken it, for the same reason. On a busy machine
-  // the console receives it more than once, or loses it.
+  // Sends a motion command until the console has received it, because discovery is not symmetric.
+  // On a busy machine the console may receive it more than once, or lose it.
   template <typename T>
   void Command(dds::Publisher<T>& publisher, const T& message) {
     before_ = server_.commands_taken();
@@ -123,7 +123,8 @@ TEST_F(PsmConsoleServerTest, MovesTellWhenTheyAreDone) {
   Home();
   dds::Flag reached;
   Until([&] {
-    if (!console_.busy()) Command(move, where);  // until it is heard that it is done
+    // Repeated until the client receives that the motion is complete.
+    if (!console_.busy()) Command(move, where);
     return goal.TakeNewest(reached) && reached.value;
   });
   EXPECT_EQ(console_.setpoint_joints()[0], 0.1);
@@ -169,7 +170,7 @@ TEST_F(PsmConsoleServerTest, AllCommandsArriveAndAllStatesAgree) {
   const double from_yaw = yaw();
   dds::TwistStamped moving;
   Until([&] {
-    if (!console_.busy()) move_jr.Write(turn);  // until the motion is seen
+    if (!console_.busy()) move_jr.Write(turn);  // until the motion begins
     return twist.TakeNewest(moving) && moving.linear_m_s.norm() > 1e-3;
   });
   EXPECT_EQ(moving.frame_id, "PSM1_base");
@@ -195,7 +196,7 @@ TEST_F(PsmConsoleServerTest, AllCommandsArriveAndAllStatesAgree) {
     if (!console_.busy()) move_jr.Write(Joints({0.5, 0.0, 0.0, 0.0, 0.0, 0.0}));
     return yaw() > start + 0.02;
   });
-  test::Eventually([&] {  // while it moves
+  test::Eventually([&] {  // until the motion ends
     free.Write({});
     server_.TakeCommands();
     return !console_.busy();
@@ -233,7 +234,7 @@ TEST_F(PsmConsoleServerTest, CycloneClientHomesAndMovesTheArm) {
   EXPECT_EQ(client.Await(), 0);
 }
 
-// Each fault by its name, seen from a client's side.
+// Tests each fault by its name, as seen by a client.
 class ConsoleFaultTest : public PsmConsoleServerTest {
  protected:
   void SetUp() override {
@@ -245,7 +246,7 @@ class ConsoleFaultTest : public PsmConsoleServerTest {
     (void)Collect();
   }
 
-  // All poses that have not been taken yet, up to one that is published now.
+  // Returns all poses not taken yet, up to one that is published now.
   std::vector<dds::PoseStamped> Collect() {
     Tick();
     std::vector<dds::PoseStamped> poses;
@@ -292,7 +293,7 @@ TEST_F(ConsoleFaultTest, StatesAreSpoiled) {
 TEST_F(ConsoleFaultTest, StatesAreLost) {
   EXPECT_THAT(With("silent", "1", 20), IsEmpty());
   EXPECT_THAT(With("drop", "1", 20), IsEmpty());
-  // 30 give or take 3.9 (one standard deviation); the limits are four of them away.
+  // 30, with a standard deviation of 3.9. The limits are four of these away.
   EXPECT_THAT(With("drop", "0.5", 60), SizeIs(testing::AllOf(testing::Gt(14U), testing::Lt(46U))));
   server_.SetFaults({.silent = true});
   console_.StateCommand("pause");
@@ -305,7 +306,7 @@ TEST_F(ConsoleFaultTest, StatesAreLate) {
   EXPECT_NEAR(1e-9 * static_cast<double>(end_ns_ - old.back().stamp.nanoseconds()), 0.4, 0.011);
 
   server_.SetFaults({.jitter_s = 0.2});
-  int longest = 0;  // ticks in which none leaves
+  int longest = 0;  // number of consecutive ticks without a message
   int gap = 0;
   for (int i = 0; i < 100; ++i) {
     const std::uint64_t before = server_.states_published();

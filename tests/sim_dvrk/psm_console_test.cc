@@ -140,7 +140,7 @@ TEST(PsmConsoleTest, FaultStopsTheArmAndTellsWhy) {
   EXPECT_EQ(console.state(), ArmState::kEnabled);
 }
 
-// There is no stale-command timeout on a console.
+// A console has no timeout for old commands.
 TEST(PsmConsoleTest, LastServoGoalIsHeldForEver) {
   PsmConsole console = Homed();
   console.ServoJp(At(1, 0.2));
@@ -171,7 +171,7 @@ TEST(PsmConsoleTest, JointsKeepTheirSpeedLimitsWhateverIsAsked) {
   }
 }
 
-// The tip does not go straight.
+// The tip does not move on a straight line.
 TEST(PsmConsoleTest, MoveInterpolatesInJointSpaceAndReportsTheGoal) {
   PsmConsole console = Homed();
   const PsmJoints from = console.setpoint_joints();
@@ -213,7 +213,7 @@ TEST(PsmConsoleTest, AnotherCommandEndsAMove) {
   EXPECT_EQ(console.setpoint_joints(), held);
 }
 
-// As sawIntuitiveResearchKit's clip_jp does with every goal, which then is not where the tip goes.
+// Same as sawIntuitiveResearchKit's clip_jp for every goal. The tip then does not reach the goal.
 TEST(PsmConsoleTest, GoalsBeyondLimitsAreClippedAndNamedOnce) {
   PsmConsole console = Homed();
   console.ServoJp(At(2, 0.3));
@@ -283,7 +283,7 @@ TEST(PsmConsoleTest, MovesTakeLongerAtASmallerRatio) {
     for (; console.busy(); ++steps) console.Step(1e-3);
     return 1e-3 * steps;
   };
-  // 1.5 times the mean speed at the most, which is 90 degrees/s.
+  // At most 1.5 times the mean speed, which is 90 degrees/s.
   EXPECT_NEAR(duration(1.0), 1.5 * 0.5 / (90 * kDegree), 2e-3);
   EXPECT_NEAR(duration(0.25), 4.0 * 1.5 * 0.5 / (90 * kDegree), 2e-3);
   PsmConsole console = Homed();
@@ -324,12 +324,12 @@ TEST(PsmConsoleTest, RelativeGoalsAddUp) {
   PsmJoints step = PsmJoints::Zero();
   step[0] = 0.01;
   console.ServoJr(step);
-  console.ServoJr(step);  // before the first is reached
+  console.ServoJr(step);  // before the arm reaches the first goal
   Pass(console, 0.5);
   EXPECT_EQ(console.setpoint_joints(), At(0, 0.02));
   console.MoveJr(step);
   Pass(console, 0.001);
-  console.MoveJr(step);  // on the way: from its goal on
+  console.MoveJr(step);  // during the motion: relative to its goal
   EXPECT_THAT(console.TakeGoals(), ElementsAre(false));
   Pass(console, 2.0);
   EXPECT_NEAR(console.setpoint_joints()[0], 0.04, 1e-15);
@@ -383,7 +383,7 @@ TEST(PsmConsoleTest, TwistIsThatOfTheWristInTheBaseFrame) {
     console.ServoJp(At(0, -0.2 + 1e-3 * i));
     console.Step(1e-3);
   }
-  // 1 rad/s about -y, which moves a tool that points down to +x, once the lag has settled (to
+  // 1 rad/s about -y moves a tool that points down towards +x, once the lag has settled (to
   // exp(-20)).
   const Eigen::Vector3d wrist = console.measured_pose().translation();
   EXPECT_NEAR(wrist.norm(), 0.1135, 1e-12);

@@ -13,7 +13,8 @@
 namespace dfr::sim {
 namespace {
 
-// Pictures take tens of milliseconds to draw, states are due every ten: no tick waits for them.
+// Pictures take tens of milliseconds to draw, and states are due every ten: no tick waits for
+// pictures.
 TEST(DvrkSceneServerSystemTest, DrawingDoesNotDelayTheState) {
   DvrkSceneOptions options;
   options.arm.homing_s = 0.1;
@@ -22,7 +23,7 @@ TEST(DvrkSceneServerSystemTest, DrawingDoesNotDelayTheState) {
   DvrkSceneServer server(participant, participant, scene, {});
   dds::Participant client({.domain = test::OwnDomain()});
   const dds::Subscriber<dds::Image> images(client, "/ECM/image_raw", dds::Role::kImage);
-  // CPU time of the thread: a busy machine does not matter.
+  // Measures CPU time of the thread, which is independent of the machine's load.
   const auto thread_s = [] {
     timespec t;
     ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
@@ -39,7 +40,8 @@ TEST(DvrkSceneServerSystemTest, DrawingDoesNotDelayTheState) {
   const std::uint64_t before = server.images_published();
   double longest = 0.0;
   while (server.images_published() < before + 10) longest = std::max(longest, tick());
-  // The longest takes 0.35 ms on an idle machine: 14 times as much, and a fraction of a drawing.
+  // The longest tick takes 0.35 ms on an idle machine. The limit is 14 times that, and a fraction
+  // of a drawing.
   EXPECT_LT(longest, 5e-3);
 }
 

@@ -32,7 +32,7 @@ DvrkSceneOptions SceneOptions(bool lock_step) {
   return options;
 }
 
-// A served scene and a client's ends of its topics.
+// A served scene and a client's endpoints of its topics.
 class DvrkSceneServerTest : public testing::Test {
  protected:
   void Serve(bool lock_step, bool camera) {
@@ -45,7 +45,7 @@ class DvrkSceneServerTest : public testing::Test {
     server_ = std::make_unique<DvrkSceneServer>(participant_, participant_, *scene_, options);
   }
 
-  // Runs the server until `condition`.
+  // Runs the server until `condition` holds.
   void Until(const std::function<bool()>& condition) {
     test::Eventually([&] {
       if (condition()) return true;
@@ -74,7 +74,8 @@ class DvrkSceneServerTest : public testing::Test {
     return reply.text;
   }
 
-  // Same for a run with a command, which is sent until it arrives: a busy machine loses some.
+  // Same as above for a run with a command, which is sent until it arrives: a busy machine loses
+  // some.
   std::string AskWith(const dds::JointState& command, const std::string& run) {
     std::string reply;
     do {
@@ -84,7 +85,7 @@ class DvrkSceneServerTest : public testing::Test {
     return reply;
   }
 
-  // The time in a reply "ok NOW".
+  // Returns the time of a reply "ok NOW".
   static dds::Stamp Now(const std::string& reply) {
     if (reply.rfind("ok ", 0) != 0) return {};
     return dds::Stamp::FromNanoseconds(std::stoll(reply.substr(3)));
@@ -93,7 +94,7 @@ class DvrkSceneServerTest : public testing::Test {
   dds::Participant participant_{{.domain = test::OwnDomain()}};
   dds::Participant client_{{.domain = test::OwnDomain()}};
   bool lock_step_ = false;
-  double command_timeout_s_ = 1.0;  // longer than a command waits to be taken
+  double command_timeout_s_ = 1.0;  // longer than the lifetime of a command
   bool known_ = false;
   std::int32_t asked_ = 0;
   std::unique_ptr<DvrkScene> scene_;
@@ -107,7 +108,8 @@ class DvrkSceneServerTest : public testing::Test {
   dds::Publisher<dds::JointState> servo_jp_{client_, "/PSM1/servo_jp", dds::Role::kCommand};
 };
 
-// An episode over the network has the same bits as the plant's in one process: states and pictures.
+// An episode over the network has the same states and pictures as the plant in one process, bit for
+// bit.
 TEST_F(DvrkSceneServerTest, InLockStepTheWireChangesNothing) {
   Serve(true, true);
   dds::Subscriber<dds::Image> images(client_, "/ECM/image_raw", dds::Role::kImage);
@@ -188,7 +190,7 @@ TEST_F(DvrkSceneServerTest, InLockStepTimeStandsStillUnlessItIsAskedToGoOn) {
   Until([&] { return platform_.TakeNewest(measured) && measured.stamp == later; });
   Until([&] { return platform_goal_.TakeNewest(goal) && goal.stamp == later; });
   EXPECT_EQ(measured.frame_id, "SPRK_base");
-  // The arm rests, so the platform does.
+  // The arm rests, and therefore the platform rests.
   EXPECT_EQ(measured.position_m, goal.position_m);
 }
 
@@ -201,7 +203,7 @@ TEST_F(DvrkSceneServerTest, ImpossibleRequestsAreAnsweredWithTheReason) {
   EXPECT_THAT(Ask("run soon"), StartsWith("error: the time to run must be a number, not 'soon'"));
   EXPECT_THAT(Ask("run -1"), StartsWith("error: the time to run must lie in [0, 60] s"));
   EXPECT_THAT(Ask("run nan"), StartsWith("error: the time to run must be a number, not 'nan'"));
-  EXPECT_THAT(Ask("run 0.01 2"), StartsWith("error: only 0 of 2 commands have come"));
+  EXPECT_THAT(Ask("run 0.01 2"), StartsWith("error: only 0 of 2 commands have arrived"));
   EXPECT_THAT(Ask("look"), StartsWith("error: this simulator has no camera"));
   EXPECT_THAT(Ask("fault dust 1"), HasSubstr("unknown fault 'dust'; valid: delay"));
   EXPECT_THAT(Ask("fault freeze maybe"), HasSubstr("freeze is switched on by 1 and off by 0"));
@@ -237,7 +239,7 @@ TEST_F(DvrkSceneServerTest, InRealTimePicturesComeWithTheirCompressedFormAndTheC
   EXPECT_EQ(image.step, 1920U);
   EXPECT_EQ(image.data.size(), std::size_t{480} * 1920);
   EXPECT_THAT(jpeg.format, HasSubstr("jpeg"));
-  // Start and end of a JPEG file, a tenth of the size or less.
+  // A JPEG file has these first and last bytes, and at most a tenth of the size.
   ASSERT_GT(jpeg.data.size(), 1000U);
   EXPECT_LT(jpeg.data.size(), image.data.size() / 5);
   EXPECT_EQ(jpeg.data[0], 0xff);
@@ -258,7 +260,7 @@ TEST_F(DvrkSceneServerTest, FaultsOfTheCameraAreSeen) {
   dds::Subscriber<dds::Image> images(client_, "/ECM/image_raw", dds::Role::kImage);
   dds::Image image;
   Until([&] { return images.health().publishers == 1; });
-  Until([&] {  // that the server has found this side, too
+  Until([&] {  // until the server has also found this side
     Ask("look");
     return images.TakeNewest(image);
   });
@@ -280,18 +282,18 @@ TEST_F(DvrkSceneServerTest, FaultsOfTheCameraAreSeen) {
   const dds::Stamp first = image.stamp;
   look("camera frozen");
   EXPECT_EQ(image.data, before);
-  EXPECT_NE(image.stamp, first);  // a grabber has no time stamp of its own
+  EXPECT_NE(image.stamp, first);  // a grabber does not stamp its pictures
   look("camera black");
-  EXPECT_LT(brightness(), 5.0);  // the sensor's noise
+  EXPECT_LT(brightness(), 5.0);  // noise of the sensor
   look("camera overexposed");
   const auto white = std::count(image.data.begin(), image.data.end(), std::uint8_t{255});
-  EXPECT_GT(white, static_cast<std::ptrdiff_t>(image.data.size() / 4));  // all of the gauze
+  EXPECT_GT(white, static_cast<std::ptrdiff_t>(image.data.size() / 4));  // the whole gauze
   ASSERT_EQ(Ask("fault camera silent"), "ok");
   const std::uint64_t published = server_->images_published();
   EXPECT_TRUE(Now(Ask("look")).valid());
   EXPECT_EQ(server_->images_published(), published);
   look("none");
-  EXPECT_NEAR(brightness(), lit, 0.3 * lit);  // the light wanders
+  EXPECT_NEAR(brightness(), lit, 0.3 * lit);  // the light varies
 }
 
 TEST_F(DvrkSceneServerTest, FaultsOfTheArmAndTheClockAreSetByRequest) {
@@ -312,7 +314,7 @@ TEST_F(DvrkSceneServerTest, FaultsOfTheArmAndTheClockAreSetByRequest) {
   Until([&] { return state_.TakeNewest(state) && state.state == "ENABLED"; });
 }
 
-// A command of another client that only the console hears.
+// A command of another client that only the console receives.
 TEST_F(DvrkSceneServerTest, AHoldThatNobodyElseHearsShowsInWhatTheConsoleStates) {
   Serve(true, false);
   ASSERT_TRUE(Now(Ask("reset 2")).valid());
@@ -338,7 +340,7 @@ TEST_F(DvrkSceneServerTest, ThePlatformGoesToAndFroAcrossTheLine) {
   ASSERT_EQ(Ask("fault platform 0.05"), "ok");
   double least = before;
   double most = before;
-  for (int i = 0; i < 1000; ++i) {  // a second: 50 mm, of which there are 10 from side to side
+  for (int i = 0; i < 1000; ++i) {  // one second: 50 mm; the amplitude is 10 mm from side to side
     server_->Tick(1e-3);
     least = std::min(least, y());
     most = std::max(most, y());

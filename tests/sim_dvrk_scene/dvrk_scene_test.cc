@@ -14,7 +14,7 @@ namespace {
 
 using kinematics::PsmJoints;
 
-constexpr double kSample = 0.02;  // s, of the plant between two looks at the tip's distance
+constexpr double kSample = 0.02;  // s, of the plant between two checks of the tip's distance
 
 DvrkSceneOptions LockStep(Wave wave = Wave::kRandom) {
   DvrkSceneOptions options;
@@ -86,7 +86,7 @@ TEST(DvrkSceneTest, ResetPutsTheHomedArmOverTheLinesBeginning) {
   EXPECT_EQ(scene.console().setpoint_joints(), scene.plant().reported_joints());
   const double progress = scene.plant().truth().progress_m;
   for (int i = 0; i < 50; ++i) scene.Step(0.02);
-  // The cables creep a little; nothing else moves.
+  // The cables creep slightly; nothing else moves.
   EXPECT_NEAR(scene.plant().truth().progress_m, progress, 1e-4);
 }
 
@@ -98,18 +98,18 @@ TEST(DvrkSceneTest, HomingMovesTheTipOverTheGauzesMiddle) {
   scene.console().StateCommand("home");
   for (int i = 0; i < 20; ++i) scene.Step(0.01);
   ASSERT_TRUE(scene.console().homed());
-  // As far off as an uncalibrated arm is.
+  // Within the error of an uncalibrated arm.
   EXPECT_LT(scene.plant().truth().tip_m.norm(), 0.012);
   EXPECT_GT(start.norm(), 0.018);
 }
 
-// Set-points come at a few hundred hertz at most and the console's steps are shorter: the arm is
-// taken to move between two of them.
+// Set-points arrive at most at a few hundred hertz, and the console's steps are shorter. The arm is
+// assumed to move between two set-points.
 TEST(DvrkSceneTest, InRealTimeThePlatformMovesWithTheArmOrWithoutIt) {
   const auto moved = [](const DvrkSceneOptions& options, int every_ms) {
     DvrkScene scene(options);
     scene.Reset(6);
-    scene.Step(0.1);  // beyond the time that the arm is taken to move still
+    scene.Step(0.1);  // longer than the arm is assumed to move
     const Eigen::Vector3d before = scene.plant().platform_setpoint().translation_m;
     PsmJoints goal = scene.console().setpoint_joints();
     for (int ms = 0; ms < 500; ++ms) {
@@ -127,7 +127,7 @@ TEST(DvrkSceneTest, InRealTimeThePlatformMovesWithTheArmOrWithoutIt) {
   EXPECT_GT(moved(RealTime(false, true), 0), 1e-4);
   const double with_the_arm = moved(RealTime(true, false), 10);
   EXPECT_GT(with_the_arm, 1e-4);
-  // All of the time, not only the milliseconds in which a set-point came.
+  // The whole time, not only the milliseconds in which a set-point arrives.
   EXPECT_EQ(with_the_arm, moved(RealTime(true, false), 1));
 }
 

@@ -11,7 +11,7 @@
 namespace dfr::sim {
 namespace {
 
-// The red channel of a picture of 4 x 4 pixels of size 1, on a ground of 100.
+// Red channel of a picture of 4 x 4 pixels of size 1, on a background of 100.
 class CanvasTest : public testing::Test {
  protected:
   CanvasTest() : canvas_(rgb_, 4, 0.0, 0.0, 4.0) { canvas_.Fill({100, 50, 25}); }
@@ -72,7 +72,7 @@ std::vector<std::uint8_t> PictureOf(const std::string& task, const std::vector<d
   return rgb;
 }
 
-// A pixel of reach is 0.025 wide; the left edge is at -0.3, the top at 0.8.
+// A pixel of reach is 0.025 wide. The left edge is at -0.3 and the top at 0.8.
 TEST(GalleryPictureTest, ReachShowsPointPillarAndGoal) {
   const auto rgb = PictureOf("reach", {0.0, 0.25});
   const Colour ground = At(rgb, 0, 0);
@@ -81,7 +81,7 @@ TEST(GalleryPictureTest, ReachShowsPointPillarAndGoal) {
   const Colour goal = At(rgb, 32, 52);
   EXPECT_NE(robot, ground);
   EXPECT_EQ(At(rgb, 21, 11), robot);
-  EXPECT_EQ(At(rgb, 32, 12), ground);  // where the point would be at (0, 0)
+  EXPECT_EQ(At(rgb, 32, 12), ground);  // position of a point at (0, 0)
   EXPECT_EQ(At(rgb, 25, 34), pillar);
   EXPECT_EQ(At(rgb, 22, 34), ground);
   EXPECT_NE(goal, pillar);

@@ -27,7 +27,7 @@ TEST(DiscPushPlantTest, ThePusherNeverOverlapsTheObjectAndPushesStraight) {
   EXPECT_NEAR(x[3], 0.0, 1e-12);
 }
 
-// Free of friction the object yields along the line of centres only, and never moves untouched.
+// Without friction the object moves only along the line of centres, and only when touched.
 TEST(DiscPushPlantTest, TheObjectMovesOnlyWhenTouchedAndStaysTouching) {
   DiscPushPlant plant;
   core::Random random(2);

@@ -1,4 +1,4 @@
-// Kinds of tasks that a guard must not break: mixed units, rotations, repeated times.
+// Special kinds of tasks that a guard must handle: mixed units, rotations, repeated times.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -167,7 +167,7 @@ TEST(RopeTest, TheWrongWayRoundFailsAndTheHookAloneDoesNotComplete) {
   }
   EXPECT_TRUE(clone->collided());
   bool there = false;
-  for (int t = 0; t < 60; ++t) {  // below the peg and up to the hook
+  for (int t = 0; t < 60; ++t) {  // moves below the peg and up to the hook
     const auto x = State(*plant);
     const double goal_y = x[0] < 0.3 ? -0.3 : 0.3;
     const double dx = x[0] < 0.3 ? 0.2 : 0.6 - x[0];
@@ -201,7 +201,7 @@ TEST(FigureEightTest, TurningOffAtTheMiddleFails) {
   plant->Reset(1);
   Supervise(*plant, [](const std::vector<double>& x) { return std::hypot(x[0], x[1]) > 0.04; });
   ASSERT_FALSE(plant->collided());
-  // The way on is to the upper right, the other one to the upper left.
+  // The correct way is to the upper right, the other one to the upper left.
   for (int t = 0; t < 8; ++t) Apply(*plant, {-0.5, 0.6});
   EXPECT_TRUE(plant->collided());
 }

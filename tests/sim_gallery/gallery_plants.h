@@ -24,7 +24,7 @@ inline void Apply(core::Plant& plant, const std::vector<double>& u) {
   ASSERT_EQ(plant.Apply(u), core::PlantStatus::kOk);
 }
 
-// Applies the supervisor's controls, without noise, while `going` holds.
+// Applies the supervisor's controls without noise while `going` holds.
 template <typename Condition>
 void Supervise(GalleryPlant& plant, Condition going) {
   std::vector<double> u(static_cast<std::size_t>(plant.control_dim()));

@@ -72,7 +72,7 @@ TEST_P(EveryTaskTest, ACloneAndACopyGoOnAsTheOriginalDoes) {
   }
 }
 
-// A world that moves on changes the observed state within a few steps after the start.
+// A moving world changes the observed state within a few steps after the start.
 TEST_P(EveryTaskTest, AControlOfZeroHoldsStillUnlessTheWorldMovesOn) {
   const auto plant = Make(task_);
   plant->Reset(3);
@@ -170,7 +170,8 @@ TEST(GalleryTest, NamesAreDistinctAndHalfOfTheTasksAreHeldOut) {
   EXPECT_THROW((void)FindGalleryTask("magic"), std::invalid_argument);
 }
 
-// The disc and the region are the task's; four looks a control, as straight lines have it.
+// The disc and the region are those of the task. Four checks per control suffice for straight
+// lines.
 TEST(PointTest, FailsExactlyWhereALookIsInsideThePillarOrOutsideTheRegion) {
   const auto plant = Make(FindGalleryTask("reach"));
   core::Random random(3);
@@ -193,7 +194,7 @@ TEST(PointTest, FailsExactlyWhereALookIsInsideThePillarOrOutsideTheRegion) {
     }
     failures += expected ? 1 : 0;
   }
-  EXPECT_EQ(failures, 200);  // all leave the region in the end
+  EXPECT_EQ(failures, 200);  // all finally leave the region
 }
 
 TEST(PointTest, AMotionGoesOnWithHalfOfItInTheNextStep) {
@@ -245,7 +246,7 @@ TEST(PushTest, FailsExactlyOutsideTheLaneOrTurnedTooFar) {
   EXPECT_GT(failures, 20);
 }
 
-// The surface holds the peg up; the share of a control that it takes is the force.
+// The surface stops the peg. The remaining part of a control is the force.
 TEST(InsertionTest, PressingHardOnTheSurfaceFailsAndLightlyDoesNot) {
   for (const double press : {0.39, 0.41}) {
     const auto plant = Make(FindGalleryTask("insertion"));
@@ -264,7 +265,7 @@ TEST(InsertionTest, TheChamferLeadsIntoTheSlotAndItsWallsHoldThePeg) {
   const auto plant = Make(FindGalleryTask("insertion"));
   plant->Reset(2);
   const double slot = State(*plant)[2];
-  // Two thirds of a mouth beside the middle.
+  // Two thirds of the mouth's width from its middle.
   while (std::abs(State(*plant)[0] - slot + 0.02) > 1e-9) {
     Apply(*plant, {(slot - 0.02 - State(*plant)[0]) / 0.02, 0.0});
   }
@@ -283,11 +284,12 @@ TEST(LidTest, TheHandleSlipsWhereTheGripperLeavesItsCircle) {
     const std::vector<double> x = State(*plant);
     const double r = std::hypot(x[0], x[1]);
     ASSERT_FALSE(plant->collided());
-    // To a radius of 0.4 + 0.03 pull + 1 mm.
+    // Moves to a radius of 0.4 + 0.03 pull + 1 mm.
     const double out = (0.4 + 0.03 * pull + 1e-3 - r) / 0.03;
     for (int t = 0; t < 4; ++t) Apply(*plant, {0.25 * out * x[0] / r, 0.25 * out * x[1] / r, 0.0});
     EXPECT_EQ(plant->collided(), pull == 1.0);
-    EXPECT_NEAR(State(*plant)[3], std::atan2(x[1], x[0]), 1e-9);  // pulled, not turned
+    // The object is pulled but not turned.
+    EXPECT_NEAR(State(*plant)[3], std::atan2(x[1], x[0]), 1e-9);
   }
 }
 
@@ -298,7 +300,7 @@ TEST(GraspTest, AnObjectThatIsLetGoInTheAirFailsAndOnTheTableDoesNot) {
     Supervise(*plant, [](const std::vector<double>& x) { return x[2] < 1.0; });
     if (lifted) Supervise(*plant, [](const std::vector<double>& x) { return x[4] < 0.05; });
     ASSERT_FALSE(plant->collided());
-    EXPECT_EQ(State(*plant)[4] > 0.0, lifted);  // it comes along
+    EXPECT_EQ(State(*plant)[4] > 0.0, lifted);  // the object moves along
     for (int t = 0; t < 5; ++t) Apply(*plant, {0.0, 0.0, -1.0});
     EXPECT_EQ(plant->collided(), lifted);
   }
@@ -313,8 +315,8 @@ TEST(GraspTest, LeavingBeforeTheGripperIsClosedFails) {
   EXPECT_TRUE(plant->collided());
 }
 
-// The control changes speeds, and speeds change positions: its effect on positions is one step
-// late.
+// The control changes speeds, and speeds change positions. The effect on positions is therefore one
+// step late.
 TEST(BalanceTest, AControlMovesPositionsOneStepLater) {
   const auto plant = Make(FindGalleryTask("balance"));
   plant->Reset(1);
@@ -355,7 +357,7 @@ TEST(CarTest, FullForceFromRestDoesNotReachTheTopAndSwingingBackHitsTheWall) {
   EXPECT_TRUE(plant->collided() || plant->completed());
 }
 
-// The tip as Denavit and Hartenberg have it; controls turn joints by the task's step.
+// The tip according to Denavit and Hartenberg. Controls turn joints by the task's step.
 TEST(ArmTest, TheTipIsWhereTheJointsSay) {
   for (const auto& [name, links, step] :
        {std::tuple{"arm2", 2, 0.25}, std::tuple{"arm7", 7, 0.1}}) {

@@ -13,7 +13,7 @@ namespace {
 using kinematics::Psm;
 using kinematics::PsmJoints;
 
-// Tip errors over joint values within reach of the gauze; the sample differs from the one that
+// Tip errors over joint values in reach of the gauze. The sample differs from the sample that
 // determines the scale of the class.
 template <typename Known>
 double MeanError(const ArmError& error, const Known& known) {
@@ -32,7 +32,7 @@ TEST(ArmErrorTest, IsAsLargeAsReportedForUncalibratedArms) {
   for (std::uint64_t seed : {1, 2, 3, 4, 5}) {
     const ArmError error({.seed = seed});
     const double mean = MeanError(error, [](const PsmJoints& q) { return q; });
-    EXPECT_NEAR(mean, 4.5e-3, 0.2e-3) << seed;  // another sample of 2000, spread a few mm
+    EXPECT_NEAR(mean, 4.5e-3, 0.2e-3) << seed;  // another sample of 2000, with a spread of a few mm
     const double residual =
         MeanError(error, [&](const PsmJoints& q) { return error.systematic().Apply(q); });
     EXPECT_NEAR(residual, 0.5e-3, 0.05e-3) << seed;

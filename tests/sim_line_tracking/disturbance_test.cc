@@ -42,8 +42,8 @@ TEST(DisturbanceTest, SineIsTheFirmwares) {
   }
 }
 
-// In [0, 2 amplitude], angles in [-amplitude, amplitude], with both ends reached, and the frequency
-// in rad/s.
+// Range [0, 2 amplitude] for positions and [-amplitude, amplitude] for angles. Both ends are
+// reached, and the frequency is in rad/s.
 TEST(DisturbanceTest, BreathHasTheFirmwaresRangeAndPeriod) {
   const DisturbanceOptions options = Options(Wave::kBreath);
   const Disturbance breath(options, 1);
@@ -57,7 +57,7 @@ TEST(DisturbanceTest, BreathHasTheFirmwaresRangeAndPeriod) {
       lowest = std::fmin(lowest, Entry(breath.At(t), k));
       highest = std::fmax(highest, Entry(breath.At(t), k));
     }
-    EXPECT_NEAR(lowest, k < 3 ? 0.0 : -a, 1e-6 * a);  // sampled 10000 times a period
+    EXPECT_NEAR(lowest, k < 3 ? 0.0 : -a, 1e-6 * a);  // sampled 10000 times per period
     EXPECT_NEAR(highest, k < 3 ? 2 * a : a, 1e-6 * a);
     EXPECT_NEAR(Entry(breath.At(period), k), Entry(breath.At(0.0), k), 1e-12);
   }
@@ -97,7 +97,7 @@ TEST(DisturbanceTest, SineOrBreathBeyondReachThrows) {
   options.amplitude[4] = 0.26;  // the published 15 degrees
   EXPECT_THROW(Disturbance(options, 1), std::invalid_argument);
   options = Options(Wave::kBreath);
-  options.amplitude[2] = 0.005;  // 10 mm up; the reach ends at 8.3
+  options.amplitude[2] = 0.005;  // 10 mm up; the reach ends at 8.3 mm
   EXPECT_THROW(Disturbance(options, 1), std::invalid_argument);
   options = Options(Wave::kSine);
   options.frequency[0] = std::nan("");

@@ -21,7 +21,7 @@ std::size_t At(int x, int y) {
   return std::size_t{3} * (static_cast<std::size_t>(y) * kWidth + static_cast<std::size_t>(x));
 }
 
-// Neither noise nor blur, an even light.
+// Returns an even light without noise and blur.
 EndoscopeLight Plain() {
   EndoscopeLight light;
   light.blur_px = 0.0;
@@ -36,8 +36,8 @@ Picture Develop(const Endoscope& endoscope, const Picture& pinhole, const Endosc
   return bgr;
 }
 
-// A soft white spot, whose centre is defined to a fraction of a pixel, in a pinhole picture with
-// the bottom row first.
+// Returns a soft white spot in a pinhole picture with the bottom row first. The centre is defined
+// to a fraction of a pixel.
 Picture PinholeSpot(const Eigen::Vector2d& ray, double fovy_rad) {
   const double focal = 0.5 * kHeight / std::tan(0.5 * fovy_rad);
   const double x0 = 0.5 * (kWidth - 1) + focal * ray.x();
@@ -65,15 +65,15 @@ Eigen::Vector2d Centre(const Picture& bgr) {
   return centre / sum;
 }
 
-// The lens agrees with the camera model: a ray's point appears where the model projects it.
+// The lens agrees with the camera model: each ray appears at the pixel of the model.
 TEST(EndoscopeTest, DistortsAsTheCameraModelSays) {
   const Endoscope endoscope(LineTrackingPlant::true_camera());
   for (const Eigen::Vector2d& ray : {Eigen::Vector2d(0.0, 0.0), Eigen::Vector2d(0.3, 0.1),
                                      Eigen::Vector2d(-0.38, 0.27), Eigen::Vector2d(0.1, -0.3)}) {
     const Picture bgr = Develop(endoscope, PinholeSpot(ray, endoscope.pinhole_fovy_rad()), Plain());
     const Eigen::Vector2d pixel = endoscope.camera().ToPixel(ray);
-    // The look-up is to 1/32 pixel; a magnification that varies over the spot, and the vignette's
-    // slope, move its centre as much again.
+    // The lookup is accurate to 1/32 pixel. The varying magnification and the vignette's slope move
+    // the spot's centre by a similar amount.
     EXPECT_LT((Centre(bgr) - pixel).norm(), 0.06) << ray.transpose();
   }
 }
@@ -108,8 +108,8 @@ TEST(EndoscopeTest, SameSeedGivesTheSamePictureAndAnotherSeedOtherNoise) {
   for (std::size_t i = 0; i < one.size(); ++i) {
     squared += std::pow(static_cast<double>(one[i]) - other[i], 2);
   }
-  // Two pictures' noise of 3 levels each, and rounding's 1/12 of a squared level in both; with
-  // 921600 samples the estimate is good to a thousandth.
+  // The noise is 3 levels in each of two pictures, plus the rounding of both, 1/12 of a squared
+  // level each. With 921600 samples the estimate is accurate to a thousandth.
   EXPECT_NEAR(std::sqrt(squared / static_cast<double>(one.size())), std::sqrt(18.0 + 2.0 / 12.0),
               0.02);
 }

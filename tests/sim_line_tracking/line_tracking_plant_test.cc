@@ -42,9 +42,10 @@ TEST(LineTrackingPlantTest, OpenLoopDemonstrationsFollowTheLineWhenNothingMoves)
       farthest = std::max(farthest, std::abs(plant.truth().distance_m));
     }
     EXPECT_TRUE(plant.completed());
-    // The initial error, 0.6 mm (sd), and the residual that no calibration can remove.
+    // The initial error of 0.6 mm (standard deviation), and the residual that no calibration can
+    // remove.
     EXPECT_LT(farthest, LineTrackingPlant::kCollision);
-    // That residual is 0.5 mm in the mean; it counts at both ends.
+    // The mean of this residual is 0.5 mm, and it occurs at both ends.
     EXPECT_NEAR(plant.truth().progress_m, 0.050, 2.5e-3);
   }
 }
@@ -110,7 +111,8 @@ TEST(LineTrackingPlantTest, ControlsBeyondTheArmsReachAreRefused) {
   EXPECT_FALSE(plant.MoveTip({std::nan(""), 0.0, 0.0}));
 }
 
-// Time passes with travel when the disturbance acts during controls, with controls when between.
+// If the disturbance acts during controls, time passes with travel. If it acts between controls,
+// time passes with their number.
 TEST(LineTrackingPlantTest, DisturbanceActsWhenItWasAskedTo) {
   const auto gauze_moves = [](bool during, bool between, double u) {
     LineTrackingOptions options = Truth(Wave::kSine);
@@ -123,7 +125,7 @@ TEST(LineTrackingPlantTest, DisturbanceActsWhenItWasAskedTo) {
     return (plant.truth().p_world_gauze.translation() - before).norm();
   };
   EXPECT_EQ(gauze_moves(false, false, 0.5), 0.0);
-  EXPECT_EQ(gauze_moves(true, false, 0.0), 0.0);  // no travel, no time
+  EXPECT_EQ(gauze_moves(true, false, 0.0), 0.0);  // without travel, no time passes
   EXPECT_GT(gauze_moves(true, false, 0.5), 1e-3);
   EXPECT_GT(gauze_moves(false, true, 0.0), 1e-3);
   EXPECT_LT(gauze_moves(true, false, 0.001), 1e-4);
@@ -139,8 +141,8 @@ TEST(LineTrackingPlantTest, DisturbanceStopsWithHalt) {
   EXPECT_EQ(plant.truth().p_world_gauze.translation(), before);
 }
 
-// The platform of a world in real time moves on while the robot looks and computes, after Halt()
-// and without any travel; it lags behind its command instead of jumping there.
+// In a world in real time the platform moves while the robot observes and computes, after Halt(),
+// and without any travel. It follows its command with a lag and does not jump to it.
 TEST(LineTrackingPlantTest, RealTimeNeverStops) {
   LineTrackingOptions options = Truth(Wave::kSine);
   options.disturbance.real_time = true;
@@ -166,11 +168,11 @@ TEST(LineTrackingPlantTest, RealTimeNeverStops) {
   const Eigen::Vector3d gauze = plant.truth().p_world_gauze.translation();
   const test::NoAlloc guard;
   plant.Hold(5.0);
-  EXPECT_LT((plant.truth().tip_m - tip).norm(), 1e-4);  // the joints drift a little with time
+  EXPECT_LT((plant.truth().tip_m - tip).norm(), 1e-4);  // the joints drift slightly with time
   EXPECT_GT((plant.truth().p_world_gauze.translation() - gauze).norm(), 5e-3);
 }
 
-// The caller's arm and clock, with the readings of Apply().
+// Uses the caller's arm and clock, with the readings of Apply().
 TEST(LineTrackingPlantTest, DrivenByReadingsItDoesWhatItDoesByControls) {
   LineTrackingOptions options = Truth(Wave::kRandom);
   options.disturbance.between = true;
@@ -205,7 +207,7 @@ TEST(LineTrackingPlantTest, DrivenByReadingsItDoesWhatItDoesByControls) {
   }
 }
 
-// A platform that nothing moves on settles where it is commanded to be, with its time constant.
+// Without further motion, a platform settles at its commanded pose with its time constant.
 TEST(LineTrackingPlantTest, DrivenPlatformLagsBehindItsCommand) {
   LineTrackingPlant plant(Truth(Wave::kRandom));
   plant.Reset(7);
@@ -223,7 +225,7 @@ TEST(LineTrackingPlantTest, DrivenPlatformLagsBehindItsCommand) {
 
 TEST(LineTrackingPlantTest, PicturesCountedByOthersAreThoseThatLookTakes) {
   LineTrackingPlant plant;
-  plant.Reset(8);  // takes the first
+  plant.Reset(8);  // uses up the first value
   plant.Look();
   std::vector<std::uint8_t> second(plant.endoscope().image_size());
   plant.RenderEndoscope(second);
@@ -276,7 +278,7 @@ TEST(LineTrackingPlantTest, GroundTruthControlsNeverAllocate) {
   plant.Halt();
 }
 
-// Centre of blue pixels near a pixel, weighted by their blueness.
+// Returns the centre of the blue pixels near a pixel, weighted by their blueness.
 Eigen::Vector2d BlueCentre(const std::vector<std::uint8_t>& bgr, const Eigen::Vector2d& near) {
   constexpr int kRadius = 18;
   double sum = 0.0;
@@ -295,7 +297,7 @@ Eigen::Vector2d BlueCentre(const std::vector<std::uint8_t>& bgr, const Eigen::Ve
   return centre / sum;
 }
 
-// MuJoCo's camera with the lens behind it, and the camera model, are two ways to the same pixel.
+// MuJoCo's camera with the lens, and the camera model, give the same pixel.
 TEST(LineTrackingPlantTest, ThePictureShowsMarksWhereTheCameraProjectsThem) {
   LineTrackingOptions options = Truth();
   options.endoscope = {.light_change = 0.0, .glare = 0.0, .blur_px = 0.0, .noise = 0.0};
@@ -316,13 +318,15 @@ TEST(LineTrackingPlantTest, ThePictureShowsMarksWhereTheCameraProjectsThem) {
       const Eigen::Vector2d pixel = LineTrackingPlant::true_camera().Project(
           p_cam_gauze * Eigen::Vector3d(mark.x(), mark.y(), 0.0));
       const Eigen::Vector2d error = BlueCentre(bgr, pixel) - pixel;
-      // A disc of 11 pixels' radius, drawn in whole pixels: its 70 at the rim are each wrong by a
-      // uniform half, which scatters the centre by 0.06. Three of that.
+      // A disc with a radius of 11 pixels, drawn in whole pixels. Each of its 70 rim pixels has a
+      // uniform error of up to a half, which gives the centre a standard deviation of 0.06; the
+      // limit is three of these.
       EXPECT_LT(error.norm(), 0.2) << mark.transpose();
       mean += error / 16.0;
     }
   }
-  // The mean of 16 such scatters by 0.02. Half a pixel, say, would be a wrong convention.
+  // The mean of 16 such centres has a standard deviation of 0.02. A wrong convention would shift it
+  // by half a pixel.
   EXPECT_LT(mean.norm(), 0.06);
 }
 
@@ -362,7 +366,7 @@ TEST(LineTrackingPlantTest, TheOutsideViewShowsTheArmMove) {
   EXPECT_NE(one, other);
 }
 
-// The system tier has the requirement on vision, over hundreds of pictures.
+// The system tier tests the requirement on vision over hundreds of pictures.
 TEST(LineTrackingPlantTest, VisionFindsTheTipAndItsSideOfTheLine) {
   LineTrackingOptions options;
   options.disturbance.wave = Wave::kRandom;
@@ -383,7 +387,7 @@ TEST(LineTrackingPlantTest, VisionFindsTheTipAndItsSideOfTheLine) {
   }
 }
 
-// Each ends in a NaN state, at which controllers halt.
+// Each case ends in a NaN state, at which controllers halt.
 TEST(LineTrackingPlantTest, AStateThatTheImageDoesNotShowIsNaN) {
   LineTrackingPlant plant;
   const auto reason = [&plant](CameraFault fault) {
@@ -400,7 +404,7 @@ TEST(LineTrackingPlantTest, AStateThatTheImageDoesNotShowIsNaN) {
   EXPECT_EQ(reason(CameraFault::kNoLine), vision::NotSeen::kLine);
   EXPECT_EQ(reason(CameraFault::kNoTip), vision::NotSeen::kTip);
 
-  // The tip truly out of the picture.
+  // The tip is really outside the picture.
   plant.Reset(12);
   ASSERT_TRUE(plant.MoveTip({0.075, 0.0, 0.003}));
   plant.Look();

@@ -34,7 +34,7 @@ TEST(LineTrackingSceneTest, TheArmIsThatOfTheKinematics) {
   for (int i = 0; i < 100; ++i) {
     const PsmJoints q = RandomJoints(random);
     data.Place(q, Eigen::Isometry3d::Identity());
-    // A chain of six rotations, each to rounding, over 0.5 m.
+    // A chain of six rotations over 0.5 m, each rounded.
     EXPECT_LT((data.tip_m() - LineTrackingPlant::p_world_base() * Psm::Tip(q)).norm(), 1e-14);
   }
 }

@@ -15,7 +15,7 @@ inline State Observe(const core::Plant& plant) {
   return x;
 }
 
-/// Result of a perfect calibration.
+/// Returns the result of a perfect calibration.
 inline line_task::LineCalibration PerfectCalibration(const sim::LineTrackingOptions& options) {
   line_task::LineCalibration known;
   known.camera = sim::LineTrackingPlant::true_camera();

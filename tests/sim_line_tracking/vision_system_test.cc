@@ -19,8 +19,8 @@ using test::PerfectCalibration;
 using test::State;
 
 // The requirement on vision: 95 % of errors below 0.3 mm, and never the wrong side, over poses of
-// tool and platform, light and blur. A side counts from 0.3 mm on: nearer it is within the errors.
-// Takes seconds: quantiles and rare wrong sides need hundreds of pictures.
+// tool and platform, light and blur. The side is judged from 0.3 mm on, because smaller distances
+// are within the errors. Takes seconds: quantiles and rare wrong sides need hundreds of pictures.
 TEST(LineTrackingPlantTest, VisionIsAccurateOverPosesLightAndBlur) {
   std::vector<double> distance_errors;
   std::vector<double> tip_errors;

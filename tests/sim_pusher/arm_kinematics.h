@@ -22,8 +22,8 @@ inline std::vector<double> Observe(const sim::PusherPlant& plant) {
   return state;
 }
 
-/// The arm's chain from the dimensions in the documentation, without MuJoCo: the peer of its
-/// kinematics and of the collision check.
+/// The arm's chain computed from the documented dimensions, without MuJoCo. It is the peer of
+/// MuJoCo's kinematics and of the collision check.
 struct ArmPose {
   struct Part {
     std::string name;
@@ -49,7 +49,7 @@ inline ArmPose Forward(std::span<const double> q, double bar_half_width) {
   const Vector3d wrist = elbow + fore * (0.321 * x);
   ArmPose pose;
   pose.tip = wrist + hand * (0.112 * x);
-  // At home the hand points 75 degrees down and the tip frame is the world's.
+  // At home the hand points 75 degrees down, and the tip frame equals the world frame.
   pose.tip_frame = hand * AngleAxisd(-75.0 * M_PI / 180.0, y);
   const Vector3d side = bar_half_width * hand.col(1);
   pose.parts = {{"upper_arm", lift, elbow, 0.045},
@@ -59,8 +59,8 @@ inline ArmPose Forward(std::span<const double> q, double bar_half_width) {
   return pose;
 }
 
-/// Joint-space control that moves the tip by `step_m` in the world, upright at the home height: the
-/// least-squares inverse of the chain's differences.
+/// Returns joint-space control that moves the tip by `step_m` in the world, upright at the home
+/// height: the least-squares inverse of the chain's differences.
 inline std::array<double, 7> MoveTip(const sim::PusherPlant& plant, const Eigen::Vector2d& step_m,
                                      double yaw = 0.0) {
   const std::vector<double> state = Observe(plant);
@@ -87,7 +87,7 @@ inline std::array<double, 7> MoveTip(const sim::PusherPlant& plant, const Eigen:
   return control;
 }
 
-/// The state with the same arm and the cylinder at (x, y).
+/// Returns the state with the same arm and the cylinder at (x, y).
 inline std::vector<double> WithObjectAt(std::vector<double> state, double x, double y) {
   state[kObject] = x;
   state[kObject + 1] = y;

@@ -26,8 +26,8 @@ using Control = std::array<double, 7>;
 
 PusherPlant Dynamic() { return PusherPlant({.physics = PusherPhysics::kDynamic}); }
 
-// Motors with a stiffness of 2000 N m/rad end within the error that 0.2 N m of joint friction can
-// hold, and gravity has no visible effect.
+// Motors with a stiffness of 2000 N m/rad stop within the error that 0.2 N m of joint friction can
+// hold. Gravity has no visible effect.
 TEST(DynamicMotionTest, JointsArriveWithinWhatFrictionHolds) {
   PusherPlant plant = Dynamic();
   core::Random random(1);
@@ -40,7 +40,7 @@ TEST(DynamicMotionTest, JointsArriveWithinWhatFrictionHolds) {
     const std::vector<double> after = Observe(plant);
     for (std::size_t j = 0; j < 7; ++j) {
       const double wanted = before[j] + plant.options().joint_step * control[j];
-      if (std::abs(wanted) > 1.0) continue;  // perhaps beyond a limit
+      if (std::abs(wanted) > 1.0) continue;  // may be beyond a limit
       EXPECT_NEAR(after[j], wanted, 3e-4) << "joint " << j;
     }
   }
@@ -55,7 +55,7 @@ TEST(DynamicMotionTest, AnArmThatIsToldNothingStaysWhereItIs) {
   for (std::size_t k = 0; k < before.size(); ++k) EXPECT_NEAR(after[k], before[k], 1e-4) << k;
 }
 
-// Coulomb friction: a cylinder that slides at speed v stops after v^2 / (2 mu g).
+// Coulomb friction: a cylinder with speed v stops after v^2 / (2 mu g).
 TEST(DynamicMotionTest, TheCylinderSlidesAsFarAsCoulombSays) {
   for (const double speed : {0.2, 0.4}) {
     PusherPlant plant = Dynamic();
@@ -72,7 +72,8 @@ TEST(DynamicMotionTest, TheCylinderSlidesAsFarAsCoulombSays) {
   }
 }
 
-// It is pushed to the goal as under quasi-static pushing, but goes a little ahead of the gripper.
+// The gripper pushes it to the goal as in quasi-static pushing, but the cylinder slides slightly
+// ahead.
 TEST(DynamicMotionTest, APushedCylinderGoesOnAlone) {
   PusherPlant plant = Dynamic();
   plant.SetState(WithObjectAt(Observe(plant), 0.45, 0.0));
@@ -114,7 +115,7 @@ TEST(DynamicMotionTest, AnErrorInsideMujocoIsAFault) {
   PusherPlant plant = Dynamic();
   mjData* d = plant.data().mj.get();
   const int stack = d->nstack;
-  d->nstack = 1;  // too small for the solver
+  d->nstack = 1;  // too little memory for the solver
   EXPECT_EQ(plant.Apply(Control{}), PlantStatus::kFault);
   d->nstack = stack;
   plant.Reset(3);

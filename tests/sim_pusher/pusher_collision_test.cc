@@ -29,7 +29,7 @@ double PostDistance(const Eigen::Vector3d& p, double red_y) {
   return (p - Eigen::Vector3d(0.64, red_y, z)).norm();
 }
 
-// Every arm pose, judged by points sampled along the documented capsules.
+// Tests every arm pose by points sampled along the documented capsules.
 TEST(PusherCollisionTest, CollisionsOfArmPartsAgreeWithSampledDistances) {
   PusherPlant plant;
   core::Random random(12);
@@ -54,7 +54,8 @@ TEST(PusherCollisionTest, CollisionsOfArmPartsAgreeWithSampledDistances) {
       if (clearance < 0.0) touching.push_back(part.name);
       if (std::abs(clearance) < std::abs(closest)) closest = clearance;
     }
-    // Samples are 3.2 mm apart at most, so a sampled distance of about 7 cm is off by 0.02 mm.
+    // Samples are at most 3.2 mm apart. A sampled distance of about 7 cm is therefore accurate to
+    // 0.02 mm.
     if (std::abs(closest) < 1e-4) continue;
     plant.SetState(s);
     ASSERT_EQ(plant.collided(), !touching.empty()) << "pose " << i;
@@ -87,7 +88,7 @@ TEST(PusherCollisionTest, ForkProngsCollideToo) {
   EXPECT_GT(hits["prong_right"], 0);
 }
 
-// Collided at the sum of the radii, completed where its centre is over the goal.
+// It has collided at the sum of the radii, and has completed with its centre over the goal.
 TEST(PusherCollisionTest, WhereTheCylinderIsDecidesTheOutcome) {
   struct Case {
     double x, y;

@@ -63,7 +63,7 @@ TEST(PusherPlantTest, TheStateIsThatOfTheSceneAtHome) {
   for (int k = 0; k < 3; ++k) EXPECT_NEAR(s[kTilt + k], 0.0, 1e-12);
 }
 
-// MuJoCo's chain against the one written out from the documented dimensions.
+// Compares MuJoCo's chain with the chain computed from the documented dimensions.
 TEST(PusherPlantTest, KinematicsAgreeWithTheDocumentedDimensions) {
   PusherPlant plant;
   core::Random random(2);
@@ -211,7 +211,7 @@ TEST(PusherPlantTest, IsAtRestAfterEveryControl) {
 TEST(PusherPlantTest, ACloneContinuesBitForBit) {
   PusherPlant plant;
   core::Random random(6);
-  PusherPlant copy;  // with another history
+  PusherPlant copy;  // a plant with another history
   PusherPlant restored;
   int moved = 0;
   for (int episode = 0; episode < 20; ++episode) {
@@ -260,8 +260,8 @@ TEST(PusherPlantTest, ApplyAndObserveNeverAllocate) {
   EXPECT_GT(plant.statistics().simulated, 50);
 }
 
-// Straight at the cylinder: it moves with the bar, never ahead of it and never into it, and stops
-// over the goal.
+// A push straight at the cylinder. The cylinder moves with the bar, never ahead of it or into it,
+// and stops over the goal.
 TEST(PusherPlantTest, AStraightPushCarriesTheCylinderToTheGoal) {
   PusherPlant plant;
   plant.SetState(WithObjectAt(Observe(plant), 0.45, 0.0));
@@ -286,14 +286,14 @@ TEST(PusherPlantTest, AStraightPushCarriesTheCylinderToTheGoal) {
 }
 
 // Isotropic friction below a point, Coulomb friction 0.5 at the contact: while the push is within
-// atan(0.5) of the bar's normal the cylinder sticks to the bar and goes where the bar goes; beyond,
-// it slides along it and moves at that angle.
+// atan(0.5) of the bar's normal, the cylinder sticks to the bar and moves with it. Beyond that
+// angle it slides along the bar and moves at that angle.
 TEST(PusherPlantTest, PushesObliquelyWithinTheFrictionCone) {
   for (const double angle : {0.2, 0.4, 0.7}) {
     SCOPED_TRACE(angle);
     PusherPlant plant;
     plant.SetState(WithObjectAt(Observe(plant), 0.403, 0.0));
-    // Small enough for the tip to keep its height: slip in z would use up friction.
+    // Small enough to keep the tip's height, because slip in z would reduce friction.
     const Eigen::Vector2d step = 0.002 * Eigen::Vector2d(std::cos(angle), std::sin(angle));
     ASSERT_EQ(plant.Apply(MoveTip(plant, step)), PlantStatus::kOk);  // closes the gap
     const State before = Observe(plant);
@@ -302,7 +302,8 @@ TEST(PusherPlantTest, PushesObliquelyWithinTheFrictionCone) {
     const double moved =
         std::atan2(after[kObject + 1] - before[kObject + 1], after[kObject] - before[kObject]);
     const double tip = std::atan2(after[kTip + 1] - before[kTip + 1], after[kTip] - before[kTip]);
-    // 0.03 rad: the bar yaws by a few mrad on the way, and MuJoCo's regularised cone.
+    // 0.03 rad: the bar yaws by a few mrad during the push, and MuJoCo's friction cone is
+    // regularised.
     EXPECT_NEAR(moved, std::min(tip, std::atan(0.5)), 0.03);
   }
 }
@@ -330,8 +331,8 @@ TEST(PusherPlantTest, WrongStatesAndOptionsAreNamed) {
   }
 }
 
-// A few numbers of one push, as they were when the supervisor was trained: a changed model or
-// MuJoCo shows here first. 1e-9 m leaves room for another compiler's rounding, not for another
+// A few values of one push, recorded when the supervisor was trained. They reveal a changed model
+// or MuJoCo. A tolerance of 1e-9 m allows for another compiler's rounding, but not for other
 // physics.
 TEST(PusherPlantTest, GoldenTrace) {
   PusherPlant plant({.start_x_min = 0.43, .start_x_max = 0.53});

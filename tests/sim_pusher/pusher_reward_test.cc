@@ -21,7 +21,7 @@ double Potential(const PusherPlant& plant) {
 }
 
 // A sum of potential differences telescopes: the reward depends on the end of an episode, not on
-// the path.
+// its path.
 TEST(PusherRewardTest, SumsToThePotentialGainedLessTheCosts) {
   PusherPlant plant;
   PusherReward reward(plant);
@@ -32,7 +32,7 @@ TEST(PusherRewardTest, SumsToThePotentialGainedLessTheCosts) {
   double costs = 0.0;
   for (int t = 0; t < 6; ++t) {
     auto control = test::MoveTip(plant, {0.02, 0.0});
-    control[6] = 2.0;  // saturated: counts as 1
+    control[6] = 2.0;  // saturated, with the effect of 1
     ASSERT_EQ(plant.Apply(control), core::PlantStatus::kOk);
     sum += reward.Step(control);
     for (const double u : control) costs += 0.05 * std::pow(std::clamp(u, -1.0, 1.0), 2);

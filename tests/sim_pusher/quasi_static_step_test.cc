@@ -30,7 +30,7 @@ TEST(QuasiStaticStepTest, AnErrorInsideMujocoReturnsInsteadOfEndingTheProcess) {
   BringNextToObject(plant);
   mjData* d = plant.data().mj.get();
   const int stack = d->nstack;
-  d->nstack = 1;  // too small for the solver
+  d->nstack = 1;  // too little memory for the solver
   const std::array<double, 7> still{};
   EXPECT_EQ(plant.Apply(still), PlantStatus::kFault);
   d->nstack = stack;

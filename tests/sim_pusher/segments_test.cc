@@ -27,9 +27,10 @@ double Sampled(const Segment& p, const Segment& q) {
   return least;
 }
 
-// Lengths below 2 sampled at 201 points each: the samples nearest to the optimum are within 0.01,
-// so the sampled squared distance exceeds the true one by at most 0.01^2 where it is interior, and
-// by 2 * distance * 0.01 at most where an end is optimal (then the sample is exact).
+// Segments shorter than 2 have 201 samples each, so the samples nearest to the optimum are within
+// 0.01. The sampled squared distance exceeds the true one by at most 0.01^2 for an interior
+// optimum. For an optimum at an end, where the sample is exact, it exceeds it by at most 2 *
+// distance * 0.01.
 TEST(SquaredDistanceTest, IsTheLeastOverBothSegments) {
   core::Random random(11);
   for (int i = 0; i < 300; ++i) {

@@ -24,7 +24,7 @@ Picture Draw(PusherRenderer& renderer, const PusherPlant& plant) {
   return rgb;
 }
 
-// Centre and number of the pixels of a colour.
+// Centre and number of the pixels with a colour.
 struct Blob {
   int pixels = 0;
   double column = 0.0;
@@ -63,7 +63,8 @@ TEST(PusherViewTest, OverheadPictureShowsGoalAheadAndRedRegionsOnTheirSides) {
   const Blob red = Find(rgb, IsRed);
   EXPECT_GT(goal.pixels, 20);
   EXPECT_GT(red.pixels, 100);
-  // The goal is on the symmetry axis, in the upper half; the two regions balance about the axis.
+  // The goal is on the symmetry axis in the upper half. The two regions are symmetric about the
+  // axis.
   EXPECT_NEAR(goal.column, kWidth / 2.0, 3.0);
   EXPECT_LT(goal.row, kHeight / 2.0);
   EXPECT_NEAR(red.column, kWidth / 2.0, 3.0);
@@ -92,7 +93,7 @@ TEST(PusherViewTest, TwoRenderersOneAfterTheOther) {
   EXPECT_EQ(Draw(renderer, plant), first);
 }
 
-// MuJoCo has its functions from there.
+// MuJoCo loads its functions from this backend.
 TEST(PusherViewTest, TheFirstBackendIsTheProcesssOwn) {
   const PusherPlant plant;
   const char* wanted = std::getenv("DFR_GL");

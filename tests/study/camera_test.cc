@@ -83,7 +83,7 @@ TEST(CameraTest, ADistractorAndAnOcclusionChangeAPart) {
   const auto plain = PictureWith({}, 1);
   const int disc = NumDifferent(plain, PictureWith({.distractor = true}, 1));
   EXPECT_GT(disc, 0);
-  EXPECT_LE(disc, 3 * 81);  // 4 pixels of radius, half a pixel of edge
+  EXPECT_LE(disc, 3 * 81);  // a radius of 4 pixels, with an edge of half a pixel
   const int hidden = NumDifferent(plain, PictureWith({.occlusion = true}, 1));
   EXPECT_EQ(hidden, 3 * (kSide / 3) * (kSide / 3));
 }
@@ -117,7 +117,7 @@ Study Pictured(int threads) {
   return study;
 }
 
-// A monitor that sees pictures passes every action on: the episodes are those of the policy alone.
+// A monitor that sees pictures passes every action: the episodes equal those of the policy alone.
 // Both conditions disturb the pictures only, which the policy does not see.
 TEST(PicturedGuardsTest, MonitorsChangeNothingAndThreadsDoNotMatter) {
   const std::vector<Row> rows = RunStudy(Pictured(1));
@@ -141,7 +141,7 @@ TEST(PicturedGuardsTest, NeedFeatures) {
   EXPECT_THAT(ErrorOf(study), HasSubstr("unknown method 'monitor/pictures'"));
 }
 
-// Without a guard that sees them a disturbance of pictures would have no effect.
+// Without a guard that sees pictures, their disturbance would have no effect.
 TEST(PicturedGuardsTest, ConditionsOfPicturesNeedPictures) {
   Study study = Pictured(1);
   study.controllers = {"guard"};

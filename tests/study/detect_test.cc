@@ -43,7 +43,7 @@ TEST(DetectorRatesTest, AThresholdIsThatOfTheHighestScores) {
   for (int i = 1; i <= 19; ++i) {
     demonstrations.push_back({.scores = {0.0, static_cast<double>(i), 100.0}, .failed = false});
   }
-  // Rank ceil(20 * .9) of 19, and the scores from step 2 on are too late.
+  // Rank ceil(20 * .9) of 19. The scores from step 2 on are too late.
   EXPECT_EQ(CalibratedThreshold(demonstrations, 1, 0.1), 18.0);
   EXPECT_EQ(CalibratedThreshold(std::span(demonstrations).first(3), 1, 0.1), 3.0);
   EXPECT_THROW((void)CalibratedThreshold({}, 1, 0.1), std::invalid_argument);
@@ -84,7 +84,7 @@ TEST(DetectTest, AFailingPolicyIsFound) {
   EXPECT_THAT(report.text, HasSubstr("15 demonstrations fitted, 6 for thresholds, 9 left out"));
 }
 
-// Thirty entries of a state that only three numbers move: no left-out state is inside.
+// Only three numbers move the thirty entries of the state: no left-out state is inside.
 TEST(DetectTest, TooManyFeaturesAreReducedWithAReason) {
   core::Random random(4);
   core::Matrix mixing(3, 30);

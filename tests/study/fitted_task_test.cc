@@ -15,7 +15,7 @@
 namespace dfr::study {
 namespace {
 
-// Controls of the pick task are metres and a gripper of +-1, which a guard passes.
+// Controls of the pick task are metres and a gripper of +-1, which a guard passes unchanged.
 const LearnedModel& Pick() {
   static const LearnedModel model = MakeTask("pick").learn(20, 5);
   return model;
@@ -65,7 +65,7 @@ TEST(FittedTaskTest, ADirectionIsAsLargeInEachUnitAsDemonstrations) {
   const double largest = Pick().fit().guard()->actions().entries()[0].largest;
   EXPECT_GT(u[0], 0.5 * largest);
   EXPECT_LT(u[0], 5.0 * largest);
-  // One unit for all: the norm of the largest control.
+  // One unit for all entries: the norm of the largest control.
   const LearnedModel corridor = MakeTask("planar-corridor").learn(10, 5);
   double norm = 0.0;
   for (const core::Trajectory& d : corridor.demonstrations().trajectories) {

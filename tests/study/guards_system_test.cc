@@ -23,7 +23,7 @@ Study OnReach(std::vector<std::string> policies, int trials, int episodes) {
 }
 
 // Policies that learn again or query the supervisor work in tasks of the gallery, and the adversary
-// uses the controlled plant. Takes seconds: DAgger and DART learn many times over.
+// uses the controlled plant. Takes seconds: DAgger and DART learn many times.
 TEST(GuardsTest, RunsBaselinesAndAdversaries) {
   const Study study = OnReach({"ensemble", "dart", "dagger", "none"}, 1, 6);
   std::map<std::pair<std::string, std::string>, Row> rows;
@@ -36,7 +36,7 @@ TEST(GuardsTest, RunsBaselinesAndAdversaries) {
   EXPECT_EQ((rows[{"none", "baseline"}].collided), 0);
 }
 
-// A policy that heads for the constraints collides in every episode; a guard saves five of six.
+// A policy that steers for the constraints collides in every episode. A guard saves five of six.
 TEST(GuardsTest, SavesEpisodesFromAnAdversary) {
   const std::vector<Row> rows = RunStudy(OnReach({"at-constraints"}, 4, 12));
   ASSERT_EQ(rows.size(), 2);

@@ -62,7 +62,7 @@ TEST(GuardsTest, CountsAreOfTheirEpisodes) {
   }
 }
 
-// The monitor passes every action on: its episodes are those of the policy alone.
+// The monitor passes every action: its episodes equal those of the policy alone.
 TEST(GuardsTest, AMonitorChangesNothing) {
   const std::vector<Row>& rows = SmallRows();
   for (std::size_t i = 0; i < rows.size(); i += (GuardNames().size() + 1)) {
@@ -74,7 +74,7 @@ TEST(GuardsTest, AMonitorChangesNothing) {
   }
 }
 
-// Early stopping halts; the pole falls then, whereas a point stays where it is.
+// Early stopping halts. The pole then falls, whereas a point stays at rest.
 TEST(GuardsTest, AHaltIsJudgedByWhatTheWorldDoesNext) {
   EXPECT_EQ(RowOf("reach", "good", "early-stopping").collided, 0);
   const Row& pole = RowOf("balance", "good", "early-stopping");
@@ -192,8 +192,8 @@ TEST(InterventionTest, IsAChangedControlOrAHaltByTheMethod) {
   }
 }
 
-// Three trials: the method intervenes in 10, 0 and 20 of 30 episodes and completes 5, 0 and 20 of
-// these, and 10, 30 and 10 of the other 20, 30 and 10.
+// In three trials the method intervenes in 10, 0 and 20 of 30 episodes and completes 5, 0 and 20 of
+// these. It completes 10, 30 and 10 of the other 20, 30 and 10.
 TEST(InterventionTest, SuccessIsOfTheEpisodesOfAllTrialsTogether) {
   const auto trial = [](int intervened, int completed, int left_alone_completed) {
     return TrialCounts{.episodes = 30,
@@ -221,7 +221,7 @@ TEST(InterventionTest, SuccessIsOfTheEpisodesOfAllTrialsTogether) {
     const auto column = static_cast<std::size_t>(after - table.header.begin());
     EXPECT_EQ(table.header.at(column + 1), "without intervention");
     EXPECT_EQ(table.rows[0].at(column) + table.rows[0].at(column + 1), "") << "alone";
-    // 25 of 30 and 50 of 60: trials vary, so the intervals are wider than those of episodes.
+    // 25 of 30 and 50 of 60: trials vary, so the intervals are wider than intervals of episodes.
     for (const std::size_t i : {column, column + 1}) {
       EXPECT_THAT(table.rows[1].at(i), testing::StartsWith("83.3 [")) << table.header[i];
     }
@@ -240,7 +240,7 @@ TEST(InterventionTest, EachEpisodeOfAStudyHasOneOrNone) {
     for (const TrialCounts& trial : row.trials) {
       EXPECT_EQ(trial.intervened + trial.left_alone, trial.episodes);
       EXPECT_EQ(trial.intervened_completed + trial.left_alone_completed, trial.completed);
-      EXPECT_EQ(trial.intervened, row.intervened);  // there is one trial
+      EXPECT_EQ(trial.intervened, row.intervened);  // there is a single trial
       EXPECT_EQ(trial.intervened_completed, row.intervened_completed);
     }
     if (row.controller == "baseline" || row.controller == "monitor") {
@@ -250,7 +250,7 @@ TEST(InterventionTest, EachEpisodeOfAStudyHasOneOrNone) {
       EXPECT_GT(row.intervened, 0);
     }
   }
-  // Early stopping changes no control: an intervention is the end of the episode.
+  // Early stopping changes no control: the intervention is the end of the episode.
   const Row& stopped = RowOf("reach", "biased", "early-stopping");
   EXPECT_EQ(stopped.changed, 0.0);
   EXPECT_GT(stopped.intervened, 0);

@@ -26,7 +26,7 @@ Eigen::Vector2d Moved(const Eigen::Vector2d& x, const Eigen::Vector2d& u, double
   return x + kGain * (Eigen::Rotation2Dd(turn) * u);
 }
 
-// Few demonstrations: all transitions within the window are among the nearest ones.
+// Few demonstrations: all transitions in the window are among the nearest.
 std::vector<core::Trajectory> Demonstrations() {
   std::vector<core::Trajectory> demonstrations;
   core::Random random(3);
@@ -62,7 +62,8 @@ Eigen::Vector2d ControlOf(const OnlineLwrPolicy& policy, int t, const Eigen::Vec
   return u;
 }
 
-// Weighted least squares with the kernel width and the ridge of guided recovery, written out.
+// Weighted least squares with guided recovery's kernel width and ridge, computed from the
+// definition.
 Eigen::Vector2d Lwr(int t, const Eigen::Vector2d& x) {
   const std::vector<core::Trajectory> demonstrations = Demonstrations();
   double nearest = std::numeric_limits<double>::infinity();

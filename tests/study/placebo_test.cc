@@ -19,7 +19,7 @@
 namespace dfr::study {
 namespace {
 
-// Control .25 in every state.
+// Returns the control .25 in every state.
 class Alone final : public control::Controller {
  public:
   [[nodiscard]] int state_dim() const noexcept override { return 1; }
@@ -113,8 +113,8 @@ const Row& RowIn(const std::vector<Row>& rows, const std::string& policy,
   throw std::logic_error("no such row");
 }
 
-// For any order of methods and number of threads: the rate is that of all episodes of the guard,
-// not of those so far.
+// The rate is that of all episodes of the guard, not only of the previous ones, for any order of
+// methods and number of threads.
 TEST(PlaceboTest, HasTheRateOfTheGuardInTheSameRun) {
   Study study = PlaceboStudy();
   study.threads = 1;
@@ -126,7 +126,7 @@ TEST(PlaceboTest, HasTheRateOfTheGuardInTheSameRun) {
   const double rate = guard.changed / guard.controls;
   const double error = std::sqrt(rate * (1.0 - rate) / (placebo.controls * placebo.episodes));
   EXPECT_NEAR(placebo.changed / placebo.controls, rate, 4.0 * error);
-  // A halt is no control, and nothing else is changed.
+  // A halt is not a control, and no control is changed.
   EXPECT_EQ(RowIn(rows, "biased", "placebo-halts").changed, 0.0);
 
   study.threads = 2;
@@ -208,7 +208,7 @@ TEST(TotalsTest, ClustersAreTrialsOrTasks) {
   for (const char* task : {"a", "b", "c", "d", "e"}) rows.push_back(HandRow(task, {few, many}));
   const Totals by_task(rows);
   EXPECT_STREQ(by_task.clusters(), "task");
-  // All tasks are alike.
+  // All tasks are equal.
   EXPECT_EQ(by_task.IntervalOf(&TrialCounts::completed).low,
             experiment::ClopperPearsonInterval(100, 200).low);
   EXPECT_NEAR(by_task.PassedInterval().value().low, 0.8, 1e-12);

@@ -1,4 +1,4 @@
-// The claims of the planar studies and of the proof by stress.
+// The claims of the planar studies and of the stress test of the proof.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -14,7 +14,7 @@
 namespace dfr::study::planar {
 namespace {
 
-// One row a method, "baseline" first.
+// Returns one row per method, "baseline" first.
 std::vector<Row> RunPlane(const std::string& task, std::vector<std::string> methods) {
   Study study = Study::OfPlane();
   study.tasks = {"planar-" + task};
@@ -34,7 +34,7 @@ TEST(PlanarTest, GuidedRecoveryCompletesTheCorridorWithoutCollisions) {
   EXPECT_EQ(rows[2].collided, 0);
 }
 
-// In contact J is wrong, and a certificate must allow for the error.
+// In contact J is wrong, and a certificate must include the error.
 TEST(PlanarTest, TheDirectionCertificateCompletesPushingWithoutAViolation) {
   for (const char* task : {"push", "push-weak"}) {
     SCOPED_TRACE(task);
@@ -53,8 +53,8 @@ TEST(PlanarTest, GuidedRecoveryBeatsAWeakPolicyAtPushing) {
   EXPECT_LT(rows[1].collided, rows[0].collided);
 }
 
-// The corrected Prop. IV.3, 150 000 controls; `study prove --steps 10000000` is the long version. A
-// false certificate fails once in thousands of controls.
+// The corrected Prop. IV.3 over 150 000 controls; `study prove --steps 10000000` is the long
+// version. A false certificate fails once in thousands of controls.
 TEST(ProofTest, NeverLeavesTheUnionOfSupports) {
   const ProofResult result = Prove({.steps = 150'000});
   EXPECT_EQ(result.controls, 150'000);
@@ -83,15 +83,15 @@ TEST(ProofTest, NoisyStatesStayInsideToo) {
   EXPECT_EQ(result.violations, 0);
 }
 
-// Half of the true eps: each state that leaves was detected at the same control. One hundred of
-// these states need hundreds of worlds.
+// Half of the true eps: each state that leaves is detected at the same control. A hundred such
+// states need hundreds of worlds.
 TEST(ProofTest, AWrongConstantEndsInAViolation) {
   const ProofResult result = Prove({.steps = 30'000, .assumed = 0.5});
   EXPECT_GT(result.violations, 100);
   EXPECT_LE(result.left, result.violations + 1) << "the last control is not looked at any more";
 }
 
-// With held-out demonstrations the counts agree with the law of order statistics.
+// With held-out demonstrations, the counts agree with the law of order statistics.
 TEST(CoverageTest, HeldOutDemonstrationsKeepThePromises) {
   constexpr int kFits = 80;
   for (const std::string world : {"reach", "heavy-tails"}) {
@@ -112,7 +112,7 @@ TEST(CoverageTest, HeldOutDemonstrationsKeepThePromises) {
     near(result.kept, result.kept_chance);
     near(result.error_short, result.short_chance);
     near(result.gain_short, result.short_chance);
-    // The worst of ten: one further of eleven is beyond it.
+    // The worst of ten: one of eleven is beyond it on average.
     EXPECT_NEAR(result.mean, 1.0 / 11.0, 3.5 * result.mean_error);
   }
 }

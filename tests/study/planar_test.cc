@@ -33,7 +33,7 @@ TEST(PlanarTest, ResultsDoNotDependOnTheNumberOfThreads) {
   EXPECT_TRUE(one == RunStudy(study));
 }
 
-// The system tier runs longer and finds every mutation.
+// The system tier runs longer and tests every mutation.
 TEST(ProofTest, StaysInsideTheUnionOfSupports) {
   for (const double error : {0.0, 0.05}) {
     SCOPED_TRACE(error);
@@ -81,7 +81,7 @@ TEST(VideoWriterTest, WritesEvenSizesAndRefusesOtherEndings) {
       apps::VideoWriter(folder / name, {64, 48}, 10.0);
     });
   };
-  EXPECT_THAT(message("video.gif"), testing::HasSubstr("ends in .mp4 or .webm"));
+  EXPECT_THAT(message("video.gif"), testing::HasSubstr("must end in .mp4 or .webm"));
   EXPECT_THAT(message("no/video.mp4"), testing::HasSubstr("no/video.mp4: the video cannot be"));
   std::filesystem::remove_all(folder);
 }

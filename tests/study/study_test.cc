@@ -48,7 +48,7 @@ const Row& Find(const std::vector<Row>& rows, const std::string& condition,
 TEST(StressTest, CountsWhatAControllerSavesAndHarms) {
   const std::vector<Row> rows = RunStudy(Small());
   std::filesystem::remove_all(Folder());
-  // The corridor has no wider starts.
+  // The corridor has no condition with wider starts.
   ASSERT_EQ(rows.size(), 2u * 3u * 4u);
   for (const Row& row : rows) {
     EXPECT_EQ(row.episodes, 20);
@@ -61,12 +61,12 @@ TEST(StressTest, CountsWhatAControllerSavesAndHarms) {
       EXPECT_GE(row.completed, alone.completed - row.harmed);
     }
   }
-  // Benefit of a guard, and its largest permitted cost.
+  // Benefit of a guard, and its maximum cost.
   EXPECT_GE(Find(rows, "as demonstrated", "lwr", "baseline").completed, 18);
   EXPECT_LE(Find(rows, "as demonstrated", "lwr", "controller").harmed, 1);
   EXPECT_LE(Find(rows, "turned 40 deg", "lwr", "controller").collided,
             Find(rows, "turned 40 deg", "lwr", "baseline").collided);
-  // Early stopping does stop, and a controller that never filters would save nothing.
+  // Early stopping really stops, and a controller that never filters would save nothing.
   EXPECT_GE(Find(rows, "as demonstrated", "learned", "early-stopping").harmed +
                 Find(rows, "as demonstrated", "learned", "early-stopping").saved,
             1);
@@ -149,7 +149,8 @@ TEST(StressTest, ListsFailuresAndHarmedEpisodes) {
 }
 
 TEST(StressTest, JudgesEachMethodByWhatItSavesHarmsAndPasses) {
-  // Three trials, each a third of 300 episodes: 200 completed and 100 collided alone.
+  // Three trials with a third of 300 episodes each. The policy alone completes 200 and collides in
+  // 100.
   const auto row = [](const char* controller, int completed, int saved, int harmed,
                       double changed) {
     Row made{.task = "reach", .condition = "c", .policy = "weak", .controller = controller};
@@ -231,14 +232,14 @@ TEST(CompareTest, SettlesWhatIsPlainAndSavesTheRest) {
   const auto plain = Compare(comparison);
   EXPECT_TRUE(plain.settled());
   EXPECT_LT(plain.pairs(), 12);
-  EXPECT_GT(plain.mean(), 0.9);  // completed against halted at the start
+  EXPECT_GT(plain.mean(), 0.9);  // compares completion with a halt at the start
   comparison.second = "lwr";
-  comparison.pairs = 12;  // The first comparison was settled by then.
+  comparison.pairs = 12;  // The first comparison was decided by then.
   const auto same = Compare(comparison);
   EXPECT_FALSE(same.settled());
   EXPECT_EQ(same.pairs(), 12);
   EXPECT_EQ(same.mean(), 0.0);
-  // Most of DFR's episodes halt on the way. The second method's all do at the start.
+  // Most of DFR's episodes halt during the task. All of the second method halt at the start.
   comparison.task = "push";
   comparison.first = "dfr@lwr";
   comparison.second = "baseline@none";
@@ -254,7 +255,7 @@ TEST(CompareTest, SettlesWhatIsPlainAndSavesTheRest) {
   EXPECT_THROW(static_cast<void>(Compare(comparison)), std::invalid_argument);
 }
 
-// Each policy in the cheapest task: it learns, runs, and differs from the learned policy.
+// Each policy learns and runs in the cheapest task, and differs from the learned policy.
 TEST(BaselinesTest, LearnAnewAndRun) {
   Study study = Small();
   study.conditions = {"as demonstrated"};
@@ -271,7 +272,7 @@ TEST(BaselinesTest, LearnAnewAndRun) {
   // A policy trained in the states that the learner visits leaves them less often.
   EXPECT_GE(alone("dagger").completed, alone("learned").completed);
   for (const std::string& policy : study.policies) {
-    // The oracle has the result of its control; the policies do not.
+    // The oracle knows the result of its control; the policies do not.
     EXPECT_LE(Find(rows, "as demonstrated", policy, "true-jacobian").collided,
               alone(policy).collided)
         << policy;

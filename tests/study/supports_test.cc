@@ -26,7 +26,7 @@ SupportModel Make(std::string_view name) {
           Corridor().demonstrations().trajectories};
 }
 
-// About a share nu of demonstrated states is outside, for each estimate.
+// For each estimate, about a fraction nu of demonstrated states is outside.
 TEST(SupportsTest, DemonstratedStatesAreInside) {
   for (const std::string_view name : kSupports) {
     const SupportModel support = Make(name);
@@ -62,7 +62,7 @@ TEST(SupportsTest, GradientsAreDerivatives) {
         constexpr double kStep = 1e-6;
         std::vector<double> there = z;
         there[k] += kStep;
-        // One neighbour may take another's place on the way: then the slope changes by a little.
+        // If one neighbour replaces another within the step, the slope changes slightly.
         EXPECT_NEAR((l.LogDecision(t, there, {}) - level) / kStep, slope[k],
                     1e-3 * (1.0 + std::abs(slope[k])))
             << name;

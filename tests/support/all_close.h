@@ -14,8 +14,8 @@ inline double ToleranceScale() {
   return scale == nullptr ? 1.0 : std::strtod(scale, nullptr);
 }
 
-/// |actual - expected| <= absolute + relative * |expected|, entry by entry; on failure prints the
-/// worst one. NaN is close to nothing.
+/// |actual - expected| <= absolute + relative * |expected|, entry by entry. Prints the worst entry
+/// on failure. NaN is never close.
 template <typename A, typename B>
 testing::AssertionResult AllClose(const Eigen::MatrixBase<A>& actual,
                                   const Eigen::MatrixBase<B>& expected, double absolute,
@@ -30,7 +30,7 @@ testing::AssertionResult AllClose(const Eigen::MatrixBase<A>& actual,
   double worst = 0.0;
   for (Eigen::Index i = 0; i < actual.rows(); ++i) {
     for (Eigen::Index j = 0; j < actual.cols(); ++j) {
-      if (actual(i, j) == expected(i, j)) continue;  // also equal infinities
+      if (actual(i, j) == expected(i, j)) continue;  // equal infinities are also equal
       const double bound = ToleranceScale() * (absolute + relative * std::abs(expected(i, j)));
       const double excess = std::abs(actual(i, j) - expected(i, j)) - bound;
       if (!(excess <= worst)) {

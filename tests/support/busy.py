@@ -18,7 +18,7 @@ STOPPED_S = 0.3
 
 
 def descendants(pid):
-    """The process and all that descends from it, parents first."""
+    """Return the process and all its descendants, parents first."""
     children = {}
     for stat in pathlib.Path("/proc").glob("[0-9]*/stat"):
         try:

@@ -6,8 +6,8 @@
 
 namespace dfr::test {
 
-/// Waits until `condition()` holds, checked a thousand times a second. The only limit is the test's
-/// TIMEOUT: no machine is too slow.
+/// Waits until `condition()` holds, checking a thousand times per second. The only limit is the
+/// test's TIMEOUT, so any machine is fast enough.
 template <typename Condition>
 void Eventually(Condition&& condition) {
   while (!condition()) (void)::poll(nullptr, 0, 1);

@@ -7,7 +7,7 @@
 namespace dfr::test {
 
 /// Returns the message of the exception of type E that `call` throws; "nothing thrown" if it
-/// returns. Any other exception passes through.
+/// returns. Does not catch other exceptions.
 template <typename E = std::exception, typename Call>
 std::string MessageOf(Call&& call) {
   try {

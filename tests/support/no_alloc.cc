@@ -5,8 +5,8 @@
 #include <cerrno>
 #include <cstdlib>
 
-// Sanitizers own malloc; under them only operator new, which they call malloc for, goes uncounted
-// and NoAlloc never fails. The plain build is the one that checks.
+// Sanitizers replace malloc. With them, operator new is not counted, and NoAlloc never fails. Only
+// the plain build checks.
 #if defined(__has_feature)  // clang
 #if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
 #define DFR_COUNTS_ALLOCATIONS 0
@@ -25,7 +25,7 @@ thread_local std::size_t allocations = 0;
 
 #if DFR_COUNTS_ALLOCATIONS
 // glibc's own allocator under its internal names: replacing malloc catches operator new, Eigen's
-// aligned allocations and C libraries alike.
+// aligned allocations and C libraries.
 // NOLINTBEGIN(bugprone-reserved-identifier): the names are glibc's.
 extern "C" {
 void* __libc_malloc(std::size_t);

@@ -4,8 +4,8 @@
 
 namespace dfr::test {
 
-/// While one is alive on this thread, every heap allocation of the thread (operator new, malloc and
-/// kin) is counted; its destructor fails the test if there was any.
+/// Counts every heap allocation of this thread (operator new, malloc and similar functions) during
+/// its lifetime. The destructor fails the test if there was any.
 class NoAlloc {
  public:
   NoAlloc() noexcept;
@@ -13,7 +13,7 @@ class NoAlloc {
   NoAlloc(const NoAlloc&) = delete;
   NoAlloc& operator=(const NoAlloc&) = delete;
 
-  /// Allocations so far.
+  /// Number of allocations so far.
   [[nodiscard]] std::size_t count() const noexcept;
 
  private:

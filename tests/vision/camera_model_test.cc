@@ -23,7 +23,7 @@ CameraModel Endoscope() {
   return camera;
 }
 
-// By hand, OpenCV's formula at (x/z, y/z) = (0.3, -0.2): r2 = 0.13.
+// Computed by hand with OpenCV's formula at (x/z, y/z) = (0.3, -0.2): r2 = 0.13.
 TEST(CameraModelTest, ProjectsByTheDefinition) {
   const CameraModel camera = Endoscope();
   const double radial = 1 - 0.18 * 0.13 + 0.05 * 0.13 * 0.13 + 0.01 * 0.13 * 0.13 * 0.13;
@@ -48,7 +48,8 @@ TEST(CameraModelTest, ImpossiblePointsAreNaN) {
   CameraModel camera = Endoscope();
   EXPECT_TRUE(camera.Project({0.0, 0.0, -0.1}).array().isNaN().all());
   EXPECT_TRUE(camera.ToNormalized({std::nan(""), 0.0}).array().isNaN().all());
-  camera.distortion = {-2.0, 0.0, 0.0, 0.0, 0.0};  // folds over at r = 0.41: no ray comes here
+  // Folds over at r = 0.41: no ray reaches this pixel.
+  camera.distortion = {-2.0, 0.0, 0.0, 0.0, 0.0};
   EXPECT_TRUE(camera.ToNormalized({1.0, 1.0}).array().isNaN().all());
 }
 

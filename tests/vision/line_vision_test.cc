@@ -23,8 +23,8 @@ LineVisionOptions Options() {
   return options;
 }
 
-// A picture of a target seen square on by an ideal camera, drawn by computing each pixel; it shares
-// no code with the tested library.
+// A picture of a target seen perpendicularly by an ideal camera. Computes each pixel and shares no
+// code with the tested library.
 class Picture {
  public:
   Picture() : data_(640 * 480 * 3) { Draw(); }
@@ -44,7 +44,7 @@ class Picture {
     for (int row = 0; row < 480; ++row) {
       for (int column = 0; column < 640; ++column) {
         double bgr[3] = {0, 0, 0};
-        constexpr int kSub = 4;  // sub-pixels give soft edges
+        constexpr int kSub = 4;  // sub-pixels produce soft edges
         for (int i = 0; i < kSub; ++i) {
           for (int j = 0; j < kSub; ++j) {
             const double u = column + (j + 0.5) / kSub - 0.5;
@@ -99,11 +99,11 @@ TEST(LineVisionTest, MeasuresWhatWasDrawn) {
   const LineObservation seen = vision.Observe(picture.view(), TipPlane());
   ASSERT_TRUE(seen.seen()) << Name(seen.missing);
   const double distance = (0.004 - 0.002 - 0.05 * 0.003) / std::hypot(1.0, 0.05);
-  // A hundredth of a pixel is 1.4 um; the noise of 2 levels moves a centre by a few of those.
+  // A hundredth of a pixel is 1.4 um. Noise of 2 levels moves a centre by a few of these.
   EXPECT_NEAR(seen.distance_m, distance, 2e-5);
   EXPECT_NEAR(seen.p_cam_tip.x(), 0.003, 2e-5);
   EXPECT_NEAR(seen.p_cam_tip.y(), -0.004, 2e-5);
-  EXPECT_NEAR(seen.p_cam_tip.z(), kDepth, 1e-12);  // the plane given
+  EXPECT_NEAR(seen.p_cam_tip.z(), kDepth, 1e-12);  // the given plane
   EXPECT_NEAR(seen.tangent_cam.y() / seen.tangent_cam.x(), -0.05, 1e-3);
   EXPECT_NEAR(seen.p_cam_target.translation().z(), kDepth, 1e-4);
   EXPECT_GT(seen.confidence, 0.8);
@@ -132,10 +132,10 @@ TEST(LineVisionTest, SaysWhatIsMissing) {
   picture.tip = false;
   EXPECT_EQ(reason(), NotSeen::kTip);
   picture.tip = true;
-  picture.second_tip = true;  // which of the two?
+  picture.second_tip = true;  // two candidates: which is the tip?
   EXPECT_EQ(reason(), NotSeen::kTip);
   picture.second_tip = false;
-  picture.marks.resize(4);  // one row: nothing holds its tilt
+  picture.marks.resize(4);  // a single row: nothing determines its tilt
   EXPECT_EQ(reason(), NotSeen::kTarget);
   picture.marks.resize(3);
   EXPECT_EQ(reason(), NotSeen::kTarget);
@@ -157,8 +157,8 @@ TEST(LineVisionTest, RefusesPicturesThatAreNone) {
   EXPECT_EQ(vision.Observe(small, TipPlane()).missing, NotSeen::kWrongSize);
 }
 
-// A lens with another focal length makes the same picture at another distance; another distortion
-// bends the frame.
+// A lens with another focal length produces the same picture at another distance. Another
+// distortion bends the frame.
 TEST(LineVisionTest, NoticesAnotherCamera) {
   const Picture picture;
   CameraModel other = Camera();

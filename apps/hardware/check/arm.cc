@@ -21,7 +21,7 @@ using hardware::PsmPhase;
 using hardware::PsmStatus;
 
 constexpr double kClockTolerance = 0.01;  // s, largest difference of two machines' clocks
-constexpr double kLeastStateRate = 50.0;  // 1/s: the watchdog takes 50 ms for silence
+constexpr double kLeastStateRate = 50.0;  // 1/s; the watchdog detects silence after 50 ms
 constexpr double kTinyMove = 0.002;       // m of insertion
 constexpr double kTinyMoveTime = 1.0;     // s
 constexpr double kBringUpTime = 120.0;    // s
@@ -345,7 +345,7 @@ PsmStatus CheckReady(const CheckOptions& options, CheckedArm& arm, Permit& permi
   return status;
 }
 
-// No measurement of the arm was ever published.
+// Returns true if no measurement of the arm was ever published.
 bool IsMissing(const CheckedArm& arm) {
   return arm.client().num_samples() == 0 && arm.state_publishers() == 0 &&
          arm.client().status() != PsmStatus::kIncompatible;

@@ -11,15 +11,15 @@
 
 namespace dfr::apps::hardware_app {
 
-/// Interface of an arm to be checked: a driver at a console, and the other participants of the
-/// network. Functions are those of hardware::PsmDriver unless stated otherwise.
+/// Interface of a checked arm: a driver at a console, and the other participants of the network.
+/// Functions are those of hardware::PsmDriver unless stated otherwise.
 class CheckedArm {
  public:
   /// A topic of the console.
   struct Topic {
     const char* name;
     dds::Health health;
-    bool needed;  ///< The arm does not work without it.
+    bool needed;  ///< True if the arm does not work without it.
   };
   virtual ~CheckedArm() = default;
 
@@ -39,7 +39,7 @@ class CheckedArm {
                                                    double duration_s) = 0;
   virtual void Hold() = 0;
   virtual void Flush() = 0;
-  /// As hardware::BringUp().
+  /// Same as hardware::BringUp().
   virtual hardware::PsmStatus BringUp(double timeout_s,
                                       const std::function<void(std::string_view)>& say,
                                       const std::function<bool()>& may_move) = 0;

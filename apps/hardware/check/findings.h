@@ -5,7 +5,7 @@
 #include "check/check.h"
 #include "dfr/core/format.h"
 
-/// What the checks of all devices share: findings, and words to and from the user.
+/// Findings, and messages to and from the user, shared by the checks of all devices.
 namespace dfr::apps::hardware_app {
 
 inline void Ok(DeviceReport& report, const std::string& what) {

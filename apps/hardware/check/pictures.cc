@@ -18,7 +18,7 @@ namespace {
 
 using hardware::FrameStatus;
 
-// Pictures received from an endoscope in a while.
+// Pictures received from an endoscope during a check.
 struct Pictures {
   std::array<int, static_cast<std::size_t>(FrameStatus::kFrozen) + 1> times{};  // by FrameStatus
   std::vector<double> ages;                                                     // s

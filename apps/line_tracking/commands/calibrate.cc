@@ -75,7 +75,7 @@ std::optional<line_task::LineCalibration> FromPictures(
   }
 }
 
-// The operator moves arm and platform and triggers each picture. Nothing moves by itself.
+// The operator moves arm and platform and triggers each picture. The program moves nothing.
 void CalibrateRobot(const CalibrateOptions& options) {
   constexpr std::ptrdiff_t kTouching = 10;
   constexpr std::array<std::string_view, 3> kWords = {"", "t", "done"};
@@ -149,7 +149,7 @@ line_task::LineCalibration LoadCalibration(const RobotConfig& config) {
                     "Calibrate this robot: line_tracking calibrate --config");
   } else if (!config.simulated()) {
     throw std::runtime_error(config.file.string() +
-                             ": calibration is none, which a robot cannot do without. Make one: "
+                             ": calibration is none, but a robot needs one. Create it with "
                              "line_tracking calibrate --config");
   }
   CheckCamera(config, known);

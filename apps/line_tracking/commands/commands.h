@@ -28,8 +28,9 @@ struct SceneOptions {
 
 struct DemonstrateOptions {
   SceneOptions scene;
-  std::filesystem::path config;  ///< A robot's; empty: the simulation in this process.
-  bool teleoperation = false;    ///< On a robot: the operator leads the tip, and it is recorded.
+  /// A robot's configuration; empty: the simulation in this process.
+  std::filesystem::path config;
+  bool teleoperation = false;  ///< On a robot: the operator leads the tip, and it is recorded.
   std::filesystem::path out = "demonstrations.hdf5";
   int count = 50;
   int steps = 50;
@@ -39,8 +40,9 @@ void RunDemonstrate(const DemonstrateOptions& options);
 
 struct CalibrateOptions {
   SceneOptions scene;
-  std::filesystem::path config;  ///< A robot's; empty: the simulation in this process.
-  std::filesystem::path out;     ///< Empty: calibration.dfr, or the configuration's.
+  /// A robot's configuration; empty: the simulation in this process.
+  std::filesystem::path config;
+  std::filesystem::path out;  ///< Empty: calibration.dfr, or the configuration's.
   int frames = 300;
   int held_out = 200;
   std::uint64_t seed = 1;
@@ -58,7 +60,8 @@ inline constexpr const char* kNoRecordings = "none";
 
 struct RunOptions {
   SceneOptions scene;
-  std::filesystem::path config;  ///< A robot's; empty: the simulation in this process.
+  /// A robot's configuration; empty: the simulation in this process.
+  std::filesystem::path config;
   // Empty: the configuration's, or "model", "controller", "recordings".
   std::filesystem::path model;
   std::string method;
@@ -73,7 +76,7 @@ void RunRun(const RunOptions& options);
 
 struct ReplayOptions {
   std::filesystem::path recording;
-  std::filesystem::path model;  ///< Empty: the one named by the recording.
+  std::filesystem::path model;  ///< Empty: the model named by the recording.
 };
 void RunReplay(const ReplayOptions& options);
 
@@ -122,7 +125,7 @@ void RunVision(const VisionOptions& options);
 /// @throws std::runtime_error naming the file and the command that writes it, if it does not exist.
 [[nodiscard]] line_task::LineCalibration LoadCalibration(const SceneOptions& scene);
 /// Returns the calibration of the configuration's file, after checks of its provenance and camera.
-/// @throws std::runtime_error as the above, CheckProvenance() and CheckCamera().
+/// @throws std::runtime_error as the overload above, CheckProvenance() and CheckCamera().
 [[nodiscard]] line_task::LineCalibration LoadCalibration(const RobotConfig& config);
 
 /// Returns the configuration of a robot for a command other than `run`.

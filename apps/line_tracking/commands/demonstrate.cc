@@ -50,7 +50,7 @@ std::optional<core::Trajectory> Drive(RobotPlant& plant, int steps, std::uint64_
 core::Trajectory Follow(RobotPlant& plant, int steps) {
   core::Trajectory trajectory = Empty(plant, steps);
   core::Matrix& x = trajectory.states;
-  if (!plant.ObserveIdle(Row(x, 0))) throw std::runtime_error("line or tip are not visible");
+  if (!plant.ObserveIdle(Row(x, 0))) throw std::runtime_error("the line or the tip is not visible");
   const vision::LineObservation first = plant.last_image().seen;
   for (int t = 0; t < steps; ++t) {
     constexpr int kPatience = 300;  // pictures
@@ -58,7 +58,7 @@ core::Trajectory Follow(RobotPlant& plant, int steps) {
       if (Terminal::interrupted()) throw std::runtime_error("interrupted");
       if (n > kPatience) throw std::runtime_error("the tip does not move; lead it along the line");
       if (!plant.ObserveIdle(Row(x, t + 1)))
-        throw std::runtime_error("line or tip are not visible");
+        throw std::runtime_error("the line or the tip is not visible");
       if (std::abs(x(t + 1, 2)) > 1e3 * LineTask::kCollision) throw std::runtime_error("collided");
       if ((x.row(t + 1) - x.row(t)).head(2).norm() >= kDemonstratedStep) break;
     }
@@ -68,7 +68,7 @@ core::Trajectory Follow(RobotPlant& plant, int steps) {
     }
   }
   if (!(LineTask::Progress(first, plant.last_image().seen) >= LineTask::kCompletion)) {
-    throw std::runtime_error("not completed: the tip has to go on along the line");
+    throw std::runtime_error("not completed: continue along the line");
   }
   return trajectory;
 }
@@ -141,7 +141,7 @@ RobotConfig LoadRobot(const std::filesystem::path& file) {
         file.string() +
         ": simulator.lock_step is true, but an operator needs real time: set it to false");
   }
-  config.platform.wave.reset();  // it rests while nothing is executed
+  config.platform.wave.reset();  // the platform rests while the robot executes nothing
   return config;
 }
 

@@ -29,13 +29,13 @@ static_assert(std::atomic<bool>::is_always_lock_free);
 
 void NoteStop(int /*signal*/) { stopping = true; }
 
-/// A child program. Its output is printed line by line after its name. It ends with this process,
-/// however that ends.
+/// A child program. Prints its output line by line after its name. It ends with this process, for
+/// any reason.
 class Child {
  public:
   Child(std::string name, const std::vector<std::string>& command) : name_(std::move(name)) {
     std::array<int, 2> ends{};
-    if (pipe2(ends.data(), O_CLOEXEC) != 0) Fail("has no pipe");
+    if (pipe2(ends.data(), O_CLOEXEC) != 0) Fail("cannot create a pipe");
     std::vector<char*> arguments;
     arguments.reserve(command.size() + 1);
     for (const std::string& argument : command) {
@@ -46,7 +46,8 @@ class Child {
     pid_ = fork();
     if (pid_ < 0) Fail("cannot be started");
     if (pid_ == 0) {
-      // A separate process group: Ctrl-C reaches only this process, which stops all in order.
+      // A separate process group: Ctrl-C reaches only this process, which stops all children in
+      // order.
       setpgid(0, 0);
       prctl(PR_SET_PDEATHSIG, SIGINT);
       if (getppid() != parent) _exit(1);
@@ -96,14 +97,14 @@ class Child {
     return true;
   }
 
-  /// Checks whether it has ended, and prints how unless it was asked to.
+  /// Checks whether the child has ended, and prints the reason unless Stop() ended it.
   void Look() {
     int how = 0;
     if (pid_ <= 0 || waitpid(pid_, &how, WNOHANG) != pid_) return;
     Ended(how);
   }
 
-  /// Asks it to end, and kills it after five seconds.
+  /// Asks the child to end, and kills it after five seconds.
   void Stop(int with) {
     if (pid_ <= 0) return;
     asked_ = true;

@@ -22,7 +22,7 @@ namespace {
 // Plant of a run, with the specific interface of its kind.
 struct Robot {
   std::unique_ptr<core::Plant> plant;
-  sim::LineTrackingPlant* simulation = nullptr;  // one of these two
+  sim::LineTrackingPlant* simulation = nullptr;  // one of these two is set
   RobotPlant* wire = nullptr;
 
   [[nodiscard]] const vision::LineObservation& seen() const {
@@ -33,8 +33,8 @@ struct Robot {
   }
 };
 
-// A robot's episodes begin after the operator's confirmation, a simulation's by themselves after a
-// regular end. Returns false if there are no more episodes.
+// On a robot, an episode begins after the operator's confirmation. In simulation it begins after a
+// regular end of the previous one. Returns false if there are no more episodes.
 bool MayBegin(RobotPlant& plant, bool simulated, Terminal& terminal) {
   robot::OperatorPrompt& prompt = terminal.prompt();
   const auto say = [&](std::string_view words) {
@@ -206,7 +206,7 @@ void RunRun(const RunOptions& options) {
     PrintTimes(printer, *robot.wire->timer(), config.period_s);
   }
   const std::string why = stopped ? robot.wire->loop().cause() : std::string();
-  robot = {};  // its threads record no more
+  robot = {};  // its threads stop recording
   if (recorder) {
     recorder->Finish();
     printer.Say("%s written: line_tracking replay repeats its decisions\n", log.c_str());

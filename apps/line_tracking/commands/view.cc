@@ -10,7 +10,7 @@
 namespace dfr::apps::line_tracking {
 namespace {
 
-// What vision sees, in half size.
+// Results of vision, in half size.
 std::vector<std::uint8_t> Inset(const sim::LineTrackingPlant& plant) {
   std::vector<std::uint8_t> seen = DrawWhatVisionSees(plant);
   const cv::Mat picture(480, 640, CV_8UC3, seen.data());

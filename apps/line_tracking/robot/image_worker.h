@@ -36,7 +36,7 @@ struct ImageAnswer {
 class ImageWorker final : public robot::Camera {
  public:
   /// Opens config.camera. Borrows all arguments.
-  /// @param lock_step  nullptr in real time; else Ask() waits for the answer.
+  /// @param lock_step  nullptr in real time; otherwise Ask() waits for the answer.
   /// @param recorder  receives every picture; may be nullptr.
   /// @throws std::runtime_error as hardware::OpenVideo() and hardware::OpenTopic().
   ImageWorker(dds::Participant& images, const RobotConfig& config,

@@ -44,7 +44,7 @@ struct RobotConfig {
   std::string arm_serial;  ///< Identifies this arm; required for a real one.
   hardware::PsmClientOptions arm_client;
   std::vector<std::string>
-      teleoperation;      ///< Topics that report teleoperation; empty: the usual ones.
+      teleoperation;      ///< Topics that report teleoperation; empty: the default topics.
   bool servo_cs = false;  ///< Sends set-points with their twist, if the console accepts them.
   double speed_m_s = line_task::LineTask::kSpeed;  ///< Speed of the tip during a control.
   /// Pose of the arm's base in the world frame, which is the gauze's at rest. Absent: as in the
@@ -78,15 +78,15 @@ struct RobotConfig {
   // [emergency_stop]
   bool emergency_stop = true;
   double emergency_stop_silence_s = 0.06;
-  bool emergency_stop_datagrams = true;  ///< Requires the stop's datagrams, too.
+  bool emergency_stop_datagrams = true;  ///< Also requires the stop's datagrams.
 
   // [loop]
   double period_s = 0.005;
   double max_period_s = 0.05;  ///< A longer period is a fault.
-  int priority = 20;           ///< SCHED_FIFO; 0: the usual scheduling.
+  int priority = 20;           ///< Priority under SCHED_FIFO; 0: default scheduling.
   /// Largest measured motion of the tip beyond the commanded one, mm.
   double max_state_jump_mm = 3.0;
-  /// Largest difference of pictures and encoders over the last 10 mm of the path, mm.
+  /// Largest difference between pictures and encoders over the last 10 mm of the path, mm.
   double max_drift_mm = 2.5;
   /// Largest motion of the line relative to the tip during a control, mm.
   double max_line_jump_mm = 1.5;
@@ -100,7 +100,7 @@ struct RobotConfig {
   }
 };
 
-/// Provenance of files that are made today with the robot of the configuration.
+/// Returns the provenance of files created today with the robot of the configuration.
 /// @throws std::runtime_error naming arm.serial or camera.name, which a real robot requires, if it
 ///   is not set.
 [[nodiscard]] core::Provenance ProvenanceOf(const RobotConfig& config);

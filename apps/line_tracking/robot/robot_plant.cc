@@ -38,7 +38,7 @@ hardware::PsmDriverOptions DriverOptions(const RobotConfig& config) {
   options.client = config.arm_client;
   options.teleoperation = config.teleoperation;
   options.servo_cs = config.servo_cs;
-  // As in the simulation: controls are small, and the arm comes to rest in between.
+  // As in the simulation, controls are small and the arm rests between them.
   options.client.profile = hardware::PsmProfile::kLinear;
   return options;
 }
@@ -48,11 +48,11 @@ robot::ControlLoopOptions LoopOptions(const RobotConfig& config) {
   options.period_s = config.period_s;
   options.max_period_s = config.lock_step ? 10.0 : config.max_period_s;
   if (config.lock_step) {
-    // Pictures and threads take this machine's time, which may be busy. Nothing moves meanwhile.
+    // Pictures and threads depend on this machine's load. Nothing moves during the wait.
     const double patience_s = std::max(10.0, config.simulator_answer_s);
     options.image_timeout_s = options.max_camera_check_s = options.max_stop_check_s = patience_s;
   } else if (config.simulator) {
-    // Only a simulated arm moves: this machine's threads may be as late as the loop itself.
+    // Only a simulated arm moves. Threads of this machine may be as late as the loop.
     options.max_camera_check_s = std::max(options.max_camera_check_s, config.max_period_s);
     options.max_stop_check_s = std::max(options.max_stop_check_s, config.max_period_s);
   }
@@ -117,7 +117,7 @@ struct RobotPlant::Impl {
 
   [[nodiscard]] const vision::LineObservation& seen() const noexcept { return camera.last().seen; }
 
-  // Returns why the tips may not take this path; empty if they may.
+  // Returns the reason why the tips may not take this path; empty if they may.
   [[nodiscard]] std::string_view Refusal(const PsmJoints& from, const PsmJoints& to) noexcept {
     const line_task::Breach breach = region.Along(from, to);
     if (!breach.any()) return {};
@@ -132,8 +132,7 @@ struct RobotPlant::Impl {
     std::vector<PsmJoints> way;
   };
 
-  // Throws, before anything moves, unless the arm can follow all legs and the tips stay in their
-  // region.
+  // Throws before any motion unless the arm can follow all legs and the tips stay in their region.
   void Allow(std::span<const Leg> legs) const {
     hardware::PsmMotion motion = driver.client().motion();
     for (const Leg& leg : legs) {
@@ -172,14 +171,14 @@ struct RobotPlant::Impl {
     const auto way = to ? TurnAboutTip(from, *to, generation) : std::nullopt;
     if (!way) {
       throw std::runtime_error(std::string("the tool cannot be ") + what +
-                               " from where it is; lift it, or turn it by hand");
+                               " from its present pose; lift it, or turn it by hand");
     }
     return {what, *way};
   }
 
-  // The tool may not be upright, or not in the sense of the calibration. A small angle is turned in
-  // place. Otherwise the tool is lifted, the gauze observed, and the tool turned and lowered to the
-  // tip's place above the observed gauze.
+  // The tool may not be upright, or not upright according to the calibration. Turns a small angle
+  // in place. Otherwise lifts the tool, observes the gauze, turns the tool, and lowers it to the
+  // tip's position above the observed gauze.
   void TurnUpright() {
     PsmJoints upright;
     if (!tool.Upright(upright)) {
@@ -255,7 +254,7 @@ struct RobotPlant::Impl {
       return;
     }
     if (link) {
-      // The loop goes on meanwhile: the console may have died.
+      // The loop continues during the wait, because the console may have died.
       static_cast<void>(link->Truth(truth, [this] { return loop.Tick(); }));
       return;
     }
@@ -298,11 +297,11 @@ RobotPlant::RobotPlant(const RobotConfig& config, const line_task::LineCalibrati
   if (impl_->link) impl_->link->Await(std::max(10.0, config.simulator_answer_s));
 }
 
-RobotPlant::~RobotPlant() = default;  // its driver tells the console to hold
+RobotPlant::~RobotPlant() = default;  // the driver tells the console to hold
 
 void RobotPlant::BringUp(const hardware::Say& say, const hardware::Confirms& confirms) {
   Impl& i = *impl_;
-  if (i.lock_step) i.link->Reset(0);  // enables and homes
+  if (i.lock_step) i.link->Reset(0);  // enables and homes the arm
   hardware::BringUp(
       {.loop = &i.loop,
        .arm = &i.arm,
@@ -345,7 +344,7 @@ void RobotPlant::Reset(std::uint64_t seed) {
   if (i.lock_step) i.lock_step->Forget();
   i.camera.Forget();
   i.truth = {};
-  // States and pictures may be late while a simulator sets up its scene. A robot begins at once
+  // States and pictures may be late while a simulator sets up its scene. A robot begins immediately
   // after its operator's confirmation, or not at all.
   if (const HoldReason reason = i.loop.Start(i.lock_step ? i.answer_s
                                              : i.link    ? 3.0

@@ -42,13 +42,14 @@ struct RunOperator {
 class RobotPlant final : public core::Plant {
  public:
   /// Joins the network and waits for the devices.
-  /// @param recorder  gets transitions and pictures; may be nullptr, else outlives this.
+  /// @param recorder  receives transitions and pictures; may be nullptr, otherwise must outlive
+  /// this object.
   /// @throws std::runtime_error naming the missing device and the remedy.
   RobotPlant(const RobotConfig& config, const line_task::LineCalibration& calibration,
              recording::Recorder* recorder, const RunOperator& run_operator = {});
   ~RobotPlant() override;
 
-  /// As hardware::BringUp(). In lock-step the simulator homes its arm itself.
+  /// Same as hardware::BringUp(). In lock-step the simulator homes its arm.
   void BringUp(const hardware::Say& say, const hardware::Confirms& confirms = {});
   /// Asks whether the operator accepts the participants that can hold or free the arm or change its
   /// state. Lists those that are not accepted yet.
@@ -58,7 +59,7 @@ class RobotPlant final : public core::Plant {
   /// The control loop, with its reasons to hold.
   [[nodiscard]] robot::ControlLoop& loop() noexcept;
   [[nodiscard]] const robot::ControlLoop& loop() const noexcept;
-  /// As loop().Clear(); a simulator in lock-step that did not answer is asked again.
+  /// Same as loop().Clear(). In lock-step, repeats the request to a simulator that did not answer.
   [[nodiscard]] bool Clear() noexcept;
 
   [[nodiscard]] const core::StateLayout& layout() const noexcept override;

@@ -10,7 +10,7 @@ using runtime::HoldReason;
 
 std::int64_t LockStep::MachineNs() const noexcept { return runtime::SteadyNow(); }
 
-// Makes an exception of `ask` a reason to hold.
+// Converts an exception of `ask` to a reason to hold.
 template <typename F>
 robot::Finding LockStep::Try(HoldReason otherwise, const F& ask) noexcept {
   try {
@@ -58,7 +58,7 @@ robot::Finding LockStep::Rest() noexcept {
 robot::Finding LockStep::Look() noexcept {
   return Try(HoldReason::kImageSilent, [&] {
     link_->Look();
-    Forget();  // they expire while a picture is drawn; nothing moves then anyway
+    Forget();  // set-points expire while a picture is drawn, and nothing moves
   });
 }
 

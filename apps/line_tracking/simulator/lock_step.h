@@ -25,7 +25,7 @@ class LockStep final : public robot::Clock {
 
   /// Requests a picture.
   [[nodiscard]] robot::Finding Look() noexcept;
-  /// Forgets the set-points sent so far, because they have expired.
+  /// Discards the set-points sent so far, because they have expired.
   void Forget() noexcept { setpoints_seen_ = driver_->setpoints_sent(); }
   void Retry() noexcept { lost_ = false; }
 

@@ -37,7 +37,7 @@ std::int64_t SimulatorLink::In(double seconds) const {
 }
 
 void SimulatorLink::Await(double timeout_s) {
-  // Each end discovers the other at a different time: only an answer shows that both have.
+  // Each end discovers the other at a different time. Only an answer proves that both have.
   constexpr double kTry = 0.1;
   const std::int64_t end_ns = In(timeout_s);
   while (!TryAsk("truth", kTry)) {
@@ -57,7 +57,7 @@ void SimulatorLink::Begin(const std::string& request) {
   message.stamp = dds::Stamp::FromNanoseconds(last_id_);
   message.text = request;
   if (!request_.Write(message)) {
-    throw std::runtime_error("no request to the simulator is possible: DDS refuses the message");
+    throw std::runtime_error("cannot send a request to the simulator: DDS rejects the message");
   }
 }
 
@@ -126,7 +126,7 @@ bool SimulatorLink::Run(double dt_s, int commands) {
   try {
     AskForTime("run " + std::string(digits.begin(), end.ptr) + " " + std::to_string(commands));
   } catch (const std::runtime_error& e) {
-    if (std::string_view(e.what()).find("commands have come") == std::string_view::npos) throw;
+    if (std::string_view(e.what()).find("commands have arrived") == std::string_view::npos) throw;
     return false;
   }
   return true;

@@ -31,31 +31,31 @@ class SimulatorLink {
 
   /// @throws std::runtime_error if there is no simulator after `timeout_s`.
   void Await(double timeout_s);
-  /// Begins a new episode, as sim::LineTrackingPlant::Reset(seed).
+  /// Begins a new episode, like sim::LineTrackingPlant::Reset(seed).
   void Reset(std::uint64_t seed);
   [[nodiscard]] SimulatorTruth Truth();
-  /// The same, calling `go_on` repeatedly until the answer arrives. Returns false, with `truth`
-  /// unchanged, as soon as it returns false.
+  /// Same as above, but calls `go_on` repeatedly until the answer arrives. Returns false as soon as
+  /// `go_on` does, with `truth` unchanged.
   [[nodiscard]] bool Truth(SimulatorTruth& truth, const std::function<bool()>& go_on);
   /// Injects a fault; `name` and `value` as in DvrkSceneServer::SetFault().
   void Fault(const std::string& name, const std::string& value);
-  // In lock-step:
-  /// Advances time after `commands` motion commands have arrived since the last call. Returns false
-  /// without an advance if they have not: set-points expire after 50 ms on a busy machine.
+  // In lock-step, advances time after `commands` motion commands have arrived since the last call.
+  // Otherwise returns false without an advance: set-points expire after 50 ms, and a busy machine
+  // can delay commands.
   [[nodiscard]] bool Run(double dt_s, int commands);
   void Rest();  ///< Runs until everything is at rest.
   void Look();  ///< Takes and publishes the next picture.
 
-  /// The simulator's time, ns since the epoch: that of the last answer to the above but Truth().
+  /// Time of the simulator's last answer to the functions above except Truth(), ns since the epoch.
   [[nodiscard]] std::int64_t now_ns() const noexcept { return now_ns_; }
 
  private:
-  // The answer behind "ok". @throws std::runtime_error if there is none, or an error.
+  // Returns the answer after "ok". @throws std::runtime_error for an error or without an answer.
   std::string Ask(const std::string& request);
   void Begin(const std::string& request);
   std::optional<std::string> Poll();
   [[noreturn]] static void FailUnanswered(const std::string& request);
-  // The answer, or nothing if there is none in time.
+  // Returns the answer, or nothing if there is none in time.
   std::optional<std::string> TryAsk(const std::string& request, double timeout_s);
   void AskForTime(const std::string& request);
   [[nodiscard]] std::int64_t In(double seconds) const;

@@ -17,7 +17,7 @@
 namespace dfr::apps::pusher {
 namespace {
 
-constexpr int kMostControls = 1000;  // 500 iterations of two
+constexpr int kMostControls = 1000;  // 500 iterations of two controls
 constexpr int kMostStarts = 100'000;
 
 // State in which a recovery begins.
@@ -50,7 +50,7 @@ struct PaperTask {
             model.demonstrations().layout, model.task().published_features()))),
         support(*model.task().published()),
         seen(features, model.demonstrations().trajectories),
-        // Its gate stays closed: the curves end at the paper's threshold.
+        // The gate stays closed: the curves end at the paper's threshold.
         levels(support, seen.points, {.gate_quantile = 1.0}),
         response(seen) {}
   [[nodiscard]] control::TaskView view() const { return {features, support, levels, response}; }
@@ -98,7 +98,7 @@ double Climbed(const core::DecisionFunction& g, int t, std::vector<double> x, st
   return level;
 }
 
-// Share() after each control, until the learned policy may go on or the recovery gives up.
+// Returns Share() after each control, until the learned policy may continue or the recovery ends.
 std::vector<double> Climb(const Model& model, const Gate& gate, core::SimulatedPlant& plant,
                           control::Controller& controller, std::uint64_t seed) {
   controller.Reset(seed);

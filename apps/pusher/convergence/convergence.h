@@ -34,8 +34,10 @@ struct ConvergenceCurve {
 /// Levels of g_t that ascent reaches from the states of MeasureConvergence().
 struct GateReach {
   int gates = 0;
-  int any_state = 0;  ///< Number in which some state has g_t >= the threshold,
-  int any_tip = 0;    ///< and some gripper position, other entries unchanged.
+  /// Number of states from which some state with g_t >= the threshold is reached.
+  int any_state = 0;
+  /// Number of states from which some gripper position reaches it, with other entries unchanged.
+  int any_tip = 0;
   /// Mean of the largest g_t over gripper positions, divided by the threshold.
   double best_tip = 0.0;
 };

@@ -11,11 +11,12 @@
 namespace dfr::apps::pusher {
 namespace {
 
-constexpr std::uint64_t kConvergenceStream = 5;  // of the experiment's seed; see trial_runner.cc
+// Stream of the experiment's seed; see trial_runner.cc.
+constexpr std::uint64_t kConvergenceStream = 5;
 constexpr int kRecoveries = 50;
 
-// The paper's Fig. 5, left, over iterations; and over applied controls, which determine a robot's
-// time.
+// Plots the paper's Fig. 5, left, over iterations and over applied controls. The latter determine a
+// robot's time.
 experiment::ReportFigure ConvergenceFigure(const std::vector<ConvergenceCurve>& curves,
                                            const std::string& learner, const std::string& which) {
   experiment::ReportFigure figure;

@@ -18,8 +18,8 @@ namespace dfr::apps::pusher {
 /// Number of shipped supervisors, trained by train-supervisor with the seeds 1, 2, ...
 inline constexpr int kShippedSupervisors = 5;
 
-/// Returns the first `count` of them; ShippedSupervisor() is the first.
-/// @throws std::invalid_argument if there are not as many; std::runtime_error naming the file.
+/// Returns the first `count` shipped supervisors; ShippedSupervisor() is the first.
+/// @throws std::invalid_argument if there are fewer; std::runtime_error naming the file.
 [[nodiscard]] std::vector<imitation::GaussianPolicy> LoadShippedSupervisors(int count);
 
 /// Numbers of kept and discarded episodes of Demonstrate().

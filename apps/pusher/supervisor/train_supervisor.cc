@@ -56,10 +56,10 @@ class PusherEnvironment final : public imitation::Environment {
 struct Score {
   double completed = 0.0;
   double collided = 0.0;
-  double mean_length = 0.0;  // of completed episodes
+  double mean_length = 0.0;  // over completed episodes
 };
 
-// Runs the mean action, or samples, from kJudgeEpisodes start states.
+// Runs the mean action, or sampled actions, from kJudgeEpisodes start states.
 Score Judge(const imitation::GaussianPolicy& policy, sim::PusherPlant& plant, int horizon,
             bool sample, std::uint64_t seed) {
   std::vector<double> x(static_cast<std::size_t>(plant.state_dim()));

@@ -13,13 +13,13 @@ namespace dfr::apps::pusher {
 
 struct TrainSupervisorOptions {
   std::filesystem::path out = "supervisor.dfr";  ///< The policy, as imitation::GaussianPolicy.
-  /// Checkpoint, written every ten iterations and at the end. Empty: `out` with .checkpoint
-  /// appended.
+  /// File of the checkpoint, written every ten iterations and at the end. Empty: `out` with
+  /// .checkpoint appended.
   std::filesystem::path checkpoint;
   bool resume = false;            ///< Resume from the checkpoint, with its seed.
   std::uint64_t seed = 1;         ///< Seeds all randomness: start states, noise, weights.
   sim::PusherOptions scene;       ///< Scene for the evaluation of the supervisor.
-  int horizon = 60;               ///< T, with `resume` the checkpoint's.
+  int horizon = 60;               ///< T; with `resume` that of the checkpoint.
   double training_red_y = 0.112;  ///< The tighter gate used in training [m], for a margin.
   /// Number of controls before the first evaluation, and the largest number.
   std::int64_t min_steps = 280'000;
@@ -32,7 +32,8 @@ struct TrainSupervisorOptions {
 /// of them, and its samples complete at least 95 %. Finally evaluates the saved policy over 1000
 /// other start states and prints the result. `pusher train-supervisor --seed 1` wrote the
 /// supervisor.dfr in this folder: 282212 controls, 19 s.
-/// @return EXIT_SUCCESS, or EXIT_FAILURE if max_steps came first: `out` then holds the last policy.
+/// @return EXIT_SUCCESS, or EXIT_FAILURE if training reached max_steps first; `out` then holds the
+/// last policy.
 /// @throws std::runtime_error, std::invalid_argument for invalid options or files.
 int TrainSupervisor(const TrainSupervisorOptions& options);
 

@@ -44,7 +44,7 @@ void Camera::See(std::span<const double> state, std::span<double> picture) noexc
   }
   for (int row = 0; row < kSide; ++row) {
     for (int column = 0; column < kSide; ++column) {
-      // The edge continues beyond the picture.
+      // The edge pixels continue beyond the picture.
       const int from_row = std::clamp(row - shift_[1], 0, kSide - 1);
       const int from_column = std::clamp(column - shift_[0], 0, kSide - 1);
       const auto from =

@@ -14,11 +14,11 @@
 
 namespace dfr::study {
 
-/// What changes a picture and not the task. All zero: none.
+/// Changes of a picture that do not change the task. All zero: none.
 struct Nuisances {
-  double light = 0.0;       ///< Pixels are scaled by 1 +- this, drawn per episode.
+  double light = 0.0;       ///< Pixels are scaled by 1 +- this at most, drawn per episode.
   double noise = 0.0;       ///< Standard deviation per pixel and picture, as a share of 255.
-  bool distractor = false;  ///< A disc of any colour, place and episode.
+  bool distractor = false;  ///< A disc of random colour and position, drawn per episode.
   int shift = 0;            ///< Shift in pixels, in one of four directions, drawn per episode.
   bool occlusion = false;   ///< A dark square of a third of the side, drawn per episode.
 
@@ -53,7 +53,7 @@ class Camera {
   std::vector<std::uint8_t> drawn_;
 };
 
-/// Whether the states of a task's plant can be drawn.
+/// Returns whether the states of a task's plant can be drawn.
 [[nodiscard]] bool HasPictures(const sim::GalleryPlant& plant);
 
 /// Layout of the states that a guard on pictures sees: "image".

@@ -26,7 +26,7 @@ namespace {
 constexpr std::size_t kLeastDemonstrations = 10;
 constexpr double kFitted = 0.5;
 constexpr double kCalibrating = 0.2;
-// Blocks of the state with more entries than this are reduced where all features do not fit.
+// Blocks of the state with more entries than this are reduced if not all features fit.
 constexpr int kLargeBlock = 8;
 
 struct Parts {
@@ -59,7 +59,8 @@ Parts Split(const imitation::DemonstrationSet& all, std::uint64_t seed) {
   return parts;
 }
 
-// "pca:" before each large block, the others beside; empty without a large one.
+// Returns the features with "pca:" before each large block and the others unchanged; empty without
+// a large block.
 std::string Reduced(const core::StateLayout& layout) {
   std::string features;
   bool large = false;
@@ -72,7 +73,8 @@ std::string Reduced(const core::StateLayout& layout) {
   return large ? features : "";
 }
 
-// The guard of `features`, or of components if that is refused; says in `text` which and why.
+// Returns the guard of `features`, or of components if those are rejected. Reports the choice and
+// the reason in `text`.
 std::shared_ptr<const safety::GuardModel> FitOrReduce(const imitation::DemonstrationSet& set,
                                                       const std::string& features,
                                                       std::ostream& text) {
@@ -106,7 +108,7 @@ std::vector<ScoredEpisode> Score(const Detector& detector,
   return scored;
 }
 
-// In per cent, with its interval.
+// Formats a share in per cent, with its interval.
 std::string ShareOf(int count, int of) {
   if (of == 0) return "-";
   const auto interval = experiment::ProportionInterval(count, of);
@@ -186,7 +188,8 @@ DetectionSet LoadDetection(const Detection& detection) {
   imitation::DemonstrationSet further = imitation::LoadDemonstrations(detection.failures);
   if (further.layout != set.demonstrations.layout) {
     throw std::runtime_error(detection.failures.string() +
-                             ": states have other blocks than those of " + detection.file.string());
+                             ": states have blocks different from those of " +
+                             detection.file.string());
   }
   set.further = std::move(further.trajectories);
   for (core::Trajectory& episode : set.further) {

@@ -128,7 +128,8 @@ Passing CountPassing(const Methods& methods, int t) {
   return passing;
 }
 
-// Smallest clearance that demonstrations kept at time step t; absent where the task does not tell.
+// Smallest clearance that demonstrations kept at time step t; absent if the task does not define
+// it.
 std::optional<double> ClearanceKept(const Task& task, const Methods& methods, int t) {
   const auto* corridor = dynamic_cast<const sim::CorridorPlant*>(task.plant.get());
   std::optional<double> least;
@@ -179,7 +180,7 @@ void PrintCertificate(const PlanarStudy& study) {
     if (radius.empty()) continue;
     std::nth_element(radius.begin(),
                      radius.begin() + static_cast<std::ptrdiff_t>(radius.size() / 2), radius.end());
-    // In the state's own unit, in its worst direction.
+    // In the unit of the state, in its worst direction.
     const Eigen::MatrixXd inverse = core::Inverse(support.map(t) * features.scale());
     const double clearance =
         core::OperatorNorm(inverse) * kernel::CoverRadius(support.estimate(t), certificate.level);
@@ -207,8 +208,8 @@ void Picture(const PlanarStudy& study, const std::vector<std::string>& names, st
   const std::vector<Episode> episodes = Record(task, methods, names, start);
   const Painter painter(task, methods);
   for (const Episode& episode : episodes) {
-    // As in the paper's Fig. 2: (a) the learned policy deep inside, (b) the first control that is
-    // not the learned one, (c) when that is over; and the end.
+    // Frames as in the paper's Fig. 2: (a) the learned policy deep inside, (b) the first control
+    // that differs from the learned one, (c) the first learned control after it, and the end.
     const auto learned = [&](int i) {
       const control::Step& step = episode.shots[static_cast<std::size_t>(i)].step;
       return step.mode == control::Mode::kPolicy && !step.filtered;

@@ -23,7 +23,8 @@ double HeavyTailed(core::Random& random) {
   return random.Normal() / std::sqrt(square / 3.0);
 }
 
-// Moves towards (1, ..., 1) in 8 actions; the plant rotates and scales each and adds an error.
+// Moves towards (1, ..., 1) in 8 actions. The plant rotates and scales each action and adds an
+// error.
 std::vector<core::Trajectory> Reach(int dim, bool heavy, int count, std::uint64_t seed) {
   constexpr int kSteps = 8;
   core::Random random(seed);
@@ -65,7 +66,7 @@ double BetaBinomial(int most, int n, double a, double b) {
   return sum;
 }
 
-// Largest number of `n` demonstrations that is at most the given share.
+// Returns the largest number of `n` demonstrations that does not exceed the given share.
 int AtMost(double share, int n) { return static_cast<int>(std::floor(share * n + 1e-9)); }
 
 }  // namespace
@@ -116,7 +117,7 @@ CoverageResult MeasureCoverage(const CoverageOptions& options) {
     result.error_short += error_below < summary.direction_error.coverage * options.further ? 1 : 0;
     result.gain_short += gain_below < summary.gain.coverage * options.further ? 1 : 0;
     if (summary.held_out == 0 || fit > 0) continue;
-    // Coverage is Beta(rank, m + 1 - rank), of the largest of m therefore Beta(m, 1).
+    // Coverage is Beta(rank, m + 1 - rank), and that of the largest of m is Beta(m, 1).
     const int m = summary.held_out;
     std::vector<double> ranks(static_cast<std::size_t>(m));
     std::iota(ranks.begin(), ranks.end(), 1.0);

@@ -6,9 +6,9 @@
 
 namespace dfr::study::planar {
 
-/// "corridor": the task's demonstrations. "reach": 6 entries, 8 actions towards one goal, turned
-/// and noisy. "heavy-tails": the same in 2 dimensions with errors of Student's t, 3 degrees of
-/// freedom.
+/// "corridor": the task's demonstrations. "reach": 6 entries, 8 actions towards one goal, with
+/// rotation and noise. "heavy-tails": the same in 2 dimensions with errors of Student's t, 3
+/// degrees of freedom.
 [[nodiscard]] const std::vector<std::string>& CoverageWorlds();
 
 /// Options for MeasureCoverage().
@@ -23,15 +23,16 @@ struct CoverageOptions {
   std::uint64_t seed = 1;
 };
 
-/// Results of MeasureCoverage(): how often the bounds of a fit hold for further demonstrations.
+/// Results of MeasureCoverage(): frequency with which the bounds of a fit hold for further
+/// demonstrations.
 struct CoverageResult {
   double promised = 0.0;    ///< GuardSummary::false_alarms
   double confidence = 0.0;  ///< GuardSummary::confidence
-  double mean = 0.0;        ///< Rate of alarms, on average over fits,
-  double mean_error = 0.0;  ///< and its standard error.
-  int kept = 0;             ///< Fits whose rate is at most `promised`.
-  int error_short = 0;      ///< Fits whose eps covers a smaller share than promised.
-  int gain_short = 0;       ///< The same of K.
+  double mean = 0.0;        ///< Rate of alarms, averaged over fits.
+  double mean_error = 0.0;  ///< Standard error of that mean.
+  int kept = 0;             ///< Number of fits whose rate is at most `promised`.
+  int error_short = 0;      ///< Number of fits whose eps covers a smaller share than promised.
+  int gain_short = 0;       ///< Number of fits whose K covers a smaller share than promised.
   /// Predictions for exact bounds and a sample of size `further`: probabilities of the three counts
   /// above by the law of order statistics. Negative for cross-validation, which has no such law.
   double kept_chance = -1.0;

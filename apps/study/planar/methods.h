@@ -23,7 +23,7 @@ namespace dfr::study::planar {
 
 /// Options of the methods.
 struct MethodOptions {
-  /// Guided recovery's support, in whitened units.
+  /// Gamma of guided recovery's support, in whitened units.
   double gamma = kernel::WhitenedSupportOptions().svm.gamma;
   bool whitening = true;
   bool phase_whitening = true;
@@ -67,7 +67,8 @@ class Methods {
   Methods(const Methods&) = delete;
   Methods& operator=(const Methods&) = delete;
 
-  /// One of safety::ParseMethod()'s, or of kPlanarMethods. Only oracles borrow `plant`.
+  /// Creates a controller of safety::ParseMethod() or of kPlanarMethods. Only oracles borrow
+  /// `plant`.
   /// @throws std::invalid_argument for another name.
   [[nodiscard]] std::unique_ptr<control::Controller> Make(std::string_view method,
                                                           const core::SimulatedPlant& plant) const;
@@ -83,8 +84,8 @@ class Methods {
   }
   /// l_t(x) of a whole state.
   [[nodiscard]] double Level(SupportKind kind, int t, std::span<const double> x) const;
-  /// Returns true if an episode may begin at x: inside the paper's support, guided recovery's, and
-  /// one of all entries in one scale.
+  /// Returns true if an episode may begin at x: x is inside the paper's support, guided recovery's,
+  /// and the support of all entries in one scale.
   [[nodiscard]] bool Begins(std::span<const double> x) const;
   /// Support in guided recovery's features.
   [[nodiscard]] const control::EstimatedConstant& direction_error() const noexcept {

@@ -81,7 +81,8 @@ cv::Mat LevelGrid(const Canvas& canvas, const Methods& methods, SupportKind supp
   return levels;
 }
 
-// Level sets: the darker, the deeper inside; white lines between levels, a dark one at g = 0.
+// Draws level sets, darker towards the inside. White lines separate levels, and a dark line is at g
+// = 0.
 void DrawLevels(const Canvas& canvas, const Methods& methods, SupportKind support,
                 const Shot& shot) {
   cv::Mat image = canvas.image;

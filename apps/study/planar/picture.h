@@ -81,16 +81,17 @@ class Painter {
  public:
   Painter(const Task& task, const Methods& methods);
 
-  /// Frame `frame` of an episode, BGR, height() x width(). Frames beyond the end show the end.
+  /// Draws frame `frame` of an episode: BGR, height() x width(). Frames beyond the end show the
+  /// end.
   [[nodiscard]] std::vector<std::uint8_t> Draw(const Episode& episode, int frame) const;
   [[nodiscard]] int width() const noexcept { return width_; }
   [[nodiscard]] int height() const noexcept { return height_; }
 
-  /// @throws std::runtime_error naming the file that cannot be written.
-  /// Several frames below one another.
+  /// @throws std::runtime_error naming the file that cannot be written. Stacks several frames
+  /// vertically.
   void WritePng(const Episode& episode, std::span<const int> frames,
                 const std::filesystem::path& path) const;
-  /// All episodes below one another, frame by frame.
+  /// Writes all episodes stacked vertically, frame by frame.
   void WriteVideo(const std::vector<Episode>& episodes, const std::filesystem::path& path) const;
 
  private:

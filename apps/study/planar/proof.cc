@@ -50,8 +50,8 @@ class Mistaken final : public core::LogDecisionFunction {
   Mutation mutation_;
 };
 
-// A single Gaussian at the mean of each time step, whose boundary is where it is steepest: there L
-// and the curvature bound are attained.
+// A single Gaussian at the mean of each time step. Its boundary is its steepest part, where it
+// attains L and the curvature bound.
 kernel::WhitenedSupport SingleKernels(std::span<const core::Matrix> states, double gamma) {
   std::vector<kernel::WhitenedSupport::Estimate> estimates;
   const Eigen::Index n = states[0].cols();
@@ -73,8 +73,8 @@ double LargestLevel(const core::LogDecisionFunction& support, std::span<const do
   return best;
 }
 
-// The direction away from z of length `reach` that leaves all supports furthest behind: of the
-// steepest descents of each at z, followed a few times to where they lead.
+// Finds the direction from z, of length `reach`, in which every support is farthest below. Starts
+// with each support's steepest descent at z and follows it for a few rounds.
 void WorstDirection(const core::LogDecisionFunction& support, std::span<const double> z,
                     double reach, int lost, std::span<double> direction) {
   const auto n = static_cast<Eigen::Index>(z.size());
@@ -85,7 +85,7 @@ void WorstDirection(const core::LogDecisionFunction& support, std::span<const do
   for (int t = 0; t < support.num_steps(); ++t) {
     there = core::AsVector(z);
     for (int round = 0; round < kRounds; ++round) {
-      // From the second round on, the support that is nearest there.
+      // From the second round on, q is the support nearest to that point.
       int q = t;
       for (int other = 0; round > 0 && other < support.num_steps(); ++other) {
         if (other != lost && support.LogDecision(other, core::AsSpan(there), {}) >
@@ -95,7 +95,7 @@ void WorstDirection(const core::LogDecisionFunction& support, std::span<const do
       }
       support.LogDecision(q, core::AsSpan(there), core::AsSpan(gradient));
       if (!(gradient.norm() > 0.0)) break;
-      // Halfway between the way so far and the new one.
+      // Halfway between the previous direction and the new one.
       const Eigen::VectorXd way = (there - core::AsVector(z)) / reach - gradient / gradient.norm();
       if (!(way.norm() > 0.0)) break;
       there = core::AsVector(z) + reach * way / way.norm();
@@ -108,7 +108,7 @@ void WorstDirection(const core::LogDecisionFunction& support, std::span<const do
   }
 }
 
-// Demonstrations of a cloud that wanders, bends and changes its width.
+// Demonstrations of a point cloud that moves, bends and changes its width.
 std::vector<core::Trajectory> Wander(int dim, core::Random& random) {
   std::vector<core::Trajectory> demonstrations;
   std::vector<double> speed(static_cast<std::size_t>(dim));
@@ -133,7 +133,7 @@ std::vector<core::Trajectory> Wander(int dim, core::Random& random) {
   return demonstrations;
 }
 
-// Runs from the centre of the support at t, straight on, or anywhere, by episode.
+// Moves away from the centre of the support at t, straight, or randomly, depending on the episode.
 class Adversary final : public core::Policy {
  public:
   Adversary(int dim, core::Random& random) : dim_(dim), random_(&random) {}
@@ -206,8 +206,8 @@ class World {
       const Eigen::VectorXd issued = core::AsVector(std::span<const double>(u));
       core::AsVector(std::span<double>(z)) +=
           controller_.jacobian() * issued / response_.control_unit();
-      // Slightly less than allowed, because the last digit of a rounded sum is not exact. More than
-      // that now and then, or the watch for violations would end each episode at once.
+      // Slightly less than allowed, because the last digit of a rounded sum is not exact. A larger
+      // factor is rare, because the check for violations would otherwise end each episode at once.
       const double excess = random_.Below(8) == 0 ? Excess() : 1.0;
       const double reach = kError * excess * issued.norm() * (1.0 - 1e-12);
       random_.Direction(direction);
@@ -222,7 +222,7 @@ class World {
       for (std::size_t i = 0; i < n; ++i) z[i] += size * reach * direction[i];
       const double best = LargestLevel(support_, z, lost_);
       result.least = std::min(result.least, best);
-      // l is a difference of logarithms, each right to a few units of 1e-16.
+      // l is a difference of logarithms, each accurate to a few units of 1e-16.
       if (best < -1e-12) ++result.left;
       observed = z;
       if (options_.state_error > 0.0) {
@@ -235,7 +235,7 @@ class World {
   }
 
  private:
-  // At the ends, where states are that are in no other support.
+  // Selects a phase at either end, whose states are in no other support.
   static int Lost(Mutation mutation, std::uint64_t world) {
     if (mutation != Mutation::kLostPhase) return -1;
     return world % 2 == 0 ? 0 : kPhases;
@@ -251,7 +251,7 @@ class World {
     std::vector<core::Matrix> states;
     states.reserve(demonstrations_.size());
     for (const auto& d : demonstrations_) states.push_back(d.states);
-    // About as wide in every dimension.
+    // About the same width in every dimension.
     const double gamma = random_.Uniform(0.1, 1.5) * 2.0 / dim_;
     if (single) return SingleKernels(states, gamma);
     return kernel::WhitenedSupport::Fit(states, {.svm = {.nu = 0.1, .gamma = gamma},
@@ -259,7 +259,7 @@ class World {
                                                  .phase_whitening = random_.Below(2) == 0});
   }
 
-  // In half of the worlds the controller has no estimate of J and probes.
+  // In half of the worlds the controller has no estimate of J and must probe.
   control::ResponseOptions Knowledge() {
     control::ResponseOptions knowledge;
     if (random_.Below(2) == 0) knowledge.prior_weight = 0.0;

@@ -7,7 +7,7 @@ namespace dfr::study::planar {
 
 /// Results of a stress test of certified-direction.
 struct ProofResult {
-  std::int64_t controls = 0;  ///< Applied, probes and recoveries included.
+  std::int64_t controls = 0;  ///< Number of applied controls, including probes and recoveries.
   std::int64_t left = 0;      ///< States outside the union of all B_t afterwards.
   /// Halts by HaltCause::kViolated: false alarms if the controller's assumptions are true.
   std::int64_t violations = 0;
@@ -42,10 +42,10 @@ struct ProofOptions {
 };
 
 /// Runs a certified controller for `options.steps` controls with adversarial policies and plants
-/// within its assumption: supports of different shapes that wander with t, every third of a single
-/// kernel, where the bounds are attained; policies that run for the boundary, straight on, or
-/// anywhere; plants that turn the control at random, away from the certifying support, or to where
-/// the largest l over all phases is least, by eps |u|.
+/// within its assumption: supports of different shapes that move with t, every third of a single
+/// kernel, which attains the bounds; policies that steer for the boundary, straight, or randomly;
+/// plants that turn the control at random, away from the certifying support, or to where the
+/// largest l over all phases is least, by eps |u|.
 [[nodiscard]] ProofResult Prove(const ProofOptions& options);
 
 }  // namespace dfr::study::planar

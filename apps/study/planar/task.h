@@ -16,10 +16,10 @@ struct Task {
   std::string name;
   std::shared_ptr<const sim::GalleryPlant>
       plant;  ///< Prototype of the plant, to be cloned; includes the supervisor.
-  double supervisor_noise = 0.0;  ///< Standard deviation, added to each control entry.
+  double supervisor_noise = 0.0;  ///< Standard deviation of the noise on each control entry.
   int degree = 1;                 ///< Degree of the learner's polynomial.
   int horizon = 100;
-  double raw_gamma = 1.0;  ///< Kernel width of the paper's support, in the state's own units.
+  double raw_gamma = 1.0;  ///< Kernel width of the paper's support, in the units of the state.
 };
 
 /// "corridor", "push" (a learner that imitates well) or "push-weak".

@@ -15,7 +15,7 @@ inline constexpr double kCommandTime = 0.15;  // s, from a command to its set-po
   return 1e-9 * static_cast<double>(ns);
 }
 
-// For a PsmRecentSetpoints of one value.
+// Returns joints for a PsmRecentSetpoints of one value.
 [[nodiscard]] inline kinematics::PsmJoints InFirstPlace(double value) noexcept {
   kinematics::PsmJoints joints = kinematics::PsmJoints::Zero();
   joints[0] = value;
@@ -30,7 +30,7 @@ inline constexpr double kCommandTime = 0.15;  // s, from a command to its set-po
 }
 
 [[nodiscard]] inline bool Finite(const PsmPoseSample& pose) noexcept {
-  // A quaternion that is not of unit length is no orientation.
+  // A quaternion that is not of unit length is not an orientation.
   constexpr double kRounding = 1e-3;
   return pose.position_m.allFinite() && std::abs(pose.orientation.norm() - 1.0) <= kRounding;
 }

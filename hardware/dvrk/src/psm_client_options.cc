@@ -74,7 +74,7 @@ PsmStatus Readiness(const PsmOperatingState& state) noexcept {
     case PsmConsoleState::kEnabled:
       break;
   }
-  // Before the homed check, because a homing arm is not homed.
+  // Precedes the homed check, because a homing arm is not homed.
   if (state.busy) return PsmStatus::kBusy;
   return state.homed ? PsmStatus::kOk : PsmStatus::kNotHomed;
 }

@@ -1,4 +1,4 @@
-// Why a client holds.
+// Reasons for which a client holds.
 #include <algorithm>
 #include <array>
 #include <span>
@@ -50,9 +50,10 @@ PsmStatus PsmClient::MeasurementHoldReason() const noexcept {
     std::int64_t arrival_ns;
   };
   const std::array<Stream, 3> streams = {
+      // Not published by every console.
       Stream{js_watchdog_, js_.stamp, js_arrival_ns_},
       Stream{cp_watchdog_, cp_.stamp, cp_arrival_ns_},
-      Stream{local_watchdog_, local_cp_.stamp, local_arrival_ns_}};  // not on every console
+      Stream{local_watchdog_, local_cp_.stamp, local_arrival_ns_}};
   for (const Stream& stream : std::span(streams).first(any_local_ ? 3U : 2U)) {
     const PsmStatus status = FromFreshness(stream.watchdog.Check(wall_ns_, now_ns_));
     // The sample was recent on arrival; only its successor is missing.
@@ -126,7 +127,7 @@ PsmStatus PsmClient::FollowHoldReason() const noexcept {
   return PsmStatus::kOk;
 }
 
-// Returns true if a jaw without a command of ours stays still.
+// Returns true if a jaw without a command of this client stays still.
 bool PsmClient::JawIsOurs() const noexcept {
   return !jaw_known_ || recent_jaw_.Contain(InFirstPlace(jaw_setpoint_.angle),
                                             InFirstPlace(options_.max_jaw_setpoint_error));
@@ -148,7 +149,7 @@ PsmStatus PsmClient::HomingHoldReason(const PsmInput& input, double dt) const no
   if (!homing() && request_ != PsmRequest::kHome && request_ != PsmRequest::kEnable) {
     return PsmStatus::kOk;
   }
-  const PsmStatus others = CommandHoldReason(input);  // no instrument is named until engaged
+  const PsmStatus others = CommandHoldReason(input);  // no instrument is named until it is engaged
   if (others != PsmStatus::kOk) return others;
   if (!homing()) return PsmStatus::kOk;
   if (options_.sole_commander && input.foreign_messages > 0) return PsmStatus::kForeignMessage;

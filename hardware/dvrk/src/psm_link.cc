@@ -187,7 +187,7 @@ void PsmDriver::Link::NoteControl(const ConsoleMessage& message) noexcept {
 }
 
 void PsmDriver::Link::Receive() noexcept {
-  // Messages first, so the reason of a FAULT is known when it is reported.
+  // Reads messages first. The reason for a FAULT is then known when it is reported.
   const std::int64_t now_ns = tick_ns.load(std::memory_order_relaxed);
   std::uint64_t left_out = 0;
   for (const auto& [subscriber, severity, limit] :
@@ -267,7 +267,7 @@ void PsmDriver::Link::LookForNewcomers() noexcept {
   int count = 0;
   std::uint64_t last = num_found;
   for (const dds::Newcomer& newcomer : p.FoundAfter(num_found)) {
-    // An entry that was overwritten before it was read may have been any participant.
+    // An entry that was overwritten before it was read may belong to any participant.
     const bool missed = newcomer.number > last + 1;
     last = newcomer.number;
     if (!newcomer.topic.empty() && !Commands(newcomer.topic) && !Requests(newcomer.topic) &&
@@ -313,15 +313,15 @@ void PsmDriver::Link::ReadMonitors() noexcept {
   while (tool_type.Take(text)) {
     if (!tool.empty() && text.text != tool) tool_changes.fetch_add(1, std::memory_order_acq_rel);
     tool = text.text;
-    // Both have the same kinematics. The latter is the only one for a da Vinci Si, whose joint
-    // limits a Classic does not have.
+    // Both have the same kinematics. Only the latter fits a da Vinci Si, whose joint limits a
+    // Classic does not have.
     const bool known = tool.find("420006") != std::string::npos ||
                        (!is_si && tool.find("400006") != std::string::npos);
     instrument.store(known ? PsmInstrument::kSuitable : PsmInstrument::kOther,
                      std::memory_order_release);
   }
-  // Once whoever named the instrument has gone, the next one names it anew. Checked after its last
-  // name has been read, which would otherwise stay.
+  // If the publisher that named the instrument has left, the next one names it again. Checked after
+  // the last name has been read, which would otherwise remain.
   if (tool_type.health().publishers == 0) {
     tool.clear();
     instrument.store(PsmInstrument::kNotNamed, std::memory_order_release);

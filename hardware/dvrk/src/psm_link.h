@@ -70,12 +70,13 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   // Looks for other participants that command the arm.
   void ReadMonitors() noexcept;
 
-  // Subscribes to topics only for a discovery server, which shows no other topics' publishers. Not
-  // to servo_cs: drivers take its subscribers for a console. Its effect shows in the set-points.
+  // Subscribes to topics only because a discovery server hides the publishers of other topics. Does
+  // not subscribe to servo_cs, because drivers would mistake a subscriber for a console. The
+  // set-points reveal the effect of servo_cs.
   template <typename T>
   void Subscribe(std::initializer_list<const char*> topics);
 
-  // Returns "/servo_cp" of "/PSM1/servo_cp"; empty if the topic is not the arm's.
+  // Returns "/servo_cp" for "/PSM1/servo_cp"; empty if the topic does not belong to the arm.
   [[nodiscard]] std::string_view OfTheArm(std::string_view topic) const;
 
   // Returns true if `topic` asks the arm to hold or be free, or to change its state or settings.
@@ -170,7 +171,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   dds::Subscriber<dds::Text> tool_type{p, Topic("tool_type"), dds::Role::kEvent};
   dds::Subscriber<dds::Joy> arm_clutch{p, Topic("arm_clutch"), dds::Role::kEvent};      // since 2.4
   dds::Subscriber<dds::Joy> manip_clutch{p, Topic("manip_clutch"), dds::Role::kEvent};  // before
-  // A move that ends is a move of another client.
+  // A move that ends belongs to another client.
   dds::Subscriber<dds::Flag> goal_reached{p, Topic("goal_reached"), dds::Role::kState};
   dds::Subscriber<dds::Signal> watched_hold{p, Topic("hold"), dds::Role::kRequest};
   dds::Subscriber<dds::Signal> watched_free{p, Topic("free"), dds::Role::kRequest};

@@ -13,7 +13,7 @@ void PsmStatements::Held(std::int64_t now_ns) noexcept {
 bool PsmStatements::Take(int poses, int others, std::int64_t now_ns) noexcept {
   awaits_ = awaits_ && now_ns - held_ns_ <= kLongest;
   if (awaits_) {
-    // Those of poses were caused before the hold, because no set-point has been sent since.
+    // Statements of poses were caused before the hold, because no set-point has been sent since.
     poses = 0;
     if (others > 0) {
       --others;

@@ -52,12 +52,12 @@ class Feed {
   std::atomic<FrameStatus> end_{FrameStatus::kOk};
   std::atomic<std::uint64_t> received_{0};
   std::atomic<std::uint64_t> lost_{0};
-  // Reading thread only.
+  // Used only by the reading thread.
   unsigned back_ = 0;
   int repeats_ = 0;
   std::uint64_t last_hash_ = 0;
   std::int64_t last_stamp_ns_ = 0;
-  // Grabbing thread only.
+  // Used only by the grabbing thread.
   unsigned front_ = 2;
   std::uint64_t last_sequence_ = 0;
   std::atomic<std::uint64_t> missed_{0};

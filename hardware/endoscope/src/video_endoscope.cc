@@ -91,7 +91,7 @@ class Video {
       if (open && device) {
         capture_.set(cv::CAP_PROP_FRAME_WIDTH, options_.width);
         capture_.set(cv::CAP_PROP_FRAME_HEIGHT, options_.height);
-        capture_.set(cv::CAP_PROP_BUFFERSIZE, 1);  // drop old pictures
+        capture_.set(cv::CAP_PROP_BUFFERSIZE, 1);  // drops old pictures
       }
       if (file_ && open) {
         const double rate = capture_.get(cv::CAP_PROP_FPS);

@@ -79,8 +79,8 @@ void EmergencyStopMonitor::Run() {
     message.state = runtime::Name(state);
     announcer_.Write(message);
   }
-  // A program that ends regularly is not reported as missing. Lost messages are sent again within
-  // that time.
+  // A regular end of a program is not reported as a failure. Lost messages are repeated within that
+  // time.
   dds::OperatingState farewell;
   farewell.stamp = dds::Stamp::Now();
   farewell.state = dds::kRunEnded;

@@ -17,9 +17,9 @@ robot::Finding PsmArm::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexce
   if (ConsoleMessage message; on_message_) {
     while (driver_->TakeMessage(message)) on_message_(message);
   }
-  // An unarmed driver is no reason to hold, but the reason against arming it is.
+  // An unarmed driver is not a reason to hold, but what prevents arming it is.
   found_ = was_active ? status : driver_->client().hold_reason();
-  if (found_ == PsmStatus::kHeld) return {};  // by us: the caller knows the reason
+  if (found_ == PsmStatus::kHeld) return {};  // held by this program: the caller knows the reason
   const bool says_why = found_ == PsmStatus::kConsoleFault || found_ == PsmStatus::kConsoleError;
   const std::string_view error = says_why ? driver_->last_error()
                                  : driver_->held_by_others() && !driver_->who().empty()
@@ -28,7 +28,7 @@ robot::Finding PsmArm::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexce
   return {HoldReasonFor(found_), error.empty() ? Name(found_) : error};
 }
 
-// The reason, and who it was.
+// Returns the reason and its originator.
 std::string_view PsmArm::SaidBy(std::string_view who) noexcept {
   const char* const what = found_ == PsmStatus::kForeignMessage   ? "told the arm something"
                            : found_ == PsmStatus::kOtherPublisher ? "can command the arm"

@@ -67,7 +67,7 @@ int OpenPort(const std::string& device) {
   port.c_cflag &= ~static_cast<tcflag_t>(CSTOPB | CRTSCTS | HUPCL);
   port.c_cflag |= CLOCAL | CREAD;
   termios set{};
-  // tcsetattr() succeeds if any of the settings could be applied.
+  // tcsetattr() succeeds if it could apply any of the settings.
   if (::tcsetattr(fd, TCSANOW, &port) != 0 || ::tcgetattr(fd, &set) != 0) {
     Fail(fd, device, "cannot be set to 57600 8N1", errno, "");
   }
@@ -106,7 +106,7 @@ void SprkDriver::AwaitFrame() const noexcept {
 }
 
 SprkStatus SprkDriver::Send(std::span<const char> frame) noexcept {
-  // Discard the firmware's output, which would fill the kernel's buffer.
+  // Discards the firmware's output, which would fill the kernel's buffer.
   ::tcflush(fd_, TCIFLUSH);
   ssize_t written = 0;
   do {

@@ -28,7 +28,7 @@ double Step(int k) noexcept {
   return k == 3 ? kDegree : -kDegree;
 }
 
-// Offset from steps relative to home to the firmware's number.
+// Returns the firmware's number for zero steps from home.
 int Zero(int k) noexcept { return k < 3 ? 50 : kLargestDegrees; }
 
 bool Finite(const PlatformPose& pose) noexcept {

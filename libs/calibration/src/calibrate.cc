@@ -46,7 +46,7 @@ void Transform(const T* pose, const T* p, T* moved) {
   for (int k = 0; k < 3; ++k) moved[k] += pose[3 + k];
 }
 
-// Writes the difference between a point's pixel and the one seen, in standard deviations.
+// Writes the difference between a point's predicted and observed pixel, in standard deviations.
 template <typename T>
 bool PixelError(const T* camera, const T* in_camera, const Eigen::Vector2d& seen, double sd,
                 T* residual) {

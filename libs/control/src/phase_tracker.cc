@@ -9,7 +9,7 @@ namespace dfr::control {
 namespace {
 
 constexpr double kNowhere = -std::numeric_limits<double>::infinity();
-// PhaseTracker::Fit() then takes every level.
+// PhaseTracker::Fit() then accepts every level.
 constexpr double kAny = kNowhere;
 
 }  // namespace
@@ -50,8 +50,8 @@ double PhaseTracker::Follow(std::span<const double> z) noexcept {
 }
 
 double PhaseTracker::Enter(std::span<const double> z, double least) noexcept {
-  // A certified control ends inside a phase near that of its choice, which is phase_ - 1 if the
-  // phase advanced.
+  // A certified control ends inside a phase near the phase in which it was chosen. That phase is
+  // phase_ - 1 if the phase has advanced since.
   const double l = Fit(z, std::max(0, phase_ - kWindow - 1), phase_ + kWindow, phase_, least);
   return l >= least ? l : support_->LogDecision(phase_, z, {});
 }

@@ -50,7 +50,7 @@ void Count(const Step& step, RolloutResult& result) noexcept {
   result.last_mode = mode;
 }
 
-// Checks whether the episode ends in the present state.
+// Returns true if the episode ends in the present state.
 bool Ended(const RolloutEvent& event, RolloutResult& result) noexcept {
   if (event.collided) {
     result.outcome = core::Outcome::kCollided;
@@ -131,7 +131,7 @@ RolloutResult Rollout(core::Plant& plant, Controller& controller, const RolloutO
   plant.Reset(options.plant_seed);
   controller.Reset(options.controller_seed);
   RolloutResult result;
-  // Halt() is in a destructor: the robot must stop even if an observer throws.
+  // Calls Halt() in a destructor: the robot must stop even if an observer throws.
   {
     struct HaltAtEnd {
       core::Plant& plant;

@@ -119,7 +119,7 @@ bool ActionAnalysis::MovesUnmatchedEntry(const std::vector<AbsoluteAction>& cand
     }
     const double square = squares_[p];
     const double yy = squares_[n_ + p] - 2.0 * steps_[p] + square;
-    // Rounding residue of a constant entry is not a change.
+    // The rounding residue of a constant entry is not a change.
     if (yy <= 1e-12 * square) continue;
     const Eigen::VectorXd uy = products_.col(n_ + p) - products_.col(p);
     if (ShareThroughOrigin(action_products_, uy, yy) >= kExplained) return true;

@@ -173,7 +173,7 @@ std::uint64_t ArchiveReader::Size(std::size_t bytes_per_entry) {
   const auto size = Decode<std::uint64_t>(Take(sizeof(std::uint64_t)));
   if (size > (bytes_.size() - position_) / bytes_per_entry) {
     Fail("declares " + std::to_string(size) + " entries at byte " + std::to_string(position_) +
-         " and does not contain them");
+         " but does not contain them");
   }
   return size;
 }
@@ -216,7 +216,7 @@ std::vector<int> ArchiveReader::Integers() {
   for (int& value : values) {
     const auto wide = Decode<std::int64_t>(Take(sizeof(std::int64_t)));
     if (wide < std::numeric_limits<int>::min() || wide > std::numeric_limits<int>::max()) {
-      Fail("has the integer " + std::to_string(wide) + ", which does not fit");
+      Fail("has the integer " + std::to_string(wide) + ", which is out of range");
     }
     value = static_cast<int>(wide);
   }
@@ -231,7 +231,7 @@ Matrix ArchiveReader::MatrixBlock() {
   constexpr auto kMost = static_cast<std::uint64_t>(std::numeric_limits<int>::max());
   if (rows > kMost || cols > kMost || (cols > 0 && rows > left / cols)) {
     Fail("declares a " + std::to_string(rows) + " x " + std::to_string(cols) +
-         " matrix and does not contain it");
+         " matrix but does not contain it");
   }
   Matrix values(static_cast<Eigen::Index>(rows), static_cast<Eigen::Index>(cols));
   const std::string_view content = Take(rows * cols * sizeof(double));

@@ -108,7 +108,7 @@ void Check(std::size_t demonstrations, int folds) {
                    folds << " folds need as many demonstrations, there are " << demonstrations);
 }
 
-// One row a demonstration: its landmarks, concatenated.
+// One row per demonstration: its concatenated landmarks.
 Matrix Landmarks(std::span<const Matrix> demonstrations) {
   const Eigen::Index n = demonstrations[0].cols();
   Matrix landmarks(std::ssize(demonstrations), kLandmarks * n);

@@ -18,7 +18,7 @@ bool IsTiny(std::string_view text) noexcept {
   const std::size_t point = std::min(digits.find('.'), digits.size());
   const std::size_t first = digits.find_first_of("123456789");
   if (first == std::string_view::npos) return true;
-  // Saturates: an exponent beyond 64 bits outweighs any text.
+  // Saturates: an exponent beyond 64 bits outweighs the digits of any text.
   constexpr long long kFar = 1'000'000'000'000;
   long long exponent = 0;
   if (e < text.size()) {

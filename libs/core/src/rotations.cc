@@ -18,34 +18,36 @@ namespace {
 using Kind = Rotation::Kind;
 
 constexpr double kTolerance = 1e-3;
-// Lengths of quaternions with entries rounded to two and to three digits after the point.
+// Deviation from length 1 of quaternions rounded to two and to three decimal places.
 constexpr double kTwoDigits = 0.015;
 constexpr double kThreeDigits = 2e-3;
 constexpr double kPi = std::numbers::pi;
 constexpr std::array<double, 2> kPeriods = {2.0 * kPi, 360.0};
 constexpr int kParts = 128;
-// Parts of a circle that must be free for an angle to be made continuous: an eighth.
+// Number of parts of a circle, an eighth, that must be free to make an angle continuous.
 constexpr int kLeastFree = kParts / 8;
 // An entry that moves by more than this share of a period in one step cannot be distinguished from
 // a jump.
 constexpr double kMostMotion = 0.25;
-// cos(150 degrees / 2): beyond that the nearer of q and -q is soon the other one.
+// cos(150 degrees / 2). Beyond this rotation, the nearer of q and -q soon changes.
 constexpr double kLeastAlong = 0.2588190451025207;
-// cos(90 degrees / 2): both signs of quaternions this near to their mean, or its opposite, are
+// cos(90 degrees / 2). Both signs of quaternions this close to their mean or its opposite are
 // evidence of a quaternion.
 constexpr double kBothSigns = 0.7071067811865476;
-// Distance in radians of the begins of two episodes with the same rotation on two revolutions.
+// Distance in radians between the starts of two episodes with the same rotation on two revolutions.
 constexpr double kSameBegin = 0.6;
-// Jumps of three entries are a rotation vector's if that reduces the squared error to this share.
+// Jumps of three entries belong to a rotation vector if removing them reduces the squared error to
+// this fraction.
 constexpr double kLessError = 0.5;
-// Criteria for episodes that begin at one angle on several revolutions: their number, their
+// Criteria for episodes that start at one angle on several revolutions: their number, their
 // distance in revolutions, and the length of the mean of their unit vectors. Lengths rarely meet
 // them.
 constexpr int kFewestEpisodes = 8;
 constexpr double kLeastApart = 0.75;
 constexpr double kSameAngle = 0.97;
 
-// Calls `visit` with the first of `size` adjacent entries of a block, and whether they are all.
+// Calls `visit` with the first of `size` adjacent entries of a block, and whether the block has no
+// other entries.
 template <typename Visit>
 void EachWindow(const StateLayout& layout, int size, const Visit& visit) {
   for (const auto& block : layout.blocks) {
@@ -71,7 +73,7 @@ bool AllVary(const std::vector<Eigen::Vector4d>& seen) {
   return (high - low).minCoeff() > kTolerance;
 }
 
-// Returns the number of entries that differ from zero. One is a flag beside dead entries.
+// Returns the number of nonzero entries. One is a flag beside dead entries.
 int NumLive(const std::vector<Eigen::Vector4d>& seen) {
   Eigen::Vector4d largest = Eigen::Vector4d::Zero();
   for (const Eigen::Vector4d& q : seen) largest = largest.cwiseMax(q.cwiseAbs());
@@ -91,14 +93,14 @@ bool HasBothSigns(const std::vector<Eigen::Vector4d>& seen, const Eigen::Vector4
   return low < 0.0 && high > 0.0;
 }
 
-// Returns the rotation vector of the same rotation by the opposite axis.
+// Returns the vector of the same rotation about the opposite axis.
 Eigen::Vector3d OtherVector(const Eigen::Vector3d& v) { return v - 2.0 * kPi * v.normalized(); }
 
 Eigen::Vector3d ShortVector(const Eigen::Vector3d& v) {
   return v.norm() > kPi ? OtherVector(v) : v;
 }
 
-// The orientation with the largest sum of squared cosines, which has no sign: the one whose first
+// Returns the orientation with the largest sum of squared cosines. The sign is arbitrary; the first
 // large entry is positive.
 Eigen::Vector4d MeanOrientation(const std::vector<Eigen::Vector4d>& seen) {
   constexpr double kTie = 1e-6;
@@ -114,7 +116,8 @@ Eigen::Vector4d MeanOrientation(const std::vector<Eigen::Vector4d>& seen) {
   return mean;
 }
 
-// The longest run of free parts of a circle, around its end: how many, and where it begins.
+// Returns the length and the start of the longest run of free parts of a circle. The run may cross
+// the end.
 std::pair<int, int> LongestFree(const std::uint64_t (&occupied)[2]) {
   const auto taken = [&](int part) {
     const auto i = static_cast<unsigned>(part % kParts);
@@ -178,8 +181,8 @@ void RotationFinder::AddNine(const Matrix& states) {
   });
 }
 
-// At pi, v turns into v - 2 pi v / |v|. A vector from a quaternion that changes its sign does so
-// anywhere, and is up to 2 pi long.
+// At pi, v turns into v - 2 pi v / |v|. A vector computed from a quaternion with changing sign
+// jumps anywhere and has a length of up to 2 pi.
 void RotationFinder::AddThree(const Matrix& states) {
   std::erase_if(threes_, [&](Three& three) {
     const auto rows = states.middleCols(three.first, 3);
@@ -263,7 +266,8 @@ std::vector<Rotation> RotationFinder::Find() const {
           .continuous = near && !flag,
           .reference = {mean[0], mean[1], mean[2], mean[3]}});
   }
-  // A jump of several entries is no angle's. About one axis of the coordinates they are one angle.
+  // A jump of several entries belongs to no angle. A rotation about one coordinate axis is one
+  // angle.
   for (const Three& three : threes_) {
     if (!three.jumps || three.as_vector >= kLessError * three.as_angle) continue;
     take({.kind = Kind::kAxisAngle, .first = three.first, .size = 3, .jumps = true});
@@ -278,7 +282,7 @@ std::vector<Rotation> RotationFinder::Find() const {
       const bool positive = circle.low >= -slack && circle.high <= period + slack;
       if (!circle.jumps || !circle.possible || !(centred || positive)) continue;
       const auto [length, begin] = LongestFree(circle.occupied);
-      const double free = (begin + 0.5 * length) / kParts;  // Its middle, in revolutions.
+      const double free = (begin + 0.5 * length) / kParts;  // Middle of the run, in revolutions.
       take({.kind = Kind::kAngle,
             .first = static_cast<int>(k),
             .size = 1,

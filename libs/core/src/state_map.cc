@@ -12,7 +12,7 @@ namespace dfr::core {
 namespace {
 
 constexpr int kSize = 4;
-// Quaternions of sensors and of single precision are off by less than this.
+// Sensors and single precision cause smaller errors of a quaternion's length than this.
 constexpr double kMostOff = 0.1;
 // References are normalised.
 constexpr double kRounding = 1e-6;
@@ -101,7 +101,7 @@ StateMap StateMap::Load(ArchiveReader& archive, int state_dim) {
     const int first = archive.IntegerIn(0, std::max(0, state_dim - kSize));
     const std::vector<double> reference = archive.Numbers();
     if (reference.size() != kSize || state_dim < kSize) {
-      archive.Fail("a quaternion has 4 entries of the state");
+      archive.Fail("a quaternion needs 4 entries of the state");
     }
     quaternions.push_back({first, {reference[0], reference[1], reference[2], reference[3]}});
   }

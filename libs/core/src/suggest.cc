@@ -28,7 +28,8 @@ std::size_t Distance(std::string_view a, std::string_view b) {
 }  // namespace
 
 std::string Closest(std::string_view name, std::span<const std::string> known) {
-  constexpr std::size_t kLongest = 64;  // The distance takes the product of both lengths.
+  // The computation takes time proportional to the product of both lengths.
+  constexpr std::size_t kLongest = 64;
   if (name.size() > kLongest) return "";
   std::string closest;
   std::size_t least = std::max<std::size_t>(name.size() / 3, 1) + 1;

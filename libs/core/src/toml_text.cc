@@ -30,7 +30,7 @@ bool IsTriple(std::string_view text, std::size_t begin) noexcept {
 std::size_t EndOfString(std::string_view text, std::size_t begin) noexcept {
   const char quote = text[begin];
   const bool triple = IsTriple(text, begin);
-  int quotes = 0;  // Consecutive. Up to two may precede the closing three.
+  int quotes = 0;  // Consecutive quotes. Up to two may precede the closing three.
   for (std::size_t i = begin + (triple ? 3 : 1); i < text.size(); ++i) {
     const char c = text[i];
     if (triple && quotes >= 3 && c != quote) return i;

@@ -45,7 +45,7 @@ int WriterDepth(Role role) {
     case Role::kRequest:
       return kConsoleDepth;
     case Role::kEmergencyStop:
-      return 10;  // keeps a press that is released at once
+      return 10;  // preserves a press that is released at once
     case Role::kCommand:
     case Role::kOwnCommand:
     case Role::kImage:
@@ -115,7 +115,7 @@ Origin ToOrigin(const fdds::InstanceHandle_t& handle) noexcept {
 }
 
 [[noreturn]] void Refused(const char* what, const std::string& topic) {
-  throw std::runtime_error("DDS refuses to make a " + std::string(what) + " of " + topic +
+  throw std::runtime_error("DDS refuses to create a " + std::string(what) + " of " + topic +
                            ": is it permitted in this domain's security profile?");
 }
 

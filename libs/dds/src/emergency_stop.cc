@@ -97,7 +97,7 @@ EmergencyStop EmergencyStopReceiver::Check(std::int64_t steady_ns, std::int64_t 
   Flag flag;
   Origin who;
   while (subscriber_.Take(flag, who)) judge_.Hear(Way::kDds, who, flag.value, steady_ns);
-  // Further datagrams wait for the next call.
+  // The next call receives further datagrams.
   constexpr int kMostDatagrams = 64;
   bool pressed = false;
   for (int n = 0; listener_ && n < kMostDatagrams && listener_->Take(wall_ns, who, pressed); ++n) {

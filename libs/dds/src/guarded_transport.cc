@@ -14,9 +14,9 @@ namespace rtps = eprosima::fastrtps::rtps;
 namespace transport = eprosima::fastdds::rtps;
 
 constexpr std::array<std::uint8_t, 4> kRtpsMagic = {'R', 'T', 'P', 'S'};
-constexpr std::size_t kPrefixAt = 8;    // in the message's header
+constexpr std::size_t kPrefixAt = 8;    // position in the message's header
 constexpr std::size_t kHeader = 20;     // of a message
-constexpr std::size_t kSubheader = 4;   // of a submessage: kind, flags, length
+constexpr std::size_t kSubheader = 4;   // size of a submessage's kind, flags and length
 constexpr std::uint8_t kPad = 0x01;     // may be empty
 constexpr std::uint8_t kInfoTs = 0x09;  // may be empty
 constexpr std::uint8_t kData = 0x15;
@@ -90,7 +90,8 @@ bool EndsParticipant(std::uint8_t kind, std::uint8_t flags,
                      std::span<const std::uint8_t> content) noexcept {
   constexpr std::array<std::uint8_t, 4> kAnnouncer = {0, 1, 0, 0xc2};
   if (!std::equal(kAnnouncer.begin(), kAnnouncer.end(), content.begin() + 8)) return false;
-  const bool has_data = (kind == kData) == ((flags & 4U) != 0);  // in fragments: the key flag
+  // In fragments, this flag marks a key.
+  const bool has_data = (kind == kData) == ((flags & 4U) != 0);
   if (!has_data) return true;
   if ((flags & 2U) == 0) return false;
   const bool little = (flags & 1U) != 0;

@@ -82,7 +82,7 @@ struct Participant::Impl {
   Impl& operator=(const Impl&) = delete;
 
   /// Returns the DDS topic of a ROS 2 topic; creates it if necessary.
-  /// @param kind  "rt"; "rq" for a service's requests, "rr" for its replies.
+  /// @param kind  "rt" for topics, "rq" for a service's requests, "rr" for its replies.
   eprosima::fastdds::dds::Topic* Topic(const std::string& ros_name,
                                        const eprosima::fastdds::dds::TypeSupport& type,
                                        const std::string& kind = "rt");

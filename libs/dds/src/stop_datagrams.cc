@@ -101,7 +101,7 @@ StopSocket::~StopSocket() { ::close(socket_); }
 
 StopWriter::StopWriter(const std::filesystem::path& security) {
   if (RAND_bytes(id_.data(), static_cast<int>(id_.size())) != 1) {
-    throw std::runtime_error("OpenSSL has no random numbers: " + Complaint());
+    throw std::runtime_error("OpenSSL cannot generate random numbers: " + Complaint());
   }
   if (security.empty()) return;
   const SecurityFiles files(security);

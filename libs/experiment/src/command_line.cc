@@ -87,7 +87,7 @@ std::string Value(const std::string& text, bool is_number) {
          text.find(".e") == std::string::npos && text.find(".E") == std::string::npos);
     const bool zero = text.size() > 1 && text[0] == '0' && std::isdigit(text[1]) != 0;
     if (end.ec == std::errc() && end.ptr == text.data() + text.size() && plain && digits && !zero) {
-      // One form for written, read and default values: 0.0006 and 6e-4 are the same run.
+      // Uses one form for written, read and default values: 0.0006 and 6e-4 are the same run.
       return text.find_first_of(".eE") == std::string::npos ? text : Exactly(value);
     }
   }
@@ -118,7 +118,7 @@ std::string Resolve(const CLI::App& command) {
     if (name.empty() || !DecidesResults(name)) continue;
     const bool list = option->get_items_expected_max() > 1;
     if (IsFlag(*option)) {
-      // With the meaning of the flag's first name: --warm of "--cold,!--warm" is "cold = false".
+      // Uses the meaning of the flag's first name: --warm of "--cold,!--warm" is "cold = false".
       const bool negative = option->check_fname(name);
       if (option->count() > 0) {
         text.append(name).append(option->as<bool>() != negative ? " = true\n" : " = false\n");
@@ -247,7 +247,8 @@ std::vector<std::filesystem::path> LedgersIn(const std::vector<std::filesystem::
 std::string CommandOf(const std::filesystem::path& configuration) {
   const toml::table root = ReadToml(configuration);
   if (root.size() != 1) {
-    throw std::runtime_error(configuration.string() + ": must have one table, the run's command");
+    throw std::runtime_error(configuration.string() +
+                             ": must have exactly one table, named after the run's command");
   }
   return std::string(root.begin()->first.str());
 }
@@ -274,7 +275,7 @@ Arguments Merge(const std::vector<std::filesystem::path>& folders,
   {
     const internal::Descriptor lock = internal::OpenLocked(out / "lock");
     const std::filesystem::path whole = out / kLedger;
-    // An existing ledger is merged, too, or refused; it is never lost.
+    // An existing ledger is also merged or rejected; it is never lost.
     if (std::filesystem::exists(whole) && std::filesystem::file_size(whole) > 0) {
       ledgers.push_back(whole);
     }
@@ -422,7 +423,7 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
                      {"rerun", {"out/whole 0/60/8/dfr/3 --methods baseline --film film.html"}}});
   try {
     KeepGivenValues(app);
-    // Its transform runs first, so that run.toml has numbers without leading zeros.
+    // CheckNumbers() transforms first, so that run.toml has numbers without leading zeros.
     core::CheckNumbers(app);
     core::CheckOutputs(app);
     ParseArguments(app, arguments);

@@ -119,7 +119,7 @@ RecordedEpisode FindEpisode(const std::filesystem::path& folder, std::string_vie
   const std::string difference = now == nullptr ? "" : Difference(ledger.header, *now);
   if (!difference.empty()) {
     throw std::runtime_error(folder.string() +
-                             ": its episodes cannot be run again by this build: " + difference);
+                             ": this build cannot run its episodes again: " + difference);
   }
   const EvaluationPlan& plan = ledger.header.plan;
   const EpisodeId id = ParseEpisode(name, plan);

@@ -113,7 +113,7 @@ OutputFolder::OutputFolder(const ExperimentOptions& options) {
   std::filesystem::create_directories(options.out, error);
   if (error) {
     throw std::runtime_error(options.out.string() +
-                             ": the folder cannot be made: " + error.message());
+                             ": the folder cannot be created: " + error.message());
   }
   lock_ = std::make_unique<Lock>(Lock{internal::OpenLocked(options.out / "lock")});
   if (options.restart) std::filesystem::remove(LedgerOf(options));

@@ -23,8 +23,7 @@ std::vector<Eigen::Index> Drawn(const FilmedEpisode& episode) {
   return rows;
 }
 
-// Splits a path into pieces: those of the policy in the first colour, those of recoveries in the
-// second.
+// Splits a path into pieces: the first colour is the policy's, the second the recoveries'.
 ReportPlot PathOf(const FilmedEpisode& episode, int across, int up) {
   ReportPlot plot{.title = episode.method};
   const std::vector<Eigen::Index> rows = Drawn(episode);
@@ -96,7 +95,7 @@ void SaveFilm(const std::string& title, const core::StateLayout& layout,
               std::span<const FilmedEpisode> episodes, const std::filesystem::path& path,
               const std::string& entries, const std::vector<ReportMedia>& media) {
   if (path.extension() != ".html") {
-    throw std::runtime_error(path.string() + ": such episodes can be saved as a page only, .html");
+    throw std::runtime_error(path.string() + ": such episodes can only be saved as a page, .html");
   }
   const int dim = layout.state_dim();
   const std::vector<std::string> names = NamesOf(layout);

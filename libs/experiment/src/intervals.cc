@@ -228,8 +228,8 @@ double ClusteredMcNemar(std::span<const DiscordantPairs> clusters) {
     sizes.push_back(static_cast<std::size_t>(std::abs(difference)));
     total += sizes.back();
   }
-  // [s]: the probability that the clusters with a positive sign add up to s. The sum of all is then
-  // 2 s - total.
+  // Entry s is the probability that the clusters with a positive sign sum to s. The sum of all
+  // clusters is then 2 s - total.
   std::vector<double> probability(total + 1, 0.0);
   probability[0] = 1.0;
   for (const std::size_t size : sizes) {
@@ -247,7 +247,7 @@ double ClusteredMcNemar(std::span<const DiscordantPairs> clusters) {
 
 namespace {
 
-// Degrees of freedom that units leave to vary about the means of their strata.
+// Returns the degrees of freedom of units about the means of their strata.
 std::size_t Degrees(std::span<const RatioPart> units) {
   std::set<int> strata;
   for (const RatioPart& unit : units) strata.insert(unit.stratum);
@@ -309,7 +309,7 @@ std::optional<Interval> RatioInterval(std::span<const RatioPart> units, double c
   const std::size_t degrees = Degrees(units);
   if (degrees == 0) return std::nullopt;
   const double t = StudentQuantile(confidence, static_cast<double>(degrees));
-  // (numerator - r denominator)^2 <= t^2 variance(r), as a r^2 - 2 b r + c <= 0.
+  // Solves (numerator - r denominator)^2 <= t^2 variance(r), written as a r^2 - 2 b r + c <= 0.
   const double a = denominator * denominator - t * t * denominator_squares;
   const double b = numerator * denominator - t * t * products;
   const double c = numerator * numerator - t * t * squares;

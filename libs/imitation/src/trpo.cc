@@ -71,9 +71,9 @@ struct Moments {
 // Steps of several whole episodes, one row each.
 struct Batch {
   core::Matrix features;  // not whitened
-  core::Matrix controls;  // before their limit
+  core::Matrix controls;  // before clipping
   std::vector<double> rewards;
-  std::vector<int> lengths;  // of the episodes
+  std::vector<int> lengths;  // lengths of the episodes
   int completed = 0;
   int collided = 0;
 

@@ -11,8 +11,8 @@
 
 namespace dfr::kernel::internal {
 
-/// OneClassSvm::Fit() with shared memory. The bits of the result depend on whether `scratch` has
-/// distances (those of the samples), not on previous fits with it.
+/// Same as OneClassSvm::Fit(), with shared memory. Previous fits with `scratch` do not affect the
+/// bits of the result. Distances of the samples in `scratch` do.
 OneClassSvm FitSharing(const core::Matrix& samples, const OneClassSvmOptions& options,
                        Scratch& scratch, FitSummary* summary);
 

@@ -58,8 +58,8 @@ HWY_INLINE void Transpose(const T* HWY_RESTRICT from, T* HWY_RESTRICT to, std::s
 }
 #endif
 
-// Row() of all points, for the blocks from their own block on. The rows above have computed the
-// rest, with the same bits.
+// Computes Row() of all points, starting at each point's own block. The rows above have computed
+// the rest with the same bits.
 template <typename T>
 void AllRows(const GaussianTerms<T>& terms, T* HWY_RESTRICT point, T* HWY_RESTRICT rows,
              T* HWY_RESTRICT sums) {

@@ -161,7 +161,7 @@ core::Matrix Dense(const LineReader& reader, const std::vector<SparseRow>& rows,
   if (!core::ReadBudget(reader.bytes())
            .Take(rows.size() * sizeof(double), static_cast<std::uint64_t>(width))) {
     reader.Fail(std::to_string(rows.size()) + " rows of " + std::to_string(width) +
-                " entries are too much for a file of " + std::to_string(reader.bytes()) +
+                " entries are too many for a file of " + std::to_string(reader.bytes()) +
                 " bytes: leave out entries that are rarely used");
   }
   core::Matrix matrix = core::Matrix::Zero(static_cast<Eigen::Index>(rows.size()), width);

@@ -27,23 +27,23 @@ namespace dfr::kernel {
 
 static_assert(OneClassSvm::kMaxStateDim == internal::kMaxStateDim);
 
-// What a decision does not read, and the memory of what it reads.
+// Memory of a decision's data, and the data that a decision does not read.
 struct OneClassSvm::Parts {
   core::Matrix support_vectors;
   Eigen::VectorXd alpha;
   internal::AlignedVector<internal::CacheLine> memory;
 };
 
-// All that a decision reads is one block of memory: this cache line, then a SumBlock.
+// All data of a decision are one block of memory: this cache line, then a SumBlock.
 struct alignas(64) OneClassSvm::Data {
   double rho;
   double log_rho;
   double gamma;
   double libsvm_scale;
-  bool single;  // The block is a SumBlock<float>, otherwise a SumBlock<double>.
+  bool single;  // True if the block is a SumBlock<float>, false if it is a SumBlock<double>.
   const Parts* parts;
-  const void* sum_code;    // of Decision() and LogDecision(),
-  const void* shift_code;  // of the gradients: to prefetch
+  const void* sum_code;    // code of Decision() and LogDecision()
+  const void* shift_code;  // code of the gradients, to prefetch
 
   template <typename T>
   [[nodiscard]] const internal::SumBlock<T>& sum() const noexcept {
@@ -137,7 +137,7 @@ constexpr int kSmallState = 64;
   Prefetch<16>(code);
 }
 
-// The same for the code of std::log().
+// Prefetches the code of std::log().
 [[gnu::always_inline]] inline void PrefetchLog() noexcept {
   Prefetch<4>(reinterpret_cast<const void*>(static_cast<double (*)(double)>(&std::log)));
 }

@@ -14,7 +14,7 @@
 namespace dfr::kernel::internal {
 namespace {
 
-// exp(-gamma r^2) = 2^(-r^2) for this gamma.
+// With this gamma, exp(-gamma r^2) = 2^(-r^2).
 constexpr double kBaseTwo = 1.0 / std::numbers::log2e;
 
 template <typename T>

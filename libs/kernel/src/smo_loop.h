@@ -10,7 +10,7 @@ template <typename T>
 struct RowTable {
   const T** known = nullptr;
   unsigned char* used = nullptr;  ///< Set to 1 when a row is used.
-  /// Computes row i, which must be unknown, without overwriting row `keep`.
+  /// Computes the unknown row i without overwriting row `keep`.
   const T* (*compute)(void* store, std::size_t i, std::size_t keep) = nullptr;
   void* store = nullptr;
 };
@@ -51,7 +51,7 @@ struct SparseSmoProblem {
 
   std::size_t groups = 0;
   const SparseRow<T>* known = nullptr;
-  /// Computes row i, which must be unknown, without overwriting row `keep`.
+  /// Computes the unknown row i without overwriting row `keep`.
   void (*compute)(void* store, std::size_t i, std::size_t keep) = nullptr;
   void* store = nullptr;
   double* alpha = nullptr;

@@ -27,7 +27,7 @@ namespace {
 
 // From this number on, a part of the samples selects the start of the fit.
 constexpr Eigen::Index kManySamples = 4000;
-// The same with a large nu, unless the kernel matrix may be kept whole.
+// Same limit for a large nu, unless the whole kernel matrix may be stored.
 constexpr Eigen::Index kMostWhole = 2048;
 
 // AddGaussianRows(), distributed over the workers. Each entry sums in the same order for any number
@@ -36,7 +36,8 @@ template <typename T, class GoOn>
 [[nodiscard]] bool AddRows(const GaussianTerms<T>& terms, std::span<const T> points,
                            std::span<const T> weights, double* totals, core::Workers& workers,
                            GoOn&& go_on) {
-  constexpr std::size_t kBlocks = 64;  // of a part: enough to distribute, short enough to wait for
+  // Blocks of a part: enough to distribute, few enough to wait for.
+  constexpr std::size_t kBlocks = 64;
   constexpr std::size_t kChunk = 512;  // points of a chunk stay in L2
   constexpr std::uint64_t kWork = std::uint64_t{1} << 33;
   const auto chunks = static_cast<std::size_t>(
@@ -355,7 +356,7 @@ std::vector<double> FindStart(const core::Matrix& samples, const Extent& extent,
   part_options.tolerance = std::max(options.tolerance, 1e-3 * options.nu * count / kPart);
   Scratch scratch;
   const DualSolution solution = Solve(part, Extent(part), part_options, scratch, workers, summary);
-  // Result when interrupted: alpha of the part, which are too few for all samples.
+  // When interrupted, returns the start: alpha of the part covers too few samples.
   const auto interrupted = [&] {
     summary.reason = FitSummary::Reason::kInterrupted;
     std::vector<double> known(count, 0.0);

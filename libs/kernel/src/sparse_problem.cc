@@ -46,7 +46,7 @@ void SortIntoGroups(const core::Matrix& samples, std::span<std::size_t> order) {
       widest = k;
     }
   }
-  // Whole groups to the left.
+  // Assigns whole groups to the left half.
   const std::size_t groups = (order.size() + kSparseGroup - 1) / kSparseGroup;
   const std::size_t middle = groups / 2 * kSparseGroup;
   std::nth_element(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(middle), order.end(),

@@ -129,11 +129,11 @@ class SparseProblem {
   core::Workers& workers_;
   SmoFunctions<T> smo_;
   double reach_;
-  std::vector<std::size_t> order_;  // sample of each place
-  SparseKernel<T> kernel_;          // of all samples
+  std::vector<std::size_t> order_;  // sample at each position
+  SparseKernel<T> kernel_;          // rows over all samples
   ActiveSet chosen_;
   std::optional<Active> active_;
-  SparseRows<T> rows_;  // of the active samples
+  SparseRows<T> rows_;  // rows over the active samples
   std::vector<T> point_;
   Draft draft_;
   std::vector<Draft> drafts_;

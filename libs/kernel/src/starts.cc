@@ -30,7 +30,7 @@ std::vector<double> Feasible(std::span<const double> start, double total) {
     alpha[i] = std::min({1.0, scale * start[i], rest});
     rest -= alpha[i];
   }
-  // Existing support vectors first.
+  // Takes existing support vectors first.
   for (const bool support : {true, false}) {
     for (std::size_t i = 0; i < alpha.size() && rest > 0.0; ++i) {
       if ((start[i] > 0.0) != support) continue;

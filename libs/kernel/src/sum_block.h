@@ -11,7 +11,8 @@
 namespace dfr::kernel::internal {
 
 /// Unit of the memory of a SumBlock. With little optimisation, vectors loop over their elements
-/// even if nothing is to be constructed or destroyed: bytes would cost a tenth of a small fit.
+/// even without constructors or destructors. With a unit of bytes, these loops would take a tenth
+/// of a small fit.
 struct alignas(64) CacheLine {
   std::byte bytes[64];
 };
@@ -36,7 +37,7 @@ constexpr std::size_t GroupBlocks(std::size_t together, std::size_t left) {
 
 /// Constants of 2^e: the coefficients of 2^f on [0, 1), the highest power first, the least exponent
 /// of a normal number, and 1.5 * 2^mantissa bits, which moves an integer into the low bits. They
-/// lie in memory of their own, which a cold decision can prefetch.
+/// are in a separate block of memory, which a cold decision can prefetch.
 template <typename T>
 struct alignas(64) Exp2Constants {
   static constexpr std::size_t kDegree = sizeof(T) == 4 ? 5 : 10;
@@ -44,7 +45,7 @@ struct alignas(64) Exp2Constants {
   T least;
   T round;
 };
-// Hidden: their address needs no table.
+// Hidden visibility: the address needs no table.
 [[gnu::visibility("hidden")]] extern const Exp2Constants<double> kExp2Double;
 [[gnu::visibility("hidden")]] extern const Exp2Constants<float> kExp2Float;
 template <typename T>
@@ -56,10 +57,10 @@ template <typename T>
   }
 }
 
-/// All that a sum reads, in one block of memory and in the order in which it is read: this header
-/// of one cache line, the centre, and the terms of a GaussianTerms. The rows of the blocks of a
-/// group are interleaved: row 0 of each block, then row 1 of each. Processors fetch ascending
-/// addresses ahead.
+/// All data of a sum in one block of memory, in the order of reading: this header of one cache
+/// line, the centre, and the terms of a GaussianTerms. The rows of the blocks of a group are
+/// interleaved: row 0 of each block, then row 1 of each. Processors fetch ascending addresses
+/// ahead.
 template <typename T>
 struct alignas(64) SumBlock {
   static constexpr std::size_t kLanes = GaussianTerms<T>::kLanes;
@@ -69,7 +70,7 @@ struct alignas(64) SumBlock {
   /// Writes the block to `memory`, which has room for Lines(terms) CacheLines.
   static const SumBlock& Write(const GaussianTerms<T>& terms, void* memory);
 
-  /// As GaussianTerms::Scale().
+  /// Same as GaussianTerms::Scale().
   [[nodiscard]] bool Scale(const double* x, T* scaled) const noexcept {
     return ScaleState(x, center(), scale, dim, scaled);
   }

@@ -66,7 +66,7 @@ std::vector<TimeVaryingSupport> internal::FitGrid(std::span<const StatesView> de
   std::vector<FitSummary> results(fitted.size());
   // A pooled fit distributes its own work.
   core::Workers workers(options.pooled ? 1 : options.threads);
-  // Each worker takes the next time step and uses its own memory.
+  // Each worker takes the next time step and uses separate memory.
   std::atomic<std::size_t> next = 0;
   workers.Run(std::min(workers.size(), count), [&](std::size_t) {
     Scratch alone;

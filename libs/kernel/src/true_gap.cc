@@ -77,7 +77,7 @@ double TrueGap(const core::Matrix& samples, const Extent& extent, const OneClass
     return scale * std::sqrt(square);
   };
   // The first selection uses, for all samples, a bound on the distance and an r that no value above
-  // 2^-64 exceeds. The second uses their own, for few samples.
+  // 2^-64 exceeds. The second uses the values of each of the few remaining samples.
   constexpr double kMost = 8.0;
   const double reach = 2.1 * scale * std::sqrt(static_cast<double>(dim)) * extent.largest;
   const double error_share = RelativeError<T>(reach, kMost, static_cast<double>(dim));
@@ -95,7 +95,7 @@ double TrueGap(const core::Matrix& samples, const Extent& extent, const OneClass
   }
   chosen.resize(count);
 
-  // G moved by its error towards the other bound, and away from it.
+  // G after moving it by its error towards the other bound, and away from it.
   constexpr double kNever = std::numeric_limits<double>::infinity();
   double likely_largest = -kNever;
   double likely_smallest = kNever;

@@ -81,7 +81,7 @@ class WeightedSolver {
   }
 
  private:
-  // Largest G over alpha > 0, smallest over alpha < w.
+  // Largest G over alpha > 0 and smallest G over alpha < w.
   struct Extremes {
     double largest = -kInfinity;
     double smallest = kInfinity;
@@ -142,7 +142,7 @@ class WeightedSolver {
     const double room = options_.weights[i] - alpha_[i];
     const double step = std::min({wanted, alpha_[j], room});
     if (alpha_[i] + step == alpha_[i] && alpha_[j] - step == alpha_[j]) return false;
-    // Exactly at the reached bound, without rounding.
+    // Sets alpha exactly to the reached bound, without rounding.
     alpha_[i] = step >= room ? options_.weights[i] : alpha_[i] + step;
     alpha_[j] = step >= alpha_[j] ? 0.0 : alpha_[j] - step;
     for (std::size_t k = 0; k < alpha_.size(); ++k) gradient_[k] += step * (row_i_[k] - row_j_[k]);

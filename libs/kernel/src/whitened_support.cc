@@ -27,7 +27,7 @@ struct Window {
   int first;
   int last;
   int stride;
-  bool hold;  // True if a demonstration that has ended counts once with its last state.
+  bool hold;  // True if an ended demonstration counts once with its last state.
 };
 
 core::Matrix Pool(std::span<const core::Matrix> demonstrations, const Window& window) {
@@ -78,7 +78,8 @@ core::Matrix MapOf(std::span<const core::Matrix> demonstrations, const core::Mat
                                  options.phase_ridge);
 }
 
-// Number of time steps that at least a share of the demonstrations, and two of them, reach.
+// Returns the number of time steps reached by at least a share of the demonstrations and by two of
+// them.
 int NumSteps(std::span<const core::Matrix> demonstrations, double share) {
   std::vector<Eigen::Index> lengths;
   for (const core::Matrix& states : demonstrations) lengths.push_back(states.rows());
@@ -123,7 +124,7 @@ WhitenedSupport WhitenedSupport::Fit(std::span<const core::Matrix> demonstration
     const Window window = WindowAt(t, num_steps, options);
     const core::Matrix states = Pool(demonstrations, window);
     const core::Matrix map = MapOf(demonstrations, states, window, options);
-    // map is symmetric.
+    // The map is symmetric.
     const OneClassSvm svm = OneClassSvm::Fit(states * map, options.svm);
     estimates.push_back({map, options.single_precision ? svm.InSinglePrecision() : svm});
   }
@@ -206,7 +207,8 @@ double WhitenedSupport::curvature_bound(int t) const noexcept {
 
 namespace {
 
-// Distance to the nearest demonstrated state of any time step, in the coordinates `map` z.
+// Returns the distance to the nearest demonstrated state of any time step, in the coordinates `map`
+// z.
 double Nearest(std::span<const core::Matrix> demonstrations, const core::Matrix& map,
                const Eigen::VectorXd& z) {
   double nearest = std::numeric_limits<double>::infinity();
@@ -222,7 +224,7 @@ double Nearest(std::span<const core::Matrix> demonstrations, const core::Matrix&
 ModeSeparationTest TestModeSeparation(const WhitenedSupport& support,
                                       std::span<const core::Matrix> demonstrations) {
   constexpr double kLeastShare = 0.1;
-  // In units of the states' local spread: two from either side.
+  // Minimum distance in units of the states' local spread: two from either side.
   constexpr double kLeastWidth = 4.0;
   const Eigen::Index n = support.state_dim();
   ModeSeparationTest test{.steps = support.num_steps()};
@@ -246,7 +248,7 @@ ModeSeparationTest TestModeSeparation(const WhitenedSupport& support,
       }
       const Eigen::VectorXd middle = 0.5 * (states.row(static_cast<Eigen::Index>(link.from)) +
                                             states.row(static_cast<Eigen::Index>(link.to)));
-      // Slower demonstrations pass there later.
+      // Slower demonstrations pass this point later.
       if (Nearest(demonstrations, support.map(t), middle) < 0.25 * link.length) continue;
       test.inside += support.LogDecision(t, core::AsSpan(middle), {}) >= 0.0 ? 1 : 0;
       ++test.points;
@@ -260,7 +262,7 @@ double LogVolumeRatio(const WhitenedSupport& wide, double wide_level, const Whit
   constexpr std::size_t kLeastDemonstrations = 5;
   constexpr std::size_t kDraws = 400;
   constexpr int kLeastInside = 10;
-  constexpr double kSpread = 1.5;  // Standard deviation of draws about the states.
+  constexpr double kSpread = 1.5;  // Standard deviation of random points about the states.
   constexpr std::uint64_t kSeed = 0x766f6c;
   core::Random random(kSeed);
   double sum = 0.0;

@@ -73,7 +73,7 @@ bool Psm::WithinLimits(const PsmJoints& q, PsmGeneration generation) noexcept {
          (q.array() <= upper_limits(generation).array()).all();
 }
 
-// Without "flatten" each coefficient of a product is a call when compiled with -O1: three times as
+// Without "flatten", -O1 compiles each coefficient of a product as a call, which is three times as
 // slow.
 [[gnu::flatten]] Eigen::Isometry3d Psm::Forward(const PsmJoints& q) noexcept {
   Eigen::Isometry3d pose = Link(kPsmLinks[0], q[0]);

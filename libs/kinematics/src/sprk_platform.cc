@@ -10,7 +10,8 @@ constexpr double kBaseRadius = 3.0398 * 0.0254;
 constexpr double kPlateRadius = 3.188 * 0.0254;
 constexpr double kHalfPair = 0.540042611 / 2;  // half the angle between the two joints of a pair
 
-// Direction from the centre to the joints of leg i: three pairs, at 150, 30 and 270 degrees.
+// Returns the direction from the centre to the joints of leg i: three pairs, at 150, 30 and 270
+// degrees.
 double JointAngle(int i) noexcept {
   constexpr std::array<double, 6> kPair = {150, 150, 30, 30, 270, 270};
   constexpr std::array<double, 6> kSide = {1, -1, 1, -1, 1, -1};
@@ -18,7 +19,7 @@ double JointAngle(int i) noexcept {
   return kPair[k] * std::numbers::pi / 180.0 + kSide[k] * kHalfPair;
 }
 
-// Direction of servo i's arm at angle 0: along the base's edge, away from its pair.
+// Returns the direction of servo i's arm at angle 0: along the base's edge, away from its pair.
 double ArmDirection(int i) noexcept {
   constexpr std::array<double, 6> kBeta = {4 * std::numbers::pi / 3,
                                            std::numbers::pi / 3,

@@ -20,7 +20,7 @@ void Read(core::ArchiveReader& archive, Vector& v) {
   const std::vector<double> numbers = archive.Numbers();
   if (numbers.size() != static_cast<std::size_t>(v.size())) {
     archive.Fail("holds " + std::to_string(numbers.size()) + " numbers where " +
-                 std::to_string(v.size()) + " belong");
+                 std::to_string(v.size()) + " are needed");
   }
   for (std::size_t i = 0; i < numbers.size(); ++i) {
     if (!std::isfinite(numbers[i])) archive.Fail("holds a number that is not finite");

@@ -13,7 +13,7 @@ using kinematics::PsmJoints;
 constexpr double kMillimetre = 1e3;
 constexpr double kHeadingScale = 10.0;  // mm per rad
 
-// Orientation of the tool in the base frame: that of the arm's home.
+// Returns the orientation of the tool in the base frame, which is that of the arm's home pose.
 Eigen::Matrix3d ToolRotation() {
   PsmJoints home = PsmJoints::Zero();
   home[2] = 0.12;

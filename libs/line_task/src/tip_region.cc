@@ -52,7 +52,7 @@ Breach TipRegion::At(const Eigen::Vector3d& tip_m) const noexcept {
                                   (tip_m - options_.box_max_m).maxCoeff());
   Deeper(outside, "the task's box", worst);
   for (const Eigen::AlignedBox3d& box : options_.forbidden) {
-    // Inside: the distance to the nearest face.
+    // Inside, this is the distance to the nearest face.
     const double inside = std::min((tip_m - box.min()).minCoeff(), (box.max() - tip_m).minCoeff());
     Deeper(inside, "a forbidden box", worst);
   }

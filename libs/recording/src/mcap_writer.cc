@@ -277,7 +277,7 @@ void McapWriter::AppendSummary(std::string& out, std::uint64_t start) const {
     record.Number(group.length);
   }
   RecordWriter footer(Op::kFooter, out);
-  // Its checksum covers its size, which is otherwise not yet present.
+  // The checksum covers the record's size, which is known only now.
   footer.Number(start);
   footer.Number(offsets_start);
   footer.NumberAt(out.size() - 24, std::uint64_t{20});

@@ -63,7 +63,7 @@ class McapWriter {
 
   int file_ = -1;
   std::uint64_t position_ = 0;  // end of the complete records in the file
-  std::uint32_t crc_ = 0;       // of all bytes up to there
+  std::uint32_t crc_ = 0;       // checksum of all preceding bytes
   std::string error_;
   std::string chunk_;
   std::array<std::vector<Index>, kChannels.size()> chunk_index_;

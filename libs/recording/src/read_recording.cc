@@ -162,7 +162,7 @@ class Reader {
   }
 
   // Skips a record with a damaged kind or size: moves to the next chunk, or to the end of all
-  // chunks. Returns false if there is neither. Damage before the first chunk is fatal.
+  // chunks. Returns false if neither exists. Damage before the first chunk is fatal.
   bool GoOn(std::uint64_t at, const std::string& what) {
     if (!head_) file_.Damaged(at, what);
     Suffered(at, what);
@@ -371,7 +371,7 @@ class Reader {
     }
   }
 
-  // Numbers without a message belong to dropped messages.
+  // Gaps in the numbering are dropped messages.
   void CountDropped(std::uint32_t sequence, std::uint32_t& last) {
     recording_.dropped_records += sequence - last - 1;
     last = sequence;

@@ -16,7 +16,7 @@ namespace dfr::reduction {
 namespace {
 
 constexpr std::size_t kMostActions = 1000;
-// Scores that decide which demonstrations are alike.
+// Number of scores that determine the similarity of demonstrations.
 constexpr Eigen::Index kFoldScores = 8;
 constexpr std::size_t kLeastDemonstrations = 4;
 
@@ -25,12 +25,12 @@ struct Sums {
   explicit Sums(Eigen::Index control_dim) : v(Eigen::VectorXd::Zero(control_dim)) {}
   double inside = 0.0;
   double states = 0.0;
-  double guessed = 0.0;  // Actions that the regression has neighbours of,
+  double guessed = 0.0;  // Number of actions with neighbours for the regression.
   Eigen::VectorXd v;     // their sum,
-  double squares = 0.0;  // the sum of their squares,
-  double missed = 0.0;   // and of squared errors.
-  double changes = 0.0;  // Squared changes of components,
-  double wrong = 0.0;    // and squared errors of their predictions.
+  double squares = 0.0;  // Sum of their squares.
+  double missed = 0.0;   // Sum of squared errors.
+  double changes = 0.0;  // Sum of squared changes of components.
+  double wrong = 0.0;    // Sum of squared errors of their predictions.
 };
 
 ComponentsScore Score(int components, const std::vector<Sums>& each) {
@@ -48,12 +48,12 @@ ComponentsScore Score(int components, const std::vector<Sums>& each) {
   ComponentsScore score{.components = components, .inside = all.inside / all.states};
   if (all.changes > 0.0) score.response_error = all.wrong / all.changes;
   if (!(all.guessed > 0.0)) {
-    score.action_error = 1.0;  // Nothing is known.
+    score.action_error = 1.0;  // No action can be predicted.
     return score;
   }
   if (all.squares > 0.0) score.action_error = all.missed / all.squares;
   const double variance = all.squares - all.v.squaredNorm() / all.guessed;
-  // The same action everywhere is as well known as can be.
+  // An action that is the same everywhere is predicted perfectly.
   constexpr double kConstant = 1e-9;
   if (variance <= kConstant * all.squares) {
     score.explained = 1.0;
@@ -74,7 +74,7 @@ ComponentsScore Score(int components, const std::vector<Sums>& each) {
   return score;
 }
 
-// All that is the same for each number of components.
+// Data shared by all numbers of components.
 class Judge {
  public:
   Judge(std::span<const core::Trajectory> demonstrations, const ChooseComponentsOptions& options)
@@ -104,7 +104,7 @@ class Judge {
     folds_ = core::StratifiedFolds(first_scores, folds);
   }
 
-  // The columns of this many components.
+  // Returns the number of columns of this many components.
   [[nodiscard]] static Eigen::Index Columns(const ChooseComponentsOptions& options, int components,
                                             Eigen::Index all) {
     return std::min<Eigen::Index>(
@@ -137,7 +137,7 @@ class Judge {
     const auto support = kernel::WhitenedSupport::Fit(points, options_.support);
     const control::ResponseEstimate estimate(std::make_shared<const control::TransitionStore>(
         points, controls, control::ResponseOptions{}));
-    // In an order that does not depend on that of recording.
+    // The order does not depend on that of recording.
     for (const std::size_t d : order_) {
       if (std::ranges::count(folds_[fold], d) == 0) continue;
       JudgeOne(whitening.Apply(core::Matrix(demonstrations_[d].states.leftCols(columns))),
@@ -256,7 +256,7 @@ ComponentsChoice ChooseComponents(std::span<const core::Trajectory> demonstratio
   const Judge judge(demonstrations, options);
   ComponentsChoice choice;
   for (const int components : options.candidates) {
-    // Fewer than `scores_each` columns are left of the last component of unequal blocks.
+    // The last component of unequal blocks has fewer than `scores_each` columns.
     if (options.beside + (components - 1) * options.scores_each < demonstrations[0].states.cols() &&
         components <= demonstrations[0].states.cols() - options.beside) {
       choice.table.push_back(judge(components));

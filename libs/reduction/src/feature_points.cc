@@ -18,11 +18,11 @@ namespace {
 // Mean and standard deviation of the pixels of a standardised picture, see ImageFeatures.
 constexpr float kPixelMean = 128.0F;
 constexpr float kPixelDeviation = 48.0F;
-// Values up to this have squares that sum in single precision.
+// The squares of values up to this limit can be summed in single precision.
 constexpr double kLargestEntry = 1e6;
-// Pictures that are read at once.
+// Number of pictures read at once.
 constexpr Eigen::Index kPicturesAtOnce = 256;
-// A window is of one colour if its variance is below this, in units of the picture's.
+// A window has a single colour if its variance is below this fraction of the picture's variance.
 constexpr double kFlat = 1e-9;
 
 // One window of one picture.
@@ -32,7 +32,7 @@ struct Draw {
   Eigen::Index column = 0;
 };
 
-// Random windows, one a row, in units of the standard deviation.
+// Returns random windows, one per row, in units of the standard deviation.
 core::Matrix DrawWindows(const RowSource& pictures, const core::PictureShape& shape,
                          const FeaturePointsOptions& options, core::Random& random) {
   const auto below = [&](Eigen::Index count) {
@@ -68,7 +68,7 @@ core::Matrix DrawWindows(const RowSource& pictures, const core::PictureShape& sh
   return (windows.array() - double{kPixelMean}) / double{kPixelDeviation};
 }
 
-// Those whose variance is above the median.
+// Returns the windows whose variance is above the median.
 core::Matrix Detailed(const core::Matrix& windows) {
   const Eigen::VectorXd mean = windows.rowwise().mean();
   const Eigen::VectorXd variance =
@@ -119,7 +119,7 @@ core::Matrix KMeans(const core::Matrix& samples, const FeaturePointsOptions& opt
   return centres;
 }
 
-// Position i of count windows, in [0, 1].
+// Returns the position of window i of `count`, in [0, 1].
 float Place(Eigen::Index i, Eigen::Index count) noexcept {
   return count > 1 ? static_cast<float>(i) / static_cast<float>(count - 1) : 0.0F;
 }
@@ -188,7 +188,7 @@ void FeaturePoints::Apply(std::span<const float> picture, Workspace& workspace,
   if (std::ssize(picture) != workspace.picture_.size() || std::ssize(positions) != size()) return;
   const Eigen::Map<const Eigen::VectorXf> in(picture.data(), std::ssize(picture));
   workspace.picture_ = (in.array() - kPixelMean) / kPixelDeviation;
-  // exp() below may hide a NaN.
+  // exp() below could hide a NaN.
   if (!std::isfinite(workspace.picture_.squaredNorm())) return;
   const Eigen::Index line = Eigen::Index{side_} * shape_.channels;
   const Eigen::Index columns = this->columns();

@@ -22,7 +22,7 @@ using internal::ViewOf;
 // Pixels along the longer side of a picture of points, unless a size is given.
 constexpr int kSideOfPoints = 32;
 
-// Takes the text before the first `separator` off the front.
+// Removes the text before the first `separator` and returns it.
 std::string_view Next(std::string_view& text, char separator) {
   const std::size_t end = text.find(separator);
   const std::string_view item = text.substr(0, end);
@@ -46,7 +46,7 @@ std::optional<LightNormalisation> ParseLight(std::string_view text) {
   return std::nullopt;
 }
 
-// One reduced block of a list of features.
+// A reduced block in a list of features.
 struct Asked {
   std::string name;
   int components = 0;  // 0: left open.
@@ -90,10 +90,11 @@ Asked ParseAsked(const core::StateLayout& layout, std::string_view item, bool po
     }
     const auto size = ParseSize(option);
     const auto light = ParseLight(option);
-    DFR_THROW_UNLESS(size || light || option == "grey",
-                     "feature '" << item << "': '" << option
-                                 << "' is no option; they are a number of components, grey, a size "
-                                    "such as 32x32, and light=none, light=gain or light=standard");
+    DFR_THROW_UNLESS(
+        size || light || option == "grey",
+        "feature '" << item << "': '" << option
+                    << "' is not an option; options are a number of components, grey, a size "
+                       "such as 32x32, and light=none, light=gain or light=standard");
     DFR_THROW_UNLESS(asked.picture, "feature '" << item << "': '" << option
                                                 << "' is for pictures; give the block the shape "
                                                    "(height, width, channels) in the layout");
@@ -106,7 +107,7 @@ Asked ParseAsked(const core::StateLayout& layout, std::string_view item, bool po
 
 }  // namespace
 
-// The rows of one part of all demonstrations.
+// Rows of one part in all demonstrations.
 class StateReduction::Rows final : public RowSource {
  public:
   Rows(const Part& part, std::span<const core::Trajectory> demonstrations)
@@ -118,7 +119,8 @@ class StateReduction::Rows final : public RowSource {
   }
 
   [[nodiscard]] std::span<const Eigen::Index> begin() const noexcept { return begin_; }
-  // First row of a demonstration; for the number of demonstrations, the number of rows.
+  // Returns the first row of a demonstration. The number of demonstrations as argument gives the
+  // number of rows.
   [[nodiscard]] Eigen::Index begin(std::size_t demonstration) const noexcept {
     return begin_[demonstration];
   }
@@ -157,7 +159,8 @@ class StateReduction::Rows final : public RowSource {
  private:
   const Part& part_;
   std::span<const core::Trajectory> demonstrations_;
-  std::vector<Eigen::Index> begin_;  // First row of each demonstration; then the number of rows.
+  // First row of each demonstration, followed by the number of rows.
+  std::vector<Eigen::Index> begin_;
 };
 
 std::vector<core::BlockRequest> StateReduction::Requests(std::string_view features) {
@@ -177,7 +180,7 @@ std::vector<core::BlockRequest> StateReduction::Requests(std::string_view featur
   return requests;
 }
 
-// Fits `components` at most, and the points and the novelty of the part.
+// Fits at most `components`, and the points and the novelty of the part.
 Reduction StateReduction::FitPart(Part& part, int components,
                                   std::span<const core::Trajectory> demonstrations, int threads) {
   const Rows rows(part, demonstrations);
@@ -210,7 +213,7 @@ Reduction StateReduction::FitPart(Part& part, int components,
   fit_novelty({});
   PrincipalComponentsOptions options;
   options.components = part.kind == Kind::kSlow ? std::max(components, kMostChosen) : components;
-  // The entries of a picture share a unit.
+  // All entries of a picture have the same unit.
   if (part.picture) options.scale_floor = 1.0;
   options.threads = threads;
   const PrincipalComponents fit = FitPrincipalComponents(rows, options);
@@ -232,7 +235,7 @@ StateReduction StateReduction::Fit(const core::StateLayout& layout, std::string_
   std::string plain;
   const auto add = [&](Part part, std::string_view feature) {
     const bool again = std::ranges::count(parts, part.name, &Part::name) > 0;
-    // Several ranges of one block are one part.
+    // Several ranges of one block form one part.
     DFR_THROW_UNLESS(!again || !part.reduction,
                      "feature '" << feature << "' names a block that is there already");
     for (const Part& other : parts) {

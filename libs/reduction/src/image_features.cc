@@ -15,7 +15,7 @@ constexpr int kMostPixels = 1 << 13;  // Largest width and height.
 constexpr double kMean = 128.0;
 constexpr double kDeviation = 48.0;
 
-// Weights of a colour picture's channels in its grey.
+// Returns the weights of a colour picture's channels for conversion to grey.
 std::array<float, 3> GreyWeights(ChannelOrder order) noexcept {
   if (order == ChannelOrder::kRgb) return {0.299F, 0.587F, 0.114F};
   return {0.114F, 0.587F, 0.299F};
@@ -149,7 +149,7 @@ PictureFault ImageFeatures::Normalise(std::span<float> features) const noexcept 
     double square = 0.0;
     for (const float value : features) square += std::pow(static_cast<double>(value) - mean, 2);
     const double deviation = std::sqrt(square / static_cast<double>(features.size()));
-    // A picture of one colour has no contrast to scale.
+    // A picture with a single colour has no contrast to scale.
     gain = deviation > 1.0 ? kDeviation / deviation : 1.0;
     offset = kMean - gain * mean;
   }

@@ -17,10 +17,10 @@ namespace {
 
 constexpr int kWindowSide = 3;
 constexpr std::size_t kMostFolds = 5;
-// Share of the demonstrations that may exceed a limit without its margin.
+// Fraction of the demonstrations that may exceed a limit without its margin.
 constexpr double kBeyond = 0.05;
 constexpr double kMostValue = 1e9;
-// Windows with less variance than this are wrong: kFloor^2 is added to all.
+// Windows with less variance than this are unreliable: kFloor^2 is added to all variances.
 constexpr double kLeastVariance = 1.0;
 
 int WindowRows(const core::PictureShape& shape) noexcept {
@@ -31,7 +31,8 @@ int WindowColumns(const core::PictureShape& shape) noexcept {
   return std::max(1, shape.width - kWindowSide + 1);
 }
 
-// Calls `use(i, mean)` with the mean of `values`, one for each pixel, on each window.
+// Calls `use(i, mean)` with the mean of `values` over each window. `values` has one entry per
+// pixel.
 template <typename Values, typename Use>
 void ForEachWindow(const core::PictureShape& shape, const Values& values, const Use& use) noexcept {
   const int high = std::min(kWindowSide, shape.height);
@@ -51,9 +52,9 @@ void ForEachWindow(const core::PictureShape& shape, const Values& values, const 
   }
 }
 
-// Adds to the variance of each pixel the squared change of the mean picture, averaged over
-// channels, if the camera shifts by a pixel: the larger one of both directions along a row, and
-// along a column.
+// Adds to each pixel's variance the squared change of the mean picture for a camera shift of one
+// pixel, averaged over channels. Of the two directions along a row, and along a column, the larger
+// change counts.
 void AddShift(const core::PictureShape& shape, const Eigen::VectorXd& mean,
               Eigen::VectorXd& variance) {
   const auto change = [&](Eigen::Index pixel, Eigen::Index other) {
@@ -76,7 +77,7 @@ void AddShift(const core::PictureShape& shape, const Eigen::VectorXd& mean,
   }
 }
 
-// Sums over pictures, and over their positions.
+// Sums over pictures and over their positions.
 struct Moments {
   double rows = 0.0;
   Eigen::VectorXd sum;
@@ -98,7 +99,7 @@ struct Moments {
   }
 };
 
-// The smallest limit that at most kBeyond of the values exceed.
+// Returns the smallest limit that at most kBeyond of the values exceed.
 double Limit(std::vector<double> values) {
   std::ranges::sort(values, std::greater{});
   return values[static_cast<std::size_t>(kBeyond * static_cast<double>(values.size()))];
@@ -194,7 +195,7 @@ Novelty Novelty::Fit(const RowSource& pictures, const core::PictureShape& shape,
     if (places == 0) return Novelty(shape, mean, of_windows, {}, {});
     const Eigen::VectorXd middle = all.positions / all.rows;
     Eigen::MatrixXd covariance = all.products / all.rows - middle * middle.transpose();
-    // Positions lie in [0, 1]: without any variance a change of kRidge has length 1.
+    // Positions are in [0, 1]. Without variance, a change of kRidge has length 1.
     covariance.diagonal().array() +=
         kRidge * std::max(kRidge, covariance.trace() / static_cast<double>(places));
     const core::SymmetricEigen eigen = core::DecomposeSymmetric(covariance);
@@ -223,7 +224,7 @@ Novelty Novelty::Fit(const RowSource& pictures, const core::PictureShape& shape,
     }
   }
   Novelty all = fit(folds);
-  // Pictures without any difference have no limit of their own.
+  // Identical pictures determine no limit.
   all.limit_.picture = kMargin * std::max(1.0, Limit(of_pictures));
   if (places > 0) all.limit_.positions = kMargin * std::max(1.0, Limit(of_positions));
   double beyond = 0.0;
@@ -296,7 +297,7 @@ Novelty Novelty::Load(core::ArchiveReader& archive, const core::PictureShape& sh
     novelty.CheckLimits();
     return novelty;
   } catch (const std::invalid_argument& e) {
-    archive.Fail(std::string("holds no limit of novelty: ") + e.what());
+    archive.Fail(std::string("holds no novelty limit: ") + e.what());
   }
 }
 

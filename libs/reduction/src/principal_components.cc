@@ -14,15 +14,16 @@ namespace {
 
 using FloatRows = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-// Entries of a block of rows: large enough for fast products, small beside the components.
+// Number of entries in a block of rows: large enough for fast products, small compared with the
+// components.
 constexpr Eigen::Index kBlockEntries = 1 << 22;
-// Rows or columns of one job. Jobs are the same for any number of threads.
+// Number of rows or columns of a job. Jobs are the same for any number of threads.
 constexpr Eigen::Index kJobRows = 64;
 constexpr Eigen::Index kJobColumns = 512;
-// An entry varies if its standard deviation exceeds this share of its mean.
+// An entry varies if its standard deviation exceeds this fraction of its mean.
 constexpr double kConstant = 1e-9;
-// A direction is noise if its standard deviation is below this share of the largest: the rounding
-// of products in float.
+// A direction is noise if its standard deviation is below this fraction of the largest, which is
+// the rounding of products in float.
 constexpr double kNoise = 1e-5;
 
 Eigen::Index BlockRows(const RowSource& source) {
@@ -48,7 +49,7 @@ void RefuseNonFinite(const core::Matrix& block, Eigen::Index first) {
   }
 }
 
-// Fills mean, scale and total_variance. Two passes: one of sums alone cancels where the mean is
+// Computes mean, scale and total_variance in two passes. A single pass would cancel if the mean is
 // large.
 void FitScale(const RowSource& source, double floor, core::Workers& workers,
               PrincipalComponents& fit) {
@@ -79,7 +80,7 @@ void FitScale(const RowSource& source, double floor, core::Workers& workers,
   });
   variance /= static_cast<double>(n);
   const Eigen::VectorXd sd = variance.cwiseSqrt();
-  // Units of entries differ: each is compared with its own mean.
+  // Entries have different units, so each is compared with its own mean.
   const Eigen::Array<bool, Eigen::Dynamic, 1> varies =
       sd.array() > kConstant * fit.mean.array().abs();
   const auto varying = static_cast<double>(varies.count());
@@ -155,7 +156,7 @@ class Standardised {
   Eigen::VectorXd inverse_scale_;
 };
 
-// An orthonormal basis of the columns.
+// Returns an orthonormal basis of the columns.
 FloatRows Orthonormal(const FloatRows& columns) {
   return core::OrthonormalBasis(columns.cast<double>()).cast<float>();
 }
@@ -208,7 +209,7 @@ PrincipalComponents FitPrincipalComponents(const RowSource& source,
   fit.components.noalias() = rotation.transpose() * basis.transpose();
   for (Eigen::Index i = 0; i < source.width(); ++i) {
     if (fit.scale[i] == 0.0)
-      fit.components.col(i).setZero();  // Rounding is left of the random start.
+      fit.components.col(i).setZero();  // Only rounding remains of the random start.
   }
   for (Eigen::Index k = 0; k < kept; ++k) {
     Eigen::Index largest = 0;

@@ -13,7 +13,7 @@ namespace {
 
 constexpr const char* kKind = "reduction";
 constexpr int kVersion = 1;
-// Entries that are summed in float. Their centred values are on the stack.
+// Number of entries summed in float. Their centred values are on the stack.
 constexpr Eigen::Index kChunk = 512;
 
 }  // namespace

@@ -15,7 +15,7 @@ namespace dfr::reduction::internal {
 /// By StateReduction::Kind.
 inline constexpr std::array<std::string_view, 4> kPrefixes = {"", "pca:", "points:", "slow:"};
 
-/// Rounds to bytes. @returns false if a value is not one.
+/// Rounds to bytes. @returns false if a value is out of range.
 inline bool ToBytes(std::span<const double> values, std::vector<std::uint8_t>& bytes) noexcept {
   for (std::size_t i = 0; i < values.size(); ++i) {
     if (!(values[i] >= 0.0 && values[i] <= 255.0)) return false;
@@ -32,7 +32,7 @@ inline PictureView ViewOf(const ImageFeatures& picture,
           static_cast<std::size_t>(o.width) * static_cast<std::size_t>(o.channels)};
 }
 
-/// Returns the shape after the options.
+/// Returns the shape given by the options.
 inline core::PictureShape ShapeOf(const ImageFeatures& picture) noexcept {
   const ImageFeaturesOptions& o = picture.options();
   return {o.out_height, o.out_width, o.grey ? 1 : o.channels};

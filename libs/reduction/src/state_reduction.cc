@@ -21,15 +21,15 @@ using internal::ViewOf;
 
 constexpr int kMostParts = 1 << 12;
 constexpr int kMostPixelsASide = 1 << 13;
-// What a guard's features may have, and blocks beside them that are copied whole.
+// Limits on the reduced entries of a guard, and on blocks that are copied whole beside them.
 constexpr int kMostReducedEntries = 1 << 12;
 
 bool AllFinite(std::span<const double> values) noexcept {
   return std::ranges::all_of(values, [](double v) { return std::isfinite(v); });
 }
 
-// Multiplies by the inverse of P P', so that P' of the result is the pseudo-inverse. P of principal
-// components is orthonormal.
+// Multiplies by the inverse of P P', which makes P' of the result the pseudo-inverse. P of
+// principal components is orthonormal.
 Eigen::MatrixXd InverseGram(const core::Matrix& p) {
   const Eigen::MatrixXd gram = p * p.transpose();
   return core::SolveSymmetric(gram, Eigen::MatrixXd::Identity(p.rows(), p.rows()));
@@ -107,7 +107,7 @@ std::vector<int> StateReduction::InOrderOfComponents() const {
   return columns;
 }
 
-// `points` and `positions` are used if the part has points, `novelty` if it has a novelty.
+// Uses `points` and `positions` if the part has points, and `novelty` if it has a novelty.
 double StateReduction::ReducePicture(const Part& part, std::span<const float> picture,
                                      FeaturePoints::Workspace* points, std::span<double> positions,
                                      Novelty::Workspace& novelty, std::span<double> out) noexcept {
@@ -168,7 +168,7 @@ std::string StateReduction::Fault(std::span<const double> state) const {
   Workspace workspace(*this);
   std::size_t next_picture = 0;
   std::size_t next_points = 0;
-  std::string strange;  // Named if there is no other fault.
+  std::string strange;  // Reported if there is no other fault.
   for (const Part& part : parts_) {
     const auto in =
         state.subspan(static_cast<std::size_t>(part.offset), static_cast<std::size_t>(part.size));
@@ -305,7 +305,8 @@ StateReduction StateReduction::Load(core::ArchiveReader& archive, const core::St
       part.open = archive.IntegerIn(0, 1) == 1;
       part.kind = static_cast<Kind>(archive.IntegerIn(0, static_cast<int>(Kind::kSlow)));
       const bool reduced = part.kind != Kind::kCopied;
-      if (part.open && !reduced) archive.Fail("leaves the components of a copied block open");
+      if (part.open && !reduced)
+        archive.Fail("leaves the number of components of a copied block open");
       if (reduced) {
         if (block->picture.height > 0) {
           ImageFeaturesOptions o{.width = block->picture.width,
@@ -320,18 +321,18 @@ StateReduction StateReduction::Load(core::ArchiveReader& archive, const core::St
         }
         int width = part.picture ? part.picture->size() : part.size;
         if (part.kind == Kind::kPoints) {
-          if (!part.picture) archive.Fail("has points of a block that is no picture");
+          if (!part.picture) archive.Fail("has points of a block that is not a picture");
           part.points = FeaturePoints::Load(archive, ShapeOf(*part.picture));
           width = part.points->size();
         }
         part.reduction = Reduction::Load(archive);
         if (part.reduction->input_dim() != width) {
-          archive.Fail("holds a reduction of another number of entries");
+          archive.Fail("has a reduction for a different number of entries");
         }
         if (part.picture && archive.IntegerIn(0, 1) == 1) {
           part.novelty = Novelty::Load(archive, ShapeOf(*part.picture));
           if (part.novelty->num_positions() != (part.points ? part.points->size() : 0)) {
-            archive.Fail("holds a limit of novelty of another number of positions");
+            archive.Fail("has a novelty limit for a different number of positions");
           }
         }
       }
@@ -339,7 +340,7 @@ StateReduction StateReduction::Load(core::ArchiveReader& archive, const core::St
     }
     return {layout, std::move(parts), std::move(features)};
   } catch (const std::invalid_argument& e) {
-    archive.Fail(std::string("holds no reduction of states: ") + e.what());
+    archive.Fail(std::string("holds no state reduction: ") + e.what());
   }
 }
 

@@ -77,7 +77,7 @@ void ControlLoop::CheckThreads() noexcept {
   const bool ends_homing = arm->homing() && machine_.blocking() != HoldReason::kNone;
   if (ends_homing || (!machine_.may_move() && arm->armed())) {
     arm->Hold();
-    static_cast<void>(arm->Tick(clock->SteadyNs(), clock->WallNs()));  // hold in this period
+    static_cast<void>(arm->Tick(clock->SteadyNs(), clock->WallNs()));  // hold during this period
   }
 }
 
@@ -129,7 +129,7 @@ bool ControlLoop::AwaitHomeable(double timeout_s,
 bool ControlLoop::Await(double timeout_s, const std::function<void(std::string_view)>& say) {
   const std::int64_t start_ns = devices_.clock->MachineNs();
   Idle(options_.settle_time_s +
-       0.05);  // long enough for the state machine to find no reason to hold
+       0.05);  // long enough for the state machine to detect reasons to hold
   for (bool said = false;; Idle(0.1)) {
     if (blocking() == HoldReason::kNone) return true;
     if (blocking() == HoldReason::kEmergencyStop) return false;
@@ -282,7 +282,7 @@ PlantStatus ControlLoop::Move(std::span<const double> joints, double duration_s)
     if (!Tick(dt_s)) return PlantStatus::kFault;
   }
   if (clock->lock_step()) {
-    // The last set-point is not reached yet; time must advance for that.
+    // The arm has not reached the last set-point: time must advance.
     if (!Tick(dt_s)) return PlantStatus::kFault;
     if (const Finding lost = clock->Rest(); !lost.ok()) {
       Hold(lost.reason, lost.detail);
@@ -332,7 +332,7 @@ bool ControlLoop::Jumped(std::span<const double> change) const noexcept {
     const double off = observation_[k] - before_[k] - change[k];
     squared += off * off;
   }
-  return std::sqrt(squared) > options_.max_state_jump;  // false if the state was not seen
+  return std::sqrt(squared) > options_.max_state_jump;  // false if no state was observed
 }
 
 bool ControlLoop::TargetJumped(std::span<const double> change) const noexcept {

@@ -26,8 +26,8 @@ std::vector<int> SteeredOf(const std::vector<ActionEntry>& entries) {
   return steered;
 }
 
-// Linear response of the changes of a state to an action u, over all demonstrations: of changes dx
-// to u, and of the differences of consecutive changes to those of u.
+// Linear response of the changes of a state to an action u, over all demonstrations. It maps u to
+// changes dx, and differences of consecutive u to differences of consecutive changes.
 struct LinearResponse {
   explicit LinearResponse(std::span<const core::Trajectory> demonstrations) {
     const Eigen::Index m = demonstrations[0].controls.cols();
@@ -59,8 +59,8 @@ struct LinearResponse {
 
   // Returns true if entry `i` of the action is a velocity or an increment: some entry of the state
   // moves in proportion to it, as much in the first step of a new value as in later ones. A gripper
-  // that closes and then stays closed moves in the first steps only. What moves only while it is
-  // closed does not change with its value at once.
+  // that closes and then stays closed moves in the first steps only. An entry that moves only while
+  // the gripper is closed does not change at once with the gripper's value.
   [[nodiscard]] bool Moves(Eigen::Index i) const {
     if (!(inverse_diagonal[i] > 0.0)) return false;
     for (Eigen::Index k = 0; k < lasting.cols(); ++k) {
@@ -79,7 +79,7 @@ struct LinearResponse {
   Eigen::MatrixXd lasting;  // One row per entry of the action.
   Eigen::MatrixXd at_once;
   Eigen::VectorXd all;   // Squared changes.
-  Eigen::VectorXd left;  // Squared changes that actions do not explain.
+  Eigen::VectorXd left;  // Squared changes that actions leave unexplained.
 };
 
 }  // namespace
@@ -117,7 +117,7 @@ ActionSpace::ActionSpace(std::span<const core::Trajectory> demonstrations) {
     if (!response) response.emplace(ordered);
     entries_[i].steered = response->Moves(static_cast<Eigen::Index>(i));
   }
-  // If no entry is left, steers with all that move.
+  // If no entry remains, all moving entries are steered.
   const bool none = SteeredOf(entries_).empty();
   for (std::size_t i = 0; i < entries_.size() && none; ++i) entries_[i].steered = moves(i);
   steered_ = SteeredOf(entries_);
@@ -145,7 +145,8 @@ ActionSpace ActionSpace::Load(core::ArchiveReader& archive) {
     entry.unit = archive.Number();
     if (!(entry.largest >= 0.0 && std::isfinite(entry.largest) && entry.unit > 0.0 &&
           std::isfinite(entry.unit))) {
-      archive.Fail("the range of an entry of an action must not be negative, its unit positive");
+      archive.Fail(
+          "the range of an action entry must not be negative, and its unit must be positive");
     }
   }
   space.steered_ = SteeredOf(space.entries_);

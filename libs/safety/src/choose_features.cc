@@ -98,7 +98,7 @@ std::vector<int> Independent(const Recorded& recorded) {
   return chosen;
 }
 
-// Returns the squared residual of a linear regression of y on the columns of x.
+// Returns the sum of squared residuals of a linear regression of y on the columns of x.
 double Left(const Eigen::MatrixXd& x, const Eigen::VectorXd& y) {
   return (y - x * core::SolveLeastSquares(x, y)).squaredNorm();
 }
@@ -136,7 +136,7 @@ std::vector<int> MovedByPassed(const core::FeatureSelection& features, const Act
   for (const auto& d : demonstrations) transitions += static_cast<std::size_t>(d.controls.rows());
   const std::size_t stride = std::max<std::size_t>(1, transitions / kSamples);
   const auto rows = static_cast<Eigen::Index>((transitions + stride - 1) / stride);
-  // 1, the entry, steered entries of the action, passed ones.
+  // Columns: 1, the entry, steered entries of the action, passed entries.
   Eigen::MatrixXd x = Eigen::MatrixXd::Ones(rows, 2 + actions.dim());
   std::vector<Eigen::VectorXd> before(features.indices().size(), Eigen::VectorXd(rows));
   std::vector<Eigen::VectorXd> change(before);
@@ -197,7 +197,7 @@ core::FeatureTransform Context(const core::StateLayout& layout, const std::vecto
 
 std::vector<int> ConstantEntries(const core::FeatureSelection& features,
                                  std::span<const core::Trajectory> demonstrations) {
-  constexpr double kRounding = 1e-12;  // Relative to the value, or to 1.
+  constexpr double kRounding = 1e-12;  // Tolerance relative to the value, or to 1.
   std::vector<int> constant;
   for (const int entry : features.indices()) {
     double low = demonstrations[0].states(0, entry);
@@ -289,16 +289,17 @@ void RefuseUnlessInside(const core::StateLayout& layout, const Recorded& recorde
       " of the states of left-out demonstrations are inside: the guard would halt nearly "
       "everything. ";
   if (redundant) {
-    message += core::Format("Of its %d features %zu tell the others: ", selection.num_features(),
-                            independent.size()) +
-               Spec(layout, independent) + ". ";
+    message +=
+        core::Format("Of its %d features, %zu determine the others: ", selection.num_features(),
+                     independent.size()) +
+        Spec(layout, independent) + ". ";
   }
   message += better.empty() ? "Record more demonstrations, or look at fewer features"
-                            : "Look at fewer features; inside would be with " + better;
+                            : "Look at fewer features (in brackets the share inside): " + better;
   if (fit.options.svm.gamma > kernel::WhitenedSupportOptions().svm.gamma) {
     message += core::Format(", or choose a smaller gamma than %g", fit.options.svm.gamma);
   }
-  throw std::invalid_argument(message + ". To fit all the same: --accept-any, accept_any=True");
+  throw std::invalid_argument(message + ". To fit anyway, use --accept-any or accept_any=True");
 }
 
 }  // namespace dfr::safety::internal

@@ -26,8 +26,8 @@ core::FeatureSelection Continuous(const core::FeatureSelection& features,
 std::vector<int> MovedByPassed(const core::FeatureSelection& features, const ActionSpace& actions,
                                std::span<const core::Trajectory> demonstrations);
 
-/// Returns what a control depends on beside features, in units of fit::kContextUnit of its range in
-/// demonstrations: the entries of MovedByPassed(), made continuous.
+/// Returns the context of a control in addition to features, in units of fit::kContextUnit of its
+/// range in demonstrations: the entries of MovedByPassed(), made continuous.
 core::FeatureTransform Context(const core::StateLayout& layout, const std::vector<int>& entries,
                                std::span<const core::Trajectory> demonstrations);
 /// Returns the entries among `features` that are constant up to rounding. Empty if all are.

@@ -32,7 +32,7 @@ class WayBack {
     if (with_products) products_.resize(scale_.cols(), scale_.cols());
   }
 
-  /// From features z at time step t, which are `missing` > 0 below l = 0.
+  /// Starts at features z at time step t, which are `missing` > 0 below l = 0.
   void Go(int t, Eigen::VectorXd z, double missing) {
     constexpr int kSteps = 64;
     share_ = Eigen::VectorXd::Zero(z.size());
@@ -43,7 +43,7 @@ class WayBack {
     double l = support_->LogDecision(t, core::AsSpan(z), core::AsSpan(before));
     for (int step = 0; step < kSteps && l < 0.0; ++step) {
       const double steepness = before.squaredNorm();
-      if (!(steepness > 0.0)) break;  // No direction of ascent.
+      if (!(steepness > 0.0)) break;  // There is no direction of ascent.
       // Each step gains the same fraction of the missing level.
       const Eigen::VectorXd up = (-l / (kSteps - step) / steepness) * before;
       z += up;
@@ -55,7 +55,7 @@ class WayBack {
       way_ += along;
       before = slope;
     }
-    // The trapezoids sum to the rise up to their error.
+    // The trapezoids sum to the rise up to the integration error.
     if (!(share_.sum() > 0.0)) return;
     products_ *= missing / share_.sum();
     share_ *= missing / share_.sum();
@@ -110,7 +110,7 @@ std::vector<OutsideEntry> EntriesAt(const GuardModel& model, int t, const Eigen:
     OutsideEntry& entry = found.emplace_back(
         OutsideEntry{.entry = entries[k], .share = back.share()[i], .excess = -back.way()[i]});
     if (features.selection().map().FindCircle(entries[k]) == nullptr) continue;
-    // The way back along the circle of the angle.
+    // The displacement follows the circle of the angle.
     const Eigen::Vector2d point = back.Selected(z).segment<2>(i);
     const Eigen::Vector2d way = back.way().segment<2>(i);
     entry.share += back.share()[i + 1];

@@ -64,8 +64,8 @@ reduction::ComponentsChoice Table(const StateReduction& all,
   return reduction::ChooseComponents(scores, choose);
 }
 
-// Returns the numbers within one standard error of the best, the smallest first; all if none may be
-// refused.
+// Returns the numbers within one standard error of the best, smallest first. Returns all if no
+// number may be rejected.
 std::vector<int> Candidates(const reduction::ComponentsChoice& choice) {
   const auto best = std::ranges::max_element(choice.table, {}, &ComponentsScore::explained);
   std::vector<int> candidates;
@@ -149,8 +149,8 @@ std::shared_ptr<GuardModel> GuardModel::FitReduced(const core::StateLayout& layo
           ": with %d features %.0f %% of the states of left-out demonstrations are inside, and the "
           "guard would change %.0f %% of their actions; at least %.0f %% and at most %.0f %% are "
           "needed, or it would hold up the demonstrator. Record more demonstrations, choose "
-          "features that show less of what does not matter (points: of a picture, grey, a smaller "
-          "size, light=standard), or put states beside them%s. To fit all the same: --accept-any, "
+          "features that show less of what is irrelevant (points: of a picture, grey, a smaller "
+          "size, light=standard), or put states beside them%s. To fit anyway, use --accept-any or "
           "accept_any=True",
           best->task().features().selection().num_features(), 100.0 * summary.acceptance,
           100.0 * summary.changed, 100.0 * fit::kLeastInsideReduced,
@@ -164,7 +164,8 @@ void GuardModel::DoubtCorrections(bool watch) {
   const std::string& features = task().features().selection().spec();
   std::string warning = core::Format("%s explain %.0f %% of the actions of left-out demonstrations",
                                      features.c_str(), 100.0 * summary_.explained);
-  // An entry that hardly varies, such as a speed, hides in action_error that another is a guess.
+  // An entry that barely varies, such as a speed, can hide a poor prediction of another entry in
+  // action_error.
   const bool blind =
       (summary_.explained < fit::kLeastTold && summary_.entry_error > 1.0 - fit::kLeastTold) ||
       control::LocalFit::Guesses(summary_.explained, summary_.action_error);

@@ -42,19 +42,19 @@ struct Recorded {
   Recorded(core::FeatureTransform transform, std::span<const core::Trajectory> demonstrations,
            std::span<const std::size_t> chosen);
 
-  /// Return core::StratifiedFolds() and core::ContiguousFolds(), at most `most`.
+  /// Returns core::StratifiedFolds() or core::ContiguousFolds(), at most `most`.
   [[nodiscard]] core::Folds Stratified(int most) const;
   [[nodiscard]] core::Folds Contiguous(int most) const;
 
   std::vector<std::size_t> order;         ///< Index of each of the following demonstrations.
-  std::vector<core::Trajectory> ordered;  ///< With controls as they were recorded.
-  core::FeatureTransform features;        ///< Whitens all of them.
+  std::vector<core::Trajectory> ordered;  ///< With the recorded controls.
+  core::FeatureTransform features;        ///< Whitens all demonstrations.
   control::FeatureTrajectories seen;      ///< In `features`.
 };
 
 /// Levels of demonstrations by supports fitted without them.
 struct HeldOut {
-  std::vector<control::HeldOutLevels> each;  ///< One per demonstration.
+  std::vector<control::HeldOutLevels> each;  ///< One entry per demonstration.
   std::vector<double> worst;                 ///< -l at the worst state of each demonstration.
   int inside_throughout = 0;                 ///< Number of demonstrations.
 
@@ -68,13 +68,13 @@ struct HeldOut {
 /// The support of a guard, and its cross-validation.
 struct GuardFit {
   kernel::WhitenedSupportOptions options;  ///< With the chosen gamma and window_share.
-  kernel::WhitenedSupport support;         ///< Fitted to all of them with `options`.
+  kernel::WhitenedSupport support;         ///< Fitted to all demonstrations with `options`.
   kernel::ModeSeparationTest gaps;         ///< Of `support`.
   core::Folds folds;                       ///< Folds of `left_out`.
   /// The support without each fold; none if fewer than two demonstrations remain.
   std::vector<std::optional<kernel::WhitenedSupport>> without;
   HeldOut left_out;
-  HeldOut contiguous;  ///< In Recorded::Contiguous().
+  HeldOut contiguous;  ///< Levels in Recorded::Contiguous().
   int support_fits = 0;
 };
 

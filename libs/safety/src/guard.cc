@@ -61,7 +61,7 @@ void Clamp(const std::vector<double>& limits, std::span<double> action) noexcept
 }
 
 Method MethodOf(Strategy strategy) {
-  // A certified guard's controller is none of a task model.
+  // The controller of a certified guard is not part of a task model.
   const bool none = strategy == Strategy::kMonitor || strategy == Strategy::kCertified;
   return ParseMethod(none ? Name(control::Recovery::kNone) : Name(strategy));
 }
@@ -148,7 +148,7 @@ struct Guard::Episode {
   std::vector<double> context;
   std::vector<double> last;       // Entries of the sensor groups in the last state.
   std::vector<double> unchanged;  // Standstill of each group.
-  double moved = 0.0;             // What the last applied action adds to it.
+  double moved = 0.0;             // Increase of `unchanged` by the last applied action.
   int frozen = -1;                // First group that stands still for too long.
 
   // Returns the task's state of `state`, and true if it is valid.

@@ -153,9 +153,9 @@ Eigen::VectorXd Residuals(const Eigen::MatrixXd& x, const Eigen::MatrixXd& y) {
   return (y - x * core::SolveLeastSquares(x, y)).colwise().squaredNorm();
 }
 
-// Describes the delay between actions and their effect; "" if there is none. Of the change of a
-// feature that the state does not determine, another action must explain more than the recorded
-// one.
+// Describes the delay between actions and their effect; "" if there is none. Another action must
+// explain more of the feature changes that the state does not determine than the recorded action
+// does.
 std::string DescribeDelay(const GuardModel& model,
                           std::span<const core::Trajectory> demonstrations) {
   constexpr Eigen::Index kMostLag = 3;

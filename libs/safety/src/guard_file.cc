@@ -79,7 +79,7 @@ std::vector<SensorGroup> ReadGroups(core::ArchiveReader& archive, int state_dim)
     }
     group.longest = archive.Number();
     if (!(group.longest >= 0.0 && std::isfinite(group.longest))) {
-      archive.Fail("holds a standstill that is no number of steps");
+      archive.Fail("holds a longest standstill that is not a number of steps");
     }
   }
   return groups;
@@ -163,7 +163,7 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
         layout.Add(std::move(name), size);
       } else {
         layout.Add(std::move(name), {picture[0], picture[1], picture[2]});
-        if (layout.blocks.back().size != size) archive.Fail("holds a picture of another size");
+        if (layout.blocks.back().size != size) archive.Fail("holds a picture of a different size");
       }
     }
     std::shared_ptr<const reduction::StateReduction> reduction;
@@ -181,7 +181,7 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     if (!constants.empty()) {
       constant_entries = core::FeatureSelection::Of(layout, archive.Text()).Mapped(selection.map());
       if (constants.size() != static_cast<std::size_t>(constant_entries->num_features())) {
-        archive.Fail("holds constants of another number of entries");
+        archive.Fail("does not hold one constant per constant entry");
       }
     }
     std::optional<core::FeatureTransform> context;
@@ -237,11 +237,11 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     archive.End();
     std::shared_ptr<GuardModel> model(new GuardModel);
     if (task->response().control_dim() != actions->steered_dim()) {
-      archive.Fail("recovery steers another number of entries of an action");
+      archive.Fail("recovery steers a different number of action entries");
     }
     const int contexts = context ? context->num_features() : 0;
     if (task->response().prior()->context_dim() != contexts) {
-      archive.Fail("recovery depends on another number of entries of a state");
+      archive.Fail("recovery uses a different number of state entries");
     }
     model->context_ = std::move(context);
     model->reduction_ = std::move(reduction);

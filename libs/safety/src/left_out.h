@@ -6,7 +6,7 @@
 
 namespace dfr::safety::internal {
 
-/// Scores of a guard on actions of held-out demonstrations.
+/// Scores of a guard for actions of held-out demonstrations.
 struct Replay {
   double changed = 0.0;       ///< Fraction that strategy kGuard would change.
   double ends_outside = 0.0;  ///< Fraction whose predicted next state is outside.

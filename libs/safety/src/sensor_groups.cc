@@ -10,11 +10,11 @@
 namespace dfr::safety::internal {
 namespace {
 
-// Changes that actions leave by less than this are theirs.
+// Actions explain an entry if they leave less than this fraction of its changes.
 constexpr double kLeastUnexplained = 0.05;
 
-// Returns the fraction of an entry's squared changes that a linear function of the actions leaves:
-// the motion is the robot's own if there is none.
+// Returns the fraction of an entry's squared changes that a linear function of the actions leaves
+// unexplained. At zero, the robot alone causes the motion.
 double ChangesLeftByActions(std::span<const core::Trajectory> demonstrations, Eigen::Index entry) {
   const Eigen::Index dim = demonstrations[0].controls.cols();
   Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(dim, dim);
@@ -70,7 +70,8 @@ bool FollowsClock(std::span<const core::Trajectory> demonstrations, Eigen::Index
 }
 
 bool AdvancesUniformly(std::span<const core::Trajectory> demonstrations, Eigen::Index entry) {
-  constexpr double kSame = 1e-2;  // Relative difference of rates and of distances.
+  // Relative difference between equal rates, and between equal distances.
+  constexpr double kSame = 1e-2;
   constexpr double kRounding = 1e-28;
   double values = 0.0;
   double squares = 0.0;
@@ -120,7 +121,7 @@ std::vector<SensorGroup> FitSensorGroups(const GuardModel& model,
   }
   std::ranges::sort(others);
   others.erase(std::unique(others.begin(), others.end()), others.end());
-  // Time goes on while a sensor is frozen.
+  // Time advances while a sensor is frozen.
   std::erase_if(others, [&](int entry) {
     return AdvancesUniformly(demonstrations, entry) ||
            (FollowsClock(demonstrations, entry) &&

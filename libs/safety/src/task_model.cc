@@ -17,7 +17,7 @@ constexpr int kTaskVersion = 2;
 constexpr std::string_view kTaskFile = "task.dfr";
 constexpr std::string_view kSupportFile = "support.dfr";
 constexpr int kMostHorizon = 1'000'000;
-// Larger than for any task, and small enough to detect a damaged count.
+// More than any task has, and few enough to detect a damaged count.
 constexpr int kMostSteps = 1'000'000;
 
 kernel::WhitenedSupport LoadSupport(core::ArchiveReader& archive, bool single_precision) {
@@ -137,7 +137,8 @@ void TaskModel::Save(const std::filesystem::path& folder) const {
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error) {
-    throw std::runtime_error(folder.string() + ": the folder cannot be made: " + error.message());
+    throw std::runtime_error(folder.string() +
+                             ": the folder cannot be created: " + error.message());
   }
   if (published() != nullptr) published()->Save(folder / kSupportFile);
   core::ArchiveWriter archive(kTaskKind, kTaskVersion);

@@ -161,7 +161,7 @@ class TrueJacobianFilter final : public Stepwise {
   bool Differentiate(std::span<const double> u) noexcept {
     for (Eigen::Index k = 0; k < tried_.size(); ++k) {
       tried_ = core::AsVector(u);
-      // Away from saturation.
+      // The difference points away from saturation.
       const double h = tried_[k] > 0.0 ? -kDifference : kDifference;
       tried_[k] += h;
       if (!Try(core::AsSpan(std::as_const(tried_)), effect_)) return false;
@@ -291,7 +291,7 @@ std::unique_ptr<const core::Policy> TrainDart(const Expert& teaching, const core
             }));
   }
   covariance /= std::max(1, pairs);
-  // Regularisation: no direction is singular.
+  // Regularisation prevents singular directions.
   covariance.diagonal().array() += 1e-12;
   const Eigen::MatrixXd root = covariance.llt().matrixL();
   Eigen::VectorXd noise(m);

@@ -16,7 +16,7 @@ namespace {
 constexpr std::string_view kCertified = "certified";
 constexpr std::string_view kEnsemble = "ensemble";
 constexpr std::string_view kTrueJacobian = "true-jacobian";
-// Methods that are a policy alone.
+// Methods that consist of a policy without a controller.
 constexpr std::array<std::pair<std::string_view, std::string_view>, 6> kAlone = {
     {{"lwr", "baseline@lwr"},
      {"lwr-cv", "baseline@lwr-cv"},

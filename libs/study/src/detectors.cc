@@ -129,8 +129,7 @@ class Disagreement final : public Detector {
   EnsemblePolicy ensemble_;
 };
 
-// The first time step up to `until` whose score is above the threshold, or is not a number; -1:
-// none.
+// Returns the first time step up to `until` whose score is above the threshold or NaN; -1: none.
 int FirstAlarm(const ScoredEpisode& episode, double threshold, int until) {
   const int last = std::min(until, static_cast<int>(episode.scores.size()) - 1);
   for (int t = 0; t <= last; ++t) {

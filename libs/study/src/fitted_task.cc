@@ -10,8 +10,8 @@
 namespace dfr::study {
 namespace {
 
-// A policy in the units of a guard's actions. It keeps its last control as it was, so that it
-// belongs to one thread.
+// A policy in the units of a guard's actions. It stores its last control and therefore belongs to
+// one thread.
 class MeasuredPolicy final : public core::Policy {
  public:
   MeasuredPolicy(const core::Policy& policy, const safety::ActionSpace& actions,
@@ -42,7 +42,7 @@ class MeasuredPolicy final : public core::Policy {
   void Clamp(std::span<double> u) const noexcept {
     for (std::size_t i = 0; i < u.size(); ++i) u[i] = std::clamp(u[i], -limit_[i], limit_[i]);
   }
-  // Within the limits.
+  // The control within the limits.
   [[nodiscard]] std::span<const double> last() const noexcept { return last_; }
 
  private:
@@ -144,7 +144,7 @@ std::unique_ptr<control::Controller> FittedTask::MakeController(
   safety::ControllerOptions own = options;
   if (own.horizon == 0) own.horizon = horizon();
   if (guard_ != nullptr && !guard_->settings().demonstrated) own.guided.demonstrated = false;
-  // Algorithm 1 is for controls as they are.
+  // Algorithm 1 requires unchanged controls.
   if (method.kind != Kind::kController && method.kind != Kind::kGuard) {
     return model_->MakeController(method, policy, own);
   }

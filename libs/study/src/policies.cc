@@ -178,7 +178,7 @@ void NearestNeighbourPolicy::Control(int t, std::span<const double> x,
   const int here = std::clamp(t, 0, steps - 1);
   const int first = begin_[static_cast<std::size_t>(std::max(0, here - kWindow))];
   const int last = begin_[static_cast<std::size_t>(std::min(steps, here + kWindow + 1))];
-  // The nearest so far, in ascending order.
+  // The nearest neighbours found so far, in ascending order.
   std::array<std::pair<double, int>, kNeighbours> nearest;
   nearest.fill({std::numeric_limits<double>::infinity(), -1});
   for (int row = first; row < last; ++row) {
@@ -196,7 +196,7 @@ void NearestNeighbourPolicy::Control(int t, std::span<const double> x,
     core::AsVector(u) += controls_.row(row).transpose();
     ++count;
   }
-  // A state that is not finite has no neighbour.
+  // A nonfinite state has no neighbour.
   for (double& entry : u) {
     entry =
         count > 0 ? std::clamp(entry / count, -1.0, 1.0) : std::numeric_limits<double>::quiet_NaN();

@@ -41,12 +41,12 @@ Blob ColourBlobs::Refine(const int* row, double threshold) const {
     const std::uint8_t* p = excess.ptr<std::uint8_t>(y);
     for (int x = x0; x < x1; ++x) ++histogram[p[x]];
   }
-  // Full colour: a high quantile of the values above the threshold, which is robust to noise.
+  // Full colour is a high quantile of the values above the threshold, which is robust to noise.
   int remaining = row[cv::CC_STAT_AREA] / 3;
   int full = 255;
   while (full > threshold && remaining > 0)
     remaining -= histogram[static_cast<std::size_t>(full--)];
-  // Below a fifth of it is background with noise; above four fifths is inside.
+  // Values below a fifth of full colour are noisy background; values above four fifths are inside.
   const double low = 0.2 * full;
   const double high = 0.8 * full;
   double sum = 0.0;

@@ -19,7 +19,7 @@ struct Blob {
 struct ColourBlobs {
   std::array<cv::Mat, 3> channels;  ///< blue, green, red
   cv::Mat other;                    ///< maximum of the two other channels
-  cv::Mat excess;                   ///< of one channel over both others, 0 where negative
+  cv::Mat excess;                   ///< excess of one channel over both others, 0 where negative
   cv::Mat mask;
   cv::Mat labels;
   cv::Mat stats;

@@ -30,7 +30,7 @@ constexpr double kUnseen = std::numeric_limits<double>::quiet_NaN();
 // A pixel has a colour if one channel exceeds both others by this fraction of the gauze's
 // brightness, which makes the segmentation independent of the light.
 constexpr double kColorShare = 0.15;
-// The columns of the line sum over many pixels of gauze, whose noise must not count at all. The
+// The columns of the line sum over many pixels of gauze, whose noise must have no effect. The
 // threshold is about half of the red line's excess.
 constexpr double kLineShare = 0.3;
 constexpr double kGoodMarkErrorPx = 0.15;  // RMS; sub-pixel centres of whole marks fit within 0.1
@@ -99,7 +99,7 @@ struct LineVision::Impl : internal::ColourBlobs {
   CameraModel camera;
   LineVisionOptions options;
   std::vector<Eigen::Vector2d> mark_pixels;  // expected position of each mark
-  double mark_gate = 0.0;                    // px, maximum distance from there
+  double mark_gate = 0.0;                    // maximum distance from these positions, px
   std::vector<double> mark_distance;
   double mark_area = 0.0;  // px^2, expected
   double tip_area = 0.0;

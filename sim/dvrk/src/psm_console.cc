@@ -175,7 +175,7 @@ bool PsmConsole::Ready(const char* command) {
 bool PsmConsole::Clip(const char* command, PsmJoints& goal) {
   if (!goal.allFinite()) {
     Say(ConsoleMessage::Severity::kError,
-        std::string(command) + " dropped, not six finite joint values");
+        std::string(command) + " dropped, the goal is not six finite joint values");
     return false;
   }
   std::ostringstream text;
@@ -210,7 +210,8 @@ bool PsmConsole::Reach(const char* command, const Eigen::Isometry3d& goal, PsmJo
 
 bool PsmConsole::ClipJaw(const char* command, double& angle) {
   if (!std::isfinite(angle)) {
-    Say(ConsoleMessage::Severity::kError, std::string(command) + " dropped, not one finite angle");
+    Say(ConsoleMessage::Severity::kError,
+        std::string(command) + " dropped, the goal is not one finite angle");
     return false;
   }
   const double lower =

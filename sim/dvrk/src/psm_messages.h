@@ -9,7 +9,7 @@
 #include "dfr/dds/channel.h"
 #include "dfr/kinematics/psm.h"
 
-/// Messages of a console made of poses and joints, and back.
+/// Converts poses and joints to a console's messages, and back.
 namespace dfr::sim::internal {
 
 /// All published motion data of one time.

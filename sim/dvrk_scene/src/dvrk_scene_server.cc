@@ -20,7 +20,7 @@ using kinematics::PlatformPose;
 using Clock = std::chrono::steady_clock;
 
 constexpr std::int64_t kSecond = 1'000'000'000;
-constexpr double kLongestStep = 0.02;  // s, of a run in lock-step
+constexpr double kLongestStep = 0.02;  // s, maximum step of a run in lock-step
 constexpr double kLongestRun = 60.0;   // s
 constexpr double kPlatformWay = 5e-3;  // m, amplitude
 
@@ -102,7 +102,7 @@ struct DvrkSceneServer::Impl {
         if (Clock::now() > end) {
           throw std::runtime_error("only " +
                                    std::to_string(console.commands_taken() - commands_before) +
-                                   " of " + std::to_string(wanted) + " commands have come");
+                                   " of " + std::to_string(wanted) + " commands have arrived");
         }
         std::this_thread::sleep_for(std::chrono::microseconds(50));
       }
@@ -182,7 +182,7 @@ struct DvrkSceneServer::Impl {
     }
   }
 
-  // Back and forth across the line while the fault lasts.
+  // Moves back and forth across the line while the fault lasts.
   void DrivePlatform(double dt_s) {
     if (platform_speed == 0.0) return;
     platform_way += platform_speed * dt_s;
@@ -250,10 +250,10 @@ struct DvrkSceneServer::Impl {
 
   DvrkScene& scene;
   DvrkSceneServerOptions options;
-  std::int64_t now_ns = 0;  // in lock-step
+  std::int64_t now_ns = 0;  // time in lock-step
   std::uint64_t commands_before = 0;
   double platform_speed = 0.0;  // m/s
-  double platform_way = 0.0;    // m since the first fault of this kind
+  double platform_way = 0.0;    // distance in m since the first fault of this kind
   PsmConsoleServer console;
   dds::Publisher<dds::PoseStamped> platform_measured;
   dds::Publisher<dds::PoseStamped> platform_setpoint;

@@ -56,8 +56,7 @@ class EndoscopeServer {
   [[nodiscard]] std::uint64_t published() const noexcept { return published_; }
 
  private:
-  // Owner of the scene that is passed on: kWanted, the caller's thread; kFilled, the camera's
-  // thread.
+  // Owner of the passed scene. kWanted: the caller's thread. kFilled: the camera's thread.
   enum class Hand { kIdle, kWanted, kFilled, kStopped };
 
   void Run();
@@ -83,7 +82,7 @@ class EndoscopeServer {
   std::deque<std::vector<std::uint8_t>> delayed_;  // pictures, oldest first
   std::atomic<std::uint64_t> published_ = 0;
 
-  // Real time. `hand_` names the owner of the following members.
+  // Used in real time. `hand_` names the owner of the following members.
   std::atomic<Hand> hand_ = Hand::kIdle;
   std::unique_ptr<LineTrackingPlant> copy_;
   dds::Stamp copy_stamp_;

@@ -79,8 +79,8 @@ std::unique_ptr<core::SimulatedPlant> DiscPushPlant::Clone() const {
 
 void DiscPushPlant::Supervise(const SupervisorVariation& /*variation*/,
                               std::span<double> u) const noexcept {
-  // Steers the object to a point on the axis 0.1 m ahead, at most to the goal. It reaches the axis
-  // before the gate.
+  // Steers the object to a point on the axis 0.1 m ahead, but not beyond the goal. The object
+  // reaches the axis before the gate.
   const double aim_x = std::min(options_.goal_x + 0.02, x(2) + 0.1);
   const double length = std::hypot(aim_x - x(2), x(3));
   const double hx = (aim_x - x(2)) / length;
@@ -92,7 +92,8 @@ void DiscPushPlant::Supervise(const SupervisorVariation& /*variation*/,
   double forward = 1.0;
   double sideways = -6.0 * across / contact;
   if (std::abs(across) > 0.35 * contact) {
-    // Not behind the object: backs off before turning in, to avoid knocking it aside.
+    // The pusher is not behind the object: it backs off before turning in, to avoid knocking the
+    // object aside.
     forward = along > -1.25 * contact ? -1.0 : 0.0;
     sideways = along > -1.05 * contact ? 0.0 : (across > 0.0 ? -1.0 : 1.0);
   }

@@ -8,17 +8,17 @@
 namespace dfr::sim::internal {
 namespace {
 
-constexpr double kGain = 0.04;  // a control of norm 1 moves a point by this
+constexpr double kGain = 0.04;  // displacement of a point by a control of norm 1
 
-// A rope, held at its end, is wound round a peg counter-clockwise and put on a hook.
-// State: end(2), free(1), the length of rope that is not wound. Hidden: the angle around the peg
-// since the start, which runs on.
+// Winding a rope, held at its end, counter-clockwise around a peg, and putting it on a hook. State:
+// end(2), free(1), the length of rope that is not wound. Hidden: the angle around the peg since the
+// start, without wrapping.
 class RopePlant final : public Cloned<RopePlant> {
-  static constexpr double kPeg = 0.1;     // radius, about the origin
-  static constexpr double kLength = 1.7;  // of the rope, free at the start
-  static constexpr double kWound = 0.1;   // of the rope per rad
+  static constexpr double kPeg = 0.1;     // radius of the peg at the origin
+  static constexpr double kLength = 1.7;  // length of the rope, all of it free at the start
+  static constexpr double kWound = 0.1;   // length of rope wound per rad
   static constexpr Disc kHook{{0.6, 0.3}, 0.05};
-  static constexpr double kTurned = 9.0;  // rad at the hook, about a turn and a half
+  static constexpr double kTurned = 9.0;  // rad, angle at the hook, about a turn and a half
 
  public:
   RopePlant() : Cloned({{"end", 0, 2}, {"free", 0, 1}}, 1, 2) {}
@@ -52,7 +52,7 @@ class RopePlant final : public Cloned<RopePlant> {
       x(1) = p.y;
       x(3) += std::atan2(Cross(before, p), Dot(before, p));
       x(2) = kLength - kWound * std::max(0.0, x(3));
-      // The peg, the wrong way round, the end of the rope.
+      // Collision with the peg, a turn in the wrong direction, or the end of the rope.
       FailIf(Norm(p) < kPeg || x(3) < -1.0 || Norm(p) > x(2));
     }
   }
@@ -61,13 +61,12 @@ class RopePlant final : public Cloned<RopePlant> {
   }
 };
 
-// A point follows a figure eight within a corridor and is at its middle twice, in the same place
-// on ways that cross.
-// State: point(2), heading(2), a mean of the last motions. Hidden: how far along the eight.
+// A point follows a figure eight within a corridor. It passes the middle twice, on crossing paths.
+// State: point(2), heading(2), a mean of the last motions. Hidden: the position along the eight.
 class EightPlant final : public Cloned<EightPlant> {
   static constexpr double kBegin = -0.5;
   static constexpr double kEnd = std::numbers::pi + 0.9;
-  static constexpr double kWidth = 0.09;  // to each side
+  static constexpr double kWidth = 0.09;  // half width of the corridor
 
  public:
   EightPlant() : Cloned({{"point", 0, 2}, {"heading", 0, 2}}, 1, 2) {}
@@ -103,12 +102,13 @@ class EightPlant final : public Cloned<EightPlant> {
       Follow();
     }
     const double norm = std::hypot(u[0], u[1]);
-    const double keeps = 1.0 - 0.5 * std::min(1.0, norm);  // a control of zero keeps the heading
+    const double keeps = 1.0 - 0.5 * std::min(1.0, norm);  // a zero control keeps the heading
     x(2) = keeps * x(2) + (norm > 0.0 ? (1.0 - keeps) * u[0] / norm : 0.0);
     x(3) = keeps * x(3) + (norm > 0.0 ? (1.0 - keeps) * u[1] / norm : 0.0);
     FailIf(Norm(Point{x(0), x(1)} - Along(x(4))) > kWidth);
   }
-  // On along the eight to the nearest point, a little way at most: not across the middle.
+  // Advances along the eight to the nearest point. The search is short, to avoid a jump across the
+  // middle.
   void Follow() noexcept {
     const Point p{x(0), x(1)};
     double nearest = Norm(p - Along(x(4)));
@@ -125,14 +125,14 @@ class EightPlant final : public Cloned<EightPlant> {
   [[nodiscard]] bool Done() const noexcept override { return x(4) >= kEnd; }
 };
 
-// A point crosses a lane on which a shuttle goes to and fro, whose phase is random.
-// State: point(2), shuttle(2) as its place along the lane and its speed. Hidden: the phase.
+// A point crosses a lane on which a shuttle moves to and fro with a random phase. State: point(2),
+// shuttle(2) as position along the lane and speed. Hidden: the phase.
 class CrossingPlant final : public Cloned<CrossingPlant> {
   static constexpr double kLane = 0.5;       // x
-  static constexpr double kAmplitude = 0.5;  // of the shuttle's y
+  static constexpr double kAmplitude = 0.5;  // amplitude of the shuttle's y
   static constexpr double kRate = 0.12;      // rad per step
-  static constexpr double kRadius = 0.14;    // nearer they collide
-  static constexpr double kKerb = 0.28;      // x, where the point waits
+  static constexpr double kRadius = 0.14;    // distance below which they collide
+  static constexpr double kKerb = 0.28;      // x at which the point waits
   static constexpr double kSpeed = 0.8;
   static constexpr Disc kGoal{{0.9, 0.0}, 0.05};
 

@@ -13,7 +13,7 @@ namespace {
 using kinematics::Psm;
 using kinematics::PsmJoints;
 
-// Half the range of joint values over the gauze, about `Centre()`.
+// Returns half the range of joint values over the gauze, about `Centre()`.
 PsmJoints Spread() noexcept {
   PsmJoints q;
   q << 0.25, 0.2, 0.015, 0.25, 0.25, 0.25;
@@ -32,7 +32,7 @@ struct Sample {
   Eigen::Vector3d tip;
 };
 
-// A fixed sample of the workspace.
+// Returns a fixed sample of the workspace.
 std::vector<Sample> Workspace() {
   constexpr int kSamples = 500;
   core::Random random(20170919);
@@ -46,7 +46,7 @@ std::vector<Sample> Workspace() {
   return samples;
 }
 
-// Mean distance between tips.
+// Returns the mean distance between tips.
 double MeanTipError(const std::vector<Sample>& samples, const ArmError& error) {
   double sum = 0.0;
   for (const Sample& sample : samples) {
@@ -65,7 +65,7 @@ ArmError::ArmError(const ArmErrorOptions& options) {
       options.mean_residual_m >= 0.0 && options.mean_residual_m <= options.mean_error_m,
       "arm error: mean_residual_m must lie in [0, mean_error_m], not " << options.mean_residual_m);
   core::Random random(options.seed);
-  // One unit of each moves the tip by a few millimetres; scaled below.
+  // One unit of each entry moves the tip by a few millimetres. Scaled below.
   PsmJoints unit;
   unit << 0.02, 0.02, 0.002, 0.05, 0.05, 0.05;
   ArmError raw;

@@ -26,8 +26,8 @@ struct Endoscope::Tables {
   std::vector<float> u;  // x/z of each pixel's ray
   std::vector<float> v;
   std::vector<float> noise;  // standard normal
-  cv::Mat source;            // each pixel's ray in the pinhole picture, whole pixels,
-  cv::Mat source_fraction;   // and the fraction in 32nds of a pixel
+  cv::Mat source;            // whole pixels of each ray in the pinhole picture
+  cv::Mat source_fraction;   // fraction of each ray in 32nds of a pixel
 };
 
 std::shared_ptr<const Endoscope::Tables> Endoscope::MakeTables(const vision::CameraModel& camera) {
@@ -103,7 +103,7 @@ void Endoscope::Develop(std::span<const std::uint8_t> pinhole_rgb, const Endosco
   // OpenCV does not accept a pointer to const.
   const cv::Mat pinhole(camera_.height, camera_.width, CV_8UC3,
                         const_cast<std::uint8_t*>(pinhole_rgb.data()));
-  // Kept, because allocating megabytes costs as much as the computation.
+  // Kept, because allocating megabytes takes as long as the computation.
   thread_local cv::Mat rgb;
   thread_local std::array<cv::Mat, 3> colours;
   thread_local std::vector<float> gain;

@@ -27,8 +27,8 @@ using kinematics::SprkPlatform;
 constexpr double kMillimetre = 1e3;
 constexpr double kSampleTime = 0.02;     // s, sampling period of the tip's distance
 constexpr double kArmLag = 0.02;         // s, lag of the joints relative to their readings
-constexpr double kStartX = -0.023;       // m, mean of the start
-constexpr double kStartSpread = 0.0035;  // m, largest deviation from it
+constexpr double kStartX = -0.023;       // m, mean of the start position
+constexpr double kStartSpread = 0.0035;  // m, maximum deviation from it
 constexpr int kMaxLooks = 3;
 
 // Random streams derived from an episode's seed.
@@ -93,11 +93,11 @@ struct LineTrackingPlant::State {
   std::uint64_t seed = 0;
   GauzeLine line;
   Disturbance disturbance;
-  double time_s = 0.0;      // of the disturbance
-  double arm_time_s = 0.0;  // of the arm's creep
+  double time_s = 0.0;      // time of the disturbance
+  double arm_time_s = 0.0;  // time of the arm's creep
   double drift_phase = 0.0;
   PlatformPose offset;                                  // MovePlatform()
-  PlatformPose platform;                                // after the lag
+  PlatformPose platform;                                // pose after the lag
   Eigen::Vector3d command_m = Eigen::Vector3d::Zero();  // tip, world
   PsmJoints reading = PsmJoints::Zero();
   double start_x = 0.0;
@@ -223,7 +223,8 @@ PsmJoints LineTrackingPlant::true_joints() const noexcept {
   return world_->arm_error.Truth(state_->reading, state_->drift());
 }
 
-// Moves joints and platform to the values in the state. Call after every change of the state.
+// Moves joints and platform to the values in the state. Must be called after every change of the
+// state.
 void LineTrackingPlant::Place() noexcept {
   const PlatformPose& platform = state_->platform;
   Eigen::Isometry3d gauze = platform.Transform();

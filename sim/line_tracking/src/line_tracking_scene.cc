@@ -116,7 +116,7 @@ void SceneData::PlaceRod(int mocap, const Eigen::Vector3d& from,
                          const Eigen::Vector3d& to) noexcept {
   Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
   pose.translation() = 0.5 * (from + to);
-  // The smallest rotation from the z-axis to the rod; about the x-axis if the rod points down.
+  // Uses the smallest rotation from the z-axis to the rod; about the x-axis if the rod points down.
   const Eigen::Vector3d along = (to - from).normalized();
   const double twice_cosine = std::sqrt(2.0 * (1.0 + along.z()));
   const double scale = 1.0 / twice_cosine;
@@ -149,7 +149,7 @@ void DrawGauze(const SceneModel& scene, const GauzeLine& line, bool with_line, m
   const double texel_x = 2.0 * half_x / width;
   const double texel_y = 2.0 * half_y / height;
   constexpr double kHalfWidth = 0.5 * kLineWidth;
-  // Covered fraction of a texel at distance `inside` m inside an edge.
+  // Returns the covered fraction of a texel at distance `inside` m inside an edge.
   const auto cover = [](double inside, double texel) {
     return std::clamp(0.5 + inside / texel, 0.0, 1.0);
   };

@@ -16,7 +16,7 @@ namespace dfr::sim::internal {
 /// Positions that other parts of the program determine.
 struct ScenePlaces {
   Eigen::Isometry3d p_world_base = Eigen::Isometry3d::Identity();
-  Eigen::Isometry3d p_world_cam = Eigen::Isometry3d::Identity();  ///< In OpenCV's axes.
+  Eigen::Isometry3d p_world_cam = Eigen::Isometry3d::Identity();  ///< Pose in OpenCV's axes.
   double camera_fovy_rad = 0.7;
   std::vector<Eigen::Vector2d> marks_m;  ///< Eight marks, in the gauze's frame.
 };
@@ -67,7 +67,7 @@ class SceneData {
 };
 
 inline constexpr double kLineWidth = 0.0015;      ///< m
-inline constexpr double kLineHalfLength = 0.032;  ///< m; drawn for |x| below this.
+inline constexpr double kLineHalfLength = 0.032;  ///< m; the line is drawn for |x| below this
 
 /// Draws gauze and line on the texture of `model`, a copy of the scene's.
 void DrawGauze(const SceneModel& scene, const GauzeLine& line, bool with_line, mjModel_& model);

@@ -14,7 +14,7 @@ class GlContext {
   GlContext(const GlContext&) = delete;
   GlContext& operator=(const GlContext&) = delete;
 
-  /// "OSMesa", "EGL" or "GLFW".
+  /// Returns "OSMesa", "EGL" or "GLFW".
   [[nodiscard]] virtual const std::string& name() const noexcept = 0;
 
   /// Returns this thread's context. If there is none, creates one off screen: OSMesa, or EGL if
@@ -22,7 +22,7 @@ class GlContext {
   /// @throws std::runtime_error with the message of each.
   static std::shared_ptr<GlContext> OfThisThread();
 
-  /// Makes a window's context, which is current on this thread, the thread's context.
+  /// Makes a window's context, which must be current, the context of this thread.
   /// @throws std::logic_error if the thread has one already.
   static void Adopt(const std::shared_ptr<GlContext>& window);
 };

@@ -17,7 +17,7 @@ class WindowContext final : public internal::GlContext {
  public:
   explicit WindowContext(const MujocoWindowOptions& options) {
     if (glfwInit() == GLFW_FALSE) {
-      throw std::runtime_error("no window can be opened: there is no display. Without one, use " +
+      throw std::runtime_error("cannot open a window: there is no display. Without one, use " +
                                options.instead);
     }
     glfwWindowHint(GLFW_SAMPLES, 4);
@@ -27,7 +27,7 @@ class WindowContext final : public internal::GlContext {
       glfwGetError(&reason);
       const std::string message = reason == nullptr ? "unknown" : reason;
       glfwTerminate();
-      throw std::runtime_error("no window can be opened: " + message + ". Without one, use " +
+      throw std::runtime_error("cannot open a window: " + message + ". Without one, use " +
                                options.instead);
     }
     glfwMakeContextCurrent(window_);
@@ -71,7 +71,7 @@ struct MujocoWindow::Impl {
     });
   }
 
-  // Left button turns, right button moves.
+  // The left button turns the view, and the right button moves it.
   void MoveMouse(double x, double y) {
     const double dx = x - last_x;
     const double dy = y - last_y;
@@ -87,7 +87,7 @@ struct MujocoWindow::Impl {
                    &scene.scene, &scene.camera);
   }
 
-  // In the lower right corner; OpenGL's rows start at the bottom.
+  // Draws in the lower right corner. OpenGL's rows start at the bottom.
   void DrawInset(const Inset& inset, const mjrRect& window) {
     const auto row = 3 * static_cast<std::size_t>(inset.width);
     const auto rows = static_cast<std::size_t>(inset.height);

@@ -10,7 +10,7 @@ namespace dfr::sim::internal {
 namespace {
 
 constexpr double kGravity = 9.81;              // m/s^2
-constexpr double kArmature = 0.1;              // kg m^2, of each geared rotor
+constexpr double kArmature = 0.1;              // kg m^2, inertia of each geared rotor
 constexpr double kDamping = 60.0;              // kd, N m s/rad
 constexpr double kStiffness = 2000.0;          // kp, N m/rad
 constexpr double kJointFriction = 0.2;         // N m

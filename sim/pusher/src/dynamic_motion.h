@@ -21,12 +21,14 @@ void MakeDynamic(mjModel& model);
 /// imposed: the arm yields to contact.
 class DynamicMotion {
  public:
-  static constexpr double kTimeStep = 0.002;        ///< s
-  static constexpr double kPeakSpeed = 0.25;        ///< rad/s, reference of the fastest joint
-  static constexpr double kRestJointSpeed = 1e-3;   ///< rad/s: each joint is at rest below this,
-  static constexpr double kRestObjectSpeed = 1e-3;  ///< m/s: the cylinder below this,
-  static constexpr int kRestSteps = 5;              ///< for this number of consecutive steps.
-  static constexpr int kMostSteps = 1500;           ///< 3 s: then the state is accepted.
+  static constexpr double kTimeStep = 0.002;  ///< s
+  static constexpr double kPeakSpeed = 0.25;  ///< rad/s, reference speed of the fastest joint
+  /// Rad/s; each joint is at rest below this speed.
+  static constexpr double kRestJointSpeed = 1e-3;
+  /// M/s; the cylinder is at rest below this speed.
+  static constexpr double kRestObjectSpeed = 1e-3;
+  static constexpr int kRestSteps = 5;     ///< number of consecutive steps at rest
+  static constexpr int kMostSteps = 1500;  ///< 3 s, after which the state is accepted
 
   /// @param data  at rest; velocities are set to zero.
   DynamicMotion(const mjModel* model, mjData* data,

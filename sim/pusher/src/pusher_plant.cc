@@ -31,7 +31,8 @@ constexpr int kObjectX = kNumJoints;  // index of the cylinder's coordinates in 
 // Maximum motion of the gripper per substep (except for the curvature of its path): less than the
 // margin for contact detection.
 constexpr double kSubstepMotion = 0.002;
-constexpr std::size_t kFirstGripperPart = 2;  // the hand; earlier parts are upper arm and forearm
+// Index after the hand; earlier parts are upper arm and forearm.
+constexpr std::size_t kFirstGripperPart = 2;
 constexpr int kMaxSubsteps = 100;
 // The cylinder is at rest if it moves by less than 5 um in a substep.
 constexpr double kRestSpeed = 5e-4;
@@ -136,7 +137,7 @@ PusherPlant::PusherPlant(const PusherOptions& options)
 PusherPlant::PusherPlant(std::shared_ptr<const World> world)
     : world_(std::move(world)), data_(std::make_unique<Data>()) {
   data_->mj.reset(mj_makeData(world_->model.get()));
-  if (data_->mj == nullptr) throw std::runtime_error("PusherPlant: MuJoCo has no memory left");
+  if (data_->mj == nullptr) throw std::runtime_error("PusherPlant: MuJoCo is out of memory");
   internal::ResetQuasiStatic(world_->model.get(), data_->mj.get());
 }
 
@@ -172,7 +173,7 @@ void PusherPlant::SetState(std::span<const double> state) {
         state[j] >= m->jnt_range[2 * j] && state[j] <= m->jnt_range[2 * j + 1],
         "PusherPlant::SetState: joint " << j << " at " << state[j] << " rad is outside its limits");
   }
-  constexpr int kObjectEntry = kNumJoints + 3;  // after qpos and tip
+  constexpr int kObjectEntry = kNumJoints + 3;  // entries after qpos and tip
   mjData* d = data_->mj.get();
   internal::ResetQuasiStatic(m, d);
   std::copy_n(state.data(), kNumJoints, d->qpos);

@@ -115,7 +115,7 @@ class LeRobotTest(unittest.TestCase):
             ("v30", setting("total_episodes", 25), [], "total_episodes is 25, but the files below data hold 24: is the"),
             ("v30", setting("total_frames", "many"), [], 'total_frames is "many"'),
             ("v30", setting("codebase_version", "v1.6"), [], "codebase_version is 'v1.6'; v2.0 to v3.0 can be read"),
-            ("v30", without("features", "action"), [], "has no feature action"),
+            ("v30", without("features", "action"), [], "has no feature 'action'"),
             ("v30", without("features"), [], "has no features"),
         ]:
             with self.subTest(message):
@@ -200,7 +200,7 @@ class LeRobotTest(unittest.TestCase):
             (file(2**40, 16), "declares 1099511627776 values in a row group, too many for a file"),
             (file(4, 2**31 - 1), "declares a page of 2147483647 bytes, too many for a file"),
             (file(4, 64), "does not decompress to the size it claims"),
-            (file(4, 16, page_values=2**30), "pages of more values than the column"),
+            (file(4, 16, page_values=2**30), "pages with more values than the column"),
             (file(2**20, 16, page_values=2**20), "ends in the middle of a page"),
             (file(4, 16, rows=9), "has 4 rows; its row group has 9"),
             (b"PAR1" + nested + len(nested).to_bytes(4, "little") + b"PAR1", "nested too deep"),

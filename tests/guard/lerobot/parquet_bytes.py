@@ -29,7 +29,7 @@ def text(value):
 
 
 def _levels(bits):
-    """Levels of one bit, packed."""
+    """Pack levels of one bit."""
     groups = -(-len(bits) // 8)
     packed = sum(bit << i for i, bit in enumerate(bits)).to_bytes(groups, "little")
     run = varint(groups << 1 | 1) + packed

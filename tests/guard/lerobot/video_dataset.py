@@ -1,4 +1,4 @@
-"""Datasets of LeRobot with videos: a disc that goes to the middle, from two cameras.
+"""Datasets of LeRobot with videos: a disc that moves to the middle, from two cameras.
 
 usage: video_dataset.py WRITE_VIDEO FOLDER [VERSION [CODEC]]     writes 30 episodes of 30 frames
 """
@@ -30,7 +30,7 @@ def episodes(seed, count, frames):
 
 
 def draw(states, height, width, seed=0):
-    """Pictures (frames, height, width, 3): an orange disc on a blue ground, with noise."""
+    """Return pictures (frames, height, width, 3): an orange disc on a blue ground, with noise."""
     rng = np.random.default_rng(seed)
     rows, columns = np.mgrid[0:height, 0:width]
     pictures = []

@@ -20,7 +20,7 @@ from video_dataset import FPS, SIDE, TOP, draw, episodes, write_dataset, write_v
 
 GUARD, DECODER, WRITER = (pathlib.Path(p).resolve() for p in sys.argv[1:4])
 del sys.argv[1:4]
-# The components are given, because they are not what is tested.
+# The number of components is given, because this test is not about its choice.
 FEATURES = f"pca:{TOP}:2,observation.state"
 
 
@@ -36,7 +36,7 @@ class VideoTest(unittest.TestCase):
         self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
 
     def frames(self, *requests):
-        """The answers to requests: arrays of frames, or the text of an error."""
+        """Return the answers to requests: arrays of frames, or the text of an error."""
         lines = "".join(" ".join(map(str, r)) + "\n" for r in requests)
         done = subprocess.run([DECODER], input=lines.encode(), capture_output=True, check=True, timeout=60)
         self.assertEqual(done.stderr, b"")
@@ -74,7 +74,7 @@ class VideoTest(unittest.TestCase):
                 whole, last, middle, tail = self.frames(
                     (0, 0, 20, FPS, 48, 80, 48, 80, path), (0, 19, 1, FPS, 48, 80, 48, 80, path),
                     (0, 5, 3, FPS, 48, 80, 48, 80, path), (0, 8, 2, FPS, 48, 80, 48, 80, path))
-                # Noise and compression; another order of channels differs by tens.
+                # Noise and compression cause these errors; another order of channels causes tens.
                 errors, others = (np.abs(whole[n:].astype(float) - pictures[:20 - n]).mean(axis=(1, 2, 3)) for n in (0, 1))
                 self.assertLess(errors.max(), 5.0)
                 self.assertLess(errors.max(), others.min())
@@ -106,14 +106,14 @@ class VideoTest(unittest.TestCase):
             self.assertIn("of the 3842 entries of a state", out)  # 32 x 32 x 3 + 16 x 16 x 3 + 2
         same = [(self.folder / f"{version}.guard").read_bytes() for version in ("v2.1", "v3.0")]
         self.assertEqual(*same)
-        # A split begins in the middle of a file; the size is that of the guard.
+        # A split begins in the middle of a file. The size of pictures is that of the guard.
         whole, part = (self.guard("evaluate", "v3.0.guard", self.data / "v3.0/disc", *more)
                        for more in ([], ["--filter-key", "end"]))
         row = next(line for line in whole.splitlines() if line.startswith("episode 7 "))
         self.assertIn(row, part)
 
     def test_a_frame_that_belongs_to_another_state_is_noticed(self):
-        """What the test above compares depends on the frames."""
+        """The result of the test above depends on the frames."""
         moved = self.copy("v3.0")
         file = moved / "meta/episodes/chunk-000/file-000.parquet"
         meta = {"episode_index": list(range(8))}
@@ -184,17 +184,17 @@ class VideoTest(unittest.TestCase):
             ("v2.1", v2, pathlib.Path.unlink, None, f"{v2}: episode 3, {TOP}: does not exist", "download"),
             ("v3.0", v3, pathlib.Path.unlink, None, f"{v3}: episode 0, {TOP}: does not exist", "download"),
             ("v2.1", v2, cut, None, f"{v2}: episode 3, {TOP}: is not a video that can be decoded", "download"),
-            ("v2.1", v2, damage, None, "does not decode", "the file is damaged"),
-            ("v2.1", v2, pointer, None, "is a pointer of Git LFS", "git lfs pull"),
-            ("v2.1", v2, codec, None, "no frame of its codec 'zzzz' decodes", "ffmpeg -i OLD.mp4 -c:v libx264 NEW.mp4"),
+            ("v2.1", v2, damage, None, "cannot decode frame", "the file is damaged"),
+            ("v2.1", v2, pointer, None, "is a Git LFS pointer", "git lfs pull"),
+            ("v2.1", v2, codec, None, "cannot decode any frame of its codec 'zzzz'", "ffmpeg -i OLD.mp4 -c:v libx264 NEW.mp4"),
             ("v2.1", v2, fewer, None, "ends after 9 frames; the episode has more states", "download"),
             ("v2.1", v2, smaller, None, "frames have 48 x 64 pixels (height x width); meta/info.json says 64 x 64",
              "correct"),
             ("v2.1", v2, slower, None, "has 15 frames a second; meta/info.json says 30", "correct fps"),
             ("v3.0", None, None, setting(fps=15), "0 s to 0.4 s are 6 frames; the episode has 12 states", "fps"),
-            ("v3.0", None, None, setting(fps=0), "info.json: fps is no number of frames", "set it"),
+            ("v3.0", None, None, setting(fps=0), "info.json: fps is not a frame rate", "set it"),
             ("v3.0", "meta/episodes/chunk-000/file-000.parquet", pathlib.Path.unlink, None, "holds no Parquet file", ""),
-            ("v2.1", None, None, shape, f"the video {TOP} has not the shape of pictures", "[480, 640, 3]"),
+            ("v2.1", None, None, shape, f"the video {TOP} does not have the shape of pictures", "[480, 640, 3]"),
             ("v2.1", None, None, image, f"{TOP} is neither a vector of numbers nor a video; the dataset's videos are "
              f"{SIDE}. Images in Parquet files are not read", "load them in Python"),
         ]:
@@ -206,7 +206,7 @@ class VideoTest(unittest.TestCase):
                 self.assertIn(message, error)
                 self.assertIn(remedy, error)
         error = self.guard("fit", self.copy("v2.1"), "-f", f"pca:{TOP}:2:65x64", "-o", "x.guard", fails=True)
-        self.assertIn("have 64 x 64 pixels, fewer than 65 x 64; ask for a smaller size", error)
+        self.assertIn("have 64 x 64 pixels, fewer than 65 x 64; request a smaller size", error)
 
     def test_a_missing_decoder_is_named(self):
         (self.folder / "bin").mkdir()
@@ -223,7 +223,7 @@ class VideoTest(unittest.TestCase):
     def test_what_is_no_request_is_refused(self):
         for line in ("", "0 0 1 30 64 64 65 64 x.mp4", "0 0 1 30 64 64 64 64", "0 -1 1 30 64 64 64 64 x.mp4", "a"):
             done = subprocess.run([DECODER], input=line + "\n", text=True, capture_output=True, check=True, timeout=60)
-            self.assertEqual(done.stdout, "-this is no request; video_frames --help describes them\n")
+            self.assertEqual(done.stdout, "-this is not a request; video_frames --help describes them\n")
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 #include "dfr/calibration/calibrate.h"
 
-// Nothing to calibrate from.
+// Calibrates without any data.
 int main() {
   try {
     static_cast<void>(dfr::calibration::Calibrate({}, {}, {}, Eigen::Isometry3d::Identity()));

@@ -1,2 +1,2 @@
-// The example needs this library alone.
+// The example needs only this library.
 #include "../../../examples/own_recovery.cc"

@@ -1,6 +1,6 @@
 #include "dfr/core/features.h"
 
-// The features of a lab's own state, by name.
+// Selects features of a lab's state by name.
 int main() {
   dfr::core::StateLayout layout;
   layout.Add("joints", 7);

@@ -1,6 +1,6 @@
 #include "dfr/dds/channel.h"
 
-// A message to oneself.
+// Sends a message to itself.
 int main() {
   dfr::dds::Participant participant({.domain = 231});
   dfr::dds::Subscriber<dfr::dds::Text> subscriber(participant, "/note", dfr::dds::Role::kEvent);

@@ -3,7 +3,7 @@
 #include "dfr/recording/read_recording.h"
 #include "dfr/recording/recorder.h"
 
-// A log of one step.
+// Writes a log of one step.
 int main() {
   const auto file = std::filesystem::temp_directory_path() / "dfr-consumer.mcap";
   std::filesystem::remove(file);

@@ -2,7 +2,7 @@
 
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
 
-// A picture is taken and understood.
+// Takes a picture and detects its features.
 int main() {
   dfr::sim::LineTrackingPlant plant;
   plant.Reset(1);

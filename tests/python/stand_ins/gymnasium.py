@@ -1,7 +1,7 @@
 """The part of Gymnasium 1.x that GuardedEnv uses, which Debian does not package; independent code.
 
-Wrapper refuses what is no Env, keeps the private attributes that its properties need, and forwards no
-attribute but through get_wrapper_attr.
+Wrapper rejects objects other than an Env, keeps the private attributes that its properties need, and forwards
+attributes only through get_wrapper_attr.
 """
 
 import numpy as np
@@ -85,7 +85,7 @@ def _same(a, b):
 
 
 def check_determinism(env, action):
-    """As the environment checker does: equal seeds give equal observations, rewards and infos."""
+    """Same check as the environment checker: equal seeds give equal observations, rewards and infos."""
     runs = []
     for _ in range(2):
         first = env.reset(seed=123)

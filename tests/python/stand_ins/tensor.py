@@ -1,10 +1,10 @@
-"""A tensor that behaves as torch's where arrays and tensors differ."""
+"""A tensor that behaves like torch's where arrays and tensors differ."""
 
 import numpy as np
 
 
 class Tensor:
-    """On a device other than the processor NumPy gets nothing, and size is a method."""
+    """On a device other than the CPU NumPy gets no data, and size is a method."""
 
     def __init__(self, values, device="cpu"):
         self._values = np.asarray(values)

@@ -23,7 +23,7 @@ void Check(std::size_t demonstrations, std::size_t least, double confidence) {
                    "at least " << least << " demonstrations are needed, not " << demonstrations);
 }
 
-// The root mean square of the demonstrated controls that are not zero.
+// Returns the root mean square of the nonzero demonstrated controls.
 double RootMeanSquare(std::span<const core::Matrix> controls) {
   double square = 0.0;
   int moving = 0;
@@ -117,7 +117,7 @@ EstimatedConstant EstimateDirectionError(const core::FeatureTransform& features,
                                          std::span<const core::Trajectory> demonstrations,
                                          const ResponseOptions& options, double confidence) {
   Check(demonstrations.size(), 2, confidence);
-  // In this order sums have the same bits, whatever the order of the demonstrations.
+  // With this order, sums have the same bits for any order of the demonstrations.
   const FeatureTrajectories ordered(features, core::InDeterministicOrder(demonstrations));
   const int folds = static_cast<int>(std::min<std::size_t>(5, demonstrations.size()));
   return EstimateDirectionError(ordered, core::StratifiedFolds(ordered.points, folds), options,

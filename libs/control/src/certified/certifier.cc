@@ -147,7 +147,7 @@ Certifier::CertifiedStep Certifier::Admit(const LocalModel& model, LocalFit& fit
 
 bool Certifier::Confirms(int control, const Eigen::VectorXd& v, const Eigen::VectorXd& effect,
                          const Eigen::VectorXd& dz) noexcept {
-  // Only rounding of the features may exceed the bound.
+  // Only the rounding of features may exceed the bound.
   constexpr double kRounding = 1e-9;
   const double norm = v.norm() * control_unit_;
   const double change = (dz - effect).norm();

@@ -55,7 +55,7 @@ void GuidedController::See(std::span<const double> x) noexcept {
   if (progress_.controls > 0) {
     dz_ = seen_ - last_seen_;
     observer_.Update(fitted_ == progress_.controls ? &fit_ : nullptr, AsSpan(v_), AsSpan(dz_));
-    // Before the first fit there is no prediction to compare with.
+    // Before the first fit there is no prediction for comparison.
     if (fitted_ > 0) {
       estimate_.Update(fit_, AsSpan(last_seen_), observer_.acting(), AsSpan(dz_), fit_.Duration(v_),
                        options_.online_weight);

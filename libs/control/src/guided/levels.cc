@@ -23,7 +23,7 @@ std::vector<double> Read(core::ArchiveReader& archive, const char* what) {
   std::vector<double> values = archive.Numbers();
   if (values.empty() || !std::all_of(values.begin(), values.end(),
                                      [](double v) { return v >= 0.0 && std::isfinite(v); })) {
-    archive.Fail(std::string(what) + " must be finite and not negative, one a time step");
+    archive.Fail(std::string(what) + " must be finite and not negative, one per time step");
   }
   return values;
 }

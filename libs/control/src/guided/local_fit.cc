@@ -41,7 +41,7 @@ bool LocalFit::NominalControl(Eigen::VectorXd& v) noexcept {
   if (!(weight > 0.0)) return false;
   a_demo_.diagonal().head(n).array() += guided::kDemonstratedRidge * weight;
   cholesky_demo_.compute(a_demo_);
-  // At z itself, [z' - z; 1] is the last unit vector, and L^-1 of it a multiple.
+  // At z, [z' - z; 1] is the last unit vector, and L^-1 scales it.
   const auto& lower = cholesky_demo_.matrixLLT();
   for (Eigen::Index i = n; i >= 0; --i) {
     double sum = i == n ? 1.0 / lower(n, n) : 0.0;
@@ -84,7 +84,7 @@ double LocalFit::LeastExcitedDirection(std::span<double> direction, double known
   // Power iteration.
   auto v = core::AsVector(direction);
   v.setConstant(1.0 / std::sqrt(static_cast<double>(m)));
-  // Not the constant vector, which may be orthogonal to the result by symmetry.
+  // The constant vector may be orthogonal to the result by symmetry.
   for (Eigen::Index i = 0; i < m; ++i) v[i] += 0.01 * static_cast<double>(i);
   double value = 0.0;
   for (int i = 0; i < guided::kPowerIterations; ++i) {

@@ -119,7 +119,7 @@ void ResponseEstimate::AddDemonstrations(LocalFit& fit) const noexcept {
   fit.demonstrated_.bottomRows(m) += sums.block(0, v + m, m, n).cast<double>();
   if (moves == 0) return;
   prior_->SumStates(fit.transitions_);
-  // The lower triangle is enough.
+  // The lower triangle is sufficient.
   fit.a_.topLeftCorner(moves, moves) += sums.block(states, 0, moves, moves).cast<double>();
   fit.a_.bottomLeftCorner(m, moves) += sums.block(states, v, moves, m).transpose().cast<double>();
   fit.demonstrated_.topRows(moves) += sums.block(states, v + m, moves, n).cast<double>();

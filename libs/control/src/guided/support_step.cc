@@ -11,7 +11,7 @@
 namespace dfr::control {
 namespace {
 
-// On the stack for every size.
+// A vector of any size is on the stack.
 using Vector = decltype(PredictedLevel::gradient);
 
 double LevelAfter(const LocalModel& model, int phase, const Eigen::VectorXd& v, Vector& there,
@@ -94,8 +94,8 @@ double AscendSupport(const LocalModel& model, const StepTarget& target, const St
     const double gain = slope * best / 2.0;
     const double missing = target.level - there.level;
     if (!(gain >= std::min(guided::kLeastGain, missing))) break;
-    // If the level is reached before `best`: the root in a form without cancellation that also
-    // holds without curvature.
+    // If the step reaches the level before `best`, it ends at the root. This form has no
+    // cancellation and also holds without curvature.
     const double step =
         gain > missing ? 2.0 * missing / (slope * (1.0 + std::sqrt(1.0 - missing / gain))) : best;
     before = v;

@@ -252,7 +252,7 @@ void TransitionStore::SumStates(Workspace& workspace) const noexcept {
 void TransitionStore::SumNearStates(Workspace& workspace,
                                     const Eigen::VectorXf& context) const noexcept {
   if (contexts_.cols() > 0) {
-    // Anew: an earlier call may have added another context.
+    // Recomputed, because an earlier call may have added another context.
     internal::SquaredDistances(
         points_.data() + workspace.first, static_cast<std::size_t>(points_.rows()),
         static_cast<std::size_t>(feature_dim_), workspace.z.data(),
@@ -279,7 +279,7 @@ void TransitionStore::SumRows(const Eigen::VectorXi& indices, int count, double 
   const auto width = static_cast<std::size_t>(transitions_.cols());
   const auto left_width = static_cast<std::size_t>(workspace.sums.rows());
   const auto begin = static_cast<std::size_t>(workspace.states);
-  // Differences from z: sums about the origin would lose significant digits.
+  // Subtracts z: sums about the origin would lose significant digits.
   internal::Differences(transitions_.row(workspace.first).data(), width, indices.data(), rows,
                         workspace.z.data(), workspace.right.data());
   internal::ScaleRows(workspace.right.data(), width, indices.data(), rows, workspace.weights.data(),

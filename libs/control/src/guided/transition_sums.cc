@@ -5,7 +5,7 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "transition_sums.cc"
-// Each needs the one before. clang-format would sort them.
+// Each header needs the previous one. clang-format would sort them.
 // clang-format off
 #include "hwy/foreach_target.h"  // recompiles this file for each instruction set
 #include "hwy/highway.h"
@@ -66,7 +66,7 @@ HWY_INLINE std::size_t CountAtMost(const float* distances, std::size_t rows, flo
   return count;
 }
 
-// Non-negative floats have the order of their bits.
+// Non-negative floats have the same order as their bits.
 float FloatOf(std::uint32_t bits) {
   float value;
   std::memcpy(&value, &bits, sizeof value);

@@ -296,8 +296,8 @@ void AddParticipant(const std::filesystem::path& folder, const std::string& name
                        << name << "'");
   const std::filesystem::path own = folder / "enclaves" / name;
   if (std::filesystem::exists(own)) {
-    throw std::runtime_error("there is a participant '" + name + "' already: remove " +
-                             own.string() + " to make it again");
+    throw std::runtime_error("participant '" + name + "' already exists: remove " + own.string() +
+                             " to make it again");
   }
   internal::CheckPrivate(AuthorityKey(folder));
   internal::CheckUnchangeable(AuthorityKey(folder).parent_path());

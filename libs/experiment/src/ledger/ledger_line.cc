@@ -136,7 +136,7 @@ core::Outcome OutcomeOf(char letter) {
 // Checks that the start states follow from the seed, as Evaluate() draws them.
 void CheckStarts(const UnitResult& result, const EvaluationPlan& plan) {
   if (std::ssize(result.starts) != plan.episodes) {
-    throw std::runtime_error("its number of start states differs");
+    throw std::runtime_error("its number of start states differs from the plan's");
   }
   int left = result.redrawn;
   for (int i = 0; i < plan.episodes; ++i) {
@@ -181,7 +181,8 @@ LedgerRecord RecordFrom(const Json& json, const EvaluationPlan& plan) {
   const auto count = static_cast<std::size_t>(plan.episodes);
   for (const Json& method : json.at("episodes")) {
     const auto outcomes = method.at("outcomes").get<std::string>();
-    if (outcomes.size() != count) throw std::runtime_error("its number of episodes differs");
+    if (outcomes.size() != count)
+      throw std::runtime_error("its number of episodes differs from the plan's");
     auto& episodes = result.episodes.emplace_back();
     episodes.reserve(count);
     for (std::size_t i = 0; i < count; ++i) {
@@ -192,7 +193,7 @@ LedgerRecord RecordFrom(const Json& json, const EvaluationPlan& plan) {
     }
   }
   if (result.episodes.size() != plan.methods.size()) {
-    throw std::runtime_error("its number of methods differs");
+    throw std::runtime_error("its number of methods differs from the plan's");
   }
   return record;
 }

@@ -13,7 +13,7 @@
 
 #include "dfr/experiment/ledger.h"
 
-/// Lines of a ledger: the header's and one a unit, each with its checksum.
+/// Lines of a ledger: the header's line and one line per unit, each with its checksum.
 namespace dfr::experiment::internal {
 
 using UnitKey = std::tuple<int, int, std::string>;
@@ -26,7 +26,7 @@ inline UnitKey KeyOf(const EvaluationUnit& unit) {
 
 /// Hash of bytes, as 16 digits.
 [[nodiscard]] std::string HashText(std::string_view bytes);
-/// Hash of all that must be equal in two ledgers with the same results.
+/// Returns a hash of all values that must be equal in two ledgers with the same results.
 [[nodiscard]] std::uint64_t IdentityHash(const LedgerHeader& header);
 /// Hash of a unit's results, without times.
 [[nodiscard]] std::uint64_t Fingerprint(const LedgerRecord& record);

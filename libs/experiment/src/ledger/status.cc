@@ -74,7 +74,7 @@ class Run {
   [[nodiscard]] bool Has(const LedgerHeader& header) const {
     return header_ && Difference(*header_, header).empty();
   }
-  // A task without a unit is identified only by its folder.
+  // Only the folder identifies a task without a unit.
   [[nodiscard]] bool IsIn(const std::filesystem::path& folder) const { return folder_ == folder; }
 
   // nullptr: no unit is finished yet.

@@ -40,7 +40,7 @@ std::string PageWords::LearnerNameOf(const std::string& learner) const {
 int PageWords::StyleOf(const std::string& method) const {
   int style = MethodStyle(method);
   if (style >= 0) return style;
-  std::set<int> taken = {0};  // what is compared with
+  std::set<int> taken = {0};  // style of the reference
   for (const std::string& other : methods_) taken.insert(MethodStyle(other));
   for (const std::string& other : methods_) {
     if (MethodStyle(other) >= 0) continue;

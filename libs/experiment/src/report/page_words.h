@@ -9,7 +9,7 @@
 
 namespace dfr::experiment::internal {
 
-/// How a page names, colours and judges methods and learners, formats their numbers, and words the
+/// Names, colours and judges methods and learners for a page, formats their numbers, and writes the
 /// commands that print these. Borrows both arguments.
 class PageWords {
  public:
@@ -18,7 +18,8 @@ class PageWords {
  protected:
   [[nodiscard]] std::string NameOf(const std::string& method) const;
   [[nodiscard]] std::string LearnerNameOf(const std::string& learner) const;
-  /// A method without a style of its own has the first that no other method of the page has.
+  /// Returns the style of a method. A method without a predefined style gets the first free style
+  /// of the page.
   [[nodiscard]] int StyleOf(const std::string& method) const;
   [[nodiscard]] std::string ColourOf(const std::string& method) const;
   [[nodiscard]] static std::string Percent(double value, int digits);
@@ -36,7 +37,7 @@ class PageWords {
       const Contrast& contrast, const std::vector<std::string>& outcomes = {});
   /// Returns the filter for the start states from which only one of the two collides.
   [[nodiscard]] static EpisodeFilter OnlyCollided(const Contrast& contrast, bool reference);
-  /// What a contrast says about using its method instead of the reference.
+  /// Returns the recommendation of a contrast about its method compared with the reference.
   [[nodiscard]] ReportJudgement Judge(const Contrast& contrast) const;
 
   const Summary& summary_;

@@ -5,10 +5,10 @@
 
 #include "dfr/experiment/report.h"
 
-/// Parts of a page that know nothing of the experiment.
+/// Parts of a page that are independent of the experiment.
 namespace dfr::experiment::internal {
 
-/// Shows on a click or a tap what hovering shows.
+/// Shows the hover text on a click or tap.
 inline constexpr const char* kTips = R"(<script>
 {
   const tip = document.getElementById("tip");

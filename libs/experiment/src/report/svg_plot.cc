@@ -76,7 +76,7 @@ Axis MakeXAxis(const ReportPlot& plot) {
   axis.low = plot.x_min.value_or(std::min(0.0, values.front()));
   axis.high = plot.x_max.value_or(values.back());
   if (!(axis.high > axis.low)) axis.high = axis.low + 1.0;
-  // Two ticks need at least an eleventh of the axis between them for their numbers.
+  // The numbers of two ticks need at least an eleventh of the axis between them.
   bool roomy = values.size() <= 8 && !plot.x_min && !plot.x_max;
   for (std::size_t i = 1; i < values.size(); ++i) {
     roomy = roomy && values[i] - values[i - 1] >= (axis.high - axis.low) / 11.0;
@@ -133,7 +133,7 @@ int SeriesStyle(const ReportPlot& plot, std::size_t i) {
   };
   int style = own(plot.series[i]);
   if (style >= 0) return style;
-  std::set<int> taken = {0};  // what is compared with
+  std::set<int> taken = {0};  // style of the reference
   for (const ReportSeries& series : plot.series) taken.insert(own(series));
   for (std::size_t j = 0; j <= i; ++j) {
     if (own(plot.series[j]) >= 0) continue;
@@ -231,7 +231,7 @@ class Panel {
     const ReportSeries& series = plot_.series[i];
     if (series.low.empty()) return;
     if (series.low.size() == 1) return DrawBar(i, svg);
-    // There along the upper ends, back along the lower ones.
+    // The polygon follows the upper ends and returns along the lower ones.
     svg << "<polygon class=\"band\" " << StyleAttribute(StyleOf(i)) << " points=\"";
     const std::size_t n = series.low.size();
     for (std::size_t j = 0; j < 2 * n; ++j) {
@@ -243,7 +243,7 @@ class Panel {
     svg << "\"/>\n";
   }
 
-  // The interval of a single point, which has no band.
+  // Draws the interval of a single point, which has no band.
   void DrawBar(std::size_t i, std::ostream& svg) const {
     const ReportSeries& series = plot_.series[i];
     if (!std::isfinite(series.low[0]) || !std::isfinite(series.high[0])) return;
@@ -350,7 +350,7 @@ std::string SvgSwatch(const std::string& css_class) {
 namespace dfr::experiment {
 
 std::span<const NamedStyle> NamedStyles() {
-  // What is compared with is grey. Neighbouring numbers differ in lightness, hue and marker.
+  // The reference is grey. Adjacent styles differ in lightness, hue and marker.
   static constexpr std::array<NamedStyle, 25> kStyles = {
       {{"baseline", "Baseline", 0},
        {"alone", "Alone", 0},

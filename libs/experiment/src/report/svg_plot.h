@@ -12,14 +12,15 @@ namespace dfr::experiment::internal {
 /// --grid). Legend() names its lines.
 [[nodiscard]] std::string SvgPlot(const ReportPlot& plot);
 
-/// Returns the names of all lines of the plots, each once, beside its line and marker. "" for none.
+/// Returns the names of all lines of the plots, each once, beside its line and marker. "" if there
+/// are no lines.
 [[nodiscard]] std::string Legend(std::span<const ReportPlot> plots);
 
 /// Returns style="..." with the colour of style `style`, 0 for the first. The colours repeat after
 /// 24. Lines of the styles 12 to 23 are dashed, and their dots hollow.
 [[nodiscard]] std::string StyleAttribute(int style);
 
-/// One 100 % bar of `parts`, left to right.
+/// Part of a 100 % bar, in order from left to right.
 struct BarPart {
   std::string name;
   std::string css_class;

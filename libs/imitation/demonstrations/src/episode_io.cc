@@ -31,7 +31,8 @@ constexpr char kActions[] = "actions";
 // circular link.
 constexpr int kDeepest = 8;
 
-// A dataset (N, height, width) or (N, height, width, channels), behind all with an offset.
+// Returns the shape of a dataset (N, height, width) or (N, height, width, channels). All following
+// entries have an offset.
 Key PictureKey(const Hdf5Reader& file, const std::string& path, const std::string& name,
                const std::vector<std::int64_t>& shape) {
   constexpr std::int64_t kMost = 1 << 13;
@@ -114,12 +115,12 @@ std::vector<std::string> NumberedMembers(const Hdf5Reader& file, const std::stri
 
 // Returns the vector-valued datasets of a part of an episode, including nested groups
 // ("goal/position"), by their attributes `offset` if all have one, else by name. Skips datasets of
-// more than two dimensions (images) but for `pictures`. A single dataset may replace the group.
+// more than two dimensions (images), except `pictures`. A single dataset may replace the group.
 core::StateLayout PartLayout(const Hdf5Reader& file, const std::string& episode, const char* part,
                              const Pictures& pictures = {}) {
   const std::string path = episode + "/" + part;
   if (!file.Exists(path)) {
-    // A simulator's full state is not an observation of a robot.
+    // The full state of a simulator is not an observation of a robot.
     const bool states_alone = std::string_view(part) == "obs" && file.Exists(episode + "/states");
     file.Fail(path, states_alone ? "does not exist: the file holds only simulator states, as "
                                    "robosuite's recorder writes them. Add observations with "

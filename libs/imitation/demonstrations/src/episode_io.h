@@ -75,8 +75,8 @@ class EpisodeReader : public DemonstrationReader {
   /// @param prefix  text before the number in an episode's name; members with other names are
   ///   rejected.
   /// @param states  the part of an episode with its states: "obs".
-  /// @param last  the attribute that writers set last. A final episode without it was cut off with
-  ///   its writer: it is dropped, and note() reports it.
+  /// @param last  the attribute that writers set last. A final episode without this attribute is
+  /// incomplete: it is dropped, and note() reports it.
   void FindEpisodes(const std::string& group, std::string_view prefix, const char* states,
                     const char* last);
 

@@ -175,7 +175,7 @@ core::Matrix Hdf5File::Read(const std::string& path) const {
   constexpr std::int64_t kMost = std::int64_t{1} << 31;
   std::int64_t cols = 1;
   for (std::size_t k = 1; k < shape.size(); ++k) {
-    // A product of claims that has become too large stays too large.
+    // A product that exceeds the limit stays above it.
     cols = shape[k] < 0 || shape[k] > kMost || cols > kMost ? kMost + 1 : cols * shape[k];
   }
   if (shape[0] < 0 || shape[0] > kMost || cols < 0 || cols > kMost ||
@@ -225,7 +225,7 @@ std::vector<std::string> Hdf5File::ReadTexts(const std::string& path) const {
   }
   const std::size_t size = H5Tget_size(type.id());
   if (!budget().Take(count, size)) {
-    Fail(path, "declares texts of " + std::to_string(size) + " bytes, which is too much");
+    Fail(path, "declares texts of " + std::to_string(size) + " bytes, which is too long");
   }
   std::string bytes(count * size, '\0');
   if (H5Dread(dataset.id(), type.id(), H5S_ALL, H5S_ALL, H5P_DEFAULT, bytes.data()) < 0) {

@@ -76,7 +76,7 @@ class Hdf5File {
   [[nodiscard]] std::optional<std::string> TextAttribute(const std::string& path,
                                                          const char* name) const;
 
-  /// Reports a problem with an object, for callers.
+  /// Throws an error about an object, for callers.
   [[noreturn]] void Fail(const std::string& path, const std::string& reason) const;
 
   /// Budget for reading an object: core::ReadBudget of the file's size.

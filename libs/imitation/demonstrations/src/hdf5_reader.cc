@@ -22,8 +22,8 @@
 namespace dfr::imitation::internal {
 namespace {
 
-// Requests are a letter and two texts; answers are a size and as many bytes. The first byte of an
-// answer marks success or an error.
+// A request is a letter and two texts. An answer is a size and that number of bytes. The first byte
+// of an answer marks success or an error.
 constexpr char kOpened = 'o';
 constexpr char kExists = 'e';
 constexpr char kIsGroup = 'g';
@@ -122,7 +122,7 @@ void LimitMemory(std::uint64_t file_size) noexcept {
   std::ifstream("/proc/self/statm") >> pages;
   const rlim_t used = pages * static_cast<rlim_t>(sysconf(_SC_PAGESIZE));
   const std::uint64_t budget = core::ReadBudget(file_size).left();
-  // Values exist twice, the second time in the answer.
+  // Values exist twice: the answer holds the second copy.
   const rlim_t most = budget > (RLIM_INFINITY - used - kOverhead) / 3
                           ? RLIM_INFINITY
                           : used + kOverhead + 3 * budget;
@@ -157,7 +157,7 @@ void Serve(int socket, const std::filesystem::path& path, std::uint64_t file_siz
         }
       } catch (const std::bad_alloc&) {
         answer = std::string(1, kError) + path.string() + ": " + texts[0] +
-                 ": needs more memory than a file of this size may ask for";
+                 ": needs more memory than a file of this size may request";
       } catch (const std::exception& e) {
         answer = std::string(1, kError) + e.what();
       }
@@ -247,7 +247,8 @@ Hdf5Reader::Hdf5Reader(const std::filesystem::path& path) : name_(path.string())
   socket_ = sockets[0];
   if (process_ < 0) {
     close(socket_);
-    throw std::runtime_error(name_ + ": no process to read it: " + std::strerror(reason));
+    throw std::runtime_error(name_ +
+                             ": cannot start a process to read it: " + std::strerror(reason));
   }
   try {
     static_cast<void>(Ask(kOpened, ""));

@@ -154,7 +154,7 @@ class LeRobotReader final : public DemonstrationReader {
       const int size = IsNumeric(feature) ? SizeOf(name, feature) : 0;
       if (name == kSuccess) has_success_ = size == 1;
       if (name == kAction) {
-        if (size == 0) Fail(InfoFile(folder_), "the feature action is not a vector of numbers");
+        if (size == 0) Fail(InfoFile(folder_), "feature 'action' is not a vector of numbers");
         control_dim_ = size;
       } else if (name == "observation" || name.starts_with("observation.")) {
         const auto asked = std::ranges::find(pictures, name, &core::BlockRequest::name);
@@ -169,7 +169,7 @@ class LeRobotReader final : public DemonstrationReader {
         if (video) videos += (videos.empty() ? "" : ", ") + name;
       }
     }
-    if (control_dim_ == 0) Fail(InfoFile(folder_), "has no feature action");
+    if (control_dim_ == 0) Fail(InfoFile(folder_), "has no feature 'action'");
     if (layout_.blocks.empty()) {
       Fail(InfoFile(folder_), "has no feature observation.<name> that is a vector of numbers");
     }
@@ -199,15 +199,16 @@ class LeRobotReader final : public DemonstrationReader {
       for (int group = 0; group < parquet.num_row_groups(); ++group) {
         const ParquetColumn column = parquet.Read(group, kEpisode);
         if (static_cast<std::int64_t>(column.values.size()) != column.num_rows()) {
-          Fail(files_[static_cast<std::size_t>(file)], "column episode_index is not one number");
+          Fail(files_[static_cast<std::size_t>(file)],
+               "column episode_index does not hold one number per row");
         }
         frames += column.num_rows();
         for (std::int64_t row = 0; row < column.num_rows(); ++row) {
           const double value = column.values[static_cast<std::size_t>(row)];
           if (!(value >= 0.0 && value < 1e9) || value != std::floor(value)) {
-            Fail(files_[static_cast<std::size_t>(file)], "column episode_index, row " +
-                                                             std::to_string(row) + " is " +
-                                                             std::to_string(value));
+            Fail(files_[static_cast<std::size_t>(file)],
+                 "column episode_index, row " + std::to_string(row) + " is " +
+                     std::to_string(value) + ", not an integer from 0 to 1e9");
           }
           const auto episode = static_cast<std::int64_t>(value);
           std::vector<Part>& parts = found[episode];

@@ -97,8 +97,10 @@ core::PictureShape LeRobotVideos::Add(const core::BlockRequest& request,
   const std::filesystem::path info = folder_ / "meta" / "info.json";
   const std::optional<core::PictureShape> frame = ShapeOfFrames(feature);
   if (!frame) {
-    Refuse(info, "the video " + request.name + " has not the shape of pictures of 1 or 3 channels",
-           "shape and names must be as in [480, 640, 3] and [\"height\", \"width\", \"channels\"]");
+    Refuse(
+        info,
+        "the video " + request.name + " does not have the shape of pictures with 1 or 3 channels",
+        "shape and names must be as in [480, 640, 3] and [\"height\", \"width\", \"channels\"]");
   }
   core::PictureShape picture = *frame;
   const int longer = std::max(frame->height, frame->width);
@@ -114,7 +116,7 @@ core::PictureShape LeRobotVideos::Add(const core::BlockRequest& request,
            core::Format("the frames of %s have %d x %d pixels, fewer than %d x %d",
                         request.name.c_str(), frame->height, frame->width, picture.height,
                         picture.width),
-           "ask for a smaller size");
+           "request a smaller size");
   }
   videos_[request.name] = {static_cast<int>(videos_.size()), *frame, picture, {}};
   return picture;
@@ -127,7 +129,7 @@ void LeRobotVideos::Locate(const nlohmann::json& info) {
   const auto fps = info.find("fps");
   if (fps != info.end() && fps->is_number()) fps_ = fps->get<double>();
   if (!(fps_ > 0.0 && fps_ < 1e6)) {
-    Refuse(file, "fps is no number of frames in a second", "set it to that of the videos");
+    Refuse(file, "fps is not a frame rate", "set it to that of the videos");
   }
   pattern_ = several_in_a_file_
                  ? "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
@@ -149,7 +151,7 @@ void LeRobotVideos::ReadPlaces() {
         ParquetColumn found = file.Read(group, column);
         if (static_cast<std::int64_t>(found.values.size()) != file.num_rows(group) ||
             !std::ranges::all_of(found.values, [](double v) { return v >= 0.0 && v < 1e9; })) {
-          Refuse(path, "column " + column + " is not one number >= 0 in each row",
+          Refuse(path, "column " + column + " does not hold one number >= 0 per row",
                  "is the download complete?");
         }
         return std::move(found.values);

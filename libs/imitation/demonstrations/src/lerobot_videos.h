@@ -31,7 +31,7 @@ class LeRobotVideos {
             Eigen::Index column);
 
  private:
-  /// An episode in version 3.
+  /// Part of a video file that contains one episode, in version 3 of the format.
   struct Place {
     std::int64_t chunk = 0;
     std::int64_t file = 0;

@@ -201,7 +201,7 @@ class MinariWriter::File {
     file_.SetAttribute(episode, "seed", static_cast<std::int64_t>(trajectory.seed));
     file_.SetAttribute(episode, "outcome", std::string(core::Name(trajectory.outcome)));
     file_.SetAttribute(episode, kTotal, static_cast<std::int64_t>(steps));
-    file_.Flush();  // all data of the name to come
+    file_.Flush();  // flushes all data of the new name
     file_.LinkNewGroup(kPrefix + std::to_string(episodes_));
     file_.Flush();
     ++episodes_;

@@ -21,7 +21,7 @@ namespace {
 
 constexpr char kDecoder[] = "video_frames";
 
-// The program beside this one; else its name, which is looked for in PATH.
+// Returns the path of the program beside this one, otherwise the name, which is searched in PATH.
 std::string Decoder() {
   std::error_code error;
   const std::filesystem::path beside =
@@ -34,7 +34,7 @@ std::string Decoder() {
 void VideoFrames::Start() {
   std::array<int, 2> sockets{};
   if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, sockets.data()) != 0) {
-    throw core::Error(std::string("no connection to the program ") + kDecoder + ": " +
+    throw core::Error(std::string("cannot connect to the program ") + kDecoder + ": " +
                       std::strerror(errno));
   }
   posix_spawn_file_actions_t actions;
@@ -64,7 +64,7 @@ std::string VideoFrames::End() noexcept {
   socket_ = -1;
   if (process_ <= 0) return "";
   int status = 0;
-  // It has nothing to clean up.
+  // The process has nothing to clean up.
   const bool alive = waitpid(process_, &status, WNOHANG) == 0;
   if (alive) {
     kill(process_, SIGKILL);

@@ -44,7 +44,7 @@ class VideoFrames {
 
  private:
   void Start();
-  /// Ends the process. Returns how it ended by itself, if it did.
+  /// Ends the process. If the process had already ended, returns the reason.
   std::string End() noexcept;
 
   int socket_ = -1;

@@ -32,7 +32,8 @@ std::size_t Entries(Eigen::Index rows, int cols) {
   return static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols);
 }
 
-// Returns the product that takes a gradient by a layer's outputs to one by its inputs.
+// Returns the product that maps a gradient with respect to a layer's outputs to one with respect to
+// its inputs.
 internal::Product ToInputs(const Mlp::Layer& layer, int rows, const double* delta,
                            std::ptrdiff_t delta_row, const std::vector<double>& transposed,
                            double* to) {

@@ -25,7 +25,7 @@ class LossFunction final : public ceres::FirstOrderFunction {
 
   bool Evaluate(const double* parameters, double* cost, double* gradient) const override {
     const Eigen::Map<const Eigen::VectorXd> theta(parameters, size_);
-    if (!theta.allFinite()) return false;  // step too long, to be shortened
+    if (!theta.allFinite()) return false;  // step too long; the search shortens it
     *cost = loss_.Evaluate(theta, inputs_, targets_, gradient == nullptr ? nullptr : &gradient_);
     if (gradient != nullptr) Eigen::Map<Eigen::VectorXd>(gradient, size_) = gradient_;
     return std::isfinite(*cost);

@@ -9,7 +9,8 @@
 namespace dfr::sim::internal {
 namespace {
 
-// The joints of a planar chain of equal links, then its tip. `joint` returns an angle by its index.
+// Writes the joints of a planar chain of equal links, then its tip. `joint` returns an angle by its
+// index.
 template <std::size_t N>
 std::array<Point, N + 1> ChainPoints(Point base, double link, const auto& joint) noexcept {
   std::array<Point, N + 1> points{base};
@@ -51,7 +52,7 @@ void MoveTip(const std::array<Point, N + 1>& points, Point wanted,
 // A planar arm of two links. State: joints(2), tip(2).
 class Arm2Plant final : public Cloned<Arm2Plant> {
   static constexpr double kLink = 0.5;
-  static constexpr double kStep = 0.25;  // rad, joint rotation by a control of 1
+  static constexpr double kStep = 0.25;  // rad, rotation of a joint by a control of 1
   static constexpr Disc kPillar{{0.327, 0.642}, 0.16};
   static constexpr Point kGoal{-0.417, 0.712};
 
@@ -110,7 +111,7 @@ class Arm7Plant final : public Cloned<Arm7Plant> {
   static constexpr double kStep = 0.1;  // rad, joint rotation by a control of 1
   static constexpr Disc kPillar{{0.8, 0.0}, 0.12};
   static constexpr Disc kGoal{{0.72, 0.36}, 0.05};
-  // Bent away from the pillar.
+  // Start pose, bent away from the pillar.
   static constexpr std::array<double, kJoints> kStart = {-1.5, 0.4, 0.35, 0.3, 0.25, 0.2, 0.2};
 
  public:
@@ -157,16 +158,16 @@ class Arm7Plant final : public Cloned<Arm7Plant> {
   }
 };
 
-// An arm whose joints a servo moves to absolute targets. A control is the target minus the measured
-// joint, rad, as users convert absolute targets: half of a motion carries over to the next step,
-// and the shoulder sags a little.
-// State: joints(5) in rad, tip(2); hidden: the last motion(5).
+// An arm whose servos move the joints to absolute targets. A control is the target minus the
+// measured joint, rad, as in a conversion of absolute targets. Half of a motion carries over to the
+// next step, and the shoulder sags slightly. State: joints(5) in rad, tip(2); hidden: the last
+// motion(5).
 class JointsPlant final : public Cloned<JointsPlant> {
   static constexpr int kJoints = 5;
   static constexpr double kLink = 0.2;
   static constexpr double kCarry = 0.5;
-  static constexpr double kSag = 0.003;  // rad per step at a horizontal first link
-  static constexpr double kMost = 0.12;  // rad, a target is at most this far ahead
+  static constexpr double kSag = 0.003;  // rad, sag per step at a horizontal first link
+  static constexpr double kMost = 0.12;  // rad, maximum distance of a target ahead
   static constexpr Disc kPillar{{0.8, 0.0}, 0.12};
   static constexpr Disc kGoal{{0.72, 0.36}, 0.05};
   static constexpr std::array<double, kJoints> kStart = {-1.25, 0.5, 0.4, 0.3, 0.25};
@@ -229,8 +230,8 @@ class BimanualPlant final : public Cloned<BimanualPlant> {
   static constexpr double kLink = 1.0 / kJoints;
   static constexpr double kStep = 0.1;  // rad, joint rotation by a control of 1
   static constexpr double kBase = 0.35;
-  static constexpr double kLength = 0.3;  // of the bar
-  static constexpr double kPlay = 0.12;   // largest deviation of the gap from that
+  static constexpr double kLength = 0.3;  // length of the bar
+  static constexpr double kPlay = 0.12;   // maximum deviation of the gap from that length
   static constexpr double kTilt = 0.5;
   static constexpr Disc kPost{{-0.2, 0.72}, 0.06};
   static constexpr Disc kGoal{{0.12, 0.72}, 0.04};

@@ -37,7 +37,7 @@ class GraspPlant final : public Cloned<GraspPlant> {
   }
 
   bool Draw(std::span<const double> state, std::span<std::uint8_t> rgb) const noexcept override {
-    constexpr double kHalf = 0.012;  // of the object and a finger
+    constexpr double kHalf = 0.012;  // half width of the object and of a finger
     Canvas canvas(rgb, kPictureSide, -0.1, -0.06, 0.54);
     canvas.Fill(kGround);
     canvas.Box(0.2, -0.5, 1.0, 0.5, 0.0, kSolid);
@@ -133,7 +133,7 @@ class LidPlant final : public Cloned<LidPlant> {
     } else {
       const double distance = Norm(p - Point{kRadius, 0.0});
       if (x(2) > 0.8 && distance < kGap) x(4) = 1.0;
-      // The chest below the lid. A closed gripper collides with the handle.
+      // Collision with the chest below the lid, or of a closed gripper with the handle.
       FailIf((x(1) < -0.02 && x(0) < kRadius + 0.02) || (x(2) > 0.8 && distance >= kGap));
     }
     FailIf(Norm(p) > 1.0);
@@ -145,10 +145,11 @@ class LidPlant final : public Cloned<LidPlant> {
 // control are in metres, the last opens (< 0) or closes (> 0) the gripper, at one speed.
 // State: gripper(3) in m, closed(1) in [0, 1], object(3) in m; hidden: whether the object is held.
 class PickPlant final : public Cloned<PickPlant> {
-  static constexpr double kRate = 0.25;     // share of its way that the gripper moves in a step
-  static constexpr double kSlack = 0.012;   // m, the object is between the fingers within this
-  static constexpr double kFingers = 0.04;  // m, and beside them beyond this
-  static constexpr double kHeight = 0.04;   // m, of the object
+  // Fraction of its range that the gripper moves in a step.
+  static constexpr double kRate = 0.25;
+  static constexpr double kSlack = 0.012;   // m, maximum offset of an object between the fingers
+  static constexpr double kFingers = 0.04;  // m, minimum offset of fingers beside the object
+  static constexpr double kHeight = 0.04;   // m, height of the object
   static constexpr double kStep = 0.018;    // m
   static constexpr Disc kPlace{{0.3, 0.0}, 0.03};
 
@@ -159,7 +160,7 @@ class PickPlant final : public Cloned<PickPlant> {
                  std::span<double> u) const noexcept override {
     const Point p{x(0), x(1)};
     const Point aim = held() ? kPlace.centre : Point{x(4), x(5) + 0.0015 * variation.offset};
-    // Low, it stays on its way down; high, it first gets there.
+    // Near the table the gripper continues down; above, it first moves over the aim.
     const bool above = Norm(aim - p) < (x(2) < 0.08 ? 0.02 : 0.006);
     const bool low = x(2) < 0.014;
     const double height = above ? 0.008 : 0.12;

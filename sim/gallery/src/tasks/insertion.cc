@@ -7,8 +7,8 @@ namespace dfr::sim::internal {
 namespace {
 
 constexpr double kPegGain = 0.02;     // displacement of the peg by a control of norm 1
-constexpr double kClearance = 0.012;  // half the width of the slot, minus the peg's
-constexpr double kMouth = 0.03;       // the same at the surface, at the chamfers
+constexpr double kClearance = 0.012;  // half width of the slot minus that of the peg
+constexpr double kMouth = 0.03;       // same clearance at the surface, at the chamfers
 constexpr double kChamfer = 0.03;     // depth of the chamfers
 constexpr double kDepth = 0.1;        // depth of an inserted peg
 constexpr double kForce = 0.4;        // largest part of a control that may be blocked
@@ -29,7 +29,7 @@ class InsertionPlant final : public Cloned<InsertionPlant> {
   }
 
   bool Draw(std::span<const double> state, std::span<std::uint8_t> rgb) const noexcept override {
-    constexpr double kPeg = 0.02;  // half the width
+    constexpr double kPeg = 0.02;  // half width of the peg
     Canvas canvas(rgb, kPictureSide, -0.1, -0.16, 0.48);
     canvas.Fill(kGround);
     canvas.Box(0.1, -0.5, 1.0, 0.5, 0.0, kSolid);

@@ -117,7 +117,7 @@ Route Over(double probability, double y) {
   return {probability, {{0.0, 0.0}, {0.35, 0.85 * y}, {0.55, y}, {0.75, 0.85 * y}, {1.0, 0.0}}};
 }
 
-// Past pillars at x = 0.85, at this height; decided early.
+// Past pillars at x = 0.85, at this height. The route is chosen early.
 Route Past(double probability, double y) {
   return {probability, {{0.0, 0.0}, {0.15, 0.3 * y}, {0.6, y}, {1.05, y}, {1.3, 0.0}}};
 }

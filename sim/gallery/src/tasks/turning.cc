@@ -7,17 +7,17 @@
 namespace dfr::sim::internal {
 namespace {
 
-// A hand takes a door's handle, turns it until the latch is free, and pulls the door open.
-// State: hand(2), handle(4) as a unit quaternion w, x, y, z with w >= 0, whose sign flips where the
-// angle passes pi; door(1) in rad. Hidden: the angle, whether the handle is held, whether the latch
-// is free.
+// A hand grasps a door handle, turns it until the latch is free, and pulls the door open. State:
+// hand(2), handle(4) as a unit quaternion w, x, y, z with w >= 0, whose sign flips when the angle
+// passes pi; door(1) in rad. Hidden: the angle, and whether the handle is held and the latch is
+// free.
 class DoorPlant final : public Cloned<DoorPlant> {
-  static constexpr double kGain = 0.03;   // a control of 1 moves the hand by this
-  static constexpr double kTurn = 0.1;    // rad, and turns it by this
-  static constexpr double kRadius = 0.4;  // of the handle around the hinge, which is the origin
-  static constexpr double kGap = 0.03;    // largest distance of the hand from the held handle
-  static constexpr double kFree = 3.5;    // rad, from here on the latch is free
-  static constexpr double kBreak = 4.1;   // rad, here the handle breaks
+  static constexpr double kGain = 0.03;   // displacement of the hand by a control of 1
+  static constexpr double kTurn = 0.1;    // rad, turn of the hand by a control of 1
+  static constexpr double kRadius = 0.4;  // radius of the handle around the hinge, the origin
+  static constexpr double kGap = 0.03;    // maximum distance of the hand from the held handle
+  static constexpr double kFree = 3.5;    // rad, angle at which the latch becomes free
+  static constexpr double kBreak = 4.1;   // rad, angle at which the handle breaks
   static constexpr double kOpen = 1.0;    // rad
 
  public:
@@ -43,7 +43,7 @@ class DoorPlant final : public Cloned<DoorPlant> {
     const Point handle = Turned({kRadius, 0.0}, state[6]);
     canvas.Segment(0.0, 0.0, handle.x, handle.y, 0.015, kSolid);
     canvas.Disc(handle.x, handle.y, 0.03, kObject);
-    // The quaternion of either sign is the same turn; a pointer that shows it.
+    // Both signs of the quaternion are the same turn. Draws a pointer at that angle.
     const double turn = 2.0 * std::atan2(0.6 * state[3] + 0.8 * state[5], state[2]);
     const Point end = handle + Turned({0.12, 0.0}, turn);
     canvas.Segment(handle.x, handle.y, end.x, end.y, 0.012, kObject);
@@ -76,12 +76,14 @@ class DoorPlant final : public Cloned<DoorPlant> {
     const Point p{x(0), x(1)};
     if (!held()) {
       if (Norm(p - Point{kRadius, 0.0}) < 0.012) x(8) = 1.0;
-      FailIf(x(1) < -0.03 || x(7) > kFree);  // the door; the hand does not turn in the air
+      // Touches the door, or turns too far; the hand does not turn in the air.
+      FailIf(x(1) < -0.03 || x(7) > kFree);
     } else {
       if (x(7) > kFree) x(9) = 1.0;
       if (free()) x(6) = std::max(0.0, std::atan2(p.y, p.x));
-      FailIf(Norm(p - Turned({kRadius, 0.0}, x(6))) > kGap);  // slips, or pulls a latched door
-      // The latch springs back where the handle is let go before the door is open.
+      // The hand slips, or pulls a latched door.
+      FailIf(Norm(p - Turned({kRadius, 0.0}, x(6))) > kGap);
+      // The latch springs back if the handle is released before the door is open.
       FailIf(free() && x(6) < 0.1 && x(7) < kFree - 0.3);
     }
     FailIf(x(7) > kBreak || x(7) < 2.0 || Norm(p) > 1.0);
@@ -89,17 +91,17 @@ class DoorPlant final : public Cloned<DoorPlant> {
   [[nodiscard]] bool Done() const noexcept override { return x(6) >= kOpen; }
 };
 
-// A driver turns a screw in by two and a half turns and follows it down; it slips off where it is
-// not pressed, and cracks the screw where it is pressed too hard.
-// State: driver(2) as cosine and sine, height(1) of its tip, head(1), the height of the screw's.
-// Hidden: the angle since the start, which runs on; the angle at the start.
+// A driver turns a screw in by two and a half turns and follows it down. Without pressure the
+// driver slips off; with too much pressure it cracks the screw. State: driver(2) as cosine and
+// sine, height(1) of its tip, head(1), the height of the screw's head. Hidden: the angle since the
+// start, without wrapping; the angle at the start.
 class ScrewPlant final : public Cloned<ScrewPlant> {
   static constexpr double kTurn = 0.3;   // rad
-  static constexpr double kGain = 0.05;  // a control of 1 moves the driver up by this
+  static constexpr double kGain = 0.05;  // upward displacement of the driver by a control of 1
   static constexpr double kPitch = 0.2;
-  static constexpr double kSpring = 0.1;  // pressed in by this, the force is 1
+  static constexpr double kSpring = 0.1;  // depth at which the force is 1
   static constexpr double kMost = 1.5;    // force
-  static constexpr double kLeast = 0.1;   // force, to turn by more than kSlip
+  static constexpr double kLeast = 0.1;   // minimum force for turning by more than kSlip
   static constexpr double kSlip = 0.1;    // rad
   static constexpr double kTurns = 2.5;
 

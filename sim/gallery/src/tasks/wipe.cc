@@ -6,17 +6,16 @@
 namespace dfr::sim::internal {
 namespace {
 
-constexpr double kToolGain = 0.02;  // a control of norm 1 moves the tool by this
-constexpr double kSpring = 0.012;   // pressed in by this, the force is 1
+constexpr double kToolGain = 0.02;  // displacement of the tool by a control of norm 1
+constexpr double kSpring = 0.012;   // depth at which the force is 1
 constexpr double kMost = 1.5;       // force
-constexpr double kWipes = 0.2;      // force, from which on the tool wipes
-constexpr double kSkip = 0.03;      // longest step between wiped points
+constexpr double kWipes = 0.2;      // minimum force with which the tool wipes
+constexpr double kSkip = 0.03;      // maximum step between wiped points
 constexpr double kLength = 0.6;
 
-// A tool wipes a bent surface along x. Neither the height nor the slope of the surface is observed,
-// only the force.
-// State: tool(2), force(1), wiped(1), where the wiped part ends; hidden: the surface's offset and
-// slope.
+// A tool wipes a bent surface along x. The state includes the force, but neither the height nor the
+// slope of the surface. State: tool(2), force(1), wiped(1), the end of the wiped part; hidden: the
+// surface's offset and slope.
 class WipePlant final : public Cloned<WipePlant> {
  public:
   WipePlant() : Cloned({{"tool", 0, 2}, {"force", 0, 1}, {"wiped", 0, 1}}, 2, 2) {}
@@ -25,7 +24,8 @@ class WipePlant final : public Cloned<WipePlant> {
                  std::span<double> u) const noexcept override {
     const double wanted = 0.7 + 0.03 * variation.offset;
     const bool touches = x(2) > 0.0;
-    // Down to the surface, where the wiped part ends; then on, as fast as the force allows.
+    // Moves down to the surface at the end of the wiped part, then along it as fast as the force
+    // allows.
     const double off = x(2) - wanted;
     u[0] = !touches ? std::clamp((x(3) - x(0)) / kToolGain, -0.5, 0.5)
                     : 0.5 * std::clamp(1.0 - 1.5 * std::abs(off), 0.0, 1.0);

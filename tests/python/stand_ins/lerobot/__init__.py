@@ -1,1 +1,1 @@
-"""The top of the stand-in of LeRobot."""
+"""Top-level module of the stand-in for LeRobot."""

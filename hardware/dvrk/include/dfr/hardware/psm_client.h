@@ -31,7 +31,7 @@ struct PsmClientOptions {
   /// margin for noise.
   kinematics::PsmJoints jump_speed =
       (kinematics::PsmJoints() << 2.4, 2.4, 0.3, 2.4, 2.4, 2.4).finished();
-  /// Allowance for noise in addition, rad (insertion: m), >= 0.
+  /// Additional allowance for noise, rad (insertion: m), >= 0.
   kinematics::PsmJoints jump_noise =
       (kinematics::PsmJoints() << 0.01, 0.01, 0.002, 0.02, 0.02, 0.02).finished();
   double jump_distance_m = 0.005;  ///< Same for measured_cp, which may move at 1 m/s, > 0.
@@ -122,7 +122,7 @@ struct PsmOperatingState {
 /// The instrument on the arm, as the console names it on tool_type.
 enum class PsmInstrument {
   kNotNamed,  ///< The console has named none yet.
-  kOther,     ///< One whose kinematics are unknown.
+  kOther,     ///< An instrument whose kinematics are unknown.
   kSuitable,  ///< A Large Needle Driver for this generation of the arm.
 };
 
@@ -135,25 +135,27 @@ struct PsmInput {
   std::optional<PsmJawSample> jaw_measured;
   std::optional<PsmJawSample> jaw_setpoint;
   std::optional<PsmOperatingState> operating_state;
-  int errors = 0;            ///< Messages on the console's topic error.
-  int state_publishers = 0;  ///< Matched on measured_js.
-  int incompatible = 0;      ///< Publishers refused there because of their quality of service.
-  int other_publishers = 0;  ///< On the command topics, other than this client.
-  int foreign_messages = 0;  ///< Messages of others on hold, free and state_command.
-  /// Statements of the console that servo_cp or servo_cs, and that another command, controls the
-  /// arm: ControlStatedBy().
+  int errors = 0;            ///< Number of messages on the console's topic error.
+  int state_publishers = 0;  ///< Number of matched publishers of measured_js.
+  /// Number of publishers of measured_js refused because of their quality of service.
+  int incompatible = 0;
+  int other_publishers = 0;  ///< Number of publishers on the command topics other than this client.
+  int foreign_messages = 0;  ///< Number of messages of others on hold, free and state_command.
+  /// Number of the console's statements that servo_cp or servo_cs, or that another command,
+  /// controls the arm: ControlStatedBy().
   int pose_controls = 0;
   int other_controls = 0;
-  /// Participants discovered since the last step, and publishers of commands to the arm or of its
-  /// settings. Their earlier messages are unknown.
+  /// Number of participants discovered since the last step, and of publishers of commands to the
+  /// arm or of its settings. Their earlier messages are unknown.
   int newcomers = 0;
-  int goals_reached = 0;      ///< Moves ended by the console; this client never starts such moves.
-  bool teleoperated = false;  ///< Teleoperation is enabled, or was since the last step.
+  /// Number of moves ended by the console; this client never starts such moves.
+  int goals_reached = 0;
+  bool teleoperated = false;  ///< True if teleoperation is enabled, or was since the last step.
   bool clutched = false;      ///< Same for the arm's clutch.
   PsmInstrument instrument = PsmInstrument::kNotNamed;
   int tool_changes = 0;         ///< Number of changes of the instrument.
-  int command_subscribers = 0;  ///< On state_command.
-  bool send_failed = false;     ///< Output was dropped because a queue was full.
+  int command_subscribers = 0;  ///< Number of subscribers to state_command.
+  bool send_failed = false;     ///< True if output was dropped because a queue was full.
 };
 
 /// Output to send now.
@@ -199,9 +201,9 @@ class PsmClient {
   PsmStatus Request(PsmRequest request) noexcept;
 
   /// Starts sending set-points, beginning with the console's own, if the last step found no error.
-  /// Otherwise returns the reason without any change. The only way to resume after a fault. The
-  /// first is sent when the console has answered the last hold, or 1 s after it; moves wait as
-  /// long.
+  /// Otherwise returns the reason without any change. This is the only way to resume after a fault.
+  /// The first set-point is sent when the console has answered the last hold, or 1 s after the
+  /// hold; moves also wait for it.
   PsmStatus Arm() noexcept;
   /// Returns the result of a call of Arm() without calling it.
   [[nodiscard]] PsmStatus Armable() const noexcept;
@@ -265,7 +267,7 @@ class PsmClient {
   PsmMotion motion_;
   PsmRest rest_;
   PsmRecentSetpoints recent_;
-  PsmRecentSetpoints recent_jaw_;  // in the first entry
+  PsmRecentSetpoints recent_jaw_;  // position in the first entry
   PsmStatements statements_;
   dds::Watchdog js_watchdog_;
   dds::Watchdog cp_watchdog_;
@@ -276,12 +278,12 @@ class PsmClient {
   PsmPoseSample cp_;
   PsmPoseSample local_cp_;
   Eigen::Isometry3d base_now_ = Eigen::Isometry3d::Identity();
-  Eigen::Isometry3d base_ = Eigen::Isometry3d::Identity();  // at the time of arming
+  Eigen::Isometry3d base_ = Eigen::Isometry3d::Identity();  // base at the time of arming
   PsmJawSample jaw_measured_;
   PsmJawSample jaw_setpoint_;
   PsmOperatingState operating_;
   kinematics::PsmJoints agreed_ =
-      kinematics::PsmJoints::Zero();  // the last set-point that was ours
+      kinematics::PsmJoints::Zero();  // last set-point sent by this client
   std::int64_t js_arrival_ns_ = 0;
   std::int64_t cp_arrival_ns_ = 0;
   std::int64_t local_arrival_ns_ = 0;
@@ -322,9 +324,9 @@ class PsmClient {
   bool hold_first_ = false;
   bool request_sent_ = false;
   bool others_control_ = false;
-  bool sends_ = false;  // set-points have been sent since arming
+  bool sends_ = false;  // true if set-points have been sent since arming
   bool jaw_ours_ = false;
-  bool jaw_known_ = false;  // jaw position at the time of arming is known
+  bool jaw_known_ = false;  // true if the jaw position at the time of arming is known
   bool jaw_moving_ = false;
 };
 

@@ -47,10 +47,10 @@ struct PsmDriverOptions {
 ///
 /// It also monitors other publishers on all servo_, move_ and interpolate_ topics of the arm, jaw
 /// and body; new ones on its set_, use_ and emulate_ topics; messages of others on hold, free and
-/// state_command; new participants; moves ended by the console (goal_reached), which are never
-/// ours; and enabled teleoperations. The console may receive a newcomer's messages before this
-/// driver does, so the presence of a newcomer counts as a message. What only the console has heard
-/// shows in its statements on `status`.
+/// state_command; new participants; moves ended by the console (goal_reached), which this driver
+/// never starts; and enabled teleoperations. The console may receive a newcomer's messages before
+/// this driver does, so the presence of a newcomer counts as a message. The console's statements on
+/// `status` reveal commands that only the console has received.
 ///
 /// A separate thread handles DDS, which allocates, locks and may wait. Lock-free mailboxes pass
 /// messages. All members marked noexcept, in particular Tick(), therefore neither allocate, lock
@@ -107,7 +107,7 @@ class PsmDriver {
   [[nodiscard]] std::string_view last_error() const noexcept { return last_error_.view(); }
   /// Describes the last participant that published, sent a request or joined, with address and
   /// topic. While the arm holds because of others, describes the first one that caused it, or
-  /// quotes the console, which alone has heard it. Empty if there was none.
+  /// quotes the console if only the console has received the message. Empty if there was none.
   [[nodiscard]] std::string_view who() const noexcept { return who_.data(); }
   /// True if who() is the cause of the hold.
   [[nodiscard]] bool held_by_others() const noexcept;
@@ -140,7 +140,8 @@ class PsmDriver {
   PsmClient client_;
   ConsoleMessage last_error_;
   std::array<char, 160> who_{};
-  std::array<char, 160> control_{};  // the console's last statement of another's control
+  // The console's last statement that another command controls the arm.
+  std::array<char, 160> control_{};
   int other_publishers_ = 0;
   int state_publishers_ = 0;
   int servo_subscribers_ = 0;

@@ -29,7 +29,7 @@ struct PsmLimits {
   /// below the cannula within the arm's length.
   Eigen::Vector3d workspace_min_m = Eigen::Vector3d(-0.15, -0.15, -0.25);
   Eigen::Vector3d workspace_max_m = Eigen::Vector3d(0.15, 0.15, 0.0);
-  double jaw_lower = -0.3490658503988659;     ///< rad; the 420006 closes no farther.
+  double jaw_lower = -0.3490658503988659;     ///< rad; the 420006 closes no farther
   double jaw_upper = 1.3962634015954636;      ///< rad
   double max_jaw_speed = 1.5707963267948966;  ///< rad/s, > 0.
 
@@ -111,7 +111,8 @@ class PsmRecentSetpoints {
     kinematics::PsmJoints lower = kinematics::PsmJoints::Zero();
     kinematics::PsmJoints upper = kinematics::PsmJoints::Zero();
   };
-  static constexpr std::size_t kParts = 9;  // the oldest is complete until older than the window
+  // The oldest part is complete until older than the window.
+  static constexpr std::size_t kParts = 9;
 
   double window_s_;
   std::array<Part, kParts> parts_;

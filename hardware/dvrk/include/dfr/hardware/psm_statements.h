@@ -4,14 +4,15 @@
 
 namespace dfr::hardware {
 
-/// Decides which of the console's statements of control, see control_statement.h, are answers to
-/// own commands. The console states each change of control, so a command causes at most one
-/// statement: an own hold one of another control than poses, the first set-point after it one of
-/// poses. Any statement beyond these shows that the console has obeyed another's command.
+/// Decides which of the console's statements of control (control_statement.h) answer this client's
+/// commands. The console states each change of control, so a command causes at most one statement.
+/// A hold of this client causes a statement of a control other than poses, and the first set-point
+/// after it a statement of poses. Any other statement shows that the console has obeyed another
+/// client's command.
 ///
-/// No set-point may be sent while the answer to an own hold may still come, see awaits(). Then a
-/// statement of another control than poses that comes after a set-point is never an own answer,
-/// whether or not the console has answered the hold.
+/// No set-point may be sent while the answer to a hold of this client may still arrive, see
+/// awaits(). A statement of a control other than poses that arrives after a set-point is then never
+/// such an answer, whether or not the console has answered the hold.
 ///
 /// Never allocates. Times are of a monotonic clock.
 class PsmStatements {
@@ -23,24 +24,24 @@ class PsmStatements {
   void Held(std::int64_t now_ns) noexcept;
   /// Records that the arm is armed: set-points follow.
   void Armed() noexcept { poses_ = true; }
-  /// Records that the console's control may no longer be that of an own hold.
+  /// Records that the console's control may no longer be that of this client's hold.
   void Unsettle() noexcept { held_last_ = false; }
 
   /// Processes the statements received since the last call. Returns true if all may be answers to
-  /// own commands.
+  /// this client's commands.
   [[nodiscard]] bool Take(int poses, int others, std::int64_t now_ns) noexcept;
 
-  /// True while the answer to an own hold may still come, as of the last Take(). A hold that
-  /// changes no control has none; this is then true until kLongest has passed, except after another
-  /// own hold.
+  /// True while the answer to a hold of this client may still arrive, as of the last Take(). A hold
+  /// that changes no control has no answer. The result is then true until kLongest has passed,
+  /// except after another hold of this client.
   [[nodiscard]] bool awaits() const noexcept { return awaits_; }
 
  private:
   std::int64_t held_ns_ = 0;
   bool awaits_ = false;
-  bool poses_ = false;  // one statement of poses may come
+  bool poses_ = false;  // one statement of poses may arrive
   bool held_last_ =
-      false;  // the control is that of an own hold, which another hold does not change
+      false;  // the control is that of this client's hold, which another hold does not change
 };
 
 }  // namespace dfr::hardware

@@ -11,27 +11,27 @@ enum class PsmStatus {
   kNoConsole,         ///< There is and was no publisher of the arm's state.
   kConsoleGone,       ///< The console's publishers have left.
   kIncompatible,      ///< Publishers exist, but their quality of service does not match.
-  kNoOperatingState,  ///< Measurements arrive, but no operating state.
+  kNoOperatingState,  ///< Measurements arrive, but no operating state arrives.
   kConsoleFault,      ///< FAULT.
   kConsoleError,      ///< The console reported an error while this client controlled the arm.
   kDisabled,          ///< DISABLED.
   kPaused,            ///< PAUSED.
   kUnknownState,      ///< An operating state not defined by CRTK.
-  kNotHomed,          ///< ENABLED, but is_homed is false.
-  kBusy,              ///< is_busy: homing, or a move of another client.
+  kNotHomed,          ///< The state is ENABLED, but is_homed is false.
+  kBusy,              ///< is_busy: the arm is homing, or moves for another client.
   // Measurements.
   kStateSilent,     ///< Nothing has arrived for too long.
-  kStateInvalid,    ///< Stamped zero, as consoles stamp invalid data.
-  kStateOld,        ///< Stamped too long ago: delayed, or the console is frozen.
-  kStateAhead,      ///< Stamped in the future: a clock jumped, or the clocks differ.
-  kStateMalformed,  ///< Not six joints.
-  kStateNotFinite,  ///< NaN or infinite, or a quaternion that is not of unit length.
+  kStateInvalid,    ///< The stamp is zero, as consoles stamp invalid data.
+  kStateOld,        ///< The stamp is too old: messages are delayed, or the console is frozen.
+  kStateAhead,      ///< The stamp is in the future: a clock jumped, or the clocks differ.
+  kStateMalformed,  ///< The message does not have six joints.
+  kStateNotFinite,  ///< A value is NaN or infinite, or a quaternion is not of unit length.
   kStateJumped,     ///< The change between two samples exceeds the arm's speed.
   kFrameMismatch,   ///< local/measured_cp differs from the wrist pose computed from measured_js.
   kBaseMoved,       ///< The frame of measured_cp moves because of the camera or a setup joint.
   // Commands and their effect.
   kOtherPublisher,   ///< Another program publishes on the arm's command topics.
-  kSecondConsole,    ///< Several publishers of the arm's state.
+  kSecondConsole,    ///< There are several publishers of the arm's state.
   kForeignMessage,   ///< Another program told the arm to hold, be free or change its state.
   kNewcomer,         ///< A participant joined, or began to publish on a command topic.
   kForeignControl,   ///< The console states that a command of another program controls the arm.
@@ -52,8 +52,8 @@ enum class PsmStatus {
   kNotArmed,          ///< Requires Arm() first.
   kInvalidGoal,       ///< A non-finite entry, or a negative duration.
   kBeyondLimits,      ///< A joint would exceed its limits.
-  kUnreachable,       ///< No joint values for the pose, or ambiguous ones.
-  kOutsideWorkspace,  ///< The jaw tips would leave the workspace, at the goal or on the way.
+  kUnreachable,       ///< The pose has no joint values, or ambiguous ones.
+  kOutsideWorkspace,  ///< The jaw tips would leave the workspace, at the goal or during the move.
   kTooFast,           ///< The duration is too short for the speed limits.
 };
 

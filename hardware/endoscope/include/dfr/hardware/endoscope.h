@@ -20,7 +20,7 @@ enum class FrameStatus {
   kEnded,          ///< The file has ended.
   kTruncated,      ///< The file ended before the announced number of pictures.
   kFailed,         ///< The device stopped delivering pictures.
-  kWrongSize,      ///< The size differs from the intrinsics'.
+  kWrongSize,      ///< Not bgr8, rgb8 or mono8, or an image that cannot be decoded.
   kWrongEncoding,  ///< Not bgr8, rgb8 or mono8, or an image that cannot be decoded.
   kDark,           ///< Nearly black: light off, cable disconnected, or lens covered.
   kFrozen,         ///< Repeated identical pictures, bit for bit: a working sensor has noise.
@@ -60,10 +60,10 @@ struct EndoscopeOptions {
 
 /// Counts since the start.
 struct EndoscopeCounts {
-  std::uint64_t received = 0;  ///< Pictures, including invalid ones.
-  std::uint64_t missed = 0;    ///< Replaced by a newer picture before a Grab().
-  /// Pictures that never arrived, estimated from gaps between stamps longer than one and a half
-  /// periods.
+  std::uint64_t received = 0;  ///< Number of pictures, including invalid ones.
+  std::uint64_t missed = 0;    ///< Number of pictures replaced by a newer one before a Grab().
+  /// Number of pictures that never arrived, estimated from gaps between stamps longer than one and
+  /// a half periods.
   std::uint64_t lost = 0;
 };
 
@@ -84,7 +84,7 @@ class Endoscope {
   [[nodiscard]] FrameStatus Grab(Frame& frame) noexcept;
 
   [[nodiscard]] virtual EndoscopeCounts counts() const noexcept = 0;
-  /// Returns the source as given.
+  /// Returns the source as given by the caller.
   [[nodiscard]] virtual const std::string& source() const noexcept = 0;
 };
 

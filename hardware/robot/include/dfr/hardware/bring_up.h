@@ -20,8 +20,8 @@ using Confirms = std::function<bool(std::string_view question, std::string_view 
 /// listed for the operator.
 class Company {
  public:
-  /// Lists those of `present` that are not accepted yet, and asks whether to continue in their
-  /// presence. Does not ask in a simulation.
+  /// Lists the participants in `present` that are not accepted yet, and asks whether to continue in
+  /// their presence. Does not ask in a simulation.
   [[nodiscard]] bool Accepts(const std::vector<dds::Newcomer>& present, bool simulated,
                              const Say& say, const Confirms& confirms);
   /// Returns true if all of them are accepted.
@@ -36,9 +36,9 @@ struct BringUpOptions {
   robot::ControlLoop* loop = nullptr;
   const robot::Manipulator* arm = nullptr;
   std::string name = "PSM1";  ///< Name of the arm.
-  /// True: the arm is homed without a question.
+  /// True if the arm is homed without asking the operator.
   bool simulated = false;
-  /// True: the simulator has already homed the arm.
+  /// True if the simulator has already homed the arm.
   bool homed = false;
   /// Time that the platform needs to go home, s; 0: no platform.
   double platform_home_s = 0.0;

@@ -33,7 +33,7 @@ class EmergencyStopMonitor final : public robot::EmergencyStop {
   /// @param datagrams  see dds::EmergencyStopReceiver.
   EmergencyStopMonitor(dds::Participant& participant, bool with_stop, double max_silence_s,
                        bool datagrams = true);
-  /// Publishes the end of the run: its silence must not count as a failure.
+  /// Publishes the end of the run: silence after it does not count as a failure.
   ~EmergencyStopMonitor() override;
   EmergencyStopMonitor(const EmergencyStopMonitor&) = delete;
   EmergencyStopMonitor& operator=(const EmergencyStopMonitor&) = delete;

@@ -11,7 +11,7 @@ namespace dfr::hardware {
 /// Motion of the SPRK platform in a run.
 struct PlatformOptions {
   std::string device;                ///< Serial port; empty: no platform.
-  std::optional<SprkWaveKind> wave;  ///< Absent: the platform rests.
+  std::optional<SprkWaveKind> wave;  ///< Waveform of the motion; absent: the platform rests.
   SprkWave motion;
 };
 
@@ -32,7 +32,7 @@ class PlatformMotion final : public robot::Platform {
   [[nodiscard]] robot::Finding Home() noexcept override;
   /// Begins the wave, if there is one.
   [[nodiscard]] robot::Finding Begin() noexcept override;
-  /// Holds the estimated pose. The phase of a wave is unknown: a stop takes the platform to the
+  /// Holds the estimated pose. The phase of a wave is unknown: a stop moves the platform to the
   /// wave's middle, at most an amplitude away.
   [[nodiscard]] robot::Finding Rest() noexcept override;
 

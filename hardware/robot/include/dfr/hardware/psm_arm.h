@@ -10,14 +10,14 @@
 
 namespace dfr::hardware {
 
-/// Checks a straight path through joint space. Returns why it is refused, valid until the next
-/// call; empty if it is allowed. It is called in the control loop, and may not wait, allocate or
-/// throw.
+/// Checks a straight path through joint space. Returns the reason for a refusal, valid until the
+/// next call; empty if the path is allowed. The control loop calls it: it must not wait, allocate
+/// or throw.
 using PathCheck = std::function<std::string_view(const kinematics::PsmJoints& from,
                                                  const kinematics::PsmJoints& to)>;
 
-/// A PsmDriver as the arm of a robot::ControlLoop; joints are kinematics::PsmJoints. No path is
-/// sent that `check` refuses.
+/// A PsmDriver as the arm of a robot::ControlLoop; joints are kinematics::PsmJoints. Sends no path
+/// that `check` refuses.
 class PsmArm final : public robot::Manipulator {
  public:
   /// Borrows `driver`.
@@ -48,7 +48,7 @@ class PsmArm final : public robot::Manipulator {
   PsmDriver* driver_;
   PathCheck check_;
   std::function<void(const ConsoleMessage&)> on_message_;
-  PsmStatus found_ = PsmStatus::kNoConsole;  // by the last Tick()
+  PsmStatus found_ = PsmStatus::kNoConsole;  // result of the last Tick()
   std::array<char, 96> said_{};
 };
 

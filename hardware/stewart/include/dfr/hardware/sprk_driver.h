@@ -21,7 +21,7 @@ struct SprkOptions {
 
 /// Estimate of the platform's pose at one moment.
 struct SprkEstimate {
-  kinematics::PlatformPose pose;  ///< During a wave: the centre of its sweep.
+  kinematics::PlatformPose pose;  ///< Estimated pose; during a wave the centre of its sweep.
   /// Maximum deviation of each entry from `pose`, as commanded. Zero unless a wave is running. The
   /// lag reduces the true deviation.
   kinematics::PlatformPose sweep;

@@ -11,9 +11,9 @@ namespace dfr::hardware {
 /// was sent and nothing moved. After kDeviceFailed the pose is unknown.
 enum class SprkStatus {
   kOk,
-  kInvalid,       ///< A non-finite entry.
-  kOutOfRange,    ///< Not representable in two digits.
-  kOutOfReach,    ///< Outside the reach of the mechanism, at the goal or on the way.
+  kInvalid,       ///< An entry is not finite.
+  kOutOfRange,    ///< The value is not representable in two digits.
+  kOutOfReach,    ///< The motion leaves the reach of the mechanism, at the goal or before.
   kNotHomed,      ///< No successful Home() yet: the pose is unknown.
   kTooSoon,       ///< Less than kSprkFramePeriod after the last frame.
   kDeviceFailed,  ///< Writing failed. Requires a new driver and homing.

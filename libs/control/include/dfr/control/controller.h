@@ -27,7 +27,7 @@ enum class HaltCause {
   kEarlyStopping,   ///< 0 < g <= lambda |u|, and the strategy stops there.
   kIterationLimit,  ///< A recovery reached its limit of iterations.
   kNoDirection,     ///< A recovery found no direction of ascent.
-  kNoProgress,      ///< A recovery gains no more.
+  kNoProgress,      ///< A recovery makes no further progress.
   kViolated,        ///< A transition violated an assumption of a certificate.
   kControlLimit,    ///< The rollout's limit on applied controls.
   kPlantRefused,    ///< core::PlantStatus::kRefused
@@ -44,7 +44,7 @@ inline constexpr int kNumHaltCauses = static_cast<int>(HaltCause::kStopRequested
 struct Step {
   Mode mode = Mode::kHalt;
   HaltCause cause = HaltCause::kNone;  ///< Not kNone if and only if mode is kHalt.
-  int t = 0;                           ///< Time step of the support and policy used.
+  int t = 0;                           ///< Iteration within a recovery, from 0; 0 outside one.
   int iteration = 0;                   ///< Within a recovery, from 0; 0 outside one.
   /// g_t(x); NaN if the controller did not evaluate it.
   double g = std::numeric_limits<double>::quiet_NaN();
@@ -61,7 +61,8 @@ struct Step {
   /// Euclidean distance between this control and the learned one if they differ, in units of an
   /// ordinary demonstrated control. NaN if the controller does not measure it.
   double change = std::numeric_limits<double>::quiet_NaN();
-  /// Under the assumptions of the controller's certificate, the next state is inside the support.
+  /// Certified: under the assumptions of the controller's certificate, the next state is inside the
+  /// support.
   bool certified = false;
 };
 

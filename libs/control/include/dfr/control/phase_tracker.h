@@ -34,12 +34,12 @@ class PhaseTracker {
 
   /// Records a control that is predicted to end inside the support of phase() + 1.
   void Advance() noexcept;
-  /// Records a control that is predicted to end at `z`, outside the support of phase() + 1, at
-  /// level `l` of it. Moves to the phase with the best-fitting support for `z`, from phase() + 1
-  /// (phase() if `may_wait`) to phase() + kWindow; phase() + 1 if levels are not finite.
+  /// Records a control that is predicted to end at `z`, outside the support of phase() + 1, where
+  /// its level is `l`. Moves to the phase whose support fits `z` best, from phase() + 1 (phase() if
+  /// `may_wait`) to phase() + kWindow. If levels are nonfinite, moves to phase() + 1.
   void Advance(std::span<const double> z, double l, bool may_wait) noexcept;
-  /// Moves to the phase, of all, whose support contains `z` most deeply. @returns false if no
-  /// support contains `z`; the phase then stays.
+  /// Moves to the phase whose support, of all supports, contains `z` most deeply. @returns false if
+  /// no support contains `z`; the phase then stays.
   bool Relocate(std::span<const double> z) noexcept;
   /// Keeps the phase for one more control.
   void Wait() noexcept { ++waited_; }

@@ -12,8 +12,8 @@ namespace dfr::control {
 
 /// Options for Rollout().
 struct RolloutOptions {
-  std::uint64_t plant_seed = 0;       ///< For the start state: core::Plant::Reset().
-  std::uint64_t controller_seed = 0;  ///< For Controller::Reset().
+  std::uint64_t plant_seed = 0;       ///< Seed of the start state: core::Plant::Reset().
+  std::uint64_t controller_seed = 0;  ///< Seed of the controller: Controller::Reset().
   /// Halts after this many applied controls, of any kind, with HaltCause::kControlLimit.
   int max_controls = 1'000'000;
 };

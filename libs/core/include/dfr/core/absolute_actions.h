@@ -12,10 +12,11 @@ namespace dfr::core {
 
 /// An action entry that is a target position for one entry of the state.
 struct AbsoluteAction {
-  int action = 0;            ///< Index of the action entry.
-  int state = 0;             ///< Index of the state entry that it is a target for.
-  bool leads = true;         ///< False if it only repeats the state at which it was recorded.
-  double correlation = 0.0;  ///< Correlation with that state entry, now or at the next step.
+  int action = 0;  ///< Index of the action entry.
+  int state = 0;   ///< Index of the state entry that it is a target for.
+  /// False if the action only repeats the state at its time of recording.
+  bool leads = true;
+  double correlation = 0.0;  ///< Correlation with that state entry at the same or the next step.
   double slope = 0.0;        ///< Slope of the action over that state entry; 1 for a target.
 };
 
@@ -47,8 +48,8 @@ class ActionAnalysis {
   // Sums over all steps of u(t), and of its products.
   Eigen::VectorXd actions_;
   Eigen::MatrixXd action_products_;
-  // A column for each entry of x(t), and then of x(t + 1): its sum, that of its square, and those
-  // of its products with u(t).
+  // One column per entry of x(t), then per entry of x(t + 1): its sum, the sum of its squares, and
+  // the sums of its products with u(t).
   Eigen::VectorXd sum_;
   Eigen::VectorXd squares_;
   Eigen::MatrixXd products_;

@@ -59,7 +59,7 @@ class ArchiveReader {
   void End();
 
   /// Call before creating `count` objects of `bytes_each` each at the file's request. Fails if the
-  /// file is too small to request that much. `what` names the objects in the message.
+  /// file is too small to justify that amount. `what` names the objects in the message.
   void Spend(std::uint64_t count, std::uint64_t bytes_each, const char* what);
 
   /// Reports an invalid value: throws the same kind of error with the file's name.

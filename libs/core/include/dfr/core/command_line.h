@@ -16,7 +16,7 @@ namespace dfr::core {
 
 /// Makes every numeric option of a program and its commands follow numbers.h: decimal, also with
 /// leading zeros, where CLI11 reads octal; no NaN, infinity, hexadecimal or overflow, and no sign
-/// where a number cannot be negative. Call this after all options are added. Options may have
+/// for numbers that cannot be negative. Call this after all options are added. Options may have
 /// additional range checks. `App` has the interface of CLI::App (CLI11).
 template <typename App>
 void CheckNumbers(App& app) {
@@ -46,10 +46,10 @@ void CheckNumbers(App& app) {
 
 struct Example {
   const char* command;
-  std::vector<std::string> arguments;  ///< One call each, without program and command.
+  std::vector<std::string> arguments;  ///< One entry per call, without program and command.
 };
 
-/// Ends the --help of each named command with calls that work, before a footer that it has.
+/// Ends the --help of each named command with working examples, placed before an existing footer.
 template <typename App>
 void AddExamples(App& app, std::initializer_list<Example> examples) {
   for (const Example& example : examples) {
@@ -76,13 +76,13 @@ Option* Writes(Option* option, Unwritable unwritable) {
   return option->check(check, "", "output");
 }
 
-/// As Writes(), for a file.
+/// Same as Writes(), for a file.
 template <typename Option>
 Option* WritesFile(Option* option) {
   return Writes(option, [](const std::filesystem::path& path) { return UnwritableFile(path); });
 }
 
-/// As Writes(), for a folder.
+/// Same as Writes(), for a folder.
 template <typename Option>
 Option* WritesFolder(Option* option) {
   return Writes(option, UnwritableFolder);
@@ -99,7 +99,8 @@ bool IsOutput(Option& option) {
   }
 }
 
-/// Describes, with the remedy, which input of `command` is the existing file `output`; "" if none.
+/// Describes the input of `command` that is the existing file `output`, with the remedy; "" if
+/// there is none.
 template <typename App>
 std::string OverwrittenInput(App& command, const std::string& output) {
   std::error_code error;
@@ -115,9 +116,8 @@ std::string OverwrittenInput(App& command, const std::string& output) {
   return "";
 }
 
-/// Checks the outputs of the called commands also where their paths are the defaults, and makes an
-/// output that would overwrite an input of the same command a usage error. Call this before
-/// parsing.
+/// Checks the outputs of the called commands, including default paths. An output that would
+/// overwrite an input of the same command is a usage error. Call this before parsing.
 template <typename App>
 void CheckOutputs(App& app) {
   app.parse_complete_callback([&app] {

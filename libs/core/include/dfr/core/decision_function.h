@@ -16,8 +16,8 @@ class DecisionFunction {
   /// Number of entries of a state x.
   [[nodiscard]] virtual int state_dim() const noexcept = 0;
 
-  /// Number of time steps with an estimate. Later times use the last estimate (the demonstrations
-  /// hold their last state), negative times the first.
+  /// Number of time steps with an estimate. Later times use the last estimate, because the
+  /// demonstrations hold their last state. Negative times use the first.
   [[nodiscard]] virtual int num_steps() const noexcept = 0;
 
   /// Returns g_t(x), positive inside. A state with a wrong size or a non-finite entry gives
@@ -38,7 +38,8 @@ class DecisionFunction {
 class LogDecisionFunction : public DecisionFunction {
  public:
   /// Returns l_t(x) and writes its derivative with respect to x to `gradient` (state_dim() entries,
-  /// or empty to skip it). -infinity, with a zero gradient, where Decision() is.
+  /// or empty to skip it). Where Decision() is -infinity, the result is -infinity with a zero
+  /// gradient.
   virtual double LogDecision(int t, std::span<const double> x,
                              std::span<double> gradient) const noexcept = 0;
 

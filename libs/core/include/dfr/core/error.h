@@ -26,7 +26,7 @@ class Error : public std::runtime_error {
   }
 
  private:
-  std::size_t problem_size_;  // instead of two strings, whose copies could throw
+  std::size_t problem_size_;  // stored instead of two strings, whose copies could throw
 };
 
 }  // namespace dfr::core

@@ -7,7 +7,7 @@
 
 namespace dfr::core {
 
-/// A decision function of features z as one of whole states: g_t(z(x)), l_t(z(x)). Features are
+/// Adapts a decision function of features z to whole states: g_t(z(x)), l_t(z(x)). Features are
 /// gathered on the stack. Borrows `inner`, which must outlive it.
 class FeatureDecision final : public LogDecisionFunction {
  public:
@@ -33,7 +33,7 @@ class FeatureDecision final : public LogDecisionFunction {
   }
 
  private:
-  // The chain rule: from a gradient in z to one in x, at x.
+  // Applies the chain rule: converts a gradient with respect to z to one with respect to x, at x.
   void Pull(std::span<const double> x, std::span<const double> inner,
             std::span<double> gradient) const noexcept;
 

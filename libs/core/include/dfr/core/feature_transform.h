@@ -13,10 +13,10 @@ struct WhiteningOptions {
   /// Added to the diagonal of the correlation matrix, > 0. It limits the scaling of directions
   /// without motion in the demonstrations to 1/sqrt(ridge).
   double ridge = 0.03;
-  /// Off: each feature is only divided by its standard deviation.
+  /// If false, each feature is only divided by its standard deviation.
   bool decorrelate = true;
-  /// On: differences of states from their neighbours, which keeps several ways to do a task apart.
-  /// Off: differences from the mean.
+  /// If true, uses differences of states from their neighbours, which keeps several ways to do a
+  /// task apart. If false, uses differences from the mean.
   bool local = true;
 };
 
@@ -66,7 +66,7 @@ class FeatureTransform {
 };
 
 /// Returns the number of states of the demonstration of median length: at least half of the
-/// demonstrations are running until then. @throws std::invalid_argument if there are none.
+/// demonstrations run until that time step. @throws std::invalid_argument if there are none.
 [[nodiscard]] int MedianNumStates(std::span<const Matrix> demonstrations);
 
 }  // namespace dfr::core

@@ -26,7 +26,7 @@ struct StateLayout {
     std::string name;
     int offset = 0;
     int size = 0;
-    /// Set if the entries are a picture of values from 0 to 255; else all zero.
+    /// Set if the entries are a picture of values from 0 to 255; otherwise all zero.
     PictureShape picture = {};
     bool operator==(const Block&) const = default;
   };
@@ -72,11 +72,11 @@ class FeatureSelection {
 
   [[nodiscard]] int state_dim() const noexcept { return state_dim_; }
   [[nodiscard]] int num_features() const noexcept { return static_cast<int>(indices_.size()); }
-  /// Returns the entry of each feature; twice in a row that of a StateMap::Circle.
+  /// Returns the entry of each feature. The entry of a StateMap::Circle occurs twice in a row.
   [[nodiscard]] const std::vector<int>& indices() const noexcept { return indices_; }
   /// Returns the parsed text; empty for All().
   [[nodiscard]] const std::string& spec() const noexcept { return spec_; }
-  /// Applied to states before features are taken from them.
+  /// Applied to states before their features are taken.
   [[nodiscard]] const StateMap& map() const noexcept { return map_; }
 
   /// Writes the derivative of each feature of `state` with respect to its entry. Never allocates.
@@ -94,12 +94,12 @@ class FeatureSelection {
   StateMap map_;
 };
 
-/// Returns the prefix of a feature that stands for a reduced block, such as "pca:" of "pca:image";
-/// "" if it has none (reduction::StateReduction).
+/// Returns the prefix of a feature that denotes a reduced block, such as "pca:" of "pca:image"
+/// (reduction::StateReduction); "" if there is none.
 [[nodiscard]] std::string_view ReductionPrefix(std::string_view feature) noexcept;
 
-/// The feature list of a command line, "obs/object,obs/tip[0:2]", as FeatureSelection takes it:
-/// without the "obs/" or "observations/" that stands before a name in a file.
+/// Returns the feature list of a command line, "obs/object,obs/tip[0:2]", in the form for
+/// FeatureSelection: removes "obs/" or "observations/", which precedes a name in a file.
 [[nodiscard]] std::string StripObservationPrefixes(std::string_view features);
 
 }  // namespace dfr::core

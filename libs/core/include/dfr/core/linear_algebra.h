@@ -4,9 +4,9 @@
 
 namespace dfr::core {
 
-// Decompositions of dense matrices by Eigen, compiled once: each costs a compiler several seconds
-// where it is instantiated. They allocate; matrices of any size, also 0 x 0 where not said
-// otherwise. Thread-safe.
+// Decompositions of dense matrices by Eigen, compiled once, because each instantiation takes the
+// compiler several seconds. They allocate. Matrices may have any size, including 0 x 0 unless
+// documented otherwise. Thread-safe.
 
 /// Eigenvalues in ascending order, and their eigenvectors as columns.
 struct SymmetricEigen {
@@ -14,7 +14,7 @@ struct SymmetricEigen {
   Eigen::MatrixXd vectors;
 };
 
-/// Decomposes a symmetric matrix, whose lower triangle is read, by tridiagonalisation and QR.
+/// Decomposes a symmetric matrix by tridiagonalisation and QR. Reads only the lower triangle.
 [[nodiscard]] SymmetricEigen DecomposeSymmetric(const Eigen::MatrixXd& a);
 
 /// Solves a v = lambda b v for symmetric `a` and positive definite `b`. The eigenvectors satisfy
@@ -25,15 +25,15 @@ struct SymmetricEigen {
 /// Returns the largest singular value of a matrix with at least one entry.
 [[nodiscard]] double OperatorNorm(const Eigen::MatrixXd& a);
 
-/// Returns x of a x = b for a positive or negative semidefinite matrix, whose lower triangle is
-/// read (pivoted Cholesky decomposition). Where `a` is singular, x solves as many equations as it
-/// can.
+/// Returns x of a x = b for a positive or negative semidefinite matrix (pivoted Cholesky
+/// decomposition). Reads only the lower triangle. If `a` is singular, x solves as many equations as
+/// possible.
 [[nodiscard]] Eigen::MatrixXd SolveSymmetric(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
 
 /// Returns the inverse of a regular matrix (LU decomposition with pivoted rows).
 [[nodiscard]] Eigen::MatrixXd Inverse(const Eigen::MatrixXd& a);
 
-/// Returns the x of least |a x - b|^2 (QR decomposition with pivoted columns).
+/// Returns the x that minimizes |a x - b|^2 (QR decomposition with pivoted columns).
 [[nodiscard]] Eigen::MatrixXd SolveLeastSquares(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
 
 /// Returns the Moore-Penrose inverse (complete orthogonal decomposition).

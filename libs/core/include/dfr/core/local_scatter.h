@@ -13,8 +13,9 @@ struct LocalScatterOptions {
   /// Fraction of each group's points that count, in (0, 1]: those with the nearest neighbours.
   /// Outliers and points between the ways of a task have distant neighbours.
   double kept = 0.5;
-  int rounds = 3;  ///< > 0; each round measures distances in units of the previous round's scatter.
-  double ridge = 0.03;  ///< Ridge of those units, relative to a correlation; > 0.
+  /// Number of rounds, > 0. Each round measures distances in units of the previous round's scatter.
+  int rounds = 3;
+  double ridge = 0.03;  ///< Ridge of these units, relative to a correlation; > 0.
 };
 
 /// Covariance of points about their neighbours. For data with several clusters it is the covariance
@@ -22,12 +23,12 @@ struct LocalScatterOptions {
 ///
 /// It is the mean of (x_i - x_j)(x_i - x_j)' / 2 over points i and their nearest neighbours j in
 /// the same group, divided by the same statistic of as many standard normal points. Normal points
-/// therefore nearly keep their covariance. Neighbours are chosen in units of the result. Clusters
-/// of half of the points come out with up to three times their actual width. Each entry counts with
-/// at least a twentieth of its overall standard deviation.
+/// therefore nearly keep their covariance. Neighbours are chosen in units of the result. For
+/// clusters with half of the points the result is up to three times their actual width. Each entry
+/// gets at least a twentieth of its overall standard deviation.
 ///
-/// @param groups  similar points, one a row, for example those of one time step. Groups with fewer
-///   than 4 points are ignored. At most 128 points of a group are used.
+/// @param groups  similar points, one per row, for example those of one time step. Groups with
+/// fewer than 4 points are ignored. At most 128 points of a group are used.
 /// @returns n x n; PooledCovariance() if no group has 4 points.
 /// @throws std::invalid_argument if there is no point, widths differ, or an option is out of range.
 [[nodiscard]] Matrix LocalScatter(std::span<const Matrix> groups,

@@ -5,8 +5,8 @@
 
 namespace dfr::core {
 
-/// For programs, which refuse an output path before they begin to work. Both functions try to
-/// create a file and remove it at once; existing files keep their content.
+/// For programs that reject an output path before they begin to work. Both functions try to create
+/// a file and remove it at once; existing files keep their content.
 
 /// Describes in one line why no file can be written at `path`, with the remedy; "" if it can.
 /// `makes_folders`: the program creates the missing folders of the path. A pipe or device is not
@@ -14,7 +14,7 @@ namespace dfr::core {
 [[nodiscard]] std::string UnwritableFile(const std::filesystem::path& path,
                                          bool makes_folders = false);
 
-/// As UnwritableFile(), for a folder to be created, with its parents, or filled.
+/// Same as UnwritableFile(), for a folder that will be created with its parents, or filled.
 [[nodiscard]] std::string UnwritableFolder(const std::filesystem::path& path);
 
 }  // namespace dfr::core

@@ -14,7 +14,7 @@
 
 namespace dfr::core {
 
-/// Entries of a state that hold a rotation.
+/// Entries of a state that represent a rotation.
 struct Rotation {
   enum class Kind {
     kQuaternion,  ///< 4 entries; q and -q are the same orientation.
@@ -26,44 +26,47 @@ struct Rotation {
   Kind kind = Kind::kAngle;
   int first = 0;
   int size = 1;
-  double period = 0.0;  ///< For kAngle and kRunning.
-  /// It jumps between consecutive states of a demonstration. For kAxisAngle also between
+  double period = 0.0;  ///< Period of kAngle and kRunning.
+  /// True if it jumps between consecutive states of a demonstration. For kAxisAngle also between
   /// demonstrations.
   bool jumps = false;
-  /// For kQuaternion: two or more of its entries are always zero, and only the sign indicates a
-  /// quaternion.
+  /// For kQuaternion: true if at least two of its entries are always zero, and only the sign
+  /// indicates a quaternion.
   bool guessed = false;
-  /// One branch holds all values: all quaternions are within 150 degrees of `reference`; the values
-  /// of an angle leave at least an eighth of the period free around its opposite.
+  /// True if one branch holds all values. All quaternions are then within 150 degrees of
+  /// `reference`. The values of an angle leave at least an eighth of the period around its opposite
+  /// free.
   bool continuous = false;
-  std::array<double, 4> reference = {};  ///< The mean orientation, for kQuaternion.
+  std::array<double, 4> reference = {};  ///< Mean orientation of a kQuaternion.
   double centre = 0.0;                   ///< For kAngle.
 
-  /// Returns true if MapOf() makes it continuous: by one branch, or an angle by cosine and sine.
+  /// Returns true if MapOf() makes the rotation continuous: by one branch, or for an angle by
+  /// cosine and sine.
   [[nodiscard]] bool mapped() const noexcept { return continuous || kind == Kind::kAngle; }
 };
 
 /// Finds rotations in states, one episode at a time.
 ///
-/// Tolerances: orthonormality is right within 1e-3 in all states. A block of four entries is a
-/// quaternion if its length is 1 within 0.015, which two digits after the point keep; four entries
-/// of a larger block only if they change sign together, between states or between episodes, or all
-/// of them vary and the length is 1 within 0.002. An angle that runs on without a jump looks like a
-/// length; it is found where 8 episodes or more begin a whole number of periods apart. Memory grows
-/// with the number of states only where quaternions are.
+/// Tolerances: a matrix is orthonormal within 1e-3 in all states. A block of four entries is a
+/// quaternion if its length is 1 within 0.015, which allows for rounding to two decimal places.
+/// Four entries of a larger block are a quaternion only if they change sign together, between
+/// states or between episodes, or if all of them vary and the length is 1 within 0.002. A running
+/// angle without a jump looks like a length. It is found if at least 8 episodes begin a whole
+/// number of periods apart. Memory grows with the number of states only for quaternions.
 class RotationFinder {
  public:
   explicit RotationFinder(const StateLayout& layout);
-  /// States (T + 1) x state_dim, all finite.
+  /// Adds an episode: states (T + 1) x state_dim, all finite.
   void Add(const Matrix& states);
-  /// In the order of the entries. The order of the episodes changes the rounding of a reference.
+  /// Returns the rotations in the order of their entries. The order of the episodes affects the
+  /// rounding of a reference.
   [[nodiscard]] std::vector<Rotation> Find() const;
 
  private:
   // Statistics of four adjacent entries of one block.
   struct Four {
     int first = 0;
-    bool whole = false;  // All of the block.
+    bool whole = false;  // True if these are all entries of the block.
     bool flips = false;
     bool one_hot = true;
     double error = 0.0;  // Largest error of the length.
@@ -77,13 +80,14 @@ class RotationFinder {
     double as_vector = 0.0;
     double as_angle = 0.0;
   };
-  // Statistics of one entry, as an angle with this period.
+  // Statistics of one entry, interpreted as an angle with this period.
   struct Circle {
     double low = 0.0;
     double high = 0.0;
     bool jumps = false;
-    bool possible = true;            // No two states are too far apart for an angle.
-    std::uint64_t occupied[2] = {};  // Visited ones of 128 equal parts of the circle.
+    // True if no two consecutive states are too far apart for an angle.
+    bool possible = true;
+    std::uint64_t occupied[2] = {};  // Occupied parts of 128 equal parts of the circle.
     // Angles at which episodes begin.
     double first_low = 0.0;
     double first_high = 0.0;
@@ -101,7 +105,7 @@ class RotationFinder {
   std::vector<Four> fours_;
   std::vector<int> nines_;
   std::vector<Three> threes_;
-  std::vector<std::array<Circle, 2>> circles_;  // Radians, degrees; one an entry.
+  std::vector<std::array<Circle, 2>> circles_;  // In radians and in degrees, one per entry.
 };
 
 /// Finds rotations in a whole set at once. The order of the demonstrations changes no bit.
@@ -111,7 +115,7 @@ class RotationFinder {
 /// Returns the map that makes these rotations continuous.
 [[nodiscard]] StateMap MapOf(std::span<const Rotation> rotations);
 
-/// "object[2:6]": adjacent entries of one block as users name them.
+/// Returns the user-facing name of adjacent entries of one block, for example "object[2:6]".
 [[nodiscard]] std::string EntryRange(const StateLayout& layout, int first, int size);
 
 /// Describes the rotation in one or two sentences for a warning or a report, with the remedy if one

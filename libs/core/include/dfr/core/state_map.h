@@ -8,11 +8,11 @@
 
 namespace dfr::core {
 
-/// Makes rotations in a state continuous. Of the unit quaternions q and -q, which are the same
-/// orientation, it takes the one in the hemisphere of a reference. Of the values of an angle that
-/// are a whole number of periods apart it takes the one nearest to a centre. Both are exact: states
-/// of the same pose map to the same bits, and a mapped state maps to itself. All other entries stay
-/// as they are. FeatureSelection takes two features of an angle that goes all the way round.
+/// Makes rotations in a state continuous. The unit quaternions q and -q are the same orientation;
+/// the map selects the one in the hemisphere of a reference. Values of an angle may differ by a
+/// whole number of periods; the map selects the one nearest to a centre. Both are exact: states of
+/// the same pose map to the same bits, and a mapped state maps to itself. All other entries stay
+/// unchanged. For an angle with full revolutions, FeatureSelection uses two features.
 ///
 /// Immutable. No call allocates or throws unless documented.
 class StateMap {
@@ -26,8 +26,8 @@ class StateMap {
     double centre = 0.0;
     double period = 0.0;
   };
-  /// An angle that goes all the way round. Its features are (r cos, r sin) of it, with
-  /// r = period / (2 pi): short ways have the length of the angle.
+  /// An angle with full revolutions. Its features are r cos and r sin of the angle with r = period
+  /// / (2 pi), which preserves small distances.
   struct Circle {
     int entry = 0;
     double period = 0.0;
@@ -42,7 +42,7 @@ class StateMap {
   ///   centre is not finite, or a period not positive and finite.
   StateMap(std::vector<Quaternion> quaternions, std::vector<Angle> angles,
            std::vector<Circle> circles = {});
-  /// Appends all of it to a file.
+  /// Appends the map to a file.
   void Save(ArchiveWriter& archive) const;
   /// Reads the data of Save() for states of `state_dim` entries.
   /// @throws std::runtime_error naming the file and its defect.
@@ -54,19 +54,19 @@ class StateMap {
   [[nodiscard]] const std::vector<Quaternion>& quaternions() const noexcept { return quaternions_; }
   [[nodiscard]] const std::vector<Angle>& angles() const noexcept { return angles_; }
   [[nodiscard]] const std::vector<Circle>& circles() const noexcept { return circles_; }
-  /// The circle of an entry; null if it has none.
+  /// Returns the circle of an entry; null if it has none.
   [[nodiscard]] const Circle* FindCircle(int entry) const noexcept;
-  /// Entries of a state that it takes at least.
+  /// Returns the minimum number of entries of a state.
   [[nodiscard]] int least_state_dim() const noexcept;
 
-  /// The mapped value of one entry.
+  /// Returns the mapped value of one entry.
   [[nodiscard]] double Value(std::span<const double> state, int entry) const noexcept;
-  /// Its derivative with respect to that entry: 1 or -1.
+  /// Returns the derivative of that value with respect to the entry: 1 or -1.
   [[nodiscard]] double Slope(std::span<const double> state, int entry) const noexcept;
   /// Maps a state in place.
   void Apply(std::span<double> state) const noexcept;
-  /// The first entry of a quaternion whose length differs from 1 by more than 10 %; -1 if there is
-  /// none.
+  /// Returns the first entry of a quaternion whose length differs from 1 by more than 10 %; -1 if
+  /// there is none.
   [[nodiscard]] int FindInvalid(std::span<const double> state) const noexcept;
 
  private:

@@ -9,7 +9,7 @@ namespace dfr::core {
 /// Result of a rollout (Sec. V-A).
 enum class Outcome {
   kCompleted,  ///< Reached the goal without a collision.
-  kHalted,     ///< Neither: the controller stopped it, or the time ran out.
+  kHalted,     ///< Neither completed nor collided: the controller stopped it, or the time ran out.
   kCollided,   ///< Violated a constraint; probes and recovery controls count.
 };
 

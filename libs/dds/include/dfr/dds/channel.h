@@ -41,10 +41,12 @@ enum class Role {
 
 /// State of the connection between a subscriber and its publishers.
 struct Health {
-  int publishers = 0;  ///< Matched now. A command topic must not have more than one.
-  int found = 0;       ///< Matched since the start; one that is lost and rediscovered counts twice.
-  int alive = 0;       ///< Matched publishers whose liveliness is asserted.
-  int missed_deadlines = 0;  ///< Since the start.
+  /// Number of publishers matched now. A command topic must not have more than one.
+  int publishers = 0;
+  /// Number matched since the start; a publisher that is lost and rediscovered counts twice.
+  int found = 0;
+  int alive = 0;             ///< Matched publishers whose liveliness is asserted.
+  int missed_deadlines = 0;  ///< Number of missed deadlines since the start.
   int incompatible = 0;      ///< Publishers refused since the start for their quality of service.
 };
 
@@ -64,7 +66,7 @@ class Publisher {
   /// Sends a message. Returns false if DDS could not accept it within 100 ms.
   bool Write(const T& message) noexcept;
   /// Waits until all subscribers have acknowledged all written samples, at most `timeout_s`.
-  /// Returns true if they have. A publisher that is destroyed earlier takes samples along that a
+  /// Returns true if they have. A publisher that is destroyed earlier discards samples that a
   /// subscriber has not received.
   bool WaitUntilReceived(double timeout_s) noexcept;
   /// Returns the number of subscribers matched now.
@@ -90,7 +92,7 @@ class Subscriber {
 
   /// Takes the oldest unread sample. Returns false, with `message` unchanged, if there is none.
   bool Take(T& message) noexcept;
-  /// Also returns the sender.
+  /// Same as above, and returns the sender.
   bool Take(T& message, Origin& from) noexcept;
   /// Takes all samples and keeps the newest. Returns false, with `message` unchanged, if there is
   /// none.

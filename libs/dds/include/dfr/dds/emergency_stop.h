@@ -59,9 +59,9 @@ class EmergencyStopButton {
 
 /// State of an emergency stop, as known to its receiver.
 enum class EmergencyStop {
-  kClear,    ///< Heard, and not pressed.
+  kClear,    ///< Messages arrive, and the button is not pressed.
   kPressed,  ///< Pressed now, or since the last Acknowledge().
-  kSilent,   ///< A button is silent, or none was ever heard: it could not stop the robot.
+  kSilent,   ///< A button is silent, or no button was ever received: it could not stop the robot.
              ///< Also reported for more than eight buttons.
 };
 
@@ -80,11 +80,11 @@ class EmergencyStopJudge {
   /// @param steady_ns  a monotonic clock, the same as in Check().
   void Hear(Way way, const Origin& who, bool pressed, std::int64_t steady_ns) noexcept;
   EmergencyStop Check(std::int64_t steady_ns) noexcept;
-  /// As EmergencyStopReceiver::Acknowledge().
+  /// Same as EmergencyStopReceiver::Acknowledge().
   void Acknowledge() noexcept;
   /// Returns the number of buttons heard over DDS and not forgotten.
   [[nodiscard]] int num_buttons() const noexcept { return over_dds_.size; }
-  /// True if the last Check() returned kSilent although DDS is heard: only the datagrams are
+  /// True if the last Check() returned kSilent although DDS messages arrive: only the datagrams are
   /// missing.
   [[nodiscard]] bool only_datagrams_silent() const noexcept { return only_datagrams_silent_; }
 
@@ -139,7 +139,7 @@ class EmergencyStopReceiver {
   void Acknowledge() noexcept { judge_.Acknowledge(); }
   /// Returns the number of buttons heard over DDS and not forgotten.
   [[nodiscard]] int num_buttons() const noexcept { return judge_.num_buttons(); }
-  /// True if the last Check() returned kSilent although DDS is heard: only the datagrams are
+  /// True if the last Check() returned kSilent although DDS messages arrive: only the datagrams are
   /// missing.
   [[nodiscard]] bool only_datagrams_silent() const noexcept {
     return judge_.only_datagrams_silent();

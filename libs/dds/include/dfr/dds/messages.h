@@ -155,7 +155,7 @@ struct Number {
 struct Matrix {
   std::uint32_t rows = 0;
   std::uint32_t cols = 0;
-  std::vector<double> data;  ///< rows x cols entries if the message is well formed.
+  std::vector<double> data;  ///< rows x cols entries in a well-formed message
 };
 
 /// std_msgs/Empty: hold, free.

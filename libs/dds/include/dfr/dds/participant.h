@@ -21,7 +21,7 @@ enum class Discovery {
 
 /// Options for Participant.
 struct ParticipantOptions {
-  int domain = 0;            ///< As ROS_DOMAIN_ID, in [0, 232].
+  int domain = 0;            ///< Same as ROS_DOMAIN_ID, in [0, 232].
   std::string name = "dfr";  ///< Name shown by discovery tools.
   Discovery discovery = Discovery::kLoopback;
   std::string server_address = "127.0.0.1";  ///< IPv4; used with a discovery server.

@@ -12,13 +12,14 @@ namespace dfr::experiment {
 
 /// Disturbances of a DisturbedPlant. All zero: none.
 struct DisturbanceOptions {
-  double rotation_sd = 0.0;     ///< rad: of the rotation of the controls, drawn per episode.
+  /// Standard deviation of the rotation of the controls, rad, drawn per episode.
+  double rotation_sd = 0.0;
   double scale_sd = 0.0;        ///< Controls are scaled by exp(normal), drawn per episode.
   double bias = 0.0;            ///< Norm of a vector added to all controls, drawn per episode.
   double actuator_noise = 0.0;  ///< Standard deviation of each control entry, drawn per control.
   /// Standard deviation of each observed state entry, drawn per control.
   double observation_noise = 0.0;
-  int control_delay = 0;      ///< Delay of controls, in steps; the first are zero.
+  int control_delay = 0;      ///< Delay of controls, in steps; the first controls are zero.
   double dropped = 0.0;       ///< Probability that a control is lost and replaced by zero.
   int observation_delay = 0;  ///< Delay of observed states, in controls.
   double missing = 0.0;  ///< Probability that a state is lost and replaced by the previous one.
@@ -69,7 +70,7 @@ class DisturbedPlant final : public core::SimulatedPlant {
   std::vector<double> control_;
   std::vector<double> given_;     ///< Pending controls, oldest first.
   std::vector<double> happened_;  ///< The last states, oldest first.
-  std::vector<double> seen_;      ///< Observe() without noise.
+  std::vector<double> seen_;      ///< Observation without noise.
 };
 
 }  // namespace dfr::experiment

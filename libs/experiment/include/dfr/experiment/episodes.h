@@ -44,7 +44,7 @@ struct RecordedEpisode {
 
 /// Outcome of another method from the same start state.
 struct EpisodePartner {
-  std::string method = {};                 ///< Empty: no condition on another method.
+  std::string method = {};                 ///< Method; empty: no condition on another method.
   std::vector<std::string> outcomes = {};  ///< core::Name() of the accepted outcomes.
 };
 
@@ -52,7 +52,7 @@ struct EpisodePartner {
 /// @throws std::invalid_argument for other texts.
 [[nodiscard]] EpisodePartner ParsePartner(std::string_view text);
 
-/// Selection of episodes. Empty, or 0: all.
+/// Selection of episodes. Empty or 0 selects all.
 struct EpisodeFilter {
   std::string method = {};
   std::string learner = {};

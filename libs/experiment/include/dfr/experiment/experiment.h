@@ -18,23 +18,23 @@ namespace dfr::experiment {
 struct Rerun {
   std::string episode;               ///< Episode id; empty: none.
   std::vector<std::string> methods;  ///< Methods to compare, from the same start state.
-  std::filesystem::path film;        ///< Empty: no pictures.
+  std::filesystem::path film;        ///< File of the film; empty: no pictures.
 };
 
 /// Options shared by all commands that compare methods.
 struct ExperimentOptions {
   std::string preset = "quick";
-  std::filesystem::path out;  ///< Empty: no files are written.
+  std::filesystem::path out;  ///< Output folder; empty: no files are written.
   std::uint64_t seed = 2018;
-  int threads = 0;  ///< 0: one per core.
+  int threads = 0;  ///< Number of threads; 0: one per core.
   bool restart = false;
   bool salvage = false;
   bool video = true;
-  Shard shard = {};  ///< Other than 1/1: writes only a ledger, to be merged.
-  Rerun rerun = {};  ///< Empty episode: none.
+  Shard shard = {};  ///< A shard other than 1/1 writes only a ledger for a merge.
+  Rerun rerun = {};  ///< An empty episode means none.
   /// Returns the text of run.toml, which reproduces the run. Empty: no run.toml.
   std::function<std::string()> configuration = {};
-  // Empty, or 0: value of the preset.
+  // Methods; empty: value of the preset.
   std::vector<std::string> methods = {};
   int trials = 0;
   int episodes = 0;

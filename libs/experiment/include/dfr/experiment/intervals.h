@@ -81,14 +81,14 @@ struct DiscordantPairs {
 struct RatioPart {
   double numerator = 0.0;
   double denominator = 0.0;
-  int stratum = 0;  ///< Units vary about the mean of their stratum.
+  int stratum = 0;  ///< Index of the stratum. Units vary about its mean.
 };
 
 /// Fieller's interval for the ratio of two totals over independent units (Fieller, J. R. Stat. Soc.
 /// B, 1954): all ratios r that a t test of "numerator - r denominator is zero on average" does not
 /// reject, with the degrees of freedom of this number of units. Unlike a percentile bootstrap it
-/// holds its confidence with five units. The lower end is at least 0. Absent where no stratum has
-/// two units, or the denominator cannot be told from zero.
+/// holds its confidence with five units. The lower end is at least 0. Absent if no stratum has two
+/// units, or the denominator cannot be distinguished from zero.
 /// @throws std::invalid_argument unless confidence lies in (0, 1).
 [[nodiscard]] std::optional<Interval> RatioInterval(std::span<const RatioPart> units,
                                                     double confidence = 0.95);
@@ -101,14 +101,14 @@ struct PairedCounts {
   int collided = 0;
   int reference_completed = 0;
   int reference_collided = 0;
-  int stratum = 0;  ///< Units vary about the mean of their stratum.
+  int stratum = 0;  ///< Index of the stratum. Units vary about its mean.
 };
 
 /// Comparison of a method with a reference. With fewer than 5 collisions of the method, too few for
 /// a variance, the interval of the reduction also includes RateRatioInterval(), with the
 /// reference's collisions divided by their dispersion between units. A value is absent if the
-/// reference has no event. An interval is absent if RatioInterval() is, except with fewer than 5
-/// collisions of units that can vary: then it is RateRatioInterval() alone.
+/// reference has no event. An interval is absent if RatioInterval() is absent. With fewer than 5
+/// collisions of units that can vary, it is RateRatioInterval() alone.
 struct PairedContrast {
   std::optional<double> collision_reduction;  ///< 1 - collisions / reference's
   std::optional<Interval> collision_reduction_interval;

@@ -23,21 +23,22 @@ struct LedgerHeader {
 struct LedgerRecord {
   UnitResult result;
   std::string host;
-  double wall_s = 0.0;        ///< Duration of the unit on one thread.
+  double wall_s = 0.0;        ///< Time of completion, seconds since 1970, UTC.
   std::int64_t finished = 0;  ///< Seconds since 1970, UTC.
 };
 
 struct LedgerContents {
   LedgerHeader header;
-  std::vector<LedgerRecord> records;  ///< In the order of the file, each unit once.
-  bool cut = false;  ///< The last line is incomplete: its writer was killed, or is writing it.
+  std::vector<LedgerRecord> records;  ///< Records in the order of the file, each unit once.
+  /// True if the last line is incomplete: its writer was killed, or is still writing it.
+  bool cut = false;
 };
 
 /// Reads a ledger: a header and one line of JSON per finished unit. Each line ends with a checksum
 /// of its bytes and of the header, which detects flipped bits and lines of another run. The start
 /// states must follow from the plan's seed. Needs no lock.
-/// @throws std::runtime_error naming file, line and remedy for a file that is no ledger, has
-///   another format version, or is damaged.
+/// @throws std::runtime_error naming file, line and remedy for a file that is not a ledger, has
+/// another format version, or is damaged.
 [[nodiscard]] LedgerContents ReadLedger(const std::filesystem::path& path);
 
 /// Returns the first difference of two headers that affects results, such as "seed is 3 there and 4

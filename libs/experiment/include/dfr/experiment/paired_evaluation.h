@@ -19,7 +19,8 @@ namespace dfr::experiment {
 /// Definition of a comparison: every method from every start state, at every data point of every
 /// trial.
 struct EvaluationPlan {
-  std::vector<std::string> methods;   ///< The reference (Baseline) first.
+  /// Names of the methods, starting with the reference (Baseline).
+  std::vector<std::string> methods;
   std::vector<std::string> learners;  ///< Kinds of learned policies.
   std::vector<int> demonstrations;    ///< Data points: numbers of demonstrations, ascending.
   int trials = 10;                    ///< Independent repetitions of the whole evaluation.
@@ -42,12 +43,13 @@ struct EvaluationUnit {
 
 struct EpisodeResult {
   core::Outcome outcome = core::Outcome::kHalted;
-  /// Cause of the halt, or the source of the control that collided. Empty for completed ones.
+  /// Cause of the halt, or source of the control that collided. Empty for completed episodes.
   std::string cause;
-  int controls = 0;           ///< All applied controls.
-  int recovery_controls = 0;  ///< Applied by recoveries, probes included.
-  int changed_controls = 0;   ///< Differ from the policy's in any bit; includes recoveries.
-  double seconds = 0.0;       ///< Processor time.
+  int controls = 0;           ///< Number of all applied controls.
+  int recovery_controls = 0;  ///< Number of controls applied by recoveries, including probes.
+  /// Number of controls that differ from the policy's in any bit, including recoveries.
+  int changed_controls = 0;
+  double seconds = 0.0;  ///< Processor time.
   /// Sum of control::Step::change over the changed controls whose size is known.
   double change = 0.0;
   int sized_changes = 0;  ///< Number of these controls.
@@ -58,8 +60,8 @@ struct EpisodeResult {
 class TrialRunner {
  public:
   virtual ~TrialRunner() = default;
-  /// Returns true if the start state drawn with the seed is inside the estimated support: no
-  /// control could correct one outside. Must not depend on the method.
+  /// Returns true if the start state drawn with the seed is inside the estimated support. No
+  /// control could correct a start state outside. Must not depend on the method.
   [[nodiscard]] virtual bool Accepts(std::uint64_t start_seed) = 0;
   /// Runs one episode of plan.methods[method]. `controller_seed` is the same for all methods.
   [[nodiscard]] virtual EpisodeResult Run(int method, std::uint64_t start_seed,
@@ -83,7 +85,8 @@ using MakeTrialRunner = std::function<std::unique_ptr<TrialRunner>(const Evaluat
 
 struct UnitResult {
   EvaluationUnit unit;
-  int redrawn = 0;                                   ///< Start states that were not accepted.
+  /// Number of start states that were not accepted.
+  int redrawn = 0;
   std::vector<std::uint64_t> starts;                 ///< Seeds of the accepted start states.
   std::vector<std::vector<EpisodeResult>> episodes;  ///< [method][start]
   std::map<std::string, double> measures;
@@ -96,13 +99,13 @@ struct UnitResult {
 [[nodiscard]] std::uint64_t StartSeed(const EvaluationPlan& plan, int trial, int start,
                                       int attempt) noexcept;
 
-/// A start state that a runner accepts, and the number of those drawn before.
+/// A start state that a runner accepts, and the number of previously drawn ones.
 struct DrawnStart {
   std::uint64_t seed = 0;
   int rejected = 0;
 };
 /// Draws start states for episode `start` of `unit` until the runner accepts one.
-/// @throws std::runtime_error after EvaluationPlan::max_redraws of them.
+/// @throws std::runtime_error after EvaluationPlan::max_redraws attempts.
 [[nodiscard]] DrawnStart DrawStart(const EvaluationPlan& plan, const EvaluationUnit& unit,
                                    int start, TrialRunner& runner);
 
@@ -115,7 +118,7 @@ struct DrawnStart {
 /// differ by at most one. Contiguous blocks mostly keep units with the same demonstrations
 /// together.
 struct Shard {
-  int index = 1;  ///< From 1 to count.
+  int index = 1;  ///< Number of the shard, from 1 to count.
   int count = 1;
   bool operator==(const Shard&) const = default;
 };
@@ -130,7 +133,7 @@ class Interrupted : public std::runtime_error {
 };
 
 struct EvaluationOptions {
-  int threads = 0;   ///< 0: one per core.
+  int threads = 0;   ///< Number of threads; 0: one per core.
   Shard shard = {};  ///< Part of the plan to run. Default: all.
   /// File of finished units, one line each. A later run of the same plan and settings reads it and
   /// continues. Empty: no file.
@@ -140,15 +143,16 @@ struct EvaluationOptions {
   std::map<std::string, std::string> settings = {};
   bool salvage = false;  ///< Drops damaged lines of the ledger and repeats their units.
   std::function<void(const std::string&)> notice = {};  ///< Reports dropped lines. May be empty.
-  ProgressCallback progress = {};                       ///< In episodes. May be empty.
+  /// Progress, counted in episodes. May be empty.
+  ProgressCallback progress = {};
   /// Once true, running units finish and no new unit starts. May be nullptr.
   const std::atomic<bool>* stop = nullptr;
 };
 
 /// Runs the plan, or a shard of it, with units spread over threads, and returns them in the order
 /// trial, demonstrations, learner. Everything except `seconds` is identical for any number of
-/// threads or shards, and for a run that was killed and resumed. A killed run loses at most the
-/// running units.
+/// threads or shards, and after a kill and resumption. A killed run loses at most the running
+/// units.
 ///
 /// The start state i of a trial is the first of the seeds DeriveSeed(seed, {0, trial, i, 0}), {0,
 /// trial, i, 1}, ... that the runner accepts. Methods and learners therefore share start states,

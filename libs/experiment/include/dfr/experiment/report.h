@@ -15,28 +15,28 @@
 
 namespace dfr::experiment {
 
-/// How pages and pictures show a method: by the same name, colour, dashes and marker everywhere.
+/// Style of a method, with the same name, colour, dashes and marker on all pages and pictures.
 struct NamedStyle {
-  std::string_view method;  ///< As in plans and on command lines, or an outcome.
+  std::string_view method;  ///< Name of the method in plans and on command lines, or an outcome.
   std::string_view name;    ///< For readers.
   int style = 0;            ///< Number of a colour, dashes and marker.
 };
-/// All methods and outcomes that have a style of their own.
+/// Returns all methods and outcomes with a predefined style.
 [[nodiscard]] std::span<const NamedStyle> NamedStyles();
-/// The style of a method or outcome by its id or its name; -1 if it has none.
+/// Returns the style of a method or outcome by its id or its name; -1 if it has none.
 [[nodiscard]] int MethodStyle(std::string_view method);
 
 /// One line of a ReportPlot. Points with a non-finite y are skipped.
 struct ReportSeries {
-  std::string name;  ///< In the legend below the figure; empty: none.
+  std::string name;  ///< Name in the legend below the figure; empty: none.
   std::vector<double> x;
   std::vector<double> y;
   std::vector<double> low = {};   ///< Lower edge of a band, or of a point's bar; empty: none.
-  std::vector<double> high = {};  ///< Its upper edge, as long as `low`.
+  std::vector<double> high = {};  ///< Upper edge of the band or bar, as long as `low`.
   /// Command that prints the episodes of each point, shown on hover or tap; or empty.
   std::vector<std::string> commands = {};
-  /// Colour, dashes and marker. -1: MethodStyle() of `name`, or else the first one that is free in
-  /// the plot.
+  /// Colour, dashes and marker. -1: MethodStyle() of `name`, otherwise the first free style of the
+  /// plot.
   int style = -1;
 };
 
@@ -55,15 +55,15 @@ struct ReportPlot {
 struct ReportFigure {
   std::string heading;
   std::string caption;
-  std::vector<ReportPlot> plots;  ///< Side by side, up to three in a row.
+  std::vector<ReportPlot> plots;  ///< Plots, side by side, up to three in a row.
 };
 
-/// A table of texts, for example of the paper's figures beside ours.
+/// A table of texts, for example of the paper's figures and ours.
 struct ReportTable {
   std::string heading;
   std::string caption;
   std::vector<std::string> header;
-  std::vector<std::vector<std::string>> rows;  ///< Each as long as `header`.
+  std::vector<std::vector<std::string>> rows;  ///< Rows, each as long as `header`.
   /// Command that prints the episodes behind an entry, shown on hover or tap: same shape as `rows`,
   /// or empty.
   std::vector<std::vector<std::string>> commands = {};
@@ -84,7 +84,7 @@ struct ReportMedia {
   std::string caption;
 };
 
-/// What an experiment says about using a method.
+/// Recommendation of an experiment about using a method.
 struct ReportJudgement {
   std::string method = {};
   int grade = 0;  ///< 0: fit for use, 1: doubtful, 2: do not use
@@ -95,10 +95,10 @@ struct ReportJudgement {
 struct ReportOptions {
   std::string title = {};
   /// First sentence of the page: fit for use, doubtful or do not use, and why. Empty: a list of
-  /// `judgements`, or else derived from the summary's contrasts, if there are any.
+  /// `judgements`; without judgements, derived from the summary's contrasts if there are any.
   std::string verdict = {};
   std::vector<ReportJudgement> judgements = {};
-  std::string judged_by = {};  ///< The rule behind `judgements`, below them.
+  std::string judged_by = {};  ///< Rule behind `judgements`, shown below them.
   /// Program that wrote the report. The page shows on hover or tap which of its `episodes` commands
   /// prints the ids of the episodes behind a number. Empty: not shown.
   std::string program = {};
@@ -114,10 +114,10 @@ struct ReportOptions {
 };
 
 /// Renders a self-contained page: a verdict on each method, the paper's three curves per learner
-/// with bands, how episodes ended, the figures of the options, and then all tables. Figures are
-/// inline SVG, media are data URIs. The layout supports light and dark themes, narrow and wide
+/// with bands, the outcomes of episodes, the figures of the options, and then all tables. Figures
+/// are inline SVG, media are data URIs. The layout supports light and dark themes, narrow and wide
 /// windows, and print. A summary without cells gives a page of the options' content only. The page
-/// contains no measured times and is therefore identical bit for bit, whichever machine ran the
+/// contains no measured times and is therefore identical bit for bit for any machines that ran the
 /// units.
 /// @throws std::invalid_argument if a series, a table or a kind of media does not match its
 ///   description; std::runtime_error naming a media file that cannot be read.

@@ -40,7 +40,7 @@ class RolloutRunner : public TrialRunner {
                                      control::RolloutObserver* observer,
                                      int max_controls = 1'000'000);
 
-  /// [method]: number of controls of each recovery in Run().
+  /// Entry [method]: number of controls of each recovery in Run().
   [[nodiscard]] const std::vector<std::vector<int>>& recovery_lengths() const noexcept {
     return recovery_lengths_;
   }
@@ -80,7 +80,7 @@ class RolloutRunner : public TrialRunner {
 
  private:
   std::unique_ptr<core::SimulatedPlant> plant_;
-  std::unique_ptr<experiment::DisturbedPlant> disturbed_;  // nullptr: plant_ is driven
+  std::unique_ptr<experiment::DisturbedPlant> disturbed_;  // nullptr: methods drive plant_ itself
   std::vector<std::string> names_;
   std::vector<std::unique_ptr<control::Controller>> controllers_;
   std::vector<std::vector<int>> recovery_lengths_;

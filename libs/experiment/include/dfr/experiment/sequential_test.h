@@ -10,7 +10,7 @@ namespace dfr::experiment {
 /// Credit of an episode, in [0, 1].
 struct EpisodeCredit {
   double completed = 1.0;
-  double halted = 0.5;  ///< Safe, almost complete.
+  double halted = 0.5;  ///< Credit of a halted episode: safe, almost complete.
   double collided = 0.0;
 
   /// @param progress  completed fraction of the task before the episode ended, in [0, 1]. A halted
@@ -37,7 +37,7 @@ class SequentialTest {
 
   /// True once a difference is established; remains true.
   [[nodiscard]] bool settled() const noexcept { return settled_at_ > 0; }
-  /// Returns the pair that established it; 0 if none has.
+  /// Returns the number of the pair that established it; 0 if there is none.
   [[nodiscard]] std::int64_t settled_at() const noexcept { return settled_at_; }
   [[nodiscard]] std::int64_t pairs() const noexcept { return pairs_; }
   /// Mean difference so far.

@@ -11,23 +11,25 @@ namespace dfr::experiment {
 
 /// State of one ledger of a run.
 struct LedgerStatus {
-  std::filesystem::path path;  ///< Missing or empty if its program failed at start.
-  std::string shard;           ///< "2/7", empty before the first unit.
+  /// Path of the ledger. Missing or empty if its program failed at start.
+  std::filesystem::path path;
+  std::string shard;  ///< "2/7", empty before the first unit.
   int done = 0;
-  int units = 0;         ///< Units of its shard; 0 before the first unit.
-  bool running = false;  ///< A process holds it, or its folder.
+  int units = 0;         ///< Number of units of its shard; 0 before the first unit.
+  bool running = false;  ///< True if a process holds the ledger or its folder.
   /// For an unfinished ledger without a writer: the last line of the newest log beside it.
   std::string last_words;
 };
 
 /// State of a run of one or more shards.
 struct Status {
-  int done = 0;  ///< Units finished in at least one of the ledgers.
+  int done = 0;  ///< Number of units finished in at least one of the ledgers.
   int units = 0;
-  std::map<std::string, int> by_host;      ///< Number of units by the host that finished them.
-  double mean_wall_s = 0.0;                ///< Mean duration of a unit on one thread.
-  double longest_wall_s = 0.0;             ///< Maximum duration of a unit.
-  std::optional<double> remaining_s = {};  ///< At the present rate; absent if none is running.
+  std::map<std::string, int> by_host;  ///< Number of units by the host that finished them.
+  double mean_wall_s = 0.0;            ///< Mean duration of a unit on one thread.
+  double longest_wall_s = 0.0;         ///< Maximum duration of a unit.
+  /// Remaining time at the present rate; absent if no process is running.
+  std::optional<double> remaining_s = {};
   std::vector<LedgerStatus> ledgers;
 };
 
@@ -35,7 +37,7 @@ struct Status {
 /// Shards of one run are combined; runs of a grid are separate. A task without a unit belongs to
 /// the run beside it. The rate is that of all units from the start of the first to the end of the
 /// last.
-/// @returns at least one.
+/// @returns at least one status.
 /// @throws std::runtime_error naming a folder with neither ledgers nor logs; as ReadLedger().
 [[nodiscard]] std::vector<Status> StatusesOf(const std::vector<std::filesystem::path>& folders);
 

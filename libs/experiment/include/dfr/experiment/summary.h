@@ -15,7 +15,7 @@
 namespace dfr::experiment {
 
 /// A fraction of the episodes, with ClusteredInterval() over trials or supervisors. With fewer than
-/// 5 of them, with ProportionInterval(), which treats episodes as independent.
+/// 5 clusters it has ProportionInterval(), which treats episodes as independent.
 struct Share {
   double value = 0.0;
   Interval interval;
@@ -25,7 +25,7 @@ struct Share {
 struct Cell {
   std::string method;
   std::string learner;
-  int demonstrations = 0;  ///< 0 for an average over all data points.
+  int demonstrations = 0;  ///< Number of demonstrations; 0 for an average over all data points.
   int trials = 0;
   int episodes = 0;
   Share completed;
@@ -33,13 +33,14 @@ struct Cell {
   Share collided;
   double seconds_per_trajectory = 0.0;  ///< Processor time.
   double controls_per_trajectory = 0.0;
-  double recovery_controls = 0.0;  ///< Per trajectory, probes included.
+  double recovery_controls = 0.0;  ///< Mean number per trajectory, including probes.
   double passed = 1.0;             ///< Share of the controls that equal the policy's bit for bit.
   /// Mean size of the other controls' changes (EpisodeResult::change), where sizes are known.
   std::optional<double> change = {};
-  int redrawn_starts = 0;  ///< Start states outside the support, drawn again.
+  int redrawn_starts = 0;  ///< Number of start states outside the support, which were drawn again.
   std::map<std::string, int> halt_causes;
-  std::map<std::string, int> collision_causes;  ///< By the source of the control that collided.
+  /// Number of collisions by the source of the control that collided.
+  std::map<std::string, int> collision_causes;
 };
 
 /// Comparison of a method with the reference for one kind of learner, over all data points. Ratios
@@ -50,13 +51,15 @@ struct Contrast {
   std::string learner;
   PairedContrast ratios;
   /// The clusters of the intervals: "supervisors" from 5 of them on, "trials", or "episodes" of
-  /// each trial with fewer than 5 trials. The last ignore the variation between trials.
+  /// each trial with fewer than 5 trials. Intervals of episodes ignore the variation between
+  /// trials.
   std::string clusters;
-  std::optional<double> seconds_ratio;   ///< Seconds per trajectory / reference's.
-  std::optional<double> controls_ratio;  ///< Controls per trajectory / reference's.
-  int only_method_collided = 0;     ///< Pairs (one start state) in which just the method collided,
-  int only_reference_collided = 0;  ///< or just the reference.
-  double mcnemar_p = 1.0;           ///< ClusteredMcNemar() of these, by the same clusters.
+  std::optional<double> seconds_ratio;   ///< Ratio of seconds per trajectory to the reference.
+  std::optional<double> controls_ratio;  ///< Ratio of controls per trajectory to the reference.
+  /// Number of pairs (one start state each) in which only the method collided.
+  int only_method_collided = 0;
+  int only_reference_collided = 0;  ///< Number of pairs in which only the reference collided.
+  double mcnemar_p = 1.0;           ///< ClusteredMcNemar() of these pairs, by the same clusters.
 };
 
 /// Mean over trials of a quantity reported by the runners.
@@ -73,7 +76,7 @@ struct Summary {
   std::string commit;
   std::uint64_t seed = 0;
   std::vector<Cell> cells;     ///< Ordered by learner, method, demonstrations.
-  std::vector<Cell> averages;  ///< Ordered by learner, method: over all data points.
+  std::vector<Cell> averages;  ///< Ordered by learner and method, over all data points.
   std::vector<Contrast> contrasts;
   std::vector<MeasureMean> measures;  ///< Ordered by name, learner, demonstrations.
 };

@@ -67,7 +67,7 @@ class FooterParser {
     return element;
   }
 
-  // The tree of elements is in depth-first order, starting with the root.
+  // The elements of the tree are in depth-first order, starting with the root.
   void MakeLeaves() {
     if (!file_->leaves_.empty() || elements_.empty()) throw Malformed("has no schema");
     next_ = 1;
@@ -174,7 +174,7 @@ void ParquetFile::Fail(const std::string& reason) const {
 
 std::string ParquetFile::ReadBytes(std::int64_t start, std::int64_t size) const {
   if (start < 0 || size < 0 || start > size_ || size > size_ - start) {
-    Fail("points past its end");
+    Fail("refers to bytes beyond its end");
   }
   std::string bytes(static_cast<std::size_t>(size), '\0');
   in_.clear();
@@ -193,7 +193,7 @@ void ParquetFile::ReadFooter() {
   std::uint32_t length = 0;
   std::memcpy(&length, tail.data(), sizeof(length));
   if (length > size_ - kMagic - kTail) {
-    Fail("declares metadata of " + std::to_string(length) + " bytes");
+    Fail("declares metadata of " + std::to_string(length) + " bytes, more than it contains");
   }
   const std::string footer = ReadBytes(size_ - kTail - length, length);
   try {
@@ -210,7 +210,8 @@ ParquetColumn ParquetFile::Read(int row_group, const std::string& column) const 
   const Chunk* chunk = nullptr;
   for (std::size_t i = 0; i < leaves_.size(); ++i) {
     if (leaves_[i].column != column) continue;
-    if (found != nullptr) Fail("column " + column + " has several parts, not numbers or one list");
+    if (found != nullptr)
+      Fail("column " + column + " has several parts instead of numbers or one list");
     found = &leaves_[i];
     chunk = &group.chunks[i];
   }

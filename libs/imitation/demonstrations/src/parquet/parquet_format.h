@@ -8,7 +8,7 @@
 #include <string>
 #include <string_view>
 
-/// Numbers and encodings of which Apache Parquet's metadata and pages consist.
+/// Numbers and encodings of Apache Parquet's metadata and pages.
 namespace dfr::imitation::internal {
 
 static_assert(std::endian::native == std::endian::little);

@@ -139,7 +139,7 @@ bool IsNumeric(const ParquetFile::Leaf& leaf) {
          leaf.type == kFloat || leaf.type == kDouble || leaf.is_half;
 }
 
-// Decodes consecutive values, without the levels.
+// Decodes consecutive values without the levels.
 std::vector<double> DecodePlain(const ParquetFile::Leaf& leaf, Bytes& bytes, std::int64_t count) {
   std::vector<double> values;
   const auto fixed = [&]<typename T>(T) {
@@ -209,7 +209,7 @@ class ChunkDecoder {
         ReadDictionary(header, page);
       } else if (header.type == kDataPage || header.type == kDataPageV2) {
         if (header.num_values > chunk_->num_values - seen) {
-          throw Malformed("has pages of more values than the column");
+          throw Malformed("has pages with more values than the column");
         }
         ReadData(header, page);
         seen += header.num_values;

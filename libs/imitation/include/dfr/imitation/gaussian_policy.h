@@ -21,7 +21,7 @@ class GaussianPolicy {
   [[nodiscard]] int control_dim() const noexcept { return mean_.control_dim(); }
 
   /// Samples a control: adds noise to the network's output, then clips the sum. All entries are NaN
-  /// where the mean's are. Never allocates.
+  /// if the mean's are NaN. Never allocates.
   void Sample(std::span<const double> x, core::Random& random, std::span<double> u) const noexcept;
 
   /// Returns the policy without noise.

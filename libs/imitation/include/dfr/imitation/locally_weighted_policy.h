@@ -48,9 +48,9 @@ class LocallyWeightedPolicy final : public core::Policy {
   core::Matrix controls_;
 };
 
-/// The width of a fixed grid, .25 to 4, at which LocallyWeightedPolicy errs least on controls of
-/// demonstrations that are left out: the mean square over five folds of whole demonstrations (one
-/// demonstration each if there are fewer). The other options are `options`'.
+/// Returns the width of a fixed grid, .25 to 4, with the smallest error of LocallyWeightedPolicy on
+/// controls of left-out demonstrations: the mean square over five folds of whole demonstrations
+/// (one demonstration each if there are fewer). The other options come from `options`.
 /// @throws std::invalid_argument with fewer than two demonstrations, and as LocallyWeightedPolicy.
 [[nodiscard]] double CrossValidatedWidth(const core::FeatureTransform& features,
                                          std::span<const core::Trajectory> demonstrations,

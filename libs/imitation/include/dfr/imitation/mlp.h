@@ -35,7 +35,7 @@ class Mlp {
     int inputs;
     int outputs;
     Eigen::Index weights;  ///< inputs x outputs entries, row-major.
-    Eigen::Index biases;   ///< One per output.
+    Eigen::Index biases;   ///< Number of outputs, one bias each.
   };
 
   /// Buffers of the batched calls, including the activations that Forward() stores for later calls.
@@ -55,20 +55,20 @@ class Mlp {
     Eigen::Index samples_ = 0;
   };
 
-  /// All parameters are zero. `sizes`: inputs, units of each hidden layer, outputs.
+  /// Creates a network with zero parameters. `sizes`: inputs, units of each hidden layer, outputs.
   /// @throws std::invalid_argument if there are fewer than two sizes, or one is not in [1,
-  ///   kMaxWidth].
+  /// kMaxWidth].
   explicit Mlp(std::vector<int> sizes);
 
-  /// Biases are zero. Weights are normal with variance 1/inputs of their layer (LeCun et al.,
-  /// 1998); `output_scale` multiplies those of the output layer. The same random stream gives the
-  /// same network.
+  /// Creates a network with random weights. Biases are zero. Weights are normal with variance
+  /// 1/inputs of their layer (LeCun et al., 1998); `output_scale` multiplies those of the output
+  /// layer. The same random stream gives the same network.
   Mlp(std::vector<int> sizes, core::Random& random, double output_scale = 1.0);
 
   [[nodiscard]] const std::vector<int>& sizes() const noexcept { return sizes_; }
   [[nodiscard]] int input_dim() const noexcept { return sizes_.front(); }
   [[nodiscard]] int output_dim() const noexcept { return sizes_.back(); }
-  /// Hidden layers, then the output layer.
+  /// Returns the hidden layers, followed by the output layer.
   [[nodiscard]] const std::vector<Layer>& layers() const noexcept { return layers_; }
   [[nodiscard]] Eigen::Index num_parameters() const noexcept { return parameters_.size(); }
 
@@ -122,7 +122,7 @@ class Mlp {
 
   std::vector<int> sizes_;
   std::vector<Layer> layers_;
-  int width_ = 0;  // widest layer, inputs and outputs included
+  int width_ = 0;  // widest layer, including inputs and outputs
   Eigen::VectorXd parameters_;
 };
 

@@ -17,7 +17,7 @@ class Environment {
  public:
   struct StepResult {
     double reward = 0.0;
-    bool terminal = false;  ///< True if the episode ends here, before its horizon.
+    bool terminal = false;  ///< True if the episode ends before its horizon.
   };
 
   virtual ~Environment() = default;

@@ -12,10 +12,10 @@
 
 namespace dfr::kernel {
 
-/// Split-conformal threshold. For `scores` of n exchangeable held-out items (larger is stranger),
-/// returns a value that a new item of the same kind exceeds with probability at most `alpha`. It is
-/// the score of rank ceil((n + 1)(1 - alpha)), or +infinity if that rank exceeds n: n items are too
-/// few for this alpha.
+/// Split-conformal threshold. For `scores` of n exchangeable held-out items (larger is more
+/// unusual), returns a value that a new item of the same kind exceeds with probability at most
+/// `alpha`. It is the score of rank ceil((n + 1)(1 - alpha)), or +infinity if that rank exceeds n:
+/// n items are too few for this alpha.
 ///
 /// This probability is an average over sets of held-out items. For one set, the probability that a
 /// new item stays below the score of rank k is Beta(k, n + 1 - k) distributed. With a `confidence`,

@@ -27,14 +27,14 @@ struct TimeVaryingSupportOptions {
 
 /// Support of the demonstrated states at each time step (Sec. IV-A): one OneClassSvm g_t per t,
 /// fitted to the states of all demonstrations at t. A demonstration that ends early contributes its
-/// last state from then on, because the robot rests there.
+/// last state from then on, because the robot rests in that state.
 ///
 /// Immutable after construction. Copies are cheap because they share data. Concurrent calls are
 /// safe.
 class TimeVaryingSupport final : public core::LogDecisionFunction {
  public:
-  /// Fits to one matrix of states a demonstration, (T_i + 1) x n, rows in order of time. If given,
-  /// `summaries` receives one entry per estimate.
+  /// Fits to one matrix of states per demonstration, (T_i + 1) x n, rows in order of time. If
+  /// given, `summaries` receives one entry per estimate.
   /// @throws std::invalid_argument if there are fewer than two demonstrations (pooled: two states),
   ///   one is empty, their widths differ, an entry is not finite, or an option is out of range. The
   ///   message names the demonstration and row.
@@ -69,7 +69,7 @@ class TimeVaryingSupport final : public core::LogDecisionFunction {
   /// Returns gamma (see OneClassSvm::LogGradient()).
   [[nodiscard]] double curvature_bound(int t) const noexcept override;
 
-  /// Returns g_t; times out of range use the nearest one.
+  /// Returns g_t; times out of range use the nearest estimate.
   [[nodiscard]] const OneClassSvm& at(int t) const noexcept;
 
  private:

@@ -17,14 +17,14 @@ struct WhitenedSupportOptions {
   /// The estimate at t uses the states of t - window k, t - (window - 1) k, ..., t + window k.
   int window = 2;
   /// Sets the stride k: 1, or larger if needed for the window to span this fraction of the time
-  /// steps on either side. Demonstrations of longer tasks are further apart at a given time step. A
+  /// steps on either side. Demonstrations of longer tasks are farther apart at a given time step. A
   /// larger value includes more of them but locates a state in the task less precisely.
   double window_share = 0.02;
   double phase_ridge = 0.3;  ///< Added to each time step's covariance before inversion, > 0.
   bool phase_whitening = true;
-  /// On: the covariance of each time step is that of states about their neighbours
-  /// (core::LocalScatter()), which for several ways is the covariance within one. Off: about their
-  /// mean.
+  /// If true, the covariance of each time step is that of states about their neighbours
+  /// (core::LocalScatter()), which for several ways is the covariance within one way. If false, it
+  /// is the covariance about their mean.
   bool local = true;
   /// Evaluates in float, in about half the time; see OneClassSvm::InSinglePrecision() for the
   /// error. Not for certificates, which need full precision.
@@ -61,13 +61,13 @@ class WhitenedSupport final : public core::LogDecisionFunction {
   /// Maximum number of features: queries are mapped into a buffer on the stack.
   static constexpr int kMaxFeatures = 256;
 
-  /// Fits to one matrix of features a demonstration, rows in order of time.
+  /// Fits to one matrix of features per demonstration, rows in order of time.
   /// @throws std::invalid_argument if there are fewer than two demonstrations, widths differ, an
   ///   entry is not finite or an option is out of range.
   static WhitenedSupport Fit(std::span<const core::Matrix> demonstrations,
                              const WhitenedSupportOptions& options = {});
 
-  /// g_t in its own coordinates y = map z.
+  /// g_t in its coordinates y = map z.
   struct Estimate {
     core::Matrix map;  ///< state_dim x state_dim
     OneClassSvm svm;
@@ -105,12 +105,12 @@ class WhitenedSupport final : public core::LogDecisionFunction {
   std::vector<Phase> phases_;
 };
 
-/// Result of the test whether a support excludes the space between ways. The test looks for time
-/// steps at which the demonstrated states form clusters (core::SpanningTree(), in the coordinates
-/// of that time step). A cluster has at least three states and a tenth of all states, and its
-/// distance to the next is at least four standard deviations of states about their neighbours. The
-/// midpoint between two neighbouring clusters should be outside, unless a demonstration passes near
-/// it at another time. Chance also produces such clusters at a few time steps.
+/// Result of a test that a support excludes the space between ways. The test looks for time steps
+/// at which the demonstrated states form clusters (core::SpanningTree(), in the coordinates of that
+/// time step). A cluster has at least three states and a tenth of all states, and its distance to
+/// the next is at least four standard deviations of states about their neighbours. The midpoint
+/// between two neighbouring clusters should be outside, unless a demonstration passes near it at
+/// another time. Chance also produces such clusters at a few time steps.
 struct ModeSeparationTest {
   int steps = 0;   ///< Number of time steps with clusters.
   int points = 0;  ///< Number of midpoints between two clusters, over all time steps.
@@ -121,11 +121,11 @@ struct ModeSeparationTest {
                                                     std::span<const core::Matrix> demonstrations);
 
 /// Returns the mean over time steps of log(V_narrow / V_wide), the volumes of {l >= level} of two
-/// supports of these demonstrations that differ in gamma alone. With the levels that equally many
+/// supports of these demonstrations that differ only in gamma. With the levels that equally many
 /// left-out states reach, the smaller volume describes the demonstrations better (Thomas, Feuillard
-/// and Gramfort 2015, arXiv:1506.05600). By importance sampling with 400 draws per time step,
-/// always the same ones. Time steps with fewer than 5 demonstrations or 10 draws inside do not
-/// count; 0 if none does.
+/// and Gramfort 2015, arXiv:1506.05600). Uses importance sampling with 400 fixed draws per time
+/// step. Ignores time steps with fewer than 5 demonstrations or 10 draws inside; returns 0 if no
+/// time step remains.
 [[nodiscard]] double LogVolumeRatio(const WhitenedSupport& wide, double wide_level,
                                     const WhitenedSupport& narrow, double narrow_level,
                                     std::span<const core::Matrix> demonstrations);

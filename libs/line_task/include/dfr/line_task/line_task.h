@@ -66,7 +66,7 @@ class LineTask {
   [[nodiscard]] const core::StateLayout& layout() const noexcept { return layout_; }
   [[nodiscard]] const LineCalibration& calibration() const noexcept { return calibration_; }
   [[nodiscard]] const Eigen::Isometry3d& p_world_base() const noexcept { return p_world_base_; }
-  /// For vision::LineVision, which expects the gauze at its rest pose.
+  /// Options for vision::LineVision, which expects the gauze at its rest pose.
   [[nodiscard]] const vision::LineVisionOptions& vision() const noexcept { return vision_; }
 
   /// Computes the encoder readings to command for a tip position in the world frame. Returns false,

@@ -9,17 +9,17 @@
 
 namespace dfr::reduction {
 
-/// Scores of a guard on k components, by held-out demonstrations.
+/// Scores of a guard with k components, by held-out demonstrations.
 struct ComponentsScore {
   int components = 0;  ///< k
-  /// Share of states inside a kernel::WhitenedSupport.
+  /// Fraction of states inside a kernel::WhitenedSupport.
   double inside = 0.0;
-  /// Share of the variance of actions that control::LocalFit::NominalControl() explains.
+  /// Fraction of the variance of actions that control::LocalFit::NominalControl() explains.
   double explained = 0.0;
-  double explained_error = 0.0;  ///< Its standard error over demonstrations.
+  double explained_error = 0.0;  ///< Standard error of `explained` over demonstrations.
   double action_error =
       0.0;  ///< Squared error of that prediction, relative to the squared actions.
-  /// Squared error of the predicted change of whitened components, J u + drift, as a share of
+  /// Squared error of the predicted change of whitened components, J u + drift, as a fraction of
   /// the squared change.
   double response_error = 0.0;
 };
@@ -33,7 +33,7 @@ struct ChooseComponentsOptions {
   /// Scores per component: the number of reduced blocks.
   int scores_each = 1;
   int folds = 5;
-  double least_inside = 0.5;  ///< Smallest acceptable share of states inside.
+  double least_inside = 0.5;  ///< Smallest acceptable fraction of states inside.
   kernel::WhitenedSupportOptions support = {};
 };
 
@@ -41,7 +41,8 @@ struct ChooseComponentsOptions {
 struct ComponentsChoice {
   std::vector<ComponentsScore> table;  ///< One row for each candidate, ascending.
   int components = 0;                  ///< 0: refused.
-  std::string reason;                  ///< Reason of the choice, or of the refusal with its remedy.
+  /// Reason for the choice, or for the rejection with its remedy.
+  std::string reason;
 };
 
 /// Chooses the number of components by left-out demonstrations.
@@ -53,8 +54,8 @@ struct ComponentsChoice {
 ///
 /// Rule: among the candidates with inside >= least_inside, the smallest k whose explained share is
 /// within one standard error of the best (Breiman et al., Classification and Regression Trees,
-/// 1984, Sec. 3.4.3). Refused if no candidate has least_inside, or
-/// control::LocalFit::Guesses() of the best one. docs/decisions.md has the reasons.
+/// 1984, Sec. 3.4.3). The choice is rejected if no candidate has least_inside, or if
+/// control::LocalFit::Guesses() is true for the best one. docs/decisions.md has the reasons.
 /// @param demonstrations  scores as states (T + 1 x p), actions as controls (T x m). k components
 ///   are the first beside + k scores_each columns, or all. Only the first candidate that needs all
 ///   columns is tried.

@@ -15,8 +15,8 @@ namespace dfr::reduction {
 struct FeaturePointsOptions {
   int points = 16;         ///< Number of patches, in [1, kMostPoints].
   int side = 5;            ///< Height and width of a patch in pixels, in [1, kMostSide].
-  double sharpness = 5.0;  ///< beta, > 0. The larger, the more the best position alone decides.
-  int samples = 20000;     ///< Windows that are drawn, at most all; >= points.
+  double sharpness = 5.0;  ///< beta, > 0. With a larger value the best position alone decides.
+  int samples = 20000;     ///< Maximum number of windows to draw; >= points.
   int iterations = 30;     ///< Steps of k-means, >= 1.
   std::uint64_t seed = 5;
 };
@@ -29,9 +29,8 @@ struct FeaturePointsOptions {
 /// et al., JMLR 17, 2016; Finn et al., ICRA 2016). A picture that shows the patch twice gives the
 /// middle.
 ///
-/// Values of pixels are as ImageFeatures makes them with LightNormalisation::kGainAndOffset, of
-/// mean 128 and standard deviation 48. Immutable. Concurrent calls with separate workspaces are
-/// safe.
+/// Pixel values are those of ImageFeatures with LightNormalisation::kGainAndOffset, of mean 128 and
+/// standard deviation 48. Immutable. Concurrent calls with separate workspaces are safe.
 class FeaturePoints {
  public:
   static constexpr int kMostPoints = 64;
@@ -47,9 +46,9 @@ class FeaturePoints {
 
    private:
     friend class FeaturePoints;
-    Eigen::VectorXf picture_;  // In units of the standard deviation.
-    Eigen::MatrixXf windows_;  // Those of one row of windows, one a column.
-    Eigen::MatrixXf logits_;   // points x windows; then weights.
+    Eigen::VectorXf picture_;  // Picture in units of the standard deviation.
+    Eigen::MatrixXf windows_;  // One row of windows, one window per column.
+    Eigen::MatrixXf logits_;   // points x windows; after the softmax the weights.
   };
 
   /// @param shape    height and width in [side, kMostPixelsASide], and channels.
@@ -59,22 +58,22 @@ class FeaturePoints {
   ///   finite or not within 1e6.
   FeaturePoints(const core::PictureShape& shape, int side, double sharpness, core::Matrix patches);
 
-  /// Finds patches by k-means on those of random windows whose variance is above the median
-  /// (Coates and Ng, AISTATS 2011). Reads the pictures once.
-  /// @param pictures  height x width x channels entries a row.
+  /// Finds patches by k-means on the random windows whose variance is above the median (Coates and
+  /// Ng, AISTATS 2011). Reads the pictures once.
+  /// @param pictures  height x width x channels entries per row.
   /// @throws std::invalid_argument if an option is out of range, the pictures are smaller than a
-  ///   patch or larger than kMostPixelsASide, or all windows are of one colour.
+  /// patch or larger than kMostPixelsASide, or all windows have a single colour.
   static FeaturePoints Fit(const RowSource& pictures, const core::PictureShape& shape,
                            const FeaturePointsOptions& options = {});
 
   [[nodiscard]] const core::PictureShape& shape() const noexcept { return shape_; }
   [[nodiscard]] int num_points() const noexcept { return static_cast<int>(patches_.rows()); }
-  /// Number of positions: column and row of each patch.
+  /// Returns the number of positions: column and row of each patch.
   [[nodiscard]] int size() const noexcept { return 2 * num_points(); }
   [[nodiscard]] const core::Matrix& patches() const noexcept { return patches_; }
 
   /// Writes column and row of each patch to `positions` (size()). Never allocates, locks or throws.
-  /// A wrong size of the picture or an entry that is not finite makes them NaN.
+  /// For a picture of the wrong size or with a nonfinite entry, they are NaN.
   void Apply(std::span<const float> picture, Workspace& workspace,
              std::span<double> positions) const noexcept;
 
@@ -84,7 +83,7 @@ class FeaturePoints {
   void Spread(std::span<const double> values, const Workspace& workspace,
               std::span<double> pixels) const;
 
-  /// Appends all except the shape to a file.
+  /// Appends all data except the shape to a file.
   void Save(core::ArchiveWriter& archive) const;
   /// Reads what Save() wrote. @throws std::runtime_error naming the file and its defect.
   static FeaturePoints Load(core::ArchiveReader& archive, const core::PictureShape& shape);
@@ -97,9 +96,9 @@ class FeaturePoints {
   int side_ = 0;
   double sharpness_ = 0.0;
   core::Matrix patches_;
-  float factor_ = 0.0F;      // beta over the entries of a patch.
+  float factor_ = 0.0F;      // beta divided by the number of entries of a patch.
   Eigen::MatrixXf weights_;  // 2 factor patches,
-  Eigen::VectorXf offset_;   // and -factor times their squared norms.
+  Eigen::VectorXf offset_;   // -factor times the squared norms of the patches.
 };
 
 }  // namespace dfr::reduction

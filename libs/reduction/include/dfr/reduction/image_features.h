@@ -6,8 +6,8 @@
 
 namespace dfr::reduction {
 
-/// 8-bit picture with interleaved channels, rows from the top. Borrowed. Of a cv::Mat m of type
-/// CV_8UC1 or CV_8UC3: {m.data, m.cols, m.rows, m.channels(), m.step}.
+/// 8-bit picture with interleaved channels, rows from the top. Borrowed. For a cv::Mat m of type
+/// CV_8UC1 or CV_8UC3, use {m.data, m.cols, m.rows, m.channels(), m.step}.
 struct PictureView {
   const std::uint8_t* data = nullptr;
   int width = 0;
@@ -21,7 +21,7 @@ enum class PictureFault {
   kNone,
   kWrongSize,  ///< Another size, number of channels or stride, or no data.
   kDark,       ///< Black: darker than ImageFeaturesOptions::least_mean.
-  kFrozen,     ///< The same bytes as the previous pictures: a working sensor has noise.
+  kFrozen,     ///< The bytes equal those of the previous pictures: a working sensor has noise.
 };
 
 /// Order of the channels of a colour picture: OpenCV's, or that of datasets.
@@ -40,24 +40,24 @@ struct ImageFeaturesOptions {
   int height = 0;
   int channels = 3;
   ChannelOrder order = ChannelOrder::kRgb;
-  /// Used part of the picture: first column and row, and size; 0: all of it.
+  /// Used part of the picture: first column and row, and size; 0: the whole picture.
   int crop_x = 0;
   int crop_y = 0;
   int crop_width = 0;
   int crop_height = 0;
-  /// Size after the reduction, at most that of the part; 0: the same.
+  /// Size after the reduction, at most that of the used part; 0: the same.
   int out_width = 0;
   int out_height = 0;
-  bool grey = false;  ///< One channel, 0.299 R + 0.587 G + 0.114 B, instead of three.
+  bool grey = false;  ///< Converts three channels to one, 0.299 R + 0.587 G + 0.114 B.
   LightNormalisation light = LightNormalisation::kGain;
-  double least_mean = 4.0;  ///< A picture with a darker mean is black, in [0, 255].
+  double least_mean = 4.0;  ///< Lower limit of the mean, in [0, 255]. A darker picture is black.
   /// Number of consecutive identical pictures that indicate a frozen camera; 0: never, for
   /// simulators.
   int frozen_after = 0;
 };
 
-/// Turns pictures into vectors of floats: crop, reduction by area averages, grey, light. The part
-/// before a reduction::Reduction.
+/// Converts pictures to vectors of floats: crop, reduction by area averages, grey, light. Precedes
+/// a reduction::Reduction.
 ///
 /// Each object belongs to one camera and one thread. Apply() never allocates, locks or throws.
 class ImageFeatures {
@@ -84,7 +84,7 @@ class ImageFeatures {
   [[nodiscard]] const ImageFeaturesOptions& options() const noexcept { return options_; }
 
  private:
-  /// Inputs first, ..., first + weights.size() - 1 make one output.
+  /// Inputs first, ..., first + weights.size() - 1 contribute to one output.
   struct Average {
     int first = 0;
     std::vector<float> weights;
@@ -98,7 +98,7 @@ class ImageFeatures {
   std::vector<Average> rows_;
   std::vector<Average> columns_;
   int out_channels_ = 0;
-  int row_floats_ = 0;              ///< Floats of one output row.
+  int row_floats_ = 0;              ///< Number of floats of one output row.
   std::vector<float> row_;          ///< One output row before its columns are averaged.
   std::vector<std::uint8_t> last_;  ///< Previous picture.
   int identical_ = 0;  ///< Number of consecutive pictures equal to `last_`; 0: none yet.

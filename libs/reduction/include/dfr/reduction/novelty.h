@@ -10,22 +10,23 @@
 
 namespace dfr::reduction {
 
-/// How much a picture differs from all demonstrations, compared with left-out demonstrations.
+/// Measures the difference between a picture and all demonstrations, relative to that of left-out
+/// demonstrations.
 ///
 /// Two statistics, each divided by its limit:
 /// - the largest mean squared difference from the mean picture on a window of 3 x 3 pixels, in
-///   units of the demonstrations' variance there plus kFloor^2 plus the square of what a shift of
-///   the camera by a pixel changes in the mean picture,
+/// units of the demonstrations' variance there plus kFloor^2 plus the squared change of the mean
+/// picture for a camera shift of one pixel,
 /// - Hotelling's T^2 of the positions of patches (FeaturePoints), if there are any, with kRidge of
-///   the mean variance added to each variance.
-/// A limit is kMargin times the maximum in an episode that at most 5 % of the demonstrations
-/// exceeded when mean and variances were those of the other four fifths.
+/// the mean variance added to each variance. A limit is kMargin times a value that the maximum over
+/// an episode exceeded in at most 5 % of the demonstrations, with mean and variances of the other
+/// four fifths.
 ///
 /// Immutable. Concurrent calls with separate workspaces are safe.
 class Novelty {
  public:
   static constexpr double kMargin = 3.0;
-  /// In units of a pixel's value: smaller differences are none.
+  /// Minimum relevant difference, in units of a pixel's value.
   static constexpr double kFloor = 4.0;
   static constexpr double kRidge = 1e-3;
 
@@ -37,32 +38,33 @@ class Novelty {
 
    private:
     friend class Novelty;
-    Eigen::VectorXf squares_;    // One for each pixel.
+    Eigen::VectorXf squares_;    // Squared differences, one per pixel.
     Eigen::VectorXd positions_;  // Differences,
-    Eigen::VectorXd whitened_;   // and those of unit variance.
+    Eigen::VectorXd whitened_;   // Positions whitened to unit variance.
   };
 
   /// Fits to pictures of at least two demonstrations.
-  /// @param pictures   height x width x channels entries a row, as ImageFeatures makes them.
+  /// @param pictures  height x width x channels entries per row, as computed by ImageFeatures.
   /// @param begin      first row of each demonstration, then the number of rows.
-  /// @param positions  of each demonstration, the positions in its rows; empty: none.
+  /// @param positions  positions in the rows of each demonstration; empty: none.
   /// @throws std::invalid_argument if sizes do not fit, there are fewer than two demonstrations, or
   ///   one is empty.
   static Novelty Fit(const RowSource& pictures, const core::PictureShape& shape,
                      std::span<const Eigen::Index> begin, std::span<const core::Matrix> positions);
 
-  /// Returns the larger statistic in units of its limit: above 1 a picture resembles no
-  /// demonstration. Never allocates, locks or throws. Infinity for a wrong size and NaN.
+  /// Returns the larger statistic in units of its limit. Above 1 a picture resembles no
+  /// demonstration. Returns infinity for a wrong size and for NaN. Never allocates, locks or
+  /// throws.
   [[nodiscard]] double Of(std::span<const float> picture, std::span<const double> positions,
                           Workspace& workspace) const noexcept;
 
-  /// Share of the demonstrations, each left out, with a picture above 1.
+  /// Returns the fraction of the demonstrations with a picture above 1 when left out.
   [[nodiscard]] double left_out() const noexcept { return left_out_; }
   [[nodiscard]] const core::PictureShape& shape() const noexcept { return shape_; }
-  /// Number of positions.
+  /// Returns the number of positions.
   [[nodiscard]] int num_positions() const noexcept { return static_cast<int>(middle_.size()); }
 
-  /// Appends all except the shape to a file.
+  /// Appends all data except the shape to a file.
   void Save(core::ArchiveWriter& archive) const;
   /// Reads what Save() wrote. @throws std::runtime_error naming the file and its defect.
   static Novelty Load(core::ArchiveReader& archive, const core::PictureShape& shape);
@@ -75,7 +77,7 @@ class Novelty {
 
   /// @param variance   of each window.
   /// @param middle     mean positions.
-  /// @param whitening  of positions, to unit variance.
+  /// @param whitening  map of positions to unit variance.
   Novelty(const core::PictureShape& shape, Eigen::VectorXd mean, Eigen::VectorXd variance,
           Eigen::VectorXd middle, core::Matrix whitening);
   void CheckLimits() const;

@@ -12,17 +12,18 @@ namespace dfr::reduction {
 struct PrincipalComponentsOptions {
   /// Maximum number of components, >= 1. A fit returns fewer if the rows have fewer directions.
   int components = 128;
-  /// Random directions beyond `components`, >= 0. More of them make the last components more exact.
+  /// Random directions beyond `components`, >= 0. More directions make the last components more
+  /// accurate.
   int oversampling = 16;
   /// Passes that multiply by the covariance, >= 1. After q of them the angle between component i
-  /// and its estimate is about (v_l / v_i)^q, v the variances and l = components + oversampling.
+  /// and its estimate is about (v_l / v_i)^q, with variances v and l = components + oversampling.
   int power_iterations = 3;
-  /// The scale of an entry is its standard deviation, and at least this share of the root mean
+  /// The scale of an entry is its standard deviation, and at least this fraction of the root mean
   /// square over all entries, in [0, 1]. It bounds the noise of entries that barely vary. Use 1 for
   /// pictures, whose entries share a unit, and less if units differ.
   double scale_floor = 0.3;
   std::uint64_t seed = 1;
-  int threads = 0;  ///< 0: one per core. The result does not depend on it.
+  int threads = 0;  ///< Number of threads; 0: one per core. The result does not depend on it.
 };
 
 /// Principal components of the standardised rows a = (x - mean) / scale.
@@ -33,7 +34,7 @@ struct PrincipalComponents {
   /// each row is positive.
   core::Matrix components;
   Eigen::VectorXd variance;     ///< k; variance of the scores.
-  double total_variance = 0.0;  ///< Variance of a, over all directions.
+  double total_variance = 0.0;  ///< Variance of a, summed over all directions.
   core::Matrix scores;          ///< n x k; components * a of each row of the source.
 };
 

@@ -19,11 +19,11 @@ struct SlowFeatures {
 };
 
 /// Fits slow features (Wiskott and Sejnowski, Neural Computation 14(4), 2002): the directions v
-/// that maximise v' Cov(x) v / v' D v, D the covariance of differences within episodes. What moves
-/// smoothly and what stays constant in an episode is slow, noise is not.
+/// that maximise v' Cov(x) v / v' D v, where D is the covariance of differences within episodes.
+/// Smooth motion and values constant within an episode are slow; noise is not.
 ///
-/// D grows by 1e-6 of the mean variance of an entry: it bounds the directions without differences.
-/// Directions in which rows do not vary are dropped.
+/// D is increased by 1e-6 of the mean variance of an entry, which bounds directions without
+/// differences. Directions in which rows do not vary are dropped.
 /// @param episodes  rows in order of time, d columns each.
 /// @throws std::invalid_argument if widths differ, there is no difference, an entry is not finite,
 ///   or all rows are equal.

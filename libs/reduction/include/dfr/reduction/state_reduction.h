@@ -53,36 +53,37 @@ class StateReduction {
 
    private:
     friend class StateReduction;
-    std::vector<ImageFeatures> pictures_;  // One for each part that is a picture.
+    std::vector<ImageFeatures> pictures_;  // One per part that is a picture.
     std::vector<std::uint8_t> bytes_;
-    std::vector<FeaturePoints::Workspace> points_;  // One for each part with points.
+    std::vector<FeaturePoints::Workspace> points_;  // One per part with points.
     std::vector<float> floats_;
     std::vector<double> positions_;
-    std::vector<Novelty::Workspace> novelties_;  // One for each part that is a picture.
+    std::vector<Novelty::Workspace> novelties_;  // One per part that is a picture.
     std::vector<double> state_;
     double novelty_ = 0.0;
   };
 
-  /// Returns the blocks after a prefix such as "pca:" in a list of features, with the sizes that it
-  /// gives. Ignores malformed options, which Fit() rejects.
+  /// Returns the blocks after a prefix such as "pca:" in a list of features, with the requested
+  /// sizes. Ignores malformed options, which Fit() rejects.
   [[nodiscard]] static std::vector<core::BlockRequest> Requests(std::string_view features);
 
-  /// Fits the components to the states of all demonstrations, at most kMostChosen of each block
-  /// whose number is open, and the novelty of pictures.
+  /// Fits the components and the novelty of pictures to the states of all demonstrations. A block
+  /// whose request names no number of components gets at most kMostChosen.
   /// @param threads  0: one per core. The result does not depend on it.
   /// @throws std::invalid_argument naming the feature or the demonstration, and its defect.
   static StateReduction Fit(const core::StateLayout& layout, std::string_view features,
                             std::span<const core::Trajectory> demonstrations, int threads = 0);
 
-  /// Returns a copy with at most the first `components` of each block whose number is open.
+  /// Returns a copy with at most the first `components` of each block whose request names no
+  /// number.
   [[nodiscard]] StateReduction WithComponents(int components) const;
-  /// Returns the number of blocks whose number of components is open.
+  /// Returns the number of blocks whose requests name no number of components.
   [[nodiscard]] int num_open() const noexcept;
   /// Returns the largest number of components of these blocks.
   [[nodiscard]] int most_components() const noexcept;
   /// Returns the columns of a reduced state in this order: those that do not depend on the number
-  /// of components, then the first component of each open block, then the second of each, and so
-  /// on.
+  /// of components, then the first component of each of these blocks, then the second of each, and
+  /// so on.
   [[nodiscard]] std::vector<int> InOrderOfComponents() const;
 
   /// Returns the layout of unreduced states.
@@ -105,9 +106,9 @@ class StateReduction {
 
   /// Distributes the shares of reduced entries among the entries of `state`, which Apply() accepts.
   /// `products` is the sum of g dz' over the steps dz of a path of reduced states, with gradients
-  /// g: entry i of a block P is credited with (P' g)_i (P^+ dz)_i, P^+ the pseudo-inverse, so that
-  /// the sum is the trace of `products`. What a feature point is credited with goes to the pixels
-  /// on which it lies in this state.
+  /// g: entry i of a block with map P gets (P' g)_i (P^+ dz)_i, where P^+ is the pseudo-inverse.
+  /// The sum over all entries is the trace of `products`. The share of a feature point goes to the
+  /// pixels of the point in this state.
   void Spread(const Eigen::MatrixXd& products, std::span<const double> state,
               std::span<double> shares) const;
   /// Reconstruction of a block of a state from its components: mean + scale P^+ z.
@@ -120,29 +121,30 @@ class StateReduction {
   /// show no picture, or with Fault().
   [[nodiscard]] Seen Reconstruct(std::string_view block, std::span<const double> state) const;
 
-  /// Returns the largest Novelty::left_out() of the pictures; 0 without.
+  /// Returns the largest Novelty::left_out() of the pictures; 0 without pictures.
   [[nodiscard]] double novel_left_out() const noexcept;
 
-  /// Appends all except the layout to a file.
+  /// Appends all data except the layout to a file.
   void Save(core::ArchiveWriter& archive) const;
   /// Reads what Save() wrote. @throws std::runtime_error naming the file and its defect.
   static StateReduction Load(core::ArchiveReader& archive, const core::StateLayout& layout);
 
  private:
-  /// Values are those of files.
+  /// Files store these values.
   enum class Kind { kCopied, kPrincipal, kPoints, kSlow };
   /// A block of the state and its reduction.
   struct Part {
     std::string name;
-    int offset = 0;  ///< In the state.
+    int offset = 0;  ///< Position in the state.
     int size = 0;
-    int first = 0;  ///< In the reduced state.
+    int first = 0;  ///< Position in the reduced state.
     Kind kind = Kind::kCopied;
-    bool open = false;  ///< The list does not give the number of components.
-    std::optional<ImageFeatures> picture = {};  ///< Applied first,
-    std::optional<FeaturePoints> points = {};   ///< then these,
-    std::optional<Reduction> reduction = {};    ///< then this. None: copied.
-    /// Pictures of two demonstrations or more have one.
+    bool open = false;  ///< True if the list does not give the number of components.
+    // Stages in the order of their application. Without any, the entries are copied.
+    std::optional<ImageFeatures> picture = {};
+    std::optional<FeaturePoints> points = {};
+    std::optional<Reduction> reduction = {};
+    /// Set for pictures of at least two demonstrations.
     std::optional<Novelty> novelty = {};
 
     [[nodiscard]] int reduced_size() const noexcept {

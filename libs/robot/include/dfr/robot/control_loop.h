@@ -19,17 +19,18 @@ namespace dfr::robot {
 /// Options for ControlLoop.
 struct ControlLoopOptions {
   double period_s = 0.005;       ///< > 0
-  double max_period_s = 0.05;    ///< Maximum period, in (0, 10]; longer is kOverrun.
+  double max_period_s = 0.05;    ///< Maximum period, in (0, 10]; a longer period is kOverrun.
   double settle_time_s = 0.2;    ///< Time without a reason to hold before a start, in [0, 60].
   double image_latency_s = 0.0;  ///< Maximum delay of a stamp after the exposure.
-  double image_timeout_s = 2.0;  ///< Maximum time to an answer; longer is kImageSilent.
+  double image_timeout_s = 2.0;  ///< Maximum time to an answer; a longer time is kImageSilent.
   int max_images = 3;            ///< Maximum number of pictures tried until one shows the state.
-  /// Maximum time since the camera's thread last checked; longer is kImageSilent.
+  /// Maximum time since the camera's thread last checked; a longer time is kImageSilent.
   double max_camera_check_s = 0.25;
-  /// Maximum time since the emergency stop's thread last checked; longer is kEmergencyStopSilent.
+  /// Maximum time since the emergency stop's thread last checked; a longer time is
+  /// kEmergencyStopSilent.
   double max_stop_check_s = 0.1;
   /// Maximum distance between the state after a motion and the state that the motion should reach,
-  /// in units of the state. More is kStateJump.
+  /// in units of the state. A larger distance is kStateJump.
   double max_state_jump = 3.0;
   /// Maximum difference between the displacement of two states and that of the motions between
   /// them: the smaller of max_drift and drift_noise + drift_share * (length of the displacement).
@@ -40,7 +41,7 @@ struct ControlLoopOptions {
   double drift_share = 0.5;
   double drift_stretch = 10.0;  ///< Larger displacements are not compared, > 0.
   /// Maximum change of any other entry of the state during one motion, in addition to the motion's
-  /// length. More means that the target moves faster than a controller can follow.
+  /// length. A larger change means that the target moves faster than a controller can follow.
   double max_target_jump = 1.5;
 };
 

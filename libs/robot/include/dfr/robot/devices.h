@@ -15,7 +15,8 @@ namespace dfr::robot {
 /// Result of a device check: kNone, or a reason to hold.
 struct Finding {
   runtime::HoldReason reason = runtime::HoldReason::kNone;
-  std::string_view detail = {};  ///< For the operator. Valid until the next call of the device.
+  /// Description for the operator. Valid until the next call of the device.
+  std::string_view detail = {};
 
   [[nodiscard]] bool ok() const noexcept { return reason == runtime::HoldReason::kNone; }
 };
@@ -23,7 +24,7 @@ struct Finding {
 /// Result and time of the last check by a device's thread.
 struct ThreadHealth {
   Finding finding;
-  std::int64_t checked_ns = 0;  ///< By Clock::MachineNs(). Too old: the thread hangs.
+  std::int64_t checked_ns = 0;  ///< Time by Clock::MachineNs(). If it is too old, the thread hangs.
 };
 
 /// Clock of a control loop. In real time it advances independently; in lock-step with a simulator
@@ -58,16 +59,16 @@ class Manipulator {
   /// True if the only problem found by the last Tick() is that the arm is not powered or not homed.
   /// Home() fixes that.
   [[nodiscard]] virtual bool needs_homing() const noexcept = 0;
-  /// Starts to power up and home the arm, which moves it, or returns the reason against it.
+  /// Starts to power up and home the arm, which moves it, or returns why it cannot.
   [[nodiscard]] virtual Finding Home() noexcept = 0;
   /// True while Home() is in progress.
   [[nodiscard]] virtual bool homing() const noexcept = 0;
-  /// Starts sending set-points, beginning with the present one, or returns the reason against it.
+  /// Starts sending set-points, beginning with the present one, or returns why it cannot.
   [[nodiscard]] virtual Finding Arm() noexcept = 0;
   /// Stops set-points and homing at the next Tick(). Always succeeds.
   virtual void Hold() noexcept = 0;
-  /// Starts a motion to `joints` (in the arm's units) of duration `duration_s`, or returns the
-  /// reason against it.
+  /// Starts a motion to `joints` (in the arm's units) of duration `duration_s`, or returns why it
+  /// cannot.
   [[nodiscard]] virtual Finding MoveTo(std::span<const double> joints,
                                        double duration_s) noexcept = 0;
   [[nodiscard]] virtual bool armed() const noexcept = 0;
@@ -115,9 +116,9 @@ class Platform {
 
   /// Called once per period: checks whether the platform still accepts commands.
   [[nodiscard]] virtual Finding Check() noexcept = 0;
-  /// Starts the motion home, or returns the reason against it.
+  /// Starts the motion home, or returns why it cannot.
   [[nodiscard]] virtual Finding Home() noexcept = 0;
-  /// Starts the motion, which lasts until Rest(), or returns the reason against it.
+  /// Starts the motion, which lasts until Rest(), or returns why it cannot.
   [[nodiscard]] virtual Finding Begin() noexcept = 0;
   /// Called in every period in which the robot may not move: stops the platform at a known position
   /// by the shortest path. No effect if it rests. Returns a reason if it cannot be commanded.

@@ -21,15 +21,16 @@ class OperatorPrompt {
                  const std::atomic<bool>& interrupted)
       : keyboard_(&keyboard), printer_(&printer), interrupted_(&interrupted) {}
 
-  /// Returns the one of `words` that is typed exactly; empty for q, at the end of input and if
-  /// interrupted.
+  /// Returns the word of `words` that the operator types exactly; empty after q, at the end of
+  /// input, and if interrupted.
   [[nodiscard]] std::optional<std::string> Answer(ControlLoop& loop, std::string_view question,
                                                   std::span<const std::string_view> words);
-  /// True once exactly `word` is typed; false for q, at the end of input and if interrupted.
+  /// Returns true once the operator types exactly `word`; false after q, at the end of input, and
+  /// if interrupted.
   [[nodiscard]] bool Confirms(ControlLoop& loop, std::string_view question, std::string_view word);
-  /// Returns true if the next episode may begin, for which the operator does `task`: "Put the tip
-  /// over the line's beginning". After a regular end Enter suffices; after any
-  /// other reason to hold the operator types `start`, after a fault `clear` before it.
+  /// Asks the operator to do `task`, for example "Put the tip over the line's beginning", and
+  /// returns true if the next episode may begin. After a regular end Enter suffices. After any
+  /// other reason to hold the operator types `start`, and after a fault `clear` before that.
   [[nodiscard]] bool AllowsEpisode(ControlLoop& loop, const std::string& task);
 
  private:

@@ -14,17 +14,17 @@ namespace dfr::runtime {
 class AsyncPrinter {
  public:
   /// @param file  borrowed.
-  /// @param patience_ms  largest time that the end waits for a stopped terminal.
+  /// @param patience_ms  maximum time that the destructor waits for a stopped terminal.
   explicit AsyncPrinter(int file = 1, int patience_ms = 1000);
-  /// Prints the remaining lines, unless the terminal stays stopped for this time.
+  /// Prints the remaining lines, but waits at most `patience_ms` for a stopped terminal.
   ~AsyncPrinter();
   AsyncPrinter(const AsyncPrinter&) = delete;
   AsyncPrinter& operator=(const AsyncPrinter&) = delete;
 
-  /// Prints as std::printf does, up to 511 characters. Neither waits nor allocates. Texts beyond
-  /// 256 waiting ones are lost, and their number is printed. Call it from one thread.
+  /// Prints like std::printf(), up to 511 characters. Neither waits nor allocates. If 256 texts are
+  /// waiting, further texts are lost and their number is printed. Call it from one thread.
   void Say(const char* format, ...) noexcept __attribute__((format(printf, 2, 3)));
-  /// Number of these calls.
+  /// Returns the number of calls of Say().
   [[nodiscard]] std::int64_t said() const noexcept { return said_; }
 
  private:

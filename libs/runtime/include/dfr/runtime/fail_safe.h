@@ -20,7 +20,7 @@ inline constexpr int kNumRunStates = static_cast<int>(RunState::kFaulted) + 1;
 /// "idle", "armed", "running", "recovering", "holding", "faulted".
 [[nodiscard]] const char* Name(RunState state) noexcept;
 
-/// Reasons to stop the robot. All from kEmergencyStop on are faults.
+/// Reasons to stop the robot. All reasons from kEmergencyStop on are faults.
 enum class HoldReason {
   kNone,
   kOperator,             ///< Requested by an operator.
@@ -44,7 +44,7 @@ enum class HoldReason {
   kImageOld,             ///< The newest picture is too old.
   kImageInvalid,         ///< Frozen, black, or wrong size or format.
   kOverrun,              ///< The control loop was late; its data are old.
-  kRecorder,             ///< The run cannot be recorded any longer.
+  kRecorder,             ///< The run can no longer be recorded.
   kPlatform,             ///< The platform cannot be commanded.
 };
 inline constexpr int kNumHoldReasons = static_cast<int>(HoldReason::kPlatform) + 1;
@@ -92,8 +92,8 @@ class FailSafe {
 
   /// Starts a period at `steady_ns`, by a monotonic clock.
   void Tick(std::int64_t steady_ns) noexcept;
-  /// Reports a present reason to hold. The first in a period is the cause. A later fault still
-  /// overrides a reason that is no fault. `detail` is shown to the operator.
+  /// Reports a present reason to hold. The first in a period is the cause. A later fault overrides
+  /// a reason that is not a fault. `detail` is shown to the operator.
   void Hold(HoldReason reason, std::string_view detail = {}) noexcept;
 
   /// Returns false, without any change, if arming is not permitted; see blocking().

@@ -8,8 +8,8 @@
 namespace dfr::runtime {
 
 /// Passes the newest value from one thread to another without blocking either (a triple buffer):
-/// Put() never blocks the writer, and Take() returns complete values only. Of several values put
-/// between two calls of Take(), only the newest is kept.
+/// Put() never blocks the writer, and Take() returns complete values only. If several values are
+/// put between two calls of Take(), only the newest is kept.
 ///
 /// One thread calls Put() and another calls Take(). Neither call locks. Neither allocates or throws
 /// unless copying a T does.

@@ -14,9 +14,9 @@ namespace dfr::safety {
 struct ActionEntry {
   double largest = 0.0;  ///< Largest demonstrated |u_i|.
   /// True if a guard may change the entry. An entry with few demonstrated values is not steered
-  /// unless the state moves in proportion to it: the policy's value of a gripper that opens or
-  /// closes passes within the limit, that of an axis which moves at one speed or stands still does
-  /// not. If no other entry moves, it is steered nevertheless.
+  /// unless the state moves in proportion to it. The policy's value then passes within the limit,
+  /// for example for a gripper that opens or closes. An axis that moves at one speed or stands
+  /// still is steered. If no other entry moves the state, the entry is steered.
   bool steered = true;
   /// Size of an ordinary value: the root mean square of the demonstrated ones times the square root
   /// of the number of steered entries. An ordinary action thereby has |a| = 1 in any units.
@@ -54,7 +54,7 @@ class ActionSpace {
   /// Returns |a - b| of two actions.
   [[nodiscard]] double Distance(std::span<const double> u,
                                 std::span<const double> other) const noexcept;
-  /// Returns |a| of an action, at most 1: how much of an ordinary step it asks for.
+  /// Returns |a| of an action, at most 1: the fraction of an ordinary step.
   [[nodiscard]] double StepOf(std::span<const double> u) const noexcept;
 
  private:

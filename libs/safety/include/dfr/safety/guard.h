@@ -31,14 +31,16 @@ struct Verdict {
   /// kPolicy: the policy's action, possibly changed. kProbe, kRecovery: an action of the guard,
   /// because the policy's would leave the support. kHalt: zero until Reset().
   control::Mode mode = control::Mode::kHalt;
-  control::HaltCause cause = control::HaltCause::kNone;  ///< Reason of a halt; otherwise kNone.
-  bool changed = false;                                  ///< The action differs from the policy's.
+  control::HaltCause cause = control::HaltCause::kNone;  ///< Reason for a halt; otherwise kNone.
+  /// True if the action differs from the policy's.
+  bool changed = false;
   /// Norm of the difference: Euclidean, over steered entries in ActionSpace's units, in which an
   /// ordinary demonstrated action has length 1. NaN if one of the two is invalid.
   double change = 0.0;
   /// Strategy kCertified: under its assumptions, the next state raises no alarm.
   bool certified = false;
-  /// The state is below -GuardSettings::alarm_level, resembles no demonstration or is frozen.
+  /// True if the state is below -GuardSettings::alarm_level, resembles no demonstration, or is
+  /// frozen.
   bool alarm = false;
   /// Time step of the alarm: the one near the expected time step whose support fits the state best.
   /// The paces of demonstrations and robots differ.
@@ -58,8 +60,8 @@ struct Verdict {
   double threshold = std::numeric_limits<double>::quiet_NaN();
   /// l, the logarithmic form of g, at alarm_step; NaN for an invalid state.
   double level = std::numeric_limits<double>::quiet_NaN();
-  /// kGuard and kController: predicted l of the policy's action at step + 1, and the level from
-  /// which on it passes. NaN if the guard did not predict it.
+  /// kGuard and kController: predicted l of the policy's action at step + 1, and the level at which
+  /// it passes. NaN if the guard did not predict it.
   double predicted = std::numeric_limits<double>::quiet_NaN();
   double pass_level = std::numeric_limits<double>::quiet_NaN();
 
@@ -76,8 +78,8 @@ struct ChunkVerdict {
   /// and strategies without predictions: kDfr, kEarlyStopping, kCertified and a recovery of the
   /// caller.
   int judged = 0;
-  bool halted = false;  ///< The guard had already halted.
-  /// Reason of the halt, or the defect of the input.
+  bool halted = false;  ///< True if the guard had already halted.
+  /// Reason for the halt, or the defect of the input.
   control::HaltCause cause = control::HaltCause::kNone;
 };
 
@@ -126,20 +128,20 @@ class Guard {
                                std::span<double> safe) noexcept;
 
   /// Reports that `action` (action_dim() entries) was applied instead of the result of the last
-  /// Filter(), for example by a robot with other limits. With the policy's action after each
-  /// Filter(), the guard runs in shadow: it judges every action and changes none. Call it before
-  /// the next Filter(), at most once. Has no effect on a halted guard.
+  /// Filter(), for example by a robot with other limits. If the caller reports the policy's action
+  /// after each Filter(), the guard runs in shadow: it judges every action and changes none. Call
+  /// it before the next Filter(), at most once. Has no effect on a halted guard.
   ///
   /// The guard halts if it cannot continue after `action`: kControlInvalid for a wrong number of
   /// entries or a non-finite one; kStepSkipped before the first Filter(), and for an action other
   /// than Filter()'s under kDfr, kEarlyStopping, kCertified and a recovery of the caller.
   void Applied(std::span<const double> action) noexcept;
 
-  /// Counts the leading `actions` of a chunk, concatenated, that may be played from `state` on. An
-  /// action counts if it is within the limits and predicted to end inside, at the level at which
-  /// Filter() passes it. A monitor checks only the limits. The first action is judged as by
-  /// Filter(), later ones at predicted states. At most kLongestChunk actions are judged, each in
-  /// the time of one Filter().
+  /// Counts the leading actions of a chunk, concatenated in `actions`, that may be played from
+  /// `state` on. An action counts if it is within the limits and predicted to end inside, at the
+  /// level at which Filter() passes it. A monitor checks only the limits. The first action is
+  /// judged as by Filter(), later ones at predicted states. At most kLongestChunk actions are
+  /// judged, each in the time of one Filter().
   ///
   /// Does not change the guard, even for invalid input: `t` is that of the next Filter(). The
   /// caller then plays the counted actions, each through Filter() with the observed state, because

@@ -11,14 +11,14 @@
 
 namespace dfr::safety {
 
-/// Returns reasons against using a guard, each with its remedy: too few demonstrations to separate
+/// Returns reasons not to use a guard, each with its remedy: too few demonstrations to separate
 /// modes; left-out demonstrations whose states or predictions are mostly outside, whose actions the
 /// guard would change, or whose actions the features do not determine; an alarm level far outside;
 /// an action limit far beyond the demonstrated actions; and GuardSummary::fit_warnings.
 [[nodiscard]] std::vector<std::string> Warnings(const GuardModel& model);
 /// Returns GuardSummary::fit_warnings: features that only follow a clock or repeat others,
-/// rotations that jump, and actions that act later or explain little of the change of features.
-/// A fit adds the features that it leaves out.
+/// rotations that jump, and actions that take effect later or explain little of the change of
+/// features. A fit adds a warning about omitted features.
 [[nodiscard]] std::vector<std::string> FitWarnings(
     const GuardModel& model, std::span<const core::Trajectory> demonstrations);
 
@@ -26,13 +26,13 @@ namespace dfr::safety {
 /// approximate, and on average over fits or for this fit.
 [[nodiscard]] std::string DescribeGuarantee(const GuardSummary& summary);
 
-/// Largest distance of a state without alarm from all demonstrated ones, in one block of the state
-/// and in its unit.
+/// Largest distance of a state without an alarm from all demonstrated states, in one block of the
+/// state and in its unit.
 struct Clearance {
   std::string block;     ///< Name of the block.
   double largest = 0.0;  ///< Over time steps: |x_b - x_b^(i)| <= largest for a demonstrated x^(i).
   int step = 0;          ///< Time step of `largest`.
-  double median = 0.0;   ///< Over time steps.
+  double median = 0.0;   ///< Median over time steps.
 };
 /// Returns the clearances of all blocks that features use. If demonstrations kept a distance of
 /// `largest` from every constraint, no support meets one: this is the assumption of a certificate
@@ -59,8 +59,8 @@ struct OutsideEntry {
 [[nodiscard]] std::vector<OutsideEntry> OutsideEntries(const GuardModel& model, int t,
                                                        std::span<const double> state);
 
-/// Describes the entries: "tip[1] is 0.12 above, tip[0] 0.03 below what was demonstrated at step
-/// 7"; "" for none.
+/// Describes the entries, for example "tip[1] is 0.12 above, tip[0] 0.03 below what was
+/// demonstrated at step 7"; "" for none.
 [[nodiscard]] std::string Describe(const GuardModel& model, int t,
                                    std::span<const OutsideEntry> entries);
 
@@ -91,12 +91,12 @@ struct Shadow {
   int passed = 0;              ///< Number of actions that Guard::Filter() does not change.
   double change = 0.0;         ///< Sum of Verdict::change over the actions that were changed.
   int first_changed = -1;      ///< Time step of the first action that does not pass, or -1.
-  std::string reason = {};     ///< Verdict::reason() there.
+  std::string reason = {};     ///< Verdict::reason() at that time step.
   int halted = -1;             ///< Time step of the halt, or -1. No later action passes.
   std::vector<double> micros;  ///< Duration of each call of Filter(), in microseconds.
 };
 /// Runs `guard` in shadow: Filter() judges each recorded action, and Guard::Applied() reports that
-/// this action was applied. A guard that cannot continue after another action than its own (see
+/// this action was applied. A guard that cannot continue after an action other than its result (see
 /// Guard::Applied()) halts at the first change.
 /// @throws std::invalid_argument if the widths of states or actions differ from the guard's.
 [[nodiscard]] Shadow RunInShadow(Guard& guard, const core::Trajectory& episode);

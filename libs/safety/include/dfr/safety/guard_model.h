@@ -30,7 +30,7 @@ enum class Strategy {
   /// (GuidedController).
   kGuard,
   /// Demonstrations drive: the policy's action passes only if it is predicted to end deep inside.
-  /// For a policy that is known to be bad, or without a policy.
+  /// Intended for a bad policy, or for use without a policy.
   kController,
   kDfr,            ///< Derivative-Free Recovery, as published (SwitchingController).
   kEarlyStopping,  ///< Halts.
@@ -72,9 +72,9 @@ struct GuardSummary {
   int transitions = 0;  ///< Number of actions in all demonstrations.
   double nu = 0.0;
   double gamma = 0.0;
-  /// By cross-validation over demonstrations, each followed through the time steps:
+  /// Results of cross-validation over demonstrations, each followed through the time steps:
   double acceptance = 0.0;               ///< fraction of states inside,
-  double inside_throughout = 0.0;        ///< fraction of demonstrations that never leave.
+  double inside_throughout = 0.0;        ///< Fraction of demonstrations that never leave.
   kernel::ModeSeparationTest gaps = {};  ///< Result for the support with this gamma.
   /// Largest probability that a further demonstration raises an alarm: on average over fits if
   /// `confidence` is 0, otherwise of this fit with that confidence. Exact if demonstrations were
@@ -98,7 +98,7 @@ struct GuardSummary {
       0.0;  ///< Squared error of that prediction, relative to the squared actions.
   /// The same for the entry of the action that varies most. Files do not store it.
   double entry_error = 0.0;
-  /// Scores of each number of components of the reduced blocks, and the reason of the choice,
+  /// Scores of each number of components of the reduced blocks, and the reason for the choice,
   /// if the fit chose the number.
   std::vector<reduction::ComponentsScore> components = {};
   std::string components_reason = {};
@@ -114,10 +114,10 @@ struct GuardOptions {
   /// Without K the fit chooses their number, and fails if none suffices.
   std::string features = {};
   /// nu, gamma (in whitened units) and others. The fit doubles gamma if that makes the support
-  /// smaller with as many left-out states inside (docs/recovery.md), and up to twice while a mode
-  /// separation test has more than 5 % of its points, and of the time steps, inside. It doubles
-  /// window_share up to twice while less than 85 % of the states of left-out demonstrations are
-  /// inside and the test allows it.
+  /// smaller with as many left-out states inside (docs/recovery.md). It doubles gamma up to twice
+  /// while a mode separation test has more than 5 % of its points, and of the time steps, inside.
+  /// It doubles window_share up to twice while less than 85 % of the states of left-out
+  /// demonstrations are inside and the test allows it.
   kernel::WhitenedSupportOptions support = {};
   Strategy strategy = Strategy::kGuard;
   int horizon = 0;  ///< 0: twice the number of actions of the longest demonstration.
@@ -133,8 +133,8 @@ struct GuardOptions {
   /// GuardSettings::direction_error as a multiple of the demonstrated one, > 0, because a policy
   /// requests controls that differ from demonstrated ones.
   double error_factor = 2.0;
-  /// Fits even if almost no state of left-out demonstrations is inside, or if a guard on components
-  /// would stop the demonstrator. Such a guard halts almost every policy.
+  /// Fits even if almost no state of left-out demonstrations is inside, or if a guard with
+  /// components would stop the demonstrator. Such a guard halts almost every policy.
   bool accept_any = false;
   std::string source = {};  ///< Origin of the demonstrations, stored in the file.
   /// Called with the current stage and the completed fraction of the work; returning false stops
@@ -144,11 +144,11 @@ struct GuardOptions {
 
 /// Result of GuardModel::Certify(). Lengths are in whitened features.
 struct Certification {
-  bool passes = false;  ///< The action provably raises no alarm in the next state.
+  bool passes = false;  ///< True if the action provably raises no alarm in the next state.
   int step = 0;         ///< Time step of the demonstrations for that state, within three of `t`.
   /// Predicted l minus the required one; negative if the action does not pass.
   double margin = 0.0;
-  /// Every change of the features by at most this ends inside; negative outside.
+  /// Changes of the features by at most this amount end inside; negative outside.
   double radius = 0.0;
   /// Radius of the ball around features + shift that is inside. radius = ball_radius - |shift|.
   double ball_radius = 0.0;
@@ -157,14 +157,14 @@ struct Certification {
 };
 
 /// Entries of a state that a frozen sensor or camera leaves unchanged to the bit while the robot
-/// moves. A standstill is counted in steps: one with an ordinary action or a larger one counts 1,
-/// one with a smaller action its |a| (ActionSpace), one at rest 0.
+/// moves. A standstill is counted in steps. A step with an ordinary or larger action counts 1, a
+/// step with a smaller action its |a| (ActionSpace), and a step at rest 0.
 struct SensorGroup {
   struct Range {
     int first = 0;
     int size = 0;
   };
-  std::vector<Range> ranges = {};  ///< In states of GuardModel::layout(), ascending.
+  std::vector<Range> ranges = {};  ///< Ranges in states of GuardModel::layout(), ascending.
   double longest = 0.0;            ///< Longest demonstrated standstill.
   /// Returns the longest standstill that a guard accepts.
   [[nodiscard]] double limit() const noexcept;
@@ -235,22 +235,21 @@ class GuardModel {
   /// kEarlyStopping is lambda_t |u|.
   [[nodiscard]] const std::vector<double>& lambda() const noexcept { return task_->lambda(); }
 
-  /// Returns the number of features that were asked for and are constant in all demonstrations.
-  /// They do not enter support and response.
+  /// Returns the number of requested features that are constant in all demonstrations. They are not
+  /// part of support and response.
   [[nodiscard]] int num_constants() const noexcept { return static_cast<int>(constants_.size()); }
   /// Returns the first entry of a finite state of task() that was constant in all demonstrations
   /// and now differs, by more than fit::kConstantTolerance; -1 if there is none.
   /// @param values  num_constants() entries, which receive the entries as compared. Real-time safe.
   [[nodiscard]] int FindChangedConstant(std::span<const double> task_state,
                                         std::span<double> values) const noexcept;
-  /// Returns the map from a state of task() to what demonstrated controls depend on beside
-  /// features: entries that only those entries of an action move which a guard does not steer.
-  /// Null: none.
+  /// Returns the map from a state of task() to the context of demonstrated controls: entries that
+  /// only the unsteered entries of an action move. Null: none.
   [[nodiscard]] const core::FeatureTransform* context() const noexcept {
     return context_ ? &*context_ : nullptr;
   }
-  /// Returns the entries that features use in groups: each picture or other reduced block alone,
-  /// then all others without those that advance with time only.
+  /// Returns the entries that features use, in groups: each picture or other reduced block alone,
+  /// then all others except those that only advance with time.
   [[nodiscard]] const std::vector<SensorGroup>& sensor_groups() const noexcept {
     return sensor_groups_;
   }
@@ -272,7 +271,7 @@ class GuardModel {
 
  private:
   GuardModel() = default;
-  /// @param may_narrow  gamma may be doubled where that reduces the volume of the support.
+  /// @param may_narrow  gamma may be doubled if that reduces the volume of the support.
   static std::shared_ptr<GuardModel> FitStates(const core::StateLayout& layout,
                                                std::span<const core::Trajectory> demonstrations,
                                                const GuardOptions& options, bool may_narrow);
@@ -280,19 +279,19 @@ class GuardModel {
                                                 std::span<const core::Trajectory> demonstrations,
                                                 const GuardOptions& options);
   /// Adds a warning if this guard corrects and its components explain too little of the
-  /// demonstrated actions. If they explain nothing, or predict too many actions to end outside, it
-  /// becomes a monitor with `watch`.
+  /// demonstrated actions. If they explain nothing, or predict too many actions to end outside, the
+  /// guard becomes a monitor if `watch` is true.
   void DoubtCorrections(bool watch);
   void Complete(core::StateLayout layout, std::shared_ptr<const ActionSpace> actions,
                 std::shared_ptr<const TaskModel> task, GuardSettings settings);
 
-  core::StateLayout layout_;  // The layout of the task's states.
+  core::StateLayout layout_;  // Layout of the task's states.
   std::shared_ptr<const reduction::StateReduction> reduction_;
   std::shared_ptr<const ActionSpace> actions_;
   GuardSettings settings_;
   GuardSummary summary_;
   std::shared_ptr<const TaskModel> task_;
-  std::optional<core::FeatureSelection> constant_entries_;  // None: there are none.
+  std::optional<core::FeatureSelection> constant_entries_;  // Empty: there are none.
   std::vector<double> constants_;                           // Their values.
   std::optional<core::FeatureTransform> context_;
   std::vector<SensorGroup> sensor_groups_;

@@ -13,8 +13,8 @@ namespace dfr::safety {
 struct Method {
   enum class Kind {
     kSwitching,   ///< Algorithm 1, including Baseline and early stopping.
-    kController,  ///< Guided recovery: demonstrations drive.
-    kGuard,       ///< Guided recovery with least_intervention: the policy drives.
+    kController,  ///< Guided recovery, in which demonstrations drive.
+    kGuard,       ///< Guided recovery with least_intervention, in which the policy drives.
     kOther,       ///< A method of the caller.
   };
   std::string name;

@@ -57,7 +57,7 @@ struct PublishedSupport {
 
 /// Parts of a task model.
 struct TaskParts {
-  core::FeatureTransform features;  ///< Whitened, for guided recovery.
+  core::FeatureTransform features;  ///< Whitened features for guided recovery.
   kernel::WhitenedSupport support;  ///< Support of `features` at each time step.
   control::Levels levels;           ///< Levels of demonstrations, and the slack.
   control::Response response;       ///< Response of `features` to controls.
@@ -66,7 +66,7 @@ struct TaskParts {
   bool single_precision = false;    ///< See kernel::WhitenedSupportOptions.
   int horizon = 100;                ///< See TaskOptions::horizon.
 
-  /// Return g_t and l_t of whole states: by `support`, and by the support of Algorithm 1. They
+  /// Return g_t and l_t of whole states by `support` and by the support of Algorithm 1. The results
   /// borrow this object.
   [[nodiscard]] core::FeatureDecision GuidedDecision() const { return {features, support}; }
   [[nodiscard]] core::FeatureDecision PublishedDecision() const;
@@ -140,7 +140,7 @@ class TaskModel {
 
  private:
   struct Data;
-  // On the heap: borrowed parts keep their address when a model moves.
+  // On the heap, because borrowed parts must keep their address when a model moves.
   std::unique_ptr<const Data> data_;
 };
 

@@ -19,12 +19,12 @@
 namespace dfr::study {
 
 /// Methods of every program, in addition to those of safety::ParseMethod(). Oracles, which try
-/// controls on a copy of the simulation: "finite-difference", that of Sec. V-A, and
-/// "true-jacobian", a filter of one step (MakeTrueJacobianFilter()). Baselines without a support:
+/// controls on a copy of the simulation: "finite-difference", the oracle of Sec. V-A, and
+/// "true-jacobian", a one-step filter (MakeTrueJacobianFilter()). Baselines without a support:
 /// "lwr", "lwr-cv" and "knn", regressions on the demonstrations themselves; "lwr-online", one that
-/// adapts to the effects of controls (OnlineLwrPolicy); "ensemble", which halts
-/// where five policies disagree; "dart", learned from demonstrations with injected noise; "dagger",
-/// which asks the supervisor while it learns.
+/// adapts to the effects of controls (OnlineLwrPolicy); "ensemble", which halts when five policies
+/// disagree; "dart", learned from demonstrations with injected noise; "dagger", which queries the
+/// supervisor while it learns.
 inline constexpr std::array<std::string_view, 9> kOtherMethods = {
     "finite-difference", "true-jacobian", "lwr",   "lwr-cv", "lwr-online", "knn",
     "ensemble",          "dart",          "dagger"};
@@ -39,17 +39,17 @@ struct MethodName {
 /// on.
 [[nodiscard]] MethodName Split(std::string_view name) noexcept;
 
-/// safety::ParseMethod() with `others`, also for names with a policy or support.
+/// Same as safety::ParseMethod() with `others`, but also accepts names with a policy or support.
 /// @throws std::invalid_argument naming the unknown method, policy or support and listing the valid
 ///   ones.
 [[nodiscard]] safety::Method ParseMethod(std::string_view name,
                                          std::span<const std::string_view> others = kOtherMethods);
 
-/// Valid arguments of ParseMethod(), for help texts.
+/// Returns the valid arguments of ParseMethod(), for help texts.
 [[nodiscard]] std::string MethodHelp(std::span<const std::string_view> others = kOtherMethods);
 
-/// Footnotes for tables of these methods, one line each with a newline: which methods are oracles,
-/// and which query the supervisor while they learn. Empty if none.
+/// Returns footnotes for tables of these methods, one line each with a newline. They name the
+/// oracles, and the methods that query the supervisor while they learn. Empty if there are none.
 [[nodiscard]] std::string MarksOf(std::span<const std::string> methods);
 
 /// Factory for the controllers of one task, by the names of their methods.
@@ -65,7 +65,7 @@ class ControllerFactory {
         demonstrations_(demonstrations),
         policies_(task, learned, demonstrations, std::move(teaching)) {}
 
-  /// `plant` is the driven plant; only oracles and adversaries use it.
+  /// Creates a controller. `plant` is the driven plant, which only oracles and adversaries use.
   /// @throws std::invalid_argument as ParseMethod(), or if the plant or the Expert that the
   ///   method needs is missing.
   [[nodiscard]] std::unique_ptr<control::Controller> Make(

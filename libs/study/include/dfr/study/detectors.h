@@ -23,19 +23,21 @@ namespace dfr::study {
 ///   "rnd"           random network distillation (Burda et al., ICLR 2019): error of a network that
 ///                   learned a random one's outputs in demonstrated states
 ///   "ensemble"      disagreement of EnsemblePolicy's members
-/// The first three follow the time steps like the guard's alarm; the last two know no time.
+/// The first three follow the time steps like the guard's alarm; the last two do not depend on
+/// time.
 inline constexpr std::array<std::string_view, 5> kDetectors = {"guard", "knn-distance",
                                                                "mahalanobis", "rnd", "ensemble"};
 
-/// Scores the states of an episode; larger is stranger. Immutable.
+/// Scores the states of an episode; a larger score is more unusual. Immutable.
 class Detector {
  public:
   virtual ~Detector() = default;
-  /// One score for each row.
+  /// Returns one score per row.
   [[nodiscard]] virtual std::vector<double> Scores(const core::Matrix& states) const = 0;
 };
 
-/// Borrows `fit` and `demonstrations`, to which the task was fitted. `seed` is for networks.
+/// Creates a detector. Borrows `fit` and the `demonstrations` to which the task was fitted. `seed`
+/// is for networks.
 /// @throws std::invalid_argument naming an unknown detector and listing the valid ones.
 [[nodiscard]] std::unique_ptr<const Detector> MakeDetector(
     std::string_view name, const FittedTask& fit, const imitation::DemonstrationSet& demonstrations,
@@ -47,23 +49,25 @@ struct ScoredEpisode {
   bool failed = false;
 };
 
-/// What a detector says of episodes by the same time.
+/// Rates of a detector's alarms, over episodes cut at the same time.
 struct DetectorRates {
   int failures = 0;
   int alarmed_failures = 0;
   int successes = 0;
   int alarmed_successes = 0;
-  std::vector<int> leads = {};  ///< Controls from the alarm to the end, of each alarmed failure.
+  /// Number of controls from the alarm to the end, for each alarmed failure.
+  std::vector<int> leads = {};
 
-  /// Mean of the shares of failures with an alarm and of successes without. Absent without a
-  /// failure or a success.
+  /// Returns the mean of two fractions: failures with an alarm, and successes without an alarm.
+  /// Absent without a failure or without a success.
   [[nodiscard]] std::optional<double> balanced_accuracy() const noexcept;
-  /// Median of `leads`; absent without one.
+  /// Returns the median of `leads`; absent if there are none.
   [[nodiscard]] std::optional<double> lead() const;
 };
 
-/// Threshold that a further demonstration exceeds with probability `alpha` by time step `until`
-/// (kernel::ConformalThreshold()); with too few of them for that, the highest score.
+/// Returns the threshold that a further demonstration exceeds with probability `alpha` by time step
+/// `until` (kernel::ConformalThreshold()); with too few demonstrations for that, returns the
+/// highest score.
 /// @throws std::invalid_argument if there are no episodes.
 [[nodiscard]] double CalibratedThreshold(std::span<const ScoredEpisode> demonstrations, int until,
                                          double alpha);

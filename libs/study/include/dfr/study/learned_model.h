@@ -20,7 +20,7 @@ class LearnedModel {
                Expert teaching = {});
 
   /// Writes policy.dfr, demonstrations.hdf5 and the task's files into `folder`; creates it if
-  /// needed. @throws std::invalid_argument for a guard's fit, which has a file of its own.
+  /// needed. @throws std::invalid_argument for a guard's model, which has a separate file.
   void Save(const std::filesystem::path& folder) const;
   /// Reads the files of Save(). @throws std::runtime_error with the file and the problem.
   static LearnedModel Load(const std::filesystem::path& folder);
@@ -48,7 +48,7 @@ class LearnedModel {
     imitation::DemonstrationSet set;
     ControllerFactory controllers;
   };
-  // On the heap: pointers to them stay valid when the model moves.
+  // On the heap: pointers to the parts stay valid when the model moves.
   std::unique_ptr<const Parts> parts_;
 };
 

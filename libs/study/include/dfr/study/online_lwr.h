@@ -11,8 +11,8 @@
 
 namespace dfr::study {
 
-/// A controller that learns from the controls it gives. If another control is applied in their
-/// place, Applied() reports it.
+/// A controller that learns from its controls. If another control is applied instead, Applied()
+/// reports it.
 class LearnsOnline {
  public:
   virtual ~LearnsOnline() = default;
@@ -20,10 +20,10 @@ class LearnsOnline {
 };
 
 /// "lwr-online": locally weighted regression with the kernel width of guided recovery, and an
-/// estimate of the response J that applied controls update. It gives the control that has the
-/// demonstrated effect today (control::LocalFit::NominalControl()), and no more: no
-/// support, no filter, no observer, no probes. See() and Applied() enclose each Control(). Belongs
-/// to one thread; after construction it never allocates.
+/// estimate of the response J that applied controls update. It returns the control that has the
+/// demonstrated effect with the present response (control::LocalFit::NominalControl()). It has no
+/// support, filter, observer or probes. See() and Applied() enclose each Control(). Belongs to one
+/// thread; after construction it never allocates.
 class OnlineLwrPolicy final : public core::Policy {
  public:
   /// Uses the disturbance, the drift and the online weight of `options`.
@@ -35,11 +35,11 @@ class OnlineLwrPolicy final : public core::Policy {
 
   /// Forgets the applied controls.
   void Reset() noexcept;
-  /// State `x` follows the last applied control.
+  /// Reports that state `x` follows the last applied control.
   void See(std::span<const double> x) noexcept;
-  /// Clipped to +-1. Not a number in a state that is not finite.
+  /// Writes a control, clipped to +-1. The control is NaN in a nonfinite state.
   void Control(int t, std::span<const double> x, std::span<double> u) const noexcept override;
-  /// Control `u` is applied in the state of the last See().
+  /// Reports that control `u` is applied in the state of the last See().
   void Applied(std::span<const double> u) noexcept;
 
  private:
@@ -47,7 +47,7 @@ class OnlineLwrPolicy final : public core::Policy {
   control::Response response_;
   double online_weight_;
   control::ResponseEstimate estimate_;
-  mutable control::LocalFit fit_;  // The last Control() made it.
+  mutable control::LocalFit fit_;  // Computed by the last Control().
   mutable Eigen::VectorXd z_;
   mutable Eigen::VectorXd v_;
   Eigen::VectorXd seen_;

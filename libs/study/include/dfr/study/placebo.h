@@ -27,7 +27,8 @@ inline constexpr std::string_view kJudged = "guard";
 [[nodiscard]] bool IsPlacebo(std::string_view method) noexcept;
 /// Returns `method` with another controller around the same policy: "guard@lwr".
 [[nodiscard]] std::string WithController(std::string_view controller, std::string_view method);
-/// ParseMethod(), or of a placebo that of the policy alone, under the placebo's name.
+/// Same as ParseMethod(). For a placebo, returns the method of the policy alone under the placebo's
+/// name.
 /// @throws std::invalid_argument as ParseMethod() does.
 [[nodiscard]] safety::Method ParseCompared(
     std::string_view method, std::span<const std::string_view> others = kOtherMethods);
@@ -35,8 +36,8 @@ inline constexpr std::string_view kJudged = "guard";
 /// policy.
 void CheckPlacebos(std::span<const std::string> methods);
 
-/// A policy that is interrupted as often as a guard interrupts it, at random times: each control
-/// with the same probability, the rate. If the guard does better, the timing or the content of its
+/// A policy interrupted at random times as often as a guard interrupts it: each control with the
+/// same probability, the rate. If the guard performs better, the timing or the content of its
 /// corrections matters. Next() never allocates.
 class Placebo final : public control::Controller {
  public:
@@ -57,7 +58,7 @@ class Placebo final : public control::Controller {
   control::Step DoNext(std::span<const double> x, std::span<double> u) noexcept override;
 
   std::unique_ptr<control::Controller> alone_;
-  LearnsOnline* learner_;  // alone_, if it learns
+  LearnsOnline* learner_;  // alone_ if it learns, otherwise null
   std::shared_ptr<const core::Policy> nominal_;
   Distance distance_;
   double rate_ = 0.0;

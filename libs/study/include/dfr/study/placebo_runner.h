@@ -19,12 +19,13 @@
 
 namespace dfr::study {
 
-/// A RolloutRunner whose methods may be placebos. Before its first episode a placebo takes its rate
-/// from the method kJudged around the same policy in all episodes of the unit, which are run for
-/// this once and count as that method's.
+/// A RolloutRunner whose methods may be placebos. Before its first episode, a placebo takes its
+/// rate from the method kJudged around the same policy in all episodes of the unit. These episodes
+/// run once and count as that method's.
 class PlaceboRunner : public experiment::RolloutRunner {
  public:
-  /// Names the unit, whose episodes give placebos their rate. Without a call, these are refused.
+  /// Sets the unit whose episodes determine the rates of placebos. Without this call, placebos are
+  /// rejected.
   void JudgeIn(const experiment::EvaluationPlan& plan, const experiment::EvaluationUnit& unit) {
     plan_ = plan;
     unit_ = unit;
@@ -34,22 +35,22 @@ class PlaceboRunner : public experiment::RolloutRunner {
 
  protected:
   using RolloutRunner::RolloutRunner;
-  /// Makes the controller of a method that is no placebo.
+  /// Creates the controller of a method that is not a placebo.
   using Maker = std::function<std::unique_ptr<control::Controller>(const std::string&)>;
   /// Adds the controllers of `methods`. Placebos wrap the policy alone, "baseline" around the same
-  /// policy. Their corrections are of locally weighted regression on the demonstrations. Borrows
-  /// the task.
+  /// policy. Their corrections are computed by locally weighted regression on the demonstrations.
+  /// Borrows the task.
   /// @throws std::invalid_argument as CheckPlacebos() does.
   void AddAll(const std::vector<std::string>& methods, const Maker& make, const FittedTask& task,
               std::span<const core::Trajectory> demonstrations);
 
-  /// Overrides call this one.
+  /// Overrides must call this function.
   void Begin(int method, std::uint64_t start_seed) override;
-  /// "placebo" where a correction of one collided.
+  /// Returns "placebo" if a placebo's correction collided.
   [[nodiscard]] std::string CauseOf(const control::RolloutResult& result) const override;
 
  private:
-  // Share of the controls that the judged method changed.
+  // Returns the fraction of the controls that the judged method changed.
   [[nodiscard]] double RateOf(int judged);
 
   struct Compared {
@@ -62,7 +63,7 @@ class PlaceboRunner : public experiment::RolloutRunner {
   std::optional<experiment::EvaluationUnit> unit_ = {};
   int running_ = 0;  // method
   std::map<std::tuple<int, std::uint64_t, std::uint64_t>, experiment::EpisodeResult>
-      known_;  // episodes that gave rates
+      known_;  // episodes that determined rates
 };
 
 }  // namespace dfr::study

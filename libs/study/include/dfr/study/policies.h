@@ -19,8 +19,8 @@
 
 namespace dfr::study {
 
-/// Nearest-neighbour regression on the demonstrations: the mean control of the demonstrated states
-/// nearest in features, among those of near time steps.
+/// Nearest-neighbour regression on the demonstrations: the mean control of the nearest demonstrated
+/// states in features, among nearby time steps.
 class NearestNeighbourPolicy final : public core::Policy {
  public:
   static constexpr int kNeighbours = 5;
@@ -52,9 +52,9 @@ class NearestNeighbourPolicy final : public core::Policy {
 ///   "negated"         the learned policy's control with opposite sign
 ///   "ensemble"        EnsemblePolicy: the mean of five
 ///   "dart"            TrainDart(): from demonstrations with injected noise
-///   "dagger"          TrainDagger(): asks the supervisor, in ten rounds
+///   "dagger"          TrainDagger(): queries the supervisor, in ten rounds
 ///   "at-constraints"  an adversary: tries directions on a copy of the plant, and takes one that
-///                     collides soonest; the learned policy's control where none does
+///                     collides soonest; otherwise the learned policy's control
 ///   "out-of-support"  an adversary: of these directions the one after which l is least
 inline constexpr std::array<std::string_view, 12> kPolicies = {
     "lwr",     "lwr-cv",   "lwr-online", "knn",    "none",           "random",
@@ -69,13 +69,14 @@ template <typename Names>
   return list;
 }
 
-/// "lwr", "lwr-cv", "knn" or "none", the policies that need no learned one; null for another name.
+/// Returns "lwr", "lwr-cv", "knn" or "none", the policies that need no learned policy; null for
+/// another name.
 /// @throws std::invalid_argument as imitation::LocallyWeightedPolicy and NearestNeighbourPolicy do.
 [[nodiscard]] std::shared_ptr<const core::Policy> MakeUnlearned(
     std::string_view name, const core::FeatureTransform& features,
     std::span<const core::Trajectory> demonstrations);
 
-/// Makes these policies, except kOnlineLwr, for one task. Borrows all that it is given.
+/// Creates these policies, except kOnlineLwr, for one task. Borrows all arguments.
 class PolicyFactory {
  public:
   PolicyFactory(const FittedTask& task, const core::Policy& learned,
@@ -85,8 +86,8 @@ class PolicyFactory {
         demonstrations_(demonstrations),
         teaching_(std::move(teaching)) {}
 
-  /// `plant` is the driven plant; only adversaries use it, and each of them belongs to one thread.
-  /// Policies that need training are trained once for all threads.
+  /// Creates a policy. `plant` is the driven plant, which only adversaries use. Each adversary
+  /// belongs to one thread. Policies that need training are trained once for all threads.
   /// @throws std::invalid_argument naming an unknown policy and listing the valid ones, or if an
   ///   adversary lacks its plant or a policy that needs training its Expert.
   [[nodiscard]] std::shared_ptr<const core::Policy> Make(std::string_view name,

@@ -27,7 +27,8 @@ class SharedCache {
     }
     if (first) {
       try {
-        promise.set_value(std::shared_ptr<const Value>(new Value(make())));  // need not be movable
+        // The value need not be movable.
+        promise.set_value(std::shared_ptr<const Value>(new Value(make())));
       } catch (...) {
         promise.set_exception(std::current_exception());
       }

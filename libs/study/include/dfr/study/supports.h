@@ -23,13 +23,13 @@ namespace dfr::study {
 ///   "knn-distance"  l = 1 - D / q, D the mean squared distance to the 5 nearest states
 ///   "density"       l = log p - q, p a Gaussian kernel density
 ///   "mahalanobis"   l = 1 - (z - m)' S^-1 (z - m) / q
-/// The last three use the features and pooling of "whitened". For each time step, q leaves a share
-/// nu = .05 of the demonstrated states outside, when their own demonstration is left out
-/// ("mahalanobis": not left out).
+/// The last three use the features and pooling of "whitened". For each time step, q leaves a
+/// fraction nu = .05 of the demonstrated states outside. For this the demonstration of each state
+/// is left out, except for "mahalanobis".
 inline constexpr std::array<std::string_view, 5> kSupports = {"raw", "whitened", "knn-distance",
                                                               "density", "mahalanobis"};
 
-/// One of these supports with everything that controllers need of it. Immutable; not movable.
+/// One of these supports with all data that controllers need. Immutable; not movable.
 class SupportModel {
  public:
   /// `layout` is the layout of the demonstrated states.
@@ -50,7 +50,7 @@ class SupportModel {
 
  private:
   core::FeatureTransform features_;
-  std::unique_ptr<const core::LogDecisionFunction> own_;  // null: one of the task's
+  std::unique_ptr<const core::LogDecisionFunction> own_;  // null: the support belongs to the task
   const core::LogDecisionFunction* support_ = nullptr;
   std::optional<control::Levels> levels_;
   std::optional<control::Response> response_;

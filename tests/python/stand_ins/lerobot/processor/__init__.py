@@ -1,4 +1,4 @@
-"""A stand-in of lerobot.processor: the methods that a step must have, and the pipeline's check of its class."""
+"""A stand-in for lerobot.processor: the methods that a step must have, and the pipeline's check of its class."""
 
 from abc import ABC, abstractmethod
 
@@ -37,7 +37,7 @@ class ProcessorStep(ABC):
 
 
 class Pipeline:
-    """Takes a pair (action, observation), as LeRobot's for a robot's actions does, and refuses other steps."""
+    """Takes a pair (action, observation), like LeRobot's pipeline for a robot's actions, and rejects other steps."""
 
     def __init__(self, steps):
         for step in steps:

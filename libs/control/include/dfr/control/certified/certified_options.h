@@ -7,8 +7,8 @@
 
 namespace dfr::control {
 
-/// Options for CertifiedController. All but the certificate are those of GuidedOptions. With fewer
-/// iterations, fewer controls pass.
+/// Options for CertifiedController. All except the certificate have the meanings of GuidedOptions.
+/// With fewer iterations, fewer controls pass.
 struct CertifiedOptions {
   int horizon = 100;
   int first_step = 0;
@@ -21,8 +21,8 @@ struct CertifiedOptions {
   double probe_size = 0.35;
 };
 
-/// What its controls have to respect, |u| = control_unit |v|.
-/// @throws std::invalid_argument if there are not as many limits as controls.
+/// Returns the limits of its controls, |u| = control_unit |v|.
+/// @throws std::invalid_argument unless there is one limit or one per entry of a control.
 [[nodiscard]] StepLimits Limits(const CertifiedOptions& options, int control_dim,
                                 double control_unit);
 /// @throws std::invalid_argument naming the option that is out of range.

@@ -16,7 +16,7 @@ namespace dfr::control {
 struct Violation {
   int control = -1;       ///< Number of the applied control, from 0; -1 if there was none.
   double observed = 0.0;  ///< |dz - J u| / |u| ...
-  double allowed = 0.0;   ///< ... and its assumed upper bound.
+  double allowed = 0.0;   ///< Assumed upper bound of that distance.
 };
 
 /// Decides which controls provably end inside the support of a nearby phase, and compares the

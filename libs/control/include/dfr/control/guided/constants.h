@@ -12,8 +12,8 @@ inline constexpr double kMostLeft = 0.6;
 /// Quantile of -l over held-out demonstrated states that defines the slack.
 inline constexpr double kSlackQuantile = 0.2;
 
-/// FewValues: an entry of a control has few values if demonstrations contain at most kMostFew, each
-/// kLeastRepeated times on average.
+/// FewValues: an entry of a control has few values if demonstrations contain at most kMostFew
+/// distinct values, each kLeastRepeated times on average.
 inline constexpr std::size_t kMostFew = 4;
 inline constexpr std::size_t kLeastRepeated = 5;
 /// SafetyFilter: a probe needs at least this share of the squared length of its direction in
@@ -50,11 +50,11 @@ inline constexpr double kLeastGain = 1e-3;
 /// pass at the edge.
 inline constexpr double kEdgeMemory = 0.98;
 /// Fraction of held-out demonstrations that stay at the edge no longer than Levels::edge_stay().
-/// From there, over the next kEdgeRamp steps, the level at which the learned control passes rises
-/// to the gate level. Otherwise a policy that stays at the edge would fail where the support is too
-/// wide.
+/// From that stay on, the level at which the learned control passes rises to the gate level over
+/// the next kEdgeRamp steps. Otherwise a policy that stays at the edge would fail where the support
+/// is too wide.
 inline constexpr double kEdgeStayQuantile = 0.9;
-/// Smallest Levels::edge_stay(). Few or short demonstrations show too little.
+/// Smallest Levels::edge_stay(). A few or short demonstrations would give too small a value.
 inline constexpr double kLeastEdgeStay = 10.0;
 inline constexpr double kEdgeRamp = 10.0;
 /// GuidedController: largest number of times in an episode that the phase is looked up again.
@@ -66,8 +66,8 @@ inline constexpr double kIdle = 0.5;
 /// SafetyFilter: a direction of control counts as unknown if the largest eigenvalue of A^-1 exceeds
 /// this value, which corresponds to a fifth of an ordinary control's measurement.
 inline constexpr double kUnknown = 5.0;
-/// Upper limit of the exit level. If held-out states are further outside, the support comes from
-/// too few demonstrations.
+/// Upper limit of the exit level. If held-out states are farther outside, there are too few
+/// demonstrations for the support.
 inline constexpr double kMaxExitLevel = 0.8;
 
 }  // namespace dfr::control::guided

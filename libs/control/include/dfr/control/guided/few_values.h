@@ -8,9 +8,9 @@
 
 namespace dfr::control {
 
-/// The values of one entry of the demonstrated controls, if they are few: a gripper that opens or
-/// closes, an axis that moves at one speed or stands still. A mean of two of them may be no value
-/// of the entry.
+/// The values of one entry of the demonstrated controls, if they are few. Examples are a gripper
+/// that opens or closes, and an axis that moves at one speed or stands still. The mean of two such
+/// values may be invalid.
 class FewValues {
  public:
   void Add(double value) {
@@ -21,7 +21,7 @@ class FewValues {
   }
 
   /// Returns the values in ascending order; empty if there are more than guided::kMostFew, or if
-  /// they occur less than guided::kLeastRepeated times on average.
+  /// each occurs less than guided::kLeastRepeated times on average.
   [[nodiscard]] std::vector<double> values() const {
     const bool few =
         values_.size() <= guided::kMostFew && count_ >= guided::kLeastRepeated * values_.size();

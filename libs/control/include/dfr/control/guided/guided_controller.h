@@ -28,7 +28,7 @@ namespace dfr::control {
 ///      support than in demonstrations, this level rises to Levels::gate (Levels::edge_stay()).
 ///   5. After half of GuidedOptions::patience controls in a phase, in a state beyond the exit level
 ///      of its support, the phase becomes the one whose support contains the state most deeply, if
-///      there is one: the task goes on from there. This evaluates all supports once, at most
+///      there is one: the task continues from there. This evaluates all supports once, at most
 ///      guided::kMostRelocations times in an episode.
 ///
 /// A step is a recovery (Mode::kRecovery) if its control comes from the nominal one. If it comes
@@ -88,10 +88,10 @@ class GuidedController final : public Controller {
   StateObserver observer_;
   SafetyFilter filter_;
   PhaseTracker tracker_;
-  PhaseTracker chose_in_;  ///< Copy of tracker_ from before the last choice of a control.
+  PhaseTracker chose_in_;  ///< Copy of tracker_ before the last choice of a control.
 
   Progress progress_;
-  int fitted_ = 0;    ///< Number of the control for which fit_ was made, from 1; 0: none yet.
+  int fitted_ = 0;    ///< Number of the control for which fit_ was computed, from 1; 0: none yet.
   EdgeStay at_edge_;  ///< Counts steps whose learned control passed.
   int relocations_ = 0;
   Eigen::VectorXd z_;

@@ -13,24 +13,24 @@ namespace dfr::control {
 /// Options for Levels.
 struct LevelOptions {
   /// Quantile of l_t over demonstrated states at which the learned control passes, and towards
-  /// which other controls are raised. A higher one keeps the state deeper inside, and the learned
-  /// policy decides less often.
+  /// which other controls are raised. A higher quantile keeps the state deeper inside, and the
+  /// learned policy decides less often.
   double gate_quantile = 0.75;
-  /// Same, with least intervention: the learned control passes unchanged from this quantile on, or
-  /// from l = 0. A higher one corrects earlier: weak policies fail less, and more controls of a
-  /// good policy are changed (docs/recovery.md has the curve).
+  /// With least intervention, the learned control passes unchanged from this quantile on, or from l
+  /// = 0. A higher quantile corrects earlier: weak policies fail less, and more controls of a good
+  /// policy are changed (docs/recovery.md has the curve).
   double pass_quantile = 0.05;
   /// States below this quantile are at the edge of the support. A policy that stays there longer
   /// than demonstrations do must end deeper inside (Levels::edge_stay()).
   double edge_quantile = 0.25;
   /// States of the task may be outside the support down to l = -slack: an object to the side must
-  /// not stop the rest. EstimateSlack() estimates it from demonstrations.
+  /// not stop the rest of the task. EstimateSlack() estimates it from demonstrations.
   double slack = 0.2;
 };
 
-/// Estimates the slack of held-out demonstrations: states of the supervisor are this far outside a
-/// support fitted without them, further with fewer demonstrations. Returns the 0.2-quantile of -l,
-/// at least the default of LevelOptions.
+/// Estimates the slack of held-out demonstrations: the distance of the supervisor's states from a
+/// support fitted without them, which is larger with fewer demonstrations. Returns the 0.2-quantile
+/// of -l, at least the default of LevelOptions.
 /// @param held_out_levels  l of demonstrated states, by supports fitted without them.
 /// @throws std::invalid_argument if there are none.
 [[nodiscard]] double EstimateSlack(std::vector<double> held_out_levels);
@@ -49,12 +49,12 @@ class EdgeStay {
 
 /// Levels of one demonstration by a support that was fitted without it.
 struct HeldOutLevels {
-  std::vector<double> levels;  ///< l of each state,
-  std::vector<int> phases;     ///< at this phase.
+  std::vector<double> levels;  ///< l of each state.
+  std::vector<int> phases;     ///< Phase at which it was evaluated.
 };
 
-/// Levels of l_t that demonstrations keep at each time step, the slack, and the stay at the edge. A
-/// value: const calls are safe from several threads.
+/// Levels of l_t that demonstrations keep at each time step, the slack, and the stay at the edge.
+/// Concurrent const calls are safe.
 class Levels {
  public:
   /// @param points  features of demonstrated states, one matrix per demonstration.
@@ -73,15 +73,15 @@ class Levels {
   static Levels Load(core::ArchiveReader& archive);
 
   /// Returns hi_t >= 0: at this level of l_t no correction is needed. Times out of range use the
-  /// nearest one.
+  /// nearest time step.
   [[nodiscard]] double gate(int t) const noexcept { return Clamped(gate_, t); }
   /// Returns lo_t in [0, hi_t]: from this level of l_t on the learned control may pass.
   [[nodiscard]] double pass(int t) const noexcept { return Clamped(pass_, t); }
   /// Returns the level of l_t below which a state is at the edge of the support, >= 0.
   [[nodiscard]] double edge(int t) const noexcept { return Clamped(edge_, t); }
-  /// Returns the EdgeStay::steps() from which the level at which the learned control passes rises
-  /// from pass() to gate(), over the next guided::kEdgeRamp steps. guided::kLeastEdgeStay
-  /// without SetEdgeStay().
+  /// Returns the value of EdgeStay::steps() at which the level for passing a learned control starts
+  /// to rise from pass() to gate(). It reaches gate() after guided::kEdgeRamp further steps.
+  /// guided::kLeastEdgeStay without SetEdgeStay().
   [[nodiscard]] double edge_stay() const noexcept { return edge_stay_; }
   /// Returns the median of l_t over demonstrated states, >= 0.
   [[nodiscard]] double median(int t) const noexcept { return Clamped(median_, t); }

@@ -23,11 +23,10 @@ struct DisturbanceModel {
   }
 };
 
-/// How features change near one state, dz = J v + m + s d: the result of
-/// ResponseEstimate::FitAt(). A value that does not depend on the estimate any more. Its memory is
-/// that of ResponseEstimate::MakeFit(); nothing here allocates, locks or throws. The functions that
-/// are not const use scratch memory of the fit and do not change it. One object belongs to one
-/// thread.
+/// Local model of the change of features near one state, dz = J v + m + s d: the result of
+/// ResponseEstimate::FitAt(). A value independent of the estimate. ResponseEstimate::MakeFit()
+/// allocates its memory; nothing here allocates, locks or throws. Non-const functions use scratch
+/// memory and do not change the fit. One object belongs to one thread.
 class LocalFit {
  public:
   /// Returns the features z of the state; 0, as all other results, before FitAt().
@@ -58,14 +57,14 @@ class LocalFit {
   /// estimated. O(n^3).
   /// @returns false, and leaves `v` (m entries) unchanged, if there is no demonstrated control.
   [[nodiscard]] bool NominalControl(Eigen::VectorXd& v) noexcept;
-  /// Sets what NominalControl() depends on beside z (TransitionStore::context_dim() entries). It
-  /// remains set over FitAt().
+  /// Sets the context of NominalControl(), on which it depends in addition to z
+  /// (TransitionStore::context_dim() entries). FitAt() keeps the context.
   void SetContext(std::span<const double> context) noexcept {
     context_ = core::AsVector(context).cast<float>();
   }
   /// Returns true if NominalControl() predicts demonstrated actions poorly: it explains neither
-  /// their variance nor their mean. In the gallery's tasks `explained` is at least .29, and
-  /// smallest if paces differ between demonstrators. If the state lacks something that the
+  /// their variance nor their mean. In the gallery's tasks `explained` is at least .29, and it is
+  /// smallest for demonstrators with different paces. If the state lacks something that the
   /// demonstrator uses (a box, a velocity, a pole), it is at most .17, with an error of at least
   /// .46. For a constant action with noise it is 0, with an error of .2.
   /// @param explained  explained fraction of the variance of left-out actions.

@@ -27,8 +27,7 @@ struct FeatureTrajectories {
   std::vector<core::Matrix> contexts;
 };
 
-/// Response of features to controls in demonstrations. A value; immutable, copies share the
-/// transitions.
+/// Response of features to controls in demonstrations. Immutable; copies share the transitions.
 class Response {
  public:
   /// @throws std::invalid_argument if shapes do not match, all controls are zero, or an option is
@@ -50,11 +49,11 @@ class Response {
   /// Returns the largest demonstrated |v|.
   [[nodiscard]] double largest_control() const noexcept { return largest_; }
   /// Returns the demonstrated values of each entry of v, ascending, if they are few (FewValues) and
-  /// at least two; else none.
+  /// at least two; otherwise none.
   [[nodiscard]] const std::vector<std::vector<double>>& values() const noexcept { return values_; }
   /// Returns true if features move without controls: on held-out demonstrations, a drift explains
   /// at least 40 % of the variance unexplained by controls. Otherwise the estimate is more accurate
-  /// without.
+  /// without a drift.
   [[nodiscard]] bool has_drift() const noexcept { return has_drift_; }
 
  private:

@@ -26,8 +26,8 @@ namespace dfr::control {
 /// With a disturbance model, w has one more entry, the duration s of the control. It separates the
 /// disturbance d from the response to controls. For demonstrations s = 0.
 ///
-/// FitAt() makes a value, LocalFit, from which all predictions come; Update() takes the fit of the
-/// control that was applied. Neither allocates, locks or throws.
+/// FitAt() computes a LocalFit, from which all predictions come. Update() takes the fit of the
+/// applied control. Neither allocates, locks or throws.
 class ResponseEstimate {
  public:
   /// @param drift  false: m = 0 and M = 0.
@@ -37,8 +37,8 @@ class ResponseEstimate {
 
   /// Returns a fit of 0 for FitAt(), with all the memory that it needs. Allocates.
   [[nodiscard]] LocalFit MakeFit() const;
-  /// Computes `fit`, which MakeFit() of this object has made, for time step `t` at `z`. If `z` is
-  /// not finite, neither is the result.
+  /// Computes `fit`, which MakeFit() of this object must have created, for time step `t` at `z`.
+  /// For a nonfinite `z` the result is nonfinite.
   void FitAt(int t, std::span<const double> z, LocalFit& fit) const noexcept;
   /// Same as above. Allocates.
   [[nodiscard]] LocalFit FitAt(int t, std::span<const double> z) const;

@@ -22,7 +22,7 @@ class SafetyFilter {
   struct Choice {
     Mode mode = Mode::kPolicy;
     double level = 0.0;  ///< Predicted level of v in the next phase.
-    double learned = std::numeric_limits<double>::quiet_NaN();  ///< Same, of the learned control.
+    double learned = std::numeric_limits<double>::quiet_NaN();  ///< Same for the learned control.
   };
   /// Changes the learned control `v`, which must be within the limits, to the control to apply in
   /// the state of `fit`. `target` is the next phase and its hi.
@@ -48,7 +48,7 @@ class SafetyFilter {
   StepLimits limits_;
   double max_exit_level_;
   double probe_size_;
-  bool demonstrates_;  ///< Tries demonstrated controls.
+  bool demonstrates_;  ///< Tries demonstrated controls first.
   bool disturbed_;
   Eigen::VectorXd trial_;
   Eigen::VectorXd demonstrated_;

@@ -12,8 +12,8 @@ namespace dfr::control {
 /// Uses the prediction errors of LocalFit. Never allocates after construction; one object
 /// belongs to one thread.
 ///
-/// An effect may be observed a few controls late. The lag is the smallest one, up to kMaxLag, whose
-/// predictions J v_{k - lag} are not much worse than those of the best.
+/// An effect may be observed a few controls late. The estimated lag is the smallest one, up to
+/// kMaxLag, whose predictions J v_{k - lag} are not much worse than the best.
 ///
 /// With observation noise of variance r and process noise of variance q, prediction errors have the
 /// variance 2 r + q and consecutive ones the covariance -r. The weight of an observation is the
@@ -47,7 +47,7 @@ class StateObserver {
 
   double forgetting_;
   bool active_;
-  Eigen::MatrixXd applied_;                   ///< m x (kMaxLag + 1), the newest first.
+  Eigen::MatrixXd applied_;                   ///< m x (kMaxLag + 1), newest first.
   std::array<double, kMaxLag + 1> errors_{};  ///< Squared errors of each lag's predictions.
   int lag_ = 0;
   Eigen::VectorXd error_;     ///< Error of the last prediction, or 0.

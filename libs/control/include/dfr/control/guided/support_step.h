@@ -33,8 +33,8 @@ struct LocalModel {
 
 /// Target of a control.
 struct StepTarget {
-  int phase = 0;       ///< Phase q, whose l_q is raised ...
-  double level = 0.0;  ///< ... up to this level.
+  int phase = 0;       ///< Phase q of the support.
+  double level = 0.0;  ///< Level to which l_q is raised.
 };
 
 /// Limits of a step.
@@ -67,7 +67,7 @@ struct StepLimits {
 ///   l(z + J (v + s d)) >= l(z + J v) + s |d|^2 - s^2 c |J d|^2,
 /// whose maximum is at s = |d|^2 / (2 c |J d|^2). A step ends there, or where the bound reaches the
 /// level. Changes `v` in place and returns its predicted level, which is never less than that of
-/// the given `v`. Entries with few values stay as they are.
+/// the given `v`. Entries with few values stay unchanged.
 ///
 /// A pure function. If `v` is within the limits, the result is too. Neither allocates nor throws.
 /// Supports at most kMaxStepEntries features and control entries.

@@ -27,8 +27,8 @@ struct ResponseOptions {
 /// Controls are v = u / us, us the root mean square of |u|, so that 1 is an ordinary control.
 class TransitionStore {
  public:
-  /// Weights of transitions are exp(-kBandwidth |z_i - z|^2 / n) with n features. Wider ones mix
-  /// regions with different J; narrower ones leave too few transitions.
+  /// Weights of transitions are exp(-kBandwidth |z_i - z|^2 / n) with n features. Wider weights mix
+  /// regions with different J; narrower weights leave too few transitions.
   static constexpr double kBandwidth = 0.5;
   /// Number of transitions for the demonstrated control, which depends strongly on z, and for J,
   /// which varies little.
@@ -37,8 +37,9 @@ class TransitionStore {
 
   /// @param features  one matrix (T_i + 1 x n) per demonstration. @param controls  one matrix (T_i
   /// x m) per demonstration, in units of us. Transitions with a zero control are ignored.
-  /// @param contexts  one matrix (T_i x k, or with more rows) per demonstration: what a control
-  /// depends on beside z, in units of which 1 matters. Empty: k is 0.
+  /// @param contexts  one matrix (T_i x k, or with more rows) per demonstration: further
+  /// quantities, in addition to z, on which a control depends, in units in which 1 is a relevant
+  /// difference. Empty: k is 0.
   /// @throws std::invalid_argument if shapes do not match or an option is out of range.
   TransitionStore(std::span<const core::Matrix> features, std::span<const core::Matrix> controls,
                   const ResponseOptions& options, std::span<const core::Matrix> contexts = {});
@@ -58,14 +59,14 @@ class TransitionStore {
   /// MakeWorkspace().
   struct Workspace {
     Eigen::VectorXf z;  ///< Padded with zeros to the width of a row.
-    int first = 0;      ///< First transition that is near in time.
+    int first = 0;      ///< First transition with a nearby time step.
     int rows = 0;       ///< Number of these transitions.
     Eigen::VectorXf distances;
     Eigen::VectorXd weights;  ///< One per transition, without `factor`.
     double factor = 1.0;      ///< Factor of the weights in sums for J.
     Eigen::VectorXi spread;   ///< Indices of the transitions for J.
     int used = 0;             ///< Number of entries of `spread`.
-    Eigen::VectorXi nearest;  ///< Indices of the transitions nearest to z.
+    Eigen::VectorXi nearest;  ///< Indices of the nearest transitions to z.
     Eigen::VectorXf left;     ///< w [v_i; z_i - z; 1], row by row.
     Eigen::VectorXf right;    ///< r, row by row.
     /// sum w v_i r' in the rows from 0, without the columns of z_i - z, and sum w [z_i - z; 1] r'
@@ -79,9 +80,9 @@ class TransitionStore {
   bool SumControls(int t, std::span<const double> z, Workspace& workspace) const noexcept;
   /// Computes the sums of [z_i - z; 1]. Call it after SumControls().
   void SumStates(Workspace& workspace) const noexcept;
-  /// Same as above over the nearest transitions only, without normalization of the weights. Their
-  /// distance includes that of their context c_i to `context` (context_dim() entries): weights are
-  /// exp(-kBandwidth |z_i - z|^2 / n - |c_i - c|^2).
+  /// Same as SumStates() over the nearest transitions only, without normalization of the weights.
+  /// Their distance includes that of their context c_i to `context` (context_dim() entries):
+  /// weights are exp(-kBandwidth |z_i - z|^2 / n - |c_i - c|^2).
   void SumNearStates(Workspace& workspace, const Eigen::VectorXf& context) const noexcept;
 
  private:

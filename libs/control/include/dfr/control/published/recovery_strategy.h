@@ -9,8 +9,8 @@ namespace dfr::control {
 
 /// State of a recovery at the request for its next control.
 struct RecoverySituation {
-  int t = 0;                  ///< The time step; constant during a recovery.
-  int iteration = 0;          ///< From 0; a recovery begins at 0.
+  int t = 0;                  ///< Time step; constant during a recovery.
+  int iteration = 0;          ///< Iteration of the recovery, starting at 0.
   std::span<const double> x;  ///< The present state.
   double g = 0.0;             ///< g_t(x), finite; > 0 except directly after a probe.
   double lambda = 0.0;        ///< lambda_t, > 0.
@@ -25,9 +25,9 @@ class RecoveryStrategy {
   /// Starts an episode.
   virtual void Reset(std::uint64_t seed) noexcept = 0;
 
-  /// Writes a control to `u` and returns its kind: after kProbe the controller calls again in the
-  /// resulting state, kRecovery ends the iteration, after which the controller checks the gate, and
-  /// kHalt reports that there is no direction of ascent.
+  /// Writes a control to `u` and returns its kind: After kProbe the controller calls again in the
+  /// resulting state. kRecovery ends the iteration, and the controller checks the gate. kHalt
+  /// reports that there is no direction of ascent.
   [[nodiscard]] virtual Mode Next(const RecoverySituation& situation,
                                   std::span<double> u) noexcept = 0;
 };

@@ -27,7 +27,7 @@ struct SwitchingControllerOptions {
   Recovery recovery = Recovery::kDfr;
   int horizon = 100;         ///< T: number of the policy's controls in an episode, > 0.
   int first_step = 0;        ///< t of an episode's first control, in [0, T).
-  int max_iterations = 500;  ///< Maximum in one recovery, > 0; the controller then halts.
+  int max_iterations = 500;  ///< Maximum number in one recovery, > 0; the controller then halts.
   DfrOptions dfr = {};
 };
 

@@ -31,16 +31,17 @@ class DemonstrationReader {
   [[nodiscard]] virtual const core::StateLayout& layout() const noexcept = 0;
   [[nodiscard]] virtual int control_dim() const noexcept = 0;
   [[nodiscard]] virtual const std::string& environment() const noexcept = 0;
-  /// DemonstrationSet::discarded, if the file records it.
+  /// Returns DemonstrationSet::discarded, if the file records it.
   [[nodiscard]] virtual int discarded() const noexcept { return 0; }
-  /// Origin of the data; unknown if the file does not record it.
+  /// Returns the origin of the data; unknown if the file does not record it.
   [[nodiscard]] virtual const core::Provenance& provenance() const noexcept;
   [[nodiscard]] virtual int num_episodes() const noexcept = 0;
-  /// Note to the user about how the file is read, for example "images and videos are left alone:
+  /// Returns a note about the reading of the file, for example "images and videos are left alone:
   /// ..."; may be empty.
   [[nodiscard]] virtual const std::string& note() const noexcept;
 
-  /// Returns the file's name of episode i, in [0, num_episodes()), for example "data/demo_7".
+  /// Returns the name of episode i in the file, for example "data/demo_7". i is in [0,
+  /// num_episodes()).
   [[nodiscard]] virtual const std::string& name(int i) const = 0;
   /// @throws std::runtime_error with file, episode, dataset and reason.
   [[nodiscard]] virtual core::Trajectory Read(int i) const = 0;
@@ -57,7 +58,7 @@ class DemonstrationReader {
 [[nodiscard]] std::unique_ptr<DemonstrationReader> OpenDemonstrations(
     const std::filesystem::path& path, const std::string& filter_key = "",
     const std::vector<core::BlockRequest>& pictures = {});
-/// Requests that give the pictures of a layout in the same size.
+/// Returns requests for the pictures of a layout in the same size.
 [[nodiscard]] std::vector<core::BlockRequest> PictureRequests(const core::StateLayout& layout);
 /// Reads all demonstrations of a file or dataset.
 [[nodiscard]] DemonstrationSet LoadDemonstrations(const std::filesystem::path& path);
@@ -108,8 +109,8 @@ void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem
                    const std::string& model_xml = "");
 
 /// Opens a robomimic file of any writer. Episodes are in the order of their numbers.
-/// - State: all vector-valued obs datasets, concatenated by `offset` if all have one, else by name.
-///   Datasets of more than two dimensions (images) are skipped, but for `pictures`.
+/// - State: all vector-valued obs datasets, concatenated by `offset` if all have one, otherwise by
+/// name. Datasets of more than two dimensions (images) are skipped, except for `pictures`.
 /// - Without next_obs, the file lacks the state after the last control, and that control is
 ///   dropped.
 /// - An incomplete episode at the end (its writer was killed) is dropped, and note() reports it.

@@ -9,7 +9,7 @@ namespace dfr::sim {
 
 /// Options for DvrkScene.
 struct DvrkSceneOptions {
-  PsmConsoleOptions arm;  ///< `joint_error` is ignored: the plant's arm has its own.
+  PsmConsoleOptions arm;  ///< `joint_error` is ignored: the plant's arm has a separate one.
   /// The rest of the world. `observations` are ignored: only clients observe.
   LineTrackingOptions world;
   std::uint64_t seed = 0;  ///< Seed of the first episode: line, light, disturbance.

@@ -68,7 +68,7 @@ class GalleryPlant : public core::SimulatedPlant {
 
   core::StateLayout layout_;
   std::vector<double> state_;
-  std::vector<double> control_;  // saturated; a member because Apply() must not allocate
+  std::vector<double> control_;  // saturated control; a member because Apply() must not allocate
   bool failed_ = false;
   bool completed_ = false;
 };

@@ -10,7 +10,7 @@ namespace dfr::sim {
 struct ArmErrorOptions {
   std::uint64_t seed = 1;         ///< Identifies the arm: equal seeds give the same arm.
   double mean_error_m = 4.5e-3;   ///< Mean of |true tip - reported tip| over the workspace.
-  double mean_residual_m = 5e-4;  ///< Part of it that a PsmCorrection cannot describe.
+  double mean_residual_m = 5e-4;  ///< Part of this error that a PsmCorrection cannot describe.
 };
 
 /// Errors of a cable-driven arm: its encoders, on the motors' side of the cables, differ from the

@@ -27,10 +27,11 @@ struct DisturbanceOptions {
   std::array<double, 6> amplitude = {0.008, 0.017, 0.001, 0.01, 0.01, 0.1};
   /// Hz; rad/s for kBreath. kRandom samples frequencies between half and one and a half of it.
   std::array<double, 6> frequency = {0.04, 0.04, 0.04, 0.04, 0.04, 0.04};
-  bool during = true;    ///< The platform moves while the arm moves.
-  bool between = false;  ///< It also moves for pause_s after every control, including probes.
+  bool during = true;  ///< The platform moves while the arm moves.
+  /// The platform also moves for pause_s after every control, including probes.
+  bool between = false;
   double pause_s = 0.05;
-  /// The platform never stops, neither during observation and computation nor at rest. Overrides
+  /// The platform never stops, not even during observation and computation, or at rest. Overrides
   /// `during` and `between`.
   bool real_time = false;
   double latency_s = 0.03;  ///< With real_time: delay from an observation to its control.
@@ -44,7 +45,8 @@ class Disturbance {
   ///   not finite, or if sine or breath would leave the platform's reach.
   Disturbance(const DisturbanceOptions& options, std::uint64_t seed);
 
-  /// Never allocates. Poses out of reach are shortened towards home to the boundary.
+  /// Returns the pose. Poses out of reach are shortened towards home to the boundary. Never
+  /// allocates.
   [[nodiscard]] kinematics::PlatformPose At(double t_s) const noexcept;
 
  private:

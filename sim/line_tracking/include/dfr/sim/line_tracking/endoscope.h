@@ -13,12 +13,12 @@ namespace dfr::sim {
 /// Light and state of the optics.
 struct EndoscopeLight {
   double gain = 1.0;  ///< With gain 1, the gauze appears at four fifths of white.
-  Eigen::Vector2d gradient = Eigen::Vector2d::Zero();  ///< Increase in brightness towards +x, +y:
-                                                       ///< fraction per unit of (x/z, y/z).
-  double glare = 0.0;  ///< Added at the centre of a bright spot, of 255.
+  /// Relative increase in brightness towards +x, +y per unit of (x/z, y/z).
+  Eigen::Vector2d gradient = Eigen::Vector2d::Zero();
+  double glare = 0.0;  ///< Amount added at the centre of a bright spot, of 255.
   Eigen::Vector2d glare_at = Eigen::Vector2d::Zero();  ///< (x/z, y/z)
   double blur_px = 0.5;                                ///< Standard deviation of the focus blur.
-  double noise = 3.0;                                  ///< Standard deviation, of 255.
+  double noise = 3.0;                                  ///< Standard deviation of the noise, of 255.
 };
 
 /// Model of an endoscope's lens, lamp and sensor: converts a pinhole camera's rendering to the

@@ -44,7 +44,7 @@ struct EndoscopeOptions {
   double light_change = 0.2;  ///< Maximum relative change of the gain, in [0, 0.6].
   double glare = 20.0;        ///< Brightness of the brightest spot, of 255.
   double blur_px = 0.5;       ///< Standard deviation of the focus blur.
-  double noise = 3.0;         ///< Standard deviation, of 255.
+  double noise = 3.0;         ///< Standard deviation of the noise, of 255.
 };
 
 /// Options for LineTrackingPlant. Defaults are the experiment's scene without disturbance.
@@ -53,8 +53,9 @@ struct LineTrackingOptions {
   DisturbanceOptions disturbance;
   ArmErrorOptions arm;
   EndoscopeOptions endoscope;
-  std::uint64_t platform_seed = 1;     ///< Identifies the platform: its positioning error.
-  double max_curvature = 1.0 / 150.0;  ///< 1/mm, for half of the lines; the others are straight.
+  std::uint64_t platform_seed = 1;  ///< Identifies the platform: its positioning error.
+  /// Maximum curvature, 1/mm, of half of the lines; the others are straight.
+  double max_curvature = 1.0 / 150.0;
   double start_scatter_m = 6e-4;  ///< Standard deviation of the tip's initial distance to the line.
 };
 
@@ -62,7 +63,7 @@ struct LineTrackingOptions {
 struct LineTrackingTruth {
   Eigen::Vector3d tip_m = Eigen::Vector3d::Zero();  ///< World frame.
   Eigen::Isometry3d p_world_gauze = Eigen::Isometry3d::Identity();
-  double distance_m = 0.0;   ///< As LineObservation::distance_m.
+  double distance_m = 0.0;   ///< Same as LineObservation::distance_m.
   double progress_m = 0.0;   ///< Progress along the line since Reset().
   double heading_rad = 0.0;  ///< Angle of the line next to the tip, in the world's xy-plane.
 };

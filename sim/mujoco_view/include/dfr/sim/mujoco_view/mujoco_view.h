@@ -14,12 +14,12 @@ struct mjvScene_;
 
 namespace dfr::sim {
 
-/// Options for MujocoRenderer. Pixels.
+/// Options for MujocoRenderer. Sizes are in pixels.
 struct MujocoRendererOptions {
-  int width = 640;          ///< In [16, 1920], and at most the model's offwidth.
-  int height = 480;         ///< In [16, 1080], and at most the model's offheight.
-  std::string camera = {};  ///< A fixed camera of the model.
-  /// Shadows, reflections, haze and sky. They dominate the time of software OpenGL.
+  int width = 640;          ///< Width, in [16, 1920], and at most the model's offwidth.
+  int height = 480;         ///< Height, in [16, 1080], and at most the model's offheight.
+  std::string camera = {};  ///< Name of a fixed camera of the model.
+  /// Draws shadows, reflections, haze and sky. They dominate the time of software OpenGL.
   bool effects = true;
   /// Changes the scene before it is drawn, for example to fade obstructing parts. May be empty.
   std::function<void(mjvScene_&)> decorate = {};
@@ -44,7 +44,7 @@ class MujocoRenderer {
   /// first.
   /// @pre rgb.size() == 3 * width * height
   void Draw(const mjData_& data, std::span<std::uint8_t> rgb);
-  /// As Draw(), but in OpenGL's order: bottom row first. Saves a copy.
+  /// Same as Draw(), but in OpenGL's order: bottom row first. Saves a copy.
   void DrawBottomUp(const mjData_& data, std::span<std::uint8_t> rgb);
 
   /// Uploads the model's current pixels of a texture.
@@ -52,7 +52,7 @@ class MujocoRenderer {
   /// Sets whether geoms of `group` (0 to 5) are drawn. Initially, 0 to 2 are.
   void ShowGroup(int group, bool visible);
 
-  /// "OSMesa", "EGL" or "GLFW".
+  /// Returns "OSMesa", "EGL" or "GLFW".
   [[nodiscard]] const std::string& backend() const noexcept;
 
  private:
@@ -65,7 +65,7 @@ struct MujocoWindowOptions {
   std::string title = {};
   std::string instead = {};  ///< Alternative without a display, as the end of an error message.
   std::array<double, 3> look_at = {};  ///< m
-  double distance = 1.0;               ///< m, from `look_at`.
+  double distance = 1.0;               ///< Distance from `look_at`, m.
   double azimuth = 90.0;               ///< degrees
   double elevation = -45.0;            ///< degrees
 };

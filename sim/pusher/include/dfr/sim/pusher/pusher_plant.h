@@ -46,13 +46,17 @@ struct PusherOptions {
 /// Counts since construction. Speeds in m/s of simulated time; a substep takes 0.01 s, or 0.002 s
 /// under full dynamics. `saturated` to `simulated` count controls.
 struct PusherStatistics {
-  std::int64_t controls = 0;            ///< Applied controls, with or without kOk.
-  std::int64_t saturated = 0;           ///< Controls with an entry beyond +-1.
-  std::int64_t stopped_by_table = 0;    ///< Controls deflected to keep the arm above the table.
-  std::int64_t stalled = 0;             ///< Controls undone because they pressed the cylinder down.
-  std::int64_t unsettled = 0;           ///< Dynamic: controls not at rest after 3 s.
-  std::int64_t simulated = 0;           ///< Controls close enough to contact to need MuJoCo steps.
-  std::int64_t substeps = 0;            ///< MuJoCo steps, including settling.
+  std::int64_t controls = 0;   ///< Number of applied controls, with or without kOk.
+  std::int64_t saturated = 0;  ///< Number of controls with an entry beyond +-1.
+  /// Number of controls deflected to keep the arm above the table.
+  std::int64_t stopped_by_table = 0;
+  /// Number of controls undone because they pressed the cylinder down.
+  std::int64_t stalled = 0;
+  /// Full dynamics: number of controls not at rest after 3 s.
+  std::int64_t unsettled = 0;
+  /// Number of controls close enough to contact to need MuJoCo steps.
+  std::int64_t simulated = 0;
+  std::int64_t substeps = 0;            ///< Number of MuJoCo steps, including settling.
   double max_residual_speed = 0.0;      ///< Largest residual_speed() so far.
   double max_penetration_m = 0.0;       ///< Deepest overlap of gripper and cylinder during motion.
   double max_rest_penetration_m = 0.0;  ///< Deepest overlap at rest.

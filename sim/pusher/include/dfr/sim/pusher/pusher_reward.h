@@ -12,9 +12,9 @@ struct PusherRewardOptions {
   double reach = 1.0;       ///< Weight of the distance from tip to cylinder.
   double forward = 1.0;     ///< Weight of |c_x - g_x|, cylinder to goal.
   double sideways = 4.0;    ///< Weight of |c_y - g_y|.
-  double success = 10.0;    ///< Once, on completion.
-  double collision = -1.0;  ///< Once, on collision.
-  double step = 0.0;        ///< For each control.
+  double success = 10.0;    ///< Reward on completion, once.
+  double collision = -1.0;  ///< Reward on collision, once.
+  double step = 0.0;        ///< Reward for each control.
   double effort = -0.05;    ///< Weight of |u|^2, u clipped to +-1.
 };
 

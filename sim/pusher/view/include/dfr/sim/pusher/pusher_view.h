@@ -12,11 +12,11 @@ namespace dfr::sim {
 
 /// A fixed camera of the scene.
 enum class PusherCamera {
-  kAngled,    ///< From beside the goal, above the table.
-  kOverhead,  ///< Straight down, the goal on top, the arm's links translucent.
+  kAngled,    ///< View from beside the goal, above the table.
+  kOverhead,  ///< View straight down with the goal at the top and translucent arm links.
 };
 
-/// Options for PusherRenderer. Pixels.
+/// Options for PusherRenderer. Sizes are in pixels.
 struct PusherRendererOptions {
   int width = 640;   ///< In [16, 1920].
   int height = 480;  ///< In [16, 1080].
@@ -24,9 +24,9 @@ struct PusherRendererOptions {
 };
 
 /// Draws a Pusher without a display, in software by OSMesa or through EGL. Uses EGL if OSMesa fails
-/// or the environment variable DFR_GL is egl; the first choice applies to the whole process. About
-/// 0.1 s a picture in software.
-/// Each object belongs to the thread that made it, which must not have another OpenGL context.
+/// or the environment variable DFR_GL is egl; the first choice applies to the whole process. A
+/// picture takes about 0.1 s in software. Each object belongs to the thread that made it, which
+/// must not have another OpenGL context.
 class PusherRenderer {
  public:
   /// @param plant  provides the model; any plant with the same options can be drawn.
@@ -41,7 +41,7 @@ class PusherRenderer {
   /// @pre rgb.size() == 3 * width * height
   void Draw(const PusherPlant& plant, std::span<std::uint8_t> rgb);
 
-  /// "OSMesa" or "EGL".
+  /// Returns "OSMesa" or "EGL".
   [[nodiscard]] const std::string& backend() const noexcept;
 
  private:
