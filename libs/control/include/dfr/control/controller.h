@@ -44,7 +44,7 @@ inline constexpr int kNumHaltCauses = static_cast<int>(HaltCause::kStopRequested
 struct Step {
   Mode mode = Mode::kHalt;
   HaltCause cause = HaltCause::kNone;  ///< Not kNone if and only if mode is kHalt.
-  int t = 0;                           ///< Iteration within a recovery, from 0; 0 outside one.
+  int t = 0;                           ///< Time step of the support and the policy.
   int iteration = 0;                   ///< Within a recovery, from 0; 0 outside one.
   /// g_t(x); NaN if the controller did not evaluate it.
   double g = std::numeric_limits<double>::quiet_NaN();
