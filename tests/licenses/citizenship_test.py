@@ -4,6 +4,7 @@ usage: citizenship_test.py SOURCE_DIR BINARY_DIR
 """
 import pathlib
 import re
+import subprocess
 import sys
 import unittest
 import xml.etree.ElementTree
@@ -56,6 +57,8 @@ class Citizenship(unittest.TestCase):
         ros = xml.etree.ElementTree.parse(SOURCE / "package.xml").getroot()
         self.assertEqual(ros.findtext("version"), version)
         self.assertEqual((ros.findtext("name"), ros.findtext("license")), ("dfr", cff("license")))
+        cluster = [SOURCE / "libs/experiment/tools/dfr-cluster", "--version"]
+        self.assertEqual(subprocess.run(cluster, capture_output=True, text=True, check=True).stdout, version + "\n")
 
     def test_the_citation_names_software_and_paper(self):
         citation = text("CITATION.cff")

@@ -121,7 +121,7 @@ TEST(GuardAdviceTest, FindingsNameWhatSpeaksAgainstAGuardAndTheRemedy) {
   EXPECT_THAT(Warnings(*good->With(settings)),
               testing::ElementsAre(HasSubstr("alarm is raised below l = -3.5"),
                                    HasSubstr("entry 0 of an action may reach 50"),
-                                   HasSubstr("give --action-limit")));
+                                   HasSubstr("give an action limit")));
   settings = good->settings();
   settings.action_limit = {test::kSpeed / 2.0, 0.2};
   settings.horizon = 5;

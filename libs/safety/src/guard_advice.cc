@@ -52,13 +52,13 @@ std::vector<std::string> Warnings(const GuardModel& model) {
   if (internal::TooManyInGaps(summary.gaps)) {
     warnings.push_back(core::Format(
         "demonstrations take several ways, and of %d points halfway between two of them %d are "
-        "inside: record more demonstrations of each way, or give a larger --gamma",
+        "inside: record more demonstrations of each way, or give a larger gamma",
         summary.gaps.points, summary.gaps.inside));
   }
   if (settings.alarm_level > fit::kLowestAlarm) {
     warnings.push_back(core::Format(
         "the alarm is raised below l = %.3g only, far outside: look for a demonstration that is "
-        "unlike the others, or allow more --false-alarms",
+        "unlike the others, or allow more false alarms",
         -settings.alarm_level));
   }
   if (summary.drift_chance < fit::kUnlikely &&
@@ -78,12 +78,12 @@ std::vector<std::string> Warnings(const GuardModel& model) {
     } else if (limit > fit::kMostOvershoot * entry.largest) {
       warnings.push_back(
           core::Format("entry %zu of an action may reach %.3g, demonstrated ones reach %.3g: give "
-                       "--action-limit",
+                       "an action limit",
                        i, limit, entry.largest));
     } else if (limit < fit::kLeastReach * entry.largest) {
       warnings.push_back(
           core::Format("entry %zu of an action is limited to %.3g, demonstrated ones reach %.3g: "
-                       "the guard would change them; give a larger --action-limit",
+                       "the guard would change them; give a larger action limit",
                        i, limit, entry.largest));
     }
   }
@@ -91,7 +91,7 @@ std::vector<std::string> Warnings(const GuardModel& model) {
   if (settings.horizon < longest) {
     warnings.push_back(
         core::Format("the guard halts after %d actions of the policy, and the longest "
-                     "demonstration has %d: give a larger --horizon",
+                     "demonstration has %d: give a larger horizon",
                      settings.horizon, longest));
   }
   if (!passed.empty()) {
@@ -145,7 +145,7 @@ std::string DescribeRepeated(const GuardModel& model,
   if (found == 0) return pairs;
   if (found > kMostNamed) pairs += core::Format(" and %zu others", found - kMostNamed);
   return "features are determined by others, as a copy or in another unit: " + pairs +
-         ". They count twice: keep one of each pair in --features";
+         ". They count twice: keep one feature of each pair";
 }
 
 // Returns the residuals of each column of y after a linear regression on the columns of x.
@@ -283,13 +283,13 @@ std::vector<std::string> FitWarnings(const GuardModel& model,
     warnings.push_back(
         clocks +
         ": the same in all demonstrations at the same time step, as a clock is. A "
-        "robot that is slower than they were is outside: leave it out of --features");
+        "robot that is slower than they were is outside: leave it out of the features");
   }
   if (!uniform.empty()) {
     warnings.push_back(
         internal::Names(model.task_layout(), uniform) +
         ": advances uniformly whatever the actions are, as a clock or a phase does. A robot that "
-        "is slower is outside: leave it out of --features, unless it is an object that moves by "
+        "is slower is outside: leave it out of the features, unless it is an object that moves by "
         "itself");
   }
   for (std::string fault :
