@@ -88,6 +88,33 @@ TEST(LocalFitTest, WithoutAnEffectTheNominalControlIsTheDemonstratedOne) {
   EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(0.7, 0.7), 1e-6));
 }
 
+// The first entry acts as always. The second one acts in a contact alone, which begins at 0: near
+// it demonstrations disagree, and J is a mean of two responses.
+TEST(LocalFitTest, DemonstrationsDisagreeOnAnEntryThatActsInAContactAlone) {
+  core::Random random(7);
+  std::vector<core::Matrix> features;
+  std::vector<core::Matrix> controls;
+  for (int d = 0; d < 40; ++d) {
+    core::Matrix z(11, 2);
+    core::Matrix v(10, 2);
+    z.row(0) << -2.0 + 0.5 * random.Normal(), 0.5 * random.Normal();
+    for (Eigen::Index t = 0; t < 10; ++t) {
+      v.row(t) << 0.4 + 0.1 * random.Normal(), 0.2 * random.Normal();
+      z.row(t + 1) << z(t, 0) + v(t, 0), z(t, 1) + (z(t, 0) > 0.0 ? v(t, 1) : 0.0);
+    }
+    features.push_back(z);
+    controls.push_back(v);
+  }
+  const ResponseEstimate estimate(
+      std::make_shared<const TransitionStore>(features, controls, ResponseOptions{}));
+  LocalFit before = estimate.FitAt(5, std::vector<double>{-0.3, 0.0});
+  EXPECT_GT(before.Agreement(0), 0.9);
+  EXPECT_LT(before.Agreement(1), 0.6);
+  LocalFit far = estimate.FitAt(5, std::vector<double>{8.0, 0.0});
+  const test::NoAlloc guard;
+  EXPECT_GT(far.Agreement(0), 0.9);
+}
+
 TEST(LocalFitTest, LeastKnownIsTheTopEigenvectorOfTheInverse) {
   core::Random random(4);
   // Demonstrations that never use the third control.

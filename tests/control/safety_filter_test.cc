@@ -2,8 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
+#include "dfr/control/guided/constants.h"
 #include "dfr/control/guided/response_estimate.h"
 #include "dfr/core/matrix.h"
+#include "dfr/core/random.h"
 #include "tests/control/analytic.h"
 #include "tests/control/rightwards.h"
 #include "tests/control/task.h"
@@ -85,6 +89,44 @@ TEST_F(SafetyFilterTest, AnEntryWithFewValuesIsNeverAMeanOfThem) {
   const Choice choice = SafetyFilter(task, {}).Filter(fit, target_, target_.level, v);
   EXPECT_EQ(choice.mode, Mode::kRecovery);
   EXPECT_NEAR(v[0], nominal[0] > 0.5 * speed ? speed : 0.0, 1e-12);
+}
+
+// Demonstrations use the second entry everywhere, but it acts only beyond x = .3. Near there J is a
+// mean of two responses. A raise with least intervention relies on it less.
+TEST_F(SafetyFilterTest, AnEntryOnWhoseEffectDemonstrationsDisagreeIsRaisedLess) {
+  const auto raises = [&](double begin, bool least) {
+    auto demonstrations = test::Rightwards();
+    core::Random random(3);
+    for (core::Trajectory& demonstration : demonstrations) {
+      for (Eigen::Index t = 0; t < demonstration.controls.rows(); ++t) {
+        const double y = 0.05 * random.Normal();
+        const bool acts = demonstration.states(t, 0) > begin;
+        demonstration.controls(t, 1) = y;
+        demonstration.states(t + 1, 1) = demonstration.states(t, 1) + (acts ? y : 0.0);
+      }
+    }
+    const test::Task task{test::IdentityFeatures(), support_, demonstrations};
+    const ResponseEstimate estimate(task.response.prior());
+    LocalFit fit = estimate.MakeFit();
+    estimate.FitAt(2, core::AsSpan(z_), fit);
+    Eigen::VectorXd nominal(2);
+    EXPECT_TRUE(fit.NominalControl(nominal));
+    Eigen::VectorXd v = outwards_;
+    const Choice choice =
+        SafetyFilter(task, {.least_intervention = least}).Filter(fit, target_, target_.level, v);
+    EXPECT_EQ(choice.mode, Mode::kRecovery);
+    return std::abs(v[1] - nominal[1]);
+  };
+  for (const bool acts : {true, false}) {
+    const double begin = acts ? -10.0 : 0.3;
+    const double full = raises(begin, false);
+    EXPECT_GT(full, guided::kLeastHedged);
+    if (acts) {
+      EXPECT_GT(raises(begin, true), 0.9 * full);
+    } else {
+      EXPECT_LT(raises(begin, true), 0.7 * full);
+    }
+  }
 }
 
 // A learned control that ends inside passes or is replaced, depending on the pass level.

@@ -81,6 +81,8 @@ std::map<std::string, double> InTheCode() {
           {"guided::kMostFew", control::guided::kMostFew},
           {"guided::kLeastRepeated", control::guided::kLeastRepeated},
           {"guided::kLeastProbe", control::guided::kLeastProbe},
+          {"guided::kLeastHedged", control::guided::kLeastHedged},
+          {"guided::kAgreementStride", control::guided::kAgreementStride},
           {"guided::kIdle", control::guided::kIdle},
           {"guided::kUnknown", control::guided::kUnknown},
           {"guided::kMaxExitLevel", control::guided::kMaxExitLevel},

@@ -65,6 +65,33 @@ bool LocalFit::NominalControl(Eigen::VectorXd& v) noexcept {
   return true;
 }
 
+double LocalFit::Agreement(Eigen::Index k) noexcept {
+  const Eigen::Index n = jacobian_.rows();
+  const Eigen::Index m = jacobian_.cols();
+  // Measurements of this episode may differ from all demonstrations, which then still agree.
+  const auto response = demonstrated_.bottomRows(m);
+  const double gain = response.row(k).norm();
+  if (!has_transitions_ || !(gain > 0.0)) return 1.0;
+  wanted_ = response.row(k).transpose() / gain;
+  scratch_.noalias() = response.lazyProduct(wanted_);
+  auto slopes = unit_.head(n);
+  slopes.setZero();
+  double drift = 0.0;
+  if (demonstrated_.rows() > m + n) {
+    slopes.noalias() = demonstrated_.topRows(n).lazyProduct(wanted_);
+    drift = demonstrated_.row(n).dot(wanted_);
+  }
+  Eigen::VectorXf& residual = transitions_.residual;
+  residual.head(n) = -slopes.cast<float>();
+  residual[n] = static_cast<float>(slopes.dot(z_) - drift);
+  residual.segment(n + 1, m) = -scratch_.cast<float>();
+  residual.segment(n + 1 + m, n) = wanted_.cast<float>();
+  const double share = prior_->Share(k, gain, transitions_);
+  const double used = transitions_.sums(k, n + 1 + k);
+  const double ridge = prior_->options().ridge;
+  return (ridge + used * share) / (ridge + used);
+}
+
 void LocalFit::AddEffect(const Eigen::Ref<const Eigen::VectorXd>& v, double duration,
                          Eigen::Ref<Eigen::VectorXd> z) const noexcept {
   z.noalias() += jacobian_.lazyProduct(v);

@@ -22,10 +22,12 @@ SafetyFilter::SafetyFilter(const TaskView& task, const GuidedOptions& options)
           std::min(options.max_exit_ratio * task.levels().slack(), guided::kMaxExitLevel)),
       probe_size_(options.probe_size),
       demonstrates_(options.demonstrated),
+      hedges_(options.least_intervention),
       disturbed_(options.disturbance_model.active()),
       trial_(Eigen::VectorXd::Zero(task.response().control_dim())),
       demonstrated_(trial_),
-      learned_(trial_) {
+      learned_(trial_),
+      from_(trial_) {
   limits_.values = task.response().values();
 }
 
@@ -55,6 +57,23 @@ bool SafetyFilter::Idle(const Choice& choice, double margin,
          (v - learned_).squaredNorm() <= guided::kIdle * guided::kIdle;
 }
 
+// AscendSupport() extrapolates J. An entry moves less if demonstrations disagree on its effect.
+double SafetyFilter::Raise(LocalFit& fit, const LocalModel& model, const StepTarget& target,
+                           Eigen::VectorXd& v) noexcept {
+  from_ = v;
+  const double level = AscendSupport(model, target, limits_, v);
+  if (!hedges_) return level;
+  bool changed = false;
+  for (Eigen::Index k = 0; k < v.size(); ++k) {
+    const double step = v[k] - from_[k];
+    if (std::abs(step) <= guided::kLeastHedged) continue;
+    v[k] = from_[k] + fit.Agreement(k) * step;
+    changed = true;
+  }
+  if (!changed) return level;
+  return model.Level(target.phase, v);
+}
+
 SafetyFilter::Choice SafetyFilter::Correct(LocalFit& fit, const LocalModel& model,
                                            const StepTarget& target, Eigen::VectorXd& v) noexcept {
   const int next = target.phase;
@@ -66,13 +85,13 @@ SafetyFilter::Choice SafetyFilter::Correct(LocalFit& fit, const LocalModel& mode
     limits_.Snap(trial_);
     limits_.Limit(trial_);
     demonstrated_ = trial_;
-    demonstrated = AscendSupport(model, {next, last ? kInside : target.level}, limits_, trial_);
+    demonstrated = Raise(fit, model, {next, last ? kInside : target.level}, trial_);
     if (demonstrated >= 0.0) {
       v = trial_;
       return {Mode::kRecovery, demonstrated};
     }
   }
-  const double filtered = AscendSupport(model, target, limits_, v);
+  const double filtered = Raise(fit, model, target, v);
   if (filtered >= 0.0) return {Mode::kPolicy, filtered};
   if (!(known && last) && std::max(demonstrated, filtered) >= -max_exit_level_) {
     if (demonstrated <= filtered) return {Mode::kPolicy, filtered};

@@ -200,6 +200,7 @@ TransitionStore::Workspace TransitionStore::MakeWorkspace() const {
   workspace.left.setZero(Eigen::Index{std::min(largest_, kSpread)} * left);
   workspace.right.setZero(Eigen::Index{std::min(largest_, kSpread)} * Width());
   workspace.sums.setZero(left, Width());
+  workspace.residual.setZero(Width());
   return workspace;
 }
 
@@ -271,6 +272,21 @@ void TransitionStore::SumNearStates(Workspace& workspace,
   internal::Nearest(workspace.distances.data(), static_cast<std::size_t>(workspace.rows),
                     static_cast<std::size_t>(count), workspace.nearest.data());
   SumRows(workspace.nearest, count, 1.0, workspace);
+}
+
+double TransitionStore::Share(Eigen::Index k, double gain,
+                              const Workspace& workspace) const noexcept {
+  double explained = 0.0;
+  double left = 0.0;
+  for (int i = 0; i < workspace.used; i += guided::kAgreementStride) {
+    const int index = workspace.spread[i];
+    const auto row = transitions_.row(workspace.first + index);
+    const double effect = gain * row[feature_dim_ + 1 + k];
+    const double error = row.dot(workspace.residual);
+    explained += workspace.weights[index] * effect * effect;
+    left += workspace.weights[index] * error * error;
+  }
+  return explained + left > 0.0 ? explained / (explained + left) : 1.0;
 }
 
 void TransitionStore::SumRows(const Eigen::VectorXi& indices, int count, double factor,

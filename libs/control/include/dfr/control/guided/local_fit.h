@@ -75,6 +75,13 @@ class LocalFit {
     return explained < kLeastExplained && error > kMostError;
   }
 
+  /// Returns the agreement of nearby demonstrations on the effect of entry `k` of a control, in [0,
+  /// 1]. It is the share of variance along column k of D that the entry explains, after the other
+  /// entries and the drift. If a contact begins nearby, J is a mean of two responses, and the share
+  /// is small. 1 if demonstrations did not use the entry: J then comes from measurements. O(n) for
+  /// each transition used.
+  [[nodiscard]] double Agreement(Eigen::Index k) noexcept;
+
   /// Returns the largest eigenvalue of the block of A^-1 that belongs to v, and writes its
   /// eigenvector, the least excited control direction, to `direction` (m entries). With a
   /// disturbance model, its sign is the more informative one: repeating the same control would not

@@ -37,6 +37,11 @@ class SafetyFilter {
   [[nodiscard]] double max_exit_level() const noexcept { return max_exit_level_; }
 
  private:
+  /// Raises `v` by AscendSupport(). With least intervention, each entry makes the fraction
+  /// LocalFit::Agreement() of its change.
+  /// @returns the predicted level of `v`.
+  double Raise(LocalFit& fit, const LocalModel& model, const StepTarget& target,
+               Eigen::VectorXd& v) noexcept;
   [[nodiscard]] Choice Correct(LocalFit& fit, const LocalModel& model, const StepTarget& target,
                                Eigen::VectorXd& v) noexcept;
   [[nodiscard]] bool Idle(const Choice& choice, double margin,
@@ -49,10 +54,12 @@ class SafetyFilter {
   double max_exit_level_;
   double probe_size_;
   bool demonstrates_;  ///< Tries demonstrated controls first.
+  bool hedges_;        ///< Raise() weights changes by LocalFit::Agreement().
   bool disturbed_;
   Eigen::VectorXd trial_;
   Eigen::VectorXd demonstrated_;
   Eigen::VectorXd learned_;  ///< The learned control before its correction.
+  Eigen::VectorXd from_;     ///< The control before Raise().
 };
 
 }  // namespace dfr::control

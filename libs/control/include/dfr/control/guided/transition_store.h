@@ -73,6 +73,7 @@ class TransitionStore {
     /// in the rows from `states`.
     Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> sums;
     int states = 0;
+    Eigen::VectorXf residual;  ///< One factor per column of r, padded; see Share().
   };
   [[nodiscard]] Workspace MakeWorkspace() const;
   /// Computes the sums of v_i over transitions near time step `t`, or near the last one if `t` is
@@ -84,6 +85,12 @@ class TransitionStore {
   /// Their distance includes that of their context c_i to `context` (context_dim() entries):
   /// weights are exp(-kBandwidth |z_i - z|^2 / n - |c_i - c|^2).
   void SumNearStates(Workspace& workspace, const Eigen::VectorXf& context) const noexcept;
+  /// Returns S / (S + R), or 1 if both are 0. S is the weighted sum of (`gain` v_k)^2 with entry k
+  /// of the controls. R is the weighted sum of (c' [z_i; 1; v_i; dz_i])^2 with c in
+  /// workspace.residual. Both are sums over every guided::kAgreementStride-th transition that
+  /// SumControls() used last.
+  [[nodiscard]] double Share(Eigen::Index k, double gain,
+                             const Workspace& workspace) const noexcept;
 
  private:
   TransitionStore() = default;
