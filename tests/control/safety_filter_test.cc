@@ -78,8 +78,7 @@ TEST_F(SafetyFilterTest, AnEntryWithFewValuesIsNeverAMeanOfThem) {
   }
   const test::Task task{test::IdentityFeatures(), support_, demonstrations};
   const ResponseEstimate estimate(task.response.prior());
-  LocalFit fit = estimate.MakeFit();
-  estimate.FitAt(0, core::AsSpan(z_), fit);
+  LocalFit fit = estimate.FitAt(0, core::AsSpan(z_));
   Eigen::VectorXd nominal(2);
   ASSERT_TRUE(fit.NominalControl(nominal));
   const double speed = test::kSpeed / task.response.control_unit();
@@ -107,8 +106,7 @@ TEST_F(SafetyFilterTest, AnEntryOnWhoseEffectDemonstrationsDisagreeIsRaisedLess)
     }
     const test::Task task{test::IdentityFeatures(), support_, demonstrations};
     const ResponseEstimate estimate(task.response.prior());
-    LocalFit fit = estimate.MakeFit();
-    estimate.FitAt(2, core::AsSpan(z_), fit);
+    LocalFit fit = estimate.FitAt(2, core::AsSpan(z_));
     Eigen::VectorXd nominal(2);
     EXPECT_TRUE(fit.NominalControl(nominal));
     Eigen::VectorXd v = outwards_;
