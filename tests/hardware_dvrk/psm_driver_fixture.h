@@ -85,7 +85,7 @@ class PsmDriverTest : public testing::Test {
     Connect(*driver);
     return driver;
   }
-  // Advances both by `dt_s`.
+  // Returns a connected driver whose arm is homed and armed.
   std::unique_ptr<PsmDriver> Armed(const PsmDriverOptions& options = {}) {
     console_.Place(Home());
     auto driver = Connected(options);
@@ -93,7 +93,7 @@ class PsmDriverTest : public testing::Test {
     return driver;
   }
 
-  // Waits until the driver's participant has found `other`.
+  // Advances the driver and the console by `dt_s`.
   void Step(PsmDriver& driver, double dt_s = 0.01) {
     now_ns_ += std::llround(1e9 * dt_s);
     const std::uint64_t before = driver.client().num_samples();

@@ -34,9 +34,9 @@ struct ConvergenceCurve {
 /// Levels of g_t that ascent reaches from the states of MeasureConvergence().
 struct GateReach {
   int gates = 0;
-  /// Number of states from which some state with g_t >= the threshold is reached.
+  /// Number of gates at which g_t of some state reaches the threshold.
   int any_state = 0;
-  /// Number of states from which some gripper position reaches it, with other entries unchanged.
+  /// Number of gates at which some gripper position reaches it, with other entries unchanged.
   int any_tip = 0;
   /// Mean of the largest g_t over gripper positions, divided by the threshold.
   double best_tip = 0.0;

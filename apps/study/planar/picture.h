@@ -87,8 +87,8 @@ class Painter {
   [[nodiscard]] int width() const noexcept { return width_; }
   [[nodiscard]] int height() const noexcept { return height_; }
 
-  /// @throws std::runtime_error naming the file that cannot be written. Stacks several frames
-  /// vertically.
+  /// Writes the frames of an episode, stacked vertically.
+  /// @throws std::runtime_error naming the file that cannot be written, as WriteVideo() does.
   void WritePng(const Episode& episode, std::span<const int> frames,
                 const std::filesystem::path& path) const;
   /// Writes all episodes stacked vertically, frame by frame.

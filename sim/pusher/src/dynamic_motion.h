@@ -23,9 +23,9 @@ class DynamicMotion {
  public:
   static constexpr double kTimeStep = 0.002;  ///< s
   static constexpr double kPeakSpeed = 0.25;  ///< rad/s, reference speed of the fastest joint
-  /// Rad/s; each joint is at rest below this speed.
+  /// Speed below which a joint is at rest, rad/s.
   static constexpr double kRestJointSpeed = 1e-3;
-  /// M/s; the cylinder is at rest below this speed.
+  /// Speed below which the cylinder is at rest, m/s.
   static constexpr double kRestObjectSpeed = 1e-3;
   static constexpr int kRestSteps = 5;     ///< number of consecutive steps at rest
   static constexpr int kMostSteps = 1500;  ///< 3 s, after which the state is accepted

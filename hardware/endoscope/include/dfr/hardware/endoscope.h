@@ -20,7 +20,7 @@ enum class FrameStatus {
   kEnded,          ///< The file has ended.
   kTruncated,      ///< The file ended before the announced number of pictures.
   kFailed,         ///< The device stopped delivering pictures.
-  kWrongSize,      ///< Not bgr8, rgb8 or mono8, or an image that cannot be decoded.
+  kWrongSize,      ///< The size differs from that of the intrinsics.
   kWrongEncoding,  ///< Not bgr8, rgb8 or mono8, or an image that cannot be decoded.
   kDark,           ///< Nearly black: light off, cable disconnected, or lens covered.
   kFrozen,         ///< Repeated identical pictures, bit for bit: a working sensor has noise.

@@ -23,8 +23,8 @@ struct LedgerHeader {
 struct LedgerRecord {
   UnitResult result;
   std::string host;
-  double wall_s = 0.0;        ///< Time of completion, seconds since 1970, UTC.
-  std::int64_t finished = 0;  ///< Seconds since 1970, UTC.
+  double wall_s = 0.0;        ///< Duration of the unit on one thread.
+  std::int64_t finished = 0;  ///< Time of completion, seconds since 1970, UTC.
 };
 
 struct LedgerContents {

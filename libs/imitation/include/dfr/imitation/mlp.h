@@ -35,7 +35,7 @@ class Mlp {
     int inputs;
     int outputs;
     Eigen::Index weights;  ///< inputs x outputs entries, row-major.
-    Eigen::Index biases;   ///< Number of outputs, one bias each.
+    Eigen::Index biases;   ///< Offset of the biases, one per output.
   };
 
   /// Buffers of the batched calls, including the activations that Forward() stores for later calls.
