@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/control/guided/constants.h"
+#include "dfr/control/constants.h"
 #include "dfr/control/published/switching_controller.h"
 #include "tests/control/analytic.h"
 #include "tests/control/rightwards.h"

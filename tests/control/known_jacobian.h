@@ -4,7 +4,7 @@
 #include <memory>
 #include <vector>
 
-#include "dfr/control/guided/response_estimate.h"
+#include "dfr/control/response/response_estimate.h"
 #include "dfr/core/matrix.h"
 
 namespace dfr::test {

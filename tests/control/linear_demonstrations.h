@@ -3,7 +3,7 @@
 #include <memory>
 #include <vector>
 
-#include "dfr/control/guided/transition_store.h"
+#include "dfr/control/response/transition_store.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
 #include "tests/support/random_matrix.h"

@@ -1,4 +1,4 @@
-#include "dfr/control/guided/local_fit.h"
+#include "dfr/control/response/local_fit.h"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include <memory>
 #include <vector>
 
-#include "dfr/control/guided/response_estimate.h"
+#include "dfr/control/response/response_estimate.h"
 #include "dfr/core/random.h"
 #include "tests/control/linear_demonstrations.h"
 #include "tests/support/all_close.h"

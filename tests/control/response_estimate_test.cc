@@ -1,4 +1,4 @@
-#include "dfr/control/guided/response_estimate.h"
+#include "dfr/control/response/response_estimate.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "dfr/control/guided/response.h"
+#include "dfr/control/response/response.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "dfr/control/guided/response_estimate.h"
+#include "dfr/control/response/response_estimate.h"
 #include "dfr/core/archive.h"
 #include "dfr/core/random.h"
 #include "tests/control/rightwards.h"

@@ -4,8 +4,8 @@
 
 #include <cmath>
 
-#include "dfr/control/guided/constants.h"
-#include "dfr/control/guided/response_estimate.h"
+#include "dfr/control/constants.h"
+#include "dfr/control/response/response_estimate.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
 #include "tests/control/analytic.h"

@@ -6,7 +6,7 @@
 #include <memory>
 #include <vector>
 
-#include "dfr/control/guided/response_estimate.h"
+#include "dfr/control/response/response_estimate.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
 #include "tests/control/linear_demonstrations.h"

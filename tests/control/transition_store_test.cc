@@ -1,4 +1,4 @@
-#include "dfr/control/guided/transition_store.h"
+#include "dfr/control/response/transition_store.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

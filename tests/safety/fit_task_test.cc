@@ -10,8 +10,8 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/control/guided/response_estimate.h"
 #include "dfr/control/phase_tracker.h"
+#include "dfr/control/response/response_estimate.h"
 #include "dfr/core/folds.h"
 #include "dfr/core/random.h"
 #include "dfr/kernel/whitened_support.h"

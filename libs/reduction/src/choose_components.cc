@@ -5,8 +5,8 @@
 #include <memory>
 #include <utility>
 
-#include "dfr/control/guided/response_estimate.h"
 #include "dfr/control/phase_tracker.h"
+#include "dfr/control/response/response_estimate.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/folds.h"

@@ -5,7 +5,7 @@
 #include <optional>
 #include <utility>
 
-#include "dfr/control/guided/few_values.h"
+#include "dfr/control/response/few_values.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/folds.h"
 #include "dfr/core/format.h"

@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/control/guided/response_estimate.h"
+#include "dfr/control/response/response_estimate.h"
 #include "dfr/core/format.h"
 #include "dfr/safety/constants.h"
 #include "dfr/safety/guard_model.h"

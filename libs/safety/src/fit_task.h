@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "dfr/control/guided/levels.h"
-#include "dfr/control/guided/response.h"
+#include "dfr/control/response/response.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/features.h"

@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "choose_features.h"
-#include "dfr/control/guided/response_estimate.h"
+#include "dfr/control/response/response_estimate.h"
 #include "dfr/core/absolute_actions.h"
 #include "dfr/core/format.h"
 #include "dfr/core/linear_algebra.h"

@@ -4,7 +4,7 @@
 #include <memory>
 #include <numeric>
 
-#include "dfr/control/guided/response_estimate.h"
+#include "dfr/control/response/response_estimate.h"
 
 namespace dfr::safety::internal {
 namespace {

@@ -1,7 +1,7 @@
 #pragma once
 
-#include "dfr/control/guided/local_fit.h"
 #include "dfr/control/guided/task_view.h"
+#include "dfr/control/response/local_fit.h"
 #include "fit_task.h"
 
 namespace dfr::safety::internal {

@@ -6,7 +6,7 @@
 #include <numeric>
 #include <vector>
 
-#include "dfr/control/guided/response_estimate.h"
+#include "dfr/control/response/response_estimate.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/folds.h"
 

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "dfr/control/certified/constants.h"
-#include "dfr/control/guided/constants.h"
+#include "dfr/control/constants.h"
 #include "dfr/control/guided/guided_options.h"
 #include "dfr/core/matrix.h"
 

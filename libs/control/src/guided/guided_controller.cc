@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "dfr/control/guided/constants.h"
+#include "dfr/control/constants.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/matrix.h"
 

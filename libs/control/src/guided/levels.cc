@@ -5,7 +5,7 @@
 #include <string>
 #include <utility>
 
-#include "dfr/control/guided/constants.h"
+#include "dfr/control/constants.h"
 #include "dfr/core/contract.h"
 
 namespace dfr::control {

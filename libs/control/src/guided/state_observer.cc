@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include "dfr/control/guided/constants.h"
+#include "dfr/control/constants.h"
 #include "dfr/core/matrix.h"
 
 namespace dfr::control {

@@ -4,7 +4,7 @@
 #include <cassert>
 #include <cmath>
 
-#include "dfr/control/guided/constants.h"
+#include "dfr/control/constants.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/matrix.h"
 

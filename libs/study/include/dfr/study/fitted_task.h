@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "dfr/control/controller.h"
-#include "dfr/control/guided/response.h"
+#include "dfr/control/response/response.h"
 #include "dfr/core/features.h"
 #include "dfr/core/policy.h"
 #include "dfr/core/trajectory.h"

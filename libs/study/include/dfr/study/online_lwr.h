@@ -4,8 +4,8 @@
 #include <span>
 
 #include "dfr/control/guided/guided_options.h"
-#include "dfr/control/guided/response.h"
-#include "dfr/control/guided/response_estimate.h"
+#include "dfr/control/response/response.h"
+#include "dfr/control/response/response_estimate.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/policy.h"
 

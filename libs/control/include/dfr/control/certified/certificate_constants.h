@@ -2,7 +2,7 @@
 
 #include <span>
 
-#include "dfr/control/guided/response.h"
+#include "dfr/control/response/response.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/folds.h"
 #include "dfr/core/trajectory.h"

@@ -7,10 +7,10 @@
 #include "dfr/control/certified/certifier.h"
 #include "dfr/control/controller.h"
 #include "dfr/control/guided/halt_rule.h"
-#include "dfr/control/guided/response_estimate.h"
 #include "dfr/control/guided/support_step.h"
 #include "dfr/control/guided/task_view.h"
 #include "dfr/control/phase_tracker.h"
+#include "dfr/control/response/response_estimate.h"
 #include "dfr/core/policy.h"
 
 namespace dfr::control {

@@ -6,8 +6,8 @@
 
 #include "dfr/control/certified/certificate.h"
 #include "dfr/control/controller.h"
-#include "dfr/control/guided/local_fit.h"
 #include "dfr/control/guided/support_step.h"
+#include "dfr/control/response/local_fit.h"
 #include "dfr/core/matrix.h"
 
 namespace dfr::control {

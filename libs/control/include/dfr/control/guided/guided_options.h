@@ -4,8 +4,8 @@
 #include <string_view>
 #include <vector>
 
-#include "dfr/control/guided/local_fit.h"
 #include "dfr/control/guided/support_step.h"
+#include "dfr/control/response/local_fit.h"
 
 namespace dfr::control {
 

@@ -3,7 +3,7 @@
 #include <span>
 #include <vector>
 
-#include "dfr/control/guided/constants.h"
+#include "dfr/control/constants.h"
 #include "dfr/core/archive.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/matrix.h"

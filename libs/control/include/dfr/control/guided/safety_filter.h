@@ -5,9 +5,9 @@
 
 #include "dfr/control/controller.h"
 #include "dfr/control/guided/guided_options.h"
-#include "dfr/control/guided/local_fit.h"
 #include "dfr/control/guided/support_step.h"
 #include "dfr/control/guided/task_view.h"
+#include "dfr/control/response/local_fit.h"
 
 namespace dfr::control {
 

@@ -4,7 +4,7 @@
 #include <array>
 #include <span>
 
-#include "dfr/control/guided/local_fit.h"
+#include "dfr/control/response/local_fit.h"
 
 namespace dfr::control {
 

@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "dfr/control/guided/local_fit.h"
+#include "dfr/control/response/local_fit.h"
 #include "dfr/core/decision_function.h"
 
 namespace dfr::control {

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "dfr/control/guided/levels.h"
-#include "dfr/control/guided/response.h"
+#include "dfr/control/response/response.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/policy.h"

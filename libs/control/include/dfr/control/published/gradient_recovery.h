@@ -2,10 +2,10 @@
 
 #include <Eigen/Core>
 
-#include "dfr/control/guided/response_estimate.h"
 #include "dfr/control/guided/support_step.h"
 #include "dfr/control/guided/task_view.h"
 #include "dfr/control/published/recovery_strategy.h"
+#include "dfr/control/response/response_estimate.h"
 
 namespace dfr::control {
 

@@ -1,12 +1,12 @@
-#include "dfr/control/guided/response.h"
+#include "dfr/control/response/response.h"
 
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
-#include "dfr/control/guided/constants.h"
-#include "dfr/control/guided/few_values.h"
-#include "dfr/control/guided/response_estimate.h"
+#include "dfr/control/constants.h"
+#include "dfr/control/response/few_values.h"
+#include "dfr/control/response/response_estimate.h"
 #include "dfr/core/contract.h"
 
 namespace dfr::control {

@@ -1,11 +1,11 @@
-#include "dfr/control/guided/transition_store.h"
+#include "dfr/control/response/transition_store.h"
 
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <stdexcept>
 
-#include "dfr/control/guided/constants.h"
+#include "dfr/control/constants.h"
 #include "dfr/core/contract.h"
 #include "transition_sums.h"
 

@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <vector>
 
-#include "dfr/control/guided/constants.h"
+#include "dfr/control/constants.h"
 
 namespace dfr::control {
 

@@ -4,8 +4,8 @@
 #include <memory>
 #include <span>
 
-#include "dfr/control/guided/local_fit.h"
-#include "dfr/control/guided/transition_store.h"
+#include "dfr/control/response/local_fit.h"
+#include "dfr/control/response/transition_store.h"
 #include "dfr/core/matrix.h"
 
 namespace dfr::control {

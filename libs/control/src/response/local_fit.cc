@@ -1,9 +1,9 @@
-#include "dfr/control/guided/local_fit.h"
+#include "dfr/control/response/local_fit.h"
 
 #include <cmath>
 #include <utility>
 
-#include "dfr/control/guided/constants.h"
+#include "dfr/control/constants.h"
 
 namespace dfr::control {
 

@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "dfr/control/guided/transition_store.h"
+#include "dfr/control/response/transition_store.h"
 #include "dfr/core/archive.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/matrix.h"

@@ -5,7 +5,7 @@
 #include <memory>
 #include <span>
 
-#include "dfr/control/guided/transition_store.h"
+#include "dfr/control/response/transition_store.h"
 #include "dfr/core/matrix.h"
 
 namespace dfr::control {
