@@ -22,7 +22,7 @@ constexpr std::uint8_t kInfoTs = 0x09;  // may be empty
 constexpr std::uint8_t kData = 0x15;
 constexpr std::uint8_t kDataFragment = 0x16;
 constexpr std::uint8_t kStatistics = 0x80;
-constexpr std::size_t kStatus = 0x71;  // the parameter that announces the end of an entity
+constexpr std::size_t kStatus = 0x71;  // parameter that announces the end of an entity
 
 // Returns the unsigned integer of `size` bytes at `at`.
 std::size_t ReadInteger(std::span<const std::uint8_t> bytes, std::size_t at, std::size_t size,

@@ -135,7 +135,7 @@ fdds::DomainParticipantQos Qos(const ParticipantOptions& options) {
       udp->maxInitialPeersRange = kLoopbackPeers;
       builtin.initialPeersList.push_back(Ipv4("127.0.0.1", 0));
       // Setting own metatraffic locators omits the multicast one. Port index 0 selects the first
-      // free port from the first on. By default Fast DDS 2.9 increments the index with each
+      // free port of the domain. By default Fast DDS 2.9 increments the index with each
       // participant ever created by the process, beyond the range that others check.
       builtin.metatrafficUnicastLocatorList.push_back(
           Ipv4("127.0.0.1", static_cast<std::uint16_t>(qos.wire_protocol().port.getUnicastPort(
@@ -295,13 +295,13 @@ std::string PeerListener::Reason(const Peer& peer) const {
   if (peer.admitted) return "";
   // Implementations format full names differently.
   if (peer.authority.find(authority_) == std::string::npos) {
-    return "its certificate is of the authority '" + peer.authority + "', and this process' of '" +
+    return "its certificate is of the authority '" + peer.authority + "', this process's is of '" +
            authority_ + "'";
   }
   if (peer.refused) return "its certificate or its permissions are forged, or have expired";
   // Only one of two participants learns that the other's certificate is invalid for it.
   return Clock::now() - peer.found < kHandshake ? ""
-                                                : "it does not accept this process' certificate, "
+                                                : "it does not accept this process's certificate, "
                                                   "or does not answer";
 }
 
@@ -340,7 +340,7 @@ fdds::Topic* Participant::Impl::Topic(const std::string& ros_name, const fdds::T
                                       const std::string& kind) {
   DFR_THROW_UNLESS(
       ros_name.size() > 1 && ros_name.front() == '/',
-      "a topic's name begins with a slash, '/PSM1/servo_cp': not '" << ros_name << "'");
+      "a topic must begin with a slash, as '/PSM1/servo_cp', not '" << ros_name << "'");
   const std::lock_guard lock(mutex);
   if (const auto found = topics.find(ros_name); found != topics.end()) {
     if (found->second->get_type_name() != type.get_type_name()) {

@@ -94,7 +94,7 @@ std::uint16_t StopPort(int domain) noexcept {
 
 StopSocket::StopSocket()
     : socket_(::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0)) {
-  if (socket_ < 0) throw std::runtime_error(Refused("no socket"));
+  if (socket_ < 0) throw std::runtime_error(Refused("cannot open a socket"));
 }
 
 StopSocket::~StopSocket() { ::close(socket_); }
@@ -200,7 +200,7 @@ bool StopReader::Read(std::string_view datagram, std::int64_t wall_ns, StopSende
 StopSender::StopSender(const ParticipantOptions& options) : writer_(options.security) {
   const int yes = 1;
   if (::setsockopt(socket_.get(), SOL_SOCKET, SO_BROADCAST, &yes, sizeof yes) != 0) {
-    throw std::runtime_error(Refused("cannot send to all"));
+    throw std::runtime_error(Refused("cannot broadcast"));
   }
   const std::uint16_t port = StopPort(options.domain);
   listeners_.push_back(Address(0x7fffffff, port));  // 127.255.255.255

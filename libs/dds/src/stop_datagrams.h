@@ -27,7 +27,7 @@ using StopSenderId = std::array<std::uint8_t, 16>;
 /// RAII socket.
 class StopSocket {
  public:
-  StopSocket();  ///< @throws std::runtime_error if the system has none.
+  StopSocket();  ///< @throws std::runtime_error if the system refuses a socket.
   ~StopSocket();
   StopSocket(const StopSocket&) = delete;
   StopSocket& operator=(const StopSocket&) = delete;

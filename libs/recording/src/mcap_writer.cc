@@ -56,7 +56,7 @@ McapWriter::McapWriter(const std::filesystem::path& path,
   file_ = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   if (file_ < 0) {
     const int error = errno;
-    std::string message = "cannot make the log " + path.string() + ": " + std::strerror(error);
+    std::string message = "cannot create the log " + path.string() + ": " + std::strerror(error);
     if (error == EEXIST) message += "; choose another name, or move that file away";
     if (error == ENOENT) message += "; create its folder first";
     if (error == EACCES || error == EROFS) message += "; choose a folder that you may write to";
@@ -277,7 +277,7 @@ void McapWriter::AppendSummary(std::string& out, std::uint64_t start) const {
     record.Number(group.length);
   }
   RecordWriter footer(Op::kFooter, out);
-  // The checksum covers the record's size, which is known only now.
+  // The checksum covers the record's size, which ~RecordWriter() would write too late.
   footer.Number(start);
   footer.Number(offsets_start);
   footer.NumberAt(out.size() - 24, std::uint64_t{20});

@@ -86,7 +86,7 @@ class Reader {
 
   Recording Read() {
     if (file_.left() < kMagic.size() || file_.Take(kMagic.size()) != kMagic) {
-      file_.Foreign("it does not begin as an MCAP file does");
+      file_.Foreign("it does not begin as an MCAP file");
     }
     complete_ = file_.EndsWithMagic();
     while (Record()) {
@@ -112,16 +112,15 @@ class Reader {
       return complete_ ? GoOn(at, "a record is larger than the file") : false;
     }
     if (!header_ && op != Op::kHeader) file_.Damaged(at, "its header is missing");
-    // Rejects a record before reading its content, because the search resumes behind its head.
+    // Rejects a record before reading its content, in which GoOn() looks for the next chunk.
     const bool of_head = op == Op::kHeader || op == Op::kSchema || op == Op::kChannel ||
                          op == Op::kMetadata || op == Op::kAttachment;
     if (head_ && of_head)
       return GoOn(at, "a record from the beginning of a log does not belong here");
     if (!of_head && op != Op::kChunk && op != Op::kMessageIndex && op != Op::kDataEnd) {
-      return GoOn(
-          at, "there is no record of kind " + std::to_string(static_cast<unsigned>(op)) + " here");
+      return GoOn(at, "unexpected record of kind " + std::to_string(static_cast<unsigned>(op)));
     }
-    if (op == Op::kDataEnd && size != sizeof crc) return GoOn(at, "it does not end as it should");
+    if (op == Op::kDataEnd && size != sizeof crc) return GoOn(at, "its end record is malformed");
     file_.Take(kRecordHead);
     const std::uint64_t content_at = file_.position();
     const std::string content = file_.Take(size);
@@ -147,8 +146,7 @@ class Reader {
       case Op::kDataEnd:
         // A damaged chunk invalidates this checksum, too.
         if (recording_.damage.empty() && ByteReader(content).Number<std::uint32_t>() != crc) {
-          Suffered(
-              at, "the checksum of the whole data does not match, although those of all chunks do");
+          Suffered(at, "the checksum of all data does not match, although those of all chunks do");
         }
         Summary();
         return false;
@@ -167,7 +165,7 @@ class Reader {
     if (!head_) file_.Damaged(at, what);
     Suffered(at, what);
     constexpr std::uint64_t kHead = kRecordHead + 40;  // of a chunk, up to its records
-    // The window doubles each time, because frequent damage must not cost a mebibyte each.
+    // Starts small and doubles: frequent damage must not cost a mebibyte each time.
     std::uint64_t window_size = 256;
     for (std::uint64_t base = at + 1; base + kHead <= file_.size(); base += window_size - kHead) {
       window_size = std::min<std::uint64_t>(2 * window_size, 1 << 20);
@@ -302,7 +300,7 @@ class Reader {
     const std::string_view records = reader.Bytes(reader.Number<std::uint64_t>());
     if (!reader.ok() || !plain || size != records.size() || internal::Crc32(records) != crc) {
       Suffered(at, "the checksum of a chunk of " + std::to_string(content.size()) +
-                       " bytes does not match; what it holds is lost");
+                       " bytes does not match; its contents are lost");
       return;
     }
     const std::uint64_t records_at =
@@ -312,7 +310,7 @@ class Reader {
       const std::uint64_t record_at = records_at + inner.position();
       const auto op = static_cast<Op>(inner.Number<std::uint8_t>());
       const std::string_view message = inner.Bytes(inner.Number<std::uint64_t>());
-      if (!inner.ok() || op != Op::kMessage) file_.Damaged(record_at, "this is not a message");
+      if (!inner.ok() || op != Op::kMessage) file_.Damaged(record_at, "there is no message");
       Message(record_at + kRecordHead, message);
     }
   }
@@ -367,7 +365,7 @@ class Reader {
       }
     }
     if (!good) {
-      file_.Damaged(at, "a message of " + std::string(info.topic) + " is not what its schema says");
+      file_.Damaged(at, "a message of " + std::string(info.topic) + " does not match its schema");
     }
   }
 
@@ -403,7 +401,7 @@ class Reader {
 
   File file_;
   Recording recording_;
-  bool complete_ = false;  // its last bytes are present
+  bool complete_ = false;  // the file ends with the magic
   bool header_ = false;
   std::uint32_t steps_ = 0;
   std::uint32_t transitions_ = 0;

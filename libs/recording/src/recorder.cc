@@ -79,8 +79,8 @@ RecorderOptions Checked(const RecorderOptions& options) {
 std::string Lost(std::uint64_t records, std::uint64_t pictures) {
   return std::to_string(records) + " steps, transitions or states of the arm and " +
          std::to_string(pictures) +
-         " pictures were lost: the disk or the processor does not keep up, or a picture was larger "
-         "than agreed or not one";
+         " pictures were lost: the disk or the processor is too slow, or a picture was too large "
+         "or invalid";
 }
 
 // Blocks signals for threads started during its lifetime: signals belong to the program's threads.
@@ -304,7 +304,7 @@ void Recorder::Finish() {
   const std::string wrong = impl_->thrown.empty() ? impl_->writer.error() : impl_->thrown;
   if (!wrong.empty()) {
     throw std::runtime_error("the log " + impl_->path.string() + " is incomplete: " + wrong +
-                             "; it can be read up to there");
+                             "; it is readable up to that point");
   }
 }
 

@@ -139,7 +139,7 @@ Owned<X509> Certify(const std::string& name, EVP_PKEY& key, int days, X509* issu
                                      0) == 1);
   X509& by = issuer == nullptr ? *certificate : *issuer;
   Require(X509_set_issuer_name(certificate.get(), X509_get_subject_name(&by)) == 1);
-  // Tolerates clocks of two machines that differ.
+  // Tolerates a difference between the clocks of two machines.
   X509_gmtime_adj(X509_getm_notBefore(certificate.get()), -86400);
   Require(X509_time_adj_ex(X509_getm_notAfter(certificate.get()), days, 0, nullptr) != nullptr);
   if (issuer != nullptr &&
@@ -263,7 +263,7 @@ void MakeAuthority(const std::filesystem::path& folder, const CertificateOptions
                              "another folder");
   }
   const Owned<EVP_PKEY> key = MakeKey();
-  // The name contains a part of the key, to distinguish certificates of another authority.
+  // A random suffix of the name distinguishes the certificates of two authorities.
   std::array<unsigned char, 4> mark{};
   Require(RAND_bytes(mark.data(), mark.size()) == 1);
   std::string name = "dfr authority ";
@@ -297,7 +297,7 @@ void AddParticipant(const std::filesystem::path& folder, const std::string& name
   const std::filesystem::path own = folder / "enclaves" / name;
   if (std::filesystem::exists(own)) {
     throw std::runtime_error("participant '" + name + "' already exists: remove " + own.string() +
-                             " to make it again");
+                             " to create it again");
   }
   internal::CheckPrivate(AuthorityKey(folder));
   internal::CheckUnchangeable(AuthorityKey(folder).parent_path());

@@ -19,7 +19,7 @@ Owned<BIO> Open(const std::filesystem::path& file) {
     ERR_clear_error();
     throw std::runtime_error(
         "cannot read " + file.string() +
-        ": `hardware certificates` makes it; this program's user must be able to read it");
+        ": `hardware certificates` creates it; this program's user must be able to read it");
   }
   return bio;
 }

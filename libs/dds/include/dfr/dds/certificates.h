@@ -21,7 +21,7 @@ enum class Permission {
 
 /// Options for MakeAuthority() and AddParticipant().
 struct CertificateOptions {
-  int days = 1095;  ///< Validity from today, >= 1. The authority is valid ten years longer.
+  int days = 1095;  ///< Validity from today, in [1, 36500]. The authority lasts ten years longer.
 };
 
 /// Creates the certificate authority of a lab in a new folder, laid out as a ROS 2 keystore:

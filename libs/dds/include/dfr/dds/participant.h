@@ -13,7 +13,7 @@ namespace dfr::dds {
 
 /// Discovery mechanism between processes.
 enum class Discovery {
-  kLoopback,      ///< Processes on this machine only. Works if the loopback has no multicast.
+  kLoopback,      ///< Processes on this machine only. Needs no multicast.
   kNetwork,       ///< All processes on the local network, by multicast, as in ROS 2.
   kServerClient,  ///< Through a discovery server, for networks without multicast.
   kServer,        ///< Acts as the discovery server.
@@ -77,7 +77,7 @@ class Participant {
 
   /// Returns the peers found since the start and not admitted, including those that have left. Each
   /// appears within 5 s of its discovery. A missing peer is absent or was admitted. Without
-  /// security it reports peers that have it.
+  /// security, these are the peers that use it.
   [[nodiscard]] std::vector<RefusedPeer> refused_peers() const;
   /// Returns the refused peers not returned by earlier calls. Each is logged only once.
   [[nodiscard]] std::vector<RefusedPeer> TakeRefusedPeers();

@@ -10,7 +10,7 @@ namespace dfr::recording {
 class JpegEncoder {
  public:
   /// @param quality  in [1, 100].
-  /// @throws std::runtime_error if the library has no memory.
+  /// @throws std::runtime_error if memory runs out.
   explicit JpegEncoder(int quality);
   ~JpegEncoder();
   JpegEncoder(const JpegEncoder&) = delete;
