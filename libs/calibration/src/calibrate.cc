@@ -172,7 +172,7 @@ line_task::LineCalibration Calibrate(std::span<const vision::CalibrationFrame> f
   for (std::size_t i = 0; i < frames.size(); ++i) {
     DFR_THROW_UNLESS(frames[i].marks_px.size() == marks_m.size(),
                      "calibration: frame " << i << " has " << frames[i].marks_px.size()
-                                           << " marks, the target " << marks_m.size());
+                                           << " marks, but the target " << marks_m.size());
     for (double joint : frames[i].joints) {
       DFR_THROW_UNLESS(std::isfinite(joint), "calibration: frame " << i
                                                                    << " has a joint that is not "
@@ -181,9 +181,9 @@ line_task::LineCalibration Calibrate(std::span<const vision::CalibrationFrame> f
     if (frames[i].tip_px.allFinite() && SeenMarks(frames[i]) >= 4) usable.push_back(&frames[i]);
   }
   DFR_THROW_UNLESS(usable.size() >= 10,
-                   "calibration: needs 10 frames with a tip and 4 marks or more, and has "
+                   "calibration: at least 10 frames must show the tip and 4 marks, but only "
                        << usable.size() << " of " << frames.size()
-                       << "; are target and tip in the picture?");
+                       << " do; are target and tip in the picture?");
 
   CameraBlock camera = {guess.camera.fx, guess.camera.fy, guess.camera.cx, guess.camera.cy};
   std::copy(guess.camera.distortion.begin(), guess.camera.distortion.end(), camera.begin() + 4);

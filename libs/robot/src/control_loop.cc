@@ -57,13 +57,11 @@ void ControlLoop::CheckThreads() noexcept {
   Finding stop_found;
   if (stop != nullptr) {
     stop_found = CheckThread(stop->Report(), Ns(options_.max_stop_check_s),
-                             {HoldReason::kEmergencyStopSilent,
-                              "the thread that listens to it "
-                              "hangs"});
+                             {HoldReason::kEmergencyStopSilent, "its listening thread hangs"});
   }
   if (!homing_) {  // homing needs no pictures
     static_cast<void>(CheckThread(camera->Report(), Ns(options_.max_camera_check_s),
-                                  {HoldReason::kImageSilent, "no program processes the pictures"}));
+                                  {HoldReason::kImageSilent, "its processing thread hangs"}));
   }
   if (platform != nullptr) {
     const Finding platform_found = platform->Check();
@@ -176,7 +174,7 @@ HoldReason ControlLoop::HomePlatform(double duration_s) noexcept {
   const int periods = static_cast<int>(std::ceil(duration_s / options_.period_s));
   for (int n = 0; n < periods && blocking() == HoldReason::kNone; ++n) Tick();
   homing_platform_ = false;
-  Report();  // it rests
+  Report();  // stops the platform
   return blocking();
 }
 
@@ -256,7 +254,7 @@ PlantStatus ControlLoop::Apply(std::span<const double> control) noexcept {
   }
   if (!may_move()) return PlantStatus::kFault;
   const std::optional<Motion> motion = devices_.task->Plan(control);
-  if (!motion) return Refuse({HoldReason::kCommandRefused, "the arm cannot reach it"});
+  if (!motion) return Refuse({HoldReason::kCommandRefused, "the arm cannot reach the target"});
   const PlantStatus status = Move(motion->joints, motion->duration_s);
   if (status != PlantStatus::kOk) return status;
   std::copy(observation_.begin(), observation_.end(), before_.begin());
@@ -315,7 +313,7 @@ bool ControlLoop::Observe() noexcept {
     Camera::Answer answer = camera->Take(observation_);
     while (answer == Camera::Answer::kPending) {
       if (clock->MachineNs() > end_ns) {
-        Hold(HoldReason::kImageSilent, "no picture to measure the state in");
+        Hold(HoldReason::kImageSilent, "no picture arrived to measure the state");
         return false;
       }
       if (!Tick()) return false;

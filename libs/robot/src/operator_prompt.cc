@@ -8,7 +8,7 @@ std::optional<std::string> OperatorPrompt::Answer(ControlLoop& loop, std::string
                                                   std::span<const std::string_view> words) {
   constexpr int kAgain = 50;  // keyboard checks: one second
   keyboard_->Discard();
-  std::int64_t asked = -1;  // lines shown at that time
+  std::int64_t asked = -1;  // printer_->said() after the question
   for (int looks = 0; !*interrupted_ && !keyboard_->ended(); ++looks) {
     // Repeats the question if other output has scrolled it away.
     if (looks % kAgain == 0 && printer_->said() != asked) {

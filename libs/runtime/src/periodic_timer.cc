@@ -77,7 +77,7 @@ double PeriodicTimer::Jitter(double quantile) const noexcept {
   std::int64_t seen = 0;
   for (std::int64_t i = 0; i <= kBuckets; ++i) {
     seen += histogram_[static_cast<std::size_t>(i)];
-    // Upper end of a bucket: never better than the true value.
+    // Upper edge of the bucket: never below the true value.
     if (seen >= wanted && seen > 0) return 1e-9 * static_cast<double>((i + 1) * kBucket);
   }
   return 0.0;

@@ -62,7 +62,7 @@ bool OnOneLine(const std::vector<internal::MarkSighting>& sightings) noexcept {
     const Eigen::Vector2d d = s.on_target.head<2>() - mean;
     scatter += d * d.transpose();
   }
-  // Ratio of the smaller to the larger eigenvalue: small for a thin row of marks.
+  // Near the ratio of the smaller to the larger eigenvalue, which is small for a row of marks.
   const double trace = scatter.trace();
   return !(scatter.determinant() > 0.01 * trace * trace);
 }

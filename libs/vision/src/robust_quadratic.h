@@ -15,8 +15,8 @@ struct LinePoint {
 };
 
 /// Fits y = c0 + c1 x + c2 x^2 by iteratively reweighted least squares with Tukey's weights. x is
-/// in units of 0.03 m, which keeps the normal equations well scaled. Returns the fraction of
-/// inliers.
+/// in units of 0.03 m, which keeps the normal equations well scaled. Fit() writes the weights, 0
+/// for outliers, and returns false if the points do not determine the curve.
 class RobustQuadratic {
  public:
   bool Fit(const std::vector<LinePoint>& points, std::vector<double>& weights) noexcept {

@@ -115,7 +115,7 @@ class ControlLoop {
   /// Moves the arm to `joints` in `duration_s` and waits for rest.
   [[nodiscard]] core::PlantStatus Move(std::span<const double> joints, double duration_s) noexcept;
   /// Processes pictures taken from now on until one shows the state. If none does, returns false
-  /// and the loop holds. Starts the comparison of motions with states.
+  /// and the loop holds. Restarts the comparison of motions with states.
   bool Look() noexcept;
   /// Makes the arm hold in any state.
   void Halt() noexcept;
@@ -153,7 +153,7 @@ class ControlLoop {
     std::vector<double> state;
     std::vector<double> moved;
   };
-  static constexpr std::size_t kWaypoints = 64;  // per max_drift comparison
+  static constexpr std::size_t kWaypoints = 64;  // compared with each new state
   void Remember() noexcept;
 
   ControlLoopOptions options_;

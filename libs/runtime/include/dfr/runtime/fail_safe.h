@@ -111,7 +111,7 @@ class FailSafe {
   /// Returns the last reason to hold if it is at most settle_time_s old, or kNone if nothing
   /// prevents arming.
   [[nodiscard]] HoldReason blocking() const noexcept;
-  /// Returns its detail. Valid until the next Hold().
+  /// Returns the detail of blocking(). Valid until the next Hold().
   [[nodiscard]] std::string_view blocking_detail() const noexcept;
 
   /// Takes the oldest pending transition. Returns false if there is none. The queue holds 64;

@@ -47,7 +47,7 @@ class PeriodicTimer {
   /// Returns the given quantile of | time between two wake-ups - period |, s, with a resolution of
   /// 1 us and a maximum of 0.02 s. @pre 0 <= quantile <= 1
   [[nodiscard]] double Jitter(double quantile) const noexcept;
-  /// Returns the maximum, s.
+  /// Returns the maximum jitter, s.
   [[nodiscard]] double worst() const noexcept { return worst_s_; }
 
  private:

@@ -97,10 +97,10 @@ class LineVision {
   /// Detects only the tip, for a calibration. Returns pixels; NaN if not seen.
   [[nodiscard]] Eigen::Vector2d FindTip(const ImageView& image) noexcept;
 
-  /// Detects only the marks. Writes pixels in the target's order, NaN for marks not seen. Works
-  /// without valid intrinsics, but the nominal pose must be accurate to a third of the distance
-  /// between two marks.
-  /// @param marks  as many entries as the target has marks.
+  /// Detects only the marks. Works without valid intrinsics, but the nominal pose must be accurate
+  /// to a third of the distance between two marks. Returns true if at least four marks are seen.
+  /// @param marks  receives pixels in the target's order, NaN for marks not seen; unchanged if the
+  ///   image is dark, overexposed or of the wrong size.
   [[nodiscard]] bool FindMarks(const ImageView& image,
                                std::vector<Eigen::Vector2d>& marks) noexcept;
 
