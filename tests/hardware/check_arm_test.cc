@@ -278,7 +278,7 @@ TEST_F(ArmCheckTest, NamesWhatIsWrongOnTheNetwork) {
   arm_.health(1).publishers = 0;
   arm_.health(3) = {.incompatible = 1};
   arm_.health(4).publishers = 0;
-  EXPECT_THAT(Check(), AllOf(HasSubstr("someone else can command the arm"),
+  EXPECT_THAT(Check(), AllOf(HasSubstr("others can command the arm"),
                              HasSubstr("2 publishers on /PSM1/measured_js"), HasSubstr("but one"),
                              HasSubstr("[wrong] no program publishes /PSM1/measured_cp"),
                              HasSubstr("a publisher on /PSM1/operating_state does not match (QoS)"),

@@ -159,7 +159,7 @@ TEST_F(VideoTest, AnUnreadableVideoIsNamedWithTheRemedy) {
   other.width = 640;
   EXPECT_THAT(
       ErrorOf(Video(2, 30.0), other),
-      AllOf(HasSubstr("64 x 48, and the intrinsics are for 640 x 48"), HasSubstr("calibrate")));
+      AllOf(HasSubstr("64 x 48, but the intrinsics are for 640 x 48"), HasSubstr("calibrate")));
   EXPECT_THROW((void)hardware::OpenVideo("0", {.width = 0}), std::invalid_argument);
   EXPECT_THROW((void)hardware::OpenVideo("0", {.max_repeats = 1}), std::invalid_argument);
 }

@@ -32,7 +32,7 @@ PsmDriver::PsmDriver(dds::Participant& participant, const PsmDriverOptions& opti
     : arm_(options.arm), client_(options.client) {
   DFR_THROW_UNLESS(
       !options.arm.empty() && options.arm.front() != '/',
-      "arm must be the arm's name without a slash, PSM1 say, not '" << options.arm << "'");
+      "arm must be the arm's name without a slash, as PSM1, not '" << options.arm << "'");
   link_ = std::make_unique<Link>(participant, options);
 }
 
@@ -86,7 +86,7 @@ PsmStatus PsmDriver::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept
   input.clutched = link.is_clutched.load(std::memory_order_acquire) || input.clutched;
   input.send_failed = link.failed.exchange(false, std::memory_order_relaxed);
 
-  // The first participant that made the arm hold.
+  // Keeps the first participant that made the arm hold.
   const bool was_held = held_by_others();
   if (Who who; link.new_who.Take(who) && !was_held) who_ = who.text;
   if (Who who; link.new_control.Take(who)) control_ = who.text;

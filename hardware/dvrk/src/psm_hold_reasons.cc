@@ -100,7 +100,7 @@ bool PsmClient::Discovering() const noexcept {
          Seconds(now_ns_ - newcomer_ns_) < options_.discovery_s;
 }
 
-// Another client commands the arm, or may do so.
+// Looks for others that command the arm, or may do so.
 PsmStatus PsmClient::CommandHoldReason(const PsmInput& input) const noexcept {
   if (input.clutched) return PsmStatus::kClutched;
   if (!options_.sole_commander) return PsmStatus::kOk;
@@ -127,7 +127,7 @@ PsmStatus PsmClient::FollowHoldReason() const noexcept {
   return PsmStatus::kOk;
 }
 
-// Returns true if a jaw without a command of this client stays still.
+// Returns true if the jaw's set-point is this client's or, before its first, has not moved.
 bool PsmClient::JawIsOurs() const noexcept {
   return !jaw_known_ || recent_jaw_.Contain(InFirstPlace(jaw_setpoint_.angle),
                                             InFirstPlace(options_.max_jaw_setpoint_error));

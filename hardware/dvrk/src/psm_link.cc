@@ -212,8 +212,7 @@ void PsmDriver::Link::Receive() noexcept {
   if (left_out > 0) {
     ConsoleMessage message;
     message.severity = ConsoleMessage::Severity::kWarning;
-    std::snprintf(message.text.data(), message.text.size(),
-                  "%llu more texts came, and are not shown",
+    std::snprintf(message.text.data(), message.text.size(), "%llu more messages were suppressed",
                   static_cast<unsigned long long>(left_out));
     messages.Put(message);
   }

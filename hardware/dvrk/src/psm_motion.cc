@@ -74,7 +74,7 @@ void PsmMotion::Rest(const PsmJoints& joints) noexcept {
 
 double PsmMotion::ShortestDuration(const PsmJoints& goal) const noexcept {
   const PsmJoints way = goal - setpoint_;
-  // Check the tip's speed at the same points as Start().
+  // Maximum of the tip's mean speed over each part, in m per unit of the path parameter.
   double tip = 0.0;
   Eigen::Vector3d before = Psm::Tip(setpoint_);
   constexpr int kParts = 32;

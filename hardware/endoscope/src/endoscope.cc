@@ -17,9 +17,9 @@ const char* Name(FrameStatus status) noexcept {
     case FrameStatus::kOk:
       return "ok";
     case FrameStatus::kNever:
-      return "no picture has come yet";
+      return "no picture has arrived yet";
     case FrameStatus::kSilent:
-      return "no picture has come for too long";
+      return "no picture has arrived for too long";
     case FrameStatus::kOld:
       return "pictures are too old";
     case FrameStatus::kAhead:
@@ -33,13 +33,13 @@ const char* Name(FrameStatus status) noexcept {
     case FrameStatus::kFailed:
       return "the video device delivers no more pictures";
     case FrameStatus::kWrongSize:
-      return "the size of the pictures differs from the intrinsics'";
+      return "the pictures differ in size from the intrinsics";
     case FrameStatus::kWrongEncoding:
       return "the encoding of the pictures is not supported";
     case FrameStatus::kDark:
       return "pictures are black";
     case FrameStatus::kFrozen:
-      return "the same picture comes again and again";
+      return "the same picture is repeated";
   }
   return "unknown";
 }
@@ -63,15 +63,15 @@ const char* Remedy(FrameStatus status) noexcept {
     case FrameStatus::kTruncated:
       return "record or copy the file again";
     case FrameStatus::kFailed:
-      return "is the cable in and the device powered? then open it again";
+      return "check the device's cable and power, then open it again";
     case FrameStatus::kWrongSize:
       return "set the camera to the size it was calibrated at, or calibrate at this one";
     case FrameStatus::kWrongEncoding:
       return "let the driver publish bgr8, rgb8, mono8 or jpeg";
     case FrameStatus::kDark:
-      return "switch the light source on, take the cap off, and look at the cable";
+      return "switch on the light source, remove the lens cap, and check the cable";
     case FrameStatus::kFrozen:
-      return "start the camera's program, or the frame grabber, again";
+      return "restart the camera's program or the frame grabber";
   }
   return "";
 }

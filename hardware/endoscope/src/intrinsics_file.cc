@@ -225,7 +225,7 @@ vision::CameraModel ReadIntrinsics(const std::filesystem::path& path) {
   try {
     camera.Check();
   } catch (const std::invalid_argument& e) {
-    reader.Fail(std::string("camera_matrix is not valid:  ") + e.what());
+    reader.Fail(std::string("camera_matrix is not valid: ") + e.what());
   }
   return camera;
 }

@@ -115,7 +115,7 @@ class Video {
     if (first_.cols != options_.width || first_.rows != options_.height) {
       Fail(source_,
            "delivers pictures of " + std::to_string(first_.cols) + " x " +
-               std::to_string(first_.rows) + ", and the intrinsics are for " +
+               std::to_string(first_.rows) + ", but the intrinsics are for " +
                std::to_string(options_.width) + " x " + std::to_string(options_.height),
            Remedy(FrameStatus::kWrongSize));
     }

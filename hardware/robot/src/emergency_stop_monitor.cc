@@ -54,7 +54,7 @@ robot::ThreadHealth EmergencyStopMonitor::Report() noexcept {
   }
   return {{runtime::HoldReason::kEmergencyStopSilent,
            only_datagrams_silent_
-               ? "heard over DDS, but not in its datagrams: does a firewall drop UDP broadcasts?"
+               ? "heard over DDS, but not by datagram: does a firewall drop UDP broadcasts?"
            : num_buttons_ > 1 ? "one of several buttons went silent"
                               : "no message from it: is `hardware stop` running?"},
           checked_ns};
@@ -79,8 +79,8 @@ void EmergencyStopMonitor::Run() {
     message.state = runtime::Name(state);
     announcer_.Write(message);
   }
-  // A regular end of a program is not reported as a failure. Lost messages are repeated within that
-  // time.
+  // Announces a regular end, so its silence is not reported as a failure. The sleep lets DDS repeat
+  // a lost message.
   dds::OperatingState farewell;
   farewell.stamp = dds::Stamp::Now();
   farewell.state = dds::kRunEnded;

@@ -17,7 +17,7 @@ robot::Finding PsmArm::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexce
   if (ConsoleMessage message; on_message_) {
     while (driver_->TakeMessage(message)) on_message_(message);
   }
-  // An unarmed driver is not a reason to hold, but what prevents arming it is.
+  // An unarmed driver is not a reason to hold, but the reason that prevents arming is.
   found_ = was_active ? status : driver_->client().hold_reason();
   if (found_ == PsmStatus::kHeld) return {};  // held by this program: the caller knows the reason
   const bool says_why = found_ == PsmStatus::kConsoleFault || found_ == PsmStatus::kConsoleError;
@@ -30,10 +30,10 @@ robot::Finding PsmArm::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexce
 
 // Returns the reason and its originator.
 std::string_view PsmArm::SaidBy(std::string_view who) noexcept {
-  const char* const what = found_ == PsmStatus::kForeignMessage   ? "told the arm something"
+  const char* const what = found_ == PsmStatus::kForeignMessage   ? "commanded the arm"
                            : found_ == PsmStatus::kOtherPublisher ? "can command the arm"
                            : found_ == PsmStatus::kForeignControl
-                               ? "the console obeyed someone else"
+                               ? "the console obeyed another program"
                                : "has just joined";
   std::snprintf(said_.data(), said_.size(), "%s: %.*s", what, static_cast<int>(who.size()),
                 who.data());

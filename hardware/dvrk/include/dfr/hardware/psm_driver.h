@@ -112,8 +112,7 @@ class PsmDriver {
   /// True if who() is the cause of the hold.
   [[nodiscard]] bool held_by_others() const noexcept;
   /// Returns the participants that can tell the arm to hold, be free or change its state or
-  /// settings.
-  /// Allocates.
+  /// settings. Allocates.
   [[nodiscard]] std::vector<dds::Newcomer> Requesters() const;
   /// Describes status() in a sentence, with the console's last error or who() if applicable, and
   /// the remedy. Allocates.

@@ -111,7 +111,7 @@ class PsmRecentSetpoints {
     kinematics::PsmJoints lower = kinematics::PsmJoints::Zero();
     kinematics::PsmJoints upper = kinematics::PsmJoints::Zero();
   };
-  // The oldest part is complete until older than the window.
+  // Eight complete parts span the window; the ninth is being filled.
   static constexpr std::size_t kParts = 9;
 
   double window_s_;

@@ -15,7 +15,7 @@ class WordLimit {
   /// Returns true if another message may be shown now.
   bool Passes(std::int64_t steady_ns) noexcept;
   /// Returns the number of messages suppressed since the last nonzero result; 0 if there were none,
-  /// or until a second has passed since then.
+  /// or until a second after the first of them.
   std::uint64_t TakeLeftOut(std::int64_t steady_ns) noexcept;
 
  private:

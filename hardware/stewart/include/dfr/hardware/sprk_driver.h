@@ -50,8 +50,8 @@ class SprkDriver {
   SprkDriver(const SprkDriver&) = delete;
   SprkDriver& operator=(const SprkDriver&) = delete;
 
-  /// Sends the platform home. If the pose was unknown, the estimate is home at once; wait a
-  /// second after the first Home() before relying on it.
+  /// Sends the platform home. If the pose was unknown, the estimate is home at once; wait kHomeTime
+  /// after the first Home() before relying on it.
   [[nodiscard]] SprkStatus Home() noexcept;
   /// Commands the representable pose nearest to `pose`; see EncodeSprkPosition().
   [[nodiscard]] SprkStatus MoveTo(const kinematics::PlatformPose& pose) noexcept;
