@@ -206,13 +206,13 @@ TEST_F(DvrkSceneServerTest, ImpossibleRequestsAreAnsweredWithTheReason) {
   EXPECT_THAT(Ask("run 0.01 2"), StartsWith("error: only 0 of 2 commands have arrived"));
   EXPECT_THAT(Ask("look"), StartsWith("error: this simulator has no camera"));
   EXPECT_THAT(Ask("fault dust 1"), HasSubstr("unknown fault 'dust'; valid: delay"));
-  EXPECT_THAT(Ask("fault freeze maybe"), HasSubstr("freeze is switched on by 1 and off by 0"));
+  EXPECT_THAT(Ask("fault freeze maybe"), HasSubstr("freeze must be 0 or 1, not 'maybe'"));
   EXPECT_THAT(Ask("fault drop 2"), HasSubstr("drop must lie in [0, 1]"));
   EXPECT_THAT(Ask("fault camera upside_down"), HasSubstr("unknown camera fault"));
   server_.reset();
   known_ = false;
   Serve(false, false);
-  EXPECT_THAT(Ask("run 0.01"), StartsWith("error: run is possible in lock-step only"));
+  EXPECT_THAT(Ask("run 0.01"), StartsWith("error: run requires lock-step"));
   EXPECT_THROW(server_->SetFault("dust", "1"), std::invalid_argument);
   DvrkSceneServerOptions bad;
   bad.jpeg_quality = 0;
@@ -328,7 +328,7 @@ TEST_F(DvrkSceneServerTest, AHoldThatNobodyElseHearsShowsInWhatTheConsoleStates)
   Until([&] { return stated.Take(text) && text.text == "PSM1: control JOINT_SPACE/EFFORT_MODE"; });
   dds::Signal signal;
   EXPECT_FALSE(holds.Take(signal));
-  EXPECT_THAT(Ask("fault unheard jump"), HasSubstr("unheard is hold or free, not 'jump'"));
+  EXPECT_THAT(Ask("fault unheard jump"), HasSubstr("unheard must be hold or free, not 'jump'"));
 }
 
 TEST_F(DvrkSceneServerTest, ThePlatformGoesToAndFroAcrossTheLine) {

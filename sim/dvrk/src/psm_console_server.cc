@@ -418,7 +418,7 @@ bool SetFault(ConsoleFaults& faults, std::string_view name, std::string_view val
   for (const auto& [known, flag] : flags) {
     if (name != known) continue;
     DFR_THROW_UNLESS(value == "0" || value == "1",
-                     name << " is switched on by 1 and off by 0, not by '" << value << "'");
+                     name << " must be 0 or 1, not '" << value << "'");
     *flag = value == "1";
     return true;
   }

@@ -51,7 +51,7 @@ Eigen::Isometry3d Transform(const Message& message) {
   return pose;
 }
 
-/// A wrong number of joint values is not a goal.
+/// Return the goal of a message; NaN if it has a wrong number of joint values.
 [[nodiscard]] kinematics::PsmJoints JointGoal(const dds::JointState& message);
 [[nodiscard]] double JawGoal(const dds::JointState& message);
 

@@ -87,7 +87,7 @@ struct DvrkSceneServer::Impl {
   }
 
   void LockStepOnly(std::string_view what) const {
-    DFR_THROW_UNLESS(options.lock_step, what << " is possible in lock-step only");
+    DFR_THROW_UNLESS(options.lock_step, what << " requires lock-step");
   }
 
   std::string Run(std::string_view arguments) {
@@ -166,10 +166,10 @@ struct DvrkSceneServer::Impl {
       DFR_THROW_UNLESS(speed >= 0.0 && speed <= 0.2, "platform must lie in [0, 0.2] m/s");
       platform_speed = speed;
     } else if (name == "arm_fault") {
-      scene.console().Fail(value.empty() ? "a fault that was asked for" : std::string(value));
+      scene.console().Fail(value.empty() ? "a requested fault" : std::string(value));
     } else if (name == "unheard") {
       DFR_THROW_UNLESS(value == "hold" || value == "free",
-                       "unheard is hold or free, not '" << value << "'");
+                       "unheard must be hold or free, not '" << value << "'");
       value == "hold" ? scene.console().Hold() : scene.console().Free();
     } else if (sim::SetFault(faults, name, value)) {
       console.SetFaults(faults);
@@ -289,7 +289,7 @@ void DvrkSceneServer::Tick(double dt_s) {
 
 void DvrkSceneServer::Serve(double timeout_s) {
   Impl& i = *impl_;
-  // Pending commands expire, and the console's replies to them should be published.
+  // Takes commands before they expire, and publishes the console's replies to them.
   constexpr double kGlance = 5e-3;
   const auto end = Clock::now() + std::chrono::duration<double>(timeout_s);
   do {

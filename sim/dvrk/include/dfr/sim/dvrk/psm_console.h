@@ -74,7 +74,7 @@ class PsmConsole {
   /// Handles an effort command of any kind, given its name. It takes control of the arm, but moves
   /// nothing.
   void ServoEffort(const char* command);
-  /// Sets the fraction of the speed limits for moves, in ]0, 1]. Ignores other values with a
+  /// Sets the fraction of the speed limits for moves, in (0, 1]. Ignores other values with a
   /// warning.
   void SetTrajectoryRatio(double ratio);
   void MoveCp(const Eigen::Isometry3d& goal);

@@ -37,8 +37,8 @@ struct DvrkSceneServerOptions {
 ///   truth               "ok COMPLETED COLLIDED PROGRESS_M DISTANCE_M TIP_X TIP_Y TIP_Z", flags as
 ///                       0 or 1, the tip in the world frame, m
 ///   fault NAME VALUE    any of SetFault(); camera none|frozen|black|overexposed|no_line|no_tip|
-///                       silent|frozen_noisy|late; arm_fault REASON (the arm fails); none (all
-///                       faults end). "ok"
+///                       silent|frozen_noisy|late; platform M_PER_S; unheard hold|free; arm_fault
+///                       REASON; none (ends all except arm_fault and unheard). "ok"
 /// and in lock-step:
 ///   run DT_S [COMMANDS] takes all pending commands, advances by DT_S in equal steps of at most
 ///                       20 ms, and publishes the state once. With COMMANDS it first waits, for
