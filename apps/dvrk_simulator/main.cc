@@ -138,7 +138,7 @@ void AddScene(CLI::App& app, Options& options) {
   app.add_flag("--between", d.between,
                "the platform moves while the arm does not; in lock-step, for --pause at each rest")
       ->group(group);
-  app.add_option("--pause", d.pause_s, "[s]")->capture_default_str()->group(group);
+  app.add_option("--pause", d.pause_s, "time of motion [s]")->capture_default_str()->group(group);
   app.add_flag("!--no-camera", options.server.camera,
                "draw and publish no pictures; OpenGL is not needed then")
       ->group(group);
@@ -202,7 +202,7 @@ void AddFaults(CLI::App& app, Options& options) {
   app.add_option_function<std::string>(
          "--camera-fault",
          [&options](const std::string& v) { options.faults.emplace_back("camera", v); },
-         "frozen, black, overexposed, no_line, no_tip or silent")
+         "frozen, frozen_noisy, black, overexposed, no_line, no_tip, silent or late")
       ->group(group);
 }
 

@@ -50,7 +50,7 @@ const char* Meaning(dds::Permission permission) {
 }  // namespace
 
 void RunCertificates(const CertificatesOptions& options) {
-  // Checks all arguments before it writes any file.
+  // Rejects unknown, repeated and existing participants before writing any file.
   std::vector<std::pair<std::string, dds::Permission>> participants;
   std::set<std::string> names;
   const auto enclaves = options.folder / "enclaves";
@@ -60,9 +60,9 @@ void RunCertificates(const CertificatesOptions& options) {
     if (!names.insert(name).second) throw std::invalid_argument("'" + name + "' is given twice");
     if (std::filesystem::exists(enclaves / name)) {
       throw std::runtime_error("participant '" + name +
-                               "' exists already: leave it out, or "
+                               "' exists already: omit it, or "
                                "remove " +
-                               (enclaves / name).string() + " to make it again");
+                               (enclaves / name).string() + " to create it again");
     }
   }
   const bool is_new = !std::filesystem::exists(options.folder / "private");
@@ -72,7 +72,7 @@ void RunCertificates(const CertificatesOptions& options) {
     dds::CheckSecurity(enclaves / name);
   }
 
-  std::cout << (is_new ? "Made an authority and " : "Added ") << participants.size()
+  std::cout << (is_new ? "Created an authority and " : "Added ") << participants.size()
             << (participants.size() == 1 ? " participant" : " participants") << ", valid for "
             << options.certificates.days << " days:\n\n";
   for (const auto& [name, permission] : participants) {
@@ -80,9 +80,9 @@ void RunCertificates(const CertificatesOptions& options) {
               << Meaning(permission) << '\n';
   }
   std::cout
-      << "\nCarry each participant's folder, and nothing else, to the machine that it runs on, "
-         "where its\nuser alone can read key.pem, and name it with --security FOLDER, or in "
-         "the configuration file.\nA ROS 2 console takes one of these folders as its enclave.\n"
+      << "\nCopy each participant's folder, and nothing else, to its machine. There, only the "
+         "program's user\nmay read key.pem. Name the folder with --security FOLDER or in the "
+         "configuration file.\nA ROS 2 console takes one of these folders as its enclave.\n"
          "\nKeep "
       << (options.folder / "private").string()
       << " away from the robot's network: whoever has it can admit any program.\nIt is needed to "

@@ -74,7 +74,7 @@ int Main(int argc, char** argv) {
   EmergencyStopOptions stop;
   CLI::App* command = app.add_subcommand("stop",
                                          "Run an emergency stop at the keyboard; the robot also "
-                                         "stops if it ends. Never use it as the only one");
+                                         "stops if it ends. Never use it as the only stop");
   AddNetwork(*command, stop.network);
   command->add_flag(
       "--unattended", stop.unattended,
@@ -82,10 +82,9 @@ int Main(int argc, char** argv) {
   command->callback([&] { RunEmergencyStop(stop); });
 
   CertificatesOptions certificates;
-  command =
-      app.add_subcommand("certificates",
-                         "Make the authority of a secured network, and the files that each "
-                         "participant needs.\nRun again with other --participants, it adds them");
+  command = app.add_subcommand("certificates",
+                               "Create the authority of a secured network, and the files that each "
+                               "participant needs.\nA further run adds other --participants");
   core::WritesFolder(command->add_option("FOLDER", certificates.folder,
                                          "folder for the keys and certificates; keep it safe"))
       ->required();

@@ -12,7 +12,7 @@ void RobotWatch::Hear(const dds::Origin& who, const std::string& state, std::int
   if (robot == nullptr) return;
   robot->heard_ns = steady_ns;
   if (robot->gone || state != robot->state) Say(Name(*robot) + ": " + state, steady_ns);
-  robot->gone = state == dds::kRunEnded;  // and the watch does not report it as missing
+  robot->gone = state == dds::kRunEnded;  // an ended program is not reported as missing
   robot->state = state;
 }
 

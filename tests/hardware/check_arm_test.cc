@@ -163,7 +163,7 @@ TEST_F(ArmCheckTest, FindsTheConsoleAndSaysToHome) {
   const DeviceReport report = CheckArm(options_, arm_);
   EXPECT_FALSE(report.ok());
   EXPECT_THAT(Shown(report), AllOf(HasSubstr("6 of the console's topics found"),
-                                   HasSubstr("measured_js comes 100 times a second"),
+                                   HasSubstr("measured_js arrives 100 times a second"),
                                    HasSubstr("[wrong] the arm is DISABLED"), HasSubstr("--home")));
 }
 
@@ -266,7 +266,7 @@ TEST_F(ArmCheckTest, NamesWhatIsWrongWithTheSamples) {
   EXPECT_THAT(Check(), HasSubstr(hardware::Name(PsmStatus::kStateMalformed)));
   arm_.spoil = {};
   arm_.ticks_a_sample = 20;
-  EXPECT_THAT(Check(), AllOf(HasSubstr("measured_js comes 10 times a second"),
+  EXPECT_THAT(Check(), AllOf(HasSubstr("measured_js arrives 10 times a second"),
                              HasSubstr("a console publishes 100 times")));
 }
 

@@ -154,11 +154,11 @@ std::string Words(PsmStatus status, const CheckedArm& arm) {
 void ReportMeasurements(DeviceReport& report, const hardware::PsmClient& client, double rate,
                         std::vector<double>& ages) {
   if (rate < kLeastStateRate) {
-    Wrong(report, "measured_js comes " + Text(rate, 0) + " times a second",
+    Wrong(report, "measured_js arrives " + Text(rate, 0) + " times a second",
           "a console publishes 100 times a second; below " + Text(kLeastStateRate, 0) +
-              " the driver takes it for silent: check the console's period and the network");
+              " the driver treats it as silent: check the console's period and the network");
   } else {
-    Ok(report, "measured_js comes " + Text(rate, 0) + " times a second");
+    Ok(report, "measured_js arrives " + Text(rate, 0) + " times a second");
   }
   const hardware::PsmJointSample& js = client.measured_js();
   if (!js.well_formed) {
@@ -334,8 +334,8 @@ PsmStatus CheckReady(const CheckOptions& options, CheckedArm& arm, Permit& permi
   }
   if (status == PsmStatus::kOk) {
     Ok(report,
-       "ENABLED and homed; measured_cp is where measured_js puts the wrist of a Large "
-       "Needle Driver");
+       "ENABLED and homed; measured_cp agrees with measured_js for a Large Needle "
+       "Driver");
   } else if (status != PsmStatus::kOtherPublisher) {
     const bool homes = status == PsmStatus::kDisabled || status == PsmStatus::kNotHomed;
     Wrong(

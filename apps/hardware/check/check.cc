@@ -63,7 +63,7 @@ DeviceReport CheckPlatform(const CheckOptions& options) {
       }
       if (status != hardware::SprkStatus::kOk) {
         Wrong(report, std::string("the platform cannot be commanded: ") + hardware::Name(status),
-              "is the cable in and the board powered?");
+              "check its cable and power");
       } else {
         Ok(report,
            "was told to go home, tilt by 3 degrees and return: if it did not, switch its power off "

@@ -20,7 +20,7 @@ struct Finding {
   enum class Level { kOk, kNote, kWrong };
   Level level = Level::kOk;
   std::string what;
-  std::string remedy;  ///< Set if level is not kOk.
+  std::string remedy;  ///< May be empty.
 };
 
 /// All findings about one device.
