@@ -57,7 +57,7 @@ void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed
                    "the platform moves during controls (default: yes)");
   command.add_flag("--between", d.between,
                    "the platform also moves for --pause after every control");
-  command.add_option("--pause", d.pause_s, "[s]")->capture_default_str();
+  command.add_option("--pause", d.pause_s, "time of motion [s]")->capture_default_str();
 }
 
 void AddScene(CLI::App& command, SceneOptions& scene, bool disturbed) {
@@ -144,7 +144,7 @@ void AddDemonstrate(CLI::App& app, DemonstrateOptions& options) {
                    "robot follows the line by itself after the operator's confirmation");
   core::WritesFile(command.add_option("--out", options.out, "file of the demonstrations"))
       ->capture_default_str();
-  command.add_option("--count", options.count, "demonstrations")
+  command.add_option("--count", options.count, "number of demonstrations")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command.add_option("--steps", options.steps, "number of controls of 1 mm each")
@@ -267,8 +267,8 @@ int Main(int argc, char** argv) {
       "under an endoscope. States are in mm (tip x, y; distance to the line, positive to its "
       "left;\n"
       "10 mm times the line's angle in rad); controls are displacements of the tool in x and y in\n"
-      "units of 2 mm, within [-1, 1]. Without arguments of their own, the commands follow one\n"
-      "another: calibrate, demonstrate, fit, run, render, view. experiment needs none of them.",
+      "units of 2 mm, within [-1, 1]. By default each command uses the files of the earlier ones:\n"
+      "calibrate, demonstrate, fit, run, render, view. experiment needs none of them.",
       "line_tracking");
   apps::AddVersion(app);
   app.require_subcommand(1);

@@ -67,7 +67,7 @@ LineModel LineModel::Fit(const imitation::DemonstrationSet& set, const LineModel
                          kernel::Selection* selection) {
   DFR_THROW_UNLESS(set.trajectories.size() >= 8,
                    "cannot fit to " << set.trajectories.size()
-                                    << " demonstrations: 8 are needed, of which some are held out");
+                                    << " demonstrations: at least 8 are needed, to hold some out");
   DFR_THROW_UNLESS(!options.gammas.empty(), "gammas is empty: give at least one to choose from");
   imitation::FitMlpOptions fit;
   fit.hidden = options.hidden;

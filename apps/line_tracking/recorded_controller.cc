@@ -40,7 +40,7 @@ std::string Difference(const recording::StepRecord& was, const control::Step& st
     return number("threshold", was.threshold, step.threshold);
   }
   const std::span<const double> command = was.command.view();
-  if (command.size() != u.size()) return "another number of control entries";
+  if (command.size() != u.size()) return "different number of control entries";
   for (std::size_t i = 0; i < u.size(); ++i) {
     if (!Same(command[i], u[i])) return number("control", command[i], u[i]);
   }
@@ -147,8 +147,7 @@ bool ReplayRecording(const std::filesystem::path& path, const std::filesystem::p
   }
   if (differences > kShown) std::cout << "  and " << differences - kShown << " more\n";
   if (left_out > 0) {
-    std::cout << "  " << left_out
-              << " decisions come after one that is missing, and were left out\n";
+    std::cout << "  " << left_out << " decisions follow a missing one, and were skipped\n";
   }
   if (left_out == static_cast<int>(log.steps.size())) {
     throw std::runtime_error(path.string() + " contains no episode from its beginning to repeat");

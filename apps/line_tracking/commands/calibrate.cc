@@ -33,10 +33,9 @@ void PrintErrors(const char* name, std::vector<double> errors_mm) {
 // Approximate calibration of a robot, from its configuration.
 line_task::LineCalibration Guess(const RobotConfig& config) {
   if (config.intrinsics.empty()) {
-    throw std::runtime_error(
-        config.file.string() +
-        ": camera.intrinsics is not set, and a robot's calibration needs them. "
-        "Name the file of OpenCV's or ROS' camera calibration");
+    throw std::runtime_error(config.file.string() +
+                             ": camera.intrinsics is not set, but a robot's calibration needs it. "
+                             "Name the file of OpenCV's or ROS' camera calibration");
   }
   line_task::LineCalibration guess = sim::NominalCalibration();
   const Eigen::Isometry3d p_world_cam =
@@ -89,7 +88,7 @@ void CalibrateRobot(const CalibrateOptions& options) {
   const std::unique_ptr<RobotPlant> plant = BringUpRobot(config, guess, nullptr, terminal);
   printer.Say(
       "Move the tip by teleoperation all over the gauze, up to 30 mm above it, and let it "
-      "rest for each\npicture. In %td or more, better forty, it touches the gauze.\n",
+      "rest for each\npicture. It must touch the gauze in at least %td, better in forty.\n",
       kTouching);
   std::vector<vision::CalibrationFrame> frames;
   std::optional<line_task::LineCalibration> found;

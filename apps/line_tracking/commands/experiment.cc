@@ -149,14 +149,14 @@ std::string Rounded(double value, int digits) {
 experiment::ReportTable ProbeTable(const std::vector<StudiedMethod>& studied) {
   experiment::ReportTable table;
   table.heading = "What a probe can tell";
-  table.caption = "Algorithm 1 leaves open how long probe and step are. The first trial's first " +
-                  std::to_string(kStudiedEpisodes) + " episodes, at most " +
-                  std::to_string(kStudiedControls) +
-                  " controls each, against the simulation's own numbers: the median probe, the "
-                  "median error of the change of distance that was seen across it, and how often g "
-                  "was seen to rise where it rose and to fall where it fell, the platform's own "
-                  "motion included. Out of reach: the gate's threshold lambda |u| was beyond g of "
-                  "every demonstrated state.";
+  table.caption =
+      "Algorithm 1 leaves the lengths of probe and step open. The first trial's first " +
+      std::to_string(kStudiedEpisodes) + " episodes, at most " + std::to_string(kStudiedControls) +
+      " controls each, against the simulation's exact numbers: the median probe, the "
+      "median error of the measured change of distance across it, and how often the "
+      "measured change of g has the right sign, including the platform's own motion. "
+      "Out of reach: the gate's threshold lambda |u| exceeded g of every demonstrated "
+      "state.";
   table.header = {"method",     "probe, step", "probes", "size [um]",   "error [um]",
                   "sign right", "recoveries",  "ended",  "out of reach"};
   // The run itself prints results that are not in the ledger.
@@ -197,11 +197,11 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
   report.program = "line_tracking";
   report.introduction =
       "A da Vinci arm follows a red line on gauze that a Stewart platform moves, seen by an "
-      "endoscope. Demonstrations are open-loop and undisturbed, so the learned policy knows no "
-      "feedback: recovery has to supply it.";
+      "endoscope. Demonstrations are open-loop and undisturbed, so the learned policy has no "
+      "feedback: recovery must supply it.";
   for (const std::string& world : plan.learners) {
     report.learner_names[world] = world == "frozen" ? "frozen: the platform stops with the robot"
-                                                    : world + " from a look to its control";
+                                                    : world + " from picture to control";
   }
   for (const auto& [name, value] : settings) report.settings.emplace_back(name, value);
   report.tables.push_back({"The paper's robot",
@@ -213,22 +213,22 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
       {"DFR's two constants",
        std::string(
            "Algorithm 1 asks for a probe |u_delta| << g / lambda and a step eta < g / "
-           "lambda; what they were on its robot the paper does not say. \"DFR\" here probes "
+           "lambda; the paper does not state their values on its robot. \"DFR\" here probes "
            "with g / (10 lambda) and steps by g / (2 lambda); \"dfr-fine\" has the constants "
            "of the paper's simulations, g / (500 lambda) and g / (50 lambda). ") +
-           (images ? "The table above says what becomes of those: the probe is shorter than the "
-                     "image's error from picture to picture, the sign of its effect is nearly a "
-                     "coin flip, and the steps are a random walk that the iteration limit ends. "
-                     "From the simulation's own numbers (--observation truth) both choices do the "
-                     "same."
-                   : "From the simulation's own numbers, as here, both choices do the same. From "
+           (images ? "The table above shows their effect: the probe is shorter than the image's "
+                     "error from picture to picture, the measured sign of its effect is nearly "
+                     "random, and the steps are a random walk that the iteration limit ends. "
+                     "With the simulation's exact numbers (--observation truth) both choices do "
+                     "the same."
+                   : "With the simulation's exact numbers, as here, both choices do the same. With "
                      "images the fine probe is shorter than the error from picture to picture.") +
-           " --methods baseline,dfr-fine runs whole episodes with the fine ones.\n\n"
-           "Where DFR halts with iteration-limit, the gate asks for more than recovery reaches: "
+           " --methods baseline,dfr-fine runs whole episodes with the fine constants.\n\n"
+           "If DFR halts with iteration-limit, the gate requires more than recovery reaches: "
            "its threshold "
-           "lambda |u| grows with the kernel's gamma; with gamma 0.05 or more it is beyond the "
-           "largest g of some time step. Where it halts outside-support, a control or the platform "
-           "has carried the tip to g < 0, from where Algorithm 1 has no way back."});
+           "lambda |u| grows with the kernel's gamma; with gamma 0.05 or more it exceeds the "
+           "largest g of some time step. If it halts with outside-support, a control or the "
+           "platform has moved the tip to g < 0, from which Algorithm 1 cannot return."});
   return report;
 }
 
@@ -347,8 +347,8 @@ void RunExperiment(const ExperimentOptions& options) {
   std::cout << '\n';
   experiment::PrintTable(probes, std::cout);
   std::cout << '\n'
-            << (options.out / "report.html").string() << " and summary.json written; of the "
-            << "first trial also model and calibration.dfr, for run, render and view\n";
+            << (options.out / "report.html").string() << " and summary.json written, with the "
+            << "first trial's model and calibration.dfr for run, render and view\n";
 }
 
 }  // namespace dfr::apps::line_tracking

@@ -13,7 +13,7 @@ void RunFit(const FitOptions& options) {
   model.Save(options.out);
   if (!selection.rows.empty()) std::cout << selection.Table();
   std::cout << options.out.string() << ": policy, " << model.task().support().num_steps()
-            << " supports and lambda of " << set.trajectories.size() << " demonstrations\n";
+            << " supports and lambda from " << set.trajectories.size() << " demonstrations\n";
 }
 
 }  // namespace dfr::apps::line_tracking

@@ -160,7 +160,7 @@ void PrintTimes(runtime::AsyncPrinter& printer, const runtime::PeriodicTimer& ti
                 double period_s) {
   printer.Say(
       "loop: %lld periods of %.1f ms, off by %.3f ms (median), %.3f ms (99.9 %%), %.3f ms "
-      "(worst); %lld left out\n",
+      "(worst); %lld skipped\n",
       static_cast<long long>(timer.periods()), 1e3 * period_s, 1e3 * timer.Jitter(0.5),
       1e3 * timer.Jitter(0.999), 1e3 * timer.worst(), static_cast<long long>(timer.missed()));
 }
@@ -211,7 +211,7 @@ void RunRun(const RunOptions& options) {
     recorder->Finish();
     printer.Say("%s written: line_tracking replay repeats its decisions\n", log.c_str());
   }
-  if (stopped) throw std::runtime_error("the robot stands still: " + why);
+  if (stopped) throw std::runtime_error("the robot holds: " + why);
 }
 
 void RunReplay(const ReplayOptions& options) {

@@ -89,7 +89,7 @@ class Section {
   void Get(const char* key, kinematics::PsmJoints& values) {
     if (!Get(key, {values.data(), 6})) return;
     if (!values.allFinite() || !(values.array() > 0.0).all()) {
-      Wrong(key, "6 positive numbers in brackets: rad, of the insertion m");
+      Wrong(key, "6 positive numbers in brackets: rad (insertion: m)");
     }
   }
   void Get(const char* key, std::vector<std::string>& values) {
@@ -241,11 +241,10 @@ void GetPlatform(Section& section, hardware::PlatformOptions& platform) {
   const hardware::SprkStatus status =
       hardware::EncodeSprkWave(*platform.wave, platform.motion, frame, sent);
   if (status != hardware::SprkStatus::kOk) {
-    section.Wrong("amplitude",
-                  std::string("what the platform can do with its frequency_hz; it is ") +
-                      hardware::Name(status) +
-                      ". x, y, z in m, roll, pitch, yaw in rad; in Hz up to 0.99, of "
-                      "a breath up to 0.157");
+    section.Wrong("amplitude", std::string("feasible with its frequency_hz; it is ") +
+                                   hardware::Name(status) +
+                                   ". x, y, z in m, roll, pitch, yaw in rad; in Hz up to 0.99, of "
+                                   "a breath up to 0.157");
   }
 }
 

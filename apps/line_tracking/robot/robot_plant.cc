@@ -176,7 +176,7 @@ struct RobotPlant::Impl {
     return {what, *way};
   }
 
-  // The tool may not be upright, or not upright according to the calibration. Turns a small angle
+  // Turns the tool upright if it is tilted, or tilted according to the calibration: a small angle
   // in place. Otherwise lifts the tool, observes the gauze, turns the tool, and lowers it to the
   // tip's position above the observed gauze.
   void TurnUpright() {

@@ -54,7 +54,7 @@ class RobotPlant final : public core::Plant {
   /// Asks whether the operator accepts the participants that can hold or free the arm or change its
   /// state. Lists those that are not accepted yet.
   [[nodiscard]] bool AcceptsOthers(const hardware::Say& say, const hardware::Confirms& confirms);
-  /// Returns true if no participant has joined since.
+  /// Returns true if no participant has joined since AcceptsOthers().
   [[nodiscard]] bool KnowsOthers() const;
   /// The control loop, with its reasons to hold.
   [[nodiscard]] robot::ControlLoop& loop() noexcept;

@@ -17,7 +17,7 @@ SimulatorTruth ReadTruth(const std::string& text) {
   SimulatorTruth truth;
   if (!(in >> truth.completed >> truth.collided >> truth.progress_m >> truth.distance_m >>
         truth.tip_m.x() >> truth.tip_m.y() >> truth.tip_m.z())) {
-    throw std::runtime_error("cannot parse the simulator's truth:  " + text);
+    throw std::runtime_error("cannot parse the simulator's truth:" + text);
   }
   return truth;
 }

@@ -39,9 +39,9 @@ class SimulatorLink {
   [[nodiscard]] bool Truth(SimulatorTruth& truth, const std::function<bool()>& go_on);
   /// Injects a fault; `name` and `value` as in DvrkSceneServer::SetFault().
   void Fault(const std::string& name, const std::string& value);
-  // In lock-step, advances time after `commands` motion commands have arrived since the last call.
-  // Otherwise returns false without an advance: set-points expire after 50 ms, and a busy machine
-  // can delay commands.
+  /// In lock-step, advances time after `commands` motion commands have arrived since the last call.
+  /// Returns false, without an advance, if they do not: set-points expire after 50 ms, and a busy
+  /// machine can delay commands.
   [[nodiscard]] bool Run(double dt_s, int commands);
   void Rest();  ///< Runs until everything is at rest.
   void Look();  ///< Takes and publishes the next picture.
