@@ -2,7 +2,11 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 
+#include <cerrno>
+#include <csignal>
+#include <cstring>
 #include <ctime>
 #include <filesystem>
 #include <fstream>
@@ -116,6 +120,21 @@ TEST_F(CertificatesTest, FilesOfTwoParticipantsDoNotMix) {
   EXPECT_THAT(Complaint(client_), HasSubstr("permissions.p7s belongs to 'CN=client', and"));
   Replace(files_.permissions, console.permissions);
   EXPECT_EQ(CheckSecurity(client_), "console");
+}
+
+// A limit on file sizes stands in for a full disk.
+TEST_F(CertificatesTest, AFullDiskIsNamed) {
+  rlimit unlimited{};
+  getrlimit(RLIMIT_FSIZE, &unlimited);
+  const auto handler = std::signal(SIGXFSZ, SIG_IGN);
+  const rlimit small{50, unlimited.rlim_max};
+  setrlimit(RLIMIT_FSIZE, &small);
+  errno = EEXIST;  // of another call: not to be reported
+  const std::string error = dfr::test::MessageOf<std::runtime_error>(
+      [&] { AddParticipant(keystore_.folder(), "second", Permission::kController); });
+  setrlimit(RLIMIT_FSIZE, &unlimited);
+  std::signal(SIGXFSZ, handler);
+  EXPECT_THAT(error, HasSubstr(std::strerror(EFBIG)));
 }
 
 TEST_F(CertificatesTest, AnotherAuthorityIsRefused) {

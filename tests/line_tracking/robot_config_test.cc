@@ -172,6 +172,10 @@ TEST_F(RobotConfigTest, BoundsThatAreNoneAreRefused) {
   EXPECT_THAT(Error("[task]\nplanes = [[0, 0, 1]]\n"),
               HasSubstr(":2: task.planes must be a list of planes, each 4 finite numbers"));
   EXPECT_THAT(Error("[task]\nplanes = [[0, 0, 2, 0]]\n"), HasSubstr("have a normal of length 1"));
+  EXPECT_THAT(Error("[task]\nforbidden_boxes_m = [[0, 0, 0, -1, 0, 0]]\n"),
+              HasSubstr(":2: task.forbidden_boxes_m must be"));
+  EXPECT_THAT(Error("[task]\nplanes = [[0, 0, 1, 0]]\nbox_max_m = [0.1, 0.1, 0.0]\n"),
+              HasSubstr(":3: task.box_max_m must be"));
 }
 
 TEST_F(RobotConfigTest, ACalibrationOfAnotherCameraIsRefused) {

@@ -70,6 +70,27 @@ void ExpectPart(const Recording& recording) {
   }
 }
 
+TEST(ReadRecordingTest, NumbersThatDecreaseAreNotDroppedMessages) {
+  const test::TempFolder folder;
+  std::string bytes = SmallFile(folder);
+  constexpr std::size_t kMagicSize = 8;
+  constexpr char kChunk = 6;
+  std::size_t at = kMagicSize;
+  const auto size = [&] {
+    std::uint64_t content = 0;
+    std::memcpy(&content, bytes.data() + at + 1, sizeof(content));
+    return static_cast<std::size_t>(content) + 1 + sizeof(content);
+  };
+  while (bytes[at] != kChunk) at += size();
+  const std::string chunk = bytes.substr(at, size());
+  while (bytes[at] == kChunk) at += size();
+  bytes.insert(at, chunk);
+  Save(folder / "twice.mcap", bytes);
+  const Recording recording = ReadRecording(folder / "twice.mcap");
+  EXPECT_EQ(recording.steps.size(), kSteps + kSteps / 2);
+  EXPECT_EQ(recording.dropped_records, 0U);
+}
+
 TEST(ReadRecordingTest, AFileCutOffAnywhereGivesWhatIsWhole) {
   const test::TempFolder folder;
   const std::string whole = SmallFile(folder);

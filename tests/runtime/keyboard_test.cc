@@ -63,5 +63,16 @@ TEST_F(KeyboardTest, ALineWithoutAnEndTakesNoMoreMemory) {
   EXPECT_EQ(keyboard.Line()->size(), 4096U);
 }
 
+TEST_F(KeyboardTest, ALongLineDoesNotShortenTheNext) {
+  Keyboard keyboard(ends_[0]);
+  for (int i = 0; i < 16; ++i) {
+    Type(ends_[1], std::string(256, 'x'));
+    EXPECT_FALSE(keyboard.Line());
+  }
+  Type(ends_[1], "\nstop\n");
+  EXPECT_EQ(keyboard.Line()->size(), 4096U);
+  EXPECT_EQ(keyboard.Line(), "stop");
+}
+
 }  // namespace
 }  // namespace dfr::runtime

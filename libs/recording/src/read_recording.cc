@@ -369,9 +369,9 @@ class Reader {
     }
   }
 
-  // Gaps in the numbering are dropped messages.
+  // Gaps in the numbering are dropped messages. A number that does not increase leaves no gap.
   void CountDropped(std::uint32_t sequence, std::uint32_t& last) {
-    recording_.dropped_records += sequence - last - 1;
+    if (sequence > last) recording_.dropped_records += sequence - last - 1;
     last = sequence;
   }
 

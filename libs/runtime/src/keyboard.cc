@@ -43,12 +43,14 @@ void Keyboard::Read(double timeout_s) {
   const ssize_t size = ::read(file_, buffer.data(), buffer.size());
   if (size > 0) {
     for (const char letter : std::string_view(buffer.data(), static_cast<std::size_t>(size))) {
-      if (letter == '\n' || text_.size() < kLongest) text_ += letter;
+      if (letter == '\n' || text_.size() - LineBegin() < kLongest) text_ += letter;
     }
   } else {
     ended_ = size == 0 || (errno != EINTR && errno != EAGAIN);
   }
 }
+
+std::size_t Keyboard::LineBegin() const noexcept { return text_.rfind('\n') + 1; }  // npos + 1 is 0
 
 std::optional<std::string> Keyboard::Cut() {
   const std::size_t end = text_.find('\n');

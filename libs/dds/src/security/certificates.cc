@@ -74,10 +74,17 @@ constexpr std::array<std::string_view, 1> kEverything = {"*"};
 // Creates a file; never replaces an existing one.
 void Write(const std::filesystem::path& path, std::string_view content, mode_t mode) {
   const int file = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, mode);
-  const ssize_t written = file < 0 ? -1 : ::write(file, content.data(), content.size());
-  const int error = errno;
-  const bool closed = file >= 0 && ::close(file) == 0;
-  if (written != static_cast<ssize_t>(content.size()) || !closed) {
+  int error = file < 0 ? errno : 0;
+  while (error == 0 && !content.empty()) {
+    const ssize_t written = ::write(file, content.data(), content.size());
+    if (written >= 0) {
+      content.remove_prefix(static_cast<std::size_t>(written));
+    } else if (errno != EINTR) {
+      error = errno;
+    }
+  }
+  if (file >= 0 && ::close(file) != 0 && error == 0) error = errno;
+  if (error != 0) {
     throw std::runtime_error("cannot write " + path.string() + ": " + std::strerror(error));
   }
 }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <optional>
 #include <string>
 
@@ -22,6 +23,7 @@ class Keyboard {
 
  private:
   void Read(double timeout_s);
+  [[nodiscard]] std::size_t LineBegin() const noexcept;
   std::optional<std::string> Cut();
 
   int file_;
