@@ -13,7 +13,7 @@
 
 #include "bench/kernel/machine.h"
 #include "dfr/core/quantile.h"
-#include "gaussian_sum.h"
+#include "gaussian/gaussian_sum.h"
 
 namespace dfr::bench {
 namespace {

@@ -18,9 +18,9 @@
 #include "bench/kernel/trajectories.h"
 #include "dfr/kernel/one_class_svm.h"
 #include "dfr/kernel/time_varying_support.h"
-#include "fit_sharing.h"
-#include "gaussian_sum.h"
-#include "states_at.h"
+#include "gaussian/gaussian_sum.h"
+#include "support/fit_sharing.h"
+#include "support/states_at.h"
 
 namespace dfr::bench {
 namespace {

@@ -9,7 +9,7 @@
 #include <stdexcept>
 
 #include "dfr/kernel/one_class_svm.h"
-#include "gaussian_sum.h"
+#include "gaussian/gaussian_sum.h"
 #include "tests/fuzz/input_file.h"
 #include "tests/fuzz/target.h"
 

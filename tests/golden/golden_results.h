@@ -23,7 +23,7 @@
 #include "dfr/safety/guard_model.h"
 #include "dfr/safety/method.h"
 #include "dfr/sim/gallery/gallery.h"
-#include "gaussian_sum.h"
+#include "gaussian/gaussian_sum.h"
 
 namespace dfr::test {
 

@@ -22,16 +22,16 @@ if [ ! -d "$lib" ]; then
   for package in "$folder"/packages/*.deb; do dpkg-deb -x "$package" "$folder/root"; done
 fi
 
-tests=(gaussian_sum time_varying_support model_selection)
+tests=(gaussian/gaussian_sum support/time_varying_support support/model_selection)
 mkdir -p "$folder/objects"
 # The definition is that of libs/kernel/CMakeLists.txt.
-printf '%s\n' libs/{core,kernel}/src/*.cc tests/support/no_alloc.cc "${tests[@]/%/_test.cc}" |
-  sed -E 's|^([a-z_]+_test.cc)$|tests/kernel/\1|' |
+{ find libs/{core,kernel}/src -name '*.cc'; printf 'tests/%s\n' support/no_alloc.cc "${tests[@]/#/kernel/}"; } |
+  sed -E 's|^(tests/kernel/.*)$|\1_test.cc|' |
   xargs -P "$(nproc)" -I{} sh -c 'aarch64-linux-gnu-g++ -std=c++20 -O2 -Wall -Wextra -Wpedantic -Wshadow -Werror \
     "-DHWY_DISABLED_TARGETS=(HWY_SVE|HWY_SVE2|HWY_SVE_256|HWY_SVE2_128|HWY_RVV)" -DEIGEN_MPL2_ONLY \
     -I. -Ilibs/core/include -Ilibs/kernel/include -Ilibs/kernel/src -isystem /usr/include/eigen3 \
     -isystem "$1/include" -c "$2" -o "$3/$(echo "$2" | tr / _).o"' sh "$root" {} "$folder/objects"
-for test in "${tests[@]}"; do
+for test in "${tests[@]//\//_}"; do
   aarch64-linux-gnu-g++ -o "$folder/${test}_test" "$folder/objects/tests_kernel_${test}_test.cc.o" \
     "$folder"/objects/libs_*.o "$folder/objects/tests_support_no_alloc.cc.o" -L"$lib" -lhwy -lgmock -lgtest -lgtest_main
   qemu-aarch64 -L /usr/aarch64-linux-gnu -E "LD_LIBRARY_PATH=$lib" "$folder/${test}_test" --gtest_brief=1

@@ -158,7 +158,7 @@ def main():
                                        if path.is_file())).hexdigest()[:16]
 
     changes = []
-    for source in sorted((copy / options.folder).glob("src/*.cc")):
+    for source in sorted((copy / options.folder / "src").rglob("*.cc")):
         if options.file and source.name != options.file:
             continue
         text = source.read_text()

@@ -1,0 +1,128 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <tuple>
+#include <vector>
+
+#include "dfr/core/matrix.h"
+#include "dfr/kernel/one_class_svm.h"
+#include "gaussian/gaussian_terms.h"
+#include "smo/smo_loop.h"
+
+namespace dfr::kernel::internal {
+
+/// Squared distances from each sample to all others, computed by row on demand. Fits with different
+/// gamma or nu share them. For one thread at a time.
+template <typename T>
+class Distances {
+ public:
+  explicit Distances(const core::Matrix& samples);
+
+  /// row[j] = exp(-gamma |x_i - x_j|^2), row_size() entries.
+  void KernelRow(std::size_t i, double gamma, T* row);
+
+  [[nodiscard]] std::span<const double> center() const { return terms_.center; }
+
+ private:
+  GaussianTerms<T> terms_;
+  AlignedVector<T> exponents_;  // of terms_: -|x_i - x_j|^2
+  std::vector<unsigned char> known_;
+  std::vector<T> point_;
+};
+
+/// Distances in the precisions that fits turn out to need. `samples` must outlive this object.
+class SharedDistances {
+ public:
+  explicit SharedDistances(const core::Matrix& samples) : samples_(samples) {}
+  template <typename T>
+  [[nodiscard]] Distances<T>& In() {
+    auto& distances = std::get<std::optional<Distances<T>>>(distances_);
+    if (!distances) distances.emplace(samples_);
+    return *distances;
+  }
+
+ private:
+  const core::Matrix& samples_;
+  std::tuple<std::optional<Distances<float>>, std::optional<Distances<double>>> distances_;
+};
+
+/// State that consecutive fits share: memory, and distances if their samples are the same. For one
+/// thread at a time.
+class Scratch {
+ public:
+  explicit Scratch(SharedDistances* distances = nullptr) : distances_(distances) {}
+  [[nodiscard]] bool has_distances() const noexcept { return distances_ != nullptr; }
+  template <typename T>
+  [[nodiscard]] Distances<T>* DistancesIn() {
+    return distances_ == nullptr ? nullptr : &distances_->In<T>();
+  }
+  /// Returns uninitialised memory for `size` entries.
+  template <typename T>
+  [[nodiscard]] T* Room(std::size_t size) {
+    auto& room = std::get<AlignedVector<T>>(room_);
+    if (room.size() < size) {
+      room.clear();
+      room.resize(size);
+    }
+    return room.data();
+  }
+
+ private:
+  SharedDistances* distances_;
+  std::tuple<AlignedVector<float>, AlignedVector<double>> room_;
+};
+
+/// A dual with the whole kernel matrix in memory, in T. It needs no active set and never evicts
+/// rows; the exact gradient is a sum of existing rows.
+template <typename T>
+class SmallProblem {
+ public:
+  /// Returns whether reading the matrix is faster than recomputing it, and it fits in `memory_mib`.
+  /// Shared distances count as a second matrix.
+  [[nodiscard]] static bool Fits(const core::Matrix& samples, const OneClassSvmOptions& options,
+                                 const Scratch& scratch);
+
+  /// All arguments must outlive the problem, and no other problem may use `scratch` meanwhile.
+  SmallProblem(const core::Matrix& samples, const Extent& extent, const OneClassSvmOptions& options,
+               Scratch& scratch, FitSummary& summary);
+
+  /// Solves from a feasible `start`; empty: from a start that needs few steps. Writes reason,
+  /// iterations, gap and objective to the summary.
+  void Run(std::span<const double> start);
+
+  [[nodiscard]] std::span<const double> alpha() const { return alpha_; }
+  [[nodiscard]] std::span<const double> gradient() const {
+    return {gradient_.data(), alpha_.size()};
+  }
+  [[nodiscard]] std::int64_t evaluations() const { return evaluations_; }
+  [[nodiscard]] std::span<const double> center() const {
+    return distances_ != nullptr ? distances_->center() : std::span<const double>(terms_->center);
+  }
+
+ private:
+  const T* Row(std::size_t i);
+  void UpdateGradient();
+  [[nodiscard]] bool FewNeighbors() const;
+  void StartEqual();
+  void StartAtBound();
+  void ChooseStart();
+
+  const OneClassSvmOptions& options_;
+  FitSummary& summary_;
+  Distances<T>* distances_;
+  std::optional<GaussianTerms<T>> terms_;  // without distances
+  SmoFunctions<T> smo_;
+  std::size_t row_size_;
+  T* rows_;
+  std::vector<const T*> known_;
+  std::vector<unsigned char> used_;
+  std::vector<T> point_;
+  std::vector<double> alpha_;
+  AlignedVector<double> gradient_;
+  std::int64_t evaluations_ = 0;
+};
+
+}  // namespace dfr::kernel::internal

@@ -1,0 +1,182 @@
+#include "smo/weighted_dual.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <numeric>
+#include <span>
+#include <vector>
+
+#include "gaussian/gaussian_sum.h"
+
+namespace dfr::kernel::internal {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+class WeightedSolver {
+ public:
+  WeightedSolver(const core::Matrix& samples, const OneClassSvmOptions& options,
+                 FitSummary& summary)
+      : options_(options),
+        summary_(summary),
+        terms_(samples, {}, options.gamma),
+        point_(terms_.dim),
+        row_i_(terms_.row_size()),
+        row_j_(terms_.row_size()),
+        alpha_(terms_.count, 0.0),
+        gradient_(terms_.count, 0.0) {
+    double rest = options.nu * std::accumulate(options.weights.begin(), options.weights.end(), 0.0);
+    for (std::size_t i = 0; i < alpha_.size() && rest > 0.0; ++i) {
+      alpha_[i] = std::min(options.weights[i], rest);
+      rest -= alpha_[i];
+    }
+  }
+
+  void Run() {
+    using Reason = FitSummary::Reason;
+    const std::int64_t most =
+        options_.max_iterations > 0
+            ? options_.max_iterations
+            : std::max<std::int64_t>(10'000'000, 100 * static_cast<std::int64_t>(alpha_.size()));
+    // Each step adds rounding errors to the gradient. If a recomputed gradient does not confirm the
+    // end, the next round starts from it.
+    constexpr int kRounds = 3;
+    for (int round = 0; round < kRounds; ++round) {
+      ComputeGradient();
+      bool moves = true;
+      while (true) {
+        const Extremes extremes = Scan();
+        summary_.kkt_gap = extremes.gap();
+        if (summary_.kkt_gap < options_.tolerance || !moves) break;
+        if (summary_.iterations >= most) return Finish(Reason::kMaxIterations);
+        if ((summary_.iterations & 0xff) == 0 && !Continue()) return Finish(Reason::kInterrupted);
+        ++summary_.iterations;
+        moves = Step(extremes.smallest_at);
+      }
+    }
+    ComputeGradient();
+    summary_.kkt_gap = Scan().gap();
+    Finish(summary_.kkt_gap < options_.tolerance ? Reason::kConverged : Reason::kStalled);
+  }
+
+  [[nodiscard]] const std::vector<double>& alpha() const { return alpha_; }
+
+  // Mean of G over free samples; if there are none, the middle of the interval that the KKT
+  // conditions allow.
+  [[nodiscard]] double Rho() const {
+    double sum = 0.0;
+    std::size_t free = 0;
+    for (std::size_t i = 0; i < alpha_.size(); ++i) {
+      if (alpha_[i] > 0.0 && alpha_[i] < options_.weights[i]) {
+        sum += gradient_[i];
+        ++free;
+      }
+    }
+    if (free > 0) return sum / static_cast<double>(free);
+    const Extremes extremes = Scan();
+    return std::isinf(extremes.smallest) ? extremes.largest
+                                         : 0.5 * (extremes.largest + extremes.smallest);
+  }
+
+ private:
+  // Largest G over alpha > 0 and smallest G over alpha < w.
+  struct Extremes {
+    double largest = -kInfinity;
+    double smallest = kInfinity;
+    std::size_t smallest_at = 0;
+    [[nodiscard]] double gap() const {
+      return std::isinf(smallest) ? 0.0 : std::max(0.0, largest - smallest);
+    }
+  };
+
+  [[nodiscard]] Extremes Scan() const {
+    Extremes extremes;
+    for (std::size_t i = 0; i < alpha_.size(); ++i) {
+      if (alpha_[i] > 0.0) extremes.largest = std::max(extremes.largest, gradient_[i]);
+      if (alpha_[i] < options_.weights[i] && gradient_[i] < extremes.smallest) {
+        extremes.smallest = gradient_[i];
+        extremes.smallest_at = i;
+      }
+    }
+    return extremes;
+  }
+
+  void ComputeRow(std::size_t i, AlignedVector<double>& row) {
+    terms_.Point(i, point_.data());
+    GaussianRow(terms_, point_.data(), row.data());
+    summary_.kernel_evaluations += static_cast<std::int64_t>(terms_.count);
+  }
+
+  void ComputeGradient() {
+    std::fill(gradient_.begin(), gradient_.end(), 0.0);
+    for (std::size_t i = 0; i < alpha_.size(); ++i) {
+      if (alpha_[i] == 0.0) continue;
+      ComputeRow(i, row_i_);
+      for (std::size_t k = 0; k < alpha_.size(); ++k) gradient_[k] += alpha_[i] * row_i_[k];
+    }
+  }
+
+  // Moves alpha to sample i from the sample that gains most. Returns false if rounding allows no
+  // step.
+  bool Step(std::size_t i) {
+    ComputeRow(i, row_i_);
+    // Curvature between equal points: the step then ends at a bound.
+    constexpr double kLeastCurvature = 1e-12;
+    std::size_t j = alpha_.size();
+    double best = 0.0;
+    for (std::size_t k = 0; k < alpha_.size(); ++k) {
+      const double slope = gradient_[k] - gradient_[i];
+      if (alpha_[k] <= 0.0 || slope <= 0.0) continue;
+      const double gain = slope * slope / std::max(2.0 - 2.0 * row_i_[k], kLeastCurvature);
+      if (gain > best) {
+        best = gain;
+        j = k;
+      }
+    }
+    if (j == alpha_.size()) return false;
+    ComputeRow(j, row_j_);
+    const double curvature = std::max(2.0 - 2.0 * row_i_[j], kLeastCurvature);
+    const double wanted = (gradient_[j] - gradient_[i]) / curvature;
+    const double room = options_.weights[i] - alpha_[i];
+    const double step = std::min({wanted, alpha_[j], room});
+    if (alpha_[i] + step == alpha_[i] && alpha_[j] - step == alpha_[j]) return false;
+    // Sets alpha exactly to the reached bound, without rounding.
+    alpha_[i] = step >= room ? options_.weights[i] : alpha_[i] + step;
+    alpha_[j] = step >= alpha_[j] ? 0.0 : alpha_[j] - step;
+    for (std::size_t k = 0; k < alpha_.size(); ++k) gradient_[k] += step * (row_i_[k] - row_j_[k]);
+    return true;
+  }
+
+  [[nodiscard]] bool Continue() const {
+    return !options_.progress ||
+           options_.progress({summary_.iterations, summary_.kkt_gap, options_.tolerance});
+  }
+
+  void Finish(FitSummary::Reason reason) {
+    summary_.reason = reason;
+    summary_.objective =
+        0.5 * std::inner_product(alpha_.begin(), alpha_.end(), gradient_.begin(), 0.0);
+  }
+
+  const OneClassSvmOptions& options_;
+  FitSummary& summary_;
+  GaussianTerms<double> terms_;
+  std::vector<double> point_;
+  AlignedVector<double> row_i_;
+  AlignedVector<double> row_j_;
+  std::vector<double> alpha_;
+  std::vector<double> gradient_;
+};
+
+}  // namespace
+
+DualSolution SolveWeightedDual(const core::Matrix& samples, const OneClassSvmOptions& options,
+                               FitSummary& summary) {
+  WeightedSolver solver(samples, options, summary);
+  solver.Run();
+  return {core::AsVector(solver.alpha()), solver.Rho(), {}};
+}
+
+}  // namespace dfr::kernel::internal

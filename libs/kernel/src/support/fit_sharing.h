@@ -1,0 +1,32 @@
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "dfr/core/matrix.h"
+#include "dfr/kernel/one_class_svm.h"
+#include "dfr/kernel/time_varying_support.h"
+#include "problems/small_problem.h"
+#include "support/states_at.h"
+
+namespace dfr::kernel::internal {
+
+/// Same as OneClassSvm::Fit(), with shared memory. Previous fits with `scratch` do not affect the
+/// bits of the result. Distances of the samples in `scratch` do.
+OneClassSvm FitSharing(const core::Matrix& samples, const OneClassSvmOptions& options,
+                       Scratch& scratch, FitSummary* summary);
+
+struct NuGamma {
+  double nu;
+  double gamma;
+};
+
+/// TimeVaryingSupport::Fit() for each pair of `grid`, which replaces the values in `options`. Small
+/// problems compute the distances between their samples once for the whole grid. If given,
+/// `summaries` receives one entry per estimate, pair by pair.
+std::vector<TimeVaryingSupport> FitGrid(std::span<const StatesView> demonstrations,
+                                        const TimeVaryingSupportOptions& options,
+                                        std::span<const NuGamma> grid,
+                                        std::vector<FitSummary>* summaries = nullptr);
+
+}  // namespace dfr::kernel::internal

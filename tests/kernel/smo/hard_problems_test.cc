@@ -1,0 +1,156 @@
+#include "tests/kernel/smo/hard_problems.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <stdexcept>
+
+#include "dfr/core/random.h"
+#include "dfr/kernel/one_class_svm.h"
+#include "tests/kernel/libsvm_peer.h"
+#include "tests/support/message_of.h"
+
+namespace dfr::kernel {
+namespace {
+
+using test::Kind;
+using test::KktGapOfSummary;
+using test::LibsvmPeer;
+using test::MedianSquaredDistance;
+using test::Samples;
+using testing::HasSubstr;
+
+class HardProblemsTest : public testing::TestWithParam<Kind> {};
+
+// The system tier has larger problems.
+TEST_P(HardProblemsTest, EveryFitConvergesWhateverItsSizeWidthAndNu) {
+  core::Random random(51);
+  for (const int m : {2, 7, 60, 200}) {
+    for (const int n : {1, 9, 256}) {
+      if (m * n <= 60 * 256) test::CheckFits(GetParam(), m, n, {1.0 / m, 0.05, 0.5, 1.0}, random);
+    }
+  }
+}
+
+TEST_P(HardProblemsTest, ObjectivesAreNoHigherThanThoseOfLibsvm) {
+  constexpr double kTolerance = 1e-3;
+  core::Random random(52);
+  for (const int m : {7, 60, 200}) {
+    for (const int n : {1, 9}) {
+      const core::Matrix samples = Samples(GetParam(), m, n, random);
+      const double unit = 1.0 / MedianSquaredDistance(samples);
+      for (const double width : {1e-3, 0.1, 1.0, 10.0, 1e3}) {
+        for (const double nu : {0.05, 0.5}) {
+          SCOPED_TRACE(testing::Message()
+                       << m << " x " << n << ", width " << width << ", nu " << nu);
+          const double gamma = width * unit;
+          const LibsvmPeer peer(samples, nu, gamma, kTolerance);
+          FitSummary summary;
+          (void)OneClassSvm::Fit(samples, {.nu = nu, .gamma = gamma, .tolerance = kTolerance},
+                                 &summary);
+          // Both are within tolerance * nu m of the minimum; LIBSVM's kernel is float.
+          EXPECT_LE(summary.objective, peer.Objective() * (1.0 + 1e-6) + kTolerance * nu * m);
+        }
+      }
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Kinds, HardProblemsTest,
+                         testing::Values(Kind::kNormal, Kind::kDuplicates, Kind::kClusters,
+                                         Kind::kTiny, Kind::kHuge));
+
+// One distant sample moves the mean, and therefore changes the rounding of all coordinates in
+// float.
+TEST(HardProblemsTest, OneOutlierChangesNothingForTheOthers) {
+  core::Random random(53);
+  for (const int m : {400, 2100}) {  // solved as a whole, and by an active set
+    const core::Matrix samples = Samples(Kind::kNormal, m, 3, random);
+    for (const double outlier : {1e6, 1e12, 1e100}) {
+      for (const double gamma : {0.3, 30.0}) {
+        SCOPED_TRACE(testing::Message() << m << ", " << outlier << ", gamma " << gamma);
+        core::Matrix spoilt = samples;
+        spoilt.row(m / 2).setConstant(outlier);
+        FitSummary summary;
+        const auto svm = OneClassSvm::Fit(spoilt, {.gamma = gamma, .tolerance = 1e-3}, &summary);
+        EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
+        EXPECT_LT(KktGapOfSummary(spoilt, summary, 0.05, gamma), 1e-3);
+        int outside = 0;
+        for (Eigen::Index i = 0; i < m; ++i) {
+          outside += svm.Decision(core::Row(spoilt, i)) < -2e-3 / svm.libsvm_scale() ? 1 : 0;
+        }
+        EXPECT_LE(outside, 0.05 * m);
+      }
+    }
+  }
+}
+
+// Neither mean nor median is near both clusters: float cannot distinguish samples within a cluster.
+TEST(HardProblemsTest, ClustersManyWidthsApartConverge) {
+  core::Random random(54);
+  for (const int m : {400, 2100}) {
+    for (const double apart : {1e4, 1e6, 1e8}) {
+      for (const double gamma : {0.3, 5.0}) {
+        SCOPED_TRACE(testing::Message() << m << ", apart " << apart << ", gamma " << gamma);
+        core::Matrix samples = Samples(Kind::kNormal, m, 3, random);
+        for (Eigen::Index i = 0; i < m; ++i) samples(i, 0) += apart * static_cast<double>(i % 5);
+        FitSummary summary;
+        (void)OneClassSvm::Fit(samples, {.gamma = gamma, .tolerance = 1e-3}, &summary);
+        EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged) << summary.kkt_gap;
+        EXPECT_LT(KktGapOfSummary(samples, summary, 0.05, gamma), 1e-3);
+      }
+    }
+  }
+}
+
+// A fit stopped at any time, even during a pass over all samples, is an estimate with a known
+// error. Takes about a second: only from 4000 samples on does a fit begin with a part of them.
+TEST(HardProblemsTest, AFitMayBeStoppedAnywhere) {
+  core::Random random(56);
+  const int m = 4100;
+  const core::Matrix samples = Samples(Kind::kNormal, m, 3, random);
+  for (const double gamma : {0.3, 100.0}) {  // with rows of all samples, and with sparse rows
+    int calls = 0;
+    const auto stopped_at = [&](int call) {
+      calls = 0;
+      FitSummary summary;
+      const auto svm =
+          OneClassSvm::Fit(samples,
+                           {.gamma = gamma,
+                            .tolerance = 1e-3,
+                            .progress = [&](const FitProgress&) { return ++calls != call; }},
+                           &summary);
+      EXPECT_TRUE(std::isfinite(svm.rho()));
+      EXPECT_NEAR(svm.alpha().sum(), 1.0, 1e-12);
+      return summary;
+    };
+    EXPECT_EQ(stopped_at(-1).reason, FitSummary::Reason::kConverged);
+    const int all = calls;
+    ASSERT_GE(all, 4);
+    for (const int call : {1, all / 2, all - 1}) {
+      SCOPED_TRACE(testing::Message() << "gamma " << gamma << ", call " << call << " of " << all);
+      const FitSummary summary = stopped_at(call);
+      EXPECT_EQ(calls, call) << "asked again after it was told to stop";
+      EXPECT_EQ(summary.reason, FitSummary::Reason::kInterrupted);
+      if (call == 1) {
+        EXPECT_TRUE(std::isinf(summary.kkt_gap)) << "stopped before G was known";
+      }
+      if (std::isinf(summary.kkt_gap)) continue;
+      EXPECT_NEAR(KktGapOfSummary(samples, summary, 0.05, gamma), summary.kkt_gap, 1e-4);
+    }
+  }
+}
+
+TEST(HardProblemsTest, SamplesWhoseSquaredDistancesOverflowAreNamed) {
+  core::Random random(55);
+  core::Matrix samples = Samples(Kind::kNormal, 400, 3, random);
+  samples(123, 2) = 1e200;
+  EXPECT_THAT(
+      dfr::test::MessageOf<std::invalid_argument>([&] { (void)OneClassSvm::Fit(samples, {}); }),
+      testing::AllOf(HasSubstr("sample 123, entry 2 is 1e+200"),
+                     HasSubstr("Leave the sample out")));
+}
+
+}  // namespace
+}  // namespace dfr::kernel

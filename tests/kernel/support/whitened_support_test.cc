@@ -1,0 +1,414 @@
+#include "dfr/kernel/whitened_support.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <numbers>
+#include <span>
+#include <stdexcept>
+#include <vector>
+
+#include "dfr/core/folds.h"
+#include "dfr/core/random.h"
+#include "tests/kernel/support/walks.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::kernel {
+namespace {
+
+// The walks spread out with time.
+std::vector<core::Matrix> Walks(int count) { return dfr::test::Walks(count, 1, 0.3); }
+
+TEST(WhitenedSupportTest, LogFormHasTheSignOfGAndGradientsAreDerivatives) {
+  const auto support = WhitenedSupport::Fit(Walks(60));
+  core::Random random(2);
+  std::vector<double> z(2), gradient(2), log_gradient(2), unused(2);
+  for (int i = 0; i < 300; ++i) {
+    const int t = static_cast<int>(random.Below(14));
+    for (double& entry : z) entry = random.Uniform(-2.0, 12.0);
+    const double g = support.Gradient(t, z, gradient);
+    const double l = support.LogDecision(t, z, log_gradient);
+    ASSERT_EQ(support.Decision(t, z), g);
+    ASSERT_EQ(support.LogDecision(t, z, {}), l);
+    if (std::abs(g) > 1e-12) {
+      ASSERT_EQ(g > 0.0, l > 0.0);
+    }
+    for (std::size_t k = 0; k < 2; ++k) {
+      constexpr double kStep = 1e-5;
+      std::vector<double> ahead = z, behind = z;
+      ahead[k] += kStep;
+      behind[k] -= kStep;
+      // Central differences: kStep^2 times third derivatives of order one, and rounding / kStep.
+      ASSERT_NEAR(gradient[k],
+                  (support.Decision(t, ahead) - support.Decision(t, behind)) / (2 * kStep), 1e-8);
+      ASSERT_NEAR(
+          log_gradient[k],
+          (support.LogDecision(t, ahead, {}) - support.LogDecision(t, behind, {})) / (2 * kStep),
+          1e-6 * (1.0 + std::abs(log_gradient[k])));
+    }
+  }
+}
+
+// l(z + d) >= l(z) + d . grad l(z) - c |d|^2, on which certificates are based; and L.
+TEST(WhitenedSupportTest, CurvatureAndLipschitzBoundsHold) {
+  const auto support = WhitenedSupport::Fit(Walks(60));
+  core::Random random(3);
+  std::vector<double> z(2), d(2), there(2), gradient(2);
+  for (int i = 0; i < 5000; ++i) {
+    const int t = static_cast<int>(random.Below(10));
+    double square = 0.0, along = 0.0;
+    for (double& entry : z) entry = random.Uniform(-2.0, 12.0);
+    const double l = support.LogDecision(t, z, gradient);
+    for (std::size_t k = 0; k < 2; ++k) {
+      d[k] = std::pow(10.0, random.Uniform(-3.0, 0.7)) * random.Normal();
+      there[k] = z[k] + d[k];
+      square += d[k] * d[k];
+      along += d[k] * gradient[k];
+    }
+    const double bound = l + along - support.curvature_bound(t) * square;
+    // Rounding is relative to the added terms.
+    ASSERT_GE(support.LogDecision(t, there, {}), bound - 1e-12 * (1.0 + std::abs(l) + square));
+    ASSERT_LE(std::abs(support.Decision(t, there) - support.Decision(t, z)),
+              support.lipschitz_bound(t) * std::sqrt(square) + 1e-14);
+  }
+}
+
+TEST(WhitenedSupportTest, PhaseWhiteningMakesTheMapsFollowTheSpread) {
+  const auto support = WhitenedSupport::Fit(Walks(60));
+  // The y spread grows along the walk, so its scale falls.
+  EXPECT_LT(support.map(8)(1, 1), 0.8 * support.map(1)(1, 1));
+  const auto plain = WhitenedSupport::Fit(Walks(60), {.phase_whitening = false});
+  EXPECT_TRUE(plain.map(4).isIdentity(0.0));
+  EXPECT_EQ(plain.curvature_bound(4), plain.estimate(4).gamma());
+}
+
+TEST(WhitenedSupportTest, GoalsStayInsideWhereEndedDemonstrationsCount) {
+  const auto walks = Walks(60);
+  Eigen::Index longest = 0;
+  for (const auto& walk : walks) longest = std::max(longest, walk.rows());
+  const auto held = WhitenedSupport::Fit(walks, {.least_share = 0.0});
+  EXPECT_EQ(held.num_steps(), longest);
+  const auto share = [&](const WhitenedSupport& support) {
+    int inside = 0;
+    for (const auto& walk : walks) {
+      const auto last = core::Row(walk, walk.rows() - 1);
+      inside += support.Decision(support.num_steps() - 1, last) >= 0.0 ? 1 : 0;
+    }
+    return inside;
+  };
+  EXPECT_GT(share(held),
+            share(WhitenedSupport::Fit(walks, {.hold_ended = false, .least_share = 0.0})));
+}
+
+// l of each state of each demonstration under a support of the others, the best of `window` time
+// steps to either side.
+std::vector<double> UnseenLevels(std::span<const core::Matrix> demonstrations,
+                                 const WhitenedSupportOptions& options, int folds = 5,
+                                 int window = 3) {
+  const auto order = core::DeterministicOrder(demonstrations);
+  const auto left_out = core::StratifiedFolds(demonstrations, folds);
+  std::vector<double> levels;
+  for (std::size_t fold = 0; fold < left_out.size(); ++fold) {
+    std::vector<core::Matrix> others;
+    for (const std::size_t d : core::Others(left_out, fold, order)) {
+      others.push_back(demonstrations[d]);
+    }
+    const auto support = WhitenedSupport::Fit(others, options);
+    for (const std::size_t d : left_out[fold]) {
+      const int last = support.num_steps() - 1;
+      for (int t = 0; t <= last && t < demonstrations[d].rows(); ++t) {
+        double best = -std::numeric_limits<double>::infinity();
+        for (int q = std::max(0, t - window); q <= std::min(last, t + window); ++q) {
+          best = std::max(best, support.LogDecision(q, core::Row(demonstrations[d], t), {}));
+        }
+        levels.push_back(best);
+      }
+    }
+  }
+  return levels;
+}
+
+// Unseen demonstrations are less deep inside than the fitted ones, and farther outside if fewer are
+// fitted.
+TEST(WhitenedSupportTest, UnseenDemonstrationsShowWhatFewDoNotCover) {
+  const auto low = [](std::vector<double> levels) {
+    const auto fifth = levels.begin() + static_cast<std::ptrdiff_t>(levels.size() / 5);
+    std::nth_element(levels.begin(), fifth, levels.end());
+    return *fifth;
+  };
+  const auto walks = Walks(60);
+  const std::span<const core::Matrix> some = std::span(walks).first(6);
+  const WhitenedSupportOptions tight{.svm = {.gamma = 3.0}};
+  const double of_many = low(UnseenLevels(walks, tight));
+  const double of_few = low(UnseenLevels(some, tight, 3));
+  EXPECT_LT(of_few, of_many - 0.2);
+  std::vector<double> seen;
+  const auto support = WhitenedSupport::Fit(some, tight);
+  for (const auto& walk : some) {
+    for (int t = 0; t < support.num_steps() && t < walk.rows(); ++t) {
+      seen.push_back(support.LogDecision(t, core::Row(walk, t), {}));
+    }
+  }
+  EXPECT_LT(of_few, low(seen) - 0.2);
+  // Every state with an estimate has a level: none is left out of all folds.
+  const auto levels = UnseenLevels(walks, {.least_share = 0.0}, 3, 0);
+  EXPECT_GE(levels.size(), 60u * 9u);
+  for (const double level : levels) EXPECT_TRUE(std::isfinite(level));
+}
+
+// In a long task with varying pace, demonstrations are far apart at a time step. A wider window
+// contains states of one demonstration where another one is.
+TEST(WhitenedSupportTest, LongDemonstrationsOfDifferingPaceAreCovered) {
+  core::Random random(6);
+  std::vector<core::Matrix> demonstrations;
+  for (int d = 0; d < 20; ++d) {
+    const int steps = 100 + static_cast<int>(random.Below(200));
+    const double aside = 0.05 * random.Normal();
+    core::Matrix states(steps + 1, 2);
+    for (int t = 0; t <= steps; ++t) {
+      const double share = static_cast<double>(t) / steps;
+      states.row(t) << share, aside + 0.3 * std::sin(6.0 * share);
+    }
+    demonstrations.push_back(states);
+  }
+  const auto inside = [&](double share) {
+    const auto levels = UnseenLevels(demonstrations, {.window_share = share});
+    return static_cast<double>(
+               std::count_if(levels.begin(), levels.end(), [](double l) { return l >= 0.0; })) /
+           static_cast<double>(levels.size());
+  };
+  EXPECT_LT(1.0 - inside(0.05), 0.6 * (1.0 - inside(0.0)));
+  EXPECT_EQ(inside(0.002), inside(0.0)) << "below the window";
+}
+
+// Returns demonstrations with these numbers of states of one entry.
+std::vector<core::Matrix> OfLengths(const std::vector<int>& lengths) {
+  core::Random random(5);
+  std::vector<core::Matrix> demonstrations;
+  for (const int length : lengths) {
+    core::Matrix states(length, 1);
+    for (double& entry : states.reshaped()) entry = random.Normal();
+    demonstrations.push_back(states);
+  }
+  return demonstrations;
+}
+
+TEST(WhitenedSupportTest, LastsAsLongAsTheWantedShareOfDemonstrations) {
+  const auto steps = [](double share) {
+    return WhitenedSupport::Fit(OfLengths({5, 11, 7, 9}), {.least_share = share}).num_steps();
+  };
+  EXPECT_EQ(steps(0.0), 9) << "two of them at least";
+  EXPECT_EQ(steps(0.5), 9);
+  EXPECT_EQ(steps(0.51), 7);
+  EXPECT_EQ(steps(0.75), 7);
+  EXPECT_EQ(steps(1.0), 5);
+}
+
+TEST(WhitenedSupportTest, AnEstimateIsFittedToTheStatesOfItsWindow) {
+  // LIBSVM's scale is nu times the number of samples.
+  const auto states = [](const std::vector<int>& lengths, int t, WhitenedSupportOptions options) {
+    options.svm.nu = 0.5;
+    const auto support = WhitenedSupport::Fit(OfLengths(lengths), options);
+    return std::lround(support.estimate(t).libsvm_scale() / 0.5);
+  };
+  const std::vector<int> same = {10, 10, 10, 10};
+  EXPECT_EQ(states(same, 0, {}), 4 * 3);
+  EXPECT_EQ(states(same, 1, {}), 4 * 4);
+  EXPECT_EQ(states(same, 5, {}), 4 * 5);
+  EXPECT_EQ(states(same, 9, {}), 4 * 3);
+  EXPECT_EQ(states(same, 5, {.window = 0}), 4);
+  // Every second time step: 1, 3, 5, 7, 9 around 5; 0, 2, 4, 6 around 2.
+  EXPECT_EQ(states(same, 5, {.window_share = 0.4}), 4 * 5);
+  EXPECT_EQ(states(same, 2, {.window_share = 0.4}), 4 * 4);
+  // The window of 9 begins at 7. It contains one of 8 states, and of 7 states the last one, once.
+  EXPECT_EQ(states({10, 10, 10, 8}, 9, {}), 3 * 3 + 1);
+  EXPECT_EQ(states({10, 10, 10, 7}, 9, {}), 3 * 3 + 1);
+  EXPECT_EQ(states({10, 10, 10, 8}, 9, {.hold_ended = false}), 3 * 3 + 1);
+  EXPECT_EQ(states({10, 10, 10, 7}, 9, {.hold_ended = false}), 3 * 3);
+}
+
+TEST(WhitenedSupportTest, TheStrideOfAWindowFollowsItsShare) {
+  EXPECT_EQ(WhitenedSupportOptions().Stride(30), 1);
+  EXPECT_EQ((WhitenedSupportOptions{.window = 2, .window_share = 0.04}.Stride(99)), 1);
+  EXPECT_EQ((WhitenedSupportOptions{.window = 2, .window_share = 0.04}.Stride(100)), 2);
+  EXPECT_EQ((WhitenedSupportOptions{.window = 0, .window_share = 0.1}.Stride(100)), 10);
+  EXPECT_EQ((WhitenedSupportOptions{.window = 2, .window_share = 0.0}.Stride(10000)), 1);
+}
+
+// Returns demonstrations along x that pass an obstacle on either side, or all stay at y = 0. Every
+// fifth one stands still for `pause` time steps.
+std::vector<core::Matrix> Passing(double aside, int pause) {
+  core::Random random(4);
+  std::vector<core::Matrix> demonstrations;
+  for (int d = 0; d < 40; ++d) {
+    core::Matrix states(21, 2);
+    for (int t = 0; t <= 20; ++t) {
+      const double share = (d % 5 == 0 ? std::max(0, t - pause) : t) / 20.0;
+      const double bend = aside * std::sin(std::numbers::pi * share);
+      states.row(t) << 20.0 * share + 0.1 * random.Normal(),
+          (d % 2 == 0 ? bend : -bend) + 0.2 * random.Normal();
+    }
+    demonstrations.push_back(states);
+  }
+  return demonstrations;
+}
+
+TEST(WhitenedSupportTest, TheRoomBetweenTwoWaysIsSeen) {
+  const auto ways = Passing(3.0, 0);
+  const ModeSeparationTest tight = TestModeSeparation(WhitenedSupport::Fit(ways), ways);
+  EXPECT_EQ(tight.steps, 21);
+  // The ways meet at the ends. At nine time steps they are more than five apart.
+  EXPECT_GE(tight.points, 9);
+  EXPECT_LE(tight.points, 15);
+  EXPECT_EQ(tight.inside, 0);
+  const auto wide = WhitenedSupport::Fit(ways, {.svm = {.nu = 0.05, .gamma = 0.002}});
+  const ModeSeparationTest loose = TestModeSeparation(wide, ways);
+  EXPECT_EQ(loose.inside, loose.points) << "one cloud for both ways";
+}
+
+// One time step, whose support is a ball of radius .83 about `center`. Later states, if any, belong
+// to the same demonstrations and have no separate estimate.
+ModeSeparationTest Gaps(const std::vector<double>& states, double center, double later = -100.0) {
+  std::vector<core::Matrix> demonstrations;
+  for (const double state : states) {
+    core::Matrix rows(2, 1);
+    rows << state, later;
+    demonstrations.push_back(rows);
+  }
+  const WhitenedSupport support(
+      {{core::Matrix::Identity(1, 1), OneClassSvm::FromParts(core::Matrix::Constant(1, 1, center),
+                                                             Eigen::VectorXd::Ones(1), 1.0, 0.5)}});
+  return TestModeSeparation(support, demonstrations);
+}
+
+TEST(WhitenedSupportTest, AGapIsTheMiddleBetweenClustersOfThreeThatAreFourApart) {
+  // 5.1 is in the middle of the gap.
+  const std::vector<double> apart = {0.0, 0.1, 0.2, 10.0, 10.1, 10.2};
+  EXPECT_EQ(Gaps(apart, 5.1).steps, 1);
+  EXPECT_EQ(Gaps(apart, 5.1).points, 1);
+  EXPECT_EQ(Gaps(apart, 5.1).inside, 1);
+  EXPECT_EQ(Gaps(apart, 5.9).inside, 1);
+  EXPECT_EQ(Gaps(apart, 6.0).inside, 0);
+  EXPECT_EQ(Gaps(apart, 0.1).inside, 0);
+  EXPECT_EQ(Gaps({0.0, 0.1, 0.2, 4.1, 4.2, 4.3}, 0.0).points, 0) << "3.9 apart";
+  EXPECT_EQ(Gaps({0.0, 0.1, 0.2, 4.3, 4.4, 4.5}, 0.0).points, 1) << "4.1 apart";
+  EXPECT_EQ(Gaps({0.0, 0.1, 0.2, 0.3, 10.0, 10.1}, 0.0).points, 0) << "two are no cluster";
+  // A demonstration passes later, within 2.45 (a quarter of the gap) of the middle.
+  EXPECT_EQ(Gaps(apart, 0.0, 5.1 + 2.4).points, 0);
+  EXPECT_EQ(Gaps(apart, 0.0, 5.1 + 2.5).points, 1);
+  // A tenth of 40 is four.
+  std::vector<double> many;
+  many.reserve(40);
+  for (int i = 0; i < 37; ++i) many.push_back(0.1 * i);
+  for (int i = 0; i < 3; ++i) many.push_back(20.0 + 0.1 * i);
+  EXPECT_EQ(Gaps(many, 0.0).points, 0);
+  many[0] = 20.3;
+  EXPECT_EQ(Gaps(many, 0.0).points, 1);
+}
+
+TEST(WhitenedSupportTest, DifferingPacesAreNotTakenForWays) {
+  for (const int pause : {0, 6}) {
+    const auto way = Passing(0.0, pause);
+    EXPECT_LE(TestModeSeparation(WhitenedSupport::Fit(way), way).points, 2) << pause;
+  }
+  EXPECT_THROW((void)TestModeSeparation(WhitenedSupport::Fit(Passing(0.0, 0)),
+                                        std::vector<core::Matrix>{core::Matrix::Zero(3, 3)}),
+               std::invalid_argument);
+}
+
+// Returns positions in a ring of radii 1 and 2, at three time steps.
+std::vector<core::Matrix> Rings(int count) {
+  core::Random random(3);
+  std::vector<core::Matrix> rings;
+  while (std::ssize(rings) < count) {
+    const double x = random.Uniform(-2.0, 2.0);
+    const double y = random.Uniform(-2.0, 2.0);
+    const double radius = std::hypot(x, y);
+    if (radius < 1.0 || radius > 2.0) continue;
+    core::Matrix states(3, 2);
+    for (int t = 0; t < 3; ++t) states.row(t) << x, y;
+    rings.push_back(states);
+  }
+  return rings;
+}
+
+TEST(WhitenedSupportTest, TheRatioOfVolumesIsThatOfAreas) {
+  const std::vector<core::Matrix> rings = Rings(80);
+  const auto fit = [&](double gamma) {
+    return WhitenedSupport::Fit(rings, {.svm = {.gamma = gamma}, .phase_whitening = false});
+  };
+  const auto area = [&](const WhitenedSupport& support, double level) {
+    int inside = 0;
+    for (int i = 0; i < 200 * 200; ++i) {
+      const std::vector<double> z = {0.05 * (i % 200 - 100), 0.05 * (i / 200 - 100)};  // NOLINT
+      inside += support.LogDecision(1, z, {}) >= level ? 1 : 0;
+    }
+    return inside;
+  };
+  const WhitenedSupport wide = fit(1.0);
+  const WhitenedSupport narrow = fit(4.0);
+  for (const double level : {0.0, -0.3}) {
+    const double expected = std::log(static_cast<double>(area(narrow, level)) / area(wide, level));
+    EXPECT_LT(expected, -0.1);
+    EXPECT_NEAR(LogVolumeRatio(wide, level, narrow, level, rings), expected, 0.1) << level;
+  }
+  EXPECT_EQ(LogVolumeRatio(wide, 0.0, wide, 0.0, rings), 0.0);
+  EXPECT_EQ(LogVolumeRatio(wide, 0.0, narrow, 0.0, std::span(rings).first(4)), 0.0);
+}
+
+TEST(WhitenedSupportTest, ACoarseSupportHasEveryFewthEstimate) {
+  const std::vector<core::Matrix> walks = Walks(20);
+  const auto fine = WhitenedSupport::Fit(walks);
+  const auto coarse = WhitenedSupport::Fit(walks, {.every = 4});
+  ASSERT_EQ(coarse.num_steps(), (fine.num_steps() + 3) / 4);
+  for (int t = 0; t < coarse.num_steps(); ++t) {
+    const std::vector<double> z = {4.0 * t, 0.2};
+    EXPECT_EQ(coarse.LogDecision(t, z, {}), fine.LogDecision(4 * t, z, {}));
+  }
+  EXPECT_THROW(WhitenedSupport::Fit(walks, {.every = 0}), std::invalid_argument);
+}
+
+TEST(WhitenedSupportTest, BrokenSensorsReadAsOutsideAndNothingAllocates) {
+  const auto support = WhitenedSupport::Fit(Walks(30));
+  std::vector<double> gradient(2);
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  const std::vector<double> broken = {0.0, std::nan("")};
+  EXPECT_EQ(support.Decision(1, broken), -kInfinity);
+  EXPECT_EQ(support.LogDecision(1, broken, gradient), -kInfinity);
+  EXPECT_EQ(gradient, std::vector<double>(2, 0.0));
+  EXPECT_EQ(support.LogDecision(1, std::vector{1.0}, {}), -kInfinity);
+  EXPECT_EQ(support.Decision(1, std::vector{1.0}), -kInfinity);
+  const std::vector<double> z = {1.0, 0.0};
+  std::vector<double> wide(3, 7.0);
+  EXPECT_EQ(support.Gradient(1, z, wide), -kInfinity);
+  EXPECT_EQ(wide, std::vector<double>(3, 0.0));
+  wide.assign(3, 7.0);
+  EXPECT_EQ(support.LogDecision(1, z, wide), -kInfinity);
+  EXPECT_EQ(wide, std::vector<double>(3, 0.0));
+  EXPECT_EQ(support.Gradient(1, std::vector<double>(3), wide), -kInfinity);
+  const dfr::test::NoAlloc guard;
+  (void)support.Decision(1, z);
+  (void)support.Gradient(1, z, gradient);
+  (void)support.LogDecision(1, z, gradient);
+}
+
+TEST(WhitenedSupportTest, Errors) {
+  const auto walks = Walks(5);
+  EXPECT_THROW(WhitenedSupport::Fit(std::vector{walks[0]}), std::invalid_argument);
+  EXPECT_THROW(WhitenedSupport::Fit(walks, {.window = -1}), std::invalid_argument);
+  EXPECT_THROW(WhitenedSupport::Fit(walks, {.phase_ridge = 0.0}), std::invalid_argument);
+  EXPECT_THROW(WhitenedSupport::Fit(walks, {.least_share = 1.5}), std::invalid_argument);
+  EXPECT_THROW(WhitenedSupport::Fit(walks, {.least_share = -0.1}), std::invalid_argument);
+  EXPECT_THROW(WhitenedSupport::Fit(walks, {.window_share = -0.1}), std::invalid_argument);
+  EXPECT_THROW(WhitenedSupport::Fit(walks, {.window_share = 1.1}), std::invalid_argument);
+  EXPECT_NO_THROW(WhitenedSupport::Fit(walks, {.window_share = 1.0}));
+  auto broken = walks;
+  broken[2](1, 1) = std::nan("");
+  EXPECT_THROW(WhitenedSupport::Fit(broken), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace dfr::kernel
