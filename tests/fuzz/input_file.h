@@ -36,7 +36,7 @@ inline std::string_view AsText(const std::uint8_t* data, std::size_t size) {
 }
 
 /// An archive of this kind and version around arbitrary values, with a valid checksum: the reader
-/// gets past it (see libs/core/src/archive.cc).
+/// gets past it (see libs/core/src/files/archive.cc).
 inline std::string Archive(std::string_view kind, std::int64_t version, std::string_view values) {
   const auto number = [](auto value) {
     return std::string(reinterpret_cast<const char*>(&value), sizeof value);
