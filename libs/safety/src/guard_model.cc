@@ -7,7 +7,6 @@
 #include <stdexcept>
 #include <utility>
 
-#include "choose_features.h"
 #include "dfr/control/certified/certifier.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/absolute_actions.h"
@@ -17,9 +16,10 @@
 #include "dfr/kernel/model_selection.h"
 #include "dfr/safety/constants.h"
 #include "dfr/safety/guard_advice.h"
-#include "fit_task.h"
-#include "left_out.h"
-#include "sensor_groups.h"
+#include "fit/choose_features.h"
+#include "fit/fit_task.h"
+#include "fit/left_out.h"
+#include "fit/sensor_groups.h"
 
 namespace dfr::safety {
 namespace {

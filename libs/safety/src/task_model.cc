@@ -7,7 +7,7 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/kernel/one_class_svm.h"
-#include "fit_task.h"
+#include "fit/fit_task.h"
 
 namespace dfr::safety {
 namespace {

@@ -2,7 +2,7 @@
 
 #include "dfr/control/guided/task_view.h"
 #include "dfr/control/response/local_fit.h"
-#include "fit_task.h"
+#include "fit/fit_task.h"
 
 namespace dfr::safety::internal {
 

@@ -6,7 +6,6 @@
 #include <cstdint>
 #include <filesystem>
 #include <limits>
-#include <memory>
 #include <string>
 #include <vector>
 
@@ -18,78 +17,22 @@
 #include "dfr/safety/onnx_export.h"
 #include "tests/safety/corridor.h"
 #include "tests/safety/corridor_guard.h"
+#include "tests/safety/pictures/picture_corridor.h"
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::safety {
 namespace {
 
+using test::kPixel;
+using test::kPixels;
+using test::kWidth;
+using test::PictureDemonstrations;
+using test::PictureLayout;
+using test::PictureModel;
+using test::PointsModel;
+using test::StateAt;
 using testing::HasSubstr;
-
-// The corridor seen by a camera: a blob at the tip in 12 x 8 grey pixels, x in [-.2, 2.2] and y in
-// [-.6, .6]. The light varies by 20 %.
-constexpr int kWidth = 12;
-constexpr int kHeight = 8;
-constexpr int kPixels = kWidth * kHeight;
-constexpr double kPixel = 0.2;
-
-std::vector<double> Seen(double x, double y, core::Random& random) {
-  std::vector<double> picture;
-  const double light = random.Uniform(0.8, 1.2);
-  for (int row = 0; row < kHeight; ++row) {
-    for (int column = 0; column < kWidth; ++column) {
-      const double dx = kPixel * column - 0.1 - x;
-      const double dy = kPixel * (row - 3.5) - y;
-      const double value = 40.0 + 150.0 * std::exp(-(dx * dx + dy * dy) / (2.0 * 0.25 * 0.25));
-      picture.push_back(std::clamp(std::round(light * value + 2.0 * random.Normal()), 0.0, 255.0));
-    }
-  }
-  return picture;
-}
-
-core::StateLayout PictureLayout() {
-  core::StateLayout layout;
-  layout.Add("camera", core::PictureShape{kHeight, kWidth, 1});
-  layout.Add("clock", 1);
-  return layout;
-}
-
-std::vector<core::Trajectory> PictureDemonstrations(std::uint64_t seed, int count) {
-  core::Random random(seed);
-  std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(seed, count);
-  for (core::Trajectory& d : demonstrations) {
-    core::Matrix seen(d.states.rows(), kPixels + 1);
-    for (Eigen::Index t = 0; t < seen.rows(); ++t) {
-      const std::vector<double> picture = Seen(d.states(t, 1), d.states(t, 2), random);
-      seen.row(t) << core::AsVector(picture).transpose(), d.states(t, 0);
-    }
-    d.states = seen;
-  }
-  return demonstrations;
-}
-
-// Returns the model of a fit with default options.
-std::shared_ptr<const GuardModel> FittedModel() {
-  static const std::shared_ptr<const GuardModel> kModel =
-      GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 40), {.features = "pca:camera"});
-  return kModel;
-}
-
-// Returns the model with a correcting strategy.
-std::shared_ptr<const GuardModel> PictureModel() {
-  static const std::shared_ptr<const GuardModel> kModel = [] {
-    GuardSettings settings = FittedModel()->settings();
-    settings.strategy = Strategy::kGuard;
-    return FittedModel()->With(settings);
-  }();
-  return kModel;
-}
-
-std::vector<double> StateAt(double x, double y, core::Random& random) {
-  std::vector<double> state = Seen(x, y, random);
-  state.push_back(0.0);
-  return state;
-}
 
 TEST(ReducedGuardTest, KeepsADriftingPolicyInsideByPicturesAlone) {
   Guard guard(PictureModel());
@@ -183,12 +126,6 @@ TEST(ReducedGuardTest, APictureThatIsNoneHaltsWithItsReason) {
   EXPECT_EQ(why(state), "halted: the picture 'camera' is black");
   state.pop_back();
   EXPECT_EQ(why(state), "halted: state has 96 entries, 97 needed");
-}
-
-std::shared_ptr<const GuardModel> PointsModel() {
-  static const std::shared_ptr<const GuardModel> kModel =
-      GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 40), {.features = "points:camera"});
-  return kModel;
 }
 
 // A bright patch of 3 x 2 pixels in a corner that the tip never visits.
@@ -350,111 +287,6 @@ TEST(ReducedGuardTest, PixelsThatPutAStateOutsideAreThoseOfTheTip) {
     if (std::abs(kPixel * (i % kWidth) - 0.1 - 1.0) < 0.55) near += std::abs(attribution(0, i));
   }
   EXPECT_GT(near, 0.7 * all);
-}
-
-TEST(ReducedGuardTest, OnlyWatchesWhereItWouldCorrectTheDemonstrator) {
-  EXPECT_GT(FittedModel()->summary().ends_outside, 0.12);
-  EXPECT_EQ(FittedModel()->settings().strategy, Strategy::kMonitor);
-  EXPECT_THAT(Warnings(*FittedModel()),
-              testing::Contains(HasSubstr("strategy monitor, not guard")));
-  GuardOptions options{.features = "pca:camera"};
-  options.accept_any = true;
-  const auto any = GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 12), options);
-  EXPECT_EQ(any->settings().strategy, Strategy::kGuard);
-  EXPECT_THAT(Warnings(*any), testing::Contains(HasSubstr("can make a good policy fail")));
-  // Keeps a strategy without corrections: a monitor would be less cautious.
-  const auto stops =
-      GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 24),
-                      {.features = "pca:camera", .strategy = Strategy::kEarlyStopping});
-  EXPECT_EQ(stops->settings().strategy, Strategy::kEarlyStopping);
-}
-
-TEST(ReducedGuardTest, OnlyWatchesWhereNothingExplainsTheActions) {
-  const auto model = GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 12),
-                                     {.features = "pca:camera:2:light=none"});
-  EXPECT_LE(model->summary().ends_outside, 0.12);
-  EXPECT_LT(model->summary().explained, 0.1);
-  EXPECT_EQ(model->settings().strategy, Strategy::kMonitor);
-}
-
-// Actions are along and across the corridor. Pictures show little of the action across, whose mean
-// is zero.
-TEST(ReducedGuardTest, OnlyWatchesWhereASteadySpeedHidesThatTheRestIsAGuess) {
-  core::Random random(8);
-  std::vector<core::Trajectory> demonstrations = PictureDemonstrations(1, 40);
-  for (core::Trajectory& d : demonstrations) {
-    double x = 0.05 * random.Normal();
-    double y = 0.05 * random.Normal();
-    for (Eigen::Index t = 0; t < d.states.rows(); ++t) {
-      d.states.row(t).head(kPixels) =
-          Eigen::Map<const Eigen::RowVectorXd>(Seen(x, y, random).data(), kPixels);
-      if (t == d.controls.rows()) break;
-      const double dy =
-          0.05 * std::cos(0.5 * static_cast<double>(t)) - 0.3 * y + 0.05 * random.Normal();
-      const double dx = test::kSpeed * random.Uniform(0.8, 1.2);
-      d.controls.row(t) << dx, dy;
-      x += dx;
-      y += dy;
-    }
-  }
-  const auto model =
-      GuardModel::Fit(PictureLayout(), demonstrations, {.features = "points:camera"});
-  EXPECT_LE(model->summary().ends_outside, 0.12);
-  EXPECT_LT(model->summary().action_error, 0.5);
-  EXPECT_GT(model->summary().entry_error, 0.6);
-  EXPECT_EQ(model->settings().strategy, Strategy::kMonitor);
-  EXPECT_THAT(Warnings(*model), testing::Contains(HasSubstr("at least 40 % allow corrections")));
-}
-
-TEST(ReducedGuardTest, PointsAreFeaturesOfAGuard) {
-  const auto model = PointsModel();
-  // The demonstrator's noise is not a function of the pictures.
-  EXPECT_LT(model->summary().explained, 0.8);
-  EXPECT_LE(model->summary().ends_outside, 0.12);
-  EXPECT_EQ(model->settings().strategy, Strategy::kGuard);
-  EXPECT_THAT(Warnings(*model), testing::Contains(HasSubstr("save few failures below 80 %")));
-  EXPECT_LE(model->task_layout().state_dim(), 8);
-  EXPECT_GE(model->summary().acceptance, 0.85);
-  core::Random random(6);
-  const std::vector<double> outside = StateAt(1.0, 0.45, random);
-  core::Matrix states(1, kPixels + 1);
-  states.row(0) = core::AsVector(outside).transpose();
-  const double l = model->Levels(states)[0];
-  ASSERT_LT(l, -0.5);
-  EXPECT_NEAR(Attribution(*model, states).sum(), -l, 1e-6 * -l);
-  Guard guard(model);
-  std::vector<double> action = test::Action(0.1, 0.0);
-  const std::vector<double> inside = StateAt(0.0, 0.0, random);
-  const test::NoAlloc no_alloc;
-  guard.Reset(1);
-  static_cast<void>(guard.Filter(0, inside, action, action));
-}
-
-TEST(ReducedGuardTest, RefusesPicturesThatDoNotShowTheTask) {
-  std::vector<core::Trajectory> demonstrations = PictureDemonstrations(2, 12);
-  core::Random random(8);
-  for (core::Trajectory& d : demonstrations) {
-    for (double& value : d.states.reshaped()) value = std::floor(random.Uniform(0.0, 255.0));
-    for (double& value : d.controls.reshaped()) value = random.Normal();
-  }
-  const std::string message = test::MessageOf([&] {
-    static_cast<void>(GuardModel::Fit(PictureLayout(), demonstrations, {.features = "pca:camera"}));
-  });
-  EXPECT_THAT(message, HasSubstr("pca:camera"));
-  EXPECT_THAT(message, HasSubstr("do not explain the actions"));
-}
-
-TEST(ReducedGuardTest, RefusesWhatWouldHoldUpTheDemonstrator) {
-  // Two components contain almost nothing of two positions, and much of the light.
-  const auto fit = [](bool accept_any) {
-    return GuardModel::Fit(PictureLayout(), PictureDemonstrations(3, 12),
-                           {.features = "pca:camera:40:light=none", .accept_any = accept_any});
-  };
-  const std::string message = test::MessageOf([&] { static_cast<void>(fit(false)); });
-  EXPECT_THAT(message, HasSubstr("would change"));
-  EXPECT_THAT(message, HasSubstr("Record more demonstrations"));
-  EXPECT_THAT(message, HasSubstr("light=standard"));
-  EXPECT_NE(fit(true), nullptr);
 }
 
 TEST(ReducedGuardTest, HasNoOnnxFile) {

@@ -1,4 +1,4 @@
-#include "choose_features.h"
+#include "fit/choose_features.h"
 
 #include <algorithm>
 #include <cmath>

@@ -8,7 +8,7 @@
 #include "dfr/core/rotations.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/safety/action_space.h"
-#include "fit_task.h"
+#include "fit/fit_task.h"
 
 namespace dfr::safety::internal {
 

@@ -1,4 +1,4 @@
-#include "left_out.h"
+#include "fit/left_out.h"
 
 #include <algorithm>
 #include <memory>

@@ -1,4 +1,4 @@
-#include "fit_task.h"
+#include "fit/fit_task.h"
 
 #include <algorithm>
 #include <cmath>

@@ -4,16 +4,16 @@
 #include <cmath>
 #include <utility>
 
-#include "choose_features.h"
 #include "dfr/control/response/response_estimate.h"
 #include "dfr/core/absolute_actions.h"
 #include "dfr/core/format.h"
 #include "dfr/core/linear_algebra.h"
 #include "dfr/kernel/cover_radius.h"
 #include "dfr/safety/constants.h"
-#include "fit_task.h"
-#include "left_out.h"
-#include "sensor_groups.h"
+#include "fit/choose_features.h"
+#include "fit/fit_task.h"
+#include "fit/left_out.h"
+#include "fit/sensor_groups.h"
 
 namespace dfr::safety {
 

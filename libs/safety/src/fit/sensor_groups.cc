@@ -1,4 +1,4 @@
-#include "sensor_groups.h"
+#include "fit/sensor_groups.h"
 
 #include <algorithm>
 #include <cmath>
