@@ -8,7 +8,7 @@
 #include <limits>
 #include <stdexcept>
 
-#include "hdf5_file.h"
+#include "hdf5/hdf5_file.h"
 #include "tests/demonstrations/episodes.h"
 #include "tests/imitation/temp_folder.h"
 #include "tests/support/message_of.h"

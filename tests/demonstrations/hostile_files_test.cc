@@ -14,8 +14,8 @@
 #include <vector>
 
 #include "dfr/imitation/demonstrations.h"
-#include "hdf5_file.h"
-#include "hdf5_reader.h"
+#include "hdf5/hdf5_file.h"
+#include "hdf5/hdf5_reader.h"
 #include "parquet/parquet_file.h"
 #include "tests/demonstrations/episodes.h"
 #include "tests/imitation/temp_folder.h"

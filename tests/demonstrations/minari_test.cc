@@ -11,7 +11,7 @@
 #include <string>
 
 #include "episode_io.h"
-#include "hdf5_file.h"
+#include "hdf5/hdf5_file.h"
 #include "tests/demonstrations/episodes.h"
 #include "tests/imitation/temp_folder.h"
 

@@ -10,7 +10,7 @@
 #include "dfr/imitation/lerobot.h"
 #include "dfr/imitation/minari.h"
 #include "episode_io.h"
-#include "hdf5_file.h"
+#include "hdf5/hdf5_file.h"
 
 namespace dfr::imitation {
 namespace {

@@ -12,8 +12,8 @@
 #include "dfr/core/matrix.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/imitation/demonstrations.h"
-#include "hdf5_file.h"
-#include "hdf5_reader.h"
+#include "hdf5/hdf5_file.h"
+#include "hdf5/hdf5_reader.h"
 
 namespace dfr::imitation::internal {
 

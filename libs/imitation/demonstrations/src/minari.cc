@@ -12,7 +12,7 @@
 #include "dfr/core/atomic_file.h"
 #include "dfr/core/contract.h"
 #include "episode_io.h"
-#include "hdf5_file.h"
+#include "hdf5/hdf5_file.h"
 
 namespace dfr::imitation {
 namespace {

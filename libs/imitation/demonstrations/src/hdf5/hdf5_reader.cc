@@ -1,4 +1,4 @@
-#include "hdf5_reader.h"
+#include "hdf5/hdf5_reader.h"
 
 #include <sys/resource.h>
 #include <sys/socket.h>
@@ -16,7 +16,7 @@
 #include <system_error>
 #include <utility>
 
-#include "hdf5_file.h"
+#include "hdf5/hdf5_file.h"
 #include "socket_bytes.h"
 
 namespace dfr::imitation::internal {

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "dfr/core/atomic_file.h"
-#include "hdf5_file.h"
-#include "hdf5_handle.h"
+#include "hdf5/hdf5_file.h"
+#include "hdf5/hdf5_handle.h"
 
 namespace dfr::imitation::internal {
 namespace {

@@ -1,4 +1,4 @@
-#include "hdf5_file.h"
+#include "hdf5/hdf5_file.h"
 
 #include <hdf5.h>
 
@@ -7,7 +7,7 @@
 #include <string_view>
 #include <utility>
 
-#include "hdf5_handle.h"
+#include "hdf5/hdf5_handle.h"
 
 namespace dfr::imitation::internal {
 namespace {
