@@ -9,11 +9,11 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
-#include "gauze_line.h"
-#include "line_tracking_scene.h"
-#include "line_tracking_simulation.h"
-#include "line_tracking_views.h"
 #include "platform_error.h"
+#include "scene/gauze_line.h"
+#include "scene/line_tracking_scene.h"
+#include "scene/line_tracking_simulation.h"
+#include "scene/line_tracking_views.h"
 
 namespace dfr::sim {
 namespace {

@@ -3,8 +3,8 @@
 #include <optional>
 
 #include "dfr/sim/mujoco_view/mujoco_view.h"
-#include "line_tracking_scene.h"
-#include "line_tracking_simulation.h"
+#include "scene/line_tracking_scene.h"
+#include "scene/line_tracking_simulation.h"
 
 namespace dfr::sim {
 

@@ -1,4 +1,4 @@
-#include "line_tracking_scene.h"
+#include "scene/line_tracking_scene.h"
 
 #include <mujoco/mujoco.h>
 

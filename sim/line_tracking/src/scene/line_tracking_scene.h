@@ -9,7 +9,7 @@
 
 #include "dfr/kinematics/psm.h"
 #include "dfr/sim/mujoco/mujoco_model.h"
-#include "gauze_line.h"
+#include "scene/gauze_line.h"
 
 namespace dfr::sim::internal {
 

@@ -3,8 +3,8 @@
 #include <optional>
 
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
-#include "line_tracking_scene.h"
-#include "line_tracking_views.h"
+#include "scene/line_tracking_scene.h"
+#include "scene/line_tracking_views.h"
 
 namespace dfr::sim {
 

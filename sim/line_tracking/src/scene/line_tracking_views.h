@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "dfr/sim/mujoco_view/mujoco_view.h"
-#include "line_tracking_scene.h"
+#include "scene/line_tracking_scene.h"
 
 namespace dfr::sim::internal {
 

@@ -1,4 +1,4 @@
-#include "gauze_line.h"
+#include "scene/gauze_line.h"
 
 #include <array>
 #include <cmath>

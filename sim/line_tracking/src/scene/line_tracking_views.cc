@@ -1,4 +1,4 @@
-#include "line_tracking_views.h"
+#include "scene/line_tracking_views.h"
 
 #include <utility>
 
