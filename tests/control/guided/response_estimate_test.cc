@@ -11,7 +11,7 @@
 
 #include "dfr/core/linear_algebra.h"
 #include "dfr/core/random.h"
-#include "tests/control/linear_demonstrations.h"
+#include "tests/control/guided/linear_demonstrations.h"
 #include "tests/support/all_close.h"
 #include "tests/support/no_alloc.h"
 

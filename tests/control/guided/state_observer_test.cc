@@ -9,7 +9,7 @@
 #include "dfr/control/response/response_estimate.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
-#include "tests/control/linear_demonstrations.h"
+#include "tests/control/guided/linear_demonstrations.h"
 #include "tests/support/all_close.h"
 #include "tests/support/no_alloc.h"
 
