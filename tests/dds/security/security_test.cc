@@ -15,9 +15,9 @@
 #include "dfr/dds/certificates.h"
 #include "dfr/dds/channel.h"
 #include "tests/dds/domain.h"
-#include "tests/dds/keystore.h"
 #include "tests/dds/peer_process.h"
 #include "tests/dds/repeat.h"
+#include "tests/dds/security/keystore.h"
 #include "tests/support/eventually.h"
 #include "tests/support/message_of.h"
 

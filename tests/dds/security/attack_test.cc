@@ -9,7 +9,7 @@
 
 #include "dfr/dds/channel.h"
 #include "tests/dds/domain.h"
-#include "tests/dds/rtps_bytes.h"
+#include "tests/dds/security/rtps_bytes.h"
 #include "tests/support/eventually.h"
 
 namespace dfr::dds {

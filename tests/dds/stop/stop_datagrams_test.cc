@@ -12,7 +12,7 @@
 
 #include "dfr/core/random.h"
 #include "dfr/dds/emergency_stop.h"
-#include "tests/dds/keystore.h"
+#include "tests/dds/security/keystore.h"
 
 namespace dfr::dds {
 namespace {

@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "tests/dds/rtps_bytes.h"
+#include "tests/dds/security/rtps_bytes.h"
 
 namespace dfr::dds {
 namespace {

@@ -15,7 +15,7 @@
 #include <string>
 
 #include "dfr/dds/security.h"
-#include "tests/dds/keystore.h"
+#include "tests/dds/security/keystore.h"
 #include "tests/support/message_of.h"
 
 namespace dfr::dds {
