@@ -109,7 +109,7 @@ class WheelTest(unittest.TestCase):
         package = run("/usr/bin/python3", "-c", "import h5py; print(h5py.__path__[0])").strip()
         (self.folder / "with_h5py").mkdir()
         (self.folder / "with_h5py/h5py").symlink_to(package)
-        for name in ("guard_test.py", "guard_fit_test.py", "guarded_env_test.py", "time_varying_support_test.py"):
+        for name in ("guard/guard_test.py", "guard/guard_fit_test.py", "guard/guarded_env_test.py", "time_varying_support_test.py"):
             run(self.python, SOURCE / "tests/python" / name, cwd=self.folder, env={"PYTHONPATH": self.folder / "with_h5py"})
         run(self.python, SOURCE / "examples/guard_a_policy.py", cwd=self.folder)
         small = ["--trials", 1, "--episodes", 2, "--demonstrations", 12, "--out", "small"]
