@@ -176,7 +176,7 @@ class PackagesTest(unittest.TestCase):
             name = self.component(deb)
             with self.subTest(name):
                 flags = self.pkg_config(info["Package"].removeprefix("lib").removesuffix("-dev"))
-                source = SOURCE / f"tests/install/consumer/{name}.cc"
+                [source] = (SOURCE / "tests/install/consumer").rglob(f"{name}.cc")
                 program, rule = self.folder / name, self.folder / f"{name}.d"
                 trace = run(CXX, "-O0", "-MD", "-MF", rule, source, "-o", program, *flags, "-Wl,--trace")
                 run(program)
