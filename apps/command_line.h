@@ -9,9 +9,9 @@
 #include <vector>
 
 #include "dfr/core/build_info.h"
-#include "dfr/core/command_line.h"
-#include "dfr/core/numbers.h"
-#include "dfr/core/suggest.h"
+#include "dfr/core/text/command_line.h"
+#include "dfr/core/text/numbers.h"
+#include "dfr/core/text/suggest.h"
 
 namespace dfr::apps {
 

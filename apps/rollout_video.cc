@@ -7,7 +7,7 @@
 #include <stdexcept>
 
 #include "apps/video_writer.h"
-#include "dfr/core/format.h"
+#include "dfr/core/text/format.h"
 
 namespace dfr::apps {
 namespace {

@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "dfr/control/rollout.h"
-#include "dfr/core/format.h"
+#include "dfr/core/text/format.h"
 
 namespace dfr::apps {
 

@@ -11,12 +11,12 @@
 #include <vector>
 
 #include "commands.h"
-#include "dfr/core/absolute_actions.h"
-#include "dfr/core/features.h"
-#include "dfr/core/format.h"
-#include "dfr/core/linear_algebra.h"
+#include "dfr/core/features/absolute_actions.h"
+#include "dfr/core/features/features.h"
+#include "dfr/core/features/rotations.h"
 #include "dfr/core/matrix.h"
-#include "dfr/core/rotations.h"
+#include "dfr/core/numerics/linear_algebra.h"
+#include "dfr/core/text/format.h"
 #include "dfr/imitation/demonstrations.h"
 
 namespace dfr::apps::guard {

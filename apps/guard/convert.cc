@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "commands.h"
-#include "dfr/core/absolute_actions.h"
+#include "dfr/core/features/absolute_actions.h"
 #include "dfr/imitation/demonstrations.h"
 #include "dfr/imitation/minari.h"
 

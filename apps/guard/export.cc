@@ -5,7 +5,7 @@
 #include <system_error>
 
 #include "commands.h"
-#include "dfr/core/format.h"
+#include "dfr/core/text/format.h"
 #include "dfr/kernel/libsvm_io.h"
 #include "dfr/safety/onnx_export.h"
 

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "commands.h"
-#include "dfr/core/absolute_actions.h"
+#include "dfr/core/features/absolute_actions.h"
 #include "dfr/experiment/progress.h"
 #include "dfr/imitation/demonstrations.h"
 

@@ -5,8 +5,8 @@
 #include <span>
 #include <stdexcept>
 
-#include "dfr/core/feature_transform.h"
-#include "dfr/core/linear_algebra.h"
+#include "dfr/core/features/feature_transform.h"
+#include "dfr/core/numerics/linear_algebra.h"
 #include "dfr/imitation/demonstrations.h"
 #include "dfr/kernel/whitened_support.h"
 #include "dfr/safety/guard.h"

@@ -12,8 +12,8 @@
 
 #include "commands.h"
 #include "dfr/core/build_info.h"
-#include "dfr/core/format.h"
-#include "dfr/core/quantile.h"
+#include "dfr/core/numerics/quantile.h"
+#include "dfr/core/text/format.h"
 #include "dfr/experiment/intervals.h"
 #include "dfr/safety/guard.h"
 #include "dfr/safety/guard_advice.h"

@@ -5,7 +5,7 @@
 #include <cstddef>
 #include <limits>
 
-#include "dfr/core/quantile.h"
+#include "dfr/core/numerics/quantile.h"
 
 namespace dfr::apps::line_tracking {
 namespace {

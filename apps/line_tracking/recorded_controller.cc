@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "dfr/core/build_info.h"
-#include "dfr/core/format.h"
+#include "dfr/core/text/format.h"
 #include "dfr/recording/read_recording.h"
 #include "dfr/runtime/periodic_timer.h"
 #include "model.h"

@@ -6,7 +6,7 @@
 
 #include "apps/rollout_video.h"
 #include "apps/video_writer.h"
-#include "dfr/core/format.h"
+#include "dfr/core/text/format.h"
 
 namespace dfr::apps::line_tracking {
 namespace {

@@ -8,8 +8,8 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/numbers.h"
 #include "dfr/core/random.h"
+#include "dfr/core/text/numbers.h"
 #include "dfr/sim/line_tracking/calibration_motion.h"
 #include "rollout_video.h"
 

@@ -9,7 +9,7 @@
 #include "dfr/control/certified/certificate_constants.h"
 #include "dfr/control/certified/certified_controller.h"
 #include "dfr/core/contract.h"
-#include "dfr/core/feature_transform.h"
+#include "dfr/core/features/feature_transform.h"
 #include "dfr/core/random.h"
 #include "dfr/kernel/time_varying_support.h"
 #include "dfr/safety/method.h"

@@ -5,7 +5,7 @@
 #include <string_view>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/numbers.h"
+#include "dfr/core/text/numbers.h"
 #include "dfr/imitation/fit_mlp.h"
 
 namespace dfr::apps::pusher {

@@ -7,7 +7,7 @@
 #include <stdexcept>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/quantile.h"
+#include "dfr/core/numerics/quantile.h"
 #include "dfr/core/random.h"
 #include "dfr/sim/pusher/pusher_view.h"
 

@@ -6,7 +6,7 @@
 #include "apps/study/runner.h"
 #include "apps/study/tables.h"
 #include "apps/study/totals.h"
-#include "dfr/core/format.h"
+#include "dfr/core/text/format.h"
 #include "dfr/experiment/intervals.h"
 #include "dfr/safety/guard.h"
 #include "dfr/study/placebo.h"

@@ -10,7 +10,7 @@
 
 #include "apps/study/runner.h"
 #include "apps/study/totals.h"
-#include "dfr/core/format.h"
+#include "dfr/core/text/format.h"
 #include "dfr/experiment/episodes.h"
 #include "dfr/experiment/intervals.h"
 #include "dfr/safety/guard.h"

@@ -11,7 +11,7 @@
 #include <utility>
 
 #include "dfr/core/error.h"
-#include "dfr/core/format.h"
+#include "dfr/core/text/format.h"
 
 namespace dfr::apps {
 namespace {

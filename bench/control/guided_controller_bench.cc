@@ -24,7 +24,7 @@
 #include "dfr/control/certified/certified_controller.h"
 #include "dfr/control/guided/guided_controller.h"
 #include "dfr/control/guided/task_view.h"
-#include "dfr/core/feature_transform.h"
+#include "dfr/core/features/feature_transform.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
 #include "dfr/kernel/whitened_support.h"

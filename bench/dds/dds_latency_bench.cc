@@ -26,7 +26,7 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/core/quantile.h"
+#include "dfr/core/numerics/quantile.h"
 #include "dfr/dds/channel.h"
 #include "ros2_types.h"
 

@@ -15,7 +15,7 @@
 #include <string_view>
 #include <vector>
 
-#include "dfr/core/quantile.h"
+#include "dfr/core/numerics/quantile.h"
 #include "dfr/dds/certificates.h"
 #include "dfr/dds/channel.h"
 

@@ -12,7 +12,7 @@
 #include <string_view>
 
 #include "bench/kernel/machine.h"
-#include "dfr/core/quantile.h"
+#include "dfr/core/numerics/quantile.h"
 #include "gaussian/gaussian_sum.h"
 
 namespace dfr::bench {

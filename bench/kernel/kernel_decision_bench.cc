@@ -18,7 +18,7 @@
 #include "bench/kernel/machine.h"
 #include "bench/kernel/peers.h"
 #include "bench/kernel/trajectories.h"
-#include "dfr/core/quantile.h"
+#include "dfr/core/numerics/quantile.h"
 #include "dfr/kernel/one_class_svm.h"
 
 namespace dfr::bench {

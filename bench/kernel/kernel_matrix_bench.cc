@@ -22,8 +22,8 @@
 
 #include "bench/kernel/peers.h"
 #include "bench/kernel/trajectories.h"
-#include "dfr/core/format.h"
 #include "dfr/core/random.h"
+#include "dfr/core/text/format.h"
 #include "dfr/kernel/one_class_svm.h"
 
 namespace dfr::bench {

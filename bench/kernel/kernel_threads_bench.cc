@@ -19,7 +19,7 @@
 #include <vector>
 
 #include "bench/kernel/trajectories.h"
-#include "dfr/core/format.h"
+#include "dfr/core/text/format.h"
 #include "dfr/kernel/one_class_svm.h"
 #include "dfr/kernel/time_varying_support.h"
 

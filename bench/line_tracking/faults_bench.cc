@@ -23,7 +23,7 @@
 #include "bench_robot.h"
 #include "commands/commands.h"
 #include "dfr/core/build_info.h"
-#include "dfr/core/quantile.h"
+#include "dfr/core/numerics/quantile.h"
 #include "dfr/core/random.h"
 #include "dfr/dds/channel.h"
 #include "dfr/dds/emergency_stop.h"

@@ -24,7 +24,7 @@
 
 #include "bench/kernel/trajectories.h"
 #include "dfr/control/guided/guided_controller.h"
-#include "dfr/core/feature_transform.h"
+#include "dfr/core/features/feature_transform.h"
 #include "dfr/core/random.h"
 #include "dfr/kernel/one_class_svm.h"
 #include "dfr/kernel/time_varying_support.h"

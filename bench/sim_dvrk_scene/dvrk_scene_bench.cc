@@ -9,7 +9,7 @@
 #include <thread>
 #include <vector>
 
-#include "dfr/core/quantile.h"
+#include "dfr/core/numerics/quantile.h"
 #include "dfr/dds/channel.h"
 #include "dfr/sim/dvrk_scene/dvrk_scene_server.h"
 

@@ -22,7 +22,7 @@
 #include <vector>
 
 #include "arrays.h"
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/command_line.h"
 #include "dfr/experiment/episodes.h"

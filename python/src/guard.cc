@@ -20,7 +20,7 @@
 
 #include "arrays.h"
 #include "dfr/core/contract.h"
-#include "dfr/core/rotations.h"
+#include "dfr/core/features/rotations.h"
 #include "dfr/safety/guard_advice.h"
 #include "dfr/safety/guard_model.h"
 #include "dfr/safety/onnx_export.h"

@@ -12,8 +12,8 @@
 #include <vector>
 
 #include "arrays.h"
-#include "dfr/core/absolute_actions.h"
 #include "dfr/core/contract.h"
+#include "dfr/core/features/absolute_actions.h"
 #include "dfr/safety/guard_advice.h"
 
 namespace py = pybind11;

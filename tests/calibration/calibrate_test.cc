@@ -13,7 +13,7 @@
 #include <string>
 #include <utility>
 
-#include "dfr/core/archive.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/core/random.h"
 #include "tests/support/message_of.h"
 

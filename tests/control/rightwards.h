@@ -3,7 +3,7 @@
 #include <cmath>
 #include <vector>
 
-#include "dfr/core/feature_transform.h"
+#include "dfr/core/features/feature_transform.h"
 #include "dfr/core/random.h"
 #include "dfr/core/trajectory.h"
 #include "tests/control/analytic.h"

@@ -5,8 +5,8 @@
 #include <stdexcept>
 #include <string>
 
-#include "dfr/core/features.h"
-#include "dfr/core/numbers.h"
+#include "dfr/core/features/features.h"
+#include "dfr/core/text/numbers.h"
 #include "tests/fuzz/input_file.h"
 #include "tests/fuzz/target.h"
 

@@ -3,7 +3,7 @@
 #include <stdexcept>
 #include <vector>
 
-#include "dfr/core/archive.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/reduction/reduction.h"
 #include "dfr/reduction/state_reduction.h"
 #include "tests/fuzz/input_file.h"

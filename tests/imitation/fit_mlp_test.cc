@@ -7,7 +7,7 @@
 #include <limits>
 #include <stdexcept>
 
-#include "dfr/core/linear_algebra.h"
+#include "dfr/core/numerics/linear_algebra.h"
 #include "tests/imitation/temp_folder.h"
 #include "tests/support/all_close.h"
 

@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-#include "dfr/core/linear_algebra.h"
+#include "dfr/core/numerics/linear_algebra.h"
 #include "dfr/core/random.h"
 #include "tests/support/all_close.h"
 #include "tests/support/random_matrix.h"

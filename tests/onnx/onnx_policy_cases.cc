@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "dfr/core/files/onnx_graph.h"
 #include "dfr/core/matrix.h"
-#include "dfr/core/onnx_graph.h"
 #include "dfr/core/random.h"
 #include "dfr/imitation/mlp_policy.h"
 #include "dfr/imitation/onnx_export.h"

@@ -16,7 +16,7 @@
 #include "dfr/control/phase_tracker.h"
 #include "dfr/control/published/derivative_free_recovery.h"
 #include "dfr/control/response/response_estimate.h"
-#include "dfr/core/feature_transform.h"
+#include "dfr/core/features/feature_transform.h"
 #include "dfr/imitation/locally_weighted_policy.h"
 #include "dfr/kernel/whitened_support.h"
 #include "dfr/safety/constants.h"

@@ -13,7 +13,7 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/core/archive.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/core/random.h"
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"

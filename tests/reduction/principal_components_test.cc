@@ -7,7 +7,7 @@
 #include <limits>
 #include <vector>
 
-#include "dfr/core/linear_algebra.h"
+#include "dfr/core/numerics/linear_algebra.h"
 #include "dfr/core/random.h"
 #include "tests/support/all_close.h"
 #include "tests/support/message_of.h"

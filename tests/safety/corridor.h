@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
 #include "dfr/core/random.h"
 #include "dfr/core/trajectory.h"
 

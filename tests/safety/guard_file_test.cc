@@ -12,7 +12,7 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/core/archive.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/core/random.h"
 #include "dfr/safety/guard.h"
 #include "dfr/safety/guard_model.h"

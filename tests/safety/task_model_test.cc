@@ -18,7 +18,7 @@
 #include <vector>
 
 #include "dfr/control/published/lambda.h"
-#include "dfr/core/archive.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/core/random.h"
 #include "tests/safety/corridor.h"
 #include "tests/support/message_of.h"

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "dfr/core/linear_algebra.h"
+#include "dfr/core/numerics/linear_algebra.h"
 #include "dfr/sim/pusher/pusher_plant.h"
 
 namespace dfr::test {

@@ -14,7 +14,7 @@
 #include "apps/study/pictures/picture.h"
 #include "apps/study/study.h"
 #include "apps/study/tables.h"
-#include "dfr/core/format.h"
+#include "dfr/core/text/format.h"
 #include "dfr/experiment/intervals.h"
 #include "tests/support/message_of.h"
 

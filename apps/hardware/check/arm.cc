@@ -9,7 +9,7 @@
 #include "check/check.h"
 #include "check/findings.h"
 #include "check/missing_arm.h"
-#include "dfr/core/quantile.h"
+#include "dfr/core/numerics/quantile.h"
 #include "dfr/dds/channel.h"
 #include "dfr/dds/emergency_stop.h"
 #include "dfr/hardware/psm_driver.h"

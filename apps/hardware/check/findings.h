@@ -3,7 +3,7 @@
 #include <string>
 
 #include "check/check.h"
-#include "dfr/core/format.h"
+#include "dfr/core/text/format.h"
 
 /// Findings, and messages to and from the user, shared by the checks of all devices.
 namespace dfr::apps::hardware_app {

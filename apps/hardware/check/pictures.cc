@@ -9,7 +9,7 @@
 #include "check/check.h"
 #include "check/findings.h"
 #include "dfr/core/error.h"
-#include "dfr/core/quantile.h"
+#include "dfr/core/numerics/quantile.h"
 #include "dfr/hardware/endoscope.h"
 #include "dfr/hardware/intrinsics_file.h"
 

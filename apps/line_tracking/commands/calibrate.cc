@@ -10,9 +10,9 @@
 #include <stdexcept>
 
 #include "commands/commands.h"
-#include "dfr/core/format.h"
-#include "dfr/core/output_path.h"
+#include "dfr/core/files/output_path.h"
 #include "dfr/core/random.h"
+#include "dfr/core/text/format.h"
 #include "dfr/hardware/intrinsics_file.h"
 #include "dfr/sim/line_tracking/calibration_motion.h"
 #include "robot/robot_plant.h"

@@ -8,8 +8,8 @@
 #include <utility>
 
 #include "commands/commands.h"
-#include "dfr/core/format.h"
 #include "dfr/core/random.h"
+#include "dfr/core/text/format.h"
 #include "dfr/experiment/ledger.h"
 #include "dfr/experiment/report.h"
 #include "probe_study.h"

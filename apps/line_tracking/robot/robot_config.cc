@@ -13,7 +13,7 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/core/toml_text.h"
+#include "dfr/core/files/toml_text.h"
 #include "dfr/hardware/intrinsics_file.h"
 
 namespace dfr::apps::line_tracking {

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "dfr/core/provenance.h"
+#include "dfr/core/files/provenance.h"
 #include "dfr/dds/participant.h"
 #include "dfr/hardware/platform_motion.h"
 #include "dfr/hardware/psm_client.h"

@@ -12,8 +12,8 @@
 
 #include "apps/command_line.h"
 #include "dfr/core/contract.h"
-#include "dfr/core/format.h"
 #include "dfr/core/random.h"
+#include "dfr/core/text/format.h"
 #include "dfr/experiment/progress.h"
 #include "dfr/imitation/trpo.h"
 #include "dfr/sim/pusher/pusher_reward.h"

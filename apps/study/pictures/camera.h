@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
 #include "dfr/core/random.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/sim/gallery/gallery.h"

@@ -12,11 +12,11 @@
 #include <utility>
 
 #include "apps/study/study.h"
-#include "dfr/core/absolute_actions.h"
 #include "dfr/core/contract.h"
-#include "dfr/core/format.h"
-#include "dfr/core/quantile.h"
+#include "dfr/core/features/absolute_actions.h"
+#include "dfr/core/numerics/quantile.h"
 #include "dfr/core/random.h"
+#include "dfr/core/text/format.h"
 #include "dfr/experiment/intervals.h"
 #include "dfr/study/detectors.h"
 

@@ -4,7 +4,7 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
 #include "dfr/experiment/report.h"
 
 namespace dfr::study {

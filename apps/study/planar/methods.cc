@@ -4,7 +4,7 @@
 
 #include "dfr/control/certified/certified_controller.h"
 #include "dfr/core/contract.h"
-#include "dfr/core/folds.h"
+#include "dfr/core/numerics/folds.h"
 
 namespace dfr::study::planar {
 namespace {

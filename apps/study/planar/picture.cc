@@ -8,7 +8,7 @@
 #include <stdexcept>
 
 #include "apps/video_writer.h"
-#include "dfr/core/format.h"
+#include "dfr/core/text/format.h"
 #include "dfr/sim/gallery/corridor.h"
 #include "dfr/sim/gallery/disc_push.h"
 

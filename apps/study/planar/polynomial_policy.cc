@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/linear_algebra.h"
+#include "dfr/core/numerics/linear_algebra.h"
 
 namespace dfr::study::planar {
 

@@ -14,9 +14,9 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/core/atomic_file.h"
-#include "dfr/core/format.h"
-#include "dfr/core/numbers.h"
+#include "dfr/core/files/atomic_file.h"
+#include "dfr/core/text/format.h"
+#include "dfr/core/text/numbers.h"
 
 namespace dfr::hardware {
 namespace {

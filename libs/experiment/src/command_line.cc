@@ -14,10 +14,10 @@
 #include <string_view>
 #include <utility>
 
-#include "dfr/core/command_line.h"
-#include "dfr/core/format.h"
-#include "dfr/core/suggest.h"
-#include "dfr/core/toml_text.h"
+#include "dfr/core/files/toml_text.h"
+#include "dfr/core/text/command_line.h"
+#include "dfr/core/text/format.h"
+#include "dfr/core/text/suggest.h"
 #include "dfr/experiment/episodes.h"
 #include "dfr/experiment/ledger.h"
 #include "dfr/experiment/status.h"

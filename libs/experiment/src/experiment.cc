@@ -10,7 +10,7 @@
 
 #include "dfr/core/build_info.h"
 #include "dfr/core/contract.h"
-#include "dfr/core/format.h"
+#include "dfr/core/text/format.h"
 #include "dfr/experiment/episodes.h"
 #include "dfr/experiment/film.h"
 #include "ledger/ledger_file.h"

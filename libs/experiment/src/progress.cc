@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/format.h"
+#include "dfr/core/text/format.h"
 
 namespace dfr::experiment {
 namespace {

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "dfr/core/archive.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/imitation/trpo.h"
 
 namespace dfr::imitation::internal {

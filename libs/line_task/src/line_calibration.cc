@@ -2,7 +2,7 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "dfr/core/archive.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/line_task/line_task.h"
 
 namespace dfr::line_task {

@@ -8,9 +8,9 @@
 #include "dfr/control/phase_tracker.h"
 #include "dfr/control/response/response_estimate.h"
 #include "dfr/core/contract.h"
-#include "dfr/core/feature_transform.h"
-#include "dfr/core/folds.h"
-#include "dfr/core/format.h"
+#include "dfr/core/features/feature_transform.h"
+#include "dfr/core/numerics/folds.h"
+#include "dfr/core/text/format.h"
 
 namespace dfr::reduction {
 namespace {

@@ -4,7 +4,7 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/numbers.h"
+#include "dfr/core/text/numbers.h"
 #include "dfr/core/workers.h"
 #include "dfr/reduction/principal_components.h"
 #include "dfr/reduction/slow_features.h"

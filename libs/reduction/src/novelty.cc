@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/linear_algebra.h"
+#include "dfr/core/numerics/linear_algebra.h"
 
 namespace dfr::reduction {
 namespace {

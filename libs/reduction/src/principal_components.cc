@@ -5,7 +5,7 @@
 #include <functional>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/linear_algebra.h"
+#include "dfr/core/numerics/linear_algebra.h"
 #include "dfr/core/random.h"
 #include "dfr/core/workers.h"
 

@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/linear_algebra.h"
+#include "dfr/core/numerics/linear_algebra.h"
 
 namespace dfr::reduction {
 namespace {

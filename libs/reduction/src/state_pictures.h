@@ -7,7 +7,7 @@
 #include <string_view>
 #include <vector>
 
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
 #include "dfr/reduction/image_features.h"
 
 namespace dfr::reduction::internal {

@@ -7,8 +7,8 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/format.h"
-#include "dfr/core/linear_algebra.h"
+#include "dfr/core/numerics/linear_algebra.h"
+#include "dfr/core/text/format.h"
 #include "state_pictures.h"
 
 namespace dfr::reduction {

@@ -7,9 +7,9 @@
 
 #include "dfr/control/response/few_values.h"
 #include "dfr/core/contract.h"
-#include "dfr/core/folds.h"
-#include "dfr/core/format.h"
-#include "dfr/core/linear_algebra.h"
+#include "dfr/core/numerics/folds.h"
+#include "dfr/core/numerics/linear_algebra.h"
+#include "dfr/core/text/format.h"
 #include "dfr/safety/constants.h"
 
 namespace dfr::safety {

@@ -8,11 +8,11 @@
 #include <vector>
 
 #include "dfr/control/phase_tracker.h"
-#include "dfr/core/absolute_actions.h"
 #include "dfr/core/contract.h"
-#include "dfr/core/format.h"
-#include "dfr/core/linear_algebra.h"
-#include "dfr/core/rotations.h"
+#include "dfr/core/features/absolute_actions.h"
+#include "dfr/core/features/rotations.h"
+#include "dfr/core/numerics/linear_algebra.h"
+#include "dfr/core/text/format.h"
 #include "dfr/safety/guard_advice.h"
 
 namespace dfr::safety {

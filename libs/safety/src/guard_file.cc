@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/core/archive.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/safety/guard_model.h"
 
 namespace dfr::safety {

@@ -9,10 +9,10 @@
 
 #include "dfr/control/certified/certifier.h"
 #include "dfr/control/phase_tracker.h"
-#include "dfr/core/absolute_actions.h"
 #include "dfr/core/build_info.h"
 #include "dfr/core/contract.h"
-#include "dfr/core/folds.h"
+#include "dfr/core/features/absolute_actions.h"
+#include "dfr/core/numerics/folds.h"
 #include "dfr/kernel/model_selection.h"
 #include "dfr/safety/constants.h"
 #include "dfr/safety/guard_advice.h"

@@ -4,11 +4,11 @@
 #include <stdexcept>
 #include <vector>
 
-#include "dfr/core/absolute_actions.h"
 #include "dfr/core/contract.h"
-#include "dfr/core/feature_transform.h"
+#include "dfr/core/features/absolute_actions.h"
+#include "dfr/core/features/feature_transform.h"
+#include "dfr/core/features/rotations.h"
 #include "dfr/core/matrix.h"
-#include "dfr/core/rotations.h"
 #include "dfr/kernel/onnx_export.h"
 
 namespace dfr::safety {

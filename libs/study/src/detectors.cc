@@ -7,7 +7,7 @@
 
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/contract.h"
-#include "dfr/core/quantile.h"
+#include "dfr/core/numerics/quantile.h"
 #include "dfr/core/random.h"
 #include "dfr/imitation/fit_mlp.h"
 #include "dfr/imitation/mlp.h"

@@ -9,9 +9,9 @@
 
 #include "dfr/control/published/lambda.h"
 #include "dfr/core/contract.h"
-#include "dfr/core/linear_algebra.h"
 #include "dfr/core/matrix.h"
-#include "dfr/core/quantile.h"
+#include "dfr/core/numerics/linear_algebra.h"
+#include "dfr/core/numerics/quantile.h"
 #include "dfr/study/policies.h"
 
 namespace dfr::study {

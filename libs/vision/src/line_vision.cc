@@ -10,7 +10,7 @@
 
 #include "colour_blobs.h"
 #include "dfr/core/contract.h"
-#include "dfr/core/quantile.h"
+#include "dfr/core/numerics/quantile.h"
 #include "exposure.h"
 #include "plane_pose.h"
 #include "robust_quadratic.h"

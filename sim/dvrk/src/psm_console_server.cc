@@ -10,8 +10,8 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/numbers.h"
 #include "dfr/core/random.h"
+#include "dfr/core/text/numbers.h"
 #include "dfr/dds/channel.h"
 #include "psm_messages.h"
 

@@ -5,7 +5,7 @@
 #include <optional>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/numbers.h"
+#include "dfr/core/text/numbers.h"
 
 namespace dfr::sim::internal {
 std::string_view NextWord(std::string_view& text) noexcept {

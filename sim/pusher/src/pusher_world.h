@@ -6,7 +6,7 @@
 #include <string_view>
 #include <vector>
 
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
 #include "dfr/sim/mujoco/mujoco_model.h"
 #include "dfr/sim/pusher/pusher_plant.h"
 #include "segments.h"

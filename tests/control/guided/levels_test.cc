@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "dfr/core/archive.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/core/matrix.h"
 #include "tests/control/rightwards.h"
 #include "tests/support/message_of.h"

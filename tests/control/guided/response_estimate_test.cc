@@ -9,7 +9,7 @@
 #include <stdexcept>
 #include <vector>
 
-#include "dfr/core/linear_algebra.h"
+#include "dfr/core/numerics/linear_algebra.h"
 #include "dfr/core/random.h"
 #include "tests/control/guided/linear_demonstrations.h"
 #include "tests/support/all_close.h"

@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "dfr/control/response/response_estimate.h"
-#include "dfr/core/archive.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/core/random.h"
 #include "tests/control/rightwards.h"
 #include "tests/control/task.h"

@@ -7,7 +7,7 @@
 #include <stdexcept>
 #include <vector>
 
-#include "dfr/core/archive.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/core/matrix.h"
 #include "tests/support/message_of.h"
 

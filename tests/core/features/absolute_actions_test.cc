@@ -1,4 +1,4 @@
-#include "dfr/core/absolute_actions.h"
+#include "dfr/core/features/absolute_actions.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-#include "dfr/core/feature_decision.h"
+#include "dfr/core/features/feature_decision.h"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +8,7 @@
 #include <stdexcept>
 #include <vector>
 
-#include "dfr/core/state_map.h"
+#include "dfr/core/features/state_map.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::core {

@@ -1,4 +1,4 @@
-#include "dfr/core/feature_transform.h"
+#include "dfr/core/features/feature_transform.h"
 
 #include <gtest/gtest.h>
 

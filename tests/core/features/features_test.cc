@@ -1,4 +1,4 @@
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-#include "dfr/core/rotations.h"
+#include "dfr/core/features/rotations.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-#include "dfr/core/archive.h"
+#include "dfr/core/files/archive.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-#include "dfr/core/atomic_file.h"
+#include "dfr/core/files/atomic_file.h"
 
 #include <fcntl.h>
 #include <gmock/gmock.h>

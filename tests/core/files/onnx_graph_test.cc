@@ -1,4 +1,4 @@
-#include "dfr/core/onnx_graph.h"
+#include "dfr/core/files/onnx_graph.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

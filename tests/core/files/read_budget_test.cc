@@ -1,4 +1,4 @@
-#include "dfr/core/read_budget.h"
+#include "dfr/core/files/read_budget.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "dfr/core/folds.h"
+#include "dfr/core/numerics/folds.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-#include "dfr/core/linear_algebra.h"
+#include "dfr/core/numerics/linear_algebra.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "dfr/core/local_scatter.h"
+#include "dfr/core/numerics/local_scatter.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "dfr/core/quantile.h"
+#include "dfr/core/numerics/quantile.h"
 
 #include <gtest/gtest.h>
 

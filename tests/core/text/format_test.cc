@@ -1,4 +1,4 @@
-#include "dfr/core/format.h"
+#include "dfr/core/text/format.h"
 
 #include <gtest/gtest.h>
 

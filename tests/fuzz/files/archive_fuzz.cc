@@ -3,7 +3,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "dfr/core/archive.h"
+#include "dfr/core/files/archive.h"
 #include "tests/fuzz/input_file.h"
 #include "tests/fuzz/target.h"
 

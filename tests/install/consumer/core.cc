@@ -1,4 +1,4 @@
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
 
 // Selects features of a lab's state by name.
 int main() {

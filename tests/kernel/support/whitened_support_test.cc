@@ -11,7 +11,7 @@
 #include <stdexcept>
 #include <vector>
 
-#include "dfr/core/folds.h"
+#include "dfr/core/numerics/folds.h"
 #include "dfr/core/random.h"
 #include "tests/kernel/support/walks.h"
 #include "tests/support/no_alloc.h"

@@ -12,7 +12,7 @@
 
 #include "dfr/control/phase_tracker.h"
 #include "dfr/control/response/response_estimate.h"
-#include "dfr/core/folds.h"
+#include "dfr/core/numerics/folds.h"
 #include "dfr/core/random.h"
 #include "dfr/kernel/whitened_support.h"
 #include "tests/safety/corridor.h"

@@ -9,9 +9,9 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/core/format.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
+#include "dfr/core/text/format.h"
 #include "dfr/safety/guard.h"
 #include "dfr/safety/guard_advice.h"
 #include "dfr/safety/guard_model.h"

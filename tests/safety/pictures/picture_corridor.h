@@ -6,7 +6,7 @@
 #include <memory>
 #include <vector>
 
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
 #include "dfr/core/random.h"
 #include "dfr/safety/guard_model.h"
 #include "tests/safety/corridor.h"

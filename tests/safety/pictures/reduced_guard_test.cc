@@ -9,8 +9,8 @@
 #include <string>
 #include <vector>
 
-#include "dfr/core/format.h"
 #include "dfr/core/random.h"
+#include "dfr/core/text/format.h"
 #include "dfr/safety/constants.h"
 #include "dfr/safety/guard.h"
 #include "dfr/safety/guard_advice.h"

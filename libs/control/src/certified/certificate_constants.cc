@@ -8,7 +8,7 @@
 
 #include "dfr/control/response/response_estimate.h"
 #include "dfr/core/contract.h"
-#include "dfr/core/folds.h"
+#include "dfr/core/numerics/folds.h"
 
 namespace dfr::control {
 namespace {

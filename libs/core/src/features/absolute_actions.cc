@@ -1,12 +1,12 @@
-#include "dfr/core/absolute_actions.h"
+#include "dfr/core/features/absolute_actions.h"
 
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <optional>
 
-#include "dfr/core/format.h"
-#include "dfr/core/linear_algebra.h"
+#include "dfr/core/numerics/linear_algebra.h"
+#include "dfr/core/text/format.h"
 
 namespace dfr::core {
 namespace {

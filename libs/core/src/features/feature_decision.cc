@@ -1,4 +1,4 @@
-#include "dfr/core/feature_decision.h"
+#include "dfr/core/features/feature_decision.h"
 
 #include <algorithm>
 #include <array>
@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/linear_algebra.h"
 #include "dfr/core/matrix.h"
+#include "dfr/core/numerics/linear_algebra.h"
 
 namespace dfr::core {
 namespace {

@@ -1,4 +1,4 @@
-#include "dfr/core/feature_transform.h"
+#include "dfr/core/features/feature_transform.h"
 
 #include <array>
 #include <cmath>
@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/local_scatter.h"
-#include "dfr/core/quantile.h"
+#include "dfr/core/numerics/local_scatter.h"
+#include "dfr/core/numerics/quantile.h"
 
 namespace dfr::core {
 

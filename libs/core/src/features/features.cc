@@ -1,4 +1,4 @@
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
 
 #include <algorithm>
 #include <array>
@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/numbers.h"
+#include "dfr/core/text/numbers.h"
 
 namespace dfr::core {
 namespace {

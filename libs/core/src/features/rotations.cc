@@ -1,4 +1,4 @@
-#include "dfr/core/rotations.h"
+#include "dfr/core/features/rotations.h"
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
@@ -7,10 +7,10 @@
 #include <numbers>
 #include <utility>
 
-#include "dfr/core/absolute_actions.h"
-#include "dfr/core/folds.h"
-#include "dfr/core/format.h"
-#include "dfr/core/linear_algebra.h"
+#include "dfr/core/features/absolute_actions.h"
+#include "dfr/core/numerics/folds.h"
+#include "dfr/core/numerics/linear_algebra.h"
+#include "dfr/core/text/format.h"
 
 namespace dfr::core {
 namespace {

@@ -1,4 +1,4 @@
-#include "dfr/core/state_map.h"
+#include "dfr/core/features/state_map.h"
 
 #include <algorithm>
 #include <cmath>

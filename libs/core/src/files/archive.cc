@@ -1,4 +1,4 @@
-#include "dfr/core/archive.h"
+#include "dfr/core/files/archive.h"
 
 #include <bit>
 #include <cerrno>
@@ -8,8 +8,8 @@
 #include <sstream>
 #include <stdexcept>
 
-#include "dfr/core/atomic_file.h"
 #include "dfr/core/contract.h"
+#include "dfr/core/files/atomic_file.h"
 
 namespace dfr::core {
 namespace {

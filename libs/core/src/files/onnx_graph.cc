@@ -1,12 +1,12 @@
-#include "dfr/core/onnx_graph.h"
+#include "dfr/core/files/onnx_graph.h"
 
 #include <bit>
 #include <cstring>
 #include <stdexcept>
 
-#include "dfr/core/atomic_file.h"
 #include "dfr/core/build_info.h"
 #include "dfr/core/contract.h"
+#include "dfr/core/files/atomic_file.h"
 
 namespace dfr::core {
 namespace {

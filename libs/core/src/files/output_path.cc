@@ -1,9 +1,9 @@
-#include "dfr/core/output_path.h"
+#include "dfr/core/files/output_path.h"
 
 #include <stdexcept>
 #include <system_error>
 
-#include "dfr/core/atomic_file.h"
+#include "dfr/core/files/atomic_file.h"
 
 namespace dfr::core {
 namespace {

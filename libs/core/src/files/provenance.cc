@@ -1,4 +1,4 @@
-#include "dfr/core/provenance.h"
+#include "dfr/core/files/provenance.h"
 
 #include <algorithm>
 #include <array>

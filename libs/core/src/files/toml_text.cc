@@ -1,4 +1,4 @@
-#include "dfr/core/toml_text.h"
+#include "dfr/core/files/toml_text.h"
 
 #include <algorithm>
 #include <array>

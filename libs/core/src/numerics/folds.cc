@@ -1,4 +1,4 @@
-#include "dfr/core/folds.h"
+#include "dfr/core/numerics/folds.h"
 
 #include <algorithm>
 #include <array>
@@ -10,8 +10,8 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/numerics/spanning_tree.h"
 #include "dfr/core/random.h"
-#include "dfr/core/spanning_tree.h"
 
 namespace dfr::core {
 namespace {

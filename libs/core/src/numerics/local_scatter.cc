@@ -1,4 +1,4 @@
-#include "dfr/core/local_scatter.h"
+#include "dfr/core/numerics/local_scatter.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/linear_algebra.h"
+#include "dfr/core/numerics/linear_algebra.h"
 #include "dfr/core/random.h"
 
 namespace dfr::core {

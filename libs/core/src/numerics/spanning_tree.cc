@@ -1,4 +1,4 @@
-#include "dfr/core/spanning_tree.h"
+#include "dfr/core/numerics/spanning_tree.h"
 
 #include <algorithm>
 #include <limits>

@@ -1,4 +1,4 @@
-#include "dfr/core/numbers.h"
+#include "dfr/core/text/numbers.h"
 
 #include <algorithm>
 #include <cctype>

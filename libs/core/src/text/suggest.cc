@@ -1,4 +1,4 @@
-#include "dfr/core/suggest.h"
+#include "dfr/core/text/suggest.h"
 
 #include <algorithm>
 #include <cstddef>

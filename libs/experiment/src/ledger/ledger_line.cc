@@ -6,7 +6,7 @@
 #include <stdexcept>
 #include <vector>
 
-#include "dfr/core/format.h"
+#include "dfr/core/text/format.h"
 
 namespace dfr::experiment::internal {
 namespace {

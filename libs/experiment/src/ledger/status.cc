@@ -8,7 +8,7 @@
 #include <tuple>
 #include <utility>
 
-#include "dfr/core/format.h"
+#include "dfr/core/text/format.h"
 #include "dfr/experiment/ledger.h"
 #include "dfr/experiment/progress.h"
 #include "ledger/ledger_file.h"

@@ -3,7 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "dfr/core/format.h"
+#include "dfr/core/text/format.h"
 
 namespace dfr::experiment::internal {
 

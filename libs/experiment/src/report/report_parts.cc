@@ -6,7 +6,7 @@
 #include <string>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/format.h"
+#include "dfr/core/text/format.h"
 #include "report/html.h"
 #include "report/svg_plot.h"
 #include "text_file.h"

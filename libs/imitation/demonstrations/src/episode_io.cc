@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/numbers.h"
+#include "dfr/core/text/numbers.h"
 
 namespace dfr::imitation::internal {
 namespace {

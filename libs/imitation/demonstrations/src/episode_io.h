@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/imitation/demonstrations.h"

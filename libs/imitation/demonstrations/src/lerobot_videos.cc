@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "dfr/core/error.h"
-#include "dfr/core/format.h"
+#include "dfr/core/text/format.h"
 #include "parquet/parquet_file.h"
 
 namespace dfr::imitation::internal {

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
 #include "dfr/core/matrix.h"
 #include "video_frames.h"
 

@@ -9,8 +9,8 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/core/atomic_file.h"
 #include "dfr/core/contract.h"
+#include "dfr/core/files/atomic_file.h"
 #include "episode_io.h"
 #include "hdf5/hdf5_file.h"
 

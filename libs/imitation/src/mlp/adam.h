@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 
-#include "dfr/core/archive.h"
+#include "dfr/core/files/archive.h"
 
 namespace dfr::imitation::internal {
 

@@ -6,8 +6,8 @@
 #include <numeric>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/format.h"
 #include "dfr/core/random.h"
+#include "dfr/core/text/format.h"
 #include "dfr/core/workers.h"
 #include "support/fit_sharing.h"
 

@@ -7,8 +7,8 @@
 #include <stdexcept>
 #include <utility>
 
-#include "dfr/core/archive.h"
 #include "dfr/core/contract.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/core/workers.h"
 #include "support/fit_sharing.h"
 #include "support/states_at.h"

@@ -9,11 +9,11 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/folds.h"
-#include "dfr/core/linear_algebra.h"
-#include "dfr/core/local_scatter.h"
+#include "dfr/core/numerics/folds.h"
+#include "dfr/core/numerics/linear_algebra.h"
+#include "dfr/core/numerics/local_scatter.h"
+#include "dfr/core/numerics/spanning_tree.h"
 #include "dfr/core/random.h"
-#include "dfr/core/spanning_tree.h"
 
 namespace dfr::kernel {
 namespace {

@@ -8,11 +8,11 @@
 #include <string>
 #include <utility>
 
-#include "dfr/core/absolute_actions.h"
 #include "dfr/core/contract.h"
-#include "dfr/core/format.h"
-#include "dfr/core/linear_algebra.h"
-#include "dfr/core/local_scatter.h"
+#include "dfr/core/features/absolute_actions.h"
+#include "dfr/core/numerics/linear_algebra.h"
+#include "dfr/core/numerics/local_scatter.h"
+#include "dfr/core/text/format.h"
 #include "dfr/safety/constants.h"
 
 namespace dfr::safety::internal {

@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
-#include "dfr/core/features.h"
-#include "dfr/core/rotations.h"
+#include "dfr/core/features/features.h"
+#include "dfr/core/features/rotations.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/safety/action_space.h"
 #include "fit/fit_task.h"

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "dfr/control/response/response_estimate.h"
-#include "dfr/core/format.h"
+#include "dfr/core/text/format.h"
 #include "dfr/safety/constants.h"
 #include "dfr/safety/guard_model.h"
 

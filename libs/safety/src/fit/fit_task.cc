@@ -9,8 +9,8 @@
 #include "dfr/control/phase_tracker.h"
 #include "dfr/control/published/lambda.h"
 #include "dfr/core/contract.h"
-#include "dfr/core/feature_decision.h"
-#include "dfr/core/quantile.h"
+#include "dfr/core/features/feature_decision.h"
+#include "dfr/core/numerics/quantile.h"
 #include "dfr/safety/constants.h"
 
 namespace dfr::safety::internal {

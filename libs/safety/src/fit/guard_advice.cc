@@ -5,9 +5,9 @@
 #include <utility>
 
 #include "dfr/control/response/response_estimate.h"
-#include "dfr/core/absolute_actions.h"
-#include "dfr/core/format.h"
-#include "dfr/core/linear_algebra.h"
+#include "dfr/core/features/absolute_actions.h"
+#include "dfr/core/numerics/linear_algebra.h"
+#include "dfr/core/text/format.h"
 #include "dfr/kernel/cover_radius.h"
 #include "dfr/safety/constants.h"
 #include "fit/choose_features.h"

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "dfr/core/features.h"
-#include "dfr/core/linear_algebra.h"
+#include "dfr/core/features/features.h"
+#include "dfr/core/numerics/linear_algebra.h"
 #include "dfr/safety/constants.h"
 
 namespace dfr::safety::internal {

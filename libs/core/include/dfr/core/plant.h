@@ -4,7 +4,7 @@
 #include <memory>
 #include <span>
 
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
 
 namespace dfr::core {
 

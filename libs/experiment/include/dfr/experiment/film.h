@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
 #include "dfr/core/matrix.h"
 #include "dfr/experiment/paired_evaluation.h"
 #include "dfr/experiment/report.h"

@@ -9,8 +9,8 @@
 #include <string_view>
 #include <vector>
 
+#include "dfr/core/files/read_budget.h"
 #include "dfr/core/matrix.h"
-#include "dfr/core/read_budget.h"
 
 namespace dfr::imitation::internal {
 

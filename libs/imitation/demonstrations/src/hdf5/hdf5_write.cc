@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "dfr/core/atomic_file.h"
+#include "dfr/core/files/atomic_file.h"
 #include "hdf5/hdf5_file.h"
 #include "hdf5/hdf5_handle.h"
 

@@ -7,7 +7,7 @@
 #include <string_view>
 #include <vector>
 
-#include "dfr/core/read_budget.h"
+#include "dfr/core/files/read_budget.h"
 
 namespace dfr::imitation::internal {
 

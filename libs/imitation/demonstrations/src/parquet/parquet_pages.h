@@ -3,7 +3,7 @@
 #include <cstdint>
 #include <string_view>
 
-#include "dfr/core/read_budget.h"
+#include "dfr/core/files/read_budget.h"
 #include "parquet/parquet_file.h"
 
 namespace dfr::imitation::internal {

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
 #include "dfr/core/matrix.h"
 #include "dfr/imitation/demonstrations.h"
 #include "dfr/imitation/mlp_policy.h"

@@ -3,7 +3,7 @@
 #include <span>
 #include <vector>
 
-#include "dfr/core/feature_transform.h"
+#include "dfr/core/features/feature_transform.h"
 #include "dfr/core/policy.h"
 #include "dfr/core/trajectory.h"
 

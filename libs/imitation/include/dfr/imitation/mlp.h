@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "dfr/core/archive.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
 

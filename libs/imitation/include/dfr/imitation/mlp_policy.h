@@ -6,8 +6,8 @@
 #include <string>
 #include <string_view>
 
-#include "dfr/core/archive.h"
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/core/policy.h"
 #include "dfr/imitation/mlp.h"
 #include "dfr/imitation/whitening.h"

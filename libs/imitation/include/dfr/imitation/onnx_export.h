@@ -3,7 +3,7 @@
 #include <filesystem>
 #include <string>
 
-#include "dfr/core/onnx_graph.h"
+#include "dfr/core/files/onnx_graph.h"
 #include "dfr/imitation/mlp_policy.h"
 
 namespace dfr::imitation {

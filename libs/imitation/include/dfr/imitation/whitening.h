@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 #include <span>
 
-#include "dfr/core/archive.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/core/matrix.h"
 
 namespace dfr::imitation {

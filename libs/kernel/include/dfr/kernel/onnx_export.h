@@ -3,7 +3,7 @@
 #include <filesystem>
 #include <string>
 
-#include "dfr/core/onnx_graph.h"
+#include "dfr/core/files/onnx_graph.h"
 #include "dfr/kernel/one_class_svm.h"
 #include "dfr/kernel/time_varying_support.h"
 #include "dfr/kernel/whitened_support.h"

@@ -5,8 +5,8 @@
 #include <filesystem>
 #include <span>
 
-#include "dfr/core/features.h"
-#include "dfr/core/provenance.h"
+#include "dfr/core/features/features.h"
+#include "dfr/core/files/provenance.h"
 #include "dfr/kinematics/psm.h"
 #include "dfr/vision/camera_model.h"
 #include "dfr/vision/line_vision.h"

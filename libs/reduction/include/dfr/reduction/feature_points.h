@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <span>
 
-#include "dfr/core/archive.h"
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/core/matrix.h"
 #include "dfr/reduction/row_source.h"
 

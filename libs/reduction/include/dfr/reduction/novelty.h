@@ -3,8 +3,8 @@
 #include <Eigen/Core>
 #include <span>
 
-#include "dfr/core/archive.h"
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/core/matrix.h"
 #include "dfr/reduction/row_source.h"
 

@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <span>
 
-#include "dfr/core/archive.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/core/matrix.h"
 #include "dfr/reduction/principal_components.h"
 

@@ -7,8 +7,8 @@
 #include <string_view>
 #include <vector>
 
-#include "dfr/core/archive.h"
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/reduction/feature_points.h"

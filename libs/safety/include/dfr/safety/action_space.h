@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "dfr/core/archive.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/core/trajectory.h"
 
 namespace dfr::safety {

@@ -12,7 +12,7 @@
 #include "dfr/control/certified/certificate.h"
 #include "dfr/control/certified/certificate_constants.h"
 #include "dfr/core/decision_function.h"
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/kernel/whitened_support.h"

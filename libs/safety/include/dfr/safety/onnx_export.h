@@ -3,7 +3,7 @@
 #include <filesystem>
 #include <string>
 
-#include "dfr/core/onnx_graph.h"
+#include "dfr/core/files/onnx_graph.h"
 #include "dfr/safety/guard_model.h"
 
 namespace dfr::safety {

@@ -8,7 +8,7 @@
 
 #include "dfr/control/controller.h"
 #include "dfr/control/response/response.h"
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
 #include "dfr/core/policy.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/safety/guard_model.h"

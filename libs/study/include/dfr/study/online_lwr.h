@@ -6,7 +6,7 @@
 #include "dfr/control/guided/guided_options.h"
 #include "dfr/control/response/response.h"
 #include "dfr/control/response/response_estimate.h"
-#include "dfr/core/feature_transform.h"
+#include "dfr/core/features/feature_transform.h"
 #include "dfr/core/policy.h"
 
 namespace dfr::study {

@@ -10,7 +10,7 @@
 #include <tuple>
 #include <vector>
 
-#include "dfr/core/feature_transform.h"
+#include "dfr/core/features/feature_transform.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/experiment/paired_evaluation.h"
 #include "dfr/experiment/rollout_runner.h"

@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/core/feature_transform.h"
+#include "dfr/core/features/feature_transform.h"
 #include "dfr/core/plant.h"
 #include "dfr/core/policy.h"
 #include "dfr/core/trajectory.h"

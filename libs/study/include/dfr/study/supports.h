@@ -9,9 +9,9 @@
 
 #include "dfr/control/guided/task_view.h"
 #include "dfr/core/decision_function.h"
-#include "dfr/core/feature_decision.h"
-#include "dfr/core/feature_transform.h"
-#include "dfr/core/features.h"
+#include "dfr/core/features/feature_decision.h"
+#include "dfr/core/features/feature_transform.h"
+#include "dfr/core/features/features.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/study/fitted_task.h"
 

@@ -3,8 +3,8 @@
 #include <span>
 
 #include "dfr/control/response/response.h"
-#include "dfr/core/feature_transform.h"
-#include "dfr/core/folds.h"
+#include "dfr/core/features/feature_transform.h"
+#include "dfr/core/numerics/folds.h"
 #include "dfr/core/trajectory.h"
 
 namespace dfr::control {

@@ -4,8 +4,8 @@
 #include <vector>
 
 #include "dfr/control/constants.h"
-#include "dfr/core/archive.h"
 #include "dfr/core/decision_function.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/core/matrix.h"
 
 namespace dfr::control {

@@ -3,7 +3,7 @@
 #include "dfr/control/guided/levels.h"
 #include "dfr/control/response/response.h"
 #include "dfr/core/decision_function.h"
-#include "dfr/core/feature_transform.h"
+#include "dfr/core/features/feature_transform.h"
 #include "dfr/core/policy.h"
 
 namespace dfr::control {

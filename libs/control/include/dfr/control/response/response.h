@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "dfr/control/response/transition_store.h"
-#include "dfr/core/archive.h"
-#include "dfr/core/feature_transform.h"
+#include "dfr/core/features/feature_transform.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/trajectory.h"
 

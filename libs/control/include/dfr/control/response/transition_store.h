@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/core/archive.h"
+#include "dfr/core/files/archive.h"
 #include "dfr/core/matrix.h"
 
 namespace dfr::control {

@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "dfr/core/features.h"
-#include "dfr/core/provenance.h"
+#include "dfr/core/features/features.h"
+#include "dfr/core/files/provenance.h"
 #include "dfr/core/trajectory.h"
 
 namespace dfr::imitation {

@@ -4,7 +4,7 @@
 #include <memory>
 #include <string>
 
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/imitation/demonstrations.h"
 

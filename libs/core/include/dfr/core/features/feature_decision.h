@@ -3,7 +3,7 @@
 #include <span>
 
 #include "dfr/core/decision_function.h"
-#include "dfr/core/feature_transform.h"
+#include "dfr/core/features/feature_transform.h"
 
 namespace dfr::core {
 

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
 #include "dfr/core/trajectory.h"
 
 namespace dfr::core {

@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
+#include "dfr/core/features/state_map.h"
 #include "dfr/core/matrix.h"
-#include "dfr/core/state_map.h"
 #include "dfr/core/trajectory.h"
 
 namespace dfr::core {

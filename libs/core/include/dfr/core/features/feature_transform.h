@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 #include <span>
 
-#include "dfr/core/features.h"
+#include "dfr/core/features/features.h"
 #include "dfr/core/matrix.h"
 
 namespace dfr::core {

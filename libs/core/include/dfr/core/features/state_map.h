@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "dfr/core/archive.h"
+#include "dfr/core/files/archive.h"
 
 namespace dfr::core {
 

@@ -9,8 +9,8 @@
 #include <system_error>
 #include <vector>
 
-#include "dfr/core/numbers.h"
-#include "dfr/core/output_path.h"
+#include "dfr/core/files/output_path.h"
+#include "dfr/core/text/numbers.h"
 
 namespace dfr::core {
 

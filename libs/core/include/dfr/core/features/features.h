@@ -6,8 +6,8 @@
 #include <string_view>
 #include <vector>
 
+#include "dfr/core/features/state_map.h"
 #include "dfr/core/matrix.h"
-#include "dfr/core/state_map.h"
 
 namespace dfr::core {
 
