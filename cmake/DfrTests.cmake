@@ -18,7 +18,7 @@ endif()
 
 # dfr_add_tests(kernel SOURCES one_class_svm_test.cc ... [TIER integration] [LINK dfr::kernel ...]
 #               [INCLUDE libs/kernel/src ...] [DEFINE NAME=value ...] [NEEDS program ...] [TIMEOUT seconds])
-# makes one program of all tests that a folder has of a tier. It runs as one CTest case, unit.kernel or
+# makes one program of all tests of a tier in a folder and below it. It runs as one CTest case, unit.kernel or
 # system.dds, in random order. Of the integration tier each TEST is a case of its own, dds.Suite.Name.
 # testing::TempDir() is the build tree's own, so that two trees may be tested at once.
 function(dfr_add_tests name)

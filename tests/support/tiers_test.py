@@ -1,5 +1,5 @@
 """Each test has one tier, no tier is empty, and only the tier system reads the machine's clocks. Also, every
-program ignores SIGXFSZ.
+program ignores SIGXFSZ, and no folder and no source file is large.
 
 usage: tiers_test.py SOURCE_DIR BINARY_DIR
 """
@@ -7,6 +7,7 @@ import collections
 import json
 import pathlib
 import re
+import shutil
 import subprocess
 import sys
 import unittest
@@ -44,6 +45,18 @@ class Tiers(unittest.TestCase):
                 continue
             with self.subTest(name):
                 self.assertEqual(CLOCKS.findall(path.read_text()), [])
+
+    def test_no_folder_has_more_than_15_files_and_no_source_more_than_450_lines(self):
+        git = ["git", "ls-files", "apps", "bench", "hardware", "libs", "python", "sim", "tests"]
+        listed = subprocess.run(git, cwd=SOURCE, capture_output=True, text=True) if shutil.which("git") else None
+        if listed is None or listed.returncode != 0 or not listed.stdout:
+            self.skipTest("not a git checkout")
+        tracked = [path for path in map(pathlib.Path, listed.stdout.splitlines()) if (SOURCE / path).exists()]
+        files = collections.Counter(path.parent.as_posix() for path in tracked)
+        self.assertEqual({folder: count for folder, count in files.items() if count > 15}, {})
+        lines = {path.as_posix(): (SOURCE / path).read_text().count("\n")
+                 for path in tracked if path.suffix in (".c", ".cc", ".h", ".py")}
+        self.assertEqual({path: count for path, count in lines.items() if count > 450}, {})
 
 
 if __name__ == "__main__":
