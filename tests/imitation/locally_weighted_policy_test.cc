@@ -58,6 +58,21 @@ TEST(LocallyWeightedPolicyTest, LooksAtNeighbouringTimeStepsOnly) {
   EXPECT_NEAR(u[0], 0.5, 1e-6) << "the last step holds beyond the end";
 }
 
+// Padding of episodes, or a pause of all demonstrations.
+TEST(LocallyWeightedPolicyTest, WhereAllRestTheNearestStepsThatMoveCount) {
+  auto demonstrations = Linear();
+  for (auto& d : demonstrations) {
+    d.controls.middleRows(3, 7).setZero();
+    d.controls.row(2).setConstant(0.5);
+  }
+  const LocallyWeightedPolicy policy(Identity(), demonstrations, {.window = 1});
+  std::vector<double> u(2);
+  for (const int t : {4, 9, 1000}) {
+    policy.Control(t, std::vector{0.0, 0.0}, u);
+    EXPECT_NEAR(u[0], 0.5, 1e-6);
+  }
+}
+
 TEST(LocallyWeightedPolicyTest, FarAwayItStillGivesAControlWithinTheLimits) {
   const LocallyWeightedPolicy policy(Identity(), Linear());
   std::vector<double> u(2);

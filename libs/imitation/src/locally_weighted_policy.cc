@@ -78,8 +78,14 @@ void LocallyWeightedPolicy::Control(int t, std::span<const double> x,
   const int steps = static_cast<int>(begin_.size()) - 1;
   // Beyond the last time step, the last pairs still apply.
   const int here = std::clamp(t, 0, steps - 1);
-  const int first = begin_[static_cast<std::size_t>(std::max(0, here - options_.window))];
-  const int last = begin_[static_cast<std::size_t>(std::min(steps, here + options_.window + 1))];
+  const auto begin = [&](int step) {
+    return begin_[static_cast<std::size_t>(std::clamp(step, 0, steps))];
+  };
+  // If all demonstrations rest longer than the window, the nearest steps in time that move count.
+  int window = options_.window;
+  while (begin(here - window) == begin(here + window + 1)) ++window;
+  const int first = begin(here - window);
+  const int last = begin(here + window + 1);
   // Uses distances relative to the nearest pair. Far from all demonstrations, the nearest pairs
   // then decide; all weights would underflow otherwise.
   double nearest = std::numeric_limits<double>::infinity();
@@ -103,8 +109,7 @@ void LocallyWeightedPolicy::Control(int t, std::span<const double> x,
   const Eigen::LLT<Square> cholesky(a);
   cholesky.solveInPlace(b);
   for (std::size_t i = 0; i < u.size(); ++i) {
-    u[i] = first < last ? std::clamp(b(0, static_cast<Eigen::Index>(i)), -1.0, 1.0)
-                        : std::numeric_limits<double>::quiet_NaN();
+    u[i] = std::clamp(b(0, static_cast<Eigen::Index>(i)), -1.0, 1.0);
   }
 }
 

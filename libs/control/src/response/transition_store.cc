@@ -184,8 +184,13 @@ TransitionStore TransitionStore::Load(core::ArchiveReader& archive) {
 std::pair<int, int> TransitionStore::Near(int t) const noexcept {
   const int steps = static_cast<int>(begin_.size()) - 1;
   t = std::min(t, steps - 1);
-  return {begin_[static_cast<std::size_t>(std::clamp(t - options_.window, 0, steps))],
-          begin_[static_cast<std::size_t>(std::clamp(t + options_.window + 1, 0, steps))]};
+  const auto begin = [&](int step) {
+    return begin_[static_cast<std::size_t>(std::clamp(step, 0, steps))];
+  };
+  // If all demonstrations rest longer than the window, the nearest steps in time that move count.
+  int window = options_.window;
+  while (begin(t - window) == begin(t + window + 1) && window < steps) ++window;
+  return {begin(t - window), begin(t + window + 1)};
 }
 
 TransitionStore::Workspace TransitionStore::MakeWorkspace() const {

@@ -11,7 +11,8 @@ namespace dfr::imitation {
 
 /// Options for LocallyWeightedPolicy.
 struct LocallyWeightedOptions {
-  int window = 5;         ///< Uses demonstrated pairs of time steps t - window ... t + window.
+  int window = 5;         ///< Uses pairs of time steps t - window ... t + window with u != 0, and
+                          ///< the nearest in time if these have none.
   double width = 1.0;     ///< Weights are exp(-|z - z_i|^2 / (2 width^2)), > 0.
   double ridge = 0.1;     ///< Regularises the local slope towards zero, > 0.
   int max_per_step = 24;  ///< Maximum number of demonstrations per time step; bounds the time.

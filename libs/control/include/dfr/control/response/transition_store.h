@@ -16,7 +16,8 @@ struct ResponseOptions {
   double drift_ridge = 1.0;    ///< Ridge of the drift at z, > 0.
   double slope_ridge = 10.0;   ///< Ridge of the slopes of the drift, > 0.
   double prior_weight = 15.0;  ///< Total weight of the demonstrations' transitions, >= 0.
-  int window = 5;              ///< Uses transitions of the time steps t - window ... t + window.
+  int window = 5;  ///< Uses transitions of the time steps t - window ... t + window with u != 0,
+                   ///< and the nearest in time if these have none.
   int max_per_step =
       48;  ///< Maximum number of transitions per time step; bounds the computing time.
   double forgetting = 0.93;  ///< Factor on the weight of earlier controls, in [0, 1).
@@ -96,7 +97,7 @@ class TransitionStore {
   TransitionStore() = default;
   void SumRows(const Eigen::VectorXi& indices, int count, double factor,
                Workspace& workspace) const noexcept;
-  /// Returns the first and the last transition, exclusive, of time steps t - window ... t + window.
+  /// Returns the first and the last transition, exclusive, of ResponseOptions::window at t.
   [[nodiscard]] std::pair<int, int> Near(int t) const noexcept;
   /// Returns the number of entries of a row of transitions_.
   [[nodiscard]] int Width() const noexcept;
