@@ -132,7 +132,7 @@ class GuardAppTest(GuardProgramTest):
             observations["noise"] = rng.normal(size=(21, 30))
         write_robomimic(self.folder / "turned.hdf5", data)
         out = self.run_guard("check", "turned.hdf5")
-        self.assertRegex(out, r"rotation +quat\[0:4\] is a unit quaternion: a guard takes q and -q for the same")
+        self.assertRegex(out, r"rotation +quat\[0:4\] is a unit quaternion: a guard treats q and -q as the same")
         self.assertRegex(out, r"rotation +yaw\[0\] is an angle that jumps by 6.28.* cosine and sine")
         out = self.run_guard("fit", "turned.hdf5", "-f", "obs/tip,obs/yaw", "--accept-any", "-o", "yaw.guard")
         self.assertIn("tip,yaw: 3 of 40 entries of a state, angles by cosine and sine", out)

@@ -45,9 +45,8 @@ Range ParseItem(const StateLayout& layout, std::string_view item) {
       first = ParseInteger<int>(inside.substr(1, colon - 1));
       last = ParseInteger<int>(inside.substr(colon + 1, inside.size() - colon - 2));
     }
-    DFR_THROW_UNLESS(first && last, "feature '" << item
-                                                << "': a range is written name[first:last], "
-                                                << "first and last being whole numbers");
+    DFR_THROW_UNLESS(first && last, "feature '" << item << "': write a range as name[first:last] "
+                                                << "with whole numbers");
     range = {*first, *last};
     DFR_THROW_UNLESS(
         0 <= range.first && range.first < range.last && range.last <= block->size,
@@ -62,8 +61,8 @@ void StateLayout::Add(std::string name, int size) {
   DFR_THROW_UNLESS(size > 0, "state block '" << name << "' needs at least one entry");
   const int offset = state_dim();
   DFR_THROW_UNLESS(size <= kMaxStateDim - offset,
-                   "with the block '" << name << "' of " << size
-                                      << " entries a state has more than " << kMaxStateDim);
+                   "the block '" << name << "' of " << size << " entries makes a state longer than "
+                                 << kMaxStateDim);
   blocks.push_back({.name = std::move(name), .offset = offset, .size = size});
 }
 
@@ -71,7 +70,8 @@ void StateLayout::Add(std::string name, const PictureShape& picture) {
   const auto [height, width, channels] = picture;
   DFR_THROW_UNLESS(height > 0 && width > 0 && (channels == 1 || channels == 3),
                    "the picture '" << name << "' of " << height << " x " << width << " x "
-                                   << channels << " needs 1 or 3 channels, the last of its sizes");
+                                   << channels
+                                   << " needs positive sizes and 1 or 3 channels (last)");
   DFR_THROW_UNLESS(height <= kMaxStateDim / width / channels,
                    "the picture '" << name << "' of " << height << " x " << width << " x "
                                    << channels << " has more than " << kMaxStateDim << " entries");
@@ -116,10 +116,9 @@ FeatureSelection FeatureSelection::Of(const StateLayout& layout, std::string_vie
 }
 
 FeatureSelection FeatureSelection::Mapped(StateMap map) const {
-  DFR_THROW_UNLESS(map.least_state_dim() <= state_dim_,
-                   "rotations of states with " << map.least_state_dim()
-                                               << " entries or more do not fit states of "
-                                               << state_dim_);
+  DFR_THROW_UNLESS(map.least_state_dim() <= state_dim_, "the rotations need states of at least "
+                                                            << map.least_state_dim()
+                                                            << " entries, not " << state_dim_);
   FeatureSelection mapped = *this;
   mapped.map_ = std::move(map);
   mapped.indices_.erase(std::unique(mapped.indices_.begin(), mapped.indices_.end()),

@@ -34,12 +34,12 @@ constexpr double kLeastAlong = 0.2588190451025207;
 // cos(90 degrees / 2). Both signs of quaternions this close to their mean or its opposite are
 // evidence of a quaternion.
 constexpr double kBothSigns = 0.7071067811865476;
-// Distance in radians between the starts of two episodes with the same rotation on two revolutions.
+// Rotations at the starts of two episodes count as the same up to this distance, in radians.
 constexpr double kSameBegin = 0.6;
 // Jumps of three entries belong to a rotation vector if removing them reduces the squared error to
 // this fraction.
 constexpr double kLessError = 0.5;
-// Criteria for episodes that start at one angle on several revolutions: their number, their
+// Criteria for episodes that start at one angle in several revolutions: their number, their
 // distance in revolutions, and the length of the mean of their unit vectors. Lengths rarely meet
 // them.
 constexpr int kFewestEpisodes = 8;
@@ -73,14 +73,14 @@ bool AllVary(const std::vector<Eigen::Vector4d>& seen) {
   return (high - low).minCoeff() > kTolerance;
 }
 
-// Returns the number of nonzero entries. One is a flag beside dead entries.
+// Returns the number of entries that are ever nonzero. A single one can be a flag beside zeros.
 int NumLive(const std::vector<Eigen::Vector4d>& seen) {
   Eigen::Vector4d largest = Eigen::Vector4d::Zero();
   for (const Eigen::Vector4d& q : seen) largest = largest.cwiseMax(q.cwiseAbs());
   return static_cast<int>((largest.array() > kTolerance).count());
 }
 
-// Returns true if orientations are near their mean and come with both signs.
+// Returns true if all orientations are near their mean and both signs occur.
 bool HasBothSigns(const std::vector<Eigen::Vector4d>& seen, const Eigen::Vector4d& mean) {
   double low = 1.0;
   double high = -1.0;
@@ -182,7 +182,7 @@ void RotationFinder::AddNine(const Matrix& states) {
 }
 
 // At pi, v turns into v - 2 pi v / |v|. A vector computed from a quaternion with changing sign
-// jumps anywhere and has a length of up to 2 pi.
+// jumps at any angle and has a length of up to 2 pi.
 void RotationFinder::AddThree(const Matrix& states) {
   std::erase_if(threes_, [&](Three& three) {
     const auto rows = states.middleCols(three.first, 3);
@@ -351,31 +351,30 @@ std::string Describe(const Rotation& rotation, const StateLayout& layout) {
       if (rotation.guessed && !rotation.continuous) {
         return name +
                " is a flag of +-1 beside zeros, or a unit quaternion that never turns but changes "
-               "its sign: the signs remain two states. Make the sign of a quaternion the same "
+               "its sign: the signs remain two states. Use the same sign of a quaternion "
                "everywhere, or give it a block of four entries in the layout";
       }
       if (rotation.guessed) {
         return name +
-               " is taken for a unit quaternion about a fixed axis, because its sign differs "
-               "between demonstrations: q and -q are one state. If they are not, give these "
-               "entries blocks of their own in the layout";
+               " is treated as a unit quaternion about a fixed axis, because its sign differs "
+               "between demonstrations: q and -q are one state. If they are not, give each of "
+               "these entries a separate block in the layout";
       }
       if (rotation.continuous) {
-        return name + " is a unit quaternion: a guard takes q and -q for the same orientation";
+        return name + " is a unit quaternion: a guard treats q and -q as the same orientation";
       }
       return name +
              " is a unit quaternion whose orientations are more than 150 degrees from their mean: "
-             "q "
-             "and -q remain two states. Give the first two columns of the rotation matrix instead";
+             "q and -q remain two states. Use the first two columns of the rotation matrix instead";
     case Kind::kAngle:
       if (rotation.continuous) {
-        return name + Format(" is an angle that jumps by %g: a guard takes the value nearest to %g",
+        return name + Format(" is an angle that jumps by %g: a guard uses the value nearest to %g",
                              rotation.period, rotation.centre);
       }
       return name + Format(
-                        " is an angle that jumps by %g and goes all the way round: a guard takes "
-                        "its cosine and sine. Give the running angle unwrapped instead where the "
-                        "revolution matters",
+                        " is an angle that jumps by %g and makes full turns: a guard uses its "
+                        "cosine and sine. If the revolution matters, use the unwrapped angle "
+                        "instead",
                         rotation.period);
     case Kind::kMatrix:
       return name +
@@ -383,13 +382,13 @@ std::string Describe(const Rotation& rotation, const StateLayout& layout) {
              "or two columns, are enough";
     case Kind::kAxisAngle:
       return name +
-             " is a rotation vector (axis times angle) that jumps by 2 pi along its axis. Give the "
+             " is a rotation vector (axis times angle) that jumps by 2 pi along its axis. Use the "
              "first two columns of the rotation matrix instead";
     case Kind::kRunning:
       return name + Format(
-                        " is an angle that runs on: episodes begin a whole number of %g apart, "
-                        "and an orientation is another state on each revolution. Give its "
-                        "cosine and sine instead, or let each episode begin on the same "
+                        " is an unwrapped angle: episodes begin a whole number of %g apart, "
+                        "and an orientation is another state in each revolution. Use its "
+                        "cosine and sine instead, or let each episode begin in the same "
                         "revolution",
                         rotation.period);
   }

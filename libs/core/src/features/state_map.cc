@@ -14,7 +14,7 @@ namespace {
 constexpr int kSize = 4;
 // Sensors and single precision cause smaller errors of a quaternion's length than this.
 constexpr double kMostOff = 0.1;
-// References are normalised.
+// Error of the length of a normalised reference.
 constexpr double kRounding = 1e-6;
 constexpr int kMostEntries = 1 << 16;
 
@@ -55,21 +55,21 @@ StateMap::StateMap(std::vector<Quaternion> quaternions, std::vector<Angle> angle
       angles_(std::move(angles)),
       circles_(std::move(circles)) {
   for (const Quaternion& q : quaternions_) {
-    DFR_THROW_UNLESS(q.first >= 0, "a quaternion begins at entry " << q.first);
+    DFR_THROW_UNLESS(q.first >= 0, "a quaternion cannot begin at entry " << q.first);
     const double length = std::sqrt(Dot(q.reference, q.reference));
     DFR_THROW_UNLESS(
         std::abs(length - 1.0) <= kRounding,
         "a reference orientation must be a unit quaternion, not one of length " << length);
   }
   for (const Angle& angle : angles_) {
-    DFR_THROW_UNLESS(angle.entry >= 0, "an angle is entry " << angle.entry);
+    DFR_THROW_UNLESS(angle.entry >= 0, "an angle cannot be entry " << angle.entry);
     DFR_THROW_UNLESS(
         std::isfinite(angle.centre) && angle.period > 0.0 && std::isfinite(angle.period),
         "the centre of an angle must be finite, its period positive and finite: "
             << angle.centre << ", " << angle.period);
   }
   for (const Circle& circle : circles_) {
-    DFR_THROW_UNLESS(circle.entry >= 0, "an angle is entry " << circle.entry);
+    DFR_THROW_UNLESS(circle.entry >= 0, "an angle cannot be entry " << circle.entry);
     DFR_THROW_UNLESS(circle.period > 0.0 && std::isfinite(circle.period),
                      "the period of an angle must be positive and finite: " << circle.period);
   }

@@ -88,7 +88,7 @@ std::string Tensor(const std::string& name, OnnxGraph::Type type, std::span<cons
   std::int64_t count = 1;
   for (const std::int64_t size : shape) count *= size;
   DFR_THROW_UNLESS(count == static_cast<std::int64_t>(values.size()),
-                   values.size() << " values for a constant of " << count);
+                   values.size() << " values do not fill a constant of " << count);
   std::string tensor;
   for (const std::int64_t size : shape) AppendInteger(tensor, tensor::kDimension, size);
   AppendInteger(tensor, tensor::kType, static_cast<int>(type));
@@ -196,8 +196,8 @@ void OnnxGraph::Save(const std::filesystem::path& path) const {
   // Readers of Protocol Buffers reject larger messages.
   constexpr std::size_t kMost = 0x7fffffff;
   if (content.size() > kMost) {
-    throw std::runtime_error(path.string() + ": an ONNX file of " + std::to_string(content.size()) +
-                             " bytes; 2 GiB is the most");
+    throw std::runtime_error(path.string() + ": needs " + std::to_string(content.size()) +
+                             " bytes; an ONNX file can have at most 2 GiB");
   }
   ReplaceFile(path, content);
 }

@@ -19,8 +19,7 @@ namespace {
 // Number of states that represent a demonstration.
 constexpr int kLandmarks = 5;
 
-// Entry i of a demonstration: first the numbers of rows, then states, then controls. NaN sorts
-// last.
+// Entry i of a demonstration: the numbers of rows, then states, then controls. NaN sorts last.
 double Entry(std::span<const Matrix* const> parts, std::size_t i) {
   if (i < parts.size()) return static_cast<double>(parts[i]->rows());
   i -= parts.size();
@@ -105,7 +104,7 @@ std::vector<std::size_t> Order(std::size_t demonstrations, std::uint64_t seed,
 void Check(std::size_t demonstrations, int folds) {
   DFR_THROW_UNLESS(folds >= 2, "folds must be at least 2: " << folds);
   DFR_THROW_UNLESS(demonstrations >= static_cast<std::size_t>(folds),
-                   folds << " folds need as many demonstrations, there are " << demonstrations);
+                   folds << " folds need at least as many demonstrations, not " << demonstrations);
 }
 
 // One row per demonstration: its concatenated landmarks.

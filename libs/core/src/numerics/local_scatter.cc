@@ -50,7 +50,7 @@ Matrix Scatter(const Matrix& points, const Matrix& map, const LocalScatterOption
       others[static_cast<std::size_t>(j)] = {distance(other, i), static_cast<int>(other)};
     }
     std::nth_element(others.begin(), others.begin() + neighbours - 1, others.end());
-    // Uses the mean. The maximum is equal for two points that are each other's farthest.
+    // Ranks by the sum: the maximum would tie points that are each other's farthest neighbour.
     double sum = 0.0;
     std::vector<int>& chosen = nearest[static_cast<std::size_t>(i)];
     chosen.reserve(static_cast<std::size_t>(neighbours));

@@ -24,8 +24,8 @@ class Workers {
   /// Number of threads.
   [[nodiscard]] std::size_t size() const noexcept { return wanted_; }
 
-  /// Calls job(0), ..., job(count - 1), each once, in any order and on any thread. Returns when all
-  /// are done. Rethrows the first exception and skips the jobs that have not started by then.
+  /// Calls job(0), ..., job(count - 1) once each, in any order on any thread. Returns when all are
+  /// done. Rethrows the first exception and skips jobs that have not started. Not reentrant.
   void Run(std::size_t count, const std::function<void(std::size_t)>& job);
 
  private:

@@ -20,7 +20,7 @@ struct AbsoluteAction {
   double slope = 0.0;        ///< Slope of the action over that state entry; 1 for a target.
 };
 
-/// Distinguishes target positions from velocities and increments, over all episodes of a set.
+/// Distinguishes target positions from velocities and increments in a set of episodes.
 ///
 /// Action u_k counts as a target for state entry x_j if two conditions hold. First, u_k(t) equals
 /// x_j(t) or x_j(t + 1) up to noise: slope within 0.1 of one, correlation at least 0.9, offset
@@ -45,7 +45,7 @@ class ActionAnalysis {
   Eigen::Index n_;
   Eigen::Index m_;
   double count_ = 0.0;
-  // Sums over all steps of u(t), and of its products.
+  // Sums of u(t) and of u(t) u(t)' over all steps.
   Eigen::VectorXd actions_;
   Eigen::MatrixXd action_products_;
   // One column per entry of x(t), then per entry of x(t + 1): its sum, the sum of its squares, and
@@ -57,7 +57,7 @@ class ActionAnalysis {
   Eigen::VectorXd steps_;
 };
 
-/// Analyses a whole set.
+/// Returns the targets of a whole set; empty if there are no demonstrations.
 [[nodiscard]] std::vector<AbsoluteAction> FindAbsoluteActions(
     std::span<const Trajectory> demonstrations);
 

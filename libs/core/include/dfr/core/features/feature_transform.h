@@ -28,8 +28,8 @@ class FeatureTransform {
  public:
   static constexpr int kMaxFeatures = 256;
 
-  /// @throws std::invalid_argument if `offset` does not have one entry, or `scale` not one column,
-  ///   per selected feature, or if an entry is not finite.
+  /// @throws std::invalid_argument if `offset` or the columns of `scale` do not match the selected
+  ///   features, there are more than kMaxFeatures, or an entry is not finite.
   FeatureTransform(FeatureSelection selection, Eigen::VectorXd offset, Matrix scale);
 
   /// Returns the transform z = f(x).
@@ -54,7 +54,6 @@ class FeatureTransform {
   [[nodiscard]] const Eigen::VectorXd& offset() const noexcept { return offset_; }
 
   /// Writes z of one state (state_dim() entries) to `features` (num_features()). Never allocates.
-  /// Supports at most kMaxFeatures features.
   void Apply(std::span<const double> state, std::span<double> features) const noexcept;
   /// Returns z of each row.
   [[nodiscard]] Matrix Apply(const Matrix& states) const;

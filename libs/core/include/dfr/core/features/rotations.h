@@ -20,25 +20,24 @@ struct Rotation {
     kQuaternion,  ///< 4 entries; q and -q are the same orientation.
     kAngle,       ///< 1 entry that jumps by a period, 2 pi or 360.
     kMatrix,      ///< 9 entries; continuous and redundant.
-    kAxisAngle,   ///< 3 entries whose length is an angle; jumps at pi, or at another sign of q.
-    kRunning,     ///< 1 entry; episodes begin at one angle, but on several revolutions.
+    kAxisAngle,   ///< 3 entries, axis times angle; jumps at pi, or if its q changes sign.
+    kRunning,     ///< 1 entry, unwrapped; episodes begin at one angle in several revolutions.
   };
   Kind kind = Kind::kAngle;
   int first = 0;
   int size = 1;
   double period = 0.0;  ///< Period of kAngle and kRunning.
-  /// True if it jumps between consecutive states of a demonstration. For kAxisAngle also between
-  /// demonstrations.
+  /// True if the entries jump between consecutive states. For kAxisAngle, also if they jump between
+  /// starts of demonstrations.
   bool jumps = false;
   /// For kQuaternion: true if at least two of its entries are always zero, and only the sign
   /// indicates a quaternion.
   bool guessed = false;
   /// True if one branch holds all values. All quaternions are then within 150 degrees of
-  /// `reference`. The values of an angle leave at least an eighth of the period around its opposite
-  /// free.
+  /// `reference`. The values of an angle leave an eighth of the period opposite `centre` free.
   bool continuous = false;
   std::array<double, 4> reference = {};  ///< Mean orientation of a kQuaternion.
-  double centre = 0.0;                   ///< For kAngle.
+  double centre = 0.0;                   ///< Middle of the branch of a kAngle.
 
   /// Returns true if MapOf() makes the rotation continuous: by one branch, or for an angle by
   /// cosine and sine.
@@ -108,14 +107,14 @@ class RotationFinder {
   std::vector<std::array<Circle, 2>> circles_;  // In radians and in degrees, one per entry.
 };
 
-/// Finds rotations in a whole set at once. The order of the demonstrations changes no bit.
+/// Finds rotations in a whole set. The order of the demonstrations does not affect the result.
 [[nodiscard]] std::vector<Rotation> FindRotations(const StateLayout& layout,
                                                   std::span<const Trajectory> demonstrations);
 
 /// Returns the map that makes these rotations continuous.
 [[nodiscard]] StateMap MapOf(std::span<const Rotation> rotations);
 
-/// Returns the user-facing name of adjacent entries of one block, for example "object[2:6]".
+/// Returns the user's name of adjacent entries of one block, for example "object[2:6]".
 [[nodiscard]] std::string EntryRange(const StateLayout& layout, int first, int size);
 
 /// Describes the rotation in one or two sentences for a warning or a report, with the remedy if one

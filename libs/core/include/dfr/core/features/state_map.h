@@ -10,9 +10,9 @@ namespace dfr::core {
 
 /// Makes rotations in a state continuous. The unit quaternions q and -q are the same orientation;
 /// the map selects the one in the hemisphere of a reference. Values of an angle may differ by a
-/// whole number of periods; the map selects the one nearest to a centre. Both are exact: states of
-/// the same pose map to the same bits, and a mapped state maps to itself. All other entries stay
-/// unchanged. For an angle with full revolutions, FeatureSelection uses two features.
+/// whole number of periods; the map selects the one nearest to a centre. States of the same pose
+/// map to the same state (angles up to rounding), and a mapped state maps to itself. All other
+/// entries stay unchanged. For an angle with full revolutions, FeatureSelection uses two features.
 ///
 /// Immutable. No call allocates or throws unless documented.
 class StateMap {
@@ -36,7 +36,7 @@ class StateMap {
     [[nodiscard]] std::array<double, 2> Tangent(double angle) const noexcept;
   };
 
-  /// Maps nothing.
+  /// The identity.
   StateMap() = default;
   /// @throws std::invalid_argument if an entry is negative, a reference is not a unit quaternion, a
   ///   centre is not finite, or a period not positive and finite.
@@ -45,7 +45,7 @@ class StateMap {
   /// Appends the map to a file.
   void Save(ArchiveWriter& archive) const;
   /// Reads the data of Save() for states of `state_dim` entries.
-  /// @throws std::runtime_error naming the file and its defect.
+  /// @throws std::runtime_error with the file and the problem.
   static StateMap Load(ArchiveReader& archive, int state_dim);
 
   [[nodiscard]] bool empty() const noexcept {

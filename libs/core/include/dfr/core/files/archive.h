@@ -13,8 +13,8 @@
 namespace dfr::core {
 
 /// Writes one of this project's files (a policy, a support, a checkpoint). The file holds a header
-/// with kind and version, tagged values in the order of their appending, and a checksum.
-/// Little-endian; doubles keep all bits.
+/// with kind and version, tagged values in the order of the calls, and a checksum. Little-endian;
+/// doubles keep all bits.
 class ArchiveWriter {
  public:
   /// `kind` names the content, for example "mlp-policy". `version` increases whenever the values
@@ -62,7 +62,7 @@ class ArchiveReader {
   /// file is too small to justify that amount. `what` names the objects in the message.
   void Spend(std::uint64_t count, std::uint64_t bytes_each, const char* what);
 
-  /// Reports an invalid value: throws the same kind of error with the file's name.
+  /// Throws std::runtime_error with the file and `reason`, for a value that is invalid.
   [[noreturn]] void Fail(const std::string& reason) const;
 
  private:

@@ -6,7 +6,7 @@
 
 namespace dfr::core {
 
-/// Validates `text` before toml++ parses it. Version 3.3 of toml++ does not survive some invalid
+/// Validates `text` before toml++ parses it. Version 3.3 of toml++ crashes on some invalid
 /// input: broken UTF-8, unmatched brackets, missing values. This function therefore checks every
 /// name, value, bracket and line. It also rejects dates, non-decimal numbers and brackets nested
 /// more than 32 deep.

@@ -36,7 +36,7 @@ using Folds = std::vector<std::vector<std::size_t>>;
 /// cluster are spread over all folds: no fit misses a cluster. Clusters result from single linkage
 /// after cutting all links longer than three times their median. The distance between two
 /// demonstrations compares five states each, at equal fractions of their length.
-/// @param demonstrations  features, one row a time step, on comparable scales (whitened ones).
+/// @param demonstrations  features, one row per time step, on comparable scales (whitened ones).
 /// @throws std::invalid_argument if there are fewer demonstrations than folds, fewer than two
 ///   folds, widths differ, or a demonstration has no row.
 [[nodiscard]] Folds StratifiedFolds(std::span<const Matrix> demonstrations, int folds,

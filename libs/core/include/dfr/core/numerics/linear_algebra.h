@@ -25,12 +25,11 @@ struct SymmetricEigen {
 /// Returns the largest singular value of a matrix with at least one entry.
 [[nodiscard]] double OperatorNorm(const Eigen::MatrixXd& a);
 
-/// Returns x of a x = b for a positive or negative semidefinite matrix (pivoted Cholesky
-/// decomposition). Reads only the lower triangle. If `a` is singular, x solves as many equations as
-/// possible.
+/// Solves a x = b for a positive or negative semidefinite matrix (pivoted Cholesky decomposition).
+/// Reads only the lower triangle. If `a` is singular, x solves as many equations as possible.
 [[nodiscard]] Eigen::MatrixXd SolveSymmetric(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
 
-/// Returns the inverse of a regular matrix (LU decomposition with pivoted rows).
+/// Returns the inverse of an invertible matrix (LU decomposition with pivoted rows).
 [[nodiscard]] Eigen::MatrixXd Inverse(const Eigen::MatrixXd& a);
 
 /// Returns the x that minimizes |a x - b|^2 (QR decomposition with pivoted columns).

@@ -15,7 +15,7 @@ struct LocalScatterOptions {
   double kept = 0.5;
   /// Number of rounds, > 0. Each round measures distances in units of the previous round's scatter.
   int rounds = 3;
-  double ridge = 0.03;  ///< Ridge of these units, relative to a correlation; > 0.
+  double ridge = 0.03;  ///< Added to the diagonal of each round's correlation matrix, > 0.
 };
 
 /// Covariance of points about their neighbours. For data with several clusters it is the covariance

@@ -14,10 +14,10 @@
 
 namespace dfr::core {
 
-/// Makes every numeric option of a program and its commands follow numbers.h: decimal, also with
-/// leading zeros, where CLI11 reads octal; no NaN, infinity, hexadecimal or overflow, and no sign
-/// for numbers that cannot be negative. Call this after all options are added. Options may have
-/// additional range checks. `App` has the interface of CLI::App (CLI11).
+/// Makes every numeric option of a program and its commands follow numbers.h: decimal numbers only.
+/// Rejects NaN, infinity, hexadecimal, overflow, and signs of unsigned numbers. Numbers with
+/// leading zeros are decimal; CLI11 alone reads them as octal. Call this after all options are
+/// added. Options can have additional range checks. `App` has the interface of CLI::App (CLI11).
 template <typename App>
 void CheckNumbers(App& app) {
   const auto is_whole = []<std::integral T>(auto* option, const char* what, T) {
@@ -66,8 +66,8 @@ void AddExamples(App& app, std::initializer_list<Example> examples) {
   }
 }
 
-/// Makes a path that output_path.h finds unwritable a usage error of `option`, before the command
-/// begins. `unwritable` has the interface of UnwritableFolder(). An empty path is accepted.
+/// Checks the path of `option` before the command begins: an unwritable one is a usage error.
+/// `unwritable` has the interface of UnwritableFolder(). Accepts an empty path.
 template <typename Option, typename Unwritable>
 Option* Writes(Option* option, Unwritable unwritable) {
   const auto check = [unwritable](const std::string& path) {
@@ -99,8 +99,7 @@ bool IsOutput(Option& option) {
   }
 }
 
-/// Describes the input of `command` that is the existing file `output`, with the remedy; "" if
-/// there is none.
+/// Returns an error with its remedy if `output` exists and is an input of `command`, else "".
 template <typename App>
 std::string OverwrittenInput(App& command, const std::string& output) {
   std::error_code error;

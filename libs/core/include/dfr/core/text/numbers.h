@@ -8,8 +8,8 @@
 
 namespace dfr::core {
 
-/// Parser for all numbers that users write: on command lines, in tables, in configurations. The
-/// whole text must be the number. White space, hexadecimal and locales are not supported.
+// Parsers for all numbers that users write: on command lines, in tables, in configurations. The
+// whole text must be the number. White space, hexadecimal and locales are not supported.
 
 /// Parses a decimal number, "-1.5e-3" or "+7". Rounds a number too small for a double to zero.
 /// Rejects a number that is too large, NaN and infinity.

@@ -7,9 +7,8 @@
 
 namespace dfr::core {
 
-/// Returns the name in `known` that differs from `name` by the fewest changed, missing, added or
-/// swapped characters. Of several it returns the first. Returns "" if all differ in more than a
-/// third of the characters.
+/// Returns the first name in `known` that differs from `name` by the fewest changed, missing, added
+/// or swapped characters. Returns "" if all differ in more than a third of the characters.
 [[nodiscard]] std::string Closest(std::string_view name, std::span<const std::string> known);
 
 /// Describes the first command or option in `arguments` that a program does not have, with the
