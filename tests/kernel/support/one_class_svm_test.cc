@@ -258,7 +258,7 @@ TEST(OneClassSvmTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(fit(fine, {.max_iterations = -1}), HasSubstr("max_iterations"));
   EXPECT_THAT(fit(fine, {.memory_mib = 0.0}), HasSubstr("memory_mib"));
   const std::vector<double> few(3, 1.0), negative(10, -1.0), none(10, 0.0);
-  EXPECT_THAT(fit(fine, {.start = few}), HasSubstr("3 alpha for 10 samples"));
+  EXPECT_THAT(fit(fine, {.start = few}), HasSubstr("3 values of alpha for 10 samples"));
   EXPECT_THAT(fit(fine, {.start = negative}), HasSubstr("not negative: -1"));
   EXPECT_THAT(fit(fine, {.start = none}), HasSubstr("sum, not 0"));
   EXPECT_THAT(fit(core::Matrix(1, 2), {}), HasSubstr("at least 2 samples; there are 1"));

@@ -170,7 +170,7 @@ void AddRows(const GaussianTerms<T>& terms, std::size_t first, std::size_t last,
   }
 }
 
-// Appends the groups whose box is within `reach` of x to `groups`.
+// Writes the groups whose box is within sqrt(reach) of x to `groups` and returns their number.
 template <typename T>
 std::size_t NearGroups(const GroupBoxes<T>& boxes, const T* HWY_RESTRICT x, T reach,
                        std::uint32_t* HWY_RESTRICT groups) {

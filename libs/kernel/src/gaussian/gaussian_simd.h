@@ -18,8 +18,8 @@ HWY_BEFORE_NAMESPACE();
 namespace dfr::kernel::internal::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// 2^f on [0, 1) with relative errors 8.3e-8 and 2.3e-16 (Remez; the constant term is 1 to make k(x,
-// x) = 1).
+// 2^f on [0, 1) with relative errors of 8.3e-8 (float) and 2.3e-16 (double) (Remez; the constant
+// term is 1 to make k(x, x) = 1).
 template <class D, class V>
 HWY_INLINE V Exp2OfFraction(D d, V f) {
   using T = hn::TFromD<D>;
@@ -70,7 +70,7 @@ constexpr std::size_t VectorsPerBlock() {
 // With 16 registers, more than four spill.
 constexpr std::size_t kTogether = HWY_TARGET <= HWY_AVX3 ? 8 : 4;
 
-// Where a group of kVectors successive vectors of terms lies in memory.
+// Memory layout of a group of kVectors successive vectors of terms.
 enum class Layout {
   kBlocks,  // GaussianTerms: block by block
   kGroups,  // SumBlock: row by row of the whole group, in the order in which Exponents() loads
@@ -153,7 +153,7 @@ HWY_INLINE void ForTerms(const T* HWY_RESTRICT data, std::size_t num_blocks, std
                      });
 }
 
-// Sums terms in two chains, which do not depend on the order of visits.
+// Sums terms in two chains, selected by the parity of the index of a vector.
 template <typename T>
 struct Total {
   hn::Vec<Tag<T>> even;

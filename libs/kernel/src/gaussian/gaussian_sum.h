@@ -15,13 +15,13 @@ namespace dfr::kernel::internal {
                                           std::span<const double> weights, double gamma,
                                           std::span<const double> x) noexcept;
 
-/// Functions for the widest instruction set of this machine, or for the forced one.
+/// Functions for the widest instruction set of this machine, or for that of ForceTarget().
 template <typename T>
 [[nodiscard]] GaussianFunctions<T> BestFunctions();
 template <typename T>
 [[nodiscard]] SumFunctions<T> BestSumFunctions();
 
-/// Computes the same sum with SIMD; `x` is scaled by terms.Scale(). The order of summation depends
+/// Computes the sum with SIMD; `x` is scaled by terms.Scale(). The order of summation depends
 /// only on the number of terms and the instruction set.
 /// Relative error of each term: 4e-16 + 2e-16 |exponent| in double, 3e-7 + 1e-7 |exponent| in
 /// float. In float, terms below the smallest normal number count as zero.

@@ -12,7 +12,7 @@
 namespace dfr::kernel::internal {
 namespace {
 
-// A term of weight zero.
+// Writes a term of weight zero.
 template <typename T>
 void ClearLane(T* block, std::size_t dim, std::size_t lane) {
   constexpr std::size_t kLanes = GaussianTerms<T>::kLanes;
@@ -104,7 +104,7 @@ GaussianTerms<T>::GaussianTerms(const core::Matrix& points, const Extent& extent
       block[lane] = weights.empty() ? T{0} : static_cast<T>(std::log2(weights[b * kLanes + lane]));
     }
     const double* rows = points.data() + b * kLanes * dim;
-    // A constant number of lanes makes vectors of them.
+    // The compiler vectorises loops over a constant number of lanes.
     const auto fill = [&](auto number) {
       for (std::size_t k = 0; k < dim; ++k) {
         for (std::size_t lane = 0; lane < number; ++lane) {

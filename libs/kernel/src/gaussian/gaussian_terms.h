@@ -45,12 +45,12 @@ inline constexpr int kMaxStateDim = 2048;
 struct Extent {
   explicit Extent(const core::Matrix& points);
   std::vector<double> mean;
-  double largest = 0.0;  ///< Without NaN.
+  double largest = 0.0;  ///< Ignores NaN.
   bool finite = true;    ///< False if an entry is not finite or a sum of entries overflows.
 };
 
 /// Returns the centre for the terms of `points`: their mean, or the median of each coordinate if
-/// outliers (by many widths, 1 / scale each) may move the mean far from most points.
+/// outliers, many widths 1 / scale away, could move the mean far from most points.
 [[nodiscard]] std::vector<double> Center(const core::Matrix& points, const Extent& extent,
                                          double scale);
 
@@ -113,7 +113,7 @@ struct GaussianTerms {
     return ScaleState(x, center.data(), scale, dim, scaled);
   }
 
-  /// Returns the terms of these indices, in this order, padded to a multiple of `whole` terms.
+  /// Returns the terms with these indices, in this order, padded to a multiple of `whole` terms.
   [[nodiscard]] GaussianTerms Subset(std::span<const std::size_t> indices,
                                      std::size_t whole = kLanes) const;
 

@@ -16,12 +16,12 @@ namespace {
 constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
 
 constexpr std::size_t kMargin = 256;
-constexpr std::size_t kMostViolators = 2048;  // or n / 16
+constexpr std::size_t kMostViolators = 2048;  // or n / 16, if that is more
 // The inner loop ends at this fraction of the tolerance, and before that at a fraction of the gap.
 constexpr double kTarget = 0.7;
 constexpr double kInner = 0.05;
 
-// Splits order[first, last) at the median of the coordinate with the largest variance, down to
+// Splits `order` at the median of the coordinate with the largest variance, recursively, down to
 // groups.
 void SortIntoGroups(const core::Matrix& samples, std::span<std::size_t> order) {
   if (order.size() <= kSparseGroup) return;
@@ -205,7 +205,7 @@ SparseProblem<T>::SparseProblem(const core::Matrix& samples, const OneClassSvmOp
       alpha_(order_.size()),
       gradient_(order_.size()) {}
 
-// Number of rows computed before they are used: a few megabytes at most.
+// Number of rows computed together: 8 to kMost, within kBytes of dense rows if possible.
 template <typename T>
 std::size_t SparseProblem<T>::Together() const {
   constexpr std::size_t kMost = 256;

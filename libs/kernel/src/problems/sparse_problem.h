@@ -25,7 +25,7 @@ class SparseRows {
   /// Allocates `bytes`, but at least four rows of `groups` groups and at most all `rows`.
   SparseRows(std::size_t rows, std::size_t groups, double bytes);
 
-  /// Forgets all rows. From now on there are `rows` rows, no longer than at construction.
+  /// Evicts all rows and sets their number. Rows may not be longer than at construction.
   void Reset(std::size_t rows);
 
   [[nodiscard]] const SparseRow<T>* table() const { return rows_.data(); }
@@ -108,7 +108,7 @@ class SparseProblem {
   static constexpr double kNegligible = 1.0 / 32.0;
   static double Reach(const core::Matrix& samples, const OneClassSvmOptions& options);
 
-  // Active samples, over which rows extend, and the known rows.
+  // Active samples, and the kernel that computes rows over them.
   struct Active {
     std::vector<std::size_t> places;  // ascending
     SparseKernel<T> kernel;

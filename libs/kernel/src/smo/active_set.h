@@ -11,7 +11,7 @@ namespace dfr::kernel::internal {
 /// together could contain samples of one bound only, and no step would be possible.
 class ActiveSet {
  public:
-  /// Takes, of each kind, up to (`most_violators` + number of free samples) / 2 samples that
+  /// At each bound, takes up to (`most_violators` + number of free samples) / 2 samples that
   /// violate their KKT condition, and at least `margin` / 2 others.
   ActiveSet(std::size_t margin, std::size_t most_violators)
       : margin_(margin), most_violators_(most_violators) {}

@@ -123,7 +123,7 @@ HWY_INLINE std::size_t ChooseSecond(const SmoProblem<T>& p, Numbered<T> numbered
   return numbered.Index(best, hn::MaxOfLanes(d, best));
 }
 
-// Moves alpha from j to i and returns the amount, rounded as G needs it.
+// Moves alpha from j to i and returns the amount, rounded to T for the update of G.
 template <class Problem, typename T>
 HWY_INLINE T Move(const Problem& p, std::size_t i, std::size_t j, T slope, T k_ij) {
   // For equal points, the step ends at a bound.

@@ -27,7 +27,7 @@ namespace {
 
 // From this number on, a part of the samples selects the start of the fit.
 constexpr Eigen::Index kManySamples = 4000;
-// Same limit for a large nu, unless the whole kernel matrix may be stored.
+// The same for a large nu. Up to this number, the whole kernel matrix can be stored.
 constexpr Eigen::Index kMostWhole = 2048;
 
 // AddGaussianRows(), distributed over the workers. Each entry sums in the same order for any number
@@ -36,7 +36,7 @@ template <typename T, class GoOn>
 [[nodiscard]] bool AddRows(const GaussianTerms<T>& terms, std::span<const T> points,
                            std::span<const T> weights, double* totals, core::Workers& workers,
                            GoOn&& go_on) {
-  // Blocks of a part: enough to distribute, few enough to wait for.
+  // Blocks of a part: enough to justify a thread, few enough to distribute the parts evenly.
   constexpr std::size_t kBlocks = 64;
   constexpr std::size_t kChunk = 512;  // points of a chunk stay in L2
   constexpr std::uint64_t kWork = std::uint64_t{1} << 33;
@@ -115,7 +115,7 @@ class Solver {
     const double budget = options_.memory_mib * 0x1p20;
     DFR_THROW_UNLESS(fixed + 3.0 * n * sizeof(T) <= budget,
                      "memory_mib of " << options_.memory_mib << " is too little for " << n << " x "
-                                      << d << " samples: the least is "
+                                      << d << " samples: set it to at least "
                                       << std::ceil((fixed + 3.0 * n * sizeof(T)) / 0x1p20));
     return budget - fixed;
   }
@@ -245,7 +245,7 @@ DualSolution Solution(const T& solver) {
   return solution;
 }
 
-// Returns the start itself; only rho at a few samples is known.
+// Returns the start as the solution. The caller computes rho from G at its rho_samples.
 DualSolution Unsolved(std::span<const double> start, FitSummary& summary) {
   struct Start {
     [[nodiscard]] std::span<const double> alpha() const { return alpha_; }
@@ -267,7 +267,7 @@ std::vector<std::size_t> Shuffled(std::size_t count) {
   return order;
 }
 
-// Returns a start; empty: the problem chooses.
+// Returns a start, or an empty one to let the problem choose.
 std::vector<double> FindStart(const core::Matrix& samples, const Extent& extent,
                               const OneClassSvmOptions& options, core::Workers& workers,
                               FitSummary& summary);

@@ -9,7 +9,7 @@ namespace dfr::kernel::internal {
 /// From this nu on, most rows of the kernel matrix are needed by any solution.
 inline constexpr double kLargeNu = 0.25;
 
-/// Initial values for solvers: alpha in [0, 1] that sums to `total` (LIBSVM's scale).
+// Initial values for solvers: alpha in [0, 1] that sums to `total` (LIBSVM's scale).
 
 /// Sets the first samples of `order` to the bound until alpha of all `count` samples sums to
 /// `total`.
@@ -19,7 +19,7 @@ inline constexpr double kLargeNu = 0.25;
 /// Sets as many samples as `total` requires to the bound, at equal intervals.
 [[nodiscard]] std::vector<double> EvenlySpread(std::size_t count, double total);
 
-/// Scales the given start, in any scale, clips it at the bound and fills it up to `total`.
+/// Scales `start` to sum to `total`, clips it at the bound and distributes the rest.
 [[nodiscard]] std::vector<double> Feasible(std::span<const double> start, double total);
 
 }  // namespace dfr::kernel::internal

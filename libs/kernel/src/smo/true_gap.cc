@@ -95,7 +95,7 @@ double TrueGap(const core::Matrix& samples, const Extent& extent, const OneClass
   }
   chosen.resize(count);
 
-  // G after moving it by its error towards the other bound, and away from it.
+  // Inner (likely_) and outer (extreme) bounds on the largest and the smallest G, by its errors.
   constexpr double kNever = std::numeric_limits<double>::infinity();
   double likely_largest = -kNever;
   double likely_smallest = kNever;

@@ -9,7 +9,7 @@
 
 namespace dfr::kernel::internal {
 
-/// Returns the KKT gap of `alpha` for a solver with kernel values in T that computed `gradient`.
+/// Returns the KKT gap of `alpha`. A solver computed `gradient` with kernel values in T.
 ///
 /// Bounds on the rounding errors of G leave few samples that may be the extreme ones; only their G
 /// is summed again in double. If the bounds alone prove that the gap is below the tolerance,

@@ -23,8 +23,9 @@ void CheckFinite(const core::Matrix& samples, const Extent& extent) {
 
 void CheckStart(std::span<const double> start, Eigen::Index samples) {
   if (start.empty()) return;
-  DFR_THROW_UNLESS(static_cast<Eigen::Index>(start.size()) == samples,
-                   "the start has " << start.size() << " alpha for " << samples << " samples");
+  DFR_THROW_UNLESS(
+      static_cast<Eigen::Index>(start.size()) == samples,
+      "the start has " << start.size() << " values of alpha for " << samples << " samples");
   double sum = 0.0;
   for (const double a : start) {
     DFR_THROW_UNLESS(a >= 0.0 && std::isfinite(a),
@@ -46,7 +47,7 @@ void CheckWeights(const OneClassSvmOptions& options, Eigen::Index samples) {
     const double w = options.weights[i];
     DFR_THROW_UNLESS(w >= 0.0 && std::isfinite(w), "the weight of sample "
                                                        << i << " is " << w
-                                                       << "; it must be finite, not negative");
+                                                       << "; it must be finite and not negative");
     sum += w;
   }
   DFR_THROW_UNLESS(sum > 0.0 && std::isfinite(sum),

@@ -5,8 +5,8 @@
 
 namespace dfr::kernel::internal {
 
-/// @throws std::invalid_argument naming the option, or the shape of samples, start or weights, that
-/// a fit cannot take.
+/// @throws std::invalid_argument naming the option that is out of range, or the invalid shape of
+/// samples, start or weights.
 void CheckShapes(const core::Matrix& samples, const OneClassSvmOptions& options);
 
 /// @throws std::invalid_argument naming the sample that is not finite, or whose distance to the

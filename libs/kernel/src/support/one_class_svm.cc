@@ -389,9 +389,8 @@ double OneClassSvm::FromLog(double l) const noexcept {
 void OneClassSvm::DecisionBatch(const Eigen::Ref<const core::Matrix>& x, std::span<double> g,
                                 int threads) const {
   const Data& d = *data_;
-  DFR_THROW_UNLESS(x.cols() == state_dim(), "a batch of states with "
-                                                << x.cols() << " entries; the estimate has "
-                                                << state_dim());
+  DFR_THROW_UNLESS(x.cols() == state_dim(),
+                   "the states of the batch have " << x.cols() << " entries, not " << state_dim());
   DFR_THROW_UNLESS(static_cast<std::size_t>(x.rows()) == g.size(),
                    x.rows() << " states, but room for " << g.size() << " decisions");
   const auto decide = [&](Eigen::Index first, Eigen::Index count) {

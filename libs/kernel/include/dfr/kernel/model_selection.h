@@ -72,8 +72,8 @@ struct Selection {
 
 /// Compares pairs of nu and gamma by cross-validation over whole demonstrations. Computes the
 /// distances between samples once for the whole grid.
-/// @throws std::invalid_argument naming the option out of range, or if there are fewer
-///   demonstrations than 2 folds.
+/// @throws std::invalid_argument naming the option out of range, or if there are fewer than two
+///   demonstrations per fold.
 Selection SelectModel(std::span<const core::Matrix> demonstrations,
                       const SelectionOptions& options);
 
