@@ -16,7 +16,7 @@ TEST(EndlessFileTest, AnEndlessFileIsAnError) {
   const auto start = std::chrono::steady_clock::now();
   EXPECT_THAT([&] { (void)LoadDemonstrations(path); },
               testing::ThrowsMessage<std::runtime_error>(
-                  testing::HasSubstr("libhdf5 did not come to an end with it")));
+                  testing::HasSubstr("libhdf5 did not finish reading it")));
   // 45 times the 2 s of an idle machine
   EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(90));
 }

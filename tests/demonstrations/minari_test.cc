@@ -109,7 +109,7 @@ TEST(MinariErrorsTest, NameTheDatasetAndTheReason) {
                 f.Write("episode_0/observations", three);
                 f.Write("episode_0/actions", three);
               }),
-              HasSubstr("observations: has 3 rows; that of actions plus one is 4"));
+              HasSubstr("observations: has 3 rows; the number of actions plus one is 4"));
   EXPECT_THAT(broken([&](auto& f) {
                 f.Write("episode_0/observations", four);
                 f.Write("episode_0/actions", three);

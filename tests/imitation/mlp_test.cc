@@ -263,7 +263,8 @@ TEST(MlpTest, ASmallFileMayNotAskForALargeNetwork) {
 
 TEST(MlpTest, ErrorsNameTheShapesThatDoNotFit) {
   using Error = std::invalid_argument;
-  EXPECT_THAT(test::Message<Error>([] { Mlp({3}); }), HasSubstr("1 sizes given"));
+  EXPECT_THAT(test::Message<Error>([] { Mlp({3}); }),
+              HasSubstr("at least two sizes, inputs and outputs, not 1"));
   EXPECT_THAT(test::Message<Error>([] { Mlp({3, 0, 2}); }), HasSubstr("layer 1"));
   EXPECT_THAT(test::Message<Error>([] { Mlp({3, 2000, 2}); }), HasSubstr("2000 units"));
   Mlp mlp({3, 4, 2});

@@ -31,11 +31,11 @@ LocallyWeightedPolicy::LocallyWeightedPolicy(core::FeatureTransform features,
   Eigen::Index longest = 0;
   for (std::size_t d = 0; d < demonstrations.size(); ++d) {
     const core::Trajectory& demonstration = demonstrations[d];
-    DFR_THROW_UNLESS(
-        demonstration.controls.cols() == m &&
-            demonstration.states.rows() == demonstration.controls.rows() + 1,
-        "demonstration "
-            << d << " has other sizes than demonstration 0, or not one more state than controls");
+    DFR_THROW_UNLESS(demonstration.controls.cols() == m &&
+                         demonstration.states.rows() == demonstration.controls.rows() + 1,
+                     "demonstration " << d
+                                      << " has controls of another size than demonstration 0, or "
+                                         "not one state more than controls");
     points.push_back(features_.Apply(demonstration.states));
     longest = std::max(longest, demonstration.controls.rows());
   }

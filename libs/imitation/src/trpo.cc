@@ -299,8 +299,8 @@ void Trpo::Learner::UpdatePolicy(const core::Matrix& whitened, const Batch& batc
   }
 }
 
-// Changes the units of the critic's output without changing its values, which keeps Adam's targets
-// at size one (van Hasselt et al., 2016).
+// Changes the units of the critic's output but not its values, which keeps Adam's targets at unit
+// scale (van Hasselt et al., 2016).
 void Trpo::Learner::RescaleCritic(double mean, double scale) {
   Eigen::VectorXd parameters = critic_.parameters();
   const int last_hidden = critic_.sizes()[critic_.sizes().size() - 2];

@@ -10,18 +10,17 @@ namespace dfr::imitation::internal {
 
 TrpoOptions CheckedTrpoOptions(TrpoOptions o) {
   DFR_THROW_UNLESS(o.control_limit > 0.0,
-                   "TRPO control limit must be positive, not " << o.control_limit);
+                   "TRPO control_limit must be positive, not " << o.control_limit);
   DFR_THROW_UNLESS(o.horizon > 0, "TRPO horizon must be positive, not " << o.horizon);
   DFR_THROW_UNLESS(o.batch_steps > 1, "TRPO batch_steps must be at least 2, not " << o.batch_steps);
   DFR_THROW_UNLESS(o.discount >= 0.0 && o.discount <= 1.0,
                    "TRPO discount must lie in [0, 1], not " << o.discount);
   DFR_THROW_UNLESS(o.gae_lambda >= 0.0 && o.gae_lambda <= 1.0,
-                   "TRPO GAE lambda must lie in [0, 1], not " << o.gae_lambda);
-  DFR_THROW_UNLESS(o.max_kl > 0.0, "TRPO KL bound must be positive, not " << o.max_kl);
+                   "TRPO gae_lambda must lie in [0, 1], not " << o.gae_lambda);
+  DFR_THROW_UNLESS(o.max_kl > 0.0, "TRPO max_kl must be positive, not " << o.max_kl);
   DFR_THROW_UNLESS(o.cg_iterations > 0,
                    "TRPO cg_iterations must be positive, not " << o.cg_iterations);
-  DFR_THROW_UNLESS(o.cg_damping >= 0.0,
-                   "TRPO damping must not be negative, but is " << o.cg_damping);
+  DFR_THROW_UNLESS(o.cg_damping >= 0.0, "TRPO cg_damping must not be negative: " << o.cg_damping);
   DFR_THROW_UNLESS(std::isfinite(o.initial_log_std) && std::isfinite(o.min_log_std) &&
                        o.initial_log_std >= o.min_log_std,
                    "TRPO initial log standard deviation "

@@ -32,7 +32,7 @@ class TrustRegionProblem {
 
   struct Value {
     double gain;  ///< The surrogate minus its value at the old policy.
-    double kl;
+    double kl;    ///< Mean KL divergence from the old policy.
   };
   [[nodiscard]] Value Evaluate(const Eigen::VectorXd& theta);
 

@@ -141,7 +141,7 @@ class VideoTest(unittest.TestCase):
         target = self.copy("v3.0")
         shutil.rmtree(target / "videos")
         shutil.rmtree(target / "meta/episodes")
-        self.assertIn(f"images and videos are skipped: {SIDE}, {TOP}; the feature points:{SIDE} reads a video",
+        self.assertIn(f"images and videos are skipped: {SIDE}, {TOP}; to read a video, use the feature points:{SIDE}",
                       self.guard("check", target))
 
     def test_mistakes_name_file_and_remedy(self):

@@ -57,7 +57,8 @@ class RobomimicReader final : public internal::EpisodeReader {
   [[nodiscard]] core::Trajectory ReadEpisode(const std::string& episode) const override {
     const std::optional<std::int64_t> samples = file().IntegerAttribute(episode, kCount);
     if (!samples) file().Fail(episode, "has no attribute num_samples");
-    if (*samples < 1) file().Fail(episode, "num_samples is " + std::to_string(*samples));
+    if (*samples < 1)
+      file().Fail(episode, "num_samples is " + std::to_string(*samples) + ", not positive");
     const Eigen::Index n = *samples;
 
     core::Trajectory trajectory;
@@ -68,7 +69,8 @@ class RobomimicReader final : public internal::EpisodeReader {
       trajectory.states.conservativeResize(n + 1, Eigen::NoChange);
       trajectory.states.row(n) = next.row(n - 1);
     } else {
-      if (n == 1) file().Fail(episode, "has one step and no next_obs: no state after a control");
+      if (n == 1)
+        file().Fail(episode, "has one step and no next_obs: no state follows its control");
       trajectory.controls.conservativeResize(n - 1, Eigen::NoChange);
     }
     if (const auto outcome = Outcome(episode)) {
@@ -185,7 +187,7 @@ class RobomimicWriter::File {
   [[nodiscard]] int num_episodes() const noexcept { return episodes_; }
 
  private:
-  // libhdf5 changes a list in several writes. A kill between them leaves a list that is unreadable.
+  // libhdf5 changes a list in several writes. A kill between them leaves an unreadable list.
   // Therefore the episode's data reach the disk first, then its name in one list, then its name in
   // the other. One of the lists is intact at any time.
   void Finish(const std::string& name) {

@@ -31,8 +31,8 @@ constexpr char kActions[] = "actions";
 // circular link.
 constexpr int kDeepest = 8;
 
-// Returns the shape of a dataset (N, height, width) or (N, height, width, channels). All following
-// entries have an offset.
+// Returns the key of a dataset (N, height, width) or (N, height, width, channels). Its offset puts
+// it after all datasets that are no pictures.
 Key PictureKey(const Hdf5Reader& file, const std::string& path, const std::string& name,
                const std::vector<std::int64_t>& shape) {
   constexpr std::int64_t kMost = 1 << 13;
@@ -114,8 +114,8 @@ std::vector<std::string> NumberedMembers(const Hdf5Reader& file, const std::stri
 }
 
 // Returns the vector-valued datasets of a part of an episode, including nested groups
-// ("goal/position"), by their attributes `offset` if all have one, else by name. Skips datasets of
-// more than two dimensions (images), except `pictures`. A single dataset may replace the group.
+// ("goal/position"), ordered by their attributes `offset` if all have one, else by name. Skips
+// datasets of more than two dimensions except `pictures`. A single dataset can replace the group.
 core::StateLayout PartLayout(const Hdf5Reader& file, const std::string& episode, const char* part,
                              const Pictures& pictures = {}) {
   const std::string path = episode + "/" + part;
@@ -220,10 +220,12 @@ void CheckTrajectory(const core::Trajectory& trajectory, int state_dim, int cont
 
 void CheckLayout(const core::StateLayout& layout, int control_dim) {
   DFR_THROW_UNLESS(layout.state_dim() > 0, "demonstrations need a state layout");
-  DFR_THROW_UNLESS(control_dim > 0, "demonstrations need controls, not " << control_dim);
+  DFR_THROW_UNLESS(control_dim > 0,
+                   "demonstrations need at least one control entry, not " << control_dim);
   for (const auto& block : layout.blocks) {
-    DFR_THROW_UNLESS(!block.name.empty() && block.name.find('/') == std::string::npos,
-                     "state block '" << block.name << "' cannot name a dataset");
+    DFR_THROW_UNLESS(
+        !block.name.empty() && block.name.find('/') == std::string::npos,
+        "state block '" << block.name << "' cannot name a dataset: rename it without '/'");
   }
 }
 
@@ -304,7 +306,7 @@ void EpisodeReader::LeaveUnfinished(const char* last) {
     if (file_.IntegerAttribute(episode, last)) return;
   } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): it is cut off, too
   }
-  // Other writers may not write this attribute for any episode.
+  // Some writers never write this attribute.
   if (!file_.IntegerAttribute(episodes_[0], last)) return;
   episodes_.pop_back();
   note_ = Note(episodes_.size(), episode + ", which was being written, is left out");

@@ -17,7 +17,7 @@
 
 namespace dfr::imitation::internal {
 
-/// Common code of the two HDF5 formats.
+// Common code of the two HDF5 formats.
 
 /// @throws std::invalid_argument unless the trajectory has these dimensions, finite states and
 ///   controls within [-1, 1]. The message names `episode`, step and entry.
@@ -76,7 +76,7 @@ class EpisodeReader : public DemonstrationReader {
   ///   rejected.
   /// @param states  the part of an episode with its states: "obs".
   /// @param last  the attribute that writers set last. A final episode without this attribute is
-  /// incomplete: it is dropped, and note() reports it.
+  ///   incomplete: it is dropped, and note() reports it.
   void FindEpisodes(const std::string& group, std::string_view prefix, const char* states,
                     const char* last);
 

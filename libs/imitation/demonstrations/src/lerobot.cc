@@ -185,7 +185,7 @@ class LeRobotReader final : public DemonstrationReader {
     }
     if (!left.empty()) note_ = "images and videos are skipped: " + left;
     if (!videos.empty() && pictures.empty()) {
-      note_ += "; the feature points:" + videos.substr(0, videos.find(',')) + " reads a video";
+      note_ += "; to read a video, use the feature points:" + videos.substr(0, videos.find(','));
     }
   }
 

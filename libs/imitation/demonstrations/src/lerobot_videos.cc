@@ -14,7 +14,7 @@
 namespace dfr::imitation::internal {
 namespace {
 
-// Pixels along the longer side of a picture whose size is not given; points: takes as many.
+// Pixels along the longer side of a picture without a requested size, as for the feature points:.
 constexpr int kSide = 32;
 constexpr int kMostSide = 1 << 13;
 constexpr char kNumberColumn[] = "episode_index";
@@ -25,7 +25,7 @@ constexpr char kNumberColumn[] = "episode_index";
 }
 
 // Returns the shape in the order of `names`: "height", "width" and "channel" or "channels". Without
-// names the channels are the side of 1 or 3 entries, the last one first.
+// names, the channels are the last size if it is 1 or 3, otherwise the first.
 std::optional<core::PictureShape> ShapeOfFrames(const nlohmann::json& feature) {
   const auto shape = feature.find("shape");
   if (shape == feature.end() || !shape->is_array() || shape->size() != 3) return std::nullopt;

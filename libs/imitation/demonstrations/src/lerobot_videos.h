@@ -17,12 +17,12 @@ namespace dfr::imitation::internal {
 /// with file, feature or episode, reason and remedy. Each object belongs to one thread.
 class LeRobotVideos {
  public:
-  /// @param folder  the dataset's.
+  /// @param folder  folder of the dataset.
   explicit LeRobotVideos(std::filesystem::path folder) : folder_(std::move(folder)) {}
 
   /// Adds a feature of meta/info.json whose dtype is "video". Returns the shape of its pictures.
   core::PictureShape Add(const core::BlockRequest& request, const nlohmann::json& feature);
-  /// Finds the files. Call it after all videos are added.
+  /// Finds the files. Call this after all videos are added.
   void Locate(const nlohmann::json& info);
 
   [[nodiscard]] bool Has(const std::string& name) const { return videos_.contains(name); }
@@ -51,11 +51,11 @@ class LeRobotVideos {
   std::string pattern_;
   double fps_ = 0.0;
   std::int64_t chunk_size_ = 1000;
-  bool several_in_a_file_ = false;  ///< Version 3.
+  bool several_in_a_file_ = false;  ///< True for version 3 of the format.
   VideoFrames frames_;
 };
 
-/// The Parquet files in a folder and below it, sorted.
+/// Returns the Parquet files in a folder and below it, sorted.
 /// @throws std::runtime_error if there is none.
 [[nodiscard]] std::vector<std::filesystem::path> ParquetFiles(const std::filesystem::path& folder);
 

@@ -26,7 +26,7 @@ constexpr char kPlain[] = "observations";
 constexpr char kTotal[] = "total_steps";
 constexpr char kEnvironment[] = "environment";  // dfr's key: any name
 constexpr char kSteps[] = "the number of actions";
-constexpr char kStates[] = "that of actions plus one";
+constexpr char kStates[] = "the number of actions plus one";
 // Format version of these files, which Minari 0.5.1 and later read.
 constexpr char kMinariVersion[] = "0.5.1";
 
@@ -221,7 +221,7 @@ class MinariWriter::File {
     return Hdf5File::Create(folder_ / "main_data.hdf5", /*track_order=*/true);
   }
 
-  // Replaces the file as a whole: readers never see a part of it.
+  // Replaces the file as a whole: readers never get a part of it.
   void WriteMetadata() const {
     std::error_code ignored;
     const auto bytes = std::filesystem::file_size(folder_ / "main_data.hdf5", ignored);
@@ -234,7 +234,7 @@ class MinariWriter::File {
                      {"minari_version", kMinariVersion},
                      {"observation_space", ObservationText(layout_)},
                      {"action_space", BoxText(control_dim_, "-1.0", "1.0")}};
-    // Minari reads datasets without an environment, but rejects environments with other names.
+    // Minari reads datasets without an environment, but rejects invalid names of environments.
     if (IsEnvironmentId(environment_)) metadata["env_spec"] = EnvironmentSpec(environment_);
     if (!environment_.empty()) metadata[kEnvironment] = environment_;
     core::ReplaceFile(folder_ / "metadata.json",

@@ -21,7 +21,7 @@ namespace {
 
 constexpr char kDecoder[] = "video_frames";
 
-// Returns the path of the program beside this one, otherwise the name, which is searched in PATH.
+// Returns the path of the decoder beside this program, or its name if PATH must be searched.
 std::string Decoder() {
   std::error_code error;
   const std::filesystem::path beside =
@@ -53,7 +53,7 @@ void VideoFrames::Start() {
     throw core::Error(
         std::string("the program ") + kDecoder +
             ", which decodes videos, does not start: " + std::strerror(error),
-        "build the component video_frames, which takes OpenCV's videoio, or install the package "
+        "build the component video_frames, which needs OpenCV's videoio, or install the package "
         "dfr-video-frames");
   }
   socket_ = sockets[0];

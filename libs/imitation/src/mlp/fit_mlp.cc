@@ -107,7 +107,7 @@ MlpPolicy FitMlp(const core::StateLayout& layout, const Matrix& states, const Ma
                      "Levenberg-Marquardt needs a Jacobian of "
                          << bytes / 1e9 << " GB for " << targets.size() << " residuals and "
                          << mlp.num_parameters()
-                         << " parameters; up to 2 GB are allowed, use L-BFGS");
+                         << " parameters; at most 2 GB are allowed: use L-BFGS");
     internal::MinimizeSummary summary =
         lbfgs ? internal::MinimizeByLbfgs(inputs, targets, options.weight_decay,
                                           options.max_iterations, mlp)

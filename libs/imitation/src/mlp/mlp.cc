@@ -53,8 +53,7 @@ internal::Product ToInputs(const Mlp::Layer& layer, int rows, const double* delt
 
 Mlp::Mlp(std::vector<int> sizes) : sizes_(std::move(sizes)) {
   DFR_THROW_UNLESS(sizes_.size() >= 2,
-                   "a network needs at least its numbers of inputs and outputs, "
-                       << sizes_.size() << " sizes given");
+                   "a network needs at least two sizes, inputs and outputs, not " << sizes_.size());
   Eigen::Index offset = 0;
   for (std::size_t i = 0; i < sizes_.size(); ++i) {
     DFR_THROW_UNLESS(sizes_[i] >= 1 && sizes_[i] <= kMaxWidth,
@@ -167,9 +166,9 @@ void Mlp::CheckAfterForward(const Rows& inputs, const Workspace& workspace) cons
 void Mlp::CheckOutputGradient(const Rows& output_gradient, const Workspace& workspace) const {
   DFR_THROW_UNLESS(
       output_gradient.rows() == workspace.samples_ && output_gradient.cols() == output_dim(),
-      "the gradient by the outputs is " << output_gradient.rows() << " x " << output_gradient.cols()
-                                        << "; the outputs are " << workspace.samples_ << " x "
-                                        << output_dim());
+      "the gradient with respect to the outputs is "
+          << output_gradient.rows() << " x " << output_gradient.cols() << "; the outputs are "
+          << workspace.samples_ << " x " << output_dim());
 }
 
 void Mlp::Transpose(Workspace& workspace) const {

@@ -17,8 +17,8 @@ namespace dfr::imitation::internal {
 /// object and libhdf5's message.
 class Hdf5File {
  public:
-  /// Creates a file and replaces any existing one as a whole, like core::AtomicFile; the file grows
-  /// from then on. Only Flush() writes metadata of the file's objects to the disk.
+  /// Creates a file and replaces any existing one as a whole, like core::AtomicFile. The file then
+  /// grows in place. Only Flush() writes metadata of the file's objects to the disk.
   /// @param track_order  groups list their members in the order of creation, as Minari's readers
   ///   expect.
   static Hdf5File Create(const std::filesystem::path& path, bool track_order = false);
@@ -76,7 +76,7 @@ class Hdf5File {
   [[nodiscard]] std::optional<std::string> TextAttribute(const std::string& path,
                                                          const char* name) const;
 
-  /// Throws an error about an object, for callers.
+  /// Throws std::runtime_error with the file, `path` and `reason`.
   [[noreturn]] void Fail(const std::string& path, const std::string& reason) const;
 
   /// Budget for reading an object: core::ReadBudget of the file's size.

@@ -45,7 +45,7 @@ class Hdf5Handle {
   Close close_;
 };
 
-/// The innermost entry of the error stack is the actual cause.
+/// Returns the innermost entry of libhdf5's error stack, which is the actual cause.
 inline std::string LastHdf5Error() {
   std::string description;
   H5Ewalk2(
@@ -55,7 +55,7 @@ inline std::string LastHdf5Error() {
         return 0;
       },
       &description);
-  return description.empty() ? "libhdf5 refused" : description;
+  return description.empty() ? "libhdf5 gives no reason" : description;
 }
 
 [[noreturn]] inline void FailFile(const std::string& name, const std::string& reason) {

@@ -104,7 +104,7 @@ std::string AnswerTo(const Hdf5File& file, char question, const std::string& pat
   }
 }
 
-// Grants this many more seconds from now on.
+// Limits the CPU time from now on: kSeconds, and the time for a file of this size.
 void LimitComputing(std::uint64_t file_size) noexcept {
   rusage used{};
   getrusage(RUSAGE_SELF, &used);
@@ -275,7 +275,7 @@ Hdf5Reader& Hdf5Reader::operator=(Hdf5Reader&& other) noexcept {
 Hdf5Reader::~Hdf5Reader() {
   if (socket_ >= 0) close(socket_);
   if (process_ <= 0) return;
-  // The process only waits for a request or for libhdf5 and needs no cleanup.
+  // The process only waits for a request or for libhdf5. It needs no cleanup.
   kill(process_, SIGKILL);
   while (waitpid(process_, nullptr, 0) < 0 && errno == EINTR) {
   }
@@ -305,7 +305,7 @@ void Hdf5Reader::FailDead(const std::string& path) const {
     if (WIFSIGNALED(status)) {
       const int signal = WTERMSIG(status);
       how = signal == SIGXCPU || signal == SIGKILL
-                ? "did not come to an end with it"
+                ? "did not finish reading it"
                 : "crashed on it (signal " + std::to_string(signal) + ")";
     }
   }
@@ -329,7 +329,7 @@ Hdf5Reader::Answer Hdf5Reader::Ask(char question, const std::string& path,
   std::uint64_t size = 0;
   Receive(&size, sizeof size, path);
   if (size < 1 || !core::ReadBudget(file_size_).Take(size, 1)) {
-    Fail(path, "is too much for a file of this size");
+    Fail(path, "needs more bytes than a file of this size may request");
   }
   std::string bytes(size, '\0');
   Receive(bytes.data(), bytes.size(), path);

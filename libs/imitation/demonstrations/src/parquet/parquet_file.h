@@ -23,8 +23,8 @@ struct ParquetColumn {
 };
 
 /// Reader of numbers (including half precision and unsigned ones) and truth values in an Apache
-/// Parquet file: flat columns and lists of them; pages of version 1 and 2; plain, dictionary and
-/// run-length encodings; uncompressed, Snappy, Zstandard.
+/// Parquet file: flat columns and columns of lists; pages of versions 1 and 2; plain, dictionary
+/// and run-length encodings; uncompressed, Snappy, Zstandard.
 ///
 /// Files are untrusted. No claimed size is allocated before it is checked against the available
 /// data. Each column of a row group is limited to core::ReadBudget of the file's size. All

@@ -198,7 +198,7 @@ class Thrift {
   int depth_ = 0;
 };
 
-// Runs of equal values, and groups of eight bit-packed values.
+// Decoder of runs of equal values and of groups of eight bit-packed values.
 class RunLength {
  public:
   RunLength(std::string_view bytes, int bit_width) : bytes_(bytes), width_(bit_width) {

@@ -34,7 +34,7 @@ class Mlp {
   struct Layer {
     int inputs;
     int outputs;
-    Eigen::Index weights;  ///< inputs x outputs entries, row-major.
+    Eigen::Index weights;  ///< Offset of the weights, inputs x outputs, row-major.
     Eigen::Index biases;   ///< Offset of the biases, one per output.
   };
 
@@ -103,8 +103,8 @@ class Mlp {
                                          const Eigen::Ref<const Eigen::VectorXd>& direction,
                                          Workspace& workspace) const;
 
-  /// Row i output_dim() + o of `jacobian` is the gradient of output o of sample i with respect to
-  /// the parameters, after Forward() as for Backward(). Intended for small networks: plain loops.
+  /// Writes the gradient of output o of sample i with respect to the parameters to row
+  /// i output_dim() + o, after Forward() as for Backward(). For small networks: plain loops.
   void Jacobian(const Rows& inputs, Workspace& workspace, Eigen::Ref<core::Matrix> jacobian) const;
 
   /// Appends sizes and parameters. A reader restores them bit for bit.

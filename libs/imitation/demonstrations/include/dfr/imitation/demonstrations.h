@@ -36,8 +36,8 @@ class DemonstrationReader {
   /// Returns the origin of the data; unknown if the file does not record it.
   [[nodiscard]] virtual const core::Provenance& provenance() const noexcept;
   [[nodiscard]] virtual int num_episodes() const noexcept = 0;
-  /// Returns a note about the reading of the file, for example "images and videos are left alone:
-  /// ..."; may be empty.
+  /// Returns a note about the reading of the file, for example "images and videos are skipped:
+  /// ..."; can be empty.
   [[nodiscard]] virtual const std::string& note() const noexcept;
 
   /// Returns the name of episode i in the file, for example "data/demo_7". i is in [0,
@@ -53,12 +53,12 @@ class DemonstrationReader {
 ///   a split of LeRobot; empty: all.
 /// @param pictures  datasets or videos that must exist. Pictures among them become parts of the
 ///   state: datasets (steps, height, width) or (steps, height, width, 1 or 3 channels), and
-///   LeRobot's videos. All others are skipped. Only videos take the size of a request.
+///   LeRobot's videos. All others are skipped. The size of a request applies only to videos.
 /// @throws std::runtime_error with file and reason, also if the key or a picture does not exist.
 [[nodiscard]] std::unique_ptr<DemonstrationReader> OpenDemonstrations(
     const std::filesystem::path& path, const std::string& filter_key = "",
     const std::vector<core::BlockRequest>& pictures = {});
-/// Returns requests for the pictures of a layout in the same size.
+/// Returns requests for the pictures of a layout, in their sizes.
 [[nodiscard]] std::vector<core::BlockRequest> PictureRequests(const core::StateLayout& layout);
 /// Reads all demonstrations of a file or dataset.
 [[nodiscard]] DemonstrationSet LoadDemonstrations(const std::filesystem::path& path);
@@ -75,8 +75,8 @@ class DemonstrationReader {
 // reads files in a separate process because it does not validate them. It writes in this process,
 // from one thread at a time.
 
-/// Writes episodes one at a time. Flushes each episode before naming it: a process killed at any
-/// time leaves a file with all episodes appended before.
+/// Writes episodes one at a time. Flushes each episode before naming it: if the process is killed,
+/// the file keeps all episodes appended before.
 class RobomimicWriter {
  public:
   /// Creates the file, replacing any existing one.
@@ -110,7 +110,7 @@ void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem
 
 /// Opens a robomimic file of any writer. Episodes are in the order of their numbers.
 /// - State: all vector-valued obs datasets, concatenated by `offset` if all have one, otherwise by
-/// name. Datasets of more than two dimensions (images) are skipped, except for `pictures`.
+///   name. Datasets of more than two dimensions (images) are skipped, except for `pictures`.
 /// - Without next_obs, the file lacks the state after the last control, and that control is
 ///   dropped.
 /// - An incomplete episode at the end (its writer was killed) is dropped, and note() reports it.

@@ -11,18 +11,17 @@ namespace dfr::imitation {
 
 // LeRobot's format, versions 2.0 to 3.0: a folder with meta/info.json, Parquet files in data/ and
 // videos in videos/. Each row is one frame: the observation, the action taken at that observation,
-// and the episode's number. A video has one frame per row, from the episode's first one on: a file
-// for each episode in version 2, several episodes in a file in version 3, whose meta/episodes has
-// the start of each.
+// and the episode's number. A video has one frame per row of its episode. Version 2 stores one file
+// per episode. Version 3 stores several episodes per file and their start times in meta/episodes.
 
 /// Opens a dataset's folder.
 /// - State: all numeric features whose names start with "observation", sorted by name, one block
 ///   each ("observation.state"), and the videos among `pictures`. Images in Parquet files and other
-///   videos are skipped, and note() reports it.
+///   videos are skipped, and note() lists them.
 /// - Videos: each frame is averaged to the size of its request, by default to 32 pixels along the
-/// longer side, and becomes a block of the state, RGB. The program video_frames (apps), which
-/// Read() starts, decodes them, which keeps video libraries out of this process. It is searched
-/// beside this program, then in PATH. Memory holds one full frame.
+///   longer side, and becomes a block of the state, RGB. Read() starts the program video_frames
+///   (apps) to decode them, which keeps video libraries out of this process. Read() looks for it
+///   beside this program, then in PATH. Memory holds one full frame.
 /// - Actions: the feature "action". The format does not record the state after the last action,
 ///   which is therefore dropped.
 /// - An episode is completed if its last next.success is not zero. Without that feature, no episode

@@ -50,7 +50,7 @@ class MinariWriter {
 };
 
 /// Opens a dataset's folder, its data folder, or main_data.hdf5. The state is the concatenation of
-/// all vector-valued observations, as for robomimic; plain observations are one block
+/// all vector-valued observations, as for robomimic. Plain observations are one block
 /// "observations". Without `outcome`, an episode is completed if the last entry of infos/success is
 /// not zero or, without infos/success, if its last termination is true.
 [[nodiscard]] std::unique_ptr<DemonstrationReader> OpenMinari(
