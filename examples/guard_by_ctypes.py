@@ -36,7 +36,7 @@ for t in range(40):
     print(f"{t:2}  g {verdict.g:6.3f}  {verdict.reason.decode()}")
     tip[0] += safe[0]  # your robot
     tip[1] += safe[1]
-    if verdict.mode == 3 or tip[0] >= 1.8:
+    if verdict.mode == 3 or tip[0] >= 1.8:  # DFR_GUARD_HALT
         break
 library.dfr_guard_free(guard)
 assert tip[0] >= 1.8, list(tip)

@@ -9,7 +9,7 @@ int main(int argc, char** argv) {
     return 1;
   }
   if (dfr_guard_state_dim(guard) != 2 || dfr_guard_action_dim(guard) != 2) {
-    fprintf(stderr, "this example drives a tip in the plane\n");
+    fprintf(stderr, "this example needs a guard with 2 state and 2 action entries\n");
     return 1;
   }
   dfr_guard_reset(guard, 1);

@@ -2,8 +2,8 @@
 
 usage: guard_on_pixels.py [PICTURE [EPISODES]]
 
-It sees slow features of the positions of what its pictures show. Prints what it does along a good and a weak
-policy, which know the state. Writes a PNG of a state outside: the picture, and the pixels that put it outside.
+It uses slow features of positions in its pictures. Prints its effect on a good and on a weak policy, whose input is
+the state. Writes a PNG of a state outside: the picture, and the share of each pixel in the level.
 """
 
 import sys
@@ -22,7 +22,7 @@ COLUMNS, ROWS = np.meshgrid(CENTRES, CENTRES)
 
 
 def picture(state, rng):
-    """A camera's grey picture (1024,) of [x, y, gap]: the light varies by 20 %, and there is noise."""
+    """Returns a grey picture (1024,) of the state [x, y, gap], with noise and light that varies by 20 %."""
     x, y, gap = state
     disc = np.clip((RADIUS - np.hypot(COLUMNS - x, ROWS - y)) * SIDE + 0.5, 0, 1)
     wall = np.clip((0.03 - abs(COLUMNS - WALL)) * SIDE + 0.5, 0, 1)
@@ -37,7 +37,7 @@ def start(rng):
 
 
 def act(state, rng, weak):
-    """A step towards the gap, and behind it to the middle. The weak policy does not see the gap."""
+    """Steps towards the gap and, behind it, to the middle. The weak policy ignores the gap."""
     x, y, gap = state
     aim = gap if x < 0.55 and not weak else 0.5
     return np.array([0.025 * rng.uniform(0.9, 1.1), np.clip(0.25 * (aim - y), -0.03, 0.03) + 0.002 * rng.normal()])
@@ -117,7 +117,7 @@ def main():
                 f" {passed:.0%} of the actions passed"
             )
 
-    # Before the gap, where no demonstration was.
+    # A state in front of the wall, far from all demonstrations.
     outside = picture([0.4, 0.2, 0.7], rng)
     pixels = guard.attribution(outside[None].astype(float))[0].reshape(SIDE, SIDE)
     figure, axes = plt.subplots(1, 2, figsize=(6, 3.2))

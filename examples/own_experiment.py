@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Compares methods on your own plant in Python, over trials, in processes, in shards if needed.
+"""Compares methods on your own plant in Python, over trials, in several processes or shards.
 
 usage: own_experiment.py experiment --trials 5 --threads 2 --out out/corridor
 """

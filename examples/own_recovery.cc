@@ -20,7 +20,7 @@ class Inward final : public dfr::control::RecoveryStrategy {
   Inward(const dfr::core::DecisionFunction& support, double size)
       : support_(&support), size_(size) {}
   void Reset(std::uint64_t) noexcept override {}
-  // Returns one control of a recovery. The calling controller checks states and controls.
+  // Writes one control of a recovery. The calling controller checks states and controls.
   Mode Next(const dfr::control::RecoverySituation& situation,
             std::span<double> u) noexcept override {
     support_->Gradient(situation.t, situation.x, u);

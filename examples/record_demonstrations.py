@@ -1,4 +1,4 @@
-"""Writes demonstrations of a task in robomimic's layout with h5py. Replace them by those of your robot.
+"""Writes demonstrations of a task in robomimic's layout with h5py. Replace them with those of your robot.
 
 usage: record_demonstrations.py FILE
 """
@@ -41,7 +41,7 @@ def demonstrate(rng):
     while not world.completed:
         ahead = world.tip[0] + 0.06
         action = np.array([0.06, world.centre(ahead) - world.tip[1]]) + 0.01 * rng.normal(size=2)
-        action = np.clip(action, -0.1, 0.1)  # recorded as the world takes it
+        action = np.clip(action, -0.1, 0.1)  # recorded as the world applies it
         world.step(action)
         actions.append(action)
         states.append(world.tip)
@@ -63,7 +63,7 @@ if __name__ == "__main__":
             demo.attrs["num_samples"] = len(actions)
             demo["actions"] = actions
             demo["states"] = states[:-1]
-            demo["obs/tip"] = states[:-1]  # before each action,
+            demo["obs/tip"] = states[:-1]  # before each action
             demo["next_obs/tip"] = states[1:]  # after each action
             demo["rewards"] = np.zeros(len(actions))
             demo["dones"] = np.arange(1, len(actions) + 1) == len(actions)

@@ -1,6 +1,6 @@
 // A new app: a custom task, models learned from its demonstrations, and the comparison of methods
 // over trials, with intervals, in shards on a cluster if needed. Replace Task, Supervise() and
-// Policy by your own.
+// Policy with your own.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
@@ -152,11 +152,11 @@ int main(int argc, char** argv) try {
   CLI::App* command = app.add_subcommand("experiment", "all methods from the same start states");
   experiment::AddRunOptions(*command, options);
   command->option_defaults()->always_capture_default();
-  command->add_option("--demonstrations", plan.demonstrations, "the data points, ascending")
+  command->add_option("--demonstrations", plan.demonstrations, "counts of demonstrations, ascending")
       ->delimiter(',');
-  command->add_option("--trials", plan.trials, "independent repetitions of everything");
+  command->add_option("--trials", plan.trials, "number of independent repetitions");
   command->add_option("--episodes", plan.episodes, "start states per trial and data point");
-  command->add_option("--gamma", gamma, "width of the support's Gaussian kernel");
+  command->add_option("--gamma", gamma, "gamma of the support's Gaussian kernel");
   if (const auto code = experiment::Parse(app, argc, argv)) return *code;
 
   plan.seed = options.seed;
