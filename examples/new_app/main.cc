@@ -152,7 +152,7 @@ int main(int argc, char** argv) try {
   CLI::App* command = app.add_subcommand("experiment", "all methods from the same start states");
   experiment::AddRunOptions(*command, options);
   command->option_defaults()->always_capture_default();
-  command->add_option("--demonstrations", plan.demonstrations, "counts of demonstrations, ascending")
+  command->add_option("--demonstrations", plan.demonstrations, "sizes of the sets, ascending")
       ->delimiter(',');
   command->add_option("--trials", plan.trials, "number of independent repetitions");
   command->add_option("--episodes", plan.episodes, "start states per trial and data point");

@@ -136,7 +136,8 @@ class LeRobotReader final : public DemonstrationReader {
     const json& size = (*shape)[0];
     if (!size.is_number_integer() || size.get<std::int64_t>() < 1 ||
         size.get<std::int64_t>() > kMost) {
-      Fail(InfoFile(folder_), "feature " + name + " has the shape " + shape->dump());
+      Fail(InfoFile(folder_), "feature " + name + " has the shape " + shape->dump() + "; 1 to " +
+                                  std::to_string(kMost) + " entries are supported");
     }
     return size.get<int>();
   }
@@ -281,7 +282,9 @@ class LeRobotReader final : public DemonstrationReader {
         good = wrong == std::errc() && rest == stop;
       }
     }
-    if (!good) Fail(InfoFile(folder_), "split '" + key + "' is " + range.dump() + ", not \"0:50\"");
+    if (!good)
+      Fail(InfoFile(folder_),
+           "split '" + key + "' is " + range.dump() + ", not a range like \"0:50\"");
     std::size_t kept = 0;
     for (std::size_t i = 0; i < episodes_.size(); ++i) {
       if (numbers_[i] < first || numbers_[i] >= end) continue;

@@ -129,7 +129,7 @@ void LeRobotVideos::Locate(const nlohmann::json& info) {
   const auto fps = info.find("fps");
   if (fps != info.end() && fps->is_number()) fps_ = fps->get<double>();
   if (!(fps_ > 0.0 && fps_ < 1e6)) {
-    Refuse(file, "fps is not a frame rate", "set it to that of the videos");
+    Refuse(file, "fps is not a frame rate", "set it to the frame rate of the videos");
   }
   pattern_ = several_in_a_file_
                  ? "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"

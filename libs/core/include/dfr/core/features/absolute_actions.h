@@ -24,9 +24,9 @@ struct AbsoluteAction {
 ///
 /// Action u_k counts as a target for state entry x_j if two conditions hold. First, u_k(t) equals
 /// x_j(t) or x_j(t + 1) up to noise: slope within 0.1 of one, correlation at least 0.9, offset
-/// below half the spread. Second, u_k(t) - x_j(t) moves x_j in its direction. If the actions
-/// themselves explain the changes of an unmatched state entry better than these differences do, the
-/// actions are velocities and x_j reports them (its velocity or the last action).
+/// below half the spread. Second, u_k(t) - x_j(t) moves x_j in its direction or is zero. If the
+/// actions themselves explain at least 80 % of the changes of an unmatched state entry, the actions
+/// are velocities and x_j reports them (its velocity or the last action).
 ///
 /// Memory and time per step are linear in the number of state entries, also for pictures.
 class ActionAnalysis {
@@ -66,7 +66,7 @@ class ActionAnalysis {
 void ToDifferences(std::span<const AbsoluteAction> absolute, Trajectory& episode);
 
 /// Returns one sentence for an error or a warning: "actions 0, 1 take the values of joint[0],
-/// joint[1] (correlation .998, slope 1.00): they are positions".
+/// joint[1] (correlation at least 0.998, slope 1.00): they are positions".
 [[nodiscard]] std::string Describe(std::span<const AbsoluteAction> absolute,
                                    const StateLayout& layout);
 

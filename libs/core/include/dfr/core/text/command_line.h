@@ -15,7 +15,7 @@
 namespace dfr::core {
 
 /// Makes every numeric option of a program and its commands follow numbers.h: decimal numbers only.
-/// Rejects NaN, infinity, hexadecimal, overflow, and signs of unsigned numbers. Numbers with
+/// Rejects NaN, infinity, hexadecimal, overflow, and negative unsigned numbers. Numbers with
 /// leading zeros are decimal; CLI11 alone reads them as octal. Call this after all options are
 /// added. Options can have additional range checks. `App` has the interface of CLI::App (CLI11).
 template <typename App>
@@ -36,7 +36,7 @@ void CheckNumbers(App& app) {
         return ParseNumber(text) ? std::string() : "'" + text + "' is not a finite decimal number";
       });
     } else if (type.starts_with("UINT")) {
-      is_whole(option, "a whole number from 0 on", std::uint64_t{});
+      is_whole(option, "a whole number of at least 0", std::uint64_t{});
     } else if (type.starts_with("INT")) {
       is_whole(option, "a whole number", std::int64_t{});
     }

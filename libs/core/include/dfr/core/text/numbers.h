@@ -15,7 +15,7 @@ namespace dfr::core {
 /// Rejects a number that is too large, NaN and infinity.
 [[nodiscard]] std::optional<double> ParseNumber(std::string_view text) noexcept;
 
-/// Parses a decimal whole number within the range of T. Rejects a sign before an unsigned number.
+/// Parses a decimal whole number in the range of T. Rejects a minus before an unsigned number.
 template <std::integral T>
 [[nodiscard]] std::optional<T> ParseInteger(std::string_view text) noexcept {
   if (text.size() > 1 && text[0] == '+' && text[1] != '-') text.remove_prefix(1);
