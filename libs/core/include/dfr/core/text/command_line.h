@@ -44,6 +44,7 @@ void CheckNumbers(App& app) {
   for (App* command : app.get_subcommands([](App*) { return true; })) CheckNumbers(*command);
 }
 
+/// Calls of one command of a program, for AddExamples().
 struct Example {
   const char* command;
   std::vector<std::string> arguments;  ///< One entry per call, without program and command.
