@@ -371,7 +371,7 @@ TEST_F(MergeTest, AnySplitGivesTheSameResultsInAnyOrder) {
 TEST_F(MergeTest, LedgersOfDifferentRunsAreRefusedByName) {
   const auto first = Run(1, 2);
   EXPECT_THAT(test::MessageOf([&] { MergeLedgers({first}, whole); }),
-              HasSubstr("10 of 20 units are missing, the first is trial 2, 60 demonstrations, 8."));
+              HasSubstr("10 of 20 units are missing; the first is trial 2, 60 demonstrations, 8."));
   EXPECT_THAT(test::MessageOf([&] {
                 MergeLedgers({first, Run(2, 2, FakePlan(), "7")}, whole);
               }),

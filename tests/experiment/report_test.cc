@@ -106,11 +106,11 @@ TEST(ReportTest, NamesTheClusters) {
   const auto caption = [&](const char* clusters) {
     summary.contrasts.front().clusters = clusters;
     const std::string html = RenderReport(summary, {.title = "Pusher"});
-    const std::size_t begin = html.find("intervals of Fieller's");
+    const std::size_t begin = html.find("Fieller's 95 % intervals");
     return html.substr(begin, html.find("</p>", begin) - begin);
   };
-  EXPECT_EQ(caption("supervisors"), "intervals of Fieller's by t, clustered by supervisor.");
-  EXPECT_EQ(caption("trials"), "intervals of Fieller's by t, clustered by trial.");
+  EXPECT_EQ(caption("supervisors"), "Fieller's 95 % intervals, clustered by supervisor.");
+  EXPECT_EQ(caption("trials"), "Fieller's 95 % intervals, clustered by trial.");
   EXPECT_THAT(caption("episodes"), testing::HasSubstr("too few trials to cluster by"));
 }
 

@@ -203,7 +203,7 @@ TEST(PrintTableTest, ShowsEveryCellAndTheContrast) {
   std::ostringstream out;
   PrintTable(Summarize(input.plan, input.results, {}), out);
   EXPECT_THAT(out.str(),
-              HasSubstr("learner 8: all data points, 20 episodes a method in 5 trials, %; "
+              HasSubstr("learner 8: all data points, 20 episodes per method in 5 trials, %; "
                         "42.9 % of the start states drawn were outside"));
   EXPECT_THAT(out.str(), HasSubstr("dfr        50.0 [ 27.2, 72.8]"));
   // 1011 of 1045 controls differ from the policy's.

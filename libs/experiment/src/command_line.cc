@@ -182,7 +182,7 @@ void ReadConfiguration(const std::filesystem::path& file, CLI::App& command) {
     if (!node.is_table() || !(known || name == "grid")) {
       throw std::runtime_error(
           place(node.source()) + ": '" + name +
-          "' is not in a table; options belong to the table of a command, as in [" +
+          "' is neither a command's table nor in one; options belong there, as in [" +
           command.get_name() + "]");
     }
   }
@@ -298,7 +298,7 @@ struct Added {
   Rerun again;
 };
 
-/// Makes an invalid argument of an option a usage error.
+// Converts an invalid argument of an option to a usage error.
 template <typename Parser>
 auto Checked(Parser parse, const std::string& text) {
   try {
@@ -340,8 +340,9 @@ void Add(CLI::App& app, Added& added) {
       ->capture_default_str();
   added.rerun = app.add_subcommand(
       "rerun", "Run one episode again, and other methods from the same start state");
-  added.rerun->add_option("folder", added.run, "folder of its run")->required();
-  added.rerun->add_option("episode", added.again.episode, "its id, as printed by episodes")
+  added.rerun->add_option("folder", added.run, "folder of the run")->required();
+  added.rerun
+      ->add_option("episode", added.again.episode, "id of the episode, as printed by episodes")
       ->required();
   added.rerun->add_option("--methods", added.again.methods, "methods of that run to compare with")
       ->delimiter(',');
@@ -352,7 +353,7 @@ void Add(CLI::App& app, Added& added) {
 
 void ParseArguments(CLI::App& app, Arguments arguments) {
   GivenValues().clear();
-  std::ranges::reverse(arguments);  // CLI11 expects them in reverse
+  std::ranges::reverse(arguments);  // CLI11 expects reverse order
   app.parse(std::move(arguments));
 }
 

@@ -23,7 +23,7 @@ std::vector<Eigen::Index> Drawn(const FilmedEpisode& episode) {
   return rows;
 }
 
-// Splits a path into pieces: the first colour is the policy's, the second the recoveries'.
+// Splits a path into pieces by source: the policy has the first colour, recoveries the second.
 ReportPlot PathOf(const FilmedEpisode& episode, int across, int up) {
   ReportPlot plot{.title = episode.method};
   const std::vector<Eigen::Index> rows = Drawn(episode);
@@ -129,7 +129,7 @@ void SaveFilm(const std::string& title, const core::StateLayout& layout,
     page.figures.push_back(std::move(paths));
   }
   ReportFigure over_time{
-      .heading = "The state over the controls", .caption = "A line for a method.", .plots = {}};
+      .heading = "The state over the controls", .caption = "One line per method.", .plots = {}};
   for (int entry = 0; entry < dim; ++entry) {
     ReportPlot plot{.title = names[static_cast<std::size_t>(entry)], .x_label = "controls"};
     for (const FilmedEpisode& episode : episodes) {

@@ -348,8 +348,8 @@ void PrintTable(const Summary& summary, std::ostream& out) {
       learner = average.learner;
       const double drawn = average.episodes + average.redrawn_starts;
       out << "\nlearner " << learner << ": all data points, " << average.episodes
-          << " episodes a method in " << average.trials << " trials, %"
-          << (average.trials < kFewTrials ? " (too few to cluster by: intervals take episodes for "
+          << " episodes per method in " << average.trials << " trials, %"
+          << (average.trials < kFewTrials ? " (too few to cluster by: intervals treat episodes as "
                                             "independent)"
                                           : "")
           << core::Format("; %.1f %% of the start states drawn were outside and drawn again\n",

@@ -286,7 +286,7 @@ class SlurmTest(Folder):
         self.assertEqual((out / "summary.json").read_bytes(), self.expected)
         logs = "".join(path.read_text() for path in out.glob("shard-*/task.log"))
         self.assertIn("requeued: exit code", logs)
-        self.assertIn("requeued: its time was over", logs)
+        self.assertIn("requeued: its time limit was near", logs)
         self.assertIn("the plant fell over", logs)
 
 

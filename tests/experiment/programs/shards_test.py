@@ -152,7 +152,7 @@ class ShardsTest(unittest.TestCase):
 
     def test_mistakes_in_a_configuration_name_the_line(self):
         for text, says in [("[experiment]\nseed = 1\ngama = 5\n", "c.toml:3: experiment has no option 'gama'"),
-                           ("seed = 1\n", "c.toml:1: 'seed' is not in a table"),
+                           ("seed = 1\n", "c.toml:1: 'seed' is neither a command's table nor in one"),
                            ("[experiment]\n\ntrials = \"many\"\n", "c.toml:3: "),
                            ("[experiment]\ntrials = [[1]]\n", "c.toml:2: 'trials' must be a text"),
                            ("[experiment]\ntrials = 1979-05-27\n", "c.toml:2: there must be a value"),

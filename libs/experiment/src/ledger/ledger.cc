@@ -82,7 +82,7 @@ void MergeLedgers(const std::vector<std::filesystem::path>& shards,
     const std::string difference = Difference(*header, contents.header);
     if (!difference.empty()) {
       Fail(path, "does not belong to " + shards.front().string() + ": " + difference +
-                     " (there: the latter, now: the former)");
+                     " (there: in the latter, now: in the former)");
     }
     const std::uint64_t identity = IdentityHash(*header);
     for (const LedgerRecord& record : contents.records) {
@@ -116,7 +116,7 @@ void MergeLedgers(const std::vector<std::filesystem::path>& shards,
   }
   if (missing > 0) {
     throw std::runtime_error(std::to_string(missing) + " of " + std::to_string(units.size()) +
-                             " units are missing, the first is " + first +
+                             " units are missing; the first is " + first +
                              ". Run their shards again; each resumes where it stopped");
   }
   internal::ReplaceFile(whole, text);

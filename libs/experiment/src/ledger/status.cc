@@ -118,7 +118,7 @@ class Run {
     }
   }
 
-  std::filesystem::path folder_;  // of the first ledger's folder
+  std::filesystem::path folder_;  // parent of the first ledger's folder
   std::optional<LedgerHeader> header_;
   Status status_;
   std::set<std::tuple<int, int, std::string>> units_;

@@ -130,10 +130,10 @@ ReportJudgement PageWords::Judge(const Contrast& contrast) const {
   }
   if (!fewer || fewer->low <= 0.0) return {method, 1, numbers + ": fewer collisions are not shown"};
   if (!completes || completes->low < 0.9) {
-    return {method, 1, numbers + ": as many completions are not shown"};
+    return {method, 1, numbers + ": 0.9 times the completions is not shown"};
   }
   if (contrast.clusters == "episodes") {
-    return {method, 1, numbers + ": too few trials to tell how trials differ"};
+    return {method, 1, numbers + ": too few trials to estimate how they vary"};
   }
   return {method, 0, numbers};
 }

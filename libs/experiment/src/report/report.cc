@@ -113,11 +113,10 @@ class Page : internal::PageWords {
     if (given) {
       out_ << Escape(options_.judged_by);
     } else {
-      out_
-          << "Judged in this experiment against "
-          << Escape(NameOf(summary_.contrasts.front().against))
-          << ", by the learner that speaks most against it. Fit for use: 95 % intervals show fewer "
-             "collisions and at least 0.9 times the completions.";
+      out_ << "Judged in this experiment against "
+           << Escape(NameOf(summary_.contrasts.front().against))
+           << ", each method by its worst learner. Fit for use: 95 % intervals show fewer "
+              "collisions and at least 0.9 times the completions.";
     }
     out_ << "</p></div>\n";
   }
@@ -171,7 +170,7 @@ class Page : internal::PageWords {
     const std::string& clusters = summary_.contrasts.front().clusters;
     out_
         << "<p class=\"caption\">Totals over all data points against " << reference
-        << "'s, from the same start states; in brackets 95 % intervals of Fieller's by t, "
+        << "'s, from the same start states. In brackets: Fieller's 95 % intervals, "
            "clustered by "
         << (clusters == "episodes"
                 ? "start state within each trial. There are too few trials to cluster by these, so "
@@ -233,11 +232,10 @@ class Page : internal::PageWords {
       }
       out_ << "</div>\n" << internal::Legend(plots) << "</figure>\n";
     }
-    out_
-        << "<p class=\"caption\">Share of " << episodes
-        << " episodes per point; bands are 95 % intervals of Korn and Graubard, clustered by "
-           "trial, or by supervisor where 5 or more take turns; with fewer than 5 trials Wilson's, "
-           "which treat episodes as independent.</p>\n";
+    out_ << "<p class=\"caption\">Share of " << episodes
+         << " episodes per point; bands are 95 % intervals of Korn and Graubard, clustered by "
+            "trial, or by supervisor if there are 5 or more. With fewer than 5 trials: Wilson's or "
+            "Clopper and Pearson's, which treat episodes as independent.</p>\n";
   }
 
   void ShareCells(const Cell& cell) {
@@ -348,7 +346,7 @@ class Page : internal::PageWords {
       for (const auto& [cause, count] : cell.collision_causes) causes.insert(cause);
     }
     if (causes.empty()) return;
-    out_ << "<div class=\"wide\"><table><caption>Collisions, by who chose the control that "
+    out_ << "<div class=\"wide\"><table><caption>Collisions, by the source of the control that "
             "collided</caption><thead><tr><th>Learner</th><th>Method</th>";
     for (const std::string& cause : causes) out_ << "<th class=\"n\">" << Escape(cause) << "</th>";
     out_ << "</tr></thead><tbody>\n";

@@ -23,7 +23,7 @@ constexpr double kBottom = 44.0;
 // Colours of report.css. Lines of the second half are dashed.
 constexpr int kNumColours = 24;
 constexpr int kNumMarkers = 6;
-constexpr int kOutcomeStyles = 100;  // completed, halted, collided
+constexpr int kOutcomeStyles = 100;  // first of completed, halted, collided
 
 std::string Coordinate(double value) {
   std::ostringstream text;
@@ -62,8 +62,8 @@ void AddTicks(Axis& axis, double step) {
   for (int i = first; i <= last; ++i) axis.ticks.push_back(i * step);
 }
 
-// Creates an axis from zero or the smallest value to the largest. A few distinct values become the
-// ticks.
+// Creates an axis from the smallest value, or zero if that is smaller, to the largest. A few
+// distinct values become the ticks.
 Axis MakeXAxis(const ReportPlot& plot) {
   std::vector<double> values;
   for (const ReportSeries& series : plot.series) {
@@ -76,7 +76,7 @@ Axis MakeXAxis(const ReportPlot& plot) {
   axis.low = plot.x_min.value_or(std::min(0.0, values.front()));
   axis.high = plot.x_max.value_or(values.back());
   if (!(axis.high > axis.low)) axis.high = axis.low + 1.0;
-  // The numbers of two ticks need at least an eleventh of the axis between them.
+  // The labels of adjacent ticks need at least an eleventh of the axis.
   bool roomy = values.size() <= 8 && !plot.x_min && !plot.x_max;
   for (std::size_t i = 1; i < values.size(); ++i) {
     roomy = roomy && values[i] - values[i - 1] >= (axis.high - axis.low) / 11.0;

@@ -23,9 +23,8 @@ void AddExperimentOptions(CLI::App& command, ExperimentOptions& options, const s
                           const std::string& methods,
                           const std::vector<std::string>& names = {"quick", "paper"});
 
-/// Parses the arguments of a program, for its commands with AddRunOptions() and for the commands
-/// added here:
-///
+/// Parses the arguments of a program: those of its commands with AddRunOptions(), and those of the
+/// commands added here:
 ///
 ///   merge FOLDER... --out FOLDER   merges shards into one ledger; the shards' command then writes
 ///                                  summary and report from it
@@ -35,7 +34,7 @@ void AddExperimentOptions(CLI::App& command, ExperimentOptions& options, const s
 ///
 /// --config FILE of a command reads the table with the command's name, as in [experiment]. The keys
 /// are the command's options without dashes. The command line takes precedence. Errors in a value
-/// name the file and its line.
+/// name file and line.
 ///
 /// @returns the exit code if no command remains to run: 0 after help, status and episodes, 2 after
 ///   a usage error; otherwise std::nullopt, and the app's commands are parsed.

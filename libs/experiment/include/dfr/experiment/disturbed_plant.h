@@ -19,7 +19,7 @@ struct DisturbanceOptions {
   double actuator_noise = 0.0;  ///< Standard deviation of each control entry, drawn per control.
   /// Standard deviation of each observed state entry, drawn per control.
   double observation_noise = 0.0;
-  int control_delay = 0;      ///< Delay of controls, in steps; the first controls are zero.
+  int control_delay = 0;      ///< Delay of controls, in controls; the first are zero.
   double dropped = 0.0;       ///< Probability that a control is lost and replaced by zero.
   int observation_delay = 0;  ///< Delay of observed states, in controls.
   double missing = 0.0;  ///< Probability that a state is lost and replaced by the previous one.

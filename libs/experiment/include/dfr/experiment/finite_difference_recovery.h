@@ -15,8 +15,8 @@ namespace dfr::experiment {
 /// robot.
 ///
 /// Each iteration applies one control, eta = step_fraction g_t(x) / lambda_t along the gradient of
-/// g_t with respect to the control, from central differences with DFR's probe size. It finds no
-/// direction if the gradient vanishes or the copy refuses a control.
+/// g_t with respect to the control, from central differences with DFR's probe size. It halts if the
+/// gradient vanishes or the copy refuses a control.
 class FiniteDifferenceRecovery final : public control::RecoveryStrategy {
  public:
   /// Borrows both. `plant` is the driven plant; it is copied and never modified. The fractions are

@@ -12,11 +12,9 @@ struct Interval {
 };
 
 /// Wilson's score interval for a proportion of `successes` in `trials` independent trials. Short,
-/// with correct coverage on average over the unknown proportion; used for cells of figures and
-/// tables.
-/// @throws std::invalid_argument unless trials > 0, 0 <= successes <= trials and 0 < confidence
-/// < 1.
-///   So do the functions below.
+/// with correct coverage on average over the unknown proportion. ProportionInterval() uses it.
+/// @throws std::invalid_argument unless trials > 0, 0 <= successes <= trials and confidence lies in
+///   (0, 1). So do the functions below.
 [[nodiscard]] Interval WilsonInterval(int successes, int trials, double confidence = 0.95);
 
 /// Clopper and Pearson's interval, from binomial tails. Coverage is at least `confidence` for any
@@ -104,11 +102,11 @@ struct PairedCounts {
   int stratum = 0;  ///< Index of the stratum. Units vary about its mean.
 };
 
-/// Comparison of a method with a reference. With fewer than 5 collisions of the method, too few for
-/// a variance, the interval of the reduction also includes RateRatioInterval(), with the
-/// reference's collisions divided by their dispersion between units. A value is absent if the
-/// reference has no event. An interval is absent if RatioInterval() is absent. With fewer than 5
-/// collisions of units that can vary, it is RateRatioInterval() alone.
+/// Comparison of a method with a reference. A value is absent if the reference has no event. An
+/// interval is absent if RatioInterval() is absent, with one exception: with fewer than 5
+/// collisions of the method, too few for a variance, the interval of the reduction also includes
+/// RateRatioInterval(), with the reference's collisions divided by their dispersion between units,
+/// and is RateRatioInterval() alone if units can vary and RatioInterval() is absent.
 struct PairedContrast {
   std::optional<double> collision_reduction;  ///< 1 - collisions / reference's
   std::optional<Interval> collision_reduction_interval;

@@ -99,7 +99,7 @@ struct UnitResult {
 [[nodiscard]] std::uint64_t StartSeed(const EvaluationPlan& plan, int trial, int start,
                                       int attempt) noexcept;
 
-/// A start state that a runner accepts, and the number of previously drawn ones.
+/// A start state that a runner accepts, and the number of those rejected before it.
 struct DrawnStart {
   std::uint64_t seed = 0;
   int rejected = 0;

@@ -10,7 +10,7 @@ namespace dfr::experiment {
 /// Credit of an episode, in [0, 1].
 struct EpisodeCredit {
   double completed = 1.0;
-  double halted = 0.5;  ///< Credit of a halted episode: safe, almost complete.
+  double halted = 0.5;  ///< Credit of a halted episode at full progress.
   double collided = 0.0;
 
   /// @param progress  completed fraction of the task before the episode ended, in [0, 1]. A halted

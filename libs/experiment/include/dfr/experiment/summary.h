@@ -50,9 +50,9 @@ struct Contrast {
   std::string against;
   std::string learner;
   PairedContrast ratios;
-  /// The clusters of the intervals: "supervisors" from 5 of them on, "trials", or "episodes" of
-  /// each trial with fewer than 5 trials. Intervals of episodes ignore the variation between
-  /// trials.
+  /// Clusters of the intervals: "supervisors" if there are at least 5, otherwise "trials", or
+  /// "episodes" of each trial with fewer than 5 trials. Intervals of episodes ignore the variation
+  /// between trials.
   std::string clusters;
   std::optional<double> seconds_ratio;   ///< Ratio of seconds per trajectory to the reference.
   std::optional<double> controls_ratio;  ///< Ratio of controls per trajectory to the reference.
