@@ -209,7 +209,7 @@ class Collected {
   }
 
   void Alignment(Problems& problems) const {
-    // The recorded actions explain best the entries that they move. For these entries the
+    // Actions best explain the entries that they move. For these entries, the actions of the
     // neighbouring steps must not explain more.
     constexpr double kClearly = 0.1;
     const Eigen::VectorXd as_recorded = fits_[1].Shares();
@@ -221,7 +221,7 @@ class Collected {
         continue;
       }
       const std::string text = core::Format(
-          "how %s changes from step t on is explained to %.0f %% by the action of step "
+          "the change of %s after step t is explained to %.0f %% by the action of step "
           "t %c 1, to %.0f %% by that of step t: are actions and states out of step?",
           EntryName(*layout_, entry).c_str(), 100.0 * share, i == 0 ? '-' : '+',
           100.0 * as_recorded[entry]);

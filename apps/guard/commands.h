@@ -17,7 +17,7 @@ struct CheckOptions {
   double action_limit = 1.0;
   std::filesystem::path repair;  ///< File for the readable episodes; empty: none.
 };
-/// Prints the errors of demonstrations. @returns true if none of them affects a fit.
+/// Prints errors and warnings about demonstrations. @returns true if there are no errors.
 bool RunCheck(const CheckOptions& options);
 
 struct ConvertOptions {

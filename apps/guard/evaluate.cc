@@ -43,7 +43,7 @@ void RunEvaluate(const EvaluateOptions& options) {
     untouched += shadow.first_changed < 0 ? 1 : 0;
     actions += shadow.actions;
     passed += shadow.passed;
-    // counts up to the halt, if there is one
+    // Counts only actions before a halt.
     changed += static_cast<int>(shadow.micros.size()) - shadow.passed - (shadow.halted < 0 ? 0 : 1);
     halted += shadow.halted < 0 ? 0 : 1;
     change += shadow.change;
@@ -71,8 +71,8 @@ void RunEvaluate(const EvaluateOptions& options) {
   if (halted > 0) std::printf("; %d episodes halt, and no later action counts as passed", halted);
   std::printf("\n");
   std::sort(micros.begin(), micros.end());
-  std::printf("a call takes %.1f us (median), %.1f us (99th of 100)\n", micros[micros.size() / 2],
-              micros[micros.size() * 99 / 100]);
+  std::printf("a call takes %.1f us (median), %.1f us (99th percentile)\n",
+              micros[micros.size() / 2], micros[micros.size() * 99 / 100]);
 }
 
 }  // namespace dfr::apps::guard

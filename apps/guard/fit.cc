@@ -104,7 +104,7 @@ bool RunFit(const FitOptions& options) {
     all.push_back(reader->Read(i));
     if (all.back().outcome == core::Outcome::kCompleted) completed.push_back(all.back());
   }
-  // Episodes without an outcome are assumed to be successful.
+  // If no episode is recorded as completed, all are used.
   const bool choose = !options.all && !completed.empty() && completed.size() < all.size();
   if (choose) {
     std::printf("%zu episodes did not complete the task and are left out (--all takes them)\n",

@@ -22,7 +22,7 @@ struct ReplayedEpisode {
   double lowest = 0.0;
   double inside = 0.0;   ///< Share of states.
   int first_alarm = -1;  ///< Step, or -1.
-  int passing = 0;       ///< Actions that a certificate lets pass.
+  int passing = 0;       ///< Number of actions that pass a certificate.
   safety::Shadow shadow = {};
 };
 
@@ -38,7 +38,7 @@ class Drivers {
 
   void Add(const core::Matrix& states, const std::vector<int>& steps);
 
-  /// Fraction of each entry, largest first.
+  /// Returns the fraction and index of each entry of a feature, largest fraction first.
   [[nodiscard]] std::vector<std::pair<double, int>> Ranked() const;
 
  private:
@@ -68,7 +68,7 @@ class Strays {
   std::vector<std::vector<Eigen::VectorXd>> features_;  // [time step]
 };
 
-/// Gets the states of an episode, of model.task_layout(), and their time steps of the support.
+/// Receives the states of an episode, of model.task_layout(), and their time steps of the support.
 using SeeStates = std::function<void(const core::Matrix& states, const std::vector<int>& steps)>;
 
 /// Follows each episode of a file, without applying the guard's actions.

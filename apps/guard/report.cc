@@ -229,10 +229,10 @@ std::string FailureNote(const std::vector<Episode>& failures) {
          Rate(static_cast<int>(leads.size()), static_cast<int>(failures.size())) +
          (leads.empty()
               ? std::string(".")
-              : core::Format("; it comes %.0f steps before their end (median; %.0f to %.0f for "
-                             "the middle half).",
-                             core::Median(leads), core::Quantile(leads, 0.25),
-                             core::Quantile(leads, 0.75)));
+              : core::Format(
+                    "; the alarm precedes the end by %.0f steps (median; quartiles %.0f and "
+                    "%.0f).",
+                    core::Median(leads), core::Quantile(leads, 0.25), core::Quantile(leads, 0.75)));
 }
 
 experiment::ReportTable FeatureTable(const safety::GuardModel& model, const Drivers& drivers) {
@@ -373,7 +373,7 @@ void RunReport(const ReportOptions& options) {
   experiment::ReportFigure each{
       .heading = "Episode by episode",
       .caption =
-          "A point for an episode: the share of its actions that the guard passes "
+          "One point per episode: the share of its actions that the guard passes "
           "unchanged, and its lowest l.",
       .plots = {PassedPlot("Demonstrations: passed", episodes),
                 LowestPlot("Demonstrations: lowest l", episodes, alarm_level)}};

@@ -114,4 +114,4 @@ const ready = createKernel().then(made => {
   setMethod(page.method);
   openScene(0);
   requestAnimationFrame(frame);
-}).catch(error => say(`This page needs a browser with WebAssembly, its SIMD and its exceptions: ${error.message || error}`));
+}).catch(error => say(`This page needs a browser with SIMD and exceptions in WebAssembly: ${error.message || error}`));

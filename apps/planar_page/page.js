@@ -10,17 +10,17 @@ const METHODS = {
   "baseline": ["The policy alone", "The learned policy acts unguarded."],
   "early-stopping": ["Early stopping", "Halts where the next control could leave the support: g ≤ λ|u|."],
   "dfr": ["DFR, as published", "Where g ≤ λ|u|, small random probes find out which way g rises."],
-  "controller": ["Controller", "Guided recovery: every applied control teaches how the robot answers. The policy's control is changed as little as it takes."],
+  "controller": ["Controller", "Guided recovery: every applied control teaches how the robot responds. The policy's control is changed as little as it takes."],
   "certified-direction": ["Certified", "A control passes only if the state that it leads to is provably inside the support."],
 };
 
-let kernel, world;  // the libraries; what they say of scenes and methods
+let kernel, world;  // the libraries; their scenes and methods
 const call = (name, ...args) => {
   const result = kernel["_page_" + name](...args);
   if (result === -1) throw new Error(kernel.UTF8ToString(kernel._page_error()));
   return result;
 };
-// The shared array, which may have moved since.
+// View of the shared array, which may have moved since the last call.
 const numbers = (count, first = 0) => {
   const start = kernel._page_array(first + count) / 8 + first;
   return kernel.HEAPF64.subarray(start, start + count);
@@ -48,7 +48,7 @@ function openScene(index, count = 60) {
   if (scene().routes > 0) call("demonstrate", count, 1);
   page.seed = 1;
   learn();
-  // Of the first starts one from which the policy alone does not complete, if there is one.
+  // Chooses one of the first starts from which the policy alone does not complete, if any.
   while (page.alone && page.alone.outcome === 0 && page.seed < 20) newStart(true);
   setTool(scene().routes > 0 ? "move" : "draw");
   chosen("scenes", index);
@@ -56,7 +56,7 @@ function openScene(index, count = 60) {
   $("prepared").disabled = scene().routes === 0;
 }
 
-// Fits to the demonstrations there are, and begins an episode.
+// Fits to the present demonstrations and begins an episode.
 function learn() {
   page.demonstrations = [];
   for (let i = 0;; ++i) {
@@ -88,7 +88,7 @@ function learn() {
   if (page.fitted) page.later = setTimeout(learnCertified, 300);
 }
 
-// Certificates take as long to learn as all else: what was learned is shown before.
+// Fits the certificates. Takes as long as all else, so the page shows the rest first.
 function learnCertified() {
   if (page.certified || !page.fitted) return;
   const begin = performance.now();
@@ -110,7 +110,7 @@ function showFitted() {
     count === 0 ? "None yet. Draw a line from start to goal." : `${count} so far; it takes three to learn from.`;
 }
 
-// Microseconds that the controller takes for a decision, over many.
+// Returns the mean duration of a decision of the controller, in microseconds.
 function decisionTime() {
   const [x, y] = scene().start, begin = performance.now();
   let controls = 0;
@@ -124,7 +124,7 @@ function newStart(next = false) {
   begin(Array.from(numbers(2)), 0);
 }
 
-// An episode from `point` at time step `phase`.
+// Begins an episode from `point` at time step `phase`.
 function begin(point, phase) {
   page.robot = point;
   page.first = phase;
@@ -142,7 +142,7 @@ function begin(point, phase) {
   page.dirty = true;
 }
 
-// One control, remembered with all that it was decided on.
+// Applies one control and records it with the values behind the decision.
 function control() {
   if (!page.fitted || page.outcome >= 0) return;
   call("step");
@@ -161,7 +161,7 @@ function control() {
   look();
 }
 
-// l, g and what is certified at a point.
+// Returns l, g and the certified disc at a point.
 function measures(t, point) {
   call("look", support(), t, ...point);
   const n = numbers(5);
@@ -174,7 +174,7 @@ function way(method, point, phase) {
   return {points: Array.from(n.subarray(0, 2 * count)), outcome: n[2 * count]};
 }
 
-// What is shown of the present state while nothing runs.
+// Updates the readings and the preview of the present state.
 function look() {
   if (!page.fitted) return;
   page.now = measures(page.phase, page.robot);
@@ -220,7 +220,7 @@ function chosen(group, index) {
   });
 }
 
-// The robot is put elsewhere: an episode of its own begins there, or the one that runs is disturbed.
+// Moves the robot: begins a new episode there, or disturbs the running one.
 function drag(point) {
   if (!page.fitted) return;
   if (page.running) {
@@ -257,7 +257,7 @@ function pushes(direction, on) {
   for (const button of $("pad").querySelectorAll("button")) button.classList.toggle("held", push.has(button.dataset.push));
 }
 
-// A few episodes a frame, so that the page stays alive.
+// Runs a few episodes per frame, to keep the page responsive.
 function compare() {
   if (!page.fitted) return say("There is nothing to compare yet: draw a demonstration.");
   learnCertified();

@@ -41,7 +41,7 @@ function disc(c, [x, y, radius], fill, stroke, dash = []) {
   if (stroke) { c.strokeStyle = stroke; c.setLineDash(dash); c.stroke(); c.setLineDash([]); }
 }
 
-// What does not move, drawn once a scene: obstacles, start, goal, demonstrations.
+// Draws what does not move, once per scene: obstacles, start, goal, demonstrations.
 function still() {
   const picture = document.createElement("canvas");
   picture.width = $("map").width;
@@ -81,7 +81,7 @@ function still() {
   return picture;
 }
 
-// l_t over the picture, and of it the shade and the rings.
+// Evaluates l_t over the picture and makes its shade and contour lines.
 function support_picture(t) {
   const columns = Math.ceil(width / CELL) + 1, rows = Math.ceil(height / CELL) + 1;
   call("levels", support(), t, VIEW.left, VIEW.top, CELL / scale, columns, rows);

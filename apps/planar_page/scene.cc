@@ -55,7 +55,7 @@ std::vector<Scene> MakeScenes() {
        .routes = {Round(0.75), Round(-0.75)},
        .degree = 2},
       {.name = "Narrow gap",
-       .summary = "The gap is a little wider than a step is long. The policy bends too early, and "
+       .summary = "The gap is only three steps wide. The policy bends too early, and "
                   "clips the wall.",
        .start = {{0.0, 0.0}, 0.16},
        .goal = {{4.0, 0.0}, 0.16},

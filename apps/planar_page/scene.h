@@ -57,7 +57,7 @@ class PointPlant final : public core::SimulatedPlant {
   [[nodiscard]] const core::StateLayout& layout() const noexcept override { return layout_; }
   [[nodiscard]] int control_dim() const noexcept override { return 2; }
   void Reset(std::uint64_t seed) override;
-  /// Moves the point to another position and resets collided().
+  /// Moves the point to another position, and updates collided() for it.
   void MoveTo(const Point& point) noexcept;
   [[nodiscard]] core::PlantStatus Apply(std::span<const double> control) noexcept override;
   void Observe(std::span<double> state) const noexcept override;

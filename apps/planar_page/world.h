@@ -24,7 +24,7 @@ class PushedPolicy final : public core::Policy {
   [[nodiscard]] int state_dim() const noexcept override { return 2; }
   [[nodiscard]] int control_dim() const noexcept override { return 2; }
   void Control(int t, std::span<const double> x, std::span<double> u) const noexcept override;
-  /// Added to every control from now on, in the robot's own axes.
+  /// Adds `push` to every later control, in the robot's axes.
   void set_push(const Point& push) noexcept { push_ = push; }
 
  private:
@@ -89,7 +89,7 @@ struct Tally {
 /// thread.
 class World {
  public:
-  /// @throws std::invalid_argument for an unknown scene.
+  /// @throws std::out_of_range for an unknown scene.
   explicit World(std::size_t scene);
   World(const World&) = delete;
   World& operator=(const World&) = delete;
@@ -134,7 +134,7 @@ class World {
   /// `first_step`.
   [[nodiscard]] Episode Start(std::size_t method, const Point& start, int first_step,
                               std::uint64_t seed) const;
-  /// Pushes the policy of all episodes: adds a motion of at most kGain to its controls.
+  /// Pushes the policy of all episodes: adds the control for this motion to its controls.
   void Push(const Point& displacement) noexcept;
   /// Runs `count` episodes from random start states.
   [[nodiscard]] Tally Run(std::size_t method, int count, std::uint64_t seed) const;

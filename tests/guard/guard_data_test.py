@@ -130,7 +130,7 @@ class GuardDataTest(GuardProgramTest):
             data = [(observations, np.roll(action, -shift, axis=0)) for observations, action in episodes(4, 30)]
             write_robomimic(self.folder / "late.hdf5", data)
             out = self.run_guard("check", "late.hdf5")
-            self.assertRegex(out, rf"alignment: how tip\[\d\] changes.*step t {sign} 1.*out of step")
+            self.assertRegex(out, rf"alignment: the change of tip\[\d\] .*step t {sign} 1.*out of step")
         self.assertNotIn("alignment", self.run_guard("check", "demos.hdf5"))
 
     def test_actions_that_are_positions_are_refused_and_converted(self):

@@ -103,9 +103,8 @@ safety::Method ParseMethod(std::string_view name, std::span<const std::string_vi
       "method '"
           << name
           << "': an ensemble is a policy; for a controller around it write controller@ensemble");
-  DFR_THROW_UNLESS(
-      !on_support || method.kind != safety::Method::Kind::kOther,
-      "method '" << name << "': '" << parts.controller << "' runs without a choice of support");
+  DFR_THROW_UNLESS(!on_support || method.kind != safety::Method::Kind::kOther,
+                   "method '" << name << "': '" << parts.controller << "' takes no support");
   method.name = name;
   return method;
 }
@@ -114,13 +113,13 @@ std::string MethodHelp(std::span<const std::string_view> others) {
   return safety::MethodNames(others) +
          "; lwr, lwr-cv and knn are regressions on the demonstrations themselves (lwr-cv with a "
          "width by cross-validation), lwr-online is one that learns during an episode what "
-         "controls do, ensemble halts where five "
+         "controls do, ensemble halts when five "
          "policies disagree, dart learns from demonstrations with injected noise, dagger asks the "
          "supervisor while it learns, finite-difference and true-jacobian are oracles that know "
-         "the plant. Behind a method, @ and another policy than "
-         "the learned one, as in controller@lwr, or none for a zero control: " +
+         "the plant. Append @ and a policy to replace the learned one, as in controller@lwr, or "
+         "none for a zero control: " +
          Join(kPolicies) +
-         ". Behind that, / and another support, as in dfr@lwr/density: " + Join(kSupports);
+         ". Then append / and a support to replace it, as in dfr@lwr/density: " + Join(kSupports);
 }
 
 std::string MarksOf(std::span<const std::string> methods) {
@@ -140,7 +139,7 @@ std::string MarksOf(std::span<const std::string> methods) {
   });
   mark(": asks the supervisor while it learns, and collides meanwhile",
        [](const MethodName& name) { return name.policy == "dagger"; });
-  mark(": learned from demonstrations of its own, with injected noise",
+  mark(": learned from separate demonstrations, with injected noise",
        [](const MethodName& name) { return name.policy == "dart"; });
   return marks;
 }

@@ -165,7 +165,7 @@ std::optional<double> DetectorRates::lead() const {
 }
 
 double CalibratedThreshold(std::span<const ScoredEpisode> demonstrations, int until, double alpha) {
-  DFR_THROW_UNLESS(!demonstrations.empty(), "a threshold needs demonstrations that are left out");
+  DFR_THROW_UNLESS(!demonstrations.empty(), "a threshold needs held-out demonstrations");
   std::vector<double> highest;
   highest.reserve(demonstrations.size());
   for (const ScoredEpisode& d : demonstrations) {

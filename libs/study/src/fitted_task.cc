@@ -80,7 +80,7 @@ class Restored final : public control::Controller {
     std::ranges::copy(policy_.last(), u.begin());
     if (step.mode == control::Mode::kPolicy && !step.filtered) return step;
     actions_->Restore(chosen_, u);
-    policy_.Clamp(u);  // Units round.
+    policy_.Clamp(u);  // The conversion of units rounds.
     return step;
   }
 
@@ -98,7 +98,7 @@ FittedTask::FittedTask(safety::TaskModel model)
 FittedTask::FittedTask(std::shared_ptr<const safety::GuardModel> guard)
     : guard_(std::move(guard)), model_(guard_, &guard_->task()) {
   DFR_THROW_UNLESS(guard_->reduction() == nullptr,
-                   "a study compares methods on states as they are: choose features without pca:");
+                   "a study takes unreduced states only: choose features without pca:");
 }
 
 FittedTask FittedTask::Fit(const core::StateLayout& layout,

@@ -12,7 +12,7 @@ LearnedModel::LearnedModel(imitation::MlpPolicy policy, FittedTask fit,
                                            std::move(teaching))) {}
 
 void LearnedModel::Save(const std::filesystem::path& folder) const {
-  DFR_THROW_UNLESS(fit().guard() == nullptr, "a guard's fit has a file of its own: save the guard");
+  DFR_THROW_UNLESS(fit().guard() == nullptr, "a guard's model has a separate file: save the guard");
   task().Save(folder);
   policy().Save(folder / "policy.dfr");
   imitation::SaveRobomimic(demonstrations(), folder / "demonstrations.hdf5");

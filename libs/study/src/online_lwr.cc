@@ -20,8 +20,9 @@ OnlineLwrPolicy::OnlineLwrPolicy(core::FeatureTransform features, control::Respo
                 options.drift && response_.has_drift()),
       fit_(estimate_.MakeFit()) {
   DFR_THROW_UNLESS(features_.num_features() == response_.feature_dim(),
-                   "lwr-online: there are " << features_.num_features() << " features, and "
-                                            << response_.feature_dim() << " in the response");
+                   "lwr-online: there are " << features_.num_features()
+                                            << " features, but the response has "
+                                            << response_.feature_dim());
   z_ = seen_ = change_ = Eigen::VectorXd::Zero(response_.feature_dim());
   v_ = applied_ = Eigen::VectorXd::Zero(response_.control_dim());
 }

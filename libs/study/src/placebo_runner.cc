@@ -54,7 +54,8 @@ void PlaceboRunner::Begin(int method, std::uint64_t /*start_seed*/) {
 }
 
 double PlaceboRunner::RateOf(int judged) {
-  DFR_THROW_UNLESS(unit_.has_value(), "a placebo runs in an experiment only, which has its rate");
+  DFR_THROW_UNLESS(unit_.has_value(),
+                   "a placebo runs only in an experiment, which determines its rate");
   std::int64_t changed = 0;
   std::int64_t controls = 0;
   for (int i = 0; i < plan_.episodes; ++i) {

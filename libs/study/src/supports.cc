@@ -72,12 +72,12 @@ class Pooled : public core::LogDecisionFunction {
     demonstrations_ = count;
   }
 
-  // Returns l_t and its gradient unless that is empty. Leaves out the states of one demonstration,
-  // or of none (-1). Before q_ is chosen, the value of l serves only for comparison.
+  // Returns l_t, and writes its gradient unless `gradient` is empty. Leaves out the states of one
+  // demonstration, or of none (-1). Before q_ is chosen, the value serves only for comparison.
   virtual double Level(std::size_t t, std::span<const double> z, std::span<double> gradient,
                        Eigen::Index without) const noexcept = 0;
 
-  // Returns the nu-quantile of the level of each time step's own demonstrated states.
+  // Returns the nu-quantile of l over the demonstrated states of time step t alone.
   [[nodiscard]] double LevelQuantile(std::size_t t) const {
     std::vector<double> levels;
     for (Eigen::Index d = 0; d < demonstrations_; ++d) {
@@ -226,7 +226,7 @@ class Mahalanobis final : public Pooled {
  private:
   double Level(std::size_t t, std::span<const double> z, std::span<double> gradient,
                Eigen::Index /*without*/) const noexcept override {
-    // Stores no product: allocates nothing.
+    // Computes the product entry by entry, to avoid allocation.
     double square = 0.0;
     const Eigen::MatrixXd& precision = precisions_[t];
     for (Eigen::Index i = 0; i < precision.rows(); ++i) {
