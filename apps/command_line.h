@@ -29,7 +29,7 @@ inline const CLI::Validator kPositive(
 inline const CLI::Validator kNotNegative(
     [](std::string& text) {
       const auto value = core::ParseNumber(text);
-      return value && *value >= 0.0 ? std::string() : "must not be negative, not " + text;
+      return value && *value >= 0.0 ? std::string() : "must not be negative: " + text;
     },
     "NONNEGATIVE");
 

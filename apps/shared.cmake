@@ -1,5 +1,5 @@
-# What several programs have in common, compiled once:
-#   dfr_app_video  films of rollouts
+# Libraries that several programs share, compiled once:
+#   dfr_app_video  videos of rollouts
 include_guard(GLOBAL)
 
 find_package(OpenCVVideo MODULE)

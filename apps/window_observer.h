@@ -10,7 +10,7 @@
 
 namespace dfr::apps {
 
-/// Shows every control of a rollout in a window. The many small controls of recoveries are faster.
+/// Shows every control of a rollout in a window, the many small controls of recoveries faster.
 class WindowObserver final : public control::RolloutObserver {
  public:
   /// Shows the plant's present state with `text` for `seconds`; false: the window was closed.

@@ -105,7 +105,7 @@ void RunDrift(const DriftOptions& options) {
   }
 
   std::printf(
-      "learner %s, %d demonstrations, %d episodes a method in %d trials, seed %llu, commit %s\n"
+      "learner %s, %d demonstrations, %d episodes per method in %d trials, seed %llu, commit %s\n"
       "completed [95 %% interval] / collided [95 %% interval], %%\n",
       options.learner.c_str(), options.demonstrations, options.trials * options.episodes,
       options.trials, static_cast<unsigned long long>(options.seed),

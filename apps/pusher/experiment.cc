@@ -191,8 +191,8 @@ experiment::ReportFigure OverlapFigure(const experiment::Summary& summary,
   experiment::ReportFigure figure;
   figure.heading = "Where the support covers the red regions";
   figure.caption =
-      "P(red | g >= 0): of the states around the demonstrated ones (cylinder displaced by up to "
-      "0.15 m, joints by up to 0.1 rad) that the estimate takes for its inside, the share that "
+      "P(red | g >= 0): among the states around the demonstrated ones (cylinder displaced by up to "
+      "0.15 m, joints by up to 0.1 rad) that are inside the estimate, the share that "
       "collides. No recovery that climbs g can avoid these.";
   experiment::ReportPlot plot;
   plot.title = "Overlap";
@@ -244,7 +244,7 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
   report.notes.push_back(
       {"How to read this",
        "The weak learner (8 tanh units, 10 epochs of Adam) cannot match the supervisor: that is "
-       "the paper's regime. The stronger one (64-64) stands beside it.\n\n"
+       "the paper's regime. The stronger one (64-64) is for comparison.\n\n"
        "Demonstrations sample the supervisor's Gaussian policy. With its mean action all of them "
        "would have the same timing, and a learner that lags would leave the time-indexed "
        "support at once.\n\n"
@@ -365,8 +365,8 @@ void RunExperiment(const ExperimentOptions& options) {
         "One start state, by each method: learner " + scene.unit.learner + ", " +
         std::to_string(scene.unit.demonstrations) + " demonstrations, trial " +
         std::to_string(scene.unit.trial) +
-        ". Below, the decision function and the gate's threshold. Chosen because the reference "
-        "collides and the controller completes, where there is such a one.";
+        ". Below, the decision function and the gate's threshold. Chosen, if possible, because the "
+        "reference collides and the controller completes.";
     report.media.push_back({options.out / "rollouts.mp4", caption});
   }
   experiment::SaveReport(summary, report, options.out / "report.html");

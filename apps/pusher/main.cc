@@ -81,7 +81,7 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options, std::function<void
       "quick, with the constants of the authors' scripts where these differ, Adam's rate .01, "
       "T = 100, gamma 1, nu .1; fig5: 6 trials of 3 supervisors, demonstrations 60, 120, controls "
       "of .03 rad and T = 100, and the recoveries of every model",
-      "the first is the reference; of " + study::MethodHelp(),
+      "methods; the first is the reference. Valid: " + study::MethodHelp(),
       {"quick", "paper", "authors", "fig5"});
   command
       ->add_option("--supervisor", options.supervisor,
@@ -89,8 +89,8 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options, std::function<void
       ->type_name("FILE");
   command
       ->add_option("--supervisors", options.supervisors,
-                   "number of shipped supervisors that take turns, trial by trial (default: paper "
-                   "5, else 1); from 5 on intervals are clustered by supervisor")
+                   "number of shipped supervisors that take turns, trial by trial (default: 5 for "
+                   "paper, 3 for fig5, otherwise 1); with 5, intervals are clustered by supervisor")
       ->check(CLI::Range(1, kShippedSupervisors))
       ->excludes("--supervisor");
   command->add_flag("!--no-convergence", options.convergence,
@@ -106,7 +106,8 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options, std::function<void
       ->delimiter(',');
   AddModelOptions(*command, options.model);
   AddScene(*command, options.plant);
-  command->add_option("--learning-rate", options.model.learner.learning_rate, "of Adam")
+  command
+      ->add_option("--learning-rate", options.model.learner.learning_rate, "learning rate of Adam")
       ->capture_default_str();
   command->callback([&options, command, run = std::move(run)] {
     // Options given by the user take precedence.
@@ -264,7 +265,7 @@ void AddRender(CLI::App& app, RenderOptions& options) {
   command->callback([&options, command] {
     if (options.episode.empty()) return RunRender(options);
     if (command->count("--methods") == 0) options.methods.clear();
-    // Parses the experiment of its run.toml.
+    // Parses the experiment's run.toml.
     CLI::App again("", "pusher");
     ExperimentOptions run;
     AddExperiment(again, run, [&] { RenderEpisode(run, options); });
@@ -292,8 +293,8 @@ int Main(int argc, char** argv) {
   CLI::App app(
       "The Pusher experiment: a 7-joint arm pushes a cylinder over a goal, past two red regions\n"
       "that neither arm nor cylinder may touch. Controls are changes of the joint angles in units\n"
-      "of --joint-step, within [-1, 1]; lengths are metres. Without arguments of their own, the\n"
-      "commands follow one another: demonstrate, fit, evaluate, render.",
+      "of --joint-step, within [-1, 1]; lengths are metres. By default, each of the\n"
+      "commands demonstrate, fit, evaluate and render reads the files of the previous ones.",
       "pusher");
   apps::AddVersion(app);
   app.require_subcommand(1);

@@ -58,8 +58,8 @@ class Model : public study::LearnedModel {
 
   static Model Load(const std::filesystem::path& folder);
 
-  /// Borrows this model. `plant` is the controlled plant, for "finite-difference" only. Episodes
-  /// begin at time step `first_step`.
+  /// Borrows this model. `plant` is the controlled plant, for oracles and adversaries only.
+  /// Episodes begin at time step `first_step`.
   [[nodiscard]] std::unique_ptr<control::Controller> MakeController(
       const safety::Method& method, const core::SimulatedPlant* plant = nullptr,
       int first_step = 0) const;

@@ -28,7 +28,7 @@ namespace dfr::apps::pusher {
 /// One unit of the experiment: a model, and a plant to run it on.
 class PusherTrialRunner final : public study::PlaceboRunner {
  public:
-  /// @param disturbance  of the plant that methods run on. Start states are selected without it.
+  /// @param disturbance  disturbance of the methods' plant. Start states are selected without it.
   PusherTrialRunner(Model model, const std::vector<safety::Method>& methods,
                     const sim::PusherOptions& plant_options, std::map<std::string, double> measures,
                     const experiment::DisturbanceOptions& disturbance = {});

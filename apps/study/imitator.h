@@ -33,7 +33,7 @@ class Imitator {
   void Reset(std::uint64_t seed) noexcept;
   /// Same as core::Policy::Control(). Entries of `u` are within +-1.
   void Control(int t, std::span<const double> x, std::span<double> u) noexcept;
-  /// `u` is applied in the state of the last Control().
+  /// Reports that `u` is applied in the state of the last Control().
   void Applied(std::span<const double> u) noexcept {
     if (online_ != nullptr) online_->Applied(u);
   }

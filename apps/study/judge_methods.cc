@@ -51,11 +51,11 @@ std::vector<experiment::ReportJudgement> JudgeMethods(const std::vector<Row>& ro
     } else if (2 * totals.counts().completed < alone.counts().completed) {
       judge(2, "it completes less than half as often as the policies alone");
     } else if (saved.low <= harmed.high) {
-      judge(1, "that it saves more than it harms is not shown");
+      judge(1, "it is not shown to save more than it harms");
     } else if (harmed.high >= kMostHarmed * completed) {
-      judge(1, "that it harms less than a tenth of what the policies complete is not shown");
+      judge(1, "it is not shown to harm less than a tenth of what the policies complete");
     } else if (std::string_view(totals.clusters()) == "episode") {
-      judge(1, "there are too few trials to tell how trials differ");
+      judge(1, "there are too few trials to estimate how they vary");
     } else if (passed < kLeastPassed) {
       judge(1, "it replaces most of the policies' controls");
     }

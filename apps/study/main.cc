@@ -59,14 +59,15 @@ void RunAndPrint(const Study& study, bool grid, bool causes) {
        .judgements = JudgeMethods(rows),
        .judged_by = kJudgedBy,
        .program = "study",
-       .introduction = "Saved: the policy alone collides from this start state, and does not with "
-                       "the controller. Harmed: the policy alone completes from it, and does not "
-                       "with the controller. Start states outside the support are included.",
+       .introduction = "Saved: the policy alone collides from this start state, but not with "
+                       "the controller. Harmed: the policy alone completes from it, but not with "
+                       "the controller. Start states outside the support are drawn again only in "
+                       "the plane.",
        .settings = {{"seed", std::to_string(study.seed)},
                     {"commit", core::BuildCommit()},
                     {"demonstrations", std::to_string(study.demonstrations)},
                     {"trials", std::to_string(study.trials)},
-                    {"episodes a trial", std::to_string(study.episodes)}},
+                    {"episodes per trial", std::to_string(study.episodes)}},
        .figures = {MakeFigure(rows)},
        .tables = tables},
       study.out / "report.html");
@@ -187,11 +188,11 @@ struct Power {
 
 void PrintPower(const Power& power) {
   std::printf(
-      "paired episodes that find, with probability %g, that one method alone fails from %g and the "
-      "other alone from %g of the start states: %d\n"
-      "episodes without a collision that show that there are fewer than %g: %d\n"
-      "(at 95 %%, episodes taken for independent: with trials that differ, as many times more as "
-      "the interval clustered by trial is wider, squared)\n",
+      "paired episodes that detect, with probability %g, that one method alone fails from %g and "
+      "the other alone from %g of the start states: %d\n"
+      "episodes without a collision that show a share of collisions below %g: %d\n"
+      "(at 95 %%, for independent episodes. If trials differ, multiply by the square of the ratio "
+      "of interval widths, clustered by trial to independent)\n",
       power.power, power.only_first, power.only_second,
       experiment::EpisodesForDifference(power.only_first, power.only_second, power.power),
       power.bound, experiment::EpisodesForBound(power.bound));
@@ -204,7 +205,7 @@ void AddOptions(CLI::App& command, Power& power) {
       ->capture_default_str();
   command
       .add_option("--only-second", power.only_second,
-                  "share from which only the second method fails")
+                  "share of start states from which only the second method fails")
       ->capture_default_str();
   command.add_option("--power", power.power, "probability of finding the difference")
       ->capture_default_str();
@@ -269,7 +270,7 @@ void AddOptions(CLI::App& command, Detection& detection) {
   command.add_option("--failures", detection.failures,
                      "file of further episodes, which failed unless they are labelled completed");
   command.add_flag("--unlike", detection.unlike,
-                   "count all episodes of --failures as failures, as those of another goal");
+                   "count all episodes of --failures as failures, for example with another goal");
   command.add_option("--task", detection.task, "task of the gallery")->capture_default_str();
   command.add_option("--policy", detection.policy, "policy of the task's further episodes")
       ->capture_default_str();
@@ -282,7 +283,7 @@ void AddOptions(CLI::App& command, Detection& detection) {
   command.add_option("--features", detection.features, "features of the guard; default: all");
   command
       .add_option("--false-alarms", detection.false_alarms,
-                  "share of demonstrations that thresholds are set for")
+                  "share of demonstrations that may raise an alarm; sets the thresholds")
       ->check(CLI::Range(0.01, 0.5))
       ->capture_default_str();
   command.add_option("--seed", detection.seed)->capture_default_str();

@@ -41,11 +41,11 @@ inline constexpr const char* kOnPictures = "/pictures";
 struct Prepared {
   std::unique_ptr<const LearnedModel> model = nullptr;     ///< For controllers.
   std::unique_ptr<const planar::Methods> plane = nullptr;  ///< For planar::Methods.
-  std::vector<core::Trajectory> demonstrations = {};       ///< For guards,
+  std::vector<core::Trajectory> demonstrations = {};       ///< For guards.
   std::optional<FittedTask> guard = {};
   /// Guard model on pictures; may be null.
   std::shared_ptr<const safety::GuardModel> seeing = nullptr;
-  std::uint64_t seed = 0;  ///< seed of the policies
+  std::uint64_t seed = 0;  ///< Seed of the policies.
 
   [[nodiscard]] const FittedTask& fit() const noexcept {
     return model != nullptr ? model->fit() : plane != nullptr ? plane->fit() : *guard;
@@ -70,8 +70,8 @@ struct Place {
 class Guarded;
 class Imitator;
 
-/// Runs methods in one task under one condition. Only planar tasks draw start states again;
-/// elsewhere a start state outside the support counts like any other.
+/// Runs methods in one task under one condition. Only Kind::kPlane draws start states again.
+/// Otherwise, a start state outside the support counts like any other.
 class Runner final : public PlaceboRunner {
  public:
   /// `methods` are those of ParseMethod(), or "<guard's strategy>@<policy>[/pictures]" if
@@ -107,7 +107,7 @@ class Runner final : public PlaceboRunner {
   std::shared_ptr<const Prepared> prepared_;
   std::map<std::string, std::shared_ptr<Imitator>> imitators_;  // guards' policies
   std::vector<Guarded*> guarded_;                               // [method]
-  int method_ = 0;                                              // values of the last episode
+  int method_ = 0;                                              // method of the last episode
   std::map<std::string, double> alarms_;
 };
 

@@ -16,9 +16,9 @@
 namespace dfr::study {
 
 /// A study: every method around every policy, in every task under every condition, from the same
-/// start states. No start state is drawn again: a start state outside the support counts like any
-/// other. Each trial has separate demonstrations, policies and start states. The policy alone
-/// always runs.
+/// start states. Only Kind::kPlane draws start states again. Otherwise, a start state outside the
+/// support counts like any other. Each trial has separate demonstrations, policies and start
+/// states. The policy alone always runs.
 struct Study : experiment::ExperimentOptions {
   /// Controllers under all conditions in all tasks.
   Study() {
@@ -124,7 +124,7 @@ struct Comparison {
   int demonstrations = 60;
   /// Number of trials with separate demonstrations and policies. The trials alternate.
   int trials = 5;
-  int pairs = 1000;  ///< Largest number.
+  int pairs = 1000;  ///< Maximum number of pairs.
   double alpha = 0.05;
   experiment::EpisodeCredit credit = {};
   std::uint64_t seed = 4711;

@@ -142,7 +142,7 @@ experiment::ReportTable PolicyTable(const std::vector<Row>& rows, const std::str
   table.caption =
       "Completed / collided, then saved / harmed against the policy alone, in per cent of " +
       std::to_string(rows.front().episodes) +
-      " episodes a cell; then per cent of the controls passed unchanged / mean size of the "
+      " episodes per cell; then per cent of the controls passed unchanged / mean size of the "
       "others' changes, in ordinary demonstrated controls.";
   table.header = {"task", "condition"};
   for (const std::string& controller : controllers) {
@@ -336,7 +336,7 @@ std::vector<experiment::ReportTable> MakeRowTables(const std::vector<Row>& rows,
       .rows = {}};
   experiment::ReportTable why{
       .heading = "Why episodes were not completed",
-      .caption = "Episodes.",
+      .caption = "Number of episodes per cause.",
       .header = {"task", "condition", "policy", "method", "episodes", "cause"},
       .rows = {}};
   for (const Row& row : rows) {

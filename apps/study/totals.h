@@ -41,8 +41,8 @@ class Totals {
   /// at least one.
   [[nodiscard]] experiment::Interval IntervalOf(
       int TrialCounts::*count, int TrialCounts::*of = &TrialCounts::episodes) const;
-  /// Share of the controls that equal the policy's bit for bit, averaged over rows and trials, so
-  /// that long episodes have no more weight than short ones. Absent without a control.
+  /// Share of the controls that equal the policy's bit for bit, averaged over rows and trials with
+  /// equal weights. Absent without a control.
   [[nodiscard]] std::optional<double> passed() const noexcept;
   /// Interval of passed() by RatioInterval() over the clusters; absent if the clusters are
   /// episodes.

@@ -16,7 +16,7 @@ class FrameSource {
   [[nodiscard]] const std::string& file() const noexcept { return file_; }
   /// Number of the next frame.
   [[nodiscard]] std::int64_t next() const noexcept { return next_; }
-  /// Checks the properties of the whole video. @throws core::Error.
+  /// Checks the size of frames and their rate. @throws core::Error if one differs.
   void Require(cv::Size size, double fps) const;
   /// Decodes the frames before this one. @throws core::Error if there are fewer.
   void Skip(std::int64_t frame);

@@ -78,8 +78,8 @@ void Serve() {
 
 int Main(int argc, char** argv) {
   CLI::App app(
-      "Decodes frames of videos for other programs, such as guard, which thus need no library of\n"
-      "videos. Each line of the input asks for frames of a file:\n\n"
+      "Decodes frames of videos for other programs, such as guard, which then need no library for\n"
+      "videos. Each line of the input requests frames of a file:\n\n"
       "  CAMERA FIRST COUNT FPS HEIGHT WIDTH OUT_HEIGHT OUT_WIDTH FILE\n\n"
       "Frames FIRST to FIRST + COUNT - 1 of a video with FPS frames a second of HEIGHT x WIDTH\n"
       "pixels are averaged to OUT_HEIGHT x OUT_WIDTH. For each one the output has '+' and its\n"
@@ -88,8 +88,8 @@ int Main(int argc, char** argv) {
       "video_frames");
   AddVersion(app);
   if (const auto status = Parse(app, argc, argv)) return *status;
-  // Files are untrusted and must not make FFmpeg open a network address. This program prints the
-  // messages.
+  // Files are untrusted and must not make FFmpeg open a network address. This program reports all
+  // errors itself.
   setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS", "protocol_whitelist;file", 1);
   setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 1);
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);

@@ -176,7 +176,7 @@ TEST(StressTest, JudgesEachMethodByWhatItSavesHarmsAndPasses) {
   const auto expected = std::map<std::string, std::pair<int, std::string>>{
       {"guard", {0, ""}},
       {"controller", {1, "replaces most"}},
-      {"dfr", {1, "saves more than it harms is not shown"}},
+      {"dfr", {1, "not shown to save more than it harms"}},
       {"dfr-fine", {1, "less than a tenth"}},
       {"early-stopping", {2, "less than half as often"}},
       {"certified", {2, "harms more than it saves"}}};

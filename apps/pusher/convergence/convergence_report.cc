@@ -24,7 +24,7 @@ experiment::ReportFigure ConvergenceFigure(const std::vector<ConvergenceCurve>& 
   figure.caption =
       "The decision function over the threshold of the switching policy, mean and standard error, "
       "of " +
-      std::to_string(kRecoveries) + " recoveries a model, learner " + learner +
+      std::to_string(kRecoveries) + " recoveries per model, learner " + learner +
       ". The oracle simulates its probes and applies none of them; an iteration of "
       "DFR is a probe and a step. The controller climbs the same g here. pusher experiment "
       "--config FOLDER/run.toml --out FOLDER prints these figures again.";
@@ -71,7 +71,7 @@ void PrintConvergence(const std::vector<ConvergenceCurve>& curves, const std::st
 void MeasureModels(const experiment::EvaluationPlan& plan, TrialRunnerFactory& factory,
                    std::uint64_t seed, experiment::ReportOptions& report) {
   std::vector<std::vector<ConvergenceCurve>> of_methods;
-  std::printf("\nrecoveries of %d that reach the threshold, and g over it at the end\n",
+  std::printf("\nof %d recoveries: number that reach the threshold, and final g divided by it\n",
               kRecoveries);
   for (int trial = 0; trial < plan.trials; ++trial) {
     for (const int demonstrations : plan.demonstrations) {
@@ -116,8 +116,8 @@ void MeasureRecoveries(const ExperimentOptions& options, const experiment::Evalu
   show(MeasureConvergence(*runner, kRecoveries, seed), "the first of each episode");
   const GateReach reach = MeasureReach(*runner, kRecoveries, seed);
   std::printf(
-      "  the threshold is below the largest g of any state in %d of %d, and of any place of the "
-      "gripper, all\n  else as it is, in %d; the best such place: %.3f of the threshold on "
+      "  the threshold is below the largest g of any state in %d of %d, and of any position of the "
+      "gripper, all\n  else unchanged, in %d; the best such position: %.3f of the threshold on "
       "average\n",
       reach.any_state, reach.gates, reach.any_tip, reach.best_tip);
   show(MeasureEveryRecovery(*runner, kRecoveries, seed), "all of each episode");

@@ -176,7 +176,7 @@ int TrainSupervisor(const TrainSupervisorOptions& options) {
 
 void AddTrainSupervisor(CLI::App& app, TrainSupervisorOptions& options) {
   CLI::App* command = app.add_subcommand(
-      "train-supervisor", "Train a supervisor by TRPO from scratch, in a few minutes");
+      "train-supervisor", "Train a supervisor by TRPO from scratch, in less than a minute");
   core::WritesFile(command->add_option("--out", options.out, "file of the policy"))
       ->capture_default_str();
   core::WritesFile(

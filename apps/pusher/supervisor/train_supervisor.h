@@ -32,7 +32,7 @@ struct TrainSupervisorOptions {
 /// of them, and its samples complete at least 95 %. Finally evaluates the saved policy over 1000
 /// other start states and prints the result. `pusher train-supervisor --seed 1` wrote the
 /// supervisor.dfr in this folder: 282212 controls, 19 s.
-/// @return EXIT_SUCCESS, or EXIT_FAILURE if training reached max_steps first; `out` then holds the
+/// @returns EXIT_SUCCESS, or EXIT_FAILURE if training reached max_steps first; `out` then holds the
 /// last policy.
 /// @throws std::runtime_error, std::invalid_argument for invalid options or files.
 int TrainSupervisor(const TrainSupervisorOptions& options);

@@ -151,7 +151,7 @@ std::vector<core::Trajectory> RunPolicy(const Detection& detection) {
 }  // namespace
 
 const char* DetectionSources() noexcept {
-  return "This program ships no data of others. It reads robomimic's and Minari's HDF5 and "
+  return "This program ships no third-party data. It reads robomimic's and Minari's HDF5 and "
          "LeRobot's "
          "datasets:\n"
          "  Push-T         pip install lerobot, dataset lerobot/pusht_keypoints (206 human "

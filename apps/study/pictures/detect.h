@@ -18,7 +18,7 @@ struct Detection {
   bool unlike = false;                  ///< All episodes of `failures` count as failures.
   std::string task = "pick";            ///< A task of the gallery.
   std::string policy = "biased";        ///< Its policy in the further episodes.
-  int demonstrations = 60;              ///< Of `task`.
+  int demonstrations = 60;              ///< Number of demonstrations of `task`.
   int episodes = 100;                   ///< Number of further episodes of `task`.
   std::string features = {};            ///< Features as in a guard; empty: all, or the task's.
   /// Share of demonstrations that may raise a false alarm, which determines thresholds.
@@ -47,10 +47,10 @@ struct DetectionReport {
   experiment::ReportTable table;  ///< A row for each detector.
 };
 
-/// Fits detectors to half of the demonstrations and sets thresholds by a fifth. The rest, and the
-/// further episodes, judge them by the median duration of the fitted demonstrations. Features with
-/// almost no left-out state inside are rejected; large blocks of the state are then reduced to
-/// principal components.
+/// Fits detectors to half of the demonstrations and sets thresholds by a fifth. Evaluates them on
+/// the rest and the further episodes, up to the median duration of the fitted demonstrations.
+/// Features with almost no left-out state inside are rejected; large blocks of the state are then
+/// reduced to principal components.
 /// @throws std::invalid_argument if there are fewer than 10 demonstrations, or neither choice of
 ///   features fits.
 [[nodiscard]] DetectionReport Detect(const DetectionSet& set, const Detection& detection);

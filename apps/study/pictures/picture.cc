@@ -30,7 +30,7 @@ void SavePicture(const std::vector<experiment::FilmedEpisode>& recordings,
     }
     std::vector<experiment::ReportSeries>& series = plots.back().series;
     const std::string outcome = core::Name(recording.result.outcome);
-    // Each name once.
+    // Each name appears once.
     const bool named = std::ranges::count(series, outcome, &experiment::ReportSeries::name) > 0;
     experiment::ReportSeries line;
     line.name = named ? "" : outcome;
@@ -49,7 +49,7 @@ void SavePicture(const std::vector<experiment::FilmedEpisode>& recordings,
                          {.title = task.name,
                           .introduction = task.summary + ".",
                           .figures = {{.heading = "Paths",
-                                       .caption = "A line for an episode.",
+                                       .caption = "One line per episode.",
                                        .plots = std::move(plots)}}},
                          path);
 }

@@ -77,7 +77,7 @@ void PrintCoverage(CoverageOptions options, const std::vector<std::string>& worl
     double hold_out;
     double confidence;
   };
-  std::printf("shares of fits in %%: measured [95 %% interval] as predicted by the exact law\n");
+  std::printf("shares of fits in %%: measured [95 %% interval] predicted by the exact law\n");
   std::printf("%-12s %4s %9s %11s %7s  %-18s %-28s %-24s %-24s\n", "world", "n", "hold-out",
               "confidence", "alarms", "mean rate +- 1.96 se", "fits that keep it",
               "eps falls short", "K falls short");
@@ -155,11 +155,12 @@ void PrintCertificate(const PlanarStudy& study) {
   std::printf("assumptions of %s, %d demonstrations, in whitened features\n", task.name.c_str(),
               error.demonstrations);
   std::printf(
-      "  no B_t(%.3g) meets the constraints: not checked, for they are unknown. It is so if\n"
+      "  no B_t(%.3g) meets the constraints: not checked, because they are unknown. True if\n"
       "  demonstrations kept the clearance below\n",
       certificate.level);
-  std::printf("  eps = %.4f, so far approximately; times %.3g it is trusted\n", error.value,
-              study.methods.error_factor);
+  std::printf(
+      "  eps = %.4f, estimated approximately; the certificate assumes %.3g times this value\n",
+      error.value, study.methods.error_factor);
   std::printf(
       "  features show the constraints; states are exact; what is issued is applied; states\n"
       "  are certified, not the paths between them\n");
@@ -194,7 +195,7 @@ void PrintCertificate(const PlanarStudy& study) {
   if (compared > 0) {
     std::printf("demonstrations kept the clearance at %d of these %d time steps\n", met, compared);
   } else {
-    std::printf("this task does not tell which clearance demonstrations kept\n");
+    std::printf("this task does not define the clearance that demonstrations kept\n");
   }
 }
 
@@ -255,7 +256,7 @@ void AddProof(CLI::App& app, Commands& commands) {
   const auto proof = std::make_shared<ProofOptions>();
   const auto mutations = std::make_shared<bool>(false);
   auto* prove =
-      app.add_subcommand("prove", "Test Proposition 1 of certified-direction by random worlds");
+      app.add_subcommand("prove", "Test Proposition 1 of certified-direction in random worlds");
   prove->add_option("--steps", proof->steps, "controls")->capture_default_str();
   prove->add_option("--seed", proof->seed)->capture_default_str();
   prove
@@ -266,7 +267,7 @@ void AddProof(CLI::App& app, Commands& commands) {
   prove->add_option("--state-error", proof->state_error, "length of the errors of observed states")
       ->check(apps::kNotNegative)
       ->capture_default_str();
-  prove->add_flag("--mutations", *mutations, "test also that deliberate mistakes are found");
+  prove->add_flag("--mutations", *mutations, "also test that deliberate mistakes are found");
   commands.emplace_back(prove, [=] { PrintProof(*proof, *mutations); });
 }
 
@@ -306,7 +307,7 @@ void AddFigure(CLI::App& app, Commands& commands) {
       std::vector<std::string>{"baseline", "dfr", "controller"});
   auto* figure = app.add_subcommand(
       "figure",
-      "Write pictures and a video of one start state of a planar task, as the paper's Fig. 2");
+      "Write pictures and a video of one start state of a planar task, like the paper's Fig. 2");
   AddTask(*figure, *study);
   figure->add_option("--start", *start, "random seed of the start state")->capture_default_str();
   core::WritesFolder(figure->add_option("--out", *folder))->capture_default_str();

@@ -67,8 +67,8 @@ class Methods {
   Methods(const Methods&) = delete;
   Methods& operator=(const Methods&) = delete;
 
-  /// Creates a controller of safety::ParseMethod() or of kPlanarMethods. Only oracles borrow
-  /// `plant`.
+  /// Creates a controller of safety::ParseMethod() or of kPlanarMethods. Only oracles and
+  /// adversaries borrow `plant`.
   /// @throws std::invalid_argument for another name.
   [[nodiscard]] std::unique_ptr<control::Controller> Make(std::string_view method,
                                                           const core::SimulatedPlant& plant) const;
@@ -87,7 +87,7 @@ class Methods {
   /// Returns true if an episode may begin at x: x is inside the paper's support, guided recovery's,
   /// and the support of all entries in one scale.
   [[nodiscard]] bool Begins(std::span<const double> x) const;
-  /// Support in guided recovery's features.
+  /// Estimate of eps from the demonstrations, without the safety factor.
   [[nodiscard]] const control::EstimatedConstant& direction_error() const noexcept {
     return direction_error_;
   }

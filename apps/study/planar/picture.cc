@@ -31,7 +31,7 @@ const cv::Scalar kRecovery(30, 140, 240);
 struct Canvas {
   cv::Mat image;
   View view;
-  double scale;  // pixels a metre
+  double scale;  // pixels per metre
 
   [[nodiscard]] cv::Point At(double x, double y) const {
     return {static_cast<int>(scale * (x - view.left)),
@@ -81,8 +81,8 @@ cv::Mat LevelGrid(const Canvas& canvas, const Methods& methods, SupportKind supp
   return levels;
 }
 
-// Draws level sets, darker towards the inside. White lines separate levels, and a dark line is at g
-// = 0.
+// Draws level sets, darker towards the inside. White lines separate levels. A dark line marks the
+// boundary, g = 0.
 void DrawLevels(const Canvas& canvas, const Methods& methods, SupportKind support,
                 const Shot& shot) {
   cv::Mat image = canvas.image;

@@ -133,7 +133,7 @@ std::vector<core::Trajectory> Wander(int dim, core::Random& random) {
   return demonstrations;
 }
 
-// Moves away from the centre of the support at t, straight, or randomly, depending on the episode.
+// Moves randomly, away from the origin, or along the first axis, depending on the episode.
 class Adversary final : public core::Policy {
  public:
   Adversary(int dim, core::Random& random) : dim_(dim), random_(&random) {}

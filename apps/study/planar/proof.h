@@ -25,7 +25,7 @@ enum class Mutation {
   kShare,      ///< Controls are larger by a factor of 1 + 1e-5 than certified.
   kConstant,   ///< eps is 2 % below the plant's error.
   kCurvature,  ///< The curvature bound is 2 % too small.
-  kLostPhase,  ///< One of its supports is wrong.
+  kLostPhase,  ///< One of the controller's supports is not in the union.
 };
 [[nodiscard]] const char* Name(Mutation mutation) noexcept;
 inline constexpr std::array kMutations = {Mutation::kNone, Mutation::kShare, Mutation::kConstant,
@@ -43,9 +43,9 @@ struct ProofOptions {
 
 /// Runs a certified controller for `options.steps` controls with adversarial policies and plants
 /// within its assumption: supports of different shapes that move with t, every third of a single
-/// kernel, which attains the bounds; policies that steer for the boundary, straight, or randomly;
-/// plants that turn the control at random, away from the certifying support, or to where the
-/// largest l over all phases is least, by eps |u|.
+/// kernel, which attains the bounds; policies that move away from the origin, along one axis, or
+/// randomly; plants that turn the control at random, away from the certifying support, or to where
+/// the largest l over all phases is least, by eps |u|.
 [[nodiscard]] ProofResult Prove(const ProofOptions& options);
 
 }  // namespace dfr::study::planar
