@@ -1,5 +1,5 @@
-# Run by cpack before it makes the packages: puts /usr/share/doc/<package>/copyright of each Debian
-# package that a component is built with into the component's own.
+# cpack runs this before it makes the packages. It copies /usr/share/doc/<package>/copyright of each
+# Debian package that a component is built with into the component's package.
 foreach(component IN LISTS CPACK_COMPONENTS_ALL)
   string(TOUPPER ${component} id)
   set(folder ${CPACK_TEMPORARY_DIRECTORY}/${component}${CPACK_PACKAGING_INSTALL_PREFIX}/share/doc)
@@ -7,7 +7,7 @@ foreach(component IN LISTS CPACK_COMPONENTS_ALL)
     set(text /usr/share/doc/${package}/copyright)
     if(NOT EXISTS ${text})
       message(FATAL_ERROR "${text} is missing: ${component} is built with ${package}, whose licence its "
-                          "package must bring. Install ${package} with its documentation")
+                          "package must include. Install ${package} with its documentation")
     endif()
     configure_file(${text} ${folder}/${CPACK_DEBIAN_${id}_PACKAGE_NAME}/third_party/${package}/copyright
       COPYONLY)

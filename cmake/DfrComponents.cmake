@@ -1,7 +1,7 @@
 # Reads components.txt and adds the folders of the chosen components with all that they need.
 
-# Sets <prefix>_names, and per component <prefix>_<name>_{folder,needs,packages,build_packages}: who
-# uses the component needs packages, who builds it build_packages too.
+# Sets <prefix>_names, and per component <prefix>_<name>_{folder,needs,packages,build_packages}: using
+# the component requires packages, building it also build_packages.
 function(dfr_read_components prefix)
   set(file ${PROJECT_SOURCE_DIR}/components.txt)
   set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${file})
@@ -31,7 +31,7 @@ function(dfr_read_components prefix)
 endfunction()
 
 # Adds name's folder, tests and benchmarks. A folder starts with the find_package calls of its
-# dependencies; it sets DFR_MISSING and returns where one is absent (dfr_find_package does both).
+# dependencies. It sets DFR_MISSING and returns if one is absent (dfr_find_package does both).
 macro(dfr_add_component name)
   set(DFR_MISSING "")
   foreach(need IN LISTS component_${name}_needs)
@@ -60,7 +60,7 @@ macro(dfr_add_component name)
   endif()
 endmacro()
 
-# find_package for a component's folder: where the package is absent, the whole folder is left out.
+# find_package for a component's folder. Without the package, the whole folder is left out.
 macro(dfr_find_package package)
   find_package(${package} ${ARGN} QUIET)
   if(NOT ${package}_FOUND)

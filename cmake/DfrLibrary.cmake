@@ -1,4 +1,4 @@
-# dfr_add_library, dfr_add_app, dfr_add_bench, dfr_embed: how a target looks in this repository.
+# Defines the targets of this repository: dfr_add_library, dfr_add_app, dfr_add_bench, dfr_embed.
 
 if(NOT CMAKE_BUILD_TYPE AND NOT CMAKE_CONFIGURATION_TYPES)
   set(CMAKE_BUILD_TYPE Release CACHE STRING "Build type" FORCE)
@@ -19,12 +19,12 @@ endif()
 set(THREADS_PREFER_PTHREAD_FLAG ON)
 find_package(Threads REQUIRED)
 
-# Warnings and sanitizers are for our own build; consumers never inherit them.
+# Warnings and sanitizers are for this build only. Consumers never inherit them.
 add_library(dfr_build_flags INTERFACE)
 target_compile_options(dfr_build_flags INTERFACE
   -Wall -Wextra -Wpedantic -Wshadow -Wnon-virtual-dtor -Woverloaded-virtual
   $<$<BOOL:${DFR_WERROR}>:-Werror>
-  # Several sources that are compiled as one unit share its anonymous namespace.
+  # Sources that are compiled as one unit share its anonymous namespace.
   $<$<BOOL:${CMAKE_UNITY_BUILD}>:-Wno-subobject-linkage>)
 if(DFR_SANITIZE)
   target_compile_options(dfr_build_flags INTERFACE -fsanitize=${DFR_SANITIZE} -fno-omit-frame-pointer)
@@ -38,11 +38,10 @@ if(DFR_FUZZ)
   target_compile_options(dfr_build_flags INTERFACE -fsanitize=fuzzer-no-link)
 endif()
 
-# Headers that most sources include, parsed once for each kind of target: libraries, those of them that need no
-# speed (offline), programs without a command line (program, which shares the headers of a kind of library) and
-# with one, tests.
-# A header that a source forgets to include shows in builds without DFR_PRECOMPILE, sanitized ones
-# among them.
+# Headers that most sources include, parsed once for each kind of target: library, library that needs no speed
+# (offline), program without a command line (program, which shares the headers of a kind of library), program
+# with one (command_line), test. A build without DFR_PRECOMPILE, such as a sanitized one, fails if a source
+# does not include a header that it needs.
 if(DFR_PRECOMPILE)
   find_package(Eigen3 REQUIRED NO_MODULE)
   file(CONFIGURE OUTPUT ${PROJECT_BINARY_DIR}/precompiled.cc CONTENT "")
@@ -105,7 +104,7 @@ function(dfr_use_precompiled target kind)
 endfunction()
 
 # dfr_add_library(kernel SOURCES ... [PUBLIC ...] [PRIVATE ...] [OFFLINE])
-# OFFLINE is for a library of files and reports, which no control loop and no fit waits for.
+# OFFLINE is for a library of files and reports, which no control loop and no fit calls.
 # It makes dfr_kernel, its alias dfr::kernel, the install component and export set "kernel", and
 # dfr-kernel.pc.
 # Public headers are in include/ beside the CMakeLists.txt.
@@ -140,8 +139,8 @@ function(dfr_add_library name)
   set_property(GLOBAL APPEND PROPERTY DFR_LIBRARIES ${name})
 endfunction()
 
-# dfr_add_app_library(dfr_pusher_app SOURCES ... PUBLIC ... [PRIVATE ...]): all of a program but its command
-# line, so that tests and other programs can link it.
+# dfr_add_app_library(dfr_pusher_app SOURCES ... PUBLIC ... [PRIVATE ...]) makes a library of a program without
+# its command line, for tests and other programs.
 function(dfr_add_app_library target)
   cmake_parse_arguments(PARSE_ARGV 1 arg "" "" "SOURCES;PUBLIC;PRIVATE")
   add_library(${target} STATIC ${arg_SOURCES})
@@ -151,7 +150,7 @@ function(dfr_add_app_library target)
   dfr_use_precompiled(${target} program)
 endfunction()
 
-# dfr_install_completions(program component): what completes the program's arguments in bash, fish and zsh.
+# dfr_install_completions(program component) installs completion of the program's arguments in bash, fish and zsh.
 function(dfr_install_completions program component)
   install(FILES ${PROJECT_SOURCE_DIR}/cmake/completion.bash RENAME ${program}
     DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions COMPONENT ${component})
@@ -185,8 +184,8 @@ function(dfr_add_app name)
   set_property(GLOBAL APPEND PROPERTY DFR_APPS ${name})
 endfunction()
 
-# dfr_embed(dfr_sim_pusher models/pusher.xml): the text of each file travels inside the target.
-# The generated pusher.xml.h, which only this target sees, holds it as dfr::embedded::kPusherXml.
+# dfr_embed(dfr_sim_pusher models/pusher.xml) embeds the text of each file in the target. The generated
+# pusher.xml.h, which only this target can include, defines it as dfr::embedded::kPusherXml.
 function(dfr_embed target)
   set(directory ${CMAKE_CURRENT_BINARY_DIR}/embedded)
   target_include_directories(${target} PRIVATE ${directory})
@@ -216,8 +215,8 @@ constexpr std::string_view @constant@ = R"embedded(@text@)embedded";
   endforeach()
 endfunction()
 
-# dfr_add_bench(decision_bench LINK dfr::kernel ...): bin/decision_bench, which also runs once,
-# untimed, as a test, so that it cannot rot.
+# dfr_add_bench(decision_bench LINK dfr::kernel ...) makes bin/decision_bench. A test runs it once,
+# untimed.
 function(dfr_add_bench name)
   cmake_parse_arguments(PARSE_ARGV 1 arg "" "" "SOURCES;LINK")
   if(NOT arg_SOURCES)
@@ -231,7 +230,7 @@ function(dfr_add_bench name)
   endif()
 endfunction()
 
-# find_package(dfr COMPONENTS ...) for those who install.
+# Installs the files that find_package(dfr COMPONENTS ...) reads.
 function(dfr_install_package)
   get_property(libraries GLOBAL PROPERTY DFR_LIBRARIES)
   set(needs "")

@@ -1,7 +1,7 @@
-# What pkg-config and dpkg are told about the components: dfr_write_pkg_config for each library, and
+# Describes the components to pkg-config and dpkg: dfr_write_pkg_config for each library, and
 # dfr_describe_packages, from which `cpack -G DEB` (./dev package) makes one package per component.
 
-# What CMake calls a dependency, and what pkg-config does: a module of its own or flags.
+# Names of dependencies in CMake, with their pkg-config modules or flags.
 set(DFR_PKG_CONFIG_MODULES
   "Eigen3::Eigen=eigen3" "hwy::hwy=libhwy" "hdf5::hdf5=hdf5-serial" "glfw=glfw3" "OpenSSL::Crypto=libcrypto"
   "Snappy::snappy=snappy" "Snappy::snappy-static=snappy" "zstd::libzstd_shared=libzstd" "zstd::libzstd_static=libzstd")
@@ -13,7 +13,7 @@ set(DFR_PKG_CONFIG_FLAGS
   "libjpeg-turbo::turbojpeg=-lturbojpeg")
 
 # dfr_write_pkg_config(kernel dfr::core Eigen3::Eigen hwy::hwy ...) writes and installs dfr-kernel.pc.
-# The libraries are static: who links one needs its private dependencies too, so that all of them
+# The libraries are static. Linking one also requires its private dependencies; therefore all of them
 # are in Requires and Libs.
 function(dfr_write_pkg_config name)
   set(requires "")
@@ -43,7 +43,7 @@ function(dfr_write_pkg_config name)
   string(REPLACE "_" "-" requires "${requires}")
   file(RELATIVE_PATH prefix /prefix/${CMAKE_INSTALL_LIBDIR}/pkgconfig /prefix)
   string(REGEX REPLACE "/$" "" prefix ${prefix})
-  # The folder that was installed may be moved: its place is taken from that of the file.
+  # Paths are relative to the file, because the installed folder may be moved.
   file(CONFIGURE OUTPUT ${CMAKE_CURRENT_BINARY_DIR}/dfr-${module}.pc @ONLY CONTENT
 [[prefix=${pcfiledir}/@prefix@
 libdir=${prefix}/@CMAKE_INSTALL_LIBDIR@
@@ -72,8 +72,8 @@ function(dfr_debian_name name result)
   endif()
 endfunction()
 
-# Sets result to TRUE where what the component links reaches GPL code: Debian's Ceres through the GPL
-# parts of SuiteSparse, OpenCV's videoio through FFmpeg (third_party_licenses/README.md).
+# Sets result to TRUE if the component links, also indirectly, to GPL code: Debian's Ceres through GPL parts of
+# SuiteSparse, OpenCV's videoio through FFmpeg (third_party_licenses/README.md).
 function(dfr_reaches_gpl name result)
   set(${result} FALSE PARENT_SCOPE)
   if("${component_${name}_packages}" MATCHES "libceres-dev|libopencv-videoio-dev")
@@ -113,8 +113,8 @@ function(dfr_install_copyright name package)
   install(FILES ${file} DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${package} COMPONENT ${name})
 endfunction()
 
-# The Debian packages that a component is built with, those of what it needs among them, without tools
-# that leave nothing of theirs in it.
+# Lists the Debian packages that a component and its needs are built with, without tools that leave
+# nothing in the result.
 function(dfr_built_with name result)
   string(REGEX MATCHALL "[^ ]+" packages "${component_${name}_packages} ${component_${name}_build_packages}")
   list(REMOVE_ITEM packages fastddsgen default-jre-headless python3)
@@ -126,9 +126,9 @@ function(dfr_built_with name result)
   set(${result} "${packages}" PARENT_SCOPE)
 endfunction()
 
-# dfr_describe_packages(core kernel ...): these components, in the order of components.txt. What a
-# library's package depends on is what its row needs; a program's and the Python module's are the
-# shared libraries that dpkg-shlibdeps finds in them.
+# dfr_describe_packages(core kernel ...): these components, in the order of components.txt. A
+# library's package depends on the needs of its row. A program's and the Python module's depend on
+# the shared libraries that dpkg-shlibdeps finds in them.
 function(dfr_describe_packages)
   if(NOT PROJECT_IS_TOP_LEVEL)
     return()

@@ -18,9 +18,9 @@ endif()
 
 # dfr_add_tests(kernel SOURCES one_class_svm_test.cc ... [TIER integration] [LINK dfr::kernel ...]
 #               [INCLUDE libs/kernel/src ...] [DEFINE NAME=value ...] [NEEDS program ...] [TIMEOUT seconds])
-# makes one program of all tests of a tier in a folder and below it. It runs as one CTest case, unit.kernel or
-# system.dds, in random order. Of the integration tier each TEST is a case of its own, dds.Suite.Name.
-# testing::TempDir() is the build tree's own, so that two trees may be tested at once.
+# makes one program of all tests of a tier in a folder. It runs as one CTest case, unit.kernel or
+# system.dds, in random order. In the integration tier each TEST is a separate case, dds.Suite.Name.
+# testing::TempDir() is in the build tree: two trees may be tested at once.
 function(dfr_add_tests name)
   cmake_parse_arguments(PARSE_ARGV 1 arg "" "TIER;TIMEOUT" "SOURCES;LINK;INCLUDE;DEFINE;NEEDS")
   if(NOT arg_TIER)
@@ -52,7 +52,7 @@ function(dfr_add_tests name)
     add_test(NAME ${arg_TIER}.${name} COMMAND ${target})
     set_tests_properties(${arg_TIER}.${name} PROPERTIES
       TIMEOUT ${arg_TIMEOUT} LABELS ${arg_TIER} ENVIRONMENT "GTEST_SHUFFLE=1;TEST_TMPDIR=${folder}")
-    if(arg_TIER STREQUAL "system")  # in real time, so with no other test beside it
+    if(arg_TIER STREQUAL "system")  # in real time, without another test beside it
       set_tests_properties(system.${name} PROPERTIES RUN_SERIAL ON)
     endif()
   endif()
@@ -71,7 +71,7 @@ function(dfr_add_command_test name)
   set_tests_properties(${name} PROPERTIES TIMEOUT ${arg_TIMEOUT} LABELS ${arg_TIER} ${arg_PROPERTIES})
 endfunction()
 
-# dfr_build_with_tier(system target ...): what the tests of a tier need is built with it.
+# dfr_build_with_tier(system target ...) builds targets that the tests of a tier need with that tier.
 function(dfr_build_with_tier tier)
   if(tier STREQUAL "system")
     set_target_properties(${ARGN} PROPERTIES EXCLUDE_FROM_ALL ON)

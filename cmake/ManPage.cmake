@@ -1,9 +1,9 @@
-# Writes OUTPUT, the manual page of PROGRAM, called NAME, of version VERSION: what its --help says, and
-# that of its subcommands.
+# Writes OUTPUT, the manual page of PROGRAM, called NAME, of version VERSION, from its --help and those
+# of its subcommands.
 cmake_minimum_required(VERSION 3.25)
 
-# Sets result to what `NAME subcommand --help` prints, one line an element. Semicolons and brackets,
-# which lists of CMake cannot hold, stand there as control characters.
+# Sets result to the output of `NAME subcommand --help`, one element per line. Control characters
+# replace semicolons and brackets, which lists of CMake cannot hold.
 string(ASCII 1 semicolon)
 string(ASCII 2 open)
 string(ASCII 3 close)
@@ -23,8 +23,8 @@ function(read_help subcommand result)
   set(${result} "${help}" PARENT_SCOPE)
 endfunction()
 
-# Appends the lines of a help text to `page`: what comes before the usage as it is, the usage, and each
-# list of options under its heading. Sets subcommands to those that are listed.
+# Appends the lines of a help text to `page`: the unchanged text before the usage, the usage, and each
+# list of options under its heading. Sets subcommands to the listed ones.
 function(write_help lines headings)
   set(subcommands "")
   set(part before)

@@ -15,7 +15,7 @@ PY
   done | awk '!seen[$1]++ { print $2 }'
 }
 
-# make_wheel PYTHON SOURCE FOLDER: Debian's build tools, which are Python alone, run by any interpreter.
+# make_wheel PYTHON SOURCE FOLDER: any interpreter runs Debian's build tools, which are pure Python.
 make_wheel() {
   local python=$1 source=$2 folder=$3 platform tools tool
   platform=manylinux_$(getconf GNU_LIBC_VERSION | sed 's/glibc //; s/\./_/')_$(uname -m)
@@ -35,7 +35,7 @@ runpy.run_path("setup.py", run_name="__main__")'
   rm -rf "$tools"
 }
 
-# Two runs on one commit give the same files: times are the commit's, paths those in the tarball, of which all is built.
+# Two runs on one commit give the same files: times are the commit's, and all is built from the tarball, with its paths.
 cmd_release() {
   local tag commit version name out=$PWD/build/release-artefacts work=$PWD/build/release-work python part
   tag=${1:-$(git describe --exact-match HEAD 2>/dev/null || true)}
