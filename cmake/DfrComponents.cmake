@@ -9,7 +9,7 @@ function(dfr_read_components prefix)
   set(names "")
   foreach(row IN LISTS rows)
     if(NOT row MATCHES "^([a-z_]+) *\\|([^|]*)\\|([^|]*)\\|([^|]*)(\\|([^|]*))?$")
-      message(FATAL_ERROR "components.txt: this row is not 'name | folder | needs | packages', or that "
+      message(FATAL_ERROR "components.txt: this row is not 'name | folder | needs | packages', or these "
                           "and '| build packages': ${row}")
     endif()
     set(name ${CMAKE_MATCH_1})

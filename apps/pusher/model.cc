@@ -42,7 +42,7 @@ Learner Learner::Parse(const std::string& name) {
         number && *number >= 1 && *number <= most && learner.hidden.size() < kMostLayers,
         "learner '" << name << "': write the units of each hidden layer, as in 8 or "
                     << "64-64 (1 to " << kMostLayers
-                    << " layers), and behind an x the epochs, as in 8x100");
+                    << " layers), and after an x the epochs, as in 8x100");
     return *number;
   };
   const std::size_t layers = std::min(name.find('x'), name.size());

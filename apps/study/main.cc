@@ -216,7 +216,7 @@ void AddOptions(CLI::App& command, Power& power) {
 void CompareAndPrint(const Comparison& comparison) {
   const experiment::SequentialTest test = Compare(comparison);
   const auto pairs = static_cast<long long>(test.pairs());
-  std::printf("%s: %s, %d demonstrations, %d trials in turn, seed %llu, commit %s\n",
+  std::printf("%s: %s, %d demonstrations, %d alternating trials, seed %llu, commit %s\n",
               comparison.task.c_str(), comparison.condition.c_str(), comparison.demonstrations,
               comparison.trials, static_cast<unsigned long long>(comparison.seed),
               std::string(core::BuildCommit()).c_str());

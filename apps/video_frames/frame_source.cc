@@ -109,7 +109,7 @@ void FrameSource::Require(cv::Size size, double fps) const {
   const double own = capture_.get(cv::CAP_PROP_FPS);
   if (own > 0.0 && std::abs(own - fps) > 0.01 * fps) {
     throw core::Error(
-        core::Format("it has %.6g frames a second; meta/info.json says %.6g", own, fps),
+        core::Format("it has %.6g frames per second; meta/info.json says %.6g", own, fps),
         "correct fps there if states were recorded at the video's rate");
   }
 }

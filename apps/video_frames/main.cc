@@ -81,7 +81,7 @@ int Main(int argc, char** argv) {
       "Decodes frames of videos for other programs, such as guard, which then need no library for\n"
       "videos. Each line of the input requests frames of a file:\n\n"
       "  CAMERA FIRST COUNT FPS HEIGHT WIDTH OUT_HEIGHT OUT_WIDTH FILE\n\n"
-      "Frames FIRST to FIRST + COUNT - 1 of a video with FPS frames a second of HEIGHT x WIDTH\n"
+      "Frames FIRST to FIRST + COUNT - 1 of a video with FPS frames per second of HEIGHT x WIDTH\n"
       "pixels are averaged to OUT_HEIGHT x OUT_WIDTH. For each one the output has '+' and its\n"
       "bytes, RGB, rows from the top; or '-', the reason and a line break. The last file of each\n"
       "CAMERA, a number, stays open.",

@@ -112,7 +112,7 @@ imitation::Trpo Start(imitation::Environment& environment, const TrainSupervisor
 
 int TrainSupervisor(const TrainSupervisorOptions& options) {
   DFR_THROW_UNLESS(options.min_steps <= options.max_steps,
-                   "train-supervisor: --min-steps " << options.min_steps << " is over --max-steps "
+                   "train-supervisor: --min-steps " << options.min_steps << " exceeds --max-steps "
                                                     << options.max_steps);
   std::filesystem::path checkpoint = options.checkpoint;
   if (checkpoint.empty()) checkpoint = options.out.string() + ".checkpoint";

@@ -424,7 +424,7 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
                      {"rerun", {"out/whole 0/60/8/dfr/3 --methods baseline --film film.html"}}});
   try {
     KeepGivenValues(app);
-    // CheckNumbers() transforms first, so that run.toml has numbers without leading zeros.
+    // These transforms run before those of KeepGivenValues(): run.toml has no leading zeros.
     core::CheckNumbers(app);
     core::CheckOutputs(app);
     ParseArguments(app, arguments);

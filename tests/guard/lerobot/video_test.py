@@ -190,7 +190,7 @@ class VideoTest(unittest.TestCase):
             ("v2.1", v2, fewer, None, "ends after 9 frames; the episode has more states", "download"),
             ("v2.1", v2, smaller, None, "frames have 48 x 64 pixels (height x width); meta/info.json says 64 x 64",
              "correct"),
-            ("v2.1", v2, slower, None, "has 15 frames a second; meta/info.json says 30", "correct fps"),
+            ("v2.1", v2, slower, None, "has 15 frames per second; meta/info.json says 30", "correct fps"),
             ("v3.0", None, None, setting(fps=15), "0 s to 0.4 s are 6 frames; the episode has 12 states", "fps"),
             ("v3.0", None, None, setting(fps=0), "info.json: fps is not a frame rate", "set it"),
             ("v3.0", "meta/episodes/chunk-000/file-000.parquet", pathlib.Path.unlink, None, "holds no Parquet file", ""),

@@ -84,9 +84,8 @@ class EnsemblePolicy final : public core::Policy {
 
 /// DAgger (Ross et al., AISTATS 2011) in ten rounds. In each round the current policy runs, the
 /// supervisor labels every visited state, and the next policy learns from all states so far. The
-/// rounds together use as many episodes as there are demonstrations. The current policy's
-/// collisions occur during training; no other method here queries the supervisor or collides while
-/// it learns.
+/// rounds together use as many episodes as there are demonstrations. Only this method runs
+/// unfinished policies, which may collide during training.
 /// @throws std::invalid_argument if there is no supervisor.
 [[nodiscard]] std::unique_ptr<const core::Policy> TrainDagger(
     const Expert& teaching, const core::Policy& learned,
