@@ -31,7 +31,7 @@ std::vector<double> Read(core::ArchiveReader& archive, const char* what) {
 }  // namespace
 
 double EstimateSlack(std::vector<double> held_out_levels) {
-  DFR_THROW_UNLESS(!held_out_levels.empty(), "there are no levels of unseen demonstrations");
+  DFR_THROW_UNLESS(!held_out_levels.empty(), "there are no levels of held-out demonstrations");
   return std::max(LevelOptions().slack, -Quantile(held_out_levels, guided::kSlackQuantile));
 }
 
@@ -70,7 +70,7 @@ Levels::Levels(const core::LogDecisionFunction& support, std::span<const core::M
 }
 
 void Levels::SetEdgeStay(std::span<const HeldOutLevels> held_out) {
-  DFR_THROW_UNLESS(!held_out.empty(), "there are no levels of unseen demonstrations");
+  DFR_THROW_UNLESS(!held_out.empty(), "there are no levels of held-out demonstrations");
   std::vector<double> longest;
   longest.reserve(held_out.size());
   for (const HeldOutLevels& demonstration : held_out) {

@@ -11,7 +11,7 @@
 namespace dfr::control {
 namespace {
 
-// A vector of any size is on the stack.
+// Holds up to kMaxStepEntries entries on the stack.
 using Vector = decltype(PredictedLevel::gradient);
 
 double LevelAfter(const LocalModel& model, int phase, const Eigen::VectorXd& v, Vector& there,

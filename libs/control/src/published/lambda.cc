@@ -18,9 +18,9 @@ std::vector<double> EstimateLambda(const core::DecisionFunction& support,
                      "demonstration " << i << ": its states have " << states.cols()
                                       << " entries, the support takes " << support.state_dim());
     DFR_THROW_UNLESS(states.rows() == controls.rows() + 1,
-                     "demonstration " << i << ": " << controls.rows()
-                                      << " controls need one more state than that, not "
-                                      << states.rows());
+                     "demonstration " << i << ": " << controls.rows() << " controls and "
+                                      << states.rows()
+                                      << " states; one state more than controls is needed");
     DFR_THROW_UNLESS(states.allFinite() && controls.allFinite(),
                      "demonstration " << i << " has a non-finite entry");
     const auto steps = static_cast<std::size_t>(controls.rows());

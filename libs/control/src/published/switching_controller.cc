@@ -15,7 +15,7 @@ double Norm(std::span<const double> v) noexcept {
   return std::sqrt(std::inner_product(v.begin(), v.end(), v.begin(), 0.0));
 }
 
-// Selects no strategy: none must be created from ignored options.
+// Returns options that create no strategy, because the caller provides one.
 SwitchingControllerOptions WithoutStrategy(SwitchingControllerOptions options) {
   options.recovery = Recovery::kEarlyStopping;
   return options;

@@ -19,8 +19,7 @@ int RoundUp(int value, std::size_t multiple) {
   return (value + m - 1) / m * m;
 }
 
-// Maximum number of features and of control entries: each decision solves a problem of the size of
-// the control.
+// Maximum number of features and of control entries. The time of a decision grows with both.
 constexpr int kMaxEntries = 256;
 
 void Check(const ResponseOptions& options) {

@@ -121,7 +121,7 @@ void NearestOf(const float* distances, std::size_t rows, std::size_t count, std:
   const float farthest = FloatOf(bound);
   std::size_t placed = 0;
   i = 0;
-  // Few distances are below the largest of them.
+  // Few distances are below `farthest`.
   for (; i + lanes <= rows; i += lanes) {
     std::uint64_t nearer = 0;
     hn::StoreMaskBits(d, hn::Lt(hn::LoadU(d, distances + i), hn::Set(d, farthest)),

@@ -57,7 +57,7 @@ inline constexpr double kEdgeStayQuantile = 0.9;
 /// Smallest Levels::edge_stay(). A few or short demonstrations would give too small a value.
 inline constexpr double kLeastEdgeStay = 10.0;
 inline constexpr double kEdgeRamp = 10.0;
-/// GuidedController: largest number of times in an episode that the phase is looked up again.
+/// GuidedController: maximum number of relocations of the phase in an episode.
 inline constexpr int kMostRelocations = 2;
 
 /// SafetyFilter: if no control is predicted to end inside, a change of the learned control of at

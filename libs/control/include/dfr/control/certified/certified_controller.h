@@ -20,8 +20,7 @@ namespace dfr::control {
 /// learned control, and z'(v) = z + J v the prediction.
 ///
 ///   1. The phase becomes one with l_q(z) >= -eta: time advances only into supports that contain
-///   the
-///      state. Outside all of them nothing is certified, and the controller halts, kOutsideSupport.
+///      the state. Outside all supports the controller halts with kOutsideSupport.
 ///   2. v <- AscendSupport(v_hat, hi) towards the support of tau + 1, where hi is its
 ///      Levels::median(), because a higher level lets fewer controls pass. If l_tau(z),
 ///      l_{tau+1}(z) >= hi and v_hat is no larger than demonstrated, v = v_hat.
@@ -29,7 +28,7 @@ namespace dfr::control {
 ///      along this direction replaces v.
 ///   4. Certifier::Admit() changes or shrinks v until it passes. If almost nothing of v passes, it
 ///      becomes a recovery that ascends l_tau from v = 0. A shrunk learned control consumes the
-///      same fraction of a time step. If nothing passes, the controller halts, kNoProgress.
+///      same fraction of a time step. If nothing passes, the controller halts with kNoProgress.
 ///   5. HaltRule ends episodes without progress.
 ///
 /// A certificate assumes that controls act at once, that nothing else moves the state, and that

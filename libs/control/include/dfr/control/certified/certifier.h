@@ -15,8 +15,8 @@ namespace dfr::control {
 /// The first observed violation of the certificate's assumption.
 struct Violation {
   int control = -1;       ///< Number of the applied control, from 0; -1 if there was none.
-  double observed = 0.0;  ///< |dz - J u| / |u| ...
-  double allowed = 0.0;   ///< Assumed upper bound of that distance.
+  double observed = 0.0;  ///< Observed |dz - J u| / |u|; infinite if u = 0.
+  double allowed = 0.0;   ///< eps, the assumed upper bound of that ratio.
 };
 
 /// Decides which controls provably end inside the support of a nearby phase, and compares the
@@ -36,11 +36,11 @@ class Certifier {
   /// Smallest l_q(z + J v) at which v passes.
   struct RequiredLevel {
     int phase = 0;         ///< q
-    double level = 0.0;    ///< |grad l_q(z + J v)| e + c e^2 - eta, e = eps |u|
+    double level = 0.0;    ///< |grad l_q(z + J v)| e + c e^2 - eta, e = eps |u| + delta
     double missing = 0.0;  ///< `level` - l_q(z + J v), including an allowance for rounding.
     [[nodiscard]] bool met() const noexcept { return missing <= 0.0; }
   };
-  /// Checks that l_q(z + J v + d) >= -eta for every |d| <= eps |u| with q = `phase`.
+  /// Checks that l_q(z + J v + d) >= -eta for every |d| <= eps |u| + delta with q = `phase`.
   [[nodiscard]] RequiredLevel Check(const LocalModel& model, int phase,
                                     const Eigen::VectorXd& v) const noexcept;
   /// Same as above, if model.Predict(phase, v) is known.
@@ -52,11 +52,11 @@ class Certifier {
   [[nodiscard]] RequiredLevel Predict(const LocalModel& model, int phase,
                                       const Eigen::VectorXd& v) const noexcept;
   /// Returns s in [0, 1] for which s v provably ends inside B_q(eta) for a q with |q - phase| <=
-  /// PhaseTracker::kWindow. This is the largest s by the ball at z, or 1, 1/2 or 1/4 if that is
-  /// larger and passes Check() at the next phase.
+  /// PhaseTracker::kWindow. This is 1 if v passes Predict(), otherwise the largest s by the balls
+  /// at z, or 1/2 or 1/4 if that is larger and passes Check() at the next phase.
   [[nodiscard]] double StepFraction(const LocalModel& model, int phase,
                                     const Eigen::VectorXd& v) noexcept;
-  /// Same as above for a control that Check() has rejected; tries only s < 1.
+  /// Same as above without Predict(), for a control that Check() has rejected.
   [[nodiscard]] double ReducedStepFraction(const LocalModel& model, int phase,
                                            const Eigen::VectorXd& v) noexcept;
   /// The phase of a requested control, and its source.

@@ -18,7 +18,7 @@ namespace dfr::control {
 
 /// Guided recovery: keeps a learned policy inside a support without a dynamics model. Algorithm 1
 /// does the same; guided recovery also learns from every applied control how features change
-/// (ResponseEstimate). The gradient of the support thereby becomes a direction for controls.
+/// (ResponseEstimate). J then turns the gradient of the support into a direction for controls.
 ///
 /// docs/recovery.md derives the method and lists the steps of a decision, in the section "One
 /// step". SafetyFilter has steps 1 to 4, PhaseTracker step 5, HaltRule step 6. Two steps differ
@@ -28,8 +28,8 @@ namespace dfr::control {
 ///      support than in demonstrations, this level rises to Levels::gate (Levels::edge_stay()).
 ///   5. After half of GuidedOptions::patience controls in a phase, in a state beyond the exit level
 ///      of its support, the phase becomes the one whose support contains the state most deeply, if
-///      there is one: the task continues from there. This evaluates all supports once, at most
-///      guided::kMostRelocations times in an episode.
+///      there is one: the task continues from there. Each search evaluates all supports. The phase
+///      relocates at most guided::kMostRelocations times in an episode.
 ///
 /// A step is a recovery (Mode::kRecovery) if its control comes from the nominal one. If it comes
 /// from the learned control, the mode is Mode::kPolicy, and Step::filtered is set if both differ. A
@@ -49,13 +49,13 @@ class GuidedController final : public Controller {
   void Foresee(const GuidedController& present, std::span<const double> x) noexcept;
   /// Returns true if `control` would pass unchanged and is predicted to end inside, at the level of
   /// step 1. After the first false, all results are false. The next call starts in the predicted
-  /// state. Do not call Next() after Foresee(). Neither allocates nor locks.
+  /// state. Do not call Next() after Foresee(). Never allocates or locks.
   [[nodiscard]] bool PassesNext(std::span<const double> control) noexcept;
 
   /// Reports that `u` (control_dim() finite entries) was applied instead of the control of the last
   /// Next(): by a policy that the controller only monitors, or by a robot with other limits. Call
   /// it before the next Next(), at most once. The estimate and the phase are then updated with `u`.
-  /// A halted controller stays halted. Neither allocates nor locks.
+  /// A halted controller stays halted. Never allocates or locks.
   void Applied(std::span<const double> u) noexcept;
 
   /// Sets the context of the next control (LocalFit::SetContext()).

@@ -25,7 +25,7 @@ class RecoveryStrategy {
   /// Starts an episode.
   virtual void Reset(std::uint64_t seed) noexcept = 0;
 
-  /// Writes a control to `u` and returns its kind: After kProbe the controller calls again in the
+  /// Writes a control to `u` and returns its kind. After kProbe the controller calls again in the
   /// resulting state. kRecovery ends the iteration, and the controller checks the gate. kHalt
   /// reports that there is no direction of ascent.
   [[nodiscard]] virtual Mode Next(const RecoverySituation& situation,

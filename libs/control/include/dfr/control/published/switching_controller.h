@@ -19,7 +19,7 @@ enum class Recovery {
   kDfr,            ///< DerivativeFreeRecovery.
 };
 
-/// "baseline", "early-stopping", "dfr".
+/// Returns "baseline", "early-stopping" or "dfr".
 [[nodiscard]] const char* Name(Recovery recovery) noexcept;
 
 /// Options for SwitchingController. Defaults are the constants of the paper's experiments.

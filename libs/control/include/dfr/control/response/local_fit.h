@@ -53,7 +53,7 @@ class LocalFit {
   /// Computes the control with the effect of nearby demonstrations. Locally weighted linear
   /// regression over the nearest transitions gives the demonstrated control v_d at z and its
   /// change dz_d. The result minimizes |J v + m + s d - dz_d|^2 + 0.03 trace(J' J) / m |v - v_d|^2.
-  /// It thereby compensates for rotated or scaled controls and for disturbances, as far as they are
+  /// It compensates for rotated or scaled controls and for disturbances, as far as they are
   /// estimated. O(n^3).
   /// @returns false, and leaves `v` (m entries) unchanged, if there is no demonstrated control.
   [[nodiscard]] bool NominalControl(Eigen::VectorXd& v) noexcept;

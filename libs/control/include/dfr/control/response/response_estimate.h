@@ -35,7 +35,7 @@ class ResponseEstimate {
   explicit ResponseEstimate(std::shared_ptr<const TransitionStore> prior,
                             const DisturbanceModel& disturbance_model = {}, bool drift = true);
 
-  /// Returns a fit of 0 for FitAt(), with all the memory that it needs. Allocates.
+  /// Returns a zero fit for FitAt(), with all the memory that it needs. Allocates.
   [[nodiscard]] LocalFit MakeFit() const;
   /// Computes `fit`, which MakeFit() of this object must have created, for time step `t` at `z`.
   /// For a nonfinite `z` the result is nonfinite.
@@ -61,7 +61,7 @@ class ResponseEstimate {
 
   std::shared_ptr<const TransitionStore> prior_;
   DisturbanceModel disturbance_model_;
-  // Rows of A and B: [z' - z (n); 1; s; v (m)], the first n + 1 only with a drift, s only
+  // Rows of A and B: [z' - z (n); 1; s; v (m)]. The first n + 1 exist only with a drift, s only
   // with a disturbance.
   int drift_rows_;
   Eigen::MatrixXd a_online_;

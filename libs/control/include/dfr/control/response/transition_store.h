@@ -16,11 +16,9 @@ struct ResponseOptions {
   double drift_ridge = 1.0;    ///< Ridge of the drift at z, > 0.
   double slope_ridge = 10.0;   ///< Ridge of the slopes of the drift, > 0.
   double prior_weight = 15.0;  ///< Total weight of the demonstrations' transitions, >= 0.
-  int window = 5;  ///< Uses transitions of the time steps t - window ... t + window with u != 0,
-                   ///< and the nearest in time if these have none.
-  int max_per_step =
-      48;  ///< Maximum number of transitions per time step; bounds the computing time.
-  double forgetting = 0.93;  ///< Factor on the weight of earlier controls, in [0, 1).
+  int window = 5;              ///< Uses transitions of the time steps t - window ... t + window.
+  int max_per_step = 48;       ///< Maximum number per time step; bounds the computing time.
+  double forgetting = 0.93;    ///< Factor on the weight of earlier controls, in [0, 1).
 };
 
 /// Demonstrated transitions; immutable, shared by their estimates.
@@ -36,8 +34,8 @@ class TransitionStore {
   static constexpr int kNearest = 64;
   static constexpr int kSpread = 264;
 
-  /// @param features  one matrix (T_i + 1 x n) per demonstration. @param controls  one matrix (T_i
-  /// x m) per demonstration, in units of us. Transitions with a zero control are ignored.
+  /// @param features  one matrix (T_i + 1 x n) per demonstration.
+  /// @param controls  one matrix (T_i x m) each, in units of us. Ignores zero controls.
   /// @param contexts  one matrix (T_i x k, or with more rows) per demonstration: further
   /// quantities, in addition to z, on which a control depends, in units in which 1 is a relevant
   /// difference. Empty: k is 0.
