@@ -251,8 +251,7 @@ TEST(GuardExplainTest, NamesTheEntryThatEndsOutside) {
     EXPECT_EQ(why.empty(), verdict.source == Source::kPolicy) << t;
     if (verdict.source == Source::kDemonstrations) {
       EXPECT_LT(verdict.predicted, verdict.pass_level);
-      EXPECT_THAT(why,
-                  HasSubstr("replaced by what demonstrations did nearby: the policy's action"));
+      EXPECT_THAT(why, HasSubstr("replaced by a demonstrated action: the policy's action"));
       if (why.find("tip[1] is") != std::string::npos) {
         EXPECT_THAT(why, HasSubstr("above what was demonstrated at step"));
         ++explained;

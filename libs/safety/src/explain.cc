@@ -211,15 +211,15 @@ const char* CauseOf(HaltCause cause) {
     case HaltCause::kStepSkipped:
       return "t was not the next one: a call was lost or doubled";
     case HaltCause::kStopRequested:
-      return "the caller asked for it";
+      return "the caller requested it";
     case HaltCause::kSupportInvalid:
       return "the state is immeasurably far outside";
     case HaltCause::kNoProgress:
-      return "no action has led on for many steps";
+      return "the last actions have made no progress";
     case HaltCause::kStateInvalid:
-      return "an earlier state was not usable";
+      return "an earlier state was invalid";
     case HaltCause::kControlInvalid:
-      return "an earlier action was not usable";
+      return "an earlier action was invalid";
     default:
       return control::Name(cause);
   }
@@ -350,9 +350,9 @@ std::string Explain(const GuardModel& model, const Verdict& verdict, std::span<c
     case Source::kPolicyChanged:
       return "changed: " + WhyNot(model, verdict, state, action);
     case Source::kDemonstrations:
-      return "replaced by what demonstrations did nearby: " + WhyNot(model, verdict, state, action);
+      return "replaced by a demonstrated action: " + WhyNot(model, verdict, state, action);
     case Source::kProbe:
-      return "probed, to see what an action does: " + WhyNot(model, verdict, state, action);
+      return "probed, to measure the effect of actions: " + WhyNot(model, verdict, state, action);
     case Source::kRecovery:
       return "replaced by a recovery: " + WhyNot(model, verdict, state, action);
   }

@@ -197,8 +197,8 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
     selection =
         internal::Continuous(internal::Without(selection, layout, constant), layout, as_recorded);
   }
-  // Pseudo-random by a hash of their content: further demonstrations are then exchangeable with
-  // those held out.
+  // The order is pseudo-random, from a hash of the content: held-out and further demonstrations are
+  // exchangeable.
   varying = internal::WithoutConstants(demonstrations);
   const std::vector<std::size_t> order = core::DeterministicOrder(
       varying.empty() ? demonstrations : std::span<const core::Trajectory>(varying));
@@ -222,7 +222,7 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
   if (!options.accept_any) {
     internal::RefuseUnlessInside(layout, recorded, *fit, *actions, options.folds);
   }
-  if (!going_on("fitting the answers to actions", 0.8)) return nullptr;
+  if (!going_on("fitting the response to actions", 0.8)) return nullptr;
   auto task = std::make_shared<const TaskModel>(internal::MakeTask(
       recorded, std::move(fit->support), fit->left_out, fit->options.single_precision));
   if (!going_on("estimating the alarm level", 0.95)) return nullptr;
@@ -350,7 +350,7 @@ Certification GuardModel::Certify(int t, std::span<const double> state,
   } else {
     task.features().Apply(state, core::AsSpan(z));
   }
-  // Assumption of the certificate.
+  // The certificate assumes that there is no drift.
   const control::LocalFit answer =
       control::ResponseEstimate(task.response().prior(), {}, /*drift=*/false)
           .FitAt(t, core::AsSpan(z));

@@ -182,7 +182,7 @@ class WarningsTest(unittest.TestCase):
             guard = dfr.Guard.fit(states, actions, layout=LAYOUT, features="tip")
         self.assertEqual([str(w.message) for w in caught], guard.summary["warnings"])
         self.assertTrue(all(w.category is UserWarning and w.filename == __file__ for w in caught))
-        self.assertIn("4 demonstrations cannot tell", guard.summary["warnings"][0])
+        self.assertIn("4 demonstrations cannot show", guard.summary["warnings"][0])
 
     def test_a_good_guard_warns_of_nothing(self):
         with warnings.catch_warnings():

@@ -114,14 +114,14 @@ TEST(GuardAdviceTest, FindingsNameWhatSpeaksAgainstAGuardAndTheRemedy) {
   EXPECT_THAT(Warnings(*good), testing::IsEmpty());
   const auto few = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 4),
                                    {.features = "tip", .action_limit = {0.2}});
-  EXPECT_THAT(Warnings(*few), testing::Contains(HasSubstr("4 demonstrations cannot tell")));
+  EXPECT_THAT(Warnings(*few), testing::Contains(HasSubstr("4 demonstrations cannot show")));
   GuardSettings settings = good->settings();
   settings.alarm_level = 3.5;
   settings.action_limit = {50.0};
   EXPECT_THAT(Warnings(*good->With(settings)),
-              testing::ElementsAre(HasSubstr("alarm is raised below l = -3.5"),
+              testing::ElementsAre(HasSubstr("alarm is raised only below l = -3.5"),
                                    HasSubstr("entry 0 of an action may reach 50"),
-                                   HasSubstr("give an action limit")));
+                                   HasSubstr("set an action limit")));
   settings = good->settings();
   settings.action_limit = {test::kSpeed / 2.0, 0.2};
   settings.horizon = 5;
@@ -234,14 +234,12 @@ TEST(GuardAdviceTest, ActionsThatContradictWhatHappensExplainNothing) {
 
 TEST(GuardAdviceTest, APromiseSaysOfWhichFitsAndByWhichDemonstrations) {
   GuardSummary summary;
-  EXPECT_EQ(DescribeGuarantee(summary),
-            "on average over fits, approximately: by fits that left some out");
+  EXPECT_EQ(DescribeGuarantee(summary), "on average over fits, approximately, by cross-validation");
   summary.held_out = 12;
-  EXPECT_EQ(DescribeGuarantee(summary),
-            "on average over fits, by 12 demonstrations that nothing was fitted to");
+  EXPECT_EQ(DescribeGuarantee(summary), "on average over fits, by 12 held-out demonstrations");
   summary.confidence = 0.95;
   EXPECT_EQ(DescribeGuarantee(summary),
-            "with 95 % confidence for this fit, by 12 demonstrations that nothing was fitted to");
+            "with 95 % confidence for this fit, by 12 held-out demonstrations");
 }
 
 }  // namespace

@@ -56,11 +56,11 @@ TEST(GuardModelTest, ASupervisorWhoCyclesThroughGoalsLosesNothing) {
   EXPECT_LT(cycled->settings().alarm_level, 1.0);
   EXPECT_LT(sorted->settings().alarm_level, 1.0);
   // With goals recorded one after the other, each stretch of the recording contains one goal.
-  EXPECT_THAT(Warnings(*sorted), testing::Contains(HasSubstr("conditions of recording drift")));
+  EXPECT_THAT(Warnings(*sorted), testing::Contains(HasSubstr("recording conditions drift")));
   EXPECT_GT(sorted->summary().drift_level, sorted->settings().alarm_level + 0.2);
   EXPECT_LT(sorted->summary().drift_chance, 0.01);
   EXPECT_THAT(Warnings(*cycled),
-              testing::Not(testing::Contains(HasSubstr("conditions of recording drift"))));
+              testing::Not(testing::Contains(HasSubstr("recording conditions drift"))));
 }
 
 // Four demonstrations are left out in pairs. One of the three ways to pair them is also the pairing
@@ -211,7 +211,7 @@ TEST(GuardModelTest, AKernelThatFillsTheRoomBetweenTwoWaysIsMadeNarrower) {
   options.support.svm.gamma = 1e-4;
   const auto wide = GuardModel::Fit(test::CorridorLayout(), demonstrations, options);
   EXPECT_EQ(wide->summary().gamma, 4e-4);
-  EXPECT_THAT(Warnings(*wide), testing::Contains(HasSubstr("demonstrations take several ways")));
+  EXPECT_THAT(Warnings(*wide), testing::Contains(HasSubstr("demonstrations have several modes")));
 }
 
 TEST(GuardModelTest, EachEntryOfAnActionReachesHalfAsFarAgainUnlessALimitIsGiven) {

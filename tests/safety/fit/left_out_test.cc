@@ -91,7 +91,7 @@ TEST(LeftOutTest, ActionsThatFeaturesDoNotTellAreNotUsed) {
   EXPECT_LT(model->summary().explained, 0.2);
   EXPECT_GT(model->summary().action_error, 0.5);
   EXPECT_FALSE(model->settings().demonstrated);
-  EXPECT_THAT(Warnings(*model), Contains(HasSubstr("the features tell only")));
+  EXPECT_THAT(Warnings(*model), Contains(HasSubstr("the features explain only")));
   // Far outside, the guard would first try the nominal action. It then queries the policy.
   const auto sources = [&](bool demonstrated) {
     GuardSettings settings = model->settings();
@@ -130,7 +130,7 @@ TEST(LeftOutTest, RedundantFeaturesAreRefusedAndBetterOnesNamed) {
   const std::string refusal = test::MessageOf<std::invalid_argument>(
       [&] { static_cast<void>(GuardModel::Fit(layout, demonstrations)); });
   EXPECT_THAT(refusal, HasSubstr("of the states of left-out demonstrations are inside"));
-  EXPECT_THAT(refusal, HasSubstr("Of its 30 features"));
+  EXPECT_THAT(refusal, HasSubstr("The 30 features"));
   EXPECT_THAT(refusal, HasSubstr("object ("));
   EXPECT_THAT(refusal, HasSubstr("accept_any"));
   const auto model = GuardModel::Fit(layout, demonstrations, {.accept_any = true});

@@ -289,6 +289,111 @@ TEST(ReducedGuardTest, PixelsThatPutAStateOutsideAreThoseOfTheTip) {
   EXPECT_GT(near, 0.7 * all);
 }
 
+TEST(ReducedGuardTest, OnlyWatchesWhereItWouldCorrectTheDemonstrator) {
+  EXPECT_GT(FittedModel()->summary().ends_outside, 0.12);
+  EXPECT_EQ(FittedModel()->settings().strategy, Strategy::kMonitor);
+  EXPECT_THAT(Warnings(*FittedModel()),
+              testing::Contains(HasSubstr("strategy monitor, not guard")));
+  GuardOptions options{.features = "pca:camera"};
+  options.accept_any = true;
+  const auto any = GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 12), options);
+  EXPECT_EQ(any->settings().strategy, Strategy::kGuard);
+  EXPECT_THAT(Warnings(*any), testing::Contains(HasSubstr("can make a good policy fail")));
+  // Keeps a strategy without corrections: a monitor would be less cautious.
+  const auto stops =
+      GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 24),
+                      {.features = "pca:camera", .strategy = Strategy::kEarlyStopping});
+  EXPECT_EQ(stops->settings().strategy, Strategy::kEarlyStopping);
+}
+
+TEST(ReducedGuardTest, OnlyWatchesWhereNothingExplainsTheActions) {
+  const auto model = GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 12),
+                                     {.features = "pca:camera:2:light=none"});
+  EXPECT_LE(model->summary().ends_outside, 0.12);
+  EXPECT_LT(model->summary().explained, 0.1);
+  EXPECT_EQ(model->settings().strategy, Strategy::kMonitor);
+}
+
+// Actions are along and across the corridor. Pictures show little of the action across, whose mean
+// is zero.
+TEST(ReducedGuardTest, OnlyWatchesWhereASteadySpeedHidesThatTheRestIsAGuess) {
+  core::Random random(8);
+  std::vector<core::Trajectory> demonstrations = PictureDemonstrations(1, 40);
+  for (core::Trajectory& d : demonstrations) {
+    double x = 0.05 * random.Normal();
+    double y = 0.05 * random.Normal();
+    for (Eigen::Index t = 0; t < d.states.rows(); ++t) {
+      d.states.row(t).head(kPixels) =
+          Eigen::Map<const Eigen::RowVectorXd>(Seen(x, y, random).data(), kPixels);
+      if (t == d.controls.rows()) break;
+      const double dy =
+          0.05 * std::cos(0.5 * static_cast<double>(t)) - 0.3 * y + 0.05 * random.Normal();
+      const double dx = test::kSpeed * random.Uniform(0.8, 1.2);
+      d.controls.row(t) << dx, dy;
+      x += dx;
+      y += dy;
+    }
+  }
+  const auto model =
+      GuardModel::Fit(PictureLayout(), demonstrations, {.features = "points:camera"});
+  EXPECT_LE(model->summary().ends_outside, 0.12);
+  EXPECT_LT(model->summary().action_error, 0.5);
+  EXPECT_GT(model->summary().entry_error, 0.6);
+  EXPECT_EQ(model->settings().strategy, Strategy::kMonitor);
+  EXPECT_THAT(Warnings(*model), testing::Contains(HasSubstr("corrections need at least 40 %")));
+}
+
+TEST(ReducedGuardTest, PointsAreFeaturesOfAGuard) {
+  const auto model = PointsModel();
+  // The demonstrator's noise is not a function of the pictures.
+  EXPECT_LT(model->summary().explained, 0.8);
+  EXPECT_LE(model->summary().ends_outside, 0.12);
+  EXPECT_EQ(model->settings().strategy, Strategy::kGuard);
+  EXPECT_THAT(Warnings(*model), testing::Contains(HasSubstr("save few failures below 80 %")));
+  EXPECT_LE(model->task_layout().state_dim(), 8);
+  EXPECT_GE(model->summary().acceptance, 0.85);
+  core::Random random(6);
+  const std::vector<double> outside = StateAt(1.0, 0.45, random);
+  core::Matrix states(1, kPixels + 1);
+  states.row(0) = core::AsVector(outside).transpose();
+  const double l = model->Levels(states)[0];
+  ASSERT_LT(l, -0.5);
+  EXPECT_NEAR(Attribution(*model, states).sum(), -l, 1e-6 * -l);
+  Guard guard(model);
+  std::vector<double> action = test::Action(0.1, 0.0);
+  const std::vector<double> inside = StateAt(0.0, 0.0, random);
+  const test::NoAlloc no_alloc;
+  guard.Reset(1);
+  static_cast<void>(guard.Filter(0, inside, action, action));
+}
+
+TEST(ReducedGuardTest, RefusesPicturesThatDoNotShowTheTask) {
+  std::vector<core::Trajectory> demonstrations = PictureDemonstrations(2, 12);
+  core::Random random(8);
+  for (core::Trajectory& d : demonstrations) {
+    for (double& value : d.states.reshaped()) value = std::floor(random.Uniform(0.0, 255.0));
+    for (double& value : d.controls.reshaped()) value = random.Normal();
+  }
+  const std::string message = test::MessageOf([&] {
+    static_cast<void>(GuardModel::Fit(PictureLayout(), demonstrations, {.features = "pca:camera"}));
+  });
+  EXPECT_THAT(message, HasSubstr("pca:camera"));
+  EXPECT_THAT(message, HasSubstr("do not explain the actions"));
+}
+
+TEST(ReducedGuardTest, RefusesWhatWouldHoldUpTheDemonstrator) {
+  // Two components contain almost nothing of two positions, and much of the light.
+  const auto fit = [](bool accept_any) {
+    return GuardModel::Fit(PictureLayout(), PictureDemonstrations(3, 12),
+                           {.features = "pca:camera:40:light=none", .accept_any = accept_any});
+  };
+  const std::string message = test::MessageOf([&] { static_cast<void>(fit(false)); });
+  EXPECT_THAT(message, HasSubstr("would change"));
+  EXPECT_THAT(message, HasSubstr("Record more demonstrations"));
+  EXPECT_THAT(message, HasSubstr("light=standard"));
+  EXPECT_NE(fit(true), nullptr);
+}
+
 TEST(ReducedGuardTest, HasNoOnnxFile) {
   const std::string message = test::MessageOf([] { CheckExport(*PictureModel()); });
   EXPECT_THAT(message, HasSubstr("reduced features, pca:camera, cannot be exported"));

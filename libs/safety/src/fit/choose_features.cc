@@ -286,16 +286,15 @@ void RefuseUnlessInside(const core::StateLayout& layout, const Recorded& recorde
   }
   std::string message =
       "only " + Share(inside) +
-      " of the states of left-out demonstrations are inside: the guard would halt nearly "
-      "everything. ";
+      " of the states of left-out demonstrations are inside: the guard would halt almost every "
+      "policy. ";
   if (redundant) {
-    message +=
-        core::Format("Of its %d features, %zu determine the others: ", selection.num_features(),
-                     independent.size()) +
-        Spec(layout, independent) + ". ";
+    message += core::Format("The %d features follow from %zu of them: ", selection.num_features(),
+                            independent.size()) +
+               Spec(layout, independent) + ". ";
   }
-  message += better.empty() ? "Record more demonstrations, or look at fewer features"
-                            : "Look at fewer features (in brackets the share inside): " + better;
+  message += better.empty() ? "Record more demonstrations, or use fewer features"
+                            : "Use fewer features (in brackets the share inside): " + better;
   if (fit.options.svm.gamma > kernel::WhitenedSupportOptions().svm.gamma) {
     message += core::Format(", or choose a smaller gamma than %g", fit.options.svm.gamma);
   }

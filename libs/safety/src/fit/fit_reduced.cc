@@ -148,9 +148,9 @@ std::shared_ptr<GuardModel> GuardModel::FitReduced(const core::StateLayout& layo
       core::Format(
           ": with %d features %.0f %% of the states of left-out demonstrations are inside, and the "
           "guard would change %.0f %% of their actions; at least %.0f %% and at most %.0f %% are "
-          "needed, or it would hold up the demonstrator. Record more demonstrations, choose "
-          "features that show less of what is irrelevant (points: of a picture, grey, a smaller "
-          "size, light=standard), or put states beside them%s. To fit anyway, use --accept-any or "
+          "needed, or it would stop even the demonstrator. Record more demonstrations, choose "
+          "features with fewer irrelevant details (points: of a picture, grey, a smaller size, "
+          "light=standard), or add states to them%s. To fit anyway, use --accept-any or "
           "accept_any=True",
           best->task().features().selection().num_features(), 100.0 * summary.acceptance,
           100.0 * summary.changed, 100.0 * fit::kLeastInsideReduced,
@@ -172,17 +172,17 @@ void GuardModel::DoubtCorrections(bool watch) {
   if (!blind && summary_.ends_outside <= fit::kMostOutsideReduced) {
     if (summary_.explained >= fit::kLeastExplainedReduced) return;
     warning += core::Format(
-        ". Unless actions carry noise, corrections save few failures below %.0f %%: put states "
-        "beside the pictures, or record more demonstrations",
+        ". Unless actions are noisy, corrections save few failures below %.0f %%: add states to "
+        "the pictures, or record more demonstrations",
         100.0 * fit::kLeastExplainedReduced);
     summary_.fit_warnings.push_back(std::move(warning));
     return;
   }
   if (blind) {
-    warning += core::Format(", at least %.0f %% allow corrections: ", 100.0 * fit::kLeastTold);
+    warning += core::Format("; corrections need at least %.0f %%: ", 100.0 * fit::kLeastTold);
   } else {
     warning += core::Format(
-        ", and %.0f %% of these are predicted to end outside, at most %.0f %% allow corrections: ",
+        ", and %.0f %% of these are predicted to end outside; corrections need at most %.0f %%: ",
         100.0 * summary_.ends_outside, 100.0 * fit::kMostOutsideReduced);
   }
   if (watch) {
@@ -192,8 +192,7 @@ void GuardModel::DoubtCorrections(bool watch) {
   } else {
     warning += "its corrections can make a good policy fail. ";
   }
-  warning +=
-      "Take points: of pictures, put states beside them, or set the strategy after test runs";
+  warning += "Use points: of pictures, add states to them, or set the strategy after test runs";
   summary_.fit_warnings.push_back(std::move(warning));
 }
 

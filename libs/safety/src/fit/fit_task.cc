@@ -231,7 +231,7 @@ std::optional<GuardFit> FitGuard(const Recorded& recorded,
     if (CoarseSupports(recorded, options, folds).PreferNarrow()) chosen.svm.gamma *= 2.0;
   }
   for (int doubled = 0;; ++doubled) {
-    if (!going_on("looking for gaps", 0.0)) return std::nullopt;
+    if (!going_on("testing for gaps", 0.0)) return std::nullopt;
     support = fits.ToAll(chosen);
     gaps = kernel::TestModeSeparation(*support, recorded.seen.points);
     if (!TooManyInGaps(gaps) || doubled == fit::kMostDoublings) break;

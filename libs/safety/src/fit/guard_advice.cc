@@ -23,48 +23,48 @@ std::vector<std::string> Warnings(const GuardModel& model) {
   std::vector<std::string> warnings;
   if (summary.demonstrations < fit::kFewestDemonstrations) {
     warnings.push_back(core::Format(
-        "%d demonstrations cannot tell several ways of doing the task from one: record %d or more",
+        "%d demonstrations cannot show whether the task has several modes: record %d or more",
         summary.demonstrations, fit::kFewestDemonstrations));
   }
   if (summary.acceptance < fit::kLeastAcceptance) {
     warnings.push_back(core::Format(
-        "only %.0f %% of the states of left-out demonstrations are inside, so that a good policy "
-        "will be held up: record more demonstrations, look at fewer features, or at every k-th "
-        "state where demonstrations are long or differ in pace",
+        "only %.0f %% of the states of left-out demonstrations are inside, and even a good policy "
+        "will be stopped: record more demonstrations, use fewer features, or use every k-th state "
+        "if demonstrations are long or differ in pace",
         100.0 * summary.acceptance));
   }
   if (summary.changed > fit::kMostChanged || summary.ends_outside > fit::kMostOutside) {
     warnings.push_back(core::Format(
         "the guard would change %.0f %% of the actions of left-out demonstrations, and predicts "
-        "%.0f %% of them to end outside: record more demonstrations, or look at fewer features",
+        "%.0f %% of them to end outside: record more demonstrations, or use fewer features",
         100.0 * summary.changed, 100.0 * summary.ends_outside));
   }
   if (control::LocalFit::Guesses(summary.explained, summary.action_error)) {
     warnings.push_back(core::Format(
-        "the features tell only %.0f %% of how actions of left-out demonstrations vary: look at "
-        "what the demonstrator looked at.%s",
+        "the features explain only %.0f %% of the variance of left-out demonstrations' actions: "
+        "add what the demonstrator looked at.%s",
         100.0 * std::max(0.0, summary.explained),
         settings.demonstrated
             ? ""
-            : " The guard does not use what demonstrations did nearby: it corrects the policy's "
-              "own action, or halts"));
+            : " The guard does not apply actions of nearby demonstrations: it corrects the "
+              "policy's action, or halts"));
   }
   if (internal::TooManyInGaps(summary.gaps)) {
     warnings.push_back(core::Format(
-        "demonstrations take several ways, and of %d points halfway between two of them %d are "
-        "inside: record more demonstrations of each way, or give a larger gamma",
+        "demonstrations have several modes, and of %d points halfway between two modes %d are "
+        "inside: record more demonstrations of each mode, or set a larger gamma",
         summary.gaps.points, summary.gaps.inside));
   }
   if (settings.alarm_level > fit::kLowestAlarm) {
     warnings.push_back(core::Format(
-        "the alarm is raised below l = %.3g only, far outside: look for a demonstration that is "
+        "the alarm is raised only below l = %.3g, far outside: check for a demonstration that is "
         "unlike the others, or allow more false alarms",
         -settings.alarm_level));
   }
   if (summary.drift_chance < fit::kUnlikely &&
       summary.drift_level > settings.alarm_level + fit::kLeastDrift) {
     warnings.push_back(core::Format(
-        "conditions of recording drift: supports that have not seen a stretch of the recording "
+        "recording conditions drift: supports fitted without a contiguous part of the recording "
         "would need an alarm at l < %.3g instead of %.3g. Record in all conditions that the policy "
         "will meet, and mix them",
         -summary.drift_level, -settings.alarm_level));
@@ -77,27 +77,27 @@ std::vector<std::string> Warnings(const GuardModel& model) {
       passed.append(passed.empty() ? "" : ", ").append(std::to_string(i));
     } else if (limit > fit::kMostOvershoot * entry.largest) {
       warnings.push_back(
-          core::Format("entry %zu of an action may reach %.3g, demonstrated ones reach %.3g: give "
-                       "an action limit",
+          core::Format("entry %zu of an action may reach %.3g, but demonstrations reach only %.3g: "
+                       "set an action limit",
                        i, limit, entry.largest));
     } else if (limit < fit::kLeastReach * entry.largest) {
       warnings.push_back(
-          core::Format("entry %zu of an action is limited to %.3g, demonstrated ones reach %.3g: "
-                       "the guard would change them; give a larger action limit",
+          core::Format("entry %zu of an action is limited to %.3g, but demonstrations reach %.3g: "
+                       "the guard would change them; set a larger action limit",
                        i, limit, entry.largest));
     }
   }
   const int longest = model.num_steps() - 1;
   if (settings.horizon < longest) {
     warnings.push_back(
-        core::Format("the guard halts after %d actions of the policy, and the longest "
-                     "demonstration has %d: give a larger horizon",
+        core::Format("the guard halts after %d actions of the policy, but the longest "
+                     "demonstration has %d: set a larger horizon",
                      settings.horizon, longest));
   }
   if (!passed.empty()) {
     warnings.push_back("entries " + passed +
-                       " of an action take few values in the demonstrations: the guard passes the "
-                       "policy's values of them and steers by the others alone");
+                       " of an action have few demonstrated values: the guard passes the policy's "
+                       "values and steers only by the other entries");
   }
   warnings.insert(warnings.end(), summary.fit_warnings.begin(), summary.fit_warnings.end());
   return warnings;
@@ -312,9 +312,8 @@ std::string DescribeGuarantee(const GuardSummary& summary) {
           ? core::Format("with %.3g %% confidence for this fit", 100.0 * summary.confidence)
           : std::string("on average over fits");
   return summary.held_out > 0
-             ? whom + core::Format(", by %d demonstrations that nothing was fitted to",
-                                   summary.held_out)
-             : whom + ", approximately: by fits that left some out";
+             ? whom + core::Format(", by %d held-out demonstrations", summary.held_out)
+             : whom + ", approximately, by cross-validation";
 }
 
 std::vector<Clearance> Clearances(const GuardModel& model) {

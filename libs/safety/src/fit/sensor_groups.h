@@ -13,8 +13,7 @@ namespace dfr::safety::internal {
 /// demonstrations at the same time step.
 bool FollowsClock(std::span<const core::Trajectory> demonstrations, Eigen::Index entry);
 
-/// Returns true if an entry advances uniformly, at one rate or from one begin to one end, for any
-/// actions.
+/// Returns true if an entry advances uniformly, at one rate or over one distance, for any actions.
 bool AdvancesUniformly(std::span<const core::Trajectory> demonstrations, Eigen::Index entry);
 
 /// Returns the groups of entries that the model uses, with their longest demonstrated standstill.

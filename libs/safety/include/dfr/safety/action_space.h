@@ -19,7 +19,7 @@ struct ActionEntry {
   /// still is steered. If no other entry moves the state, the entry is steered.
   bool steered = true;
   /// Size of an ordinary value: the root mean square of the demonstrated ones times the square root
-  /// of the number of steered entries. An ordinary action thereby has |a| = 1 in any units.
+  /// of the number of steered entries. An ordinary action then has |a| = 1 in any units.
   double unit = 1.0;
 };
 

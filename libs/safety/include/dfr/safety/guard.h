@@ -22,7 +22,7 @@ enum class Source {
   kHalt,            ///< None: zero.
 };
 
-/// "policy", "policy-changed", "demonstrations", "probe", "recovery", "halt".
+/// Returns "policy", "policy-changed", "demonstrations", "probe", "recovery" or "halt".
 [[nodiscard]] const char* Name(Source source) noexcept;
 
 /// Decision of a guard, and its reasons.
@@ -65,8 +65,8 @@ struct Verdict {
   double predicted = std::numeric_limits<double>::quiet_NaN();
   double pass_level = std::numeric_limits<double>::quiet_NaN();
 
-  /// Returns, for kPolicy, "inside", "changed", or "outside" (passed unmodified by a monitor); for
-  /// kHalt, control::Name(cause); otherwise Name(source).
+  /// Returns, for kPolicy, "changed", "inside", or "outside" (passed, although the state is
+  /// outside); for kHalt, control::Name(cause); otherwise Name(source).
   [[nodiscard]] const char* reason() const noexcept;
 };
 

@@ -40,7 +40,7 @@ enum class Strategy {
   kCertified,
 };
 
-/// "guard", "controller", "dfr", "early-stopping", "monitor", "certified".
+/// Returns "guard", "controller", "dfr", "early-stopping", "monitor" or "certified".
 [[nodiscard]] const char* Name(Strategy strategy) noexcept;
 /// @throws std::invalid_argument listing the valid names.
 [[nodiscard]] Strategy ParseStrategy(std::string_view name);
@@ -48,8 +48,7 @@ enum class Strategy {
 /// Settings of a guard. Part of its file; may be changed after a fit.
 struct GuardSettings {
   Strategy strategy = Strategy::kGuard;
-  int horizon =
-      100;  ///< Maximum number of the policy's actions in an episode, > 0; the guard then halts.
+  int horizon = 100;       ///< Maximum number of the policy's actions, > 0; the guard then halts.
   int max_actions = 1200;  ///< Maximum number of actions of any kind, > 0; the guard then halts.
   /// Largest absolute value of each entry of an applied action, >= 0: one each, or one for all.
   /// Zero keeps an entry at rest.
@@ -72,8 +71,8 @@ struct GuardSummary {
   int transitions = 0;  ///< Number of actions in all demonstrations.
   double nu = 0.0;
   double gamma = 0.0;
-  /// Results of cross-validation over demonstrations, each followed through the time steps:
-  double acceptance = 0.0;               ///< fraction of states inside,
+  // By cross-validation over demonstrations, each followed through the time steps.
+  double acceptance = 0.0;               ///< Fraction of states inside.
   double inside_throughout = 0.0;        ///< Fraction of demonstrations that never leave.
   kernel::ModeSeparationTest gaps = {};  ///< Result for the support with this gamma.
   /// Largest probability that a further demonstration raises an alarm: on average over fits if
@@ -94,8 +93,7 @@ struct GuardSummary {
   double ends_outside = 0.0;  ///< Fraction of left-out actions that are predicted to end outside.
   /// Fraction of the variance of left-out actions that nearby demonstrations explain.
   double explained = 1.0;
-  double action_error =
-      0.0;  ///< Squared error of that prediction, relative to the squared actions.
+  double action_error = 0.0;  ///< Squared error of that prediction over the squared actions.
   /// The same for the entry of the action that varies most. Files do not store it.
   double entry_error = 0.0;
   /// Scores of each number of components of the reduced blocks, and the reason for the choice,

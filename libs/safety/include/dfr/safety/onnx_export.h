@@ -8,8 +8,8 @@
 
 namespace dfr::safety {
 
-/// @throws std::invalid_argument if features use rotations that jump (core::StateMap), which no
-/// format can represent.
+/// @throws std::invalid_argument if features use a reduction or rotations that jump
+/// (core::StateMap), which no format can represent.
 void CheckExport(const GuardModel& model);
 
 /// Writes g of a guard as an ONNX file, in double and from whole states: inputs `t` (rows, int64)
