@@ -338,7 +338,7 @@ TEST(StateReductionTest, FeaturesThatMakeNoSenseAreNamed) {
   EXPECT_THAT(message("pca:image:7x7"), HasSubstr("[1, 6] and [1, 6], not 7 and 7"));
   EXPECT_THAT(message("pca:image:0"), HasSubstr("must lie in [1, 256]"));
   EXPECT_THAT(message("pca:code:9"), HasSubstr("there are 8 components, not 9"));
-  EXPECT_THAT(message("pca:code:2,pca:code:3"), HasSubstr("names a block that is there already"));
+  EXPECT_THAT(message("pca:code:2,pca:code:3"), HasSubstr("names a block that is listed already"));
   EXPECT_THAT(message("pca:code:2,code[0:1]"), HasSubstr("is part of a block that is reduced"));
   EXPECT_THAT(message("pca:code:2,image"),
               HasSubstr("is a picture: put points: or pca: before it"));

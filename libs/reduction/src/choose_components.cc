@@ -26,7 +26,7 @@ struct Sums {
   double inside = 0.0;
   double states = 0.0;
   double guessed = 0.0;  // Number of actions with neighbours for the regression.
-  Eigen::VectorXd v;     // their sum,
+  Eigen::VectorXd v;     // Sum of these actions.
   double squares = 0.0;  // Sum of their squares.
   double missed = 0.0;   // Sum of squared errors.
   double changes = 0.0;  // Sum of squared changes of components.

@@ -237,7 +237,7 @@ StateReduction StateReduction::Fit(const core::StateLayout& layout, std::string_
     const bool again = std::ranges::count(parts, part.name, &Part::name) > 0;
     // Several ranges of one block form one part.
     DFR_THROW_UNLESS(!again || !part.reduction,
-                     "feature '" << feature << "' names a block that is there already");
+                     "feature '" << feature << "' names a block that is listed already");
     for (const Part& other : parts) {
       DFR_THROW_UNLESS(other.name != part.name || !other.reduction,
                        "feature '" << feature << "' is part of a block that is reduced");

@@ -20,7 +20,7 @@ constexpr std::size_t kMostFolds = 5;
 // Fraction of the demonstrations that may exceed a limit without its margin.
 constexpr double kBeyond = 0.05;
 constexpr double kMostValue = 1e9;
-// Windows with less variance than this are unreliable: kFloor^2 is added to all variances.
+// A smaller variance of a window is invalid: kFloor^2 is added to all variances.
 constexpr double kLeastVariance = 1.0;
 
 int WindowRows(const core::PictureShape& shape) noexcept {
@@ -132,8 +132,8 @@ Novelty::Novelty(const core::PictureShape& shape, Eigen::VectorXd mean, Eigen::V
   DFR_THROW_UNLESS(within(mean_) && within(variance_) && within(middle_) && within(whitening_),
                    "an entry is not finite or not within " << kMostValue);
   DFR_THROW_UNLESS(variance_.minCoeff() >= kLeastVariance,
-                   "a window's variance is " << variance_.minCoeff() << ", at least "
-                                             << kLeastVariance << " is possible");
+                   "a window's variance is " << variance_.minCoeff() << ", but must be at least "
+                                             << kLeastVariance);
   mean_of_pixels_ = mean_.cast<float>();
   inverse_variance_ = variance_.cwiseInverse().cast<float>();
 }

@@ -12,7 +12,7 @@
 
 namespace dfr::reduction::internal {
 
-/// By StateReduction::Kind.
+/// Prefixes in the order of StateReduction::Kind.
 inline constexpr std::array<std::string_view, 4> kPrefixes = {"", "pca:", "points:", "slow:"};
 
 /// Rounds to bytes. @returns false if a value is out of range.

@@ -21,15 +21,15 @@ using internal::ViewOf;
 
 constexpr int kMostParts = 1 << 12;
 constexpr int kMostPixelsASide = 1 << 13;
-// Limits on the reduced entries of a guard, and on blocks that are copied whole beside them.
+// Maximum number of entries of a reduced state, including blocks that are copied whole.
 constexpr int kMostReducedEntries = 1 << 12;
 
 bool AllFinite(std::span<const double> values) noexcept {
   return std::ranges::all_of(values, [](double v) { return std::isfinite(v); });
 }
 
-// Multiplies by the inverse of P P', which makes P' of the result the pseudo-inverse. P of
-// principal components is orthonormal.
+// Returns (P P')^-1. P' times it is the pseudo-inverse of P. For principal components, whose P is
+// orthonormal, it is the identity.
 Eigen::MatrixXd InverseGram(const core::Matrix& p) {
   const Eigen::MatrixXd gram = p * p.transpose();
   return core::SolveSymmetric(gram, Eigen::MatrixXd::Identity(p.rows(), p.rows()));
@@ -64,9 +64,9 @@ StateReduction::StateReduction(core::StateLayout layout, std::vector<Part> parts
                  part.reduced_size());
   }
   DFR_THROW_UNLESS(reduced_dim() <= kMostReducedEntries,
-                   "the blocks beside reduced ones have together "
-                       << reduced_dim() << " entries, at most " << kMostReducedEntries
-                       << " are possible: put pca: before large ones");
+                   "the reduced state has " << reduced_dim() << " entries, but at most "
+                                            << kMostReducedEntries
+                                            << " are possible: put pca: before large blocks");
 }
 
 StateReduction StateReduction::WithComponents(int components) const {
@@ -224,7 +224,7 @@ void StateReduction::Spread(const Eigen::MatrixXd& products, std::span<const dou
     const core::Matrix spread = own * InverseGram(p) * p;
     const Eigen::VectorXd share = spread.cwiseProduct(p).colwise().sum().transpose();
     if (part.points) {
-      // Column and row of each point.
+      // Adds the shares of column and row of each point.
       const Eigen::VectorXd of_points =
           share.reshaped(2, part.points->num_points()).colwise().sum().transpose();
       std::vector<double> pixels(static_cast<std::size_t>(part.picture->size()));

@@ -17,8 +17,7 @@ struct ComponentsScore {
   /// Fraction of the variance of actions that control::LocalFit::NominalControl() explains.
   double explained = 0.0;
   double explained_error = 0.0;  ///< Standard error of `explained` over demonstrations.
-  double action_error =
-      0.0;  ///< Squared error of that prediction, relative to the squared actions.
+  double action_error = 0.0;     ///< Squared error of that prediction over the squared actions.
   /// Squared error of the predicted change of whitened components, J u + drift, as a fraction of
   /// the squared change.
   double response_error = 0.0;
@@ -60,8 +59,8 @@ struct ComponentsChoice {
 ///   are the first beside + k scores_each columns, or all. Only the first candidate that needs all
 ///   columns is tried.
 /// @throws std::invalid_argument if there are fewer than four demonstrations, shapes do not match,
-/// an entry is not finite, all actions are zero, no candidate fits into p, or an option is
-///   out of range.
+///   an entry is not finite, all actions are zero, no candidate fits into p, or an option is out
+///   of range.
 [[nodiscard]] ComponentsChoice ChooseComponents(std::span<const core::Trajectory> demonstrations,
                                                 const ChooseComponentsOptions& options = {});
 

@@ -97,8 +97,8 @@ class FeaturePoints {
   double sharpness_ = 0.0;
   core::Matrix patches_;
   float factor_ = 0.0F;      // beta divided by the number of entries of a patch.
-  Eigen::MatrixXf weights_;  // 2 factor patches,
-  Eigen::VectorXf offset_;   // -factor times the squared norms of the patches.
+  Eigen::MatrixXf weights_;  // 2 factor_ patches_.
+  Eigen::VectorXf offset_;   // -factor_ times the squared norms of the patches.
 };
 
 }  // namespace dfr::reduction

@@ -15,12 +15,12 @@ namespace dfr::reduction {
 ///
 /// Two statistics, each divided by its limit:
 /// - the largest mean squared difference from the mean picture on a window of 3 x 3 pixels, in
-/// units of the demonstrations' variance there plus kFloor^2 plus the squared change of the mean
-/// picture for a camera shift of one pixel,
+///   units of the demonstrations' variance there plus kFloor^2 plus the squared change of the mean
+///   picture for a camera shift of one pixel,
 /// - Hotelling's T^2 of the positions of patches (FeaturePoints), if there are any, with kRidge of
-/// the mean variance added to each variance. A limit is kMargin times a value that the maximum over
-/// an episode exceeded in at most 5 % of the demonstrations, with mean and variances of the other
-/// four fifths.
+///   the mean variance added to each variance.
+/// A limit is kMargin times the larger of 1 and a value that the maximum over an episode exceeds in
+/// at most 5 % of the demonstrations, with mean and variances of the other four fifths.
 ///
 /// Immutable. Concurrent calls with separate workspaces are safe.
 class Novelty {
@@ -39,7 +39,7 @@ class Novelty {
    private:
     friend class Novelty;
     Eigen::VectorXf squares_;    // Squared differences, one per pixel.
-    Eigen::VectorXd positions_;  // Differences,
+    Eigen::VectorXd positions_;  // Differences from the mean positions.
     Eigen::VectorXd whitened_;   // Positions whitened to unit variance.
   };
 
