@@ -13,7 +13,7 @@ Layout = Sequence[tuple[str, Size]] | dict[str, Size]
 Strategy = Literal["guard", "controller", "dfr", "early-stopping", "monitor", "certified"]
 
 class GuardInfo(TypedDict):
-    """What Guard.filter decided."""
+    """Decision of Guard.filter."""
 
     g: float | None
     threshold: float | None
@@ -30,7 +30,7 @@ class GuardInfo(TypedDict):
     step: int
 
 class OutsideEntry(TypedDict):
-    """An entry of a state that puts it outside."""
+    """An entry of a state that contributes to its distance from the support."""
 
     name: str
     entry: int
@@ -38,14 +38,14 @@ class OutsideEntry(TypedDict):
     share: float
 
 class NearestDemonstration(TypedDict):
-    """Where demonstrations come nearest to a state."""
+    """The demonstrated state nearest to a state."""
 
     demonstration: int
     step: int
     distance: float
 
 class StateExplanation(TypedDict):
-    """What Guard.explain finds."""
+    """Result of Guard.explain."""
 
     text: str
     l: float

@@ -19,7 +19,7 @@ def is_read() -> bool:
 
 
 class Display:
-    """Prints stage and completed share on one line of standard error, after the first three seconds of a fit."""
+    """Prints stage and completed share on one line of standard error, after the first two seconds of a fit."""
 
     AFTER, EVERY = 2.0, 0.2  # seconds
 

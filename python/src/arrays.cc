@@ -47,7 +47,7 @@ Array ToArray(const py::handle& values) {
   const bool plain = Py_TYPE(values.ptr()) == py::detail::npy_api::get().PyArray_Type_;
   if (plain && Array::check_(values)) return py::reinterpret_borrow<Array>(values);
   const py::module_ numpy = py::module_::import("numpy");
-  const std::string remedy = "an array of real numbers is needed, one row a state or action";
+  const std::string remedy = "an array of real numbers is needed, one row per state or action";
   try {
     if (numpy.attr("ma").attr("is_masked")(values).cast<bool>()) {
       throw py::type_error("the array has masked entries: fill or drop them");

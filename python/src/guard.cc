@@ -352,7 +352,7 @@ Its inputs are t (rows, int64) and x (rows, state_dim), its output g (rows).
 Parameters
 ----------
 t : int
-    0 in the first call after `reset`, one more in each.
+    0 in the first call after `reset`, increased by one with each call.
 state : array_like of shape (state_dim,)
 action : array_like of shape (action_dim,)
     Action of the policy.
@@ -370,11 +370,11 @@ info : dict
         Algorithm 1) or "halt".
     changed : bool, whether the action differs from the policy's.
     why : str, why the policy's action did not pass; "" if it passed.
-    change : float, size of the change; an ordinary demonstrated action has length 1.
+    change : float or None, size of the change; an ordinary demonstrated action has length 1.
     certified : bool, whether the next state provably raises no alarm, under the assumptions of
         docs/certificates.md (strategy "certified").
-    alarm : bool, whether the state is further outside than demonstrations are.
-    alarm_step : int, the time step of the alarm: the one that the state fits best.
+    alarm : bool, whether the state is below the alarm level, unlike all demonstrations, or frozen.
+    alarm_step : int, the time step of the alarm: the nearby one whose support fits the state best.
     step : int, the time step of the strategy, of g and of threshold.
     entry : str or None, for the reason "quaternion-invalid": the entries of the state, as "quat[0:4]".
 )")

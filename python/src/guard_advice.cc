@@ -50,7 +50,7 @@ int FilterChunk(Guard& guard, const py::object& t, const Array& state, const Arr
                    "t is " << step << ", the next call of filter has t = " << guard.next_step());
   DFR_THROW_UNLESS(verdict.judged > 0,
                    "strategy '" << safety::Name(guard.model().settings().strategy)
-                                << "' predicts nothing: filter each action, or take strategy "
+                                << "' predicts nothing: filter each action, or use strategy "
                                    "'guard', 'controller' or 'monitor'");
   return verdict.playable;
 }
@@ -238,9 +238,9 @@ ValueError
                 seen.values.data());
           },
           py::arg("block"), py::arg("state"),
-          R"(Return what the components of a block behind "pca:" or "slow:" show of a state.
+          R"(Return the reconstruction of a block behind "pca:" or "slow:" from its components.
 
-A picture has the size, the channels and the light that the guard gives it.
+A picture has the size, channels and light after the guard's options.
 
 Parameters
 ----------
@@ -296,9 +296,9 @@ ndarray of shape (n_states,)
           R"(Return the contribution of each entry of each state to -l.
 
 Rows sum to -l of `levels`, and are zero if that is not positive. An entry's contribution is the rise of
-l along it on the way back inside, independent of units. A negative one compensates for others. Of a
-block behind "pca:" or "slow:" the entries are its own, such as pixels: the way back in the space of its
-components. Behind "points:" the pixels are those on which the points lie that put the state outside.
+l along it on the path back inside, independent of units. A negative one compensates for others. For a
+block behind "pca:" or "slow:", contributions are those of its own entries, such as pixels, along a path
+in the space of its components. Behind "points:", they are at the pixels of the points that are outside.
 
 Returns
 -------

@@ -10,7 +10,7 @@ namespace dfr::python {
 /// next time step. @throws pybind11::error_already_set if `t` is not an index.
 [[nodiscard]] int StepOf(const pybind11::object& t);
 
-/// Methods of dfr.Guard for chunks and states: applied, filter_chunk, explain, levels, attribution.
+/// Adds applied, filter_chunk, explain, reconstruct, levels and attribution to dfr.Guard.
 void AddGuardAdvice(pybind11::class_<safety::Guard>& guard_class);
 
 }  // namespace dfr::python

@@ -110,7 +110,7 @@ Guard FitGuard(const Arrays& all_states, const Arrays& all_actions, const py::ob
   DFR_THROW_UNLESS(states.size() == actions.size(),
                    "there are " << states.size() << " arrays of states and " << actions.size()
                                 << " of actions; pass lists with one array "
-                                   "of each a demonstration");
+                                   "of each per demonstration");
   DFR_THROW_UNLESS(!states.empty(), "there are no demonstrations");
   std::vector<core::Trajectory> demonstrations;
   for (std::size_t i = 0; i < states.size(); ++i) {
@@ -118,8 +118,8 @@ Guard FitGuard(const Arrays& all_states, const Arrays& all_actions, const py::ob
                      "states and actions of demonstration "
                          << i << " must have 2 dimensions, not " << states[i].ndim() << " and "
                          << actions[i].ndim()
-                         << ": a list of one array (time, entries) a demonstration is needed; "
-                            "array[:, None] makes one column of a vector");
+                         << ": a list of one array (time, entries) per demonstration is needed; "
+                            "array[:, None] turns a vector into a column");
     core::Trajectory demonstration;
     demonstration.states = Rows(states[i], "states");
     demonstration.controls = Rows(actions[i], "actions");
@@ -236,7 +236,7 @@ differences : bool
 as_recorded : bool
     Accept actions that look like target positions, which are refused otherwise.
 accept_any : bool
-    Accept a fit in which almost no state of left-out demonstrations is inside, or components that hold up
+    Accept a fit in which almost no state of left-out demonstrations is inside, or components that stop
     their demonstrator, which is refused otherwise.
 progress : callable(stage: str, share: float) or bool, optional
     None: in a terminal or notebook, show the progress of a fit of more than 2 s. True: always. False: never.

@@ -201,7 +201,7 @@ alpha : ndarray of shape (n_samples,)
 
   py::class_<OneClassSvm> estimate(module, "SupportEstimate", R"(Support estimate of a sample cloud.
 
-g(x) = sum_i alpha_i exp(-gamma |x - x_i|^2) - rho, positive inside. alpha sums to 1, so that g does
+g(x) = sum_i alpha_i exp(-gamma |x - x_i|^2) - rho, positive inside. alpha sums to 1. Therefore g does
 not grow with the number of samples; scikit-learn's and LIBSVM's decision values are `libsvm_scale`
 times these. Immutable: threads may share one.
 
@@ -267,7 +267,7 @@ x : array_like of shape (state_dim,) or (n, state_dim)
     Read in place if C-contiguous float64. A state with a non-finite entry gives -inf.
 libsvm_scale : bool
     Multiply by `libsvm_scale`, as in scikit-learn and LIBSVM. Values below their accuracy of
-    1e-12 rho are 0, so that a sample on the boundary is inside.
+    1e-12 rho are 0: a sample on the boundary is inside.
 )")
       .def("gradient", &EstimateGradient, py::arg("x"), R"(Return g and its derivative at one state.
 
