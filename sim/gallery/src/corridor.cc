@@ -10,8 +10,8 @@ namespace dfr::sim {
 namespace {
 
 constexpr double kPolygonStep = 0.05;
-// A control moves the point by at most 0.28 in the default scene, a tenth of the wavelength. This
-// number of checks per motion detects a shortcut across a bend.
+// A control moves the point by at most 0.14 in the default scene, a twentieth of the wavelength.
+// This number of checks per motion detects a shortcut across a bend.
 constexpr int kLooks = 4;
 constexpr double kSpeed = 0.6;  // norm of the supervisor's control
 

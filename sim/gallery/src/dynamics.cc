@@ -144,7 +144,7 @@ GalleryTask BalanceTask() {
   return {.name = "balance",
           .summary =
               "A cart balances a pole for 120 steps and goes to the middle of its track; "
-              "the pole falls where nothing is done",
+              "without control the pole falls",
           .held_out = true,
           .plant = std::make_shared<BalancePlant>(),
           .horizon = 120,
@@ -157,8 +157,8 @@ GalleryTask BalanceTask() {
 GalleryTask CarTask() {
   return {.name = "car",
           .summary =
-              "A car swings up a valley that is too steep for it; the wall on the left "
-              "fails; it rolls where nothing is done",
+              "A car swings up a valley that is too steep for it; hitting the wall on the left "
+              "fails; without control it rolls",
           .plant = std::make_shared<CarPlant>(),
           .settle_steps = 60,
           .noise = 0.15,

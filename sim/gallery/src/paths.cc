@@ -205,8 +205,8 @@ GalleryTask RopeTask() {
 GalleryTask EightTask() {
   return {.name = "figure-eight",
           .summary =
-              "A figure eight in a corridor: the guard sees the same place at two times, on ways "
-              "that cross; leaving the corridor or turning off at the middle fails",
+              "A figure eight in a corridor that crosses itself: the guard meets the same place at "
+              "two times; leaving the corridor or turning off at the middle fails",
           .plant = std::make_shared<EightPlant>(),
           .features = "point",
           .horizon = 150,

@@ -182,7 +182,7 @@ void LineTrackingPlant::Reset(std::uint64_t seed) {
   Eigen::Vector3d command = start;
   for (int i = 0; i < 8; ++i) {
     if (!MoveTip(command)) {
-      throw std::runtime_error("line tracking: the arm cannot reach the line's beginning");
+      throw std::runtime_error("line tracking: the arm cannot reach the start of the line");
     }
     command += start - truth().tip_m;
   }

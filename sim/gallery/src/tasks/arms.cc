@@ -332,8 +332,8 @@ class BimanualPlant final : public Cloned<BimanualPlant> {
 GalleryTask Arm2Task() {
   return {.name = "arm2",
           .summary =
-              "An arm of two joints folds past a pillar; an action is longer than the "
-              "demonstrations are apart; any part touching the pillar fails",
+              "An arm of two joints folds past a pillar; an action is longer than the distance "
+              "between demonstrations; any part touching the pillar fails",
           .plant = std::make_shared<Arm2Plant>(),
           .features = "joints",
           .horizon = 60,
@@ -346,7 +346,7 @@ GalleryTask Arm2Task() {
 GalleryTask Arm7Task() {
   return {.name = "arm7",
           .summary =
-              "An arm of seven joints takes its tip round a pillar, on the near side; any "
+              "An arm of seven joints moves its tip round a pillar, on the near side; any "
               "part touching it fails",
           .held_out = true,
           .plant = std::make_shared<Arm7Plant>(),
@@ -361,8 +361,8 @@ GalleryTask Arm7Task() {
 GalleryTask JointsTask() {
   return {.name = "joints",
           .summary =
-              "Absolute joint targets, each less the measured joint, take the tip of an arm round "
-              "a pillar: the servo lags and sags; any part touching the pillar fails",
+              "Absolute joint targets minus the measured joints move the tip of an arm round a "
+              "pillar: the servo lags and sags; any part touching the pillar fails",
           .plant = std::make_shared<JointsPlant>(),
           .settle_steps = 10,
           .noise = 0.1,

@@ -80,8 +80,8 @@ class InsertionPlant final : public Cloned<InsertionPlant> {
 GalleryTask InsertionTask() {
   return {.name = "insertion",
           .summary =
-              "A peg goes into a slot with chamfers, whose place differs; pressing against "
-              "what is solid with 0.4 of the largest control fails",
+              "A peg goes into a slot with chamfers at a varying place; pressing against a solid "
+              "with 0.4 of the largest control fails",
           .held_out = true,
           .plant = std::make_shared<InsertionPlant>(),
           .noise = 0.1,

@@ -202,8 +202,8 @@ std::vector<GalleryTask> PointTasks() {
        .weak_epochs = 2,
        .policy_bias = {.turn = 0.15}},
       {.name = "targets",
-       .summary = "Round two walls with targets for a servo, each less the present position: half "
-                  "of a motion goes on in the next step",
+       .summary = "Round two walls with targets for a servo, minus the present position: half of a "
+                  "motion carries over to the next step",
        .held_out = true,
        .plant = MakePoint(
            {.carry = 0.5,

@@ -94,7 +94,7 @@ class PushPlant final : public Cloned<PushPlant> {
 GalleryTask PushTask() {
   return {.name = "push",
           .summary =
-              "A pusher moves a box along a lane; it turns where it is not pushed at its "
+              "A pusher moves a box along a lane; the box turns unless it is pushed at its "
               "centre; leaving the lane or turning by more than 0.6 rad fails",
           .plant = std::make_shared<PushPlant>(),
           .horizon = 150,

@@ -7,7 +7,7 @@
 
 namespace dfr::sim::internal {
 
-// Each is defined in the file of its name.
+// Defined in tasks/*.cc, dynamics.cc and paths.cc.
 std::vector<GalleryTask> PointTasks();
 GalleryTask PushTask();
 GalleryTask InsertionTask();

@@ -19,7 +19,7 @@ class LineTrackingWindow {
   LineTrackingWindow& operator=(const LineTrackingWindow&) = delete;
 
   /// Draws the plant with up to two lines of text and an optional picture of 320 x 240 RGB bytes,
-  /// top row first, in the lower right corner. Handles input for `seconds`.
+  /// top row first, at the lower right. Handles input for `seconds`. @return false once closed.
   bool Show(const LineTrackingPlant& plant, const std::string& first_line,
             const std::string& second_line, double seconds, std::span<const std::uint8_t> rgb = {});
 
