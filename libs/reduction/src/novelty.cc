@@ -53,8 +53,8 @@ void ForEachWindow(const core::PictureShape& shape, const Values& values, const 
 }
 
 // Adds to each pixel's variance the squared change of the mean picture for a camera shift of one
-// pixel, averaged over channels. Of the two directions along a row, and along a column, the larger
-// change counts.
+// pixel, averaged over channels. The larger change of the two directions along a row counts, and
+// the larger one along a column.
 void AddShift(const core::PictureShape& shape, const Eigen::VectorXd& mean,
               Eigen::VectorXd& variance) {
   const auto change = [&](Eigen::Index pixel, Eigen::Index other) {

@@ -298,7 +298,7 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
     model->summary_.fit_warnings.push_back(
         internal::Names(layout, moved) +
         ": moved by entries of an action that the guard passes and not by those that it steers. "
-        "They are left out of the support: whether they are right is up to the policy");
+        "They are not in the support: the policy alone is responsible for them");
   }
   if (!going_on("done", 1.0)) return nullptr;
   return model;

@@ -190,9 +190,9 @@ TEST(GuardAdviceTest, ActionsThatActLaterAreNamedWithTheDelay) {
         .fit_warnings;
   };
   EXPECT_THAT(fit(0), testing::Not(testing::Contains(HasSubstr("later"))));
-  EXPECT_THAT(fit(1), testing::Contains(testing::AllOf(HasSubstr("act 1 step later"),
+  EXPECT_THAT(fit(1), testing::Contains(testing::AllOf(HasSubstr("take effect 1 step later"),
                                                        HasSubstr("add the last action to"))));
-  EXPECT_THAT(fit(2), testing::Contains(HasSubstr("act 2 steps later")));
+  EXPECT_THAT(fit(2), testing::Contains(HasSubstr("take effect 2 steps later")));
   EXPECT_THAT(fit(-1), testing::Contains(HasSubstr("recorded one step later")));
 }
 

@@ -24,8 +24,8 @@ void SquaredDistances(const float* points, std::size_t column_stride, std::size_
 void Weights(const float* distances, std::size_t rows, float least, double scale,
              double* weights) noexcept;
 
-/// Writes the indices of the `count` smallest distances, 1 <= count <= rows. Of equal distances it
-/// takes the first. The order depends only on the distances. No distance is NaN or negative.
+/// Writes the indices of the `count` smallest distances, 1 <= count <= rows; the first ones among
+/// equal distances. The order depends only on the distances. No distance may be NaN or negative.
 /// `indices` has count + 1 entries.
 void Nearest(const float* distances, std::size_t rows, std::size_t count,
              std::int32_t* indices) noexcept;

@@ -218,7 +218,8 @@ std::string DescribeDelay(const GuardModel& model,
     return "the change of a state is explained by the action recorded one step later" + shares +
            ": actions and states are out of step, see guard check";
   }
-  return core::Format("actions act %d step%s later", later, later == 1 ? "" : "s") + shares +
+  return core::Format("actions take effect %d step%s later", later, later == 1 ? "" : "s") +
+         shares +
          (later == 1 ? ": add the last action" : core::Format(": add the last %d actions", later)) +
          " to the states, or pair each state with the action that moves it";
 }
@@ -282,15 +283,14 @@ std::vector<std::string> FitWarnings(const GuardModel& model,
   if (!clocks.empty()) {
     warnings.push_back(
         clocks +
-        ": the same in all demonstrations at the same time step, as a clock is. A "
-        "robot that is slower than they were is outside: leave it out of the features");
+        ": the same in all demonstrations at the same time step, like a clock. A slower robot "
+        "would be outside: leave such entries out of the features");
   }
   if (!uniform.empty()) {
     warnings.push_back(
         internal::Names(model.task_layout(), uniform) +
-        ": advances uniformly whatever the actions are, as a clock or a phase does. A robot that "
-        "is slower is outside: leave it out of the features, unless it is an object that moves by "
-        "itself");
+        ": advances uniformly for any actions, like a clock or a phase. A slower robot would be "
+        "outside: leave such entries out of the features, except objects that move by themselves");
   }
   for (std::string fault :
        {DescribeRepeated(model, demonstrations), DescribeDelay(model, demonstrations)}) {
@@ -299,8 +299,8 @@ std::vector<std::string> FitWarnings(const GuardModel& model,
   const double explained = Explained(model, demonstrations);
   if (explained < fit::kLeastResponse) {
     warnings.push_back(core::Format(
-        "actions explain only %.0f %% of how features change: look at features that the robot "
-        "moves, and let guard check see whether actions belong to the states beside them",
+        "actions explain only %.0f %% of the change of features: use features that the robot "
+        "moves, and run guard check to compare actions with their states",
         100.0 * std::max(0.0, explained)));
   }
   return warnings;

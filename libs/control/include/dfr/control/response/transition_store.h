@@ -23,7 +23,7 @@ struct ResponseOptions {
 
 /// Demonstrated transitions; immutable, shared by their estimates.
 ///
-/// Controls are v = u / us, us the root mean square of |u|, so that 1 is an ordinary control.
+/// Controls are v = u / us with us the root mean square of |u|: 1 is an ordinary control.
 class TransitionStore {
  public:
   /// Weights of transitions are exp(-kBandwidth |z_i - z|^2 / n) with n features. Wider weights mix
