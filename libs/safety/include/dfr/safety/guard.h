@@ -97,8 +97,8 @@ struct ChunkVerdict {
 /// the last returned action, or that of Applied(), was applied in full and led to `state`. `t`
 /// counts the calls, which reveals a lost or repeated one. The guard fails closed: it halts on a
 /// state or action of the wrong size or with a non-finite entry, a quaternion whose norm is not 1,
-/// a state that stays the same to the bit for longer than demonstrated while the robot moves, a `t`
-/// that is not the next one, and a call before Reset(). Then every action is zero until Reset().
+/// a picture or constant unlike demonstrations, a state frozen longer than demonstrated in motion,
+/// a `t` that is not the next one, and a call before Reset(). Actions are then zero until Reset().
 ///
 /// One object belongs to one thread; guards on several threads may share a model. Reset(), Filter()
 /// and Applied() neither allocate, lock nor throw.
@@ -148,9 +148,9 @@ class Guard {
   /// observations may differ from predictions. After these, or after the first action that Filter()
   /// changes, query the policy for a new chunk.
   ///
-  /// Causes: kStepSkipped for another `t`; kStateInvalid for a state of the wrong size, with a
-  /// non-finite entry, or frozen; kControlInvalid for no action, a number of entries that is not a
-  /// multiple of action_dim(), or a non-finite entry. A halted guard returns its cause.
+  /// Causes: kStepSkipped for another `t`; kStateInvalid for a state of the wrong size, not finite,
+  /// frozen, or unlike demonstrations; kControlInvalid for no action, a number of entries that is
+  /// not a multiple of action_dim(), or a non-finite entry. A halted guard returns its cause.
   [[nodiscard]] ChunkVerdict FilterChunk(int t, std::span<const double> state,
                                          std::span<const double> actions) noexcept;
   static constexpr int kLongestChunk = 256;

@@ -37,8 +37,8 @@ class SafetyFilter {
   [[nodiscard]] double max_exit_level() const noexcept { return max_exit_level_; }
 
  private:
-  /// Raises `v` by AscendSupport(). With least intervention, each entry makes the fraction
-  /// LocalFit::Agreement() of its change.
+  /// Raises `v` by AscendSupport(). With least intervention, entries that change by more than
+  /// guided::kLeastHedged make only the fraction LocalFit::Agreement() of their change.
   /// @returns the predicted level of `v`.
   double Raise(LocalFit& fit, const LocalModel& model, const StepTarget& target,
                Eigen::VectorXd& v) noexcept;

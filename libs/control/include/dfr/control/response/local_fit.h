@@ -76,10 +76,10 @@ class LocalFit {
   }
 
   /// Returns the agreement of nearby demonstrations on the effect of entry `k` of a control, in [0,
-  /// 1]. It is the share of variance along column k of D that the entry explains, after the other
-  /// entries and the drift. If a contact begins nearby, J is a mean of two responses, and the share
-  /// is small. 1 if demonstrations did not use the entry: J then comes from measurements. O(n) for
-  /// each transition used.
+  /// 1]. It is the share of variance along the row of D for v_k that the entry explains, after the
+  /// other entries and the drift. If a contact begins nearby, J is a mean of two responses, and the
+  /// share is small. 1 if demonstrations did not use the entry: J then comes from measurements.
+  /// O(n) for each transition used.
   [[nodiscard]] double Agreement(Eigen::Index k) noexcept;
 
   /// Returns the largest eigenvalue of the block of A^-1 that belongs to v, and writes its
