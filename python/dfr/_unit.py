@@ -140,7 +140,7 @@ class Unit:
         if pictures and not renders:
             raise ValueError(
                 "the plant has no pictures: give its class a method render() that returns an RGB array "
-                "(height, width, 3) of uint8, or take --film FILE.html, a page of the states"
+                "(height, width, 3) of uint8, or use --film FILE.html, a page of the states"
             )
         episodes: list[Any] = []
         films = []
