@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <vector>
@@ -73,6 +74,43 @@ TEST(LocalFitTest, DoesWhatDemonstrationsDidWhateverControlsDoToday) {
               0.06);
   const test::NoAlloc guard;
   (void)turned.NominalControl(v);
+}
+
+// Demonstrations follow a curve: far to its side the slopes of their controls say nothing. The
+// control there is one that some demonstration took.
+TEST(LocalFitTest, FarFromDemonstrationsTheNominalControlIsNoExtrapolation) {
+  core::Random random(8);
+  std::vector<core::Matrix> features;
+  std::vector<core::Matrix> controls;
+  double largest = 0.0;
+  for (int d = 0; d < 40; ++d) {
+    core::Matrix z(21, 4);
+    core::Matrix v(20, 2);
+    const Eigen::Vector2d object(random.Normal(), random.Normal());
+    z.row(0) << object.transpose(), 0.5 * random.Normal(), 0.5 * random.Normal();
+    for (Eigen::Index t = 0; t < 20; ++t) {
+      const double turn = 0.3 * static_cast<double>(t);
+      v.row(t) << std::cos(turn) + object[0] - z(t, 2) + 0.2 * random.Normal(),
+          std::sin(turn) + object[1] - z(t, 3) + 0.2 * random.Normal();
+      largest = std::max(largest, v.row(t).norm());
+      z.row(t + 1) = z.row(t);
+      z.row(t + 1).tail(2) += 0.5 * v.row(t);
+    }
+    features.push_back(z);
+    controls.push_back(v);
+  }
+  const ResponseEstimate estimate(
+      std::make_shared<const TransitionStore>(features, controls, ResponseOptions{}));
+  LocalFit fit = estimate.MakeFit();
+  Eigen::VectorXd v(2);
+  double most = 0.0;
+  for (int i = 0; i < 200; ++i) {
+    const Eigen::VectorXd z = 10.0 * test::RandomMatrix(random, 4, 1).normalized();
+    estimate.FitAt(10, core::AsSpan(z), fit);
+    ASSERT_TRUE(fit.NominalControl(v));
+    most = std::max(most, v.norm());
+  }
+  EXPECT_LE(most, largest);
 }
 
 // No control causes a change: the demonstrated control is returned unchanged.

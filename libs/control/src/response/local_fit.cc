@@ -48,6 +48,14 @@ bool LocalFit::NominalControl(Eigen::VectorXd& v) noexcept {
     for (Eigen::Index k = i + 1; k <= n; ++k) sum -= lower(k, i) * unit_[k];
     unit_[i] = sum / lower(i, i);
   }
+  // Squared distance of z from the mean of the transitions, relative to their covariance. That of a
+  // transition is n on average. The regression does not extrapolate farther.
+  const double distance = weight * unit_[n] - 1.0;
+  if (const auto most = static_cast<double>(n); distance > most) {
+    const double share = std::sqrt(most / distance);
+    unit_ *= share;
+    unit_[n] += (1.0 - share) / weight;
+  }
   v.noalias() = sums.block(states, n + 1, n + 1, m).transpose().cast<double>().lazyProduct(unit_);
   wanted_.noalias() =
       sums.block(states, n + 1 + m, n + 1, n).transpose().cast<double>().lazyProduct(unit_);
