@@ -130,10 +130,7 @@ void ResponseEstimate::FitAt(int t, std::span<const double> z, LocalFit& fit) co
   fit.z_ = core::AsVector(z);
   fit.a_.setZero();
   fit.a_.diagonal().setConstant(options.ridge);
-  if (drift_rows_ > 0) {
-    fit.a_.diagonal().head(drift_rows_ - 1).setConstant(options.slope_ridge);
-    fit.a_(drift_rows_ - 1, drift_rows_ - 1) = options.drift_ridge;
-  }
+  if (drift_rows_ > 0) fit.a_.diagonal().head(drift_rows_).setConstant(options.drift_ridge);
   fit.demonstrated_.setZero();
   fit.has_transitions_ = prior_->SumControls(t, z, fit.transitions_);
   if (fit.has_transitions_) {
@@ -143,6 +140,8 @@ void ResponseEstimate::FitAt(int t, std::span<const double> z, LocalFit& fit) co
   }
   fit.b_ = b_online_;
   if (drift_rows_ > 0) {
+    // A few measurements of this episode cannot tell slopes from noise of observations.
+    fit.a_.diagonal().head(drift_rows_ - 1).array() += options.slope_ridge - options.drift_ridge;
     fit.a_online_ = a_online_;
     fit.wanted_ = center_ - fit.z_;
     Move(fit.wanted_, fit.a_online_, fit.b_);

@@ -13,8 +13,8 @@ namespace dfr::control {
 /// Options for TransitionStore and its ResponseEstimate.
 struct ResponseOptions {
   double ridge = 0.02;         ///< Ridge of J, > 0.
-  double drift_ridge = 1.0;    ///< Ridge of the drift at z, > 0.
-  double slope_ridge = 10.0;   ///< Ridge of the slopes of the drift, > 0.
+  double drift_ridge = 1.0;    ///< Ridge of the drift at z and of its slopes, > 0.
+  double slope_ridge = 10.0;   ///< Ridge of its slopes for the controls of this episode, > 0.
   double prior_weight = 15.0;  ///< Total weight of the demonstrations' transitions, >= 0.
   int window = 5;              ///< Uses transitions of the time steps t - window ... t + window.
   int max_per_step = 48;       ///< Maximum number per time step; bounds the computing time.
