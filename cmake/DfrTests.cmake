@@ -18,7 +18,7 @@ endif()
 
 # dfr_add_tests(kernel SOURCES one_class_svm_test.cc ... [TIER integration] [LINK dfr::kernel ...]
 #               [INCLUDE libs/kernel/src ...] [DEFINE NAME=value ...] [NEEDS program ...] [TIMEOUT seconds])
-# makes one program of all tests of a tier in a folder. It runs as one CTest case, unit.kernel or
+# makes one program of all tests of a tier in a folder and below it. It runs as one CTest case, unit.kernel or
 # system.dds, in random order. In the integration tier each TEST is a separate case, dds.Suite.Name.
 # testing::TempDir() is in the build tree: two trees may be tested at once.
 function(dfr_add_tests name)

@@ -315,6 +315,28 @@ TEST(ResponseEstimateTest, TellsAMeasuredVelocityFromTheAnswerToItsCommand) {
   EXPECT_NEAR(fit.jacobian()(1), 1.0 / 0.5, 1.0);
 }
 
+// Padding at the end of demonstrations, or a pause of all of them, is no reason to know nothing.
+TEST(ResponseEstimateTest, WhereAllRestTheNearestTransitionsInTimeCount) {
+  core::Random random(3);
+  std::vector<core::Matrix> features;
+  std::vector<core::Matrix> controls;
+  for (int d = 0; d < 10; ++d) {
+    core::Matrix z = core::Matrix::Zero(41, 1);
+    core::Matrix v = core::Matrix::Zero(40, 1);
+    for (Eigen::Index t = 0; t < 40; ++t) {
+      if (t < 5 || t == 20) v(t, 0) = random.Normal();
+      z(t + 1, 0) = z(t, 0) + 2.0 * v(t, 0);
+    }
+    features.push_back(z);
+    controls.push_back(v);
+  }
+  const ResponseEstimate estimate(
+      std::make_shared<const TransitionStore>(features, controls, ResponseOptions{}));
+  for (const int t : {2, 12, 20, 30, 39, 1000}) {
+    EXPECT_NEAR(estimate.FitAt(t, std::vector{0.0}).jacobian()(0), 2.0, 0.1) << t;
+  }
+}
+
 // In every state, demonstrations of context 0 move by (1, 0). One in three has context 2 and moves
 // by (0, 1). The weights are exp(-c^2).
 TEST(ResponseEstimateTest, TheNominalControlIsThatOfDemonstrationsInTheSameContext) {

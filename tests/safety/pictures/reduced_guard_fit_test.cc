@@ -78,7 +78,7 @@ TEST(ReducedGuardFitTest, OnlyWatchesWhereASteadySpeedHidesThatTheRestIsAGuess) 
   EXPECT_LT(model->summary().action_error, 0.5);
   EXPECT_GT(model->summary().entry_error, 0.6);
   EXPECT_EQ(model->settings().strategy, Strategy::kMonitor);
-  EXPECT_THAT(Warnings(*model), testing::Contains(HasSubstr("at least 40 % allow corrections")));
+  EXPECT_THAT(Warnings(*model), testing::Contains(HasSubstr("corrections need at least 40 %")));
 }
 
 TEST(ReducedGuardFitTest, PointsAreFeaturesOfAGuard) {

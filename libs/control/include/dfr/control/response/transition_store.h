@@ -16,7 +16,8 @@ struct ResponseOptions {
   double drift_ridge = 1.0;    ///< Ridge of the drift at z and of its slopes, > 0.
   double slope_ridge = 10.0;   ///< Ridge of its slopes for the controls of this episode, > 0.
   double prior_weight = 15.0;  ///< Total weight of the demonstrations' transitions, >= 0.
-  int window = 5;              ///< Uses transitions of the time steps t - window ... t + window.
+  int window = 5;              ///< Uses transitions with u != 0 of the time steps t - window ...
+                               ///< t + window, and the nearest in time if these have none.
   int max_per_step = 48;       ///< Maximum number per time step; bounds the computing time.
   double forgetting = 0.93;    ///< Factor on the weight of earlier controls, in [0, 1).
 };
