@@ -110,6 +110,7 @@ std::map<std::string, double> InTheCode() {
           {"fit::kLeastInsideReduced", safety::fit::kLeastInsideReduced},
           {"fit::kMostChangedReduced", safety::fit::kMostChangedReduced},
           {"fit::kFeaturesOfGamma", safety::fit::kFeaturesOfGamma},
+          {"fit::kMostByActions", safety::fit::kMostByActions},
           {"fit::kMostOutsideReduced", safety::fit::kMostOutsideReduced},
           {"fit::kLeastTold", safety::fit::kLeastTold},
           {"fit::kLeastExplainedReduced", safety::fit::kLeastExplainedReduced},

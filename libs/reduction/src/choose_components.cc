@@ -11,6 +11,7 @@
 #include "dfr/core/features/feature_transform.h"
 #include "dfr/core/numerics/folds.h"
 #include "dfr/core/text/format.h"
+#include "dfr/reduction/action_directions.h"
 
 namespace dfr::reduction {
 namespace {
@@ -102,6 +103,13 @@ class Judge {
         core::FeatureSelection::All(static_cast<int>(first_scores[0].cols())), first_scores);
     for (core::Matrix& scores : first_scores) scores = whitening.Apply(scores);
     folds_ = core::StratifiedFolds(first_scores, folds);
+    for (std::size_t fold = 0; fold < folds_.size() && !options.by_actions.empty(); ++fold) {
+      std::vector<core::Trajectory> others;
+      for (const std::size_t d : core::Others(folds_, fold, order_)) {
+        others.push_back(demonstrations[d]);
+      }
+      directions_.emplace_back(others, options.by_actions);
+    }
   }
 
   // Returns the number of columns of this many components.
@@ -112,27 +120,46 @@ class Judge {
   }
 
   [[nodiscard]] ComponentsScore operator()(int components) const {
-    const auto columns =
-        static_cast<int>(Columns(options_, components, demonstrations_[0].states.cols()));
     std::vector<Sums> each(demonstrations_.size(), Sums(demonstrations_[0].controls.cols()));
     std::size_t next = 0;
     for (std::size_t fold = 0; fold < folds_.size(); ++fold) {
-      JudgeFold(fold, columns, each, next);
+      JudgeFold(fold, components, each, next);
     }
     return Score(components, each);
   }
 
  private:
-  void JudgeFold(std::size_t fold, int columns, std::vector<Sums>& each, std::size_t& next) const {
+  // Returns the map from scores to the columns of this many components.
+  [[nodiscard]] core::Matrix Weights(std::size_t fold, int components) const {
+    const Eigen::Index all = demonstrations_[0].states.cols();
+    if (directions_.empty()) {
+      return core::Matrix::Identity(Columns(options_, components, all), all);
+    }
+    core::Matrix weights = core::Matrix::Identity(options_.beside, all);
+    for (std::size_t block = 0; block < options_.by_actions.size(); ++block) {
+      const core::Matrix own = directions_[fold].Weights(block, components);
+      weights.conservativeResize(weights.rows() + own.rows(), Eigen::NoChange);
+      weights.bottomRows(own.rows()).setZero();
+      weights.bottomRows(own.rows())(Eigen::all, options_.by_actions[block]) = own;
+    }
+    return weights;
+  }
+
+  void JudgeFold(std::size_t fold, int components, std::vector<Sums>& each,
+                 std::size_t& next) const {
+    const core::Matrix weights = Weights(fold, components);
+    const auto selected = [&](std::size_t d) {
+      return core::Matrix(demonstrations_[d].states * weights.transpose());
+    };
     const std::vector<std::size_t> others = core::Others(folds_, fold, order_);
     std::vector<core::Matrix> points;
     std::vector<core::Matrix> controls;
     for (const std::size_t d : others) {
-      points.emplace_back(demonstrations_[d].states.leftCols(columns));
+      points.push_back(selected(d));
       controls.emplace_back(demonstrations_[d].controls / unit_);
     }
-    const auto whitening =
-        core::FeatureTransform::Whitening(core::FeatureSelection::All(columns), points);
+    const auto whitening = core::FeatureTransform::Whitening(
+        core::FeatureSelection::All(static_cast<int>(weights.rows())), points);
     for (core::Matrix& z : points) z = whitening.Apply(z);
     const auto support = kernel::WhitenedSupport::Fit(points, options_.support);
     const control::ResponseEstimate estimate(std::make_shared<const control::TransitionStore>(
@@ -140,8 +167,8 @@ class Judge {
     // The order does not depend on that of recording.
     for (const std::size_t d : order_) {
       if (std::ranges::count(folds_[fold], d) == 0) continue;
-      JudgeOne(whitening.Apply(core::Matrix(demonstrations_[d].states.leftCols(columns))),
-               demonstrations_[d].controls, support, estimate, each[d], next);
+      JudgeOne(whitening.Apply(selected(d)), demonstrations_[d].controls, support, estimate,
+               each[d], next);
     }
   }
 
@@ -176,6 +203,7 @@ class Judge {
   std::size_t stride_ = 1;
   std::vector<std::size_t> order_;
   core::Folds folds_;
+  std::vector<ActionDirections> directions_;  // One per fold, if by actions.
 };
 
 void Check(std::span<const core::Trajectory> demonstrations,

@@ -81,6 +81,17 @@ StateReduction StateReduction::WithComponents(int components) const {
   return {layout_, std::move(parts), features_};
 }
 
+StateReduction StateReduction::Combined(std::span<const core::Matrix> weights) const {
+  std::vector<Part> parts = parts_;
+  auto next = weights.begin();
+  for (Part& part : parts) {
+    if (!part.open) continue;
+    const Reduction& all = *part.reduction;
+    part.reduction = Reduction(all.mean(), all.scale(), *next++ * all.projection());
+  }
+  return {layout_, std::move(parts), features_};
+}
+
 int StateReduction::num_open() const noexcept {
   return static_cast<int>(std::ranges::count(parts_, true, &Part::open));
 }
@@ -91,6 +102,11 @@ int StateReduction::most_components() const noexcept {
     if (part.open) most = std::max(most, part.reduced_size());
   }
   return most;
+}
+
+bool StateReduction::sums_open_pixels() const noexcept {
+  return std::ranges::any_of(
+      parts_, [](const Part& part) { return part.open && part.picture && !part.points; });
 }
 
 std::vector<int> StateReduction::InOrderOfComponents() const {
@@ -105,6 +121,19 @@ std::vector<int> StateReduction::InOrderOfComponents() const {
     }
   }
   return columns;
+}
+
+std::vector<std::vector<int>> StateReduction::PositionsInOrder() const {
+  const std::vector<int> order = InOrderOfComponents();
+  std::vector<std::vector<int>> positions;
+  for (const Part& part : parts_) {
+    if (!part.open) continue;
+    std::vector<int>& own = positions.emplace_back();
+    for (int i = 0; i < part.reduced_size(); ++i) {
+      own.push_back(static_cast<int>(std::ranges::find(order, part.first + i) - order.begin()));
+    }
+  }
+  return positions;
 }
 
 // Uses `points` and `positions` if the part has points, and `novelty` if it has a novelty.

@@ -2,11 +2,13 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdint>
 #include <string>
 #include <vector>
 
 #include "dfr/core/random.h"
 #include "dfr/safety/guard.h"
+#include "dfr/safety/constants.h"
 #include "dfr/safety/guard_advice.h"
 #include "tests/safety/corridor.h"
 #include "tests/safety/corridor_guard.h"
@@ -130,6 +132,58 @@ TEST(ReducedGuardFitTest, RefusesWhatWouldHoldUpTheDemonstrator) {
   EXPECT_THAT(message, HasSubstr("Record more demonstrations"));
   EXPECT_THAT(message, HasSubstr("light=standard"));
   EXPECT_NE(fit(true), nullptr);
+}
+
+// The corridor's tip in a block of 8 entries, beside nuisances that are constant in each episode
+// and have most of the variance.
+std::vector<core::Trajectory> EmbeddedDemonstrations(std::uint64_t seed, int count,
+                                                     const core::Matrix& mixing) {
+  core::Random random(seed);
+  std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(seed, count);
+  for (core::Trajectory& d : demonstrations) {
+    Eigen::RowVectorXd source(8);
+    for (double& value : source) value = random.Uniform(-3.0, 3.0);
+    core::Matrix seen(d.states.rows(), 8);
+    for (Eigen::Index t = 0; t < seen.rows(); ++t) {
+      source.head(2) = d.states.row(t).tail(2);
+      Eigen::RowVectorXd noisy = source;
+      for (double& value : noisy) value += 0.01 * random.Normal();
+      seen.row(t) = noisy * mixing.transpose();
+    }
+    d.states = seen;
+  }
+  return demonstrations;
+}
+
+TEST(ReducedGuardFitTest, TakesComponentsThatActionsDependOnBeforeSlowNuisances) {
+  core::Random random(14);
+  core::Matrix mixing(8, 8);
+  for (double& value : mixing.reshaped()) value = random.Normal();
+  core::StateLayout layout;
+  layout.Add("code", 8);
+  const std::vector<core::Trajectory> demonstrations = EmbeddedDemonstrations(15, 40, mixing);
+  for (const char* const features : {"pca:code", "slow:code"}) {
+    const auto model = GuardModel::Fit(layout, demonstrations, {.features = features});
+    const GuardSummary& summary = model->summary();
+    EXPECT_LE(model->reduction()->reduced_dim(), 3) << features;
+    EXPECT_THAT(summary.components_reason, HasSubstr("components that actions depend on explain"));
+    EXPECT_GE(summary.acceptance, fit::kLeastInsideReduced);
+    // Nuisances of new episodes are no reason to leave the support.
+    double inside = 0.0;
+    double states = 0.0;
+    Guard guard(model);
+    for (const core::Trajectory& d : EmbeddedDemonstrations(16, 20, mixing)) {
+      guard.Reset(1);
+      for (Eigen::Index t = 0; t < d.controls.rows(); ++t, states += 1.0) {
+        const Eigen::RowVectorXd wish = d.controls.row(t);
+        std::vector<double> action(wish.begin(), wish.end());
+        const Verdict verdict =
+            guard.Filter(static_cast<int>(t), core::Row(d.states, t), action, action);
+        inside += verdict.g >= 0.0 ? 1.0 : 0.0;
+      }
+    }
+    EXPECT_GT(inside / states, 0.85);
+  }
 }
 
 }  // namespace

@@ -11,6 +11,8 @@
 
 #include "dfr/control/response/response_estimate.h"
 #include "dfr/core/text/format.h"
+#include "dfr/reduction/action_directions.h"
+#include "dfr/reduction/choose_components.h"
 #include "dfr/safety/constants.h"
 #include "dfr/safety/guard_model.h"
 
@@ -46,48 +48,124 @@ std::vector<core::Trajectory> Reduced(const StateReduction& reduction,
   return reduced;
 }
 
-// Scores each number of components by left-out demonstrations.
-reduction::ComponentsChoice Table(const StateReduction& all,
-                                  std::span<const core::Trajectory> demonstrations,
-                                  const GuardOptions& options) {
+// Returns the scores of all components of each state, in order of components.
+std::vector<core::Trajectory> Scores(const StateReduction& all,
+                                     std::span<const core::Trajectory> demonstrations) {
   std::vector<core::Trajectory> scores = Reduced(all, demonstrations);
   const std::vector<int> columns = all.InOrderOfComponents();
   for (core::Trajectory& d : scores) d.states = core::Matrix(d.states(Eigen::all, columns));
+  return scores;
+}
+
+// Components of all blocks whose number is open: the first ones, or those that actions depend on.
+struct Pool {
+  StateReduction reduction;
+  bool by_actions = false;
+  std::vector<core::Trajectory> scores = {};
+  reduction::ComponentsChoice choice = {};
+};
+
+// Scores each number of components by left-out demonstrations.
+void Judge(std::span<const core::Trajectory> demonstrations, const GuardOptions& options,
+           Pool& pool) {
+  const StateReduction& all = pool.reduction;
+  pool.scores = Scores(all, demonstrations);
   reduction::ChooseComponentsOptions choose;
   choose.folds = options.folds;
   choose.support = options.support;
   choose.least_inside = 0.0;  // Checked below, with the support of each number.
   choose.scores_each = all.num_open();
   choose.beside = all.WithComponents(1).reduced_dim() - all.num_open();
-  std::erase_if(choose.candidates, [&](int k) { return k > all.most_components(); });
-  if (choose.candidates.empty()) choose.candidates = {all.most_components()};
-  return reduction::ChooseComponents(scores, choose);
+  if (pool.by_actions) choose.by_actions = all.PositionsInOrder();
+  const int most = pool.by_actions ? std::min(fit::kMostByActions, all.most_components())
+                                   : all.most_components();
+  std::erase_if(choose.candidates, [&](int k) { return k > most; });
+  if (choose.candidates.empty()) choose.candidates = {most};
+  pool.choice = reduction::ChooseComponents(pool.scores, choose);
 }
 
-// Returns the numbers within one standard error of the best, smallest first. Returns all if no
-// number may be rejected.
-std::vector<int> Candidates(const reduction::ComponentsChoice& choice) {
-  const auto best = std::ranges::max_element(choice.table, {}, &ComponentsScore::explained);
-  std::vector<int> candidates;
-  for (const ComponentsScore& row : choice.table) {
-    if (row.explained >= best->explained - best->explained_error) {
-      candidates.push_back(row.components);
+class Components {
+ public:
+  Components(const StateReduction& all, std::span<const core::Trajectory> demonstrations,
+             const GuardOptions& options) {
+    pools_.push_back({all});
+    // Sums of pixels that actions depend on fit chance, and name pixels all over the picture.
+    if (!all.sums_open_pixels()) {
+      pools_.push_back({all.WithComponents(fit::kMostByActions), true});
+      if (all.most_components() > fit::kMostByActions) pools_.push_back({all, true});
+    }
+    for (Pool& pool : pools_) Judge(demonstrations, options, pool);
+    if (!options.accept_any &&
+        std::ranges::all_of(pools_, [](const Pool& pool) { return pool.choice.components == 0; })) {
+      throw std::invalid_argument(options.features + ": " + pools_[0].choice.reason);
     }
   }
-  return candidates;
-}
 
-std::string Reason(const reduction::ComponentsChoice& choice, int components,
-                   const GuardSummary& summary) {
-  const auto best = std::ranges::max_element(choice.table, {}, &ComponentsScore::explained);
-  const auto row = std::ranges::find(choice.table, components, &ComponentsScore::components);
-  return core::Format(
-      "%d components explain %.0f %% of the variance of left-out actions, within one standard "
-      "error (%.1f %%) of the best (%.0f %%, with %d); the guard on them keeps %.0f %% of left-out "
-      "states inside and would change %.0f %% of left-out actions",
-      components, 100.0 * row->explained, 100.0 * best->explained_error, 100.0 * best->explained,
-      best->components, 100.0 * summary.acceptance, 100.0 * summary.changed);
-}
+  struct Candidate {
+    const Pool* pool = nullptr;
+    int components = 0;
+  };
+  // Returns the candidates within one standard error of the best: the first components, then those
+  // by actions, smallest number first.
+  [[nodiscard]] std::vector<Candidate> Candidates() const {
+    const ComponentsScore& best = Best();
+    std::vector<Candidate> candidates;
+    for (const Pool& pool : pools_) {
+      for (const ComponentsScore& row : pool.choice.table) {
+        if (row.explained >= best.explained - best.explained_error) {
+          candidates.push_back({&pool, row.components});
+        }
+      }
+    }
+    std::ranges::stable_sort(candidates, {}, [](const Candidate& candidate) {
+      return std::pair(candidate.pool->by_actions, candidate.components);
+    });
+    return candidates;
+  }
+
+  [[nodiscard]] static StateReduction Reduction(const Candidate& candidate) {
+    const StateReduction& all = candidate.pool->reduction;
+    if (!candidate.pool->by_actions) return all.WithComponents(candidate.components);
+    const std::vector<std::vector<int>> blocks = all.PositionsInOrder();
+    const reduction::ActionDirections directions(candidate.pool->scores, blocks);
+    std::vector<core::Matrix> weights;
+    for (std::size_t i = 0; i < blocks.size(); ++i) {
+      weights.push_back(directions.Weights(i, candidate.components));
+    }
+    return all.Combined(weights);
+  }
+
+  // Writes what is known of the candidates, and the reason for one of them.
+  void Describe(const Candidate& candidate, GuardSummary& summary) const {
+    summary.components = candidate.pool->choice.table;
+    const bool by_actions = candidate.pool->by_actions;
+    const auto row =
+        std::ranges::find(summary.components, candidate.components, &ComponentsScore::components);
+    // The directions are fitted to all actions: only the table leaves them out.
+    if (by_actions) summary.explained = std::min(summary.explained, row->explained);
+    const ComponentsScore& best = Best();
+    summary.components_reason = core::Format(
+        "%d components%s explain %.0f %% of the variance of left-out actions, within one standard "
+        "error (%.1f %%) of the best (%.0f %%, with %d); the guard on them keeps %.0f %% of "
+        "left-out states inside and would change %.0f %% of left-out actions",
+        candidate.components, by_actions ? " that actions depend on" : "", 100.0 * row->explained,
+        100.0 * best.explained_error, 100.0 * best.explained, best.components,
+        100.0 * summary.acceptance, 100.0 * summary.changed);
+  }
+
+ private:
+  [[nodiscard]] const ComponentsScore& Best() const {
+    const ComponentsScore* best = &pools_[0].choice.table[0];
+    for (const Pool& pool : pools_) {
+      for (const ComponentsScore& row : pool.choice.table) {
+        if (row.explained > best->explained) best = &row;
+      }
+    }
+    return *best;
+  }
+
+  std::vector<Pool> pools_;
+};
 
 bool Suffices(const GuardSummary& summary) {
   return summary.acceptance >= fit::kLeastInsideReduced &&
@@ -100,20 +178,13 @@ std::shared_ptr<GuardModel> GuardModel::FitReduced(const core::StateLayout& layo
                                                    std::span<const core::Trajectory> demonstrations,
                                                    const GuardOptions& options) {
   const StateReduction all = StateReduction::Fit(layout, options.features, demonstrations);
-  const bool open = all.num_open() > 0;
-  reduction::ComponentsChoice choice;
-  std::vector<int> candidates = {all.most_components()};
-  if (open) {
-    choice = Table(all, demonstrations, options);
-    if (choice.components == 0 && !options.accept_any) {
-      throw std::invalid_argument(options.features + ": " + choice.reason);
-    }
-    candidates = Candidates(choice);
-  }
+  std::optional<const Components> open;
+  std::vector<Components::Candidate> candidates(1);
+  if (all.num_open() > 0) candidates = open.emplace(all, demonstrations, options).Candidates();
   std::shared_ptr<GuardModel> best;
   for (std::size_t i = 0; i < candidates.size(); ++i) {
     const auto reduction =
-        std::make_shared<const StateReduction>(open ? all.WithComponents(candidates[i]) : all);
+        std::make_shared<const StateReduction>(open ? Components::Reduction(candidates[i]) : all);
     GuardOptions own = options;
     own.features = reduction->features();
     own.accept_any = true;  // Checked here.
@@ -130,10 +201,7 @@ std::shared_ptr<GuardModel> GuardModel::FitReduced(const core::StateLayout& layo
         FitStates(reduction->reduced_layout(), Reduced(*reduction, demonstrations), own, false);
     if (!model) return nullptr;
     model->reduction_ = reduction;
-    if (open) {
-      model->summary_.components = choice.table;
-      model->summary_.components_reason = Reason(choice, candidates[i], model->summary_);
-    }
+    if (open) open->Describe(candidates[i], model->summary_);
     const bool good = Suffices(model->summary_);
     if (good || !best || model->summary_.changed < best->summary_.changed) best = std::move(model);
     if (good) break;

@@ -31,6 +31,9 @@ struct ChooseComponentsOptions {
   int beside = 0;
   /// Scores per component: the number of reduced blocks.
   int scores_each = 1;
+  /// Columns of each reduced block. If not empty, the components of a block are
+  /// ActionDirections::Weights() of its scores, found without the left-out demonstrations.
+  std::vector<std::vector<int>> by_actions = {};
   int folds = 5;
   double least_inside = 0.5;  ///< Smallest acceptable fraction of states inside.
   kernel::WhitenedSupportOptions support = {};
@@ -48,8 +51,7 @@ struct ComponentsChoice {
 ///
 /// Demonstrations are left out in core::StratifiedFolds(). For each fold and each k the whitening,
 /// the support and the transitions come from the other demonstrations. At most a thousand actions
-/// are judged. The components themselves come from all demonstrations: they do not depend on
-/// actions.
+/// are judged. The scores themselves come from all demonstrations: they do not depend on actions.
 ///
 /// Rule: among the candidates with inside >= least_inside, the smallest k whose explained share is
 /// within one standard error of the best (Breiman et al., Classification and Regression Trees,

@@ -77,14 +77,23 @@ class StateReduction {
   /// Returns a copy with at most the first `components` of each block whose request names no
   /// number.
   [[nodiscard]] StateReduction WithComponents(int components) const;
+  /// Returns a copy whose components are linear combinations of the present ones.
+  /// @param weights  for each block whose request names no number of components, one row for each
+  ///   new component.
+  [[nodiscard]] StateReduction Combined(std::span<const core::Matrix> weights) const;
   /// Returns the number of blocks whose requests name no number of components.
   [[nodiscard]] int num_open() const noexcept;
   /// Returns the largest number of components of these blocks.
   [[nodiscard]] int most_components() const noexcept;
+  /// Returns true if one of these blocks is a picture whose components are sums of pixels, not
+  /// points.
+  [[nodiscard]] bool sums_open_pixels() const noexcept;
   /// Returns the columns of a reduced state in this order: those that do not depend on the number
   /// of components, then the first component of each of these blocks, then the second of each, and
   /// so on.
   [[nodiscard]] std::vector<int> InOrderOfComponents() const;
+  /// Returns, for each of these blocks, the positions of its components in that order.
+  [[nodiscard]] std::vector<std::vector<int>> PositionsInOrder() const;
 
   /// Returns the layout of unreduced states.
   [[nodiscard]] const core::StateLayout& layout() const noexcept { return layout_; }
