@@ -200,9 +200,10 @@ features : str or list of str
     Features, as in "object,tip[0:2]"; all entries if empty. "obs/object" is "object".
     "points:image[:K][:grey][:HxW][:light=none|gain|standard]" stands for K slow features of the positions
     of patches in a picture, "pca:embedding[:K]" for K principal components of a block, "slow:embedding[:K]"
-    for K slow features of these; without K the fit chooses their number. The other options are for
-    pictures: one channel, the size after averaging, and the light, of which "standard" (the default)
-    removes brightness and contrast, "gain" the brightness. docs/pixels.md has more.
+    for K slow features of these; without K the fit chooses their number, and of points and embeddings
+    directions that actions depend on where these explain more. The other options are for pictures:
+    one channel, the size after averaging, and the light, of which "standard" (the default) removes
+    brightness and contrast, "gain" the brightness. docs/pixels.md has more.
 nu, gamma : float
     Parameters of the supports; gamma in whitened units, which all tasks share. It is doubled if that makes
     the supports smaller with as many left-out states inside, and while they contain gaps between modes.
