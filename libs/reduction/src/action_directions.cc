@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "dfr/core/folds.h"
-#include "dfr/core/linear_algebra.h"
+#include "dfr/core/numerics/folds.h"
+#include "dfr/core/numerics/linear_algebra.h"
 #include "dfr/reduction/slow_features.h"
 
 namespace dfr::reduction {

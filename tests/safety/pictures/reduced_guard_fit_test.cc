@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "dfr/core/random.h"
-#include "dfr/safety/guard.h"
 #include "dfr/safety/constants.h"
+#include "dfr/safety/guard.h"
 #include "dfr/safety/guard_advice.h"
 #include "tests/safety/corridor.h"
 #include "tests/safety/corridor_guard.h"

@@ -14,11 +14,11 @@ namespace dfr::reduction {
 ///
 /// A smooth regression of the actions, and with a tenth of their weight of the progress, on all
 /// scores (Gaussian kernel, ridge) gives a gradient at each sample. A guard follows the progress,
-/// also where actions do not depend on it. The mean outer product of the gradients becomes the metric of the
-/// kernel, and the regression is repeated; its eigenvectors are the directions (recursive feature
-/// machine; Radhakrishnan et al., Science 383, 2024). The first metric is the inverse covariance of
-/// the differences of successive scores (SlowFeatures): noise does not count. A slow nuisance, such
-/// as a distractor at rest, has no gradient.
+/// also where actions do not depend on it. The mean outer product of the gradients becomes the
+/// metric of the kernel, and the regression is repeated; its eigenvectors are the directions
+/// (recursive feature machine; Radhakrishnan et al., Science 383, 2024). The first metric is the
+/// inverse covariance of the differences of successive scores (SlowFeatures): noise does not count.
+/// A slow nuisance, such as a distractor at rest, has no gradient.
 ///
 /// The result does not depend on the order of the demonstrations.
 class ActionDirections {
