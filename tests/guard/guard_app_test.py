@@ -75,7 +75,7 @@ class GuardAppTest(GuardProgramTest):
         self.run_guard("report", "task.guard", "fresh.hdf5", "--failures", "failures.hdf5", "-o", "r.html")
         page = (self.folder / "r.html").read_text()
         self.assertIn("10 of 10, 100.0 %", page)
-        self.assertIn("steps before their end", page)
+        self.assertIn("the alarm precedes the end by", page)
         self.assertRegex(page, rf"Strategy guard passes {passed} % of their actions unchanged")
         for name in ("tip[1]", "object[0]", "data/demo_59", "demos.hdf5"):
             self.assertIn(name, page)

@@ -97,7 +97,7 @@ class PixelsTest(unittest.TestCase):
         def fit(layout, features):
             dfr.Guard.fit([p.reshape(len(p), -1) for p in self.seen], self.actions, layout=layout, features=features)
 
-        with self.assertRaisesRegex(ValueError, "needs 1 or 3 channels"):
+        with self.assertRaisesRegex(ValueError, "needs positive sizes and 1 or 3 channels"):
             fit({"camera": (HEIGHT, WIDTH * 3 // 4, 4)}, "pca:camera")
         with self.assertRaisesRegex(ValueError, "give the block the shape"):
             fit({"camera": HEIGHT * WIDTH * 3}, "pca:camera:grey")
