@@ -37,6 +37,7 @@ void ExportLibsvm(const safety::GuardModel& model, const std::filesystem::path& 
     std::ofstream map(folder / (name + ".csv"));
     map.precision(17);
     WriteMatrix(map, support.map(t) * features.scale());
+    map.flush();
     if (!map) throw std::runtime_error(folder.string() + ": cannot be written");
   }
   std::ofstream out(folder / "features.csv");

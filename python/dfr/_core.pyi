@@ -26,7 +26,7 @@ class GuardInfo(TypedDict):
     certified: bool
     alarm: bool
     alarm_step: int
-    entry: int
+    entry: str | None
     step: int
 
 class OutsideEntry(TypedDict):

@@ -238,6 +238,16 @@ TEST_F(LedgerTest, SalvagePutsDamagedLinesAsideAndSaysWhich) {
   }
   const std::string dropped = Read(ledger.string() + ".dropped");
   EXPECT_EQ(std::ranges::count(dropped, '\n'), 2);
+
+  std::filesystem::remove(ledger.string() + ".dropped");
+  std::filesystem::create_directory(ledger.string() + ".dropped");
+  std::string damaged = text;
+  damaged[second + 5] ^= 1;
+  Write(ledger, damaged);
+  EXPECT_THAT(test::MessageOf<std::runtime_error>(
+                  [&] { static_cast<void>(Evaluate(FakePlan(), counts, options)); }),
+              HasSubstr(".dropped: cannot be written: Is a directory"));
+  EXPECT_EQ(Read(ledger), damaged);
 }
 
 TEST_F(LedgerTest, AnotherWriterIsRefusedAndLosesNothing) {

@@ -12,7 +12,10 @@
 #include <vector>
 
 #include "apps/study/tables.h"
+#include "dfr/core/features/feature_transform.h"
+#include "dfr/core/trajectory.h"
 #include "dfr/study/controller_factory.h"
+#include "dfr/study/policies.h"
 
 namespace dfr::study {
 namespace {
@@ -293,6 +296,17 @@ TEST(MethodNameTest, HasThreeParts) {
                           "ensemble@lwr", "ensemble/raw"}) {
     EXPECT_THROW(static_cast<void>(ParseMethod(bad)), std::invalid_argument) << bad;
   }
+}
+
+TEST(NearestNeighbourPolicyTest, RefusesMoreFeaturesThanItHasRoomFor) {
+  constexpr int kMany = NearestNeighbourPolicy::kMostFeatures + 1;
+  core::Trajectory demonstration;
+  demonstration.states = core::Matrix::Zero(11, kMany);
+  demonstration.controls = core::Matrix::Ones(10, 1);
+  EXPECT_THROW(
+      NearestNeighbourPolicy(core::FeatureTransform::Identity(core::FeatureSelection::All(kMany)),
+                             {&demonstration, 1}),
+      std::invalid_argument);
 }
 
 }  // namespace

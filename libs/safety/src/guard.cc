@@ -376,6 +376,8 @@ ChunkVerdict Guard::FilterChunk(int t, std::span<const double> whole,
              (!episode.monitors &&
               (episode.novel || episode.FindFrozen(*model_, whole, /*remember=*/false) >= 0))) {
     verdict.cause = HaltCause::kStateInvalid;
+  } else if (model_->task().features().selection().map().FindInvalid(state) >= 0) {
+    verdict.cause = HaltCause::kBadQuaternion;
   } else if (actions.empty() || actions.size() % width != 0 || !AllFinite(actions)) {
     verdict.cause = HaltCause::kControlInvalid;
   }

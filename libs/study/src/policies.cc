@@ -143,6 +143,9 @@ class Adversary final : public LikeAnother {
 NearestNeighbourPolicy::NearestNeighbourPolicy(core::FeatureTransform features,
                                                std::span<const core::Trajectory> demonstrations)
     : features_(std::move(features)) {
+  DFR_THROW_UNLESS(
+      features_.num_features() <= kMostFeatures,
+      "at most " << kMostFeatures << " features are supported, not " << features_.num_features());
   Eigen::Index rows = 0;
   Eigen::Index longest = 0;
   for (const core::Trajectory& d : demonstrations) {
@@ -168,7 +171,6 @@ NearestNeighbourPolicy::NearestNeighbourPolicy(core::FeatureTransform features,
 
 void NearestNeighbourPolicy::Control(int t, std::span<const double> x,
                                      std::span<double> u) const noexcept {
-  constexpr int kMostFeatures = 64;
   std::array<double, kMostFeatures> buffer;
   const std::span<double> z =
       std::span(buffer).first(static_cast<std::size_t>(features_.num_features()));

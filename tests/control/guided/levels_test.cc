@@ -114,6 +114,7 @@ TEST(LevelsTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(message(Points(), {.gate_quantile = 1.1}), HasSubstr("gate_quantile"));
   EXPECT_THAT(message(Points(), {.gate_quantile = -0.1}), HasSubstr("gate_quantile"));
   EXPECT_THAT(message(Points(), {.pass_quantile = 0.9}), HasSubstr("pass_quantile"));
+  EXPECT_THAT(message(Points(), {.edge_quantile = 1.5}), HasSubstr("edge_quantile"));
   EXPECT_THAT(message(Points(), {.slack = -0.1}), HasSubstr("slack"));
   EXPECT_THAT(message({}, {}), HasSubstr("no demonstrations"));
   EXPECT_THAT(message({core::Matrix::Zero(4, 3)}, {}),

@@ -143,6 +143,16 @@ TEST(ContinuousStatesTest, AQuaternionThatIsNoneHaltsByName) {
     std::vector<double> safe(3);
     core::Matrix state = fresh.states.row(0);
     state.rightCols(4) *= length;
+    GuardSettings watching = model->settings();
+    watching.strategy = Strategy::kMonitor;
+    Guard monitor(model->With(watching));
+    for (Guard* const judge : {&guard, &monitor}) {
+      judge->Reset(1);
+      const ChunkVerdict chunk =
+          judge->FilterChunk(0, core::Row(state, 0), core::Row(fresh.controls, 0));
+      EXPECT_EQ(chunk.playable, 0);
+      EXPECT_EQ(chunk.cause, HaltCause::kBadQuaternion);
+    }
     Verdict verdict = guard.Filter(0, core::Row(state, 0), core::Row(fresh.controls, 0), safe);
     EXPECT_EQ(verdict.mode, Mode::kHalt);
     EXPECT_EQ(verdict.cause, HaltCause::kBadQuaternion);

@@ -115,6 +115,7 @@ LedgerWriter::LedgerWriter(const std::filesystem::path& path, const LedgerHeader
     aside += ".dropped";
     const Descriptor file(open(aside.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666));
     try {
+      if (file.get() < 0) throw std::system_error(errno, std::generic_category());
       WriteAll(file.get(), dropped);
     } catch (const std::system_error& e) {
       Fail(aside, std::string("cannot be written: ") + e.code().message());

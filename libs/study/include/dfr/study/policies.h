@@ -25,8 +25,10 @@ class NearestNeighbourPolicy final : public core::Policy {
  public:
   static constexpr int kNeighbours = 5;
   static constexpr int kWindow = 5;  ///< Uses time steps t - kWindow ... t + kWindow.
+  static constexpr int kMostFeatures = 64;
 
-  /// @throws std::invalid_argument if there are fewer than kNeighbours demonstrated controls.
+  /// @throws std::invalid_argument if there are fewer than kNeighbours demonstrated controls or
+  ///   more than kMostFeatures features.
   NearestNeighbourPolicy(core::FeatureTransform features,
                          std::span<const core::Trajectory> demonstrations);
   [[nodiscard]] int state_dim() const noexcept override { return features_.state_dim(); }
