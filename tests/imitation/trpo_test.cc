@@ -168,7 +168,7 @@ TEST(TrpoTest, OptionsOutOfRangeAreNamed) {
   };
   EXPECT_THAT(message([](TrpoOptions& o) { o.discount = 1.5; }), HasSubstr("discount"));
   EXPECT_THAT(message([](TrpoOptions& o) { o.horizon = 0; }), HasSubstr("horizon"));
-  EXPECT_THAT(message([](TrpoOptions& o) { o.max_kl = 0; }), HasSubstr("KL"));
+  EXPECT_THAT(message([](TrpoOptions& o) { o.max_kl = 0; }), HasSubstr("max_kl"));
   EXPECT_THAT(message([](TrpoOptions& o) { o.min_log_std = 0; }), HasSubstr("floor 0"));
   EXPECT_THAT(message([](TrpoOptions& o) { o.features = "tip"; }), HasSubstr("'tip'"));
   EXPECT_THAT(message([](TrpoOptions& o) { o.hidden = {0}; }), HasSubstr("layer 1"));

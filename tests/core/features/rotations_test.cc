@@ -358,16 +358,16 @@ TEST(StateMapTest, WrongPartsAreNamed) {
   EXPECT_THAT(test::MessageOf<std::invalid_argument>([] {
                 static_cast<void>(FeatureSelection::All(3).Mapped(StateMap({}, {}, {{3, 1.0}})));
               }),
-              HasSubstr("do not fit states of 3"));
+              HasSubstr("need states of at least 4 entries, not 3"));
   EXPECT_THAT(refusal({{0, {1.0, 1.0, 0.0, 0.0}}}, {}), HasSubstr("must be a unit quaternion"));
-  EXPECT_THAT(refusal({{-1, {1.0, 0.0, 0.0, 0.0}}}, {}), HasSubstr("begins at entry -1"));
+  EXPECT_THAT(refusal({{-1, {1.0, 0.0, 0.0, 0.0}}}, {}), HasSubstr("cannot begin at entry -1"));
   EXPECT_THAT(refusal({}, {{0, 0.0, 0.0}}), HasSubstr("its period positive"));
   EXPECT_THAT(refusal({}, {{-1, 0.0, 1.0}}), HasSubstr("entry -1"));
   EXPECT_THAT(test::MessageOf<std::invalid_argument>([] {
                 static_cast<void>(
                     FeatureSelection::All(3).Mapped(StateMap({{0, {1.0, 0.0, 0.0, 0.0}}}, {})));
               }),
-              HasSubstr("do not fit states of 3"));
+              HasSubstr("need states of at least 4 entries, not 3"));
 }
 
 TEST(StateMapTest, SlopesAreThoseOfTheMappedEntries) {
