@@ -46,6 +46,13 @@ void AppendNumbers(std::string& bytes, std::span<const double> values) {
   bytes.append(reinterpret_cast<const char*>(values.data()), values.size_bytes());
 }
 
+// Returns the beginning of a file's text without characters that control terminals.
+std::string Shown(std::string_view text) {
+  std::string shown(text.substr(0, 40));
+  for (char& c : shown) c = c >= ' ' && c <= '~' ? c : '?';
+  return shown;
+}
+
 template <typename T>
 T Decode(std::string_view bytes) noexcept {
   T value;
@@ -111,11 +118,14 @@ ArchiveReader::ArchiveReader(const std::filesystem::path& path, std::string_view
   errno = 0;
   std::ifstream in(path, std::ios::binary);
   if (!in) Fail(std::string("cannot be opened: ") + std::strerror(errno));
+  // Other files are not read to their end, which a device may not have.
+  std::string begin(kMagic.size(), '\0');
+  in.read(begin.data(), std::ssize(begin));
+  if (in.gcount() == 0) Fail("cannot be read, or is empty");
+  if (begin != kMagic) Fail("is not a file written by dfr");
   std::ostringstream content;
-  content << in.rdbuf();
+  content << begin << in.rdbuf();
   bytes_ = std::move(content).str();
-  if (!in || bytes_.empty()) Fail("cannot be read, or is empty");
-  if (!std::string_view(bytes_).starts_with(kMagic)) Fail("is not a file written by dfr");
   const std::size_t header = kMagic.size() + 2 * sizeof(std::uint64_t);
   if (bytes_.size() < header + sizeof(std::uint64_t)) Fail("is truncated");
   const std::string_view all(bytes_);
@@ -127,8 +137,7 @@ ArchiveReader::ArchiveReader(const std::filesystem::path& path, std::string_view
   position_ = kMagic.size();
   const std::string_view found_kind = Take(Size(1));
   if (found_kind != kind) {
-    Fail("is a " + std::string(found_kind) + " file, where a " + std::string(kind) +
-         " file is needed");
+    Fail("is a " + Shown(found_kind) + " file, where a " + std::string(kind) + " file is needed");
   }
   const auto found_version = Decode<std::int64_t>(Take(sizeof(std::int64_t)));
   if (found_version != version) {
@@ -162,7 +171,7 @@ void ArchiveReader::Expect(char tag) {
   const std::size_t at = position_;
   const char found = Take(1)[0];
   if (found != tag) {
-    Fail("has a value of type '" + std::string(1, found) + "' at byte " + std::to_string(at) +
+    Fail("has a value of type '" + Shown({&found, 1}) + "' at byte " + std::to_string(at) +
          ", where '" + std::string(1, tag) + "' is needed");
   }
 }
