@@ -20,6 +20,13 @@ TEST(WorkersTest, EveryJobIsDoneOnce) {
   }
 }
 
+TEST(WorkersTest, NoMoreThreadsThanJobsAreStarted) {
+  Workers workers(1'000'000);
+  std::atomic<int> done = 0;
+  workers.Run(3, [&](std::size_t) { ++done; });
+  EXPECT_EQ(done, 3);
+}
+
 TEST(WorkersTest, TheExceptionOfAJobIsThrownAndTheWorkersGoOn) {
   for (const int threads : {1, 4}) {
     Workers workers(threads);

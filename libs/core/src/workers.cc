@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <exception>
+#include <system_error>
 #include <utility>
 
 #include "dfr/core/contract.h"
@@ -28,8 +29,12 @@ void Workers::Run(std::size_t count, const std::function<void(std::size_t)>& job
     for (std::size_t i = 0; i < count; ++i) job(i);
     return;
   }
-  while (helpers_.size() + 1 < wanted_) {
-    helpers_.emplace_back([this] { Help(); });
+  try {
+    while (helpers_.size() + 1 < std::min(wanted_, count)) {
+      helpers_.emplace_back([this] { Help(); });
+    }
+  } catch (const std::system_error&) {
+    // The system has no further thread: those that there are do all jobs.
   }
   std::unique_lock lock(mutex_);
   job_ = &job;
