@@ -1,8 +1,14 @@
 #pragma once
 
+#include <fcntl.h>
+#include <unistd.h>
+
 #include <CLI/CLI.hpp>
 #include <csignal>
+#include <cstdio>
 #include <cstdlib>
+#include <exception>
+#include <iostream>
 #include <map>
 #include <optional>
 #include <string>
@@ -49,9 +55,34 @@ CLI::Validator OneOf(const std::map<std::string, T>& words) {
           list};
 }
 
-/// Makes a write beyond the file size limit (ulimit -f) fail as on a full disk, instead of killing
-/// the program by a signal. Call this before the first thread starts.
-inline void IgnoreFileSizeSignal() { static_cast<void>(std::signal(SIGXFSZ, SIG_IGN)); }
+/// Runs `run(argc, argv)` as the program `name` and returns its exit code. Every main() is one call
+/// of this function:
+/// - A write beyond the file size limit (ulimit -f) fails as on a full disk, instead of killing the
+///   program by a signal.
+/// - Closed standard streams are opened to /dev/null. Otherwise the next file would get their
+///   number, and with it the program's messages.
+/// - An exception becomes a message. So does a success whose output could not be written, for
+///   example to a full disk.
+template <typename Run>
+int RunProgram(const char* name, int argc, char** argv, Run run) {
+  static_cast<void>(std::signal(SIGXFSZ, SIG_IGN));
+  for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) {
+    // open() takes the lowest free number, which is this one.
+    if (::fcntl(stream, F_GETFD) < 0) static_cast<void>(::open("/dev/null", O_RDWR));
+  }
+  int code = EXIT_FAILURE;
+  try {
+    code = run(argc, argv);
+  } catch (const std::exception& e) {
+    std::cerr << name << ": " << e.what() << '\n';
+  }
+  std::cout.flush();
+  const bool written = std::cout.good() && std::fflush(stdout) == 0 && std::ferror(stdout) == 0;
+  if (written || code != EXIT_SUCCESS) return code;
+  std::cerr << name
+            << ": standard output could not be written, and is incomplete; is the disk full?\n";
+  return EXIT_FAILURE;
+}
 
 /// Adds --version, which prints the version and the commit.
 inline void AddVersion(CLI::App& app) {

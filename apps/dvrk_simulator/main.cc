@@ -327,10 +327,7 @@ void Run(Options options) {
   }
 }
 
-}  // namespace
-
-int main(int argc, char** argv) try {
-  dfr::apps::IgnoreFileSizeSignal();
+int Main(int argc, char** argv) {
   Options options;
   CLI::App app(
       "Simulates a PSM, an endoscope and a platform behind the topics of a da Vinci Research Kit\n"
@@ -350,7 +347,10 @@ int main(int argc, char** argv) try {
   Run(options);
   std::cout << "dvrk_simulator: stopped" << std::endl;
   return EXIT_SUCCESS;
-} catch (const std::exception& e) {
-  std::cerr << "dvrk_simulator: " << e.what() << '\n';
-  return EXIT_FAILURE;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  return dfr::apps::RunProgram("dvrk_simulator", argc, argv, Main);
 }

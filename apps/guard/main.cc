@@ -223,10 +223,6 @@ int Main(int argc, char** argv) {
 }  // namespace
 }  // namespace dfr::apps::guard
 
-int main(int argc, char** argv) try {
-  dfr::apps::IgnoreFileSizeSignal();
-  return dfr::apps::guard::Main(argc, argv);
-} catch (const std::exception& e) {
-  std::cerr << "guard: " << e.what() << '\n';
-  return EXIT_FAILURE;
+int main(int argc, char** argv) {
+  return dfr::apps::RunProgram("guard", argc, argv, dfr::apps::guard::Main);
 }

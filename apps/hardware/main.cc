@@ -187,10 +187,6 @@ int Main(int argc, char** argv) {
 }  // namespace
 }  // namespace dfr::apps::hardware_app
 
-int main(int argc, char** argv) try {
-  dfr::apps::IgnoreFileSizeSignal();
-  return dfr::apps::hardware_app::Main(argc, argv);
-} catch (const std::exception& e) {
-  std::cerr << "hardware: " << e.what() << '\n';
-  return EXIT_FAILURE;
+int main(int argc, char** argv) {
+  return dfr::apps::RunProgram("hardware", argc, argv, dfr::apps::hardware_app::Main);
 }

@@ -320,10 +320,6 @@ int Main(int argc, char** argv) {
 }  // namespace
 }  // namespace dfr::apps::line_tracking
 
-int main(int argc, char** argv) try {
-  dfr::apps::IgnoreFileSizeSignal();
-  return dfr::apps::line_tracking::Main(argc, argv);
-} catch (const std::exception& e) {
-  std::cerr << "line_tracking: " << e.what() << '\n';
-  return EXIT_FAILURE;
+int main(int argc, char** argv) {
+  return dfr::apps::RunProgram("line_tracking", argc, argv, dfr::apps::line_tracking::Main);
 }

@@ -336,10 +336,6 @@ int Main(int argc, char** argv) {
 }  // namespace
 }  // namespace dfr::apps::pusher
 
-int main(int argc, char** argv) try {
-  dfr::apps::IgnoreFileSizeSignal();
-  return dfr::apps::pusher::Main(argc, argv);
-} catch (const std::exception& e) {
-  std::cerr << "pusher: " << e.what() << '\n';
-  return EXIT_FAILURE;
+int main(int argc, char** argv) {
+  return dfr::apps::RunProgram("pusher", argc, argv, dfr::apps::pusher::Main);
 }

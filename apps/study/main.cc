@@ -289,12 +289,7 @@ void AddOptions(CLI::App& command, Detection& detection) {
   command.add_option("--seed", detection.seed)->capture_default_str();
 }
 
-}  // namespace
-}  // namespace dfr::study
-
-int main(int argc, char** argv) try {
-  dfr::apps::IgnoreFileSizeSignal();
-  using namespace dfr::study;  // NOLINT: this is their main
+int Main(int argc, char** argv) {
   CLI::App app("Compares policies, controllers and guards in the tasks of all programs.", "study");
   dfr::apps::AddVersion(app);
   app.require_subcommand(1);
@@ -438,7 +433,11 @@ int main(int argc, char** argv) try {
     if (*command) run_it();
   }
   return EXIT_SUCCESS;
-} catch (const std::exception& e) {
-  std::cerr << "study: " << e.what() << '\n';
-  return EXIT_FAILURE;
+}
+
+}  // namespace
+}  // namespace dfr::study
+
+int main(int argc, char** argv) {
+  return dfr::apps::RunProgram("study", argc, argv, dfr::study::Main);
 }

@@ -101,10 +101,6 @@ int Main(int argc, char** argv) {
 }  // namespace
 }  // namespace dfr::apps
 
-int main(int argc, char** argv) try {
-  dfr::apps::IgnoreFileSizeSignal();
-  return dfr::apps::Main(argc, argv);
-} catch (const std::exception& e) {
-  std::cerr << "video_frames: " << e.what() << '\n';
-  return EXIT_FAILURE;
+int main(int argc, char** argv) {
+  return dfr::apps::RunProgram("video_frames", argc, argv, dfr::apps::Main);
 }

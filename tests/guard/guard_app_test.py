@@ -6,11 +6,12 @@ usage: guard_app_test.py PROGRAM
 """
 
 import re
+import subprocess
 import unittest
 
 import numpy as np
 from foreign_files import episodes, write_robomimic
-from guard_program import GuardProgramTest
+from guard_program import PROGRAM, GuardProgramTest
 
 
 class GuardAppTest(GuardProgramTest):
@@ -172,11 +173,30 @@ class GuardAppTest(GuardProgramTest):
             (["check", "."], ".: has neither data/main_data.hdf5 (Minari) nor meta/info.json (LeRobot)"),
             (["show", "cut.guard"], "cut.guard: is truncated or damaged"),
             (["show", "demos.hdf5"], "is not a file written by dfr"),
+            (["show", "/dev/zero"], "/dev/zero: is not a file written by dfr"),
+            (["fit", "missing.hdf5", "-o", ""], "--out: '': names no file; add a name"),
             ([], "subcommand"),
         ]:
             with self.subTest(arguments):
                 self.assertIn(message, self.run_guard(*arguments, fails=True))
         self.assertIn("--features", self.run_guard("fit", "--help"))
+
+    def test_output_that_is_lost_is_a_failure(self):
+        self.fit("lost.guard")
+        with open("/dev/full", "w") as full:
+            for arguments in (["--version"], ["show", "lost.guard"], ["check", "demos.hdf5"]):
+                done = subprocess.run([PROGRAM, *arguments], cwd=self.folder, stdout=full, stderr=subprocess.PIPE, text=True)
+                self.assertEqual(done.returncode, 1, arguments)
+                self.assertIn("guard: standard output could not be written, and is incomplete", done.stderr)
+
+    def test_files_are_not_mixed_with_closed_standard_streams(self):
+        """A closed stream's number would go to the next file or pipe, and with it the messages."""
+        self.fit("open.guard", "demos.hdf5", "--gamma", ".25")
+        for closed in (">&-", "2>&-", "<&- >&- 2>&-"):
+            call = f'"{PROGRAM}" fit demos.hdf5 -f obs/object,obs/tip --gamma .25 -o closed.guard {closed}'
+            self.assertEqual(subprocess.run(call, shell=True, cwd=self.folder, stdout=subprocess.DEVNULL).returncode, 0, closed)
+            written = (self.folder / "closed.guard").read_bytes()
+            self.assertEqual(written, (self.folder / "open.guard").read_bytes(), closed)
 
     def test_inputs_are_not_overwritten(self):
         self.fit("kept.guard")

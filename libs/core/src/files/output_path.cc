@@ -35,7 +35,9 @@ std::string UnwritableFile(const std::filesystem::path& path, bool makes_folders
     return path.string() + ": is a folder; name a file in it";
   }
   if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status)) return "";
-  if (!path.has_filename()) return path.string() + ": names no file; add a name";
+  if (!path.has_filename()) {
+    return (path.empty() ? "''" : path.string()) + ": names no file; add a name";
+  }
   const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : ".";
   if (!std::filesystem::exists(folder, error) && !makes_folders) {
     return path.string() + ": there is no folder " + folder.string() +

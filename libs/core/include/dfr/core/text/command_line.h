@@ -68,11 +68,13 @@ void AddExamples(App& app, std::initializer_list<Example> examples) {
 }
 
 /// Checks the path of `option` before the command begins: an unwritable one is a usage error.
-/// `unwritable` has the interface of UnwritableFolder(). Accepts an empty path.
+/// `unwritable` has the interface of UnwritableFolder(). Accepts an empty path if it is the default.
 template <typename Option, typename Unwritable>
 Option* Writes(Option* option, Unwritable unwritable) {
-  const auto check = [unwritable](const std::string& path) {
-    return path.empty() ? path : std::string(unwritable(path));
+  const auto check = [option, unwritable](const std::string& path) {
+    const std::string by_default = option->get_default_str();
+    const bool may_be_empty = by_default.empty() || by_default == "\"\"";
+    return path.empty() && may_be_empty ? path : std::string(unwritable(path));
   };
   return option->check(check, "", "output");
 }
