@@ -30,9 +30,11 @@ def _to_numpy(values: Any) -> NDArray[np.float64]:
 
 
 def _like(values: NDArray[np.float64], original: Any) -> Any:
+    # The type of integers would truncate what the guard counts as applied.
     if hasattr(original, "new_tensor"):  # of the same type and device
-        return original.new_tensor(values)
-    return values.astype(np.asarray(original).dtype)[()]  # a scalar stays one
+        return (original if original.is_floating_point() else original.double()).new_tensor(values)
+    dtype = np.asarray(original).dtype
+    return values.astype(dtype if np.issubdtype(dtype, np.floating) else np.float64)[()]  # a scalar stays one
 
 
 def _is_number(value: Any) -> bool:
@@ -52,7 +54,7 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
     `info` has the last decision in both cases. Call `reset` at the start of each episode.
 
     An action is a tensor or array of n entries in any shape, or a dictionary of n numbers,
-    {"shoulder_pan.pos": ...}. The result has the same form. The guard decides in the present state of the
+    {"shoulder_pan.pos": ...}. The result has the same form, with floating-point numbers. The guard decides in the present state of the
     robot. From a chunk (1, k, n) each call therefore takes one action, in order; `reset` and `next_chunk`
     start a new chunk.
 
@@ -85,9 +87,10 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
     Raises
     ------
     TypeError
-        If `guard` is neither a guard nor a path.
+        If `guard` is neither a guard nor a path, or `on_alarm` or `on_halt` is not callable.
     ValueError
-        If `positions` or `action_names` does not have one entry per entry of an action, or has an entry out of range.
+        If `positions` or `action_names` does not have one entry per entry of an action, or has one that is out of
+        range or doubled.
     """
 
     def __init__(
@@ -105,6 +108,9 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
             guard = Guard.load(guard)
         if not isinstance(guard, Guard):
             raise TypeError(f"guard must be a dfr.Guard or the path of one, not {guard!r}")
+        for name, call in (("on_alarm", on_alarm), ("on_halt", on_halt)):
+            if call is not None and not callable(call):
+                raise TypeError(f"{name} must be a function of info, not {call!r}")
         self.guard = guard
         self.on_alarm = on_alarm
         self.on_halt = on_halt
@@ -114,8 +120,11 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
             if entries is not None and len(entries) != guard.action_dim:
                 raise ValueError(f"{name} has {len(entries)} entries; actions of this guard have {guard.action_dim}")
         for entry in self.positions or ():
-            if entry is not None and not 0 <= entry < guard.state_dim:
-                raise ValueError(f"positions contains {entry}, but a state has {guard.state_dim} entries")
+            if entry is not None and entry not in range(guard.state_dim):
+                raise ValueError(f"positions contains {entry!r}, but a state has {guard.state_dim} entries")
+        for name in self.action_names or ():
+            if self.action_names.count(name) > 1:
+                raise ValueError(f"action_names names {name!r} twice")
         self._forget()
         self.guard.stop()  # halts until reset()
 
@@ -195,13 +204,15 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
         safe, info = self.guard.filter(self._t, state, wish)
         self._t += 1
         self.info = info
-        if info["alarm"] and not self._alarm and self.on_alarm is not None:
-            self.on_alarm(info)
-        self._alarm = info["alarm"]
-        halted = info["mode"] == "halt"
-        if halted and not self._halted and self.on_halt is not None:
-            self.on_halt(info)
-        self._halted = halted
+        alarmed, halted = self._alarm, self._halted
+        self._alarm, self._halted = info["alarm"], info["mode"] == "halt"
+        # Last, because a function may raise.
+        try:
+            if self._alarm and not alarmed and self.on_alarm is not None:
+                self.on_alarm(info)
+        finally:
+            if self._halted and not halted and self.on_halt is not None:
+                self.on_halt(info)
         return safe + present
 
     def _filter(self, original: Any, observation: Mapping[str, Any] | None) -> Any:
@@ -221,9 +232,10 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
                     f"a chunk of shape {shape} has no action {self._chunk}: call next_chunk() when a "
                     "new chunk begins, and filter one robot at a time"
                 )
-            original = original[:, self._chunk]
+            taken = original[:, self._chunk]
+            safe = self._filter(taken, observation)
             self._chunk += 1
-            shape = tuple(np.shape(original))
+            return safe
         if any(n != 1 for n in shape[:-1]):
             raise ValueError(f"actions of shape {shape}: a guard is for one robot")
         wish = _to_numpy(original)

@@ -110,11 +110,55 @@ class GuardStepTest(unittest.TestCase):
             step(self.transition(np.zeros(3), action_for(0.05, 0.0)))
         self.assertEqual(calls[2:], ["halt"])
 
+    def test_functions_that_raise_are_called_once_too(self):
+        calls = []
+
+        def fail(info):
+            calls.append(info["mode"])
+            raise KeyError("no operator")
+
+        step = GuardStep(self.guard.with_settings(strategy="monitor"), on_alarm=fail, on_halt=fail)
+        step.reset()
+        outside = self.transition(np.array([0.0, 0.0, 0.9]), DRIFT)
+        for expected in (["policy"], ["policy", "halt"]):
+            with self.assertRaises(KeyError):
+                step(outside)
+            step(outside)
+            self.assertEqual(calls, expected)
+            step.guard.stop()
+
+    def test_whole_numbers_are_not_truncated(self):
+        expected = self.guard.with_settings()
+        expected.reset()
+        x = np.array([0.0, 0.02, 0.0])
+        safe = expected.filter(0, x, [1, 0])[0]
+        self.assertGreater(np.abs(safe - np.round(safe)).max(), 0.01)
+        for form in ([1, 0], np.array([[1, 0]]), Tensor(np.array([1, 0])), np.array([True, False])):
+            step = GuardStep(self.guard)
+            step.reset()
+            np.testing.assert_array_equal(np.ravel(step(self.transition(x, form))["action"]), safe)
+        step.reset()
+        named = step(({"x": np.int64(1), "y": 0}, {"clock": x[:1], "tip": x[1:]}))
+        self.assertEqual(list(named.values()), safe.tolist())
+
+    def test_a_failed_call_takes_no_action_of_a_chunk(self):
+        step = GuardStep(self.guard.with_settings(strategy="monitor"))
+        step.reset()
+        chunk = np.stack([DRIFT, -DRIFT])[None]
+        with self.assertRaisesRegex(ValueError, "has no clock"):
+            step({"observation": {"tip": np.zeros(2)}, "action": chunk})
+        np.testing.assert_array_equal(step(self.transition(np.zeros(3), chunk))["action"], chunk[:, 0])
+
     def test_mistakes_are_named(self):
         for positions, message in [([1], "positions has 1 entries; actions of this guard have 2"),
-                                   ([1, 3], "contains 3, but a state has 3 entries")]:
+                                   ([1, 3], "contains 3, but a state has 3 entries"),
+                                   ([1, 1.5], "contains 1.5, but a state has 3 entries")]:
             with self.assertRaisesRegex(ValueError, message):
                 GuardStep(self.guard, positions=positions)
+        with self.assertRaisesRegex(ValueError, "action_names names 'x' twice"):
+            GuardStep(self.guard, action_names=["x", "x"])
+        with self.assertRaisesRegex(TypeError, "on_halt must be a function of info, not 'stop'"):
+            GuardStep(self.guard, on_halt="stop")
         step = GuardStep(self.guard)
         step.reset()
         with self.assertRaisesRegex(ValueError, "no clock, tip; it has pixels"):

@@ -30,6 +30,9 @@ class Tensor:
     def double(self):
         return Tensor(self._values.astype(np.float64), self.device)
 
+    def is_floating_point(self):
+        return np.issubdtype(self._values.dtype, np.floating)
+
     def item(self):
         return self._values.item()
 
