@@ -61,14 +61,16 @@ else:
         return env if isinstance(env, gymnasium.Env) else _Env(env)
 
 
-def _limits_of(space: Any) -> Any:
-    """Return, for each entry of an action, the largest c with +-c within its bounds."""
+def _limits_of(space: Any, size: int) -> Any:
+    """Return, for each of the `size` entries of an action, the largest c with +-c within its bounds."""
     dtype = getattr(space, "dtype", None)
     if dtype is not None and np.issubdtype(dtype, np.integer):
         raise ValueError(f"the environment's action_space is {space}: a guard needs continuous actions")
     low, high = getattr(space, "low", None), getattr(space, "high", None)
     if low is None or high is None:
         return np.inf
+    if np.size(low) != size:
+        raise ValueError(f"the environment's actions have {np.size(low)} entries, the guard's {size}")
     bounds = np.minimum(-np.ravel(low).astype(float), np.ravel(high).astype(float))
     k = int(np.argmin(bounds))
     if not bounds[k] > 0.0:
@@ -102,8 +104,10 @@ class GuardedEnv(Wrapper):
 
     Raises
     ------
+    TypeError
+        If `env` has no `reset` or `step` or is a vector of environments, or `guard` is no guard.
     ValueError
-        If the environment's `action_space` is discrete or leaves no room around zero.
+        If the environment's `action_space` is discrete, of another size or leaves no room around zero.
 
     Notes
     -----
@@ -115,13 +119,19 @@ class GuardedEnv(Wrapper):
     """
 
     def __init__(self, env: Any, guard: Guard, state: Callable[[Any], ArrayLike] | None = None) -> None:
+        for name in ("reset", "step"):
+            if not callable(getattr(env, name, None)):
+                raise TypeError(f"env has no {name}(): an environment with Gymnasium's interface is needed, not {env!r}")
+        if hasattr(env, "num_envs"):
+            raise TypeError(
+                f"env is a vector of {env.num_envs} environments, and a guard is for one: wrap each of them, before "
+                "they become a vector"
+            )
         super().__init__(_as_env(env))
         if not isinstance(guard, Guard):
             raise TypeError(f"guard must be a dfr.Guard, not {guard!r}: dfr.Guard.load(path) reads one")
-        limits = _limits_of(getattr(self.env, "action_space", None))
         own = np.array(guard.settings["action_limit"])
-        if np.size(limits) not in (1, own.size):
-            raise ValueError(f"the environment's actions have {np.size(limits)} entries, the guard's {own.size}")
+        limits = _limits_of(getattr(self.env, "action_space", None), own.size)
         if np.any(limits < own):
             guard = guard.with_settings(action_limit=np.minimum(limits, own))
         self.guard = guard

@@ -5,6 +5,7 @@ import pickle
 import subprocess
 import sys
 import textwrap
+import types
 import unittest
 
 import numpy as np
@@ -131,6 +132,20 @@ class GuardedEnvTest(unittest.TestCase):
         """
         done = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True)
         self.assertEqual(done.returncode, 0, done.stderr)
+
+    def test_vectors_and_other_objects_are_no_environments(self):
+        for count in (0, 1, 2):
+            vector = Corridor()
+            vector.num_envs = count
+            with self.assertRaisesRegex(TypeError, f"a vector of {count} environments, .*: wrap each of them"):
+                dfr.GuardedEnv(vector, self.guard)
+        for other in (None, "Pusher-v0"):
+            with self.assertRaisesRegex(TypeError, r"env has no reset\(\): .* not "):
+                dfr.GuardedEnv(other, self.guard)
+        plant = Corridor()
+        plant.action_space = types.SimpleNamespace(low=np.zeros(0), high=np.zeros(0))
+        with self.assertRaisesRegex(ValueError, "the environment's actions have 0 entries, the guard's 2"):
+            dfr.GuardedEnv(plant, self.guard)
 
     def test_a_path_is_no_guard(self):
         with self.assertRaisesRegex(TypeError, r"guard must be a dfr.Guard, not 'task.guard': dfr.Guard.load"):
