@@ -248,8 +248,8 @@ void CheckActions(const std::string& name, const core::Matrix& actions, double l
   const double largest = actions.cwiseAbs().maxCoeff(&t, &k);
   if (largest > limit) {
     problems.Warning("bounds", name + ", action " + std::to_string(k) + " is " +
-                                   std::to_string(actions(t, k)) + " at step " + std::to_string(t) +
-                                   ", beyond +-" + std::to_string(limit));
+                                   core::Format("%g at step %d, beyond +-%g", actions(t, k),
+                                                static_cast<int>(t), limit));
   }
   if (actions.rows() < 3) {
     problems.Warning("short", name + " has " + std::to_string(actions.rows()) + " actions");

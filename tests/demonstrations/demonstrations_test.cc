@@ -142,6 +142,13 @@ TEST(DemonstrationsTest, ErrorsNameFileEpisodeAndDataset) {
               }),
               HasSubstr("data/demo_0/actions: row 2, column 1 is inf"));
   EXPECT_THAT(message([&](Hdf5File& f) {
+                core::Matrix u = actions(3);
+                u(2, 1) = -1e300;
+                f.Write("data/demo_0/actions", u);
+              }),
+              HasSubstr("data/demo_0/actions: row 2, column 1 is 1e+300 in magnitude, where "
+                        "3.40282e+38 is the limit"));
+  EXPECT_THAT(message([&](Hdf5File& f) {
                 f.Write("data/demo_0/actions", actions(3));
                 f.Write("data/demo_0/obs/object", actions(3));
               }),

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
@@ -115,6 +116,8 @@ TEST_F(CGuardTest, EveryDoubtHaltsWithZero) {
             DFR_GUARD_HALT);
   EXPECT_EQ(safe_[0], 0.0);
   EXPECT_EQ(safe_.back(), 7.0);
+  EXPECT_TRUE(std::isnan(verdict_.g) && std::isnan(verdict_.threshold)) << "nothing was judged";
+  EXPECT_EQ(verdict_.changed, 1);
   EXPECT_EQ(Filter(0), DFR_GUARD_HALT);
   EXPECT_EQ(dfr_guard_filter(nullptr, 0, nullptr, 0, nullptr, 0, nullptr, nullptr), DFR_GUARD_HALT);
 }

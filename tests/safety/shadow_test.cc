@@ -47,6 +47,22 @@ TEST(ShadowTest, TheGivenActionChangesNothing) {
   }
 }
 
+// The estimate of the response would overflow, and a NaN of it could let actions pass.
+TEST(ShadowTest, AnActionThatNothingCanHaveAppliedHalts) {
+  for (const double size : {1e80, 1e155, 1e200, std::numeric_limits<double>::max()}) {
+    Guard guard(Model());
+    guard.Reset(1);
+    std::vector<double> safe(2);
+    CorridorPlant plant;
+    ASSERT_NE(guard.Filter(0, plant.x, kAhead, safe).mode, control::Mode::kHalt);
+    guard.Applied(std::vector<double>{size, -size});
+    plant.Apply(kAhead);
+    const Verdict verdict = guard.Filter(1, plant.x, kAhead, safe);
+    EXPECT_EQ(verdict.mode, control::Mode::kHalt) << size;
+    EXPECT_EQ(verdict.cause, HaltCause::kControlInvalid) << size;
+  }
+}
+
 // The state of the guard after an action does not depend on the source of the action.
 TEST(ShadowTest, GoesOnFromTheAppliedAction) {
   Guard told(Model());

@@ -2,6 +2,7 @@
 #include <cstddef>
 #include <cstring>
 #include <exception>
+#include <limits>
 #include <optional>
 #include <span>
 #include <string>
@@ -88,6 +89,8 @@ int32_t dfr_guard_filter(dfr_guard* guard, int32_t t, const double* state, size_
                          dfr_guard_verdict* verdict) {
   dfr_guard_verdict whole{};
   whole.mode = DFR_GUARD_HALT;
+  whole.changed = 1;
+  whole.g = whole.threshold = std::numeric_limits<double>::quiet_NaN();
   whole.reason = "control-invalid";
   if (guard == nullptr || safe == nullptr ||
       action_size != static_cast<size_t>(guard->guard.action_dim())) {
@@ -114,7 +117,7 @@ int32_t dfr_guard_filter(dfr_guard* guard, int32_t t, const double* state, size_
 }
 
 int32_t dfr_guard_decision(const dfr_guard* guard, size_t count, const int32_t* t,
-                           const double* states, double* g) {
+                           const double* states, double* g) try {
   if (guard == nullptr || t == nullptr || states == nullptr || g == nullptr) {
     const char* const name = guard == nullptr    ? "guard"
                              : t == nullptr      ? "t"
@@ -146,6 +149,9 @@ int32_t dfr_guard_decision(const dfr_guard* guard, size_t count, const int32_t* 
     g[i] = model.support().Decision(t[i], state);
   }
   return 0;
+} catch (const std::exception& e) {
+  last_error = "dfr_guard_decision: there is no memory";
+  return -1;
 }
 
 const char* dfr_guard_last_error(void) { return last_error.c_str(); }

@@ -261,7 +261,11 @@ core::Matrix Attribution(const GuardModel& model, const core::Matrix& states) {
   core::Matrix attribution = core::Matrix::Zero(states.rows(), states.cols());
   for (Eigen::Index i = 0; i < states.rows(); ++i) {
     const double missing = -levels[static_cast<std::size_t>(i)];
-    if (!(missing > 0.0 && std::isfinite(missing))) continue;
+    if (missing <= 0.0) continue;
+    if (!std::isfinite(missing)) {
+      attribution.row(i).setConstant(std::numeric_limits<double>::quiet_NaN());
+      continue;
+    }
     back.Go(steps[static_cast<std::size_t>(i)], FeaturesOf(model, core::Row(states, i)), missing);
     if (reduction != nullptr) {
       const auto dim = static_cast<Eigen::Index>(reduction->reduced_dim());
@@ -314,9 +318,14 @@ NearestDemonstration Nearest(const GuardModel& model, int t, std::span<const dou
     DFR_THROW_UNLESS(demonstrations[d].cols() == std::ssize(state),
                      "demonstration " << d << " has states of " << demonstrations[d].cols()
                                       << " entries, the guard's have " << state.size());
+    for (Eigen::Index i = 0; i < demonstrations[d].rows(); ++i) {
+      DFR_THROW_UNLESS(demonstrations[d].row(i).allFinite(),
+                       "demonstration " << d << " has a non-finite entry in state " << i);
+    }
     const auto rows = static_cast<int>(demonstrations[d].rows());
-    const int first = t < 0 ? 0 : std::max(0, std::min(t, rows - 1) - kWindow);
-    const int last = t < 0 ? rows - 1 : std::min(rows - 1, t + kWindow);
+    const int near = std::min(t, rows - 1);
+    const int first = t < 0 ? 0 : std::max(0, near - kWindow);
+    const int last = t < 0 ? rows - 1 : std::min(rows - 1, near + kWindow);
     for (int i = first; i <= last; ++i) {
       const double distance = (FeaturesOf(model, core::Row(demonstrations[d], i)) - z).norm();
       if (distance >= nearest.distance) continue;

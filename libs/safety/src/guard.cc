@@ -358,6 +358,10 @@ void Guard::Applied(std::span<const double> action) noexcept {
   if (episode.monitors || std::equal(action.begin(), action.end(), episode.given.begin())) return;
   if (episode.guided == nullptr) return episode.controller->Stop(HaltCause::kStepSkipped);
   model_->actions().Measure(action, episode.chosen);
+  // The estimate of the response sums products of squares, which must not overflow.
+  double square = 0.0;
+  for (const double u : episode.chosen) square += u * u;
+  if (!std::isfinite(square * square)) return episode.controller->Stop(HaltCause::kControlInvalid);
   episode.guided->Applied(episode.chosen);
 }
 

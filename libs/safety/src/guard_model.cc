@@ -79,6 +79,13 @@ void Check(const core::StateLayout& layout, std::span<const core::Trajectory> de
         DFR_THROW_UNLESS(rows->row(t).allFinite(), "demonstration "
                                                        << d << " has a non-finite entry in " << what
                                                        << ' ' << t);
+        Eigen::Index k = 0;
+        DFR_THROW_UNLESS(core::IsMeasurable(rows->row(t).cwiseAbs().maxCoeff(&k)),
+                         "demonstration " << d << " has " << (*rows)(t, k) << " as entry " << k
+                                          << " of " << what << ' ' << t << ", where +-"
+                                          << core::kLargestEntry
+                                          << " is the limit: correct it, or leave the "
+                                             "demonstration out");
       }
     }
   }

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <stdexcept>
 #include <vector>
 
 #include "dfr/core/random.h"
@@ -14,6 +15,7 @@
 #include "dfr/safety/guard_model.h"
 #include "tests/safety/corridor.h"
 #include "tests/support/all_close.h"
+#include "tests/support/message_of.h"
 
 namespace dfr::safety {
 namespace {
@@ -93,6 +95,32 @@ TEST(GuardAdviceTest, AttributionNamesTheEntriesThatPutAStateOutside) {
       EXPECT_EQ(inside.row(i).cwiseAbs().sum(), 0.0);
     }
   }
+}
+
+TEST(GuardAdviceTest, AttributionOfAnImmeasurableStateIsNotZero) {
+  const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 10),
+                                     {.features = "tip"});
+  for (const double y : {1e200, std::numeric_limits<double>::quiet_NaN()}) {
+    core::Matrix states = core::Matrix::Zero(1, 3);
+    states(0, 2) = y;
+    EXPECT_EQ(model->Levels(states)[0], -std::numeric_limits<double>::infinity());
+    EXPECT_TRUE(Attribution(*model, states).array().isNaN().all());
+  }
+}
+
+TEST(GuardAdviceTest, NearestNamesWhatIsNotFiniteAndTakesEveryStep) {
+  std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(1, 10);
+  const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
+  std::vector<core::Matrix> states{demonstrations[0].states, demonstrations[1].states};
+  const Eigen::Index last = states[1].rows() - 1;
+  const NearestDemonstration found =
+      Nearest(*model, std::numeric_limits<int>::max(), core::Row(states[1], last), states);
+  EXPECT_EQ(found.demonstration, 1);
+  EXPECT_EQ(found.step, last);
+  states[1](3, 1) = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THAT(test::MessageOf<std::invalid_argument>(
+                  [&] { static_cast<void>(Nearest(*model, 0, core::Row(states[0], 0), states)); }),
+              HasSubstr("demonstration 1 has a non-finite entry in state 3"));
 }
 
 // The same demonstrations with one entry in other units: millimetres instead of metres.

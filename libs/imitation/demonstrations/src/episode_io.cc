@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/text/format.h"
 #include "dfr/core/text/numbers.h"
 
 namespace dfr::imitation::internal {
@@ -239,10 +240,13 @@ Matrix ReadRows(const Hdf5Reader& file, const std::string& path, Eigen::Index ro
   }
   for (Eigen::Index i = 0; i < values.rows(); ++i) {
     for (Eigen::Index j = 0; j < values.cols(); ++j) {
-      if (!std::isfinite(values(i, j))) {
-        file.Fail(path, "row " + std::to_string(i) + ", column " + std::to_string(j) + " is " +
-                            std::to_string(values(i, j)));
+      if (core::IsMeasurable(values(i, j))) continue;
+      std::string text = "row " + std::to_string(i) + ", column " + std::to_string(j) + " is " +
+                         core::Format("%g", std::abs(values(i, j)));
+      if (std::isfinite(values(i, j))) {
+        text += core::Format(" in magnitude, where %g is the limit", core::kLargestEntry);
       }
+      file.Fail(path, text);
     }
   }
   return values;

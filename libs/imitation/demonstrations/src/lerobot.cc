@@ -13,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "dfr/core/format.h"
 #include "lerobot_videos.h"
 #include "parquet/parquet_file.h"
 
@@ -337,9 +338,12 @@ class LeRobotReader final : public DemonstrationReader {
         }
         for (int k = 0; k < size; ++k) {
           const double value = column.values[static_cast<std::size_t>(begin + k)];
-          if (!std::isfinite(value)) {
+          if (!core::IsMeasurable(value)) {
             FailAt(part, episode, name, frame,
-                   "entry " + std::to_string(k) + " is missing or not finite");
+                   "entry " + std::to_string(k) +
+                       (std::isfinite(value) ? core::Format(" is %g, where +-%g is the limit",
+                                                            value, core::kLargestEntry)
+                                             : std::string(" is missing or not finite")));
           }
           out(frame, first_column + k) = value;
         }

@@ -16,6 +16,8 @@
 namespace dfr::kernel {
 namespace {
 
+constexpr int kMostSteps = 1'000'000;  // in a file, too
+
 constexpr char kKind[] = "time-varying-support";
 constexpr int kVersion = 1;
 
@@ -55,6 +57,8 @@ std::vector<TimeVaryingSupport> internal::FitGrid(std::span<const StatesView> de
                                                   std::span<const NuGamma> grid,
                                                   std::vector<FitSummary>* summaries) {
   DFR_THROW_UNLESS(options.num_steps >= 0, "num_steps must not be negative: " << options.num_steps);
+  DFR_THROW_UNLESS(options.num_steps <= kMostSteps,
+                   "num_steps must be " << kMostSteps << " at most, not " << options.num_steps);
   DFR_THROW_UNLESS(options.threads >= 0, "threads must not be negative: " << options.threads);
   CheckDemonstrations(demonstrations);
   const int num_steps = options.num_steps > 0 ? options.num_steps : LongestLength(demonstrations);
@@ -123,7 +127,6 @@ void TimeVaryingSupport::Save(const std::filesystem::path& path) const {
 
 TimeVaryingSupport TimeVaryingSupport::Load(const std::filesystem::path& path) {
   core::ArchiveReader file(path, kKind, kVersion);
-  constexpr int kMostSteps = 1'000'000;
   const int num_steps = file.IntegerIn(1, kMostSteps);
   std::vector<OneClassSvm> estimates;
   for (int t = 0; t < num_steps; ++t) {

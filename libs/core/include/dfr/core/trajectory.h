@@ -1,6 +1,8 @@
 #pragma once
 
+#include <cmath>
 #include <cstdint>
+#include <limits>
 
 #include "dfr/core/matrix.h"
 
@@ -23,6 +25,14 @@ enum class Outcome {
       return "collided";
   }
   return "unknown";
+}
+
+/// Largest magnitude of an entry of a state or control in demonstrations: that of a number in
+/// single precision, in which models keep sums of transitions.
+inline constexpr double kLargestEntry = std::numeric_limits<float>::max();
+/// Returns true unless `value` is NaN, infinite or beyond kLargestEntry.
+[[nodiscard]] inline bool IsMeasurable(double value) noexcept {
+  return std::abs(value) <= kLargestEntry;
 }
 
 /// tau = {(x_0, u_0), ..., (x_{T-1}, u_{T-1}), x_T} (Sec. III).

@@ -42,7 +42,8 @@ struct Clearance {
 /// Attributes -l of each state to its entries: row i has one contribution per entry of row i of
 /// `states` and sums to -l. It is zero if GuardModel::Levels() gives l >= 0. A contribution is the
 /// rise of l along that entry on the path of steepest ascent to l = 0 in whitened features. It does
-/// not depend on the units of the entries. A negative one compensates for others.
+/// not depend on the units of the entries. A negative one compensates for others. All are NaN if l
+/// is -infinity: the state is immeasurably far outside, or not finite.
 /// @throws std::invalid_argument if states are not state_dim() wide.
 [[nodiscard]] core::Matrix Attribution(const GuardModel& model, const core::Matrix& states);
 
