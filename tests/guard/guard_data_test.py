@@ -16,6 +16,9 @@ import numpy as np
 from foreign_files import episodes, write_robomimic
 from guard_program import PROGRAM, GuardProgramTest
 
+sys.path.append(str(pathlib.Path(__file__).parent / "lerobot"))
+from parquet_bytes import parquet  # noqa: E402
+
 
 class GuardDataTest(GuardProgramTest):
     def test_minari_gives_the_same_guard(self):
@@ -266,6 +269,33 @@ class GuardDataTest(GuardProgramTest):
                 message = self.run_guard("convert", "demos.hdf5", out, *more, fails=True)
                 self.assertRegex(message, "is not the id of a Minari dataset: it must be <namespace>/<name>-v<number>")
                 self.assertEqual("give --id" in message, not more)
+
+    def test_frames_of_lerobot_that_are_not_in_order_are_refused(self):
+        def write(name, order):
+            folder = self.folder / name
+            (folder / "meta").mkdir(parents=True)
+            (folder / "data").mkdir()
+            data = episodes(1, 4)
+            sizes = {"observation.state": 2, "action": 2, "frame_index": 1, "episode_index": 1}
+            info = {"codebase_version": "v2.1", "total_episodes": 4, "total_frames": 84,
+                    "features": {key: {"dtype": "float64", "shape": [size]} for key, size in sizes.items()}}
+            (folder / "meta/info.json").write_text(json.dumps(info))
+            for i, (observations, action) in enumerate(data):
+                rows = order if i == 2 else range(21)
+                columns = {"observation.state": observations["tip"], "action": np.vstack([action, action[-1:]]),
+                           "frame_index": np.arange(21), "episode_index": np.full(21, i)}
+                (folder / f"data/episode_{i:06}.parquet").write_bytes(
+                    parquet({key: [values[k].tolist() for k in rows] for key, values in columns.items()}))
+
+        write("ordered", range(21))
+        self.assertIn("0 errors", self.run_guard("check", "ordered"))
+        write("shuffled", [0, 1, 2, 4, 3, *range(5, 21)])
+        out = self.run_guard("check", "shuffled", fails=True)
+        self.assertIn("episode_000002.parquet: episode 2, frame_index, frame 4: is 3 after 4: the rows are not in the "
+                      "order of time; sort them", out)
+        (self.folder / "shuffled/meta/info.json").unlink()
+        (self.folder / "shuffled/meta/info.json").mkdir()
+        self.assertIn("shuffled/meta/info.json: is a folder", self.run_guard("check", "shuffled", fails=True))
 
     def test_a_filter_key_chooses_episodes(self):
         def mask(file):

@@ -28,6 +28,7 @@ using nlohmann::json;
 constexpr char kAction[] = "action";
 constexpr char kEpisode[] = "episode_index";
 constexpr char kSuccess[] = "next.success";
+constexpr char kFrame[] = "frame_index";
 
 std::filesystem::path InfoFile(const std::filesystem::path& folder) {
   return folder / "meta" / "info.json";
@@ -84,6 +85,7 @@ class LeRobotReader final : public DemonstrationReader {
     const std::vector<Part>& parts = episodes_.at(static_cast<std::size_t>(i));
     std::int64_t frames = 0;
     for (const Part& part : parts) frames += part.count;
+    if (has_frames_) CheckOrder(i, parts);
     core::Trajectory trajectory;
     trajectory.states.resize(frames, layout_.state_dim());
     for (const auto& block : layout_.blocks) {
@@ -110,6 +112,7 @@ class LeRobotReader final : public DemonstrationReader {
     const std::filesystem::path file = InfoFile(folder_);
     std::ifstream in(file);
     if (!in) Fail(file, "cannot be opened");
+    if (std::filesystem::is_directory(file)) Fail(file, "is a folder");
     json info = json::parse(in, nullptr, /*allow_exceptions=*/false);
     if (!info.is_object()) Fail(file, "is not a JSON object");
     const auto version = info.find("codebase_version");
@@ -155,6 +158,7 @@ class LeRobotReader final : public DemonstrationReader {
         Fail(InfoFile(folder_), "feature " + name + " is not a JSON object");
       const int size = IsNumeric(feature) ? SizeOf(name, feature) : 0;
       if (name == kSuccess) has_success_ = size == 1;
+      if (name == kFrame) has_frames_ = size == 1;
       if (name == kAction) {
         if (size == 0) Fail(InfoFile(folder_), "feature 'action' is not a vector of numbers");
         control_dim_ = size;
@@ -320,6 +324,27 @@ class LeRobotReader final : public DemonstrationReader {
     return columns_.emplace(name, file.Read(part.row_group, name)).first->second;
   }
 
+  // Checks that the rows of an episode are in the order of time. Files may lack the column.
+  void CheckOrder(int episode, const std::vector<Part>& parts) const {
+    double before = -1.0;
+    Eigen::Index frame = 0;
+    for (const Part& part : parts) {
+      const std::vector<std::string>& columns = File(part.file).columns();
+      if (std::ranges::find(columns, kFrame) == columns.end()) return;
+      Matrix index(part.count, 1);
+      ReadFeature(episode, {part}, kFrame, 1, index, 0);
+      for (Eigen::Index k = 0; k < part.count; ++k, ++frame) {
+        if (!(index(k, 0) > before)) {
+          FailAt(
+              part, episode, kFrame, frame,
+              core::Format("is %.0f after %.0f: the rows are not in the order of time; sort them",
+                           index(k, 0), before));
+        }
+        before = index(k, 0);
+      }
+    }
+  }
+
   void ReadFeature(int episode, const std::vector<Part>& parts, const std::string& name, int size,
                    Matrix& out, Eigen::Index first_column) const {
     Eigen::Index frame = 0;
@@ -363,6 +388,7 @@ class LeRobotReader final : public DemonstrationReader {
   core::StateLayout layout_;
   int control_dim_ = 0;
   bool has_success_ = false;
+  bool has_frames_ = false;
   std::vector<std::filesystem::path> files_;
   std::vector<std::string> names_;
   std::vector<std::int64_t> numbers_;

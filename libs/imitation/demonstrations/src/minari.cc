@@ -128,6 +128,9 @@ class MinariReader final : public internal::EpisodeReader {
   void ReadMetadata(const std::filesystem::path& path) {
     std::ifstream in(path);
     if (!in) return;
+    if (std::filesystem::is_directory(path)) {
+      throw std::runtime_error(path.string() + ": is a folder");
+    }
     const json metadata = json::parse(in, nullptr, /*allow_exceptions=*/false);
     if (!metadata.is_object()) throw std::runtime_error(path.string() + ": is not a JSON object");
     const auto text = [&path](const json& object, const char* key, const char* otherwise) {
