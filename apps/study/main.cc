@@ -102,8 +102,10 @@ void AddChoices(CLI::App& command, Study& study) {
   command
       .add_option("--trials", study.trials,
                   "number of trials, each with separate demonstrations and policies")
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command.add_option("--episodes", study.episodes, "number of start states per trial and row")
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   if (study.kind == Kind::kPlane) planar::AddMethodOptions(command, study.plane);
 }
@@ -242,8 +244,10 @@ void AddOptions(CLI::App& command, Comparison& comparison) {
       .add_option(
           "--trials", comparison.trials,
           "number of trials, each with separate demonstrations and policies; they take turns")
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command.add_option("--pairs", comparison.pairs, "largest number of pairs of episodes")
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command.add_option("--alpha", comparison.alpha, "probability of a wrong decision")
       ->capture_default_str();

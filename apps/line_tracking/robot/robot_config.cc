@@ -4,12 +4,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
-#include <iterator>
+#include <filesystem>
 #include <map>
 #include <sstream>
 #include <stdexcept>
 #include <string_view>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -257,14 +257,14 @@ void GetPlatform(Section& section, hardware::PlatformOptions& platform) {
 RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
   RobotConfig config;
   config.file = file;
-  std::ifstream in(file);
-  config.text.assign(std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>());
-  if (!in) {
+  std::error_code error;
+  if (!std::filesystem::exists(file, error)) {
     throw std::runtime_error(
         file.string() +
         ": the configuration cannot be read. Examples are in "
         "apps/line_tracking/config, or share/dfr/line_tracking where it is installed");
   }
+  config.text = core::ReadTomlText(file);
   toml::table root;
   try {
     root = toml::parse(core::CheckToml(file, config.text), file.string());

@@ -22,7 +22,6 @@
 #include "dfr/experiment/ledger.h"
 #include "dfr/experiment/status.h"
 #include "ledger/ledger_file.h"
-#include "text_file.h"
 
 namespace dfr::experiment {
 namespace {
@@ -159,7 +158,7 @@ std::string TextOf(const toml::node& node) {
 // Reads a configuration. @throws std::runtime_error naming file and line.
 toml::table ReadToml(const std::filesystem::path& file) {
   try {
-    return toml::parse(core::CheckToml(file, internal::ReadFile(file)), file.string());
+    return toml::parse(core::CheckToml(file, core::ReadTomlText(file)), file.string());
   } catch (const toml::parse_error& e) {
     throw std::runtime_error(file.string() + ":" + std::to_string(e.source().begin.line) + ": " +
                              std::string(e.description()));
@@ -367,8 +366,15 @@ void AddExperimentOptions(CLI::App& command, ExperimentOptions& options, const s
   AddRunOptions(command, options);
   command.add_flag("!--no-video", options.video, "write no videos");
   command.add_option("--methods", options.methods, methods)->delimiter(',');
-  command.add_option("--trials", options.trials, "number of independent repetitions");
-  command.add_option("--episodes", options.episodes, "start states per trial and data point");
+  // Without these options, those of the preset: a zero must not mean the same.
+  const auto positive = [](const std::string& text) {
+    const auto count = core::ParseNumber(text);
+    return count && *count > 0.0 ? std::string() : "must be positive, not " + text;
+  };
+  command.add_option("--trials", options.trials, "number of independent repetitions")
+      ->check(positive);
+  command.add_option("--episodes", options.episodes, "start states per trial and data point")
+      ->check(positive);
 }
 
 void AddRunOptions(CLI::App& command, ExperimentOptions& options) {

@@ -161,5 +161,15 @@ TEST(TomlTextTest, RefusesBinaryInput) {
   EXPECT_THAT(Error(std::string((1U << 20U) + 1, '\n')), testing::HasSubstr("mebibyte"));
 }
 
+TEST(TomlTextTest, FoldersAndDevicesAreNoConfigurations) {
+  const auto error = [](const char* file) {
+    return dfr::test::MessageOf<std::runtime_error>([&] { static_cast<void>(ReadTomlText(file)); });
+  };
+  EXPECT_EQ(error("/proc"), "/proc: is a folder; name a file in it");
+  EXPECT_EQ(error("/dev/zero"), "/dev/zero: is a device; name a file");
+  EXPECT_EQ(error("/nonexistent.toml"), "/nonexistent.toml: cannot be read");
+  EXPECT_NE(ReadTomlText("/proc/version"), "");
+}
+
 }  // namespace
 }  // namespace dfr::core

@@ -3,8 +3,12 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <fstream>
+#include <sstream>
 #include <stdexcept>
 #include <string>
+#include <system_error>
+#include <utility>
 
 namespace dfr::core {
 namespace {
@@ -274,6 +278,22 @@ std::string CheckToml(const std::filesystem::path& file, std::string_view text) 
   }
   if (const Fault fault = FindFault(text); fault.what != nullptr) fail(fault.at, fault.what);
   return InAscii(text);
+}
+
+std::string ReadTomlText(const std::filesystem::path& file) {
+  std::error_code error;
+  const std::filesystem::file_status status = std::filesystem::status(file, error);
+  if (std::filesystem::is_directory(status)) {
+    throw std::runtime_error(file.string() + ": is a folder; name a file in it");
+  }
+  if (std::filesystem::is_character_file(status) || std::filesystem::is_block_file(status)) {
+    throw std::runtime_error(file.string() + ": is a device; name a file");
+  }
+  std::ifstream in(file, std::ios::binary);
+  if (!in) throw std::runtime_error(file.string() + ": cannot be read");
+  std::ostringstream text;
+  text << in.rdbuf();
+  return std::move(text).str();
 }
 
 }  // namespace dfr::core
