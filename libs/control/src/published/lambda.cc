@@ -39,11 +39,12 @@ std::vector<double> EstimateLambda(const core::DecisionFunction& support,
   }
   const auto known = [](double value) { return value > 0.0; };
   const auto first = std::find_if(lambda.begin(), lambda.end(), known);
-  DFR_THROW_UNLESS(first != lambda.end(),
-                   "lambda cannot be estimated: in "
-                       << demonstrations.size()
-                       << " demonstrations no nonzero control changes g. The kernel is too narrow "
-                          "or too wide: choose a smaller gamma, or a larger one if it is far below 1");
+  DFR_THROW_UNLESS(
+      first != lambda.end(),
+      "lambda cannot be estimated: in "
+          << demonstrations.size()
+          << " demonstrations no nonzero control changes g. The kernel is too narrow "
+             "or too wide: choose a smaller gamma, or a larger one if it is far below 1");
   std::fill(lambda.begin(), first, *first);
   for (auto it = first + 1; it != lambda.end(); ++it) {
     if (!known(*it)) *it = *(it - 1);

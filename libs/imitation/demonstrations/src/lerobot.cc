@@ -13,7 +13,7 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/core/format.h"
+#include "dfr/core/text/format.h"
 #include "lerobot_videos.h"
 #include "parquet/parquet_file.h"
 

@@ -68,7 +68,8 @@ void AddExamples(App& app, std::initializer_list<Example> examples) {
 }
 
 /// Checks the path of `option` before the command begins: an unwritable one is a usage error.
-/// `unwritable` has the interface of UnwritableFolder(). Accepts an empty path if it is the default.
+/// `unwritable` has the interface of UnwritableFolder(). Accepts an empty path if it is the
+/// default.
 template <typename Option, typename Unwritable>
 Option* Writes(Option* option, Unwritable unwritable) {
   const auto check = [option, unwritable](const std::string& path) {
