@@ -134,12 +134,7 @@ int32_t dfr_guard_decision(const dfr_guard* guard, size_t count, const int32_t* 
   const auto dim = static_cast<std::size_t>(guard->guard.state_dim());
   const dfr::safety::GuardModel& model = guard->guard.model();
   std::optional<dfr::reduction::StateReduction::Workspace> workspace;
-  try {
-    if (model.reduction() != nullptr) workspace.emplace(*model.reduction());
-  } catch (const std::exception& e) {
-    last_error = e.what();
-    return -1;
-  }
+  if (model.reduction() != nullptr) workspace.emplace(*model.reduction());
   for (std::size_t i = 0; i < count; ++i) {
     std::span<const double> state(states + i * dim, dim);
     if (workspace) {
@@ -149,7 +144,7 @@ int32_t dfr_guard_decision(const dfr_guard* guard, size_t count, const int32_t* 
     g[i] = model.support().Decision(t[i], state);
   }
   return 0;
-} catch (const std::exception& e) {
+} catch (const std::exception&) {
   last_error = "dfr_guard_decision: there is no memory";
   return -1;
 }
