@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import inspect
 import json
+import numbers
 import pathlib
 import sys
 from typing import Any, Callable, Mapping, Sequence
@@ -129,9 +130,7 @@ class Experiment:
                 "this build of dfr has no Experiment. Install libcli11-dev, libtomlplusplus-dev and "
                 "nlohmann-json3-dev, and build it again."
             )
-        defaults = {
-            key: getattr(self, key) for key in ("methods", "learners", "demonstrations", "trials", "episodes")
-        }
+        defaults = _plan(self)
         options = {_option(key): value for key, value in type(self).parameters.items()}
         with contextlib.ExitStack() as stack:
 
@@ -219,6 +218,32 @@ class Experiment:
         if source:
             settings["hash of " + pathlib.Path(source).name] = _core.hash_of_file(source)
         return settings
+
+
+def _plan(experiment: Experiment) -> dict[str, Any]:
+    """Return the checked attributes of a plan. Checks also the parameters."""
+
+    def count(key: str, value: Any) -> int:
+        if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not 0 < value < 2**31:
+            raise ValueError(f"{key} must be a whole number from 1 on, not {value!r}")
+        return int(value)
+
+    plan: dict[str, Any] = {key: count(key, getattr(experiment, key)) for key in ("trials", "episodes")}
+    several = getattr(experiment, "demonstrations")
+    if isinstance(several, (str, numbers.Number)):
+        raise ValueError(f"demonstrations must be a list of whole numbers, as in (20, 60), not {several!r}")
+    plan["demonstrations"] = [count("each of demonstrations", value) for value in several]
+    for key in ("methods", "learners"):
+        names = getattr(experiment, key)
+        if isinstance(names, str) or not all(isinstance(name, str) for name in names):
+            raise ValueError(f"{key} must be a list of names, not {names!r}")
+        plan[key] = list(names)
+    for name, value in type(experiment).parameters.items():
+        if not (isinstance(name, str) and name.isidentifier()):
+            raise ValueError(f"parameters has {name!r}, which is no name for an option: letters, digits and _ are")
+        if not isinstance(value, (numbers.Real, str)):
+            raise ValueError(f"parameter {name} must be a number, text, True or False, not {value!r}")
+    return plan
 
 
 def _option(parameter: str) -> str:

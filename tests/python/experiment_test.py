@@ -93,6 +93,21 @@ class ExperimentTest(unittest.TestCase):
         with self.assertRaisesRegex(NotImplementedError, "Experiment must define plant"):
             dfr.Experiment().plant()
 
+    def test_wrong_attributes_are_named(self):
+        for attribute, value, message in [
+            ("trials", -1, "trials must be a whole number from 1 on, not -1"),
+            ("trials", "2", "trials must be a whole number from 1 on, not '2'"),
+            ("episodes", 1.5, "episodes must be a whole number from 1 on, not 1.5"),
+            ("demonstrations", 6, r"demonstrations must be a list of whole numbers, as in \(20, 60\), not 6"),
+            ("demonstrations", (6, 2**31), "each of demonstrations must be a whole number from 1 on, not 2147483648"),
+            ("methods", "guard", "methods must be a list of names, not 'guard'"),
+            ("learners", (1,), r"learners must be a list of names, not \(1,\)"),
+            ("parameters", {"a b": 1}, "parameters has 'a b', which is no name for an option"),
+            ("parameters", {"a": None}, "parameter a must be a number, text, True or False, not None"),
+        ]:
+            with self.subTest(attribute, value=value), self.assertRaisesRegex(ValueError, message):
+                type("Wrong", (dfr.Experiment,), {attribute: value})().run(["experiment", "--out", str(self.folder / "no")])
+
 
 if __name__ == "__main__":
     unittest.main()
