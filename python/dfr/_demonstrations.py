@@ -30,7 +30,7 @@ class Demonstrations(NamedTuple):
 
 
 def load_demonstrations(
-    path: str | PathLike[str], *, filter_key: str = "", pictures: Sequence[str] = ()
+    path: str | PathLike[str], *, filter_key: str = "", pictures: str | Sequence[str] = ()
 ) -> Demonstrations:
     """Read demonstrations of robomimic (HDF5), Minari or LeRobot, and detect the format.
 
@@ -40,7 +40,7 @@ def load_demonstrations(
         A robomimic file, or the folder of a Minari or LeRobot dataset.
     filter_key : str
         Reads only the episodes under this key: a mask of a robomimic file or a split of LeRobot.
-    pictures : sequence of str
+    pictures : str or sequence of str
         Names of datasets of pictures (HDF5) or videos (LeRobot) to read as parts of the states; others
         are skipped. A video's frames are averaged to 32 pixels along the longer side, those of
         "observation.images.top:24x32" to 24 rows of 32 pixels.
@@ -58,6 +58,8 @@ def load_demonstrations(
     ImportError
         If this build of the module cannot read such files.
     """
+    if isinstance(pictures, str):
+        pictures = (pictures,)
     if not hasattr(_core, "load_demonstrations"):
         raise ImportError(
             "this build of dfr reads no demonstrations. Install libhdf5-dev, libsnappy-dev, libzstd-dev and "

@@ -147,7 +147,7 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
         weights = check_weights(sample_weight, rows.shape[0])
         total = float(rows.shape[0] if weights is None else weights.sum())
         tolerance = float(self.tol)
-        if rows.shape[0] <= _SMALL:
+        if rows.shape[0] <= _SMALL and total > 0.0:  # the fit names a weight that is negative
             tolerance = min(tolerance, _ROUNDING * self.nu * total)
         # In addition to the kernel values, the solver keeps two reordered copies of X and some vectors.
         fixed_mib = rows.shape[0] * (16 * (rows.shape[1] + 1) + 128) / 2**20 + 1
@@ -274,6 +274,8 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
     def _gamma_of(self, rows: NDArray[np.float64]) -> float:
         if self.gamma == "scale":
             variance = _core.variance(rows)
+            if not np.isfinite(variance):
+                raise ValueError("gamma='scale' needs the variance of X, which overflows: scale X")
             return 1.0 / (rows.shape[1] * variance) if variance != 0.0 else 1.0
         if self.gamma == "auto":
             return 1.0 / rows.shape[1]

@@ -119,10 +119,11 @@ def features(guard: Guard, episodes: Sequence[ArrayLike], *, most: int = 12, ax:
         If all states are inside: there is nothing to attribute.
     """
     rows = [guard.attribution(states) for states in episodes]
-    outside = [row for attribution in rows for row in attribution if row.any()]
+    # Rows of NaN are of states that are immeasurably far outside.
+    outside = [row for attribution in rows for row in attribution if row.any() and np.isfinite(row).all()]
     if not outside:
-        raise ValueError("all states are inside: pass episodes that leave the support, recorded with strategy "
-                         "'monitor' for example")
+        raise ValueError("all states are inside or immeasurably far outside: pass episodes that leave the support, "
+                         "recorded with strategy 'monitor' for example")
     mean = np.mean(outside, axis=0)
     names = [name if size == 1 else f"{name}[{k}]" for name, size in guard.layout for k in range(int(np.prod(size)))]
     chosen = [k for k in np.argsort(-np.abs(mean), kind="stable")[:most] if mean[k] != 0.0][::-1]

@@ -38,7 +38,11 @@ std::string Shortened(const py::handle& value) {
   constexpr std::size_t kMost = 60;
   std::string text = py::repr(value).cast<std::string>();
   for (char& c : text) c = c == '\n' ? ' ' : c;
-  if (text.size() > kMost) text = text.substr(0, kMost) + "...";
+  if (text.size() > kMost) {
+    std::size_t end = kMost;
+    while (end > 0 && (text[end] & 0xC0) == 0x80) --end;  // within a character of UTF-8
+    text = text.substr(0, end) + "...";
+  }
   return text + " of type " + std::string(py::str(py::type::of(value).attr("__name__")));
 }
 

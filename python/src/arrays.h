@@ -117,7 +117,13 @@ inline pybind11::array_t<std::int64_t> Steps(const pybind11::object& t) {
                    "t must hold integers that fit into 64 bits");
   auto steps = pybind11::array_t<std::int64_t, pybind11::array::c_style |
                                                    pybind11::array::forcecast>::ensure(array);
-  for (pybind11::ssize_t i = 0; i < steps.size(); ++i) CheckStep(steps.data()[i]);
+  for (pybind11::ssize_t i = 0; i < steps.size(); ++i) {
+    // An unsigned number beyond 63 bits became negative.
+    if (array.dtype().kind() == 'u' && steps.data()[i] < 0) {
+      steps.mutable_data()[i] = std::numeric_limits<std::int64_t>::max();
+    }
+    CheckStep(steps.data()[i]);
+  }
   return steps;
 }
 /// Returns the nearest int: later time steps use the last estimate.

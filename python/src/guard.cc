@@ -45,7 +45,15 @@ py::object Number(double value) {
 // A temporary folder for one file, because a guard is stored by its path alone.
 class TemporaryFile {
  public:
-  TemporaryFile() : folder_((std::filesystem::temp_directory_path() / "dfr-XXXXXX").string()) {
+  TemporaryFile() {
+    std::error_code error;
+    folder_ = (std::filesystem::temp_directory_path(error) / "dfr-XXXXXX").string();
+    if (error) {
+      const char* const named = std::getenv("TMPDIR");
+      throw std::runtime_error(std::string("there is no folder for temporary files: TMPDIR is '") +
+                               (named == nullptr ? "" : named) +
+                               "'; let it name a folder that you may write to");
+    }
     if (mkdtemp(folder_.data()) == nullptr) {
       throw std::runtime_error(folder_ + ": cannot be created: " + std::strerror(errno));
     }
@@ -86,7 +94,12 @@ Guard FromBytes(const std::string& content) {
     out.close();
     if (!out) throw std::runtime_error(file.path().string() + ": cannot be written");
   }
-  return Guard::Load(file.path());
+  try {
+    return Guard::Load(file.path());
+  } catch (const std::runtime_error& e) {
+    throw std::runtime_error("pickled guard" +
+                             std::string(e.what()).substr(file.path().string().size()));
+  }
 }
 
 py::tuple Filter(Guard& guard, const py::object& t, const Array& state, const Array& action) {
@@ -170,7 +183,7 @@ Guard With(const Guard& guard, const py::object& strategy, const py::object& hor
 
 py::dict Certify(const Guard& guard, const py::object& t, const Array& state, const Array& action) {
   const safety::Certification found =
-      guard.model().Certify(std::max(0, StepOf(t)), Entries(state), Entries(action));
+      guard.model().Certify(StepOrLast(t), Entries(state), Entries(action));
   const auto entries = [](const Eigen::VectorXd& values) {
     return NewVector(static_cast<py::ssize_t>(values.size()), values.data());
   };

@@ -92,7 +92,7 @@ py::dict Explain(const Guard& guard, const Array& state, const py::object& t,
   const std::span<const double> x = Entries(state);
   const core::Matrix task_state = model.TaskStates(core::AsVector(x).transpose());
   const std::span<const double> seen = core::Row(task_state, 0);
-  const int asked = t.is_none() ? -1 : std::max(0, StepOf(t));
+  const int asked = t.is_none() ? -1 : StepOrLast(t);
   const int step = t.is_none() ? BestStep(guard, seen) : std::min(asked, model.num_steps() - 1);
   const std::vector<safety::OutsideEntry> outside = safety::OutsideEntries(model, step, x);
   const double l = model.support().LogDecision(step, seen, {});
@@ -146,6 +146,16 @@ int StepOf(const py::object& t) {
   int overflow = 0;
   const long long value = PyLong_AsLongLongAndOverflow(index.ptr(), &overflow);
   return overflow != 0 || value != NearestInt(value) ? -1 : static_cast<int>(value);
+}
+
+int StepOrLast(const py::object& t) {
+  const auto index = py::reinterpret_steal<py::object>(PyNumber_Index(t.ptr()));
+  if (!index) throw py::error_already_set();
+  int overflow = 0;
+  const long long value = PyLong_AsLongLongAndOverflow(index.ptr(), &overflow);
+  if (overflow > 0) return std::numeric_limits<int>::max();
+  CheckStep(value);
+  return NearestInt(value);
 }
 
 void AddGuardAdvice(py::class_<Guard>& guard_class) {
@@ -295,8 +305,9 @@ ndarray of shape (n_states,)
           py::arg("states"),
           R"(Return the contribution of each entry of each state to -l.
 
-Rows sum to -l of `levels`, and are zero if that is not positive. An entry's contribution is the rise of
-l along it on the path back inside, independent of units. A negative one compensates for others. For a
+Rows sum to -l of `levels`. They are zero if that is not positive, and NaN if it is infinite. An entry's
+contribution is the rise of l along it on the path back inside, independent of units. A negative one
+compensates for others. For a
 block behind "pca:" or "slow:", contributions are those of its own entries, such as pixels, along a path
 in the space of its components. Behind "points:", they are at the pixels of the points that are outside.
 

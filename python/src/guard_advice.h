@@ -9,6 +9,9 @@ namespace dfr::python {
 /// Converts an index to a time step. Integers beyond the range of int become -1, which is never the
 /// next time step. @throws pybind11::error_already_set if `t` is not an index.
 [[nodiscard]] int StepOf(const pybind11::object& t);
+/// Converts the number of a time step; later ones than an int can hold become the largest.
+/// @throws std::invalid_argument if it is negative.
+[[nodiscard]] int StepOrLast(const pybind11::object& t);
 
 /// Adds applied, filter_chunk, explain, reconstruct, levels and attribution to dfr.Guard.
 void AddGuardAdvice(pybind11::class_<safety::Guard>& guard_class);

@@ -1,9 +1,40 @@
 #include <pybind11/pybind11.h>
 
+#include <exception>
+#include <stdexcept>
+#include <string_view>
+
 #include "arrays.h"
 #include "dfr/core/build_info.h"
 
+namespace py = pybind11;
+
+namespace {
+
+// A message may contain bytes of a file or of its name. Without this, Python would show an empty
+// text for one that is not UTF-8.
+void Raise(PyObject* type, std::string_view text) {
+  const auto message = py::reinterpret_steal<py::object>(
+      PyUnicode_DecodeUTF8(text.data(), std::ssize(text), "backslashreplace"));
+  if (message) PyErr_SetObject(type, message.ptr());
+}
+
+void RaiseErrorsOfLibrary(std::exception_ptr thrown) {
+  try {
+    std::rethrow_exception(thrown);
+  } catch (const py::builtin_exception&) {
+    throw;  // pybind11's own runtime errors have other types
+  } catch (const std::invalid_argument& e) {
+    Raise(PyExc_ValueError, e.what());
+  } catch (const std::runtime_error& e) {
+    Raise(PyExc_RuntimeError, e.what());
+  }
+}
+
+}  // namespace
+
 PYBIND11_MODULE(_core, module) {
+  py::register_local_exception_translator(&RaiseErrorsOfLibrary);
   module.doc() = "The compiled part of dfr.";
   module.attr("__version__") = dfr::core::BuildVersion();
   module.attr("build_commit") = dfr::core::BuildCommit();

@@ -58,7 +58,6 @@ void CheckWidth(const TimeVaryingSupport& support, Eigen::Index width) {
 }
 
 py::object DecisionAt(const TimeVaryingSupport& support, int t, const Array& x) {
-  CheckStep(t);
   const MatrixView rows = Rows(x, "x");
   CheckWidth(support, rows.cols());
   if (x.ndim() == 1) return py::float_(support.Decision(t, Entries(x)));
@@ -71,9 +70,10 @@ py::object DecisionAt(const TimeVaryingSupport& support, int t, const Array& x) 
   return g;
 }
 
-py::array_t<double> DecisionOver(const TimeVaryingSupport& support, const py::object& time,
-                                 const Array& x) {
+py::object SupportDecision(const TimeVaryingSupport& support, const py::object& time,
+                           const Array& x) {
   const auto t = Steps(time);
+  if (t.ndim() == 0) return DecisionAt(support, NearestInt(t.data()[0]), x);
   DFR_THROW_UNLESS(x.ndim() == 2 && t.ndim() == 1 && t.shape(0) == x.shape(0),
                    "with an array of time steps, x must have one row for each of them");
   const MatrixView rows = Rows(x, "x");
@@ -91,8 +91,9 @@ py::array_t<double> DecisionOver(const TimeVaryingSupport& support, const py::ob
   return g;
 }
 
-py::tuple SupportGradient(const TimeVaryingSupport& support, int t, const Array& x) {
-  CheckStep(t);
+py::tuple SupportGradient(const TimeVaryingSupport& support, std::int64_t step, const Array& x) {
+  CheckStep(step);
+  const int t = NearestInt(step);
   DFR_THROW_UNLESS(x.ndim() == 1, "x must be one state of " << support.state_dim() << " entries");
   CheckWidth(support, x.size());
   py::array_t<double> gradient = NewVector(support.state_dim());
@@ -195,7 +196,7 @@ RuntimeError
 
 Its inputs are t (rows, int64) and x (rows, state_dim), its output g (rows).
 )")
-      .def("decision", &DecisionAt, py::arg("t"), py::arg("x"),
+      .def("decision", &SupportDecision, py::arg("t"), py::arg("x"),
            R"(Return g_t, positive inside the support.
 
 Parameters
@@ -209,7 +210,6 @@ Returns
 -------
 float or ndarray of shape (n,)
 )")
-      .def("decision", &DecisionOver, py::arg("t"), py::arg("x"))
       .def("gradient", &SupportGradient, py::arg("t"), py::arg("x"),
            R"(Return g_t and its derivative at one state.
 
@@ -218,10 +218,19 @@ Returns
 g : float
 gradient : ndarray of shape (state_dim,)
 )")
-      .def("at", &TimeVaryingSupport::at, py::arg("t"),
-           "The SupportEstimate of time step t; times out of range use the nearest one.")
-      .def("lipschitz_bound", &TimeVaryingSupport::lipschitz_bound, py::arg("t"),
-           "L with |g_t(x) - g_t(y)| <= L |x - y|.")
+      .def(
+          "at",
+          [](const TimeVaryingSupport& support, std::int64_t t) {
+            return support.at(NearestInt(t));
+          },
+          py::arg("t"),
+          "The SupportEstimate of time step t; times out of range use the nearest one.")
+      .def(
+          "lipschitz_bound",
+          [](const TimeVaryingSupport& support, std::int64_t t) {
+            return support.lipschitz_bound(NearestInt(t));
+          },
+          py::arg("t"), "L with |g_t(x) - g_t(y)| <= L |x - y|.")
       .def_property_readonly("state_dim", &TimeVaryingSupport::state_dim)
       .def_property_readonly("num_steps", &TimeVaryingSupport::num_steps)
       .def("__repr__", [](const TimeVaryingSupport& support) {

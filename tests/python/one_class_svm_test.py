@@ -207,6 +207,12 @@ class WrongCalls(unittest.TestCase):
         X[7, 1] = 0.0
         with self.assertRaisesRegex(ValueError, "the weight of sample 3 is -1"):
             dfr.OneClassSVM().fit(X, sample_weight=np.where(np.arange(20) == 3, -1.0, 1.0))
+        with self.assertRaisesRegex(ValueError, "the weight of sample 0 is -1"):
+            dfr.OneClassSVM().fit(X, sample_weight=np.full(20, -1.0))
+        with self.assertRaisesRegex(ValueError, "the weights must have a positive and finite sum"):
+            dfr.OneClassSVM().fit(X, sample_weight=np.zeros(20))
+        with self.assertRaisesRegex(ValueError, "gamma='scale' needs the variance of X, which overflows: scale X"):
+            dfr.OneClassSVM().fit(1e200 * X)
         with self.assertRaisesRegex(ValueError, r"sample_weight.shape == \(3,\), expected \(20,\)"):
             dfr.OneClassSVM().fit(X, sample_weight=[1, 2, 3])
         with self.assertRaisesRegex(ValueError, "n_samples=1 .* minimum of 2"):

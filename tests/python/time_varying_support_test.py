@@ -119,6 +119,8 @@ class TimeVaryingSupportTest(unittest.TestCase):
                 fit(arguments)
         with self.assertRaisesRegex(ValueError, "nu must lie in"):
             fit(demos, nu=2.0)
+        with self.assertRaisesRegex(ValueError, "num_steps must be 1000000 at most, not 1000001"):
+            fit(demos, num_steps=1_000_001)
         support = fit(demos)
         with self.assertRaisesRegex(ValueError, "states of 2 entries; the support has 3"):
             support.decision(0, np.zeros((4, 2)))

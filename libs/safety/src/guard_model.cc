@@ -346,6 +346,7 @@ Certification GuardModel::Certify(int t, std::span<const double> state,
   DFR_THROW_UNLESS(
       static_cast<int>(action.size()) == action_dim(),
       "the action has " << action.size() << " entries, the guard's have " << action_dim());
+  t = std::clamp(t, 0, num_steps() - 1);
   const control::Certificate certificate = this->certificate();
   const control::TaskView task = task_->view();
   const int n = task.features().num_features();

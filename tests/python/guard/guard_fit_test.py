@@ -23,8 +23,12 @@ class GuardFitTest(unittest.TestCase):
         states, actions = demonstrations(1, 4)
         bad = [x.copy() for x in states]
         bad[2][3, 1] = np.nan
+        huge = [x.copy() for x in states]
+        huge[2][3, 1] = -1e300
         for s, a, message in [
             (bad, actions, "demonstration 2 has a non-finite entry in state 3"),
+            (huge, actions, r"demonstration 2 has -1e\+300 as entry 1 of state 3, where \+-3.40282e\+38 is the limit"),
+            (states, [1e300 * u for u in actions], r"demonstration 0 has .*e\+298 as entry \d of action 0, where"),
             (states, actions[:-1], "4 arrays of states and 3 of actions"),
             (states, [u[:-1] for u in actions], "21 states and 19 actions"),
             ([], [], "no demonstrations"),

@@ -10,6 +10,7 @@ import sys
 import tempfile
 import threading
 import unittest
+import unittest.mock
 
 import numpy as np
 
@@ -105,6 +106,18 @@ class GuardTest(unittest.TestCase):
                 with self.assertRaisesRegex(RuntimeError, "task.guard"):
                     dfr.Guard.load(path)
 
+    def test_errors_show_bytes_that_are_no_text(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.fsencode(folder) + b"/\xff.guard"
+            with open(path, "wb") as file:
+                file.write(b"none of ours")
+            for load in (dfr.Guard.load, dfr.TimeVaryingSupport.load, dfr.load_demonstrations):
+                with self.assertRaisesRegex(RuntimeError, r"/\\xff.guard: "):
+                    load(os.fsdecode(path))
+        for spaces in range(3):  # the text is cut after some bytes, and a letter may have several
+            with self.assertRaisesRegex(TypeError, "alarm_level must be a number, not ' *é+"):
+                self.guard.with_settings(alarm_level=" " * spaces + "é" * 100)
+
     def test_decision_takes_one_or_many(self):
         x = np.random.default_rng(1).normal(size=(40, 3))
         t = np.arange(40) % 30
@@ -136,6 +149,17 @@ class GuardTest(unittest.TestCase):
                 decide(-1, x[0])
             with self.assertRaisesRegex(ValueError, "t must not be negative"):
                 decide(np.array([0, -(2**40)]), x)
+            self.assertEqual(decide(2**40, x[0]), decide(last, x[0]))
+            self.assertEqual(decide(np.uint64(2**64 - 1), x[0]), decide(last, x[0]))
+        np.testing.assert_array_equal(support.gradient(2**40, x[0])[1], support.gradient(last, x[0])[1])
+        self.assertEqual(support.lipschitz_bound(2**40), support.lipschitz_bound(last))
+        self.assertEqual(support.at(-(2**40)).rho, support.at(0).rho)
+        for t in (2**31 - 1, 2**40, 2**70):
+            self.assertEqual(self.guard.explain(x[0], t=t, demonstrations=[x])["step"], last)
+            self.assertEqual(self.guard.certify(t, *good)["margin"], self.guard.certify(last, *good)["margin"])
+        for advise in (lambda: self.guard.explain(x[0], t=-1), lambda: self.guard.certify(-1, *good)):
+            with self.assertRaisesRegex(ValueError, "t must not be negative, as -1 is"):
+                advise()
 
     def test_pickles_and_copies_keep_knowledge_and_settings_and_need_a_reset(self):
         guard = self.guard.with_settings(strategy="monitor", action_limit=0.5)
@@ -151,6 +175,11 @@ class GuardTest(unittest.TestCase):
         content = pickle.dumps(guard)
         with self.assertRaises((RuntimeError, pickle.UnpicklingError, ValueError)):
             pickle.loads(content.replace(b"guard", b"guarf").replace(b"monitor", b"monitos"))
+        with self.assertRaisesRegex(RuntimeError, "^pickled guard: is not a file written by dfr$"):
+            dfr.Guard._from_state(b"none of ours")
+        with unittest.mock.patch.dict(os.environ, {"TMPDIR": "/proc/none"}):
+            with self.assertRaisesRegex(RuntimeError, "TMPDIR is '/proc/none'; let it name a folder that you may write"):
+                pickle.dumps(guard)
 
     def test_no_object_comes_without_its_content(self):
         for cls in (dfr.Guard, dfr.FitSummary, dfr.SupportEstimate, dfr.TimeVaryingSupport):

@@ -77,6 +77,8 @@ class PlotTest(unittest.TestCase):
         self.assertAlmostEqual(sum(bars.values()), -levels[levels < 0].mean(), places=9)
         with self.assertRaisesRegex(ValueError, "all states are inside"):
             plot.features(self.guard, [self.states[0][:1]])
+        with self.assertRaisesRegex(ValueError, "or immeasurably far outside"):
+            plot.features(self.guard, [[[0.0, 0.0, 1e200]]])
 
 
 if __name__ == "__main__":

@@ -258,8 +258,9 @@ class GuardModel {
   [[nodiscard]] std::vector<double> Levels(const core::Matrix& states,
                                            std::vector<int>* steps = nullptr) const;
 
-  /// Certifies the next state after `action` in `state` at time step `t`, under the assumptions of
-  /// a certificate with this model's constants and the J of the demonstrations alone.
+  /// Certifies the next state after `action` in `state` at time step `t`, or at the nearest one
+  /// that there is, under the assumptions of a certificate with this model's constants and the J of
+  /// the demonstrations alone.
   /// @throws std::invalid_argument if sizes differ, the model is in single precision, or
   /// settings().direction_error is unknown.
   [[nodiscard]] Certification Certify(int t, std::span<const double> state,
