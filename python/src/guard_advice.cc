@@ -307,9 +307,9 @@ ndarray of shape (n_states,)
 
 Rows sum to -l of `levels`. They are zero if that is not positive, and NaN if it is infinite. An entry's
 contribution is the rise of l along it on the path back inside, independent of units. A negative one
-compensates for others. For a
-block behind "pca:" or "slow:", contributions are those of its own entries, such as pixels, along a path
-in the space of its components. Behind "points:", they are at the pixels of the points that are outside.
+compensates for others. For a block behind "pca:" or "slow:", contributions are those of its own entries,
+such as pixels, along a path in the space of its components. Behind "points:", they are at the pixels of
+the points that are outside.
 
 Returns
 -------
