@@ -49,10 +49,8 @@ class TemporaryFile {
     std::error_code error;
     folder_ = (std::filesystem::temp_directory_path(error) / "dfr-XXXXXX").string();
     if (error) {
-      const char* const named = std::getenv("TMPDIR");
-      throw std::runtime_error(std::string("there is no folder for temporary files: TMPDIR is '") +
-                               (named == nullptr ? "" : named) +
-                               "'; let it name a folder that you may write to");
+      throw std::runtime_error(
+          "there is no folder for temporary files: set TMPDIR to a folder that you may write to");
     }
     if (mkdtemp(folder_.data()) == nullptr) {
       throw std::runtime_error(folder_ + ": cannot be created: " + std::strerror(errno));
@@ -368,7 +366,6 @@ t : int
     0 in the first call after `reset`, increased by one with each call.
 state : array_like of shape (state_dim,)
 action : array_like of shape (action_dim,)
-    Action of the policy.
 
 Returns
 -------
@@ -379,13 +376,11 @@ info : dict
     mode : "policy", "probe", "recovery" or "halt".
     reason : "inside", "outside" (passed nevertheless), "changed", "demonstrations", "probe",
         "recovery", or the cause of a halt.
-    source : str, source of the action: "policy", "policy-changed", "demonstrations", "probe", "recovery" (of
-        Algorithm 1) or "halt".
+    source : "policy", "policy-changed", "demonstrations", "probe", "recovery" (Algorithm 1) or "halt".
     changed : bool, whether the action differs from the policy's.
     why : str, why the policy's action did not pass; "" if it passed.
     change : float or None, size of the change; an ordinary demonstrated action has length 1.
-    certified : bool, whether the next state provably raises no alarm, under the assumptions of
-        docs/certificates.md (strategy "certified").
+    certified : bool, whether the next state provably raises no alarm (see docs/certificates.md).
     alarm : bool, whether the state is below the alarm level, unlike all demonstrations, or frozen.
     alarm_step : int, the time step of the alarm: the nearby one whose support fits the state best.
     step : int, the time step of the strategy, of g and of threshold.

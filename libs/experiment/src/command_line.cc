@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <iostream>
 #include <map>
+#include <set>
 #include <sstream>
 #include <stdexcept>
 #include <string_view>
@@ -34,10 +35,9 @@ constexpr int kUsage = 2;  // exit code of a usage error
 
 // All other options concern one run and do not affect the results.
 bool DecidesResults(const std::string& name) {
-  for (const char* other : {"help", "config", "out", "shard", "threads", "restart", "salvage"}) {
-    if (name == other) return false;
-  }
-  return !name.starts_with("rerun-");
+  static const std::set<std::string> kOthers = {"help",    "config",  "out",    "shard",
+                                                "threads", "restart", "salvage"};
+  return !kOthers.contains(name) && !name.starts_with("rerun-");
 }
 
 bool IsFlag(const CLI::Option& option) { return option.get_items_expected_max() == 0; }
@@ -340,8 +340,7 @@ void Add(CLI::App& app, Added& added) {
   added.rerun = app.add_subcommand(
       "rerun", "Run one episode again, and other methods from the same start state");
   added.rerun->add_option("folder", added.run, "folder of the run")->required();
-  added.rerun
-      ->add_option("episode", added.again.episode, "id of the episode, as printed by episodes")
+  added.rerun->add_option("episode", added.again.episode, "id that the command episodes prints")
       ->required();
   added.rerun->add_option("--methods", added.again.methods, "methods of that run to compare with")
       ->delimiter(',');
@@ -366,13 +365,11 @@ void AddExperimentOptions(CLI::App& command, ExperimentOptions& options, const s
   AddRunOptions(command, options);
   command.add_flag("!--no-video", options.video, "write no videos");
   command.add_option("--methods", options.methods, methods)->delimiter(',');
-  // Without these options, those of the preset: a zero must not mean the same.
+  // A zero would select the preset's number.
   const auto positive = [](const std::string& text) {
-    const auto count = core::ParseNumber(text);
-    return count && *count > 0.0 ? std::string() : "must be positive, not " + text;
+    return core::ParseNumber(text).value_or(0.0) > 0.0 ? "" : "must be positive, not " + text;
   };
-  command.add_option("--trials", options.trials, "number of independent repetitions")
-      ->check(positive);
+  command.add_option("--trials", options.trials, "independent repetitions")->check(positive);
   command.add_option("--episodes", options.episodes, "start states per trial and data point")
       ->check(positive);
 }
@@ -382,9 +379,7 @@ void AddRunOptions(CLI::App& command, ExperimentOptions& options) {
       command.add_option("--out", options.out, "folder for the ledger and the results"))
       ->capture_default_str();
   command.add_option("--seed", options.seed, "random seed")->capture_default_str();
-  command
-      .add_option("--threads", options.threads,
-                  "number of threads; 0: one per core. Does not change the results")
+  command.add_option("--threads", options.threads, "0: one per core; the results are the same")
       ->capture_default_str();
   command
       .add_option_function<std::string>(
@@ -399,9 +394,8 @@ void AddRunOptions(CLI::App& command, ExperimentOptions& options) {
       ->type_name("FILE");
   command.add_flag("--restart", options.restart,
                    "discard an interrupted run in --out instead of resuming it");
-  command.add_flag(
-      "--salvage", options.salvage,
-      "resume with a damaged ledger: move its damaged lines to a separate file and run them again");
+  command.add_flag("--salvage", options.salvage,
+                   "move damaged lines of the ledger to a separate file and run them again");
   // Used by RerunOf(); users call the command rerun.
   command.add_option("--rerun-episode", options.rerun.episode)->group("");
   command.add_option("--rerun-with", options.rerun.methods)->group("");
