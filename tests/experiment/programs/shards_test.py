@@ -118,10 +118,10 @@ class ShardsTest(unittest.TestCase):
         self.assertIn("in its ledger the episode is", self.run_program("rerun", "run", name, fails=True, differs="yes"))
 
     def test_whole_numbers_are_decimal_also_with_leading_zeros(self):
-        self.run_program("experiment", "--seed", "06151984", "--demonstrations", "08,+010", "--trials=-00", "--out", "one",
+        self.run_program("experiment", "--seed", "06151984", "--demonstrations", "08,+010", "--trials=+02", "--out", "one",
                          "--episodes=000000000000000000000001")
         text = (self.folder / "one/run.toml").read_text()
-        for says in ("seed = 6151984\n", "demonstrations = [8, 10]\n", "trials = 0\n", "episodes = 1\n"):
+        for says in ("seed = 6151984\n", "demonstrations = [8, 10]\n", "trials = 2\n", "episodes = 1\n"):
             self.assertIn(says, text)
         (self.folder / "c.toml").write_text('[experiment]\nseed = "0011"\ndemonstrations = ["012", 13]\ntrials = "01"\n')
         self.run_program("experiment", "--config", "c.toml", "--out", "two")
