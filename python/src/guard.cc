@@ -33,7 +33,6 @@ namespace dfr::python {
 namespace {
 
 using safety::Guard;
-using safety::GuardModel;
 using safety::GuardSettings;
 using safety::Verdict;
 

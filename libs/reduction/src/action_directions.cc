@@ -77,7 +77,8 @@ ActionDirections::ActionDirections(std::span<const core::Trajectory> demonstrati
   }
   Eigen::Index actions = 0;
   for (const core::Trajectory& d : demonstrations) actions += d.controls.rows();
-  const Eigen::Index stride = (actions + kMostSamples - 1) / kMostSamples;
+  const Eigen::Index stride =
+      std::max<Eigen::Index>(1, (actions + kMostSamples - 1) / kMostSamples);
   const Eigen::Index samples = (actions + stride - 1) / stride;
   const Eigen::Index control_dim = demonstrations[0].controls.cols();
   Eigen::MatrixXd y(samples, control_dim + 1);  // Actions, and the progress in the last column.

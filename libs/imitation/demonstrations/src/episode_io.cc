@@ -135,7 +135,7 @@ core::StateLayout PartLayout(const Hdf5Reader& file, const std::string& episode,
   }
   for (const std::string& name : pictures) {
     if (std::ranges::count(keys, name, &Key::name) == 0)
-      file.Fail(path + "/" + name, "does not exist");
+      file.Fail(core::Format("%s/%s", path.c_str(), name.c_str()), "does not exist");
   }
   if (keys.empty()) file.Fail(path, "has no vector-valued dataset");
   core::StateLayout layout;
