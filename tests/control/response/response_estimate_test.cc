@@ -311,8 +311,9 @@ TEST(ResponseEstimateTest, TellsAMeasuredVelocityFromTheAnswerToItsCommand) {
   const Eigen::VectorXd z = Eigen::Vector2d(5.0, 2.0);
   const LocalFit fit = ResponseEstimate(prior).FitAt(5, core::AsSpan(z));
   EXPECT_NEAR(fit.jacobian()(0), 1.0, 0.05);
-  // The ridges attribute a part to the drift.
-  EXPECT_NEAR(fit.jacobian()(1), 1.0 / 0.5, 1.0);
+  // The ridges attribute a part to the drift, never the larger one.
+  EXPECT_GT(fit.jacobian()(1), 0.5 * 1.0 / 0.5);
+  EXPECT_LE(fit.jacobian()(1), 1.0 / 0.5);
 }
 
 // Padding at the end of demonstrations, or a pause of all of them, is no reason to know nothing.

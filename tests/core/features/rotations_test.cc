@@ -233,7 +233,7 @@ TEST(RotationsTest, AnAngleThatGoesAllTheWayRoundBecomesCosineAndSine) {
   EXPECT_FALSE(found[0].continuous);
   EXPECT_THAT(Describe(found[0], Layout(1)),
               HasSubstr("rotation[0] is an angle that jumps by 6.28"));
-  EXPECT_THAT(Describe(found[0], Layout(1)), HasSubstr("cosine and sine"));
+  EXPECT_THAT(Describe(found[0], Layout(1)), HasSubstr("a guard uses its cosine and sine"));
   const auto selection = FeatureSelection(Layout(1), "rotation,position[1:2]").Mapped(MapOf(found));
   EXPECT_EQ(selection.indices(), (std::vector{2, 2, 1}));
   EXPECT_EQ(selection.Mapped(MapOf(found)).indices(), selection.indices());

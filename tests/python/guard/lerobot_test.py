@@ -135,14 +135,14 @@ class GuardStepTest(unittest.TestCase):
             np.testing.assert_array_equal(np.ravel(list(after.values()) if form is named else after), safe)
 
     def test_mistakes_are_named(self):
-        for options, message in [
-            ({"positions": [1]}, "positions has 1 entries; actions of this guard have 2"),
-            ({"positions": [1, 3]}, "contains 3, but a state has 3 entries"),
-            ({"positions": [1, 1.5]}, "contains 1.5, but"),
-            ({"action_names": ["x", "x"]}, "action_names names 'x' twice"),
-            ({"on_halt": "stop"}, "on_halt must be a function of info, not 'stop'"),
+        for error, options, message in [
+            (ValueError, {"positions": [1]}, "positions has 1 entries; actions of this guard have 2"),
+            (ValueError, {"positions": [1, 3]}, "contains 3, but a state has 3 entries"),
+            (ValueError, {"positions": [1, 1.5]}, "contains 1.5, but"),
+            (ValueError, {"action_names": ["x", "x"]}, "action_names names 'x' twice"),
+            (TypeError, {"on_halt": "stop"}, "on_halt must be a function of info, not 'stop'"),
         ]:
-            with self.assertRaisesRegex((ValueError, TypeError), message):
+            with self.assertRaisesRegex(error, message):
                 GuardStep(self.guard, **options)
         step = GuardStep(self.guard)
         step.reset()
