@@ -184,7 +184,7 @@ TEST_F(LibsvmIoTest, WrongModelsAreRefusedWithLineAndReason) {
               HasSubstr("cannot be opened"));
 }
 
-// Every truncation and thousands of random damages: the reader rejects or reads the model, and
+// Every truncation and thousands of random corruptions: the reader rejects or reads the model, and
 // never crashes or hangs.
 TEST(LibsvmModelTest, DamagedModelsNeverCrash) {
   const std::string good = kModel;
@@ -211,7 +211,7 @@ TEST(LibsvmModelTest, DamagedModelsNeverCrash) {
   }
 }
 
-TEST_F(LibsvmIoTest, SavingWhereNothingCanBeWrittenSaysWhy) {
+TEST_F(LibsvmIoTest, SavingToAnUnwritablePathSaysWhy) {
   Write(kModel);
   const auto svm = LoadLibsvmModel(path_);
   EXPECT_THAT(dfr::test::MessageOf<std::runtime_error>(
@@ -245,8 +245,8 @@ TEST_F(LibsvmIoTest, WrongSamplesAreRefusedWithLineAndReason) {
   EXPECT_THAT(LoadSamplesError("1,2,3\n", 2), HasSubstr(":1: 3 entries where 2"));
 }
 
-// The reader once mistook each of these lines for a heading, and lost the sample.
-TEST_F(LibsvmIoTest, NoFirstSampleIsTakenForAHeading) {
+// The reader once mistook each of these lines for a header, and lost the sample.
+TEST_F(LibsvmIoTest, NoFirstSampleIsTakenForAHeader) {
   Write(
       "\xEF\xBB\xBF"
       "1,2\n3,4\n");  // a byte order mark
@@ -267,8 +267,8 @@ TEST_F(LibsvmIoTest, NoFirstSampleIsTakenForAHeading) {
   EXPECT_EQ(LoadSamples(path_)(0, 0), 2.0);
 }
 
-// Dense rows of a sparse file: 9 bytes may request 16 KiB once, but not a hundred thousand times.
-TEST_F(LibsvmIoTest, ASmallSparseFileMayNotAskForGigabytes) {
+// A line of 9 bytes may request a dense row of 16 KiB once, but not a hundred thousand times.
+TEST_F(LibsvmIoTest, ASmallSparseFileCannotRequestGigabytes) {
   std::string text;
   for (int i = 0; i < 100'000; ++i) text += "1 2048:1\n";
   EXPECT_THAT(LoadSamplesError(text), HasSubstr("100000 rows of 2048 entries are too many"));

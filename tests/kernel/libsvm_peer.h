@@ -13,7 +13,7 @@ struct svm_node;
 
 namespace dfr::kernel::test {
 
-/// LIBSVM's one-class SVM with the Gaussian kernel, as the peer of ours.
+/// LIBSVM's one-class SVM with the Gaussian kernel, for comparison with OneClassSvm.
 class LibsvmPeer {
  public:
   LibsvmPeer(const core::Matrix& samples, double nu, double gamma, double tolerance);
@@ -21,7 +21,7 @@ class LibsvmPeer {
   LibsvmPeer(const LibsvmPeer&) = delete;
   LibsvmPeer& operator=(const LibsvmPeer&) = delete;
 
-  /// Decision in LIBSVM's scale, which is nu m times ours.
+  /// Returns the decision in LIBSVM's scale, which is nu m times ours.
   [[nodiscard]] double Decision(std::span<const double> x) const;
   [[nodiscard]] double rho() const;
   [[nodiscard]] int num_support_vectors() const;

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Compiles the kernel library for 64-bit ARM, where Highway's NEON code stands in for AVX, and runs
-# its tests under QEMU. Nothing is installed but, with apt-get, the two cross tools named below; the
-# libraries for ARM are unpacked into the folder given.
+# its tests under QEMU. Installs nothing: it names the cross tools that are missing, and unpacks the
+# libraries for ARM into FOLDER.
 #   usage: tests/kernel/neon.sh FOLDER
 set -euo pipefail
 folder=$(realpath -m "${1:?usage: tests/kernel/neon.sh FOLDER}")
@@ -24,7 +24,7 @@ fi
 
 tests=(gaussian/gaussian_sum support/time_varying_support support/model_selection)
 mkdir -p "$folder/objects"
-# The definition is that of libs/kernel/CMakeLists.txt.
+# HWY_DISABLED_TARGETS repeats libs/kernel/CMakeLists.txt.
 { find libs/{core,kernel}/src -name '*.cc'; printf 'tests/%s\n' support/no_alloc.cc "${tests[@]/#/kernel/}"; } |
   sed -E 's|^(tests/kernel/.*)$|\1_test.cc|' |
   xargs -P "$(nproc)" -I{} sh -c 'aarch64-linux-gnu-g++ -std=c++20 -O2 -Wall -Wextra -Wpedantic -Wshadow -Werror \

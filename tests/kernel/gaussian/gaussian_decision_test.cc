@@ -159,7 +159,7 @@ TEST(OneClassSvmDecisionTest, SinglePrecisionIsWithinItsBoundForManyEntries) {
   }
 }
 
-TEST(OneClassSvmDecisionTest, LogDecisionHasTheSignOfGAndReachesFar) {
+TEST(OneClassSvmDecisionTest, LogDecisionHasTheSignOfGAndStaysFiniteFarAway) {
   core::Random random(36);
   const auto in_double = OneClassSvm::Fit(Tube(200, 3, random), {.gamma = 5.0});
   const core::Matrix queries = 2.0 * Tube(200, 3, random);
@@ -199,7 +199,7 @@ TEST(OneClassSvmDecisionTest, LogDecisionHasTheSignOfGAndReachesFar) {
 }
 
 // States of up to 64 entries use a smaller part of the stack than longer ones.
-TEST(OneClassSvmDecisionTest, ValuesAndGradientsAreThoseOfTheDefinitionForLongStates) {
+TEST(OneClassSvmDecisionTest, ValuesAndGradientsOfLongStatesAgreeWithTheDefinition) {
   constexpr double kGamma = 0.7;
   constexpr double kRho = 0.3;
   for (const int dim : {63, 64, 65, 200}) {
@@ -272,8 +272,8 @@ struct Ball {
   }
 };
 
-// The bound is proved: no state of the ball is outside, and the ball is larger than g / L.
-TEST(OneClassSvmDecisionTest, NoStateOfTheBallOfTheCurvatureBoundIsOutside) {
+// The bound is proved: every state in the ball is inside, and the ball is larger than g / L.
+TEST(OneClassSvmDecisionTest, EveryStateInTheBallOfTheCurvatureBoundIsInside) {
   core::Random random(38);
   const core::Matrix samples = Tube(150, 3, random);
   const auto svm = OneClassSvm::Fit(samples, {.nu = 0.1, .gamma = 2.0});

@@ -77,7 +77,7 @@ inline void Fill(QueryKind kind, const Problem& p, core::Random& random, std::sp
       case QueryKind::kFar:  // some terms remain
         x[k] = own + 10.0 * random.Normal();
         break;
-      case QueryKind::kVeryFar:  // none is
+      case QueryKind::kVeryFar:  // no term remains
         x[k] = 1e4 * random.Normal();
         break;
       case QueryKind::kDenormal:
@@ -96,9 +96,9 @@ inline void Fill(QueryKind kind, const Problem& p, core::Random& random, std::sp
   }
 }
 
-/// g = sum - rho on so many states, an eighth of each kind, with every instruction set. The error
-/// is relative to max(sum, rho), with rho = 0.1, because g has no relative accuracy where both
-/// cancel.
+/// Checks g = sum - rho on `states` states, an eighth of each kind, with every instruction set. The
+/// error is relative to max(sum, rho), with rho = 0.1, because g has no relative accuracy where
+/// both cancel.
 inline void CheckDecisions(int states) {
   const Problem p(24, 9, 1.0 / 9.0, 13);
   std::vector<SumTerms<double>> in_double;

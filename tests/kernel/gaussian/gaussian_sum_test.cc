@@ -83,8 +83,8 @@ TEST_P(GaussianSumTest, FloatAgreesWithLongDouble) {
   }
 }
 
-// One term with every exponent from 0 down to below the smallest normal number: its relative error
-// is within the documented bound.
+// Checks one term with exponents from 0 to below that of the smallest normal number: its relative
+// error is within the documented bound.
 template <typename T>
 void CheckExponents(double polynomial, double per_exponent) {
   core::Matrix points(1, 1);
@@ -113,7 +113,7 @@ TEST_P(GaussianSumTest, ErrorOfOneTermIsAsDocumented) {
   CheckExponents<float>(3e-7, 1e-7);
 }
 
-TEST_P(GaussianSumTest, AtItsOwnPointATermIsItsWeight) {
+TEST_P(GaussianSumTest, ATermAtItsPointEqualsItsWeight) {
   core::Matrix points(1, 3);
   points << 0.3, -7.0, 1e6;
   const GaussianTerms<double> terms(points, {}, 5.0);
@@ -160,7 +160,7 @@ void CheckAllRows(int count, int dim) {
   }
 }
 
-TEST_P(GaussianSumTest, AllRowsAtOnceHaveTheBitsOfEachByItself) {
+TEST_P(GaussianSumTest, AllRowsAtOnceHaveTheBitsOfSingleRows) {
   for (const int count : {1, 16, 37, 250}) {
     CheckAllRows<float>(count, 5);
     CheckAllRows<double>(count, 5);
@@ -189,7 +189,7 @@ TEST_P(GaussianSumTest, FarQueriesAreZeroAndNonFiniteOnesAreRefused) {
 // Arithmetic with denormal numbers takes more than a hundred cycles per vector on Intel processors.
 template <typename T>
 void CheckSmallTerms() {
-  // Exponent of a normal number.
+  // Smallest exponent of a normal number.
   constexpr double kLeast = std::numeric_limits<T>::min_exponent - 1;
   constexpr int kCount = 801;
   core::Matrix points(kCount, 1);

@@ -88,7 +88,7 @@ inline core::Matrix Samples(Kind kind, int m, int n, core::Random& random) {
   return samples;
 }
 
-/// Fits `m` samples of `n` entries with all kernel widths and nu; `nus` are fractions.
+/// Fits `m` samples of `n` entries with each kernel width and each of `nus`, and checks the result.
 inline void CheckFits(Kind kind, int m, int n, const std::vector<double>& nus,
                       core::Random& random) {
   constexpr double kTolerance = 1e-3;

@@ -13,7 +13,7 @@ class LargeHardProblemsTest : public testing::TestWithParam<Kind> {};
 
 // Takes seconds: only problems of this size go through the active set and the sparse rows for every
 // width of the kernel, and evaluating the definition takes m^2 n operations.
-TEST_P(LargeHardProblemsTest, EveryFitConvergesWhateverItsSizeWidthAndNu) {
+TEST_P(LargeHardProblemsTest, FitsConvergeForAllSizesWidthsAndNu) {
   core::Random random(51);
   for (const int n : {1, 9, 256}) {
     test::CheckFits(GetParam(), 400, n, {1.0 / 400.0, 0.05, 0.5, 1.0}, random);

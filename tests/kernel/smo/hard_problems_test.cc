@@ -24,7 +24,7 @@ using testing::HasSubstr;
 class HardProblemsTest : public testing::TestWithParam<Kind> {};
 
 // The system tier has larger problems.
-TEST_P(HardProblemsTest, EveryFitConvergesWhateverItsSizeWidthAndNu) {
+TEST_P(HardProblemsTest, FitsConvergeForAllSizesWidthsAndNu) {
   core::Random random(51);
   for (const int m : {2, 7, 60, 200}) {
     for (const int n : {1, 9, 256}) {
@@ -86,7 +86,7 @@ TEST(HardProblemsTest, OneOutlierChangesNothingForTheOthers) {
   }
 }
 
-// Neither mean nor median is near both clusters: float cannot distinguish samples within a cluster.
+// Neither mean nor median is near all clusters: float cannot distinguish samples within a cluster.
 TEST(HardProblemsTest, ClustersManyWidthsApartConverge) {
   core::Random random(54);
   for (const int m : {400, 2100}) {
@@ -105,8 +105,8 @@ TEST(HardProblemsTest, ClustersManyWidthsApartConverge) {
 }
 
 // A fit stopped at any time, even during a pass over all samples, is an estimate with a known
-// error. Takes about a second: only from 4000 samples on does a fit begin with a part of them.
-TEST(HardProblemsTest, AFitMayBeStoppedAnywhere) {
+// error. Takes about a second: only a fit of 4000 samples or more begins with a part of them.
+TEST(HardProblemsTest, AFitMayBeStoppedAtAnyTime) {
   core::Random random(56);
   const int m = 4100;
   const core::Matrix samples = Samples(Kind::kNormal, m, 3, random);
@@ -131,7 +131,7 @@ TEST(HardProblemsTest, AFitMayBeStoppedAnywhere) {
     for (const int call : {1, all / 2, all - 1}) {
       SCOPED_TRACE(testing::Message() << "gamma " << gamma << ", call " << call << " of " << all);
       const FitSummary summary = stopped_at(call);
-      EXPECT_EQ(calls, call) << "asked again after it was told to stop";
+      EXPECT_EQ(calls, call) << "called again after the stop";
       EXPECT_EQ(summary.reason, FitSummary::Reason::kInterrupted);
       if (call == 1) {
         EXPECT_TRUE(std::isinf(summary.kkt_gap)) << "stopped before G was known";

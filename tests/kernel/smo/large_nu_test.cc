@@ -31,7 +31,7 @@ TEST(LargeNuTest, AFitEvaluatesLittleMoreThanOneGradient) {
   }
 }
 
-// The whole matrix is symmetric: computing half of it suffices, also for the start.
+// The matrix is symmetric: half of it suffices, also for the start.
 TEST(LargeNuTest, ASmallFitEvaluatesHalfTheMatrix) {
   constexpr int kSamples = 400;
   core::Random random(60);

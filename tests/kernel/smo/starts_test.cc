@@ -23,7 +23,7 @@ TEST(StartsTest, EvenlySpreadLeavesEqualIntervals) {
   EXPECT_EQ(EvenlySpread(3, 3.0), (Alpha{1.0, 1.0, 1.0}));
 }
 
-TEST(StartsTest, AStartIsScaledCutAtTheBoundAndFilledUp) {
+TEST(StartsTest, AStartIsScaledClippedAndFilledUp) {
   EXPECT_EQ(Feasible(Alpha{1.0, 3.0, 0.0}, 1.0), (Alpha{0.25, 0.75, 0.0}));
   // 1.5 is clipped. The rest goes to the other support vector, not to the first sample.
   EXPECT_EQ(Feasible(Alpha{0.0, 0.5, 1.5}, 2.0), (Alpha{0.0, 1.0, 1.0}));

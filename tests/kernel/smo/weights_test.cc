@@ -20,7 +20,7 @@ using test::Decisions;
 using test::Tube;
 using testing::HasSubstr;
 
-TEST(OneClassSvmWeightsTest, WholeWeightsAreRepeatedSamples) {
+TEST(OneClassSvmWeightsTest, IntegerWeightsActAsRepeatedSamples) {
   core::Random random(44);
   const core::Matrix samples = Tube(300, 3, random);
   std::vector<double> weights(300);
@@ -48,7 +48,7 @@ TEST(OneClassSvmWeightsTest, WholeWeightsAreRepeatedSamples) {
   }
 }
 
-// Two samples outside each other's reach: alpha minimises a^2 + b^2 with a + b = nu (w_a + w_b).
+// Two samples too far apart to interact: alpha minimises a^2 + b^2 with a + b = nu (w_a + w_b).
 TEST(OneClassSvmWeightsTest, AWeightBoundsAlpha) {
   core::Matrix samples(2, 1);
   samples << 0.0, 100.0;
@@ -71,7 +71,7 @@ TEST(OneClassSvmWeightsTest, AWeightBoundsAlpha) {
   expect(fit({0.0, 2.0}, 0.5), 0.0, 1.0, 1.0);
 }
 
-TEST(OneClassSvmWeightsTest, AFitWithWeightsEndsWhereItIsTold) {
+TEST(OneClassSvmWeightsTest, AFitWithWeightsStopsAtItsLimits) {
   core::Random random(47);
   const core::Matrix samples = Tube(300, 3, random);
   std::vector<double> weights(300);

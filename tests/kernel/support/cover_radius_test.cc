@@ -25,7 +25,7 @@ double DistanceToSamples(const OneClassSvm& svm, const std::vector<double>& x) {
 }
 
 // The definition, by brute force on a lattice that reaches beyond the radius.
-TEST(CoverRadiusTest, NoStateThatDeepInsideIsFurtherFromAllSamples) {
+TEST(CoverRadiusTest, NoStateAtTheLevelIsFartherFromAllSamples) {
   for (std::uint64_t seed = 1; seed <= 4; ++seed) {
     core::Random random(seed);
     core::Matrix samples(40, 2);
@@ -73,7 +73,7 @@ TEST(CoverRadiusTest, IsSmallerThanThePlainRadiusWhereSamplesAreSpread) {
   EXPECT_GT(std::sqrt((level - std::log(svm.rho())) / svm.gamma()), 1.0);
 }
 
-TEST(CoverRadiusTest, ALevelThatIsNoneIsRefused) {
+TEST(CoverRadiusTest, ANanLevelIsRefused) {
   const core::Matrix samples = core::Matrix::Random(5, 2);
   const auto svm = OneClassSvm::Fit(samples, {.nu = 0.5});
   EXPECT_THROW((void)CoverRadius(svm, std::nan("")), std::invalid_argument);

@@ -20,7 +20,7 @@ namespace {
 
 using testing::HasSubstr;
 
-// Demonstrations differ from each other much more than states within a demonstration do.
+// Offsets between demonstrations are much larger than the noise within one.
 std::vector<core::Matrix> Demonstrations(int count, std::uint64_t seed) {
   core::Random random(seed);
   std::vector<core::Matrix> all;
@@ -179,9 +179,9 @@ TEST(ModelSelectionTest, SharedDistancesGiveTheEstimatesOfSeparateFits) {
   }
 }
 
-// 24 demonstrations of 3 states each, which stay at 0, 1, ... 23. Each fold is fitted to 18 of
+// 24 demonstrations of 3 equal states, at 0, 1, ... 23. The support of each fold is fitted to 18 of
 // them.
-TEST(ModelSelectionTest, SharesAreOfAllStatesDemonstrationsTimeStepsAndDraws) {
+TEST(ModelSelectionTest, SharesCountStatesDemonstrationsTimeStepsAndDraws) {
   std::vector<core::Matrix> demonstrations;
   demonstrations.reserve(24);
   for (int d = 0; d < 24; ++d) demonstrations.push_back(core::Matrix::Constant(3, 1, d));
@@ -195,7 +195,7 @@ TEST(ModelSelectionTest, SharesAreOfAllStatesDemonstrationsTimeStepsAndDraws) {
     EXPECT_GE(row.support_vectors, 0.5 * 18.0);
     EXPECT_LE(row.support_vectors, 18.0);
   }
-  // With a wide kernel the half at the ends is outside.
+  // A wide kernel leaves the half at the ends outside.
   EXPECT_NEAR(s.rows[0].acceptance, 0.5, 0.2);
   EXPECT_NEAR(s.rows[0].volume, 0.5, 0.2);
   // Narrow supports contain only their samples: none of the other demonstrations, and little of the
@@ -206,7 +206,7 @@ TEST(ModelSelectionTest, SharesAreOfAllStatesDemonstrationsTimeStepsAndDraws) {
   EXPECT_GT(s.rows[1].threshold, 40.0);
 }
 
-TEST(ModelSelectionTest, TwoDemonstrationsAFoldAreEnough) {
+TEST(ModelSelectionTest, TwoDemonstrationsPerFoldAreEnough) {
   EXPECT_EQ(SelectModel(Demonstrations(4, 68), {.gammas = {1.0}, .folds = 2}).rows.size(), 1u);
   EXPECT_EQ(SelectModel(Demonstrations(8, 68), {.gammas = {1.0}, .folds = 4}).rows.size(), 1u);
 }
@@ -220,7 +220,7 @@ TEST(ModelSelectionTest, WithoutAnAcceptableChoiceTheBestOneIsMarkedAsFailed) {
   EXPECT_EQ(s.chosen, 0u);
 }
 
-TEST(ModelSelectionTest, ResultExplainsItself) {
+TEST(ModelSelectionTest, TheTableHasOneRowPerChoiceAndMarksTheBest) {
   SelectionOptions options;
   options.gammas = {0.1, 1.0};
   options.nus = {0.05, 0.2};

@@ -136,9 +136,9 @@ TEST(OneClassSvmTest, ActiveSetFindsTheSolutionOfTheWholeProblem) {
   }
 }
 
-// Kernel values far from the diagonal are zero, and samples that start at the bound are above rho:
-// an active set of the samples nearest to moving contains only samples that may rise.
-TEST(OneClassSvmTest, IsolatedSamplesOfWhichSomeCoincideConverge) {
+// Kernel values of distinct samples are zero, and samples that start at the bound are above rho:
+// an active set of the samples nearest to their KKT condition has only alpha that may rise.
+TEST(OneClassSvmTest, IsolatedSamplesWithDuplicatesConverge) {
   core::Random random(47);
   core::Matrix samples(3000, 32);
   for (double& x : samples.reshaped()) x = 10.0 * random.Normal();
@@ -152,7 +152,7 @@ TEST(OneClassSvmTest, IsolatedSamplesOfWhichSomeCoincideConverge) {
   EXPECT_NEAR(svm.rho() * svm.libsvm_scale(), 150.0 / 2994.0, 1e-3);
 }
 
-// Narrow kernels, whose rows omit negligible values: KKT conditions by the definition.
+// The rows of narrow kernels omit negligible values. The KKT gap is computed from the definition.
 TEST(OneClassSvmTest, NarrowKernelsFindTheSolutionOfTheWholeProblem) {
   core::Random random(48);
   const core::Matrix samples = 3.0 * Tube(2100, 4, random);
@@ -191,7 +191,7 @@ TEST(OneClassSvmTest, AnyNumberOfThreadsGivesTheSameBits) {
   EXPECT_THROW((void)OneClassSvm::Fit(samples, {.threads = -1}), std::invalid_argument);
 }
 
-TEST(OneClassSvmTest, AStartLeadsToTheSameEstimateAndTheSolutionItselfAtOnce) {
+TEST(OneClassSvmTest, AStartKeepsTheEstimateAndTheSolutionEndsAtOnce) {
   core::Random random(41);
   const core::Matrix samples = Tube(800, 3, random);
   OneClassSvmOptions options{.nu = 0.1, .gamma = 2.0, .tolerance = 1e-6};
@@ -230,7 +230,7 @@ TEST(OneClassSvmTest, TooLittleMemoryIsRefusedWithTheLeastThatWorks) {
   const core::Matrix samples = Tube(20000, 8, random);
   EXPECT_THAT(MessageOf<std::invalid_argument>(
                   [&] { (void)OneClassSvm::Fit(samples, {.memory_mib = 1.0}); }),
-              HasSubstr("memory_mib of 1 is too little for 20000 x 8 samples"));
+              HasSubstr("memory_mib of 1 is too little for 20000 x 8 samples: set it to at least"));
 }
 
 TEST(OneClassSvmTest, StopsAtTheIterationLimitAndSaysSo) {
@@ -364,7 +364,7 @@ TEST(OneClassSvmTest, EveryInstructionSetFindsTheSolution) {
   }
 }
 
-// Two samples, and slightly more than a vector of lanes: the minimum to choose from.
+// Sizes from two samples to slightly more than a vector of lanes.
 TEST(OneClassSvmTest, TheSmallestProblemsConverge) {
   core::Random random(45);
   for (const int m : {2, 3, 15, 16, 17, 33}) {
@@ -379,7 +379,7 @@ TEST(OneClassSvmTest, TheSmallestProblemsConverge) {
   }
 }
 
-TEST(OneClassSvmTest, FewerSamplesThanOneOverNuContainAllOfThem) {
+TEST(OneClassSvmTest, ASupportOfFewerThanOneOverNuSamplesContainsThem) {
   core::Random random(32);
   const core::Matrix samples = Tube(10, 2, random);
   const auto svm = OneClassSvm::Fit(samples, {.nu = 0.01, .gamma = 1.0, .tolerance = 1e-7});

@@ -85,7 +85,7 @@ TEST(WhitenedSupportTest, PhaseWhiteningMakesTheMapsFollowTheSpread) {
   EXPECT_EQ(plain.curvature_bound(4), plain.estimate(4).gamma());
 }
 
-TEST(WhitenedSupportTest, GoalsStayInsideWhereEndedDemonstrationsCount) {
+TEST(WhitenedSupportTest, HoldingEndedDemonstrationsKeepsMoreGoalsInside) {
   const auto walks = Walks(60);
   Eigen::Index longest = 0;
   for (const auto& walk : walks) longest = std::max(longest, walk.rows());
@@ -103,8 +103,8 @@ TEST(WhitenedSupportTest, GoalsStayInsideWhereEndedDemonstrationsCount) {
             share(WhitenedSupport::Fit(walks, {.hold_ended = false, .least_share = 0.0})));
 }
 
-// l of each state of each demonstration under a support of the others, the best of `window` time
-// steps to either side.
+// Levels of all demonstrated states under supports of the other folds: the best l within `window`
+// time steps.
 std::vector<double> UnseenLevels(std::span<const core::Matrix> demonstrations,
                                  const WhitenedSupportOptions& options, int folds = 5,
                                  int window = 3) {
@@ -133,7 +133,7 @@ std::vector<double> UnseenLevels(std::span<const core::Matrix> demonstrations,
 
 // Unseen demonstrations are less deep inside than the fitted ones, and farther outside if fewer are
 // fitted.
-TEST(WhitenedSupportTest, UnseenDemonstrationsShowWhatFewDoNotCover) {
+TEST(WhitenedSupportTest, UnseenDemonstrationsRevealPoorCoverage) {
   const auto low = [](std::vector<double> levels) {
     const auto fifth = levels.begin() + static_cast<std::ptrdiff_t>(levels.size() / 5);
     std::nth_element(levels.begin(), fifth, levels.end());
@@ -184,7 +184,7 @@ TEST(WhitenedSupportTest, LongDemonstrationsOfDifferingPaceAreCovered) {
   EXPECT_EQ(inside(0.002), inside(0.0)) << "below the window";
 }
 
-// Returns demonstrations with these numbers of states of one entry.
+// Returns a demonstration of one-entry states for each of `lengths`.
 std::vector<core::Matrix> OfLengths(const std::vector<int>& lengths) {
   core::Random random(5);
   std::vector<core::Matrix> demonstrations;
@@ -196,11 +196,11 @@ std::vector<core::Matrix> OfLengths(const std::vector<int>& lengths) {
   return demonstrations;
 }
 
-TEST(WhitenedSupportTest, LastsAsLongAsTheWantedShareOfDemonstrations) {
+TEST(WhitenedSupportTest, LastsAsLongAsTheGivenShareOfDemonstrations) {
   const auto steps = [](double share) {
     return WhitenedSupport::Fit(OfLengths({5, 11, 7, 9}), {.least_share = share}).num_steps();
   };
-  EXPECT_EQ(steps(0.0), 9) << "two of them at least";
+  EXPECT_EQ(steps(0.0), 9) << "at least two demonstrations";
   EXPECT_EQ(steps(0.5), 9);
   EXPECT_EQ(steps(0.51), 7);
   EXPECT_EQ(steps(0.75), 7);
@@ -256,7 +256,7 @@ std::vector<core::Matrix> Passing(double aside, int pause) {
   return demonstrations;
 }
 
-TEST(WhitenedSupportTest, TheRoomBetweenTwoWaysIsSeen) {
+TEST(WhitenedSupportTest, TheGapBetweenTwoWaysIsFound) {
   const auto ways = Passing(3.0, 0);
   const ModeSeparationTest tight = TestModeSeparation(WhitenedSupport::Fit(ways), ways);
   EXPECT_EQ(tight.steps, 21);
@@ -295,11 +295,11 @@ TEST(WhitenedSupportTest, AGapIsTheMiddleBetweenClustersOfThreeThatAreFourApart)
   EXPECT_EQ(Gaps(apart, 0.1).inside, 0);
   EXPECT_EQ(Gaps({0.0, 0.1, 0.2, 4.1, 4.2, 4.3}, 0.0).points, 0) << "3.9 apart";
   EXPECT_EQ(Gaps({0.0, 0.1, 0.2, 4.3, 4.4, 4.5}, 0.0).points, 1) << "4.1 apart";
-  EXPECT_EQ(Gaps({0.0, 0.1, 0.2, 0.3, 10.0, 10.1}, 0.0).points, 0) << "two are no cluster";
+  EXPECT_EQ(Gaps({0.0, 0.1, 0.2, 0.3, 10.0, 10.1}, 0.0).points, 0) << "two states are no cluster";
   // A demonstration passes later, within 2.45 (a quarter of the gap) of the middle.
   EXPECT_EQ(Gaps(apart, 0.0, 5.1 + 2.4).points, 0);
   EXPECT_EQ(Gaps(apart, 0.0, 5.1 + 2.5).points, 1);
-  // A tenth of 40 is four.
+  // With 40 demonstrations a cluster needs a tenth of them: four.
   std::vector<double> many;
   many.reserve(40);
   for (int i = 0; i < 37; ++i) many.push_back(0.1 * i);
@@ -309,7 +309,7 @@ TEST(WhitenedSupportTest, AGapIsTheMiddleBetweenClustersOfThreeThatAreFourApart)
   EXPECT_EQ(Gaps(many, 0.0).points, 1);
 }
 
-TEST(WhitenedSupportTest, DifferingPacesAreNotTakenForWays) {
+TEST(WhitenedSupportTest, DifferentPacesAreNotTakenForWays) {
   for (const int pause : {0, 6}) {
     const auto way = Passing(0.0, pause);
     EXPECT_LE(TestModeSeparation(WhitenedSupport::Fit(way), way).points, 2) << pause;
@@ -335,7 +335,7 @@ std::vector<core::Matrix> Rings(int count) {
   return rings;
 }
 
-TEST(WhitenedSupportTest, TheRatioOfVolumesIsThatOfAreas) {
+TEST(WhitenedSupportTest, TheVolumeRatioAgreesWithAreasOnAGrid) {
   const std::vector<core::Matrix> rings = Rings(80);
   const auto fit = [&](double gamma) {
     return WhitenedSupport::Fit(rings, {.svm = {.gamma = gamma}, .phase_whitening = false});
@@ -359,7 +359,7 @@ TEST(WhitenedSupportTest, TheRatioOfVolumesIsThatOfAreas) {
   EXPECT_EQ(LogVolumeRatio(wide, 0.0, narrow, 0.0, std::span(rings).first(4)), 0.0);
 }
 
-TEST(WhitenedSupportTest, ACoarseSupportHasEveryFewthEstimate) {
+TEST(WhitenedSupportTest, ACoarseSupportHasEveryFourthEstimate) {
   const std::vector<core::Matrix> walks = Walks(20);
   const auto fine = WhitenedSupport::Fit(walks);
   const auto coarse = WhitenedSupport::Fit(walks, {.every = 4});
@@ -395,7 +395,7 @@ TEST(WhitenedSupportTest, BrokenSensorsReadAsOutsideAndNothingAllocates) {
   (void)support.LogDecision(1, z, gradient);
 }
 
-TEST(WhitenedSupportTest, Errors) {
+TEST(WhitenedSupportTest, InvalidArgumentsAreRefused) {
   const auto walks = Walks(5);
   EXPECT_THROW(WhitenedSupport::Fit(std::vector{walks[0]}), std::invalid_argument);
   EXPECT_THROW(WhitenedSupport::Fit(walks, {.window = -1}), std::invalid_argument);
