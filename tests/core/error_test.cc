@@ -9,9 +9,9 @@ namespace {
 
 static_assert(std::is_nothrow_copy_constructible_v<Error>);
 
-TEST(ErrorTest, HasProblemAndRemedyAndBothInWhat) {
+TEST(ErrorTest, WhatJoinsTheProblemAndTheRemedy) {
   const Error error("a.avi: cannot be opened; twice", "is the path right?");
-  EXPECT_EQ(error.problem(), "a.avi: cannot be opened; twice") << "also with a separator in it";
+  EXPECT_EQ(error.problem(), "a.avi: cannot be opened; twice") << "a separator within is kept";
   EXPECT_EQ(error.remedy(), "is the path right?");
   EXPECT_STREQ(error.what(), "a.avi: cannot be opened; twice; is the path right?");
 }

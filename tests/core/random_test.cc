@@ -78,7 +78,7 @@ TEST(RandomTest, BelowReachesEveryValueAndNoOther) {
   for (const int count : counts) EXPECT_NEAR(count, 1000, 4 * std::sqrt(7000 * 6.0 / 49.0));
 }
 
-TEST(RandomTest, DirectionIsAUnitVectorWithoutPreference) {
+TEST(RandomTest, DirectionIsAUnitVectorOfMeanZero) {
   Random random(6);
   std::vector<double> mean(7, 0.0), direction(7);
   for (int i = 0; i < 10000; ++i) {

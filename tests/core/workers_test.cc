@@ -27,7 +27,7 @@ TEST(WorkersTest, NoMoreThreadsThanJobsAreStarted) {
   EXPECT_EQ(done, 3);
 }
 
-TEST(WorkersTest, TheExceptionOfAJobIsThrownAndTheWorkersGoOn) {
+TEST(WorkersTest, AJobsExceptionIsThrownAndTheWorkersStayUsable) {
   for (const int threads : {1, 4}) {
     Workers workers(threads);
     const auto fail = [](std::size_t i) {

@@ -115,14 +115,14 @@ TEST(AbsoluteActionsTest, DifferencesAreTheDistanceToTheTarget) {
   EXPECT_TRUE(FindAbsoluteActions(set).empty());
 }
 
-TEST(AbsoluteActionsTest, VelocitiesAreNone) {
+TEST(AbsoluteActionsTest, VelocitiesAreNotTargets) {
   for (const double gain : {0.3, 1.0, 3.0}) {
     EXPECT_TRUE(FindAbsoluteActions(RollOut(Velocities(gain))).empty()) << gain;
   }
 }
 
 // A proportional policy with gain 1 returns the distance to the goal.
-TEST(AbsoluteActionsTest, AStateThatHoldsTheDistanceToTheGoalIsNone) {
+TEST(AbsoluteActionsTest, VelocitiesAreNotTargetsBesideTheDistanceToTheGoal) {
   World world = Velocities(1.0);
   world.observe = [](const auto& x, const auto& goal, const auto&) {
     return std::vector<double>{x[0], x[1], goal[0] - x[0], goal[1] - x[1]};
@@ -130,7 +130,7 @@ TEST(AbsoluteActionsTest, AStateThatHoldsTheDistanceToTheGoalIsNone) {
   EXPECT_TRUE(FindAbsoluteActions(RollOut(world)).empty());
 }
 
-TEST(AbsoluteActionsTest, AStateThatHoldsVelocityOrLastActionIsNone) {
+TEST(AbsoluteActionsTest, VelocitiesAreNotTargetsBesideTheLastAction) {
   World world = Velocities(1.0);
   world.observe = [](const auto& x, const auto&, const auto& last) {
     return std::vector<double>{x[0], x[1], last[0], last[1]};
@@ -138,7 +138,7 @@ TEST(AbsoluteActionsTest, AStateThatHoldsVelocityOrLastActionIsNone) {
   EXPECT_TRUE(FindAbsoluteActions(RollOut(world)).empty());
 }
 
-TEST(AbsoluteActionsTest, ConstantEntriesAndShortSetsAreNone) {
+TEST(AbsoluteActionsTest, ConstantEntriesAndShortSetsHaveNoTargets) {
   Trajectory still{.states = Matrix::Ones(31, 2), .controls = Matrix::Ones(30, 2)};
   EXPECT_TRUE(FindAbsoluteActions(std::vector{still}).empty());
   Trajectory brief{.states = Matrix::Random(3, 2), .controls = Matrix::Random(2, 2)};
@@ -146,7 +146,7 @@ TEST(AbsoluteActionsTest, ConstantEntriesAndShortSetsAreNone) {
   EXPECT_TRUE(FindAbsoluteActions({}).empty());
 }
 
-TEST(AbsoluteActionsTest, OnlyTheEntriesThatAreTargetsAreConverted) {
+TEST(AbsoluteActionsTest, OnlyTargetsAreConverted) {
   World world = Targets(1.0);
   const auto targets = world.act;
   world.act = [targets](const auto& x, const auto& goal, Random& random, auto& u, auto& next) {
@@ -163,7 +163,7 @@ TEST(AbsoluteActionsTest, OnlyTheEntriesThatAreTargetsAreConverted) {
 }
 
 // A matrix of all pairs of entries would take 320 GB.
-TEST(AbsoluteActionsTest, PicturesTakeMemoryLinearInTheirPixels) {
+TEST(AbsoluteActionsTest, MemoryIsLinearInThePixelsOfPictures) {
   constexpr Eigen::Index kPixels = 100'000;
   const auto small = RollOut(Targets(0.5));
   std::vector<Trajectory> set;

@@ -50,7 +50,7 @@ FeatureTransform Object() { return FeatureTransform::Identity(Named("object")); 
 
 const std::vector<double> kState = {9, 9, 9, 1, 2, 9, 9, 9};
 
-TEST(FeatureDecisionTest, DecisionOnASelectionIsTheInnerFunction) {
+TEST(FeatureDecisionTest, ASelectionUsesTheInnerFunction) {
   const Planar inner;
   const FeatureDecision decision(Object(), inner);
   std::vector<double> gradient(8, -1.0);

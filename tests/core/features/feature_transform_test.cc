@@ -103,7 +103,7 @@ TEST(FeatureTransformTest, IdentityIsTheSelectionAndRowsAgreeWithSingleStates) {
   for (int i = 0; i < 4; ++i) ASSERT_EQ(one[static_cast<std::size_t>(i)], rows(3, i));
 }
 
-TEST(FeatureTransformTest, Errors) {
+TEST(FeatureTransformTest, InvalidArgumentsAreRefused) {
   const auto all = FeatureSelection::All(4);
   EXPECT_THROW(FeatureTransform::Whitening(all, std::vector{Walks()[0]}), std::invalid_argument);
   const std::vector<Matrix> same(3, Matrix::Ones(4, 4));

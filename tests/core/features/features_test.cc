@@ -34,7 +34,7 @@ TEST(FeatureSelectionTest, TakesBlocksAndRangesInTheGivenOrder) {
   EXPECT_EQ(selection.Apply(states), expected);
 }
 
-TEST(FeatureSelectionTest, ErrorsNameTheFeatureAndWhatThereIs) {
+TEST(FeatureSelectionTest, ErrorsNameTheFeatureAndTheValidOnes) {
   const auto message = [](const char* spec) -> std::string {
     return dfr::test::MessageOf<std::invalid_argument>([&] { FeatureSelection(Layout(), spec); });
   };
@@ -48,8 +48,8 @@ TEST(FeatureSelectionTest, ErrorsNameTheFeatureAndWhatThereIs) {
   EXPECT_THAT(message(""), HasSubstr("no feature"));
 }
 
-// A specification of 23 KB that repeated an entry once requested gigabytes of features.
-TEST(FeatureSelectionTest, NoEntryIsNamedTwice) {
+// A specification of 23 KB that repeated an entry once allocated gigabytes of features.
+TEST(FeatureSelectionTest, RepeatedEntriesAreRefused) {
   StateLayout layout;
   layout.Add("a", 3);
   for (const char* spec : {"a,a", "a[0:2],a[1:3]", "a[2:3],a"}) {
@@ -62,7 +62,7 @@ TEST(FeatureSelectionTest, NoEntryIsNamedTwice) {
                std::invalid_argument);
 }
 
-TEST(StateLayoutTest, HasABoundThatSumsDoNotPass) {
+TEST(StateLayoutTest, BlocksBeyondTheLargestStateAreRefused) {
   StateLayout layout;
   layout.Add("a", StateLayout::kMaxStateDim - 1);
   layout.Add("b", 1);
@@ -71,7 +71,7 @@ TEST(StateLayoutTest, HasABoundThatSumsDoNotPass) {
   EXPECT_THROW(layout.Add("d", std::numeric_limits<int>::max()), std::invalid_argument);
 }
 
-TEST(FeaturesTest, FileNamesOfObservationsAreStripped) {
+TEST(FeaturesTest, ObservationPrefixesAreStripped) {
   EXPECT_EQ(StripObservationPrefixes("obs/object,obs/robot0_eef_pos[0:3]"),
             "object,robot0_eef_pos[0:3]");
   EXPECT_EQ(StripObservationPrefixes("observations/tip,tilt"), "tip,tilt");

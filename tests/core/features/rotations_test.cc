@@ -55,7 +55,7 @@ Eigen::Quaterniond Turn(int d, double share, double angle = 1.2) {
   return Eigen::Quaterniond(Eigen::AngleAxisd(angle * share + 0.05 * d, axis));
 }
 
-// w, x, y, z; the sign changes at random.
+// Quaternions w, x, y, z. With `flips` the sign changes at random.
 std::vector<Trajectory> Quaternions(double angle, bool flips) {
   auto random = std::make_shared<Random>(9);
   return Episodes(4, [=](int d, double share) -> Eigen::VectorXd {
@@ -70,7 +70,7 @@ double Wrapped(double angle, bool centred, double period = 2.0 * kPi) {
   return angle - period * (centred ? std::round(angle / period) : std::floor(angle / period));
 }
 
-TEST(RotationsTest, AQuaternionIsMadeContinuousWhicheverItsSign) {
+TEST(RotationsTest, AQuaternionOfAnySignIsMadeContinuous) {
   for (const bool flips : {false, true}) {
     const auto found = FindRotations(Layout(4), Quaternions(1.2, flips));
     ASSERT_EQ(found.size(), 1U);
@@ -122,7 +122,7 @@ TEST(RotationsTest, AQuaternionIsFoundWithinALargerBlock) {
   EXPECT_THAT(Describe(found[0], layout), HasSubstr("state[2:6]"));
 }
 
-// Four entries of length 1 that are no quaternion: states of opposite sign are not the same.
+// Four entries of norm 1 that are no quaternion: opposite signs mean different states.
 TEST(RotationsTest, CosineAndSineBesideDeadEntriesAndOneHotCodesAreNoQuaternions) {
   const auto circle = Episodes(5, [](int d, double share) -> Eigen::VectorXd {
     const double angle = 0.1 * d + share;
@@ -187,7 +187,7 @@ TEST(RotationsTest, QuaternionsMayBeRoundedToTwoDigits) {
   EXPECT_TRUE(found[0].continuous);
 }
 
-TEST(RotationsTest, AnAngleThatWrapsIsMadeContinuousWhereACircleHasRoom) {
+TEST(RotationsTest, AnAngleThatWrapsIsMadeContinuousIfItLeavesAGap) {
   for (const double period : {2.0 * kPi, 360.0}) {
     for (const bool centred : {true, false}) {
       // The angle goes from 110 to 250 degrees, and from -70 to 70. Each range crosses one of the
@@ -249,7 +249,7 @@ TEST(RotationsTest, AnAngleThatGoesAllTheWayRoundBecomesCosineAndSine) {
   }
 }
 
-TEST(RotationsTest, AnAngleThatRunsOnIsNamedWhereEpisodesBeginOnOtherRevolutions) {
+TEST(RotationsTest, AnAngleOnSeveralRevolutionsIsNamed) {
   const auto episodes = [](int revolutions) {
     return Episodes(1, [=](int d, double share) -> Eigen::VectorXd {
       return Eigen::VectorXd::Constant(
@@ -338,7 +338,7 @@ TEST(RotationsTest, TheOrderOfTheDemonstrationsChangesNoBit) {
   EXPECT_EQ(FindRotations(Layout(4), episodes)[0].reference, found[0].reference);
 }
 
-TEST(StateMapTest, NamesQuaternionsThatAreNone) {
+TEST(StateMapTest, FindsInvalidQuaternions) {
   const StateMap map({{1, {1.0, 0.0, 0.0, 0.0}}}, {});
   EXPECT_EQ(map.FindInvalid(std::vector{9.0, 1.05, 0.0, 0.0, 0.0}), -1);
   EXPECT_EQ(map.FindInvalid(std::vector{9.0, 0.0, 0.0, 0.0, 0.0}), 1);
@@ -346,7 +346,7 @@ TEST(StateMapTest, NamesQuaternionsThatAreNone) {
   EXPECT_EQ(map.least_state_dim(), 5);
 }
 
-TEST(StateMapTest, WrongPartsAreNamed) {
+TEST(StateMapTest, InvalidPartsAreNamed) {
   const auto refusal = [](std::vector<StateMap::Quaternion> quaternions,
                           std::vector<StateMap::Angle> angles,
                           std::vector<StateMap::Circle> circles = {}) {
@@ -382,7 +382,7 @@ TEST(StateMapTest, SlopesAreThoseOfTheMappedEntries) {
   EXPECT_EQ(map.Value(state, 5), 7.0);
 }
 
-// In degrees: features and entries have one unit. The slopes are differences of features.
+// In degrees, like the entries. The slopes are those of finite differences.
 TEST(StateMapTest, FeaturesOfACircleMoveAsFarAsTheAngle) {
   const auto selection =
       FeatureSelection::All(3).Mapped(StateMap({}, {{0, 0.0, 360.0}}, {{1, 360.0}}));

@@ -125,14 +125,14 @@ TEST_F(ArchiveTest, ErrorsNameFileAndReason) {
   EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 2); }), HasSubstr("not a file written"));
 }
 
-// A device has no end.
+// /dev/zero has no end.
 TEST_F(ArchiveTest, OtherFilesAreNotReadToTheirEnd) {
   EXPECT_THAT(Error([] { ArchiveReader("/dev/zero", "sample", 2); }),
               HasSubstr("/dev/zero: is not a file written by dfr"));
 }
 
-// A message with bytes of a file must not control a terminal, nor be too long to read.
-TEST_F(ArchiveTest, ErrorsShowAFilesTextAsText) {
+// Bytes of a file in a message must not control the terminal or make the message too long.
+TEST_F(ArchiveTest, ErrorsQuoteOnlyShortPrintableText) {
   ArchiveWriter("\x1b[2J\xff" + std::string(1000, 'k'), 1).Save(File());
   EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 1); }),
               HasSubstr("is a ?[2J?" + std::string(35, 'k') + " file, where"));

@@ -50,7 +50,7 @@ class AtomicFileTest : public testing::Test {
   static std::string Error(const std::function<void()>& call) {
     return dfr::test::MessageOf<std::runtime_error>([&] { call(); });
   }
-  // Expects only these files: no temporary file remains.
+  // Expects exactly this many files: no temporary file remains.
   void ExpectOnly(std::ptrdiff_t files) const {
     EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder_), {}), files);
   }
@@ -66,7 +66,7 @@ TEST_F(AtomicFileTest, ReplacesTheWholeContent) {
   ExpectOnly(1);
 }
 
-TEST_F(AtomicFileTest, WithoutCommitNothingHappens) {
+TEST_F(AtomicFileTest, WithoutCommitTheFileIsUnchanged) {
   const auto path = folder_ / "file";
   ReplaceFile(path, "before");
   {
@@ -92,7 +92,7 @@ TEST_F(AtomicFileTest, ASymbolicLinkStaysOne) {
   ExpectOnly(3);
 }
 
-TEST_F(AtomicFileTest, ALinkToNothingMakesWhatItNames) {
+TEST_F(AtomicFileTest, ADanglingLinkCreatesItsTarget) {
   std::filesystem::create_symlink("new", folder_ / "link");
   ReplaceFile(folder_ / "link", "made");
   EXPECT_EQ(Content(folder_ / "new"), "made");
@@ -106,14 +106,14 @@ TEST_F(AtomicFileTest, ALinkToItselfIsAnError) {
   ExpectOnly(2);
 }
 
-TEST_F(AtomicFileTest, AsManyLinksAreFollowedAsTheKernelFollows) {
+TEST_F(AtomicFileTest, FollowsAsManyLinksAsTheKernel) {
   constexpr int kMostLinks = 40;
   const auto link = [this](int i) { return folder_ / std::to_string(i); };
   ReplaceFile(link(0), "before");
   for (int i = 1; i <= kMostLinks + 1; ++i) {
     std::filesystem::create_symlink(std::to_string(i - 1), link(i));
   }
-  ASSERT_EQ(Content(link(kMostLinks)), "before") << "the kernel follows so many";
+  ASSERT_EQ(Content(link(kMostLinks)), "before") << "the kernel follows this many";
   ReplaceFile(link(kMostLinks), "after");
   EXPECT_EQ(Content(link(0)), "after");
   EXPECT_THAT(Error([&] { ReplaceFile(link(kMostLinks + 1), "x"); }),
@@ -122,7 +122,7 @@ TEST_F(AtomicFileTest, AsManyLinksAreFollowedAsTheKernelFollows) {
   for (int i = 1; i <= kMostLinks + 1; ++i) EXPECT_TRUE(std::filesystem::is_symlink(link(i)));
 }
 
-TEST_F(AtomicFileTest, ItClosesItsOwnFileAndNoOther) {
+TEST_F(AtomicFileTest, ClosesItsFileAndNoOther) {
   const auto open_files = [] {
     std::set<std::string> names;
     for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd")) {
@@ -176,7 +176,7 @@ TEST_F(AtomicFileTest, ADeviceIsWrittenTo) {
   EXPECT_TRUE(std::filesystem::is_character_file(full));
 }
 
-// A shell's redirection leaves such an open file. A rename would leave the shell with a deleted
+// A shell's redirection opens the file like this. After a rename the shell would write to a deleted
 // file.
 TEST_F(AtomicFileTest, AnOpenFileIsWrittenTo) {
   const auto path = folder_ / "redirected";
@@ -217,8 +217,8 @@ TEST_F(AtomicFileTest, AReadOnlyFileIsNotReplaced) {
   EXPECT_EQ(Content(path), "before");
 }
 
-// A limit on file sizes stands in for a full disk, at every place within the file.
-TEST_F(AtomicFileTest, AFullDiskLeavesWhatWasThere) {
+// A limit on file sizes stands in for a disk that is full at the start, near it or near the end.
+TEST_F(AtomicFileTest, AFullDiskKeepsThePreviousFile) {
   const auto path = folder_ / "file";
   ReplaceFile(path, "before");
   rlimit unlimited{};

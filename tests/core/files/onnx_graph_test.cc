@@ -16,7 +16,7 @@ using testing::HasSubstr;
 
 // tests/onnx checks the values of the files with ONNX Runtime.
 
-TEST(OnnxGraphTest, IsProtocolBuffersByHand) {
+TEST(OnnxGraphTest, MatchesBytesEncodedByHand) {
   OnnxGraph graph("g");
   graph.Output(graph.Input("x", OnnxGraph::Type::kDouble, {-1, 300}), "y", OnnxGraph::Type::kDouble,
                {-1, 300});

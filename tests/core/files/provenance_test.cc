@@ -7,7 +7,7 @@
 namespace dfr::core {
 namespace {
 
-TEST(ProvenanceTest, ATextKeepsEverything) {
+TEST(ProvenanceTest, ParsingRestoresWhatWasWritten) {
   EXPECT_EQ(ToText({}), "");
   EXPECT_EQ(ParseProvenance(""), Provenance());
   const Provenance made = {Origin::kReal, "PSM1", "A = 7", "left eye, \"new\"", "2026-11-23"};
@@ -26,7 +26,7 @@ TEST(ProvenanceTest, InvalidTextIsRefused) {
   EXPECT_THROW(static_cast<void>(ToText(made)), std::invalid_argument);
 }
 
-TEST(ProvenanceTest, DatesAreOfTenCharacters) {
+TEST(ProvenanceTest, DatesHaveTenCharacters) {
   EXPECT_EQ(Today().size(), 10U);
   EXPECT_EQ(Today()[4], '-');
 }

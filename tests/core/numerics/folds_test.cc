@@ -14,8 +14,8 @@
 namespace dfr::core {
 namespace {
 
-// `goals` ways from one start with `each` demonstrations each. Goals alternate as a supervisor
-// cycles.
+// `each` demonstrations of each of `goals` ways from one start. The goals alternate, as with a
+// supervisor that cycles.
 std::vector<Matrix> Cycle(int goals, int each, std::uint64_t seed) {
   Random random(seed);
   std::vector<Matrix> demonstrations;
@@ -101,7 +101,7 @@ TEST(FoldsTest, TheOrderOfDemonstrationsChangesNothing) {
 }
 
 // Another compiler or processor may round a recorded state differently.
-TEST(FoldsTest, ARoundingChangesNothing) {
+TEST(FoldsTest, RoundingChangesNothing) {
   Random random(5);
   const auto demonstrations = Cycle(5, 12, 4);
   auto rounded = demonstrations;
@@ -121,9 +121,9 @@ TEST(FoldsTest, DistinguishesDifferencesInDoublePrecision) {
             Entries(Permuted(demonstrations, DeterministicOrder(demonstrations))));
 }
 
-// Assumption of split conformal prediction: the first demonstrations are a random sample, and the
-// probability that a further one exceeds all of them is that of a random order. The lowest must not
-// always be among the others.
+// Split conformal prediction assumes that the first demonstrations are a random sample. A further
+// one then exceeds all of them with the probability of a random order, and each rank is as often
+// among the first.
 TEST(FoldsTest, TheFirstAreARandomSample) {
   constexpr int kCount = 20;
   constexpr int kHeldOut = 10;
@@ -155,8 +155,8 @@ TEST(FoldsTest, TheFirstAreARandomSample) {
 }
 
 TEST(FoldsTest, NoFoldHoldsAWholeCluster) {
-  // d mod 5 would put each goal into a separate fold. Each fold has two of ten. One demonstration
-  // far from the others of its goal may be added or missing.
+  // d mod 5 would put each goal into a separate fold. Each fold has two of ten, give or take one
+  // demonstration that is far from the others of its goal.
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
     const auto demonstrations = Cycle(5, 10, seed);
     for (const auto& fold : StratifiedFolds(demonstrations, 5, seed)) {
@@ -167,7 +167,7 @@ TEST(FoldsTest, NoFoldHoldsAWholeCluster) {
   }
 }
 
-TEST(FoldsTest, ControlsTellDemonstrationsOfEqualStatesApart) {
+TEST(FoldsTest, ControlsDistinguishDemonstrationsOfEqualStates) {
   Random random(3);
   std::vector<Trajectory> demonstrations(6);
   for (auto& d : demonstrations) {
@@ -191,7 +191,7 @@ TEST(FoldsTest, ContiguousFoldsAreStretchesOfTheRecording) {
             (std::vector<std::size_t>{4, 3}));
 }
 
-TEST(FoldsTest, Errors) {
+TEST(FoldsTest, InvalidArgumentsAreRefused) {
   const auto demonstrations = Cycle(1, 3, 1);
   EXPECT_THROW((void)StratifiedFolds(demonstrations, 1), std::invalid_argument);
   EXPECT_THROW((void)StratifiedFolds(demonstrations, 4), std::invalid_argument);

@@ -66,7 +66,7 @@ TEST(LocalScatterTest, TwoClustersAreNotOneWideOne) {
   EXPECT_LT(local.maxCoeff(), 2.5);
 }
 
-TEST(LocalScatterTest, OutliersDoNotCount) {
+TEST(LocalScatterTest, OutliersHaveLittleEffect) {
   Skewed skewed;
   const auto groups = skewed.Groups(Eigen::RowVector3d::Zero(), 4);
   const Matrix scatter = skewed.Scaled(LocalScatter(groups));
@@ -74,7 +74,7 @@ TEST(LocalScatterTest, OutliersDoNotCount) {
   EXPECT_TRUE(test::AllClose(scatter, skewed.Scaled(skewed.covariance), 0.4));
 }
 
-// Units and the order of points have no relevant effect.
+// Units scale the scatter. The order of points has no relevant effect.
 TEST(LocalScatterTest, ScalesWithTheUnits) {
   Skewed skewed;
   std::vector<Matrix> groups = skewed.Groups(Eigen::RowVector3d(9.0, 9.0, 9.0));
@@ -138,7 +138,7 @@ TEST(LocalScatterTest, ErrorsNameTheOption) {
   EXPECT_THROW((void)LocalScatter(widths), std::invalid_argument);
 }
 
-TEST(InverseSquareRootTest, IsWhatItsNameSays) {
+TEST(InverseSquareRootTest, WhitensTheRegularisedMatrix) {
   Random random(2);
   Matrix a(5, 5);
   for (Eigen::Index i = 0; i < a.size(); ++i) a.data()[i] = random.Normal();

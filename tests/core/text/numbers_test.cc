@@ -46,7 +46,7 @@ TEST(NumbersTest, NothingElseIsANumber) {
   }
 }
 
-TEST(NumbersTest, WholeNumbersStayInTheirRange) {
+TEST(NumbersTest, ParsesIntegersWithinTheirRange) {
   EXPECT_EQ(ParseInteger<int>("-12"), -12);
   EXPECT_EQ(ParseInteger<int>("+12"), 12);
   EXPECT_EQ(ParseInteger<int>("010"), 10);  // no octal

@@ -19,7 +19,7 @@ TEST(ClosestTest, CountsChangedMissingAddedAndSwappedCharacters) {
   EXPECT_EQ(Closest("report", kCommands), "report");
 }
 
-TEST(ClosestTest, SuggestsNothingThatDiffersInMoreThanAThird) {
+TEST(ClosestTest, SuggestsNothingThatDiffersByMoreThanAThird) {
   EXPECT_EQ(Closest("frobnicate", kCommands), "");
   EXPECT_EQ(Closest("shake", kCommands), "");  // three changes from "show"
   EXPECT_EQ(Closest("", kCommands), "");
