@@ -59,7 +59,7 @@ Mixture MakeMixture(int count, std::uint64_t seed) {
 
 std::vector<int> AllColumns() { return {0, 1, 2, 3, 4, 5, 6, 7}; }
 
-// Returns the share of the task in the squares of what the first component follows.
+// Returns the share of the task in the squared weights of the first component on the sources.
 double ShareOfTask(const Matrix& weights, const Mixture& mixture) {
   const Eigen::RowVectorXd followed = (weights * mixture.mixing).row(0);
   return followed.head(kTask).squaredNorm() / followed.squaredNorm();
@@ -77,7 +77,7 @@ TEST(ActionDirectionsTest, TakesTheTaskBeforeASlowNuisance) {
   }
 }
 
-// The basis of a subspace has no effect on what it represents, and slow features are uncorrelated.
+// Any basis of the subspace represents the same. The basis of slow features is uncorrelated.
 TEST(ActionDirectionsTest, ComponentsAreSlowFeaturesSlowestFirst) {
   const Mixture mixture = MakeMixture(30, 4);
   const std::vector<std::vector<int>> blocks = {AllColumns()};
@@ -103,9 +103,9 @@ TEST(ActionDirectionsTest, DoesNotDependOnTheOrderOfDemonstrations) {
   EXPECT_EQ(ActionDirections(mixture.demonstrations, blocks).Weights(0, 3), before);
 }
 
-TEST(ActionDirectionsTest, WhatColumnsBesideExplainABlockNeedNotExplain) {
+TEST(ActionDirectionsTest, ABlockNeedNotExplainWhatOtherColumnsExplain) {
   Mixture mixture = MakeMixture(30, 6);
-  // An entry beside explains one action, the block's first entry the other.
+  // A column beside the block explains one action, the block's first entry the other.
   core::Random random(12);
   for (core::Trajectory& d : mixture.demonstrations) {
     Matrix states(d.states.rows(), 4);
@@ -113,7 +113,7 @@ TEST(ActionDirectionsTest, WhatColumnsBesideExplainABlockNeedNotExplain) {
     d.states = states;
     d.controls.col(0) = states.col(2).head(30);
     d.controls.col(1) = states.col(0).head(30);
-    d.states.col(1) = d.states.col(2);  // Repeats what is beside.
+    d.states.col(1) = d.states.col(2);  // Repeats that column.
     d.states.col(3).setOnes();          // Has no effect.
   }
   const std::vector<std::vector<int>> blocks = {{0, 1}};
@@ -131,7 +131,7 @@ TEST(ActionDirectionsTest, WhatColumnsBesideExplainABlockNeedNotExplain) {
   EXPECT_LT(of_x(mixture.demonstrations), 0.9);
 }
 
-TEST(ActionDirectionsTest, LeftOutDemonstrationsPreferThemToSlowFeatures) {
+TEST(ActionDirectionsTest, ExplainLeftOutDemonstrationsBetterThanSlowFeatures) {
   const Mixture mixture = MakeMixture(30, 7);
   const auto row = [&](const std::vector<std::vector<int>>& by_actions) {
     return ChooseComponents(mixture.demonstrations, {.candidates = {3}, .by_actions = by_actions})
@@ -143,7 +143,7 @@ TEST(ActionDirectionsTest, LeftOutDemonstrationsPreferThemToSlowFeatures) {
 }
 
 // Directions are fitted without the actions that they are judged by.
-TEST(ActionDirectionsTest, LeftOutDemonstrationsRefuseActionsOfChance) {
+TEST(ActionDirectionsTest, DoNotExplainRandomActionsOfLeftOutDemonstrations) {
   Mixture mixture = MakeMixture(12, 8);
   core::Random random(9);
   for (core::Trajectory& d : mixture.demonstrations) {
@@ -163,8 +163,8 @@ TEST(ActionDirectionsTest, RefusesABlockThatDoesNotVary) {
       HasSubstr("all rows are equal"));
 }
 
-// Actions that are the same everywhere depend on nothing, and the basis of all scores has no
-// effect.
+// Constant actions depend on nothing. All components together span the same space as slow
+// features.
 TEST(ActionDirectionsTest, AConstantActionLeavesSlowFeatures) {
   Mixture mixture = MakeMixture(12, 11);
   std::vector<Matrix> states;

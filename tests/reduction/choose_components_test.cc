@@ -41,7 +41,7 @@ TEST(ChooseComponentsTest, PicturesNeedMoreComponentsThanTheirStateHasEntries) {
   EXPECT_THAT(choice.reason, HasSubstr("10 components explain"));
 }
 
-TEST(ChooseComponentsTest, TheStateItselfNeedsAllItsEntries) {
+TEST(ChooseComponentsTest, TheTrueStateNeedsAllItsEntries) {
   const ComponentsChoice choice =
       ChooseComponents(test::MakeGapPictures(40, 2).truth, {.candidates = {2, 3, 4}});
   ASSERT_EQ(choice.table.size(), 2U);  // There is no fourth component.
@@ -52,7 +52,7 @@ TEST(ChooseComponentsTest, TheStateItselfNeedsAllItsEntries) {
   EXPECT_LT(choice.table[1].explained_error, 0.05);
 }
 
-TEST(ChooseComponentsTest, ColumnsBesideAreThereWithAnyNumber) {
+TEST(ChooseComponentsTest, ColumnsBesideAreKeptWithAnyNumberOfComponents) {
   const std::vector<core::Trajectory> states = Reduced(test::MakeGapPictures(20, 5));
   const auto row = [&](const ChooseComponentsOptions& options) {
     return ChooseComponents(states, options).table.at(0);
@@ -86,7 +86,7 @@ TEST(ChooseComponentsTest, AcceptsOneActionWithNoise) {
   EXPECT_EQ(choice.components, 2) << choice.reason;
 }
 
-TEST(ChooseComponentsTest, RefusesWhatDoesNotExplainActions) {
+TEST(ChooseComponentsTest, RefusesComponentsThatDoNotExplainActions) {
   // Actions do not depend on the pictures.
   test::GapPictures pictures = test::MakeGapPictures(20, 3);
   core::Random random(4);
@@ -99,7 +99,7 @@ TEST(ChooseComponentsTest, RefusesWhatDoesNotExplainActions) {
                                        "most 0 % of their variance"));
 }
 
-TEST(ChooseComponentsTest, RefusesWhatLeavesNothingInside) {
+TEST(ChooseComponentsTest, RefusesNumbersThatLeaveTooFewStatesInside) {
   const ComponentsChoice choice = ChooseComponents(Reduced(test::MakeGapPictures(12, 5)),
                                                    {.candidates = {20, 24}, .least_inside = 0.9});
   EXPECT_EQ(choice.components, 0);

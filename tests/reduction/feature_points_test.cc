@@ -29,7 +29,7 @@ constexpr int kHeight = 9;
 constexpr int kWidth = 12;
 constexpr core::PictureShape kGrey = {kHeight, kWidth, 1};
 
-// The mean everywhere, except for three deviations more in a block of side x side pixels.
+// A picture of the mean, with three deviations more in a block of side x side pixels.
 std::vector<float> Bright(const core::PictureShape& shape, int row, int column, int side) {
   std::vector<float> picture(static_cast<std::size_t>(shape.height * shape.width * shape.channels),
                              128.0F);
@@ -48,7 +48,7 @@ std::vector<double> Positions(const FeaturePoints& points, const std::vector<flo
   return positions;
 }
 
-TEST(FeaturePointsTest, ABrightPatchIsWhereItIs) {
+TEST(FeaturePointsTest, ABrightPatchIsLocated) {
   for (const int channels : {1, 3}) {
     const core::PictureShape shape = {kHeight, kWidth, channels};
     const FeaturePoints points(shape, 2, 50.0, Matrix::Constant(1, 4 * channels, 3.0));
@@ -60,9 +60,9 @@ TEST(FeaturePointsTest, ABrightPatchIsWhereItIs) {
   }
 }
 
-TEST(FeaturePointsTest, PositionsAreExpectedOnes) {
-  // 1 x 1 patches of value 3 on one bright pixel of a 1 x 3 picture: all windows except the last
-  // differ by 9 from the patch.
+TEST(FeaturePointsTest, PositionsAreWeightedMeans) {
+  // A 1 x 1 patch of value 3 and a 1 x 3 picture with one bright pixel: the squared distance to the
+  // patch is 9 in all windows except the last.
   const FeaturePoints points({1, 3, 1}, 1, 0.1, Matrix::Constant(1, 1, 3.0));
   const std::vector<double> at = Positions(points, Bright({1, 3, 1}, 0, 2, 1));
   const double others = std::exp(-0.1 * 9.0);
@@ -70,7 +70,7 @@ TEST(FeaturePointsTest, PositionsAreExpectedOnes) {
   EXPECT_EQ(at[1], 0.0);
 }
 
-TEST(FeaturePointsTest, TwoOfAKindGiveTheMiddle) {
+TEST(FeaturePointsTest, TwoEqualPatchesGiveTheMiddle) {
   std::vector<float> picture = Bright(kGrey, 1, 0, 2);
   const std::vector<float> second = Bright(kGrey, 5, 8, 2);
   std::ranges::transform(picture, second, picture.begin(),
@@ -118,7 +118,7 @@ TEST(FeaturePointsTest, AgreesWithTheDefinition) {
   }
 }
 
-TEST(FeaturePointsTest, PatchesAreWhatPicturesShow) {
+TEST(FeaturePointsTest, PatchesAreWindowsOfThePictures) {
   // Stripes of one pixel have two kinds of windows.
   const core::PictureShape shape = {3, 8, 1};
   Matrix pictures(4, 24);
@@ -146,7 +146,7 @@ TEST(FeaturePointsTest, ApplyAllocatesNothing) {
   points.Apply(picture, workspace, positions);
 }
 
-TEST(FeaturePointsTest, WhatIsNoPictureHasNoPosition) {
+TEST(FeaturePointsTest, AnInvalidPictureHasNoPosition) {
   const FeaturePoints points(kGrey, 2, 5.0, Matrix::Constant(2, 4, 3.0));
   std::vector<float> picture = Bright(kGrey, 1, 1, 2);
   picture[17] = std::numeric_limits<float>::quiet_NaN();
@@ -193,7 +193,7 @@ TEST(FeaturePointsTest, OptionsOutOfRangeAreNamed) {
               HasSubstr("are of one colour"));
 }
 
-TEST(FeaturePointsTest, AFileThatHoldsNoPointsIsRefused) {
+TEST(FeaturePointsTest, HostileFilesAreRefusedByName) {
   const std::filesystem::path path =
       std::filesystem::path(testing::TempDir()) / "feature_points_test.dfr";
   const auto message = [&](int side, double sharpness, const Matrix& patches) {

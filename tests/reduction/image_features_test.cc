@@ -73,7 +73,7 @@ TEST(ImageFeaturesTest, GreyDependsOnTheOrderOfChannels) {
               ElementsAre(FloatEq(200.0F), FloatEq(100.0F), FloatEq(0.0F)));
 }
 
-TEST(ImageFeaturesTest, NormalisedLightTakesBrightnessAndOffsetAway) {
+TEST(ImageFeaturesTest, LightNormalisationRemovesGainAndOffset) {
   core::Random random(1);
   std::vector<std::uint8_t> dim(64);
   for (auto& byte : dim) byte = static_cast<std::uint8_t>(20 + random.Below(50));
@@ -92,7 +92,7 @@ TEST(ImageFeaturesTest, NormalisedLightTakesBrightnessAndOffsetAway) {
               Pointwise(FloatNear(1e-3F), Features(options, View(dim, 8, 1))));
 }
 
-TEST(ImageFeaturesTest, BadPicturesAreNamedAndGiveNoNumbers) {
+TEST(ImageFeaturesTest, BadPicturesAreNamedAndGiveNaN) {
   ImageFeaturesOptions options = Grey(4, 4);
   options.frozen_after = 3;
   ImageFeatures features(options);

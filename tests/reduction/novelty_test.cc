@@ -62,8 +62,8 @@ double Of(const Novelty& novelty, const Eigen::VectorXd& picture, double x, doub
   return novelty.Of(pixels, std::array{x, y}, workspace);
 }
 
-// One window changes by 40, like a small object. Two positions have a new sum.
-TEST(NoveltyTest, NamesWhatNoDemonstrationHasAndLetsOthersPass) {
+// One window changes by 40, as with a small object. Two positions have a new sum.
+TEST(NoveltyTest, FlagsNewObjectsAndPositionsAndPassesDemonstrations) {
   const Novelty novelty = Fitted(Demonstrations(1, 40));
   EXPECT_LE(novelty.left_out(), 0.05);
   const Seen others = Demonstrations(2, 100);
@@ -179,7 +179,7 @@ TEST(NoveltyTest, AShiftOfTheCameraByAPixelPassesAndAnObjectDoesNot) {
   EXPECT_GT(of(object), 1.0);
 }
 
-TEST(NoveltyTest, WhatIsNoPictureIsNovelAndNothingAllocates) {
+TEST(NoveltyTest, AnInvalidPictureIsNovelAndNothingAllocates) {
   const Novelty novelty = Fitted(Demonstrations(1, 10));
   Novelty::Workspace workspace(novelty);
   std::vector<float> picture(kPixels, 100.0F);
@@ -195,7 +195,7 @@ TEST(NoveltyTest, WhatIsNoPictureIsNovelAndNothingAllocates) {
   EXPECT_GT(novelty.Of(picture, places, workspace), 1.0);
 }
 
-TEST(NoveltyTest, RefusesWhatDoesNotFit) {
+TEST(NoveltyTest, RefusesSizesThatDoNotMatch) {
   Seen seen = Demonstrations(1, 3);
   const auto message = [&] { return test::MessageOf([&] { static_cast<void>(Fitted(seen)); }); };
   EXPECT_EQ(message(), "nothing thrown");
@@ -207,7 +207,7 @@ TEST(NoveltyTest, RefusesWhatDoesNotFit) {
   EXPECT_THAT(message(), HasSubstr("needs two demonstrations, not 1"));
 }
 
-// Values of a file, in their order.
+// Values of a file, in the order of the file.
 struct Values {
   std::vector<double> mean = std::vector<double>(kPixels, 100.0);
   std::vector<double> variance = std::vector<double>(6, 116.0);

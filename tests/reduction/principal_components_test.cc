@@ -126,7 +126,7 @@ TEST(PrincipalComponentsTest, ConstantEntriesAreIgnoredAndNoiseKeptSmall) {
   EXPECT_NEAR(fit.scale[7], 0.5 * std::sqrt(square / 19.0), 1e-9 * fit.scale[7]);
 }
 
-TEST(PrincipalComponentsTest, AreNoMoreThanTheDirectionsOfTheRows) {
+TEST(PrincipalComponentsTest, AreNoMoreThanTheRankOfTheRows) {
   EXPECT_EQ(Fit(Rows(50, 40, 6, 7), {.components = 30}).components.rows(), 6);
   EXPECT_EQ(Fit(Rows(5, 40, 20, 8), {.components = 30}).components.rows(), 4);
   EXPECT_EQ(Fit(Rows(50, 3, 3, 9), {.components = 30}).components.rows(), 3);

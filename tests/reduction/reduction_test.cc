@@ -43,7 +43,7 @@ std::vector<std::uint8_t> Picture(std::uint64_t seed) {
   return picture;
 }
 
-TEST(ReductionTest, IsItsDefinitionForEachTypeOfInput) {
+TEST(ReductionTest, AgreesWithTheDefinitionForEachTypeOfInput) {
   const Reduction reduction = Random(1);
   const std::vector<std::uint8_t> picture = Picture(2);
   const std::vector<double> x(picture.begin(), picture.end());
@@ -73,7 +73,7 @@ TEST(ReductionTest, FarFromZeroKeepsSmallDifferences) {
   EXPECT_TRUE(test::AllClose(z, Eigen::Vector2d(1.0, -2.0), 1e-6));
 }
 
-TEST(ReductionTest, BadStatesAreNotFinite) {
+TEST(ReductionTest, BadStatesGiveNoFiniteValue) {
   const Reduction reduction = Random(5);
   Eigen::VectorXd z(kComponents);
   const auto none_finite = [&](std::span<const double> x) {
@@ -115,7 +115,7 @@ TEST(ReductionTest, ProjectsOnPrincipalComponents) {
               HasSubstr("there are 6 principal components, not 7"));
 }
 
-TEST(ReductionTest, RefusesWhatDoesNotFit) {
+TEST(ReductionTest, RefusesInvalidParts) {
   const Eigen::VectorXd three = Eigen::VectorXd::Ones(3);
   const Matrix projection = Matrix::Ones(2, 3);
   const auto message = [](const Eigen::VectorXd& mean, const Eigen::VectorXd& scale,

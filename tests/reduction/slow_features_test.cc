@@ -33,7 +33,7 @@ TEST(SlowFeaturesTest, FindsTheSlowSourceOfAMixture) {
   const std::vector<Matrix> episodes = {Mixed(mixing, 4000, 1)};
   const SlowFeatures fit = FitSlowFeatures(episodes);
   ASSERT_EQ(fit.directions.rows(), 3);
-  // The first direction extracts the slow source for any added sources: v' M is along e_0.
+  // The first direction extracts the slow source alone: v' M is along e_0.
   Eigen::RowVector3d read = fit.directions.row(0) * mixing;
   read /= read.norm();
   EXPECT_NEAR(std::abs(read[0]), 1.0, 1e-3);
@@ -69,7 +69,7 @@ TEST(SlowFeaturesTest, DifferencesHaveVarianceOne) {
   EXPECT_LT((covariance - Eigen::Matrix3d::Identity()).norm(), 1e-4);
 }
 
-TEST(SlowFeaturesTest, WhatIsConstantInAnEpisodeIsSlowest) {
+TEST(SlowFeaturesTest, AnEntryConstantInEachEpisodeIsSlowest) {
   // Two episodes with constants -1 and 1, and one noisy entry; the third never varies.
   core::Random random(4);
   std::vector<Matrix> episodes(2, Matrix::Constant(50, 3, 7.0));
@@ -89,7 +89,7 @@ TEST(SlowFeaturesTest, WhatIsConstantInAnEpisodeIsSlowest) {
   EXPECT_NEAR(fit.mean[2], 7.0, 1e-12);
 }
 
-TEST(SlowFeaturesTest, RefusesWhatHasNoDifferences) {
+TEST(SlowFeaturesTest, RefusesEpisodesWithoutDifferences) {
   const auto message = [](const std::vector<Matrix>& episodes) {
     return test::MessageOf([&] { static_cast<void>(FitSlowFeatures(episodes)); });
   };

@@ -64,7 +64,7 @@ std::vector<double> SomeState(std::uint64_t seed) {
   return {states.row(0).begin(), states.row(0).end()};
 }
 
-TEST(StateReductionTest, KeepsWhatIsBesideAndDropsTheRest) {
+TEST(StateReductionTest, KeepsListedEntriesAndDropsTheRest) {
   const StateReduction reduction = Fitted("pca:code:3,tip[1:2]");
   EXPECT_EQ(reduction.features(), "pca:code,tip[1:2]");
   ASSERT_EQ(reduction.reduced_layout().blocks.size(), 2U);
@@ -81,7 +81,7 @@ TEST(StateReductionTest, KeepsWhatIsBesideAndDropsTheRest) {
 
 TEST(StateReductionTest, ComponentsAreThoseOfTheBlock) {
   const StateReduction reduction = Fitted("pca:code:8");
-  // All components of the standardised block: a rotation, which preserves the lengths of
+  // All components of the standardised block are a rotation, which preserves the lengths of
   // differences in units of the standard deviations.
   std::vector<Matrix> blocks;
   for (const core::Trajectory& d : Demonstrations(1)) {
@@ -98,7 +98,7 @@ TEST(StateReductionTest, ComponentsAreThoseOfTheBlock) {
   EXPECT_NEAR((core::AsVector(za) - core::AsVector(zb)).norm(), difference.norm(), 1e-4);
 }
 
-TEST(StateReductionTest, AStandardisedPictureDoesNotShowItsLight) {
+TEST(StateReductionTest, AStandardisedPictureIgnoresTheLight) {
   const std::vector<double> state = SomeState(2);
   std::vector<double> lit = state;
   for (int i = 0; i < kSide * kSide * 3; ++i) {
@@ -124,7 +124,7 @@ TEST(StateReductionTest, PicturesBecomeGreyAndSmall) {
       HasSubstr("no reduced block 'tip'; the features are pca:image"));
 }
 
-TEST(StateReductionTest, ReconstructsWhatAllComponentsShow) {
+TEST(StateReductionTest, AllComponentsReconstructTheBlock) {
   for (const char* const features : {"pca:code:8", "slow:code:8"}) {
     const StateReduction reduction = Fitted(features);
     const std::vector<double> state = SomeState(2);
@@ -139,8 +139,8 @@ TEST(StateReductionTest, ReconstructsWhatAllComponentsShow) {
               HasSubstr("positions of patches, which show no picture; pca: and slow: do"));
 }
 
-TEST(StateReductionTest, SlowComponentsComeInOrder) {
-  // An embedding that rotates from an episode counter into noise.
+TEST(StateReductionTest, TheFirstSlowComponentFollowsACounter) {
+  // An embedding of noise with a counter of time steps in two entries.
   std::vector<core::Trajectory> demonstrations = Demonstrations(1);
   core::Random random(3);
   for (core::Trajectory& d : demonstrations) {
@@ -154,7 +154,7 @@ TEST(StateReductionTest, SlowComponentsComeInOrder) {
   }
   const StateReduction slow = StateReduction::Fit(WorldLayout(), "slow:code:1", demonstrations, 1);
   EXPECT_EQ(slow.features(), "slow:code");
-  // A step of the counter moves the component more than any noise of the same size.
+  // A step of the counter moves the component more than noise of the same size.
   std::vector<double> state = SomeState(2);
   const double before = Applied(slow, state)[0];
   const auto offset = static_cast<std::size_t>(WorldLayout().blocks[2].offset);
@@ -197,7 +197,7 @@ TEST(StateReductionTest, LargePicturesOfPointsAreAveraged) {
   EXPECT_EQ(Applied(points, state), at);
 }
 
-TEST(StateReductionTest, OpenNumbersAreCutAndOthersStay) {
+TEST(StateReductionTest, WithComponentsCutsOnlyOpenNumbers) {
   const StateReduction all = Fitted("pca:code,tip,pca:image:4");
   EXPECT_EQ(all.num_open(), 1);
   EXPECT_EQ(all.most_components(), 8);
@@ -211,7 +211,7 @@ TEST(StateReductionTest, OpenNumbersAreCutAndOthersStay) {
   EXPECT_EQ(std::vector(less.begin() + 3, less.end()), std::vector(more.begin() + 8, more.end()));
 }
 
-TEST(StateReductionTest, RefusesWhatIsNoState) {
+TEST(StateReductionTest, RefusesInvalidStates) {
   const StateReduction reduction = Fitted("pca:image:4,tip");
   StateReduction::Workspace workspace(reduction);
   const auto refused = [&](const std::vector<double>& state, const std::string& fault) {
@@ -271,7 +271,7 @@ TEST(StateReductionTest, SharesOfComponentsAddUpOverPixels) {
   }
 }
 
-TEST(StateReductionTest, AFileHoldsAllOfIt) {
+TEST(StateReductionTest, AFileRestoresTheReduction) {
   const std::filesystem::path path =
       std::filesystem::path(testing::TempDir()) / "state_reduction_test.dfr";
   for (const char* const features : {"pca:image:grey:light=gain,tip[0:1],pca:code:2",
@@ -303,7 +303,7 @@ TEST(StateReductionTest, AFileHoldsAllOfIt) {
   std::filesystem::remove(path);
 }
 
-TEST(StateReductionTest, AFileWithPointsOfNoPictureIsRefused) {
+TEST(StateReductionTest, AFileWithPointsOfAnotherPictureIsRefused) {
   const std::filesystem::path path =
       std::filesystem::path(testing::TempDir()) / "state_reduction_points_test.dfr";
   core::ArchiveWriter writer("test", 1);
@@ -326,7 +326,7 @@ TEST(StateReductionTest, AFileWithPointsOfNoPictureIsRefused) {
   std::filesystem::remove(path);
 }
 
-TEST(StateReductionTest, FeaturesThatMakeNoSenseAreNamed) {
+TEST(StateReductionTest, InvalidFeaturesAreNamed) {
   const auto message = [](std::string_view features) {
     return test::MessageOf([&] { static_cast<void>(Fitted(features)); });
   };
