@@ -24,7 +24,7 @@ inline double Norm(std::span<const double> v) {
   return std::sqrt(square);
 }
 
-/// g_t(x) by a function; counts its evaluations.
+/// A decision function g_t(x) given as a callable. Counts its evaluations.
 class FunctionSupport : public core::DecisionFunction {
  public:
   using Function = std::function<double(int, std::span<const double>)>;
@@ -113,7 +113,7 @@ class GaussianSupport : public core::LogDecisionFunction {
   int steps_;
 };
 
-/// u = pi(t, x) by a function.
+/// A policy u = pi(t, x) given as a callable.
 class FunctionPolicy : public core::Policy {
  public:
   using Function = std::function<void(int, std::span<const double>, std::span<double>)>;
@@ -149,15 +149,15 @@ inline FunctionPolicy OutwardPolicy(int dim, double speed) {
 }
 
 /// A point, x' = x + gain R u, with R the identity or a new random rotation of the first two
-/// coordinates at each step: Always |x' - x| = gain |u|.
+/// coordinates at each step. In both cases |x' - x| = gain |u|.
 struct PointPlantOptions {
   std::vector<double> start = {0.0, 0.0};
   double gain = 1.0;
   bool turns = false;
   double wall = std::numeric_limits<double>::infinity();  ///< Collides at |x| > wall.
   double goal = std::numeric_limits<double>::infinity();  ///< Completed at x_0 >= goal.
-  int refuse_at = -1;  ///< The control with this number (from 0) is rejected,
-  int fault_at = -1;   ///< or applied and reported as a fault.
+  int refuse_at = -1;  ///< Number, from 0, of a control that is rejected.
+  int fault_at = -1;   ///< Number of a control that is applied and reported as a fault.
 };
 
 class PointPlant final : public core::SimulatedPlant {

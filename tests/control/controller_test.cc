@@ -18,7 +18,7 @@ using testing::Each;
 
 constexpr double kNotANumber = std::numeric_limits<double>::quiet_NaN();
 
-// Returns the steps set by the test.
+// Returns the step and the control set by the test.
 class Scripted final : public Controller {
  public:
   int state_dim() const noexcept override { return 2; }
@@ -67,7 +67,7 @@ TEST_F(ControllerTest, HaltsUntilItIsReset) {
   EXPECT_EQ(controller.halt_cause(), HaltCause::kNone);
 }
 
-TEST_F(ControllerTest, HaltsOnANonFiniteStateWithoutAskingTheStrategy) {
+TEST_F(ControllerTest, HaltsOnANonFiniteStateWithoutCallingTheStrategy) {
   for (const double bad : {kNotANumber, std::numeric_limits<double>::infinity(),
                            -std::numeric_limits<double>::infinity()}) {
     controller.Reset(0);
@@ -103,13 +103,13 @@ TEST_F(ControllerTest, StaysHaltedWithTheFirstCauseUntilReset) {
   x[0] = 0.0;
   controller.Stop(HaltCause::kPlantFault);
   ExpectHalted(HaltCause::kTimeUp);
-  EXPECT_EQ(controller.Next(x, u).t, 9) << "the deciding step stays visible";
+  EXPECT_EQ(controller.Next(x, u).t, 9) << "the step that halted stays visible";
   EXPECT_EQ(controller.calls, 1);
   controller.Reset(0);
   EXPECT_EQ(controller.Next(x, u).mode, Mode::kPolicy);
 }
 
-TEST_F(ControllerTest, StopsFromOutside) {
+TEST_F(ControllerTest, StopHaltsTheController) {
   controller.Reset(0);
   controller.Stop(HaltCause::kPlantFault);
   ExpectHalted(HaltCause::kPlantFault);

@@ -19,10 +19,10 @@ constexpr int kLineSteps = 40;
 // l_t(x) = log 2 - (x - speed t)^2: B_t is |x - speed t| <= 0.8326.
 test::GaussianSupport Line(double speed) { return {{{0.0}}, 1.0, 0.5, {speed}, kLineSteps}; }
 
-// From phase 5 on, phase q fits a state x with -(x - q)^2, minus .05 per phase to either side of
-// the next one: x = 7.3 is best at 7, x = 5.4 at 5. Earlier phases and those more than three ahead
+// In phase 5, phase q fits a state x with -(x - q)^2, minus .05 per phase of distance from the next
+// phase, 6: x = 7.3 is best at 7, x = 5.4 at 5. Earlier phases and those more than three ahead
 // are ignored.
-TEST(PhaseTrackerTest, AMissedSupportAdvancesToTheBestOneAhead) {
+TEST(PhaseTrackerTest, AMissedSupportAdvancesToTheBestPhaseAhead) {
   const auto support = Line(1.0);
   const auto advanced = [&](double x, bool may_wait) {
     PhaseTracker tracker(support);
@@ -47,7 +47,7 @@ TEST(PhaseTrackerTest, AMissedSupportAdvancesToTheBestOneAhead) {
   EXPECT_EQ(advanced(30.0, false), 8);
 }
 
-TEST(PhaseTrackerTest, AMissedSupportIsWaitedForWhereItFitsBest) {
+TEST(PhaseTrackerTest, ThePhaseWaitsIfItFitsBest) {
   const auto support = Line(1.0);
   PhaseTracker tracker(support);
   for (int i = 1; i <= 20; ++i) {
@@ -57,7 +57,7 @@ TEST(PhaseTrackerTest, AMissedSupportIsWaitedForWhereItFitsBest) {
   EXPECT_EQ(tracker.phase(), 0);
 }
 
-TEST(PhaseTrackerTest, BehindTheLastSupportThePhaseIsCounted) {
+TEST(PhaseTrackerTest, BeyondTheLastSupportThePhaseWaitsOrAdvancesByOne) {
   const auto support = Line(1.0);
   PhaseTracker tracker(support);
   for (const int phase : {kLineSteps - 1, kLineSteps + 2}) {
@@ -71,7 +71,7 @@ TEST(PhaseTrackerTest, BehindTheLastSupportThePhaseIsCounted) {
   }
 }
 
-TEST(PhaseTrackerTest, APredictionWithoutALevelMovesNoFurtherThanItMust) {
+TEST(PhaseTrackerTest, ANonFinitePredictionWaitsOrAdvancesByOne) {
   const auto support = Line(1.0);
   PhaseTracker tracker(support);
   tracker.Reset(5);
@@ -82,7 +82,7 @@ TEST(PhaseTrackerTest, APredictionWithoutALevelMovesNoFurtherThanItMust) {
   EXPECT_EQ(tracker.phase(), 6);
 }
 
-TEST(PhaseTrackerTest, ResetStartsAfresh) {
+TEST(PhaseTrackerTest, ResetStartsAnEpisode) {
   const auto support = Line(1.0);
   PhaseTracker tracker(support);
   tracker.Wait();
@@ -97,7 +97,6 @@ TEST(PhaseTrackerTest, ResetStartsAfresh) {
   EXPECT_EQ(tracker.phase(), 0);
 }
 
-// The tracker follows an episode of `pace` phases per step: the phase is that of the demonstration.
 TEST(PhaseTrackerTest, RelocatesToTheSupportThatContainsTheStateMostDeeply) {
   const auto support = Line(1.0);
   PhaseTracker tracker(support);
@@ -114,7 +113,8 @@ TEST(PhaseTrackerTest, RelocatesToTheSupportThatContainsTheStateMostDeeply) {
   EXPECT_EQ(tracker.phase(), 39);
 }
 
-TEST(PhaseTrackerTest, FollowsPacesOtherThanTheDemonstrations) {
+// The episode advances by `pace` phases per step.
+TEST(PhaseTrackerTest, FollowsAnyPace) {
   const auto support = Line(1.0);
   PhaseTracker tracker(support);
   for (const double pace : {1.0, 2.0, 0.5, 3.0}) {
@@ -141,7 +141,7 @@ TEST(PhaseTrackerTest, FollowsAPauseAndGoesOnAfterIt) {
   EXPECT_EQ(tracker.phase(), 6);
 }
 
-// The support is the same at all times. The clock decides, even past the end.
+// The support is the same at all times: the phase advances by one per state, up to the last.
 TEST(PhaseTrackerTest, TiesGoToTheClock) {
   const auto support = Line(0.0);
   PhaseTracker tracker(support);
@@ -154,7 +154,7 @@ TEST(PhaseTrackerTest, TiesGoToTheClock) {
 
 // Phases gain 0.1 each in the direction of time. A phase to the side costs 0.05, so the farthest
 // phase of the window wins. With a gain of 0.04 none wins.
-TEST(PhaseTrackerTest, LooksNoFurtherThanItsWindowAndOnlyForABetterFit) {
+TEST(PhaseTrackerTest, MovesWithinItsWindowAndOnlyForABetterFit) {
   class Slope final : public core::LogDecisionFunction {
    public:
     explicit Slope(double gain) : gain_(gain) {}
@@ -202,7 +202,7 @@ TEST(PhaseTrackerTest, LooksNoFurtherThanItsWindowAndOnlyForABetterFit) {
   EXPECT_EQ(entered(0.04), 10);
 }
 
-TEST(PhaseTrackerTest, AStateThatIsNotOneIsNowhereAndTheClockGoesOn) {
+TEST(PhaseTrackerTest, ANonFiniteStateAdvancesThePhaseByOne) {
   // Returns -infinity for a nonfinite entry, as every support of the library does.
   class Strict final : public core::LogDecisionFunction {
    public:
@@ -239,7 +239,7 @@ TEST(PhaseTrackerTest, AStateThatIsNotOneIsNowhereAndTheClockGoesOn) {
   EXPECT_EQ(tracker.phase(), 6);
 }
 
-TEST(PhaseTrackerTest, EntersTheBestPhaseThatTheStateIsIn) {
+TEST(PhaseTrackerTest, EntersTheBestPhaseThatContainsTheState) {
   const auto support = Line(1.0);
   PhaseTracker tracker(support);
   for (const double x : {6.0, 7.4, 8.0, 10.0, 12.0, 13.0}) {
@@ -251,7 +251,7 @@ TEST(PhaseTrackerTest, EntersTheBestPhaseThatTheStateIsIn) {
   }
 }
 
-TEST(PhaseTrackerTest, StaysWhereNoPhaseNearbyHoldsTheState) {
+TEST(PhaseTrackerTest, StaysIfNoNearbyPhaseContainsTheState) {
   const auto support = Line(1.0);
   PhaseTracker tracker(support);
   for (const double x : {5.1, 13.9, 30.0}) {
@@ -261,7 +261,7 @@ TEST(PhaseTrackerTest, StaysWhereNoPhaseNearbyHoldsTheState) {
     EXPECT_LT(tracker.Enter(std::vector{x}), 0.0);
     EXPECT_EQ(tracker.phase(), 10);
   }
-  // Before the start only B_0 and B_1 remain.
+  // The window starts at phase 0.
   tracker.Reset(1);
   EXPECT_GE(tracker.Enter(std::vector{-0.5}), 0.0);
   EXPECT_EQ(tracker.phase(), 0);

@@ -51,7 +51,7 @@ TEST_F(RolloutTest, ACollisionOnTheWayIsNotACompletion) {
       << "in the control that reaches the goal";
 }
 
-TEST_F(RolloutTest, TheStartStateIsLookedAt) {
+TEST_F(RolloutTest, TheStartStateIsEvaluated) {
   auto baseline = Make(Recovery::kNone);
   PointPlant inside_wall({.start = {2.0, 0.0}, .wall = 1.0});
   EXPECT_EQ(Rollout(inside_wall, baseline, {}).outcome, Outcome::kCollided);
@@ -63,7 +63,7 @@ TEST_F(RolloutTest, TheStartStateIsLookedAt) {
 }
 
 TEST_F(RolloutTest, ACollisionDuringAProbeCounts) {
-  // The wall is nearer than a probe's length. The first probe that points outwards hits it.
+  // The wall is nearer than the length of a probe. The first probe outwards hits it.
   constexpr double kFrom = 0.9;
   bool in_probe = false;
   for (std::uint64_t seed = 0; seed < 10; ++seed) {
@@ -131,7 +131,7 @@ TEST_F(RolloutTest, AFaultHaltsUnlessItCollided) {
   EXPECT_EQ(Rollout(crash, baseline, {}).outcome, Outcome::kCollided);
   PointPlant doubtful({.goal = 0.75, .fault_at = 2});
   EXPECT_EQ(Rollout(doubtful, baseline, {}).outcome, Outcome::kHalted)
-      << "a completion that the plant is not sure of is none";
+      << "a completion with a fault does not count";
 }
 
 TEST_F(RolloutTest, StopsAtTheLimitOfControls) {
@@ -150,7 +150,7 @@ TEST_F(RolloutTest, StopsAtTheLimitOfControls) {
   EXPECT_EQ(plant.halts, 1) << "of this rollout";
 }
 
-TEST_F(RolloutTest, TheObserverSeesEveryControlWithWhatItLedTo) {
+TEST_F(RolloutTest, TheObserverReceivesEveryControlWithItsEffect) {
   struct Recorder final : RolloutObserver {
     std::vector<double> start;
     std::vector<double> x, next_x, u;

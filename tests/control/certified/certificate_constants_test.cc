@@ -20,7 +20,7 @@ core::FeatureTransform Doubled() {
           2.0 * core::Matrix::Identity(2, 2)};
 }
 
-// x' = x + 0.3 R u. R is a random turn by up to `wobble` rad.
+// x' = x + 0.3 R u. R turns by 0.4 rad plus a random angle of up to `wobble` rad.
 std::vector<core::Trajectory> Walks(int count, double wobble, std::uint64_t seed = 1) {
   core::Random random(seed);
   std::vector<core::Trajectory> walks;
@@ -42,7 +42,7 @@ std::vector<core::Trajectory> Walks(int count, double wobble, std::uint64_t seed
   return walks;
 }
 
-TEST(AssumptionsTest, GainIsFoundInFeatureUnits) {
+TEST(CertificateConstantsTest, GainIsInFeatureUnits) {
   const auto gain = EstimateGain({Doubled(), Walks(59, 0.5)});
   EXPECT_NEAR(gain.value, 0.6, 1e-12);
   EXPECT_EQ(gain.demonstrations, 59);
@@ -52,7 +52,7 @@ TEST(AssumptionsTest, GainIsFoundInFeatureUnits) {
   EXPECT_LT(EstimateGain({Doubled(), Walks(58, 0.5)}).coverage, 0.95);
 }
 
-TEST(AssumptionsTest, DirectionErrorIsThatOfTheJacobian) {
+TEST(CertificateConstantsTest, DirectionErrorGrowsWithTheSpreadOfTheResponse) {
   // The system is linear: only the ridge keeps J from being exact.
   EXPECT_LT(EstimateDirectionError(Doubled(), Walks(40, 0.0)).value, 0.02);
   // A turn by up to 0.5 rad around the mean differs by at most 2 sin(0.25) K from the mean of all
@@ -67,7 +67,7 @@ TEST(AssumptionsTest, DirectionErrorIsThatOfTheJacobian) {
   EXPECT_LT(wobbly[5], 2.0 * std::sin(0.25) * 0.6 + 0.1);
 }
 
-TEST(AssumptionsTest, TheOrderOfDemonstrationsChangesNoBit) {
+TEST(CertificateConstantsTest, TheOrderOfDemonstrationsChangesNoBit) {
   const auto walks = Walks(23, 0.5);
   const double error = EstimateDirectionError(Doubled(), walks).value;
   for (std::uint64_t seed = 1; seed <= 10; ++seed) {
@@ -77,9 +77,9 @@ TEST(AssumptionsTest, TheOrderOfDemonstrationsChangesNoBit) {
   }
 }
 
-// J is the final one, and the demonstrations were not used to fit it. The share of further
-// demonstrations below the constant is less than `coverage` in at most 5 % of fits.
-TEST(AssumptionsTest, CoverageHoldsForTheJacobianThatIsUsed) {
+// J was fitted to other demonstrations. The share of further demonstrations below the constant is
+// less than `coverage` in at most 5 % of fits.
+TEST(CertificateConstantsTest, CoverageHoldsForAJacobianOfOtherDemonstrations) {
   int short_of = 0;
   constexpr int kRuns = 100;
   for (std::uint64_t run = 0; run < kRuns; ++run) {
@@ -96,18 +96,18 @@ TEST(AssumptionsTest, CoverageHoldsForTheJacobianThatIsUsed) {
     }
     short_of += below < error.coverage * kFurther ? 1 : 0;
   }
-  // Binomial(100, 0.05): 5 expected, standard deviation 2.2; three of these.
+  // Binomial(100, 0.05): mean 5, standard deviation 2.2. Allows three standard deviations.
   EXPECT_LE(short_of, 5 + 7);
 }
 
 // Definition of coverage: in about 5 % of estimates the share of new demonstrations below the
 // estimated constant is less than `coverage`.
-TEST(AssumptionsTest, CoverageHolds) {
+TEST(CertificateConstantsTest, CoverageHolds) {
   core::Random random(3);
   int short_of = 0;
   constexpr int kRuns = 400;
   for (int run = 0; run < kRuns; ++run) {
-    // Each demonstration has one step with |dz| / |u| uniform in (0, 1). This reveals the shares.
+    // Each demonstration has one step with |dz| / |u| uniform in (0, 1): the share below s is s.
     std::vector<core::Trajectory> walks(20);
     for (auto& walk : walks) {
       walk.states.resize(2, 1);
@@ -119,11 +119,11 @@ TEST(AssumptionsTest, CoverageHolds) {
         EstimateGain({core::FeatureTransform::Identity(core::FeatureSelection::All(1)), walks});
     short_of += gain.value < gain.coverage ? 1 : 0;
   }
-  // Binomial(400, 0.05): 20 expected, standard deviation 4.4; three of these.
+  // Binomial(400, 0.05): mean 20, standard deviation 4.4. Allows three standard deviations.
   EXPECT_NEAR(short_of, 20, 13);
 }
 
-TEST(AssumptionsTest, Errors) {
+TEST(CertificateConstantsTest, RefusesInvalidArguments) {
   EXPECT_THROW((void)EstimateGain({Doubled(), {}}), std::invalid_argument);
   EXPECT_THROW((void)EstimateGain({Doubled(), Walks(3, 0.0)}, 1.0), std::invalid_argument);
   EXPECT_THROW((void)EstimateDirectionError(Doubled(), Walks(1, 0.0)), std::invalid_argument);

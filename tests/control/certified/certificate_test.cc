@@ -36,7 +36,7 @@ TEST(SafeBallTest, LiesInsideTheSupport) {
   EXPECT_GT(inside, 3000);
 }
 
-// One Gaussian. {l >= 0} is a ball, and the certificate finds all of it from every state.
+// For one Gaussian, {l >= 0} is a ball, and the certificate finds all of it from every state.
 TEST(SafeBallTest, IsExactForOneGaussian) {
   const test::GaussianSupport support({{0.3, -0.2}}, 2.0, 0.5);
   const double radius = std::sqrt(std::log(2.0) / 2.0);
@@ -49,8 +49,7 @@ TEST(SafeBallTest, IsExactForOneGaussian) {
   }
 }
 
-// The certificate's benefit (docs/recovery.md): here it is never worse than g / L and mostly far
-// better.
+// The certified change is never below g / L here, and mostly far above (docs/certificates.md).
 TEST(SafeBallTest, BeatsTheLipschitzBound) {
   const auto support = TwoBumps();
   core::Random random(2);
@@ -70,7 +69,7 @@ TEST(SafeBallTest, BeatsTheLipschitzBound) {
   EXPECT_GT(ball_sum, 1.5 * lipschitz_sum);
 }
 
-// Compares with bisection of the definition |s a - shift| + s e <= radius.
+// Checks the definition, |s a - shift| + s e <= radius, at the result and above it.
 TEST(LargestShareTest, IsTheLargestThatPasses) {
   core::Random random(3);
   const auto passes = [](const SafeBall& ball, const std::vector<double>& shift,
@@ -107,7 +106,7 @@ TEST(LargestShareTest, IsTheLargestThatPasses) {
   EXPECT_GT(partial, 5000);
 }
 
-TEST(LargestShareTest, NothingPassesOutsideAndEverythingFromTheMiddle) {
+TEST(LargestShareTest, IsZeroOutsideAndOneTowardsTheCentre) {
   const std::vector<double> shift = {0.5, 0.0};
   EXPECT_EQ(LargestShare({-1.0, 0.5}, shift, std::vector{0.1, 0.0}, 0.0), 0.0);
   // The control leads to the centre of the ball and stops there.

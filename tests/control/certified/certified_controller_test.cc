@@ -53,7 +53,7 @@ TEST(CertifiedControllerTest, HaltsAtTheFirstViolation) {
   EXPECT_GT(certified.violation().observed, certified.violation().allowed);
 }
 
-TEST(CertifiedControllerTest, HaltsOutside) {
+TEST(CertifiedControllerTest, HaltsOutsideTheSupport) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.05);
@@ -89,9 +89,9 @@ TEST(CertifiedControllerTest, AShrunkLearnedControlConsumesItsShareOfATimeStep) 
   EXPECT_GE(controls, 2);
 }
 
-// At x = 0.05 the state is equally deep in B_0 and B_1. The phase is the target of the last
-// control, of which at least half passed.
-TEST(CertifiedControllerTest, HalfALearnedControlAdvancesACertifiedPhase) {
+// At x = 0.05 the state is equally deep in B_0 and B_1. The phase becomes 1 if at least half of the
+// learned control passed.
+TEST(CertifiedControllerTest, HalfALearnedControlAdvancesThePhase) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.08);
@@ -115,7 +115,7 @@ TEST(CertifiedControllerTest, HalfALearnedControlAdvancesACertifiedPhase) {
 // g_t(x) = exp(-(x - c_t)^2) - 0.5 with c_0 = 0, c_1 = 1, K = 1: at x = -0.6 the published gate
 // g_0(x) > L K |u| lets u = 0.001 pass in any direction, and the state is then outside B_1, which
 // the proof by induction excludes. The controller holds the phase instead.
-TEST(Proposition1Test, ThePublishedGateLeavesItsOwnInvariantAndPhaseHoldKeepsIt) {
+TEST(Proposition1Test, ThePublishedGateBreaksItsInvariantAndTheCertifiedControllerKeepsIt) {
   const test::GaussianSupport support({{0.0}}, 1.0, 0.5, {1.0}, 2);
   const auto policy = test::ConstantPolicy(1, 0.001);
   std::vector<double> x = {-0.6}, u(1);
@@ -144,15 +144,15 @@ TEST(Proposition1Test, ThePublishedGateLeavesItsOwnInvariantAndPhaseHoldKeepsIt)
       ASSERT_EQ(step.cause, HaltCause::kNoProgress);
       break;
     }
-    ASSERT_GE(support.Decision(step.t, x), 0.0) << "the phase is one that holds the state";
+    ASSERT_GE(support.Decision(step.t, x), 0.0) << "the support of the phase contains the state";
     x[0] += u[0];
     ASSERT_GE(std::max(support.Decision(0, x), support.Decision(1, x)), 0.0);
   }
 }
 
-// Prop. IV.3 with a corrected induction: the state never leaves the union of the B_t. Each time |dz
-// - J u| <= eps |u| with a random direction. The policy steers for the boundary, and the supports
-// move.
+// Prop. IV.3 with a corrected induction: the state never leaves the union of the B_t. Every effect
+// has an error of eps |u| in a random direction. The policy steers towards the boundary, and the
+// supports move.
 TEST(Proposition1Test, NeverLeavesTheUnionOfSupports) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
@@ -213,7 +213,7 @@ TEST(CertifiedControllerTest, TheSameStatesGiveTheSameControls) {
   EXPECT_EQ(all, first);
 }
 
-TEST(CertifiedControllerTest, HaltsAtEveryDoubt) {
+TEST(CertifiedControllerTest, HaltsOnANonFiniteControlOrLevel) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
   std::vector<double> u(2);

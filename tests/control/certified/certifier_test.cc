@@ -24,8 +24,8 @@ using testing::HasSubstr;
 constexpr double kUnit = 0.25;
 constexpr double kSpeed = 0.3;
 
-// Disks of radius 0.83 and more around (0.3 t, 0). With two Gaussians the ball is a part of the
-// set.
+// Supports of radius about 0.83 around (0.3 t, 0.15). With two Gaussians, the ball of a certificate
+// is only a part of the support.
 test::GaussianSupport Moving() { return {{{0.0, 0.0}, {0.0, 0.3}}, 1.0, 0.5, {kSpeed, 0.0}, 12}; }
 
 Eigen::Matrix2d Jacobian() {
@@ -46,7 +46,7 @@ double Deepest(const test::GaussianSupport& support, int phase, std::span<const 
 // after the control s v is inside some B_q of the window.
 TEST(CertifierTest, EveryStateThatTheAssumptionAllowsIsInsideSomeSupport) {
   const auto support = Moving();
-  const LocalFit answer = test::KnownJacobian(Jacobian());
+  const LocalFit fit = test::KnownJacobian(Jacobian());
   constexpr double kError = 0.3;
   for (const auto& [level, state_error] : {std::pair(0.0, 0.0), std::pair(0.1, 0.1)}) {
     SCOPED_TRACE(state_error);
@@ -57,7 +57,7 @@ TEST(CertifierTest, EveryStateThatTheAssumptionAllowsIsInsideSomeSupport) {
       const int phase = i % 10;
       const std::vector<double> z = {phase * kSpeed + 0.6 * random.Normal(), 0.6 * random.Normal()};
       const Eigen::VectorXd v = 4.0 * Eigen::Vector2d(random.Normal(), random.Normal());
-      const double share = certifier.StepFraction({support, answer, z}, phase, v);
+      const double share = certifier.StepFraction({support, fit, z}, phase, v);
       ASSERT_GE(share, 0.0);
       ASSERT_LE(share, 1.0);
       if (share == 0.0) continue;
@@ -79,24 +79,22 @@ TEST(CertifierTest, EveryStateThatTheAssumptionAllowsIsInsideSomeSupport) {
 // slightly larger one could end outside.
 TEST(CertifierTest, IsExactForASingleGaussian) {
   const test::GaussianSupport support({{0.0, 0.0}}, 1.0, 0.5);
-  const LocalFit answer = test::KnownJacobian(Eigen::Matrix2d::Identity());
+  const LocalFit fit = test::KnownJacobian(Eigen::Matrix2d::Identity());
   const std::vector<double> z = {0.5, 0.0};
   const double radius = std::sqrt(std::log(2.0));
   const Eigen::VectorXd outwards = Eigen::Vector2d(3.0, 0.0);
   Certifier certifier({0.4}, 2, 2, kUnit);
   // |J v| + eps |u| = 3 + 0.4 * 3 * 0.25
-  EXPECT_NEAR(certifier.StepFraction({support, answer, z}, 0, outwards), (radius - 0.5) / 3.3,
-              1e-8);
+  EXPECT_NEAR(certifier.StepFraction({support, fit, z}, 0, outwards), (radius - 0.5) / 3.3, 1e-8);
   // The step leads inwards, through the centre to the far side.
-  EXPECT_NEAR(certifier.StepFraction({support, answer, z}, 0, -outwards), (radius + 0.5) / 3.3,
-              1e-8);
+  EXPECT_NEAR(certifier.StepFraction({support, fit, z}, 0, -outwards), (radius + 0.5) / 3.3, 1e-8);
 }
 
 // The fraction is at least that of the ball at z. Larger fractions are 1, 1/2 or 1/4, if they
 // provably end inside a ball at the predicted state.
-TEST(CertifierTest, TheDirectionsShareIsTheLargerOfBothBalls) {
+TEST(CertifierTest, TheFractionIsTheLargerOfBothBalls) {
   const auto support = Moving();
-  const LocalFit answer = test::KnownJacobian(Jacobian());
+  const LocalFit fit = test::KnownJacobian(Jacobian());
   constexpr double kError = 0.3;
   for (const double level : {0.0, 0.4}) {
     Certifier certifier({.direction_error = kError, .level = level}, 2, 2, kUnit);
@@ -106,7 +104,7 @@ TEST(CertifierTest, TheDirectionsShareIsTheLargerOfBothBalls) {
       const int phase = i % 12;
       const std::vector<double> z = {phase * kSpeed + random.Normal(), 0.5 * random.Normal()};
       const Eigen::VectorXd v = 3.0 * Eigen::Vector2d(random.Normal(), random.Normal());
-      const Eigen::VectorXd effect = answer.jacobian() * v;
+      const Eigen::VectorXd effect = fit.jacobian() * v;
       double by_ball = 0.0;
       std::vector<double> shift(2);
       const auto ends_inside = [&](double share, int first, int last) {
@@ -132,17 +130,17 @@ TEST(CertifierTest, TheDirectionsShareIsTheLargerOfBothBalls) {
         }
       }
       gained += expected > by_ball + 0.05 ? 1 : 0;
-      ASSERT_NEAR(certifier.StepFraction({support, answer, z}, phase, v), expected, 1e-9) << i;
+      ASSERT_NEAR(certifier.StepFraction({support, fit, z}, phase, v), expected, 1e-9) << i;
     }
-    EXPECT_GT(gained, 20) << "the predicted state is worth its time";
+    EXPECT_GT(gained, 20) << "the ball at the predicted state must help";
   }
 }
 
 // The level returned by Predict() suffices, and Predict() finds a phase if inequality (2) of
 // docs/certificates.md has one.
-TEST(CertifierTest, PredictTellsTheLevelThatAControlNeeds) {
+TEST(CertifierTest, PredictReturnsTheRequiredLevel) {
   const auto support = Moving();
-  const LocalFit answer = test::KnownJacobian(Jacobian());
+  const LocalFit fit = test::KnownJacobian(Jacobian());
   const Certificate certificate{.direction_error = 0.4, .level = 0.2, .state_error = 0.05};
   Certifier certifier(certificate, 2, 2, kUnit);
   core::Random random(4);
@@ -151,7 +149,7 @@ TEST(CertifierTest, PredictTellsTheLevelThatAControlNeeds) {
     const int phase = i % 9;
     const std::vector<double> z = {phase * kSpeed + 0.5 * random.Normal(), 0.5 * random.Normal()};
     const Eigen::VectorXd v = 2.0 * Eigen::Vector2d(random.Normal(), random.Normal());
-    const LocalModel local{support, answer, z};
+    const LocalModel local{support, fit, z};
     const Certifier::RequiredLevel need = certifier.Predict(local, phase, v);
     EXPECT_EQ(need.met(), local.Level(need.phase, v) >= need.level + 1e-12);
     EXPECT_LE(std::abs(need.phase - phase), PhaseTracker::kWindow);
@@ -178,36 +176,34 @@ TEST(CertifierTest, PredictTellsTheLevelThatAControlNeeds) {
       ASSERT_GE(support.LogDecision(need.phase, there, {}), -0.2 - 1e-12);
     }
   }
-  // Both happen.
   EXPECT_GT(met, 50);
   EXPECT_LT(met, 450);
 }
 
-TEST(CertifierTest, LooksAtTheWindowAndNotBeyond) {
+TEST(CertifierTest, SearchesOnlyTheWindow) {
   // Disks of radius 0.83 around (2 t, 0): they do not overlap.
   const test::GaussianSupport support({{0.0, 0.0}}, 1.0, 0.5, {2.0, 0.0}, 12);
-  const LocalFit answer = test::KnownJacobian(Eigen::Matrix2d::Identity());
+  const LocalFit fit = test::KnownJacobian(Eigen::Matrix2d::Identity());
   const std::vector<double> z = {12.0, 0.0};  // in B_6
   const Eigen::VectorXd v = Eigen::Vector2d(0.1, 0.0);
   Certifier certifier({0.5}, 2, 2, kUnit);
   for (int phase = 0; phase < 12; ++phase) {
-    EXPECT_EQ(certifier.StepFraction({support, answer, z}, phase, v),
-              std::abs(phase - 6) <= 3 ? 1 : 0)
+    EXPECT_EQ(certifier.StepFraction({support, fit, z}, phase, v), std::abs(phase - 6) <= 3 ? 1 : 0)
         << phase;
   }
 }
 
-TEST(CertifierTest, NothingPassesOutsideAndNoControlAlwaysDoes) {
+TEST(CertifierTest, NothingPassesOutsideAndAZeroControlPassesInside) {
   const auto support = Moving();
-  const LocalFit answer = test::KnownJacobian(Jacobian());
+  const LocalFit fit = test::KnownJacobian(Jacobian());
   const std::vector<double> outside = {0.0, 5.0};
   const std::vector<double> inside = {0.0, 0.0};
   Certifier certifier({1.0}, 2, 2, kUnit);
-  EXPECT_EQ(certifier.StepFraction({support, answer, outside}, 0, Eigen::VectorXd::Ones(2)), 0.0);
-  EXPECT_EQ(certifier.StepFraction({support, answer, inside}, 0, Eigen::VectorXd::Zero(2)), 1.0);
+  EXPECT_EQ(certifier.StepFraction({support, fit, outside}, 0, Eigen::VectorXd::Ones(2)), 0.0);
+  EXPECT_EQ(certifier.StepFraction({support, fit, inside}, 0, Eigen::VectorXd::Zero(2)), 1.0);
 }
 
-TEST(CertifierTest, ConfirmsWhatItTrustsAndSaysWhatContradictsIt) {
+TEST(CertifierTest, ConfirmsTheAssumptionAndReportsItsViolation) {
   const Eigen::VectorXd v = Eigen::Vector2d(0.0, 2.0);  // |u| = 0.5
   const Eigen::VectorXd effect = Eigen::Vector2d(1.0, 0.0);
   const Eigen::VectorXd zero = Eigen::VectorXd::Zero(2);
@@ -224,14 +220,14 @@ TEST(CertifierTest, ConfirmsWhatItTrustsAndSaysWhatContradictsIt) {
   EXPECT_EQ(certifier.violation().control, -1);
   EXPECT_TRUE(certifier.Confirms(0, zero, zero, zero));
   EXPECT_FALSE(certifier.Confirms(1, zero, zero, Eigen::Vector2d(0.1, 0.0)));
-  EXPECT_TRUE(std::isinf(certifier.violation().observed)) << "it moved by itself";
+  EXPECT_TRUE(std::isinf(certifier.violation().observed)) << "it moved without a control";
 }
 
 // The admitted part of a control ends inside a nearby support for every outcome that the assumption
 // allows.
 TEST(CertifierTest, AdmittedControlsAreCertified) {
   const auto support = Moving();
-  LocalFit answer = test::KnownJacobian(Jacobian());
+  LocalFit fit = test::KnownJacobian(Jacobian());
   Certifier certifier({0.3}, 2, 2, kUnit);
   core::Random random(1);
   int whole = 0;
@@ -241,13 +237,13 @@ TEST(CertifierTest, AdmittedControlsAreCertified) {
     const int phase = i % 10;
     const std::vector<double> z = {phase * kSpeed + 0.6 * random.Normal(), 0.6 * random.Normal()};
     if (support.LogDecision(phase, z, {}) < 0.0) continue;
-    const LocalModel model{support, answer, z};
+    const LocalModel model{support, fit, z};
     const Eigen::VectorXd chosen =
         (4.0 * Eigen::Vector2d(random.Normal(), random.Normal())).cwiseMax(-5.0).cwiseMin(5.0);
     Eigen::VectorXd v = chosen;
     certifier.Reset();
     const auto admission =
-        certifier.Admit(model, answer, {.control = Eigen::VectorXd::Constant(v.size(), 5.0)},
+        certifier.Admit(model, fit, {.control = Eigen::VectorXd::Constant(v.size(), 5.0)},
                         {phase, Mode::kPolicy}, v);
     ASSERT_TRUE(admission.any);
     ASSERT_LE(v.cwiseAbs().maxCoeff(), 5.0);
@@ -272,15 +268,15 @@ TEST(CertifierTest, AdmittedControlsAreCertified) {
   EXPECT_LE(climbs, 1);
 }
 
-TEST(CertifierTest, ThreeControlsOfWhichNextToNothingPassesAreTheEnd) {
+TEST(CertifierTest, StopsAfterThreeConsecutiveStalls) {
   // At this peak no step raises l, and every control leaves the ball.
   const test::GaussianSupport support({{0.0, 0.0}}, 1.0, 1.0);
-  LocalFit answer = test::KnownJacobian(Jacobian());
+  LocalFit fit = test::KnownJacobian(Jacobian());
   const std::vector<double> z = {0.0, 0.0};
   Certifier certifier({1.0}, 2, 2, kUnit);
   const auto admit = [&] {
     Eigen::VectorXd v = Eigen::Vector2d(1.0, 0.0);
-    return certifier.Admit({support, answer, z}, answer, {}, {0, Mode::kPolicy}, v).any;
+    return certifier.Admit({support, fit, z}, fit, {}, {0, Mode::kPolicy}, v).any;
   };
   EXPECT_TRUE(admit());
   EXPECT_TRUE(admit());
@@ -291,16 +287,16 @@ TEST(CertifierTest, ThreeControlsOfWhichNextToNothingPassesAreTheEnd) {
 
 TEST(CertifierTest, NeverAllocates) {
   const auto support = Moving();
-  LocalFit answer = test::KnownJacobian(Jacobian());
+  LocalFit fit = test::KnownJacobian(Jacobian());
   const std::vector<double> z = {0.1, 0.2};
   const Eigen::VectorXd v = Eigen::Vector2d(2.0, 1.0);
   Certifier certifier({1.0}, 2, 2, kUnit);
   Eigen::VectorXd admitted = v;
   const test::NoAlloc guard;
-  (void)certifier.Admit({support, answer, z}, answer, {}, {1, Mode::kPolicy}, admitted);
-  (void)certifier.StepFraction({support, answer, z}, 1, v);
+  (void)certifier.Admit({support, fit, z}, fit, {}, {1, Mode::kPolicy}, admitted);
+  (void)certifier.StepFraction({support, fit, z}, 1, v);
   (void)certifier.Confirms(0, v, v, v);
-  (void)certifier.Predict({support, answer, z}, 1, v);
+  (void)certifier.Predict({support, fit, z}, 1, v);
 }
 
 TEST(CertifierTest, ErrorsNameTheConstant) {

@@ -41,7 +41,7 @@ TEST(GuidedControllerTest, PassesTheLearnedControlDeepInside) {
   EXPECT_NEAR(u[0], 0.08, 1e-16);  // conversion to the control unit and back
   EXPECT_EQ(u[1], 0.0);
   EXPECT_GE(step.log_g, step.log_threshold);
-  EXPECT_TRUE(guided.jacobian().isZero(0.0)) << "nobody has asked for J";
+  EXPECT_TRUE(guided.jacobian().isZero(0.0)) << "no decision needed J";
 }
 
 // Controls that pass deep inside without an estimate of J do not update it.
@@ -65,9 +65,9 @@ TEST(GuidedControllerTest, ControlsBeforeTheFirstEstimateDoNotChangeIt) {
   EXPECT_TRUE(test::AllClose(after.jacobian(), at_once.jacobian(), 1e-12));
 }
 
-// This control is twice as large as any demonstrated one. It would cross the next support and leave
-// it.
-TEST(GuidedControllerTest, LooksAtAControlLargerThanDemonstrated) {
+// Deep inside, only a control up to the largest demonstrated one passes without a prediction. A
+// control of 0.6 would cross the next support and leave it.
+TEST(GuidedControllerTest, PredictsAControlLargerThanDemonstrated) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
   const std::vector<double> x = {0.05, 0.0};
@@ -79,7 +79,7 @@ TEST(GuidedControllerTest, LooksAtAControlLargerThanDemonstrated) {
     GuidedController guided(policy, model, {.observer = false});
     guided.Reset(1);
     const Step step = guided.Next(x, u);
-    EXPECT_EQ(guided.jacobian().isZero(0.0), size < most) << "only below it passes unseen";
+    EXPECT_EQ(guided.jacobian().isZero(0.0), size < most) << "only a smaller one passes without J";
     EXPECT_GE(support.LogDecision(1, std::vector{x[0] + u[0], x[1] + u[1]}, {}), -0.01);
     if (size == 0.6) {
       EXPECT_EQ(step.mode, Mode::kRecovery);
@@ -91,8 +91,8 @@ TEST(GuidedControllerTest, LooksAtAControlLargerThanDemonstrated) {
   }
 }
 
-// The first controls reveal a lag in any state.
-TEST(GuidedControllerTest, TheFirstControlsShowALag) {
+// Even deep inside, the first controls are compared with predictions, which reveals a lag.
+TEST(GuidedControllerTest, TheFirstControlsRevealALag) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, test::kSpeed);
@@ -104,7 +104,7 @@ TEST(GuidedControllerTest, TheFirstControlsShowALag) {
   for (int t = 0; t < 8; ++t) {
     const Step step = guided.Next(plant.x, u);
     ASSERT_EQ(step.mode, Mode::kPolicy);
-    EXPECT_EQ(step.t, t) << "the phase that controls under way lead to";
+    EXPECT_EQ(step.t, t) << "the phase after the pending controls";
     plant.Apply(given);
     given = u;
   }
@@ -134,8 +134,8 @@ TEST(GuidedControllerTest, DeepInsideIsInsideBothSupports) {
   EXPECT_GT(only_one, 5);
 }
 
-// A step reports the support's values of the observed state.
-TEST(GuidedControllerTest, AStepTellsItsGrounds) {
+// A step reports the levels of the observed state, and their thresholds.
+TEST(GuidedControllerTest, AStepReportsItsReasons) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.1);
@@ -175,7 +175,7 @@ TEST(GuidedControllerTest, AStepTellsItsGrounds) {
   EXPECT_GT(recoveries, 0);
 }
 
-TEST(GuidedControllerTest, EndsWithItsTimeAndItsControls) {
+TEST(GuidedControllerTest, HaltsAtTheHorizonAndAtTheControlLimit) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, test::kSpeed);
@@ -225,9 +225,9 @@ TEST(GuidedControllerTest, FilterKeepsAWrongPolicyInsideAndMoving) {
   }
 }
 
-// With strategy guard, a control that is predicted to end inside passes unchanged, and the state
-// still stays in the corridor.
-TEST(GuidedControllerTest, WithLeastInterventionWhatEndsInsidePasses) {
+// With least intervention, a control that is predicted to end inside passes unchanged, and the
+// state still stays in the corridor.
+TEST(GuidedControllerTest, WithLeastInterventionMoreControlsPass) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
   int passed[] = {0, 0};
@@ -255,7 +255,7 @@ TEST(GuidedControllerTest, WithLeastInterventionWhatEndsInsidePasses) {
 }
 
 // A controller that takes over in mid-task searches for its phase there.
-TEST(GuidedControllerTest, BeginsAtTheFirstStepItIsGiven) {
+TEST(GuidedControllerTest, StartsAtTheFirstStep) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.08);
@@ -274,9 +274,9 @@ TEST(GuidedControllerTest, BeginsAtTheFirstStepItIsGiven) {
                std::invalid_argument);
 }
 
-// If no control has an effect, the controller finally halts. The goal may lie at the edge of the
-// last support, which does not move on.
-TEST(GuidedControllerTest, DoesNotStandStillInTheLastSupport) {
+// The goal may lie at the edge of the last support, which does not move on. The policy still gets
+// there.
+TEST(GuidedControllerTest, MovesToTheEdgeOfTheLastSupport) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, test::kSpeed);
@@ -298,7 +298,7 @@ TEST(GuidedControllerTest, DoesNotStandStillInTheLastSupport) {
 }
 
 // In this episode the phase is the last one, but the state belongs to the fourth and does not move.
-TEST(GuidedControllerTest, WithLeastInterventionAStuckEpisodeGoesOnFromItsState) {
+TEST(GuidedControllerTest, WithLeastInterventionAStuckEpisodeRelocatesItsPhase) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.0);
@@ -328,7 +328,7 @@ TEST(GuidedControllerTest, WithLeastInterventionAStuckEpisodeGoesOnFromItsState)
 
 // The policy has a third of the demonstrated speed. The phase waits for it, and the point stays
 // inside.
-TEST(GuidedControllerTest, ThePhaseWaitsForAPolicyThatIsLate) {
+TEST(GuidedControllerTest, ThePhaseWaitsForASlowPolicy) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
   const auto slow = test::ConstantPolicy(2, test::kSpeed / 3.0);
@@ -365,7 +365,7 @@ TEST(GuidedControllerTest, ControlsStayWithinThePlantsLimit) {
   }
 }
 
-TEST(GuidedControllerTest, HaltsAtEveryDoubt) {
+TEST(GuidedControllerTest, HaltsOnANonFiniteControlOrLevel) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
   std::vector<double> u(2);

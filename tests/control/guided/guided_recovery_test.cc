@@ -56,7 +56,7 @@ using GuidedRecoverySlackTest = Aside;
 // If no control can correct the state, the best one passes within an exit level of twice the slack.
 // Beyond that level, recoveries apply the demonstrated controls, and the phase skips supports that
 // they miss.
-TEST_F(GuidedRecoverySlackTest, TheBestGoesOnWithinReachAndTheDemonstrationsBeyond) {
+TEST_F(GuidedRecoverySlackTest, TheBestControlPassesWithinTheExitLevelAndTheDemonstratedOneBeyond) {
   const auto policy = Along(test::kSpeed);
   for (const double slack : {0.14, 0.16}) {
     SCOPED_TRACE(slack);
@@ -89,7 +89,7 @@ TEST_F(GuidedRecoverySlackTest, TheBestGoesOnWithinReachAndTheDemonstrationsBeyo
 // The object is too far aside. Ascent would end at B_1's centre, but the demonstrated control, to
 // the right, is applied. Its y component is shrunk by the regression's ridge, because these
 // features are far smaller than whitened ones.
-TEST_F(GuidedRecoverySlackTest, ARecoveryThatStaysOutsideDoesWhatDemonstrationsDid) {
+TEST_F(GuidedRecoverySlackTest, ARecoveryThatStaysOutsideAppliesTheDemonstratedControl) {
   const auto policy = Along(-test::kSpeed);
   const test::Task model = Model(0.1);
   const std::vector<double> x = {0.0, 0.1, offset_};
@@ -120,14 +120,14 @@ std::string Modes(double y, const GuidedOptions& options) {
   return modes;
 }
 
-TEST(GuidedRecoveryTest, HaltsAfterItsPatienceWhereItStaysOutside) {
+TEST(GuidedRecoveryTest, HaltsOutsideAfterItsPatience) {
   EXPECT_EQ(Modes(2.5, {}), "RRRRRRRRRRRR no-progress");
   EXPECT_EQ(Modes(2.5, {.patience = 5}), "RRRRR no-progress");
 }
 
-// The supports are at x = t test::kSpeed. Demonstrated controls move a point above the path past
-// them. The phase advances with the prediction, and skips the missed support.
-TEST(GuidedRecoveryTest, ThePhasePassesOverSupportsThatARecoveryMisses) {
+// Demonstrated controls move a point above the path past the supports at x = t test::kSpeed. The
+// phase advances with the prediction, and skips the missed supports.
+TEST(GuidedRecoveryTest, ThePhaseSkipsSupportsThatARecoveryMisses) {
   const auto support = MovingDisk();
   // Demonstrations have constant y and contain no motion down.
   auto demonstrations = Rightwards();
@@ -174,7 +174,7 @@ std::vector<core::Trajectory> Sideless() {
   return demonstrations;
 }
 
-TEST(GuidedRecoveryTest, ProbesAControlThatNobodyHasEverUsed) {
+TEST(GuidedRecoveryTest, ProbesADirectionWithoutDemonstratedControls) {
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Sideless());
   const auto along = test::ConstantPolicy(2, test::kSpeed);
@@ -210,18 +210,18 @@ TEST(GuidedRecoveryTest, ProbesAControlThatNobodyHasEverUsed) {
   EXPECT_EQ(disturbed.Next(std::vector{0.0, 0.0}, u).mode, Mode::kPolicy) << "deep inside";
 }
 
-// The world drifts sideways by more than a probe moves it, in a direction without demonstrated
-// controls. A controller that mistakes the disturbance for the probe's effect steers the wrong way.
-// A controller that estimates the disturbance does not.
-TEST(GuidedRecoveryTest, HoldsItsPlaceUnderADisturbance) {
+// A disturbance moves the point sideways by more than a probe does, in a direction without
+// demonstrated controls. A controller that mistakes the disturbance for the probe's effect steers
+// the wrong way. A controller that estimates the disturbance does not.
+TEST(GuidedRecoveryTest, StaysOnItsPathUnderADisturbance) {
   constexpr double kDisturbance = 0.06;  // a probe is 0.035
   const auto support = MovingDisk();
   const test::Task model(test::IdentityFeatures(), support, Sideless(), {.gate_quantile = 0.5});
   const auto rightwards = test::FunctionPolicy(
       2, 2, [](int, std::span<const double>, std::span<double> u) { u[0] = 0.1, u[1] = 0.0; });
   const auto farthest = [&](const DisturbanceModel& disturbance_model, double sign) {
-    // The exit level would let the disturbance carry the state away, and the nominal control leads
-    // back without a J.
+    // Removes two parts: the exit level lets the disturbance carry the state away, and the nominal
+    // control leads back without a J.
     GuidedOptions options = Without({}, "exit-level+demonstrated");
     options.horizon = 60;
     options.disturbance_model = disturbance_model;
@@ -244,11 +244,11 @@ TEST(GuidedRecoveryTest, HoldsItsPlaceUnderADisturbance) {
     // Attributing half of the time to the control's norm is accurate enough.
     aware = std::max(aware, farthest({.base = 0.5, .per_control = 0.5}, sign));
   }
-  EXPECT_LT(aware, 0.2) << "two steps of the disturbance, a probe, and what is left of J's error";
+  EXPECT_LT(aware, 0.2) << "two steps of the disturbance, a probe, and the rest of J's error";
   EXPECT_GT(std::max(farthest({}, 1.0), farthest({}, -1.0)), 1.5 * aware);
 }
 
-// A state off the middle drifts away; controls still bring it back.
+// Demonstrations of a plant that drifts away from y = 0. Their controls counteract the drift.
 std::vector<core::Trajectory> Toppling() {
   auto demonstrations = Rightwards();
   for (core::Trajectory& demonstration : demonstrations) {
@@ -267,7 +267,7 @@ test::GaussianSupport ThirtyfoldDisk() {
   return {{{0.0, 0.0}}, 4.0 / 900.0, 0.5, {30.0 * test::kSpeed, 0.0}, kSteps + 1};
 }
 
-// Runs a controller in a world and returns its modes, times and controls.
+// Runs a controller on a plant and returns its modes, time steps and controls.
 std::vector<double> Trace(const core::Policy& policy, const test::Task& model,
                           const GuidedOptions& options, std::vector<double> x, int controls,
                           double angle = 0.0, double disturbance = 0.0, int late = 0,
@@ -292,7 +292,7 @@ std::vector<double> Trace(const core::Policy& policy, const test::Task& model,
   return trace;
 }
 
-TEST(GuidedRecoveryTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
+TEST(GuidedRecoveryTest, RemovingAPartChangesADecision) {
   const auto support = MovingDisk();
   const auto thirtyfold = ThirtyfoldDisk();
   const test::Task toppling(Thirtyfold(), thirtyfold, Toppling());
@@ -324,13 +324,13 @@ TEST(GuidedRecoveryTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
                                             });
         return Trace(outwards, at_edge, limited, {0.0, 0.55}, 1);
       }
-      ADD_FAILURE() << "no situation for it";
+      ADD_FAILURE() << "no situation for this part";
       return {};
     };
     GuidedOptions options;
     if (part == "disturbance") options.disturbance_model = {.base = 1.0};
     EXPECT_NE(trace(options), trace(Without(options, part)));
-    EXPECT_EQ(trace(options), trace(Without(options, ""))) << "the difference is the part's";
+    EXPECT_EQ(trace(options), trace(Without(options, ""))) << "only the part makes the difference";
     seen.push_back(part);
   }
   EXPECT_THAT(seen, testing::ElementsAre("filter", "exit-level", "demonstrated", "online-jacobian",
@@ -342,7 +342,6 @@ TEST(GuidedRecoveryTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
             Trace(along, model, Without({}, "observer"), {0.0, 0.3}, 8, 0.0, 0.0, 0, 0.1));
 }
 
-// A controller without any part returns the learned control.
 TEST(GuidedRecoveryTest, WithoutAllPartsTheLearnedControlPasses) {
   std::string all;
   for (const std::string_view part : GuidedPartNames()) {
@@ -359,7 +358,7 @@ TEST(GuidedRecoveryTest, WithoutAllPartsTheLearnedControlPasses) {
   EXPECT_EQ(u[1], 0.0);
 }
 
-TEST(GuidedRecoveryTest, AnUnknownPartIsRefusedWithTheNamesOfAll) {
+TEST(GuidedRecoveryTest, AnUnknownPartIsRefusedWithTheValidNames) {
   for (const char* parts : {"Filter", "filter+nothing", "+filter", "filter time"}) {
     SCOPED_TRACE(parts);
     const std::string message =

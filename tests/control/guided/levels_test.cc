@@ -31,7 +31,7 @@ TEST(LevelsTest, AreQuantilesOfTheDemonstrations) {
   const auto support = test::MovingDisk();
   const Levels levels(support, points);
   for (const int t : {0, 7, test::kSteps}) {
-    // Counts the states: the expected number of the thirty is below each quantile.
+    // Counts the states of the thirty demonstrations below each quantile.
     int below_gate = 0;
     int below_edge = 0;
     int below_median = 0;
@@ -50,7 +50,7 @@ TEST(LevelsTest, AreQuantilesOfTheDemonstrations) {
   EXPECT_EQ(levels.gate(99), levels.gate(test::kSteps));
 }
 
-TEST(LevelsTest, AFileKeepsAllThatTheyKnow) {
+TEST(LevelsTest, AFileKeepsAllLevels) {
   const auto path = std::filesystem::path(testing::TempDir()) / "levels_kept.dfr";
   Levels levels(test::MovingDisk(), Points(), {.slack = 0.3});
   // All states are at the edge.
@@ -74,7 +74,7 @@ TEST(LevelsTest, AFileKeepsAllThatTheyKnow) {
   }
 }
 
-TEST(LevelsTest, AFileWithALevelThatCannotBeIsRefused) {
+TEST(LevelsTest, AFileWithAnInvalidLevelIsRefused) {
   const auto path = std::filesystem::path(testing::TempDir()) / "levels.dfr";
   const auto message = [&](const std::vector<double>& gate, const std::vector<double>& pass,
                            const std::vector<double>& edge, const std::vector<double>& median,
@@ -121,8 +121,8 @@ TEST(LevelsTest, ErrorsNameTheCulprit) {
               HasSubstr("there are 3 features, the support takes 2"));
 }
 
-// Demonstration k of 10, ..., 20 is at the edge in k consecutive steps and in no other step.
-TEST(LevelsTest, NineOfTenHeldOutDemonstrationsStayAtTheEdgeNoLonger) {
+// Demonstration k = 10, ..., 20 is at the edge in k consecutive steps and in no other step.
+TEST(LevelsTest, EdgeStayIsAQuantileOfHeldOutStays) {
   Levels levels(test::MovingDisk(), Points());
   EXPECT_EQ(levels.edge_stay(), 10.0);
   std::vector<HeldOutLevels> held_out;
@@ -141,7 +141,7 @@ TEST(LevelsTest, NineOfTenHeldOutDemonstrationsStayAtTheEdgeNoLonger) {
   EXPECT_THROW(levels.SetEdgeStay({}), std::invalid_argument);
 }
 
-TEST(LevelsTest, SlackIsWhatUnseenDemonstrationsNeedAndNoLessThanTheDefault) {
+TEST(LevelsTest, SlackIsAQuantileOfHeldOutLevelsAndAtLeastTheDefault) {
   EXPECT_EQ(EstimateSlack({0.3, 0.2, 0.1}), LevelOptions().slack);
   // The 0.2-quantile of -1, -0.9, ..., 0 is the third of eleven.
   std::vector<double> levels;

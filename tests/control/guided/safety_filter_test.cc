@@ -65,7 +65,7 @@ TEST_F(SafetyFilterTest, AControlThatEndsOutsideIsReplacedByTheNominalOne) {
 }
 
 // The disk moves to the right. Demonstrations follow it at one speed or stand still. The first
-// entry of the nominal control and of a probe has only these values.
+// entry of a corrected control has only these two values.
 TEST_F(SafetyFilterTest, AnEntryWithFewValuesIsNeverAMeanOfThem) {
   auto demonstrations = test::Rightwards();
   for (std::size_t d = 0; d < demonstrations.size(); ++d) {
@@ -90,7 +90,7 @@ TEST_F(SafetyFilterTest, AnEntryWithFewValuesIsNeverAMeanOfThem) {
   EXPECT_NEAR(v[0], nominal[0] > 0.5 * speed ? speed : 0.0, 1e-12);
 }
 
-// Demonstrations use the second entry everywhere, but it acts only beyond x = .3. Near there J is a
+// Demonstrations use the second entry everywhere, but it acts only beyond x = .3. Near it J is a
 // mean of two responses. A raise with least intervention relies on it less.
 TEST_F(SafetyFilterTest, AnEntryOnWhoseEffectDemonstrationsDisagreeIsRaisedLess) {
   const auto raises = [&](double begin, bool least) {
@@ -147,8 +147,7 @@ TEST_F(SafetyFilterTest, AControlThatEndsInsidePassesFromThePassLevelOn) {
   EXPECT_EQ(passed.level, Level(between));
 }
 
-// Without demonstrations the learned control itself is raised.
-TEST_F(SafetyFilterTest, WithoutDemonstrationsTheLearnedControlIsRaised) {
+TEST_F(SafetyFilterTest, WithoutTheNominalControlTheLearnedOneIsRaised) {
   Eigen::VectorXd expected = outwards_;
   const double level = AscendSupport(local_, target_, limits_, expected);
   ASSERT_GE(level, 0.0);
@@ -161,7 +160,7 @@ TEST_F(SafetyFilterTest, WithoutDemonstrationsTheLearnedControlIsRaised) {
 
 // Far outside, where no control ends inside, the learned control passes if the skipped change is
 // small and gains no more than the margin.
-TEST_F(SafetyFilterTest, AnIdleChangeIsNotMadeIfNoControlEndsInside) {
+TEST_F(SafetyFilterTest, AnIdleChangeIsSkippedIfNoControlEndsInside) {
   z_ = Eigen::Vector2d(0.0, 1.5);
   estimate_.FitAt(0, core::AsSpan(z_), fit_);
   const GuidedOptions options{.iterations = 0, .probe_size = 0.0};
@@ -185,7 +184,7 @@ TEST_F(SafetyFilterTest, AnIdleChangeIsNotMadeIfNoControlEndsInside) {
   }
 }
 
-TEST_F(SafetyFilterTest, RemembersNothingAndNeverAllocates) {
+TEST_F(SafetyFilterTest, KeepsNoStateAndNeverAllocates) {
   SafetyFilter filter(model_, {});
   Eigen::VectorXd first = outwards_;
   Eigen::VectorXd second = outwards_;

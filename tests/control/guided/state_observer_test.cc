@@ -20,8 +20,8 @@ constexpr double kForgetting = 0.93;
 
 class StateObserverTest : public testing::Test {
  protected:
-  // Performs a controller's update after control `v`, which `fit` predicted. The next state is at
-  // `dz` from `before`.
+  // Performs a controller's update: control `v`, predicted by `fit`, changed the observed state
+  // `before` by `dz`.
   void Learn(const LocalFit* fit, const Eigen::VectorXd& before, const Eigen::VectorXd& v,
              const Eigen::VectorXd& dz) {
     observer_.Update(fit, core::AsSpan(v), core::AsSpan(dz));
@@ -37,7 +37,7 @@ class StateObserverTest : public testing::Test {
   StateObserver observer_{2, 2, kForgetting};
 };
 
-// A plant that delays each control by some controls.
+// A plant with a lag: each control acts some controls later.
 class LagTest : public StateObserverTest, public testing::WithParamInterface<int> {
  protected:
   // Applies `count` controls with observation noise `noise`.
@@ -60,10 +60,10 @@ class LagTest : public StateObserverTest, public testing::WithParamInterface<int
   Eigen::VectorXd seen_ = Eigen::Vector2d::Zero();
 };
 
-TEST_P(LagTest, IsFoundAtOnceAndWhatIsUnderWayIsPredicted) {
+TEST_P(LagTest, IsFoundAtOnceAndPendingControlsArePredicted) {
   const int lag = GetParam();
   Drive(lag + 1, lag, 0.0);
-  EXPECT_EQ(observer_.lag(), lag) << "the first control that acts tells";
+  EXPECT_EQ(observer_.lag(), lag) << "the first effect reveals it";
   Drive(10, lag, 0.0);
   EXPECT_EQ(observer_.lag(), lag);
   const Eigen::VectorXd& acted = given_[given_.size() - 1 - static_cast<std::size_t>(lag)];
@@ -79,7 +79,7 @@ TEST_P(LagTest, IsFoundAtOnceAndWhatIsUnderWayIsPredicted) {
   EXPECT_EQ(observer_.lag(), 0);
 }
 
-// The noise is as large as the effect of a control, for 200 controls. The observer reports no lag.
+// Noise up to the size of a control's effect shows as a lag after at most 1 % of the controls.
 TEST_P(LagTest, NoiseIsNotTakenForALag) {
   int wrong = 0;
   for (int i = 0; i < 200; ++i) {
@@ -95,7 +95,7 @@ TEST_P(LagTest, ALagThatChangesIsFollowed) {
   EXPECT_EQ(observer_.lag(), 0);
 }
 
-TEST_P(LagTest, SwitchedOffItTakesControlsToActAtOnceAndStatesForWhatIsSeen) {
+TEST_P(LagTest, AnInactiveObserverAssumesNoLagAndNoNoise) {
   observer_ = StateObserver(2, 2, kForgetting, /*active=*/false);
   Drive(10, GetParam(), 0.3);
   EXPECT_EQ(observer_.lag(), 0);
@@ -132,14 +132,14 @@ TEST_F(StateObserverTest, NoiseIsSmoothedAndDisturbancesAreNot) {
       Learn(&fit_, before, v, seen - before);
     }
     if (noisy) {
-      EXPECT_LT(squared, 0.35 * raw) << "the variance that is left";
+      EXPECT_LT(squared, 0.35 * raw) << "the remaining variance";
     } else {
-      EXPECT_LT(squared, 0.02 * 350.0 * 0.3 * 0.3 * 2.0) << "hardly anything is added";
+      EXPECT_LT(squared, 0.02 * 350.0 * 0.3 * 0.3 * 2.0) << "smoothing adds little error";
     }
   }
 }
 
-TEST_F(StateObserverTest, WithoutPredictionsAStateIsWhatIsSeen) {
+TEST_F(StateObserverTest, WithoutPredictionsTheStateIsTheObservation) {
   for (int i = 0; i < 20; ++i) {
     const Eigen::VectorXd seen = Eigen::Vector2d(i % 2 == 0 ? 0.3 : -0.3, 0.1);
     Eigen::VectorXd z = seen;

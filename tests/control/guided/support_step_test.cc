@@ -36,7 +36,7 @@ struct World {
       : random(seed),
         controls(1 + static_cast<int>(seed % 4)),
         support({Point(), Point(), Point()}, random.Uniform(0.2, 3.0), random.Uniform(0.1, 0.9)),
-        answer(test::KnownJacobian(
+        fit(test::KnownJacobian(
             RandomJacobian(random, kNumStates, controls),
             disturbed ? RandomVector(random, kNumStates) : Eigen::VectorXd(),
             disturbed ? DisturbanceModel{.base = 0.3, .per_control = 0.2} : DisturbanceModel{})),
@@ -47,12 +47,12 @@ struct World {
   std::vector<double> Point() {
     return {0.5 * random.Normal(), 0.5 * random.Normal(), 0.5 * random.Normal()};
   }
-  [[nodiscard]] LocalModel model() const { return {support, answer, core::AsSpan(z)}; }
+  [[nodiscard]] LocalModel model() const { return {support, fit, core::AsSpan(z)}; }
 
   core::Random random;
   int controls;
   test::GaussianSupport support;
-  LocalFit answer;
+  LocalFit fit;
   Eigen::VectorXd z;
   double limit;
   Eigen::VectorXd v;
@@ -63,9 +63,9 @@ struct World {
 class OneGaussianTest : public testing::Test {
  protected:
   test::GaussianSupport support_{{{0.0, 0.0}}, 2.0, 1.0};
-  LocalFit answer_ = test::KnownJacobian(Eigen::Vector2d(2.0, 1.0).asDiagonal());
+  LocalFit fit_ = test::KnownJacobian(Eigen::Vector2d(2.0, 1.0).asDiagonal());
   Eigen::VectorXd z_ = Eigen::Vector2d(1.0, 1.0);
-  LocalModel model_{support_, answer_, core::AsSpan(z_)};
+  LocalModel model_{support_, fit_, core::AsSpan(z_)};
 };
 
 TEST_F(OneGaussianTest, AStepGoesWhereItGainsMost) {
@@ -141,7 +141,7 @@ TEST_F(OneGaussianTest, AControlWithoutEffectIsNotChanged) {
 }
 
 // One entry is at its limit: only the other one can raise the margin.
-TEST_F(OneGaussianTest, AnEntryAtItsLimitLeavesTheDirection) {
+TEST_F(OneGaussianTest, AnEntryAtItsLimitIsHeld) {
   Eigen::VectorXd v = Eigen::Vector2d(-0.25, 0.0);
   const double l =
       AscendSupport(model_, {.level = kUnbounded},
@@ -153,10 +153,10 @@ TEST_F(OneGaussianTest, AnEntryAtItsLimitLeavesTheDirection) {
 
 // From z' = (3, 1), grad l = (-12, -4), d = (-24, -4), |J d|^2 = 2320, s = 592 / (2 * 2 * 2320);
 // the limit has no effect, because d leads away from it. The same holds with all signs changed.
-TEST_F(OneGaussianTest, AnEntryAtItsLimitMayLeaveIt) {
+TEST_F(OneGaussianTest, AnEntryAtItsLimitCanMoveBack) {
   for (const double sign : {1.0, -1.0}) {
     const Eigen::VectorXd z = sign * z_;
-    const LocalModel model{support_, answer_, core::AsSpan(z)};
+    const LocalModel model{support_, fit_, core::AsSpan(z)};
     Eigen::VectorXd v = Eigen::Vector2d(sign, 0.0);
     (void)AscendSupport(model, {.level = kUnbounded},
                         {.control = Eigen::VectorXd::Constant(v.size(), 1.0), .iterations = 1}, v);
@@ -165,9 +165,9 @@ TEST_F(OneGaussianTest, AnEntryAtItsLimitMayLeaveIt) {
   }
 }
 
-// The gradient of entry 0 is zero: only entry 1 moves.
-TEST_F(OneGaussianTest, AnEntryWithFewValuesStaysAsItIs) {
-  const LocalModel model{support_, answer_, core::AsSpan(z_)};
+// Entry 0 has two values: the ascent ignores its gradient and moves only entry 1.
+TEST_F(OneGaussianTest, AnEntryWithFewValuesChangesOnlyInSnap) {
+  const LocalModel model{support_, fit_, core::AsSpan(z_)};
   const StepLimits limits{.iterations = 20, .values = {{-1.0, 0.25}, {}}};
   Eigen::VectorXd v = Eigen::Vector2d(0.3, 0.0);
   const double before = model.Level(0, v);
@@ -184,7 +184,7 @@ TEST_F(OneGaussianTest, AnEntryWithFewValuesStaysAsItIs) {
 }
 
 // Without curvature a step goes straight to the level.
-TEST(RaiseLevelTest, AStraightSlopeIsClimbedInOneStep) {
+TEST(AscendSupportTest, ALinearLevelIsClimbedInOneStep) {
   class Ramp final : public core::LogDecisionFunction {
    public:
     int state_dim() const noexcept override { return 1; }
@@ -204,14 +204,14 @@ TEST(RaiseLevelTest, AStraightSlopeIsClimbedInOneStep) {
     double curvature_bound(int) const noexcept override { return 0.0; }
   };
   const Ramp support;
-  const LocalFit answer = test::KnownJacobian(Eigen::MatrixXd::Constant(1, 1, 2.0));
+  const LocalFit fit = test::KnownJacobian(Eigen::MatrixXd::Constant(1, 1, 2.0));
   const std::vector<double> z = {-3.0};
   Eigen::VectorXd v = Eigen::VectorXd::Zero(1);
-  EXPECT_NEAR(AscendSupport({support, answer, z}, {.level = 1.0}, {}, v), 1.0, 1e-12);
+  EXPECT_NEAR(AscendSupport({support, fit, z}, {.level = 1.0}, {}, v), 1.0, 1e-12);
   EXPECT_NEAR(v[0], 2.0, 1e-8);
 }
 
-TEST(RaiseLevelTest, NeverReturnsLessThanItWasGivenAndStaysWithinItsLimits) {
+TEST(AscendSupportTest, NeverLowersTheLevelAndStaysWithinItsLimits) {
   int raised = 0;
   for (std::uint64_t seed = 0; seed < 2000; ++seed) {
     SCOPED_TRACE(testing::Message() << "seed = " << seed);
@@ -223,7 +223,7 @@ TEST(RaiseLevelTest, NeverReturnsLessThanItWasGivenAndStaysWithinItsLimits) {
     const double l = AscendSupport(
         model, target, {.control = Eigen::VectorXd::Constant(v.size(), world.limit)}, v);
     ASSERT_GE(l, before);
-    ASSERT_EQ(l, model.Level(0, v)) << "the level that it says";
+    ASSERT_EQ(l, model.Level(0, v)) << "the returned level";
     ASSERT_LE(v.cwiseAbs().maxCoeff(), world.limit);
     raised += l > before ? 1 : 0;
   }
@@ -231,7 +231,7 @@ TEST(RaiseLevelTest, NeverReturnsLessThanItWasGivenAndStaysWithinItsLimits) {
 }
 
 // J reaches every change of features, and every maximum of l is above the level.
-TEST(RaiseLevelTest, ReachesATargetThatIsWithinReach) {
+TEST(AscendSupportTest, ReachesAnAttainableTarget) {
   for (std::uint64_t seed = 0; seed < 500; ++seed) {
     SCOPED_TRACE(testing::Message() << "seed = " << seed);
     core::Random random(seed);
@@ -240,10 +240,10 @@ TEST(RaiseLevelTest, ReachesATargetThatIsWithinReach) {
     };
     // One of three Gaussians alone reaches log(1 / (3 * 0.3)) = 0.1.
     const test::GaussianSupport support({point(), point(), point()}, 1.0, 0.3);
-    const LocalFit answer = test::KnownJacobian(Eigen::MatrixXd::Identity(kNumStates, 4) +
-                                                0.1 * RandomJacobian(random, kNumStates, 4));
+    const LocalFit fit = test::KnownJacobian(Eigen::MatrixXd::Identity(kNumStates, 4) +
+                                             0.1 * RandomJacobian(random, kNumStates, 4));
     const Eigen::VectorXd z = RandomVector(random, kNumStates, 1.5);
-    const LocalModel model{support, answer, core::AsSpan(z)};
+    const LocalModel model{support, fit, core::AsSpan(z)};
     Eigen::VectorXd v = RandomVector(random, 4);
     const double before = model.Level(0, v);
     const double l = AscendSupport(model, {.level = 0.0}, {.iterations = 100}, v);
@@ -252,9 +252,9 @@ TEST(RaiseLevelTest, ReachesATargetThatIsWithinReach) {
 }
 
 // A step may exceed the target by the curvature that the bound ignores: with centres within D of
-// each other the Hessian of l is at most -2 gamma + gamma^2 D^2, and the bound uses -2 gamma. Hence
-// l exceeds the target by at most gamma^2 D^2 |J s d|^2 / 2.
-TEST(RaiseLevelTest, ASingleStepOvershootsByNoMoreThanTheBoundLeavesOut) {
+// each other the Hessian of l is at most -2 gamma + gamma^2 D^2, and the bound uses -2 gamma.
+// Therefore l exceeds the target by at most gamma^2 D^2 |J s d|^2 / 2.
+TEST(AscendSupportTest, ASingleStepOvershootsByAtMostTheIgnoredCurvature) {
   int reached = 0;
   for (std::uint64_t seed = 0; seed < 500; ++seed) {
     SCOPED_TRACE(testing::Message() << "seed = " << seed);
@@ -264,32 +264,32 @@ TEST(RaiseLevelTest, ASingleStepOvershootsByNoMoreThanTheBoundLeavesOut) {
     const std::vector<double> b = {0.3 * random.Normal(), 0.3 * random.Normal()};
     const double square = std::pow(a[0] - b[0], 2) + std::pow(a[1] - b[1], 2);
     const test::GaussianSupport support({a, b}, kGamma, 0.5);
-    const LocalFit answer = test::KnownJacobian(RandomJacobian(random, 2, 2));
+    const LocalFit fit = test::KnownJacobian(RandomJacobian(random, 2, 2));
     const Eigen::VectorXd z = RandomVector(random, 2);
-    const LocalModel model{support, answer, core::AsSpan(z)};
+    const LocalModel model{support, fit, core::AsSpan(z)};
     Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
     const double target = model.Level(0, v) + 0.1;
     const double l = AscendSupport(model, {.level = target}, {.iterations = 1}, v);
-    const double moved = (answer.jacobian() * v).squaredNorm();
+    const double moved = (fit.jacobian() * v).squaredNorm();
     ASSERT_LE(l, target + 0.5 * kGamma * kGamma * square * moved + 1e-12);
-    // The step gains at least its guaranteed gain, if it is not the largest.
+    // The step reaches the target unless even its largest guaranteed gain is too small.
     reached += l >= target - 1e-12 ? 1 : 0;
   }
   EXPECT_GT(reached, 300);
 }
 
-TEST(RaiseLevelTest, LooksAtTheSupportOfThePhaseItIsGiven) {
+TEST(AscendSupportTest, UsesTheSupportOfTheGivenPhase) {
   // B_t is a disk around (t, 0).
   const test::GaussianSupport support({{0.0, 0.0}}, 1.0, 0.5, {1.0, 0.0}, 5);
-  const LocalFit answer = test::KnownJacobian(Eigen::Matrix2d::Identity());
+  const LocalFit fit = test::KnownJacobian(Eigen::Matrix2d::Identity());
   const std::vector<double> z = {0.0, 0.0};
   Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
-  const double l = AscendSupport({support, answer, z}, {.phase = 3, .level = kUnbounded}, {}, v);
+  const double l = AscendSupport({support, fit, z}, {.phase = 3, .level = kUnbounded}, {}, v);
   EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(3.0, 0.0), 1e-7));
   EXPECT_NEAR(l, std::log(2.0), 1e-12);
 }
 
-TEST(RaiseLevelTest, AStateThatIsNotOneChangesNothing) {
+TEST(AscendSupportTest, ANonFiniteStateChangesNothing) {
   World world(1, false);
   world.z[1] = kUnbounded;
   Eigen::VectorXd v = world.v;
@@ -298,7 +298,7 @@ TEST(RaiseLevelTest, AStateThatIsNotOneChangesNothing) {
   EXPECT_TRUE(v == world.v);
 }
 
-TEST(RaiseLevelTest, NeverAllocates) {
+TEST(AscendSupportTest, NeverAllocates) {
   for (std::uint64_t seed = 0; seed < 40; ++seed) {
     World world(seed, seed % 2 == 0);
     const StepLimits limits{.control = Eigen::VectorXd::Constant(world.v.size(), world.limit)};

@@ -141,8 +141,8 @@ TEST(SwitchingControllerTest, HaltsAtAndOutsideTheBoundary) {
 }
 
 TEST(SwitchingControllerTest, RecoveryDoesNotConsumeTime) {
-  // g_t opens the gate at times 0 and 2, and at time 1 after the fifth evaluation, two iterations
-  // later.
+  // g_t opens the gate at times 0 and 2, and at time 1 from the fifth evaluation on, after two
+  // iterations.
   int looks = 0;
   std::vector<int> times;
   const test::FunctionSupport support(1, [&](int t, std::span<const double>) {
@@ -182,7 +182,7 @@ TEST(SwitchingControllerTest, IterationsAreCountedPerRecovery) {
   EXPECT_EQ(dfr.halt_cause(), HaltCause::kTimeUp);
 }
 
-TEST(SwitchingControllerTest, BaselineNeverLooksAtTheSupport) {
+TEST(SwitchingControllerTest, BaselineNeverEvaluatesTheSupport) {
   const auto outside = test::ConstantSupport(1, kNaN);
   const auto policy = test::ConstantPolicy(1, 0.5);
   SwitchingController baseline(policy, outside, 1.0, {.recovery = Recovery::kNone, .horizon = 7});
@@ -199,7 +199,7 @@ TEST(SwitchingControllerTest, BaselineNeverLooksAtTheSupport) {
   EXPECT_EQ(outside.calls, 0);
 }
 
-TEST(SwitchingControllerTest, LambdaIsThatOfTheTimeStepAndTheLastOneBeyond) {
+TEST(SwitchingControllerTest, LambdaIsThatOfTheTimeStepOrTheLastOne) {
   const auto wide = test::ConstantSupport(1, 100.0);
   const auto policy = test::ConstantPolicy(1, 1.0);
   SwitchingController dfr(policy, wide, std::vector<double>{1.0, 2.0, 4.0}, {.horizon = 5});
@@ -264,7 +264,7 @@ TEST(SwitchingControllerTest, DfrClimbsAndGainsAtMostItsStepPerIteration) {
   EXPECT_GT(iterations, 50.0 * std::log(0.5 / (1.0 - std::hypot(0.7, 0.5))));
 }
 
-TEST(SwitchingControllerTest, HaltsAtEveryDoubt) {
+TEST(SwitchingControllerTest, HaltsOnANonFiniteValue) {
   const auto policy = test::ConstantPolicy(1, 0.1);
   const auto ball = test::UnitBall(1);
   std::vector<double> u(1);
@@ -293,7 +293,7 @@ TEST(SwitchingControllerTest, HaltsAtEveryDoubt) {
   EXPECT_EQ(cause(policy, ball, kNaN, Recovery::kNone), HaltCause::kStateInvalid);
 }
 
-TEST(SwitchingControllerTest, HaltsWhenGIsLostAfterAProbe) {
+TEST(SwitchingControllerTest, HaltsIfGIsNotFiniteAfterAProbe) {
   int looks = 0;
   const test::FunctionSupport support(
       1, [&](int, std::span<const double>) { return ++looks == 1 ? 0.1 : kNaN; });
@@ -305,7 +305,7 @@ TEST(SwitchingControllerTest, HaltsWhenGIsLostAfterAProbe) {
   EXPECT_EQ(dfr.Next(x, u).cause, HaltCause::kSupportInvalid);
 }
 
-TEST(SwitchingControllerTest, TheSeedDecidesEverythingAndResetStartsAfresh) {
+TEST(SwitchingControllerTest, TheSeedDecidesEverythingAndResetStartsAnEpisode) {
   const auto flat = test::ConstantSupport(3, 0.1);
   const auto policy = test::ConstantPolicy(3, 1.0);
   SwitchingController dfr(policy, flat, 1.0);
@@ -362,7 +362,7 @@ class ScriptedRecovery final : public RecoveryStrategy {
   std::uint64_t seed_ = 0;
 };
 
-TEST(SwitchingControllerTest, AnInjectedStrategyIsUsedAndTheOptionsChoiceIsNot) {
+TEST(SwitchingControllerTest, AnInjectedStrategyReplacesThatOfTheOptions) {
   // The gate is closed at g = 0.1 and open at 10; the fourth check is after the recovery.
   int looks = 0;
   const test::FunctionSupport support(

@@ -23,10 +23,10 @@ using test::Store;
 
 constexpr int kEntries = 3;
 
-// Demonstrations take v = K (z* - z) exactly, dz = v. The plant turns controls by .6 rad, and the
-// world drifts. The control with the demonstrated effect is turned back and compensates for the
+// Demonstrations take v = K (z* - z) exactly, dz = v. The plant turns controls by .6 rad, under a
+// disturbance. The control with the demonstrated effect is turned back and compensates for the
 // disturbance.
-TEST(LocalFitTest, DoesWhatDemonstrationsDidWhateverControlsDoToday) {
+TEST(LocalFitTest, TheNominalControlHasTheDemonstratedEffectOnAChangedPlant) {
   core::Random random(5);
   const Eigen::Vector2d goal(0.5, -0.3);
   std::vector<core::Matrix> features;
@@ -56,7 +56,7 @@ TEST(LocalFitTest, DoesWhatDemonstrationsDidWhateverControlsDoToday) {
   EXPECT_NEAR(v.norm() / wanted.norm(), 0.85, 0.1);
   const Eigen::Vector2d regressed = v;
   still_estimate.FitAt(99, z, still);
-  ASSERT_TRUE(still.NominalControl(v)) << "beyond the last, the last demonstrated control";
+  ASSERT_TRUE(still.NominalControl(v)) << "later steps use the last one";
 
   const Eigen::Rotation2Dd turn(0.6);
   const Eigen::Vector2d disturbance(0.05, 0.1);
@@ -76,8 +76,8 @@ TEST(LocalFitTest, DoesWhatDemonstrationsDidWhateverControlsDoToday) {
   (void)turned.NominalControl(v);
 }
 
-// Demonstrations follow a curve: far to its side the slopes of their controls say nothing. The
-// control there is one that some demonstration took.
+// Demonstrations follow a curve. Far to its side the slopes of their controls are meaningless, and
+// the control is not larger than any demonstrated one.
 TEST(LocalFitTest, FarFromDemonstrationsTheNominalControlIsNoExtrapolation) {
   core::Random random(8);
   std::vector<core::Matrix> features;
@@ -126,9 +126,9 @@ TEST(LocalFitTest, WithoutAnEffectTheNominalControlIsTheDemonstratedOne) {
   EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(0.7, 0.7), 1e-6));
 }
 
-// The first entry acts as always. The second one acts in a contact alone, which begins at 0: near
-// it demonstrations disagree, and J is a mean of two responses.
-TEST(LocalFitTest, DemonstrationsDisagreeOnAnEntryThatActsInAContactAlone) {
+// The first entry always acts. The second one acts only in contact, which begins at 0. Near there
+// demonstrations disagree, and J is a mean of two responses.
+TEST(LocalFitTest, DemonstrationsDisagreeOnAnEntryThatActsOnlyInContact) {
   core::Random random(7);
   std::vector<core::Matrix> features;
   std::vector<core::Matrix> controls;
@@ -153,9 +153,9 @@ TEST(LocalFitTest, DemonstrationsDisagreeOnAnEntryThatActsInAContactAlone) {
   EXPECT_GT(far.Agreement(0), 0.9);
 }
 
-TEST(LocalFitTest, LeastKnownIsTheTopEigenvectorOfTheInverse) {
+TEST(LocalFitTest, LeastExcitedDirectionIsTheTopEigenvectorOfTheInverse) {
   core::Random random(4);
-  // Demonstrations that never use the third control.
+  // Demonstrations that never use the third entry of the control.
   auto d = Linear(RandomMatrix(random, kEntries, 3), 10, 8, random);
   for (auto& u : d.controls) u.col(2).setZero();
   ResponseEstimate estimate(Store(d));
@@ -191,8 +191,7 @@ TEST(LocalFitTest, LeastExcitedDirectionHasTheSignThatSeparatesADisturbance) {
     for (int i = 0; i < 3; ++i) {
       estimate.Update(fit, core::AsSpan(probe), core::AsSpan(dz));
       estimate.FitAt(3, z, fit);
-      EXPECT_GT(fit.LeastExcitedDirection(direction), 10.0)
-          << "as unknown as before, however often";
+      EXPECT_GT(fit.LeastExcitedDirection(direction), 10.0) << "the same probe does not help";
       EXPECT_NEAR(direction[1], -sign, 1e-3);
     }
     const Eigen::VectorXd other = -probe;

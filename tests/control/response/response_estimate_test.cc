@@ -26,7 +26,7 @@ using test::Store;
 constexpr int kN = 3;
 constexpr int kM = 2;
 
-// dz = J v.
+// dz = J v, without a drift.
 constexpr bool kDrift = false;
 
 TEST(ResponseEstimateTest, RecoversALinearSystemFromDemonstrations) {
@@ -39,7 +39,7 @@ TEST(ResponseEstimateTest, RecoversALinearSystemFromDemonstrations) {
   EXPECT_TRUE(test::AllClose(fit.jacobian(), truth, 1e-6));
 }
 
-// Definition: J minimises ridge |J|^2 + sum of weights |dz - J v|^2.
+// Definition: J minimizes ridge |J|^2 + sum of weights |dz - J v|^2.
 TEST(ResponseEstimateTest, OnlineDataAreWeightedLeastSquaresWithForgetting) {
   core::Random random(2);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
@@ -66,7 +66,7 @@ TEST(ResponseEstimateTest, OnlineDataAreWeightedLeastSquaresWithForgetting) {
 }
 
 // A measurement of weight w counts as w equal ones; a weight of 0 excludes it.
-TEST(ResponseEstimateTest, AMeasurementCountsAsOftenAsItsWeightSays) {
+TEST(ResponseEstimateTest, AMeasurementCountsByItsWeight) {
   core::Random random(7);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
   const auto prior = Store(d);
@@ -92,7 +92,7 @@ TEST(ResponseEstimateTest, AMeasurementCountsAsOftenAsItsWeightSays) {
 }
 
 // Demonstrations respond by `first` until time step 10 and then by `second`.
-TEST(ResponseEstimateTest, ADemonstratedChangeOfTheResponseIsNoCorrection) {
+TEST(ResponseEstimateTest, EarlierControlsDoNotHideADemonstratedChangeOfTheResponse) {
   core::Random random(11);
   const core::Matrix first = core::Matrix::Identity(2, 2);
   core::Matrix second = core::Matrix::Zero(2, 2);
@@ -183,7 +183,7 @@ TEST(ResponseEstimateTest, AFitDependsOnMeasurementsAndArgumentsAlone) {
 }
 
 // z' = z + J v + s d. An estimate that attributes the disturbance to the control has a wrong J.
-TEST(ResponseEstimateTest, TellsADisturbanceFromTheAnswerToControls) {
+TEST(ResponseEstimateTest, SeparatesADisturbanceFromTheResponseToControls) {
   core::Random random(5);
   const core::Matrix truth = RandomMatrix(random, kN, kM);
   const Eigen::VectorXd disturbance = RandomMatrix(random, kN, 1);
@@ -221,7 +221,7 @@ TEST(ResponseEstimateTest, TellsADisturbanceFromTheAnswerToControls) {
 
 // Definition: weighted least squares with forgetting over [z' - z; 1; v], where z is the last
 // state.
-TEST(ResponseEstimateTest, DriftIsLeastSquaresAboutTheStateThatIsAskedAbout) {
+TEST(ResponseEstimateTest, DriftIsLeastSquaresAboutTheStateOfTheFit) {
   core::Random random(11);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
   const ResponseOptions options{.prior_weight = 0.0};
@@ -254,7 +254,7 @@ TEST(ResponseEstimateTest, DriftIsLeastSquaresAboutTheStateThatIsAskedAbout) {
 
 // A mass moves by its velocity without a force, but every demonstration has a force. Feedback
 // correlates forces with states, so J alone attributes the motion to the forces.
-TEST(ResponseEstimateTest, TellsTheMotionOfAMassFromTheAnswerToForces) {
+TEST(ResponseEstimateTest, SeparatesTheMotionOfAMassFromTheResponseToForces) {
   core::Random random(12);
   std::vector<core::Matrix> features;
   std::vector<core::Matrix> controls;
@@ -273,9 +273,9 @@ TEST(ResponseEstimateTest, TellsTheMotionOfAMassFromTheAnswerToForces) {
   const auto prior = std::make_shared<const TransitionStore>(
       features, controls, ResponseOptions{.ridge = 1e-6, .drift_ridge = 1e-3, .slope_ridge = 1e-2});
   const Eigen::VectorXd z = Eigen::Vector2d(0.4, -0.7);
-  const Eigen::VectorXd answer = Eigen::Vector2d(0.0, 0.5);
+  const Eigen::VectorXd response = Eigen::Vector2d(0.0, 0.5);
   const LocalFit fit = ResponseEstimate(prior).FitAt(3, core::AsSpan(z));
-  EXPECT_TRUE(test::AllClose(fit.jacobian(), answer, 0.02));
+  EXPECT_TRUE(test::AllClose(fit.jacobian(), response, 0.02));
   EXPECT_TRUE(test::AllClose(fit.drift(), Eigen::Vector2d(0.5 * z[1], 0.0), 0.02));
   Eigen::VectorXd v(1);
   v << 0.3;
@@ -283,13 +283,13 @@ TEST(ResponseEstimateTest, TellsTheMotionOfAMassFromTheAnswerToForces) {
   fit.AddEffect(v, there);
   EXPECT_TRUE(test::AllClose(there, Eigen::Vector2d(z[0] + 0.5 * z[1], z[1] + 0.15), 0.02));
   const LocalFit alone = ResponseEstimate(prior, {}, kDrift).FitAt(3, core::AsSpan(z));
-  EXPECT_GT((alone.jacobian() - answer).norm(), 0.1);
+  EXPECT_GT((alone.jacobian() - response).norm(), 0.1);
   EXPECT_TRUE(test::AllClose(alone.drift(), Eigen::Vector2d::Zero(), 0.0));
 }
 
-// A robot follows commanded velocities, and its measured velocity is a feature. A hand's commands
-// change slowly, so the velocity of the last step nearly determines the next command.
-TEST(ResponseEstimateTest, TellsAMeasuredVelocityFromTheAnswerToItsCommand) {
+// A robot follows commanded velocities, and its measured velocity is a feature. An operator's
+// commands change slowly, so the velocity of the last step nearly determines the next command.
+TEST(ResponseEstimateTest, SeparatesAMeasuredVelocityFromTheResponseToItsCommand) {
   core::Random random(13);
   std::vector<core::Matrix> features;
   std::vector<core::Matrix> controls;
@@ -316,8 +316,8 @@ TEST(ResponseEstimateTest, TellsAMeasuredVelocityFromTheAnswerToItsCommand) {
   EXPECT_LE(fit.jacobian()(1), 1.0 / 0.5);
 }
 
-// Padding at the end of demonstrations, or a pause of all of them, is no reason to know nothing.
-TEST(ResponseEstimateTest, WhereAllRestTheNearestTransitionsInTimeCount) {
+// All demonstrations may pause at the same time, or end with padding.
+TEST(ResponseEstimateTest, WithoutControlsTheNearestTransitionsInTimeCount) {
   core::Random random(3);
   std::vector<core::Matrix> features;
   std::vector<core::Matrix> controls;
@@ -389,7 +389,7 @@ TEST(ResponseEstimateTest, TheNominalControlIsThatOfDemonstrationsInTheSameConte
   EXPECT_THROW(TransitionStore(features, controls, {}, contexts), std::invalid_argument);
 }
 
-TEST(ResponseEstimateTest, DriftTimesAreChecked) {
+TEST(ResponseEstimateTest, DurationsOfADisturbanceAreChecked) {
   core::Random random(6);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
   const auto prior = Store(d);

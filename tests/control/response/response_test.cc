@@ -24,7 +24,7 @@ namespace {
 
 using testing::HasSubstr;
 
-TEST(ResponseTest, ControlsAreThoseOfTheDemonstrations) {
+TEST(ResponseTest, ControlUnitAndLargestControlComeFromDemonstrations) {
   const auto demonstrations = test::Rightwards();
   const Response response({test::IdentityFeatures(), demonstrations});
   double squares = 0.0;
@@ -41,8 +41,8 @@ TEST(ResponseTest, ControlsAreThoseOfTheDemonstrations) {
   EXPECT_FALSE(response.has_drift()) << "the point rests without a control";
 }
 
-// Thirty thrown points: each keeps its speed, which a force changes.
-TEST(ResponseTest, DriftIsFoundWhereItExplainsUnseenDemonstrations) {
+// Thirty thrown points. Each keeps its speed unless a force changes it.
+TEST(ResponseTest, HasADriftIfItExplainsHeldOutDemonstrations) {
   core::Random random(2);
   std::vector<core::Trajectory> thrown(30);
   for (core::Trajectory& d : thrown) {
@@ -57,12 +57,12 @@ TEST(ResponseTest, DriftIsFoundWhereItExplainsUnseenDemonstrations) {
   }
   EXPECT_TRUE(Response({test::IdentityFeatures(), thrown}).has_drift());
   EXPECT_FALSE(Response({test::IdentityFeatures(), {thrown.data(), 1}}).has_drift())
-      << "there is none that it has not seen";
+      << "one demonstration leaves none to hold out";
 }
 
-// The first entry has three values and the second many. Five of 30 demonstrations add a fifth
+// The first entry has three values and the second many. Five of 30 demonstrations add a fourth
 // value.
-TEST(ResponseTest, ValuesAreThoseOfEntriesThatHaveFew) {
+TEST(ResponseTest, ValuesAreListedForEntriesThatHaveFew) {
   auto demonstrations = test::Rightwards();
   const auto stepped = [&](int extra) {
     for (std::size_t d = 0; d < demonstrations.size(); ++d) {
@@ -87,7 +87,7 @@ TEST(ResponseTest, ValuesAreThoseOfEntriesThatHaveFew) {
   EXPECT_TRUE(constant.values()[0].empty()) << "there is nothing to choose";
 }
 
-TEST(ResponseTest, AFileKeepsAllThatItKnows) {
+TEST(ResponseTest, AFileKeepsTheResponse) {
   const auto path = std::filesystem::path(testing::TempDir()) / "response_kept.dfr";
   auto demonstrations = test::Rightwards();
   for (core::Trajectory& d : demonstrations) {
@@ -117,7 +117,7 @@ TEST(ResponseTest, AFileKeepsAllThatItKnows) {
   }
 }
 
-TEST(ResponseTest, AFileWithAControlThatCannotBeIsRefused) {
+TEST(ResponseTest, AFileWithAnInvalidControlIsRefused) {
   const auto path = std::filesystem::path(testing::TempDir()) / "response.dfr";
   const auto message = [&](double largest, double unit) {
     core::ArchiveWriter archive("response", 1);

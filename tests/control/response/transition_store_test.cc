@@ -31,7 +31,7 @@ TEST(TransitionStoreTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(message({}), testing::HasSubstr("demonstration 1"));
 }
 
-TEST(TransitionStoreTest, TimeStepsThatDoNotFollowEachOtherAreRefused) {
+TEST(TransitionStoreTest, AFileWithInvalidTimeStepsIsRefused) {
   const auto path = std::filesystem::path(testing::TempDir()) / "broken_prior.dfr";
   const auto message = [&](const std::vector<int>& begin, int contexts = 60) {
     core::ArchiveWriter archive("prior", 1);

@@ -68,7 +68,7 @@ TEST_P(TransitionSumsTest, NearestAreThoseOfASort) {
     return distances[static_cast<std::size_t>(a)] < distances[static_cast<std::size_t>(b)];
   });
   for (std::size_t count = 1, next = 0; count <= rows; count = next) {
-    // The second count is all rows, too.
+    // The last count is all rows.
     next = count == rows ? rows + 1 : std::min(rows, count + 1 + count / 2);
     std::vector<std::int32_t> nearest(count + 1, -1);
     Nearest(distances.data(), rows, count, nearest.data());
