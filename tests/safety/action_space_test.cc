@@ -49,8 +49,8 @@ TEST(ActionSpaceTest, AnAxisWithFewSpeedsIsSteeredAndAGripperIsNot) {
   }
 }
 
-// The axis moves nothing in the state. Nothing distinguishes it from a gripper.
-TEST(ActionSpaceTest, AnEntryThatMovesNothingSeenIsNotSteeredIfAnotherIs) {
+// The axis moves nothing in the state, so nothing distinguishes it from a gripper.
+TEST(ActionSpaceTest, AnEntryWithoutAnEffectOnTheStateIsNotSteeredIfAnotherIs) {
   auto demonstrations = Carried({0.0, 0.04});
   core::Random random(1);
   for (core::Trajectory& d : demonstrations) {
@@ -68,7 +68,7 @@ TEST(ActionSpaceTest, AnEntryThatMovesNothingSeenIsNotSteeredIfAnotherIs) {
   EXPECT_FALSE(space.entries()[0].steered);
   EXPECT_FALSE(space.entries()[1].steered);
   EXPECT_TRUE(space.entries()[2].steered);
-  // Without the third entry, only such entries remain.
+  // Without the third entry, only entries without an effect remain.
   for (core::Trajectory& d : demonstrations) d.controls = core::Matrix(d.controls.leftCols(2));
   EXPECT_EQ(ActionSpace(demonstrations).steered_dim(), 2);
 }

@@ -81,7 +81,7 @@ TEST_F(CGuardTest, NeverAllocatesInTheLoop) {
   for (int t = 0; t < 20; ++t) Filter(t);
 }
 
-TEST_F(CGuardTest, EveryDoubtHaltsWithZero) {
+TEST_F(CGuardTest, EveryInvalidCallHaltsWithZero) {
   const auto expect_halt = [this](int mode, const char* reason) {
     EXPECT_EQ(mode, DFR_GUARD_HALT);
     EXPECT_EQ(verdict_.mode, DFR_GUARD_HALT);
@@ -122,7 +122,7 @@ TEST_F(CGuardTest, EveryDoubtHaltsWithZero) {
   EXPECT_EQ(dfr_guard_filter(nullptr, 0, nullptr, 0, nullptr, 0, nullptr, nullptr), DFR_GUARD_HALT);
 }
 
-TEST_F(CGuardTest, WritesNoMoreOfAVerdictThanTheCallerHas) {
+TEST_F(CGuardTest, WritesNoMoreOfAVerdictThanItsSize) {
   dfr_guard_reset(guard_, 0);
   std::memset(&verdict_, 0x5a, sizeof(verdict_));
   verdict_.size = offsetof(dfr_guard_verdict, alarm);
@@ -132,7 +132,7 @@ TEST_F(CGuardTest, WritesNoMoreOfAVerdictThanTheCallerHas) {
   EXPECT_EQ(verdict_.size, offsetof(dfr_guard_verdict, alarm));
 }
 
-TEST_F(CGuardTest, DecisionIsThatOfEachState) {
+TEST_F(CGuardTest, DecisionEvaluatesEachState) {
   const Guard peer = Guard::Load(file_);
   const auto dim = state_.size();
   std::vector<double> states(3 * dim, 0.1);
@@ -152,7 +152,7 @@ TEST_F(CGuardTest, DecisionIsThatOfEachState) {
   EXPECT_THAT(dfr_guard_last_error(), HasSubstr("t[2] is negative"));
 }
 
-TEST(CGuardErrorsTest, NameTheFile) {
+TEST(CGuardErrorsTest, NameTheFileOrTheArgument) {
   EXPECT_EQ(dfr_guard_load("absent.guard"), nullptr);
   EXPECT_THAT(dfr_guard_last_error(), HasSubstr("absent.guard"));
   EXPECT_EQ(dfr_guard_load(nullptr), nullptr);

@@ -83,7 +83,7 @@ std::vector<double> GoodPolicy(double y) { return Repeated(Action(0.0997, -y / k
 // This policy does not observe its position.
 std::vector<double> DriftingPolicy(double /*y*/) { return Repeated(Action(0.09, 0.06), kChunk); }
 
-TEST(GuardChunkTest, AGoodPolicyThatIsAskedEveryEightStepsPlaysItsChunks) {
+TEST(GuardChunkTest, AGoodPolicyThatIsQueriedEveryEightStepsPlaysItsChunks) {
   for (const double y : {-0.05, 0.0, 0.08}) {
     const Episode episode = Play(Model(), y, GoodPolicy);
     EXPECT_GE(episode.reached, 1.8);
@@ -94,7 +94,7 @@ TEST(GuardChunkTest, AGoodPolicyThatIsAskedEveryEightStepsPlaysItsChunks) {
   }
 }
 
-TEST(GuardChunkTest, ADriftingPolicyIsAskedAgainWhereItsChunkWouldLeave) {
+TEST(GuardChunkTest, ADriftingPolicyIsQueriedAgainBeforeItsChunkLeaves) {
   const Episode episode = Play(Model(), 0.0, DriftingPolicy);
   EXPECT_FALSE(episode.halted);
   EXPECT_GE(episode.reached, 1.8);
@@ -118,8 +118,8 @@ TEST(GuardChunkTest, CountsUpToTheFirstActionThatLeaves) {
     ASSERT_EQ(alone, kChunk);
     const int playable = guard.FilterChunk(0, plant.x, chunk).playable;
     EXPECT_GE(playable, leaves);
-    // The tip's spread is .1 at first and .05 later. One such step may still end inside, and the
-    // following steps stay inside.
+    // The spread of the tip is .1 at first and .05 later, so one step `off` may still end inside.
+    // One step `far` does not.
     const std::vector<double> far = Action(0.05, 0.29);
     ASSERT_LT(std::abs(far[0]), model->settings().action_limit[0] * 2.0);
     std::copy(far.begin(), far.end(), chunk.begin() + 2 * leaves);
@@ -179,7 +179,7 @@ TEST(GuardChunkTest, TheFirstActionIsJudgedAsByTheFilter) {
   }
 }
 
-TEST(GuardChunkTest, LimitsAndLengthEndACount) {
+TEST(GuardChunkTest, LimitsLengthAndHorizonEndACount) {
   const auto model = Model(Strategy::kMonitor);
   Guard guard(model);
   guard.Reset(1);
@@ -194,7 +194,7 @@ TEST(GuardChunkTest, LimitsAndLengthEndACount) {
   EXPECT_EQ(guard.FilterChunk(0, plant.x, longest).playable, model->settings().horizon);
 }
 
-TEST(GuardChunkTest, BadInputIsNamedAndStopsNothing) {
+TEST(GuardChunkTest, InvalidInputIsNamedAndDoesNotHalt) {
   Guard guard(Model());
   const std::vector<double> state = {0.0, 0.0, 0.0};
   const std::vector<double> chunk = Repeated(Action(0.0997, 0.0), 3);
@@ -277,13 +277,13 @@ TEST(GuardExplainTest, TheExcessLeadsBackToTheBoundary) {
     for (const OutsideEntry& entry : entries) {
       state[static_cast<std::size_t>(entry.entry)] -= entry.excess;
     }
-    // The way is followed in 64 straight pieces, the last of which misses by its curvature.
+    // The path consists of 64 straight pieces, the last of which misses by its curvature.
     EXPECT_NEAR(model->support().LogDecision(3, state, {}), 0.0, 0.02 * outside);
   }
   EXPECT_TRUE(OutsideEntries(*model, 3, std::vector{3.0, 0.3, 0.0}).empty());
 }
 
-TEST(GuardExplainTest, SaysWhatIsWrongWithTheInput) {
+TEST(GuardExplainTest, NamesTheDefectOfTheInput) {
   const auto model = Model();
   const std::vector<double> state = {0.0, 0.0, 0.0};
   const std::vector<double> action = Action(0.0997, 0.0);

@@ -32,7 +32,7 @@ class GuardFileTest : public testing::Test {
                ".guard")) {}
   ~GuardFileTest() override { std::filesystem::remove(path_); }
 
-  // A small model: the tests try every truncation and many damages.
+  // A small model, because the tests load many damaged files.
   static std::shared_ptr<const GuardModel> Small() {
     return GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(2, 6, 4),
                            {.features = "tip", .source = "six demonstrations"});
@@ -113,7 +113,7 @@ TEST_F(GuardFileTest, DamagedBytesAreRefused) {
 
 // Damage with a valid checksum, as by another program: the loader rejects the file, or its content
 // is usable.
-TEST_F(GuardFileTest, WrongContentWithARightChecksumDoesNoHarm) {
+TEST_F(GuardFileTest, WrongContentWithAValidChecksumIsRefusedOrUsable) {
   Small()->Save(path_);
   const std::string content = Content();
   core::Random random(12);
@@ -161,7 +161,6 @@ TEST_F(GuardFileTest, OtherVersionsAndFilesAreRefusedByName) {
   EXPECT_THAT(Refusal(), HasSubstr("cannot be opened"));
 }
 
-// The fit does not depend on the order of recording.
 TEST_F(GuardFileTest, TheOrderOfDemonstrationsChangesNoBitOfTheFit) {
   const auto demonstrations = test::CorridorDemonstrations(5, 14, 6);
   const auto fit = [&](const std::vector<core::Trajectory>& some, double hold_out) {
@@ -182,8 +181,8 @@ TEST_F(GuardFileTest, TheOrderOfDemonstrationsChangesNoBitOfTheFit) {
       EXPECT_EQ(other->lambda(), model->lambda());
       EXPECT_EQ(other_summary.acceptance, summary.acceptance);
       EXPECT_EQ(other_summary.gain.value, summary.gain.value);
-      // One support of all fitted demonstrations, then one without each of five folds and five
-      // stretches: four of the nine demonstrations that are not held out.
+      // One support of all fitted demonstrations, and one without each fold: five folds and five
+      // contiguous ones, or four of each for the nine demonstrations that are not held out.
       EXPECT_EQ(summary.support_fits, hold_out > 0.0 ? 9 : 11);
       EXPECT_EQ(other_summary.support_fits, summary.support_fits);
       core::ArchiveWriter ours("recovery", 1);

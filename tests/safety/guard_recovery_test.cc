@@ -37,7 +37,7 @@ class Shove final : public control::RecoveryStrategy {
 };
 
 // Algorithm 1 with the caller's recovery replaces every strategy of the settings.
-TEST(GuardRecoveryTest, ARecoveryOfTheCallersOwnTakesOverAtTheBoundary) {
+TEST(GuardRecoveryTest, ARecoveryOfTheCallerTakesOverAtTheBoundary) {
   for (const Strategy strategy : {Strategy::kGuard, Strategy::kMonitor}) {
     SCOPED_TRACE(Name(strategy));
     const auto model = Model(strategy);
@@ -69,7 +69,7 @@ TEST(GuardRecoveryTest, ARecoveryOfTheCallersOwnTakesOverAtTheBoundary) {
   }
 }
 
-TEST(GuardRecoveryTest, ARecoveryOfTheCallersOwnIsWithinTheLimit) {
+TEST(GuardRecoveryTest, ARecoveryOfTheCallerIsClampedToTheLimit) {
   GuardSettings settings = Model()->settings();
   settings.action_limit = {0.1};
   Guard guard(Model()->With(settings), std::make_unique<Shove>(std::vector{7.0, -0.02}));

@@ -117,7 +117,7 @@ TEST(GuardTest, IsTheControllerOfItsStrategy) {
 
 // For any policy: no state raises an alarm while the robot responds as demonstrated, and the first
 // response that differs too much halts.
-TEST(GuardTest, ACertifiedGuardRaisesNoAlarmAndHaltsWhereItsAssumptionFails) {
+TEST(GuardTest, ACertifiedGuardRaisesNoAlarmAndHaltsIfItsAssumptionFails) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
                                      {.features = "tip", .strategy = Strategy::kCertified});
   Guard guard(model);
@@ -204,7 +204,7 @@ std::vector<Doubt> Doubts() {
   };
   return {
       {"NaN in a feature", HaltCause::kStateInvalid, with_state({3.0, kNaN, 0.0})},
-      {"NaN in an entry that no feature looks at", HaltCause::kStateInvalid,
+      {"NaN in an entry that no feature uses", HaltCause::kStateInvalid,
        with_state({kNaN, 0.3, 0.0})},
       {"infinite state", HaltCause::kStateInvalid, with_state({3.0, 0.3, -kInfinity})},
       {"short state", HaltCause::kStateInvalid, with_state({0.3, 0.0})},
@@ -234,10 +234,10 @@ std::vector<Doubt> Doubts() {
   };
 }
 
-// A policy that stays inside drives: each of its actions is applied to the last bit, although many
-// states of the corridor are not deep inside. With strategy `controller`, the demonstrated actions
-// replace most of them.
-TEST(GuardTest, LetsAPolicyThatStaysInsideDrive) {
+// The actions of a policy that stays inside pass unchanged to the bit, although many states of the
+// corridor are not deep inside. With strategy `controller`, demonstrated actions replace most of
+// them.
+TEST(GuardTest, PassesAPolicyThatStaysInside) {
   int changed = 0;
   for (const Strategy strategy : {Strategy::kGuard, Strategy::kController}) {
     Guard guard(Model(strategy));
@@ -282,7 +282,7 @@ std::vector<core::Trajectory> WithGripper(const std::vector<double>& scale) {
 }
 
 // The units of an action's entries have no effect, and the gripper keeps the policy's value.
-TEST(GuardTest, UnitsOfEntriesDoNotMatterAndAGripperIsThePolicys) {
+TEST(GuardTest, UnitsOfEntriesDoNotMatterAndThePolicySetsTheGripper) {
   for (const std::vector<double>& scale : {std::vector{1.0, 1.0}, std::vector{1024.0, 0.0078125}}) {
     Guard guard(GuardModel::Fit(test::CorridorLayout(), WithGripper(scale), {.features = "tip"}));
     ASSERT_EQ(guard.model().actions().steered_dim(), 2);
@@ -314,7 +314,7 @@ TEST(GuardTest, UnitsOfEntriesDoNotMatterAndAGripperIsThePolicys) {
   }
 }
 
-TEST(GuardTest, EveryDoubtHoldsUntilReset) {
+TEST(GuardTest, EveryInvalidCallHaltsUntilReset) {
   for (const Strategy strategy : {Strategy::kGuard, Strategy::kDfr, Strategy::kEarlyStopping,
                                   Strategy::kMonitor, Strategy::kController}) {
     for (const Doubt& doubt : Doubts()) {
@@ -343,7 +343,7 @@ TEST(GuardTest, EveryDoubtHoldsUntilReset) {
   }
 }
 
-TEST(GuardTest, HoldsBeforeResetAndWhenStopped) {
+TEST(GuardTest, HaltsBeforeResetAndWhenStopped) {
   Guard guard(Model());
   std::vector<double> safe = {1.0, 1.0};
   const Verdict early = guard.Filter(0, std::vector{0.0, 0.0, 0.0}, Action(0.1, 0.0), safe);
@@ -356,9 +356,9 @@ TEST(GuardTest, HoldsBeforeResetAndWhenStopped) {
   EXPECT_STREQ(stopped.reason(), "stop-requested");
 }
 
-// In an episode that waits, the strategy's clock advances while the alarm's clock follows the
-// state.
-TEST(GuardTest, TheAlarmHasATimeStepOfItsOwn) {
+// The tip moves at half of the demonstrated speed. The time step of the strategy counts the calls,
+// and that of the alarm follows the state.
+TEST(GuardTest, TheTimeStepOfTheAlarmFollowsTheState) {
   Guard guard(Model(Strategy::kEarlyStopping));
   guard.Reset(1);
   CorridorPlant plant;

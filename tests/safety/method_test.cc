@@ -26,7 +26,7 @@ std::string Refusal(std::string_view name) {
       [&] { static_cast<void>(ParseMethod(name, kOthers)); });
 }
 
-TEST(MethodTest, NamesOfAlgorithm1AreItsRecoveries) {
+TEST(MethodTest, NamesOfAlgorithm1AreThoseOfItsRecoveries) {
   for (const control::Recovery recovery :
        {control::Recovery::kNone, control::Recovery::kEarlyStopping, control::Recovery::kDfr}) {
     const Method method = ParseMethod(control::Name(recovery));
@@ -42,7 +42,7 @@ TEST(MethodTest, NamesOfAlgorithm1AreItsRecoveries) {
   EXPECT_TRUE(fine.published_dfr);
 }
 
-TEST(MethodTest, PartsAreTakenOutOfGuidedRecovery) {
+TEST(MethodTest, NamesRemovePartsOfGuidedRecovery) {
   EXPECT_EQ(ParseMethod("controller").kind, Kind::kController);
   EXPECT_EQ(ParseMethod("controller").without, "");
   for (const std::string_view part : control::GuidedPartNames()) {
@@ -56,15 +56,14 @@ TEST(MethodTest, PartsAreTakenOutOfGuidedRecovery) {
   EXPECT_EQ(method.without, "exit-level+online-jacobian");
 }
 
-TEST(MethodTest, TheCallersOwnNamesAreTakenWhereTheyAreGiven) {
+TEST(MethodTest, NamesOfTheCallerAreValidIfGiven) {
   const Method method = ParseMethod("oracle", kOthers);
   EXPECT_EQ(method.name, "oracle");
   EXPECT_EQ(method.kind, Kind::kOther);
   EXPECT_THROW(static_cast<void>(ParseMethod("oracle")), std::invalid_argument);
 }
 
-// Names listed by a help text are valid.
-TEST(MethodTest, EveryListedNameIsTaken) {
+TEST(MethodTest, EveryListedNameIsValid) {
   const std::string names = MethodNames(kOthers);
   int count = 0;
   for (std::size_t begin = 0; begin < names.size(); ++count) {
@@ -78,7 +77,7 @@ TEST(MethodTest, EveryListedNameIsTaken) {
   EXPECT_EQ(count, 8 + static_cast<int>(control::GuidedPartNames().size()));
 }
 
-TEST(MethodTest, UnknownNamesListWhatThereIs) {
+TEST(MethodTest, AnUnknownNameIsRefusedWithTheValidOnes) {
   for (const std::string_view name : {"", "magic", "controller-lwr", "Controller", "controller ",
                                       "controller-", "controller-without", "controller-without-",
                                       "controller-without-filter+", "dfr-coarse", "baseline,dfr"}) {

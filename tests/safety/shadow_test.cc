@@ -1,4 +1,4 @@
-// A guard whose caller reports other applied actions than the guard's.
+// A guard whose caller reports the applied actions.
 
 #include <gtest/gtest.h>
 
@@ -26,7 +26,7 @@ using test::Model;
 const std::vector<double> kAhead = Action(0.0997, 0.0);
 const std::vector<double> kAside = Action(0.05, 0.3);
 
-TEST(ShadowTest, TheGivenActionChangesNothing) {
+TEST(ShadowTest, ReportingTheGuardsActionChangesNothing) {
   for (const Strategy strategy : {Strategy::kGuard, Strategy::kController, Strategy::kMonitor,
                                   Strategy::kDfr, Strategy::kEarlyStopping}) {
     Guard told(Model(strategy));
@@ -47,8 +47,8 @@ TEST(ShadowTest, TheGivenActionChangesNothing) {
   }
 }
 
-// The estimate of the response would overflow, and a NaN of it could let actions pass.
-TEST(ShadowTest, AnActionThatNothingCanHaveAppliedHalts) {
+// The estimate of the response would overflow, and a NaN in it could let actions pass.
+TEST(ShadowTest, AnImpossiblyLargeActionHalts) {
   for (const double size : {1e80, 1e155, 1e200, std::numeric_limits<double>::max()}) {
     Guard guard(Model());
     guard.Reset(1);
@@ -64,7 +64,7 @@ TEST(ShadowTest, AnActionThatNothingCanHaveAppliedHalts) {
 }
 
 // The state of the guard after an action does not depend on the source of the action.
-TEST(ShadowTest, GoesOnFromTheAppliedAction) {
+TEST(ShadowTest, ContinuesFromTheAppliedAction) {
   Guard told(Model());
   Guard asked(Model());
   told.Reset(1);
@@ -130,7 +130,7 @@ TEST(ShadowTest, NamesTheFirstActionThatLeaves) {
   EXPECT_LE(first.halted, first.first_changed + 1);
 }
 
-TEST(ShadowTest, HaltsAtAnActionItCannotGoOnFrom) {
+TEST(ShadowTest, HaltsAfterAnActionThatItCannotContinueFrom) {
   std::vector<double> safe(2);
   const CorridorPlant plant;
   const auto cause = [&](Strategy strategy, const std::vector<double>& applied) {

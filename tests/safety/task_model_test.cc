@@ -133,7 +133,7 @@ void ExpectSameControllers(const TaskModel& ours, const TaskModel& theirs) {
     const auto a = ours.MakeController(method, policy);
     const auto b = theirs.MakeController(method, policy);
     const int others = ExpectSameEpisode(*a, *b);
-    EXPECT_GT(others, 0) << "an episode in which something happens";
+    EXPECT_GT(others, 0) << "the episode must need changes";
   }
 }
 
@@ -152,7 +152,7 @@ TEST_F(TaskModelTest, AFolderKeepsAllBits) {
   }
 }
 
-TEST_F(TaskModelTest, WholeStatesAreSavedAsWholeStates) {
+TEST_F(TaskModelTest, AFolderKeepsFeaturesThatAreWholeStates) {
   auto options = Options(true);
   options.guided_features = "";
   options.published_features = "";
@@ -162,14 +162,13 @@ TEST_F(TaskModelTest, WholeStatesAreSavedAsWholeStates) {
   ExpectSameDecisions(model, TaskModel::Load(folder_, test::CorridorLayout()));
 }
 
-// A folder is reused: files of an earlier model have no effect.
-TEST_F(TaskModelTest, APublishedSupportOfBeforeIsNotTakenForTheModels) {
+TEST_F(TaskModelTest, APublishedSupportOfAnEarlierModelIsIgnored) {
   Fit(true).Save(folder_);
   Fit(false).Save(folder_);
   EXPECT_EQ(TaskModel::Load(folder_, test::CorridorLayout()).published(), nullptr);
 }
 
-TEST_F(TaskModelTest, Algorithm1RunsOnThePublishedSupportOrElseOnGuidedRecoverys) {
+TEST_F(TaskModelTest, Algorithm1UsesThePublishedSupportOrElseTheGuidedOne) {
   const auto demonstrations = Demonstrations();
   const std::vector<double> x = {0.0, 0.4, 0.05};
   const TaskModel with = Fit(true);
@@ -185,7 +184,7 @@ TEST_F(TaskModelTest, Algorithm1RunsOnThePublishedSupportOrElseOnGuidedRecoverys
   EXPECT_EQ(&without.support(), &without.guided_support());
   EXPECT_EQ(without.lambda(), control::EstimateLambda(without.support(), demonstrations));
 
-  // Guided recovery does not depend on it.
+  // Guided recovery does not depend on the published support.
   EXPECT_EQ(with.guided_support().Decision(4, x), without.guided_support().Decision(4, x));
 }
 
@@ -224,7 +223,7 @@ int Horizon(const TaskModel& model, std::string_view method, const ControllerOpt
   }
 }
 
-TEST_F(TaskModelTest, AHorizonOfZeroIsTheModels) {
+TEST_F(TaskModelTest, AHorizonOfZeroMeansThatOfTheModel) {
   TaskOptions task = Options(false);
   task.horizon = 17;
   const TaskModel model(test::CorridorLayout(), Demonstrations(), task);
@@ -328,7 +327,7 @@ TEST_F(TaskModelTest, WrongArgumentsAreNamed) {
 }
 
 // Damage with a valid checksum: the loader rejects the file, or its content is usable.
-TEST_F(TaskModelTest, WrongContentWithARightChecksumDoesNoHarm) {
+TEST_F(TaskModelTest, WrongContentWithAValidChecksumIsRefusedOrUsable) {
   TaskModel(test::CorridorLayout(), Demonstrations(4, 3), Options(true)).Save(folder_);
   const std::string content = Content();
   core::Random random(12);
@@ -384,7 +383,7 @@ TEST_F(TaskModelTest, MissingFilesAndOtherStatesAreNamed) {
   EXPECT_THAT(Refusal(), HasSubstr("is a guard file, where a task-model file is needed"));
 }
 
-TEST_F(TaskModelTest, AFolderThatCannotBeMadeIsNamed) {
+TEST_F(TaskModelTest, AFolderThatCannotBeCreatedIsNamed) {
   std::ofstream(folder_) << "a file";
   EXPECT_THAT(test::MessageOf<std::runtime_error>([&] { Fit(false).Save(folder_ / "model"); }),
               HasSubstr((folder_ / "model").string()));

@@ -38,7 +38,7 @@ using Writer = std::function<std::vector<double>(double angle, core::Random& ran
 std::vector<core::Trajectory> Turning(const Writer& rotation, std::uint64_t seed, int count,
                                       double begin, double rate = kTurnRate) {
   core::Random random(seed);
-  // Generator for `rotation` only: all other random numbers are unchanged.
+  // A separate generator for `rotation`, on which the other random numbers do not depend.
   core::Random own(seed + 1000);
   auto corridor = test::CorridorDemonstrations(seed, count);
   for (core::Trajectory& d : corridor) {
@@ -134,7 +134,7 @@ TEST(ContinuousStatesTest, FilterGivesTheSameBitsForBothSignsAndAllocatesNothing
   }
 }
 
-TEST(ContinuousStatesTest, AQuaternionThatIsNoneHaltsByName) {
+TEST(ContinuousStatesTest, AQuaternionOfAnotherNormHaltsWithItsEntry) {
   const auto model = GuardModel::Fit(Layout("quat", 4), Turning(Flipped, 1, 30, 0.3));
   const auto fresh = Turning(Plain, 3, 1, 0.3)[0];
   for (const double length : {0.0, 0.85, 1.15}) {
@@ -159,7 +159,7 @@ TEST(ContinuousStatesTest, AQuaternionThatIsNoneHaltsByName) {
     EXPECT_STREQ(verdict.reason(), "quaternion-invalid");
     EXPECT_EQ(verdict.entry, 2);
     EXPECT_EQ(safe, std::vector<double>(3, 0.0));
-    // Lasts until the next episode.
+    // The halt lasts until the next episode.
     verdict = guard.Filter(1, core::Row(fresh.states, 0), core::Row(fresh.controls, 0), safe);
     EXPECT_EQ(verdict.cause, HaltCause::kBadQuaternion);
     EXPECT_EQ(verdict.entry, 2);
@@ -190,7 +190,7 @@ void ExpectNearOnEveryRevolution(const GuardModel& model, const core::Matrix& st
 
 TEST(ContinuousStatesTest, AnAngleThatWrapsIsContinuousOnEveryRevolution) {
   const auto layout = Layout("angle", 1);
-  // From 2.6 to 3.8.
+  // From 2.6 to 3.8 rad.
   const auto model = GuardModel::Fit(layout, Turning(Wrapped, 1, 30, 2.6));
   EXPECT_GT(model->summary().acceptance, 0.7);
   EXPECT_THAT(Warnings(*model), Not(Contains(HasSubstr("angle[0]"))));
@@ -198,8 +198,8 @@ TEST(ContinuousStatesTest, AnAngleThatWrapsIsContinuousOnEveryRevolution) {
   ExpectNearOnEveryRevolution(*model, fresh.states);
 }
 
-// 2.2 revolutions. All revolutions of an angle are the same state.
-TEST(ContinuousStatesTest, AnAngleThatGoesAllTheWayRoundIsContinuous) {
+// 2.2 revolutions. An angle on any revolution is the same state.
+TEST(ContinuousStatesTest, AnAngleOverSeveralRevolutionsIsContinuous) {
   const auto layout = Layout("angle", 1);
   const auto model = GuardModel::Fit(layout, Turning(Wrapped, 1, 30, 0.3, 0.7));
   EXPECT_EQ(model->task().features().num_features(), 4);
@@ -208,7 +208,7 @@ TEST(ContinuousStatesTest, AnAngleThatGoesAllTheWayRoundIsContinuous) {
   const auto fresh = Turning(Wrapped, 2, 1, 0.3, 0.7)[0];
   ExpectNearOnEveryRevolution(*model, fresh.states);
 
-  // The gradient in the angle is the difference of g, and an explanation names the angle.
+  // The gradient in the angle is a difference quotient of g, and an explanation names the angle.
   std::vector<double> state(core::Row(fresh.states, 4).begin(), core::Row(fresh.states, 4).end());
   std::vector<double> gradient(3);
   const double g = model->support().Gradient(4, state, gradient);
@@ -225,11 +225,11 @@ TEST(ContinuousStatesTest, AnAngleThatGoesAllTheWayRoundIsContinuous) {
   }
 }
 
-TEST(ContinuousStatesTest, RotationsThatJumpAreWarnedOf) {
+TEST(ContinuousStatesTest, RotationsThatJumpCauseAWarning) {
   const auto spun =
       GuardModel::Fit(Layout("quat", 4), Turning(Flipped, 1, 30, 0.3, 0.5), {.accept_any = true});
   EXPECT_THAT(Warnings(*spun), Contains(HasSubstr("quat[0:4] is a unit quaternion whose")));
-  // There is no warning if no feature uses the angle.
+  // There is no warning if no feature uses the quaternion.
   const auto blind =
       GuardModel::Fit(Layout("quat", 4), Turning(Flipped, 1, 30, 0.3, 0.5), {.features = "tip"});
   EXPECT_THAT(Warnings(*blind), Not(Contains(HasSubstr("quat"))));
@@ -251,7 +251,7 @@ TEST(ContinuousStatesTest, AFileKeepsRotationsAndWarnings) {
   std::filesystem::remove(path);
 }
 
-TEST(ContinuousStatesTest, ExportsThatCannotMapAreRefused) {
+TEST(ContinuousStatesTest, ExportsOfRotationsAreRefused) {
   const auto model = GuardModel::Fit(Layout("quat", 4), Turning(Flipped, 1, 30, 0.3));
   EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] {
                 ExportOnnx(*model, std::filesystem::path(testing::TempDir()) / "g.onnx");

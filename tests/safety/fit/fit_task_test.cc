@@ -50,8 +50,8 @@ std::vector<double> UnseenLevels(const std::vector<core::Matrix>& points,
   return levels;
 }
 
-// Built by hand from the parts named in docs/recovery.md.
-TEST(FitTaskTest, PutsTogetherWhatTheLibrariesMake) {
+// Builds the expected model from the parts named in docs/recovery.md.
+TEST(FitTaskTest, CombinesThePartsOfTheLibraries) {
   const auto demonstrations = test::CorridorDemonstrations(3, 12);
   const kernel::WhitenedSupportOptions options{.svm = {.gamma = kNarrow}};
   const TaskModel model(test::CorridorLayout(), demonstrations, Options(options));
@@ -69,7 +69,7 @@ TEST(FitTaskTest, PutsTogetherWhatTheLibrariesMake) {
 
   EXPECT_EQ(model.features().scale(), features.scale());
   EXPECT_EQ(model.levels().slack(), levels.slack());
-  EXPECT_GT(model.levels().slack(), control::LevelOptions().slack) << "the least says nothing";
+  EXPECT_GT(model.levels().slack(), control::LevelOptions().slack) << "the minimum shows nothing";
   EXPECT_EQ(model.response().largest_control(), response.largest_control());
   for (const int t : {0, 7, 20}) {
     EXPECT_EQ(model.levels().gate(t), levels.gate(t));
@@ -82,7 +82,7 @@ TEST(FitTaskTest, PutsTogetherWhatTheLibrariesMake) {
 
 // For any requested number of folds, leaves out two of four at a time: a single demonstration gives
 // no support.
-TEST(FitTaskTest, EachStateHasALevelWhereTwoDemonstrationsRemain) {
+TEST(FitTaskTest, EachStateHasALevelIfTwoDemonstrationsRemain) {
   for (const auto& [count, states] : {std::pair(12, 12), std::pair(4, 4), std::pair(3, 1)}) {
     const auto demonstrations = test::CorridorDemonstrations(3, count);
     const internal::Recorded recorded(Tip(), demonstrations,
@@ -100,7 +100,7 @@ TEST(FitTaskTest, EachStateHasALevelWhereTwoDemonstrationsRemain) {
   }
 }
 
-// Returns ways to the right. Across the way, their position is in a ring of radii `hole` and 2.
+// Returns paths to the right. Across the path, their positions are in a ring of radii `hole` and 2.
 std::vector<core::Trajectory> AroundAHole(double hole, std::uint64_t seed) {
   constexpr int kSteps = 12;
   core::Random random(seed);
@@ -131,7 +131,7 @@ TEST(FitTaskTest, ARegionThatDemonstrationsAvoidDoublesGamma) {
   }
 }
 
-TEST(FitTaskTest, StretchesAreThoseOfTheRecording) {
+TEST(FitTaskTest, ContiguousFoldsFollowTheRecording) {
   const auto demonstrations = test::CorridorDemonstrations(3, 12);
   const auto order = core::DeterministicOrder(demonstrations);
   const internal::Recorded recorded(Tip(), demonstrations, std::span(order).subspan(2));

@@ -27,7 +27,7 @@ TEST(GuardAdviceTest, ClearanceIsADistanceThatNoStateWithoutAlarmExceeds) {
   const auto demonstrations = test::CorridorDemonstrations(1, 30);
   const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
   const auto clearances = Clearances(*model);
-  ASSERT_EQ(clearances.size(), 1u) << "no feature looks at the clock";
+  ASSERT_EQ(clearances.size(), 1u) << "no feature uses the clock";
   EXPECT_EQ(clearances[0].block, "tip");
   EXPECT_GE(clearances[0].largest, clearances[0].median);
   double furthest = 0.0;
@@ -51,7 +51,7 @@ TEST(GuardAdviceTest, ClearanceIsADistanceThatNoStateWithoutAlarmExceeds) {
 }
 
 // With one feature, the clearance is the radius of the support divided by the feature's scale.
-TEST(GuardAdviceTest, ClearanceOfOneFeatureIsWhatEachTimeStepCovers) {
+TEST(GuardAdviceTest, ClearanceOfOneFeatureIsTheScaledCoverRadius) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 30),
                                      {.features = "tip[1:2]"});
   const kernel::WhitenedSupport& support = model->task().feature_support();
@@ -72,14 +72,14 @@ TEST(GuardAdviceTest, ClearanceOfOneFeatureIsWhatEachTimeStepCovers) {
   EXPECT_NEAR(clearances[0].median, lengths[10], 1e-12 * lengths[10]);
 }
 
-// Half of the demonstrations pass at y = 2.
+// Moves the states of a demonstration sideways by 1.
 TEST(GuardAdviceTest, AttributionNamesTheEntriesThatPutAStateOutside) {
   const std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(1, 40);
   const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
   core::Matrix states = demonstrations[3].states;
   const core::Matrix inside = Attribution(*model, states);
   states.rightCols(1).array() += 1.0;
-  states.col(0).array() += 100.0;  // no feature uses it
+  states.col(0).array() += 100.0;  // The clock, which no feature uses.
   const std::vector<double> levels = model->Levels(states);
   const core::Matrix attribution = Attribution(*model, states);
   ASSERT_EQ(attribution.rows(), states.rows());
@@ -97,7 +97,7 @@ TEST(GuardAdviceTest, AttributionNamesTheEntriesThatPutAStateOutside) {
   }
 }
 
-TEST(GuardAdviceTest, AttributionOfAnImmeasurableStateIsNotZero) {
+TEST(GuardAdviceTest, AttributionOfAnImmeasurableStateIsNaN) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 10),
                                      {.features = "tip"});
   for (const double y : {1e200, std::numeric_limits<double>::quiet_NaN()}) {
@@ -108,7 +108,7 @@ TEST(GuardAdviceTest, AttributionOfAnImmeasurableStateIsNotZero) {
   }
 }
 
-TEST(GuardAdviceTest, NearestNamesWhatIsNotFiniteAndTakesEveryStep) {
+TEST(GuardAdviceTest, NearestNamesANonFiniteStateAndAcceptsAnyTimeStep) {
   std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(1, 10);
   const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
   std::vector<core::Matrix> states{demonstrations[0].states, demonstrations[1].states};
@@ -136,7 +136,7 @@ TEST(GuardAdviceTest, AttributionDoesNotDependOnUnits) {
   EXPECT_TRUE(test::AllClose(Attribution(*scaled, states), attribution, 1e-3));
 }
 
-TEST(GuardAdviceTest, FindingsNameWhatSpeaksAgainstAGuardAndTheRemedy) {
+TEST(GuardAdviceTest, WarningsNameTheReasonAndTheRemedy) {
   const auto good = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
                                     {.features = "tip", .action_limit = {0.2}});
   EXPECT_THAT(Warnings(*good), testing::IsEmpty());
@@ -156,7 +156,7 @@ TEST(GuardAdviceTest, FindingsNameWhatSpeaksAgainstAGuardAndTheRemedy) {
   EXPECT_THAT(Warnings(*good->With(settings)),
               testing::ElementsAre(HasSubstr("entry 0 of an action is limited to 0.05"),
                                    HasSubstr("the guard halts after 5 actions")));
-  // A kernel so narrow that no unseen state is inside.
+  // A kernel so narrow that almost no left-out state is inside.
   GuardOptions narrow{.features = "tip", .action_limit = {0.2}, .accept_any = true};
   narrow.support.svm.gamma = 1e3;
   EXPECT_THAT(Warnings(*GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
@@ -164,7 +164,7 @@ TEST(GuardAdviceTest, FindingsNameWhatSpeaksAgainstAGuardAndTheRemedy) {
               testing::Contains(HasSubstr("of the states of left-out demonstrations are inside")));
 }
 
-TEST(GuardAdviceTest, AClockThatBeginsElsewhereInEachEpisodeIsNamed) {
+TEST(GuardAdviceTest, AClockWithAnotherStartInEachEpisodeIsNamed) {
   // Actions differ from each other in all entries: the tip does not move uniformly.
   auto demonstrations = test::CorridorDemonstrations(1, 40);
   core::Random random(8);
@@ -201,10 +201,10 @@ TEST(GuardAdviceTest, AClockThatBeginsElsewhereInEachEpisodeIsNamed) {
   EXPECT_EQ(warned(FitWarnings(*model, begun)), 1);
 }
 
-TEST(GuardAdviceTest, ActionsThatActLaterAreNamedWithTheDelay) {
+TEST(GuardAdviceTest, DelayedActionsAreNamedWithTheirDelay) {
   const auto demonstrations = test::CorridorDemonstrations(1, 40);
   const auto fit = [&](int later) {
-    // The action of step t acts at t + later: earlier actions change the state.
+    // The action of step t acts at step t + later.
     auto delayed = demonstrations;
     for (core::Trajectory& d : delayed) {
       const Eigen::Index steps = d.controls.rows() - std::abs(later);
@@ -224,7 +224,7 @@ TEST(GuardAdviceTest, ActionsThatActLaterAreNamedWithTheDelay) {
   EXPECT_THAT(fit(-1), testing::Contains(HasSubstr("recorded one step later")));
 }
 
-TEST(GuardAdviceTest, AClockIsOneInAnyUnitAndWhatStandsStillIsNone) {
+TEST(GuardAdviceTest, AClockIsFoundInAnyUnitAndAConstantIsNone) {
   constexpr const char* kClock = "the same in all demonstrations";
   const auto demonstrations = test::CorridorDemonstrations(1, 40);
   const auto whole = GuardModel::Fit(test::CorridorLayout(), demonstrations);
@@ -245,7 +245,7 @@ TEST(GuardAdviceTest, AClockIsOneInAnyUnitAndWhatStandsStillIsNone) {
   EXPECT_THAT(FitWarnings(*tip, longer), testing::Not(testing::Contains(HasSubstr(kClock))));
 }
 
-TEST(GuardAdviceTest, ActionsThatContradictWhatHappensExplainNothing) {
+TEST(GuardAdviceTest, ActionsThatContradictTheMotionExplainNothing) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
                                      {.features = "tip", .action_limit = {0.2}});
   // Moves slightly backwards, although the demonstrated action moves forwards.
@@ -260,7 +260,7 @@ TEST(GuardAdviceTest, ActionsThatContradictWhatHappensExplainNothing) {
   EXPECT_THAT(FitWarnings(*model, std::vector{back}), testing::IsEmpty());
 }
 
-TEST(GuardAdviceTest, APromiseSaysOfWhichFitsAndByWhichDemonstrations) {
+TEST(GuardAdviceTest, TheGuaranteeNamesItsFitsAndItsDemonstrations) {
   GuardSummary summary;
   EXPECT_EQ(DescribeGuarantee(summary), "on average over fits, approximately, by cross-validation");
   summary.held_out = 12;

@@ -33,13 +33,13 @@ TEST(GuardModelTest, AlarmsOnFewUnseenDemonstrations) {
     const std::vector<double> levels = model->Levels(demonstration.states);
     alarms += *std::min_element(levels.begin(), levels.end()) < -model->settings().alarm_level;
   }
-  // 40 of 400 on average over sets of 60 demonstrations. The level of the threshold is a beta
-  // variable with standard deviation sqrt(.1 .9 / 62) = .04; the limit is three of these.
+  // 40 of 400 on average over sets of 60 demonstrations. The rate of one set has a beta
+  // distribution with standard deviation sqrt(.1 .9 / 62) = .04. Allows three standard deviations.
   EXPECT_LT(alarms, 400 * (0.1 + 3 * 0.04));
 }
 
 // A supervisor who cycles through goals: d mod folds would leave out each goal as a whole.
-TEST(GuardModelTest, ASupervisorWhoCyclesThroughGoalsLosesNothing) {
+TEST(GuardModelTest, CyclingThroughGoalsDoesNotRaiseTheAlarmLevel) {
   const auto goals = [](bool in_turn) {
     std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(6, 40);
     for (std::size_t d = 0; d < demonstrations.size(); ++d) {
@@ -66,7 +66,7 @@ TEST(GuardModelTest, ASupervisorWhoCyclesThroughGoalsLosesNothing) {
 // Four demonstrations are left out in pairs. One of the three ways to pair them is also the pairing
 // of the folds: then no demonstration is farther outside. The other ways have up to four ranks of
 // Wilcoxon's test, whose sum has mean 5 and variance 4 * 5 * 9 / 24 = 7.5.
-TEST(GuardModelTest, StretchesThatAreLeftOutAnywayTellOfNoDrift) {
+TEST(GuardModelTest, ContiguousFoldsEqualToTheOthersShowNoDrift) {
   const auto recorded = test::CorridorDemonstrations(7, 4);
   std::vector<double> possible;
   for (int ranks = 0; ranks <= 10; ++ranks) {
@@ -91,8 +91,7 @@ TEST(GuardModelTest, StretchesThatAreLeftOutAnywayTellOfNoDrift) {
   EXPECT_EQ(the_same, 1);
 }
 
-// All states of a demonstration that never leaves are inside.
-TEST(GuardModelTest, AcceptanceIsOfStatesAndOfWholeDemonstrations) {
+TEST(GuardModelTest, AcceptanceCountsStatesAndInsideThroughoutCountsDemonstrations) {
   const auto demonstrations = test::CorridorDemonstrations(1, 40);
   GuardOptions options{.features = "tip"};
   const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, options);
@@ -131,7 +130,7 @@ TEST(GuardModelTest, CertificatesNeedTheirConstantsAndDoublePrecision) {
 }
 
 // Definition: no outcome allowed by the assumption raises an alarm.
-TEST(GuardModelTest, CertifySaysWhichActionsProvablyRaiseNoAlarm) {
+TEST(GuardModelTest, CertifyPassesOnlyActionsThatProvablyRaiseNoAlarm) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
                                      {.features = "tip"});
   const double eps = model->settings().direction_error;
@@ -194,7 +193,7 @@ TEST(GuardModelTest, LevelsFollowFasterAndSlowerEpisodes) {
   }
 }
 
-TEST(GuardModelTest, AKernelThatFillsTheRoomBetweenTwoWaysIsMadeNarrower) {
+TEST(GuardModelTest, AKernelThatFillsTheGapBetweenTwoPathsIsNarrowed) {
   auto demonstrations = test::CorridorDemonstrations(1, 40);
   for (std::size_t d = 0; d < demonstrations.size(); d += 2) {
     demonstrations[d].states.col(2).array() += 2.0;
@@ -214,7 +213,7 @@ TEST(GuardModelTest, AKernelThatFillsTheRoomBetweenTwoWaysIsMadeNarrower) {
   EXPECT_THAT(Warnings(*wide), testing::Contains(HasSubstr("demonstrations have several modes")));
 }
 
-TEST(GuardModelTest, EachEntryOfAnActionReachesHalfAsFarAgainUnlessALimitIsGiven) {
+TEST(GuardModelTest, TheDefaultActionLimitIsOneAndAHalfTimesTheLargestAction) {
   const auto demonstrations = test::CorridorDemonstrations(1, 10);
   Eigen::RowVector2d largest = Eigen::RowVector2d::Zero();
   for (const auto& d : demonstrations) {
@@ -228,7 +227,7 @@ TEST(GuardModelTest, EachEntryOfAnActionReachesHalfAsFarAgainUnlessALimitIsGiven
   EXPECT_THAT(limited->settings().action_limit, testing::ElementsAre(0.3, 0.3));
 }
 
-TEST(GuardModelTest, FewDemonstrationsPromiseLess) {
+TEST(GuardModelTest, FewDemonstrationsGiveAWeakerGuarantee) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 4),
                                      {.features = "tip", .false_alarms = 0.01});
   EXPECT_EQ(model->summary().false_alarms, 0.2) << "1 / (4 + 1)";

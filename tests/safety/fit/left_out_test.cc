@@ -22,8 +22,7 @@ namespace {
 using testing::Contains;
 using testing::HasSubstr;
 
-// The corridor. Half of the demonstrators walk along it, and half return by a rule that no feature
-// shows.
+// The corridor. Each action leads forward or back by chance, which no feature shows.
 std::vector<core::Trajectory> Undecided(std::uint64_t seed, int count) {
   core::Random random(seed);
   auto demonstrations = test::CorridorDemonstrations(seed, count);
@@ -38,7 +37,7 @@ std::vector<core::Trajectory> Undecided(std::uint64_t seed, int count) {
   return demonstrations;
 }
 
-// `copies` noisy readings of a few quantities, and 14 actions that move them.
+// `copies` noisy readings of 14 quantities, and 14 action entries that move them.
 std::vector<core::Trajectory> Redundant(int count, int copies, double noise) {
   constexpr int kHidden = 14;
   constexpr int kSteps = 30;
@@ -75,18 +74,18 @@ core::StateLayout RedundantLayout(int copies) {
   return layout;
 }
 
-TEST(LeftOutTest, AGoodFitChangesFewActionsAndKnowsThem) {
+TEST(LeftOutTest, AGoodFitChangesFewActionsAndExplainsThem) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
                                      {.features = "tip"});
   EXPECT_LT(model->summary().changed, 0.25);
   EXPECT_LE(model->summary().ends_outside, model->summary().changed);
   EXPECT_TRUE(model->settings().demonstrated);
-  // If all demonstrations take the same way, noise is most of the variance, but a small part of the
-  // action.
+  // If all demonstrations take the same path, noise is most of the variance, but a small part of
+  // the action.
   EXPECT_LT(model->summary().action_error, 0.4);
 }
 
-TEST(LeftOutTest, ActionsThatFeaturesDoNotTellAreNotUsed) {
+TEST(LeftOutTest, NominalActionsThatFeaturesDoNotExplainAreNotUsed) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), Undecided(1, 40), {.features = "tip"});
   EXPECT_LT(model->summary().explained, 0.2);
   EXPECT_GT(model->summary().action_error, 0.5);
@@ -165,7 +164,7 @@ std::vector<core::Trajectory> Gripping(int count, bool returns = false) {
   return demonstrations;
 }
 
-TEST(LeftOutTest, AFeatureThatOnlyPassedEntriesMoveIsLeftOutAndNamed) {
+TEST(LeftOutTest, AFeatureThatOnlyUnsteeredEntriesMoveIsOmittedAndNamed) {
   auto demonstrations = Gripping(20);
   core::StateLayout layout;
   layout.Add("tip", 2);
@@ -192,7 +191,7 @@ TEST(LeftOutTest, AFeatureThatOnlyPassedEntriesMoveIsLeftOutAndNamed) {
 
 // At the same place and time, demonstrators move back with a closed gripper and forward with an
 // open one.
-TEST(LeftOutTest, AFeatureThatIsLeftOutTellsDemonstrationsApart) {
+TEST(LeftOutTest, AnOmittedFeatureDistinguishesDemonstrations) {
   core::StateLayout layout;
   layout.Add("tip", 2);
   layout.Add("closed", 1);

@@ -18,7 +18,7 @@
 #include "tests/safety/corridor.h"
 #include "tests/safety/corridor_guard.h"
 
-// Which columns of a state a fit takes for constants, copies, clocks and sensors.
+// Columns of a state that a fit finds to be constants, copies, clocks or sensors.
 namespace dfr::safety {
 namespace {
 
@@ -141,7 +141,7 @@ TEST(StateColumnsTest, AStateMayStandStillTwiceAsLongAsDemonstratedAndThreeSteps
   EXPECT_NEAR(group.limit(), 2.0 * longest + 3.0, 1e-12);
 
   GuardSettings settings = model->settings();
-  const std::vector<double> wish = test::Action(0.3, 0.0);  // Counts 1.
+  const std::vector<double> wish = test::Action(0.3, 0.0);  // Counts as one step.
   std::vector<double> state = {0.0, 0.0, 0.0};
   std::vector<double> action(2);
   settings.strategy = Strategy::kMonitor;
@@ -149,7 +149,7 @@ TEST(StateColumnsTest, AStateMayStandStillTwiceAsLongAsDemonstratedAndThreeSteps
   monitor.Reset(1);
   Verdict verdict;
   for (int t = 0; t < 9; ++t) {
-    state[0] = t;  // No feature.
+    state[0] = t;  // The clock, which is no feature.
     verdict = monitor.Filter(t, state, wish, action);
     EXPECT_EQ(verdict.frozen, t > 2.0 * longest + 3.0 ? 0 : -1) << t;
   }

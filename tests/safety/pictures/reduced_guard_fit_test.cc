@@ -16,7 +16,7 @@
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 
-// What a fit to pictures makes of them: a strategy, or a refusal.
+// A fit to pictures chooses a strategy or refuses the pictures.
 namespace dfr::safety {
 namespace {
 
@@ -29,7 +29,7 @@ using test::Seen;
 using test::StateAt;
 using testing::HasSubstr;
 
-TEST(ReducedGuardFitTest, OnlyWatchesWhereItWouldCorrectTheDemonstrator) {
+TEST(ReducedGuardFitTest, IsAMonitorIfItWouldCorrectTheDemonstrator) {
   EXPECT_GT(FittedModel()->summary().ends_outside, 0.12);
   EXPECT_EQ(FittedModel()->settings().strategy, Strategy::kMonitor);
   EXPECT_THAT(Warnings(*FittedModel()),
@@ -46,7 +46,7 @@ TEST(ReducedGuardFitTest, OnlyWatchesWhereItWouldCorrectTheDemonstrator) {
   EXPECT_EQ(stops->settings().strategy, Strategy::kEarlyStopping);
 }
 
-TEST(ReducedGuardFitTest, OnlyWatchesWhereNothingExplainsTheActions) {
+TEST(ReducedGuardFitTest, IsAMonitorIfNothingExplainsTheActions) {
   const auto model = GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 12),
                                      {.features = "pca:camera:2:light=none"});
   EXPECT_LE(model->summary().ends_outside, 0.12);
@@ -56,7 +56,7 @@ TEST(ReducedGuardFitTest, OnlyWatchesWhereNothingExplainsTheActions) {
 
 // Actions are along and across the corridor. Pictures show little of the action across, whose mean
 // is zero.
-TEST(ReducedGuardFitTest, OnlyWatchesWhereASteadySpeedHidesThatTheRestIsAGuess) {
+TEST(ReducedGuardFitTest, IsAMonitorIfPicturesDoNotExplainTheEntryThatVariesMost) {
   core::Random random(8);
   std::vector<core::Trajectory> demonstrations = PictureDemonstrations(1, 40);
   for (core::Trajectory& d : demonstrations) {
@@ -121,8 +121,8 @@ TEST(ReducedGuardFitTest, RefusesPicturesThatDoNotShowTheTask) {
   EXPECT_THAT(message, HasSubstr("do not explain the actions"));
 }
 
-TEST(ReducedGuardFitTest, RefusesWhatWouldHoldUpTheDemonstrator) {
-  // Two components contain almost nothing of two positions, and much of the light.
+TEST(ReducedGuardFitTest, RefusesAGuardThatWouldStopTheDemonstrator) {
+  // Forty components of 12 demonstrations contain mostly light and noise.
   const auto fit = [](bool accept_any) {
     return GuardModel::Fit(PictureLayout(), PictureDemonstrations(3, 12),
                            {.features = "pca:camera:40:light=none", .accept_any = accept_any});
@@ -155,7 +155,7 @@ std::vector<core::Trajectory> EmbeddedDemonstrations(std::uint64_t seed, int cou
   return demonstrations;
 }
 
-TEST(ReducedGuardFitTest, TakesComponentsThatActionsDependOnBeforeSlowNuisances) {
+TEST(ReducedGuardFitTest, PrefersComponentsThatActionsDependOnToSlowNuisances) {
   core::Random random(14);
   core::Matrix mixing(8, 8);
   for (double& value : mixing.reshaped()) value = random.Normal();
@@ -168,7 +168,7 @@ TEST(ReducedGuardFitTest, TakesComponentsThatActionsDependOnBeforeSlowNuisances)
     EXPECT_LE(model->reduction()->reduced_dim(), 3) << features;
     EXPECT_THAT(summary.components_reason, HasSubstr("components that actions depend on explain"));
     EXPECT_GE(summary.acceptance, fit::kLeastInsideReduced);
-    // Nuisances of new episodes are no reason to leave the support.
+    // States of new episodes are inside, whatever their nuisances.
     double inside = 0.0;
     double states = 0.0;
     Guard guard(model);

@@ -56,7 +56,7 @@ TEST(ReducedGuardTest, KeepsADriftingPolicyInsideByPicturesAlone) {
   EXPECT_GE(completed, 4);  // Without the guard the tip is then at y = 1.2.
 }
 
-TEST(ReducedGuardTest, ASummaryHasWhatIsKnownOfEachNumber) {
+TEST(ReducedGuardTest, TheSummaryScoresEachNumberOfComponents) {
   const GuardSummary& summary = PictureModel()->summary();
   ASSERT_FALSE(summary.components.empty());
   const int chosen = PictureModel()->reduction()->reduced_dim();
@@ -69,7 +69,7 @@ TEST(ReducedGuardTest, ASummaryHasWhatIsKnownOfEachNumber) {
   EXPECT_EQ(PictureModel()->layout(), PictureLayout());
 }
 
-TEST(ReducedGuardTest, AFileHoldsAllOfIt) {
+TEST(ReducedGuardTest, AFileKeepsTheReduction) {
   const std::filesystem::path path =
       std::filesystem::path(testing::TempDir()) / "reduced_guard_test.guard";
   PictureModel()->Save(path);
@@ -104,7 +104,7 @@ TEST(ReducedGuardTest, FilterAllocatesNothing) {
   static_cast<void>(guard.FilterChunk(1, state, action));
 }
 
-TEST(ReducedGuardTest, APictureThatIsNoneHaltsWithItsReason) {
+TEST(ReducedGuardTest, AnInvalidPictureHaltsWithItsReason) {
   const auto why = [&](const std::vector<double>& state) {
     Guard guard(PictureModel());
     guard.Reset(1);
@@ -170,8 +170,8 @@ TEST(ReducedGuardTest, APictureThatResemblesNoDemonstrationHaltsWithItsReason) {
   EXPECT_EQ(monitor.FilterChunk(1, strange, wish).playable, 1);
 }
 
-// The clock advances.
-TEST(ReducedGuardTest, AFrozenPictureHaltsWithItsReasonAfterTheStepsOfItsDefinition) {
+// Only the clock advances.
+TEST(ReducedGuardTest, AFrozenPictureHaltsWithItsReasonAfterTheStandstillMargin) {
   const auto model = PictureModel();
   ASSERT_EQ(model->sensor_groups().size(), 1u);
   EXPECT_EQ(model->sensor_groups()[0].longest, 0.0);  // Pictures have noise.
@@ -226,7 +226,7 @@ TEST(ReducedGuardTest, AMonitorRaisesAnAlarmWhileAPictureIsFrozenAndTheRobotMove
   core::Random random(13);
   const std::vector<double> state = StateAt(0.1, 0.0, random);
   const std::vector<double> rest = {0.0, 0.0};
-  const std::vector<double> move = test::Action(0.3, 0.0);  // Counts 1.
+  const std::vector<double> move = test::Action(0.3, 0.0);  // Counts as one step.
   std::vector<double> action(2);
   monitor.Reset(1);
   int t = 0;
@@ -250,7 +250,7 @@ TEST(ReducedGuardTest, AMonitorRaisesAnAlarmWhileAPictureIsFrozenAndTheRobotMove
   }
 }
 
-// Light and noise equal those of the demonstrations.
+// Light and noise vary as in the demonstrations of the fit.
 TEST(ReducedGuardTest, PicturesOfOtherDemonstrationsResembleThese) {
   const auto others = PictureDemonstrations(9, 60);
   for (const auto& model : {PointsModel(), PictureModel()}) {
@@ -289,7 +289,7 @@ TEST(ReducedGuardTest, PixelsThatPutAStateOutsideAreThoseOfTheTip) {
   EXPECT_GT(near, 0.7 * all);
 }
 
-TEST(ReducedGuardTest, HasNoOnnxFile) {
+TEST(ReducedGuardTest, CannotBeExportedToOnnx) {
   const std::string message = test::MessageOf([] { CheckExport(*PictureModel()); });
   EXPECT_THAT(message, HasSubstr("reduced features, pca:camera, cannot be exported"));
 }
