@@ -32,7 +32,7 @@ TEST(DisturbedPlantTest, WithoutDisturbanceItIsThePlant) {
   EXPECT_EQ(After(plant, u), u);
 }
 
-TEST(DisturbedPlantTest, ControlsComeLate) {
+TEST(DisturbedPlantTest, ControlsTakeEffectLate) {
   DisturbedPlant plant(Point(1), {.control_delay = 2});
   for (const std::uint64_t seed : {1, 2}) {
     plant.Reset(seed);  // discards pending controls
@@ -43,7 +43,7 @@ TEST(DisturbedPlantTest, ControlsComeLate) {
   }
 }
 
-TEST(DisturbedPlantTest, StatesAreSeenLate) {
+TEST(DisturbedPlantTest, ObservationsAreLate) {
   DisturbedPlant plant(Point(1), {.observation_delay = 2});
   plant.Reset(1);
   EXPECT_EQ(After(plant, {1.0})[0], 0.0);
@@ -55,7 +55,7 @@ TEST(DisturbedPlantTest, StatesAreSeenLate) {
   EXPECT_EQ(After(plant, {0.0})[0], 7.0);
 }
 
-TEST(DisturbedPlantTest, ControlsAndStatesAreLostAsOftenAsAsked) {
+TEST(DisturbedPlantTest, ControlsAndObservationsAreLostAtTheirRates) {
   constexpr int kControls = 4000;
   EXPECT_NO_THROW(DisturbedPlant(Point(1), {.dropped = 1.0, .missing = 1.0}));
   DisturbedPlant dropping(Point(1), {.dropped = 0.3});
@@ -73,7 +73,7 @@ TEST(DisturbedPlantTest, ControlsAndStatesAreLostAsOftenAsAsked) {
       const double seen = After(losing, {1.0})[0];
       repeated += seen == before ? 1 : 0;
       if (seen != before) {
-        EXPECT_EQ(seen, std::max(0, i + 1 - delay));  // an observation is not older than the delay
+        EXPECT_EQ(seen, std::max(0, i + 1 - delay));  // no observation is older than the delay
       }
       before = seen;
     }
@@ -98,7 +98,7 @@ TEST(DisturbedPlantTest, RotationKeepsTheNormAndScaleChangesIt) {
   }
 }
 
-TEST(DisturbedPlantTest, AnEpisodeHasOneRotationWithTheAskedSpread) {
+TEST(DisturbedPlantTest, AnEpisodeHasOneRotationOfTheGivenDeviation) {
   DisturbedPlant plant(Point(2), {.rotation_sd = 0.3});
   double square = 0.0;
   constexpr int kEpisodes = 2000;
@@ -114,13 +114,13 @@ TEST(DisturbedPlantTest, AnEpisodeHasOneRotationWithTheAskedSpread) {
   EXPECT_NEAR(square / kEpisodes, 0.09, 0.009);
 }
 
-TEST(DisturbedPlantTest, NoiseIsOnObservationsOnlyAndStandsStill) {
+TEST(DisturbedPlantTest, NoiseIsOnObservationsOnlyAndFixedBetweenControls) {
   DisturbedPlant plant(Point(2), {.observation_noise = 0.1});
   plant.Reset(3);
   std::vector<double> a(2), b(2);
   plant.Observe(a);
   plant.Observe(b);
-  EXPECT_EQ(a, b) << "the same moment reads the same";
+  EXPECT_EQ(a, b) << "without a control the observation stays the same";
   EXPECT_GT(test::Norm(a), 0.0);
   double square = 0.0;
   constexpr int kLooks = 4000;
@@ -129,11 +129,11 @@ TEST(DisturbedPlantTest, NoiseIsOnObservationsOnlyAndStandsStill) {
     square += x[0] * x[0] + x[1] * x[1];
   }
   // The point does not move: noise does not accumulate. The standard deviation is 0.01 sqrt(2 /
-  // 8000) = 0.00016.
+  // 8000) = 0.00016; the limit is three of these.
   EXPECT_NEAR(square / (2 * kLooks), 0.01, 0.0005);
 }
 
-TEST(DisturbedPlantTest, ACloneContinuesAlike) {
+TEST(DisturbedPlantTest, ACloneContinuesIdentically) {
   DisturbedPlant plant(Point(3), {0.5, 0.2, 0.1, 0.05, 0.02});
   plant.Reset(9);
   (void)After(plant, {0.1, 0.2, 0.3});

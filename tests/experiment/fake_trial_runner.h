@@ -4,8 +4,10 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <fstream>
 #include <map>
 #include <memory>
+#include <sstream>
 #include <string>
 #include <utility>
 
@@ -14,8 +16,8 @@
 
 namespace dfr::test {
 
-/// A runner whose episodes follow from unit, method and seeds by hashing: methods beyond the first
-/// collide less and complete less.
+/// A runner whose episodes are hashes of unit, method and seeds. Methods after the first collide
+/// less and complete less.
 class FakeTrialRunner final : public experiment::TrialRunner {
  public:
   explicit FakeTrialRunner(experiment::EvaluationUnit unit) : unit_(std::move(unit)) {}
@@ -69,6 +71,14 @@ inline experiment::EvaluationPlan FakePlan() {
 inline std::unique_ptr<experiment::TrialRunner> MakeFakeTrialRunner(
     const experiment::EvaluationUnit& unit) {
   return std::make_unique<FakeTrialRunner>(unit);
+}
+
+/// Returns the content of a file.
+inline std::string Read(const std::filesystem::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::ostringstream text;
+  text << in.rdbuf();
+  return text.str();
 }
 
 /// Returns an empty folder for the running test.

@@ -12,7 +12,7 @@
 namespace dfr::experiment {
 namespace {
 
-// Binomial probabilities by the definition, for small n.
+// Binomial probability by its definition, for small n.
 double Probability(int k, int n, double p) {
   double choose = 1.0;
   for (int i = 1; i <= k; ++i) choose *= (n - i + 1.0) / i;
@@ -81,7 +81,7 @@ TEST(IntervalsTest, ClopperPearsonCoversEveryProportion) {
   }
 }
 
-TEST(IntervalsTest, TablesShowClopperPearsonWhereEventsAreFew) {
+TEST(IntervalsTest, ProportionsOfFewEventsUseClopperPearson) {
   for (const int few : {0, 4, 56, 60}) {
     EXPECT_EQ(ProportionInterval(few, 60).high, ClopperPearsonInterval(few, 60).high) << few;
   }
@@ -275,8 +275,8 @@ TEST(RatioTest, IsStudentsWhereTheDenominatorIsConstant) {
   ExpectInterval(RatioInterval(units).value(), 1.5 - 1.242069, 1.5 + 1.242069, 1e-6);
 }
 
-// At both ends r the t test of numerator - r denominator turns: |mean| = t s / sqrt(n).
-TEST(RatioTest, EndsAreWhereTheTTestTurns) {
+// At both ends r the t test of numerator - r denominator is critical: |mean| = t s / sqrt(n).
+TEST(RatioTest, TheTTestIsCriticalAtBothEnds) {
   const std::vector<RatioPart> units = {
       {5.0, 9.0}, {8.0, 12.0}, {4.0, 10.0}, {9.0, 11.0}, {6.0, 8.0}};
   const Interval interval = RatioInterval(units).value();
@@ -293,7 +293,7 @@ TEST(RatioTest, EndsAreWhereTheTTestTurns) {
   }
 }
 
-TEST(RatioTest, IsAbsentWhereNothingIsKnown) {
+TEST(RatioTest, IsAbsentIfItCannotBeEstimated) {
   EXPECT_FALSE(RatioInterval({}));
   EXPECT_FALSE(RatioInterval(std::vector<RatioPart>{{1.0, 2.0}}));
   EXPECT_FALSE(RatioInterval(std::vector<RatioPart>{{1.0, 2.0, 0}, {1.0, 2.0, 1}}));
@@ -302,7 +302,7 @@ TEST(RatioTest, IsAbsentWhereNothingIsKnown) {
   EXPECT_THROW((void)RatioInterval({}, 1.0), std::invalid_argument);
 }
 
-// The ends of the central 95 % of the ratio in resamples of whole units.
+// Returns the central 95 % of the ratio in resamples of whole units.
 Interval PercentileBootstrap(const std::vector<PairedCounts>& units, core::Random& random) {
   constexpr std::size_t kResamples = 200;
   std::vector<double> ratios;
@@ -320,7 +320,7 @@ Interval PercentileBootstrap(const std::vector<PairedCounts>& units, core::Rando
   return {ratios[kResamples / 40], ratios[kResamples - 1 - kResamples / 40]};
 }
 
-// Five different trials with 60 episodes each: the case of five supervisors.
+// Five different trials with 60 episodes each, as with five supervisors.
 TEST(CoverageTest, FiveClustersAreEnoughForTButNotForABootstrap) {
   constexpr int kRepetitions = 2000;
   constexpr double kTrueRatio = 0.4 / 0.6;

@@ -1,4 +1,4 @@
-// Runs that are killed at each write, with part of a line written.
+// Kills runs at each write, with part of a line written.
 #include <gtest/gtest.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
@@ -13,7 +13,7 @@
 
 namespace {
 
-// number of writes until the process kills itself; -1: unlimited
+// Number of writes until the process kills itself. -1: unlimited.
 int writes_left = -1;  // NOLINT(cppcoreguidelines-avoid-non-const-global-variables)
 
 }  // namespace
@@ -35,7 +35,7 @@ using test::EmptyFolder;
 using test::FakePlan;
 using test::MakeFakeTrialRunner;
 
-TEST(LedgerKillTest, EveryUnitThatWasWrittenIsKeptAndNoneRunsTwice) {
+TEST(LedgerKillTest, EveryWrittenUnitIsKeptAndNoneRunsTwice) {
   const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner);
   const std::filesystem::path ledger = EmptyFolder("ledger_kill") / "ledger.jsonl";
   const EvaluationOptions options = {.threads = 1, .ledger = ledger};

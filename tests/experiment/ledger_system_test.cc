@@ -1,4 +1,4 @@
-// Runs of two threads that are killed at random moments.
+// Kills runs of two threads at random moments.
 #include <gtest/gtest.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -8,9 +8,7 @@
 #include <csignal>
 #include <cstdlib>
 #include <filesystem>
-#include <fstream>
 #include <iostream>
-#include <sstream>
 #include <string>
 #include <thread>
 
@@ -24,16 +22,10 @@ namespace {
 using test::EmptyFolder;
 using test::FakePlan;
 using test::MakeFakeTrialRunner;
+using test::Read;
 
-std::string Read(const std::filesystem::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
-}
-
-// DFR_KILLS: number of kills. The ledger keeps every unit that a killed process had written, and
-// none runs twice.
+// DFR_KILLS: number of kills. The ledger keeps every unit that a killed process wrote, and no unit
+// runs twice.
 TEST(KilledLedgerTest, KilledProcessesLoseAndRepeatNothing) {
   const char* const wanted = std::getenv("DFR_KILLS");
   const int kills = wanted != nullptr ? std::atoi(wanted) : 30;
@@ -78,7 +70,7 @@ TEST(KilledLedgerTest, KilledProcessesLoseAndRepeatNothing) {
   };
   EXPECT_EQ(Evaluate(FakePlan(), counts, one_thread), whole);
   EXPECT_EQ(made, 20 - std::max<std::ptrdiff_t>(0, lines - 1));
-  std::cout << kills << " kills, " << finished << " runs came to their end" << std::endl;
+  std::cout << kills << " kills, " << finished << " runs finished" << std::endl;
 }
 
 }  // namespace

@@ -10,7 +10,6 @@
 #include <fstream>
 #include <functional>
 #include <limits>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -22,10 +21,10 @@
 namespace {
 
 // Faults of the next calls of write() and fdatasync(), as of a failing disk: an error, or a partial
-// write. They replace the C library's functions in this program.
+// write. The functions below replace those of the C library in this program.
 struct Fault {
   int after = -1;  // calls that still succeed; negative: all
-  int error = 0;   // 0: short writes from then on
+  int error = 0;   // 0: partial writes from then on
 };
 thread_local Fault fault;
 
@@ -62,14 +61,8 @@ namespace {
 using test::EmptyFolder;
 using test::FakePlan;
 using test::MakeFakeTrialRunner;
+using test::Read;
 using testing::HasSubstr;
-
-std::string Read(const std::filesystem::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
-}
 
 void Write(const std::filesystem::path& path, const std::string& text) {
   std::ofstream(path, std::ios::binary) << text;
@@ -107,7 +100,7 @@ TEST_F(LedgerTest, AResumedRunEqualsAnUninterruptedOne) {
   EXPECT_EQ(made, -100);
 }
 
-TEST_F(LedgerTest, ALineThatAKilledRunLeftUnfinishedIsRunAgain) {
+TEST_F(LedgerTest, AUnitWhoseLineIsIncompleteRunsAgain) {
   const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner, Options());
   const std::string text = Read(ledger);
   for (const std::size_t cut : {std::size_t{1}, std::size_t{100}, text.size() - 20}) {
@@ -181,7 +174,7 @@ TEST_F(LedgerTest, NoFlippedBitPasses) {
     Write(ledger, flipped);
     try {
       const LedgerContents contents = ReadLedger(ledger);
-      // The bit of the last newline makes the last line an incomplete one.
+      // Without the last newline the last line is incomplete.
       accepted += contents.cut && i + 1 == text.size() ? 0 : 1;
     } catch (const std::runtime_error&) {
     }
@@ -211,7 +204,7 @@ TEST_F(LedgerTest, AUnitOfAnotherRunIsRefused) {
   EXPECT_THAT(with_line_of(FakePlan(), other), HasSubstr("it belongs to another run"));
 }
 
-TEST_F(LedgerTest, SalvagePutsDamagedLinesAsideAndSaysWhich) {
+TEST_F(LedgerTest, SalvageMovesDamagedLinesAsideAndNamesThem) {
   const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner, Options());
   const std::string text = Read(ledger);
   std::vector<std::string> notices;
@@ -265,7 +258,7 @@ TEST_F(LedgerTest, AnotherWriterIsRefusedAndLosesNothing) {
   EXPECT_EQ(ReadLedger(ledger).records.size(), results.size());
 }
 
-// ENOSPC, EIO and short writes at every call: earlier results are kept, and nothing is repeated.
+// ENOSPC, EIO and partial writes at every call: earlier results are kept, and nothing is repeated.
 TEST_F(LedgerTest, WriteErrorsLoseAndRepeatNothing) {
   const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner);
   for (const int error : {ENOSPC, EIO, 0}) {
@@ -292,15 +285,15 @@ TEST_F(LedgerTest, WriteErrorsLoseAndRepeatNothing) {
   }
 }
 
-// Returns a number that the environment may raise: see docs/reliability.md.
+// Returns the number in the environment variable, or `standard`: see docs/reliability.md.
 int CountFrom(const char* variable, int standard) {
   const char* const wanted = std::getenv(variable);
   return wanted != nullptr ? std::atoi(wanted) : standard;
 }
 
-// DFR_FAULTS: number of faults. Restarts a run until it ends; its disk fails at a random write each
-// time, with ENOSPC, EIO or a short write.
-TEST_F(LedgerTest, RunsThatFailAgainAndAgainLoseAndRepeatNothing) {
+// DFR_FAULTS: number of faults. Restarts a run until it ends. Each time its disk fails at a random
+// write, with ENOSPC, EIO or a partial write.
+TEST_F(LedgerTest, RunsThatFailRepeatedlyLoseAndRepeatNothing) {
   const int faults = CountFrom("DFR_FAULTS", 20);
   const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner);
   core::Random random(2);
@@ -325,8 +318,8 @@ TEST_F(LedgerTest, RunsThatFailAgainAndAgainLoseAndRepeatNothing) {
       fault = {};
       done = !results.empty();
       const std::string after = Read(ledger);
-      ASSERT_TRUE(after.starts_with(before)) << "an acknowledged unit is lost: " << message;
-      ASSERT_LE(made, 21 - lines) << "a unit that was acknowledged ran again";
+      ASSERT_TRUE(after.starts_with(before)) << "a unit that was written is lost: " << message;
+      ASSERT_LE(made, 21 - lines) << "a unit that was written ran again";
       before = after.substr(0, after.rfind('\n') + 1);
       if (!done) {
         ASSERT_THAT(message, HasSubstr("Earlier units are kept"));
@@ -395,7 +388,7 @@ TEST_F(MergeTest, LedgersOfDifferentRunsAreRefusedByName) {
   EXPECT_FALSE(std::filesystem::exists(whole));
 }
 
-TEST_F(MergeTest, AUnitWithOtherResultsIsRefused) {
+TEST_F(MergeTest, AUnitWithDifferentResultsIsRefused) {
   const auto first = Run(1, 1);
   const std::filesystem::path second = folder / "second.jsonl";
   const auto differs = [](const EvaluationUnit& unit) -> std::unique_ptr<TrialRunner> {

@@ -35,7 +35,7 @@ TEST(EvaluateTest, CoversThePlanInItsOrder) {
   }
 }
 
-TEST(EvaluateTest, AnyNumberOfThreadsGivesTheSame) {
+TEST(EvaluateTest, AnyNumberOfThreadsGivesTheSameResults) {
   const EvaluationPlan plan = FakePlan();
   const auto one = Evaluate(plan, MakeFakeTrialRunner, {.threads = 1});
   EXPECT_EQ(Evaluate(plan, MakeFakeTrialRunner, {.threads = 2}), one);
@@ -89,8 +89,8 @@ TEST(EvaluateTest, MethodsAndLearnersShareStartStatesAndControllerSeeds) {
   EXPECT_EQ(controllers.size(), 24u);
 }
 
-TEST(EvaluateTest, StartStatesOutsideAreRedrawnAndCounted) {
-  // Accepts only recorded units, and records every query.
+TEST(EvaluateTest, RefusedStartStatesAreRedrawnAndCounted) {
+  // Accepts every third start state, and records all of them.
   struct Runner final : TrialRunner {
     bool Accepts(std::uint64_t seed) override {
       asked.push_back(seed);

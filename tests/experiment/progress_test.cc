@@ -62,7 +62,7 @@ TEST(ProgressMeterTest, ResumedUnitsDoNotCountForTheRemainingTime) {
   EXPECT_EQ(last.remaining_s, 32.0) << "one done, two to go";
 }
 
-TEST(ProgressMeterTest, AnEmptyCallbackIsFine) {
+TEST(ProgressMeterTest, AcceptsAnEmptyCallbackAndRefusesMoreDoneThanTheTotal) {
   ProgressMeter meter(1, {});
   meter.Advance();
   EXPECT_THROW(ProgressMeter(1, {}, 2), std::invalid_argument);
@@ -86,7 +86,7 @@ TEST(ProgressBarTest, EndsAnUnfinishedLine) {
   EXPECT_EQ(out.str().back(), '\n');
 }
 
-TEST(ProgressBarTest, PrintsAPlainLineNowAndThenElsewhere) {
+TEST(ProgressBarTest, PrintsPlainLinesAtIntervalsElsewhere) {
   std::ostringstream out;
   ProgressBar bar("fit", out, /*is_terminal=*/false, /*line_interval_s=*/10.0);
   bar.Show({1, 100, 1.0, {}, ""});

@@ -39,7 +39,7 @@ int Count(const std::string& text, const std::string& part) {
   return count;
 }
 
-// Checks that elements nest, as XML would. HTML's void elements and the doctype are left out.
+// Checks that elements nest as in XML. HTML's void elements and the doctype are left out.
 void ExpectNested(const std::string& html) {
   std::vector<std::string> open;
   for (std::size_t at = html.find('<'); at != std::string::npos; at = html.find('<', at + 1)) {
@@ -187,7 +187,7 @@ TEST(ReportTest, NoTwoStylesLookTheSame) {
     const double paper = colour_of("paper").luminance;
     std::map<std::string, SeenColour> seen;
     for (const NamedStyle& named : NamedStyles()) {
-      // As the page draws the method, without its name.
+      // The page draws the method alone.
       const ReportPlot plot{.title = "P",
                             .x_label = "x",
                             .series = {{.name = std::string(named.name), .x = {0}, .y = {0}}}};
@@ -282,7 +282,7 @@ TEST(ReportTest, AbsentValuesAreDashes) {
   EXPECT_THAT(html, Not(HasSubstr("inf,")));
 }
 
-TEST(ReportTest, NeedsNothingButItself) {
+TEST(ReportTest, IsSelfContained) {
   ReportOptions options;
   const std::filesystem::path folder = test::EmptyFolder("report");
   std::ofstream(folder / "scene.png", std::ios::binary) << "Man";
@@ -371,7 +371,7 @@ TEST(ReportTest, ALineWithoutANameHasNoneInTheLegend) {
   EXPECT_EQ(Count(page, "</svg>named</span>"), 1);
 }
 
-TEST(ReportTest, WithoutMethodsItIsWhatTheOptionsHold) {
+TEST(ReportTest, WithoutMethodsItShowsTheOptionsAlone) {
   Summary nothing;
   nothing.commit = "0123abc";
   ReportOptions options;

@@ -16,6 +16,7 @@
 #include "dfr/experiment/ledger.h"
 #include "tests/control/analytic.h"
 #include "tests/experiment/fake_trial_runner.h"
+#include "tests/support/message_of.h"
 
 namespace dfr::experiment {
 namespace {
@@ -79,15 +80,15 @@ TEST(RolloutRunnerTest, CountsTheControlsOfEachRecovery) {
   EXPECT_EQ(result.cause, "outside-support");
   EXPECT_EQ(result.controls, 7);
   EXPECT_EQ(result.recovery_controls, 4);
-  // The size counts only if the control was changed.
+  // Only changed controls have a size of change.
   EXPECT_EQ(result.changed_controls, 4);
   EXPECT_EQ(result.sized_changes, 3);
   EXPECT_EQ(result.change, 1.5);
   EXPECT_EQ(runner.recovery_lengths()[0], (std::vector<int>{3, 1}));
 }
 
-TEST(RolloutRunnerTest, NamesWhoCollided) {
-  PointRunner runner(0.45, kNone, false);  // met by the fifth control
+TEST(RolloutRunnerTest, NamesTheModeThatCollided) {
+  PointRunner runner(0.45, kNone, false);  // reached by the fifth control
   const EpisodeResult result = runner.Run(0, 1, 2);
   EXPECT_EQ(result.outcome, core::Outcome::kCollided);
   EXPECT_EQ(result.cause, "recovery");
@@ -119,18 +120,14 @@ TEST(RolloutRunnerTest, AFilmIsAPageOfTheUndisturbedStates) {
             std::string::npos);
   // The state after the last control, in the text of a mark.
   EXPECT_NE(page.str().find("<title>script, controls 7: 0.7000</title>"), std::string::npos);
-  try {
-    static_cast<void>(runner.Film({0}, 1, 2, folder / "film.mp4"));
-    FAIL() << "there are no such pictures";
-  } catch (const std::runtime_error& e) {
-    EXPECT_NE(
-        std::string(e.what()).find("film.mp4: such episodes can only be saved as a page, .html"),
-        std::string::npos)
-        << e.what();
-  }
+  const std::string message = test::MessageOf<std::runtime_error>(
+      [&] { static_cast<void>(runner.Film({0}, 1, 2, folder / "film.mp4")); });
+  EXPECT_NE(message.find("film.mp4: such episodes can only be saved as a page, .html"),
+            std::string::npos)
+      << message;
 }
 
-TEST(ExperimentTest, OptionsChooseWhatTheyName) {
+TEST(ExperimentTest, OptionsOverrideThePreset) {
   EvaluationPlan preset = test::FakePlan();
   ExperimentOptions options;
   options.seed = 9;
@@ -143,7 +140,7 @@ TEST(ExperimentTest, OptionsChooseWhatTheyName) {
   EXPECT_EQ(ApplyTo(preset, options).episodes, 3);
 }
 
-TEST(ExperimentTest, LeavesALedgerAndASummaryAndGoesOn) {
+TEST(ExperimentTest, WritesALedgerAndASummaryAndResumes) {
   ExperimentOptions options;
   options.out = test::EmptyFolder("experiment") / "new";
   options.configuration = [] { return "[experiment]\n"; };
@@ -162,7 +159,7 @@ TEST(ExperimentTest, LeavesALedgerAndASummaryAndGoesOn) {
   EXPECT_THROW((void)RunExperiment("fake", test::FakePlan(), unused, {{"gamma", "2"}}, options),
                std::runtime_error);
   options.restart = true;
-  EXPECT_THROW(OutputFolder second(options), std::runtime_error) << "the folder has a process";
+  EXPECT_THROW(OutputFolder second(options), std::runtime_error) << "the folder is locked";
   folder.reset();
   folder.emplace(options);
   EXPECT_THROW((void)RunExperiment("fake", test::FakePlan(), unused, {{"gamma", "1"}}, options),
@@ -172,7 +169,7 @@ TEST(ExperimentTest, LeavesALedgerAndASummaryAndGoesOn) {
   EXPECT_THROW(OutputFolder nowhere(options), std::runtime_error);
 }
 
-TEST(ExperimentTest, AShardLeavesALedgerAlone) {
+TEST(ExperimentTest, AShardWritesOnlyItsLedger) {
   ExperimentOptions options;
   options.out = test::EmptyFolder("experiment_shard");
   options.shard = {2, 3};

@@ -16,7 +16,7 @@ TEST(SequentialTestTest, WealthIsTheMeanOverStakes) {
   test.Add(1.0);
   EXPECT_NEAR(std::exp(test.log_wealth()), 1.0, 1e-12);  // each stake has an opposite stake
   test.Add(1.0);
-  // The mean of (1 + s)^2 is 1 + that of s^2, 2 (.01 + .04 + ... + .81) / 18 = .31666...
+  // The mean of (1 + s)^2 is 1 plus that of s^2, 2 (.01 + .04 + ... + .81) / 18 = .31666...
   EXPECT_NEAR(std::exp(test.log_wealth()), 1.0 + 5.7 / 18.0, 1e-12);
   EXPECT_EQ(test.mean(), 1.0);
   SequentialTest even;
@@ -43,7 +43,7 @@ TEST(SequentialTestTest, ASettledQuestionStaysSettled) {
 
 // Evaluated after every pair, the test declares equal methods different in at most a fraction alpha
 // of the runs.
-TEST(SequentialTestTest, LooksAsOftenAsOneLikes) {
+TEST(SequentialTestTest, RepeatedLooksKeepTheErrorRate) {
   constexpr int kRuns = 2000;
   constexpr double kAlpha = 0.1;
   int wrong = 0;
@@ -83,7 +83,7 @@ TEST(SequentialTestTest, OptionsOutOfRangeAreRefused) {
   EXPECT_EQ(test.pairs(), 0);
 }
 
-TEST(EpisodeCreditTest, RanksOutcomesAndHaltsByWhatWasDoneBefore) {
+TEST(EpisodeCreditTest, RanksOutcomesAndHaltsByTheirProgress) {
   const EpisodeCredit credit;
   EXPECT_EQ(credit(core::Outcome::kCompleted, 0.9), 1.0);
   EXPECT_EQ(credit(core::Outcome::kHalted, 1.0), 0.5);

@@ -20,6 +20,7 @@ using testing::HasSubstr;
 
 // One learner, two data points, `trials` of two episodes:
 //   baseline  XX at the first, CH at the second;   dfr  HX and CC.
+// C: completed, H: halted, X: collided.
 struct ByHand {
   EvaluationPlan plan;
   std::vector<UnitResult> results;
@@ -90,19 +91,19 @@ TEST(SummarizeTest, CountsByHand) {
   EXPECT_EQ(summary.measures[0].mean, 1.0);
 }
 
-TEST(SummarizeTest, TrialsAreTheClustersWhereThereAreEnough) {
+TEST(SummarizeTest, TrialsAreTheClustersFromFiveOn) {
   const ByHand few(4);
   EXPECT_EQ(Summarize(few.plan, few.results, {}).contrasts[0].clusters, "episodes");
   const ByHand enough(5);
   const Contrast contrast = Summarize(enough.plan, enough.results, {}).contrasts[0];
   EXPECT_EQ(contrast.clusters, "trials");
-  // All trials are alike, so nothing varies.
+  // All trials are equal: nothing varies.
   EXPECT_EQ(contrast.ratios.collision_reduction_interval.value().low, 0.5);
   EXPECT_EQ(contrast.ratios.collision_reduction_interval.value().high, 0.5);
 }
 
 // Trials t and t + 5 belong to one of five supervisors, with two trials each.
-TEST(SummarizeTest, FromFiveSupervisorsOnTheseAreTheClusters) {
+TEST(SummarizeTest, SupervisorsAreTheClustersFromFiveOn) {
   ByHand input(10);
   // In trials of the first supervisor, dfr also collides at the second data point.
   for (UnitResult& result : input.results) {
@@ -134,7 +135,7 @@ TEST(SummarizeTest, RefusesResultsOfAnotherPlan) {
   EXPECT_THROW((void)Summarize(input.plan, input.results, {}), std::invalid_argument);
 }
 
-TEST(SummaryJsonTest, HasItsShapeToTheLetter) {
+TEST(SummaryJsonTest, HasTheDocumentedShape) {
   const auto results = Evaluate(test::FakePlan(), test::MakeFakeTrialRunner);
   const Summary summary = Summarize(test::FakePlan(), results,
                                     {.experiment = "pusher", .preset = "quick", .commit = "abc"});
@@ -181,7 +182,7 @@ TEST(SummaryJsonTest, HasItsShapeToTheLetter) {
   }
 }
 
-TEST(SummaryJsonTest, FiguresThatDoNotExistAreNull) {
+TEST(SummaryJsonTest, UndefinedFiguresAreNull) {
   ByHand input(1);
   input.plan.demonstrations = {60};
   input.results.erase(input.results.begin());  // leaves a baseline without collisions

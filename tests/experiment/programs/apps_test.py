@@ -1,5 +1,5 @@
-"""Small experiments of a program: shards merge to the same bytes, run.toml starts the same run again, and each
-number of the report is what its command prints.
+"""Runs small experiments of a program: shards merge to the same bytes, run.toml reproduces the run, and the commands
+in the report print its numbers.
 
 usage: apps_test.py PROGRAM
 """
@@ -13,8 +13,8 @@ import tempfile
 import unittest
 
 PROGRAM = pathlib.Path(sys.argv.pop()).resolve()
-# For each program: command, options other than the defaults, one option with another value, and the ledger's text
-# of that one.
+# For each program: command, options other than the defaults, one option with another value, and the ledger's name
+# of that option.
 RUNS = {
     "study": [
         ("run", "--tasks reach,push,goal --policies lwr,weak --methods controller,monitor --trials 1 --episodes 2 --demonstrations 12",
@@ -53,14 +53,14 @@ class Numbers(html.parser.HTMLParser):
     def __init__(self, text):
         super().__init__()
         self.found = []
-        self.open = []  # of each element that is open: its commands, None without a title
+        self.open = []  # of each open element: its tag, commands and texts
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):
         if tag in ("meta", "br", "img"):
             return
         commands = (dict(attributes).get("title") or "").splitlines()
-        if commands and not commands[0].startswith(PROGRAM.name):  # of a bar: its name and number, then the command
+        if commands and not commands[0].startswith(PROGRAM.name):  # a bar's title: name and number, then commands
             first, *commands = commands
             if commands:
                 self.found.append((first.rpartition(": ")[2], commands))
@@ -75,7 +75,7 @@ class Numbers(html.parser.HTMLParser):
         open_tag, commands, texts = self.open.pop()
         assert open_tag == tag, (open_tag, tag)
         text = "".join(texts).replace("\u2212", "-").strip()
-        if tag == "title" and "\n" in text:  # of a picture's mark: what it is, and below how to print it
+        if tag == "title" and "\n" in text:  # a mark's title: its description, then the commands
             first, *commands = text.splitlines()
             self.found.append((first.rpartition(": ")[2], commands))
         elif commands and any(c.isdigit() for c in text):
@@ -97,7 +97,7 @@ class AppsTest(unittest.TestCase):
         return done.stderr
 
     def rerun_the_worst(self, folder):
-        """Check the first of the episodes and its outcome with other methods against the ledger."""
+        """Run the worst episode again, which the program compares with its ledger, and check its film."""
         done = subprocess.run([PROGRAM, "episodes", folder, "--most", "1"], cwd=self.folder, text=True, capture_output=True,
                               check=True)
         name = done.stdout.split("  ")[0]
@@ -110,7 +110,7 @@ class AppsTest(unittest.TestCase):
                 self.assertNotRegex(text, r"\b(nan|inf)\b")
 
     def episodes(self, command):
-        """Parse the last line of a command in a report: count, per cent, controls, recovery."""
+        """Run a command of a report. Return the numbers of its last line: count, per cent, controls, recovery."""
         words = shlex.split(command)
         self.assertEqual(words[:3], [PROGRAM.name, "episodes", "FOLDER"])
         done = subprocess.run([PROGRAM, "episodes", "whole", *words[3:], "--most", "0"], cwd=self.folder, text=True,
@@ -123,7 +123,7 @@ class AppsTest(unittest.TestCase):
         return [float(value or 0.0) for value in said.groups()]
 
     def check_report(self):
-        """Check that the commands in the report print its numbers: for the first number, and for some others up to the last."""
+        """Check that the commands in the report print its numbers, for the first twenty and for some of the others."""
         known = {}
         numbers = Numbers((self.folder / "whole/report.html").read_text()).found
         self.assertGreater(len(numbers), 3)
@@ -139,7 +139,7 @@ class AppsTest(unittest.TestCase):
                 wanted = [told[0]]
             elif " / " in text:
                 wanted = [[share] for _, share, _, _ in told]
-            else:  # this against that
+            else:  # one method compared with another
                 (count, _, controls, _), (other, _, controls_there, _) = told
                 ratio = count / other if other else 0.0
                 there = max(controls_there, 1e-9)

@@ -1,6 +1,6 @@
-"""dfr-cluster: a Slurm array on a cluster that is only this machine, and GNU parallel, also over ssh.
+"""Runs dfr-cluster with Slurm on this machine alone, and with GNU parallel, also over ssh.
 
-What is absent is skipped, and said so: slurmctld, slurmd, munged and root to start them; GNU parallel; sshd.
+Skips what needs an absent program (slurmctld, slurmd, munged, GNU parallel, sshd), or root to start one.
 
 usage: cluster_system_test.py PROGRAM DFR_CLUSTER
 """
@@ -26,7 +26,7 @@ def run(*arguments, fails=False, **options):
 
 
 def pause(folder, seconds):
-    """A program that takes a given time."""
+    """Return a program that takes `seconds`."""
     path = folder / "pause"
     path.write_text(f"#!/bin/sh\nsleep {seconds}\n")
     path.chmod(0o755)
@@ -37,7 +37,7 @@ def wait_for(condition, what, seconds=200):
     until = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > until:
-            raise AssertionError(f"waited in vain for {what}")
+            raise AssertionError(f"timeout after {seconds} s: waiting for {what}")
         time.sleep(0.3)
 
 
@@ -110,10 +110,10 @@ class ScriptTest(Folder):
         out = self.folder / "run"
         text = run(CLUSTER, "slurm", "--tasks", 2, "--grace", 60, "--measure", "--out", out, "--", PROGRAM, "experiment",
                    "--before", pause(self.folder, 2))
-        # 10 units of 2 s a task, half as much again, two more, and twice the grace: 154 s.
+        # 10 units of 2 s per task, half as much again, two more units, and twice the grace: 154 s.
         self.assertIn("time limit 3 min", text)
 
-    def test_mistakes_are_told(self):
+    def test_mistakes_are_reported(self):
         out = self.folder / "run"
         for arguments, says in [(["slurm", "--tasks", 2, "--out", out], "the experiment is missing"),
                                 (["slurm", "--tasks", 0, "--out", out, "--", "x"], "--tasks must be positive"),
@@ -135,7 +135,7 @@ class ParallelTest(Folder):
 
 
 @unittest.skipUnless(shutil.which("parallel") and pathlib.Path("/usr/sbin/sshd").exists() and os.getuid() == 0,
-                     "GNU parallel and sshd are not installed, or this is not root")
+                     "needs GNU parallel, sshd and root")
 class SshTest(Folder):
     def test_hosts_share_the_tasks(self):
         key, host_key = self.folder / "key", self.folder / "host_key"
@@ -188,7 +188,7 @@ PartitionName=all Nodes={host} Default=YES MaxTime=INFINITE State=UP
 
 
 @unittest.skipUnless(all(map(shutil.which, ("slurmctld", "slurmd", "munged"))) and os.getuid() == 0,
-                     "slurmctld, slurmd and munged are not installed, or this is not root")
+                     "needs slurmctld, slurmd, munged and root")
 class SlurmTest(Folder):
     def setUp(self):
         super().setUp()
@@ -253,7 +253,7 @@ class SlurmTest(Folder):
                 found.append(int(entry.parent.name))
         return found
 
-    def test_tasks_killed_nodes_drained_controller_killed(self):
+    def test_survives_killed_tasks_drained_nodes_and_a_killed_controller(self):
         out = self.folder / "a run of 'Ä' (50 %)"
         run(CLUSTER, "slurm", "--tasks", 4, "--at-once", 3, "--grace", 10, "--retries", 5, "--time", 5, "--submit", "--out",
             out, "--", PROGRAM, "experiment", "--before", pause(self.folder, 4), "--fails-once", self.folder / "failed",
@@ -263,10 +263,10 @@ class SlurmTest(Folder):
         self.assertTrue(pids)
         os.kill(pids[0], 9)                                  # a task is killed
         running = self.slurm("squeue", "-h", "-r", "-t", "R", "-o", "%i").split()
-        self.slurm("scontrol", "requeue", running[-1], anyway=True)   # one is preempted
+        self.slurm("scontrol", "requeue", running[-1], anyway=True)   # another is preempted
         # Slurm sends the signal --grace seconds before the end of a task.
         self.slurm("scancel", "--batch", "--signal=USR1", running[0], anyway=True)
-        time.sleep(6)                                        # it saves its state every five seconds
+        time.sleep(6)                                        # slurmctld saves its state every five seconds
         self.end("slurmctld")                                # the controller is killed
         time.sleep(2)
         self.start("slurmctld", "-D")

@@ -31,10 +31,10 @@ int main(int argc, char** argv) try {
   command->add_option("--gamma", gamma)->capture_default_str();
   command->add_flag("--cold,!--warm", cold);
   command->add_option("--demonstrations", demonstrations)->delimiter(',')->capture_default_str();
-  command->add_option("--until", until, "a file that units wait for from the third on");
-  command->add_option("--before", before, "a program that runs before each unit");
-  command->add_option("--fails-once", fails_once, "a file that a first run makes, and fails");
-  command->add_flag("--all-methods", all_methods, "all methods that have a colour");
+  command->add_option("--until", until, "the third and later units wait for this file");
+  command->add_option("--before", before, "a program to run before each unit");
+  command->add_option("--fails-once", fails_once, "the first run creates this file and fails");
+  command->add_flag("--all-methods", all_methods, "all methods with a colour");
   if (const auto code = experiment::Parse(app, argc, argv)) return *code;
 
   experiment::EvaluationPlan plan = test::FakePlan();

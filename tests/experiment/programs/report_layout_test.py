@@ -1,4 +1,4 @@
-"""Reports in headless Chromium at two widths: no text over another, none cut, none too small to read.
+"""Lays out reports in headless Chromium at two widths: no text overlaps, is cut or is too small to read.
 
 usage: report_layout_test.py CHROMIUM FAKE_EXPERIMENT GUARD STUDY SOURCE_DIR
 """
@@ -17,7 +17,7 @@ CHROMIUM, FAKE, GUARD, STUDY, SOURCE = sys.argv[1:6]
 del sys.argv[1:6]
 WIDTHS = (500, 1300)
 
-# All boxes of visible text, a line each; then the pairs that overlap by more than a pixel.
+# Collects the boxes of visible text, one per line, and reports those that overlap, are cut or are small.
 MEASURE = """<script>
 addEventListener("load", () => {
   const boxes = [], found = [];

@@ -114,7 +114,7 @@ class ShardsTest(unittest.TestCase):
                 (("run", name, "--film", "film.mp4"), "this program cannot draw such episodes"),
                 (("nowhere", name), "nowhere/run.toml")]:
             self.assertIn(says, self.run_program("rerun", *arguments, fails=True))
-        # A program whose outcome differs from the ledger's.
+        # The program's outcome differs from the ledger's.
         self.assertIn("in its ledger the episode is", self.run_program("rerun", "run", name, fails=True, differs="yes"))
 
     def test_whole_numbers_are_decimal_also_with_leading_zeros(self):
@@ -198,7 +198,7 @@ class ShardsTest(unittest.TestCase):
         text = self.run_program("status", "grid")
         self.assertIn("2 runs, 40 of 40 units are finished", text)
         self.assertNotIn("shard-", text)
-        # The run has no started task.
+        # This run has no ledger.
         self.assertIn("0 of 0 units are finished", self.run_program("status", failed))
         self.assertIn("contains no ledger.jsonl", self.run_program("status", "nowhere", fails=True))
 
@@ -219,7 +219,7 @@ class ShardsTest(unittest.TestCase):
             child.send_signal(signal.SIGTERM)
             (self.folder / "go").touch()
             self.assertNotEqual(child.wait(), 0)
-            self.assertEqual(ledger.read_bytes().count(b"\n"), 4, "it finishes its unit, and begins no other")
+            self.assertEqual(ledger.read_bytes().count(b"\n"), 4, "the run finishes its unit and begins no other")
         finally:
             child.kill()
             child.wait()
