@@ -118,7 +118,7 @@ Study Pictured(int threads) {
 }
 
 // A monitor that sees pictures passes every action: the episodes equal those of the policy alone.
-// Both conditions disturb the pictures only, which the policy does not see.
+// The second condition disturbs only the pictures, which the policy does not see.
 TEST(PicturedGuardsTest, MonitorsChangeNothingAndThreadsDoNotMatter) {
   const std::vector<Row> rows = RunStudy(Pictured(1));
   ASSERT_EQ(rows.size(), 6u);
@@ -141,7 +141,7 @@ TEST(PicturedGuardsTest, NeedFeatures) {
   EXPECT_THAT(ErrorOf(study), HasSubstr("unknown method 'monitor/pictures'"));
 }
 
-// Without a guard that sees pictures, their disturbance would have no effect.
+// Without a guard that sees pictures, disturbed pictures would have no effect.
 TEST(PicturedGuardsTest, ConditionsOfPicturesNeedPictures) {
   Study study = Pictured(1);
   study.controllers = {"guard"};

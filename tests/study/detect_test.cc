@@ -24,7 +24,7 @@ std::vector<ScoredEpisode> Episodes() {
           {.scores = {0, 7, 0, 0}, .failed = false}};
 }
 
-TEST(DetectorRatesTest, CountAlarmsOfTheSameTime) {
+TEST(DetectorRatesTest, CountOnlyAlarmsUpToTheGivenStep) {
   const DetectorRates early = RatesOf(Episodes(), 2.0, 2);
   EXPECT_EQ(early.failures, 2);
   EXPECT_EQ(early.alarmed_failures, 1);
@@ -38,12 +38,12 @@ TEST(DetectorRatesTest, CountAlarmsOfTheSameTime) {
   EXPECT_EQ(RatesOf({}, 2.0, 3).balanced_accuracy(), std::nullopt);
 }
 
-TEST(DetectorRatesTest, AThresholdIsThatOfTheHighestScores) {
+TEST(DetectorRatesTest, AThresholdIsAQuantileOfTheHighestScores) {
   std::vector<ScoredEpisode> demonstrations;
   for (int i = 1; i <= 19; ++i) {
     demonstrations.push_back({.scores = {0.0, static_cast<double>(i), 100.0}, .failed = false});
   }
-  // Rank ceil(20 * .9) of 19. The scores from step 2 on are too late.
+  // Rank ceil(20 * .9) of 19. Scores of step 2 do not count.
   EXPECT_EQ(CalibratedThreshold(demonstrations, 1, 0.1), 18.0);
   EXPECT_EQ(CalibratedThreshold(std::span(demonstrations).first(3), 1, 0.1), 3.0);
   EXPECT_THROW((void)CalibratedThreshold({}, 1, 0.1), std::invalid_argument);
@@ -58,7 +58,7 @@ imitation::DemonstrationSet Reach(int count) {
           .note = {}};
 }
 
-TEST(DetectorTest, AStateFarAwayIsStrangerThanADemonstratedOne) {
+TEST(DetectorTest, DistantStatesScoreHigherThanDemonstratedOnes) {
   const imitation::DemonstrationSet set = Reach(20);
   const FittedTask fit = FittedTask::Fit(set.layout, set.trajectories, "");
   const core::Matrix& near = set.trajectories[0].states;
@@ -84,7 +84,7 @@ TEST(DetectTest, AFailingPolicyIsFound) {
   EXPECT_THAT(report.text, HasSubstr("15 demonstrations fitted, 6 for thresholds, 9 left out"));
 }
 
-// Only three numbers move the thirty entries of the state: no left-out state is inside.
+// Thirty entries are noisy mixtures of three numbers: almost no left-out state is inside.
 TEST(DetectTest, TooManyFeaturesAreReducedWithAReason) {
   core::Random random(4);
   core::Matrix mixing(3, 30);
@@ -115,7 +115,7 @@ TEST(DetectTest, TooManyFeaturesAreReducedWithAReason) {
   EXPECT_THROW((void)Detect(set, {}), std::invalid_argument);
 }
 
-TEST(DetectTest, AMissingFileSaysWhereToGetOne) {
+TEST(DetectTest, AMissingFileIsNamedWithWhereToGetOne) {
   EXPECT_THAT(
       dfr::test::MessageOf<std::runtime_error>(
           [&] { (void)LoadDetection({.file = "nowhere.hdf5"}); }),

@@ -15,7 +15,7 @@
 namespace dfr::study {
 namespace {
 
-// Controls of the pick task are metres and a gripper of +-1, which a guard passes unchanged.
+// Controls of the pick task are metres and a gripper of +-1. A guard passes the latter unchanged.
 const LearnedModel& Pick() {
   static const LearnedModel model = MakeTask("pick").learn(20, 5);
   return model;
@@ -33,7 +33,7 @@ class FarAside final : public core::Policy {
   }
 };
 
-TEST(FittedTaskTest, EachEntryHasItsLimitAndAPassedOneIsThePolicys) {
+TEST(FittedTaskTest, SteeredEntriesKeepTheirLimitsAndOthersAreThePolicys) {
   const FittedTask& fit = Pick().fit();
   ASSERT_FALSE(fit.guard()->actions().entries()[3].steered);
   const std::vector<double>& limit = fit.guard()->settings().action_limit;
@@ -59,7 +59,7 @@ TEST(FittedTaskTest, EachEntryHasItsLimitAndAPassedOneIsThePolicys) {
   }
 }
 
-TEST(FittedTaskTest, ADirectionIsAsLargeInEachUnitAsDemonstrations) {
+TEST(FittedTaskTest, ADirectionIsEnlargedToTheSizeOfDemonstratedControls) {
   std::array<double, 4> u = {1.0, 0.0, 0.0, 0.0};
   Pick().fit().Enlarge(u);
   const double largest = Pick().fit().guard()->actions().entries()[0].largest;

@@ -22,9 +22,9 @@ Study OnReach(std::vector<std::string> policies, int trials, int episodes) {
   return study;
 }
 
-// Policies that learn again or query the supervisor work in tasks of the gallery, and the adversary
-// uses the controlled plant. Takes seconds: DAgger and DART learn many times.
-TEST(GuardsTest, RunsBaselinesAndAdversaries) {
+// Policies that learn again or query the supervisor work in tasks of the gallery. Takes seconds:
+// DAgger and DART learn many times.
+TEST(GuardsTest, RunsPoliciesThatLearnAgain) {
   const Study study = OnReach({"ensemble", "dart", "dagger", "none"}, 1, 6);
   std::map<std::pair<std::string, std::string>, Row> rows;
   for (const Row& row : RunStudy(study)) rows[{row.policy, row.controller}] = row;

@@ -48,7 +48,7 @@ const Row& RowOf(const std::string& task, const std::string& policy, const std::
   });
 }
 
-TEST(GuardsTest, CountsAreOfTheirEpisodes) {
+TEST(GuardsTest, CountsStayWithinTheirEpisodes) {
   ASSERT_EQ(SmallRows().size(), 2u * 2u * (GuardNames().size() + 1));
   for (const Row& row : SmallRows()) {
     EXPECT_EQ(row.episodes, SmallGuards().episodes);
@@ -74,7 +74,7 @@ TEST(GuardsTest, AMonitorChangesNothing) {
   }
 }
 
-// Early stopping halts. The pole then falls, whereas a point stays at rest.
+// After early stopping the pole falls, whereas the point stays at rest.
 TEST(GuardsTest, AHaltIsJudgedByWhatTheWorldDoesNext) {
   EXPECT_EQ(RowOf("reach", "good", "early-stopping").collided, 0);
   const Row& pole = RowOf("balance", "good", "early-stopping");
@@ -82,7 +82,7 @@ TEST(GuardsTest, AHaltIsJudgedByWhatTheWorldDoesNext) {
 }
 
 // The adversary uses the controlled plant. The system tier has policies that learn again.
-TEST(GuardsTest, GuidedSavesFromAnAdversary) {
+TEST(GuardsTest, AGuardSavesEveryEpisodeFromAnAdversary) {
   Study study = SmallGuards();
   study.tasks = {"reach"};
   study.policies = {"none", "at-constraints"};
@@ -94,7 +94,7 @@ TEST(GuardsTest, GuidedSavesFromAnAdversary) {
   EXPECT_EQ(rows[3].saved, rows[3].episodes);
 }
 
-TEST(GuardsTest, UnknownNamesAreNamedWithThoseThereAre) {
+TEST(GuardsTest, UnknownNamesAreReportedWithTheValidOnes) {
   using testing::AllOf;
   using testing::HasSubstr;
   Study study = SmallGuards();
@@ -111,7 +111,7 @@ TEST(GuardsTest, UnknownNamesAreNamedWithThoseThereAre) {
               AllOf(HasSubstr("unknown method 'magic'"), HasSubstr("guard")));
 }
 
-TEST(SelectTasksTest, GroupsMeanTheirTasks) {
+TEST(SelectTasksTest, AGroupSelectsItsTasks) {
   const auto all = SelectTasks({"gallery"});
   auto both = SelectTasks({"design", "held-out"});
   EXPECT_EQ(both.size(), all.size());
@@ -157,7 +157,7 @@ TEST(RowTableTest, SharesAreOfEpisodesAndAlarmsOfOutcomes) {
   EXPECT_EQ(tables[2].rows.at(0)[5], "halted: no-progress");
 }
 
-TEST(RowTableTest, AlarmsAreThoseOfEachMonitorAndOfNoOtherMethod) {
+TEST(RowTableTest, OnlyMonitorsHaveAlarms) {
   for (const char* method : {"monitor", "monitor/pictures", "guard", "guard/pictures"}) {
     Row row;
     row.controller = method;
@@ -192,9 +192,9 @@ TEST(InterventionTest, IsAChangedControlOrAHaltByTheMethod) {
   }
 }
 
-// In three trials the method intervenes in 10, 0 and 20 of 30 episodes and completes 5, 0 and 20 of
+// In three trials of 30 episodes the method intervenes in 10, 0 and 20 and completes 5, 0 and 20 of
 // these. It completes 10, 30 and 10 of the other 20, 30 and 10.
-TEST(InterventionTest, SuccessIsOfTheEpisodesOfAllTrialsTogether) {
+TEST(InterventionTest, SuccessIsAShareOfTheEpisodesOfAllTrials) {
   const auto trial = [](int intervened, int completed, int left_alone_completed) {
     return TrialCounts{.episodes = 30,
                        .completed = completed + left_alone_completed,
@@ -235,7 +235,7 @@ TEST(InterventionTest, SuccessIsOfTheEpisodesOfAllTrialsTogether) {
   }
 }
 
-TEST(InterventionTest, EachEpisodeOfAStudyHasOneOrNone) {
+TEST(InterventionTest, EachEpisodeIsEitherIntervenedInOrLeftAlone) {
   for (const Row& row : SmallRows()) {
     for (const TrialCounts& trial : row.trials) {
       EXPECT_EQ(trial.intervened + trial.left_alone, trial.episodes);
@@ -332,7 +332,7 @@ TEST(ImitatorTest, ABiasDiffersBetweenEpisodes) {
   EXPECT_GT(high, 0.48);
 }
 
-TEST(ImitatorTest, ALatePolicyGivesWhatItWantedBefore) {
+TEST(ImitatorTest, ALatePolicyReturnsItsEarlierControls) {
   Imitator imitator(std::make_shared<Constant>(), {.late = 3});
   std::array<int, 4> episodes{};
   for (std::uint64_t seed = 0; seed < 100; ++seed) {

@@ -21,7 +21,7 @@ constexpr double kGain = 0.1;
 
 std::span<const double> In(const Eigen::Vector2d& x) { return {x.data(), 2}; }
 
-// A point in the plane that moves by kGain times the turned control.
+// A point in the plane moves by kGain times the rotated control.
 Eigen::Vector2d Moved(const Eigen::Vector2d& x, const Eigen::Vector2d& u, double turn = 0.0) {
   return x + kGain * (Eigen::Rotation2Dd(turn) * u);
 }
@@ -90,7 +90,7 @@ Eigen::Vector2d Lwr(int t, const Eigen::Vector2d& x) {
   return solution.row(2).transpose();
 }
 
-TEST(OnlineLwrTest, IsLocallyWeightedRegressionWhereNothingIsTurned) {
+TEST(OnlineLwrTest, WithoutRotationItIsLocallyWeightedRegression) {
   OnlineLwrPolicy policy = MakePolicy();
   Eigen::Vector2d x(0.0, 0.2);
   for (int t = 0; t < kSteps; ++t) {
@@ -102,7 +102,7 @@ TEST(OnlineLwrTest, IsLocallyWeightedRegressionWhereNothingIsTurned) {
   }
 }
 
-TEST(OnlineLwrTest, MakesUpForTurnedControls) {
+TEST(OnlineLwrTest, CompensatesRotatedControls) {
   constexpr double kTurn = 40.0 * M_PI / 180.0;
   OnlineLwrPolicy policy = MakePolicy();
   core::Random random(5);

@@ -113,8 +113,7 @@ const Row& RowIn(const std::vector<Row>& rows, const std::string& policy,
   throw std::logic_error("no such row");
 }
 
-// The rate is that of all episodes of the guard, not only of the previous ones, for any order of
-// methods and number of threads.
+// The rate is that of all episodes of the guard, for any order of methods and number of threads.
 TEST(PlaceboTest, HasTheRateOfTheGuardInTheSameRun) {
   Study study = PlaceboStudy();
   study.threads = 1;
@@ -126,7 +125,7 @@ TEST(PlaceboTest, HasTheRateOfTheGuardInTheSameRun) {
   const double rate = guard.changed / guard.controls;
   const double error = std::sqrt(rate * (1.0 - rate) / (placebo.controls * placebo.episodes));
   EXPECT_NEAR(placebo.changed / placebo.controls, rate, 4.0 * error);
-  // A halt is not a control, and no control is changed.
+  // A halt is not a control. No control is changed.
   EXPECT_EQ(RowIn(rows, "biased", "placebo-halts").changed, 0.0);
 
   study.threads = 2;
@@ -137,7 +136,7 @@ TEST(PlaceboTest, HasTheRateOfTheGuardInTheSameRun) {
   }
 }
 
-TEST(PlaceboTest, AControllersGuardIsComparedToo) {
+TEST(PlaceboTest, AlsoRunsInAStudyOfControllers) {
   Study study;
   study.out.clear();
   study.tasks = {"planar-corridor"};
@@ -214,7 +213,7 @@ TEST(TotalsTest, ClustersAreTrialsOrTasks) {
   EXPECT_NEAR(by_task.PassedInterval().value().low, 0.8, 1e-12);
 }
 
-TEST(FigureTest, HasAPointAMethod) {
+TEST(FigureTest, HasOnePointPerMethod) {
   const TrialCounts trial{.episodes = 20, .completed = 15, .controls = 50.0, .changed = 10.0};
   const auto figure = MakeFigure({HandRow("a", {trial})});
   ASSERT_EQ(figure.plots.size(), 1u);

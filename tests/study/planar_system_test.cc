@@ -34,7 +34,7 @@ TEST(PlanarTest, GuidedRecoveryCompletesTheCorridorWithoutCollisions) {
   EXPECT_EQ(rows[2].collided, 0);
 }
 
-// In contact J is wrong, and a certificate must include the error.
+// In contact the Jacobian is wrong, and a certificate must include the error.
 TEST(PlanarTest, TheDirectionCertificateCompletesPushingWithoutAViolation) {
   for (const char* task : {"push", "push-weak"}) {
     SCOPED_TRACE(task);
@@ -54,7 +54,7 @@ TEST(PlanarTest, GuidedRecoveryBeatsAWeakPolicyAtPushing) {
 }
 
 // The corrected Prop. IV.3 over 150 000 controls; `study prove --steps 10000000` is the long
-// version. A false certificate fails once in thousands of controls.
+// version. A wrong certificate fails once in thousands of controls.
 TEST(ProofTest, NeverLeavesTheUnionOfSupports) {
   const ProofResult result = Prove({.steps = 150'000});
   EXPECT_EQ(result.controls, 150'000);
@@ -76,19 +76,19 @@ TEST(ProofTest, EveryMutationIsFound) {
   }
 }
 
-// States are observed with an error that the certificate includes: violations are as rare as above.
+// States are observed with an error that the certificate includes: no violation occurs.
 TEST(ProofTest, NoisyStatesStayInsideToo) {
   const ProofResult result = Prove({.steps = 30'000, .state_error = 0.05});
   EXPECT_EQ(result.left, 0);
   EXPECT_EQ(result.violations, 0);
 }
 
-// Half of the true eps: each state that leaves is detected at the same control. A hundred such
+// With half of the true eps, each state that leaves is detected at the same control. A hundred such
 // states need hundreds of worlds.
 TEST(ProofTest, AWrongConstantEndsInAViolation) {
   const ProofResult result = Prove({.steps = 30'000, .assumed = 0.5});
   EXPECT_GT(result.violations, 100);
-  EXPECT_LE(result.left, result.violations + 1) << "the last control is not looked at any more";
+  EXPECT_LE(result.left, result.violations + 1) << "the last control is not checked";
 }
 
 // With held-out demonstrations, the counts agree with the law of order statistics.

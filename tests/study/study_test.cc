@@ -16,6 +16,7 @@
 #include "dfr/core/trajectory.h"
 #include "dfr/study/controller_factory.h"
 #include "dfr/study/policies.h"
+#include "tests/support/message_of.h"
 
 namespace dfr::study {
 namespace {
@@ -51,7 +52,7 @@ const Row& Find(const std::vector<Row>& rows, const std::string& condition,
 TEST(StressTest, CountsWhatAControllerSavesAndHarms) {
   const std::vector<Row> rows = RunStudy(Small());
   std::filesystem::remove_all(Folder());
-  // The corridor has no condition with wider starts.
+  // The corridor lacks the condition of wider starts.
   ASSERT_EQ(rows.size(), 2u * 3u * 4u);
   for (const Row& row : rows) {
     EXPECT_EQ(row.episodes, 20);
@@ -64,12 +65,12 @@ TEST(StressTest, CountsWhatAControllerSavesAndHarms) {
       EXPECT_GE(row.completed, alone.completed - row.harmed);
     }
   }
-  // Benefit of a guard, and its maximum cost.
+  // The benefit of a controller, and its maximum cost.
   EXPECT_GE(Find(rows, "as demonstrated", "lwr", "baseline").completed, 18);
   EXPECT_LE(Find(rows, "as demonstrated", "lwr", "controller").harmed, 1);
   EXPECT_LE(Find(rows, "turned 40 deg", "lwr", "controller").collided,
             Find(rows, "turned 40 deg", "lwr", "baseline").collided);
-  // Early stopping really stops, and a controller that never filters would save nothing.
+  // Early stopping ends some episodes.
   EXPECT_GE(Find(rows, "as demonstrated", "learned", "early-stopping").harmed +
                 Find(rows, "as demonstrated", "learned", "early-stopping").saved,
             1);
@@ -100,7 +101,7 @@ TEST(StressTest, RowsDoNotDependOnTheNumberOfThreads) {
   std::filesystem::remove_all(Folder());
 }
 
-TEST(StressTest, TheGridHasARowASupportAndAColumnAController) {
+TEST(StressTest, TheGridHasOneRowPerSupportAndOneColumnPerController) {
   Study study = Small();
   study.conditions = {"as demonstrated"};
   study.policies = {"lwr"};
@@ -152,8 +153,7 @@ TEST(StressTest, ListsFailuresAndHarmedEpisodes) {
 }
 
 TEST(StressTest, JudgesEachMethodByWhatItSavesHarmsAndPasses) {
-  // Three trials with a third of 300 episodes each. The policy alone completes 200 and collides in
-  // 100.
+  // Three trials of 100 episodes. The policy alone completes 201 of all 300.
   const auto row = [](const char* controller, int completed, int saved, int harmed,
                       double changed) {
     Row made{.task = "reach", .condition = "c", .policy = "weak", .controller = controller};
@@ -201,12 +201,7 @@ TEST(StressTest, JudgesEachMethodByWhatItSavesHarmsAndPasses) {
 
 TEST(StressTest, UnknownNamesAreReportedWithTheValidOnes) {
   const auto error = [](const Study& study) {
-    try {
-      static_cast<void>(RunStudy(study));
-    } catch (const std::invalid_argument& e) {
-      return std::string(e.what());
-    }
-    return std::string();
+    return test::MessageOf<std::invalid_argument>([&] { static_cast<void>(RunStudy(study)); });
   };
   Study study = Small();
   study.tasks = {"magic"};
@@ -224,7 +219,7 @@ TEST(StressTest, UnknownNamesAreReportedWithTheValidOnes) {
   EXPECT_THAT(error(study), HasSubstr("early-stopping"));
 }
 
-TEST(CompareTest, SettlesWhatIsPlainAndSavesTheRest) {
+TEST(CompareTest, StopsOnceAClearDifferenceIsSettled) {
   Comparison comparison;
   comparison.task = "planar-corridor";
   comparison.demonstrations = 20;
@@ -237,12 +232,12 @@ TEST(CompareTest, SettlesWhatIsPlainAndSavesTheRest) {
   EXPECT_LT(plain.pairs(), 12);
   EXPECT_GT(plain.mean(), 0.9);  // compares completion with a halt at the start
   comparison.second = "lwr";
-  comparison.pairs = 12;  // The first comparison was decided by then.
+  comparison.pairs = 12;  // The first comparison needed fewer.
   const auto same = Compare(comparison);
   EXPECT_FALSE(same.settled());
   EXPECT_EQ(same.pairs(), 12);
   EXPECT_EQ(same.mean(), 0.0);
-  // Most of DFR's episodes halt during the task. All of the second method halt at the start.
+  // Most of DFR's episodes halt during the task, all of the second method's at the start.
   comparison.task = "push";
   comparison.first = "dfr@lwr";
   comparison.second = "baseline@none";
@@ -258,8 +253,8 @@ TEST(CompareTest, SettlesWhatIsPlainAndSavesTheRest) {
   EXPECT_THROW(static_cast<void>(Compare(comparison)), std::invalid_argument);
 }
 
-// Each policy learns and runs in the cheapest task, and differs from the learned policy.
-TEST(BaselinesTest, LearnAnewAndRun) {
+// Each policy learns and runs in the cheapest task.
+TEST(BaselinesTest, LearnAndRun) {
   Study study = Small();
   study.conditions = {"as demonstrated"};
   study.policies = {"learned", "ensemble", "dart", "dagger"};
@@ -298,7 +293,7 @@ TEST(MethodNameTest, HasThreeParts) {
   }
 }
 
-TEST(NearestNeighbourPolicyTest, RefusesMoreFeaturesThanItHasRoomFor) {
+TEST(NearestNeighbourPolicyTest, RefusesTooManyFeatures) {
   constexpr int kMany = NearestNeighbourPolicy::kMostFeatures + 1;
   core::Trajectory demonstration;
   demonstration.states = core::Matrix::Zero(11, kMany);

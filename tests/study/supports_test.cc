@@ -26,7 +26,7 @@ SupportModel Make(std::string_view name) {
           Corridor().demonstrations().trajectories};
 }
 
-// For each estimate, about a fraction nu of demonstrated states is outside.
+// Each estimate leaves a fraction of about nu of the demonstrated states outside.
 TEST(SupportsTest, DemonstratedStatesAreInside) {
   for (const std::string_view name : kSupports) {
     const SupportModel support = Make(name);
@@ -72,7 +72,7 @@ TEST(SupportsTest, GradientsAreDerivatives) {
 }
 
 // The filter and the certificates rest on this bound.
-TEST(SupportsTest, LevelsBendNoFurtherThanTheyClaim) {
+TEST(SupportsTest, CurvatureBoundsHold) {
   core::Random random(5);
   for (const std::string_view name : kSupports) {
     const SupportModel support = Make(name);
@@ -114,7 +114,7 @@ TEST(SupportsTest, BrokenStatesAreOutsideAndNothingIsAllocated) {
   }
 }
 
-TEST(SupportsTest, UnknownOnesAreNamed) {
+TEST(SupportsTest, UnknownNamesAreReportedWithTheValidOnes) {
   EXPECT_THAT(
       dfr::test::MessageOf<std::invalid_argument>([&] { static_cast<void>(Make("magic")); }),
       testing::HasSubstr("mahalanobis"));

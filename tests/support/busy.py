@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Runs a command again and again on a machine that is busy: busy.py COUNT COMMAND ...
+"""Runs a command COUNT times on a busy machine: busy.py COUNT COMMAND ...
 
-Four loops take the processors, and every 5 s all that the command has started stands still for .3 s. Ends with 1 at
-the first run that fails. ./dev test --busy COUNT calls it.
+Four loops occupy the processors. Every 5 s the command and its descendants are stopped for 0.3 s. Exits with 1 after
+the first run that fails. `./dev test --busy COUNT` calls it.
 """
 import os
 import pathlib
@@ -24,7 +24,7 @@ def descendants(pid):
         try:
             parent = int(stat.read_text().rpartition(")")[2].split()[1])
         except (OSError, ValueError):
-            continue  # it has ended
+            continue  # the process has ended
         children.setdefault(parent, []).append(int(stat.parent.name))
     found = [pid]
     for each in found:

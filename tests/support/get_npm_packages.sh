@@ -1,8 +1,8 @@
 #!/bin/sh
-# Fetches what package-lock.json in this folder names, unless it is there.
+# Installs the packages of package-lock.json in the current folder, unless they are installed.
 # usage: get_npm_packages.sh NPM
-# `npm ls` is quick and says whether what is there is what the lock file asks for.
+# `npm ls` is quick, and fails if the installed packages are not those of the lock file.
 "$1" ls --omit=dev >/dev/null 2>&1 && exit 0
 "$1" ci --ignore-scripts --no-audit --no-fund --fetch-retries=5 && exit 0
-echo "npm could not fetch what $PWD/package.json names. Is its registry within reach ($("$1" config get registry))?" >&2
+echo "$PWD/package.json: npm cannot fetch the packages; is its registry reachable ($("$1" config get registry))?" >&2
 exit 1

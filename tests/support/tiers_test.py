@@ -1,5 +1,5 @@
-"""Each test has one tier, no tier is empty, and only the tier system reads the machine's clocks. Also, every
-program ignores SIGXFSZ, and no folder and no source file is large.
+"""Each test has one tier, no tier is empty, and only tests of the tier system read the machine's clocks. Every
+program ignores SIGXFSZ. No folder and no source file is large.
 
 usage: tiers_test.py SOURCE_DIR BINARY_DIR
 """
@@ -31,12 +31,12 @@ class Tiers(unittest.TestCase):
             count.update(labels)
         self.assertEqual(set(count), TIERS)
 
-    def test_no_program_is_ended_by_the_signal_of_a_file_that_is_too_large(self):
+    def test_every_program_ignores_sigxfsz(self):
         for path in sorted((SOURCE / "apps").glob("*/main.cc")):
             with self.subTest(path.parent.name):
                 self.assertRegex(path.read_text(), r"\nint main\(.*\{\s+return dfr::apps::RunProgram\(")
 
-    def test_only_system_tests_look_at_the_clock(self):
+    def test_only_system_tests_read_the_clock(self):
         # Programs started only by these tests belong to them.
         theirs = {"tests/support/tiers_test.py", "tests/mutation/mutate.py", "tests/support/busy.py"}
         for path in sorted((SOURCE / "tests").rglob("*")):
