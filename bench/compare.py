@@ -3,20 +3,20 @@
 
 BASE is a commit, or a folder with a build of it. Default: the merge base with origin/main, or on main
 the previous commit. Both builds run the same operations (bench/safety/counted_work.cc): decisions,
-gradients, fits, a guided step, a guard's filter. One folder, build/compare, holds both builds one after the
-other, and the second compiles only what differs. Both are optimised as in a release. With --short they are
-optimised as the tests are, and build/dev, which the tests have built, has the second's libraries.
+gradients, fits, a guided step, a guard's filter. Both builds use one folder, build/compare, one after the
+other, and the second compiles only the sources that differ. Both are optimised as in a release. With --short
+they are optimised as the tests are, and the second one is build/dev, the build of the tests.
 
 The comparison uses valgrind's counts of each operation's instructions. They repeat exactly, regardless of
-other load on the machine, and an increase of 5 % is a loss. Valgrind supports no AVX-512, and instructions
-do not show misses of the caches. The operations are therefore also timed, alternately and pinned to one
-core, and a loss of time is confirmed by a longer measurement. --short measures no times: other load on
-the machine must not fail it. Valgrind's model of the caches is not used:
-an operation whose data fill the modelled cache lost 7 % there by its addresses alone, and no time.
+other load on the machine, and an increase by more than 5 % is a loss. Valgrind supports no AVX-512, and
+instructions do not show cache misses. The operations are therefore also timed, alternately and pinned to one
+core, and a longer measurement confirms a loss of time. --short measures no times, because other load on the
+machine must not fail it. Valgrind's model of the caches is not used: in it, an operation whose data fill the
+cache lost 7 % by a change of addresses alone, and lost no time.
 
---short first compares with bench/instructions.json, the counts that --record wrote. Where each count is
-within 2 % of its record, BASE is not built. Otherwise another compiler or processor, or a change, moved a count,
-and the comparison with BASE decides.
+--short first compares with bench/instructions.json, the counts that --record wrote. If each count is within
+2 % of its record, BASE is not built. Otherwise a change, or another compiler or processor, changed a count, and
+the comparison with BASE decides.
 Exits with 1 if there is a loss.
 """
 import argparse
@@ -58,7 +58,7 @@ def settings_of_release(units):
 
 
 def build(source, folder, settings):
-    """Builds the program of the tree at `source` in `folder`; returns its path."""
+    """Builds the program of the tree at `source` in `folder`. Returns its path."""
     subprocess.run(["cmake", "-S", source, "-B", folder, "-G", "Ninja", "--no-warn-unused-cli", "-DDFR_BUILD_TESTS=OFF",
                     "-DDFR_BUILD_BENCH=ON", "-DDFR_COMPONENTS=safety", *settings],
                    check=True, stdout=subprocess.DEVNULL)
@@ -80,13 +80,13 @@ def read_counts(folder):
                 name = line.split(": ", 3)[3]
             elif line.startswith("totals: "):
                 total = int(line.split()[1])
-        if name is not None:  # otherwise the end of the program
+        if name is not None:  # None: the dump at the end of the program
             counts[name] = total
     return counts
 
 
 def count(commands, pattern):
-    """Returns read_counts() of each command. The commands run in parallel, and end with this program."""
+    """Returns read_counts() of each command. Runs the commands in parallel, and ends them with this program."""
     environment = {"PATH": os.environ["PATH"]}  # the same on each machine
     with tempfile.TemporaryDirectory() as work:
         folders = [pathlib.Path(work) / str(number) for number in range(len(commands))]
@@ -110,14 +110,14 @@ def count(commands, pattern):
 
 
 def measure(command, pattern, seconds):
-    """Returns the CPU time of each operation by name, ns."""
+    """Returns the CPU time of each operation by name, in ns."""
     done = subprocess.run([*command, f"--filter={pattern}", f"--time={seconds}"], check=True,
                           stdout=subprocess.PIPE, text=True)
     return {name: float(time) for name, time in (line.split("\t") for line in done.stdout.splitlines())}
 
 
 def alternate(commands, pattern, turns, seconds):
-    """Returns by operation the ratio new / base of the minimum times; NaN for a new operation.
+    """Returns the ratio new / base of the minimum times by operation. NaN for a new operation.
 
     Uses the minimum because other load on the machine only adds time."""
     samples = [{}, {}]
@@ -130,7 +130,7 @@ def alternate(commands, pattern, turns, seconds):
 
 
 def compare(programs, counted, options):
-    """Prints all ratios and returns the losses as lines. `programs` and their counts: of the base, then the new."""
+    """Prints all ratios and returns one line per loss. `programs` and `counted`: those of the base, then the new."""
     times = {}
     if not options.short:
         if hasattr(os, "sched_setaffinity"):
@@ -148,7 +148,7 @@ def compare(programs, counted, options):
             losses.append(f"{name}: {ratio:.3f} of the base's instructions")
     suspects = [name for name, ratio in times.items() if ratio > options.threshold]
     if suspects:
-        print(f"Looking again at the time of {', '.join(suspects)}", flush=True)
+        print(f"Measuring again the time of {', '.join(suspects)}", flush=True)
         times = alternate(programs, options.filter, 2 * options.turns, 2 * options.seconds)
         losses += [f"{name}: {times[name]:.3f} of the base's time, twice"
                    for name in suspects if times[name] > options.threshold]
@@ -156,7 +156,7 @@ def compare(programs, counted, options):
 
 
 def differences_from_record(counted, pattern):
-    """Returns as lines which counts are not within MOST_FROM_RECORD of those in RECORD."""
+    """Returns one line for each count that is not within MOST_FROM_RECORD of that in RECORD."""
     record = json.loads(RECORD.read_text()) if RECORD.exists() else {}
     record = {name: count for name, count in record.items() if pattern in name}
     lines = [f"{name}: no longer counted" for name in record if name not in counted]
@@ -171,7 +171,7 @@ def differences_from_record(counted, pattern):
 def self_test(program, pattern):
     """Checks that the comparison detects slow-downs of 10, 15 and 25 % in each operation, and no others.
 
-    Returns the errors as lines."""
+    Returns one line per error."""
     wrong = []
     percents = (0, 10, 15, 25)
     base, *counts = count([[program], *([program, f"--slow={p}"] for p in percents)], pattern)
@@ -190,7 +190,7 @@ def git(*arguments):
 
 
 def check_out(commit):
-    """Returns WORK / "tree", a worktree with the sources of `commit`. Only the files that differ are written."""
+    """Returns WORK / "tree", a worktree with the sources of `commit`. Writes only the files that differ."""
     tree = WORK / "tree"
     if not (tree / ".git").exists():
         shutil.rmtree(tree, ignore_errors=True)
@@ -202,18 +202,18 @@ def check_out(commit):
 
 
 def copy_changes(commit, tree):
-    """Copies to `tree`, a worktree with `commit`, each of SOURCES that differs from it here."""
+    """Copies to `tree`, a worktree with `commit`, each file of SOURCES that differs from it here."""
     names = git("diff", "--no-renames", "--name-only", "-z", commit, "--", *SOURCES)
     names += git("ls-files", "--others", "--exclude-standard", "-z", "--", *SOURCES)
     for name in filter(None, names.split("\0")):
         (tree / name).unlink(missing_ok=True)
         if (ROOT / name).exists():
             (tree / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(ROOT / name, tree / name)  # with the time of the copy, for ninja
+            shutil.copy(ROOT / name, tree / name)  # has the time of the copy, so ninja rebuilds it
 
 
 def build_as_tested():
-    """Returns the program of the sources here, of the tests' build."""
+    """Builds the program of the sources here in the build of the tests. Returns its path."""
     subprocess.run(["cmake", "--preset", "dev"], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
     return build_program(ROOT / "build" / "dev")
 
@@ -221,7 +221,7 @@ def build_as_tested():
 def build_both(base, tested):
     """Returns the programs of the commit `base` and of the sources here, or None if `base` has no such program.
 
-    `tested`: the program of the tests' build, with whose settings the base is built, or None."""
+    `tested`: the program in the build of the tests, whose settings the base then uses, or None."""
     commit = git("rev-parse", "--verify", "--quiet", base + "^{commit}")
     if commit is None:
         sys.exit(f"compare.py: '{base}' is neither a commit nor a build with bin/{PROGRAM}")
@@ -230,7 +230,7 @@ def build_both(base, tested):
         return None
     if tested:
         return [build(tree, WORK / "tested", settings_of_tests(tree)), tested]
-    settings = settings_of_release(compiles_in_units(tree))  # both builds, or neither
+    settings = settings_of_release(compiles_in_units(tree))  # the same for both builds
     programs = []
     for name in "base", "head":
         if name == "head":
@@ -241,7 +241,7 @@ def build_both(base, tested):
 
 
 def default_base():
-    """Returns the merge base with origin/main, or on main the first parent. None: no history."""
+    """Returns the merge base with origin/main, or on main the first parent. None if there is no history."""
     head = git("rev-parse", "HEAD")
     base = git("merge-base", "HEAD", "origin/main")
     if base is None or base == head:
@@ -251,17 +251,17 @@ def default_base():
 
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("base", nargs="?", help="a commit, or a build folder with the base's bin/")
-    parser.add_argument("--filter", default="", help="operations whose name contains it")
-    parser.add_argument("--turns", type=int, default=5)
-    parser.add_argument("--seconds", type=float, default=0.1, help="of one measurement of time")
-    parser.add_argument("--threshold", type=float, default=1.10, help="ratio of times that is a loss")
+    parser.add_argument("base", nargs="?", help="a commit, or a build folder with its bin/")
+    parser.add_argument("--filter", default="", help="only operations whose name contains FILTER")
+    parser.add_argument("--turns", type=int, default=5, help="measurements of the time of each build")
+    parser.add_argument("--seconds", type=float, default=0.1, help="CPU time per operation in one measurement, s")
+    parser.add_argument("--threshold", type=float, default=1.10, help="a larger ratio of times is a loss")
     parser.add_argument("--short", action="store_true",
-                        help="the builds of the tests, and instructions alone; BASE only where the record differs")
+                        help="count instructions in the build of the tests; build BASE only if the record differs")
     parser.add_argument("--record", action="store_true",
                         help="write the counts of the tests' build to bench/instructions.json")
     parser.add_argument("--self-test", action="store_true",
-                        help="slow each operation down by 10, 15 and 25 %% and see whether that is found")
+                        help="check that slow-downs of each operation by 10, 15 and 25 %% are found")
     return parser.parse_args()
 
 
@@ -287,7 +287,7 @@ def main():
     if program.exists():
         programs = program, build(ROOT, WORK / "here", settings_of_release(True))
     elif git("diff", "--quiet", base, "--", *SOURCES) is not None:
-        print(f"Nothing that the operations are built from differs from {base[:10]}.")
+        print(f"The sources of the operations are those of {base[:10]}: there is nothing to compare.")
         return
     else:
         if options.short:
@@ -316,5 +316,5 @@ def main():
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # ends valgrind, too
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # count() then ends valgrind
     main()

@@ -1,13 +1,13 @@
-// Time of one Next() of guided recovery and of certified recovery, decision included, as on the
-// robot: 12 features, 7 control entries, 120 demonstrations, 60 time steps. The counters are
-// percentiles of single calls in ns; each includes one clock reading.
+// Time of one Next() of guided recovery and of certified recovery, with the sizes of a robot's
+// task: 12 features, 7 control entries, 120 demonstrations, 60 time steps. The counters are
+// percentiles of single calls in ns. Each call includes one clock reading.
 //
 // Guided: a new state every time. Deep: the learned control passes. Edge: states one to three
 // standard deviations off, where the control is filtered or a recovery runs. The budget is 20 000
 // ns (p99), with the support in single precision (Float), as for the Pusher.
 //
-// Certified: in a world with the demonstrated dynamics, around a policy with too large controls,
-// with the K and eps estimated there. The budget is 25 000 ns (p99).
+// Certified: on a plant with the demonstrated dynamics, with a policy noisier than demonstrated and
+// twice the eps estimated from demonstrations. The budget is 25 000 ns (p99).
 
 #include <benchmark/benchmark.h>
 
@@ -130,8 +130,7 @@ void BM_Next(benchmark::State& state, double spread, bool single) {
   state.counters["support_vectors"] = support.estimate(kHorizon / 2).num_support_vectors();
 }
 
-// The controls affect the first seven of twelve directions; the others only differ between
-// episodes.
+// The controls affect the first seven of twelve directions. The others differ between episodes.
 class Driven {
  public:
   Driven() {
@@ -156,7 +155,7 @@ class Driven {
           Mean(t + 1, k) - Mean(t, k) - 0.3 * (inner[k] - Mean(t, k)) + size * random.Normal();
     }
   }
-  // Applies the control with a random error of three per cent of its norm.
+  // Applies the control with a random error of 3 % of its norm.
   void Apply(std::span<const double> u, core::Random& random, std::span<double> x) const {
     Eigen::VectorXd change = Eigen::VectorXd::Zero(kStateDim);
     change.head(kControlDim) = core::AsVector(u);

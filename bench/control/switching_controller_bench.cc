@@ -1,7 +1,7 @@
-// Time of one Next() of each strategy, as on the robot: a new state every time, 12 state entries, 7
-// control entries, 120 demonstrations, 60 time steps. The counters are percentiles of single calls
-// in ns; each includes one clock reading, which BM_Clock measures separately. (Open) measures calls
-// that pass the learned control, and (Shut) measures calls of a recovery.
+// Time of one Next() of each strategy, with the sizes of a robot's task: a new state every time, 12
+// state entries, 7 control entries, 120 demonstrations, 60 time steps. The counters are percentiles
+// of single calls in ns. Each call includes one clock reading, which BM_Clock measures separately.
+// Open: calls that pass the learned control. Shut: calls of a recovery.
 
 #include <benchmark/benchmark.h>
 
@@ -48,7 +48,7 @@ class Bump final : public core::DecisionFunction {
   double lipschitz_bound(int) const noexcept override { return std::sqrt(2.0 / std::exp(1.0)); }
 };
 
-// A linear policy, to measure the cost of the gate instead of a network.
+// A linear policy, because the benchmark measures the gate and not a network.
 class Linear final : public core::Policy {
  public:
   int state_dim() const noexcept override { return kStateDim; }
@@ -59,7 +59,7 @@ class Linear final : public core::Policy {
 };
 
 #if DFR_BENCH_HAS_KERNEL
-// 120 demonstrations: a mean path with a spread of 0.03 around it, which is the Pusher's in metres.
+// 120 demonstrations: a mean path with a spread of 0.03, which is the Pusher's in metres.
 std::vector<core::Matrix> Demonstrations() {
   core::Random random(1);
   std::vector<core::Matrix> demonstrations;
@@ -113,7 +113,7 @@ void BM_Clock(benchmark::State& state) {
 void BM_Next(benchmark::State& state, Recovery recovery, bool kernel, bool open) {
   const auto support = MakeSupport(kernel);
   const Linear policy;
-  // A tiny lambda opens the gate at any g > 0; a huge one shuts it.
+  // A tiny lambda opens the gate at any g > 0, and a huge one shuts it.
   const std::vector<double> lambda = {open ? 1e-9 : 1e9};
   const SwitchingControllerOptions options{
       .recovery = recovery, .horizon = kHorizon, .max_iterations = 1 << 30};

@@ -1,11 +1,11 @@
 #!@DFR_PYTHON@
-"""Compares fits and decisions of dfr.OneClassSVM with sklearn.svm.OneClassSVM, alternately in one run,
+"""Compares fits and decisions of dfr.OneClassSVM with those of sklearn.svm.OneClassSVM in one run,
 and decisions with the same ones in C++.
 
-usage: python_one_class_svm_bench [--benchmark_min_time=0]   (then small sizes, timed once: a smoke test)
+usage: python_one_class_svm_bench [--benchmark_min_time=0]   (a smoke test: small sizes, timed once)
 
-Times are processor seconds of the calling thread, the minimum of several repetitions. If answers
-differ, the program fails without timing them.
+Times are processor seconds of the calling thread, the minimum of several repetitions. If the
+decisions differ, the program fails without timing them.
 """
 
 import os
@@ -31,7 +31,7 @@ CASES = [
 ]
 NU = 0.05
 IN_CPP = "@CMAKE_RUNTIME_OUTPUT_DIRECTORY@/decision_in_cpp"
-SLOWEST = 1.25  # of the time in C++; a batch that takes milliseconds scatters by a tenth
+SLOWEST = 1.25  # times the time in C++; a batch that takes milliseconds varies by a tenth
 
 
 def least_time(work, repetitions):
@@ -44,7 +44,7 @@ def least_time(work, repetitions):
 
 
 def in_cpp(X, queries, svm, repetitions):
-    """Returns the time of the same decisions in C++ after a fit to the same samples, s."""
+    """Returns the time, in s, of the same decisions in C++ after a fit to the same samples."""
     with tempfile.NamedTemporaryFile() as file:
         file.write(X.tobytes() + queries.tobytes())
         file.flush()
@@ -88,7 +88,7 @@ def main():
             if goal is not None and factor < goal:
                 missed.append(f"{what} at n {n}, d {d}, gamma {gamma}: {factor:.1f} times, not {goal:.0f}")
     if smoke:
-        print("sizes of a smoke test: its times say nothing")
+        print("smoke test: these times mean nothing")
     elif missed:
         sys.exit("below the goal: " + "; ".join(missed))
 

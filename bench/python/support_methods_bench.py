@@ -107,7 +107,7 @@ def run_one(name, samples, gamma, labels):
     """Runs one method in a separate process: prints its cost and writes the queries that are inside."""
     try:
         estimate = METHODS[name](gamma)
-        estimate.fit(problem(50)[0])  # imports and starts threads
+        estimate.fit(problem(50)[0])  # imports modules and starts threads
     except ImportError as e:
         print(json.dumps({"missing": e.name}))
         return
@@ -134,7 +134,7 @@ def compare(samples, gamma, folder):
             sys.exit(f"{name} failed:\n{out.stderr}")
         cost = json.loads(out.stdout.splitlines()[-1])
         if "missing" in cost:
-            print(f"{name:24} left out: {cost['missing']} is not installed (apt-get install python3-{cost['missing']})")
+            print(f"{name:24} skipped: {cost['missing']} is not installed (apt-get install python3-{cost['missing']})")
             continue
         inside = np.load(labels)
         if reference is None:
@@ -150,7 +150,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--samples", type=int, nargs="+", default=[10000, 100000])
     parser.add_argument("--gamma", type=float, default=1 / DIM)
-    parser.add_argument("--benchmark_min_time", help="any: 1000 samples, as a smoke test")
+    parser.add_argument("--benchmark_min_time", help="any value: 1000 samples, as a smoke test")
     parser.add_argument("--one", help=argparse.SUPPRESS)
     parser.add_argument("--labels", help=argparse.SUPPRESS)
     options = parser.parse_args()

@@ -1,11 +1,11 @@
-// Operations whose speed bench/compare.py guards: decisions, gradients, fits, a guided step, a
-// guard's filter. Under callgrind, each is counted separately and dumped by name; with --time it is
-// timed.
+// Operations whose speed bench/compare.py compares: decisions, gradients, fits, a guided step, a
+// guard's filter. Callgrind counts each one separately and dumps it by name. --time measures times
+// instead.
 //
 //   counted_work [--filter=TEXT] [--time=SECONDS] [--slow=PERCENT] [--few]
 //
-// --few repeats each operation a fifth as often: callgrind takes a third of the time.
-// --slow repeats that percentage of all operations: simulates a slow-down, to test the comparison.
+// --few repeats each operation a fifth as often. Callgrind then takes a third of the time.
+// --slow adds that percentage of repetitions, a simulated slow-down that tests the comparison.
 #include <valgrind/callgrind.h>
 
 #include <algorithm>
@@ -56,7 +56,7 @@ class Runner {
  public:
   explicit Runner(Options options) : options_(std::move(options)) {}
 
-  // `make` returns the operation; it is not called if the name is filtered out.
+  // `make` returns the operation. Run() does not call it if the filter excludes the name.
   template <typename Make>
   void Run(const std::string& name, int operations, Make&& make) {
     if (name.find(options_.filter) == std::string::npos) return;
@@ -134,7 +134,7 @@ void RunDecisions(Runner& runner) {
         sink = svm.Gradient(query(i), out);
       };
     });
-    // Operation of a certificate.
+    // Used by certificates.
     runner.Run("gradient of the logarithm of 256" + precision, 100, [&]() -> Operation {
       return [svm = estimate(256), query, out = std::vector<double>(kDim)](int i) mutable {
         sink = svm.LogGradient(query(i), out);
@@ -196,7 +196,7 @@ void RunControllers(Runner& runner) {
   constexpr int kSteps = 20;
   constexpr int kEpisode = 12;  // steps of one operation
   const auto demonstrations = Demonstrations(24, kSteps, 12, 7);
-  // Near the demonstrated states and at the edge of their support.
+  // States near the demonstrated ones and at the edge of their support.
   core::Random random(2);
   core::Matrix queries(kSteps, 12);
   for (int t = 0; t < kSteps; ++t) {

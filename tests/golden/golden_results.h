@@ -1,4 +1,4 @@
-// Results are reproducible: bits with one instruction set, outcomes with all.
+// Results are reproducible: the bits with one instruction set, the outcomes with all.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -33,7 +33,7 @@ struct Golden {
   std::map<std::string, std::vector<core::Outcome>> outcomes;
 };
 
-// A file of numbers, to be hashed like files of users.
+// A file of numbers, hashed in the way of the experiments' files.
 class Numbers {
  public:
   explicit Numbers(const std::filesystem::path& path) : path_(path), out_(path, std::ios::binary) {}
@@ -124,7 +124,7 @@ inline void Pusher(const std::filesystem::path& folder, int episodes, Golden& go
   }
 }
 
-/// Returns the results of this number of episodes of each strategy.
+/// Returns results of `episodes` episodes of each strategy. Target 0: the best of this machine.
 inline Golden ResultsWith(std::int64_t target, int episodes) {
   const std::filesystem::path folder =
       std::filesystem::path(testing::TempDir()) / ("dfr_golden_" + std::to_string(getpid()));
@@ -153,12 +153,12 @@ inline std::string Lines(const std::map<std::string, std::string>& hashes) {
   return lines.str();
 }
 
-/// A changed hash changes the results of a seed for users. CHANGELOG.md then names the change, and
-/// the new lines replace those of the file.
+/// If a hash changes, users get other results from the same seed. Name the change in CHANGELOG.md
+/// and replace the lines of the file.
 inline void ExpectRecordedBits(const char* recorded_in, int episodes) {
 #if __GNUC__ != 12 || defined(__clang__) || !defined(__OPTIMIZE__) || \
     defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-  GTEST_SKIP() << "the hashes are those of GCC 12, which decides where products and sums are fused";
+  GTEST_SKIP() << "the hashes are those of GCC 12: each compiler fuses other products and sums";
 #endif
   const std::int64_t avx2 = TargetNamed("AVX2");
   if (avx2 == 0) GTEST_SKIP() << "this processor has no AVX2";

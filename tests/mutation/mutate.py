@@ -1,16 +1,16 @@
 #!/usr/bin/env python3
-"""Do the tests notice when the code is wrong? mutate.py [FOLDER [COUNT [SEED]]]
+"""Mutation testing: do the tests notice when the code is wrong? mutate.py [FOLDER [COUNT [SEED]]]
 
-Changes one operator or constant of a library's sources at a time, builds its tests and runs them. A change that they
-notice (a failing test, a crash, five times its processor time and 5 s, 8 GiB) is killed; one that does not compile does
-not count; one that no test notices survives, and is printed to be read: it wants a test, or a reason in
-docs/reliability.md. COUNT changes are drawn at random; the share that is noticed has its interval of 95 % (Wilson's).
+Changes one operator or constant in the sources of a library at a time, builds its tests and runs them. A change is
+killed if a test fails or crashes, or if the tests need more than 8 GiB or five times their processor time and 5 s. A
+change that does not compile does not count. A change that survives is printed: it needs a test, or a reason in
+docs/reliability.md. Draws COUNT changes at random. Prints the killed share with its 95 % interval (Wilson).
 
 The tests are the unit tests of tests/NAME, one program. Works in a copy of the tree (git worktree) below
-build/mutation, so that the tree itself is never changed. Each run has a TMPDIR of its own, which is removed; of root's,
-changed programs can write there and below the copy's build folder alone. What was found of a source file as it is now
-is kept in build/mutation/NAME.jsonl: the same command goes on from there and tries again what survived other tests
-than today's, and --survivors only prints it.
+build/mutation, and never changes the tree itself. Each run has its own TMPDIR, which is removed. Run by root, changed
+programs can write only there and below the copy's build folder. build/mutation/NAME.jsonl keeps the results for the
+present content of each source file. The same command continues from there, and repeats changes that survived other
+tests than the present ones. --survivors only prints the results.
 """
 import argparse
 import hashlib
@@ -26,7 +26,7 @@ import sys
 import tempfile
 import time
 
-# Texts and their replacements. Strings and comments are not changed.
+# Patterns and their replacements. Strings and comments are not changed.
 CHANGES = [
     (r"(?<![<>=!+\-*/&|])<(?![<=])(?=\s)", ["<=", ">"]), (r"(?<=\s)>(?![>=])(?=\s)", [">=", "<"]),
     (r"<=", ["<", ">"]), (r"(?<![->])>=", [">", "<"]), (r"==", ["!="]), (r"!=", ["=="]),
@@ -41,8 +41,8 @@ CHANGES = [
 
 
 def places(text):
-    """List (begin, end, replacement) of every possible change."""
-    # Replaces comments, texts and directives by blanks of the same length.
+    """Yield (begin, end, replacement) of every possible change."""
+    # Replaces comments, strings and directives with blanks of the same length.
     blank = re.sub(r'//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|^\s*#[^\n]*',
                    lambda m: " " * len(m.group()), text, flags=re.S | re.M)
     # Angle brackets of templates are not comparisons: template lines stay unchanged. The unrolling of a loop
@@ -101,14 +101,14 @@ def compile_tests(build, program, jobs):
 
 
 def outcome(build, program, limit_s, jobs):
-    """Return whether the present change of a source is killed, survives or does not compile."""
+    """Return "killed", "survived" or "does not compile" for the present change of a source."""
     if not compile_tests(build, program, jobs):
         return "does not compile"
     return "killed" if run_tests(build, program, limit_s) != 0 else "survived"
 
 
 def wilson(hits, total):
-    """Return the 95 % interval of a share."""
+    """Return the 95 % interval of a share, after Wilson."""
     if total == 0:
         return 0.0, 1.0
     z2 = 1.96 ** 2
@@ -122,12 +122,12 @@ def main():
     parser.add_argument("folder", nargs="?", default="libs/core")
     parser.add_argument("count", nargs="?", type=int, default=20)
     parser.add_argument("seed", nargs="?", type=int, default=1)
-    parser.add_argument("--file", help="only this file's name")
-    parser.add_argument("--minutes", type=float, default=math.inf, help="begin no change after so many")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="of the build (default: all processors)")
-    parser.add_argument("--survivors", action="store_true", help="print what earlier runs found, and end")
+    parser.add_argument("--file", help="change only source files with this name")
+    parser.add_argument("--minutes", type=float, default=math.inf, help="start no change after this time")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="parallel build jobs (default: all)")
+    parser.add_argument("--survivors", action="store_true", help="print the results of earlier runs, and exit")
     options = parser.parse_args()
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit("mutate.py: ended"))  # through what tidies up
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("mutate.py: terminated"))  # cleans up
     name = pathlib.Path(options.folder).name
     root = pathlib.Path(__file__).resolve().parents[2]
     copy = root / "build/mutation/tree"
@@ -138,20 +138,20 @@ def main():
                    cwd=copy, check=True, capture_output=True)
     build = copy / "build/dev"
     program = f"{name}_unit_tests"
-    limit_s = None  # of processor time: five times what the tests take as they are, and 5 s
+    limit_s = None  # of processor time: five times that of the unchanged tests, and 5 s
     if not options.survivors:
         with tempfile.TemporaryDirectory(prefix="dfr_mutate_") as scratch:
             if run(confined(["true"], copy, scratch), copy, 60) != 0:
-                sys.exit("mutate.py: as root a changed program could replace files and devices, and unshare cannot "
-                         "keep it from them here; run this as an ordinary user")
+                sys.exit("mutate.py: unshare does not work here, so a changed program that root runs could replace "
+                         "files and devices. Run mutate.py as an ordinary user.")
         subprocess.run(["cmake", "--preset", "dev", f"-DDFR_COMPONENTS={name}",
                         "-DCMAKE_UNITY_BUILD=OFF"], cwd=copy, check=True,
                        capture_output=True)
         if not compile_tests(build, program, options.jobs):
-            sys.exit("mutate.py: the tests do not build as they are")
+            sys.exit(f"mutate.py: {program} does not build without a change")
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         if run_tests(build, program, 600) != 0:
-            sys.exit(f"mutate.py: {program} fails as it is")
+            sys.exit(f"mutate.py: {program} fails without a change")
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         limit_s = 5.0 + 5.0 * (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
     of_tests = hashlib.sha256(b"".join(path.read_bytes() for path in sorted((copy / "tests" / name).rglob("*"))
@@ -168,7 +168,7 @@ def main():
     # Random order that does not depend on other files.
     changes.sort(key=lambda change: hashlib.sha256(f"{options.seed} {change[1]}".encode()).digest())
     record = root / "build/mutation" / f"{name}.jsonl"
-    known = {}  # result of a change, and the tests
+    known = {}  # by change: its result, and the hash of the tests
     if record.exists():
         known = {key: found for key, *found in map(json.loads, record.read_text().splitlines())}
     killed = survived = 0
@@ -197,7 +197,7 @@ def main():
                   flush=True)
     total = killed + survived
     low, high = wilson(killed, total)
-    print(f"{options.folder}: {killed} of {total} changes noticed ({100.0 * killed / max(1, total):.0f} %, "
+    print(f"{options.folder}: {killed} of {total} changes killed ({100.0 * killed / max(1, total):.0f} %, "
           f"{100.0 * low:.0f} to {100.0 * high:.0f}), {len(changes)} are possible, seed {options.seed}")
 
 
