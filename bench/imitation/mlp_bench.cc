@@ -1,6 +1,6 @@
-// The network's passes compared with the same formulas in plain Eigen, and complete fits. The
-// network is the Pusher's: 12 inputs, 7 controls. `batch` is the number of samples; rates are per
-// sample.
+// Passes of the network compared with the same formulas in plain Eigen, and complete fits. The
+// network is that of the Pusher: 12 inputs, 7 controls. `batch` is the number of samples. Rates are
+// per sample.
 
 #include <benchmark/benchmark.h>
 

@@ -20,7 +20,7 @@ namespace {
 
 void OpenOrThrow(std::ofstream& file, const std::string& path) {
   file.open(path);
-  if (!file) throw std::runtime_error("cannot write " + path);
+  if (!file) throw std::runtime_error(path + ": cannot be written");
 }
 
 // Draws bars of the subject's speed-up over each peer, on a logarithmic axis from 1 to 1000.
@@ -111,7 +111,7 @@ void ContestOptions::ForceTarget() const {
     }
     names += std::string(" ") + kernel::internal::TargetName(candidate);
   }
-  throw std::invalid_argument("this machine has no target '" + target + "', but" + names);
+  throw std::invalid_argument("--target: this machine has no '" + target + "'; valid:" + names);
 }
 
 bool ContestOptions::Selects(const std::string& name) const {

@@ -11,7 +11,7 @@ namespace dfr::bench {
 /// Command line of all contests, with Google Benchmark's option names.
 struct ContestOptions {
   std::string filter;      ///< --benchmark_filter=TEXT: runs cases whose name contains TEXT.
-  double min_time = 0.01;  ///< --benchmark_min_time=SECONDS a round; 0: one repetition, untimed.
+  double min_time = 0.01;  ///< --benchmark_min_time=SECONDS per round; 0: one untimed repetition.
   int rounds = 9;          ///< --rounds=N; the result is the median over the rounds.
   std::string json;        ///< --benchmark_out=FILE; PROGRAM.json unless it is a smoke run
   std::string picture;     ///< --picture=FILE.svg; PROGRAM.svg unless it is a smoke run
@@ -28,8 +28,8 @@ struct ContestOptions {
   [[nodiscard]] bool smoke() const { return min_time == 0.0; }
 };
 
-/// One implementation of a job. `run` does `operations` of it. A nonempty `wrong` explains why its
-/// answers are wrong; it is then not timed.
+/// One implementation of a job. One call of `run` does all operations of a contest. If `wrong` is
+/// not empty, it describes a wrong answer, and the contestant is not timed.
 struct Contestant {
   std::string name;
   std::function<void()> run;
@@ -49,7 +49,7 @@ struct Timing {
 std::vector<Timing> RunContest(const std::vector<Contestant>& contestants, int operations,
                                const ContestOptions& options);
 
-/// A case with its timings, bound (ns, 0: none) and remarks.
+/// A case with its timings, bound (ns, 0: none) and further numbers.
 struct CaseResult {
   std::string name;
   std::vector<Timing> timings;

@@ -54,7 +54,7 @@ struct Fitted {
     }
     if (worst <= tolerance * svm->rho()) return "";
     char text[60];
-    std::snprintf(text, sizeof(text), "wrong answer, by %.1e", worst / svm->rho());
+    std::snprintf(text, sizeof(text), "wrong answer, by %.1e rho", worst / svm->rho());
     return text;
   }
   core::Matrix samples, queries;
@@ -68,12 +68,12 @@ volatile double sink;
 
 using Decide = std::function<double(int)>;
 
-// An implementation that decides query i, in our scale, with its error tolerance.
+// An implementation. `factor` times `decide` is g in our scale, up to `tolerance` times rho.
 struct Entrant {
   std::string name;
   Decide decide;
   std::function<void(std::span<double>)> decide_all;
-  double factor;     // scale of the value that decide returns
+  double factor;
   double tolerance;  // peers are fitted separately, to a tolerance of 1e-3
 };
 
@@ -120,8 +120,8 @@ class DecisionCase {
     Report("batch", RunContest(contestants, kQueries, options), results);
   }
 
-  // Measures one query with cold caches by the wall clock: the median of many, alternately. A call
-  // that only reads the query shows what the cold call itself takes.
+  // Measures one query with cold caches by the wall clock: the median of many rounds. A call that
+  // only reads the query shows what the cold call itself takes.
   void Cold(const ContestOptions& options, std::vector<CaseResult>& results) const {
     std::vector<char> other(std::size_t{48} << 20, 1);
     std::vector<Entrant> entrants = entrants_;

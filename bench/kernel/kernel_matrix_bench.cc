@@ -4,7 +4,7 @@
 //
 //   kernel_matrix_bench [--cells=N] [--most=SAMPLES] [--seed=N] [--seconds=S] [--minutes=M]
 //
-// A fit of more than S seconds is interrupted and counted as such; M limits the whole run.
+// Interrupts a fit after S seconds and counts it as interrupted. M limits the whole run.
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -231,7 +231,7 @@ class Matrix {
   // Returns true if all fits meet their tolerance.
   [[nodiscard]] bool Print() const {
     std::printf("%-15s %6s %10s %8s %12s %6s %10s %9s %13s %9s\n", "samples", "cells", "converged",
-                "stalled", "interrupted", "wrong", "worst gap", "beside", "worst excess",
+                "stalled", "interrupted", "wrong", "worst gap", "compared", "worst excess",
                 "slowest");
     bool right = true;
     int least = 2;
@@ -247,9 +247,9 @@ class Matrix {
       right &= row.wrong == 0;
     }
     std::printf(
-        "A fit stalls where doubles allow no smaller gap; 'beside': compared with LIBSVM, over "
-        "whose "
-        "objective\nours is by the excess, at most. Tolerance %g, seed %llu.\n",
+        "A fit stalls where doubles allow no smaller gap. 'compared' counts the fits that LIBSVM "
+        "also\ndid, 'worst excess' is the largest relative excess over its objective. Tolerance "
+        "%g, seed %llu.\n",
         kTolerance, static_cast<unsigned long long>(options_.seed));
     return right;
   }

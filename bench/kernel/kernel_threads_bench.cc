@@ -8,7 +8,6 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
-#include <ctime>
 #include <exception>
 #include <functional>
 #include <limits>
@@ -18,6 +17,7 @@
 #include <utility>
 #include <vector>
 
+#include "bench/kernel/contest.h"
 #include "bench/kernel/trajectories.h"
 #include "dfr/core/text/format.h"
 #include "dfr/kernel/one_class_svm.h"
@@ -59,12 +59,6 @@ struct Options {
   }
 };
 
-double CpuSeconds() {
-  timespec now{};
-  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-}
-
 // Results, for bitwise comparison.
 using Bits = std::vector<double>;
 // Does the work on the given number of threads.
@@ -79,7 +73,7 @@ class Runner {
  public:
   explicit Runner(Options options) : options_(std::move(options)) {}
 
-  // Alternates over the rounds, and uses the minimum of each.
+  // Alternates between one thread and all, and uses the minimum over the rounds.
   void Run(const std::string& name, const Job& job) {
     if (name.find(options_.filter) == std::string::npos) return;
     Times times[2];

@@ -38,7 +38,7 @@ struct TrainingCase {
   bool libsvm_only = false;  // the other libraries take minutes
 };
 
-// KKT gap and objective, computed from the support vectors only, in double and in LIBSVM's scale.
+// KKT gap and objective in LIBSVM's scale, computed in double from the support vectors alone.
 struct Audit {
   double gap = 0.0;
   double objective = 0.0;
@@ -145,7 +145,7 @@ class PerStep {
     }
   }
 
-  // Trains all at once, and each from the alpha of the previous time step.
+  // Trains all problems at once, then each from the alpha of the previous time step.
   void Train(const ContestOptions& options, std::vector<CaseResult>& results) const {
     const kernel::TimeVaryingSupportOptions ours{
         .svm = {.nu = kNu, .gamma = kGamma, .tolerance = kTolerance}};

@@ -5,7 +5,7 @@
 
 namespace dfr::bench {
 
-/// Peak performance of one core, measured with the widest instruction set that dispatch chooses.
+/// Peak performance of one core, measured with the instruction set that dispatch chooses.
 struct Machine {
   std::string processor;  ///< Name of the processor; empty if the system does not report it.
   std::string instruction_set;

@@ -8,8 +8,8 @@
 
 namespace dfr::bench {
 
-/// A one-class SVM of another library, trained separately on the same data and options, according
-/// to its documentation.
+/// A one-class SVM of another library, trained on the same data with the same options, as its
+/// documentation shows.
 class Peer {
  public:
   virtual ~Peer() = default;
