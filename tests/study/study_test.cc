@@ -270,7 +270,7 @@ TEST(BaselinesTest, LearnAndRun) {
   // A policy trained in the states that the learner visits leaves them less often.
   EXPECT_GE(alone("dagger").completed, alone("learned").completed);
   for (const std::string& policy : study.policies) {
-    // The oracle knows the result of its control; the policies do not.
+    // Only the oracle knows the result of its control.
     EXPECT_LE(Find(rows, "as demonstrated", policy, "true-jacobian").collided,
               alone(policy).collided)
         << policy;

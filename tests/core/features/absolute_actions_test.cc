@@ -108,7 +108,6 @@ TEST(AbsoluteActionsTest, DifferencesAreTheDistanceToTheTarget) {
   ToDifferences(FindAbsoluteActions(set), set[3]);
   EXPECT_EQ(set[3].controls, before.controls - before.states.topRows(60));
   EXPECT_EQ(set[3].states, before.states);
-  EXPECT_TRUE(FindAbsoluteActions(set).size() <= 2);
   for (auto& episode : set) {
     if (&episode != &set[3]) ToDifferences(std::vector<AbsoluteAction>{{0, 0}, {1, 1}}, episode);
   }

@@ -160,7 +160,7 @@ TEST_F(ArchiveTest, AFailedSaveNamesTheFile) {
   EXPECT_THAT(Error([&] { Sample().Save(File()); }), HasSubstr("values.dfr"));
 }
 
-// A small file must not request gigabytes; a large file may request memory of its size.
+// A small file must not request gigabytes. A large file may request memory of its size.
 TEST_F(ArchiveTest, AllocationIsBoundedByTheFileSize) {
   Sample().Save(File());
   ArchiveReader reader(File(), "sample", 2);

@@ -47,7 +47,7 @@ addEventListener("load", () => {
       const a = boxes[i], b = boxes[j];
       const across = Math.min(a.r.right, b.r.right) - Math.max(a.r.left, b.r.left);
       const down = Math.min(a.r.bottom, b.r.bottom) - Math.max(a.r.top, b.r.top);
-      // Lines of a block may touch; glyphs fill two thirds of their boxes.
+      // Lines of a block may touch, because glyphs fill two thirds of their boxes.
       if (a.node !== b.node && across > 1 && down > 4) found.push(`${a.text} | ${b.text}`);
     }
   }

@@ -14,7 +14,7 @@
 
 namespace dfr::kernel::test {
 
-// Sum over the rows p of `vectors` of alpha exp(-gamma |x - p|^2), for each sample x. Without
+// Returns the sum over rows p of `vectors` of alpha exp(-gamma |x - p|^2), for each x. Without
 // "flatten", -Og compiles each operation of the exponential as a call, which takes half of the time
 // of all tests here.
 [[gnu::flatten]] inline Eigen::VectorXd Gradients(const core::Matrix& samples,
@@ -33,7 +33,7 @@ namespace dfr::kernel::test {
   return gradients;
 }
 
-// max G over alpha > 0 minus min G over alpha < 1 in LIBSVM's scale; alpha are those of the
+// Returns max G over alpha > 0 minus min G over alpha < 1 in LIBSVM's scale, for the alpha of the
 // summary.
 inline double KktGap(const Eigen::VectorXd& gradients, const FitSummary& summary, double nu) {
   const double total = nu * static_cast<double>(gradients.size());

@@ -52,7 +52,7 @@ TEST(WhitenedSupportTest, LogFormHasTheSignOfGAndGradientsAreDerivatives) {
   }
 }
 
-// l(z + d) >= l(z) + d . grad l(z) - c |d|^2, on which certificates are based; and L.
+// Checks l(z + d) >= l(z) + d . grad l(z) - c |d|^2, on which certificates are based, and L.
 TEST(WhitenedSupportTest, CurvatureAndLipschitzBoundsHold) {
   const auto support = WhitenedSupport::Fit(Walks(60));
   core::Random random(3);
