@@ -20,11 +20,11 @@
 
 namespace {
 
-// Faults of the next calls of write() and fdatasync(), as of a failing disk: an error, or a partial
+// Faults of the next calls of write() and fdatasync(), as of a failing disk: an error, or a short
 // write. The functions below replace those of the C library in this program.
 struct Fault {
   int after = -1;  // calls that still succeed; negative: all
-  int error = 0;   // 0: partial writes from then on
+  int error = 0;   // 0: short writes from then on
 };
 thread_local Fault fault;
 
@@ -258,7 +258,7 @@ TEST_F(LedgerTest, AnotherWriterIsRefusedAndLosesNothing) {
   EXPECT_EQ(ReadLedger(ledger).records.size(), results.size());
 }
 
-// ENOSPC, EIO and partial writes at every call: earlier results are kept, and nothing is repeated.
+// ENOSPC, EIO and short writes at every call: earlier results are kept, and nothing is repeated.
 TEST_F(LedgerTest, WriteErrorsLoseAndRepeatNothing) {
   const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner);
   for (const int error : {ENOSPC, EIO, 0}) {
@@ -292,7 +292,7 @@ int CountFrom(const char* variable, int standard) {
 }
 
 // DFR_FAULTS: number of faults. Restarts a run until it ends. Each time its disk fails at a random
-// write, with ENOSPC, EIO or a partial write.
+// write, with ENOSPC, EIO or a short write.
 TEST_F(LedgerTest, RunsThatFailRepeatedlyLoseAndRepeatNothing) {
   const int faults = CountFrom("DFR_FAULTS", 20);
   const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner);
