@@ -128,7 +128,7 @@ TEST(PhaseTrackerTest, FollowsAnyPace) {
   }
 }
 
-TEST(PhaseTrackerTest, FollowsAPauseAndGoesOnAfterIt) {
+TEST(PhaseTrackerTest, FollowsAPauseAndContinuesAfterIt) {
   const auto support = Line(1.0);
   PhaseTracker tracker(support);
   tracker.Reset();
@@ -142,7 +142,7 @@ TEST(PhaseTrackerTest, FollowsAPauseAndGoesOnAfterIt) {
 }
 
 // The support is the same at all times: the phase advances by one per state, up to the last.
-TEST(PhaseTrackerTest, TiesGoToTheClock) {
+TEST(PhaseTrackerTest, ATieAdvancesThePhaseByOne) {
   const auto support = Line(0.0);
   PhaseTracker tracker(support);
   tracker.Reset();

@@ -80,7 +80,7 @@ TEST_P(LagTest, IsFoundAtOnceAndPendingControlsArePredicted) {
 }
 
 // Noise up to the size of a control's effect shows as a lag after at most 1 % of the controls.
-TEST_P(LagTest, NoiseIsNotTakenForALag) {
+TEST_P(LagTest, NoiseIsNotMistakenForALag) {
   int wrong = 0;
   for (int i = 0; i < 200; ++i) {
     Drive(1, 0, 0.1 * GetParam());

@@ -68,7 +68,7 @@ class OneGaussianTest : public testing::Test {
   LocalModel model_{support_, fit_, core::AsSpan(z_)};
 };
 
-TEST_F(OneGaussianTest, AStepGoesWhereItGainsMost) {
+TEST_F(OneGaussianTest, AStepMaximizesItsGuaranteedGain) {
   Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
   const double l = AscendSupport(model_, {.level = kUnbounded}, {.iterations = 1}, v);
   // J is known to 1e-9.

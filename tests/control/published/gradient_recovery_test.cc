@@ -105,7 +105,7 @@ TEST(GradientRecoveryTest, LearnsFromItsOwnControls) {
   EXPECT_NEAR(off(second), 0.9, 0.02);
 }
 
-TEST(GradientRecoveryTest, HasNoDirectionWhereControlsDoNothing) {
+TEST(GradientRecoveryTest, HasNoDirectionIfControlsHaveNoEffect) {
   auto demonstrations = test::Rightwards();
   for (auto& d : demonstrations) d.states.setZero();
   const auto support = test::MovingDisk();

@@ -109,7 +109,7 @@ TEST(SwitchingControllerTest, AProbeThatEndsOutsideIsFollowedByAStepBack) {
   EXPECT_EQ(dfr.Next(std::vector{probe[0] + step[0]}, step).cause, HaltCause::kOutsideSupport);
 }
 
-TEST(SwitchingControllerTest, HaltsAfterItsIterations) {
+TEST(SwitchingControllerTest, HaltsAtTheIterationLimit) {
   const auto flat = test::ConstantSupport(2, 0.1);
   const auto policy = test::ConstantPolicy(2, 1.0);
   SwitchingController dfr(policy, flat, 1.0);

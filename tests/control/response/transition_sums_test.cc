@@ -56,7 +56,7 @@ TEST_P(TransitionSumsTest, DistancesAndWeightsAreTheirDefinitions) {
   }
 }
 
-TEST_P(TransitionSumsTest, NearestAreThoseOfASort) {
+TEST_P(TransitionSumsTest, NearestAgreesWithASort) {
   const std::size_t rows = Rows();
   std::vector<float> distances(rows);
   // Few values: many distances are equal, and some are maximal.

@@ -224,7 +224,7 @@ TEST(GuardAdviceTest, DelayedActionsAreNamedWithTheirDelay) {
   EXPECT_THAT(fit(-1), testing::Contains(HasSubstr("recorded one step later")));
 }
 
-TEST(GuardAdviceTest, AClockIsFoundInAnyUnitAndAConstantIsNone) {
+TEST(GuardAdviceTest, AClockIsFoundInAnyUnitAndAConstantIsNoClock) {
   constexpr const char* kClock = "the same in all demonstrations";
   const auto demonstrations = test::CorridorDemonstrations(1, 40);
   const auto whole = GuardModel::Fit(test::CorridorLayout(), demonstrations);

@@ -251,7 +251,7 @@ TEST(ReducedGuardTest, AMonitorRaisesAnAlarmWhileAPictureIsFrozenAndTheRobotMove
 }
 
 // Light and noise vary as in the demonstrations of the fit.
-TEST(ReducedGuardTest, PicturesOfOtherDemonstrationsResembleThese) {
+TEST(ReducedGuardTest, PicturesOfOtherDemonstrationsResembleThoseOfTheFit) {
   const auto others = PictureDemonstrations(9, 60);
   for (const auto& model : {PointsModel(), PictureModel()}) {
     EXPECT_LE(model->reduction()->novel_left_out(), 0.05);
