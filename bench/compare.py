@@ -5,7 +5,8 @@ BASE is a commit, or a folder with a build of it. Default: the merge base with o
 the previous commit. Both builds run the same operations (bench/safety/counted_work.cc): decisions,
 gradients, fits, a guided step, a guard's filter. Both builds use one folder, build/compare, one after the
 other, and the second compiles only the sources that differ. Both are optimised as in a release. With --short
-they are optimised as the tests are, and the second one is build/dev, the build of the tests.
+they are optimised as the tests are, and the second one is build/dev, the build of the tests. If BASE is a
+folder, both are optimised as in a release, and --short only leaves out the times.
 
 The comparison uses valgrind's counts of each operation's instructions. They repeat exactly, regardless of
 other load on the machine, and an increase by more than 5 % is a loss. Valgrind supports no AVX-512, and

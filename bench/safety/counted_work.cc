@@ -64,9 +64,8 @@ class Runner {
     // Preceding code is not simulated, to save time.
     CALLGRIND_START_INSTRUMENTATION;
     operation(0);  // warm
-    const int count = options_.few
-                          ? operations / 5
-                          : operations + static_cast<int>(operations * options_.slow / 100.0);
+    if (options_.few) operations /= 5;
+    const int count = operations + static_cast<int>(operations * options_.slow / 100.0);
     const auto all = [&] {
       for (int i = 0; i < count; ++i) operation(i);
     };

@@ -183,10 +183,11 @@ TEST(AbsoluteActionsTest, DescriptionNamesActionsAndEntries) {
   layout.Add("joint", 7);
   std::vector<AbsoluteAction> found;
   for (int k = 0; k < 5; ++k) found.push_back({k, k + 1, true, 0.99 + 0.001 * k, 1.0});
+  found[3].slope = 0.94;
   EXPECT_EQ(
       Describe(found, layout),
       "actions 0, 1, 2, ... take the values of joint[0], joint[1], joint[2], ... (correlation "
-      "at least 0.990, slope 1.00): they are positions");
+      "at least 0.990, slope 0.94): they are positions");
   EXPECT_THAT(Describe(std::span(found).first(1), layout), HasSubstr("action 0 takes"));
 }
 

@@ -150,8 +150,10 @@ std::string Describe(std::span<const AbsoluteAction> absolute, const StateLayout
   std::string actions;
   std::string entries;
   double correlation = 1.0;
+  double slope = 1.0;  // the one furthest from 1
   for (std::size_t i = 0; i < absolute.size(); ++i) {
     correlation = std::min(correlation, absolute[i].correlation);
+    if (std::abs(absolute[i].slope - 1.0) > std::abs(slope - 1.0)) slope = absolute[i].slope;
     if (i > kMost) continue;
     const char* separator = i == 0 ? "" : ", ";
     actions += separator;
@@ -162,7 +164,7 @@ std::string Describe(std::span<const AbsoluteAction> absolute, const StateLayout
   const bool one = absolute.size() == 1;
   return Format("%s %s take%s the values of %s (correlation at least %.3f, slope %.2f): %s",
                 one ? "action" : "actions", actions.c_str(), one ? "s" : "", entries.c_str(),
-                correlation, absolute.empty() ? 1.0 : absolute[0].slope,
+                correlation, slope,
                 one ? "it is a position" : "they are positions");
 }
 

@@ -36,7 +36,7 @@ class PhaseTracker {
   void Advance() noexcept;
   /// Records a control that is predicted to end at `z`, outside the support of phase() + 1, where
   /// its level is `l`. Moves to the phase whose support fits `z` best, from phase() + 1 (phase() if
-  /// `may_wait`) to phase() + kWindow. If levels are nonfinite, moves to phase() + 1.
+  /// `may_wait`) to phase() + kWindow. If no level is finite, moves to the first of these.
   void Advance(std::span<const double> z, double l, bool may_wait) noexcept;
   /// Moves to the phase whose support, of all supports, contains `z` most deeply. @returns false if
   /// no support contains `z`; the phase then stays.
