@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <limits>
+#include <map>
 #include <stdexcept>
 #include <vector>
 
@@ -21,15 +22,19 @@ const LearnedModel& Corridor() {
   return model;
 }
 
-SupportModel Make(std::string_view name) {
-  return {name, Corridor().fit(), Corridor().demonstrations().layout,
-          Corridor().demonstrations().trajectories};
+// Fits each estimate once.
+const SupportModel& Fitted(std::string_view name) {
+  static std::map<std::string_view, SupportModel> models;
+  return models
+      .try_emplace(name, name, Corridor().fit(), Corridor().demonstrations().layout,
+                   Corridor().demonstrations().trajectories)
+      .first->second;
 }
 
 // Each estimate leaves a fraction of about nu of the demonstrated states outside.
 TEST(SupportsTest, DemonstratedStatesAreInside) {
   for (const std::string_view name : kSupports) {
-    const SupportModel support = Make(name);
+    const SupportModel& support = Fitted(name);
     int states = 0;
     int inside = 0;
     for (const core::Trajectory& d : Corridor().demonstrations().trajectories) {
@@ -46,7 +51,7 @@ TEST(SupportsTest, DemonstratedStatesAreInside) {
 TEST(SupportsTest, GradientsAreDerivatives) {
   core::Random random(4);
   for (const std::string_view name : kSupports) {
-    const SupportModel support = Make(name);
+    const SupportModel& support = Fitted(name);
     const auto& l = support.view().support();
     const auto n = static_cast<std::size_t>(l.state_dim());
     std::vector<double> z(n);
@@ -75,7 +80,7 @@ TEST(SupportsTest, GradientsAreDerivatives) {
 TEST(SupportsTest, CurvatureBoundsHold) {
   core::Random random(5);
   for (const std::string_view name : kSupports) {
-    const SupportModel support = Make(name);
+    const SupportModel& support = Fitted(name);
     const auto& l = support.view().support();
     const auto n = static_cast<std::size_t>(l.state_dim());
     std::vector<double> z(n);
@@ -103,7 +108,7 @@ TEST(SupportsTest, CurvatureBoundsHold) {
 
 TEST(SupportsTest, BrokenStatesAreOutsideAndNothingIsAllocated) {
   for (const std::string_view name : kSupports) {
-    const SupportModel support = Make(name);
+    const SupportModel& support = Fitted(name);
     const double nan = std::numeric_limits<double>::quiet_NaN();
     const std::vector<double> broken = {nan, 0.0};
     const std::vector<double> whole = {0.1, 0.0};
@@ -116,7 +121,7 @@ TEST(SupportsTest, BrokenStatesAreOutsideAndNothingIsAllocated) {
 
 TEST(SupportsTest, UnknownNamesAreReportedWithTheValidOnes) {
   EXPECT_THAT(
-      dfr::test::MessageOf<std::invalid_argument>([&] { static_cast<void>(Make("magic")); }),
+      dfr::test::MessageOf<std::invalid_argument>([&] { static_cast<void>(Fitted("magic")); }),
       testing::HasSubstr("mahalanobis"));
 }
 
