@@ -1,6 +1,6 @@
-"""Demonstrations in robomimic's and Minari's layouts, by h5py and NumPy alone.
+"""Demonstrations in robomimic's and Minari's layouts, written with h5py and NumPy alone.
 
-The task: a tip goes right along y = 0 past a drifting object; actions are turned velocities.
+The task: a tip goes right along y = 0 past a drifting object; actions are rotated velocities.
 """
 
 import json

@@ -1,6 +1,6 @@
 """The program `guard` as its users run it: fit, show, evaluate, report and export.
 
-Takes 4 s. Only this test reads what each command prints and with which code it exits.
+Takes 4 s. Only this test checks the output and the exit code of each command.
 
 usage: guard_app_test.py PROGRAM
 """
@@ -64,7 +64,7 @@ class GuardAppTest(GuardProgramTest):
         out = self.run_guard("evaluate", "task.guard", "fresh.hdf5")
         alarms = int(re.search(r"(\d+) of 60 episodes raise an alarm", out).group(1))
         # .1 on average over sets of 30 demonstrations, sqrt(.1 .9 / 32) = .053 between sets and sqrt(.1 .9 /
-        # 60) = .039 by chance. The limit is three times both together.
+        # 60) = .039 by chance. The limit is three times both combined.
         self.assertLess(alarms / 60, 0.1 + 3 * 0.066)
         passed = float(re.search(r"([\d.]+) % of the 1200 actions pass unchanged", out).group(1))
         # The fit counts all actions whose prediction is below the pass level, including idle changes.
@@ -106,14 +106,14 @@ class GuardAppTest(GuardProgramTest):
             self.assertLess(0.0, float(strayed))
             self.assertLessEqual(float(middle), float(strayed))
             self.assertLessEqual(float(strayed), float(required))
-        # Objects are within .6 of one another, in the unit of the file. These are 5 away.
+        # Objects are within .6 of one another, in the unit of the file. These are 5 units away.
         away, alarms = rows("moved.hdf5")
         self.assertEqual(alarms, "20")
         for distance in away["object"][3:]:
             self.assertAlmostEqual(float(distance), 5.0, delta=0.6)
         self.assertGreater(float(away["object"][3]), float(away["object"][0]))
 
-    def test_a_strict_fit_fails_where_something_speaks_against_the_guard(self):
+    def test_a_strict_fit_fails_if_the_guard_has_a_warning(self):
         out = self.run_guard("fit", "demos.hdf5", "--gamma", "100", "--accept-any", "-o", "narrow.guard")
         self.assertRegex(out, "warning .*of the states of left-out demonstrations are inside")
         self.assertIn("warning ", self.run_guard("show", "narrow.guard"))
@@ -141,7 +141,7 @@ class GuardAppTest(GuardProgramTest):
         out = self.run_guard("fit", "turned.hdf5", "-f", "obs/tip,obs/noise", "-o", "noisy.guard", fails=True)
         self.assertRegex(out, r"the share inside\): .*tip \(\d+ %\).*--accept-any")
 
-    def test_numbers_that_are_none_are_refused(self):
+    def test_invalid_numbers_are_refused(self):
         for option, value in [("--gamma", "nan"), ("--nu", "0x1"), ("--horizon", "2147483648"), ("--action-limit", "inf")]:
             out = self.run_guard("fit", "demos.hdf5", option, value, "-o", "none.guard", fails=True)
             self.assertTrue(value in out or "horizon" in out, out)
@@ -181,7 +181,7 @@ class GuardAppTest(GuardProgramTest):
                 self.assertIn(message, self.run_guard(*arguments, fails=True))
         self.assertIn("--features", self.run_guard("fit", "--help"))
 
-    def test_output_that_is_lost_is_a_failure(self):
+    def test_lost_output_is_a_failure(self):
         self.fit("lost.guard")
         with open("/dev/full", "w") as full:
             for arguments in (["--version"], ["show", "lost.guard"], ["check", "demos.hdf5"]):
@@ -190,7 +190,7 @@ class GuardAppTest(GuardProgramTest):
                 self.assertIn("guard: standard output could not be written, and is incomplete", done.stderr)
 
     def test_files_are_not_mixed_with_closed_standard_streams(self):
-        """A closed stream's number would go to the next file or pipe, and with it the messages."""
+        """The next file or pipe would get a closed stream's number, and with it the messages."""
         self.fit("open.guard", "demos.hdf5", "--gamma", ".25")
         for closed in (">&-", "2>&-", "<&- >&- 2>&-"):
             call = f'"{PROGRAM}" fit demos.hdf5 -f obs/object,obs/tip --gamma .25 -o closed.guard {closed}'

@@ -1,4 +1,4 @@
-"""The program `guard` on files from independent writers: check, repair, convert, and what a fit takes of them.
+"""The program `guard` on files from independent writers: check, repair, convert, and the episodes that a fit uses.
 
 Takes 4 s.
 
@@ -50,7 +50,7 @@ class GuardDataTest(GuardProgramTest):
         self.assertRegex(out, r"doubled: +data/demo_9 is the same episode as data/demo_2")
         self.assertIn("2 errors", out)
 
-    def test_repair_writes_what_can_be_read(self):
+    def test_repair_writes_the_readable_episodes(self):
         def cut_off(file):
             del file["data/demo_29"].attrs["num_samples"]
 
@@ -71,7 +71,7 @@ class GuardDataTest(GuardProgramTest):
         self.assertIn("cut.hdf5: would overwrite DEMOS", self.run_guard("check", "cut.hdf5", "--repair", "cut.hdf5", fails=True))
         self.assertEqual((self.folder / "cut.hdf5").read_bytes(), before)
 
-    def test_check_survives_what_files_may_hold(self):
+    def test_check_reports_malformed_files(self):
         def widen(file):
             del file["data/demo_3/actions"]
             file["data/demo_3/actions"] = np.zeros((20, 3))
@@ -128,7 +128,7 @@ class GuardDataTest(GuardProgramTest):
         message = self.run_guard("check", "episode_0.hdf5", fails=True)
         self.assertIn("one episode in ALOHA's layout. Convert its folder to a LeRobot dataset", message)
 
-    def test_check_sees_actions_out_of_step(self):
+    def test_check_detects_actions_out_of_step(self):
         for shift, sign in ((1, "-"), (-1, r"\+")):
             data = [(observations, np.roll(action, -shift, axis=0)) for observations, action in episodes(4, 30)]
             write_robomimic(self.folder / "late.hdf5", data)
@@ -245,7 +245,7 @@ class GuardDataTest(GuardProgramTest):
                         np.testing.assert_array_equal(demo[f"obs/{part}"], values[:-1])
                         np.testing.assert_array_equal(demo[f"next_obs/{part}"], values[1:])
 
-    def test_minari_and_gymnasium_accept_what_is_converted(self):
+    def test_minari_and_gymnasium_accept_converted_datasets(self):
         sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "demonstrations"))
         from minari_peer import check_as_minari_loads
 
@@ -262,7 +262,7 @@ class GuardDataTest(GuardProgramTest):
                 self.run_guard("convert", "space/named-v2", "again.hdf5")
                 with h5py.File(self.folder / "again.hdf5") as file:
                     name_again = json.loads(file["data"].attrs["env_args"])["env_name"]
-                # The ids identify Minari's datasets without an environment.
+                # Minari's datasets without an environment are named by their ids.
                 self.assertEqual(name_again, environment or "space/named-v2")
         for out, more in [("no-version", []), ("a b/x-v0", []), ("x-v0", ["--id", "x"])]:
             with self.subTest(out):
@@ -328,7 +328,7 @@ class GuardDataTest(GuardProgramTest):
                 self.assertIn(message, out)
                 self.assertEqual(len(out.strip().splitlines()), 1)
 
-    def test_conversion_takes_the_memory_of_an_episode(self):
+    def test_conversion_needs_the_memory_of_one_episode(self):
         """Ten times as many episodes take little more memory."""
         rng = np.random.default_rng(0)
 
@@ -355,7 +355,7 @@ class GuardDataTest(GuardProgramTest):
 
         large(2)
         small = peak()
-        large(20)  # 36 MB of observations, half of them the next, more
+        large(20)  # 36 MB more of observations, half of them next_obs
         self.assertLess(peak() - small, 12_000)
 
 

@@ -19,7 +19,7 @@ def help_of(*subcommand):
 
 
 class ManPageTest(unittest.TestCase):
-    def test_formats_without_a_warning_and_says_all_that_help_says(self):
+    def test_formats_without_a_warning_and_contains_the_help(self):
         done = subprocess.run(["groff", "-man", "-ww", "-Tascii", "-P-cbou", MAN_PAGE], text=True, capture_output=True)
         self.assertEqual((done.returncode, done.stderr), (0, ""))
         # Ignores line breaks and hyphens, which groff chooses.
@@ -59,7 +59,7 @@ class CompletionTest(unittest.TestCase):
         self.assertNotIn("--strategy", self.complete("check", "-"))
         self.assertEqual(self.complete("-"), {"-h", "--help", "--version"})
 
-    def test_elsewhere_names_of_files(self):
+    def test_other_words_are_left_to_the_completion_of_files(self):
         self.assertEqual(self.complete("fit", "dem"), set())
 
 

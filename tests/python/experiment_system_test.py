@@ -187,7 +187,7 @@ class ExperimentTest(unittest.TestCase):
         with self.assertRaisesRegex(RuntimeError, "this program cannot run its episodes again: hash of own_experiment.py"):
             corridor.replay(self.folder / "run", lines[0].split("  ")[0])
 
-    def test_an_episode_has_a_film(self):
+    def test_an_episode_can_be_filmed(self):
         self.run_program(self.program, "experiment", *SMALL, "--out", "run")
         line = self.run_program(self.program, "episodes", "run", "--method", "baseline", "--most", 1).splitlines()[0]
         name, actions = line.split("  ")[0], int(line.split("  ")[2].split()[0])
@@ -195,7 +195,7 @@ class ExperimentTest(unittest.TestCase):
         page = self.bytes_of("new/film.html").decode()
         self.assertIn("Left to right: guard, baseline", page)
         self.assertIn(f"baseline: {line.split('  ')[1]} after {actions} controls", page)
-        # The animation is beside it: a picture for each state of the longer episode, two plants wide.
+        # An animation has a picture per state. The one beside the page shows both plants.
         self.run_program(self.program, "rerun", "run", name, "--film", "film.png")
         own_experiment = self.import_program()
         corridor = own_experiment.Corridor()
@@ -242,7 +242,7 @@ class ExperimentTest(unittest.TestCase):
         ]:
             self.assertIn(says, self.run_program(self.program, *arguments, fails=True))
 
-    def test_generators_that_are_nobodys_own_are_seeded(self):
+    def test_global_random_generators_are_seeded(self):
         program = self.write("careless")
         for threads in (1, 3):
             self.run_program(program, "experiment", *SMALL, "--threads", threads, "--out", f"t{threads}")
@@ -263,7 +263,7 @@ class ExperimentTest(unittest.TestCase):
         (self.folder / "mended").touch()
         self.run_program(self.folder / "raises.py", "experiment", *SMALL, "--out", "run")
 
-    def test_a_process_that_dies_loses_its_unit_alone(self):
+    def test_a_process_that_dies_loses_only_its_unit(self):
         program = self.write("dies")
         error = self.run_program(program, "experiment", *SMALL, "--threads", 1, "--out", "run", fails=True)
         self.assertIn("trial 0, 20 demonstrations, policy: its process ended with exit code 7", error)
@@ -286,11 +286,11 @@ class ExperimentTest(unittest.TestCase):
 
     def has_pending_signals(self, pid):
         text = pathlib.Path(f"/proc/{pid}/status").read_text()
-        if re.search(r"^State:\s+Z", text, re.MULTILINE):  # what killed it stays pending
+        if re.search(r"^State:\s+Z", text, re.MULTILINE):  # the signal that killed it stays pending
             return False
         return any(int(mask, 16) for mask in re.findall(r"^(?:SigPnd|ShdPnd):\t(\w+)$", text, re.MULTILINE))
 
-    def test_signals_end_it_between_two_units_and_no_process_stays(self):
+    def test_a_signal_ends_the_run_between_units_and_leaves_no_process(self):
         program, hold = self.write("held"), self.folder / "hold"
         units = ["--trials", 8, "--episodes", 2, "--demonstrations", "12,20"]
         arguments = ["experiment", *units, "--methods", "baseline", "--threads", 2, "--out", "run"]
@@ -326,7 +326,7 @@ class ExperimentTest(unittest.TestCase):
         out = self.folder / "grid"
         run = [sys.executable, CLUSTER, "slurm", "--tasks", "2", "--grid", "ahead=0.4,0.8", "--out", out, "--", self.program]
         subprocess.run([*map(str, run), "experiment", *SMALL], check=True, capture_output=True)
-        # The first line selects the first python3 of the path.
+        # The program's first line runs the first python3 in PATH.
         path = {**os.environ, "PATH": f"{pathlib.Path(sys.executable).parent}:{os.environ['PATH']}"}
         for task in range(1, 5):
             subprocess.run([out / "cluster/task.sh", str(task)], check=True, env=path)

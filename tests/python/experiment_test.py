@@ -53,7 +53,7 @@ class ExperimentTest(unittest.TestCase):
         for episode in found.values():
             self.assertEqual(episode.states.shape, (len(episode.actions) + 1, 2))
 
-    def test_it_runs_in_a_program_of_ones_own(self):
+    def test_a_subclass_runs_inside_the_callers_program(self):
         class Corner(dfr.Experiment):
             """A plant that starts at its goal."""
 

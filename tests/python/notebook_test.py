@@ -35,7 +35,7 @@ def execute(notebook):
     """Return the names that the cells define, and the outputs of each code cell."""
     names, outputs = {}, []
     with tempfile.TemporaryDirectory() as folder:
-        os.chdir(folder)  # they write files
+        os.chdir(folder)  # cells write files
         for cell in notebook["cells"]:
             if cell["cell_type"] != "code":
                 continue

@@ -116,7 +116,7 @@ class AgainstSklearn(unittest.TestCase):
                 ours.decision_function(queries), theirs.decision_function(queries), atol=1e-6 * theirs.offset_[0]
             )
 
-    def test_it_takes_its_place_in_pipelines_and_searches(self):
+    def test_it_works_in_pipelines_and_searches(self):
         X, queries = cloud("offset", 200, 3, np.random.default_rng(8))
         piped = make_pipeline(StandardScaler(), dfr.OneClassSVM(nu=0.1)).fit(X)
         peer = make_pipeline(StandardScaler(), sklearn.svm.OneClassSVM(nu=0.1, tol=1e-9)).fit(X)
@@ -128,7 +128,7 @@ class AgainstSklearn(unittest.TestCase):
 
 
 class AsEstimator(unittest.TestCase):
-    def test_all_41_checks(self):
+    def test_sklearns_41_estimator_checks_pass(self):
         checks = list(estimator_checks.check_estimator(dfr.OneClassSVM(), generate_only=True))
         self.assertEqual(len(checks), 41)
         for estimator, check in checks:
@@ -141,7 +141,7 @@ class AsEstimator(unittest.TestCase):
                     self.assertIn("pandas", str(skip))
 
     def test_names_of_features_are_kept_and_compared(self):
-        class Frame:  # what of pandas' matters
+        class Frame:  # the relevant part of a pandas data frame
             def __init__(self, values, columns):
                 self.values, self.columns, self.shape = values, columns, values.shape
 
@@ -169,7 +169,7 @@ class AsEstimator(unittest.TestCase):
             np.testing.assert_array_equal(other.support_, svm.support_)
             self.assertEqual(other.fit_summary_.iterations, svm.n_iter_)
 
-    def test_before_fit(self):
+    def test_methods_and_attributes_need_a_fit(self):
         svm = dfr.OneClassSVM()
         for method in (svm.predict, svm.decision_function, svm.score_samples):
             with self.assertRaisesRegex(NotFittedError, "Call 'fit'"):
@@ -196,7 +196,7 @@ class WrongCalls(unittest.TestCase):
             with self.subTest(**parameters), self.assertRaisesRegex(ValueError, message):
                 dfr.OneClassSVM(**parameters).fit(X)
 
-    def test_data(self):
+    def test_invalid_data_are_located(self):
         X = np.random.default_rng(0).normal(size=(20, 2))
         X[7, 1] = np.nan
         with self.assertRaisesRegex(ValueError, "contains NaN: row 7, column 1"):
@@ -228,7 +228,7 @@ class WrongCalls(unittest.TestCase):
 
 class Memory(unittest.TestCase):
     def test_contiguous_float64_is_read_in_place(self):
-        """A fit to 200 MB of states allocates no second 200 MB."""
+        """Decisions about 200 MB of states allocate no second 200 MB."""
         script = """
             import resource
             import numpy as np
@@ -288,7 +288,7 @@ class Threads(unittest.TestCase):
             import dfr
             X = np.random.default_rng(0).normal(size=(30_000, 9))
             main = threading.get_ident()
-            def interrupt():  # when the fit has given up the interpreter's lock, which nothing takes from it
+            def interrupt():  # once the fit has released the interpreter's lock; no switch is forced
                 while sys._current_frames()[main].f_code.co_name != "fit":
                     select.select([], [], [], 0.001)
                 os.kill(os.getpid(), signal.SIGINT)
@@ -353,7 +353,7 @@ class Documentation(unittest.TestCase):
                     continue
                 if thing.__doc__.find(member) < 0:
                     self.assertTrue(getattr(value, "__doc__", None), f"{name}.{member}")
-                if hasattr(dfr._core, name):  # the others are typed where they are
+                if hasattr(dfr._core, name):  # other classes have annotations in their source
                     self.assertRegex(stub, rf"def {member}\(", f"{name}.{member}")
         results = doctest.testmod(sys.modules["dfr._one_class_svm"])
         self.assertEqual(results.failed, 0)

@@ -28,7 +28,7 @@ def states_at(demos, t):
 
 
 class TimeVaryingSupportTest(unittest.TestCase):
-    def test_every_step_is_an_estimate_of_its_own(self):
+    def test_every_step_has_its_own_estimate(self):
         demos = demonstrations()
         support = dfr.TimeVaryingSupport.fit(demos, nu=0.3, gamma=2.0, tolerance=1e-9)
         self.assertEqual(support.num_steps, 30)
@@ -127,7 +127,7 @@ class TimeVaryingSupportTest(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "one row for each"):
             support.decision([0, 1], np.zeros((4, 3)))
         with self.assertRaises(TypeError):
-            fit(demos, 0.1)  # options go by name
+            fit(demos, 0.1)  # options are keyword-only
 
     def test_threads_share_one_support(self):
         support = dfr.TimeVaryingSupport.fit(demonstrations())

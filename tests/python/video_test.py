@@ -18,7 +18,7 @@ from video_dataset import TOP, draw, episodes, write_dataset  # noqa: E402
 
 class VideoTest(unittest.TestCase):
     def test_each_state_has_the_frame_that_was_recorded_with_it(self):
-        os.environ["PATH"] += os.pathsep + str(DECODER.parent)  # the program beside is the interpreter
+        os.environ["PATH"] += os.pathsep + str(DECODER.parent)  # dfr finds no decoder beside the interpreter
         data = episodes(1, 5, 8)
         for version in ("v2.1", "v3.0"):
             with self.subTest(version), tempfile.TemporaryDirectory() as folder:

@@ -18,7 +18,7 @@ import numpy
 
 SOURCE = pathlib.Path(sys.argv[1]).resolve()
 del sys.argv[1]
-# Excludes everything of the build tree, and the network.
+# Excludes the build tree and the network.
 ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
 ENVIRONMENT |= {"PIP_NO_INDEX": "1", "PIP_DISABLE_PIP_VERSION_CHECK": "1", "PYTHONDONTWRITEBYTECODE": "1"}
 
@@ -40,7 +40,7 @@ class WheelTest(unittest.TestCase):
         source = cls.folder / "source"  # a build leaves files beside setup.py
         # Ignored files are not sources. An unpacked archive has no git.
         shutil.copytree(SOURCE, source, ignore=shutil.ignore_patterns("build", ".git", "out", "_skbuild", "*.egg-info"))
-        # Tests the package, not its speed, and therefore uses a compiler cache.
+        # The test concerns the package and not its speed: -O1 and a compiler cache suffice.
         ENVIRONMENT["SKBUILD_CONFIGURE_OPTIONS"] = (
             "-DDFR_BUNDLE=ON -DDFR_PRECOMPILE=ON -DCMAKE_UNITY_BUILD=ON -DCMAKE_CXX_FLAGS_RELEASE=-O1")
         if shutil.which("ccache"):
@@ -62,7 +62,7 @@ class WheelTest(unittest.TestCase):
         self.assertEqual(len([name for name in names if "dfr/_core." in name and name.endswith(".so")]), 1)
         self.assertFalse([name for name in names if name.endswith((".a", ".h", ".cmake", ".cc"))])
 
-    def test_it_needs_the_c_library_and_gccs_run_time_alone(self):
+    def test_it_needs_only_the_c_library_and_gccs_run_time(self):
         objects = sorted((self.folder / "venv").glob("lib/**/dfr/*.so*"))
         self.assertEqual([file.name.split(".")[0] for file in objects], ["_core", "libhwy"])
         for file in objects:
@@ -74,7 +74,7 @@ class WheelTest(unittest.TestCase):
         exported = run("nm", "--dynamic", "--defined-only", objects[0]).split()[2::3]
         self.assertEqual([name for name in exported if "H5" in name or "ZSTD" in name or "3dfr" in name], [])
 
-    def test_it_brings_the_licences_of_what_it_contains(self):
+    def test_it_contains_the_licences_of_bundled_packages(self):
         [folder] = (self.folder / "venv").glob("lib/**/dfr/third_party_licenses")
         packages = {path.parent.name for path in folder.glob("*/copyright")}
         self.assertGreaterEqual(packages, {"libhwy-dev", "libhdf5-dev", "libaec-dev", "zlib1g-dev", "libsnappy-dev",
@@ -83,14 +83,14 @@ class WheelTest(unittest.TestCase):
             for name in re.findall(r"/usr/share/common-licenses/([\w.-]*\w)", text.read_text()):
                 self.assertTrue((folder / "common-licenses" / name).is_file(), f"{text}: {name}")
 
-    def test_metadata_are_those_of_the_project(self):
+    def test_metadata_match_the_project(self):
         shown = run(self.python, "-m", "pip", "show", "dfr")
         self.assertIn("Version: 0.1.0", shown)
         self.assertIn("License: BSD-3-Clause", shown)
         self.assertIn("Requires: numpy", shown)
         self.assertEqual(run(self.python, "-c", "import dfr; print(dfr.__version__)"), "0.1.0\n")
 
-    def test_the_first_guard_of_the_page_on_installing_runs_in_an_empty_folder(self):
+    def test_the_first_guard_of_the_installation_page_runs_in_an_empty_folder(self):
         [script] = re.findall(r"^```python\n(import dfr\n.*?)^```$", (SOURCE / "docs/install.md").read_text(), re.M | re.S)
         with tempfile.TemporaryDirectory() as empty:
             begin = time.monotonic()
@@ -104,7 +104,7 @@ class WheelTest(unittest.TestCase):
         run("/usr/bin/python3", SOURCE / "examples/record_demonstrations.py", "demos.hdf5", cwd=self.folder)  # with h5py
         self.assertEqual(run(self.python, "-c", script, "demos.hdf5", cwd=self.folder), "60\n")
 
-    def test_the_tests_pass_there(self):
+    def test_the_python_tests_pass_with_the_wheel(self):
         # One test writes a file with the system's h5py, whose HDF5 differs from the wheel's.
         package = run("/usr/bin/python3", "-c", "import h5py; print(h5py.__path__[0])").strip()
         (self.folder / "with_h5py").mkdir()

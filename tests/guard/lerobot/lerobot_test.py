@@ -1,6 +1,6 @@
 """Datasets of LeRobot from independent writers, as the program `guard` reads them.
 
-usage: lerobot_test.py PROGRAM DATASETS     (DATASETS is what write_datasets.mjs has written)
+usage: lerobot_test.py PROGRAM DATASETS     (DATASETS: the folder that write_datasets.mjs has written)
 """
 
 import json
@@ -173,7 +173,7 @@ class LeRobotTest(unittest.TestCase):
                 refused += done.returncode
             self.assertGreater(refused, 10)
 
-    def test_claims_beyond_the_budget_are_refused_by_name(self):
+    def test_declared_sizes_beyond_the_budget_are_refused(self):
         def file(values, page_size, rows=None, page_values=4):
             """One column episode_index of INT32 in one page."""
             header = field(1, 5, integer(0)) + field(1, 5, integer(page_size)) + field(1, 5, integer(16)) + field(
@@ -196,7 +196,7 @@ class LeRobotTest(unittest.TestCase):
         (target / "data").mkdir()
         nested = b"\x1c" * 200000
         for content, message in [
-            (file(4, 16), "total_episodes is 24, but the files below data hold 1"),  # what is read, but for the rest
+            (file(4, 16), "total_episodes is 24, but the files below data hold 1"),  # a valid file
             (file(2**40, 16), "declares 1099511627776 values in a row group, too many for a file"),
             (file(4, 2**31 - 1), "declares a page of 2147483647 bytes, too many for a file"),
             (file(4, 64), "does not decompress to the size it claims"),

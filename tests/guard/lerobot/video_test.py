@@ -1,4 +1,4 @@
-"""LeRobot's videos: the frames that `video_frames` decodes, and what `guard` makes of them.
+"""LeRobot's videos: the frames that `video_frames` decodes, and the guards that are fitted to them.
 
 Takes 20 s.
 
@@ -112,8 +112,8 @@ class VideoTest(unittest.TestCase):
         row = next(line for line in whole.splitlines() if line.startswith("episode 7 "))
         self.assertIn(row, part)
 
-    def test_a_frame_that_belongs_to_another_state_is_noticed(self):
-        """The result of the test above depends on the frames."""
+    def test_a_frame_of_another_state_changes_the_guard(self):
+        """Shows that the test above depends on the frames."""
         moved = self.copy("v3.0")
         file = moved / "meta/episodes/chunk-000/file-000.parquet"
         meta = {"episode_index": list(range(8))}
@@ -130,7 +130,7 @@ class VideoTest(unittest.TestCase):
         self.guard(*fit, "moved.guard")
         self.assertNotEqual(*((self.folder / f"{n}.guard").read_bytes() for n in ("moved", "whole")))
 
-    def test_shapes_in_any_order(self):
+    def test_shapes_may_have_any_order(self):
         for shape, names in [([3, 64, 64], None), ([64, 3, 64], ["width", "channels", "height"])]:
             def edit(info):
                 info["features"][TOP].update(shape=shape, names=names)
@@ -220,7 +220,7 @@ class VideoTest(unittest.TestCase):
         found = {**os.environ, "PATH": str(DECODER.parent)}
         subprocess.run(command, check=True, capture_output=True, env=found)
 
-    def test_what_is_no_request_is_refused(self):
+    def test_invalid_requests_are_refused(self):
         for line in ("", "0 0 1 30 64 64 65 64 x.mp4", "0 0 1 30 64 64 64 64", "0 -1 1 30 64 64 64 64 x.mp4", "a"):
             done = subprocess.run([DECODER], input=line + "\n", text=True, capture_output=True, check=True, timeout=60)
             self.assertEqual(done.stdout, "-this is not a request; video_frames --help describes them\n")

@@ -1,5 +1,5 @@
-// Writes datasets as LeRobot lays them out, with parquet-wasm and hyparquet-writer, and beside each
-// what is in it (expected.json). usage: write_datasets.mjs RUNTIME_DIR OUT_DIR
+// Writes datasets in LeRobot's layout with parquet-wasm and hyparquet-writer, and their common content (expected.json).
+// usage: write_datasets.mjs RUNTIME_DIR OUT_DIR
 import * as fs from "fs";
 import { createRequire } from "module";
 import * as path from "path";
@@ -138,11 +138,11 @@ write("plain", "v3.0", [["chunk-000/file-000.parquet", byWasm(frames, fixed, (p)
   p.setDictionaryEnabled(false).setCompression(wasm.Compression.UNCOMPRESSED))]]);
 write("hyparquet", "v3.0", [["chunk-000/file-000.parquet", byHyparquet(frames, { codec: "SNAPPY", rows: 100 })]]);
 write("hyparquet_plain", "v2.1", perEpisode((rows) => byHyparquet(rows, { codec: "UNCOMPRESSED" })));
-// What cannot be read, and says so.
+// Datasets that are refused.
 write("gzip", "v3.0", [["chunk-000/file-000.parquet", byWasm(frames, list, (p) => p.setCompression(wasm.Compression.GZIP))]]);
 write("delta", "v3.0", [["chunk-000/file-000.parquet",
   byHyparquet(frames, { codec: "SNAPPY", encoding: { episode_index: "DELTA_BINARY_PACKED" } })]]);
-// Half precision and unsigned integers beyond the range of signed ones; a frame alone; what macOS leaves behind.
+// Half precision and large unsigned integers; an episode of one frame; a file that macOS leaves behind.
 const unsigned = [...frames, { ...frames[0], episode: 24, t: 0, index: frames.length }];
 const counter = (f) => 4294967295 - f.index;
 const withCounter = (info) => ({

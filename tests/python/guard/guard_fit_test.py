@@ -40,7 +40,7 @@ class GuardFitTest(unittest.TestCase):
             dfr.Guard.fit(states, actions, layout=LAYOUT, features="gripper")
 
     def test_arrays_of_many_kinds_make_the_same_guard(self):
-        class Tensor:  # as torch's, on a device and with a tape
+        class Tensor:  # like torch's, on a device and with a gradient
             def __init__(self, values):
                 self.values = values
 
@@ -164,7 +164,7 @@ class RotationsTest(unittest.TestCase):
     def quaternion(angle):
         return [np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)]
 
-    def test_a_quaternion_and_its_negative_are_one_and_zeros_halt_by_name(self):
+    def test_a_quaternion_equals_its_negative_and_a_zero_one_halts(self):
         states, actions = turning(1, 20, self.quaternion)
         guard = dfr.Guard.fit(states, actions, layout=self.LAYOUT)
         flipped = states[0] * [1, 1, -1, -1, -1, -1]

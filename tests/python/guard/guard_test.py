@@ -24,7 +24,7 @@ class GuardTest(unittest.TestCase):
     def setUpClass(cls):
         cls.guard = fit()
 
-    def test_a_drifting_policy_stays_inside_and_gets_there(self):
+    def test_a_drifting_policy_stays_inside_and_reaches_the_goal(self):
         alone = Corridor()
         alone.reset(seed=3)
         while not alone.step(DRIFT)[2]:
@@ -44,7 +44,7 @@ class GuardTest(unittest.TestCase):
         self.assertLess(abs(plant.x[2]), 0.6)
         self.assertGreater(changed, 0)
 
-    def test_info_says_why(self):
+    def test_info_gives_the_reason(self):
         self.guard.reset()
         grid = np.linspace(-0.1, 0.1, 21)
         state = max(
@@ -62,7 +62,7 @@ class GuardTest(unittest.TestCase):
         np.testing.assert_allclose(action, action_for(0.1, 0.0), atol=1e-15)
         self.assertEqual((action.dtype, action.shape), (np.float64, (2,)))
 
-    def test_every_doubt_halts(self):
+    def test_every_invalid_call_halts(self):
         good = np.zeros(3), action_for(0.05, 0.0)
         for reason, t, state, action in [
             ("state-invalid", 1, [0.0, np.nan, 0.0], good[1]),
@@ -106,7 +106,7 @@ class GuardTest(unittest.TestCase):
                 with self.assertRaisesRegex(RuntimeError, "task.guard"):
                     dfr.Guard.load(path)
 
-    def test_errors_show_bytes_that_are_no_text(self):
+    def test_errors_escape_bytes_that_are_not_utf8(self):
         with tempfile.TemporaryDirectory() as folder:
             path = os.fsencode(folder) + b"/\xff.guard"
             with open(path, "wb") as file:
@@ -114,7 +114,7 @@ class GuardTest(unittest.TestCase):
             for load in (dfr.Guard.load, dfr.TimeVaryingSupport.load, dfr.load_demonstrations):
                 with self.assertRaisesRegex(RuntimeError, r"/\\xff.guard: "):
                     load(os.fsdecode(path))
-        for spaces in range(3):  # the text is cut after some bytes, and a letter may have several
+        for spaces in range(3):  # the message is cut by bytes, and é has two
             with self.assertRaisesRegex(TypeError, "alarm_level must be a number, not ' *é+"):
                 self.guard.with_settings(alarm_level=" " * spaces + "é" * 100)
 
@@ -161,7 +161,7 @@ class GuardTest(unittest.TestCase):
             with self.assertRaisesRegex(ValueError, "t must not be negative, as -1 is"):
                 advise()
 
-    def test_pickles_and_copies_keep_knowledge_and_settings_and_need_a_reset(self):
+    def test_pickles_and_copies_keep_fit_and_settings_and_need_a_reset(self):
         guard = self.guard.with_settings(strategy="monitor", action_limit=0.5)
         guard.reset()
         x = np.random.default_rng(0).normal(size=(50, 3))
@@ -181,7 +181,7 @@ class GuardTest(unittest.TestCase):
             with self.assertRaisesRegex(RuntimeError, "set TMPDIR to a folder that you may write to"):
                 pickle.dumps(guard)
 
-    def test_no_object_comes_without_its_content(self):
+    def test_no_object_is_made_without_content(self):
         for cls in (dfr.Guard, dfr.FitSummary, dfr.SupportEstimate, dfr.TimeVaryingSupport):
             for make in (lambda: cls.__new__(cls), lambda: object.__new__(cls), cls):
                 with self.subTest(cls.__name__), self.assertRaises(TypeError):
@@ -208,7 +208,7 @@ class GuardTest(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "unknown strategy 'brave'"):
             self.guard.with_settings(strategy="brave")
 
-    def test_certify_tells_what_passes_and_by_how_much(self):
+    def test_certify_reports_whether_an_action_passes_and_its_margin(self):
         state = [0.0, 0.0, 0.0]
         small = self.guard.certify(0, state, action_for(0.1, 0.0))
         self.assertTrue(small["passes"])
@@ -224,7 +224,7 @@ class GuardTest(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "action has 1 entries"):
             self.guard.certify(0, state, [0.0])
 
-    def test_threads_have_guards_of_their_own(self):
+    def test_guards_in_different_threads_are_independent(self):
         def run(guard, out):
             plant = Corridor()
             plant.reset(seed=5)

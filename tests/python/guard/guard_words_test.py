@@ -11,15 +11,11 @@ from unittest import mock
 import numpy as np
 
 import dfr
-from corridor import LAYOUT, Corridor, action_for, demonstrations
+from corridor import Corridor, action_for, demonstrations
+from corridor_guard import DRIFT, fit
 from dfr import _progress
 
 CHUNK = 8
-DRIFT = action_for(0.09, 0.06)
-
-
-def fit(count=30, **options):
-    return dfr.Guard.fit(*demonstrations(1, count), layout=LAYOUT, features="tip", **options)
 
 
 class ChunkTest(unittest.TestCase):
@@ -27,7 +23,7 @@ class ChunkTest(unittest.TestCase):
     def setUpClass(cls):
         cls.guard = fit()
 
-    def test_in_shadow_it_judges_and_changes_nothing(self):
+    def test_in_shadow_mode_it_judges_actions_that_are_applied_unchanged(self):
         plant = Corridor()
         x, _ = plant.reset(seed=1)
         self.guard.reset()
@@ -92,7 +88,7 @@ class WhyTest(unittest.TestCase):
             x = plant.step(action)[0]
         self.assertGreater(named, 3)
 
-    def test_a_halt_names_what_is_wrong(self):
+    def test_a_halt_names_its_cause(self):
         good = np.zeros(3), action_for(0.0997, 0.0)
         for t, state, action, why in [
             (0, [0.0, 0.0], good[1], "halted: state has 2 entries, 3 needed"),
@@ -189,7 +185,7 @@ class ProgressTest(unittest.TestCase):
             fit(8, **options)
         return stream.getvalue()
 
-    def test_a_terminal_sees_it_and_a_log_does_not(self):
+    def test_progress_appears_on_a_terminal_and_not_in_a_log(self):
         shown = self.shown(True)
         self.assertRegex(shown, r"dfr: .*, \d+ %, \d+ s")
         self.assertTrue(shown.endswith("\r"))  # cleared
@@ -200,7 +196,7 @@ class ProgressTest(unittest.TestCase):
         self.assertEqual(self.shown(True, progress=lambda *call: calls.append(call)), "")
         self.assertTrue(calls)
 
-    def test_short_fits_say_nothing(self):
+    def test_short_fits_show_no_progress(self):
         now = [0.0]
         stream = io.StringIO()
         with mock.patch.object(sys, "stderr", stream):

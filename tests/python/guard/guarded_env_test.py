@@ -45,7 +45,7 @@ class GuardedEnvTest(unittest.TestCase):
         env.reset(seed=0)
         self.assertEqual(env.step(action_for(0.05, 0.0))[4]["guard"]["mode"], "policy")
 
-    def test_limits_are_one_for_all_or_one_each(self):
+    def test_action_limits_are_shared_or_per_entry(self):
         for limit in (0.05, np.float32(0.05), np.array([0.05, 0.05]), (0.05, 0.05)):
             guard = self.guard.with_settings(action_limit=limit)
             np.testing.assert_allclose(guard.settings["action_limit"], [0.05, 0.05], rtol=1e-6)
@@ -53,7 +53,7 @@ class GuardedEnvTest(unittest.TestCase):
             with self.assertRaisesRegex((ValueError, TypeError), "action_limit"):
                 self.guard.with_settings(action_limit=wrong)
 
-    def test_action_space_bounds_what_the_guard_gives(self):
+    def test_the_action_space_bounds_the_guards_actions(self):
         class Space:
             def __init__(self, low, high, dtype=np.float32):
                 self.low, self.high = np.array(low, dtype), np.array(high, dtype)
@@ -96,7 +96,7 @@ class GuardedEnvTest(unittest.TestCase):
             one.reset(seed=2)
         np.testing.assert_array_equal(env.step(DRIFT)[0], twin.step(DRIFT)[0])
 
-    def test_with_gymnasium_it_is_one_of_its_wrappers(self):
+    def test_it_is_a_gymnasium_wrapper_if_gymnasium_is_installed(self):
         """Runs with a stand-in for gymnasium.Wrapper, checked against Gymnasium 1.2."""
         script = f"""
             import pickle, sys
@@ -133,7 +133,7 @@ class GuardedEnvTest(unittest.TestCase):
         done = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True)
         self.assertEqual(done.returncode, 0, done.stderr)
 
-    def test_vectors_and_other_objects_are_no_environments(self):
+    def test_vectors_and_other_objects_are_refused(self):
         for count in (0, 1, 2):
             vector = Corridor()
             vector.num_envs = count
@@ -147,11 +147,11 @@ class GuardedEnvTest(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "the environment's actions have 0 entries, the guard's 2"):
             dfr.GuardedEnv(plant, self.guard)
 
-    def test_a_path_is_no_guard(self):
+    def test_a_path_instead_of_a_guard_is_refused(self):
         with self.assertRaisesRegex(TypeError, r"guard must be a dfr.Guard, not 'task.guard': dfr.Guard.load"):
             dfr.GuardedEnv(Corridor(), "task.guard")
 
-    def test_own_states(self):
+    def test_a_function_makes_states_of_observations(self):
         env = dfr.GuardedEnv(Corridor(as_dict=True), self.guard, state=lambda obs: [0.0, *obs["tip"]])
         env.reset(seed=1)
         self.assertEqual(env.step(action_for(0.05, 0.0))[4]["guard"]["mode"], "policy")

@@ -13,12 +13,11 @@ import numpy as np
 
 import dfr
 from corridor import LAYOUT, action_for, demonstrations
+from corridor_guard import DRIFT, fit
 from dfr.lerobot import GuardStep
 
 sys.path.insert(0, str(pathlib.Path(__file__).parent / "stand_ins"))
 from tensor import Tensor  # noqa: E402
-
-DRIFT = action_for(0.09, 0.06)
 
 # Interface of a step in LeRobot: huggingface/lerobot at 7427f31, src/lerobot/processor/pipeline.py.
 CONTRACT = {
@@ -30,10 +29,6 @@ CONTRACT = {
     "reset": ["self"],
     "transform_features": ["self", "features"],
 }
-
-
-def fit(count=30, **options):
-    return dfr.Guard.fit(*demonstrations(1, count), layout=LAYOUT, features="tip", **options)
 
 
 class GuardStepTest(unittest.TestCase):
@@ -66,7 +61,7 @@ class GuardStepTest(unittest.TestCase):
         step.reset()
         chunk = np.stack([action_for(0.05, 0.0), action_for(0.06, 0.0)])[None]
         x = np.zeros(3)
-        with self.assertRaisesRegex(ValueError, "has no clock"):  # such a call takes no action
+        with self.assertRaisesRegex(ValueError, "has no clock"):  # a failed call consumes no action
             step({"observation": {"tip": np.zeros(2)}, "action": chunk})
         for k in range(2):
             np.testing.assert_allclose(step(self.transition(x, chunk))["action"], chunk[:, k], atol=1e-12)
@@ -98,7 +93,7 @@ class GuardStepTest(unittest.TestCase):
         with self.assertRaisesRegex(RuntimeError, "no pose to hold"):
             step(self.transition(x, held))
 
-    def test_alarms_and_halts_call_once(self):
+    def test_callbacks_run_once_per_alarm_and_halt(self):
         calls = []
         guard = self.guard.with_settings(strategy="monitor")
         step = GuardStep(guard, on_alarm=lambda info: calls.append("alarm"),
@@ -112,7 +107,7 @@ class GuardStepTest(unittest.TestCase):
             step(self.transition(np.zeros(3), action_for(0.05, 0.0)))
         self.assertEqual(calls[2:], ["halt"])
 
-    def test_functions_that_raise_are_called_once_too(self):
+    def test_callbacks_that_raise_are_called_once(self):
         calls = []
         fail = lambda info: calls.append(info["mode"]) or {}["operator"]  # noqa: E731
         step = GuardStep(self.guard.with_settings(strategy="monitor"), on_alarm=fail, on_halt=fail)
@@ -123,7 +118,7 @@ class GuardStepTest(unittest.TestCase):
             self.assertEqual(calls, expected)
             step.guard.stop()
 
-    def test_whole_numbers_are_not_truncated(self):
+    def test_results_for_integer_actions_are_not_truncated(self):
         guard, x = self.guard.with_settings(), np.array([0.0, 0.02, 0.0])
         guard.reset()
         safe = guard.filter(0, x, [1, 0])[0]
@@ -160,7 +155,7 @@ class GuardStepTest(unittest.TestCase):
             for form in (path, str(path)):
                 step = GuardStep(form, positions=[1, 2])
                 self.assertEqual(step.guard.settings, self.guard.settings)
-                again = GuardStep(**step.get_config())  # as a stored pipeline is made again
+                again = GuardStep(**step.get_config())  # as a stored pipeline is rebuilt
                 self.assertEqual((again.positions, again.guard.layout), ([1, 2], LAYOUT))
             with self.assertRaises(FileNotFoundError):
                 GuardStep(path.with_name("other.guard"))
@@ -202,7 +197,7 @@ class TensorTest(unittest.TestCase):
         self.check(lambda values: Tensor(np.asarray(values, dtype=np.float32), device="cuda:0"),
                    lambda tensor: (tensor.dtype, tensor.device))
 
-    def test_those_of_torch(self):
+    def test_torch_tensors_keep_shape_and_type(self):
         try:
             import torch
         except ImportError:
@@ -216,7 +211,7 @@ class TensorTest(unittest.TestCase):
 
 
 class DictionariesTest(unittest.TestCase):
-    """Return the actions and observations of a robot, {"x.pos": ...}."""
+    """Actions and observations of a robot as dictionaries, {"x.pos": ...}."""
 
     @classmethod
     def setUpClass(cls):
@@ -243,7 +238,7 @@ class DictionariesTest(unittest.TestCase):
         self.assertEqual(step.info, info)
         self.assertEqual(list(action.values()), DRIFT.tolist())  # left as it was
 
-    def test_names_decide_and_not_their_order(self):
+    def test_entries_are_matched_by_name_not_by_order(self):
         step = GuardStep(self.guard, action_names=["x.pos", "y.pos"])
         step.reset()
         safe, _ = self.filtered([0.02, 0.0], DRIFT)
@@ -259,13 +254,13 @@ class DictionariesTest(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "action_names has 1 entries; actions of this guard have 2"):
             GuardStep(self.guard, action_names=["x.pos"])
 
-    def test_an_observation_of_other_numbers_is_named(self):
+    def test_an_observation_without_the_needed_entries_is_named(self):
         step = GuardStep(self.guard)
         step.reset()
         with self.assertRaisesRegex(ValueError, "no observation.state; it has x.pos, front, of which 1 are numbers, 2 "):
             step(({"x.pos": 0.0, "y.pos": 0.0}, {"x.pos": 0.0, "front": np.zeros(3)}))
 
-    def test_without_an_observation_the_one_that_was_given_counts_once(self):
+    def test_an_observation_given_by_observe_counts_once(self):
         step = GuardStep(self.guard)
         step.reset()
         transition = {"observation": None, "action": Tensor(DRIFT[None])}
@@ -286,7 +281,7 @@ class ContractTest(unittest.TestCase):
             with self.subTest(name):
                 self.assertEqual(list(inspect.signature(getattr(GuardStep, name)).parameters), parameters)
 
-    def test_it_derives_from_lerobots_step_where_there_is_one(self):
+    def test_it_derives_from_lerobots_step_if_lerobot_is_installed(self):
         """Runs with a stand-in for lerobot.processor that has the recorded methods and checks."""
         folder = pathlib.Path(__file__).parent
         script = f"""
@@ -352,7 +347,7 @@ class OwnPipelineTest(unittest.TestCase):
             yield x.copy(), action, info
             x += action
 
-    def test_their_step_has_the_recorded_signatures(self):
+    def test_lerobots_step_has_the_recorded_signatures(self):
         own = {name for name, member in vars(processor.ProcessorStep).items()
                if inspect.isfunction(member)}
         self.assertEqual(own, set(CONTRACT))

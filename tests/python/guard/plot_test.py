@@ -6,13 +6,12 @@ import matplotlib
 import numpy as np
 
 import dfr
-from corridor import LAYOUT, Corridor, action_for, demonstrations
+from corridor import LAYOUT, Corridor, demonstrations
+from corridor_guard import DRIFT
 from dfr import plot
 
 matplotlib.use("Agg")
 from matplotlib import pyplot  # noqa: E402
-
-DRIFT = action_for(0.09, 0.06)
 
 
 class PlotTest(unittest.TestCase):

@@ -1,4 +1,4 @@
-"""The part of Gymnasium 1.x that GuardedEnv uses, which Debian does not package; independent code.
+"""Independent code for the part of Gymnasium 1.x that GuardedEnv uses. Debian does not package Gymnasium.
 
 Wrapper rejects objects other than an Env, keeps the private attributes that its properties need, and forwards
 attributes only through get_wrapper_attr.

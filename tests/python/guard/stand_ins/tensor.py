@@ -4,7 +4,7 @@ import numpy as np
 
 
 class Tensor:
-    """On a device other than the CPU NumPy gets no data, and size is a method."""
+    """NumPy cannot read the data on a device other than the CPU, and size is a method."""
 
     def __init__(self, values, device="cpu"):
         self._values = np.asarray(values)
