@@ -38,8 +38,8 @@ TEST(ParticipantTest, OptionsOutOfRangeAreRefused) {
                std::invalid_argument);
 }
 
-// Fast DDS numbers the participants of a process without limit; earlier ones have no effect.
-TEST(ParticipantTest, IsFoundHoweverManyThereWereBeforeInItsProcess) {
+// Fast DDS numbers the participants of a process without limit. Discovery accepts high numbers.
+TEST(ParticipantTest, IsFoundAfterManyEarlierParticipantsOfItsProcess) {
   for (int i = 0; i < 30; ++i) {
     const Participant gone(Loopback());
   }
@@ -136,7 +136,7 @@ TEST(ChannelTest, APublisherWaitsUntilItsLastSampleIsReceived) {
   }
 }
 
-TEST(ChannelTest, StateKeepsTheNewestAlone) {
+TEST(ChannelTest, StateKeepsOnlyTheNewest) {
   Participant first(Loopback());
   Participant second(Loopback());
   Publisher<PoseStamped> publisher(first, "/measured_cp", Role::kState);
@@ -168,7 +168,7 @@ TEST(ChannelTest, SilentCommanderLosesItsLiveliness) {
   Eventually([&] { return subscriber.health().missed_deadlines > 0; });
 }
 
-TEST(ChannelTest, SecondCommanderIsSeen) {
+TEST(ChannelTest, SecondCommanderIsDetected) {
   Participant first(Loopback());
   Participant second(Loopback());
   const Subscriber<PoseStamped> subscriber(first, "/servo_cp", Role::kCommand);
@@ -181,7 +181,7 @@ TEST(ChannelTest, SecondCommanderIsSeen) {
   Eventually([&] { return subscriber.health().publishers == 1; });
 }
 
-// A command that waited for a reader expires and is not executed late.
+// A command that waits for a reader expires and is not executed late.
 TEST(ChannelTest, OldCommandsExpire) {
   Participant first(Loopback());
   Participant second(Loopback());
@@ -196,7 +196,7 @@ TEST(ChannelTest, OldCommandsExpire) {
   Eventually([&] { return !subscriber.Wait(0.0) && !subscriber.Take(got); });
 }
 
-// Checked for every type: by default DDS would share a flag, which has no strings.
+// Tests a type without strings, because Fast DDS shares those by default.
 TEST(ChannelTest, SharedMemoryIsOffByDefault) {
   const std::vector<std::string> before = SharedSegments();
   Participant first(Loopback());
@@ -209,7 +209,7 @@ TEST(ChannelTest, SharedMemoryIsOffByDefault) {
   EXPECT_EQ(SharedSegments(), before);
 }
 
-TEST(ChannelTest, ImageOverSharedMemory) {
+TEST(ChannelTest, ImageArrivesOverSharedMemory) {
   ParticipantOptions options = Loopback();
   options.shared_memory = true;
   Participant first(options);

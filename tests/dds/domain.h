@@ -2,8 +2,8 @@
 
 namespace dfr::test {
 
-/// A DDS domain that no other test of this machine uses while this process lives: tests may run
-/// concurrently. @throws std::runtime_error if all are taken.
+/// Returns a DDS domain reserved for this process until it ends: tests can run concurrently on one
+/// machine. @throws std::runtime_error if all are taken.
 int OwnDomain();
 
 }  // namespace dfr::test

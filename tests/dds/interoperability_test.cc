@@ -19,8 +19,8 @@ namespace {
 
 class InteroperabilityTest : public testing::Test {
  protected:
-  // Repeats the question until the peer answers: the first questions precede its discovery of us.
-  // For pictures the first ones are empty.
+  // Repeats the question until the peer answers, because the first questions precede discovery. The
+  // first pictures are empty.
   template <typename T>
   T Ask(const std::string& name, Role role, const T& question) {
     Publisher<T> ask(participant_, "/peer/ask/" + name, role);
@@ -45,7 +45,7 @@ class InteroperabilityTest : public testing::Test {
   test::PeerProcess peer_{{DFR_CYCLONE_PEER, std::to_string(test::OwnDomain())}};
 };
 
-// The contracts that a command publisher offers do not keep a plain ROS 2 reader away.
+// A plain ROS 2 reader matches a command publisher, although that offers further contracts.
 TEST_F(InteroperabilityTest, Commands) {
   PoseStamped question;
   question.position_m << 1.0, 2.0, 3.0;

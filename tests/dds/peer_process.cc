@@ -32,7 +32,7 @@ PeerProcess::PeerProcess(const std::vector<std::string>& command) {
   if (::access(argv[0], X_OK) == 0) pid_ = ::fork();
   if (pid_ == 0) {
     ::prctl(PR_SET_PDEATHSIG, SIGKILL);
-    // Otherwise the parent's end went unnoticed.
+    // With another parent, the test ended before the call of prctl.
     if (::getppid() == test) ::execv(argv[0], argv.data());
     ::_exit(127);
   }

@@ -33,7 +33,7 @@ class StaleMemoryTest : public testing::Test {
                                   ("dfr-stale-memory-" + std::to_string(::getpid()));
 };
 
-TEST_F(StaleMemoryTest, SegmentsWithoutAnOwnerGoAndNothingElse) {
+TEST_F(StaleMemoryTest, RemovesOnlySegmentsWithoutAnOwner) {
   const std::string dead = "fastrtps_0123456789abcdef";
   const std::string alive = "fastrtps_1123456789abcdef";
   const std::string young = "fastrtps_2123456789abcdef";

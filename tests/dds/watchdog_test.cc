@@ -18,7 +18,7 @@ Watchdog Make() {
   return Watchdog({.max_age_s = 0.05, .max_silence_s = 0.04, .max_ahead_s = 0.01});
 }
 
-TEST(StampTest, NanosecondsGoThereAndBack) {
+TEST(StampTest, NanosecondsRoundTrip) {
   for (const std::int64_t ns :
        {std::int64_t{0}, std::int64_t{1}, kWallClock, -kWallClock, 999 * kMillisecond}) {
     EXPECT_EQ(Stamp::FromNanoseconds(ns).nanoseconds(), ns);
@@ -28,7 +28,7 @@ TEST(StampTest, NanosecondsGoThereAndBack) {
   EXPECT_TRUE(Stamp::FromNanoseconds(1).valid());
 }
 
-TEST(WatchdogTest, EachLimitIsKeptToTheNanosecond) {
+TEST(WatchdogTest, EachLimitIsExactToTheNanosecond) {
   Watchdog dog = Make();
   const test::NoAlloc guard;
   EXPECT_EQ(dog.Check(kWallClock, kSteady), Freshness::kNever);
@@ -42,7 +42,7 @@ TEST(WatchdogTest, EachLimitIsKeptToTheNanosecond) {
   EXPECT_EQ(dog.Check(kWallClock, kSteady + 40 * kMillisecond + 1), Freshness::kSilent);
 }
 
-TEST(WatchdogTest, StampZeroIsInvalidHoweverOftenItComes) {
+TEST(WatchdogTest, StampZeroIsInvalid) {
   Watchdog dog = Make();
   dog.Arrived(Stamp{}, kSteady);
   EXPECT_EQ(dog.Check(kWallClock, kSteady), Freshness::kInvalidStamp);

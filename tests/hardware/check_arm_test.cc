@@ -20,7 +20,7 @@ using test::Shown;
 using testing::AllOf;
 using testing::HasSubstr;
 
-// A driver's client and a console that it talks to directly.
+// A driver's client, connected directly to a console.
 class FakeCheckedArm final : public CheckedArm {
  public:
   explicit FakeCheckedArm(test::HandMovedClock& clock, const sim::PsmConsoleOptions& options,
@@ -180,7 +180,7 @@ TEST_F(ArmCheckTest, HomesAndMovesOnlyAfterAsking) {
   EXPECT_NEAR(arm_.console.setpoint_joints()[2], 0.12, 1e-9);
 }
 
-TEST_F(ArmCheckTest, SaysFirstThatThereIsNoEmergencyStop) {
+TEST_F(ArmCheckTest, WarnsFirstOfAMissingEmergencyStop) {
   const auto first = [this] {
     const Finding finding = CheckArm(options_, arm_).findings.front();
     return finding.level == Finding::Level::kNote ? finding.what : std::string();
@@ -192,7 +192,7 @@ TEST_F(ArmCheckTest, SaysFirstThatThereIsNoEmergencyStop) {
   EXPECT_THAT(first(), HasSubstr("WITHOUT AN EMERGENCY STOP"));
 }
 
-TEST_F(ArmCheckTest, MovesNothingWithoutAnEmergencyStopThatIsReleased) {
+TEST_F(ArmCheckTest, MovesNothingWithoutAReleasedEmergencyStop) {
   options_.home = options_.move = true;
   EXPECT_THAT(Check(), HasSubstr("no emergency stop was found"));
   arm_.stop = [] { return dds::EmergencyStop::kPressed; };
@@ -202,7 +202,7 @@ TEST_F(ArmCheckTest, MovesNothingWithoutAnEmergencyStopThatIsReleased) {
   EXPECT_THAT(Check(), HasSubstr("the arm moved"));
 }
 
-TEST_F(ArmCheckTest, AStopThatIsPressedEndsHoming) {
+TEST_F(ArmCheckTest, APressedStopEndsHoming) {
   options_.home = options_.move = true;
   arm_.stop = [this] {
     return arm_.console.busy() ? dds::EmergencyStop::kPressed : dds::EmergencyStop::kClear;
@@ -235,7 +235,7 @@ TEST_F(ArmCheckTest, AStopOrAnInterruptEndsTheMove) {
   EXPECT_LT(arm_.console.setpoint_joints()[2], 0.121) << "it went on";
 }
 
-TEST_F(ArmCheckTest, NamesFaultInTheConsolesWords) {
+TEST_F(ArmCheckTest, QuotesTheConsolesFault) {
   Home();
   arm_.console.Fail("the brake is stuck");
   EXPECT_THAT(Check(), AllOf(HasSubstr("FAULT"), HasSubstr("\"PSM1: the brake is stuck\""),

@@ -1,4 +1,4 @@
-// The checks with an existing network and port.
+// The checks over a real network and port.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <poll.h>
@@ -66,7 +66,7 @@ TEST_F(NetworkCheckTest, NamesTheProgramToStartIfNoneIsFound) {
                                    HasSubstr("ROS_DOMAIN_ID must be " + std::to_string(domain_))));
 }
 
-TEST_F(NetworkCheckTest, AnotherArmsNameIsNamed) {
+TEST_F(NetworkCheckTest, SuggestsTheNameOfAnotherArm) {
   const dds::Publisher<dds::JointState> other(participant_, "/PSM1/measured_js", dds::Role::kState);
   options_.arm = "PSM2";
   stops_ = "looking for other arms";
@@ -193,7 +193,7 @@ TEST_F(PlatformHomeTest, NothingMovesWithoutATerminal) {
       std::string("echo platform | " DFR_HARDWARE " home --platform ") + emulator_.device();
   EXPECT_EQ(test::PeerProcess({"/bin/sh", "-c", command}).Await(), 1);
   EXPECT_EQ(Home("platform").second, 0);
-  EXPECT_EQ(emulator_.Await(1).size(), 1U) << "the second alone";
+  EXPECT_EQ(emulator_.Await(1).size(), 1U) << "only the second command moves it";
 }
 
 TEST(CheckProgramTest, ExitCodeTellsWhetherAllIsWell) {

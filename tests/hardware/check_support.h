@@ -9,7 +9,7 @@
 
 namespace dfr::test {
 
-/// Advances during waits, and runs planned actions at their times.
+/// Advances only during waits, and runs an action in each.
 class HandMovedClock final : public apps::hardware_app::Clock {
  public:
   std::int64_t SteadyNs() override { return now_ns; }

@@ -22,7 +22,7 @@ using testing::AllOf;
 using testing::HasSubstr;
 using testing::Not;
 
-// Pictures of 64 x 48, one for each look; every `bad_every`th is `bad`.
+// Returns a picture of 64 x 48 pixels per call; every `bad_every`th is `bad`.
 class FakeEndoscope final : public hardware::Endoscope {
  public:
   FrameStatus Grab(std::int64_t /*steady_ns*/, std::int64_t /*wall_ns*/,
@@ -91,7 +91,7 @@ TEST_F(EndoscopeCheckTest, NamesWhatIsWrongWithMostPictures) {
   EXPECT_THAT(Check(), HasSubstr(": by 5.000 s"));
 }
 
-TEST_F(EndoscopeCheckTest, NowAndThenLateIsANote) {
+TEST_F(EndoscopeCheckTest, OccasionallyLateIsANote) {
   endoscope_.bad = FrameStatus::kOld;
   endoscope_.bad_every = 5;
   EXPECT_THAT(Check(), AllOf(HasSubstr("[note]  occasionally: "), Not(HasSubstr("[wrong]"))));
@@ -112,7 +112,7 @@ TEST_F(EndoscopeCheckTest, NamesWhatCannotBeOpened) {
   std::filesystem::remove(camera);
 }
 
-TEST(PlatformCheckTest, NamesAPortThatIsMissingOrNoPort) {
+TEST(PlatformCheckTest, NamesAMissingOrInvalidPort) {
   CheckOptions options;
   for (const char* port : {"/dev/no-such-port", "/dev/no; port"}) {
     options.platform = port;
@@ -124,7 +124,7 @@ TEST(PlatformCheckTest, NamesAPortThatIsMissingOrNoPort) {
   EXPECT_THAT(Shown(CheckPlatform(options)), HasSubstr("is not a serial port"));
 }
 
-TEST(CheckJsonTest, SaysTheSameAsTheText) {
+TEST(CheckJsonTest, ContainsAllFindings) {
   DeviceReport report;
   report.device = "PSM1";
   report.findings.push_back({Finding::Level::kOk, "fine", ""});

@@ -27,7 +27,7 @@ class RobotWatchTest : public testing::Test {
   RobotWatch watch_{out_};
 };
 
-TEST_F(RobotWatchTest, SaysEachStateOnceAndAfter150MsThatItIsSilent) {
+TEST_F(RobotWatchTest, ReportsEachStateOnceAndSilenceAfter150Ms) {
   watch_.Hear(kFirst, "running", 0);
   watch_.Hear(kFirst, "running", 20 * kMs);
   EXPECT_EQ(Said(), "robot: running\n");
@@ -43,7 +43,7 @@ TEST_F(RobotWatchTest, SaysEachStateOnceAndAfter150MsThatItIsSilent) {
   EXPECT_EQ(Said(), "robot: holding\n") << "it is heard again";
 }
 
-TEST_F(RobotWatchTest, ASecondProgramThatEndsSaysNothingOfTheFirst) {
+TEST_F(RobotWatchTest, TheEndOfASecondProgramDoesNotHideTheFirst) {
   watch_.Hear(kFirst, "running", 0);
   watch_.Hear(kSecond, "idle", 10 * kMs);
   watch_.Hear(kSecond, dds::kRunEnded, 20 * kMs);
@@ -54,7 +54,7 @@ TEST_F(RobotWatchTest, ASecondProgramThatEndsSaysNothingOfTheFirst) {
   EXPECT_EQ(Said(), "") << "the second has ended in order";
 }
 
-TEST_F(RobotWatchTest, OneAfterTheOtherIsTheRobot) {
+TEST_F(RobotWatchTest, ConsecutiveProgramsAreOneRobot) {
   watch_.Hear(kFirst, "running", 0);
   watch_.Hear(kFirst, dds::kRunEnded, 10 * kMs);
   watch_.Hear(kSecond, "idle", 20 * kMs);

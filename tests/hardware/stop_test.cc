@@ -40,7 +40,7 @@ class StopTest : public testing::Test {
   std::int64_t now_ns_ = 1'000'000'000;
 };
 
-TEST_F(StopTest, AnUnattendedStopSaysThatAllIsWellAndItsDeathStops) {
+TEST_F(StopTest, AnUnattendedStopReportsClearAndItsDeathStops) {
   test::PeerProcess stop(
       {DFR_HARDWARE, "stop", "--unattended", "--domain", std::to_string(domain_)});
   Hears(EmergencyStop::kClear);
@@ -53,7 +53,7 @@ TEST_F(StopTest, AnUnattendedStopSaysThatAllIsWellAndItsDeathStops) {
   HearsNothingAnyMore();
 }
 
-// The program's keyboard is typed by this process.
+// This process types on the program's keyboard.
 class TypedStopTest : public StopTest {
  protected:
   TypedStopTest() {
@@ -82,7 +82,7 @@ class TypedStopTest : public StopTest {
   int keyboard_ = -1;
 };
 
-TEST_F(TypedStopTest, PressesReleasesAndShowsHowTheRobotStands) {
+TEST_F(TypedStopTest, PressesReleasesAndShowsTheRobotsState) {
   test::PeerProcess stop({"/bin/sh", "-c",
                           "exec " DFR_HARDWARE " stop --domain " + std::to_string(domain_) + " < " +
                               (folder_ / "typed").string() + " > " + (folder_ / "shown").string()});

@@ -61,7 +61,7 @@ class CycloneConsoleTest : public testing::Test {
   PsmDriver driver_{participant_, {}};
 };
 
-TEST_F(CycloneConsoleTest, IsHomedMovedAndMeasuredAndFailsInItsOwnWords) {
+TEST_F(CycloneConsoleTest, IsHomedAndMovedAndItsFaultIsQuoted) {
   const test::PeerProcess console({DFR_CYCLONE_CONSOLE, std::to_string(test::OwnDomain()), "0.06"});
   ASSERT_EQ(BringUp(driver_, 60.0, {}, {},
                     {.steady_ns = [this] { return now_ns_; },

@@ -61,9 +61,9 @@ class LateMessagesSystemTest : public testing::Test {
   Clock::time_point next_ = Clock::now();
 };
 
-// The arm moves at most 1 mm after the message may arrive: 50 ms of this motion, including 10 ms
+// Once the message can arrive, the arm moves at most 1 mm: 50 ms of this motion, including 10 ms
 // for discovery.
-TEST_F(LateMessagesSystemTest, FiftyHoldsOfWhoHasJustJoinedAreFiftyHolds) {
+TEST_F(LateMessagesSystemTest, AllFiftyHoldsOfANewcomerHold) {
   double worst_m = 0.0;
   for (int i = 0; i < 50; ++i) {
     SCOPED_TRACE(i);
@@ -94,7 +94,7 @@ TEST_F(LateMessagesSystemTest, FiftyHoldsOfWhoHasJustJoinedAreFiftyHolds) {
 
 // The console has received the message, and this side discovers the guest up to half a second
 // later.
-TEST_F(LateMessagesSystemTest, FiftyHoldsThatTheConsoleAloneHasHeardAreFiftyHolds) {
+TEST_F(LateMessagesSystemTest, AllFiftyHoldsThatOnlyTheConsoleReceivesHold) {
   double worst_m = 0.0;
   int by_the_console = 0;
   for (int i = 0; i < 50; ++i) {
@@ -129,7 +129,7 @@ TEST_F(LateMessagesSystemTest, FiftyHoldsThatTheConsoleAloneHasHeardAreFiftyHold
   std::printf("at most %.3f mm; %d by the console's statement\n", 1e3 * worst_m, by_the_console);
 }
 
-TEST_F(LateMessagesSystemTest, AWindowThatWasThereBeforeIsNoReason) {
+TEST_F(LateMessagesSystemTest, AnEarlierParticipantIsNoReasonToHold) {
   dds::Participant window({.domain = test::OwnDomain(), .name = "window"});
   const dds::Publisher<dds::Signal> hold(window, "/PSM1/hold", dds::Role::kRequest);
   const dds::Publisher<dds::Signal> free(window, "/PSM1/free", dds::Role::kRequest);

@@ -28,8 +28,8 @@ PsmJoints Start() {
   return q;
 }
 
-// A client at a simulated console, without a network. A step takes 5 ms, and every second step has
-// a sample.
+// A client connected to a simulated console, without a network. A step takes 5 ms, and every second
+// step has a sample.
 class LateMessagesTest : public testing::Test {
  protected:
   // Recreates both, armed and in motion.
@@ -133,7 +133,7 @@ class LateMessagesTest : public testing::Test {
     PsmControl control;
     bool is_error;
   };
-  std::deque<Text> texts_;  // under way
+  std::deque<Text> texts_;  // in transit
   bool deaf_ = false;       // true: our commands are lost
   bool deaf_to_holds_ = false;
   int transit_steps_ = kTransitSteps;
@@ -144,7 +144,7 @@ class LateMessagesTest : public testing::Test {
 
 // A hold, sent once or 20 times a second for .3 s. This side finds its sender up to half a second
 // later than the console does.
-TEST_F(LateMessagesTest, AHoldThatTheConsoleAloneHasHeardHolds) {
+TEST_F(LateMessagesTest, AHoldThatOnlyTheConsoleReceivesHolds) {
   double worst_m = 0.0;
   for (int i = 0; i < 50; ++i) {
     const int late_ms = 10 * i;
@@ -163,7 +163,7 @@ TEST_F(LateMessagesTest, AHoldThatTheConsoleAloneHasHeardHolds) {
 
 // The sender is discovered 300 ms after the command: until then only the console's messages reveal
 // it. The other commands hold without repetition; see OneCommandIsEnough.
-TEST_F(LateMessagesTest, TheConsoleShowsWhatOthersCommand) {
+TEST_F(LateMessagesTest, TheConsoleRevealsForeignCommands) {
   struct Command {
     const char* topic;
     std::function<void()> carry_out;  // with every third step, not synchronous to the samples
@@ -224,7 +224,7 @@ TEST_F(LateMessagesTest, OneCommandIsEnough) {
 
 // The answers to our own hold and to the first set-point after it arrive when the arm is armed
 // again.
-TEST_F(LateMessagesTest, TheAnswersToOurOwnCommandsAreNoOneElses) {
+TEST_F(LateMessagesTest, AnswersToOurOwnCommandsDoNotHold) {
   Begin();
   for (int episode = 0; episode < 20; ++episode) {
     SCOPED_TRACE(episode);
@@ -246,7 +246,7 @@ TEST_F(LateMessagesTest, TheAnswersToOurOwnCommandsAreNoOneElses) {
 
 // The texts arrive up to 0.9 s late: after the arm has been armed again, even several times. Once
 // all have arrived, another participant's hold is detected.
-TEST_F(LateMessagesTest, LateAnswersToOurOwnCommandsAreNoOneElses) {
+TEST_F(LateMessagesTest, LateAnswersToOurOwnCommandsDoNotHold) {
   for (const int transit_steps : {20, 60, 180}) {
     for (const int phase_steps : {10, 25, 100}) {
       SCOPED_TRACE(testing::Message() << transit_steps << " late, " << phase_steps << " armed");
@@ -272,7 +272,7 @@ TEST_F(LateMessagesTest, LateAnswersToOurOwnCommandsAreNoOneElses) {
 
 // Tested from the first set-point on, which is sent as soon as the answer to our own hold has
 // arrived.
-TEST_F(LateMessagesTest, AHoldRightAfterOurOwnHolds) {
+TEST_F(LateMessagesTest, AForeignHoldRightAfterOurOwnIsDetected) {
   for (int steps = kTransitSteps - 1; steps < 40; ++steps) {
     SCOPED_TRACE(steps);
     Begin();
@@ -289,7 +289,7 @@ TEST_F(LateMessagesTest, AHoldRightAfterOurOwnHolds) {
 // The console never answers our own hold, because it was lost: poses still control the console. The
 // client waits for the answer for a second before it sends a set-point, and does not confuse a
 // later hold with it.
-TEST_F(LateMessagesTest, AHoldAfterOneOfOurOwnThatTheConsoleNeverAnswersHolds) {
+TEST_F(LateMessagesTest, AForeignHoldAfterAnUnansweredOwnHoldIsDetected) {
   for (int ms = 0; ms < 2000; ms += 50) {
     SCOPED_TRACE(testing::Message() << ms << " ms after our own hold");
     Begin();
@@ -321,7 +321,7 @@ TEST_F(LateMessagesTest, AHoldAfterOneOfOurOwnThatTheConsoleNeverAnswersHolds) {
 }
 
 // A hold that changes nothing has no answer, and the client does not wait for one.
-TEST_F(LateMessagesTest, AHoldAfterSeveralOfOurOwnHolds) {
+TEST_F(LateMessagesTest, AForeignHoldAfterSeveralOwnHoldsIsDetected) {
   Begin();
   for (int i = 0; i < 3; ++i) {
     client_.Hold();
@@ -359,7 +359,7 @@ TEST_F(LateMessagesTest, ASetpointThatStaysWhileOursMovesOnHolds) {
   EXPECT_LT((tip() - there).norm(), 1e-3);
 }
 
-TEST_F(LateMessagesTest, AloneNothingIsDetected) {
+TEST_F(LateMessagesTest, WithoutOthersNothingIsDetected) {
   Begin();
   for (int i = 0; i < 2000; ++i) Step();
   EXPECT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());

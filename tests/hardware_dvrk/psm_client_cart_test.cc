@@ -29,7 +29,7 @@ class PsmClientOnCartTest : public PsmClientTest {
   }
 };
 
-TEST_F(PsmClientOnCartTest, GoesWhereItIsSentInTheArmsOwnFrame) {
+TEST_F(PsmClientOnCartTest, MovesInTheArmsOwnFrame) {
   ArmNow();
   EXPECT_TRUE(test::AllClose(client_.base_frame().matrix(), camera_.matrix(), 1e-12));
   ASSERT_EQ(client_.MoveTo(Yaw(0.2), 3.0), PsmStatus::kOk);
@@ -43,13 +43,13 @@ TEST_F(PsmClientOnCartTest, HoldsWhenTheCameraMoves) {
   ExpectHold(PsmStatus::kBaseMoved, CameraMoved(0.003), 2, true);
 }
 
-TEST_F(PsmClientOnCartTest, ACameraThatTremblesIsNoReason) {
+TEST_F(PsmClientOnCartTest, ATremblingCameraDoesNotHold) {
   ArmNow();
   for (int i = 0; i < 100; ++i) Step(CameraMoved(i % 4 < 2 ? 0.001 : -0.001));
   EXPECT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());
 }
 
-TEST_F(PsmClientOnCartTest, HoldsWhenItsOwnFrameIsNotHeardOfAnyMore) {
+TEST_F(PsmClientOnCartTest, HoldsWhenItsOwnFrameIsSilent) {
   ExpectHold(
       PsmStatus::kStateSilent, [](PsmInput& input) { input.local_measured_cp.reset(); }, 12, true);
 }

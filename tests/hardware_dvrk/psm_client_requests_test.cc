@@ -11,7 +11,7 @@ namespace {
 
 using PsmClientRequestTest = PsmClientTest;
 
-TEST_F(PsmClientRequestTest, HomingIsAskedForOnceAndEndsInIdle) {
+TEST_F(PsmClientRequestTest, HomingIsRequestedOnceAndEndsInIdle) {
   Become(PsmConsoleState::kDisabled, false, false);
   Steps(4);
   ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
@@ -28,7 +28,7 @@ TEST_F(PsmClientRequestTest, HomingIsAskedForOnceAndEndsInIdle) {
   EXPECT_EQ(num_servo_, 0);
 }
 
-TEST_F(PsmClientRequestTest, RequestsAreRepeatedUntilTheyShowAndThenTimeOut) {
+TEST_F(PsmClientRequestTest, UnansweredRequestsAreRepeatedAndTimeOut) {
   Become(PsmConsoleState::kDisabled, false, false);
   Steps(4);
   ASSERT_EQ(client_.Request(PsmRequest::kEnable), PsmStatus::kOk);
@@ -56,7 +56,7 @@ TEST_F(PsmClientRequestTest, RequestWaitsForTheConsoleToListen) {
   EXPECT_EQ(requests_, "home ");
 }
 
-TEST_F(PsmClientRequestTest, FaultEndsHomingAndOnlyDisableIsTakenThen) {
+TEST_F(PsmClientRequestTest, AFaultEndsHomingAndPermitsOnlyDisable) {
   Become(PsmConsoleState::kEnabled, false, true);
   Steps(4);
   ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
@@ -125,11 +125,11 @@ TEST_F(PsmClientRequestTest, AnyInterruptionEndsHoming) {
     EXPECT_EQ(num_holds_, 1);
     EXPECT_EQ(requests_, "disable ");
     Steps(100);
-    EXPECT_EQ(requests_, "disable ") << "nothing is asked for again";
+    EXPECT_EQ(requests_, "disable ") << "no further request is sent";
   }
 }
 
-TEST_F(PsmClientRequestTest, HomingIsNotAskedForWhereSomebodyElseCommands) {
+TEST_F(PsmClientRequestTest, HomingIsNotRequestedWhenAnotherCommands) {
   Become(PsmConsoleState::kDisabled, false, false);
   Steps(4);
   ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
@@ -139,7 +139,7 @@ TEST_F(PsmClientRequestTest, HomingIsNotAskedForWhereSomebodyElseCommands) {
   EXPECT_EQ(requests_, "");
 }
 
-TEST_F(PsmClientRequestTest, HomingThatIsLateIsEnded) {
+TEST_F(PsmClientRequestTest, HomingTimesOut) {
   Become(PsmConsoleState::kDisabled, false, false);
   Steps(4);
   ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);

@@ -76,7 +76,7 @@ TEST_F(PsmClientTest, RefusedGoalsChangeNothing) {
   EXPECT_TRUE(test::AllClose(at_, Home(), 1e-9));
 }
 
-TEST_F(PsmClientTest, JawTurnsAtConstantSpeedAndIsLeftAloneUntilAsked) {
+TEST_F(PsmClientTest, JawTurnsAtConstantSpeedAndOnlyOnRequest) {
   ArmNow();
   EXPECT_FALSE(Step().servo_jaw);
   ASSERT_EQ(client_.MoveJaw(0.4, 1.0), PsmStatus::kOk);
@@ -104,7 +104,7 @@ TEST_F(PsmClientTest, HoldWorksAtAnyTime) {
   EXPECT_EQ(client_.status(), PsmStatus::kHeld);
 }
 
-TEST_F(PsmClientTest, SamplesThatMakeNoSenseHold) {
+TEST_F(PsmClientTest, InvalidSamplesHold) {
   const auto joints = [&](PsmStatus cause, const std::function<void(PsmJointSample&)>& spoil) {
     ExpectHold(
         cause,
@@ -187,7 +187,7 @@ TEST_F(PsmClientTest, EveryOtherMessageHolds) {
   ExpectHold(PsmStatus::kSendFailed, [](PsmInput& input) { input.send_failed = true; });
 }
 
-// Returns whether the set-point is the client's or unchanged.
+// Before and after a jaw move of the client.
 TEST_F(PsmClientTest, AJawThatOthersTurnHolds) {
   const auto turned = [](PsmInput& input) {
     if (input.jaw_setpoint) input.jaw_setpoint->angle += 0.1;
@@ -220,7 +220,7 @@ TEST_F(PsmClientTest, IsNeitherArmedNorHomedBeforeDiscoveryIsQuiet) {
 }
 
 // Arming at an earlier set-point would move the arm back to it.
-TEST_F(PsmClientTest, IsNotArmedWhereTheSetpointWasBefore) {
+TEST_F(PsmClientTest, IsNotArmedAtAnEarlierSetpoint) {
   Become(PsmConsoleState::kEnabled, true, false);
   Steps(4);
   at_ = Yaw(0.05);
@@ -251,7 +251,7 @@ TEST_F(PsmClientTest, ConsoleGoneHolds) {
       11);
 }
 // Reacts as teleoperation inside the console does: within 2 mm, not only after 5 degrees of lag.
-TEST_F(PsmClientTest, SetpointThatIsNotOursHolds) {
+TEST_F(PsmClientTest, AForeignSetpointHolds) {
   ExpectHold(
       PsmStatus::kForeignSetpoint,
       [](PsmInput& input) {
@@ -259,7 +259,7 @@ TEST_F(PsmClientTest, SetpointThatIsNotOursHolds) {
       },
       2, /*bound=*/true);
 }
-TEST_F(PsmClientTest, SetpointsThatComeLateAreOurs) {
+TEST_F(PsmClientTest, LateSetpointsAreOurs) {
   ArmNow();
   ASSERT_EQ(client_.MoveTo(Yaw(0.2), 1.0), PsmStatus::kOk);
   std::vector<PsmJoints> before;
@@ -306,7 +306,7 @@ TEST_F(PsmClientTest, ArmThatDoesNotComeToRestHolds) {
       559 + 401);
 }
 
-TEST_F(PsmClientTest, OthersMayPublishWhereThatIsAllowed) {
+TEST_F(PsmClientTest, OtherCommandersArePermittedByAnOption) {
   PsmClientOptions options;
   options.sole_commander = false;
   client_ = PsmClient(options);
@@ -333,7 +333,7 @@ TEST_F(PsmClientTest, ArmRefusesAnotherFrameOrInstrument) {
   EXPECT_EQ(client_.phase(), PsmPhase::kIdle);
 }
 
-TEST_F(PsmClientTest, ArmSaysWhatIsWrong) {
+TEST_F(PsmClientTest, ArmReportsTheReason) {
   EXPECT_EQ(client_.Arm(), PsmStatus::kNoConsole);
   Step([](PsmInput& input) { input = {}; });
   EXPECT_EQ(client_.Arm(), PsmStatus::kNoConsole);
@@ -357,7 +357,7 @@ TEST_F(PsmClientTest, ArmSaysWhatIsWrong) {
 }
 
 // Consoles may omit velocities, which are then computed from the positions.
-TEST_F(PsmClientTest, VelocityIsThatOfThePositionsWhereNoneComes) {
+TEST_F(PsmClientTest, MissingVelocitiesAreComputedFromPositions) {
   ArmNow();
   ASSERT_EQ(client_.MoveTo(Yaw(0.2), 2.0), PsmStatus::kOk);
   for (int i = 0; i < 200; ++i) {

@@ -79,7 +79,7 @@ TEST_F(PsmDriverTest, HomingEndsWithTheArmDisabledWhenItMayNoLongerMove) {
   test::Eventually(disabled);  // a driver that ends disables an arm that is homing
 }
 
-TEST_F(PsmDriverTest, FaultIsToldInTheConsolesWordsAndNeedsDisableHomeArm) {
+TEST_F(PsmDriverTest, AFaultIsQuotedAndNeedsDisableHomeAndArm) {
   const auto driver = Armed();
   ASSERT_EQ(driver->MoveTo(Yaw(0.2), 3.0), PsmStatus::kOk);
   Until(*driver, [&] { return driver->client().setpoint()[0] > 0.01; });
@@ -213,7 +213,7 @@ TEST_F(PsmDriverTest, MessagesOfOthersHold) {
   holds(PsmStatus::kForeignMessage, [&] { state.Write({{}, "", "enable"}); });
 }
 
-TEST_F(PsmDriverTest, AFloodOfTextsIsCountedAndAnErrorInItIsStillAReason) {
+TEST_F(PsmDriverTest, AFloodOfTextsIsSuppressedButAnErrorInItHolds) {
   dds::Participant other({.domain = test::OwnDomain()});
   dds::Publisher<dds::Text> status(other, "/PSM1/status", dds::Role::kEvent);
   dds::Publisher<dds::Text> error(other, "/PSM1/error", dds::Role::kEvent);
@@ -276,14 +276,14 @@ TEST_F(PsmDriverTest, ANewParticipantHoldsBeforeItsFirstMessage) {
     ExpectHolds(*driver, PsmStatus::kNewcomer);
     EXPECT_EQ(driver->who(), "'gu?[2Jest' at 127.0.0.1 publishes " + topic);
     ASSERT_EQ(driver->Requesters().size(), 1U);
-    // In the presence of the participant, after the owner of the arm has accepted it.
+    // Arms again in the presence of the participant.
     Until(*driver, [&] { return driver->Arm() == PsmStatus::kOk; });
   }
 }
 
 // An Si does not accept a Classic's instrument: an arm with such an instrument is a Classic in any
 // configuration.
-TEST_F(PsmDriverTest, AnArmSaidToBeAnSiIsNotArmedWithAClassicsInstrument) {
+TEST_F(PsmDriverTest, AConfiguredSiIsNotArmedWithAClassicsInstrument) {
   PsmDriverOptions options;
   options.client.limits.generation = kinematics::PsmGeneration::kSi;
   const auto driver = Connected(options);
@@ -309,10 +309,10 @@ TEST_F(PsmDriverTest, ASetpointThatTheConsoleMovesByItselfHolds) {
     return driver->phase() != PsmPhase::kArmed;
   });
   EXPECT_EQ(driver->status(), PsmStatus::kForeignSetpoint) << driver->Explain();
-  EXPECT_LT(driver->client().measured_js().position[0], 0.05) << "not before it is far away";
+  EXPECT_LT(driver->client().measured_js().position[0], 0.05) << "it is detected too late";
 }
 
-TEST_F(PsmDriverTest, HoldTellsTheConsoleAndSoDoesTheEndOfAnArmedDriver) {
+TEST_F(PsmDriverTest, HoldAndTheEndOfAnArmedDriverReachTheConsole) {
   auto driver = Armed();
   dds::Subscriber<dds::Signal> hold(server_participant_, "/PSM1/hold", dds::Role::kRequest);
   dds::Signal signal;
@@ -332,7 +332,7 @@ TEST_F(PsmDriverTest, HoldTellsTheConsoleAndSoDoesTheEndOfAnArmedDriver) {
   test::Eventually([&] { return hold.Take(signal); });
 }
 
-TEST(PsmDriverNoConsoleTest, SaysThatNobodyIsThere) {
+TEST(PsmDriverNoConsoleTest, ReportsAMissingConsole) {
   dds::Participant participant({.domain = test::OwnDomain()});
   PsmDriver driver(participant, {.arm = "PSM3"});
   std::int64_t now_ns = 0;
@@ -349,7 +349,7 @@ TEST(PsmDriverNoConsoleTest, SaysThatNobodyIsThere) {
 }
 
 // The server shows only publishers of topics to which this process subscribes.
-TEST(PsmDriverServerTest, BehindADiscoveryServerAllWhoCommandTheArmAreFound) {
+TEST(PsmDriverServerTest, ADiscoveryServerShowsAllWhoCommandTheArm) {
   dds::ParticipantOptions options{.domain = test::OwnDomain()};
   options.server_port = static_cast<std::uint16_t>(11811 + test::OwnDomain());
   options.discovery = dds::Discovery::kServer;
@@ -432,7 +432,7 @@ TEST_F(PsmDriverOnCartTest, MovesTheArmInItsOwnFrameByStatesWithTwists) {
   Until(*driver, [&] { return test::AllClose(console_.setpoint_joints(), Yaw(0.1), 1e-9); });
   // 0.1 rad in 1 s, 1.5 times as fast in the middle, 0.1135 m from the remote centre.
   EXPECT_NEAR(fastest, 1.5 * 0.1 * 0.1135, 1e-3);
-  EXPECT_FALSE(poses.Take(pose)) << "both ways at once";
+  EXPECT_FALSE(poses.Take(pose)) << "poses are sent in addition";
 }
 
 }  // namespace

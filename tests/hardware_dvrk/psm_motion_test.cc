@@ -36,7 +36,7 @@ PsmMotion AtHome(const PsmLimits& limits = {}, PsmProfile profile = PsmProfile::
   return motion;
 }
 
-TEST(PsmMotionTest, LinearMoveIsAConstantShareOfTheWayPerTime) {
+TEST(PsmMotionTest, LinearMoveHasConstantSpeed) {
   PsmMotion motion = AtHome({}, PsmProfile::kLinear);
   PsmJoints goal = Off(0, 0.02);
   goal[2] += 0.01;
@@ -111,7 +111,7 @@ TEST(PsmMotionTest, RefusesAndChangesNothing) {
   EXPECT_EQ(motion.Start(HomeJoints(), 0.0), PsmStatus::kOk);
 }
 
-TEST(PsmMotionTest, AnSiArmGoesFartherWhereItIsSaidToBeOne) {
+TEST(PsmMotionTest, AConfiguredSiMovesFarther) {
   PsmLimits limits;
   PsmMotion classic = AtHome(limits);
   EXPECT_EQ(classic.Start(Off(2, 0.13), 100.0), PsmStatus::kBeyondLimits);
@@ -132,7 +132,7 @@ TEST(PsmMotionTest, AnSiArmGoesFartherWhereItIsSaidToBeOne) {
 }
 
 // Both ends are inside, but the path between them is not.
-TEST(PsmMotionTest, WorkspaceHoldsOnTheWayToo) {
+TEST(PsmMotionTest, WorkspaceLimitsTheWholePath) {
   PsmLimits limits;
   // On a straight path in joint space the tip is lower in the middle than at both ends.
   limits.workspace_min_m << -1.0, -1.0, -0.115;
@@ -144,7 +144,7 @@ TEST(PsmMotionTest, WorkspaceHoldsOnTheWayToo) {
   EXPECT_EQ(motion.Start(Off(0, -0.45), 100.0), PsmStatus::kOk);
 }
 
-TEST(PsmMotionTest, PoseGoalsAreThoseOfTheirJoints) {
+TEST(PsmMotionTest, PoseGoalsEqualTheirJointGoals) {
   PsmMotion motion = AtHome();
   PsmJoints goal = HomeJoints();
   goal << 0.05, -0.04, 0.13, 0.3, 0.2, -0.1;
@@ -161,7 +161,7 @@ TEST(PsmMotionTest, PoseGoalsAreThoseOfTheirJoints) {
 }
 
 // Withdrawn beyond the remote centre, the shaft would point in the opposite direction.
-TEST(PsmMotionTest, WayThroughTheRemoteCentreIsRefused) {
+TEST(PsmMotionTest, PathThroughTheRemoteCentreIsRefused) {
   PsmMotion motion = AtHome();
   EXPECT_EQ(motion.Start(Off(2, -0.12), 100.0), PsmStatus::kUnreachable);
   EXPECT_EQ(motion.Start(Off(2, -0.10), 100.0), PsmStatus::kOk);
@@ -175,7 +175,7 @@ TEST(PsmMotionTest, NeverAllocates) {
   motion.Advance(0.01);
 }
 
-TEST(PsmMotionTest, LimitsThatMakeNoSenseAreRefused) {
+TEST(PsmMotionTest, InvalidLimitsAreRefused) {
   PsmLimits limits;
   limits.max_speed[4] = 0.0;
   EXPECT_THROW(PsmMotion(limits, PsmProfile::kSmooth), std::invalid_argument);

@@ -9,7 +9,7 @@ namespace {
 
 constexpr std::int64_t kMillisecond = 1'000'000;
 
-TEST(PsmStatementsTest, WithoutCommandsAnyStatementIsAnothers) {
+TEST(PsmStatementsTest, WithoutCommandsEveryStatementIsForeign) {
   PsmStatements statements;
   EXPECT_TRUE(statements.Take(0, 0, 0));
   EXPECT_FALSE(statements.Take(0, 1, 0));
@@ -20,7 +20,7 @@ TEST(PsmStatementsTest, EachCommandHasOneAnswer) {
   PsmStatements statements;
   statements.Armed();
   EXPECT_TRUE(statements.Take(1, 0, 5000 * kMillisecond))
-      << "the first set-point's, whenever it is obeyed";
+      << "answers the first set-point, at any time";
   EXPECT_FALSE(statements.Take(1, 0, 5000 * kMillisecond));
   EXPECT_FALSE(statements.Take(0, 1, 5000 * kMillisecond));
   statements.Held(5000 * kMillisecond);
@@ -32,7 +32,7 @@ TEST(PsmStatementsTest, EachCommandHasOneAnswer) {
 
 // The answer to a set-point sent before the hold arrives late, together with or before the answer
 // to the hold.
-TEST(PsmStatementsTest, ThoseFromBeforeTheHoldAreNotTheNextSetpoints) {
+TEST(PsmStatementsTest, AnswersFromBeforeTheHoldDoNotAnswerTheNextSetpoint) {
   for (const bool together : {false, true}) {
     SCOPED_TRACE(together);
     PsmStatements statements;
@@ -53,7 +53,7 @@ TEST(PsmStatementsTest, ThoseFromBeforeTheHoldAreNotTheNextSetpoints) {
 }
 
 // The order of messages within a tick is unknown: the hold may have arrived after the set-point.
-TEST(PsmStatementsTest, AHoldTogetherWithTheAnswerToASetpointIsAnothers) {
+TEST(PsmStatementsTest, AHoldTogetherWithTheAnswerToASetpointIsForeign) {
   PsmStatements statements;
   statements.Armed();
   EXPECT_FALSE(statements.Take(1, 1, 0));

@@ -1,4 +1,4 @@
-// Commands that the console alone hears, over DDS.
+// Commands that only the console receives, over DDS.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

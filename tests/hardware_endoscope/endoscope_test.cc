@@ -77,7 +77,7 @@ TEST(PipelineTest, AnInvalidPipelineIsRefusedWithTheRemedy) {
               testing::ThrowsMessage<std::runtime_error>(testing::HasSubstr("gst-launch-1.0")));
 }
 
-TEST(TopicTest, PicturesArriveAsTheyWereSent) {
+TEST(TopicTest, PicturesArriveUnchanged) {
   dds::Participant camera({.domain = test::OwnDomain()});
   dds::Participant participant({.domain = test::OwnDomain()});
   dds::Publisher<dds::Image> publisher(camera, "/ECM/image_raw", dds::Role::kImage);
@@ -98,7 +98,7 @@ TEST(TopicTest, PicturesArriveAsTheyWereSent) {
 
 // The camera sends best effort, as ROS 2 does for sensor data: a reliable subscriber would not
 // match.
-TEST(TopicTest, ACameraThatRepeatsNothingIsHeard) {
+TEST(TopicTest, ABestEffortCameraIsReceived) {
   dds::Participant camera({.domain = test::OwnDomain()});
   dds::Participant participant({.domain = test::OwnDomain()});
   dds::Publisher<dds::CompressedImage> publisher(camera, "/left/image_raw/compressed",

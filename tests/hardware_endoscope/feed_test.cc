@@ -51,13 +51,13 @@ TEST_F(FeedTest, IsSilentAfterTheLongestAgeWithoutAPicture) {
       << "a clock that is set back hides nothing";
 }
 
-TEST_F(FeedTest, IsOldWhereItComesLate) {
+TEST_F(FeedTest, IsOldWhenItArrivesLate) {
   Put(100, kWall - 100 * kMs);
   EXPECT_EQ(Grab(kSteady, kWall), FrameStatus::kOk);
   EXPECT_EQ(Grab(kSteady, kWall + 1), FrameStatus::kOld);
 }
 
-TEST_F(FeedTest, IsAheadWhereItsStampIs) {
+TEST_F(FeedTest, IsAheadWhenItsStampIs) {
   Put(100, kWall + 10 * kMs);
   EXPECT_EQ(Grab(kSteady, kWall), FrameStatus::kOk);
   EXPECT_EQ(Grab(kSteady, kWall - 1), FrameStatus::kAhead);
@@ -65,7 +65,7 @@ TEST_F(FeedTest, IsAheadWhereItsStampIs) {
   EXPECT_EQ(Grab(kSteady, kWall), FrameStatus::kInvalidStamp);
 }
 
-TEST_F(FeedTest, IsFrozenWithTheLastOfTheRepeatsAndDarkAtOnce) {
+TEST_F(FeedTest, IsFrozenAfterSeveralRepeatsAndDarkAtOnce) {
   for (int repeat = 1; repeat <= 4; ++repeat) {
     Put(100);
     EXPECT_EQ(Grab(kSteady, kWall), repeat < 3 ? FrameStatus::kOk : FrameStatus::kFrozen) << repeat;
@@ -101,7 +101,7 @@ TEST_F(FeedTest, GrabNeverAllocates) {
 TEST_F(FeedTest, EndsAfterItsLastPicture) {
   Put(100);
   feed_.End(FrameStatus::kFailed);
-  EXPECT_EQ(Grab(kSteady, kWall), FrameStatus::kOk) << "still to be seen";
+  EXPECT_EQ(Grab(kSteady, kWall), FrameStatus::kOk) << "not grabbed before";
   EXPECT_EQ(Grab(kSteady, kWall), FrameStatus::kFailed);
 }
 

@@ -125,7 +125,7 @@ TEST_F(IntrinsicsFileTest, OtherWaysToWriteYamlAreRead) {
 }
 
 // OpenCV's parser crashed on the first file and threw an unhandled exception on the second.
-TEST_F(IntrinsicsFileTest, FilesThatOpenCvCannotBearAreErrors) {
+TEST_F(IntrinsicsFileTest, FilesThatCrashOpenCvAreErrors) {
   for (const char* name : {"intr_segv.yml", "intr_length_error.yml"}) {
     const auto path = std::filesystem::path(DFR_REGRESSIONS) / "intrinsics" / name;
     EXPECT_THAT(dfr::test::MessageOf<std::runtime_error>([&] { (void)ReadIntrinsics(path); }),

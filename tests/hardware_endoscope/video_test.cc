@@ -41,7 +41,7 @@ class VideoTest : public testing::Test {
   }
   ~VideoTest() override { std::filesystem::remove_all(folder_); }
 
-  // Writes a lossless video: pictures are read back exactly.
+  // Writes a video that only the conversion of colours changes.
   std::string Video(int num_frames, double rate) {
     std::string path = (folder_ / "video.avi").string();
     cv::VideoWriter writer(path, cv::CAP_FFMPEG, cv::VideoWriter::fourcc('F', 'F', 'V', '1'), rate,
@@ -77,7 +77,7 @@ TEST_F(VideoTest, AFileOrDeviceIsNoTopic) {
     EXPECT_FALSE(IsImageTopic(other)) << other;
   }
   const std::string file = (folder_ / "recorded").string();
-  ASSERT_EQ(file.find('.'), std::string::npos) << "else its name tells";
+  ASSERT_EQ(file.find('.'), std::string::npos) << "its name has an extension";
   EXPECT_TRUE(IsImageTopic(file));
   std::ofstream(file) << "a video";
   EXPECT_FALSE(IsImageTopic(file)) << "it exists";
@@ -115,7 +115,7 @@ TEST_F(VideoTest, FilePlaysInItsOwnTimeAndEnds) {
   EXPECT_EQ(endoscope->counts().missed, 0U);
 }
 
-TEST_F(VideoTest, PicturesNobodyLooksAtAreCounted) {
+TEST_F(VideoTest, MissedPicturesAreCounted) {
   const auto endoscope = Play(Video(30, 100.0));
   played_s_ = 0.095;
   Eventually([&] { return endoscope->counts().received == 10; });
@@ -125,7 +125,7 @@ TEST_F(VideoTest, PicturesNobodyLooksAtAreCounted) {
   EXPECT_EQ(endoscope->counts().missed, 9U);
 }
 
-TEST_F(VideoTest, TruncatedFileIsToldFromOneThatEnded) {
+TEST_F(VideoTest, TruncatedFileIsDistinguishedFromOneThatEnded) {
   const std::string path = Video(30, 200.0);
   std::filesystem::resize_file(path, std::filesystem::file_size(path) / 2);
   played_s_ = std::numeric_limits<double>::infinity();

@@ -102,16 +102,16 @@ TEST_F(BringUpTest, CtrlCEndsHomingAndWaiting) {
   EXPECT_TRUE(robot_.arm.unhomed);
   const std::int64_t start_ns = robot_.clock.now_ns;
   EXPECT_EQ(Refusal(confirms), "the robot is not ready: operator: interrupted");
-  EXPECT_LT(robot_.clock.now_ns - start_ns, 500'000'000) << "nobody waits for it";
+  EXPECT_LT(robot_.clock.now_ns - start_ns, 500'000'000) << "waiting ends at once";
 }
 
-TEST_F(BringUpTest, AStopThatIsPressedOrSilentHasToBeMendedAndCleared) {
+TEST_F(BringUpTest, APressedOrSilentStopMustEndAndBeCleared) {
   for (const HoldReason reason : {HoldReason::kEmergencyStop, HoldReason::kEmergencyStopSilent}) {
     words_.clear();
     robot_.stop.found = {reason, "so"};
     EXPECT_EQ(Refusal(Answers(1)),
               std::string("the robot is not ready: ") + runtime::Name(reason) + ": so");
-    EXPECT_EQ(words_, (std::vector<std::string>{"clear", "clear"})) << "it is as it was";
+    EXPECT_EQ(words_, (std::vector<std::string>{"clear", "clear"})) << "nothing has changed";
     EXPECT_EQ(robot_.arm.homings, 0);
   }
   words_.clear();
@@ -148,7 +148,7 @@ TEST_F(BringUpTest, PowersUpOnlyAfterOthersAreAccepted) {
 }
 
 // Lists earlier participants, and asks about each one once.
-TEST_F(BringUpTest, TheOperatorAcceptsThoseWhoWereThereBefore) {
+TEST_F(BringUpTest, TheOperatorAcceptsEarlierParticipants) {
   Company company;
   const Say say = [this](std::string_view text) { said_ += std::string(text) + '\n'; };
   const dds::Newcomer window{
@@ -172,10 +172,10 @@ TEST_F(BringUpTest, TheOperatorAcceptsThoseWhoWereThereBefore) {
   words_.clear();
   EXPECT_TRUE(company.Accepts({window, script}, false, say, Answers(1)));
   EXPECT_EQ(said_, "also present: 'script' at 10.0.0.2 publishes /PSM1/free\n");
-  EXPECT_TRUE(Company().Accepts({window, script}, true, say, {})) << "a simulation's";
+  EXPECT_TRUE(Company().Accepts({window, script}, true, say, {})) << "in a simulation";
 }
 
-TEST_F(BringUpTest, ThePlatformMovesOnAWordOfItsOwn) {
+TEST_F(BringUpTest, ThePlatformNeedsASeparateConfirmation) {
   options_.platform_home_s = 1.5;
   EXPECT_EQ(Refusal(Answers(1)),
             "the platform is not at home, and the operator did not confirm homing");

@@ -10,7 +10,7 @@
 namespace dfr::hardware {
 namespace {
 
-TEST(EmergencyStopMonitorTest, SaysHowTheLoopStandsAndThatItEnds) {
+TEST(EmergencyStopMonitorTest, PublishesTheLoopsStateAndItsEnd) {
   dds::Participant network({.domain = test::OwnDomain()});
   dds::Subscriber<dds::OperatingState> listener(network, dds::kRunStateTopic, dds::Role::kState);
   std::optional<EmergencyStopMonitor> monitor;
@@ -25,7 +25,7 @@ TEST(EmergencyStopMonitorTest, SaysHowTheLoopStandsAndThatItEnds) {
   test::Eventually([&] { return listener.TakeNewest(heard) && heard.state == dds::kRunEnded; });
 }
 
-TEST(EmergencyStopMonitorTest, AStopIsSilentUntilItIsHeardAndPressedAsLongAsItIs) {
+TEST(EmergencyStopMonitorTest, AStopIsSilentUntilHeardAndPressedUntilAcknowledged) {
   dds::Participant network({.domain = test::OwnDomain()});
   EmergencyStopMonitor monitor(network, true, 10.0);
   EXPECT_EQ(monitor.Report().finding.reason, runtime::HoldReason::kEmergencyStopSilent);

@@ -48,13 +48,13 @@ TEST_F(PlatformMotionTest, RestsOnceAndAtItsEnd) {
   EXPECT_TRUE(platform_->Rest().ok());
   EXPECT_TRUE(platform_->Rest().ok());
   EXPECT_EQ(Arrived(4), "haca") << "it rests only where it has moved";
-  EXPECT_EQ(port_.Await(4).back().Pose().translation_m.x(), 0.0) << "in the wave's middle";
+  EXPECT_EQ(port_.Await(4).back().Pose().translation_m.x(), 0.0) << "the middle of the wave";
   Begin();
   platform_.reset();
   EXPECT_EQ(Arrived(6), "hacaca") << "the program ended in the middle of a wave";
 }
 
-TEST_F(PlatformMotionTest, APortThatFailsIsAReasonThatLasts) {
+TEST_F(PlatformMotionTest, AFailedPortIsALastingFault) {
   ASSERT_TRUE(platform_->Home().ok());
   Begin();
   EXPECT_TRUE(platform_->Check().ok());

@@ -9,7 +9,7 @@ using runtime::RunState;
 
 constexpr std::int64_t kMs = 1'000'000;
 
-TEST(RunAnnouncementsTest, AChangeIsSaidAtOnceAndTheSameFiftyTimesASecond) {
+TEST(RunAnnouncementsTest, AChangeIsAnnouncedAtOnceAndARepeatFiftyTimesASecond) {
   RunAnnouncements announcements;
   EXPECT_TRUE(announcements.Due(RunState::kRunning, 1000 * kMs, 1000 * kMs));
   EXPECT_FALSE(announcements.Due(RunState::kRunning, 1019 * kMs, 1019 * kMs));

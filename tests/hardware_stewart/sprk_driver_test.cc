@@ -70,7 +70,7 @@ TEST_F(SprkDriverTest, EveryFrameArrivesInOnePiece) {
 }
 
 // A frame must be sent in one write. The emulator reproduces the firmware's reaction to two writes.
-TEST_F(SprkDriverTest, FrameInTwoWritesIsMisunderstood) {
+TEST_F(SprkDriverTest, FrameInTwoWritesIsMisread) {
   const SprkDriver raw_mode(Options());
   const int fd = ::open(emulator_.device().c_str(), O_WRONLY | O_NOCTTY);
   if (fd < 0) {
@@ -166,7 +166,7 @@ TEST_F(SprkDriverTest, WavesSweepAndHoldInTheirMiddle) {
   EXPECT_NEAR(commands[2].Pose().translation_m.x(), 0.00254, 1e-12);
 }
 
-TEST_F(SprkDriverTest, PulledPlugIsToldAndFinal) {
+TEST_F(SprkDriverTest, PulledPlugIsReportedAndFinal) {
   SprkDriver driver(Options());
   ASSERT_EQ(driver.Home(), SprkStatus::kOk);
   ASSERT_EQ(emulator_.Await(1).size(), 1U);
@@ -180,7 +180,7 @@ TEST_F(SprkDriverTest, PulledPlugIsToldAndFinal) {
 }
 
 // The driver detects this without sending anything, and ignores the firmware's output.
-TEST_F(SprkDriverTest, PulledPlugIsSeenWithoutACommand) {
+TEST_F(SprkDriverTest, PulledPlugIsDetectedWithoutACommand) {
   SprkDriver driver(Options());
   EXPECT_EQ(driver.Check(), SprkStatus::kOk) << "before it is home, too";
   ASSERT_EQ(driver.Home(), SprkStatus::kOk);
@@ -232,7 +232,7 @@ std::string OpenError(const std::string& device) {
       [&] { const SprkDriver driver({.device = device, .clock_s = {}}); });
 }
 
-TEST_F(SprkDriverTest, OpeningTellsWhatIsWrong) {
+TEST_F(SprkDriverTest, ErrorsOfOpeningNameTheReason) {
   EXPECT_THAT(OpenError("/dev/no-such-port"),
               testing::AllOf(HasSubstr("/dev/no-such-port"), HasSubstr("plugged in")));
   EXPECT_THAT(OpenError("/dev/null"), HasSubstr("not a serial port"));

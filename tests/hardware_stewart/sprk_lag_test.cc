@@ -37,7 +37,7 @@ TEST(SprkLagTest, SolvesTheLagsEquation) {
   }
 }
 
-TEST(SprkLagTest, RestStaysAndCommandsAreReachedTo37PercentInOneTimeConstant) {
+TEST(SprkLagTest, RestStaysAndOneTimeConstantLeaves37Percent) {
   SprkLag lag;
   lag.Rest(Pose(0.004, 0.0), 1.0);
   EXPECT_EQ(lag.At(100.0).translation_m.x(), 0.004);

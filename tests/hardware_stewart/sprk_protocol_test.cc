@@ -38,7 +38,7 @@ test::SprkFirmware::Command Decoded(std::string_view bytes) {
 }
 
 // Encoded by hand from the protocol's description.
-TEST(SprkProtocolTest, FramesAreThoseOfTheDescription) {
+TEST(SprkProtocolTest, FramesMatchTheDescription) {
   SprkPositionFrame frame;
   PlatformPose sent;
   ASSERT_EQ(EncodeSprkPosition({}, frame, sent), SprkStatus::kOk);
@@ -66,7 +66,7 @@ TEST(SprkProtocolTest, FramesAreThoseOfTheDescription) {
 
 // The firmware decodes the values returned by the function, which are nearest to the requested
 // ones. It never receives a pose at which it would saturate.
-TEST(SprkProtocolTest, FirmwareUnderstandsWhatWasSent) {
+TEST(SprkProtocolTest, FirmwareDecodesSentPoses) {
   core::Random random(1);
   int accepted = 0;
   int out_of_reach = 0;

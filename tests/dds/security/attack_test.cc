@@ -1,4 +1,4 @@
-// Packets from strangers to Fast DDS remove no participant.
+// Packets that strangers send to Fast DDS remove no participant and end no process.
 #include <arpa/inet.h>
 #include <gtest/gtest.h>
 #include <sys/socket.h>
@@ -72,7 +72,7 @@ class AttackTest : public testing::Test {
 };
 
 // The message has 82 bytes and no certificate. An assertion of Fast DDS 2.9.1 ended the process.
-TEST_F(AttackTest, AMalformedStatisticsMessageEndsNobody) {
+TEST_F(AttackTest, AMalformedStatisticsMessageEndsNoProcess) {
   Talk();
   for (const std::uint16_t length : {58, 56, 57, 0, 1, 200, 65535}) {
     Bytes bytes = Header(0xab);
@@ -87,7 +87,7 @@ TEST_F(AttackTest, AMalformedStatisticsMessageEndsNobody) {
 
 // The sample has parameters but lacks the payload that its flags declare. Fast DDS 2.9.1 freed
 // foreign memory.
-TEST_F(AttackTest, NorDoesASampleWithoutItsPayload) {
+TEST_F(AttackTest, ASampleWithoutItsPayloadEndsNoProcess) {
   Talk();
   for (const bool fragments : {false, true}) {
     Bytes bytes = Header(0xab);

@@ -48,7 +48,7 @@ class CertificatesTest : public testing::Test {
   const path ca_key_ = keystore_.folder() / "private" / "ca.key.pem";
 };
 
-TEST_F(CertificatesTest, KeysAreForTheirUserAlone) {
+TEST_F(CertificatesTest, OnlyTheOwnerCanReadKeys) {
   constexpr perms kMine = perms::owner_read | perms::owner_write;
   EXPECT_EQ(std::filesystem::status(files_.key).permissions(), kMine);
   EXPECT_EQ(std::filesystem::status(ca_key_).permissions(), kMine);
@@ -88,7 +88,7 @@ TEST_F(CertificatesTest, ExistingFilesAreNotOverwritten) {
   EXPECT_THROW(AddParticipant(keystore_.folder(), "client", Permission::kConsole),
                std::runtime_error);
   EXPECT_EQ(Load(files_.key), before);
-  // A third participant added later has no effect.
+  // Adding a third participant leaves the others valid.
   AddParticipant(keystore_.folder(), "monitor", Permission::kMonitor);
   for (const char* name : {"client", "console", "monitor"}) {
     EXPECT_EQ(CheckSecurity(keystore_.enclave(name)), name);
@@ -129,7 +129,7 @@ TEST_F(CertificatesTest, AFullDiskIsNamed) {
   const auto handler = std::signal(SIGXFSZ, SIG_IGN);
   const rlimit small{50, unlimited.rlim_max};
   setrlimit(RLIMIT_FSIZE, &small);
-  errno = EEXIST;  // of another call: not to be reported
+  errno = EEXIST;  // from an earlier call; must not be reported
   const std::string error = dfr::test::MessageOf<std::runtime_error>(
       [&] { AddParticipant(keystore_.folder(), "second", Permission::kController); });
   setrlimit(RLIMIT_FSIZE, &unlimited);

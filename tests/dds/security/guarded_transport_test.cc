@@ -48,7 +48,7 @@ TEST(SafeSizeTest, WholeMessagesPassUnchanged) {
   EXPECT_EQ(SafeSize(bytes), bytes.size());
 }
 
-TEST(SafeSizeTest, SamplesPassWhoseParametersAndPayloadAreThere) {
+TEST(SafeSizeTest, CompleteSamplesPass) {
   EXPECT_TRUE(Passes({}));
   EXPECT_TRUE(Passes({.payload = 1}));
   EXPECT_TRUE(Passes({.to_parameters = 20}));  // fields of later versions before the parameters
@@ -66,7 +66,7 @@ TEST(SafeSizeTest, SamplesPassWhoseParametersAndPayloadAreThere) {
                       .whole = 4001}));
 }
 
-TEST(SafeSizeTest, SamplesThatClaimMoreThanThereIsAreDropped) {
+TEST(SafeSizeTest, SamplesThatDeclareMoreThanTheyContainAreDropped) {
   EXPECT_FALSE(Passes({.payload = 0}));
   EXPECT_FALSE(Passes({.flags = 4 | 2, .parameters = kParameters, .payload = 0}));
   EXPECT_FALSE(Passes({.flags = 8, .payload = 0}));
@@ -97,7 +97,7 @@ TEST(SafeSizeTest, SamplesThatClaimMoreThanThereIsAreDropped) {
   EXPECT_FALSE(Passes(spoiled([](Sample& s) { s.whole = 0; })));
 }
 
-TEST(SafeSizeTest, StatisticsAndWhatFollowsThemAreCutOff) {
+TEST(SafeSizeTest, StatisticsAndLaterSubmessagesAreCutOff) {
   Bytes bytes = Header();
   Add(bytes, 0x80, 58);
   EXPECT_EQ(bytes.size(), 82U);
@@ -136,7 +136,7 @@ TEST(SafeSizeTest, ParticipantLeavesMessagesAreDropped) {
 
 TEST(SafeSizeTest, MalformedMessagesAreDropped) {
   EXPECT_EQ(SafeSize({}), 0U);
-  EXPECT_EQ(SafeSize(Header()), 0U) << "it says nothing";
+  EXPECT_EQ(SafeSize(Header()), 0U) << "it has no submessage";
   Bytes bytes = Header();
   Add(bytes, Sample{});
   for (std::size_t size = 0; size < bytes.size(); ++size) {
@@ -146,7 +146,7 @@ TEST(SafeSizeTest, MalformedMessagesAreDropped) {
   EXPECT_EQ(SafeSize(bytes), 0U);
 }
 
-TEST(ParticipantCensusTest, ThoseThatWereHeardBeforeAFloodAreHeardThroughout) {
+TEST(ParticipantCensusTest, ParticipantsHeardBeforeAFloodStayAdmitted) {
   constexpr std::int64_t kSecond = 1'000'000'000;
   const ParticipantCensus::Address here{1};
   const ParticipantCensus::Address there{2};
@@ -165,15 +165,14 @@ TEST(ParticipantCensusTest, ThoseThatWereHeardBeforeAFloodAreHeardThroughout) {
     ASSERT_TRUE(census.Admits(here, number(0), now_ns));
     ASSERT_TRUE(census.Admits(there, number(0), now_ns));
   }
-  // Each of the other addresses falls silent at once and is forgotten after 20 s: five times in 100
-  // s.
+  // Each other participant falls silent at once and is forgotten after 20 s: five times in 100 s.
   EXPECT_LE(admitted, 5 * static_cast<int>(ParticipantCensus::kPerAddress));
   EXPECT_GE(admitted, static_cast<int>(ParticipantCensus::kPerAddress) - 1);
   now_ns += 21 * kSecond;
-  EXPECT_TRUE(census.Admits(here, number(7), now_ns)) << "when it is over, others are heard";
+  EXPECT_TRUE(census.Admits(here, number(7), now_ns)) << "others are admitted after the flood";
 }
 
-TEST(ParticipantCensusTest, ManyAddressesTakeNoMoreMemory) {
+TEST(ParticipantCensusTest, ManyAddressesNeedNoMoreMemory) {
   ParticipantCensus census;
   std::size_t admitted = 0;
   for (std::uint32_t n = 0; n < 10'000; ++n) {

@@ -15,7 +15,7 @@ inline Bytes Header(std::uint8_t who = 1) {
   return bytes;
 }
 
-// A submessage with `length` bytes of content, little-endian by default.
+// Adds a submessage with `length` zero bytes of content, little-endian by default.
 inline void Add(Bytes& bytes, std::uint8_t kind, std::uint16_t length, bool little = true) {
   const auto low = static_cast<std::uint8_t>(length & 255U);
   const auto high = static_cast<std::uint8_t>(length >> 8U);
@@ -46,7 +46,7 @@ struct Sample {
   bool announces = false;  // announces a participant
 };
 
-// Adds it as a submessage. `length` 0: the correct length. `to_end`: no length.
+// Adds the sample as a submessage. With `to_end` it extends to the end and declares no length.
 inline void Add(Bytes& bytes, const Sample& sample, bool to_end = false) {
   Bytes content = {0, 0};
   const std::uint32_t right = sample.fragments ? 28 : 16;

@@ -71,7 +71,7 @@ TEST_F(EmergencyStopJudgeTest, APressOnEitherWayStaysUntilReleasedAndAcknowledge
     EXPECT_EQ(judge_.Check(kStart), EmergencyStop::kPressed) << "it is still pressed";
     Hear(1, kStart);
     EXPECT_EQ(judge_.Check(kStart), EmergencyStop::kPressed) << "nobody has acknowledged it";
-    EXPECT_EQ(judge_.Check(kStart + 2 * kSilence), EmergencyStop::kPressed) << "silent besides";
+    EXPECT_EQ(judge_.Check(kStart + 2 * kSilence), EmergencyStop::kPressed) << "also silent";
     EXPECT_EQ(judge_.Check(kStart), EmergencyStop::kPressed);
     judge_.Acknowledge();
     EXPECT_EQ(judge_.Check(kStart), EmergencyStop::kClear);
@@ -79,7 +79,7 @@ TEST_F(EmergencyStopJudgeTest, APressOnEitherWayStaysUntilReleasedAndAcknowledge
 }
 
 // A forgotten button does not hide the failure of the operator's button.
-TEST_F(EmergencyStopJudgeTest, EachButtonIsMissedByItself) {
+TEST_F(EmergencyStopJudgeTest, TheSilenceOfEachButtonIsDetected) {
   Hear(1, kStart);
   Hear(2, kStart);
   ASSERT_EQ(judge_.Check(kStart), EmergencyStop::kClear);
@@ -107,7 +107,7 @@ TEST_F(EmergencyStopJudgeTest, MoreButtonsThanItCanFollowAreNotTrusted) {
   EXPECT_EQ(judge_.Check(kStart), EmergencyStop::kPressed) << "it stops all the same";
 }
 
-TEST_F(EmergencyStopJudgeTest, ThrowsForATimeThatMakesNoSense) {
+TEST_F(EmergencyStopJudgeTest, RefusesAnAllowedSilenceOutOfRange) {
   EXPECT_THROW(EmergencyStopJudge(0.0), std::invalid_argument);
   EXPECT_THROW(EmergencyStopJudge(11.0), std::invalid_argument);
 }

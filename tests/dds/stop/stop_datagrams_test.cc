@@ -39,7 +39,7 @@ class StopDatagramsTest : public testing::Test {
   StopReader reader_{{}};
 };
 
-TEST_F(StopDatagramsTest, SayWhoSendsThemAndHowItStands) {
+TEST_F(StopDatagramsTest, IdentifyTheSenderAndItsState) {
   StopWriter other({});
   StopSenderId one;
   StopSenderId two;
@@ -60,7 +60,7 @@ TEST_F(StopDatagramsTest, RepeatedDatagramsAreIgnored) {
   EXPECT_EQ(Read(reader_, clear), false);
   EXPECT_EQ(Read(reader_, clear), std::nullopt);
   EXPECT_EQ(Read(reader_, writer_.Next(true, kNow)), true);
-  EXPECT_EQ(Read(reader_, lost), std::nullopt) << "older than what came since";
+  EXPECT_EQ(Read(reader_, lost), std::nullopt) << "older than the last one read";
 }
 
 TEST_F(StopDatagramsTest, OldDatagramsAreIgnored) {
@@ -73,7 +73,7 @@ TEST_F(StopDatagramsTest, OldDatagramsAreIgnored) {
 
 // An old datagram is not evidence of a released button. It need not be evidence of a pressed one:
 // silence stops.
-TEST_F(StopDatagramsTest, ANetworkThatDelaysThemTooMuchStops) {
+TEST_F(StopDatagramsTest, ExcessiveNetworkDelayStops) {
   constexpr std::int64_t kLongestSilence = kSecond / 10;
   for (const bool pressed : {false, true}) {
     EmergencyStopJudge judge(1e-9 * kLongestSilence);
@@ -158,7 +158,7 @@ TEST(SecuredStopDatagramsTest, OnlyTheLabIsHeard) {
   EXPECT_EQ(Read(reader, writer.Next(true, now_ns), now_ns), true);
   StopReader unsecured({});
   EXPECT_EQ(Read(unsecured, writer.Next(true, now_ns), now_ns), std::nullopt)
-      << "it cannot know whose it is";
+      << "it cannot verify the sender";
 }
 
 }  // namespace

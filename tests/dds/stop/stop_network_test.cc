@@ -51,7 +51,7 @@ TEST_F(StopNetworkTest, AButtonIsHeardMissedAndHeardAgain) {
   BeatUntil(EmergencyStop::kClear);
 }
 
-TEST_F(StopNetworkTest, APressIsNotForgottenByAReleaseRightAfter) {
+TEST_F(StopNetworkTest, APressOutlastsAnImmediateRelease) {
   BeatUntil(EmergencyStop::kClear);
   button_.Press(kWall);
   button_.Release(kWall);
@@ -67,7 +67,7 @@ class StopWaysTest : public testing::Test {
   std::int64_t now_ns_ = 1000 * kMs;
 };
 
-TEST_F(StopWaysTest, DdsAloneIsEnoughOnlyWhereThatIsSaid) {
+TEST_F(StopWaysTest, DdsAloneIsEnoughOnlyIfConfigured) {
   EmergencyStopReceiver both(robot_, 0.1);
   EmergencyStopReceiver dds(robot_, 0.1, kEmergencyStopTopic, false);
   Eventually([&] {
@@ -122,7 +122,7 @@ class StopSocketsTest : public testing::Test {
   ParticipantOptions options_{.domain = test::OwnDomain()};
 };
 
-TEST_F(StopSocketsTest, AllListenersOfADomainHearHowItStands) {
+TEST_F(StopSocketsTest, AllListenersOfADomainHearTheState) {
   StopListener first(options_);
   StopListener second(options_);
   StopSender sender(options_);
@@ -134,7 +134,7 @@ TEST_F(StopSocketsTest, AllListenersOfADomainHearHowItStands) {
   EXPECT_FALSE(Hears(first));
 }
 
-// A listener skips a flood of sixteen datagrams at a time, and accepts a valid datagram after it.
+// A listener discards up to sixteen datagrams per call and accepts a valid one after them.
 TEST_F(StopSocketsTest, ForeignDatagramsAreIgnored) {
   const StopSocket mouth;
   const int yes = 1;
