@@ -37,7 +37,7 @@ PsmJoints RandomJoints(core::Random& random) {
 }
 
 // The published check of the kinematic table.
-TEST(PsmTest, HomeIsWhereTheManualHasIt) {
+TEST(PsmTest, HomeMatchesTheManual) {
   const Eigen::Isometry3d pose = Psm::Forward(Home());
   EXPECT_TRUE(AllClose(pose.translation(), Eigen::Vector3d(0.0, 0.0, -0.1135), 1e-12));
   EXPECT_TRUE(AllClose(pose.linear().col(2), Eigen::Vector3d(0.0, 0.0, -1.0), 1e-12));
@@ -83,7 +83,7 @@ TEST(PsmTest, InverseUndoesForward) {
   }
 }
 
-TEST(PsmTest, PosesAreRigidAndInsertionMovesTheTipByItself) {
+TEST(PsmTest, PosesAreRigidAndInsertionMovesTheTipByItsLength) {
   core::Random random(3);
   for (int i = 0; i < 50; ++i) {
     const PsmJoints q = RandomJoints(random);
@@ -109,7 +109,7 @@ TEST(PsmTest, TheChainForAnyNumberTypeGivesTheSameTip) {
   }
 }
 
-TEST(PsmTest, SaysWhyAPoseCannotBeReached) {
+TEST(PsmTest, ReportsWhyAPoseCannotBeReached) {
   PsmJoints q;
   Eigen::Isometry3d pose = Psm::Forward(Home());
   pose.translation().x() = std::numeric_limits<double>::quiet_NaN();

@@ -54,14 +54,14 @@ TEST(SprkPlatformTest, ServoAnglesGiveEveryLegItsLength) {
   EXPECT_GT(reachable, 300);
 }
 
-TEST(SprkPlatformTest, HomeTurnsAllServosAlike) {
+TEST(SprkPlatformTest, HomeTurnsAllServosEqually) {
   std::array<double, 6> angles;
   ASSERT_TRUE(SprkPlatform::Inverse({}, angles));
   for (double angle : angles) EXPECT_NEAR(angle, angles[0], 1e-12);
 }
 
 // Measured with the firmware's constants, to a tenth of a millimetre or degree.
-TEST(SprkPlatformTest, ReachIsThatOfTheFirmwaresGeometry) {
+TEST(SprkPlatformTest, ReachMatchesTheFirmwaresGeometry) {
   const auto millimetres = [](int entry, double sign) { return 1e3 * Reach(entry, sign, 2e-5); };
   const auto degrees = [](int entry, double sign) {
     return Reach(entry, sign, 0.02 * kRadPerDegree) / kRadPerDegree;

@@ -54,7 +54,7 @@ TEST(LineTaskTest, AnSiArmReachesDeeper) {
   EXPECT_LT((si.Tip(reading) - deep).norm(), 1e-14);
 }
 
-TEST(LineTaskTest, ReadingsPutTheTipThereUprightWhateverTheArmsErrors) {
+TEST(LineTaskTest, ReadingsPlaceTheToolUprightDespiteTheArmsErrors) {
   const LineTask task = StraightTask(SomeCorrection());
   core::Random random(3);
   for (int i = 0; i < 100; ++i) {
@@ -99,7 +99,7 @@ TEST(LineTaskTest, StatesAreInTheWorldFrameInMillimetres) {
   for (const double entry : state) EXPECT_TRUE(std::isnan(entry));
 }
 
-TEST(LineTaskTest, ProgressIsTheLengthOfTheLineWhereverTheGauzeHasMoved) {
+TEST(LineTaskTest, ProgressIsTheLengthAlongTheLineOnAMovedGauze) {
   vision::LineObservation first;
   first.missing = vision::NotSeen::kNothing;
   first.p_cam_tip = {-0.02, 0.001, 0.0};

@@ -35,7 +35,7 @@ class TipRegionTest : public testing::Test {
   LineTask task_{LineCalibration{}, Overhead()};
 };
 
-TEST_F(TipRegionTest, NamesWhatIsLeftAndByHowMuch) {
+TEST_F(TipRegionTest, NamesTheViolatedBoundAndItsDepth) {
   TipRegionOptions options;
   options.box_min_m = {-0.02, -0.02, 0.001};
   options.box_max_m = {0.02, 0.02, 0.03};
@@ -57,7 +57,7 @@ TEST_F(TipRegionTest, NamesWhatIsLeftAndByHowMuch) {
 }
 
 // Both ends are above the floor; between them the wrist moves the tips down.
-TEST_F(TipRegionTest, AWayIsLookedAtAllAlong) {
+TEST_F(TipRegionTest, APathIsCheckedAlongItsLength) {
   const TipRegion region(task_, {});
   PsmJoints bent = At(0.0, 0.0, 0.002);
   bent[4] = 0.9;
@@ -76,7 +76,7 @@ TEST_F(TipRegionTest, AWayIsLookedAtAllAlong) {
 
 // Seeded paths are compared with checks that are twenty times as dense. About one path in ten
 // leaves the region: all of these are rejected, and no other path is.
-TEST_F(TipRegionTest, NoWayThatLeavesIsAllowed) {
+TEST_F(TipRegionTest, NoPathThatLeavesIsAllowed) {
   const TipRegion region(task_, {});
   core::Random random(5);
   int refused = 0;
@@ -105,7 +105,7 @@ TEST_F(TipRegionTest, NoWayThatLeavesIsAllowed) {
   EXPECT_GT(refused, 10);
 }
 
-TEST_F(TipRegionTest, FromTooDeepOnlyTheWayOutIsAllowed) {
+TEST_F(TipRegionTest, FromTooDeepOnlyThePathOutIsAllowed) {
   const TipRegion region(task_, {});
   const PsmJoints below = At(0.0, 0.0, -0.002);
   EXPECT_FALSE(region.Along(below, At(0.0, 0.0, 0.003)).any());
@@ -117,7 +117,7 @@ TEST_F(TipRegionTest, FromTooDeepOnlyTheWayOutIsAllowed) {
   EXPECT_TRUE(region.Along(below, end).any());
 }
 
-TEST_F(TipRegionTest, TheGauzeIsWhereItIsSeen) {
+TEST_F(TipRegionTest, TheObservedGauzeIsABound) {
   TipRegion region(task_, {});
   const Eigen::Vector3d tip(0.02, 0.0, 0.004);
   EXPECT_FALSE(region.At(tip).any());
@@ -139,7 +139,7 @@ TEST_F(TipRegionTest, NeverAllocates) {
   EXPECT_FALSE(region.Along(from, to).any());
 }
 
-TEST_F(TipRegionTest, BoundsThatMakeNoSenseAreRefused) {
+TEST_F(TipRegionTest, InvalidBoundsAreRefused) {
   TipRegionOptions options;
   options.box_max_m.x() = std::numeric_limits<double>::infinity();
   EXPECT_THROW(TipRegion(task_, options), std::invalid_argument);

@@ -52,7 +52,7 @@ TEST(CameraEpisodesTest, ABlindCameraHaltsTheEpisode) {
   }
 }
 
-// Results name the features that the picture did not show.
+// The result names the feature that is missing in the picture.
 TEST(CameraEpisodesTest, IntrinsicsOfAnotherCameraHaltTheEpisode) {
   const sim::LineTrackingOptions options;
   line_task::LineCalibration foreign = test::PerfectCalibration(options);

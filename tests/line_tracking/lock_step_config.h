@@ -7,7 +7,7 @@
 
 namespace dfr::apps::line_tracking {
 
-/// Returns a run on dvrk_simulator --lock-step, which waits for answers without a limit.
+/// Returns the configuration of a run on dvrk_simulator --lock-step that waits a day for answers.
 inline RobotConfig LockStepConfig(int domain) {
   RobotConfig config;
   config.robot = RobotPlace::kDds;
@@ -19,7 +19,7 @@ inline RobotConfig LockStepConfig(int domain) {
   return config;
 }
 
-/// Confirms a limited number of questions: an endless repetition fails.
+/// Confirms ten questions and refuses further ones: endless repetition fails.
 inline std::function<bool(std::string_view, std::string_view)> Agrees() {
   return [left = 10](std::string_view, std::string_view) mutable { return left-- > 0; };
 }

@@ -29,7 +29,7 @@ namespace {
 
 // Draws every picture of an episode, 4 s. Only this test compares the robot's loop over DDS with
 // the plant in one process.
-TEST(LockStepTest, InLockStepTheSameSeedsHaveTheSameOutcomesAsInOneProcess) {
+TEST(LockStepTest, TheSameSeedsHaveTheSameOutcomesAsInOneProcess) {
   const int domain = test::OwnDomain();
   const line_task::LineCalibration known = Data().Calibration();
   const test::PeerProcess simulator({DFR_SIMULATOR, "--lock-step", "--domain",
@@ -39,7 +39,7 @@ TEST(LockStepTest, InLockStepTheSameSeedsHaveTheSameOutcomesAsInOneProcess) {
   RobotPlant there(LockStepConfig(domain), known, nullptr);
   there.BringUp({});
   const LineModel model = LineModel::Load(Data().path / "model");
-  // Short episodes; guided recovery, which applies more controls, is tested below.
+  // Methods whose episodes are short.
   for (const auto& [method, outcome] : {std::pair("baseline", core::Outcome::kCompleted),
                                         std::pair("early-stopping", core::Outcome::kHalted)}) {
     SCOPED_TRACE(method);
@@ -55,7 +55,7 @@ TEST(LockStepTest, InLockStepTheSameSeedsHaveTheSameOutcomesAsInOneProcess) {
 
 // Starts four programs, 5 s. Only this test finds a program that `launch` starts without its
 // certificate.
-TEST(LaunchTest, AllItStartsIsOfTheRunsSecuredNetwork) {
+TEST(LaunchTest, AllStartedProgramsJoinTheSecuredNetwork) {
   const test::Keystore keys = {{"line_tracking", dds::Permission::kController},
                                {"dvrk_simulator", dds::Permission::kConsole},
                                {"stop", dds::Permission::kButton}};
@@ -84,8 +84,8 @@ TEST(LaunchTest, AllItStartsIsOfTheRunsSecuredNetwork) {
   EXPECT_EQ(log.metadata.more.at("emergency stop"), "required");
 }
 
-// Behaves like a stopped simulator: both kinds of requests time out, and the loop has continued.
-TEST(SimulatorLinkTest, AQuestionThatIsNeverAnsweredEndsAfterItsTime) {
+// As with a stopped simulator, both kinds of requests time out while the loop continues.
+TEST(SimulatorLinkTest, AnUnansweredRequestTimesOut) {
   dds::Participant network({.domain = test::OwnDomain()});
   std::int64_t now_ns = 0;
   const std::int64_t step_ns = 500'000'000;
@@ -164,7 +164,7 @@ TEST_F(PlatformTest, MovesOnTheOperatorsWordAndRestsWhenTheRobotHolds) {
     EXPECT_EQ(Arrived(5), "hacac");
   }
   EXPECT_EQ(Arrived(6), "hacaca") << "the program ended in the middle of an episode";
-  EXPECT_EQ(port_.Await(0).back().Pose().translation_m.x(), 0.0) << "in the wave's middle";
+  EXPECT_EQ(port_.Await(0).back().Pose().translation_m.x(), 0.0) << "the middle of the wave";
 }
 
 }  // namespace

@@ -31,7 +31,7 @@ TEST(RunTest, ASimulatedModelDrivesNoRobot) {
   }
 }
 
-TEST(RunTest, ItsRecordingSaysWhetherThereWasAnEmergencyStop) {
+TEST(RunTest, ItsRecordingTellsWhetherAnEmergencyStopWasRequired) {
   RobotConfig config;
   config.model = Data().path / "model";
   EXPECT_TRUE(RunMetadata(config, 1).more.empty()) << "nothing real moves";
@@ -41,7 +41,7 @@ TEST(RunTest, ItsRecordingSaysWhetherThereWasAnEmergencyStop) {
   EXPECT_EQ(RunMetadata(config, 1).more.at("emergency stop"), "none");
 }
 
-TEST(RecordedControllerTest, ARecordingIsDecidedAgainToTheBitAndADifferenceIsSeen) {
+TEST(RecordedControllerTest, AReplayRepeatsAllDecisionsAndDetectsADifference) {
   const std::filesystem::path path = Data().path / "run.mcap";
   const std::filesystem::path folder = Data().path / "model";
   const LineModel model = LineModel::Load(folder);
@@ -80,8 +80,8 @@ TEST(RecordedControllerTest, ARecordingIsDecidedAgainToTheBitAndADifferenceIsSee
   EXPECT_FALSE(ReplayRecording(path, elsewhere));
 }
 
-// "All decisions are the same" would be true for it.
-TEST(RecordedControllerTest, ARecordingWithoutDecisionsIsNotMadeAgain) {
+// Without decisions, a replay could find no difference.
+TEST(RecordedControllerTest, ARecordingWithoutDecisionsIsNotReplayed) {
   const std::filesystem::path path = Data().path / "empty.mcap";
   recording::RecordingMetadata metadata;
   metadata.model = (Data().path / "model").string();
@@ -90,7 +90,7 @@ TEST(RecordedControllerTest, ARecordingWithoutDecisionsIsNotMadeAgain) {
   recording::Recorder(path, metadata).Finish();
   try {
     static_cast<void>(ReplayRecording(path, {}));
-    ADD_FAILURE() << "nothing was made again";
+    ADD_FAILURE() << "it was replayed";
   } catch (const std::runtime_error& e) {
     EXPECT_NE(std::string(e.what()).find("empty.mcap contains no decision"), std::string::npos)
         << e.what();

@@ -1,6 +1,5 @@
 #include "trial_runner.h"
 
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -11,7 +10,6 @@
 #include "dfr/sim/line_tracking/calibration_motion.h"
 #include "tests/line_tracking/scene.h"
 #include "tests/sim_line_tracking/perfect_calibration.h"
-#include "tests/support/message_of.h"
 
 namespace dfr::apps::line_tracking {
 namespace {
@@ -135,12 +133,6 @@ TEST(LineTrialRunnerTest, GuidedRecoveryCompletesWhereTheLearnedPolicyCollides) 
   EXPECT_GE(counts[1][static_cast<std::size_t>(core::Outcome::kCompleted)], 9);
   EXPECT_EQ(counts[1][static_cast<std::size_t>(core::Outcome::kCollided)], 0);
   EXPECT_GE(counts[0][static_cast<std::size_t>(core::Outcome::kCollided)], 5);
-}
-
-TEST(LineTrialRunnerTest, UnknownMethodsAreNamed) {
-  EXPECT_THAT(dfr::test::MessageOf<std::invalid_argument>(
-                  [&] { static_cast<void>(safety::ParseMethod("magic")); }),
-              testing::AllOf(testing::HasSubstr("magic"), testing::HasSubstr("early-stopping")));
 }
 
 TEST(LineTrialRunnerTest, TooFewDemonstrationsThrow) {

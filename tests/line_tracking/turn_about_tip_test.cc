@@ -22,8 +22,7 @@ bool UprightAt(const PsmJoints& from, PsmJoints& upright) {
   return Psm::Inverse(pose, upright) == kinematics::PsmReach::kOk;
 }
 
-// Largest distance of the tips from their position, in total and downwards, over moves through
-// joint space.
+// Largest distance of the tips from their start, in total and downwards, over moves in joint space.
 struct Way {
   double astray_m = 0.0;
   double down_m = 0.0;
@@ -43,7 +42,7 @@ Way Follow(const PsmJoints& from, const std::vector<PsmJoints>& way) {
   return worst;
 }
 
-TEST(TurnAboutTipTest, TheTipsStayWhereTheyAreWhereOneMoveWouldDriveThemDown) {
+TEST(TurnAboutTipTest, TheTipsStayInPlaceWhereOneMoveWouldLowerThem) {
   core::Random random(3);
   int turned = 0;
   double worst_of_one_move = 0.0;
@@ -61,10 +60,10 @@ TEST(TurnAboutTipTest, TheTipsStayWhereTheyAreWhereOneMoveWouldDriveThemDown) {
     EXPECT_LT(Follow(from, *way).astray_m, kMostAstray) << from.transpose();
   }
   EXPECT_GT(turned, 270);
-  EXPECT_GT(worst_of_one_move, 0.003) << "this is what the way is for";
+  EXPECT_GT(worst_of_one_move, 0.003) << "one move would not suffice";
 }
 
-TEST(TurnAboutTipTest, WithoutATurnTheWayIsOneMove) {
+TEST(TurnAboutTipTest, WithoutATurnThePathIsOneMove) {
   PsmJoints home = PsmJoints::Zero();
   home[2] = 0.12;
   const auto way = TurnAboutTip(home, home);
@@ -72,7 +71,7 @@ TEST(TurnAboutTipTest, WithoutATurnTheWayIsOneMove) {
   EXPECT_EQ(way->size(), 1U);
 }
 
-TEST(TurnAboutTipTest, AWayThatLeavesTheJointsLimitsIsNone) {
+TEST(TurnAboutTipTest, FindsNoPathBeyondTheJointLimits) {
   PsmJoints from = PsmJoints::Zero();
   from << 0.0, 0.0, 0.12, 3.0, 1.2, 1.2;
   PsmJoints to = PsmJoints::Zero();

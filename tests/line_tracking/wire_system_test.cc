@@ -157,10 +157,9 @@ TEST_F(RealTimeTest, TheArmStandsStillWhenItsProgramIsKilled) {
   EXPECT_EQ(moved(), 0.0);
 }
 
-// The participant is a window of the lab that can hold, free and disable the arm, and that joined
-// first. Runs 20 whole episodes in real time. Only this test finds a false alarm that depends on
-// the timing of a run.
-TEST_F(RealTimeTest, InTwentyEpisodesAWindowThatWasThereBeforeIsNoReasonToHold) {
+// The participant can hold, free and disable the arm, and joined before the run. Runs 20 whole
+// episodes in real time. Only this test finds a false alarm that depends on the timing of a run.
+TEST_F(RealTimeTest, InTwentyEpisodesAnEarlierParticipantIsNoReasonToHold) {
   dds::Participant window({.domain = domain_, .name = "window"});
   const dds::Publisher<dds::Signal> hold(window, "/PSM1/hold", dds::Role::kRequest);
   const dds::Publisher<dds::Signal> free(window, "/PSM1/free", dds::Role::kRequest);
@@ -185,7 +184,7 @@ TEST_F(RealTimeTest, InTwentyEpisodesAWindowThatWasThereBeforeIsNoReasonToHold) 
     controls += result.controls();
     ASSERT_TRUE(robot.loop().ended_regularly()) << robot.loop().cause();
   }
-  EXPECT_GT(controls, 20 * 10) << "hardly any episode has moved";
+  EXPECT_GT(controls, 20 * 10) << "the episodes hardly move";
   std::printf("%d of 20 episodes completed, %d controls\n", completed, controls);
 }
 
@@ -250,7 +249,7 @@ TEST_F(AskewTest, TheToolIsLiftedThenTurnedAndNeverGoesDown) {
   EXPECT_GT(highest, before + 4e-3);
 }
 
-TEST_F(AskewTest, RefusesAWayThatLeavesTheRegion) {
+TEST_F(AskewTest, RefusesAPathThatLeavesTheRegion) {
   Tilt();
   const test::PeerProcess stop(Stop());
   RobotConfig config = Robot();

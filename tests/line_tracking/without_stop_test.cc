@@ -25,7 +25,7 @@ int Count(const std::string& printed, const std::string& text) {
 
 // Runs two episodes in lock-step, 4 s. Only this test reads the operator's output of a whole run.
 // LaunchTest has a run with an emergency stop.
-TEST(WithoutStopTest, ARunSaysSoFirstAtEveryStartAndInItsRecording) {
+TEST(WithoutStopTest, ARunWarnsFirstAtEveryStartAndInItsRecording) {
   const std::string warning =
       "WITHOUT AN EMERGENCY STOP: only the console and Ctrl-C here stop the arm\n";
   const std::filesystem::path folder = Data().path / "run-without-stop";

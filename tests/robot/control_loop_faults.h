@@ -89,7 +89,7 @@ inline std::vector<Source> Sources() {
   return all;
 }
 
-/// The robot holds for `reason`, and only the operator's confirmation makes it move again.
+/// Checks that the robot holds for `reason` until the operator starts it again.
 inline void ExpectHeldUntilStarted(FakeRobot& robot, runtime::HoldReason reason,
                                    const std::function<void()>& mend = {}) {
   EXPECT_EQ(robot.loop.state(),

@@ -24,7 +24,7 @@ using test::Sources;
 
 // -- every reason to hold -------------------------------------------------------------------------
 
-TEST(ControlLoopReasonsTest, HoldsExactlyAtTheDeadlineOfEverythingItWatches) {
+TEST(ControlLoopReasonsTest, HoldsExactlyAtTheDeadlineOfEachFault) {
   for (const Source& source : Sources()) {
     SCOPED_TRACE(source.name + ", " + runtime::Name(source.reason));
     FakeRobot robot;
@@ -59,7 +59,7 @@ TEST(ControlLoopReasonsTest, AMotionEndsInThePeriodThatHolds) {
       robot.clock.plan_ns = start_ns + begins_in * kPeriodNs;
       robot.clock.plan = [&] { source.begin(robot); };
       EXPECT_EQ(robot.loop.Apply(kLong), PlantStatus::kFault);
-      const int late = source.name == "period" ? 1 : 0;  // it is the next one that is late
+      const int late = source.name == "period" ? 1 : 0;  // the next one is late
       EXPECT_EQ(robot.clock.periods - start, begins_in + source.periods() - 1 + late);
       EXPECT_EQ(robot.recorder.last.steady_ns, robot.clock.now_ns);
       EXPECT_LE(robot.arm.setpoints, robot.clock.periods - start);
@@ -69,7 +69,7 @@ TEST(ControlLoopReasonsTest, AMotionEndsInThePeriodThatHolds) {
   }
 }
 
-TEST(ControlLoopReasonsTest, EveryReasonThatTheCallerFindsHoldsToo) {
+TEST(ControlLoopReasonsTest, EveryReasonOfTheCallerHolds) {
   for (int i = 1; i < runtime::kNumHoldReasons; ++i) {
     const auto reason = static_cast<HoldReason>(i);
     SCOPED_TRACE(runtime::Name(reason));
@@ -85,7 +85,7 @@ TEST(ControlLoopReasonsTest, EveryReasonThatTheCallerFindsHoldsToo) {
   }
 }
 
-TEST(ControlLoopReasonsTest, NoReasonIsLeftWithoutASource) {
+TEST(ControlLoopReasonsTest, EveryReasonHasASource) {
   // Faults that the controller, the task and the next tests detect.
   std::set<HoldReason> found = {HoldReason::kNone,           HoldReason::kControllerHalted,
                                 HoldReason::kNotSeen,        HoldReason::kStateInvalid,
@@ -105,7 +105,7 @@ TEST(ControlLoopReasonsTest, ThePlatformRestsInThePeriodThatHolds) {
     EXPECT_EQ(robot.platform.begins, 0) << "the robot may not move";
     ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
     robot.loop.Idle(0.1);
-    EXPECT_FALSE(robot.platform.moves) << "nobody has said so";
+    EXPECT_FALSE(robot.platform.moves) << "no motion was requested";
     robot.loop.MovePlatform();
     robot.loop.Idle(0.1);
     ASSERT_TRUE(robot.platform.moves);
@@ -115,7 +115,7 @@ TEST(ControlLoopReasonsTest, ThePlatformRestsInThePeriodThatHolds) {
     EXPECT_EQ(robot.platform.rested_ns, robot.clock.now_ns);
     source.end(robot);
     ExpectHeldUntilStarted(robot, source.reason);
-    EXPECT_FALSE(robot.platform.moves) << "nobody has said so again";
+    EXPECT_FALSE(robot.platform.moves) << "no motion was requested again";
   }
 }
 
@@ -132,7 +132,7 @@ TEST(ControlLoopReasonsTest, ThePlatformRestsWhenTheTaskIsCompletedOrTheCallerHo
   EXPECT_FALSE(robot.platform.moves) << "at once";
 }
 
-TEST(ControlLoopReasonsTest, APlatformThatCannotBeToldIsAFaultForAsLong) {
+TEST(ControlLoopReasonsTest, APlatformThatRefusesACommandIsAFault) {
   FakeRobot robot;
   ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
   robot.platform.refuses = {HoldReason::kPlatform, "its port failed"};
@@ -149,7 +149,7 @@ TEST(ControlLoopReasonsTest, APlatformThatCannotBeToldIsAFaultForAsLong) {
   ExpectHeldUntilStarted(robot, HoldReason::kPlatform, [&] { robot.platform.fails = {}; });
 }
 
-TEST(ControlLoopReasonsTest, HomingThePlatformEndsWithWhateverIsFound) {
+TEST(ControlLoopReasonsTest, AnyFaultEndsHomingThePlatform) {
   FakeRobot robot;
   robot.loop.Idle(1.0);
   const int start = robot.clock.periods;
@@ -174,7 +174,7 @@ TEST(ControlLoopReasonsTest, HomingThePlatformEndsWithWhateverIsFound) {
   }
 }
 
-TEST(ControlLoopReasonsTest, APeriodOfJustTheLimitIsNoOverrun) {
+TEST(ControlLoopReasonsTest, APeriodOfExactlyTheLimitIsNoOverrun) {
   FakeRobot robot;
   ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
   robot.clock.late_ns = 50'000'000 - kPeriodNs;
@@ -183,7 +183,7 @@ TEST(ControlLoopReasonsTest, APeriodOfJustTheLimitIsNoOverrun) {
   EXPECT_FALSE(robot.loop.Tick());
 }
 
-TEST(ControlLoopReasonsTest, APictureIsWaitedForUntilItsDeadline) {
+TEST(ControlLoopReasonsTest, WaitsForAPictureUntilItsDeadline) {
   constexpr int kPeriods = 401;  // the first report after 2 s
   FakeRobot robot;
   ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
@@ -199,7 +199,7 @@ TEST(ControlLoopReasonsTest, APictureIsWaitedForUntilItsDeadline) {
   ExpectHeldUntilStarted(robot, HoldReason::kImageSilent);
 }
 
-TEST(ControlLoopReasonsTest, ACameraThatCannotBeAskedIsAReason) {
+TEST(ControlLoopReasonsTest, ACameraThatRefusesARequestHolds) {
   FakeRobot robot;
   ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
   robot.camera.refuses = {HoldReason::kImageSilent, "it does not answer"};

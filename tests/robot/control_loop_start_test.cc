@@ -48,12 +48,12 @@ TEST(ControlLoopStartTest, AnArmThatRefusesIsNotStarted) {
   EXPECT_EQ(robot.loop.cause(), "arm-jump: frames disagree");
 }
 
-TEST(ControlLoopStartTest, WaitsForReasonsToEndAsLongAsItHasPatience) {
+TEST(ControlLoopStartTest, WaitsForReasonsToEndUntilItsTimeout) {
   FakeRobot robot;
   robot.arm.found = {HoldReason::kArmInvalid, "stamped zero"};
   robot.clock.plan_ns = robot.clock.now_ns + 1'000'000'000;
   robot.clock.plan = [&] { robot.arm.found = {}; };
-  EXPECT_EQ(robot.loop.Start(), HoldReason::kArmInvalid) << "no patience";
+  EXPECT_EQ(robot.loop.Start(), HoldReason::kArmInvalid) << "it may not wait";
   EXPECT_EQ(robot.loop.Start(3.0), HoldReason::kNone);
 
   FakeRobot faulted;
@@ -61,7 +61,7 @@ TEST(ControlLoopStartTest, WaitsForReasonsToEndAsLongAsItHasPatience) {
   faulted.loop.Hold(HoldReason::kArmSilent);
   const std::int64_t start_ns = faulted.clock.now_ns;
   EXPECT_EQ(faulted.loop.Start(3.0), HoldReason::kArmSilent);
-  EXPECT_LT(faulted.clock.now_ns - start_ns, 500'000'000) << "time mends no fault";
+  EXPECT_LT(faulted.clock.now_ns - start_ns, 500'000'000) << "a fault does not end by itself";
 }
 
 // -- homing ---------------------------------------------------------------------------------------
@@ -71,14 +71,14 @@ bool MattersForHoming(const Source& source) {
   return source.name != "camera" && source.name != "camera's thread hangs";
 }
 
-TEST(ControlLoopStartTest, HomesOnceAskedTo) {
+TEST(ControlLoopStartTest, HomesOnlyOnRequest) {
   FakeRobot robot;
   robot.arm.unhomed = true;
   robot.camera.found = {HoldReason::kImageInvalid, "dark"};
   EXPECT_FALSE(robot.loop.AwaitReady(0.5, {}));
   EXPECT_TRUE(robot.loop.AwaitHomeable(0.5, {}));
   robot.loop.Idle(10.0);
-  EXPECT_EQ(robot.arm.homings, 0) << "nobody has asked for it";
+  EXPECT_EQ(robot.arm.homings, 0) << "homing was not requested";
   EXPECT_EQ(robot.loop.Home(), HoldReason::kNone);
   EXPECT_EQ(robot.arm.homings, 1);
   EXPECT_FALSE(robot.arm.unhomed);
@@ -107,14 +107,14 @@ TEST(ControlLoopStartTest, DoesNotPowerUpWithAReasonToHold) {
   }
 }
 
-TEST(ControlLoopStartTest, HomingEndsExactlyAtTheDeadlineOfEverythingItWatches) {
+TEST(ControlLoopStartTest, HomingEndsExactlyAtTheDeadlineOfEachFault) {
   for (const Source& source : Sources()) {
     if (!MattersForHoming(source)) continue;
     SCOPED_TRACE(source.name + ", " + runtime::Name(source.reason));
     FakeRobot robot;
     robot.arm.unhomed = true;
     robot.loop.Idle(0.5);
-    // Half a second after the start.
+    // Half a second after homing has begun.
     const std::int64_t begins_ns = robot.clock.now_ns + 750'000'000;
     robot.clock.plan_ns = begins_ns;
     robot.clock.plan = [&] { source.begin(robot); };
@@ -122,7 +122,7 @@ TEST(ControlLoopStartTest, HomingEndsExactlyAtTheDeadlineOfEverythingItWatches) 
     EXPECT_EQ(robot.arm.homings, 1);
     EXPECT_TRUE(robot.arm.unhomed);
     EXPECT_EQ(robot.arm.disabled_ns, robot.clock.now_ns) << "in the period that finds it";
-    const int late = source.name == "period" ? 1 : 0;  // it is the next one that is late
+    const int late = source.name == "period" ? 1 : 0;  // the next one is late
     EXPECT_LE(robot.clock.now_ns - begins_ns,
               (source.periods() + late - 1) * kPeriodNs + (late != 0 ? 50'000'000 : 0));
     source.end(robot);
@@ -132,7 +132,7 @@ TEST(ControlLoopStartTest, HomingEndsExactlyAtTheDeadlineOfEverythingItWatches) 
   }
 }
 
-TEST(ControlLoopStartTest, AStopThatWasPressedWhileIdleIsKnownOnceCleared) {
+TEST(ControlLoopStartTest, AStopPressedWhileIdleIsAcknowledgedByClear) {
   FakeRobot robot;
   robot.stop.found = {HoldReason::kEmergencyStop, "pressed"};
   robot.loop.Idle(0.3);
@@ -156,7 +156,7 @@ TEST(ControlLoopStartTest, WaitingEndsAtOnceWhenInterruptedOrStopped) {
   EXPECT_LT(robot.clock.now_ns - start_ns, 500'000'000);
 }
 
-TEST(ControlLoopStartTest, SaysOnceWhatItWaitsFor) {
+TEST(ControlLoopStartTest, ReportsOnceTheReasonForWaiting) {
   FakeRobot robot;
   std::vector<std::string> said;
   const auto say = [&](std::string_view words) { said.emplace_back(words); };
@@ -190,7 +190,7 @@ TEST(ControlLoopStartTest, EpisodesEndRegularlyWhenCompletedHaltedOrNotSeen) {
   }
 }
 
-TEST(ControlLoopStartTest, HaltTellsTheArmWhateverTheState) {
+TEST(ControlLoopStartTest, HaltHoldsTheArmInEveryState) {
   FakeRobot robot;
   ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
   robot.loop.Complete();

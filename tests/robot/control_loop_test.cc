@@ -27,7 +27,7 @@ using testing::HasSubstr;
 
 // -- controls -------------------------------------------------------------------------------------
 
-TEST(ControlLoopTest, AControlMovesTheArmAndIsSeenAtRest) {
+TEST(ControlLoopTest, AControlMovesTheArmAndIsObservedAtRest) {
   FakeRobot robot({.image_latency_s = 0.05});
   ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
   const int start = robot.clock.periods;
@@ -76,7 +76,7 @@ TEST(ControlLoopTest, AControlOutOfReachIsRefused) {
   ExpectHeldUntilStarted(robot, HoldReason::kCommandRefused);
 }
 
-TEST(ControlLoopTest, AStateThatJumpedIsAReason) {
+TEST(ControlLoopTest, AJumpOfTheStateHolds) {
   for (const double sign : {-1.0, 1.0}) {
     FakeRobot robot({.max_state_jump = 2.0, .max_drift = 1e3, .drift_noise = 1e3});
     ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
@@ -90,7 +90,7 @@ TEST(ControlLoopTest, AStateThatJumpedIsAReason) {
   }
 }
 
-TEST(ControlLoopTest, PicturesThatShowNothingAreTriedAgain) {
+TEST(ControlLoopTest, PicturesWithoutAStateAreRetried) {
   FakeRobot robot;
   ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
   robot.camera.unseen = 2;
@@ -104,7 +104,7 @@ TEST(ControlLoopTest, PicturesThatShowNothingAreTriedAgain) {
   EXPECT_TRUE(std::isnan(robot.loop.observation()[0]));
 }
 
-TEST(ControlLoopTest, TheControllersDecisionsMakeTheState) {
+TEST(ControlLoopTest, TheControllersDecisionsDetermineTheState) {
   FakeRobot robot;
   ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
   const auto decide = [&](control::Mode mode, control::HaltCause cause = {}) {
@@ -129,7 +129,7 @@ TEST(ControlLoopTest, TheControllersDecisionsMakeTheState) {
 
 // -- current pictures -------------------------------------------------------------------
 
-// Applies controls of `size` mm until the loop holds. Returns the path length of the tip in mm.
+// Applies controls of `size` mm until the loop holds. Returns the distance that the tip moved, mm.
 double WayUntilHeld(FakeRobot& robot, double size, int most = 100) {
   const std::array<double, 2> begin = robot.arm.at;
   const std::array control = {0.6 * size, 0.8 * size};
@@ -155,7 +155,7 @@ TEST(ControlLoopTest, PicturesThatDoNotShowTheMotionHold) {
   }
 }
 
-TEST(ControlLoopTest, PicturesThatAreLateWithFreshStampsHold) {
+TEST(ControlLoopTest, LatePicturesWithFreshStampsHold) {
   for (const double size : {0.5, 1.0, 2.0, 2.8}) {
     SCOPED_TRACE(size);
     FakeRobot robot;
@@ -168,7 +168,7 @@ TEST(ControlLoopTest, PicturesThatAreLateWithFreshStampsHold) {
   }
 }
 
-TEST(ControlLoopTest, MotionThatNobodyCommandedHolds) {
+TEST(ControlLoopTest, UncommandedMotionHolds) {
   FakeRobot robot;
   ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
   ASSERT_TRUE(robot.loop.Look());
@@ -183,8 +183,8 @@ TEST(ControlLoopTest, MotionThatNobodyCommandedHolds) {
   EXPECT_EQ(robot.loop.state(), RunState::kFaulted);
 }
 
-// The calibration of an arm has errors of some per cent, and vision is accurate to a pixel.
-TEST(ControlLoopTest, ErrorsOfCalibrationAndVisionAreNoReason) {
+// The calibration of an arm has errors of several per cent, and vision is accurate to a pixel.
+TEST(ControlLoopTest, ErrorsOfCalibrationAndVisionDoNotHold) {
   for (const double scale : {0.85, 1.15}) {
     FakeRobot robot;
     robot.camera.scale = scale;
@@ -280,7 +280,7 @@ TEST(ControlLoopTest, ThrowsForOptionsOutOfRangeAndMissingDevices) {
   EXPECT_THROW(ControlLoop({}, {.clock = &robot.clock}), std::invalid_argument);
 }
 
-TEST(ControlLoopTest, TheRecorderIsToldHowEachPeriodStands) {
+TEST(ControlLoopTest, TheRecorderGetsTheStateOfEachPeriod) {
   FakeRobot robot;
   robot.loop.Idle(0.5);
   const int periods = robot.recorder.periods;

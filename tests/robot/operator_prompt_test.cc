@@ -43,7 +43,7 @@ class OperatorPromptTest : public testing::Test {
   OperatorPrompt prompt_{keyboard_, printer_, interrupted_};
 };
 
-TEST_F(OperatorPromptTest, EnterStartsAfterAnEpisodeThatEndedAsEpisodesDo) {
+TEST_F(OperatorPromptTest, EnterStartsAfterARegularEnd) {
   TypeLater("\n");
   EXPECT_TRUE(Allows());
   HoldFor(HoldReason::kNotSeen);
@@ -105,7 +105,7 @@ TEST_F(OperatorPromptTest, AStopThatWasPressedWhileIdleHasToBeCleared) {
   EXPECT_EQ(robot_.stop.acknowledged, 0);
 }
 
-TEST_F(OperatorPromptTest, TheLoopGoesOnAtThePrompt) {
+TEST_F(OperatorPromptTest, TheLoopKeepsRunningAtThePrompt) {
   robot_.clock.plan_ns = robot_.clock.now_ns + 500'000'000;
   robot_.clock.plan = [&] {
     robot_.stop.found = {HoldReason::kEmergencyStop, "pressed"};
@@ -115,7 +115,7 @@ TEST_F(OperatorPromptTest, TheLoopGoesOnAtThePrompt) {
   EXPECT_EQ(robot_.loop.blocking(), HoldReason::kEmergencyStop);
 }
 
-TEST_F(OperatorPromptTest, TheQuestionIsAskedAgainBelowWhatOthersSay) {
+TEST_F(OperatorPromptTest, TheQuestionIsRepeatedBelowOtherOutput) {
   robot_.clock.plan_ns = robot_.clock.now_ns + 500'000'000;
   robot_.clock.plan = [this] {
     for (int i = 0; i < 15; ++i) printer_.Say("  the console says (status): %d\n", i);
@@ -132,7 +132,7 @@ TEST_F(OperatorPromptTest, TheQuestionIsAskedAgainBelowWhatOthersSay) {
   EXPECT_EQ(printer_.said(), 17) << "once again, not every second";
 }
 
-TEST_F(OperatorPromptTest, CtrlCAndTheEndOfInputSayNo) {
+TEST_F(OperatorPromptTest, CtrlCAndTheEndOfInputRefuse) {
   interrupted_ = true;
   EXPECT_FALSE(Allows());
   interrupted_ = false;

@@ -22,7 +22,8 @@ TEST(RealTimeClockTest, CountsPeriodsFromTheFirstWaitAndThenAllocatesNothing) {
   EXPECT_EQ(clock.SteadyNs() - start_ns, 5 * 2'000'000);
   EXPECT_EQ(clock.MachineNs(), machine.now_ns);
   EXPECT_EQ(clock.timer()->periods(), 5);
-  EXPECT_EQ(clock.timer()->missed(), 0) << "what passed before the first call is no missed period";
+  EXPECT_EQ(clock.timer()->missed(), 0)
+      << "the time before the first call counts as no missed period";
   EXPECT_FALSE(clock.lock_step());
 }
 

@@ -119,7 +119,7 @@ TEST(LineVisionTest, SideOfTheLineFollowsTheTip) {
   EXPECT_LT(seen.distance_m, -0.002);
 }
 
-TEST(LineVisionTest, SaysWhatIsMissing) {
+TEST(LineVisionTest, NamesTheMissingFeature) {
   LineVision vision(Camera(), Options());
   Picture picture;
   const auto reason = [&] {
@@ -141,7 +141,7 @@ TEST(LineVisionTest, SaysWhatIsMissing) {
   EXPECT_EQ(reason(), NotSeen::kTarget);
 }
 
-TEST(LineVisionTest, RefusesPicturesThatAreNone) {
+TEST(LineVisionTest, RefusesUnusablePictures) {
   LineVision vision(Camera(), Options());
   Picture picture;
   EXPECT_TRUE(vision.Observe(picture.view(), TipPlane()).seen());
@@ -159,7 +159,7 @@ TEST(LineVisionTest, RefusesPicturesThatAreNone) {
 
 // A lens with another focal length produces the same picture at another distance. Another
 // distortion bends the frame.
-TEST(LineVisionTest, NoticesAnotherCamera) {
+TEST(LineVisionTest, DetectsAnotherCamera) {
   const Picture picture;
   CameraModel other = Camera();
   other.fx = other.fy = 1100.0;
@@ -172,7 +172,7 @@ TEST(LineVisionTest, NoticesAnotherCamera) {
   EXPECT_EQ(bent.Observe(picture.view(), TipPlane()).missing, NotSeen::kForeignCamera);
 }
 
-TEST(LineVisionTest, OptionsThatMakeNoSenseThrow) {
+TEST(LineVisionTest, InvalidOptionsThrow) {
   LineVisionOptions options = Options();
   options.target.marks_m.resize(3);
   EXPECT_THROW(LineVision(Camera(), options), std::invalid_argument);
