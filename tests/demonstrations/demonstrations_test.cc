@@ -95,7 +95,8 @@ TEST(DemonstrationsTest, MismatchedShapesAreRefusedBeforeWriting) {
   const auto message = [&](auto change) {
     DemonstrationSet set = Episodes();
     change(set);
-    return test::Message<std::invalid_argument>([&] { SaveRobomimic(set, folder / "demos.hdf5"); });
+    return test::MessageOf<std::invalid_argument>(
+        [&] { SaveRobomimic(set, folder / "demos.hdf5"); });
   };
   EXPECT_THAT(message([](auto& set) { set.trajectories[2].controls(7, 1) = 1.5; }),
               HasSubstr("demonstration 2, step 7: control 1 is 1.5"));
@@ -127,7 +128,7 @@ TEST(DemonstrationsTest, ErrorsNameFileEpisodeAndDataset) {
       file.Write("data/demo_0/next_obs/tip", tip);
       damage(file);
     }
-    return test::Message<std::runtime_error>([&] { (void)LoadRobomimic(path); });
+    return test::MessageOf<std::runtime_error>([&] { (void)LoadRobomimic(path); });
   };
   const auto actions = [](Eigen::Index rows) { return core::Matrix::Zero(rows, 2).eval(); };
 
@@ -182,10 +183,10 @@ TEST(DemonstrationsTest, ErrorsNameFileEpisodeAndDataset) {
               HasSubstr("env_args is not a JSON object"));
 }
 
-TEST(DemonstrationsTest, FilesThatAreNoneAreRefusedByName) {
+TEST(DemonstrationsTest, InvalidFilesAreRefusedByName) {
   const test::TempFolder folder;
   const auto message = [&](const char* name) {
-    return test::Message<std::runtime_error>([&] { (void)LoadRobomimic(folder / name); });
+    return test::MessageOf<std::runtime_error>([&] { (void)LoadRobomimic(folder / name); });
   };
   EXPECT_THAT(message("absent.hdf5"), AllOf(HasSubstr("absent.hdf5"), HasSubstr("no such file")));
   std::ofstream(folder / "text.hdf5") << "not HDF5";
@@ -202,7 +203,7 @@ TEST(DemonstrationsTest, FilesThatAreNoneAreRefusedByName) {
     std::filesystem::resize_file(folder / "cut.hdf5", cut);
     EXPECT_THAT(message("cut.hdf5"), HasSubstr("cut.hdf5")) << "after " << cut << " bytes";
   }
-  EXPECT_THAT(test::Message<std::runtime_error>(
+  EXPECT_THAT(test::MessageOf<std::runtime_error>(
                   [&] { SaveRobomimic(Episodes(), folder / "no/demos.hdf5"); }),
               AllOf(HasSubstr("demos.hdf5"), HasSubstr("cannot be created")));
 }

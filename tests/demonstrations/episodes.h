@@ -46,15 +46,15 @@ inline imitation::DemonstrationSet Episodes(bool plain = false) {
   return set;
 }
 
-/// Returns the columns of Episode()'s states in the order of an independent writer, whose blocks
-/// are read by name.
+/// Expects the columns of Episode()'s states in the order of their blocks' names, in which the
+/// files of an independent writer are read.
 inline void ExpectStatesByName(const core::Matrix& actual, const core::Matrix& expected) {
   EXPECT_EQ(actual.col(0), expected.col(5));
   EXPECT_EQ(actual.middleCols(1, 2), expected.middleCols(3, 2));
   EXPECT_EQ(actual.rightCols(3), expected.leftCols(3));
 }
 
-/// Expects episodes that were written and read again.
+/// Expects that the sets have equal layouts, environments and episodes.
 inline void ExpectSame(const imitation::DemonstrationSet& loaded,
                        const imitation::DemonstrationSet& set) {
   EXPECT_EQ(loaded.layout, set.layout);

@@ -19,6 +19,7 @@
 #include "parquet/parquet_file.h"
 #include "tests/demonstrations/episodes.h"
 #include "tests/imitation/temp_folder.h"
+#include "tests/support/message_of.h"
 
 namespace dfr::imitation {
 namespace {
@@ -33,7 +34,7 @@ const std::filesystem::path kRegressions =
     std::filesystem::path(DFR_REGRESSIONS) / "hdf5_demonstrations";
 
 std::string LoadError(const std::filesystem::path& path) {
-  return test::Message<std::runtime_error>([&] { (void)LoadDemonstrations(path); });
+  return test::MessageOf<std::runtime_error>([&] { (void)LoadDemonstrations(path); });
 }
 
 // An episode in robomimic's format, modified by `make`.
@@ -183,11 +184,11 @@ TEST(HostileFilesTest, NoOtherFileIsRead) {
   H5Lcreate_external(other.c_str(), "data", file, "data", H5P_DEFAULT, H5P_DEFAULT);
   H5Fclose(file);
   const Hdf5Reader reader(folder / "below.hdf5");
-  EXPECT_THAT(test::Message<std::runtime_error>([&] { (void)reader.Members("data"); }),
+  EXPECT_THAT(test::MessageOf<std::runtime_error>([&] { (void)reader.Members("data"); }),
               HasSubstr("below.hdf5"));
 }
 
-TEST(HostileFilesTest, AnEpisodeThatWasCutOffIsLeftOutAndSaidSo) {
+TEST(HostileFilesTest, AnIncompleteEpisodeIsLeftOutAndReported) {
   const test::TempFolder folder;
   const std::filesystem::path path = folder / "demos.hdf5";
   SaveRobomimic(Episodes(), path);

@@ -5,7 +5,7 @@
 namespace dfr::imitation {
 namespace {
 
-// The writes of a single episode contain more than five kills.
+// Each of the ten episodes takes more than five writes.
 TEST(KilledAtEachWriteTest, EveryAcknowledgedEpisodeIsRead) { test::ExpectNoEpisodeLost(1, 51); }
 
 }  // namespace

@@ -1,8 +1,8 @@
 """Writes and checks Minari datasets with h5py alone, for minari_test.
 
-minari_peer.py check FOLDER        exits non-zero unless FOLDER holds what the test's Episodes() made
+minari_peer.py check FOLDER        exits non-zero unless FOLDER holds the test's Episodes()
 minari_peer.py check-plain FOLDER  the same with observations that are one dataset
-minari_peer.py write FOLDER        writes such a dataset as Minari's own tools do: observations in groups
+minari_peer.py write FOLDER        writes such a dataset like Minari's own tools: observations in groups
 minari_peer.py write-plain FOLDER  with plain observations
 """
 
@@ -31,7 +31,7 @@ def check_as_minari_loads(metadata):
     if "env_spec" in metadata:
         assert isinstance(metadata["env_spec"], str)
         spec = json.loads(metadata["env_spec"])
-        # Popped without a default; the other entries are arguments of a dataclass.
+        # Gymnasium pops this entry without a default; the others are arguments of a dataclass.
         assert spec.pop("additional_wrappers") == []
         assert set(spec) <= {"id", "entry_point", "reward_threshold", "nondeterministic", "max_episode_steps",
                              "order_enforce", "disable_env_checker", "kwargs", "vector_entry_point"}

@@ -14,6 +14,7 @@
 #include "hdf5/hdf5_file.h"
 #include "tests/demonstrations/episodes.h"
 #include "tests/imitation/temp_folder.h"
+#include "tests/support/message_of.h"
 
 namespace dfr::imitation {
 namespace {
@@ -32,7 +33,7 @@ void Save(const DemonstrationSet& set, const std::filesystem::path& folder) {
 }
 
 std::string Message(const std::function<void()>& call) {
-  return test::Message<std::exception>(call);
+  return test::MessageOf<std::exception>(call);
 }
 
 class MinariTest : public testing::TestWithParam<bool> {};
@@ -129,7 +130,7 @@ TEST(MinariErrorsTest, NameTheDatasetAndTheReason) {
   EXPECT_THAT(Message([&] { (void)OpenDemonstrations(folder / "absent"); }),
               HasSubstr("no such file"));
 
-  // Tested with readable data.
+  // The data are readable, and only the metadata are wrong.
   const std::filesystem::path metadata = folder / "m/data/metadata.json";
   Save(Episodes(false), folder / "m");
   const auto with_metadata = [&](const std::string& text) {

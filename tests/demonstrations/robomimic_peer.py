@@ -1,7 +1,7 @@
 """Writes and checks robomimic files with h5py alone, for demonstrations_test.
 
-robomimic_peer.py check FILE   exits non-zero unless FILE holds what the test's Episodes() made
-robomimic_peer.py write FILE   writes such a file as robomimic's own tools do
+robomimic_peer.py check FILE   exits non-zero unless FILE holds the test's Episodes()
+robomimic_peer.py write FILE   writes such a file like robomimic's own tools
 """
 
 import json

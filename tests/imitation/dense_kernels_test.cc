@@ -40,7 +40,7 @@ Product Of(const core::Matrix& a, const core::Matrix& b, core::Matrix& c) {
 
 // Shapes around every tile edge. C's entries are sums of at most 34 terms of size around 1: 1e-13
 // is 10 times the difference of reordering and fused rounding.
-TEST_P(DenseKernelsTest, ProductsAreThoseOfTheDefinition) {
+TEST_P(DenseKernelsTest, ProductsMatchTheDefinition) {
   core::Random random(1);
   for (const int m : {1, 2, 5, 6, 7, 13}) {
     for (const int n : {1, 2, 3, 4, 7, 8, 9, 15, 16, 31, 33, 64, 71}) {
@@ -71,7 +71,7 @@ TEST_P(DenseKernelsTest, ProductsAreThoseOfTheDefinition) {
   }
 }
 
-TEST_P(DenseKernelsTest, TransposedAndConstantLeftFactorsAreStrides) {
+TEST_P(DenseKernelsTest, StridesExpressTransposedAndConstantLeftFactors) {
   core::Random random(2);
   const core::Matrix a = RandomMatrix(random, 11, 7);
   const core::Matrix b = RandomMatrix(random, 11, 9);
@@ -108,7 +108,7 @@ TEST_P(DenseKernelsTest, NothingBeyondTheTileIsWritten) {
 }
 
 // A row's result does not depend on the batch around it, to the last bit.
-TEST_P(DenseKernelsTest, RowsOfABatchAreThoseOfTheRowAlone) {
+TEST_P(DenseKernelsTest, RowsOfABatchEqualSingleRows) {
   core::Random random(4);
   for (const int n : {7, 64}) {
     const core::Matrix a = RandomMatrix(random, 13, 33);
@@ -155,7 +155,7 @@ TEST_P(DenseKernelsTest, TanhOfNanIsNan) {
   }
 }
 
-TEST_P(DenseKernelsTest, SlopesAreThoseOfTheDefinition) {
+TEST_P(DenseKernelsTest, SlopesMatchTheDefinition) {
   core::Random random(6);
   for (const int size : {1, 2, 7, 8, 9, 64}) {
     core::Matrix actual = RandomMatrix(random, 1, size);

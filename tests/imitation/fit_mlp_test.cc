@@ -10,6 +10,7 @@
 #include "dfr/core/numerics/linear_algebra.h"
 #include "tests/imitation/temp_folder.h"
 #include "tests/support/all_close.h"
+#include "tests/support/message_of.h"
 
 namespace dfr::imitation {
 namespace {
@@ -98,7 +99,7 @@ TEST(FitMlpTest, WeightDecayGivesRidgeRegression) {
 
 // A network can be recovered from its outputs, up to the symmetries of its units: the loss at the
 // minimum is zero.
-TEST(FitMlpTest, MinimisersFitWhatASmallNetworkMade) {
+TEST(FitMlpTest, MinimisersFitTheOutputsOfASmallNetwork) {
   core::Random random(2);
   Matrix states(400, 3);
   for (Eigen::Index i = 0; i < states.size(); ++i) states.data()[i] = random.Normal();
@@ -167,10 +168,10 @@ TEST(FitMlpTest, DemonstrationsAreTheirStateControlPairs) {
   EXPECT_EQ(from_set.layout(), Layout());
 
   set.trajectories[1].states(2, 0) = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_THAT(test::Message<std::invalid_argument>([&] { FitMlp(set, options); }),
+  EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] { FitMlp(set, options); }),
               HasSubstr("states of demonstration 1: row 2, column 0 is nan"));
   set.trajectories[1].controls.resize(3, 1);
-  EXPECT_THAT(test::Message<std::invalid_argument>([&] { FitMlp(set, options); }),
+  EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] { FitMlp(set, options); }),
               HasSubstr("demonstration 1 has states of 4 x 3 and controls of 3 x 1"));
 }
 
@@ -180,7 +181,7 @@ TEST(FitMlpTest, ErrorsNameTheRowTheShapeOrTheOption) {
     LinearCase data = good;
     FitMlpOptions options = {.hidden = {4}};
     change(data, options);
-    return test::Message<std::invalid_argument>(
+    return test::MessageOf<std::invalid_argument>(
         [&] { FitMlp(Layout(), data.states, data.controls, options); });
   };
   EXPECT_THAT(message([](auto& d, auto&) { d.states(7, 2) = std::nan(""); }),

@@ -8,6 +8,7 @@
 #include <stdexcept>
 
 #include "tests/imitation/temp_folder.h"
+#include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::imitation {
@@ -65,7 +66,7 @@ TEST(GaussianPolicyTest, NoiseIsAddedBeforeClipping) {
   }
 }
 
-TEST(GaussianPolicyTest, SameStreamSameControlsAndNoAllocation) {
+TEST(GaussianPolicyTest, TheSameStreamGivesTheSameControlsWithoutAllocating) {
   const GaussianPolicy policy = Policy(10.0);
   const std::vector<double> x = {0.0, 0.0};
   std::vector<double> first(2), second(2);
@@ -83,7 +84,7 @@ TEST(GaussianPolicyTest, ABrokenStateGivesNan) {
   EXPECT_TRUE(std::isnan(u[0]) && std::isnan(u[1]));
 }
 
-TEST(GaussianPolicyTest, AFileRestoresIt) {
+TEST(GaussianPolicyTest, AFileRestoresMeanAndDeviation) {
   const test::TempFolder folder;
   const GaussianPolicy policy = Policy(1.0);
   policy.Save(folder / "supervisor.dfr");
@@ -91,16 +92,16 @@ TEST(GaussianPolicyTest, AFileRestoresIt) {
   EXPECT_EQ(loaded.log_std(), policy.log_std());
   EXPECT_EQ(loaded.mean().mlp().parameters(), policy.mean().mlp().parameters());
   EXPECT_THAT(
-      test::Message<std::runtime_error>([&] { MlpPolicy::Load(folder / "supervisor.dfr"); }),
+      test::MessageOf<std::runtime_error>([&] { MlpPolicy::Load(folder / "supervisor.dfr"); }),
       HasSubstr("gaussian-policy"));
 }
 
 TEST(GaussianPolicyTest, NeedsOneFiniteDeviationPerControl) {
   using Error = std::invalid_argument;
   EXPECT_THAT(
-      test::Message<Error>([] { GaussianPolicy(Policy(1.0).mean(), Eigen::Vector3d::Zero()); }),
+      test::MessageOf<Error>([] { GaussianPolicy(Policy(1.0).mean(), Eigen::Vector3d::Zero()); }),
       HasSubstr("2 controls, and 3 log"));
-  EXPECT_THAT(test::Message<Error>([] {
+  EXPECT_THAT(test::MessageOf<Error>([] {
                 GaussianPolicy(Policy(1.0).mean(),
                                Eigen::Vector2d(0, -std::numeric_limits<double>::infinity()));
               }),

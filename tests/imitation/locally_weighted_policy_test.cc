@@ -45,13 +45,13 @@ TEST(LocallyWeightedPolicyTest, ReproducesALinearLaw) {
   }
 }
 
-TEST(LocallyWeightedPolicyTest, LooksAtNeighbouringTimeStepsOnly) {
+TEST(LocallyWeightedPolicyTest, UsesOnlyNeighbouringTimeSteps) {
   auto demonstrations = Linear();
   for (auto& d : demonstrations) d.controls.bottomRows(5).setConstant(0.5);
   const LocallyWeightedPolicy policy(Identity(), demonstrations, {.window = 0});
   std::vector<double> u(2);
   policy.Control(2, std::vector{0.0, 0.0}, u);
-  EXPECT_NEAR(u[0], 0.1, 0.02);  // the ridge
+  EXPECT_NEAR(u[0], 0.1, 0.02);  // error of the ridge
   policy.Control(7, std::vector{0.0, 0.0}, u);
   EXPECT_NEAR(u[0], 0.5, 1e-6);
   policy.Control(1000, std::vector{0.0, 0.0}, u);
@@ -59,7 +59,7 @@ TEST(LocallyWeightedPolicyTest, LooksAtNeighbouringTimeStepsOnly) {
 }
 
 // Padding of episodes, or a pause of all demonstrations.
-TEST(LocallyWeightedPolicyTest, WhereAllRestTheNearestStepsThatMoveCount) {
+TEST(LocallyWeightedPolicyTest, RestingStepsUseTheNearestMovingOnes) {
   auto demonstrations = Linear();
   for (auto& d : demonstrations) {
     d.controls.middleRows(3, 7).setZero();
@@ -102,7 +102,7 @@ TEST(CrossValidatedWidthTest, FollowsTheLaw) {
   EXPECT_THROW((void)CrossValidatedWidth(Identity(), demonstrations), std::invalid_argument);
 }
 
-TEST(LocallyWeightedPolicyTest, Errors) {
+TEST(LocallyWeightedPolicyTest, InvalidArgumentsAreRefused) {
   EXPECT_THROW(LocallyWeightedPolicy(Identity(), {}), std::invalid_argument);
   EXPECT_THROW(LocallyWeightedPolicy(Identity(), Linear(), {.width = 0.0}), std::invalid_argument);
   EXPECT_THROW(LocallyWeightedPolicy(Identity(), Linear(), {.ridge = 0.0}), std::invalid_argument);

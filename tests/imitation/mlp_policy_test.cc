@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "tests/imitation/temp_folder.h"
+#include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::imitation {
@@ -126,7 +127,7 @@ TEST(MlpPolicyTest, WrongFilesAreRefusedByName) {
   const test::TempFolder folder;
   using Error = std::runtime_error;
   const auto load = [&](const char* name) {
-    return test::Message<Error>([&] { MlpPolicy::Load(folder / name); });
+    return test::MessageOf<Error>([&] { MlpPolicy::Load(folder / name); });
   };
   EXPECT_THAT(load("absent.dfr"), HasSubstr("absent.dfr"));
 
@@ -150,7 +151,7 @@ TEST(MlpPolicyTest, WrongFilesAreRefusedByName) {
 
 TEST(MlpPolicyTest, ErrorsNameThePartThatDoesNotFit) {
   const auto message = [](const char* features, Mlp mlp, Eigen::VectorXd limit) {
-    return test::Message<std::invalid_argument>([&] {
+    return test::MessageOf<std::invalid_argument>([&] {
       MlpPolicy(ArmAndObject(), features, TheWhitening(), std::move(mlp), std::move(limit));
     });
   };

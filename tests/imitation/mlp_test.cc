@@ -9,6 +9,7 @@
 
 #include "tests/imitation/temp_folder.h"
 #include "tests/support/all_close.h"
+#include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 #include "tests/support/random_matrix.h"
 
@@ -85,7 +86,7 @@ TEST(MlpTest, OneSampleGivesTheSameBitsAsInABatch) {
   }
 }
 
-TEST(MlpTest, BackwardIsTheGradientByTheParameters) {
+TEST(MlpTest, BackwardIsTheGradientInTheParameters) {
   constexpr double kStep = 1e-5;
   for (const auto& shape : Shapes()) {
     Mlp mlp = RandomMlp(shape, 5);
@@ -114,7 +115,7 @@ TEST(MlpTest, BackwardIsTheGradientByTheParameters) {
   }
 }
 
-TEST(MlpTest, InputGradientIsTheGradientByTheInputs) {
+TEST(MlpTest, InputGradientIsTheGradientInTheInputs) {
   constexpr double kStep = 1e-5;
   for (const auto& shape : Shapes()) {
     const Mlp mlp = RandomMlp(shape, 8);
@@ -241,13 +242,13 @@ TEST(MlpTest, AFileWithAnotherNumberOfParametersIsRefusedByName) {
   writer.Numbers(std::vector<double>(36, 0.0));
   writer.Save(folder / "a.dfr");
   core::ArchiveReader reader(folder / "a.dfr", "mlp", 1);
-  const auto message = test::Message<std::runtime_error>([&] { Mlp::Load(reader); });
+  const auto message = test::MessageOf<std::runtime_error>([&] { Mlp::Load(reader); });
   EXPECT_THAT(message, HasSubstr("a.dfr"));
   EXPECT_THAT(message, HasSubstr("37 parameters, not 36"));
 }
 
-// A few sizes can request any number of weights: these requested 5 GB and 800 GB.
-TEST(MlpTest, ASmallFileMayNotAskForALargeNetwork) {
+// A short list of sizes can request any number of weights: here 5 GB and 800 GB.
+TEST(MlpTest, ASmallFileCannotRequestALargeNetwork) {
   const test::TempFolder folder;
   for (const int layers : {600, 100'000}) {
     core::ArchiveWriter writer("mlp", 1);
@@ -255,7 +256,7 @@ TEST(MlpTest, ASmallFileMayNotAskForALargeNetwork) {
     writer.Numbers(std::vector<double>(10, 0.0));
     writer.Save(folder / "a.dfr");
     core::ArchiveReader reader(folder / "a.dfr", "mlp", 1);
-    const auto message = test::Message<std::runtime_error>([&] { Mlp::Load(reader); });
+    const auto message = test::MessageOf<std::runtime_error>([&] { Mlp::Load(reader); });
     EXPECT_THAT(message, HasSubstr("a.dfr"));
     EXPECT_THAT(message, HasSubstr("weights of 8 bytes, too many for a file of"));
   }
@@ -263,27 +264,27 @@ TEST(MlpTest, ASmallFileMayNotAskForALargeNetwork) {
 
 TEST(MlpTest, ErrorsNameTheShapesThatDoNotFit) {
   using Error = std::invalid_argument;
-  EXPECT_THAT(test::Message<Error>([] { Mlp({3}); }),
+  EXPECT_THAT(test::MessageOf<Error>([] { Mlp({3}); }),
               HasSubstr("at least two sizes, inputs and outputs, not 1"));
-  EXPECT_THAT(test::Message<Error>([] { Mlp({3, 0, 2}); }), HasSubstr("layer 1"));
-  EXPECT_THAT(test::Message<Error>([] { Mlp({3, 2000, 2}); }), HasSubstr("2000 units"));
+  EXPECT_THAT(test::MessageOf<Error>([] { Mlp({3, 0, 2}); }), HasSubstr("layer 1"));
+  EXPECT_THAT(test::MessageOf<Error>([] { Mlp({3, 2000, 2}); }), HasSubstr("2000 units"));
   Mlp mlp({3, 4, 2});
   Mlp::Workspace workspace;
-  EXPECT_THAT(test::Message<Error>([&] { mlp.Forward(Matrix::Zero(5, 4), workspace); }),
+  EXPECT_THAT(test::MessageOf<Error>([&] { mlp.Forward(Matrix::Zero(5, 4), workspace); }),
               HasSubstr("takes 3 inputs, not 4"));
   Eigen::VectorXd gradient;
-  EXPECT_THAT(test::Message<Error>([&] {
+  EXPECT_THAT(test::MessageOf<Error>([&] {
                 mlp.Backward(Matrix::Zero(5, 3), Matrix::Zero(5, 2), workspace, gradient);
               }),
               HasSubstr("last Forward()"));
   mlp.Forward(Matrix::Zero(5, 3), workspace);
-  EXPECT_THAT(test::Message<Error>([&] {
+  EXPECT_THAT(test::MessageOf<Error>([&] {
                 mlp.Backward(Matrix::Zero(5, 3), Matrix::Zero(5, 3), workspace, gradient);
               }),
               HasSubstr("is 5 x 3; the outputs are 5 x 2"));
   Eigen::VectorXd parameters = mlp.parameters();
   parameters[6] = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_THAT(test::Message<Error>([&] { mlp.SetParameters(parameters); }),
+  EXPECT_THAT(test::MessageOf<Error>([&] { mlp.SetParameters(parameters); }),
               HasSubstr("parameter 6 is nan"));
 }
 

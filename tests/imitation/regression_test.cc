@@ -57,7 +57,7 @@ TEST(RegressionLossTest, SmallerBatchesAfterTheFirstDoNotAllocate) {
 }
 
 // Algorithm 1 of Kingma and Ba, entry by entry.
-TEST(AdamTest, StepsAreThoseOfTheAlgorithm) {
+TEST(AdamTest, StepsMatchTheAlgorithm) {
   constexpr double kRate = 0.05, kBeta1 = 0.9, kBeta2 = 0.999, kEpsilon = 1e-8;
   core::Random random(3);
   Adam adam(4, kRate);

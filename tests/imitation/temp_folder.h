@@ -28,15 +28,4 @@ class TempFolder {
   std::filesystem::path path_;
 };
 
-/// Returns the message of the call's exception, or a note that it throws nothing.
-template <typename Exception, typename Call>
-std::string Message(Call call) {
-  try {
-    call();
-  } catch (const Exception& e) {
-    return e.what();
-  }
-  return "nothing thrown";
-}
-
 }  // namespace dfr::test

@@ -9,6 +9,7 @@
 
 #include "tests/imitation/point_reach.h"
 #include "tests/imitation/temp_folder.h"
+#include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::imitation {
@@ -38,7 +39,7 @@ TEST(GeneralizedAdvantagesTest, MatchesValuesComputedByHand) {
 
 // lambda = 1 gives the discounted return minus the value, lambda = 0 the one-step residual. Sums of
 // a few terms below 10: 1e-14 is above their rounding.
-TEST(GeneralizedAdvantagesTest, LambdaJoinsReturnsAndResiduals) {
+TEST(GeneralizedAdvantagesTest, LambdaInterpolatesBetweenReturnsAndResiduals) {
   const std::vector<double> rewards = {1, -2, 5, 0.5}, values = {0.3, 0.1, -2, 4};
   std::vector<double> advantages(4);
   GeneralizedAdvantages(rewards, values, 0.9, 1.0, advantages);
@@ -69,7 +70,7 @@ TEST(TrpoTest, LearnsToReachAGoalFromEverySeed) {
     EXPECT_EQ(progress.steps, trpo.steps());
     EXPECT_GT(progress.explained_variance, 0.5);
 
-    // The mean action on separate start states; 200 episodes.
+    // Applies the mean action in 200 episodes from other start states.
     const GaussianPolicy policy = trpo.policy();
     test::PointPlant plant;
     int completed = 0;
@@ -120,7 +121,7 @@ TEST(TrpoTest, AFreshLearnerCanBeSavedAndResumedToo) {
   ExpectSame(whole.Iterate(), resumed.Iterate());
 }
 
-TEST(TrpoTest, OnlyTheSeedDecides) {
+TEST(TrpoTest, ResultsDependOnlyOnTheSeed) {
   PointReach a, b, c;
   TrpoOptions options = SmallOptions();
   Trpo first(a, options), second(b, options);
@@ -141,7 +142,7 @@ TEST(TrpoTest, ExplorationNeverFallsBelowItsFloor) {
   EXPECT_GE(trpo.policy().log_std().minCoeff(), -1.05);
 }
 
-TEST(TrpoTest, FeaturesLimitWhatThePolicySees) {
+TEST(TrpoTest, FeaturesLimitThePolicysInputs) {
   PointReach environment;
   TrpoOptions options = SmallOptions();
   options.features = "goal";
@@ -155,7 +156,7 @@ TEST(TrpoTest, ABrokenRewardIsAnErrorThatNamesStepAndSeed) {
   PointReach environment;
   environment.broken_reward = true;
   Trpo trpo(environment, SmallOptions());
-  EXPECT_THAT(test::Message<std::runtime_error>([&] { trpo.Iterate(); }),
+  EXPECT_THAT(test::MessageOf<std::runtime_error>([&] { trpo.Iterate(); }),
               HasSubstr("reward is not finite at step 0 of the episode with seed"));
 }
 
@@ -164,7 +165,7 @@ TEST(TrpoTest, OptionsOutOfRangeAreNamed) {
   const auto message = [&](auto change) {
     TrpoOptions options = SmallOptions();
     change(options);
-    return test::Message<std::invalid_argument>([&] { Trpo(environment, options); });
+    return test::MessageOf<std::invalid_argument>([&] { Trpo(environment, options); });
   };
   EXPECT_THAT(message([](TrpoOptions& o) { o.discount = 1.5; }), HasSubstr("discount"));
   EXPECT_THAT(message([](TrpoOptions& o) { o.horizon = 0; }), HasSubstr("horizon"));
@@ -178,9 +179,9 @@ TEST(TrpoTest, ACheckpointOfAnotherKindIsRefusedByName) {
   const test::TempFolder folder;
   PointReach environment;
   Trpo(environment, SmallOptions()).policy().Save(folder / "policy.dfr");
-  EXPECT_THAT(
-      test::Message<std::runtime_error>([&] { Trpo::Resume(environment, folder / "policy.dfr"); }),
-      HasSubstr("policy.dfr"));
+  EXPECT_THAT(test::MessageOf<std::runtime_error>(
+                  [&] { Trpo::Resume(environment, folder / "policy.dfr"); }),
+              HasSubstr("policy.dfr"));
 }
 
 }  // namespace

@@ -9,6 +9,7 @@
 #include "dfr/core/random.h"
 #include "tests/imitation/temp_folder.h"
 #include "tests/support/all_close.h"
+#include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::imitation {
@@ -56,17 +57,19 @@ TEST(WhiteningTest, ErrorsNameTheEntry) {
   using Error = std::invalid_argument;
   Matrix samples = Samples();
   samples(17, 2) = std::numeric_limits<double>::infinity();
-  EXPECT_THAT(test::Message<Error>([&] { Whitening::FromData(samples); }),
+  EXPECT_THAT(test::MessageOf<Error>([&] { Whitening::FromData(samples); }),
               HasSubstr("row 17, column 2 is inf"));
-  EXPECT_THAT(test::Message<Error>([] { Whitening::FromData(Matrix(0, 3)); }),
+  EXPECT_THAT(test::MessageOf<Error>([] { Whitening::FromData(Matrix(0, 3)); }),
               HasSubstr("not 0 x 3"));
-  EXPECT_THAT(test::Message<Error>([] { Whitening(Eigen::Vector2d(1, 2), Eigen::Vector2d(1, 0)); }),
-              HasSubstr("feature 1 is 0"));
   EXPECT_THAT(
-      test::Message<Error>([] { Whitening(Eigen::Vector2d(1, 2), Eigen::Vector3d(1, 1, 1)); }),
+      test::MessageOf<Error>([] { Whitening(Eigen::Vector2d(1, 2), Eigen::Vector2d(1, 0)); }),
+      HasSubstr("feature 1 is 0"));
+  EXPECT_THAT(
+      test::MessageOf<Error>([] { Whitening(Eigen::Vector2d(1, 2), Eigen::Vector3d(1, 1, 1)); }),
       HasSubstr("2 and 3"));
-  EXPECT_THAT(test::Message<Error>([] { (void)Whitening::Identity(2).Apply(Matrix::Zero(1, 3)); }),
-              HasSubstr("2 features, the samples 3"));
+  EXPECT_THAT(
+      test::MessageOf<Error>([] { (void)Whitening::Identity(2).Apply(Matrix::Zero(1, 3)); }),
+      HasSubstr("2 features, the samples 3"));
 }
 
 }  // namespace
