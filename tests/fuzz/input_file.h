@@ -35,8 +35,8 @@ inline std::string_view AsText(const std::uint8_t* data, std::size_t size) {
                    : std::string_view(reinterpret_cast<const char*>(data), size);
 }
 
-/// An archive of this kind and version around arbitrary values, with a valid checksum: the reader
-/// gets past it (see libs/core/src/files/archive.cc).
+/// Returns an archive of this kind and version around arbitrary values, with a valid checksum that
+/// the reader accepts (see libs/core/src/files/archive.cc).
 inline std::string Archive(std::string_view kind, std::int64_t version, std::string_view values) {
   const auto number = [](auto value) {
     return std::string(reinterpret_cast<const char*>(&value), sizeof value);

@@ -1,5 +1,5 @@
-// Runs exported ONNX files in ONNX Runtime on the states beside them, and compares with what the
-// libraries gave. usage: onnx_peer.cjs RUNTIME_DIR CASES_DIR NUMBER_OF_CASES
+// Runs exported ONNX files in ONNX Runtime on the states beside them, and compares the results with the libraries'.
+// usage: onnx_peer.cjs RUNTIME_DIR CASES_DIR NUMBER_OF_CASES
 const fs = require("fs");
 const path = require("path");
 const [runtime, cases, count] = process.argv.slice(2);

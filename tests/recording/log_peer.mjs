@@ -1,5 +1,5 @@
 // Reads our logs with @mcap/core, and their messages by the definitions in the file with
-// @foxglove/rosmsg2-serialization: neither shares a line with us.
+// @foxglove/rosmsg2-serialization: neither shares code with dfr.
 // usage: log_peer.mjs RUNTIME finished FOLDER | log_peer.mjs RUNTIME killed RECORDING_CHILD FOLDER
 import assert from "node:assert/strict";
 import { spawn } from "node:child_process";
@@ -112,7 +112,7 @@ function check_content({ messages }, expected) {
   assert.equal(messages["/dfr/log"].length, 0);
 }
 
-// All records, as they come; checks all checksums.
+// Passes on all records in order and checks all checksums.
 function stream(bytes, on_record) {
   const reader = new McapStreamReader({ validateCrcs: true });
   reader.append(bytes);
@@ -203,7 +203,7 @@ async function killed(child, folder) {
     assert.ok(recorded - steps.length < 1000);
     steps.forEach((step, i) => assert.equal(step.sequence, i + 1));
 
-    // Cut off anywhere, as by a disk that lost its end.
+    // Truncated at any byte, the file gives a part of the steps.
     for (let size = 8; size < whole.length; size += 997) {
       const cut = decode_stream(whole.subarray(0, size)).decoder.messages["/dfr/step"];
       assert.ok(cut.length <= steps.length);

@@ -91,7 +91,7 @@ TEST(ReadRecordingTest, NumbersThatDecreaseAreNotDroppedMessages) {
   EXPECT_EQ(recording.dropped_records, 0U);
 }
 
-TEST(ReadRecordingTest, AFileCutOffAnywhereGivesWhatIsWhole) {
+TEST(ReadRecordingTest, AFileCutOffAnywhereGivesItsCompleteRecords) {
   const test::TempFolder folder;
   const std::string whole = SmallFile(folder);
   Save(folder / "cut", whole);
@@ -124,7 +124,7 @@ TEST(ReadRecordingTest, AFileCutOffAnywhereGivesWhatIsWhole) {
 }
 
 // A changed byte is detected and reported, and only the messages of its chunk are lost.
-TEST(ReadRecordingTest, AChangedByteLosesItsChunkAlone) {
+TEST(ReadRecordingTest, AChangedByteLosesOnlyItsChunk) {
   const test::TempFolder folder;
   const std::string whole = SmallFile(folder);
   core::Random random(1);
@@ -184,7 +184,7 @@ std::uint64_t BytesRead() {
 }
 
 // Chunks that are empty or declare more bytes than the file has, with damage between them.
-TEST(ReadRecordingTest, DamageEverywhereCostsNoMoreThanTheFileIsLarge) {
+TEST(ReadRecordingTest, ADamagedFileIsReadInProportionToItsSize) {
   const test::TempFolder folder;
   const std::string whole = SmallFile(folder);
   const auto bytes = [](auto value) {

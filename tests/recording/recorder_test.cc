@@ -60,7 +60,7 @@ class RecorderTest : public testing::Test {
   test::RecorderHandClock clock_;
 };
 
-TEST_F(RecorderTest, EverythingComesBackBitForBit) {
+TEST_F(RecorderTest, AllRecordsAreReadBitForBit) {
   constexpr std::uint32_t kRecordedSteps = 1000;
   {
     Recorder recorder(folder_ / "log.mcap", test::ExampleMetadata(), Options());
@@ -129,7 +129,7 @@ TEST_F(RecorderTest, PicturesAreKeptAsJpeg) {
   EXPECT_EQ(ReadPicture(folder_ / "log.mcap", recording.pictures[3]), jpeg);
 }
 
-TEST_F(RecorderTest, PicturesThatAreNoneAreCounted) {
+TEST_F(RecorderTest, InvalidPicturesAreCounted) {
   Recorder recorder(folder_ / "log.mcap", {}, {.picture_bytes = 10000, .clock = &clock_});
   const std::vector<std::uint8_t> pixels = test::ExamplePixels(0);
   PictureView picture = test::ExamplePicture(0, pixels);
@@ -183,7 +183,7 @@ class RestlessClock final : public RecorderClock {
   std::int64_t now_ns_ = 0;
 };
 
-TEST_F(RecorderTest, StepsAndPicturesFromTwoThreads) {
+TEST_F(RecorderTest, AcceptsStepsAndPicturesFromTwoThreads) {
   RestlessClock clock;
   Recorder recorder(folder_ / "log.mcap", {}, {.clock = &clock});
   constexpr std::uint32_t kPictures = 20;
@@ -250,7 +250,7 @@ TEST_F(RecorderTest, ADiskThatFillsUpDoesNotStopTheRun) {
 }
 
 // A killed process keeps the data that it passed to the system.
-TEST_F(RecorderTest, AStepIsInTheFileAQuarterOfASecondLaterAtMost) {
+TEST_F(RecorderTest, AStepIsWrittenWithinAQuarterOfASecond) {
   const std::string path = folder_ / "log.mcap";
   Recorder recorder(path, test::ExampleMetadata(), Options());
   const auto written = [&] { return ReadRecording(path).steps.size(); };

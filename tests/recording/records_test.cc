@@ -19,7 +19,7 @@ void Write(const std::filesystem::path& file, const std::string& text) {
   std::ofstream(file, std::ios::binary) << text;
 }
 
-TEST(TextTest, KeepsWhatFits) {
+TEST(TextTest, KeepsTheTextThatFits) {
   const test::NoAlloc guard;
   const Text<8> text = "holding";
   EXPECT_EQ(text.view(), "holding");
@@ -27,7 +27,7 @@ TEST(TextTest, KeepsWhatFits) {
   EXPECT_EQ(Text<8>().view(), "");
 }
 
-TEST(NumbersTest, RefusesWhatDoesNotFit) {
+TEST(NumbersTest, RefusesTooManyNumbers) {
   const std::array<double, 4> values = {1.0, 2.0, 3.0, 4.0};
   const test::NoAlloc guard;
   Numbers<3> numbers;
@@ -43,7 +43,7 @@ TEST(ChecksumTest, IsFnv1aOfAFile) {
   Write(folder / "empty", "");
   EXPECT_EQ(Checksum(folder / "empty"), "cbf29ce484222325");
   Write(folder / "a", "a");
-  EXPECT_EQ(Checksum(folder / "a"), "af63dc4c8601ec8c");  // of the algorithm's authors
+  EXPECT_EQ(Checksum(folder / "a"), "af63dc4c8601ec8c");  // published by the algorithm's authors
   EXPECT_THROW(static_cast<void>(Checksum(folder / "missing")), std::runtime_error);
 }
 

@@ -19,7 +19,7 @@ inline bool Same(double a, double b) { return Same(std::span(&a, 1), std::span(&
 inline testing::AssertionResult Same(const recording::StepRecord& a,
                                      const recording::StepRecord& b) {
 #define DFR_CHECK(condition) \
-  if (!(condition)) return testing::AssertionFailure() << "not so: " #condition
+  if (!(condition)) return testing::AssertionFailure() << "false: " #condition
   DFR_CHECK(a.time_ns == b.time_ns);
   DFR_CHECK(a.episode == b.episode);
   DFR_CHECK(a.seed == b.seed);

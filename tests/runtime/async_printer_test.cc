@@ -36,7 +36,7 @@ TEST(AsyncPrinterTest, DoesNotWaitForAStoppedTerminal) {
   for (int i = 0; i < 1000; ++i) printer.Say("line %d\n", i);
 }
 
-TEST(AsyncPrinterTest, SaysHowMuchIsMissing) {
+TEST(AsyncPrinterTest, ReportsLostLines) {
   const Pipe shown;
   std::string text;
   {

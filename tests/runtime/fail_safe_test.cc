@@ -42,7 +42,7 @@ constexpr std::array kAllStates = {RunState::kIdle,       RunState::kArmed,   Ru
                                    RunState::kRecovering, RunState::kHolding, RunState::kFaulted};
 static_assert(kAllStates.size() == kNumRunStates);
 
-TEST(FailSafeTest, EveryReasonEndsInStandingStillInEveryState) {
+TEST(FailSafeTest, EveryReasonStopsMotionInEveryState) {
   for (const RunState state : kAllStates) {
     for (int d = 1; d < kNumHoldReasons; ++d) {
       const auto reason = static_cast<HoldReason>(d);
@@ -173,7 +173,7 @@ TEST(FailSafeTest, LogsEveryTransitionWithItsCause) {
   EXPECT_FALSE(loop.machine.Take(none));
 }
 
-TEST(FailSafeTest, ALogThatNobodyReadsLosesTheNewestAndSaysSo) {
+TEST(FailSafeTest, AnUnreadLogLosesAndCountsTheNewestEntries) {
   Loop loop;
   loop.Bring(RunState::kRunning);  // two transitions
   for (int i = 0; i < 100; ++i) loop.machine.Recovering(i % 2 == 0);
@@ -184,7 +184,7 @@ TEST(FailSafeTest, ALogThatNobodyReadsLosesTheNewestAndSaysSo) {
   EXPECT_EQ(taken, 64);
 }
 
-TEST(FailSafeTest, EveryReasonAndStateHasANameOfItsOwn) {
+TEST(FailSafeTest, EveryReasonAndStateHasADistinctName) {
   std::set<std::string> names;
   for (int i = 0; i < kNumHoldReasons; ++i) names.insert(Name(static_cast<HoldReason>(i)));
   EXPECT_EQ(names.size(), static_cast<std::size_t>(kNumHoldReasons));

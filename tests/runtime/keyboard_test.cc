@@ -25,7 +25,7 @@ class KeyboardTest : public testing::Test {
   std::array<int, 2> ends_{};
 };
 
-TEST_F(KeyboardTest, LinesComeWholeAndInTheirOrder) {
+TEST_F(KeyboardTest, LinesArriveCompleteAndInOrder) {
   Keyboard keyboard(ends_[0]);
   EXPECT_FALSE(keyboard.Line());
   Type(ends_[1], "sta");
@@ -53,7 +53,7 @@ TEST_F(KeyboardTest, InputTypedBeforeAQuestionIsDiscarded) {
   EXPECT_EQ(keyboard.Line(), "now");
 }
 
-TEST_F(KeyboardTest, ALineWithoutAnEndTakesNoMoreMemory) {
+TEST_F(KeyboardTest, ALineWithoutAnEndIsTruncated) {
   Keyboard keyboard(ends_[0]);
   for (int i = 0; i < 1000; ++i) {
     Type(ends_[1], std::string(256, 'x'));

@@ -30,19 +30,19 @@ TEST_F(PeriodicTimerTest, WakesAtTheEndOfEachPeriodFromTheFirst) {
   EXPECT_EQ(timer_.worst(), 0.0);
 }
 
-TEST_F(PeriodicTimerTest, LeavesOutWhatIsOverAndStaysOnTheGrid) {
+TEST_F(PeriodicTimerTest, SkipsMissedPeriodsAndStaysOnTheGrid) {
   timer_.Wait();
   clock_.now_ns += 28 * kMs;  // delayed until 33 ms after the start
   timer_.Wait();
   EXPECT_EQ(clock_.now_ns, start_ns_ + 33 * kMs) << "at once";
   EXPECT_EQ(timer_.missed(), 4) << "those that end at 15, 20, 25 and 30 ms";
   timer_.Wait();
-  EXPECT_EQ(clock_.now_ns, start_ns_ + 35 * kMs) << "no burst of those that were missed";
+  EXPECT_EQ(clock_.now_ns, start_ns_ + 35 * kMs) << "no burst of missed periods";
   EXPECT_EQ(timer_.periods(), 3);
   EXPECT_EQ(timer_.missed(), 4);
 }
 
-TEST_F(PeriodicTimerTest, APeriodThatEndsJustNowIsNotMissed) {
+TEST_F(PeriodicTimerTest, APeriodThatEndsNowIsNotMissed) {
   clock_.now_ns += 5 * kMs;
   timer_.Wait();
   EXPECT_EQ(clock_.now_ns, start_ns_ + 5 * kMs);
@@ -54,7 +54,7 @@ TEST_F(PeriodicTimerTest, APeriodThatEndsJustNowIsNotMissed) {
   EXPECT_EQ(timer_.missed(), 1);
 }
 
-TEST_F(PeriodicTimerTest, BooksHowFarPeriodsWereOff) {
+TEST_F(PeriodicTimerTest, RecordsTheErrorsOfPeriods) {
   EXPECT_EQ(timer_.Jitter(0.5), 0.0) << "nothing is known yet";
   for (int i = 0; i < 8; ++i) timer_.Wait();
   clock_.late_ns = 3 * kMs;
@@ -69,7 +69,7 @@ TEST_F(PeriodicTimerTest, BooksHowFarPeriodsWereOff) {
   clock_.now_ns += 100 * kMs;
   timer_.Wait();
   EXPECT_DOUBLE_EQ(timer_.worst(), 0.095);
-  EXPECT_DOUBLE_EQ(timer_.Jitter(1.0), 0.020001) << "of larger ones it is only known that they are";
+  EXPECT_DOUBLE_EQ(timer_.Jitter(1.0), 0.020001) << "larger errors share one bin";
 }
 
 TEST_F(PeriodicTimerTest, NeverAllocates) {

@@ -1,4 +1,4 @@
-// Ledgers: the input unchanged, and as one line after another ledger's header.
+// Ledgers of experiments.
 #include <stdexcept>
 
 #include "dfr/experiment/ledger.h"

@@ -13,7 +13,7 @@ DFR_FUZZ_TARGET(parquet) {
       for (const std::string& column : file.columns()) {
         try {
           static_cast<void>(file.Read(group, column));
-        } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): the next may do
+        } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): the next may work
         }
       }
     }
