@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Which lines of the libraries did the tests run? line_coverage.py BUILD [--missed TEXT]
+"""Reports the lines of the libraries that the tests ran. usage: line_coverage.py BUILD [--missed TEXT]
 
 BUILD is a tree that was built with -DDFR_COVERAGE=ON and whose tests have run (./dev coverage does both). Prints a
 table by library; with --missed the lines that no test ran, of files whose path contains TEXT. A line counts once,

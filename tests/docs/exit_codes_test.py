@@ -39,7 +39,7 @@ class ExitCodesTest(unittest.TestCase):
                 done = self.run_program(program, "--versoin")
                 self.assertIn("unknown option '--versoin' (did you mean '--version'?)", done.stderr)
                 commands = re.findall(r"^  ([a-z]+) ", self.run_program(program, "--help").stdout.partition("Subcommands:")[2], re.M)
-                for command in commands[-1:]:  # One parser does all.
+                for command in commands[-1:]:  # One parser serves all commands.
                     done = self.run_program(program, command + "x")
                     self.assertEqual(done.returncode, 2)
                     self.assertIn(f"unknown command '{command}x' (did you mean '{command}'?)", done.stderr)

@@ -36,7 +36,7 @@ def refusal(source):
 
 
 def linked(program):
-    """The libraries that a program names itself, without version: libceres.so.3 -> libceres."""
+    """The libraries that a program links directly, without version: libceres.so.3 -> libceres."""
     out = subprocess.run(["readelf", "-d", program], capture_output=True, text=True, check=False).stdout
     return {name.split(".so")[0] for name in re.findall(r"\(NEEDED\).*\[(.+)\]", out)}
 

@@ -2,8 +2,8 @@
 
 usage: packages_test.py SOURCE_DIR BINARY_DIR CXX
 
-What a package depends on is right if dpkg installs it where these packages alone (and theirs) are
-installed, and enough if everything that a compiler reads to build a consumer belongs to them.
+The dependencies of a package are correct if dpkg installs it into a root with only them and theirs, and
+complete if they own every file that a compiler reads to build a consumer.
 """
 
 import os
@@ -36,7 +36,7 @@ def alternatives(field):
 
 
 class Host:
-    """Return the files installed on this machine, by package."""
+    """The packages installed on this machine."""
 
     def __init__(self):
         self.stanzas, self.providers = {}, {}
@@ -135,14 +135,14 @@ class PackagesTest(unittest.TestCase):
             text = (self.root / "usr/share/doc" / info["Package"] / "copyright").read_text()
             self.assertIn("License: BSD-3-Clause", text)
 
-    def test_each_brings_the_copyrights_of_what_it_is_built_with(self):
+    def test_each_brings_the_copyrights_of_its_build_dependencies(self):
         for deb, info in self.info.items():
             for package in self.rows[self.component(deb)][1]:
                 text = self.root / "usr/share/doc" / info["Package"] / "third_party" / package / "copyright"
                 if package != "python3":
                     self.assertEqual(text.read_text(), pathlib.Path("/usr/share/doc", package, "copyright").read_text())
 
-    def test_libraries_depend_on_what_their_rows_need(self):
+    def test_packages_depend_on_what_their_rows_need(self):
         for deb, info in self.info.items():
             needs, packages = self.rows[self.component(deb)]
             depends = info.get("Depends", "")

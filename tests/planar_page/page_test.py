@@ -22,7 +22,7 @@ WAIT_S = 300  # a busy machine takes its time
 
 
 def calls():
-    """[name, arguments, how many numbers of the shared array to read]"""
+    """Yield [name, arguments, number of entries of the shared array to read]."""
     for scene in range(3):
         yield "open", [scene], 0
         yield "demonstrate", [60, 1], 0
@@ -273,7 +273,7 @@ class Page(unittest.TestCase):
         self.assertEqual(after, [True, False, True])
         self.assertTrue(again)  # a method that needs them waits for them
 
-    def test_follows_the_user_s_light_or_dark(self):
+    def test_follows_the_users_light_or_dark_scheme(self):
         script = """
           frame(performance.now());
           const c = $("map").getContext("2d"), at = c.getImageData(3, 3, 1, 1).data;

@@ -32,7 +32,7 @@ TEST(PointPlantTest, ControlForIsTheInverseOfDisplacementWithinItsReach) {
               PointPlant::kGain, 1e-15);
 }
 
-TEST(PointPlantTest, NoObstacleIsCrossedUnseen) {
+TEST(PointPlantTest, CrossingAnObstacleCollides) {
   PointPlant plant(Scenes()[kGap]);
   plant.MoveTo({1.69, 0.0});
   EXPECT_FALSE(plant.collided());
@@ -81,7 +81,7 @@ TEST(WorldTest, GuidedRecoveryCompletesWhatThePolicyAloneDoesNot) {
   }
 }
 
-TEST(WorldTest, CertifiedEpisodesStayInsideWhateverThePush) {
+TEST(WorldTest, CertifiedEpisodesStayInsideUnderAnyPush) {
   World world(kTwoWays);
   world.Demonstrate(60, 1);
   world.Fit();
@@ -144,7 +144,7 @@ TEST(WorldTest, ADrawnLineIsADemonstrationAndARefusedOneLosesNothing) {
   EXPECT_TRUE(gap.demonstrations().empty());
 }
 
-TEST(WorldTest, TooFewDemonstrationsAreSaidToBe) {
+TEST(WorldTest, TooFewDemonstrationsAreRefused) {
   World world(kTwoWays);
   world.Demonstrate(2, 1);
   EXPECT_THROW(world.Fit(), std::invalid_argument);

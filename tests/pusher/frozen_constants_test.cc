@@ -163,9 +163,8 @@ std::map<std::string, double> InTheCode() {
           {"LocallyWeightedOptions::ridge", lwr.ridge}};
 }
 
-// A constant that changes without a new date fails here. So does a constant that is added only to
-// the page or only to this list.
-TEST(FrozenConstantsTest, AreThoseOfTheCode) {
+// Fails if a constant differs from the page, or is added only to the page or only to this list.
+TEST(FrozenConstantsTest, PageMatchesTheCode) {
   const std::string page = Page();
   ASSERT_FALSE(page.empty()) << DFR_FROZEN_CONSTANTS;
   std::map<std::string, double> frozen;

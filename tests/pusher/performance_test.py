@@ -11,10 +11,9 @@ import tempfile
 import unittest
 
 PROGRAM = pathlib.Path(sys.argv.pop(1)).resolve()
-# Of each learner and method the least and most of completed and collided, %, and the least of recovery controls
-# an episode. `pusher experiment --seed 9201 --trials 2 --episodes 60 --demonstrations 20,60,120` printed the
-# figures in the comments; bounds leave four standard errors of 360 episodes whose trials differ as these do,
-# and compilers that round otherwise.
+# Bounds per learner and method: completed and collided, %, and the least recovery controls per episode. `pusher
+# experiment --seed 9201 --trials 2 --episodes 60 --demonstrations 20,60,120` printed the figures in the comments. The
+# bounds allow for four standard errors of 360 episodes, whose trials differ as these do, and for other rounding.
 RECORDED = {
     # learner, method: ((completed), (collided), recovery controls)
     ("8", "baseline"): ((12, 36), (27, 53), 0),  # 24.2, 40.0

@@ -1,4 +1,4 @@
-"""Studies of the program `pusher`, small but with something to compare.
+"""Small studies of the program `pusher` that compare methods.
 
 usage: pusher_system_test.py PROGRAM
 """
@@ -60,7 +60,7 @@ class PusherSystemTest(ProgramTest):
         self.assertLess(by_method["controller@at-constraints"]["collided"],
                         by_method["baseline@at-constraints"]["collided"])
 
-    def test_baselines_learn_what_they_say(self):
+    def test_baselines_learn_as_described(self):
         out = self.run_pusher("experiment", "--learners", "8", "--demonstrations", "30", "--trials", "2", "--episodes",
                               "20", "--no-video", "--no-convergence", "--out", "baselines", "--methods",
                               "baseline,ensemble,dart,dagger,true-jacobian,controller@dagger")
@@ -84,7 +84,7 @@ class PusherSystemTest(ProgramTest):
                     for name, lines in units.items()}
         self.assertNotEqual(outcomes["five"], outcomes["single"])
 
-    def test_full_dynamics_are_a_choice(self):
+    def test_full_dynamics_are_an_option(self):
         small = ["--learners", "8", "--demonstrations", "6", "--trials", "1", "--episodes", "2", "--no-video",
                  "--no-convergence", "--methods", "baseline,controller"]
         self.run_pusher("experiment", *small, "--physics", "dynamic", "--out", "dynamic")

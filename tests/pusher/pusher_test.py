@@ -45,7 +45,7 @@ class PusherTest(ProgramTest):
         self.assertIn(f"after {controls} controls", row)
         self.assertEqual((self.folder / "episode.png").read_bytes()[:4], b"\x89PNG")
 
-    def test_an_interrupted_experiment_goes_on_where_it_ended_on_any_number_of_threads(self):
+    def test_an_interrupted_experiment_resumes_on_any_number_of_threads(self):
         ledger = (self.folder / "whole/ledger.jsonl").read_text().splitlines(keepends=True)
         (self.folder / "half").mkdir()
         # The run was killed while it wrote its second unit.
@@ -53,7 +53,7 @@ class PusherTest(ProgramTest):
         self.run_pusher("experiment", *SMALL, "--threads", 2, "--out", "half")
         self.assertEqual(self.summary_text("whole"), self.summary_text("half"))
 
-    def test_a_preset_is_not_taken_from_the_user_and_another_ledger_not_until_restart(self):
+    def test_options_override_a_preset_and_other_settings_need_a_restart(self):
         shutil.copytree(self.folder / "whole", self.folder / "authors")
         authors = ["--learners", "8", "--demonstrations", "8", "--trials", 1, "--episodes", 1, "--no-video", "--no-convergence",
                    "--methods", "baseline,controller", "--out", "authors", "--preset", "authors", "--gamma", 7]

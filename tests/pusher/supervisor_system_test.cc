@@ -13,7 +13,7 @@ namespace dfr::apps::pusher {
 namespace {
 
 // The experiment's requirement. Rates of one per cent need a thousand episodes.
-TEST(ShippedSupervisorTest, CompletesAndHardlyEverCollides) {
+TEST(ShippedSupervisorTest, CompletesAndRarelyCollides) {
   const auto policy = imitation::GaussianPolicy::Load(DFR_SUPERVISOR);
   const Counts mean = Episodes(policy, false, 1000);
   EXPECT_GE(mean.completed, 990);
@@ -35,7 +35,7 @@ std::string Bytes(const std::filesystem::path& path) {
 }
 
 // Takes seconds: each end of a training is evaluated over a thousand episodes.
-TEST(TrainSupervisorTest, GoesOnFromACheckpointAsIfNeverInterrupted) {
+TEST(TrainSupervisorTest, ResumesFromACheckpointBitForBit) {
   const std::filesystem::path folder =
       std::filesystem::path(testing::TempDir()) / "dfr_train_supervisor_system";
   std::filesystem::remove_all(folder);

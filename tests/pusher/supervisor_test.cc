@@ -11,7 +11,7 @@ namespace dfr::apps::pusher {
 namespace {
 
 // The system tier tests the experiment's requirements, over a thousand episodes.
-TEST(ShippedSupervisorTest, CompletesAndItsSamplesDoToo) {
+TEST(ShippedSupervisorTest, CompletesWithItsMeanAndItsSamples) {
   const auto policy = imitation::GaussianPolicy::Load(DFR_SUPERVISOR);
   EXPECT_NEAR(policy.log_std().array().exp().mean(), 0.3, 0.02);
   const Counts mean = Episodes(policy, false, 200);

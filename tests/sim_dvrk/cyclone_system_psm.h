@@ -213,7 +213,7 @@ class Psm {
     readers_[name] = MakeReader(type, "rt/PSM1/" + name, 10, latched);
   }
   static bool Missing(const std::string& name) {
-    step_name = "nobody is connected to " + name;
+    step_name = "no peer is connected to " + name;
     return false;
   }
 

@@ -76,7 +76,7 @@ TEST_F(PsmConsoleControlTest, EachChangeIsStatedOnce) {
   }
 }
 
-TEST_F(PsmConsoleControlTest, AJawLeavesTheSpaceAsItIs) {
+TEST_F(PsmConsoleControlTest, AJawCommandKeepsTheSpace) {
   console_.Hold();
   (void)Stated();
   console_.ServoJaw(0.1);

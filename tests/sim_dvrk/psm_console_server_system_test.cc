@@ -13,7 +13,7 @@ namespace dfr::sim {
 namespace {
 
 // The calls of dvrk_python's test scripts in sequence, in real time: about 17 s on an idle machine.
-TEST(PsmConsoleServerSystemTest, AnswersWhateverTheScriptsOfDvrkPythonAsk) {
+TEST(PsmConsoleServerSystemTest, AnswersAllCallsOfDvrkPythonsScripts) {
   using Clock = std::chrono::steady_clock;
   PsmConsole console({.arm = "PSM1", .homing_s = 0.2});
   dds::Participant participant({.domain = test::OwnDomain()});

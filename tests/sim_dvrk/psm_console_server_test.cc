@@ -91,7 +91,7 @@ class PsmConsoleServerTest : public testing::Test {
   dds::Participant client_participant_{{.domain = test::OwnDomain()}};
   dds::Subscriber<dds::OperatingState> state_{client_participant_, "/PSM1/operating_state",
                                               dds::Role::kEvent};
-  // Keeps a hundred.
+  // Keeps up to a hundred samples.
   dds::Subscriber<dds::PoseStamped> pose_{client_participant_, "/PSM1/measured_cp",
                                           dds::Role::kRequest};
   dds::Subscriber<dds::Text> warning_{client_participant_, "/PSM1/warning", dds::Role::kEvent};
@@ -111,7 +111,7 @@ TEST_F(PsmConsoleServerTest, MeasurementsAreStampedZeroUntilHomed) {
   EXPECT_TRUE(test::AllClose(pose.position_m, Eigen::Vector3d(0.0, 0.0, -0.1135), 1e-12));
 }
 
-TEST_F(PsmConsoleServerTest, MovesTellWhenTheyAreDone) {
+TEST_F(PsmConsoleServerTest, MovesReportTheirEnd) {
   dds::Publisher<dds::JointState> move(client_participant_, "/PSM1/move_jp", dds::Role::kRequest);
   dds::Subscriber<dds::Flag> goal(client_participant_, "/PSM1/goal_reached", dds::Role::kState);
   Until([&] { return goal.health().publishers == 1; });
@@ -281,7 +281,7 @@ MATCHER(IsNan, "") { return arg.position_m.array().isNaN().all(); }
 MATCHER(HasNoStamp, "") { return !arg.stamp.valid(); }
 MATCHER_P(IsStamped, ns, "") { return arg.stamp.nanoseconds() == ns; }
 
-TEST_F(ConsoleFaultTest, StatesAreSpoiled) {
+TEST_F(ConsoleFaultTest, StatesAreCorrupted) {
   EXPECT_THAT(With("corrupt", "1", 3), testing::AllOf(SizeIs(3), Each(IsNan())));
   EXPECT_THAT(With("invalid", "1", 3), testing::AllOf(SizeIs(3), Each(HasNoStamp())));
   const std::int64_t last = now_ns_;

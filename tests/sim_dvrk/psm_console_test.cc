@@ -89,7 +89,7 @@ TEST(PsmConsoleTest, CommandsWhenNotReadyAreDroppedWithAWarning) {
 }
 
 // Table of the state after each command in each state.
-TEST(PsmConsoleTest, StateCommandsAsInTheTable) {
+TEST(PsmConsoleTest, StateCommandsFollowTheTable) {
   struct Row {
     const char* command;
     ArmState from_disabled, from_enabled, from_paused, from_fault;
@@ -121,7 +121,7 @@ TEST(PsmConsoleTest, StateCommandsAsInTheTable) {
   }
 }
 
-TEST(PsmConsoleTest, FaultStopsTheArmAndTellsWhy) {
+TEST(PsmConsoleTest, FaultStopsTheArmAndReportsTheReason) {
   PsmConsole console = Homed();
   console.MoveJp(At(0, 0.5));
   Pass(console, 0.2);
@@ -149,7 +149,7 @@ TEST(PsmConsoleTest, LastServoGoalIsHeldForEver) {
   EXPECT_FALSE(console.busy());
 }
 
-TEST(PsmConsoleTest, JointsKeepTheirSpeedLimitsWhateverIsAsked) {
+TEST(PsmConsoleTest, JointsKeepTheirSpeedLimitsForAnyGoal) {
   core::Random random(1);
   PsmConsole console = Homed();
   PsmJoints before = console.setpoint_joints();
@@ -293,7 +293,7 @@ TEST(PsmConsoleTest, MovesTakeLongerAtASmallerRatio) {
 }
 
 // A cart's poses are relative to its camera.
-TEST(PsmConsoleTest, PosesAreInTheFrameThatIsGiven) {
+TEST(PsmConsoleTest, PosesAreInTheGivenFrame) {
   PsmConsoleOptions options{.arm = "PSM1", .homing_s = 0.0};
   options.base_frame.translation() = Eigen::Vector3d(0.1, 0.2, -0.3);
   options.base_frame.linear() =
@@ -393,7 +393,7 @@ TEST(PsmConsoleTest, TwistIsThatOfTheWristInTheBaseFrame) {
   EXPECT_TRUE(test::AllClose(console.measured_twist(), expected, 1e-7));
 }
 
-TEST(PsmConsoleTest, PlacedItIsHomedAndSettledItIsWhereItWasSent) {
+TEST(PsmConsoleTest, PlaceHomesTheArmAndSettleEndsItsMotions) {
   PsmConsole console({.arm = "PSM1"});
   console.Place(At(1, 0.3));
   EXPECT_EQ(console.state(), ArmState::kEnabled);
@@ -424,7 +424,7 @@ TEST(PsmConsoleTest, JawOpensAtItsSpeed) {
   EXPECT_THAT(console.TakeGoals(), ElementsAre(true));
 }
 
-TEST(PsmConsoleTest, JointErrorIsNotSeenByTheEncoders) {
+TEST(PsmConsoleTest, EncodersDoNotMeasureTheJointError) {
   PsmConsoleOptions options{.arm = "PSM2", .homing_s = 0.0, .lag_s = 0.02, .joint_error = {}};
   options.joint_error.offset[0] = 0.02;
   PsmConsole console(options);

@@ -110,7 +110,7 @@ class DvrkSceneServerTest : public testing::Test {
 
 // An episode over the network has the same states and pictures as the plant in one process, bit for
 // bit.
-TEST_F(DvrkSceneServerTest, InLockStepTheWireChangesNothing) {
+TEST_F(DvrkSceneServerTest, InLockStepTheNetworkChangesNothing) {
   Serve(true, true);
   dds::Subscriber<dds::Image> images(client_, "/ECM/image_raw", dds::Role::kImage);
   LineTrackingOptions world = SceneOptions(true).world;
@@ -178,7 +178,7 @@ TEST_F(DvrkSceneServerTest, InLockStepTheWireChangesNothing) {
   EXPECT_EQ(tip, plant.truth().tip_m);
 }
 
-TEST_F(DvrkSceneServerTest, InLockStepTimeStandsStillUnlessItIsAskedToGoOn) {
+TEST_F(DvrkSceneServerTest, InLockStepTimeAdvancesOnlyOnRequest) {
   Serve(true, false);
   const dds::Stamp start = Now(Ask("reset 1"));
   server_->Serve(0.0);
@@ -219,7 +219,7 @@ TEST_F(DvrkSceneServerTest, ImpossibleRequestsAreAnsweredWithTheReason) {
   EXPECT_THROW(DvrkSceneServer(participant_, participant_, *scene_, bad), std::invalid_argument);
 }
 
-TEST_F(DvrkSceneServerTest, InRealTimePicturesComeWithTheirCompressedFormAndTheCamera) {
+TEST_F(DvrkSceneServerTest, InRealTimePicturesHaveACompressedFormAndCameraInfo) {
   Serve(false, true);
   dds::Subscriber<dds::Image> images(client_, "/ECM/image_raw", dds::Role::kImage);
   dds::Subscriber<dds::CompressedImage> compressed(client_, "/ECM/image_raw/compressed",
@@ -239,7 +239,7 @@ TEST_F(DvrkSceneServerTest, InRealTimePicturesComeWithTheirCompressedFormAndTheC
   EXPECT_EQ(image.step, 1920U);
   EXPECT_EQ(image.data.size(), std::size_t{480} * 1920);
   EXPECT_THAT(jpeg.format, HasSubstr("jpeg"));
-  // A JPEG file has these first and last bytes, and at most a tenth of the size.
+  // A JPEG file has these first and last bytes, and less than a fifth of the size.
   ASSERT_GT(jpeg.data.size(), 1000U);
   EXPECT_LT(jpeg.data.size(), image.data.size() / 5);
   EXPECT_EQ(jpeg.data[0], 0xff);
@@ -255,7 +255,7 @@ TEST_F(DvrkSceneServerTest, InRealTimePicturesComeWithTheirCompressedFormAndTheC
   EXPECT_EQ(info.d, std::vector<double>(camera.distortion.begin(), camera.distortion.end()));
 }
 
-TEST_F(DvrkSceneServerTest, FaultsOfTheCameraAreSeen) {
+TEST_F(DvrkSceneServerTest, CameraFaultsChangeThePictures) {
   Serve(true, true);
   dds::Subscriber<dds::Image> images(client_, "/ECM/image_raw", dds::Role::kImage);
   dds::Image image;
@@ -315,7 +315,7 @@ TEST_F(DvrkSceneServerTest, FaultsOfTheArmAndTheClockAreSetByRequest) {
 }
 
 // A command of another client that only the console receives.
-TEST_F(DvrkSceneServerTest, AHoldThatNobodyElseHearsShowsInWhatTheConsoleStates) {
+TEST_F(DvrkSceneServerTest, AHoldThatOnlyTheConsoleReceivesIsStated) {
   Serve(true, false);
   ASSERT_TRUE(Now(Ask("reset 2")).valid());
   dds::Subscriber<dds::Text> stated(client_, "/PSM1/status", dds::Role::kEvent);
@@ -331,7 +331,7 @@ TEST_F(DvrkSceneServerTest, AHoldThatNobodyElseHearsShowsInWhatTheConsoleStates)
   EXPECT_THAT(Ask("fault unheard jump"), HasSubstr("unheard must be hold or free, not 'jump'"));
 }
 
-TEST_F(DvrkSceneServerTest, ThePlatformGoesToAndFroAcrossTheLine) {
+TEST_F(DvrkSceneServerTest, ThePlatformMovesBackAndForthAcrossTheLine) {
   Serve(false, false);
   ASSERT_TRUE(Now(Ask("reset 2")).valid());
   EXPECT_THAT(Ask("fault platform 5"), HasSubstr("platform must lie in [0, 0.2] m/s"));

@@ -40,7 +40,7 @@ double Duration(const std::array<double, 2>& u) {
 
 // A client that sends the joints of a motion, one set-point per sample of the plant, moves the
 // scene as the control moves the plant.
-TEST(DvrkSceneTest, SteppedByAClientItIsThePlantBitForBit) {
+TEST(DvrkSceneTest, SteppedByAClientItEqualsThePlantBitForBit) {
   for (const bool between : {false, true}) {
     DvrkSceneOptions options = LockStep();
     options.world.disturbance.between = between;
@@ -131,7 +131,7 @@ TEST(DvrkSceneTest, InRealTimeThePlatformMovesWithTheArmOrWithoutIt) {
   EXPECT_EQ(with_the_arm, moved(RealTime(true, false), 1));
 }
 
-TEST(DvrkSceneTest, CameraFaultsLastOverAReset) {
+TEST(DvrkSceneTest, CameraFaultsPersistThroughAReset) {
   DvrkScene scene(LockStep());
   std::vector<std::uint8_t> picture(scene.plant().endoscope().image_size());
   scene.SetCameraFault(CameraFault::kBlack);

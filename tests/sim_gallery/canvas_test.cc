@@ -104,7 +104,7 @@ TEST(GalleryPictureTest, EachEntryOfAStateChangesThePictureOfItsTask) {
   }
 }
 
-TEST(GalleryPictureTest, OtherTasksHaveNone) {
+TEST(GalleryPictureTest, OtherTasksHaveNoPicture) {
   std::vector<std::uint8_t> rgb(3u * GalleryPlant::kPictureSide * GalleryPlant::kPictureSide);
   EXPECT_FALSE(FindGalleryTask("balance").plant->Draw(std::vector<double>(8), rgb));
 }

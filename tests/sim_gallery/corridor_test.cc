@@ -14,7 +14,7 @@ namespace dfr::sim {
 namespace {
 
 // |x' - x| = K |u|, the assumption of Sec. IV-C with equality, turned by the rotation.
-TEST(CorridorPlantTest, MovesByTheGainTimesTheControlTurned) {
+TEST(CorridorPlantTest, MovesByTheRotatedControlTimesTheGain) {
   const CorridorOptions options{.gain = 0.2, .rotation = 0.7};
   CorridorPlant plant(options);
   core::Random random(1);
@@ -71,7 +71,7 @@ TEST(CorridorPlantTest, TheSupervisorReachesTheEndWithAMargin) {
   }
 }
 
-TEST(CorridorPlantTest, ClonesContinueAlikeAndBadControlsAreRefused) {
+TEST(CorridorPlantTest, ClonesContinueIdenticallyAndInvalidControlsAreRefused) {
   CorridorPlant plant;
   plant.Reset(3);
   std::vector<double> a(2), b(2);
@@ -90,7 +90,7 @@ TEST(CorridorPlantTest, ClonesContinueAlikeAndBadControlsAreRefused) {
   plant.CopyStateFrom(*clone);
 }
 
-TEST(CorridorPlantTest, Errors) {
+TEST(CorridorPlantTest, InvalidOptionsAreRefused) {
   EXPECT_THROW(CorridorPlant({.length = 0.0}), std::invalid_argument);
   EXPECT_THROW(CorridorPlant({.half_width = -1.0}), std::invalid_argument);
   EXPECT_THROW(CorridorPlant({.gain = 0.0}), std::invalid_argument);

@@ -79,7 +79,7 @@ TEST(DiscPushPlantTest, TheGatesPostsCollide) {
   EXPECT_FALSE(plant.completed());
 }
 
-TEST(DiscPushPlantTest, ClonesContinueAlikeAndNothingAllocates) {
+TEST(DiscPushPlantTest, ClonesContinueIdenticallyAndNothingAllocates) {
   DiscPushPlant plant;
   plant.Reset(5);
   const auto clone = plant.Clone();

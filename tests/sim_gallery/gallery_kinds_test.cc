@@ -118,7 +118,7 @@ TEST(BimanualTest, ThirtyEntriesFollowFromFourteenJoints) {
   }
 }
 
-TEST(BimanualTest, FailsWhereTheBarIsPulledApart) {
+TEST(BimanualTest, FailsWhenTheBarIsPulledApart) {
   const auto plant = Make(FindGalleryTask("bimanual"));
   plant->Reset(2);
   std::vector<double> u(14, 0.0);
@@ -148,7 +148,7 @@ TEST(WipeTest, FailsExactlyAboveTheForceLimit) {
   EXPECT_EQ(failures, static_cast<int>(kDemonstrations));
 }
 
-TEST(WipeTest, OnlyWhatTheToolPressesOnIsWiped) {
+TEST(WipeTest, WithoutPressingNothingIsWiped) {
   const auto plant = Make(FindGalleryTask("wipe"));
   plant->Reset(1);
   for (int t = 0; t < 20; ++t) Apply(*plant, {0.5, 0.0});
@@ -180,7 +180,7 @@ TEST(RopeTest, TheWrongWayRoundFailsAndTheHookAloneDoesNotComplete) {
   EXPECT_FALSE(plant->completed());
 }
 
-TEST(FigureEightTest, TheMiddleIsPassedTwiceOnWaysThatCross) {
+TEST(FigureEightTest, TheMiddleIsPassedTwiceOnCrossingPaths) {
   for (std::uint64_t seed = 0; seed < kDemonstrations; ++seed) {
     const core::Trajectory trajectory = DemonstrateOnce(FindGalleryTask("figure-eight"), seed);
     int first = -1, last = -1;

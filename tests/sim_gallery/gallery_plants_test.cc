@@ -29,7 +29,7 @@ class EveryTaskTest : public testing::TestWithParam<std::string> {
   }
 };
 
-TEST_P(EveryTaskTest, ASeedDecidesTheDemonstration) {
+TEST_P(EveryTaskTest, ASeedDeterminesTheDemonstration) {
   const core::Trajectory a = DemonstrateOnce(task_, 5);
   const core::Trajectory b = DemonstrateOnce(task_, 5);
   const core::Trajectory c = DemonstrateOnce(task_, 6);
@@ -49,7 +49,7 @@ TEST_P(EveryTaskTest, TheLayoutIsNamedAndUnitsFitTheControl) {
   EXPECT_LE(task_.policy_bias.bias.size(), size);
 }
 
-TEST_P(EveryTaskTest, ACloneAndACopyGoOnAsTheOriginalDoes) {
+TEST_P(EveryTaskTest, ACloneAndACopyContinueLikeTheOriginal) {
   core::Random random(7);
   const auto plant = Make(task_);
   const auto copy = Make(task_);
@@ -94,7 +94,7 @@ TEST_P(EveryTaskTest, AControlOfZeroHoldsStillUnlessTheWorldMovesOn) {
   }
 }
 
-TEST_P(EveryTaskTest, ControlsSaturateAndOthersAreRefused) {
+TEST_P(EveryTaskTest, ControlsSaturateAndInvalidOnesAreRefused) {
   const auto plant = Make(task_);
   plant->Reset(4);
   const auto other = plant->Clone();
@@ -120,7 +120,7 @@ TEST_P(EveryTaskTest, TheSupervisorCompletes) {
   EXPECT_GE(completed, 0.95 * kEpisodes);
 }
 
-TEST_P(EveryTaskTest, FailureIsForGoodAndNeverCompletes) {
+TEST_P(EveryTaskTest, FailureIsPermanentAndNeverCompletes) {
   core::Random random(11);
   int failed = 0;
   const auto plant = Make(task_);
@@ -172,7 +172,7 @@ TEST(GalleryTest, NamesAreDistinctAndHalfOfTheTasksAreHeldOut) {
 
 // The disc and the region are those of the task. Four checks per control suffice for straight
 // lines.
-TEST(PointTest, FailsExactlyWhereALookIsInsideThePillarOrOutsideTheRegion) {
+TEST(PointTest, FailsExactlyAtChecksInsideThePillarOrOutsideTheRegion) {
   const auto plant = Make(FindGalleryTask("reach"));
   core::Random random(3);
   int failures = 0;
@@ -197,7 +197,7 @@ TEST(PointTest, FailsExactlyWhereALookIsInsideThePillarOrOutsideTheRegion) {
   EXPECT_EQ(failures, 200);  // all finally leave the region
 }
 
-TEST(PointTest, AMotionGoesOnWithHalfOfItInTheNextStep) {
+TEST(PointTest, HalfOfAMotionCarriesOverIntoTheNextStep) {
   const auto plant = Make(FindGalleryTask("targets"));
   plant->Reset(1);
   const double start = State(*plant)[0];
@@ -207,7 +207,7 @@ TEST(PointTest, AMotionGoesOnWithHalfOfItInTheNextStep) {
   EXPECT_NEAR(State(*plant)[0] - start, 0.015, 1e-12);
 }
 
-TEST(PushTest, TheBoxTurnsAwayFromThePusherAndNotWherePushedAtItsCentre) {
+TEST(PushTest, TheBoxTurnsAwayFromThePusherUnlessPushedAtItsCentre) {
   const auto plant = Make(FindGalleryTask("push"));
   for (std::uint64_t seed = 0; seed < 20; ++seed) {
     plant->Reset(seed);
@@ -276,7 +276,7 @@ TEST(InsertionTest, TheChamferLeadsIntoTheSlotAndItsWallsHoldThePeg) {
   EXPECT_LE(State(*plant)[0], slot + 0.012 + 1e-12);
 }
 
-TEST(LidTest, TheHandleSlipsWhereTheGripperLeavesItsCircle) {
+TEST(LidTest, TheHandleSlipsWhenTheGripperLeavesItsCircle) {
   for (const double pull : {0.9, 1.0}) {
     const auto plant = Make(FindGalleryTask("lid"));
     plant->Reset(1);
@@ -293,7 +293,7 @@ TEST(LidTest, TheHandleSlipsWhereTheGripperLeavesItsCircle) {
   }
 }
 
-TEST(GraspTest, AnObjectThatIsLetGoInTheAirFailsAndOnTheTableDoesNot) {
+TEST(GraspTest, ReleasingInTheAirFailsAndOnTheTableDoesNot) {
   const auto plant = Make(FindGalleryTask("grasp"));
   for (const bool lifted : {false, true}) {
     plant->Reset(1);
@@ -330,7 +330,7 @@ TEST(BalanceTest, AControlMovesPositionsOneStepLater) {
   EXPECT_LT(a[3], b[3]);
 }
 
-TEST(BalanceTest, FailsExactlyWhereThePoleFallsOrTheTrackEnds) {
+TEST(BalanceTest, FailsExactlyWhenThePoleFallsOrTheTrackEnds) {
   const auto plant = Make(FindGalleryTask("balance"));
   for (std::uint64_t seed = 0; seed < 50; ++seed) {
     plant->Reset(seed);
@@ -358,7 +358,7 @@ TEST(CarTest, FullForceFromRestDoesNotReachTheTopAndSwingingBackHitsTheWall) {
 }
 
 // The tip according to Denavit and Hartenberg. Controls turn joints by the task's step.
-TEST(ArmTest, TheTipIsWhereTheJointsSay) {
+TEST(ArmTest, TheTipFollowsFromTheJoints) {
   for (const auto& [name, links, step] :
        {std::tuple{"arm2", 2, 0.25}, std::tuple{"arm7", 7, 0.1}}) {
     const auto plant = Make(FindGalleryTask(name));

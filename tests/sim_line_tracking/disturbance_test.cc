@@ -32,7 +32,7 @@ TEST(DisturbanceTest, AllWavesStartAtHome) {
   }
 }
 
-TEST(DisturbanceTest, SineIsTheFirmwares) {
+TEST(DisturbanceTest, SineMatchesTheFirmware) {
   const DisturbanceOptions options = Options(Wave::kSine);
   const PlatformPose pose = Disturbance(options, 1).At(0.3);
   for (std::size_t k = 0; k < 6; ++k) {

@@ -66,7 +66,7 @@ Eigen::Vector2d Centre(const Picture& bgr) {
 }
 
 // The lens agrees with the camera model: each ray appears at the pixel of the model.
-TEST(EndoscopeTest, DistortsAsTheCameraModelSays) {
+TEST(EndoscopeTest, DistortsLikeTheCameraModel) {
   const Endoscope endoscope(LineTrackingPlant::true_camera());
   for (const Eigen::Vector2d& ray : {Eigen::Vector2d(0.0, 0.0), Eigen::Vector2d(0.3, 0.1),
                                      Eigen::Vector2d(-0.38, 0.27), Eigen::Vector2d(0.1, -0.3)}) {

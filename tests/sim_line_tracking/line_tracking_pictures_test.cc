@@ -11,7 +11,7 @@
 #include "tests/sim_line_tracking/ground_truth.h"
 #include "tests/sim_line_tracking/perfect_calibration.h"
 
-// The pictures of a plant, and what vision makes of them.
+// The pictures of a plant, and the features that vision detects in them.
 namespace dfr::sim {
 namespace {
 
@@ -155,7 +155,7 @@ TEST(LineTrackingPicturesTest, AStateThatTheImageDoesNotShowIsNaN) {
   EXPECT_FALSE(plant.last_observation().seen());
 }
 
-TEST(LineTrackingPicturesTest, IntrinsicsOfAnotherCameraAreNoticed) {
+TEST(LineTrackingPicturesTest, IntrinsicsOfAnotherCameraAreDetected) {
   const auto missing = [](auto change) {
     const LineTrackingOptions options;
     line_task::LineCalibration known = PerfectCalibration(options);
@@ -173,7 +173,7 @@ TEST(LineTrackingPicturesTest, IntrinsicsOfAnotherCameraAreNoticed) {
   EXPECT_EQ(missing([](auto& camera) { camera.width = 1280; }), vision::NotSeen::kWrongSize);
 }
 
-TEST(LineTrackingPicturesTest, PicturesCountedByOthersAreThoseThatLookTakes) {
+TEST(LineTrackingPicturesTest, RenderPictureDrawsThePictureOfThatLook) {
   LineTrackingPlant plant;
   plant.Reset(8);  // uses up the first value
   plant.Look();

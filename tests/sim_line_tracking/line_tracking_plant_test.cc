@@ -106,7 +106,7 @@ TEST(LineTrackingPlantTest, ControlsBeyondTheArmsReachAreRefused) {
 
 // If the disturbance acts during controls, time passes with travel. If it acts between controls,
 // time passes with their number.
-TEST(LineTrackingPlantTest, DisturbanceActsWhenItWasAskedTo) {
+TEST(LineTrackingPlantTest, DisturbanceActsDuringOrBetweenControlsAsConfigured) {
   const auto gauze_moves = [](bool during, bool between, double u) {
     LineTrackingOptions options = Truth(Wave::kSine);
     options.disturbance.during = during;
@@ -166,7 +166,7 @@ TEST(LineTrackingPlantTest, RealTimeNeverStops) {
 }
 
 // Uses the caller's arm and clock, with the readings of Apply().
-TEST(LineTrackingPlantTest, DrivenByReadingsItDoesWhatItDoesByControls) {
+TEST(LineTrackingPlantTest, DrivenByReadingsItMovesAsByControls) {
   LineTrackingOptions options = Truth(Wave::kRandom);
   options.disturbance.between = true;
   for (const bool during : {true, false}) {
@@ -216,7 +216,7 @@ TEST(LineTrackingPlantTest, DrivenPlatformLagsBehindItsCommand) {
   EXPECT_EQ(plant.platform_pose().translation_m, there);
 }
 
-TEST(LineTrackingPlantTest, CloneContinuesBitForBitAndSeedsDecideEverything) {
+TEST(LineTrackingPlantTest, CloneContinuesBitForBitAndSeedsDetermineEverything) {
   for (const Observation observation : {Observation::kGroundTruth, Observation::kVision}) {
     LineTrackingOptions options = Truth(Wave::kRandom);
     options.observation = observation;

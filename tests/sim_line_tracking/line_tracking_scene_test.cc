@@ -27,7 +27,7 @@ PsmJoints RandomJoints(core::Random& random) {
 }
 
 // The chain of bodies in the MJCF and the Denavit-Hartenberg table describe the same arm.
-TEST(LineTrackingSceneTest, TheArmIsThatOfTheKinematics) {
+TEST(LineTrackingSceneTest, TheArmMatchesTheKinematics) {
   const SceneModel model(Places());
   SceneData data(model);
   core::Random random(1);
@@ -39,7 +39,7 @@ TEST(LineTrackingSceneTest, TheArmIsThatOfTheKinematics) {
   }
 }
 
-TEST(LineTrackingSceneTest, TheGauzeIsWhereItWasPut) {
+TEST(LineTrackingSceneTest, TheGauzeHasTheGivenPose) {
   const SceneModel model(Places());
   SceneData data(model);
   kinematics::PlatformPose pose;

@@ -28,7 +28,7 @@ PusherPlant Dynamic() { return PusherPlant({.physics = PusherPhysics::kDynamic})
 
 // Motors with a stiffness of 2000 N m/rad stop within the error that 0.2 N m of joint friction can
 // hold. Gravity has no visible effect.
-TEST(DynamicMotionTest, JointsArriveWithinWhatFrictionHolds) {
+TEST(DynamicMotionTest, JointsArriveWithinTheErrorThatFrictionHolds) {
   PusherPlant plant = Dynamic();
   core::Random random(1);
   for (int i = 0; i < 10; ++i) {
@@ -47,7 +47,7 @@ TEST(DynamicMotionTest, JointsArriveWithinWhatFrictionHolds) {
   EXPECT_EQ(plant.statistics().unsettled, 0);
 }
 
-TEST(DynamicMotionTest, AnArmThatIsToldNothingStaysWhereItIs) {
+TEST(DynamicMotionTest, AnArmWithoutControlStaysInPlace) {
   PusherPlant plant = Dynamic();
   const std::vector<double> before = Observe(plant);
   for (int i = 0; i < 20; ++i) ASSERT_EQ(plant.Apply(Control{}), PlantStatus::kOk);
@@ -56,7 +56,7 @@ TEST(DynamicMotionTest, AnArmThatIsToldNothingStaysWhereItIs) {
 }
 
 // Coulomb friction: a cylinder with speed v stops after v^2 / (2 mu g).
-TEST(DynamicMotionTest, TheCylinderSlidesAsFarAsCoulombSays) {
+TEST(DynamicMotionTest, TheCylinderSlidesTheCoulombDistance) {
   for (const double speed : {0.2, 0.4}) {
     PusherPlant plant = Dynamic();
     plant.SetState(WithObjectAt(Observe(plant), 0.5, 0.1));
@@ -74,7 +74,7 @@ TEST(DynamicMotionTest, TheCylinderSlidesAsFarAsCoulombSays) {
 
 // The gripper pushes it to the goal as in quasi-static pushing, but the cylinder slides slightly
 // ahead.
-TEST(DynamicMotionTest, APushedCylinderGoesOnAlone) {
+TEST(DynamicMotionTest, APushedCylinderSlidesAhead) {
   PusherPlant plant = Dynamic();
   plant.SetState(WithObjectAt(Observe(plant), 0.45, 0.0));
   double ahead = 0.0;

@@ -89,7 +89,7 @@ TEST(PusherCollisionTest, ForkProngsCollideToo) {
 }
 
 // It has collided at the sum of the radii, and has completed with its centre over the goal.
-TEST(PusherCollisionTest, WhereTheCylinderIsDecidesTheOutcome) {
+TEST(PusherCollisionTest, TheCylindersPositionDeterminesTheOutcome) {
   struct Case {
     double x, y;
     bool collided, completed;
@@ -132,7 +132,7 @@ TEST(PusherCollisionTest, PushingTheCylinderIntoARegionCollidesAndStaysSo) {
 }
 
 // The path between poses counts: a control with both ends free can cut a region's corner.
-TEST(PusherCollisionTest, CollisionsOnTheWayCount) {
+TEST(PusherCollisionTest, CollisionsAlongThePathCount) {
   PusherPlant plant;
   PusherPlant judge;
   core::Random random(21);

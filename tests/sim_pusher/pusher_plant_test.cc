@@ -44,7 +44,7 @@ Control NoisyPush(const PusherPlant& plant, core::Random& random) {
   return control;
 }
 
-TEST(PusherPlantTest, TheStateIsThatOfTheSceneAtHome) {
+TEST(PusherPlantTest, TheStateDescribesTheSceneAtHome) {
   const PusherPlant plant;
   EXPECT_EQ(plant.state_dim(), 25);
   EXPECT_EQ(core::FeatureSelection(plant.layout(), "red,object,tip").num_features(), 12);
@@ -137,7 +137,7 @@ TEST(PusherPlantTest, SaturatesAtTheActuatorsLimit) {
   EXPECT_EQ(b.statistics().saturated, 0);
 }
 
-TEST(PusherPlantTest, RefusesWhatIsNoControlAndMovesNothing) {
+TEST(PusherPlantTest, RefusesInvalidControlsWithoutMoving) {
   PusherPlant plant;
   plant.Reset(4);
   const State before = Observe(plant);
@@ -238,7 +238,7 @@ TEST(PusherPlantTest, ACloneContinuesBitForBit) {
       ASSERT_EQ(copy.completed(), plant.completed());
     }
   }
-  EXPECT_GT(moved, 300) << "the test is about contact";
+  EXPECT_GT(moved, 300) << "too few controls had contact";
 }
 
 TEST(PusherPlantTest, ApplyAndObserveNeverAllocate) {

@@ -81,7 +81,7 @@ TEST(PusherViewTest, TheSameStateGivesTheSamePictureAndAnotherADifferentOne) {
   EXPECT_NE(Draw(renderer, plant), first);
 }
 
-TEST(PusherViewTest, TwoRenderersOneAfterTheOther) {
+TEST(PusherViewTest, ASecondRendererDrawsTheSamePicture) {
   PusherPlant plant;
   plant.Reset(1);
   Picture first;
@@ -94,7 +94,7 @@ TEST(PusherViewTest, TwoRenderersOneAfterTheOther) {
 }
 
 // MuJoCo loads its functions from this backend.
-TEST(PusherViewTest, TheFirstBackendIsTheProcesssOwn) {
+TEST(PusherViewTest, TheFirstBackendStaysForTheProcess) {
   const PusherPlant plant;
   const char* wanted = std::getenv("DFR_GL");
   const std::string before = wanted == nullptr ? "" : wanted;
@@ -111,7 +111,7 @@ TEST(PusherViewTest, RefusesASizeThatItCannotDraw) {
   EXPECT_THROW(PusherRenderer(plant, {.width = 640, .height = 5000}), std::invalid_argument);
 }
 
-TEST(PusherWindowTest, WithoutADisplayItSaysWhatToDoInstead) {
+TEST(PusherWindowTest, WithoutADisplayItNamesTheAlternative) {
   unsetenv("DISPLAY");
   unsetenv("WAYLAND_DISPLAY");
   const PusherPlant plant;
