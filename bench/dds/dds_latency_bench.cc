@@ -44,7 +44,7 @@ std::int64_t Now() {
       .count();
 }
 
-// Reply: the number of the question, and its one-way time.
+// The time of the question, and how long it took to arrive.
 struct Answer {
   std::int64_t asked_ns = 0;
   double one_way_s = 0.0;

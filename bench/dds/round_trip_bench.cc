@@ -1,6 +1,5 @@
 // Round-trip time of a command to another process over UDP on the loopback, with and without
-// security. Both cases alternate, which distributes disturbances of the machine equally. The other
-// process is this program. usage: round_trip_bench [Google Benchmark's options]
+// security. The other process is this program. usage: round_trip_bench [Google Benchmark's options]
 #include <benchmark/benchmark.h>
 #include <signal.h>
 #include <spawn.h>
@@ -88,7 +87,7 @@ class Keystore {
   std::filesystem::path folder_;
 };
 
-// Argument: whether the network is secured.
+// Argument: 1 for a secured network, 0 for an open one.
 void BM_RoundTrip(benchmark::State& state) {
   static const Keystore kKeystore;
   const bool secured = state.range(0) != 0;

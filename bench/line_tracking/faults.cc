@@ -125,8 +125,8 @@ std::vector<Fault> Faults() {
                     },
                     false, false});
   faults.push_back({"foreign-hold", [](Site& s) { s.hold.Write({}); }, [](Site&) {}, false, false});
-  // A participant joins and repeats its announcement 20 times per second for .3 s. The console may
-  // be matched first.
+  // A participant joins and sends a hold 20 times per second for .3 s. The console may be matched
+  // first.
   const auto guest = std::make_shared<std::thread>();
   faults.push_back({"late-hold",
                     [guest](Site& s) {
@@ -152,7 +152,7 @@ std::vector<Fault> Faults() {
                     [console](Site&) { console->reset(); }, false, false});
   // The platform moves faster than the tip can follow.
   faults.push_back(Injected("moving-platform", "platform", "0.06", "0"));
-  // Faults at the platform's port. Its firmware reports nothing: its output is irrelevant, and a
+  // Faults at the platform's port. The firmware reports nothing: its output is irrelevant, and a
   // hang is not detectable.
   faults.push_back({"platform-unplugged", [](Site& s) { s.platform->Unplug(); },
                     [](Site& s) { s.StartPlatform(); }, false, false});

@@ -117,7 +117,7 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
     const bool ended = site.told() && !site.ToldOfAnEnd();
     row.detected += ended || site.operator_ns() ? 0 : 1;
     row.restarts = 0;
-    row.told.insert(ended ? *site.told() : "nothing: the run goes on");
+    row.told.insert(ended ? *site.told() : "nothing: the run continues");
     return;
   }
   if (told) {
@@ -144,7 +144,7 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
 
 void PrintTimes(const Site& site) {
   const LoopTimes& times = site.loop_times();
-  std::printf("  %d episodes; loop: %lld periods of 5 ms, %lld left out, %.1f ms off at worst\n",
+  std::printf("  %d episodes; loop: %lld periods of 5 ms, %lld missed, %.1f ms off at worst\n",
               site.episodes(), times.periods, times.left_out, times.worst_ms);
 }
 
@@ -236,10 +236,9 @@ void Soak(const std::filesystem::path& folder, int domain, double image_age_s, d
   std::printf("%d faults in %.1f minutes: %d missed, %d restarts, at most %.2f mm of motion\n",
               minute, now_min(), missed, restarts, motion_mm);
   for (const auto& [reason, count] : false_alarms) {
-    std::printf("told in between although nothing was wrong: %s, %d times\n", reason.c_str(),
-                count);
+    std::printf("false alarm: %s, %d times\n", reason.c_str(), count);
   }
-  if (false_alarms.empty()) std::printf("nothing was told in between\n");
+  if (false_alarms.empty()) std::printf("no false alarm\n");
   PrintTimes(site);
   for (const auto& [name, mb] : site.Memory()) {
     std::printf("%-16s %6.1f MB after a minute, %6.1f MB at the end\n", name.c_str(),
@@ -303,7 +302,7 @@ void Storm(const std::filesystem::path& folder, int domain, double image_age_s, 
     return gaps;
   };
   const auto print = [&](const char* name, const Gaps& gaps) {
-    std::printf("%s: console's states at most %.1f ms apart, emergency stop's words %.1f ms\n",
+    std::printf("%s: console's states at most %.1f ms apart, emergency stop's messages %.1f ms\n",
                 name, gaps.state_ms, gaps.stop_ms);
     PrintTimes(site);
     for (const auto& [reason, count] : reasons) {
@@ -324,7 +323,7 @@ void Storm(const std::filesystem::path& folder, int domain, double image_age_s, 
     std::printf("%-16s %6.1f MB before, %6.1f MB after\n", name.c_str(), before_mb.at(name), mb);
   }
   site.AwaitMotion();
-  std::printf("the robot goes on when asked to\n");
+  std::printf("the robot continues on request\n");
 }
 
 // Creates a model and a calibration for the run.
@@ -341,8 +340,7 @@ void Prepare(const std::filesystem::path& folder) {
 }
 
 int Main(int argc, char** argv) {
-  CLI::App app("Line tracking over the network while something goes wrong, as a table.",
-               "faults_bench");
+  CLI::App app("Line tracking over the network under faults, as a table.", "faults_bench");
   std::filesystem::path robot;
   std::string platform;
   bool far = false;
@@ -353,15 +351,15 @@ int Main(int argc, char** argv) {
   double packets_min = 0.0;
   double image_age_s = 0.07;
   std::vector<std::string> only;
-  app.add_option("--trials", trials, "of each fault")->capture_default_str();
-  app.add_option("--only", only, "these faults, separated by commas")->delimiter(',');
-  app.add_option("--seed", seed, "of the moments")->capture_default_str();
-  app.add_option("--domain", domain, "DDS domain that nobody else uses")->capture_default_str();
-  app.add_option("--image-age", image_age_s,
-                 "a picture is too old after [s]: more where others "
-                 "use the machine, too")
+  app.add_option("--trials", trials, "trials of each fault")->capture_default_str();
+  app.add_option("--only", only, "only these faults, separated by commas")->delimiter(',');
+  app.add_option("--seed", seed, "seed of the moments of the faults")->capture_default_str();
+  app.add_option("--domain", domain, "DDS domain that no other program uses")
       ->capture_default_str();
-  app.add_option("--soak", soak_min, "instead: minutes of episodes with a fault in each");
+  app.add_option("--image-age", image_age_s,
+                 "maximum age of a picture [s]; increase it on a shared machine")
+      ->capture_default_str();
+  app.add_option("--soak", soak_min, "instead: minutes of episodes with one fault per minute");
   app.add_option("--packets", packets_min,
                  "instead: minutes of broken packets to every port of the programs");
   app.add_option("--robot", robot)->group("");
@@ -384,8 +382,7 @@ int Main(int argc, char** argv) {
   try {
     if (table) wire.emplace(core::DeriveSeed(seed, {1}));
   } catch (const std::runtime_error& e) {
-    std::printf("no network namespaces here (%s): losses and jitter are the console's own\n",
-                e.what());
+    std::printf("no network namespaces (%s): the console simulates losses and jitter\n", e.what());
   }
   std::fflush(stdout);
   Prepare(folder);

@@ -95,7 +95,7 @@ int MakeHost(const char* address) {
   Request(control, SIOCSIFADDR, request, "no address");
   request.ifr_netmask = Address("255.255.255.0");
   Request(control, SIOCSIFNETMASK, request, "no netmask");
-  // A picture arrives as a burst of 615 packets. Keeps the usual queue of 1000 packets.
+  // A picture arrives as a burst of 615 packets. Without permission, the usual queue of 1000 stays.
   request = Interface(kInterface);
   request.ifr_qlen = 10000;
   static_cast<void>(ioctl(control, SIOCSIFTXQLEN, &request));
