@@ -50,10 +50,12 @@ const Row& Find(const std::vector<Row>& rows, const std::string& condition,
 }
 
 TEST(StressTest, CountsWhatAControllerSavesAndHarms) {
-  const std::vector<Row> rows = RunStudy(Small());
+  Study study = Small();
+  study.policies = {"lwr", "learned"};
+  const std::vector<Row> rows = RunStudy(study);
   std::filesystem::remove_all(Folder());
   // The corridor lacks the condition of wider starts.
-  ASSERT_EQ(rows.size(), 2u * 3u * 4u);
+  ASSERT_EQ(rows.size(), 2u * 2u * 4u);
   for (const Row& row : rows) {
     EXPECT_EQ(row.episodes, 20);
     if (row.controller == "baseline") {
@@ -76,7 +78,7 @@ TEST(StressTest, CountsWhatAControllerSavesAndHarms) {
             1);
 
   const auto tables = MakeTables(rows);
-  ASSERT_EQ(tables.size(), 4u);
+  ASSERT_EQ(tables.size(), 3u);
   EXPECT_EQ(tables[1].rows.size(), 2u);
   for (const auto& table : tables) {
     for (const auto& row : table.rows) EXPECT_EQ(row.size(), table.header.size());
@@ -130,10 +132,11 @@ TEST(StressTest, ControllersKeepUnitsThatDiffer) {
   study.policies = {"lwr"};
   study.controllers = {"controller", "guard", "controller/density"};
   study.demonstrations = 60;
+  study.trials = 1;
   const std::vector<Row> rows = RunStudy(study);
   std::filesystem::remove_all(Folder());
   ASSERT_EQ(rows.size(), 4u);
-  for (const Row& row : rows) EXPECT_GE(row.completed, 14) << row.controller;
+  for (const Row& row : rows) EXPECT_GE(row.completed, 7) << row.controller;
 }
 
 TEST(StressTest, ListsFailuresAndHarmedEpisodes) {

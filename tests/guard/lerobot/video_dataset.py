@@ -42,11 +42,18 @@ def draw(states, height, width, seed=0):
     return np.array(pictures)
 
 
+def write_videos(program, videos, codec="mp4v", fps=FPS):
+    """Write the frames of each (path, frames)."""
+    content = b""
+    for path, frames in videos:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        count, height, width, _ = frames.shape
+        content += f"{codec} {fps} {height} {width} {count} {path}\n".encode() + frames.tobytes()
+    subprocess.run([program], input=content, check=True, capture_output=True)
+
+
 def write_video(program, path, frames, codec="mp4v", fps=FPS):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    height, width = frames.shape[1:3]
-    command = [program, path, codec, str(fps), str(height), str(width)]
-    subprocess.run(command, input=frames.tobytes(), check=True, capture_output=True)
+    write_videos(program, [(path, frames)], codec, fps)
 
 
 def write_dataset(program, folder, version, data, size=(64, 64), codec="MJPG", per_file=4, cameras=(TOP,), edit=None):
@@ -63,19 +70,18 @@ def write_dataset(program, folder, version, data, size=(64, 64), codec="MJPG", p
     (folder / "data/chunk-000/file-000.parquet").write_bytes(parquet(rows))
     pictures = [draw(states, *size, seed=i) for i, (states, _) in enumerate(data)]
     meta = {"episode_index": list(range(len(data)))}
+    videos = []
     for camera in cameras:
         turned = [p[:, ::-1] if camera == SIDE else p for p in pictures]
         if version == "v2.1":
-            for i, frames in enumerate(turned):
-                write_video(program, folder / f"videos/chunk-000/{camera}/episode_{i:06d}.mp4", frames, codec)
+            videos += [(folder / f"videos/chunk-000/{camera}/episode_{i:06d}.mp4", p) for i, p in enumerate(turned)]
             continue
         prefix = f"videos/{camera}/"
         for key in ("chunk_index", "file_index", "from_timestamp", "to_timestamp"):
             meta[prefix + key] = []
         for first in range(0, len(data), per_file):
             part = turned[first:first + per_file]
-            path = folder / f"videos/{camera}/chunk-000/file-{first // per_file:03d}.mp4"
-            write_video(program, path, np.concatenate(part), codec)
+            videos.append((folder / f"videos/{camera}/chunk-000/file-{first // per_file:03d}.mp4", np.concatenate(part)))
             start = 0
             for frames in part:
                 meta[prefix + "chunk_index"].append(0)
@@ -83,6 +89,7 @@ def write_dataset(program, folder, version, data, size=(64, 64), codec="MJPG", p
                 meta[prefix + "from_timestamp"].append(start / FPS)
                 start += len(frames)
                 meta[prefix + "to_timestamp"].append(start / FPS)
+    write_videos(program, videos, codec)
     if version != "v2.1":
         (folder / "meta/episodes/chunk-000").mkdir(parents=True)
         (folder / "meta/episodes/chunk-000/file-000.parquet").write_bytes(parquet(meta))
