@@ -168,12 +168,13 @@ TEST_F(RobotConfigTest, InvalidBoundsAreRefused) {
   EXPECT_THAT(Error("[arm]\nteleoperation = ['following']\n"),
               HasSubstr(":2: arm.teleoperation must be names of topics"));
   EXPECT_THAT(Error("[task]\nbox_max_m = [0.1, 0.1, 0.0]\n"),
-              HasSubstr(":2: task.box_max_m must be such that box_min_m must be below box_max_m"));
+              HasSubstr(":2: task.box_max_m must be above box_min_m in every entry, all finite"));
   EXPECT_THAT(Error("[task]\nplanes = [[0, 0, 1]]\n"),
               HasSubstr(":2: task.planes must be a list of planes, each 4 finite numbers"));
-  EXPECT_THAT(Error("[task]\nplanes = [[0, 0, 2, 0]]\n"), HasSubstr("have a normal of length 1"));
+  EXPECT_THAT(Error("[task]\nplanes = [[0, 0, 2, 0]]\n"),
+              HasSubstr(":2: task.planes must be planes whose normals have length 1"));
   EXPECT_THAT(Error("[task]\nforbidden_boxes_m = [[0, 0, 0, -1, 0, 0]]\n"),
-              HasSubstr(":2: task.forbidden_boxes_m must be"));
+              HasSubstr(":2: task.forbidden_boxes_m must be boxes with their lower corner first"));
   EXPECT_THAT(Error("[task]\nplanes = [[0, 0, 1, 0]]\nbox_max_m = [0.1, 0.1, 0.0]\n"),
               HasSubstr(":3: task.box_max_m must be"));
 }

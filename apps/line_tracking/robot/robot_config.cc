@@ -206,24 +206,24 @@ std::optional<Eigen::Isometry3d> GetPose(Section& section, const char* position,
 }
 
 void GetRegion(Section& task, line_task::TipRegionOptions& region) {
-  const auto check = [&](const char* key) {
+  const auto check = [&](const char* key, const char* wanted) {
     try {
       region.Check();
-    } catch (const std::invalid_argument& e) {
-      task.Wrong(key, std::string("such that ") + e.what());
+    } catch (const std::invalid_argument&) {
+      task.Wrong(key, wanted);
     }
   };
   task.Get("box_min_m", {region.box_min_m.data(), 3});
   task.Get("box_max_m", {region.box_max_m.data(), 3});
-  check("box_max_m");
+  check("box_max_m", "above box_min_m in every entry, all finite");
   for (const std::vector<double>& row : task.Rows("forbidden_boxes_m", 6, "boxes")) {
     region.forbidden.emplace_back(Eigen::Vector3d(row.data()), Eigen::Vector3d(row.data() + 3));
   }
-  check("forbidden_boxes_m");
+  check("forbidden_boxes_m", "boxes with their lower corner first");
   for (const std::vector<double>& row : task.Rows("planes", 4, "planes")) {
     region.planes.emplace_back(Eigen::Vector3d(row.data()), -row[3]);
   }
-  check("planes");
+  check("planes", "planes whose normals have length 1");
 }
 
 void GetPlatform(Section& section, hardware::PlatformOptions& platform) {
