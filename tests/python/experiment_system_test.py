@@ -177,11 +177,8 @@ class ExperimentTest(unittest.TestCase):
         out = self.run_program(self.program, "rerun", "run", name, "--methods", "guard")
         self.assertIn(lines[0].split("  ")[1] + " after " + lines[0].split("  ")[2].split(",")[0], out)
         self.assertTrue(out.startswith("guard "))
-        with self.assertRaisesRegex(RuntimeError, "no pair of learner and method|unknown method"):
-            try:
-                corridor.replay(self.folder / "run", "0/12/policy/magic/0")
-            except ValueError as error:
-                raise RuntimeError(error)
+        with self.assertRaisesRegex((RuntimeError, ValueError), "no pair of learner and method|unknown method"):
+            corridor.replay(self.folder / "run", "0/12/policy/magic/0")
         with open(self.program, "a", encoding="utf-8") as file:
             file.write("# another one\n")
         with self.assertRaisesRegex(RuntimeError, "this program cannot run its episodes again: hash of own_experiment.py"):

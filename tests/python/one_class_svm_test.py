@@ -322,10 +322,14 @@ class WithoutSklearn(unittest.TestCase):
                 svm.set_params(mu=1)
             except ValueError as error:
                 assert "Invalid parameter 'mu'" in str(error)
+            else:
+                raise AssertionError("mu is accepted")
             try:
                 svm.predict(X)
             except (ValueError, AttributeError) as error:
                 assert "not fitted" in str(error)
+            else:
+                raise AssertionError("predicts without a fit")
             assert (svm.fit_predict(X) == svm.predict(X)).all()
             assert not [name for name in sys.modules if name.startswith("sklearn.")]
             print(svm.decision_function(X).tolist())

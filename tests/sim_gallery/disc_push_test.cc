@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Core>
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 #include <vector>
@@ -43,10 +45,16 @@ TEST(DiscPushPlantTest, TheObjectMovesOnlyWhenTouchedAndStaysTouching) {
       plant.Observe(after);
       const double distance = std::hypot(after[2] - after[0], after[3] - after[1]);
       ASSERT_GE(distance, contact - 1e-12);
+      // Distance of the object's first place from the pusher's straight path.
+      const Eigen::Vector2d way(after[0] - before[0], after[1] - before[1]);
+      const Eigen::Vector2d object(before[2] - before[0], before[3] - before[1]);
+      const double along = std::clamp(object.dot(way) / way.squaredNorm(), 0.0, 1.0);
+      const double reach = (object - along * way).norm();
       if (before[2] != after[2] || before[3] != after[3]) {
         ++touched;
+        ASSERT_LT(reach, contact);
       } else {
-        ASSERT_EQ(before[3], after[3]);
+        ASSERT_GT(reach, contact - 1e-5);  // the path is tested in substeps of 1 mm
       }
     }
   }
