@@ -182,7 +182,7 @@ void PrintCertificate(const PlanarStudy& study) {
     std::nth_element(radius.begin(),
                      radius.begin() + static_cast<std::ptrdiff_t>(radius.size() / 2), radius.end());
     // In the unit of the state, in its worst direction.
-    const Eigen::MatrixXd inverse = core::Inverse(support.map(t) * features.scale());
+    const Eigen::MatrixXd inverse = core::PseudoInverse(support.map(t) * features.scale());
     const double clearance =
         core::OperatorNorm(inverse) * kernel::CoverRadius(support.estimate(t), certificate.level);
     const std::optional<double> kept = ClearanceKept(task, methods, t);

@@ -22,9 +22,9 @@ constexpr int kMetrics = 2;
 // kernel has the metric `metric`.
 Eigen::MatrixXd GradientProducts(const Eigen::MatrixXd& x, const Eigen::MatrixXd& y,
                                  const Eigen::MatrixXd& metric) {
-  const Eigen::MatrixXd scaled = x * metric;
+  const Eigen::MatrixXd scaled = core::Multiply(x, metric);
   const Eigen::VectorXd norms = scaled.cwiseProduct(x).rowwise().sum();
-  Eigen::MatrixXd kernel = -2.0 * scaled * x.transpose();
+  Eigen::MatrixXd kernel = -2.0 * core::Multiply(scaled, x.transpose());
   kernel.colwise() += norms;
   kernel.rowwise() += norms.transpose();
   const double unit = kernel.mean();  // Squared length of the kernel.
@@ -37,10 +37,10 @@ Eigen::MatrixXd GradientProducts(const Eigen::MatrixXd& x, const Eigen::MatrixXd
   for (Eigen::Index k = 0; k < y.cols(); ++k) {
     const Eigen::VectorXd weight = weights.col(k);
     // Rows: sum over samples j of K_ij w_j (x_j - x_i), times the metric over `unit`.
-    Eigen::MatrixXd gradients = kernel * (weight.asDiagonal() * scaled);
+    Eigen::MatrixXd gradients = core::Multiply(kernel, weight.asDiagonal() * scaled);
     gradients -= (kernel * weight).asDiagonal() * scaled;
     gradients /= unit;
-    products.noalias() += gradients.transpose() * gradients;
+    products += core::Multiply(gradients.transpose(), gradients);
   }
   return products / static_cast<double>(x.rows());
 }
@@ -140,9 +140,10 @@ ActionDirections::ActionDirections(std::span<const core::Trajectory> demonstrati
 core::Matrix ActionDirections::Weights(std::size_t block, int components) const {
   const Block& own = blocks_[block];
   const auto first = own.relevant.leftCols(std::min<Eigen::Index>(components, own.relevant.cols()));
-  const core::SymmetricEigen slow =
-      core::DecomposeSymmetric(first.transpose() * own.slowness.asDiagonal() * first);
-  core::Matrix weights = (first * slow.vectors.rowwise().reverse()).transpose() * own.slow;
+  const core::SymmetricEigen slow = core::DecomposeSymmetric(
+      core::Multiply(first.transpose() * own.slowness.asDiagonal(), first));
+  const Eigen::MatrixXd directions = core::Multiply(first, slow.vectors.rowwise().reverse());
+  core::Matrix weights = core::Multiply(directions.transpose(), own.slow);
   for (auto row : weights.rowwise()) {
     Eigen::Index largest = 0;
     row.cwiseAbs().maxCoeff(&largest);

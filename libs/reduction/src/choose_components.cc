@@ -10,6 +10,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/features/feature_transform.h"
 #include "dfr/core/numerics/folds.h"
+#include "dfr/core/numerics/linear_algebra.h"
 #include "dfr/core/text/format.h"
 #include "dfr/reduction/action_directions.h"
 
@@ -149,7 +150,7 @@ class Judge {
                  std::size_t& next) const {
     const core::Matrix weights = Weights(fold, components);
     const auto selected = [&](std::size_t d) {
-      return core::Matrix(demonstrations_[d].states * weights.transpose());
+      return core::Matrix(core::Multiply(demonstrations_[d].states, weights.transpose()));
     };
     const std::vector<std::size_t> others = core::Others(folds_, fold, order_);
     std::vector<core::Matrix> points;

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/numerics/linear_algebra.h"
 #include "dfr/core/text/numbers.h"
 #include "dfr/core/workers.h"
 #include "dfr/reduction/principal_components.h"
@@ -226,7 +227,7 @@ Reduction StateReduction::FitPart(Part& part, int components,
   const SlowFeatures slow = FitSlowFeatures(episodes);
   const Eigen::Index kept = std::min<Eigen::Index>(components, slow.directions.rows());
   // The mean of the scores is zero.
-  return {fit.mean, fit.scale, slow.directions.topRows(kept) * fit.components};
+  return {fit.mean, fit.scale, core::Multiply(slow.directions.topRows(kept), fit.components)};
 }
 
 StateReduction StateReduction::Fit(const core::StateLayout& layout, std::string_view features,

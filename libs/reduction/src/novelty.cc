@@ -175,7 +175,7 @@ Novelty Novelty::Fit(const RowSource& pictures, const core::PictureShape& shape,
     part.squares += rows.colwise().squaredNorm().transpose();
     if (places == 0) continue;
     part.positions += positions[d].colwise().sum().transpose();
-    part.products.noalias() += positions[d].transpose() * positions[d];
+    part.products += core::Multiply(positions[d].transpose(), positions[d]);
   }
   const auto fit = [&](std::size_t without) {
     Moments all(pictures.width(), places);

@@ -194,7 +194,7 @@ PrincipalComponents FitPrincipalComponents(const RowSource& source,
   for (Eigen::Index first = 0; first < n; first += kJobColumns) {
     const Eigen::MatrixXd part =
         product.middleRows(first, std::min(kJobColumns, n - first)).cast<double>();
-    gram.noalias() += part.transpose() * part;
+    gram += core::Multiply(part.transpose(), part);
   }
   const core::SymmetricEigen eigen = core::DecomposeSymmetric(gram / static_cast<double>(n));
   const Eigen::VectorXd variance = eigen.values.reverse();
@@ -206,7 +206,7 @@ PrincipalComponents FitPrincipalComponents(const RowSource& source,
   Eigen::MatrixXd rotation = eigen.vectors.rowwise().reverse().leftCols(kept);
   fit.variance = variance.head(kept);
   const Eigen::MatrixXd basis = q.cast<double>();
-  fit.components.noalias() = rotation.transpose() * basis.transpose();
+  fit.components = core::Multiply(rotation.transpose(), basis.transpose());
   for (Eigen::Index i = 0; i < source.width(); ++i) {
     if (fit.scale[i] == 0.0)
       fit.components.col(i).setZero();  // Only rounding remains of the random start.
@@ -222,8 +222,8 @@ PrincipalComponents FitPrincipalComponents(const RowSource& source,
   fit.scores.resize(n, kept);
   for (Eigen::Index first = 0; first < n; first += kJobColumns) {
     const Eigen::Index count = std::min(kJobColumns, n - first);
-    fit.scores.middleRows(first, count).noalias() =
-        product.middleRows(first, count).cast<double>() * rotation;
+    fit.scores.middleRows(first, count) =
+        core::Multiply(product.middleRows(first, count).cast<double>(), rotation);
   }
   return fit;
 }

@@ -41,10 +41,10 @@ SlowFeatures FitSlowFeatures(std::span<const core::Matrix> episodes) {
   for (const core::Matrix& x : episodes) {
     if (x.rows() == 0) continue;
     const core::Matrix centred = x.rowwise() - fit.mean.transpose();
-    all.noalias() += centred.transpose() * centred;
+    all += core::Multiply(centred.transpose(), centred);
     const core::Matrix step =
         (x.bottomRows(x.rows() - 1) - x.topRows(x.rows() - 1)).rowwise() - moved.transpose();
-    differences.noalias() += step.transpose() * step;
+    differences += core::Multiply(step.transpose(), step);
   }
   all /= rows;
   differences /= steps;

@@ -28,7 +28,7 @@ class WayBack {
       : features_(&model.task().features()),
         support_(&model.task().feature_support()),
         scale_(features_->scale()),
-        inverse_(core::Inverse(scale_)) {
+        inverse_(core::PseudoInverse(scale_)) {
     if (with_products) products_.resize(scale_.cols(), scale_.cols());
   }
 

@@ -209,7 +209,7 @@ class Mahalanobis final : public Pooled {
       const Eigen::MatrixXd covariance =
           core::Matrix(centred.transpose() * centred) / static_cast<double>(points.rows()) +
           kRidge * Eigen::MatrixXd::Identity(points.cols(), points.cols());
-      precisions_.emplace_back(core::Inverse(covariance));
+      precisions_.emplace_back(core::PseudoInverse(covariance));
       largest_.push_back(core::DecomposeSymmetric(precisions_.back()).values.maxCoeff());
     }
     q_.assign(points_.size(), 1.0);

@@ -2,13 +2,17 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
-#include <Eigen/LU>
 #include <Eigen/QR>
 #include <cmath>
 
 #include "dfr/core/contract.h"
 
 namespace dfr::core {
+
+Eigen::MatrixXd Multiply(const Eigen::Ref<const Eigen::MatrixXd>& a,
+                         const Eigen::Ref<const Eigen::MatrixXd>& b) {
+  return a * b;
+}
 
 SymmetricEigen DecomposeSymmetric(const Eigen::MatrixXd& a) {
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(a);
@@ -22,22 +26,19 @@ SymmetricEigen DecomposeSymmetric(const Eigen::MatrixXd& a, const Eigen::MatrixX
 }
 
 double OperatorNorm(const Eigen::MatrixXd& a) {
-  const Eigen::MatrixXd gram = a * a.transpose();
-  return std::sqrt(DecomposeSymmetric(gram).values.maxCoeff());
+  return std::sqrt(DecomposeSymmetric(Multiply(a, a.transpose())).values.maxCoeff());
 }
 
 Eigen::MatrixXd SolveSymmetric(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
   return a.ldlt().solve(b);
 }
 
-Eigen::MatrixXd Inverse(const Eigen::MatrixXd& a) { return a.inverse(); }
-
 Eigen::MatrixXd SolveLeastSquares(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
-  return a.colPivHouseholderQr().solve(b);
+  return a.completeOrthogonalDecomposition().solve(b);
 }
 
 Eigen::MatrixXd PseudoInverse(const Eigen::MatrixXd& a) {
-  return a.completeOrthogonalDecomposition().pseudoInverse();
+  return SolveLeastSquares(a, Eigen::MatrixXd::Identity(a.rows(), a.rows()));
 }
 
 Eigen::MatrixXd OrthonormalBasis(const Eigen::MatrixXd& a) {

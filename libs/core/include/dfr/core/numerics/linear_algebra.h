@@ -4,9 +4,13 @@
 
 namespace dfr::core {
 
-// Decompositions of dense matrices by Eigen, compiled once, because each instantiation takes the
-// compiler several seconds. They allocate. Matrices may have any size, including 0 x 0 unless
-// documented otherwise. Thread-safe.
+// Products and decompositions of dense matrices by Eigen, compiled once, because each instantiation
+// takes the compiler up to several seconds. They allocate. Matrices may have any size, including
+// 0 x 0 unless documented otherwise. Thread-safe.
+
+/// Returns a b. Copies a row-major matrix or an expression first.
+[[nodiscard]] Eigen::MatrixXd Multiply(const Eigen::Ref<const Eigen::MatrixXd>& a,
+                                       const Eigen::Ref<const Eigen::MatrixXd>& b);
 
 /// Eigenvalues in ascending order, and their eigenvectors as columns.
 struct SymmetricEigen {
@@ -29,13 +33,11 @@ struct SymmetricEigen {
 /// Reads only the lower triangle. If `a` is singular, x solves as many equations as possible.
 [[nodiscard]] Eigen::MatrixXd SolveSymmetric(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
 
-/// Returns the inverse of an invertible matrix (LU decomposition with pivoted rows).
-[[nodiscard]] Eigen::MatrixXd Inverse(const Eigen::MatrixXd& a);
-
-/// Returns the x that minimizes |a x - b|^2 (QR decomposition with pivoted columns).
+/// Returns the x that minimizes |a x - b|^2, and of these the shortest (complete orthogonal
+/// decomposition).
 [[nodiscard]] Eigen::MatrixXd SolveLeastSquares(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
 
-/// Returns the Moore-Penrose inverse (complete orthogonal decomposition).
+/// Returns the Moore-Penrose inverse, which is the inverse of an invertible matrix.
 [[nodiscard]] Eigen::MatrixXd PseudoInverse(const Eigen::MatrixXd& a);
 
 /// Returns an orthonormal basis of the columns of a matrix with at least as many rows, in order (QR
