@@ -224,6 +224,28 @@ TEST_P(GaussianSumTest, ATermIsZeroOrANormalNumber) {
   CheckSmallTerms<double>();
 }
 
+TEST_P(GaussianSumTest, ColumnsAreMeasuredByTheirDefinition) {
+  core::Random random(17);
+  for (std::size_t dim = 1; dim <= 40; ++dim) {
+    for (const std::size_t count : {1u, 2u, 3u, 17u}) {
+      // Without spare room: the sanitizers see a read beyond the end.
+      std::vector<double> rows(count * dim), sums(dim), most(dim);
+      for (double& v : rows) v = random.Normal();
+      MeasureColumns(rows.data(), count, dim, sums.data(), most.data());
+      for (std::size_t k = 0; k < dim; ++k) {
+        double sum = 0.0;
+        double largest = 0.0;
+        for (std::size_t i = 0; i < count; ++i) {
+          sum += rows[i * dim + k];
+          largest = std::max(largest, std::abs(rows[i * dim + k]));
+        }
+        ASSERT_EQ(sums[k], sum) << count << " x " << dim << ", column " << k;
+        ASSERT_EQ(most[k], largest) << count << " x " << dim << ", column " << k;
+      }
+    }
+  }
+}
+
 TEST_P(GaussianSumTest, NeverAllocates) {
   const Problem p(600, 9, 0.5, 5);
   const GaussianTerms<double> terms(p.points, p.weights, p.gamma);

@@ -225,6 +225,27 @@ TEST(OneClassSvmTest, ProgressIsReportedAndMayStopTheFit) {
   EXPECT_NEAR(svm.alpha().sum(), 1.0, 1e-12);  // still a valid estimate
 }
 
+// Consecutive fits of one thread share memory.
+TEST(OneClassSvmTest, AFitWithinProgressChangesNoBitOfTheOuterFit) {
+  core::Random random(44);
+  const core::Matrix outer = Tube(120, 5, random);
+  const core::Matrix inner = Tube(90, 3, random);
+  FitSummary alone;
+  const auto expected = OneClassSvm::Fit(outer, {}, &alone);
+  int calls = 0;
+  OneClassSvmOptions options;
+  options.progress = [&](const FitProgress&) {
+    ++calls;
+    (void)OneClassSvm::Fit(inner, {});
+    return true;
+  };
+  FitSummary summary;
+  const auto svm = OneClassSvm::Fit(outer, options, &summary);
+  EXPECT_GE(calls, 1);
+  EXPECT_EQ(summary.alpha, alone.alpha);
+  EXPECT_EQ(svm.rho(), expected.rho());
+}
+
 TEST(OneClassSvmTest, TooLittleMemoryIsRefusedWithTheLeastThatWorks) {
   core::Random random(43);
   const core::Matrix samples = Tube(20000, 8, random);

@@ -24,6 +24,58 @@ void Row(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x, T* HWY_RESTRICT
                                 HWY_ATTR { hn::Store(term, d, row + j * hn::MaxLanes(d)); });
 }
 
+// Sum and largest absolute entry of kVectors vectors of columns, from column `first` on. NaN is
+// ignored as an extreme. Whole vectors run over the end of a row; the last rows use a copy.
+template <std::size_t kVectors>
+HWY_INLINE void MeasureVectors(const double* HWY_RESTRICT rows, std::size_t count, std::size_t dim,
+                               std::size_t first, double* HWY_RESTRICT sums,
+                               double* HWY_RESTRICT most) {
+  constexpr Tag<double> d;
+  constexpr std::size_t kStep = hn::MaxLanes(d);
+  constexpr std::size_t kWidth = kVectors * kStep;
+  hn::Vec<Tag<double>> sum[kVectors];
+  hn::Vec<Tag<double>> largest[kVectors];
+  HWY_UNROLL(4)
+  for (std::size_t v = 0; v < kVectors; ++v) sum[v] = largest[v] = hn::Zero(d);
+  const auto add = [&](const double* HWY_RESTRICT row) HWY_ATTR {
+    HWY_UNROLL(4)
+    for (std::size_t v = 0; v < kVectors; ++v) {
+      const auto entry = hn::LoadU(d, row + v * kStep);
+      const auto size = hn::Abs(entry);
+      sum[v] = hn::Add(sum[v], entry);
+      largest[v] = hn::IfThenElse(hn::Gt(size, largest[v]), size, largest[v]);
+    }
+  };
+  const std::size_t own = std::min(kWidth, dim - first);
+  std::size_t i = 0;
+  for (; i < count && (count - i) * dim >= first + kWidth; ++i) add(rows + i * dim + first);
+  alignas(64) double copy[kWidth] = {};
+  for (; i < count; ++i) {
+    std::copy_n(rows + i * dim + first, own, copy);
+    add(copy);
+  }
+  const auto write = [&](const auto* from, double* HWY_RESTRICT to) HWY_ATTR {
+    HWY_UNROLL(4)
+    for (std::size_t v = 0; v < kVectors; ++v) hn::Store(from[v], d, copy + v * kStep);
+    std::copy_n(copy, own, to + first);
+  };
+  write(sum, sums);
+  write(largest, most);
+}
+
+void Columns(const double* rows, std::size_t count, std::size_t dim, double* sums, double* most) {
+  constexpr std::size_t kStep = hn::MaxLanes(Tag<double>());
+  std::size_t first = 0;
+  for (; first + 2 * kStep < dim; first += std::min(4 * kStep, dim - first)) {
+    MeasureVectors<4>(rows, count, dim, first, sums, most);
+  }
+  if (first + kStep < dim) {
+    MeasureVectors<2>(rows, count, dim, first, sums, most);
+  } else if (first < dim) {
+    MeasureVectors<1>(rows, count, dim, first, sums, most);
+  }
+}
+
 // Copies a square with kSide<T> entries per side, transposed.
 #if HWY_TARGET == HWY_SCALAR
 template <typename T>
@@ -256,6 +308,12 @@ namespace dfr::kernel::internal {
 
 HWY_EXPORT(DoubleFunctions);
 HWY_EXPORT(FloatFunctions);
+HWY_EXPORT(Columns);
+
+void MeasureColumns(const double* rows, std::size_t count, std::size_t dim, double* sums,
+                    double* most) noexcept {
+  HWY_DYNAMIC_DISPATCH(Columns)(rows, count, dim, sums, most);
+}
 
 template <>
 GaussianFunctions<double> BestFunctions() {

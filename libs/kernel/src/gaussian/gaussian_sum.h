@@ -106,6 +106,11 @@ template <typename T>
   return terms.functions.near_row(terms, x, reach, groups, count, values);
 }
 
+/// Writes the sum and the largest absolute entry of each column of a matrix with `dim` columns,
+/// stored row by row. Sums add the rows in order. NaN is not an extreme.
+void MeasureColumns(const double* rows, std::size_t count, std::size_t dim, double* sums,
+                    double* most) noexcept;
+
 /// Returns the instruction sets that this build contains and this machine supports, best first.
 [[nodiscard]] std::vector<std::int64_t> SupportedTargets();
 [[nodiscard]] const char* TargetName(std::int64_t target);

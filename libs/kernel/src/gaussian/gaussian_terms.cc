@@ -20,42 +20,17 @@ void ClearLane(T* block, std::size_t dim, std::size_t lane) {
   for (std::size_t k = 0; k < dim; ++k) block[(1 + k) * kLanes + lane] = T{0};
 }
 
-// Adds kWidth columns from `first` on to the extent, in registers.
-template <std::size_t kWidth>
-void Measure(const core::Matrix& points, std::size_t first, Extent& extent) {
-  const auto count = static_cast<std::size_t>(points.rows());
-  const auto dim = static_cast<std::size_t>(points.cols());
-  const double* entries = points.data() + first;
-  double sum[kWidth] = {};
-  double most[kWidth] = {};
-  for (std::size_t i = 0; i < count; ++i) {
-    for (std::size_t k = 0; k < kWidth; ++k) {
-      const double entry = entries[i * dim + k];
-      sum[k] += entry;
-      most[k] = std::max(most[k], std::abs(entry));
-    }
-  }
-  for (std::size_t k = 0; k < kWidth; ++k) {
-    extent.mean[first + k] = sum[k] / static_cast<double>(count);
-    extent.finite = extent.finite && std::isfinite(sum[k]);
-    extent.largest = std::max(extent.largest, most[k]);
-  }
-}
-
 }  // namespace
 
 Extent::Extent(const core::Matrix& points) : mean(static_cast<std::size_t>(points.cols())) {
-  std::size_t k = 0;
-  for (; k + 8 <= mean.size(); k += 8) Measure<8>(points, k, *this);
-  if (k + 4 <= mean.size()) {
-    Measure<4>(points, k, *this);
-    k += 4;
+  const auto count = static_cast<std::size_t>(points.rows());
+  std::vector<double> most(mean.size());
+  MeasureColumns(points.data(), count, mean.size(), mean.data(), most.data());
+  for (std::size_t k = 0; k < mean.size(); ++k) {
+    finite = finite && std::isfinite(mean[k]);
+    mean[k] /= static_cast<double>(count);
+    largest = std::max(largest, most[k]);
   }
-  if (k + 2 <= mean.size()) {
-    Measure<2>(points, k, *this);
-    k += 2;
-  }
-  if (k < mean.size()) Measure<1>(points, k, *this);
 }
 
 std::vector<double> Center(const core::Matrix& points, const Extent& extent, double scale) {

@@ -64,7 +64,10 @@ SmallProblem<T>::SmallProblem(const core::Matrix& samples, const Extent& extent,
       distances_(scratch.DistancesIn<T>()),
       smo_(BestSmoFunctions<T>()),
       row_size_(RowSize<T>(static_cast<std::size_t>(samples.rows()))),
-      rows_(scratch.Room<T>(row_size_ * row_size_)),
+      invert_(row_size_ * row_size_ * sizeof(T) <= kMostInverseBytes &&
+              options.memory_mib >= kLeastInverseMib),
+      // All rows, three arrays of the loop, and the inverse curvatures.
+      rows_(scratch.Room<T>((row_size_ + 3 + (invert_ ? row_size_ : 0)) * row_size_)),
       known_(static_cast<std::size_t>(samples.rows()), nullptr),
       used_(known_.size(), 0),
       point_(static_cast<std::size_t>(samples.cols())),
@@ -88,20 +91,15 @@ const T* SmallProblem<T>::Row(std::size_t i) {
   return row;
 }
 
-// Computes G = K alpha from scratch, which removes the rounding of earlier rounds.
+// Computes the support and G = K alpha from scratch, which removes the rounding of earlier rounds.
 template <typename T>
 void SmallProblem<T>::UpdateGradient() {
-  std::vector<std::size_t> support(alpha_.size());
-  std::size_t count = 0;
-  for (std::size_t i = 0; i < alpha_.size(); ++i) {
-    support[count] = i;
-    count += alpha_[i] > 0.0 ? 1 : 0;
-  }
-  std::vector<const T*> rows(count);
-  std::vector<double> weights(count);
-  for (std::size_t q = 0; q < count; ++q) {
-    rows[q] = Row(support[q]);
-    weights[q] = alpha_[support[q]];
+  support_ = Support(alpha_);
+  std::vector<const T*> rows(support_.size());
+  std::vector<double> weights(support_.size());
+  for (std::size_t q = 0; q < support_.size(); ++q) {
+    rows[q] = Row(support_[q]);
+    weights[q] = alpha_[support_[q]];
   }
   smo_.combine(rows.data(), weights.data(), rows.size(), row_size_, gradient_.data());
 }
@@ -122,6 +120,8 @@ void SmallProblem<T>::StartEqual() {
   const std::size_t count = known_.size();
   alpha_.assign(count, options_.nu);
   if (distances_ != nullptr) return UpdateGradient();
+  support_.resize(count);
+  std::iota(support_.begin(), support_.end(), std::size_t{0});
   std::vector<T> sums(count);
   AllGaussianRows(*terms_, point_.data(), rows_, sums.data());
   for (std::size_t i = 0; i < count; ++i) {
@@ -151,6 +151,8 @@ void SmallProblem<T>::StartAtBound() {
   UpdateGradient();
   if (!few || Objective(alpha_, gradient()) <= Objective(equal, equal_gradient)) return;
   alpha_ = equal;
+  support_ = order;
+  std::sort(support_.begin(), support_.end());
   gradient_ = equal_gradient;
 }
 
@@ -176,26 +178,35 @@ void SmallProblem<T>::Run(std::span<const double> start) {
     UpdateGradient();
   }
   constexpr T kNever = SmoProblem<T>::kNever;
-  AlignedVector<T> gradient(row_size_, T{0});
-  AlignedVector<T> may_rise(row_size_, kNever);
-  AlignedVector<T> may_fall(row_size_, -kNever);
-  for (std::size_t i = 0; i < alpha_.size(); ++i) {
-    if (alpha_[i] < 1.0) may_rise[i] = T{0};
-    if (alpha_[i] > 0.0) may_fall[i] = T{0};
+  T* gradient = rows_ + row_size_ * row_size_;
+  T* may_rise = gradient + row_size_;
+  T* may_fall = may_rise + row_size_;
+  const std::size_t count = alpha_.size();
+  for (std::size_t i = 0; i < count; ++i) {
+    may_rise[i] = alpha_[i] < 1.0 ? T{0} : kNever;
+    may_fall[i] = alpha_[i] > 0.0 ? T{0} : -kNever;
   }
+  std::fill(gradient + count, may_rise, T{0});
+  std::fill(may_rise + count, may_fall, kNever);
+  std::fill(may_fall + count, may_fall + row_size_, -kNever);
+  std::vector<unsigned char> inverse_known(count, 0);
   const auto compute = [](void* problem, std::size_t i, std::size_t) {
     return static_cast<SmallProblem*>(problem)->Row(i);
   };
-  const SmoProblem<T> problem{row_size_,       {known_.data(), used_.data(), compute, this},
-                              alpha_.data(),   gradient.data(),
-                              may_rise.data(), may_fall.data()};
+  const SmoProblem<T> problem{row_size_,
+                              {known_.data(), used_.data(), compute, this},
+                              alpha_.data(),
+                              gradient,
+                              may_rise,
+                              may_fall,
+                              invert_ ? may_fall + row_size_ : nullptr,
+                              inverse_known.data()};
   Rounds rounds(options_, alpha_.size(), summary_);
   while (true) {
-    const KktBounds bounds(alpha_, this->gradient());
+    const KktBounds bounds(alpha_, this->gradient(), support_);
     if (!rounds.Next(bounds.gap(), 0.5 * bounds.weighted_sum)) return;
-    for (std::size_t i = 0; i < alpha_.size(); ++i) {
-      gradient[i] = static_cast<T>(gradient_[i] - bounds.rho());
-    }
+    const double rho = bounds.rho();
+    for (std::size_t i = 0; i < count; ++i) gradient[i] = static_cast<T>(gradient_[i] - rho);
     // Leaves a tenth of the tolerance for the rounding of T.
     const double target = 0.9 * options_.tolerance;
     rounds.Take(std::numeric_limits<std::int64_t>::max(),

@@ -69,6 +69,10 @@ class Scratch {
     }
     return room.data();
   }
+  /// Size of the memory that Room() has returned.
+  [[nodiscard]] std::size_t bytes() const noexcept {
+    return std::get<0>(room_).size() * sizeof(float) + std::get<1>(room_).size() * sizeof(double);
+  }
 
  private:
   SharedDistances* distances_;
@@ -103,6 +107,10 @@ class SmallProblem {
   }
 
  private:
+  // Inverse curvatures of all rows are stored if they stay in L2 and the memory limit has room.
+  static constexpr std::size_t kMostInverseBytes = std::size_t{1} << 18;
+  static constexpr double kLeastInverseMib = 2.0;
+
   const T* Row(std::size_t i);
   void UpdateGradient();
   [[nodiscard]] bool FewNeighbors() const;
@@ -116,11 +124,13 @@ class SmallProblem {
   std::optional<GaussianTerms<T>> terms_;  // without distances
   SmoFunctions<T> smo_;
   std::size_t row_size_;
+  bool invert_;
   T* rows_;
   std::vector<const T*> known_;
   std::vector<unsigned char> used_;
   std::vector<T> point_;
   std::vector<double> alpha_;
+  std::vector<std::size_t> support_;  // indices of alpha_ > 0, ascending
   AlignedVector<double> gradient_;
   std::int64_t evaluations_ = 0;
 };

@@ -5,11 +5,25 @@
 #include <cstdint>
 #include <limits>
 #include <span>
+#include <vector>
 
 #include "dfr/kernel/one_class_svm.h"
 #include "smo/smo_loop.h"
 
 namespace dfr::kernel::internal {
+
+/// Returns the indices of alpha > 0, ascending.
+[[nodiscard]] inline std::vector<std::size_t> Support(std::span<const double> alpha) {
+  // Without branches, which would be unpredictable here.
+  std::vector<std::size_t> support(alpha.size());
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < alpha.size(); ++i) {
+    support[count] = i;
+    count += alpha[i] > 0.0 ? 1 : 0;
+  }
+  support.resize(count);
+  return support;
+}
 
 /// Largest and smallest G of samples that may still move; gives the KKT gap and rho.
 struct KktBounds {
@@ -21,25 +35,23 @@ struct KktBounds {
   double weighted_sum = 0.0;
 
   KktBounds() = default;
-  KktBounds(std::span<const double> alpha, std::span<const double> gradient) {
-    // In registers and without branches, which would be unpredictable here.
-    constexpr double kNever = std::numeric_limits<double>::infinity();
-    KktBounds bounds;
-    for (std::size_t i = 0; i < alpha.size(); ++i) {
+  KktBounds(std::span<const double> alpha, std::span<const double> gradient)
+      : KktBounds(alpha, gradient, Support(alpha)) {}
+  /// The same, with the indices of alpha > 0, ascending.
+  KktBounds(std::span<const double> alpha, std::span<const double> gradient,
+            std::span<const std::size_t> support) {
+    const Extremes extremes = FindExtremes(alpha.data(), gradient.data(), alpha.size());
+    largest = extremes.largest;
+    smallest = extremes.smallest;
+    weighted_sum = extremes.finite;
+    for (const std::size_t i : support) {
+      const double a = alpha[i];
       const double g = gradient[i];
-      const bool falls = alpha[i] > 0.0;
-      const bool rises = alpha[i] < 1.0;
-      const double down = falls ? g : -kNever;
-      const double up = rises ? g : kNever;
-      bounds.largest = down > bounds.largest ? down : bounds.largest;
-      bounds.smallest = up < bounds.smallest ? up : bounds.smallest;
-      const bool is_free = falls && rises;
-      bounds.free_sum += is_free ? g : 0.0;
-      bounds.free += is_free ? 1 : 0;
-      bounds.alpha_sum += alpha[i];
-      bounds.weighted_sum += alpha[i] * g;
+      free_sum += a < 1.0 ? g : 0.0;
+      free += a < 1.0 ? 1 : 0;
+      alpha_sum += a;
+      weighted_sum += a * g;
     }
-    *this = bounds;
   }
   /// With nu = 1, no alpha is below 1, and there is no gap.
   [[nodiscard]] double gap() const {

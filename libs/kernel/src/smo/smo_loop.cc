@@ -1,6 +1,7 @@
 #include "smo/smo_loop.h"
 
 #include <algorithm>
+#include <limits>
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "smo/smo_loop.cc"
@@ -28,6 +29,54 @@ HWY_INLINE V RoughReciprocal(D d, V v) {
 // 1 - K_ij for equal points.
 template <typename T>
 constexpr T kLeastCurvature = sizeof(T) == 4 ? T(1.2e-7) : T(1e-12);
+
+// Applies `op` to all lanes; every lane of the result holds the outcome.
+template <class D, class V, class Op>
+HWY_INLINE V Reduce([[maybe_unused]] D d, V v, [[maybe_unused]] Op&& op) {
+#if HWY_TARGET != HWY_SCALAR
+  constexpr std::size_t kSize = sizeof(hn::TFromD<D>);
+  if constexpr (hn::MaxLanes(D()) * kSize >= 64) v = op(v, hn::ReverseBlocks(d, v));
+  if constexpr (hn::MaxLanes(D()) * kSize >= 32) v = op(v, hn::SwapAdjacentBlocks(v));
+  if constexpr (kSize == 4) {
+    v = op(v, hn::Shuffle1032(v));
+    v = op(v, hn::Shuffle2301(v));
+  } else {
+    v = op(v, hn::Shuffle01(v));
+  }
+#endif
+  return v;
+}
+
+// The smallest lane in every lane. In float, it compares integers of the same order, because these
+// comparisons have a quarter of the latency.
+template <typename T>
+HWY_INLINE hn::Vec<Tag<T>> LeastOfLanes(hn::Vec<Tag<T>> v) {
+  constexpr Tag<T> d;
+  const auto least = [](auto a, auto b) HWY_ATTR { return hn::Min(a, b); };
+  if constexpr (sizeof(T) == 4) {
+    constexpr Bits<T> di;
+    // Is its own inverse.
+    const auto order = [](auto bits) HWY_ATTR {
+      return hn::Xor(bits, hn::And(hn::ShiftRight<31>(bits), hn::Set(Bits<T>(), 0x7fffffff)));
+    };
+    return hn::BitCast(d, order(Reduce(di, order(hn::BitCast(di, v)), least)));
+  } else {
+    return Reduce(d, v, least);
+  }
+}
+
+// The largest lane of a vector without negative lanes, in every lane.
+template <typename T>
+HWY_INLINE hn::Vec<Tag<T>> MostOfPositiveLanes(hn::Vec<Tag<T>> v) {
+  constexpr Tag<T> d;
+  const auto most = [](auto a, auto b) HWY_ATTR { return hn::Max(a, b); };
+  if constexpr (sizeof(T) == 4) {
+    constexpr Bits<T> di;
+    return hn::BitCast(d, Reduce(di, hn::BitCast(di, v), most));
+  } else {
+    return Reduce(d, v, most);
+  }
+}
 
 // Finds the extreme of many vectors and its index with one reduction: the low bits of each value
 // carry the number of its vector. This rounds values by up to 2^-10 (float, 10^5 samples), which
@@ -92,20 +141,27 @@ HWY_INLINE Choice<T> Update(const SmoProblem<T>& p, Numbered<T> numbered, const 
     largest = hn::Max(largest, hn::Add(g, hn::Load(d, p.may_fall + k)));
     number = hn::Add(number, one);
   }
-  const auto least = hn::MinOfLanes(d, smallest);
+  const auto least = LeastOfLanes<T>(smallest);
   return {numbered.Index(smallest, least), least, hn::MaxOfLanes(d, largest)};
 }
 
-// Returns the partner j of i that decreases the objective most (second order): the largest (G_j -
-// G_i)^2 / (1 - K_ij) among alpha_j > 0.
+// 1 / (1 - K), roughly. K rounds to 1 or above for nearly equal points. The bound prevents a
+// division by zero: infinity with a number in its low bits is a NaN.
 template <typename T>
-HWY_INLINE std::size_t ChooseSecond(const SmoProblem<T>& p, Numbered<T> numbered, const T* row_i,
+HWY_INLINE hn::Vec<Tag<T>> InverseCurvature(hn::Vec<Tag<T>> row) {
+  constexpr Tag<T> d;
+  const auto curvature = hn::Sub(hn::Set(d, T(1)), row);
+  return RoughReciprocal(d, hn::Max(curvature, hn::Set(d, kLeastCurvature<T>)));
+}
+
+// Returns the partner j of i that decreases the objective most (second order): the largest (G_j -
+// G_i)^2 / (1 - K_ij) among alpha_j > 0. `row` holds K_ij or, if kInverse, InverseCurvature().
+template <bool kInverse, typename T>
+HWY_INLINE std::size_t ChooseSecond(const SmoProblem<T>& p, Numbered<T> numbered, const T* row,
                                     hn::Vec<Tag<T>> g_i) {
   constexpr Tag<T> d;
   constexpr Bits<T> di;
   const auto zero = hn::Zero(d);
-  const auto unit = hn::Set(d, T(1));
-  const auto least = hn::Set(d, kLeastCurvature<T>);
   const auto one = hn::Set(di, 1);
   auto best = zero;
   auto number = hn::Zero(di);
@@ -113,14 +169,30 @@ HWY_INLINE std::size_t ChooseSecond(const SmoProblem<T>& p, Numbered<T> numbered
   for (std::size_t k = 0; k < p.count; k += hn::MaxLanes(d)) {
     const auto fall = hn::Add(hn::Load(d, p.gradient + k), hn::Load(d, p.may_fall + k));
     const auto slope = hn::Max(hn::Sub(fall, g_i), zero);
-    // K rounds to 1 or above for nearly equal points. The bound prevents a division by zero:
-    // infinity with a number in its low bits is a NaN.
-    const auto curvature = hn::Max(hn::Sub(unit, hn::Load(d, row_i + k)), least);
-    const auto decrease = hn::Mul(hn::Mul(slope, slope), RoughReciprocal(d, curvature));
+    auto inverse = hn::Load(d, row + k);
+    if constexpr (!kInverse) inverse = InverseCurvature<T>(inverse);
+    const auto decrease = hn::Mul(hn::Mul(slope, slope), inverse);
     best = hn::Max(best, numbered.Mark(decrease, number));
     number = hn::Add(number, one);
   }
-  return numbered.Index(best, hn::MaxOfLanes(d, best));
+  return numbered.Index(best, MostOfPositiveLanes<T>(best));
+}
+
+// ChooseSecond() with the inverse curvatures of row i, which the first use computes.
+template <typename T>
+HWY_INLINE std::size_t ChoosePartner(const SmoProblem<T>& p, Numbered<T> numbered, std::size_t i,
+                                     const T* row_i, hn::Vec<Tag<T>> g_i) {
+  if (p.inverse == nullptr) return ChooseSecond<false>(p, numbered, row_i, g_i);
+  constexpr Tag<T> d;
+  T* HWY_RESTRICT inverse = p.inverse + i * p.count;
+  if (HWY_UNLIKELY(p.inverse_known[i] == 0)) {
+    HWY_UNROLL(4)
+    for (std::size_t k = 0; k < p.count; k += hn::MaxLanes(d)) {
+      hn::Store(InverseCurvature<T>(hn::Load(d, row_i + k)), d, inverse + k);
+    }
+    p.inverse_known[i] = 1;
+  }
+  return ChooseSecond<true>(p, numbered, inverse, g_i);
 }
 
 // Moves alpha from j to i and returns the amount, rounded to T for the update of G.
@@ -164,7 +236,7 @@ SmoSteps Loop(const SmoProblem<T>& problem, double target, std::int64_t most) {
     if (g_i >= kNever || largest - g_i < static_cast<T>(target)) return {steps, false};
     if (steps == most) return {steps, true};
     row_i = Row(p.rows, i, i);
-    const std::size_t j = ChooseSecond(p, numbered, row_i, choice.smallest);
+    const std::size_t j = ChoosePartner(p, numbered, i, row_i, choice.smallest);
     const T g_j = p.gradient[j] + p.may_fall[j];
     if (!(g_j > g_i)) return {steps, false};
     row_j = Row(p.rows, j, i);
@@ -388,6 +460,36 @@ void Combine(const T* const* HWY_RESTRICT rows, const double* HWY_RESTRICT weigh
   for (; k < size; k += kLine) CombineAt<kLineVectors>(rows, weights, rows_count, k, totals);
 }
 
+void FindExtremesOf(const double* HWY_RESTRICT alpha, const double* HWY_RESTRICT gradient,
+                    std::size_t count, Extremes* HWY_RESTRICT extremes) {
+  constexpr double kNone = std::numeric_limits<double>::infinity();
+  // Of one vector, with the tag `d`.
+  const auto find = [&](auto d, std::size_t first, std::size_t last) HWY_ATTR {
+    const auto zero = hn::Zero(d);
+    const auto one = hn::Set(d, 1.0);
+    const auto none = hn::Set(d, kNone);
+    auto largest = hn::Neg(none);
+    auto smallest = none;
+    auto finite = zero;
+    for (std::size_t i = first; i < last; i += hn::MaxLanes(d)) {
+      const auto a = hn::LoadU(d, alpha + i);
+      const auto g = hn::LoadU(d, gradient + i);
+      const auto down = hn::IfThenElse(hn::Gt(a, zero), g, hn::Neg(none));
+      const auto up = hn::IfThenElse(hn::Lt(a, one), g, none);
+      largest = hn::IfThenElse(hn::Gt(down, largest), down, largest);
+      smallest = hn::IfThenElse(hn::Lt(up, smallest), up, smallest);
+      finite = hn::MulAdd(zero, g, finite);
+    }
+    extremes->largest = std::max(extremes->largest, hn::GetLane(hn::MaxOfLanes(d, largest)));
+    extremes->smallest = std::min(extremes->smallest, hn::GetLane(hn::MinOfLanes(d, smallest)));
+    extremes->finite += hn::GetLane(hn::SumOfLanes(d, finite));
+  };
+  *extremes = {-kNone, kNone, 0.0};
+  const std::size_t whole = count / hn::MaxLanes(Tag<double>()) * hn::MaxLanes(Tag<double>());
+  find(Tag<double>(), 0, whole);
+  find(hn::CappedTag<double, 1>(), whole, count);
+}
+
 template <typename T>
 SmoFunctions<T> Functions() {
   return {.loop = &Loop<T>,
@@ -406,6 +508,13 @@ namespace dfr::kernel::internal {
 
 HWY_EXPORT(DoubleSmo);
 HWY_EXPORT(FloatSmo);
+HWY_EXPORT(FindExtremesOf);
+
+Extremes FindExtremes(const double* alpha, const double* gradient, std::size_t count) noexcept {
+  Extremes extremes;
+  HWY_DYNAMIC_DISPATCH(FindExtremesOf)(alpha, gradient, count, &extremes);
+  return extremes;
+}
 
 template <>
 SmoFunctions<double> BestSmoFunctions() {

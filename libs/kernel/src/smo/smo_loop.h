@@ -29,6 +29,9 @@ struct SmoProblem {
   T* gradient = nullptr;    ///< Relative to a constant common to all samples.
   T* may_rise = nullptr;    ///< 0 if alpha < 1; otherwise, and in the padding, kNever.
   T* may_fall = nullptr;    ///< 0 if alpha > 0; otherwise, and in the padding, -kNever.
+  /// Memory for 1 / (1 - K) of all rows, which the loop fills in, or null.
+  T* inverse = nullptr;
+  unsigned char* inverse_known = nullptr;  ///< Per row, initially 0.
 };
 
 /// Number of samples whose kernel values a sparse row keeps or drops together: neighbours, in whole
@@ -63,6 +66,15 @@ struct SparseSmoProblem {
   T* smallest = nullptr;
   T* largest = nullptr;
 };
+
+/// Extremes of G of samples that may still move; infinite if there are none. NaN is not an extreme.
+struct Extremes {
+  double largest = 0.0;   ///< over alpha > 0
+  double smallest = 0.0;  ///< over alpha < 1
+  double finite = 0.0;    ///< Zero; NaN if a G is not finite.
+};
+[[nodiscard]] Extremes FindExtremes(const double* alpha, const double* gradient,
+                                    std::size_t count) noexcept;
 
 struct SmoSteps {
   std::int64_t taken = 0;

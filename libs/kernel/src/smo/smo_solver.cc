@@ -215,17 +215,20 @@ std::vector<std::size_t> RhoSamples(std::span<const double> alpha,
                                     std::span<const double> gradient) {
   std::vector<std::size_t> free(alpha.size());
   std::size_t count = 0;
-  std::size_t low = alpha.size();
-  std::size_t high = alpha.size();
   for (std::size_t i = 0; i < alpha.size(); ++i) {
     free[count] = i;
     count += alpha[i] > 0.0 && alpha[i] < 1.0 ? 1 : 0;
+  }
+  free.resize(count);
+  if (count > 0) return free;
+  std::size_t low = alpha.size();
+  std::size_t high = alpha.size();
+  for (std::size_t i = 0; i < alpha.size(); ++i) {
     if (alpha[i] >= 1.0 && (low == alpha.size() || gradient[i] > gradient[low])) low = i;
     if (alpha[i] <= 0.0 && (high == alpha.size() || gradient[i] < gradient[high])) high = i;
   }
-  free.resize(count);
-  if (free.empty() && low != alpha.size()) free.push_back(low);
-  if (free.empty() || (free[0] == low && high != alpha.size())) free.push_back(high);
+  if (low != alpha.size()) free.push_back(low);
+  if (high != alpha.size()) free.push_back(high);
   return free;
 }
 
@@ -238,6 +241,7 @@ DualSolution Solution(const T& solver) {
   solution.rho /= static_cast<double>(chosen.size());
   constexpr std::size_t kEnough = 8;
   const std::size_t count = std::min(kEnough, chosen.size());
+  solution.rho_samples.reserve(count);
   for (std::size_t k = 0; k < count; ++k) {
     const std::size_t i = chosen[k * chosen.size() / count];
     solution.rho_samples.push_back({static_cast<Eigen::Index>(i), gradient[i]});

@@ -81,7 +81,7 @@ double TrueGap(const core::Matrix& samples, const Extent& extent, const OneClass
   constexpr double kMost = 8.0;
   const double reach = 2.1 * scale * std::sqrt(static_cast<double>(dim)) * extent.largest;
   const double error_share = RelativeError<T>(reach, kMost, static_cast<double>(dim));
-  const KktBounds found(alpha, gradient);
+  const Extremes found = FindExtremes(alpha.data(), gradient.data(), alpha.size());
   const double least_largest = (1.0 - error_share) * found.largest - neglected;
   const double most_smallest = (1.0 + error_share) * found.smallest + neglected;
   std::vector<std::size_t> chosen(alpha.size());

@@ -261,12 +261,20 @@ OneClassSvm::OneClassSvm(std::shared_ptr<const Data> data) noexcept : data_(std:
 
 OneClassSvm OneClassSvm::Fit(const Eigen::Ref<const core::Matrix>& samples,
                              const OneClassSvmOptions& options, FitSummary* summary) {
-  internal::Scratch scratch;
-  if (samples.outerStride() != samples.cols()) {
-    return internal::FitSharing(samples, options, scratch, summary);
+  // Small fits of one thread share memory. A fit that `progress` starts within another has its own.
+  constexpr std::size_t kMostKept = std::size_t{1} << 19;
+  thread_local internal::Scratch kept;
+  internal::Scratch scratch = std::exchange(kept, internal::Scratch());
+  // std::copy_n() moves more bytes at a time than Eigen.
+  core::Matrix copy(samples.rows(), samples.cols());
+  if (samples.outerStride() == samples.cols()) {
+    std::copy_n(samples.data(), samples.size(), copy.data());
+  } else {
+    copy = samples;
   }
-  const Eigen::Map<const core::Matrix> whole(samples.data(), samples.rows(), samples.cols());
-  return internal::FitSharing(whole, options, scratch, summary);
+  OneClassSvm svm = internal::FitSharing(copy, options, scratch, summary);
+  if (scratch.bytes() <= kMostKept) kept = std::move(scratch);
+  return svm;
 }
 
 OneClassSvm internal::FitSharing(const core::Matrix& samples, const OneClassSvmOptions& options,
