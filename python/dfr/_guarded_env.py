@@ -152,21 +152,31 @@ class GuardedEnv(Wrapper):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode of the environment and of the guard; the guard's seed is the same, or 0 for None."""
+        self.guard.stop()  # if the environment raises
         obs, info = self.env.reset(seed=seed, options=options)
+        self._observe(obs)
         self.guard.reset(0 if seed is None else seed)
-        self._observed = self._state(obs)
         self._t = 0
         return obs, dict(info)
 
+    def _observe(self, obs: Any) -> None:
+        state = self._state(obs)
+        # The caller may change an observation in place.
+        self._observed = state.copy() if isinstance(state, np.ndarray) else state
+
     def step(self, action: ArrayLike) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Apply the filtered `action`."""
+        """Apply the filtered `action`. If the environment raises, the guard halts until `reset`."""
         safe, verdict = self.guard.filter(self._t, self._observed, np.ravel(action))
         self._t += 1
         applied: NDArray[Any] = safe
         space = getattr(self.env, "action_space", None)
         if getattr(space, "dtype", None) is not None:
             applied = safe.astype(space.dtype).reshape(getattr(space, "shape", safe.shape))
-        obs, reward, terminated, truncated, info = self.env.step(applied)
-        self._observed = self._state(obs)
+        try:
+            obs, reward, terminated, truncated, info = self.env.step(applied)
+            self._observe(obs)
+        except BaseException:
+            self.guard.stop()
+            raise
         halted = verdict["mode"] == "halt"
         return obs, reward, terminated, truncated or halted, {**info, "guard": verdict, "action": safe}

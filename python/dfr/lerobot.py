@@ -133,7 +133,7 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
         self._chunk = 0
         self._alarm = self._halted = False
         self._pose: NDArray[np.float64] | None = None
-        self._observed: Mapping[str, Any] | None = None
+        self._observed: NDArray[np.float64] | None = None
         self.info: GuardInfo | None = None
 
     def reset(self) -> None:
@@ -146,8 +146,8 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
         self._chunk = 0
 
     def observe(self, observation: Mapping[str, Any]) -> None:
-        """Store the robot's present observation for the next action, whose transition has none."""
-        self._observed = observation
+        """Store the robot's present state for the next action, whose transition has no observation."""
+        self._observed = self._state(observation)
 
     def _state(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
         numbers = [float(_item(value)) for value in observation.values() if _is_number(value)]
@@ -190,14 +190,15 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
 
     def _decide(self, wish: NDArray[np.float64], observation: Mapping[str, Any] | None) -> NDArray[np.float64]:
         """Return the action to apply instead of `wish`."""
-        if observation is None:
-            observation, self._observed = self._observed, None
-        if observation is None:
+        if observation is not None:
+            state = self._state(observation)
+        elif self._observed is not None:
+            state, self._observed = self._observed, None
+        else:
             raise ValueError(
                 "the transition has no observation, as in a policy's post-processor: call observe(observation) of "
                 "this step before each action, or put the step into the robot_action_processor"
             )
-        state = self._state(observation)
         present = self._present(state)
         if wish.shape == present.shape:
             wish = wish - present

@@ -133,6 +133,51 @@ class GuardedEnvTest(unittest.TestCase):
         done = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True)
         self.assertEqual(done.returncode, 0, done.stderr)
 
+    def test_an_environment_that_raises_is_stopped_until_reset(self):
+        class Failing(Corridor):
+            fails = ""
+
+            def reset(self, **options):
+                return super().reset(**options) if self.fails != "reset" else 1 / 0
+
+            def step(self, action):
+                result = super().step(action)
+                return result if self.fails != "step" else 1 / 0
+
+            def _observe(self):
+                return super()._observe() if self.fails != "observe" else 1 / 0
+
+        inside = action_for(0.05, 0.0)
+        for fails in ("reset", "step", "observe"):
+            with self.subTest(fails):
+                plant = Failing()
+                env = dfr.GuardedEnv(plant, self.guard)
+                env.reset(seed=1)
+                self.assertEqual(env.step(inside)[4]["guard"]["mode"], "policy")
+                plant.fails = fails
+                with self.assertRaises(ZeroDivisionError):
+                    env.reset() if fails == "reset" else env.step(inside)
+                plant.fails = ""
+                # The state after the call is unknown.
+                *_, truncated, info = env.step(inside)
+                self.assertEqual((truncated, info["guard"]["reason"]), (True, "stop-requested"))
+                np.testing.assert_array_equal(info["action"], [0.0, 0.0])
+                env.reset(seed=1)
+                self.assertEqual(env.step(inside)[4]["guard"]["mode"], "policy")
+
+    def test_an_observation_may_be_changed_in_place(self):
+        def levels(change, **options):
+            env = dfr.GuardedEnv(Corridor(), self.guard, **options)
+            obs, _ = env.reset(seed=1)
+            for _ in range(5):
+                if change:
+                    obs *= 0.0
+                obs, *_, info = env.step(action_for(0.05, 0.0))
+                yield info["guard"]["g"]
+
+        for options in ({}, {"state": lambda obs: obs[:]}):
+            self.assertEqual(list(levels(True, **options)), list(levels(False, **options)))
+
     def test_vectors_and_other_objects_are_refused(self):
         for count in (0, 1, 2):
             vector = Corridor()

@@ -267,7 +267,10 @@ class DictionariesTest(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, r"no observation, .*: call observe\(observation\)"):
             step(transition)
         safe, info = self.filtered([0.02, 0.0], DRIFT)
-        step.observe(self.observation(0.02, 0.0))
+        observation = {name: np.array(value) for name, value in self.observation(0.02, 0.0).items()}
+        step.observe(observation)
+        for value in observation.values():
+            value += 1.0  # as a robot does that reuses its memory
         after = step(transition)
         np.testing.assert_array_equal(after["action"].cpu().numpy()[0], safe)
         self.assertEqual(after["info"]["guard"], info)
