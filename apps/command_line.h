@@ -12,6 +12,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "dfr/core/build_info.h"
@@ -90,9 +91,10 @@ inline void AddVersion(CLI::App& app) {
                        std::string(core::BuildVersion()) + " (" + core::BuildCommit() + ")");
 }
 
-/// Parses the arguments, with core::CheckNumbers() and core::CheckOutputs(). Returns the
-/// exit code if the program is done: EXIT_SUCCESS after --help and --version, 2 after a usage
-/// error, which is printed in one line, with the closest name of an unknown command or option.
+/// Parses the arguments, with core::CheckNumbers(), core::CheckOutputs() and
+/// core::DescribeEmptyEntry(). Returns the exit code if the program is done: EXIT_SUCCESS after
+/// --help and --version, 2 after a usage error, which is printed in one line, with the closest name
+/// of an unknown command or option.
 inline std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
   const std::vector<std::string> arguments(argv + 1, argv + argc);
   app.failure_message([&arguments](const CLI::App* program, const CLI::Error& e) {
@@ -103,6 +105,9 @@ inline std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv
   core::CheckNumbers(app);
   core::CheckOutputs(app);
   try {
+    if (std::string empty = core::DescribeEmptyEntry(app, arguments); !empty.empty()) {
+      throw CLI::ValidationError(std::move(empty));
+    }
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
     return app.exit(e) == EXIT_SUCCESS ? EXIT_SUCCESS : 2;

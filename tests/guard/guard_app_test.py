@@ -147,6 +147,13 @@ class GuardAppTest(GuardProgramTest):
             self.assertTrue(value in out or "horizon" in out, out)
             self.assertFalse((self.folder / "none.guard").exists())
 
+    def test_a_list_with_an_empty_entry_is_refused(self):
+        for limits in ("1,,2", "1,2,", ",1", ","):
+            for given in (["--action-limit", limits], [f"--action-limit={limits}"]):
+                out = self.run_guard("fit", "demos.hdf5", *given, "-o", "none.guard", fails=True)
+                self.assertIn(f"--action-limit: '{limits}' has an empty entry", out)
+                self.assertFalse((self.folder / "none.guard").exists())
+
     def test_exports(self):
         self.fit("e.guard")
         self.run_guard("export", "e.guard", "--onnx", "e.onnx", "--libsvm", "models")

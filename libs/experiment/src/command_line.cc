@@ -427,6 +427,9 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
     // These transforms run before those of KeepGivenValues(): run.toml has no leading zeros.
     core::CheckNumbers(app);
     core::CheckOutputs(app);
+    if (std::string empty = core::DescribeEmptyEntry(app, arguments); !empty.empty()) {
+      throw CLI::ValidationError(std::move(empty));
+    }
     ParseArguments(app, arguments);
     if (added.merge->parsed()) {
       ParseArguments(app, Merge(added.folders, added.out));

@@ -1,11 +1,14 @@
 #pragma once
 
 #include <concepts>
+#include <cstddef>
 #include <cstdint>
 #include <exception>
 #include <filesystem>
 #include <initializer_list>
+#include <span>
 #include <string>
+#include <string_view>
 #include <system_error>
 #include <vector>
 
@@ -42,6 +45,44 @@ void CheckNumbers(App& app) {
     }
   }
   for (App* command : app.get_subcommands([](App*) { return true; })) CheckNumbers(*command);
+}
+
+/// Describes the first list in `arguments` with an empty entry, such as "1,,2"; "" if there is
+/// none. CLI11 skips such entries: a forgotten one would shift the others. `App` has the interface
+/// of CLI::App (CLI11).
+template <typename App>
+std::string DescribeEmptyEntry(const App& program, std::span<const std::string> arguments) {
+  const auto is_list = [](const auto* option) {
+    return option != nullptr && option->get_delimiter() != '\0';
+  };
+  const App* command = &program;
+  std::string list;  // The option to which the next arguments belong.
+  for (const std::string& argument : arguments) {
+    if (argument == "--") break;
+    std::string_view value = argument;
+    if (argument.starts_with("--")) {
+      const std::size_t equal = argument.find('=');
+      const std::string name = argument.substr(0, equal);
+      list = is_list(command->get_option_no_throw(name)) ? name : "";
+      if (equal == std::string::npos) continue;
+      value.remove_prefix(equal + 1);
+    } else if (argument.starts_with('-') && !ParseNumber(argument.substr(0, argument.find(',')))) {
+      list.clear();  // A short option.
+    } else {
+      for (const App* other : command->get_subcommands([](const App*) { return true; })) {
+        if (other->get_name() != argument) continue;
+        command = other;
+        list.clear();
+        break;
+      }
+    }
+    const bool empty = value.starts_with(',') || value.ends_with(',') ||
+                       value.find(",,") != std::string_view::npos;
+    if (!list.empty() && empty) {
+      return list + ": '" + std::string(value) + "' has an empty entry";
+    }
+  }
+  return "";
 }
 
 /// Calls of one command of a program, for AddExamples().
