@@ -228,12 +228,16 @@ class GuardAppTest(GuardProgramTest):
     def test_outputs_are_checked_before_the_work(self):
         (self.folder / "taken").mkdir()
         (self.folder / "text").write_text("kept")
+        (self.folder / "circle").symlink_to("circle")
+        (self.folder / "astray").symlink_to("none/x")
         # No input exists: a message about the output proves that the output is checked first.
         for command, kinds in (("fit none -o", "file"), ("report none none -o", "file"), ("check none --repair", "file"),
                                ("export none --onnx", "file"), ("export none --libsvm", "folder"),
                                ("convert none", "folder")):
             for path, says in {"file": (("none/x", "there is no folder none; create it"), ("/proc/x", "nothing can be created in /proc; name"),
-                                        ("taken", "is a folder; name a file in it"), ("text/x", "text is not a folder")),
+                                        ("taken", "is a folder; name a file in it"), ("text/x", "text is not a folder"),
+                                        ("circle", "Too many levels of symbolic links; name another"),
+                                        ("astray", "cannot be created: No such file or directory; name another")),
                                "folder": (("text", "text is not a folder; name another"), ("text/x", "text is not a folder"),
                                           ("/proc/x", "nothing can be created in /proc; name"))}[kinds]:
                 with self.subTest(command=command, path=path):

@@ -43,7 +43,9 @@ std::string UnwritableFile(const std::filesystem::path& path, bool makes_folders
     return path.string() + ": there is no folder " + folder.string() +
            "; create it or name another file";
   }
-  if (!std::filesystem::exists(status)) return Unwritable(path, folder);
+  // A link may lead in circles, or to a file in a missing folder.
+  const bool link = std::filesystem::is_symlink(path, error);
+  if (!std::filesystem::exists(status) && !link) return Unwritable(path, folder);
   try {
     const AtomicFile probe(path);
   } catch (const std::runtime_error& e) {
