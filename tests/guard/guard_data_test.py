@@ -6,7 +6,9 @@ usage: guard_data_test.py PROGRAM
 """
 
 import json
+import os
 import pathlib
+import shutil
 import subprocess
 import sys
 import unittest
@@ -296,6 +298,14 @@ class GuardDataTest(GuardProgramTest):
         (self.folder / "shuffled/meta/info.json").unlink()
         (self.folder / "shuffled/meta/info.json").mkdir()
         self.assertIn("shuffled/meta/info.json: is a folder", self.run_guard("check", "shuffled", fails=True))
+        # A pipe would block the reader until somebody writes to it.
+        shutil.copytree(self.folder / "right-v0", self.folder / "piped-v0")
+        for file, dataset in [("piped.hdf5", "piped.hdf5"), ("piped-v0/data/metadata.json", "piped-v0"),
+                              ("piped-v0/data/main_data.hdf5", "piped-v0"),
+                              ("ordered/data/episode_000001.parquet", "ordered"), ("ordered/meta/info.json", "ordered")]:
+            (self.folder / file).unlink(missing_ok=True)
+            os.mkfifo(self.folder / file)
+            self.assertIn(f"{file}: is a pipe or a device, not a file", self.run_guard("check", dataset, fails=True))
 
     def test_a_filter_key_chooses_episodes(self):
         def mask(file):

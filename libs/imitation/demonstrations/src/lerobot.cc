@@ -16,6 +16,7 @@
 #include "dfr/core/text/format.h"
 #include "lerobot_videos.h"
 #include "parquet/parquet_file.h"
+#include "plain_file.h"
 
 namespace dfr::imitation {
 namespace {
@@ -110,9 +111,9 @@ class LeRobotReader final : public DemonstrationReader {
  private:
   [[nodiscard]] json ReadInfo() {
     const std::filesystem::path file = InfoFile(folder_);
+    internal::CheckPlainFile(file);
     std::ifstream in(file);
     if (!in) Fail(file, "cannot be opened");
-    if (std::filesystem::is_directory(file)) Fail(file, "is a folder");
     json info = json::parse(in, nullptr, /*allow_exceptions=*/false);
     if (!info.is_object()) Fail(file, "is not a JSON object");
     const auto version = info.find("codebase_version");

@@ -13,6 +13,7 @@
 #include "dfr/core/files/atomic_file.h"
 #include "episode_io.h"
 #include "hdf5/hdf5_file.h"
+#include "plain_file.h"
 
 namespace dfr::imitation {
 namespace {
@@ -126,11 +127,9 @@ class MinariReader final : public internal::EpisodeReader {
 
   // Reads the environment's name. Files without metadata have none.
   void ReadMetadata(const std::filesystem::path& path) {
+    internal::CheckPlainFile(path);
     std::ifstream in(path);
     if (!in) return;
-    if (std::filesystem::is_directory(path)) {
-      throw std::runtime_error(path.string() + ": is a folder");
-    }
     const json metadata = json::parse(in, nullptr, /*allow_exceptions=*/false);
     if (!metadata.is_object()) throw std::runtime_error(path.string() + ": is not a JSON object");
     const auto text = [&path](const json& object, const char* key, const char* otherwise) {

@@ -7,6 +7,7 @@
 
 #include "parquet/parquet_format.h"
 #include "parquet/parquet_pages.h"
+#include "plain_file.h"
 
 namespace dfr::imitation::internal {
 
@@ -162,7 +163,8 @@ class FooterParser {
 };
 
 ParquetFile::ParquetFile(std::filesystem::path path)
-    : path_(std::move(path)), in_(path_, std::ios::binary | std::ios::ate) {
+    : path_((internal::CheckPlainFile(path), std::move(path))),
+      in_(path_, std::ios::binary | std::ios::ate) {
   if (!in_) Fail("cannot be opened");
   size_ = static_cast<std::int64_t>(in_.tellg());
   ReadFooter();
