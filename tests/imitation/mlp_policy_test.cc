@@ -123,6 +123,18 @@ TEST(MlpPolicyTest, AFileRestoresThePolicyToTheLastBit) {
   }
 }
 
+TEST(MlpPolicyTest, AFileRestoresTheLayoutOfAPolicyThatWasFittedBesidePictures) {
+  const test::TempFolder folder;
+  core::StateLayout layout = ArmAndObject();
+  layout.Add("camera", core::PictureShape{2, 3, 1});
+  const MlpPolicy policy(layout, "object[1:3]", TheWhitening(), Mlp({2, 2}),
+                         Eigen::Vector2d::Ones());
+  policy.Save(folder / "policy.dfr");
+  const MlpPolicy loaded = MlpPolicy::Load(folder / "policy.dfr");
+  EXPECT_EQ(loaded.layout(), policy.layout());
+  EXPECT_EQ(loaded.layout().state_dim(), 11);
+}
+
 TEST(MlpPolicyTest, WrongFilesAreRefusedByName) {
   const test::TempFolder folder;
   using Error = std::runtime_error;

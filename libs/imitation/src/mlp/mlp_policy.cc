@@ -31,6 +31,7 @@ MlpPolicy::MlpPolicy(core::StateLayout layout, std::string_view features, Whiten
       whitening_(std::move(whitening)),
       mlp_(std::move(mlp)),
       control_limit_(std::move(control_limit)) {
+  for (core::StateLayout::Block& block : layout_.blocks) block.picture = {};
   DFR_THROW_UNLESS(whitening_.dim() == selection_.num_features(),
                    "the policy selects " << selection_.num_features() << " features, its whitening "
                                          << "has " << whitening_.dim());

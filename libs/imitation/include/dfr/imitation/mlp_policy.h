@@ -18,8 +18,8 @@ namespace dfr::imitation {
 /// Immutable; concurrent calls are safe.
 class MlpPolicy final : public core::Policy {
  public:
-  /// @param layout  entries of the state. Files store it: a program can reject a plant with other
-  ///   states.
+  /// @param layout  entries of the state, of which the policy keeps names and sizes, not shapes of
+  ///   pictures. Files store it: a program can reject a plant with other states.
   /// @param features  as in core::FeatureSelection; empty for the whole state.
   /// @param whitening  of the features.
   /// @param mlp  from whitened features to controls.
