@@ -1,5 +1,7 @@
 // Line tracking over the network, in lock-step with the simulator, compared with line tracking in
 // one process; the run as a program; the platform of a run, on an emulator's port.
+#include "simulator/lock_step.h"
+
 #include <gtest/gtest.h>
 
 #include <array>
@@ -14,6 +16,7 @@
 #include <utility>
 #include <vector>
 
+#include "dfr/hardware/psm_driver.h"
 #include "dfr/recording/read_recording.h"
 #include "robot/robot_plant.h"
 #include "simulator/simulator_link.h"
@@ -109,6 +112,29 @@ TEST(SimulatorLinkTest, AnUnansweredRequestTimesOut) {
     EXPECT_LE(now_ns - start_ns, 5'000'000'000 + 2 * step_ns);
   }
   EXPECT_GE(periods, 3 + 10);
+}
+
+// A loop that holds asks for rest and pictures as well: each question would wait for its answer.
+TEST(LockStepTest, AfterAQuestionWithoutAnAnswerNothingWaitsUntilItIsToTryAgain) {
+  dds::Participant network({.domain = test::OwnDomain()});
+  hardware::PsmDriver driver(network, {});
+  std::int64_t now_ns = 0;
+  SimulatorLink link(network, 5.0, [&] { return now_ns += 500'000'000; });
+  LockStep clock(link, driver);
+  const std::function<robot::Finding()> ways[] = {[&] { return clock.Wait(0.005); },
+                                                  [&] { return clock.Rest(); },
+                                                  [&] { return clock.Look(); }};
+  for (const auto& first : ways) {
+    clock.Retry();
+    const std::int64_t start_ns = now_ns;
+    EXPECT_FALSE(first().ok());
+    EXPECT_GE(now_ns - start_ns, 5'000'000'000);
+    for (const auto& later : ways) {
+      const std::int64_t before_ns = now_ns;
+      EXPECT_FALSE(later().ok());
+      EXPECT_EQ(now_ns, before_ns) << "it asks";
+    }
+  }
 }
 
 class PlatformTest : public testing::Test {

@@ -10,23 +10,22 @@ using runtime::HoldReason;
 
 std::int64_t LockStep::MachineNs() const noexcept { return runtime::SteadyNow(); }
 
-// Converts an exception of `ask` to a reason to hold.
+// Converts an exception of `ask` to a reason to hold, and asks nothing after one.
 template <typename F>
 robot::Finding LockStep::Try(HoldReason otherwise, const F& ask) noexcept {
+  if (lost_) return {otherwise, "the simulator does not answer"};
   try {
     ask();
     return {};
   } catch (const std::exception& e) {
+    lost_ = true;
     error_ = e.what();
     return {otherwise, error_};
   }
 }
 
 robot::Finding LockStep::Wait(double dt_s) noexcept {
-  if (lost_) return {HoldReason::kArmSilent, "the simulator does not answer"};
-  const robot::Finding found = Try(HoldReason::kArmSilent, [&] { Run(dt_s); });
-  lost_ = !found.ok();
-  return found;
+  return Try(HoldReason::kArmSilent, [&] { Run(dt_s); });
 }
 
 // Advances the simulator's time with the set-points sent by the driver, and sends them again if

@@ -9,8 +9,8 @@
 namespace dfr::apps::line_tracking {
 
 /// Clock of a robot::ControlLoop on dvrk_simulator --lock-step. A simulator that does not answer
-/// causes HoldReason::kArmSilent. After a failed Wait(), later ones send nothing until Retry().
-/// Calls wait for answers, and may allocate.
+/// causes HoldReason::kArmSilent, or kImageSilent in Look(). After a failed call, later ones fail
+/// without a request until Retry(). Calls wait for answers, and may allocate.
 class LockStep final : public robot::Clock {
  public:
   /// Borrows both arguments.
