@@ -100,9 +100,9 @@ void PsmConsole::Control(std::string_view control) {
 }
 
 void PsmConsole::StopMoves() {
-  if (moving_ || jaw_moving_) goals_.push_back(false);
-  moving_ = false;
-  jaw_moving_ = false;
+  if (moving_) goals_.push_back(false);
+  if (jaw_moving_) goals_.push_back(false);
+  moving_ = jaw_moving_ = false;
   goal_ = setpoint_;
   jaw_goal_ = jaw_setpoint_;
 }
