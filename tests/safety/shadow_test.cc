@@ -47,9 +47,10 @@ TEST(ShadowTest, ReportingTheGuardsActionChangesNothing) {
   }
 }
 
-// The estimate of the response would overflow, and a NaN in it could let actions pass.
-TEST(ShadowTest, AnImpossiblyLargeActionHalts) {
-  for (const double size : {1e80, 1e155, 1e200, std::numeric_limits<double>::max()}) {
+// A report in wrong units would outweigh all measurements of the response. A huge one would
+// overflow in its estimate, and a NaN of it could let actions pass.
+TEST(ShadowTest, AnActionThatNothingCanHaveAppliedHalts) {
+  for (const double size : {1.0, 99.7, 1e80, 1e155, 1e200, std::numeric_limits<double>::max()}) {
     Guard guard(Model());
     guard.Reset(1);
     std::vector<double> safe(2);
@@ -60,6 +61,20 @@ TEST(ShadowTest, AnImpossiblyLargeActionHalts) {
     const Verdict verdict = guard.Filter(1, plant.x, kAhead, safe);
     EXPECT_EQ(verdict.mode, control::Mode::kHalt) << size;
     EXPECT_EQ(verdict.cause, HaltCause::kControlInvalid) << size;
+  }
+}
+
+// A policy may exceed the limits, and a robot without limits applies what it says.
+TEST(ShadowTest, GoesOnAfterAnActionBeyondTheLimitsThatARobotCanHaveApplied) {
+  for (const Strategy strategy : {Strategy::kGuard, Strategy::kController, Strategy::kMonitor}) {
+    Guard guard(Model(strategy));
+    const std::vector<double> beyond = Action(2.0 * guard.model().settings().action_limit[0], 0.0);
+    guard.Reset(1);
+    std::vector<double> safe(2);
+    const CorridorPlant plant;
+    static_cast<void>(guard.Filter(0, plant.x, beyond, safe));
+    guard.Applied(beyond);
+    EXPECT_EQ(guard.Filter(1, plant.x, kAhead, safe).cause, HaltCause::kNone);
   }
 }
 

@@ -11,6 +11,7 @@
 #include "dfr/control/guided/guided_controller.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/policy.h"
+#include "dfr/safety/constants.h"
 
 namespace dfr::safety {
 namespace {
@@ -357,6 +358,15 @@ void Guard::Applied(std::span<const double> action) noexcept {
   episode.moved = model_->actions().StepOf(action);
   if (episode.monitors || std::equal(action.begin(), action.end(), episode.given.begin())) return;
   if (episode.guided == nullptr) return episode.controller->Stop(HaltCause::kStepSkipped);
+  // A false report, in wrong units for example, would outweigh all other measurements.
+  for (std::size_t i = 0; i < action.size(); ++i) {
+    const ActionEntry& entry = model_->actions().entries()[i];
+    const double most =
+        std::max(model_->settings().action_limit[i], fit::kMostOvershoot * entry.largest);
+    if (entry.steered && std::abs(action[i]) > most) {
+      return episode.controller->Stop(HaltCause::kControlInvalid);
+    }
+  }
   model_->actions().Measure(action, episode.chosen);
   // The estimate of the response sums products of squares, which must not overflow.
   double square = 0.0;

@@ -133,8 +133,10 @@ class Guard {
   /// it before the next Filter(), at most once. Has no effect on a halted guard.
   ///
   /// The guard halts if it cannot continue after `action`: kControlInvalid for a wrong number of
-  /// entries or a non-finite one; kStepSkipped before the first Filter(), and for an action other
-  /// than Filter()'s under kDfr, kEarlyStopping, kCertified and a recovery of the caller.
+  /// entries, a non-finite one, or one beyond both its limit and five times its largest
+  /// demonstrated value, which only a monitor accepts; kStepSkipped before the first Filter(), and
+  /// for an action other than Filter()'s under kDfr, kEarlyStopping, kCertified and a recovery of
+  /// the caller.
   void Applied(std::span<const double> action) noexcept;
 
   /// Counts the leading actions of a chunk, concatenated in `actions`, that may be played from
