@@ -375,6 +375,13 @@ TEST(GuidedControllerTest, HaltsOnANonFiniteControlOrLevel) {
   EXPECT_EQ(guided.Next(std::vector{0.0, 0.0}, u).cause, HaltCause::kControlInvalid);
   guided.Reset(1);
   EXPECT_EQ(guided.Next(std::vector{1e200, 0.0}, u).cause, HaltCause::kSupportInvalid);
+  // l is finite there, but nothing can correct the policy.
+  const auto wrong = test::ConstantPolicy(2, 1.0);
+  for (const double far : {1e18, 3.4e38, 1e100}) {
+    GuidedController filter(wrong, model, {.least_intervention = true});
+    filter.Reset(1);
+    EXPECT_EQ(filter.Next(std::vector{far, 0.0}, u).cause, HaltCause::kSupportInvalid) << far;
+  }
 }
 
 TEST(GuidedControllerTest, NextNeverAllocates) {

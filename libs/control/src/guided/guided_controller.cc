@@ -79,7 +79,9 @@ Step GuidedController::Look() noexcept {
   Step step{.t = tracker_.phase(), .iteration = tracker_.waited()};
   step.log_g = support.LogDecision(step.t, AsSpan(z_), {});
   step.g = support.FromLog(step.t, step.log_g);
-  if (!std::isfinite(step.log_g)) return Halted(step, HaltCause::kSupportInvalid);
+  if (!std::isfinite(step.log_g) || !task_.response().prior()->Reaches(AsSpan(z_))) {
+    return Halted(step, HaltCause::kSupportInvalid);
+  }
   progress_.time = step.t;
   progress_.waited = tracker_.waited();
   const HaltCause cause = halt_rule_(progress_);

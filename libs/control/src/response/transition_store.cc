@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <stdexcept>
 
 #include "dfr/control/constants.h"
@@ -206,6 +207,10 @@ TransitionStore::Workspace TransitionStore::MakeWorkspace() const {
   workspace.sums.setZero(left, Width());
   workspace.residual.setZero(Width());
   return workspace;
+}
+
+bool TransitionStore::Reaches(std::span<const double> z) const noexcept {
+  return core::AsVector(z).squaredNorm() <= std::numeric_limits<float>::max() / kSpread;
 }
 
 bool TransitionStore::SumControls(int t, std::span<const double> z,

@@ -22,7 +22,7 @@ enum class HaltCause {
   kStateInvalid,    ///< A state of the wrong size or with a non-finite entry.
   kBadQuaternion,   ///< The norm of a quaternion in a state is not 1.
   kControlInvalid,  ///< A policy or a recovery returned a non-finite control.
-  kSupportInvalid,  ///< g is not finite at a finite state.
+  kSupportInvalid,  ///< At a finite state, g is not finite, or the response cannot be estimated.
   kOutsideSupport,  ///< g <= 0: no control is small enough to be safe.
   kEarlyStopping,   ///< 0 < g <= lambda |u|, and the strategy stops there.
   kIterationLimit,  ///< A recovery reached its limit of iterations.

@@ -54,6 +54,10 @@ class TransitionStore {
   [[nodiscard]] int context_dim() const noexcept { return static_cast<int>(contexts_.cols()); }
   [[nodiscard]] const ResponseOptions& options() const noexcept { return options_; }
 
+  /// Returns true if sums at `z` do not overflow in float. Beyond, more than 1e16 ordinary
+  /// differences away, FitAt() would be without demonstrations.
+  [[nodiscard]] bool Reaches(std::span<const double> z) const noexcept;
+
   /// Sums over the transitions near a time step and a state z, with r = [z_i - z; 1; v_i; dz_i] and
   /// weights w that decrease with the distance to z and sum to prior_weight. Create it with
   /// MakeWorkspace().
