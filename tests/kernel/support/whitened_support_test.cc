@@ -371,6 +371,20 @@ TEST(WhitenedSupportTest, ACoarseSupportHasEveryFourthEstimate) {
   EXPECT_THROW(WhitenedSupport::Fit(walks, {.every = 0}), std::invalid_argument);
 }
 
+// The maps of many features take long: a user's Ctrl-C does not wait for those of all time steps.
+TEST(WhitenedSupportTest, AStoppedFitEndsWithItsTimeStep) {
+  const std::vector<core::Matrix> demonstrations = Walks(20);
+  WhitenedSupportOptions options;
+  const int all = WhitenedSupport::Fit(demonstrations, options).num_steps();
+  bool stops = false;
+  int calls = 0;
+  options.svm.progress = [&](const FitProgress&) { return ++calls > 0 && !stops; };
+  EXPECT_EQ(WhitenedSupport::Fit(demonstrations, options).num_steps(), all);
+  EXPECT_GE(calls, all);
+  stops = true;
+  EXPECT_EQ(WhitenedSupport::Fit(demonstrations, options).num_steps(), 1);
+}
+
 TEST(WhitenedSupportTest, BrokenSensorsReadAsOutsideAndNothingAllocates) {
   const auto support = WhitenedSupport::Fit(Walks(30));
   std::vector<double> gradient(2);

@@ -61,7 +61,9 @@ class WhitenedSupport final : public core::LogDecisionFunction {
   /// Maximum number of features: queries are mapped into a buffer on the stack.
   static constexpr int kMaxFeatures = 256;
 
-  /// Fits to one matrix of features per demonstration, rows in order of time.
+  /// Fits to one matrix of features per demonstration, rows in order of time. If svm.progress,
+  /// which is called at least once per time step, returns false, the support ends with that time
+  /// step.
   /// @throws std::invalid_argument if there are fewer than two demonstrations, widths differ, an
   ///   entry is not finite or an option is out of range.
   static WhitenedSupport Fit(std::span<const core::Matrix> demonstrations,
