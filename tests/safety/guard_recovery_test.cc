@@ -36,6 +36,32 @@ class Shove final : public control::RecoveryStrategy {
   std::vector<double> action_;
 };
 
+// One wrong measurement, as of a tracker that loses its mark, must not outweigh the effects of all
+// actions: a policy that reaches the goal alone then left the corridor.
+TEST(GuardRecoveryTest, OneWrongMeasurementIsNotLearned) {
+  for (const Strategy strategy : {Strategy::kGuard, Strategy::kController}) {
+    Guard guard(Model(strategy));
+    for (const double off : {10.0, 1e3, 1e6, 1e12}) {
+      for (int start = -2; start <= 2; ++start) {
+        CorridorPlant plant;
+        plant.x[2] = 0.05 * start;
+        guard.Reset(1);
+        std::vector<double> safe(2);
+        int t = 0;
+        for (; t < 60 && plant.x[1] < 1.8; ++t) {
+          std::vector<double> measured = plant.x;
+          if (t == 3) measured[2] += off;
+          const std::vector<double> action = Action(0.1, -0.3 * plant.x[2]);
+          ASSERT_NE(guard.Filter(t, measured, action, safe).mode, Mode::kHalt) << off << ' ' << t;
+          plant.Apply(safe);
+          ASSERT_LT(std::abs(plant.x[2]), 0.6) << off << ' ' << t;
+        }
+        EXPECT_LT(t, 60) << off;
+      }
+    }
+  }
+}
+
 // Algorithm 1 with the caller's recovery replaces every strategy of the settings.
 TEST(GuardRecoveryTest, ARecoveryOfTheCallerTakesOverAtTheBoundary) {
   for (const Strategy strategy : {Strategy::kGuard, Strategy::kMonitor}) {

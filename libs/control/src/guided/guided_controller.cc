@@ -54,9 +54,13 @@ void GuidedController::See(std::span<const double> x) noexcept {
   task_.features().Apply(x, AsSpan(seen_));
   if (progress_.controls > 0) {
     dz_ = seen_ - last_seen_;
-    observer_.Update(fitted_ == progress_.controls ? &fit_ : nullptr, AsSpan(v_), AsSpan(dz_));
+    // A single wrong measurement, or a robot moved by hand, would outweigh all effects of actions.
+    const TransitionStore& prior = *task_.response().prior();
+    const bool plausible = prior.Surrounds(AsSpan(last_seen_)) && prior.Surrounds(AsSpan(seen_));
+    observer_.Update(plausible && fitted_ == progress_.controls ? &fit_ : nullptr, AsSpan(v_),
+                     AsSpan(dz_));
     // Before the first fit there is no prediction for comparison.
-    if (fitted_ > 0) {
+    if (plausible && fitted_ > 0) {
       estimate_.Update(fit_, AsSpan(last_seen_), observer_.acting(), AsSpan(dz_), fit_.Duration(v_),
                        options_.online_weight);
     }

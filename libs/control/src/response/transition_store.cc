@@ -115,6 +115,17 @@ int TransitionStore::Width() const noexcept {
 void TransitionStore::Finish() {
   points_.setZero(transitions_.rows() + Eigen::Index{internal::kPadding}, feature_dim_);
   points_.topRows(transitions_.rows()) = transitions_.leftCols(feature_dim_);
+  const core::Matrix from = transitions_.leftCols(feature_dim_).cast<double>();
+  const core::Matrix to =
+      from + transitions_.middleCols(feature_dim_ + 1 + control_dim_, feature_dim_).cast<double>();
+  lowest_ = highest_ = Eigen::VectorXd::Zero(feature_dim_);
+  if (from.rows() > 0) {
+    lowest_ = from.colwise().minCoeff().cwiseMin(to.colwise().minCoeff());
+    highest_ = from.colwise().maxCoeff().cwiseMax(to.colwise().maxCoeff());
+  }
+  const double diagonal = (highest_ - lowest_).norm();
+  lowest_.array() -= diagonal;
+  highest_.array() += diagonal;
   for (int t = 0; t + 1 < static_cast<int>(begin_.size()); ++t) {
     const auto [first, last] = Near(t);
     largest_ = std::max(largest_, last - first);
@@ -211,6 +222,11 @@ TransitionStore::Workspace TransitionStore::MakeWorkspace() const {
 
 bool TransitionStore::Reaches(std::span<const double> z) const noexcept {
   return core::AsVector(z).squaredNorm() <= std::numeric_limits<float>::max() / kSpread;
+}
+
+bool TransitionStore::Surrounds(std::span<const double> z) const noexcept {
+  const auto at = core::AsVector(z).array();
+  return (at >= lowest_.array()).all() && (at <= highest_.array()).all();
 }
 
 bool TransitionStore::SumControls(int t, std::span<const double> z,

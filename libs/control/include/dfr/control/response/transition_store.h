@@ -58,6 +58,10 @@ class TransitionStore {
   /// differences away, FitAt() would be without demonstrations.
   [[nodiscard]] bool Reaches(std::span<const double> z) const noexcept;
 
+  /// Returns true if `z` is in the box of all demonstrated states, enlarged on each side by its
+  /// diagonal. No demonstrated action leads from these states beyond.
+  [[nodiscard]] bool Surrounds(std::span<const double> z) const noexcept;
+
   /// Sums over the transitions near a time step and a state z, with r = [z_i - z; 1; v_i; dz_i] and
   /// weights w that decrease with the distance to z and sum to prior_weight. Create it with
   /// MakeWorkspace().
@@ -104,7 +108,7 @@ class TransitionStore {
   [[nodiscard]] std::pair<int, int> Near(int t) const noexcept;
   /// Returns the number of entries of a row of transitions_.
   [[nodiscard]] int Width() const noexcept;
-  /// Fills points_ and largest_ from transitions_ and begin_.
+  /// Fills points_, largest_ and the box from transitions_ and begin_.
   void Finish();
 
   ResponseOptions options_;
@@ -117,6 +121,8 @@ class TransitionStore {
   /// over transitions take most of the time.
   Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> transitions_;
   Eigen::MatrixXf points_;  ///< The z of transitions_, by columns; then rows of zeros.
+  Eigen::VectorXd lowest_;  ///< Corners of the enlarged box.
+  Eigen::VectorXd highest_;
 };
 
 }  // namespace dfr::control
