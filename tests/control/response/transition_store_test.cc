@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <filesystem>
 #include <stdexcept>
 #include <vector>
@@ -29,6 +30,25 @@ TEST(TransitionStoreTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(message({.max_per_step = 0}), testing::HasSubstr("max_per_step"));
   controls[1] = core::Matrix::Ones(4, 2);
   EXPECT_THAT(message({}), testing::HasSubstr("demonstration 1"));
+}
+
+TEST(TransitionStoreTest, SurroundingsAreTheBoxOfAllStatesEnlargedByItsDiagonal) {
+  core::Matrix states(3, 2);
+  states << 1, 10, 4, 10, 2, 14;  // a box of 3 x 4 with its corners at (1, 10) and (4, 14)
+  core::Matrix controls = core::Matrix::Ones(2, 1);
+  const TransitionStore prior({{states}}, {{controls}}, {});
+  const auto surrounds = [&](double x, double y) {
+    return prior.Surrounds(std::vector<double>{x, y});
+  };
+  EXPECT_TRUE(surrounds(2.5, 12.0));
+  EXPECT_TRUE(surrounds(-3.99, 12.0));
+  EXPECT_FALSE(surrounds(-4.01, 12.0));
+  EXPECT_TRUE(surrounds(2.5, 18.99));
+  EXPECT_FALSE(surrounds(2.5, 19.01));
+  EXPECT_FALSE(surrounds(std::nan(""), 12.0));
+  EXPECT_TRUE(prior.Reaches(std::vector<double>{1e17, 1e17}));
+  EXPECT_FALSE(prior.Reaches(std::vector<double>{0.0, 3.4e38}));
+  EXPECT_FALSE(prior.Reaches(std::vector<double>{1e300, 0.0}));
 }
 
 TEST(TransitionStoreTest, AFileWithInvalidTimeStepsIsRefused) {
