@@ -167,7 +167,8 @@ With the policy's own action after each `filter`, the guard runs in shadow: it j
 changes none. A robot that limits actions itself reports what it did. Call it before the next `filter`.
 
 Strategies "dfr", "early-stopping" and "certified" halt if `action` is not the one that `filter` returned.
-A guard halts if `filter` has not been called since `reset`.
+A guard halts if `filter` has not been called since `reset`, or if an entry that it steers is beyond both
+its limit and five times its largest demonstrated value: no robot applied such an action.
 
 Raises
 ------
