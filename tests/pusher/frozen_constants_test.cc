@@ -92,7 +92,6 @@ std::map<std::string, double> InTheCode() {
           {"fit::kFolds", safety::fit::kFolds},
           {"fit::kMostInGaps", safety::fit::kMostInGaps},
           {"fit::kMostDoublings", safety::fit::kMostDoublings},
-          {"fit::kLeastGain", safety::fit::kLeastGain},
           {"fit::kCoarseSteps", safety::fit::kCoarseSteps},
           {"fit::kLeftOutside", safety::fit::kLeftOutside},
           {"fit::kWantedInside", safety::fit::kWantedInside},

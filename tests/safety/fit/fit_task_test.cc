@@ -131,6 +131,38 @@ TEST(FitTaskTest, ARegionThatDemonstrationsAvoidDoublesGamma) {
   }
 }
 
+// Demonstrations move along a circle with different speeds: the states of a time step lie on an
+// arc. A narrower kernel covers less beside the arc, and as many left-out states. A still narrower
+// one covers fewer.
+TEST(FitTaskTest, StatesOnAnArcDoubleGamma) {
+  constexpr int kSteps = 24;
+  core::StateLayout layout;
+  layout.Add("tip", 2);
+  core::Random random(3);
+  std::vector<core::Trajectory> demonstrations;
+  for (int d = 0; d < 60; ++d) {
+    const double speed = random.Uniform(0.03, 0.12);
+    const double radius = 1.0 + 0.04 * random.Normal();
+    core::Trajectory& demonstration = demonstrations.emplace_back();
+    demonstration.states.resize(kSteps + 1, 2);
+    for (int t = 0; t <= kSteps; ++t) {
+      const double angle = speed * t;
+      demonstration.states.row(t) << radius * std::cos(angle), radius * std::sin(angle);
+    }
+    demonstration.controls =
+        demonstration.states.bottomRows(kSteps) - demonstration.states.topRows(kSteps);
+  }
+  const internal::Recorded recorded({layout, "tip"}, demonstrations,
+                                    core::DeterministicOrder(demonstrations));
+  for (const double gamma : {0.25, 1.0}) {
+    const auto fit = internal::FitGuard(
+        recorded, {.svm = {.gamma = gamma}}, 5, [](std::string_view, double) { return true; },
+        true);
+    ASSERT_TRUE(fit);
+    EXPECT_EQ(fit->options.svm.gamma, gamma < 1.0 ? 2.0 * gamma : gamma);
+  }
+}
+
 TEST(FitTaskTest, ContiguousFoldsFollowTheRecording) {
   const auto demonstrations = test::CorridorDemonstrations(3, 12);
   const auto order = core::DeterministicOrder(demonstrations);

@@ -105,13 +105,13 @@ class CoarseSupports {
     }
   }
 
-  // Returns true if twice the gamma of the options describes the demonstrations better.
+  // Returns true if twice the gamma of the options covers more left-out states per volume.
   [[nodiscard]] bool PreferNarrow() const {
     const Fitted wide = Fit(options_.svm.gamma);
     const Fitted narrow = Fit(2.0 * options_.svm.gamma);
     const double gain =
         -kernel::LogVolumeRatio(wide.support, wide.level, narrow.support, narrow.level, coarse_);
-    return gain - (wide.acceptance - narrow.acceptance) >= fit::kLeastGain;
+    return gain > std::log(wide.acceptance / narrow.acceptance);
   }
 
  private:

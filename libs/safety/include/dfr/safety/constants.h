@@ -11,10 +11,8 @@ inline constexpr int kFolds = 5;
 /// inside, and the maximum number of doublings of gamma.
 inline constexpr double kMostInGaps = 0.05;
 inline constexpr int kMostDoublings = 2;
-/// The fit doubles gamma if that reduces the logarithm of the support's volume by at least
-/// kLeastGain plus the share of left-out states that it loses. Volumes are compared at kCoarseSteps
-/// time steps, with kLeftOutside of the left-out states outside.
-inline constexpr double kLeastGain = 0.15;
+/// The fit doubles gamma if the support then covers more left-out states per volume. Volumes are
+/// compared at kCoarseSteps time steps, with kLeftOutside of the left-out states outside.
 inline constexpr int kCoarseSteps = 12;
 inline constexpr double kLeftOutside = 0.1;
 /// Required fraction of left-out states inside. Below it a support pools more time steps, at most
