@@ -18,7 +18,6 @@
 #include "dfr/core/build_info.h"
 #include "dfr/core/text/command_line.h"
 #include "dfr/core/text/numbers.h"
-#include "dfr/core/text/suggest.h"
 
 namespace dfr::apps {
 
@@ -91,19 +90,12 @@ inline void AddVersion(CLI::App& app) {
                        std::string(core::BuildVersion()) + " (" + core::BuildCommit() + ")");
 }
 
-/// Parses the arguments, with core::CheckNumbers(), core::CheckOutputs() and
-/// core::DescribeEmptyEntry(). Returns the exit code if the program is done: EXIT_SUCCESS after
-/// --help and --version, 2 after a usage error, which is printed in one line, with the closest name
-/// of an unknown command or option.
+/// Parses the arguments, with core::CheckArguments() and core::DescribeEmptyEntry(). Returns the
+/// exit code if the program is done: EXIT_SUCCESS after --help and --version, 2 after a usage
+/// error, which is printed in one line.
 inline std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
   const std::vector<std::string> arguments(argv + 1, argv + argc);
-  app.failure_message([&arguments](const CLI::App* program, const CLI::Error& e) {
-    const std::string unknown = core::DescribeUnknown(*program, arguments);
-    return program->get_name() + ": " + (unknown.empty() ? e.what() : unknown) +
-           "; --help lists commands and options\n";
-  });
-  core::CheckNumbers(app);
-  core::CheckOutputs(app);
+  core::CheckArguments(app, arguments);
   try {
     if (std::string empty = core::DescribeEmptyEntry(app, arguments); !empty.empty()) {
       throw CLI::ValidationError(std::move(empty));

@@ -1,4 +1,5 @@
-// The console's statements of control, which reveal commands that only the console has received.
+// The console's statements of control, which reveal commands that only the console has received,
+// and the ends of moves.
 #include <gtest/gtest.h>
 
 #include <functional>
@@ -104,6 +105,18 @@ TEST_F(PsmConsoleControlTest, HomingEndsWithoutControl) {
   EXPECT_EQ(all,
             "PSM1: now ENABLED\nPSM1: control JOINT_SPACE/TRAJECTORY_MODE\n"
             "PSM1: control UNDEFINED_SPACE/UNDEFINED_MODE\nPSM1: homed\n");
+}
+
+TEST_F(PsmConsoleControlTest, AStopEndsEachMoveOnce) {
+  PsmJoints turn = PsmJoints::Zero();
+  turn[0] = 0.5;
+  for (const auto stop : {&PsmConsole::Hold, &PsmConsole::Free}) {
+    console_.MoveJr(turn);
+    console_.MoveJaw(0.4);
+    console_.Step(1e-3);
+    (console_.*stop)();
+    EXPECT_EQ(console_.TakeGoals(), std::vector<bool>({false, false}));
+  }
 }
 
 }  // namespace

@@ -7,7 +7,6 @@
 #include <limits>
 #include <stdexcept>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "dfr/core/random.h"
@@ -357,20 +356,6 @@ TEST(PsmConsoleTest, RelativePosesAreInTheBaseFrame) {
   difference.translation().x() = std::numeric_limits<double>::quiet_NaN();
   console.ServoCr(difference);
   EXPECT_THAT(console.TakeMessages(), Errs("servo_cr dropped"));
-}
-
-TEST(PsmConsoleTest, EachBegunMoveEndsOnce) {
-  PsmConsole console = Homed();
-  for (const auto& [end, reached] :
-       {std::pair(&PsmConsole::Hold, false), std::pair(&PsmConsole::Free, false),
-        std::pair(&PsmConsole::Settle, true)}) {
-    console.MoveJp(At(0, 0.5));
-    console.MoveJaw(0.4);
-    Pass(console, 0.01);
-    ASSERT_TRUE(console.busy());
-    (console.*end)();
-    EXPECT_THAT(console.TakeGoals(), ElementsAre(reached, reached));
-  }
 }
 
 TEST(PsmConsoleTest, FreeGivesUpTheGoalAndEffortsAreRefused) {

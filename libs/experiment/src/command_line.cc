@@ -18,7 +18,6 @@
 #include "dfr/core/files/toml_text.h"
 #include "dfr/core/text/command_line.h"
 #include "dfr/core/text/format.h"
-#include "dfr/core/text/suggest.h"
 #include "dfr/experiment/episodes.h"
 #include "dfr/experiment/ledger.h"
 #include "dfr/experiment/status.h"
@@ -408,13 +407,7 @@ void AddRunOptions(CLI::App& command, ExperimentOptions& options) {
 
 std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
   if (app.get_name().empty()) app.name(std::filesystem::path(argv[0]).filename().string());
-  // One line, because status shows the last line of a task's log.
   const Arguments arguments(argv + 1, argv + argc);
-  app.failure_message([&arguments](const CLI::App* program, const CLI::Error& e) {
-    const std::string unknown = core::DescribeUnknown(*program, arguments);
-    return program->get_name() + ": " + (unknown.empty() ? e.what() : unknown) +
-           "; --help lists commands and options\n";
-  });
   Added added;
   Add(app, added);
   core::AddExamples(app,
@@ -425,8 +418,7 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
   try {
     KeepGivenValues(app);
     // These transforms run before those of KeepGivenValues(): run.toml has no leading zeros.
-    core::CheckNumbers(app);
-    core::CheckOutputs(app);
+    core::CheckArguments(app, arguments);
     if (std::string empty = core::DescribeEmptyEntry(app, arguments); !empty.empty()) {
       throw CLI::ValidationError(std::move(empty));
     }

@@ -41,7 +41,7 @@ TEST(ReducedGuardFitTest, IsAMonitorIfItWouldCorrectTheDemonstrator) {
   EXPECT_THAT(Warnings(*any), testing::Contains(HasSubstr("can make a good policy fail")));
   // Keeps a strategy without corrections: a monitor would be less cautious.
   const auto stops =
-      GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 12),
+      GuardModel::Fit(PictureLayout(), PictureDemonstrations(1, 24),
                       {.features = "pca:camera", .strategy = Strategy::kEarlyStopping});
   EXPECT_EQ(stops->settings().strategy, Strategy::kEarlyStopping);
 }

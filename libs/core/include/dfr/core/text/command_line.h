@@ -14,6 +14,7 @@
 
 #include "dfr/core/files/output_path.h"
 #include "dfr/core/text/numbers.h"
+#include "dfr/core/text/suggest.h"
 
 namespace dfr::core {
 
@@ -181,6 +182,20 @@ void CheckOutputs(App& app) {
       }
     }
   });
+}
+
+/// Calls CheckNumbers() and CheckOutputs(), and gives a usage error one line, with the closest name
+/// of an unknown command or option. Call this after all options are added. `arguments` must outlive
+/// the parse.
+template <typename App>
+void CheckArguments(App& app, std::span<const std::string> arguments) {
+  app.failure_message([arguments](const App* program, const auto& error) {
+    const std::string unknown = DescribeUnknown(*program, arguments);
+    return program->get_name() + ": " + (unknown.empty() ? error.what() : unknown) +
+           "; --help lists commands and options\n";
+  });
+  CheckNumbers(app);
+  CheckOutputs(app);
 }
 
 }  // namespace dfr::core
