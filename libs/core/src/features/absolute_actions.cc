@@ -164,8 +164,7 @@ std::string Describe(std::span<const AbsoluteAction> absolute, const StateLayout
   const bool one = absolute.size() == 1;
   return Format("%s %s take%s the values of %s (correlation at least %.3f, slope %.2f): %s",
                 one ? "action" : "actions", actions.c_str(), one ? "s" : "", entries.c_str(),
-                correlation, slope,
-                one ? "it is a position" : "they are positions");
+                correlation, slope, one ? "it is a position" : "they are positions");
 }
 
 std::string EntryName(const StateLayout& layout, Eigen::Index entry) {
