@@ -369,7 +369,7 @@ void Combine(const T* const* HWY_RESTRICT rows, const double* HWY_RESTRICT weigh
 void FindExtremesOf(const double* HWY_RESTRICT alpha, const double* HWY_RESTRICT gradient,
                     std::size_t count, Extremes* HWY_RESTRICT extremes) {
   constexpr double kNone = std::numeric_limits<double>::infinity();
-  // Of one vector, with the tag `d`.
+  // Visits the samples from `first` to `last`, in vectors with the tag `d`.
   const auto find = [&](auto d, std::size_t first, std::size_t last) HWY_ATTR {
     const auto zero = hn::Zero(d);
     const auto one = hn::Set(d, 1.0);

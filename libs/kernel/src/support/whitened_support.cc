@@ -127,7 +127,7 @@ WhitenedSupport WhitenedSupport::Fit(std::span<const core::Matrix> demonstration
     // The map is symmetric.
     const OneClassSvm svm = OneClassSvm::Fit(states * map, options.svm);
     estimates.push_back({map, options.single_precision ? svm.InSinglePrecision() : svm});
-    // Of many features, maps take longer than estimates.
+    // With many features, maps take longer than estimates.
     if (options.svm.progress && !options.svm.progress({})) break;
   }
   return WhitenedSupport(std::move(estimates));
