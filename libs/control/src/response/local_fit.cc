@@ -1,5 +1,6 @@
 #include "dfr/control/response/local_fit.h"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -97,7 +98,8 @@ double LocalFit::Agreement(Eigen::Index k) noexcept {
   const double share = prior_->Share(k, gain, transitions_);
   const double used = transitions_.sums(k, n + 1 + k);
   const double ridge = prior_->options().ridge;
-  return (ridge + used * share) / (ridge + used);
+  // With the ratio r, the share is 1 / (1 + r).
+  return std::max(0.0, 2.0 - (ridge + used) / (ridge + used * share));
 }
 
 void LocalFit::AddEffect(const Eigen::Ref<const Eigen::VectorXd>& v, double duration,

@@ -65,7 +65,7 @@ inline constexpr int kMostRelocations = 2;
 inline constexpr double kIdle = 0.5;
 /// SafetyFilter: the largest change of an entry, in ordinary demonstrated controls, that a raise
 /// makes without regard to LocalFit::Agreement(), which uses every kAgreementStride-th transition.
-inline constexpr double kLeastHedged = 0.4;
+inline constexpr double kLeastHedged = 0.3;
 inline constexpr int kAgreementStride = 8;
 /// SafetyFilter: a direction of control counts as unknown if the largest eigenvalue of A^-1 exceeds
 /// this value, which corresponds to a fifth of an ordinary control's measurement.
