@@ -78,8 +78,8 @@ class LocalFit {
   /// Returns the agreement of nearby demonstrations on the effect of entry `k` of a control, in [0,
   /// 1]. It is 1 minus the ratio of the variances along the row of D for v_k that the entry, the
   /// other entries and the drift leave unexplained and that the entry explains, or 0. If a contact
-  /// begins nearby, J is a mean of two responses, and the agreement is small. 1 if demonstrations did not use the entry: J then comes from measurements.
-  /// O(n) for each transition used.
+  /// begins nearby, J is a mean of two responses, and the agreement is small. 1 if demonstrations
+  /// did not use the entry: J then comes from measurements. O(n) for each transition used.
   [[nodiscard]] double Agreement(Eigen::Index k) noexcept;
 
   /// Returns the largest eigenvalue of the block of A^-1 that belongs to v, and writes its
