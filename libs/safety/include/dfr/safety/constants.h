@@ -8,7 +8,7 @@ namespace dfr::safety::fit {
 /// Number of folds that leave demonstrations out.
 inline constexpr int kFolds = 5;
 /// Fraction of points, or of time steps if that is more, that a mode separation test may find
-/// inside, and the maximum number of doublings of gamma.
+/// inside, and the maximum number of doublings of gamma that exclude more of them.
 inline constexpr double kMostInGaps = 0.05;
 inline constexpr int kMostDoublings = 2;
 /// The fit doubles gamma if the support then covers more left-out states per volume. Volumes are
