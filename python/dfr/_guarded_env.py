@@ -70,7 +70,7 @@ def _limits_of(space: Any, size: int) -> Any:
     if low is None or high is None:
         return np.inf
     if np.size(low) != size:
-        raise ValueError(f"the environment's actions have {np.size(low)} entries, the guard's {size}")
+        raise ValueError(f"the environment's actions have {np.size(low)} entries, but the guard's have {size}")
     bounds = np.minimum(-np.ravel(low).astype(float), np.ravel(high).astype(float))
     k = int(np.argmin(bounds))
     if not bounds[k] > 0.0:

@@ -191,7 +191,7 @@ TEST(FitMlpTest, ErrorsNameTheRowTheShapeOrTheOption) {
   EXPECT_THAT(message([](auto& d, auto&) { d.controls.conservativeResize(19, 2); }),
               HasSubstr("20 states and 19 controls"));
   EXPECT_THAT(message([](auto& d, auto&) { d.states.conservativeResize(20, 2); }),
-              HasSubstr("states have 2 columns, their layout has 3"));
+              HasSubstr("states have 2 columns, but their layout has 3"));
   EXPECT_THAT(message([](auto& d, auto&) {
                 d.states.resize(0, 3);
                 d.controls.resize(0, 2);

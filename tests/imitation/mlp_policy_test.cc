@@ -158,7 +158,7 @@ TEST(MlpPolicyTest, WrongFilesAreRefusedByName) {
   writer.Numbers(std::vector<double>{1, 1});
   writer.Save(folder / "unfit.dfr");
   EXPECT_THAT(load("unfit.dfr"), HasSubstr("unfit.dfr"));
-  EXPECT_THAT(load("unfit.dfr"), HasSubstr("3 features, its network takes 2"));
+  EXPECT_THAT(load("unfit.dfr"), HasSubstr("3 features, but its network takes 2"));
 }
 
 TEST(MlpPolicyTest, ErrorsNameThePartThatDoesNotFit) {
@@ -169,7 +169,8 @@ TEST(MlpPolicyTest, ErrorsNameThePartThatDoesNotFit) {
   };
   const Eigen::Vector2d ones = Eigen::Vector2d::Ones();
   EXPECT_THAT(message("tip", Mlp({2, 2}), ones), HasSubstr("'tip'"));
-  EXPECT_THAT(message("object", Mlp({3, 2}), ones), HasSubstr("3 features, its whitening has 2"));
+  EXPECT_THAT(message("object", Mlp({3, 2}), ones),
+              HasSubstr("3 features, but its whitening has 2"));
   EXPECT_THAT(message("arm", Mlp({3, 2}), ones), HasSubstr("network takes 3"));
   EXPECT_THAT(message("arm", Mlp({2, 3}), ones), HasSubstr("3 outputs, and 2 control limits"));
   EXPECT_THAT(message("arm", Mlp({2, 2}), Eigen::Vector2d(1, 0)), HasSubstr("limit 1 is 0"));

@@ -69,7 +69,7 @@ TEST(WhiteningTest, ErrorsNameTheEntry) {
       HasSubstr("2 and 3"));
   EXPECT_THAT(
       test::MessageOf<Error>([] { (void)Whitening::Identity(2).Apply(Matrix::Zero(1, 3)); }),
-      HasSubstr("2 features, the samples 3"));
+      HasSubstr("2 features, but the samples have 3"));
 }
 
 }  // namespace

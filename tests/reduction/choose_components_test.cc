@@ -128,7 +128,7 @@ TEST(ChooseComponentsTest, RefusesBadInput) {
   EXPECT_THAT(message({.candidates = {3, 3}}), HasSubstr("candidates must be positive"));
   EXPECT_THAT(message({.candidates = {4}}),
               HasSubstr("the smallest candidate is 4, but there are 3 scores"));
-  EXPECT_THAT(message({.folds = 1}), HasSubstr("folds must be at least 2: 1"));
+  EXPECT_THAT(message({.folds = 1}), HasSubstr("folds must be at least 2, not 1"));
   EXPECT_THAT(message({.least_inside = 2.0}), HasSubstr("least_inside must lie in [0, 1]"));
   demonstrations[3].controls(2, 1) = std::numeric_limits<double>::quiet_NaN();
   EXPECT_THAT(message({}), HasSubstr("demonstration 3 has a non-finite entry"));

@@ -185,7 +185,7 @@ TEST(ImageFeaturesTest, OptionsOutOfRangeAreNamed) {
   EXPECT_THAT(message(options), HasSubstr("frozen_after must be 0 or at least 2, not 1"));
   options = Grey(4, 4);
   options.least_mean = 256.0;
-  EXPECT_THAT(message(options), HasSubstr("least_mean must lie in [0, 255], not be 256"));
+  EXPECT_THAT(message(options), HasSubstr("least_mean must lie in [0, 255], not 256"));
 }
 
 }  // namespace

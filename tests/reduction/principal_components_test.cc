@@ -139,17 +139,17 @@ TEST(PrincipalComponentsTest, BadInputIsRefusedWithItsPlace) {
   EXPECT_THAT(test::MessageOf([&] { (void)Fit(rows.topRows(1), {}); }),
               HasSubstr("at least 2 rows"));
   EXPECT_THAT(test::MessageOf([&] { (void)Fit(rows, {.components = 0}); }),
-              HasSubstr("components must be at least 1: 0"));
+              HasSubstr("components must be at least 1, not 0"));
   EXPECT_THAT(test::MessageOf([&] { (void)Fit(rows, {.power_iterations = 0}); }),
               HasSubstr("power_iterations at least 1"));
   EXPECT_THAT(test::MessageOf([&] { (void)Fit(rows, {.scale_floor = 1.5}); }),
-              HasSubstr("scale_floor must lie in [0, 1], not be 1.5"));
+              HasSubstr("scale_floor must lie in [0, 1], not 1.5"));
   rows(8, 4) = std::numeric_limits<double>::quiet_NaN();
   EXPECT_THAT(test::MessageOf([&] { (void)Fit(rows, {}); }),
               HasSubstr("entry 4 of row 8 is not finite"));
   const std::vector<Matrix> unequal = {Rows(3, 4, 2, 1), Rows(3, 5, 2, 1)};
   EXPECT_THAT(test::MessageOf([&] { (void)MatrixRows(unequal); }),
-              HasSubstr("matrix 1 has 5 columns, matrix 0 has 4"));
+              HasSubstr("matrix 1 has 5 columns, but matrix 0 has 4"));
   const std::vector<std::uint8_t> bytes(10);
   EXPECT_THAT(test::MessageOf([&] { (void)ByteRows(bytes, 3); }),
               HasSubstr("10 bytes are not a whole number of rows of 3"));

@@ -97,7 +97,7 @@ TEST(SlowFeaturesTest, RefusesEpisodesWithoutDifferences) {
   EXPECT_THAT(message({Matrix::Ones(1, 2), Matrix::Zero(1, 2)}), HasSubstr("two states"));
   EXPECT_THAT(message({Matrix::Ones(5, 2)}), HasSubstr("all rows are equal"));
   EXPECT_THAT(message({Matrix::Ones(5, 2), Matrix::Ones(5, 3)}),
-              HasSubstr("episode 1 has 3 columns, episode 0 has 2"));
+              HasSubstr("episode 1 has 3 columns, but episode 0 has 2"));
   Matrix bad = Matrix::Ones(5, 2);
   bad(2, 1) = std::numeric_limits<double>::quiet_NaN();
   EXPECT_THAT(message({Matrix::Ones(5, 2), bad}), HasSubstr("episode 1 has an entry that is not"));

@@ -199,7 +199,7 @@ TEST_F(TaskModelTest, DfrFineHasTheConstantsOfThePaper) {
   EXPECT_GT(ExpectSameEpisode(*fine, *published), 0);
 }
 
-// Returns the number of controls before kTimeUp of a policy that always passes.
+// Returns the number of controls until kTimeUp, with a policy whose controls always pass.
 int Horizon(const TaskModel& model, std::string_view method, const ControllerOptions& options) {
   class Still final : public core::Policy {
    public:
@@ -319,11 +319,11 @@ TEST_F(TaskModelTest, WrongArgumentsAreNamed) {
   TaskParts other = parts({1.0});
   other.published = {core::FeatureSelection(layout, "tip"), *Fit(true).published()};
   EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] { TaskModel{other}; }),
-              HasSubstr("there are 2 features, the decision function takes 1"));
+              HasSubstr("there are 2 features, but the decision function takes 1"));
   other = parts({1.0});
   other.features = core::FeatureTransform::Identity(core::FeatureSelection(layout, "tip[1:2]"));
   EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] { TaskModel{other}; }),
-              HasSubstr("there are 1 features, the decision function takes 2"));
+              HasSubstr("there are 1 features, but the decision function takes 2"));
 }
 
 // Damage with a valid checksum: the loader rejects the file, or its content is usable.

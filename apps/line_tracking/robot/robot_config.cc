@@ -261,8 +261,8 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
   if (!std::filesystem::exists(file, error)) {
     throw std::runtime_error(
         file.string() +
-        ": the configuration cannot be read. Examples are in "
-        "apps/line_tracking/config, or share/dfr/line_tracking where it is installed");
+        ": the configuration does not exist. Examples are in "
+        "apps/line_tracking/config, or in share/dfr/line_tracking of an installation");
   }
   config.text = core::ReadTomlText(file);
   toml::table root;

@@ -176,9 +176,9 @@ struct RobotPlant::Impl {
     return {what, *way};
   }
 
-  // Turns the tool upright if it is tilted, or tilted according to the calibration: a small angle
-  // in place. Otherwise lifts the tool, observes the gauze, turns the tool, and lowers it to the
-  // tip's position above the observed gauze.
+  // Turns the tool upright unless it is: by a small angle, as after a new calibration, in place.
+  // Otherwise lifts the tool, observes the gauze, turns the tool, and lowers it to the tip's
+  // position above the observed gauze.
   void TurnUpright() {
     PsmJoints upright;
     if (!tool.Upright(upright)) {
@@ -407,8 +407,8 @@ vision::CalibrationFrame RobotPlant::CaptureCalibrationFrame() {
   if (!((i.task.Tip(joints) - before).norm() <= kStill))
     throw std::runtime_error("the arm moves; hold it still");
   const ImageAnswer& answer = i.camera.last();
-  if (answer.marks_px.empty()) throw std::runtime_error("the marks are not found in the picture");
-  if (!answer.tip_px.allFinite()) throw std::runtime_error("the tip is not found in the picture");
+  if (answer.marks_px.empty()) throw std::runtime_error("the marks are not visible in the picture");
+  if (!answer.tip_px.allFinite()) throw std::runtime_error("the tip is not visible in the picture");
   vision::CalibrationFrame frame;
   std::copy_n(joints.data(), 6, frame.joints.begin());
   frame.tip_px = answer.tip_px;

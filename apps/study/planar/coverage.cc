@@ -80,7 +80,7 @@ CoverageResult MeasureCoverage(const CoverageOptions& options) {
   const auto& worlds = CoverageWorlds();
   DFR_THROW_UNLESS(std::find(worlds.begin(), worlds.end(), options.world) != worlds.end(),
                    "unknown world '" << options.world << "'; valid: corridor, reach, heavy-tails");
-  DFR_THROW_UNLESS(options.fits >= 2, "fits must be at least 2: " << options.fits);
+  DFR_THROW_UNLESS(options.fits >= 2, "fits must be at least 2, not " << options.fits);
   DFR_THROW_UNLESS(options.further > 0, "further must be positive, not " << options.further);
   CoverageResult result;
   std::vector<double> rates;

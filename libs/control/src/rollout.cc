@@ -114,11 +114,11 @@ RolloutResult Rollout(core::Plant& plant, Controller& controller, const RolloutO
                       RolloutObserver* observer, RolloutWorkspace* workspace) {
   DFR_THROW_UNLESS(plant.state_dim() == controller.state_dim(),
                    "the plant's state has " << plant.state_dim()
-                                            << " entries, the controller takes "
+                                            << " entries, but the controller takes "
                                             << controller.state_dim());
   DFR_THROW_UNLESS(plant.control_dim() == controller.control_dim(),
                    "the plant takes " << plant.control_dim()
-                                      << " control entries, the controller gives "
+                                      << " control entries, but the controller gives "
                                       << controller.control_dim());
   DFR_THROW_UNLESS(options.max_controls > 0,
                    "max_controls must be positive, not " << options.max_controls);

@@ -17,12 +17,13 @@ FiniteDifferenceRecovery::FiniteDifferenceRecovery(const core::SimulatedPlant& p
       probe_fraction_(probe_fraction),
       step_fraction_(step_fraction) {
   DFR_THROW_UNLESS(plant.state_dim() == support.state_dim(),
-                   "the plant's state has " << plant.state_dim() << " entries, the support takes "
+                   "the plant's state has " << plant.state_dim()
+                                            << " entries, but the support takes "
                                             << support.state_dim());
   DFR_THROW_UNLESS(probe_fraction > 0.0 && probe_fraction < 1.0,
-                   "probe_fraction must lie in (0, 1), not be " << probe_fraction);
+                   "probe_fraction must lie in (0, 1), not " << probe_fraction);
   DFR_THROW_UNLESS(step_fraction > 0.0 && step_fraction < 1.0,
-                   "step_fraction must lie in (0, 1), not be " << step_fraction);
+                   "step_fraction must lie in (0, 1), not " << step_fraction);
   copy_ = plant.Clone();
   state_.resize(static_cast<std::size_t>(plant.state_dim()));
   gradient_.resize(static_cast<std::size_t>(plant.control_dim()));

@@ -21,7 +21,7 @@ void Check(int successes, int trials, double confidence) {
   DFR_THROW_UNLESS(successes >= 0 && successes <= trials,
                    successes << " successes do not fit into " << trials << " trials");
   DFR_THROW_UNLESS(confidence > 0.0 && confidence < 1.0,
-                   "confidence must lie in (0, 1), not be " << confidence);
+                   "confidence must lie in (0, 1), not " << confidence);
 }
 
 // Returns the zero of an increasing function in [low, high], to the last bit.
@@ -198,9 +198,9 @@ int EpisodesForDifference(double only_first, double only_second, double power, d
   DFR_THROW_UNLESS(only_first >= 0.0 && only_second >= 0.0 && only_first != only_second &&
                        only_first + only_second <= 1.0,
                    "the shares of start states at which just one method fails must differ and add "
-                   "up to at most 1, not be "
+                   "up to at most 1: "
                        << only_first << " and " << only_second);
-  DFR_THROW_UNLESS(power > 0.5 && power < 1.0, "power must lie in (0.5, 1), not be " << power);
+  DFR_THROW_UNLESS(power > 0.5 && power < 1.0, "power must lie in (0.5, 1), not " << power);
   const double sum = only_first + only_second;
   const double difference = only_first - only_second;
   // The one-sided quantile of `power` is the two-sided one of 2 power - 1.
@@ -210,7 +210,7 @@ int EpisodesForDifference(double only_first, double only_second, double power, d
 }
 
 int EpisodesForBound(double bound, double confidence) {
-  DFR_THROW_UNLESS(bound > 0.0 && bound < 1.0, "a bound must lie in (0, 1), not be " << bound);
+  DFR_THROW_UNLESS(bound > 0.0 && bound < 1.0, "a bound must lie in (0, 1), not " << bound);
   return static_cast<int>(std::ceil(std::log(0.5 * (1.0 - confidence)) / std::log1p(-bound)));
 }
 
@@ -274,7 +274,7 @@ Interval ExactReduction(std::span<const PairedCounts> units, const PairedCounts&
 
 std::optional<Interval> RatioInterval(std::span<const RatioPart> units, double confidence) {
   DFR_THROW_UNLESS(confidence > 0.0 && confidence < 1.0,
-                   "confidence must lie in (0, 1), not be " << confidence);
+                   "confidence must lie in (0, 1), not " << confidence);
   struct Stratum {
     int units = 0;
     double numerator = 0.0;

@@ -20,12 +20,12 @@ double EpisodeCredit::operator()(core::Outcome outcome, double progress) const n
 }
 
 SequentialTest::SequentialTest(double alpha) : alpha_(alpha) {
-  DFR_THROW_UNLESS(alpha > 0.0 && alpha < 1.0, "alpha must lie in (0, 1), not be " << alpha);
+  DFR_THROW_UNLESS(alpha > 0.0 && alpha < 1.0, "alpha must lie in (0, 1), not " << alpha);
 }
 
 void SequentialTest::Add(double difference) {
   DFR_THROW_UNLESS(difference >= -1.0 && difference <= 1.0,
-                   "a difference of credits must lie in [-1, 1], not be " << difference);
+                   "a difference of credits must lie in [-1, 1], not " << difference);
   for (int i = 0; i < kStakes; ++i) {
     const int tenths = i < kStakes / 2 ? i - kStakes / 2 : i - kStakes / 2 + 1;
     log_wealth_[static_cast<std::size_t>(i)] += std::log1p(0.1 * tenths * difference);

@@ -51,8 +51,9 @@ void Whitening::Apply(std::span<const double> x, std::span<double> z) const noex
 }
 
 core::Matrix Whitening::Apply(const core::Matrix& samples) const {
-  DFR_THROW_UNLESS(samples.cols() == dim(),
-                   "whitening has " << dim() << " features, the samples " << samples.cols());
+  DFR_THROW_UNLESS(samples.cols() == dim(), "whitening has " << dim()
+                                                             << " features, but the samples have "
+                                                             << samples.cols());
   core::Matrix whitened(samples.rows(), samples.cols());
   for (Eigen::Index i = 0; i < samples.rows(); ++i) {
     Apply(core::Row(samples, i), core::Row(whitened, i));

@@ -69,7 +69,7 @@ ActionDirections::ActionDirections(std::span<const core::Trajectory> demonstrati
                                    std::span<const std::vector<int>> blocks) {
   const std::vector<std::size_t> order = core::DeterministicOrder(demonstrations);
   std::vector<std::vector<int>> all(blocks.begin(), blocks.end());
-  // A block of its own for each other column that varies.
+  // Adds a separate block for each other column that varies.
   for (int i = 0; i < demonstrations[0].states.cols(); ++i) {
     const bool taken = std::ranges::any_of(
         blocks, [&](const std::vector<int>& block) { return std::ranges::count(block, i) > 0; });

@@ -226,7 +226,7 @@ void Check(std::span<const core::Trajectory> demonstrations,
     DFR_THROW_UNLESS(d.states.allFinite() && d.controls.allFinite(),
                      "demonstration " << i << " has a non-finite entry");
   }
-  DFR_THROW_UNLESS(options.folds >= 2, "folds must be at least 2: " << options.folds);
+  DFR_THROW_UNLESS(options.folds >= 2, "folds must be at least 2, not " << options.folds);
   DFR_THROW_UNLESS(!options.candidates.empty() && options.candidates.front() >= 1 &&
                        std::ranges::is_sorted(options.candidates, std::ranges::less_equal{}),
                    "candidates must be positive and ascending");
@@ -237,7 +237,7 @@ void Check(std::span<const core::Trajectory> demonstrations,
                    "the smallest candidate is " << options.candidates.front() << ", but there are "
                                                 << p - options.beside << " scores");
   DFR_THROW_UNLESS(options.least_inside >= 0.0 && options.least_inside <= 1.0,
-                   "least_inside must lie in [0, 1], not be " << options.least_inside);
+                   "least_inside must lie in [0, 1], not " << options.least_inside);
 }
 
 void Decide(const ChooseComponentsOptions& options, ComponentsChoice& choice) {

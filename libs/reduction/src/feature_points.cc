@@ -136,7 +136,7 @@ FeaturePoints::FeaturePoints(const core::PictureShape& shape, int side, double s
                              core::Matrix patches)
     : shape_(shape), side_(side), sharpness_(sharpness), patches_(std::move(patches)) {
   DFR_THROW_UNLESS(side >= 1 && side <= kMostSide,
-                   "the side of a patch must lie in [1, " << kMostSide << "], not be " << side);
+                   "the side of a patch must lie in [1, " << kMostSide << "], not " << side);
   DFR_THROW_UNLESS(shape.channels == 1 || shape.channels == 3,
                    "channels must be 1 or 3, not " << shape.channels);
   DFR_THROW_UNLESS(shape.height >= side && shape.width >= side &&
@@ -146,12 +146,12 @@ FeaturePoints::FeaturePoints(const core::PictureShape& shape, int side, double s
                                                       << " x " << shape.width);
   DFR_THROW_UNLESS(
       patches_.rows() >= 1 && patches_.rows() <= kMostPoints,
-      "the number of points must lie in [1, " << kMostPoints << "], not be " << patches_.rows());
+      "the number of points must lie in [1, " << kMostPoints << "], not " << patches_.rows());
   DFR_THROW_UNLESS(patches_.cols() == Eigen::Index{side} * side * shape.channels,
                    "patches have " << patches_.cols() << " entries, not " << side << " x " << side
                                    << " x " << shape.channels);
   DFR_THROW_UNLESS(sharpness > 0.0 && sharpness <= kLargestEntry,
-                   "sharpness must lie in (0, " << kLargestEntry << "], not be " << sharpness);
+                   "sharpness must lie in (0, " << kLargestEntry << "], not " << sharpness);
   DFR_THROW_UNLESS(patches_.allFinite() && patches_.cwiseAbs().maxCoeff() <= kLargestEntry,
                    "patches must be finite and within " << kLargestEntry);
   const double factor = sharpness / static_cast<double>(patches_.cols());

@@ -38,7 +38,7 @@ ImageFeatures::ImageFeatures(const ImageFeaturesOptions& options) : options_(opt
   DFR_THROW_UNLESS(o.channels == 1 || o.channels == 3,
                    "channels must be 1 or 3, not " << o.channels);
   DFR_THROW_UNLESS(o.least_mean >= 0.0 && o.least_mean <= 255.0,
-                   "least_mean must lie in [0, 255], not be " << o.least_mean);
+                   "least_mean must lie in [0, 255], not " << o.least_mean);
   DFR_THROW_UNLESS(o.frozen_after == 0 || o.frozen_after >= 2,
                    "frozen_after must be 0 or at least 2, not " << o.frozen_after);
   if (o.crop_width == 0) o.crop_width = o.width - o.crop_x;

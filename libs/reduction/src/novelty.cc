@@ -141,10 +141,10 @@ Novelty::Novelty(const core::PictureShape& shape, Eigen::VectorXd mean, Eigen::V
 void Novelty::CheckLimits() const {
   for (const double limit : {limit_.picture, limit_.positions}) {
     DFR_THROW_UNLESS(limit > 0.0 && limit <= kMostValue,
-                     "a limit must lie in (0, " << kMostValue << "], not be " << limit);
+                     "a limit must lie in (0, " << kMostValue << "], not " << limit);
   }
   DFR_THROW_UNLESS(left_out_ >= 0.0 && left_out_ <= 1.0,
-                   "a share must lie in [0, 1], not be " << left_out_);
+                   "a share must lie in [0, 1], not " << left_out_);
 }
 
 Novelty Novelty::Fit(const RowSource& pictures, const core::PictureShape& shape,

@@ -166,12 +166,12 @@ FloatRows Orthonormal(const FloatRows& columns) {
 PrincipalComponents FitPrincipalComponents(const RowSource& source,
                                            const PrincipalComponentsOptions& options) {
   DFR_THROW_UNLESS(options.components >= 1,
-                   "components must be at least 1: " << options.components);
+                   "components must be at least 1, not " << options.components);
   DFR_THROW_UNLESS(options.oversampling >= 0 && options.power_iterations >= 1,
                    "oversampling must be at least 0 and power_iterations at least 1, not "
                        << options.oversampling << " and " << options.power_iterations);
   DFR_THROW_UNLESS(options.scale_floor >= 0.0 && options.scale_floor <= 1.0,
-                   "scale_floor must lie in [0, 1], not be " << options.scale_floor);
+                   "scale_floor must lie in [0, 1], not " << options.scale_floor);
   const Eigen::Index n = source.rows();
   DFR_THROW_UNLESS(n >= 2, "principal components need at least 2 rows, not " << n);
   core::Workers workers(options.threads);

@@ -9,8 +9,8 @@ namespace dfr::reduction {
 MatrixRows::MatrixRows(std::span<const core::Matrix> matrices) : matrices_(matrices), begin_{0} {
   for (std::size_t i = 0; i < matrices.size(); ++i) {
     DFR_THROW_UNLESS(matrices[i].cols() == matrices[0].cols(),
-                     "matrix " << i << " has " << matrices[i].cols() << " columns, matrix 0 has "
-                               << matrices[0].cols());
+                     "matrix " << i << " has " << matrices[i].cols()
+                               << " columns, but matrix 0 has " << matrices[0].cols());
     begin_.push_back(begin_.back() + matrices[i].rows());
   }
   DFR_THROW_UNLESS(begin_.back() > 0 && matrices[0].cols() > 0, "there are no rows to reduce");

@@ -25,7 +25,7 @@ SlowFeatures FitSlowFeatures(std::span<const core::Matrix> episodes) {
   for (std::size_t i = 0; i < episodes.size(); ++i) {
     const core::Matrix& x = episodes[i];
     DFR_THROW_UNLESS(x.cols() == d,
-                     "episode " << i << " has " << x.cols() << " columns, episode 0 has " << d);
+                     "episode " << i << " has " << x.cols() << " columns, but episode 0 has " << d);
     DFR_THROW_UNLESS(x.allFinite(), "episode " << i << " has an entry that is not finite");
     if (x.rows() == 0) continue;
     sum += x.colwise().sum().transpose();

@@ -66,7 +66,7 @@ StateReduction::StateReduction(core::StateLayout layout, std::vector<Part> parts
   DFR_THROW_UNLESS(reduced_dim() <= kMostReducedEntries,
                    "the reduced state has " << reduced_dim() << " entries, but at most "
                                             << kMostReducedEntries
-                                            << " are possible: put pca: before large blocks");
+                                            << " are supported: put pca: before large blocks");
 }
 
 StateReduction StateReduction::WithComponents(int components) const {

@@ -80,9 +80,9 @@ class WayBack {
 };
 
 void CheckWidth(const GuardModel& model, std::span<const double> state) {
-  DFR_THROW_UNLESS(
-      static_cast<int>(state.size()) == model.state_dim(),
-      "the state has " << state.size() << " entries, the guard's have " << model.state_dim());
+  DFR_THROW_UNLESS(static_cast<int>(state.size()) == model.state_dim(),
+                   "the state has " << state.size() << " entries, but the guard's states have "
+                                    << model.state_dim());
 }
 
 Eigen::VectorXd FeaturesOf(const GuardModel& model, std::span<const double> state) {
@@ -317,7 +317,7 @@ NearestDemonstration Nearest(const GuardModel& model, int t, std::span<const dou
   for (std::size_t d = 0; d < demonstrations.size(); ++d) {
     DFR_THROW_UNLESS(demonstrations[d].cols() == std::ssize(state),
                      "demonstration " << d << " has states of " << demonstrations[d].cols()
-                                      << " entries, the guard's have " << state.size());
+                                      << " entries, but the guard's states have " << state.size());
     for (Eigen::Index i = 0; i < demonstrations[d].rows(); ++i) {
       DFR_THROW_UNLESS(demonstrations[d].row(i).allFinite(),
                        "demonstration " << d << " has a non-finite entry in state " << i);

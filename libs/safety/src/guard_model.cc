@@ -44,9 +44,9 @@ void CheckLimit(const std::vector<double>& limit) {
 
 void Check(const GuardSettings& settings) {
   DFR_THROW_UNLESS(settings.horizon > 0 && settings.horizon <= kMost,
-                   "horizon must lie in [1, " << kMost << "], not be " << settings.horizon);
+                   "horizon must lie in [1, " << kMost << "], not " << settings.horizon);
   DFR_THROW_UNLESS(settings.max_actions > 0 && settings.max_actions <= kMost,
-                   "max_actions must lie in [1, " << kMost << "], not be " << settings.max_actions);
+                   "max_actions must lie in [1, " << kMost << "], not " << settings.max_actions);
   CheckLimit(settings.action_limit);
   DFR_THROW_UNLESS(!settings.action_limit.empty(), "action_limit has no entries");
   DFR_THROW_UNLESS(std::isfinite(settings.alarm_level),
@@ -62,7 +62,7 @@ void Check(const core::StateLayout& layout, std::span<const core::Trajectory> de
     const core::Trajectory& demonstration = demonstrations[d];
     DFR_THROW_UNLESS(demonstration.states.cols() == layout.state_dim(),
                      "demonstration " << d << " has states of " << demonstration.states.cols()
-                                      << " entries, the layout " << layout.state_dim());
+                                      << " entries, but the layout has " << layout.state_dim());
     DFR_THROW_UNLESS(demonstration.controls.rows() >= 1 &&
                          demonstration.states.rows() == demonstration.controls.rows() + 1,
                      "demonstration " << d << " has " << demonstration.states.rows()
@@ -71,7 +71,7 @@ void Check(const core::StateLayout& layout, std::span<const core::Trajectory> de
                                          "the state after the last action, or drop that action");
     DFR_THROW_UNLESS(demonstration.controls.cols() == demonstrations[0].controls.cols(),
                      "demonstration " << d << " has actions of " << demonstration.controls.cols()
-                                      << " entries, demonstration 0 of "
+                                      << " entries, but demonstration 0 has "
                                       << demonstrations[0].controls.cols());
     for (const auto& [what, rows] : {std::pair("state", &demonstration.states),
                                      std::pair("action", &demonstration.controls)}) {
@@ -170,15 +170,14 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
 std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layout,
                                                   std::span<const core::Trajectory> demonstrations,
                                                   const GuardOptions& options, bool may_narrow) {
-  DFR_THROW_UNLESS(
-      options.horizon >= 0 && options.horizon <= kLongestHorizon,
-      "horizon must lie in [0, " << kLongestHorizon << "], not be " << options.horizon);
-  DFR_THROW_UNLESS(options.folds >= 2, "folds must be at least 2: " << options.folds);
+  DFR_THROW_UNLESS(options.horizon >= 0 && options.horizon <= kLongestHorizon,
+                   "horizon must lie in [0, " << kLongestHorizon << "], not " << options.horizon);
+  DFR_THROW_UNLESS(options.folds >= 2, "folds must be at least 2, not " << options.folds);
   CheckLimit(options.action_limit);
   DFR_THROW_UNLESS(options.false_alarms > 0.0 && options.false_alarms < 1.0,
-                   "false_alarms must lie in (0, 1), not be " << options.false_alarms);
+                   "false_alarms must lie in (0, 1), not " << options.false_alarms);
   DFR_THROW_UNLESS(options.hold_out >= 0.0 && options.hold_out <= 0.5,
-                   "hold_out must lie in [0, .5], not be " << options.hold_out);
+                   "hold_out must lie in [0, .5], not " << options.hold_out);
   DFR_THROW_UNLESS(options.error_factor > 0.0 && std::isfinite(options.error_factor),
                    "error_factor must be positive and finite, not " << options.error_factor);
   const auto going_on = [&](std::string_view stage, double share) {
@@ -317,9 +316,9 @@ void GuardModel::Complete(core::StateLayout layout, std::shared_ptr<const Action
   const auto dim = static_cast<std::size_t>(actions->dim());
   if (settings.action_limit.size() == 1)
     settings.action_limit.resize(dim, settings.action_limit[0]);
-  DFR_THROW_UNLESS(settings.action_limit.size() == dim, "action_limit has "
-                                                            << settings.action_limit.size()
-                                                            << " entries, actions " << dim);
+  DFR_THROW_UNLESS(
+      settings.action_limit.size() == dim,
+      "action_limit has " << settings.action_limit.size() << " entries, but actions have " << dim);
   actions_ = std::move(actions);
   layout_ = std::move(layout);
   task_ = std::move(task);
@@ -342,10 +341,10 @@ Certification GuardModel::Certify(int t, std::span<const double> state,
                                   std::span<const double> action) const {
   DFR_THROW_UNLESS(
       static_cast<int>(state.size()) == state_dim(),
-      "the state has " << state.size() << " entries, the guard's have " << state_dim());
-  DFR_THROW_UNLESS(
-      static_cast<int>(action.size()) == action_dim(),
-      "the action has " << action.size() << " entries, the guard's have " << action_dim());
+      "the state has " << state.size() << " entries, but the guard's states have " << state_dim());
+  DFR_THROW_UNLESS(static_cast<int>(action.size()) == action_dim(),
+                   "the action has " << action.size() << " entries, but the guard's actions have "
+                                     << action_dim());
   t = std::clamp(t, 0, num_steps() - 1);
   const control::Certificate certificate = this->certificate();
   const control::TaskView task = task_->view();
@@ -419,14 +418,16 @@ int GuardModel::FindChangedConstant(std::span<const double> task_state,
 }
 
 std::vector<double> GuardModel::Levels(const core::Matrix& states, std::vector<int>* steps) const {
-  DFR_THROW_UNLESS(states.cols() == state_dim(),
-                   "states have " << states.cols() << " entries, the guard's have " << state_dim());
+  DFR_THROW_UNLESS(
+      states.cols() == state_dim(),
+      "states have " << states.cols() << " entries, but the guard's states have " << state_dim());
   return internal::Follow(support(), reduction_ ? TaskStates(states) : states, steps);
 }
 
 core::Matrix GuardModel::TaskStates(const core::Matrix& states) const {
-  DFR_THROW_UNLESS(states.cols() == state_dim(),
-                   "states have " << states.cols() << " entries, the guard's have " << state_dim());
+  DFR_THROW_UNLESS(
+      states.cols() == state_dim(),
+      "states have " << states.cols() << " entries, but the guard's states have " << state_dim());
   if (!reduction_) return states;
   reduction::StateReduction::Workspace workspace(*reduction_);
   core::Matrix reduced(states.rows(), layout_.state_dim());

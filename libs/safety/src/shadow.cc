@@ -8,10 +8,12 @@ namespace dfr::safety {
 
 Shadow RunInShadow(Guard& guard, const core::Trajectory& episode) {
   DFR_THROW_UNLESS(episode.states.cols() == guard.state_dim(),
-                   "the states have " << episode.states.cols() << " entries, the guard's have "
+                   "the states have " << episode.states.cols()
+                                      << " entries, but the guard's states have "
                                       << guard.state_dim());
   DFR_THROW_UNLESS(episode.controls.cols() == guard.action_dim(),
-                   "the actions have " << episode.controls.cols() << " entries, the guard's have "
+                   "the actions have " << episode.controls.cols()
+                                       << " entries, but the guard's actions have "
                                        << guard.action_dim());
   Shadow shadow{.actions = episode.num_steps(), .micros = {}};
   shadow.micros.reserve(static_cast<std::size_t>(shadow.actions));

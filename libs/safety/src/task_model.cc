@@ -91,16 +91,16 @@ TaskModel::TaskModel(const core::StateLayout& layout,
 
 TaskModel::TaskModel(TaskParts parts) : data_(std::make_unique<const Data>(std::move(parts))) {
   DFR_THROW_UNLESS(horizon() > 0 && horizon() <= kMostHorizon,
-                   "horizon must lie in [1, " << kMostHorizon << "], not be " << horizon());
+                   "horizon must lie in [1, " << kMostHorizon << "], not " << horizon());
   DFR_THROW_UNLESS(
       !lambda().empty() && std::all_of(lambda().begin(), lambda().end(),
                                        [](double l) { return l > 0.0 && std::isfinite(l); }),
       "lambda must be positive and finite");
   control::CheckFits(view());
   DFR_THROW_UNLESS(support().state_dim() == guided_support().state_dim(),
-                   "the published support takes states of " << support().state_dim()
-                                                            << " entries, guided recovery's of "
-                                                            << guided_support().state_dim());
+                   "the published support takes states of "
+                       << support().state_dim() << " entries, but guided recovery's takes "
+                       << guided_support().state_dim());
 }
 
 TaskModel::TaskModel(TaskModel&&) noexcept = default;

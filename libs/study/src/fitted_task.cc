@@ -23,9 +23,9 @@ class MeasuredPolicy final : public core::Policy {
         context_(context) {
     if (context != nullptr) values_.resize(static_cast<std::size_t>(context->num_features()));
     DFR_THROW_UNLESS(policy.control_dim() == actions.dim(),
-                     "the policy's controls have " << policy.control_dim()
-                                                   << " entries, those of the demonstrations "
-                                                   << actions.dim());
+                     "the policy's controls have "
+                         << policy.control_dim()
+                         << " entries, but those of the demonstrations have " << actions.dim());
   }
   [[nodiscard]] int state_dim() const noexcept override { return policy_->state_dim(); }
   [[nodiscard]] int control_dim() const noexcept override { return actions_->steered_dim(); }
@@ -162,7 +162,7 @@ std::unique_ptr<control::Controller> FittedTask::InUnits(const core::Policy& pol
   std::vector<double> least = guard_->settings().action_limit;
   DFR_THROW_UNLESS(
       limit.size() == 1 || limit.size() == least.size(),
-      "there are " << limit.size() << " limits, controls have " << least.size() << " entries");
+      "there are " << limit.size() << " limits, but controls have " << least.size() << " entries");
   for (std::size_t i = 0; i < least.size(); ++i) {
     least[i] = std::min(least[i], limit[limit.size() == 1 ? 0 : i]);
   }

@@ -19,10 +19,10 @@ DiscPushPlant::DiscPushPlant(const DiscPushOptions& options)
                        options.red_radius > 0.0 && options.goal_radius > 0.0,
                    "radii must be positive");
   DFR_THROW_UNLESS(options.start_x - 0.02 > options.object_radius + options.pusher_radius,
-                   "start_x must leave room between pusher and object, not be " << options.start_x);
+                   "start_x must leave room between pusher and object: " << options.start_x);
   DFR_THROW_UNLESS(options.start_y >= 0.0, "start_y must not be negative: " << options.start_y);
   DFR_THROW_UNLESS(options.gate_y > options.red_radius + options.object_radius,
-                   "gate_y must let the object pass, not be " << options.gate_y);
+                   "gate_y must let the object pass: " << options.gate_y);
   DFR_THROW_UNLESS(options.goal_x > options.gate_x && options.gate_x > options.start_x,
                    "start, gate and goal must follow one another along x");
   DFR_THROW_UNLESS(options.step > 0.0 && options.step < 0.1, "step must lie in (0, 0.1)");

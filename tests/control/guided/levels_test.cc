@@ -118,7 +118,7 @@ TEST(LevelsTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(message(Points(), {.slack = -0.1}), HasSubstr("slack"));
   EXPECT_THAT(message({}, {}), HasSubstr("no demonstrations"));
   EXPECT_THAT(message({core::Matrix::Zero(4, 3)}, {}),
-              HasSubstr("there are 3 features, the support takes 2"));
+              HasSubstr("there are 3 features, but the support takes 2"));
 }
 
 // Demonstration k = 10, ..., 20 is at the edge in k consecutive steps and in no other step.

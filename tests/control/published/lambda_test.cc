@@ -60,7 +60,7 @@ TEST(EstimateLambdaTest, ErrorsNameTheDemonstration) {
               HasSubstr("demonstration 1 has a non-finite entry"));
   Trajectory wide = good;
   wide.states = core::Matrix::Zero(2, 3);
-  EXPECT_THAT(message({wide}), HasSubstr("have 3 entries, the support takes 1"));
+  EXPECT_THAT(message({wide}), HasSubstr("have 3 entries, but the support takes 1"));
 }
 
 }  // namespace

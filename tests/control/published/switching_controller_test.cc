@@ -411,7 +411,7 @@ TEST(SwitchingControllerTest, ErrorsNameTheOption) {
     return test::MessageOf<std::invalid_argument>(
         [&] { SwitchingController(policy, g, lambda, options); });
   };
-  EXPECT_THAT(message(test::UnitBall(3), {1}, {}), HasSubstr("the support of 3"));
+  EXPECT_THAT(message(test::UnitBall(3), {1}, {}), HasSubstr("the support takes 3"));
   EXPECT_THAT(message(ball, {}, {}), HasSubstr("lambda needs"));
   EXPECT_THAT(message(ball, {1, 0}, {}), HasSubstr("not 0 at step 1"));
   EXPECT_THAT(message(ball, {kNaN}, {}), HasSubstr("at step 0"));

@@ -166,7 +166,7 @@ TEST(TaskViewTest, PartsThatDoNotFitEachOtherAreRefused) {
   EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] {
                 CheckFits({one, support, task.levels, task.response});
               }),
-              HasSubstr("there are 1 features, the support takes 2"));
+              HasSubstr("there are 1 features, but the support takes 2"));
   const test::GaussianSupport narrow({{0.0}}, 1.0, 0.5);
   EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] {
                 CheckFits({one, narrow, task.levels, task.response});

@@ -133,7 +133,8 @@ TEST(TimeVaryingSupportTest, ErrorsNameTheDemonstration) {
   walks[3](2, 1) = std::nan("");
   EXPECT_THAT(fit({}), HasSubstr("demonstration 3, state 2"));
   walks[3] = core::Matrix::Zero(4, 3);
-  EXPECT_THAT(fit({}), HasSubstr("demonstration 3 has states of 3 entries, demonstration 0 of 2"));
+  EXPECT_THAT(fit({}),
+              HasSubstr("demonstration 3 has states of 3 entries, but demonstration 0 has 2"));
   walks[3] = core::Matrix(0, 2);
   EXPECT_THAT(fit({}), HasSubstr("demonstration 3 has no states"));
   walks.resize(1);

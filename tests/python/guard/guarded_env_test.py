@@ -189,7 +189,7 @@ class GuardedEnvTest(unittest.TestCase):
                 dfr.GuardedEnv(other, self.guard)
         plant = Corridor()
         plant.action_space = types.SimpleNamespace(low=np.zeros(0), high=np.zeros(0))
-        with self.assertRaisesRegex(ValueError, "the environment's actions have 0 entries, the guard's 2"):
+        with self.assertRaisesRegex(ValueError, "the environment's actions have 0 entries, but the guard's have 2"):
             dfr.GuardedEnv(plant, self.guard)
 
     def test_a_path_instead_of_a_guard_is_refused(self):

@@ -200,7 +200,7 @@ TEST(GuardModelTest, AKernelThatFillsTheGapBetweenTwoPathsIsNarrowed) {
   }
   GuardOptions options{.features = "tip"};
   const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, options);
-  // Doubled by volume alone.
+  // The fit doubles gamma once, because the volume falls; no gap requires it.
   EXPECT_EQ(model->summary().gamma, 2.0 * options.support.svm.gamma);
   EXPECT_GE(model->summary().gaps.points, model->num_steps() - 2);
   EXPECT_EQ(model->summary().gaps.inside, 0);
@@ -271,7 +271,7 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
   EXPECT_THAT(fit(bad), HasSubstr("demonstration 1 has actions of 1 entries"));
   bad = good;
   bad[0].states.conservativeResize(21, 2);
-  EXPECT_THAT(fit(bad), HasSubstr("demonstration 0 has states of 2 entries, the layout 3"));
+  EXPECT_THAT(fit(bad), HasSubstr("demonstration 0 has states of 2 entries, but the layout has 3"));
   EXPECT_THAT(fit(good, {.features = "gripper"}), HasSubstr("feature 'gripper'"));
   EXPECT_THAT(fit(good, {.features = "tip", .horizon = -1}), HasSubstr("horizon"));
   // Options that no loader accepts produce no file.
@@ -314,7 +314,7 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
   EXPECT_THAT(refusal(&GuardSettings::action_limit, std::vector{0.0, 0.0}),
               HasSubstr("nothing could move"));
   EXPECT_THAT(refusal(&GuardSettings::action_limit, std::vector{0.1, 0.1, 0.1}),
-              HasSubstr("action_limit has 3 entries, actions 2"));
+              HasSubstr("action_limit has 3 entries, but actions have 2"));
   for (const int wrong : {0, (1 << 30) + 1}) {
     EXPECT_THAT(refusal(&GuardSettings::horizon, wrong), HasSubstr("horizon must lie in [1, "));
     EXPECT_THAT(refusal(&GuardSettings::max_actions, wrong),

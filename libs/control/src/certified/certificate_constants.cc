@@ -18,7 +18,7 @@ constexpr bool kDrift = false;
 
 void Check(std::size_t demonstrations, std::size_t least, double confidence) {
   DFR_THROW_UNLESS(confidence > 0.0 && confidence < 1.0,
-                   "confidence must lie in (0, 1), not be " << confidence);
+                   "confidence must lie in (0, 1), not " << confidence);
   DFR_THROW_UNLESS(demonstrations >= least,
                    "at least " << least << " demonstrations are needed, not " << demonstrations);
 }

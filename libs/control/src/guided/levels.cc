@@ -43,18 +43,17 @@ Levels::Levels(const core::LogDecisionFunction& support, std::span<const core::M
                const LevelOptions& options)
     : slack_(options.slack) {
   DFR_THROW_UNLESS(options.gate_quantile >= 0.0 && options.gate_quantile <= 1.0,
-                   "gate_quantile must lie in [0, 1], not be " << options.gate_quantile);
-  DFR_THROW_UNLESS(
-      options.pass_quantile >= 0.0 && options.pass_quantile <= options.gate_quantile,
-      "pass_quantile must lie in [0, gate_quantile], not be " << options.pass_quantile);
+                   "gate_quantile must lie in [0, 1], not " << options.gate_quantile);
+  DFR_THROW_UNLESS(options.pass_quantile >= 0.0 && options.pass_quantile <= options.gate_quantile,
+                   "pass_quantile must lie in [0, gate_quantile], not " << options.pass_quantile);
   DFR_THROW_UNLESS(options.edge_quantile >= 0.0 && options.edge_quantile <= 1.0,
-                   "edge_quantile must lie in [0, 1], not be " << options.edge_quantile);
+                   "edge_quantile must lie in [0, 1], not " << options.edge_quantile);
   DFR_THROW_UNLESS(options.slack >= 0.0, "slack must not be negative: " << options.slack);
   DFR_THROW_UNLESS(!points.empty(), "there are no demonstrations");
   for (const core::Matrix& z : points) {
     DFR_THROW_UNLESS(
         z.cols() == support.state_dim(),
-        "there are " << z.cols() << " features, the support takes " << support.state_dim());
+        "there are " << z.cols() << " features, but the support takes " << support.state_dim());
   }
   std::vector<double> levels;
   for (int t = 0; t < support.num_steps(); ++t) {

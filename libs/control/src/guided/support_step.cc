@@ -26,7 +26,7 @@ double LevelAfter(const LocalModel& model, int phase, const Eigen::VectorXd& v, 
 StepLimits ScaledLimits(std::span<const double> limits, int dim, double unit, int iterations) {
   if (limits.size() == 1) return {Eigen::VectorXd::Constant(dim, limits[0] / unit), iterations};
   DFR_THROW_UNLESS(static_cast<int>(limits.size()) == dim,
-                   "control_limit has " << limits.size() << " entries, controls " << dim);
+                   "control_limit has " << limits.size() << " entries, but controls have " << dim);
   return {core::AsVector(limits) / unit, iterations};
 }
 

@@ -11,9 +11,9 @@ DerivativeFreeRecovery::DerivativeFreeRecovery(int control_dim, const DfrOptions
     : options_(options) {
   DFR_THROW_UNLESS(control_dim > 0, "control_dim must be positive, not " << control_dim);
   DFR_THROW_UNLESS(options.probe_fraction > 0.0 && options.probe_fraction < 1.0,
-                   "probe_fraction must lie in (0, 1), not be " << options.probe_fraction);
+                   "probe_fraction must lie in (0, 1), not " << options.probe_fraction);
   DFR_THROW_UNLESS(options.step_fraction > 0.0 && options.step_fraction < 1.0,
-                   "step_fraction must lie in (0, 1), not be " << options.step_fraction);
+                   "step_fraction must lie in (0, 1), not " << options.step_fraction);
   direction_.resize(static_cast<std::size_t>(control_dim));
 }
 

@@ -16,7 +16,7 @@ std::vector<double> EstimateLambda(const core::DecisionFunction& support,
     const core::Matrix& controls = demonstrations[i].controls;
     DFR_THROW_UNLESS(states.cols() == support.state_dim(),
                      "demonstration " << i << ": its states have " << states.cols()
-                                      << " entries, the support takes " << support.state_dim());
+                                      << " entries, but the support takes " << support.state_dim());
     DFR_THROW_UNLESS(states.rows() == controls.rows() + 1,
                      "demonstration " << i << ": " << controls.rows() << " controls and "
                                       << states.rows()

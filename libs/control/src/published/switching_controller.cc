@@ -44,8 +44,9 @@ SwitchingController::SwitchingController(const core::Policy& policy,
       lambda_(lambda.begin(), lambda.end()),
       options_(options) {
   DFR_THROW_UNLESS(policy.state_dim() == support.state_dim(),
-                   "the policy takes states of "
-                       << policy.state_dim() << " entries, the support of " << support.state_dim());
+                   "the policy takes states of " << policy.state_dim()
+                                                 << " entries, but the support takes "
+                                                 << support.state_dim());
   DFR_THROW_UNLESS(!lambda_.empty(), "lambda needs at least one value");
   for (std::size_t t = 0; t < lambda_.size(); ++t) {
     DFR_THROW_UNLESS(lambda_[t] > 0.0 && std::isfinite(lambda_[t]),

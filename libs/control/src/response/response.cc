@@ -58,7 +58,7 @@ FeatureTrajectories::FeatureTrajectories(const core::FeatureTransform& features,
     DFR_THROW_UNLESS(demonstration.states.rows() == demonstration.controls.rows() + 1,
                      "demonstration " << d << " has " << demonstration.states.rows()
                                       << " states and " << demonstration.controls.rows()
-                                      << " controls");
+                                      << " controls; one state more than controls is needed");
     DFR_THROW_UNLESS(demonstration.states.allFinite() && demonstration.controls.allFinite(),
                      "demonstration " << d << " has a non-finite entry");
     points.push_back(features.Apply(demonstration.states));

@@ -40,7 +40,7 @@ void Check(const ResponseOptions& options) {
                        << kMaxTransitions << "; window is " << options.window << ", max_per_step "
                        << options.max_per_step);
   DFR_THROW_UNLESS(options.forgetting >= 0.0 && options.forgetting < 1.0,
-                   "forgetting must lie in [0, 1), not be " << options.forgetting);
+                   "forgetting must lie in [0, 1), not " << options.forgetting);
 }
 
 }  // namespace
@@ -59,8 +59,8 @@ TransitionStore::TransitionStore(std::span<const core::Matrix> features,
   const int n = feature_dim_;
   const int m = control_dim_;
   DFR_THROW_UNLESS(n >= 1 && n <= kMaxEntries && m >= 1 && m <= kMaxEntries,
-                   "features have " << n << " entries, controls " << m << "; from 1 to "
-                                    << kMaxEntries << " are possible");
+                   "features have " << n << " entries and controls " << m << "; 1 to "
+                                    << kMaxEntries << " are supported");
   Eigen::Index longest = 0;
   for (std::size_t d = 0; d < features.size(); ++d) {
     DFR_THROW_UNLESS(features[d].cols() == n && controls[d].cols() == m &&

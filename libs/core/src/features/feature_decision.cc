@@ -23,7 +23,8 @@ FeatureDecision::FeatureDecision(FeatureTransform features, const LogDecisionFun
     : features_(std::move(features)), inner_(&inner), norm_(OperatorNorm(features_.scale())) {
   DFR_THROW_UNLESS(features_.num_features() == inner.state_dim(),
                    "there are " << features_.num_features()
-                                << " features, the decision function takes " << inner.state_dim());
+                                << " features, but the decision function takes "
+                                << inner.state_dim());
   DFR_THROW_UNLESS(features_.num_features() <= FeatureTransform::kMaxFeatures,
                    "at most " << FeatureTransform::kMaxFeatures << " features, not "
                               << features_.num_features());

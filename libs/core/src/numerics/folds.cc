@@ -102,7 +102,7 @@ std::vector<std::size_t> Order(std::size_t demonstrations, std::uint64_t seed,
 }
 
 void Check(std::size_t demonstrations, int folds) {
-  DFR_THROW_UNLESS(folds >= 2, "folds must be at least 2: " << folds);
+  DFR_THROW_UNLESS(folds >= 2, "folds must be at least 2, not " << folds);
   DFR_THROW_UNLESS(demonstrations >= static_cast<std::size_t>(folds),
                    folds << " folds need at least as many demonstrations, not " << demonstrations);
 }
@@ -115,7 +115,7 @@ Matrix Landmarks(std::span<const Matrix> demonstrations) {
     const Matrix& states = demonstrations[d];
     DFR_THROW_UNLESS(states.rows() >= 1 && states.cols() == n,
                      "demonstration " << d << " is " << states.rows() << " x " << states.cols()
-                                      << ", demonstration 0 has " << n << " columns");
+                                      << ", but demonstration 0 has " << n << " columns");
     for (int i = 0; i < kLandmarks; ++i) {
       // Interpolates between rows. Rounding to a row would separate demonstrations of different
       // lengths.

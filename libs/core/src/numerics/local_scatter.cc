@@ -101,9 +101,9 @@ double NormalScatter(Eigen::Index count, Eigen::Index n, const LocalScatterOptio
 
 Matrix LocalScatter(std::span<const Matrix> groups, const LocalScatterOptions& options) {
   DFR_THROW_UNLESS(options.neighbours > 0.0 && options.neighbours < 1.0,
-                   "neighbours must lie in (0, 1), not be " << options.neighbours);
+                   "neighbours must lie in (0, 1), not " << options.neighbours);
   DFR_THROW_UNLESS(options.kept > 0.0 && options.kept <= 1.0,
-                   "kept must lie in (0, 1], not be " << options.kept);
+                   "kept must lie in (0, 1], not " << options.kept);
   DFR_THROW_UNLESS(options.rounds > 0, "rounds must be positive, not " << options.rounds);
   Matrix global = PooledCovariance(groups);
   const Eigen::Index n = global.rows();
@@ -141,7 +141,8 @@ Matrix PooledCovariance(std::span<const Matrix> groups) {
   Matrix covariance = Matrix::Zero(n, n);
   Eigen::Index count = 0;
   for (const Matrix& group : groups) {
-    DFR_THROW_UNLESS(group.cols() == n, "points have " << group.cols() << " entries, others " << n);
+    DFR_THROW_UNLESS(group.cols() == n,
+                     "points have " << group.cols() << " entries, but others have " << n);
     if (group.rows() == 0) continue;
     const Matrix centred = group.rowwise() - group.colwise().mean();
     covariance += centred.transpose() * centred;

@@ -51,7 +51,7 @@ MlpPolicy FitMlp(const core::StateLayout& layout, const Matrix& states, const Ma
                  const FitMlpOptions& options, FitReport* report) {
   CheckOptions(options);
   DFR_THROW_UNLESS(states.cols() == layout.state_dim(),
-                   "states have " << states.cols() << " columns, their layout has "
+                   "states have " << states.cols() << " columns, but their layout has "
                                   << layout.state_dim() << " entries");
   DFR_THROW_UNLESS(states.rows() == controls.rows(), "there are " << states.rows() << " states and "
                                                                   << controls.rows()

@@ -58,7 +58,7 @@ Mlp::Mlp(std::vector<int> sizes) : sizes_(std::move(sizes)) {
   for (std::size_t i = 0; i < sizes_.size(); ++i) {
     DFR_THROW_UNLESS(sizes_[i] >= 1 && sizes_[i] <= kMaxWidth,
                      "layer " << i << " of a network has " << sizes_[i] << " units; 1 to "
-                              << kMaxWidth << " are possible");
+                              << kMaxWidth << " are supported");
     width_ = std::max(width_, sizes_[i]);
     if (i == 0) continue;
     const Eigen::Index weights = offset;
@@ -270,7 +270,7 @@ Eigen::Map<const core::Matrix> Mlp::Tangent(const Rows& inputs,
                                             Workspace& workspace) const {
   CheckAfterForward(inputs, workspace);
   DFR_THROW_UNLESS(direction.size() == num_parameters(),
-                   "the direction has " << direction.size() << " entries, the network has "
+                   "the direction has " << direction.size() << " entries, but the network has "
                                         << num_parameters() << " parameters");
   Grow(workspace.front_, kChunk, width_);
   Grow(workspace.back_, kChunk, width_);

@@ -33,11 +33,13 @@ MlpPolicy::MlpPolicy(core::StateLayout layout, std::string_view features, Whiten
       control_limit_(std::move(control_limit)) {
   for (core::StateLayout::Block& block : layout_.blocks) block.picture = {};
   DFR_THROW_UNLESS(whitening_.dim() == selection_.num_features(),
-                   "the policy selects " << selection_.num_features() << " features, its whitening "
+                   "the policy selects " << selection_.num_features()
+                                         << " features, but its whitening "
                                          << "has " << whitening_.dim());
   DFR_THROW_UNLESS(mlp_.input_dim() == selection_.num_features(),
                    "the policy selects " << selection_.num_features()
-                                         << " features, its network takes " << mlp_.input_dim());
+                                         << " features, but its network takes "
+                                         << mlp_.input_dim());
   DFR_THROW_UNLESS(control_limit_.size() == mlp_.output_dim(),
                    "the policy's network has " << mlp_.output_dim() << " outputs, and "
                                                << control_limit_.size() << " control limits");

@@ -133,7 +133,7 @@ double ConformalThreshold(std::span<const double> scores, double alpha, double c
   // Subtracting 1e-9 keeps (n + 1)(1 - alpha) = 9.000000000000002 at rank 9.
   const double mean_rank = std::ceil((n + 1.0) * (1.0 - alpha) - 1e-9);
   DFR_THROW_UNLESS(confidence >= 0.0 && confidence < 1.0,
-                   "confidence must lie in [0, 1), not be " << confidence);
+                   "confidence must lie in [0, 1), not " << confidence);
   const double rank = confidence > 0.0 ? ToleranceRank(n, alpha, confidence) : mean_rank;
   if (rank > n) return std::numeric_limits<double>::infinity();
   const auto index = static_cast<std::ptrdiff_t>(std::max(rank, 1.0)) - 1;

@@ -30,7 +30,7 @@ void CheckDemonstrations(std::span<const StatesView> demonstrations) {
     DFR_THROW_UNLESS(states.rows() >= 1, "demonstration " << d << " has no states");
     DFR_THROW_UNLESS(states.cols() == demonstrations[0].cols(),
                      "demonstration " << d << " has states of " << states.cols()
-                                      << " entries, demonstration 0 of "
+                                      << " entries, but demonstration 0 has "
                                       << demonstrations[0].cols());
     if (AllFinite(states)) continue;
     for (Eigen::Index i = 0; i < states.rows(); ++i) {

@@ -102,7 +102,7 @@ WhitenedSupport WhitenedSupport::Fit(std::span<const core::Matrix> demonstration
                    "demonstrations, not "
                        << demonstrations.size());
   DFR_THROW_UNLESS(options.window >= 0, "window must not be negative: " << options.window);
-  DFR_THROW_UNLESS(options.every >= 1, "every must be at least 1: " << options.every);
+  DFR_THROW_UNLESS(options.every >= 1, "every must be at least 1, not " << options.every);
   DFR_THROW_UNLESS(options.window_share >= 0.0 && options.window_share <= 1.0,
                    "window_share must lie in [0, 1], not " << options.window_share);
   DFR_THROW_UNLESS(options.least_share >= 0.0 && options.least_share <= 1.0,
@@ -113,8 +113,8 @@ WhitenedSupport WhitenedSupport::Fit(std::span<const core::Matrix> demonstration
   for (std::size_t d = 0; d < demonstrations.size(); ++d) {
     DFR_THROW_UNLESS(demonstrations[d].cols() == n && demonstrations[d].rows() >= 1,
                      "demonstration " << d << " is " << demonstrations[d].rows() << " x "
-                                      << demonstrations[d].cols() << ", demonstration 0 has " << n
-                                      << " columns");
+                                      << demonstrations[d].cols() << ", but demonstration 0 has "
+                                      << n << " columns");
     DFR_THROW_UNLESS(demonstrations[d].allFinite(),
                      "demonstration " << d << " has a non-finite entry");
   }

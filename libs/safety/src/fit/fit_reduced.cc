@@ -89,7 +89,7 @@ class Components {
   Components(const StateReduction& all, std::span<const core::Trajectory> demonstrations,
              const GuardOptions& options) {
     pools_.push_back({all});
-    // Sums of pixels that actions depend on fit chance, and name pixels all over the picture.
+    // Sums of pixels chosen by actions overfit, and their attribution names pixels everywhere.
     if (!all.sums_open_pixels()) {
       pools_.push_back({all.WithComponents(fit::kMostByActions), true});
       if (all.most_components() > fit::kMostByActions) pools_.push_back({all, true});
@@ -135,7 +135,7 @@ class Components {
     return all.Combined(weights);
   }
 
-  // Writes what is known of the candidates, and the reason for one of them.
+  // Writes the scores of the candidates, and the reason for the choice of `candidate`.
   void Describe(const Candidate& candidate, GuardSummary& summary) const {
     summary.components = candidate.pool->choice.table;
     const bool by_actions = candidate.pool->by_actions;
