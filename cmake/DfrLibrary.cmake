@@ -8,7 +8,7 @@ if(PROJECT_IS_TOP_LEVEL)
   set(CMAKE_EXPORT_COMPILE_COMMANDS ON)
 endif()
 if(DFR_PRECOMPILE AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
-  # GCC collects garbage first at 1 GiB and seldom after it: a seventh less time for a large unit.
+  # GCC first collects garbage at 1 GiB and seldom afterwards: a large unit takes a seventh less time.
   add_compile_options(--param=ggc-min-heapsize=1048576 --param=ggc-min-expand=300)
   # gold links the test programs in a third of the time of bfd. Both come with binutils.
   find_program(DFR_GOLD ld.gold)

@@ -30,7 +30,7 @@ def _to_numpy(values: Any) -> NDArray[np.float64]:
 
 
 def _like(values: NDArray[np.float64], original: Any) -> Any:
-    # The type of integers would truncate what the guard counts as applied.
+    # An integer type would truncate the action, which the guard counts as applied.
     if hasattr(original, "new_tensor"):  # of the same type and device
         return (original if original.is_floating_point() else original.double()).new_tensor(values)
     dtype = np.asarray(original).dtype
@@ -54,9 +54,9 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
     `info` has the last decision in both cases. Call `reset` at the start of each episode.
 
     An action is a tensor or array of n entries in any shape, or a dictionary of n numbers,
-    {"shoulder_pan.pos": ...}. The result has the same form, with floating-point numbers. The guard decides in the present state of the
-    robot. From a chunk (1, k, n) each call therefore takes one action, in order; `reset` and `next_chunk`
-    start a new chunk.
+    {"shoulder_pan.pos": ...}. The result has the same form, with floating-point numbers. The guard decides in
+    the present state of the robot. From a chunk (1, k, n) each call therefore takes one action, in order;
+    `reset` and `next_chunk` start a new chunk.
 
     A transition of a policy's post-processor has no observation. In this case call `observe` with an
     observation before each action.
@@ -207,7 +207,7 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
         self.info = info
         alarmed, halted = self._alarm, self._halted
         self._alarm, self._halted = info["alarm"], info["mode"] == "halt"
-        # Last, because a function may raise.
+        # Called last, because these functions may raise.
         try:
             if self._alarm and not alarmed and self.on_alarm is not None:
                 self.on_alarm(info)

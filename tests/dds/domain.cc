@@ -18,7 +18,7 @@ int Claim() {
                       ("dfr-test-domain-" + std::to_string(domain) + ".lock");
     const int fd = ::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
     if (fd < 0) continue;
-    // The lock is held until the process ends for any reason.
+    // The lock lasts until the process ends, even if it is killed.
     if (::flock(fd, LOCK_EX | LOCK_NB) == 0) return domain;
     ::close(fd);
   }

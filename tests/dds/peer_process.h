@@ -8,7 +8,7 @@
 
 namespace dfr::test {
 
-/// A child program of the test. It ends with the thread that created it, for any reason.
+/// A child program of the test. It ends when the thread that created it ends, even if killed.
 class PeerProcess {
  public:
   /// Runs `command` (program and arguments) with CycloneDDS limited to the loopback interface.

@@ -267,7 +267,7 @@ TEST_F(PsmClientTest, LateSetpointsAreOurs) {
     before.push_back(at_);
     Step([&](PsmInput& input) {
       if (!input.setpoint_js) return;
-      // 140 ms, at nearly the fastest speed of a move.
+      // The set-points are 140 ms late, at nearly the fastest speed of a move.
       input.setpoint_js->position = before[static_cast<std::size_t>(std::max(0, i - 28))];
     });
   }

@@ -15,7 +15,7 @@ thread_local std::jmp_buf* resume = nullptr;
 
 void OnError(const char* message) {
   if (resume != nullptr) std::longjmp(*resume, 1);
-  // Outside a step, as MuJoCo requires: it cannot continue after an error.
+  // Outside a step the process must end: MuJoCo cannot continue after an error.
   std::fprintf(stderr, "MuJoCo: %s\n", message);
   std::exit(EXIT_FAILURE);
 }

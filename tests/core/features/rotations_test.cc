@@ -213,7 +213,7 @@ TEST(RotationsTest, AnAngleThatWrapsIsMadeContinuousIfItLeavesAGap) {
           }
         }
       }
-      // The same angle on any revolution gives the same bits.
+      // The same angle on any revolution gives the same value.
       const std::vector<double> state = {0.0, 0.0, 0.75};
       for (const double revolutions : {-2.0, 1.0, 3.0}) {
         const std::vector<double> other = {0.0, 0.0, 0.75 + revolutions * period};

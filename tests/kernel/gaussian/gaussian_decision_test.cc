@@ -184,7 +184,7 @@ TEST(OneClassSvmDecisionTest, LogDecisionHasTheSignOfGAndStaysFiniteFarAway) {
       total += std::exp(exponent(i) - largest);
     }
     EXPECT_LT(largest, -10000.0);
-    // Relative to the exponent: float has 24 bits.
+    // The tolerance is relative to the exponent, because a float has 24 bits.
     EXPECT_NEAR(svm.LogDecision(far), largest + std::log(total) - std::log(svm.rho()),
                 3e-7 * std::abs(largest));
     std::vector<double> gradient(3);

@@ -228,7 +228,7 @@ TEST_P(GaussianSumTest, ColumnsAreMeasuredByTheirDefinition) {
   core::Random random(17);
   for (std::size_t dim = 1; dim <= 40; ++dim) {
     for (const std::size_t count : {1u, 2u, 3u, 17u}) {
-      // Without spare room: the sanitizers see a read beyond the end.
+      // No spare entries: the sanitizers detect a read beyond the end.
       std::vector<double> rows(count * dim), sums(dim), most(dim);
       for (double& v : rows) v = random.Normal();
       MeasureColumns(rows.data(), count, dim, sums.data(), most.data());

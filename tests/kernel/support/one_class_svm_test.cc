@@ -359,7 +359,7 @@ TEST(OneClassSvmTest, NuNearBothEndsConverges) {
   }
 }
 
-// With nearly equal samples, whose kernel value rounds to 1 or above.
+// Half of the samples nearly equal the others: their kernel value rounds to 1 or above.
 TEST(OneClassSvmTest, EveryInstructionSetFindsTheSolution) {
   core::Random random(46);
   core::Matrix few = Tube(600, 3, random);

@@ -54,7 +54,7 @@ inline constexpr double kEdgeMemory = 0.98;
 /// the next kEdgeRamp steps. Otherwise a policy that stays at the edge would fail where the support
 /// is too wide.
 inline constexpr double kEdgeStayQuantile = 0.9;
-/// Smallest Levels::edge_stay(). A few or short demonstrations would give too small a value.
+/// Smallest Levels::edge_stay(). Few or short demonstrations would give too small a value.
 inline constexpr double kLeastEdgeStay = 10.0;
 inline constexpr double kEdgeRamp = 10.0;
 /// GuidedController: maximum number of relocations of the phase in an episode.

@@ -11,7 +11,7 @@ namespace dfr::experiment {
 
 /// State of one ledger of a run.
 struct LedgerStatus {
-  /// Path of the ledger. Missing or empty if its program failed at start.
+  /// Path of the ledger. The file is missing or empty if its program failed at start.
   std::filesystem::path path;
   std::string shard;  ///< "2/7", empty before the first unit.
   int done = 0;

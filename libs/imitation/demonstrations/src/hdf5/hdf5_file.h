@@ -65,8 +65,8 @@ class Hdf5File {
   [[nodiscard]] std::vector<std::int64_t> Shape(const std::string& path) const;
   /// Returns whether a dataset holds numbers or truth values.
   [[nodiscard]] bool IsNumeric(const std::string& path) const;
-  /// Reads a numeric dataset, converted to doubles: one row for each entry of the first dimension,
-  /// with all others in it (one column if there is none).
+  /// Reads a numeric dataset, converted to doubles. The first dimension becomes the rows, and the
+  /// others are flattened into columns (one column for a one-dimensional dataset).
   [[nodiscard]] core::Matrix Read(const std::string& path) const;
   /// Reads a one-dimensional dataset of texts, of fixed or variable length.
   [[nodiscard]] std::vector<std::string> ReadTexts(const std::string& path) const;

@@ -54,8 +54,8 @@ inline constexpr double kMostChangedReduced = 0.2;
 /// gamma suits a few features. The squared distance between two demonstrations grows with the
 /// number of whitened features, so gamma decreases with it.
 inline constexpr double kFeaturesOfGamma = 3.0;
-/// Largest number of components that actions depend on. They are directions of as many first
-/// components, or of all: what matters may come late, but directions of many fit chance.
+/// Largest number of components chosen by actions. They are directions within this number of first
+/// components, or within all: a late component may matter, but directions within many can overfit.
 inline constexpr int kMostByActions = 12;
 /// Corrections are harmful if the demonstrator's actions are predicted to end outside. Above this
 /// fraction of left-out actions the guard only monitors. In 41 fits this fraction was 4 to 10 %

@@ -259,8 +259,8 @@ class GuardModel {
                                            std::vector<int>* steps = nullptr) const;
 
   /// Certifies the next state after `action` in `state` at time step `t`, or at the nearest one
-  /// that there is, under the assumptions of a certificate with this model's constants and the J of
-  /// the demonstrations alone.
+  /// with an estimate, under the assumptions of a certificate with this model's constants and the J
+  /// of the demonstrations alone.
   /// @throws std::invalid_argument if sizes differ, the model is in single precision, or
   /// settings().direction_error is unknown.
   [[nodiscard]] Certification Certify(int t, std::span<const double> state,

@@ -24,8 +24,8 @@ namespace dfr::study {
 ///   "density"       l = log p - q, p a Gaussian kernel density
 ///   "mahalanobis"   l = 1 - (z - m)' S^-1 (z - m) / q
 /// The last three use the features and pooling of "whitened". For each time step, q leaves a
-/// fraction nu = .05 of the demonstrated states outside. Each of these levels leaves out the
-/// state's own demonstration, except for "mahalanobis".
+/// fraction nu = .05 of the demonstrated states outside. Except for "mahalanobis", the levels of
+/// these states are computed without their own demonstration.
 inline constexpr std::array<std::string_view, 5> kSupports = {"raw", "whitened", "knn-distance",
                                                               "density", "mahalanobis"};
 

@@ -54,8 +54,8 @@ class TransitionStore {
   [[nodiscard]] int context_dim() const noexcept { return static_cast<int>(contexts_.cols()); }
   [[nodiscard]] const ResponseOptions& options() const noexcept { return options_; }
 
-  /// Returns true if sums at `z` do not overflow in float. Beyond, more than 1e16 ordinary
-  /// differences away, FitAt() would be without demonstrations.
+  /// Returns true if sums at `z` do not overflow in float. They overflow at more than 1e16 ordinary
+  /// differences, where FitAt() cannot use demonstrations.
   [[nodiscard]] bool Reaches(std::span<const double> z) const noexcept;
 
   /// Returns true if `z` is in the box of all demonstrated states, enlarged on each side by its

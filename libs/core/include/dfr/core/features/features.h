@@ -26,7 +26,7 @@ struct StateLayout {
     std::string name;
     int offset = 0;
     int size = 0;
-    /// Set if the entries are a picture of values from 0 to 255; otherwise all zero.
+    /// Shape of the picture if the entries are pixels from 0 to 255; otherwise all zero.
     PictureShape picture = {};
     bool operator==(const Block&) const = default;
   };
