@@ -26,8 +26,8 @@ namespace dfr::apps::line_tracking {
                                                       int count, int steps, std::uint64_t seed,
                                                       experiment::ProgressCallback progress = {});
 
-/// Records a motion with the plant's arm and platform, and calibrates from it. Its provenance is
-/// that of Demonstrate().
+/// Records a motion with the plant's arm and platform, and calibrates from it. The calibration has
+/// the provenance of Demonstrate().
 [[nodiscard]] line_task::LineCalibration CalibratePlant(const sim::LineTrackingOptions& options,
                                                         int frames, std::uint64_t seed,
                                                         calibration::CalibrationSummary* summary);

@@ -38,8 +38,8 @@ class LinearPolicy final : public core::Policy {
   [[nodiscard]] int control_dim() const noexcept override {
     return static_cast<int>(gains_.rows());
   }
-  // Adds the products one by one, because a matrix product may use another order and other programs
-  // must compute the same bits.
+  // Adds the products one by one, because a matrix product may use another order, and other
+  // programs must compute the same bits.
   void Control(int /*t*/, std::span<const double> x, std::span<double> u) const noexcept override {
     for (Eigen::Index i = 0; i < gains_.rows(); ++i) {
       double sum = gains_(i, 0);

@@ -54,8 +54,8 @@ class Client {
   int poses_ = 0;
 };
 
-// Waits twice for DDS to refuse a participant, 2 s. Only this test commands the simulator without a
-// certificate.
+// Takes 2 s, because DDS refuses a participant twice. Only this test commands the simulator without
+// a certificate.
 TEST(SecuredSimulatorTest, OnlyThoseWithCertificatesHearAndCommandTheArm) {
   const std::filesystem::path folder =
       std::filesystem::temp_directory_path() / ("dfr-secured-" + std::to_string(::getpid()));

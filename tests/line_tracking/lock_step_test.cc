@@ -30,8 +30,8 @@
 namespace dfr::apps::line_tracking {
 namespace {
 
-// Draws every picture of an episode, 4 s. Only this test compares the robot's loop over DDS with
-// the plant in one process.
+// Takes 4 s, because it draws every picture of an episode. Only this test compares the robot's loop
+// over DDS with the plant in one process.
 TEST(LockStepTest, TheSameSeedsHaveTheSameOutcomesAsInOneProcess) {
   const int domain = test::OwnDomain();
   const line_task::LineCalibration known = Data().Calibration();
@@ -56,8 +56,8 @@ TEST(LockStepTest, TheSameSeedsHaveTheSameOutcomesAsInOneProcess) {
   }
 }
 
-// Starts four programs, 5 s. Only this test finds a program that `launch` starts without its
-// certificate.
+// Takes 5 s, because it starts four programs. Only this test finds a program that `launch` starts
+// without its certificate.
 TEST(LaunchTest, AllStartedProgramsJoinTheSecuredNetwork) {
   const test::Keystore keys = {{"line_tracking", dds::Permission::kController},
                                {"dvrk_simulator", dds::Permission::kConsole},

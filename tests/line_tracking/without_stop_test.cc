@@ -23,8 +23,8 @@ int Count(const std::string& printed, const std::string& text) {
   return count;
 }
 
-// Runs two episodes in lock-step, 4 s. Only this test reads the operator's output of a whole run.
-// LaunchTest has a run with an emergency stop.
+// Takes 4 s for two episodes in lock-step. Only this test reads the operator's output of a whole
+// run. LaunchTest has a run with an emergency stop.
 TEST(WithoutStopTest, ARunWarnsFirstAtEveryStartAndInItsRecording) {
   const std::string warning =
       "WITHOUT AN EMERGENCY STOP: only the console and Ctrl-C here stop the arm\n";

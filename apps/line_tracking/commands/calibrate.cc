@@ -148,7 +148,7 @@ line_task::LineCalibration LoadCalibration(const RobotConfig& config) {
                     "Calibrate this robot: line_tracking calibrate --config");
   } else if (!config.simulated()) {
     throw std::runtime_error(config.file.string() +
-                             ": calibration is none, but a robot needs one. Create it with "
+                             ": calibration is 'none', but a robot needs one. Create it with "
                              "line_tracking calibrate --config");
   }
   CheckCamera(config, known);

@@ -22,7 +22,7 @@ constexpr std::size_t kMostActions = 1000;
 constexpr Eigen::Index kFoldScores = 8;
 constexpr std::size_t kLeastDemonstrations = 4;
 
-// Sums over the judged actions of one demonstration, in units of an ordinary one.
+// Sums over the judged actions of one demonstration, in units of an ordinary action.
 struct Sums {
   explicit Sums(Eigen::Index control_dim) : v(Eigen::VectorXd::Zero(control_dim)) {}
   double inside = 0.0;
@@ -165,7 +165,7 @@ class Judge {
     const auto support = kernel::WhitenedSupport::Fit(points, options_.support);
     const control::ResponseEstimate estimate(std::make_shared<const control::TransitionStore>(
         points, controls, control::ResponseOptions{}));
-    // The order does not depend on that of recording.
+    // This order is independent of the order of recording.
     for (const std::size_t d : order_) {
       if (std::ranges::count(folds_[fold], d) == 0) continue;
       JudgeOne(whitening.Apply(selected(d)), demonstrations_[d].controls, support, estimate,

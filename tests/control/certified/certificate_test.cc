@@ -111,7 +111,7 @@ TEST(LargestShareTest, IsZeroOutsideAndOneTowardsTheCentre) {
   EXPECT_EQ(LargestShare({-1.0, 0.5}, shift, std::vector{0.1, 0.0}, 0.0), 0.0);
   // The control leads to the centre of the ball and stops there.
   EXPECT_EQ(LargestShare({0.6, 0.5}, shift, std::vector{0.5, 0.0}, 0.0), 1.0);
-  // On the boundary, outwards.
+  // The control leads outwards from the boundary.
   EXPECT_EQ(LargestShare({0.5, 0.5}, shift, std::vector{-1.0, 0.0}, 0.0), 0.0);
 }
 

@@ -135,7 +135,7 @@ TEST_F(SecurityTest, OpenSslAgreesWithTheCertificates) {
                        files.certificate.string()));
 }
 
-// A picture larger than a message is divided, encrypted and reassembled, in 3 s. Only this test
+// A picture larger than a message is divided, encrypted and reassembled. Takes 3 s: only this test
 // sends encrypted fragments.
 TEST_F(SecurityTest, PicturesArriveWhole) {
   for (const bool shared_memory : {false, true}) {

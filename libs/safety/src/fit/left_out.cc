@@ -11,7 +11,7 @@ namespace {
 
 constexpr std::size_t kMostActions = 1000;
 
-// Sums over replayed actions v, in units of an ordinary one.
+// Sums over replayed actions v, in units of an ordinary action.
 struct Sums {
   explicit Sums(Eigen::Index control_dim)
       : v(Eigen::VectorXd::Zero(control_dim)), squares(v), missed(v) {}

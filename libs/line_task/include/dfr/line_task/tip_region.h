@@ -42,8 +42,8 @@ class TipRegion {
   /// Returns the depth and the boundary of the violation at `tip_m` (world frame), or none inside
   /// the region. A non-finite position has infinite depth.
   [[nodiscard]] Breach At(const Eigen::Vector3d& tip_m) const noexcept;
-  /// Checks the straight path in joint space between two encoder readings every 0.5 mm, and returns
-  /// its deepest violation. A path that starts in violation may lead out, but never deeper.
+  /// Checks, in steps of 0.5 mm, the straight path in joint space between two encoder readings, and
+  /// returns its deepest violation. A path that starts in violation may lead out, but never deeper.
   [[nodiscard]] Breach Along(const kinematics::PsmJoints& from,
                              const kinematics::PsmJoints& to) const noexcept;
   /// Sets the last observed pose of the gauze in the world frame. Until ForgetGauze(), the tips

@@ -83,8 +83,8 @@ inline constexpr double kLeastDrift = 0.2;
 /// Fraction of the features' changes that the response explains. With a smaller fraction
 /// corrections are unreliable.
 inline constexpr double kLeastResponse = 0.5;
-/// An earlier or later action moves a feature if it explains more of the change that the state does
-/// not determine than the recorded action does, by at least this fraction.
+/// An action of another step counts as the cause of a feature's change if it explains this fraction
+/// more than the recorded action does. Fractions are of the change that the state leaves open.
 inline constexpr double kLagGain = 0.3;
 /// Maximum deviation from uniform motion of an entry that advances like a clock, as a fraction of
 /// its variance.

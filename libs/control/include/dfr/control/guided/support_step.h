@@ -41,7 +41,7 @@ struct StepTarget {
 struct StepLimits {
   Eigen::VectorXd control = {};  ///< |v_i| is at most entry i; empty: no limit.
   int iterations = 6;            ///< Maximum number of gradients of l per call, >= 0.
-  /// Response::values(); empty: every entry has many values. A step keeps entries with few values.
+  /// Response::values(); empty: every entry has many. A step leaves entries with few unchanged.
   std::vector<std::vector<double>> values = {};
 
   /// Clamps `v` to `control`.
