@@ -24,7 +24,7 @@ namespace dfr::apps {
 /// Range of horizons, repetitions and similar counts.
 inline const CLI::Range kCount(1, 1'000'000);
 
-/// For CLI::Option::check(). The messages of CLI11's validators contain all 309 digits of the
+/// For CLI::Option::check(). Messages of CLI11's own validators contain all 309 digits of the
 /// largest double.
 inline const CLI::Validator kPositive(
     [](std::string& text) {
@@ -39,8 +39,8 @@ inline const CLI::Validator kNotNegative(
     },
     "NONNEGATIVE");
 
-/// CLI::Option::transform() for an option that takes one of a few words. Help and errors list
-/// exactly these.
+/// For CLI::Option::transform(): converts one of `words` to its enumerator. Help and errors list
+/// the words.
 template <typename T>
 CLI::Validator OneOf(const std::map<std::string, T>& words) {
   std::string list;
@@ -67,7 +67,7 @@ template <typename Run>
 int RunProgram(const char* name, int argc, char** argv, Run run) {
   static_cast<void>(std::signal(SIGXFSZ, SIG_IGN));
   for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) {
-    // open() takes the lowest free number, which is this one.
+    // open() takes the lowest free number: `stream`.
     if (::fcntl(stream, F_GETFD) < 0) static_cast<void>(::open("/dev/null", O_RDWR));
   }
   int code = EXIT_FAILURE;
@@ -90,7 +90,7 @@ inline void AddVersion(CLI::App& app) {
                        std::string(core::BuildVersion()) + " (" + core::BuildCommit() + ")");
 }
 
-/// Parses the arguments, with core::CheckArguments() and core::DescribeEmptyEntry(). Returns the
+/// Parses the arguments after core::CheckArguments() and core::DescribeEmptyEntry(). Returns the
 /// exit code if the program is done: EXIT_SUCCESS after --help and --version, 2 after a usage
 /// error, which is printed in one line.
 inline std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {

@@ -18,7 +18,7 @@ constexpr int kMargin = 12;
 constexpr double kFramesPerSecond = 15.0;
 constexpr int kHoldFrames = 20;  // after the longest video has ended
 
-// OpenCV's colours are blue, green, red. Colour-blind readers can distinguish these colours.
+// Channels are blue, green, red, as in OpenCV. Colour-blind readers can distinguish the colours.
 const cv::Scalar kPaper(252, 251, 250);
 const cv::Scalar kInk(45, 42, 40);
 const cv::Scalar kFaint(205, 200, 196);

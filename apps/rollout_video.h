@@ -16,7 +16,7 @@ namespace dfr::apps {
 struct VideoFrame {
   std::vector<std::uint8_t> jpeg;
   control::Step step;
-  double level = 0.0;      ///< g, or its log form if the controller uses that.
+  double level = 0.0;      ///< g, or its log form if the controller uses it.
   double threshold = 0.0;  ///< Threshold of the gate, in the same form; NaN: none.
   bool logarithmic = false;
   int controls = 0;  ///< Number of controls applied so far.
@@ -73,7 +73,7 @@ class RolloutVideoRecorder final : public control::RolloutObserver {
 /// @throws std::runtime_error naming the file if it cannot be written or its ending is unknown.
 void WriteVideo(const std::filesystem::path& path, std::span<const RolloutVideo> videos);
 
-/// Writes picture `index` of the same videos, or the last one. The ending chooses PNG or JPEG.
+/// Writes picture `index` of each video, or its last one. The ending of `path` chooses PNG or JPEG.
 void WriteStill(const std::filesystem::path& path, std::span<const RolloutVideo> videos,
                 std::size_t index);
 

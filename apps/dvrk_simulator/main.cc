@@ -97,8 +97,8 @@ void AddScene(CLI::App& app, Options& options) {
       ->capture_default_str()
       ->group(group);
   app.add_option("--arm-error", world.arm.mean_error_m,
-                 "mean distance of the tip from its position by the encoders [m];\ncalibration "
-                 "cannot remove up to 0.0005 of it")
+                 "mean distance of the tip from its position by the encoders [m];\nup to 0.0005 "
+                 "of it remain after a calibration")
       ->capture_default_str()
       ->group(group);
   app.add_flag_callback(
@@ -129,7 +129,7 @@ void AddScene(CLI::App& app, Options& options) {
       ->delimiter(',')
       ->group(group);
   app.add_option("--frequency", d.frequency,
-                 "frequencies of the same [Hz], of breath [rad/s]; six numbers")
+                 "frequencies of these entries [Hz; breath: rad/s]; six numbers")
       ->delimiter(',')
       ->group(group);
   app.add_flag("--during,!--not-during", d.during,
@@ -138,7 +138,9 @@ void AddScene(CLI::App& app, Options& options) {
   app.add_flag("--between", d.between,
                "the platform moves while the arm does not; in lock-step, for --pause at each rest")
       ->group(group);
-  app.add_option("--pause", d.pause_s, "time of motion [s]")->capture_default_str()->group(group);
+  app.add_option("--pause", d.pause_s, "duration of the motion at each rest, in lock-step [s]")
+      ->capture_default_str()
+      ->group(group);
   app.add_flag("!--no-camera", options.server.camera,
                "draw and publish no pictures; OpenGL is not needed then")
       ->group(group);
@@ -158,7 +160,7 @@ void AddTime(CLI::App& app, Options& options) {
       ->group(group);
   app.add_option(
          "--priority", options.priority,
-         "SCHED_FIFO priority of the arm's thread, as a console has a separate processor; 0: none")
+         "SCHED_FIFO priority of the arm's thread (a real console has its own processor); 0: none")
       ->capture_default_str()
       ->check(CLI::Range(0, 99))
       ->group(group);
@@ -195,7 +197,7 @@ void AddFaults(CLI::App& app, Options& options) {
       ->group(group);
   flag("freeze", "repeat the same state");
   flag("silent", "publish no state");
-  flag("invalid", "stamp everything zero");
+  flag("invalid", "set all stamps to zero");
   flag("corrupt", "publish NaN as positions");
   number("platform", "--platform-speed",
          "speed of an additional motion across the line, 5 mm to and fro [m/s]");
@@ -277,7 +279,7 @@ void ReportRefused(dfr::dds::Participant& participant) {
 
 void Run(Options options) {
   if (options.server.lock_step) options.scene.linger_s = 0.0;
-  // The residual that no calibration removes is a part of the mean error.
+  // The residual is a part of the mean error and cannot exceed it.
   auto& error = options.scene.world.arm;
   error.mean_residual_m = std::min(error.mean_residual_m, error.mean_error_m);
   options.network.name = "dvrk_simulator";

@@ -58,7 +58,7 @@ class LaggedFit {
 
   // Pairs the change from state t with action t + lag.
   void Add(const core::Trajectory& episode, Eigen::Index lag) {
-    // The same changes for every lag: otherwise fits are not comparable.
+    // Every lag uses the same changes: otherwise fits are not comparable.
     for (Eigen::Index t = 1; t + 1 < episode.controls.rows(); ++t) {
       const Eigen::VectorXd change = episode.states.row(t + 1) - episode.states.row(t);
       const Eigen::VectorXd action = episode.controls.row(t + lag);
@@ -97,7 +97,7 @@ class LaggedFit {
   double count_ = 0.0;
 };
 
-// Statistics over all episodes. Memory holds one episode and the quaternions of all.
+// Statistics over all episodes. Memory holds one episode at a time, and all quaternions.
 class Collected {
  public:
   Collected(const core::StateLayout& layout, int action_dim)
@@ -161,7 +161,7 @@ class Collected {
   }
 
  private:
-  // Lists few entries one by one, and many in one line.
+  // Warns of entries that always equal another: few one by one, many in one line.
   void Doubled(Problems& problems) const {
     constexpr std::size_t kFew = 3;
     std::vector<std::string> pairs;
@@ -284,7 +284,7 @@ bool RunCheck(const CheckOptions& options) {
       problems.Error(reader->name(i) + ": is left out of the repaired file: " + e.what());
     }
     CheckActions(reader->name(i), episode.controls, options.action_limit, problems);
-    // Episodes with bitwise equal sums are equal.
+    // Episodes with bitwise equal sums count as equal.
     const std::pair<double, Eigen::Index> mark{
         episode.states.squaredNorm() + 3.0 * episode.controls.squaredNorm(), episode.states.rows()};
     const auto [first, fresh] = seen.emplace(mark, reader->name(i));

@@ -36,7 +36,7 @@ struct FitOptions {
   std::filesystem::path out = "task.guard";
   std::string strategy = "guard";
   bool all = false;          ///< Include episodes that did not complete the task.
-  bool as_recorded = false;  ///< Actions that look like positions are not positions.
+  bool as_recorded = false;  ///< Use actions as recorded, although they look like positions.
   bool strict = false;       ///< Treat warnings as a failure.
   safety::GuardOptions guard;
 };

@@ -49,7 +49,7 @@ imitation::MinariWriter OpenMinariWriter(const ConvertOptions& options,
   }
 }
 
-// Entries of actions that --differences converts. Prints these and the others.
+// Returns the entries of actions that --differences converts. Prints all entries of actions.
 std::vector<core::AbsoluteAction> FindPositions(const imitation::DemonstrationReader& reader,
                                                 const std::filesystem::path& path) {
   core::ActionAnalysis analysis(reader.layout().state_dim(), reader.control_dim());

@@ -19,8 +19,8 @@ void WriteMatrix(std::ofstream& out, const core::Matrix& values) {
   }
 }
 
-// Writes t_000.model, t_001.model, ... of y, and features.csv and t_000.csv with the map of a state
-// to y.
+// Writes a model of the whitened features y per time step (t_000.model, ...), and the map from a
+// state to y (features.csv, t_000.csv, ...).
 void ExportLibsvm(const safety::GuardModel& model, const std::filesystem::path& folder) {
   safety::CheckExport(model);
   std::error_code error;

@@ -114,7 +114,7 @@ bool RunFit(const FitOptions& options) {
   if (!options.all && completed.empty()) {
     std::printf(
         "none of %zu episodes is recorded as completed. The guard learns from all of them: if they "
-        "failed, give it others (--all confirms)\n",
+        "failed, give it others (--all omits this note)\n",
         all.size());
   }
 
@@ -123,7 +123,7 @@ bool RunFit(const FitOptions& options) {
     throw std::runtime_error(
         options.demonstrations.string() + ": " + core::Describe(absolute, reader->layout()) +
         ". A guard needs velocities or increments, for which zero means no motion: make them with "
-        "guard convert --differences, or give --as-recorded if these are");
+        "guard convert --differences, or give --as-recorded if the actions are increments already");
   }
 
   guard.strategy = safety::ParseStrategy(options.strategy);

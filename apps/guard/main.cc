@@ -79,8 +79,8 @@ void AddFit(CLI::App& app, int& result) {
       "the robot cannot influence, and joint angles if the tool's pose is a feature. "
       "points:obs/image[:K][:grey][:HxW][:light=none|gain|standard] stands for positions of what a "
       "picture or a video of LeRobot shows, pca:obs/embedding[:K] for principal components of "
-      "another large part, slow: "
-      "for what changes slowly among these; without K the fit chooses how many");
+      "another large part, slow: for "
+      "those of them that change slowly; without K the fit chooses how many");
   command
       ->add_option(
           "--strategy", options->strategy,

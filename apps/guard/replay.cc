@@ -95,7 +95,7 @@ std::map<std::string, std::vector<double>> Strays::Distances() const {
     const auto& points = features_[static_cast<std::size_t>(t)];
     if (points.empty()) continue;
     const core::Matrix& vectors = support.estimate(t).support_vectors();
-    // As in safety::Clearances(), from whitened features back to the units of the state.
+    // Maps whitened features to the units of the state, as safety::Clearances() does.
     const Eigen::MatrixXd inverse = core::PseudoInverse(support.map(t) * transform.scale());
     for (const Eigen::VectorXd& z : points) {
       const Eigen::VectorXd y = support.map(t) * z;

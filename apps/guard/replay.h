@@ -20,7 +20,7 @@ struct ReplayedEpisode {
   std::string name;
   std::vector<double> levels;
   double lowest = 0.0;
-  double inside = 0.0;   ///< Share of states.
+  double inside = 0.0;   ///< Share of states inside the support.
   int first_alarm = -1;  ///< Step, or -1.
   int passing = 0;       ///< Number of actions that pass a certificate.
   safety::Shadow shadow = {};
@@ -68,12 +68,12 @@ class Strays {
   std::vector<std::vector<Eigen::VectorXd>> features_;  // [time step]
 };
 
-/// Receives the states of an episode, of model.task_layout(), and their time steps of the support.
+/// Receives the states of an episode, in model.task_layout(), and their time steps of the support.
 using SeeStates = std::function<void(const core::Matrix& states, const std::vector<int>& steps)>;
 
 /// Follows each episode of a file, without applying the guard's actions.
 /// @param see  is called for each episode; may be empty.
-/// @throws std::runtime_error naming the file if its states differ from the guard's or it has none.
+/// @throws std::runtime_error naming the file if it has no episode, or not the guard's layout.
 std::vector<ReplayedEpisode> Replay(const std::shared_ptr<const safety::GuardModel>& shared,
                                     const std::filesystem::path& path,
                                     const std::string& filter_key, const SeeStates& see);

@@ -127,9 +127,8 @@ std::string Introduction(const safety::GuardModel& model, const ReportOptions& o
          "\n\nEpisodes with an alarm: " +
          Rate(Alarms(episodes), static_cast<int>(episodes.size())) +
          core::Format(
-             " (95 %% interval). The fit promises at most %.3g of further demonstrations, %s; "
-             "those "
-             "that it was fitted to raise fewer.",
+             " (95 %% interval). The fit promises an alarm in at most %.3g of further "
+             "demonstrations, %s; demonstrations of the fit raise fewer.",
              model.summary().false_alarms, safety::DescribeGuarantee(model.summary()).c_str());
 }
 
@@ -239,7 +238,7 @@ experiment::ReportTable FeatureTable(const safety::GuardModel& model, const Driv
   experiment::ReportTable table{
       .heading = "What drives g",
       .caption =
-          "Mean slope of l along each entry times how far apart demonstrations are in it, as a "
+          "Mean slope of l along each entry times the entry's spread over demonstrations, as a "
           "share of the sum. An entry with a share near zero can be left out; check that the "
           "largest shares belong to entries that matter.",
       .header = {"Entry", "Share, %"},
@@ -293,9 +292,9 @@ experiment::ReportTable ClearanceTable(const safety::GuardModel& model, const St
   experiment::ReportTable table{
       .heading = "Clearance",
       .caption =
-          "A state that raises no alarm is at most Required away from a demonstrated one, in every "
-          "block at once and in the block's unit: the largest value over time steps, and its "
-          "median. "
+          "A state that raises no alarm is at most Required away from a demonstrated one, in all "
+          "blocks at once, in each block's unit. Required is the largest value over time steps, "
+          "Median their median. "
           "It meets no obstacle if the demonstrations kept more than Required from all of them. "
           "The "
           "guard does not know the obstacles. Compare Required with the smallest distance in the "

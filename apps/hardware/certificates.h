@@ -16,7 +16,7 @@ struct CertificatesOptions {
 };
 
 /// Makes a lab's authority unless it exists, and certificates for the participants, and prints
-/// where to copy them. @throws as dds::AddParticipant(), or if a participant is unknown.
+/// where to copy them. @throws as dds::AddParticipant(), or if a permission is unknown.
 void RunCertificates(const CertificatesOptions& options);
 
 }  // namespace dfr::apps::hardware_app

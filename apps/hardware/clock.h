@@ -11,7 +11,7 @@ class Clock {
 
   /// ns. Never goes back.
   [[nodiscard]] virtual std::int64_t SteadyNs();
-  /// ns since the Unix epoch, as samples are stamped.
+  /// ns since the Unix epoch, like the stamps of samples.
   [[nodiscard]] virtual std::int64_t WallNs();
   /// Returns `seconds` later.
   virtual void Wait(double seconds);

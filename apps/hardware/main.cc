@@ -72,9 +72,10 @@ int Main(int argc, char** argv) {
   int result = EXIT_SUCCESS;
 
   EmergencyStopOptions stop;
-  CLI::App* command = app.add_subcommand("stop",
-                                         "Run an emergency stop at the keyboard; the robot also "
-                                         "stops if it ends. Never use it as the only stop");
+  CLI::App* command =
+      app.add_subcommand("stop",
+                         "Run an emergency stop at the keyboard; the robot also stops "
+                         "if this program ends. Never use it as the only stop");
   AddNetwork(*command, stop.network);
   command->add_flag(
       "--unattended", stop.unattended,
@@ -136,7 +137,7 @@ int Main(int argc, char** argv) {
   command->add_option("--seconds", check.listen_s, "time to listen to a device [s]")
       ->capture_default_str()
       ->check(CLI::Range(0.1, 600.0));
-  command->add_flag("--home", check.home, "home the arm if it is not");
+  command->add_flag("--home", check.home, "home the arm if it is not homed");
   command->add_flag("--move", check.move, "move the arm by 2 mm, tilt the platform by 3 degrees");
   command->add_flag("--without-stop", check.without_stop,
                     "allow --home and --move without an emergency stop, in a simulation");
@@ -158,8 +159,8 @@ int Main(int argc, char** argv) {
   HomeOptions home;
   command =
       app.add_subcommand("home",
-                         "Send the Stewart platform home after a typed confirmation: it keeps "
-                         "moving after its program\nwas killed. Exit code 1 without confirmation");
+                         "Send the Stewart platform home after a typed confirmation, for example "
+                         "if a killed\nprogram left it moving. Exit code 1 without confirmation");
   command
       ->add_option("--platform", home.platform,
                    "serial port of the platform, for example /dev/ttyACM0")

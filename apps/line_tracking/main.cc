@@ -34,7 +34,7 @@ void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed
       ->capture_default_str();
   command
       .add_option("--start-scatter", plant.start_scatter_m,
-                  "standard deviation of the tip's first distance to the line [m]")
+                  "standard deviation of the tip's initial distance to the line [m]")
       ->capture_default_str();
   if (!disturbed) return;
   sim::DisturbanceOptions& d = plant.disturbance;
@@ -51,13 +51,14 @@ void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed
       ->delimiter(',');
   command
       .add_option("--frequency", d.frequency,
-                  "frequencies of the same [Hz], of breath [rad/s]; six numbers")
+                  "frequencies of these entries [Hz; breath: rad/s]; six numbers")
       ->delimiter(',');
   command.add_flag("--during,!--not-during", d.during,
                    "the platform moves during controls (default: yes)");
   command.add_flag("--between", d.between,
                    "the platform also moves for --pause after every control");
-  command.add_option("--pause", d.pause_s, "time of motion [s]")->capture_default_str();
+  command.add_option("--pause", d.pause_s, "duration of the motion after a control [s]")
+      ->capture_default_str();
 }
 
 void AddScene(CLI::App& command, SceneOptions& scene, bool disturbed) {
@@ -85,7 +86,7 @@ void AddModelOptions(CLI::App& command, LineModelOptions& model) {
       ->capture_default_str();
   command
       .add_option("--whitened-gamma", model.whitened_gamma,
-                  "gamma of the whitened support, that of guard and controller")
+                  "gamma of the whitened support, which guard and controller use")
       ->capture_default_str();
   command
       .add_option("--horizon", model.horizon,
@@ -115,7 +116,7 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options) {
 
 void AddCalibrate(CLI::App& app, CalibrateOptions& options) {
   CLI::App& command = *app.add_subcommand(
-      "calibrate", "Calibrate camera, its pose, and the arm's joint errors from a motion");
+      "calibrate", "Calibrate lens, camera pose and the arm's joint errors from a motion");
   command.add_option(
       "--config", options.config,
       "configuration of the robot, as for run: its operator moves it and triggers pictures; "

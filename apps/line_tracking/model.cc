@@ -17,7 +17,7 @@ namespace {
 // out as in Algorithm 1's, because the platform moves the line.
 constexpr std::string_view kGuidedFeatures = "tip[0:1],distance";
 
-// kOtherLineMethods' "proportional".
+// Policy of the method "proportional".
 class Proportional final : public core::Policy {
  public:
   [[nodiscard]] int state_dim() const noexcept override { return 4; }

@@ -60,8 +60,8 @@ class LineModel : public study::LearnedModel {
 
   static LineModel Load(const std::filesystem::path& folder);
 
-  /// Borrows this model; `method` is one that study::ParseMethod() takes, with
-  /// kOtherLineMethods; `plant` is the controlled plant, for "finite-difference" only.
+  /// Borrows this model. `method` is one that study::ParseMethod() takes with kOtherLineMethods.
+  /// Only "finite-difference" needs `plant`, the controlled plant.
   /// @throws std::invalid_argument listing the valid names for an unknown one.
   [[nodiscard]] std::unique_ptr<control::Controller> MakeController(
       const std::string& method, const core::SimulatedPlant* plant = nullptr) const;

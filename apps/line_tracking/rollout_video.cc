@@ -25,7 +25,7 @@ void Write(cv::Mat& canvas, const std::string& text, cv::Point at, const cv::Sca
   cv::putText(canvas, text, at, cv::FONT_HERSHEY_SIMPLEX, scale, colour, 1, cv::LINE_AA);
 }
 
-// Draws the results of vision over its picture.
+// Draws the results of vision over `picture`.
 void DrawSeen(cv::Mat& picture, const LineTrackingPlant& plant) {
   if (plant.options().observation == sim::Observation::kGroundTruth) {
     Write(picture,

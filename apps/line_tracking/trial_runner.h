@@ -17,9 +17,9 @@
 namespace dfr::apps::line_tracking {
 
 /// Runs `count` open-loop demonstrations without the disturbance of `options`, and keeps those that
-/// complete without a collision. Start states are a stream of `seed`. `progress` may be empty.
-/// Their provenance has the origin simulated and the individual arm, but no date: the same options
-/// give the same bytes.
+/// complete without a collision. Start states are a stream of `seed`. `progress` may be empty. The
+/// provenance has the origin simulated and the individual arm, but no date: equal options give
+/// equal bytes.
 /// @throws std::runtime_error if more than half are unusable.
 [[nodiscard]] imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
                                                       const line_task::LineCalibration& known,
@@ -50,7 +50,7 @@ class RecoveryCurves final : public control::RolloutObserver {
   std::vector<std::vector<double>> curves_;
 };
 
-/// Returns `plant` in the world of a row: "frozen", in which the platform stops while the robot
+/// Returns `plant` in the world of this name: "frozen", in which the platform stops while the robot
 /// observes, computes or has halted; or a latency in real time, "30ms".
 /// @throws std::invalid_argument listing the valid worlds.
 [[nodiscard]] sim::LineTrackingOptions InWorld(sim::LineTrackingOptions plant,

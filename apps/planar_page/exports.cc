@@ -26,7 +26,7 @@ using dfr::apps::planar_page::World;
 
 namespace {
 
-// Beyond the edges of the picture, which cuts off the walls.
+// Range of x of the walls, beyond both edges of the picture.
 constexpr double kLeft = -1.0;
 constexpr double kRight = 5.0;
 

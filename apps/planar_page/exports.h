@@ -22,7 +22,7 @@ int page_clear();
 int page_demonstration(int index);
 /// Fits everything except the certified method's parts.
 int page_fit();
-/// Fits these parts, too. Calls that need them fit them if necessary.
+/// Fits the certified method's parts. Calls that need these parts also fit them.
 int page_fit_certified();
 /// Number of time steps with a separate estimate.
 int page_num_steps(int support);

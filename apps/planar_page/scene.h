@@ -85,7 +85,7 @@ class PointPlant final : public core::SimulatedPlant {
 [[nodiscard]] Point Displacement(const Point& control) noexcept;
 [[nodiscard]] Point ControlFor(const Point& displacement) noexcept;
 
-/// The plane's vectors.
+/// Arithmetic of vectors in the plane.
 inline Point operator+(const Point& a, const Point& b) { return {a[0] + b[0], a[1] + b[1]}; }
 inline Point operator-(const Point& a, const Point& b) { return {a[0] - b[0], a[1] - b[1]}; }
 inline Point operator*(double s, const Point& p) { return {s * p[0], s * p[1]}; }

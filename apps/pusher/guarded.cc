@@ -17,7 +17,7 @@
 namespace dfr::apps::pusher {
 namespace {
 
-// u = b + W x, from a text of control_dim rows: b, then W.
+// u = b + W x. Each row of the text has an entry of b, then a row of W.
 class LinearPolicy final : public core::Policy {
  public:
   LinearPolicy(const std::filesystem::path& path, int state_dim, int control_dim)

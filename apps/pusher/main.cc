@@ -63,7 +63,7 @@ void AddModelOptions(CLI::App& command, ModelOptions& model) {
       ->capture_default_str();
   command
       .add_option("--whitened-gamma", model.whitened_gamma,
-                  "gamma of the whitened support, that of guard and controller")
+                  "gamma of the whitened support, which guard and controller use")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command.add_option("--epochs", model.epochs, "passes of Adam over the demonstrations")
@@ -98,7 +98,7 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options, std::function<void
   command
       ->add_option(
           "--learners", options.learners,
-          "hidden units of the learned policies, after an x the epochs, as in 8,64-64,8x100")
+          "hidden units of the learned policies, and epochs after an x, as in 8,64-64,8x100")
       ->delimiter(',');
   command
       ->add_option("--demonstrations", options.demonstrations,
@@ -114,7 +114,7 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options, std::function<void
     const auto take = [command](const char* option, auto& value, auto preset) {
       if (command->count(option) > 0) return;
       value = preset;
-      // Default for run.toml.
+      // Written to run.toml.
       command->get_option(option)->default_str(experiment::Exactly(preset));
     };
     if (options.preset == "fig5") {
@@ -179,7 +179,7 @@ void AddEvaluate(CLI::App& app, EvaluateOptions& options) {
   command->add_option("--methods", options.methods, "methods, as for experiment")
       ->delimiter(',')
       ->capture_default_str();
-  command->add_option("--episodes", options.episodes, "start states")
+  command->add_option("--episodes", options.episodes, "number of start states")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command->add_option("--seed", options.seed, "random seed of start states and recoveries")
@@ -198,7 +198,7 @@ void AddGuarded(CLI::App& app, GuardedOptions& options) {
       ->add_option("--policy", options.policy,
                    "text file: for each of the 7 controls an offset, and a gain per state entry")
       ->capture_default_str();
-  command->add_option("--episodes", options.episodes, "start states")
+  command->add_option("--episodes", options.episodes, "number of start states")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command

@@ -23,7 +23,7 @@ struct Learner {
   std::vector<int> hidden = {8};
   /// Number of passes of Adam over the demonstrations; default: that of ModelOptions.
   std::optional<int> epochs = {};
-  double learning_rate = 1e-3;  ///< Adam's.
+  double learning_rate = 1e-3;  ///< Learning rate of Adam.
 
   /// Parses "8" or "64-64", the units of each hidden layer; "8x100" is trained for 100 epochs.
   /// @throws std::invalid_argument for anything else.

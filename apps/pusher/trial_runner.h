@@ -37,7 +37,7 @@ class PusherTrialRunner final : public study::PlaceboRunner {
   /// with recoveries.
   [[nodiscard]] std::map<std::string, double> Measures() override;
 
-  /// Pictures of 480 x 360 each.
+  /// Writes pictures of 480 x 360 pixels.
   [[nodiscard]] bool Film(const std::vector<int>& methods, std::uint64_t start_seed,
                           std::uint64_t controller_seed,
                           const std::filesystem::path& path) override;
@@ -47,7 +47,7 @@ class PusherTrialRunner final : public study::PlaceboRunner {
   [[nodiscard]] const sim::PusherPlant& driven_plant() noexcept {
     return static_cast<const sim::PusherPlant&>(world());
   }
-  /// The same plant if there is no disturbance.
+  /// Another undisturbed plant; driven_plant() itself if there is no disturbance.
   [[nodiscard]] const sim::PusherPlant& plant() const noexcept {
     return static_cast<const sim::PusherPlant&>(undisturbed());
   }

@@ -12,7 +12,7 @@
 namespace dfr::study {
 namespace {
 
-// A policy learned in the units of the task. Its switched entries have two values.
+// A learned policy, scaled to the units of the task. Its entries that are switches are +-1.
 class InUnits final : public core::Policy {
  public:
   InUnits(imitation::MlpPolicy learned, const sim::GalleryTask& task)

@@ -115,7 +115,7 @@ void AddOptions(CLI::App& command, Study& study) {
   experiment::AddRunOptions(command, study);
 }
 
-// Runs the controller with each part off, one at a time; then parts of its features and support.
+// Runs the controller without single parts, then without parts of its features and support.
 void Ablate(Study study, bool causes) {
   study.controllers = {"controller", "lwr"};
   for (const std::string_view part : control::GuidedPartNames()) {
@@ -255,7 +255,7 @@ void AddOptions(CLI::App& command, Comparison& comparison) {
       .add_option(
           "--halted", comparison.credit.halted,
           "credit of an episode that halts, times the share of the demonstrated time steps that "
-          "it came through; a completed one has 1, one that collides 0")
+          "it reached; completion has the credit 1, a collision 0")
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
   command.add_option("--seed", comparison.seed, "random seed")->capture_default_str();

@@ -67,8 +67,8 @@ struct TrialCounts {
 };
 
 /// Returns true if the method changed a control of the episode at least once, or halted it for a
-/// reason other than the end of its time, a limit on controls, or the plant. The policy's action is
-/// not applied then.
+/// reason other than the end of its time, a limit on controls, or the plant. In both cases an
+/// action of the policy is not applied.
 [[nodiscard]] bool Intervened(const experiment::EpisodeResult& episode);
 
 /// One method around one policy, in one task under one condition, over all trials.

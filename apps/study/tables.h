@@ -19,9 +19,9 @@ inline constexpr const char* kBetween = ": ";
 /// first table has means and worst rows.
 [[nodiscard]] std::vector<experiment::ReportTable> MakeTables(const std::vector<Row>& rows);
 
-/// Judges each method around all policies but "none" together, against these alone: by 95 %
-/// intervals of the episodes that it saves and harms, then by the share of controls that it passes.
-/// Placebos and a guard that only watches are not judged.
+/// Judges each method around all policies but "none" together, against the same policies alone: by
+/// 95 % intervals of the episodes that it saves and harms, then by the share of controls that it
+/// passes. Placebos and a guard that only watches are not judged.
 [[nodiscard]] std::vector<experiment::ReportJudgement> JudgeMethods(const std::vector<Row>& rows);
 /// The rule of JudgeMethods(), for readers.
 inline constexpr const char* kJudgedBy =

@@ -37,8 +37,8 @@ class Totals {
   /// Kind of clusters: "task", "trial" or "episode".
   [[nodiscard]] const char* clusters() const noexcept;
 
-  /// 95 % interval of the share of the episodes that `count` counts, among those that `of` counts,
-  /// at least one.
+  /// 95 % interval of the share of the episodes that `count` counts among those that `of` counts.
+  /// @pre `of` counts at least one episode.
   [[nodiscard]] experiment::Interval IntervalOf(
       int TrialCounts::*count, int TrialCounts::*of = &TrialCounts::episodes) const;
   /// Share of the controls that equal the policy's bit for bit, averaged over rows and trials with

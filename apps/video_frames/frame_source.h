@@ -18,7 +18,7 @@ class FrameSource {
   [[nodiscard]] std::int64_t next() const noexcept { return next_; }
   /// Checks the size of frames and their rate. @throws core::Error if one differs.
   void Require(cv::Size size, double fps) const;
-  /// Decodes the frames before this one. @throws core::Error if there are fewer.
+  /// Decodes and discards the frames before `frame`. @throws core::Error if there are fewer.
   void Skip(std::int64_t frame);
   /// Returns the next frame, BGR, valid until the next call. @throws core::Error if there is none.
   const cv::Mat& Take();

@@ -169,7 +169,7 @@ void ReportMeasurements(DeviceReport& report, const hardware::PsmClient& client,
           hardware::Remedy(PsmStatus::kStateNotFinite));
   }
   if (!js.stamp.valid()) {
-    // An arm that is not homed measures nothing. Another check reports that.
+    // An arm measures nothing before homing. Another check reports an arm that is not homed.
     if (client.operating_state().homed) {
       Wrong(report, "measurements are stamped zero though the arm is homed",
             hardware::Remedy(PsmStatus::kStateInvalid));

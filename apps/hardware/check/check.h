@@ -37,7 +37,7 @@ struct CheckOptions {
   std::string arm;  ///< Empty: no arm is checked.
   /// Generation of the arm, which determines its joint limits and instrument.
   kinematics::PsmGeneration generation = kinematics::PsmGeneration::kClassic;
-  std::string endoscope;         ///< Empty: none is checked.
+  std::string endoscope;         ///< Image topic or video source; empty: none is checked.
   std::filesystem::path camera;  ///< The endoscope's intrinsics file; empty: 640 x 480.
   std::string platform;          ///< Serial port; empty: none is checked.
   double find_s = 3.0;           ///< Time to look for a device on the network, > 0.
@@ -63,8 +63,7 @@ struct CheckOptions {
 /// Checks the pictures of options.endoscope: a ROS 2 topic if hardware::IsImageTopic() is true,
 /// else a source for hardware::OpenVideo().
 [[nodiscard]] DeviceReport CheckEndoscope(const CheckOptions& options);
-/// Checks the pictures of a given endoscope, whose size must be that of `camera`, and adds the
-/// findings.
+/// Checks the pictures of a given endoscope, and their size against `camera`. Adds the findings.
 void LookAt(const CheckOptions& options, const hardware::EndoscopeOptions& camera,
             hardware::Endoscope& endoscope, DeviceReport& report);
 /// Checks the port of the Stewart platform.

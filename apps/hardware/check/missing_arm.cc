@@ -44,7 +44,7 @@ bool PublishedIn(const dds::ParticipantOptions& network, const std::string& topi
   return Within(clock, seconds, [&] { return subscriber.health().publishers > 0; });
 }
 
-// Reports participants that security keeps from this one.
+// Reports participants that security does not admit.
 void ExplainRefused(const CheckOptions& options, const dds::Participant& participant,
                     DeviceReport& report) {
   for (const dds::RefusedPeer& peer : participant.refused_peers()) {
@@ -77,8 +77,7 @@ void ExplainSilence(const CheckOptions& options, DeviceReport& report) {
     dds::ParticipantOptions network = options.network;
     network.domain = static_cast<int>(domain);
     if (PublishedIn(network, topic, seconds, *options.clock)) {
-      remedy =
-          "it is in domain " + std::string(text) + ", as ROS_DOMAIN_ID says: give --domain " + text;
+      remedy = "it is in the domain of ROS_DOMAIN_ID: give --domain " + std::string(text);
     }
   }
   Say(options, "looking for other arms");

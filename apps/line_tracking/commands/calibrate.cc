@@ -46,7 +46,7 @@ line_task::LineCalibration Guess(const RobotConfig& config) {
   return guess;
 }
 
-// Empty, with a message for the operator, if these pictures are not sufficient.
+// Calibrates from these pictures. Empty, with a message for the operator, if they do not suffice.
 std::optional<line_task::LineCalibration> FromPictures(
     const std::vector<vision::CalibrationFrame>& frames, const line_task::LineCalibration& guess,
     const RobotConfig& config, runtime::AsyncPrinter& printer) {
@@ -88,7 +88,7 @@ void CalibrateRobot(const CalibrateOptions& options) {
   const std::unique_ptr<RobotPlant> plant = BringUpRobot(config, guess, nullptr, terminal);
   printer.Say(
       "Move the tip by teleoperation all over the gauze, up to 30 mm above it, and let it "
-      "rest for each\npicture. It must touch the gauze in at least %td, better in forty.\n",
+      "rest for each\npicture. The tip must touch the gauze in at least %td, better in forty.\n",
       kTouching);
   std::vector<vision::CalibrationFrame> frames;
   std::optional<line_task::LineCalibration> found;
@@ -97,7 +97,7 @@ void CalibrateRobot(const CalibrateOptions& options) {
         frames, [](const vision::CalibrationFrame& frame) { return frame.touching; });
     const std::optional<std::string> word = terminal.prompt().Answer(
         plant->loop(),
-        core::Format("%zu pictures, the tip touches in %td. Enter takes one, t one where it "
+        core::Format("%zu pictures, the tip touches in %td. Enter takes one, t one in which it "
                      "touches; done calibrates",
                      frames.size(), touching),
         kWords);

@@ -18,7 +18,7 @@ namespace dfr::apps::line_tracking {
 
 inline constexpr const char* kNoCalibration = "none";
 
-/// The world, for all commands.
+/// Options of the simulated world, for all commands.
 struct SceneOptions {
   sim::LineTrackingOptions plant;
   /// A file of `calibrate`, or kNoCalibration: the true camera and mounting, and an uncorrected
@@ -42,7 +42,7 @@ struct CalibrateOptions {
   SceneOptions scene;
   /// A robot's configuration; empty: the simulation in this process.
   std::filesystem::path config;
-  std::filesystem::path out;  ///< Empty: calibration.dfr, or the configuration's.
+  std::filesystem::path out;  ///< Empty: the configured file, or calibration.dfr.
   int frames = 300;
   int held_out = 200;
   std::uint64_t seed = 1;
@@ -62,7 +62,7 @@ struct RunOptions {
   SceneOptions scene;
   /// A robot's configuration; empty: the simulation in this process.
   std::filesystem::path config;
-  // Empty: the configuration's, or "model", "controller", "recordings".
+  // If empty: those of the configuration, or without one "model", "controller", "recordings".
   std::filesystem::path model;
   std::string method;
   std::filesystem::path recordings;  ///< Or kNoRecordings.
@@ -121,7 +121,7 @@ struct VisionOptions {
 };
 void RunVision(const VisionOptions& options);
 
-/// Returns the calibration of the scene's file, or the truth.
+/// Returns the calibration of the scene's file, or the true one for kNoCalibration.
 /// @throws std::runtime_error naming the file and the command that writes it, if it does not exist.
 [[nodiscard]] line_task::LineCalibration LoadCalibration(const SceneOptions& scene);
 /// Returns the calibration of the configuration's file, after checks of its provenance and camera.

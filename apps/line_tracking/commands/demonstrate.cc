@@ -73,7 +73,7 @@ core::Trajectory Follow(RobotPlant& plant, int steps) {
   return trajectory;
 }
 
-// One demonstration, if the operator confirms it and the robot completes it.
+// Returns one demonstration; empty if it was not completed or a state is not finite.
 std::optional<core::Trajectory> RecordDemonstration(RobotPlant& plant,
                                                     const DemonstrateOptions& options,
                                                     std::uint64_t seed,

@@ -118,7 +118,7 @@ struct StudiedMethod {
   ProbeStudy study;
 };
 
-// Runs Algorithm 1 with either choice of its constants, from the same start states.
+// Runs Algorithm 1 with each choice of its constants, from the same start states.
 std::vector<StudiedMethod> StudyProbes(LineTrialRunner& runner,
                                        std::span<const std::string> methods,
                                        const experiment::EvaluationPlan& plan,
@@ -154,12 +154,12 @@ experiment::ReportTable ProbeTable(const std::vector<StudiedMethod>& studied) {
       std::to_string(kStudiedEpisodes) + " episodes, at most " + std::to_string(kStudiedControls) +
       " controls each, against the simulation's exact numbers: the median probe, the "
       "median error of the measured change of distance across it, and how often the "
-      "measured change of g has the right sign, including the platform's own motion. "
+      "measured change of g has the right sign, including the effect of the platform's motion. "
       "Out of reach: the gate's threshold lambda |u| exceeded g of every demonstrated "
       "state.";
   table.header = {"method",     "probe, step", "probes", "size [um]",   "error [um]",
                   "sign right", "recoveries",  "ended",  "out of reach"};
-  // The run itself prints results that are not in the ledger.
+  // The ledger does not contain these results: only the run itself prints them.
   const std::string again = "line_tracking experiment --config FOLDER/run.toml --out FOLDER";
   for (const StudiedMethod& method : studied) {
     const ProbeStudy& study = method.study;

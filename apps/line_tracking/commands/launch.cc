@@ -75,7 +75,7 @@ class Child {
   /// Exit status; 0 after success.
   [[nodiscard]] int status() const noexcept { return status_; }
 
-  /// Prints its new output. Returns false at the end of its output.
+  /// Prints the child's new output. Returns false at the end of the output.
   bool Show() {
     std::array<char, 4096> buffer;
     const ssize_t size = read(output_, buffer.data(), buffer.size());
@@ -168,7 +168,7 @@ std::string Beside(const char* program) {
 }
 
 // Returns `command` with the options that make it participant `name` of the run's network. With
-// security, its folder is beside the run's, as `hardware certificates` creates it.
+// security, the participant's folder is beside the run's, as `hardware certificates` creates both.
 std::vector<std::string> InNetwork(std::vector<std::string> command,
                                    const dds::ParticipantOptions& network,
                                    const std::string& name) {
@@ -191,7 +191,7 @@ std::vector<std::string> InNetwork(std::vector<std::string> command,
   return command;
 }
 
-// Makes a missing calibration or model, like the commands of these names.
+// Makes a missing calibration or model, like the commands calibrate, demonstrate and fit.
 void Prepare(const RobotConfig& config, const std::filesystem::path& folder) {
   std::filesystem::create_directories(folder);
   SceneOptions scene;

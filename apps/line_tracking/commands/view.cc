@@ -10,7 +10,7 @@
 namespace dfr::apps::line_tracking {
 namespace {
 
-// Results of vision, in half size.
+// Draws the results of vision, at half size.
 std::vector<std::uint8_t> Inset(const sim::LineTrackingPlant& plant) {
   std::vector<std::uint8_t> seen = DrawWhatVisionSees(plant);
   const cv::Mat picture(480, 640, CV_8UC3, seen.data());

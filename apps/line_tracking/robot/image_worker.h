@@ -50,7 +50,7 @@ class ImageWorker final : public robot::Camera {
   [[nodiscard]] robot::Finding Ask(std::int64_t after_ns) noexcept override;
   [[nodiscard]] Answer Take(std::span<double> state) noexcept override;
   /// Replaces Ask() for a calibration, in real time: finds only marks and tip, without the
-  /// calibration of camera and arm. The answer allocates.
+  /// calibration of camera and arm. Allocates memory for the marks.
   void AskForMarks(std::int64_t after_ns) noexcept;
   /// Begins a new episode: the next picture is not compared with the previous one.
   void Forget() noexcept { forget_ = true; }

@@ -24,7 +24,7 @@ namespace {
   throw std::runtime_error(file.string() + ":" + std::to_string(where.begin.line) + ": " + what);
 }
 
-// A table of the file. At the end the caller must have read each of its keys.
+// A table of the file. End() rejects each key that no call of Get() has read.
 class Section {
  public:
   Section(const std::filesystem::path& file, const toml::table& table, std::string name)
@@ -107,7 +107,7 @@ class Section {
       Wrong(*node, key, "names of topics in brackets, each with a slash in front");
     }
   }
-  // Returns rows of this number of numbers each; none if the key is missing.
+  // Returns rows of `columns` numbers each; no row if the key is missing.
   [[nodiscard]] std::vector<std::vector<double>> Rows(const char* key, std::size_t columns,
                                                       const char* meaning) {
     std::vector<std::vector<double>> rows;
@@ -422,7 +422,7 @@ void CheckCamera(const RobotConfig& config, const line_task::LineCalibration& ca
   if (config.intrinsics.empty()) return;
   const vision::CameraModel is = hardware::ReadIntrinsics(config.intrinsics);
   const vision::CameraModel& was = calibration.camera;
-  constexpr double kAlike = 0.05;  // larger than the deviations that a calibration can find
+  constexpr double kAlike = 0.05;  // relative; calibrations change intrinsics by less
   const auto near = [](double a, double b, double scale) {
     return std::abs(a - b) <= kAlike * scale;
   };

@@ -47,7 +47,7 @@ struct RobotConfig {
       teleoperation;      ///< Topics that report teleoperation; empty: the default topics.
   bool servo_cs = false;  ///< Sends set-points with their twist, if the console accepts them.
   double speed_m_s = line_task::LineTask::kSpeed;  ///< Speed of the tip during a control.
-  /// Pose of the arm's base in the world frame, which is the gauze's at rest. Absent: as in the
+  /// Pose of the arm's base in the world frame, the frame of the gauze at rest. Absent: as in the
   /// simulation.
   std::optional<Eigen::Isometry3d> p_world_base;
 
@@ -70,9 +70,9 @@ struct RobotConfig {
   hardware::PlatformOptions platform;  // [platform]
 
   // [simulator]
-  bool simulator = false;  ///< The console is dvrk_simulator's, which sets up episodes.
-  bool lock_step = false;  ///< Its time advances only on request.
-  /// Timeout of its answers: drawing a picture may take a while.
+  bool simulator = false;  ///< The console is dvrk_simulator, which sets up episodes.
+  bool lock_step = false;  ///< The simulator's time advances only on request.
+  /// Timeout of the simulator's answers: drawing a picture may take a while.
   double simulator_answer_s = 5.0;
 
   // [emergency_stop]
@@ -112,8 +112,8 @@ struct RobotConfig {
 void CheckProvenance(const RobotConfig& config, const std::filesystem::path& file,
                      const core::Provenance& provenance, const std::string& remedy);
 
-/// Checks that `calibration` matches the intrinsics named by the configuration, if any: the size,
-/// and focal lengths and principal point within 5 %.
+/// Checks that `calibration` matches the intrinsics named by the configuration, if any: the same
+/// size, and focal lengths and principal point within 5 %.
 /// @throws std::runtime_error naming both files and the difference; as hardware::ReadIntrinsics().
 void CheckCamera(const RobotConfig& config, const line_task::LineCalibration& calibration);
 

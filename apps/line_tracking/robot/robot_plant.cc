@@ -165,7 +165,7 @@ struct RobotPlant::Impl {
     }
   }
 
-  // Moves the tips straight from one place to another while the tool turns.
+  // Returns a leg that moves the tips straight to their place in `to` while the tool turns.
   [[nodiscard]] Leg Turning(const char* what, const PsmJoints& from,
                             const std::optional<PsmJoints>& to) const {
     const auto way = to ? TurnAboutTip(from, *to, generation) : std::nullopt;
@@ -176,7 +176,7 @@ struct RobotPlant::Impl {
     return {what, *way};
   }
 
-  // Turns the tool upright unless it is: by a small angle, as after a new calibration, in place.
+  // Turns a tilted tool upright: in place if the angle is small, as after a new calibration.
   // Otherwise lifts the tool, observes the gauze, turns the tool, and lowers it to the tip's
   // position above the observed gauze.
   void TurnUpright() {
@@ -237,7 +237,7 @@ struct RobotPlant::Impl {
     auto answer = robot::Camera::Answer::kPending;
     for (int n = 0; answer == robot::Camera::Answer::kPending; ++n) {
       loop.Tick();
-      // Other programs may move the arm. Any other reason makes the picture invalid.
+      // Another program may move the arm. Any other reason to hold makes the picture invalid.
       const HoldReason found = loop.blocking();
       const bool others =
           found == HoldReason::kSecondCommander || found == HoldReason::kArmNotReady;

@@ -67,8 +67,8 @@ class RobotPlant final : public core::Plant {
   /// With a simulator: begins the next episode, which starts as soon as there is no reason to hold.
   /// On a robot the operator has placed the tip, and the episode starts at once. The platform's
   /// wave begins with it, and ends as soon as the robot holds for any reason.
-  /// @throws std::runtime_error with the reason to hold: at once on a robot and if a fault was not
-  ///   cleared, with a simulator after 3 s, in lock-step after its time for an answer.
+  /// @throws std::runtime_error with the reason to hold: at once on a robot or if a fault was not
+  ///   cleared, after 3 s with a simulator, and after simulator_answer_s in lock-step.
   void Reset(std::uint64_t seed) override;
   [[nodiscard]] core::PlantStatus Apply(std::span<const double> control) noexcept override;
   void Observe(std::span<double> state) const noexcept override;
@@ -79,10 +79,10 @@ class RobotPlant final : public core::Plant {
   void Halt() noexcept override;
 
   /// Measures the state while the robot is not started; the arm may be teleoperated, moved by its
-  /// clutch, or at rest. Returns false, with a NaN state, if the next picture does not show it.
+  /// clutch, or at rest. Returns false, with a NaN state, if the next picture misses line or tip.
   /// @throws std::runtime_error with the error of arm, pictures or emergency stop.
   [[nodiscard]] bool ObserveIdle(std::span<double> state);
-  /// The same for a calibration: the arm's joints, and the marks and tip in the next picture.
+  /// Returns joints, marks and tip for a calibration. Otherwise like ObserveIdle().
   /// @throws std::runtime_error as ObserveIdle(), and if the arm moves, or marks or tip are not
   /// found.
   [[nodiscard]] vision::CalibrationFrame CaptureCalibrationFrame();

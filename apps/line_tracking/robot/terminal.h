@@ -16,7 +16,7 @@ inline constexpr const char* kPrepare = "Put the tip over the line's beginning";
 /// Terminal of a program that controls a robot: output, input, and Ctrl-C. One per process.
 class Terminal {
  public:
-  /// Makes SIGINT and SIGTERM end the program in order.
+  /// Makes SIGINT and SIGTERM set interrupted() instead of ending the process.
   Terminal();
 
   [[nodiscard]] runtime::AsyncPrinter& printer() noexcept { return printer_; }
@@ -30,7 +30,7 @@ class Terminal {
 };
 
 /// Brings up the robot of the configuration with its operator at the terminal: see
-/// RobotPlant::BringUp(). Terminal and recorder, which may be nullptr, must outlive it.
+/// RobotPlant::BringUp(). Terminal and recorder must outlive the plant; `recorder` may be nullptr.
 /// @throws std::runtime_error naming the device and its fault.
 [[nodiscard]] std::unique_ptr<RobotPlant> BringUpRobot(
     const RobotConfig& config, const line_task::LineCalibration& calibration,

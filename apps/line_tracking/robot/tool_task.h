@@ -29,7 +29,7 @@ class ToolTask final : public robot::Task {
     change_mm_ = {1e3 * step.x(), 1e3 * step.y()};
     return robot::Motion{{joints_.data(), 6}, step.norm() / speed_m_s_, change_mm_};
   }
-  /// Joints that hold the tool upright at its position. Returns false if the arm cannot.
+  /// Writes joints that hold the tool upright at its position. Returns false if there are none.
   [[nodiscard]] bool Upright(kinematics::PsmJoints& joints) const noexcept {
     return task_->Reading(command_m_, joints);
   }

@@ -10,7 +10,7 @@ using runtime::HoldReason;
 
 std::int64_t LockStep::MachineNs() const noexcept { return runtime::SteadyNow(); }
 
-// Converts an exception of `ask` to a reason to hold, and asks nothing after one.
+// Converts an exception of `ask` to the reason `otherwise`. Calls no `ask` after an exception.
 template <typename F>
 robot::Finding LockStep::Try(HoldReason otherwise, const F& ask) noexcept {
   if (lost_) return {otherwise, "the simulator does not answer"};
@@ -28,8 +28,8 @@ robot::Finding LockStep::Wait(double dt_s) noexcept {
   return Try(HoldReason::kArmSilent, [&] { Run(dt_s); });
 }
 
-// Advances the simulator's time with the set-points sent by the driver, and sends them again if
-// they have expired.
+// Advances the simulator's time once it has received the driver's set-points. The driver sends a
+// set-point again if it has expired.
 void LockStep::Run(double dt_s) {
   constexpr int kTries = 20;
   for (int n = 0; n < kTries; ++n) {

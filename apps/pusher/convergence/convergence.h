@@ -27,8 +27,8 @@ struct ConvergenceCurve {
 [[nodiscard]] std::vector<ConvergenceCurve> MeasureConvergence(PusherTrialRunner& runner,
                                                                int recoveries, std::uint64_t seed);
 
-/// The mean over models of one method's curves, with the standard error between models, and the sum
-/// of their recoveries. @throws std::invalid_argument if there are none.
+/// Mean over models of one method's curves, with the standard error between models. `reached` is
+/// the sum over models. @throws std::invalid_argument if there are none.
 [[nodiscard]] ConvergenceCurve MeanOverModels(const std::vector<ConvergenceCurve>& curves);
 
 /// Levels of g_t that ascent reaches from the states of MeasureConvergence().
@@ -42,7 +42,7 @@ struct GateReach {
   double best_tip = 0.0;
 };
 /// Climbs g_t along its gradient, without arm and dynamics, from each state and from the
-/// demonstrated state with the largest g_t. Uses the thresholds of the state.
+/// demonstrated state with the largest g_t. Uses the threshold of the state itself.
 [[nodiscard]] GateReach MeasureReach(PusherTrialRunner& runner, int recoveries, std::uint64_t seed);
 
 /// The paper's Fig. 5, collected as in the authors' scripts: the first `recoveries` recoveries of

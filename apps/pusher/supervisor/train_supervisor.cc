@@ -24,7 +24,7 @@ namespace {
 constexpr int kJudgeEvery = 10;  // iterations
 constexpr int kJudgeEpisodes = 1000;
 
-// Random streams of the seed that Trpo does not use.
+// Random streams that Trpo does not use.
 enum Stream : std::uint64_t { kJudge = 1'000'001, kFinal = 1'000'002 };
 
 // Trpo's environment: the Pusher at the training gate.

@@ -14,7 +14,7 @@
 
 namespace dfr::study {
 
-/// Changes of a picture that do not change the task. All zero: none.
+/// Changes of a picture that do not change the task. All zero: no change.
 struct Nuisances {
   double light = 0.0;       ///< Pixels are scaled by 1 +- this at most, drawn per episode.
   double noise = 0.0;       ///< Standard deviation per pixel and picture, as a share of 255.
@@ -29,7 +29,7 @@ struct Nuisances {
 /// throws and allocates.
 class Camera {
  public:
-  /// Entries of a picture.
+  /// Side of a picture in pixels, and its number of entries.
   static constexpr int kSide = sim::GalleryPlant::kPictureSide;
   static constexpr int kSize = kSide * kSide * 3;
 
@@ -59,7 +59,7 @@ class Camera {
 /// Layout of the states that a guard on pictures sees: "image".
 [[nodiscard]] core::StateLayout PictureLayout();
 
-/// Returns the demonstrations with pictures as states. The nuisances follow from their seeds.
+/// Returns the demonstrations with pictures as states. Their seeds determine the nuisances.
 [[nodiscard]] std::vector<core::Trajectory> Pictures(
     const sim::GalleryTask& task, std::span<const core::Trajectory> demonstrations,
     const Nuisances& nuisances);

@@ -17,7 +17,7 @@ struct Detection {
   std::filesystem::path failures = {};  ///< Further episodes, labelled in their file.
   bool unlike = false;                  ///< All episodes of `failures` count as failures.
   std::string task = "pick";            ///< A task of the gallery.
-  std::string policy = "biased";        ///< Its policy in the further episodes.
+  std::string policy = "biased";        ///< Policy of the further episodes of `task`.
   int demonstrations = 60;              ///< Number of demonstrations of `task`.
   int episodes = 100;                   ///< Number of further episodes of `task`.
   std::string features = {};            ///< Features as in a guard; empty: all, or the task's.
@@ -38,7 +38,7 @@ struct DetectionSet {
 
 /// Reads the files, or runs the task's policy. Actions that are positions become differences.
 /// @throws std::runtime_error as imitation::OpenDemonstrations(), also if a file does
-///   not exist or their states differ.
+///   not exist or the states of both files differ.
 [[nodiscard]] DetectionSet LoadDetection(const Detection& detection);
 
 /// Result of a comparison.

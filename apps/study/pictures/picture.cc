@@ -30,7 +30,7 @@ void SavePicture(const std::vector<experiment::FilmedEpisode>& recordings,
     }
     std::vector<experiment::ReportSeries>& series = plots.back().series;
     const std::string outcome = core::Name(recording.result.outcome);
-    // Each name appears once.
+    // The legend names each outcome once.
     const bool named = std::ranges::count(series, outcome, &experiment::ReportSeries::name) > 0;
     experiment::ReportSeries line;
     line.name = named ? "" : outcome;

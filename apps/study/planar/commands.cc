@@ -113,7 +113,7 @@ Passing CountPassing(const Methods& methods, int t) {
   const control::Response& response = task.response();
   control::Certifier certifier(methods.certificate(), task.features().num_features(),
                                response.control_dim(), response.control_unit());
-  // Assumptions of the certificate.
+  // The certificate assumes no drift, and J from demonstrations alone.
   const control::ResponseEstimate estimate(response.prior(), {}, /*drift=*/false);
   control::LocalFit fit = estimate.MakeFit();
   Passing passing;
@@ -181,7 +181,7 @@ void PrintCertificate(const PlanarStudy& study) {
     if (radius.empty()) continue;
     std::nth_element(radius.begin(),
                      radius.begin() + static_cast<std::ptrdiff_t>(radius.size() / 2), radius.end());
-    // In the unit of the state, in its worst direction.
+    // Clearance in the unit of the state, in the direction in which it is largest.
     const Eigen::MatrixXd inverse = core::PseudoInverse(support.map(t) * features.scale());
     const double clearance =
         core::OperatorNorm(inverse) * kernel::CoverRadius(support.estimate(t), certificate.level);
@@ -239,7 +239,7 @@ void AddTask(CLI::App& command, PlanarStudy& study) {
 void AddMethodOptions(CLI::App& command, MethodOptions& options) {
   command
       .add_option("--gamma", options.gamma,
-                  "gamma of the whitened support, that of guard and controller")
+                  "gamma of the whitened support, which guard and controller use")
       ->capture_default_str();
   command.add_option("--raw-gamma", options.raw_gamma, "gamma of DFR's support; 0: the task's")
       ->capture_default_str();

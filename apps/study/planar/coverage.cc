@@ -23,8 +23,8 @@ double HeavyTailed(core::Random& random) {
   return random.Normal() / std::sqrt(square / 3.0);
 }
 
-// Moves towards (1, ..., 1) in 8 actions. The plant rotates and scales each action and adds an
-// error.
+// Returns demonstrations that move towards (1, ..., 1) in 8 actions. The plant rotates and scales
+// each action and adds an error.
 std::vector<core::Trajectory> Reach(int dim, bool heavy, int count, std::uint64_t seed) {
   constexpr int kSteps = 8;
   core::Random random(seed);
@@ -117,7 +117,7 @@ CoverageResult MeasureCoverage(const CoverageOptions& options) {
     result.error_short += error_below < summary.direction_error.coverage * options.further ? 1 : 0;
     result.gain_short += gain_below < summary.gain.coverage * options.further ? 1 : 0;
     if (summary.held_out == 0 || fit > 0) continue;
-    // Coverage is Beta(rank, m + 1 - rank), and that of the largest of m is Beta(m, 1).
+    // Coverage at a rank is Beta(rank, m + 1 - rank), and at the largest of m values Beta(m, 1).
     const int m = summary.held_out;
     std::vector<double> ranks(static_cast<std::size_t>(m));
     std::iota(ranks.begin(), ranks.end(), 1.0);

@@ -16,7 +16,7 @@ namespace dfr::study::planar {
 
 /// One applied control of one method, as pictures show it.
 struct Shot {
-  std::vector<double> x;  ///< The state before it; the last shot of an episode has no control.
+  std::vector<double> x;  ///< The state before the control; the last shot has no control.
   std::vector<double> u;
   control::Step step;
 };

@@ -17,7 +17,7 @@ class PolynomialPolicy final : public core::Policy {
   static constexpr int kMaxStateDim = 8;
 
   /// @param degree  1, 2 or 3.
-  /// @throws std::invalid_argument for another degree, a state that is too large, or no pair.
+  /// @throws std::invalid_argument for another degree, a state that is too large, or no control.
   PolynomialPolicy(std::span<const core::Trajectory> demonstrations, int degree);
 
   [[nodiscard]] int state_dim() const noexcept override { return static_cast<int>(mean_.size()); }

@@ -21,7 +21,7 @@ namespace {
 constexpr int kPhases = 12;
 constexpr double kError = 0.7;  // eps
 
-// One of a world's supports, as used by a controller with a mistake.
+// The supports of a world, with the curvature bound of a controller with a mistake.
 class Mistaken final : public core::LogDecisionFunction {
  public:
   Mistaken(const core::LogDecisionFunction& inner, Mutation mutation)
@@ -73,8 +73,8 @@ double LargestLevel(const core::LogDecisionFunction& support, std::span<const do
   return best;
 }
 
-// Finds the direction from z, of length `reach`, in which every support is farthest below. Starts
-// with each support's steepest descent at z and follows it for a few rounds.
+// Finds the direction in which the largest level over all supports is least at distance `reach`
+// from z. Follows each support's steepest descent from z for a few rounds.
 void WorstDirection(const core::LogDecisionFunction& support, std::span<const double> z,
                     double reach, int lost, std::span<double> direction) {
   const auto n = static_cast<Eigen::Index>(z.size());
@@ -85,7 +85,7 @@ void WorstDirection(const core::LogDecisionFunction& support, std::span<const do
   for (int t = 0; t < support.num_steps(); ++t) {
     there = core::AsVector(z);
     for (int round = 0; round < kRounds; ++round) {
-      // From the second round on, q is the support nearest to that point.
+      // From the second round on, q is the support with the largest level at `there`.
       int q = t;
       for (int other = 0; round > 0 && other < support.num_steps(); ++other) {
         if (other != lost && support.LogDecision(other, core::AsSpan(there), {}) >
@@ -251,7 +251,7 @@ class World {
     std::vector<core::Matrix> states;
     states.reserve(demonstrations_.size());
     for (const auto& d : demonstrations_) states.push_back(d.states);
-    // About the same width in every dimension.
+    // The kernel has about the same width in any number of dimensions.
     const double gamma = random_.Uniform(0.1, 1.5) * 2.0 / dim_;
     if (single) return SingleKernels(states, gamma);
     return kernel::WhitenedSupport::Fit(states, {.svm = {.nu = 0.1, .gamma = gamma},

@@ -8,7 +8,7 @@ namespace dfr::study::planar {
 /// Results of a stress test of certified-direction.
 struct ProofResult {
   std::int64_t controls = 0;  ///< Number of applied controls, including probes and recoveries.
-  std::int64_t left = 0;      ///< States outside the union of all B_t afterwards.
+  std::int64_t left = 0;      ///< Controls that led out of the union of all B_t.
   /// Halts by HaltCause::kViolated: false alarms if the controller's assumptions are true.
   std::int64_t violations = 0;
   std::int64_t probes = 0;
@@ -42,10 +42,10 @@ struct ProofOptions {
 };
 
 /// Runs a certified controller for `options.steps` controls with adversarial policies and plants
-/// within its assumption: supports of different shapes that move with t, every third of a single
-/// kernel, which attains the bounds; policies that move away from the origin, along one axis, or
-/// randomly; plants that turn the control at random, away from the certifying support, or to where
-/// the largest l over all phases is least, by eps |u|.
+/// within its assumption. Supports have different shapes and move with t. In every third world they
+/// are single kernels, which attain the bounds. Policies move away from the origin, along one axis,
+/// or randomly. Plants add an error of eps |u|: at random, away from the certifying support, or to
+/// where the largest l over all phases is least.
 [[nodiscard]] ProofResult Prove(const ProofOptions& options);
 
 }  // namespace dfr::study::planar
