@@ -12,8 +12,8 @@ The comparison uses valgrind's counts of each operation's instructions. They rep
 other load on the machine, and an increase by more than 5 % is a loss. Valgrind supports no AVX-512, and
 instructions do not show cache misses. The operations are therefore also timed, alternately and pinned to one
 core, and a longer measurement confirms a loss of time. --short measures no times, because other load on the
-machine must not fail it. Valgrind's model of the caches is not used: in it, an operation whose data fill the
-cache lost 7 % by a change of addresses alone, and lost no time.
+machine must not fail it. Valgrind's model of the caches is not used: for an operation whose data fill the cache it
+reported a loss of 7 % after a mere change of addresses, which cost no time.
 
 --short first compares with bench/instructions.json, the counts that --record wrote. If each count is within
 2 % of its record, BASE is not built. Otherwise a change, or another compiler or processor, changed a count, and
@@ -131,7 +131,7 @@ def alternate(commands, pattern, turns, seconds):
 
 
 def compare(programs, counted, options):
-    """Prints all ratios and returns one line per loss. `programs` and `counted`: those of the base, then the new."""
+    """Prints all ratios and returns one line per loss. `programs` and `counted`: first the base's, then the new."""
     times = {}
     if not options.short:
         if hasattr(os, "sched_setaffinity"):
@@ -157,7 +157,7 @@ def compare(programs, counted, options):
 
 
 def differences_from_record(counted, pattern):
-    """Returns one line for each count that is not within MOST_FROM_RECORD of that in RECORD."""
+    """Returns one line for each count that is not within MOST_FROM_RECORD of the count in RECORD."""
     record = json.loads(RECORD.read_text()) if RECORD.exists() else {}
     record = {name: count for name, count in record.items() if pattern in name}
     lines = [f"{name}: no longer counted" for name in record if name not in counted]
@@ -203,7 +203,7 @@ def check_out(commit):
 
 
 def copy_changes(commit, tree):
-    """Copies to `tree`, a worktree with `commit`, each file of SOURCES that differs from it here."""
+    """Copies to `tree`, a worktree with `commit`, each file of SOURCES that differs in ROOT."""
     names = git("diff", "--no-renames", "--name-only", "-z", commit, "--", *SOURCES)
     names += git("ls-files", "--others", "--exclude-standard", "-z", "--", *SOURCES)
     for name in filter(None, names.split("\0")):
@@ -254,7 +254,7 @@ def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("base", nargs="?", help="a commit, or a build folder with its bin/")
     parser.add_argument("--filter", default="", help="only operations whose name contains FILTER")
-    parser.add_argument("--turns", type=int, default=5, help="measurements of the time of each build")
+    parser.add_argument("--turns", type=int, default=5, help="number of time measurements of each build")
     parser.add_argument("--seconds", type=float, default=0.1, help="CPU time per operation in one measurement, s")
     parser.add_argument("--threshold", type=float, default=1.10, help="a larger ratio of times is a loss")
     parser.add_argument("--short", action="store_true",

@@ -2,8 +2,8 @@
 
 usage: guard_on_pixels.py [PICTURE [EPISODES]]
 
-It uses slow features of positions in its pictures. Prints its effect on a good and on a weak policy, whose input is
-the state. Writes a PNG of a state outside: the picture, and the share of each pixel in the level.
+The guard uses slow features of positions in the pictures. Prints the guard's effect on a good and on a weak policy,
+whose input is the state. Writes a PNG of a state outside: the picture, and the share of each pixel in the level.
 """
 
 import sys

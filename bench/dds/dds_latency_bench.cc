@@ -1,8 +1,8 @@
-// Round-trip time of a pose to another process, and one-way time of a picture of 640 x 480, through
-// dfr's publishers and subscribers over each transport, compared with CycloneDDS over UDP on the
-// same loopback in the same run. Times are medians and 99th percentiles, in microseconds;
-// `of_cyclone` is the median relative to CycloneDDS'. One message is in transit at a time. The
-// other process is this program. usage: dds_latency_bench [Google Benchmark's options]
+// Round-trip time of a pose to another process or thread, and one-way time of a 640 x 480 picture,
+// through dfr's publishers and subscribers over each transport, compared with CycloneDDS over UDP
+// on the same loopback. Times are medians and 99th percentiles, in microseconds; `of_cyclone` is
+// the median relative to that of CycloneDDS. One message is in transit at a time. The other process
+// runs this program. usage: dds_latency_bench [Google Benchmark's options]
 #include <benchmark/benchmark.h>
 #include <dds/dds.h>
 #include <signal.h>
@@ -44,7 +44,7 @@ std::int64_t Now() {
       .count();
 }
 
-// The time of the question, and how long it took to arrive.
+// The time of a question, and its one-way time.
 struct Answer {
   std::int64_t asked_ns = 0;
   double one_way_s = 0.0;
@@ -80,7 +80,7 @@ Image Question(const Image* /*type*/) {
   return image;
 }
 
-// Through dfr.
+// An end through dfr.
 template <typename T>
 class OurEnd final : public End {
  public:
@@ -233,7 +233,7 @@ class CycloneEnd final : public End {
 enum class Way { kCyclone, kUdp, kSharedMemory, kSameProcess };
 
 std::unique_ptr<End> MakeEnd(Way way, bool image, bool asks) {
-  // Above the domains of the tests, and all different.
+  // All domains differ, and are above those of the tests.
   const int domain = 103 + 2 * static_cast<int>(way) + (image ? 1 : 0);
   if (way == Way::kCyclone) return std::make_unique<CycloneEnd>(domain, asks, image);
   const bool shared_memory = way == Way::kSharedMemory;
@@ -247,7 +247,7 @@ int ServeForEver(Way way, bool image) {
   return EXIT_SUCCESS;
 }
 
-// Both ends: this one, and that of another process or thread during the object's lifetime.
+// Both ends: one in this thread, and one in another process or thread that the object runs.
 class Link {
  public:
   Link(Way way, bool image) {
@@ -301,7 +301,7 @@ class Link {
 
 using Case = std::pair<Way, bool>;
 
-// Created once, because discovery takes longer than a measurement.
+// Links are created once, because discovery takes longer than a measurement.
 std::map<Case, std::unique_ptr<Link>>& Links() {
   static std::map<Case, std::unique_ptr<Link>> links;
   return links;

@@ -91,7 +91,7 @@ class Keystore {
 void BM_RoundTrip(benchmark::State& state) {
   static const Keystore kKeystore;
   const bool secured = state.range(0) != 0;
-  // Above the domains of the tests, and all different.
+  // Both domains differ, and are above those of the tests.
   const int domain = secured ? 102 : 101;
   const EchoProcess echo(domain, secured ? kKeystore.enclave("answer") : "");
   Participant participant(Options(domain, secured ? kKeystore.enclave("ask") : ""));

@@ -107,7 +107,7 @@ struct Case {
     }
   }
 
-  // Allows for sums of at most `batch` terms of size 1.
+  // Compares both networks. The tolerance allows for sums of `batch` terms of size 1.
   bool RightAnswers() {
     const double tolerance = 1e-12 * static_cast<double>(output_gradient.rows());
     if (!eigen.Forward(inputs[0]).isApprox(mlp.Forward(inputs[0], workspace), 1e-12)) return false;

@@ -121,7 +121,7 @@ class DecisionCase {
   }
 
   // Measures one query with cold caches by the wall clock: the median of many rounds. A call that
-  // only reads the query shows what the cold call itself takes.
+  // only reads the query gives the time of a cold call without a decision.
   void Cold(const ContestOptions& options, std::vector<CaseResult>& results) const {
     std::vector<char> other(std::size_t{48} << 20, 1);
     std::vector<Entrant> entrants = entrants_;

@@ -111,7 +111,7 @@ void Train(const TrainingCase& c, const ContestOptions& options, std::vector<Cas
   }
   CaseResult result{name, RunContest(contestants, 1, options), 0.0, {}};
   const double excess = audit.objective / libsvm_objective - 1.0;
-  // Our objective may be lower. 1e-4 above LIBSVM's minimum indicates another solution.
+  // Our objective may be lower. An excess of 1e-4 over LIBSVM's indicates another solution.
   if (excess > 1e-4) result.timings[0].wrong = "objective " + std::to_string(excess) + " too high";
   const auto support = static_cast<std::size_t>(svm.num_support_vectors());
   result.bound_nanoseconds =

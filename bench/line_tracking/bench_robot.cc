@@ -60,7 +60,7 @@ RobotConfig Configuration(int domain, dds::Discovery discovery) {
   return config;
 }
 
-// Checks for typed input after several periods.
+// Returns true if input has been typed after several periods.
 bool IsAskedToGo(RobotPlant& plant) {
   pollfd input{STDIN_FILENO, POLLIN, 0};
   plant.loop().Idle(0.02);

@@ -20,7 +20,7 @@ Fault Injected(const std::string& name, const std::string& fault, const std::str
           [=](Site& s) { s.link->Fault(fault, off); }, false, false};
 }
 
-// A defective cable. On a single host, the same effect on the measured state.
+// A defective cable. On a single host, the console simulates its effect on measured states.
 Fault Lossy(const std::string& name, double loss) {
   const auto set = [](Site& s, double share, double jitter_s) {
     if (s.wire != nullptr) {
@@ -37,7 +37,7 @@ Fault Lossy(const std::string& name, double loss) {
 
 // Sends two messages to every port at which a process of the domain may listen: 82 bytes with one
 // of Fast DDS's statistics submessages, and a fragment of a sample with parameters and without
-// payload. Without a filter either ends a process with Debian's Fast DDS.
+// payload. Without dfr's filter, either message ends a process that uses Debian's Fast DDS.
 void SendPackets(int domain) {
   std::vector<std::uint8_t> statistics = {'R', 'T', 'P', 'S', 2, 3, 1, 15};
   statistics.resize(20, 0xab);
@@ -112,8 +112,8 @@ std::vector<Fault> Faults() {
        [second](Site&) { second->reset(); }, false, false});
   faults.push_back(Injected("frozen-noisy-image", "camera", "frozen_noisy", "none"));
   faults.push_back(Injected("image-late-1s", "camera", "late", "none"));
-  // Interference by another client. Messages and states of others are published before the fault,
-  // as a console does.
+  // Interference by another client. The site has these publishers before the fault, as a console
+  // does.
   faults.push_back({"teleoperation", [](Site& s) { s.following.Write({true}); },
                     [](Site& s) { s.following.Write({false}); }, false, false});
   faults.push_back({"clutch",
@@ -125,8 +125,8 @@ std::vector<Fault> Faults() {
                     },
                     false, false});
   faults.push_back({"foreign-hold", [](Site& s) { s.hold.Write({}); }, [](Site&) {}, false, false});
-  // A participant joins and sends a hold 20 times per second for .3 s. The console may be matched
-  // first.
+  // A participant joins and sends a hold 20 times per second for .3 s. The console may discover it
+  // before the robot's program does.
   const auto guest = std::make_shared<std::thread>();
   faults.push_back({"late-hold",
                     [guest](Site& s) {

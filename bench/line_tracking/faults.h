@@ -19,7 +19,7 @@ struct Fault {
   /// The fault must have no effect: the test passes if the run continues.
   bool harmless = false;
   bool homing = false;  ///< The fault occurs during homing, which it must end.
-  bool ends = false;    ///< The fault ends a program, or needs a different site from a soak's.
+  bool ends = false;    ///< The fault ends a program, or needs a site that a soak lacks.
   /// The fault is at the platform's port. Other faults run without a platform.
   bool platform = false;
 };

@@ -82,7 +82,7 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
   const auto now_ms = [&] {
     return static_cast<double>(runtime::SteadyNow() - start_ns) / kMillisecond;
   };
-  // After a regular end of an episode, the next one moves.
+  // True if the episode ended regularly and the next one moves.
   const auto next = [&site] { return site.ToldOfAnEnd() && site.Moving(); };
   while (now_ms() < kObserved) {
     site.Listen();
@@ -131,7 +131,7 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
   double motion_mm = 0.0;
   double rest_ms = 0.0;
   const Eigen::Vector3d last = samples.back().tip_m;
-  // A restarted simulator is another arm.
+  // These faults restart or reset the arm, which changes its position.
   if (fault.name != "kill-console" && fault.name != "arm-fault" && !fault.homing) {
     for (const Sample& sample : samples) {
       motion_mm = std::max(motion_mm, 1e3 * (sample.tip_m - before).norm());
@@ -221,7 +221,7 @@ void Soak(const std::filesystem::path& folder, int domain, double image_age_s, d
     Try(site, fault, random, row);
     missed += row.trials - row.detected;
     restarts += row.restarts;
-    // After the end of an episode, the next one moves.
+    // After a regular end of an episode, the next one moves the arm.
     const double moved_mm =
         row.motion_mm.empty() || site.ToldOfAnEnd() ? 0.0 : row.motion_mm.front();
     motion_mm = std::max(motion_mm, moved_mm);
@@ -253,7 +253,7 @@ struct Gaps {
   double stop_ms = 0.0;
 };
 
-// Sends a packet storm for several minutes, after one minute without. No program may end or hang.
+// Sends a packet storm for several minutes, after one quiet minute. No program may end or hang.
 void Storm(const std::filesystem::path& folder, int domain, double image_age_s, double minutes,
            std::uint64_t seed) {
   constexpr double kRate = 2000.0;  // packets per second

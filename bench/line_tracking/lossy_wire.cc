@@ -95,7 +95,7 @@ int MakeHost(const char* address) {
   Request(control, SIOCSIFADDR, request, "no address");
   request.ifr_netmask = Address("255.255.255.0");
   Request(control, SIOCSIFNETMASK, request, "no netmask");
-  // A picture arrives as a burst of 615 packets. Without permission, the usual queue of 1000 stays.
+  // A picture arrives as a burst of 615 packets. Without permission, the queue stays at 1000.
   request = Interface(kInterface);
   request.ifr_qlen = 10000;
   static_cast<void>(ioctl(control, SIOCSIFTXQLEN, &request));
@@ -103,7 +103,7 @@ int MakeHost(const char* address) {
   BringUp(control, "lo");
   close(control);
   // Incomplete datagrams would occupy their memory for half a minute; docs/robot.md recommends this
-  // setting for lossy networks. Without permission to set it, trials take that much longer.
+  // setting for lossy networks. Without permission to set it, trials take longer.
   std::ofstream("/proc/sys/net/ipv4/ipfrag_time") << 1;
   std::ofstream("/proc/sys/net/ipv4/ipfrag_high_thresh") << (128 << 20);
   return tap;

@@ -14,7 +14,7 @@ class LossyWire {
  public:
   /// Moves this process to the near host, which has the address 10.77.0.1. The far one has
   /// 10.77.0.2, and each has a separate loopback. Must be called before threads are started.
-  /// @param seed  of losses and delays.
+  /// @param seed  seed of losses and delays.
   /// @throws std::runtime_error with the system's reason if namespaces are not permitted.
   explicit LossyWire(std::uint64_t seed);
   ~LossyWire();

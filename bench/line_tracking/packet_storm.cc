@@ -65,7 +65,7 @@ class Writer {
     return bytes;
   }
   void Prefix(Bytes& bytes, const std::vector<Bytes>& heard) {
-    // Sixteen strangers, and occasionally a known sender.
+    // The sender is one of sixteen strangers, or occasionally a known sender.
     const bool known = !heard.empty() && Below(20) == 0;
     const Bytes* from = known ? &heard[Below(heard.size())] : nullptr;
     const auto stranger = static_cast<std::uint8_t>(1 + Below(16));

@@ -1,6 +1,6 @@
 #!@DFR_PYTHON@
 """Compares fits and decisions of dfr.OneClassSVM with those of sklearn.svm.OneClassSVM in one run,
-and decisions with the same ones in C++.
+and decisions of dfr.OneClassSVM with the same decisions in C++.
 
 usage: python_one_class_svm_bench [--benchmark_min_time=0]   (a smoke test: small sizes, timed once)
 

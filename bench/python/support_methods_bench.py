@@ -55,7 +55,7 @@ def forest(_):
 
 
 class Neighbors:
-    """Classifies a state as inside if its k-th neighbour is as near as that of all but a fraction NU of the samples."""
+    """Classifies a state as inside if its k-th neighbour is no farther than those of a share 1 - NU of the samples."""
 
     COUNT = 10
 

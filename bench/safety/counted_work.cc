@@ -143,8 +143,8 @@ void RunDecisions(Runner& runner) {
 }
 
 void RunFits(Runner& runner) {
-  // The largest runs only its first steps, including set-up and completion, because the simulation
-  // is slow.
+  // The largest fit runs only its first steps, including set-up and completion, because the
+  // simulation is slow.
   struct Fit {
     const char* name;
     int n;

@@ -312,7 +312,7 @@ void PsmConsole::MoveCp(const Eigen::Isometry3d& goal) {
   }
 }
 
-// The jaw does not change the arm's space.
+// The jaw does not change the arm's control space.
 void PsmConsole::ControlJaw(std::string_view in_pose_space, std::string_view in_joint_space) {
   Control(control_ == kPosePosition || control_ == kPoseTrajectory ? in_pose_space
                                                                    : in_joint_space);
@@ -383,7 +383,7 @@ void PsmConsole::Step(double dt_s) {
     return;
   }
   if (!homed_) return;
-  // The joints approach a set-point beyond their reach in dt_s at the speed limit.
+  // Joints that cannot reach the set-point within dt_s approach it at the speed limit.
   const PsmJoints largest = dt_s * SpeedLimits();
   if (moving_) {
     move_s_ += dt_s;

@@ -132,7 +132,7 @@ struct PsmConsoleServer::Impl {
     };
     forward_kinematics.Serve(forward(console.options().base_frame));
     local_forward_kinematics.Serve(forward(Eigen::Isometry3d::Identity()));
-    // In the arm's own base frame, as on a console.
+    // Queries are in the arm's own base frame, as on a console.
     inverse_kinematics.Serve([this](const dds::InverseKinematicsQuery& query) {
       dds::InverseKinematicsAnswer answer;
       if (query.joints.size() != 6) {

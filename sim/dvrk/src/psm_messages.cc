@@ -6,7 +6,7 @@ namespace {
 using kinematics::Psm;
 using kinematics::PsmJoints;
 
-// Entries of the twist with the matrix [w] v; 0 0.
+// Returns the twist (v, w) of the matrix [[w] v; 0 0], where [w] x is the cross product of w and x.
 Eigen::Matrix<double, 6, 1> Twist(const Eigen::Matrix4d& matrix) {
   Eigen::Matrix<double, 6, 1> twist;
   twist << matrix.topRightCorner<3, 1>(), matrix(2, 1), matrix(0, 2), matrix(1, 0);

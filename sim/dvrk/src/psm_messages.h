@@ -57,7 +57,7 @@ Eigen::Isometry3d Transform(const Message& message) {
 
 [[nodiscard]] dds::Matrix ByRows(const Eigen::Matrix<double, 6, 6>& jacobian);
 /// Jacobians of the manipulator: column i is the twist (linear before angular) of the wrist due to
-/// joint i, in the wrist's own frame (body) and in the base's, at its origin (spatial).
+/// joint i, in the wrist's own frame (body), and in the base frame at its origin (spatial).
 void Jacobians(const kinematics::PsmJoints& joints, Eigen::Matrix<double, 6, 6>& body,
                Eigen::Matrix<double, 6, 6>& spatial);
 

@@ -182,7 +182,7 @@ struct DvrkSceneServer::Impl {
     }
   }
 
-  // Moves back and forth across the line while the fault lasts.
+  // Moves the platform back and forth across the line while the fault lasts.
   void DrivePlatform(double dt_s) {
     if (platform_speed == 0.0) return;
     platform_way += platform_speed * dt_s;

@@ -43,7 +43,7 @@ class EndoscopeServer {
   /// Real time: passes the scene on if a picture of it is needed.
   /// @throws the thread's exception; std::runtime_error if drawing fails.
   void Offer(const std::function<dds::Stamp()>& clock);
-  /// Restarts the count of pictures. The thread receives it with the next scene.
+  /// Restarts the count of pictures, in real time with the next scene that the thread receives.
   void Reset() noexcept { restart_ = true; }
   /// Stops publishing pictures.
   void SetSilent(bool silent) noexcept { silent_ = silent; }

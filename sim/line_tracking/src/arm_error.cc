@@ -46,7 +46,7 @@ std::vector<Sample> Workspace() {
   return samples;
 }
 
-// Returns the mean distance between tips.
+// Returns the mean distance between the true tips and those that the encoders report.
 double MeanTipError(const std::vector<Sample>& samples, const ArmError& error) {
   double sum = 0.0;
   for (const Sample& sample : samples) {
@@ -65,7 +65,7 @@ ArmError::ArmError(const ArmErrorOptions& options) {
       options.mean_residual_m >= 0.0 && options.mean_residual_m <= options.mean_error_m,
       "arm error: mean_residual_m must lie in [0, mean_error_m], not " << options.mean_residual_m);
   core::Random random(options.seed);
-  // One unit of each entry moves the tip by a few millimetres. Scaled below.
+  // An error of unit[k] in entry k moves the tip by a few millimetres. The errors are scaled below.
   PsmJoints unit;
   unit << 0.02, 0.02, 0.002, 0.05, 0.05, 0.05;
   ArmError raw;

@@ -171,7 +171,7 @@ void LineTrackingPlant::Reset(std::uint64_t seed) {
 
   Place();
 
-  // The operator places the true tip there regardless of the encoders, by repeated corrections.
+  // The operator corrects the tip repeatedly, until the true tip is at the start.
   const Eigen::Isometry3d gauze = truth().p_world_gauze;
   const double slope = s.line.SlopeAt(start_x);
   const Eigen::Vector3d beside(-slope, 1.0, 0.0);

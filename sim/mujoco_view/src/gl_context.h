@@ -19,7 +19,7 @@ class GlContext {
 
   /// Returns this thread's context. If there is none, creates one off screen: OSMesa, or EGL if
   /// OSMesa fails or DFR_GL=egl requests it.
-  /// @throws std::runtime_error with the message of each.
+  /// @throws std::runtime_error with the messages of OSMesa and EGL.
   static std::shared_ptr<GlContext> OfThisThread();
 
   /// Makes a window's context, which must be current, the context of this thread.

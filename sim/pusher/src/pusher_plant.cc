@@ -31,7 +31,7 @@ constexpr int kObjectX = kNumJoints;  // index of the cylinder's coordinates in 
 // Maximum motion of the gripper per substep (except for the curvature of its path): less than the
 // margin for contact detection.
 constexpr double kSubstepMotion = 0.002;
-// Index after the hand; earlier parts are upper arm and forearm.
+// Index of the hand, the first part of the gripper. Earlier parts are upper arm and forearm.
 constexpr std::size_t kFirstGripperPart = 2;
 constexpr int kMaxSubsteps = 100;
 // The cylinder is at rest if it moves by less than 5 um in a substep.

@@ -20,7 +20,7 @@ void CheckOptions(const PusherOptions& o) {
                    "PusherOptions: joint_step must lie in [0.005, 0.1] rad, got " << o.joint_step);
   DFR_THROW_UNLESS(o.start_y >= 0.0 && o.start_y <= 0.2,
                    "PusherOptions: start_y must lie in [0, 0.2] m, got " << o.start_y);
-  // Corners of the start area nearest to a region.
+  // Distance of a region's centre from the nearest corner of the start area.
   const double dx = 0.64 - o.start_x_max;
   const double dy = std::max(0.0, o.red_y - o.start_y);
   const double apart = PusherPlant::kObjectRadius + PusherPlant::kRedRadius;

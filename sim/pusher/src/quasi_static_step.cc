@@ -9,8 +9,8 @@
 namespace dfr::sim::internal {
 namespace {
 
-// Jump target of OnError() on this thread. MuJoCo is C and holds no resources that a jump could
-// leak.
+// Jump target of OnError() on this thread. MuJoCo is written in C and holds no resources that a
+// jump could leak.
 thread_local std::jmp_buf* resume = nullptr;
 
 void OnError(const char* message) {
@@ -20,7 +20,7 @@ void OnError(const char* message) {
   std::exit(EXIT_FAILURE);
 }
 
-// Step() reads the counters in mjData.
+// Prints nothing: GuardedStep() reads the counters of warnings in mjData.
 void OnWarning(const char*) {}
 
 int NumWarnings(const mjData* data) noexcept {

@@ -20,14 +20,14 @@ void ResetQuasiStatic(const mjModel* model, mjData* data) noexcept;
 /// With the model's solref = (2 h, 0.5) and the object starting from rest, MuJoCo's contact solver
 /// solves the position-level complementarity problem of the substep (Anitescu and Potra, 1997): the
 /// gap at its end is >= 0, the contact force is >= 0, one of the two is 0, and friction is in its
-/// cone. A contact therefore acts before the surfaces touch, if they would in this substep.
+/// cone. A contact therefore acts before the surfaces touch, if they would touch in this substep.
 ///
 /// @return false if MuJoCo raised an error, counted a warning (a full buffer) or the result is not
 ///   finite: `data` is then unusable until ResetQuasiStatic(). Never allocates.
 [[nodiscard]] bool QuasiStaticStep(const mjModel* model, mjData* data) noexcept;
 
-/// Runs any step with the same guarantees. `step` must not hold resources that a jump out of it
-/// would leak.
+/// Runs any step with the guarantees of QuasiStaticStep(). `step` must not hold resources that a
+/// jump out of it would leak.
 [[nodiscard]] bool GuardedStep(const mjModel* model, mjData* data,
                                void (*step)(const mjModel*, mjData*)) noexcept;
 

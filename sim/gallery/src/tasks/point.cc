@@ -32,7 +32,7 @@ constexpr double kPointRadius = 0.05;  // in pictures
 constexpr double kBelt = 0.35;  // a moving goal moves from -kBelt, or slightly higher, to kBelt
 
 // A point that starts near the origin and moves as commanded to (goal_x, 0) or to a goal on a belt.
-// State: point(2), with a moving goal also goal(2); hidden: the goal otherwise, the last motion.
+// State: point(2), with a moving goal also goal(2); hidden: the last motion, and a goal at rest.
 class PointPlant final : public Cloned<PointPlant> {
  public:
   explicit PointPlant(PointOptions options)
@@ -112,12 +112,12 @@ std::shared_ptr<const GalleryPlant> MakePoint(PointOptions options) {
   return std::make_shared<PointPlant>(std::move(options));
 }
 
-// Around a pillar at (0.55, 0), at this height.
+// Returns a route past a pillar at (0.55, 0), at height `y` there.
 Route Over(double probability, double y) {
   return {probability, {{0.0, 0.0}, {0.35, 0.85 * y}, {0.55, y}, {0.75, 0.85 * y}, {1.0, 0.0}}};
 }
 
-// Past pillars at x = 0.85, at this height. The route is chosen early.
+// Returns a route past pillars at x = 0.85, at height `y` there. It is chosen early.
 Route Past(double probability, double y) {
   return {probability, {{0.0, 0.0}, {0.15, 0.3 * y}, {0.6, y}, {1.05, y}, {1.3, 0.0}}};
 }

@@ -76,7 +76,7 @@ class DoorPlant final : public Cloned<DoorPlant> {
     const Point p{x(0), x(1)};
     if (!held()) {
       if (Norm(p - Point{kRadius, 0.0}) < 0.012) x(8) = 1.0;
-      // Touches the door, or turns too far; the hand does not turn in the air.
+      // The hand touches the door, or turns too far before it holds the handle.
       FailIf(x(1) < -0.03 || x(7) > kFree);
     } else {
       if (x(7) > kFree) x(9) = 1.0;

@@ -90,7 +90,7 @@ class PsmConsole {
   /// Fails the arm: FAULT, at rest, with `reason` on the topic error.
   void Fail(const std::string& reason);
 
-  /// For simulations: places the arm there, homed, ENABLED and at rest, from any state.
+  /// For simulations: places the arm at `joints`, homed, ENABLED and at rest, from any state.
   /// @throws std::invalid_argument if a joint is beyond its limits.
   void Place(const kinematics::PsmJoints& joints);
   /// For simulations: completes all commands at once and brings the arm to rest.

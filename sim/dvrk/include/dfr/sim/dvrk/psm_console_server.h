@@ -24,8 +24,8 @@ struct ConsoleFaults {
   bool corrupt = false;        ///< Sets positions and velocities to NaN.
 };
 
-/// Sets one of the above by name: delay, jitter, drop, drop_commands, clock_jump, freeze, silent,
-/// invalid, corrupt. `value` is a number; 0 or 1 for a flag.
+/// Sets a fault by name: delay, jitter, drop, drop_commands, clock_jump, freeze, silent, invalid,
+/// corrupt. `value` is a number; 0 or 1 for a flag.
 /// @returns false if no fault has this name.
 /// @throws std::invalid_argument naming the fault, if `value` is not such a number.
 [[nodiscard]] bool SetFault(ConsoleFaults& faults, std::string_view name, std::string_view value);
@@ -39,8 +39,8 @@ struct PsmConsoleServerOptions {
 };
 
 /// Publishes a PsmConsole on the topics and services of a real one, under its arm's name. Follows
-/// the CRTK convention over ROS 2: all that dvrk_python's psm requires, and jhu-dvrk's contract for
-/// simulators.
+/// the CRTK convention over ROS 2. Offers all that dvrk_python's psm requires, and fulfils
+/// jhu-dvrk's contract for simulators.
 ///   publishes  measured_js setpoint_js measured_cp setpoint_cp local/measured_cp local/setpoint_cp
 ///              measured_cv jaw/measured_js jaw/setpoint_js body/ and spatial/ measured_cf jacobian
 ///              operating_state state goal_reached error warning status info tool_type

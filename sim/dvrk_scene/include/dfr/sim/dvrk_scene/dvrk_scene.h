@@ -9,8 +9,8 @@ namespace dfr::sim {
 
 /// Options for DvrkScene.
 struct DvrkSceneOptions {
-  PsmConsoleOptions arm;  ///< `joint_error` is ignored: the plant's arm has a separate one.
-  /// The rest of the world. `observations` are ignored: only clients observe.
+  PsmConsoleOptions arm;  ///< `joint_error` is ignored: `world` has the arm's errors.
+  /// The rest of the world. `observation` is ignored: only clients observe.
   LineTrackingOptions world;
   std::uint64_t seed = 0;  ///< Seed of the first episode: line, light, disturbance.
   /// Time in seconds after the last change of the set-point during which the arm still counts as

@@ -21,7 +21,7 @@ struct DvrkSceneServerOptions {
   bool camera = true;
   double image_period_s = 1.0 / 30.0;  ///< Period of pictures in real time, > 0.
   int jpeg_quality = 90;               ///< In [1, 100].
-  std::string camera_name = "ECM";     ///< First part of the camera's topics; its frame.
+  std::string camera_name = "ECM";     ///< First part of the camera's topics, and its frame.
   std::string platform_name = "SPRK";  ///< Same for the platform.
 };
 

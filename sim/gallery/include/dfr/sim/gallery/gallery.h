@@ -42,7 +42,7 @@ class GalleryPlant : public core::SimulatedPlant {
   virtual void Supervise(const SupervisorVariation& variation,
                          std::span<double> u) const noexcept = 0;
 
-  /// Side of a picture.
+  /// Side of a picture, in pixels.
   static constexpr int kPictureSide = 64;
   /// Draws an observed state, seen from above or from the side, to kPictureSide x kPictureSide x 3
   /// bytes: RGB, rows from the top. @returns false if the task has no pictures.
@@ -91,7 +91,7 @@ struct GalleryTask {
   std::string features = {};                  ///< Features of a guard; empty: all.
   int horizon = 100;                          ///< Maximum number of controls of a supervisor.
   /// Number of zero controls after a halt. Zero if a zero control holds everything still. In other
-  /// tasks the world keeps moving, and a halt may fail.
+  /// tasks the world keeps moving, and an episode may fail after a halt.
   int settle_steps = 0;
   double noise = 0.2;  ///< Standard deviation of the supervisor's noise per entry.
   /// Scale of each entry of a control, for example metres. Noise and the targets of the learners

@@ -12,8 +12,8 @@ enum class Wave {
   kNone,  ///< No motion.
   kSine,  ///< amplitude sin(2 pi frequency t), the firmware's command 'c'.
   /// The firmware's command 'd': (exp(sin(frequency t)) - 1/e) 2 amplitude / (e - 1/e), in [0, 2
-  /// amplitude]; for angles minus the amplitude. Its frequency is in rad/s. Time starts at the home
-  /// pose.
+  /// amplitude]. For angles, the amplitude is subtracted. The frequency is in rad/s. Time starts at
+  /// the home pose.
   kBreath,
   kRandom,  ///< Per entry, a sum of three sines of random frequency and sign, at most `amplitude`.
 };
@@ -25,7 +25,7 @@ enum class Wave {
 struct DisturbanceOptions {
   Wave wave = Wave::kNone;
   std::array<double, 6> amplitude = {0.008, 0.017, 0.001, 0.01, 0.01, 0.1};
-  /// Hz; rad/s for kBreath. kRandom samples frequencies between half and one and a half of it.
+  /// Hz; rad/s for kBreath. kRandom samples frequencies between 0.5 and 1.5 times these values.
   std::array<double, 6> frequency = {0.04, 0.04, 0.04, 0.04, 0.04, 0.04};
   bool during = true;  ///< The platform moves while the arm moves.
   /// The platform also moves for pause_s after every control, including probes.

@@ -140,7 +140,7 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   void Hold(double duration_s) noexcept;
 
   [[nodiscard]] std::unique_ptr<core::SimulatedPlant> Clone() const override;
-  /// @pre other was made by Clone() from this plant or from the same one.
+  /// @pre Clone() made one of both plants from the other, or both from a third one.
   void CopyStateFrom(const core::SimulatedPlant& other) noexcept override;
 
   /// Sets the platform's rest pose, to which the disturbance is added; for calibration and tests.

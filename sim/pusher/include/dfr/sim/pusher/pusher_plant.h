@@ -43,8 +43,8 @@ struct PusherOptions {
   double joint_step = 0.06;  ///< rad per unit of control, in [0.005, 0.1].
 };
 
-/// Counts since construction. Speeds in m/s of simulated time; a substep takes 0.01 s, or 0.002 s
-/// under full dynamics. `saturated` to `simulated` count controls.
+/// Counts since construction. Speeds are in m/s of simulated time. A substep takes 10 ms, or 2 ms
+/// under full dynamics.
 struct PusherStatistics {
   std::int64_t controls = 0;   ///< Number of applied controls, with or without kOk.
   std::int64_t saturated = 0;  ///< Number of controls with an entry beyond +-1.
@@ -95,7 +95,7 @@ struct PusherStatistics {
 /// joint is slower than 1e-3 rad/s and the cylinder slower than 1e-3 m/s for 5 consecutive steps,
 /// or after 3 s; then velocities are set to zero. Joints have rotor inertia, viscous damping and
 /// Coulomb friction. The cylinder slides with Coulomb friction along x and y and keeps sliding
-/// after a push. Arm and table do not touch: references stay above the table as above. About fifty
+/// after a push. Arm and table do not touch: references stay above the table, too. About fifty
 /// times slower.
 ///
 /// The collision check runs after every substep for the cylinder, the upper arm, forearm, hand and
