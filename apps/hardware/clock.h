@@ -9,7 +9,7 @@ class Clock {
  public:
   virtual ~Clock() = default;
 
-  /// ns. Never goes back.
+  /// Steady time in ns, which never goes back.
   [[nodiscard]] virtual std::int64_t SteadyNs();
   /// ns since the Unix epoch, like the stamps of samples.
   [[nodiscard]] virtual std::int64_t WallNs();

@@ -21,7 +21,7 @@ constexpr double kSpeed = 0.6;      // Norm of a demonstrated control.
 constexpr double kUnsteady = 0.35;  // Standard deviation of the noise on each of its entries.
 constexpr int kHorizon = 200;       // Maximum number of controls in a demonstration.
 
-// A polyline parametrised by its length.
+// A polyline parametrised by arc length.
 class Route {
  public:
   explicit Route(std::vector<Point> points) : points_(std::move(points)), at_(points_.size(), 0.0) {

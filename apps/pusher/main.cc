@@ -114,7 +114,7 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options, std::function<void
     const auto take = [command](const char* option, auto& value, auto preset) {
       if (command->count(option) > 0) return;
       value = preset;
-      // Written to run.toml.
+      // run.toml records the default text.
       command->get_option(option)->default_str(experiment::Exactly(preset));
     };
     if (options.preset == "fig5") {

@@ -26,7 +26,7 @@ inline constexpr const char* kAlone = "baseline";
 /// Kind of methods: controllers around a policy, guards around a policy, or planar::Methods.
 enum class Kind { kControllers, kGuards, kPlane };
 
-/// Guards on pictures, beside those on states.
+/// Options for guards on pictures, which run beside guards on states.
 struct PictureOptions {
   std::string features = {};  ///< Features of "image", such as "points:image"; "": none.
   /// Disturbances of the pictures in demonstrations. Condition::nuisances disturb those of a run.
@@ -60,7 +60,7 @@ using PreparedCache = SharedCache<std::pair<std::string, int>, Prepared>;
                                int trial, const planar::MethodOptions& plane = {},
                                const PictureOptions& pictures = {});
 
-/// Conditions of a run.
+/// Task, variant and condition of a run.
 struct Place {
   const Task* task;
   const Variant* variant;

@@ -354,7 +354,7 @@ DFR_CASE(BM_ImageOneWay, same_process, Way::kSameProcess);
 }  // namespace dfr::dds
 
 int main(int argc, char** argv) {
-  // Same as in dfr: loopback only, possibly without multicast.
+  // CycloneDDS uses only the loopback, as dfr does, and no multicast, which a loopback may lack.
   ::setenv("CYCLONEDDS_URI",
            "<CycloneDDS><Domain><General><Interfaces><NetworkInterface address=\"127.0.0.1\"/>"
            "</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery>"

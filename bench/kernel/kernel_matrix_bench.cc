@@ -210,7 +210,7 @@ class Matrix {
     ++row.converged;
     const double gap = Gap(samples, summary, nu, gamma);
     row.worst_gap = std::max(row.worst_gap, gap);
-    // The definition also has rounding errors.
+    // The computation from the definition also rounds.
     if (gap > kTolerance * (1.0 + 1e-6) + 1e-12 * nu * n || !std::isfinite(svm.rho())) {
       ++row.wrong;
       std::printf("WRONG %s: the gap is %.3g, not %.3g\n", name.c_str(), gap, summary.kkt_gap);

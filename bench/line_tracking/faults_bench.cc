@@ -67,7 +67,7 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
   } else {
     site.AwaitMotion();
     SleepMs(random.Uniform(200.0, 900.0));
-    // Waits between two episodes.
+    // Waits for the next episode if the robot is between two episodes.
     for (site.Forget(); !site.Moving(); site.Forget()) site.AwaitMotion();
   }
 

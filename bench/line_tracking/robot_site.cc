@@ -103,7 +103,7 @@ double Program::resident_mb() const {
   return resident * static_cast<double>(sysconf(_SC_PAGESIZE)) / 1e6;
 }
 
-// -- all of them ----------------------------------------------------------------------------------
+// -- all programs ---------------------------------------------------------------------------------
 
 Site::Site(std::filesystem::path folder, int domain, bench::LossyWire* wire_to_robot,
            double image_age_s, bool with_platform)

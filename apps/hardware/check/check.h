@@ -66,7 +66,7 @@ struct CheckOptions {
 /// Checks the pictures of a given endoscope, and their size against `camera`. Adds the findings.
 void LookAt(const CheckOptions& options, const hardware::EndoscopeOptions& camera,
             hardware::Endoscope& endoscope, DeviceReport& report);
-/// Checks the port of the Stewart platform.
+/// Checks the port of the Stewart platform, and moves the platform on request.
 [[nodiscard]] DeviceReport CheckPlatform(const CheckOptions& options);
 
 /// One report as text, or all reports as JSON:

@@ -44,7 +44,7 @@ class CheckedArm {
                                       const std::function<void(std::string_view)>& say,
                                       const std::function<bool()>& may_move) = 0;
 
-  /// State of the emergency stop: dds::EmergencyStopReceiver::Check().
+  /// Returns the state of the emergency stop, as dds::EmergencyStopReceiver::Check() does.
   [[nodiscard]] virtual dds::EmergencyStop Stop(std::int64_t steady_ns) = 0;
 };
 

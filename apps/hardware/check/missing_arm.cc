@@ -12,7 +12,7 @@
 namespace dfr::apps::hardware_app {
 namespace {
 
-// Other arms that publish on the network.
+// Returns the other arms that publish on the network within `seconds`.
 std::vector<std::string> OtherArms(const CheckOptions& options, double seconds) {
   dds::Participant participant(options.network);
   struct Candidate {

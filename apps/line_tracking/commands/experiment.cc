@@ -261,7 +261,7 @@ experiment::ReportFigure RecoveryFigure(LineTrialRunner& runner,
           {plot}};
 }
 
-// Episodes of the method "controller", or the last method's.
+// Films the best, median and worst episode of "controller" or, without it, of the last method.
 std::vector<experiment::ReportMedia> RecordEpisodes(LineTrialRunner& runner,
                                                     const experiment::EvaluationPlan& plan,
                                                     const experiment::UnitResult& unit,

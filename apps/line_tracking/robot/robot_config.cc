@@ -85,7 +85,7 @@ class Section {
     }
     return true;
   }
-  // Joint values, all positive.
+  // Reads joint values, which must be positive.
   void Get(const char* key, kinematics::PsmJoints& values) {
     if (!Get(key, {values.data(), 6})) return;
     if (!values.allFinite() || !(values.array() > 0.0).all()) {

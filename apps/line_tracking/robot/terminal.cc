@@ -55,7 +55,7 @@ std::unique_ptr<RobotPlant> BringUpRobot(const RobotConfig& config,
   };
   run_operator.interrupted = &interrupted;
   auto plant = std::make_unique<RobotPlant>(config, calibration, recorder, run_operator);
-  // The loop's thread gets priority over the network's.
+  // The thread of the loop gets a higher priority than the threads of the network.
   if (config.priority > 0) static_cast<void>(runtime::AskForRealTime(config.priority + 1));
   plant->BringUp(
       [&printer](std::string_view words) {

@@ -12,7 +12,7 @@
 
 namespace dfr::apps::line_tracking {
 
-/// Controls are displacements of the tool.
+/// Line tracking as a robot::Task. Controls are displacements of the tool.
 class ToolTask final : public robot::Task {
  public:
   ToolTask(const line_task::LineTask& task, const hardware::PsmDriver& driver, double speed_m_s)

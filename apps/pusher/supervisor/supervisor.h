@@ -12,7 +12,7 @@
 
 namespace dfr::apps::pusher {
 
-/// The shipped supervisor: ../share/dfr/pusher/supervisor.dfr beside the running program.
+/// Returns the file of the shipped supervisor, in ../share/dfr/pusher of the program's folder.
 [[nodiscard]] std::filesystem::path ShippedSupervisor();
 
 /// Number of shipped supervisors, trained by train-supervisor with the seeds 1, 2, ...

@@ -19,7 +19,7 @@ core::FeatureSelection All(const Task& task) {
   return core::FeatureSelection::All(task.plant->state_dim());
 }
 
-// One common scale for all entries.
+// Returns features with one common scale for all entries.
 core::FeatureTransform Isotropic(const Task& task,
                                  std::span<const core::Trajectory> demonstrations) {
   const int n = task.plant->state_dim();

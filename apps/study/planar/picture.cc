@@ -39,7 +39,7 @@ struct Canvas {
   }
 };
 
-// The stay-out regions and the goal.
+// Draws the stay-out regions and the goal.
 void DrawRegions(const Canvas& canvas, const Task& task) {
   cv::Mat image = canvas.image;
   if (const auto* corridor = dynamic_cast<const sim::CorridorPlant*>(task.plant.get())) {

@@ -29,7 +29,7 @@ struct Episode {
   std::string cause;
 };
 
-/// Records a rollout that it observes as an Episode.
+/// Records an observed rollout as an Episode.
 class EpisodeRecorder final : public control::RolloutObserver {
  public:
   explicit EpisodeRecorder(Episode& episode) : episode_(&episode) {}

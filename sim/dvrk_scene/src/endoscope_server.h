@@ -45,7 +45,7 @@ class EndoscopeServer {
   void Offer(const std::function<dds::Stamp()>& clock);
   /// Restarts the count of pictures, in real time with the next scene that the thread receives.
   void Reset() noexcept { restart_ = true; }
-  /// Stops publishing pictures.
+  /// While true, no pictures are published.
   void SetSilent(bool silent) noexcept { silent_ = silent; }
 
   /// Adds noise of one grey level, different in every picture.

@@ -61,7 +61,7 @@ std::shared_ptr<const Endoscope::Tables> Endoscope::MakeTables(const vision::Cam
     for (int x = 0; x < camera.width; ++x) {
       const std::size_t i = static_cast<std::size_t>(y) * width + static_cast<std::size_t>(x);
       map_x.at<float>(y, x) = static_cast<float>(center_x + focal * tables->u[i]);
-      // The bottom row is first.
+      // The bottom row of the pinhole picture is first.
       map_y.at<float>(y, x) = static_cast<float>(center_y - focal * tables->v[i]);
     }
   }

@@ -30,7 +30,7 @@ class DynamicMotion {
   static constexpr int kRestSteps = 5;     ///< number of consecutive steps at rest
   static constexpr int kMostSteps = 1500;  ///< 3 s, after which the state is accepted
 
-  /// @param data  at rest; velocities are set to zero.
+  /// @param data  data at rest; its velocities are set to zero.
   DynamicMotion(const mjModel* model, mjData* data,
                 const std::array<double, kArmJoints>& target) noexcept;
 

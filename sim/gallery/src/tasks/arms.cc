@@ -9,8 +9,8 @@
 namespace dfr::sim::internal {
 namespace {
 
-// Writes the joints of a planar chain of equal links, then its tip. `joint` returns an angle by its
-// index.
+// Returns the joints of a planar chain of equal links, then its tip. `joint` returns an angle by
+// its index.
 template <std::size_t N>
 std::array<Point, N + 1> ChainPoints(Point base, double link, const auto& joint) noexcept {
   std::array<Point, N + 1> points{base};

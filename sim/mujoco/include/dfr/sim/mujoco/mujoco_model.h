@@ -4,7 +4,7 @@
 #include <string>
 #include <string_view>
 
-// MuJoCo's own types, by name only.
+// MuJoCo's own types, declared by name only.
 struct mjModel_;
 struct mjData_;
 

@@ -7,7 +7,7 @@
 #include <span>
 #include <string>
 
-// MuJoCo's own types, by name only: plants pass theirs.
+// MuJoCo's own types, declared by name only: plants pass their objects.
 struct mjModel_;
 struct mjData_;
 struct mjvScene_;

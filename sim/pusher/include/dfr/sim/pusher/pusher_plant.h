@@ -162,7 +162,7 @@ class PusherPlant final : public core::SimulatedPlant {
   [[nodiscard]] std::array<double, 3> tip_m() const noexcept;
   [[nodiscard]] std::array<double, 3> goal_m() const noexcept;
 
-  /// MuJoCo's part, for the renderer in this folder.
+  /// MuJoCo's data, for the renderer in sim/pusher/view.
   struct World;
   struct Data;
   [[nodiscard]] const World& world() const noexcept { return *world_; }
