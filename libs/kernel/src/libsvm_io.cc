@@ -157,7 +157,7 @@ SparseRow ReadSparse(const LineReader& reader, std::string_view text) {
 }
 
 core::Matrix Dense(const LineReader& reader, const std::vector<SparseRow>& rows, int width) {
-  // One large index makes every row as wide.
+  // A single large index widens every row.
   if (!core::ReadBudget(reader.bytes())
            .Take(rows.size() * sizeof(double), static_cast<std::uint64_t>(width))) {
     reader.Fail(std::to_string(rows.size()) + " rows of " + std::to_string(width) +

@@ -97,7 +97,7 @@ double Certifier::ReducedStepFraction(const LocalModel& model, int phase,
   return best;
 }
 
-// Changes `v` by minimal ascent steps until it provably ends inside `phase`.
+// Changes `v` by minimal ascent steps until it provably ends inside `phase`. Returns true if so.
 bool Certifier::Project(const LocalModel& model, const StepLimits& limits, int phase,
                         Eigen::VectorXd& v) const noexcept {
   PredictedLevel there = model.Predict(phase, v);
@@ -118,7 +118,7 @@ Certifier::CertifiedStep Certifier::Admit(const LocalModel& model, LocalFit& fit
   if (admitted.gets_on) {
     chosen_ = v;
     if (!Project(model, limits, request.phase + 1, v)) {
-      // The nominal control of nearby demonstrations, changed as little as the certificate allows.
+      // Tries the nominal control of nearby demonstrations, changed as little as possible.
       const bool known = fit.NominalControl(v);
       limits.Limit(v);
       if (known && Project(model, limits, request.phase + 1, v)) {
@@ -147,7 +147,7 @@ Certifier::CertifiedStep Certifier::Admit(const LocalModel& model, LocalFit& fit
 
 bool Certifier::Confirms(int control, const Eigen::VectorXd& v, const Eigen::VectorXd& effect,
                          const Eigen::VectorXd& dz) noexcept {
-  // Only the rounding of features may exceed the bound.
+  // The bound has a margin for the rounding of features.
   constexpr double kRounding = 1e-9;
   const double norm = v.norm() * control_unit_;
   const double change = (dz - effect).norm();

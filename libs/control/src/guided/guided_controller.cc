@@ -109,7 +109,7 @@ Step GuidedController::Decide(Step step, std::span<double> u) noexcept {
 
   v_ = learned_;
   const bool deep = DeepInside(step.log_g);
-  // J takes most of the time. Deep inside only the first controls compute it, to detect a lag.
+  // Computing J takes most of the time. Deep inside, only the first controls do it, to find a lag.
   if (!deep || (options_.observer && progress_.controls <= StateObserver::kMaxLag)) {
     estimate_.FitAt(step.t, AsSpan(z_), fit_);
     fitted_ = progress_.controls + 1;

@@ -10,7 +10,7 @@ namespace dfr::control {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-// Inside, with a margin for rounding.
+// Target level just inside, with a margin for rounding.
 constexpr double kInside = 1e-6;
 
 }  // namespace
@@ -77,7 +77,7 @@ double SafetyFilter::Raise(LocalFit& fit, const LocalModel& model, const StepTar
 SafetyFilter::Choice SafetyFilter::Correct(LocalFit& fit, const LocalModel& model,
                                            const StepTarget& target, Eigen::VectorXd& v) noexcept {
   const int next = target.phase;
-  // The last support does not move on: a target deep inside it would stop the task.
+  // No later support moves the task on: a target deep inside the last one would stop the task.
   const bool last = next >= model.support.num_steps();
   const bool known = demonstrates_ && fit.NominalControl(trial_);
   double demonstrated = -kInfinity;

@@ -49,8 +49,8 @@ bool LocalFit::NominalControl(Eigen::VectorXd& v) noexcept {
     for (Eigen::Index k = i + 1; k <= n; ++k) sum -= lower(k, i) * unit_[k];
     unit_[i] = sum / lower(i, i);
   }
-  // Squared distance of z from the mean of the transitions, relative to their covariance. That of a
-  // transition is n on average. The regression does not extrapolate farther.
+  // Squared distance of z from the mean of the transitions, relative to their covariance. Its mean
+  // over the transitions is n. The regression does not extrapolate farther.
   const double distance = weight * unit_[n] - 1.0;
   if (const auto most = static_cast<double>(n); distance > most) {
     const double share = std::sqrt(most / distance);
@@ -77,7 +77,7 @@ bool LocalFit::NominalControl(Eigen::VectorXd& v) noexcept {
 double LocalFit::Agreement(Eigen::Index k) noexcept {
   const Eigen::Index n = jacobian_.rows();
   const Eigen::Index m = jacobian_.cols();
-  // Measurements of this episode may differ from all demonstrations, which then still agree.
+  // Excludes measurements of this episode: they may differ from demonstrations that all agree.
   const auto response = demonstrated_.bottomRows(m);
   const double gain = response.row(k).norm();
   if (!has_transitions_ || !(gain > 0.0)) return 1.0;

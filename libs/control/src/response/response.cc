@@ -12,8 +12,8 @@
 namespace dfr::control {
 namespace {
 
-// Returns the fraction of the variance unexplained by controls alone, in left-out demonstrations,
-// that remains with a drift.
+// Returns the variance of left-out demonstrations that controls and a drift leave unexplained, as a
+// fraction of the variance that controls alone leave unexplained.
 double WithDrift(std::span<const core::Matrix> points, std::span<const core::Matrix> controls,
                  const ResponseOptions& options) {
   constexpr Eigen::Index kEnough = 2000;  // Number of transitions of each half.

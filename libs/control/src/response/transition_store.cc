@@ -198,7 +198,7 @@ std::pair<int, int> TransitionStore::Near(int t) const noexcept {
   const auto begin = [&](int step) {
     return begin_[static_cast<std::size_t>(std::clamp(step, 0, steps))];
   };
-  // If all demonstrations rest longer than the window, the nearest steps in time that move count.
+  // If all demonstrations rest longer than the window, it grows until it contains a control.
   int window = options_.window;
   while (begin(t - window) == begin(t + window + 1) && window < steps) ++window;
   return {begin(t - window), begin(t + window + 1)};
@@ -263,7 +263,7 @@ bool TransitionStore::SumControls(int t, std::span<const double> z,
                       workspace.weights.data(), workspace.factor,
                       static_cast<std::size_t>(workspace.states), workspace.left.data(),
                       left_width);
-  // Takes most of the time of an estimate. Uses all columns of r after z and 1.
+  // This product takes most of the time of an estimate. It uses all columns of r after z and 1.
   const std::size_t begin = (n + 1) / internal::kWidth * internal::kWidth;
   internal::TransposedProduct(workspace.left.data(), left_width,
                               static_cast<std::size_t>(workspace.states), row + begin, row_stride,

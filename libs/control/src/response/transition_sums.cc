@@ -35,7 +35,7 @@ void Distances(const float* points, std::size_t column_stride, std::size_t dim, 
   }
 }
 
-// Vector exponentials of floats differ between processors by more than all later rounding.
+// In double: exponentials of floats differ between processors by more than all later rounding.
 void WeightsOf(const float* distances, std::size_t rows, float least, double scale,
                double* weights) {
   const Doubles d;
@@ -49,7 +49,7 @@ void WeightsOf(const float* distances, std::size_t rows, float least, double sca
   }
 }
 
-// Ignores the padding behind the rows.
+// Counts the distances of at most `bound`. Ignores the padding behind the rows.
 HWY_INLINE std::size_t CountAtMost(const float* distances, std::size_t rows, float bound) {
   const Floats d;
   const std::size_t lanes = hn::Lanes(d);
@@ -104,7 +104,7 @@ void NearestOf(const float* distances, std::size_t rows, std::size_t count, std:
     least = std::min(least, distances[i]);
     most = std::max(most, distances[i]);
   }
-  // Finds an upper bound of at least `count` distances, at best the smallest one.
+  // Bisects for the smallest bound of at least `count` distances. Stops at one of exactly `count`.
   std::uint32_t low = BitsOf(least);
   std::uint32_t high = BitsOf(most);
   std::uint32_t bound = high;

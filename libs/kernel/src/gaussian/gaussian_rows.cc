@@ -10,7 +10,7 @@
 #define HWY_TARGET_INCLUDE "gaussian/gaussian_rows.cc"
 #include "hwy/foreach_target.h"  // recompiles this file for each instruction set
 #include "hwy/highway.h"
-// After foreach_target.h, like every header that is compiled once per instruction set.
+// Must follow foreach_target.h, like every header that is compiled once per instruction set.
 #include "gaussian/gaussian_simd.h"
 HWY_BEFORE_NAMESPACE();
 namespace dfr::kernel::internal::HWY_NAMESPACE {
@@ -24,8 +24,8 @@ void Row(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x, T* HWY_RESTRICT
                                 HWY_ATTR { hn::Store(term, d, row + j * hn::MaxLanes(d)); });
 }
 
-// Sum and largest absolute entry of kVectors vectors of columns, from column `first` on. NaN is
-// ignored as an extreme. Whole vectors run over the end of a row; the last rows use a copy.
+// Writes sum and largest absolute entry of the columns in kVectors vectors, from column `first` on.
+// The largest entry ignores NaN. Whole vectors may pass the end of a row; the last rows are copied.
 template <std::size_t kVectors>
 HWY_INLINE void MeasureVectors(const double* HWY_RESTRICT rows, std::size_t count, std::size_t dim,
                                std::size_t first, double* HWY_RESTRICT sums,
@@ -110,8 +110,8 @@ HWY_INLINE void Transpose(const T* HWY_RESTRICT from, T* HWY_RESTRICT to, std::s
 }
 #endif
 
-// Computes Row() of all points, starting at each point's own block. The rows above have computed
-// the rest with the same bits.
+// Computes Row() of all points, each from the point's own block on. The earlier entries have been
+// computed, with the same bits, as part of the rows above.
 template <typename T>
 void AllRows(const GaussianTerms<T>& terms, T* HWY_RESTRICT point, T* HWY_RESTRICT rows,
              T* HWY_RESTRICT sums) {

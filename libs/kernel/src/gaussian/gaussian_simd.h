@@ -110,8 +110,8 @@ constexpr std::size_t BlocksTogether() {
   return std::max<std::size_t>(1, kTogether / VectorsPerBlock<T>());
 }
 
-// Passes the exponents of each vector of terms to `use(index, exponents, count)`, `count` vectors
-// at a time: the groups of GroupBlocks().
+// Passes the exponents of all vectors of terms to `use(index, exponents, count)`, `count` vectors
+// at a time, in the groups of GroupBlocks().
 template <Layout kLayout, typename T, class Use>
 HWY_INLINE void ForGroups(const T* HWY_RESTRICT data, std::size_t num_blocks, std::size_t dim,
                           const T* HWY_RESTRICT x, Use&& use) {
@@ -159,7 +159,7 @@ struct Total {
   hn::Vec<Tag<T>> even;
   hn::Vec<Tag<T>> odd;
 
-  // Explicit because an implicit constructor would not be compiled for the instruction set.
+  // Written out, because a generated constructor would not be compiled for the instruction set.
   HWY_INLINE Total() : even(hn::Zero(Tag<T>())), odd(hn::Zero(Tag<T>())) {}
   template <class V>
   HWY_INLINE void Add(std::size_t j, V term) {

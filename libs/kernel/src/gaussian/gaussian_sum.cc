@@ -10,14 +10,14 @@
 #define HWY_TARGET_INCLUDE "gaussian/gaussian_sum.cc"
 #include "hwy/foreach_target.h"  // recompiles this file for each instruction set
 #include "hwy/highway.h"
-// After foreach_target.h, like every header that is compiled once per instruction set.
+// Must follow foreach_target.h, like every header that is compiled once per instruction set.
 #include "gaussian/gaussian_simd.h"
 HWY_BEFORE_NAMESPACE();
 namespace dfr::kernel::internal::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// Terms that stay in L1 while a batch of queries passes over them: 16 KiB, a multiple of every
-// group, which keeps Sum()'s order of summation.
+// Number of blocks whose terms stay in L1 (16 KiB) while a batch of queries passes over them. It is
+// a multiple of every group, which keeps Sum()'s order of summation.
 template <typename T>
 std::size_t TileBlocks(std::size_t dim) {
   constexpr std::size_t kGroup = 8;
@@ -73,8 +73,8 @@ template <typename T>
 constexpr std::size_t kFeatures = 4;
 
 // Adds sum_i term_i (s'_i - x') of kCount features from `first` on to `sum`: in groups of kGroup
-// blocks, then in smaller ones, as GroupBlocks(). The width of a group is a constant here: the
-// loads of all features share one base address.
+// blocks, then in smaller ones, as in GroupBlocks(). The width of a group is a compile-time
+// constant, which lets the loads of all features share one base address.
 template <std::size_t kGroup, std::size_t kCount, typename T>
 HWY_INLINE void AddGroups(const T* HWY_RESTRICT data, const T* HWY_RESTRICT row,
                           std::size_t num_blocks, std::size_t dim, std::size_t first,

@@ -43,8 +43,8 @@ T GaussianSumShift(const SumBlock<T>& terms, const T* x, T offset, T* shift) noe
   return terms.functions.sum_shift(terms, x, offset, shift);
 }
 
-/// Returns the largest exponent log2 w_i - |x' - s'_i|^2: the offset that prevents underflow of
-/// sums far away.
+/// Returns the largest exponent log2 w_i - |x' - s'_i|^2. Its negative is the offset that prevents
+/// underflow of GaussianSumShift() far away.
 template <typename T>
 [[nodiscard]] T LargestExponent(const SumBlock<T>& terms, const T* x) noexcept {
   return terms.functions.largest(terms, x);
@@ -73,8 +73,8 @@ void ExponentRow(const GaussianTerms<T>& terms, const T* x, T* row) noexcept {
   terms.functions.exponents(terms, x, row);
 }
 
-/// row[i] = 2^(factor exponents[i]) for `size` entries, whole cache lines. Gives GaussianRow() for
-/// another gamma without computing distances.
+/// row[i] = 2^(factor exponents[i]) for `size` entries that fill whole cache lines. Gives
+/// GaussianRow() for another gamma without computing distances.
 template <typename T>
 void PowerRow(const GaussianTerms<T>& terms, const T* exponents, T factor, std::size_t size,
               T* row) noexcept {
@@ -90,7 +90,7 @@ void AddGaussianRows(const GaussianTerms<T>& terms, std::size_t first, std::size
 }
 
 /// Writes the groups whose box is within sqrt(reach) of x to `groups`, ascending, and returns their
-/// number. `groups` must have room for boxes.count entries rounded up to kLanes.
+/// number. `groups` must have room for boxes.count entries, rounded up to a multiple of kLanes.
 template <typename T>
 [[nodiscard]] std::size_t NearGroups(const GaussianTerms<T>& terms, const GroupBoxes<T>& boxes,
                                      const T* x, T reach, std::uint32_t* groups) noexcept {
@@ -107,7 +107,7 @@ template <typename T>
 }
 
 /// Writes the sum and the largest absolute entry of each column of a matrix with `dim` columns,
-/// stored row by row. Sums add the rows in order. NaN is not an extreme.
+/// stored row by row. Sums add the rows in order. The largest entry ignores NaN.
 void MeasureColumns(const double* rows, std::size_t count, std::size_t dim, double* sums,
                     double* most) noexcept;
 

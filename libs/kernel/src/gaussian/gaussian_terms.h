@@ -13,8 +13,8 @@
 
 namespace dfr::kernel::internal {
 
-/// std::vector's allocator for whole SIMD vectors. Leaves entries without a value uninitialised:
-/// rows of the kernel matrix are written before they are read.
+/// Allocator for std::vector that aligns memory for SIMD. It leaves entries without a value
+/// uninitialised, because rows of the kernel matrix are written before they are read.
 template <typename T>
 struct AlignedAllocator {
   using value_type = T;
@@ -104,11 +104,11 @@ struct GaussianTerms {
   /// @pre weights are positive and as many as points, or none; gamma > 0
   GaussianTerms(const core::Matrix& points, std::span<const double> weights, double gamma)
       : GaussianTerms(points, Extent(points), weights, gamma) {}
-  /// The same, with the extent of `points`.
+  /// Same as above, if the extent of `points` is known.
   GaussianTerms(const core::Matrix& points, const Extent& extent, std::span<const double> weights,
                 double gamma);
 
-  /// Computes x' of `x`, as ScaleState().
+  /// Computes x' of `x`, like ScaleState().
   [[nodiscard]] bool Scale(const double* x, T* scaled) const noexcept {
     return ScaleState(x, center.data(), scale, dim, scaled);
   }
@@ -140,7 +140,7 @@ template <typename T>
 struct GroupBoxes {
   static constexpr std::size_t kGroup = 64;  ///< terms
 
-  /// @pre terms are whole groups
+  /// @pre the terms fill whole groups
   explicit GroupBoxes(const GaussianTerms<T>& terms);
 
   std::size_t dim = 0;

@@ -44,7 +44,7 @@ struct alignas(64) Exp2Constants {
   T least;
   T round;
 };
-// Hidden visibility: the address needs no table.
+// With hidden visibility, no table lookup is needed to find the address.
 [[gnu::visibility("hidden")]] extern const Exp2Constants<double> kExp2Double;
 [[gnu::visibility("hidden")]] extern const Exp2Constants<float> kExp2Float;
 template <typename T>

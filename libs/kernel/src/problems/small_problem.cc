@@ -104,8 +104,8 @@ void SmallProblem<T>::UpdateGradient() {
   smo_.combine(rows.data(), weights.data(), rows.size(), row_size_, gradient_.data());
 }
 
-// Returns true if the kernel sum over all samples, averaged over the support vectors by alpha, is
-// small. Each sample contributes 1 to its own sum.
+// Returns true if the kernel sum over all samples, averaged over the support vectors with weights
+// alpha, is small. Each sample contributes 1 to its own sum.
 template <typename T>
 bool SmallProblem<T>::FewNeighbors() const {
   constexpr double kFewNeighbors = 6.0;

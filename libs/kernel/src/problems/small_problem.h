@@ -33,7 +33,7 @@ class Distances {
   std::vector<T> point_;
 };
 
-/// Distances in the precisions that fits turn out to need. `samples` must outlive this object.
+/// Distances in float and in double, created when first needed. `samples` must outlive this object.
 class SharedDistances {
  public:
   explicit SharedDistances(const core::Matrix& samples) : samples_(samples) {}
@@ -79,12 +79,12 @@ class Scratch {
   std::tuple<AlignedVector<float>, AlignedVector<double>> room_;
 };
 
-/// A dual with the whole kernel matrix in memory, in T. It needs no active set and never evicts
-/// rows; the exact gradient is a sum of existing rows.
+/// A dual problem with the whole kernel matrix in memory, in T. It needs no active set and never
+/// evicts rows; the exact gradient is a sum of existing rows.
 template <typename T>
 class SmallProblem {
  public:
-  /// Returns whether reading the matrix is faster than recomputing it, and it fits in `memory_mib`.
+  /// Returns true if the matrix fits in `memory_mib` and reading it is faster than recomputing it.
   /// Shared distances count as a second matrix.
   [[nodiscard]] static bool Fits(const core::Matrix& samples, const OneClassSvmOptions& options,
                                  const Scratch& scratch);
@@ -121,7 +121,7 @@ class SmallProblem {
   const OneClassSvmOptions& options_;
   FitSummary& summary_;
   Distances<T>* distances_;
-  std::optional<GaussianTerms<T>> terms_;  // without distances
+  std::optional<GaussianTerms<T>> terms_;  // empty if distances_ is set
   SmoFunctions<T> smo_;
   std::size_t row_size_;
   bool invert_;

@@ -17,7 +17,7 @@ constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
 
 constexpr std::size_t kMargin = 256;
 constexpr std::size_t kMostViolators = 2048;  // or n / 16, if that is more
-// The inner loop ends at this fraction of the tolerance, and before that at a fraction of the gap.
+// The inner loop ends at kTarget times the tolerance or, if that is larger, kInner times the gap.
 constexpr double kTarget = 0.7;
 constexpr double kInner = 0.05;
 
@@ -213,7 +213,7 @@ std::size_t SparseProblem<T>::Together() const {
   return std::clamp<std::size_t>(kBytes / (kernel_.terms().row_size() * sizeof(T)), 8, kMost);
 }
 
-// Workers receive runs of neighbouring rows.
+// Number of neighbouring rows that a worker receives at a time.
 constexpr std::size_t kRun = 8;
 
 // G += K change. Returns false if the caller stopped it midway.
@@ -306,8 +306,8 @@ void SparseProblem<T>::Activate() {
   rows_.Reset(wanted.size());
 }
 
-// Returns false if the caller stopped it before G was updated: alpha and G keep their previous
-// values.
+// SMO on the active samples. Returns false if the caller stopped it before G was updated: alpha and
+// G keep their previous values.
 template <typename T>
 bool SparseProblem<T>::SolveActive(double rho) {
   constexpr T kNever = SparseSmoProblem<T>::kNever;

@@ -18,22 +18,22 @@
 
 namespace dfr::kernel::internal {
 
-/// Sparse rows. When memory is full, the oldest rows are evicted.
+/// Cache of sparse rows. When the memory is full, it evicts the oldest rows.
 template <typename T>
 class SparseRows {
  public:
-  /// Allocates `bytes`, but at least four rows of `groups` groups and at most all `rows`.
+  /// Allocates `bytes`, limited to between four and `rows` rows of `groups` groups.
   SparseRows(std::size_t rows, std::size_t groups, double bytes);
 
-  /// Evicts all rows and sets their number. Rows may not be longer than at construction.
+  /// Evicts all rows and sets their number. Rows must not be longer than at construction.
   void Reset(std::size_t rows);
 
   [[nodiscard]] const SparseRow<T>* table() const { return rows_.data(); }
   [[nodiscard]] bool Has(std::size_t i) const { return rows_[i].groups != nullptr; }
-  /// Returns whether a row of `count` groups fits without evicting another.
+  /// Returns true if a row of `count` groups fits without evicting another.
   [[nodiscard]] bool HasRoom(std::size_t count) const;
-  /// Reserves room for row i, which must be absent, of `count` groups. The caller writes it. Does
-  /// not evict row `keep`.
+  /// Reserves room for row i of `count` groups, which must be absent. The caller then calls
+  /// Write(). Does not evict row `keep`.
   void Make(std::size_t i, std::size_t count, std::size_t keep);
   /// Writes the row that Make() reserved room for.
   void Write(std::size_t i, const std::uint32_t* groups, const T* values);
@@ -56,10 +56,10 @@ class SparseRows {
 template <typename T>
 class SparseKernel {
  public:
-  /// @pre terms are whole groups
+  /// @pre the terms fill whole groups
   SparseKernel(GaussianTerms<T> terms, double reach);
 
-  /// A row before its size is known.
+  /// Buffer for a row whose size Compute() determines.
   struct Draft {
     std::vector<std::uint32_t> groups;
     AlignedVector<T> values;
@@ -79,13 +79,13 @@ class SparseKernel {
   T reach_;
 };
 
-/// A dual with a narrow kernel. As in the general solver, an outer loop has the exact gradient of
-/// all samples, and an inner loop does SMO on an active set. Rows hold only values that are not
-/// negligible: a step costs the reach of two samples instead of all samples.
+/// A dual problem with a narrow kernel. As in the general solver, an outer loop has the exact
+/// gradient of all samples, and an inner loop does SMO on an active set. Rows hold only values that
+/// are not negligible: a step updates the samples in reach of its two samples instead of all.
 template <typename T>
 class SparseProblem {
  public:
-  /// Returns whether most kernel values are negligible, judged from some of the samples.
+  /// Returns true if memory suffices and most kernel values between some samples are negligible.
   [[nodiscard]] static bool Fits(const core::Matrix& samples, const OneClassSvmOptions& options);
 
   /// All arguments must outlive the problem.

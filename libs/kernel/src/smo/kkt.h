@@ -37,7 +37,7 @@ struct KktBounds {
   KktBounds() = default;
   KktBounds(std::span<const double> alpha, std::span<const double> gradient)
       : KktBounds(alpha, gradient, Support(alpha)) {}
-  /// The same, with the indices of alpha > 0, ascending.
+  /// Same as above, if the indices of alpha > 0, ascending, are known.
   KktBounds(std::span<const double> alpha, std::span<const double> gradient,
             std::span<const std::size_t> support) {
     const Extremes extremes = FindExtremes(alpha.data(), gradient.data(), alpha.size());
@@ -137,8 +137,8 @@ class Rounds {
     return !interrupted_;
   }
 
-  /// Ends because the caller stopped. alpha and G are those of the last Next(), or unknown if there
-  /// was none.
+  /// Records that the caller stopped the fit. The summary keeps the gap and objective of the last
+  /// Next(); they become infinite if there was none.
   void Stop() {
     (void)End(FitSummary::Reason::kInterrupted);
     if (std::isfinite(least_gap_)) return;

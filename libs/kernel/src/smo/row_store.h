@@ -32,7 +32,7 @@ class RowStore {
     const double all = row_bytes * static_cast<double>(terms.count);
     const bool keep = all <= kQuickCacheBytes || terms.dim >= kManyFeatures;
     const double fit = keep ? std::min(budget_bytes_ / row_bytes, 1e9) : 0.0;
-    // A step uses two rows. With a third, the next row to be used is never overwritten.
+    // A step uses two rows. A third slot leaves room for the next row.
     capacity_ = std::min(terms.count, std::max<std::size_t>(3, static_cast<std::size_t>(fit)));
     if (values_.size() < capacity_ * stride_) {
       values_.clear();  // no content to copy
@@ -81,7 +81,7 @@ class RowStore {
   AlignedVector<T> values_;
   std::vector<const T*> known_;
   std::vector<unsigned char> used_;
-  std::vector<std::size_t> owner_;  // of each slot
+  std::vector<std::size_t> owner_;  // index of the row in each slot
   std::int64_t evaluations_ = 0;
 };
 

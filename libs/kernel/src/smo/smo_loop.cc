@@ -213,9 +213,9 @@ struct Partner {
   T k_ij;
 };
 
-// ChooseSecond() for sparse rows. All samples out of reach of row i have the same curvature: among
-// them, the best is the one with the largest G that may fall, which is in `far_group`. The others
-// are the samples in reach.
+// ChooseSecond() for sparse rows. Samples in reach of row i are compared one by one. All others
+// have the same curvature: the best of them is the one with the largest G over alpha > 0, which is
+// in `far_group`.
 template <typename T>
 HWY_INLINE Partner<T> ChoosePartner(const SparseSmoProblem<T>& p, const SparseRow<T>& row_i, T g_i,
                                     std::size_t far_group) {
@@ -325,7 +325,7 @@ void AddSparse(const SparseRow<T>& row, double weight, std::size_t first, std::s
   }
 }
 
-// kVectors vectors of totals, starting at entry k, which stay in registers.
+// Computes kVectors vectors of totals in registers, starting at entry k.
 template <std::size_t kVectors, typename T>
 HWY_INLINE void CombineAt(const T* const* HWY_RESTRICT rows, const double* HWY_RESTRICT weights,
                           std::size_t rows_count, std::size_t k, double* HWY_RESTRICT totals) {

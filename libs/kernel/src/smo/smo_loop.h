@@ -5,7 +5,7 @@
 
 namespace dfr::kernel::internal {
 
-/// Rows of a kernel matrix, most of them computed: `known[i]` is row i, or null.
+/// Rows of a kernel matrix, computed on demand: `known[i]` is row i, or null if not computed.
 template <typename T>
 struct RowTable {
   const T** known = nullptr;
@@ -19,8 +19,8 @@ struct RowTable {
 /// cache lines, as rows are; `count` includes the padding.
 template <typename T>
 struct SmoProblem {
-  /// Added to a sample's gradient to exclude it from a choice. Finite, because a NaN is never
-  /// chosen.
+  /// Added to a sample's gradient to exclude it from a choice. Finite, because a number in the low
+  /// bits of infinity (Numbered) would make it a NaN.
   static constexpr T kNever = sizeof(T) == 4 ? T(1e30) : T(1e300);
 
   std::size_t count = 0;
@@ -31,11 +31,11 @@ struct SmoProblem {
   T* may_fall = nullptr;    ///< 0 if alpha > 0; otherwise, and in the padding, -kNever.
   /// Memory for 1 / (1 - K) of all rows, which the loop fills in, or null.
   T* inverse = nullptr;
-  unsigned char* inverse_known = nullptr;  ///< Per row, initially 0.
+  unsigned char* inverse_known = nullptr;  ///< Per row: 1 if computed; initially 0.
 };
 
-/// Number of samples whose kernel values a sparse row keeps or drops together: neighbours, in whole
-/// cache lines of float and of double.
+/// Number of neighbouring samples whose kernel values a sparse row keeps or drops together. They
+/// fill whole cache lines, both in float and in double.
 inline constexpr std::size_t kSparseGroup = 64;
 
 /// Row of a kernel matrix without the groups whose values are all negligible.
@@ -47,7 +47,7 @@ struct SparseRow {
 };
 
 /// SmoProblem with sparse rows. Sample i belongs to group i / kSparseGroup. Arrays of T are padded
-/// to whole groups, except the two below.
+/// to whole groups, except `smallest` and `largest`.
 template <typename T>
 struct SparseSmoProblem {
   static constexpr T kNever = SmoProblem<T>::kNever;
@@ -61,13 +61,13 @@ struct SparseSmoProblem {
   T* gradient = nullptr;
   T* may_rise = nullptr;
   T* may_fall = nullptr;
-  /// Per group: smallest G that may rise, and largest G that may fall. Padded to whole cache lines
+  /// Per group: smallest G over alpha < 1 and largest G over alpha > 0. Padded to whole cache lines
   /// with kNever and -kNever. The loop fills them in.
   T* smallest = nullptr;
   T* largest = nullptr;
 };
 
-/// Extremes of G of samples that may still move; infinite if there are none. NaN is not an extreme.
+/// Extremes of G over samples that may still move; infinite if there are none. They ignore NaN.
 struct Extremes {
   double largest = 0.0;   ///< over alpha > 0
   double smallest = 0.0;  ///< over alpha < 1
@@ -78,14 +78,14 @@ struct Extremes {
 
 struct SmoSteps {
   std::int64_t taken = 0;
-  bool more = false;  ///< True if it stopped at `most` steps before it was done.
+  bool more = false;  ///< True if the loop stopped after `most` steps, before it was done.
 };
 
 template <typename T>
 struct SmoFunctions {
   /// Sequential minimal optimisation with second-order working-set selection (Fan, Chen and Lin,
   /// "Working set selection using second order information", JMLR 6, 2005). Ends when the KKT gap
-  /// is below `target`, nothing improves, or `most` steps were taken.
+  /// is below `target`, no step decreases the objective, or `most` steps were taken.
   SmoSteps (*loop)(const SmoProblem<T>& problem, double target, std::int64_t most) = nullptr;
   /// totals = sum_q weights[q] rows[q], in double; `size` entries per row, whole cache lines.
   void (*combine)(const T* const* rows, const double* weights, std::size_t rows_count,

@@ -19,8 +19,8 @@ using Tag = hn::CappedTag<T, 64 / sizeof(T)>;
 template <typename T>
 using Bits = hn::RebindToSigned<Tag<T>>;
 
-// 1 / v, to 14 bits if an instruction exists: the choice of a pair may be approximate, the step is
-// exact.
+// Returns 1 / v, to 14 bits if an instruction exists: the choice of a pair may be approximate,
+// because the step is exact.
 template <class D, class V>
 HWY_INLINE V RoughReciprocal(D d, V v) {
 #if HWY_TARGET <= HWY_AVX3
@@ -29,7 +29,7 @@ HWY_INLINE V RoughReciprocal(D d, V v) {
   return hn::Div(hn::Set(d, hn::TFromD<D>(1)), v);
 }
 
-// 1 - K_ij for equal points.
+// Smallest 1 - K_ij used, that of equal points.
 template <typename T>
 constexpr T kLeastCurvature = sizeof(T) == 4 ? T(1.2e-7) : T(1e-12);
 
@@ -50,15 +50,15 @@ HWY_INLINE V Reduce([[maybe_unused]] D d, V v, [[maybe_unused]] Op&& op) {
   return v;
 }
 
-// The smallest lane in every lane. In float, it compares integers of the same order, because these
-// comparisons have a quarter of the latency.
+// Returns the smallest lane in every lane. Compares floats as integers of the same order, because
+// comparisons of integers have a quarter of the latency.
 template <typename T>
 HWY_INLINE hn::Vec<Tag<T>> LeastOfLanes(hn::Vec<Tag<T>> v) {
   constexpr Tag<T> d;
   const auto least = [](auto a, auto b) HWY_ATTR { return hn::Min(a, b); };
   if constexpr (sizeof(T) == 4) {
     constexpr Bits<T> di;
-    // Is its own inverse.
+    // This mapping is its own inverse.
     const auto order = [](auto bits) HWY_ATTR {
       return hn::Xor(bits, hn::And(hn::ShiftRight<31>(bits), hn::Set(Bits<T>(), 0x7fffffff)));
     };
@@ -68,7 +68,7 @@ HWY_INLINE hn::Vec<Tag<T>> LeastOfLanes(hn::Vec<Tag<T>> v) {
   }
 }
 
-// The largest lane of a vector without negative lanes, in every lane.
+// Returns the largest lane of a vector without negative lanes, in every lane.
 template <typename T>
 HWY_INLINE hn::Vec<Tag<T>> MostOfPositiveLanes(hn::Vec<Tag<T>> v) {
   constexpr Tag<T> d;

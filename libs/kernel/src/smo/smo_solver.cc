@@ -25,13 +25,13 @@
 namespace dfr::kernel::internal {
 namespace {
 
-// From this number on, a part of the samples selects the start of the fit.
+// From this number of samples on, a fit to a part of them provides the start.
 constexpr Eigen::Index kManySamples = 4000;
-// The same for a large nu. Up to this number, the whole kernel matrix can be stored.
+// The same above this number for a large nu. Smaller kernel matrices can be stored whole.
 constexpr Eigen::Index kMostWhole = 2048;
 
 // AddGaussianRows(), distributed over the workers. Each entry sums in the same order for any number
-// of workers. Calls `go_on` several times a second; returns false if that ended the sums.
+// of workers. Calls `go_on` several times a second. Stops and returns false if `go_on` does.
 template <typename T, class GoOn>
 [[nodiscard]] bool AddRows(const GaussianTerms<T>& terms, std::span<const T> points,
                            std::span<const T> weights, double* totals, core::Workers& workers,
@@ -57,7 +57,7 @@ template <typename T, class GoOn>
   return true;
 }
 
-// Kernel values in T, alpha and the gradient of all samples in double.
+// Solver with kernel values in T, and with alpha and the gradient of all samples in double.
 //
 // The outer loop has the exact gradient G = K alpha. It selects an active set (free alpha and the
 // samples nearest to or beyond their KKT condition). The inner loop does SMO on that set alone,
@@ -313,7 +313,7 @@ DualSolution SolveIn(const core::Matrix& samples, const Extent& extent,
   return Finish<T>(solver, samples, extent, options, start, 0.0, workers, summary);
 }
 
-// Returns whether squared distances in kernel widths are within the range of float.
+// Returns true if squared distances in kernel widths are within the range of float.
 bool FitsFloat(const core::Matrix& samples, const Extent& extent, double gamma) {
   constexpr double kFar = 1e15;
   const double scale = std::sqrt(gamma * std::numbers::log2e);
@@ -328,7 +328,7 @@ DualSolution Solve(const core::Matrix& samples, const Extent& extent,
   std::vector<double> start = FindStart(samples, extent, options, workers, summary);
   if (summary.reason == FitSummary::Reason::kInterrupted) return Unsolved(start, summary);
   // A kernel value in float has an error of up to 1e-7, and G of up to nu m times that. Large sums
-  // average most of it out. The gap is verified in double; if it is too large, doubles continue.
+  // average most of it out. If the gap, verified in double, is too large, a fit in double follows.
   const double total = options.nu * static_cast<double>(samples.rows());
   const double rounding = samples.rows() < kManySamples ? 2e-7 : 2e-8;
   if (options.tolerance >= rounding * total && FitsFloat(samples, extent, options.gamma)) {

@@ -19,8 +19,8 @@ namespace {
 // Rounding changes coordinates q and s by u |q| and u |s|, and therefore their difference. The
 // exponent r^2 has an error of 2 r u (|q| + |s| + r), plus (d + 2) u r^2 from its sum. As K
 // sqrt(-log2 K) is concave, the relevant mean of r is at most sqrt(log2(sum of alpha / G)). exp2
-// adds 5 u, and sums of up to 32 terms 34 u. The sum of all changes of alpha that G has followed
-// exceeds alpha.
+// adds 5 u, and sums of up to 32 terms 34 u. kChanges allows for G being the sum of many changes,
+// because the changes of alpha together exceed alpha.
 template <typename T>
 double RelativeError(double distance, double r, double dim) {
   constexpr double kUnit = 0.5 * std::numeric_limits<T>::epsilon();
@@ -29,7 +29,7 @@ double RelativeError(double distance, double r, double dim) {
   return kChanges * kUnit * (std::numbers::ln2 * exponent + 39.0);
 }
 
-// Returns G of `samples` in double.
+// Returns G of the `chosen` samples, in double.
 std::vector<double> ExactGradient(const core::Matrix& samples, double gamma,
                                   std::span<const double> alpha,
                                   std::span<const std::size_t> chosen, bool far,
@@ -76,8 +76,8 @@ double TrueGap(const core::Matrix& samples, const Extent& extent, const OneClass
     for (std::size_t k = 0; k < dim; ++k) square += (x[k] - center[k]) * (x[k] - center[k]);
     return scale * std::sqrt(square);
   };
-  // The first selection uses, for all samples, a bound on the distance and an r that no value above
-  // 2^-64 exceeds. The second uses the values of each of the few remaining samples.
+  // The first selection uses the same bounds on distance and r for all samples. This r is exceeded
+  // only if G is below 2^-64 of its maximum. The second uses the values of each remaining sample.
   constexpr double kMost = 8.0;
   const double reach = 2.1 * scale * std::sqrt(static_cast<double>(dim)) * extent.largest;
   const double error_share = RelativeError<T>(reach, kMost, static_cast<double>(dim));
@@ -95,7 +95,7 @@ double TrueGap(const core::Matrix& samples, const Extent& extent, const OneClass
   }
   chosen.resize(count);
 
-  // Inner (likely_) and outer (extreme) bounds on the largest and the smallest G, by its errors.
+  // Inner (likely_) and outer (extreme) bounds on the largest and the smallest G, given its errors.
   constexpr double kNever = std::numeric_limits<double>::infinity();
   double likely_largest = -kNever;
   double likely_smallest = kNever;

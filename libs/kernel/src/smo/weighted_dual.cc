@@ -118,8 +118,8 @@ class WeightedSolver {
     }
   }
 
-  // Moves alpha to sample i from the sample that gains most. Returns false if rounding allows no
-  // step.
+  // Moves alpha to sample i from the sample whose step decreases the objective most. Returns false
+  // if rounding allows no step.
   bool Step(std::size_t i) {
     ComputeRow(i, row_i_);
     // Curvature between equal points: the step then ends at a bound.

@@ -5,8 +5,8 @@
 
 namespace dfr::kernel::internal {
 
-/// @throws std::invalid_argument naming the option that is out of range, or the invalid shape of
-/// samples, start or weights.
+/// @throws std::invalid_argument naming the option that is out of range, or describing the invalid
+/// shape of samples, start or weights, or the invalid value of a start or weight.
 void CheckShapes(const core::Matrix& samples, const OneClassSvmOptions& options);
 
 /// @throws std::invalid_argument naming the sample that is not finite, or whose distance to the

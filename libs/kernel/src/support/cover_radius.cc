@@ -9,7 +9,7 @@
 namespace dfr::kernel {
 namespace {
 
-// Number of parts of the plain radius, tested one by one.
+// Number of equal parts of the radius `plain`, tested one by one.
 constexpr int kParts = 100;
 
 }  // namespace
@@ -27,13 +27,13 @@ double CoverRadius(const OneClassSvm& svm, double level) {
   int parts = 0;
   for (Eigen::Index i = 0; i < vectors.rows() && parts < kParts; ++i) {
     const Eigen::ArrayXd apart = (vectors.rowwise() - vectors.row(i)).rowwise().norm().array();
-    // Goes down from the plain radius until a part contains a possible distance. Parts below the
-    // result for another support vector need no test.
+    // Goes inwards from the radius `plain` until a part contains a possible distance. Parts below
+    // the result for another support vector need no test.
     int part = kParts;
     for (; part > parts; --part) {
       const Eigen::ArrayXd nearest = (apart - part * width).max((part - 1) * width);
       const double most = (alpha * (-gamma * nearest.square()).exp()).sum();
-      // Rounding errors are far below this.
+      // All rounding errors are far below 1e-9.
       if (most >= least * (1.0 - 1e-9)) break;
     }
     parts = std::max(parts, part);

@@ -11,8 +11,8 @@
 
 namespace dfr::kernel::internal {
 
-/// Same as OneClassSvm::Fit(), with shared memory. Previous fits with `scratch` do not affect the
-/// bits of the result. Distances of the samples in `scratch` do.
+/// Same as OneClassSvm::Fit(), with the memory of `scratch`. The bits of the result do not depend
+/// on previous fits, but on whether `scratch` has distances.
 OneClassSvm FitSharing(const core::Matrix& samples, const OneClassSvmOptions& options,
                        Scratch& scratch, FitSummary* summary);
 

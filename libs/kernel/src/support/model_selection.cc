@@ -55,7 +55,7 @@ core::Matrix DrawFromBox(std::span<const core::Matrix> demonstrations, std::uint
   return draws;
 }
 
-// Counts for one row, over all folds.
+// Counts for one SelectionRow, in one fold or over all folds.
 struct Tally {
   std::int64_t states = 0;
   std::int64_t inside = 0;

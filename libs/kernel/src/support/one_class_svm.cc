@@ -110,8 +110,8 @@ double SumAt(const internal::SumBlock<double>& terms, std::span<const double> x)
 
 double LogOfRho(double rho) { return rho > 0.0 ? std::log(rho) : kOutside; }
 
-// Fetches `kLines` cache lines, `kOffset` bytes behind `start`. Always inline: GCC drops calls
-// whose only effect is to prefetch.
+// Prefetches kLines cache lines, the first of them kOffset bytes after `start`. Always inline: GCC
+// drops calls whose only effect is to prefetch.
 template <int kLines, int kOffset = 0>
 [[gnu::always_inline]] inline void Prefetch(const void* start) noexcept {
   const auto address = reinterpret_cast<std::uintptr_t>(start) + kOffset;
@@ -127,7 +127,7 @@ template <int kLines, int kOffset = 0>
 constexpr int kSmallState = 64;
 
 // Prefetches what a cold decision reads: the constants of 2^e, the start of the block of the
-// estimate `data` and the code that sums its terms. The misses then overlap. Processors fetch the
+// estimate `data` and the code that sums its terms. Cache misses then overlap. Processors fetch the
 // rest of a page ahead, but not the next page.
 [[gnu::always_inline]] inline void PrefetchBlock(const void* data, const void* code) noexcept {
   Prefetch<2>(&internal::kExp2Double);
@@ -156,7 +156,7 @@ double Decide(const internal::SumBlock<T>& terms, double rho, std::span<const do
 template <typename T>
 constexpr T kSmallSum = sizeof(T) == sizeof(double) ? T(1e-280) : T(1e-25);
 
-// The log of the sum, for states of at most kCapacity entries. `x` must have the right size.
+// Returns log(sum), for states of at most kCapacity entries. `x` must have the right size.
 template <int kCapacity, typename T>
 double LogSumWithin(const internal::SumBlock<T>& terms, std::span<const double> x) noexcept {
   T scaled[kCapacity];

@@ -8,7 +8,7 @@
 
 namespace dfr::kernel::internal {
 
-/// Returns whether no entry is NaN or infinite.
+/// Returns true if no entry is NaN or infinite.
 [[nodiscard]] bool AllFinite(const Eigen::Ref<const core::Matrix>& states);
 
 /// View of a demonstration's states in any memory.

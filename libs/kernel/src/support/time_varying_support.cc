@@ -16,7 +16,7 @@
 namespace dfr::kernel {
 namespace {
 
-constexpr int kMostSteps = 1'000'000;  // in a file, too
+constexpr int kMostSteps = 1'000'000;  // limit for options and files
 
 constexpr char kKind[] = "time-varying-support";
 constexpr int kVersion = 1;

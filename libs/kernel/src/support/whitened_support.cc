@@ -45,8 +45,8 @@ core::Matrix Pool(std::span<const core::Matrix> demonstrations, const Window& wi
   return pool;
 }
 
-// Covariance of the demonstrations' means over the pooled states about their neighbours, plus that
-// of each demonstration about its mean.
+// Returns the sum of two covariances of the pooled states: that of each demonstration's mean about
+// neighbouring means, and that of each demonstration's states about their mean.
 core::Matrix LocalCovariance(std::span<const core::Matrix> demonstrations, const Window& window) {
   core::Matrix means(std::ssize(demonstrations), demonstrations[0].cols());
   Eigen::Index rows = 0;
@@ -78,8 +78,8 @@ core::Matrix MapOf(std::span<const core::Matrix> demonstrations, const core::Mat
                                  options.phase_ridge);
 }
 
-// Returns the number of time steps reached by at least a share of the demonstrations and by two of
-// them.
+// Returns the number of time steps reached by at least the fraction `share` of the demonstrations
+// and by at least two of them.
 int NumSteps(std::span<const core::Matrix> demonstrations, double share) {
   std::vector<Eigen::Index> lengths;
   for (const core::Matrix& states : demonstrations) lengths.push_back(states.rows());
@@ -127,7 +127,7 @@ WhitenedSupport WhitenedSupport::Fit(std::span<const core::Matrix> demonstration
     // The map is symmetric.
     const OneClassSvm svm = OneClassSvm::Fit(states * map, options.svm);
     estimates.push_back({map, options.single_precision ? svm.InSinglePrecision() : svm});
-    // With many features, maps take longer than estimates.
+    // Reports progress here too: with many features, a map takes longer than an estimate.
     if (options.svm.progress && !options.svm.progress({})) break;
   }
   return WhitenedSupport(std::move(estimates));
@@ -226,7 +226,7 @@ double Nearest(std::span<const core::Matrix> demonstrations, const core::Matrix&
 ModeSeparationTest TestModeSeparation(const WhitenedSupport& support,
                                       std::span<const core::Matrix> demonstrations) {
   constexpr double kLeastShare = 0.1;
-  // Minimum distance in units of the states' local spread: two from either side.
+  // Minimum distance between clusters, in local spreads of the states: two on either side.
   constexpr double kLeastWidth = 4.0;
   const Eigen::Index n = support.state_dim();
   ModeSeparationTest test{.steps = support.num_steps()};
@@ -250,7 +250,7 @@ ModeSeparationTest TestModeSeparation(const WhitenedSupport& support,
       }
       const Eigen::VectorXd middle = 0.5 * (states.row(static_cast<Eigen::Index>(link.from)) +
                                             states.row(static_cast<Eigen::Index>(link.to)));
-      // Slower demonstrations pass this point later.
+      // A demonstration that passes this point at another time shows that it is not a gap.
       if (Nearest(demonstrations, support.map(t), middle) < 0.25 * link.length) continue;
       test.inside += support.LogDecision(t, core::AsSpan(middle), {}) >= 0.0 ? 1 : 0;
       ++test.points;

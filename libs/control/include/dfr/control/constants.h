@@ -5,11 +5,11 @@
 /// Constants of guided recovery that are not options. docs/frozen_constants.md lists them.
 namespace dfr::control::guided {
 
-/// Response: largest fraction of the variance unexplained by controls, in held-out demonstrations,
-/// that may remain with a drift. With a larger value the drift would fit noise in free motion and
-/// contact.
+/// Response: a drift is used if it leaves at most this fraction of the variance that controls do
+/// not explain in held-out demonstrations. With a larger value the drift would fit noise in free
+/// motion and contact.
 inline constexpr double kMostLeft = 0.6;
-/// Quantile of -l over held-out demonstrated states that defines the slack.
+/// Quantile of l over held-out demonstrated states. Its negative defines the slack.
 inline constexpr double kSlackQuantile = 0.2;
 
 /// FewValues: an entry of a control has few values if demonstrations contain at most kMostFew
@@ -37,13 +37,13 @@ inline constexpr int kPowerIterations = 30;
 /// StateObserver: smallest weight of an observation. With a smaller one the estimate would ignore
 /// observations.
 inline constexpr double kLeastWeight = 0.2;
-/// Factor by which the squared error of a lag must be smaller than that of a smaller lag.
+/// A lag with more than this factor times the least squared error of all lags is rejected.
 inline constexpr double kEvidence = 2.0;
 /// Squared errors below this fraction of the squared changes, 1 % of each change, are attributed to
 /// rounding and the ridge, not to a lag or noise.
 inline constexpr double kNegligible = 1e-4;
 
-/// AscendSupport(): smaller gains change no decision.
+/// AscendSupport(): the ascent ends at a smaller gain of l, which would change no decision.
 inline constexpr double kLeastGain = 1e-3;
 
 /// GuidedController with least intervention: forgetting factor per step of the number of steps that
@@ -60,11 +60,11 @@ inline constexpr double kEdgeRamp = 10.0;
 /// GuidedController: maximum number of relocations of the phase in an episode.
 inline constexpr int kMostRelocations = 2;
 
-/// SafetyFilter: if no control is predicted to end inside, a change of the learned control of at
-/// most this norm, in ordinary controls, is skipped if it gains little.
+/// SafetyFilter: if no control is predicted to end inside, changes of the learned control up to
+/// this norm, in ordinary controls, are skipped if they gain little.
 inline constexpr double kIdle = 0.5;
-/// SafetyFilter: the largest change of an entry, in ordinary demonstrated controls, that a raise
-/// makes without regard to LocalFit::Agreement(), which uses every kAgreementStride-th transition.
+/// SafetyFilter: if a raise changes an entry by more than this, in ordinary demonstrated controls,
+/// LocalFit::Agreement() damps the change. It uses every kAgreementStride-th transition.
 inline constexpr double kLeastHedged = 0.3;
 inline constexpr int kAgreementStride = 8;
 /// SafetyFilter: a direction of control counts as unknown if the largest eigenvalue of A^-1 exceeds

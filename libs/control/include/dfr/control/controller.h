@@ -17,11 +17,11 @@ enum class Mode {
 /// Reason for a halt. Name() returns the word used in reports and files.
 enum class HaltCause {
   kNone,            ///< Not halted.
-  kNotReset,        ///< Next() before the first Reset().
-  kTimeUp,          ///< t = T.
+  kNotReset,        ///< Next() was called before the first Reset().
+  kTimeUp,          ///< The time step reached the horizon: t = T.
   kStateInvalid,    ///< A state of the wrong size or with a non-finite entry.
   kBadQuaternion,   ///< The norm of a quaternion in a state is not 1.
-  kControlInvalid,  ///< A policy or a recovery returned a non-finite control.
+  kControlInvalid,  ///< A control has a non-finite entry or the wrong size.
   kSupportInvalid,  ///< At a finite state, g is not finite, or the response cannot be estimated.
   kOutsideSupport,  ///< g <= 0: no control is small enough to be safe.
   kEarlyStopping,   ///< 0 < g <= lambda |u|, and the strategy stops there.
@@ -29,7 +29,7 @@ enum class HaltCause {
   kNoDirection,     ///< A recovery found no direction of ascent.
   kNoProgress,      ///< A recovery makes no further progress.
   kViolated,        ///< A transition violated an assumption of a certificate.
-  kControlLimit,    ///< The rollout's limit on applied controls.
+  kControlLimit,    ///< The rollout reached its limit on applied controls.
   kPlantRefused,    ///< core::PlantStatus::kRefused
   kPlantFault,      ///< core::PlantStatus::kFault
   kStepSkipped,     ///< A call was lost or repeated, so the last applied control is unknown.
@@ -45,10 +45,11 @@ struct Step {
   Mode mode = Mode::kHalt;
   HaltCause cause = HaltCause::kNone;  ///< Not kNone if and only if mode is kHalt.
   int t = 0;                           ///< Time step of the support and the policy.
-  int iteration = 0;                   ///< Within a recovery, from 0; 0 outside one.
+  int iteration = 0;                   ///< Iteration of a recovery, from 0; otherwise 0.
   /// g_t(x); NaN if the controller did not evaluate it.
   double g = std::numeric_limits<double>::quiet_NaN();
-  /// The learned control is applied unchanged if g > threshold. NaN without such a gate.
+  /// Gate of the learned control: Algorithm 1 compares g with it. Guided recovery compares
+  /// log_learned with log_threshold. NaN without a gate.
   double threshold = std::numeric_limits<double>::quiet_NaN();
   /// l_t(x), the logarithmic form of g_t(x), and that of the threshold. NaN if the controller does
   /// not use l.
@@ -84,7 +85,7 @@ struct Step {
 ///
 /// A further call of Next() therefore implies that the previous control was applied in full and led
 /// to x: a controller receives every applied control with its outcome. It counts time steps itself.
-/// Recovery controls do not consume one, and a controller may re-align the count.
+/// Recovery controls consume no time step, and a controller may re-align the count.
 ///
 /// With every strategy, this class halts on a wrong size and on a non-finite entry of the state or
 /// of the chosen control. It then stays halted, with the first cause and u = 0, until Reset().

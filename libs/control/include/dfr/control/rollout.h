@@ -23,7 +23,7 @@ struct RolloutResult {
   core::Outcome outcome = core::Outcome::kHalted;
   HaltCause halt_cause = HaltCause::kNone;  ///< Not kNone if and only if outcome is kHalted.
 
-  int policy_steps = 0;  ///< Controls of the learned policy.
+  int policy_steps = 0;  ///< Controls of mode kPolicy.
   int probes = 0;
   int recovery_steps = 0;  ///< Controls of mode kRecovery, one per iteration of a recovery.
   int changed_steps = 0;   ///< Controls of mode kPolicy that differ from the policy's.
@@ -52,9 +52,9 @@ struct RolloutResult {
 
 /// One applied control and its effect. The spans are valid only during the call.
 struct RolloutEvent {
-  std::span<const double> x;       ///< Before.
+  std::span<const double> x;       ///< State before the control.
   std::span<const double> u;       ///< The applied control.
-  std::span<const double> next_x;  ///< After.
+  std::span<const double> next_x;  ///< State after the control.
   Step step;
   core::PlantStatus status = core::PlantStatus::kOk;
   bool collided = false;
@@ -81,7 +81,7 @@ struct RolloutWorkspace {
 /// Resets plant and controller and runs the controller on the plant until the episode is completed,
 /// halted or collided (Sec. V-A). Evaluates collided(), then completed(), in the start state and
 /// after every control, including probes, recovery controls and controls that the plant failed to
-/// apply, because it may have moved. Always calls the plant's Halt() last.
+/// apply, because the plant may have moved. Always calls the plant's Halt() last.
 ///
 /// Never allocates after Reset() of the plant if a `workspace` of the right size is given.
 /// @throws std::invalid_argument if the sizes of plant and controller differ or max_controls < 1.

@@ -47,7 +47,7 @@ struct SelectionOptions {
   std::uint64_t seed = 1;  ///< Decides which demonstrations share a fold.
 };
 
-/// One row of the table: results of a pair of options on held-out demonstrations.
+/// One row of the table: results of one pair of nu and gamma on held-out demonstrations.
 struct SelectionRow {
   double nu = 0.0;
   double gamma = 0.0;
@@ -55,7 +55,7 @@ struct SelectionRow {
   double inside_throughout = 0.0;  ///< Fraction of held-out demonstrations without an exit.
   double threshold = 0.0;          ///< Conformal threshold: alarm if l_t < -threshold.
   double support_vectors = 0.0;    ///< Mean number over time steps and folds.
-  double volume = 0.0;  ///< Fraction of states inside, sampled uniformly from the bounding box.
+  double volume = 0.0;  ///< Fraction of the bounding box inside, estimated by uniform sampling.
 };
 
 /// The table, in the order of nus and then gammas, and the chosen row. Among the rows with
@@ -70,8 +70,8 @@ struct Selection {
   [[nodiscard]] std::string Table() const;
 };
 
-/// Compares pairs of nu and gamma by cross-validation over whole demonstrations. Computes the
-/// distances between samples once for the whole grid.
+/// Compares pairs of nu and gamma by cross-validation over whole demonstrations. If the samples are
+/// few, computes the distances between them once for the whole grid.
 /// @throws std::invalid_argument naming the option out of range, or if there are fewer than two
 ///   demonstrations per fold.
 Selection SelectModel(std::span<const core::Matrix> demonstrations,

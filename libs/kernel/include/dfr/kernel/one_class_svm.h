@@ -35,7 +35,7 @@ struct OneClassSvmOptions {
   std::span<const double> start = {};
   /// Weight of each sample, >= 0, as in LIBSVM and scikit-learn: 0 <= alpha_i <= w_i/(nu sum w).
   /// Empty: equal weights. An integer weight k is equivalent to repeating the sample k times.
-  /// Weighted fits are slower: their kernel is in double and never cached. Not with a `start`.
+  /// Weighted fits are slower: their kernel is in double and never cached. They accept no `start`.
   std::span<const double> weights = {};
   /// Progress callback. The fitting thread calls it several times a second or more. Returning false
   /// stops the fit.

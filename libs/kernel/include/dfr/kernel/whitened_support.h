@@ -12,7 +12,7 @@ namespace dfr::kernel {
 /// Options for WhitenedSupport::Fit(). Defaults suit whitened features (core::FeatureTransform),
 /// for which gamma has the same units in all tasks.
 struct WhitenedSupportOptions {
-  /// One gamma for all tasks. Features are whitened. docs/recovery.md compares other values.
+  /// One gamma suits all tasks, because features are whitened. docs/recovery.md compares values.
   OneClassSvmOptions svm = {.nu = 0.05, .gamma = 0.25, .tolerance = 1e-6};
   /// The estimate at t uses the states of t - window k, t - (window - 1) k, ..., t + window k.
   int window = 2;
@@ -49,11 +49,11 @@ struct WhitenedSupportOptions {
 /// - It pools the states of neighbouring time steps. Few demonstrations suffice, and timing matters
 ///   less.
 /// - Each time step has its own linear map y = V_t z, V_t = (Cov_t + phase_ridge I)^(-1/2), because
-///   the spread of demonstrations changes along a task. Cov_t is the covariance of the
-///   demonstrations' means over the pooled states about their neighbours, plus the covariance of
-///   each demonstration about its mean.
-/// - Demonstrations that have ended stop counting. The last estimates therefore describe the slow
-///   demonstrations, and the final one holds from then on.
+///   the spread of demonstrations changes along a task. Cov_t is the sum of two covariances of the
+///   pooled states: that of each demonstration's mean about neighbouring means, and that of each
+///   demonstration's states about their mean.
+/// - A demonstration that has ended counts at most once per time step (hold_ended). The last
+///   estimates mainly describe the slow demonstrations, and the final one holds from then on.
 ///
 /// Immutable after construction. Concurrent calls are safe.
 class WhitenedSupport final : public core::LogDecisionFunction {
@@ -92,7 +92,7 @@ class WhitenedSupport final : public core::LogDecisionFunction {
   /// Returns gamma times the squared spectral norm of V_t (see OneClassSvm::LogGradient()).
   [[nodiscard]] double curvature_bound(int t) const noexcept override;
 
-  /// Returns g_t in the coordinates y = map(t) z; times out of range use the nearest one.
+  /// Returns g_t in the coordinates y = map(t) z; times out of range use the nearest estimate.
   [[nodiscard]] const OneClassSvm& estimate(int t) const noexcept { return at(t).svm; }
   [[nodiscard]] const core::Matrix& map(int t) const noexcept { return at(t).map; }
 

@@ -16,8 +16,8 @@ namespace dfr::control {
 /// further demonstrations stays below it throughout (the distribution-free tolerance bound of
 /// Wilks). The bound is exact for demonstrations to which neither features nor J were fitted.
 /// Otherwise it is approximate; docs/certificates.md has measurements. It does not cover controls
-/// that no demonstration would contain: use a safety factor for those, and controllers check the
-/// assumption at run time.
+/// that no demonstration would contain: use a safety factor for such controls. Controllers check
+/// the assumption at run time.
 struct EstimatedConstant {
   double value = 0.0;
   double confidence = 0.95;
@@ -26,21 +26,21 @@ struct EstimatedConstant {
 };
 
 /// Estimates K of |dz| <= K |u| over demonstrated transitions with u != 0.
-/// @throws std::invalid_argument if there is none or confidence is not in (0, 1).
+/// @throws std::invalid_argument if no control changes a feature or confidence is not in (0, 1).
 [[nodiscard]] EstimatedConstant EstimateGain(const FeatureTrajectories& demonstrations,
                                              double confidence = 0.95);
 
-/// Estimates eps of |dz - J u| <= eps |u| with the J of guided recovery at each moment. Each of
-/// `folds` is predicted from the others, in the given order, and from its past. The J of a fold
-/// therefore differs from the J of all demonstrations, and the bound is approximate.
+/// Estimates eps of |dz - J u| <= eps |u| with the J of guided recovery at each moment. Predicts
+/// each demonstration from the other `folds`, in the given order, and from its own past. The J of a
+/// fold therefore differs from the J of all demonstrations, and the bound is approximate.
 /// @throws std::invalid_argument as EstimateGain(), and if there are fewer than two demonstrations.
 [[nodiscard]] EstimatedConstant EstimateDirectionError(const FeatureTrajectories& demonstrations,
                                                        const core::Folds& folds,
                                                        const ResponseOptions& options = {},
                                                        double confidence = 0.95);
 
-/// Same as above, with five core::StratifiedFolds(). The order of the demonstrations changes no
-/// bit.
+/// Same as above, with at most five core::StratifiedFolds(). The order of the demonstrations
+/// changes no bit.
 [[nodiscard]] EstimatedConstant EstimateDirectionError(
     const core::FeatureTransform& features, std::span<const core::Trajectory> demonstrations,
     const ResponseOptions& options = {}, double confidence = 0.95);

@@ -68,7 +68,7 @@ class CertifiedController final : public Controller {
   double probe_size_;
   HaltRule halt_rule_;
   ResponseEstimate estimate_;
-  LocalFit fit_;  ///< In the state of the last control.
+  LocalFit fit_;  ///< Fit at the state of the last control.
   PhaseTracker tracker_;
   Certifier certifier_;
 

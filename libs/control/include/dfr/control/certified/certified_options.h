@@ -21,7 +21,7 @@ struct CertifiedOptions {
   double probe_size = 0.35;
 };
 
-/// Returns the limits of its controls, |u| = control_unit |v|.
+/// Returns the limits of v, with u = control_unit v.
 /// @throws std::invalid_argument unless there is one limit or one per entry of a control.
 [[nodiscard]] StepLimits Limits(const CertifiedOptions& options, int control_dim,
                                 double control_unit);

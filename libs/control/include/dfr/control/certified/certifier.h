@@ -14,7 +14,7 @@ namespace dfr::control {
 
 /// The first observed violation of the certificate's assumption.
 struct Violation {
-  int control = -1;       ///< Number of the applied control, from 0; -1 if there was none.
+  int control = -1;       ///< Number of the applied control, from 0; -1: no violation.
   double observed = 0.0;  ///< Observed |dz - J u| / |u|; infinite if u = 0.
   double allowed = 0.0;   ///< eps, the assumed upper bound of that ratio.
 };
@@ -78,8 +78,8 @@ class Certifier {
   [[nodiscard]] CertifiedStep Admit(const LocalModel& model, LocalFit& fit,
                                     const StepLimits& limits, const Request& request,
                                     Eigen::VectorXd& v) noexcept;
-  /// Compares the predicted change `effect` of control number `control`, `v`, with the observed
-  /// change `dz`. @returns false on the first contradiction to the assumption; see violation().
+  /// Compares the change `effect`, predicted for control `v` with number `control`, with the
+  /// observed change `dz`. @returns false if they violate the assumption; see violation().
   [[nodiscard]] bool Confirms(int control, const Eigen::VectorXd& v, const Eigen::VectorXd& effect,
                               const Eigen::VectorXd& dz) noexcept;
   [[nodiscard]] const Violation& violation() const noexcept { return violation_; }

@@ -26,10 +26,10 @@ namespace dfr::control {
 ///
 ///   1. The learned control passes from Levels::pass on. After a longer stay at the edge of the
 ///      support than in demonstrations, this level rises to Levels::gate (Levels::edge_stay()).
-///   5. After half of GuidedOptions::patience controls in a phase, in a state beyond the exit level
-///      of its support, the phase becomes the one whose support contains the state most deeply, if
-///      there is one: the task continues from there. Each search evaluates all supports. The phase
-///      relocates at most guided::kMostRelocations times in an episode.
+///   5. If a phase lasts half of GuidedOptions::patience controls and the state is beyond the exit
+///      level of its support, the phase becomes the one whose support contains the state most
+///      deeply, if any: the task continues from there. Each search evaluates all supports. The
+///      phase relocates at most guided::kMostRelocations times in an episode.
 ///
 /// A step is a recovery (Mode::kRecovery) if its control comes from the nominal one. If it comes
 /// from the learned control, the mode is Mode::kPolicy, and Step::filtered is set if both differ. A
@@ -88,11 +88,11 @@ class GuidedController final : public Controller {
   StateObserver observer_;
   SafetyFilter filter_;
   PhaseTracker tracker_;
-  PhaseTracker chose_in_;  ///< Copy of tracker_ before the last choice of a control.
+  PhaseTracker chose_in_;  ///< tracker_ as it was when the last control was chosen.
 
   Progress progress_;
   int fitted_ = 0;    ///< Number of the control for which fit_ was computed, from 1; 0: none yet.
-  EdgeStay at_edge_;  ///< Counts steps whose learned control passed.
+  EdgeStay at_edge_;  ///< Counts steps at the edge whose learned control passed.
   int relocations_ = 0;
   Eigen::VectorXd z_;
   Eigen::VectorXd v_;  ///< The control of this step; after the step, the last applied control.

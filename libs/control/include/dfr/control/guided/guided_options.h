@@ -16,13 +16,13 @@ struct GuidedOptions {
   int horizon = 100;        ///< T: number of the learned policy's time steps in an episode, > 0.
   int first_step = 0;       ///< First time step and phase of an episode, in [0, T).
   int max_controls = 1200;  ///< Maximum number of controls of any kind in an episode, > 0.
-  /// Largest absolute value of each entry of an applied control, >= 0: one for all, or one each.
+  /// Largest absolute value of the entries of an applied control, >= 0: one for all or one each.
   std::vector<double> control_limit = {1.0};
   /// Durations of controls, if something else moves the world. |v| = 1 is an ordinary control.
   DisturbanceModel disturbance_model = {};
 
-  /// Number of gradients of l in one step, >= 0. A smaller number is faster and corrects distant
-  /// controls less. 0 leaves the learned control unchanged.
+  /// Maximum number of gradients of l in one step, >= 0. A smaller number is faster, but it
+  /// corrects controls that lead far outside less. 0 leaves the learned control unchanged.
   int iterations = 6;
   /// If no control is predicted to end inside, the best one passes if it ends outside by at most
   /// this multiple of Levels::slack(), and at most .8. An offset that no control can correct, such
@@ -35,9 +35,9 @@ struct GuidedOptions {
   /// policy is corrected only at the boundary. False: Levels::gate, deep inside; elsewhere the
   /// nominal control of nearby demonstrations comes first, and the policy has little influence.
   bool least_intervention = false;
-  /// Norm of a probe, >= 0. Must exceed the noise of observations and the disturbance during a
-  /// control, and be small enough in a wrong direction. 0: directions without demonstrated controls
-  /// stay unknown.
+  /// Norm of a probe, >= 0. Its effect must exceed the noise of observations and the disturbance
+  /// during a control, but must be harmless in a wrong direction. 0: directions without
+  /// demonstrated controls stay unknown.
   double probe_size = 0.35;
   /// For ablations. Weight of an applied control as a measurement of J, relative to demonstrations
   /// (ResponseOptions), >= 0. 0: J comes from demonstrations alone.
@@ -58,7 +58,7 @@ struct GuidedOptions {
 /// Returns the options with these parts at neutral values; "filter+exit-level" removes both.
 /// @throws std::invalid_argument naming the unknown part and the valid ones.
 [[nodiscard]] GuidedOptions Without(GuidedOptions options, std::string_view parts);
-/// Returns the limits of its controls, |u| = control_unit |v|.
+/// Returns the limits of v, with u = control_unit v.
 /// @throws std::invalid_argument unless there is one limit or one per entry of a control.
 [[nodiscard]] StepLimits Limits(const GuidedOptions& options, int control_dim, double control_unit);
 /// @throws std::invalid_argument naming the option that is out of range.

@@ -11,12 +11,12 @@ struct Progress {
   int waited = 0;     ///< Number of controls since the phase last advanced.
 };
 
-/// Limits of an episode. The first one exceeded is the cause.
+/// Limits of an episode. The first limit reached is the cause of the halt.
 struct HaltRule {
   int horizon = 100;        ///< T > 0: kTimeUp after T time steps.
-  int max_controls = 1200;  ///< > 0: kIterationLimit.
+  int max_controls = 1200;  ///< > 0: kIterationLimit after this many controls.
   /// > 0: kNoProgress after this many controls in one phase. Later controls rarely help, and each
-  /// is another one outside the support.
+  /// of them starts outside the support.
   int patience = 12;
 
   /// Returns kNone while the episode continues.

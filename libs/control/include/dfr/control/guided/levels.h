@@ -16,8 +16,8 @@ struct LevelOptions {
   /// which other controls are raised. A higher quantile keeps the state deeper inside, and the
   /// learned policy decides less often.
   double gate_quantile = 0.75;
-  /// With least intervention, the learned control passes unchanged from this quantile on, or from l
-  /// = 0. A higher quantile corrects earlier: weak policies fail less, and more controls of a good
+  /// With least intervention, the learned control passes unchanged from this quantile on if l >= 0.
+  /// A higher quantile corrects earlier: weak policies fail less, and more controls of a good
   /// policy are changed (docs/recovery.md has the curve).
   double pass_quantile = 0.05;
   /// States below this quantile are at the edge of the support. A policy that stays there longer
@@ -29,8 +29,8 @@ struct LevelOptions {
 };
 
 /// Estimates the slack of held-out demonstrations: the distance of the supervisor's states from a
-/// support fitted without them, which is larger with fewer demonstrations. Returns the 0.2-quantile
-/// of -l, at least the default of LevelOptions.
+/// support fitted without them, which is larger with fewer demonstrations. Returns minus the
+/// 0.2-quantile of l, at least the default of LevelOptions.
 /// @param held_out_levels  l of demonstrated states, by supports fitted without them.
 /// @throws std::invalid_argument if there are none.
 [[nodiscard]] double EstimateSlack(std::vector<double> held_out_levels);
@@ -50,7 +50,7 @@ class EdgeStay {
 /// Levels of one demonstration by a support that was fitted without it.
 struct HeldOutLevels {
   std::vector<double> levels;  ///< l of each state.
-  std::vector<int> phases;     ///< Phase at which it was evaluated.
+  std::vector<int> phases;     ///< Phase at which each level was evaluated.
 };
 
 /// Levels of l_t that demonstrations keep at each time step, the slack, and the stay at the edge.

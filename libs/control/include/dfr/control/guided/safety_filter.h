@@ -25,11 +25,11 @@ class SafetyFilter {
     double learned = std::numeric_limits<double>::quiet_NaN();  ///< Same for the learned control.
   };
   /// Changes the learned control `v`, which must be within the limits, to the control to apply in
-  /// the state of `fit`. `target` is the next phase and its hi.
-  /// `v` is unchanged if its predicted level there is at least `pass_level`. It is also unchanged
-  /// if the corrected control would end outside too, differs by at most guided::kIdle and gains at
-  /// most target.level - pass_level. kRecovery: `v` does not come from the learned control. kProbe:
-  /// `v` is a probe.
+  /// the state of `fit`. `target` is the next phase and its Levels::gate().
+  /// `v` is unchanged if its predicted level in that phase is at least `pass_level`. It is also
+  /// unchanged if the corrected control would end outside too, differs by at most guided::kIdle and
+  /// gains at most target.level - pass_level. kRecovery: `v` does not come from the learned
+  /// control. kProbe: `v` is a probe.
   [[nodiscard]] Choice Filter(LocalFit& fit, const StepTarget& target, double pass_level,
                               Eigen::VectorXd& v) noexcept;
 

@@ -8,8 +8,8 @@
 
 namespace dfr::control {
 
-/// Estimates the state once pending controls have taken effect from noisy, delayed observations.
-/// Uses the prediction errors of LocalFit. Never allocates after construction; one object
+/// Estimates, from noisy and delayed observations, the state once pending controls have taken
+/// effect. Uses the prediction errors of LocalFit. Never allocates after construction; one object
 /// belongs to one thread.
 ///
 /// An effect may be observed a few controls late. The estimated lag is the smallest one, up to
@@ -30,7 +30,7 @@ class StateObserver {
   /// Records that control `v` was applied and the observed features changed by `dz`.
   /// @param fit  made in the state in which `v` was chosen; nullptr if there is none.
   void Update(const LocalFit* fit, std::span<const double> v, std::span<const double> dz) noexcept;
-  /// Returns the control whose effect the last change shows: lag() before the last one.
+  /// Returns the control whose effect the last change shows: lag() controls before the last one.
   [[nodiscard]] std::span<const double> acting() const noexcept {
     return {applied_.col(lag_).data(), static_cast<std::size_t>(applied_.rows())};
   }

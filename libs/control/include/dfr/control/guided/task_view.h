@@ -17,7 +17,7 @@ class TaskView {
 
   /// Returns the map from a state to z.
   [[nodiscard]] const core::FeatureTransform& features() const noexcept { return *features_; }
-  /// Returns l_t(z).
+  /// Returns the support, which evaluates l_t(z).
   [[nodiscard]] const core::LogDecisionFunction& support() const noexcept { return *support_; }
   [[nodiscard]] const Levels& levels() const noexcept { return *levels_; }
   [[nodiscard]] const Response& response() const noexcept { return *response_; }

@@ -20,8 +20,8 @@ struct DfrOptions {
 /// The paper requires |u_delta| << g/lambda and 0 < eta < g(x_t)/lambda. The code of its
 /// experiments sets both as in DfrOptions, with eta from |g| at the probed state. If lambda is a
 /// true bound (LK), Prop. IV.3 holds for any fractions in (0, 1): the probe leaves g(x_delta) >= (1
-/// - probe_fraction) g(x_t), and the step leaves at least (1 - step_fraction) of that. Otherwise a
-/// probe may end outside: g(x_delta) < 0. The step then goes back along the probe, and the gate
+/// - probe_fraction) g(x_t), and the step leaves at least (1 - step_fraction) g(x_delta). Otherwise
+/// a probe may end outside: g(x_delta) < 0. The step then goes back along the probe, and the gate
 /// decides in the resulting state.
 class DerivativeFreeRecovery final : public RecoveryStrategy {
  public:

@@ -26,7 +26,7 @@ class GradientRecovery final : public RecoveryStrategy {
   TaskView task_;
   StepLimits limits_;
   ResponseEstimate estimate_;
-  LocalFit fit_;  ///< In the state of the last control.
+  LocalFit fit_;  ///< Fit at the state of the last control.
   Eigen::VectorXd z_;
   Eigen::VectorXd dz_;
   Eigen::VectorXd v_;

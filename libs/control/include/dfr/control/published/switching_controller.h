@@ -27,12 +27,12 @@ struct SwitchingControllerOptions {
   Recovery recovery = Recovery::kDfr;
   int horizon = 100;         ///< T: number of the policy's controls in an episode, > 0.
   int first_step = 0;        ///< t of an episode's first control, in [0, T).
-  int max_iterations = 500;  ///< Maximum number in one recovery, > 0; the controller then halts.
+  int max_iterations = 500;  ///< Iterations of a recovery, > 0, after which the controller halts.
   DfrOptions dfr = {};
 };
 
 /// Algorithm 1, one control at a time. In state x at time step t, with u = pi(x):
-///   g_t(x) > lambda_t |u|   applies u, then t <- t + 1 (after T of them: halts, kTimeUp);
+///   g_t(x) > lambda_t |u|   applies u, then t <- t + 1 (halts at t = T, kTimeUp);
 ///   g_t(x) <= 0             halts, kOutsideSupport;
 ///   otherwise               recovers: t stays, and after each iteration the gate is checked with a
 ///                           new u. Halts after max_iterations, kIterationLimit. Early stopping

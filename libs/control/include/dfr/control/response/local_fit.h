@@ -29,7 +29,7 @@ struct DisturbanceModel {
 /// memory and do not change the fit. One object belongs to one thread.
 class LocalFit {
  public:
-  /// Returns the features z of the state; 0, as all other results, before FitAt().
+  /// Returns the features z of the state. Before FitAt(), they and all other results are 0.
   [[nodiscard]] std::span<const double> z() const noexcept { return core::AsSpan(z_); }
   /// Returns J, n x m.
   [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return jacobian_; }
@@ -57,16 +57,16 @@ class LocalFit {
   /// estimated. O(n^3).
   /// @returns false, and leaves `v` (m entries) unchanged, if there is no demonstrated control.
   [[nodiscard]] bool NominalControl(Eigen::VectorXd& v) noexcept;
-  /// Sets the context of NominalControl(), on which it depends in addition to z
-  /// (TransitionStore::context_dim() entries). FitAt() keeps the context.
+  /// Sets the context (TransitionStore::context_dim() entries) on which NominalControl() depends in
+  /// addition to z. FitAt() keeps the context.
   void SetContext(std::span<const double> context) noexcept {
     context_ = core::AsVector(context).cast<float>();
   }
   /// Returns true if NominalControl() predicts demonstrated actions poorly: it explains neither
-  /// their variance nor their mean. In the gallery's tasks `explained` is at least .29, and it is
-  /// smallest for demonstrators with different paces. If the state lacks something that the
-  /// demonstrator uses (a box, a velocity, a pole), it is at most .17, with an error of at least
-  /// .46. For a constant action with noise it is 0, with an error of .2.
+  /// their variance nor their mean. In the gallery's tasks `explained` is at least .29 and smallest
+  /// for demonstrators with different paces. If the state lacks something that the demonstrator
+  /// uses (a box, a velocity, a pole), `explained` is at most .17 and `error` at least .46. For a
+  /// constant action with noise, `explained` is 0 and `error` is .2.
   /// @param explained  explained fraction of the variance of left-out actions.
   /// @param error  squared error, as a fraction of the squared actions.
   [[nodiscard]] static bool Guesses(double explained, double error) noexcept {
@@ -75,18 +75,18 @@ class LocalFit {
     return explained < kLeastExplained && error > kMostError;
   }
 
-  /// Returns the agreement of nearby demonstrations on the effect of entry `k` of a control, in [0,
-  /// 1]. It is 1 minus the ratio of the variances along the row of D for v_k that the entry, the
-  /// other entries and the drift leave unexplained and that the entry explains, or 0. If a contact
-  /// begins nearby, J is a mean of two responses, and the agreement is small. 1 if demonstrations
-  /// did not use the entry: J then comes from measurements. O(n) for each transition used.
+  /// Returns the agreement of nearby demonstrations on the effect of entry `k` of a control:
+  /// max(0, 1 - R / S). Along the row of D for v_k, entry `k` explains the variance S, and all
+  /// entries with the drift leave the variance R unexplained. If a contact begins nearby, J is a
+  /// mean of two responses, and the agreement is small. 1 if demonstrations did not use the entry:
+  /// J then comes from measurements. O(n) for each transition used.
   [[nodiscard]] double Agreement(Eigen::Index k) noexcept;
 
   /// Returns the largest eigenvalue of the block of A^-1 that belongs to v, and writes its
   /// eigenvector, the least excited control direction, to `direction` (m entries). With a
   /// disturbance model, its sign is the more informative one: repeating the same control would not
-  /// separate its response from the disturbance. If the sum of the eigenvalues is at most `known`,
-  /// returns this faster upper bound and writes nothing.
+  /// separate its response from the disturbance. If the sum of the eigenvalues, a faster upper
+  /// bound, is at most `known`, returns the sum and writes nothing.
   double LeastExcitedDirection(std::span<double> direction, double known = 0.0) noexcept;
 
  private:

@@ -20,8 +20,8 @@ namespace dfr::control {
 /// (recursive least squares with forgetting f; A_on and E_on move with z). E_on accumulates the
 /// difference between the effect of a control and that of demonstrations at its state and time.
 /// Demonstrations contain the beginning and end of a contact; sums of dz instead would predict the
-/// response before it. The ridges of the drift exceed that of J, so a change that both explain is
-/// attributed to controls.
+/// response before the contact. The ridges of the drift exceed that of J, so a change that both
+/// explain is attributed to controls.
 ///
 /// With a disturbance model, w has one more entry, the duration s of the control. It separates the
 /// disturbance d from the response to controls. For demonstrations s = 0.
@@ -38,7 +38,7 @@ class ResponseEstimate {
   /// Returns a zero fit for FitAt(), with all the memory that it needs. Allocates.
   [[nodiscard]] LocalFit MakeFit() const;
   /// Computes `fit`, which MakeFit() of this object must have created, for time step `t` at `z`.
-  /// For a nonfinite `z` the result is nonfinite.
+  /// For a non-finite `z` the result is not finite.
   void FitAt(int t, std::span<const double> z, LocalFit& fit) const noexcept;
   /// Same as above. Allocates.
   [[nodiscard]] LocalFit FitAt(int t, std::span<const double> z) const;

@@ -14,11 +14,11 @@ namespace dfr::control {
 struct ResponseOptions {
   double ridge = 0.02;         ///< Ridge of J, > 0.
   double drift_ridge = 1.0;    ///< Ridge of the drift at z and of its slopes, > 0.
-  double slope_ridge = 10.0;   ///< Ridge of its slopes for the controls of this episode, > 0.
+  double slope_ridge = 10.0;   ///< Ridge of the drift's slopes for controls of the episode, > 0.
   double prior_weight = 15.0;  ///< Total weight of the demonstrations' transitions, >= 0.
   int window = 5;              ///< Uses transitions with u != 0 of the time steps t - window ...
                                ///< t + window, and the nearest in time if these have none.
-  int max_per_step = 48;       ///< Maximum number per time step; bounds the computing time.
+  int max_per_step = 48;       ///< Maximum number of transitions per time step; bounds the time.
   double forgetting = 0.93;    ///< Factor on the weight of earlier controls, in [0, 1).
 };
 
@@ -59,7 +59,7 @@ class TransitionStore {
   [[nodiscard]] bool Reaches(std::span<const double> z) const noexcept;
 
   /// Returns true if `z` is in the box of all demonstrated states, enlarged on each side by its
-  /// diagonal. No demonstrated action leads from these states beyond.
+  /// diagonal. A demonstrated action cannot lead from a demonstrated state out of this box.
   [[nodiscard]] bool Surrounds(std::span<const double> z) const noexcept;
 
   /// Sums over the transitions near a time step and a state z, with r = [z_i - z; 1; v_i; dz_i] and
@@ -90,8 +90,8 @@ class TransitionStore {
   /// Computes the sums of [z_i - z; 1]. Call it after SumControls().
   void SumStates(Workspace& workspace) const noexcept;
   /// Same as SumStates() over the nearest transitions only, without normalization of the weights.
-  /// Their distance includes that of their context c_i to `context` (context_dim() entries):
-  /// weights are exp(-kBandwidth |z_i - z|^2 / n - |c_i - c|^2).
+  /// The distance of a transition includes that of its context c_i to c = `context` (context_dim()
+  /// entries): weights are exp(-kBandwidth |z_i - z|^2 / n - |c_i - c|^2).
   void SumNearStates(Workspace& workspace, const Eigen::VectorXf& context) const noexcept;
   /// Returns S / (S + R), or 1 if both are 0. S is the weighted sum of (`gain` v_k)^2 with entry k
   /// of the controls. R is the weighted sum of (c' [z_i; 1; v_i; dz_i])^2 with c in
@@ -104,7 +104,7 @@ class TransitionStore {
   TransitionStore() = default;
   void SumRows(const Eigen::VectorXi& indices, int count, double factor,
                Workspace& workspace) const noexcept;
-  /// Returns the first and the last transition, exclusive, of ResponseOptions::window at t.
+  /// Returns the range [first, last) of the transitions within ResponseOptions::window of t.
   [[nodiscard]] std::pair<int, int> Near(int t) const noexcept;
   /// Returns the number of entries of a row of transitions_.
   [[nodiscard]] int Width() const noexcept;
