@@ -55,7 +55,7 @@ class WayBack {
       way_ += along;
       before = slope;
     }
-    // The trapezoids sum to the rise up to the integration error.
+    // The sum of the trapezoids differs from the rise of l only by the integration error.
     if (!(share_.sum() > 0.0)) return;
     products_ *= missing / share_.sum();
     share_ *= missing / share_.sum();
@@ -66,7 +66,7 @@ class WayBack {
   }
   [[nodiscard]] const Eigen::VectorXd& share() const { return share_; }
   [[nodiscard]] const Eigen::VectorXd& way() const { return way_; }
-  /// Sum of gradient times step', whose diagonal is share(); empty unless asked for.
+  /// Sum of gradient times step', whose diagonal is share(); empty without `with_products`.
   [[nodiscard]] const Eigen::MatrixXd& products() const { return products_; }
 
  private:
@@ -110,7 +110,7 @@ std::vector<OutsideEntry> EntriesAt(const GuardModel& model, int t, const Eigen:
     OutsideEntry& entry = found.emplace_back(
         OutsideEntry{.entry = entries[k], .share = back.share()[i], .excess = -back.way()[i]});
     if (features.selection().map().FindCircle(entries[k]) == nullptr) continue;
-    // The displacement follows the circle of the angle.
+    // Projects the displacement of the point onto the circle of the angle.
     const Eigen::Vector2d point = back.Selected(z).segment<2>(i);
     const Eigen::Vector2d way = back.way().segment<2>(i);
     entry.share += back.share()[i + 1];
@@ -143,7 +143,7 @@ std::optional<std::size_t> FirstNotFinite(std::span<const double> values) {
   return std::nullopt;
 }
 
-// Describes an invalid value; "" if there is none.
+// Describes the first invalid value of the state or the action; "" if there is none.
 std::string WrongInput(const GuardModel& model, std::span<const double> state,
                        std::span<const double> action) {
   if (static_cast<int>(state.size()) != model.state_dim()) {

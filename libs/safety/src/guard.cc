@@ -152,7 +152,7 @@ struct Guard::Episode {
   double moved = 0.0;             // Increase of `unchanged` by the last applied action.
   int frozen = -1;                // First group that stands still for too long.
 
-  // Returns the task's state of `state`, and true if it is valid.
+  // Maps `state` to a state of the task. Also returns true if `state` is valid.
   std::pair<std::span<const double>, bool> TaskState(const GuardModel& model,
                                                      std::span<const double> state) noexcept {
     const bool usable = static_cast<int>(state.size()) == model.state_dim() && AllFinite(state);
@@ -166,7 +166,7 @@ struct Guard::Episode {
   }
 
   // Returns the first sensor group that stands still for too long with `state` as the next state;
-  // -1 if there is none. Updates `last` and `unchanged` if this state is to be remembered.
+  // -1 if there is none. If `remember` is true, updates `last` and `unchanged` with this state.
   int FindFrozen(const GuardModel& model, std::span<const double> state, bool remember) noexcept {
     int found = -1;
     auto before = last.begin();
@@ -317,7 +317,7 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
   }
   if (state_usable) {
     double level = episode.tracker.Follow(state);
-    // The certificate applies to the controller's time step, which may differ.
+    // The certificate applies to the controller's time step, which may differ from the alarm's.
     if (step.certified) level = std::max(level, step.log_g);
     verdict.level = level;
     verdict.alarm = useless || !(level >= -model_->settings().alarm_level);

@@ -121,7 +121,7 @@ AlarmLevel AlarmLevelOf(const std::vector<double>& worst, const GuardOptions& op
   const double promised =
       kernel::ConformalThreshold(worst, options.false_alarms, options.confidence);
   if (std::isfinite(promised)) return {promised, options.false_alarms, options.confidence};
-  // With few demonstrations no level has this guarantee, so the worst one is used.
+  // With few demonstrations no level has this guarantee. Uses the level of the worst demonstration.
   return {*std::max_element(worst.begin(), worst.end()),
           1.0 / static_cast<double>(worst.size() + 1), 0.0};
 }

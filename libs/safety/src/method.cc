@@ -29,7 +29,7 @@ Method ParseMethod(std::string_view name, std::span<const std::string_view> othe
     method.recovery = control::Recovery::kNone;
     return method;
   }
-  // Without() accepts an empty list of parts, a name requires one.
+  // Without() accepts an empty list of parts, but a name must contain at least one part.
   const bool without = name.starts_with(kWithout) && name != kWithout && !name.ends_with('+');
   if (name == kController || without) {
     method.kind = Method::Kind::kController;

@@ -22,7 +22,7 @@ namespace dfr::kernel::internal {
 template <typename T>
 class SparseRows {
  public:
-  /// Allocates `bytes`, limited to between four and `rows` rows of `groups` groups.
+  /// Allocates `bytes`, but room for at least four and at most `rows` rows of `groups` groups.
   SparseRows(std::size_t rows, std::size_t groups, double bytes);
 
   /// Evicts all rows and sets their number. Rows must not be longer than at construction.

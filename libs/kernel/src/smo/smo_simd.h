@@ -29,7 +29,7 @@ HWY_INLINE V RoughReciprocal(D d, V v) {
   return hn::Div(hn::Set(d, hn::TFromD<D>(1)), v);
 }
 
-// Smallest 1 - K_ij used, that of equal points.
+// Lower limit of 1 - K_ij, used for equal points.
 template <typename T>
 constexpr T kLeastCurvature = sizeof(T) == 4 ? T(1.2e-7) : T(1e-12);
 

@@ -21,7 +21,7 @@ enum {
   DFR_GUARD_POLICY = 0,   /* The policy, possibly corrected: see dfr_guard_verdict.changed. */
   DFR_GUARD_PROBE = 1,    /* The guard, to measure the effect of an action. */
   DFR_GUARD_RECOVERY = 2, /* The guard, to keep the state inside. */
-  DFR_GUARD_HALT = 3      /* None: zero until dfr_guard_reset(). */
+  DFR_GUARD_HALT = 3      /* No source: the action is zero until dfr_guard_reset(). */
 };
 /* NOLINTEND(readability-identifier-naming) */
 
@@ -34,7 +34,7 @@ typedef struct {
   int32_t step;       /* Time step of the strategy, used for g and threshold. */
   int32_t alarm_step; /* Nearby time step whose support fits the state best. */
   double g;           /* Positive inside the support; NaN for an invalid state. */
-  double threshold;   /* Smallest g at which the policy's action passes unpredicted; NaN: none. */
+  double threshold;   /* Level at which the policy's action passes, as a value of g; NaN: none. */
   const char* reason; /* A word of docs/glossary.md, valid for the lifetime of the process. */
 } dfr_guard_verdict;
 

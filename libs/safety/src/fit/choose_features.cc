@@ -59,9 +59,8 @@ std::string Spec(const core::StateLayout& layout, const std::vector<int>& entrie
   return spec;
 }
 
-// Finds entries of which the others are almost linear functions, over the differences of
-// demonstrations at a time step: pivoted Cholesky of the correlation, until 1 % of the variance
-// remains.
+// Finds entries that determine the others almost linearly: a pivoted Cholesky decomposition of the
+// correlation between demonstrations at the same time step, until 1 % of the variance remains.
 std::vector<int> Independent(const Recorded& recorded) {
   constexpr double kConstant = 1e-9;
   const core::FeatureSelection& selection = recorded.features.selection();

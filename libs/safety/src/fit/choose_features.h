@@ -16,25 +16,25 @@ namespace dfr::safety::internal {
 std::vector<core::Rotation> Rotations(const core::FeatureSelection& features,
                                       const core::StateLayout& layout,
                                       std::span<const core::Trajectory> demonstrations);
-/// Returns the features with the map that makes these rotations continuous, if there is one.
+/// Returns the features with a map that makes their rotations continuous, if they have any.
 core::FeatureSelection Continuous(const core::FeatureSelection& features,
                                   const core::StateLayout& layout,
                                   std::span<const core::Trajectory> demonstrations);
-/// Returns the entries among `features` that depend on passed entries of an action but not on
-/// steered ones, such as the opening of a gripper. A guard can neither predict nor correct them.
+/// Returns the entries among `features`, such as the opening of a gripper, that depend on passed
+/// entries of an action but not on steered ones. A guard can neither predict nor correct them.
 /// Empty if all features are of this kind.
 std::vector<int> MovedByPassed(const core::FeatureSelection& features, const ActionSpace& actions,
                                std::span<const core::Trajectory> demonstrations);
 
-/// Returns the context of a control in addition to features, in units of fit::kContextUnit of its
-/// range in demonstrations: the entries of MovedByPassed(), made continuous.
+/// Returns the map from a state to the context on which controls depend in addition to features:
+/// `entries`, made continuous, in units of fit::kContextUnit times their demonstrated range.
 core::FeatureTransform Context(const core::StateLayout& layout, const std::vector<int>& entries,
                                std::span<const core::Trajectory> demonstrations);
-/// Returns the entries among `features` that are constant up to rounding. Empty if all are.
+/// Returns the entries among `features` that are constant up to rounding; none if all are constant.
 std::vector<int> ConstantEntries(const core::FeatureSelection& features,
                                  std::span<const core::Trajectory> demonstrations);
-/// Returns copies of the demonstrations without the constant entries of their states; empty if
-/// there are none. Their order by content does not depend on constant entries.
+/// Returns copies of the demonstrations without the constant entries of their states; empty if no
+/// entry is constant. The order of the copies by content does not depend on constant entries.
 std::vector<core::Trajectory> WithoutConstants(std::span<const core::Trajectory> demonstrations);
 /// Lists entries for a message, at most eight by name.
 std::string Names(const core::StateLayout& layout, std::span<const int> entries);

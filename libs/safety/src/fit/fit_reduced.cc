@@ -57,7 +57,7 @@ std::vector<core::Trajectory> Scores(const StateReduction& all,
   return scores;
 }
 
-// Components of all blocks whose number is open: the first ones, or those that actions depend on.
+// All components whose number the fit chooses: the first ones, or those that actions depend on.
 struct Pool {
   StateReduction reduction;
   bool by_actions = false;
@@ -141,7 +141,7 @@ class Components {
     const bool by_actions = candidate.pool->by_actions;
     const auto row =
         std::ranges::find(summary.components, candidate.components, &ComponentsScore::components);
-    // The directions are fitted to all actions: only the table leaves them out.
+    // The final directions are fitted to all actions. Only the scores of the table leave some out.
     if (by_actions) summary.explained = std::min(summary.explained, row->explained);
     const ComponentsScore& best = Best();
     summary.components_reason = core::Format(

@@ -38,7 +38,7 @@ int NumFolds(std::size_t demonstrations, int most) {
   return std::min(most, std::max(2, static_cast<int>(demonstrations / 2)));
 }
 
-// Fits all supports.
+// Fits supports and counts the fits.
 class SupportFits {
  public:
   explicit SupportFits(const Recorded& recorded) : points_(recorded.seen.points) {}

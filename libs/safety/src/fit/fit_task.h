@@ -23,8 +23,8 @@
 /// cross-validation of supports.
 namespace dfr::safety::internal {
 
-/// Returns l of each state at the phase of control::PhaseTracker; `steps`, if given, receives
-/// these.
+/// Returns l of each state at the phase of control::PhaseTracker. If given, `steps` receives the
+/// phases.
 std::vector<double> Follow(const core::LogDecisionFunction& support, const core::Matrix& states,
                            std::vector<int>* steps);
 
@@ -33,8 +33,8 @@ bool TooManyInGaps(const kernel::ModeSeparationTest& gaps);
 
 /// The demonstrations of a fit, in an order determined by their content.
 struct Recorded {
-  /// Takes the demonstrations with indices `chosen`. If `actions` is given, controls are
-  /// ActionSpace::Measured().
+  /// Takes the demonstrations with indices `chosen`. If `actions` is given, `seen` has the controls
+  /// of ActionSpace::Measured().
   Recorded(const core::FeatureSelection& selection,
            std::span<const core::Trajectory> demonstrations, std::span<const std::size_t> chosen,
            const ActionSpace* actions = nullptr, const core::WhiteningOptions& whitening = {});
@@ -42,21 +42,21 @@ struct Recorded {
   Recorded(core::FeatureTransform transform, std::span<const core::Trajectory> demonstrations,
            std::span<const std::size_t> chosen);
 
-  /// Returns core::StratifiedFolds() or core::ContiguousFolds(), at most `most`.
+  /// Return core::StratifiedFolds() or core::ContiguousFolds(), at most `most` folds.
   [[nodiscard]] core::Folds Stratified(int most) const;
   [[nodiscard]] core::Folds Contiguous(int most) const;
 
-  std::vector<std::size_t> order;         ///< Index of each of the following demonstrations.
-  std::vector<core::Trajectory> ordered;  ///< With the recorded controls.
+  std::vector<std::size_t> order;         ///< Index of each demonstration of `ordered`.
+  std::vector<core::Trajectory> ordered;  ///< Demonstrations with the recorded controls.
   core::FeatureTransform features;        ///< Whitens all demonstrations.
-  control::FeatureTrajectories seen;      ///< In `features`.
+  control::FeatureTrajectories seen;      ///< Demonstrations in `features`.
 };
 
 /// Levels of demonstrations by supports fitted without them.
 struct HeldOut {
   std::vector<control::HeldOutLevels> each;  ///< One entry per demonstration.
   std::vector<double> worst;                 ///< -l at the worst state of each demonstration.
-  int inside_throughout = 0;                 ///< Number of demonstrations.
+  int inside_throughout = 0;                 ///< Number of demonstrations that never leave.
 
   void Add(const core::LogDecisionFunction& support, const core::Matrix& points);
   /// Returns l of each state.
@@ -67,9 +67,9 @@ struct HeldOut {
 
 /// The support of a guard, and its cross-validation.
 struct GuardFit {
-  kernel::WhitenedSupportOptions options;  ///< With the chosen gamma and window_share.
+  kernel::WhitenedSupportOptions options;  ///< Options with the chosen gamma and window_share.
   kernel::WhitenedSupport support;         ///< Fitted to all demonstrations with `options`.
-  kernel::ModeSeparationTest gaps;         ///< Of `support`.
+  kernel::ModeSeparationTest gaps;         ///< Result for `support`.
   core::Folds folds;                       ///< Folds of `left_out`.
   /// The support without each fold; none if fewer than two demonstrations remain.
   std::vector<std::optional<kernel::WhitenedSupport>> without;
@@ -86,12 +86,12 @@ std::optional<GuardFit> FitGuard(const Recorded& recorded,
                                  const std::function<bool(std::string_view, double)>& going_on,
                                  bool may_narrow);
 
-/// Creates the task of a support and its cross-validation.
+/// Creates a task from a support and its cross-validation.
 TaskParts MakeTask(const Recorded& recorded, kernel::WhitenedSupport support,
                    const HeldOut& left_out, bool single_precision,
                    std::optional<PublishedSupport> published = std::nullopt);
 
-/// Creates the task of `options` without any choice.
+/// Fits a task with exactly these `options`: chooses neither gamma nor window_share.
 TaskParts FitTask(const core::StateLayout& layout, std::span<const core::Trajectory> demonstrations,
                   const TaskOptions& options);
 

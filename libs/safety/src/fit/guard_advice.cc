@@ -153,9 +153,9 @@ Eigen::VectorXd Residuals(const Eigen::MatrixXd& x, const Eigen::MatrixXd& y) {
   return (y - x * core::SolveLeastSquares(x, y)).colwise().squaredNorm();
 }
 
-// Describes the delay between actions and their effect; "" if there is none. Another action must
-// explain more of the feature changes that the state does not determine than the recorded action
-// does.
+// Describes the delay between actions and their effect; "" if there is none. There is a delay if an
+// action of another step explains more than the recorded action does. Only feature changes that
+// the state does not determine count.
 std::string DescribeDelay(const GuardModel& model,
                           std::span<const core::Trajectory> demonstrations) {
   constexpr Eigen::Index kMostLag = 3;

@@ -13,8 +13,8 @@ struct Replay {
   /// Fraction of the variance of actions that LocalFit::NominalControl() explains; negative
   /// if the mean action predicts better.
   double explained = 1.0;
-  double error = 0.0;  ///< Squared error of that prediction, relative to the squared actions.
-  /// The same for the entry of the action that varies most.
+  double error = 0.0;  ///< Squared error of NominalControl(), relative to the squared actions.
+  /// `error` for the entry of the action that varies most.
   double entry_error = 0.0;
 
   /// Returns true if a guard must not use LocalFit::NominalControl().

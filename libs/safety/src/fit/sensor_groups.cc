@@ -10,7 +10,7 @@
 namespace dfr::safety::internal {
 namespace {
 
-// Actions explain an entry if they leave less than this fraction of its changes.
+// Actions explain an entry if they leave less than this fraction of its changes unexplained.
 constexpr double kLeastUnexplained = 0.05;
 
 // Returns the fraction of an entry's squared changes that a linear function of the actions leaves
@@ -70,7 +70,7 @@ bool FollowsClock(std::span<const core::Trajectory> demonstrations, Eigen::Index
 }
 
 bool AdvancesUniformly(std::span<const core::Trajectory> demonstrations, Eigen::Index entry) {
-  // Relative difference between equal rates, and between equal distances.
+  // Relative difference up to which rates, or distances, count as equal.
   constexpr double kSame = 1e-2;
   constexpr double kRounding = 1e-28;
   double values = 0.0;
@@ -121,7 +121,7 @@ std::vector<SensorGroup> FitSensorGroups(const GuardModel& model,
   }
   std::ranges::sort(others);
   others.erase(std::unique(others.begin(), others.end()), others.end());
-  // Time advances while a sensor is frozen.
+  // Excludes entries that advance with time, because they change even while a sensor is frozen.
   std::erase_if(others, [&](int entry) {
     return AdvancesUniformly(demonstrations, entry) ||
            (FollowsClock(demonstrations, entry) &&

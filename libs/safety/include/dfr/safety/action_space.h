@@ -13,10 +13,10 @@ namespace dfr::safety {
 /// Demonstrated range and unit of one entry of an action.
 struct ActionEntry {
   double largest = 0.0;  ///< Largest demonstrated |u_i|.
-  /// True if a guard may change the entry. An entry with few demonstrated values is not steered
-  /// unless the state moves in proportion to it. The policy's value then passes within the limit,
-  /// for example for a gripper that opens or closes. An axis that moves at one speed or stands
-  /// still is steered. If no other entry moves the state, the entry is steered.
+  /// True if a guard may change the entry. An entry with few demonstrated values, such as a gripper
+  /// that opens or closes, is not steered: the policy's value passes within the limit. It is
+  /// steered if the state moves in proportion to it, as with an axis that moves at one speed or
+  /// stands still, or if no other entry moves the state.
   bool steered = true;
   /// Size of an ordinary value: the root mean square of the demonstrated ones times the square root
   /// of the number of steered entries. An ordinary action then has |a| = 1 in any units.
@@ -43,15 +43,15 @@ class ActionSpace {
   [[nodiscard]] std::vector<double> Limits(double factor) const;
   /// Returns limits of a, one per steered entry, from those of u.
   [[nodiscard]] std::vector<double> MeasuredLimits(std::span<const double> limits) const;
-  /// Returns the demonstrations with a instead of u.
+  /// Returns the demonstrations with each u replaced by its a.
   [[nodiscard]] std::vector<core::Trajectory> Measured(
       std::span<const core::Trajectory> demonstrations) const;
 
-  /// Writes a of u. Neither allocates nor throws; the same holds for all functions below.
+  /// Writes `a` for `u`. Neither allocates nor throws; the same holds for all functions below.
   void Measure(std::span<const double> u, std::span<double> a) const noexcept;
-  /// Writes the steered entries of u.
+  /// Writes the steered entries of `u` from `a`.
   void Restore(std::span<const double> a, std::span<double> u) const noexcept;
-  /// Returns |a - b| of two actions.
+  /// Returns |a - b|, where a and b are the scaled entries of the two actions.
   [[nodiscard]] double Distance(std::span<const double> u,
                                 std::span<const double> other) const noexcept;
   /// Returns |a| of an action, at most 1: the fraction of an ordinary step.

@@ -5,29 +5,29 @@
 /// Constants of the fit of a guard that are not options. docs/frozen_constants.md lists them.
 namespace dfr::safety::fit {
 
-/// Number of folds that leave demonstrations out.
+/// Number of cross-validation folds. Each fold leaves whole demonstrations out.
 inline constexpr int kFolds = 5;
-/// Fraction of points, or of time steps if that is more, that a mode separation test may find
-/// inside, and the maximum number of doublings of gamma that exclude more of them.
+/// Fraction of its points, or of the time steps if these are more, that a mode separation test may
+/// find inside. While it finds more, the fit doubles gamma, at most kMostDoublings times.
 inline constexpr double kMostInGaps = 0.05;
 inline constexpr int kMostDoublings = 2;
 /// The fit doubles gamma if the support then covers more left-out states per volume. Volumes are
 /// compared at kCoarseSteps time steps, with kLeftOutside of the left-out states outside.
 inline constexpr int kCoarseSteps = 12;
 inline constexpr double kLeftOutside = 0.1;
-/// Required fraction of left-out states inside. Below it a support pools more time steps, at most
-/// kMostWidenings times.
+/// Required fraction of left-out states inside. With a smaller fraction, the fit doubles the number
+/// of pooled time steps, at most kMostWidenings times.
 inline constexpr double kWantedInside = 0.85;
 inline constexpr int kMostWidenings = 2;
-/// Maximum number of actions per action of the policy.
+/// GuardSettings::max_actions of a fit, relative to the horizon.
 inline constexpr int kActionsPerStep = 12;
 /// Default action limit relative to the largest demonstrated value.
 inline constexpr double kActionReach = 1.5;
 
 /// ActionSpace: an entry with few values is a velocity or an increment if a regression on it
 /// explains kLeastMoved of the squared changes of a state entry, and kProportional of the changes
-/// that the action's other entries leave unexplained. The effect of a new value in its first step
-/// must be the same, within a factor kSameEffect.
+/// that the action's other entries leave unexplained. A new value must have the same effect in its
+/// first step as in later steps, within a factor kSameEffect.
 inline constexpr double kLeastMoved = 0.01;
 inline constexpr double kProportional = 0.7;
 inline constexpr double kSameEffect = 2.0;
@@ -36,8 +36,8 @@ inline constexpr double kSameEffect = 2.0;
 /// explain more than kPassedExplain of the change that the steered entries leave.
 inline constexpr double kPassedExplain = 0.3;
 inline constexpr double kSteeredExplain = 0.2;
-/// Features moved only by passed entries of an action select demonstrations in the same situation.
-/// A difference of this fraction of their demonstrated range reduces a weight to exp(-1).
+/// Features moved only by unsteered entries of an action are the context of NominalControl(). A
+/// difference of this fraction of their demonstrated range reduces a weight to exp(-1).
 inline constexpr double kContextUnit = 0.25;
 
 /// Choice of features: fraction of the variance that may remain unexplained by the chosen entries.
@@ -46,13 +46,13 @@ inline constexpr double kLeftVariance = 0.01;
 /// every policy.
 inline constexpr double kLeastInside = 0.2;
 
-/// Requirements on a guard with components: the states of held-out demonstrations are inside, and
-/// their actions pass. For pictures that need 20 components, guards with 3 and 6 reduced the
-/// completions of a policy from 97.5 to 50 and 75 %.
+/// Requirements on a guard with components: the smallest fraction of left-out states inside, and
+/// the largest fraction of left-out actions changed. For pictures that need 20 components, guards
+/// with 3 and 6 reduced the completions of a policy from 97.5 to 50 and 75 %.
 inline constexpr double kLeastInsideReduced = 0.85;
 inline constexpr double kMostChangedReduced = 0.2;
-/// gamma suits a few features. The squared distance between two demonstrations grows with the
-/// number of whitened features, so gamma decreases with it.
+/// Number of features that gamma suits. The squared distance between two demonstrations grows with
+/// the number of whitened features, so gamma decreases beyond this number.
 inline constexpr double kFeaturesOfGamma = 3.0;
 /// Largest number of components chosen by actions. They are directions within this number of first
 /// components, or within all: a late component may matter, but directions within many can overfit.
@@ -64,13 +64,13 @@ inline constexpr double kMostOutsideReduced = 0.12;
 /// If features explain less of the actions than this, and miss more than 1 - kLeastTold of the
 /// squares of the entry that varies most, corrections would be guesses: the guard only monitors.
 inline constexpr double kLeastTold = 0.4;
-/// Features that explain less of the actions prevent few failures, unless actions are noisy.
+/// Guards whose features explain less than this of noise-free actions prevent few failures.
 inline constexpr double kLeastExplainedReduced = 0.8;
 
 /// Thresholds of warnings: number of demonstrations, share of left-out states inside, shares of the
 /// demonstrator's actions that are changed or end outside, level of the alarm, largest and smallest
 /// action limit relative to the largest demonstrated value, and chance of a drift of at least
-/// kLeastDrift. Drivers often clip the largest actions slightly.
+/// kLeastDrift. kLeastReach is below 1, because drivers often clip the largest actions slightly.
 inline constexpr int kFewestDemonstrations = 10;
 inline constexpr double kLeastAcceptance = 0.7;
 inline constexpr double kMostChanged = 0.3;
@@ -80,18 +80,18 @@ inline constexpr double kMostOvershoot = 5.0;
 inline constexpr double kLeastReach = 0.9;
 inline constexpr double kUnlikely = 0.01;
 inline constexpr double kLeastDrift = 0.2;
-/// Fraction of the features' changes that the response explains. With a smaller fraction
+/// Smallest fraction of the features' changes that the response must explain. With a smaller one,
 /// corrections are unreliable.
 inline constexpr double kLeastResponse = 0.5;
-/// An action of another step counts as the cause of a feature's change if it explains this fraction
-/// more than the recorded action does. Fractions are of the change that the state leaves open.
+/// An action of another step counts as the cause of a feature's change if it explains more than the
+/// recorded action, by at least this fraction of the change that the state does not determine.
 inline constexpr double kLagGain = 0.3;
 /// Maximum deviation from uniform motion of an entry that advances like a clock, as a fraction of
 /// its variance.
 inline constexpr double kClockError = 1e-3;
 
-/// If an entry that was constant in all demonstrations differs from its value by more than this
-/// fraction of it, or of 1, the state belongs to another task.
+/// If an entry that has the value c in all demonstrations differs from c by more than this times
+/// max(1, |c|), the state belongs to another task.
 inline constexpr double kConstantTolerance = 1e-3;
 
 /// A sensor is frozen if its entries are the same to the bit for more than kStandstillFactor times

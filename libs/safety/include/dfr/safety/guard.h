@@ -19,7 +19,7 @@ enum class Source {
   kDemonstrations,  ///< The nominal action of nearby demonstrations, corrected.
   kProbe,           ///< A probe of the guard, to measure the effect of an action.
   kRecovery,        ///< A recovery of Algorithm 1.
-  kHalt,            ///< None: zero.
+  kHalt,            ///< No source: the action is zero.
 };
 
 /// Returns "policy", "policy-changed", "demonstrations", "probe", "recovery" or "halt".
@@ -34,16 +34,16 @@ struct Verdict {
   control::HaltCause cause = control::HaltCause::kNone;  ///< Reason for a halt; otherwise kNone.
   /// True if the action differs from the policy's.
   bool changed = false;
-  /// Norm of the difference: Euclidean, over steered entries in ActionSpace's units, in which an
-  /// ordinary demonstrated action has length 1. NaN if one of the two is invalid.
+  /// Euclidean norm of the difference from the policy's action, over steered entries in units in
+  /// which an ordinary demonstrated action has length 1 (ActionSpace). NaN if either is invalid.
   double change = 0.0;
   /// Strategy kCertified: under its assumptions, the next state raises no alarm.
   bool certified = false;
-  /// True if the state is below -GuardSettings::alarm_level, resembles no demonstration, or is
-  /// frozen.
+  /// True if `level` is below -GuardSettings::alarm_level, or the state resembles no demonstration
+  /// or is frozen.
   bool alarm = false;
-  /// Time step of the alarm: the one near the expected time step whose support fits the state best.
-  /// The paces of demonstrations and robots differ.
+  /// Time step of the alarm. Because the paces of demonstrations and robots differ, it is the one
+  /// near the expected time step whose support fits the state best.
   int alarm_step = 0;
   int step = 0;  ///< Time step of the strategy, used for g and threshold.
   /// Cause kBadQuaternion: index in layout() of the first of the quaternion's four entries;
@@ -55,8 +55,8 @@ struct Verdict {
   double unchanged = 0.0;
   /// g at `step`, positive inside; NaN for an invalid state.
   double g = std::numeric_limits<double>::quiet_NaN();
-  /// The policy's action passes without a prediction if g is at least this. NaN without such a
-  /// gate.
+  /// kDfr and kEarlyStopping: the policy's action passes if g exceeds this value. Strategies that
+  /// predict: pass_level as a value of g. NaN for kMonitor.
   double threshold = std::numeric_limits<double>::quiet_NaN();
   /// l, the logarithmic form of g, at alarm_step; NaN for an invalid state.
   double level = std::numeric_limits<double>::quiet_NaN();
@@ -97,8 +97,8 @@ struct ChunkVerdict {
 /// the last returned action, or that of Applied(), was applied in full and led to `state`. `t`
 /// counts the calls, which reveals a lost or repeated one. The guard fails closed: it halts on a
 /// state or action of the wrong size or with a non-finite entry, a quaternion whose norm is not 1,
-/// a picture or constant unlike demonstrations, a state frozen longer than demonstrated in motion,
-/// a `t` that is not the next one, and a call before Reset(). Actions are then zero until Reset().
+/// a picture or constant unlike demonstrations, a sensor group that stands still for too long, a
+/// `t` that is not the next one, and a call before Reset(). Actions are then zero until Reset().
 ///
 /// One object belongs to one thread; guards on several threads may share a model. Reset(), Filter()
 /// and Applied() neither allocate, lock nor throw.
@@ -151,8 +151,9 @@ class Guard {
   /// changes, query the policy for a new chunk.
   ///
   /// Causes: kStepSkipped for another `t`; kStateInvalid for a state of the wrong size, not finite,
-  /// frozen, or unlike demonstrations; kControlInvalid for no action, a number of entries that is
-  /// not a multiple of action_dim(), or a non-finite entry. A halted guard returns its cause.
+  /// frozen, or unlike demonstrations; kBadQuaternion; kControlInvalid for no action, a number of
+  /// entries that is not a multiple of action_dim(), or a non-finite entry. A halted guard returns
+  /// its cause.
   [[nodiscard]] ChunkVerdict FilterChunk(int t, std::span<const double> state,
                                          std::span<const double> actions) noexcept;
   static constexpr int kLongestChunk = 256;

@@ -33,7 +33,7 @@ enum class Strategy {
   /// Intended for a bad policy, or for use without a policy.
   kController,
   kDfr,            ///< Derivative-Free Recovery, as published (SwitchingController).
-  kEarlyStopping,  ///< Halts.
+  kEarlyStopping,  ///< Halts instead of recovering.
   kMonitor,        ///< Passes every action and only raises alarms.
   /// Applies only actions that provably raise no alarm under the assumptions of a certificate
   /// (docs/certificates.md), otherwise halts.
@@ -45,7 +45,7 @@ enum class Strategy {
 /// @throws std::invalid_argument listing the valid names.
 [[nodiscard]] Strategy ParseStrategy(std::string_view name);
 
-/// Settings of a guard. Part of its file; may be changed after a fit.
+/// Settings of a guard, stored in its file. GuardModel::With() changes them after a fit.
 struct GuardSettings {
   Strategy strategy = Strategy::kGuard;
   int horizon = 100;       ///< Maximum number of the policy's actions, > 0; the guard then halts.
@@ -71,7 +71,7 @@ struct GuardSummary {
   int transitions = 0;  ///< Number of actions in all demonstrations.
   double nu = 0.0;
   double gamma = 0.0;
-  // By cross-validation over demonstrations, each followed through the time steps.
+  // By cross-validation, or on held-out demonstrations; each is followed through the time steps.
   double acceptance = 0.0;               ///< Fraction of states inside.
   double inside_throughout = 0.0;        ///< Fraction of demonstrations that never leave.
   kernel::ModeSeparationTest gaps = {};  ///< Result for the support with this gamma.
@@ -80,7 +80,7 @@ struct GuardSummary {
   /// `held_out`; otherwise approximate, because other supports determined the level.
   double false_alarms = 0.0;
   double confidence = 0.0;
-  int held_out = 0;      ///< Number of demonstrations used only for levels.
+  int held_out = 0;      ///< Number of demonstrations held out of the fit.
   int support_fits = 0;  ///< Number of fitted supports, which take most of the time.
   /// Alarm level by supports that are fitted without a contiguous part of the recording, and the
   /// probability that demonstrations are this much further outside by chance.
@@ -93,8 +93,8 @@ struct GuardSummary {
   double ends_outside = 0.0;  ///< Fraction of left-out actions that are predicted to end outside.
   /// Fraction of the variance of left-out actions that nearby demonstrations explain.
   double explained = 1.0;
-  double action_error = 0.0;  ///< Squared error of that prediction over the squared actions.
-  /// The same for the entry of the action that varies most. Files do not store it.
+  double action_error = 0.0;  ///< Squared error of predicted left-out actions / squared actions.
+  /// action_error for the entry of the action that varies most. Files do not store it.
   double entry_error = 0.0;
   /// Scores of each number of components of the reduced blocks, and the reason for the choice,
   /// if the fit chose the number.
@@ -125,8 +125,8 @@ struct GuardOptions {
   double false_alarms = 0.1;  ///< Fraction of demonstrations that may raise an alarm, in (0, 1).
   double confidence = 0.0;    ///< GuardSummary::confidence, in [0, 1).
   int folds = 5;              ///< Number of cross-validation folds, >= 2.
-  /// Fraction of the demonstrations that is held out of the fit and determines all levels, in [0,
-  /// .5]. 0: cross-validation.
+  /// Fraction of the demonstrations, in [0, .5], that is held out of the fit and determines the
+  /// alarm level and the constants of certificates. 0: cross-validation.
   double hold_out = 0.0;
   /// GuardSettings::direction_error as a multiple of the demonstrated one, > 0, because a policy
   /// requests controls that differ from demonstrated ones.
@@ -146,7 +146,7 @@ struct Certification {
   int step = 0;         ///< Time step of the demonstrations for that state, within three of `t`.
   /// Predicted l minus the required one; negative if the action does not pass.
   double margin = 0.0;
-  /// Changes of the features by at most this amount end inside; negative outside.
+  /// Changes of the features by at most this amount end inside. Negative if the state is outside.
   double radius = 0.0;
   /// Radius of the ball around features + shift that is inside. radius = ball_radius - |shift|.
   double ball_radius = 0.0;
@@ -291,7 +291,7 @@ class GuardModel {
   GuardSummary summary_;
   std::shared_ptr<const TaskModel> task_;
   std::optional<core::FeatureSelection> constant_entries_;  // Empty: there are none.
-  std::vector<double> constants_;                           // Their values.
+  std::vector<double> constants_;                           // Values of constant_entries_.
   std::optional<core::FeatureTransform> context_;
   std::vector<SensorGroup> sensor_groups_;
 };

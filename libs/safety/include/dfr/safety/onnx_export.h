@@ -19,7 +19,7 @@ void CheckExport(const GuardModel& model);
 /// CheckExport().
 void ExportOnnx(const GuardModel& model, const std::filesystem::path& path);
 
-/// Appends the same to a larger graph. @returns the name of g.
+/// Appends the computation of g to a larger graph. @returns the name of g.
 std::string AppendDecision(core::OnnxGraph& graph, const GuardModel& model, const std::string& t,
                            const std::string& x);
 

@@ -15,7 +15,7 @@ namespace dfr::control {
 /// Behaviour of SwitchingController near the boundary of the support: the methods of Sec. V-A.
 enum class Recovery {
   kNone,           ///< Baseline: the learned policy alone. Never evaluates g.
-  kEarlyStopping,  ///< Halts.
+  kEarlyStopping,  ///< Halts instead of recovering.
   kDfr,            ///< DerivativeFreeRecovery.
 };
 
