@@ -10,10 +10,10 @@
 namespace dfr::reduction {
 namespace {
 
-// States in the regression. Its cost grows with the third power.
+// Maximum number of states in the regression, whose cost grows with the third power.
 constexpr Eigen::Index kMostSamples = 500;
 constexpr double kKernelRidge = 0.03;
-// Variance of the progress beside that of the actions.
+// Variance of the progress in the regression, in which the actions have variance 1.
 constexpr double kProgress = 0.1;
 // Number of times that the gradients become the metric.
 constexpr int kMetrics = 2;
@@ -45,7 +45,7 @@ Eigen::MatrixXd GradientProducts(const Eigen::MatrixXd& x, const Eigen::MatrixXd
   return products / static_cast<double>(x.rows());
 }
 
-// Returns the columns of all demonstrations' states.
+// Returns these columns of the states of all demonstrations.
 std::vector<core::Matrix> ColumnsOf(std::span<const core::Trajectory> demonstrations,
                                     std::span<const std::size_t> order,
                                     const std::vector<int>& columns) {

@@ -76,7 +76,7 @@ ComponentsScore Score(int components, const std::vector<Sums>& each) {
   return score;
 }
 
-// Data shared by all numbers of components.
+// Judges numbers of components, with the data that they all share.
 class Judge {
  public:
   Judge(std::span<const core::Trajectory> demonstrations, const ChooseComponentsOptions& options)
@@ -113,7 +113,7 @@ class Judge {
     }
   }
 
-  // Returns the number of columns of this many components.
+  // Returns the number of columns that `components` components use.
   [[nodiscard]] static Eigen::Index Columns(const ChooseComponentsOptions& options, int components,
                                             Eigen::Index all) {
     return std::min<Eigen::Index>(
@@ -130,7 +130,7 @@ class Judge {
   }
 
  private:
-  // Returns the map from scores to the columns of this many components.
+  // Returns the map from scores to the columns that `components` components use.
   [[nodiscard]] core::Matrix Weights(std::size_t fold, int components) const {
     const Eigen::Index all = demonstrations_[0].states.cols();
     if (directions_.empty()) {

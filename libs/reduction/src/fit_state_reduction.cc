@@ -20,7 +20,7 @@ using internal::ShapeOf;
 using internal::ToBytes;
 using internal::ViewOf;
 
-// Pixels along the longer side of a picture of points, unless a size is given.
+// Longer side of the pictures that are reduced to points, in pixels, unless a size is given.
 constexpr int kSideOfPoints = 32;
 
 // Removes the text before the first `separator` and returns it.
@@ -31,7 +31,7 @@ std::string_view Next(std::string_view& text, char separator) {
   return item;
 }
 
-// "32x24", height first.
+// Parses a size such as "32x24", height first.
 std::optional<std::pair<int, int>> ParseSize(std::string_view text) {
   const std::string_view height = Next(text, 'x');
   const auto rows = core::ParseInteger<int>(height);
@@ -120,8 +120,8 @@ class StateReduction::Rows final : public RowSource {
   }
 
   [[nodiscard]] std::span<const Eigen::Index> begin() const noexcept { return begin_; }
-  // Returns the first row of a demonstration. The number of demonstrations as argument gives the
-  // number of rows.
+  // Returns the first row of a demonstration. For the index after the last demonstration, returns
+  // the number of rows.
   [[nodiscard]] Eigen::Index begin(std::size_t demonstration) const noexcept {
     return begin_[demonstration];
   }
@@ -181,7 +181,7 @@ std::vector<core::BlockRequest> StateReduction::Requests(std::string_view featur
   return requests;
 }
 
-// Fits at most `components`, and the points and the novelty of the part.
+// Fits at most `components` components. Also fits the points and the novelty of the part.
 Reduction StateReduction::FitPart(Part& part, int components,
                                   std::span<const core::Trajectory> demonstrations, int threads) {
   const Rows rows(part, demonstrations);

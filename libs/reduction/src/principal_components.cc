@@ -102,7 +102,7 @@ class Standardised {
         mean_(fit.mean),
         inverse_scale_((fit.scale.array() > 0.0).select(fit.scale.cwiseInverse(), 0.0)) {}
 
-  // A Q, n x l.
+  // Returns A Q, n x l.
   [[nodiscard]] FloatRows Times(const FloatRows& q) {
     FloatRows product(source_.rows(), q.cols());
     ForEachBlock([&](Eigen::Index first, const FloatRows& a) {
@@ -113,7 +113,7 @@ class Standardised {
     return product;
   }
 
-  // A' (A Q) / n, d x l.
+  // Returns A' (A Q) / n, d x l.
   [[nodiscard]] FloatRows Covariance(const FloatRows& q) {
     FloatRows sum = FloatRows::Zero(q.rows(), q.cols());
     FloatRows product;

@@ -8,7 +8,7 @@
 namespace dfr::reduction {
 namespace {
 
-// Fraction of an entry's mean variance that is added to the covariance of differences.
+// Fraction of the entries' mean variance that is added to the covariance of differences.
 constexpr double kLeastDifference = 1e-6;
 // A direction varies if its slowness exceeds this. White noise has 1/2.
 constexpr double kLeastSlowness = 1e-6;

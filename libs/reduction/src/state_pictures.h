@@ -32,7 +32,7 @@ inline PictureView ViewOf(const ImageFeatures& picture,
           static_cast<std::size_t>(o.width) * static_cast<std::size_t>(o.channels)};
 }
 
-/// Returns the shape given by the options.
+/// Returns the shape of the features of a picture.
 inline core::PictureShape ShapeOf(const ImageFeatures& picture) noexcept {
   const ImageFeaturesOptions& o = picture.options();
   return {o.out_height, o.out_width, o.grey ? 1 : o.channels};

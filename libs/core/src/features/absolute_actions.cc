@@ -89,7 +89,7 @@ std::vector<AbsoluteAction> ActionAnalysis::Absolute() const {
         fits = true;
       }
       if (!fits) continue;
-      // Share of the change that is towards the target: dx = x(t + 1) - x(t) on d = u - x(t).
+      // Regresses the change dx = x(t + 1) - x(t) on the distance to the target, d = u - x(t).
       const double var_now = variance[now];
       const double step = steps_[j] / count_ - mean_x[now] * mean_x[next];
       const double var_d = var_u - 2.0 * with(now) + var_now;

@@ -18,7 +18,7 @@ namespace {
 using Kind = Rotation::Kind;
 
 constexpr double kTolerance = 1e-3;
-// Deviation from length 1 of quaternions rounded to two and to three decimal places.
+// Largest deviations from length 1 of quaternions rounded to two and to three decimal places.
 constexpr double kTwoDigits = 0.015;
 constexpr double kThreeDigits = 2e-3;
 constexpr double kPi = std::numbers::pi;
@@ -29,10 +29,10 @@ constexpr int kLeastFree = kParts / 8;
 // An entry that moves by more than this share of a period in one step cannot be distinguished from
 // a jump.
 constexpr double kMostMotion = 0.25;
-// cos(150 degrees / 2). Beyond this rotation, the nearer of q and -q soon changes.
+// cos(150 degrees / 2). For rotations farther from the mean, the nearer of q and -q soon changes.
 constexpr double kLeastAlong = 0.2588190451025207;
-// cos(90 degrees / 2). Both signs of quaternions this close to their mean or its opposite are
-// evidence of a quaternion.
+// cos(90 degrees / 2). Four entries are a quaternion if both signs occur and all their values are
+// this close to their mean or its opposite.
 constexpr double kBothSigns = 0.7071067811865476;
 // Rotations at the starts of two episodes count as the same up to this distance, in radians.
 constexpr double kSameBegin = 0.6;
@@ -40,8 +40,8 @@ constexpr double kSameBegin = 0.6;
 // this fraction.
 constexpr double kLessError = 0.5;
 // Criteria for episodes that start at one angle in several revolutions: their number, their
-// distance in revolutions, and the length of the mean of their unit vectors. Lengths rarely meet
-// them.
+// distance in revolutions, and the length of the mean of their unit vectors. Entries that are
+// lengths rarely meet these criteria.
 constexpr int kFewestEpisodes = 8;
 constexpr double kLeastApart = 0.75;
 constexpr double kSameAngle = 0.97;
@@ -266,8 +266,8 @@ std::vector<Rotation> RotationFinder::Find() const {
           .continuous = near && !flag,
           .reference = {mean[0], mean[1], mean[2], mean[3]}});
   }
-  // A jump of several entries belongs to no angle. A rotation about one coordinate axis is one
-  // angle.
+  // Rotation vectors whose jumps move several entries go before angles. A rotation about one
+  // coordinate axis is better described as an angle.
   for (const Three& three : threes_) {
     if (!three.jumps || three.as_vector >= kLessError * three.as_angle) continue;
     take({.kind = Kind::kAxisAngle, .first = three.first, .size = 3, .jumps = true});

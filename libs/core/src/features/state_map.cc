@@ -12,9 +12,9 @@ namespace dfr::core {
 namespace {
 
 constexpr int kSize = 4;
-// Sensors and single precision cause smaller errors of a quaternion's length than this.
+// Largest error of a quaternion's length. Sensors and single precision cause smaller errors.
 constexpr double kMostOff = 0.1;
-// Error of the length of a normalised reference.
+// Largest error of the length of a normalised reference.
 constexpr double kRounding = 1e-6;
 constexpr int kMostEntries = 1 << 16;
 

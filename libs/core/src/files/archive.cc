@@ -118,7 +118,7 @@ ArchiveReader::ArchiveReader(const std::filesystem::path& path, std::string_view
   errno = 0;
   std::ifstream in(path, std::ios::binary);
   if (!in) Fail(std::string("cannot be opened: ") + std::strerror(errno));
-  // Other files are not read to their end, which a device may not have.
+  // Reads the rest only of a file with the right magic, because a device may have no end.
   std::string begin(kMagic.size(), '\0');
   in.read(begin.data(), std::ssize(begin));
   if (in.gcount() == 0) Fail("cannot be read, or is empty");

@@ -172,7 +172,7 @@ Folds StratifiedFolds(std::span<const Matrix> demonstrations, int folds, std::ui
   const std::vector<std::size_t> order = DeterministicOrder(demonstrations, seed);
   std::vector<std::size_t> size(demonstrations.size(), 0);
   for (const std::size_t c : cluster) ++size[c];
-  // Sorted by the first member of each cluster in `order`; clusters that are too small share a
+  // Strata in the order of their first members in `order`. Clusters that are too small share a
   // stratum.
   std::vector<std::size_t> strata;
   std::vector<std::size_t> dealt;

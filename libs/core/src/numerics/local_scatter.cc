@@ -73,7 +73,7 @@ Matrix Scatter(const Matrix& points, const Matrix& map, const LocalScatterOption
   return sum / static_cast<double>(kept * neighbours);
 }
 
-// Statistic of `count` standard normal points in n dimensions.
+// Returns the mean variance by Scatter() of `count` standard normal points in n dimensions.
 double ComputeNormalScatter(Eigen::Index count, Eigen::Index n,
                             const LocalScatterOptions& options) {
   constexpr int kDraws = 4;

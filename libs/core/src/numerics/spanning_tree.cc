@@ -32,7 +32,7 @@ std::vector<Link> SpanningTree(const Matrix& points) {
     links.push_back({.from = parent[next], .to = next, .length = distance[next]});
     last = next;
   }
-  // Rows that joined later are below earlier ones.
+  // In reverse order, each row is visited before the row to which it is attached.
   std::vector<std::size_t> members(n, 1);
   for (auto link = links.rbegin(); link != links.rend(); ++link) {
     link->members = members[link->to];

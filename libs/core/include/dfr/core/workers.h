@@ -10,8 +10,8 @@
 
 namespace dfr::core {
 
-/// Threads that share the work of one fit, started on demand. Their results must not depend on the
-/// thread.
+/// Threads that share the work of one fit, started on demand. The result of a job must not depend
+/// on the thread that runs it.
 class Workers {
  public:
   /// @param threads  number of threads, including the one that calls Run(); 0: one per core.

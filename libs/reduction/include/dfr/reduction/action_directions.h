@@ -12,25 +12,25 @@ namespace dfr::reduction {
 
 /// Directions of the scores of blocks, most relevant to the demonstrated actions first.
 ///
-/// A smooth regression of the actions, and with a tenth of their weight of the progress, on all
-/// scores (Gaussian kernel, ridge) gives a gradient at each sample. A guard follows the progress,
-/// also where actions do not depend on it. The mean outer product of the gradients becomes the
-/// metric of the kernel, and the regression is repeated; its eigenvectors are the directions
-/// (recursive feature machine; Radhakrishnan et al., Science 383, 2024). The first metric is the
-/// inverse covariance of the differences of successive scores (SlowFeatures): noise does not count.
-/// A slow nuisance, such as a distractor at rest, has no gradient.
+/// A smooth regression on all scores (Gaussian kernel, ridge) gives a gradient at each sample. It
+/// predicts the actions and, with a tenth of their weight, the progress: a guard follows the
+/// progress even where actions do not depend on it. The mean outer product of the gradients becomes
+/// the metric of the kernel, and the regression is repeated. The eigenvectors of the last metric
+/// are the directions (recursive feature machine; Radhakrishnan et al., Science 383, 2024). The
+/// first metric is the inverse covariance of the differences of successive scores (SlowFeatures),
+/// which suppresses noise. A slow nuisance, such as a distractor at rest, has no gradient.
 ///
 /// The result does not depend on the order of the demonstrations.
 class ActionDirections {
  public:
   /// @param demonstrations  scores as states (T + 1 x p), actions as controls (T x m), finite.
-  /// @param blocks          columns of each block. Other columns explain actions beside them.
+  /// @param blocks          columns of each block. Other columns also explain actions.
   /// @throws std::invalid_argument if a block does not vary.
   ActionDirections(std::span<const core::Trajectory> demonstrations,
                    std::span<const std::vector<int>> blocks);
 
   /// Returns weights of the scores of a block that give `components` components: the slow features,
-  /// slowest first, of the subspace of the first directions. All directions if there are fewer.
+  /// slowest first, of the subspace of the first directions. Uses all if there are fewer.
   [[nodiscard]] core::Matrix Weights(std::size_t block, int components) const;
 
  private:

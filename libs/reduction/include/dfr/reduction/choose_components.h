@@ -17,7 +17,7 @@ struct ComponentsScore {
   /// Fraction of the variance of actions that control::LocalFit::NominalControl() explains.
   double explained = 0.0;
   double explained_error = 0.0;  ///< Standard error of `explained` over demonstrations.
-  double action_error = 0.0;     ///< Squared error of that prediction over the squared actions.
+  double action_error = 0.0;     ///< Squared error of predicted actions over the squared actions.
   /// Squared error of the predicted change of whitened components, J u + drift, as a fraction of
   /// the squared change.
   double response_error = 0.0;
@@ -41,8 +41,8 @@ struct ChooseComponentsOptions {
 
 /// Result of ChooseComponents().
 struct ComponentsChoice {
-  std::vector<ComponentsScore> table;  ///< One row for each candidate, ascending.
-  int components = 0;                  ///< 0: refused.
+  std::vector<ComponentsScore> table;  ///< One row for each candidate that was tried, ascending.
+  int components = 0;                  ///< The chosen number; 0 if the choice was rejected.
   /// Reason for the choice, or for the rejection with its remedy.
   std::string reason;
 };
@@ -55,7 +55,7 @@ struct ComponentsChoice {
 ///
 /// Rule: among the candidates with inside >= least_inside, the smallest k whose explained share is
 /// within one standard error of the best (Breiman et al., Classification and Regression Trees,
-/// 1984, Sec. 3.4.3). The choice is rejected if no candidate has least_inside, or if
+/// 1984, Sec. 3.4.3). The choice is rejected if no candidate reaches least_inside, or if
 /// control::LocalFit::Guesses() is true for the best one. docs/decisions.md has the reasons.
 /// @param demonstrations  scores as states (T + 1 x p), actions as controls (T x m). k components
 ///   are the first beside + k scores_each columns, or all. Only the first candidate that needs all

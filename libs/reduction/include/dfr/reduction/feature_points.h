@@ -21,7 +21,7 @@ struct FeaturePointsOptions {
   std::uint64_t seed = 5;
 };
 
-/// Positions of patches in a picture: the map from pixels to 2 points numbers.
+/// Map from the pixels of a picture to the positions of patches, two numbers each.
 ///
 /// Each patch c (side x side pixels, all channels) is compared with each window w of the picture.
 /// The expected column and row under the weights softmax(-beta mean((w - c)^2)) over all windows
@@ -73,7 +73,7 @@ class FeaturePoints {
   [[nodiscard]] const core::Matrix& patches() const noexcept { return patches_; }
 
   /// Writes column and row of each patch to `positions` (size()). Never allocates, locks or throws.
-  /// For a picture of the wrong size or with a nonfinite entry, they are NaN.
+  /// For a picture of the wrong size or with a non-finite entry, all positions are NaN.
   void Apply(std::span<const float> picture, Workspace& workspace,
              std::span<double> positions) const noexcept;
 

@@ -16,7 +16,7 @@ struct PictureView {
   std::size_t stride = 0;  ///< Bytes from one row to the next, >= channels width.
 };
 
-/// Reasons for a picture without features.
+/// Reason why a picture has no features.
 enum class PictureFault {
   kNone,
   kWrongSize,  ///< Another size, number of channels or stride, or no data.

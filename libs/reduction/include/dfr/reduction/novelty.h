@@ -20,7 +20,7 @@ namespace dfr::reduction {
 /// - Hotelling's T^2 of the positions of patches (FeaturePoints), if there are any, with kRidge of
 ///   the mean variance added to each variance.
 /// A limit is kMargin times the larger of 1 and a value that the maximum over an episode exceeds in
-/// at most 5 % of the demonstrations, with mean and variances of the other four fifths.
+/// at most 5 % of the demonstrations, each measured with mean and variances of the other folds.
 ///
 /// Immutable. Concurrent calls with separate workspaces are safe.
 class Novelty {

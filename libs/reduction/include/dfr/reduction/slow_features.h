@@ -22,8 +22,8 @@ struct SlowFeatures {
 /// that maximise v' Cov(x) v / v' D v, where D is the covariance of differences within episodes.
 /// Smooth motion and values constant within an episode are slow; noise is not.
 ///
-/// D is increased by 1e-6 of the mean variance of an entry, which bounds directions without
-/// differences. Directions in which rows do not vary are dropped.
+/// The fit adds 1e-6 of the entries' mean variance to the diagonal of D, which bounds directions
+/// without differences. It drops directions in which rows do not vary.
 /// @param episodes  rows in order of time, d columns each.
 /// @throws std::invalid_argument if widths differ, there is no difference, an entry is not finite,
 ///   or all rows are equal.

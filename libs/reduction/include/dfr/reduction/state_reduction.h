@@ -34,8 +34,8 @@ namespace dfr::reduction {
 /// normalization of light (LightNormalisation; "standard", the default, is kGainAndOffset).
 /// points: averages larger pictures to 32 pixels along the longer side, unless a size is given.
 ///
-/// Immutable. Share it instead of copying it, which is slow. Concurrent calls with separate
-/// workspaces are safe.
+/// Immutable. Share one object, because copying is slow. Concurrent calls with separate workspaces
+/// are safe.
 class StateReduction {
  public:
   /// Maximum number of fitted components if the list does not give the number.
@@ -83,16 +83,16 @@ class StateReduction {
   [[nodiscard]] StateReduction Combined(std::span<const core::Matrix> weights) const;
   /// Returns the number of blocks whose requests name no number of components.
   [[nodiscard]] int num_open() const noexcept;
-  /// Returns the largest number of components of these blocks.
+  /// Returns the largest number of components of the blocks that num_open() counts.
   [[nodiscard]] int most_components() const noexcept;
-  /// Returns true if one of these blocks is a picture whose components are sums of pixels, not
-  /// points.
+  /// Returns true if a block that num_open() counts is a picture whose components are sums of
+  /// pixels, not points.
   [[nodiscard]] bool sums_open_pixels() const noexcept;
   /// Returns the columns of a reduced state in this order: those that do not depend on the number
-  /// of components, then the first component of each of these blocks, then the second of each, and
-  /// so on.
+  /// of components, then the first component of each block that num_open() counts, then the second
+  /// of each, and so on.
   [[nodiscard]] std::vector<int> InOrderOfComponents() const;
-  /// Returns, for each of these blocks, the positions of its components in that order.
+  /// Returns the positions in InOrderOfComponents() of each block that num_open() counts.
   [[nodiscard]] std::vector<std::vector<int>> PositionsInOrder() const;
 
   /// Returns the layout of unreduced states.
@@ -164,7 +164,7 @@ class StateReduction {
 
   static Reduction FitPart(Part& part, int components,
                            std::span<const core::Trajectory> demonstrations, int threads);
-  /// Returns the picture's novelty.
+  /// Reduces a picture to `out` and returns its novelty.
   static double ReducePicture(const Part& part, std::span<const float> picture,
                               FeaturePoints::Workspace* points, std::span<double> positions,
                               Novelty::Workspace& novelty, std::span<double> out) noexcept;

@@ -14,7 +14,7 @@ namespace dfr::core {
 struct AbsoluteAction {
   int action = 0;  ///< Index of the action entry.
   int state = 0;   ///< Index of the state entry that it is a target for.
-  /// False if the action only repeats the state at its time of recording.
+  /// False if the action only repeats the state with which it was recorded.
   bool leads = true;
   double correlation = 0.0;  ///< Correlation with that state entry at the same or the next step.
   double slope = 0.0;        ///< Slope of the action over that state entry; 1 for a target.

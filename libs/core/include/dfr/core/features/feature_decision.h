@@ -8,7 +8,7 @@
 namespace dfr::core {
 
 /// Adapts a decision function of features z to whole states: g_t(z(x)), l_t(z(x)). Features are
-/// gathered on the stack. Borrows `inner`, which must outlive it.
+/// gathered on the stack. Borrows `inner`, which must outlive this object.
 class FeatureDecision final : public LogDecisionFunction {
  public:
   /// @throws std::invalid_argument if there are not as many features as inner's state_dim(), or

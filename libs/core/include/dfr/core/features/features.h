@@ -67,7 +67,7 @@ class FeatureSelection {
   static FeatureSelection Of(const StateLayout& layout, std::string_view spec);
   /// Returns the same selection on states that `map` has made continuous. An entry with a
   /// StateMap::Circle becomes two features. Mapped entries that are not selected have no effect.
-  /// @throws std::invalid_argument if a state is too short for it.
+  /// @throws std::invalid_argument if a state is too short for the map.
   [[nodiscard]] FeatureSelection Mapped(StateMap map) const;
 
   [[nodiscard]] int state_dim() const noexcept { return state_dim_; }
@@ -76,7 +76,7 @@ class FeatureSelection {
   [[nodiscard]] const std::vector<int>& indices() const noexcept { return indices_; }
   /// Returns the parsed text; empty for All().
   [[nodiscard]] const std::string& spec() const noexcept { return spec_; }
-  /// Applied to states before their features are taken.
+  /// Returns the map that makes states continuous before their features are taken.
   [[nodiscard]] const StateMap& map() const noexcept { return map_; }
 
   /// Writes the derivative of each feature of `state` with respect to its entry. Never allocates.

@@ -20,7 +20,7 @@ struct Rotation {
     kQuaternion,  ///< 4 entries; q and -q are the same orientation.
     kAngle,       ///< 1 entry that jumps by a period, 2 pi or 360.
     kMatrix,      ///< 9 entries; continuous and redundant.
-    kAxisAngle,   ///< 3 entries, axis times angle; jumps at pi, or if its q changes sign.
+    kAxisAngle,   ///< 3 entries, axis times angle; jumps at pi, or if its quaternion changes sign.
     kRunning,     ///< 1 entry, unwrapped; episodes begin at one angle in several revolutions.
   };
   Kind kind = Kind::kAngle;
@@ -75,7 +75,7 @@ class RotationFinder {
     int first = 0;
     bool jumps = false;
     Eigen::Vector3d begin = Eigen::Vector3d::Zero();  // First state of the first episode.
-    // Squared errors of the jumps of a rotation vector, and of one angle beside two lengths.
+    // Squared errors of the jumps, taken as those of a rotation vector and as those of an angle.
     double as_vector = 0.0;
     double as_angle = 0.0;
   };
@@ -86,8 +86,8 @@ class RotationFinder {
     bool jumps = false;
     // True if no two consecutive states are too far apart for an angle.
     bool possible = true;
-    std::uint64_t occupied[2] = {};  // Occupied parts of 128 equal parts of the circle.
-    // Angles at which episodes begin.
+    std::uint64_t occupied[2] = {};  // One bit per 128th of the circle, 1 if occupied.
+    // Range of the angles at which episodes begin, and sums of their cosines and sines.
     double first_low = 0.0;
     double first_high = 0.0;
     double cosines = 0.0;

@@ -36,7 +36,7 @@ class StateMap {
     [[nodiscard]] std::array<double, 2> Tangent(double angle) const noexcept;
   };
 
-  /// The identity.
+  /// Creates the identity map.
   StateMap() = default;
   /// @throws std::invalid_argument if an entry is negative, a reference is not a unit quaternion, a
   ///   centre is not finite, or a period not positive and finite.
@@ -56,12 +56,12 @@ class StateMap {
   [[nodiscard]] const std::vector<Circle>& circles() const noexcept { return circles_; }
   /// Returns the circle of an entry; null if it has none.
   [[nodiscard]] const Circle* FindCircle(int entry) const noexcept;
-  /// Returns the minimum number of entries of a state.
+  /// Returns the minimum number of entries of a state that this map accepts.
   [[nodiscard]] int least_state_dim() const noexcept;
 
   /// Returns the mapped value of one entry.
   [[nodiscard]] double Value(std::span<const double> state, int entry) const noexcept;
-  /// Returns the derivative of that value with respect to the entry: 1 or -1.
+  /// Returns the derivative of Value() with respect to the entry: 1 or -1.
   [[nodiscard]] double Slope(std::span<const double> state, int entry) const noexcept;
   /// Maps a state in place.
   void Apply(std::span<double> state) const noexcept;

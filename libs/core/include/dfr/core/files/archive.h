@@ -17,8 +17,8 @@ namespace dfr::core {
 /// doubles keep all bits.
 class ArchiveWriter {
  public:
-  /// `kind` names the content, for example "mlp-policy". `version` increases whenever the values
-  /// change.
+  /// `kind` names the content, for example "mlp-policy". `version` increases whenever the sequence
+  /// of values changes.
   ArchiveWriter(std::string_view kind, int version);
 
   void Integer(std::int64_t value);
@@ -58,7 +58,7 @@ class ArchiveReader {
   /// Checks that no value is left.
   void End();
 
-  /// Call before creating `count` objects of `bytes_each` each at the file's request. Fails if the
+  /// Call before creating `count` objects of `bytes_each` bytes at the file's request. Fails if the
   /// file is too small to justify that amount. `what` names the objects in the message.
   void Spend(std::uint64_t count, std::uint64_t bytes_each, const char* what);
 

@@ -5,8 +5,8 @@
 namespace dfr::core {
 
 /// Limit on the cost of reading a file. A reader takes from the budget before it allocates or
-/// computes at the file's request, which prevents a small file from requesting much. The file size
-/// bounds the cost: kAllowance + kPerByte bytes for each byte of the file.
+/// computes at the file's request, which prevents a small file from requesting much. The limit is
+/// kAllowance bytes, and kPerByte more for each byte of the file.
 class ReadBudget {
  public:
   static constexpr std::uint64_t kAllowance = std::uint64_t{64} << 20;

@@ -8,7 +8,7 @@ namespace dfr::core {
 // takes the compiler up to several seconds. They allocate. Matrices may have any size, including
 // 0 x 0 unless documented otherwise. Thread-safe.
 
-/// Returns a b. Copies a row-major matrix or an expression first.
+/// Returns the product a b. Copies a row-major matrix or an expression first.
 [[nodiscard]] Eigen::MatrixXd Multiply(const Eigen::Ref<const Eigen::MatrixXd>& a,
                                        const Eigen::Ref<const Eigen::MatrixXd>& b);
 
@@ -40,8 +40,8 @@ struct SymmetricEigen {
 /// Returns the Moore-Penrose inverse, which is the inverse of an invertible matrix.
 [[nodiscard]] Eigen::MatrixXd PseudoInverse(const Eigen::MatrixXd& a);
 
-/// Returns an orthonormal basis of the columns of a matrix with at least as many rows, in order (QR
-/// decomposition without pivoting).
+/// Returns an orthonormal basis of the columns of `a`, in their order (QR decomposition without
+/// pivoting). `a` must have at least as many rows as columns.
 [[nodiscard]] Eigen::MatrixXd OrthonormalBasis(const Eigen::MatrixXd& a);
 
 }  // namespace dfr::core

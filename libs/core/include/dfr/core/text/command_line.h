@@ -49,8 +49,8 @@ void CheckNumbers(App& app) {
 }
 
 /// Describes the first list in `arguments` with an empty entry, such as "1,,2"; "" if there is
-/// none. CLI11 skips such entries: a forgotten one would shift the others. `App` has the interface
-/// of CLI::App (CLI11).
+/// none. CLI11 skips such entries: a forgotten value would shift all later ones. `App` has the
+/// interface of CLI::App (CLI11).
 template <typename App>
 std::string DescribeEmptyEntry(const App& program, std::span<const std::string> arguments) {
   const auto is_list = [](const auto* option) {
@@ -184,9 +184,9 @@ void CheckOutputs(App& app) {
   });
 }
 
-/// Calls CheckNumbers() and CheckOutputs(), and gives a usage error one line, with the closest name
-/// of an unknown command or option. Call this after all options are added. `arguments` must outlive
-/// the parse.
+/// Calls CheckNumbers() and CheckOutputs(). Usage errors take one line, which suggests the closest
+/// name for an unknown command or option. Call this after all options are added. `arguments` must
+/// outlive the parse.
 template <typename App>
 void CheckArguments(App& app, std::span<const std::string> arguments) {
   app.failure_message([arguments](const App* program, const auto& error) {

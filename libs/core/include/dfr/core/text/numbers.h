@@ -26,8 +26,8 @@ template <std::integral T>
   return value;
 }
 
-/// Returns whether the text is meant as a number, valid or not. Such a text starts with a digit
-/// after an optional sign and point, or is NaN or infinity. A column heading is not one.
+/// Returns true if the text is meant as a number, valid or not: if it starts with a digit after an
+/// optional sign and point, or is NaN or infinity. Distinguishes samples from column headings.
 [[nodiscard]] bool LooksLikeNumber(std::string_view text) noexcept;
 
 }  // namespace dfr::core
