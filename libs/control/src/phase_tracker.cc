@@ -29,7 +29,7 @@ void PhaseTracker::Advance(std::span<const double> z, double l, bool may_wait) n
   const int before = phase_;
   const int next = before + 1;
   const int last = support_->num_steps() - 1;
-  phase_ = may_wait ? before : next;  // No level is finite.
+  phase_ = may_wait ? before : next;  // Result if no level is finite.
   double best = kNowhere;
   if (next <= last) Take(next, next, l, best);
   if (may_wait) Take(before, next, support_->LogDecision(before, z, {}), best);

@@ -27,7 +27,7 @@ Eigen::MatrixXd GradientProducts(const Eigen::MatrixXd& x, const Eigen::MatrixXd
   Eigen::MatrixXd kernel = -2.0 * core::Multiply(scaled, x.transpose());
   kernel.colwise() += norms;
   kernel.rowwise() += norms.transpose();
-  const double unit = kernel.mean();  // Squared length of the kernel.
+  const double unit = kernel.mean();  // Squared length scale of the kernel.
   if (!(unit > 0.0)) return Eigen::MatrixXd::Identity(x.cols(), x.cols());
   kernel = (kernel.array() / (-2.0 * unit)).min(0.0).exp().matrix();
   Eigen::MatrixXd regular = kernel;

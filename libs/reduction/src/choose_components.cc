@@ -28,11 +28,11 @@ struct Sums {
   double inside = 0.0;
   double states = 0.0;
   double guessed = 0.0;  // Number of actions with neighbours for the regression.
-  Eigen::VectorXd v;     // Sum of these actions.
-  double squares = 0.0;  // Sum of their squares.
-  double missed = 0.0;   // Sum of squared errors.
+  Eigen::VectorXd v;     // Sum of the actions with neighbours.
+  double squares = 0.0;  // Sum of the squares of these actions.
+  double missed = 0.0;   // Sum of squared errors of the regression.
   double changes = 0.0;  // Sum of squared changes of components.
-  double wrong = 0.0;    // Sum of squared errors of their predictions.
+  double wrong = 0.0;    // Sum of squared errors of predicted changes.
 };
 
 ComponentsScore Score(int components, const std::vector<Sums>& each) {
@@ -204,7 +204,7 @@ class Judge {
   std::size_t stride_ = 1;
   std::vector<std::size_t> order_;
   core::Folds folds_;
-  std::vector<ActionDirections> directions_;  // One per fold, if by actions.
+  std::vector<ActionDirections> directions_;  // One per fold; none without by_actions.
 };
 
 void Check(std::span<const core::Trajectory> demonstrations,

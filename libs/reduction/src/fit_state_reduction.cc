@@ -50,7 +50,7 @@ std::optional<LightNormalisation> ParseLight(std::string_view text) {
 // A reduced block in a list of features.
 struct Asked {
   std::string name;
-  int components = 0;  // 0: left open.
+  int components = 0;  // 0: the caller chooses.
   std::optional<ImageFeaturesOptions> picture = {};
 };
 

@@ -140,7 +140,7 @@ struct Guard::Episode {
   std::vector<double> bounded;                                    // `proposed` within the limits.
   std::vector<double> given;                                      // Result of the last Filter().
   std::vector<double> chosen;                                     // Control of the controller.
-  std::optional<reduction::StateReduction::Workspace> workspace;  // If states are reduced.
+  std::optional<reduction::StateReduction::Workspace> workspace;  // Set if states are reduced.
   int next = 0;
   int entry = -1;  // First entry of the invalid quaternion.
   // A picture of the last state resembles no demonstration, or a constant entry differs.

@@ -104,7 +104,7 @@ double AscendSupport(const LocalModel& model, const StepTarget& target, const St
     const double reached =
         LevelAfter(model, target.phase, v, after, {next_gradient.data(), model.z.size()});
     if (reached <= there.level) {
-      // Only clamping to a limit can cause this.
+      // Only clamping to a limit can prevent a gain.
       v = before;
       break;
     }

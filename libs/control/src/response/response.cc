@@ -91,7 +91,7 @@ Response::Response(const FeatureTrajectories& demonstrations, const ResponseOpti
   }
   for (const FewValues& entry : values) {
     values_.push_back(entry.values());
-    // One value needs no choice.
+    // An entry with a single value leaves no choice.
     if (values_.back().size() == 1) values_.back().clear();
   }
   prior_ = std::make_shared<const TransitionStore>(demonstrations.points, controls, options,

@@ -77,9 +77,9 @@ std::uint64_t CoarseBits(double value) {
   return bits;
 }
 
-// `parts_of(d)` returns the content of demonstration d. The sorted order is shuffled because its
-// neighbours start alike. The seed includes the entries that decided the sort. With `seed` alone,
-// the first few would always be the same ranks, which is not a random sample of demonstrations.
+// Sorts demonstrations by their contents `parts_of(d)`, then shuffles them, because neighbours in
+// this order start alike. The seed of the shuffle includes the entries that decided the sort: with
+// `seed` alone, the first few would always be the same ranks, not a random sample.
 template <typename PartsOf>
 std::vector<std::size_t> Order(std::size_t demonstrations, std::uint64_t seed,
                                const PartsOf& parts_of) {

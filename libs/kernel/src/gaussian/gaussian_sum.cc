@@ -69,7 +69,7 @@ template <typename T>
   return total.Value();
 }
 
-// Number of features summed together in the second pass: the term is loaded once for all of them.
+// Number of features summed together in the second pass, which loads each term once for all.
 constexpr std::size_t kFeatures = 4;
 
 // Adds sum_i term_i (s'_i - x') of kCount features from `first` on to `sum`: in groups of kGroup

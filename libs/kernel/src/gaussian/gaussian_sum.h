@@ -30,7 +30,7 @@ template <typename T>
   return terms.functions.sum(terms, x);
 }
 
-/// GaussianSum() of `count` queries, concatenated in `x`; the same bits.
+/// Writes GaussianSum() of `count` queries, concatenated in `x`, with the same bits.
 template <typename T>
 void GaussianSums(const SumBlock<T>& terms, const T* x, std::size_t count, T* sums) noexcept {
   terms.functions.sums(terms, x, count, sums);
@@ -57,9 +57,9 @@ void GaussianRow(const GaussianTerms<T>& terms, const T* x, T* row) noexcept {
   terms.functions.row(terms, x, row);
 }
 
-/// GaussianRow() of the points of all terms, which must have no weights, and the sum of each row.
-/// Same bits, but computes only half of the values. `rows` has num_blocks * kLanes rows, of which
-/// the last few are undefined. `sums` has one entry per row; `point` provides dim entries of
+/// Writes GaussianRow() of the points of all terms, which must have no weights, and each row's sum.
+/// Computes only half of the values, with the same bits. `rows` has num_blocks * kLanes rows, of
+/// which the last few are undefined. `sums` has one entry per row; `point` provides dim entries of
 /// scratch memory.
 template <typename T>
 void AllGaussianRows(const GaussianTerms<T>& terms, T* point, T* rows, T* sums) noexcept {

@@ -100,8 +100,8 @@ struct GaussianTerms {
   static constexpr std::size_t kLanes = 64 / sizeof(T);
 
   GaussianTerms() = default;
-  /// One term per row of `points`. Empty `weights`: all are one.
-  /// @pre weights are positive and as many as points, or none; gamma > 0
+  /// Creates one term per row of `points`. Empty `weights`: all are one.
+  /// @pre weights are positive, one per point or none; gamma > 0
   GaussianTerms(const core::Matrix& points, std::span<const double> weights, double gamma)
       : GaussianTerms(points, Extent(points), weights, gamma) {}
   /// Same as above, if the extent of `points` is known.
@@ -138,7 +138,7 @@ struct GaussianTerms {
 /// Bounding boxes of groups of successive terms, scaled like the terms.
 template <typename T>
 struct GroupBoxes {
-  static constexpr std::size_t kGroup = 64;  ///< terms
+  static constexpr std::size_t kGroup = 64;  ///< Number of terms of a group.
 
   /// @pre the terms fill whole groups
   explicit GroupBoxes(const GaussianTerms<T>& terms);

@@ -28,7 +28,7 @@ class Distances {
 
  private:
   GaussianTerms<T> terms_;
-  AlignedVector<T> exponents_;  // of terms_: -|x_i - x_j|^2
+  AlignedVector<T> exponents_;  // -|x_i - x_j|^2, in rows of terms_
   std::vector<unsigned char> known_;
   std::vector<T> point_;
 };

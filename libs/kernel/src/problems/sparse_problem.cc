@@ -248,7 +248,7 @@ bool SparseProblem<T>::AddToGradient(std::span<const std::size_t> places,
   return true;
 }
 
-// Computes rows of these active samples as far as memory allows.
+// Computes the rows of the `wanted` active samples as far as memory allows.
 template <typename T>
 void SparseProblem<T>::ComputeAhead(std::span<const std::size_t> wanted) {
   std::vector<std::size_t> missing;

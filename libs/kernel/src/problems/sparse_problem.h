@@ -64,7 +64,7 @@ class SparseKernel {
     std::vector<std::uint32_t> groups;
     AlignedVector<T> values;
     std::size_t count = 0;     // number of groups
-    std::size_t computed = 0;  // number of kernel values
+    std::size_t computed = 0;  // number of computed kernel values
     [[nodiscard]] SparseRow<T> row() const { return {groups.data(), values.data(), count}; }
   };
   /// Computes the row of x' = `point`.

@@ -70,7 +70,7 @@ struct KktBounds {
   }
 };
 
-/// alpha' G / 2.
+/// Returns alpha' G / 2.
 [[nodiscard]] inline double Objective(std::span<const double> alpha,
                                       std::span<const double> gradient) {
   double sum = 0.0;

@@ -27,7 +27,7 @@ namespace {
 
 // From this number of samples on, a fit to a part of them provides the start.
 constexpr Eigen::Index kManySamples = 4000;
-// The same above this number for a large nu. Smaller kernel matrices can be stored whole.
+// The limit for a large nu: the whole kernel matrix of up to this many samples can be stored.
 constexpr Eigen::Index kMostWhole = 2048;
 
 // AddGaussianRows(), distributed over the workers. Each entry sums in the same order for any number

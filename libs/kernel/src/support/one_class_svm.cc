@@ -261,7 +261,7 @@ OneClassSvm::OneClassSvm(std::shared_ptr<const Data> data) noexcept : data_(std:
 
 OneClassSvm OneClassSvm::Fit(const Eigen::Ref<const core::Matrix>& samples,
                              const OneClassSvmOptions& options, FitSummary* summary) {
-  // Small fits of one thread share memory. A fit that `progress` starts within another has its own.
+  // Small fits of one thread share memory. A fit that `progress` starts within a fit does not.
   constexpr std::size_t kMostKept = std::size_t{1} << 19;
   thread_local internal::Scratch kept;
   internal::Scratch scratch = std::exchange(kept, internal::Scratch());

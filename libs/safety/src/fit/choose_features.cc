@@ -168,7 +168,7 @@ std::vector<int> MovedByPassed(const core::FeatureSelection& features, const Act
     const double by_steered = Left(x.leftCols(2 + steered), change[k]);
     const double by_passed = Left(x(Eigen::all, without_steered), change[k]);
     const double by_both = Left(x, change[k]);
-    // Steered entries often move at the same time as passed ones, and then explain them in part.
+    // Steered entries often move together with passed entries, and then explain part of the change.
     if (by_steered > kRounding * all && by_passed - by_both <= fit::kSteeredExplain * alone &&
         by_steered - by_both > fit::kPassedExplain * by_steered) {
       moved.push_back(features.indices()[k]);

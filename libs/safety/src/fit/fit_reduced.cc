@@ -187,7 +187,7 @@ std::shared_ptr<GuardModel> GuardModel::FitReduced(const core::StateLayout& layo
         std::make_shared<const StateReduction>(open ? Components::Reduction(candidates[i]) : all);
     GuardOptions own = options;
     own.features = reduction->features();
-    own.accept_any = true;  // Checked here.
+    own.accept_any = true;  // Checked below, by Suffices().
     const int features =
         core::FeatureSelection(reduction->reduced_layout(), own.features).num_features();
     own.support.svm.gamma *= std::min(1.0, fit::kFeaturesOfGamma / features);

@@ -105,10 +105,10 @@ std::vector<std::string> Warnings(const GuardModel& model) {
 
 namespace {
 
-// Describes features that repeat others or are linear functions of one; "" if there are none.
+// Describes features that are copies or linear functions of another one; "" if there are none.
 std::string DescribeRepeated(const GuardModel& model,
                              std::span<const core::Trajectory> demonstrations) {
-  constexpr double kRedundant = 1e-9;  // Fraction of the variance that the other feature leaves.
+  constexpr double kRedundant = 1e-9;  // Fraction of the variance that remains unexplained.
   constexpr std::size_t kMostNamed = 3;
   const core::FeatureSelection& selection = model.task().features().selection();
   const Eigen::Index n = selection.num_features();

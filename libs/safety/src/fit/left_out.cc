@@ -19,9 +19,9 @@ struct Sums {
   double changed = 0.0;
   double outside = 0.0;
   double guessed = 0.0;     // Number of actions with a prediction.
-  Eigen::VectorXd v;        // Sum of these actions.
+  Eigen::VectorXd v;        // Sum of the actions with a prediction.
   Eigen::VectorXd squares;  // Sum of the squares of each entry.
-  Eigen::VectorXd missed;   // Sum of squared errors.
+  Eigen::VectorXd missed;   // Sum of squared errors of the predictions.
 
   [[nodiscard]] Replay Shares() const {
     if (!(count > 0.0)) return {};

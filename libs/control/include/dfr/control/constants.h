@@ -37,7 +37,7 @@ inline constexpr int kPowerIterations = 30;
 /// StateObserver: smallest weight of an observation. With a smaller one the estimate would ignore
 /// observations.
 inline constexpr double kLeastWeight = 0.2;
-/// StateObserver: rejects a lag with more than this multiple of the least squared error of all lags.
+/// StateObserver: rejects a lag whose squared error exceeds this multiple of the least one.
 inline constexpr double kEvidence = 2.0;
 /// Squared errors below this fraction of the squared changes, 1 % of each change, are attributed to
 /// rounding and the ridge, not to a lag or noise.

@@ -33,7 +33,7 @@ enum class HaltCause {
   kPlantRefused,    ///< core::PlantStatus::kRefused
   kPlantFault,      ///< core::PlantStatus::kFault
   kStepSkipped,     ///< A call was lost or repeated, so the last applied control is unknown.
-  kStopRequested,   ///< The caller requested it.
+  kStopRequested,   ///< The caller requested the halt.
 };
 inline constexpr int kNumHaltCauses = static_cast<int>(HaltCause::kStopRequested) + 1;
 
@@ -51,8 +51,8 @@ struct Step {
   /// Gate of the learned control: Algorithm 1 compares g with it. Guided recovery compares
   /// log_learned with log_threshold. NaN without a gate.
   double threshold = std::numeric_limits<double>::quiet_NaN();
-  /// l_t(x), the logarithmic form of g_t(x), and that of the threshold. NaN if the controller does
-  /// not use l.
+  /// l_t(x), the logarithmic form of g_t(x), and the logarithmic form of the threshold. NaN if the
+  /// controller does not use l.
   double log_g = std::numeric_limits<double>::quiet_NaN();
   double log_threshold = std::numeric_limits<double>::quiet_NaN();
   /// Predicted l_{t+1} of the learned control. NaN if the controller did not predict it.

@@ -21,10 +21,10 @@ namespace dfr::control {
 /// Borrows the support. Never allocates, locks or throws; one object belongs to one thread.
 class PhaseTracker {
  public:
-  /// Number of phases searched on either side of the expected one.
+  /// Number of phases searched on either side of the expected phase.
   static constexpr int kWindow = 3;
-  /// Penalty in l per phase of distance from the expected one. It is so small that it decides only
-  /// within wide supports.
+  /// Penalty in l per phase of distance from the expected phase. It is so small that it decides
+  /// only within wide supports.
   static constexpr double kPenalty = 0.05;
 
   explicit PhaseTracker(const core::LogDecisionFunction& support) : support_(&support) {}
@@ -36,7 +36,7 @@ class PhaseTracker {
   void Advance() noexcept;
   /// Records a control that is predicted to end at `z`, outside the support of phase() + 1, where
   /// its level is `l`. Moves to the phase whose support fits `z` best, from phase() + 1 (phase() if
-  /// `may_wait`) to phase() + kWindow. If no level is finite, moves to the first of these.
+  /// `may_wait`) to phase() + kWindow. If no level is finite, moves to the first of these phases.
   void Advance(std::span<const double> z, double l, bool may_wait) noexcept;
   /// Moves to the phase whose support, of all supports, contains `z` most deeply. @returns false if
   /// no support contains `z`; the phase then stays.

@@ -42,7 +42,7 @@ class Random {
   /// Fills `direction` with a uniformly distributed unit vector. @pre not empty
   void Direction(std::span<double> direction) noexcept;
 
-  /// Fisher-Yates shuffle.
+  /// Shuffles `items` (Fisher-Yates).
   template <typename T>
   void Shuffle(std::span<T> items) noexcept {
     for (std::size_t i = items.size(); i > 1; --i) std::swap(items[i - 1], items[Below(i)]);

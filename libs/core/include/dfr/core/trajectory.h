@@ -40,7 +40,7 @@ struct Trajectory {
   Matrix states;    ///< (T + 1) x state_dim
   Matrix controls;  ///< T x control_dim
   Outcome outcome = Outcome::kHalted;
-  std::uint64_t seed = 0;  ///< The plant's Reset() seed.
+  std::uint64_t seed = 0;  ///< Seed of the plant's Reset().
 
   [[nodiscard]] int num_steps() const noexcept { return static_cast<int>(controls.rows()); }
 };

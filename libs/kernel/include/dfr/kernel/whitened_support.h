@@ -23,8 +23,8 @@ struct WhitenedSupportOptions {
   double phase_ridge = 0.3;  ///< Added to each time step's covariance before inversion, > 0.
   bool phase_whitening = true;
   /// If true, the covariance of each time step is that of states about their neighbours
-  /// (core::LocalScatter()), which for several ways is the covariance within one way. If false, it
-  /// is the covariance about their mean.
+  /// (core::LocalScatter()). With several ways, this is the covariance within one way. If false, it
+  /// is the covariance of the states about their mean.
   bool local = true;
   /// Evaluates in float, in about half the time; see OneClassSvm::InSinglePrecision() for the
   /// error. Not for certificates, which need full precision.

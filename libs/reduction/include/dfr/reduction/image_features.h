@@ -24,7 +24,7 @@ enum class PictureFault {
   kFrozen,     ///< The bytes equal those of the previous pictures: a working sensor has noise.
 };
 
-/// Order of the channels of a colour picture: OpenCV's, or that of datasets.
+/// Order of the channels of a colour picture: BGR as in OpenCV, or RGB as in datasets.
 enum class ChannelOrder { kBgr, kRgb };
 
 /// Normalization of the light of a picture by ImageFeatures.
@@ -45,7 +45,7 @@ struct ImageFeaturesOptions {
   int crop_y = 0;
   int crop_width = 0;
   int crop_height = 0;
-  /// Size after the reduction, at most that of the used part; 0: the same.
+  /// Size after averaging, at most the size of the used part; 0: the same size.
   int out_width = 0;
   int out_height = 0;
   bool grey = false;  ///< Converts three channels to one, 0.299 R + 0.587 G + 0.114 B.

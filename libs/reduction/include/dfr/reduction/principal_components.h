@@ -15,8 +15,8 @@ struct PrincipalComponentsOptions {
   /// Random directions beyond `components`, >= 0. More directions make the last components more
   /// accurate.
   int oversampling = 16;
-  /// Passes that multiply by the covariance, >= 1. After q of them the angle between component i
-  /// and its estimate is about (v_l / v_i)^q, with variances v and l = components + oversampling.
+  /// Number of passes that multiply by the covariance, >= 1. After q passes, the angle of component
+  /// i to its estimate is about (v_l / v_i)^q, with variances v and l = components + oversampling.
   int power_iterations = 3;
   /// The scale of an entry is its standard deviation, and at least this fraction of the root mean
   /// square over all entries, in [0, 1]. It bounds the noise of entries that barely vary. Use 1 for

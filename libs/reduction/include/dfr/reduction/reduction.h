@@ -20,7 +20,7 @@ namespace dfr::reduction {
 /// double: the type of x does not change z.
 class Reduction {
  public:
-  /// Maximum d and k.
+  /// Maximum d and maximum k.
   static constexpr int kMaxInputs = 1 << 20;
   static constexpr int kMaxComponents = 256;
 

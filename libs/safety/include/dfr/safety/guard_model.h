@@ -128,8 +128,8 @@ struct GuardOptions {
   /// Fraction of the demonstrations, in [0, .5], that is held out of the fit and determines the
   /// alarm level and the constants of certificates. 0: cross-validation.
   double hold_out = 0.0;
-  /// GuardSettings::direction_error as a multiple of the demonstrated one, > 0, because a policy
-  /// requests controls that differ from demonstrated ones.
+  /// GuardSettings::direction_error as a multiple of the demonstrated error, > 0, because a policy
+  /// requests controls that differ from demonstrated controls.
   double error_factor = 2.0;
   /// Fits even if almost no state of left-out demonstrations is inside, or if a guard with
   /// components would stop the demonstrator. Such a guard halts almost every policy.
@@ -172,7 +172,7 @@ struct SensorGroup {
 /// step, lambda, the response of states to actions, and the settings. Stored in one file. Its use
 /// needs only Eigen and Highway.
 ///
-/// Immutable; guards on several threads share one.
+/// Immutable; guards on several threads can share one model.
 class GuardModel {
  public:
   /// Fits a model to demonstrations with states of this `layout`.
@@ -204,7 +204,7 @@ class GuardModel {
     return reduction_ ? reduction_->layout() : layout_;
   }
   [[nodiscard]] int state_dim() const noexcept { return layout().state_dim(); }
-  /// Returns the map from states to those of task() and support(); null for the identity.
+  /// Returns the map from states to the states of task() and support(); null for the identity.
   [[nodiscard]] const reduction::StateReduction* reduction() const noexcept {
     return reduction_.get();
   }
@@ -290,7 +290,7 @@ class GuardModel {
   GuardSettings settings_;
   GuardSummary summary_;
   std::shared_ptr<const TaskModel> task_;
-  std::optional<core::FeatureSelection> constant_entries_;  // Empty: there are none.
+  std::optional<core::FeatureSelection> constant_entries_;  // Empty if no entry is constant.
   std::vector<double> constants_;                           // Values of constant_entries_.
   std::optional<core::FeatureTransform> context_;
   std::vector<SensorGroup> sensor_groups_;

@@ -110,7 +110,7 @@ class TaskModel {
   [[nodiscard]] const core::LogDecisionFunction& guided_support() const noexcept;
   /// Returns the map from a whole state to z of guided recovery.
   [[nodiscard]] const core::FeatureTransform& features() const noexcept;
-  /// Returns g_t of z.
+  /// Returns the support of the features z.
   [[nodiscard]] const kernel::WhitenedSupport& feature_support() const noexcept;
   [[nodiscard]] const control::Levels& levels() const noexcept;
   [[nodiscard]] const control::Response& response() const noexcept;

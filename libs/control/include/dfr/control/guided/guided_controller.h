@@ -73,7 +73,7 @@ class GuidedController final : public Controller {
   [[nodiscard]] Step Look() noexcept;
   /// Chooses v_ from the learned control `u`. Writes it to `u` if it differs.
   [[nodiscard]] Step Decide(Step step, std::span<double> u) noexcept;
-  /// Looks up the phase again if the episode is stuck outside the support of the present one.
+  /// Looks up the phase again if the episode is stuck outside the support of the present phase.
   void Relocate() noexcept;
   [[nodiscard]] bool DeepInside(double level) const noexcept;
   void Advance(double level) noexcept;

@@ -10,8 +10,8 @@
 namespace dfr::control {
 
 /// Options for GuidedController: properties of the task, then five constants for all tasks, and
-/// switches for ablations. Levels are values of l, controls are in units of the root mean square of
-/// the demonstrated ones.
+/// switches for ablations. Levels are values of l. Controls are in units of the root mean square of
+/// demonstrated controls.
 struct GuidedOptions {
   int horizon = 100;        ///< T: number of the learned policy's time steps in an episode, > 0.
   int first_step = 0;       ///< First time step and phase of an episode, in [0, T).
@@ -43,7 +43,7 @@ struct GuidedOptions {
   /// (ResponseOptions), >= 0. 0: J comes from demonstrations alone.
   double online_weight = 1.0;
   /// For ablations. Tries the nominal control of nearby demonstrations before changing the learned
-  /// one.
+  /// control.
   bool demonstrated = true;
   /// For ablations. Estimates a drift if demonstrations show one (Response::has_drift()).
   bool drift = true;

@@ -33,7 +33,7 @@ class SafetyFilter {
   [[nodiscard]] Choice Filter(LocalFit& fit, const StepTarget& target, double pass_level,
                               Eigen::VectorXd& v) noexcept;
 
-  /// Returns the exit level >= 0: a control that passes may end outside by at most this.
+  /// Returns the exit level >= 0: a control that passes may end outside by at most this level.
   [[nodiscard]] double max_exit_level() const noexcept { return max_exit_level_; }
 
  private:

@@ -36,9 +36,9 @@ class StateObserver {
   }
   /// Returns the delay of effects in controls, in [0, kMaxLag].
   [[nodiscard]] int lag() const noexcept { return lag_; }
-  /// Replaces the observed features `z` by those after all pending controls: a weighted mean of
-  /// observed and expected ones, plus the effects of these controls by `fit`. Call it once at the
-  /// start and after each Update().
+  /// Replaces the observed features `z` by the features after all pending controls: a weighted mean
+  /// of observed and expected features, plus the effects of these controls by `fit`. Call it once
+  /// at the start and after each Update().
   void Observe(const LocalFit& fit, Eigen::Ref<Eigen::VectorXd> z) noexcept;
 
  private:

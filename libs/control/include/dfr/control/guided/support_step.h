@@ -52,7 +52,7 @@ struct StepLimits {
   [[nodiscard]] bool HasFewValues(Eigen::Index k) const noexcept {
     return !values.empty() && !values[static_cast<std::size_t>(k)].empty();
   }
-  /// Moves each entry with few values to the nearest one.
+  /// Moves each entry with few values to the nearest of these values.
   void Snap(Eigen::VectorXd& v) const noexcept;
 };
 

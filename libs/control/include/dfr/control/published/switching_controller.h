@@ -49,8 +49,8 @@ struct SwitchingControllerOptions {
 /// outside B_{t+1}, where this controller halts.
 class SwitchingController final : public Controller {
  public:
-  /// Borrows policy and support, which must outlive this. `lambda` has one value per time step, as
-  /// EstimateLambda() returns, or a single value. Later time steps use the last one.
+  /// Borrows policy and support, which must outlive this object. `lambda` has one value per time
+  /// step, as EstimateLambda() returns, or a single value. Later time steps use the last value.
   /// Recovery::kNone ignores the support's values and lambda.
   /// @throws std::invalid_argument naming the argument whose size differs, the lambda that is not
   /// positive and finite, or the option that is out of range.

@@ -23,7 +23,7 @@ struct FeatureTrajectories {
 
   std::vector<core::Matrix> points;
   std::vector<core::Matrix> controls;
-  /// The contexts of TransitionStore; empty: there are none.
+  /// The contexts for TransitionStore; empty if there are none.
   std::vector<core::Matrix> contexts;
 };
 

@@ -68,7 +68,7 @@ class TransitionStore {
   struct Workspace {
     Eigen::VectorXf z;  ///< Padded with zeros to the width of a row.
     int first = 0;      ///< First transition with a nearby time step.
-    int rows = 0;       ///< Number of these transitions.
+    int rows = 0;       ///< Number of transitions with a nearby time step.
     Eigen::VectorXf distances;
     Eigen::VectorXd weights;  ///< One per transition, without `factor`.
     double factor = 1.0;      ///< Factor of the weights in sums for J.

@@ -33,7 +33,7 @@ struct SymmetricEigen {
 /// Reads only the lower triangle. If `a` is singular, x solves as many equations as possible.
 [[nodiscard]] Eigen::MatrixXd SolveSymmetric(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
 
-/// Returns the x that minimizes |a x - b|^2, and of these the shortest (complete orthogonal
+/// Returns the shortest x among those that minimize |a x - b|^2 (complete orthogonal
 /// decomposition).
 [[nodiscard]] Eigen::MatrixXd SolveLeastSquares(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
 

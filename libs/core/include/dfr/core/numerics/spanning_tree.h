@@ -11,7 +11,7 @@ namespace dfr::core {
 struct Link {
   std::size_t from = 0;     ///< Row that was already in the tree.
   std::size_t to = 0;       ///< Row that this link added.
-  double length = 0.0;      ///< Euclidean distance between the two.
+  double length = 0.0;      ///< Euclidean distance between the two rows.
   std::size_t members = 1;  ///< Number of rows on the side of `to` after cutting the link.
 };
 
