@@ -15,8 +15,8 @@ inline constexpr int kMostDoublings = 2;
 /// compared at kCoarseSteps time steps, with kLeftOutside of the left-out states outside.
 inline constexpr int kCoarseSteps = 12;
 inline constexpr double kLeftOutside = 0.1;
-/// Required fraction of left-out states inside. With a smaller fraction, the fit doubles the number
-/// of pooled time steps, at most kMostWidenings times.
+/// Required fraction of left-out states inside. With a smaller fraction, the fit doubles the range
+/// of time steps that an estimate pools, at most kMostWidenings times.
 inline constexpr double kWantedInside = 0.85;
 inline constexpr int kMostWidenings = 2;
 /// GuardSettings::max_actions of a fit, relative to the horizon.

@@ -21,8 +21,8 @@ struct GuidedOptions {
   /// Durations of controls, if something else moves the world. |v| = 1 is an ordinary control.
   DisturbanceModel disturbance_model = {};
 
-  /// Maximum number of gradients of l in one step, >= 0. A smaller number is faster, but it
-  /// corrects controls that lead far outside less. 0 leaves the learned control unchanged.
+  /// Maximum number of gradients of l in one step, >= 0. A smaller number is faster, but may be too
+  /// few if a control leads far outside. 0 leaves the learned control unchanged.
   int iterations = 6;
   /// If no control is predicted to end inside, the best one passes if it ends outside by at most
   /// this multiple of Levels::slack(), and at most .8. An offset that no control can correct, such
