@@ -2,16 +2,10 @@
 
 #include <algorithm>
 #include <cassert>
-#include <cmath>
+
+#include "dfr/core/matrix.h"
 
 namespace dfr::control {
-namespace {
-
-bool AllFinite(std::span<const double> values) noexcept {
-  return std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); });
-}
-
-}  // namespace
 
 const char* Name(Mode mode) noexcept {
   switch (mode) {
@@ -82,7 +76,7 @@ void Controller::Stop(HaltCause cause) noexcept {
 
 Step Controller::Next(std::span<const double> x, std::span<double> u) noexcept {
   if (cause_ == HaltCause::kNone) {
-    if (static_cast<int>(x.size()) != state_dim() || !AllFinite(x)) {
+    if (static_cast<int>(x.size()) != state_dim() || !core::AllFinite(x)) {
       cause_ = HaltCause::kStateInvalid;
     } else if (static_cast<int>(u.size()) != control_dim()) {
       cause_ = HaltCause::kControlInvalid;
@@ -91,7 +85,7 @@ Step Controller::Next(std::span<const double> x, std::span<double> u) noexcept {
       if (last_.mode == Mode::kHalt) {
         assert(last_.cause != HaltCause::kNone);
         cause_ = last_.cause;
-      } else if (!AllFinite(u)) {
+      } else if (!core::AllFinite(u)) {
         cause_ = HaltCause::kControlInvalid;
       }
     }

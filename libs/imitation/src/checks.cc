@@ -1,6 +1,5 @@
 #include "checks.h"
 
-#include <algorithm>
 #include <cmath>
 
 #include "dfr/core/contract.h"
@@ -14,10 +13,6 @@ void CheckFinite(const core::Matrix& rows, std::string_view name) {
                        name << ": row " << i << ", column " << j << " is " << rows(i, j));
     }
   }
-}
-
-bool AllFinite(std::span<const double> values) noexcept {
-  return std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); });
 }
 
 }  // namespace dfr::imitation::internal

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <span>
 #include <string_view>
 
 #include "dfr/core/matrix.h"
@@ -10,8 +9,5 @@ namespace dfr::imitation::internal {
 /// @throws std::invalid_argument naming the first entry of `rows` that is not finite, for example
 ///   "states: row 3, column 1 is nan".
 void CheckFinite(const core::Matrix& rows, std::string_view name);
-
-/// Returns whether every entry is finite. Never allocates.
-[[nodiscard]] bool AllFinite(std::span<const double> values) noexcept;
 
 }  // namespace dfr::imitation::internal

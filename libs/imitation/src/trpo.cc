@@ -159,7 +159,7 @@ Batch Trpo::Learner::Collect(int min_steps, core::Random& noise) {
     for (bool ended = false; !ended && length < options_.horizon; ++length) {
       plant.Observe(state);
       selection_.Apply(state, features);
-      if (!internal::AllFinite(features)) {
+      if (!core::AllFinite(features)) {
         throw std::runtime_error("the environment's state is not finite at step " +
                                  std::to_string(length) + " of the episode with seed " +
                                  std::to_string(seed));
@@ -360,7 +360,7 @@ void Trpo::Learner::LoadState(core::ArchiveReader& archive) {
   };
   const auto numbers = [&](Eigen::Index size, const char* name) -> Eigen::VectorXd {
     const std::vector<double> values = archive.Numbers();
-    if (core::AsVector(values).size() != size || !internal::AllFinite(values)) {
+    if (core::AsVector(values).size() != size || !core::AllFinite(values)) {
       archive.Fail(std::string("the ") + name + " are not " + std::to_string(size) +
                    " finite numbers");
     }

@@ -24,10 +24,6 @@ constexpr int kMostPixelsASide = 1 << 13;
 // Maximum number of entries of a reduced state, including blocks that are copied whole.
 constexpr int kMostReducedEntries = 1 << 12;
 
-bool AllFinite(std::span<const double> values) noexcept {
-  return std::ranges::all_of(values, [](double v) { return std::isfinite(v); });
-}
-
 // Returns (P P')^-1. P' times it is the pseudo-inverse of P. For principal components, whose P is
 // orthonormal, it is the identity.
 Eigen::MatrixXd InverseGram(const core::Matrix& p) {
@@ -181,7 +177,7 @@ bool StateReduction::Apply(std::span<const double> state, Workspace& workspace) 
     } else {
       std::copy(in.begin(), in.end(), out.begin());
     }
-    good = good && AllFinite(out);
+    good = good && core::AllFinite(out);
   }
   if (!good) {
     std::ranges::fill(workspace.state_, std::numeric_limits<double>::quiet_NaN());

@@ -21,10 +21,6 @@ using control::Mode;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-bool AllFinite(std::span<const double> values) noexcept {
-  return std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); });
-}
-
 // A policy that returns an action computed elsewhere.
 class ExternalPolicy final : public core::Policy {
  public:
@@ -155,7 +151,8 @@ struct Guard::Episode {
   // Maps `state` to a state of the task. Also returns true if `state` is valid.
   std::pair<std::span<const double>, bool> TaskState(const GuardModel& model,
                                                      std::span<const double> state) noexcept {
-    const bool usable = static_cast<int>(state.size()) == model.state_dim() && AllFinite(state);
+    const bool usable =
+        static_cast<int>(state.size()) == model.state_dim() && core::AllFinite(state);
     const bool reduced = !workspace || model.reduction()->Apply(state, *workspace);
     const std::span<const double> task_state = workspace ? workspace->state() : state;
     novel = workspace && workspace->novelty() > 1.0;
@@ -254,7 +251,7 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
   const bool useless = episode.novel || episode.frozen >= 0;
   const core::StateMap& map = model_->task().features().selection().map();
   const int off = state_usable ? map.FindInvalid(state) : -1;
-  const bool action_usable = action.size() == episode.proposed.size() && AllFinite(action);
+  const bool action_usable = action.size() == episode.proposed.size() && core::AllFinite(action);
   if (action_usable) std::copy(action.begin(), action.end(), episode.proposed.begin());
   if (t != episode.next) {
     controller.Stop(HaltCause::kStepSkipped);
@@ -351,7 +348,7 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
 
 void Guard::Applied(std::span<const double> action) noexcept {
   Episode& episode = *episode_;
-  if (action.size() != episode.given.size() || !AllFinite(action)) {
+  if (action.size() != episode.given.size() || !core::AllFinite(action)) {
     return episode.controller->Stop(HaltCause::kControlInvalid);
   }
   if (episode.next == 0) return episode.controller->Stop(HaltCause::kStepSkipped);
@@ -392,7 +389,7 @@ ChunkVerdict Guard::FilterChunk(int t, std::span<const double> whole,
     verdict.cause = HaltCause::kStateInvalid;
   } else if (model_->task().features().selection().map().FindInvalid(state) >= 0) {
     verdict.cause = HaltCause::kBadQuaternion;
-  } else if (actions.empty() || actions.size() % width != 0 || !AllFinite(actions)) {
+  } else if (actions.empty() || actions.size() % width != 0 || !core::AllFinite(actions)) {
     verdict.cause = HaltCause::kControlInvalid;
   }
   if (verdict.cause != HaltCause::kNone || !(episode.monitors || episode.ahead != nullptr)) {

@@ -130,7 +130,7 @@ class TrueJacobianFilter final : public Stepwise {
   control::HaltCause Decide(int t, std::span<const double> x, std::span<double> u,
                             control::Step& step) noexcept override {
     policy().Control(t, x, u);
-    if (!core::AsVector(u).allFinite()) return control::HaltCause::kControlInvalid;
+    if (!core::AllFinite(u)) return control::HaltCause::kControlInvalid;
     double level = LevelAfter(t, u);
     if (level < 0.0) {
       step.filtered = true;

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <limits>
 #include <stdexcept>
 #include <utility>
@@ -50,7 +49,7 @@ MlpPolicy::MlpPolicy(core::StateLayout layout, std::string_view features, Whiten
 }
 
 void MlpPolicy::Unlimited(std::span<const double> x, std::span<double> u) const noexcept {
-  const bool usable = static_cast<int>(x.size()) == state_dim() && internal::AllFinite(x);
+  const bool usable = static_cast<int>(x.size()) == state_dim() && core::AllFinite(x);
   if (usable) {
     std::array<double, Mlp::kMaxWidth> buffer;
     const std::span<double> features(buffer.data(), static_cast<std::size_t>(mlp_.input_dim()));
@@ -58,7 +57,7 @@ void MlpPolicy::Unlimited(std::span<const double> x, std::span<double> u) const 
     whitening_.Apply(features, features);
     mlp_.Forward(features, u);
   }
-  if (!usable || !internal::AllFinite(u)) {
+  if (!usable || !core::AllFinite(u)) {
     std::fill(u.begin(), u.end(), std::numeric_limits<double>::quiet_NaN());
   }
 }

@@ -80,15 +80,8 @@ namespace {
 
 constexpr double kOutside = -std::numeric_limits<double>::infinity();
 
-bool AllFinite(std::span<const double> x) noexcept {
-  // A product of zero and a non-finite entry is NaN, and so is the sum.
-  double sum = 0.0;
-  for (const double v : x) sum += 0.0 * v;
-  return sum == 0.0;
-}
-
 [[gnu::cold, gnu::noinline]] double OutsideOrFar(std::span<const double> x, double far) noexcept {
-  return AllFinite(x) ? far : kOutside;
+  return core::AllFinite(x) ? far : kOutside;
 }
 
 // Returns one decision in the precision of `terms`, for states of at most kCapacity entries. `x`

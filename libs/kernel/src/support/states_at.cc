@@ -6,14 +6,6 @@
 
 namespace dfr::kernel::internal {
 
-bool AllFinite(const Eigen::Ref<const core::Matrix>& states) {
-  // A product of zero and a non-finite entry is NaN, and so is the sum. Many times faster than a
-  // test of each entry.
-  const auto finite = [](const auto& entries) { return (0.0 * entries.array()).sum() == 0.0; };
-  if (states.outerStride() != states.cols()) return finite(states);
-  return finite(Eigen::Map<const Eigen::VectorXd>(states.data(), states.size()));
-}
-
 std::vector<StatesView> Views(std::span<const core::Matrix> demonstrations) {
   std::vector<StatesView> views;
   views.reserve(demonstrations.size());
@@ -32,7 +24,7 @@ void CheckDemonstrations(std::span<const StatesView> demonstrations) {
                      "demonstration " << d << " has states of " << states.cols()
                                       << " entries, but demonstration 0 has "
                                       << demonstrations[0].cols());
-    if (AllFinite(states)) continue;
+    if (core::AllFinite({states.data(), static_cast<std::size_t>(states.size())})) continue;
     for (Eigen::Index i = 0; i < states.rows(); ++i) {
       DFR_THROW_UNLESS(states.row(i).allFinite(),
                        "demonstration " << d << ", state " << i << " has a non-finite entry");

@@ -8,9 +8,6 @@
 
 namespace dfr::kernel::internal {
 
-/// Returns true if no entry is NaN or infinite.
-[[nodiscard]] bool AllFinite(const Eigen::Ref<const core::Matrix>& states);
-
 /// View of a demonstration's states in any memory.
 using StatesView = Eigen::Map<const core::Matrix>;
 [[nodiscard]] std::vector<StatesView> Views(std::span<const core::Matrix> demonstrations);

@@ -47,4 +47,11 @@ using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowM
   return {v.data(), static_cast<Eigen::Index>(v.size())};
 }
 
+/// Returns true if no entry is NaN or infinite; true for no entries.
+[[nodiscard]] inline bool AllFinite(std::span<const double> v) noexcept {
+  // A product of zero and a non-finite entry is NaN, and so is the sum. Eigen computes the sum with
+  // vector instructions.
+  return (0.0 * AsVector(v).array()).sum() == 0.0;
+}
+
 }  // namespace dfr::core
