@@ -45,7 +45,7 @@ int WriterDepth(Role role) {
     case Role::kRequest:
       return kConsoleDepth;
     case Role::kEmergencyStop:
-      return 10;  // preserves a press that is released at once
+      return 10;  // a press reaches late joiners even if released at once
     case Role::kCommand:
     case Role::kOwnCommand:
     case Role::kImage:

@@ -14,11 +14,11 @@ namespace rtps = eprosima::fastrtps::rtps;
 namespace transport = eprosima::fastdds::rtps;
 
 constexpr std::array<std::uint8_t, 4> kRtpsMagic = {'R', 'T', 'P', 'S'};
-constexpr std::size_t kPrefixAt = 8;    // position in the message's header
-constexpr std::size_t kHeader = 20;     // of a message
+constexpr std::size_t kPrefixAt = 8;    // position of the sender's prefix
+constexpr std::size_t kHeader = 20;     // size of a message's header
 constexpr std::size_t kSubheader = 4;   // size of a submessage's kind, flags and length
-constexpr std::uint8_t kPad = 0x01;     // may be empty
-constexpr std::uint8_t kInfoTs = 0x09;  // may be empty
+constexpr std::uint8_t kPad = 0x01;     // length 0 means empty
+constexpr std::uint8_t kInfoTs = 0x09;  // length 0 means empty
 constexpr std::uint8_t kData = 0x15;
 constexpr std::uint8_t kDataFragment = 0x16;
 constexpr std::uint8_t kStatistics = 0x80;
@@ -55,8 +55,8 @@ Parameters FindParameters(std::span<const std::uint8_t> bytes, bool little,
   return {};
 }
 
-// Returns true if `content` holds all that the flags and sizes of a sample, or of its fragments,
-// declare. Otherwise Fast DDS 2.9 frees memory that it does not own, or reads beyond the message.
+// Returns true if the flags and sizes of a sample, or of its fragments, agree with the length of
+// `content`. Otherwise Fast DDS 2.9 frees memory that it does not own, or reads beyond the message.
 bool WholeSample(std::uint8_t kind, std::uint8_t flags,
                  std::span<const std::uint8_t> content) noexcept {
   constexpr std::uint8_t kParameters = 2;
@@ -85,7 +85,7 @@ bool WholeSample(std::uint8_t kind, std::uint8_t flags,
          (first - 1 + count - 1) * size < whole;
 }
 
-// Returns true if a complete sample announces the departure of a participant, its own or another.
+// Returns true if a complete sample announces that a participant, its sender or another, leaves.
 bool EndsParticipant(std::uint8_t kind, std::uint8_t flags,
                      std::span<const std::uint8_t> content) noexcept {
   constexpr std::array<std::uint8_t, 4> kAnnouncer = {0, 1, 0, 0xc2};
@@ -189,7 +189,7 @@ std::size_t SafeSize(std::span<const std::uint8_t> message, bool may_leave) noex
     const std::size_t high = message[at + (little ? 3 : 2)];
     const std::size_t length = low + (high << 8U);
     const std::size_t rest = message.size() - at - kSubheader;
-    // Length 0 in the last submessage means up to the end.
+    // In the last submessage, length 0 means that it extends to the message's end.
     const bool last = length == 0 && kind != kPad && kind != kInfoTs;
     if (length > rest) return 0;
     const auto content = message.subspan(at + kSubheader, last ? rest : length);

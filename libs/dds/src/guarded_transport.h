@@ -15,21 +15,21 @@ namespace dfr::dds::internal {
 
 using ParticipantPrefix = std::array<std::uint8_t, 12>;  ///< Prefix of a participant's GUID.
 
-/// Returns the number of bytes of an RTPS message that may be passed to Fast DDS: its well-formed
-/// beginning, up to the first of Fast DDS's statistics submessages (0x80), which are unused here.
-/// 0: none. Fast DDS 2.9 parses those before any security check, and an assertion ends the process
-/// if one is malformed. A sample (DATA, DATA_FRAG) is malformed if its parameters or payload extend
-/// beyond its submessage.
+/// Returns the number of bytes of an RTPS message that may be passed to Fast DDS: 0 if malformed,
+/// otherwise the bytes before Fast DDS's first statistics submessage (0x80), which is unused here.
+/// Fast DDS 2.9 parses these submessages before any security check, and an assertion ends the
+/// process if one is malformed. A sample (DATA, DATA_FRAG) is malformed if its parameters or
+/// payload extend beyond its submessage.
 ///
 /// Unless `may_leave`, the message also ends before an announcement that a participant leaves.
-/// Anyone can send it for any participant, and an assertion ends the process if it arrives while
+/// Anyone can send one for any participant, and an assertion ends the process if it arrives while
 /// that participant's lease is checked. A departing participant removes its publishers and
 /// subscribers by other messages, and expires after its lease.
 [[nodiscard]] std::size_t SafeSize(std::span<const std::uint8_t> message,
                                    bool may_leave = false) noexcept;
 
-/// Reports that a participant of this process is about to end. The other participants in the
-/// process call it directly and must drop it at once, so its departure message is passed on for
+/// Reports that a participant of this process is about to end. Other participants in the process
+/// call the ending one directly and must drop it at once, so its departure message is passed on for
 /// several seconds.
 void Leaves(const ParticipantPrefix& prefix);
 
@@ -44,8 +44,8 @@ class ParticipantCensus {
   static constexpr std::size_t kInAll = 512;        ///< Maximum number of senders in total.
   static constexpr std::int64_t kForgotten_s = 20;  ///< Maximum silence of a sender.
 
-  /// Returns true if messages of `prefix` at `address` are accepted. Acceptance is permanent until
-  /// the sender is removed.
+  /// Returns true if messages of `prefix` at `address` are accepted. A sender, once accepted, stays
+  /// accepted until it is silent for more than kForgotten_s.
   /// @param steady_ns  a monotonic clock.
   [[nodiscard]] bool Admits(const Address& address, const Prefix& prefix, std::int64_t steady_ns);
 
@@ -58,7 +58,7 @@ class ParticipantCensus {
   std::int64_t swept_ns_ = 0;
 };
 
-/// Wraps a transport, and passes on only received data that SafeSize() and ParticipantCensus allow.
+/// Wraps a transport, and drops received data that SafeSize() or ParticipantCensus excludes.
 [[nodiscard]] std::shared_ptr<eprosima::fastdds::rtps::TransportDescriptorInterface> Guarded(
     std::shared_ptr<eprosima::fastdds::rtps::TransportDescriptorInterface> transport);
 

@@ -28,7 +28,7 @@ namespace fdds = eprosima::fastdds::dds;
 namespace rtps = eprosima::fastrtps::rtps;
 using eprosima::fastrtps::Duration_t;
 
-// Number of processes on one machine and domain that a loopback participant can discover.
+// Number of processes in a domain on this machine that a loopback participant can discover.
 constexpr std::uint32_t kLoopbackPeers = 24;
 // GUID prefix that Fast DDS tools assign to a server with id 0.
 constexpr const char* kServerPrefix = "44.53.00.5f.45.50.52.4f.53.49.4d.41";
@@ -42,7 +42,7 @@ rtps::Locator_t Ipv4(const std::string& address, std::uint16_t port) {
   return locator;
 }
 
-// Disables intraprocess delivery: participants of one process communicate like those of two.
+// Disables intraprocess delivery: participants in one process communicate as if in two.
 // Intraprocess delivery of Fast DDS 2.9 crashes if an endpoint ends while another discovers it
 // (StatefulWriter::intraprocess_gap calls a destroyed reader).
 void LeaveOutDeliveryWithinTheProcess() {
@@ -134,9 +134,9 @@ fdds::DomainParticipantQos Qos(const ParticipantOptions& options) {
       udp->interfaceWhiteList.emplace_back("127.0.0.1");
       udp->maxInitialPeersRange = kLoopbackPeers;
       builtin.initialPeersList.push_back(Ipv4("127.0.0.1", 0));
-      // Setting own metatraffic locators omits the multicast one. Port index 0 selects the first
-      // free port of the domain. By default Fast DDS 2.9 increments the index with each
-      // participant ever created by the process, beyond the range that others check.
+      // An explicit metatraffic locator replaces the multicast locator. Port index 0 selects the
+      // first free port of the domain. By default Fast DDS 2.9 increments the index with each
+      // participant ever created by the process, beyond the range that other processes probe.
       builtin.metatrafficUnicastLocatorList.push_back(
           Ipv4("127.0.0.1", static_cast<std::uint16_t>(qos.wire_protocol().port.getUnicastPort(
                                 static_cast<std::uint32_t>(options.domain), 0))));
@@ -162,7 +162,7 @@ fdds::DomainParticipantQos Qos(const ParticipantOptions& options) {
   qos.transport().user_transports.push_back(internal::Guarded(udp));
   if (options.shared_memory) {
     internal::RemoveStaleSegments();
-    // With the defaults, an image of 0.9 MB takes 30 times as long.
+    // With the default sizes, an image of 0.9 MB takes 30 times as long.
     auto memory = std::make_shared<eprosima::fastdds::rtps::SharedMemTransportDescriptor>();
     memory->segment_size(8 << 20);
     memory->max_message_size(2 << 20);
@@ -293,13 +293,13 @@ std::string PeerListener::Reason(const Peer& peer) const {
   }
   if (!peer.has_certificate) return "it has no certificate";
   if (peer.admitted) return "";
-  // Implementations format full names differently.
+  // Only common names are compared, because implementations format full names differently.
   if (peer.authority.find(authority_) == std::string::npos) {
     return "its certificate is of the authority '" + peer.authority + "', this process's is of '" +
            authority_ + "'";
   }
   if (peer.refused) return "its certificate or its permissions are forged, or have expired";
-  // Only one of two participants learns that the other's certificate is invalid for it.
+  // A peer that rejects this process's certificate does not report it, and only stays silent.
   return Clock::now() - peer.found < kHandshake ? ""
                                                 : "it does not accept this process's certificate, "
                                                   "or does not answer";

@@ -16,7 +16,7 @@ namespace {
 // Between the creation and the locking of a lock file, a live process looks dead.
 constexpr std::time_t kGraceSeconds = 10;
 
-// Returns true if no process holds the lock or is about to.
+// Returns true if no process holds the lock or could be about to take it.
 bool Abandoned(const std::filesystem::path& lock, std::time_t now) {
   const int fd = ::open(lock.c_str(), O_RDONLY | O_CLOEXEC);
   if (fd < 0) return false;

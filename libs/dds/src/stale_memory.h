@@ -5,10 +5,10 @@
 
 namespace dfr::dds::internal {
 
-/// Removes the segments of killed processes in `folder`, 8 MB of memory each: those whose owner no
-/// longer holds the lock that Fast DDS keeps for the process's lifetime. Never throws; skips
+/// Removes the shared memory segments of killed processes in `folder`, 8 MB each: the segments
+/// whose lock, which Fast DDS holds for the process's lifetime, is free. Never throws; skips
 /// segments that cannot be removed.
-/// @param now  lock files created within ten seconds of it are kept.
+/// @param now  present time. Lock files less than ten seconds old are kept.
 void RemoveStaleSegments(const std::filesystem::path& folder = "/dev/shm",
                          std::time_t now = std::time(nullptr)) noexcept;
 

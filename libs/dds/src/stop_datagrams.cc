@@ -19,8 +19,8 @@ namespace dfr::dds::internal {
 namespace {
 
 constexpr std::string_view kMagic("dfrstop1", 8);
-// Magic, sender, number, time, pressed or not (0 or 1), size of the certificate (2 bytes),
-// certificate, and signature of all preceding bytes. All integers are big-endian.
+// A datagram holds magic, sender, number, time, 1 if pressed (else 0), size of the certificate (2
+// bytes), certificate, and signature of all preceding bytes. All integers are big-endian.
 constexpr std::size_t kIdAt = 8;
 constexpr std::size_t kSequenceAt = 24;
 constexpr std::size_t kTimeAt = 32;
@@ -144,7 +144,7 @@ bool StopReader::Signed(std::string_view datagram) {
   const std::string_view certificate = datagram.substr(kHead, size);
   if (certificate != last_certificate_ || !last_key_) {
     const unsigned char* der = Bytes(certificate);
-    const Owned<X509> sender(d2i_X509(nullptr, &der, static_cast<long>(size)));  // NOLINT: its type
+    const Owned<X509> sender(d2i_X509(nullptr, &der, static_cast<long>(size)));  // NOLINT: API type
     const Owned<X509_STORE_CTX> context(X509_STORE_CTX_new());
     if (!sender || !context ||
         X509_STORE_CTX_init(context.get(), authority_.get(), sender.get(), nullptr) != 1 ||
@@ -165,7 +165,7 @@ bool StopReader::New(const StopSenderId& who, std::uint64_t sequence, std::int64
   auto known = std::find_if(known_.begin(), known_.end(),
                             [&](const Known& k) { return k.sequence > 0 && k.who == who; });
   if (known == known_.end()) {
-    // A sender silent for longer than a datagram's lifetime cannot be replayed.
+    // Replaces a sender that is silent for so long that its datagrams can no longer be replayed.
     known = std::find_if(known_.begin(), known_.end(), [&](const Known& k) {
       return k.sequence == 0 || wall_ns - k.heard_ns > 2 * kMostAstrayNs;
     });
@@ -222,7 +222,7 @@ bool StopSender::Send(bool pressed, std::int64_t wall_ns) noexcept {
     const std::string datagram = writer_.Next(pressed, wall_ns);
     bool sent = false;
     for (const sockaddr_in& listener : listeners_) {
-      const auto* address = reinterpret_cast<const sockaddr*>(&listener);  // NOLINT: sockets' way
+      const auto* address = reinterpret_cast<const sockaddr*>(&listener);  // NOLINT: sockets API
       sent = ::sendto(socket_.get(), datagram.data(), datagram.size(), MSG_NOSIGNAL, address,
                       sizeof listener) == static_cast<ssize_t>(datagram.size()) ||
              sent;
@@ -237,7 +237,7 @@ StopListener::StopListener(const ParticipantOptions& options)
     : loopback_(options.discovery == Discovery::kLoopback), reader_(options.security) {
   const int yes = 1;
   const sockaddr_in any = Address(INADDR_ANY, StopPort(options.domain));
-  const auto* address = reinterpret_cast<const sockaddr*>(&any);  // NOLINT: sockets' way
+  const auto* address = reinterpret_cast<const sockaddr*>(&any);  // NOLINT: sockets API
   if (::setsockopt(socket_.get(), SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes) != 0 ||
       ::bind(socket_.get(), address, sizeof any) != 0) {
     throw std::runtime_error(
@@ -251,7 +251,7 @@ bool StopListener::Take(std::int64_t wall_ns, StopSenderId& who, bool& pressed) 
     for (int n = 0; n < kMostPassedOver; ++n) {
       sockaddr_in from{};
       socklen_t from_size = sizeof from;
-      auto* address = reinterpret_cast<sockaddr*>(&from);  // NOLINT: sockets' way
+      auto* address = reinterpret_cast<sockaddr*>(&from);  // NOLINT: sockets API
       const ssize_t size =
           ::recvfrom(socket_.get(), buffer.data(), buffer.size(), MSG_TRUNC, address, &from_size);
       if (size < 0) return false;

@@ -18,13 +18,13 @@
 /// signature with its key. Datagrams without a valid signature are ignored.
 namespace dfr::dds::internal {
 
-/// Sender: a random number for each button.
+/// Identifies a sender: a random number for each button.
 using StopSenderId = std::array<std::uint8_t, 16>;
 
-/// Returns the UDP port of a domain, between the ports of DDS.
+/// Returns the UDP port of a domain's datagrams, one that DDS does not use.
 [[nodiscard]] std::uint16_t StopPort(int domain) noexcept;
 
-/// RAII socket.
+/// Non-blocking UDP socket, closed by the destructor.
 class StopSocket {
  public:
   StopSocket();  ///< @throws std::runtime_error if the system refuses a socket.
@@ -62,8 +62,8 @@ class StopReader {
   explicit StopReader(const std::filesystem::path& security);
 
   /// Returns true if a datagram is valid: well formed, with a valid signature, stamped within a
-  /// second of `wall_ns`, and later than all others of its button. Sets `who` and `pressed` only
-  /// then.
+  /// second of `wall_ns`, and numbered higher than the last valid one of its button. Sets `who` and
+  /// `pressed` only if valid.
   bool Read(std::string_view datagram, std::int64_t wall_ns, StopSenderId& who, bool& pressed);
 
  private:
@@ -104,8 +104,8 @@ class StopListener {
   /// @throws as StopSender; also if another program uses the port.
   explicit StopListener(const ParticipantOptions& options);
 
-  /// Takes the next datagram that StopReader accepts, skipping at most 16 others per call. Returns
-  /// false if there is none.
+  /// Takes datagrams, at most 16 per call, until StopReader accepts one. Returns false if it
+  /// accepts none.
   bool Take(std::int64_t wall_ns, StopSenderId& who, bool& pressed) noexcept;
 
  private:

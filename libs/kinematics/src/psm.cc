@@ -9,11 +9,11 @@ namespace dfr::kinematics {
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180.0;
-// From the remote centre to the wrist-pitch axis at insertion 0; negative: 0.4162 m - 0.4318 m.
+// Distance along the shaft from the remote centre to the wrist-pitch axis at insertion 0, m.
 constexpr double kShaftOffset = 0.4162 - 0.4318;
-constexpr double kWristLength = 0.0091;  // wrist-pitch to wrist-yaw axis
+constexpr double kWristLength = 0.0091;  // m, from the wrist-pitch to the wrist-yaw axis
 
-// Rx(alpha) Tx(a) Rz(theta) Tz(d).
+// Returns Rx(alpha) Tx(a) Rz(theta) Tz(d) for the joint value `q`.
 Eigen::Isometry3d Link(const PsmLink& row, double q) noexcept {
   const double theta = row.theta + (row.prismatic ? 0.0 : q);
   const double d = row.d + (row.prismatic ? q : 0.0);
@@ -29,7 +29,7 @@ Eigen::Isometry3d Link(const PsmLink& row, double q) noexcept {
   return link;
 }
 
-// From the last link's frame to the console's tool frame.
+// Returns the orientation of the console's tool frame in the last link's frame.
 Eigen::Matrix3d ToolRotation() noexcept {
   Eigen::Matrix3d r;
   r << 0.0, -1.0, 0.0, 0.0, 0.0, 1.0, -1.0, 0.0, 0.0;
@@ -95,7 +95,7 @@ PsmReach Psm::Inverse(const Eigen::Isometry3d& pose, PsmJoints& q,
   // x5, from the wrist-pitch to the wrist-yaw axis, is normal to the yaw axis z6. The shaft's axis
   // z4, which passes through the origin, lies in the plane of x5 and z6 (both are normal to the
   // pitch axis). The wrist-yaw axis p6 lies in that plane, too; removing its component along z6
-  // therefore gives x5. The opposite sign is a wrist folded back by more than a right angle.
+  // therefore gives x5. With the opposite sign the wrist folds back by more than a right angle.
   const Eigen::Vector3d z6 = r6.col(2);
   const Eigen::Vector3d normal_part = p6 - p6.dot(z6) * z6;
   if (normal_part.norm() < 1e-9) return PsmReach::kSingular;

@@ -10,8 +10,8 @@ constexpr double kBaseRadius = 3.0398 * 0.0254;
 constexpr double kPlateRadius = 3.188 * 0.0254;
 constexpr double kHalfPair = 0.540042611 / 2;  // half the angle between the two joints of a pair
 
-// Returns the direction from the centre to the joints of leg i: three pairs, at 150, 30 and 270
-// degrees.
+// Returns the angle of leg i's joints about the centre. The legs form three pairs, at 150, 30 and
+// 270 degrees.
 double JointAngle(int i) noexcept {
   constexpr std::array<double, 6> kPair = {150, 150, 30, 30, 270, 270};
   constexpr std::array<double, 6> kSide = {1, -1, 1, -1, 1, -1};
@@ -19,7 +19,8 @@ double JointAngle(int i) noexcept {
   return kPair[k] * std::numbers::pi / 180.0 + kSide[k] * kHalfPair;
 }
 
-// Returns the direction of servo i's arm at angle 0: along the base's edge, away from its pair.
+// Returns the direction of servo i's arm at angle 0: along the base's edge, away from the other
+// servo of its pair.
 double ArmDirection(int i) noexcept {
   constexpr std::array<double, 6> kBeta = {4 * std::numbers::pi / 3,
                                            std::numbers::pi / 3,
@@ -34,8 +35,8 @@ Eigen::Vector3d OnCircle(double radius, double angle) noexcept {
   return {radius * std::cos(angle), radius * std::sin(angle), 0.0};
 }
 
-// |leg|^2 is linear in cos and sin of the servo angle a:
-//   m sin(a) + n cos(a) = l,  with m = 2 r z, n = 2 r (leg's base along the arm), r the arm.
+// Solves m sin(a) + n cos(a) = l for the servo angle a. r is the arm's length, m = 2 r leg.z(), and
+// n = 2 r (component of `leg` along the arm's direction at angle 0).
 bool ServoAngle(const Eigen::Vector3d& leg, int i, double& angle) noexcept {
   constexpr double kArm = SprkPlatform::kArmLength;
   constexpr double kLeg = SprkPlatform::kLegLength;
@@ -78,7 +79,7 @@ bool SprkPlatform::Reachable(const PlatformPose& pose) noexcept {
 }
 
 double SprkPlatform::ReachableShare(const PlatformPose& pose) noexcept {
-  constexpr int kSteps = 32;  // the reachable set is connected around home, but not always convex
+  constexpr int kSteps = 32;  // not one: the reachable set around home is not always convex
   double reached = 0.0;
   double beyond = 0.0;
   for (int i = 1; i <= kSteps; ++i) {

@@ -13,7 +13,7 @@ using kinematics::PsmJoints;
 constexpr double kMillimetre = 1e3;
 constexpr double kHeadingScale = 10.0;  // mm per rad
 
-// Returns the orientation of the tool in the base frame, which is that of the arm's home pose.
+// Returns the orientation of the tool in the base frame at the arm's home pose.
 Eigen::Matrix3d ToolRotation() {
   PsmJoints home = PsmJoints::Zero();
   home[2] = 0.12;
@@ -88,7 +88,7 @@ double LineTask::Progress(const vision::LineObservation& first,
   };
   const double begin = x_on_gauze(first);
   const double end = x_on_gauze(now);
-  // Simpson's rule: the lines are nearly straight.
+  // Simpson's rule is accurate, because the lines are nearly straight.
   constexpr int kHalves = 8;
   const double h = (end - begin) / kHalves;
   double sum = 0.0;

@@ -6,7 +6,7 @@ namespace dfr::robot {
 
 std::optional<std::string> OperatorPrompt::Answer(ControlLoop& loop, std::string_view question,
                                                   std::span<const std::string_view> words) {
-  constexpr int kAgain = 50;  // keyboard checks: one second
+  constexpr int kAgain = 50;  // keyboard checks before the question is repeated: one second
   keyboard_->Discard();
   std::int64_t asked = -1;  // printer_->said() after the question
   for (int looks = 0; !*interrupted_ && !keyboard_->ended(); ++looks) {

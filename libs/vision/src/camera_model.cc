@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-// Computes the distorted point and its derivative with respect to the undistorted one.
+// Returns the distorted point; computes its derivative with respect to the undistorted point.
 Eigen::Vector2d Distort(const std::array<double, 5>& k, const Eigen::Vector2d& n,
                         Eigen::Matrix2d* derivative) noexcept {
   const double x = n.x();
@@ -61,7 +61,7 @@ Eigen::Vector2d CameraModel::ToNormalized(const Eigen::Vector2d& pixel) const no
     Eigen::Matrix2d derivative;
     const Eigen::Vector2d error = Distort(distortion, n, &derivative) - wanted;
     const double determinant = derivative.determinant();
-    if (!(determinant > 1e-6)) return {kNaN, kNaN};  // folded over: not a real camera
+    if (!(determinant > 1e-6)) return {kNaN, kNaN};  // the image folds over here
     const Eigen::Vector2d step = derivative.inverse() * error;
     n -= step;
     if (step.squaredNorm() < 1e-20) return n;

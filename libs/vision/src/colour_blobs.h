@@ -11,7 +11,7 @@ namespace dfr::vision::internal {
 
 struct Blob {
   Eigen::Vector2d center;
-  double area = 0.0;  ///< pixels; partly covered ones count fractionally
+  double area = 0.0;  ///< in pixels; a partly covered pixel counts fractionally
   bool round = false;
 };
 

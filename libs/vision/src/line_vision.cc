@@ -30,8 +30,8 @@ constexpr double kUnseen = std::numeric_limits<double>::quiet_NaN();
 // A pixel has a colour if one channel exceeds both others by this fraction of the gauze's
 // brightness, which makes the segmentation independent of the light.
 constexpr double kColorShare = 0.15;
-// The columns of the line sum over many pixels of gauze, whose noise must have no effect. The
-// threshold is about half of the red line's excess.
+// Same as kColorShare for the line: about half of its excess of red. Larger, because each column
+// sums over many pixels of gauze, whose noise must have no effect.
 constexpr double kLineShare = 0.3;
 constexpr double kGoodMarkErrorPx = 0.15;  // RMS; sub-pixel centres of whole marks fit within 0.1
 constexpr double kMaxMarkErrorPx = 0.6;
@@ -62,7 +62,7 @@ bool OnOneLine(const std::vector<internal::MarkSighting>& sightings) noexcept {
     const Eigen::Vector2d d = s.on_target.head<2>() - mean;
     scatter += d * d.transpose();
   }
-  // Near the ratio of the smaller to the larger eigenvalue, which is small for a row of marks.
+  // determinant / trace^2 is nearly the ratio of the smaller to the larger eigenvalue if small.
   const double trace = scatter.trace();
   return !(scatter.determinant() > 0.01 * trace * trace);
 }
@@ -105,7 +105,7 @@ struct LineVision::Impl : internal::ColourBlobs {
   double tip_area = 0.0;
   std::vector<Eigen::Vector2d> marks;
   std::vector<internal::MarkSighting> sightings;
-  std::vector<int> weight;  // per image column: sums of excess, times 1, y, y^2
+  std::vector<int> weight;  // per image column: sums of the excess times 1, y and y^2
   std::vector<int> weighted_y;
   std::vector<double> weighted_y2;
   std::vector<int> sorted;
@@ -172,13 +172,13 @@ struct LineVision::Impl : internal::ColourBlobs {
     }
   }
 
-  // Position of the tip, and the ratio of its area to the expected one or the reciprocal, whichever
-  // is smaller.
+  // Position of the tip, and the ratio of its area to the expected area or the reciprocal,
+  // whichever is smaller.
   struct Tip {
     Eigen::Vector3d p_cam;
     double share;
   };
-  // Line on the target, and the fraction of the line's points on it.
+  // Line on the target, and the fraction of the collected points that fit it.
   struct Line {
     RobustQuadratic curve;
     double share;
@@ -204,7 +204,7 @@ NotSeen LineVision::Impl::LocateTarget(double threshold, LineObservation& seen) 
   if (OnOneLine(sightings)) return NotSeen::kTarget;
   Eigen::Isometry3d pose = options.p_cam_target;
   seen.mark_error_px = camera.fx * internal::RefinePose(sightings, pose);
-  // A mark partly hidden by the tool is displaced: exclude the worst ones, at most two.
+  // A mark partly hidden by the tool is displaced: exclude the marks that fit worst, at most two.
   for (int left_out = 0;
        left_out < 2 && sightings.size() > 4 && !(seen.mark_error_px < kGoodMarkErrorPx);
        ++left_out) {
@@ -241,7 +241,8 @@ NotSeen LineVision::Impl::LocateTip(double threshold, const Eigen::Hyperplane<do
   return NotSeen::kNothing;
 }
 
-// Collects the centres of the red run in every image column within the marks, on the target.
+// Collects the centre of the red run in every image column between the marks, in the target's
+// frame.
 NotSeen LineVision::Impl::CollectLinePoints(double threshold, const Eigen::Isometry3d& pose) {
   double left = camera.width;
   double right = 0.0;

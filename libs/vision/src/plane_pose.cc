@@ -29,7 +29,7 @@ double RefinePose(std::span<const MarkSighting> sightings,
       const double inverse = 1.0 / p.z();
       const Eigen::Vector2d seen(p.x() * inverse, p.y() * inverse);
       const Eigen::Vector2d error = seen - sighting.normalized;
-      // A translation moves p by itself; a small rotation w moves it by w x arm.
+      // A translation t moves p by t; a small rotation w moves p by w x arm.
       Eigen::Matrix<double, 2, 3> by_point;
       by_point << inverse, 0.0, -seen.x() * inverse, 0.0, inverse, -seen.y() * inverse;
       Eigen::Matrix3d minus_cross;

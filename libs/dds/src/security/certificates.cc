@@ -24,13 +24,13 @@ namespace {
 
 using internal::Owned;
 
-constexpr int kAuthorityDays = 3650;  // in addition to those of the first participants
+constexpr int kAuthorityDays = 3650;  // in addition to CertificateOptions::days
 
 constexpr std::array kPermissions = {Permission::kController, Permission::kConsole,
                                      Permission::kButton, Permission::kMonitor};
 
 // Authenticates, authorises and encrypts everything, including discovery and liveliness, and signs
-// submessages without data (acknowledgements, gaps). The same as ROS 2's governance.
+// submessages without data (acknowledgements, gaps). ROS 2 has the same governance.
 constexpr std::string_view kGovernance =
     R"(<?xml version="1.0" encoding="UTF-8"?>
 <dds xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:noNamespaceSchemaLocation="http://www.omg.org/spec/DDS-SECURITY/20170901/omg_shared_ca_governance.xsd">
@@ -173,7 +173,7 @@ Owned<EVP_PKEY> MakeKey() {
   return key;
 }
 
-// S/MIME with a detached signature and a text header, as DDS Security requires.
+// Returns S/MIME text with a detached signature and a text header, as DDS Security requires.
 std::string Sign(std::string_view document, X509& certificate, EVP_PKEY& key) {
   constexpr int kFlags = PKCS7_TEXT | PKCS7_DETACHED | PKCS7_STREAM;
   const Owned<BIO> in(BIO_new_mem_buf(document.data(), static_cast<int>(document.size())));

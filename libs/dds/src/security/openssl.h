@@ -11,7 +11,7 @@
 
 namespace dfr::dds::internal {
 
-/// Frees OpenSSL objects with their own functions.
+/// Frees each OpenSSL object with the function for its type.
 struct Deleter {
   void operator()(BIO* bio) const { BIO_free_all(bio); }
   void operator()(EVP_PKEY* key) const { EVP_PKEY_free(key); }
@@ -24,7 +24,7 @@ struct Deleter {
 template <typename T>
 using Owned = std::unique_ptr<T, Deleter>;
 
-/// Returns and clears the last error of OpenSSL.
+/// Returns the oldest pending error of OpenSSL, and clears all pending errors.
 [[nodiscard]] std::string Complaint();
 
 /// @throws std::runtime_error naming the file and the remedy.

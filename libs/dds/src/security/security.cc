@@ -80,7 +80,7 @@ std::string CheckSigned(const std::filesystem::path& file, const std::filesystem
   return {data, static_cast<std::size_t>(size)};
 }
 
-// Returns the text of the first element of this name; empty if there is none.
+// Returns the text of the first element `name`; empty if there is none.
 std::string Element(const std::string& document, const std::string& name) {
   const std::size_t tag = document.find("<" + name + ">");
   if (tag == std::string::npos) return {};
@@ -139,7 +139,7 @@ std::string CheckSecurity(const std::filesystem::path& folder, std::time_t now) 
                                  files.certificate.string() + " to 'CN=" + name +
                                  "': take both from the same folder of `hardware certificates`");
   }
-  // Dates in this format compare as strings.
+  // In this format, the order of strings is the order of dates.
   const std::string until = Element(permissions, "not_after");
   if (!until.empty() && until < TimestampAt(now)) {
     Wrong(files.permissions, "expired on " + until, kRemake);

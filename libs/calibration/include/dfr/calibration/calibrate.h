@@ -15,18 +15,18 @@ namespace dfr::calibration {
 
 /// Options for Calibrate(). The standard deviations weight each kind of data.
 struct CalibrateOptions {
-  double mark_sd_px = 0.05;  ///< Sub-pixel centre of a mark.
-  /// Sub-pixel centre of the tip. Much larger than the image error because no correction describes
-  /// all errors of the arm.
+  double mark_sd_px = 0.05;  ///< Standard deviation of a mark's centre.
+  /// Standard deviation of the tip's centre. Much larger than the image error, because no
+  /// correction describes all errors of the arm.
   double tip_sd_px = 2.0;
-  /// Distance of the tip from the target's plane at contact. Large for the same reason.
+  /// Standard deviation of the tip's distance from the target's plane at contact, equally large.
   double touch_sd_m = 4e-4;
   /// Priors on the arm: standard deviation of the offset of a rotating joint and of the insertion.
   /// Without them a rotation of the base about a joint's axis is indistinguishable from that
   /// joint's offset.
   double offset_sd_rad = 0.05;
   double offset_sd_m = 0.005;
-  double scale_sd = 0.03;  ///< Scale of a joint.
+  double scale_sd = 0.03;  ///< Standard deviation of a joint's scale.
   int max_iterations = 200;
   /// Keeps the intrinsics of the guess fixed, for example those from an intrinsics file. If false,
   /// some pictures must show the target tilted.
@@ -60,16 +60,16 @@ void Print(std::ostream& out, const line_task::LineCalibration& calibration,
 /// Each picture shows the arm's tip and the target's marks, with a separate unknown pose of the
 /// target.
 ///
-/// Minimises the reprojection errors divided by their standard deviations plus the priors of
-/// CalibrateOptions. Cauchy's loss on each point suppresses wrong detections. Ceres eliminates the
-/// target poses first (sparse Schur complement).
+/// Minimises the reprojection errors and the tip's distances at contact, each divided by its
+/// standard deviation, plus the priors of CalibrateOptions. Cauchy's loss on each point suppresses
+/// wrong detections. Ceres eliminates the target poses first (sparse Schur complement).
 ///
 /// A single camera determines depth poorly: scale errors of the arm along the optical axis are
-/// nearly indistinguishable from a change of its distance. Pictures in which the tip touches the
-/// target's plane, whose pose the marks give, resolve this ambiguity. About forty suffice.
+/// nearly indistinguishable from a change of the arm's distance. Pictures in which the tip touches
+/// the target's plane, whose pose the marks give, resolve this ambiguity. About forty suffice.
 ///
-/// @param frames  of the motion, with varied tilt and height of the target and varied position and
-///   height of the tip.
+/// @param frames  samples of the motion, with varied tilt and height of the target and varied
+///   position and height of the tip.
 /// @param marks_m  the marks on the target.
 /// @param guess  initial values: intrinsics within about 20 %, the camera's pose within about 20 mm
 ///   and 10 degrees. Its arm.reference is kept.

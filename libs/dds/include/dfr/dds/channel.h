@@ -15,19 +15,19 @@ namespace dfr::dds {
 /// peer, except where noted.
 enum class Role {
   /// Set-points at a high rate; only the newest counts. The publisher offers a deadline of 40 ms
-  /// and liveliness by writing with a lease of 100 ms. Samples expire 50 ms after sending, which
-  /// requires the clocks of two machines to agree within a few milliseconds. The subscriber
+  /// and a liveliness lease of 100 ms, which each write renews. Samples expire 50 ms after sending,
+  /// which requires the clocks of two machines to agree within a few milliseconds. The subscriber
   /// requests no deadline or liveliness, as on a console.
   kCommand,
-  /// Same as kCommand, but the subscriber requests deadline and liveliness. Its health() reports a
-  /// dead or hanging publisher within 100 ms. Refuses a plain ROS 2 publisher.
+  /// Same as kCommand, but the subscriber requests deadline and liveliness: its health() reports a
+  /// dead or hanging publisher within 100 ms. It refuses a plain ROS 2 publisher.
   kOwnCommand,
   /// Measured state. The publisher keeps 100 samples, the subscriber keeps the newest.
   kState,
   /// Rare messages that must not be lost (operating_state, error). The publisher keeps the last 100
   /// for late joiners.
   kEvent,
-  /// One-time requests (state_command, hold). The publisher keeps none: a late joiner must not
+  /// One-time requests (state_command, hold). The publisher keeps no sample: a late joiner must not
   /// receive an old `home`.
   kRequest,
   /// Images. Only the newest is kept.
@@ -43,7 +43,7 @@ enum class Role {
 struct Health {
   /// Number of publishers matched now. A command topic must not have more than one.
   int publishers = 0;
-  /// Number matched since the start; a publisher that is lost and rediscovered counts twice.
+  /// Number of publishers matched since the start; a rediscovered publisher counts twice.
   int found = 0;
   int alive = 0;             ///< Matched publishers whose liveliness is asserted.
   int missed_deadlines = 0;  ///< Number of missed deadlines since the start.

@@ -61,18 +61,18 @@ class EmergencyStopButton {
 enum class EmergencyStop {
   kClear,    ///< Messages arrive, and the button is not pressed.
   kPressed,  ///< Pressed now, or since the last Acknowledge().
-  kSilent,   ///< A button is silent, or no button was ever received: it could not stop the robot.
+  kSilent,   ///< A known button is silent, or no button is known: nobody could stop the robot.
              ///< Also reported for more than eight buttons.
 };
 
-/// Determines the state of the emergency stop from the buttons' messages and their times. Ambiguity
-/// is resolved to a stop. Never allocates.
+/// Determines the state of the emergency stop from the buttons' messages and their times. In case
+/// of doubt the robot must stop. Never allocates.
 class EmergencyStopJudge {
  public:
   enum class Way { kDds, kDatagrams };
 
   /// @param max_silence_s  maximum silence of a button, in [0.05, 10].
-  /// @param datagrams  whether each button must also be heard by datagram.
+  /// @param datagrams  if true, silence of the datagrams is also reported.
   /// @throws std::invalid_argument if max_silence_s is out of range.
   explicit EmergencyStopJudge(double max_silence_s, bool datagrams = true);
 
@@ -84,8 +84,7 @@ class EmergencyStopJudge {
   void Acknowledge() noexcept;
   /// Returns the number of buttons heard over DDS and not forgotten.
   [[nodiscard]] int num_buttons() const noexcept { return over_dds_.size; }
-  /// True if the last Check() returned kSilent although DDS messages arrive: only the datagrams are
-  /// missing.
+  /// True if, at the last Check(), the datagrams were silent but DDS messages arrived.
   [[nodiscard]] bool only_datagrams_silent() const noexcept { return only_datagrams_silent_; }
 
  private:
@@ -119,8 +118,8 @@ class EmergencyStopJudge {
 class EmergencyStopReceiver {
  public:
   /// @param max_silence_s  maximum silence of a button, in [0.05, 10].
-  /// @param datagrams  whether datagrams are required. Third-party buttons, and buttons in another
-  ///   subnet, are heard over DDS only.
+  /// @param datagrams  if true, datagrams are required. Set false for third-party buttons and for
+  ///   buttons in another subnet, which are heard over DDS only.
   /// @throws as Subscriber; std::invalid_argument if max_silence_s is out of range;
   ///   std::runtime_error if the system refuses a socket.
   explicit EmergencyStopReceiver(Participant& participant, double max_silence_s = 0.06,
@@ -139,8 +138,7 @@ class EmergencyStopReceiver {
   void Acknowledge() noexcept { judge_.Acknowledge(); }
   /// Returns the number of buttons heard over DDS and not forgotten.
   [[nodiscard]] int num_buttons() const noexcept { return judge_.num_buttons(); }
-  /// True if the last Check() returned kSilent although DDS messages arrive: only the datagrams are
-  /// missing.
+  /// True if, at the last Check(), the datagrams were silent but DDS messages arrived.
   [[nodiscard]] bool only_datagrams_silent() const noexcept {
     return judge_.only_datagrams_silent();
   }

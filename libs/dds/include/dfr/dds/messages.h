@@ -49,7 +49,7 @@ struct WrenchStamped {
   Eigen::Vector3d torque_nm = Eigen::Vector3d::Zero();
 };
 
-/// crtk_msgs/CartesianState: servo_cs. Its wrench is not valid.
+/// crtk_msgs/CartesianState: servo_cs. The wrench, always sent as invalid, is omitted.
 struct CartesianState {
   Stamp stamp;
   std::string frame_id;
@@ -166,7 +166,7 @@ struct ForwardKinematicsQuery {
   std::vector<double> joints;
 };
 
-/// Its response.
+/// crtk_msgs/QueryForwardKinematics, the response.
 struct ForwardKinematicsAnswer {
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
@@ -183,7 +183,7 @@ struct InverseKinematicsQuery {
   std::vector<double> joints;
 };
 
-/// Its response.
+/// crtk_msgs/QueryInverseKinematics, the response.
 struct InverseKinematicsAnswer {
   std::vector<double> joints;
   bool good = false;

@@ -48,7 +48,7 @@ struct RefusedPeer {
 /// Sender of a sample: the publisher's GUID, which is unique.
 using Origin = std::array<std::uint8_t, 16>;
 
-/// A participant or publisher of another process. Its self-description is unverified.
+/// Another participant, or one of its publishers. Its self-description is unverified.
 struct Newcomer {
   std::uint64_t number = 0;  ///< Number in order of discovery, from 1.
   Origin origin{};           ///< GUID of the publisher or participant.
@@ -76,25 +76,25 @@ class Participant {
   [[nodiscard]] const ParticipantOptions& options() const noexcept;
 
   /// Returns the peers found since the start and not admitted, including those that have left. Each
-  /// appears within 5 s of its discovery. A missing peer is absent or was admitted. Without
-  /// security, these are the peers that use it.
+  /// appears within 5 s of its discovery. A peer that is not listed is absent or admitted. Without
+  /// security, the peers that use security are listed.
   [[nodiscard]] std::vector<RefusedPeer> refused_peers() const;
-  /// Returns the refused peers not returned by earlier calls. Each is logged only once.
+  /// Returns the refused peers not returned by earlier calls, for a log without repetitions.
   [[nodiscard]] std::vector<RefusedPeer> TakeRefusedPeers();
 
-  /// Counts the publishers of other participants on topics for which `counts` returns true for the
-  /// ROS 2 name, regardless of type and quality of service. With a discovery server, only topics to
+  /// Counts the publishers of other participants on topics whose ROS 2 name `counts` accepts,
+  /// regardless of type and quality of service. With a discovery server, only topics to
   /// which this process subscribes are visible.
   [[nodiscard]] int CountOthersPublishers(
       const std::function<bool(std::string_view topic)>& counts) const;
 
-  /// Returns the number of participants and publishers of others found since the start. One that is
+  /// Returns the number of other participants and their publishers found since the start. Anything
   /// lost and rediscovered counts twice. A secured network excludes participants without a
   /// certificate of its authority.
   [[nodiscard]] std::uint64_t num_found() const noexcept;
-  /// Returns those found after number `after`, including those that have left, oldest first, at
-  /// most the last 64. A participant is reported before its publishers and before any of its
-  /// samples is accepted.
+  /// Returns the participants and publishers found after number `after`, at most the last 64,
+  /// oldest first, including those that have left. A participant is reported before its publishers
+  /// and before any of its samples is accepted.
   [[nodiscard]] std::vector<Newcomer> FoundAfter(std::uint64_t after) const;
   /// Returns the publishers counted by CountOthersPublishers(), ordered by number.
   [[nodiscard]] std::vector<Newcomer> OthersPublishers(

@@ -10,7 +10,7 @@ namespace dfr::dds {
 struct WatchdogOptions {
   double max_age_s = 0.05;      ///< Maximum time from a sample's stamp to now, > 0.
   double max_silence_s = 0.05;  ///< Maximum time from a sample's arrival to now, > 0.
-  double max_ahead_s = 0.01;    ///< Maximum time of a stamp in the future, >= 0.
+  double max_ahead_s = 0.01;    ///< Maximum time from now to a stamp in the future, >= 0.
 };
 
 enum class Freshness {

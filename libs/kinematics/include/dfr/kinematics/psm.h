@@ -55,9 +55,8 @@ class Psm {
   [[nodiscard]] static Eigen::Vector3d Tip(const PsmJoints& q) noexcept;
 
   /// Computes the joint values for a pose of the wrist in closed form. Returns the solution with
-  /// the wrist bent by less than a right angle, the only one within the limits. Writes `q` unless
-  /// the result is kInvalid or kSingular: a message can then name the joint that is beyond its
-  /// limit.
+  /// the wrist bent by less than a right angle, the only one within the limits. Writes `q` for kOk,
+  /// and for kJointLimit, where it shows which joint is beyond its limit.
   [[nodiscard]] static PsmReach Inverse(
       const Eigen::Isometry3d& pose, PsmJoints& q,
       PsmGeneration generation = PsmGeneration::kClassic) noexcept;

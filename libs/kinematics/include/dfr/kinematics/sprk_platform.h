@@ -40,8 +40,8 @@ class SprkPlatform {
                                     std::array<double, 6>& angles) noexcept;
   [[nodiscard]] static bool Reachable(const PlatformPose& pose) noexcept;
 
-  /// Returns the largest s in [0, 1] for which all of [0, s] times `pose` (all entries scaled) is
-  /// reachable, with a resolution of 1/1024.
+  /// Returns the largest s in [0, 1] for which t * `pose` (every entry scaled) is reachable for all
+  /// t in [0, s], with a resolution of 1/1024.
   [[nodiscard]] static double ReachableShare(const PlatformPose& pose) noexcept;
 
   /// Geometry of leg `i`, m: its joint on the plate (plate's frame), the axis of its servo, and the

@@ -21,8 +21,7 @@ struct LineCalibration {
   kinematics::PsmCorrection arm;
   core::Provenance provenance = {};
 
-  /// Returns the position of the jaw tips, as the camera sees them, when the arm reports `joints`;
-  /// camera frame, m.
+  /// Returns the position of the jaw tips in the camera's frame, m, when the arm reports `joints`.
   [[nodiscard]] Eigen::Vector3d TipInCamera(const kinematics::PsmJoints& joints) const noexcept;
 
   /// Writes a file of kind "calibration". @throws std::runtime_error naming the file.
@@ -34,9 +33,9 @@ struct LineCalibration {
 /// Returns the marks and sizes of the gauze and its frame, as printed.
 [[nodiscard]] vision::LineTarget StandardTarget();
 
-/// The line tracking task of Sec. V-B, independent of arm and camera: the mapping from images to
-/// states and from controls to arm motions. Simulation and robot share it, which makes learned
-/// models transferable between them.
+/// The line tracking task of the paper's Sec. V-B, independent of arm and camera: the mapping from
+/// images to states and from controls to arm motions. Simulation and robot share it, which makes
+/// learned models transferable between them.
 ///
 /// World frame: that of the gauze at rest; origin at its centre, z up, the line roughly along x.
 ///
@@ -78,14 +77,14 @@ class LineTask {
   /// Returns the displacement of the tip commanded by `control`, world frame, m. @pre 2 finite
   /// entries
   [[nodiscard]] static Eigen::Vector3d Displacement(std::span<const double> control) noexcept;
-  /// Returns the plane that contains the tip, camera frame. The arm's kinematics give the height of
-  /// the tip, which one camera cannot measure.
+  /// Returns the plane through the tip, parallel to the gauze at rest, in the camera's frame. The
+  /// arm's kinematics give the height of the tip, which one camera cannot measure.
   [[nodiscard]] Eigen::Hyperplane<double, 3> TipPlane(
       const kinematics::PsmJoints& reading) const noexcept;
   /// Writes the state observed in `seen` (4 entries).
   void State(const vision::LineObservation& seen, std::span<double> state) const noexcept;
-  /// Returns the length of line between the tips of two observations of an episode, along the line
-  /// in the second observation, m; NaN unless both are seen().
+  /// Returns the length of the line between the tip's positions in two observations of an episode,
+  /// m. Uses the line of the second observation. NaN unless both are seen().
   [[nodiscard]] static double Progress(const vision::LineObservation& first,
                                        const vision::LineObservation& now) noexcept;
   /// Writes the state for a tip in the world frame and a line with this distance and angle to the

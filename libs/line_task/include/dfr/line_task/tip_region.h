@@ -18,7 +18,8 @@ struct TipRegionOptions {
   /// Planes whose positive side the tips may not leave.
   std::vector<Eigen::Hyperplane<double, 3>> planes = {};
 
-  /// @throws std::invalid_argument naming the entry that is not finite, empty, or not of length 1.
+  /// @throws std::invalid_argument if an entry is not finite, a box is empty, or a plane's normal
+  ///   is not of length 1.
   void Check() const;
 };
 
@@ -47,7 +48,7 @@ class TipRegion {
   [[nodiscard]] Breach Along(const kinematics::PsmJoints& from,
                              const kinematics::PsmJoints& to) const noexcept;
   /// Sets the last observed pose of the gauze in the world frame. Until ForgetGauze(), the tips
-  /// must keep at least the distance to its plane that the floor has to the gauze at rest.
+  /// must stay as far above this gauze as the floor is above the gauze at rest.
   void SetGauze(const Eigen::Isometry3d& p_world_gauze) noexcept;
   void ForgetGauze() noexcept { gauze_seen_ = false; }
 

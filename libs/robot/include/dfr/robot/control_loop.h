@@ -20,9 +20,9 @@ namespace dfr::robot {
 struct ControlLoopOptions {
   double period_s = 0.005;       ///< > 0
   double max_period_s = 0.05;    ///< Maximum period, in (0, 10]; a longer period is kOverrun.
-  double settle_time_s = 0.2;    ///< Time without a reason to hold before a start, in [0, 60].
+  double settle_time_s = 0.2;    ///< Minimum time without a reason to hold before a start.
   double image_latency_s = 0.0;  ///< Maximum delay of a stamp after the exposure.
-  double image_timeout_s = 2.0;  ///< Maximum time to an answer; a longer time is kImageSilent.
+  double image_timeout_s = 2.0;  ///< Maximum time until a picture; a longer time is kImageSilent.
   int max_images = 3;            ///< Maximum number of pictures tried until one shows the state.
   /// Maximum time since the camera's thread last checked; a longer time is kImageSilent.
   double max_camera_check_s = 0.25;
@@ -32,16 +32,17 @@ struct ControlLoopOptions {
   /// Maximum distance between the state after a motion and the state that the motion should reach,
   /// in units of the state. A larger distance is kStateJump.
   double max_state_jump = 3.0;
-  /// Maximum difference between the displacement of two states and that of the motions between
-  /// them: the smaller of max_drift and drift_noise + drift_share * (length of the displacement).
-  /// Detects pictures that do not show the motions (frozen, late, of another time) even if their
-  /// stamps are valid. In units of the state; drift_share is dimensionless.
+  /// Maximum difference between the change of the state and the sum of the motions since a past
+  /// state: the smaller of max_drift and drift_noise + drift_share * (length of that sum). Detects
+  /// pictures that do not show the motions (frozen, late, of another time) even if their stamps are
+  /// valid. In units of the state; drift_share is dimensionless.
   double max_drift = 2.5;
   double drift_noise = 0.3;
   double drift_share = 0.5;
-  double drift_stretch = 10.0;  ///< Larger displacements are not compared, > 0.
-  /// Maximum change of any other entry of the state during one motion, in addition to the motion's
-  /// length. A larger change means that the target moves faster than a controller can follow.
+  double drift_stretch = 10.0;  ///< Longer sums of motions are not compared, > 0.
+  /// Maximum change, during one motion, of an entry that Motion::change does not predict, in
+  /// addition to the motion's length. A larger change means that the target moves faster than a
+  /// controller can follow.
   double max_target_jump = 1.5;
 };
 
@@ -77,7 +78,7 @@ class ControlLoop {
   /// Runs the loop for `seconds`.
   void Idle(double seconds) noexcept;
   /// Runs the loop until nothing blocks a start. Returns false after `timeout_s`, or at once if
-  /// interrupted.
+  /// interrupted or if the emergency stop is pressed.
   /// @param say  called once, after one second, with the reason for waiting; may be empty.
   [[nodiscard]] bool AwaitReady(double timeout_s, const std::function<void(std::string_view)>& say);
   /// Same as AwaitReady(), but waits until nothing blocks Home().
@@ -92,8 +93,8 @@ class ControlLoop {
   /// Operator command: moves the platform home in `duration_s`. Any reason to hold stops it at
   /// once. Returns kNone, or that reason.
   [[nodiscard]] runtime::HoldReason HomePlatform(double duration_s) noexcept;
-  /// Starts the platform's motion, which lasts until the robot may no longer move. No effect if it
-  /// may not move now.
+  /// Starts the platform's motion, which lasts until the robot may no longer move. No effect
+  /// unless the robot may move now.
   void MovePlatform() noexcept;
   /// Operator command: arms and starts. Returns kNone, or the reason that prevents it. Retries for
   /// `patience_s` unless a fault must be cleared first.
@@ -109,13 +110,14 @@ class ControlLoop {
   void Decided(const control::Step& step) noexcept;
 
   /// Moves the arm as the task plans `control`, waits for rest, then calls Look(). Returns kRefused
-  /// for a control that is invalid or out of reach, and kFault if the robot may not move or no
-  /// longer may.
+  /// for a control that is invalid or out of reach, and kFault if the robot may not move at the
+  /// beginning, during or after the motion.
   [[nodiscard]] core::PlantStatus Apply(std::span<const double> control) noexcept;
   /// Moves the arm to `joints` in `duration_s` and waits for rest.
   [[nodiscard]] core::PlantStatus Move(std::span<const double> joints, double duration_s) noexcept;
-  /// Processes pictures taken from now on until one shows the state. If none does, returns false
-  /// and the loop holds. Restarts the comparison of motions with states.
+  /// Processes pictures taken from now on until one shows the state, at most max_images. Returns
+  /// false if a picture does not arrive or the robot may not move. Restarts the comparison of
+  /// motions with states.
   bool Look() noexcept;
   /// Makes the arm hold in any state.
   void Halt() noexcept;
@@ -148,12 +150,12 @@ class ControlLoop {
   [[nodiscard]] bool TargetJumped(std::span<const double> change) const noexcept;
   [[nodiscard]] bool Drifted(std::span<const double> change) noexcept;
 
-  // A past state, and the sum of the motions since the comparison started.
+  // A past state, and the sum of the motions from the start of the comparison to this state.
   struct Waypoint {
     std::vector<double> state;
     std::vector<double> moved;
   };
-  static constexpr std::size_t kWaypoints = 64;  // compared with each new state
+  static constexpr std::size_t kWaypoints = 64;  // number compared with each new state
   void Remember() noexcept;
 
   ControlLoopOptions options_;

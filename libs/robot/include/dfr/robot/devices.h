@@ -61,7 +61,7 @@ class Manipulator {
   [[nodiscard]] virtual bool needs_homing() const noexcept = 0;
   /// Starts to power up and home the arm, which moves it, or returns why it cannot.
   [[nodiscard]] virtual Finding Home() noexcept = 0;
-  /// True while Home() is in progress.
+  /// True while the arm powers up or homes.
   [[nodiscard]] virtual bool homing() const noexcept = 0;
   /// Starts sending set-points, beginning with the present one, or returns why it cannot.
   [[nodiscard]] virtual Finding Arm() noexcept = 0;
@@ -78,7 +78,7 @@ class Manipulator {
   [[nodiscard]] virtual bool at_rest() const noexcept = 0;
 };
 
-/// Source of states.
+/// Measures the state from pictures.
 class Camera {
  public:
   enum class Answer {
@@ -88,7 +88,7 @@ class Camera {
   };
   virtual ~Camera() = default;
 
-  /// Returns the check of the picture stream by the camera's thread.
+  /// Returns the last check of the picture stream by the camera's thread.
   [[nodiscard]] virtual ThreadHealth Report() noexcept = 0;
   /// Requests the state in the first picture stamped `after_ns` (ns since the Unix epoch) or later.
   /// Replaces a pending request.
@@ -109,7 +109,7 @@ class EmergencyStop {
   virtual void Acknowledge() noexcept = 0;
 };
 
-/// Moves the target. It rests unless commanded to move, and stops when commanded.
+/// Moves the target. Rests unless commanded to move, and stops when commanded.
 class Platform {
  public:
   virtual ~Platform() = default;
@@ -145,14 +145,14 @@ struct Motion {
   std::span<const double> change;  ///< Expected change of the first entries of the state.
 };
 
-/// Meaning of the controls.
+/// Translates controls into motions of the arm.
 class Task {
  public:
   virtual ~Task() = default;
 
   [[nodiscard]] virtual int state_dim() const noexcept = 0;
   [[nodiscard]] virtual int control_dim() const noexcept = 0;
-  /// Called after arming: motions begin at the arm's present position.
+  /// Called after arming: the next motion begins at the arm's present position.
   virtual void Begin() noexcept = 0;
   /// Plans the motion of `control` (control_dim() finite entries) from the end of the last motion.
   /// Returns std::nullopt if the arm cannot reach the target.

@@ -21,7 +21,7 @@ class OperatorPrompt {
                  const std::atomic<bool>& interrupted)
       : keyboard_(&keyboard), printer_(&printer), interrupted_(&interrupted) {}
 
-  /// Returns the word of `words` that the operator types exactly; empty after q, at the end of
+  /// Returns the entry of `words` that the operator types; std::nullopt after q, at the end of
   /// input, and if interrupted.
   [[nodiscard]] std::optional<std::string> Answer(ControlLoop& loop, std::string_view question,
                                                   std::span<const std::string_view> words);
@@ -30,7 +30,7 @@ class OperatorPrompt {
   [[nodiscard]] bool Confirms(ControlLoop& loop, std::string_view question, std::string_view word);
   /// Asks the operator to do `task`, for example "Put the tip over the line's beginning", and
   /// returns true if the next episode may begin. After a regular end Enter suffices. After any
-  /// other reason to hold the operator types `start`, and after a fault `clear` before that.
+  /// other reason to hold the operator types `start`; after a fault, first `clear`.
   [[nodiscard]] bool AllowsEpisode(ControlLoop& loop, const std::string& task);
 
  private:

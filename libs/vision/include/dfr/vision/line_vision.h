@@ -17,7 +17,7 @@ enum class NotSeen {
   kWrongSize,      ///< The image size differs from the camera's.
   kDark,           ///< Nearly black.
   kOverexposed,    ///< Mostly saturated.
-  kFrozen,         ///< Identical to the previous image, bit for bit: a working sensor has noise.
+  kFrozen,         ///< Sampled pixels equal the previous image's: a working sensor has noise.
   kTarget,         ///< Fewer than four marks of the gauze's frame, or all on one line.
   kForeignCamera,  ///< Inconsistent marks: intrinsics of another camera, or a bent frame.
   kLine,           ///< No red line, or a piece that is too short or not near the tip.
@@ -42,8 +42,8 @@ struct LineVisionOptions {
   /// Pose of the target at rest, in the camera's frame. A detected mark is assigned to the nearest
   /// mark in this pose.
   Eigen::Isometry3d p_cam_target = Eigen::Isometry3d::Identity();
-  /// Maximum displacement of the target from that pose. A larger displacement indicates the
-  /// intrinsics of another camera, which trade focal length for distance.
+  /// Maximum displacement of the target from p_cam_target. A larger one indicates the intrinsics of
+  /// another camera: a wrong focal length appears as a wrong distance.
   double max_motion_m = 0.03;
   double min_confidence = 0.3;  ///< Minimum confidence of a result.
 };
@@ -97,8 +97,8 @@ class LineVision {
   /// Detects only the tip, for a calibration. Returns pixels; NaN if not seen.
   [[nodiscard]] Eigen::Vector2d FindTip(const ImageView& image) noexcept;
 
-  /// Detects only the marks. Works without valid intrinsics, but the nominal pose must be accurate
-  /// to a third of the distance between two marks. Returns true if at least four marks are seen.
+  /// Detects only the marks. Works without valid intrinsics, but p_cam_target must be accurate to a
+  /// third of the distance between two marks. Returns true if at least four marks are seen.
   /// @param marks  receives pixels in the target's order, NaN for marks not seen; unchanged if the
   ///   image is dark, overexposed or of the wrong size.
   [[nodiscard]] bool FindMarks(const ImageView& image,
