@@ -32,7 +32,7 @@ constexpr const char* kConfiguration = "run.toml";
 constexpr const char* kLedger = "ledger.jsonl";
 constexpr int kUsage = 2;  // exit code of a usage error
 
-// All other options concern one run and do not affect the results.
+// Returns true unless the option concerns a single run and does not affect its results.
 bool DecidesResults(const std::string& name) {
   static const std::set<std::string> kOthers = {"help",    "config",  "out",    "shard",
                                                 "threads", "restart", "salvage"};
@@ -164,7 +164,7 @@ toml::table ReadToml(const std::filesystem::path& file) {
   }
 }
 
-// Sets the options of `command` that have no value yet from a file. Runs as the callback of
+// Sets from a file the options of `command` that have no value yet. Runs as the callback of
 // --config, when the command line has been parsed but not yet processed.
 void ReadConfiguration(const std::filesystem::path& file, CLI::App& command) {
   const auto place = [&](const toml::source_region& where) {
@@ -399,7 +399,7 @@ void AddRunOptions(CLI::App& command, ExperimentOptions& options) {
   command.add_option("--rerun-episode", options.rerun.episode)->group("");
   command.add_option("--rerun-with", options.rerun.methods)->group("");
   command.add_option("--rerun-film", options.rerun.film)->group("");
-  // Several commands may share the options: write the one that was called.
+  // Several commands may share `options`: run.toml contains the command that was called.
   options.configuration = [&command, others = options.configuration] {
     return command.parsed() || !others ? Resolve(command) : others();
   };

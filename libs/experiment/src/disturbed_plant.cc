@@ -35,7 +35,7 @@ DisturbedPlant::DisturbedPlant(std::unique_ptr<core::SimulatedPlant> plant,
 
 void DisturbedPlant::Reset(std::uint64_t seed) {
   plant_->Reset(seed);
-  // Uses a separate stream: the start state equals that of the undisturbed plant.
+  // Draws from a separate stream: the start state stays equal to the undisturbed plant's.
   constexpr std::uint64_t kStream = 0x646973;
   random_ = core::Random(core::DeriveSeed(seed, {kStream}));
   const double angle = options_.rotation_sd * random_.Normal();

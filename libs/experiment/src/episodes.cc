@@ -66,7 +66,7 @@ class Known {
   bool learner_ = false;
   bool point_ = false;
   bool partner_ = false;
-  std::string methods_;  // of the first ledger
+  std::string methods_;  // names in the first ledger
   std::string learners_;
 };
 
@@ -191,7 +191,7 @@ void PrintEpisodes(const std::vector<std::filesystem::path>& ledgers, const Epis
     EpisodeResult result;
   };
   std::vector<Row> rows;
-  std::int64_t all = 0;  // with any outcome
+  std::int64_t all = 0;  // number of episodes with any outcome
   Known known;
   const auto is_one_of = [](const std::vector<std::string>& outcomes, core::Outcome outcome) {
     return outcomes.empty() || std::ranges::count(outcomes, core::Name(outcome)) > 0;

@@ -26,8 +26,8 @@ std::filesystem::path LedgerOf(const ExperimentOptions& options) {
 std::atomic<bool> stop_requested{false};
 static_assert(std::atomic<bool>::is_always_lock_free);
 
-// Converts SIGTERM and SIGUSR1, which schedulers send before the end, into stop_requested. Ignores
-// signals received before its lifetime: each run has a separate object.
+// Converts SIGTERM and SIGUSR1, which schedulers send before they end a job, into stop_requested.
+// Ignores signals received before its lifetime: each run has a separate object.
 class StopOnSignals {
  public:
   StopOnSignals() {

@@ -91,8 +91,8 @@ Interval BetaInterval(double successes, double trials, double confidence) {
           failures > 0.0 ? BetaQuantile(1.0 - tail, successes + 1.0, failures) : 1.0};
 }
 
-// Logarithm of n over k. std::lgamma would write to a global in glibc; n is at most some thousands,
-// so a sum suffices.
+// Logarithm of the binomial coefficient "n choose k". n is at most some thousands, so a sum
+// suffices.
 double LogChoose(int n, int k) {
   double sum = 0.0;
   for (int i = 1; i <= std::min(k, n - k); ++i) sum += std::log((n - i + 1.0) / i);
@@ -136,7 +136,7 @@ Interval WilsonInterval(int successes, int trials, double confidence) {
   const double scale = 1.0 / (1.0 + z * z / n);
   const double centre = scale * (p + z * z / (2.0 * n));
   const double half = scale * z * std::sqrt(p * (1.0 - p) / n + z * z / (4.0 * n * n));
-  // One end is exact at 0 and n; rounding would shift it.
+  // Without successes or failures one end is exact; rounding would shift it.
   return {successes == 0 ? 0.0 : centre - half, successes == trials ? 1.0 : centre + half};
 }
 
@@ -254,8 +254,8 @@ std::size_t Degrees(std::span<const RatioPart> units) {
   return units.size() - strata.size();
 }
 
-// The reduction of collisions by RateRatioInterval(), which remains valid without events, unlike a
-// variance.
+// Returns the interval of the collision reduction that follows from RateRatioInterval(), which
+// remains valid without events, unlike a variance.
 Interval ExactReduction(std::span<const PairedCounts> units, const PairedCounts& total,
                         double confidence) {
   const auto n = static_cast<double>(units.size());

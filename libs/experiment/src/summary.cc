@@ -19,7 +19,7 @@ using Json = nlohmann::ordered_json;
 // With fewer trials, clustered intervals are too wide to be useful.
 constexpr int kFewTrials = 5;
 
-// Trial t belongs to cluster t % NumClusters(). Only the highest level is independent.
+// Trial t belongs to cluster t % NumClusters(). Trials with one supervisor are not independent.
 int NumClusters(const EvaluationPlan& plan) {
   return plan.supervisors >= kFewTrials ? std::min(plan.supervisors, plan.trials) : plan.trials;
 }
@@ -107,7 +107,7 @@ std::optional<double> Ratio(double value, double reference) {
   return value / reference;
 }
 
-// One unit per cluster, or one per start state where trials are too few to cluster by.
+// Compares a method with the reference. A unit is a cluster, or a start state if trials are few.
 Contrast MakeContrast(const EvaluationPlan& plan, std::size_t method, const std::string& learner,
                       std::span<const UnitResult> results) {
   Contrast contrast;

@@ -29,7 +29,7 @@ class Descriptor {
 };
 
 /// Opens or creates a file for appending, with a lock that lasts as long as the descriptor or the
-/// process. Without a lock on file systems that do not support locks.
+/// process. Takes no lock on a file system that does not support locks.
 /// @throws std::runtime_error naming the file if it cannot be written or another process holds it.
 [[nodiscard]] Descriptor OpenLocked(const std::filesystem::path& path);
 

@@ -52,7 +52,7 @@ class LedgerReader {
   std::map<UnitKey, std::uint64_t> units_;
 };
 
-/// Calls `use` for each complete line with its number from 1, and returns the end of the last one.
+/// Calls `use` for each complete line with its number from 1. Returns the size of these lines.
 std::size_t ForEachLine(std::string_view text,
                         const std::function<void(std::string_view, int)>& use);
 

@@ -10,7 +10,7 @@
 namespace dfr::experiment::internal {
 
 /// Names, colours and judges methods and learners for a page, formats their numbers, and writes the
-/// commands that print these. Borrows both arguments.
+/// commands that print the numbers again. Borrows both arguments.
 class PageWords {
  public:
   PageWords(const Summary& summary, const ReportOptions& options);
@@ -35,7 +35,8 @@ class PageWords {
   /// Returns filters for the method's episodes, then for those of its reference.
   [[nodiscard]] static std::vector<EpisodeFilter> FiltersOf(
       const Contrast& contrast, const std::vector<std::string>& outcomes = {});
-  /// Returns the filter for the start states from which only one of the two collides.
+  /// Returns the filter for the start states from which only the method collides, or only its
+  /// reference if `reference`.
   [[nodiscard]] static EpisodeFilter OnlyCollided(const Contrast& contrast, bool reference);
   /// Returns the recommendation of a contrast about its method compared with the reference.
   [[nodiscard]] ReportJudgement Judge(const Contrast& contrast) const;

@@ -20,10 +20,10 @@ constexpr double kLeft = 52.0;
 constexpr double kRight = 16.0;
 constexpr double kTop = 34.0;
 constexpr double kBottom = 44.0;
-// Colours of report.css. Lines of the second half are dashed.
+// Number of colours in report.css. Lines with a colour of the second half are dashed.
 constexpr int kNumColours = 24;
 constexpr int kNumMarkers = 6;
-constexpr int kOutcomeStyles = 100;  // first of completed, halted, collided
+constexpr int kOutcomeStyles = 100;  // style of completed; halted and collided follow
 
 std::string Coordinate(double value) {
   std::ostringstream text;
@@ -263,7 +263,7 @@ class Panel {
       const double y = MapY(series.y[k]);
       path += path.empty() ? "M" : "L";
       path.append(Coordinate(x)).append(" ").append(Coordinate(y));
-      // Long curves have no markers; an isolated point among them is omitted.
+      // A long curve has no markers, and does not show a point between two missing values.
       if (series.x.size() > 40) continue;
       markers << "<g>" << Marker(StyleOf(i), x, y) << "<title>" << Escape(series.name) << ", "
               << Escape(plot_.x_label) << " " << XText(series.x[k]) << ": " << YText(series.y[k]);

@@ -14,12 +14,12 @@ namespace dfr::experiment {
 struct DisturbanceOptions {
   /// Standard deviation of the rotation of the controls, rad, drawn per episode.
   double rotation_sd = 0.0;
-  double scale_sd = 0.0;        ///< Controls are scaled by exp(normal), drawn per episode.
-  double bias = 0.0;            ///< Norm of a vector added to all controls, drawn per episode.
-  double actuator_noise = 0.0;  ///< Standard deviation of each control entry, drawn per control.
-  /// Standard deviation of each observed state entry, drawn per control.
+  double scale_sd = 0.0;        ///< Standard deviation of log(scale of the controls), per episode.
+  double bias = 0.0;            ///< Norm of a random vector, added to all controls of an episode.
+  double actuator_noise = 0.0;  ///< Standard deviation of the noise in each control entry.
+  /// Standard deviation of the noise in each entry of an observed state.
   double observation_noise = 0.0;
-  int control_delay = 0;      ///< Delay of controls, in controls; the first are zero.
+  int control_delay = 0;      ///< Delay in controls; the plant first receives zeros.
   double dropped = 0.0;       ///< Probability that a control is lost and replaced by zero.
   int observation_delay = 0;  ///< Delay of observed states, in controls.
   double missing = 0.0;  ///< Probability that a state is lost and replaced by the previous one.
@@ -28,7 +28,7 @@ struct DisturbanceOptions {
 };
 
 /// A plant that differs from the demonstrated one: controls are rotated, scaled, biased, noisy,
-/// late or lost; observations are noisy, late or lost. For studies of the degradation of methods.
+/// late or lost; observations are noisy, late or lost. Shows how methods degrade.
 ///
 /// Controls of more than two entries are rotated in a random plane. Collisions and completion are
 /// those of the underlying plant.

@@ -36,13 +36,13 @@ struct RecordedEpisode {
 };
 
 /// Returns the episode called `name` from the ledger in `folder`. `now` is the header that the
-/// ledger must match if this build is to repeat the episode; nullptr: no check.
+/// ledger must match for this build to repeat the episode; nullptr: no check.
 /// @throws std::runtime_error naming the folder and the first field that differs, or the unfinished
 ///   unit of the episode; as ReadLedger() and ParseEpisode().
 [[nodiscard]] RecordedEpisode FindEpisode(const std::filesystem::path& folder,
                                           std::string_view name, const LedgerHeader* now = nullptr);
 
-/// Outcome of another method from the same start state.
+/// Condition on the outcome of another method from the same start state.
 struct EpisodePartner {
   std::string method = {};                 ///< Method; empty: no condition on another method.
   std::vector<std::string> outcomes = {};  ///< core::Name() of the accepted outcomes.
@@ -62,13 +62,13 @@ struct EpisodeFilter {
   EpisodePartner against = {};
 };
 
-/// Returns the shell command of `program` that prints these episodes of a run in FOLDER.
+/// Returns the shell command of `program` that prints the selected episodes of a run in FOLDER.
 [[nodiscard]] std::string EpisodesCommand(const std::string& program, const EpisodeFilter& filter);
 
 /// Prints the ids of the selected episodes in these ledgers with outcome, cause and controls:
 /// collisions first, then halts, each in descending order of recovery controls. Prints at most
-/// `most` unless it is 0. The last line gives their number, the number of episodes with the
-/// filter's method, learner and data point, and their mean number of controls.
+/// `most` unless it is 0. The last line counts the selected episodes and all episodes with the
+/// filter's method, learner and data point, and gives the mean number of controls of the selected.
 /// @throws std::runtime_error naming a method, learner or data point that no ledger has; as
 ///   ReadLedger().
 void PrintEpisodes(const std::vector<std::filesystem::path>& ledgers, const EpisodeFilter& filter,

@@ -34,7 +34,7 @@ struct ExperimentOptions {
   Rerun rerun = {};  ///< An empty episode means none.
   /// Returns the text of run.toml, which reproduces the run. Empty: no run.toml.
   std::function<std::string()> configuration = {};
-  // Methods; empty: value of the preset.
+  // Empty or 0: the preset's value.
   std::vector<std::string> methods = {};
   int trials = 0;
   int episodes = 0;
@@ -52,8 +52,8 @@ struct ExperimentResult {
 /// Exclusive lock of a folder by one process, until destruction or the end of the process.
 class OutputFolder {
  public:
-  /// Creates the folder options.out unless it is empty. Removes ledger.jsonl of an earlier run if
-  /// options.restart.
+  /// Creates the folder options.out unless this path is empty. Removes ledger.jsonl of an earlier
+  /// run if options.restart.
   /// @throws std::runtime_error naming the folder if it cannot be created, or another process holds
   ///   it.
   explicit OutputFolder(const ExperimentOptions& options);

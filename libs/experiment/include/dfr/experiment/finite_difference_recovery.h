@@ -10,17 +10,17 @@
 
 namespace dfr::experiment {
 
-/// Finite-difference oracle, the reference for DFR in Sec. V-A. It uses the true state of a
-/// simulated plant and tries controls on a copy before it applies one, which is impossible on a
-/// robot.
+/// Finite-difference oracle, the reference for DFR in the paper's Sec. V-A. It uses the true state
+/// of a simulated plant and tries controls on a copy before it applies one, which is impossible on
+/// a robot.
 ///
 /// Each iteration applies one control, eta = step_fraction g_t(x) / lambda_t along the gradient of
-/// g_t with respect to the control, from central differences with DFR's probe size. It halts if the
-/// gradient vanishes or the copy refuses a control.
+/// g_t with respect to the control, estimated by central differences with DFR's probe size. It
+/// halts if the gradient vanishes or the copy refuses a control.
 class FiniteDifferenceRecovery final : public control::RecoveryStrategy {
  public:
-  /// Borrows both. `plant` is the driven plant; it is copied and never modified. The fractions are
-  /// those of DfrOptions.
+  /// Borrows `plant` and `support`. `plant` is the driven plant; it is copied, never modified. The
+  /// fractions are those of DfrOptions.
   /// @throws std::invalid_argument if the sizes of plant and support differ, or a fraction is not
   ///   in (0, 1).
   FiniteDifferenceRecovery(const core::SimulatedPlant& plant, const core::DecisionFunction& support,

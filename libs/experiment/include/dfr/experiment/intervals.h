@@ -11,19 +11,19 @@ struct Interval {
   double high = 0.0;
 };
 
-/// Wilson's score interval for a proportion of `successes` in `trials` independent trials. Short,
-/// with correct coverage on average over the unknown proportion. ProportionInterval() uses it.
+/// Wilson's score interval for a proportion of `successes` in `trials` independent trials. It is
+/// short, and its coverage is correct on average over the unknown proportion.
 /// @throws std::invalid_argument unless trials > 0, 0 <= successes <= trials and confidence lies in
-///   (0, 1). So do the functions below.
+///   (0, 1). The functions below check these arguments as well.
 [[nodiscard]] Interval WilsonInterval(int successes, int trials, double confidence = 0.95);
 
 /// Clopper and Pearson's interval, from binomial tails. Coverage is at least `confidence` for any
-/// proportion. For safety claims from few or no events; the upper end of the two-sided interval for
-/// 0 events in n is 1 - (0.025)^(1/n).
+/// proportion. Use it for safety claims from few or no events: the upper end of the two-sided
+/// interval for 0 events in n is 1 - (0.025)^(1/n).
 [[nodiscard]] Interval ClopperPearsonInterval(int successes, int trials, double confidence = 0.95);
 
-/// Interval used in tables: Clopper-Pearson with fewer than 5 successes or failures, where the
-/// normal approximation of Wilson's interval is least accurate, otherwise Wilson.
+/// Interval used in tables: Clopper and Pearson's with fewer than 5 successes or failures, where
+/// the normal approximation of Wilson's interval is least accurate, otherwise Wilson's.
 [[nodiscard]] Interval ProportionInterval(int successes, int trials, double confidence = 0.95);
 
 /// Counts of one independent unit of an experiment: a trial, whose episodes share demonstrations,
@@ -35,9 +35,9 @@ struct ClusterCount {
 
 /// Interval of Korn and Graubard (Survey Methodology, 1998) for a proportion in clusters: Clopper
 /// and Pearson's with the effective sample size p (1 - p) / v, where v is the variance of the
-/// proportion between clusters, and the degrees of freedom of the number of clusters. The effective
-/// sample size is at most the number of episodes. With one cluster, without a success, or without a
-/// failure, the variance cannot be estimated and episodes count as independent.
+/// proportion p, estimated between clusters. It is reduced for the degrees of freedom of that
+/// estimate, and is at most the number of episodes. With one cluster, without a success, or without
+/// a failure, the variance cannot be estimated and episodes count as independent.
 /// @throws std::invalid_argument as above; clusters without episodes are ignored.
 [[nodiscard]] Interval ClusteredInterval(std::span<const ClusterCount> clusters,
                                          double confidence = 0.95);
@@ -50,10 +50,11 @@ struct ClusterCount {
                                          double confidence = 0.95);
 
 /// Returns the number of episodes with which a paired comparison detects a difference with
-/// probability `power`, two-sided at 1 - confidence (Connor, Biometrics 1987). `only_first` and
-/// `only_second` are the fractions of start states at which exactly one of the two methods fails.
-/// @throws std::invalid_argument unless these differ and add up to at most 1, and power lies in
-///   (0.5, 1).
+/// probability `power`, at the two-sided level 1 - confidence (Connor, Biometrics 1987).
+/// `only_first` and `only_second` are the fractions of start states at which exactly one of the two
+/// methods fails.
+/// @throws std::invalid_argument unless these fractions differ and add up to at most 1, and power
+///   lies in (0.5, 1).
 [[nodiscard]] int EpisodesForDifference(double only_first, double only_second, double power = 0.8,
                                         double confidence = 0.95);
 /// Returns the number of independent episodes without an event that shows, by
@@ -61,7 +62,7 @@ struct ClusterCount {
 /// bound lies in (0, 1).
 [[nodiscard]] int EpisodesForBound(double bound, double confidence = 0.95);
 
-/// Pairs of one cluster in which exactly one of two methods fails.
+/// Numbers of pairs in one cluster in which exactly one of two methods fails.
 struct DiscordantPairs {
   int only_first = 0;
   int only_second = 0;
@@ -69,9 +70,10 @@ struct DiscordantPairs {
 
 /// McNemar's exact two-sided test for clustered pairs: pairs of one cluster may be dependent,
 /// clusters are independent. Under the null hypothesis, each cluster's difference only_first -
-/// only_second is equally likely with either sign. Returns the probability of a sum at least as
-/// large over all signs (the permutation test of Fisher, 1935, sec. 21). With one pair per cluster,
-/// this is the exact test of unclustered pairs. With c clusters it is at least 2^(1 - c).
+/// only_second is equally likely with either sign. Returns the probability, over all signs, of a
+/// sum at least as far from zero (the permutation test of Fisher, 1935, sec. 21). With one pair per
+/// cluster, this is the exact test of unclustered pairs. The result for c clusters is at least 2^(1
+/// - c).
 /// @throws std::invalid_argument if a count is negative.
 [[nodiscard]] double ClusteredMcNemar(std::span<const DiscordantPairs> clusters);
 
@@ -79,14 +81,14 @@ struct DiscordantPairs {
 struct RatioPart {
   double numerator = 0.0;
   double denominator = 0.0;
-  int stratum = 0;  ///< Index of the stratum. Units vary about its mean.
+  int stratum = 0;  ///< Index of the stratum. Variances are about the stratum's mean.
 };
 
 /// Fieller's interval for the ratio of two totals over independent units (Fieller, J. R. Stat. Soc.
 /// B, 1954): all ratios r that a t test of "numerator - r denominator is zero on average" does not
-/// reject, with the degrees of freedom of this number of units. Unlike a percentile bootstrap it
-/// holds its confidence with five units. The lower end is at least 0. Absent if no stratum has two
-/// units, or the denominator cannot be distinguished from zero.
+/// reject. Its degrees of freedom are the units minus the strata. Unlike a percentile bootstrap it
+/// keeps its confidence level with five units. The lower end is at least 0. Absent if no stratum
+/// has two units, or the denominator cannot be distinguished from zero.
 /// @throws std::invalid_argument unless confidence lies in (0, 1).
 [[nodiscard]] std::optional<Interval> RatioInterval(std::span<const RatioPart> units,
                                                     double confidence = 0.95);
@@ -99,14 +101,14 @@ struct PairedCounts {
   int collided = 0;
   int reference_completed = 0;
   int reference_collided = 0;
-  int stratum = 0;  ///< Index of the stratum. Units vary about its mean.
+  int stratum = 0;  ///< Index of the stratum. Variances are about the stratum's mean.
 };
 
 /// Comparison of a method with a reference. A value is absent if the reference has no event. An
-/// interval is absent if RatioInterval() is absent, with one exception: with fewer than 5
-/// collisions of the method, too few for a variance, the interval of the reduction also includes
-/// RateRatioInterval(), with the reference's collisions divided by their dispersion between units,
-/// and is RateRatioInterval() alone if units can vary and RatioInterval() is absent.
+/// interval is absent if RatioInterval() is absent, with one exception: the method has fewer than 5
+/// collisions, too few for a variance, and a stratum has two units. The interval of the reduction
+/// then also covers RateRatioInterval(), with the reference's collisions divided by their
+/// dispersion between units; if RatioInterval() is absent, it covers nothing else.
 struct PairedContrast {
   std::optional<double> collision_reduction;  ///< 1 - collisions / reference's
   std::optional<Interval> collision_reduction_interval;

@@ -33,7 +33,7 @@ struct EvaluationPlan {
   int max_redraws = 10'000;
 };
 
-/// The unit of learning, evaluated with all methods.
+/// A part of the plan that is learned once and evaluated with all methods.
 struct EvaluationUnit {
   int trial = 0;
   int demonstrations = 0;
@@ -52,7 +52,7 @@ struct EpisodeResult {
   double seconds = 0.0;  ///< Processor time.
   /// Sum of control::Step::change over the changed controls whose size is known.
   double change = 0.0;
-  int sized_changes = 0;  ///< Number of these controls.
+  int sized_changes = 0;  ///< Number of changes that `change` sums.
   bool operator==(const EpisodeResult&) const = default;
 };
 
@@ -95,11 +95,11 @@ struct UnitResult {
 };
 
 /// Returns the seed of the start state drawn for episode `start` of `trial` after `attempt`
-/// rejected ones.
+/// rejected draws.
 [[nodiscard]] std::uint64_t StartSeed(const EvaluationPlan& plan, int trial, int start,
                                       int attempt) noexcept;
 
-/// A start state that a runner accepts, and the number of those rejected before it.
+/// A start state that a runner accepts, and the number of start states rejected before it.
 struct DrawnStart {
   std::uint64_t seed = 0;
   int rejected = 0;
@@ -139,7 +139,7 @@ struct EvaluationOptions {
   /// continues. Empty: no file.
   std::filesystem::path ledger = {};
   /// All other settings that determine the results, by name. A ledger is compared by these and by
-  /// the commit of this build. Numbers as written by Exactly(), input files as HashOfFile().
+  /// the commit of this build. Write numbers with Exactly(), and input files with HashOfFile().
   std::map<std::string, std::string> settings = {};
   bool salvage = false;  ///< Drops damaged lines of the ledger and repeats their units.
   std::function<void(const std::string&)> notice = {};  ///< Reports dropped lines. May be empty.
@@ -158,9 +158,9 @@ struct EvaluationOptions {
 /// trial, i, 1}, ... that the runner accepts. Methods and learners therefore share start states,
 /// and so do data points as far as each support accepts them. The controller's seed is {1, trial,
 /// i}.
-/// @throws std::invalid_argument for an invalid plan; std::runtime_error for a ledger of other
-///   settings (naming the first that differs), a damaged one, one in use by another process, or one
-///   that cannot be written; Interrupted; and any exception of a runner.
+/// @throws std::invalid_argument for an invalid plan; std::runtime_error if the ledger has other
+///   settings (naming the first that differs), is damaged, is in use by another process, or cannot
+///   be written; Interrupted; and any exception of a runner.
 [[nodiscard]] std::vector<UnitResult> Evaluate(const EvaluationPlan& plan,
                                                const MakeTrialRunner& make,
                                                const EvaluationOptions& options = {});

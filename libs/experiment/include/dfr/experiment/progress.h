@@ -46,8 +46,8 @@ class ProgressMeter {
   std::optional<double> last_call_s_;
 };
 
-/// Shows progress on a stream: a redrawn bar on a terminal, otherwise occasional plain lines. Use
-/// as a ProgressCallback through std::ref or a lambda. Belongs to one thread at a time.
+/// Shows progress on a stream: a redrawn bar on a terminal, otherwise occasional plain lines. Call
+/// Show() in a ProgressCallback. Belongs to one thread at a time.
 class ProgressBar {
  public:
   /// Writes to stderr, as a bar if it is a terminal.

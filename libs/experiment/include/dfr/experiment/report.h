@@ -18,7 +18,7 @@ namespace dfr::experiment {
 /// Style of a method, with the same name, colour, dashes and marker on all pages and pictures.
 struct NamedStyle {
   std::string_view method;  ///< Name of the method in plans and on command lines, or an outcome.
-  std::string_view name;    ///< For readers.
+  std::string_view name;    ///< Name shown to readers.
   int style = 0;            ///< Number of a colour, dashes and marker.
 };
 /// Returns all methods and outcomes with a predefined style.
@@ -94,8 +94,8 @@ struct ReportJudgement {
 /// Content of a report in addition to the summary. All texts are escaped.
 struct ReportOptions {
   std::string title = {};
-  /// First sentence of the page: fit for use, doubtful or do not use, and why. Empty: a list of
-  /// `judgements`; without judgements, derived from the summary's contrasts if there are any.
+  /// First sentence of the page: fit for use, doubtful or do not use, and why. Empty: the page
+  /// lists `judgements`; if there are none, it derives judgements from the summary's contrasts.
   std::string verdict = {};
   std::vector<ReportJudgement> judgements = {};
   std::string judged_by = {};  ///< Rule behind `judgements`, shown below them.

@@ -37,7 +37,7 @@ class SequentialTest {
 
   /// True once a difference is established; remains true.
   [[nodiscard]] bool settled() const noexcept { return settled_at_ > 0; }
-  /// Returns the number of the pair that established it; 0 if there is none.
+  /// Returns the number of the pair that established a difference; 0 if there is none.
   [[nodiscard]] std::int64_t settled_at() const noexcept { return settled_at_; }
   [[nodiscard]] std::int64_t pairs() const noexcept { return pairs_; }
   /// Mean difference so far.

@@ -33,20 +33,20 @@ struct Status {
   std::vector<LedgerStatus> ledgers;
 };
 
-/// Reads the ledgers in these folders or their subfolders, which may be written at the same time.
-/// Shards of one run are combined; runs of a grid are separate. A task without a unit belongs to
-/// the run beside it. The rate is that of all units from the start of the first to the end of the
-/// last.
+/// Reads the ledgers in these folders or their subfolders, while programs may write them. Shards of
+/// one run are combined; runs of a grid are separate. A task without a finished unit belongs to the
+/// run of the tasks beside it. The rate is the number of finished units divided by the time from
+/// the start of the first to the end of the last.
 /// @returns at least one status.
 /// @throws std::runtime_error naming a folder with neither ledgers nor logs; as ReadLedger().
 [[nodiscard]] std::vector<Status> StatusesOf(const std::vector<std::filesystem::path>& folders);
 
-/// Formats the status for a terminal. Several runs begin with a line for all.
+/// Formats the statuses for a terminal. For several runs, the first line adds them up.
 [[nodiscard]] std::string ToText(const std::vector<Status>& statuses);
 
-/// Returns the same as JSON: {"done", "units", "by_host", "mean_wall_s", "longest_wall_s",
+/// Returns the statuses as JSON: {"done", "units", "by_host", "mean_wall_s", "longest_wall_s",
 /// "remaining_s", "ledgers": [{"path", "shard", "done", "units", "running", "last_words"}, ...]}; a
-/// list of these for several runs.
+/// list of such objects for several runs.
 [[nodiscard]] std::string ToJson(const std::vector<Status>& statuses);
 
 }  // namespace dfr::experiment

@@ -50,9 +50,9 @@ struct Contrast {
   std::string against;
   std::string learner;
   PairedContrast ratios;
-  /// Clusters of the intervals: "supervisors" if there are at least 5, otherwise "trials", or
-  /// "episodes" of each trial with fewer than 5 trials. Intervals of episodes ignore the variation
-  /// between trials.
+  /// Clusters of the intervals: "episodes" if there are fewer than 5 trials; otherwise
+  /// "supervisors" if there are at least 5, or "trials". Intervals over episodes ignore the
+  /// variation between trials.
   std::string clusters;
   std::optional<double> seconds_ratio;   ///< Ratio of seconds per trajectory to the reference.
   std::optional<double> controls_ratio;  ///< Ratio of controls per trajectory to the reference.
@@ -107,17 +107,17 @@ struct SummaryOptions {
 ///      "controls_ratio": ..., "only_method_collided": ...,
 ///      "only_reference_collided": ..., "mcnemar_p": ...}, ...],
 ///    "measures": [{"name": ..., "learner": ..., "demonstrations": ..., "mean": ...}, ...]}
-/// "interval" of a contrast is that of its collision reduction. Contains no measured times, so the
-/// text is identical for any distribution of units over machines.
+/// "interval" of a contrast repeats "collision_reduction_interval". Contains no measured times, so
+/// the text is identical for any distribution of units over machines.
 [[nodiscard]] std::string ToJson(const Summary& summary);
 
 /// Writes ToJson() to a temporary file and renames it when complete.
 /// @throws std::runtime_error naming the file.
 void SaveSummary(const Summary& summary, const std::filesystem::path& path);
 
-/// Writes the processor times in the same way: {"cells": [{"method", "learner", "demonstrations",
-/// "seconds_per_trajectory"}, ...], "averages": [...], "contrasts": [{"method", "against",
-/// "learner", "seconds_ratio"}, ...]}.
+/// Writes the processor times as SaveSummary() does: {"cells": [{"method", "learner",
+/// "demonstrations", "seconds_per_trajectory"}, ...], "averages": [...], "contrasts": [{"method",
+/// "against", "learner", "seconds_ratio"}, ...]}.
 /// @throws as SaveSummary().
 void SaveTimes(const Summary& summary, const std::filesystem::path& path);
 
