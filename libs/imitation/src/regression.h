@@ -12,10 +12,10 @@ namespace dfr::imitation::internal {
 /// the biases.
 class RegressionLoss {
  public:
-  /// Uses networks of the layer sizes of `mlp`.
+  /// Uses the layer sizes of `mlp`, not its parameters.
   RegressionLoss(Mlp mlp, double weight_decay);
 
-  /// Returns the loss of `parameters` and writes its gradient unless that is null.
+  /// Returns the loss of `parameters` and writes its gradient unless `gradient` is null.
   /// @throws std::invalid_argument for a parameter that is not finite.
   double Evaluate(const Eigen::Ref<const Eigen::VectorXd>& parameters, const Rows& inputs,
                   const Rows& targets, Eigen::VectorXd* gradient);

@@ -24,7 +24,7 @@ constexpr int kCheckpointVersion = 1;
 // Purposes of the random streams.
 enum Purpose : std::uint64_t { kWeights, kCriticWeights, kEpisode, kNoise, kShuffle };
 
-// The line search tries the full step, then steps shortened by this factor each.
+// The line search tries the full step, then multiplies the step by this factor at each attempt.
 constexpr double kBacktrack = 0.8;
 constexpr int kMaxBacktracks = 15;
 
@@ -68,7 +68,7 @@ struct Moments {
   }
 };
 
-// Steps of several whole episodes, one row each.
+// Steps of several whole episodes, one step per row.
 struct Batch {
   core::Matrix features;  // not whitened
   core::Matrix controls;  // before clipping

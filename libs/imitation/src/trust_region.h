@@ -53,7 +53,7 @@ class TrustRegionProblem {
   Mlp::Workspace moved_workspace_;
 };
 
-/// Solves A x = b for a positive definite A, given as a product, starting at x = 0. Stops after
+/// Solves A x = b for a positive definite A, starting at x = 0. `product` computes A v. Stops after
 /// `iterations` steps or when the residual is below 1e-10 |b| (Hestenes and Stiefel, 1952).
 [[nodiscard]] Eigen::VectorXd ConjugateGradient(
     const std::function<void(const Eigen::VectorXd&, Eigen::VectorXd&)>& product,

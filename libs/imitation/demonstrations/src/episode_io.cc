@@ -32,8 +32,8 @@ constexpr char kActions[] = "actions";
 // circular link.
 constexpr int kDeepest = 8;
 
-// Returns the key of a dataset (N, height, width) or (N, height, width, channels). Its offset puts
-// it after all datasets that are no pictures.
+// Returns the key of a dataset (N, height, width) or (N, height, width, channels). The key's offset
+// places pictures after all other datasets.
 Key PictureKey(const Hdf5Reader& file, const std::string& path, const std::string& name,
                const std::vector<std::int64_t>& shape) {
   constexpr std::int64_t kMost = 1 << 13;
@@ -57,7 +57,8 @@ Key PictureKey(const Hdf5Reader& file, const std::string& path, const std::strin
           picture.height * picture.width * picture.channels, picture};
 }
 
-// Appends the datasets at `path`, a dataset or a group of them. Returns false if one has no offset.
+// Appends the keys of the dataset at `path`, or of all datasets in the group at `path`. Returns
+// false if a dataset has no offset.
 bool CollectKeys(const Hdf5Reader& file, const std::string& path, const std::string& name,
                  int depth, const Pictures& pictures, std::vector<Key>& keys) {
   if (file.IsGroup(path)) {
@@ -152,7 +153,7 @@ core::StateLayout PartLayout(const Hdf5Reader& file, const std::string& episode,
   return layout;
 }
 
-// Describes the first difference between the layouts of an episode and of the first one.
+// Describes the first difference between an episode's layout and the first episode's.
 std::string Difference(const core::StateLayout& found, const core::StateLayout& first) {
   for (const auto& block : first.blocks) {
     const auto same = std::ranges::find(found.blocks, block.name, &core::StateLayout::Block::name);
@@ -308,7 +309,7 @@ void EpisodeReader::LeaveUnfinished(const char* last) {
   const std::string episode = episodes_.back();
   try {
     if (file_.IntegerAttribute(episode, last)) return;
-  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): it is cut off, too
+  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): also incomplete
   }
   // Some writers never write this attribute.
   if (!file_.IntegerAttribute(episodes_[0], last)) return;

@@ -39,7 +39,7 @@ std::filesystem::path InfoFile(const std::filesystem::path& folder) {
   throw std::runtime_error(file.string() + ": " + reason);
 }
 
-// Returns whether a feature holds numbers in at most one dimension.
+// Returns true if a feature holds numbers in at most one dimension.
 bool IsNumeric(const json& feature) {
   static constexpr std::string_view kTypes[] = {"float16", "float32", "float64", "bool",
                                                 "int8",    "int16",   "int32",   "int64",
@@ -50,7 +50,7 @@ bool IsNumeric(const json& feature) {
              std::end(kTypes);
 }
 
-// A range of rows of one row group of one file.
+// A range of rows in a row group of a file.
 struct Part {
   int file = 0;
   int row_group = 0;
@@ -304,7 +304,7 @@ class LeRobotReader final : public DemonstrationReader {
     if (kept == 0) Fail(InfoFile(folder_), "split '" + key + "' names no episode");
   }
 
-  // Keeps the last file open, because episodes follow each other.
+  // Returns a file, and keeps it open for the next episode, which is often in the same file.
   [[nodiscard]] const ParquetFile& File(int file) const {
     if (open_file_ != file) {
       columns_.clear();
@@ -315,7 +315,7 @@ class LeRobotReader final : public DemonstrationReader {
     return *open_;
   }
 
-  // Caches the columns of its last row group, which holds many episodes in version 3.
+  // Returns a column. Caches the last row group's columns: in version 3 it holds many episodes.
   [[nodiscard]] const ParquetColumn& Column(const Part& part, const std::string& name) const {
     const ParquetFile& file = File(part.file);
     if (columns_group_ != part.row_group) columns_.clear();
@@ -325,7 +325,7 @@ class LeRobotReader final : public DemonstrationReader {
     return columns_.emplace(name, file.Read(part.row_group, name)).first->second;
   }
 
-  // Checks that the rows of an episode are in the order of time. Files may lack the column.
+  // Checks that the rows of an episode are in the order of time, if the files number the frames.
   void CheckOrder(int episode, const std::vector<Part>& parts) const {
     double before = -1.0;
     Eigen::Index frame = 0;

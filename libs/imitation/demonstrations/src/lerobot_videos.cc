@@ -14,7 +14,7 @@
 namespace dfr::imitation::internal {
 namespace {
 
-// Pixels along the longer side of a picture without a requested size, as for the feature points:.
+// Pixels along the longer side of a picture without a requested size, as for points:NAME.
 constexpr int kSide = 32;
 constexpr int kMostSide = 1 << 13;
 constexpr char kNumberColumn[] = "episode_index";

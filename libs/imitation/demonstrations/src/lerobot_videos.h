@@ -13,8 +13,8 @@
 
 namespace dfr::imitation::internal {
 
-/// The videos of a dataset of LeRobot that are parts of the state. Errors are std::runtime_error
-/// with file, feature or episode, reason and remedy. Each object belongs to one thread.
+/// The videos of a LeRobot dataset that are parts of the state. Errors are std::runtime_error with
+/// file, feature or episode, reason and remedy. Each object belongs to one thread.
 class LeRobotVideos {
  public:
   /// @param folder  folder of the dataset.
@@ -26,7 +26,7 @@ class LeRobotVideos {
   void Locate(const nlohmann::json& info);
 
   [[nodiscard]] bool Has(const std::string& name) const { return videos_.contains(name); }
-  /// Reads the frames of an episode to the columns from `column` on, one row each.
+  /// Reads the frames of an episode into the columns from `column` on, one frame per row.
   void Read(const std::string& name, std::int64_t episode, core::Matrix& states,
             Eigen::Index column);
 

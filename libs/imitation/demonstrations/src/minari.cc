@@ -25,7 +25,7 @@ using nlohmann::json;
 constexpr char kPrefix[] = "episode_";
 constexpr char kPlain[] = "observations";
 constexpr char kTotal[] = "total_steps";
-constexpr char kEnvironment[] = "environment";  // dfr's key: any name
+constexpr char kEnvironment[] = "environment";  // dfr's key, which accepts any name
 constexpr char kSteps[] = "the number of actions";
 constexpr char kStates[] = "the number of actions plus one";
 // Format version of these files, which Minari 0.5.1 and later read.
@@ -41,7 +41,7 @@ bool IsEnvironmentId(const std::string& id) {
   return std::regex_match(id, pattern);
 }
 
-// In the form of Gymnasium's EnvSpec, which requires additional_wrappers.
+// Returns a JSON text of Gymnasium's EnvSpec, which requires additional_wrappers.
 std::string EnvironmentSpec(const std::string& id) {
   return json({{"id", id},
                {"entry_point", nullptr},
@@ -113,7 +113,7 @@ class MinariReader final : public internal::EpisodeReader {
 
   [[nodiscard]] core::Outcome OutcomeOf(const std::string& episode, Eigen::Index steps) const {
     if (const auto outcome = Outcome(episode)) return *outcome;
-    // Infos include an entry for the reset.
+    // infos/success has an entry for the reset before those of the steps.
     const std::string success = episode + "/infos/success";
     Matrix values;
     if (file().Exists(success)) values = file().Read(success);
@@ -203,7 +203,7 @@ class MinariWriter::File {
     file_.SetAttribute(episode, "seed", static_cast<std::int64_t>(trajectory.seed));
     file_.SetAttribute(episode, "outcome", std::string(core::Name(trajectory.outcome)));
     file_.SetAttribute(episode, kTotal, static_cast<std::int64_t>(steps));
-    file_.Flush();  // flushes all data of the new name
+    file_.Flush();  // flushes all data that the new name will refer to
     file_.LinkNewGroup(kPrefix + std::to_string(episodes_));
     file_.Flush();
     ++episodes_;
@@ -223,7 +223,7 @@ class MinariWriter::File {
     return Hdf5File::Create(folder_ / "main_data.hdf5", /*track_order=*/true);
   }
 
-  // Replaces the file as a whole: readers never get a part of it.
+  // Replaces the file as a whole: readers never see an incomplete file.
   void WriteMetadata() const {
     std::error_code ignored;
     const auto bytes = std::filesystem::file_size(folder_ / "main_data.hdf5", ignored);

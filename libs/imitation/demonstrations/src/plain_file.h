@@ -5,7 +5,7 @@
 
 namespace dfr::imitation::internal {
 
-/// Call it before opening a file of a dataset. A missing file is accepted: opening it fails.
+/// Call this function before opening a dataset's file. Accepts a missing file.
 /// @throws std::runtime_error for a folder, and for a pipe or a device, which could block forever.
 inline void CheckPlainFile(const std::filesystem::path& path) {
   std::error_code error;

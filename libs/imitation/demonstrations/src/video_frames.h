@@ -14,7 +14,7 @@ namespace dfr::imitation::internal {
 /// Consecutive frames of a video file.
 struct VideoClip {
   std::filesystem::path file;
-  int camera = 0;  ///< One file of each camera stays open, because episodes follow each other.
+  int camera = 0;  ///< Number of the camera. The last file of each camera stays open.
   std::int64_t first = 0;
   std::int64_t count = 0;
   /// Properties that the file must have.
@@ -26,8 +26,8 @@ struct VideoClip {
   int out_width = 0;
 };
 
-/// Decodes videos by the program video_frames. The process starts at the first call and ends with
-/// this object. Files are untrusted: they can crash that process only. Each object belongs to one
+/// Decodes videos with the program video_frames. The process starts at the first call and ends with
+/// this object. Files are untrusted, but can crash only that process. Each object belongs to one
 /// thread.
 class VideoFrames {
  public:
@@ -37,7 +37,7 @@ class VideoFrames {
   ~VideoFrames() { End(); }
 
   /// Writes each frame to a row, out_height x out_width x channels values from 0 to 255. Three
-  /// channels are RGB; one is the first of these, for grey videos.
+  /// channels are RGB. A single channel is R, for grey videos.
   /// @param frames  count rows, out_height * out_width * (1 or 3) columns.
   /// @throws std::runtime_error with reason and remedy.
   void Read(const VideoClip& clip, Eigen::Ref<core::Matrix> frames);

@@ -21,7 +21,7 @@ struct Product {
   double* c = nullptr;
   std::ptrdiff_t c_row = 0;
   const double* bias = nullptr;  ///< n start values for every row of C; null: zero.
-  bool accumulate = false;       ///< Start from the current entries of C instead.
+  bool accumulate = false;       ///< Start from the current entries of C, not from `bias`.
 };
 
 // These functions use the widest instruction set of the machine and one thread. They never

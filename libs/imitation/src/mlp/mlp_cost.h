@@ -18,13 +18,13 @@ struct MinimizeSummary {
 MinimizeSummary MinimizeByLbfgs(const core::Matrix& inputs, const core::Matrix& targets,
                                 double weight_decay, int max_iterations, Mlp& mlp);
 
-/// Minimises the same loss with Ceres's Levenberg-Marquardt on the whole dense Jacobian: few,
+/// Minimises RegressionLoss with Ceres's Levenberg-Marquardt on the whole dense Jacobian: few,
 /// expensive iterations.
 MinimizeSummary MinimizeByLevenbergMarquardt(const core::Matrix& inputs,
                                              const core::Matrix& targets, double weight_decay,
                                              int max_iterations, Mlp& mlp);
 
-/// Returns the size of that Jacobian in bytes.
+/// Returns the size of the Jacobian of MinimizeByLevenbergMarquardt() in bytes.
 [[nodiscard]] double JacobianBytes(const core::Matrix& targets, const Mlp& mlp);
 
 }  // namespace dfr::imitation::internal

@@ -22,8 +22,8 @@ class Hdf5File {
   /// @param track_order  groups list their members in the order of creation, as Minari's readers
   ///   expect.
   static Hdf5File Create(const std::filesystem::path& path, bool track_order = false);
-  /// Opens a trusted file for reading; see Hdf5Reader for others. Rejects data stored in other
-  /// files.
+  /// Opens a trusted file for reading; use Hdf5Reader for untrusted files. Rejects data stored in
+  /// other files.
   static Hdf5File Open(const std::filesystem::path& path);
 
   Hdf5File(Hdf5File&& other) noexcept;
@@ -51,7 +51,7 @@ class Hdf5File {
   void WriteGrowable(const std::string& path, std::span<const double> values);
   /// Writes truth values in h5py's form: an enumeration {FALSE = 0, TRUE = 1} over one byte.
   void WriteGrowable(const std::string& path, const std::vector<bool>& values);
-  /// Sets or replaces an attribute of a group or dataset. Text has variable length, UTF-8.
+  /// Sets or replaces an attribute of a group or dataset. Stores text as UTF-8 of variable length.
   void SetAttribute(const std::string& path, const char* name, std::int64_t value);
   void SetAttribute(const std::string& path, const char* name, const std::string& value);
   /// Passes all written data to the operating system.
@@ -63,14 +63,14 @@ class Hdf5File {
   [[nodiscard]] std::vector<std::string> Members(const std::string& group) const;
   /// Returns the dimensions of a dataset.
   [[nodiscard]] std::vector<std::int64_t> Shape(const std::string& path) const;
-  /// Returns whether a dataset holds numbers or truth values.
+  /// Returns true if a dataset holds numbers or truth values.
   [[nodiscard]] bool IsNumeric(const std::string& path) const;
   /// Reads a numeric dataset, converted to doubles. The first dimension becomes the rows, and the
   /// others are flattened into columns (one column for a one-dimensional dataset).
   [[nodiscard]] core::Matrix Read(const std::string& path) const;
   /// Reads a one-dimensional dataset of texts, of fixed or variable length.
   [[nodiscard]] std::vector<std::string> ReadTexts(const std::string& path) const;
-  /// Returns nothing if the attribute does not exist.
+  /// Returns std::nullopt if the attribute does not exist.
   [[nodiscard]] std::optional<std::int64_t> IntegerAttribute(const std::string& path,
                                                              const char* name) const;
   [[nodiscard]] std::optional<std::string> TextAttribute(const std::string& path,

@@ -40,7 +40,7 @@ constexpr char kGood = '+';
 constexpr char kNone = '0';
 constexpr char kError = '-';
 
-// Memory of libhdf5 in addition to the values, and seconds of computing for a small file.
+// Memory of libhdf5 in addition to the values, seconds of CPU time, and bytes read per second.
 constexpr rlim_t kOverhead = rlim_t{128} << 20;
 constexpr rlim_t kSeconds = 2;
 constexpr rlim_t kBytesPerSecond = 20'000'000;
@@ -105,7 +105,7 @@ std::string AnswerTo(const Hdf5File& file, char question, const std::string& pat
   }
 }
 
-// Limits the CPU time from now on: kSeconds, and the time for a file of this size.
+// Limits the CPU time from now on to kSeconds plus the time to read a file of this size.
 void LimitComputing(std::uint64_t file_size) noexcept {
   rusage used{};
   getrusage(RUSAGE_SELF, &used);
@@ -131,7 +131,7 @@ void LimitMemory(std::uint64_t file_size) noexcept {
   setrlimit(RLIMIT_AS, &limit);
 }
 
-// The reading process: answers until the requests end.
+// Runs the reading process: answers requests until they end.
 void Serve(int socket, const std::filesystem::path& path, std::uint64_t file_size) noexcept {
   const auto reply = [socket](const std::string& answer) {
     std::string size;

@@ -56,8 +56,8 @@ Hdf5File Hdf5File::Create(const std::filesystem::path& path, bool track_order) {
   return file;
 }
 
-// libhdf5 writes object metadata whenever its cache is full, in any order. After a kill, such a
-// file would refer to data that were never written.
+// Keeps object metadata in the cache. libhdf5 writes them in any order when its cache is full, and
+// after a kill the file would refer to data that were never written.
 void Hdf5File::HoldMetadata(bool hold) {
   H5AC_cache_config_t config{};
   config.version = H5AC__CURR_CACHE_CONFIG_VERSION;
@@ -84,7 +84,7 @@ void Hdf5File::WriteBlock(const std::string& path, std::int64_t type,
   std::vector<hsize_t> most = now;
   const Hdf5Handle properties(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
   if (growable) {
-    // An episode's rows are read together: one chunk, within the 1 MiB that libhdf5 caches.
+    // An episode's rows are read together and form one chunk, of at most libhdf5's cache of 1 MiB.
     constexpr hsize_t kChunkBytes = 1 << 20;
     std::vector<hsize_t> chunk = now;
     hsize_t row_bytes = H5Tget_size(type);
@@ -164,7 +164,7 @@ void Hdf5File::WriteAttribute(const std::string& path, const char* name, std::in
   const Place at = At(path);
   const Hdf5Handle object(H5Oopen(at.object, at.path.c_str(), H5P_DEFAULT), H5Oclose);
   const Hdf5Handle space(H5Screate(H5S_SCALAR), H5Sclose);
-  // Overwrites an existing attribute in place: it exists at any time.
+  // Overwrites an existing attribute in place, so the attribute always exists.
   const Hdf5Handle attribute(
       H5Aexists(object.id(), name) > 0
           ? H5Aopen(object.id(), name, H5P_DEFAULT)

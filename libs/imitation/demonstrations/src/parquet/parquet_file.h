@@ -31,7 +31,7 @@ struct ParquetColumn {
 /// functions throw std::runtime_error with the file, the column and the reason.
 class ParquetFile {
  public:
-  /// Storage of a column or of its lists' entries.
+  /// Storage of a column, or of the entries of a column's lists.
   struct Leaf {
     std::string column;  // name of the top-level column
     std::string path;    // "action.list.element"

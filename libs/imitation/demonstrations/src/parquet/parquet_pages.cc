@@ -123,7 +123,7 @@ PageHeader ReadPageHeader(Bytes& bytes) {
   return header;
 }
 
-// IEEE 754's binary16.
+// Converts a number of IEEE 754's binary16.
 double HalfToDouble(std::uint16_t bits) {
   const double sign = (bits & 0x8000) != 0 ? -1.0 : 1.0;
   const int exponent = (bits >> 10) & 0x1f;
@@ -217,7 +217,7 @@ class ChunkDecoder {
     }
     if (leaf_->max_repetition > 0) {
       column_.offsets.push_back(static_cast<std::int64_t>(column_.values.size()));
-      // The first row opened an additional row before it.
+      // The initial offset 0 precedes the first row's offset.
       column_.offsets.erase(column_.offsets.begin());
     }
     if (column_.num_rows() != num_rows_) {

@@ -17,8 +17,8 @@ enum class FitMethod {
   kLevenbergMarquardt,  ///< Ceres, to a minimum; few iterations, for small networks.
 };
 
-/// Options of FitMlp(). Defaults are the stronger learner of Sec. V-A, 64-64 tanh. The authors'
-/// weak learner has hidden = {8}.
+/// Options of FitMlp(). The defaults are the stronger learner of the paper's Sec. V-A, with 64-64
+/// tanh units. The paper's weak learner has hidden = {8}.
 struct FitMlpOptions {
   std::vector<int> hidden = {64, 64};  ///< Numbers of tanh units; empty for a linear policy.
   FitMethod method = FitMethod::kAdam;

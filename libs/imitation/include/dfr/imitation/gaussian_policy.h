@@ -10,8 +10,8 @@
 namespace dfr::imitation {
 
 /// A stochastic policy u ~ N(mlp(z), diag(exp(2 log_std))), clipped to the control limit. Trpo
-/// trains such policies, and supervisors are stored as such. The standard deviation does not depend
-/// on the state. Immutable; concurrent calls are safe if each uses its own random stream.
+/// trains such policies, and files store supervisors in this form. The standard deviation does not
+/// depend on the state. Immutable; concurrent calls are safe if each uses its own random stream.
 class GaussianPolicy {
  public:
   /// @throws std::invalid_argument unless `log_std` has one finite entry per control.
@@ -21,7 +21,7 @@ class GaussianPolicy {
   [[nodiscard]] int control_dim() const noexcept { return mean_.control_dim(); }
 
   /// Samples a control: adds noise to the network's output, then clips the sum. All entries are NaN
-  /// if the mean's are NaN. Never allocates.
+  /// if the output is NaN. Never allocates.
   void Sample(std::span<const double> x, core::Random& random, std::span<double> u) const noexcept;
 
   /// Returns the policy without noise.

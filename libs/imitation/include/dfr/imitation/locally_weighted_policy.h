@@ -11,8 +11,8 @@ namespace dfr::imitation {
 
 /// Options for LocallyWeightedPolicy.
 struct LocallyWeightedOptions {
-  int window = 5;         ///< Uses pairs of time steps t - window ... t + window with u != 0, and
-                          ///< the nearest in time if these have none.
+  int window = 5;         ///< Uses the pairs with u != 0 at time steps t - window ... t + window;
+                          ///< if there are none, the nearest in time.
   double width = 1.0;     ///< Weights are exp(-|z - z_i|^2 / (2 width^2)), > 0.
   double ridge = 0.1;     ///< Regularises the local slope towards zero, > 0.
   int max_per_step = 24;  ///< Maximum number of demonstrations per time step; bounds the time.
@@ -49,9 +49,10 @@ class LocallyWeightedPolicy final : public core::Policy {
   core::Matrix controls_;
 };
 
-/// Returns the width of a fixed grid, .25 to 4, with the smallest error of LocallyWeightedPolicy on
-/// controls of left-out demonstrations: the mean square over five folds of whole demonstrations
-/// (one demonstration each if there are fewer). The other options come from `options`.
+/// Returns the width, from a fixed grid of .25 to 4, with the smallest mean squared error of
+/// LocallyWeightedPolicy on the controls of left-out demonstrations. Each of five folds of whole
+/// demonstrations is left out once (with fewer demonstrations, each of them). The other options
+/// come from `options`.
 /// @throws std::invalid_argument with fewer than two demonstrations, and as LocallyWeightedPolicy.
 [[nodiscard]] double CrossValidatedWidth(const core::FeatureTransform& features,
                                          std::span<const core::Trajectory> demonstrations,

@@ -21,8 +21,9 @@ using Rows = Eigen::Ref<const core::Matrix>;
 ///
 /// Batched calls take a Workspace, which grows to the largest batch and is then reused: loops over
 /// batches of one size do not allocate. Each sample's result is bit-identical to that of a batch
-/// with this sample alone. Sums over a batch depend on its order within rounding. The kernels use
-/// the widest instruction set of the machine: results of different machines differ by rounding.
+/// with this sample alone. Sums over a batch depend, within rounding, on the order of its samples.
+/// The kernels use the widest instruction set of the machine: results of different machines differ
+/// by rounding.
 ///
 /// Const calls are safe from several threads, each with its own workspace.
 class Mlp {
@@ -92,8 +93,8 @@ class Mlp {
   void Backward(const Rows& inputs, const Rows& output_gradient, Workspace& workspace,
                 Eigen::VectorXd& gradient) const;
 
-  /// Returns the gradient with respect to the inputs instead (n x input_dim()). Valid until the
-  /// workspace's next use.
+  /// Same as Backward(), but returns the gradient with respect to the inputs (n x input_dim()).
+  /// Valid until the workspace's next use.
   Eigen::Map<const core::Matrix> InputGradient(const Rows& output_gradient,
                                                Workspace& workspace) const;
 
@@ -103,8 +104,8 @@ class Mlp {
                                          const Eigen::Ref<const Eigen::VectorXd>& direction,
                                          Workspace& workspace) const;
 
-  /// Writes the gradient of output o of sample i with respect to the parameters to row
-  /// i output_dim() + o, after Forward() as for Backward(). For small networks: plain loops.
+  /// Writes the gradient of output o of sample i with respect to the parameters to row i
+  /// output_dim() + o, after Forward() as for Backward(). Fast only for small networks.
   void Jacobian(const Rows& inputs, Workspace& workspace, Eigen::Ref<core::Matrix> jacobian) const;
 
   /// Appends sizes and parameters. A reader restores them bit for bit.

@@ -18,12 +18,12 @@ namespace dfr::imitation {
 /// Immutable; concurrent calls are safe.
 class MlpPolicy final : public core::Policy {
  public:
-  /// @param layout  entries of the state, of which the policy keeps names and sizes, not shapes of
-  ///   pictures. Files store it: a program can reject a plant with other states.
+  /// @param layout  entries of the state. The policy and its files keep their names and sizes, not
+  ///   the shapes of pictures: a program can reject a plant with other states.
   /// @param features  as in core::FeatureSelection; empty for the whole state.
-  /// @param whitening  of the features.
-  /// @param mlp  from whitened features to controls.
-  /// @param control_limit  per entry of the control, > 0: the actuators' range.
+  /// @param whitening  standardises the features.
+  /// @param mlp  maps standardised features to controls.
+  /// @param control_limit  limit of each control entry, > 0: the actuators' range.
   /// @throws std::invalid_argument naming the arguments that do not fit together.
   MlpPolicy(core::StateLayout layout, std::string_view features, Whitening whitening, Mlp mlp,
             Eigen::VectorXd control_limit);
@@ -35,8 +35,8 @@ class MlpPolicy final : public core::Policy {
   /// allocates.
   void Control(int t, std::span<const double> x, std::span<double> u) const noexcept override;
 
-  /// Writes the network's output without the limit, to which a Gaussian policy adds its noise.
-  /// Otherwise as Control().
+  /// Same as Control(), but without the control limit. A Gaussian policy adds its noise to this
+  /// output.
   void Unlimited(std::span<const double> x, std::span<double> u) const noexcept;
 
   [[nodiscard]] const core::StateLayout& layout() const noexcept { return layout_; }

@@ -11,7 +11,7 @@ namespace dfr::imitation {
 /// Writes a policy as an ONNX file, in double: input `x` (rows x state_dim), the whole state;
 /// output `u` (rows x control_dim), within 1e-12 of Control(). The graph includes features,
 /// whitening and control limits. For a non-finite state, Control() gives NaN in all entries; an
-/// ONNX runtime may not.
+/// ONNX runtime may give numbers.
 /// @throws std::runtime_error with the file and the system's message.
 void ExportOnnx(const MlpPolicy& policy, const std::filesystem::path& path);
 

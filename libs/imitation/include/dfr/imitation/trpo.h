@@ -22,8 +22,8 @@ class Environment {
 
   virtual ~Environment() = default;
 
-  /// Returns the plant. Trpo reads its layout, states, completed() and collided(), and drives it
-  /// through the environment alone.
+  /// Returns the plant. Trpo reads its layout, states, completed() and collided(), but drives it
+  /// only by Step().
   [[nodiscard]] virtual const core::Plant& plant() const noexcept = 0;
 
   /// Starts an episode. The same seed gives the same start state.
@@ -40,15 +40,15 @@ struct TrpoOptions {
   std::vector<int> critic_hidden = {64, 64};  ///< Numbers of tanh units of the critic.
   std::string features = {};   ///< Inputs of the policy, as core::FeatureSelection; empty: all.
   double control_limit = 1.0;  ///< Controls are clipped to +-this value, > 0.
-  int horizon = 60;            ///< Steps per episode, T.
+  int horizon = 60;            ///< Maximum number of steps per episode, T.
   int batch_steps = 4000;      ///< Minimum number of steps per iteration, in whole episodes.
   double discount = 0.98;      ///< gamma in [0, 1].
   double gae_lambda = 0.97;  ///< Trades bias (0) against variance (1) of the advantages, in [0, 1].
   double max_kl = 0.04;      ///< Bound on the mean KL divergence per iteration, > 0.
   int cg_iterations = 10;    ///< Number of conjugate gradient steps.
   double cg_damping = 0.1;   ///< Added to the diagonal of the Fisher matrix, >= 0.
-  double initial_log_std = -0.7;  ///< Initial log deviation of the controls before their limit.
-  double min_log_std = -1.2;      ///< Minimum log standard deviation: keeps exploration.
+  double initial_log_std = -0.7;  ///< Initial log standard deviation of the unclipped controls.
+  double min_log_std = -1.2;      ///< Minimum log standard deviation, which keeps exploration.
   int critic_epochs = 5;          ///< Number of Adam passes over each batch.
   int critic_batch = 64;          ///< Samples per Adam step.
   double critic_learning_rate = 1e-3;
@@ -65,8 +65,8 @@ struct TrpoProgress {
   double completed = 0.0;       ///< Fraction of episodes that ended completed without a collision.
   double collided = 0.0;        ///< Fraction of episodes with a collision.
   double kl = 0.0;              ///< KL divergence of the update; 0 if it was rejected.
-  double surrogate_gain = 0.0;  ///< In standard deviations of the advantage; 0 if rejected.
-  double entropy = 0.0;         ///< Entropy of the controls before their limit, in nats.
+  double surrogate_gain = 0.0;  ///< Gain / standard deviation of advantages; 0 if rejected.
+  double entropy = 0.0;         ///< Entropy of the unclipped controls, in nats.
   /// Fraction of the returns' variance that the critic explains before its fit; 1 is perfect.
   double explained_variance = 0.0;
   bool accepted = false;  ///< True if the line search improved the surrogate within the bound.
@@ -76,8 +76,8 @@ struct TrpoProgress {
 /// along the natural gradient of the surrogate return as far as a bound on the KL divergence
 /// allows. Advantages are GAE(lambda) (Schulman et al., 2016). The critic's inputs include t/T,
 /// because the value depends on the time left. Inputs are whitened by the statistics of all states
-/// so far, which are constant during an iteration. A quarter of a batch before the first iteration
-/// initialises them.
+/// so far, which are constant during an iteration. A quarter of a batch, collected before the first
+/// iteration, initialises these statistics.
 ///
 /// Deterministic: the same seed, environment and machine give the same policy. Each object belongs
 /// to one thread.

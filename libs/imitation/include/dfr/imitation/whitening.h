@@ -21,15 +21,15 @@ class Whitening {
   ///   finite.
   static Whitening FromData(const core::Matrix& samples);
 
-  /// @throws std::invalid_argument if sizes differ, an entry is not finite, or a scale not
-  /// positive.
+  /// @throws std::invalid_argument if sizes differ, an entry is not finite, or a scale is
+  /// not positive.
   Whitening(Eigen::VectorXd mean, Eigen::VectorXd scale);
 
   [[nodiscard]] int dim() const noexcept { return static_cast<int>(mean_.size()); }
   [[nodiscard]] const Eigen::VectorXd& mean() const noexcept { return mean_; }
   [[nodiscard]] const Eigen::VectorXd& scale() const noexcept { return scale_; }
 
-  /// Maps x to z, dim() entries each, which may be the same memory. Never allocates.
+  /// Maps x to z. Both have dim() entries and may be the same memory. Never allocates.
   void Apply(std::span<const double> x, std::span<double> z) const noexcept;
   /// Maps each row. @throws std::invalid_argument for another number of columns.
   [[nodiscard]] core::Matrix Apply(const core::Matrix& samples) const;

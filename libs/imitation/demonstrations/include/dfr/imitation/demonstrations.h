@@ -22,8 +22,8 @@ struct DemonstrationSet {
   core::Provenance provenance = {};
 };
 
-/// Reader of a demonstration file, one episode at a time. Needs memory for the longest episode
-/// only. Each object belongs to one thread.
+/// Reader of a demonstration file, one episode at a time. Needs memory only for the longest
+/// episode. Each object belongs to one thread.
 class DemonstrationReader {
  public:
   virtual ~DemonstrationReader() = default;
@@ -53,12 +53,12 @@ class DemonstrationReader {
 ///   a split of LeRobot; empty: all.
 /// @param pictures  datasets or videos that must exist. Pictures among them become parts of the
 ///   state: datasets (steps, height, width) or (steps, height, width, 1 or 3 channels), and
-///   LeRobot's videos. All others are skipped. The size of a request applies only to videos.
+///   LeRobot's videos. Other pictures are skipped. The size of a request applies only to videos.
 /// @throws std::runtime_error with file and reason, also if the key or a picture does not exist.
 [[nodiscard]] std::unique_ptr<DemonstrationReader> OpenDemonstrations(
     const std::filesystem::path& path, const std::string& filter_key = "",
     const std::vector<core::BlockRequest>& pictures = {});
-/// Returns requests for the pictures of a layout, in their sizes.
+/// Returns a request for each picture of a layout, with the picture's size.
 [[nodiscard]] std::vector<core::BlockRequest> PictureRequests(const core::StateLayout& layout);
 /// Reads all demonstrations of a file or dataset.
 [[nodiscard]] DemonstrationSet LoadDemonstrations(const std::filesystem::path& path);
@@ -108,14 +108,14 @@ class RobomimicWriter {
 void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem::path& path,
                    const std::string& model_xml = "");
 
-/// Opens a robomimic file of any writer. Episodes are in the order of their numbers.
-/// - State: all vector-valued obs datasets, concatenated by `offset` if all have one, otherwise by
-///   name. Datasets of more than two dimensions (images) are skipped, except for `pictures`.
+/// Opens a robomimic file, written by any program. Episodes are in the order of their numbers.
+/// - State: all vector-valued obs datasets, sorted by `offset` if all have one, otherwise by name,
+///   and concatenated. Datasets of more than two dimensions (images) are skipped except `pictures`.
 /// - Without next_obs, the file lacks the state after the last control, and that control is
 ///   dropped.
 /// - An incomplete episode at the end (its writer was killed) is dropped, and note() reports it.
 /// - Without `outcome`, an episode is completed if its attribute `success` is not zero (Isaac Lab)
-///   or, without that attribute, if its last done is 1.
+///   or, without that attribute, if the last entry of dones is not zero.
 /// - `filter_key` keeps the episodes listed in mask/FILTER_KEY.
 [[nodiscard]] std::unique_ptr<DemonstrationReader> OpenRobomimic(
     const std::filesystem::path& path, const std::string& filter_key = "",

@@ -19,9 +19,9 @@ namespace dfr::imitation {
 ///   each ("observation.state"), and the videos among `pictures`. Images in Parquet files and other
 ///   videos are skipped, and note() lists them.
 /// - Videos: each frame is averaged to the size of its request, by default to 32 pixels along the
-///   longer side, and becomes a block of the state, RGB. Read() starts the program video_frames
-///   (apps) to decode them, which keeps video libraries out of this process. Read() looks for it
-///   beside this program, then in PATH. Memory holds one full frame.
+///   longer side, and becomes an RGB or grey block of the state. Read() starts the program
+///   video_frames (apps) to decode them, which keeps video libraries out of this process. Read()
+///   looks for it beside this program, then in PATH. Memory holds one full frame at a time.
 /// - Actions: the feature "action". The format does not record the state after the last action,
 ///   which is therefore dropped.
 /// - An episode is completed if its last next.success is not zero. Without that feature, no episode
@@ -34,7 +34,7 @@ namespace dfr::imitation {
     const std::filesystem::path& folder, const std::string& filter_key = "",
     const std::vector<core::BlockRequest>& pictures = {});
 
-/// Returns whether the folder has a meta/info.json.
+/// Returns true if the folder has a meta/info.json.
 [[nodiscard]] bool IsLeRobot(const std::filesystem::path& folder);
 
 }  // namespace dfr::imitation

@@ -37,8 +37,8 @@ class MinariWriter {
   MinariWriter& operator=(MinariWriter&&) noexcept;
   ~MinariWriter();
 
-  /// Appends an episode. A completed one ends in a termination with reward 1, any other in a
-  /// truncation.
+  /// Appends an episode. A completed episode ends in a termination with reward 1, any other episode
+  /// in a truncation.
   /// @throws std::invalid_argument as RobomimicWriter::Append(). Writes nothing in that case.
   void Append(const core::Trajectory& trajectory);
 
