@@ -25,7 +25,7 @@ class ByteWriter {
     out_.append(bytes, sizeof value);
   }
   void Bytes(std::string_view bytes) { out_.append(bytes); }
-  /// Prefixed with its size.
+  /// Appends a text, prefixed with its size.
   void Text(std::string_view text) {
     Number(static_cast<std::uint32_t>(text.size()));
     Bytes(text);
@@ -41,7 +41,7 @@ class ByteWriter {
   std::string& out_;
 };
 
-/// Reads the same encoding from memory. Reading beyond the end returns zeros and makes ok() false:
+/// Reads MCAP's encoding from memory. Reading beyond the end returns zeros and makes ok() false:
 /// callers check once, at the end.
 class ByteReader {
  public:

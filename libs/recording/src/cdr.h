@@ -46,7 +46,7 @@ class CdrWriter {
   std::size_t start_ = 0;
 };
 
-/// Reads the same encoding. As with ByteReader, check ok() at the end.
+/// Reads CdrWriter's encoding. As with ByteReader, check ok() at the end.
 class CdrReader {
  public:
   explicit CdrReader(std::string_view message) : reader_(message) {
@@ -68,7 +68,7 @@ class CdrReader {
     }
     return text.substr(0, text.size() - 1);
   }
-  /// Returns false, with `values` unchanged, if there are more numbers than it holds; sets `count`.
+  /// Returns false, with `values` unchanged, if it is too small for the numbers. Sets `count`.
   bool Numbers(std::span<double> values, std::size_t& count) {
     count = Number<std::uint32_t>();
     if (count > values.size()) return encoding_ok_ = false;

@@ -9,7 +9,7 @@ namespace {
 
 constexpr std::int64_t kSecond = 1'000'000'000;
 
-// builtin_interfaces/Time
+// Appends a builtin_interfaces/Time.
 void EncodeStamp(std::int64_t time_ns, CdrWriter& cdr) {
   std::int64_t nanoseconds = time_ns % kSecond;
   if (nanoseconds < 0) nanoseconds += kSecond;
@@ -29,7 +29,7 @@ bool Take(CdrReader& cdr, Numbers<N>& numbers) {
   return cdr.Numbers(values, count) && numbers.Assign(std::span(values).first(count));
 }
 
-constexpr std::uint8_t kWarn = 30;  // rcl_interfaces/Log
+constexpr std::uint8_t kWarn = 30;  // level of rcl_interfaces/Log
 
 #define DFR_SEPARATOR \
   "================================================================================\n"

@@ -16,7 +16,7 @@ struct ChannelInfo {
   Channel id;
   std::string_view topic;
   std::string_view type;    ///< ROS 2 type name.
-  std::string_view schema;  ///< Definition ("ros2msg"), followed by those of its members.
+  std::string_view schema;  ///< Definition ("ros2msg"), then definitions of its members.
 };
 extern const std::array<ChannelInfo, 5> kChannels;
 
@@ -27,8 +27,8 @@ void Encode(const ArmRecord& arm, std::string& out);
 void EncodePicture(std::int64_t time_ns, std::string_view jpeg, std::string& out);
 void EncodeNote(std::int64_t time_ns, std::string_view text, std::string& out);
 
-/// Inverse of Encode(). Time stamps are those of the message in the file and are not part of it.
-/// Returns false if `message` does not match the schema.
+/// Inverse of Encode(), except that it skips the time stamp, which MCAP also stores. Returns false
+/// if `message` does not match the schema.
 [[nodiscard]] bool Decode(std::string_view message, StepRecord& step);
 [[nodiscard]] bool Decode(std::string_view message, TransitionRecord& transition);
 [[nodiscard]] bool Decode(std::string_view message, ArmRecord& arm);

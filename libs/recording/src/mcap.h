@@ -5,7 +5,7 @@
 
 namespace dfr::recording::internal {
 
-/// MCAP (mcap.dev/spec), format version 0, as in its magic.
+/// Magic bytes of an MCAP file (mcap.dev/spec) of format version 0.
 inline constexpr std::string_view kMagic("\x89MCAP0\r\n", 8);
 
 /// Kinds of records. A record is its kind, an eight-byte size, and its content.

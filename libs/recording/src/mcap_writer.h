@@ -22,7 +22,7 @@ namespace dfr::recording::internal {
 /// nothing more; see error().
 class McapWriter {
  public:
-  /// Creates the file. @throws std::runtime_error naming it and the remedy.
+  /// Creates the file. @throws std::runtime_error naming the file and the remedy.
   McapWriter(const std::filesystem::path& path, const std::map<std::string, std::string>& metadata,
              std::string_view configuration, std::int64_t now_ns);
   ~McapWriter();

@@ -164,7 +164,7 @@ class Reader {
   bool GoOn(std::uint64_t at, const std::string& what) {
     if (!head_) file_.Damaged(at, what);
     Suffered(at, what);
-    constexpr std::uint64_t kHead = kRecordHead + 40;  // of a chunk, up to its records
+    constexpr std::uint64_t kHead = kRecordHead + 40;  // size of a chunk's head, before its records
     // Starts small and doubles: frequent damage must not cost a mebibyte each time.
     std::uint64_t window_size = 256;
     for (std::uint64_t base = at + 1; base + kHead <= file_.size(); base += window_size - kHead) {
@@ -180,7 +180,7 @@ class Reader {
     return false;
   }
 
-  // @param left  number of bytes in the file from there on.
+  // Returns true if `bytes` begin with the head of a chunk. `left` bytes follow in the file.
   static bool ChunkHead(std::string_view bytes, std::uint64_t left) {
     if (bytes[0] != static_cast<char>(Op::kChunk)) return false;
     ByteReader reader(bytes);
@@ -375,7 +375,7 @@ class Reader {
     last = sequence;
   }
 
-  // Skips the summary, which repeats the file's content.
+  // Checks the summary but does not read it: it repeats the file's content.
   void Summary() {
     constexpr std::uint64_t kFooter = kRecordHead + 20;
     if (!complete_) return;

@@ -25,7 +25,7 @@ constexpr std::int64_t kPeriodNs = 25'000'000;
 constexpr std::int64_t kFlushNs = 200'000'000;
 constexpr std::size_t kChunkBytes = std::size_t{1} << 20;
 
-// A record of one of the three kinds.
+// A pending record. One member is valid, according to the kind of the record.
 struct WaitingRecord {
   StepRecord step;
   TransitionRecord transition;
@@ -190,7 +190,7 @@ struct Recorder::Impl {
     if (writer.chunk_bytes() >= kChunkBytes) Check(writer.Flush());
   }
 
-  // Writes a note of the losses since the last one.
+  // Writes a note of the losses since the last note.
   void Report() {
     const std::uint64_t lost_records = dropped_records.load(std::memory_order_relaxed);
     const std::uint64_t lost_pictures = dropped_pictures.load(std::memory_order_relaxed);
@@ -229,11 +229,11 @@ struct Recorder::Impl {
   std::atomic<std::uint64_t> pictures_written{0};
   std::atomic<bool> failed{false};
   std::atomic<bool> stopping{false};
-  // Recording thread only.
+  // Used only by the recording thread.
   std::uint32_t steps = 0;
   std::uint32_t transitions = 0;
   std::uint32_t arms = 0;
-  // Writing thread only, while it runs.
+  // Used only by the writing thread, while it runs.
   MachineClock machine;
   RecorderClock* const clock;
   JpegEncoder jpeg;

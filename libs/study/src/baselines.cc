@@ -171,7 +171,7 @@ class TrueJacobianFilter final : public Stepwise {
   }
 
   // Takes the step that is optimal for the curvature bound, as in control::AscendSupport(), at most
-  // to l = 0 in the linear model. Returns false if it does not help on the plant.
+  // to l = 0 in the linear model. Returns false if l does not rise on the plant.
   bool Raise(int t, std::span<double> u, double& level) noexcept {
     direction_.noalias() = jacobian_.transpose() * gradient_;
     const double square = direction_.squaredNorm();

@@ -112,8 +112,8 @@ safety::Method ParseMethod(std::string_view name, std::span<const std::string_vi
 std::string MethodHelp(std::span<const std::string_view> others) {
   return safety::MethodNames(others) +
          "; lwr, lwr-cv and knn are regressions on the demonstrations themselves (lwr-cv with a "
-         "width by cross-validation), lwr-online is one that learns during an episode what "
-         "controls do, ensemble halts when five "
+         "width by cross-validation), lwr-online is one that adapts to the effects of controls "
+         "during an episode, ensemble halts when five "
          "policies disagree, dart learns from demonstrations with injected noise, dagger asks the "
          "supervisor while it learns, finite-difference and true-jacobian are oracles that know "
          "the plant. Append @ and a policy to replace the learned one, as in controller@lwr, or "
@@ -193,7 +193,7 @@ std::unique_ptr<control::Controller> ControllerFactory::OnSupport(
   const std::shared_ptr<const SupportModel> support = supports_.Get(std::string(name.support), [&] {
     return SupportModel(name.support, *task_, layout_, demonstrations_);
   });
-  // The cache keeps it as long as this factory exists.
+  // The cache keeps the support as long as this factory exists.
   const int horizon = options.horizon != 0 ? options.horizon : task_->horizon();
   if (method.kind != safety::Method::Kind::kController) {
     return std::make_unique<control::SwitchingController>(

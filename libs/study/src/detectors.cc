@@ -23,7 +23,7 @@ constexpr std::uint64_t kTargetStream = 1;
 constexpr std::uint64_t kPredictorStream = 2;
 constexpr double kUnlimited = 1e9;
 
-// -l of a support at the time step near the present one that fits best.
+// Scores a state by -l of a support at the best-fitting time step near the present one.
 class SupportDetector final : public Detector {
  public:
   SupportDetector(std::string_view name, const FittedTask& fit,

@@ -42,7 +42,7 @@ class MeasuredPolicy final : public core::Policy {
   void Clamp(std::span<double> u) const noexcept {
     for (std::size_t i = 0; i < u.size(); ++i) u[i] = std::clamp(u[i], -limit_[i], limit_[i]);
   }
-  // The control within the limits.
+  // Returns the last control within the limits.
   [[nodiscard]] std::span<const double> last() const noexcept { return last_; }
 
  private:
@@ -80,7 +80,7 @@ class Restored final : public control::Controller {
     std::ranges::copy(policy_.last(), u.begin());
     if (step.mode == control::Mode::kPolicy && !step.filtered) return step;
     actions_->Restore(chosen_, u);
-    policy_.Clamp(u);  // The conversion of units rounds.
+    policy_.Clamp(u);  // The conversion of units may round beyond a limit.
     return step;
   }
 

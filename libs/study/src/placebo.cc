@@ -8,7 +8,7 @@
 namespace dfr::study {
 namespace {
 
-// Random stream, separate from others of a controller's seed.
+// Random stream, separate from other streams of a controller's seed.
 constexpr std::uint64_t kStream = 0x706c616365626f;
 
 }  // namespace

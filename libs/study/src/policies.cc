@@ -13,7 +13,7 @@
 namespace dfr::study {
 namespace {
 
-// A policy with the dimensions of another one.
+// A policy with the dimensions of the learned policy.
 class LikeAnother : public core::Policy {
  public:
   explicit LikeAnother(const core::Policy& learned) : learned_(&learned) {}

@@ -33,7 +33,7 @@ struct Recording {
   std::vector<ArmRecord> arm;
   std::vector<RecordedPicture> pictures;
   std::vector<RecordedNote> notes;
-  /// Steps, transitions and arm states missing between those present.
+  /// Number of steps, transitions and arm states that are missing, by gaps in their numbering.
   std::uint64_t dropped_records = 0;
   /// Descriptions of the damaged parts of the file, with their positions. Only the contents of
   /// damaged chunks are lost.
@@ -45,7 +45,7 @@ struct Recording {
 
 /// Reads a file written by Recorder, finished or not.
 /// @throws std::runtime_error naming the file, the position and the reason if the file cannot be
-///   read, is not such a file, or is damaged before its first chunk, which holds its types.
+///   read, was not written by Recorder, or is damaged before its first chunk of data.
 [[nodiscard]] Recording ReadRecording(const std::filesystem::path& path);
 
 /// Reads the JPEG data of one picture of the recording at `path`. @throws std::runtime_error

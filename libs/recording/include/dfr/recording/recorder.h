@@ -79,7 +79,7 @@ class Recorder {
   ///   std::invalid_argument naming the option that is out of range.
   Recorder(const std::filesystem::path& path, const RecordingMetadata& metadata,
            const RecorderOptions& options = {});
-  /// Same as Finish(), without errors.
+  /// Same as Finish(), but never throws.
   ~Recorder();
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;

@@ -21,7 +21,7 @@ class Text {
   Text(std::string_view text) noexcept  // NOLINT(google-explicit-constructor): is a text
       : size_(std::min(text.size(), N)) {
     std::copy_n(text.data(), size_,
-                bytes_.data());  // memcpy() must not get a null pointer, even for size 0
+                bytes_.data());  // unlike memcpy(), accepts a null pointer for size 0
   }
   Text(const char* text) noexcept  // NOLINT(google-explicit-constructor): is a text
       : Text(std::string_view(text)) {}
@@ -40,7 +40,7 @@ class Numbers {
  public:
   static constexpr std::size_t kCapacity = N;
 
-  /// Returns false, and stores none, if there are more than kCapacity: check sizes at set-up.
+  /// Returns false, and stores nothing, for more than kCapacity values: check sizes at set-up.
   bool Assign(std::span<const double> values) noexcept {
     size_ = values.size() <= N ? values.size() : 0;
     std::copy_n(values.begin(), size_, values_.begin());
@@ -58,7 +58,7 @@ class Numbers {
 /// wrote it.
 struct StepRecord {
   std::int64_t time_ns = 0;    ///< Time of the decision.
-  std::uint64_t episode = 0;   ///< Counts from 0.
+  std::uint64_t episode = 0;   ///< Number of the episode, from 0.
   std::uint64_t seed = 0;      ///< Seed of the controller's Reset() in this episode.
   std::int32_t t = 0;          ///< Time step of the support and policy used.
   std::int32_t iteration = 0;  ///< Iteration within the active recovery.
@@ -107,7 +107,7 @@ struct RecordingMetadata {
   std::string program;  ///< Program and version.
   std::string commit;
   std::string model;           ///< Path of the policy and its support.
-  std::string model_checksum;  ///< Checksum() of that path.
+  std::string model_checksum;  ///< Checksum() of `model`.
   std::string method;
   std::uint64_t seed = 0;
   std::string configuration;  ///< Full text of the configuration file.

@@ -10,8 +10,8 @@ namespace dfr::runtime {
 enum class RunState {
   kIdle,        ///< No command is active.
   kArmed,       ///< No fault; an operator has permitted motion.
-  kRunning,     ///< The learned policy drives it.
-  kRecovering,  ///< A recovery drives it.
+  kRunning,     ///< The learned policy drives the robot.
+  kRecovering,  ///< A recovery drives the robot.
   kHolding,     ///< Stands still: the episode ended for the logged cause.
   kFaulted,     ///< Stands still: a device or the program is unreliable.
 };
@@ -29,7 +29,7 @@ enum class HoldReason {
   kStateInvalid,         ///< The state has a non-finite entry.
   kStateJump,            ///< The state changed by more than one control can cause.
   kControlInvalid,       ///< The control has a non-finite entry.
-  kCommandRefused,       ///< Exceeds a limit of speed, workspace or joints.
+  kCommandRefused,       ///< The command exceeds a limit of speed, workspace or joints.
   kEmergencyStop,        ///< The button was pressed.
   kEmergencyStopSilent,  ///< No message from the button, so it could not stop the robot.
   kArmSilent,            ///< No measured state arrives.
@@ -42,7 +42,7 @@ enum class HoldReason {
   kClock,                ///< Stamps lie in the future: a clock jumped.
   kImageSilent,          ///< No picture arrives.
   kImageOld,             ///< The newest picture is too old.
-  kImageInvalid,         ///< Frozen, black, or wrong size or format.
+  kImageInvalid,         ///< The picture is frozen, black, or of wrong size or format.
   kOverrun,              ///< The control loop was late; its data are old.
   kRecorder,             ///< The run can no longer be recorded.
   kPlatform,             ///< The platform cannot be commanded.
@@ -67,7 +67,7 @@ struct Transition {
 /// Options for FailSafe.
 struct FailSafeOptions {
   double max_period_s = 0.05;  ///< Maximum time between two calls of Tick(), > 0.
-  /// Time without a reason to hold before arming, s, >= 0.
+  /// Minimum time without a reason to hold before arming, s, >= 0.
   double settle_time_s = 0.3;
 };
 
@@ -101,7 +101,7 @@ class FailSafe {
   [[nodiscard]] bool Start() noexcept;
   void Done() noexcept;
   [[nodiscard]] bool Clear() noexcept;
-  /// Sets whether a recovery or the policy drives. No effect in other states.
+  /// Enters kRecovering or returns to kRunning. No effect in other states.
   void Recovering(bool recovering) noexcept;
 
   [[nodiscard]] RunState state() const noexcept { return state_; }

@@ -12,7 +12,7 @@ class Keyboard {
   /// @param file  a terminal or a pipe to read from: borrowed.
   explicit Keyboard(int file = 0) : file_(file) {}
 
-  /// Discards earlier input, which cannot answer a later question.
+  /// Discards earlier input, which must not answer a later question.
   void Discard() noexcept;
   /// Returns the next complete line without its line end, waiting at most `timeout_s`. Returns
   /// std::nullopt if there is none, or the input has ended. Lines longer than 4096 characters are

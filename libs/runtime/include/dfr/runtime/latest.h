@@ -36,9 +36,9 @@ class Latest {
   static constexpr std::uint8_t kFresh = 4;
 
   std::array<T, 3> slots_{};
-  std::uint8_t back_ = 0;                 // the writer's
+  std::uint8_t back_ = 0;                 // slot that the writer fills next
   std::atomic<std::uint8_t> shared_ = 1;  // index of the middle slot, and whether it is fresh
-  std::uint8_t front_ = 2;                // the reader's
+  std::uint8_t front_ = 2;                // slot that the reader read last
 };
 
 }  // namespace dfr::runtime

@@ -22,11 +22,11 @@ class SteadyClock {
   virtual void WaitUntil(std::int64_t due_ns) noexcept = 0;
 };
 
-/// Returns a SteadyClock of SteadyNow(). Thread-safe.
+/// Returns a SteadyClock that uses SteadyNow(). Thread-safe.
 [[nodiscard]] SteadyClock& MachineClock() noexcept;
 
-/// Wakes a loop at equal intervals and records the lateness of each period. One object belongs to
-/// one thread. Only the constructor allocates or throws.
+/// Wakes a loop at equal intervals and records the jitter of each period. One object belongs to one
+/// thread. Only the constructor allocates or throws.
 class PeriodicTimer {
  public:
   /// The first period ends `period_s` from now. `clock` must outlive this.

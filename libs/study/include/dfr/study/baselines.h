@@ -27,16 +27,16 @@ struct Expert {
   /// Plant for the supervisor's demonstrations; cloned before use. Null: no supervisor is
   /// available.
   std::shared_ptr<const core::SimulatedPlant> plant = nullptr;
-  /// Writes the supervisor's control for the plant's current state at time step t, without its
-  /// noise, to `u`. The episode's seed selects the supervisor's variation.
+  /// Writes to `u` the supervisor's control for the plant's current state at time step t, without
+  /// the supervisor's noise. The episode's seed selects the supervisor's variation.
   std::function<void(const core::SimulatedPlant& plant, int t, std::uint64_t episode,
                      std::span<double> u)>
       supervise = {};
   int horizon = 0;  ///< Maximum number of supervised controls per episode; 0: the task model's.
 };
 
-/// Returns an Expert that uses imitation::FitMlp() on sets like `like`, with `options` except the
-/// seed. The caller provides the supervisor.
+/// Returns an Expert that uses imitation::FitMlp() on sets with the layout of `like`, with
+/// `options` except the seed. The caller provides the supervisor.
 [[nodiscard]] Expert TeachMlp(const imitation::DemonstrationSet& like,
                               const imitation::FitMlpOptions& options);
 
@@ -72,7 +72,7 @@ class EnsemblePolicy final : public core::Policy {
 [[nodiscard]] std::unique_ptr<control::Controller> MakeEnsembleController(
     std::shared_ptr<const EnsemblePolicy> ensemble, int horizon);
 
-/// DART (Laskey et al., CoRL 2017). Collects as many demonstrations as there are in the set, with
+/// DART (Laskey et al., CoRL 2017). Collects as many demonstrations as `demonstrations` holds, with
 /// normal noise added to the supervisor's controls. The noise has the covariance of the learned
 /// policy's errors on ten episodes of the supervisor. The policy learns the supervisor's controls
 /// without the noise. Discards demonstrations that do not complete the task within `horizon`

@@ -19,7 +19,7 @@
 namespace dfr::study {
 
 /// Methods of every program, in addition to those of safety::ParseMethod(). Oracles, which try
-/// controls on a copy of the simulation: "finite-difference", the oracle of Sec. V-A, and
+/// controls on a copy of the simulation: "finite-difference", the paper's oracle, and
 /// "true-jacobian", a one-step filter (MakeTrueJacobianFilter()). Baselines without a support:
 /// "lwr", "lwr-cv" and "knn", regressions on the demonstrations themselves; "lwr-online", one that
 /// adapts to the effects of controls (OnlineLwrPolicy); "ensemble", which halts when five policies
@@ -31,7 +31,7 @@ inline constexpr std::array<std::string_view, 9> kOtherMethods = {
 
 /// Parts of a method's name, for example "controller@lwr/density".
 struct MethodName {
-  std::string_view controller;  ///< Also "certified" (certified-direction) with a support.
+  std::string_view controller;  ///< With a support also "certified": certified-direction.
   std::string_view policy;      ///< One of kPolicies; empty: the learned one.
   std::string_view support;     ///< One of kSupports; empty: the controller's default.
 };
@@ -48,8 +48,8 @@ struct MethodName {
 /// Returns the valid arguments of ParseMethod(), for help texts.
 [[nodiscard]] std::string MethodHelp(std::span<const std::string_view> others = kOtherMethods);
 
-/// Returns footnotes for tables of these methods, one line each with a newline. They name the
-/// oracles, and the methods that query the supervisor while they learn. Empty if there are none.
+/// Returns footnotes for tables of these methods, one line each with a newline. They mark oracles,
+/// adversaries, and policies learned with the supervisor's help. Empty if there are none.
 [[nodiscard]] std::string MarksOf(std::span<const std::string> methods);
 
 /// Factory for the controllers of one task, by the names of their methods.

@@ -18,8 +18,8 @@ namespace dfr::study {
 
 /// Detectors of states that are unlike the demonstrated ones:
 ///   "guard"         the guard's support, -l
-///   "knn-distance"  mean squared distance to the 5 nearest states of these time steps
-///   "mahalanobis"   distance from a Gaussian of these time steps
+///   "knn-distance"  mean squared distance to the 5 nearest states of nearby time steps
+///   "mahalanobis"   distance from a Gaussian of nearby time steps
 ///   "rnd"           random network distillation (Burda et al., ICLR 2019): error of a network that
 ///                   learned a random one's outputs in demonstrated states
 ///   "ensemble"      disagreement of EnsemblePolicy's members
@@ -37,7 +37,7 @@ class Detector {
 };
 
 /// Creates a detector. Borrows `fit` and the `demonstrations` to which the task was fitted. `seed`
-/// is for networks.
+/// initialises networks.
 /// @throws std::invalid_argument naming an unknown detector and listing the valid ones.
 [[nodiscard]] std::unique_ptr<const Detector> MakeDetector(
     std::string_view name, const FittedTask& fit, const imitation::DemonstrationSet& demonstrations,
@@ -49,7 +49,7 @@ struct ScoredEpisode {
   bool failed = false;
 };
 
-/// Rates of a detector's alarms, over episodes cut at the same time.
+/// Rates of a detector's alarms, over episodes cut at the same time step.
 struct DetectorRates {
   int failures = 0;
   int alarmed_failures = 0;

@@ -16,8 +16,8 @@
 
 namespace dfr::study {
 
-/// A task's model and the units of its controls in guided recovery: those of its guard, with a unit
-/// and a limit per entry, or one unit for all entries. Immutable, and cheap to copy.
+/// A task's model and the units of its controls in guided recovery. A guard has a unit and a limit
+/// per entry; a program's model has one unit for all entries. Immutable, and cheap to copy.
 class FittedTask {
  public:
   /// Uses a program's model. All entries of a control share one unit: metres or radians.
@@ -25,8 +25,8 @@ class FittedTask {
   /// Uses a guard's model, as returned by Fit(). @throws std::invalid_argument if it reduces
   /// states.
   explicit FittedTask(std::shared_ptr<const safety::GuardModel> guard);
-  /// Fits a guard with default settings, also one with warnings. Entries of a control may have
-  /// different units. @throws std::invalid_argument as safety::GuardModel::Fit() does.
+  /// Fits a guard with default settings, even if the fit has warnings. Entries of a control may
+  /// have different units. @throws std::invalid_argument as safety::GuardModel::Fit() does.
   static FittedTask Fit(const core::StateLayout& layout,
                         std::span<const core::Trajectory> demonstrations,
                         const std::string& features);
@@ -63,7 +63,7 @@ class FittedTask {
   using Maker = std::function<std::unique_ptr<control::Controller>(const core::Policy&,
                                                                    std::vector<double> limit)>;
   /// Returns a controller in recorded units from a controller in the model's units. Entries that a
-  /// guard does not steer pass unchanged. Each limit is the smaller of the guard's and that of
+  /// guard does not steer pass unchanged. Each limit is the smaller of the guard's and the one in
   /// `limit`, which has one value per entry or one for all.
   [[nodiscard]] std::unique_ptr<control::Controller> InUnits(const core::Policy& policy,
                                                              const std::vector<double>& limit,

@@ -22,8 +22,8 @@ class LearnsOnline {
 /// "lwr-online": locally weighted regression with the kernel width of guided recovery, and an
 /// estimate of the response J that applied controls update. It returns the control that has the
 /// demonstrated effect with the present response (control::LocalFit::NominalControl()). It has no
-/// support, filter, observer or probes. See() and Applied() enclose each Control(). Belongs to one
-/// thread; after construction it never allocates.
+/// support, filter, observer or probes. Call See() before each Control() and Applied() after it.
+/// Belongs to one thread; after construction it never allocates.
 class OnlineLwrPolicy final : public core::Policy {
  public:
   /// Uses the disturbance, the drift and the online weight of `options`.

@@ -25,7 +25,7 @@ inline constexpr std::string_view kJudged = "guard";
 /// Returns true if `method` is one of PlaceboNames(), or one of these around a policy, as in
 /// "placebo-halts@lwr".
 [[nodiscard]] bool IsPlacebo(std::string_view method) noexcept;
-/// Returns `method` with another controller around the same policy: "guard@lwr".
+/// Returns `method` with another controller around the same policy, as in "guard@lwr".
 [[nodiscard]] std::string WithController(std::string_view controller, std::string_view method);
 /// Same as ParseMethod(). For a placebo, returns the method of the policy alone under the placebo's
 /// name.

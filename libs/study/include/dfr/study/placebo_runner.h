@@ -55,13 +55,13 @@ class PlaceboRunner : public experiment::RolloutRunner {
 
   struct Compared {
     Placebo* placebo = nullptr;  // null: the method is not a placebo
-    int judged = 0;              // method
+    int judged = 0;              // index of the method
     bool has_rate = false;
   };
   std::vector<Compared> compared_;  // [method]
   experiment::EvaluationPlan plan_ = {};
   std::optional<experiment::EvaluationUnit> unit_ = {};
-  int running_ = 0;  // method
+  int running_ = 0;  // index of the method
   std::map<std::tuple<int, std::uint64_t, std::uint64_t>, experiment::EpisodeResult>
       known_;  // episodes that determined rates
 };

@@ -52,12 +52,12 @@ class NearestNeighbourPolicy final : public core::Policy {
 ///   "none"            no policy: the control is zero
 ///   "random"          a direction that depends on state and time step alone, of demonstrated size
 ///   "negated"         the learned policy's control with opposite sign
-///   "ensemble"        EnsemblePolicy: the mean of five
+///   "ensemble"        EnsemblePolicy: the mean of five policies
 ///   "dart"            TrainDart(): from demonstrations with injected noise
 ///   "dagger"          TrainDagger(): queries the supervisor, in ten rounds
 ///   "at-constraints"  an adversary: tries directions on a copy of the plant, and takes one that
 ///                     collides soonest; otherwise the learned policy's control
-///   "out-of-support"  an adversary: of these directions the one after which l is least
+///   "out-of-support"  an adversary: takes the tried direction that makes l smallest
 inline constexpr std::array<std::string_view, 12> kPolicies = {
     "lwr",     "lwr-cv",   "lwr-online", "knn",    "none",           "random",
     "negated", "ensemble", "dart",       "dagger", "at-constraints", "out-of-support"};
@@ -78,7 +78,7 @@ template <typename Names>
     std::string_view name, const core::FeatureTransform& features,
     std::span<const core::Trajectory> demonstrations);
 
-/// Creates these policies, except kOnlineLwr, for one task. Borrows all arguments.
+/// Creates the policies of kPolicies, except kOnlineLwr, for one task. Borrows all arguments.
 class PolicyFactory {
  public:
   PolicyFactory(const FittedTask& task, const core::Policy& learned,
@@ -91,7 +91,7 @@ class PolicyFactory {
   /// Creates a policy. `plant` is the driven plant, which only adversaries use. Each adversary
   /// belongs to one thread. Policies that need training are trained once for all threads.
   /// @throws std::invalid_argument naming an unknown policy and listing the valid ones, or if an
-  ///   adversary lacks its plant or a policy that needs training its Expert.
+  ///   adversary has no plant, or a policy that needs training has no Expert.
   [[nodiscard]] std::shared_ptr<const core::Policy> Make(std::string_view name,
                                                          const core::SimulatedPlant* plant) const;
   /// Returns Make("ensemble"). @throws std::invalid_argument as Make() does.

@@ -29,12 +29,12 @@ namespace dfr::study {
 inline constexpr std::array<std::string_view, 5> kSupports = {"raw", "whitened", "knn-distance",
                                                               "density", "mahalanobis"};
 
-/// One of these supports with all data that controllers need. Immutable; not movable.
+/// A support of kSupports with all data that controllers need. Immutable; not movable.
 class SupportModel {
  public:
   /// `layout` is the layout of the demonstrated states.
   /// @throws std::invalid_argument naming an unknown support and listing the valid ones, or if the
-  ///   task has no "raw" one.
+  ///   task has no "raw" support.
   SupportModel(std::string_view name, const FittedTask& fit, const core::StateLayout& layout,
                std::span<const core::Trajectory> demonstrations);
   SupportModel(const SupportModel&) = delete;
