@@ -83,8 +83,8 @@ class Participant {
   [[nodiscard]] std::vector<RefusedPeer> TakeRefusedPeers();
 
   /// Counts the publishers of other participants on topics whose ROS 2 name `counts` accepts,
-  /// regardless of type and quality of service. With a discovery server, only topics to
-  /// which this process subscribes are visible.
+  /// regardless of type and quality of service. With a discovery server, only topics to which this
+  /// process subscribes are visible.
   [[nodiscard]] int CountOthersPublishers(
       const std::function<bool(std::string_view topic)>& counts) const;
 

@@ -93,8 +93,8 @@ class ControlLoop {
   /// Operator command: moves the platform home in `duration_s`. Any reason to hold stops it at
   /// once. Returns kNone, or that reason.
   [[nodiscard]] runtime::HoldReason HomePlatform(double duration_s) noexcept;
-  /// Starts the platform's motion, which lasts until the robot may no longer move. No effect
-  /// unless the robot may move now.
+  /// Starts the platform's motion, which lasts until the robot may no longer move. No effect unless
+  /// the robot may move now.
   void MovePlatform() noexcept;
   /// Operator command: arms and starts. Returns kNone, or the reason that prevents it. Retries for
   /// `patience_s` unless a fault must be cleared first.
