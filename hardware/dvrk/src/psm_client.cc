@@ -26,7 +26,7 @@ Eigen::Matrix<double, 6, 1> Twist(const Eigen::Isometry3d& base, const PsmJoints
                                   const PsmJoints& velocity) noexcept {
   Eigen::Matrix<double, 6, 1> twist = Eigen::Matrix<double, 6, 1>::Zero();
   if (velocity.isZero(0.0)) return twist;
-  constexpr double kHalf = 5e-4;  // s: central difference, to 1e-7 of the speed
+  constexpr double kHalf = 5e-4;  // s, half the step of a central difference
   const Eigen::Isometry3d before = base * Psm::Forward(joints - kHalf * velocity);
   const Eigen::Isometry3d after = base * Psm::Forward(joints + kHalf * velocity);
   const Eigen::AngleAxisd turn(after.linear() * before.linear().transpose());
@@ -135,9 +135,9 @@ void PsmClient::Take(const PsmInput& input) noexcept {
   age_s_ = any_js_ ? Seconds(wall_ns_ - js_.stamp.nanoseconds()) : kNan;
 }
 
-// Computes the arm's base in the frame of the first pose from two simultaneous poses. A console
-// stamps each message separately; between the stamps the wrist moves at most a tenth of a
-// millimetre.
+// Computes the arm's base in the frame of measured_cp, from measured_cp and local/measured_cp at
+// the same time. A console stamps each message separately; between the stamps the wrist moves at
+// most a tenth of a millimetre.
 void PsmClient::Pair() noexcept {
   constexpr std::int64_t kOneMomentNs = 3'000'000;
   if (!any_cp_ || !any_local_ || !cp_.stamp.valid() || !local_cp_.stamp.valid() ||
@@ -288,7 +288,7 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
   output.servo = true;
   output.servo_cp = base_ * Psm::Forward(motion_.setpoint());
   output.twist = Twist(base_, motion_.setpoint(), motion_.velocity());
-  // The console obeys the first set-point before the jaw, which then changes no control.
+  // The console obeys the first pose before the jaw's set-point, which then changes no control.
   if (jaw_ours_ && Seconds(now_ns_ - since_ns_) >= kCommandTime) {
     const double most = jaw_speed_ * step_s;
     const double way = jaw_goal_ - jaw_;

@@ -1,4 +1,4 @@
-// Reasons for which a client holds.
+// Reasons for which a PsmClient holds.
 #include <algorithm>
 #include <array>
 #include <span>
@@ -127,7 +127,8 @@ PsmStatus PsmClient::FollowHoldReason() const noexcept {
   return PsmStatus::kOk;
 }
 
-// Returns true if the jaw's set-point is this client's or, before its first, has not moved.
+// Returns true if the jaw's set-point is this client's or, before this client's first set-point,
+// has not moved.
 bool PsmClient::JawIsOurs() const noexcept {
   return !jaw_known_ || recent_jaw_.Contain(InFirstPlace(jaw_setpoint_.angle),
                                             InFirstPlace(options_.max_jaw_setpoint_error));

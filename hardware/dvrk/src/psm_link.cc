@@ -18,7 +18,7 @@ using internal::Who;
 
 constexpr long kPollNs = 1'000'000;
 constexpr int kPollsPerCount = 10;
-constexpr double kLastWordsS = 1.0;  // ten requests for a lost sample
+constexpr double kLastWordsS = 1.0;  // time for ten requests for a lost sample
 
 Who InWords(const dds::Newcomer& newcomer) {
   Who who;
@@ -312,8 +312,8 @@ void PsmDriver::Link::ReadMonitors() noexcept {
   while (tool_type.Take(text)) {
     if (!tool.empty() && text.text != tool) tool_changes.fetch_add(1, std::memory_order_acq_rel);
     tool = text.text;
-    // Both have the same kinematics. Only the latter fits a da Vinci Si, whose joint limits a
-    // Classic does not have.
+    // The instruments 400006 and 420006 have the same kinematics, but only 420006 fits a da Vinci
+    // Si.
     const bool known = tool.find("420006") != std::string::npos ||
                        (!is_si && tool.find("400006") != std::string::npos);
     instrument.store(known ? PsmInstrument::kSuitable : PsmInstrument::kOther,

@@ -43,7 +43,7 @@ struct Outgoing {
 
 }  // namespace internal
 
-// The DDS side: a thread that sends the contents of Tick()'s mailboxes and fills them with input.
+// The DDS side: a thread that sends the output of Tick() and receives its input through mailboxes.
 // Only that thread uses publishers and subscribers.
 struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): by meaning
   Link(dds::Participant& participant, const PsmDriverOptions& options);
@@ -70,9 +70,9 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   // Looks for other participants that command the arm.
   void ReadMonitors() noexcept;
 
-  // Subscribes to topics only because a discovery server hides the publishers of other topics. Does
-  // not subscribe to servo_cs, because drivers would mistake a subscriber for a console. The
-  // set-points reveal the effect of servo_cs.
+  // Subscribes to topics but does not read them: a discovery server hides the publishers of topics
+  // without subscription. Does not subscribe to servo_cs, because drivers would mistake a
+  // subscriber for a console. The set-points reveal the effect of servo_cs.
   template <typename T>
   void Subscribe(std::initializer_list<const char*> topics);
 
@@ -129,7 +129,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   std::atomic<int> command_subscribers{0};
   std::atomic<int> servo_subscribers{0};
 
-  // Thread only.
+  // Used only by the thread.
   WordLimit error_limit;
   WordLimit warning_limit;
   WordLimit status_limit;
@@ -169,9 +169,10 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   dds::Subscriber<dds::Text> warning{p, Topic("warning"), dds::Role::kEvent};
   dds::Subscriber<dds::Text> status{p, Topic("status"), dds::Role::kEvent};
   dds::Subscriber<dds::Text> tool_type{p, Topic("tool_type"), dds::Role::kEvent};
-  dds::Subscriber<dds::Joy> arm_clutch{p, Topic("arm_clutch"), dds::Role::kEvent};      // since 2.4
-  dds::Subscriber<dds::Joy> manip_clutch{p, Topic("manip_clutch"), dds::Role::kEvent};  // before
-  // A move that ends belongs to another client.
+  // Consoles publish arm_clutch since version 2.4, manip_clutch before.
+  dds::Subscriber<dds::Joy> arm_clutch{p, Topic("arm_clutch"), dds::Role::kEvent};
+  dds::Subscriber<dds::Joy> manip_clutch{p, Topic("manip_clutch"), dds::Role::kEvent};
+  // This client starts no such moves: a goal that is reached belongs to another client.
   dds::Subscriber<dds::Flag> goal_reached{p, Topic("goal_reached"), dds::Role::kState};
   dds::Subscriber<dds::Signal> watched_hold{p, Topic("hold"), dds::Role::kRequest};
   dds::Subscriber<dds::Signal> watched_free{p, Topic("free"), dds::Role::kRequest};

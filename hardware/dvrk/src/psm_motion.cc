@@ -13,7 +13,7 @@ using kinematics::PsmJoints;
 using kinematics::PsmReach;
 
 constexpr double kTwoPi = 6.2831853071795865;
-// Clocks count whole nanoseconds; a sum of steps may miss the end by several.
+// Clocks count whole nanoseconds; a sum of steps may miss the end of a move by several.
 constexpr double kClockError = 1e-6;
 // Tolerance of joint values converted to a pose and back; sine and cosine leave errors of 1e-15.
 constexpr double kRoundTrip = 1e-6;
@@ -124,7 +124,7 @@ PsmStatus PsmMotion::Start(const Eigen::Isometry3d& goal, double duration_s) noe
   const PsmReach reach = Psm::Inverse(goal, joints, limits_.generation);
   if (reach == PsmReach::kInvalid) return PsmStatus::kInvalidGoal;
   if (reach == PsmReach::kSingular) return PsmStatus::kUnreachable;
-  // A roll that differs by more than half a turn is the same pose in the other direction.
+  // Refuses a roll more than half a turn away: the pose is nearer in the other direction.
   for (const double turn : {kTwoPi, -kTwoPi}) {
     if (std::abs(joints[3] + turn - setpoint_[3]) < std::abs(joints[3] - setpoint_[3])) {
       return PsmStatus::kUnreachable;

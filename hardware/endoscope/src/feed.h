@@ -10,7 +10,7 @@
 namespace dfr::hardware::internal {
 
 /// Passes pictures from a reading thread to a grabbing thread through three buffers. Each thread
-/// owns one and they exchange the third, so neither waits.
+/// owns one buffer and they exchange the third, so neither waits.
 ///
 /// Put() and End() belong to the reading thread, Grab() to the other.
 class Feed {

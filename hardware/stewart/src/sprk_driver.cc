@@ -56,7 +56,7 @@ int OpenPort(const std::string& device) {
     Fail(fd, device, "is not a serial port", errno,
          "give the platform's port, /dev/ttyACM0 for example");
   }
-  // The exclusive claim does not stop root: check it as well.
+  // Another process's exclusive claim does not stop root, so this checks for it.
   int claimed = 0;
   if (::ioctl(fd, TIOCGEXCL, &claimed) == 0 && claimed != 0) {
     Fail(fd, device, "cannot be opened", EBUSY, OpenRemedy(EBUSY));

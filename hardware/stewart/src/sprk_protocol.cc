@@ -22,7 +22,7 @@ double& Entry(PlatformPose& pose, int k) noexcept {
   return k < 3 ? pose.translation_m[k] : pose.angles_rad[k - 3];
 }
 
-// One step of the protocol in our units and directions: pitch and yaw have the opposite sign.
+// Returns one step of the protocol in our units and directions: pitch and yaw change their sign.
 double Step(int k) noexcept {
   if (k < 3) return 0.01 * kInch;
   return k == 3 ? kDegree : -kDegree;

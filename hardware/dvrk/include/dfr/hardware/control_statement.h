@@ -9,7 +9,7 @@ enum class PsmControl {
   kUnstated,  ///< The text states no control.
   kNone,      ///< No commands: the arm is being homed, or is not ENABLED.
   kPoses,     ///< servo_cp and servo_cs.
-  kOther,     ///< All other commands. hold and free also change the control.
+  kOther,     ///< All other commands, including hold and free.
 };
 
 /// Returns the control stated by a text on the console's topic `status`. A console of dVRK 2.2 to

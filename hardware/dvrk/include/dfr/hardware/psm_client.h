@@ -21,9 +21,9 @@ struct PsmClientOptions {
   /// Maximum lag of the arm behind its set-point, rad (insertion: m), > 0.
   kinematics::PsmJoints max_lag =
       (kinematics::PsmJoints() << 0.09, 0.09, 0.01, 0.15, 0.15, 0.15).finished();
-  /// Maximum distance of the console's set-point from all set-points sent recently, rad (insertion:
-  /// m), > 0. Covers the effect of inverse kinematics and rounding. Interleaved set-points of
-  /// another client move it by at most 0.008 rad (insertion: 1 mm) within one step.
+  /// Maximum distance of the console's set-point from the range of the recently sent set-points,
+  /// rad (insertion: m), > 0. Covers the effect of inverse kinematics and rounding. Another client
+  /// can move the console's set-point by at most 0.008 rad (insertion: 1 mm) within one step.
   kinematics::PsmJoints max_setpoint_error =
       (kinematics::PsmJoints() << 0.003, 0.003, 0.0003, 0.01, 0.01, 0.01).finished();
   double max_jaw_setpoint_error = 0.05;  ///< Same for the jaw, rad, > 0.
@@ -34,28 +34,29 @@ struct PsmClientOptions {
   /// Additional allowance for noise, rad (insertion: m), >= 0.
   kinematics::PsmJoints jump_noise =
       (kinematics::PsmJoints() << 0.01, 0.01, 0.002, 0.02, 0.02, 0.02).finished();
-  double jump_distance_m = 0.005;  ///< Same for measured_cp, which may move at 1 m/s, > 0.
-  /// Limits for measured_js, measured_cp and local/measured_cp, and for the silence of setpoint_js.
+  double jump_distance_m = 0.005;  ///< Noise of measured_cp, which may move at 1 m/s, > 0.
+  /// Limits of measured_js, measured_cp and local/measured_cp. setpoint_js has only max_silence_s.
   dds::WatchdogOptions watchdog = {};
   /// Maximum progress of a move in one step, s, > 0. After a late step the move takes longer
   /// instead of catching up in one jump.
   double longest_step_s = 0.005;
   double max_tick_gap_s = 0.1;   ///< Maximum time between two steps while armed, > 0.
   double reach_timeout_s = 2.0;  ///< Maximum time from the end of a move to rest, > 0.
-  /// Maximum distance of local/measured_cp (or measured_cp, if absent) from the wrist position of
-  /// measured_js when arming, and maximum motion of the frame of measured_cp while armed, > 0.
+  /// Maximum distance of local/measured_cp (without this topic, of measured_cp) from the wrist
+  /// position of measured_js when arming, and maximum motion of the frame of measured_cp while
+  /// armed, > 0.
   double max_frame_distance_m = 0.002;
   double max_frame_angle = 0.05;  ///< rad
   double enable_timeout_s = 10.0;
   double home_timeout_s = 90.0;
-  /// Minimum time since the last participant was discovered before arming or homing, >= 0, to let
-  /// discovery complete.
+  /// Minimum time from the discovery of the last participant to arming or homing, >= 0: the client
+  /// waits until discovery is complete.
   double discovery_s = 0.5;
   double repeat_request_s = 2.0;  ///< A state command without effect is repeated after this time.
   PsmProfile profile = PsmProfile::kSmooth;
-  /// Hold if another participant publishes on the arm's command topics, tells it to hold or be
-  /// free, joins the network while it is armed, changes its control at the console, or moves its
-  /// set-point.
+  /// Hold if another participant publishes on the arm's command topics, tells the arm to hold or be
+  /// free, joins the network while the arm is armed, changes the arm's control at the console, or
+  /// moves the arm's set-point.
   bool sole_commander = true;
 
   /// @throws std::invalid_argument naming the option that is out of range.
@@ -110,8 +111,8 @@ struct PsmOperatingState {
   PsmConsoleState state = PsmConsoleState::kUnknown;
   bool homed = false;
   bool busy = false;
-  /// Number of samples other than ENABLED, homed and not busy, and the content of the last of
-  /// these. Detects a sample that was replaced before the client read it.
+  /// Number of samples for which Readiness() is not kOk, and the last such result. Detects a sample
+  /// that was replaced before the client read it.
   std::uint32_t lapses = 0;
   PsmStatus last_lapse = PsmStatus::kOk;
 };
@@ -141,12 +142,12 @@ struct PsmInput {
   int incompatible = 0;
   int other_publishers = 0;  ///< Number of publishers on the command topics other than this client.
   int foreign_messages = 0;  ///< Number of messages of others on hold, free and state_command.
-  /// Number of the console's statements that servo_cp or servo_cs, or that another command,
-  /// controls the arm: ControlStatedBy().
+  /// Numbers of the console's statements (ControlStatedBy()) that servo_cp or servo_cs controls the
+  /// arm, and that another command controls it.
   int pose_controls = 0;
   int other_controls = 0;
-  /// Number of participants discovered since the last step, and of publishers of commands to the
-  /// arm or of its settings. Their earlier messages are unknown.
+  /// Number of participants, and of publishers of the arm's commands or settings, discovered since
+  /// the last step. Their earlier messages are unknown.
   int newcomers = 0;
   /// Number of moves ended by the console; this client never starts such moves.
   int goals_reached = 0;
@@ -178,8 +179,8 @@ struct PsmOutput {
 /// indefinitely, so silence also holds the arm.
 ///
 /// On a cart with setup joints or an endoscope arm, measured_cp is relative to the camera. The
-/// simultaneous local/measured_cp then gives the arm's base in that frame. The client records it
-/// when arming, and it may not move while armed.
+/// simultaneous local/measured_cp then gives the arm's base in that frame. The client records the
+/// base when arming; the base must not move while armed.
 ///
 /// Only the constructor allocates, locks or throws. One object belongs to one thread at a time.
 class PsmClient {
@@ -203,7 +204,7 @@ class PsmClient {
   /// Starts sending set-points, beginning with the console's own, if the last step found no error.
   /// Otherwise returns the reason without any change. This is the only way to resume after a fault.
   /// The first set-point is sent when the console has answered the last hold, or 1 s after the
-  /// hold; moves also wait for it.
+  /// hold. Moves wait for this set-point.
   PsmStatus Arm() noexcept;
   /// Returns the result of a call of Arm() without calling it.
   [[nodiscard]] PsmStatus Armable() const noexcept;
@@ -267,7 +268,7 @@ class PsmClient {
   PsmMotion motion_;
   PsmRest rest_;
   PsmRecentSetpoints recent_;
-  PsmRecentSetpoints recent_jaw_;  // position in the first entry
+  PsmRecentSetpoints recent_jaw_;  // the jaw's angle is the first entry
   PsmStatements statements_;
   dds::Watchdog js_watchdog_;
   dds::Watchdog cp_watchdog_;

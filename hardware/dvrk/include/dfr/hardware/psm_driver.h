@@ -76,7 +76,7 @@ class PsmDriver {
   /// Same as above, by this machine's clocks.
   PsmStatus Tick() noexcept;
 
-  /// See PsmClient for these.
+  /// See the members of PsmClient.
   PsmStatus Request(PsmRequest request) noexcept { return client_.Request(request); }
   PsmStatus Enable() noexcept { return client_.Request(PsmRequest::kEnable); }
   PsmStatus Home() noexcept { return client_.Request(PsmRequest::kHome); }
@@ -106,7 +106,7 @@ class PsmDriver {
   /// Returns the last error reported by the console; empty if none.
   [[nodiscard]] std::string_view last_error() const noexcept { return last_error_.view(); }
   /// Describes the last participant that published, sent a request or joined, with address and
-  /// topic. While the arm holds because of others, describes the first one that caused it, or
+  /// topic. While the arm holds because of others, describes the first that caused the hold, or
   /// quotes the console if only the console has received the message. Empty if there was none.
   [[nodiscard]] std::string_view who() const noexcept { return who_.data(); }
   /// True if who() is the cause of the hold.
@@ -126,11 +126,11 @@ class PsmDriver {
   [[nodiscard]] int servo_subscribers() const noexcept { return servo_subscribers_; }
   [[nodiscard]] int request_subscribers() const noexcept { return request_subscribers_; }
 
-  /// Returns the number of set-points sent, including the jaw's. After Flush() it includes all that
-  /// were queued.
+  /// Returns the number of set-points sent, including the jaw's. After Flush() it includes all
+  /// queued set-points.
   [[nodiscard]] std::uint64_t setpoints_sent() const noexcept;
   /// Waits until all queued output is sent, and all input that arrived before the call is available
-  /// to the next Tick(). For lock-step; blocks, so not for a control loop.
+  /// to the next Tick(). Blocks: use it in lock-step only.
   void Flush();
 
  private:
@@ -161,8 +161,8 @@ struct BringUpClock {
 /// Homes the arm if necessary and arms it, ticking throughout, at the start of a program. Returns
 /// driver.status(), which is kOk if armed. Gives up after `timeout_s` with the reason.
 /// @param say  called with each console message and each reason for waiting; may be empty.
-/// @param may_move  called before each tick: emergency stop, Ctrl-C. False ends the call with kHeld
-///   and tells the console to hold, and to disable a homing arm. May be empty.
+/// @param may_move  called before each tick, to check an emergency stop or Ctrl-C. If it returns
+///   false, tells the console to hold, or to disable a homing arm, and returns kHeld. May be empty.
 PsmStatus BringUp(PsmDriver& driver, double timeout_s,
                   const std::function<void(std::string_view)>& say = {},
                   const std::function<bool()>& may_move = {},

@@ -62,10 +62,10 @@ class PsmMotion {
   /// back to its joint values, because servo_cp transmits only the pose.
   /// @param duration_s  >= 0; zero only if there is nothing to do.
   [[nodiscard]] PsmStatus Start(const kinematics::PsmJoints& goal, double duration_s) noexcept;
-  /// Same for a pose of the wrist in the base frame.
+  /// Same as above, to a pose of the wrist in the base frame.
   [[nodiscard]] PsmStatus Start(const Eigen::Isometry3d& goal, double duration_s) noexcept;
-  /// Returns the shortest duration for which the move from here to `goal` satisfies the speed
-  /// limits, s.
+  /// Returns the shortest duration for which the move from the present set-point to `goal`
+  /// satisfies the speed limits, s.
   [[nodiscard]] double ShortestDuration(const kinematics::PsmJoints& goal) const noexcept;
   /// Advances the time by `dt_s` >= 0.
   void Advance(double dt_s) noexcept;
@@ -98,10 +98,10 @@ class PsmRecentSetpoints {
   /// @param window_s  minimum time for which a set-point is kept, > 0.
   explicit PsmRecentSetpoints(double window_s) : window_s_(window_s) {}
 
-  /// Discards all set-points except this one.
+  /// Discards all earlier set-points and adds this one.
   void Start(const kinematics::PsmJoints& setpoint, double time_s) noexcept;
   void Add(const kinematics::PsmJoints& setpoint, double time_s) noexcept;
-  /// Returns true if every joint is within `tolerance` of that joint's range.
+  /// Returns true if every joint is within `tolerance` of its recent range.
   [[nodiscard]] bool Contain(const kinematics::PsmJoints& setpoint,
                              const kinematics::PsmJoints& tolerance) const noexcept;
 

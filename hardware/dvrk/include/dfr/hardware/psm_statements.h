@@ -11,8 +11,8 @@ namespace dfr::hardware {
 /// client's command.
 ///
 /// No set-point may be sent while the answer to a hold of this client may still arrive, see
-/// awaits(). A statement of a control other than poses that arrives after a set-point is then never
-/// such an answer, whether or not the console has answered the hold.
+/// awaits(). A statement of a control other than poses that arrives after a set-point then never
+/// answers a hold of this client, whether or not the console has answered the hold.
 ///
 /// Never allocates. Times are of a monotonic clock.
 class PsmStatements {

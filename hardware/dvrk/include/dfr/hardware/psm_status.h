@@ -12,10 +12,10 @@ enum class PsmStatus {
   kConsoleGone,       ///< The console's publishers have left.
   kIncompatible,      ///< Publishers exist, but their quality of service does not match.
   kNoOperatingState,  ///< Measurements arrive, but no operating state arrives.
-  kConsoleFault,      ///< FAULT.
+  kConsoleFault,      ///< The console is in FAULT.
   kConsoleError,      ///< The console reported an error while this client controlled the arm.
-  kDisabled,          ///< DISABLED.
-  kPaused,            ///< PAUSED.
+  kDisabled,          ///< The arm is DISABLED.
+  kPaused,            ///< The arm is PAUSED.
   kUnknownState,      ///< An operating state not defined by CRTK.
   kNotHomed,          ///< The state is ENABLED, but is_homed is false.
   kBusy,              ///< is_busy: the arm is homing, or moves for another client.

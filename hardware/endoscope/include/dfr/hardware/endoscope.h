@@ -34,9 +34,9 @@ enum class FrameStatus {
 /// A picture and its time of exposure.
 struct Frame {
   vision::ImageView image;  ///< Valid until the next Grab(). Blue, green, red.
-  int width = 0;            ///< Width as received, also if `image` is empty because of it.
+  int width = 0;            ///< Width as received, even if wrong and `image` therefore empty.
   int height = 0;           ///< Height as received.
-  /// Time of exposure since the epoch, from the sender's stamp; with VideoCapture the arrival time.
+  /// Time of exposure since the epoch, from the sender's stamp; for OpenVideo() the arrival time.
   std::int64_t stamp_ns = 0;
   double age_s = 0.0;            ///< Time from the stamp to the call of Grab().
   std::uint64_t sequence = 0;    ///< 1 for the first picture received.
@@ -47,10 +47,10 @@ struct Frame {
 struct EndoscopeOptions {
   int width = 640;   ///< Width of the intrinsics; pictures of another size are refused.
   int height = 480;  ///< Height of the intrinsics.
-  /// Period of the pictures, s. Files are played at this rate, and gaps count as losses.
+  /// Period of the pictures, s; a file's frame rate replaces it. Longer gaps count as losses.
   double period_s = 1.0 / 30.0;
   double max_age_s = 0.1;     ///< Maximum time since stamp and arrival: three periods, > 0.
-  double max_ahead_s = 0.01;  ///< Maximum time of a stamp in the future, >= 0.
+  double max_ahead_s = 0.01;  ///< Maximum time from now to a stamp in the future, >= 0.
   int max_repeats = 3;  ///< Number of identical consecutive pictures that count as frozen, > 1.
   double open_timeout_s = 10.0;  ///< Maximum wait for the first picture of a device or file, > 0.
 

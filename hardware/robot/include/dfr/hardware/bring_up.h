@@ -12,19 +12,19 @@ namespace dfr::hardware {
 
 /// Prints a text for the operator; may be empty.
 using Say = std::function<void(std::string_view)>;
-/// Asks the operator a question, and continues the loop until the operator types exactly `word`, or
-/// returns false. If empty, all answers are no.
+/// Asks the operator a question while the loop continues. Returns true once the operator types
+/// exactly `word`, false for no. If empty, all answers are no.
 using Confirms = std::function<bool(std::string_view question, std::string_view word)>;
 
-/// Accepted participants, in whose presence the robot may move: they were present before, and
-/// listed for the operator.
+/// Participants that the operator has seen listed and has accepted. The robot may move in their
+/// presence.
 class Company {
  public:
   /// Lists the participants in `present` that are not accepted yet, and asks whether to continue in
   /// their presence. Does not ask in a simulation.
   [[nodiscard]] bool Accepts(const std::vector<dds::Newcomer>& present, bool simulated,
                              const Say& say, const Confirms& confirms);
-  /// Returns true if all of them are accepted.
+  /// Returns true if all participants in `present` are accepted.
   [[nodiscard]] bool Knows(const std::vector<dds::Newcomer>& present) const;
 
  private:

@@ -16,7 +16,7 @@ struct PlatformOptions {
 };
 
 /// Platform of a run for a control loop. Its firmware has no timeout and reports nothing: after a
-/// killed program the wave continues until the power is cut or another command arrives. Commands
+/// program is killed the wave continues until the power is cut or another command arrives. Commands
 /// wait at most for the end of the last frame (kSprkFramePeriod).
 class PlatformMotion final : public robot::Platform {
  public:

@@ -15,7 +15,7 @@ struct SprkOptions {
   std::string device = "/dev/ttyACM0";
   /// Monotonic clock, s; empty: std::chrono::steady_clock. Must not throw.
   std::function<double()> clock_s;
-  /// Waits the given number of seconds by that clock; empty: sleeps. Must not throw.
+  /// Waits the given number of seconds of clock_s; empty: sleeps. Must not throw.
   std::function<void(double)> wait_s = {};
 };
 

@@ -4,8 +4,8 @@
 
 namespace dfr::hardware {
 
-/// Estimates the platform's pose from its published dynamics: each entry follows the commanded one
-/// with a first-order lag of SprkPlatform::kTimeConstant,
+/// Estimates the platform's pose from its published dynamics: each entry follows the commanded
+/// entry with a first-order lag of SprkPlatform::kTimeConstant,
 ///   x(t) = c + (x(t_c) - c) exp(-(t - t_c) / tau),  c commanded at t_c.
 /// The platform has no sensor. Its published position errors are 1.22, 1.07 and 0.20 mm RMS in x, y
 /// and z. Nothing here allocates or throws.

@@ -53,10 +53,10 @@ enum class SprkWaveKind { kSine, kBreath };
                                             SprkPositionFrame& frame,
                                             kinematics::PlatformPose& sent) noexcept;
 
-/// Encodes a wave in the same way. Frequencies have steps of 0.01 Hz up to 0.99 Hz for the sine,
-/// and of 0.01 rad/s up to 0.99 rad/s (0.157 Hz) for the breath. The phases of the entries drift
-/// apart, so the whole box of the amplitudes must be within reach. Checks its corners, the centres
-/// of its edges and faces, and the straight lines from home to these. Never allocates.
+/// Encodes a wave in the steps of a pose. Frequencies have steps of 0.01 Hz up to 0.99 Hz for the
+/// sine, and of 0.01 rad/s up to 0.99 rad/s (0.157 Hz) for the breath. The phases of the entries
+/// drift apart, so the whole box of the amplitudes must be within reach. Checks its corners, the
+/// centres of its edges and faces, and the straight lines from home to these. Never allocates.
 [[nodiscard]] SprkStatus EncodeSprkWave(SprkWaveKind kind, const SprkWave& wave,
                                         SprkWaveFrame& frame, SprkWave& sent) noexcept;
 
