@@ -20,7 +20,7 @@ class Demonstrations(NamedTuple):
     actions: list[NDArray[np.float64]]
     """One array (n_actions, action_dim) per episode."""
     layout: list[tuple[str, int | tuple[int, int, int]]]
-    """Name and size of each part of a state; of a picture its height, width and channels."""
+    """Name and size of each part of a state; a picture's size is (height, width, channels)."""
     completed: list[bool]
     """True for each episode that completed its task; False if the file does not record it."""
     environment: str
@@ -42,8 +42,8 @@ def load_demonstrations(
         Reads only the episodes under this key: a mask of a robomimic file or a split of LeRobot.
     pictures : str or sequence of str
         Names of datasets of pictures (HDF5) or videos (LeRobot) to read as parts of the states; others
-        are skipped. A video's frames are averaged to 32 pixels along the longer side, those of
-        "observation.images.top:24x32" to 24 rows of 32 pixels.
+        are skipped. A video's frames are averaged to 32 pixels along the longer side;
+        "observation.images.top:24x32" averages them to 24 rows of 32 pixels.
 
     Returns
     -------
@@ -54,7 +54,7 @@ def load_demonstrations(
     FileNotFoundError
         If there is no such file or folder.
     RuntimeError
-        With file, episode, dataset or column, and the problem.
+        If reading fails; the message names file, episode, dataset or column, and the problem.
     ImportError
         If this build of the module cannot read such files.
     """

@@ -46,14 +46,14 @@ class Experiment:
     name : str
         Name of the folder out/<name>; by default the class's name in lower case.
     methods : sequence of str
-        The first is the reference. "baseline" is the unguarded policy, the others are strategies of a guard:
+        The first is the reference. "baseline" is the unguarded policy; the others are strategies of a guard:
         "monitor", "early-stopping", "dfr", "guard", "controller", "certified".
     learners : sequence of str
         Kinds of policies, or of anything else that `learn` varies.
     demonstrations : sequence of int
         Data points (numbers of demonstrations), ascending.
     trials, episodes : int
-        Number of independent repetitions, and of start states in each.
+        Number of independent repetitions, and of start states per repetition and data point.
     parameters : mapping of str to bool, int, float or str
         Your own parameters, with their defaults. Each is an option of the command line and a key of
         --config and of grids; `self.parameters["x"]` is the chosen value.
@@ -117,9 +117,9 @@ class Experiment:
         Raises
         ------
         RuntimeError
-            With the unit and the error of its process, or the first setting that differs from the ledger's.
+            If a unit fails or the ledger has another setting; the message names the unit or the setting.
         ValueError
-            With the unknown method or parameter.
+            If a method or parameter is invalid; the message names it.
         SystemExit
             After --help, wrong options, `status` and `episodes`.
         ImportError
@@ -212,7 +212,7 @@ class Experiment:
         self.parameters = {key: chosen[_option(key)] for key in type(self).parameters}
 
     def _settings(self) -> dict[str, str]:
-        """Return the settings, other than the plan, that determine the results; a ledger with others is refused."""
+        """Return the settings that, besides the plan, determine results; a ledger with other settings is refused."""
         settings = {_option(key): _core.setting_of(value) for key, value in self.parameters.items()}
         source = self._source()
         if source:
@@ -221,7 +221,7 @@ class Experiment:
 
 
 def _plan(experiment: Experiment) -> dict[str, Any]:
-    """Return the checked attributes of a plan. Checks also the parameters."""
+    """Return the experiment's plan; checks it and the parameters."""
 
     def count(key: str, value: Any) -> int:
         if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not 0 < value < 2**31:
@@ -240,7 +240,7 @@ def _plan(experiment: Experiment) -> dict[str, Any]:
         plan[key] = list(names)
     for name, value in type(experiment).parameters.items():
         if not (isinstance(name, str) and name.isidentifier()):
-            raise ValueError(f"parameters has {name!r}, which is no name for an option: letters, digits and _ are")
+            raise ValueError(f"parameters has {name!r}, which is no name for an option: use letters, digits and _")
         if not isinstance(value, (numbers.Real, str)):
             raise ValueError(f"parameter {name} must be a number, text, True or False, not {value!r}")
     return plan

@@ -97,7 +97,7 @@ class GuardedEnv(Wrapper):
         With `reset(seed=None, options=None) -> (obs, info)` and
         `step(action) -> (obs, reward, terminated, truncated, info)`.
     guard : Guard
-        For states of this environment. Use one guard per environment.
+        Guard for states of this environment. Use one guard per environment.
     state : callable(obs) -> array_like, optional
         Converts an observation to the guard's state. By default, an observation is the state, or a
         mapping with the names of the guard's layout: {"object": ..., "tip": ...}.
@@ -151,8 +151,8 @@ class GuardedEnv(Wrapper):
         return np.concatenate([np.ravel(obs[name]) for name, _ in self.guard.layout])
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Start an episode of the environment and of the guard; the guard's seed is the same, or 0 for None."""
-        self.guard.stop()  # if the environment raises
+        """Start an episode of the environment and of the guard, both with `seed`; None is 0 for the guard."""
+        self.guard.stop()  # remains halted if the environment raises
         obs, info = self.env.reset(seed=seed, options=options)
         self._observe(obs)
         self.guard.reset(0 if seed is None else seed)

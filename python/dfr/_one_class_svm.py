@@ -20,7 +20,7 @@ from dfr._validation import (
     check_weights,
 )
 
-# Up to this number of samples, a fit continues to this fraction of the sum of all kernels.
+# The tolerance of a fit of up to _SMALL samples is at most _ROUNDING times the sum of the coefficients.
 _SMALL = 256
 _ROUNDING = 1e-13
 
@@ -140,14 +140,14 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
         Raises
         ------
         ValueError
-            With the invalid parameter or entry of X.
+            If a parameter or an entry of X is invalid; the message names it.
         """
         self._check_parameters()
         rows = check_rows(self, X, fitting=True)
         weights = check_weights(sample_weight, rows.shape[0])
         total = float(rows.shape[0] if weights is None else weights.sum())
         tolerance = float(self.tol)
-        if rows.shape[0] <= _SMALL and total > 0.0:  # the fit names a weight that is negative
+        if rows.shape[0] <= _SMALL and total > 0.0:  # otherwise the fit reports the weights
             tolerance = min(tolerance, _ROUNDING * self.nu * total)
         # In addition to the kernel values, the solver keeps two reordered copies of X and some vectors.
         fixed_mib = rows.shape[0] * (16 * (rows.shape[1] + 1) + 128) / 2**20 + 1

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def _work(experiment: Experiment, seed: int, methods: list[str], connection: Any, others: list[Any]) -> None:
     """Run a worker process: answers requests until the connection ends."""
-    for other in others:  # copies due to fork, which would keep them open
+    for other in others:  # copies due to fork would keep connections open
         other.close()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):  # schedulers send these to all processes
         signal.signal(number, signal.SIG_IGN)
@@ -64,14 +64,14 @@ class Pool:
             connection.close()
         for process, _ in self._workers:
             process.join(1.0)
-            process.kill()  # may be in an episode whose result is not needed
+            process.kill()  # it may be in an episode whose result is not needed
 
     def unit(self, trial: int, demonstrations: int, learner: str) -> _Remote:
         return _Remote(self, trial, demonstrations, learner)
 
 
 class _Remote:
-    """A unit in a worker process, reserved for it until `close`."""
+    """A unit in a worker process, which no other unit uses until `close`."""
 
     def __init__(self, pool: Pool, trial: int, demonstrations: int, learner: str) -> None:
         self._label = f"trial {trial}, {demonstrations} demonstrations, {learner}"

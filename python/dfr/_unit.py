@@ -49,7 +49,7 @@ def _seed(seed: int) -> None:
 
 
 def _recovers(episode: Episode) -> list[bool]:
-    """Return, for each action, whether a recovery chose it; always False for the baseline."""
+    """Return True for each action that a recovery chose, False for the others."""
     infos = episode.infos[: len(episode.actions)]
     return [info["mode"] in ("probe", "recovery") for info in infos] or [False] * len(episode.actions)
 
@@ -64,7 +64,7 @@ def _picture(plant: Any) -> NDArray[np.uint8]:
 
 
 def _animation(films: list[list[NDArray[np.uint8]]]) -> bytes:
-    """Return pictures side by side as an animated PNG, 15 a second; shorter films hold their last picture."""
+    """Return pictures side by side as an animated PNG, 15 per second; shorter films hold their last picture."""
     length = max(map(len, films))
     numbers = [*range(0, length - 1, length // 240 + 1), length - 1]
     shapes = {picture.shape for frames in films for picture in frames}
@@ -119,7 +119,7 @@ class Unit:
         return np.array(self.plant.observe(), dtype=np.float64).ravel()
 
     def accepts(self, start_seed: int) -> bool:
-        """Return whether the start state is inside the support: no action could correct one outside."""
+        """Return True if the start state is inside the support: no action could correct a start state outside."""
         _seed(start_seed)
         self.plant.reset(start_seed)
         return bool(self.support.decision(0, self._observe()) >= 0.0)
@@ -132,7 +132,7 @@ class Unit:
         return episode.outcome, episode.cause, len(episode.actions), recovery, changed, time.process_time() - begin
 
     def film(self, methods: list[int], start_seed: int, controller_seed: int, pictures: bool) -> tuple[list[Any], bytes]:
-        """Return, per method, the result of `run`, the states and the recovery flags; and an animation.
+        """Return outcome, states and recovery flags of each method's episode, and an animation.
 
         The animation is empty if the plant has no pictures, which is an error if `pictures` is set.
         """

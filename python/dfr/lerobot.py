@@ -31,10 +31,10 @@ def _to_numpy(values: Any) -> NDArray[np.float64]:
 
 def _like(values: NDArray[np.float64], original: Any) -> Any:
     # An integer type would truncate the action, which the guard counts as applied.
-    if hasattr(original, "new_tensor"):  # of the same type and device
+    if hasattr(original, "new_tensor"):  # creates a tensor of the same type and device
         return (original if original.is_floating_point() else original.double()).new_tensor(values)
     dtype = np.asarray(original).dtype
-    return values.astype(dtype if np.issubdtype(dtype, np.floating) else np.float64)[()]  # a scalar stays one
+    return values.astype(dtype if np.issubdtype(dtype, np.floating) else np.float64)[()]  # keeps a scalar
 
 
 def _is_number(value: Any) -> bool:
@@ -65,7 +65,7 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
     ----------
     guard : Guard or path_like
         Its layout names the features of the observation, as `guard fit` reads them from a LeRobot dataset:
-        "observation.state" and the like. A path is loaded. If the observation lacks one part of the layout,
+        "observation.state" and the like. A path names a guard's file. If the observation lacks one part of the layout,
         its numbers, {"shoulder_pan.pos": ...}, are used as that part if their count matches.
     positions : sequence of int or None, optional
         For actions that are target positions: entry k of an action is a target for entry positions[k] of the
@@ -89,8 +89,8 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
     TypeError
         If `guard` is neither a guard nor a path, or `on_alarm` or `on_halt` is not callable.
     ValueError
-        If `positions` or `action_names` does not have one entry per entry of an action, or has one that is out of
-        range or doubled.
+        If `positions` or `action_names` does not have one entry per entry of an action, or an entry is out of
+        range or repeated.
     """
 
     def __init__(
@@ -165,7 +165,7 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
         return np.concatenate(parts)
 
     def _present(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the pose that actions are relative to; after a halt, or in an invalid state, the last one."""
+        """Return the pose that actions are relative to; after a halt, or in an invalid state, the last valid pose."""
         present = np.zeros(self.guard.action_dim)
         for k, entry in enumerate(self.positions or ()):
             if entry is not None:

@@ -15,7 +15,7 @@ from dfr._core import Guard
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Colour-blind-safe colours, by the source of the action; those of the page planar.html.
+# Colour-blind-safe colours, by the reason for the action. The page planar.html has the same.
 _COLOURS = {
     "inside": "#0072b2",
     "outside": "#56b4e9",
@@ -57,7 +57,7 @@ def episode(infos: Sequence[dict[str, Any]], *, ax: Axes | None = None) -> Axes:
     ax = _axes(ax)
     g = np.array([info["g"] for info in infos], dtype=float)
     threshold = np.array([info["threshold"] for info in infos], dtype=float)
-    # The reason for a halt is its cause.
+    # For a halt, the reason is one of many causes.
     kinds = [info["mode"] if info["mode"] == "halt" else info["reason"] for info in infos]
     ax.axhline(0.0, color="0.5", linewidth=0.8)
     ax.plot(g, color="0.75", linewidth=1.0, zorder=1)
@@ -119,7 +119,7 @@ def features(guard: Guard, episodes: Sequence[ArrayLike], *, most: int = 12, ax:
         If all states are inside: there is nothing to attribute.
     """
     rows = [guard.attribution(states) for states in episodes]
-    # Rows of NaN are of states that are immeasurably far outside.
+    # A row is NaN if its state is immeasurably far outside.
     outside = [row for attribution in rows for row in attribution if row.any() and np.isfinite(row).all()]
     if not outside:
         raise ValueError("all states are inside or immeasurably far outside: pass episodes that leave the support, "

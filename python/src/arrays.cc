@@ -7,7 +7,7 @@ namespace py = pybind11;
 namespace dfr::python {
 namespace {
 
-// Descriptions of non-numeric types, by numpy.dtype.kind.
+// Describes a non-numeric type, given its numpy.dtype.kind.
 const char* KindOf(char kind) {
   switch (kind) {
     case 'c':
@@ -25,7 +25,7 @@ const char* KindOf(char kind) {
   }
 }
 
-// Removes the autograd graph and the device of a tensor.
+// Returns a tensor's values in main memory, without the autograd graph; other values unchanged.
 py::object Detached(const py::handle& values) {
   if (!py::hasattr(values, "detach")) return py::reinterpret_borrow<py::object>(values);
   const py::object detached = values.attr("detach")();

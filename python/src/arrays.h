@@ -95,8 +95,8 @@ inline std::span<double> Entries(pybind11::array_t<double>& array) {
 }
 
 /// Returns a new vector, with a copy of `values` if they are given. pybind11 2.10's constructor
-/// from a count reads the size of an entry where NumPy 1 keeps it in a dtype. With NumPy 2 all
-/// entries would be the first.
+/// from a count reads the size of an entry where NumPy 1 keeps it in a dtype. With NumPy 2, all
+/// entries would share the first entry's memory.
 inline pybind11::array_t<double> NewVector(pybind11::ssize_t count,
                                            const double* values = nullptr) {
   return pybind11::array_t<double>(pybind11::array::ShapeContainer{count}, values);
@@ -197,7 +197,7 @@ class Interruptible {
 /// @throws FileNotFoundError if nothing is at `path`.
 void RequireFile(const std::filesystem::path& path);
 
-/// Each adds its classes to the module.
+/// Each function adds its classes or functions to the module.
 void AddSupportEstimate(pybind11::module_& module);
 void AddTimeVaryingSupport(pybind11::module_& module);
 void AddGuard(pybind11::module_& module);

@@ -138,7 +138,7 @@ std::string TextOf(const Value& value) {
   return experiment::Exactly(std::get<double>(value));
 }
 
-// Returns the plan with the class's defaults and the options' overrides.
+// Returns the plan with the class's defaults, which options of the command line may replace.
 experiment::EvaluationPlan PlanOf(const py::dict& defaults) {
   experiment::EvaluationPlan plan;
   plan.methods = defaults["methods"].cast<std::vector<std::string>>();

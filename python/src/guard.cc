@@ -41,7 +41,7 @@ py::object Number(double value) {
   return std::isnan(value) ? py::object(py::none()) : py::object(py::float_(value));
 }
 
-// A temporary folder for one file, because a guard is stored by its path alone.
+// A temporary file, because a guard can be saved only to a path.
 class TemporaryFile {
  public:
   TemporaryFile() {
@@ -70,7 +70,7 @@ class TemporaryFile {
   std::string folder_;
 };
 
-// Converts a guard to the content of its file, and back.
+// Converts a guard to the content of its file; inverse of FromBytes().
 py::bytes ToBytes(const Guard& guard) {
   std::ostringstream content;
   {
@@ -152,7 +152,7 @@ py::object GuardDecision(const Guard& guard, const py::object& time, const Array
   return g;
 }
 
-// None keeps a setting unchanged.
+// Returns a guard with other settings. None keeps a setting unchanged.
 Guard With(const Guard& guard, const py::object& strategy, const py::object& horizon,
            const py::object& max_actions, const py::object& action_limit,
            const py::object& alarm_level, const py::object& direction_error,
@@ -287,11 +287,11 @@ state_dim, action_dim : int
 num_steps : int
     Number of time steps with a separate estimate; later ones use the last.
 layout : list of (str, int or (int, int, int))
-    Name and size of each part of a state; of a picture its height, width and channels.
+    Name and size of each part of a state; a picture's size is (height, width, channels).
 features : str
     Features of a state; empty for all entries.
 settings : dict
-    strategy, horizon, max_actions, action_limit, alarm_level, direction_error, demonstrated (whether nearby
+    strategy, horizon, max_actions, action_limit, alarm_level, direction_error, demonstrated (True if nearby
     demonstrated actions may replace an action); `with_settings` changes them.
 summary : dict
     Results of the fit, among them acceptance, the share of states of left-out demonstrations that are
@@ -353,7 +353,7 @@ Its inputs are t (rows, int64) and x (rows, state_dim), its output g (rows).
                                              seed, "seed", "a whole number from 0 to 2^64 - 1"));
           },
           py::arg("seed") = 0,
-          "Start an episode. The seed determines all random choices; None is 0.")
+          "Start an episode. The seed determines all random choices; None means 0.")
       .def(
           "stop", [](Guard& guard) { guard.Stop(); }, "Halt: all actions are zero until `reset`.")
       .def("filter", &Filter, py::arg("t"), py::arg("state"), py::arg("action"),
@@ -383,13 +383,13 @@ info : dict
     alarm : bool, whether the state is below the alarm level, unlike all demonstrations, or frozen.
     alarm_step : int, the time step of the alarm: the nearby one whose support fits the state best.
     step : int, the time step of the strategy, of g and of threshold.
-    entry : str or None, for the reason "quaternion-invalid": the entries of the state, as "quat[0:4]".
+    entry : str or None, the invalid entries if the reason is "quaternion-invalid", as "quat[0:4]".
 )")
       .def("certify", &Certify, py::arg("t"), py::arg("state"), py::arg("action"),
            R"(Return the certificate of the state after `action`, for any strategy.
 
-It holds under the assumptions of docs/certificates.md. It uses the response to actions estimated from
-demonstrations (`filter` also learns from applied actions). Lengths are in whitened features.
+The certificate holds under the assumptions of docs/certificates.md. It uses the response to actions
+estimated from demonstrations (`filter` also learns from applied actions). Lengths are in whitened features.
 
 Parameters
 ----------

@@ -163,8 +163,8 @@ void AddGuardAdvice(py::class_<Guard>& guard_class) {
       .def("applied", &Applied, py::arg("action"),
            R"(Report that `action` was applied in place of the one that the last `filter` returned.
 
-With the policy's own action after each `filter`, the guard runs in shadow: it judges every action and
-changes none. A robot that limits actions itself reports what it did. Call it before the next `filter`.
+Call it before the next `filter`. If the robot limits actions itself, report the limited action. If the
+robot always applies the policy's own action, the guard runs in shadow: it judges actions but changes none.
 
 Strategies "dfr", "early-stopping" and "certified" halt if `action` is not the one that `filter` returned.
 A guard halts if `filter` has not been called since `reset`, or if an entry that it steers is beyond both
@@ -183,8 +183,8 @@ An action counts if it is within the limits and predicted to end inside, at the 
 within the limits. The guard is not changed.
 
 Pass each counted action to `filter` with the state that was reached, because predictions can be wrong
-and `filter` decides. After these, or after the first that `filter` changes, ask the policy for a new
-chunk. If no action counts, pass the first one to `filter`, which returns a replacement.
+and `filter` decides. After the last of them, or after the first that `filter` changes, ask the policy
+for a new chunk. If no action counts, pass the first action to `filter`, which returns a replacement.
 
 Parameters
 ----------
@@ -209,7 +209,7 @@ ValueError
            py::arg("demonstrations") = py::tuple(),
            R"(Explain which entries of a state are outside, how far, and at which time step.
 
-Not for a control loop. `filter` returns why an action did not pass, as info["why"].
+Do not call this in a control loop. `filter` returns why an action did not pass, as info["why"].
 
 Parameters
 ----------
@@ -233,7 +233,7 @@ dict
 Raises
 ------
 ValueError
-    If the state or a demonstration has the wrong number of entries, or the state one that is not finite.
+    If the state or a demonstration has the wrong number of entries, or an entry of the state is not finite.
 )")
       .def(
           "reconstruct",
@@ -251,7 +251,7 @@ ValueError
           py::arg("block"), py::arg("state"),
           R"(Return the reconstruction of a block behind "pca:" or "slow:" from its components.
 
-A picture has the size, channels and light after the guard's options.
+A picture has the size, channels and light that the options of its feature give it.
 
 Parameters
 ----------
@@ -306,11 +306,11 @@ ndarray of shape (n_states,)
           py::arg("states"),
           R"(Return the contribution of each entry of each state to -l.
 
-Rows sum to -l of `levels`. They are zero if that is not positive, and NaN if it is infinite. An entry's
-contribution is the rise of l along it on the path back inside, independent of units. A negative one
-compensates for others. For a block behind "pca:" or "slow:", contributions are those of its own entries,
-such as pixels, along a path in the space of its components. Behind "points:", they are at the pixels of
-the points that are outside.
+Each row sums to -l of `levels`. It is zero if -l is not positive, and NaN if -l is infinite. An entry's
+contribution is the rise of l due to this entry on the path back inside, independent of units. A negative
+contribution compensates for others. For a block behind "pca:" or "slow:", contributions are those of its
+own entries, such as pixels, along a path in the space of its components. For a block behind "points:",
+they are at the pixels of the points that are outside.
 
 Returns
 -------

@@ -197,16 +197,16 @@ layout : sequence of (name, size) or dict, optional
     (height, width, channels), with 1 or 3 channels, makes a block a picture of values from 0 to 255, rows
     from the top.
 features : str or list of str
-    Features, as in "object,tip[0:2]"; all entries if empty. "obs/object" is "object".
+    Features, as in "object,tip[0:2]"; all entries if empty. "obs/object" means "object".
     "points:image[:K][:grey][:HxW][:light=none|gain|standard]" stands for K slow features of the positions
     of patches in a picture, "pca:embedding[:K]" for K principal components of a block, "slow:embedding[:K]"
-    for K slow features of these; without K the fit chooses their number, and of points and embeddings
-    directions that actions depend on where these explain more. The other options are for pictures:
-    one channel, the size after averaging, and the light, of which "standard" (the default) removes
-    brightness and contrast, "gain" the brightness. docs/pixels.md has more.
+    for K slow features of these. Without K the fit chooses their number and, for points and embeddings,
+    uses directions that actions depend on if these explain more. The other options are for pictures: one
+    channel, the size after averaging, and the light: "standard" (the default) removes brightness and
+    contrast, "gain" removes only the brightness. docs/pixels.md has more.
 nu, gamma : float
-    Parameters of the supports; gamma in whitened units, which all tasks share. It is doubled if that makes
-    the supports smaller with as many left-out states inside, and while they contain gaps between modes.
+    Parameters of the supports; gamma is in whitened units, which all tasks share. The fit doubles gamma if
+    the supports become smaller with as many left-out states inside, and while they cover gaps between modes.
 strategy : {"guard", "controller", "dfr", "early-stopping", "monitor", "certified"}
     Source of the actions. "guard": the policy, whose action passes unchanged while it is predicted to end
     inside; at the boundary it is corrected. "controller": the demonstrations; the policy's action passes
@@ -215,30 +215,31 @@ strategy : {"guard", "controller", "dfr", "early-stopping", "monitor", "certifie
     "monitor": the policy alone, with alarms. "certified": only actions that provably raise no alarm, under
     the assumptions of docs/certificates.md.
 horizon : int
-    Largest number of the policy's actions in an episode; 0: twice that of the longest demonstration.
+    Largest number of the policy's actions in an episode; 0: twice the number in the longest demonstration.
 action_limit : float or sequence of float
     Limit of the magnitude of each entry of an action, or of all entries; 0: 1.5 times the largest
     demonstrated value of each entry.
 false_alarms : float
     Share of demonstrations that may raise an alarm.
 confidence : float
-    Confidence that this fit keeps false_alarms; 0: on average over fits.
+    Confidence that this fit keeps the bound false_alarms; 0: fits keep it on average.
 hold_out : float
     Share of the demonstrations to leave out of the fit: the bounds of alarm and certificate are then
-    exact. 0: none, the bounds are approximate.
+    exact. 0: none, and the bounds are approximate.
 error_factor : float
     For strategy "certified": factor by which the predicted response to actions may be less accurate than
     in demonstrations.
 source : str
     Origin of the demonstrations, stored in the file.
 differences : bool
-    Convert actions that are target positions, actions[t, k] = states[t, j] or the one after it, to
-    increments by subtracting states[t, j]. Subtract it from the policy's actions before `filter`, too.
+    Convert actions that are target positions, actions[t, k] = states[t, j] or states[t + 1, j], to
+    increments by subtracting states[t, j]. Also subtract the present state's entry j from the policy's
+    actions before `filter`.
 as_recorded : bool
     Accept actions that look like target positions, which are refused otherwise.
 accept_any : bool
-    Accept a fit in which almost no state of left-out demonstrations is inside, or components that stop
-    their demonstrator, which is refused otherwise.
+    Accept a fit in which almost no state of left-out demonstrations is inside, or in which a guard with
+    components would stop the demonstrator. Such a fit is refused otherwise.
 progress : callable(stage: str, share: float) or bool, optional
     None: in a terminal or notebook, show the progress of a fit of more than 2 s. True: always. False: never.
 

@@ -11,8 +11,8 @@ namespace py = pybind11;
 
 namespace {
 
-// A message may contain bytes of a file or of its name. Without this, Python would show an empty
-// text for one that is not UTF-8.
+// Raises a Python error. Escapes bytes that are not UTF-8, which a message may quote from a file or
+// its name: Python would show an empty text instead.
 void Raise(PyObject* type, std::string_view text) {
   const auto message = py::reinterpret_steal<py::object>(
       PyUnicode_DecodeUTF8(text.data(), std::ssize(text), "backslashreplace"));
@@ -23,7 +23,7 @@ void RaiseErrorsOfLibrary(std::exception_ptr thrown) {
   try {
     std::rethrow_exception(thrown);
   } catch (const py::builtin_exception&) {
-    throw;  // pybind11's own runtime errors have other types
+    throw;  // pybind11's own runtime errors keep their Python types
   } catch (const std::invalid_argument& e) {
     Raise(PyExc_ValueError, e.what());
   } catch (const std::runtime_error& e) {

@@ -203,7 +203,7 @@ alpha : ndarray of shape (n_samples,)
 
 g(x) = sum_i alpha_i exp(-gamma |x - x_i|^2) - rho, positive inside. alpha sums to 1. Therefore g does
 not grow with the number of samples; scikit-learn's and LIBSVM's decision values are `libsvm_scale`
-times these. Immutable: threads may share one.
+times g. Immutable: threads may share one.
 
 Attributes
 ----------
@@ -230,8 +230,8 @@ Parameters
 samples : array_like of shape (n_samples, state_dim)
     Not converted if C-contiguous float64.
 nu : float
-    In (0, 1]: bounds the share of samples left outside from above, that of support vectors from
-    below.
+    In (0, 1]: upper bound on the share of samples outside, lower bound on the share of support
+    vectors.
 gamma : float
     Parameter of the Gaussian kernel, in 1/unit^2.
 tolerance : float
@@ -279,7 +279,7 @@ gradient : ndarray of shape (state_dim,)
       .def("export_onnx", &ExportOnnx, py::arg("path"), py::kw_only(),
            py::arg("libsvm_scale") = false,
            "Write g as an ONNX file in double: input x (rows, state_dim), output g. With "
-           "`libsvm_scale`, times that, as in scikit-learn and LIBSVM.")
+           "`libsvm_scale`, g is multiplied by it, as in scikit-learn and LIBSVM.")
       .def_property_readonly("state_dim", &OneClassSvm::state_dim)
       .def_property_readonly("gamma", &OneClassSvm::gamma)
       .def_property_readonly("rho", &OneClassSvm::rho)
