@@ -1,5 +1,5 @@
-# Runs at every build. Writes OUTPUT with the commit of SOURCE if that has changed. Otherwise the file
-# stays as it is and nothing is rebuilt. In an unpacked archive of a commit, commit.txt names it.
+# Runs at every build. Writes OUTPUT with the commit of SOURCE if this commit has changed. Otherwise OUTPUT
+# stays as it is and nothing is rebuilt. In an unpacked archive, commit.txt names the commit.
 set(commit unknown)
 file(STRINGS ${SOURCE}/cmake/commit.txt archived LIMIT_COUNT 1)
 execute_process(COMMAND git -C ${SOURCE} rev-parse --short=12 HEAD

@@ -31,7 +31,7 @@ function(dfr_read_components prefix)
 endfunction()
 
 # Adds name's folder, tests and benchmarks. A folder starts with the find_package calls of its
-# dependencies. It sets DFR_MISSING and returns if one is absent (dfr_find_package does both).
+# dependencies. It sets DFR_MISSING and returns if a dependency is absent (dfr_find_package does both).
 macro(dfr_add_component name)
   set(DFR_MISSING "")
   foreach(need IN LISTS component_${name}_needs)

@@ -1,5 +1,5 @@
-# The same ROS 2 types in an independent implementation of DDS, for tests and benchmarks: makes
-# dfr_cyclone_types, a C library. A macro, because a language is enabled in the caller's scope.
+# Makes dfr_cyclone_types, a C library with the ROS 2 types of dfr::dds for an independent implementation of
+# DDS, for tests and benchmarks. A macro, because a language is enabled in the caller's scope.
 macro(dfr_cyclone_types)
   find_package(CycloneDDS REQUIRED)
   if(NOT TARGET dfr_cyclone_types)

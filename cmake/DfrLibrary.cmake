@@ -91,7 +91,7 @@ endif()
 function(dfr_use_precompiled target kind)
   target_compile_options(${target} PRIVATE ${DFR_OPTIONS_OF_${kind}})
   if(DFR_PRECOMPILE)
-    if(NOT TARGET dfr_precompiled_${kind})  # the headers of a kind with the same options
+    if(NOT TARGET dfr_precompiled_${kind})  # uses those of a kind with the same options
       if(DFR_OPTIONS_OF_${kind})
         set(kind offline)
       else()
@@ -104,9 +104,9 @@ function(dfr_use_precompiled target kind)
 endfunction()
 
 # dfr_add_library(kernel SOURCES ... [PUBLIC ...] [PRIVATE ...] [OFFLINE])
-# OFFLINE is for a library of files and reports, which no control loop and no fit calls.
-# It makes dfr_kernel, its alias dfr::kernel, the install component and export set "kernel", and
-# dfr-kernel.pc.
+# makes dfr_kernel, its alias dfr::kernel, the install component and export set "kernel", and
+# dfr-kernel.pc. OFFLINE is for a library of files and reports, which no control loop and no fit
+# calls.
 # Public headers are in include/ beside the CMakeLists.txt.
 function(dfr_add_library name)
   cmake_parse_arguments(PARSE_ARGV 1 arg "OFFLINE" "" "SOURCES;PUBLIC;PRIVATE")
@@ -139,8 +139,8 @@ function(dfr_add_library name)
   set_property(GLOBAL APPEND PROPERTY DFR_LIBRARIES ${name})
 endfunction()
 
-# dfr_add_app_library(dfr_pusher_app SOURCES ... PUBLIC ... [PRIVATE ...]) makes a library of a program without
-# its command line, for tests and other programs.
+# dfr_add_app_library(dfr_pusher_app SOURCES ... PUBLIC ... [PRIVATE ...]) makes a library from a program's
+# sources without its command line, for tests and other programs.
 function(dfr_add_app_library target)
   cmake_parse_arguments(PARSE_ARGV 1 arg "" "" "SOURCES;PUBLIC;PRIVATE")
   add_library(${target} STATIC ${arg_SOURCES})

@@ -1,4 +1,4 @@
-# MuJoCo for the folders of sim/, each of which may be the first to look for it.
+# Finds MuJoCo for the folders of sim/, each of which may be the first to look for it.
 macro(dfr_find_mujoco)
   dfr_find_package(mujoco 2.2)
   if(mujoco_VERSION VERSION_GREATER_EQUAL 2.3)

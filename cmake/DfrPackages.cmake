@@ -60,7 +60,7 @@ Cflags: -std=c++20 -DEIGEN_MPL2_ONLY -I${includedir}
     DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig COMPONENT ${name})
 endfunction()
 
-# The Debian package that a component becomes.
+# Sets result to the name of the Debian package that a component becomes.
 function(dfr_debian_name name result)
   string(REPLACE "_" "-" package ${name})
   if(name IN_LIST libraries)
@@ -127,8 +127,8 @@ function(dfr_built_with name result)
 endfunction()
 
 # dfr_describe_packages(core kernel ...): these components, in the order of components.txt. A
-# library's package depends on the needs of its row. A program's and the Python module's depend on
-# the shared libraries that dpkg-shlibdeps finds in them.
+# library's package depends on the needs of its row. The packages of programs and of the Python module
+# depend on the shared libraries that dpkg-shlibdeps finds in them.
 function(dfr_describe_packages)
   if(NOT PROJECT_IS_TOP_LEVEL)
     return()
@@ -166,7 +166,7 @@ function(dfr_describe_packages)
       set(CPACK_DEBIAN_${id}_PACKAGE_SECTION libdevel)
     else()
       set(CPACK_DEBIAN_${id}_PACKAGE_SHLIBDEPS ON)
-      # Programs that a program starts.
+      # Recommends the programs that a program starts.
       set(recommends "")
       foreach(need IN LISTS component_${name}_needs)
         if(NOT need IN_LIST libraries)
@@ -178,7 +178,7 @@ function(dfr_describe_packages)
       set(CPACK_DEBIAN_${id}_PACKAGE_RECOMMENDS "${recommends}")
       set(CPACK_DEBIAN_${id}_PACKAGE_SECTION science)
     endif()
-    if(name STREQUAL "guard")  # starts it for LeRobot's videos
+    if(name STREQUAL "guard")  # starts video_frames for LeRobot's videos
       set(CPACK_DEBIAN_${id}_PACKAGE_SUGGESTS dfr-video-frames)
     endif()
     if(name STREQUAL "python")

@@ -58,7 +58,7 @@ function(dfr_add_tests name)
   endif()
 endfunction()
 
-# dfr_add_command_test(guard.report TIER integration COMMAND ... [TIMEOUT seconds] [any property and values ...])
+# dfr_add_command_test(guard.report TIER integration COMMAND ... [TIMEOUT seconds] [PROPERTIES name value ...])
 function(dfr_add_command_test name)
   cmake_parse_arguments(PARSE_ARGV 1 arg "" "TIER;TIMEOUT;WORKING_DIRECTORY" "COMMAND;PROPERTIES")
   if(NOT arg_TIMEOUT)

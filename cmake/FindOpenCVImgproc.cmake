@@ -1,5 +1,5 @@
-# The parts of OpenCV that work on images in memory, from Debian's libopencv-imgproc-dev alone: the
-# package's own OpenCVConfig.cmake comes with all of OpenCV, including its windows.
+# The parts of OpenCV that work on images in memory, from Debian's libopencv-imgproc-dev alone:
+# OpenCV's OpenCVConfig.cmake comes with all of OpenCV, including its windows.
 # Makes OpenCVImgproc::OpenCVImgproc.
 find_path(OpenCVImgproc_INCLUDE_DIR opencv2/imgproc.hpp PATH_SUFFIXES opencv4)
 find_library(OpenCVImgproc_CORE opencv_core)

@@ -1,5 +1,5 @@
-# The parts of OpenCV that write videos, from Debian's libopencv-videoio-dev and libopencv-imgproc-dev
-# alone: the package's own OpenCVConfig.cmake comes with all of OpenCV, including its windows.
+# The parts of OpenCV that read and write videos, from Debian's libopencv-videoio-dev and
+# libopencv-imgproc-dev alone: OpenCV's OpenCVConfig.cmake comes with all of OpenCV, including its windows.
 # Makes OpenCVVideo::OpenCVVideo.
 find_path(OpenCVVideo_INCLUDE_DIR opencv2/videoio.hpp PATH_SUFFIXES opencv4)
 find_library(OpenCVVideo_CORE opencv_core)

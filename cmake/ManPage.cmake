@@ -1,5 +1,5 @@
-# Writes OUTPUT, the manual page of PROGRAM, called NAME, of version VERSION, from its --help and those
-# of its subcommands.
+# Writes OUTPUT, the manual page of PROGRAM, called NAME, of version VERSION, from its --help and
+# its subcommands' --help.
 cmake_minimum_required(VERSION 3.25)
 
 # Sets result to the output of `NAME subcommand --help`, one element per line. Control characters

@@ -1,7 +1,7 @@
 # shellcheck shell=bash
 # ./dev release, which reads this file.
 
-# interpreters: one CPython a line for each minor version from 3.9 on that has its headers, Debian's first.
+# interpreters: prints one CPython per line, for each minor version from 3.9 on with headers, Debian's first.
 interpreters() {
   local python
   for python in /usr/bin/python3 $(compgen -c python3. | sort -u | grep -E '^python3\.[0-9]+$' || true) \
@@ -24,7 +24,7 @@ make_wheel() {
               /usr/lib/python3/dist-packages/{distro,packaging,setuptools,scikit_build,wheel}-*.*-info; do
     [ ! -e "$tool" ] || ln -s "$tool" "$tools"
   done
-  # Debian's setuptools wants two options that Debian's distutils has.
+  # Debian's setuptools reads two options that only Debian's distutils defines.
   local build='import setuptools, runpy; from distutils.command.install import install
 install.install_layout = install.prefix_option = None
 runpy.run_path("setup.py", run_name="__main__")'
@@ -35,7 +35,7 @@ runpy.run_path("setup.py", run_name="__main__")'
   rm -rf "$tools"
 }
 
-# Two runs on one commit give the same files: times are the commit's, and all is built from the tarball, with its paths.
+# Two runs on one commit give the same files: times are the commit's, and all is built in the unpacked tarball.
 cmd_release() {
   local tag commit version name out=$PWD/build/release-artefacts work=$PWD/build/release-work python part
   tag=${1:-$(git describe --exact-match HEAD 2>/dev/null || true)}
