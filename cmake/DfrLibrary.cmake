@@ -91,7 +91,7 @@ endif()
 function(dfr_use_precompiled target kind)
   target_compile_options(${target} PRIVATE ${DFR_OPTIONS_OF_${kind}})
   if(DFR_PRECOMPILE)
-    if(NOT TARGET dfr_precompiled_${kind})  # uses those of a kind with the same options
+    if(NOT TARGET dfr_precompiled_${kind})  # reuses the headers of a kind with the same options
       if(DFR_OPTIONS_OF_${kind})
         set(kind offline)
       else()

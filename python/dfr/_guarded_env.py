@@ -151,7 +151,7 @@ class GuardedEnv(Wrapper):
         return np.concatenate([np.ravel(obs[name]) for name, _ in self.guard.layout])
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Start an episode of the environment and of the guard, both with `seed`; None is 0 for the guard."""
+        """Start an episode of the environment and of the guard, both with `seed`; for the guard, None means 0."""
         self.guard.stop()  # remains halted if the environment raises
         obs, info = self.env.reset(seed=seed, options=options)
         self._observe(obs)

@@ -147,7 +147,7 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
         weights = check_weights(sample_weight, rows.shape[0])
         total = float(rows.shape[0] if weights is None else weights.sum())
         tolerance = float(self.tol)
-        if rows.shape[0] <= _SMALL and total > 0.0:  # otherwise the fit reports the weights
+        if rows.shape[0] <= _SMALL and total > 0.0:  # the fit rejects weights without a positive sum
             tolerance = min(tolerance, _ROUNDING * self.nu * total)
         # In addition to the kernel values, the solver keeps two reordered copies of X and some vectors.
         fixed_mib = rows.shape[0] * (16 * (rows.shape[1] + 1) + 128) / 2**20 + 1

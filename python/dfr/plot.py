@@ -15,7 +15,7 @@ from dfr._core import Guard
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Colour-blind-safe colours, by the reason for the action. The page planar.html has the same.
+# Colour-blind-safe colours, by the reason for the action. The page planar.html uses the same colours.
 _COLOURS = {
     "inside": "#0072b2",
     "outside": "#56b4e9",
@@ -57,7 +57,7 @@ def episode(infos: Sequence[dict[str, Any]], *, ax: Axes | None = None) -> Axes:
     ax = _axes(ax)
     g = np.array([info["g"] for info in infos], dtype=float)
     threshold = np.array([info["threshold"] for info in infos], dtype=float)
-    # For a halt, the reason is one of many causes.
+    # In a halt, `reason` is one of many causes, which share one colour.
     kinds = [info["mode"] if info["mode"] == "halt" else info["reason"] for info in infos]
     ax.axhline(0.0, color="0.5", linewidth=0.8)
     ax.plot(g, color="0.75", linewidth=1.0, zorder=1)

@@ -63,7 +63,7 @@ PsmStatus PsmClient::MeasurementHoldReason() const noexcept {
     }
     if (status != PsmStatus::kOk) return status;
   }
-  // An old set-point shows neither interference by others nor a pose for arming.
+  // An old set-point neither reveals commands of others nor gives the pose for arming.
   if (any_setpoint_ && Seconds(now_ns_ - setpoint_arrival_ns_) > options_.watchdog.max_silence_s) {
     return PsmStatus::kStateSilent;
   }

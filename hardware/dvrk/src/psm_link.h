@@ -172,7 +172,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   // Consoles publish arm_clutch since version 2.4, manip_clutch before.
   dds::Subscriber<dds::Joy> arm_clutch{p, Topic("arm_clutch"), dds::Role::kEvent};
   dds::Subscriber<dds::Joy> manip_clutch{p, Topic("manip_clutch"), dds::Role::kEvent};
-  // This client starts no such moves: a goal that is reached belongs to another client.
+  // This client starts no moves inside the console: a reached goal belongs to another client.
   dds::Subscriber<dds::Flag> goal_reached{p, Topic("goal_reached"), dds::Role::kState};
   dds::Subscriber<dds::Signal> watched_hold{p, Topic("hold"), dds::Role::kRequest};
   dds::Subscriber<dds::Signal> watched_free{p, Topic("free"), dds::Role::kRequest};

@@ -189,7 +189,7 @@ std::size_t SafeSize(std::span<const std::uint8_t> message, bool may_leave) noex
     const std::size_t high = message[at + (little ? 3 : 2)];
     const std::size_t length = low + (high << 8U);
     const std::size_t rest = message.size() - at - kSubheader;
-    // In the last submessage, length 0 means that it extends to the message's end.
+    // A last submessage of length 0 extends to the message's end.
     const bool last = length == 0 && kind != kPad && kind != kInfoTs;
     if (length > rest) return 0;
     const auto content = message.subspan(at + kSubheader, last ? rest : length);

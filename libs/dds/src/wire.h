@@ -6,7 +6,7 @@
 
 namespace dfr::dds::internal {
 
-/// Generated type of each message.
+/// Generated types of a message: the wire type and its type support.
 template <typename T>
 struct WireOf;
 

@@ -81,7 +81,7 @@ void LocallyWeightedPolicy::Control(int t, std::span<const double> x,
   const auto begin = [&](int step) {
     return begin_[static_cast<std::size_t>(std::clamp(step, 0, steps))];
   };
-  // If all demonstrations rest during the window, it grows to the nearest step with a motion.
+  // If all demonstrations rest in the window, the window grows to the nearest step with a motion.
   int window = options_.window;
   while (begin(here - window) == begin(here + window + 1)) ++window;
   const int first = begin(here - window);

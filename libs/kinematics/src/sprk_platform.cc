@@ -79,7 +79,7 @@ bool SprkPlatform::Reachable(const PlatformPose& pose) noexcept {
 }
 
 double SprkPlatform::ReachableShare(const PlatformPose& pose) noexcept {
-  constexpr int kSteps = 32;  // not one: the reachable set around home is not always convex
+  constexpr int kSteps = 32;  // several, because the reachable set is not always convex
   double reached = 0.0;
   double beyond = 0.0;
   for (int i = 1; i <= kSteps; ++i) {

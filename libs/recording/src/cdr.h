@@ -68,7 +68,7 @@ class CdrReader {
     }
     return text.substr(0, text.size() - 1);
   }
-  /// Returns false, with `values` unchanged, if it is too small for the numbers. Sets `count`.
+  /// Sets `count`. Returns false, with `values` unchanged, if `values` has too few entries.
   bool Numbers(std::span<double> values, std::size_t& count) {
     count = Number<std::uint32_t>();
     if (count > values.size()) return encoding_ok_ = false;

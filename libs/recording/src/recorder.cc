@@ -25,7 +25,7 @@ constexpr std::int64_t kPeriodNs = 25'000'000;
 constexpr std::int64_t kFlushNs = 200'000'000;
 constexpr std::size_t kChunkBytes = std::size_t{1} << 20;
 
-// A pending record. One member is valid, according to the kind of the record.
+// A pending record. Only the member of the record's kind is valid.
 struct WaitingRecord {
   StepRecord step;
   TransitionRecord transition;

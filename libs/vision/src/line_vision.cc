@@ -62,7 +62,7 @@ bool OnOneLine(const std::vector<internal::MarkSighting>& sightings) noexcept {
     const Eigen::Vector2d d = s.on_target.head<2>() - mean;
     scatter += d * d.transpose();
   }
-  // determinant / trace^2 is nearly the ratio of the smaller to the larger eigenvalue if small.
+  // For a small ratio of the smaller to the larger eigenvalue, determinant / trace^2 is near it.
   const double trace = scatter.trace();
   return !(scatter.determinant() > 0.01 * trace * trace);
 }
@@ -101,7 +101,7 @@ struct LineVision::Impl : internal::ColourBlobs {
   std::vector<Eigen::Vector2d> mark_pixels;  // expected position of each mark
   double mark_gate = 0.0;                    // maximum distance from these positions, px
   std::vector<double> mark_distance;
-  double mark_area = 0.0;  // px^2, expected
+  double mark_area = 0.0;  // expected area of a mark, px^2
   double tip_area = 0.0;
   std::vector<Eigen::Vector2d> marks;
   std::vector<internal::MarkSighting> sightings;

@@ -168,7 +168,7 @@ LedgerRecord RecordFrom(const Json& json, const EvaluationPlan& plan) {
   result.redrawn = json.at("redrawn");
   result.starts = json.at("starts").get<std::vector<std::uint64_t>>();
   for (const auto& [name, value] : json.at("measures").items()) {
-    // JSON has no NaN.
+    // JSON has no NaN: null stands for it.
     result.measures[name] =
         value.is_null() ? std::numeric_limits<double>::quiet_NaN() : value.get<double>();
   }

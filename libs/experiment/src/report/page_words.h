@@ -38,7 +38,7 @@ class PageWords {
   /// Returns the filter for the start states from which only the method collides, or only its
   /// reference if `reference`.
   [[nodiscard]] static EpisodeFilter OnlyCollided(const Contrast& contrast, bool reference);
-  /// Returns the recommendation of a contrast about its method compared with the reference.
+  /// Returns the recommendation about the contrast's method, compared with the reference.
   [[nodiscard]] ReportJudgement Judge(const Contrast& contrast) const;
 
   const Summary& summary_;

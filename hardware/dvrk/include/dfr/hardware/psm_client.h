@@ -68,7 +68,7 @@ enum class PsmPhase {
   kIdle,       ///< Listens and sends nothing.
   kRequested,  ///< A state command (enable, home, ...) is in progress.
   kArmed,      ///< Sends set-points.
-  kHolding,    ///< Stopped sending because of status(). Only Arm() or a request resumes.
+  kHolding,    ///< Stopped sending; status() is the cause. Only Arm() or a request ends it.
 };
 
 [[nodiscard]] const char* Name(PsmPhase phase) noexcept;
@@ -87,8 +87,8 @@ enum class PsmConsoleState { kUnknown, kDisabled, kEnabled, kPaused, kFault };
 /// measured_js or setpoint_js.
 struct PsmJointSample {
   dds::Stamp stamp;
-  bool well_formed = false;   ///< Six positions.
-  bool has_velocity = false;  ///< Six velocities.
+  bool well_formed = false;   ///< True if there are six positions.
+  bool has_velocity = false;  ///< True if there are six velocities.
   kinematics::PsmJoints position = kinematics::PsmJoints::Zero();
   kinematics::PsmJoints velocity = kinematics::PsmJoints::Zero();
 };
@@ -141,7 +141,7 @@ struct PsmInput {
   /// Number of publishers of measured_js refused because of their quality of service.
   int incompatible = 0;
   int other_publishers = 0;  ///< Number of publishers on the command topics other than this client.
-  int foreign_messages = 0;  ///< Number of messages of others on hold, free and state_command.
+  int foreign_messages = 0;  ///< Number of messages by others on hold, free and state_command.
   /// Numbers of the console's statements (ControlStatedBy()) that servo_cp or servo_cs controls the
   /// arm, and that another command controls it.
   int pose_controls = 0;

@@ -162,7 +162,7 @@ struct BringUpClock {
 /// driver.status(), which is kOk if armed. Gives up after `timeout_s` with the reason.
 /// @param say  called with each console message and each reason for waiting; may be empty.
 /// @param may_move  called before each tick, to check an emergency stop or Ctrl-C. If it returns
-///   false, tells the console to hold, or to disable a homing arm, and returns kHeld. May be empty.
+///   false, tells the console to hold, and to disable a homing arm; returns kHeld. May be empty.
 PsmStatus BringUp(PsmDriver& driver, double timeout_s,
                   const std::function<void(std::string_view)>& say = {},
                   const std::function<bool()>& may_move = {},

@@ -13,7 +13,7 @@ namespace dfr::hardware {
 /// Prints a text for the operator; may be empty.
 using Say = std::function<void(std::string_view)>;
 /// Asks the operator a question while the loop continues. Returns true once the operator types
-/// exactly `word`, false for no. If empty, all answers are no.
+/// exactly `word`, false if the operator declines. If empty, all answers are no.
 using Confirms = std::function<bool(std::string_view question, std::string_view word)>;
 
 /// Participants that the operator has seen listed and has accepted. The robot may move in their

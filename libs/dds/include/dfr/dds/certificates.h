@@ -31,7 +31,7 @@ struct CertificateOptions {
 ///   enclaves/governance.p7s     signed encryption rules (everything is encrypted)
 ///   enclaves/NAME/              one folder per participant, see SecurityFiles
 ///
-/// Only the user can read the keys.
+/// Only the user who runs the program can read the keys.
 /// @throws std::invalid_argument if an option is out of range; std::runtime_error naming the file
 ///   if it exists, or cannot be written.
 void MakeAuthority(const std::filesystem::path& folder, const CertificateOptions& options = {});

@@ -28,8 +28,8 @@ struct ParticipantOptions {
   std::uint16_t server_port = 11811;
   /// Adds a second participant that exchanges images with processes on this machine by shared
   /// memory. The participant of the control loop stays on UDP, because a killed process can leave
-  /// shared memory in a state that stalls other processes, and files in /dev/shm. Removes image
-  /// files of terminated processes from there.
+  /// files in /dev/shm, and shared memory in a state that stalls other processes. Removes image
+  /// files of terminated processes from /dev/shm.
   bool shared_memory = false;
   /// Folder of the participant in a secured network (security.h). Only participants with a
   /// certificate of the same authority can communicate, and all traffic is encrypted. Empty: no

@@ -67,8 +67,8 @@ struct EpisodeFilter {
 
 /// Prints the ids of the selected episodes in these ledgers with outcome, cause and controls:
 /// collisions first, then halts, each in descending order of recovery controls. Prints at most
-/// `most` unless it is 0. The last line counts the selected episodes and all episodes with the
-/// filter's method, learner and data point, and gives the mean number of controls of the selected.
+/// `most` unless it is 0. The last line gives the number of selected episodes, their mean number of
+/// controls, and the number of all episodes with the filter's method, learner and data point.
 /// @throws std::runtime_error naming a method, learner or data point that no ledger has; as
 ///   ReadLedger().
 void PrintEpisodes(const std::vector<std::filesystem::path>& ledgers, const EpisodeFilter& filter,

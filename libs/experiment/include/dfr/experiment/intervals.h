@@ -35,9 +35,9 @@ struct ClusterCount {
 
 /// Interval of Korn and Graubard (Survey Methodology, 1998) for a proportion in clusters: Clopper
 /// and Pearson's with the effective sample size p (1 - p) / v, where v is the variance of the
-/// proportion p, estimated between clusters. It is reduced for the degrees of freedom of that
-/// estimate, and is at most the number of episodes. With one cluster, without a success, or without
-/// a failure, the variance cannot be estimated and episodes count as independent.
+/// proportion p, estimated between clusters. This size is reduced for the degrees of freedom of the
+/// estimate, and is at most the number of episodes. With one cluster, no success, or no failure,
+/// the variance cannot be estimated and episodes count as independent.
 /// @throws std::invalid_argument as above; clusters without episodes are ignored.
 [[nodiscard]] Interval ClusteredInterval(std::span<const ClusterCount> clusters,
                                          double confidence = 0.95);
@@ -72,8 +72,7 @@ struct DiscordantPairs {
 /// clusters are independent. Under the null hypothesis, each cluster's difference only_first -
 /// only_second is equally likely with either sign. Returns the probability, over all signs, of a
 /// sum at least as far from zero (the permutation test of Fisher, 1935, sec. 21). With one pair per
-/// cluster, this is the exact test of unclustered pairs. The result for c clusters is at least 2^(1
-/// - c).
+/// cluster, this is the exact test of unclustered pairs. With c clusters the result is >= 2^(1-c).
 /// @throws std::invalid_argument if a count is negative.
 [[nodiscard]] double ClusteredMcNemar(std::span<const DiscordantPairs> clusters);
 
@@ -86,9 +85,9 @@ struct RatioPart {
 
 /// Fieller's interval for the ratio of two totals over independent units (Fieller, J. R. Stat. Soc.
 /// B, 1954): all ratios r that a t test of "numerator - r denominator is zero on average" does not
-/// reject. Its degrees of freedom are the units minus the strata. Unlike a percentile bootstrap it
-/// keeps its confidence level with five units. The lower end is at least 0. Absent if no stratum
-/// has two units, or the denominator cannot be distinguished from zero.
+/// reject. The test has as many degrees of freedom as units minus strata. Unlike a percentile
+/// bootstrap, the interval keeps its confidence level with five units. The lower end is at least 0.
+/// Absent if no stratum has two units, or the denominator cannot be distinguished from zero.
 /// @throws std::invalid_argument unless confidence lies in (0, 1).
 [[nodiscard]] std::optional<Interval> RatioInterval(std::span<const RatioPart> units,
                                                     double confidence = 0.95);
@@ -107,8 +106,8 @@ struct PairedCounts {
 /// Comparison of a method with a reference. A value is absent if the reference has no event. An
 /// interval is absent if RatioInterval() is absent, with one exception: the method has fewer than 5
 /// collisions, too few for a variance, and a stratum has two units. The interval of the reduction
-/// then also covers RateRatioInterval(), with the reference's collisions divided by their
-/// dispersion between units; if RatioInterval() is absent, it covers nothing else.
+/// then includes RateRatioInterval(), with the reference's collisions divided by their dispersion
+/// between units. If RatioInterval() is absent, it is RateRatioInterval() alone.
 struct PairedContrast {
   std::optional<double> collision_reduction;  ///< 1 - collisions / reference's
   std::optional<Interval> collision_reduction_interval;

@@ -74,9 +74,10 @@ class TrialRunner {
                                   const std::filesystem::path& /*path*/) {
     return false;
   }
-  /// Returns further quantities of this unit, averaged over trials ("overlap", "training loss").
+  /// Returns further quantities of this unit, to be averaged over trials ("overlap", "training
+  /// loss").
   [[nodiscard]] virtual std::map<std::string, double> Measures() { return {}; }
-  /// Returns lists of counts of this unit, pooled over units ("controls of each recovery").
+  /// Returns lists of counts of this unit, to be pooled over units ("controls of each recovery").
   [[nodiscard]] virtual std::map<std::string, std::vector<int>> Counts() { return {}; }
 };
 

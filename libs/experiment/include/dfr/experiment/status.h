@@ -15,7 +15,7 @@ struct LedgerStatus {
   std::filesystem::path path;
   std::string shard;  ///< "2/7", empty before the first unit.
   int done = 0;
-  int units = 0;         ///< Number of units of its shard; 0 before the first unit.
+  int units = 0;         ///< Number of units of the shard; 0 before the first unit.
   bool running = false;  ///< True if a process holds the ledger or its folder.
   /// For an unfinished ledger without a writer: the last line of the newest log beside it.
   std::string last_words;

@@ -35,7 +35,7 @@ struct Cell {
   double controls_per_trajectory = 0.0;
   double recovery_controls = 0.0;  ///< Mean number per trajectory, including probes.
   double passed = 1.0;             ///< Share of the controls that equal the policy's bit for bit.
-  /// Mean size of the other controls' changes (EpisodeResult::change), where sizes are known.
+  /// Mean size of the changes to controls (EpisodeResult::change), over changes of known size.
   std::optional<double> change = {};
   int redrawn_starts = 0;  ///< Number of start states outside the support, which were drawn again.
   std::map<std::string, int> halt_causes;
@@ -51,8 +51,8 @@ struct Contrast {
   std::string learner;
   PairedContrast ratios;
   /// Clusters of the intervals: "episodes" if there are fewer than 5 trials; otherwise
-  /// "supervisors" if there are at least 5, or "trials". Intervals over episodes ignore the
-  /// variation between trials.
+  /// "supervisors" if there are at least 5 of them, else "trials". Intervals over episodes ignore
+  /// the variation between trials.
   std::string clusters;
   std::optional<double> seconds_ratio;   ///< Ratio of seconds per trajectory to the reference.
   std::optional<double> controls_ratio;  ///< Ratio of controls per trajectory to the reference.

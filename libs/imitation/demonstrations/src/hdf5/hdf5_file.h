@@ -34,7 +34,7 @@ class Hdf5File {
   /// Creates a group without a name: nothing in the file refers to it until LinkNewGroup(). Paths
   /// that start with kNewGroup are in it. Only one such group exists at a time.
   void CreateNewGroup();
-  /// Links the group to a path in an existing group. May be called again to add paths.
+  /// Links the new group to a path in an existing group. May be called again to add paths.
   void LinkNewGroup(const std::string& path);
   static constexpr char kNewGroup[] = "*";
   /// Creates the group kSecondList in the root. An attribute of the root holds its address, which

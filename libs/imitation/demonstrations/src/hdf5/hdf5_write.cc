@@ -56,8 +56,8 @@ Hdf5File Hdf5File::Create(const std::filesystem::path& path, bool track_order) {
   return file;
 }
 
-// Keeps object metadata in the cache. libhdf5 writes them in any order when its cache is full, and
-// after a kill the file would refer to data that were never written.
+// If `hold`, keeps object metadata in the cache. Otherwise libhdf5 writes them in any order when
+// the cache is full, and after a kill the file would refer to data that were never written.
 void Hdf5File::HoldMetadata(bool hold) {
   H5AC_cache_config_t config{};
   config.version = H5AC__CURR_CACHE_CONFIG_VERSION;

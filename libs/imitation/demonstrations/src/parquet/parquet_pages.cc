@@ -217,7 +217,7 @@ class ChunkDecoder {
     }
     if (leaf_->max_repetition > 0) {
       column_.offsets.push_back(static_cast<std::int64_t>(column_.values.size()));
-      // The initial offset 0 precedes the first row's offset.
+      // Removes the initial offset 0, which precedes the first row's offset.
       column_.offsets.erase(column_.offsets.begin());
     }
     if (column_.num_rows() != num_rows_) {

@@ -13,8 +13,8 @@ namespace dfr::imitation {
 
 enum class FitMethod {
   kAdam,                ///< Mini-batches for a fixed number of epochs, as in the paper.
-  kLbfgs,               ///< Ceres, to a minimum; for networks of any size.
-  kLevenbergMarquardt,  ///< Ceres, to a minimum; few iterations, for small networks.
+  kLbfgs,               ///< Ceres's L-BFGS until a minimum; for networks of any size.
+  kLevenbergMarquardt,  ///< Ceres until a minimum, in few iterations; for small networks.
 };
 
 /// Options of FitMlp(). The defaults are the stronger learner of the paper's Sec. V-A, with 64-64
@@ -35,8 +35,8 @@ struct FitMlpOptions {
 
 /// Result of a fit. Reaching `max_iterations` is not an error: the caller decides.
 struct FitReport {
-  int rows = 0;          ///< Rows used.
-  int skipped_rows = 0;  ///< Rows left out for u = 0.
+  int rows = 0;          ///< Number of rows used.
+  int skipped_rows = 0;  ///< Number of rows left out because u = 0.
   double initial_loss = 0.0;
   double final_loss = 0.0;
   int iterations = 0;      ///< kAdam: epochs; otherwise accepted steps.

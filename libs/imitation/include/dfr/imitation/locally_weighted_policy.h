@@ -44,7 +44,7 @@ class LocallyWeightedPolicy final : public core::Policy {
  private:
   core::FeatureTransform features_;
   LocallyWeightedOptions options_;
-  std::vector<int> begin_;  ///< First row of time step t; one more entry at the end.
+  std::vector<int> begin_;  ///< Entry t: first row of time step t. Last entry: number of rows.
   core::Matrix points_;
   core::Matrix controls_;
 };

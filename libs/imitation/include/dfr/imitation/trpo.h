@@ -57,15 +57,15 @@ struct TrpoOptions {
 
 /// Statistics of one iteration.
 struct TrpoProgress {
-  int iteration = 0;            ///< From 1.
-  std::int64_t steps = 0;       ///< Controls applied so far.
+  int iteration = 0;            ///< Number of the iteration, from 1.
+  std::int64_t steps = 0;       ///< Number of controls applied so far.
   int episodes = 0;             ///< Number of episodes in this iteration.
   double mean_return = 0.0;     ///< Undiscounted sum of rewards per episode.
   double mean_length = 0.0;     ///< Steps per episode.
   double completed = 0.0;       ///< Fraction of episodes that ended completed without a collision.
   double collided = 0.0;        ///< Fraction of episodes with a collision.
   double kl = 0.0;              ///< KL divergence of the update; 0 if it was rejected.
-  double surrogate_gain = 0.0;  ///< Gain / standard deviation of advantages; 0 if rejected.
+  double surrogate_gain = 0.0;  ///< Gain in standard deviations of the advantage; 0 if rejected.
   double entropy = 0.0;         ///< Entropy of the unclipped controls, in nats.
   /// Fraction of the returns' variance that the critic explains before its fit; 1 is perfect.
   double explained_variance = 0.0;

@@ -33,7 +33,7 @@ struct Recording {
   std::vector<ArmRecord> arm;
   std::vector<RecordedPicture> pictures;
   std::vector<RecordedNote> notes;
-  /// Number of steps, transitions and arm states that are missing, by gaps in their numbering.
+  /// Number of missing steps, transitions and arm states, from gaps in their numbering.
   std::uint64_t dropped_records = 0;
   /// Descriptions of the damaged parts of the file, with their positions. Only the contents of
   /// damaged chunks are lost.

@@ -46,7 +46,7 @@ struct RecorderOptions {
   /// Capacity of the queue of steps, transitions and arm states, >= 1. The default holds 40 s at
   /// 100 Hz.
   std::size_t waiting_records = 4096;
-  std::size_t waiting_pictures = 8;  ///< >= 1
+  std::size_t waiting_pictures = 8;  ///< Capacity of the queue of pictures, >= 1.
   /// Maximum size of a picture, bytes; larger pictures are dropped and counted.
   std::size_t picture_bytes = std::size_t{640} * 480 * 3;
   int jpeg_quality = 90;           ///< In [1, 100].

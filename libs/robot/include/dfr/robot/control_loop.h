@@ -18,11 +18,11 @@ namespace dfr::robot {
 
 /// Options for ControlLoop.
 struct ControlLoopOptions {
-  double period_s = 0.005;       ///< > 0
-  double max_period_s = 0.05;    ///< Maximum period, in (0, 10]; a longer period is kOverrun.
-  double settle_time_s = 0.2;    ///< Minimum time without a reason to hold before a start.
+  double period_s = 0.005;     ///< > 0
+  double max_period_s = 0.05;  ///< Maximum period, in (0, 10]; a longer period is kOverrun.
+  double settle_time_s = 0.2;  ///< Least time without a reason to hold before a start, in [0, 60].
   double image_latency_s = 0.0;  ///< Maximum delay of a stamp after the exposure.
-  double image_timeout_s = 2.0;  ///< Maximum time until a picture; a longer time is kImageSilent.
+  double image_timeout_s = 2.0;  ///< Maximum wait for the camera; a longer wait is kImageSilent.
   int max_images = 3;            ///< Maximum number of pictures tried until one shows the state.
   /// Maximum time since the camera's thread last checked; a longer time is kImageSilent.
   double max_camera_check_s = 0.25;
@@ -155,7 +155,7 @@ class ControlLoop {
     std::vector<double> state;
     std::vector<double> moved;
   };
-  static constexpr std::size_t kWaypoints = 64;  // number compared with each new state
+  static constexpr std::size_t kWaypoints = 64;  // past states compared with each new state
   void Remember() noexcept;
 
   ControlLoopOptions options_;

@@ -27,7 +27,7 @@ enum class HoldReason {
   kControllerHalted,     ///< The controller found no control that it considers safe.
   kNotSeen,              ///< The image does not show the line or the tip.
   kStateInvalid,         ///< The state has a non-finite entry.
-  kStateJump,            ///< The state changed by more than one control can cause.
+  kStateJump,            ///< The change of the state is too large for one control.
   kControlInvalid,       ///< The control has a non-finite entry.
   kCommandRefused,       ///< The command exceeds a limit of speed, workspace or joints.
   kEmergencyStop,        ///< The button was pressed.

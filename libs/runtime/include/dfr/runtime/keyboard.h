@@ -9,7 +9,7 @@ namespace dfr::runtime {
 /// Non-blocking, line-by-line keyboard input of an operator. One object belongs to one thread.
 class Keyboard {
  public:
-  /// @param file  a terminal or a pipe to read from: borrowed.
+  /// @param file  a terminal or a pipe to read from, borrowed.
   explicit Keyboard(int file = 0) : file_(file) {}
 
   /// Discards earlier input, which must not answer a later question.

@@ -31,7 +31,7 @@ inline constexpr std::array<std::string_view, 9> kOtherMethods = {
 
 /// Parts of a method's name, for example "controller@lwr/density".
 struct MethodName {
-  std::string_view controller;  ///< With a support also "certified": certified-direction.
+  std::string_view controller;  ///< With a support, "certified" is certified-direction.
   std::string_view policy;      ///< One of kPolicies; empty: the learned one.
   std::string_view support;     ///< One of kSupports; empty: the controller's default.
 };

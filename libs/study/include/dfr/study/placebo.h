@@ -27,8 +27,8 @@ inline constexpr std::string_view kJudged = "guard";
 [[nodiscard]] bool IsPlacebo(std::string_view method) noexcept;
 /// Returns `method` with another controller around the same policy, as in "guard@lwr".
 [[nodiscard]] std::string WithController(std::string_view controller, std::string_view method);
-/// Same as ParseMethod(). For a placebo, returns the method of the policy alone under the placebo's
-/// name.
+/// Same as ParseMethod(), but for a placebo returns the method of the policy alone under the
+/// placebo's name.
 /// @throws std::invalid_argument as ParseMethod() does.
 [[nodiscard]] safety::Method ParseCompared(
     std::string_view method, std::span<const std::string_view> others = kOtherMethods);

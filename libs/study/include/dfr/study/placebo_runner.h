@@ -37,9 +37,9 @@ class PlaceboRunner : public experiment::RolloutRunner {
   using RolloutRunner::RolloutRunner;
   /// Creates the controller of a method that is not a placebo.
   using Maker = std::function<std::unique_ptr<control::Controller>(const std::string&)>;
-  /// Adds the controllers of `methods`. Placebos wrap the policy alone, "baseline" around the same
-  /// policy. Their corrections are computed by locally weighted regression on the demonstrations.
-  /// Borrows the task.
+  /// Adds the controllers of `methods`. A placebo wraps the method "baseline" around the same
+  /// policy: the policy alone. Its corrections are computed by locally weighted regression on the
+  /// demonstrations. Borrows the task.
   /// @throws std::invalid_argument as CheckPlacebos() does.
   void AddAll(const std::vector<std::string>& methods, const Maker& make, const FittedTask& task,
               std::span<const core::Trajectory> demonstrations);

@@ -39,7 +39,7 @@ class NearestNeighbourPolicy final : public core::Policy {
 
  private:
   core::FeatureTransform features_;
-  std::vector<int> begin_;  // first row of each time step; one more entry at the end
+  std::vector<int> begin_;  // entry t: first row of time step t; last entry: number of rows
   core::Matrix points_;
   core::Matrix controls_;
 };
