@@ -46,7 +46,8 @@ core::StateLayout Layout(const std::vector<std::pair<std::string, Size>>& blocks
   return layout;
 }
 
-// Converts actions that are positions if `differences` is set; rejects them otherwise.
+// Converts actions that are positions if `differences` is set; otherwise rejects them, unless
+// `as_recorded` is set.
 void MakeIncrements(const core::StateLayout& layout, bool differences, bool as_recorded,
                     std::vector<core::Trajectory>& demonstrations) {
   if (as_recorded && !differences) return;

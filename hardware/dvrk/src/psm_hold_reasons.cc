@@ -52,7 +52,7 @@ PsmStatus PsmClient::MeasurementHoldReason() const noexcept {
   const std::array<Stream, 3> streams = {
       Stream{js_watchdog_, js_.stamp, js_arrival_ns_},
       Stream{cp_watchdog_, cp_.stamp, cp_arrival_ns_},
-      // Not published by every console.
+      // Not every console publishes local/measured_cp.
       Stream{local_watchdog_, local_cp_.stamp, local_arrival_ns_}};
   for (const Stream& stream : std::span(streams).first(any_local_ ? 3U : 2U)) {
     const PsmStatus status = FromFreshness(stream.watchdog.Check(wall_ns_, now_ns_));

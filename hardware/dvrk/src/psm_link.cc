@@ -319,8 +319,8 @@ void PsmDriver::Link::ReadMonitors() noexcept {
     instrument.store(known ? PsmInstrument::kSuitable : PsmInstrument::kOther,
                      std::memory_order_release);
   }
-  // If the publisher that named the instrument has left, the next one names it again. Checked after
-  // the last name has been read, which would otherwise remain.
+  // If the publisher that named the instrument has left, the next one names it again. Read the last
+  // name before this check: otherwise that name would remain.
   if (tool_type.health().publishers == 0) {
     tool.clear();
     instrument.store(PsmInstrument::kNotNamed, std::memory_order_release);

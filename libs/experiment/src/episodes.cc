@@ -13,7 +13,7 @@
 namespace dfr::experiment {
 namespace {
 
-// Removes the part before the first slash, or the whole text without one, and returns it.
+// Removes the part before the first slash, or the whole text if it has no slash, and returns it.
 std::string_view TakeFirst(std::string_view& text) {
   const std::size_t slash = std::min(text.find('/'), text.size());
   const std::string_view part = text.substr(0, slash);

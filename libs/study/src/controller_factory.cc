@@ -205,7 +205,7 @@ std::unique_ptr<control::Controller> ControllerFactory::OnSupport(
             .dfr = method.published_dfr ? control::DfrOptions{} : options.dfr});
   }
   if (name.controller == kCertified) {
-    // Twice the value of the demonstrations, as in a guard.
+    // The certificate assumes twice this error, as in a guard.
     const double error = control::EstimateDirectionError(support->view().features(),
                                                          task_->Measured(demonstrations_))
                              .value;

@@ -13,7 +13,7 @@ struct Exposure {
   std::uint64_t hash = 0;
 };
 
-/// Samples every 13th pixel.
+/// Measures every 13th pixel.
 [[nodiscard]] Exposure Measure(const ImageView& image) noexcept;
 /// Returns kDark, kOverexposed or kNothing.
 [[nodiscard]] NotSeen Judge(const Exposure& exposure) noexcept;

@@ -77,7 +77,7 @@ class Run {
   // Only the folder identifies a task without a unit.
   [[nodiscard]] bool IsIn(const std::filesystem::path& folder) const { return folder_ == folder; }
 
-  // nullptr: no unit is finished yet.
+  // Adds a ledger; `contents` is nullptr if none of its units is finished yet.
   void Add(const std::filesystem::path& path, const LedgerContents* contents) {
     LedgerStatus& one = status_.ledgers.emplace_back();
     one.path = path;

@@ -25,7 +25,7 @@ struct BarPart {
   std::string name;
   std::string css_class;
   double share = 0.0;
-  std::string command = {};  ///< Command that prints its episodes; empty: none.
+  std::string command = {};  ///< Command that prints the part's episodes; empty: none.
 };
 struct Bar {
   std::string name;

@@ -76,7 +76,7 @@ class ErrorFunction final : public ceres::CostFunction {
   mutable Mlp::Workspace workspace_;
 };
 
-// sqrt(weight_decay) times each weight.
+// Residuals: sqrt(weight_decay) times each weight.
 class DecayFunction final : public ceres::CostFunction {
  public:
   DecayFunction(double weight_decay, const Mlp& mlp)

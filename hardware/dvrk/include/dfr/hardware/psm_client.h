@@ -26,7 +26,7 @@ struct PsmClientOptions {
   /// can move the console's set-point by at most 0.008 rad (insertion: 1 mm) within one step.
   kinematics::PsmJoints max_setpoint_error =
       (kinematics::PsmJoints() << 0.003, 0.003, 0.0003, 0.01, 0.01, 0.01).finished();
-  double max_jaw_setpoint_error = 0.05;  ///< Same for the jaw, rad, > 0.
+  double max_jaw_setpoint_error = 0.05;  ///< The same for the jaw, rad, > 0.
   /// Maximum speed between two samples, rad/s (insertion: m/s), > 0: the console's limits with a
   /// margin for noise.
   kinematics::PsmJoints jump_speed =
@@ -122,7 +122,7 @@ struct PsmOperatingState {
 
 /// The instrument on the arm, as the console names it on tool_type.
 enum class PsmInstrument {
-  kNotNamed,  ///< The console has named none yet.
+  kNotNamed,  ///< The console has named no instrument yet.
   kOther,     ///< An instrument whose kinematics are unknown.
   kSuitable,  ///< A Large Needle Driver for this generation of the arm.
 };
@@ -152,7 +152,7 @@ struct PsmInput {
   /// Number of moves ended by the console; this client never starts such moves.
   int goals_reached = 0;
   bool teleoperated = false;  ///< True if teleoperation is enabled, or was since the last step.
-  bool clutched = false;      ///< Same for the arm's clutch.
+  bool clutched = false;  ///< True if a clutch of the arm is pressed, or was since the last step.
   PsmInstrument instrument = PsmInstrument::kNotNamed;
   int tool_changes = 0;         ///< Number of changes of the instrument.
   int command_subscribers = 0;  ///< Number of subscribers to state_command.
@@ -206,7 +206,7 @@ class PsmClient {
   /// The first set-point is sent when the console has answered the last hold, or 1 s after the
   /// hold. Moves wait for this set-point.
   PsmStatus Arm() noexcept;
-  /// Returns the result of a call of Arm() without calling it.
+  /// Returns what Arm() would return, without arming.
   [[nodiscard]] PsmStatus Armable() const noexcept;
   /// See PsmMotion::Start(). Replaces a move in progress, from the present set-point.
   PsmStatus MoveTo(const kinematics::PsmJoints& goal, double duration_s) noexcept;

@@ -40,7 +40,7 @@ struct Frame {
   std::int64_t stamp_ns = 0;
   double age_s = 0.0;            ///< Time from the stamp to the call of Grab().
   std::uint64_t sequence = 0;    ///< 1 for the first picture received.
-  std::uint64_t num_missed = 0;  ///< Unseen pictures since the last successful Grab().
+  std::uint64_t num_missed = 0;  ///< Number of unseen pictures since the last successful Grab().
 };
 
 /// Options for all kinds of Endoscope.

@@ -38,7 +38,7 @@ struct CalibrationSummary {
   bool converged = false;
   int iterations = 0;
   std::string message;  ///< Ceres' termination message.
-  int marks = 0;        ///< Marks used.
+  int marks = 0;        ///< Number of marks used.
   int tips = 0;
   double mark_rms_px = 0.0;
   double tip_rms_px = 0.0;

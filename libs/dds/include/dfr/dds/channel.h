@@ -45,7 +45,7 @@ struct Health {
   int publishers = 0;
   /// Number of publishers matched since the start; a rediscovered publisher counts twice.
   int found = 0;
-  int alive = 0;             ///< Matched publishers whose liveliness is asserted.
+  int alive = 0;             ///< Number of matched publishers whose liveliness is asserted.
   int missed_deadlines = 0;  ///< Number of missed deadlines since the start.
   int incompatible = 0;      ///< Publishers refused since the start for their quality of service.
 };

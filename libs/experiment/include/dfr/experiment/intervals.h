@@ -109,9 +109,9 @@ struct PairedCounts {
 /// then includes RateRatioInterval(), with the reference's collisions divided by their dispersion
 /// between units. If RatioInterval() is absent, it is RateRatioInterval() alone.
 struct PairedContrast {
-  std::optional<double> collision_reduction;  ///< 1 - collisions / reference's
+  std::optional<double> collision_reduction;  ///< 1 - collisions / collisions of the reference
   std::optional<Interval> collision_reduction_interval;
-  std::optional<double> completion_ratio;  ///< completions / reference's
+  std::optional<double> completion_ratio;  ///< completions / completions of the reference
   std::optional<Interval> completion_ratio_interval;
 };
 

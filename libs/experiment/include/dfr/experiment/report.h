@@ -33,7 +33,7 @@ struct ReportSeries {
   std::vector<double> y;
   std::vector<double> low = {};   ///< Lower edge of a band, or of a point's bar; empty: none.
   std::vector<double> high = {};  ///< Upper edge of the band or bar, as long as `low`.
-  /// Command that prints the episodes of each point, shown on hover or tap; or empty.
+  /// Command that prints the episodes of each point, shown on hover or tap; empty: none.
   std::vector<std::string> commands = {};
   /// Colour, dashes and marker. -1: MethodStyle() of `name`, otherwise the first free style of the
   /// plot.
@@ -64,8 +64,8 @@ struct ReportTable {
   std::string caption;
   std::vector<std::string> header;
   std::vector<std::vector<std::string>> rows;  ///< Rows, each as long as `header`.
-  /// Command that prints the episodes behind an entry, shown on hover or tap: same shape as `rows`,
-  /// or empty.
+  /// Command that prints the episodes behind an entry, shown on hover or tap: same shape as `rows`;
+  /// empty: none.
   std::vector<std::vector<std::string>> commands = {};
 };
 

@@ -21,7 +21,7 @@ class RolloutRunner : public TrialRunner {
  public:
   /// Accepts the start states, observed without disturbance, for which Inside() returns true.
   [[nodiscard]] bool Accepts(std::uint64_t start_seed) override;
-  /// Runs one rollout, with CauseOf() as its cause.
+  /// Runs one rollout. The result's cause is CauseOf() of the rollout.
   [[nodiscard]] EpisodeResult Run(int method, std::uint64_t start_seed,
                                   std::uint64_t controller_seed) override;
   /// Writes a page of the undisturbed plant's states with SaveFilm(). Derived classes that can draw

@@ -28,8 +28,8 @@ struct FitMlpOptions {
   bool skip_zero_controls = true;  ///< Leave out rows with u = 0, which pad finished episodes.
   int epochs = 10;                 ///< kAdam: passes over the data.
   int batch = 32;                  ///< kAdam: rows per step.
-  double learning_rate = 1e-3;     ///< kAdam.
-  int max_iterations = 500;        ///< kLbfgs, kLevenbergMarquardt.
+  double learning_rate = 1e-3;     ///< kAdam: step size.
+  int max_iterations = 500;        ///< Limit for kLbfgs and kLevenbergMarquardt.
   std::uint64_t seed = 0;          ///< Seeds the initial weights and the shuffling.
 };
 

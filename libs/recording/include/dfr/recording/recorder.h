@@ -55,10 +55,10 @@ struct RecorderOptions {
 
 /// Counts since the start.
 struct RecorderCounts {
-  std::uint64_t records = 0;           ///< Steps, transitions and arm states written.
-  std::uint64_t pictures = 0;          ///< Pictures written.
-  std::uint64_t dropped_records = 0;   ///< Steps, transitions and arm states lost.
-  std::uint64_t dropped_pictures = 0;  ///< Pictures lost.
+  std::uint64_t records = 0;           ///< Number of steps, transitions and arm states written.
+  std::uint64_t pictures = 0;          ///< Number of pictures written.
+  std::uint64_t dropped_records = 0;   ///< Number of steps, transitions and arm states lost.
+  std::uint64_t dropped_pictures = 0;  ///< Number of pictures lost.
 };
 
 /// Writes a run to an MCAP file (docs/formats.md) without blocking the control loop. Copies data

@@ -75,7 +75,7 @@ struct StepRecord {
   Numbers<64> state;
   Numbers<16> command;
   std::uint64_t image_sequence = 0;  ///< Picture from which the state was estimated; 0: none.
-  std::int64_t image_time_ns = 0;    ///< Time of that picture.
+  std::int64_t image_time_ns = 0;    ///< Time of the picture `image_sequence`.
 };
 
 /// A transition of the state machine around the controller.

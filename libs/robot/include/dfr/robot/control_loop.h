@@ -46,7 +46,7 @@ struct ControlLoopOptions {
   double max_target_jump = 1.5;
 };
 
-/// Devices used by the loop. Must outlive it; optional ones may be nullptr.
+/// Devices used by the loop. Must outlive the loop; optional ones may be nullptr.
 struct Devices {
   Clock* clock = nullptr;
   Manipulator* arm = nullptr;
@@ -71,8 +71,8 @@ class ControlLoop {
   /// @throws std::invalid_argument naming the option that is out of range or the missing device.
   ControlLoop(const ControlLoopOptions& options, const Devices& devices);
 
-  /// Runs one period. In lock-step it is `dt_s` long; see Clock::Wait(). Returns true if the robot
-  /// may move.
+  /// Runs one period. In lock-step the period is `dt_s` long; see Clock::Wait(). Returns true if
+  /// the robot may move.
   bool Tick(double dt_s) noexcept;
   bool Tick() noexcept { return Tick(options_.period_s); }
   /// Runs the loop for `seconds`.
@@ -86,9 +86,10 @@ class ControlLoop {
                                    const std::function<void(std::string_view)>& say);
 
   /// Operator command: powers up and homes the arm if required. The loop checks everything except
-  /// the camera and the conditions that homing clears. Any other reason aborts homing in the same
-  /// period. Homing does not start while the emergency stop is pressed or silent. Returns kNone, or
-  /// the reason, which blocking_words() describes. Returns kOperator while the arm is armed.
+  /// the camera and the conditions that homing clears. Any other reason to hold aborts homing in
+  /// the same period. Homing does not start while the emergency stop is pressed or silent. Returns
+  /// kNone, or the reason, which blocking_words() describes. Returns kOperator while the arm is
+  /// armed.
   [[nodiscard]] runtime::HoldReason Home() noexcept;
   /// Operator command: moves the platform home in `duration_s`. Any reason to hold stops it at
   /// once. Returns kNone, or that reason.

@@ -33,8 +33,8 @@ class Clock {
  public:
   virtual ~Clock() = default;
 
-  /// Waits until the next period begins. In lock-step it begins `dt_s` later; in real time periods
-  /// have a fixed length.
+  /// Waits until the next period begins. In lock-step the period begins `dt_s` later; in real time
+  /// periods have a fixed length.
   [[nodiscard]] virtual Finding Wait(double dt_s) noexcept = 0;
   /// Time of the loop, ns. Monotonic.
   [[nodiscard]] virtual std::int64_t SteadyNs() const noexcept = 0;
@@ -59,7 +59,7 @@ class Manipulator {
   /// True if the only problem found by the last Tick() is that the arm is not powered or not homed.
   /// Home() fixes that.
   [[nodiscard]] virtual bool needs_homing() const noexcept = 0;
-  /// Starts to power up and home the arm, which moves it, or returns why it cannot.
+  /// Starts to power up and home the arm, or returns why it cannot. The arm moves.
   [[nodiscard]] virtual Finding Home() noexcept = 0;
   /// True while the arm powers up or homes.
   [[nodiscard]] virtual bool homing() const noexcept = 0;
@@ -121,7 +121,8 @@ class Platform {
   /// Starts the motion, which lasts until Rest(), or returns why it cannot.
   [[nodiscard]] virtual Finding Begin() noexcept = 0;
   /// Called in every period in which the robot may not move: stops the platform at a known position
-  /// by the shortest path. No effect if it rests. Returns a reason if it cannot be commanded.
+  /// by the shortest path. No effect if the platform rests. Returns a reason if it cannot be
+  /// commanded.
   [[nodiscard]] virtual Finding Rest() noexcept = 0;
 };
 

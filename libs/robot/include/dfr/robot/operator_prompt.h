@@ -12,8 +12,8 @@
 
 namespace dfr::robot {
 
-/// Asks the operator of a robot at the terminal, while its loop continues. Text typed before a
-/// question is ignored. All arguments must outlive it.
+/// Asks the operator of a robot at the terminal, while the control loop continues. Text typed
+/// before a question is ignored. All arguments must outlive the prompt.
 class OperatorPrompt {
  public:
   /// @param interrupted  set by Ctrl-C: every answer is then no.

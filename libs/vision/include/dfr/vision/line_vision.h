@@ -16,7 +16,7 @@ enum class NotSeen {
   kNothing,        ///< No reason: everything was seen.
   kWrongSize,      ///< The image size differs from the camera's.
   kDark,           ///< Nearly black.
-  kOverexposed,    ///< Mostly saturated.
+  kOverexposed,    ///< More than 30 % of the pixels are saturated.
   kFrozen,         ///< Sampled pixels equal the previous image's: a working sensor has noise.
   kTarget,         ///< Fewer than four marks of the gauze's frame, or all on one line.
   kForeignCamera,  ///< Inconsistent marks: intrinsics of another camera, or a bent frame.
