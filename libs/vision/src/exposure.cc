@@ -11,7 +11,6 @@ Exposure Measure(const ImageView& image) noexcept {
   exposure.hash = 1469598103934665603ULL;
   int count = 0;
   int saturated = 0;
-  double sum = 0.0;
   for (int y = 0; y < image.height; ++y) {
     const std::uint8_t* row = image.data + static_cast<std::size_t>(y) * image.stride;
     for (int x = (y * 5) % 13; x < image.width; x += 13) {
@@ -21,12 +20,10 @@ Exposure Measure(const ImageView& image) noexcept {
                         static_cast<std::uint64_t>(p[2]) << 16)) *
                       1099511628211ULL;
       ++histogram[p[1]];
-      sum += p[1];
       if (p[0] >= 253 && p[1] >= 253 && p[2] >= 253) ++saturated;
       ++count;
     }
   }
-  exposure.mean = sum / count;
   exposure.saturated = static_cast<double>(saturated) / count;
   int above = 0;
   int level = 255;

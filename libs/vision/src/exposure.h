@@ -8,8 +8,7 @@ namespace dfr::vision::internal {
 
 struct Exposure {
   double brightness = 0.0;  ///< 90 % quantile of the green channel: brightness of the gauze
-  double mean = 0.0;
-  double saturated = 0.0;  ///< fraction of pixels
+  double saturated = 0.0;   ///< fraction of pixels
   std::uint64_t hash = 0;
 };
 
