@@ -41,19 +41,52 @@ TEST_P(TransitionSumsTest, DistancesAndWeightsAreTheirDefinitions) {
   const std::vector<float> points = Uniform(stride * kDim);
   const std::vector<float> z = Uniform(kDim);
   std::vector<float> distances(rows + kPadding);
-  SquaredDistances(points.data(), stride, kDim, z.data(), rows, distances.data());
-  const float least = *std::min_element(distances.begin(), distances.begin() + rows);
-  std::vector<double> weights(rows + kPadding);
-  Weights(distances.data(), rows, least, kScale, weights.data());
+  const float least =
+      SquaredDistances(points.data(), stride, kDim, z.data(), rows, distances.data());
+  EXPECT_EQ(least, *std::min_element(distances.begin(), distances.begin() + rows));
+  // Every third one, backwards.
+  constexpr double kFloor = 0.01;
+  std::vector<std::int32_t> indices;
+  for (std::size_t i = rows; i-- > 0;) {
+    if (i % 3 == 0) indices.push_back(static_cast<std::int32_t>(i));
+  }
+  const std::size_t count = indices.size();
+  indices.resize(count + kPadding);
+  std::vector<double> weights(count + kPadding);
+  const double sum =
+      Weights(distances.data(), indices.data(), count, least, kScale, kFloor, weights.data());
+  double expected_sum = 0.0;
+  for (std::size_t k = 0; k < count; ++k) {
+    const double distance = distances[static_cast<std::size_t>(indices[k])];
+    const double weight = std::exp(-kScale * (distance - least)) + kFloor;
+    EXPECT_NEAR(weights[k], weight, 1e-14);
+    expected_sum += weights[k];
+  }
+  EXPECT_EQ(sum, expected_sum);
   for (std::size_t i = 0; i < rows; ++i) {
     double expected = 0.0;
     for (std::size_t k = 0; k < kDim; ++k) {
       expected += std::pow(static_cast<double>(points[k * stride + i]) - z[k], 2.0);
     }
     EXPECT_NEAR(distances[i], expected, 1e-6 * expected);
-    const double weight = std::exp(-kScale * (static_cast<double>(distances[i]) - least));
-    EXPECT_NEAR(weights[i], weight, 1e-14);
   }
+}
+
+TEST_P(TransitionSumsTest, DistancesThatOverflowAreNamed) {
+  const std::size_t rows = Rows();
+  std::vector<float> points(rows + kPadding, 0.0F);
+  std::vector<float> distances(rows + kPadding);
+  const float z = 0.0F;
+  for (const float far : {1e20F, std::numeric_limits<float>::quiet_NaN()}) {
+    points[rows - 1] = far;
+    EXPECT_TRUE(
+        std::isnan(SquaredDistances(points.data(), points.size(), 1, &z, rows, distances.data())));
+  }
+  // Padding does not count.
+  points[rows - 1] = 1.0F;
+  points[rows] = std::numeric_limits<float>::quiet_NaN();
+  const float least = SquaredDistances(points.data(), points.size(), 1, &z, rows, distances.data());
+  EXPECT_EQ(least, rows == 1 ? 1.0F : 0.0F);
 }
 
 TEST_P(TransitionSumsTest, NearestAgreesWithASort) {
@@ -97,26 +130,35 @@ TEST_P(TransitionSumsTest, SumsAreThoseOfWeightedOuterProducts) {
     for (std::size_t i = rows; i-- > 0;) {
       if (i % 2 == 0) indices.push_back(static_cast<std::int32_t>(i));
     }
-    std::vector<float> right(indices.size() * width);
-    std::vector<float> left(indices.size() * kLeft);
+    std::vector<double> chosen;
+    for (const std::int32_t i : indices) chosen.push_back(weights[static_cast<std::size_t>(i)]);
+    std::vector<float> tile(kTile * (kLeft + width));
     std::vector<float> sums(kLeft * width);
-    Differences(table.data(), width, indices.data(), indices.size(), z.data(), right.data());
-    ScaleRows(right.data(), width, indices.data(), indices.size(), weights.data(), kFactor, kLeft,
-              left.data(), kLeft);
-    TransposedProduct(left.data(), kLeft, kLeft, right.data(), width, width, indices.size(),
-                      sums.data(), width);
+    WeightedSumsAbout(z.data(), table.data(), width, indices.data(), chosen.data(), kFactor,
+                      indices.size(), kLeft, tile.data(), sums.data());
+    // The same rows in order, without z.
+    std::reverse(chosen.begin(), chosen.end());
+    std::vector<float> plain(kLeft * width);
+    WeightedSums(table.data(), kLeft, table.data(), width, 2 * width, chosen.data(), kFactor,
+                 chosen.size(), tile.data(), plain.data(), width);
     for (std::size_t a = 0; a < kLeft; ++a) {
       for (std::size_t b = 0; b < width; ++b) {
         double expected = 0.0;
         double size = 0.0;
+        double expected_plain = 0.0;
+        double size_plain = 0.0;
         for (std::size_t i = 0; i < rows; i += 2) {
-          const double term = kFactor * weights[i] *
-                              (static_cast<double>(table[i * width + a]) - z[a]) *
-                              (static_cast<double>(table[i * width + b]) - z[b]);
+          const auto left = static_cast<double>(table[i * width + a]);
+          const auto right = static_cast<double>(table[i * width + b]);
+          const double term = kFactor * weights[i] * (left - z[a]) * (right - z[b]);
+          const double plain_term = kFactor * weights[i] * left * right;
           expected += term;
           size += std::abs(term);
+          expected_plain += plain_term;
+          size_plain += std::abs(plain_term);
         }
         EXPECT_NEAR(sums[a * width + b], expected, 1e-6 * size) << a << ", " << b;
+        EXPECT_NEAR(plain[a * width + b], expected_plain, 1e-6 * size_plain) << a << ", " << b;
       }
     }
   }

@@ -208,13 +208,14 @@ TransitionStore::Workspace TransitionStore::MakeWorkspace() const {
   Workspace workspace;
   workspace.states = RoundUp(control_dim_, internal::kWidth);
   const int left = workspace.states + RoundUp(feature_dim_ + 1, internal::kWidth);
-  workspace.distances.setZero(largest_ + Eigen::Index{internal::kPadding});
-  workspace.weights.setZero(largest_ + Eigen::Index{internal::kPadding});
-  workspace.spread.setZero(kSpread);
-  workspace.nearest.setZero(kNearest + 1);
+  constexpr Eigen::Index kPadding{internal::kPadding};
+  workspace.distances.setZero(largest_ + kPadding);
+  workspace.weights.setZero(kSpread + kPadding);
+  workspace.spread.setZero(kSpread + kPadding);
+  workspace.nearest.setZero(kNearest + kPadding);
+  workspace.near_weights.setZero(kNearest + kPadding);
   workspace.z.setZero(Width());
-  workspace.left.setZero(Eigen::Index{std::min(largest_, kSpread)} * left);
-  workspace.right.setZero(Eigen::Index{std::min(largest_, kSpread)} * Width());
+  workspace.tile.setZero(Eigen::Index{internal::kTile} * (left + Width()));
   workspace.sums.setZero(left, Width());
   workspace.residual.setZero(Width());
   return workspace;
@@ -234,69 +235,77 @@ bool TransitionStore::SumControls(int t, std::span<const double> z,
   const auto [first, last] = Near(t);
   const int rows = last - first;
   if (rows <= 0) return false;
-  const auto count = static_cast<std::size_t>(rows);
   const auto n = static_cast<std::size_t>(feature_dim_);
   const auto width = static_cast<std::size_t>(transitions_.cols());
-  const auto left_width = static_cast<std::size_t>(workspace.sums.rows());
   workspace.first = first;
   workspace.rows = rows;
   workspace.z.head(feature_dim_) = core::AsVector(z).cast<float>();
-  internal::SquaredDistances(points_.data() + first, static_cast<std::size_t>(points_.rows()), n,
-                             workspace.z.data(), count, workspace.distances.data());
-  const auto distances = workspace.distances.head(rows);
-  if (!std::isfinite(distances.sum())) return false;
-  internal::Weights(distances.data(), count, distances.minCoeff(),
-                    kBandwidth / static_cast<double>(n), workspace.weights.data());
+  workspace.least = internal::SquaredDistances(
+      points_.data() + first, static_cast<std::size_t>(points_.rows()), n, workspace.z.data(),
+      static_cast<std::size_t>(rows), workspace.distances.data());
+  if (std::isnan(workspace.least)) return false;
   // Selects evenly over demonstrations and time steps.
   const int stride = (rows + kSpread - 1) / kSpread;
+  workspace.stride = stride;
   workspace.used = (rows + stride - 1) / stride;
-  double sum = 0.0;
-  for (int i = 0; i < workspace.used; ++i) {
-    workspace.spread[i] = i * stride;
-    sum += workspace.weights[i * stride] += guided::kWeightFloor;
-  }
+  for (int i = 0; i < workspace.used; ++i) workspace.spread[i] = i * stride;
+  const auto used = static_cast<std::size_t>(workspace.used);
+  const double sum = internal::Weights(workspace.distances.data(), workspace.spread.data(), used,
+                                       workspace.least, kBandwidth / static_cast<double>(n),
+                                       guided::kWeightFloor, workspace.weights.data());
   workspace.factor = options_.prior_weight / sum;
   const float* row = transitions_.row(first).data();
-  const std::size_t row_stride = static_cast<std::size_t>(stride) * width;
-  const auto used = static_cast<std::size_t>(workspace.used);
-  internal::ScaleRows(row + n + 1, row_stride, workspace.spread.data(), used,
-                      workspace.weights.data(), workspace.factor,
-                      static_cast<std::size_t>(workspace.states), workspace.left.data(),
-                      left_width);
-  // This product takes most of the time of an estimate. It uses all columns of r after z and 1.
+  // Takes most of the time of an estimate. Uses all columns of r after z and 1.
   const std::size_t begin = (n + 1) / internal::kWidth * internal::kWidth;
-  internal::TransposedProduct(workspace.left.data(), left_width,
-                              static_cast<std::size_t>(workspace.states), row + begin, row_stride,
-                              width - begin, used, workspace.sums.data() + begin, width);
+  internal::WeightedSums(row + n + 1, static_cast<std::size_t>(workspace.states), row + begin,
+                         width - begin, static_cast<std::size_t>(stride) * width,
+                         workspace.weights.data(), workspace.factor, used, workspace.tile.data(),
+                         workspace.sums.data() + begin, width);
   return true;
 }
 
 void TransitionStore::SumStates(Workspace& workspace) const noexcept {
-  SumRows(workspace.spread, workspace.used, workspace.factor, workspace);
+  SumRows(workspace.spread, workspace.weights, workspace.used, workspace.factor, workspace);
 }
 
 void TransitionStore::SumNearStates(Workspace& workspace,
                                     const Eigen::VectorXf& context) const noexcept {
+  const auto rows = static_cast<std::size_t>(workspace.rows);
+  const double scale = kBandwidth / feature_dim_;
   if (contexts_.cols() > 0) {
     // Recomputed, because an earlier call may have added another context.
-    internal::SquaredDistances(
-        points_.data() + workspace.first, static_cast<std::size_t>(points_.rows()),
-        static_cast<std::size_t>(feature_dim_), workspace.z.data(),
-        static_cast<std::size_t>(workspace.rows), workspace.distances.data());
+    internal::SquaredDistances(points_.data() + workspace.first,
+                               static_cast<std::size_t>(points_.rows()),
+                               static_cast<std::size_t>(feature_dim_), workspace.z.data(), rows,
+                               workspace.distances.data());
     auto distances = workspace.distances.head(workspace.rows);
-    const auto scale = static_cast<float>(feature_dim_ / kBandwidth);
+    const auto unit = static_cast<float>(feature_dim_ / kBandwidth);
     for (Eigen::Index k = 0; k < contexts_.cols(); ++k) {
       distances.array() +=
-          scale *
+          unit *
           (contexts_.col(k).segment(workspace.first, workspace.rows).array() - context[k]).square();
     }
-    internal::Weights(distances.data(), static_cast<std::size_t>(workspace.rows),
-                      distances.minCoeff(), kBandwidth / feature_dim_, workspace.weights.data());
+    workspace.least = distances.minCoeff();
+    internal::Weights(distances.data(), workspace.spread.data(),
+                      static_cast<std::size_t>(workspace.used), workspace.least, scale, 0.0,
+                      workspace.weights.data());
   }
   const int count = std::min(workspace.rows, kNearest);
-  internal::Nearest(workspace.distances.data(), static_cast<std::size_t>(workspace.rows),
-                    static_cast<std::size_t>(count), workspace.nearest.data());
-  SumRows(workspace.nearest, count, 1.0, workspace);
+  internal::Nearest(workspace.distances.data(), rows, static_cast<std::size_t>(count),
+                    workspace.nearest.data());
+  internal::Weights(workspace.distances.data(), workspace.nearest.data(),
+                    static_cast<std::size_t>(count), workspace.least, scale, 0.0,
+                    workspace.near_weights.data());
+  if (contexts_.cols() == 0) {
+    // Transitions that count for J have the floor here too.
+    const int stride = workspace.stride;
+    for (int i = 0; i < count; ++i) {
+      const int index = workspace.nearest[i];
+      const bool spread = stride <= 2 ? (index & (stride - 1)) == 0 : index % stride == 0;
+      workspace.near_weights[i] += spread ? guided::kWeightFloor : 0.0;
+    }
+  }
+  SumRows(workspace.nearest, workspace.near_weights, count, 1.0, workspace);
 }
 
 double TransitionStore::Share(Eigen::Index k, double gain,
@@ -304,30 +313,24 @@ double TransitionStore::Share(Eigen::Index k, double gain,
   double explained = 0.0;
   double left = 0.0;
   for (int i = 0; i < workspace.used; i += guided::kAgreementStride) {
-    const int index = workspace.spread[i];
-    const auto row = transitions_.row(workspace.first + index);
+    const auto row = transitions_.row(workspace.first + workspace.spread[i]);
     const double effect = gain * row[feature_dim_ + 1 + k];
     const double error = row.dot(workspace.residual);
-    explained += workspace.weights[index] * effect * effect;
-    left += workspace.weights[index] * error * error;
+    explained += workspace.weights[i] * effect * effect;
+    left += workspace.weights[i] * error * error;
   }
   return explained + left > 0.0 ? explained / (explained + left) : 1.0;
 }
 
-void TransitionStore::SumRows(const Eigen::VectorXi& indices, int count, double factor,
-                              Workspace& workspace) const noexcept {
-  const auto rows = static_cast<std::size_t>(count);
+void TransitionStore::SumRows(const Eigen::VectorXi& indices, const Eigen::VectorXd& weights,
+                              int count, double factor, Workspace& workspace) const noexcept {
   const auto width = static_cast<std::size_t>(transitions_.cols());
-  const auto left_width = static_cast<std::size_t>(workspace.sums.rows());
-  const auto begin = static_cast<std::size_t>(workspace.states);
   // Subtracts z: sums about the origin would lose significant digits.
-  internal::Differences(transitions_.row(workspace.first).data(), width, indices.data(), rows,
-                        workspace.z.data(), workspace.right.data());
-  internal::ScaleRows(workspace.right.data(), width, indices.data(), rows, workspace.weights.data(),
-                      factor, left_width - begin, workspace.left.data() + begin, left_width);
-  internal::TransposedProduct(workspace.left.data() + begin, left_width, left_width - begin,
-                              workspace.right.data(), width, width, rows,
-                              workspace.sums.data() + begin * width, width);
+  internal::WeightedSumsAbout(
+      workspace.z.data(), transitions_.row(workspace.first).data(), width, indices.data(),
+      weights.data(), factor, static_cast<std::size_t>(count),
+      static_cast<std::size_t>(workspace.sums.rows() - workspace.states), workspace.tile.data(),
+      workspace.sums.data() + static_cast<std::size_t>(workspace.states) * width);
 }
 
 }  // namespace dfr::control

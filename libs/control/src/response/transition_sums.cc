@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <limits>
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "transition_sums.cc"
@@ -19,49 +20,101 @@ using Doubles = hn::CappedTag<double, kWidth>;
 using Floats = hn::CappedTag<float, kPadding>;
 using Row = hn::CappedTag<float, kWidth>;
 
-// Vectorized over rows, including the padding behind them.
-void Distances(const float* points, std::size_t column_stride, std::size_t dim, const float* z,
-               std::size_t rows, float* distances) {
-  const Floats d;
-  const std::size_t lanes = hn::Lanes(d);
-  for (std::size_t i = 0; i < rows; i += lanes) {
-    auto sum = hn::Zero(d);
-    const float* column = points + i;
-    for (std::size_t k = 0; k < dim; ++k, column += column_stride) {
-      const auto difference = hn::Sub(hn::LoadU(d, column), hn::Set(d, z[k]));
-      sum = hn::MulAdd(difference, difference, sum);
+// Squared distances of kCount vectors of points from row `i` on.
+template <std::size_t kCount>
+HWY_INLINE void DistancesFrom(std::size_t i, const float* points, std::size_t column_stride,
+                              std::size_t dim, const float* z, hn::Vec<Floats>* sum) {
+  constexpr Floats d;
+  HWY_UNROLL(4)
+  for (std::size_t j = 0; j < kCount; ++j) sum[j] = hn::Zero(d);
+  const float* column = points + i;
+  for (std::size_t k = 0; k < dim; ++k, column += column_stride) {
+    const auto at = hn::Set(d, z[k]);
+    HWY_UNROLL(4)
+    for (std::size_t j = 0; j < kCount; ++j) {
+      const auto difference = hn::Sub(hn::LoadU(d, column + j * hn::MaxLanes(d)), at);
+      sum[j] = hn::MulAdd(difference, difference, sum[j]);
     }
-    hn::StoreU(sum, d, distances + i);
   }
 }
 
-// In double: exponentials of floats differ between processors by more than all later rounding.
-void WeightsOf(const float* distances, std::size_t rows, float least, double scale,
-               double* weights) {
-  const Doubles d;
-  const hn::Rebind<float, decltype(d)> narrow;
-  const std::size_t lanes = hn::Lanes(d);
+// Vectorized over rows, including the padding behind them.
+float Distances(const float* points, std::size_t column_stride, std::size_t dim, const float* z,
+                std::size_t rows, float* distances) {
+  constexpr Floats d;
+  constexpr std::size_t kLanes = hn::MaxLanes(d);
+  constexpr std::size_t kTogether = 4;
+  const auto infinity = hn::Set(d, std::numeric_limits<float>::infinity());
+  auto total = hn::Zero(d);
+  auto least = infinity;
+  std::size_t i = 0;
+  for (; i + kTogether * kLanes <= rows; i += kTogether * kLanes) {
+    hn::Vec<Floats> sum[kTogether];
+    DistancesFrom<kTogether>(i, points, column_stride, dim, z, sum);
+    HWY_UNROLL(4)
+    for (std::size_t j = 0; j < kTogether; ++j) {
+      hn::StoreU(sum[j], d, distances + i + j * kLanes);
+      total = hn::Add(total, sum[j]);
+      least = hn::Min(least, sum[j]);
+    }
+  }
+  for (; i < rows; i += kLanes) {
+    hn::Vec<Floats> sum[1];
+    DistancesFrom<1>(i, points, column_stride, dim, z, sum);
+    hn::StoreU(sum[0], d, distances + i);
+    const auto row = hn::FirstN(d, rows - i);
+    total = hn::Add(total, hn::IfThenElseZero(row, sum[0]));
+    least = hn::Min(least, hn::IfThenElse(row, sum[0], infinity));
+  }
+  const float all = hn::GetLane(hn::SumOfLanes(d, total));
+  return all < std::numeric_limits<float>::infinity() ? hn::GetLane(hn::MinOfLanes(d, least))
+                                                      : std::numeric_limits<float>::quiet_NaN();
+}
+
+// Vector exponentials of floats differ between processors by more than all later rounding.
+double WeightsOf(const float* distances, const std::int32_t* indices, std::size_t count,
+                 float least, double scale, double floor, double* weights) {
+  constexpr Doubles d;
+  constexpr std::size_t kLanes = hn::MaxLanes(d);
+  const hn::Rebind<float, Doubles> narrow;
+  const hn::Rebind<std::int32_t, Doubles> index;
   const auto by = hn::Set(d, -scale);
   const auto from = hn::Set(d, static_cast<double>(least));
-  for (std::size_t i = 0; i < rows; i += lanes) {
-    const auto distance = hn::PromoteTo(d, hn::LoadU(narrow, distances + i));
-    hn::StoreU(hn::Exp(d, hn::Mul(by, hn::Sub(distance, from))), d, weights + i);
+  const auto more = hn::Set(d, floor);
+  const auto weigh = [&](std::size_t i) HWY_ATTR {
+    const auto distance =
+        hn::PromoteTo(d, hn::GatherIndex(narrow, distances, hn::LoadU(index, indices + i)));
+    const auto weight = hn::Exp(d, hn::Mul(by, hn::Sub(distance, from)));
+    hn::StoreU(hn::Add(weight, more), d, weights + i);
+  };
+  double sum = 0.0;
+  std::size_t i = 0;
+  for (; i + kLanes <= count; i += kLanes) {
+    weigh(i);
+    HWY_UNROLL(8)
+    for (std::size_t k = 0; k < kLanes; ++k) sum += weights[i + k];
   }
+  if (i < count) weigh(i);
+  for (; i < count; ++i) sum += weights[i];
+  return sum;
 }
 
 // Counts the distances of at most `bound`. Ignores the padding behind the rows.
 HWY_INLINE std::size_t CountAtMost(const float* distances, std::size_t rows, float bound) {
-  const Floats d;
-  const std::size_t lanes = hn::Lanes(d);
+  constexpr Floats d;
+  constexpr std::size_t kLanes = hn::MaxLanes(d);
   const auto most = hn::Set(d, bound);
-  const hn::RebindToSigned<decltype(d)> di;
-  auto counts = hn::Zero(di);
+  std::size_t count = 0;
   std::size_t i = 0;
-  for (; i + lanes <= rows; i += lanes) {
-    const auto within = hn::RebindMask(di, hn::Le(hn::LoadU(d, distances + i), most));
-    counts = hn::Sub(counts, hn::VecFromMask(di, within));  // true is -1
+  for (; i + 4 * kLanes <= rows; i += 4 * kLanes) {
+    HWY_UNROLL(4)
+    for (std::size_t k = 0; k < 4; ++k) {
+      count += hn::CountTrue(d, hn::Le(hn::LoadU(d, distances + i + k * kLanes), most));
+    }
   }
-  auto count = static_cast<std::size_t>(hn::GetLane(hn::SumOfLanes(di, counts)));
+  for (; i + kLanes <= rows; i += kLanes) {
+    count += hn::CountTrue(d, hn::Le(hn::LoadU(d, distances + i), most));
+  }
   for (; i < rows; ++i) count += distances[i] <= bound ? 1 : 0;
   return count;
 }
@@ -77,6 +130,28 @@ std::uint32_t BitsOf(float value) {
   std::uint32_t bits;
   std::memcpy(&bits, &value, sizeof bits);
   return bits;
+}
+
+// Copies the distances from `low` to `high` and returns their number, where vectors can be
+// compressed.
+constexpr bool kCompresses = HWY_TARGET <= HWY_AVX3;
+constexpr std::size_t kMostBetween = 128;
+HWY_INLINE std::size_t Between(const float* distances, std::size_t rows, float low, float high,
+                               float* between) {
+  constexpr Floats d;
+  const std::size_t lanes = hn::Lanes(d);
+  std::size_t size = 0;
+  std::size_t i = 0;
+  for (; i + lanes <= rows; i += lanes) {
+    const auto some = hn::LoadU(d, distances + i);
+    const auto kept = hn::And(hn::Ge(some, hn::Set(d, low)), hn::Le(some, hn::Set(d, high)));
+    hn::StoreU(hn::Compress(some, kept), d, between + size);
+    size += hn::CountTrue(d, kept);
+  }
+  for (; i < rows; ++i) {
+    if (distances[i] >= low && distances[i] <= high) between[size++] = distances[i];
+  }
+  return size;
 }
 
 void NearestOf(const float* distances, std::size_t rows, std::size_t count, std::int32_t* indices) {
@@ -104,18 +179,32 @@ void NearestOf(const float* distances, std::size_t rows, std::size_t count, std:
     least = std::min(least, distances[i]);
     most = std::max(most, distances[i]);
   }
-  // Bisects for the smallest bound of at least `count` distances. Stops at one of exactly `count`.
+  // Finds an upper bound of at least `count` distances, at best the smallest one. Once few
+  // distances lie between `low` and `high`, only these are counted.
+  float between[kMostBetween + hn::MaxLanes(d)];
+  const float* candidates = distances;
+  std::size_t size = rows;
+  std::size_t below = 0;       // Number of distances below `low`.
+  std::size_t at_most = rows;  // Number of distances up to `high`.
   std::uint32_t low = BitsOf(least);
   std::uint32_t high = BitsOf(most);
   std::uint32_t bound = high;
+  std::size_t left_out = 0;  // Number of distances below all candidates.
   while (low < high) {
+    if (kCompresses && candidates == distances && at_most - below <= kMostBetween) {
+      size = Between(distances, rows, FloatOf(low), FloatOf(high), between);
+      candidates = between;
+      left_out = below;
+    }
     const std::uint32_t middle = low + (high - low) / 2;
-    const std::size_t within = CountAtMost(distances, rows, FloatOf(middle));
+    const std::size_t within = left_out + CountAtMost(candidates, size, FloatOf(middle));
     if (within >= count) {
       high = bound = middle;
+      at_most = within;
       if (within == count) break;
     } else {
       low = middle + 1;
+      below = within;
     }
   }
   const float farthest = FloatOf(bound);
@@ -139,138 +228,150 @@ void NearestOf(const float* distances, std::size_t rows, std::size_t count, std:
   }
 }
 
-void DifferencesOf(const float* rows, std::size_t width, const std::int32_t* indices,
-                   std::size_t count, const float* z, float* right) {
-  const Row d;
-  const std::size_t lanes = hn::Lanes(d);
-  for (std::size_t i = 0; i < count; ++i, right += width) {
-    const float* row = rows + static_cast<std::size_t>(indices[i]) * width;
-    for (std::size_t k = 0; k < width; k += lanes) {
-      hn::StoreU(hn::Sub(hn::LoadU(d, row + k), hn::LoadU(d, z + k)), d, right + k);
+// Adds left' right to kRows x kColumns vectors of sums, which stay in registers and keep the
+// multipliers busy. An entry of `left` is loaded once for all columns.
+template <std::size_t kRows, std::size_t kColumns, class D>
+HWY_INLINE void AddVectors(D d, const float* left, std::size_t left_stride, const float* right,
+                           std::size_t right_stride, std::size_t rows, float* sums,
+                           std::size_t sums_stride) {
+  hn::Vec<D> sum[kRows][kColumns];
+  HWY_UNROLL(8)
+  for (std::size_t r = 0; r < kRows; ++r) {
+    HWY_UNROLL(3)
+    for (std::size_t c = 0; c < kColumns; ++c) {
+      sum[r][c] = hn::LoadU(d, sums + r * sums_stride + c * hn::MaxLanes(d));
+    }
+  }
+  for (std::size_t i = 0; i < rows; ++i, left += left_stride, right += right_stride) {
+    hn::Vec<D> x[kColumns];
+    HWY_UNROLL(3)
+    for (std::size_t c = 0; c < kColumns; ++c) x[c] = hn::LoadU(d, right + c * hn::MaxLanes(d));
+    HWY_UNROLL(8)
+    for (std::size_t r = 0; r < kRows; ++r) {
+      const auto y = hn::Set(d, left[r]);
+      HWY_UNROLL(3)
+      for (std::size_t c = 0; c < kColumns; ++c) sum[r][c] = hn::MulAdd(y, x[c], sum[r][c]);
+    }
+  }
+  HWY_UNROLL(8)
+  for (std::size_t r = 0; r < kRows; ++r) {
+    HWY_UNROLL(3)
+    for (std::size_t c = 0; c < kColumns; ++c) {
+      hn::StoreU(sum[r][c], d, sums + r * sums_stride + c * hn::MaxLanes(d));
     }
   }
 }
 
-void Scale(const float* rows, std::size_t row_stride, const std::int32_t* indices,
-           std::size_t count, const double* weights, double factor, std::size_t n_left, float* left,
-           std::size_t left_stride) {
-  const Row d;
-  const std::size_t lanes = hn::Lanes(d);
-  for (std::size_t i = 0; i < count; ++i, rows += row_stride, left += left_stride) {
-    const auto weight = hn::Set(d, static_cast<float>(factor * weights[indices[i]]));
-    for (std::size_t k = 0; k < n_left; k += lanes) {
-      hn::StoreU(hn::Mul(weight, hn::LoadU(d, rows + k)), d, left + k);
-    }
-  }
-}
-
-// Sums the columns from `column` on that fit into a vector. kWidth rows of sums at a time stay in
-// registers and keep the multipliers busy.
-template <class D>
-HWY_INLINE void Columns(D d, const float* left, std::size_t left_stride, std::size_t n_left,
+// The same for kWidth rows and two vectors, which may differ in size: with 32 registers.
+template <class First, class Second>
+HWY_INLINE void AddPair(First d, Second e, const float* left, std::size_t left_stride,
                         const float* right, std::size_t right_stride, std::size_t rows, float* sums,
                         std::size_t sums_stride) {
-  using V = hn::Vec<D>;
-  for (std::size_t first = 0; first < n_left; first += kWidth) {
-    V s0 = hn::Zero(d);
-    V s1 = s0;
-    V s2 = s0;
-    V s3 = s0;
-    V s4 = s0;
-    V s5 = s0;
-    V s6 = s0;
-    V s7 = s0;
-    const float* a = left + first;
-    const float* b = right;
-    for (std::size_t i = 0; i < rows; ++i, a += left_stride, b += right_stride) {
-      const V x = hn::LoadU(d, b);
-      s0 = hn::MulAdd(hn::Set(d, a[0]), x, s0);
-      s1 = hn::MulAdd(hn::Set(d, a[1]), x, s1);
-      s2 = hn::MulAdd(hn::Set(d, a[2]), x, s2);
-      s3 = hn::MulAdd(hn::Set(d, a[3]), x, s3);
-      s4 = hn::MulAdd(hn::Set(d, a[4]), x, s4);
-      s5 = hn::MulAdd(hn::Set(d, a[5]), x, s5);
-      s6 = hn::MulAdd(hn::Set(d, a[6]), x, s6);
-      s7 = hn::MulAdd(hn::Set(d, a[7]), x, s7);
+  hn::Vec<First> sum[kWidth];
+  hn::Vec<Second> next[kWidth];
+  HWY_UNROLL(8)
+  for (std::size_t r = 0; r < kWidth; ++r) {
+    sum[r] = hn::LoadU(d, sums + r * sums_stride);
+    next[r] = hn::LoadU(e, sums + r * sums_stride + hn::MaxLanes(d));
+  }
+  for (std::size_t i = 0; i < rows; ++i, left += left_stride, right += right_stride) {
+    const auto x = hn::LoadU(d, right);
+    const auto y = hn::LoadU(e, right + hn::MaxLanes(d));
+    HWY_UNROLL(8)
+    for (std::size_t r = 0; r < kWidth; ++r) {
+      sum[r] = hn::MulAdd(hn::Set(d, left[r]), x, sum[r]);
+      next[r] = hn::MulAdd(hn::Set(e, left[r]), y, next[r]);
     }
-    float* out = sums + first * sums_stride;
-    hn::StoreU(s0, d, out);
-    hn::StoreU(s1, d, out + sums_stride);
-    hn::StoreU(s2, d, out + 2 * sums_stride);
-    hn::StoreU(s3, d, out + 3 * sums_stride);
-    hn::StoreU(s4, d, out + 4 * sums_stride);
-    hn::StoreU(s5, d, out + 5 * sums_stride);
-    hn::StoreU(s6, d, out + 6 * sums_stride);
-    hn::StoreU(s7, d, out + 7 * sums_stride);
+  }
+  HWY_UNROLL(8)
+  for (std::size_t r = 0; r < kWidth; ++r) {
+    hn::StoreU(sum[r], d, sums + r * sums_stride);
+    hn::StoreU(next[r], e, sums + r * sums_stride + hn::MaxLanes(d));
   }
 }
 
-// Sums three vectors of columns from `column` on, four rows at a time: sixteen registers hold the
-// sums and factors, and an entry of `left` is loaded once for three products.
-template <class D>
-HWY_INLINE void ThreeColumns(D d, const float* left, std::size_t left_stride, std::size_t n_left,
-                             const float* right, std::size_t right_stride, std::size_t rows,
-                             float* sums, std::size_t sums_stride) {
-  using V = hn::Vec<D>;
-  const std::size_t lanes = hn::Lanes(d);
-  for (std::size_t first = 0; first < n_left; first += 4) {
-    V s00 = hn::Zero(d), s01 = s00, s02 = s00;
-    V s10 = s00, s11 = s00, s12 = s00;
-    V s20 = s00, s21 = s00, s22 = s00;
-    V s30 = s00, s31 = s00, s32 = s00;
-    const float* a = left + first;
-    const float* b = right;
-    for (std::size_t i = 0; i < rows; ++i, a += left_stride, b += right_stride) {
-      const V x0 = hn::LoadU(d, b);
-      const V x1 = hn::LoadU(d, b + lanes);
-      const V x2 = hn::LoadU(d, b + 2 * lanes);
-      V y = hn::Set(d, a[0]);
-      s00 = hn::MulAdd(y, x0, s00);
-      s01 = hn::MulAdd(y, x1, s01);
-      s02 = hn::MulAdd(y, x2, s02);
-      y = hn::Set(d, a[1]);
-      s10 = hn::MulAdd(y, x0, s10);
-      s11 = hn::MulAdd(y, x1, s11);
-      s12 = hn::MulAdd(y, x2, s12);
-      y = hn::Set(d, a[2]);
-      s20 = hn::MulAdd(y, x0, s20);
-      s21 = hn::MulAdd(y, x1, s21);
-      s22 = hn::MulAdd(y, x2, s22);
-      y = hn::Set(d, a[3]);
-      s30 = hn::MulAdd(y, x0, s30);
-      s31 = hn::MulAdd(y, x1, s31);
-      s32 = hn::MulAdd(y, x2, s32);
+// Adds left' right of a tile, whose left rows follow one another.
+HWY_INLINE void AddProduct(const float* left, std::size_t n_left, const float* right,
+                           std::size_t right_stride, std::size_t n_right, std::size_t rows,
+                           float* sums, std::size_t sums_stride) {
+  constexpr Floats d;
+  constexpr Row e;
+  constexpr std::size_t kLanes = hn::MaxLanes(d);
+  for (std::size_t row = 0; row < n_left; row += kWidth) {
+    std::size_t column = 0;
+    const float* a = left + row;
+    float* out = sums + row * sums_stride;
+#if HWY_TARGET <= HWY_AVX3
+    for (; column + 2 * kLanes <= n_right; column += 2 * kLanes) {
+      AddPair(d, d, a, n_left, right + column, right_stride, rows, out + column, sums_stride);
     }
-    float* out = sums + first * sums_stride;
-    const auto store = [&](V c0, V c1, V c2) HWY_ATTR {
-      hn::StoreU(c0, d, out);
-      hn::StoreU(c1, d, out + lanes);
-      hn::StoreU(c2, d, out + 2 * lanes);
-      out += sums_stride;
-    };
-    store(s00, s01, s02);
-    store(s10, s11, s12);
-    store(s20, s21, s22);
-    store(s30, s31, s32);
+    if (column + kLanes + kWidth <= n_right) {
+      AddPair(d, e, a, n_left, right + column, right_stride, rows, out + column, sums_stride);
+      column += kLanes + kWidth;
+    }
+#else
+    for (; column + 3 * kLanes <= n_right; column += 3 * kLanes) {
+      AddVectors<4, 3>(d, a, n_left, right + column, right_stride, rows, out + column, sums_stride);
+      AddVectors<4, 3>(d, a + 4, n_left, right + column, right_stride, rows,
+                       out + 4 * sums_stride + column, sums_stride);
+    }
+#endif
+    for (; column + kLanes <= n_right; column += kLanes) {
+      AddVectors<8, 1>(d, a, n_left, right + column, right_stride, rows, out + column, sums_stride);
+    }
+    for (; column < n_right; column += hn::MaxLanes(e)) {
+      AddVectors<8, 1>(e, a, n_left, right + column, right_stride, rows, out + column, sums_stride);
+    }
   }
 }
 
-void Product(const float* left, std::size_t left_stride, std::size_t n_left, const float* right,
-             std::size_t right_stride, std::size_t n_right, std::size_t rows, float* sums,
-             std::size_t sums_stride) {
-  std::size_t column = 0;
-  const auto columns = [&](auto d) HWY_ATTR {
-    for (; column + 3 * hn::Lanes(d) <= n_right; column += 3 * hn::Lanes(d)) {
-      ThreeColumns(d, left, left_stride, n_left, right + column, right_stride, rows, sums + column,
-                   sums_stride);
+// Sets left[k] = float(weight) row[k].
+HWY_INLINE void Scale(double weight, const float* row, std::size_t n_left, float* left) {
+  constexpr Row d;
+  const auto by = hn::Set(d, static_cast<float>(weight));
+  for (std::size_t k = 0; k < n_left; k += hn::MaxLanes(d)) {
+    hn::StoreU(hn::Mul(by, hn::LoadU(d, row + k)), d, left + k);
+  }
+}
+
+void Clear(std::size_t n_left, std::size_t n_right, float* sums, std::size_t sums_stride) {
+  for (std::size_t row = 0; row < n_left; ++row) {
+    std::fill_n(sums + row * sums_stride, n_right, 0.0F);
+  }
+}
+
+void SumsOf(const float* left, std::size_t n_left, const float* right, std::size_t n_right,
+            std::size_t stride, const double* weights, double factor, std::size_t count,
+            float* tile, float* sums, std::size_t sums_stride) {
+  Clear(n_left, n_right, sums, sums_stride);
+  for (std::size_t first = 0; first < count; first += kTile) {
+    const std::size_t rows = std::min(kTile, count - first);
+    for (std::size_t i = 0; i < rows; ++i, left += stride) {
+      Scale(factor * weights[first + i], left, n_left, tile + i * n_left);
     }
-    for (; column + hn::Lanes(d) <= n_right; column += hn::Lanes(d)) {
-      Columns(d, left, left_stride, n_left, right + column, right_stride, rows, sums + column,
-              sums_stride);
+    AddProduct(tile, n_left, right, stride, n_right, rows, sums, sums_stride);
+    right += rows * stride;
+  }
+}
+
+void SumsAbout(const float* z, const float* rows, std::size_t width, const std::int32_t* indices,
+               const double* weights, double factor, std::size_t count, std::size_t n_left,
+               float* tile, float* sums) {
+  constexpr Row d;
+  Clear(n_left, width, sums, width);
+  float* const left = tile + kTile * width;
+  for (std::size_t first = 0; first < count; first += kTile) {
+    const std::size_t size = std::min(kTile, count - first);
+    float* right = tile;
+    for (std::size_t i = 0; i < size; ++i, right += width) {
+      const float* row = rows + static_cast<std::size_t>(indices[first + i]) * width;
+      for (std::size_t k = 0; k < width; k += hn::MaxLanes(d)) {
+        hn::StoreU(hn::Sub(hn::LoadU(d, row + k), hn::LoadU(d, z + k)), d, right + k);
+      }
+      Scale(factor * weights[first + i], right, n_left, left + i * n_left);
     }
-  };
-  columns(Floats());
-  columns(Row());
+    AddProduct(left, n_left, tile, width, width, size, sums, width);
+  }
 }
 
 }  // namespace dfr::control::internal::HWY_NAMESPACE
@@ -282,18 +383,17 @@ namespace dfr::control::internal {
 HWY_EXPORT(Distances);
 HWY_EXPORT(WeightsOf);
 HWY_EXPORT(NearestOf);
-HWY_EXPORT(DifferencesOf);
-HWY_EXPORT(Scale);
-HWY_EXPORT(Product);
+HWY_EXPORT(SumsOf);
+HWY_EXPORT(SumsAbout);
 
-void SquaredDistances(const float* points, std::size_t column_stride, std::size_t dim,
-                      const float* z, std::size_t rows, float* distances) noexcept {
-  HWY_DYNAMIC_DISPATCH(Distances)(points, column_stride, dim, z, rows, distances);
+float SquaredDistances(const float* points, std::size_t column_stride, std::size_t dim,
+                       const float* z, std::size_t rows, float* distances) noexcept {
+  return HWY_DYNAMIC_DISPATCH(Distances)(points, column_stride, dim, z, rows, distances);
 }
 
-void Weights(const float* distances, std::size_t rows, float least, double scale,
-             double* weights) noexcept {
-  HWY_DYNAMIC_DISPATCH(WeightsOf)(distances, rows, least, scale, weights);
+double Weights(const float* distances, const std::int32_t* indices, std::size_t count, float least,
+               double scale, double floor, double* weights) noexcept {
+  return HWY_DYNAMIC_DISPATCH(WeightsOf)(distances, indices, count, least, scale, floor, weights);
 }
 
 void Nearest(const float* distances, std::size_t rows, std::size_t count,
@@ -301,23 +401,18 @@ void Nearest(const float* distances, std::size_t rows, std::size_t count,
   HWY_DYNAMIC_DISPATCH(NearestOf)(distances, rows, count, indices);
 }
 
-void Differences(const float* rows, std::size_t width, const std::int32_t* indices,
-                 std::size_t count, const float* z, float* right) noexcept {
-  HWY_DYNAMIC_DISPATCH(DifferencesOf)(rows, width, indices, count, z, right);
+void WeightedSums(const float* left, std::size_t n_left, const float* right, std::size_t n_right,
+                  std::size_t stride, const double* weights, double factor, std::size_t count,
+                  float* tile, float* sums, std::size_t sums_stride) noexcept {
+  HWY_DYNAMIC_DISPATCH(SumsOf)
+  (left, n_left, right, n_right, stride, weights, factor, count, tile, sums, sums_stride);
 }
 
-void ScaleRows(const float* rows, std::size_t row_stride, const std::int32_t* indices,
-               std::size_t count, const double* weights, double factor, std::size_t n_left,
-               float* left, std::size_t left_stride) noexcept {
-  HWY_DYNAMIC_DISPATCH(Scale)
-  (rows, row_stride, indices, count, weights, factor, n_left, left, left_stride);
-}
-
-void TransposedProduct(const float* left, std::size_t left_stride, std::size_t n_left,
-                       const float* right, std::size_t right_stride, std::size_t n_right,
-                       std::size_t rows, float* sums, std::size_t sums_stride) noexcept {
-  HWY_DYNAMIC_DISPATCH(Product)
-  (left, left_stride, n_left, right, right_stride, n_right, rows, sums, sums_stride);
+void WeightedSumsAbout(const float* z, const float* rows, std::size_t width,
+                       const std::int32_t* indices, const double* weights, double factor,
+                       std::size_t count, std::size_t n_left, float* tile, float* sums) noexcept {
+  HWY_DYNAMIC_DISPATCH(SumsAbout)
+  (z, rows, width, indices, weights, factor, count, n_left, tile, sums);
 }
 
 }  // namespace dfr::control::internal

@@ -11,18 +11,22 @@ namespace dfr::control::internal {
 
 /// Widths of rows, n_left and n_right are multiples of this.
 inline constexpr std::size_t kWidth = 8;
-/// Number of readable entries behind points, distances and weights; those behind the latter two are
-/// also written.
+/// Number of readable entries behind points, distances, indices and weights; those behind distances
+/// and weights are also written. Indices there may be any valid ones.
 inline constexpr std::size_t kPadding = 16;
+/// Number of rows that are scaled and then multiplied: they stay in the cache.
+inline constexpr std::size_t kTile = 32;
 
 /// Sets distances[i] = |z_i - z|^2 for points of `dim` entries. Entry k of point i is at points[k *
 /// column_stride + i].
-void SquaredDistances(const float* points, std::size_t column_stride, std::size_t dim,
-                      const float* z, std::size_t rows, float* distances) noexcept;
+/// @returns the least distance; NaN if their sum is not finite.
+float SquaredDistances(const float* points, std::size_t column_stride, std::size_t dim,
+                       const float* z, std::size_t rows, float* distances) noexcept;
 
-/// Sets weights[i] = exp(-scale (distances[i] - least)).
-void Weights(const float* distances, std::size_t rows, float least, double scale,
-             double* weights) noexcept;
+/// Sets weights[i] = exp(-scale (distances[indices[i]] - least)) + floor.
+/// @returns their sum.
+double Weights(const float* distances, const std::int32_t* indices, std::size_t count, float least,
+               double scale, double floor, double* weights) noexcept;
 
 /// Writes the indices of the `count` smallest distances, 1 <= count <= rows; the first ones among
 /// equal distances. The order depends only on the distances. No distance may be NaN or negative.
@@ -30,20 +34,17 @@ void Weights(const float* distances, std::size_t rows, float least, double scale
 void Nearest(const float* distances, std::size_t rows, std::size_t count,
              std::int32_t* indices) noexcept;
 
-/// Sets right_i[k] = row_j[k] - z[k] with j = indices[i]. All have `width` entries.
-void Differences(const float* rows, std::size_t width, const std::int32_t* indices,
-                 std::size_t count, const float* z, float* right) noexcept;
+/// Sets sums = sum_i factor weights[i] left_i' right_i (n_left x n_right). Rows are `stride`
+/// entries apart, those of `sums` sums_stride. `tile` has kTile n_left entries of scratch memory.
+void WeightedSums(const float* left, std::size_t n_left, const float* right, std::size_t n_right,
+                  std::size_t stride, const double* weights, double factor, std::size_t count,
+                  float* tile, float* sums, std::size_t sums_stride) noexcept;
 
-/// Sets left_i[k] = factor weights[indices[i]] row_i[k] for n_left entries of each row. A stride is
-/// the distance between the beginnings of two rows.
-void ScaleRows(const float* rows, std::size_t row_stride, const std::int32_t* indices,
-               std::size_t count, const double* weights, double factor, std::size_t n_left,
-               float* left, std::size_t left_stride) noexcept;
-
-/// Sets sums = left' right (n_left x n_right) for `left` (rows x n_left) and `right` (rows x
-/// n_right). All are blocks of row-major matrices.
-void TransposedProduct(const float* left, std::size_t left_stride, std::size_t n_left,
-                       const float* right, std::size_t right_stride, std::size_t n_right,
-                       std::size_t rows, float* sums, std::size_t sums_stride) noexcept;
+/// Sets sums = sum_i factor weights[i] left_i' right_i (n_left x width) for right_i = row_j - z
+/// with j = indices[i], and for the first n_left of its entries. Rows, z and the rows of `sums`
+/// have `width` entries. `tile` has kTile (n_left + width) entries of scratch memory.
+void WeightedSumsAbout(const float* z, const float* rows, std::size_t width,
+                       const std::int32_t* indices, const double* weights, double factor,
+                       std::size_t count, std::size_t n_left, float* tile, float* sums) noexcept;
 
 }  // namespace dfr::control::internal

@@ -70,13 +70,15 @@ class TransitionStore {
     int first = 0;      ///< First transition with a nearby time step.
     int rows = 0;       ///< Number of transitions with a nearby time step.
     Eigen::VectorXf distances;
-    Eigen::VectorXd weights;  ///< One per transition, without `factor`.
-    double factor = 1.0;      ///< Factor of the weights in sums for J.
-    Eigen::VectorXi spread;   ///< Indices of the transitions for J.
+    float least = 0.0F;       ///< Least of the distances.
+    Eigen::VectorXi spread;   ///< Indices of the transitions for J: every stride-th one.
+    Eigen::VectorXd weights;  ///< Their weights, without `factor`.
     int used = 0;             ///< Number of entries of `spread`.
-    Eigen::VectorXi nearest;  ///< Indices of the nearest transitions to z.
-    Eigen::VectorXf left;     ///< w [v_i; z_i - z; 1], row by row.
-    Eigen::VectorXf right;    ///< r, row by row.
+    int stride = 1;
+    double factor = 1.0;           ///< Factor of the weights in sums for J.
+    Eigen::VectorXi nearest;       ///< Indices of the nearest transitions to z.
+    Eigen::VectorXd near_weights;  ///< Their weights.
+    Eigen::VectorXf tile;          ///< Scratch: some rows w [v_i; z_i - z; 1] and r.
     /// sum w v_i r' in the rows from 0, without the columns of z_i - z, and sum w [z_i - z; 1] r'
     /// in the rows from `states`.
     Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> sums;
@@ -102,8 +104,8 @@ class TransitionStore {
 
  private:
   TransitionStore() = default;
-  void SumRows(const Eigen::VectorXi& indices, int count, double factor,
-               Workspace& workspace) const noexcept;
+  void SumRows(const Eigen::VectorXi& indices, const Eigen::VectorXd& weights, int count,
+               double factor, Workspace& workspace) const noexcept;
   /// Returns the range [first, last) of the transitions within ResponseOptions::window of t.
   [[nodiscard]] std::pair<int, int> Near(int t) const noexcept;
   /// Returns the number of entries of a row of transitions_.
