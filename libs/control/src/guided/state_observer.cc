@@ -6,6 +6,7 @@
 
 #include "dfr/control/constants.h"
 #include "dfr/core/matrix.h"
+#include "small_system.h"
 
 namespace dfr::control {
 
@@ -67,7 +68,11 @@ int StateObserver::FindLag(const LocalFit& fit, std::span<const double> dz, doub
   double least = std::numeric_limits<double>::infinity();
   for (int i = 0; i <= kMaxLag; ++i) {
     scratch_ = core::AsVector(dz) - fit.drift() - time * fit.disturbance();
-    scratch_.noalias() -= fit.jacobian().lazyProduct(applied_.col(i));
+    internal::ForSumsOfColumns(fit.jacobian().data(), scratch_.size(), scratch_.size(),
+                               applied_.col(i).data(), applied_.rows(),
+                               [&](Eigen::Index k, const auto& effect) {
+                                 internal::Part(scratch_.data(), k, effect) -= effect;
+                               });
     double& error = errors_[static_cast<std::size_t>(i)];
     error = forgetting_ * error + scratch_.squaredNorm();
     least = std::min(least, error);

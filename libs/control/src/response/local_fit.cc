@@ -5,8 +5,29 @@
 #include <utility>
 
 #include "dfr/control/constants.h"
+#include "small_system.h"
 
 namespace dfr::control {
+namespace {
+
+// Returns the sum of the last `count` entries of the diagonal of (L L')^-1 with the lower triangle
+// L of `l`. Writes L^-1 to `inverse`.
+template <typename Block>
+double TailOfInverseTrace(const Block& l, Eigen::Index count, Eigen::MatrixXd& inverse) noexcept {
+  const Eigen::Index rows = l.rows();
+  double trace = 0.0;
+  for (Eigen::Index j = rows - count; j < rows; ++j) {
+    for (Eigen::Index i = j; i < rows; ++i) {
+      double sum = i == j ? 1.0 : 0.0;
+      for (Eigen::Index k = j; k < i; ++k) sum -= l(i, k) * inverse(k, j);
+      inverse(i, j) = sum / l(i, i);
+      trace += inverse(i, j) * inverse(i, j);
+    }
+  }
+  return trace;
+}
+
+}  // namespace
 
 LocalFit::LocalFit(std::shared_ptr<const TransitionStore> prior,
                    const DisturbanceModel& disturbance_model, int drift_rows, Eigen::Index rows)
@@ -17,16 +38,14 @@ LocalFit::LocalFit(std::shared_ptr<const TransitionStore> prior,
   jacobian_ = Eigen::MatrixXd::Zero(n, m);
   demonstrated_ = b_ = core::Matrix::Zero(rows, n);
   a_ = a_online_ = Eigen::MatrixXd::Identity(rows, rows);
-  cholesky_.compute(a_);
+  factor_ = a_;
   transitions_ = prior_->MakeWorkspace();
   context_ = Eigen::VectorXf::Zero(prior_->context_dim());
   inverse_ = Eigen::MatrixXd::Identity(rows - drift_rows, rows - drift_rows);
   scratch_ = Eigen::VectorXd::Zero(m);
   a_demo_ = Eigen::MatrixXd::Identity(n + 1, n + 1);
   unit_ = Eigen::VectorXd::Zero(n + 1);
-  cholesky_demo_.compute(a_demo_);
   h_ = Eigen::MatrixXd::Identity(m, m);
-  cholesky_controls_.compute(h_);
   did_ = Eigen::MatrixXd::Zero(m, 1);
 }
 
@@ -37,13 +56,16 @@ bool LocalFit::NominalControl(Eigen::VectorXd& v) noexcept {
   if (!has_transitions_) return false;
   prior_->SumNearStates(transitions_, context_);
   const Eigen::Index states = transitions_.states;
-  a_demo_ = sums.block(states, 0, n + 1, n + 1).cast<double>();
+  // The lower triangle is sufficient.
+  for (Eigen::Index i = 0; i <= n; ++i) {
+    a_demo_.row(i).head(i + 1) = sums.row(states + i).head(i + 1).cast<double>();
+  }
   const double weight = a_demo_(n, n);
   if (!(weight > 0.0)) return false;
   a_demo_.diagonal().head(n).array() += guided::kDemonstratedRidge * weight;
-  cholesky_demo_.compute(a_demo_);
+  internal::Factor(a_demo_);
   // At z, [z' - z; 1] is the last unit vector, and L^-1 scales it.
-  const auto& lower = cholesky_demo_.matrixLLT();
+  const Eigen::MatrixXd& lower = a_demo_;
   for (Eigen::Index i = n; i >= 0; --i) {
     double sum = i == n ? 1.0 / lower(n, n) : 0.0;
     for (Eigen::Index k = i + 1; k <= n; ++k) sum -= lower(k, i) * unit_[k];
@@ -57,19 +79,29 @@ bool LocalFit::NominalControl(Eigen::VectorXd& v) noexcept {
     unit_ *= share;
     unit_[n] += (1.0 - share) / weight;
   }
-  v.noalias() = sums.block(states, n + 1, n + 1, m).transpose().cast<double>().lazyProduct(unit_);
-  wanted_.noalias() =
-      sums.block(states, n + 1 + m, n + 1, n).transpose().cast<double>().lazyProduct(unit_);
+  const float* row = &sums(states, n + 1);
+  const auto combine = [&](const float* columns, Eigen::VectorXd& out) {
+    internal::ForSumsOfColumns(columns, out.size(), sums.cols(), unit_.data(), n + 1,
+                               [&](Eigen::Index i, const auto& combined) {
+                                 internal::Part(out.data(), i, combined) = combined;
+                               });
+  };
+  combine(row, v);
+  combine(row + m, wanted_);
   wanted_ -= drift_;
   if (disturbance_model_.active()) wanted_ -= Duration(v) * disturbance_;
-  h_.noalias() = jacobian_.transpose().lazyProduct(jacobian_);
+  for (Eigen::Index j = 0; j < m; ++j) {
+    for (Eigen::Index i = j; i < m; ++i) {
+      h_(i, j) = jacobian_.col(i).cwiseProduct(jacobian_.col(j)).sum();
+    }
+  }
   const double nearness = guided::kNearness * h_.trace() / static_cast<double>(m);
   if (!(nearness > 0.0)) return true;
   h_.diagonal().array() += nearness;
   scratch_.noalias() = jacobian_.transpose().lazyProduct(wanted_);
   did_ = scratch_ + nearness * v;
-  cholesky_controls_.compute(h_);
-  cholesky_controls_.solveInPlace(did_);
+  internal::Factor(h_);
+  internal::SolveFactored(h_, did_);
   v = did_.col(0);
   return true;
 }
@@ -104,19 +136,24 @@ double LocalFit::Agreement(Eigen::Index k) noexcept {
 
 void LocalFit::AddEffect(const Eigen::Ref<const Eigen::VectorXd>& v, double duration,
                          Eigen::Ref<Eigen::VectorXd> z) const noexcept {
-  z.noalias() += jacobian_.lazyProduct(v);
+  internal::ForSumsOfColumns(
+      jacobian_.data(), jacobian_.rows(), jacobian_.rows(), v.data(), v.size(),
+      [&](Eigen::Index i, const auto& effect) { internal::Part(z.data(), i, effect) += effect; });
   z += drift_;
   if (disturbance_model_.active()) z += duration * disturbance_;
 }
 
 double LocalFit::LeastExcitedDirection(std::span<double> direction, double known) noexcept {
   const Eigen::Index rows = inverse_.rows();
-  inverse_.setIdentity();
-  const auto lower =
-      cholesky_.matrixLLT().bottomRightCorner(rows, rows).triangularView<Eigen::Lower>();
-  lower.solveInPlace(inverse_);
-  lower.adjoint().solveInPlace(inverse_);
   const Eigen::Index m = jacobian_.cols();
+  const auto lower = factor_.bottomRightCorner(rows, rows);
+  // Rounding makes no difference to most results.
+  constexpr double kRounding = 1e-9;
+  const double fast = TailOfInverseTrace(lower, m, inverse_);
+  if (fast <= (1.0 - kRounding) * known) return fast;
+  inverse_.setIdentity();
+  lower.triangularView<Eigen::Lower>().solveInPlace(inverse_);
+  lower.triangularView<Eigen::Lower>().adjoint().solveInPlace(inverse_);
   if (const double bound = inverse_.diagonal().tail(m).sum(); bound <= known) return bound;
   // Power iteration.
   auto v = core::AsVector(direction);

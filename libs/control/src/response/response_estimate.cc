@@ -5,16 +5,16 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
+#include "small_system.h"
 
 namespace dfr::control {
 namespace {
 
-// Solves b = A^-1 b for columns [column, column + kColumns), with each row in registers. Rows
+// Solves b = (L L')^-1 b for columns [column, column + kColumns), with each row in registers. Rows
 // before `first` get only the forward substitution.
 template <int kColumns>
-void SolveColumns(const Eigen::LLT<Eigen::MatrixXd>& cholesky, Eigen::Index column,
-                  Eigen::Index first, core::Matrix& b) noexcept {
-  const auto& lower = cholesky.matrixLLT();
+void SolveColumns(const Eigen::MatrixXd& lower, Eigen::Index column, Eigen::Index first,
+                  core::Matrix& b) noexcept {
   const Eigen::Index rows = b.rows();
   const auto row = [&](Eigen::Index i) {
     return Eigen::Map<Eigen::Array<double, 1, kColumns>>(b.data() + i * b.cols() + column);
@@ -31,13 +31,12 @@ void SolveColumns(const Eigen::LLT<Eigen::MatrixXd>& cholesky, Eigen::Index colu
   }
 }
 
-// Sets b = A^-1 b; rows before `first` become undefined.
-void Solve(const Eigen::LLT<Eigen::MatrixXd>& cholesky, core::Matrix& b,
-           Eigen::Index first) noexcept {
+// Sets b = (L L')^-1 b; rows before `first` become undefined.
+void Solve(const Eigen::MatrixXd& lower, core::Matrix& b, Eigen::Index first) noexcept {
   Eigen::Index column = 0;
-  for (; column + 8 <= b.cols(); column += 8) SolveColumns<8>(cholesky, column, first, b);
-  for (; column + 4 <= b.cols(); column += 4) SolveColumns<4>(cholesky, column, first, b);
-  for (; column < b.cols(); ++column) SolveColumns<1>(cholesky, column, first, b);
+  for (; column + 8 <= b.cols(); column += 8) SolveColumns<8>(lower, column, first, b);
+  for (; column + 4 <= b.cols(); column += 4) SolveColumns<4>(lower, column, first, b);
+  for (; column < b.cols(); ++column) SolveColumns<1>(lower, column, first, b);
 }
 
 // With y = z' - z, moving z by -shift changes sums of [y; 1] to those of [y + shift; 1].
@@ -100,7 +99,11 @@ void ResponseEstimate::Update(const LocalFit& fit, std::span<const double> z,
   if (disturbance_model_.active()) regressor_[drift_rows_] = duration;
   regressor_.tail(prior_->control_dim()) = core::AsVector(v);
   error_ = core::AsVector(dz);
-  error_.noalias() -= fit.demonstrated_.transpose().lazyProduct(regressor_);
+  internal::ForSumsOfColumns(fit.demonstrated_.data(), error_.size(), error_.size(),
+                             regressor_.data(), regressor_.size(),
+                             [&](Eigen::Index i, const auto& effect) {
+                               internal::Part(error_.data(), i, effect) -= effect;
+                             });
   const double keep = prior_->options().forgetting;
   a_online_ *= keep;
   b_online_ *= keep;
@@ -135,8 +138,9 @@ void ResponseEstimate::FitAt(int t, std::span<const double> z, LocalFit& fit) co
   fit.has_transitions_ = prior_->SumControls(t, z, fit.transitions_);
   if (fit.has_transitions_) {
     AddDemonstrations(fit);
-    fit.cholesky_.compute(fit.a_);
-    Solve(fit.cholesky_, fit.demonstrated_, 0);
+    fit.factor_ = fit.a_;
+    internal::Factor(fit.factor_);
+    Solve(fit.factor_, fit.demonstrated_, 0);
   }
   fit.b_ = b_online_;
   if (drift_rows_ > 0) {
@@ -149,10 +153,11 @@ void ResponseEstimate::FitAt(int t, std::span<const double> z, LocalFit& fit) co
   } else {
     fit.a_ += a_online_;
   }
-  fit.cholesky_.compute(fit.a_);
+  fit.factor_ = fit.a_;
+  internal::Factor(fit.factor_);
   // Slopes have no effect at z.
   const Eigen::Index first = std::max(0, drift_rows_ - 1);
-  Solve(fit.cholesky_, fit.b_, first);
+  Solve(fit.factor_, fit.b_, first);
   fit.b_ += fit.demonstrated_;
   if (drift_rows_ > 0) fit.drift_ = fit.b_.row(first);
   if (disturbance_model_.active()) fit.disturbance_ = fit.b_.row(drift_rows_);

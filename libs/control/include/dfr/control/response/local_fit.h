@@ -1,6 +1,5 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <memory>
 #include <span>
@@ -47,7 +46,7 @@ class LocalFit {
   void AddEffect(const Eigen::Ref<const Eigen::VectorXd>& v,
                  // A view. NOLINTNEXTLINE(performance-unnecessary-value-param)
                  Eigen::Ref<Eigen::VectorXd> z) const noexcept {
-    AddEffect(v, Duration(v), z);
+    AddEffect(v, disturbance_model_.active() ? Duration(v) : 0.0, z);
   }
 
   /// Computes the control with the effect of nearby demonstrations. Locally weighted linear
@@ -101,7 +100,7 @@ class LocalFit {
   Eigen::VectorXd disturbance_;
   Eigen::VectorXd drift_;
   core::Matrix demonstrated_;               ///< D
-  Eigen::LLT<Eigen::MatrixXd> cholesky_;    ///< Factor of A.
+  Eigen::MatrixXd factor_;                  ///< Cholesky factor of A, in the lower triangle.
   TransitionStore::Workspace transitions_;  ///< The transitions near z.
   bool has_transitions_ = false;
   Eigen::VectorXf context_;
@@ -114,9 +113,7 @@ class LocalFit {
   // Scratch of NominalControl().
   Eigen::MatrixXd a_demo_;
   Eigen::VectorXd unit_;  ///< n + 1
-  Eigen::LLT<Eigen::MatrixXd> cholesky_demo_;
   Eigen::MatrixXd h_;
-  Eigen::LLT<Eigen::MatrixXd> cholesky_controls_;
   Eigen::MatrixXd did_;      ///< m x 1
   Eigen::VectorXd wanted_;   ///< n
   Eigen::VectorXd scratch_;  ///< m

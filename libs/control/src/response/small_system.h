@@ -1,0 +1,54 @@
+#pragma once
+
+#include <Eigen/Core>
+
+// Products and Cholesky factors of a few entries, in registers. Eigen gives the same bits: every
+// entry has one sum, in ascending order. Eigen's general functions take several times as long for a
+// few rows. Nothing allocates or throws.
+namespace dfr::control::internal {
+
+/// Returns sum_k weights[k] column_k for kRows rows from `columns` on. A column is `stride` entries
+/// behind the previous one. There is at least one.
+template <int kRows, typename T>
+[[nodiscard]] Eigen::Array<double, kRows, 1> SumOfColumns(const T* columns, Eigen::Index stride,
+                                                          const double* weights,
+                                                          Eigen::Index count) noexcept {
+  using Column = Eigen::Map<const Eigen::Array<T, kRows, 1>>;
+  Eigen::Array<double, kRows, 1> sum = Column(columns).template cast<double>() * weights[0];
+  for (Eigen::Index k = 1; k < count; ++k) {
+    sum += Column(columns + k * stride).template cast<double>() * weights[k];
+  }
+  return sum;
+}
+
+/// Calls `use(first, sums)` with the array SumOfColumns() of the rows from `first` on, for
+/// successive groups of all `rows` rows.
+template <typename T, typename Use>
+void ForSumsOfColumns(const T* columns, Eigen::Index rows, Eigen::Index stride,
+                      const double* weights, Eigen::Index count, Use&& use) noexcept {
+  Eigen::Index i = 0;
+  for (; i + 8 <= rows; i += 8) use(i, SumOfColumns<8>(columns + i, stride, weights, count));
+  if (i + 4 <= rows) {
+    use(i, SumOfColumns<4>(columns + i, stride, weights, count));
+    i += 4;
+  }
+  if (i + 2 <= rows) {
+    use(i, SumOfColumns<2>(columns + i, stride, weights, count));
+    i += 2;
+  }
+  if (i < rows) use(i, SumOfColumns<1>(columns + i, stride, weights, count));
+}
+
+/// Returns the entries of `x` that belong to `sums`, an argument of `use` above.
+template <typename Sums>
+[[nodiscard]] Eigen::Map<Sums> Part(double* x, Eigen::Index first, const Sums& /*sums*/) noexcept {
+  return Eigen::Map<Sums>(x + first);
+}
+
+/// Replaces the lower triangle of `a` by its Cholesky factor L, a = L L'. Stops at the first pivot
+/// that is not positive.
+void Factor(Eigen::MatrixXd& a) noexcept;
+/// Sets x = (L L')^-1 x with the factor `l`, for one column.
+void SolveFactored(const Eigen::MatrixXd& l, Eigen::MatrixXd& x) noexcept;
+
+}  // namespace dfr::control::internal
