@@ -7,6 +7,7 @@
 #include "dfr/control/constants.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/matrix.h"
+#include "small_system.h"
 
 namespace dfr::control {
 namespace {
@@ -19,6 +20,71 @@ double LevelAfter(const LocalModel& model, int phase, const Eigen::VectorXd& v, 
   there = core::AsVector(model.z);
   model.response.AddEffect(v, there);
   return model.support.LogDecision(phase, {there.data(), model.z.size()}, gradient);
+}
+
+// AscendSupport(). Unless `needs_gradient`, leaves out the gradient at the end: most steps that may
+// reach the level do.
+double Ascend(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
+              Eigen::VectorXd& v, PredictedLevel& there, bool needs_gradient) noexcept {
+  const Eigen::MatrixXd& j = model.response.jacobian();
+  const auto n = static_cast<Eigen::Index>(model.z.size());
+  assert(n <= kMaxStepEntries && v.size() <= kMaxStepEntries &&
+         (limits.control.size() == 0 || limits.control.size() == v.size()) &&
+         there.gradient.size() == n);
+  const double curvature = model.support.curvature_bound(target.phase);
+  Vector after(n);
+  Vector next_gradient(n);
+  Vector d(v.size());
+  Vector effect(n);
+  Vector before(v.size());
+  for (int i = 0; i < limits.iterations && there.level < target.level; ++i) {
+    d.noalias() = j.transpose().lazyProduct(there.gradient);
+    // Removes the part of the direction that the limits forbid.
+    for (Eigen::Index k = 0; k < v.size(); ++k) {
+      if (limits.HasFewValues(k)) d[k] = 0.0;
+    }
+    for (Eigen::Index k = 0; k < limits.control.size(); ++k) {
+      if ((v[k] >= limits.control[k] && d[k] > 0.0) || (v[k] <= -limits.control[k] && d[k] < 0.0)) {
+        d[k] = 0.0;
+      }
+    }
+    const double slope = d.squaredNorm();
+    internal::ForSumsOfColumns(
+        j.data(), n, n, d.data(), d.size(),
+        [&](Eigen::Index k, const auto& sums) { internal::Part(effect.data(), k, sums) = sums; });
+    const double bend = curvature * effect.squaredNorm();
+    if (!(slope > 0.0)) break;
+    // A step s gains at least slope s - bend s^2, with the maximum at `best`.
+    const double best = slope / (2.0 * bend);
+    const double gain = slope * best / 2.0;
+    const double missing = target.level - there.level;
+    if (!(gain >= std::min(guided::kLeastGain, missing))) break;
+    // If the step reaches the level before `best`, it ends at the root. This form has no
+    // cancellation and also holds without curvature.
+    const double step =
+        gain > missing ? 2.0 * missing / (slope * (1.0 + std::sqrt(1.0 - missing / gain))) : best;
+    before = v;
+    v += step * d;
+    limits.Limit(v);
+    const bool ends = !needs_gradient && (gain > missing || i + 1 == limits.iterations);
+    const std::span<double> gradient(next_gradient.data(), model.z.size());
+    const double reached =
+        LevelAfter(model, target.phase, v, after, ends ? std::span<double>() : gradient);
+    if (reached <= there.level) {
+      // Only clamping to a limit can cause this.
+      v = before;
+      break;
+    }
+    const double gained = reached - there.level;
+    there.level = reached;
+    const bool last = gained < guided::kLeastGain;
+    if (ends && !last && reached < target.level && i + 1 < limits.iterations) {
+      LevelAfter(model, target.phase, v, after, gradient);
+    }
+    there.gradient.swap(next_gradient);
+    if (last) break;
+  }
+  return there.level;
 }
 
 }  // namespace
@@ -58,62 +124,12 @@ PredictedLevel LocalModel::Predict(int phase, const Eigen::VectorXd& v) const no
 double AscendSupport(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
                      Eigen::VectorXd& v) noexcept {
   PredictedLevel there = model.Predict(target.phase, v);
-  return AscendSupport(model, target, limits, v, there);
+  return Ascend(model, target, limits, v, there, /*needs_gradient=*/false);
 }
 
 double AscendSupport(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
                      Eigen::VectorXd& v, PredictedLevel& there) noexcept {
-  const Eigen::MatrixXd& j = model.response.jacobian();
-  const auto n = static_cast<Eigen::Index>(model.z.size());
-  assert(n <= kMaxStepEntries && v.size() <= kMaxStepEntries &&
-         (limits.control.size() == 0 || limits.control.size() == v.size()) &&
-         there.gradient.size() == n);
-  const double curvature = model.support.curvature_bound(target.phase);
-  Vector after(n);
-  Vector next_gradient(n);
-  Vector d(v.size());
-  Vector effect(n);
-  Vector before(v.size());
-  for (int i = 0; i < limits.iterations && there.level < target.level; ++i) {
-    d.noalias() = j.transpose().lazyProduct(there.gradient);
-    // Removes the part of the direction that the limits forbid.
-    for (Eigen::Index k = 0; k < v.size(); ++k) {
-      if (limits.HasFewValues(k)) d[k] = 0.0;
-    }
-    for (Eigen::Index k = 0; k < limits.control.size(); ++k) {
-      if ((v[k] >= limits.control[k] && d[k] > 0.0) || (v[k] <= -limits.control[k] && d[k] < 0.0)) {
-        d[k] = 0.0;
-      }
-    }
-    const double slope = d.squaredNorm();
-    effect.noalias() = j.lazyProduct(d);
-    const double bend = curvature * effect.squaredNorm();
-    if (!(slope > 0.0)) break;
-    // A step s gains at least slope s - bend s^2, with the maximum at `best`.
-    const double best = slope / (2.0 * bend);
-    const double gain = slope * best / 2.0;
-    const double missing = target.level - there.level;
-    if (!(gain >= std::min(guided::kLeastGain, missing))) break;
-    // If the step reaches the level before `best`, it ends at the root. This form has no
-    // cancellation and also holds without curvature.
-    const double step =
-        gain > missing ? 2.0 * missing / (slope * (1.0 + std::sqrt(1.0 - missing / gain))) : best;
-    before = v;
-    v += step * d;
-    limits.Limit(v);
-    const double reached =
-        LevelAfter(model, target.phase, v, after, {next_gradient.data(), model.z.size()});
-    if (reached <= there.level) {
-      // Only clamping to a limit can prevent a gain.
-      v = before;
-      break;
-    }
-    const double gained = reached - there.level;
-    there.level = reached;
-    there.gradient.swap(next_gradient);
-    if (gained < guided::kLeastGain) break;
-  }
-  return there.level;
+  return Ascend(model, target, limits, v, there, /*needs_gradient=*/true);
 }
 
 }  // namespace dfr::control
