@@ -103,7 +103,8 @@ struct Guard::Episode {
         proposal(model.task_layout().state_dim(),
                  steers ? model.actions().steered_dim() : model.action_dim()),
         controller(MakeController(proposal, model, std::move(strategy))),
-        tracker(model.support()),
+        tracker(model.task().view().support()),
+        features(static_cast<std::size_t>(model.task().features().num_features())),
         proposed(static_cast<std::size_t>(model.action_dim()), 0.0),
         bounded(proposed),
         given(proposed),
@@ -132,6 +133,7 @@ struct Guard::Episode {
   control::GuidedController* guided = nullptr;       // The controller, if it can predict.
   std::unique_ptr<control::GuidedController> ahead;  // A copy for predictions.
   control::PhaseTracker tracker;
+  std::vector<double> features;  // Of the last state.
   std::vector<double> proposed;
   std::vector<double> bounded;                                    // `proposed` within the limits.
   std::vector<double> given;                                      // Result of the last Filter().
@@ -313,7 +315,9 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
     verdict.unchanged = episode.unchanged[static_cast<std::size_t>(episode.frozen)];
   }
   if (state_usable) {
-    double level = episode.tracker.Follow(state);
+    // The supports of all time steps have the same features.
+    model_->task().features().Apply(state, episode.features);
+    double level = episode.tracker.Follow(episode.features);
     // The certificate applies to the controller's time step, which may differ from the alarm's.
     if (step.certified) level = std::max(level, step.log_g);
     verdict.level = level;
