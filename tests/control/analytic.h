@@ -52,6 +52,34 @@ inline FunctionSupport UnitBall(int dim) {
   return {dim, [](int, std::span<const double> x) { return 1.0 - Norm(x); }};
 }
 
+/// l_t(x) of one entry given as a callable, which fills the gradient unless it is empty; g = l.
+class FunctionLogSupport : public core::LogDecisionFunction {
+ public:
+  using Function = std::function<double(int, std::span<const double>, std::span<double>)>;
+  FunctionLogSupport(int steps, double curvature, Function function)
+      : steps_(steps), curvature_(curvature), function_(std::move(function)) {}
+  int state_dim() const noexcept override { return 1; }
+  int num_steps() const noexcept override { return steps_; }
+  double Decision(int t, std::span<const double> x) const noexcept override {
+    return function_(t, x, {});
+  }
+  double Gradient(int t, std::span<const double> x, std::span<double> g) const noexcept override {
+    return function_(t, x, g);
+  }
+  double LogDecision(int t, std::span<const double> x,
+                     std::span<double> g) const noexcept override {
+    return function_(t, x, g);
+  }
+  double FromLog(int, double l) const noexcept override { return l; }
+  double lipschitz_bound(int) const noexcept override { return 1.0; }
+  double curvature_bound(int) const noexcept override { return curvature_; }
+
+ private:
+  int steps_;
+  double curvature_;
+  Function function_;
+};
+
 /// g = value everywhere.
 inline FunctionSupport ConstantSupport(int dim, double value) {
   return {dim, [value](int, std::span<const double>) { return value; }};

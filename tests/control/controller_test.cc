@@ -3,13 +3,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <cmath>
 #include <limits>
 #include <set>
 #include <string>
 #include <vector>
-
-#include "tests/support/no_alloc.h"
 
 namespace dfr::control {
 namespace {
@@ -114,14 +111,6 @@ TEST_F(ControllerTest, StopHaltsTheController) {
   controller.Stop(HaltCause::kPlantFault);
   ExpectHalted(HaltCause::kPlantFault);
   EXPECT_EQ(controller.calls, 0);
-}
-
-TEST_F(ControllerTest, NeverAllocates) {
-  const test::NoAlloc guard;
-  controller.Reset(0);
-  EXPECT_EQ(controller.Next(x, u).mode, Mode::kPolicy);
-  controller.Stop(HaltCause::kStopRequested);
-  EXPECT_EQ(controller.Next(x, u).mode, Mode::kHalt);
 }
 
 TEST(HaltCauseTest, NamesAreDistinct) {

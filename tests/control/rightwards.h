@@ -1,12 +1,16 @@
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <cmath>
 #include <vector>
 
+#include "dfr/control/controller.h"
 #include "dfr/core/features/feature_transform.h"
 #include "dfr/core/random.h"
 #include "dfr/core/trajectory.h"
 #include "tests/control/analytic.h"
+#include "tests/control/task.h"
 
 /// A task of guided recovery that can be computed by hand: a point and its supports move right.
 namespace dfr::test {
@@ -50,6 +54,20 @@ struct TurnedPoint {
   void Apply(const std::vector<double>& u) {
     x[0] += std::cos(angle) * u[0] - std::sin(angle) * u[1];
     x[1] += std::sin(angle) * u[0] + std::cos(angle) * u[1];
+  }
+};
+
+/// The task of demonstrations that stay in the supports.
+class RightwardsTest : public testing::Test {
+ protected:
+  const GaussianSupport support = MovingDisk();
+  const Task model{IdentityFeatures(), support, Rightwards()};
+  std::vector<double> u = {0.0, 0.0};  ///< The control of the last step.
+
+  /// Starts an episode in state x.
+  control::Step First(control::Controller& controller, const std::vector<double>& x) {
+    controller.Reset(1);
+    return controller.Next(x, u);
   }
 };
 

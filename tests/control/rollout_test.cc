@@ -26,42 +26,6 @@ class RolloutTest : public testing::Test {
   test::FunctionPolicy policy = test::ConstantPolicy(2, 0.25);
 };
 
-TEST_F(RolloutTest, CompletesAtTheGoal) {
-  PointPlant plant({.goal = 0.75});
-  auto baseline = Make(Recovery::kNone);
-  const RolloutResult result = Rollout(plant, baseline, {});
-  EXPECT_EQ(result.outcome, Outcome::kCompleted);
-  EXPECT_EQ(result.halt_cause, HaltCause::kNone);
-  EXPECT_EQ(result.policy_steps, 3);
-  EXPECT_EQ(result.controls(), 3);
-  EXPECT_EQ(result.recoveries, 0);
-  EXPECT_EQ(result.last_mode, Mode::kPolicy);
-  EXPECT_EQ(plant.halts, 1);
-}
-
-TEST_F(RolloutTest, ACollisionOnTheWayIsNotACompletion) {
-  PointPlant plant({.wall = 0.6, .goal = 0.75});
-  auto baseline = Make(Recovery::kNone);
-  const RolloutResult result = Rollout(plant, baseline, {});
-  EXPECT_EQ(result.outcome, Outcome::kCollided);
-  EXPECT_EQ(result.controls(), 3);
-  EXPECT_EQ(plant.halts, 1);
-  PointPlant at_once({.wall = 0.7, .goal = 0.75});
-  EXPECT_EQ(Rollout(at_once, baseline, {}).outcome, Outcome::kCollided)
-      << "in the control that reaches the goal";
-}
-
-TEST_F(RolloutTest, TheStartStateIsEvaluated) {
-  auto baseline = Make(Recovery::kNone);
-  PointPlant inside_wall({.start = {2.0, 0.0}, .wall = 1.0});
-  EXPECT_EQ(Rollout(inside_wall, baseline, {}).outcome, Outcome::kCollided);
-  PointPlant at_goal({.start = {2.0, 0.0}, .goal = 1.0});
-  const RolloutResult result = Rollout(at_goal, baseline, {});
-  EXPECT_EQ(result.outcome, Outcome::kCompleted);
-  EXPECT_EQ(result.controls(), 0);
-  EXPECT_EQ(at_goal.halts, 1);
-}
-
 TEST_F(RolloutTest, ACollisionDuringAProbeCounts) {
   // The wall is nearer than the length of a probe. The first probe outwards hits it.
   constexpr double kFrom = 0.9;
@@ -105,48 +69,63 @@ TEST_F(RolloutTest, CountsRecoveriesAndTheirControls) {
   EXPECT_EQ(result.controls(), plant.applied);
 }
 
-TEST_F(RolloutTest, ARefusedControlHaltsAndIsNotCounted) {
-  PointPlant plant({.refuse_at = 2});
-  auto baseline = Make(Recovery::kNone);
-  const RolloutResult result = Rollout(plant, baseline, {});
-  EXPECT_EQ(result.outcome, Outcome::kHalted);
-  EXPECT_EQ(result.halt_cause, HaltCause::kPlantRefused);
-  EXPECT_EQ(result.controls(), 2);
-  EXPECT_EQ(plant.halts, 1);
-  // Further calls of the controller have no effect.
-  std::vector<double> u(2, 1.0);
-  EXPECT_EQ(baseline.Next(plant.x, u).cause, HaltCause::kPlantRefused);
-  EXPECT_THAT(u, testing::Each(0.0));
-}
+struct Ending {
+  const char* what;
+  test::PointPlantOptions plant;
+  Outcome outcome;
+  HaltCause cause;
+  int controls;
+};
 
-TEST_F(RolloutTest, AFaultHaltsUnlessItCollided) {
-  PointPlant plant({.fault_at = 2});
+TEST_F(RolloutTest, AnEpisodeEndsForItsFirstReason) {
+  constexpr auto kNone = HaltCause::kNone;
+  const std::vector<double> far = {2.0, 0.0};
+  const Ending endings[] = {
+      {"at the goal", {.goal = 0.75}, Outcome::kCompleted, kNone, 3},
+      {"beyond the goal at the start", {.start = far, .goal = 1.0}, Outcome::kCompleted, kNone, 0},
+      {"beyond the wall at the start", {.start = far, .wall = 1.0}, Outcome::kCollided, kNone, 0},
+      {"a wall on the way", {.wall = 0.6, .goal = 0.75}, Outcome::kCollided, kNone, 3},
+      {"a wall at the goal", {.wall = 0.7, .goal = 0.75}, Outcome::kCollided, kNone, 3},
+      {"a fault at the wall", {.wall = 0.6, .fault_at = 2}, Outcome::kCollided, kNone, 3},
+      // The control may have been applied.
+      {"a fault", {.fault_at = 2}, Outcome::kHalted, HaltCause::kPlantFault, 3},
+      {"a fault at the goal",
+       {.goal = 0.75, .fault_at = 2},
+       Outcome::kHalted,
+       HaltCause::kPlantFault,
+       3},
+      {"a refusal", {.refuse_at = 2}, Outcome::kHalted, HaltCause::kPlantRefused, 2},
+      {"the end of the time", {}, Outcome::kHalted, HaltCause::kTimeUp, 10},
+  };
   auto baseline = Make(Recovery::kNone);
-  const RolloutResult result = Rollout(plant, baseline, {});
-  EXPECT_EQ(result.halt_cause, HaltCause::kPlantFault);
-  EXPECT_EQ(result.controls(), 3) << "it may have been applied";
-  EXPECT_EQ(plant.halts, 1);
-
-  PointPlant crash({.wall = 0.6, .fault_at = 2});
-  EXPECT_EQ(Rollout(crash, baseline, {}).outcome, Outcome::kCollided);
-  PointPlant doubtful({.goal = 0.75, .fault_at = 2});
-  EXPECT_EQ(Rollout(doubtful, baseline, {}).outcome, Outcome::kHalted)
-      << "a completion with a fault does not count";
+  std::vector<double> u(2);
+  for (const Ending& ending : endings) {
+    SCOPED_TRACE(ending.what);
+    PointPlant plant(ending.plant);
+    const RolloutResult result = Rollout(plant, baseline, {});
+    EXPECT_EQ(result.outcome, ending.outcome);
+    EXPECT_EQ(result.halt_cause, ending.cause);
+    EXPECT_EQ(result.controls(), ending.controls);
+    EXPECT_EQ(result.policy_steps, ending.controls);
+    EXPECT_EQ(result.recoveries, 0);
+    EXPECT_EQ(result.last_mode == Mode::kPolicy, ending.controls > 0);
+    EXPECT_EQ(plant.halts, 1);
+    if (ending.cause == kNone) continue;
+    // Further calls of the controller have no effect.
+    u.assign(2, 1.0);
+    EXPECT_EQ(baseline.Next(plant.x, u).cause, ending.cause);
+    EXPECT_THAT(u, testing::Each(0.0));
+  }
 }
 
 TEST_F(RolloutTest, StopsAtTheLimitOfControls) {
   PointPlant plant({});
   auto baseline = Make(Recovery::kNone);
-  RolloutResult result = Rollout(plant, baseline, {.max_controls = 5});
+  const RolloutResult result = Rollout(plant, baseline, {.max_controls = 5});
   EXPECT_EQ(result.outcome, Outcome::kHalted);
   EXPECT_EQ(result.halt_cause, HaltCause::kControlLimit);
   EXPECT_EQ(plant.applied, 5);
-  // The controller itself ends because the time is up.
-  result = Rollout(plant, baseline, {});
-  EXPECT_EQ(result.outcome, Outcome::kHalted);
-  EXPECT_EQ(result.halt_cause, HaltCause::kTimeUp);
-  EXPECT_EQ(result.controls(), 10);
-  EXPECT_EQ(result.last_step.t, 10);
+  EXPECT_EQ(Rollout(plant, baseline, {}).last_step.t, 10) << "the controller's own end";
   EXPECT_EQ(plant.halts, 1) << "of this rollout";
 }
 
@@ -207,11 +186,13 @@ TEST_F(RolloutTest, TheSeedsDecideEverything) {
 
 TEST_F(RolloutTest, NeverAllocatesWithAWorkspace) {
   PointPlant plant({.start = {0.76, 0.0}});
-  auto dfr = Make(Recovery::kDfr);
   RolloutWorkspace workspace;
-  Rollout(plant, dfr, {}, nullptr, &workspace);
-  const test::NoAlloc guard;
-  Rollout(plant, dfr, {}, nullptr, &workspace);
+  for (const Recovery recovery : {Recovery::kNone, Recovery::kEarlyStopping, Recovery::kDfr}) {
+    auto controller = Make(recovery);
+    Rollout(plant, controller, {}, nullptr, &workspace);
+    const test::NoAlloc guard;
+    Rollout(plant, controller, {}, nullptr, &workspace);
+  }
 }
 
 TEST_F(RolloutTest, CpuTimeIsSplitIntoPlantAndDecision) {

@@ -15,12 +15,13 @@ namespace {
 test::GaussianSupport TwoBumps() { return {{{0.0, 0.0}, {1.5, 0.5}}, 0.8, 0.2}; }
 
 // The definition of the ball: every state in it has l >= 0.
-TEST(SafeBallTest, LiesInsideTheSupport) {
+TEST(SafeBallTest, LiesInsideTheSupportAndNeverAllocates) {
   const auto support = TwoBumps();
   core::Random random(1);
   std::vector<double> z(2), shift(2), direction(2), there(2);
   int inside = 0;
-  for (int i = 0; i < 20'000; ++i) {
+  const test::NoAlloc guard;
+  for (int i = 0; i < 5000; ++i) {
     for (double& entry : z) entry = random.Uniform(-1.5, 3.0);
     const SafeBall ball = ComputeSafeBall(support, 0, z, shift);
     const double l = support.LogDecision(0, z, {});
@@ -33,7 +34,7 @@ TEST(SafeBallTest, LiesInsideTheSupport) {
     ASSERT_GE(support.LogDecision(0, there, {}), -1e-14);
     ASSERT_GE(ball.radius - ball.shift_norm, 0.0);
   }
-  EXPECT_GT(inside, 3000);
+  EXPECT_GT(inside, 750);
 }
 
 // For one Gaussian, {l >= 0} is a ball, and the certificate finds all of it from every state.
@@ -49,28 +50,8 @@ TEST(SafeBallTest, IsExactForOneGaussian) {
   }
 }
 
-// The certified change is never below g / L here, and mostly far above (docs/certificates.md).
-TEST(SafeBallTest, BeatsTheLipschitzBound) {
-  const auto support = TwoBumps();
-  core::Random random(2);
-  std::vector<double> z(2), shift(2);
-  double ball_sum = 0.0, lipschitz_sum = 0.0;
-  for (int i = 0; i < 5000; ++i) {
-    for (double& entry : z) entry = random.Uniform(-1.5, 3.0);
-    const double g = support.Decision(0, z);
-    if (g < 0.0) continue;
-    const SafeBall ball = ComputeSafeBall(support, 0, z, shift);
-    ASSERT_GE(ball.radius - ball.shift_norm, g / support.lipschitz_bound(0) - 1e-12)
-        << z[0] << ", " << z[1];
-    ball_sum += ball.radius - ball.shift_norm;
-    lipschitz_sum += g / support.lipschitz_bound(0);
-  }
-  // The ratio is 1.9 here, and larger where rho is larger.
-  EXPECT_GT(ball_sum, 1.5 * lipschitz_sum);
-}
-
 // Checks the definition, |s a - shift| + s e <= radius, at the result and above it.
-TEST(LargestShareTest, IsTheLargestThatPasses) {
+TEST(LargestShareTest, IsTheLargestThatPassesAndNeverAllocates) {
   core::Random random(3);
   const auto passes = [](const SafeBall& ball, const std::vector<double>& shift,
                          const std::vector<double>& a, double e, double s) {
@@ -82,7 +63,8 @@ TEST(LargestShareTest, IsTheLargestThatPasses) {
   };
   std::vector<double> shift(3), a(3);
   int partial = 0;
-  for (int i = 0; i < 20'000; ++i) {
+  const test::NoAlloc guard;
+  for (int i = 0; i < 5000; ++i) {
     SafeBall ball;
     double square = 0.0;
     for (std::size_t k = 0; k < 3; ++k) {
@@ -103,7 +85,7 @@ TEST(LargestShareTest, IsTheLargestThatPasses) {
     // The result is deliberately a billionth below the largest share.
     ASSERT_FALSE(passes(ball, shift, a, e, share * (1.0 + 1e-6))) << i;
   }
-  EXPECT_GT(partial, 5000);
+  EXPECT_GT(partial, 1250);
 }
 
 TEST(LargestShareTest, IsZeroOutsideAndOneTowardsTheCentre) {
@@ -113,15 +95,6 @@ TEST(LargestShareTest, IsZeroOutsideAndOneTowardsTheCentre) {
   EXPECT_EQ(LargestShare({0.6, 0.5}, shift, std::vector{0.5, 0.0}, 0.0), 1.0);
   // The control leads outwards from the boundary.
   EXPECT_EQ(LargestShare({0.5, 0.5}, shift, std::vector{-1.0, 0.0}, 0.0), 0.0);
-}
-
-TEST(SafeBallTest, NeverAllocates) {
-  const auto support = TwoBumps();
-  const std::vector<double> z = {0.1, 0.2};
-  std::vector<double> shift(2);
-  const test::NoAlloc guard;
-  const SafeBall ball = ComputeSafeBall(support, 0, z, shift);
-  EXPECT_GT(LargestShare(ball, shift, z, 0.1), 0.0);
 }
 
 }  // namespace

@@ -6,16 +6,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <span>
 #include <stdexcept>
-#include <string>
 #include <vector>
 
 #include "dfr/control/published/switching_controller.h"
 #include "tests/control/analytic.h"
 #include "tests/control/rightwards.h"
-#include "tests/control/task.h"
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 
@@ -25,22 +22,22 @@ namespace {
 using testing::HasSubstr;
 
 using test::kSteps;
-using test::MovingDisk;
 using test::Rightwards;
 
 CertifiedOptions Certified(double direction_error) {
   return {.certificate = {.direction_error = direction_error}};
 }
 
+class CertifiedControllerTest : public test::RightwardsTest {};
+using Proposition1Test = CertifiedControllerTest;
+
 // The controller checks |dz - J u| <= eps |u| and stops a plant that violates it after the first
 // such control.
-TEST(CertifiedControllerTest, HaltsAtTheFirstViolation) {
-  const auto support = MovingDisk();
-  const test::Task model(test::IdentityFeatures(), support, Rightwards());
+TEST_F(CertifiedControllerTest, HaltsAtTheFirstViolation) {
   const auto policy = test::ConstantPolicy(2, 0.05);
   CertifiedController certified(policy, model, Certified(0.1));
   certified.Reset(1);
-  std::vector<double> x = {0.0, 0.0}, u(2);
+  std::vector<double> x = {0.0, 0.0};
   for (int i = 0; i < 2; ++i) {
     const Step step = certified.Next(x, u);
     ASSERT_NE(step.mode, Mode::kHalt);
@@ -53,27 +50,15 @@ TEST(CertifiedControllerTest, HaltsAtTheFirstViolation) {
   EXPECT_GT(certified.violation().observed, certified.violation().allowed);
 }
 
-TEST(CertifiedControllerTest, HaltsOutsideTheSupport) {
-  const auto support = MovingDisk();
-  const test::Task model(test::IdentityFeatures(), support, Rightwards());
-  const auto policy = test::ConstantPolicy(2, 0.05);
-  CertifiedController certified(policy, model, Certified(1.0));
-  certified.Reset(1);
-  std::vector<double> u(2);
-  EXPECT_EQ(certified.Next(std::vector{0.0, 2.0}, u).cause, HaltCause::kOutsideSupport);
-}
-
 // Fractions of learned controls consume fractions of time steps. Only a fraction of the control
 // passes each time, and the horizon of one step ends once the fractions sum to 1.
-TEST(CertifiedControllerTest, AShrunkLearnedControlConsumesItsShareOfATimeStep) {
-  const auto support = MovingDisk();
-  const test::Task model(test::IdentityFeatures(), support, Rightwards(), {.gate_quantile = 0.5});
+TEST_F(CertifiedControllerTest, AShrunkLearnedControlConsumesItsShareOfATimeStep) {
+  const test::Task middle(test::IdentityFeatures(), support, Rightwards(), {.gate_quantile = 0.5});
   const auto policy = test::ConstantPolicy(2, 0.08);
   CertifiedOptions options = Certified(17.0);
   options.horizon = 1;
-  CertifiedController certified(policy, model, options);
+  CertifiedController certified(policy, middle, options);
   certified.Reset(1);
-  std::vector<double> u(2);
   double time = 0.0;
   int controls = 0;
   for (;; ++controls) {
@@ -91,19 +76,15 @@ TEST(CertifiedControllerTest, AShrunkLearnedControlConsumesItsShareOfATimeStep) 
 
 // At x = 0.05 the state is equally deep in B_0 and B_1. The phase becomes 1 if at least half of the
 // learned control passed.
-TEST(CertifiedControllerTest, HalfALearnedControlAdvancesThePhase) {
-  const auto support = MovingDisk();
-  const test::Task model(test::IdentityFeatures(), support, Rightwards());
+TEST_F(CertifiedControllerTest, HalfALearnedControlAdvancesThePhase) {
   const auto policy = test::ConstantPolicy(2, 0.08);
   const std::vector<double> x = {0.05, 0.0};
-  std::vector<double> u(2);
   int advanced = 0;
   for (int i = 0; i < 34; ++i) {
     const double error = 5.0 + 0.3 * i;
     SCOPED_TRACE(error);
     CertifiedController certified(policy, model, Certified(error));
-    certified.Reset(1);
-    ASSERT_EQ(certified.Next(x, u).mode, Mode::kPolicy);
+    ASSERT_EQ(First(certified, x).mode, Mode::kPolicy);
     const double share = u[0] / 0.08;
     EXPECT_EQ(certified.Next(x, u).t, share >= 0.5 ? 1 : 0) << share;
     advanced += share >= 0.5 ? 1 : 0;
@@ -115,15 +96,15 @@ TEST(CertifiedControllerTest, HalfALearnedControlAdvancesThePhase) {
 // g_t(x) = exp(-(x - c_t)^2) - 0.5 with c_0 = 0, c_1 = 1, K = 1: at x = -0.6 the published gate
 // g_0(x) > L K |u| lets u = 0.001 pass in any direction, and the state is then outside B_1, which
 // the proof by induction excludes. The controller holds the phase instead.
-TEST(Proposition1Test, ThePublishedGateBreaksItsInvariantAndTheCertifiedControllerKeepsIt) {
-  const test::GaussianSupport support({{0.0}}, 1.0, 0.5, {1.0}, 2);
+TEST_F(Proposition1Test, ThePublishedGateBreaksItsInvariantAndTheCertifiedControllerKeepsIt) {
+  const test::GaussianSupport two({{0.0}}, 1.0, 0.5, {1.0}, 2);
   const auto policy = test::ConstantPolicy(1, 0.001);
-  std::vector<double> x = {-0.6}, u(1);
-  SwitchingController published(policy, support, support.lipschitz_bound(0));
-  published.Reset(1);
-  ASSERT_EQ(published.Next(x, u).mode, Mode::kPolicy);
+  std::vector<double> x = {-0.6};
+  u.resize(1);
+  SwitchingController published(policy, two, two.lipschitz_bound(0));
+  ASSERT_EQ(First(published, x).mode, Mode::kPolicy);
   x[0] += u[0];
-  EXPECT_NEAR(support.Decision(1, x), -0.422, 1e-3);
+  EXPECT_NEAR(two.Decision(1, x), -0.422, 1e-3);
   EXPECT_EQ(published.Next(x, u).cause, HaltCause::kOutsideSupport);
 
   std::vector<core::Trajectory> demonstrations(2);
@@ -133,9 +114,8 @@ TEST(Proposition1Test, ThePublishedGateBreaksItsInvariantAndTheCertifiedControll
     demonstrations[d].controls.resize(1, 1);
     demonstrations[d].controls << 1.0;
   }
-  const test::Task model(core::FeatureTransform::Identity(core::FeatureSelection::All(1)), support,
-                         demonstrations);
-  CertifiedController held(policy, model, Certified(1.0));
+  const test::Task line(test::IdentityFeatures(1), two, demonstrations);
+  CertifiedController held(policy, line, Certified(1.0));
   held.Reset(1);
   x = {-0.6};
   for (int i = 0; i < 50; ++i) {
@@ -144,29 +124,27 @@ TEST(Proposition1Test, ThePublishedGateBreaksItsInvariantAndTheCertifiedControll
       ASSERT_EQ(step.cause, HaltCause::kNoProgress);
       break;
     }
-    ASSERT_GE(support.Decision(step.t, x), 0.0) << "the support of the phase contains the state";
+    ASSERT_GE(two.Decision(step.t, x), 0.0) << "the support of the phase contains the state";
     x[0] += u[0];
-    ASSERT_GE(std::max(support.Decision(0, x), support.Decision(1, x)), 0.0);
+    ASSERT_GE(std::max(two.Decision(0, x), two.Decision(1, x)), 0.0);
   }
 }
 
 // Prop. IV.3 with a corrected induction: the state never leaves the union of the B_t. Every effect
 // has an error of eps |u| in a random direction. The policy steers towards the boundary, and the
 // supports move.
-TEST(Proposition1Test, NeverLeavesTheUnionOfSupports) {
-  const auto support = MovingDisk();
-  const test::Task model(test::IdentityFeatures(), support, Rightwards());
+TEST_F(Proposition1Test, NeverLeavesTheUnionOfSupports) {
   core::Random random(7);
-  const test::FunctionPolicy policy(2, 2,
-                                    [](int t, std::span<const double> x, std::span<double> u) {
-                                      u[0] = x[0] - t * test::kSpeed;
-                                      u[1] = 3.0 * x[1] + 0.01;
-                                    });
+  const test::FunctionPolicy policy(
+      2, 2, [](int t, std::span<const double> state, std::span<double> learned) {
+        learned[0] = state[0] - t * test::kSpeed;
+        learned[1] = 3.0 * state[1] + 0.01;
+      });
   constexpr double kError = 0.7;
   CertifiedController certified(policy, model, Certified(kError));
-  std::vector<double> x(2), u(2), direction(2);
+  std::vector<double> x(2), direction(2);
   int controls = 0;
-  for (std::uint64_t seed = 0; controls < 20'000; ++seed) {
+  for (std::uint64_t seed = 0; controls < 5000; ++seed) {
     certified.Reset(seed);
     x = {0.1 * random.Normal(), 0.1 * random.Normal()};
     while (certified.Next(x, u).mode != Mode::kHalt) {
@@ -189,9 +167,7 @@ TEST(Proposition1Test, NeverLeavesTheUnionOfSupports) {
 }
 
 // Episodes are deterministic and independent of earlier ones. Steps allocate no memory.
-TEST(CertifiedControllerTest, TheSameStatesGiveTheSameControls) {
-  const auto support = MovingDisk();
-  const test::Task model(test::IdentityFeatures(), support, Rightwards());
+TEST_F(CertifiedControllerTest, TheSameStatesGiveTheSameControls) {
   const auto policy = test::ConstantPolicy(2, 0.1);
   CertifiedController certified(policy, model, Certified(2.0));
   std::vector<double> all(60), first(60), x(2);
@@ -200,9 +176,9 @@ TEST(CertifiedControllerTest, TheSameStatesGiveTheSameControls) {
     certified.Reset(seed);
     std::ranges::copy(std::array{0.0, 0.3}, x.begin());
     for (std::size_t i = 0; i < all.size(); i += 2) {
-      const std::span<double> u(&all[i], 2);
-      (void)certified.Next(x, u);
-      for (std::size_t k = 0; k < 2; ++k) x[k] += u[k];
+      const std::span<double> next(&all[i], 2);
+      (void)certified.Next(x, next);
+      for (std::size_t k = 0; k < 2; ++k) x[k] += next[k];
     }
   };
   episode(1);
@@ -213,34 +189,27 @@ TEST(CertifiedControllerTest, TheSameStatesGiveTheSameControls) {
   EXPECT_EQ(all, first);
 }
 
-TEST(CertifiedControllerTest, HaltsOnANonFiniteControlOrLevel) {
-  const auto support = MovingDisk();
-  const test::Task model(test::IdentityFeatures(), support, Rightwards());
-  std::vector<double> u(2);
+TEST_F(CertifiedControllerTest, HaltsOutsideTheSupportAndOnNonFiniteValues) {
   const auto nothing = test::ConstantPolicy(2, std::nan(""));
   CertifiedController certified(nothing, model, Certified(1.0));
-  certified.Reset(1);
-  EXPECT_EQ(certified.Next(std::vector{0.0, 0.0}, u).cause, HaltCause::kControlInvalid);
-  certified.Reset(1);
-  EXPECT_EQ(certified.Next(std::vector{1e200, 0.0}, u).cause, HaltCause::kSupportInvalid);
+  EXPECT_EQ(First(certified, {0.0, 0.0}).cause, HaltCause::kControlInvalid);
+  EXPECT_EQ(First(certified, {1e200, 0.0}).cause, HaltCause::kSupportInvalid);
+  EXPECT_EQ(First(certified, {0.0, 2.0}).cause, HaltCause::kOutsideSupport);
 }
 
-TEST(CertifiedControllerTest, ErrorsNameTheCulprit) {
-  const auto support = MovingDisk();
-  const test::Task model(test::IdentityFeatures(), support, Rightwards());
+TEST_F(CertifiedControllerTest, ErrorsNameTheCulprit) {
   const auto message = [&](CertifiedOptions options, int control_dim = 2) {
     if (options.certificate.direction_error == 0.0) options.certificate.direction_error = 1.0;
-    const test::FunctionPolicy policy(2, control_dim,
-                                      [](int, std::span<const double>, std::span<double>) {});
+    const test::FunctionPolicy policy(2, control_dim, nullptr);
     return test::MessageOf<std::invalid_argument>(
         [&] { const CertifiedController certified(policy, model, options); });
   };
   EXPECT_THAT(message({}, 3), HasSubstr("3 control entries"));
+  EXPECT_THAT(message({.certificate = {.direction_error = -1.0}}), HasSubstr("needs an eps"));
   EXPECT_THAT(message({.horizon = 0}), HasSubstr("horizon"));
   EXPECT_THAT(message({.first_step = -1}), HasSubstr("first_step"));
   EXPECT_THAT(message({.max_controls = 0}), HasSubstr("max_controls"));
   EXPECT_THAT(message({.control_limit = {-1.0}}), HasSubstr("control_limit"));
-  EXPECT_THAT(message({.certificate = {.direction_error = -1.0}}), HasSubstr("needs an eps"));
   EXPECT_THAT(message({.iterations = -1}), HasSubstr("iterations"));
   EXPECT_THAT(message({.patience = 0}), HasSubstr("patience"));
   EXPECT_THAT(message({.probe_size = -0.1}), HasSubstr("probe_size"));

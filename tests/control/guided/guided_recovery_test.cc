@@ -13,7 +13,6 @@
 #include "dfr/control/guided/guided_controller.h"
 #include "tests/control/analytic.h"
 #include "tests/control/rightwards.h"
-#include "tests/control/task.h"
 #include "tests/support/message_of.h"
 
 namespace dfr::control {
@@ -25,6 +24,8 @@ using test::kSteps;
 using test::MovingDisk;
 using test::Rightwards;
 using Turned = test::TurnedPoint;
+
+class GuidedRecoveryTest : public test::RightwardsTest {};
 
 // No control moves the third entry of the state, an object off to the side. The best attainable
 // level is l = -0.3.
@@ -120,27 +121,25 @@ std::string Modes(double y, const GuidedOptions& options) {
   return modes;
 }
 
-TEST(GuidedRecoveryTest, HaltsOutsideAfterItsPatience) {
+TEST_F(GuidedRecoveryTest, HaltsOutsideAfterItsPatience) {
   EXPECT_EQ(Modes(2.5, {}), "RRRRRRRRRRRR no-progress");
   EXPECT_EQ(Modes(2.5, {.patience = 5}), "RRRRR no-progress");
 }
 
 // Demonstrated controls move a point above the path past the supports at x = t test::kSpeed. The
 // phase advances with the prediction, and skips the missed supports.
-TEST(GuidedRecoveryTest, ThePhaseSkipsSupportsThatARecoveryMisses) {
-  const auto support = MovingDisk();
+TEST_F(GuidedRecoveryTest, ThePhaseSkipsSupportsThatARecoveryMisses) {
   // Demonstrations have constant y and contain no motion down.
   auto demonstrations = Rightwards();
   for (auto& d : demonstrations) {
     d.states.col(1).setConstant(d.states(0, 1));
     d.controls.col(1).setZero();
   }
-  const test::Task model(test::IdentityFeatures(), support, demonstrations);
+  const test::Task level(test::IdentityFeatures(), support, demonstrations);
   const auto still = test::ConstantPolicy(2, 0.0);
-  GuidedController guided(still, model, {.probe_size = 0.0});
+  GuidedController guided(still, level, {.probe_size = 0.0});
   guided.Reset(1);
   std::vector<double> x = {0.0, 1.0};
-  std::vector<double> u(2);
   Step step = guided.Next(x, u);
   for (int i = 1; i < kSteps && step.mode != Mode::kHalt; ++i) {
     x[0] += u[0];  // No control moves it down.
@@ -150,15 +149,13 @@ TEST(GuidedRecoveryTest, ThePhaseSkipsSupportsThatARecoveryMisses) {
   EXPECT_GE(step.t, kSteps / 2);
 }
 
-TEST(GuidedRecoveryTest, ComesBackFromOutside) {
-  const auto support = MovingDisk();
-  const test::Task model(test::IdentityFeatures(), support, Rightwards(0.7));
+TEST_F(GuidedRecoveryTest, ComesBackFromOutside) {
+  const test::Task turned(test::IdentityFeatures(), support, Rightwards(0.7));
   const auto still = test::ConstantPolicy(2, 0.0);
   Turned plant{.angle = 0.7, .x = {0.0, 1.5}};
   ASSERT_LT(support.Decision(0, plant.x), -0.4) << "so far out that g is flat";
-  GuidedController guided(still, model);
+  GuidedController guided(still, turned);
   guided.Reset(1);
-  std::vector<double> u(2);
   int controls = 0;
   while (support.Decision(0, plant.x) < 0.0 && controls < 10) {
     ASSERT_NE(guided.Next(plant.x, u).mode, Mode::kHalt) << controls;
@@ -167,6 +164,7 @@ TEST(GuidedRecoveryTest, ComesBackFromOutside) {
   }
   EXPECT_LT(controls, 10);
 }
+
 // Demonstrations that never move sideways have no data on the effect of the second control.
 std::vector<core::Trajectory> Sideless() {
   auto demonstrations = Rightwards();
@@ -174,61 +172,49 @@ std::vector<core::Trajectory> Sideless() {
   return demonstrations;
 }
 
-TEST(GuidedRecoveryTest, ProbesADirectionWithoutDemonstratedControls) {
-  const auto support = MovingDisk();
-  const test::Task model(test::IdentityFeatures(), support, Sideless());
+TEST_F(GuidedRecoveryTest, ProbesADirectionWithoutDemonstratedControls) {
+  const test::Task sideless(test::IdentityFeatures(), support, Sideless());
   const auto along = test::ConstantPolicy(2, test::kSpeed);
   const std::vector<double> x = {0.0, 0.6};  // beyond the exit level
-  std::vector<double> u(2);
-  GuidedController guided(along, model);
-  guided.Reset(1);
-  Step step = guided.Next(x, u);
+  GuidedController guided(along, sideless);
+  Step step = First(guided, x);
   EXPECT_EQ(step.mode, Mode::kProbe);
   EXPECT_FALSE(step.filtered);
   EXPECT_GT(std::abs(u[1]), 10.0 * std::abs(u[0]));
-  EXPECT_NEAR(test::Norm(u), 0.35 * model.response.control_unit(), 1e-12);
+  EXPECT_NEAR(test::Norm(u), 0.35 * sideless.response.control_unit(), 1e-12);
   // The direction was already probed; no second probe follows.
   step = guided.Next(std::vector{x[0] + u[0], x[1] + u[1]}, u);
   EXPECT_NE(step.mode, Mode::kProbe);
 
-  GuidedController never(along, model, {.probe_size = 0.0});
-  never.Reset(1);
-  EXPECT_NE(never.Next(x, u).mode, Mode::kProbe);
+  GuidedController never(along, sideless, {.probe_size = 0.0});
+  EXPECT_NE(First(never, x).mode, Mode::kProbe);
   // No probe follows if the response is known or the prediction is inside. With a disturbance model
   // an inside prediction is not sufficient.
-  const test::Task known(test::IdentityFeatures(), support, Rightwards());
-  GuidedController knows(along, known);
-  knows.Reset(1);
-  EXPECT_EQ(knows.Next(x, u).mode, Mode::kRecovery);
+  GuidedController knows(along, model);
+  EXPECT_EQ(First(knows, x).mode, Mode::kRecovery);
   const std::vector<double> inside = {0.0, 0.35};
-  guided.Reset(1);
-  EXPECT_NE(guided.Next(inside, u).mode, Mode::kProbe);
-  GuidedController disturbed(along, model, {.disturbance_model = {.base = 1.0}});
-  disturbed.Reset(1);
-  EXPECT_EQ(disturbed.Next(inside, u).mode, Mode::kProbe);
-  disturbed.Reset(1);
-  EXPECT_EQ(disturbed.Next(std::vector{0.0, 0.0}, u).mode, Mode::kPolicy) << "deep inside";
+  EXPECT_NE(First(guided, inside).mode, Mode::kProbe);
+  GuidedController disturbed(along, sideless, {.disturbance_model = {.base = 1.0}});
+  EXPECT_EQ(First(disturbed, inside).mode, Mode::kProbe);
+  EXPECT_EQ(First(disturbed, {0.0, 0.0}).mode, Mode::kPolicy) << "deep inside";
 }
 
 // A disturbance moves the point sideways by more than a probe does, in a direction without
 // demonstrated controls. A controller that mistakes the disturbance for the probe's effect steers
 // the wrong way. A controller that estimates the disturbance does not.
-TEST(GuidedRecoveryTest, StaysOnItsPathUnderADisturbance) {
+TEST_F(GuidedRecoveryTest, StaysOnItsPathUnderADisturbance) {
   constexpr double kDisturbance = 0.06;  // a probe is 0.035
-  const auto support = MovingDisk();
-  const test::Task model(test::IdentityFeatures(), support, Sideless(), {.gate_quantile = 0.5});
-  const auto rightwards = test::FunctionPolicy(
-      2, 2, [](int, std::span<const double>, std::span<double> u) { u[0] = 0.1, u[1] = 0.0; });
+  const test::Task sideless(test::IdentityFeatures(), support, Sideless(), {.gate_quantile = 0.5});
+  const auto rightwards = test::ConstantPolicy(2, 0.1);
   const auto farthest = [&](const DisturbanceModel& disturbance_model, double sign) {
     // Removes two parts: the exit level lets the disturbance carry the state away, and the nominal
     // control leads back without a J.
     GuidedOptions options = Without({}, "exit-level+demonstrated");
     options.horizon = 60;
     options.disturbance_model = disturbance_model;
-    GuidedController guided(rightwards, model, options);
+    GuidedController guided(rightwards, sideless, options);
     guided.Reset(1);
     std::vector<double> x = {0.0, 0.0};
-    std::vector<double> u(2);
     double y = 0.0;
     for (int controls = 0; x[0] < 1.8; ++controls) {
       if (controls == 60 || guided.Next(x, u).mode == Mode::kHalt) return 1.0;
@@ -292,11 +278,9 @@ std::vector<double> Trace(const core::Policy& policy, const test::Task& model,
   return trace;
 }
 
-TEST(GuidedRecoveryTest, RemovingAPartChangesADecision) {
-  const auto support = MovingDisk();
+TEST_F(GuidedRecoveryTest, RemovingAPartChangesADecision) {
   const auto thirtyfold = ThirtyfoldDisk();
   const test::Task toppling(Thirtyfold(), thirtyfold, Toppling());
-  const test::Task model(test::IdentityFeatures(), support, Rightwards());
   const test::Task sideless(test::IdentityFeatures(), support, Sideless());
   const auto along = test::ConstantPolicy(2, test::kSpeed);
   const auto back = test::ConstantPolicy(2, -test::kSpeed);
@@ -317,11 +301,11 @@ TEST(GuidedRecoveryTest, RemovingAPartChangesADecision) {
         const test::Task at_edge(test::IdentityFeatures(), aside, Rightwards(), {.slack = 0.2});
         GuidedOptions limited = options;
         limited.control_limit = {0.002};
-        const test::FunctionPolicy outwards(2, 2,
-                                            [](int, std::span<const double>, std::span<double> u) {
-                                              u[0] = 0.0;
-                                              u[1] = 0.002;
-                                            });
+        const test::FunctionPolicy outwards(
+            2, 2, [](int, std::span<const double>, std::span<double> learned) {
+              learned[0] = 0.0;
+              learned[1] = 0.002;
+            });
         return Trace(outwards, at_edge, limited, {0.0, 0.55}, 1);
       }
       ADD_FAILURE() << "no situation for this part";
@@ -342,23 +326,19 @@ TEST(GuidedRecoveryTest, RemovingAPartChangesADecision) {
             Trace(along, model, Without({}, "observer"), {0.0, 0.3}, 8, 0.0, 0.0, 0, 0.1));
 }
 
-TEST(GuidedRecoveryTest, WithoutAllPartsTheLearnedControlPasses) {
+TEST_F(GuidedRecoveryTest, WithoutAllPartsTheLearnedControlPasses) {
   std::string all;
   for (const std::string_view part : GuidedPartNames()) {
     all += (all.empty() ? "" : "+") + std::string(part);
   }
-  const auto support = MovingDisk();
-  const test::Task model(test::IdentityFeatures(), support, Rightwards());
   const auto along = test::ConstantPolicy(2, test::kSpeed);
   GuidedController bare(along, model, Without({}, all));
-  bare.Reset(1);
-  std::vector<double> u(2);
-  EXPECT_EQ(bare.Next(std::vector{0.0, 0.38}, u).mode, Mode::kPolicy);
+  EXPECT_EQ(First(bare, {0.0, 0.38}).mode, Mode::kPolicy);
   EXPECT_NEAR(u[0], test::kSpeed, 1e-15);
   EXPECT_EQ(u[1], 0.0);
 }
 
-TEST(GuidedRecoveryTest, AnUnknownPartIsRefusedWithTheValidNames) {
+TEST(GuidedPartsTest, AnUnknownPartIsRefusedWithTheValidNames) {
   for (const char* parts : {"Filter", "filter+nothing", "+filter", "filter time"}) {
     SCOPED_TRACE(parts);
     const std::string message =
@@ -370,15 +350,14 @@ TEST(GuidedRecoveryTest, AnUnknownPartIsRefusedWithTheValidNames) {
 }
 
 // Episodes are deterministic and independent of earlier ones.
-TEST(GuidedRecoveryTest, TheSameStatesGiveTheSameControls) {
-  const auto support = MovingDisk();
-  const test::Task model(test::IdentityFeatures(), support, Sideless());
+TEST_F(GuidedRecoveryTest, TheSameStatesGiveTheSameControls) {
+  const test::Task sideless(test::IdentityFeatures(), support, Sideless());
   const auto policy = test::ConstantPolicy(2, 0.1);
-  GuidedController guided(policy, model);
+  GuidedController guided(policy, sideless);
   const auto controls = [&](std::uint64_t seed) {
     guided.Reset(seed);
     Turned plant{.x = {0.0, 0.3}};
-    std::vector<double> all, u(2);
+    std::vector<double> all;
     for (int i = 0; i < 10; ++i) {
       (void)guided.Next(plant.x, u);
       all.insert(all.end(), u.begin(), u.end());

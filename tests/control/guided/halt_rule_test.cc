@@ -7,7 +7,7 @@ namespace {
 
 constexpr HaltRule kRule{.horizon = 10, .max_controls = 50, .patience = 4};
 
-TEST(HaltRuleTest, EachLimitIsReachedExactly) {
+TEST(HaltRuleTest, EachLimitIsReachedExactlyAndTimeComesFirst) {
   EXPECT_EQ(kRule({}), HaltCause::kNone);
   EXPECT_EQ(kRule({.time = 9.999, .controls = 49, .waited = 3}), HaltCause::kNone);
   EXPECT_EQ(kRule({.time = 10.0}), HaltCause::kTimeUp);
@@ -16,10 +16,7 @@ TEST(HaltRuleTest, EachLimitIsReachedExactly) {
   EXPECT_EQ(kRule({.controls = 51}), HaltCause::kIterationLimit);
   EXPECT_EQ(kRule({.waited = 4}), HaltCause::kNoProgress);
   EXPECT_EQ(kRule({.waited = 5}), HaltCause::kNoProgress);
-}
-
-// A completed task is not a failure, even if a limit is reached at the same time.
-TEST(HaltRuleTest, TimeComesBeforeControlsAndControlsBeforePatience) {
+  // A completed task is not a failure, even if a limit is reached at the same time.
   EXPECT_EQ(kRule({.time = 10.0, .controls = 50, .waited = 4}), HaltCause::kTimeUp);
   EXPECT_EQ(kRule({.time = 10.0, .waited = 4}), HaltCause::kTimeUp);
   EXPECT_EQ(kRule({.time = 9.0, .controls = 50, .waited = 4}), HaltCause::kIterationLimit);

@@ -7,7 +7,6 @@
 #include <filesystem>
 #include <limits>
 #include <stdexcept>
-#include <string>
 #include <vector>
 
 #include "dfr/core/files/archive.h"

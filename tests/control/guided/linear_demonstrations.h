@@ -15,19 +15,32 @@ struct Demonstrations {
   std::vector<core::Matrix> controls;
 };
 
-/// z' = z + J u exactly.
+/// `count` demonstrations of `length` controls. start(d, z) sets the first features of
+/// demonstration d; step(t, z, v, next) sets the control in features z, and the next features.
+template <typename Start, typename Step>
+Demonstrations Simulate(int count, int length, Eigen::Index features, Eigen::Index controls,
+                        Start start, Step step) {
+  Demonstrations seen;
+  for (int d = 0; d < count; ++d) {
+    core::Matrix z(length + 1, features);
+    core::Matrix v(length, controls);
+    start(d, z.row(0));
+    for (int t = 0; t < length; ++t) step(t, z.row(t), v.row(t), z.row(t + 1));
+    seen.features.push_back(z);
+    seen.controls.push_back(v);
+  }
+  return seen;
+}
+
+/// z' = z + J u exactly, for random u.
 inline Demonstrations Linear(const core::Matrix& jacobian, int count, int length,
                              core::Random& random) {
-  Demonstrations demonstrations;
-  for (int d = 0; d < count; ++d) {
-    core::Matrix u = RandomMatrix(random, length, jacobian.cols());
-    core::Matrix z(length + 1, jacobian.rows());
-    z.row(0).setZero();
-    for (int t = 0; t < length; ++t) z.row(t + 1) = z.row(t) + u.row(t) * jacobian.transpose();
-    demonstrations.features.push_back(z);
-    demonstrations.controls.push_back(u);
-  }
-  return demonstrations;
+  return Simulate(
+      count, length, jacobian.rows(), jacobian.cols(), [](int, auto z) { z.setZero(); },
+      [&](int, const auto& z, auto v, auto next) {
+        v = RandomMatrix(random, 1, jacobian.cols());
+        next = z + v * jacobian.transpose();
+      });
 }
 
 inline std::shared_ptr<const control::TransitionStore> Store(

@@ -24,6 +24,7 @@ class StateObserverTest : public testing::Test {
   // `before` by `dz`.
   void Learn(const LocalFit* fit, const Eigen::VectorXd& before, const Eigen::VectorXd& v,
              const Eigen::VectorXd& dz) {
+    const test::NoAlloc guard;
     observer_.Update(fit, core::AsSpan(v), core::AsSpan(dz));
     estimate_.Update(fit_, core::AsSpan(before), observer_.acting(), core::AsSpan(dz), 0.0, 1.0);
   }
@@ -71,8 +72,11 @@ TEST_P(LagTest, IsFoundAtOnceAndPendingControlsArePredicted) {
   estimate_.FitAt(5, core::AsSpan(seen_), fit_);
   EXPECT_TRUE(test::AllClose(fit_.jacobian(), truth_, 0.02));
   Eigen::VectorXd there = seen_;
-  observer_.Observe(fit_, there);
   Eigen::VectorXd expected = state_;
+  {
+    const test::NoAlloc guard;
+    observer_.Observe(fit_, there);
+  }
   for (int i = 0; i < lag; ++i) expected += truth_ * given_[given_.size() - 1 - i];
   EXPECT_TRUE(test::AllClose(there, expected, 0.05));
   observer_.Reset();
@@ -105,7 +109,7 @@ TEST_P(LagTest, AnInactiveObserverAssumesNoLagAndNoNoise) {
   EXPECT_TRUE(test::AllClose(there, seen_, 0.0));
 }
 
-INSTANTIATE_TEST_SUITE_P(All, LagTest, testing::Range(0, StateObserver::kMaxLag + 1));
+INSTANTIATE_TEST_SUITE_P(All, LagTest, testing::Values(0, 1, 2, StateObserver::kMaxLag));
 
 // A point with observation noise, and one with process noise.
 TEST_F(StateObserverTest, NoiseIsSmoothedAndDisturbancesAreNot) {
@@ -147,19 +151,6 @@ TEST_F(StateObserverTest, WithoutPredictionsTheStateIsTheObservation) {
     // Without a fit there is no prediction for any control.
     EXPECT_TRUE(test::AllClose(z, seen, 0.0));
     Learn(nullptr, seen, Eigen::Vector2d::Zero(), Eigen::Vector2d(i % 2 == 0 ? -0.6 : 0.6, 0.0));
-  }
-}
-
-TEST_F(StateObserverTest, NothingAllocatesAfterConstruction) {
-  const Eigen::VectorXd seen = Eigen::Vector2d(0.3, 0.1);
-  const Eigen::VectorXd v = Eigen::Vector2d(0.5, -0.5);
-  Eigen::VectorXd z = seen;
-  const test::NoAlloc guard;
-  for (int t = 0; t < 12; ++t) {
-    observer_.Observe(fit_, z);
-    estimate_.FitAt(t, core::AsSpan(z), fit_);
-    observer_.Update(&fit_, core::AsSpan(v), core::AsSpan(seen));
-    estimate_.Update(fit_, core::AsSpan(z), observer_.acting(), core::AsSpan(seen), 0.0, 1.0);
   }
 }
 

@@ -94,14 +94,18 @@ TEST_F(OneGaussianTest, StepsLeadToTheMaximum) {
   EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(-0.5, -1.0), 0.05));
 }
 
-TEST_F(OneGaussianTest, ATargetThatIsMetLeavesTheControlBitForBit) {
-  Eigen::VectorXd v = Eigen::Vector2d(-0.1 / 3.0, 0.7 / 3.0);
-  const Eigen::VectorXd before = v;
+TEST_F(OneGaussianTest, AControlWithNothingToGainIsKeptBitForBit) {
+  const Eigen::VectorXd before = Eigen::Vector2d(-0.1 / 3.0, 0.7 / 3.0);
+  Eigen::VectorXd v = before;
   const double l = model_.Level(0, v);
-  for (const double level : {l, l - 1.0, -kUnbounded}) {
-    EXPECT_EQ(AscendSupport(model_, {.level = level}, {}, v), l);
-    EXPECT_TRUE(v == before);
+  for (const double met : {l, l - 1.0, -kUnbounded}) {
+    EXPECT_EQ(AscendSupport(model_, {.level = met}, {}, v), l);
   }
+  EXPECT_EQ(AscendSupport(model_, {.level = 0.0}, {.iterations = 0}, v), l);
+  const LocalFit nothing = test::KnownJacobian(Eigen::Matrix2d::Zero());
+  const LocalModel without_effect{support_, nothing, core::AsSpan(z_)};
+  EXPECT_EQ(AscendSupport(without_effect, {.level = 0.0}, {}, v), -4.0);
+  EXPECT_TRUE(v == before);
 }
 
 // A prediction passed from call to call always equals that of the control, bit for bit, and has no
@@ -122,22 +126,6 @@ TEST_F(OneGaussianTest, AKnownPredictionIsKeptUpToDate) {
       EXPECT_TRUE(there.gradient == expected.gradient);
     }
   }
-}
-
-TEST_F(OneGaussianTest, WithoutIterationsNothingIsChanged) {
-  Eigen::VectorXd v = Eigen::Vector2d(0.3, -0.7);
-  const Eigen::VectorXd before = v;
-  EXPECT_EQ(AscendSupport(model_, {.level = 0.0}, {.iterations = 0}, v), model_.Level(0, before));
-  EXPECT_TRUE(v == before);
-}
-
-TEST_F(OneGaussianTest, AControlWithoutEffectIsNotChanged) {
-  const LocalFit nothing = test::KnownJacobian(Eigen::Matrix2d::Zero());
-  const LocalModel model{support_, nothing, core::AsSpan(z_)};
-  Eigen::VectorXd v = Eigen::Vector2d(0.3, -0.7);
-  const Eigen::VectorXd before = v;
-  EXPECT_EQ(AscendSupport(model, {.level = 0.0}, {}, v), -4.0);
-  EXPECT_TRUE(v == before);
 }
 
 // One entry is at its limit: only the other one can raise the margin.
@@ -185,54 +173,41 @@ TEST_F(OneGaussianTest, AnEntryWithFewValuesChangesOnlyInSnap) {
 
 // Without curvature a step goes straight to the level.
 TEST(AscendSupportTest, ALinearLevelIsClimbedInOneStep) {
-  class Ramp final : public core::LogDecisionFunction {
-   public:
-    int state_dim() const noexcept override { return 1; }
-    int num_steps() const noexcept override { return 1; }
-    double Decision(int, std::span<const double> x) const noexcept override { return x[0]; }
-    double Gradient(int, std::span<const double> x, std::span<double> g) const noexcept override {
-      g[0] = 1.0;
-      return x[0];
-    }
-    double LogDecision(int, std::span<const double> x,
-                       std::span<double> g) const noexcept override {
-      if (!g.empty()) g[0] = 1.0;
-      return x[0];
-    }
-    double FromLog(int, double l) const noexcept override { return l; }
-    double lipschitz_bound(int) const noexcept override { return 1.0; }
-    double curvature_bound(int) const noexcept override { return 0.0; }
-  };
-  const Ramp support;
+  const test::FunctionLogSupport ramp(1, 0.0,
+                                      [](int, std::span<const double> x, std::span<double> g) {
+                                        if (!g.empty()) g[0] = 1.0;
+                                        return x[0];
+                                      });
   const LocalFit fit = test::KnownJacobian(Eigen::MatrixXd::Constant(1, 1, 2.0));
   const std::vector<double> z = {-3.0};
   Eigen::VectorXd v = Eigen::VectorXd::Zero(1);
-  EXPECT_NEAR(AscendSupport({support, fit, z}, {.level = 1.0}, {}, v), 1.0, 1e-12);
+  EXPECT_NEAR(AscendSupport({ramp, fit, z}, {.level = 1.0}, {}, v), 1.0, 1e-12);
   EXPECT_NEAR(v[0], 2.0, 1e-8);
 }
 
-TEST(AscendSupportTest, NeverLowersTheLevelAndStaysWithinItsLimits) {
+TEST(AscendSupportTest, NeverLowersTheLevelStaysWithinItsLimitsAndNeverAllocates) {
   int raised = 0;
-  for (std::uint64_t seed = 0; seed < 2000; ++seed) {
+  for (std::uint64_t seed = 0; seed < 500; ++seed) {
     SCOPED_TRACE(testing::Message() << "seed = " << seed);
     World world(seed, /*disturbed=*/seed % 2 == 0);
     const LocalModel model = world.model();
     const StepTarget target{.level = seed % 3 == 0 ? kUnbounded : 0.1};
+    const StepLimits limits{.control = Eigen::VectorXd::Constant(world.v.size(), world.limit)};
     Eigen::VectorXd v = world.v;
+    const test::NoAlloc guard;
     const double before = model.Level(0, v);
-    const double l = AscendSupport(
-        model, target, {.control = Eigen::VectorXd::Constant(v.size(), world.limit)}, v);
+    const double l = AscendSupport(model, target, limits, v);
     ASSERT_GE(l, before);
     ASSERT_EQ(l, model.Level(0, v)) << "the returned level";
     ASSERT_LE(v.cwiseAbs().maxCoeff(), world.limit);
     raised += l > before ? 1 : 0;
   }
-  EXPECT_GT(raised, 1500);
+  EXPECT_GT(raised, 375);
 }
 
 // J reaches every change of features, and every maximum of l is above the level.
 TEST(AscendSupportTest, ReachesAnAttainableTarget) {
-  for (std::uint64_t seed = 0; seed < 500; ++seed) {
+  for (std::uint64_t seed = 0; seed < 200; ++seed) {
     SCOPED_TRACE(testing::Message() << "seed = " << seed);
     core::Random random(seed);
     const auto point = [&] {
@@ -249,33 +224,6 @@ TEST(AscendSupportTest, ReachesAnAttainableTarget) {
     const double l = AscendSupport(model, {.level = 0.0}, {.iterations = 100}, v);
     ASSERT_GE(l, -1e-12) << "from " << before;
   }
-}
-
-// A step may exceed the target by the curvature that the bound ignores: with centres within D of
-// each other the Hessian of l is at most -2 gamma + gamma^2 D^2, and the bound uses -2 gamma.
-// Therefore l exceeds the target by at most gamma^2 D^2 |J s d|^2 / 2.
-TEST(AscendSupportTest, ASingleStepOvershootsByAtMostTheIgnoredCurvature) {
-  int reached = 0;
-  for (std::uint64_t seed = 0; seed < 500; ++seed) {
-    SCOPED_TRACE(testing::Message() << "seed = " << seed);
-    core::Random random(seed);
-    constexpr double kGamma = 1.5;
-    const std::vector<double> a = {0.3 * random.Normal(), 0.3 * random.Normal()};
-    const std::vector<double> b = {0.3 * random.Normal(), 0.3 * random.Normal()};
-    const double square = std::pow(a[0] - b[0], 2) + std::pow(a[1] - b[1], 2);
-    const test::GaussianSupport support({a, b}, kGamma, 0.5);
-    const LocalFit fit = test::KnownJacobian(RandomJacobian(random, 2, 2));
-    const Eigen::VectorXd z = RandomVector(random, 2);
-    const LocalModel model{support, fit, core::AsSpan(z)};
-    Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
-    const double target = model.Level(0, v) + 0.1;
-    const double l = AscendSupport(model, {.level = target}, {.iterations = 1}, v);
-    const double moved = (fit.jacobian() * v).squaredNorm();
-    ASSERT_LE(l, target + 0.5 * kGamma * kGamma * square * moved + 1e-12);
-    // The step reaches the target unless even its largest guaranteed gain is too small.
-    reached += l >= target - 1e-12 ? 1 : 0;
-  }
-  EXPECT_GT(reached, 300);
 }
 
 TEST(AscendSupportTest, UsesTheSupportOfTheGivenPhase) {
@@ -296,16 +244,6 @@ TEST(AscendSupportTest, ANonFiniteStateChangesNothing) {
   const double l = AscendSupport(world.model(), {}, {}, v);
   EXPECT_FALSE(l >= 0.0);
   EXPECT_TRUE(v == world.v);
-}
-
-TEST(AscendSupportTest, NeverAllocates) {
-  for (std::uint64_t seed = 0; seed < 40; ++seed) {
-    World world(seed, seed % 2 == 0);
-    const StepLimits limits{.control = Eigen::VectorXd::Constant(world.v.size(), world.limit)};
-    const test::NoAlloc guard;
-    (void)AscendSupport(world.model(), {.level = kUnbounded}, limits, world.v);
-    (void)world.model().Level(0, world.v);
-  }
 }
 
 }  // namespace

@@ -10,7 +10,6 @@
 #include "dfr/control/published/switching_controller.h"
 #include "tests/control/analytic.h"
 #include "tests/control/rightwards.h"
-#include "tests/control/task.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::control {
@@ -21,15 +20,14 @@ namespace {
 const std::vector<double> kLevelRate = {5.0};
 const std::vector<double> kStart = {0.0, 0.38};
 
-TEST(GradientRecoveryTest, ReachesTheGateInAFewControls) {
-  const auto support = test::MovingDisk();
-  const test::Task model(test::IdentityFeatures(), support, test::Rightwards());
+class GradientRecoveryTest : public test::RightwardsTest {};
+
+TEST_F(GradientRecoveryTest, ReachesTheGateInAFewControls) {
   ASSERT_GT(support.FromLog(0, model.levels.gate(0)), 0.4);
   const auto policy = test::ConstantPolicy(2, 0.08);
   const auto controls = [&](SwitchingController controller) {
     test::TurnedPoint plant{.x = kStart};
     controller.Reset(1);
-    std::vector<double> u(2);
     for (int i = 0; i < 1000; ++i) {
       const Step step = controller.Next(plant.x, u);
       if (step.mode == Mode::kPolicy) return i;
@@ -47,11 +45,8 @@ TEST(GradientRecoveryTest, ReachesTheGateInAFewControls) {
 }
 
 // Each step ends at the gate level.
-TEST(GradientRecoveryTest, AimsAtTheGateLevelOfTheTimeStep) {
-  const auto support = test::MovingDisk();
-  const test::Task model(test::IdentityFeatures(), support, test::Rightwards());
+TEST_F(GradientRecoveryTest, AimsAtTheGateLevelOfTheTimeStep) {
   GradientRecovery recovery(model);
-  std::vector<double> u(2);
   for (const int t : {0, 6}) {
     recovery.Reset(1);
     const std::vector<double> x = {t * test::kSpeed, -0.38};
@@ -63,15 +58,12 @@ TEST(GradientRecoveryTest, AimsAtTheGateLevelOfTheTimeStep) {
 }
 
 // The plant turns controls by 0.9 rad, which the demonstrations do not contain.
-TEST(GradientRecoveryTest, LearnsFromItsOwnControls) {
-  const auto support = test::MovingDisk();
-  const test::Task model(test::IdentityFeatures(), support, test::Rightwards());
+TEST_F(GradientRecoveryTest, LearnsFromItsOwnControls) {
   const auto policy = test::ConstantPolicy(2, 0.08);
   test::TurnedPoint plant{.angle = 0.9, .x = kStart};
   SwitchingController controller(policy, support, kLevelRate,
                                  std::make_unique<GradientRecovery>(model));
   controller.Reset(1);
-  std::vector<double> u(2);
   int controls = 0;
   Step step = controller.Next(plant.x, u);
   for (; step.mode == Mode::kRecovery && controls < 20; ++controls) {
@@ -105,37 +97,31 @@ TEST(GradientRecoveryTest, LearnsFromItsOwnControls) {
   EXPECT_NEAR(off(second), 0.9, 0.02);
 }
 
-TEST(GradientRecoveryTest, HasNoDirectionIfControlsHaveNoEffect) {
+TEST_F(GradientRecoveryTest, HasNoDirectionIfControlsHaveNoEffect) {
   auto demonstrations = test::Rightwards();
   for (auto& d : demonstrations) d.states.setZero();
-  const auto support = test::MovingDisk();
-  const test::Task model(test::IdentityFeatures(), support, demonstrations);
+  const test::Task still(test::IdentityFeatures(), support, demonstrations);
   const auto policy = test::ConstantPolicy(2, 0.08);
   SwitchingController controller(policy, support, kLevelRate,
-                                 std::make_unique<GradientRecovery>(model));
+                                 std::make_unique<GradientRecovery>(still));
   controller.Reset(1);
-  std::vector<double> u(2, 1.0);
+  u = {1.0, 1.0};
   EXPECT_EQ(controller.Next(kStart, u).cause, HaltCause::kNoDirection);
   EXPECT_EQ(u, std::vector<double>({0.0, 0.0}));
 }
 
-TEST(GradientRecoveryTest, ControlsStayWithinTheLimit) {
-  const auto support = test::MovingDisk();
-  const test::Task model(test::IdentityFeatures(), support, test::Rightwards());
+TEST_F(GradientRecoveryTest, ControlsStayWithinTheLimit) {
   GradientRecovery recovery(model, 0.05);
   recovery.Reset(1);
-  std::vector<double> u(2);
   ASSERT_EQ(recovery.Next({.x = kStart, .g = 0.06, .lambda = 5.0}, u), Mode::kRecovery);
   // Rounding in the conversion to the control unit and back.
   EXPECT_NEAR(u[1], -0.05, 1e-15);
   EXPECT_LE(std::abs(u[0]), 0.05 * (1.0 + 1e-12));
 }
 
-TEST(GradientRecoveryTest, NeverAllocates) {
-  const auto support = test::MovingDisk();
-  const test::Task model(test::IdentityFeatures(), support, test::Rightwards());
+TEST_F(GradientRecoveryTest, NeverAllocates) {
   GradientRecovery recovery(model);
-  std::vector<double> x = kStart, u(2);
+  std::vector<double> x = kStart;
   const test::NoAlloc guard;
   recovery.Reset(1);
   for (int i = 0; i < 20; ++i) {
@@ -144,9 +130,7 @@ TEST(GradientRecoveryTest, NeverAllocates) {
   }
 }
 
-TEST(GradientRecoveryTest, RefusesALimitThatIsNotPositive) {
-  const auto support = test::MovingDisk();
-  const test::Task model(test::IdentityFeatures(), support, test::Rightwards());
+TEST_F(GradientRecoveryTest, RefusesALimitThatIsNotPositive) {
   for (const double limit : {0.0, -1.0, std::nan("")}) {
     EXPECT_THROW(GradientRecovery(model, limit), std::invalid_argument) << limit;
   }

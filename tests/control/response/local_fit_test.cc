@@ -5,7 +5,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <memory>
 #include <vector>
 
 #include "dfr/control/response/response_estimate.h"
@@ -19,6 +18,7 @@ namespace {
 
 using test::Linear;
 using test::RandomMatrix;
+using test::Simulate;
 using test::Store;
 
 constexpr int kEntries = 3;
@@ -29,20 +29,13 @@ constexpr int kEntries = 3;
 TEST(LocalFitTest, TheNominalControlHasTheDemonstratedEffectOnAChangedPlant) {
   core::Random random(5);
   const Eigen::Vector2d goal(0.5, -0.3);
-  std::vector<core::Matrix> features;
-  std::vector<core::Matrix> controls;
-  for (int d = 0; d < 40; ++d) {
-    core::Matrix z(11, 2);
-    core::Matrix v(10, 2);
-    z.row(0) << 3.0 * random.Normal(), 3.0 * random.Normal();
-    for (Eigen::Index t = 0; t < 10; ++t) {
-      v.row(t) = 0.4 * (goal.transpose() - z.row(t));
-      z.row(t + 1) = z.row(t) + v.row(t);
-    }
-    features.push_back(z);
-    controls.push_back(v);
-  }
-  const auto prior = std::make_shared<const TransitionStore>(features, controls, ResponseOptions{});
+  const auto seen = Simulate(
+      40, 10, 2, 2, [&](int, auto z) { z << 3.0 * random.Normal(), 3.0 * random.Normal(); },
+      [&](int, const auto& z, auto v, auto next) {
+        v = 0.4 * (goal.transpose() - z);
+        next = z + v;
+      });
+  const auto prior = Store(seen);
   const Eigen::Vector2d here(1.5, 0.4);
   const std::vector<double> z = {here[0], here[1]};
   const Eigen::Vector2d wanted = 0.4 * (goal - here);
@@ -80,27 +73,20 @@ TEST(LocalFitTest, TheNominalControlHasTheDemonstratedEffectOnAChangedPlant) {
 // the control is not larger than any demonstrated one.
 TEST(LocalFitTest, FarFromDemonstrationsTheNominalControlIsNoExtrapolation) {
   core::Random random(8);
-  std::vector<core::Matrix> features;
-  std::vector<core::Matrix> controls;
   double largest = 0.0;
-  for (int d = 0; d < 40; ++d) {
-    core::Matrix z(21, 4);
-    core::Matrix v(20, 2);
-    const Eigen::Vector2d object(random.Normal(), random.Normal());
-    z.row(0) << object.transpose(), 0.5 * random.Normal(), 0.5 * random.Normal();
-    for (Eigen::Index t = 0; t < 20; ++t) {
-      const double turn = 0.3 * static_cast<double>(t);
-      v.row(t) << std::cos(turn) + object[0] - z(t, 2) + 0.2 * random.Normal(),
-          std::sin(turn) + object[1] - z(t, 3) + 0.2 * random.Normal();
-      largest = std::max(largest, v.row(t).norm());
-      z.row(t + 1) = z.row(t);
-      z.row(t + 1).tail(2) += 0.5 * v.row(t);
-    }
-    features.push_back(z);
-    controls.push_back(v);
-  }
-  const ResponseEstimate estimate(
-      std::make_shared<const TransitionStore>(features, controls, ResponseOptions{}));
+  const auto seen = Simulate(
+      40, 20, 4, 2,
+      [&](int, auto z) {
+        z << random.Normal(), random.Normal(), 0.5 * random.Normal(), 0.5 * random.Normal();
+      },
+      [&](int t, const auto& z, auto v, auto next) {
+        v << std::cos(0.3 * t) + z[0] - z[2] + 0.2 * random.Normal(),
+            std::sin(0.3 * t) + z[1] - z[3] + 0.2 * random.Normal();
+        largest = std::max(largest, v.norm());
+        next = z;
+        next.tail(2) += 0.5 * v;
+      });
+  const ResponseEstimate estimate(Store(seen));
   LocalFit fit = estimate.MakeFit();
   Eigen::VectorXd v(2);
   double most = 0.0;
@@ -115,10 +101,13 @@ TEST(LocalFitTest, FarFromDemonstrationsTheNominalControlIsNoExtrapolation) {
 
 // No control causes a change: the demonstrated control is returned unchanged.
 TEST(LocalFitTest, WithoutAnEffectTheNominalControlIsTheDemonstratedOne) {
-  const std::vector<core::Matrix> features(8, core::Matrix::Zero(6, 3));
-  const std::vector<core::Matrix> controls(8, core::Matrix::Constant(5, 2, 0.7));
-  const ResponseEstimate estimate(
-      std::make_shared<const TransitionStore>(features, controls, ResponseOptions{}));
+  const auto seen = Simulate(
+      8, 5, 3, 2, [](int, auto z) { z.setZero(); },
+      [](int, const auto& z, auto v, auto next) {
+        v.setConstant(0.7);
+        next = z;
+      });
+  const ResponseEstimate estimate(Store(seen));
   LocalFit fit = estimate.FitAt(2, std::vector<double>(3, 0.0));
   ASSERT_TRUE(fit.jacobian().isZero(0.0));
   Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
@@ -130,21 +119,13 @@ TEST(LocalFitTest, WithoutAnEffectTheNominalControlIsTheDemonstratedOne) {
 // demonstrations disagree, and J is a mean of two responses.
 TEST(LocalFitTest, DemonstrationsDisagreeOnAnEntryThatActsOnlyInContact) {
   core::Random random(7);
-  std::vector<core::Matrix> features;
-  std::vector<core::Matrix> controls;
-  for (int d = 0; d < 40; ++d) {
-    core::Matrix z(11, 2);
-    core::Matrix v(10, 2);
-    z.row(0) << -2.0 + 0.5 * random.Normal(), 0.5 * random.Normal();
-    for (Eigen::Index t = 0; t < 10; ++t) {
-      v.row(t) << 0.4 + 0.1 * random.Normal(), 0.2 * random.Normal();
-      z.row(t + 1) << z(t, 0) + v(t, 0), z(t, 1) + (z(t, 0) > 0.0 ? v(t, 1) : 0.0);
-    }
-    features.push_back(z);
-    controls.push_back(v);
-  }
-  const ResponseEstimate estimate(
-      std::make_shared<const TransitionStore>(features, controls, ResponseOptions{}));
+  const auto seen = Simulate(
+      40, 10, 2, 2, [&](int, auto z) { z << -2.0 + 0.5 * random.Normal(), 0.5 * random.Normal(); },
+      [&](int, const auto& z, auto v, auto next) {
+        v << 0.4 + 0.1 * random.Normal(), 0.2 * random.Normal();
+        next << z[0] + v[0], z[1] + (z[0] > 0.0 ? v[1] : 0.0);
+      });
+  const ResponseEstimate estimate(Store(seen));
   LocalFit before = estimate.FitAt(5, std::vector<double>{-0.3, 0.0});
   EXPECT_GT(before.Agreement(0), 0.9);
   EXPECT_LT(before.Agreement(1), 0.35);

@@ -18,9 +18,9 @@
 namespace dfr::control {
 namespace {
 
-using test::Demonstrations;
 using test::Linear;
 using test::RandomMatrix;
+using test::Simulate;
 using test::Store;
 
 constexpr int kN = 3;
@@ -60,9 +60,6 @@ TEST(ResponseEstimateTest, OnlineDataAreWeightedLeastSquaresWithForgetting) {
   estimate.FitAt(0, z, fit);
   const Eigen::MatrixXd expected = core::SolveSymmetric(a, b).transpose();
   EXPECT_TRUE(test::AllClose(fit.jacobian(), expected, 1e-12));
-  estimate.Reset();
-  estimate.FitAt(0, z, fit);
-  EXPECT_TRUE(test::AllClose(fit.jacobian(), Eigen::MatrixXd::Zero(kN, kM), 0.0));
 }
 
 // A measurement of weight w counts as w equal ones; a weight of 0 excludes it.
@@ -97,16 +94,12 @@ TEST(ResponseEstimateTest, EarlierControlsDoNotHideADemonstratedChangeOfTheRespo
   const core::Matrix first = core::Matrix::Identity(2, 2);
   core::Matrix second = core::Matrix::Zero(2, 2);
   second(0, 0) = 1.0;  // A contact blocks the second direction.
-  Demonstrations d;
-  for (int i = 0; i < 30; ++i) {
-    core::Matrix u = RandomMatrix(random, 20, 2);
-    core::Matrix z = core::Matrix::Zero(21, 2);
-    for (int t = 0; t < 20; ++t) {
-      z.row(t + 1) = z.row(t) + u.row(t) * (t < 10 ? first : second).transpose();
-    }
-    d.features.push_back(z);
-    d.controls.push_back(u);
-  }
+  const auto d = Simulate(
+      30, 20, 2, 2, [](int, auto z) { z.setZero(); },
+      [&](int t, const auto& z, auto v, auto next) {
+        v << random.Normal(), random.Normal();
+        next = z + v * (t < 10 ? first : second).transpose();
+      });
   ResponseEstimate estimate(Store(d, {.window = 0}), {}, kDrift);
   LocalFit fit = estimate.MakeFit();
   const std::vector<double> z(2, 0.0);
@@ -256,22 +249,13 @@ TEST(ResponseEstimateTest, DriftIsLeastSquaresAboutTheStateOfTheFit) {
 // correlates forces with states, so J alone attributes the motion to the forces.
 TEST(ResponseEstimateTest, SeparatesTheMotionOfAMassFromTheResponseToForces) {
   core::Random random(12);
-  std::vector<core::Matrix> features;
-  std::vector<core::Matrix> controls;
-  for (int d = 0; d < 40; ++d) {
-    core::Matrix z(11, 2);
-    core::Matrix v(10, 1);
-    z.row(0) << random.Normal(), random.Normal();
-    for (Eigen::Index t = 0; t < 10; ++t) {
-      v(t, 0) = -0.6 * z(t, 0) - 1.1 * z(t, 1) + 0.2 * random.Normal();
-      z(t + 1, 0) = z(t, 0) + 0.5 * z(t, 1);
-      z(t + 1, 1) = z(t, 1) + 0.5 * v(t, 0);
-    }
-    features.push_back(z);
-    controls.push_back(v);
-  }
-  const auto prior = std::make_shared<const TransitionStore>(
-      features, controls, ResponseOptions{.ridge = 1e-6, .drift_ridge = 1e-3, .slope_ridge = 1e-2});
+  const auto seen = Simulate(
+      40, 10, 2, 1, [&](int, auto z) { z << random.Normal(), random.Normal(); },
+      [&](int, const auto& z, auto v, auto next) {
+        v << -0.6 * z[0] - 1.1 * z[1] + 0.2 * random.Normal();
+        next << z[0] + 0.5 * z[1], z[1] + 0.5 * v[0];
+      });
+  const auto prior = Store(seen, {.ridge = 1e-6, .drift_ridge = 1e-3, .slope_ridge = 1e-2});
   const Eigen::VectorXd z = Eigen::Vector2d(0.4, -0.7);
   const Eigen::VectorXd response = Eigen::Vector2d(0.0, 0.5);
   const LocalFit fit = ResponseEstimate(prior).FitAt(3, core::AsSpan(z));
@@ -291,23 +275,19 @@ TEST(ResponseEstimateTest, SeparatesTheMotionOfAMassFromTheResponseToForces) {
 // commands change slowly, so the velocity of the last step nearly determines the next command.
 TEST(ResponseEstimateTest, SeparatesAMeasuredVelocityFromTheResponseToItsCommand) {
   core::Random random(13);
-  std::vector<core::Matrix> features;
-  std::vector<core::Matrix> controls;
-  for (int d = 0; d < 40; ++d) {
-    core::Matrix z = core::Matrix::Zero(11, 2);
-    core::Matrix v(10, 1);
-    z(0, 0) = random.Normal();
-    double noise = random.Normal();
-    for (Eigen::Index t = 0; t < 10; ++t) {
-      noise = 0.8 * noise + 0.6 * random.Normal();
-      v(t, 0) = 1.0 + 0.5 * noise;
-      z(t + 1, 0) = z(t, 0) + v(t, 0);
-      z(t + 1, 1) = v(t, 0) / 0.5;
-    }
-    features.push_back(z);
-    controls.push_back(v);
-  }
-  const auto prior = std::make_shared<const TransitionStore>(features, controls, ResponseOptions{});
+  double noise = 0.0;
+  const auto seen = Simulate(
+      40, 10, 2, 1,
+      [&](int, auto z) {
+        z << random.Normal(), 0.0;
+        noise = random.Normal();
+      },
+      [&](int, const auto& z, auto v, auto next) {
+        noise = 0.8 * noise + 0.6 * random.Normal();
+        v << 1.0 + 0.5 * noise;
+        next << z[0] + v[0], v[0] / 0.5;
+      });
+  const auto prior = Store(seen);
   const Eigen::VectorXd z = Eigen::Vector2d(5.0, 2.0);
   const LocalFit fit = ResponseEstimate(prior).FitAt(5, core::AsSpan(z));
   EXPECT_NEAR(fit.jacobian()(0), 1.0, 0.05);
@@ -319,20 +299,13 @@ TEST(ResponseEstimateTest, SeparatesAMeasuredVelocityFromTheResponseToItsCommand
 // All demonstrations may pause at the same time, or end with padding.
 TEST(ResponseEstimateTest, WithoutControlsTheNearestTransitionsInTimeCount) {
   core::Random random(3);
-  std::vector<core::Matrix> features;
-  std::vector<core::Matrix> controls;
-  for (int d = 0; d < 10; ++d) {
-    core::Matrix z = core::Matrix::Zero(41, 1);
-    core::Matrix v = core::Matrix::Zero(40, 1);
-    for (Eigen::Index t = 0; t < 40; ++t) {
-      if (t < 5 || t == 20) v(t, 0) = random.Normal();
-      z(t + 1, 0) = z(t, 0) + 2.0 * v(t, 0);
-    }
-    features.push_back(z);
-    controls.push_back(v);
-  }
-  const ResponseEstimate estimate(
-      std::make_shared<const TransitionStore>(features, controls, ResponseOptions{}));
+  const auto seen = Simulate(
+      10, 40, 1, 1, [](int, auto z) { z.setZero(); },
+      [&](int t, const auto& z, auto v, auto next) {
+        v << (t < 5 || t == 20 ? random.Normal() : 0.0);
+        next = z + 2.0 * v;
+      });
+  const ResponseEstimate estimate(Store(seen));
   for (const int t : {2, 12, 20, 30, 39, 1000}) {
     EXPECT_NEAR(estimate.FitAt(t, std::vector{0.0}).jacobian()(0), 2.0, 0.1) << t;
   }
@@ -342,26 +315,23 @@ TEST(ResponseEstimateTest, WithoutControlsTheNearestTransitionsInTimeCount) {
 // by (0, 1). The weights are exp(-c^2).
 TEST(ResponseEstimateTest, TheNominalControlIsThatOfDemonstrationsInTheSameContext) {
   core::Random random(3);
-  std::vector<core::Matrix> features;
-  std::vector<core::Matrix> controls;
   std::vector<core::Matrix> contexts;
   constexpr int kLong = 10;
-  for (int d = 0; d < 30; ++d) {
-    const bool other = d % 3 == 0;
-    core::Matrix v(kLong, kM);
-    core::Matrix z = RandomMatrix(random, 1, 2);
-    z.conservativeResize(kLong + 1, Eigen::NoChange);
-    for (int t = 0; t < kLong; ++t) {
-      v.row(t) << (other ? 0.0 : 1.0), (other ? 1.0 : 0.0);
-      z.row(t + 1) = z.row(t) + 1e-3 * v.row(t);
-    }
-    features.push_back(z);
-    controls.push_back(v);
-    contexts.push_back(core::Matrix::Constant(kLong, 1, other ? 2.0 : 0.0));
-  }
-  const ResponseEstimate estimate(
-      std::make_shared<const TransitionStore>(features, controls, ResponseOptions{}, contexts), {},
-      kDrift);
+  bool other = false;
+  const auto seen = Simulate(
+      30, kLong, 2, kM,
+      [&](int d, auto z) {
+        other = d % 3 == 0;
+        contexts.push_back(core::Matrix::Constant(kLong, 1, other ? 2.0 : 0.0));
+        z << random.Normal(), random.Normal();
+      },
+      [&](int, const auto& z, auto v, auto next) {
+        v << (other ? 0.0 : 1.0), (other ? 1.0 : 0.0);
+        next = z + 1e-3 * v;
+      });
+  const ResponseEstimate estimate(std::make_shared<const TransitionStore>(
+                                      seen.features, seen.controls, ResponseOptions{}, contexts),
+                                  {}, kDrift);
   LocalFit fit = estimate.MakeFit();
   estimate.FitAt(4, std::vector{0.0, 0.0}, fit);
   for (const double context : {0.0, 2.0}) {
@@ -384,9 +354,9 @@ TEST(ResponseEstimateTest, TheNominalControlIsThatOfDemonstrationsInTheSameConte
   }
   // The wrong number of rows, or of columns.
   contexts[7] = core::Matrix::Zero(kLong - 1, 1);
-  EXPECT_THROW(TransitionStore(features, controls, {}, contexts), std::invalid_argument);
+  EXPECT_THROW(TransitionStore(seen.features, seen.controls, {}, contexts), std::invalid_argument);
   contexts[7] = core::Matrix::Zero(kLong, 2);
-  EXPECT_THROW(TransitionStore(features, controls, {}, contexts), std::invalid_argument);
+  EXPECT_THROW(TransitionStore(seen.features, seen.controls, {}, contexts), std::invalid_argument);
 }
 
 TEST(ResponseEstimateTest, DurationsOfADisturbanceAreChecked) {

@@ -9,7 +9,6 @@
 #include <functional>
 #include <limits>
 #include <stdexcept>
-#include <string>
 #include <vector>
 
 #include "dfr/control/response/response_estimate.h"
