@@ -9,18 +9,14 @@ namespace {
 
 static_assert(std::is_nothrow_copy_constructible_v<Error>);
 
-TEST(ErrorTest, WhatJoinsTheProblemAndTheRemedy) {
+TEST(ErrorTest, WhatJoinsTheProblemAndTheRemedyIfThereIsOne) {
   const Error error("a.avi: cannot be opened; twice", "is the path right?");
   EXPECT_EQ(error.problem(), "a.avi: cannot be opened; twice") << "a separator within is kept";
   EXPECT_EQ(error.remedy(), "is the path right?");
   EXPECT_STREQ(error.what(), "a.avi: cannot be opened; twice; is the path right?");
-}
-
-TEST(ErrorTest, TheRemedyMayBeUnknown) {
-  const Error error("a.avi: cannot be opened");
-  EXPECT_EQ(error.problem(), "a.avi: cannot be opened");
-  EXPECT_EQ(error.remedy(), "");
-  EXPECT_STREQ(error.what(), "a.avi: cannot be opened");
+  const Error alone("a.avi: cannot be opened");
+  EXPECT_EQ(alone.remedy(), "");
+  EXPECT_STREQ(alone.what(), "a.avi: cannot be opened");
 }
 
 }  // namespace

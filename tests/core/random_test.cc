@@ -8,8 +8,6 @@
 #include <set>
 #include <vector>
 
-#include "tests/support/no_alloc.h"
-
 namespace dfr::core {
 namespace {
 
@@ -99,13 +97,6 @@ TEST(RandomTest, ShuffleKeepsTheItemsAndChangesTheOrder) {
   random.Shuffle(std::span<int>(items));
   EXPECT_NE(items, before);
   EXPECT_THAT(items, testing::UnorderedElementsAreArray(before));
-}
-
-TEST(RandomTest, DrawingNeverAllocates) {
-  std::vector<double> direction(7);
-  const test::NoAlloc guard;
-  Random random(DeriveSeed(1, {2, 3}));
-  random.Direction(direction);
 }
 
 }  // namespace

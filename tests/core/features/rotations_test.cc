@@ -50,6 +50,13 @@ std::vector<Trajectory> Episodes(int size,
   return episodes;
 }
 
+// Ten episodes of one entry.
+std::vector<Trajectory> Angles(const std::function<double(int, double)>& angle) {
+  return Episodes(1, [&](int d, double share) -> Eigen::VectorXd {
+    return Eigen::VectorXd::Constant(1, angle(d, share));
+  });
+}
+
 Eigen::Quaterniond Turn(int d, double share, double angle = 1.2) {
   const Eigen::Vector3d axis = Eigen::Vector3d(0.2 * d, 1.0, 0.5).normalized();
   return Eigen::Quaterniond(Eigen::AngleAxisd(angle * share + 0.05 * d, axis));
@@ -70,18 +77,29 @@ double Wrapped(double angle, bool centred, double period = 2.0 * kPi) {
   return angle - period * (centred ? std::round(angle / period) : std::floor(angle / period));
 }
 
+// Expects that `episodes` have one rotation, and returns it.
+Rotation FindOne(const StateLayout& layout, const std::vector<Trajectory>& episodes) {
+  const auto found = FindRotations(layout, episodes);
+  EXPECT_EQ(found.size(), 1U);
+  return found.empty() ? Rotation() : found[0];
+}
+
+StateMap MapOfOne(const Rotation& found) { return MapOf(std::vector{found}); }
+
 TEST(RotationsTest, AQuaternionOfAnySignIsMadeContinuous) {
   for (const bool flips : {false, true}) {
-    const auto found = FindRotations(Layout(4), Quaternions(1.2, flips));
-    ASSERT_EQ(found.size(), 1U);
-    EXPECT_EQ(found[0].kind, Kind::kQuaternion);
-    EXPECT_EQ(found[0].first, 2);
-    EXPECT_EQ(found[0].size, 4);
-    EXPECT_EQ(found[0].jumps, flips);
-    EXPECT_TRUE(found[0].continuous);
-    EXPECT_THAT(Describe(found[0], Layout(4)), HasSubstr("rotation[0:4] is a unit quaternion"));
+    const Rotation found = FindOne(Layout(4), Quaternions(1.2, flips));
+    EXPECT_EQ(found.kind, Kind::kQuaternion);
+    EXPECT_EQ(found.first, 2);
+    EXPECT_EQ(found.size, 4);
+    EXPECT_EQ(found.jumps, flips);
+    EXPECT_TRUE(found.continuous);
+    EXPECT_THAT(Describe(found, Layout(4)), HasSubstr("rotation[0:4] is a unit quaternion"));
   }
   const auto plain = Quaternions(1.2, false);
+  StateLayout one_block;
+  one_block.Add("state", 6);
+  EXPECT_THAT(Describe(FindOne(one_block, plain), one_block), HasSubstr("state[2:6]"));
   const auto flipped = Quaternions(1.2, true);
   const StateMap map = MapOf(FindRotations(Layout(4), plain));
   const StateMap same = MapOf(FindRotations(Layout(4), flipped));
@@ -105,21 +123,10 @@ TEST(RotationsTest, AQuaternionOfAnySignIsMadeContinuous) {
 }
 
 TEST(RotationsTest, OrientationsTooFarApartAreNamedWithTheRemedy) {
-  const auto found = FindRotations(Layout(4), Quaternions(6.0, true));
-  ASSERT_EQ(found.size(), 1U);
-  EXPECT_FALSE(found[0].continuous);
-  EXPECT_TRUE(MapOf(found).empty());
-  EXPECT_THAT(Describe(found[0], Layout(4)), HasSubstr("first two columns"));
-}
-
-TEST(RotationsTest, AQuaternionIsFoundWithinALargerBlock) {
-  const auto quaternions = Quaternions(1.2, false);
-  StateLayout layout;
-  layout.Add("state", 6);
-  const auto found = FindRotations(layout, quaternions);
-  ASSERT_EQ(found.size(), 1U);
-  EXPECT_EQ(found[0].first, 2);
-  EXPECT_THAT(Describe(found[0], layout), HasSubstr("state[2:6]"));
+  const Rotation found = FindOne(Layout(4), Quaternions(6.0, true));
+  EXPECT_FALSE(found.continuous);
+  EXPECT_TRUE(MapOfOne(found).empty());
+  EXPECT_THAT(Describe(found, Layout(4)), HasSubstr("first two columns"));
 }
 
 // Four entries of norm 1 that are no quaternion: opposite signs mean different states.
@@ -150,12 +157,11 @@ TEST(RotationsTest, SignsThatDifferBetweenEpisodesIndicateAQuaternion) {
         return scalar_first ? Eigen::Vector4d(w, 0.0, 0.0, z) : Eigen::Vector4d(0.0, 0.0, z, w);
       });
     };
-    const auto found = FindRotations(layout, yaw(true));
-    ASSERT_EQ(found.size(), 1U);
-    EXPECT_EQ(found[0].first, 2);
-    EXPECT_TRUE(found[0].continuous);
-    EXPECT_TRUE(found[0].guessed);
-    EXPECT_THAT(Describe(found[0], layout), HasSubstr("sign differs between demonstrations"));
+    const Rotation found = FindOne(layout, yaw(true));
+    EXPECT_EQ(found.first, 2);
+    EXPECT_TRUE(found.continuous);
+    EXPECT_TRUE(found.guessed);
+    EXPECT_THAT(Describe(found, layout), HasSubstr("sign differs between demonstrations"));
     EXPECT_THAT(FindRotations(layout, yaw(false)), IsEmpty());
     EXPECT_FALSE(FindRotations(Layout(4), yaw(true))[0].guessed) << "a block of four";
   }
@@ -166,14 +172,12 @@ TEST(RotationsTest, AFlagBesideZerosIsNamedAndNotMapped) {
   StateLayout layout;
   layout.Add("state", 6);
   for (const bool within : {true, false}) {
-    const auto found =
-        FindRotations(layout, Episodes(4, [=](int d, double share) -> Eigen::VectorXd {
-                        const bool closed = within ? share > 0.5 : d % 2 == 1;
-                        return Eigen::Vector4d(closed ? -1.0 : 1.0, 0.0, 0.0, 0.0);
-                      }));
-    ASSERT_EQ(found.size(), 1U);
-    EXPECT_TRUE(MapOf(found).empty());
-    EXPECT_THAT(Describe(found[0], layout), HasSubstr("a flag of +-1"));
+    const Rotation found = FindOne(layout, Episodes(4, [=](int d, double share) -> Eigen::VectorXd {
+                                     const bool closed = within ? share > 0.5 : d % 2 == 1;
+                                     return Eigen::Vector4d(closed ? -1.0 : 1.0, 0.0, 0.0, 0.0);
+                                   }));
+    EXPECT_TRUE(MapOfOne(found).empty());
+    EXPECT_THAT(Describe(found, layout), HasSubstr("a flag of +-1"));
   }
 }
 
@@ -182,9 +186,8 @@ TEST(RotationsTest, QuaternionsMayBeRoundedToTwoDigits) {
   for (Trajectory& episode : rounded) {
     episode.states.rightCols(4) = (100.0 * episode.states.rightCols(4)).array().round() / 100.0;
   }
-  const auto found = FindRotations(Layout(4), rounded);
-  ASSERT_EQ(found.size(), 1U);
-  EXPECT_TRUE(found[0].continuous);
+  const Rotation found = FindOne(Layout(4), rounded);
+  EXPECT_TRUE(found.continuous);
 }
 
 TEST(RotationsTest, AnAngleThatWrapsIsMadeContinuousIfItLeavesAGap) {
@@ -193,17 +196,16 @@ TEST(RotationsTest, AnAngleThatWrapsIsMadeContinuousIfItLeavesAGap) {
       // The angle goes from 110 to 250 degrees, and from -70 to 70. Each range crosses one of the
       // two cuts.
       const double begin = (centred ? 110.0 : -70.0) / 360.0 * period;
-      const auto episodes = Episodes(1, [&](int d, double share) -> Eigen::VectorXd {
+      const auto episodes = Angles([&](int d, double share) {
         const double angle = begin + period * (0.01 * d + 0.3 * share);
-        return Eigen::VectorXd::Constant(1, Wrapped(angle, centred, period));
+        return Wrapped(angle, centred, period);
       });
-      const auto found = FindRotations(Layout(1), episodes);
-      ASSERT_EQ(found.size(), 1U) << period << ' ' << centred;
-      EXPECT_EQ(found[0].kind, Kind::kAngle);
-      EXPECT_EQ(found[0].first, 2);
-      EXPECT_EQ(found[0].period, period);
-      EXPECT_TRUE(found[0].continuous);
-      const StateMap map = MapOf(found);
+      const Rotation found = FindOne(Layout(1), episodes);
+      EXPECT_EQ(found.kind, Kind::kAngle);
+      EXPECT_EQ(found.first, 2);
+      EXPECT_EQ(found.period, period);
+      EXPECT_TRUE(found.continuous);
+      const StateMap map = MapOfOne(found);
       for (const Trajectory& episode : episodes) {
         std::vector<double> angles;
         for (Eigen::Index t = 0; t <= kSteps; ++t) {
@@ -224,19 +226,17 @@ TEST(RotationsTest, AnAngleThatWrapsIsMadeContinuousIfItLeavesAGap) {
 }
 
 TEST(RotationsTest, AnAngleThatGoesAllTheWayRoundBecomesCosineAndSine) {
-  const auto episodes = Episodes(1, [](int d, double share) -> Eigen::VectorXd {
-    return Eigen::VectorXd::Constant(1, Wrapped(0.05 * d + 5.0 * kPi * share, true));
-  });
-  const auto found = FindRotations(Layout(1), episodes);
-  ASSERT_EQ(found.size(), 1U);
-  EXPECT_EQ(found[0].kind, Kind::kAngle);
-  EXPECT_FALSE(found[0].continuous);
-  EXPECT_THAT(Describe(found[0], Layout(1)),
-              HasSubstr("rotation[0] is an angle that jumps by 6.28"));
-  EXPECT_THAT(Describe(found[0], Layout(1)), HasSubstr("a guard uses its cosine and sine"));
-  const auto selection = FeatureSelection(Layout(1), "rotation,position[1:2]").Mapped(MapOf(found));
+  const auto episodes =
+      Angles([](int d, double share) { return Wrapped(0.05 * d + 5.0 * kPi * share, true); });
+  const Rotation found = FindOne(Layout(1), episodes);
+  EXPECT_EQ(found.kind, Kind::kAngle);
+  EXPECT_FALSE(found.continuous);
+  EXPECT_THAT(Describe(found, Layout(1)), HasSubstr("rotation[0] is an angle that jumps by 6.28"));
+  EXPECT_THAT(Describe(found, Layout(1)), HasSubstr("a guard uses its cosine and sine"));
+  const auto selection =
+      FeatureSelection(Layout(1), "rotation,position[1:2]").Mapped(MapOfOne(found));
   EXPECT_EQ(selection.indices(), (std::vector{2, 2, 1}));
-  EXPECT_EQ(selection.Mapped(MapOf(found)).indices(), selection.indices());
+  EXPECT_EQ(selection.Mapped(MapOfOne(found)).indices(), selection.indices());
   for (const Trajectory& episode : episodes) {
     for (Eigen::Index t = 0; t <= kSteps; ++t) {
       const double angle = episode.states(t, 2);
@@ -251,31 +251,24 @@ TEST(RotationsTest, AnAngleThatGoesAllTheWayRoundBecomesCosineAndSine) {
 
 TEST(RotationsTest, AnAngleOnSeveralRevolutionsIsNamed) {
   const auto episodes = [](int revolutions) {
-    return Episodes(1, [=](int d, double share) -> Eigen::VectorXd {
-      return Eigen::VectorXd::Constant(
-          1, 0.02 * d + 2.0 * kPi * (d % revolutions) + 5.0 * kPi * share);
+    return Angles([=](int d, double share) {
+      return 0.02 * d + 2.0 * kPi * (d % revolutions) + 5.0 * kPi * share;
     });
   };
   for (const int revolutions : {2, 3}) {
-    const auto found = FindRotations(Layout(1), episodes(revolutions));
-    ASSERT_EQ(found.size(), 1U);
-    EXPECT_EQ(found[0].kind, Kind::kRunning);
-    EXPECT_THAT(Describe(found[0], Layout(1)), HasSubstr("cosine and sine"));
-    EXPECT_TRUE(MapOf(found).empty());
+    const Rotation found = FindOne(Layout(1), episodes(revolutions));
+    EXPECT_EQ(found.kind, Kind::kRunning);
+    EXPECT_THAT(Describe(found, Layout(1)), HasSubstr("cosine and sine"));
+    EXPECT_TRUE(MapOfOne(found).empty());
   }
   // An angle that stays on one revolution can be used like a length.
   EXPECT_THAT(FindRotations(Layout(1), episodes(1)), IsEmpty());
 }
 
 TEST(RotationsTest, LengthsThatJumpOrSpreadAreNoAngles) {
-  auto random = std::make_shared<Random>(3);
-  const auto apart = Episodes(1, [](int, double share) -> Eigen::VectorXd {
-    return Eigen::VectorXd::Constant(1, share < 0.5 ? -2.0 : 2.0);
-  });
+  const auto apart = Angles([](int, double share) { return share < 0.5 ? -2.0 : 2.0; });
   EXPECT_THAT(FindRotations(Layout(1), apart), IsEmpty());
-  const auto wide = Episodes(1, [=](int d, double share) -> Eigen::VectorXd {
-    return Eigen::VectorXd::Constant(1, 7.3 * d + 20.0 * share);
-  });
+  const auto wide = Angles([](int d, double share) { return 7.3 * d + 20.0 * share; });
   EXPECT_THAT(FindRotations(Layout(1), wide), IsEmpty());
 }
 
@@ -284,22 +277,20 @@ TEST(RotationsTest, ARotationMatrixIsRedundantAndARotationVectorJumps) {
     const Eigen::Matrix3d r = Turn(d, share, 3.0).toRotationMatrix();
     return Eigen::Map<const Eigen::VectorXd>(r.data(), 9);
   });
-  auto found = FindRotations(Layout(9), matrices);
-  ASSERT_EQ(found.size(), 1U);
-  EXPECT_EQ(found[0].kind, Kind::kMatrix);
-  EXPECT_FALSE(found[0].jumps);
-  EXPECT_THAT(Describe(found[0], Layout(9)), HasSubstr("rotation[0:9] is a rotation matrix"));
+  Rotation found = FindOne(Layout(9), matrices);
+  EXPECT_EQ(found.kind, Kind::kMatrix);
+  EXPECT_FALSE(found.jumps);
+  EXPECT_THAT(Describe(found, Layout(9)), HasSubstr("rotation[0:9] is a rotation matrix"));
 
   const auto vectors = Episodes(3, [](int d, double share) -> Eigen::VectorXd {
     const Eigen::AngleAxisd turn(Turn(d, share, 4.0));
     return turn.angle() > kPi ? Eigen::Vector3d(-(2.0 * kPi - turn.angle()) * turn.axis())
                               : Eigen::Vector3d(turn.angle() * turn.axis());
   });
-  found = FindRotations(Layout(3), vectors);
-  ASSERT_EQ(found.size(), 1U);
-  EXPECT_EQ(found[0].kind, Kind::kAxisAngle);
-  EXPECT_TRUE(found[0].jumps);
-  EXPECT_THAT(Describe(found[0], Layout(3)), HasSubstr("rotation vector"));
+  found = FindOne(Layout(3), vectors);
+  EXPECT_EQ(found.kind, Kind::kAxisAngle);
+  EXPECT_TRUE(found.jumps);
+  EXPECT_THAT(Describe(found, Layout(3)), HasSubstr("rotation vector"));
 }
 
 // One entry of a rotation vector that jumps at pi looks like an angle.
@@ -310,32 +301,29 @@ TEST(RotationsTest, ARotationVectorIsDistinguishedFromAnAngleBesideLengths) {
       return (angle > kPi ? angle - 2.0 * kPi : angle) * axis;
     });
   };
-  const auto tilted = FindRotations(Layout(3), vectors(Eigen::Vector3d(0.2, 0.1, 1).normalized()));
-  ASSERT_EQ(tilted.size(), 1U);
-  EXPECT_EQ(tilted[0].kind, Kind::kAxisAngle);
-  const auto upright = FindRotations(Layout(3), vectors(Eigen::Vector3d::UnitZ()));
-  ASSERT_EQ(upright.size(), 1U);
-  EXPECT_EQ(upright[0].kind, Kind::kAngle);
-  EXPECT_TRUE(upright[0].continuous);
+  const Rotation tilted = FindOne(Layout(3), vectors(Eigen::Vector3d(0.2, 0.1, 1).normalized()));
+  EXPECT_EQ(tilted.kind, Kind::kAxisAngle);
+  const Rotation upright = FindOne(Layout(3), vectors(Eigen::Vector3d::UnitZ()));
+  EXPECT_EQ(upright.kind, Kind::kAngle);
+  EXPECT_TRUE(upright.continuous);
 }
 
 // Computed by 2 acos(w), with the sign of the quaternion different between episodes.
 TEST(RotationsTest, RotationVectorsThatDifferBetweenEpisodesAreNamed) {
-  const auto found =
-      FindRotations(Layout(3), Episodes(3, [](int d, double share) {
-                      const Eigen::Vector3d axis = Eigen::Vector3d(0.02 * d, 0.6, 0.8).normalized();
-                      const double angle = 0.6 + share;
-                      return Eigen::VectorXd((d % 2 == 1 ? angle - 2.0 * kPi : angle) * axis);
-                    }));
-  ASSERT_EQ(found.size(), 1U);
-  EXPECT_EQ(found[0].kind, Kind::kAxisAngle);
+  const Rotation found =
+      FindOne(Layout(3), Episodes(3, [](int d, double share) {
+                const Eigen::Vector3d axis = Eigen::Vector3d(0.02 * d, 0.6, 0.8).normalized();
+                const double angle = 0.6 + share;
+                return Eigen::VectorXd((d % 2 == 1 ? angle - 2.0 * kPi : angle) * axis);
+              }));
+  EXPECT_EQ(found.kind, Kind::kAxisAngle);
 }
 
 TEST(RotationsTest, TheOrderOfTheDemonstrationsChangesNoBit) {
   auto episodes = Quaternions(1.2, true);
-  const auto found = FindRotations(Layout(4), episodes);
+  const auto reference = FindOne(Layout(4), episodes).reference;
   std::rotate(episodes.begin(), episodes.begin() + 3, episodes.end());
-  EXPECT_EQ(FindRotations(Layout(4), episodes)[0].reference, found[0].reference);
+  EXPECT_EQ(FindOne(Layout(4), episodes).reference, reference);
 }
 
 TEST(StateMapTest, FindsInvalidQuaternions) {
@@ -347,27 +335,22 @@ TEST(StateMapTest, FindsInvalidQuaternions) {
 }
 
 TEST(StateMapTest, InvalidPartsAreNamed) {
+  // Uses the map for states of three entries.
   const auto refusal = [](std::vector<StateMap::Quaternion> quaternions,
                           std::vector<StateMap::Angle> angles,
                           std::vector<StateMap::Circle> circles = {}) {
-    return test::MessageOf<std::invalid_argument>(
-        [&] { static_cast<void>(StateMap(quaternions, angles, circles)); });
+    return test::MessageOf<std::invalid_argument>([&] {
+      static_cast<void>(FeatureSelection::All(3).Mapped(StateMap(quaternions, angles, circles)));
+    });
   };
   EXPECT_THAT(refusal({}, {}, {{0, std::nan("")}}), HasSubstr("the period of an angle"));
   EXPECT_THAT(refusal({}, {}, {{-1, 1.0}}), HasSubstr("entry -1"));
-  EXPECT_THAT(test::MessageOf<std::invalid_argument>([] {
-                static_cast<void>(FeatureSelection::All(3).Mapped(StateMap({}, {}, {{3, 1.0}})));
-              }),
-              HasSubstr("need states of at least 4 entries, not 3"));
+  EXPECT_THAT(refusal({}, {}, {{3, 1.0}}), HasSubstr("of at least 4 entries, not 3"));
   EXPECT_THAT(refusal({{0, {1.0, 1.0, 0.0, 0.0}}}, {}), HasSubstr("must be a unit quaternion"));
   EXPECT_THAT(refusal({{-1, {1.0, 0.0, 0.0, 0.0}}}, {}), HasSubstr("cannot begin at entry -1"));
+  EXPECT_THAT(refusal({{0, {1.0, 0.0, 0.0, 0.0}}}, {}), HasSubstr("of at least 4 entries, not 3"));
   EXPECT_THAT(refusal({}, {{0, 0.0, 0.0}}), HasSubstr("its period positive"));
   EXPECT_THAT(refusal({}, {{-1, 0.0, 1.0}}), HasSubstr("entry -1"));
-  EXPECT_THAT(test::MessageOf<std::invalid_argument>([] {
-                static_cast<void>(
-                    FeatureSelection::All(3).Mapped(StateMap({{0, {1.0, 0.0, 0.0, 0.0}}}, {})));
-              }),
-              HasSubstr("need states of at least 4 entries, not 3"));
 }
 
 TEST(StateMapTest, SlopesAreThoseOfTheMappedEntries) {
