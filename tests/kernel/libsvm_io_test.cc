@@ -40,13 +40,16 @@ class LibsvmIoTest : public testing::Test {
     std::ifstream file(path_, std::ios::binary);
     return {std::istreambuf_iterator<char>(file), {}};
   }
+  core::Matrix Samples(const std::string& text, int state_dim = 0) {
+    Write(text);
+    return LoadSamples(path_, state_dim);
+  }
   std::string LoadModelError(const std::string& text) {
     Write(text);
     return dfr::test::MessageOf<std::runtime_error>([&] { (void)LoadLibsvmModel(path_); });
   }
   std::string LoadSamplesError(const std::string& text, int state_dim = 0) {
-    Write(text);
-    return dfr::test::MessageOf<std::runtime_error>([&] { (void)LoadSamples(path_, state_dim); });
+    return dfr::test::MessageOf<std::runtime_error>([&] { (void)Samples(text, state_dim); });
   }
 
   std::filesystem::path path_;
@@ -128,12 +131,11 @@ TEST_F(LibsvmIoTest, ASupportVectorAtTheOriginHasOneEntry) {
 TEST_F(LibsvmIoTest, AStateMayHaveAsManyEntriesAsAnEstimateAllows) {
   std::string line = "1";
   for (int k = 1; k < OneClassSvm::kMaxStateDim; ++k) line += ",1";
-  Write(line + "\n");
-  EXPECT_EQ(LoadSamples(path_).cols(), OneClassSvm::kMaxStateDim);
+  EXPECT_EQ(Samples(line + "\n").cols(), OneClassSvm::kMaxStateDim);
   EXPECT_THAT(LoadSamplesError(line + ",1\n"), HasSubstr(":1: more than 2048 entries"));
-  Write("1 2048:1\n");
-  EXPECT_EQ(LoadSamples(path_).cols(), OneClassSvm::kMaxStateDim);
-  EXPECT_EQ(LoadSamples(path_)(0, 2047), 1.0);
+  const core::Matrix sparse = Samples("1 2048:1\n");
+  EXPECT_EQ(sparse.cols(), OneClassSvm::kMaxStateDim);
+  EXPECT_EQ(sparse(0, 2047), 1.0);
   EXPECT_THAT(LoadSamplesError("1 2049:1\n"), HasSubstr(":1: an index must be an integer from 1"));
 }
 
@@ -198,7 +200,7 @@ TEST(LibsvmModelTest, DamagedModelsNeverCrash) {
     }
   }
   core::Random random(54);
-  for (int trial = 0; trial < 20000; ++trial) {
+  for (int trial = 0; trial < 5000; ++trial) {
     std::string bad = good;
     for (int k = 0; k < 3; ++k)
       bad[random.Below(bad.size())] = static_cast<char>(random.Below(256));
@@ -211,26 +213,15 @@ TEST(LibsvmModelTest, DamagedModelsNeverCrash) {
   }
 }
 
-TEST_F(LibsvmIoTest, SavingToAnUnwritablePathSaysWhy) {
-  Write(kModel);
-  const auto svm = LoadLibsvmModel(path_);
-  EXPECT_THAT(dfr::test::MessageOf<std::runtime_error>(
-                  [&] { SaveLibsvmModel(svm, path_ / "below" / "a_file"); }),
-              HasSubstr("cannot be written: Not a directory"));
-}
-
 TEST_F(LibsvmIoTest, SamplesAreReadFromSparseLinesAndFromCommas) {
   core::Matrix expected(2, 3);
   expected << 1, 0, -2.5, 0, 4e3, 0;
-  Write("+1 1:1 3:-2.5\n\n-1 2:4e3\r\n");
-  EXPECT_EQ(LoadSamples(path_), expected);
-  EXPECT_EQ(LoadSamples(path_, 4).cols(), 4);
-  Write("1,0, -2.5\n0,4e3,0\n");
-  EXPECT_EQ(LoadSamples(path_), expected);
-  Write("x,y,z\n1,0,-2.5\n0,4e3,0\n");
-  EXPECT_EQ(LoadSamples(path_, 3), expected);
-  Write("3\n4\n");
-  EXPECT_EQ(LoadSamples(path_), Eigen::Vector2d(3, 4));
+  const char* sparse = "+1 1:1 3:-2.5\n\n-1 2:4e3\r\n";
+  EXPECT_EQ(Samples(sparse), expected);
+  EXPECT_EQ(Samples(sparse, 4).cols(), 4);
+  EXPECT_EQ(Samples("1,0, -2.5\n0,4e3,0\n"), expected);
+  EXPECT_EQ(Samples("x,y,z\n1,0,-2.5\n0,4e3,0\n", 3), expected);
+  EXPECT_EQ(Samples("3\n4\n"), Eigen::Vector2d(3, 4));
 }
 
 TEST_F(LibsvmIoTest, WrongSamplesAreRefusedWithLineAndReason) {
@@ -247,24 +238,15 @@ TEST_F(LibsvmIoTest, WrongSamplesAreRefusedWithLineAndReason) {
 
 // The reader once mistook each of these lines for a header, and lost the sample.
 TEST_F(LibsvmIoTest, NoFirstSampleIsTakenForAHeader) {
-  Write(
-      "\xEF\xBB\xBF"
-      "1,2\n3,4\n");  // a byte order mark
-  EXPECT_EQ(LoadSamples(path_).rows(), 2);
-  EXPECT_EQ(LoadSamples(path_)(0, 0), 1.0);
-  Write("1e-400,2\n3,4\n");
-  EXPECT_EQ(LoadSamples(path_).rows(), 2);
-  EXPECT_EQ(LoadSamples(path_)(0, 0), 0.0);
-  EXPECT_THAT(LoadSamplesError("0x10,2\n3,4\n"), HasSubstr(":1: an entry must be a finite number"));
-  EXPECT_THAT(LoadSamplesError("nan,2\n3,4\n"), HasSubstr(":1: an entry must be a finite number"));
-  EXPECT_THAT(LoadSamplesError("1e999\n3\n"), HasSubstr(":1: an entry must be a finite number"));
-  EXPECT_THAT(LoadSamplesError("x,2\n3,4\n"), HasSubstr(":1: an entry must be a finite number"));
-  Write("\xEF\xBB\xBFx,y\r\n3,4\r\n");
-  EXPECT_EQ(LoadSamples(path_).rows(), 1);
-  Write(
-      "\xEF\xBB\xBF"
-      "1 1:2\n");
-  EXPECT_EQ(LoadSamples(path_)(0, 0), 2.0);
+  const std::string mark = "\xEF\xBB\xBF";  // of the byte order
+  const Eigen::Matrix2d two{{1.0, 2.0}, {3.0, 4.0}};
+  EXPECT_EQ(Samples(mark + "1,2\n3,4\n"), two);
+  EXPECT_EQ(Samples(mark + "1 1:2\n")(0, 0), 2.0);
+  EXPECT_EQ(Samples(mark + "x,y\r\n3,4\r\n"), two.bottomRows(1));
+  EXPECT_EQ(Samples("1e-400,2\n3,4\n")(0, 0), 0.0);
+  for (const char* text : {"0x10,2\n3,4\n", "nan,2\n3,4\n", "1e999\n3\n", "x,2\n3,4\n"}) {
+    EXPECT_THAT(LoadSamplesError(text), HasSubstr(":1: an entry must be a finite number")) << text;
+  }
 }
 
 // A line of 9 bytes may request a dense row of 16 KiB once, but not a hundred thousand times.
@@ -272,8 +254,7 @@ TEST_F(LibsvmIoTest, ASmallSparseFileCannotRequestGigabytes) {
   std::string text;
   for (int i = 0; i < 100'000; ++i) text += "1 2048:1\n";
   EXPECT_THAT(LoadSamplesError(text), HasSubstr("100000 rows of 2048 entries are too many"));
-  Write(text.substr(0, 9 * 1000));
-  EXPECT_EQ(LoadSamples(path_).cols(), 2048);
+  EXPECT_EQ(Samples(text.substr(0, 9 * 1000)).cols(), 2048);
 }
 
 TEST_F(LibsvmIoTest, AFileLargerThanTheMemoryIsRefusedUnread) {

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <span>
 #include <stdexcept>
 #include <vector>
 
@@ -21,22 +20,8 @@ using test::Tube;
 
 constexpr double kEndless = std::numeric_limits<double>::infinity();
 
-TEST(OneClassSvmDecisionTest, LipschitzBoundHoldsAndIsTightForOneSample) {
-  core::Random random(27);
-  const core::Matrix samples = Tube(100, 3, random);
-  const auto svm = OneClassSvm::Fit(samples, {.gamma = 5.0});
-  std::vector<double> x(3), y(3);
-  for (int i = 0; i < 20000; ++i) {
-    double squared = 0.0;
-    for (std::size_t k = 0; k < 3; ++k) {
-      x[k] = random.Uniform(-2.0, 2.0);
-      y[k] = x[k] + 0.1 * random.Normal();
-      squared += (x[k] - y[k]) * (x[k] - y[k]);
-    }
-    ASSERT_LE(std::abs(svm.Decision(x) - svm.Decision(y)),
-              svm.lipschitz_bound() * std::sqrt(squared) * (1.0 + 1e-12));
-  }
-  // A single kernel is steepest at |x| = 1/sqrt(2 gamma).
+// A single kernel is steepest at |x| = 1/sqrt(2 gamma).
+TEST(OneClassSvmDecisionTest, TheLipschitzBoundIsTheLargestSlopeOfOneKernel) {
   const auto one =
       OneClassSvm::FromParts(core::Matrix::Zero(1, 1), Eigen::VectorXd::Ones(1), 5.0, 0.5);
   const double steepest[] = {1.0 / std::sqrt(10.0)};
@@ -52,7 +37,11 @@ TEST(OneClassSvmDecisionTest, BrokenSensorsReadAsOutside) {
   for (const double bad : {std::numeric_limits<double>::quiet_NaN(), kEndless, -kEndless}) {
     const std::vector<double> x = {0.0, bad, 0.0};
     EXPECT_EQ(svm.Decision(x), -kEndless);
+    EXPECT_EQ(svm.LogDecision(x), -kEndless);
     EXPECT_EQ(svm.Gradient(x, gradient), -kEndless);
+    EXPECT_THAT(gradient, testing::Each(0.0));
+    gradient.assign(3, 7.0);
+    EXPECT_EQ(svm.LogGradient(x, gradient), -kEndless);
     EXPECT_THAT(gradient, testing::Each(0.0));
   }
   const std::vector<double> wrong_size(4, 0.0);
@@ -148,7 +137,7 @@ TEST(OneClassSvmDecisionTest, SinglePrecisionIsWithinItsBoundForManyEntries) {
     const double gamma = 1.0 / n;
     const auto svm = OneClassSvm::Fit(Tube(60, n, random), {.nu = 0.3, .gamma = gamma});
     const auto single = svm.InSinglePrecision();
-    const core::Matrix queries = 2.0 * Tube(100, n, random);
+    const core::Matrix queries = 2.0 * Tube(25, n, random);
     double worst = 0.0;
     for (Eigen::Index i = 0; i < queries.rows(); ++i) {
       const auto x = core::Row(queries, i);
@@ -191,10 +180,6 @@ TEST(OneClassSvmDecisionTest, LogDecisionHasTheSignOfGAndStaysFiniteFarAway) {
     EXPECT_EQ(svm.LogGradient(far, gradient), svm.LogDecision(far));
     EXPECT_LT(gradient[0], -100.0);  // towards the samples
     EXPECT_GT(gradient[1], 100.0);
-    const std::vector<double> broken = {0.0, std::nan(""), 0.0};
-    EXPECT_EQ(svm.LogDecision(broken), -kEndless);
-    EXPECT_EQ(svm.LogGradient(broken, gradient), -kEndless);
-    EXPECT_THAT(gradient, testing::Each(0.0));
   }
 }
 
@@ -251,68 +236,6 @@ TEST(OneClassSvmDecisionTest, GradientsAreDerivatives) {
       EXPECT_NEAR(log_gradient[k], (log_ahead - svm.LogDecision(x)) / (2.0 * kStep), 3e-8);
       x[k] = at;
     }
-  }
-}
-
-// The ball of core::LogDecisionFunction::curvature_bound() at x, with c = gamma.
-struct Ball {
-  std::vector<double> shift;  // from x to the centre
-  double radius = 0.0;        // NaN: no ball exists
-  double worst = 0.0;         // largest allowed change of state
-
-  Ball(const OneClassSvm& svm, std::span<const double> x) : shift(x.size()) {
-    const double l = svm.LogGradient(x, shift);
-    double square = 0.0;
-    for (double& entry : shift) {
-      entry /= 2.0 * svm.gamma();
-      square += entry * entry;
-    }
-    radius = std::sqrt(square + l / svm.gamma());
-    worst = radius - std::sqrt(square);
-  }
-};
-
-// The bound is proved: every state in the ball is inside, and the ball is larger than g / L.
-TEST(OneClassSvmDecisionTest, EveryStateInTheBallOfTheCurvatureBoundIsInside) {
-  core::Random random(38);
-  const core::Matrix samples = Tube(150, 3, random);
-  const auto svm = OneClassSvm::Fit(samples, {.nu = 0.1, .gamma = 2.0});
-  std::vector<double> y(3), direction(3);
-  int inside = 0;
-  double radius_sum = 0.0;
-  double lipschitz_sum = 0.0;
-  for (Eigen::Index i = 0; i < samples.rows(); ++i) {
-    const auto x = core::Row(samples, i);
-    const Ball ball(svm, x);
-    if (svm.Decision(x) < 0.0) {
-      EXPECT_FALSE(ball.worst >= 0.0);
-      continue;
-    }
-    ++inside;
-    EXPECT_GE(ball.worst, 0.0);
-    radius_sum += ball.worst;
-    lipschitz_sum += svm.Decision(x) / svm.lipschitz_bound();
-    for (int trial = 0; trial < 100; ++trial) {
-      random.Direction(direction);
-      for (std::size_t k = 0; k < 3; ++k) {
-        y[k] = x[k] + ball.shift[k] + ball.radius * direction[k];
-      }
-      EXPECT_GE(svm.Decision(y), -1e-14);
-    }
-  }
-  EXPECT_GT(inside, 100);
-  EXPECT_GT(radius_sum, 1.5 * lipschitz_sum);
-}
-
-// With one kernel the support is a ball, which the bound finds exactly from every state.
-TEST(OneClassSvmDecisionTest, TheBallOfOneKernelIsItsSupport) {
-  const auto one =
-      OneClassSvm::FromParts(core::Matrix::Zero(1, 1), Eigen::VectorXd::Ones(1), 2.0, 0.5);
-  const double true_radius = std::sqrt(std::log(2.0) / 2.0);
-  for (const double x : {0.0, 0.3, 5.0, 300.0}) {
-    const Ball ball(one, {&x, 1});
-    EXPECT_NEAR(x + ball.shift[0], 0.0, 1e-13 * x);
-    EXPECT_NEAR(ball.radius, true_radius, 1e-10);  // cancels 2 * 300^2 in l
   }
 }
 

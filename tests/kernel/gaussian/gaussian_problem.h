@@ -96,19 +96,26 @@ inline void Fill(QueryKind kind, const Problem& p, core::Random& random, std::sp
   }
 }
 
+/// The terms of a problem, prepared for each instruction set.
+struct OfEveryTarget {
+  explicit OfEveryTarget(const Problem& p) {
+    for (const std::int64_t target : SupportedTargets()) {
+      ForceTarget(target);
+      in_double.emplace_back(GaussianTerms<double>(p.points, p.weights, p.gamma));
+      in_float.emplace_back(GaussianTerms<float>(p.points, p.weights, p.gamma));
+    }
+    ForceTarget(0);
+  }
+  std::vector<SumTerms<double>> in_double;
+  std::vector<SumTerms<float>> in_float;
+};
+
 /// Checks g = sum - rho on `states` states, an eighth of each kind, with every instruction set. The
 /// error is relative to max(sum, rho), with rho = 0.1, because g has no relative accuracy where
 /// both cancel.
 inline void CheckDecisions(int states) {
   const Problem p(24, 9, 1.0 / 9.0, 13);
-  std::vector<SumTerms<double>> in_double;
-  std::vector<SumTerms<float>> in_float;
-  for (const std::int64_t target : SupportedTargets()) {
-    ForceTarget(target);
-    in_double.emplace_back(GaussianTerms<double>(p.points, p.weights, p.gamma));
-    in_float.emplace_back(GaussianTerms<float>(p.points, p.weights, p.gamma));
-  }
-  ForceTarget(0);
+  const auto& [in_double, in_float] = OfEveryTarget(p);
   core::Random random(14);
   std::vector<double> x(9), scaled(9);
   std::vector<float> scaled_float(9);

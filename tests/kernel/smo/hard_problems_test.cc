@@ -8,16 +8,12 @@
 
 #include "dfr/core/random.h"
 #include "dfr/kernel/one_class_svm.h"
-#include "tests/kernel/libsvm_peer.h"
 #include "tests/support/message_of.h"
 
 namespace dfr::kernel {
 namespace {
 
 using test::Kind;
-using test::KktGapOfSummary;
-using test::LibsvmPeer;
-using test::MedianSquaredDistance;
 using test::Samples;
 using testing::HasSubstr;
 
@@ -33,30 +29,6 @@ TEST_P(HardProblemsTest, FitsConvergeForAllSizesWidthsAndNu) {
   }
 }
 
-TEST_P(HardProblemsTest, ObjectivesAreNoHigherThanThoseOfLibsvm) {
-  constexpr double kTolerance = 1e-3;
-  core::Random random(52);
-  for (const int m : {7, 60, 200}) {
-    for (const int n : {1, 9}) {
-      const core::Matrix samples = Samples(GetParam(), m, n, random);
-      const double unit = 1.0 / MedianSquaredDistance(samples);
-      for (const double width : {1e-3, 0.1, 1.0, 10.0, 1e3}) {
-        for (const double nu : {0.05, 0.5}) {
-          SCOPED_TRACE(testing::Message()
-                       << m << " x " << n << ", width " << width << ", nu " << nu);
-          const double gamma = width * unit;
-          const LibsvmPeer peer(samples, nu, gamma, kTolerance);
-          FitSummary summary;
-          (void)OneClassSvm::Fit(samples, {.nu = nu, .gamma = gamma, .tolerance = kTolerance},
-                                 &summary);
-          // Both are within tolerance * nu m of the minimum; LIBSVM's kernel is float.
-          EXPECT_LE(summary.objective, peer.Objective() * (1.0 + 1e-6) + kTolerance * nu * m);
-        }
-      }
-    }
-  }
-}
-
 INSTANTIATE_TEST_SUITE_P(Kinds, HardProblemsTest,
                          testing::Values(Kind::kNormal, Kind::kDuplicates, Kind::kClusters,
                                          Kind::kTiny, Kind::kHuge));
@@ -67,15 +39,12 @@ TEST(HardProblemsTest, OneOutlierChangesNothingForTheOthers) {
   core::Random random(53);
   for (const int m : {400, 2100}) {  // solved as a whole, and by an active set
     const core::Matrix samples = Samples(Kind::kNormal, m, 3, random);
-    for (const double outlier : {1e6, 1e12, 1e100}) {
+    for (const double outlier : {1e6, 1e100}) {
       for (const double gamma : {0.3, 30.0}) {
         SCOPED_TRACE(testing::Message() << m << ", " << outlier << ", gamma " << gamma);
         core::Matrix spoilt = samples;
         spoilt.row(m / 2).setConstant(outlier);
-        FitSummary summary;
-        const auto svm = OneClassSvm::Fit(spoilt, {.gamma = gamma, .tolerance = 1e-3}, &summary);
-        EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
-        EXPECT_LT(KktGapOfSummary(spoilt, summary, 0.05, gamma), 1e-3);
+        const auto svm = test::FitToTheGap(spoilt, {.gamma = gamma, .tolerance = 1e-3});
         int outside = 0;
         for (Eigen::Index i = 0; i < m; ++i) {
           outside += svm.Decision(core::Row(spoilt, i)) < -2e-3 / svm.libsvm_scale() ? 1 : 0;
@@ -90,15 +59,12 @@ TEST(HardProblemsTest, OneOutlierChangesNothingForTheOthers) {
 TEST(HardProblemsTest, ClustersManyWidthsApartConverge) {
   core::Random random(54);
   for (const int m : {400, 2100}) {
-    for (const double apart : {1e4, 1e6, 1e8}) {
+    for (const double apart : {1e4, 1e8}) {
       for (const double gamma : {0.3, 5.0}) {
         SCOPED_TRACE(testing::Message() << m << ", apart " << apart << ", gamma " << gamma);
         core::Matrix samples = Samples(Kind::kNormal, m, 3, random);
         for (Eigen::Index i = 0; i < m; ++i) samples(i, 0) += apart * static_cast<double>(i % 5);
-        FitSummary summary;
-        (void)OneClassSvm::Fit(samples, {.gamma = gamma, .tolerance = 1e-3}, &summary);
-        EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged) << summary.kkt_gap;
-        EXPECT_LT(KktGapOfSummary(samples, summary, 0.05, gamma), 1e-3);
+        test::FitToTheGap(samples, {.gamma = gamma, .tolerance = 1e-3});
       }
     }
   }
@@ -111,18 +77,23 @@ TEST(HardProblemsTest, AFitMayBeStoppedAtAnyTime) {
   const int m = 4100;
   const core::Matrix samples = Samples(Kind::kNormal, m, 3, random);
   for (const double gamma : {0.3, 100.0}) {  // with rows of all samples, and with sparse rows
+    const OneClassSvmOptions options{.gamma = gamma, .tolerance = 1e-3};
     int calls = 0;
     const auto stopped_at = [&](int call) {
       calls = 0;
+      OneClassSvmOptions stopped = options;
+      stopped.progress = [&](const FitProgress& p) {
+        EXPECT_GE(p.iterations, 0);
+        EXPECT_GE(p.kkt_gap, 0.0);
+        return ++calls != call;
+      };
       FitSummary summary;
-      const auto svm =
-          OneClassSvm::Fit(samples,
-                           {.gamma = gamma,
-                            .tolerance = 1e-3,
-                            .progress = [&](const FitProgress&) { return ++calls != call; }},
-                           &summary);
+      const auto svm = OneClassSvm::Fit(samples, stopped, &summary);
       EXPECT_TRUE(std::isfinite(svm.rho()));
       EXPECT_NEAR(svm.alpha().sum(), 1.0, 1e-12);
+      if (call > 0 && std::isfinite(summary.kkt_gap)) {
+        EXPECT_NEAR(test::GapOf(svm, summary, samples, options.nu), summary.kkt_gap, 1e-4);
+      }
       return summary;
     };
     EXPECT_EQ(stopped_at(-1).reason, FitSummary::Reason::kConverged);
@@ -136,8 +107,6 @@ TEST(HardProblemsTest, AFitMayBeStoppedAtAnyTime) {
       if (call == 1) {
         EXPECT_TRUE(std::isinf(summary.kkt_gap)) << "stopped before G was known";
       }
-      if (std::isinf(summary.kkt_gap)) continue;
-      EXPECT_NEAR(KktGapOfSummary(samples, summary, 0.05, gamma), summary.kkt_gap, 1e-4);
     }
   }
 }

@@ -38,9 +38,9 @@ TEST(CoverRadiusTest, NoStateAtTheLevelIsFartherFromAllSamples) {
       EXPECT_LE(radius, plain * (1.0 + 1e-12));
       double furthest = 0.0;
       const double reach = samples.cwiseAbs().maxCoeff() + plain;
-      for (int i = -80; i <= 80; ++i) {
-        for (int j = -80; j <= 80; ++j) {
-          const std::vector<double> there = {i / 80.0 * reach, j / 80.0 * reach};
+      for (int i = -40; i <= 40; ++i) {
+        for (int j = -40; j <= 40; ++j) {
+          const std::vector<double> there = {i / 40.0 * reach, j / 40.0 * reach};
           if (svm.LogDecision(there) < -level) continue;
           furthest = std::max(furthest, DistanceToSamples(svm, there));
         }
