@@ -54,34 +54,6 @@ TEST(FiniteDifferenceRecoveryTest, LeavesThePlantAsItWas) {
   }
 }
 
-TEST(FiniteDifferenceRecoveryTest, ClimbsAtEveryIteration) {
-  const auto ball = test::UnitBall(2);
-  // The gate requires g > 0.5.
-  const auto policy = test::ConstantPolicy(2, 0.5);
-  PointPlant plant({.start = {0.4, 0.8}});
-  plant.Reset(1);
-  control::SwitchingController oracle(policy, ball, kLambda,
-                                      std::make_unique<FiniteDifferenceRecovery>(plant, ball));
-  oracle.Reset(1);
-  std::vector<double> u(2);
-  double g = ball.Decision(0, plant.x);
-  int iterations = 0;
-  while (true) {
-    const control::Step step = oracle.Next(plant.x, u);
-    if (step.mode != control::Mode::kRecovery) {
-      EXPECT_EQ(step.mode, control::Mode::kPolicy);
-      break;
-    }
-    EXPECT_EQ(step.iteration, iterations++);
-    ASSERT_EQ(plant.Apply(u), core::PlantStatus::kOk);
-    const double next_g = ball.Decision(0, plant.x);
-    // The recovery goes straight to the centre: each step gains its length, g / 50.
-    EXPECT_NEAR(next_g, g * (1.0 + 1.0 / 50.0), 1e-6 * g);
-    g = next_g;
-  }
-  EXPECT_GT(g, 0.5);
-}
-
 TEST(FiniteDifferenceRecoveryTest, HasNoDirectionWhereGIsFlatOrTheCopyRefuses) {
   const auto policy = test::ConstantPolicy(2, 1.0);
   std::vector<double> u(2);

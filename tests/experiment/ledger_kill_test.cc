@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <csignal>
 #include <filesystem>
 
@@ -31,35 +32,38 @@ extern "C" ssize_t write(int file, const void* bytes, size_t size) {
 namespace dfr::experiment {
 namespace {
 
-using test::EmptyFolder;
-using test::FakePlan;
 using test::MakeFakeTrialRunner;
 
 TEST(LedgerKillTest, EveryWrittenUnitIsKeptAndNoneRunsTwice) {
-  const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner);
-  const std::filesystem::path ledger = EmptyFolder("ledger_kill") / "ledger.jsonl";
-  const EvaluationOptions options = {.threads = 1, .ledger = ledger};
-  for (int writes = 0; writes <= 20; ++writes) {  // the writes of the header and of 20 units
-    SCOPED_TRACE(testing::Message() << "killed at write " << writes);
-    std::filesystem::remove(ledger);
-    const pid_t child = fork();
-    ASSERT_GE(child, 0);
-    if (child == 0) {
-      writes_left = writes;
-      (void)Evaluate(FakePlan(), MakeFakeTrialRunner, options);
-      _exit(0);
+  EvaluationPlan plan = test::FakePlan();
+  plan.trials = 1;
+  const auto whole = Evaluate(plan, MakeFakeTrialRunner);
+  const int units = static_cast<int>(whole.size());
+  const std::filesystem::path ledger = test::EmptyFolder("ledger_kill") / "ledger.jsonl";
+  for (const int threads : {1, 2}) {
+    const EvaluationOptions options = {.threads = threads, .ledger = ledger};
+    for (int writes = 0; writes <= units; ++writes) {  // the writes of the header and of all units
+      SCOPED_TRACE(testing::Message() << threads << " threads, killed at write " << writes);
+      std::filesystem::remove(ledger);
+      const pid_t child = fork();
+      ASSERT_GE(child, 0);
+      if (child == 0) {
+        writes_left = writes;
+        (void)Evaluate(plan, MakeFakeTrialRunner, options);
+        _exit(0);
+      }
+      int status = 0;
+      ASSERT_EQ(waitpid(child, &status, 0), child);
+      ASSERT_TRUE(WIFSIGNALED(status));
+      std::atomic<int> made = 0;
+      const auto counts = [&](const EvaluationUnit& unit) {
+        ++made;
+        return MakeFakeTrialRunner(unit);
+      };
+      ASSERT_EQ(Evaluate(plan, counts, options), whole);
+      EXPECT_EQ(made, units - std::max(0, writes - 1));
+      EXPECT_EQ(ReadLedger(ledger).records.size(), whole.size());
     }
-    int status = 0;
-    ASSERT_EQ(waitpid(child, &status, 0), child);
-    ASSERT_TRUE(WIFSIGNALED(status));
-    int made = 0;
-    const auto counts = [&](const EvaluationUnit& unit) {
-      ++made;
-      return MakeFakeTrialRunner(unit);
-    };
-    ASSERT_EQ(Evaluate(FakePlan(), counts, options), whole);
-    EXPECT_EQ(made, 20 - std::max(0, writes - 1));
-    EXPECT_EQ(ReadLedger(ledger).records.size(), 20U);
   }
 }
 

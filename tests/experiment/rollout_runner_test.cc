@@ -127,19 +127,6 @@ TEST(RolloutRunnerTest, AFilmIsAPageOfTheUndisturbedStates) {
       << message;
 }
 
-TEST(ExperimentTest, OptionsOverrideThePreset) {
-  EvaluationPlan preset = test::FakePlan();
-  ExperimentOptions options;
-  options.seed = 9;
-  EXPECT_EQ(ApplyTo(preset, options).methods, preset.methods);
-  EXPECT_EQ(ApplyTo(preset, options).trials, preset.trials);
-  EXPECT_EQ(ApplyTo(preset, options).seed, 9u);
-  options.methods = {"baseline"};
-  options.episodes = 3;
-  EXPECT_EQ(ApplyTo(preset, options).methods, options.methods);
-  EXPECT_EQ(ApplyTo(preset, options).episodes, 3);
-}
-
 TEST(ExperimentTest, WritesALedgerAndASummaryAndResumes) {
   ExperimentOptions options;
   options.out = test::EmptyFolder("experiment") / "new";

@@ -51,37 +51,26 @@ class Folder(unittest.TestCase):
 
 
 class ScriptTest(Folder):
-    def test_a_grid_runs_every_combination(self):
-        config = self.folder / "c.toml"
-        config.write_text("[experiment]\ntrials = 2\n[grid]\ngamma = [1, 5]\n")
-        out = self.folder / "grid"
-        run(CLUSTER, "slurm", "--tasks", 2, "--out", out, "--grid", "seed=3,4", "--", PROGRAM, "experiment",
-            "--config", config)
-        tasks = (out / "cluster/tasks").read_text().splitlines()
-        self.assertEqual(len(tasks), 2 * 2 * 2)
-        for k in range(1, len(tasks) + 1):
-            run(out / "cluster/task.sh", k)
-        run(out / "cluster/merge.sh")
-        lines = run(CLUSTER, "table", out).splitlines()
-        self.assertEqual(len(lines), 1 + 4 * 4)
-        self.assertTrue(any(line.startswith("gamma=1;seed=4,") for line in lines))
-        summary = json.loads((out / "gamma=1,seed=4/summary.json").read_text())
-        self.assertEqual(summary["seed"], 4)
-
-    def test_a_grid_may_be_over_lists_flags_and_dotted_keys(self):
+    def test_a_grid_may_be_over_lists_flags_and_dotted_keys_and_runs_every_combination(self):
         config = self.folder / "c.toml"
         config.write_text("experiment.trials = 1\nexperiment.episodes = 2\ngrid.demonstrations = [[6], [6, 60]]\n"
                           "grid.cold = [true, false]\n")
         out = self.folder / "grid"
-        run(CLUSTER, "slurm", "--tasks", 1, "--out", out, "--", PROGRAM, "experiment", "--config", config)
-        for k in range(1, 5):
+        run(CLUSTER, "slurm", "--tasks", 2, "--out", out, "--grid", "seed=3,4", "--", PROGRAM, "experiment",
+            "--config", config)
+        tasks = (out / "cluster/tasks").read_text().splitlines()
+        self.assertEqual(len(tasks), 2 * 2 * 2 * 2)
+        for k in range(1, len(tasks) + 1):
             run(out / "cluster/task.sh", k)
         run(out / "cluster/merge.sh")
+        lines = run(CLUSTER, "table", out).splitlines()
+        self.assertEqual(len(lines), 1 + len(tasks) // 2 * 4)
+        self.assertTrue(any(line.startswith("demonstrations=6;cold=true;seed=4,") for line in lines), lines)
         for demonstrations, cells in (("6", 1), ("6,60", 2)):
             for cold in ("true", "false"):
-                folder = out / f"demonstrations={demonstrations},cold={cold}"
+                folder = out / f"demonstrations={demonstrations},cold={cold},seed=4"
                 summary = json.loads((folder / "summary.json").read_text())
-                self.assertEqual(len(summary["cells"]), cells * 4)
+                self.assertEqual((summary["seed"], len(summary["cells"])), (4, cells * 4))
                 self.assertIn(f"cold = {cold}\n", (folder / "run.toml").read_text())
 
     def test_missing_units_are_named_and_run_again(self):
@@ -117,7 +106,7 @@ class ScriptTest(Folder):
         out = self.folder / "run"
         for arguments, says in [(["slurm", "--tasks", 2, "--out", out], "the experiment is missing"),
                                 (["slurm", "--tasks", 0, "--out", out, "--", "x"], "--tasks must be positive"),
-                                (["slurm", "--tasks", 1, "--out", out, "--grid", "gamma", "--", "x"], "--grid wants"),
+                                (["slurm", "--tasks", 1, "--out", out, "--grid", "gamma", "--", "x"], "--grid takes KEY=VALUE"),
                                 (["slurm", "--tasks", 1, "--out", out, "--grid", "gamma=1,1", "--", "x"],
                                  "two runs of the grid have the same folder gamma=1"),
                                 (["table", out], "contains no summary.json")]:

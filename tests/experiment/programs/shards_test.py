@@ -33,47 +33,25 @@ class ShardsTest(unittest.TestCase):
     def bytes_of(self, name):
         return (self.folder / name).read_bytes()
 
-    def test_any_split_gives_the_same_bytes(self):
+    def test_merged_shards_have_the_bytes_of_the_whole(self):
         self.run_program("experiment", "--out", "whole")
-        for count in (2, 7):
-            for k in range(1, count + 1):
-                self.run_program("experiment", "--shard", f"{k}/{count}", "--out", f"in{count}/shard-{k}")
-            out = self.run_program("merge", f"in{count}", "--out", f"merged{count}")
-            self.assertIn("baseline", out)
-            for name in ("summary.json", "report.html", "times.json", "run.toml"):
-                self.assertEqual(self.bytes_of(f"merged{count}/{name}"), self.bytes_of(f"whole/{name}"), name)
-        # Merges the shards in any order, one of them twice, and merges again.
-        shards = [f"in7/shard-{k}" for k in (5, 1, 7, 3, 2, 6, 4, 3)]
-        self.run_program("merge", *shards, "--out", "other")
-        self.run_program("merge", *shards, "--out", "other")
-        self.assertEqual(self.bytes_of("other/summary.json"), self.bytes_of("whole/summary.json"))
-        self.assertEqual(self.bytes_of("other/ledger.jsonl"), self.bytes_of("merged7/ledger.jsonl"))
+        for k in (1, 2, 3):
+            self.run_program("experiment", "--shard", f"{k}/3", "--out", f"in/shard-{k}")
+        self.assertIn("baseline", self.run_program("merge", "in", "--out", "merged"))
+        for name in ("summary.json", "report.html", "times.json", "run.toml"):
+            self.assertEqual(self.bytes_of(f"merged/{name}"), self.bytes_of(f"whole/{name}"), name)
 
     def test_merging_leaves_the_shards_unchanged(self):
         for k in (1, 2):
             self.run_program("experiment", "--shard", f"{k}/2", "--out", f"Ä b/{k}")
         self.run_program("merge", "Ä b", "--out", "ganz \u65e5")
         kept = self.bytes_of("ganz \u65e5/ledger.jsonl"), self.bytes_of("ganz \u65e5/summary.json")
-        # A shard of another seed, one with a flipped bit, and an invalid file.
         self.run_program("experiment", "--seed", 7, "--shard", "1/2", "--out", "seed")
-        flipped = self.folder / "flipped"
-        flipped.mkdir()
-        text = bytearray(self.bytes_of("Ä b/1/ledger.jsonl"))
-        text[len(text) // 2] ^= 4
-        (flipped / "ledger.jsonl").write_bytes(text)
-        (flipped / "run.toml").write_bytes(self.bytes_of("Ä b/1/run.toml"))
-        other = self.folder / "other"
-        other.mkdir()
-        (other / "ledger.jsonl").write_text("{}\n")
-        (other / "run.toml").write_bytes(self.bytes_of("Ä b/1/run.toml"))
-        for folder, says in (("seed", "seed is 7 there and 2018 now"), ("flipped", "is damaged: its checksum does not match"),
-                             ("other", "is not a ledger of a paired evaluation")):
-            self.assertIn(says, self.run_program("merge", folder, "--out", "ganz \u65e5", fails=True))
-        for shard in ("0/2", "3/2", "1/0", "1", "a/b", "-1/2"):
-            error = self.run_program("experiment", f"--shard={shard}", "--out", "ganz \u65e5", fails=True)
-            self.assertIn(f"a shard is K/N with 1 <= K <= N, as in 2/7, not '{shard}'", error)
-        error = self.run_program("experiment", "--shard", "1/2", "--out", "ganz \u65e5", fails=True)
-        self.assertIn('shard is "1/1" there and "1/2" now', error)
+        error = self.run_program("merge", "seed", "--out", "ganz \u65e5", fails=True)
+        self.assertIn("seed is 7 there and 2018 now", error)
+        for shard, says in (("3/2", "a shard is K/N with 1 <= K <= N, as in 2/7, not '3/2'"),
+                            ("1/2", 'shard is "1/1" there and "1/2" now')):
+            self.assertIn(says, self.run_program("experiment", "--shard", shard, "--out", "ganz \u65e5", fails=True))
         # A complete run is merged, and resumed without any work.
         self.run_program("merge", "Ä b/1", "--out", "ganz \u65e5")
         self.run_program("experiment", "--config", "ganz \u65e5/run.toml", "--out", "ganz \u65e5")
@@ -128,14 +106,12 @@ class ShardsTest(unittest.TestCase):
         text = (self.folder / "two/run.toml").read_text()
         for says in ("seed = 11\n", "demonstrations = [12, 13]\n", "trials = 1\n"):
             self.assertIn(says, text)
-        for option, values in (("--seed", ("0x10", "1e3", "12a", "-1", "018446744073709551616", "1_0", " 7", "")),
-                               ("--trials", ("0x10", "1e3", "012a", "2147483648", "0b1", "1.0")),
-                               ("--demonstrations", ("6,0x10", "6,09999999999999999999"))):
-            for value in values:
-                with self.subTest(option=option, value=value):
-                    error = self.run_program("experiment", f"{option}={value}", "--out", "three", fails=True)
-                    self.assertIn(option, error)
-                    self.assertEqual(error.count("\n"), 1, error)
+        for option, value in (("--seed", "0x10"), ("--seed", "018446744073709551616"), ("--trials", "1e3"),
+                              ("--trials", "2147483648"), ("--demonstrations", "6,0x10")):
+            with self.subTest(option=option, value=value):
+                error = self.run_program("experiment", f"{option}={value}", "--out", "three", fails=True)
+                self.assertIn(option, error)
+                self.assertEqual(error.count("\n"), 1, error)
 
     def test_a_folder_that_cannot_be_written_is_a_usage_error(self):
         (self.folder / "text").write_text("kept")
