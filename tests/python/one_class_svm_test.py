@@ -1,8 +1,5 @@
-"""dfr.OneClassSVM compared with scikit-learn's, as one of its estimators, and without scikit-learn.
+"""dfr.OneClassSVM compared with scikit-learn's, as one of its estimators, and without scikit-learn."""
 
-Takes 3 s, most of it in scikit-learn's own checks of estimators, which no other test runs."""
-
-import copy
 import pickle
 import subprocess
 import sys
@@ -12,7 +9,7 @@ import warnings
 
 import numpy as np
 import sklearn.svm
-from sklearn.exceptions import ConvergenceWarning, NotFittedError
+from sklearn.exceptions import ConvergenceWarning
 from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
@@ -45,31 +42,19 @@ def cloud(kind, n, d, rng):
 # kind, samples, features, nu, gamma
 DATA_SETS = [
     ("normal", 60, 1, 0.5, "scale"),
-    ("normal", 200, 2, 0.05, "scale"),
     ("normal", 500, 9, 0.05, 5.0),
-    ("normal", 1200, 9, 0.01, "auto"),
     ("normal", 300, 40, 0.1, "auto"),
     ("uniform", 80, 3, 0.9, 2.0),
-    ("uniform", 400, 2, 0.2, 20.0),
-    ("uniform", 700, 3, 0.3, 0.01),
-    ("tube", 120, 12, 0.05, 5.0),
     ("tube", 600, 9, 0.05, "scale"),
-    ("tube", 1500, 4, 0.1, 0.25),
-    ("tube", 2500, 9, 0.02, "auto"),
-    ("clusters", 150, 2, 0.1, "scale"),
-    ("clusters", 900, 6, 0.05, 0.5),
     ("clusters", 400, 3, 0.95, 1.0),
     ("repeated", 600, 5, 0.1, 0.5),
     ("scales", 1000, 5, 0.05, "scale"),
-    ("offset", 200, 4, 0.1, "scale"),
     ("offset", 800, 2, 0.5, 30.0),
-    ("offset", 500, 7, 0.05, 10.0),
 ]
 
 
 class AgainstSklearn(unittest.TestCase):
-    def test_decision_values_on_20_data_sets(self):
-        self.assertEqual(len(DATA_SETS), 20)
+    def test_decision_values(self):
         for seed, (kind, n, d, nu, gamma) in enumerate(DATA_SETS):
             with self.subTest(kind=kind, n=n, d=d, nu=nu, gamma=gamma):
                 X, queries = cloud(kind, n, d, np.random.default_rng(seed))
@@ -140,6 +125,18 @@ class AsEstimator(unittest.TestCase):
                     # Only checks that need pandas may be skipped without pandas.
                     self.assertIn("pandas", str(skip))
 
+    def test_a_pickled_estimator_decides_the_same_bits(self):
+        X, queries = cloud("normal", 200, 4, np.random.default_rng(2))
+        svm = dfr.OneClassSVM(nu=0.1).fit(X)
+        other = pickle.loads(pickle.dumps(svm))
+        np.testing.assert_array_equal(other.decision_function(queries), svm.decision_function(queries))
+        np.testing.assert_array_equal(other.support_, svm.support_)
+        self.assertEqual(other.fit_summary_.iterations, svm.n_iter_)
+
+    def test_attributes_need_a_fit(self):
+        for name in ("support_vectors_", "dual_coef_", "intercept_", "n_support_", "offset_"):
+            self.assertFalse(hasattr(dfr.OneClassSVM(), name), name)
+
     def test_names_of_features_are_kept_and_compared(self):
         class Frame:  # the relevant part of a pandas data frame
             def __init__(self, values, columns):
@@ -160,22 +157,6 @@ class AsEstimator(unittest.TestCase):
         self.assertFalse(hasattr(svm, "feature_names_in_"))
         with self.assertWarnsRegex(UserWarning, "fitted without feature names"):
             svm.predict(Frame(X, ["x", "y"]))
-
-    def test_pickled_and_copied_estimators_decide_the_same_bits(self):
-        X, queries = cloud("normal", 200, 4, np.random.default_rng(2))
-        svm = dfr.OneClassSVM(nu=0.1).fit(X)
-        for other in (pickle.loads(pickle.dumps(svm)), copy.deepcopy(svm)):
-            np.testing.assert_array_equal(other.decision_function(queries), svm.decision_function(queries))
-            np.testing.assert_array_equal(other.support_, svm.support_)
-            self.assertEqual(other.fit_summary_.iterations, svm.n_iter_)
-
-    def test_methods_and_attributes_need_a_fit(self):
-        svm = dfr.OneClassSVM()
-        for method in (svm.predict, svm.decision_function, svm.score_samples):
-            with self.assertRaisesRegex(NotFittedError, "Call 'fit'"):
-                method([[0.0]])
-        for name in ("support_vectors_", "dual_coef_", "intercept_", "n_support_", "offset_"):
-            self.assertFalse(hasattr(svm, name), name)
 
 
 class WrongCalls(unittest.TestCase):
@@ -198,25 +179,18 @@ class WrongCalls(unittest.TestCase):
 
     def test_invalid_data_are_located(self):
         X = np.random.default_rng(0).normal(size=(20, 2))
-        X[7, 1] = np.nan
-        with self.assertRaisesRegex(ValueError, "contains NaN: row 7, column 1"):
-            dfr.OneClassSVM().fit(X)
-        X[7, 1] = np.inf
-        with self.assertRaisesRegex(ValueError, "contains infinity: row 7, column 1"):
-            dfr.OneClassSVM().fit(X)
-        X[7, 1] = 0.0
-        with self.assertRaisesRegex(ValueError, "the weight of sample 3 is -1"):
-            dfr.OneClassSVM().fit(X, sample_weight=np.where(np.arange(20) == 3, -1.0, 1.0))
-        with self.assertRaisesRegex(ValueError, "the weight of sample 0 is -1"):
-            dfr.OneClassSVM().fit(X, sample_weight=np.full(20, -1.0))
-        with self.assertRaisesRegex(ValueError, "the weights must have a positive and finite sum"):
-            dfr.OneClassSVM().fit(X, sample_weight=np.zeros(20))
-        with self.assertRaisesRegex(ValueError, "gamma='scale' needs the variance of X, which overflows: scale X"):
-            dfr.OneClassSVM().fit(1e200 * X)
-        with self.assertRaisesRegex(ValueError, r"sample_weight.shape == \(3,\), expected \(20,\)"):
-            dfr.OneClassSVM().fit(X, sample_weight=[1, 2, 3])
-        with self.assertRaisesRegex(ValueError, "n_samples=1 .* minimum of 2"):
-            dfr.OneClassSVM().fit(X[:1])
+        row = np.arange(20)
+        for data, weight, message in [
+            (np.where((row == 7)[:, None] & [False, True], np.nan, X), None, "contains NaN: row 7, column 1"),
+            (np.where((row == 7)[:, None] & [False, True], np.inf, X), None, "contains infinity: row 7, column 1"),
+            (1e200 * X, None, "gamma='scale' needs the variance of X, which overflows: scale X"),
+            (X[:1], None, "n_samples=1 .* minimum of 2"),
+            (X, np.where(row == 3, -1.0, 1.0), "the weight of sample 3 is -1"),
+            (X, np.zeros(20), "the weights must have a positive and finite sum"),
+            (X, [1, 2, 3], r"sample_weight.shape == \(3,\), expected \(20,\)"),
+        ]:
+            with self.subTest(message), self.assertRaisesRegex(ValueError, message):
+                dfr.OneClassSVM().fit(data, sample_weight=weight)
 
     def test_a_fit_that_does_not_reach_its_tolerance_warns(self):
         X = np.random.default_rng(0).normal(size=(400, 3))
@@ -228,13 +202,14 @@ class WrongCalls(unittest.TestCase):
 
 class Memory(unittest.TestCase):
     def test_contiguous_float64_is_read_in_place(self):
-        """Decisions about 200 MB of states allocate no second 200 MB."""
+        """Decisions about 40 MB of states allocate no second 40 MB."""
         script = """
-            import resource
+            import resource, sys
+            sys.modules["sklearn"] = None  # takes longest to import
             import numpy as np
             import dfr
             svm = dfr.OneClassSVM().fit(np.random.default_rng(0).normal(size=(50, 50)))
-            X = np.ones((500_000, 50))
+            X = np.ones((100_000, 50))
             X.setflags(write=False)
             svm.decision_function(X[:10])
             before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -243,8 +218,8 @@ class Memory(unittest.TestCase):
             print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before, "KiB more")
         """
         out = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, check=True)
-        # The decisions, 4 MB, and the result of predict.
-        self.assertLess(int(out.stdout.split()[0]), 40_000)
+        # The decisions, 0.8 MB, and the result of predict.
+        self.assertLess(int(out.stdout.split()[0]), 8_000)
 
     def test_other_layouts_and_types_give_the_same(self):
         X, queries = cloud("normal", 100, 3, np.random.default_rng(3))
@@ -270,29 +245,40 @@ class Memory(unittest.TestCase):
 
 
 class Threads(unittest.TestCase):
-    def test_any_number_of_jobs_gives_the_same_bits(self):
-        X = np.random.default_rng(5).normal(size=(3000, 4))
+    def test_jobs_are_counted_as_in_sklearn(self):
+        X = np.random.default_rng(5).normal(size=(300, 4))
         one = dfr.OneClassSVM(nu=0.1, n_jobs=1).fit(X)
-        for jobs in (None, -1, 2, 5):
-            many = dfr.OneClassSVM(nu=0.1, n_jobs=jobs).fit(X)
-            np.testing.assert_array_equal(many.dual_coef_, one.dual_coef_)
-            np.testing.assert_array_equal(many.decision_function(X), one.decision_function(X))
+        for jobs in (None, -1, 2):
+            np.testing.assert_array_equal(dfr.OneClassSVM(nu=0.1, n_jobs=jobs).fit(X).dual_coef_, one.dual_coef_)
         for jobs in (0, -2, 1.5):
             with self.assertRaisesRegex(ValueError, "n_jobs must be -1"):
                 dfr.OneClassSVM(n_jobs=jobs).fit(X)
 
-    def test_ctrl_c_stops_a_fit(self):
+    def test_other_threads_run_during_calls_and_ctrl_c_stops_a_fit(self):
         script = """
             import os, select, signal, sys, threading
+            sys.modules["sklearn"] = None  # takes longest to import
             import numpy as np
             import dfr
+            sys.setswitchinterval(1000)  # no thread has to give up the interpreter's lock
             X = np.random.default_rng(0).normal(size=(30_000, 9))
+            during, seen = [], []
+            def see():
+                while not during:
+                    select.select([], [], [], 0.001)
+                seen.extend(during)
+            threading.Thread(target=see, daemon=True).start()
+            estimate, _ = dfr.SupportEstimate.fit(X[:3000], nu=0.2, gamma=5.0)
+            while not seen:
+                during.append("seen")
+                estimate.decision(X)
+                during.clear()
+            print(*seen)
             main = threading.get_ident()
-            def interrupt():  # once the fit has released the interpreter's lock; no switch is forced
+            def interrupt():
                 while sys._current_frames()[main].f_code.co_name != "fit":
                     select.select([], [], [], 0.001)
                 os.kill(os.getpid(), signal.SIGINT)
-            sys.setswitchinterval(1000)
             try:
                 threading.Thread(target=interrupt).start()
                 dfr.OneClassSVM(gamma=5.0, nu=0.3, tol=1e-12).fit(X)
@@ -300,10 +286,8 @@ class Threads(unittest.TestCase):
             except KeyboardInterrupt:
                 print("stopped")
         """
-        out = subprocess.run(
-            [sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, check=True
-        )
-        self.assertEqual(out.stdout, "stopped\n")
+        out = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, check=True)
+        self.assertEqual(out.stdout, "seen\nstopped\n")
 
 
 class WithoutSklearn(unittest.TestCase):

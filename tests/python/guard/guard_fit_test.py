@@ -2,7 +2,6 @@
 
 import gc
 import pathlib
-import pickle
 import tempfile
 import unittest
 import warnings
@@ -32,12 +31,9 @@ class GuardFitTest(unittest.TestCase):
             (states, actions[:-1], "4 arrays of states and 3 of actions"),
             (states, [u[:-1] for u in actions], "21 states and 19 actions"),
             ([], [], "no demonstrations"),
-            (states[:2], actions[:2], "at least 3 demonstrations"),
         ]:
             with self.subTest(message), self.assertRaisesRegex(ValueError, message):
                 dfr.Guard.fit(s, a, layout=LAYOUT, features="tip")
-        with self.assertRaisesRegex(ValueError, "feature 'gripper' is not part of the state"):
-            dfr.Guard.fit(states, actions, layout=LAYOUT, features="gripper")
 
     def test_arrays_of_many_kinds_make_the_same_guard(self):
         class Tensor:  # like torch's, on a device and with a gradient
@@ -114,19 +110,12 @@ class GuardFitTest(unittest.TestCase):
 
     def test_target_positions_are_refused_and_converted(self):
         rng = np.random.default_rng(4)
-        states, actions = [], []
-        for _ in range(12):
-            x, u = np.zeros((31, 2)), np.zeros((30, 2))
-            x[0], goal = rng.normal(size=2), rng.normal(size=2)
-            for t in range(30):
-                u[t] = x[t] + 0.2 * (goal - x[t])
-                x[t + 1] = u[t]
-            states.append(x)
-            actions.append(u)
+        states = [np.cumsum(rng.normal(size=(31, 2)), axis=0) for _ in range(12)]
+        actions = [x[1:] for x in states]
         with self.assertRaisesRegex(ValueError, r"actions 0, 1 take the values of state\[0\], state\[1\]"):
             dfr.Guard.fit(states, actions)
         converted = dfr.Guard.fit(states, actions, differences=True)
-        by_hand = dfr.Guard.fit(states, [u - x[:-1] for x, u in zip(states, actions)])
+        by_hand = dfr.Guard.fit(states, [np.diff(x, axis=0) for x in states])
         self.assertEqual(converted.summary, by_hand.summary)
         dfr.Guard.fit(states, actions, as_recorded=True)
         with self.assertRaisesRegex(ValueError, "nothing to convert"):
@@ -145,37 +134,19 @@ class GuardFitTest(unittest.TestCase):
             fit(8, progress=fail)
 
 
-def turning(seed, count, turn):
-    """The corridor with `turn(angle)` in place of the clock; a third action turns."""
-    rng = np.random.default_rng(seed)
-    states, actions = demonstrations(seed, count)
-    turned = []
-    for x, u in zip(states, actions):
-        rates = 0.06 + 0.02 * rng.normal(size=len(u))
-        angles = 0.1 * rng.normal() + np.concatenate([[0.0], np.cumsum(rates)])
-        turned.append((np.c_[x[:, 1:], [turn(a) for a in angles]], np.c_[u, rates]))
-    return [x for x, _ in turned], [u for _, u in turned]
-
-
 class RotationsTest(unittest.TestCase):
-    LAYOUT = [("tip", 2), ("quat", 4)]
-
-    @staticmethod
-    def quaternion(angle):
-        return [np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)]
-
     def test_a_quaternion_equals_its_negative_and_a_zero_one_halts(self):
-        states, actions = turning(1, 20, self.quaternion)
-        guard = dfr.Guard.fit(states, actions, layout=self.LAYOUT)
+        states, actions = demonstrations(1, 20)
+        turns = [0.03 * np.cumsum(np.r_[i, 1 + np.arange(20) % 3]) for i in range(20)]
+        states = [np.c_[x[:, 1:], np.cos(a), 0 * a, 0 * a, np.sin(a)] for x, a in zip(states, turns)]
+        actions = [np.c_[u, np.diff(a)] for u, a in zip(actions, turns)]
+        guard = dfr.Guard.fit(states, actions, layout=[("tip", 2), ("quat", 4)])
         flipped = states[0] * [1, 1, -1, -1, -1, -1]
         np.testing.assert_array_equal(guard.levels(states[0]), guard.levels(flipped))
-        same = pickle.loads(pickle.dumps(guard))
-        np.testing.assert_array_equal(guard.levels(states[0]), same.levels(flipped))
         guard.reset()
         self.assertIsNone(guard.filter(0, states[0][0], actions[0][0])[1]["entry"])
         _, info = guard.filter(1, states[0][1] * [1, 1, 0, 0, 0, 0], actions[0][1])
-        self.assertEqual((info["mode"], info["reason"]), ("halt", "quaternion-invalid"))
-        self.assertEqual(info["entry"], "quat[0:4]")
+        self.assertEqual((info["mode"], info["reason"], info["entry"]), ("halt", "quaternion-invalid", "quat[0:4]"))
 
 
 class WarningsTest(unittest.TestCase):

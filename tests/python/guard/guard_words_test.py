@@ -36,9 +36,8 @@ class ChunkTest(unittest.TestCase):
             x = plant.step(action)[0]
         self.assertEqual(changed[:5], 5 * [False])
         self.assertTrue(changed[-1])
-        for action, message in [([0.1], "action has 1 entries, 2 needed"), ([0.1, np.nan], "entry 1 .* is nan")]:
-            with self.assertRaisesRegex(ValueError, message):
-                self.guard.applied(action)
+        with self.assertRaisesRegex(ValueError, "action has 1 entries, 2 needed"):
+            self.guard.applied([0.1])
 
     def test_bad_input_is_named(self):
         state, chunk = np.zeros(3), np.tile(action_for(0.0997, 0.0), (CHUNK, 1))
@@ -72,10 +71,6 @@ class WhyTest(unittest.TestCase):
     def setUpClass(cls):
         cls.guard = fit()
 
-    def why(self, t, state, action):
-        self.guard.reset()
-        return self.guard.filter(t, state, action)[1]["why"]
-
     def test_explains_actions_that_do_not_pass(self):
         plant = Corridor()
         x, _ = plant.reset(seed=3)
@@ -87,22 +82,6 @@ class WhyTest(unittest.TestCase):
             named += "tip[1] is" in info["why"] and "above what was demonstrated at step" in info["why"]
             x = plant.step(action)[0]
         self.assertGreater(named, 3)
-
-    def test_a_halt_names_its_cause(self):
-        good = np.zeros(3), action_for(0.0997, 0.0)
-        for t, state, action, why in [
-            (0, [0.0, 0.0], good[1], "halted: state has 2 entries, 3 needed"),
-            (0, [[0.0, 0.0]], good[1], "halted: state has 2 entries, 3 needed"),
-            (0, [0.0, np.nan, 0.0], good[1], "halted: tip[0] of the state is nan"),
-            (0, good[0], [0.1, 0.1, 0.1], "halted: action has 3 entries, 2 needed"),
-            (0, good[0], [0.1, -np.inf], "halted: entry 1 of the action is -inf"),
-            (2, *good, "halted: t was not the next one: a call was lost or doubled"),
-            (0, *good, ""),
-        ]:
-            with self.subTest(why):
-                self.assertEqual(self.why(t, state, action), why)
-        self.assertRegex(self.why(0, good[0], [9.0, 0.0]), "entry 0 of the action is 9, beyond its limit")
-        self.assertEqual(self.guard.with_settings().filter(0, *good)[1]["why"], "halted: reset was not called")
 
     def test_a_state_is_explained(self):
         states, _ = demonstrations(1, 30)
@@ -120,14 +99,17 @@ class WhyTest(unittest.TestCase):
         self.assertEqual(inside["entries"], [])
         self.assertEqual((inside["nearest"]["demonstration"], inside["nearest"]["step"]), (4, 6))
         self.assertIsNone(self.guard.explain(states[4][6])["nearest"])
-        self.assertEqual(self.why(0, [0.0, 1e200, 0.0], [0.0, 0.0]), "halted: the state is immeasurably far outside")
+        self.guard.reset()
+        info = self.guard.filter(0, [0.0, 1e200, 0.0], [0.0, 0.0])[1]
+        self.assertEqual(info["why"], "halted: the state is immeasurably far outside")
         self.assertIn("immeasurably far outside what was demonstrated", self.guard.explain([0.0, 1e200, 0.0])["text"])
-        with self.assertRaisesRegex(ValueError, "entry 1 of the state is nan"):
-            self.guard.explain([0.0, np.nan, 0.0])
-        with self.assertRaisesRegex(ValueError, "state has 2 entries, 3 needed"):
-            self.guard.explain([0.0, 0.0])
-        with self.assertRaisesRegex(ValueError, "demonstration 1 has states of 2 entries"):
-            self.guard.explain(np.zeros(3), demonstrations=[states[0], states[1][:, :2]])
+        for state, options, message in [
+            ([0.0, np.nan, 0.0], {}, "entry 1 of the state is nan"),
+            ([0.0, 0.0], {}, "state has 2 entries, 3 needed"),
+            (np.zeros(3), {"demonstrations": [states[0], states[1][:, :2]]}, "demonstration 1 has states of 2 entries"),
+        ]:
+            with self.assertRaisesRegex(ValueError, message):
+                self.guard.explain(state, **options)
 
 
 class MistakesTest(unittest.TestCase):
@@ -153,11 +135,6 @@ class MistakesTest(unittest.TestCase):
             with self.subTest(message), self.assertRaisesRegex(TypeError, message) as raised:
                 call()
             self.assertNotIn("\n", str(raised.exception))
-
-    def test_wrapped_functions_keep_their_documentation(self):
-        for function in (dfr.Guard.fit, dfr.Guard.load, dfr.Guard.with_settings, dfr.TimeVaryingSupport.fit):
-            self.assertTrue(function.__doc__)
-        self.assertEqual(dfr.Guard.fit.__name__, "fit")
 
     def test_info_has_the_keys_of_its_type(self):
         stub = (pathlib.Path(dfr.__file__).parent / "_core.pyi").read_text()

@@ -100,6 +100,7 @@ class GuardedEnvTest(unittest.TestCase):
         """Runs with a stand-in for gymnasium.Wrapper, checked against Gymnasium 1.2."""
         script = f"""
             import pickle, sys
+            sys.modules["sklearn"] = None  # takes longest to import
             sys.path[:0] = [{str(pathlib.Path(__file__).parent / "stand_ins")!r}, {str(pathlib.Path(__file__).parent)!r}]
             import gymnasium
             import numpy as np
@@ -111,14 +112,11 @@ class GuardedEnvTest(unittest.TestCase):
                 observation_space = gymnasium.Box(-np.inf, np.inf, (3,))
 
             guard = dfr.Guard.fit(*demonstrations(1, 20), layout=LAYOUT, features="tip")
-            env = gymnasium.TimeLimit(dfr.GuardedEnv(Env(), guard), 7)
+            env = gymnasium.Wrapper(dfr.GuardedEnv(Env(), guard))
             assert isinstance(env.env, gymnasium.Wrapper) and isinstance(env.env, dfr.GuardedEnv)
             assert env.action_space is Env.action_space and isinstance(env.unwrapped, Env)
-            gymnasium.check_determinism(env, action_for(0.09, 0.06).astype(np.float32))
             env.reset(seed=0)
-            for _ in range(7):
-                truncated = env.step(action_for(0.05, 0.0))[3]
-            assert truncated
+            assert env.step(action_for(0.05, 0.0))[4]["guard"]["mode"] != "halt"
             assert env.get_wrapper_attr("guard").settings["action_limit"] == [min(0.25, c) for c in guard.settings["action_limit"]]
             assert not hasattr(env.env, "as_dict")  # as in all of Gymnasium's wrappers
             assert env.get_wrapper_attr("as_dict") is False

@@ -289,6 +289,7 @@ class ContractTest(unittest.TestCase):
         folder = pathlib.Path(__file__).parent
         script = f"""
             import sys
+            sys.modules["sklearn"] = None  # takes longest to import
             sys.path[:0] = [{str(folder / "stand_ins")!r}, {str(folder)!r}]
             import dfr
             assert not any(name.startswith("lerobot") for name in sys.modules)  # import dfr stays light
@@ -370,48 +371,6 @@ class OwnPipelineTest(unittest.TestCase):
                 np.testing.assert_allclose([float(value) for value in after.values()], safe, atol=1e-6)
                 self.assertEqual(type(after["x.pos"]), type(action["x.pos"]))
                 self.assertEqual(pipeline[0].info["mode"], info["mode"])
-
-    def test_batches(self):
-        pipeline = processor.DataProcessorPipeline([processor.IdentityProcessorStep(), GuardStep(self.guard)])
-        for shape in ((2,), (1, 2), (1, 1, 2)):
-            for dtype in (torch.float32, torch.float64):
-                pipeline.reset()
-                for x, safe, info in self.expected(30):
-                    action = torch.tensor(DRIFT.astype(np.float32), dtype=dtype).reshape(shape)
-                    after = pipeline({"action": action, "task": ["go"],
-                                      "observation.state": torch.tensor(x, dtype=torch.float64)[None],
-                                      "observation.images.front": torch.zeros(1, 3, 4, 4)})
-                    self.assertEqual((after["action"].shape, after["action"].dtype), (action.shape, dtype))
-                    np.testing.assert_allclose(after["action"].numpy().ravel(), safe, atol=1e-6)
-                    self.assertEqual((after["info"]["guard"], after["task"]), (info, ["go"]))
-
-    def test_a_chunk_is_taken_action_by_action_and_robots_one_by_one(self):
-        step = GuardStep(self.guard.with_settings(strategy="monitor"))
-        pipeline = processor.DataProcessorPipeline([step])
-        pipeline.reset()
-        chunk = torch.tensor(np.stack([action_for(0.05, 0.0), action_for(0.06, 0.0)])[None], dtype=torch.float32)
-        batch = {"action": chunk, "observation.state": torch.zeros(1, 2)}
-        for k in range(2):
-            torch.testing.assert_close(pipeline(batch)["action"], chunk[:, k])
-        with self.assertRaisesRegex(ValueError, "has no action 2"):
-            pipeline(batch)
-        step.next_chunk()
-        torch.testing.assert_close(pipeline(batch)["action"], chunk[:, 0])
-        with self.assertRaisesRegex(ValueError, "a guard is for one robot"):
-            pipeline({"action": torch.zeros(2, 2), "observation.state": torch.zeros(2, 2)})
-
-    def test_a_post_processor_has_no_observation(self):
-        step = GuardStep(self.guard)
-        pipeline = processor.PolicyProcessorPipeline(
-            [step], to_transition=processor.policy_action_to_transition,
-            to_output=processor.transition_to_policy_action)
-        pipeline.reset()
-        action = torch.tensor(DRIFT[None], dtype=torch.float32)
-        with self.assertRaisesRegex(ValueError, "no observation"):
-            pipeline(action)
-        [(x, safe, _)] = self.expected(1)
-        step.observe({"observation.state": torch.tensor(x[None])})
-        np.testing.assert_allclose(pipeline(action).numpy()[0], safe, atol=1e-6)
 
     def test_it_is_saved_and_loaded_with_its_pipeline(self):
         step = GuardStep(self.guard.with_settings(strategy="monitor"), positions=[0, 1], action_names=["x.pos", "y.pos"])

@@ -59,37 +59,3 @@ class Wrapper(Env):
 
     def step(self, action):
         return self.env.step(action)
-
-
-class TimeLimit(Wrapper):
-    def __init__(self, env, steps):
-        super().__init__(env)
-        self._most, self._steps = steps, 0
-
-    def reset(self, *, seed=None, options=None):
-        self._steps = 0
-        return super().reset(seed=seed, options=options)
-
-    def step(self, action):
-        obs, reward, terminated, truncated, info = super().step(action)
-        self._steps += 1
-        return obs, reward, terminated, truncated or self._steps >= self._most, info
-
-
-def _same(a, b):
-    if type(a) is not type(b):
-        return False
-    if isinstance(a, dict):
-        return a.keys() == b.keys() and all(_same(a[key], b[key]) for key in a)
-    return bool(np.array_equal(a, b))
-
-
-def check_determinism(env, action):
-    """Same check as the environment checker: equal seeds give equal observations, rewards and infos."""
-    runs = []
-    for _ in range(2):
-        first = env.reset(seed=123)
-        runs.append((first, env.step(action)))
-    (a, step_a), (b, step_b) = runs
-    assert all(_same(x, y) for x, y in zip(a, b)), (a, b)
-    assert all(_same(x, y) for x, y in zip(step_a, step_b)), (step_a, step_b)
