@@ -25,13 +25,6 @@ class PusherTest(ProgramTest):
         for method in ("baseline", "early-stopping", "dfr", "controller"):
             self.assertIn(method, out)
 
-    def test_a_summary_has_its_shape(self):
-        summary = self.summary("whole")
-        self.assertEqual(summary["experiment"], "pusher")
-        self.assertEqual([(c["method"], c["episodes"]) for c in summary["cells"]], [("baseline", 4), ("controller", 4)])
-        self.assertEqual([c["method"] for c in summary["contrasts"]], ["controller"])
-        self.assertIn(summary["commit"], (self.folder / "whole/report.html").read_text())
-
     def test_any_episode_can_be_filmed(self):
         line = self.run_pusher("episodes", "whole", "--method", "controller", "--most", 1).splitlines()[0]
         name, outcome = line.split()[:2]
@@ -81,11 +74,6 @@ class PusherTest(ProgramTest):
         ]:
             with self.subTest(arguments=arguments):
                 self.assertIn(says, self.run_pusher(*arguments, fails=True))
-
-    def test_help_tells_units_and_defaults(self):
-        out = self.run_pusher("experiment", "--help")
-        for word in ("[m]", "[1/m^2]", "quick", "paper", "0.05"):
-            self.assertIn(word, out)
 
 
 if __name__ == "__main__":
