@@ -36,7 +36,7 @@ TEST(PusherCollisionTest, CollisionsOfArmPartsAgreeWithSampledDistances) {
   State s = WithObjectAt(Observe(plant), 0.45, 0.0);
   std::map<std::string, int> hits;
   int free_poses = 0;
-  for (int i = 0; i < 15000; ++i) {
+  for (int i = 0; i < 4000; ++i) {
     const double centers[] = {0.0, 0.3, 0.0, 1.0, 0.0, -0.3, 0.0};
     const double widths[] = {0.6, 0.9, 1.0, 0.8, 1.0, 1.2, 1.4};
     for (int j = 0; j < 7; ++j) s[j] = centers[j] + random.Uniform(-widths[j], widths[j]);
@@ -66,8 +66,8 @@ TEST(PusherCollisionTest, CollisionsOfArmPartsAgreeWithSampledDistances) {
       ++free_poses;
     }
   }
-  EXPECT_GT(free_poses, 1000);
-  for (const char* part : {"forearm", "hand", "bar"}) EXPECT_GT(hits[part], 50) << part;
+  EXPECT_GT(free_poses, 260);
+  for (const char* part : {"forearm", "hand", "bar"}) EXPECT_GE(hits[part], 10) << part;
   EXPECT_EQ(hits["upper_arm"], 0) << "cannot reach the regions: 0.5 + 0.045 < 0.657 - 0.06";
 }
 
@@ -77,7 +77,7 @@ TEST(PusherCollisionTest, ForkProngsCollideToo) {
   const State home = s;
   std::map<std::string, int> hits;
   core::Random random(3);
-  for (int i = 0; i < 20000; ++i) {
+  for (int i = 0; i < 5000; ++i) {
     const double widths[] = {0.6, 0.5, 0.4, 1.2, 0.4, 0.8, 0.6};
     for (int j = 0; j < 7; ++j) s[j] = home[j] + random.Uniform(-widths[j], widths[j]);
     s[3] = std::min(s[3], 2.7);

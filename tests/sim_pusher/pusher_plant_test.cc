@@ -6,7 +6,6 @@
 #include <cmath>
 #include <limits>
 #include <stdexcept>
-#include <string>
 #include <utility>
 #include <vector>
 
@@ -189,7 +188,7 @@ TEST(PusherPlantTest, SlidesAlongTheTableInsteadOfEnteringIt) {
 TEST(PusherPlantTest, IsAtRestAfterEveryControl) {
   PusherPlant plant;
   core::Random random(5);
-  for (int episode = 0; episode < 30; ++episode) {
+  for (int episode = 0; episode < 10; ++episode) {
     plant.Reset(episode);
     for (int t = 0; t < 30; ++t) {
       ASSERT_EQ(plant.Apply(NoisyPush(plant, random)), PlantStatus::kOk);
@@ -203,9 +202,8 @@ TEST(PusherPlantTest, IsAtRestAfterEveryControl) {
     }
   }
   const PusherStatistics& statistics = plant.statistics();
-  EXPECT_GT(statistics.simulated, 500);
+  EXPECT_GT(statistics.simulated, 160);
   EXPECT_LE(statistics.max_rest_penetration_m, 5e-4);
-  RecordProperty("max_residual_speed_m_s", std::to_string(statistics.max_residual_speed));
 }
 
 TEST(PusherPlantTest, ACloneContinuesBitForBit) {
@@ -214,7 +212,7 @@ TEST(PusherPlantTest, ACloneContinuesBitForBit) {
   PusherPlant copy;  // a plant with another history
   PusherPlant restored;
   int moved = 0;
-  for (int episode = 0; episode < 20; ++episode) {
+  for (int episode = 0; episode < 6; ++episode) {
     plant.Reset(100 + episode);
     for (int t = 0; t < 40; ++t) {
       const Control control = NoisyPush(plant, random);
@@ -238,7 +236,7 @@ TEST(PusherPlantTest, ACloneContinuesBitForBit) {
       ASSERT_EQ(copy.completed(), plant.completed());
     }
   }
-  EXPECT_GT(moved, 300) << "too few controls had contact";
+  EXPECT_GT(moved, 90) << "too few controls had contact";
 }
 
 TEST(PusherPlantTest, ApplyAndObserveNeverAllocate) {

@@ -33,7 +33,7 @@ double Sampled(const Segment& p, const Segment& q) {
 // distance * 0.01.
 TEST(SquaredDistanceTest, IsTheLeastOverBothSegments) {
   core::Random random(11);
-  for (int i = 0; i < 300; ++i) {
+  for (int i = 0; i < 60; ++i) {
     SCOPED_TRACE(i);
     Segment p;
     Segment q;
