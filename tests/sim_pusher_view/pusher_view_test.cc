@@ -5,7 +5,6 @@
 
 #include <array>
 #include <cstdlib>
-#include <numeric>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -70,39 +69,29 @@ TEST(PusherViewTest, OverheadPictureShowsGoalAheadAndRedRegionsOnTheirSides) {
   EXPECT_NEAR(red.column, kWidth / 2.0, 3.0);
 }
 
-TEST(PusherViewTest, TheSameStateGivesTheSamePictureAndAnotherADifferentOne) {
+// MuJoCo loads its functions from the first backend, which therefore stays for the process.
+TEST(PusherViewTest, EqualStatesGiveEqualPicturesFromEveryRenderer) {
   PusherPlant plant;
   plant.Reset(1);
-  PusherRenderer renderer(plant, {.width = kWidth, .height = kHeight});
-  const Picture first = Draw(renderer, plant);
+  const PusherRendererOptions size = {.width = kWidth, .height = kHeight};
+  const char* wanted = std::getenv("DFR_GL");
+  const std::string before = wanted == nullptr ? "" : wanted;
+  const std::string backend = before == "egl" ? "EGL" : "OSMesa";
+  Picture first;
+  {
+    PusherRenderer renderer(plant, size);
+    EXPECT_EQ(renderer.backend(), backend);
+    first = Draw(renderer, plant);
+    EXPECT_EQ(Draw(renderer, plant), first);
+  }
+  setenv("DFR_GL", before == "egl" ? "osmesa" : "egl", 1);
+  PusherRenderer renderer(plant, size);
+  setenv("DFR_GL", before.c_str(), 1);
+  EXPECT_EQ(renderer.backend(), backend);
   EXPECT_EQ(Draw(renderer, plant), first);
   const std::array<double, PusherPlant::kNumJoints> turn = {1.0};
   for (int i = 0; i < 4; ++i) ASSERT_EQ(plant.Apply(turn), core::PlantStatus::kOk);
   EXPECT_NE(Draw(renderer, plant), first);
-}
-
-TEST(PusherViewTest, ASecondRendererDrawsTheSamePicture) {
-  PusherPlant plant;
-  plant.Reset(1);
-  Picture first;
-  {
-    PusherRenderer renderer(plant, {.width = kWidth, .height = kHeight});
-    first = Draw(renderer, plant);
-  }
-  PusherRenderer renderer(plant, {.width = kWidth, .height = kHeight});
-  EXPECT_EQ(Draw(renderer, plant), first);
-}
-
-// MuJoCo loads its functions from this backend.
-TEST(PusherViewTest, TheFirstBackendStaysForTheProcess) {
-  const PusherPlant plant;
-  const char* wanted = std::getenv("DFR_GL");
-  const std::string before = wanted == nullptr ? "" : wanted;
-  const std::string backend = before == "egl" ? "EGL" : "OSMesa";
-  EXPECT_EQ(PusherRenderer(plant).backend(), backend);
-  setenv("DFR_GL", before == "egl" ? "osmesa" : "egl", 1);
-  EXPECT_EQ(PusherRenderer(plant).backend(), backend);
-  setenv("DFR_GL", before.c_str(), 1);
 }
 
 TEST(PusherViewTest, RefusesASizeThatItCannotDraw) {
