@@ -35,17 +35,10 @@ class ProseLintTest(unittest.TestCase):
             "/// By how much it moves\n/// what is left\n", style=True)], [1])
 
     def test_sentences_that_an_editor_would_rewrite(self):
-        comments = ("What a loop works with.", "naming what there is", "what controls under way will lead to",
-                    "the own motion of what goes on moving without one", "makes all the room there is",
-                    "Whether controls are certified", "How a certificate's assumption failed.",
-                    "Where this becomes true, units under way are finished.", "By how much any entry may change",
-                    "How far from the straight way", "What time a stamp says it is", "a camera that the model has not",
-                    "files of this robot could not be told from others", "trusted where there were some",
-                    "Actions must be such that zero holds the robot still")
-        for comment in comments:
+        for comment in ("What a loop works with.", "naming what there is", "By how much any entry may change",
+                        "a camera that the model has not", "Actions must be such that zero holds the robot still"):
             self.assertTrue(list(prose_lint.comment_problems("/// " + comment, style=True)), comment)
-        for comment in ("Maximum deviation of the jaw tips, m.", "Returns a copy that shares the fitted data.",
-                        "A zero action must hold the robot still", "Once true, running units finish."):
+        for comment in ("Maximum deviation of the jaw tips, m.", "A zero action must hold the robot still"):
             self.assertFalse(list(prose_lint.comment_problems("/// " + comment, style=True)), comment)
 
     def test_subjects_of_commits(self):
