@@ -130,13 +130,9 @@ class PackagesTest(unittest.TestCase):
             for path in re.findall(r"(\./\S*)$", run("dpkg-deb", "--contents", deb), re.M):
                 self.assertRegex(path, r"^\./(usr/((bin|include|lib|share)/.*)?)?$")
 
-    def test_each_brings_its_copyright(self):
-        for info in self.info.values():
-            text = (self.root / "usr/share/doc" / info["Package"] / "copyright").read_text()
-            self.assertIn("License: BSD-3-Clause", text)
-
-    def test_each_brings_the_copyrights_of_its_build_dependencies(self):
+    def test_each_brings_its_copyright_and_those_of_its_build_dependencies(self):
         for deb, info in self.info.items():
+            self.assertTrue((self.root / "usr/share/doc" / info["Package"] / "copyright").is_file())
             for package in self.rows[self.component(deb)][1]:
                 text = self.root / "usr/share/doc" / info["Package"] / "third_party" / package / "copyright"
                 if package != "python3":
