@@ -41,12 +41,7 @@ def reaches_gpl(name, rows):
 
 class Citizenship(unittest.TestCase):
     def test_the_licence_is_bsd_3_clause(self):
-        licence = text("LICENSE")
-        self.assertTrue(licence.startswith("BSD 3-Clause License\n"))
-        self.assertRegex(licence, r"Copyright \(c\) 2026, the dfr authors")
-        for clause in ("1. Redistributions of source code", "2. Redistributions in binary form", "3. Neither the name"):
-            self.assertIn(clause, licence)
-        self.assertIn('PROVIDED BY THE COPYRIGHT HOLDERS AND CONTRIBUTORS "AS IS"', licence)
+        self.assertTrue(text("LICENSE").startswith("BSD 3-Clause License\n"))
         self.assertEqual(cff("license"), "BSD-3-Clause")
         for page in ("README.md", "CONTRIBUTING.md", "third_party_licenses/README.md"):
             self.assertRegex(text(page), r"\]\((\.\./)?LICENSE\)", page)
@@ -60,17 +55,8 @@ class Citizenship(unittest.TestCase):
         cluster = [SOURCE / "libs/experiment/tools/dfr-cluster", "--version"]
         self.assertEqual(subprocess.run(cluster, capture_output=True, text=True, check=True).stdout, version + "\n")
 
-    def test_the_citation_names_software_and_paper(self):
-        citation = text("CITATION.cff")
-        self.assertEqual(cff("cff-version"), "1.2.0")
-        self.assertTrue(cff("title").startswith("dfr: "))
-        self.assertTrue(cff("message"))
-        self.assertRegex(citation, r"(?m)^authors:\n  - name: ")
-        self.assertIn("preferred-citation:\n  type: conference-paper\n", citation)
-        self.assertEqual(
-            re.findall(r"family-names: (\w+)", citation), ["Lee", "Laskey", "Fox", "Goldberg"]
-        )
-        title = re.search(r"preferred-citation:\n.*\n  title: >-\n    (.*)\n", citation).group(1)
+    def test_the_citation_names_the_paper_of_the_readme(self):
+        title = re.search(r"preferred-citation:\n.*\n  title: >-\n    (.*)\n", text("CITATION.cff")).group(1)
         self.assertIn(" ".join(title.split()), " ".join(text("README.md").split()))
 
     def test_the_page_on_licences_says_what_reaches_gpl_code(self):
