@@ -1,7 +1,9 @@
 #pragma once
 
+#include <exception>
 #include <filesystem>
 #include <fstream>
+#include <iostream>
 #include <limits>
 #include <sstream>
 #include <string>
@@ -54,5 +56,17 @@ struct Case {
   }
   [[nodiscard]] std::filesystem::path model() const { return folder / (name + ".onnx"); }
 };
+
+/// The main function of a program that writes cases to a folder. usage: PROGRAM FOLDER
+template <typename Write>
+int WriteCases(int argc, char** argv, Write write) try {
+  const std::filesystem::path folder = argc > 1 ? argv[1] : "";
+  std::filesystem::create_directories(folder);
+  write(folder);
+  return 0;
+} catch (const std::exception& e) {
+  std::cerr << argv[0] << ": " << e.what() << '\n';
+  return 1;
+}
 
 }  // namespace dfr::test

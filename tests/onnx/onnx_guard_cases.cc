@@ -1,7 +1,5 @@
 // Writes an exported guard with random states, for onnx_peer.cjs. usage: onnx_guard_cases DIR
-#include <exception>
 #include <filesystem>
-#include <iostream>
 #include <vector>
 
 #include "dfr/core/matrix.h"
@@ -52,11 +50,7 @@ void WriteGuard(const std::filesystem::path& folder) {
 }  // namespace
 }  // namespace dfr::test
 
-int main(int argc, char** argv) try {
-  const std::filesystem::path folder = argc > 1 ? argv[1] : "";
-  std::filesystem::create_directories(folder);
-  dfr::test::WriteGuard(folder);
-} catch (const std::exception& e) {
-  std::cerr << argv[0] << ": " << e.what() << '\n';
-  return 1;
+int main(int argc, char** argv) {
+  return dfr::test::WriteCases(argc, argv,
+                               [](const auto& folder) { dfr::test::WriteGuard(folder); });
 }

@@ -1,7 +1,5 @@
 // Writes exported policies with random states, for onnx_peer.cjs. usage: onnx_policy_cases DIR
-#include <exception>
 #include <filesystem>
-#include <iostream>
 #include <string>
 #include <vector>
 
@@ -64,12 +62,9 @@ void WriteBoth(const std::filesystem::path& folder) {
 }  // namespace
 }  // namespace dfr::test
 
-int main(int argc, char** argv) try {
-  const std::filesystem::path folder = argc > 1 ? argv[1] : "";
-  std::filesystem::create_directories(folder);
-  dfr::test::WritePolicy(folder);
-  dfr::test::WriteBoth(folder);
-} catch (const std::exception& e) {
-  std::cerr << argv[0] << ": " << e.what() << '\n';
-  return 1;
+int main(int argc, char** argv) {
+  return dfr::test::WriteCases(argc, argv, [](const auto& folder) {
+    dfr::test::WritePolicy(folder);
+    dfr::test::WriteBoth(folder);
+  });
 }

@@ -1,7 +1,5 @@
 // Writes exported supports with random states, for onnx_peer.cjs. usage: onnx_support_cases DIR
-#include <exception>
 #include <filesystem>
-#include <iostream>
 #include <string>
 #include <vector>
 
@@ -58,13 +56,10 @@ void WriteSupport(const std::filesystem::path& folder) {
 }  // namespace
 }  // namespace dfr::test
 
-int main(int argc, char** argv) try {
-  const std::filesystem::path folder = argc > 1 ? argv[1] : "";
-  std::filesystem::create_directories(folder);
-  dfr::test::WriteSvm(folder, "wide_svm", 1.0 / 9.0);
-  dfr::test::WriteSvm(folder, "narrow_svm", 5.0);
-  dfr::test::WriteSupport(folder);
-} catch (const std::exception& e) {
-  std::cerr << argv[0] << ": " << e.what() << '\n';
-  return 1;
+int main(int argc, char** argv) {
+  return dfr::test::WriteCases(argc, argv, [](const auto& folder) {
+    dfr::test::WriteSvm(folder, "wide_svm", 1.0 / 9.0);
+    dfr::test::WriteSvm(folder, "narrow_svm", 5.0);
+    dfr::test::WriteSupport(folder);
+  });
 }
