@@ -1,20 +1,16 @@
-#include <cstdio>
 #include <stdexcept>
 
 #include "dfr/hardware/endoscope.h"
 #include "dfr/hardware/intrinsics_file.h"
 
 // A round trip of intrinsics, and an absent camera.
-int main() {
+int main() try {
   dfr::vision::CameraModel camera;
   camera.fx = 612.25;
   dfr::hardware::WriteIntrinsics("consumer_camera.yaml", camera);
   if (!(dfr::hardware::ReadIntrinsics("consumer_camera.yaml") == camera)) return 1;
-  try {
-    (void)dfr::hardware::OpenVideo("/dev/no-such-camera", {});
-  } catch (const std::runtime_error& e) {
-    std::puts(e.what());
-    return 0;
-  }
-  return 1;
+  (void)dfr::hardware::OpenVideo("/dev/no-such-camera", {});
+  return 2;
+} catch (const std::runtime_error&) {
+  return 0;
 }
