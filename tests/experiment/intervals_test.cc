@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 #include <vector>
@@ -67,6 +68,19 @@ TEST(IntervalsTest, ClopperPearsonEndsHaveTheirTails) {
   }
 }
 
+TEST(IntervalsTest, ClopperPearsonCoversEveryProportion) {
+  constexpr int kTrials = 30;
+  for (int i = 1; i < 200; ++i) {
+    const double p = i / 200.0;
+    double coverage = 0.0;
+    for (int k = 0; k <= kTrials; ++k) {
+      const Interval interval = ClopperPearsonInterval(k, kTrials);
+      if (interval.low <= p && p <= interval.high) coverage += Probability(k, kTrials, p);
+    }
+    EXPECT_GE(coverage, 0.95) << p;
+  }
+}
+
 TEST(IntervalsTest, ProportionsOfFewEventsUseClopperPearson) {
   for (const int few : {0, 4, 56, 60}) {
     EXPECT_EQ(ProportionInterval(few, 60).high, ClopperPearsonInterval(few, 60).high) << few;
@@ -109,6 +123,31 @@ TEST(ClusteredTest, IsClopperPearsonWhereTrialsDoNotDiffer) {
   EXPECT_THROW((void)ClusteredInterval({}), std::invalid_argument);
 }
 
+// Trials with different rates: intervals that treat episodes as independent cover far too little.
+TEST(ClusteredTest, CoversWhenTrialsDiffer) {
+  constexpr int kRepetitions = 400;
+  int covered = 0;
+  int covered_as_if_independent = 0;
+  for (int repetition = 0; repetition < kRepetitions; ++repetition) {
+    core::Random random(core::DeriveSeed(12, {static_cast<std::uint64_t>(repetition)}));
+    std::vector<ClusterCount> trials(10);
+    int successes = 0;
+    for (ClusterCount& trial : trials) {
+      const double rate = random.Uniform(0.1, 0.7);
+      for (int i = 0; i < 60; ++i) trial.successes += random.Uniform() < rate ? 1 : 0;
+      trial.episodes = 60;
+      successes += trial.successes;
+    }
+    const Interval clustered = ClusteredInterval(trials);
+    const Interval independent = ProportionInterval(successes, 600);
+    covered += clustered.low <= 0.4 && 0.4 <= clustered.high ? 1 : 0;
+    covered_as_if_independent += independent.low <= 0.4 && 0.4 <= independent.high ? 1 : 0;
+  }
+  // .95 minus four standard errors of 400 repetitions
+  EXPECT_GT(covered, 0.90 * kRepetitions);
+  EXPECT_LT(covered_as_if_independent, 0.75 * kRepetitions);
+}
+
 TEST(RateRatioTest, HasTheOddsOfClopperPearson) {
   for (const int events : {0, 1, 7}) {
     const Interval share = ClopperPearsonInterval(events, events + 40);
@@ -125,6 +164,24 @@ TEST(PowerTest, IsConnorsFormula) {
   EXPECT_GT(EpisodesForDifference(0.05, 0.15, 0.9), 155);
   EXPECT_THROW((void)EpisodesForDifference(0.1, 0.1), std::invalid_argument);
   EXPECT_THROW((void)EpisodesForDifference(0.6, 0.5), std::invalid_argument);
+}
+
+// The share of exact McNemar tests that find the difference is the one of the formula.
+TEST(PowerTest, McNemarsTestHasThePower) {
+  const int episodes = EpisodesForDifference(0.05, 0.15);
+  core::Random random(3);
+  int found = 0;
+  for (int repetition = 0; repetition < 2000; ++repetition) {
+    std::vector<DiscordantPairs> pairs;
+    for (int i = 0; i < episodes; ++i) {
+      const double u = random.Uniform();
+      if (u < 0.20) pairs.push_back({u < 0.05 ? 1 : 0, u < 0.05 ? 0 : 1});
+    }
+    found += ClusteredMcNemar(pairs) < 0.05 ? 1 : 0;
+  }
+  // The exact test is conservative and therefore has slightly less power.
+  EXPECT_GT(found, 0.72 * 2000);
+  EXPECT_LT(found, 0.84 * 2000);
 }
 
 TEST(PowerTest, ABoundNeedsAsManyEpisodesAsClopperPearsonDoes) {
@@ -211,6 +268,13 @@ TEST(ContrastTest, UnitsVaryAboutTheirStratum) {
   EXPECT_EQ(contrast.completion_ratio_interval.value().high, 0.5);
 }
 
+// By hand: totals 9 and 6, variances 3/2 (1 + 0 + 1) = 3 and 0, t = 4.302653 with 2 degrees of
+// freedom: (9 +- 4.302653 sqrt(3)) / 6.
+TEST(RatioTest, IsStudentsWhereTheDenominatorIsConstant) {
+  const std::vector<RatioPart> units = {{2.0, 2.0}, {3.0, 2.0}, {4.0, 2.0}};
+  ExpectInterval(RatioInterval(units).value(), 1.5 - 1.242069, 1.5 + 1.242069, 1e-6);
+}
+
 // At both ends r the t test of numerator - r denominator is critical: |mean| = t s / sqrt(n).
 TEST(RatioTest, TheTTestIsCriticalAtBothEnds) {
   const std::vector<RatioPart> units = {
@@ -238,12 +302,31 @@ TEST(RatioTest, IsAbsentIfItCannotBeEstimated) {
   EXPECT_THROW((void)RatioInterval({}, 1.0), std::invalid_argument);
 }
 
+// Returns the central 95 % of the ratio in resamples of whole units.
+Interval PercentileBootstrap(const std::vector<PairedCounts>& units, core::Random& random) {
+  constexpr std::size_t kResamples = 200;
+  std::vector<double> ratios;
+  for (std::size_t i = 0; i < kResamples; ++i) {
+    int completed = 0;
+    int reference = 0;
+    for (std::size_t k = 0; k < units.size(); ++k) {
+      const PairedCounts& unit = units[random.Below(units.size())];
+      completed += unit.completed;
+      reference += unit.reference_completed;
+    }
+    ratios.push_back(static_cast<double>(completed) / reference);
+  }
+  std::ranges::sort(ratios);
+  return {ratios[kResamples / 40], ratios[kResamples - 1 - kResamples / 40]};
+}
+
 // Five different trials with 60 episodes each, as with five supervisors.
-TEST(CoverageTest, FiveClustersAreEnough) {
-  constexpr int kRepetitions = 1000;
+TEST(CoverageTest, FiveClustersAreEnoughForTButNotForABootstrap) {
+  constexpr int kRepetitions = 2000;
   constexpr double kTrueRatio = 0.4 / 0.6;
   int ratio = 0;
   int proportion = 0;
+  int bootstrap = 0;
   for (int repetition = 0; repetition < kRepetitions; ++repetition) {
     core::Random random(core::DeriveSeed(11, {static_cast<std::uint64_t>(repetition)}));
     std::vector<PairedCounts> units(5);
@@ -264,10 +347,12 @@ TEST(CoverageTest, FiveClustersAreEnough) {
     const auto interval = EstimateContrast(units).completion_ratio_interval;
     ratio += interval ? covers(*interval, kTrueRatio) : 1;
     proportion += covers(ClusteredInterval(trials), 0.4);
+    bootstrap += covers(PercentileBootstrap(units, random), kTrueRatio);
   }
   EXPECT_GE(ratio, 0.93 * kRepetitions);
   EXPECT_LE(ratio, 0.98 * kRepetitions);
   EXPECT_GE(proportion, 0.93 * kRepetitions);
+  EXPECT_LE(bootstrap, 0.88 * kRepetitions);
 }
 
 }  // namespace
