@@ -1,10 +1,14 @@
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <span>
+#include <utility>
 #include <vector>
 
 #include "dfr/core/features/features.h"
+#include "dfr/core/policy.h"
 #include "dfr/core/random.h"
 #include "dfr/core/trajectory.h"
 
@@ -54,6 +58,21 @@ inline std::vector<core::Trajectory> CorridorDemonstrations(std::uint64_t seed, 
   return demonstrations;
 }
 
+/// The corridor with irregular steps: actions differ from each other in all entries, and do not
+/// explain the clock.
+inline std::vector<core::Trajectory> IrregularDemonstrations(int count, core::Random& random) {
+  std::vector<core::Trajectory> demonstrations = CorridorDemonstrations(1, count);
+  for (core::Trajectory& d : demonstrations) {
+    for (Eigen::Index t = 0; t < d.controls.rows(); ++t) {
+      const double dx = kSpeed * (1.0 + 0.5 * random.Normal());
+      const double dy = d.states(t + 1, 2) - d.states(t, 2);
+      d.states(t + 1, 1) = d.states(t, 1) + dx;
+      d.controls.row(t) = ActionFor(dx, dy).transpose();
+    }
+  }
+  return demonstrations;
+}
+
 /// A tip that moves according to Effect().
 struct CorridorPlant {
   std::vector<double> x = {0.0, 0.0, 0.0};
@@ -63,6 +82,20 @@ struct CorridorPlant {
     x[1] += move[0];
     x[2] += move[1];
   }
+};
+
+/// The same action in every state.
+class ConstantPolicy final : public core::Policy {
+ public:
+  explicit ConstantPolicy(std::vector<double> action) : action_(std::move(action)) {}
+  [[nodiscard]] int state_dim() const noexcept override { return 3; }
+  [[nodiscard]] int control_dim() const noexcept override { return 2; }
+  void Control(int, std::span<const double>, std::span<double> u) const noexcept override {
+    std::copy(action_.begin(), action_.end(), u.begin());
+  }
+
+ private:
+  std::vector<double> action_;
 };
 
 }  // namespace dfr::test

@@ -8,14 +8,20 @@
 
 namespace dfr::test {
 
+/// Returns the model with this strategy.
+inline std::shared_ptr<const safety::GuardModel> As(
+    safety::Strategy strategy, const std::shared_ptr<const safety::GuardModel>& model) {
+  safety::GuardSettings settings = model->settings();
+  settings.strategy = strategy;
+  return model->With(settings);
+}
+
 /// Returns a guard of the corridor with this strategy, fitted once.
 inline std::shared_ptr<const safety::GuardModel> Model(
     safety::Strategy strategy = safety::Strategy::kGuard) {
   static const std::shared_ptr<const safety::GuardModel> kModel =
       safety::GuardModel::Fit(CorridorLayout(), CorridorDemonstrations(1, 30), {.features = "tip"});
-  safety::GuardSettings settings = kModel->settings();
-  settings.strategy = strategy;
-  return kModel->With(settings);
+  return As(strategy, kModel);
 }
 
 /// Returns the action that moves the tip by (dx, dy).

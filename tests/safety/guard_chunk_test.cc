@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -13,7 +14,7 @@
 #include "dfr/safety/guard_advice.h"
 #include "tests/safety/corridor.h"
 #include "tests/safety/corridor_guard.h"
-#include "tests/support/no_alloc.h"
+#include "tests/support/message_of.h"
 
 // A separate namespace, because sources are compiled together.
 namespace dfr::safety::chunk_tests {
@@ -106,48 +107,17 @@ TEST(GuardChunkTest, ADriftingPolicyIsQueriedAgainBeforeItsChunkLeaves) {
 
 // The guard cuts a chunk before the first action that is predicted to end outside.
 TEST(GuardChunkTest, CountsUpToTheFirstActionThatLeaves) {
-  const auto model = Model();
-  Guard guard(model);
+  Guard guard(Model());
   guard.Reset(1);
-  CorridorPlant plant;
+  const CorridorPlant plant;
+  const std::vector<double> inside = Repeated(Action(0.0997, 0.0), kChunk);
+  ASSERT_EQ(guard.FilterChunk(0, plant.x, inside).playable, kChunk);
+  const std::vector<double> far = Action(0.05, 0.29);
+  ASSERT_LT(std::abs(far[0]), guard.model().settings().action_limit[0] * 2.0);
   for (int leaves = 0; leaves < kChunk; ++leaves) {
-    std::vector<double> chunk = Repeated(Action(0.0997, 0.0), kChunk);
-    const std::vector<double> off = Action(0.05, 0.12);
-    std::copy(off.begin(), off.end(), chunk.begin() + 2 * leaves);
-    const int alone = guard.FilterChunk(0, plant.x, Repeated(Action(0.0997, 0.0), kChunk)).playable;
-    ASSERT_EQ(alone, kChunk);
-    const int playable = guard.FilterChunk(0, plant.x, chunk).playable;
-    EXPECT_GE(playable, leaves);
-    // The spread of the tip is .1 at first and .05 later, so one step `off` may still end inside.
-    // One step `far` does not.
-    const std::vector<double> far = Action(0.05, 0.29);
-    ASSERT_LT(std::abs(far[0]), model->settings().action_limit[0] * 2.0);
+    std::vector<double> chunk = inside;
     std::copy(far.begin(), far.end(), chunk.begin() + 2 * leaves);
     EXPECT_EQ(guard.FilterChunk(0, plant.x, chunk).playable, leaves);
-  }
-}
-
-// The call does not change the guard: an episode continues with the same bits.
-TEST(GuardChunkTest, ChangesNothing) {
-  for (const Strategy strategy : {Strategy::kGuard, Strategy::kController, Strategy::kMonitor}) {
-    Guard looks(Model(strategy));
-    Guard blind(Model(strategy));
-    looks.Reset(1);
-    blind.Reset(1);
-    CorridorPlant plant;
-    std::vector<double> safe(2);
-    std::vector<double> expected(2);
-    const std::vector<double> bad = {0.1, kNaN};
-    for (int t = 0; t < 30; ++t) {
-      const std::vector<double> action = Action(0.09, t % 3 == 0 ? 0.06 : -0.02);
-      static_cast<void>(looks.FilterChunk(t, plant.x, Repeated(action, kChunk)));
-      static_cast<void>(looks.FilterChunk(t, plant.x, bad));
-      static_cast<void>(looks.FilterChunk(t + 1, plant.x, action));
-      const Verdict verdict = looks.Filter(t, plant.x, action, safe);
-      ASSERT_EQ(verdict.mode, blind.Filter(t, plant.x, action, expected).mode) << t;
-      ASSERT_EQ(safe, expected) << t;
-      plant.Apply(safe);
-    }
   }
 }
 
@@ -198,43 +168,28 @@ TEST(GuardChunkTest, InvalidInputIsNamedAndDoesNotHalt) {
   Guard guard(Model());
   const std::vector<double> state = {0.0, 0.0, 0.0};
   const std::vector<double> chunk = Repeated(Action(0.0997, 0.0), 3);
-  EXPECT_EQ(guard.FilterChunk(0, state, chunk).cause, HaltCause::kNotReset);
-  guard.Reset(1);
-  const auto cause = [&](int t, const std::vector<double>& x, const std::vector<double>& actions) {
+  const auto expect = [&](HaltCause cause, int t, const std::vector<double>& x,
+                          const std::vector<double>& actions) {
     const ChunkVerdict verdict = guard.FilterChunk(t, x, actions);
+    EXPECT_EQ(verdict.cause, cause);
     EXPECT_EQ(verdict.playable, 0);
     EXPECT_EQ(verdict.judged, 0);
-    return verdict.cause;
   };
-  EXPECT_EQ(cause(1, state, chunk), HaltCause::kStepSkipped);
-  EXPECT_EQ(cause(0, {0.0, 0.0}, chunk), HaltCause::kStateInvalid);
-  EXPECT_EQ(cause(0, {0.0, kNaN, 0.0}, chunk), HaltCause::kStateInvalid);
-  EXPECT_EQ(cause(0, state, {}), HaltCause::kControlInvalid);
-  EXPECT_EQ(cause(0, state, {0.1, 0.1, 0.1}), HaltCause::kControlInvalid);
-  EXPECT_EQ(cause(0, state, {0.1, 0.1, 0.1, kNaN}), HaltCause::kControlInvalid);
+  expect(HaltCause::kNotReset, 0, state, chunk);
+  guard.Reset(1);
+  expect(HaltCause::kStepSkipped, 1, state, chunk);
+  expect(HaltCause::kStateInvalid, 0, {0.0, 0.0}, chunk);
+  expect(HaltCause::kStateInvalid, 0, {0.0, kNaN, 0.0}, chunk);
+  expect(HaltCause::kControlInvalid, 0, state, {});
+  expect(HaltCause::kControlInvalid, 0, state, {0.1, 0.1, 0.1});
+  expect(HaltCause::kControlInvalid, 0, state, {0.1, 0.1, 0.1, kNaN});
   EXPECT_EQ(guard.FilterChunk(0, state, chunk).playable, 3);
   guard.Stop();
-  EXPECT_EQ(cause(0, state, chunk), HaltCause::kStopRequested);
+  expect(HaltCause::kStopRequested, 0, state, chunk);
   // Strategies without predictions examine no action.
-  Guard published(Model(Strategy::kDfr));
-  published.Reset(1);
-  const ChunkVerdict none = published.FilterChunk(0, state, chunk);
-  EXPECT_EQ(none.judged, 0);
-  EXPECT_EQ(none.cause, HaltCause::kNone);
-}
-
-TEST(GuardChunkTest, NeverAllocates) {
-  Guard guard(Model());
+  guard = Guard(Model(Strategy::kDfr));
   guard.Reset(1);
-  CorridorPlant plant;
-  const std::vector<double> chunk = Repeated(Action(0.09, 0.06), Guard::kLongestChunk);
-  std::vector<double> safe(2);
-  const test::NoAlloc no_alloc;
-  for (int t = 0; t < 30; ++t) {
-    static_cast<void>(guard.FilterChunk(t, plant.x, chunk));
-    static_cast<void>(guard.Filter(t, plant.x, ActionOf(chunk, 0), safe));
-    plant.Apply(safe);
-  }
+  expect(HaltCause::kNone, 0, state, chunk);
 }
 
 TEST(GuardExplainTest, NamesTheEntryThatEndsOutside) {
@@ -305,10 +260,8 @@ TEST(GuardExplainTest, NamesTheDefectOfTheInput) {
 
 TEST(GuardExplainTest, FindsTheNearestDemonstration) {
   const auto model = Model();
-  const std::vector<core::Trajectory> recorded = test::CorridorDemonstrations(1, 30);
   std::vector<core::Matrix> states;
-  states.reserve(recorded.size());
-  for (const core::Trajectory& d : recorded) states.push_back(d.states);
+  for (const core::Trajectory& d : test::CorridorDemonstrations(1, 30)) states.push_back(d.states);
   for (const int d : {0, 7, 29}) {
     const NearestDemonstration found =
         Nearest(*model, 5, core::Row(states[static_cast<std::size_t>(d)], 6), states);
@@ -321,8 +274,16 @@ TEST(GuardExplainTest, FindsTheNearestDemonstration) {
   EXPECT_GT(Nearest(*model, 3, late, states).distance, 0.1);
   EXPECT_EQ(Nearest(*model, -1, late, states).step, 15);
   EXPECT_EQ(Nearest(*model, 0, late, {}).demonstration, -1);
+  const NearestDemonstration last =
+      Nearest(*model, std::numeric_limits<int>::max(), core::Row(states[1], 20), states);
+  EXPECT_EQ(last.demonstration, 1);
+  EXPECT_EQ(last.step, 20);
   EXPECT_THROW(static_cast<void>(Nearest(*model, 0, std::vector{0.0}, states)),
                std::invalid_argument);
+  states[1](3, 1) = kNaN;
+  EXPECT_THAT(test::MessageOf<std::invalid_argument>(
+                  [&] { static_cast<void>(Nearest(*model, 0, core::Row(states[0], 0), states)); }),
+              HasSubstr("demonstration 1 has a non-finite entry in state 3"));
 }
 
 }  // namespace

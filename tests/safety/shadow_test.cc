@@ -2,17 +2,13 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
-#include <cmath>
 #include <limits>
-#include <memory>
 #include <vector>
 
 #include "dfr/safety/guard.h"
 #include "dfr/safety/guard_advice.h"
 #include "tests/safety/corridor.h"
 #include "tests/safety/corridor_guard.h"
-#include "tests/support/no_alloc.h"
 
 // A separate namespace, because sources are compiled together.
 namespace dfr::safety::shadow_tests {
@@ -26,7 +22,7 @@ using test::Model;
 const std::vector<double> kAhead = Action(0.0997, 0.0);
 const std::vector<double> kAside = Action(0.05, 0.3);
 
-TEST(ShadowTest, ReportingTheGuardsActionChangesNothing) {
+TEST(ShadowTest, LookingAtChunksAndReportingTheGuardsActionChangeNothing) {
   for (const Strategy strategy : {Strategy::kGuard, Strategy::kController, Strategy::kMonitor,
                                   Strategy::kDfr, Strategy::kEarlyStopping}) {
     Guard told(Model(strategy));
@@ -36,8 +32,13 @@ TEST(ShadowTest, ReportingTheGuardsActionChangesNothing) {
     CorridorPlant plant;
     std::vector<double> safe(2);
     std::vector<double> expected(2);
-    for (int t = 0; t < 20; ++t) {
+    const std::vector<double> bad = {0.1, std::numeric_limits<double>::quiet_NaN()};
+    for (int t = 0; t < 30; ++t) {
       const std::vector<double> action = Action(0.09, t % 3 == 0 ? 0.06 : -0.02);
+      const std::vector<double> chunk = {action[0], action[1], action[0], action[1]};
+      static_cast<void>(told.FilterChunk(t, plant.x, chunk));
+      static_cast<void>(told.FilterChunk(t, plant.x, bad));
+      static_cast<void>(told.FilterChunk(t + 1, plant.x, action));
       const Verdict verdict = told.Filter(t, plant.x, action, safe);
       told.Applied(safe);
       ASSERT_EQ(verdict.mode, blind.Filter(t, plant.x, action, expected).mode) << t;
@@ -169,18 +170,6 @@ TEST(ShadowTest, HaltsAfterAnActionThatItCannotContinueFrom) {
   core::Trajectory narrow = test::CorridorDemonstrations(7, 1)[0];
   narrow.controls.conservativeResize(Eigen::NoChange, 1);
   EXPECT_THROW(static_cast<void>(RunInShadow(early, narrow)), std::invalid_argument);
-}
-
-TEST(ShadowTest, AllocatesNothing) {
-  Guard guard(Model());
-  guard.Reset(1);
-  const CorridorPlant plant;
-  std::vector<double> safe(2);
-  const test::NoAlloc no_alloc;
-  for (int t = 0; t < 3; ++t) {
-    static_cast<void>(guard.Filter(t, plant.x, kAside, safe));
-    guard.Applied(kAhead);
-  }
 }
 
 }  // namespace

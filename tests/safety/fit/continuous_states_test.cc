@@ -5,10 +5,12 @@
 #include <cmath>
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <numbers>
 #include <span>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "dfr/core/random.h"
@@ -16,6 +18,7 @@
 #include "dfr/safety/guard_advice.h"
 #include "dfr/safety/onnx_export.h"
 #include "tests/safety/corridor.h"
+#include "tests/safety/corridor_guard.h"
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 
@@ -80,11 +83,22 @@ std::vector<double> Wrapped(double angle, core::Random& /*random*/) {
 
 void Flip(Eigen::Ref<core::Matrix> quaternions) { quaternions *= -1.0; }
 
+// Returns a model of quaternions with both signs, fitted once.
+std::shared_ptr<const GuardModel> QuaternionModel() {
+  static const auto kModel = GuardModel::Fit(Layout("quat", 4), Turning(Flipped, 1, 30, 0.3));
+  return kModel;
+}
+
+// Returns a model of an angle that makes 2.2 revolutions, fitted once.
+std::shared_ptr<const GuardModel> RevolvingModel() {
+  static const auto kModel = GuardModel::Fit(Layout("angle", 1), Turning(Wrapped, 1, 30, 0.3, 0.7));
+  return kModel;
+}
+
 TEST(ContinuousStatesTest, AQuaternionAndItsNegativeAreOneOrientation) {
-  const auto layout = Layout("quat", 4);
-  const auto model = GuardModel::Fit(layout, Turning(Flipped, 1, 30, 0.3));
+  const auto model = QuaternionModel();
   // Recordings with other signs give the same model.
-  const auto same = GuardModel::Fit(layout, Turning(Plain, 1, 30, 0.3));
+  const auto same = GuardModel::Fit(Layout("quat", 4), Turning(Plain, 1, 30, 0.3));
   EXPECT_GT(model->summary().acceptance, 0.7);
   const auto fresh = Turning(Plain, 2, 5, 0.3);
   for (const core::Trajectory& d : fresh) {
@@ -108,7 +122,7 @@ TEST(ContinuousStatesTest, AQuaternionAndItsNegativeAreOneOrientation) {
 }
 
 TEST(ContinuousStatesTest, FilterGivesTheSameBitsForBothSignsAndAllocatesNothing) {
-  const auto model = GuardModel::Fit(Layout("quat", 4), Turning(Flipped, 1, 30, 0.3));
+  const auto model = QuaternionModel();
   Guard ours(model);
   Guard theirs(model);
   ours.Reset(1);
@@ -135,7 +149,7 @@ TEST(ContinuousStatesTest, FilterGivesTheSameBitsForBothSignsAndAllocatesNothing
 }
 
 TEST(ContinuousStatesTest, AQuaternionOfAnotherNormHaltsWithItsEntry) {
-  const auto model = GuardModel::Fit(Layout("quat", 4), Turning(Flipped, 1, 30, 0.3));
+  const auto model = QuaternionModel();
   const auto fresh = Turning(Plain, 3, 1, 0.3)[0];
   for (const double length : {0.0, 0.85, 1.15}) {
     Guard guard(model);
@@ -143,9 +157,7 @@ TEST(ContinuousStatesTest, AQuaternionOfAnotherNormHaltsWithItsEntry) {
     std::vector<double> safe(3);
     core::Matrix state = fresh.states.row(0);
     state.rightCols(4) *= length;
-    GuardSettings watching = model->settings();
-    watching.strategy = Strategy::kMonitor;
-    Guard monitor(model->With(watching));
+    Guard monitor(test::As(Strategy::kMonitor, model));
     for (Guard* const judge : {&guard, &monitor}) {
       judge->Reset(1);
       const ChunkVerdict chunk =
@@ -168,15 +180,6 @@ TEST(ContinuousStatesTest, AQuaternionOfAnotherNormHaltsWithItsEntry) {
     EXPECT_NE(verdict.mode, Mode::kHalt);
     EXPECT_EQ(verdict.entry, -1);
   }
-  // An entry that no feature uses may have any value.
-  Guard blind(
-      GuardModel::Fit(Layout("quat", 4), Turning(Flipped, 1, 30, 0.3), {.features = "tip"}));
-  blind.Reset(1);
-  std::vector<double> safe(3);
-  core::Matrix state = fresh.states.row(0);
-  state.rightCols(4).setZero();
-  EXPECT_NE(blind.Filter(0, core::Row(state, 0), core::Row(fresh.controls, 0), safe).mode,
-            Mode::kHalt);
 }
 
 void ExpectNearOnEveryRevolution(const GuardModel& model, const core::Matrix& states) {
@@ -188,20 +191,17 @@ void ExpectNearOnEveryRevolution(const GuardModel& model, const core::Matrix& st
   EXPECT_GT(*std::min_element(levels.begin(), levels.end()), -1.0);
 }
 
+// From 2.6 to 3.8 rad.
 TEST(ContinuousStatesTest, AnAngleThatWrapsIsContinuousOnEveryRevolution) {
-  const auto layout = Layout("angle", 1);
-  // From 2.6 to 3.8 rad.
-  const auto model = GuardModel::Fit(layout, Turning(Wrapped, 1, 30, 2.6));
+  const auto model = GuardModel::Fit(Layout("angle", 1), Turning(Wrapped, 1, 30, 2.6));
   EXPECT_GT(model->summary().acceptance, 0.7);
   EXPECT_THAT(Warnings(*model), Not(Contains(HasSubstr("angle[0]"))));
-  const auto fresh = Turning(Wrapped, 2, 1, 2.6)[0];
-  ExpectNearOnEveryRevolution(*model, fresh.states);
+  ExpectNearOnEveryRevolution(*model, Turning(Wrapped, 2, 1, 2.6)[0].states);
 }
 
-// 2.2 revolutions. An angle on any revolution is the same state.
+// An angle on any revolution is the same state.
 TEST(ContinuousStatesTest, AnAngleOverSeveralRevolutionsIsContinuous) {
-  const auto layout = Layout("angle", 1);
-  const auto model = GuardModel::Fit(layout, Turning(Wrapped, 1, 30, 0.3, 0.7));
+  const auto model = RevolvingModel();
   EXPECT_EQ(model->task().features().num_features(), 4);
   EXPECT_GT(model->summary().acceptance, 0.7);
   EXPECT_THAT(Warnings(*model), Not(Contains(HasSubstr("angle[0]"))));
@@ -226,40 +226,42 @@ TEST(ContinuousStatesTest, AnAngleOverSeveralRevolutionsIsContinuous) {
 }
 
 TEST(ContinuousStatesTest, RotationsThatJumpCauseAWarning) {
-  const auto spun =
-      GuardModel::Fit(Layout("quat", 4), Turning(Flipped, 1, 30, 0.3, 0.5), {.accept_any = true});
+  const auto jumping = Turning(Flipped, 1, 30, 0.3, 0.5);
+  const auto spun = GuardModel::Fit(Layout("quat", 4), jumping, {.accept_any = true});
   EXPECT_THAT(Warnings(*spun), Contains(HasSubstr("quat[0:4] is a unit quaternion whose")));
-  // There is no warning if no feature uses the quaternion.
-  const auto blind =
-      GuardModel::Fit(Layout("quat", 4), Turning(Flipped, 1, 30, 0.3, 0.5), {.features = "tip"});
+  const auto blind = GuardModel::Fit(Layout("quat", 4), jumping, {.features = "tip"});
   EXPECT_THAT(Warnings(*blind), Not(Contains(HasSubstr("quat"))));
+  // An entry that no feature uses may have any value.
+  Guard guard(blind);
+  guard.Reset(1);
+  std::vector<double> safe(3);
+  const auto fresh = Turning(Plain, 3, 1, 0.3)[0];
+  core::Matrix state = fresh.states.row(0);
+  state.rightCols(4).setZero();
+  EXPECT_NE(guard.Filter(0, core::Row(state, 0), core::Row(fresh.controls, 0), safe).mode,
+            Mode::kHalt);
 }
 
 TEST(ContinuousStatesTest, AFileKeepsRotationsAndWarnings) {
   const auto path = std::filesystem::path(testing::TempDir()) / "continuous_states.guard";
-  const auto model = GuardModel::Fit(Layout("quat", 4), Turning(Flipped, 1, 30, 0.3));
-  model->Save(path);
-  const auto loaded = GuardModel::Load(path);
-  const auto fresh = Turning(Flipped, 2, 1, 0.3)[0];
-  EXPECT_EQ(loaded->Levels(fresh.states), model->Levels(fresh.states));
-  EXPECT_EQ(Warnings(*loaded), Warnings(*model));
-  const auto round =
-      GuardModel::Fit(Layout("angle", 1), Turning(Wrapped, 1, 30, 0.3, 0.7), {.accept_any = true});
-  round->Save(path);
-  const auto turned = Turning(Wrapped, 2, 1, 0.3, 0.7)[0];
-  EXPECT_EQ(GuardModel::Load(path)->Levels(turned.states), round->Levels(turned.states));
+  const core::Matrix turned = Turning(Flipped, 2, 1, 0.3)[0].states;
+  const core::Matrix revolved = Turning(Wrapped, 2, 1, 0.3, 0.7)[0].states;
+  for (const auto& [model, states] :
+       {std::pair(QuaternionModel(), turned), {RevolvingModel(), revolved}}) {
+    model->Save(path);
+    const auto loaded = GuardModel::Load(path);
+    EXPECT_EQ(loaded->Levels(states), model->Levels(states));
+    EXPECT_EQ(Warnings(*loaded), Warnings(*model));
+  }
   std::filesystem::remove(path);
 }
 
 TEST(ContinuousStatesTest, ExportsOfRotationsAreRefused) {
-  const auto model = GuardModel::Fit(Layout("quat", 4), Turning(Flipped, 1, 30, 0.3));
-  EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] {
-                ExportOnnx(*model, std::filesystem::path(testing::TempDir()) / "g.onnx");
-              }),
-              HasSubstr("quat[0:4]"));
-  const auto round = GuardModel::Fit(Layout("angle", 1), Turning(Wrapped, 1, 30, 0.3, 0.7));
-  EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] { CheckExport(*round); }),
-              HasSubstr("the angle angle[0]"));
+  for (const auto& [model, name] :
+       {std::pair(QuaternionModel(), "quat[0:4]"), {RevolvingModel(), "the angle angle[0]"}}) {
+    EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] { CheckExport(*model); }),
+                HasSubstr(name));
+  }
 }
 
 }  // namespace

@@ -6,7 +6,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <stdexcept>
+#include <memory>
+#include <string>
 #include <vector>
 
 #include "dfr/core/random.h"
@@ -14,25 +15,33 @@
 #include "dfr/kernel/whitened_support.h"
 #include "dfr/safety/guard_model.h"
 #include "tests/safety/corridor.h"
+#include "tests/safety/corridor_guard.h"
 #include "tests/support/all_close.h"
-#include "tests/support/message_of.h"
 
 namespace dfr::safety {
 namespace {
 
 using testing::HasSubstr;
 
+// Returns a model without warnings, fitted once.
+std::shared_ptr<const GuardModel> GoodModel() {
+  static const auto kModel =
+      GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
+                      {.features = "tip", .action_limit = {0.2}});
+  return kModel;
+}
+
 // In the unit of the state: no state without an alarm is farther from all demonstrated states.
 TEST(GuardAdviceTest, ClearanceIsADistanceThatNoStateWithoutAlarmExceeds) {
   const auto demonstrations = test::CorridorDemonstrations(1, 30);
-  const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
+  const auto model = test::Model();
   const auto clearances = Clearances(*model);
   ASSERT_EQ(clearances.size(), 1u) << "no feature uses the clock";
   EXPECT_EQ(clearances[0].block, "tip");
   EXPECT_GE(clearances[0].largest, clearances[0].median);
   double furthest = 0.0;
   core::Random random(8);
-  for (int i = 0; i < 20000; ++i) {
+  for (int i = 0; i < 8000; ++i) {
     const std::vector<double> x = {0.0, random.Uniform(-1.0, 3.0), random.Uniform(-1.0, 1.0)};
     const int t = static_cast<int>(random.Below(20));
     if (model->support().LogDecision(t, x, {}) < -std::max(0.0, model->settings().alarm_level)) {
@@ -74,13 +83,14 @@ TEST(GuardAdviceTest, ClearanceOfOneFeatureIsTheScaledCoverRadius) {
 
 // Moves the states of a demonstration sideways by 1.
 TEST(GuardAdviceTest, AttributionNamesTheEntriesThatPutAStateOutside) {
-  const std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(1, 40);
-  const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
-  core::Matrix states = demonstrations[3].states;
+  const core::Matrix recorded = test::CorridorDemonstrations(1, 40)[3].states;
+  const auto model = GoodModel();
+  core::Matrix states = recorded;
   const core::Matrix inside = Attribution(*model, states);
   states.rightCols(1).array() += 1.0;
   states.col(0).array() += 100.0;  // The clock, which no feature uses.
   const std::vector<double> levels = model->Levels(states);
+  const std::vector<double> own = model->Levels(recorded);
   const core::Matrix attribution = Attribution(*model, states);
   ASSERT_EQ(attribution.rows(), states.rows());
   ASSERT_EQ(attribution.cols(), 3);
@@ -90,37 +100,19 @@ TEST(GuardAdviceTest, AttributionNamesTheEntriesThatPutAStateOutside) {
     EXPECT_NEAR(attribution.row(i).sum(), -l, 1e-9 * -l);
     EXPECT_EQ(attribution(i, 0), 0.0);
     EXPECT_GT(attribution(i, 2), 0.6 * -l);
-    const double own = model->Levels(demonstrations[3].states)[static_cast<std::size_t>(i)];
-    if (own >= 0.0) {
+    if (own[static_cast<std::size_t>(i)] >= 0.0) {
       EXPECT_EQ(inside.row(i).cwiseAbs().sum(), 0.0);
     }
   }
 }
 
 TEST(GuardAdviceTest, AttributionOfAnImmeasurableStateIsNaN) {
-  const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 10),
-                                     {.features = "tip"});
   for (const double y : {1e200, std::numeric_limits<double>::quiet_NaN()}) {
     core::Matrix states = core::Matrix::Zero(1, 3);
     states(0, 2) = y;
-    EXPECT_EQ(model->Levels(states)[0], -std::numeric_limits<double>::infinity());
-    EXPECT_TRUE(Attribution(*model, states).array().isNaN().all());
+    EXPECT_EQ(test::Model()->Levels(states)[0], -std::numeric_limits<double>::infinity());
+    EXPECT_TRUE(Attribution(*test::Model(), states).array().isNaN().all());
   }
-}
-
-TEST(GuardAdviceTest, NearestNamesANonFiniteStateAndAcceptsAnyTimeStep) {
-  std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(1, 10);
-  const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
-  std::vector<core::Matrix> states{demonstrations[0].states, demonstrations[1].states};
-  const Eigen::Index last = states[1].rows() - 1;
-  const NearestDemonstration found =
-      Nearest(*model, std::numeric_limits<int>::max(), core::Row(states[1], last), states);
-  EXPECT_EQ(found.demonstration, 1);
-  EXPECT_EQ(found.step, last);
-  states[1](3, 1) = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_THAT(test::MessageOf<std::invalid_argument>(
-                  [&] { static_cast<void>(Nearest(*model, 0, core::Row(states[0], 0), states)); }),
-              HasSubstr("demonstration 1 has a non-finite entry in state 3"));
 }
 
 // The same demonstrations with one entry in other units: millimetres instead of metres.
@@ -137,8 +129,7 @@ TEST(GuardAdviceTest, AttributionDoesNotDependOnUnits) {
 }
 
 TEST(GuardAdviceTest, WarningsNameTheReasonAndTheRemedy) {
-  const auto good = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
-                                    {.features = "tip", .action_limit = {0.2}});
+  const auto good = GoodModel();
   EXPECT_THAT(Warnings(*good), testing::IsEmpty());
   const auto few = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 4),
                                    {.features = "tip", .action_limit = {0.2}});
@@ -165,17 +156,8 @@ TEST(GuardAdviceTest, WarningsNameTheReasonAndTheRemedy) {
 }
 
 TEST(GuardAdviceTest, AClockWithAnotherStartInEachEpisodeIsNamed) {
-  // Actions differ from each other in all entries: the tip does not move uniformly.
-  auto demonstrations = test::CorridorDemonstrations(1, 40);
   core::Random random(8);
-  for (core::Trajectory& d : demonstrations) {
-    for (Eigen::Index t = 0; t < d.controls.rows(); ++t) {
-      const double dx = test::kSpeed * (1.0 + 0.5 * random.Normal());
-      const double dy = d.states(t + 1, 2) - d.states(t, 2);
-      d.states(t + 1, 1) = d.states(t, 1) + dx;
-      d.controls.row(t) = test::ActionFor(dx, dy).transpose();
-    }
-  }
+  const auto demonstrations = test::IrregularDemonstrations(40, random);
   const auto warned = [](const std::vector<std::string>& warnings) {
     return std::count_if(warnings.begin(), warnings.end(), [](const std::string& w) {
       return w.find("advances uniformly") != std::string::npos;
@@ -202,7 +184,7 @@ TEST(GuardAdviceTest, AClockWithAnotherStartInEachEpisodeIsNamed) {
 }
 
 TEST(GuardAdviceTest, DelayedActionsAreNamedWithTheirDelay) {
-  const auto demonstrations = test::CorridorDemonstrations(1, 40);
+  const auto demonstrations = test::CorridorDemonstrations(1, 20);
   const auto fit = [&](int later) {
     // The action of step t acts at step t + later.
     auto delayed = demonstrations;
@@ -236,8 +218,7 @@ TEST(GuardAdviceTest, AClockIsFoundInAnyUnitAndAConstantIsNoClock) {
   for (core::Trajectory& d : still) d.states.col(0).setConstant(3.0);
   EXPECT_THAT(FitWarnings(*whole, still), testing::Not(testing::Contains(HasSubstr(kClock))));
   // The last part of the longest demonstration has no other demonstration to compare with.
-  const auto tip = GuardModel::Fit(test::CorridorLayout(), demonstrations,
-                                   {.features = "tip", .action_limit = {0.2}});
+  const auto tip = GoodModel();
   EXPECT_THAT(FitWarnings(*tip, demonstrations), testing::IsEmpty());
   auto longer = test::CorridorDemonstrations(1, 40);
   longer.push_back(test::CorridorDemonstrations(2, 1, 25)[0]);
@@ -246,8 +227,7 @@ TEST(GuardAdviceTest, AClockIsFoundInAnyUnitAndAConstantIsNoClock) {
 }
 
 TEST(GuardAdviceTest, ActionsThatContradictTheMotionExplainNothing) {
-  const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
-                                     {.features = "tip", .action_limit = {0.2}});
+  const auto model = GoodModel();
   // Moves slightly backwards, although the demonstrated action moves forwards.
   core::Trajectory back;
   back.states.resize(2, 3);

@@ -16,6 +16,7 @@
 #include "dfr/kernel/whitened_support.h"
 #include "dfr/safety/guard_advice.h"
 #include "tests/safety/corridor.h"
+#include "tests/safety/corridor_guard.h"
 #include "tests/support/message_of.h"
 
 namespace dfr::safety {
@@ -131,15 +132,22 @@ TEST(GuardModelTest, CertificatesNeedTheirConstantsAndDoublePrecision) {
 
 // Definition: no outcome allowed by the assumption raises an alarm.
 TEST(GuardModelTest, CertifyPassesOnlyActionsThatProvablyRaiseNoAlarm) {
-  const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
-                                     {.features = "tip"});
+  const auto model = test::Model();
   const double eps = model->settings().direction_error;
   const kernel::WhitenedSupport& support = model->task().feature_support();
   const core::FeatureTransform& features = model->task().features();
+  const double least = -model->settings().alarm_level - 1e-9;
+  const auto deepest = [&](const Eigen::VectorXd& there) {
+    double best = -std::numeric_limits<double>::infinity();
+    for (int q = 0; q < support.num_steps(); ++q) {
+      best = std::max(best, support.LogDecision(q, core::AsSpan(there), {}));
+    }
+    return best;
+  };
   core::Random random(3);
   int passed = 0;
   int refused = 0;
-  for (int i = 0; i < 400; ++i) {
+  for (int i = 0; i < 200; ++i) {
     const int t = i % 18;
     const std::vector<double> state = {0.0, 0.1 * t + 0.1 * random.Normal(), 0.1 * random.Normal()};
     const std::vector<double> action = {0.2 * random.Normal(), 0.2 * random.Normal()};
@@ -151,21 +159,12 @@ TEST(GuardModelTest, CertifyPassesOnlyActionsThatProvablyRaiseNoAlarm) {
     const double error = eps * std::hypot(action[0], action[1]);
     for (int angle = 0; angle < 24; ++angle) {
       const Eigen::Vector2d direction(std::cos(M_PI * angle / 12.0), std::sin(M_PI * angle / 12.0));
-      const auto deepest = [&](const Eigen::VectorXd& there) {
-        double best = -std::numeric_limits<double>::infinity();
-        for (int q = 0; q < support.num_steps(); ++q) {
-          best = std::max(best, support.LogDecision(q, core::AsSpan(there), {}));
-        }
-        return best;
-      };
       if (found.passes) {
-        EXPECT_GE(deepest(z + found.effect + error * direction),
-                  -model->settings().alarm_level - 1e-9);
+        EXPECT_GE(deepest(z + found.effect + error * direction), least);
       }
       if (found.radius > 0.0) {
-        EXPECT_GE(deepest(z + found.radius * direction), -model->settings().alarm_level - 1e-9);
-        EXPECT_GE(deepest(z + found.shift + found.ball_radius * direction),
-                  -model->settings().alarm_level - 1e-9);
+        EXPECT_GE(deepest(z + found.radius * direction), least);
+        EXPECT_GE(deepest(z + found.shift + found.ball_radius * direction), least);
       }
     }
   }
@@ -178,8 +177,7 @@ TEST(GuardModelTest, CertifyPassesOnlyActionsThatProvablyRaiseNoAlarm) {
 }
 
 TEST(GuardModelTest, LevelsFollowFasterAndSlowerEpisodes) {
-  const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
-                                     {.features = "tip"});
+  const auto model = test::Model();
   core::Matrix slow(41, 3);
   core::Matrix fast(11, 3);
   for (int i = 0; i < slow.rows(); ++i) slow.row(i) << i, 0.05 * i, 0.0;
@@ -272,32 +270,34 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
   bad = good;
   bad[0].states.conservativeResize(21, 2);
   EXPECT_THAT(fit(bad), HasSubstr("demonstration 0 has states of 2 entries, but the layout has 3"));
-  EXPECT_THAT(fit(good, {.features = "gripper"}), HasSubstr("feature 'gripper'"));
-  EXPECT_THAT(fit(good, {.features = "tip", .horizon = -1}), HasSubstr("horizon"));
-  // Options that no loader accepts produce no file.
-  EXPECT_THAT(fit(good, {.features = "tip", .horizon = 1073741825}), HasSubstr("horizon"));
-  EXPECT_THAT(fit(good, {.features = "tip", .horizon = std::numeric_limits<int>::max()}),
-              HasSubstr("horizon"));
-  EXPECT_THAT(fit(good, {.features = "tip", .false_alarms = 1.0}),
-              HasSubstr("false_alarms must lie in (0, 1)"));
-  EXPECT_THAT(fit(good, {.features = "tip", .folds = 1}), HasSubstr("folds"));
 
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
-  EXPECT_THAT(fit(good, {.features = "tip", .false_alarms = 0.0}),
-              HasSubstr("false_alarms must lie in (0, 1)"));
-  EXPECT_THAT(fit(good, {.features = "tip", .action_limit = {-1.0}}),
-              HasSubstr("action_limit must be finite and not negative"));
-  for (const double share : {-0.01, 0.51}) {
-    EXPECT_THAT(fit(good, {.features = "tip", .hold_out = share}),
-                HasSubstr("hold_out must lie in [0, .5]"));
+  constexpr const char* kShare = "false_alarms must lie in (0, 1)";
+  constexpr const char* kHoldOut = "hold_out must lie in [0, .5]";
+  constexpr const char* kFactor = "error_factor must be positive and finite";
+  struct Refused {
+    GuardOptions options;
+    const char* message;
+  };
+  for (const auto& [options, message] : std::vector<Refused>{
+           {{.features = "gripper"}, "feature 'gripper'"},
+           {{.horizon = -1}, "horizon"},
+           // Options that no loader accepts produce no file.
+           {{.horizon = (1 << 30) + 1}, "horizon"},
+           {{.horizon = std::numeric_limits<int>::max()}, "horizon"},
+           {{.false_alarms = 0.0}, kShare},
+           {{.false_alarms = 1.0}, kShare},
+           {{.folds = 1}, "folds"},
+           {{.action_limit = {-1.0}}, "action_limit must be finite and not negative"},
+           {{.hold_out = -0.01}, kHoldOut},
+           {{.hold_out = 0.51}, kHoldOut},
+           {{.hold_out = 0.5}, "holding out 3 of 5 demonstrations leaves fewer than 3"},
+           {{.error_factor = 0.0}, kFactor},
+           {{.error_factor = kInfinity}, kFactor},
+       }) {
+    EXPECT_THAT(fit(good, options), HasSubstr(message));
   }
-  EXPECT_THAT(fit(good, {.features = "tip", .hold_out = 0.5}),
-              HasSubstr("holding out 3 of 5 demonstrations leaves fewer than 3"));
   EXPECT_EQ(fit(good, {.features = "tip", .hold_out = 0.4}), "nothing thrown");
-  for (const double factor : {0.0, kInfinity}) {
-    EXPECT_THAT(fit(good, {.features = "tip", .error_factor = factor}),
-                HasSubstr("error_factor must be positive and finite"));
-  }
   EXPECT_EQ(fit(good, {.features = "tip", .folds = 2}), "nothing thrown");
 
   const auto model = GuardModel::Fit(layout, good, {.features = "tip"});
@@ -307,22 +307,20 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
     return test::MessageOf<std::invalid_argument>(
         [&] { static_cast<void>(model->With(settings)); });
   };
+  constexpr auto kLimit = &GuardSettings::action_limit;
   for (const double limit : {-0.1, kInfinity, std::nan("")}) {
-    EXPECT_THAT(refusal(&GuardSettings::action_limit, std::vector{0.1, limit}),
+    EXPECT_THAT(refusal(kLimit, std::vector{0.1, limit}),
                 HasSubstr("action_limit must be finite and not negative: entry 1"));
   }
-  EXPECT_THAT(refusal(&GuardSettings::action_limit, std::vector{0.0, 0.0}),
-              HasSubstr("nothing could move"));
-  EXPECT_THAT(refusal(&GuardSettings::action_limit, std::vector{0.1, 0.1, 0.1}),
+  EXPECT_THAT(refusal(kLimit, std::vector{0.0, 0.0}), HasSubstr("nothing could move"));
+  EXPECT_THAT(refusal(kLimit, std::vector{0.1, 0.1, 0.1}),
               HasSubstr("action_limit has 3 entries, but actions have 2"));
-  for (const int wrong : {0, (1 << 30) + 1}) {
-    EXPECT_THAT(refusal(&GuardSettings::horizon, wrong), HasSubstr("horizon must lie in [1, "));
-    EXPECT_THAT(refusal(&GuardSettings::max_actions, wrong),
-                HasSubstr("max_actions must lie in [1, "));
-  }
-  for (const int right : {1, 1 << 30}) {
-    EXPECT_EQ(refusal(&GuardSettings::horizon, right), "nothing thrown");
-    EXPECT_EQ(refusal(&GuardSettings::max_actions, right), "nothing thrown");
+  for (const auto& [count, name] : {std::pair(&GuardSettings::horizon, "horizon"),
+                                    {&GuardSettings::max_actions, "max_actions"}}) {
+    for (const int wrong : {0, (1 << 30) + 1}) {
+      EXPECT_THAT(refusal(count, wrong), HasSubstr(std::string(name) + " must lie in [1, "));
+    }
+    for (const int right : {1, 1 << 30}) EXPECT_EQ(refusal(count, right), "nothing thrown");
   }
   EXPECT_THAT(refusal(&GuardSettings::alarm_level, -kInfinity),
               HasSubstr("alarm_level must be finite"));

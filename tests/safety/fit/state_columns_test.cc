@@ -111,9 +111,7 @@ TEST(StateColumnsTest, AConstantThatChangesHaltsWithItsReason) {
   EXPECT_EQ(why,
             "halted: more[1] of the state is 201, unlike in all demonstrations, where it is "
             "constant");
-  GuardSettings settings = model->settings();
-  settings.strategy = Strategy::kMonitor;
-  EXPECT_EQ(cause_at(201.0, *model->With(settings), why), control::HaltCause::kNone);
+  EXPECT_EQ(cause_at(201.0, *test::As(Strategy::kMonitor, model), why), control::HaltCause::kNone);
 }
 
 // A sensor that is read in every third step.
@@ -140,12 +138,10 @@ TEST(StateColumnsTest, AStateMayStandStillTwiceAsLongAsDemonstratedAndThreeSteps
   EXPECT_NEAR(group.longest, longest, 1e-12);
   EXPECT_NEAR(group.limit(), 2.0 * longest + 3.0, 1e-12);
 
-  GuardSettings settings = model->settings();
   const std::vector<double> wish = test::Action(0.3, 0.0);  // Counts as one step.
   std::vector<double> state = {0.0, 0.0, 0.0};
   std::vector<double> action(2);
-  settings.strategy = Strategy::kMonitor;
-  Guard monitor(model->With(settings));
+  Guard monitor(test::As(Strategy::kMonitor, model));
   monitor.Reset(1);
   Verdict verdict;
   for (int t = 0; t < 9; ++t) {
@@ -162,16 +158,8 @@ TEST(StateColumnsTest, AStateMayStandStillTwiceAsLongAsDemonstratedAndThreeSteps
 }
 
 TEST(StateColumnsTest, AClockDoesNotHideAStateThatStandsStill) {
-  // Actions differ from each other in all entries and therefore do not explain the clock.
-  auto demonstrations = test::CorridorDemonstrations(1, 30);
   core::Random random(8);
-  for (core::Trajectory& d : demonstrations) {
-    for (Eigen::Index t = 0; t < d.controls.rows(); ++t) {
-      const double dx = test::kSpeed * (1.0 + 0.5 * random.Normal());
-      d.states(t + 1, 1) = d.states(t, 1) + dx;
-      d.controls.row(t) = test::ActionFor(dx, d.states(t + 1, 2) - d.states(t, 2)).transpose();
-    }
-  }
+  auto demonstrations = test::IrregularDemonstrations(30, random);
   const auto first_entry = [&] {
     return GuardModel::Fit(test::CorridorLayout(), demonstrations, {.accept_any = true})
         ->sensor_groups()

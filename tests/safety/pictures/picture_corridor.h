@@ -9,7 +9,7 @@
 #include "dfr/core/features/features.h"
 #include "dfr/core/random.h"
 #include "dfr/safety/guard_model.h"
-#include "tests/safety/corridor.h"
+#include "tests/safety/corridor_guard.h"
 
 namespace dfr::test {
 
@@ -64,11 +64,7 @@ inline std::shared_ptr<const safety::GuardModel> FittedModel() {
 
 /// Returns the model with a correcting strategy.
 inline std::shared_ptr<const safety::GuardModel> PictureModel() {
-  static const std::shared_ptr<const safety::GuardModel> kModel = [] {
-    safety::GuardSettings settings = FittedModel()->settings();
-    settings.strategy = safety::Strategy::kGuard;
-    return FittedModel()->With(settings);
-  }();
+  static const auto kModel = As(safety::Strategy::kGuard, FittedModel());
   return kModel;
 }
 
