@@ -57,7 +57,8 @@ Mixture MakeMixture(int count, std::uint64_t seed) {
   return mixture;
 }
 
-std::vector<int> AllColumns() { return {0, 1, 2, 3, 4, 5, 6, 7}; }
+// One block of all columns.
+const std::vector<std::vector<int>> kWhole = {{0, 1, 2, 3, 4, 5, 6, 7}};
 
 // Returns the share of the task in the squared weights of the first component on the sources.
 double ShareOfTask(const Matrix& weights, const Mixture& mixture) {
@@ -70,8 +71,7 @@ TEST(ActionDirectionsTest, TakesTheTaskBeforeASlowNuisance) {
     const Mixture mixture = MakeMixture(30, seed);
     std::vector<Matrix> states;
     for (const core::Trajectory& d : mixture.demonstrations) states.push_back(d.states);
-    const std::vector<std::vector<int>> blocks = {AllColumns()};
-    const ActionDirections directions(mixture.demonstrations, blocks);
+    const ActionDirections directions(mixture.demonstrations, kWhole);
     EXPECT_GT(ShareOfTask(directions.Weights(0, 1), mixture), 0.95);
     EXPECT_LT(ShareOfTask(FitSlowFeatures(states).directions, mixture), 0.2);
   }
@@ -80,8 +80,7 @@ TEST(ActionDirectionsTest, TakesTheTaskBeforeASlowNuisance) {
 // Any basis of the subspace represents the same. The basis of slow features is uncorrelated.
 TEST(ActionDirectionsTest, ComponentsAreSlowFeaturesSlowestFirst) {
   const Mixture mixture = MakeMixture(30, 4);
-  const std::vector<std::vector<int>> blocks = {AllColumns()};
-  const Matrix weights = ActionDirections(mixture.demonstrations, blocks).Weights(0, 3);
+  const Matrix weights = ActionDirections(mixture.demonstrations, kWhole).Weights(0, 3);
   ASSERT_EQ(weights.rows(), 3);
   std::vector<Matrix> components;
   for (const core::Trajectory& d : mixture.demonstrations) {
@@ -91,16 +90,15 @@ TEST(ActionDirectionsTest, ComponentsAreSlowFeaturesSlowestFirst) {
   EXPECT_GT(slow.slowness[0], slow.slowness[1]);
   const Matrix unit = slow.directions.rowwise().normalized().cwiseAbs();
   EXPECT_LT((unit - Matrix::Identity(3, 3)).norm(), 0.05);
-  EXPECT_EQ(ActionDirections(mixture.demonstrations, blocks).Weights(0, 99).rows(), kEntries);
+  EXPECT_EQ(ActionDirections(mixture.demonstrations, kWhole).Weights(0, 99).rows(), kEntries);
 }
 
 TEST(ActionDirectionsTest, DoesNotDependOnTheOrderOfDemonstrations) {
   Mixture mixture = MakeMixture(12, 5);
-  const std::vector<std::vector<int>> blocks = {AllColumns()};
-  const Matrix before = ActionDirections(mixture.demonstrations, blocks).Weights(0, 3);
+  const Matrix before = ActionDirections(mixture.demonstrations, kWhole).Weights(0, 3);
   std::swap(mixture.demonstrations[0], mixture.demonstrations[7]);
   std::swap(mixture.demonstrations[3], mixture.demonstrations[11]);
-  EXPECT_EQ(ActionDirections(mixture.demonstrations, blocks).Weights(0, 3), before);
+  EXPECT_EQ(ActionDirections(mixture.demonstrations, kWhole).Weights(0, 3), before);
 }
 
 TEST(ActionDirectionsTest, ABlockNeedNotExplainWhatOtherColumnsExplain) {
@@ -137,7 +135,7 @@ TEST(ActionDirectionsTest, ExplainLeftOutDemonstrationsBetterThanSlowFeatures) {
     return ChooseComponents(mixture.demonstrations, {.candidates = {3}, .by_actions = by_actions})
         .table.at(0);
   };
-  const ComponentsScore by_actions = row({AllColumns()});
+  const ComponentsScore by_actions = row(kWhole);
   EXPECT_GT(by_actions.explained, 0.8);
   EXPECT_LT(row({}).explained, 0.5);
 }
@@ -149,8 +147,8 @@ TEST(ActionDirectionsTest, DoNotExplainRandomActionsOfLeftOutDemonstrations) {
   for (core::Trajectory& d : mixture.demonstrations) {
     d.controls.rowwise() = Eigen::RowVector2d(random.Normal(), random.Normal());
   }
-  const ComponentsChoice choice = ChooseComponents(
-      mixture.demonstrations, {.candidates = {1, 2, 3}, .by_actions = {AllColumns()}});
+  const ComponentsChoice choice =
+      ChooseComponents(mixture.demonstrations, {.candidates = {1, 2, 3}, .by_actions = kWhole});
   for (const ComponentsScore& row : choice.table) EXPECT_LT(row.explained, 0.2);
 }
 
@@ -172,8 +170,7 @@ TEST(ActionDirectionsTest, AConstantActionLeavesSlowFeatures) {
     d.controls.setOnes();
     states.push_back(d.states);
   }
-  const std::vector<std::vector<int>> blocks = {AllColumns()};
-  const Matrix weights = ActionDirections(mixture.demonstrations, blocks).Weights(0, kEntries);
+  const Matrix weights = ActionDirections(mixture.demonstrations, kWhole).Weights(0, kEntries);
   EXPECT_LT((weights - FitSlowFeatures(states).directions).norm(), 1e-6 * weights.norm());
 }
 

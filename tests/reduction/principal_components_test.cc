@@ -82,7 +82,7 @@ TEST(PrincipalComponentsTest, AreTheSameInOnePieceOrManyAndForAnyNumberOfThreads
                                       whole.bottomRows(43)};
   const PrincipalComponentsOptions one{.components = 4, .oversampling = 4, .threads = 1};
   const PrincipalComponents fit = Fit(whole, one);
-  for (const int threads : {1, 2, 3}) {
+  for (const int threads : {1, 3}) {
     PrincipalComponentsOptions options = one;
     options.threads = threads;
     const PrincipalComponents other = FitPrincipalComponents(MatrixRows(pieces), options);
@@ -90,9 +90,9 @@ TEST(PrincipalComponentsTest, AreTheSameInOnePieceOrManyAndForAnyNumberOfThreads
     EXPECT_TRUE(fit.scores == other.scores) << threads;
     EXPECT_TRUE(fit.mean == other.mean && fit.scale == other.scale) << threads;
   }
-  PrincipalComponentsOptions seeded = one;
-  seeded.seed = 2;
-  EXPECT_FALSE(fit.components == Fit(whole, seeded).components);
+  const Matrix small = Rows(40, 60, 20, 3);
+  EXPECT_FALSE(Fit(small, one).components ==
+               Fit(small, {.components = 4, .oversampling = 4, .seed = 2}).components);
 }
 
 TEST(PrincipalComponentsTest, BytesGiveTheSameComponentsAsDoubles) {
@@ -133,27 +133,27 @@ TEST(PrincipalComponentsTest, AreNoMoreThanTheRankOfTheRows) {
 }
 
 TEST(PrincipalComponentsTest, BadInputIsRefusedWithItsPlace) {
+  const auto message = [](const auto& call) { return test::MessageOf(call); };
   Matrix rows = Rows(10, 6, 3, 10);
-  EXPECT_THAT(test::MessageOf([&] { (void)Fit(Matrix::Constant(4, 3, 7.0), {}); }),
-              HasSubstr("all 4 rows are equal"));
-  EXPECT_THAT(test::MessageOf([&] { (void)Fit(rows.topRows(1), {}); }),
-              HasSubstr("at least 2 rows"));
-  EXPECT_THAT(test::MessageOf([&] { (void)Fit(rows, {.components = 0}); }),
-              HasSubstr("components must be at least 1, not 0"));
-  EXPECT_THAT(test::MessageOf([&] { (void)Fit(rows, {.power_iterations = 0}); }),
-              HasSubstr("power_iterations at least 1"));
-  EXPECT_THAT(test::MessageOf([&] { (void)Fit(rows, {.scale_floor = 1.5}); }),
-              HasSubstr("scale_floor must lie in [0, 1], not 1.5"));
+  const auto fit = [&](const PrincipalComponentsOptions& options) {
+    return message([&] { (void)Fit(rows, options); });
+  };
+  EXPECT_THAT(fit({.components = 0}), HasSubstr("components must be at least 1, not 0"));
+  EXPECT_THAT(fit({.power_iterations = 0}), HasSubstr("power_iterations at least 1"));
+  EXPECT_THAT(fit({.scale_floor = 1.5}), HasSubstr("scale_floor must lie in [0, 1], not 1.5"));
   rows(8, 4) = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_THAT(test::MessageOf([&] { (void)Fit(rows, {}); }),
-              HasSubstr("entry 4 of row 8 is not finite"));
+  EXPECT_THAT(fit({}), HasSubstr("entry 4 of row 8 is not finite"));
+  rows = Matrix::Constant(4, 3, 7.0);
+  EXPECT_THAT(fit({}), HasSubstr("all 4 rows are equal"));
+  rows = Rows(1, 6, 3, 10);
+  EXPECT_THAT(fit({}), HasSubstr("at least 2 rows"));
   const std::vector<Matrix> unequal = {Rows(3, 4, 2, 1), Rows(3, 5, 2, 1)};
-  EXPECT_THAT(test::MessageOf([&] { (void)MatrixRows(unequal); }),
+  EXPECT_THAT(message([&] { (void)MatrixRows(unequal); }),
               HasSubstr("matrix 1 has 5 columns, but matrix 0 has 4"));
   const std::vector<std::uint8_t> bytes(10);
-  EXPECT_THAT(test::MessageOf([&] { (void)ByteRows(bytes, 3); }),
+  EXPECT_THAT(message([&] { (void)ByteRows(bytes, 3); }),
               HasSubstr("10 bytes are not a whole number of rows of 3"));
-  EXPECT_THAT(test::MessageOf([&] { (void)MatrixRows({}); }), HasSubstr("no rows"));
+  EXPECT_THAT(message([] { (void)MatrixRows({}); }), HasSubstr("no rows"));
 }
 
 }  // namespace

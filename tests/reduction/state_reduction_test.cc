@@ -12,7 +12,6 @@
 
 #include "dfr/core/files/archive.h"
 #include "dfr/core/random.h"
-#include "tests/support/all_close.h"
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 
@@ -57,6 +56,24 @@ std::vector<double> Applied(const StateReduction& reduction, const std::vector<d
   StateReduction::Workspace workspace(reduction);
   EXPECT_TRUE(reduction.Apply(state, workspace)) << reduction.Fault(state);
   return {workspace.state().begin(), workspace.state().end()};
+}
+
+// Returns the reduction that a file of `written` gives for states of this layout.
+StateReduction Reloaded(const StateReduction& written, const core::StateLayout& layout) {
+  const std::filesystem::path path =
+      std::filesystem::path(testing::TempDir()) / "state_reduction_test.dfr";
+  core::ArchiveWriter writer("test", 1);
+  written.Save(writer);
+  writer.Save(path);
+  core::ArchiveReader reader(path, "test", 1);
+  std::filesystem::remove(path);
+  StateReduction read = StateReduction::Load(reader, layout);
+  reader.End();
+  return read;
+}
+
+std::string RefusalOf(const StateReduction& written, const core::StateLayout& layout) {
+  return test::MessageOf([&] { static_cast<void>(Reloaded(written, layout)); });
 }
 
 std::vector<double> SomeState(std::uint64_t seed) {
@@ -272,17 +289,10 @@ TEST(StateReductionTest, SharesOfComponentsAddUpOverPixels) {
 }
 
 TEST(StateReductionTest, AFileRestoresTheReduction) {
-  const std::filesystem::path path =
-      std::filesystem::path(testing::TempDir()) / "state_reduction_test.dfr";
   for (const char* const features : {"pca:image:grey:light=gain,tip[0:1],pca:code:2",
                                      "points:image:grey:light=gain,tip[0:1],slow:code:2"}) {
     const StateReduction written = Fitted(features);
-    core::ArchiveWriter writer("test", 1);
-    written.Save(writer);
-    writer.Save(path);
-    core::ArchiveReader reader(path, "test", 1);
-    const StateReduction read = StateReduction::Load(reader, WorldLayout());
-    reader.End();
+    const StateReduction read = Reloaded(written, WorldLayout());
     EXPECT_EQ(read.features(), written.features());
     EXPECT_EQ(read.reduced_layout(), written.reduced_layout());
     EXPECT_EQ(read.num_open(), 1);
@@ -296,58 +306,43 @@ TEST(StateReductionTest, AFileRestoresTheReduction) {
     EXPECT_EQ(of_read.novelty(), of_written.novelty());
     core::StateLayout other = WorldLayout();
     other.blocks[2].name = "another";
-    core::ArchiveReader again(path, "test", 1);
-    EXPECT_THAT(test::MessageOf([&] { static_cast<void>(StateReduction::Load(again, other)); }),
-                HasSubstr("reduces a block that the state lacks"));
+    EXPECT_THAT(RefusalOf(written, other), HasSubstr("reduces a block that the state lacks"));
   }
-  std::filesystem::remove(path);
 }
 
 TEST(StateReductionTest, AFileWithPointsOfAnotherPictureIsRefused) {
-  const std::filesystem::path path =
-      std::filesystem::path(testing::TempDir()) / "state_reduction_points_test.dfr";
-  core::ArchiveWriter writer("test", 1);
-  Fitted("points:image:3").Save(writer);
-  writer.Save(path);
-  const auto message = [&](const core::StateLayout& layout) {
-    core::ArchiveReader reader(path, "test", 1);
-    return test::MessageOf([&] { static_cast<void>(StateReduction::Load(reader, layout)); });
-  };
-  EXPECT_EQ(message(WorldLayout()), "nothing thrown");
+  const StateReduction written = Fitted("points:image:3");
   core::StateLayout other;
   other.Add("image", core::PictureShape{kSide - 1, kSide, 3});
-  EXPECT_THAT(message(other), HasSubstr("out_width and out_height must lie in"));
+  EXPECT_THAT(RefusalOf(written, other), HasSubstr("out_width and out_height must lie in"));
   other = {};
   other.Add("image", core::PictureShape{kSide, kSide, 1});
-  EXPECT_THAT(message(other), HasSubstr("patches have 75 entries, not 5 x 5 x 1"));
+  EXPECT_THAT(RefusalOf(written, other), HasSubstr("patches have 75 entries, not 5 x 5 x 1"));
   other = {};
   other.Add("image", kSide * kSide * 3);
-  EXPECT_THAT(message(other), HasSubstr("points of a block that is not a picture"));
-  std::filesystem::remove(path);
+  EXPECT_THAT(RefusalOf(written, other), HasSubstr("points of a block that is not a picture"));
 }
 
 TEST(StateReductionTest, InvalidFeaturesAreNamed) {
-  const auto message = [](std::string_view features) {
-    return test::MessageOf([&] { static_cast<void>(Fitted(features)); });
-  };
-  EXPECT_THAT(message("pca:camera"),
-              HasSubstr("no block 'camera' in the state; it has image, tip, code, clock"));
-  EXPECT_THAT(message("pca:code:grey"), HasSubstr("'grey' is for pictures; give the block"));
-  EXPECT_THAT(message("pca:image:blue"),
-              HasSubstr("'blue' is not an option; options are a number"));
-  EXPECT_THAT(message("pca:image:7x7"), HasSubstr("[1, 6] and [1, 6], not 7 and 7"));
-  EXPECT_THAT(message("pca:image:0"), HasSubstr("must lie in [1, 256]"));
-  EXPECT_THAT(message("pca:code:9"), HasSubstr("there are 8 components, not 9"));
-  EXPECT_THAT(message("pca:code:2,pca:code:3"), HasSubstr("names a block that is listed already"));
-  EXPECT_THAT(message("pca:code:2,code[0:1]"), HasSubstr("is part of a block that is reduced"));
-  EXPECT_THAT(message("pca:code:2,image"),
-              HasSubstr("is a picture: put points: or pca: before it"));
-  EXPECT_THAT(message("points:code"), HasSubstr("points are for pictures; give the block the "
-                                                "shape (height, width, channels) in the layout, "
-                                                "or put pca: before it"));
-  EXPECT_THAT(message("points:image:4x6"), HasSubstr("need pictures of 5 to 128 pixels a side"));
-  EXPECT_THAT(message("points:image:33"), HasSubstr("there are 32 components, not 33"));
-  EXPECT_THAT(message("pca:code:2,hand"), HasSubstr("feature 'hand' is not part of the state"));
+  for (const auto& [features, message] : std::vector<std::pair<const char*, const char*>>{
+           {"pca:camera", "no block 'camera' in the state; it has image, tip, code, clock"},
+           {"pca:code:grey", "'grey' is for pictures; give the block"},
+           {"pca:image:blue", "'blue' is not an option; options are a number"},
+           {"pca:image:7x7", "[1, 6] and [1, 6], not 7 and 7"},
+           {"pca:image:0", "must lie in [1, 256]"},
+           {"pca:code:9", "there are 8 components, not 9"},
+           {"pca:code:2,pca:code:3", "names a block that is listed already"},
+           {"pca:code:2,code[0:1]", "is part of a block that is reduced"},
+           {"pca:code:2,image", "is a picture: put points: or pca: before it"},
+           {"points:code",
+            "points are for pictures; give the block the shape (height, width, channels) in the "
+            "layout, or put pca: before it"},
+           {"points:image:4x6", "need pictures of 5 to 128 pixels a side"},
+           {"points:image:33", "there are 32 components, not 33"},
+           {"pca:code:2,hand", "feature 'hand' is not part of the state"}}) {
+    EXPECT_THAT(test::MessageOf([&] { static_cast<void>(Fitted(features)); }), HasSubstr(message))
+        << features;
+  }
   using Request = core::BlockRequest;
   EXPECT_THAT(StateReduction::Requests("tip,points:image:3:16x24:grey,pca:code:4,slow:hand"),
               ElementsAre(Request{"image", 16, 24}, Request{"code"}, Request{"hand"}));
