@@ -131,30 +131,26 @@ TEST(PicturedGuardsTest, MonitorsChangeNothingAndThreadsDoNotMatter) {
   EXPECT_TRUE(rows == RunStudy(Pictured(2)));
 }
 
-std::string ErrorOf(const Study& study) {
-  return dfr::test::MessageOf<std::invalid_argument>([&] { static_cast<void>(RunStudy(study)); });
-}
-
-TEST(PicturedGuardsTest, NeedFeatures) {
-  Study study = Pictured(1);
-  study.pictures.features.clear();
-  EXPECT_THAT(ErrorOf(study), HasSubstr("unknown method 'monitor/pictures'"));
-}
-
 // Without a guard that sees pictures, disturbed pictures would have no effect.
-TEST(PicturedGuardsTest, ConditionsOfPicturesNeedPictures) {
-  Study study = Pictured(1);
-  study.controllers = {"guard"};
-  study.conditions = {"picture shifted"};
-  study.pictures.features.clear();
-  EXPECT_THAT(ErrorOf(study), AllOf(HasSubstr("'picture shifted'"), HasSubstr("--pictures")));
-}
-
-TEST(PicturedGuardsTest, ATaskWithoutPicturesIsNamedWithThoseThatHaveThem) {
-  Study study = Pictured(1);
-  study.tasks = {"reach", "balance"};
-  EXPECT_THAT(ErrorOf(study), AllOf(HasSubstr("'balance'"), HasSubstr("two-ways"),
-                                    HasSubstr("door"), Not(HasSubstr("inertia"))));
+TEST(PicturedGuardsTest, NeedFeaturesAndTasksWithPictures) {
+  const auto error = [](const auto& change) {
+    Study study = Pictured(1);
+    change(study);
+    return dfr::test::MessageOf<std::invalid_argument>([&] { static_cast<void>(RunStudy(study)); });
+  };
+  EXPECT_THAT(error([](Study& study) { study.pictures.features.clear(); }),
+              HasSubstr("unknown method 'monitor/pictures'"));
+  EXPECT_THAT(error([](Study& study) {
+                study.controllers = {"guard"};
+                study.conditions = {"picture shifted"};
+                study.pictures.features.clear();
+              }),
+              AllOf(HasSubstr("'picture shifted'"), HasSubstr("--pictures")));
+  EXPECT_THAT(error([](Study& study) {
+                study.tasks = {"reach", "balance"};
+              }),
+              AllOf(HasSubstr("'balance'"), HasSubstr("two-ways"), HasSubstr("door"),
+                    Not(HasSubstr("inertia"))));
 }
 
 }  // namespace

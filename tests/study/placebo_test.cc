@@ -67,9 +67,13 @@ TEST(PlaceboTest, CorrectsAtItsRate) {
 
 TEST(PlaceboTest, HaltsAtItsRateAndOtherwisePasses) {
   Placebo placebo(std::make_unique<Alone>(), nullptr, Twice);
-  placebo.SetRate(0.25);
   const std::vector<double> x = {0.0};
   std::vector<double> u = {0.0};
+  placebo.Reset(1);
+  for (int i = 0; i < 1000; ++i) {
+    ASSERT_EQ(placebo.Next(x, u).mode, control::Mode::kPolicy) << "there is no rate yet";
+  }
+  placebo.SetRate(0.25);
   constexpr int kEpisodes = 2000;
   int controls = 0;
   for (int i = 0; i < kEpisodes; ++i) {
@@ -81,16 +85,6 @@ TEST(PlaceboTest, HaltsAtItsRateAndOtherwisePasses) {
   }
   // Geometric: 3 controls on average before the halt, with variance 12.
   EXPECT_NEAR(controls, 3.0 * kEpisodes, 4.0 * std::sqrt(12.0 * kEpisodes));
-}
-
-TEST(PlaceboTest, WithoutARateItIsThePolicy) {
-  Placebo placebo(std::make_unique<Alone>(), nullptr, Twice);
-  placebo.Reset(1);
-  const std::vector<double> x = {0.0};
-  std::vector<double> u = {0.0};
-  for (int i = 0; i < 1000; ++i) {
-    ASSERT_EQ(placebo.Next(x, u).mode, control::Mode::kPolicy);
-  }
 }
 
 Study PlaceboStudy() {
@@ -143,9 +137,9 @@ TEST(PlaceboTest, AlsoRunsInAStudyOfControllers) {
   study.conditions = {"as demonstrated"};
   study.policies = {"lwr-cv", "learned"};
   study.controllers = {"guard", "placebo-halts"};
-  study.demonstrations = 20;
+  study.demonstrations = 12;
   study.trials = 1;
-  study.episodes = 4;
+  study.episodes = 2;
   const std::vector<Row> rows = RunStudy(study);
   ASSERT_EQ(rows.size(), 6u);
   EXPECT_EQ(rows[0].policy, "lwr-cv");

@@ -39,6 +39,12 @@ Study Small() {
   return study;
 }
 
+std::vector<Row> Rows(const Study& study) {
+  std::vector<Row> rows = RunStudy(study);
+  std::filesystem::remove_all(Folder());
+  return rows;
+}
+
 const Row& Find(const std::vector<Row>& rows, const std::string& condition,
                 const std::string& policy, const std::string& controller) {
   for (const Row& row : rows) {
@@ -52,8 +58,9 @@ const Row& Find(const std::vector<Row>& rows, const std::string& condition,
 TEST(StressTest, CountsWhatAControllerSavesAndHarms) {
   Study study = Small();
   study.policies = {"lwr", "learned"};
-  const std::vector<Row> rows = RunStudy(study);
-  std::filesystem::remove_all(Folder());
+  study.trials = 1;
+  study.episodes = 20;
+  const std::vector<Row> rows = Rows(study);
   // The corridor lacks the condition of wider starts.
   ASSERT_EQ(rows.size(), 2u * 2u * 4u);
   for (const Row& row : rows) {
@@ -85,24 +92,6 @@ TEST(StressTest, CountsWhatAControllerSavesAndHarms) {
   }
 }
 
-TEST(StressTest, RowsDoNotDependOnTheNumberOfThreads) {
-  Study study = Small();
-  study.conditions = {"as demonstrated"};
-  study.demonstrations = 12;
-  study.episodes = 3;
-  const auto run = [&](int threads) {
-    study.threads = threads;
-    std::vector<std::string> lines;
-    for (const Row& row : RunStudy(study)) {
-      lines.push_back(row.task + row.condition + row.policy + row.controller +
-                      std::to_string(row.completed) + "/" + std::to_string(row.collided));
-    }
-    return lines;
-  };
-  EXPECT_EQ(run(1), run(2));
-  std::filesystem::remove_all(Folder());
-}
-
 TEST(StressTest, TheGridHasOneRowPerSupportAndOneColumnPerController) {
   Study study = Small();
   study.conditions = {"as demonstrated"};
@@ -112,8 +101,7 @@ TEST(StressTest, TheGridHasOneRowPerSupportAndOneColumnPerController) {
   study.episodes = 2;
   study.controllers = {"dfr/raw", "controller/raw", "dfr/density", "controller/density",
                        "certified/density"};
-  const auto tables = MakeGrid(RunStudy(study));
-  std::filesystem::remove_all(Folder());
+  const auto tables = MakeGrid(Rows(study));
   ASSERT_EQ(tables.size(), 1u);
   EXPECT_EQ(tables[0].header,
             (std::vector<std::string>{"support", "alone", "dfr", "controller", "certified"}));
@@ -131,10 +119,9 @@ TEST(StressTest, ControllersKeepUnitsThatDiffer) {
   study.conditions = {"as demonstrated"};
   study.policies = {"lwr"};
   study.controllers = {"controller", "guard", "controller/density"};
-  study.demonstrations = 60;
+  study.demonstrations = 40;
   study.trials = 1;
-  const std::vector<Row> rows = RunStudy(study);
-  std::filesystem::remove_all(Folder());
+  const std::vector<Row> rows = Rows(study);
   ASSERT_EQ(rows.size(), 4u);
   for (const Row& row : rows) {
     EXPECT_GE(row.completed, row.controller == "baseline" ? 7 : 9) << row.controller;
@@ -205,23 +192,27 @@ TEST(StressTest, JudgesEachMethodByWhatItSavesHarmsAndPasses) {
 }
 
 TEST(StressTest, UnknownNamesAreReportedWithTheValidOnes) {
-  const auto error = [](const Study& study) {
-    return test::MessageOf<std::invalid_argument>([&] { static_cast<void>(RunStudy(study)); });
+  using Names = std::vector<std::string> Study::*;
+  struct Unknown {
+    Study study;
+    Names names;
+    const char* name;
+    const char* valid;
   };
-  Study study = Small();
-  study.tasks = {"magic"};
-  EXPECT_THAT(error(study), HasSubstr("planar-corridor"));
-  study = Small();
-  study.conditions = {"magic"};
-  EXPECT_THAT(error(study), HasSubstr("turned 40 deg"));
-  study = Small();
-  study.policies = {"magic"};
-  EXPECT_THAT(error(study), HasSubstr("at-constraints"));
-  study = Small();
-  study.controllers = {"controller/magic"};
-  EXPECT_THAT(error(study), HasSubstr("mahalanobis"));
-  study.controllers = {"magic"};
-  EXPECT_THAT(error(study), HasSubstr("early-stopping"));
+  for (auto& [study, names, name, valid] : std::vector<Unknown>{
+           {Small(), &Study::tasks, "magic", "planar-corridor"},
+           {Small(), &Study::conditions, "magic", "turned 40 deg"},
+           {Small(), &Study::policies, "magic", "at-constraints"},
+           {Small(), &Study::controllers, "controller/magic", "mahalanobis"},
+           {Small(), &Study::controllers, "magic", "early-stopping"},
+           {Study::OfGuards(), &Study::tasks, "magic", "two-ways"},
+           {Study::OfGuards(), &Study::policies, "magic", "biased"},
+           {Study::OfGuards(), &Study::controllers, "magic", "guard"},
+       }) {
+    study.*names = {name};
+    EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] { static_cast<void>(RunStudy(study)); }),
+                testing::AllOf(HasSubstr("magic'"), HasSubstr(valid)));
+  }
 }
 
 TEST(CompareTest, StopsOnceAClearDifferenceIsSettled) {
@@ -246,7 +237,7 @@ TEST(CompareTest, StopsOnceAClearDifferenceIsSettled) {
   comparison.task = "push";
   comparison.first = "dfr@lwr";
   comparison.second = "baseline@none";
-  comparison.pairs = 20;
+  comparison.pairs = 12;
   comparison.alpha = 1e-9;
   comparison.credit.halted = 1.0;
   const auto partial = Compare(comparison);
@@ -266,8 +257,7 @@ TEST(BaselinesTest, LearnAndRun) {
   study.controllers = {"ensemble", "true-jacobian"};
   EXPECT_THROW(static_cast<void>(RunStudy(study)), std::invalid_argument);  // ensemble@dart
   study.controllers = {"true-jacobian"};
-  const std::vector<Row> rows = RunStudy(study);
-  std::filesystem::remove_all(Folder());
+  const std::vector<Row> rows = Rows(study);
   ASSERT_EQ(rows.size(), 4u * 2u);
   const auto alone = [&](const std::string& policy) {
     return Find(rows, "as demonstrated", policy, "baseline");

@@ -7,6 +7,7 @@
 #include <limits>
 #include <map>
 #include <stdexcept>
+#include <utility>
 #include <vector>
 
 #include "apps/study/task.h"
@@ -48,22 +49,28 @@ TEST(SupportsTest, DemonstratedStatesAreInside) {
   }
 }
 
+// Returns the features of a demonstrated state, moved by `spread`, and its time step.
+std::pair<std::vector<double>, int> NearbyFeatures(const SupportModel& support, double spread,
+                                                   core::Random& random) {
+  const core::Trajectory& d = Corridor().demonstrations().trajectories[random.Below(30)];
+  const int t = static_cast<int>(random.Below(static_cast<std::uint64_t>(d.num_steps())));
+  std::vector<double> z(static_cast<std::size_t>(support.view().support().state_dim()));
+  support.view().features().Apply(core::Row(d.states, t), z);
+  for (double& entry : z) entry += spread * random.Normal();
+  return {z, t};
+}
+
 TEST(SupportsTest, GradientsAreDerivatives) {
   core::Random random(4);
   for (const std::string_view name : kSupports) {
     const SupportModel& support = Fitted(name);
     const auto& l = support.view().support();
-    const auto n = static_cast<std::size_t>(l.state_dim());
-    std::vector<double> z(n);
-    std::vector<double> slope(n);
     for (int i = 0; i < 20; ++i) {
-      const core::Trajectory& d = Corridor().demonstrations().trajectories[random.Below(30)];
-      const int t = static_cast<int>(random.Below(static_cast<std::uint64_t>(d.num_steps())));
-      support.view().features().Apply(core::Row(d.states, t), z);
-      for (double& entry : z) entry += 0.3 * random.Normal();
+      const auto [z, t] = NearbyFeatures(support, 0.3, random);
+      std::vector<double> slope(z.size());
       const double level = l.LogDecision(t, z, slope);
       EXPECT_EQ(level, l.LogDecision(t, z, {})) << name;
-      for (std::size_t k = 0; k < n; ++k) {
+      for (std::size_t k = 0; k < z.size(); ++k) {
         constexpr double kStep = 1e-6;
         std::vector<double> there = z;
         there[k] += kStep;
@@ -82,21 +89,16 @@ TEST(SupportsTest, CurvatureBoundsHold) {
   for (const std::string_view name : kSupports) {
     const SupportModel& support = Fitted(name);
     const auto& l = support.view().support();
-    const auto n = static_cast<std::size_t>(l.state_dim());
-    std::vector<double> z(n);
-    std::vector<double> there(n);
-    std::vector<double> slope(n);
     for (int i = 0; i < 500; ++i) {
-      const core::Trajectory& d = Corridor().demonstrations().trajectories[random.Below(30)];
-      const int t = static_cast<int>(random.Below(static_cast<std::uint64_t>(d.num_steps())));
-      support.view().features().Apply(core::Row(d.states, t), z);
-      for (double& entry : z) entry += 0.5 * random.Normal();
+      const auto [z, t] = NearbyFeatures(support, 0.5, random);
+      std::vector<double> there = z;
+      std::vector<double> slope(z.size());
       const double level = l.LogDecision(t, z, slope);
       double bound = level;
       double square = 0.0;
-      for (std::size_t k = 0; k < n; ++k) {
+      for (std::size_t k = 0; k < z.size(); ++k) {
         const double step = random.Normal();
-        there[k] = z[k] + step;
+        there[k] += step;
         bound += slope[k] * step;
         square += step * step;
       }
