@@ -3,7 +3,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <cmath>
 #include <stdexcept>
 #include <vector>
 
@@ -30,11 +29,11 @@ TrpoOptions SmallOptions() {
 TEST(GeneralizedAdvantagesTest, MatchesValuesComputedByHand) {
   const std::vector<double> rewards = {1, 2, 3}, values = {2, 4, 6};
   std::vector<double> advantages(3);
-  const test::NoAlloc guard;
-  GeneralizedAdvantages(rewards, values, 0.5, 0.5, advantages);
-  EXPECT_EQ(advantages[0], 1.0625);
-  EXPECT_EQ(advantages[1], 0.25);
-  EXPECT_EQ(advantages[2], -3.0);
+  {
+    const test::NoAlloc guard;
+    GeneralizedAdvantages(rewards, values, 0.5, 0.5, advantages);
+  }
+  EXPECT_THAT(advantages, ElementsAre(1.0625, 0.25, -3.0));
 }
 
 // lambda = 1 gives the discounted return minus the value, lambda = 0 the one-step residual. Sums of
@@ -100,25 +99,19 @@ void ExpectSame(const TrpoProgress& a, const TrpoProgress& b) {
 
 TEST(TrpoTest, AResumedRunContinuesBitForBit) {
   const test::TempFolder folder;
-  PointReach environment, other;
-  Trpo whole(environment, SmallOptions());
-  for (int i = 0; i < 3; ++i) whole.Iterate();
-  whole.Save(folder / "checkpoint.dfr");
-  Trpo resumed = Trpo::Resume(other, folder / "checkpoint.dfr");
-  EXPECT_EQ(resumed.iteration(), 3);
-  for (int i = 0; i < 3; ++i) ExpectSame(whole.Iterate(), resumed.Iterate());
-  EXPECT_EQ(whole.policy().mean().mlp().parameters(), resumed.policy().mean().mlp().parameters());
-  EXPECT_EQ(whole.policy().mean().whitening().mean(), resumed.policy().mean().whitening().mean());
-  EXPECT_EQ(whole.policy().log_std(), resumed.policy().log_std());
-}
-
-TEST(TrpoTest, AFreshLearnerCanBeSavedAndResumedToo) {
-  const test::TempFolder folder;
-  PointReach environment, other;
-  Trpo whole(environment, SmallOptions());
-  whole.Save(folder / "checkpoint.dfr");
-  Trpo resumed = Trpo::Resume(other, folder / "checkpoint.dfr");
-  ExpectSame(whole.Iterate(), resumed.Iterate());
+  for (const int before : {0, 3}) {
+    PointReach environment, other;
+    Trpo whole(environment, SmallOptions());
+    for (int i = 0; i < before; ++i) whole.Iterate();
+    whole.Save(folder / "checkpoint.dfr");
+    Trpo resumed = Trpo::Resume(other, folder / "checkpoint.dfr");
+    EXPECT_EQ(resumed.iteration(), before);
+    for (int i = 0; i < 3; ++i) ExpectSame(whole.Iterate(), resumed.Iterate());
+    const GaussianPolicy policy = whole.policy(), same = resumed.policy();
+    EXPECT_EQ(policy.mean().mlp().parameters(), same.mean().mlp().parameters());
+    EXPECT_EQ(policy.mean().whitening().mean(), same.mean().whitening().mean());
+    EXPECT_EQ(policy.log_std(), same.log_std());
+  }
 }
 
 TEST(TrpoTest, ResultsDependOnlyOnTheSeed) {
@@ -173,15 +166,6 @@ TEST(TrpoTest, OptionsOutOfRangeAreNamed) {
   EXPECT_THAT(message([](TrpoOptions& o) { o.min_log_std = 0; }), HasSubstr("floor 0"));
   EXPECT_THAT(message([](TrpoOptions& o) { o.features = "tip"; }), HasSubstr("'tip'"));
   EXPECT_THAT(message([](TrpoOptions& o) { o.hidden = {0}; }), HasSubstr("layer 1"));
-}
-
-TEST(TrpoTest, ACheckpointOfAnotherKindIsRefusedByName) {
-  const test::TempFolder folder;
-  PointReach environment;
-  Trpo(environment, SmallOptions()).policy().Save(folder / "policy.dfr");
-  EXPECT_THAT(test::MessageOf<std::runtime_error>(
-                  [&] { Trpo::Resume(environment, folder / "policy.dfr"); }),
-              HasSubstr("policy.dfr"));
 }
 
 }  // namespace

@@ -54,22 +54,19 @@ TEST(WhiteningTest, OneSampleIsWhitenedInPlaceWithoutAllocating) {
 }
 
 TEST(WhiteningTest, ErrorsNameTheEntry) {
-  using Error = std::invalid_argument;
+  const auto message = [](const auto& call) {
+    return test::MessageOf<std::invalid_argument>(call);
+  };
+  const Eigen::Vector2d mean(1, 2);
   Matrix samples = Samples();
   samples(17, 2) = std::numeric_limits<double>::infinity();
-  EXPECT_THAT(test::MessageOf<Error>([&] { Whitening::FromData(samples); }),
-              HasSubstr("row 17, column 2 is inf"));
-  EXPECT_THAT(test::MessageOf<Error>([] { Whitening::FromData(Matrix(0, 3)); }),
-              HasSubstr("not 0 x 3"));
-  EXPECT_THAT(
-      test::MessageOf<Error>([] { Whitening(Eigen::Vector2d(1, 2), Eigen::Vector2d(1, 0)); }),
-      HasSubstr("feature 1 is 0"));
-  EXPECT_THAT(
-      test::MessageOf<Error>([] { Whitening(Eigen::Vector2d(1, 2), Eigen::Vector3d(1, 1, 1)); }),
-      HasSubstr("2 and 3"));
-  EXPECT_THAT(
-      test::MessageOf<Error>([] { (void)Whitening::Identity(2).Apply(Matrix::Zero(1, 3)); }),
-      HasSubstr("2 features, but the samples have 3"));
+  EXPECT_THAT(message([&] { Whitening::FromData(samples); }), HasSubstr("row 17, column 2 is inf"));
+  EXPECT_THAT(message([] { Whitening::FromData(Matrix(0, 3)); }), HasSubstr("not 0 x 3"));
+  EXPECT_THAT(message([&] { Whitening(mean, Eigen::Vector2d(1, 0)); }),
+              HasSubstr("feature 1 is 0"));
+  EXPECT_THAT(message([&] { Whitening(mean, Eigen::Vector3d(1, 1, 1)); }), HasSubstr("2 and 3"));
+  EXPECT_THAT(message([] { (void)Whitening::Identity(2).Apply(Matrix::Zero(1, 3)); }),
+              HasSubstr("2 features, but the samples have 3"));
 }
 
 }  // namespace
