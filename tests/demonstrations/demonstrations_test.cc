@@ -34,19 +34,6 @@ TEST(DemonstrationsTest, AFileRestoresEverything) {
   EXPECT_EQ(loaded.provenance, set.provenance);
 }
 
-TEST(DemonstrationsTest, InvalidProvenanceIsRefusedByName) {
-  const test::TempFolder folder;
-  {
-    Hdf5File file = Hdf5File::Create(folder / "demos.hdf5");
-    file.CreateGroup("data");
-    file.SetAttribute("data", "provenance", std::string("origin=dreamt\n"));
-  }
-  EXPECT_THAT(dfr::test::MessageOf<std::runtime_error>(
-                  [&] { static_cast<void>(LoadRobomimic(folder / "demos.hdf5")); }),
-              AllOf(HasSubstr("demos.hdf5"),
-                    HasSubstr("must be unknown, simulated or real, not 'dreamt'")));
-}
-
 TEST(DemonstrationsTest, AnIndependentReaderFindsEveryValue) {
   const test::TempFolder folder;
   SaveRobomimic(Episodes(), folder / "demos.hdf5", "<mujoco/>");
@@ -130,50 +117,48 @@ TEST(DemonstrationsTest, ErrorsNameFileEpisodeAndDataset) {
     }
     return test::MessageOf<std::runtime_error>([&] { (void)LoadRobomimic(path); });
   };
-  const auto actions = [](Eigen::Index rows) { return core::Matrix::Zero(rows, 2).eval(); };
+  const auto rows = [](Eigen::Index count) { return core::Matrix::Zero(count, 2).eval(); };
+  const auto with = [&](Eigen::Index count, double last) {
+    core::Matrix u = rows(count);
+    u(2, 1) = last;
+    return [u](Hdf5File& f) { f.Write("data/demo_0/actions", u); };
+  };
+  // Valid actions, and a second episode with this part of its observations.
+  const auto second = [&](Hdf5File& f, const std::string& part) {
+    f.Write("data/demo_0/actions", rows(3));
+    f.CreateGroup("data/demo_1");
+    f.CreateGroup("data/demo_1/obs");
+    f.Write("data/demo_1/obs/" + part, rows(3));
+  };
 
   EXPECT_THAT(message([](Hdf5File&) {}),
               AllOf(HasSubstr(path.string()), HasSubstr("data/demo_0/actions: does not exist")));
-  EXPECT_THAT(message([&](Hdf5File& f) { f.Write("data/demo_0/actions", actions(4)); }),
+  EXPECT_THAT(message(with(4, 0.0)),
               HasSubstr("data/demo_0/actions: has 4 rows; num_samples is 3"));
-  EXPECT_THAT(message([&](Hdf5File& f) {
-                core::Matrix u = actions(3);
-                u(2, 1) = std::numeric_limits<double>::infinity();
-                f.Write("data/demo_0/actions", u);
-              }),
+  EXPECT_THAT(message(with(3, std::numeric_limits<double>::infinity())),
               HasSubstr("data/demo_0/actions: row 2, column 1 is inf"));
-  EXPECT_THAT(message([&](Hdf5File& f) {
-                core::Matrix u = actions(3);
-                u(2, 1) = -1e300;
-                f.Write("data/demo_0/actions", u);
-              }),
+  EXPECT_THAT(message(with(3, -1e300)),
               HasSubstr("data/demo_0/actions: row 2, column 1 is 1e+300 in magnitude, where "
                         "3.40282e+38 is the limit"));
   EXPECT_THAT(message([&](Hdf5File& f) {
-                f.Write("data/demo_0/actions", actions(3));
-                f.Write("data/demo_0/obs/object", actions(3));
+                f.Write("data/demo_0/actions", rows(3));
+                f.Write("data/demo_0/obs/object", rows(3));
               }),
               HasSubstr("data/demo_0/next_obs/object: does not exist"));
   EXPECT_THAT(message([&](Hdf5File& f) {
-                f.Write("data/demo_0/actions", actions(3));
-                f.CreateGroup("data/demo_1");
-                f.CreateGroup("data/demo_1/obs");
-                f.Write("data/demo_1/obs/tip", actions(3));
-                f.Write("data/demo_1/actions", actions(3));
+                second(f, "tip");
+                f.Write("data/demo_1/actions", rows(3));
                 f.CreateGroup("data/demo_2");
                 f.SetAttribute("data/demo_2", "num_samples", 3);
               }),
               HasSubstr("data/demo_1: has no attribute num_samples"));
   EXPECT_THAT(message([&](Hdf5File& f) {
-                f.Write("data/demo_0/actions", actions(3));
-                f.CreateGroup("data/demo_1");
-                f.CreateGroup("data/demo_1/obs");
-                f.Write("data/demo_1/obs/object", actions(3));
+                second(f, "object");
                 f.SetAttribute("data/demo_1", "num_samples", 3);
               }),
               HasSubstr("data/demo_1/obs: lacks 'tip' of the first episode"));
   EXPECT_THAT(message([&](Hdf5File& f) {
-                f.Write("data/demo_0/actions", actions(3));
+                f.Write("data/demo_0/actions", rows(3));
                 f.SetAttribute("data/demo_0", "outcome", std::string("won"));
               }),
               HasSubstr("data/demo_0: outcome 'won'"));
@@ -181,6 +166,11 @@ TEST(DemonstrationsTest, ErrorsNameFileEpisodeAndDataset) {
               HasSubstr("data/episode_1: is not named demo_<number>"));
   EXPECT_THAT(message([&](Hdf5File& f) { f.SetAttribute("data", "env_args", std::string("{")); }),
               HasSubstr("env_args is not a JSON object"));
+  EXPECT_THAT(message([&](Hdf5File& f) {
+                f.SetAttribute("data", "provenance", std::string("origin=dreamt\n"));
+              }),
+              AllOf(HasSubstr("demos.hdf5"),
+                    HasSubstr("must be unknown, simulated or real, not 'dreamt'")));
 }
 
 TEST(DemonstrationsTest, InvalidFilesAreRefusedByName) {

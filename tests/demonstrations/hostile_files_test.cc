@@ -2,7 +2,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <hdf5.h>
-#include <sys/resource.h>
 #include <unistd.h>
 
 #include <cstdint>
@@ -52,6 +51,19 @@ std::string ErrorWith(const std::filesystem::path& path, const Make& make) {
   return LoadError(path);
 }
 
+// Creates the dataset of actions with these rows and a layout that `change` sets.
+template <typename Change>
+void CreateActions(hid_t file, hsize_t rows, hsize_t columns, const Change& change) {
+  const hsize_t shape[] = {rows, columns};
+  const hid_t space = H5Screate_simple(2, shape, nullptr);
+  const hid_t layout = H5Pcreate(H5P_DATASET_CREATE);
+  change(layout);
+  H5Dclose(H5Dcreate2(file, "data/demo_0/actions", H5T_NATIVE_DOUBLE, space, H5P_DEFAULT, layout,
+                      H5P_DEFAULT));
+  H5Pclose(layout);
+  H5Sclose(space);
+}
+
 TEST(HostileFilesTest, AFileThatCrashesLibhdf5IsAnError) {
   EXPECT_THAT(LoadError(kRegressions / "hdf5_global_heap_segv.hdf5"),
               AllOf(HasSubstr("hdf5_global_heap_segv.hdf5"), HasSubstr("libhdf5 crashed on it")));
@@ -66,15 +78,10 @@ TEST(HostileFilesTest, ASmallFileMayNotClaimGigabytes) {
   const test::TempFolder folder;
   EXPECT_THAT(ErrorWith(folder / "claims.hdf5",
                         [](hid_t file) {
-                          const hsize_t shape[] = {hsize_t{1} << 27, 7};
-                          const hsize_t chunk[] = {1024, 7};
-                          const hid_t space = H5Screate_simple(2, shape, nullptr);
-                          const hid_t layout = H5Pcreate(H5P_DATASET_CREATE);
-                          H5Pset_chunk(layout, 2, chunk);
-                          H5Dclose(H5Dcreate2(file, "data/demo_0/actions", H5T_NATIVE_DOUBLE, space,
-                                              H5P_DEFAULT, layout, H5P_DEFAULT));
-                          H5Pclose(layout);
-                          H5Sclose(space);
+                          CreateActions(file, hsize_t{1} << 27, 7, [](hid_t layout) {
+                            const hsize_t chunk[] = {1024, 7};
+                            H5Pset_chunk(layout, 2, chunk);
+                          });
                         }),
               HasSubstr("declares 134217728 x 7 entries, too many for a file of this size"));
   // The number of rows may come from an attribute.
@@ -158,14 +165,9 @@ TEST(HostileFilesTest, NoOtherFileIsRead) {
   const std::string secret = (folder / "secret").string();
   EXPECT_THAT(ErrorWith(folder / "external.hdf5",
                         [&](hid_t file) {
-                          const hsize_t shape[] = {3, 2};
-                          const hid_t space = H5Screate_simple(2, shape, nullptr);
-                          const hid_t layout = H5Pcreate(H5P_DATASET_CREATE);
-                          H5Pset_external(layout, secret.c_str(), 0, H5F_UNLIMITED);
-                          H5Dclose(H5Dcreate2(file, "data/demo_0/actions", H5T_NATIVE_DOUBLE, space,
-                                              H5P_DEFAULT, layout, H5P_DEFAULT));
-                          H5Pclose(layout);
-                          H5Sclose(space);
+                          CreateActions(file, 3, 2, [&](hid_t layout) {
+                            H5Pset_external(layout, secret.c_str(), 0, H5F_UNLIMITED);
+                          });
                         }),
               HasSubstr("data/demo_0/actions: keeps its values in another file"));
 

@@ -102,28 +102,27 @@ TEST(MinariErrorsTest, NameTheDatasetAndTheReason) {
   };
   const core::Matrix four = core::Matrix::Ones(4, 2);
   const core::Matrix three = core::Matrix::Ones(3, 2);
+  const auto with = [&](const core::Matrix& observations) {
+    return broken([&](auto& f) {
+      f.Write("episode_0/observations", observations);
+      f.Write("episode_0/actions", three);
+    });
+  };
   EXPECT_THAT(broken([](auto&) {}),
               AllOf(HasSubstr("broken.hdf5"), HasSubstr("episode_0/observations: does not exist")));
   EXPECT_THAT(broken([&](auto& f) { f.Write("episode_0/observations", four); }),
               HasSubstr("episode_0/actions: does not exist"));
-  EXPECT_THAT(broken([&](auto& f) {
-                f.Write("episode_0/observations", three);
-                f.Write("episode_0/actions", three);
-              }),
+  EXPECT_THAT(with(three),
               HasSubstr("observations: has 3 rows; the number of actions plus one is 4"));
+  core::Matrix bad = four;
+  bad(2, 1) = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THAT(with(bad), HasSubstr("episode_0/observations: row 2, column 1 is nan"));
   EXPECT_THAT(broken([&](auto& f) {
                 f.Write("episode_0/observations", four);
                 f.Write("episode_0/actions", three);
                 f.SetAttribute("episode_0", "total_steps", 7);
               }),
               HasSubstr("episode_0: total_steps is 7, but there are 3 actions"));
-  EXPECT_THAT(broken([&](auto& f) {
-                core::Matrix bad = four;
-                bad(2, 1) = std::numeric_limits<double>::quiet_NaN();
-                f.Write("episode_0/observations", bad);
-                f.Write("episode_0/actions", three);
-              }),
-              HasSubstr("episode_0/observations: row 2, column 1 is nan"));
   std::filesystem::create_directories(folder / "empty");
   EXPECT_THAT(Message([&] { (void)OpenDemonstrations(folder / "empty"); }),
               HasSubstr("has neither data/main_data.hdf5"));
