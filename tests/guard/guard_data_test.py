@@ -69,11 +69,9 @@ class GuardDataTest(GuardProgramTest):
         write_robomimic(self.folder / "spoilt2.hdf5", episodes(1, 30), edit=spoil)
         out = self.run_guard("check", "spoilt2.hdf5", "--repair", "rest.hdf5", fails=True)
         self.assertIn("rest.hdf5 has 28 of 29 episodes", out)
-        before = (self.folder / "cut.hdf5").read_bytes()
-        self.assertIn("cut.hdf5: would overwrite DEMOS", self.run_guard("check", "cut.hdf5", "--repair", "cut.hdf5", fails=True))
-        self.assertEqual((self.folder / "cut.hdf5").read_bytes(), before)
 
     def test_check_reports_malformed_files(self):
+        """Files that only h5py writes. tests/demonstrations damages further parts of files."""
         def widen(file):
             del file["data/demo_3/actions"]
             file["data/demo_3/actions"] = np.zeros((20, 3))
@@ -89,32 +87,19 @@ class GuardDataTest(GuardProgramTest):
         def cycle(file):
             file["data/demo_3/obs/loop"] = file["data"]
 
-        def outside(file):
-            del file["data/demo_3/actions"]
-            file["data/demo_3/actions"] = h5py.ExternalLink("/etc/passwd", "/x")
-
         for edit, message in [
-            (replace("actions"), "data/demo_3/actions: does not exist"),
             (replace("obs"), "data/demo_3/obs: does not exist"),
             (replace("actions", data=np.array([b"a", b"b"])), "data/demo_3/actions: is not numeric"),
-            (replace("actions", shape=(2**40, 2), dtype="f8", chunks=(1024, 2)), "declares 1099511627776 x 2 entries"),
             (replace("actions", shape=(0, 2), dtype="f8"), "data/demo_3/actions: has 0 rows"),
-            (outside, "data/demo_3/actions: is a link to another file"),
             (cycle, "groups deep"),
             (lambda file: file["data/demo_3"].attrs.create("num_samples", "many"), "num_samples is neither an integer nor a truth value"),
             (lambda file: file.__delitem__("data"), "holds no episode"),
-            (lambda file: file.move("data/demo_3/obs/tip", "data/demo_3/obs/tool"), "data/demo_3/obs: lacks 'tip' of the first episode"),
             (lambda file: file["data/demo_3/obs"].create_dataset("tool", data=np.zeros((20, 2))), "data/demo_3/obs: has 'tool', which the first episode lacks"),
             (widen, "data/demo_3/actions: has 3 columns in 'actions', the first episode 2"),
         ]:
             with self.subTest(message):
                 write_robomimic(self.folder / "hostile.hdf5", episodes(1, 6), edit=edit)
                 self.assertIn(message, self.run_guard("check", "hostile.hdf5", fails=True))
-        content = (self.folder / "demos.hdf5").read_bytes()
-        for size in (0, len(content) // 2):
-            with self.subTest(size=size):
-                (self.folder / "cut.hdf5").write_bytes(content[:size])
-                self.assertIn("cut.hdf5: ", self.run_guard("check", "cut.hdf5", fails=True))
 
     def test_other_layouts_are_named_with_the_remedy(self):
         def no_observations(file):
@@ -339,7 +324,7 @@ class GuardDataTest(GuardProgramTest):
                 self.assertEqual(len(out.strip().splitlines()), 1)
 
     def test_conversion_needs_the_memory_of_one_episode(self):
-        """Ten times as many episodes take little more memory."""
+        """Ten times as many episodes take little more memory, in both formats."""
         rng = np.random.default_rng(0)
 
         def large(count):
@@ -354,13 +339,13 @@ class GuardDataTest(GuardProgramTest):
 
         def peak():
             script = (
-                "import resource, subprocess, sys; subprocess.run(sys.argv[1:], check=True);"
+                "import resource, subprocess, sys; run = sys.argv[1:];"
+                "subprocess.run([*run, 'large.hdf5', 'large-v0'], check=True);"
+                "subprocess.run([*run, 'large-v0', 'back.hdf5'], check=True);"
                 "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
             )
-            done = subprocess.run(
-                [sys.executable, "-c", script, PROGRAM, "convert", "large.hdf5", "large-v0"],
-                cwd=self.folder, text=True, capture_output=True, check=True,
-            )
+            done = subprocess.run([sys.executable, "-c", script, PROGRAM, "convert"], cwd=self.folder, text=True,
+                                  capture_output=True, check=True)
             return int(done.stdout.split()[-1])
 
         large(2)
