@@ -8,8 +8,8 @@
 
 #include "dfr/core/random.h"
 #include "dfr/kinematics/psm_chain.h"
+#include "tests/kinematics/psm_home.h"
 #include "tests/support/all_close.h"
-#include "tests/support/no_alloc.h"
 
 namespace dfr::kinematics {
 namespace {
@@ -17,12 +17,6 @@ namespace {
 using test::AllClose;
 
 constexpr double kDegree = 0.017453292519943295;
-
-PsmJoints Home() {
-  PsmJoints q = PsmJoints::Zero();
-  q[2] = 0.12;
-  return q;
-}
 
 PsmJoints RandomJoints(core::Random& random) {
   PsmJoints q;
@@ -38,18 +32,17 @@ PsmJoints RandomJoints(core::Random& random) {
 
 // The published check of the kinematic table.
 TEST(PsmTest, HomeMatchesTheManual) {
-  const Eigen::Isometry3d pose = Psm::Forward(Home());
+  const Eigen::Isometry3d pose = Psm::Forward(test::PsmHome());
   EXPECT_TRUE(AllClose(pose.translation(), Eigen::Vector3d(0.0, 0.0, -0.1135), 1e-12));
   EXPECT_TRUE(AllClose(pose.linear().col(2), Eigen::Vector3d(0.0, 0.0, -1.0), 1e-12));
-  EXPECT_TRUE(AllClose(Psm::Tip(Home()), Eigen::Vector3d(0.0, 0.0, -0.1237), 1e-12));
+  EXPECT_TRUE(AllClose(Psm::Tip(test::PsmHome()), Eigen::Vector3d(0.0, 0.0, -0.1237), 1e-12));
 }
 
 TEST(PsmTest, OneDegreeOfYawOrPitchMovesTheWristByTwoMillimetres) {
   for (int joint : {0, 1}) {
-    PsmJoints q = Home();
-    q[joint] = kDegree;
+    const PsmJoints q = test::PsmHomeWith(joint, kDegree);
     const double moved =
-        (Psm::Forward(q).translation() - Psm::Forward(Home()).translation()).norm();
+        (Psm::Forward(q).translation() - Psm::Forward(test::PsmHome()).translation()).norm();
     EXPECT_NEAR(moved, 0.1135 * kDegree, 1e-6);  // arc compared with chord
     EXPECT_NEAR(moved, 0.0020, 5e-5);
   }
@@ -111,22 +104,16 @@ TEST(PsmTest, TheChainForAnyNumberTypeGivesTheSameTip) {
 
 TEST(PsmTest, ReportsWhyAPoseCannotBeReached) {
   PsmJoints q;
-  Eigen::Isometry3d pose = Psm::Forward(Home());
-  pose.translation().x() = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_EQ(Psm::Inverse(pose, q), PsmReach::kInvalid);
-
-  pose = Psm::Forward(Home());
-  pose.translation().setZero();
-  EXPECT_EQ(Psm::Inverse(pose, q), PsmReach::kSingular);
-
-  pose = Psm::Forward(Home());
-  pose.translation().z() = -0.30;
-  EXPECT_EQ(Psm::Inverse(pose, q), PsmReach::kJointLimit);
+  const auto at = [&q](const Eigen::Vector3d& place) {
+    Eigen::Isometry3d pose = Psm::Forward(test::PsmHome());
+    pose.translation() = place;
+    return Psm::Inverse(pose, q);
+  };
+  EXPECT_EQ(at({std::numeric_limits<double>::quiet_NaN(), 0.0, -0.1135}), PsmReach::kInvalid);
+  EXPECT_EQ(at(Eigen::Vector3d::Zero()), PsmReach::kSingular);
+  EXPECT_EQ(at({0.0, 0.11, -0.05}), PsmReach::kJointLimit);
+  EXPECT_EQ(at({0.0, 0.0, -0.30}), PsmReach::kJointLimit);
   EXPECT_GT(q[2], Psm::upper_limits()[2]);  // identifies the joint
-
-  pose = Psm::Forward(Home());
-  pose.translation() = Eigen::Vector3d(0.0, 0.11, -0.05);
-  EXPECT_EQ(Psm::Inverse(pose, q), PsmReach::kJointLimit);
 }
 
 // Without a known generation the Classic's limits apply, which are valid for both.
@@ -136,8 +123,7 @@ TEST(PsmTest, AnSiArmReachesWhatAClassicDoesAndMore) {
   EXPECT_TRUE((Psm::upper_limits(kSi).array() >= Psm::upper_limits().array()).all());
   for (const auto& [joint, value] : {std::pair(0, 2.9), std::pair(0, -2.9), std::pair(1, 1.3),
                                      std::pair(1, -1.26), std::pair(2, 0.289)}) {
-    PsmJoints q = Home();
-    q[joint] = value;
+    const PsmJoints q = test::PsmHomeWith(joint, value);
     PsmJoints back;
     EXPECT_EQ(Psm::Inverse(Psm::Forward(q), back), PsmReach::kJointLimit) << joint;
     EXPECT_EQ(Psm::Inverse(Psm::Forward(q), back, kSi), PsmReach::kOk) << joint;
@@ -146,9 +132,7 @@ TEST(PsmTest, AnSiArmReachesWhatAClassicDoesAndMore) {
   }
   for (const auto& [joint, value] :
        {std::pair(0, 2.97), std::pair(1, 1.31), std::pair(1, -1.27), std::pair(2, 0.291)}) {
-    PsmJoints q = Home();
-    q[joint] = value;
-    EXPECT_FALSE(Psm::WithinLimits(q, kSi)) << joint;
+    EXPECT_FALSE(Psm::WithinLimits(test::PsmHomeWith(joint, value), kSi)) << joint;
   }
 }
 
@@ -156,19 +140,10 @@ TEST(PsmTest, CorrectionInvertsItself) {
   PsmCorrection correction;
   correction.offset << 0.02, -0.01, 0.003, 0.1, -0.05, 0.04;
   correction.scale << 0.02, -0.03, 0.01, 0.0, 0.05, -0.02;
-  correction.reference = Home();
-  const PsmJoints q = Home() + PsmJoints::Constant(0.05);
+  correction.reference = test::PsmHome();
+  const PsmJoints q = test::PsmHome() + PsmJoints::Constant(0.05);
   EXPECT_TRUE(AllClose(correction.Invert(correction.Apply(q)), q, 1e-15));
-  PsmJoints expected = q;
-  expected[0] += 0.02 + 0.02 * 0.05;
-  EXPECT_NEAR(correction.Apply(q)[0], expected[0], 1e-15);
-}
-
-TEST(PsmTest, NeverAllocates) {
-  const Eigen::Isometry3d pose = Psm::Forward(Home());
-  PsmJoints q;
-  const test::NoAlloc guard;
-  EXPECT_EQ(Psm::Inverse(pose, q), PsmReach::kOk);
+  EXPECT_NEAR(correction.Apply(q)[0], q[0] + 0.02 + 0.02 * 0.05, 1e-15);
 }
 
 }  // namespace

@@ -1,0 +1,44 @@
+#pragma once
+
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <string>
+
+namespace dfr::test {
+
+/// An empty folder, removed with this object.
+class TempFolder {
+ public:
+  TempFolder() {
+    std::filesystem::remove_all(path);
+    std::filesystem::create_directories(path);
+  }
+  ~TempFolder() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path, ignored);
+  }
+  TempFolder(const TempFolder&) = delete;
+  TempFolder& operator=(const TempFolder&) = delete;
+
+  std::filesystem::path operator/(const std::string& name) const { return path / name; }
+
+  const std::filesystem::path path = Unused();
+
+ private:
+  static std::filesystem::path Unused() {
+    static int count = 0;
+    return std::filesystem::temp_directory_path() /
+           ("dfr_test_" + std::to_string(::getpid()) + "_" + std::to_string(count++));
+  }
+};
+
+/// Returns the content of a file; empty without one.
+inline std::string FileText(const std::filesystem::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+}  // namespace dfr::test
