@@ -2,11 +2,11 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <array>
 #include <cmath>
 #include <filesystem>
+#include <initializer_list>
 #include <limits>
 #include <span>
 #include <sstream>
@@ -15,13 +15,16 @@
 
 #include "dfr/core/files/archive.h"
 #include "dfr/core/random.h"
+#include "tests/kinematics/psm_home.h"
 #include "tests/support/message_of.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::calibration {
 namespace {
 
 using kinematics::Psm;
 using kinematics::PsmJoints;
+using test::PsmHome;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
@@ -31,12 +34,6 @@ std::vector<Eigen::Vector2d> Marks() {
     for (double x : {-0.036, -0.012, 0.012, 0.036}) marks.emplace_back(x, y);
   }
   return marks;
-}
-
-PsmJoints Home() {
-  PsmJoints q = PsmJoints::Zero();
-  q[2] = 0.12;
-  return q;
 }
 
 Eigen::Isometry3d TargetInCamera() {
@@ -58,11 +55,12 @@ line_task::LineCalibration True() {
   cam_base.linear() = (Eigen::AngleAxisd(3.14159 - 0.7, Eigen::Vector3d::UnitX()) *
                        Eigen::AngleAxisd(0.1, Eigen::Vector3d::UnitZ()))
                           .toRotationMatrix();
-  cam_base.translation() = Eigen::Vector3d(0.0, 0.0, 0.12) - cam_base.linear() * Psm::Tip(Home());
+  cam_base.translation() =
+      Eigen::Vector3d(0.0, 0.0, 0.12) - cam_base.linear() * Psm::Tip(PsmHome());
   known.p_base_cam = cam_base.inverse();
   known.arm.offset << 0.02, -0.015, 0.002, 0.03, -0.04, 0.05;
   known.arm.scale << 0.02, -0.01, 0.01, 0.0, 0.02, -0.02;
-  known.arm.reference = Home();
+  known.arm.reference = PsmHome();
   return known;
 }
 
@@ -95,7 +93,7 @@ std::vector<vision::CalibrationFrame> Record(const line_task::LineCalibration& k
       frame.marks_px.push_back(
           noisy(known.camera.Project(target * Eigen::Vector3d(m.x(), m.y(), 0.0)), mark_noise));
     }
-    PsmJoints q = Home();
+    PsmJoints q = PsmHome();
     q[0] += random.Uniform(-0.25, 0.25);
     q[1] += random.Uniform(-0.2, 0.2);
     q[2] += random.Uniform(-0.02, 0.01);
@@ -128,7 +126,7 @@ double MeanTipError(const line_task::LineCalibration& a, const line_task::LineCa
   core::Random random(2);
   double sum = 0.0;
   for (int i = 0; i < 200; ++i) {
-    PsmJoints q = Home();
+    PsmJoints q = PsmHome();
     for (int k = 0; k < 6; ++k) q[k] += (k == 2 ? 0.015 : 0.2) * random.Uniform(-1.0, 1.0);
     sum += (a.TipInCamera(q) - b.TipInCamera(q)).norm();
   }
@@ -207,27 +205,26 @@ TEST(CalibrateTest, WrongDetectionsDoNotCount) {
 }
 
 TEST(CalibrateTest, TooLittleOrBrokenDataThrows) {
-  const std::vector<vision::CalibrationFrame> frames = Record(True(), 20, 0.0, 0.0);
-  const auto calibrate = [](std::vector<vision::CalibrationFrame> data) {
-    return Calibrate(data, Marks(), Guess(), TargetInCamera());
-  };
-  auto broken = frames;
-  broken.resize(9);
-  EXPECT_THROW(static_cast<void>(calibrate(broken)), std::invalid_argument);
-  broken = frames;
-  for (auto& frame : broken) frame.tip_px = {kNaN, kNaN};
-  EXPECT_THROW(static_cast<void>(calibrate(broken)), std::invalid_argument);
-  broken = frames;
-  broken[3].marks_px.pop_back();
-  EXPECT_THROW(static_cast<void>(calibrate(broken)), std::invalid_argument);
-  broken = frames;
-  broken[3].joints[1] = kNaN;
-  EXPECT_THROW(static_cast<void>(calibrate(broken)), std::invalid_argument);
+  using Frames = std::vector<vision::CalibrationFrame>;
+  using Spoil = void (*)(Frames&);
+  const Frames frames = Record(True(), 20, 0.0, 0.0);
+  for (const Spoil spoil :
+       std::initializer_list<Spoil>{[](Frames& all) { all.resize(9); },
+                                    [](Frames& all) {
+                                      for (auto& frame : all) frame.tip_px = {kNaN, kNaN};
+                                    },
+                                    [](Frames& all) { all[3].marks_px.pop_back(); },
+                                    [](Frames& all) { all[3].joints[1] = kNaN; }}) {
+    Frames broken = frames;
+    spoil(broken);
+    EXPECT_THROW(static_cast<void>(Calibrate(broken, Marks(), Guess(), TargetInCamera())),
+                 std::invalid_argument);
+  }
 }
 
 TEST(CalibrateTest, FilesKeepEveryBitAndOtherFilesAreRefused) {
-  const std::filesystem::path path =
-      std::filesystem::temp_directory_path() / ("calibrate_test_" + std::to_string(getpid()));
+  const test::TempFolder folder;
+  const std::filesystem::path path = folder / "calibration.dfr";
   line_task::LineCalibration known = True();
   known.provenance = {core::Origin::kReal, "PSM1", "A7", "left eye", "2026-11-23"};
   known.Save(path);
@@ -240,18 +237,10 @@ TEST(CalibrateTest, FilesKeepEveryBitAndOtherFilesAreRefused) {
   EXPECT_EQ(loaded.provenance, known.provenance);
   std::filesystem::resize_file(path, 100);
   EXPECT_THROW(static_cast<void>(line_task::LineCalibration::Load(path)), std::runtime_error);
-  std::filesystem::remove(path);
-  EXPECT_THROW(static_cast<void>(line_task::LineCalibration::Load(path)), std::runtime_error);
-}
-
-TEST(CalibrateTest, AFileOfAnotherVersionIsRefusedByName) {
-  const std::filesystem::path path =
-      std::filesystem::temp_directory_path() / ("calibrate_test_old_" + std::to_string(getpid()));
   core::ArchiveWriter("calibration", 1).Save(path);
   EXPECT_THAT(
       test::MessageOf<std::runtime_error>([&] { (void)line_task::LineCalibration::Load(path); }),
       testing::HasSubstr("is a calibration file of version 1"));
-  std::filesystem::remove(path);
 }
 
 }  // namespace
