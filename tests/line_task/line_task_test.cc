@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "dfr/core/random.h"
+#include "tests/kinematics/psm_home.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::line_task {
@@ -16,17 +17,11 @@ namespace {
 using kinematics::Psm;
 using kinematics::PsmJoints;
 
-PsmJoints Home() {
-  PsmJoints home = PsmJoints::Zero();
-  home[2] = 0.12;
-  return home;
-}
-
 // At home the tip is at the world's origin, and the arm points straight down. The camera looks down
 // from 0.1 m, with its x along the world's x.
 LineTask StraightTask(const kinematics::PsmCorrection& arm = {}) {
   Eigen::Isometry3d p_world_base = Eigen::Isometry3d::Identity();
-  p_world_base.translation() = -Psm::Tip(Home());
+  p_world_base.translation() = -Psm::Tip(test::PsmHome());
   Eigen::Isometry3d p_world_cam = Eigen::Isometry3d::Identity();
   p_world_cam.linear() = Eigen::Vector3d(1.0, -1.0, -1.0).asDiagonal();
   p_world_cam.translation().z() = 0.1;
@@ -40,7 +35,7 @@ kinematics::PsmCorrection SomeCorrection() {
   kinematics::PsmCorrection arm;
   arm.offset << 0.02, -0.01, 0.002, 0.03, 0.01, -0.02;
   arm.scale << 0.01, -0.02, 0.015, 0.0, 0.02, 0.01;
-  arm.reference = Home();
+  arm.reference = test::PsmHome();
   return arm;
 }
 
@@ -52,6 +47,7 @@ TEST(LineTaskTest, AnSiArmReachesDeeper) {
   EXPECT_FALSE(classic.Reading(deep, reading));
   ASSERT_TRUE(si.Reading(deep, reading));
   EXPECT_LT((si.Tip(reading) - deep).norm(), 1e-14);
+  EXPECT_FALSE(si.Reading({std::numeric_limits<double>::quiet_NaN(), 0.0, 0.0}, reading));
 }
 
 TEST(LineTaskTest, ReadingsPlaceTheToolUprightDespiteTheArmsErrors) {
@@ -65,15 +61,8 @@ TEST(LineTaskTest, ReadingsPlaceTheToolUprightDespiteTheArmsErrors) {
     // Rounding of a chain of six joints with lengths below 0.5 m.
     EXPECT_LT((task.Tip(reading) - tip).norm(), 1e-14);
     const Eigen::Isometry3d truth = Psm::Forward(task.calibration().arm.Apply(reading));
-    EXPECT_LT((truth.linear() - Psm::Forward(Home()).linear()).norm(), 1e-13);
+    EXPECT_LT((truth.linear() - Psm::Forward(test::PsmHome()).linear()).norm(), 1e-13);
   }
-}
-
-TEST(LineTaskTest, RefusesWhereTheArmCannotReach) {
-  const LineTask task = StraightTask();
-  PsmJoints reading;
-  EXPECT_FALSE(task.Reading({0.0, 0.0, -0.5}, reading));
-  EXPECT_FALSE(task.Reading({std::numeric_limits<double>::quiet_NaN(), 0.0, 0.0}, reading));
 }
 
 TEST(LineTaskTest, ControlsAreTwoMillimetresAUnitAndSaturate) {
