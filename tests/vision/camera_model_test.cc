@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <initializer_list>
 #include <limits>
 
 #include "tests/support/all_close.h"
@@ -53,16 +54,15 @@ TEST(CameraModelTest, ImpossiblePointsAreNaN) {
   EXPECT_TRUE(camera.ToNormalized({1.0, 1.0}).array().isNaN().all());
 }
 
-TEST(CameraModelTest, CheckNamesTheParameter) {
-  CameraModel camera = Endoscope();
-  camera.fy = -1.0;
-  EXPECT_THROW(camera.Check(), std::invalid_argument);
-  camera = Endoscope();
-  camera.width = 0;
-  EXPECT_THROW(camera.Check(), std::invalid_argument);
-  camera = Endoscope();
-  camera.distortion[2] = std::numeric_limits<double>::infinity();
-  EXPECT_THROW(camera.Check(), std::invalid_argument);
+TEST(CameraModelTest, InvalidParametersAreRefused) {
+  using Change = void (*)(CameraModel&);
+  for (const Change change : std::initializer_list<Change>{
+           [](auto& c) { c.fy = -1.0; }, [](auto& c) { c.width = 0; },
+           [](auto& c) { c.distortion[2] = std::numeric_limits<double>::infinity(); }}) {
+    CameraModel camera = Endoscope();
+    change(camera);
+    EXPECT_THROW(camera.Check(), std::invalid_argument);
+  }
 }
 
 TEST(CameraModelTest, NeverAllocates) {
