@@ -1,12 +1,12 @@
-#include "dfr/runtime/latest.h"
-
+// Values handed from one thread to another.
 #include <gtest/gtest.h>
 
 #include <array>
-#include <atomic>
 #include <cstdint>
 #include <thread>
 
+#include "dfr/runtime/latest.h"
+#include "dfr/runtime/queue.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::runtime {
@@ -63,6 +63,36 @@ TEST(LatestTest, NeverAllocates) {
     latest.Put(i);
     ASSERT_TRUE(latest.Take(value));
   }
+}
+
+TEST(QueueTest, ValuesComeInOrderUntilItIsFull) {
+  Queue<int, 3> queue;
+  int value = 7;
+  EXPECT_FALSE(queue.Take(value));
+  EXPECT_EQ(value, 7);
+  for (int i = 0; i < 3; ++i) EXPECT_TRUE(queue.Put(i));
+  EXPECT_FALSE(queue.Put(3));
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_TRUE(queue.Take(value));
+    EXPECT_EQ(value, i);
+  }
+  EXPECT_FALSE(queue.Take(value));
+}
+
+TEST(QueueTest, NothingIsLostBetweenTwoThreads) {
+  constexpr int kValues = 20'000;
+  Queue<int, 16> queue;
+  std::thread writer([&] {
+    for (int i = 0; i < kValues; ++i) {
+      while (!queue.Put(i)) std::this_thread::yield();
+    }
+  });
+  for (int i = 0; i < kValues; ++i) {
+    int value = -1;
+    while (!queue.Take(value)) std::this_thread::yield();
+    ASSERT_EQ(value, i);
+  }
+  writer.join();
 }
 
 }  // namespace
