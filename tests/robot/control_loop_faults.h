@@ -6,6 +6,7 @@
 #include <array>
 #include <cstdint>
 #include <functional>
+#include <initializer_list>
 #include <limits>
 #include <string>
 #include <vector>
@@ -31,60 +32,41 @@ struct Source {
 };
 
 inline std::vector<Source> Sources() {
+  using runtime::HoldReason;
   std::vector<Source> all;
-  for (const runtime::HoldReason reason :
-       {runtime::HoldReason::kArmSilent, runtime::HoldReason::kArmInvalid,
-        runtime::HoldReason::kArmOld, runtime::HoldReason::kArmJump,
-        runtime::HoldReason::kArmNotReady, runtime::HoldReason::kArmNotFollowing,
-        runtime::HoldReason::kSecondCommander, runtime::HoldReason::kClock,
-        runtime::HoldReason::kOverrun}) {
-    all.push_back({"arm", reason,
-                   [=](FakeRobot& r) {
-                     r.arm.found = {reason, "the arm says so"};
-                   },
-                   [](FakeRobot& r) { r.arm.found = {}; }});
-  }
-  for (const runtime::HoldReason reason :
-       {runtime::HoldReason::kImageSilent, runtime::HoldReason::kImageOld,
-        runtime::HoldReason::kImageInvalid, runtime::HoldReason::kClock}) {
-    all.push_back({"camera", reason,
-                   [=](FakeRobot& r) {
-                     r.camera.found = {reason, "it says"};
-                   },
-                   [](FakeRobot& r) { r.camera.found = {}; }});
-  }
-  for (const runtime::HoldReason reason :
-       {runtime::HoldReason::kEmergencyStop, runtime::HoldReason::kEmergencyStopSilent}) {
-    all.push_back({"stop", reason,
-                   [=](FakeRobot& r) {
-                     r.stop.found = {reason, "it says"};
-                   },
-                   [](FakeRobot& r) { r.stop.found = {}; }});
-  }
-  all.push_back({"camera's thread hangs", runtime::HoldReason::kImageSilent,
+  // A device that reports a reason.
+  const auto add = [&all](const char* name, auto device,
+                          std::initializer_list<HoldReason> reasons) {
+    for (const HoldReason reason : reasons) {
+      all.push_back({name, reason,
+                     [=](FakeRobot& r) {
+                       (r.*device).found = {reason, "it says"};
+                     },
+                     [=](FakeRobot& r) { (r.*device).found = {}; }});
+    }
+  };
+  add("arm", &FakeRobot::arm,
+      {HoldReason::kArmSilent, HoldReason::kArmInvalid, HoldReason::kArmOld, HoldReason::kArmJump,
+       HoldReason::kArmNotReady, HoldReason::kArmNotFollowing, HoldReason::kSecondCommander,
+       HoldReason::kClock, HoldReason::kOverrun});
+  add("camera", &FakeRobot::camera,
+      {HoldReason::kImageSilent, HoldReason::kImageOld, HoldReason::kImageInvalid,
+       HoldReason::kClock});
+  add("stop", &FakeRobot::stop, {HoldReason::kEmergencyStop, HoldReason::kEmergencyStopSilent});
+  add("clock", &FakeRobot::clock, {HoldReason::kArmSilent});
+  add("platform", &FakeRobot::platform, {HoldReason::kPlatform});
+  all.push_back({"camera's thread hangs", HoldReason::kImageSilent,
                  [](FakeRobot& r) { r.camera.hangs = true; },
                  [](FakeRobot& r) { r.camera.hangs = false; }, 250'000'000});
-  all.push_back({"stop's thread hangs", runtime::HoldReason::kEmergencyStopSilent,
+  all.push_back({"stop's thread hangs", HoldReason::kEmergencyStopSilent,
                  [](FakeRobot& r) { r.stop.hangs = true; },
                  [](FakeRobot& r) { r.stop.hangs = false; }, 100'000'000});
-  all.push_back({"period", runtime::HoldReason::kOverrun,
+  all.push_back({"period", HoldReason::kOverrun,
                  [](FakeRobot& r) { r.clock.late_ns = 50'000'000 - kPeriodNs + 1; },
                  [](FakeRobot&) {}});
-  all.push_back({"clock", runtime::HoldReason::kArmSilent,
-                 [](FakeRobot& r) {
-                   r.clock.found = {runtime::HoldReason::kArmSilent, "it stands"};
-                 },
-                 [](FakeRobot& r) { r.clock.found = {}; }});
-  all.push_back({"recorder", runtime::HoldReason::kRecorder,
-                 [](FakeRobot& r) { r.recorder.fails = true; },
+  all.push_back({"recorder", HoldReason::kRecorder, [](FakeRobot& r) { r.recorder.fails = true; },
                  [](FakeRobot& r) { r.recorder.fails = false; }});
-  all.push_back({"platform", runtime::HoldReason::kPlatform,
-                 [](FakeRobot& r) {
-                   r.platform.found = {runtime::HoldReason::kPlatform, "it was unplugged"};
-                 },
-                 [](FakeRobot& r) { r.platform.found = {}; }});
-  all.push_back({"operator", runtime::HoldReason::kOperator,
-                 [](FakeRobot& r) { r.interrupted = true; },
+  all.push_back({"operator", HoldReason::kOperator, [](FakeRobot& r) { r.interrupted = true; },
                  [](FakeRobot& r) { r.interrupted = false; }});
   return all;
 }

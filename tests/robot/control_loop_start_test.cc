@@ -132,28 +132,32 @@ TEST(ControlLoopStartTest, HomingEndsExactlyAtTheDeadlineOfEachFault) {
   }
 }
 
-TEST(ControlLoopStartTest, AStopPressedWhileIdleIsAcknowledgedByClear) {
-  FakeRobot robot;
-  robot.stop.found = {HoldReason::kEmergencyStop, "pressed"};
-  robot.loop.Idle(0.3);
-  EXPECT_FALSE(robot.loop.Clear());
-  robot.stop.found = {};
-  EXPECT_TRUE(robot.loop.Clear());
-  EXPECT_EQ(robot.loop.state(), RunState::kIdle);
+TEST(ControlLoopStartTest, ClearAcknowledgesTheEmergencyStop) {
+  for (const bool started : {false, true}) {
+    FakeRobot robot;
+    if (started) {
+      ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
+    }
+    robot.stop.found = {HoldReason::kEmergencyStop, "pressed"};
+    robot.loop.Idle(0.3);
+    EXPECT_FALSE(robot.loop.Clear());
+    EXPECT_EQ(robot.stop.acknowledged, 1);
+    robot.stop.found = {};
+    EXPECT_TRUE(robot.loop.Clear());
+    EXPECT_EQ(robot.loop.state(), RunState::kIdle);
+  }
 }
 
 TEST(ControlLoopStartTest, WaitingEndsAtOnceWhenInterruptedOrStopped) {
-  FakeRobot robot;
-  robot.stop.found = {HoldReason::kEmergencyStopSilent, "is it running?"};
-  robot.interrupted = true;
-  std::int64_t start_ns = robot.clock.now_ns;
-  EXPECT_FALSE(robot.loop.AwaitReady(10.0, {}));
-  EXPECT_LT(robot.clock.now_ns - start_ns, 500'000'000);
-  robot.interrupted = false;
-  robot.stop.found = {HoldReason::kEmergencyStop, "pressed"};
-  start_ns = robot.clock.now_ns;
-  EXPECT_FALSE(robot.loop.AwaitReady(10.0, {}));
-  EXPECT_LT(robot.clock.now_ns - start_ns, 500'000'000);
+  for (const bool interrupted : {true, false}) {
+    FakeRobot robot;
+    robot.interrupted = interrupted;
+    robot.stop.found = {interrupted ? HoldReason::kEmergencyStopSilent : HoldReason::kEmergencyStop,
+                        "in words"};
+    const std::int64_t start_ns = robot.clock.now_ns;
+    EXPECT_FALSE(robot.loop.AwaitReady(10.0, {}));
+    EXPECT_LT(robot.clock.now_ns - start_ns, 500'000'000);
+  }
 }
 
 TEST(ControlLoopStartTest, ReportsOnceTheReasonForWaiting) {
@@ -179,6 +183,11 @@ TEST(ControlLoopStartTest, EpisodesEndRegularlyWhenCompletedHaltedOrNotSeen) {
   robot.loop.Complete();
   EXPECT_EQ(robot.loop.state(), RunState::kIdle);
   EXPECT_TRUE(robot.loop.ended_regularly());
+  EXPECT_TRUE(robot.arm.armed());
+  for (int n = 0; n < 2; ++n) {
+    robot.loop.Halt();
+    EXPECT_FALSE(robot.arm.armed()) << "in every state";
+  }
   for (int i = 1; i < runtime::kNumHoldReasons; ++i) {
     const auto reason = static_cast<HoldReason>(i);
     FakeRobot other;
@@ -188,29 +197,6 @@ TEST(ControlLoopStartTest, EpisodesEndRegularlyWhenCompletedHaltedOrNotSeen) {
               reason == HoldReason::kControllerHalted || reason == HoldReason::kNotSeen)
         << runtime::Name(reason);
   }
-}
-
-TEST(ControlLoopStartTest, HaltHoldsTheArmInEveryState) {
-  FakeRobot robot;
-  ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
-  robot.loop.Complete();
-  EXPECT_TRUE(robot.arm.armed());
-  robot.loop.Halt();
-  EXPECT_FALSE(robot.arm.armed());
-  robot.loop.Halt();
-  EXPECT_FALSE(robot.arm.armed());
-}
-
-TEST(ControlLoopStartTest, ClearAcknowledgesTheEmergencyStop) {
-  FakeRobot robot;
-  ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
-  robot.stop.found = {HoldReason::kEmergencyStop, "pressed"};
-  robot.loop.Tick();
-  EXPECT_FALSE(robot.loop.Clear());
-  EXPECT_EQ(robot.stop.acknowledged, 1);
-  robot.stop.found = {};
-  EXPECT_TRUE(robot.loop.Clear());
-  EXPECT_EQ(robot.loop.state(), RunState::kIdle);
 }
 
 }  // namespace

@@ -59,21 +59,19 @@ TEST(ControlLoopTest, AnInvalidControlIsRefused) {
   }
 }
 
-TEST(ControlLoopTest, AControlOutOfReachIsRefused) {
-  FakeRobot robot;
-  ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
-  robot.task.unreachable = true;
-  EXPECT_EQ(robot.loop.Apply(kControl), PlantStatus::kRefused);
-  robot.task.unreachable = false;
-  robot.loop.Halt();
-  ExpectHeldUntilStarted(robot, HoldReason::kCommandRefused);
-
-  robot.arm.refuses_motion = {HoldReason::kCommandRefused, "too fast"};
-  EXPECT_EQ(robot.loop.Apply(kControl), PlantStatus::kRefused);
-  EXPECT_EQ(robot.loop.cause(), "command-refused: too fast");
-  robot.arm.refuses_motion = {};
-  robot.loop.Halt();
-  ExpectHeldUntilStarted(robot, HoldReason::kCommandRefused);
+TEST(ControlLoopTest, AControlThatTheTaskOrTheArmRefusesIsRefused) {
+  for (const bool by_the_arm : {false, true}) {
+    FakeRobot robot;
+    ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
+    robot.task.unreachable = !by_the_arm;
+    if (by_the_arm) robot.arm.refuses_motion = {HoldReason::kCommandRefused, "too fast"};
+    EXPECT_EQ(robot.loop.Apply(kControl), PlantStatus::kRefused);
+    EXPECT_EQ(robot.loop.cause() == "command-refused: too fast", by_the_arm);
+    robot.task.unreachable = false;
+    robot.arm.refuses_motion = {};
+    robot.loop.Halt();
+    ExpectHeldUntilStarted(robot, HoldReason::kCommandRefused);
+  }
 }
 
 TEST(ControlLoopTest, AJumpOfTheStateHolds) {
@@ -139,7 +137,7 @@ double WayUntilHeld(FakeRobot& robot, double size, int most = 100) {
 }
 
 TEST(ControlLoopTest, PicturesThatDoNotShowTheMotionHold) {
-  for (const double size : {0.05, 0.2, 0.5, 1.0, 2.0, 2.8}) {
+  for (const double size : {0.05, 0.5, 2.8}) {
     for (const double noise : {0.0, 0.1}) {
       SCOPED_TRACE(testing::Message() << size << " mm each, noise " << noise);
       FakeRobot robot;
@@ -190,7 +188,7 @@ TEST(ControlLoopTest, ErrorsOfCalibrationAndVisionDoNotHold) {
     robot.camera.scale = scale;
     ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
     ASSERT_TRUE(robot.loop.Look());
-    for (int i = 0; i < 400; ++i) {
+    for (int i = 0; i < 200; ++i) {
       robot.camera.off = {i % 2 == 0 ? 0.1 : -0.1, i % 3 == 0 ? 0.1 : -0.1};
       ASSERT_EQ(robot.loop.Apply(kControl), PlantStatus::kOk) << i << ": " << robot.loop.cause();
     }
