@@ -16,6 +16,12 @@ inline dds_entity_t Check(dds_entity_t code) {
   return code;
 }
 
+/// Creates the participant in a domain given as text.
+inline void Join(const char* domain) {
+  participant = Check(dds_create_participant(
+      static_cast<dds_domainid_t>(std::strtoul(domain, nullptr, 10)), nullptr, nullptr));
+}
+
 /// Keeps the last `depth` samples, reliably. "latched" publishers keep them for late joiners.
 inline dds_qos_t* Qos(int depth, bool latched) {
   dds_qos_t* qos = dds_create_qos();
@@ -54,7 +60,7 @@ bool Take(dds_entity_t reader, Use use) {
   dds_sample_info_t info;
   const dds_return_t count = Check(dds_take(reader, &sample, &info, 1, 1));
   const bool any = count > 0 && info.valid_data;
-  if (any) use(*static_cast<const T*>(sample));
+  if (any) use(*static_cast<T*>(sample));
   if (count > 0) dds_return_loan(reader, &sample, count);
   return any;
 }

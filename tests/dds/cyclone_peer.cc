@@ -5,9 +5,8 @@
 // doubled; state: text reversed, flags swapped; image: bytes inverted, width and height swapped;
 // twist: linear and angular swapped; compressed: format and bytes reversed; camera: k, r and p
 // reversed, distortion negated, width and height, binning, offsets and sizes of the region swapped.
-#include <dds/dds.h>
-
 #include <algorithm>
+#include <cstdint>
 #include <cstdlib>
 #include <cstring>
 #include <iterator>
@@ -15,29 +14,13 @@
 #include <utility>
 
 #include "ros2_types.h"
+#include "tests/dds/cyclone.h"
 
 namespace {
 
-void Check(dds_return_t code) {
-  if (code < 0) std::exit(EXIT_FAILURE);
-}
-
-dds_entity_t Topic(dds_entity_t participant, const dds_topic_descriptor_t& type,
-                   const std::string& name) {
-  const dds_entity_t topic =
-      dds_create_topic(participant, &type, ("rt" + name).c_str(), nullptr, nullptr);
-  Check(topic);
-  return topic;
-}
-
-// Settings of a ROS 2 node that uses all defaults.
-dds_qos_t* RosDefaults() {
-  dds_qos_t* qos = dds_create_qos();
-  dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, DDS_SECS(1));
-  dds_qset_durability(qos, DDS_DURABILITY_VOLATILE);
-  dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 10);
-  return qos;
-}
+using dfr::test::Check;
+using dfr::test::MakeReader;
+using dfr::test::MakeWriter;
 
 void Change(geometry_msgs_msg_dds__PoseStamped_& m) {
   m.pose_.position_.x_ += 1.0;
@@ -89,62 +72,44 @@ void Change(sensor_msgs_msg_dds__CameraInfo_& m) {
 template <typename T>
 class Answerer {
  public:
-  Answerer(dds_entity_t participant, const dds_topic_descriptor_t& type, const std::string& name)
-      : type_(&type) {
-    dds_qos_t* qos = RosDefaults();
-    reader_ =
-        dds_create_reader(participant, Topic(participant, type, "/peer/ask/" + name), qos, nullptr);
-    writer_ = dds_create_writer(participant, Topic(participant, type, "/peer/answer/" + name), qos,
-                                nullptr);
-    Check(reader_);
-    Check(writer_);
-    dds_delete_qos(qos);
-  }
+  Answerer(const dds_topic_descriptor_t& type, const std::string& name)
+      : reader_(MakeReader(type, "rt/peer/ask/" + name, 10)),
+        writer_(MakeWriter(type, "rt/peer/answer/" + name, 10)) {}
 
-  void Poll() {
-    void* sample = nullptr;  // allocated by the take
-    dds_sample_info_t info;
-    const dds_return_t count = dds_take(reader_, &sample, &info, 1, 1);
-    Check(count);
-    if (count > 0 && info.valid_data) {
-      T& message = *static_cast<T*>(sample);
+  void Poll() const {
+    dfr::test::Take<T>(reader_, [this](T& message) {
       // The stamp's two parts are swapped as well.
-      const auto sec = message.header_.stamp_.sec_;
-      message.header_.stamp_.sec_ = static_cast<std::int32_t>(message.header_.stamp_.nanosec_);
-      message.header_.stamp_.nanosec_ = static_cast<std::uint32_t>(sec);
+      auto& stamp = message.header_.stamp_;
+      const auto sec = static_cast<std::uint32_t>(stamp.sec_);
+      stamp.sec_ = static_cast<std::int32_t>(std::exchange(stamp.nanosec_, sec));
       Change(message);
-      Check(dds_write(writer_, sample));
-    }
-    if (count > 0) dds_return_loan(reader_, &sample, count);
+      Check(dds_write(writer_, &message));
+    });
   }
 
  private:
-  const dds_topic_descriptor_t* type_;
-  dds_entity_t reader_ = 0;
-  dds_entity_t writer_ = 0;
+  dds_entity_t reader_;
+  dds_entity_t writer_;
 };
 
 }  // namespace
 
 int main(int argc, char** argv) {
   if (argc != 2) return EXIT_FAILURE;
-  const dds_entity_t participant = dds_create_participant(
-      static_cast<dds_domainid_t>(std::strtoul(argv[1], nullptr, 10)), nullptr, nullptr);
-  Check(participant);
-  Answerer<geometry_msgs_msg_dds__PoseStamped_> pose(
-      participant, geometry_msgs_msg_dds__PoseStamped__desc, "pose");
-  Answerer<sensor_msgs_msg_dds__JointState_> joints(
-      participant, sensor_msgs_msg_dds__JointState__desc, "joints");
-  Answerer<crtk_msgs_msg_dds__OperatingState_> state(
-      participant, crtk_msgs_msg_dds__OperatingState__desc, "state");
-  Answerer<sensor_msgs_msg_dds__Image_> image(participant, sensor_msgs_msg_dds__Image__desc,
-                                              "image");
-  Answerer<geometry_msgs_msg_dds__TwistStamped_> twist(
-      participant, geometry_msgs_msg_dds__TwistStamped__desc, "twist");
-  Answerer<sensor_msgs_msg_dds__CompressedImage_> compressed(
-      participant, sensor_msgs_msg_dds__CompressedImage__desc, "compressed");
-  Answerer<sensor_msgs_msg_dds__CameraInfo_> camera(
-      participant, sensor_msgs_msg_dds__CameraInfo__desc, "camera");
+  dfr::test::Join(argv[1]);
+  const Answerer<geometry_msgs_msg_dds__PoseStamped_> pose(geometry_msgs_msg_dds__PoseStamped__desc,
+                                                           "pose");
+  const Answerer<sensor_msgs_msg_dds__JointState_> joints(sensor_msgs_msg_dds__JointState__desc,
+                                                          "joints");
+  const Answerer<crtk_msgs_msg_dds__OperatingState_> state(crtk_msgs_msg_dds__OperatingState__desc,
+                                                           "state");
+  const Answerer<sensor_msgs_msg_dds__Image_> image(sensor_msgs_msg_dds__Image__desc, "image");
+  const Answerer<geometry_msgs_msg_dds__TwistStamped_> twist(
+      geometry_msgs_msg_dds__TwistStamped__desc, "twist");
+  const Answerer<sensor_msgs_msg_dds__CompressedImage_> compressed(
+      sensor_msgs_msg_dds__CompressedImage__desc, "compressed");
+  const Answerer<sensor_msgs_msg_dds__CameraInfo_> camera(sensor_msgs_msg_dds__CameraInfo__desc,
+                                                          "camera");
   for (;;) {
     pose.Poll();
     joints.Poll();

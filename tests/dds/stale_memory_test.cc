@@ -11,14 +11,13 @@
 #include <fstream>
 #include <string>
 
+#include "tests/support/temp_folder.h"
+
 namespace dfr::dds::internal {
 namespace {
 
 class StaleMemoryTest : public testing::Test {
  protected:
-  StaleMemoryTest() { std::filesystem::create_directories(folder_); }
-  ~StaleMemoryTest() override { std::filesystem::remove_all(folder_); }
-
   void Make(const std::string& name, std::time_t age_s) const {
     std::ofstream(folder_ / name) << "x";
     const utimbuf times{kNow - age_s, kNow - age_s};
@@ -29,8 +28,8 @@ class StaleMemoryTest : public testing::Test {
   }
 
   static constexpr std::time_t kNow = 1'700'000'000;
-  std::filesystem::path folder_ = std::filesystem::path(testing::TempDir()) /
-                                  ("dfr-stale-memory-" + std::to_string(::getpid()));
+  const test::TempFolder temp_;
+  const std::filesystem::path folder_ = temp_.path;
 };
 
 TEST_F(StaleMemoryTest, RemovesOnlySegmentsWithoutAnOwner) {
@@ -52,13 +51,11 @@ TEST_F(StaleMemoryTest, RemovesOnlySegmentsWithoutAnOwner) {
   RemoveStaleSegments(folder_, kNow);
   EXPECT_FALSE(There(dead));
   EXPECT_FALSE(There(dead + "_el"));
-  for (const std::string& name : {alive, young}) {
-    EXPECT_TRUE(There(name));
-    EXPECT_TRUE(There(name + "_el"));
+  for (const std::string& name :
+       {alive, alive + "_el", young, young + "_el", std::string("fastrtps_port12413_el"),
+        std::string("fastrtps_0123456789abcdeX_el"), std::string("another_0123456789abcdef_el")}) {
+    EXPECT_TRUE(There(name)) << name;
   }
-  EXPECT_TRUE(There("fastrtps_port12413_el"));
-  EXPECT_TRUE(There("fastrtps_0123456789abcdeX_el"));
-  EXPECT_TRUE(There("another_0123456789abcdef_el"));
   ::close(owner);
   RemoveStaleSegments(folder_, kNow);
   EXPECT_FALSE(There(alive));

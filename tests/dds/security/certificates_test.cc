@@ -17,6 +17,7 @@
 #include "dfr/dds/security.h"
 #include "tests/dds/security/keystore.h"
 #include "tests/support/message_of.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::dds {
 namespace {
@@ -24,11 +25,6 @@ namespace {
 using std::filesystem::path;
 using std::filesystem::perms;
 using testing::HasSubstr;
-
-std::string Load(const path& file) {
-  std::ifstream in(file, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
-}
 
 // Returns the error about a participant's folder.
 std::string Complaint(const path& folder, std::time_t now = std::time(nullptr)) {
@@ -83,11 +79,11 @@ TEST_F(CertificatesTest, AnAuthorityWhoseKeyOthersCanReadAdmitsNobody) {
 }
 
 TEST_F(CertificatesTest, ExistingFilesAreNotOverwritten) {
-  const std::string before = Load(files_.key);
+  const std::string before = test::FileText(files_.key);
   EXPECT_THROW(MakeAuthority(keystore_.folder()), std::runtime_error);
   EXPECT_THROW(AddParticipant(keystore_.folder(), "client", Permission::kConsole),
                std::runtime_error);
-  EXPECT_EQ(Load(files_.key), before);
+  EXPECT_EQ(test::FileText(files_.key), before);
   // Adding a third participant leaves the others valid.
   AddParticipant(keystore_.folder(), "monitor", Permission::kMonitor);
   for (const char* name : {"client", "console", "monitor"}) {
@@ -153,7 +149,7 @@ TEST_F(CertificatesTest, AnotherAuthorityIsRefused) {
 
 // The permissions grant more rights than were signed.
 TEST_F(CertificatesTest, ChangedPermissionsAreRefused) {
-  std::string permissions = Load(files_.permissions);
+  std::string permissions = test::FileText(files_.permissions);
   const std::size_t rule = permissions.find("<deny_rule>");
   ASSERT_NE(rule, std::string::npos);
   permissions.replace(rule, 11, "<nota_rule>");

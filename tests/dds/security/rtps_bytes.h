@@ -9,9 +9,9 @@ namespace dfr::test {
 /// An RTPS message.
 using Bytes = std::vector<std::uint8_t>;
 
-inline Bytes Header(std::uint8_t who = 1) {
+inline Bytes Header() {
   Bytes bytes = {'R', 'T', 'P', 'S', 2, 3, 1, 15};
-  bytes.insert(bytes.end(), 12, who);
+  bytes.insert(bytes.end(), 12, 1);
   return bytes;
 }
 
