@@ -1,11 +1,11 @@
 // A console written with CycloneDDS, which shares with our console only the names and types of the
 // topics and the arm's dimensions. PSM1 homes in 0.3 s and follows servo_cp at once, until the
 // program is killed:
-//   cyclone_console DOMAIN [FAIL_YAW]
+//   cyclone_console DOMAIN
 // Its time is the newest std_msgs/Float64 on /test/time, s since the epoch; each one triggers a
 // measurement. Like a real console, it stamps measurements zero until it is homed, drops servo_cp
 // with a warning when it is not ready, keeps events for late joiners, and holds the last goal for
-// ever. The arm fails when yaw passes FAIL_YAW (rad).
+// ever.
 #include <dds/dds.h>
 
 #include <cmath>
@@ -39,15 +39,11 @@ dds_entity_t Writer(const dds_topic_descriptor_t& type, const char* name, bool l
 
 class Console {
  public:
-  explicit Console(double fail_yaw) : fail_yaw_(fail_yaw) {}
-
   void Command(const std::string& text) {
     if (text == "disable") {
-      Become("DISABLED");
-    } else if (state_ == "FAULT") {
-      Say(warning_, "PSM1: ignored in FAULT: " + text);
+      state_ = "DISABLED";
     } else if (text == "home") {
-      Become("ENABLED");
+      state_ = "ENABLED";
       if (!homed_) homing_left_s_ = 0.3;
     }
     PublishState();
@@ -69,11 +65,6 @@ class Console {
       return;
     }
     at_ = joints;
-    if (at_[0] > fail_yaw_) {
-      Say(error_, "PSM1: yaw motor, over temperature");
-      Become("FAULT");
-      PublishState();
-    }
   }
 
   void Time(double now_s) {
@@ -88,8 +79,6 @@ class Console {
   }
 
  private:
-  void Become(const char* state) { state_ = state; }
-
   void Home(double dt_s) {
     if (homing_left_s_ <= 0.0) return;
     homing_left_s_ -= dt_s;
@@ -147,7 +136,6 @@ class Console {
     Check(dds_write(measured_cp_, &pose));
   }
 
-  double fail_yaw_;
   PsmJoints at_ = PsmJoints::Zero();
   PsmJoints measured_ = PsmJoints::Zero();
   PsmJoints velocity_ = PsmJoints::Zero();
@@ -169,10 +157,9 @@ class Console {
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc < 2) return EXIT_FAILURE;
-  participant = Check(dds_create_participant(
-      static_cast<dds_domainid_t>(std::strtoul(argv[1], nullptr, 10)), nullptr, nullptr));
-  Console console(argc > 2 ? std::strtod(argv[2], nullptr) : 1e9);
+  if (argc != 2) return EXIT_FAILURE;
+  dfr::test::Join(argv[1]);
+  Console console;
   const dds_entity_t waitset = Check(dds_create_waitset(participant));
   const dds_entity_t command =
       Reader(crtk_msgs_msg_dds__StringStamped__desc, "rt/PSM1/state_command", waitset);

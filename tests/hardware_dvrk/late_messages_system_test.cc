@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <chrono>
-#include <cstdio>
 #include <memory>
 #include <optional>
 #include <thread>
@@ -12,6 +11,7 @@
 #include "dfr/hardware/psm_driver.h"
 #include "dfr/sim/dvrk/psm_console_server.h"
 #include "tests/dds/domain.h"
+#include "tests/kinematics/psm_home.h"
 
 namespace dfr::hardware {
 namespace {
@@ -29,27 +29,23 @@ PsmDriverOptions Patient() {
 
 class LateMessagesSystemTest : public testing::Test {
  protected:
-  void SetUp() override {
-    PsmJoints start = PsmJoints::Zero();
-    start[2] = 0.12;
-    console_.Place(start);
-  }
+  void SetUp() override { console_.Place(test::PsmHome()); }
 
   // Advances both by a period of 5 ms.
   void Step() {
     next_ += std::chrono::milliseconds(5);
     std::this_thread::sleep_until(next_);
     server_.Tick(0.005);
-    driver_->Tick();
+    driver_.Tick();
   }
   // Begins a motion to the other side.
   void Begin() {
-    while (driver_->Arm() != PsmStatus::kOk) Step();
-    PsmJoints goal = driver_->client().setpoint();
+    while (driver_.Arm() != PsmStatus::kOk) Step();
+    PsmJoints goal = driver_.client().setpoint();
     goal[0] = goal[0] > 0.0 ? -0.3 : 0.3;
-    while (driver_->MoveTo(goal, 6.0) != PsmStatus::kOk) Step();
+    while (driver_.MoveTo(goal, 6.0) != PsmStatus::kOk) Step();
     for (int i = 0; i < 40; ++i) Step();
-    ASSERT_TRUE(driver_->moving()) << driver_->Explain();
+    ASSERT_TRUE(driver_.moving()) << driver_.Explain();
   }
   [[nodiscard]] Eigen::Vector3d tip() const { return console_.measured_pose().translation(); }
 
@@ -57,15 +53,14 @@ class LateMessagesSystemTest : public testing::Test {
   dds::Participant server_participant_{{.domain = test::OwnDomain()}};
   sim::PsmConsoleServer server_{server_participant_, console_, {}};
   dds::Participant participant_{{.domain = test::OwnDomain()}};
-  std::optional<PsmDriver> driver_{std::in_place, participant_, Patient()};
+  PsmDriver driver_{participant_, Patient()};
   Clock::time_point next_ = Clock::now();
 };
 
 // Once the message can arrive, the arm moves at most 1 mm: 50 ms of this motion, including 10 ms
 // for discovery.
-TEST_F(LateMessagesSystemTest, AllFiftyHoldsOfANewcomerHold) {
-  double worst_m = 0.0;
-  for (int i = 0; i < 50; ++i) {
+TEST_F(LateMessagesSystemTest, EveryHoldOfANewcomerHolds) {
+  for (int i = 0; i < 10; ++i) {
     SCOPED_TRACE(i);
     Begin();
     dds::Participant guest({.domain = test::OwnDomain(), .name = "guest"});
@@ -82,25 +77,21 @@ TEST_F(LateMessagesSystemTest, AllFiftyHoldsOfANewcomerHold) {
       Step();
       if (there) motion_m = std::max(motion_m, (tip() - *there).norm());
     }
-    ASSERT_EQ(driver_->phase(), PsmPhase::kHolding);
-    EXPECT_TRUE(driver_->held_by_others()) << driver_->Explain();
+    ASSERT_EQ(driver_.phase(), PsmPhase::kHolding);
+    EXPECT_TRUE(driver_.held_by_others()) << driver_.Explain();
     EXPECT_TRUE(there.has_value());
     EXPECT_LT(motion_m, 1e-3);
-    worst_m = std::max(worst_m, motion_m);
   }
-  RecordProperty("worst_mm", std::to_string(1e3 * worst_m));
-  std::printf("at most %.3f mm\n", 1e3 * worst_m);
 }
 
 // The console has received the message, and this side discovers the guest up to half a second
 // later.
-TEST_F(LateMessagesSystemTest, AllFiftyHoldsThatOnlyTheConsoleReceivesHold) {
-  double worst_m = 0.0;
+TEST_F(LateMessagesSystemTest, EveryHoldThatOnlyTheConsoleReceivesHolds) {
   int by_the_console = 0;
-  for (int i = 0; i < 50; ++i) {
+  for (int i = 0; i < 10; ++i) {
     SCOPED_TRACE(i);
     Begin();
-    const int late = 2 * i;  // in periods of 5 ms
+    const int late = 10 * i;  // in periods of 5 ms
     const Eigen::Vector3d there = tip();
     double motion_m = 0.0;
     std::optional<dds::Participant> guest;
@@ -115,35 +106,15 @@ TEST_F(LateMessagesSystemTest, AllFiftyHoldsThatOnlyTheConsoleReceivesHold) {
       Step();
       motion_m = std::max(motion_m, (tip() - there).norm());
     }
-    ASSERT_EQ(driver_->phase(), PsmPhase::kHolding);
-    EXPECT_TRUE(driver_->held_by_others()) << driver_->Explain();
-    if (driver_->status() == PsmStatus::kForeignControl) {
+    ASSERT_EQ(driver_.phase(), PsmPhase::kHolding);
+    EXPECT_TRUE(driver_.held_by_others()) << driver_.Explain();
+    if (driver_.status() == PsmStatus::kForeignControl) {
       ++by_the_console;
-      EXPECT_EQ(driver_->who(), "PSM1: control JOINT_SPACE/POSITION_MODE");
+      EXPECT_EQ(driver_.who(), "PSM1: control JOINT_SPACE/POSITION_MODE");
     }
     EXPECT_LT(motion_m, 1e-3);
-    worst_m = std::max(worst_m, motion_m);
   }
-  EXPECT_GE(by_the_console, 40) << "discovery takes some ms";
-  RecordProperty("worst_mm", std::to_string(1e3 * worst_m));
-  std::printf("at most %.3f mm; %d by the console's statement\n", 1e3 * worst_m, by_the_console);
-}
-
-TEST_F(LateMessagesSystemTest, AnEarlierParticipantIsNoReasonToHold) {
-  dds::Participant window({.domain = test::OwnDomain(), .name = "window"});
-  const dds::Publisher<dds::Signal> hold(window, "/PSM1/hold", dds::Role::kRequest);
-  const dds::Publisher<dds::Signal> free(window, "/PSM1/free", dds::Role::kRequest);
-  const dds::Publisher<dds::StringStamped> state(window, "/PSM1/state_command",
-                                                 dds::Role::kRequest);
-  for (int i = 0; i < 20; ++i) {
-    SCOPED_TRACE(i);
-    Begin();
-    for (int n = 0; n < 200; ++n) Step();
-    ASSERT_EQ(driver_->phase(), PsmPhase::kArmed) << driver_->Explain();
-    driver_->Hold();
-    Step();
-  }
-  EXPECT_EQ(driver_->Requesters().size(), 3U);
+  EXPECT_GE(by_the_console, 8) << "discovery takes some ms";
 }
 
 }  // namespace

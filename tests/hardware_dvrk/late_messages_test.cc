@@ -4,12 +4,13 @@
 #include <algorithm>
 #include <deque>
 #include <functional>
-#include <string>
 #include <vector>
 
 #include "dfr/hardware/control_statement.h"
 #include "dfr/hardware/psm_client.h"
 #include "dfr/sim/dvrk/psm_console.h"
+#include "tests/hardware_dvrk/console_topics.h"
+#include "tests/kinematics/psm_home.h"
 
 namespace dfr::hardware {
 namespace {
@@ -22,11 +23,11 @@ constexpr std::int64_t kBeginNs = 1'000'000'000;
 constexpr std::int64_t kEpochNs = 1'700'000'000'000'000'000;
 constexpr int kTransitSteps = 3;  // transit time of the console's texts, unless a test sets another
 
-PsmJoints Start() {
-  PsmJoints q = PsmJoints::Zero();
-  q[2] = 0.12;
-  return q;
-}
+struct Command {
+  const char* topic;
+  std::function<void()> carry_out;
+  PsmStatus reason = PsmStatus::kForeignControl;
+};
 
 // A client connected to a simulated console, without a network. A step takes 5 ms, and every second
 // step has a sample.
@@ -36,18 +37,16 @@ class LateMessagesTest : public testing::Test {
   void Begin() {
     console_ = sim::PsmConsole({.arm = "PSM1", .homing_s = 0.2});
     client_ = PsmClient(PsmClientOptions{});
-    state_ = {};
+    topics_ = {};
     texts_.clear();
-    steps_ = moves_ = 0;
+    steps_ = 0;
     deaf_ = deaf_to_holds_ = false;
     now_ns_ = kBeginNs;
-    console_.Place(Start());
+    console_.Place(test::PsmHome());
     for (int i = 0; i < 10; ++i) Step();
     ASSERT_EQ(client_.Arm(), PsmStatus::kOk) << Name(client_.status());
     for (int i = 0; i < 10; ++i) Step();
-    PsmJoints goal = Start();
-    goal[0] = 0.4;
-    ASSERT_EQ(client_.MoveTo(goal, 4.0), PsmStatus::kOk);
+    ASSERT_EQ(client_.MoveTo(test::PsmHomeWith(0, 0.4), 4.0), PsmStatus::kOk);
     while (now_ns_ < kBeginNs + 1'000'000'000) Step();
     ASSERT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());
   }
@@ -59,42 +58,14 @@ class LateMessagesTest : public testing::Test {
     input.state_publishers = input.command_subscribers = 1;
     input.instrument = PsmInstrument::kSuitable;
     input.newcomers = newcomers;
-    const bool changed = console_.moves_begun() != moves_ || console_.busy() != state_.busy ||
-                         Name(state_.state) != std::string(sim::Name(console_.state()));
-    if (steps_ == 0 || changed) {
-      state_.busy = console_.busy() || console_.moves_begun() != moves_;
-      state_.homed = console_.homed();
-      state_.state = console_.state() == sim::ArmState::kEnabled  ? PsmConsoleState::kEnabled
-                     : console_.state() == sim::ArmState::kPaused ? PsmConsoleState::kPaused
-                                                                  : PsmConsoleState::kDisabled;
-      if (const PsmStatus now = Readiness(state_); now != PsmStatus::kOk) {
-        ++state_.lapses;
-        state_.last_lapse = now;
-      }
-      moves_ = console_.moves_begun();
-      input.operating_state = state_;
-    }
+    topics_.ReadState(console_, input);
     input.goals_reached = static_cast<int>(console_.TakeGoals().size());
     for (; !texts_.empty() && texts_.front().due <= steps_; texts_.pop_front()) {
       input.pose_controls += texts_.front().control == PsmControl::kPoses ? 1 : 0;
       input.other_controls += texts_.front().control == PsmControl::kOther ? 1 : 0;
       input.errors += texts_.front().is_error ? 1 : 0;
     }
-    if (steps_ % 2 == 0) {
-      const dds::Stamp stamp = dds::Stamp::FromNanoseconds(kEpochNs + now_ns_);
-      PsmJointSample sample;
-      sample.stamp = stamp;
-      sample.well_formed = true;
-      sample.position = console_.measured_joints();
-      input.measured_js = sample;
-      sample.position = console_.setpoint_joints();
-      input.setpoint_js = sample;
-      const Eigen::Isometry3d pose = console_.measured_pose();
-      input.measured_cp =
-          PsmPoseSample{stamp, pose.translation(), Eigen::Quaterniond(pose.linear())};
-      input.jaw_measured = PsmJawSample{stamp, console_.measured_jaw()};
-      input.jaw_setpoint = PsmJawSample{stamp, console_.setpoint_jaw()};
-    }
+    if (steps_ % 2 == 0) topics_.Measure(console_, kEpochNs + now_ns_, input);
     const PsmOutput output = client_.Step(input, now_ns_, kEpochNs + now_ns_);
     if (output.hold && !deaf_to_holds_) console_.Hold();
     if (output.servo && !deaf_) console_.ServoCp(output.servo_cp);
@@ -123,11 +94,18 @@ class LateMessagesTest : public testing::Test {
     return motion_m;
   }
 
+  // Only the console receives a hold, whose answer takes up to `steps`.
+  void ExpectAForeignHoldIsDetected(int steps = kTransitSteps) {
+    Step(0, [&] { console_.Hold(); });
+    for (int i = 0; i <= steps; ++i) Step();
+    EXPECT_EQ(client_.status(), PsmStatus::kForeignControl) << Name(client_.status());
+  }
+
   [[nodiscard]] Eigen::Vector3d tip() const { return console_.measured_pose().translation(); }
 
   sim::PsmConsole console_{{.arm = "PSM1", .homing_s = 0.2}};
   PsmClient client_{PsmClientOptions{}};
-  PsmOperatingState state_;
+  test::ConsoleTopics topics_;
   struct Text {
     int due;
     PsmControl control;
@@ -137,7 +115,6 @@ class LateMessagesTest : public testing::Test {
   bool deaf_ = false;       // true: our commands are lost
   bool deaf_to_holds_ = false;
   int transit_steps_ = kTransitSteps;
-  int moves_ = 0;
   int steps_ = 0;
   std::int64_t now_ns_ = kBeginNs;
 };
@@ -145,29 +122,21 @@ class LateMessagesTest : public testing::Test {
 // A hold, sent once or 20 times a second for .3 s. This side finds its sender up to half a second
 // later than the console does.
 TEST_F(LateMessagesTest, AHoldThatOnlyTheConsoleReceivesHolds) {
-  double worst_m = 0.0;
-  for (int i = 0; i < 50; ++i) {
-    const int late_ms = 10 * i;
+  for (const int late_ms : {0, 10, 20, 50, 100, 200, 490}) {
     for (const int times : {1, 6}) {
       SCOPED_TRACE(testing::Message() << times << " times, found after " << late_ms << " ms");
-      worst_m = std::max(worst_m, MotionAfter([&] { console_.Hold(); }, times, late_ms));
+      EXPECT_LT(MotionAfter([&] { console_.Hold(); }, times, late_ms), 1e-3);
       EXPECT_EQ(client_.phase(), PsmPhase::kHolding);
       EXPECT_EQ(client_.status(),
                 late_ms <= 5 * kTransitSteps ? PsmStatus::kNewcomer : PsmStatus::kForeignControl)
           << Name(client_.status());
     }
   }
-  EXPECT_LT(worst_m, 1e-3);
-  RecordProperty("worst_mm", std::to_string(1e3 * worst_m));
 }
 
 // The sender is discovered 300 ms after the command: until then only the console's messages reveal
 // it. The other commands hold without repetition; see OneCommandIsEnough.
 TEST_F(LateMessagesTest, TheConsoleRevealsForeignCommands) {
-  struct Command {
-    const char* topic;
-    std::function<void()> carry_out;  // with every third step, not synchronous to the samples
-  };
   const auto aside = [](PsmJoints q) {
     q[1] += 0.03;
     return q;
@@ -185,6 +154,7 @@ TEST_F(LateMessagesTest, TheConsoleRevealsForeignCommands) {
     Begin();
     int taken = 0;
     for (; taken < 60 && client_.phase() == PsmPhase::kArmed; ++taken) {
+      // Not synchronous to the samples.
       Step(0, taken % 3 == 0 ? command.carry_out : nullptr);
     }
     EXPECT_EQ(client_.phase(), PsmPhase::kHolding) << "after 300 ms";
@@ -194,22 +164,15 @@ TEST_F(LateMessagesTest, TheConsoleRevealsForeignCommands) {
 // Without repetition: the console executes each command once, and this side finds its sender 300 ms
 // later. A move makes the arm busy before the text arrives.
 TEST_F(LateMessagesTest, OneCommandIsEnough) {
-  struct Command {
-    const char* topic;
-    std::function<void()> carry_out;
-    PsmStatus reason;
-  };
   const std::vector<Command> commands = {
-      {"hold", [&] { console_.Hold(); }, PsmStatus::kForeignControl},
-      {"free", [&] { console_.Free(); }, PsmStatus::kForeignControl},
-      {"servo_jp", [&] { console_.ServoJp(console_.setpoint_joints()); },
-       PsmStatus::kForeignControl},
-      {"servo_jr", [&] { console_.ServoJr(PsmJoints::Zero()); }, PsmStatus::kForeignControl},
-      {"servo_jf", [&] { console_.ServoEffort("servo_jf"); }, PsmStatus::kForeignControl},
-      {"jaw/servo_jf", [&] { console_.ServoEffort("jaw/servo_jf"); }, PsmStatus::kForeignControl},
-      {"body/servo_cf", [&] { console_.ServoEffort("body/servo_cf"); }, PsmStatus::kForeignControl},
-      {"spatial/servo_cf", [&] { console_.ServoEffort("spatial/servo_cf"); },
-       PsmStatus::kForeignControl},
+      {"hold", [&] { console_.Hold(); }},
+      {"free", [&] { console_.Free(); }},
+      {"servo_jp", [&] { console_.ServoJp(console_.setpoint_joints()); }},
+      {"servo_jr", [&] { console_.ServoJr(PsmJoints::Zero()); }},
+      {"servo_jf", [&] { console_.ServoEffort("servo_jf"); }},
+      {"jaw/servo_jf", [&] { console_.ServoEffort("jaw/servo_jf"); }},
+      {"body/servo_cf", [&] { console_.ServoEffort("body/servo_cf"); }},
+      {"spatial/servo_cf", [&] { console_.ServoEffort("spatial/servo_cf"); }},
       {"move_jp", [&] { console_.MoveJp(console_.setpoint_joints()); }, PsmStatus::kBusy},
       {"move_jr", [&] { console_.MoveJr(PsmJoints::Zero()); }, PsmStatus::kBusy},
       {"move_cp", [&] { console_.MoveCp(console_.setpoint_pose()); }, PsmStatus::kBusy},
@@ -239,9 +202,7 @@ TEST_F(LateMessagesTest, AnswersToOurOwnCommandsDoNotHold) {
     for (int i = 0; i < 300; ++i) Step();
     ASSERT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());
   }
-  Step(0, [&] { console_.Hold(); });
-  for (int i = 0; i <= kTransitSteps; ++i) Step();
-  EXPECT_EQ(client_.status(), PsmStatus::kForeignControl) << Name(client_.status());
+  ExpectAForeignHoldIsDetected();
 }
 
 // The texts arrive up to 0.9 s late: after the arm has been armed again, even several times. Once
@@ -263,9 +224,7 @@ TEST_F(LateMessagesTest, LateAnswersToOurOwnCommandsDoNotHold) {
       }
       for (int i = 0; i < transit_steps; ++i) Step();
       ASSERT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());
-      Step(0, [&] { console_.Hold(); });
-      for (int i = 0; i <= transit_steps; ++i) Step();
-      EXPECT_EQ(client_.status(), PsmStatus::kForeignControl) << Name(client_.status());
+      ExpectAForeignHoldIsDetected(transit_steps);
     }
   }
 }
@@ -280,9 +239,7 @@ TEST_F(LateMessagesTest, AForeignHoldRightAfterOurOwnIsDetected) {
     Step();
     ASSERT_EQ(client_.Arm(), PsmStatus::kOk) << Name(client_.status());
     for (int i = 0; i < steps; ++i) Step();
-    Step(0, [&] { console_.Hold(); });
-    for (int i = 0; i <= 2 * kTransitSteps; ++i) Step();
-    EXPECT_EQ(client_.status(), PsmStatus::kForeignControl) << Name(client_.status());
+    ExpectAForeignHoldIsDetected(2 * kTransitSteps);
   }
 }
 
@@ -290,7 +247,7 @@ TEST_F(LateMessagesTest, AForeignHoldRightAfterOurOwnIsDetected) {
 // client waits for the answer for a second before it sends a set-point, and does not confuse a
 // later hold with it.
 TEST_F(LateMessagesTest, AForeignHoldAfterAnUnansweredOwnHoldIsDetected) {
-  for (int ms = 0; ms < 2000; ms += 50) {
+  for (int ms = 0; ms < 2000; ms += 250) {
     SCOPED_TRACE(testing::Message() << ms << " ms after our own hold");
     Begin();
     deaf_to_holds_ = true;
@@ -298,9 +255,7 @@ TEST_F(LateMessagesTest, AForeignHoldAfterAnUnansweredOwnHoldIsDetected) {
     Step();
     deaf_to_holds_ = false;
     ASSERT_EQ(client_.Arm(), PsmStatus::kOk) << Name(client_.status());
-    PsmJoints goal = Start();
-    goal[0] = 0.4;
-    ASSERT_EQ(client_.MoveTo(goal, 4.0), PsmStatus::kOk);
+    ASSERT_EQ(client_.MoveTo(test::PsmHomeWith(0, 0.4), 4.0), PsmStatus::kOk);
     const Eigen::Vector3d before = tip();
     for (int i = 0; i < ms; i += 5) Step();
     const Eigen::Vector3d there = tip();
@@ -320,30 +275,14 @@ TEST_F(LateMessagesTest, AForeignHoldAfterAnUnansweredOwnHoldIsDetected) {
   }
 }
 
-// A hold that changes nothing has no answer, and the client does not wait for one.
-TEST_F(LateMessagesTest, AForeignHoldAfterSeveralOwnHoldsIsDetected) {
-  Begin();
-  for (int i = 0; i < 3; ++i) {
-    client_.Hold();
-    Step();
-  }
-  ASSERT_EQ(client_.Arm(), PsmStatus::kOk) << Name(client_.status());
-  for (int i = 0; i < 5; ++i) Step();
-  Step(0, [&] { console_.Hold(); });
-  for (int i = 0; i <= kTransitSteps; ++i) Step();
-  EXPECT_EQ(client_.status(), PsmStatus::kForeignControl) << Name(client_.status());
-}
-
 // Poses controlled the console before our first set-point, as after teleoperation.
 TEST_F(LateMessagesTest, AHoldRightAfterArmingHolds) {
-  console_.Place(Start());
+  console_.Place(test::PsmHome());
   console_.ServoCp(console_.setpoint_pose());
   for (int i = 0; i < 40; ++i) Step();
   ASSERT_EQ(client_.Arm(), PsmStatus::kOk) << Name(client_.status());
   Step();
-  Step(0, [&] { console_.Hold(); });
-  for (int i = 0; i <= kTransitSteps; ++i) Step();
-  EXPECT_EQ(client_.status(), PsmStatus::kForeignControl) << Name(client_.status());
+  ExpectAForeignHoldIsDetected();
 }
 
 // The window of 0.2 s in which a set-point reaches the console, plus the time to leave the
@@ -357,13 +296,6 @@ TEST_F(LateMessagesTest, ASetpointThatStaysWhileOursMovesOnHolds) {
   EXPECT_EQ(client_.status(), PsmStatus::kSetpointStays) << Name(client_.status());
   EXPECT_LE(ms, 300);
   EXPECT_LT((tip() - there).norm(), 1e-3);
-}
-
-TEST_F(LateMessagesTest, WithoutOthersNothingIsDetected) {
-  Begin();
-  for (int i = 0; i < 2000; ++i) Step();
-  EXPECT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());
-  EXPECT_TRUE(client_.at_rest());
 }
 
 }  // namespace

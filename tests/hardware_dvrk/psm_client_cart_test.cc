@@ -29,16 +29,6 @@ class PsmClientOnCartTest : public PsmClientTest {
   }
 };
 
-TEST_F(PsmClientOnCartTest, MovesInTheArmsOwnFrame) {
-  ArmNow();
-  EXPECT_TRUE(test::AllClose(client_.base_frame().matrix(), camera_.matrix(), 1e-12));
-  ASSERT_EQ(client_.MoveTo(Yaw(0.2), 3.0), PsmStatus::kOk);
-  Steps(700);
-  EXPECT_EQ(client_.status(), PsmStatus::kOk) << Name(client_.status());
-  EXPECT_TRUE(client_.at_rest());
-  EXPECT_TRUE(test::AllClose(at_, Yaw(0.2), 1e-9));
-}
-
 TEST_F(PsmClientOnCartTest, HoldsWhenTheCameraMoves) {
   ExpectHold(PsmStatus::kBaseMoved, CameraMoved(0.003), 2, true);
 }

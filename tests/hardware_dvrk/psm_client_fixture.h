@@ -8,6 +8,7 @@
 #include <string>
 
 #include "dfr/hardware/psm_client.h"
+#include "tests/kinematics/psm_home.h"
 #include "tests/support/all_close.h"
 
 namespace dfr::hardware {
@@ -23,17 +24,7 @@ class PsmClientTest : public testing::Test {
   static constexpr std::int64_t kWall = 1'700'000'000'000'000'000;
   static constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
-  static PsmJoints Home() {
-    PsmJoints q = PsmJoints::Zero();
-    q[2] = 0.12;
-    return q;
-  }
-
-  static PsmJoints Yaw(double angle) {
-    PsmJoints q = Home();
-    q[0] = angle;
-    return q;
-  }
+  static PsmJoints Yaw(double angle) { return test::PsmHomeWith(0, angle); }
 
   PsmInput Input() {
     PsmInput input;
@@ -147,7 +138,7 @@ class PsmClientTest : public testing::Test {
   PsmClient client_{PsmClientOptions{}};
   PsmOperatingState operating_;
   bool operating_changed_ = false;
-  PsmJoints at_ = Home();
+  PsmJoints at_ = test::PsmHome();
   /// True if the console also publishes local/measured_cp, and the arm's base in the frame of
   /// measured_cp.
   bool on_cart_ = false;

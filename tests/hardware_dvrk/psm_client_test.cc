@@ -5,7 +5,9 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <initializer_list>
 #include <limits>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -73,7 +75,7 @@ TEST_F(PsmClientTest, RefusedGoalsChangeNothing) {
   EXPECT_FALSE(client_.moving());
   Steps(10);
   EXPECT_EQ(client_.phase(), PsmPhase::kArmed);
-  EXPECT_TRUE(test::AllClose(at_, Home(), 1e-9));
+  EXPECT_TRUE(test::AllClose(at_, test::PsmHome(), 1e-9));
 }
 
 TEST_F(PsmClientTest, JawTurnsAtConstantSpeedAndOnlyOnRequest) {
@@ -104,50 +106,86 @@ TEST_F(PsmClientTest, HoldWorksAtAnyTime) {
   EXPECT_EQ(client_.status(), PsmStatus::kHeld);
 }
 
-TEST_F(PsmClientTest, InvalidSamplesHold) {
-  const auto joints = [&](PsmStatus cause, const std::function<void(PsmJointSample&)>& spoil) {
-    ExpectHold(
-        cause,
-        [&](PsmInput& input) {
-          if (input.measured_js) spoil(*input.measured_js);
-        },
-        2);
+TEST_F(PsmClientTest, EveryFaultHolds) {
+  struct Fault {
+    PsmStatus cause;
+    std::function<void(PsmInput&)> spoil;
+    int steps = 1;
+    bool bound = false;
   };
-  const auto pose = [&](PsmStatus cause, const std::function<void(PsmPoseSample&)>& spoil) {
-    ExpectHold(
-        cause,
-        [&](PsmInput& input) {
-          if (input.measured_cp) spoil(*input.measured_cp);
-        },
-        2);
+  const auto joints = [](PsmStatus cause, const std::function<void(PsmJointSample&)>& spoil) {
+    const auto spoil_sample = [spoil](PsmInput& in) {
+      if (in.measured_js) spoil(*in.measured_js);
+    };
+    return Fault{cause, spoil_sample, 2};
   };
-  joints(PsmStatus::kStateInvalid, [](auto& js) { js.stamp = {}; });
-  joints(PsmStatus::kStateAhead, [](auto& js) { js.stamp.sec += 3; });
-  joints(PsmStatus::kStateMalformed, [](auto& js) { js.well_formed = false; });
-  joints(PsmStatus::kStateJumped, [](auto& js) { js.position[1] += 0.05; });
-  pose(PsmStatus::kStateInvalid, [](auto& cp) { cp.stamp = {}; });
-  pose(PsmStatus::kStateNotFinite, [](auto& cp) { cp.position_m.y() = kNan; });
-  // A quaternion whose length is not 1, and one whose length overflows.
-  pose(PsmStatus::kStateNotFinite, [](auto& cp) { cp.orientation.coeffs() *= 3.0; });
-  pose(PsmStatus::kStateNotFinite, [](auto& cp) { cp.orientation.coeffs() *= 1e200; });
-  pose(PsmStatus::kStateJumped, [](auto& cp) { cp.position_m.x() += 0.02; });
-}
-
-// At most 50 ms of silence, in steps of 5 ms. The last sample arrived one step earlier.
-TEST_F(PsmClientTest, SilenceOfAnyTopicHolds) {
-  const auto holds = [&](const std::function<void(PsmInput&)>& spoil) {
-    ExpectHold(PsmStatus::kStateSilent, spoil, 11);
+  const auto pose = [](PsmStatus cause, const std::function<void(PsmPoseSample&)>& spoil) {
+    const auto spoil_sample = [spoil](PsmInput& in) {
+      if (in.measured_cp) spoil(*in.measured_cp);
+    };
+    return Fault{cause, spoil_sample, 2};
   };
-  holds([](PsmInput& input) {
-    input.measured_js.reset();
-    input.measured_cp.reset();
-  });
-  holds([](PsmInput& input) { input.measured_cp.reset(); });
-  holds([](PsmInput& input) { input.setpoint_js.reset(); });
-  // Invalid set-points.
-  holds([](PsmInput& input) {
-    if (input.setpoint_js) input.setpoint_js->position[0] = kNan;
-  });
+  std::optional<PsmJointSample> frozen;
+  const std::vector<Fault> faults = {
+      joints(PsmStatus::kStateInvalid, [](auto& js) { js.stamp = {}; }),
+      joints(PsmStatus::kStateAhead, [](auto& js) { js.stamp.sec += 3; }),
+      joints(PsmStatus::kStateMalformed, [](auto& js) { js.well_formed = false; }),
+      joints(PsmStatus::kStateJumped, [](auto& js) { js.position[1] += 0.05; }),
+      pose(PsmStatus::kStateInvalid, [](auto& cp) { cp.stamp = {}; }),
+      pose(PsmStatus::kStateNotFinite, [](auto& cp) { cp.position_m.y() = kNan; }),
+      // A quaternion whose length is not 1, and one whose length overflows.
+      pose(PsmStatus::kStateNotFinite, [](auto& cp) { cp.orientation.coeffs() *= 3.0; }),
+      pose(PsmStatus::kStateNotFinite, [](auto& cp) { cp.orientation.coeffs() *= 1e200; }),
+      pose(PsmStatus::kStateJumped, [](auto& cp) { cp.position_m.x() += 0.02; }),
+      // At most 50 ms of silence, in steps of 5 ms. The last sample arrived one step earlier.
+      {PsmStatus::kStateSilent,
+       [](PsmInput& in) { in.measured_js.reset(), in.measured_cp.reset(); }, 11},
+      {PsmStatus::kStateSilent, [](PsmInput& in) { in.measured_cp.reset(); }, 11},
+      {PsmStatus::kStateSilent, [](PsmInput& in) { in.setpoint_js.reset(); }, 11},
+      {PsmStatus::kStateSilent,
+       [](PsmInput& in) {
+         if (in.setpoint_js) in.setpoint_js->position[0] = kNan;
+       },
+       11},
+      {PsmStatus::kConsoleGone,
+       [](PsmInput& in) {
+         in.measured_js.reset();
+         in.measured_cp.reset();
+         in.state_publishers = 0;
+       },
+       11},
+      {PsmStatus::kStateOld,
+       [&](PsmInput& in) {
+         if (!frozen && in.measured_js) frozen = in.measured_js;
+         if (in.measured_js) in.measured_js = frozen;
+       },
+       13},
+      // Reacts as teleoperation inside the console does: within 2 mm, not only after 5 degrees of
+      // lag.
+      {PsmStatus::kForeignSetpoint,
+       [](PsmInput& in) {
+         if (in.setpoint_js) in.setpoint_js->position[1] += 0.015;
+       },
+       2, /*bound=*/true},
+      {PsmStatus::kConsoleError, [](PsmInput& in) { in.errors = 1; }},
+      {PsmStatus::kOtherPublisher, [](PsmInput& in) { in.other_publishers = 1; }},
+      {PsmStatus::kSecondConsole, [](PsmInput& in) { in.state_publishers = 2; }},
+      {PsmStatus::kForeignMessage, [](PsmInput& in) { in.foreign_messages = 1; }},
+      {PsmStatus::kNewcomer, [](PsmInput& in) { in.newcomers = 1; }},
+      {PsmStatus::kBusy, [](PsmInput& in) { in.goals_reached = 1; }},
+      {PsmStatus::kTeleoperated, [](PsmInput& in) { in.teleoperated = true; }},
+      {PsmStatus::kClutched, [](PsmInput& in) { in.clutched = true; }},
+      {PsmStatus::kWrongTool, [](PsmInput& in) { in.instrument = PsmInstrument::kOther; }},
+      {PsmStatus::kToolNotNamed, [](PsmInput& in) { in.instrument = PsmInstrument::kNotNamed; }},
+      {PsmStatus::kToolChanged, [](PsmInput& in) { in.tool_changes = 1; }},
+      {PsmStatus::kSendFailed, [](PsmInput& in) { in.send_failed = true; }},
+      // 559 steps until the end of the move, which is more than 2 s.
+      {PsmStatus::kNotReached,
+       [this](PsmInput& in) {
+         if (in.measured_js) in.measured_js->position[0] += num_steps_ % 4 == 0 ? 0.011 : 0.012;
+       },
+       559 + 401}};
+  for (const Fault& fault : faults) ExpectHold(fault.cause, fault.spoil, fault.steps, fault.bound);
 }
 
 TEST_F(PsmClientTest, AConsoleThatIsNotReadyHolds) {
@@ -168,23 +206,6 @@ TEST_F(PsmClientTest, AConsoleThatIsNotReadyHolds) {
     Become(PsmConsoleState::kEnabled, true, false);
     input.operating_state = operating_;
   });
-}
-
-TEST_F(PsmClientTest, EveryOtherMessageHolds) {
-  ExpectHold(PsmStatus::kConsoleError, [](PsmInput& input) { input.errors = 1; });
-  ExpectHold(PsmStatus::kOtherPublisher, [](PsmInput& input) { input.other_publishers = 1; });
-  ExpectHold(PsmStatus::kSecondConsole, [](PsmInput& input) { input.state_publishers = 2; });
-  ExpectHold(PsmStatus::kForeignMessage, [](PsmInput& input) { input.foreign_messages = 1; });
-  ExpectHold(PsmStatus::kNewcomer, [](PsmInput& input) { input.newcomers = 1; });
-  ExpectHold(PsmStatus::kBusy, [](PsmInput& input) { input.goals_reached = 1; });
-  ExpectHold(PsmStatus::kTeleoperated, [](PsmInput& input) { input.teleoperated = true; });
-  ExpectHold(PsmStatus::kClutched, [](PsmInput& input) { input.clutched = true; });
-  ExpectHold(PsmStatus::kWrongTool,
-             [](PsmInput& input) { input.instrument = PsmInstrument::kOther; });
-  ExpectHold(PsmStatus::kToolNotNamed,
-             [](PsmInput& input) { input.instrument = PsmInstrument::kNotNamed; });
-  ExpectHold(PsmStatus::kToolChanged, [](PsmInput& input) { input.tool_changes = 1; });
-  ExpectHold(PsmStatus::kSendFailed, [](PsmInput& input) { input.send_failed = true; });
 }
 
 // Before and after a jaw move of the client.
@@ -230,35 +251,6 @@ TEST_F(PsmClientTest, IsNotArmedAtAnEarlierSetpoint) {
   EXPECT_EQ(client_.Arm(), PsmStatus::kOk);
   EXPECT_TRUE(test::AllClose(client_.setpoint(), Yaw(0.05), 1e-9));
 }
-TEST_F(PsmClientTest, FrozenStateHolds) {
-  std::optional<PsmJointSample> frozen;
-  ExpectHold(
-      PsmStatus::kStateOld,
-      [&](PsmInput& input) {
-        if (!frozen && input.measured_js) frozen = input.measured_js;
-        if (input.measured_js) input.measured_js = frozen;
-      },
-      13);
-}
-TEST_F(PsmClientTest, ConsoleGoneHolds) {
-  ExpectHold(
-      PsmStatus::kConsoleGone,
-      [](PsmInput& input) {
-        input.measured_js.reset();
-        input.measured_cp.reset();
-        input.state_publishers = 0;
-      },
-      11);
-}
-// Reacts as teleoperation inside the console does: within 2 mm, not only after 5 degrees of lag.
-TEST_F(PsmClientTest, AForeignSetpointHolds) {
-  ExpectHold(
-      PsmStatus::kForeignSetpoint,
-      [](PsmInput& input) {
-        if (input.setpoint_js) input.setpoint_js->position[1] += 0.015;
-      },
-      2, /*bound=*/true);
-}
 TEST_F(PsmClientTest, LateSetpointsAreOurs) {
   ArmNow();
   ASSERT_EQ(client_.MoveTo(Yaw(0.2), 1.0), PsmStatus::kOk);
@@ -295,17 +287,6 @@ TEST_F(PsmClientTest, ArmThatStaysBehindHolds) {
       },
       400, /*bound=*/true);
 }
-TEST_F(PsmClientTest, ArmThatDoesNotComeToRestHolds) {
-  // 559 steps until the end of the move, which is more than 2 s.
-  ExpectHold(
-      PsmStatus::kNotReached,
-      [&](PsmInput& input) {
-        if (input.measured_js)
-          input.measured_js->position[0] += num_steps_ % 4 == 0 ? 0.011 : 0.012;
-      },
-      559 + 401);
-}
-
 TEST_F(PsmClientTest, OtherCommandersArePermittedByAnOption) {
   PsmClientOptions options;
   options.sole_commander = false;
@@ -374,6 +355,7 @@ TEST_F(PsmClientTest, NeverAllocates) {
   const PsmInput input = Input();
   const test::NoAlloc guard;
   (void)client_.MoveTo(Yaw(0.3), 3.0);
+  (void)client_.MoveTo(Psm::Forward(Yaw(0.2)), 3.0);
   (void)client_.MoveJaw(0.2, 3.0);
   (void)client_.Step(input, now_ns_, kWall + now_ns_);
   client_.Hold();
@@ -398,15 +380,14 @@ TEST(PsmStatusTest, EveryStatusHasANameARemedyAndAReason) {
 }
 
 TEST(PsmClientOptionsTest, OptionsOutOfRangeAreRefused) {
-  PsmClientOptions options;
-  options.longest_step_s = 0.0;
-  EXPECT_THROW(PsmClient{options}, std::invalid_argument);
-  options = {};
-  options.max_lag[2] = -1.0;
-  EXPECT_THROW(PsmClient{options}, std::invalid_argument);
-  options = {};
-  options.watchdog.max_age_s = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_THROW(PsmClient{options}, std::invalid_argument);
+  using Change = void (*)(PsmClientOptions&);
+  for (const Change change : std::initializer_list<Change>{
+           [](auto& o) { o.longest_step_s = 0.0; }, [](auto& o) { o.max_lag[2] = -1.0; },
+           [](auto& o) { o.watchdog.max_age_s = std::numeric_limits<double>::quiet_NaN(); }}) {
+    PsmClientOptions options;
+    change(options);
+    EXPECT_THROW(PsmClient{options}, std::invalid_argument);
+  }
 }
 
 }  // namespace

@@ -12,22 +12,13 @@
 #include "dfr/hardware/psm_driver.h"
 #include "dfr/sim/dvrk/psm_console_server.h"
 #include "tests/dds/domain.h"
+#include "tests/kinematics/psm_home.h"
 #include "tests/support/eventually.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::hardware {
 
-inline kinematics::PsmJoints Home() {
-  kinematics::PsmJoints q = kinematics::PsmJoints::Zero();
-  q[2] = 0.12;
-  return q;
-}
-
-inline kinematics::PsmJoints Yaw(double angle) {
-  kinematics::PsmJoints q = Home();
-  q[0] = angle;
-  return q;
-}
+inline kinematics::PsmJoints Yaw(double angle) { return test::PsmHomeWith(0, angle); }
 
 /// A simulated console and drivers in lock-step: the test's time advances only after the console's
 /// samples have arrived.
@@ -67,7 +58,7 @@ class PsmDriverTest : public testing::Test {
         return condition();
       });
     };
-    console_.Place(Home());  // measurements before homing have no stamp
+    console_.Place(test::PsmHome());  // measurements before homing have no stamp
     until([&] {
       return Heard(driver) && driver.request_subscribers() > 0 && driver.servo_subscribers() > 0;
     });
@@ -87,7 +78,7 @@ class PsmDriverTest : public testing::Test {
   }
   // Returns a connected driver whose arm is homed and armed.
   std::unique_ptr<PsmDriver> Armed(const PsmDriverOptions& options = {}) {
-    console_.Place(Home());
+    console_.Place(test::PsmHome());
     auto driver = Connected(options);
     Until(*driver, [&] { return driver->Arm() == PsmStatus::kOk; });
     return driver;
