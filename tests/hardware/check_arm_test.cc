@@ -10,6 +10,8 @@
 #include "check/check.h"
 #include "dfr/sim/dvrk/psm_console.h"
 #include "tests/hardware/check_support.h"
+#include "tests/hardware_dvrk/console_topics.h"
+#include "tests/kinematics/psm_home.h"
 
 namespace dfr::apps::hardware_app {
 namespace {
@@ -43,16 +45,8 @@ class FakeCheckedArm final : public CheckedArm {
       last_error_ = message.text;
       ++input.errors;
     }
-    operating_.state = ConsoleState();
-    operating_.homed = console.homed();
-    operating_.busy = console.busy();
-    const PsmStatus ready = hardware::Readiness(operating_);
-    if (ready != PsmStatus::kOk) {
-      ++operating_.lapses;
-      operating_.last_lapse = ready;
-    }
-    input.operating_state = operating_;
-    if (ticks_++ % ticks_a_sample == 0) Measure(wall_ns, input);
+    read_.ReadState(console, input);
+    if (ticks_++ % ticks_a_sample == 0) read_.Measure(console, wall_ns, input);
     if (spoil) spoil(input);
     const hardware::PsmOutput output = client_.Step(input, steady_ns, wall_ns);
     if (output.hold) console.Hold();
@@ -98,36 +92,10 @@ class FakeCheckedArm final : public CheckedArm {
   bool listens = true;
 
  private:
-  [[nodiscard]] hardware::PsmConsoleState ConsoleState() const {
-    switch (console.state()) {
-      case sim::ArmState::kDisabled:
-        return hardware::PsmConsoleState::kDisabled;
-      case sim::ArmState::kEnabled:
-        return hardware::PsmConsoleState::kEnabled;
-      case sim::ArmState::kPaused:
-        return hardware::PsmConsoleState::kPaused;
-      case sim::ArmState::kFault:
-        break;
-    }
-    return hardware::PsmConsoleState::kFault;
-  }
-  void Measure(std::int64_t wall_ns, hardware::PsmInput& input) const {
-    hardware::PsmJointSample js;
-    if (console.valid()) js.stamp = dds::Stamp::FromNanoseconds(wall_ns);
-    js.well_formed = js.has_velocity = true;
-    js.position = console.measured_joints();
-    js.velocity = console.joint_velocity();
-    input.measured_js = js;
-    js.position = console.setpoint_joints();
-    input.setpoint_js = js;
-    const Eigen::Isometry3d pose = console.measured_pose();
-    input.measured_cp = {js.stamp, pose.translation(), Eigen::Quaterniond(pose.linear())};
-  }
-
   test::HandMovedClock* clock_;
   hardware::PsmClient client_;
   std::int64_t last_ns_;
-  hardware::PsmOperatingState operating_;
+  test::ConsoleTopics read_;
   std::string last_error_;
   int ticks_ = 0;
   std::array<Topic, 6> topics_ = {{{"measured_js", {.publishers = 1}, true},
@@ -289,10 +257,7 @@ TEST_F(ArmCheckTest, NamesWhatIsWrongOnTheNetwork) {
 class SiArmCheckTest : public ArmCheckTest {
  protected:
   SiArmCheckTest() : ArmCheckTest(kinematics::PsmGeneration::kSi) {
-    kinematics::PsmJoints joints = kinematics::PsmJoints::Zero();
-    joints[1] = 1.2;  // outside the range of a Classic
-    joints[2] = 0.12;
-    arm_.console.Place(joints);
+    arm_.console.Place(test::PsmHomeWith(1, 1.2));  // outside the range of a Classic
     options_.move = options_.without_stop = true;
   }
 };

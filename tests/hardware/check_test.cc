@@ -12,6 +12,7 @@
 
 #include "emergency_stop.h"
 #include "tests/hardware/check_support.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::apps::hardware_app {
 namespace {
@@ -101,15 +102,14 @@ TEST_F(EndoscopeCheckTest, OccasionallyLateIsANote) {
 }
 
 TEST_F(EndoscopeCheckTest, NamesWhatCannotBeOpened) {
-  const std::filesystem::path camera =
-      std::filesystem::path(testing::TempDir()) / "endoscope_check_test.yaml";
+  const test::TempFolder folder;
+  const std::filesystem::path camera = folder / "camera.yaml";
   options_.endoscope = "/dev/video97";
   EXPECT_THAT(Shown(CheckEndoscope(options_)),
               AllOf(HasSubstr("cannot be opened"), HasSubstr("-> is the camera")));
   options_.camera = camera;
   std::ofstream(camera) << "image_width: 640\n";
   EXPECT_THAT(Shown(CheckEndoscope(options_)), HasSubstr("image_height is missing"));
-  std::filesystem::remove(camera);
 }
 
 TEST(PlatformCheckTest, NamesAMissingOrInvalidPort) {

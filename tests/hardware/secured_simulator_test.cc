@@ -1,25 +1,19 @@
 // The simulated console in a secured network made by `hardware certificates`.
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <csignal>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <string>
 
 #include "dfr/dds/channel.h"
 #include "tests/dds/domain.h"
 #include "tests/dds/peer_process.h"
 #include "tests/support/eventually.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::test {
 namespace {
-
-bool Contains(const std::filesystem::path& file, const std::string& text) {
-  std::ifstream in(file);
-  return std::string(std::istreambuf_iterator<char>(in), {}).find(text) != std::string::npos;
-}
 
 // A client that requests a state and reads the arm's messages.
 class Client {
@@ -57,8 +51,8 @@ class Client {
 // Takes 2 s, because DDS refuses a participant twice. Only this test commands the simulator without
 // a certificate.
 TEST(SecuredSimulatorTest, OnlyThoseWithCertificatesHearAndCommandTheArm) {
-  const std::filesystem::path folder =
-      std::filesystem::temp_directory_path() / ("dfr-secured-" + std::to_string(::getpid()));
+  const TempFolder temp;
+  const std::filesystem::path folder = temp / "lab";
   const auto enclave = [&](const std::string& name) { return folder / "enclaves" / name; };
   ASSERT_EQ(PeerProcess({DFR_HARDWARE, "certificates", folder}).Await(), 0);
   // The second call overwrites no file.
@@ -84,7 +78,7 @@ TEST(SecuredSimulatorTest, OnlyThoseWithCertificatesHearAndCommandTheArm) {
     stranger.Ask("disable");
     stranger.Listen();
     member.Listen();
-    if (poses < 0 && Contains(log, "refused 'client'") &&
+    if (poses < 0 && FileText(log).find("refused 'client'") != std::string::npos &&
         !stranger.participant().refused_peers().empty()) {
       poses = member.poses();
     }
@@ -94,10 +88,9 @@ TEST(SecuredSimulatorTest, OnlyThoseWithCertificatesHearAndCommandTheArm) {
   EXPECT_EQ(stranger.operating().state, "");
   EXPECT_EQ(member.operating().state, "ENABLED");
   EXPECT_TRUE(member.operating().is_homed);
-  EXPECT_TRUE(Contains(log, "it has no certificate"));
+  EXPECT_THAT(FileText(log), testing::HasSubstr("it has no certificate"));
   simulator.Signal(SIGINT);
   EXPECT_EQ(simulator.Await(), 0);
-  std::filesystem::remove_all(folder);
 }
 
 }  // namespace

@@ -6,9 +6,6 @@
 
 #include <csignal>
 #include <cstdint>
-#include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <string>
 #include <string_view>
 
@@ -16,6 +13,7 @@
 #include "tests/dds/domain.h"
 #include "tests/dds/peer_process.h"
 #include "tests/support/eventually.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr {
 namespace {
@@ -57,14 +55,10 @@ TEST_F(StopTest, AnUnattendedStopReportsClearAndItsDeathStops) {
 class TypedStopTest : public StopTest {
  protected:
   TypedStopTest() {
-    std::filesystem::create_directories(folder_);
     EXPECT_EQ(::mkfifo((folder_ / "typed").c_str(), 0600), 0);
     keyboard_ = ::open((folder_ / "typed").c_str(), O_RDWR | O_CLOEXEC);
   }
-  ~TypedStopTest() override {
-    EndOfInput();
-    std::filesystem::remove_all(folder_);
-  }
+  ~TypedStopTest() override { EndOfInput(); }
   void Type(std::string_view text) const {
     EXPECT_EQ(::write(keyboard_, text.data(), text.size()), static_cast<ssize_t>(text.size()));
   }
@@ -73,12 +67,10 @@ class TypedStopTest : public StopTest {
     keyboard_ = -1;
   }
   [[nodiscard]] bool Shows(const std::string& text) const {
-    std::ifstream in(folder_ / "shown");
-    return std::string(std::istreambuf_iterator<char>(in), {}).find(text) != std::string::npos;
+    return test::FileText(folder_ / "shown").find(text) != std::string::npos;
   }
 
-  const std::filesystem::path folder_ =
-      std::filesystem::temp_directory_path() / ("dfr-stop-" + std::to_string(::getpid()));
+  const test::TempFolder folder_;
   int keyboard_ = -1;
 };
 
