@@ -77,25 +77,6 @@ TEST(PipelineTest, AnInvalidPipelineIsRefusedWithTheRemedy) {
               testing::ThrowsMessage<std::runtime_error>(testing::HasSubstr("gst-launch-1.0")));
 }
 
-TEST(TopicTest, PicturesArriveUnchanged) {
-  dds::Participant camera({.domain = test::OwnDomain()});
-  dds::Participant participant({.domain = test::OwnDomain()});
-  dds::Publisher<dds::Image> publisher(camera, "/ECM/image_raw", dds::Role::kImage);
-  const auto endoscope = OpenTopic(participant, "/ECM/image_raw", SmallPictures());
-  Frame frame;
-  EXPECT_EQ(endoscope->Grab(frame), FrameStatus::kNever);
-  const std::int64_t stamp_ns = dds::Stamp::Now().nanoseconds();
-  std::uint64_t sent = 0;
-  Eventually([&] {
-    ++sent;
-    (void)publisher.Write(Message(Noise(sent), stamp_ns + static_cast<std::int64_t>(sent)));
-    return endoscope->Grab(frame) == FrameStatus::kOk;
-  });
-  const auto which = static_cast<std::uint64_t>(frame.stamp_ns - stamp_ns);
-  ASSERT_LE(which, sent);
-  EXPECT_EQ(std::memcmp(frame.image.data, Noise(which).data, 3UL * kWidth * kHeight), 0);
-}
-
 // The camera sends best effort, as ROS 2 does for sensor data: a reliable subscriber would not
 // match.
 TEST(TopicTest, ABestEffortCameraIsReceived) {

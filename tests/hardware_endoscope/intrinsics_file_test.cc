@@ -8,13 +8,14 @@
 #include <opencv2/core.hpp>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include "tests/support/message_of.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::hardware {
 namespace {
 
-using testing::AllOf;
 using testing::HasSubstr;
 
 vision::CameraModel Odd() {
@@ -31,15 +32,6 @@ vision::CameraModel Odd() {
 
 class IntrinsicsFileTest : public testing::Test {
  protected:
-  IntrinsicsFileTest()
-      : folder_(std::filesystem::path(testing::TempDir()) /
-                (std::string("intrinsics_") +
-                 testing::UnitTest::GetInstance()->current_test_info()->name())) {
-    std::filesystem::remove_all(folder_);
-    std::filesystem::create_directories(folder_);
-  }
-  ~IntrinsicsFileTest() override { std::filesystem::remove_all(folder_); }
-
   std::filesystem::path Write(const std::string& text) {
     std::filesystem::path path = folder_ / "camera.yaml";
     std::ofstream(path) << text;
@@ -48,23 +40,20 @@ class IntrinsicsFileTest : public testing::Test {
 
   std::string ErrorOf(const std::string& text) {
     const auto path = Write(text);
-    try {
-      (void)ReadIntrinsics(path);
-    } catch (const std::runtime_error& e) {
-      EXPECT_THAT(e.what(), HasSubstr(path.string()));
-      return e.what();
-    }
-    return "no error";
+    const std::string error =
+        dfr::test::MessageOf<std::runtime_error>([&] { (void)ReadIntrinsics(path); });
+    EXPECT_THAT(error, HasSubstr(path.string()));
+    return error;
   }
 
-  std::filesystem::path folder_;
+  const dfr::test::TempFolder folder_;
 };
 
 TEST_F(IntrinsicsFileTest, RoundTripIsExact) {
   const auto path = folder_ / "camera.yaml";
   WriteIntrinsics(path, Odd());
   EXPECT_EQ(ReadIntrinsics(path), Odd());
-  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder_), {}), 1);
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder_.path), {}), 1);
 }
 
 // OpenCV reads our files, and we read its files.
@@ -142,28 +131,28 @@ TEST_F(IntrinsicsFileTest, ErrorsNameFileAndKey) {
     return "distortion_coefficients:\n  rows: 1\n  cols: " + std::to_string(cols) + "\n  data: [" +
            data + "]\n";
   };
-  EXPECT_THAT(ErrorOf("<?xml version=\"1.0\"?>\n<opencv"), HasSubstr("neither YAML nor XML"));
-  EXPECT_THAT(ErrorOf(std::string("image_width: 6\0", 15)), HasSubstr("neither YAML nor XML"));
-  EXPECT_THAT(ErrorOf(std::string(1 << 21, '#')), HasSubstr("longer than a mebibyte"));
-  EXPECT_THAT(ErrorOf(k), HasSubstr("image_width is missing"));
-  EXPECT_THAT(ErrorOf("image_width: big\nimage_height: 1\n"),
-              HasSubstr("image_width is not a whole number"));
-  EXPECT_THAT(ErrorOf(size), HasSubstr("camera_matrix is missing"));
-  EXPECT_THAT(ErrorOf(size + "camera_matrix:\n  rows: 3\n  cols: 3\n  data: [1, 2"),
-              HasSubstr("camera_matrix has a list that does not end with ]"));
-  EXPECT_THAT(
-      ErrorOf(size + "camera_matrix:\n  rows: 2147483647\n  cols: 2147483647\n  data: []\n"),
-      HasSubstr("has 0 entries, not 2147483647 x 2147483647"));
-  EXPECT_THAT(ErrorOf(size + "camera_matrix: 7\n"), HasSubstr("camera_matrix is not a matrix"));
-  EXPECT_THAT(ErrorOf(size + k), HasSubstr("distortion_coefficients is missing"));
-  EXPECT_THAT(ErrorOf(size + k + d("1., 2., 3.", 3)), HasSubstr("has 3 entries; supported: 4, 5"));
-  EXPECT_THAT(ErrorOf(size + k + d("1., 2., 3.", 5)), HasSubstr("has 3 entries, not 1 x 5"));
-  EXPECT_THAT(ErrorOf(size + k + d("0., 0., 0., 0., 0., 0.1, 0., 0.", 8)),
-              AllOf(HasSubstr("entry 6"), HasSubstr("CALIB_RATIONAL_MODEL")));
-  EXPECT_THAT(ErrorOf(size + k + d("0., .Nan, 0., 0., 0.", 5)),
-              HasSubstr("distortion_coefficients has an entry that is not a finite number"));
-  EXPECT_THAT(ErrorOf("image_width: -640\nimage_height: 480\n" + k + d("0., 0., 0., 0.", 4)),
-              HasSubstr("camera_matrix is not valid"));
+  const std::pair<std::string, const char*> rows[] = {
+      {"<?xml version=\"1.0\"?>\n<opencv", "neither YAML nor XML"},
+      {std::string("image_width: 6\0", 15), "neither YAML nor XML"},
+      {std::string(1 << 21, '#'), "longer than a mebibyte"},
+      {k, "image_width is missing"},
+      {"image_width: big\nimage_height: 1\n", "image_width is not a whole number"},
+      {size, "camera_matrix is missing"},
+      {size + "camera_matrix:\n  rows: 3\n  cols: 3\n  data: [1, 2",
+       "camera_matrix has a list that does not end with ]"},
+      {size + "camera_matrix:\n  rows: 2147483647\n  cols: 2147483647\n  data: []\n",
+       "has 0 entries, not 2147483647 x 2147483647"},
+      {size + "camera_matrix: 7\n", "camera_matrix is not a matrix"},
+      {size + k, "distortion_coefficients is missing"},
+      {size + k + d("1., 2., 3.", 3), "has 3 entries; supported: 4, 5"},
+      {size + k + d("1., 2., 3.", 5), "has 3 entries, not 1 x 5"},
+      {size + k + d("0., 0., 0., 0., 0., 0.1, 0., 0.", 8), "entry 6"},
+      {size + k + d("0., 0., 0., 0., 0., 0.1, 0., 0.", 8), "CALIB_RATIONAL_MODEL"},
+      {size + k + d("0., .Nan, 0., 0., 0.", 5),
+       "distortion_coefficients has an entry that is not a finite number"},
+      {"image_width: -640\nimage_height: 480\n" + k + d("0., 0., 0., 0.", 4),
+       "camera_matrix is not valid"}};
+  for (const auto& [text, words] : rows) EXPECT_THAT(ErrorOf(text), HasSubstr(words));
   EXPECT_THROW((void)ReadIntrinsics(folder_ / "none.yaml"), std::runtime_error);
   EXPECT_THROW(WriteIntrinsics(folder_ / "no" / "such" / "folder.yaml", Odd()), std::runtime_error);
   vision::CameraModel none = Odd();
