@@ -70,38 +70,22 @@ TEST_F(BringUpTest, ASimulatedArmIsHomedWithoutBeingAsked) {
   EXPECT_EQ(robot_.arm.homings, 1);
 }
 
-TEST_F(BringUpTest, AReasonToHoldEndsHoming) {
-  struct {
-    HoldReason reason;
-    const char* detail;
-  } const cases[] = {{HoldReason::kEmergencyStop, "pressed"},
-                     {HoldReason::kEmergencyStopSilent, "gone"}};
-  for (const auto& found : cases) {
-    FakeRobot robot;
-    robot.arm.unhomed = true;
-    options_.loop = &robot.loop;
-    options_.arm = &robot.arm;
-    const Confirms confirms = [&](std::string_view, std::string_view) {
-      robot.clock.plan_ns = robot.clock.now_ns + 500'000'000;
-      robot.clock.plan = [&] { robot.stop.found = {found.reason, found.detail}; };
+TEST_F(BringUpTest, AStopOrCtrlCEndsHomingAndCtrlCEndsWaiting) {
+  const auto during = [this](std::function<void()> found) -> Confirms {
+    return [this, found](std::string_view, std::string_view) {
+      Later(0.5, found);
       return true;
     };
-    EXPECT_EQ(Refusal(confirms), std::string("PSM1 was not homed: ") + runtime::Name(found.reason) +
-                                     ": " + found.detail);
-    EXPECT_TRUE(robot.arm.unhomed);
-    EXPECT_EQ(robot.arm.disabled_ns, robot.clock.now_ns) << "in the same period";
-  }
-}
-
-TEST_F(BringUpTest, CtrlCEndsHomingAndWaiting) {
-  const Confirms confirms = [this](std::string_view, std::string_view) {
-    Later(0.5, [this] { robot_.interrupted = true; });
-    return true;
   };
-  EXPECT_EQ(Refusal(confirms), "PSM1 was not homed: operator: interrupted");
+  const auto press = [this] { robot_.stop.found = {HoldReason::kEmergencyStop, "pressed"}; };
+  EXPECT_EQ(Refusal(during(press)), "PSM1 was not homed: emergency-stop: pressed");
+  EXPECT_EQ(robot_.arm.disabled_ns, robot_.clock.now_ns) << "in the same period";
+  robot_.stop.found = {};
+  const auto interrupt = [this] { robot_.interrupted = true; };
+  EXPECT_EQ(Refusal(during(interrupt)), "PSM1 was not homed: operator: interrupted");
   EXPECT_TRUE(robot_.arm.unhomed);
   const std::int64_t start_ns = robot_.clock.now_ns;
-  EXPECT_EQ(Refusal(confirms), "the robot is not ready: operator: interrupted");
+  EXPECT_EQ(Refusal(during(interrupt)), "the robot is not ready: operator: interrupted");
   EXPECT_LT(robot_.clock.now_ns - start_ns, 500'000'000) << "waiting ends at once";
 }
 

@@ -38,8 +38,8 @@ TEST(EmergencyStopMonitorTest, AStopIsSilentUntilHeardAndPressedUntilAcknowledge
   };
   becomes(runtime::HoldReason::kNone);
   button.Press();
-  becomes(runtime::HoldReason::kEmergencyStop);
   button.Release();
+  becomes(runtime::HoldReason::kEmergencyStop);  // a press outlasts an immediate release
   test::Eventually([&] {
     button.Beat();
     monitor.Acknowledge();
