@@ -69,23 +69,6 @@ TEST_F(SprkDriverTest, EveryFrameArrivesInOnePiece) {
       test::AllClose(commands.back().Pose().angles_rad, driver.commanded().angles_rad, 1e-15));
 }
 
-// A frame must be sent in one write. The emulator reproduces the firmware's reaction to two writes.
-TEST_F(SprkDriverTest, FrameInTwoWritesIsMisread) {
-  const SprkDriver raw_mode(Options());
-  const int fd = ::open(emulator_.device().c_str(), O_WRONLY | O_NOCTTY);
-  if (fd < 0) {
-    // The driver's claim excludes other users, except root.
-    ASSERT_EQ(errno, EBUSY);
-    return;
-  }
-  ASSERT_EQ(::write(fd, "a05", 3), 3);
-  const auto commands = emulator_.Await(1);
-  ::close(fd);
-  ASSERT_FALSE(commands.empty());
-  EXPECT_FALSE(commands[0].whole);
-  EXPECT_TRUE(commands[0].saturated);
-}
-
 TEST_F(SprkDriverTest, NothingMovesBeforeHoming) {
   SprkDriver driver(Options());
   EXPECT_FALSE(driver.Estimate().known);
@@ -166,31 +149,25 @@ TEST_F(SprkDriverTest, WavesSweepAndHoldInTheirMiddle) {
   EXPECT_NEAR(commands[2].Pose().translation_m.x(), 0.00254, 1e-12);
 }
 
+// The driver ignores the firmware's output, and finds the fault with and without a command.
 TEST_F(SprkDriverTest, PulledPlugIsReportedAndFinal) {
-  SprkDriver driver(Options());
-  ASSERT_EQ(driver.Home(), SprkStatus::kOk);
-  ASSERT_EQ(emulator_.Await(1).size(), 1U);
-  emulator_.Unplug();
-  Wait(1.0);
-  EXPECT_EQ(driver.MoveTo(Pose(0.001, 0, 0)), SprkStatus::kDeviceFailed);
-  EXPECT_EQ(driver.error(), EIO);
-  EXPECT_FALSE(driver.Estimate().known);
-  EXPECT_EQ(driver.Home(), SprkStatus::kDeviceFailed);
-  EXPECT_EQ(driver.Hold(), SprkStatus::kDeviceFailed);
-}
-
-// The driver detects this without sending anything, and ignores the firmware's output.
-TEST_F(SprkDriverTest, PulledPlugIsDetectedWithoutACommand) {
-  SprkDriver driver(Options());
-  EXPECT_EQ(driver.Check(), SprkStatus::kOk) << "before it is home, too";
-  ASSERT_EQ(driver.Home(), SprkStatus::kOk);
-  ASSERT_EQ(emulator_.Await(1).size(), 1U);
-  emulator_.Print("nonsense \xff\x00");
-  EXPECT_EQ(driver.Check(), SprkStatus::kOk);
-  emulator_.Unplug();
-  EXPECT_EQ(driver.Check(), SprkStatus::kDeviceFailed);
-  EXPECT_EQ(driver.error(), EIO);
-  EXPECT_EQ(driver.Hold(), SprkStatus::kDeviceFailed);
+  for (const bool with_a_command : {false, true}) {
+    test::SprkEmulator emulator;
+    SprkDriver driver({.device = emulator.device(), .clock_s = [this] { return now_s_; }});
+    EXPECT_EQ(driver.Check(), SprkStatus::kOk) << "before it is home, too";
+    ASSERT_EQ(driver.Home(), SprkStatus::kOk);
+    ASSERT_EQ(emulator.Await(1).size(), 1U);
+    emulator.Print("nonsense \xff\x00");
+    EXPECT_EQ(driver.Check(), SprkStatus::kOk);
+    Wait(1.0);
+    emulator.Unplug();
+    EXPECT_EQ(with_a_command ? driver.MoveTo(Pose(0.001, 0, 0)) : driver.Check(),
+              SprkStatus::kDeviceFailed);
+    EXPECT_EQ(driver.error(), EIO);
+    EXPECT_FALSE(driver.Estimate().known);
+    EXPECT_EQ(driver.Home(), SprkStatus::kDeviceFailed);
+    EXPECT_EQ(driver.Hold(), SprkStatus::kDeviceFailed);
+  }
 }
 
 // The other end of the port does not read: a frame that does not fit fails instead of waiting.
@@ -236,13 +213,11 @@ TEST_F(SprkDriverTest, ErrorsOfOpeningNameTheReason) {
   EXPECT_THAT(OpenError("/dev/no-such-port"),
               testing::AllOf(HasSubstr("/dev/no-such-port"), HasSubstr("plugged in")));
   EXPECT_THAT(OpenError("/dev/null"), HasSubstr("not a serial port"));
-  const SprkDriver first(Options());
-  EXPECT_THAT(OpenError(emulator_.device()), HasSubstr("another program"));
-}
-
-TEST_F(SprkDriverTest, ClosingFreesThePort) {
-  { const SprkDriver driver(Options()); }
-  EXPECT_EQ(OpenError(emulator_.device()), "nothing thrown");
+  {
+    const SprkDriver first(Options());
+    EXPECT_THAT(OpenError(emulator_.device()), HasSubstr("another program"));
+  }
+  EXPECT_EQ(OpenError(emulator_.device()), "nothing thrown") << "it was closed";
 }
 
 // Directly after another frame, Hold() and Home() wait until the firmware can receive theirs.

@@ -2,8 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include <cmath>
-
 #include "tests/support/all_close.h"
 
 namespace dfr::hardware {
@@ -35,15 +33,6 @@ TEST(SprkLagTest, SolvesTheLagsEquation) {
     EXPECT_TRUE(test::AllClose(lag.At(time_s).translation_m, x.translation_m, 1e-5));
     EXPECT_TRUE(test::AllClose(lag.At(time_s).angles_rad, x.angles_rad, 1e-4));
   }
-}
-
-TEST(SprkLagTest, RestStaysAndOneTimeConstantLeaves37Percent) {
-  SprkLag lag;
-  lag.Rest(Pose(0.004, 0.0), 1.0);
-  EXPECT_EQ(lag.At(100.0).translation_m.x(), 0.004);
-  lag.Command(Pose(0.0, 0.0), 2.0);
-  EXPECT_NEAR(lag.At(2.2).translation_m.x(), 0.004 * std::exp(-1.0), 1e-15);
-  EXPECT_EQ(lag.commanded().translation_m.x(), 0.0);
 }
 
 }  // namespace
