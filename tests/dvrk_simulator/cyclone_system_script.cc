@@ -8,15 +8,17 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <cstdlib>
+#include <cstring>
 #include <functional>
+#include <numeric>
 #include <string>
-#include <utility>
 #include <vector>
 
-#include "cyclone_system_psm.h"
 #include "ros2_types.h"
 #include "tests/dds/cyclone.h"
+#include "tests/dvrk_simulator/cyclone_system_psm.h"
 
 namespace {
 
@@ -24,7 +26,6 @@ using dfr::test::Check;
 using dfr::test::Joints;
 using dfr::test::MakeReader;
 using dfr::test::MakeWriter;
-using dfr::test::participant;
 using dfr::test::Psm;
 using dfr::test::Require;
 using dfr::test::Step;
@@ -69,40 +70,37 @@ bool Ask(Psm& psm, const std::string& name, const dds_topic_descriptor_t& query_
   return psm.Until(5.0, [&] { return TakeAll<Answer>(reader, use); });
 }
 
-void JawMoves(Psm& psm) {
-  const auto close = [&] { return psm.SendJoints("jaw/move_jp", {-20.0 * kDegree}); };
-  const auto open = [&] { return psm.SendJoints("jaw/move_jp", {60.0 * kDegree}); };
-  const auto insert = [&](double depth) {
-    Joints goal = Current(psm);
-    goal[2] = depth;
-    return psm.Move(goal);
-  };
-  Step("close and open without other move command");
-  psm.Wait(close());
-  Require(psm.Until(5.0, [&] { return std::abs(psm.jaw.at(0) + 20.0 * kDegree) < 1e-9; }));
-  psm.Wait(open());
-  Step("close and open with joint move command");
-  psm.WaitBusy(close());
-  psm.Wait(insert(0.1));
-  psm.WaitBusy(open());
-  psm.Wait(insert(0.15));
-  Step("close and open with cartesian move command");
-  psm.Wait(psm.Move({0.0, 0.0, 0.12, 0.0, 0.0, 0.0}));
-  Require(psm.Until(1.0, [&] { return psm.setpoint_cp.position_.z_ < -0.113; }));
-  geometry_msgs_msg_dds__Pose_ goal = psm.setpoint_cp;
-  goal.position_.x_ -= 0.05;
-  psm.WaitBusy(psm.SendPose("move_cp", goal));
-  psm.Wait(close());
-  goal.position_.x_ += 0.05;
-  psm.Wait(psm.SendPose("move_cp", goal));
+// Waits for a picture of the endoscope that is not dark, and for its camera's description.
+void AwaitPicture(Psm& psm) {
+  const dds_entity_t images = MakeReader(sensor_msgs_msg_dds__Image__desc, "rt/ECM/image_raw", 1);
+  const dds_entity_t infos =
+      MakeReader(sensor_msgs_msg_dds__CameraInfo__desc, "rt/ECM/camera_info", 1);
+  bool good = false;
+  Require(psm.Until(30.0, [&] {
+    TakeAll<sensor_msgs_msg_dds__Image_>(images, [&](const auto& m) {
+      const std::uint8_t* const begin = m.data_._buffer;
+      const std::uint8_t* const end = begin + m.data_._length;
+      good = m.height_ == 480 && m.width_ == 640 && m.step_ == 1920 &&
+             std::strcmp(m.encoding_, "bgr8") == 0 && m.data_._length == 480 * 1920 &&
+             std::accumulate(begin, end, 0.0) > 20.0 * m.data_._length;
+    });
+    return good;
+  }));
+  good = false;
+  Require(psm.Until(30.0, [&] {
+    TakeAll<sensor_msgs_msg_dds__CameraInfo_>(infos, [&](const auto& m) {
+      good = m.height_ == 480 && m.width_ == 640 && m.d_._length == 5 && m.k_[0] > 100.0 &&
+             m.k_[8] == 1.0 && std::strcmp(m.distortion_model_, "plumb_bob") == 0;
+    });
+    return good;
+  }));
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
   if (argc != 2) return 1;
-  participant = Check(dds_create_participant(
-      static_cast<dds_domainid_t>(std::strtoul(argv[1], nullptr, 10)), nullptr, nullptr));
+  dfr::test::Join(argv[1]);
   Psm psm;
 
   Step("check_connections");
@@ -119,66 +117,31 @@ int main(int argc, char** argv) {
   psm.Wait(psm.Move({0.0, 0.0, 0.12, 0.0, 0.0, 0.0}));
   psm.Wait(psm.Move(Current(psm)));
 
-  Step("servo_jp, two joints, 10 degrees and back, as fast as in the script");
+  Step("servo_jp and servo_cp");
   const Joints home = Current(psm);
-  for (int i = 0; i < 200; ++i) {
-    const double wave = 5.0 * kDegree * (1.0 - std::cos(i * 360.0 * kDegree / 200));
-    Joints goal = home;
-    goal[0] += wave;
-    goal[1] += wave;
-    psm.SendJoints("servo_jp", {goal.begin(), goal.end()});
-    psm.Until(0.01, [] { return false; });
-    Require(psm.measured_s > 0.0 && psm.setpoint_s > 0.0);
-    if (i == 100) Require(psm.Until(5.0, [&] { return psm.setpoint.at(0) > 0.13; }));
-  }
-  Step("move_jp, and back");
   Joints goal = home;
   goal[0] += 10.0 * kDegree;
   goal[1] -= 10.0 * kDegree;
-  psm.Wait(psm.Move(goal));
+  psm.SendJoints("servo_jp", {goal.begin(), goal.end()});
   Require(psm.Until(5.0, [&] { return Near(psm.setpoint, goal); }));
-  psm.Wait(psm.Move(home));
-
-  Step("servo_cp, 4 cm and back");
-  Require(psm.Until(5.0, [&] { return Near(psm.setpoint, home) && psm.setpoint_cp_s > 0.0; }));
   psm.Until(0.1, [] { return false; });
-  const geometry_msgs_msg_dds__Pose_ initial = psm.setpoint_cp;
-  for (int i = 0; i < 200; ++i) {
-    const double wave = 0.02 * (1.0 - std::cos(i * 360.0 * kDegree / 200));
-    geometry_msgs_msg_dds__Pose_ pose = initial;
-    pose.position_.x_ += wave;
-    pose.position_.y_ += wave;
-    psm.SendPose("servo_cp", pose);
-    psm.Until(0.01, [] { return false; });
-    if (i == 100) {
-      Require(psm.Until(5.0, [&] {
-        return std::abs(psm.setpoint_cp.position_.x_ - initial.position_.x_ - 0.04) < 2e-3;
-      }));
-    }
-  }
-  Step("move_cp, 5 cm to each side");
-  for (const auto& [dx, dy] : {std::pair{-0.05, 0.0}, std::pair{0.05, 0.0}, std::pair{0.0, -0.05},
-                               std::pair{0.0, 0.05}, std::pair{0.0, 0.0}}) {
-    geometry_msgs_msg_dds__Pose_ pose = initial;
-    pose.position_.x_ += dx;
-    pose.position_.y_ += dy;
-    psm.Wait(psm.SendPose("move_cp", pose));
-    Require(psm.Until(5.0, [&] {
-      return std::hypot(psm.setpoint_cp.position_.x_ - pose.position_.x_,
-                        psm.setpoint_cp.position_.y_ - pose.position_.y_) < 1e-6;
-    }));
-  }
-
-  JawMoves(psm);
+  const geometry_msgs_msg_dds__Pose_ turned = psm.setpoint_cp;
+  psm.Wait(psm.Move(home));
+  psm.SendPose("servo_cp", turned);
+  Require(psm.Until(5.0, [&] { return Near(psm.setpoint, goal); }));
+  Step("move_jp and move_cp");
+  psm.Wait(psm.Move(home));
+  Require(psm.Until(5.0, [&] { return Near(psm.setpoint, home); }));
+  psm.Wait(psm.SendPose("move_cp", turned));
+  Require(psm.Until(5.0, [&] { return Near(psm.setpoint, goal); }));
+  Step("jaw/move_jp, alone and during a move of the arm");
+  psm.Wait(psm.SendJoints("jaw/move_jp", {-20.0 * kDegree}));
+  Require(psm.Until(5.0, [&] { return std::abs(psm.jaw.at(0) + 20.0 * kDegree) < 1e-9; }));
+  psm.WaitBusy(psm.SendJoints("jaw/move_jp", {60.0 * kDegree}));
+  psm.Wait(psm.Move(home));
   Step("jaw/servo_jp");
-  for (int i = 0; i < 100; ++i) {
-    psm.SendJoints("jaw/servo_jp", {kDegree * (50.0 + 30.0 * std::sin(0.01 * i))});
-    psm.Until(0.01, [] { return false; });
-  }
-  Require(psm.Until(5.0, [&] {
-    return std::abs(psm.jaw.at(0) - kDegree * (50.0 + 30.0 * std::sin(0.99))) < 1e-6;
-  }));
-
+  psm.SendJoints("jaw/servo_jp", {50.0 * kDegree});
+  Require(psm.Until(5.0, [&] { return std::abs(psm.jaw.at(0) - 50.0 * kDegree) < 1e-6; }));
   Step("trajectory_j/ratio");
   psm.SetRatio(0.5);
   Require(psm.Until(5.0, [&] { return psm.ratio == 0.5; }));
@@ -233,6 +196,8 @@ int main(int argc, char** argv) {
     return psm.tool == "LARGE_NEEDLE_DRIVER:400006" && psm.state_word == "ENABLED" &&
            !psm.words.empty();
   }));
+  Step("image_raw and camera_info");
+  AwaitPicture(psm);
   Step("hold and disable");
   std_msgs_msg_dds__Empty_ nothing{};
   Check(dds_write(psm.writer("hold"), &nothing));

@@ -1,13 +1,16 @@
 #include <gtest/gtest.h>
 
 #include <csignal>
+#include <cstddef>
 #include <filesystem>
 #include <fstream>
 #include <string>
 #include <vector>
 
+#include "dfr/dds/channel.h"
 #include "tests/dds/domain.h"
 #include "tests/dds/peer_process.h"
+#include "tests/support/eventually.h"
 
 namespace dfr::test {
 namespace {
@@ -35,13 +38,16 @@ void RemoveOldPorts(int domain) {
   }
 }
 
-// The two programs use different DDS implementations.
-TEST(DvrkSimulatorTest, MovesTheArmForAClientAndLeavesNoSharedMemory) {
+TEST(DvrkSimulatorTest, PublishesPicturesAndLeavesNoSharedMemory) {
   RemoveOldPorts(OwnDomain());
-  const std::string domain = std::to_string(OwnDomain());
-  PeerProcess simulator({DFR_SIMULATOR, "--domain", domain, "--homing", "0.1"});
-  PeerProcess client({DFR_CYCLONE_CLIENT, domain, "picture"});
-  ASSERT_EQ(client.Await(), 0);
+  PeerProcess simulator({DFR_SIMULATOR, "--domain", std::to_string(OwnDomain())});
+  {
+    dds::Participant client({.domain = OwnDomain()});
+    dds::Subscriber<dds::Image> images(client, "/ECM/image_raw", dds::Role::kImage);
+    dds::Image image;
+    Eventually([&] { return images.TakeNewest(image); });
+    EXPECT_EQ(image.data.size(), std::size_t{480} * 1920);
+  }
   const std::vector<std::string> files = SharedMemory(simulator);
   EXPECT_FALSE(files.empty());
   simulator.Signal(SIGINT);

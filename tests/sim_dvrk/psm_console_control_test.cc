@@ -8,6 +8,7 @@
 
 #include "dfr/kinematics/psm.h"
 #include "dfr/sim/dvrk/psm_console.h"
+#include "tests/kinematics/psm_home.h"
 
 namespace dfr::sim {
 namespace {
@@ -16,11 +17,7 @@ using kinematics::PsmJoints;
 
 class PsmConsoleControlTest : public testing::Test {
  protected:
-  PsmConsoleControlTest() {
-    PsmJoints joints = PsmJoints::Zero();
-    joints[2] = 0.12;
-    console_.Place(joints);
-  }
+  PsmConsoleControlTest() { console_.Place(test::PsmHome()); }
   // Returns the statements since the last call, in order.
   std::string Stated() {
     std::string all;
@@ -116,6 +113,9 @@ TEST_F(PsmConsoleControlTest, AStopEndsEachMoveOnce) {
     console_.Step(1e-3);
     (console_.*stop)();
     EXPECT_EQ(console_.TakeGoals(), std::vector<bool>({false, false}));
+    const PsmJoints there = console_.setpoint_joints();
+    for (int n = 0; n < 1000; ++n) console_.Step(1e-3);
+    EXPECT_EQ(console_.setpoint_joints(), there);
   }
 }
 

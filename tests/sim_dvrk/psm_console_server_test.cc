@@ -13,23 +13,16 @@
 
 #include "dfr/dds/channel.h"
 #include "tests/dds/domain.h"
-#include "tests/dds/peer_process.h"
+#include "tests/kinematics/psm_home.h"
 #include "tests/support/all_close.h"
 #include "tests/support/eventually.h"
 
 namespace dfr::sim {
 namespace {
 
-using kinematics::PsmJoints;
 using testing::Each;
 using testing::IsEmpty;
 using testing::SizeIs;
-
-PsmJoints HomeJoints() {
-  PsmJoints q = PsmJoints::Zero();
-  q[2] = 0.12;
-  return q;
-}
 
 dds::JointState Joints(const std::vector<double>& position) {
   dds::JointState message;
@@ -100,27 +93,22 @@ class PsmConsoleServerTest : public testing::Test {
   dds::OperatingState operating_;
 };
 
-TEST_F(PsmConsoleServerTest, MeasurementsAreStampedZeroUntilHomed) {
-  dds::PoseStamped pose;
-  Until([&] { return pose_.TakeNewest(pose); });
-  EXPECT_FALSE(pose.stamp.valid());
-  Home();
-  EXPECT_EQ(operating_.state, "ENABLED");
-  Until([&] { return pose_.TakeNewest(pose) && pose.stamp.valid(); });
-  EXPECT_EQ(pose.frame_id, "PSM1_base");
-  EXPECT_TRUE(test::AllClose(pose.position_m, Eigen::Vector3d(0.0, 0.0, -0.1135), 1e-12));
-}
-
-TEST_F(PsmConsoleServerTest, MovesReportTheirEnd) {
+TEST_F(PsmConsoleServerTest, MeasurementsAreStampedZeroUntilHomedAndMovesReportTheirEnd) {
   dds::Publisher<dds::JointState> move(client_participant_, "/PSM1/move_jp", dds::Role::kRequest);
   dds::Subscriber<dds::Flag> goal(client_participant_, "/PSM1/goal_reached", dds::Role::kState);
-  Until([&] { return goal.health().publishers == 1; });
+  dds::PoseStamped pose;
+  Until([&] { return pose_.TakeNewest(pose) && goal.health().publishers == 1; });
+  EXPECT_FALSE(pose.stamp.valid());
   const dds::JointState where = Joints({0.1, 0.0, 0.12, 0.0, 0.0, 0.0});
   Command(move, where);
   dds::Text text;
   Until([&] { return warning_.TakeNewest(text); });
   EXPECT_EQ(text.text, "PSM1: move_jp dropped, arm not ready: DISABLED");
   Home();
+  EXPECT_EQ(operating_.state, "ENABLED");
+  Until([&] { return pose_.TakeNewest(pose) && pose.stamp.valid(); });
+  EXPECT_EQ(pose.frame_id, "PSM1_base");
+  EXPECT_TRUE(test::AllClose(pose.position_m, Eigen::Vector3d(0.0, 0.0, -0.1135), 1e-12));
   dds::Flag reached;
   Until([&] {
     // Repeated until the client receives that the motion is complete.
@@ -149,7 +137,7 @@ TEST_F(PsmConsoleServerTest, AllCommandsArriveAndAllStatesAgree) {
                                                dds::Role::kState);
   dds::Subscriber<dds::Text> error(client_participant_, "/PSM1/error", dds::Role::kEvent);
   Until([&] { return twist.health().publishers == 1; });
-  console_.Place(HomeJoints());
+  console_.Place(test::PsmHome());
   const auto yaw = [&] { return console_.setpoint_joints()[0]; };
   const dds::JointState turn = Joints({0.01, 0.0, 0.0, 0.0, 0.0, 0.0});
   // Messages without effect are sent until the console receives the topic. The relevant message is
@@ -208,7 +196,7 @@ TEST_F(PsmConsoleServerTest, AllCommandsArriveAndAllStatesAgree) {
 TEST_F(PsmConsoleServerTest, CartesianStatesAreGoals) {
   dds::Publisher<dds::CartesianState> servo(client_participant_, "/PSM1/servo_cs",
                                             dds::Role::kCommand);
-  console_.Place(HomeJoints());
+  console_.Place(test::PsmHome());
   dds::CartesianState goal;
   const Eigen::Isometry3d home = console_.setpoint_pose();
   goal.position_m = home.translation() + Eigen::Vector3d(0.002, 0.0, 0.0);
@@ -227,18 +215,11 @@ TEST_F(PsmConsoleServerTest, CartesianStatesAreGoals) {
   });
 }
 
-// An independent implementation homes and moves the arm.
-TEST_F(PsmConsoleServerTest, CycloneClientHomesAndMovesTheArm) {
-  test::PeerProcess client({DFR_CYCLONE_CLIENT, std::to_string(test::OwnDomain())});
-  Until([&] { return client.Ended().has_value(); });
-  EXPECT_EQ(client.Await(), 0);
-}
-
 // Tests each fault by its name, as seen by a client.
 class ConsoleFaultTest : public PsmConsoleServerTest {
  protected:
   void SetUp() override {
-    console_.Place(HomeJoints());
+    console_.Place(test::PsmHome());
     Until([&] {
       dds::PoseStamped pose;
       return pose_.Take(pose);
@@ -281,16 +262,13 @@ MATCHER(IsNan, "") { return arg.position_m.array().isNaN().all(); }
 MATCHER(HasNoStamp, "") { return !arg.stamp.valid(); }
 MATCHER_P(IsStamped, ns, "") { return arg.stamp.nanoseconds() == ns; }
 
-TEST_F(ConsoleFaultTest, StatesAreCorrupted) {
+TEST_F(ConsoleFaultTest, StatesAreCorruptedOrLost) {
   EXPECT_THAT(With("corrupt", "1", 3), testing::AllOf(SizeIs(3), Each(IsNan())));
   EXPECT_THAT(With("invalid", "1", 3), testing::AllOf(SizeIs(3), Each(HasNoStamp())));
   const std::int64_t last = now_ns_;
   EXPECT_THAT(With("freeze", "1", 3), testing::AllOf(SizeIs(3), Each(IsStamped(last))));
   const std::vector<dds::PoseStamped> ahead = With("clock_jump", "3600", 1);
   EXPECT_THAT(ahead, testing::ElementsAre(IsStamped(end_ns_ + 3'600'000'000'000)));
-}
-
-TEST_F(ConsoleFaultTest, StatesAreLost) {
   EXPECT_THAT(With("silent", "1", 20), IsEmpty());
   EXPECT_THAT(With("drop", "1", 20), IsEmpty());
   // 30, with a standard deviation of 3.9. The limits are four of these away.
@@ -340,13 +318,14 @@ TEST_F(ConsoleFaultTest, ValuesOutOfRangeAreRefusedByName) {
   ConsoleFaults faults;
   EXPECT_FALSE(SetFault(faults, "dust", "1"));
   EXPECT_THROW((void)SetFault(faults, "freeze", "yes"), std::invalid_argument);
-  EXPECT_THROW((void)SetFault(faults, "delay", ""), std::invalid_argument);
-  EXPECT_THROW((void)SetFault(faults, "delay", "1s"), std::invalid_argument);
-  EXPECT_THROW(server_.SetFaults({.delay_s = 3.0}), std::invalid_argument);
-  EXPECT_THROW(server_.SetFaults({.jitter_s = -1.0}), std::invalid_argument);
-  EXPECT_THROW(server_.SetFaults({.drop = 1.5}), std::invalid_argument);
-  EXPECT_THROW(server_.SetFaults({.drop_commands = std::nan("")}), std::invalid_argument);
-  EXPECT_THROW(server_.SetFaults({.clock_jump_s = 1e9}), std::invalid_argument);
+  for (const char* value : {"", "1s"}) {
+    EXPECT_THROW((void)SetFault(faults, "delay", value), std::invalid_argument);
+  }
+  for (const ConsoleFaults& refused :
+       {ConsoleFaults{.delay_s = 3.0}, ConsoleFaults{.jitter_s = -1.0}, ConsoleFaults{.drop = 1.5},
+        ConsoleFaults{.drop_commands = std::nan("")}, ConsoleFaults{.clock_jump_s = 1e9}}) {
+    EXPECT_THROW(server_.SetFaults(refused), std::invalid_argument);
+  }
 }
 
 }  // namespace
