@@ -7,7 +7,6 @@
 #include <limits>
 #include <memory>
 
-#include "tests/sim_line_tracking/ground_truth.h"
 #include "tests/sim_line_tracking/perfect_calibration.h"
 #include "tests/support/no_alloc.h"
 
@@ -24,7 +23,7 @@ using test::Truth;
 TEST(LineTrackingPlantTest, OpenLoopDemonstrationsFollowTheLineWhenNothingMoves) {
   const line_task::LineCalibration known = PerfectCalibration(Truth());
   LineTrackingPlant plant(Truth(), &known);
-  for (std::uint64_t seed = 0; seed < 50; ++seed) {
+  for (std::uint64_t seed = 0; seed < 20; ++seed) {
     SCOPED_TRACE(seed);
     plant.Reset(seed);
     ASSERT_FALSE(plant.completed());
@@ -165,46 +164,12 @@ TEST(LineTrackingPlantTest, RealTimeNeverStops) {
   EXPECT_GT((plant.truth().p_world_gauze.translation() - gauze).norm(), 5e-3);
 }
 
-// Uses the caller's arm and clock, with the readings of Apply().
-TEST(LineTrackingPlantTest, DrivenByReadingsItMovesAsByControls) {
-  LineTrackingOptions options = Truth(Wave::kRandom);
-  options.disturbance.between = true;
-  for (const bool during : {true, false}) {
-    options.disturbance.during = during;
-    LineTrackingPlant plant(options);
-    plant.Reset(7);
-    const auto copy = plant.Clone();
-    auto& driven = static_cast<LineTrackingPlant&>(*copy);
-    for (int i = 0; i < 40; ++i) {
-      const std::array<double, 2> u = {0.5 + 0.4 * std::sin(i), 0.5 * std::cos(3.0 * i)};
-      const kinematics::PsmJoints from = driven.reported_joints();
-      ASSERT_EQ(plant.Apply(u), PlantStatus::kOk);
-      const kinematics::PsmJoints to = plant.reported_joints();
-      const Eigen::Vector3d step(LineTrackingPlant::kStep * u[0], LineTrackingPlant::kStep * u[1],
-                                 0.0);
-      const double duration_s = step.norm() / LineTrackingPlant::kSpeed;
-      const int samples = static_cast<int>(std::ceil(duration_s / 0.02));
-      const double dt_s = duration_s / samples;
-      const test::NoAlloc guard;
-      for (int k = 1; k <= samples; ++k) {
-        const kinematics::PsmJoints target =
-            from + (to - from) * (static_cast<double>(k) / samples);
-        const kinematics::PsmJoints now = driven.reported_joints();
-        driven.Drive(now + (1.0 - std::exp(-dt_s / 0.02)) * (target - now), dt_s, during);
-      }
-      driven.Rest(to);
-    }
-    EXPECT_EQ(driven.TrueState(), plant.TrueState());
-    EXPECT_EQ(driven.collided(), plant.collided());
-    EXPECT_EQ(driven.platform_pose().translation_m, plant.platform_pose().translation_m);
-  }
-}
-
 // Without further motion, a platform settles at its commanded pose with its time constant.
 TEST(LineTrackingPlantTest, DrivenPlatformLagsBehindItsCommand) {
   LineTrackingPlant plant(Truth(Wave::kRandom));
   plant.Reset(7);
   const kinematics::PsmJoints reading = plant.reported_joints();
+  const test::NoAlloc guard;
   for (int i = 0; i < 500; ++i) plant.Drive(reading, 2e-3, true);
   const Eigen::Vector3d there = plant.platform_setpoint().translation_m;
   const double behind = (plant.platform_pose().translation_m - there).norm();

@@ -5,7 +5,6 @@
 #include "dfr/core/random.h"
 #include "dfr/kinematics/sprk_platform.h"
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
-#include "tests/support/no_alloc.h"
 
 namespace dfr::sim::internal {
 namespace {
@@ -47,15 +46,6 @@ TEST(LineTrackingSceneTest, TheGauzeHasTheGivenPose) {
   pose.angles_rad = {0.05, -0.04, 0.1};
   data.Place(PsmJoints::Zero(), pose.Transform());
   EXPECT_TRUE(data.p_world_gauze().isApprox(pose.Transform(), 1e-14));
-}
-
-TEST(LineTrackingSceneTest, PlacingNeverAllocates) {
-  const SceneModel model(Places());
-  SceneData data(model);
-  core::Random random(2);
-  const test::NoAlloc guard;
-  data.Place(RandomJoints(random), Eigen::Isometry3d::Identity());
-  data.PlaceLegs();
 }
 
 }  // namespace

@@ -15,6 +15,14 @@ inline State Observe(const core::Plant& plant) {
   return x;
 }
 
+/// Returns options of a plant whose states are exact.
+inline sim::LineTrackingOptions Truth(sim::Wave wave = sim::Wave::kNone) {
+  sim::LineTrackingOptions options;
+  options.observation = sim::Observation::kGroundTruth;
+  options.disturbance.wave = wave;
+  return options;
+}
+
 /// Returns the result of a perfect calibration.
 inline line_task::LineCalibration PerfectCalibration(const sim::LineTrackingOptions& options) {
   line_task::LineCalibration known;
