@@ -5,20 +5,12 @@
 #include <string>
 
 #include "dfr/experiment/paired_evaluation.h"
-#include "tests/line_tracking/scene.h"
-#include "tests/sim_line_tracking/perfect_calibration.h"
-#include "trial_runner.h"
+#include "tests/line_tracking/demonstrations.h"
 
 namespace dfr::apps::line_tracking {
 namespace {
 
 using sim::LineTrackingPlant;
-
-LineModel Fitted() {
-  static const imitation::DemonstrationSet set =
-      Demonstrate(FromTruth(), test::PerfectCalibration(FromTruth()), 10, 50, 1);
-  return LineModel::Fit(set, {.hidden = {8}, .gammas = {0.5}});
-}
 
 // Breaks the camera after a few controls.
 class Saboteur final : public control::RolloutObserver {
@@ -34,22 +26,19 @@ class Saboteur final : public control::RolloutObserver {
   int controls_ = 0;
 };
 
+// LineTrackingPicturesTest has all faults.
 TEST(CameraEpisodesTest, ABlindCameraHaltsTheEpisode) {
   const sim::LineTrackingOptions options;
   const line_task::LineCalibration known = test::PerfectCalibration(options);
-  const LineModel model = Fitted();
-  for (const sim::CameraFault fault :
-       {sim::CameraFault::kFrozen, sim::CameraFault::kBlack, sim::CameraFault::kOverexposed,
-        sim::CameraFault::kNoLine, sim::CameraFault::kNoTip}) {
-    LineTrackingPlant plant(options, &known);
-    const auto controller = model.MakeController("baseline");
-    Saboteur saboteur(plant, fault);
-    const control::RolloutResult result =
-        control::Rollout(plant, *controller, {.plant_seed = 1}, &saboteur);
-    EXPECT_EQ(result.outcome, core::Outcome::kHalted);
-    EXPECT_EQ(result.halt_cause, control::HaltCause::kStateInvalid);
-    EXPECT_EQ(result.policy_steps, 4);
-  }
+  LineTrackingPlant plant(options, &known);
+  const LineModel model = SmallModel(0.5);
+  const auto controller = model.MakeController("baseline");
+  Saboteur saboteur(plant, sim::CameraFault::kFrozen);
+  const control::RolloutResult result =
+      control::Rollout(plant, *controller, {.plant_seed = 1}, &saboteur);
+  EXPECT_EQ(result.outcome, core::Outcome::kHalted);
+  EXPECT_EQ(result.halt_cause, control::HaltCause::kStateInvalid);
+  EXPECT_EQ(result.policy_steps, 4);
 }
 
 // The result names the feature that is missing in the picture.
@@ -58,7 +47,7 @@ TEST(CameraEpisodesTest, IntrinsicsOfAnotherCameraHaltTheEpisode) {
   line_task::LineCalibration foreign = test::PerfectCalibration(options);
   foreign.camera.fx *= 1.5;
   foreign.camera.fy *= 1.5;
-  LineTrialRunner runner(Fitted(), {"baseline", "controller"}, options, foreign);
+  LineTrialRunner runner(SmallModel(0.5), {"baseline", "controller"}, options, foreign);
   for (const int method : {0, 1}) {
     const experiment::EpisodeResult result = runner.Run(method, 1, 1);
     EXPECT_EQ(result.outcome, core::Outcome::kHalted);
@@ -78,7 +67,7 @@ TEST(CameraEpisodesTest, TheNumberOfThreadsDoesNotMatter) {
                                         .episodes = 1,
                                         .seed = 5};
   const auto make = [&](const experiment::EvaluationUnit& /*unit*/) {
-    return std::make_unique<LineTrialRunner>(Fitted(), plan.methods, options,
+    return std::make_unique<LineTrialRunner>(SmallModel(0.5), plan.methods, options,
                                              test::PerfectCalibration(options));
   };
   const auto run = [&](int threads) {

@@ -2,6 +2,7 @@
 // one process; the run as a program; the platform of a run, on an emulator's port.
 #include "simulator/lock_step.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <array>
@@ -9,7 +10,6 @@
 #include <fstream>
 #include <functional>
 #include <memory>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -26,9 +26,15 @@
 #include "tests/hardware_stewart/sprk_emulator.h"
 #include "tests/line_tracking/lock_step_config.h"
 #include "tests/line_tracking/model_folder.h"
+#include "tests/support/message_of.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::apps::line_tracking {
 namespace {
+
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::Not;
 
 // Takes 4 s, because it draws every picture of an episode. Only this test compares the robot's loop
 // over DDS with the plant in one process.
@@ -76,15 +82,54 @@ TEST(LaunchTest, AllStartedProgramsJoinTheSecuredNetwork) {
                             "exec '" DFR_LINE_TRACKING "' launch --episodes 1 --config '" +
                                 config.string() + "' > '" + out.string() + "' 2>&1"});
   ASSERT_EQ(launch.Await(), 0);
-  std::ostringstream text;
-  text << std::ifstream(out).rdbuf();
-  EXPECT_NE(text.str().find("-> armed"), std::string::npos) << text.str();
-  EXPECT_EQ(text.str().find("WITHOUT AN EMERGENCY STOP"), std::string::npos) << text.str();
+  EXPECT_THAT(test::FileText(out),
+              AllOf(HasSubstr("-> armed"), Not(HasSubstr("WITHOUT AN EMERGENCY STOP"))));
   ASSERT_TRUE(std::filesystem::exists(recordings));
   const recording::Recording log =
       recording::ReadRecording(std::filesystem::directory_iterator(recordings)->path());
   EXPECT_GT(log.steps.size(), 0U);
   EXPECT_EQ(log.metadata.more.at("emergency stop"), "required");
+}
+
+int Count(const std::string& printed, const std::string& text) {
+  int count = 0;
+  for (std::size_t at = printed.find(text); at != std::string::npos;
+       at = printed.find(text, at + 1)) {
+    ++count;
+  }
+  return count;
+}
+
+// Runs two episodes in lock-step, 4 s. Only this test reads the operator's output of a whole run.
+// LaunchTest has a run with an emergency stop.
+TEST(WithoutStopTest, ARunWarnsFirstAtEveryStartAndInItsRecording) {
+  const std::string warning =
+      "WITHOUT AN EMERGENCY STOP: only the console and Ctrl-C here stop the arm\n";
+  const std::filesystem::path folder = Data().path / "run-without-stop";
+  std::filesystem::create_directories(folder);
+  const int domain = test::OwnDomain();
+  std::ofstream(folder / "run.toml")
+      << "robot = 'dds'\nmethod = 'early-stopping'\nmodel = '" << (Data().path / "model").string()
+      << "'\ncalibration = '" << (Data().path / "calibration.dfr").string() << "'\nrecordings = '"
+      << (folder / "log").string() << "'\n[network]\ndomain = " << domain
+      << "\n[simulator]\npresent = true\nlock_step = true\nanswer_s = 86400.0\n"
+         "[emergency_stop]\nrequired = false\n[loop]\npriority = 0\n";
+  const test::PeerProcess simulator(
+      {DFR_SIMULATOR, "--lock-step", "--domain", std::to_string(domain)});
+  const std::filesystem::path out = folder / "out.txt";
+  test::PeerProcess run({"/bin/sh", "-c",
+                         "exec '" DFR_LINE_TRACKING "' run --episodes 2 --config '" +
+                             (folder / "run.toml").string() + "' > '" + out.string() + "'"});
+  const int code = run.Await();
+  const std::string printed = test::FileText(out);
+  ASSERT_EQ(code, 0) << printed;
+  EXPECT_TRUE(printed.starts_with(warning)) << printed;
+  const int starts = Count(printed, "-> armed");
+  EXPECT_GE(starts, 2) << printed;
+  EXPECT_EQ(Count(printed, "  " + warning), starts) << printed;
+  const recording::Recording log =
+      recording::ReadRecording(std::filesystem::directory_iterator(folder / "log")->path());
+  EXPECT_EQ(log.metadata.more.at("emergency stop"), "none");
 }
 
 // As with a stopped simulator, both kinds of requests time out while the loop continues.
@@ -102,12 +147,7 @@ TEST(SimulatorLinkTest, AnUnansweredRequestTimesOut) {
       [&] { static_cast<void>(link.Truth()); }};
   for (const auto& ask : ways) {
     const std::int64_t start_ns = now_ns;
-    try {
-      ask();
-      ADD_FAILURE() << "it is answered";
-    } catch (const std::runtime_error& e) {
-      EXPECT_STREQ(e.what(), "the simulator does not answer 'truth'");
-    }
+    EXPECT_EQ(test::MessageOf<std::runtime_error>(ask), "the simulator does not answer 'truth'");
     EXPECT_GE(now_ns - start_ns, 5'000'000'000);
     EXPECT_LE(now_ns - start_ns, 5'000'000'000 + 2 * step_ns);
   }
@@ -170,9 +210,8 @@ TEST_F(PlatformTest, MovesOnTheOperatorsWordAndRestsWhenTheRobotHolds) {
       return false;
     };
     EXPECT_THROW(robot.BringUp({}, refuses), std::runtime_error);
-    EXPECT_NE(asked.find("home position. If nothing touches the gauze, type platform|platform"),
-              std::string::npos)
-        << asked;
+    EXPECT_THAT(asked,
+                HasSubstr("home position. If nothing touches the gauze, type platform|platform"));
     EXPECT_EQ(Arrived(0), "");
     robot.BringUp({}, Agrees());
     EXPECT_EQ(Arrived(2), "ha") << "home, and rests there";

@@ -1,42 +1,25 @@
 #pragma once
 
-#include <unistd.h>
-
-#include <filesystem>
-#include <string>
-
 #include "dfr/control/rollout.h"
 #include "dfr/core/random.h"
-#include "model.h"
-#include "tests/line_tracking/scene.h"
-#include "tests/sim_line_tracking/perfect_calibration.h"
-#include "trial_runner.h"
+#include "tests/line_tracking/demonstrations.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::apps::line_tracking {
 
 /// A folder with model and calibration, removed with this object.
-class ModelFolder {
+class ModelFolder : public test::TempFolder {
  public:
   ModelFolder() {
-    std::filesystem::create_directories(path);
     line_task::LineCalibration known = test::PerfectCalibration(Disturbed());
     known.provenance.origin = core::Origin::kSimulated;
     known.Save(path / "calibration.dfr");
-    LineModelOptions options;
-    options.hidden = {8};
-    options.gammas = {0.5};
-    LineModel::Fit(Demonstrate(FromTruth(), known, 20, 50, 1), options).Save(path / "model");
+    SmallModel(0.5).Save(path / "model");
   }
-  ~ModelFolder() { std::filesystem::remove_all(path); }
-  ModelFolder(const ModelFolder&) = delete;
-  ModelFolder& operator=(const ModelFolder&) = delete;
 
   [[nodiscard]] line_task::LineCalibration Calibration() const {
     return line_task::LineCalibration::Load(path / "calibration.dfr");
   }
-
-  const std::filesystem::path path =
-      std::filesystem::temp_directory_path() / ("dfr-model-" + std::to_string(getpid()));
 };
 
 /// One folder for all tests of a program.

@@ -32,6 +32,7 @@
 #include "tests/dds/domain.h"
 #include "tests/dds/peer_process.h"
 #include "tests/line_tracking/scene.h"
+#include "tests/support/temp_folder.h"
 #include "trial_runner.h"
 
 namespace dfr::apps::line_tracking {
@@ -65,10 +66,8 @@ class Program {
   void Type(std::string_view text) const {
     EXPECT_EQ(::write(keyboard_, text.data(), text.size()), static_cast<ssize_t>(text.size()));
   }
-  [[nodiscard]] std::string Shown() const {
-    std::ifstream in(shown_);
-    return {std::istreambuf_iterator<char>(in), {}};
-  }
+  [[nodiscard]] std::string Shown() const { return test::FileText(shown_); }
+
   // Waits for one of the texts after the last awaited one. Returns the index of the first; -1:
   // none.
   int Await(const std::vector<std::string>& texts, double seconds = kQuestion) {
@@ -160,7 +159,6 @@ class Surgeon {
 class RobotFromNothingSystemTest : public testing::Test {
  protected:
   RobotFromNothingSystemTest() {
-    std::filesystem::create_directories(folder_);
     hardware::WriteIntrinsics(folder_ / "camera.yaml", sim::LineTrackingPlant::true_camera());
     // Limits for a busy machine.
     std::ofstream(config_) << "robot = 'dds'\nmodel = '" << (folder_ / "model").string()
@@ -173,15 +171,13 @@ class RobotFromNothingSystemTest : public testing::Test {
                            << "'\nmax_age_s = 5.0\n[emergency_stop]\nmax_silence_s = 5.0\n"
                               "[loop]\npriority = 0\nmax_period_s = 5.0\n";
   }
-  ~RobotFromNothingSystemTest() override { std::filesystem::remove_all(folder_); }
-
   [[nodiscard]] std::vector<std::string> Console() const {
     return {DFR_SIMULATOR, "--domain", std::to_string(domain_), "--homing", "0.2"};
   }
   // Takes twenty pictures; in twelve of them the tip touches the gauze.
   void Calibrate() {
     const test::PeerProcess console(Console());
-    Program program(folder_, "calibrate --config " + config_.string());
+    Program program(folder_.path, "calibrate --config " + config_.string());
     ASSERT_EQ(program.Await({"type home"}), 0) << program.Shown();
     program.Type("home\n");
     ASSERT_EQ(program.Await({"0 pictures, the tip touches in 0."}), 0) << program.Shown();
@@ -229,8 +225,7 @@ class RobotFromNothingSystemTest : public testing::Test {
   [[nodiscard]] core::Provenance Own() const { return ProvenanceOf(RobotConfig::Load(config_)); }
 
   const int domain_ = test::OwnDomain();
-  const std::filesystem::path folder_ =
-      std::filesystem::temp_directory_path() / ("robot_from_nothing_" + std::to_string(getpid()));
+  const test::TempFolder folder_;
   const std::filesystem::path config_ = folder_ / "robot.toml";
   const test::PeerProcess stop_{
       {DFR_HARDWARE, "stop", "--unattended", "--domain", std::to_string(domain_)}};
@@ -258,9 +253,9 @@ TEST_F(RobotFromNothingSystemTest, CalibratesDemonstratesFitsAndRuns) {
   imitation::DemonstrationSet set;
   for (const bool teleoperation : {false, true}) {
     const std::filesystem::path file = folder_ / (teleoperation ? "led.hdf5" : "driven.hdf5");
-    Program program(folder_, "demonstrate --config " + config_.string() + " --out " +
-                                 file.string() + " --count 1 --steps 45" +
-                                 (teleoperation ? " --teleoperation" : ""));
+    Program program(folder_.path, "demonstrate --config " + config_.string() + " --out " +
+                                      file.string() + " --count 1 --steps 45" +
+                                      (teleoperation ? " --teleoperation" : ""));
     if (!teleoperation) {
       ASSERT_EQ(program.Await({"type home"}), 0) << program.Shown();
       program.Type("home\n");
@@ -305,7 +300,7 @@ TEST_F(RobotFromNothingSystemTest, CalibratesDemonstratesFitsAndRuns) {
   fit.model.horizon = 45;
   RunFit(fit);
 
-  Program program(folder_, "run --config " + config_.string() + " --episodes 5");
+  Program program(folder_.path, "run --config " + config_.string() + " --episodes 5");
   const std::vector<std::string> outcomes = {"  completed", "  halted", "  collided"};
   for (int outcome = 1; outcome == 1;) {
     ASSERT_TRUE(program.Begin([&] { Place(5); })) << program.Shown();

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "dfr/core/random.h"
+#include "tests/kinematics/psm_home.h"
 
 namespace dfr::apps::line_tracking {
 namespace {
@@ -15,9 +16,7 @@ using kinematics::PsmJoints;
 
 // Sets the tool upright, as in line tracking, with the tips at those of `from`.
 bool UprightAt(const PsmJoints& from, PsmJoints& upright) {
-  PsmJoints home = PsmJoints::Zero();
-  home[2] = 0.12;
-  Eigen::Isometry3d pose = Psm::Forward(home);
+  Eigen::Isometry3d pose = Psm::Forward(test::PsmHome());
   pose.translation() = Psm::Tip(from) - Psm::kJawLength * pose.linear().col(2);
   return Psm::Inverse(pose, upright) == kinematics::PsmReach::kOk;
 }
@@ -46,8 +45,8 @@ TEST(TurnAboutTipTest, TheTipsStayInPlaceWhereOneMoveWouldLowerThem) {
   core::Random random(3);
   int turned = 0;
   double worst_of_one_move = 0.0;
-  for (int n = 0; n < 300; ++n) {
-    PsmJoints from = PsmJoints::Zero();
+  for (int n = 0; n < 200; ++n) {
+    PsmJoints from;
     from << random.Uniform(-0.2, 0.2), random.Uniform(-0.2, 0.2), random.Uniform(0.1, 0.14),
         random.Uniform(-1.0, 1.0), random.Uniform(-1.0, 1.0), random.Uniform(-1.0, 1.0);
     PsmJoints upright;
@@ -59,22 +58,20 @@ TEST(TurnAboutTipTest, TheTipsStayInPlaceWhereOneMoveWouldLowerThem) {
     EXPECT_EQ(way->back(), upright);
     EXPECT_LT(Follow(from, *way).astray_m, kMostAstray) << from.transpose();
   }
-  EXPECT_GT(turned, 270);
+  EXPECT_GT(turned, 180);
   EXPECT_GT(worst_of_one_move, 0.003) << "one move would not suffice";
 }
 
 TEST(TurnAboutTipTest, WithoutATurnThePathIsOneMove) {
-  PsmJoints home = PsmJoints::Zero();
-  home[2] = 0.12;
-  const auto way = TurnAboutTip(home, home);
+  const auto way = TurnAboutTip(test::PsmHome(), test::PsmHome());
   ASSERT_TRUE(way);
   EXPECT_EQ(way->size(), 1U);
 }
 
 TEST(TurnAboutTipTest, FindsNoPathBeyondTheJointLimits) {
-  PsmJoints from = PsmJoints::Zero();
+  PsmJoints from;
   from << 0.0, 0.0, 0.12, 3.0, 1.2, 1.2;
-  PsmJoints to = PsmJoints::Zero();
+  PsmJoints to;
   to << 0.0, 0.0, 0.12, -3.0, -1.2, -1.2;
   EXPECT_FALSE(TurnAboutTip(from, to));
 }
