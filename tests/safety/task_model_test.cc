@@ -298,10 +298,10 @@ TEST_F(TaskModelTest, WrongArgumentsAreNamed) {
   }
   TaskParts wrong = parts({1.0});
   wrong.published = {core::FeatureSelection(layout, "tip"), *Fit(true).published()};
-  EXPECT_THAT(refusal(wrong), HasSubstr("there are 2 features, the decision function takes 1"));
+  EXPECT_THAT(refusal(wrong), HasSubstr("there are 2 features, but the decision function takes 1"));
   wrong = parts({1.0});
   wrong.features = core::FeatureTransform::Identity(core::FeatureSelection(layout, "tip[1:2]"));
-  EXPECT_THAT(refusal(wrong), HasSubstr("there are 1 features, the decision function takes 2"));
+  EXPECT_THAT(refusal(wrong), HasSubstr("there are 1 features, but the decision function takes 2"));
 }
 
 TEST_F(TaskModelTest, WrongContentWithAValidChecksumIsRefusedOrUsable) {
