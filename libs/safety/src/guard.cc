@@ -133,7 +133,7 @@ struct Guard::Episode {
   control::GuidedController* guided = nullptr;       // The controller, if it can predict.
   std::unique_ptr<control::GuidedController> ahead;  // A copy for predictions.
   control::PhaseTracker tracker;
-  std::vector<double> features;  // Of the last state.
+  std::vector<double> features;  // Features of the last state.
   std::vector<double> proposed;
   std::vector<double> bounded;                                    // `proposed` within the limits.
   std::vector<double> given;                                      // Result of the last Filter().
