@@ -184,27 +184,29 @@ void NearestOf(const float* distances, std::size_t rows, std::size_t count, std:
   float between[kMostBetween + hn::MaxLanes(d)];
   const float* candidates = distances;
   std::size_t size = rows;
-  std::size_t below = 0;       // Number of distances below `low`.
-  std::size_t at_most = rows;  // Number of distances up to `high`.
+  struct {
+    std::size_t below;    // Number of distances below `low`.
+    std::size_t at_most;  // Number of distances up to `high`.
+  } counted = {0, rows};
   std::uint32_t low = BitsOf(least);
   std::uint32_t high = BitsOf(most);
   std::uint32_t bound = high;
   std::size_t left_out = 0;  // Number of distances below all candidates.
   while (low < high) {
-    if (kCompresses && candidates == distances && at_most - below <= kMostBetween) {
+    if (kCompresses && candidates == distances && counted.at_most - counted.below <= kMostBetween) {
       size = Between(distances, rows, FloatOf(low), FloatOf(high), between);
       candidates = between;
-      left_out = below;
+      left_out = counted.below;
     }
     const std::uint32_t middle = low + (high - low) / 2;
     const std::size_t within = left_out + CountAtMost(candidates, size, FloatOf(middle));
     if (within >= count) {
       high = bound = middle;
-      at_most = within;
+      counted.at_most = within;
       if (within == count) break;
     } else {
       low = middle + 1;
-      below = within;
+      counted.below = within;
     }
   }
   const float farthest = FloatOf(bound);
