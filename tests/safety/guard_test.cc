@@ -11,6 +11,8 @@
 
 #include "dfr/control/guided/guided_controller.h"
 #include "dfr/control/published/switching_controller.h"
+#include "dfr/core/random.h"
+#include "dfr/safety/guard_model.h"
 #include "tests/safety/corridor.h"
 #include "tests/safety/corridor_guard.h"
 #include "tests/support/no_alloc.h"
@@ -51,6 +53,41 @@ TEST(GuardTest, KeepsADriftingPolicyInsideAndMoving) {
   }
   EXPECT_GE(plant.x[1], 1.8);
   EXPECT_GT(changed, 0);
+}
+
+// One feature is the same in all demonstrations at each time step, as in examples/fit_a_guard.cc.
+// The estimated response of such a feature is noise, which must not stop the corrections of the
+// other.
+TEST(GuardTest, KeepsADriftingPolicyInsideWhereOneFeatureNeverVaries) {
+  core::StateLayout layout;
+  layout.Add("tip", 2);
+  for (std::uint64_t seed = 1; seed <= 6; ++seed) {
+    core::Random random(seed);
+    std::vector<core::Trajectory> demonstrations(30);
+    for (core::Trajectory& demonstration : demonstrations) {
+      demonstration.states.resize(21, 2);
+      demonstration.controls.resize(20, 2);
+      demonstration.states.row(0) << 0.0, 0.1 * random.Normal();
+      for (Eigen::Index t = 0; t < 20; ++t) {
+        const double y = demonstration.states(t, 1);
+        demonstration.controls.row(t) << 0.1, -0.3 * y + 0.05 * random.Normal();
+        demonstration.states.row(t + 1) =
+            demonstration.states.row(t) + demonstration.controls.row(t);
+      }
+    }
+    Guard guard(GuardModel::Fit(layout, demonstrations, {.features = "tip"}));
+    guard.Reset(1);
+    std::vector<double> tip = {0.0, 0.0};
+    std::vector<double> safe(2);
+    for (int t = 0; t < 40 && tip[0] < 1.8; ++t) {
+      const Verdict verdict = guard.Filter(t, tip, std::vector{0.09, 0.06}, safe);
+      ASSERT_NE(verdict.mode, Mode::kHalt) << verdict.reason() << ", seed " << seed;
+      for (int k = 0; k < 2; ++k) tip[k] += safe[k];
+      // Alone the policy ends at 1.2. Demonstrated states have a standard deviation of .1.
+      ASSERT_LT(std::abs(tip[1]), 0.5) << "seed " << seed << ", step " << t;
+    }
+    EXPECT_GE(tip[0], 1.8);
+  }
 }
 
 // The guard equals the named controller with the action as a policy.

@@ -1,6 +1,5 @@
 #include "dfr/control/response/local_fit.h"
 
-#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -130,8 +129,7 @@ double LocalFit::Agreement(Eigen::Index k) noexcept {
   const double share = prior_->Share(k, gain, transitions_);
   const double used = transitions_.sums(k, n + 1 + k);
   const double ridge = prior_->options().ridge;
-  // With the ratio r, the share is 1 / (1 + r).
-  return std::max(0.0, 2.0 - (ridge + used) / (ridge + used * share));
+  return (ridge + used * share) / (ridge + used);
 }
 
 void LocalFit::AddEffect(const Eigen::Ref<const Eigen::VectorXd>& v, double duration,

@@ -65,7 +65,7 @@ inline constexpr int kMostRelocations = 2;
 inline constexpr double kIdle = 0.5;
 /// SafetyFilter: if a raise changes an entry by more than this, in ordinary demonstrated controls,
 /// LocalFit::Agreement() damps the change. It uses every kAgreementStride-th transition.
-inline constexpr double kLeastHedged = 0.3;
+inline constexpr double kLeastHedged = 0.4;
 inline constexpr int kAgreementStride = 8;
 /// SafetyFilter: a direction of control counts as unknown if the largest eigenvalue of A^-1 exceeds
 /// this value, which corresponds to a fifth of an ordinary control's measurement.

@@ -74,11 +74,11 @@ class LocalFit {
     return explained < kLeastExplained && error > kMostError;
   }
 
-  /// Returns the agreement of nearby demonstrations on the effect of entry `k` of a control:
-  /// max(0, 1 - R / S). Along the row of D for v_k, entry `k` explains the variance S, and all
-  /// entries with the drift leave the variance R unexplained. If a contact begins nearby, J is a
-  /// mean of two responses, and the agreement is small. 1 if demonstrations did not use the entry:
-  /// J then comes from measurements. O(n) for each transition used.
+  /// Returns the agreement of nearby demonstrations on the effect of entry `k` of a control, in [0,
+  /// 1]. It is the share of variance along the row of D for v_k that the entry explains, after the
+  /// other entries and the drift. If a contact begins nearby, J is a mean of two responses, and the
+  /// share is small. 1 if demonstrations did not use the entry: J then comes from measurements.
+  /// O(n) for each transition used.
   [[nodiscard]] double Agreement(Eigen::Index k) noexcept;
 
   /// Returns the largest eigenvalue of the block of A^-1 that belongs to v, and writes its
