@@ -8,12 +8,15 @@
 
 #include "dfr/core/random.h"
 #include "dfr/kernel/one_class_svm.h"
+#include "tests/kernel/libsvm_peer.h"
 #include "tests/support/message_of.h"
 
 namespace dfr::kernel {
 namespace {
 
 using test::Kind;
+using test::LibsvmPeer;
+using test::MedianSquaredDistance;
 using test::Samples;
 using testing::HasSubstr;
 
@@ -25,6 +28,30 @@ TEST_P(HardProblemsTest, FitsConvergeForAllSizesWidthsAndNu) {
   for (const int m : {2, 7, 60, 200}) {
     for (const int n : {1, 9, 256}) {
       if (m * n <= 60 * 256) test::CheckFits(GetParam(), m, n, {1.0 / m, 0.05, 0.5, 1.0}, random);
+    }
+  }
+}
+
+TEST_P(HardProblemsTest, ObjectivesAreNoHigherThanThoseOfLibsvm) {
+  constexpr double kTolerance = 1e-3;
+  core::Random random(52);
+  for (const int m : {7, 60, 200}) {
+    for (const int n : {1, 9}) {
+      const core::Matrix samples = Samples(GetParam(), m, n, random);
+      const double unit = 1.0 / MedianSquaredDistance(samples);
+      for (const double width : {1e-3, 0.1, 1.0, 10.0, 1e3}) {
+        for (const double nu : {0.05, 0.5}) {
+          SCOPED_TRACE(testing::Message()
+                       << m << " x " << n << ", width " << width << ", nu " << nu);
+          const double gamma = width * unit;
+          const LibsvmPeer peer(samples, nu, gamma, kTolerance);
+          FitSummary summary;
+          (void)OneClassSvm::Fit(samples, {.nu = nu, .gamma = gamma, .tolerance = kTolerance},
+                                 &summary);
+          // Both are within tolerance * nu m of the minimum; LIBSVM's kernel is float.
+          EXPECT_LE(summary.objective, peer.Objective() * (1.0 + 1e-6) + kTolerance * nu * m);
+        }
+      }
     }
   }
 }
