@@ -65,6 +65,30 @@ TEST(FeatureTransformTest, WithoutDecorrelationItDividesByTheStandardDeviation) 
   EXPECT_NEAR(diagonal[2], 0.001, 0.00005);
 }
 
+// No unit of another feature affects the scale.
+TEST(FeatureTransformTest, ScalesAFeatureWithoutVarianceByItsStep) {
+  for (const double unit : {1e-6, 1.0, 1e6}) {
+    for (const bool local : {true, false}) {
+      Random random(4);
+      std::vector<Matrix> demonstrations;
+      for (int d = 0; d < 20; ++d) {
+        Matrix states(20, 2);
+        for (Eigen::Index t = 0; t < states.rows(); ++t) {
+          states.row(t) << 0.1 * static_cast<double>(t), unit * random.Normal();
+        }
+        demonstrations.push_back(states);
+      }
+      const WhiteningOptions options = {.local = local};
+      const auto transform =
+          FeatureTransform::Whitening(FeatureSelection::All(2), demonstrations, options);
+      const Matrix z = transform.Apply(demonstrations[0]);
+      const double step = 1.0 / std::sqrt(1.0 + options.ridge);
+      EXPECT_NEAR(z(1, 0) - z(0, 0), step, 1e-9) << unit;
+      EXPECT_NEAR(transform.scale()(1, 1) * unit, step, 0.1) << unit;
+    }
+  }
+}
+
 // Two ways are 20 standard deviations apart. A unit of z is closer to the spread of one way.
 TEST(FeatureTransformTest, SeveralWaysAreNotOneWideOne) {
   Random random(3);

@@ -74,6 +74,25 @@ TEST(LocalScatterTest, OutliersHaveLittleEffect) {
   EXPECT_TRUE(test::AllClose(scatter, skewed.Scaled(skewed.covariance), 0.4));
 }
 
+// A sum of other coordinates and one that is constant up to the rounding of its mean are no further
+// dimensions, in which points would have more distant neighbours.
+TEST(LocalScatterTest, OnlyIndependentCoordinatesAreDimensions) {
+  Skewed skewed;
+  const auto groups = skewed.Groups(Eigen::RowVector3d::Zero());
+  std::vector<Matrix> wider;
+  for (std::size_t g = 0; g < groups.size(); ++g) {
+    Matrix points(groups[g].rows(), 5);
+    points << groups[g], groups[g].rowwise().sum(),
+        Eigen::VectorXd::Constant(groups[g].rows(), 0.1 * static_cast<double>(g));
+    wider.push_back(points);
+  }
+  const Matrix scatter = LocalScatter(wider);
+  EXPECT_TRUE(test::AllClose(skewed.Scaled(scatter.topLeftCorner(3, 3)),
+                             skewed.Scaled(skewed.covariance), 0.2));
+  EXPECT_EQ(scatter.row(4), Eigen::RowVectorXd::Zero(5));
+  EXPECT_EQ(PooledCovariance(wider).col(4), Eigen::VectorXd::Zero(5));
+}
+
 // Units scale the scatter. The order of points has no relevant effect.
 TEST(LocalScatterTest, ScalesWithTheUnits) {
   Skewed skewed;

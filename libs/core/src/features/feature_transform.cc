@@ -1,5 +1,6 @@
 #include "dfr/core/features/feature_transform.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <utility>
@@ -10,6 +11,21 @@
 #include "dfr/core/numerics/quantile.h"
 
 namespace dfr::core {
+namespace {
+
+// Returns the root mean square change of each feature per time step.
+Eigen::VectorXd Steps(std::span<const Matrix> features) {
+  Eigen::VectorXd sum = Eigen::VectorXd::Zero(features[0].cols());
+  Eigen::Index count = 0;
+  for (const Matrix& f : features) {
+    const Eigen::Index steps = std::max<Eigen::Index>(f.rows() - 1, 0);
+    sum += (f.bottomRows(steps) - f.topRows(steps)).colwise().squaredNorm().transpose();
+    count += steps;
+  }
+  return (sum / static_cast<double>(std::max<Eigen::Index>(count, 1))).cwiseSqrt();
+}
+
+}  // namespace
 
 FeatureTransform::FeatureTransform(FeatureSelection selection, Eigen::VectorXd offset, Matrix scale)
     : selection_(std::move(selection)), offset_(std::move(offset)), scale_(std::move(scale)) {
@@ -55,15 +71,18 @@ FeatureTransform FeatureTransform::Whitening(FeatureSelection selection,
     count += rows;
     steps.push_back(std::move(here));
   }
-  const Matrix scatter = options.local ? LocalScatter(steps) : PooledCovariance(steps);
+  Matrix scatter = options.local ? LocalScatter(steps) : PooledCovariance(steps);
 
   Eigen::VectorXd sd = scatter.diagonal().cwiseSqrt();
   const double largest = sd.maxCoeff();
   DFR_THROW_UNLESS(largest > 0.0, "no selected feature ever differs between demonstrations");
-  // A constant feature has no scale; the floor avoids a division by zero.
-  constexpr double kConstant = 1e-9;
-  for (double& s : sd) {
-    if (s < kConstant * largest) s = largest;
+  const Eigen::VectorXd step = Steps(features);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    if (sd[i] > 0.0) continue;
+    // In all demonstrations, the feature is the same function of time. With a scale far below its
+    // change per time step, a small relative error of that change would exceed all other changes.
+    sd[i] = step[i] > 0.0 ? step[i] : largest;
+    if (step[i] > 0.0) scatter(i, i) = sd[i] * sd[i];
   }
   const Matrix inverse_sd = sd.cwiseInverse().asDiagonal();
   const Matrix correlation = inverse_sd * scatter * inverse_sd;

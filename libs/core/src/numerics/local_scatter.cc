@@ -17,6 +17,11 @@ namespace {
 
 constexpr Eigen::Index kFewest = 4;
 constexpr Eigen::Index kMost = 128;
+// Eigenvalues of a correlation matrix up to this one are rounding.
+constexpr double kLeast = 1e-9;
+// Coordinates whose standard deviation is at most this fraction of their largest value differ by
+// the rounding of their mean.
+constexpr double kRelativeRounding = 1e-12;
 
 Matrix Thinned(const Matrix& points) {
   if (points.rows() <= kMost) return points;
@@ -97,6 +102,13 @@ double NormalScatter(Eigen::Index count, Eigen::Index n, const LocalScatterOptio
   return at->second;
 }
 
+Matrix InverseSquareRoot(const SymmetricEigen& eigen, double ridge) {
+  DFR_THROW_UNLESS(ridge > 0.0, "the ridge must be positive, not " << ridge);
+  const Eigen::VectorXd scale = (eigen.values.array().max(0.0) + ridge).rsqrt();
+  const Eigen::MatrixXd scaled = eigen.vectors * scale.asDiagonal();
+  return scaled * eigen.vectors.transpose();
+}
+
 }  // namespace
 
 Matrix LocalScatter(std::span<const Matrix> groups, const LocalScatterOptions& options) {
@@ -114,15 +126,16 @@ Matrix LocalScatter(std::span<const Matrix> groups, const LocalScatterOptions& o
   if (points.empty()) return global;
 
   const Matrix least = 0.0025 * global.diagonal().asDiagonal().toDenseMatrix();
-  // A constant coordinate does not count as a dimension.
-  const Eigen::Index dimensions =
-      std::max<Eigen::Index>(1, (global.diagonal().array() > 0.0).count());
+  Eigen::Index dimensions = 0;
   Matrix scatter = global;
   for (int round = 0; round < options.rounds; ++round) {
     Eigen::VectorXd inverse_sd = scatter.diagonal().cwiseSqrt();
     for (double& s : inverse_sd) s = s > 0.0 ? 1.0 / s : 0.0;
     const Matrix scaled = inverse_sd.asDiagonal() * scatter * inverse_sd.asDiagonal();
-    const Matrix map = InverseSquareRoot(scaled, options.ridge) * inverse_sd.asDiagonal();
+    const SymmetricEigen eigen = DecomposeSymmetric(scaled);
+    // Neither a constant coordinate nor a linear combination of others counts as a dimension.
+    if (round == 0) dimensions = std::max<Eigen::Index>(1, (eigen.values.array() > kLeast).count());
+    const Matrix map = InverseSquareRoot(eigen, options.ridge) * inverse_sd.asDiagonal();
     scatter = Matrix::Zero(n, n);
     Eigen::Index count = 0;
     for (const Matrix& group : points) {
@@ -131,6 +144,12 @@ Matrix LocalScatter(std::span<const Matrix> groups, const LocalScatterOptions& o
       count += group.rows();
     }
     scatter = scatter / static_cast<double>(count) + least;
+  }
+  // Rounding again.
+  for (Eigen::Index i = 0; i < n; ++i) {
+    if (global(i, i) > 0.0) continue;
+    scatter.row(i).setZero();
+    scatter.col(i).setZero();
   }
   return scatter;
 }
@@ -149,15 +168,22 @@ Matrix PooledCovariance(std::span<const Matrix> groups) {
     count += group.rows();
   }
   DFR_THROW_UNLESS(count > 0, "there are no points");
-  return covariance / static_cast<double>(count);
+  covariance /= static_cast<double>(count);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    double most = 0.0;
+    for (const Matrix& group : groups) {
+      if (group.rows() > 0) most = std::max(most, group.col(i).cwiseAbs().maxCoeff());
+    }
+    if (std::sqrt(covariance(i, i)) <= kRelativeRounding * most) {
+      covariance.row(i).setZero();
+      covariance.col(i).setZero();
+    }
+  }
+  return covariance;
 }
 
 Matrix InverseSquareRoot(const Matrix& covariance, double ridge) {
-  DFR_THROW_UNLESS(ridge > 0.0, "the ridge must be positive, not " << ridge);
-  const SymmetricEigen eigen = DecomposeSymmetric(covariance);
-  const Eigen::VectorXd scale = (eigen.values.array().max(0.0) + ridge).rsqrt();
-  const Eigen::MatrixXd scaled = eigen.vectors * scale.asDiagonal();
-  return scaled * eigen.vectors.transpose();
+  return InverseSquareRoot(DecomposeSymmetric(covariance), ridge);
 }
 
 }  // namespace dfr::core

@@ -39,7 +39,8 @@ class FeatureTransform {
   /// differ from their neighbours at the same time step (LocalScatter()), pooled over all t at
   /// which at least half of the demonstrations are still running. z therefore has about unit
   /// variance across demonstrations, for any units. Progress of the task does not count as
-  /// variance.
+  /// variance. sd of a feature that moves in the same way in all demonstrations is its root mean
+  /// square change per time step.
   /// @param demonstrations  one matrix of whole states each, rows in order of time.
   /// @throws std::invalid_argument if there are fewer than two demonstrations, their widths do not
   ///   fit, a ridge is not positive, or no selected feature differs between them.

@@ -34,7 +34,8 @@ struct LocalScatterOptions {
 [[nodiscard]] Matrix LocalScatter(std::span<const Matrix> groups,
                                   const LocalScatterOptions& options = {});
 
-/// Returns the covariance of the points about their group means, pooled over groups.
+/// Returns the covariance of the points about their group means, pooled over groups; exactly 0 for
+/// an entry that is constant within each group.
 /// @throws std::invalid_argument if there is no point or widths differ.
 [[nodiscard]] Matrix PooledCovariance(std::span<const Matrix> groups);
 
