@@ -18,7 +18,7 @@ void RunEvaluate(const EvaluateOptions& options) {
                                                     imitation::PictureRequests(model->layout()));
   if (reader->layout() != model->layout()) {
     throw std::runtime_error(options.demonstrations.string() +
-                             ": its states have parts different from those of " +
+                             ": states have blocks different from those of " +
                              options.guard.string());
   }
   safety::Guard guard(model);

@@ -115,7 +115,7 @@ std::vector<ReplayedEpisode> Replay(const std::shared_ptr<const safety::GuardMod
   const auto reader =
       imitation::OpenDemonstrations(path, filter_key, imitation::PictureRequests(model.layout()));
   if (reader->layout() != model.layout()) {
-    throw std::runtime_error(path.string() + ": its states have parts different from the guard's");
+    throw std::runtime_error(path.string() + ": states have blocks different from the guard's");
   }
   std::vector<ReplayedEpisode> episodes;
   safety::Guard guard(shared);

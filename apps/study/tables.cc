@@ -32,7 +32,7 @@ constexpr const char* kChangeUnit =
     "changes, "
     "in ordinary demonstrated controls.";
 
-// Returns the row's part of ids; empty for a sum over tasks and conditions.
+// Returns the learner of the row's episodes, as in their ids; empty for a sum over learners.
 std::string LearnerOf(const Row& row) {
   return row.task.empty() ? "" : row.task + kBetween + row.condition;
 }

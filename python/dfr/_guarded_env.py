@@ -76,8 +76,8 @@ def _limits_of(space: Any, size: int) -> Any:
     if not bounds[k] > 0.0:
         raise ValueError(
             f"entry {k} of the environment's actions lies in [{np.ravel(low)[k]:g}, {np.ravel(high)[k]:g}]: a guard "
-            "needs room on both sides of zero, which must hold still. Rescale actions, as "
-            "gymnasium.wrappers.RescaleAction does."
+            "needs a negative lower and a positive upper bound, because a zero action must hold the robot still. "
+            "Rescale actions, as gymnasium.wrappers.RescaleAction does."
         )
     return bounds
 

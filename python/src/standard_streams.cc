@@ -1,5 +1,5 @@
-// The linker replaces stderr and stdout by these variables (--wrap) in code that was compiled for
-// programs: such code cannot access those of the C library from a shared object.
+// Code that was compiled for an executable cannot access the C library's stderr and stdout from a
+// shared object. With --wrap, the linker replaces them by these variables.
 
 #include <cstdio>
 

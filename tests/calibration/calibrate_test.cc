@@ -43,7 +43,7 @@ Eigen::Isometry3d TargetInCamera() {
   return pose;
 }
 
-// The base, whose tool points down -z, seen from above at an angle.
+// A camera that looks down at the arm, inclined to the tool. The tool points along the base's -z.
 line_task::LineCalibration True() {
   line_task::LineCalibration known;
   known.camera.fx = 705.0;

@@ -245,7 +245,7 @@ TEST(ContrastTest, UndefinedRatiosAreAbsent) {
   EXPECT_FALSE(EstimateContrast(strata).collision_reduction_interval);
 }
 
-// No observed collision does not imply a rate of zero.
+// The true rate of collisions can be positive although no collision was observed.
 TEST(ContrastTest, ZeroCollisionsHaveAnExactBound) {
   const std::vector<PairedCounts> units(5, {60, 20, 0, 40, 10, 0});
   const Interval interval = EstimateContrast(units).collision_reduction_interval.value();

@@ -122,7 +122,7 @@ TEST(RolloutRunnerTest, AFilmIsAPageOfTheUndisturbedStates) {
   EXPECT_NE(page.str().find("<title>script, controls 7: 0.7000</title>"), std::string::npos);
   const std::string message = test::MessageOf<std::runtime_error>(
       [&] { static_cast<void>(runner.Film({0}, 1, 2, folder / "film.mp4")); });
-  EXPECT_NE(message.find("film.mp4: such episodes can only be saved as a page, .html"),
+  EXPECT_NE(message.find("film.mp4: without pictures a film is a page: choose a name"),
             std::string::npos)
       << message;
 }

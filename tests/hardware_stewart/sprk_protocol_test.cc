@@ -155,8 +155,8 @@ TEST(SprkProtocolTest, BrokenNumbersAreRefused) {
   }
 }
 
-// Accepted waves never saturate in the firmware, over 100 s of their time; and they have the
-// requested frequency, although the firmware counts sines in Hz and breaths in rad/s.
+// In 100 s, an accepted wave never saturates in the firmware. It has the requested frequency,
+// although the firmware's unit is Hz for sines and rad/s for breaths.
 TEST(SprkProtocolTest, WavesStayWithinReach) {
   core::Random random(2);
   int accepted = 0;

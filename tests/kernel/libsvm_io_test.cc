@@ -264,7 +264,7 @@ TEST_F(LibsvmIoTest, AFileLargerThanTheMemoryIsRefusedUnread) {
   if (refused || !std::filesystem::exists("/proc/meminfo")) GTEST_SKIP() << refused.message();
   EXPECT_THAT(dfr::test::MessageOf<std::runtime_error>([&] { (void)LoadSamples(path_); }),
               testing::AllOf(HasSubstr("8192.0 GiB of samples are more than the "),
-                             HasSubstr("use fewer of them")));
+                             HasSubstr("use fewer samples")));
 }
 
 TEST_F(LibsvmIoTest, SavingRespectsLinksAndModes) {

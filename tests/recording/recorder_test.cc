@@ -171,7 +171,7 @@ TEST_F(RecorderTest, DroppedStepsAreCountedAndNoted) {
               testing::HasSubstr("6 steps, transitions or states of the arm and 0 pictures"));
 }
 
-// Time passes quickly: the writing thread is never idle.
+// Advances by 50 ms per reading. Wait() returns at once, so the writing thread is always busy.
 class RestlessClock final : public RecorderClock {
  public:
   [[nodiscard]] std::int64_t SteadyNs() override { return now_ns_ += 50'000'000; }

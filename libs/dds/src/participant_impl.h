@@ -21,7 +21,7 @@
 
 namespace dfr::dds {
 
-/// Listens for discovered participants and for their admission.
+/// Records participants and publishers when DDS discovers, admits or refuses them.
 class PeerListener : public eprosima::fastdds::dds::DomainParticipantListener {
  public:
   /// @param authority  common name of the authority whose certificates are admitted.

@@ -81,8 +81,8 @@ class StopReader {
   std::array<Known, 16> known_{};
 };
 
-/// Sends to all listeners of the domain on this machine and, unless discovery is loopback, on all
-/// its networks. One object belongs to one thread at a time.
+/// Sends stop messages to all listeners of the domain on this machine and, unless discovery is
+/// kLoopback, on its networks. One object belongs to one thread at a time.
 class StopSender {
  public:
   /// @throws std::runtime_error naming the error of the system or the security files.

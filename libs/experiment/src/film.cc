@@ -95,7 +95,8 @@ void SaveFilm(const std::string& title, const core::StateLayout& layout,
               std::span<const FilmedEpisode> episodes, const std::filesystem::path& path,
               const std::string& entries, const std::vector<ReportMedia>& media) {
   if (path.extension() != ".html") {
-    throw std::runtime_error(path.string() + ": such episodes can only be saved as a page, .html");
+    throw std::runtime_error(
+        path.string() + ": without pictures a film is a page: choose a name that ends in .html");
   }
   const int dim = layout.state_dim();
   const std::vector<std::string> names = NamesOf(layout);

@@ -106,8 +106,8 @@ DrawnStart DrawStart(const EvaluationPlan& plan, const EvaluationUnit& unit, int
     const std::uint64_t seed = StartSeed(plan, unit.trial, start, attempt);
     if (runner.Accepts(seed)) return {seed, attempt};
   }
-  throw std::runtime_error("no start state is inside the support after " +
-                           std::to_string(plan.max_redraws) + " draws (" + Label(unit) + ")");
+  throw std::runtime_error("none of " + std::to_string(plan.max_redraws) +
+                           " drawn start states is inside the support (" + Label(unit) + ")");
 }
 
 std::uint64_t StartSeed(const EvaluationPlan& plan, int trial, int start, int attempt) noexcept {

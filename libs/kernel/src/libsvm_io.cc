@@ -122,8 +122,8 @@ void CheckFitsMemory(const std::filesystem::path& path) {
   const std::optional<std::uint64_t> available = AvailableMemory();
   if (unknown || !available || size <= *available) return;
   throw std::runtime_error(
-      core::Format("%s: %.1f GiB of samples are more than the %.1f GiB of memory that are "
-                   "available: use fewer of them, for example every tenth line",
+      core::Format("%s: %.1f GiB of samples are more than the %.1f GiB of available memory: use "
+                   "fewer samples, for example every tenth line",
                    path.c_str(), static_cast<double>(size) * 0x1p-30,
                    static_cast<double>(*available) * 0x1p-30));
 }

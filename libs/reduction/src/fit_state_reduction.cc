@@ -23,7 +23,7 @@ using internal::ViewOf;
 // Longer side of the pictures that are reduced to points, in pixels, unless a size is given.
 constexpr int kSideOfPoints = 32;
 
-// Removes the text before the first `separator` and returns it.
+// Returns the text before the first `separator`, and removes it and the separator from `text`.
 std::string_view Next(std::string_view& text, char separator) {
   const std::size_t end = text.find(separator);
   const std::string_view item = text.substr(0, end);

@@ -107,8 +107,8 @@ class EightPlant final : public Cloned<EightPlant> {
     x(3) = keeps * x(3) + (norm > 0.0 ? (1.0 - keeps) * u[1] / norm : 0.0);
     FailIf(Norm(Point{x(0), x(1)} - Along(x(4))) > kWidth);
   }
-  // Advances along the eight to the nearest point. The search is short, to avoid a jump across the
-  // middle.
+  // Advances to the point of the figure eight nearest to the plant. The short search cannot jump to
+  // the other branch at the crossing.
   void Follow() noexcept {
     const Point p{x(0), x(1)};
     double nearest = Norm(p - Along(x(4)));

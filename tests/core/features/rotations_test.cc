@@ -308,7 +308,7 @@ TEST(RotationsTest, ARotationVectorIsDistinguishedFromAnAngleBesideLengths) {
   EXPECT_TRUE(upright.continuous);
 }
 
-// Computed by 2 acos(w), with the sign of the quaternion different between episodes.
+// 2 acos(w) gives such vectors if the quaternion's sign differs between episodes.
 TEST(RotationsTest, RotationVectorsThatDifferBetweenEpisodesAreNamed) {
   const Rotation found =
       FindOne(Layout(3), Episodes(3, [](int d, double share) {

@@ -81,7 +81,7 @@ class GuardedEnvTest(unittest.TestCase):
         np.testing.assert_array_less(plant.largest, np.nextafter(np.float32(env.guard.settings["action_limit"]), 1))
         self.assertIs(dfr.GuardedEnv(Corridor(), self.guard).guard, self.guard)
         for space, message in [
-            (Space([-1, 0], [1, 1]), r"entry 1 .* \[0, 1\]: a guard needs room on both sides of zero"),
+            (Space([-1, 0], [1, 1]), r"entry 1 .* \[0, 1\]: a guard needs a negative lower and a positive upper bound"),
             (Space([-1, -1], [1, 1], np.int64), "continuous actions"),
         ]:
             plant.action_space = space

@@ -10,7 +10,7 @@ namespace dfr::control {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-// Target level just inside, with a margin for rounding.
+// Target level just inside the support, with a margin for rounding.
 constexpr double kInside = 1e-6;
 
 }  // namespace

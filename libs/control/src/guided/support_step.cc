@@ -22,8 +22,8 @@ double LevelAfter(const LocalModel& model, int phase, const Eigen::VectorXd& v, 
   return model.support.LogDecision(phase, {there.data(), model.z.size()}, gradient);
 }
 
-// AscendSupport(). Unless `needs_gradient`, leaves out the gradient at the end: most steps that may
-// reach the level do.
+// Implements AscendSupport(). Unless `needs_gradient`, computes no gradient after a step that
+// should reach the level, because most of these steps are the last.
 double Ascend(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
               Eigen::VectorXd& v, PredictedLevel& there, bool needs_gradient) noexcept {
   const Eigen::MatrixXd& j = model.response.jacobian();

@@ -73,7 +73,7 @@ bool AllVary(const std::vector<Eigen::Vector4d>& seen) {
   return (high - low).minCoeff() > kTolerance;
 }
 
-// Returns the number of entries that are ever nonzero. A single one can be a flag beside zeros.
+// Returns the number of entries that are ever nonzero. One nonzero entry may be a flag.
 int NumLive(const std::vector<Eigen::Vector4d>& seen) {
   Eigen::Vector4d largest = Eigen::Vector4d::Zero();
   for (const Eigen::Vector4d& q : seen) largest = largest.cwiseMax(q.cwiseAbs());

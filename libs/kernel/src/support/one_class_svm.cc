@@ -27,14 +27,14 @@ namespace dfr::kernel {
 
 static_assert(OneClassSvm::kMaxStateDim == internal::kMaxStateDim);
 
-// Memory of a decision's data, and the data that a decision does not read.
+// Memory of the decision function's data, and the data that its evaluation does not read.
 struct OneClassSvm::Parts {
   core::Matrix support_vectors;
   Eigen::VectorXd alpha;
   internal::AlignedVector<internal::CacheLine> memory;
 };
 
-// All data of a decision are one block of memory: this cache line, then a SumBlock.
+// All data that an evaluation reads are one block of memory: this cache line, then a SumBlock.
 struct alignas(64) OneClassSvm::Data {
   double rho;
   double log_rho;

@@ -23,7 +23,7 @@ class SceneView {
   static constexpr int kWidth = 640;
   static constexpr int kHeight = 480;
 
-  /// @param outside  draws the outside view with everything instead of the endoscope's.
+  /// @param outside  draws all bodies from the outside camera instead of the endoscope's view.
   /// @throws std::runtime_error if rendering is not possible on this machine.
   SceneView(const SceneModel& scene, bool outside);
 

@@ -13,9 +13,9 @@ namespace dfr::sim {
 /// correction.
 [[nodiscard]] line_task::LineCalibration NominalCalibration();
 
-/// Moves platform and arm through `frames` random poses (tilted, raised and lowered; the tip over
-/// and above the gauze, and touching it in every other frame). Records the endoscope's view,
-/// evaluated with NominalCalibration() only. Leaves the plant in the last of these poses.
+/// Moves platform and arm through `frames` random poses, and leaves the plant in the last one. The
+/// tip touches the gauze in every other pose. Records joints and features of the endoscope's view,
+/// found with NominalCalibration() only. Omits poses in which the marks are not found.
 /// @throws std::invalid_argument unless frames > 0.
 [[nodiscard]] std::vector<vision::CalibrationFrame> RecordCalibrationMotion(
     LineTrackingPlant& plant, int frames, std::uint64_t seed);

@@ -63,7 +63,7 @@ struct PusherStatistics {
 };
 
 /// The Pusher task of Sec. V-A in MuJoCo 2.2: a 7-joint arm pushes a cylinder over the goal.
-/// Cylinder, gripper and arm must not touch one of two red regions.
+/// Cylinder, gripper and arm must not touch either of the two red regions.
 ///
 /// State, in metres and radians, world frame (x from the arm to the goal, z up):
 ///   qpos(7)      joint angles: shoulder pan and lift, upper-arm roll, elbow flex, forearm roll,
@@ -75,7 +75,7 @@ struct PusherStatistics {
 ///   tip_tilt(3)  0.1 m times the sines of the gripper's turn from its home pose, from its rotation
 ///                matrix R: yaw R_yx, pitch R_zx, roll R_zy
 /// The support of Sec. V-A uses "red,object,tip". The paper's state also has joint velocities.
-/// States are observed at rest, where these are zero, and omit them.
+/// States here omit joint velocities, because they are observed at rest.
 ///
 /// Control (7): change of each joint angle, in units of PusherOptions::joint_step. Entries beyond
 /// +-1 saturate, because this is the actuators' limit, not an error. The arm stops at its joint
@@ -95,15 +95,16 @@ struct PusherStatistics {
 /// joint is slower than 1e-3 rad/s and the cylinder slower than 1e-3 m/s for 5 consecutive steps,
 /// or after 3 s; then velocities are set to zero. Joints have rotor inertia, viscous damping and
 /// Coulomb friction. The cylinder slides with Coulomb friction along x and y and keeps sliding
-/// after a push. Arm and table do not touch: references stay above the table, too. About fifty
-/// times slower.
+/// after a push. Arm and table do not touch: references stay above the table, too. Full dynamics
+/// are about fifty times slower.
 ///
 /// The collision check runs after every substep for the cylinder, the upper arm, forearm, hand and
 /// gripper against both red regions, in 3-D by exact distances of capsules. (The shoulder cannot
 /// reach that far.) The regions are posts of radius 0.06 m, 0.1 m high with a rounded top.
 ///
 /// The next state is a function of the current state and the control. There is no other solver
-/// state: a clone, or the same state reached in another way, continues bit for bit alike.
+/// state: a clone, or a plant that reached the same state in another way, continues bit for bit
+/// identically.
 ///
 /// Each object belongs to one thread; clones share only the immutable model.
 class PusherPlant final : public core::SimulatedPlant {
