@@ -58,7 +58,7 @@ struct ExperimentOptions : experiment::ExperimentOptions {
   /// Number of supervisors that take turns; 0: the preset's number.
   int supervisors = 0;
   bool convergence = true;
-  // If empty, the next two are those of the preset.
+  // Empty `learners` or `demonstrations`: those of the preset.
   std::vector<std::string> learners;
   std::vector<int> demonstrations;
   ModelOptions model;

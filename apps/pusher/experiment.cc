@@ -85,9 +85,8 @@ std::map<std::string, std::string> Settings(const ExperimentOptions& options,
           {"learning_rate", Exactly(model.learner.learning_rate)}};
 }
 
-// Start state for the video: at the last data point of the first learner, one from which the
-// reference collides and the method "controller", or the last method, completes; otherwise one from
-// which the reference collides.
+// Episode of the first learner for the video. Criteria, in this order: the reference collides, the
+// method "controller" (or the last method) completes, this method recovers, most demonstrations.
 struct Scene {
   experiment::EvaluationUnit unit;
   std::uint64_t start_seed = 0;

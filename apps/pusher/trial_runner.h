@@ -18,10 +18,10 @@
 
 namespace dfr::apps::pusher {
 
-/// An estimate's overlap with the red regions, P(red | g >= 0): states drawn around the
-/// demonstrated ones (cylinder displaced uniformly by at most 0.15 m, each joint by at most 0.1
-/// rad), kept if g_t >= 0. The overlap is the share of these that collides; no recovery on g can
-/// avoid it.
+/// Returns a support's overlap with the red regions, P(red | g >= 0). Displaces demonstrated states
+/// at random (cylinder by at most 0.15 m, each joint by at most 0.1 rad) and keeps those with
+/// g_t >= 0. The overlap is the fraction of kept states that collide. No recovery on g can avoid
+/// these collisions.
 [[nodiscard]] double SupportOverlap(const Model& model, const imitation::DemonstrationSet& set,
                                     sim::PusherPlant& plant, int samples, std::uint64_t seed);
 

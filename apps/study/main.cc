@@ -115,7 +115,7 @@ void AddOptions(CLI::App& command, Study& study) {
   experiment::AddRunOptions(command, study);
 }
 
-// Runs the controller without single parts, then without parts of its features and support.
+// Runs the controller without some of its parts, then with changed features and supports.
 void Ablate(Study study, bool causes) {
   study.controllers = {"controller", "lwr"};
   for (const std::string_view part : control::GuidedPartNames()) {

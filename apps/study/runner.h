@@ -29,7 +29,7 @@ enum class Kind { kControllers, kGuards, kPlane };
 /// Options for guards on pictures, which run beside guards on states.
 struct PictureOptions {
   std::string features = {};  ///< Features of "image", such as "points:image"; "": none.
-  /// Disturbances of the pictures in demonstrations. Condition::nuisances disturb those of a run.
+  /// Disturbances of demonstrated pictures. Condition::nuisances disturb the pictures of a run.
   Nuisances shown = {.light = 0.2, .noise = 0.03};
 };
 
@@ -53,8 +53,8 @@ struct Prepared {
 };
 using PreparedCache = SharedCache<std::pair<std::string, int>, Prepared>;
 
-/// Fits the models that methods need: the task's for controllers, those of default settings for
-/// guards. `seed` is the study's.
+/// Fits the models that methods need: the task's models for controllers, guards with default
+/// settings for guards. `seed` is the study's.
 /// @throws std::invalid_argument if the task does not support such methods.
 [[nodiscard]] Prepared Prepare(const Task& task, Kind kind, int demonstrations, std::uint64_t seed,
                                int trial, const planar::MethodOptions& plane = {},

@@ -58,11 +58,12 @@ std::string HarmedCommand(const Row& row) {
   return CommandOf(row, {"halted", "collided"}, {"completed"});
 }
 
-// Returns the commands of the two numbers of Outcomes(), and of those of Compared().
+// Returns the commands that print the episodes behind the two numbers of Outcomes().
 std::string OutcomesCommand(const Row& row) {
   return CommandOf(row, {"completed"}) + "\n" + CommandOf(row, {"collided"});
 }
 
+// Does the same for the numbers of Compared().
 std::string ComparedCommand(const Row& row) {
   return SavedCommand(row) + "\n" + HarmedCommand(row);
 }

@@ -37,7 +37,7 @@ class Totals {
   /// Kind of clusters: "task", "trial" or "episode".
   [[nodiscard]] const char* clusters() const noexcept;
 
-  /// 95 % interval of the share of the episodes that `count` counts among those that `of` counts.
+  /// 95 % interval of the ratio of the episodes counted by `count` to the episodes counted by `of`.
   /// @pre `of` counts at least one episode.
   [[nodiscard]] experiment::Interval IntervalOf(
       int TrialCounts::*count, int TrialCounts::*of = &TrialCounts::episodes) const;

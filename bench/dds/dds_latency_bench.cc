@@ -44,7 +44,7 @@ std::int64_t Now() {
       .count();
 }
 
-// The time of a question, and its one-way time.
+// Time at which a question was asked, and its travel time.
 struct Answer {
   std::int64_t asked_ns = 0;
   double one_way_s = 0.0;

@@ -163,7 +163,7 @@ class Matrix {
  public:
   explicit Matrix(const Options& options) : options_(options) {}
 
-  // Draws the problem of this number, fits it and checks the result.
+  // Draws problem `number`, fits it and checks the result.
   void Fit(int number) {
     core::Random random(core::DeriveSeed(options_.seed, {static_cast<std::uint64_t>(number)}));
     const auto kind = static_cast<std::size_t>(random.Below(kKinds.size()));

@@ -177,7 +177,7 @@ TEST_F(ChannelTest, OldCommandsExpire) {
   Eventually([&] { return !subscriber.Wait(0.0) && !subscriber.Take(got); });
 }
 
-// Tests a type without strings, because Fast DDS shares those by default.
+// Tests a type without strings, because by default Fast DDS shares memory for such types.
 TEST_F(ChannelTest, SharedMemoryIsOffByDefault) {
   const std::vector<std::string> before = SharedSegments();
   Publisher<Flag> publisher(first_, "/emergency_stop", Role::kEmergencyStop);

@@ -58,7 +58,8 @@ TEST_F(InteroperabilityTest, EveryFieldArrivesAndReturns) {
     EXPECT_EQ(answer.frame_id, "PSM1_base");
     EXPECT_EQ(answer.position_m, Eigen::Vector3d(0.1 + 1.0, -0.2 + 2.0, 0.3 + 3.0));
     EXPECT_EQ(answer.orientation.coeffs(), Eigen::Vector4d(0.4, 0.3, 0.2, 0.1));  // x, y, z, w
-    // A plain ROS 2 reader matches a command publisher, although that offers further contracts.
+    // A plain ROS 2 reader matches a command publisher, although the publisher also offers deadline
+    // and liveliness.
     EXPECT_EQ(Ask("pose", Role::kCommand, question).position_m, answer.position_m);
   }
   {

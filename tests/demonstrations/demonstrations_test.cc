@@ -123,7 +123,7 @@ TEST(DemonstrationsTest, ErrorsNameFileEpisodeAndDataset) {
     u(2, 1) = last;
     return [u](Hdf5File& f) { f.Write("data/demo_0/actions", u); };
   };
-  // Valid actions, and a second episode with this part of its observations.
+  // Writes valid actions, and a second episode with only `part` of its observations.
   const auto second = [&](Hdf5File& f, const std::string& part) {
     f.Write("data/demo_0/actions", rows(3));
     f.CreateGroup("data/demo_1");

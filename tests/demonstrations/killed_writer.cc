@@ -44,8 +44,8 @@ using imitation::RobomimicWriter;
 
 constexpr int kEpisodes = 10;  // more entries than libhdf5 keeps in one piece of a list
 
-// Appends kEpisodes episodes and dies at the given write. Returns the number of acknowledged
-// episodes, and whether it completed.
+// Appends kEpisodes episodes in a child that dies at the given write. Returns the number of
+// acknowledged episodes, and sets `done` if the child completed.
 template <typename MakeWriter>
 int AppendUntilKilled(int writes, const MakeWriter& make_writer, bool* done) {
   int pipe_ends[2];
@@ -60,7 +60,7 @@ int AppendUntilKilled(int writes, const MakeWriter& make_writer, bool* done) {
       if (write(pipe_ends[1], &acknowledged, 1) != 1) _exit(2);
     }
     writer.CountDiscarded();
-    // Without the destructor: acknowledged data must not depend on it.
+    // Skips the destructor, on which acknowledged data must not depend.
     _exit(0);
   }
   close(pipe_ends[1]);

@@ -78,7 +78,7 @@ def text(source):
     return re.sub(r'"\s*\n\s*"', "", (SOURCE / source).read_text())
 
 
-# Source, a pattern for lists of labels in it, a pattern for the labels in a list, the smallest number.
+# Source, a pattern for lists of labels in it, a pattern for the labels in a list, the minimum number of labels.
 STRINGS = r'"([^"]+)"'
 LABELS = (
     ("apps/guard/fit.cc", r'printf\(\s*("[a-z_][^\n]*?  )', r'"([\w ]+?)  ', 12),

@@ -122,8 +122,9 @@ TEST(SummarizeTest, SupervisorsAreTheClustersFromFiveOn) {
   EXPECT_EQ(dfr.collided.interval.low, expected.low);
   EXPECT_EQ(dfr.collided.interval.high, expected.high);
   EXPECT_LT(dfr.collided.interval.low, by_trial.averages[1].collided.interval.low);
-  // For four supervisors the pairs in which only the reference collides are two more than the
-  // others, for the first two fewer. Of 32 signs, 12 give a sum of at least 6 in either direction.
+  // Four supervisors have two more pairs in which only the reference collides than pairs in which
+  // only dfr collides. The first supervisor has two fewer. The sum of differences is 6, and 12 of
+  // the 32 combinations of signs give 6 or more in either direction.
   EXPECT_NEAR(by_supervisor.contrasts[0].mcnemar_p, 12.0 / 32.0, 1e-15);
 }
 

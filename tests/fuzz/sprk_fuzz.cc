@@ -1,5 +1,5 @@
-// Arbitrary poses and waves: within its reach, the firmware decodes encoded poses as reported.
-// Others are rejected.
+// Arbitrary poses and waves: the firmware decodes an encoded pose in reach to the reported value.
+// Other poses and waves are rejected.
 #include <array>
 #include <cmath>
 #include <cstdlib>

@@ -63,8 +63,8 @@ class GuardAppTest(GuardProgramTest):
         self.assertEqual(self.run_guard("show", "task.guard"), out.replace("task.guard\n", ""))
         out = self.run_guard("evaluate", "task.guard", "fresh.hdf5")
         alarms = int(re.search(r"(\d+) of 60 episodes raise an alarm", out).group(1))
-        # .1 on average over sets of 30 demonstrations, sqrt(.1 .9 / 32) = .053 between sets and sqrt(.1 .9 /
-        # 60) = .039 by chance. The limit is three times both combined.
+        # The mean rate is .1. Its standard deviation is sqrt(.1 .9 / 32) = .053 between sets of 30
+        # demonstrations and sqrt(.1 .9 / 60) = .039 by chance, together .066. The limit is three of these.
         self.assertLess(alarms / 60, 0.1 + 3 * 0.066)
         passed = float(re.search(r"([\d.]+) % of the 1200 actions pass unchanged", out).group(1))
         # The fit counts all actions whose prediction is below the pass level, including idle changes.

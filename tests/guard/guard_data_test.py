@@ -283,7 +283,7 @@ class GuardDataTest(GuardProgramTest):
         (self.folder / "shuffled/meta/info.json").unlink()
         (self.folder / "shuffled/meta/info.json").mkdir()
         self.assertIn("shuffled/meta/info.json: is a folder", self.run_guard("check", "shuffled", fails=True))
-        # A pipe would block the reader until somebody writes to it.
+        # A pipe would block the reader until a program writes to it.
         shutil.copytree(self.folder / "right-v0", self.folder / "piped-v0")
         for file, dataset in [("piped.hdf5", "piped.hdf5"), ("piped-v0/data/metadata.json", "piped-v0"),
                               ("piped-v0/data/main_data.hdf5", "piped-v0"),

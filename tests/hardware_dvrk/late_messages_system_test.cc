@@ -31,7 +31,7 @@ class LateMessagesSystemTest : public testing::Test {
  protected:
   void SetUp() override { console_.Place(test::PsmHome()); }
 
-  // Advances both by a period of 5 ms.
+  // Advances console and driver by a period of 5 ms.
   void Step() {
     next_ += std::chrono::milliseconds(5);
     std::this_thread::sleep_until(next_);

@@ -33,7 +33,7 @@ struct Command {
 // step has a sample.
 class LateMessagesTest : public testing::Test {
  protected:
-  // Recreates both, armed and in motion.
+  // Recreates client and console, armed and in motion.
   void Begin() {
     console_ = sim::PsmConsole({.arm = "PSM1", .homing_s = 0.2});
     client_ = PsmClient(PsmClientOptions{});

@@ -106,7 +106,7 @@ TEST_F(PsmDriverTest, EveryTopicThatCommandsTheArmIsWatched) {
   dds::Participant intruder({.domain = test::OwnDomain()});
   Meet(intruder);
   const auto driver = Armed();
-  // These do not hold: topics of another arm, and one with only a common prefix.
+  // Publishers of other topics cause no hold: a topic of another arm, and one that is no command.
   const dds::Publisher<dds::Text> elsewhere(intruder, "/PSM11/servo_cs", dds::Role::kRequest);
   const dds::Publisher<dds::Text> nearby(intruder, "/PSM1/servo", dds::Role::kRequest);
   const auto holds = [&] {
@@ -235,7 +235,7 @@ TEST_F(PsmDriverTest, AStatementInAFloodOfTextsHoldsAndIsTheReason) {
   dds::Publisher<dds::Text> status(other, "/PSM1/status", dds::Role::kEvent);
   Meet(other);
   const auto driver = Armed();
-  // The time in which the console may still state its previous control.
+  // Waits until the console no longer states its previous control.
   for (int i = 0; i < 20; ++i) Step(*driver);
   EXPECT_EQ(driver->MoveTo(Yaw(0.3), 4.0), PsmStatus::kOk);
   for (int i = 0; i < 100; ++i) Step(*driver);

@@ -96,7 +96,7 @@ TEST(PsmMotionTest, RefusesAndChangesNothing) {
   EXPECT_EQ(motion.Start(Off(2, 0.10), 100.0), PsmStatus::kOutsideWorkspace);
   EXPECT_EQ(motion.Start(Off(0, 0.1), 0.1), PsmStatus::kTooFast);
   EXPECT_EQ(motion.Start(Off(0, 0.1), 0.0), PsmStatus::kTooFast);
-  // A roll of 200 degrees is, as a pose, one of -160.
+  // A pose does not distinguish a roll of 200 degrees from one of -160 degrees.
   EXPECT_EQ(motion.Start(Off(3, 200 * kDegree), 100.0), PsmStatus::kUnreachable);
   EXPECT_FALSE(motion.moving());
   motion.Advance(1.0);

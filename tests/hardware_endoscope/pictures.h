@@ -12,7 +12,7 @@ namespace dfr::test {
 constexpr int kWidth = 64;
 constexpr int kHeight = 48;
 
-/// Options for pictures of that size without an age limit. Tests with a separate clock set a limit.
+/// Options for kWidth x kHeight pictures without an age limit. Tests with their own clock set one.
 inline hardware::EndoscopeOptions SmallPictures() {
   hardware::EndoscopeOptions options;
   options.width = kWidth;

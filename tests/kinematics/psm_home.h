@@ -11,7 +11,7 @@ inline kinematics::PsmJoints PsmHome() {
   return joints;
 }
 
-/// The same with another value of one joint.
+/// PsmHome() with another value of one joint.
 inline kinematics::PsmJoints PsmHomeWith(int joint, double value) {
   kinematics::PsmJoints joints = PsmHome();
   joints[joint] = value;

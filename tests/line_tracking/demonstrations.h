@@ -14,7 +14,7 @@ inline const imitation::DemonstrationSet& Demonstrations() {
   return set;
 }
 
-/// A small model of them.
+/// A small model fitted to Demonstrations().
 inline LineModel SmallModel(double gamma) {
   LineModelOptions options;
   options.hidden = {8};

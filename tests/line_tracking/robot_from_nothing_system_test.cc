@@ -120,7 +120,7 @@ class Surgeon {
       if (steady_clock::now() > end) throw std::runtime_error("there is no console");
       std::this_thread::sleep_for(milliseconds(10));
     }
-    // Until the console has discovered this participant.
+    // Waits until the console has discovered this participant.
     std::this_thread::sleep_for(milliseconds(300));
     at_ = Tip();
   }

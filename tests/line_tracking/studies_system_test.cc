@@ -52,8 +52,8 @@ TEST(ProbeStudyTest, DfrDoublesCompletionsAndRemovesCollisions) {
 }
 
 // The goal of guided recovery, also if the platform continues to move after every control: 95 %
-// completed, 2 % collided. Of 100 episodes a method that completes 98 % fails this 5 % of the time;
-// the seeds are fixed.
+// completed, 2 % collided. A method that completes 98 % would miss the goal in 5 % of runs of 100
+// episodes, but the seeds are fixed.
 TEST(LineTrialRunnerTest, GuidedRecoveryCompletesOnAMovingPlatform) {
   for (const bool between : {false, true}) {
     SCOPED_TRACE(between);

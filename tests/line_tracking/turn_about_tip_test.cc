@@ -14,7 +14,7 @@ namespace {
 using kinematics::Psm;
 using kinematics::PsmJoints;
 
-// Sets the tool upright, as in line tracking, with the tips at those of `from`.
+// Sets `upright` to joints with an upright tool and its tips where `from` has them.
 bool UprightAt(const PsmJoints& from, PsmJoints& upright) {
   Eigen::Isometry3d pose = Psm::Forward(test::PsmHome());
   pose.translation() = Psm::Tip(from) - Psm::kJawLength * pose.linear().col(2);

@@ -227,7 +227,7 @@ TEST_F(AskewTest, TheToolIsLiftedThenTurnedAndNeverGoesDown) {
   done = true;
   watches.join();
   EXPECT_EQ(robot.loop().state(), runtime::RunState::kRunning) << robot.loop().cause();
-  // Within 0.3 mm of the encoders; the simulated cables add a few tenths.
+  // The encoders allow a deviation of 0.3 mm, and the simulated cables add a few tenths.
   EXPECT_GT(lowest, before - 1e-3);
   EXPECT_GT(highest, before + 4e-3);
 }
@@ -236,7 +236,7 @@ TEST_F(AskewTest, RefusesAPathThatLeavesTheRegion) {
   Tilt();
   const test::PeerProcess stop(Stop());
   RobotConfig config = Robot();
-  // So high that the tip starts below it and would have to return.
+  // The tip starts below this floor and would have to return below it.
   config.region.box_min_m.z() = 0.02;
   RobotPlant robot(config, Data().Calibration(), nullptr);
   robot.BringUp({}, Agrees());

@@ -118,7 +118,7 @@ TEST(ReadRecordingTest, AFileCutOffAnywhereGivesItsCompleteRecords) {
     }
   }
   EXPECT_EQ(least, 0U);
-  // Only files that end within the magic or the header are rejected, 8 + 9 + 4 + 4 + 3 bytes.
+  // Only files that end within the magic (8 bytes) or the header (9 + 4 + 4 + 3) are rejected.
   EXPECT_EQ(refused, 28U);
   EXPECT_TRUE(ReadRecording(folder / "small.mcap").finished);
 }
@@ -165,7 +165,7 @@ TEST(ReadRecordingTest, AChangedByteLosesOnlyItsChunk) {
     }
     put(at, whole[at]);
   }
-  // The eight bytes of the magic at the end. Without it, a file counts as incomplete.
+  // Changes of the eight bytes of the magic at the end make the file incomplete, not damaged.
   EXPECT_EQ(unseen, 8);
   // The content that a reader must trust precedes the first chunk: header, types, metadata,
   // configuration.

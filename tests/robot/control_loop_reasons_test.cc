@@ -55,7 +55,7 @@ TEST(ControlLoopReasonsTest, AMotionEndsInThePeriodThatHolds) {
       ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
       const int start = robot.clock.periods;
       const std::int64_t start_ns = robot.clock.now_ns;
-      // The fault begins with that period. A hanging thread has checked in during the previous one.
+      // The fault begins with period `begins_in`. A hanging thread still checked in before it.
       robot.clock.plan_ns = start_ns + begins_in * kPeriodNs;
       robot.clock.plan = [&] { source.begin(robot); };
       EXPECT_EQ(robot.loop.Apply(kLong), PlantStatus::kFault);

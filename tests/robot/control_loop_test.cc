@@ -211,7 +211,7 @@ TEST(ControlLoopTest, ATargetThatMovesFasterThanItCanBeFollowedHolds) {
   }
 }
 
-// -- the rest -------------------------------------------------------------------------------------
+// -- other properties -----------------------------------------------------------------------------
 
 TEST(ControlLoopTest, InLockStepAMotionEndsWithTheSimulatorAtRest) {
   FakeRobot robot;

@@ -271,7 +271,7 @@ TEST_F(ConsoleFaultTest, StatesAreCorruptedOrLost) {
   EXPECT_THAT(ahead, testing::ElementsAre(IsStamped(end_ns_ + 3'600'000'000'000)));
   EXPECT_THAT(With("silent", "1", 20), IsEmpty());
   EXPECT_THAT(With("drop", "1", 20), IsEmpty());
-  // 30, with a standard deviation of 3.9. The limits are four of these away.
+  // The mean is 30, the standard deviation 3.9. The limits are four standard deviations away.
   EXPECT_THAT(With("drop", "0.5", 60), SizeIs(testing::AllOf(testing::Gt(14U), testing::Lt(46U))));
   server_.SetFaults({.silent = true});
   console_.StateCommand("pause");

@@ -34,8 +34,8 @@ TEST(LineTrackingPlantTest, OpenLoopDemonstrationsFollowTheLineWhenNothingMoves)
       farthest = std::max(farthest, std::abs(plant.truth().distance_m));
     }
     EXPECT_TRUE(plant.completed());
-    // The initial error of 0.6 mm (standard deviation), and the residual that no calibration can
-    // remove.
+    // The deviation has two parts: the initial error, whose standard deviation is 0.6 mm, and the
+    // residual that no calibration can remove.
     EXPECT_LT(farthest, LineTrackingPlant::kCollision);
     // The mean of this residual is 0.5 mm, and it occurs at both ends.
     EXPECT_NEAR(plant.truth().progress_m, 0.050, 2.5e-3);

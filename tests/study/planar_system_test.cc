@@ -112,7 +112,7 @@ TEST(CoverageTest, HeldOutDemonstrationsKeepThePromises) {
     near(result.kept, result.kept_chance);
     near(result.error_short, result.short_chance);
     near(result.gain_short, result.short_chance);
-    // The worst of ten: one of eleven is beyond it on average.
+    // On average, an eleventh of further demonstrations exceed the worst of ten.
     EXPECT_NEAR(result.mean, 1.0 / 11.0, 3.5 * result.mean_error);
   }
 }

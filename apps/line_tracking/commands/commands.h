@@ -62,7 +62,7 @@ struct RunOptions {
   SceneOptions scene;
   /// A robot's configuration; empty: the simulation in this process.
   std::filesystem::path config;
-  // If empty: those of the configuration, or without one "model", "controller", "recordings".
+  // Empty: the configuration's values; without a configuration "model", "controller", "recordings".
   std::filesystem::path model;
   std::string method;
   std::filesystem::path recordings;  ///< Or kNoRecordings.

@@ -25,8 +25,8 @@ struct ImageAnswer {
   std::uint64_t sequence = 0;
   std::int64_t stamp_ns = 0;
   vision::LineObservation seen;
-  /// After AskForMarks(), instead of the state: the marks as in a vision::CalibrationFrame, empty
-  /// if not found, and the tip.
+  /// Answer to AskForMarks(): marks (empty if not found) and tip as in a vision::CalibrationFrame.
+  /// `seen` is then empty.
   std::vector<Eigen::Vector2d> marks_px;
   Eigen::Vector2d tip_px = Eigen::Vector2d::Zero();
 };

@@ -47,8 +47,8 @@ struct GateReach {
 
 /// The paper's Fig. 5, collected as in the authors' scripts: the first `recoveries` recoveries of
 /// episodes of "dfr" and of "finite-difference", from the start states that an experiment accepts.
-/// An episode continues after a recovery that reaches the threshold and ends with one that does
-/// not. It therefore contributes many of the former and at most one of the latter.
+/// An episode ends with its first recovery that does not reach the threshold. It therefore
+/// contributes many successful recoveries and at most one failed recovery.
 /// @throws std::runtime_error if too few start states lead to the gate.
 [[nodiscard]] std::vector<ConvergenceCurve> MeasureEveryRecovery(PusherTrialRunner& runner,
                                                                  int recoveries,

@@ -70,7 +70,7 @@ std::string ShareOf(int count, int fits, double chance) {
   return text.data();
 }
 
-// Prints rows for cross-validation, held-out demonstrations, and held-out ones with a confidence.
+// Prints rows for cross-validation, for held-out demonstrations, and for these with a confidence.
 void PrintCoverage(CoverageOptions options, const std::vector<std::string>& worlds,
                    const std::vector<int>& demonstrations) {
   struct Guarantee {

@@ -100,7 +100,7 @@ bool PsmClient::Discovering() const noexcept {
          Seconds(now_ns_ - newcomer_ns_) < options_.discovery_s;
 }
 
-// Looks for others that command the arm, or may do so.
+// Looks for other participants that command the arm, or may have commanded it.
 PsmStatus PsmClient::CommandHoldReason(const PsmInput& input) const noexcept {
   if (input.clutched) return PsmStatus::kClutched;
   if (!options_.sole_commander) return PsmStatus::kOk;

@@ -1,4 +1,4 @@
-// The thread of a driver, which alone handles DDS.
+// Thread of a driver. Only this thread uses DDS.
 #include "psm_link.h"
 
 #include <algorithm>

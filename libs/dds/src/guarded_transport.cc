@@ -85,7 +85,7 @@ bool WholeSample(std::uint8_t kind, std::uint8_t flags,
          (first - 1 + count - 1) * size < whole;
 }
 
-// Returns true if a complete sample announces that a participant, its sender or another, leaves.
+// Returns true if a complete sample announces that its sender or another participant leaves.
 bool EndsParticipant(std::uint8_t kind, std::uint8_t flags,
                      std::span<const std::uint8_t> content) noexcept {
   constexpr std::array<std::uint8_t, 4> kAnnouncer = {0, 1, 0, 0xc2};

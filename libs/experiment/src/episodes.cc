@@ -13,7 +13,7 @@
 namespace dfr::experiment {
 namespace {
 
-// Removes the part before the first slash, or the whole text if it has no slash, and returns it.
+// Returns the text before the first slash, or all text, and removes it and the slash from `text`.
 std::string_view TakeFirst(std::string_view& text) {
   const std::size_t slash = std::min(text.find('/'), text.size());
   const std::string_view part = text.substr(0, slash);

@@ -260,7 +260,7 @@ TEST_F(CertifierTest, AdmittedControlsAreCertified) {
     }
   }
   EXPECT_GT(whole, 10);
-  // Most controls are changed until they pass whole.
+  // Most controls are corrected until they pass without being shrunk.
   EXPECT_LE(shrunk, 100);
   EXPECT_LE(climbs, 1);
 }

@@ -319,7 +319,7 @@ TEST_F(GuidedRecoveryTest, RemovingAPartChangesADecision) {
   }
   EXPECT_THAT(seen, testing::ElementsAre("filter", "exit-level", "demonstrated", "online-jacobian",
                                          "drift", "observer", "disturbance"));
-  // Two parts have further purposes: unused directions of control, and noise.
+  // Online-jacobian also probes unused directions of control. The observer also suppresses noise.
   EXPECT_NE(Trace(along, sideless, {}, {0.0, 0.6}, 1),
             Trace(along, sideless, Without({}, "online-jacobian"), {0.0, 0.6}, 1));
   EXPECT_NE(Trace(along, model, {}, {0.0, 0.3}, 8, 0.0, 0.0, 0, 0.1),

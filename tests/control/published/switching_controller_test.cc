@@ -210,7 +210,7 @@ TEST(SwitchingControllerTest, HaltsOutsideTheSupportAndOnNonFiniteValues) {
     HaltCause cause;
   };
   const Row rows[] = {
-      // Even with a zero control.
+      // Halts even if the learned control is zero.
       {"on the boundary", 0.0, 0.0, HaltCause::kOutsideSupport},
       {"outside", 0.0, -0.5, HaltCause::kOutsideSupport},
       {"no control", kNaN, 1.0, HaltCause::kControlInvalid},

@@ -148,7 +148,7 @@ TEST(ResponseEstimateTest, ResetRemovesTheLastEpisode) {
   }
 }
 
-// To the last bit: neither fits elsewhere nor calls of the fit itself change a fit.
+// Neither fits at other states nor calls of its own functions change a bit of a fit.
 TEST(ResponseEstimateTest, AFitDependsOnMeasurementsAndArgumentsAlone) {
   core::Random random(13);
   const auto d = Linear(RandomMatrix(random, kN, kM), 20, 10, random);
@@ -343,7 +343,7 @@ TEST(ResponseEstimateTest, TheNominalControlIsThatOfDemonstrationsInTheSameConte
     const double far = std::exp(-(2.0 - context) * (2.0 - context));
     EXPECT_NEAR(v[0], near / (near + far), 0.05);
     EXPECT_NEAR(v[1], far / (near + far), 0.05);
-    // The same fit in another context, and back.
+    // The fit follows its context, and returns to the same bits with the first one.
     Eigen::VectorXd again(kM);
     fit.SetContext(std::vector{1.0});
     ASSERT_TRUE(fit.NominalControl(again));
@@ -365,7 +365,7 @@ TEST(ResponseEstimateTest, DurationsOfADisturbanceAreChecked) {
   const auto prior = Store(d);
   EXPECT_THROW(ResponseEstimate(prior, {.base = -0.1}), std::invalid_argument);
   EXPECT_THROW(ResponseEstimate(prior, {.per_control = std::nan("")}), std::invalid_argument);
-  // Either one alone enables the disturbance.
+  // Either member alone enables the disturbance.
   for (const DisturbanceModel time :
        {DisturbanceModel{.base = 0.5}, DisturbanceModel{.per_control = 0.5}, DisturbanceModel{}}) {
     ResponseEstimate estimate(prior, time, kDrift);

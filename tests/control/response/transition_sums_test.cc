@@ -44,7 +44,7 @@ TEST_P(TransitionSumsTest, DistancesAndWeightsAreTheirDefinitions) {
   const float least =
       SquaredDistances(points.data(), stride, kDim, z.data(), rows, distances.data());
   EXPECT_EQ(least, *std::min_element(distances.begin(), distances.begin() + rows));
-  // Every third one, backwards.
+  // Selects every third row, in reverse order.
   constexpr double kFloor = 0.01;
   std::vector<std::int32_t> indices;
   for (std::size_t i = rows; i-- > 0;) {
@@ -136,7 +136,7 @@ TEST_P(TransitionSumsTest, SumsAreThoseOfWeightedOuterProducts) {
     std::vector<float> sums(kLeft * width);
     WeightedSumsAbout(z.data(), table.data(), width, indices.data(), chosen.data(), kFactor,
                       indices.size(), kLeft, tile.data(), sums.data());
-    // The same rows in order, without z.
+    // Sums the same rows in ascending order, without subtracting z.
     std::reverse(chosen.begin(), chosen.end());
     std::vector<float> plain(kLeft * width);
     WeightedSums(table.data(), kLeft, table.data(), width, 2 * width, chosen.data(), kFactor,

@@ -365,7 +365,7 @@ TEST(StateMapTest, SlopesAreThoseOfTheMappedEntries) {
   EXPECT_EQ(map.Value(state, 5), 7.0);
 }
 
-// In degrees, like the entries. The slopes are those of finite differences.
+// Features have the unit of the entry, here degrees. The slopes equal finite differences.
 TEST(StateMapTest, FeaturesOfACircleMoveAsFarAsTheAngle) {
   const auto selection =
       FeatureSelection::All(3).Mapped(StateMap({}, {{0, 0.0, 360.0}}, {{1, 360.0}}));

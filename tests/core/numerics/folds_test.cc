@@ -155,8 +155,8 @@ TEST(FoldsTest, TheFirstAreARandomSample) {
 }
 
 TEST(FoldsTest, NoFoldHoldsAWholeCluster) {
-  // d mod 5 would put each goal into a separate fold. Each fold has two of ten, give or take one
-  // demonstration that is far from the others of its goal.
+  // d mod 5 would put each goal into a separate fold. Instead each fold has two of the ten
+  // demonstrations of each goal, or one more or less if one is far from the others of its goal.
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
     const auto demonstrations = Cycle(5, 10, seed);
     for (const auto& fold : StratifiedFolds(demonstrations, 5, seed)) {

@@ -93,7 +93,7 @@ TEST_F(StopDatagramsTest, ExcessiveNetworkDelayStops) {
       }
       judge.Hear(EmergencyStopJudge::Way::kDds, who, false, now_ns);
       found = judge.Check(now_ns);
-      // Delay by the allowed second, plus the silence after it.
+      // Datagrams are accepted up to a delay of one second. The silence after them then stops.
       EXPECT_EQ(found, now_ns - heard_ns <= kLongestSilence ? EmergencyStop::kClear
                                                             : EmergencyStop::kSilent);
     }

@@ -2,7 +2,7 @@
 
 #include <stdexcept>
 
-// A file that does not exist.
+// Succeeds if the library rejects a file that does not exist.
 int main() try {
   (void)dfr::imitation::OpenDemonstrations("absent.hdf5");
   return 1;

@@ -141,7 +141,8 @@ TEST(WhitenedSupportTest, AnEstimateIsFittedToTheStatesOfItsWindow) {
   // Every second time step: 1, 3, 5, 7, 9 around 5; 0, 2, 4, 6 around 2.
   EXPECT_EQ(states(same, 5, {.window_share = 0.4}), 4 * 5);
   EXPECT_EQ(states(same, 2, {.window_share = 0.4}), 4 * 4);
-  // The window of 9 begins at 7. It contains one of 8 states, and of 7 states the last one, once.
+  // The window of time step 9 begins at 7. It contains one state of a demonstration of 8 states. A
+  // demonstration of 7 states has ended and counts once, with its last state.
   EXPECT_EQ(states({10, 10, 10, 8}, 9, {}), 3 * 3 + 1);
   EXPECT_EQ(states({10, 10, 10, 7}, 9, {}), 3 * 3 + 1);
   EXPECT_EQ(states({10, 10, 10, 8}, 9, {.hold_ended = false}), 3 * 3 + 1);

@@ -34,8 +34,8 @@ TEST(GuardModelTest, AlarmsOnFewUnseenDemonstrations) {
     const std::vector<double> levels = model->Levels(demonstration.states);
     alarms += *std::min_element(levels.begin(), levels.end()) < -model->settings().alarm_level;
   }
-  // 40 of 400 on average over sets of 60 demonstrations. The rate of one set has a beta
-  // distribution with standard deviation sqrt(.1 .9 / 62) = .04. Allows three standard deviations.
+  // On average over sets of 60 demonstrations 40 of 400 raise an alarm. The rate of one set has a
+  // beta distribution with standard deviation sqrt(.1 .9 / 62) = .04. The limit is three of these.
   EXPECT_LT(alarms, 400 * (0.1 + 3 * 0.04));
 }
 

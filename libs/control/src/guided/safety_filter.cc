@@ -77,7 +77,7 @@ double SafetyFilter::Raise(LocalFit& fit, const LocalModel& model, const StepTar
 SafetyFilter::Choice SafetyFilter::Correct(LocalFit& fit, const LocalModel& model,
                                            const StepTarget& target, Eigen::VectorXd& v) noexcept {
   const int next = target.phase;
-  // No later support moves the task on: a target deep inside the last one would stop the task.
+  // No support follows the last one: a target deep inside it would stop the task there.
   const bool last = next >= model.support.num_steps();
   const bool known = demonstrates_ && fit.NominalControl(trial_);
   double demonstrated = -kInfinity;

@@ -85,7 +85,7 @@ TransitionStore::TransitionStore(std::span<const core::Matrix> features,
     }
     const std::size_t most =
         std::min<std::size_t>(moving.size(), static_cast<std::size_t>(options.max_per_step));
-    // Selects other demonstrations than the previous time step: a window then covers most
+    // Selects demonstrations that the previous time step did not select: a window then covers most
     // demonstrations.
     for (std::size_t i = 0; i < most; ++i) {
       const std::size_t first = i * moving.size() / most;
@@ -297,7 +297,7 @@ void TransitionStore::SumNearStates(Workspace& workspace,
                     static_cast<std::size_t>(count), workspace.least, scale, 0.0,
                     workspace.near_weights.data());
   if (contexts_.cols() == 0) {
-    // Transitions that count for J have the floor here too.
+    // Adds the floor to the transitions to which SumControls() adds it.
     const int stride = workspace.stride;
     for (int i = 0; i < count; ++i) {
       const int index = workspace.nearest[i];

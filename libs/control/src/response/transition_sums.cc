@@ -264,7 +264,8 @@ HWY_INLINE void AddVectors(D d, const float* left, std::size_t left_stride, cons
   }
 }
 
-// The same for kWidth rows and two vectors, which may differ in size: with 32 registers.
+// Same as AddVectors() for kWidth rows and two vectors, which may differ in size. Needs 32
+// registers.
 template <class First, class Second>
 HWY_INLINE void AddPair(First d, Second e, const float* left, std::size_t left_stride,
                         const float* right, std::size_t right_stride, std::size_t rows, float* sums,

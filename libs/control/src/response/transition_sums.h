@@ -9,10 +9,10 @@
 // of demonstrations. Nothing allocates or throws.
 namespace dfr::control::internal {
 
-/// Widths of rows, n_left and n_right are multiples of this.
+/// The widths of rows, n_left and n_right are multiples of kWidth.
 inline constexpr std::size_t kWidth = 8;
-/// Number of readable entries behind points, distances, indices and weights; those behind distances
-/// and weights are also written. Indices there may be any valid ones.
+/// Number of readable entries behind the ends of points, distances, indices and weights. Those of
+/// distances and weights are also written. Those of indices must be valid indices.
 inline constexpr std::size_t kPadding = 16;
 /// Number of rows that are scaled and then multiplied: they stay in the cache.
 inline constexpr std::size_t kTile = 32;

@@ -51,8 +51,8 @@ void CheckLayout(const core::StateLayout& layout, int control_dim);
                                       const core::StateLayout& layout, Eigen::Index rows,
                                       const char* count);
 
-/// Common part of both readers: the episodes of a file in the order of their numbers. All must have
-/// the layout of the first.
+/// Common part of both readers: the episodes of a file in the order of their numbers. All episodes
+/// must have the layout of the first one.
 class EpisodeReader : public DemonstrationReader {
  public:
   [[nodiscard]] const core::StateLayout& layout() const noexcept override { return layout_; }

@@ -3,7 +3,7 @@
 
 #include <stdexcept>
 
-// A camera that is not in the model.
+// Succeeds if the library rejects a camera that is not in the model.
 int main() try {
   const dfr::sim::MjModelPtr model = dfr::sim::LoadMujocoModel("<mujoco/>", "empty");
   const dfr::sim::MujocoRenderer renderer(*model, {.camera = "none"});

@@ -68,7 +68,7 @@ inline constexpr double kIdle = 0.5;
 inline constexpr double kLeastHedged = 0.4;
 inline constexpr int kAgreementStride = 8;
 /// SafetyFilter: a direction of control counts as unknown if the largest eigenvalue of A^-1 exceeds
-/// this value, which corresponds to a fifth of an ordinary control's measurement.
+/// this value. Measurements in this direction then weigh less than a fifth of an ordinary control.
 inline constexpr double kUnknown = 5.0;
 /// Upper limit of the exit level. If held-out states are farther outside, there are too few
 /// demonstrations for the support.

@@ -26,8 +26,8 @@ struct FeaturePointsOptions {
 /// Each patch c (side x side pixels, all channels) is compared with each window w of the picture.
 /// The expected column and row under the weights softmax(-beta mean((w - c)^2)) over all windows
 /// are the patch's position, in [0, 1] from the first window to the last (spatial softmax; Levine
-/// et al., JMLR 17, 2016; Finn et al., ICRA 2016). A picture that shows the patch twice gives the
-/// middle.
+/// et al., JMLR 17, 2016; Finn et al., ICRA 2016). If a picture shows the patch twice, its position
+/// is halfway between the two places.
 ///
 /// Pixel values are those of ImageFeatures with LightNormalisation::kGainAndOffset, of mean 128 and
 /// standard deviation 48. Immutable. Concurrent calls with separate workspaces are safe.

@@ -7,8 +7,9 @@ namespace dfr::safety::fit {
 
 /// Number of cross-validation folds. Each fold leaves whole demonstrations out.
 inline constexpr int kFolds = 5;
-/// Fraction of its points, or of the time steps if these are more, that a mode separation test may
-/// find inside. While it finds more, the fit doubles gamma, at most kMostDoublings times.
+/// Number of points that a mode separation test may find inside, as a fraction of its points or of
+/// the time steps, whichever are more. While it finds more points inside, the fit doubles gamma, at
+/// most kMostDoublings times.
 inline constexpr double kMostInGaps = 0.05;
 inline constexpr int kMostDoublings = 2;
 /// The fit doubles gamma if the support then covers more left-out states per volume. Volumes are
@@ -54,8 +55,8 @@ inline constexpr double kMostChangedReduced = 0.2;
 /// Number of features that gamma suits. The squared distance between two demonstrations grows with
 /// the number of whitened features, so gamma decreases beyond this number.
 inline constexpr double kFeaturesOfGamma = 3.0;
-/// Largest number of components chosen by actions. They are directions within this number of first
-/// components, or within all: a late component may matter, but directions within many can overfit.
+/// Largest number of components chosen by actions. A fit compares directions in the space of this
+/// many first components, which overfit less, with directions in the space of all components.
 inline constexpr int kMostByActions = 12;
 /// Corrections are harmful if the demonstrator's actions are predicted to end outside. Above this
 /// fraction of left-out actions the guard only monitors. In 41 fits this fraction was 4 to 10 %

@@ -71,7 +71,7 @@ struct GuardSummary {
   int transitions = 0;  ///< Number of actions in all demonstrations.
   double nu = 0.0;
   double gamma = 0.0;
-  // By cross-validation, or on held-out demonstrations; each is followed through the time steps.
+  // Results of cross-validation, or on held-out demonstrations, at the time steps of Levels().
   double acceptance = 0.0;               ///< Fraction of states inside.
   double inside_throughout = 0.0;        ///< Fraction of demonstrations that never leave.
   kernel::ModeSeparationTest gaps = {};  ///< Result for the support with this gamma.

@@ -41,7 +41,7 @@ struct StepTarget {
 struct StepLimits {
   Eigen::VectorXd control = {};  ///< |v_i| is at most entry i; empty: no limit.
   int iterations = 6;            ///< Maximum number of gradients of l per call, >= 0.
-  /// Response::values(); empty: every entry has many. A step leaves entries with few unchanged.
+  /// Response::values(); empty: all entries have many values. A step changes no entry with few.
   std::vector<std::vector<double>> values = {};
 
   /// Clamps `v` to `control`.

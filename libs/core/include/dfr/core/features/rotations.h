@@ -75,7 +75,7 @@ class RotationFinder {
     int first = 0;
     bool jumps = false;
     Eigen::Vector3d begin = Eigen::Vector3d::Zero();  // First state of the first episode.
-    // Squared errors of the jumps, taken as those of a rotation vector and as those of an angle.
+    // Squared errors of the jumps if they are jumps of a rotation vector, and if of an angle.
     double as_vector = 0.0;
     double as_angle = 0.0;
   };
