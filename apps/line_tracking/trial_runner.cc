@@ -42,9 +42,8 @@ imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
   experiment::ProgressMeter meter(count, std::move(progress));
   for (std::uint64_t i = 0; set.trajectories.size() < static_cast<std::size_t>(count); ++i) {
     if (set.discarded > count) {
-      throw std::runtime_error("of " + std::to_string(i) + " demonstrations " +
-                               std::to_string(set.discarded) +
-                               " were unusable: is the arm's error too large?");
+      throw std::runtime_error(std::to_string(set.discarded) + " of " + std::to_string(i) +
+                               " demonstrations were unusable: is the arm's error too large?");
     }
     core::Trajectory trajectory;
     trajectory.seed = core::DeriveSeed(seed, {i});

@@ -107,7 +107,7 @@ class GuardedEnv(Wrapper):
     TypeError
         If `env` has no `reset` or `step` or is a vector of environments, or `guard` is no guard.
     ValueError
-        If the environment's `action_space` is discrete, of another size or leaves no room around zero.
+        If the environment's `action_space` is discrete, of another size or not on both sides of zero.
 
     Notes
     -----

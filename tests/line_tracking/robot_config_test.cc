@@ -129,7 +129,7 @@ TEST_F(RobotConfigTest, ReadsAFeasibleWaveAndRefusesOthers) {
        "beyond the platform's reach"},
       {port + "wave = 'breath'\nfrequency_hz = [0.5, 0, 0, 0, 0, 0]\n", "of a breath up to 0.157"},
       {port + "wave = 'square'\n", R"(platform.wave must be one of "breath", "none", "sine")"},
-      {"robot = 'dds'\n[platform]\nwave = 'sine'\n", "where there is no platform.device"},
+      {"robot = 'dds'\n[platform]\nwave = 'sine'\n", "left out without platform.device"},
       {"[platform]\ndevice = '/dev/ttyACM0'\n",
        ":2: platform.device must be left out with robot = \"process\""}};
   for (const auto& [text, words] : rows) EXPECT_THAT(Error(text), HasSubstr(words));

@@ -239,7 +239,7 @@ void GetPlatform(Section& section, hardware::PlatformOptions& platform) {
                                Eigen::Vector3d(amplitude.data() + 3)};
   section.Get("frequency_hz", {platform.motion.frequency_hz.data(), 6});
   if (!platform.wave) return;
-  if (platform.device.empty()) section.Wrong("wave", "left out where there is no platform.device");
+  if (platform.device.empty()) section.Wrong("wave", "left out without platform.device");
   hardware::SprkWaveFrame frame;
   hardware::SprkWave sent;
   const hardware::SprkStatus status =

@@ -34,8 +34,8 @@ LocallyWeightedPolicy::LocallyWeightedPolicy(core::FeatureTransform features,
     DFR_THROW_UNLESS(demonstration.controls.cols() == m &&
                          demonstration.states.rows() == demonstration.controls.rows() + 1,
                      "demonstration " << d
-                                      << " has controls of another size than demonstration 0, or "
-                                         "not one state more than controls");
+                                      << " must have controls of the size of demonstration 0, and "
+                                         "one state more than controls");
     points.push_back(features_.Apply(demonstration.states));
     longest = std::max(longest, demonstration.controls.rows());
   }

@@ -334,7 +334,7 @@ LineVision::LineVision(const CameraModel& camera, const LineVisionOptions& optio
                      "line vision: p_cam_target puts a mark behind the camera");
   }
   DFR_THROW_UNLESS(SmallestDistance(impl_->mark_pixels) > 10.0,
-                   "line vision: two marks are nearer than 10 pixels to each other");
+                   "line vision: two marks are less than 10 pixels apart");
   const double scale = camera.fx / options.p_cam_target.translation().z();  // px per m
   impl_->mark_gate = options.max_motion_m * scale;
   constexpr double kPi = 3.14159265358979323846;

@@ -81,7 +81,7 @@ TEST(TransitionStoreTest, AFileWithInvalidTimeStepsIsRefused) {
   EXPECT_THAT(message({0, 30, 50}), testing::HasSubstr("begin at row 0"));
   EXPECT_THAT(message({1, 30, 60}), testing::HasSubstr("begin at row 0"));
   EXPECT_THAT(message({0}), testing::HasSubstr("begin at row 0"));
-  EXPECT_THAT(message({0, 30, 60}, 59), testing::HasSubstr("contexts of the transitions"));
+  EXPECT_THAT(message({0, 30, 60}, 59), testing::HasSubstr("contexts do not match"));
   std::filesystem::remove(path);
 }
 

@@ -183,7 +183,7 @@ TransitionStore TransitionStore::Load(core::ArchiveReader& archive) {
     const core::Matrix contexts = archive.MatrixBlock();
     DFR_THROW_UNLESS(contexts.rows() == transitions.rows() && contexts.cols() <= kMaxEntries &&
                          contexts.allFinite(),
-                     "the contexts of the transitions do not match them");
+                     "the contexts do not match the transitions");
     prior.contexts_ = contexts.cast<float>();
     prior.Finish();
   } catch (const std::invalid_argument& e) {

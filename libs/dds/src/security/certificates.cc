@@ -298,8 +298,8 @@ void AddParticipant(const std::filesystem::path& folder, const std::string& name
                                 (c >= '0' && c <= '9') || c == '_' || c == '-' || c == '.';
                        });
   DFR_THROW_UNLESS(spelled,
-                   "a participant's name has up to 64 letters, digits, '_', '-' and '.', "
-                   "and does not begin with '.': not '"
+                   "a participant's name must have 1 to 64 letters, digits, '_', '-' and '.', "
+                   "and must not begin with '.': not '"
                        << name << "'");
   const std::filesystem::path own = folder / "enclaves" / name;
   if (std::filesystem::exists(own)) {

@@ -82,7 +82,7 @@ void MergeLedgers(const std::vector<std::filesystem::path>& shards,
     const std::string difference = Difference(*header, contents.header);
     if (!difference.empty()) {
       Fail(path, "does not belong to " + shards.front().string() + ": " + difference +
-                     " (there: in the latter, now: in the former)");
+                     " (now: in this ledger)");
     }
     const std::uint64_t identity = IdentityHash(*header);
     for (const LedgerRecord& record : contents.records) {

@@ -157,10 +157,9 @@ Eigen::Map<const core::Matrix> Mlp::Forward(const Rows& inputs, Workspace& works
 void Mlp::CheckAfterForward(const Rows& inputs, const Workspace& workspace) const {
   DFR_THROW_UNLESS(inputs.cols() == input_dim() && inputs.rows() == workspace.samples_ &&
                        workspace.activations_.size() + 1 == layers_.size(),
-                   "inputs of " << inputs.rows() << " x " << inputs.cols()
-                                << " are not those of the last Forward() of a network that takes "
-                                << input_dim() << " inputs, which had " << workspace.samples_
-                                << " rows");
+                   "inputs are " << inputs.rows() << " x " << inputs.cols()
+                                 << ", but those of the last Forward() of this network were "
+                                 << workspace.samples_ << " x " << input_dim());
 }
 
 void Mlp::CheckOutputGradient(const Rows& output_gradient, const Workspace& workspace) const {
