@@ -81,7 +81,7 @@ void RunDrift(const DriftOptions& options);
 
 struct RenderOptions {
   std::string episode;                       ///< Id of an experiment's episode, or empty.
-  std::filesystem::path run = "out/pusher";  ///< Folder of that experiment.
+  std::filesystem::path run = "out/pusher";  ///< Folder of the experiment with `episode`.
   std::filesystem::path model = "model";
   std::vector<std::string> methods = {"baseline", "dfr", "controller"};
   std::uint64_t seed = 1;  ///< Seed of the start state.

@@ -20,7 +20,7 @@ namespace {
 
 using dfr::experiment::ExperimentOptions;
 
-// A program with an option of every kind in the programs of apps/.
+// A program with one option of each kind that the programs of apps/ use.
 struct Program {
   ExperimentOptions options;
   double gamma = 5.0;

@@ -275,7 +275,7 @@ TEST_F(PsmClientTest, LoopThatStoodStillHolds) {
   });
 }
 TEST_F(PsmClientTest, ArmThatStaysBehindHolds) {
-  // The arm is 0.09 rad behind at 0.1 rad/s.
+  // The arm stops, and the set-point moves on: the lag exceeds the limit of 0.09 rad.
   ExpectHold(
       PsmStatus::kNotFollowing,
       [&, stuck = std::optional<PsmJointSample>()](PsmInput& input) mutable {

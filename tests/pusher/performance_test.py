@@ -11,9 +11,9 @@ import tempfile
 import unittest
 
 PROGRAM = pathlib.Path(sys.argv.pop(1)).resolve()
-# Bounds per learner and method: completed and collided, %, and the least recovery controls per episode. `pusher
-# experiment --seed 9201 --trials 2 --episodes 60 --demonstrations 20,60,120` printed the figures in the comments. The
-# bounds allow for four standard errors of 360 episodes, whose trials differ as these do, and for other rounding.
+# Bounds per learner and method: completed and collided, %, and the minimum number of recovery controls per episode.
+# `pusher experiment --seed 9201 --trials 2 --episodes 60 --demonstrations 20,60,120` printed the figures in the
+# comments. The bounds allow for rounding and four standard errors of 360 episodes, with the recorded trials' variance.
 RECORDED = {
     # learner, method: ((completed), (collided), recovery controls)
     ("8", "baseline"): ((12, 36), (27, 53), 0),  # 24.2, 40.0

@@ -30,7 +30,7 @@ dds::JointState Joints(const std::vector<double>& position) {
   return message;
 }
 
-// A served arm and a client's endpoints of its topics, in step.
+// A console with its server, and a client's publishers and subscribers, in lock-step.
 class PsmConsoleServerTest : public testing::Test {
  protected:
   // Advances by one tick, which publishes one state.

@@ -35,7 +35,7 @@ DvrkSceneOptions SceneOptions(bool lock_step) {
   return options;
 }
 
-// A served scene and a client's endpoints of its topics.
+// A scene with its server, and a client's publishers and subscribers.
 class DvrkSceneServerTest : public testing::Test {
  protected:
   void Serve(bool lock_step, bool camera) {

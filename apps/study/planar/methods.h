@@ -35,7 +35,7 @@ struct MethodOptions {
   double certified_level = 0.0;  ///< control::Certificate::level of certified-direction.
 };
 
-/// study::kOtherMethods and the certified mode.
+/// The certified method and study::kOtherMethods.
 inline constexpr std::array<std::string_view, 10> kPlanarMethods = {"certified-direction",
                                                                     "finite-difference",
                                                                     "true-jacobian",

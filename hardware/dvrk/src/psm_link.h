@@ -129,7 +129,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   std::atomic<int> command_subscribers{0};
   std::atomic<int> servo_subscribers{0};
 
-  // Used only by the thread.
+  // Used only by the thread that runs Run().
   WordLimit error_limit;
   WordLimit warning_limit;
   WordLimit status_limit;

@@ -180,7 +180,7 @@ void ReadConfiguration(const std::filesystem::path& file, CLI::App& command) {
     if (!node.is_table() || !(known || name == "grid")) {
       throw std::runtime_error(
           place(node.source()) + ": '" + name +
-          "' is neither a command's table nor in one; options belong there, as in [" +
+          "' is not the table of a command: write options in a table such as [" +
           command.get_name() + "]");
     }
   }

@@ -75,17 +75,17 @@ void RunAgain(const EvaluationPlan& plan, const MakeTrialRunner& make,
     std::cout << core::Format("%-22s %s\n", names[i].c_str(), DescribeEnd(result).c_str());
     result.seconds = recorded.result.seconds;
     if (names[i] == recorded.id.method && result != recorded.result) {
-      throw std::runtime_error(options.out.string() + ": in its ledger the episode is " +
+      throw std::runtime_error(options.out.string() + ": the ledger's result of the episode is " +
                                core::Name(recorded.result.outcome) + " after " +
                                std::to_string(recorded.result.controls) +
-                               " controls; something outside the settings changes the result");
+                               " controls; something other than the settings changed the result");
     }
   }
   const std::filesystem::path& film = options.rerun.film;
   if (film.empty()) return;
   if (film.has_parent_path()) std::filesystem::create_directories(film.parent_path());
   if (!runner->Film(methods, recorded.start_seed, recorded.controller_seed, film)) {
-    throw std::runtime_error("this program cannot draw such episodes; leave out --film");
+    throw std::runtime_error("this program cannot draw episodes; leave out --film");
   }
   std::cout << film.string() << std::endl;
 }

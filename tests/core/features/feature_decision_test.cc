@@ -86,7 +86,7 @@ TEST(FeatureDecisionTest, FollowsTheChainRule) {
   EXPECT_NEAR(decision.curvature_bound(0), 2.0 * norm * norm, 1e-12);
 }
 
-// The derivative by an entry of -q is minus that by the entry of q.
+// The derivatives with respect to the entries of -q and of q differ in sign only.
 TEST(FeatureDecisionTest, FollowsTheMapOfTheSelection) {
   const Planar inner;
   StateLayout layout;

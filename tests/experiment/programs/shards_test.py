@@ -89,11 +89,11 @@ class ShardsTest(unittest.TestCase):
         for arguments, says in [
                 (("run", "0/6/8/dfr"), "an episode is TRIAL/DEMONSTRATIONS/LEARNER/METHOD/START"),
                 (("run", name, "--methods", "magic"), "run: the run has no method 'magic'"),
-                (("run", name, "--film", "film.mp4"), "this program cannot draw such episodes"),
+                (("run", name, "--film", "film.mp4"), "this program cannot draw episodes"),
                 (("nowhere", name), "nowhere/run.toml")]:
             self.assertIn(says, self.run_program("rerun", *arguments, fails=True))
         # The program's outcome differs from the ledger's.
-        self.assertIn("in its ledger the episode is", self.run_program("rerun", "run", name, fails=True, differs="yes"))
+        self.assertIn("the ledger's result of", self.run_program("rerun", "run", name, fails=True, differs="yes"))
 
     def test_whole_numbers_are_decimal_also_with_leading_zeros(self):
         self.run_program("experiment", "--seed", "06151984", "--demonstrations", "08,+010", "--trials=+02", "--out", "one",
@@ -128,7 +128,7 @@ class ShardsTest(unittest.TestCase):
 
     def test_mistakes_in_a_configuration_name_the_line(self):
         for text, says in [("[experiment]\nseed = 1\ngama = 5\n", "c.toml:3: experiment has no option 'gama'"),
-                           ("seed = 1\n", "c.toml:1: 'seed' is neither a command's table nor in one"),
+                           ("seed = 1\n", "c.toml:1: 'seed' is not the table of a command"),
                            ("[experiment]\n\ntrials = \"many\"\n", "c.toml:3: "),
                            ("[experiment]\ntrials = [[1]]\n", "c.toml:2: 'trials' must be a text"),
                            ("[experiment]\ntrials = 1979-05-27\n", "c.toml:2: there must be a value"),

@@ -283,7 +283,7 @@ TEST(WhitenedSupportTest, ACoarseSupportHasEveryFourthEstimate) {
   }
 }
 
-// The maps of many features take long: a user's Ctrl-C does not wait for those of all time steps.
+// A map of many features takes long: a user's Ctrl-C does not wait for the maps of all time steps.
 TEST(WhitenedSupportTest, AStoppedFitEndsWithItsTimeStep) {
   const std::vector<core::Matrix> demonstrations = Walks(20);
   WhitenedSupportOptions options;

@@ -19,7 +19,8 @@ struct CalibrateOptions {
   /// Standard deviation of the tip's centre. Much larger than the image error, because no
   /// correction describes all errors of the arm.
   double tip_sd_px = 2.0;
-  /// Standard deviation of the tip's distance from the target's plane at contact, equally large.
+  /// Standard deviation of the tip's distance from the target's plane at contact. The length is
+  /// about that of tip_sd_px at the target.
   double touch_sd_m = 4e-4;
   /// Priors on the arm: standard deviation of the offset of a rotating joint and of the insertion.
   /// Without them a rotation of the base about a joint's axis is indistinguishable from that

@@ -32,9 +32,9 @@ inline constexpr double kActionReach = 1.5;
 inline constexpr double kLeastMoved = 0.01;
 inline constexpr double kProportional = 0.7;
 inline constexpr double kSameEffect = 2.0;
-/// A feature is moved only by unsteered entries of the action under two conditions. The steered
-/// entries explain at most kSteeredExplain of its change in addition to the others. The others
-/// explain more than kPassedExplain of the change that the steered entries leave.
+/// Only unsteered entries of an action move a feature if two conditions hold. Unsteered entries
+/// explain more than kPassedExplain of the change that steered entries leave unexplained. Steered
+/// entries explain at most kSteeredExplain of the change in addition to unsteered entries.
 inline constexpr double kPassedExplain = 0.3;
 inline constexpr double kSteeredExplain = 0.2;
 /// Features moved only by unsteered entries of an action are the context of NominalControl(). A
