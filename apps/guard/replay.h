@@ -38,7 +38,7 @@ class Drivers {
 
   void Add(const core::Matrix& states, const std::vector<int>& steps);
 
-  /// Returns the fraction and index of each entry of a feature, largest fraction first.
+  /// Returns the share and index of each state entry that a feature uses, largest share first.
   [[nodiscard]] std::vector<std::pair<double, int>> Ranked() const;
 
  private:

@@ -97,7 +97,7 @@ TEST_F(LateMessagesSystemTest, EveryHoldThatOnlyTheConsoleReceivesHolds) {
     std::optional<dds::Participant> guest;
     std::optional<dds::Publisher<dds::Signal>> hold;
     for (int n = 0; n < 120; ++n) {
-      // Sent once, or 20 times a second for .3 s.
+      // The console is told to hold once, or 20 times a second for 0.3 s.
       if (n % 10 == 0 && n < (i % 2 == 0 ? 1 : 60)) console_.Hold();
       if (n == late) {
         guest.emplace(dds::ParticipantOptions{.domain = test::OwnDomain(), .name = "guest"});

@@ -154,7 +154,7 @@ TEST_F(LateMessagesTest, TheConsoleRevealsForeignCommands) {
     Begin();
     int taken = 0;
     for (; taken < 60 && client_.phase() == PsmPhase::kArmed; ++taken) {
-      // Not synchronous to the samples.
+      // The commands are not synchronous to the samples.
       Step(0, taken % 3 == 0 ? command.carry_out : nullptr);
     }
     EXPECT_EQ(client_.phase(), PsmPhase::kHolding) << "after 300 ms";
@@ -285,8 +285,8 @@ TEST_F(LateMessagesTest, AHoldRightAfterArmingHolds) {
   ExpectAForeignHoldIsDetected();
 }
 
-// The window of 0.2 s in which a set-point reaches the console, plus the time to leave the
-// tolerance.
+// The limit is the window of 0.2 s in which a set-point reaches the console, plus the time to
+// leave the tolerance.
 TEST_F(LateMessagesTest, ASetpointThatStaysWhileOursMovesOnHolds) {
   Begin();
   deaf_ = true;

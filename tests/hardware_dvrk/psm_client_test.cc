@@ -38,7 +38,7 @@ TEST_F(PsmClientTest, MovesAndComesToRestAtTheGoal) {
   int steps = 0;
   for (; !client_.at_rest() && steps < 1000; ++steps) Step();
   EXPECT_TRUE(test::AllClose(at_, Yaw(0.1), 1e-9));
-  // The duration, 0.1 s to settle, and a sample every second step.
+  // The move takes 1 s plus 0.1 s to settle. A sample arrives every second step.
   EXPECT_NEAR(steps, 200 + 20, 4);
   // While armed, the client repeats the set-point.
   const int sent = num_servo_;
@@ -60,7 +60,7 @@ TEST_F(PsmClientTest, LateStepsStretchTheMoveInsteadOfLeaping) {
   const double before = client_.setpoint()[0];
   now_ns_ += 30 * kMs;
   Step();
-  // At most the limit, as in any step of 5 ms.
+  // The set-point moves at most as far as in a step of 5 ms.
   EXPECT_LE(client_.setpoint()[0] - before, 0.005 * client_.motion().limits().max_speed[0]);
   EXPECT_EQ(client_.phase(), PsmPhase::kArmed);
 }
@@ -208,7 +208,7 @@ TEST_F(PsmClientTest, AConsoleThatIsNotReadyHolds) {
   });
 }
 
-// Before and after a jaw move of the client.
+// Others turn the jaw before and after a jaw move of the client.
 TEST_F(PsmClientTest, AJawThatOthersTurnHolds) {
   const auto turned = [](PsmInput& input) {
     if (input.jaw_setpoint) input.jaw_setpoint->angle += 0.1;
@@ -346,7 +346,7 @@ TEST_F(PsmClientTest, MissingVelocitiesAreComputedFromPositions) {
       if (input.measured_js) input.measured_js->has_velocity = false;
     });
   }
-  // The middle of s^2 (3 - 2 s).
+  // The move is in the middle of its course s^2 (3 - 2 s).
   EXPECT_NEAR(client_.measured_js().velocity[0], 1.5 * 0.2 / 2.0, 1e-3);
 }
 

@@ -413,7 +413,7 @@ TEST_F(PsmDriverOnCartTest, MovesTheArmInItsOwnFrameByStatesWithTwists) {
   });
   EXPECT_EQ(driver->status(), PsmStatus::kOk) << driver->Explain();
   Until(*driver, [&] { return test::AllClose(console_.setpoint_joints(), Yaw(0.1), 1e-9); });
-  // 0.1 rad in 1 s, 1.5 times as fast in the middle, 0.1135 m from the remote centre.
+  // The tip is 0.1135 m from the remote centre. In the middle, a move is 1.5 times as fast.
   EXPECT_NEAR(fastest, 1.5 * 0.1 * 0.1135, 1e-3);
   EXPECT_FALSE(poses.Take(pose)) << "poses are sent in addition";
 }

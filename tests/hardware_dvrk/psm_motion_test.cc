@@ -148,7 +148,7 @@ TEST(PsmMotionTest, PoseGoalsEqualTheirJointGoals) {
   EXPECT_EQ(motion.Start(far, 100.0), PsmStatus::kBeyondLimits);
   far.translation().setConstant(std::numeric_limits<double>::infinity());
   EXPECT_EQ(motion.Start(far, 100.0), PsmStatus::kInvalidGoal);
-  // From 170 degrees of roll to -170: the short way as a pose, the long way as joints.
+  // From 170 to -170 degrees of roll, a pose turns the short way, but joints turn the long way.
   motion.Rest(Off(3, 170 * kDegree));
   EXPECT_EQ(motion.Start(Psm::Forward(Off(3, -170 * kDegree)), 100.0), PsmStatus::kUnreachable);
 }

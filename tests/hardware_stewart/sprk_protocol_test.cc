@@ -87,7 +87,7 @@ TEST(SprkProtocolTest, FirmwareDecodesSentPoses) {
     // Inches and degrees in binary differ by a few units in the last place.
     ASSERT_TRUE(test::AllClose(command.Pose().translation_m, sent.translation_m, 1e-16));
     ASSERT_TRUE(test::AllClose(command.Pose().angles_rad, sent.angles_rad, 1e-15));
-    // Half a step.
+    // Rounding changes an entry by at most half a step.
     ASSERT_TRUE(test::AllClose(sent.translation_m, pose.translation_m, 0.0050001 * kInch));
     ASSERT_TRUE(test::AllClose(sent.angles_rad, pose.angles_rad, 0.50001 * kDegree));
   }

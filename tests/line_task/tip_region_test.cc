@@ -112,7 +112,7 @@ TEST_F(TipRegionTest, FromTooDeepOnlyThePathOutIsAllowed) {
   EXPECT_FALSE(region.Along(below, At(0.0, 0.0, 0.003)).any());
   EXPECT_FALSE(region.Along(below, At(0.0, 0.0, -0.001)).any());
   EXPECT_EQ(Named(region.Along(below, At(0.0, 0.0, -0.003))), "the floor");
-  // Up and down again.
+  // A longer insertion leads deeper.
   PsmJoints end = below;
   end[2] += 0.001;
   EXPECT_TRUE(region.Along(below, end).any());

@@ -137,7 +137,7 @@ async function finished(folder) {
   const bytes = fs.readFileSync(path.join(folder, "log.mcap"));
   const expected = JSON.parse(fs.readFileSync(path.join(folder, "log.json")));
 
-  // From front to back.
+  // Reads the file from front to back.
   const { decoder, others, done } = decode_stream(bytes);
   assert.ok(done);
   check_content(decoder, expected);
@@ -148,7 +148,7 @@ async function finished(folder) {
   assert.equal(attachment.name, "configuration");
   assert.equal(new TextDecoder().decode(attachment.data), '[robot]\narm = "PSM1"\n');
 
-  // By its indexes.
+  // Reads it by its indexes.
   const readable = {
     size: async () => BigInt(bytes.length),
     read: async (offset, size) => bytes.subarray(Number(offset), Number(offset + size)),

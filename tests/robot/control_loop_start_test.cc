@@ -114,7 +114,7 @@ TEST(ControlLoopStartTest, HomingEndsExactlyAtTheDeadlineOfEachFault) {
     FakeRobot robot;
     robot.arm.unhomed = true;
     robot.loop.Idle(0.5);
-    // Half a second after homing has begun.
+    // The fault begins half a second after homing has begun.
     const std::int64_t begins_ns = robot.clock.now_ns + 750'000'000;
     robot.clock.plan_ns = begins_ns;
     robot.clock.plan = [&] { source.begin(robot); };

@@ -39,7 +39,7 @@ TEST(ControlLoopTest, AControlMovesTheArmAndIsObservedAtRest) {
   EXPECT_NEAR(robot.loop.observation()[1], 0.8, 1e-12);
   EXPECT_EQ(robot.arm.setpoints, 10);
   EXPECT_EQ(robot.camera.questions, 2);
-  // Five periods of motion, three until rest, four until the picture.
+  // A control takes five periods of motion, three until rest and four until the picture.
   EXPECT_EQ(robot.clock.periods - start, 2 * (5 + 3 + 4));
   EXPECT_EQ(robot.camera.after_ns,
             robot.clock.WallNs() - robot.camera.delay * kPeriodNs + 50'000'000);
@@ -171,7 +171,7 @@ TEST(ControlLoopTest, UncommandedMotionHolds) {
   ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
   ASSERT_TRUE(robot.loop.Look());
   int applied = 0;
-  // 0.2 mm to the side with each control of 0.1 mm forwards or backwards.
+  // The observed tool drifts by 0.2 mm with each control of 0.1 mm forwards or backwards.
   for (; applied < 100; ++applied) {
     robot.camera.off[0] += 0.2;
     const std::array control = {0.0, applied % 2 == 0 ? 0.1 : -0.1};

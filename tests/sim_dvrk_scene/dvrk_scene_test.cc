@@ -97,7 +97,7 @@ TEST(DvrkSceneTest, HomingMovesTheTipOverTheGauzesMiddle) {
   scene.console().StateCommand("home");
   for (int i = 0; i < 20; ++i) scene.Step(0.01);
   ASSERT_TRUE(scene.console().homed());
-  // Within the error of an uncalibrated arm.
+  // The remaining distance is the error of an uncalibrated arm.
   EXPECT_LT(scene.plant().truth().tip_m.norm(), 0.012);
   EXPECT_GT(start.norm(), 0.018);
 }

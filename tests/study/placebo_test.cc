@@ -61,7 +61,7 @@ TEST(PlaceboTest, CorrectsAtItsRate) {
     ASSERT_EQ(step.change, 1.5);
     ++corrected;
   }
-  // Four standard errors.
+  // The tolerance is four standard errors.
   EXPECT_NEAR(corrected, 0.2 * kControls, 4.0 * std::sqrt(0.16 * kControls));
 }
 

@@ -105,7 +105,7 @@ TEST(CoverageTest, HeldOutDemonstrationsKeepThePromises) {
     EXPECT_EQ(result.promised, 0.2);
     EXPECT_EQ(result.confidence, 0.8);
     EXPECT_GT(result.kept_chance, 0.8);
-    // Three and a half standard deviations.
+    // The tolerance is three and a half standard deviations.
     const auto near = [&](int count, double chance) {
       EXPECT_NEAR(count, kFits * chance, 3.5 * std::sqrt(kFits * chance * (1.0 - chance)));
     };

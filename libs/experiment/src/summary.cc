@@ -37,7 +37,7 @@ struct Tally {
   double change = 0.0;
   double seconds = 0.0;
   int redrawn = 0;
-  // By outcome and cluster.
+  // For each outcome, the counts of all clusters.
   std::map<core::Outcome, std::vector<ClusterCount>> clusters;
   std::map<std::string, int> halt_causes;
   std::map<std::string, int> collision_causes;

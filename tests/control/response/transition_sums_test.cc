@@ -125,7 +125,7 @@ TEST_P(TransitionSumsTest, SumsAreThoseOfWeightedOuterProducts) {
     const std::vector<float> z = Uniform(width);
     std::vector<double> weights(rows);
     for (double& weight : weights) weight = random_.Uniform(0.0, 1.0);
-    // Every second row, backwards.
+    // Selects every second row, in reverse order.
     std::vector<std::int32_t> indices;
     for (std::size_t i = rows; i-- > 0;) {
       if (i % 2 == 0) indices.push_back(static_cast<std::int32_t>(i));

@@ -169,7 +169,7 @@ TEST(ModelSelectionTest, SharedDistancesGiveTheEstimatesOfSeparateFits) {
             at_a[i] = a.Decision(x);
             at_b[i] = b.Decision(x);
           }
-          // Two solutions within the tolerance, over nu m, with a margin of ten.
+          // Two solutions differ by about the tolerance over nu m. The margin is ten.
           EXPECT_TRUE(dfr::test::AllClose(at_a, at_b, 10.0 * tolerance / b.libsvm_scale()));
         }
       }

@@ -191,7 +191,7 @@ void ExpectNearOnEveryRevolution(const GuardModel& model, const core::Matrix& st
   EXPECT_GT(*std::min_element(levels.begin(), levels.end()), -1.0);
 }
 
-// From 2.6 to 3.8 rad.
+// The angle turns from 2.6 to 3.8 rad and therefore wraps once.
 TEST(ContinuousStatesTest, AnAngleThatWrapsIsContinuousOnEveryRevolution) {
   const auto model = GuardModel::Fit(Layout("angle", 1), Turning(Wrapped, 1, 30, 2.6));
   EXPECT_GT(model->summary().acceptance, 0.7);

@@ -39,7 +39,7 @@ HWY_INLINE V Exp2(D d, V e) {
   constexpr bool kSingle = sizeof(T) == 4;
   const auto normal = hn::Ge(e, hn::Set(d, Exp2Of<T>().least));
 #if HWY_TARGET <= HWY_AVX3
-  // Two instructions without a Highway name: e - floor(e) and p * 2^floor(e).
+  // Highway has no names for two instructions: e - floor(e) and p * 2^floor(e).
   constexpr int kFloorNoException = 0x09;
   if constexpr (kSingle) {
     const V f{_mm512_reduce_ps(e.raw, kFloorNoException)};

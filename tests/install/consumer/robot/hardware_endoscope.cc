@@ -3,7 +3,7 @@
 #include "dfr/hardware/endoscope.h"
 #include "dfr/hardware/intrinsics_file.h"
 
-// A round trip of intrinsics, and an absent camera.
+// Succeeds if intrinsics survive a round trip and an absent camera is reported.
 int main() try {
   dfr::vision::CameraModel camera;
   camera.fx = 612.25;

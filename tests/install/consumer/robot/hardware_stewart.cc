@@ -2,7 +2,7 @@
 
 #include "dfr/hardware/sprk_driver.h"
 
-// An absent port.
+// Succeeds if the driver reports an absent port.
 int main() try {
   const dfr::hardware::SprkDriver driver({.device = "/dev/no-such-port"});
   return 1;

@@ -1,6 +1,6 @@
 #include "dfr/line_task/line_task.h"
 
-// From a tip position to joint values and back.
+// Converts a tip position to joint values and back.
 int main() {
   dfr::kinematics::PsmJoints home = dfr::kinematics::PsmJoints::Zero();
   home[2] = 0.12;

@@ -1,6 +1,6 @@
 #include "dfr/vision/line_vision.h"
 
-// A picture of the wrong size.
+// Succeeds if the library reports that a picture has the wrong size.
 int main() {
   dfr::vision::LineVisionOptions options;
   options.target.marks_m = {{-0.03, -0.02}, {0.03, -0.02}, {-0.03, 0.02}, {0.03, 0.02}};
