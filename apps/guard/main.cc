@@ -2,10 +2,7 @@
 #include <CLI/CLI.hpp>
 #include <cstdlib>
 #include <filesystem>
-#include <iostream>
 #include <memory>
-#include <stdexcept>
-#include <string>
 
 #include "apps/command_line.h"
 #include "commands.h"

@@ -1,9 +1,7 @@
 // Program line_tracking: the experiment of Sec. V-B in simulation, and its run on a robot.
 #include <CLI/CLI.hpp>
 #include <cstdlib>
-#include <iostream>
 #include <opencv2/core/utility.hpp>
-#include <string>
 #include <string_view>
 #include <vector>
 

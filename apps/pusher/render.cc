@@ -1,5 +1,4 @@
 #include <cstdio>
-#include <stdexcept>
 #include <string>
 #include <vector>
 

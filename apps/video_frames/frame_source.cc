@@ -1,7 +1,6 @@
 #include "apps/video_frames/frame_source.h"
 
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <cmath>
 #include <cstring>

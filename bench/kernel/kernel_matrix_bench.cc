@@ -13,11 +13,9 @@
 #include <cstdlib>
 #include <exception>
 #include <limits>
-#include <memory>
 #include <stdexcept>
 #include <string>
 #include <string_view>
-#include <utility>
 #include <vector>
 
 #include "bench/kernel/peers.h"

@@ -5,7 +5,6 @@
 //   kernel_threads_bench [--threads=N] [--filter=TEXT] [--rounds=N]
 #include <algorithm>
 #include <chrono>
-#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>

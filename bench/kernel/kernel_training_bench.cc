@@ -1,10 +1,8 @@
 // Training compared with LIBSVM, OpenCV and dlib, with the same stopping tolerance.
 #include <algorithm>
-#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
-#include <functional>
 #include <limits>
 #include <optional>
 #include <stdexcept>

@@ -1,11 +1,9 @@
 #include "bench/kernel/machine.h"
 
 #include <algorithm>
-#include <cstdint>
 #include <cstdio>
 #include <fstream>
 #include <string>
-#include <vector>
 
 #include "bench/kernel/contest.h"
 

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 
 #include "dfr/core/contract.h"
 #include "dfr/core/numerics/linear_algebra.h"

@@ -1,5 +1,4 @@
 // Reasons for which a PsmClient holds.
-#include <algorithm>
 #include <array>
 #include <span>
 

@@ -1,7 +1,6 @@
 #include "dfr/hardware/sprk_protocol.h"
 
 #include <cmath>
-#include <span>
 
 namespace dfr::hardware {
 namespace {

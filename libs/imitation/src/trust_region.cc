@@ -1,7 +1,5 @@
 #include "trust_region.h"
 
-#include <cmath>
-
 namespace dfr::imitation::internal {
 namespace {
 

@@ -1,7 +1,6 @@
 #include "crc32.h"
 
 #include <array>
-#include <cstddef>
 
 namespace dfr::recording::internal {
 namespace {

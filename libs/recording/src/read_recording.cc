@@ -1,12 +1,10 @@
 #include "dfr/recording/read_recording.h"
 
 #include <algorithm>
-#include <array>
 #include <charconv>
 #include <cstddef>
 #include <fstream>
 #include <ios>
-#include <limits>
 #include <stdexcept>
 #include <string_view>
 #include <utility>

@@ -3,7 +3,6 @@
 #include <fstream>
 #include <ios>
 #include <stdexcept>
-#include <system_error>
 #include <vector>
 
 namespace dfr::recording {

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
-#include <utility>
 
 #include "dfr/control/phase_tracker.h"
 #include "dfr/control/response/response_estimate.h"

@@ -6,7 +6,6 @@
 #include <optional>
 #include <span>
 #include <string>
-#include <utility>
 
 #include "dfr/core/build_info.h"
 #include "dfr/guard.h"

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <utility>
 
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/contract.h"

@@ -1,12 +1,10 @@
 #include "dfr/vision/line_vision.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
-#include <utility>
 
 #include "colour_blobs.h"
 #include "dfr/core/contract.h"

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
-#include <string>
 
 #include "arm_pose.h"
 #include "dfr/core/contract.h"

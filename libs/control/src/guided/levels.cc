@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
-#include <utility>
 
 #include "dfr/control/constants.h"
 #include "dfr/core/contract.h"

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
 
 #include "dfr/control/constants.h"
 #include "dfr/control/response/few_values.h"

@@ -7,7 +7,6 @@
 #include <cstring>
 #include <limits>
 #include <numeric>
-#include <utility>
 
 #include "dfr/core/contract.h"
 #include "dfr/core/numerics/spanning_tree.h"

@@ -4,7 +4,6 @@
 #include <openssl/pem.h>
 
 #include <array>
-#include <cstdio>
 #include <ctime>
 #include <stdexcept>
 

@@ -3,7 +3,6 @@
 #include <openssl/pem.h>
 #include <openssl/x509_vfy.h>
 
-#include <fstream>
 #include <iterator>
 #include <stdexcept>
 

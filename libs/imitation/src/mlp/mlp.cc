@@ -5,7 +5,6 @@
 #include <cassert>
 #include <cmath>
 #include <cstddef>
-#include <string>
 
 #include "dfr/core/contract.h"
 #include "mlp/dense_kernels.h"

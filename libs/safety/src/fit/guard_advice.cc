@@ -1,7 +1,6 @@
 #include "dfr/safety/guard_advice.h"
 
 #include <algorithm>
-#include <cmath>
 #include <utility>
 
 #include "dfr/control/response/response_estimate.h"

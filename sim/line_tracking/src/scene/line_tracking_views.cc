@@ -1,7 +1,5 @@
 #include "scene/line_tracking_views.h"
 
-#include <utility>
-
 namespace dfr::sim::internal {
 namespace {
 
