@@ -10,8 +10,8 @@
 
 #include "hdf5/hdf5_file.h"
 #include "tests/demonstrations/episodes.h"
-#include "tests/imitation/temp_folder.h"
 #include "tests/support/message_of.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::imitation {
 namespace {

@@ -17,8 +17,8 @@
 #include "hdf5/hdf5_reader.h"
 #include "parquet/parquet_file.h"
 #include "tests/demonstrations/episodes.h"
-#include "tests/imitation/temp_folder.h"
 #include "tests/support/message_of.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::imitation {
 namespace {

@@ -11,7 +11,7 @@
 
 #include "dfr/imitation/demonstrations.h"
 #include "tests/demonstrations/episodes.h"
-#include "tests/imitation/temp_folder.h"
+#include "tests/support/temp_folder.h"
 
 namespace {
 

@@ -8,9 +8,9 @@
 #include <stdexcept>
 
 #include "dfr/core/numerics/linear_algebra.h"
-#include "tests/imitation/temp_folder.h"
 #include "tests/support/all_close.h"
 #include "tests/support/message_of.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::imitation {
 namespace {

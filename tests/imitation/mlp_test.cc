@@ -9,11 +9,11 @@
 #include <utility>
 #include <vector>
 
-#include "tests/imitation/temp_folder.h"
 #include "tests/support/all_close.h"
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 #include "tests/support/random_matrix.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::imitation {
 namespace {

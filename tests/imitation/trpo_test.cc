@@ -7,9 +7,9 @@
 #include <vector>
 
 #include "tests/imitation/point_reach.h"
-#include "tests/imitation/temp_folder.h"
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::imitation {
 namespace {

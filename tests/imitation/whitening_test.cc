@@ -7,10 +7,10 @@
 #include <stdexcept>
 
 #include "dfr/core/random.h"
-#include "tests/imitation/temp_folder.h"
 #include "tests/support/all_close.h"
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::imitation {
 namespace {

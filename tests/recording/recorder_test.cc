@@ -17,10 +17,10 @@
 #include "tests/recording/example.h"
 #include "tests/recording/hand_clock.h"
 #include "tests/recording/same.h"
-#include "tests/recording/temp_folder.h"
 #include "tests/support/eventually.h"
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::recording {
 namespace {

@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "tests/recording/temp_folder.h"
 #include "tests/support/no_alloc.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::recording {
 namespace {
