@@ -28,7 +28,7 @@ namespace dfr::kernel::internal {
 /// Largest and smallest G of samples that may still move; gives the KKT gap and rho.
 struct KktBounds {
   double largest = -std::numeric_limits<double>::infinity();  ///< over alpha > 0
-  double smallest = std::numeric_limits<double>::infinity();  ///< over alpha < 1
+  double smallest = std::numeric_limits<double>::infinity();  ///< over alpha below its bound, 1
   double free_sum = 0.0;
   std::size_t free = 0;
   double alpha_sum = 0.0;
@@ -84,16 +84,18 @@ struct KktBounds {
          options.progress({summary.iterations, summary.kkt_gap, options.tolerance});
 }
 
+/// Returns the number of iterations after which a fit ends.
+[[nodiscard]] inline std::int64_t MostIterations(const OneClassSvmOptions& options,
+                                                 std::size_t samples) {
+  if (options.max_iterations > 0) return options.max_iterations;
+  return std::max<std::int64_t>(10'000'000, 100 * static_cast<std::int64_t>(samples));
+}
+
 /// Decides after every round with an exact gradient whether another round follows.
 class Rounds {
  public:
   Rounds(const OneClassSvmOptions& options, std::size_t samples, FitSummary& summary)
-      : options_(options),
-        summary_(summary),
-        most_iterations_(
-            options.max_iterations > 0
-                ? options.max_iterations
-                : std::max<std::int64_t>(10'000'000, 100 * static_cast<std::int64_t>(samples))) {}
+      : options_(options), summary_(summary), most_iterations_(MostIterations(options, samples)) {}
 
   /// Writes gap and objective to the summary. Returns true to continue; otherwise the summary has
   /// the reason.

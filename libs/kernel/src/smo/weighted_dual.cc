@@ -1,18 +1,15 @@
 #include "smo/weighted_dual.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstdint>
-#include <limits>
 #include <numeric>
 #include <vector>
 
 #include "gaussian/gaussian_sum.h"
+#include "smo/kkt.h"
 
 namespace dfr::kernel::internal {
 namespace {
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 class WeightedSolver {
  public:
@@ -35,10 +32,7 @@ class WeightedSolver {
 
   void Run() {
     using Reason = FitSummary::Reason;
-    const std::int64_t most =
-        options_.max_iterations > 0
-            ? options_.max_iterations
-            : std::max<std::int64_t>(10'000'000, 100 * static_cast<std::int64_t>(alpha_.size()));
+    const std::int64_t most = MostIterations(options_, alpha_.size());
     // Each step adds rounding errors to the gradient. If a recomputed gradient does not confirm the
     // end, the next round starts from it.
     constexpr int kRounds = 3;
@@ -46,13 +40,15 @@ class WeightedSolver {
       ComputeGradient();
       bool moves = true;
       while (true) {
-        const Extremes extremes = Scan();
-        summary_.kkt_gap = extremes.gap();
+        const Bounds bounds = Scan();
+        summary_.kkt_gap = bounds.gap();
         if (summary_.kkt_gap < options_.tolerance || !moves) break;
         if (summary_.iterations >= most) return Finish(Reason::kMaxIterations);
-        if ((summary_.iterations & 0xff) == 0 && !Continue()) return Finish(Reason::kInterrupted);
+        if ((summary_.iterations & 0xff) == 0 && !GoOn(options_, summary_)) {
+          return Finish(Reason::kInterrupted);
+        }
         ++summary_.iterations;
-        moves = Step(extremes.smallest_at);
+        moves = Step(bounds.smallest_at);
       }
     }
     ComputeGradient();
@@ -62,44 +58,30 @@ class WeightedSolver {
 
   [[nodiscard]] const std::vector<double>& alpha() const { return alpha_; }
 
-  // Mean of G over free samples; if there are none, the middle of the interval that the KKT
-  // conditions allow.
-  [[nodiscard]] double Rho() const {
-    double sum = 0.0;
-    std::size_t free = 0;
-    for (std::size_t i = 0; i < alpha_.size(); ++i) {
-      if (alpha_[i] > 0.0 && alpha_[i] < options_.weights[i]) {
-        sum += gradient_[i];
-        ++free;
-      }
-    }
-    if (free > 0) return sum / static_cast<double>(free);
-    const Extremes extremes = Scan();
-    return std::isinf(extremes.smallest) ? extremes.largest
-                                         : 0.5 * (extremes.largest + extremes.smallest);
-  }
+  [[nodiscard]] double Rho() const { return Scan().rho(); }
 
  private:
-  // Largest G over alpha > 0 and smallest G over alpha < w.
-  struct Extremes {
-    double largest = -kInfinity;
-    double smallest = kInfinity;
+  struct Bounds : KktBounds {
     std::size_t smallest_at = 0;
-    [[nodiscard]] double gap() const {
-      return std::isinf(smallest) ? 0.0 : std::max(0.0, largest - smallest);
-    }
   };
 
-  [[nodiscard]] Extremes Scan() const {
-    Extremes extremes;
+  // The upper bound of alpha is its weight.
+  [[nodiscard]] Bounds Scan() const {
+    Bounds bounds;
     for (std::size_t i = 0; i < alpha_.size(); ++i) {
-      if (alpha_[i] > 0.0) extremes.largest = std::max(extremes.largest, gradient_[i]);
-      if (alpha_[i] < options_.weights[i] && gradient_[i] < extremes.smallest) {
-        extremes.smallest = gradient_[i];
-        extremes.smallest_at = i;
+      const double g = gradient_[i];
+      const bool may_grow = alpha_[i] < options_.weights[i];
+      if (may_grow && g < bounds.smallest) {
+        bounds.smallest = g;
+        bounds.smallest_at = i;
       }
+      if (alpha_[i] <= 0.0) continue;
+      bounds.largest = std::max(bounds.largest, g);
+      if (!may_grow) continue;
+      bounds.free_sum += g;
+      ++bounds.free;
     }
-    return extremes;
+    return bounds;
   }
 
   void ComputeRow(std::size_t i, AlignedVector<double>& row) {
@@ -148,15 +130,9 @@ class WeightedSolver {
     return true;
   }
 
-  [[nodiscard]] bool Continue() const {
-    return !options_.progress ||
-           options_.progress({summary_.iterations, summary_.kkt_gap, options_.tolerance});
-  }
-
   void Finish(FitSummary::Reason reason) {
     summary_.reason = reason;
-    summary_.objective =
-        0.5 * std::inner_product(alpha_.begin(), alpha_.end(), gradient_.begin(), 0.0);
+    summary_.objective = Objective(alpha_, gradient_);
   }
 
   const OneClassSvmOptions& options_;
