@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
-#include <numeric>
 #include <vector>
 
 #include "dfr/control/response/response_estimate.h"
@@ -21,20 +20,6 @@ void Check(std::size_t demonstrations, std::size_t least, double confidence) {
                    "confidence must lie in (0, 1), not " << confidence);
   DFR_THROW_UNLESS(demonstrations >= least,
                    "at least " << least << " demonstrations are needed, not " << demonstrations);
-}
-
-// Returns the root mean square of the nonzero demonstrated controls.
-double RootMeanSquare(std::span<const core::Matrix> controls) {
-  double square = 0.0;
-  int moving = 0;
-  for (const core::Matrix& c : controls) {
-    for (const auto& control : c.rowwise()) {
-      square += control.squaredNorm();
-      moving += control.squaredNorm() > 0.0 ? 1 : 0;
-    }
-  }
-  DFR_THROW_UNLESS(moving > 0, "all demonstrated controls are zero");
-  return std::sqrt(square / moving);
 }
 
 // Returns the largest |dz - J u| / |u|, with a J updated by the demonstration up to each step.
@@ -92,20 +77,12 @@ EstimatedConstant EstimateDirectionError(const FeatureTrajectories& demonstratio
   const std::vector<core::Matrix>& points = demonstrations.points;
   std::vector<core::Matrix> controls = demonstrations.controls;
   for (core::Matrix& c : controls) c /= unit;
-  std::vector<std::size_t> order(points.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
   double largest = 0.0;
   for (std::size_t fold = 0; fold < folds.size(); ++fold) {
-    std::vector<core::Matrix> other_points;
-    std::vector<core::Matrix> other_controls;
-    other_points.reserve(points.size());
-    other_controls.reserve(points.size());
-    for (const std::size_t d : core::Others(folds, fold, order)) {
-      other_points.push_back(points[d]);
-      other_controls.push_back(controls[d]);
-    }
     ResponseEstimate estimate(
-        std::make_shared<const TransitionStore>(other_points, other_controls, options), {}, kDrift);
+        std::make_shared<const TransitionStore>(core::WithoutFold(points, folds, fold),
+                                                core::WithoutFold(controls, folds, fold), options),
+        {}, kDrift);
     for (const std::size_t d : folds[fold]) {
       largest = std::max(largest, LargestError(points[d], controls[d], unit, estimate));
     }

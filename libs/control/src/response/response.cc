@@ -65,21 +65,26 @@ FeatureTrajectories::FeatureTrajectories(const core::FeatureTransform& features,
   }
 }
 
-Response::Response(const FeatureTrajectories& demonstrations, const ResponseOptions& options) {
-  DFR_THROW_UNLESS(!demonstrations.points.empty(), "there are no demonstrations");
-  std::vector<core::Matrix> controls = demonstrations.controls;
+double RootMeanSquare(std::span<const core::Matrix> controls) {
   double square = 0.0;
   int moving = 0;
   for (const core::Matrix& c : controls) {
-    for (Eigen::Index t = 0; t < c.rows(); ++t) {
-      const double norm = c.row(t).squaredNorm();
-      square += norm;
-      moving += norm > 0.0 ? 1 : 0;
-      largest_ = std::max(largest_, std::sqrt(norm));
+    for (const auto& control : c.rowwise()) {
+      square += control.squaredNorm();
+      moving += control.squaredNorm() > 0.0 ? 1 : 0;
     }
   }
   DFR_THROW_UNLESS(moving > 0, "all demonstrated controls are zero");
-  control_unit_ = std::sqrt(square / moving);
+  return std::sqrt(square / moving);
+}
+
+Response::Response(const FeatureTrajectories& demonstrations, const ResponseOptions& options) {
+  DFR_THROW_UNLESS(!demonstrations.points.empty(), "there are no demonstrations");
+  std::vector<core::Matrix> controls = demonstrations.controls;
+  control_unit_ = RootMeanSquare(controls);
+  for (const core::Matrix& c : controls) {
+    for (const auto& control : c.rowwise()) largest_ = std::max(largest_, control.norm());
+  }
   largest_ /= control_unit_;
   std::vector<FewValues> values(static_cast<std::size_t>(controls[0].cols()));
   for (core::Matrix& c : controls) {

@@ -54,16 +54,12 @@ class SupportFits {
                                   const std::function<bool(double share)>& going_on,
                                   std::vector<std::optional<kernel::WhitenedSupport>>* without) {
     if (without != nullptr) without->assign(folds.size(), std::nullopt);
-    std::vector<std::size_t> order(points_.size());
-    std::iota(order.begin(), order.end(), std::size_t{0});
     std::vector<HeldOut> each(points_.size());
     for (std::size_t fold = 0; fold < folds.size(); ++fold) {
       if (!going_on(static_cast<double>(fold) / static_cast<double>(folds.size()))) {
         return std::nullopt;
       }
-      std::vector<core::Matrix> others;
-      others.reserve(points_.size());
-      for (const std::size_t d : core::Others(folds, fold, order)) others.push_back(points_[d]);
+      const std::vector<core::Matrix> others = core::WithoutFold(points_, folds, fold);
       if (others.size() < 2) continue;
       kernel::WhitenedSupport support = Fit(others, options);
       for (const std::size_t d : folds[fold]) each[d].Add(support, points_[d]);
@@ -123,13 +119,9 @@ class CoarseSupports {
   [[nodiscard]] Fitted Fit(double gamma) const {
     kernel::WhitenedSupportOptions options = options_;
     options.svm.gamma = gamma;
-    std::vector<std::size_t> order(points_.size());
-    std::iota(order.begin(), order.end(), std::size_t{0});
     HeldOut held_out;
     for (std::size_t fold = 0; fold < folds_.size(); ++fold) {
-      std::vector<core::Matrix> others;
-      others.reserve(points_.size());
-      for (const std::size_t d : core::Others(folds_, fold, order)) others.push_back(points_[d]);
+      const std::vector<core::Matrix> others = core::WithoutFold(points_, folds_, fold);
       if (others.size() < 2) continue;
       const auto support = kernel::WhitenedSupport::Fit(others, options);
       for (const std::size_t d : folds_[fold]) held_out.Add(support, coarse_[d]);

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <memory>
-#include <numeric>
 
 #include "dfr/control/response/response_estimate.h"
 
@@ -66,8 +65,6 @@ Replay ReplayLeftOut(const Recorded& recorded, const GuardFit& fit, const contro
   const std::vector<core::Matrix>& points = recorded.seen.points;
   const std::vector<core::Matrix>& contexts = recorded.seen.contexts;
   std::vector<core::Matrix> controls = recorded.seen.controls;
-  std::vector<std::size_t> order(controls.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
   std::size_t actions = 0;
   for (core::Matrix& c : controls) {
     c /= response.control_unit();
@@ -78,24 +75,16 @@ Replay ReplayLeftOut(const Recorded& recorded, const GuardFit& fit, const contro
   for (std::size_t fold = 0; fold < fit.folds.size(); ++fold) {
     if (!fit.without[fold]) continue;
     const kernel::WhitenedSupport& support = *fit.without[fold];
-    std::vector<core::Matrix> others;
-    std::vector<core::Matrix> other_controls;
-    std::vector<core::Matrix> other_contexts;
-    for (const std::size_t d : core::Others(fit.folds, fold, order)) {
-      others.push_back(points[d]);
-      other_controls.push_back(controls[d]);
-      if (!contexts.empty()) other_contexts.push_back(contexts[d]);
-    }
     const control::ResponseEstimate estimate(
         std::make_shared<const control::TransitionStore>(
-            others, other_controls, response.prior()->options(), other_contexts),
+            core::WithoutFold(points, fit.folds, fold),
+            core::WithoutFold(controls, fit.folds, fold), response.prior()->options(),
+            core::WithoutFold(contexts, fit.folds, fold)),
         {}, response.has_drift());
     control::LocalFit made = estimate.MakeFit();
     std::size_t next = 0;
-    for (const std::size_t d : order) {
-      if (std::find(fit.folds[fold].begin(), fit.folds[fold].end(), d) == fit.folds[fold].end()) {
-        continue;
-      }
+    for (std::size_t d = 0; d < controls.size(); ++d) {
+      if (std::ranges::count(fit.folds[fold], d) == 0) continue;
       std::vector<int> steps;
       Follow(support, points[d], &steps);
       for (Eigen::Index t = 0; t < controls[d].rows(); ++t, ++next) {

@@ -27,6 +27,10 @@ struct FeatureTrajectories {
   std::vector<core::Matrix> contexts;
 };
 
+/// Returns the root mean square of |u| over the nonzero controls of all demonstrations.
+/// @throws std::invalid_argument if all controls are zero.
+[[nodiscard]] double RootMeanSquare(std::span<const core::Matrix> controls);
+
 /// Response of features to controls in demonstrations. Immutable; copies share the transitions.
 class Response {
  public:

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -51,5 +52,17 @@ using Folds = std::vector<std::vector<std::size_t>>;
 /// Returns the demonstrations of all folds except `left_out`, in the order of `order`.
 [[nodiscard]] std::vector<std::size_t> Others(const Folds& folds, std::size_t left_out,
                                               std::span<const std::size_t> order);
+/// Returns the `values`, one per demonstration, of all folds except `left_out`. Returns no value if
+/// there are none.
+template <typename T>
+[[nodiscard]] std::vector<T> WithoutFold(const std::vector<T>& values, const Folds& folds,
+                                         std::size_t left_out) {
+  std::vector<T> others;
+  others.reserve(values.size());
+  for (std::size_t d = 0; d < values.size(); ++d) {
+    if (std::ranges::count(folds[left_out], d) == 0) others.push_back(values[d]);
+  }
+  return others;
+}
 
 }  // namespace dfr::core
