@@ -78,24 +78,6 @@ class WayBack {
   Eigen::MatrixXd products_;
 };
 
-void CheckWidth(const GuardModel& model, std::span<const double> state) {
-  DFR_THROW_UNLESS(static_cast<int>(state.size()) == model.state_dim(),
-                   "the state has " << state.size() << " entries, but the guard's states have "
-                                    << model.state_dim());
-}
-
-Eigen::VectorXd FeaturesOf(const GuardModel& model, std::span<const double> state) {
-  Eigen::VectorXd z(model.task().features().num_features());
-  if (model.reduction() == nullptr) {
-    model.task().features().Apply(state, core::AsSpan(z));
-    return z;
-  }
-  reduction::StateReduction::Workspace workspace(*model.reduction());
-  model.reduction()->Apply(state, workspace);
-  model.task().features().Apply(workspace.state(), core::AsSpan(z));
-  return z;
-}
-
 std::vector<OutsideEntry> EntriesAt(const GuardModel& model, int t, const Eigen::VectorXd& z) {
   std::vector<OutsideEntry> found;
   const double l = model.task().feature_support().LogDecision(t, core::AsSpan(z), {});
@@ -234,7 +216,7 @@ std::string WhyNot(const GuardModel& model, const Verdict& verdict, std::span<co
                           limits[i]);
     }
   }
-  const Eigen::VectorXd z = FeaturesOf(model, state);
+  const Eigen::VectorXd z = model.Features(state);
   if (std::isfinite(verdict.predicted)) {
     const int next = verdict.step + 1;
     std::string text =
@@ -265,7 +247,7 @@ core::Matrix Attribution(const GuardModel& model, const core::Matrix& states) {
       attribution.row(i).setConstant(std::numeric_limits<double>::quiet_NaN());
       continue;
     }
-    back.Go(steps[static_cast<std::size_t>(i)], FeaturesOf(model, core::Row(states, i)), missing);
+    back.Go(steps[static_cast<std::size_t>(i)], model.Features(core::Row(states, i)), missing);
     if (reduction != nullptr) {
       const auto dim = static_cast<Eigen::Index>(reduction->reduced_dim());
       Eigen::MatrixXd products = Eigen::MatrixXd::Zero(dim, dim);
@@ -287,8 +269,7 @@ core::Matrix Attribution(const GuardModel& model, const core::Matrix& states) {
 
 std::vector<OutsideEntry> OutsideEntries(const GuardModel& model, int t,
                                          std::span<const double> state) {
-  CheckWidth(model, state);
-  return EntriesAt(model, t, FeaturesOf(model, state));
+  return EntriesAt(model, t, model.Features(state));
 }
 
 std::string Describe(const GuardModel& model, int t, std::span<const OutsideEntry> entries) {
@@ -309,8 +290,7 @@ std::string Describe(const GuardModel& model, int t, std::span<const OutsideEntr
 
 NearestDemonstration Nearest(const GuardModel& model, int t, std::span<const double> state,
                              std::span<const core::Matrix> demonstrations) {
-  CheckWidth(model, state);
-  const Eigen::VectorXd z = FeaturesOf(model, state);
+  const Eigen::VectorXd z = model.Features(state);
   NearestDemonstration nearest{.distance = std::numeric_limits<double>::infinity()};
   constexpr int kWindow = control::PhaseTracker::kWindow;
   for (std::size_t d = 0; d < demonstrations.size(); ++d) {
@@ -326,7 +306,7 @@ NearestDemonstration Nearest(const GuardModel& model, int t, std::span<const dou
     const int first = t < 0 ? 0 : std::max(0, near - kWindow);
     const int last = t < 0 ? rows - 1 : std::min(rows - 1, near + kWindow);
     for (int i = first; i <= last; ++i) {
-      const double distance = (FeaturesOf(model, core::Row(demonstrations[d], i)) - z).norm();
+      const double distance = (model.Features(core::Row(demonstrations[d], i)) - z).norm();
       if (distance >= nearest.distance) continue;
       nearest = {.demonstration = static_cast<int>(d), .step = i, .distance = distance};
     }

@@ -339,9 +339,7 @@ control::Certificate GuardModel::certificate() const {
 
 Certification GuardModel::Certify(int t, std::span<const double> state,
                                   std::span<const double> action) const {
-  DFR_THROW_UNLESS(
-      static_cast<int>(state.size()) == state_dim(),
-      "the state has " << state.size() << " entries, but the guard's states have " << state_dim());
+  const Eigen::VectorXd z = Features(state);
   DFR_THROW_UNLESS(static_cast<int>(action.size()) == action_dim(),
                    "the action has " << action.size() << " entries, but the guard's actions have "
                                      << action_dim());
@@ -349,14 +347,6 @@ Certification GuardModel::Certify(int t, std::span<const double> state,
   const control::Certificate certificate = this->certificate();
   const control::TaskView task = task_->view();
   const int n = task.features().num_features();
-  Eigen::VectorXd z(n);
-  if (reduction_) {
-    reduction::StateReduction::Workspace workspace(*reduction_);
-    reduction_->Apply(state, workspace);
-    task.features().Apply(workspace.state(), core::AsSpan(z));
-  } else {
-    task.features().Apply(state, core::AsSpan(z));
-  }
   // The certificate assumes that there is no drift.
   const control::LocalFit answer =
       control::ResponseEstimate(task.response().prior(), {}, /*drift=*/false)
@@ -436,6 +426,22 @@ core::Matrix GuardModel::TaskStates(const core::Matrix& states) const {
     reduced.row(i) = core::AsVector(workspace.state()).transpose();
   }
   return reduced;
+}
+
+Eigen::VectorXd GuardModel::Features(std::span<const double> state) const {
+  DFR_THROW_UNLESS(
+      static_cast<int>(state.size()) == state_dim(),
+      "the state has " << state.size() << " entries, but the guard's states have " << state_dim());
+  const core::FeatureTransform& features = task_->features();
+  Eigen::VectorXd z(features.num_features());
+  if (reduction_) {
+    reduction::StateReduction::Workspace workspace(*reduction_);
+    reduction_->Apply(state, workspace);
+    features.Apply(workspace.state(), core::AsSpan(z));
+  } else {
+    features.Apply(state, core::AsSpan(z));
+  }
+  return z;
 }
 
 }  // namespace dfr::safety

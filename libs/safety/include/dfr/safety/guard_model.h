@@ -214,6 +214,9 @@ class GuardModel {
   /// reduction::StateReduction::Apply() rejects it.
   /// @throws std::invalid_argument if states are not state_dim() wide.
   [[nodiscard]] core::Matrix TaskStates(const core::Matrix& states) const;
+  /// Returns the features of task() at one state; NaN as TaskStates().
+  /// @throws std::invalid_argument unless the state has state_dim() entries.
+  [[nodiscard]] Eigen::VectorXd Features(std::span<const double> state) const;
   [[nodiscard]] int action_dim() const noexcept { return actions_->dim(); }
   /// Returns the units and ranges of the entries of an action.
   [[nodiscard]] const ActionSpace& actions() const noexcept { return *actions_; }
