@@ -104,18 +104,47 @@ class Arm2Plant final : public Cloned<Arm2Plant> {
   }
 };
 
-// A planar arm of seven joints. State: joints(7) in rad, tip(2).
-class Arm7Plant final : public Cloned<Arm7Plant> {
-  static constexpr int kJoints = 7;
-  static constexpr double kLink = 1.0 / kJoints;
-  static constexpr double kStep = 0.1;  // rad, joint rotation by a control of 1
+// A planar arm of equal links, which reaches from below a pillar to a goal above it. State:
+// joints(N) in rad, tip(2), then hidden entries.
+template <typename Derived, int N>
+class ChainPlant : public Cloned<Derived> {
+ protected:
+  static constexpr int kJoints = N;
   static constexpr Disc kPillar{{0.8, 0.0}, 0.12};
   static constexpr Disc kGoal{{0.72, 0.36}, 0.05};
-  // Start pose, bent away from the pillar.
-  static constexpr std::array<double, kJoints> kStart = {-1.5, 0.4, 0.35, 0.3, 0.25, 0.2, 0.2};
+  using Cloned<Derived>::x;
+
+  // The mean start pose is bent away from the pillar.
+  ChainPlant(const std::array<double, N>& start, int hidden)
+      : Cloned<Derived>({{"joints", 0, N}, {"tip", 0, 2}}, hidden, N), start_(start) {}
+
+  [[nodiscard]] std::array<Point, N + 1> Points() const noexcept {
+    return ChainPoints<N>({}, 1.0 / N, [this](int i) { return x(i); });
+  }
+  void Place() noexcept {
+    const Point tip = Points().back();
+    x(N) = tip.x;
+    x(N + 1) = tip.y;
+  }
+
+ private:
+  void Start(core::Random& random) noexcept final {
+    for (int i = 0; i < N; ++i) {
+      x(i) = start_[static_cast<std::size_t>(i)] + random.Uniform(-0.04, 0.04);
+    }
+    Place();
+  }
+  [[nodiscard]] bool Done() const noexcept final { return kGoal.Contains({x(N), x(N + 1)}); }
+
+  std::array<double, N> start_;
+};
+
+// A planar arm of seven joints.
+class Arm7Plant final : public ChainPlant<Arm7Plant, 7> {
+  static constexpr double kStep = 0.1;  // rad, joint rotation by a control of 1
 
  public:
-  Arm7Plant() : Cloned({{"joints", 0, kJoints}, {"tip", 0, 2}}, 0, kJoints) {}
+  Arm7Plant() : ChainPlant({-1.5, 0.4, 0.35, 0.3, 0.25, 0.2, 0.2}, 0) {}
 
   void Supervise(const SupervisorVariation& variation,
                  std::span<double> u) const noexcept override {
@@ -128,20 +157,6 @@ class Arm7Plant final : public Cloned<Arm7Plant> {
   }
 
  private:
-  [[nodiscard]] std::array<Point, kJoints + 1> Points() const noexcept {
-    return ChainPoints<kJoints>({}, kLink, [this](int i) { return x(i); });
-  }
-  void Place() noexcept {
-    const Point tip = Points().back();
-    x(kJoints) = tip.x;
-    x(kJoints + 1) = tip.y;
-  }
-  void Start(core::Random& random) noexcept override {
-    for (int i = 0; i < kJoints; ++i) {
-      x(i) = kStart[static_cast<std::size_t>(i)] + random.Uniform(-0.04, 0.04);
-    }
-    Place();
-  }
   void Step(std::span<const double> u) noexcept override {
     constexpr int kLooks = 2;
     for (int look = 0; look < kLooks; ++look) {
@@ -153,27 +168,18 @@ class Arm7Plant final : public Cloned<Arm7Plant> {
     }
     Place();
   }
-  [[nodiscard]] bool Done() const noexcept override {
-    return kGoal.Contains({x(kJoints), x(kJoints + 1)});
-  }
 };
 
 // An arm whose servos move the joints to absolute targets. A control is the target minus the
 // measured joint, rad, as in a conversion of absolute targets. Half of a motion carries over to the
-// next step, and the shoulder sags slightly. State: joints(5) in rad, tip(2); hidden: the last
-// motion(5).
-class JointsPlant final : public Cloned<JointsPlant> {
-  static constexpr int kJoints = 5;
-  static constexpr double kLink = 0.2;
+// next step, and the shoulder sags slightly. Hidden: the last motion(5).
+class JointsPlant final : public ChainPlant<JointsPlant, 5> {
   static constexpr double kCarry = 0.5;
   static constexpr double kSag = 0.003;  // rad, sag per step at a horizontal first link
   static constexpr double kMost = 0.12;  // rad, maximum distance of a target ahead
-  static constexpr Disc kPillar{{0.8, 0.0}, 0.12};
-  static constexpr Disc kGoal{{0.72, 0.36}, 0.05};
-  static constexpr std::array<double, kJoints> kStart = {-1.25, 0.5, 0.4, 0.3, 0.25};
 
  public:
-  JointsPlant() : Cloned({{"joints", 0, kJoints}, {"tip", 0, 2}}, kJoints, kJoints) {}
+  JointsPlant() : ChainPlant({-1.25, 0.5, 0.4, 0.3, 0.25}, kJoints) {}
 
   void Supervise(const SupervisorVariation& variation,
                  std::span<double> u) const noexcept override {
@@ -186,20 +192,6 @@ class JointsPlant final : public Cloned<JointsPlant> {
   }
 
  private:
-  [[nodiscard]] std::array<Point, kJoints + 1> Points() const noexcept {
-    return ChainPoints<kJoints>({}, kLink, [this](int i) { return x(i); });
-  }
-  void Place() noexcept {
-    const Point tip = Points().back();
-    x(kJoints) = tip.x;
-    x(kJoints + 1) = tip.y;
-  }
-  void Start(core::Random& random) noexcept override {
-    for (int i = 0; i < kJoints; ++i) {
-      x(i) = kStart[static_cast<std::size_t>(i)] + random.Uniform(-0.04, 0.04);
-    }
-    Place();
-  }
   void Step(std::span<const double> u) noexcept override {
     constexpr int kMotion = kJoints + 2;
     for (int i = 0; i < kJoints; ++i) {
@@ -215,9 +207,6 @@ class JointsPlant final : public Cloned<JointsPlant> {
       FailIf(Touches(Points(), kPillar));
     }
     Place();
-  }
-  [[nodiscard]] bool Done() const noexcept override {
-    return kGoal.Contains({x(kJoints), x(kJoints + 1)});
   }
 };
 
