@@ -1,5 +1,8 @@
 #pragma once
 
+#include <concepts>
+#include <type_traits>
+
 #include "dfr/dds/messages.h"
 #include "ros2_types.h"
 #include "ros2_typesPubSubTypes.h"
@@ -46,46 +49,132 @@ DFR_SERVICE(InverseKinematicsQuery, crtk_msgs, QueryInverseKinematics_Request_)
 DFR_SERVICE(InverseKinematicsAnswer, crtk_msgs, QueryInverseKinematics_Response_)
 #undef DFR_SERVICE
 
-void ToWire(const PoseStamped& message, WireOf<PoseStamped>::Type& wire);
-void ToWire(const TwistStamped& message, WireOf<TwistStamped>::Type& wire);
-void ToWire(const JointState& message, WireOf<JointState>::Type& wire);
-void ToWire(const OperatingState& message, WireOf<OperatingState>::Type& wire);
-void ToWire(const StringStamped& message, WireOf<StringStamped>::Type& wire);
-void ToWire(const Joy& message, WireOf<Joy>::Type& wire);
-void ToWire(const Image& message, WireOf<Image>::Type& wire);
-void ToWire(const CompressedImage& message, WireOf<CompressedImage>::Type& wire);
-void ToWire(const CameraInfo& message, WireOf<CameraInfo>::Type& wire);
-void ToWire(const Text& message, WireOf<Text>::Type& wire);
-void ToWire(const Flag& message, WireOf<Flag>::Type& wire);
-void ToWire(const Signal& message, WireOf<Signal>::Type& wire);
-void ToWire(const WrenchStamped& message, WireOf<WrenchStamped>::Type& wire);
-void ToWire(const CartesianState& message, WireOf<CartesianState>::Type& wire);
-void ToWire(const Number& message, WireOf<Number>::Type& wire);
-void ToWire(const Matrix& message, WireOf<Matrix>::Type& wire);
-void ToWire(const ForwardKinematicsQuery& message, WireOf<ForwardKinematicsQuery>::Type& wire);
-void ToWire(const ForwardKinematicsAnswer& message, WireOf<ForwardKinematicsAnswer>::Type& wire);
-void ToWire(const InverseKinematicsQuery& message, WireOf<InverseKinematicsQuery>::Type& wire);
-void ToWire(const InverseKinematicsAnswer& message, WireOf<InverseKinematicsAnswer>::Type& wire);
+/// A message of type T that is read or written.
+template <typename Message, typename T>
+concept Is = std::same_as<std::remove_const_t<Message>, T>;
 
-void FromWire(const WireOf<PoseStamped>::Type& wire, PoseStamped& message);
-void FromWire(const WireOf<TwistStamped>::Type& wire, TwistStamped& message);
-void FromWire(const WireOf<JointState>::Type& wire, JointState& message);
-void FromWire(const WireOf<OperatingState>::Type& wire, OperatingState& message);
-void FromWire(const WireOf<StringStamped>::Type& wire, StringStamped& message);
-void FromWire(const WireOf<Joy>::Type& wire, Joy& message);
-void FromWire(const WireOf<Image>::Type& wire, Image& message);
-void FromWire(const WireOf<CompressedImage>::Type& wire, CompressedImage& message);
-void FromWire(const WireOf<CameraInfo>::Type& wire, CameraInfo& message);
-void FromWire(const WireOf<Text>::Type& wire, Text& message);
-void FromWire(const WireOf<Flag>::Type& wire, Flag& message);
-void FromWire(const WireOf<Signal>::Type& wire, Signal& message);
-void FromWire(const WireOf<WrenchStamped>::Type& wire, WrenchStamped& message);
-void FromWire(const WireOf<CartesianState>::Type& wire, CartesianState& message);
-void FromWire(const WireOf<Number>::Type& wire, Number& message);
+// Each of these calls copy(field of the message, field of the wire type) for all fields.
+
+void Vector(auto& vector, auto& wire, auto copy) {
+  copy(vector.x(), wire.x_());
+  copy(vector.y(), wire.y_());
+  copy(vector.z(), wire.z_());
+}
+void Pose(auto& message, auto& wire, auto copy) {
+  Vector(message.position_m, wire.position_(), copy);
+  Vector(message.orientation, wire.orientation_(), copy);
+  copy(message.orientation.w(), wire.orientation_().w_());
+}
+void Twist(auto& message, auto& wire, auto copy) {
+  Vector(message.linear_m_s, wire.linear_(), copy);
+  Vector(message.angular_rad_s, wire.angular_(), copy);
+}
+
+void Fields(Is<PoseStamped> auto& message, auto& wire, auto copy) {
+  Pose(message, wire.pose_(), copy);
+}
+void Fields(Is<TwistStamped> auto& message, auto& wire, auto copy) {
+  Twist(message, wire.twist_(), copy);
+}
+void Fields(Is<WrenchStamped> auto& message, auto& wire, auto copy) {
+  Vector(message.force_n, wire.wrench_().force_(), copy);
+  Vector(message.torque_nm, wire.wrench_().torque_(), copy);
+}
+// The wrench of a new wire type is invalid.
+void Fields(Is<CartesianState> auto& message, auto& wire, auto copy) {
+  copy(message.pose_valid, wire.pose_is_valid_().data_());
+  Pose(message, wire.pose_(), copy);
+  copy(message.twist_valid, wire.twist_is_valid_().data_());
+  Twist(message, wire.twist_(), copy);
+}
+void Fields(Is<JointState> auto& message, auto& wire, auto copy) {
+  copy(message.name, wire.name_());
+  copy(message.position, wire.position_());
+  copy(message.velocity, wire.velocity_());
+  copy(message.effort, wire.effort_());
+}
+void Fields(Is<OperatingState> auto& message, auto& wire, auto copy) {
+  copy(message.state, wire.state_());
+  copy(message.is_homed, wire.is_homed_());
+  copy(message.is_busy, wire.is_busy_());
+}
+void Fields(Is<StringStamped> auto& message, auto& wire, auto copy) {
+  copy(message.text, wire.string_());
+}
+void Fields(Is<Joy> auto& message, auto& wire, auto copy) {
+  copy(message.axes, wire.axes_());
+  copy(message.buttons, wire.buttons_());
+}
+void Fields(Is<Image> auto& message, auto& wire, auto copy) {
+  copy(message.height, wire.height_());
+  copy(message.width, wire.width_());
+  copy(message.encoding, wire.encoding_());
+  copy(message.is_bigendian, wire.is_bigendian_());
+  copy(message.step, wire.step_());
+  copy(message.data, wire.data_());
+}
+void Fields(Is<CompressedImage> auto& message, auto& wire, auto copy) {
+  copy(message.format, wire.format_());
+  copy(message.data, wire.data_());
+}
+void Fields(Is<CameraInfo> auto& message, auto& wire, auto copy) {
+  copy(message.height, wire.height_());
+  copy(message.width, wire.width_());
+  copy(message.distortion_model, wire.distortion_model_());
+  copy(message.d, wire.d_());
+  copy(message.k, wire.k_());
+  copy(message.r, wire.r_());
+  copy(message.p, wire.p_());
+  copy(message.binning_x, wire.binning_x_());
+  copy(message.binning_y, wire.binning_y_());
+  auto& roi = wire.roi_();
+  copy(message.roi_x_offset, roi.x_offset_());
+  copy(message.roi_y_offset, roi.y_offset_());
+  copy(message.roi_height, roi.height_());
+  copy(message.roi_width, roi.width_());
+  copy(message.roi_do_rectify, roi.do_rectify_());
+}
+void Fields(Is<Text> auto& message, auto& wire, auto copy) { copy(message.text, wire.data_()); }
+void Fields(Is<Flag> auto& message, auto& wire, auto copy) { copy(message.value, wire.data_()); }
+void Fields(Is<Signal> auto& /*message*/, auto& /*wire*/, auto /*copy*/) {}
+void Fields(Is<Number> auto& message, auto& wire, auto copy) { copy(message.value, wire.data_()); }
+void Fields(Is<ForwardKinematicsQuery> auto& message, auto& wire, auto copy) {
+  copy(message.joints, wire.jp_());
+}
+void Fields(Is<ForwardKinematicsAnswer> auto& message, auto& wire, auto copy) {
+  Pose(message, wire.cp_(), copy);
+  copy(message.good, wire.result_());
+  copy(message.message, wire.message_());
+}
+void Fields(Is<InverseKinematicsQuery> auto& message, auto& wire, auto copy) {
+  Pose(message, wire.cp_(), copy);
+  copy(message.joints, wire.jp_());
+}
+void Fields(Is<InverseKinematicsAnswer> auto& message, auto& wire, auto copy) {
+  copy(message.joints, wire.jp_());
+  copy(message.good, wire.result_());
+  copy(message.message, wire.message_());
+}
+
+void AllFields(auto& message, auto& wire, auto copy) {
+  if constexpr (requires { message.stamp; }) {
+    copy(message.stamp.sec, wire.header_().stamp_().sec_());
+    copy(message.stamp.nanosec, wire.header_().stamp_().nanosec_());
+    copy(message.frame_id, wire.header_().frame_id_());
+  }
+  Fields(message, wire, copy);
+}
+
+/// Converts a message to its wire type, and back.
+template <typename T>
+void ToWire(const T& message, typename WireOf<T>::Type& wire) {
+  AllFields(message, wire, [](const auto& from, auto& to) { to = from; });
+}
+template <typename T>
+void FromWire(const typename WireOf<T>::Type& wire, T& message) {
+  AllFields(message, wire, [](auto& to, const auto& from) { to = from; });
+}
+void ToWire(const Matrix& message, WireOf<Matrix>::Type& wire);
 void FromWire(const WireOf<Matrix>::Type& wire, Matrix& message);
-void FromWire(const WireOf<ForwardKinematicsQuery>::Type& wire, ForwardKinematicsQuery& message);
-void FromWire(const WireOf<ForwardKinematicsAnswer>::Type& wire, ForwardKinematicsAnswer& message);
-void FromWire(const WireOf<InverseKinematicsQuery>::Type& wire, InverseKinematicsQuery& message);
-void FromWire(const WireOf<InverseKinematicsAnswer>::Type& wire, InverseKinematicsAnswer& message);
 
 }  // namespace dfr::dds::internal
