@@ -136,6 +136,18 @@ TEST(PsmTest, AnSiArmReachesWhatAClassicDoesAndMore) {
   }
 }
 
+TEST(PsmTest, APartOfAMotionMovesTheTipByAtMostHalfAMillimetre) {
+  const PsmJoints from = test::PsmHomeWith(0, -0.4);
+  const PsmJoints way = test::PsmHomeWith(2, 0.2) - from;
+  const int parts = Psm::NumParts(way);
+  for (int i = 0; i < parts; ++i) {
+    const auto tip = [&](int end) { return Psm::Tip(from + (1.0 * end / parts) * way); };
+    EXPECT_LE((tip(i + 1) - tip(i)).norm(), 5e-4);
+  }
+  EXPECT_EQ(Psm::NumParts(PsmJoints::Zero()), 1);
+  EXPECT_EQ(Psm::NumParts(PsmJoints::Constant(std::nan(""))), 1);
+}
+
 TEST(PsmTest, CorrectionInvertsItself) {
   PsmCorrection correction;
   correction.offset << 0.02, -0.01, 0.003, 0.1, -0.05, 0.04;

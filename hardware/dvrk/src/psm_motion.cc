@@ -17,8 +17,6 @@ constexpr double kTwoPi = 6.2831853071795865;
 constexpr double kClockError = 1e-6;
 // Tolerance of joint values converted to a pose and back; sine and cosine leave errors of 1e-15.
 constexpr double kRoundTrip = 1e-6;
-constexpr double kWayStep = 5e-4;  // m, spacing of the checks along the path
-constexpr int kMaxLooks = 1024;
 
 bool AllPositive(const PsmJoints& q) { return q.allFinite() && (q.array() > 0.0).all(); }
 
@@ -96,10 +94,7 @@ PsmStatus PsmMotion::Start(const PsmJoints& goal, double duration_s) noexcept {
     return PsmStatus::kBeyondLimits;
   }
   const PsmJoints way = goal - setpoint_;
-  // Upper bound of the motion of any point of the tool.
-  const double length = Psm::kReach * (way.cwiseAbs().sum() - std::abs(way[2])) + std::abs(way[2]);
-  const int looks =
-      std::clamp(static_cast<int>(std::ceil(std::min(length / kWayStep, 1e6))), 1, kMaxLooks);
+  const int looks = Psm::NumParts(way);
   for (int i = 0; i <= looks; ++i) {
     const PsmJoints q = setpoint_ + (static_cast<double>(i) / looks) * way;
     if (!Unambiguous(q, limits_.generation)) return PsmStatus::kUnreachable;

@@ -1,5 +1,6 @@
 #include "dfr/kinematics/psm.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -84,6 +85,14 @@ bool Psm::WithinLimits(const PsmJoints& q, PsmGeneration generation) noexcept {
 
 Eigen::Vector3d Psm::Tip(const PsmJoints& q) noexcept {
   return Forward(q) * Eigen::Vector3d(0.0, 0.0, kJawLength);
+}
+
+int Psm::NumParts(const PsmJoints& way) noexcept {
+  constexpr double kPart = 5e-4;  // m
+  constexpr int kMost = 1024;
+  const double length = kReach * (way.cwiseAbs().sum() - std::abs(way[2])) + std::abs(way[2]);
+  if (!std::isfinite(length)) return 1;
+  return std::clamp(static_cast<int>(std::ceil(std::min(length / kPart, 1e6))), 1, kMost);
 }
 
 PsmReach Psm::Inverse(const Eigen::Isometry3d& pose, PsmJoints& q,

@@ -11,8 +11,6 @@ namespace {
 
 using kinematics::PsmJoints;
 
-constexpr double kLook = 5e-4;  // m, spacing of the checks along the tips' path
-constexpr int kMostLooks = 1024;
 // Maximum deviation of the jaw tips from a straight line during one control, m.
 constexpr double kBend = 5e-5;
 
@@ -64,12 +62,7 @@ Breach TipRegion::At(const Eigen::Vector3d& tip_m) const noexcept {
 
 Breach TipRegion::Along(const PsmJoints& from, const PsmJoints& to) const noexcept {
   const PsmJoints way = to - from;
-  const double length =
-      kinematics::Psm::kReach * (way.cwiseAbs().sum() - std::abs(way[2])) + std::abs(way[2]);
-  const int looks =
-      std::isfinite(length)
-          ? std::clamp(static_cast<int>(std::ceil(std::min(length / kLook, 1e6))), 1, kMostLooks)
-          : 1;
+  const int looks = kinematics::Psm::NumParts(way);
   Breach worst;
   double allowed = At(task_->Tip(from)).depth_m;
   for (int i = 1; i <= looks; ++i) {
