@@ -3,12 +3,12 @@
 #include <thread>
 
 #include "dfr/hardware/psm_driver.h"
-#include "steady_ns.h"
+#include "dfr/runtime/periodic_timer.h"
 
 namespace dfr::hardware {
 
 BringUpClock BringUpClock::Machine() {
-  return {.steady_ns = &internal::SteadyNs,
+  return {.steady_ns = &runtime::SteadyNow,
           .wall_ns = [] { return dds::Stamp::Now().nanoseconds(); },
           .wait = [] { std::this_thread::sleep_for(std::chrono::milliseconds(5)); }};
 }

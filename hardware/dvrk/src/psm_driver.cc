@@ -5,8 +5,8 @@
 #include <string>
 
 #include "dfr/core/contract.h"
+#include "dfr/runtime/periodic_timer.h"
 #include "psm_link.h"
-#include "steady_ns.h"
 
 namespace dfr::hardware {
 namespace {
@@ -110,7 +110,7 @@ PsmStatus PsmDriver::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept
 }
 
 PsmStatus PsmDriver::Tick() noexcept {
-  return Tick(internal::SteadyNs(), dds::Stamp::Now().nanoseconds());
+  return Tick(runtime::SteadyNow(), dds::Stamp::Now().nanoseconds());
 }
 
 bool PsmDriver::TakeMessage(ConsoleMessage& message) noexcept {
