@@ -189,6 +189,8 @@ TEST(FoldsTest, ContiguousFoldsAreStretchesOfTheRecording) {
   EXPECT_EQ(ContiguousFolds(5, 2), (Folds{{0, 1, 2}, {3, 4}}));
   EXPECT_EQ(Others(ContiguousFolds(5, 2), 0, std::vector<std::size_t>{4, 2, 0, 1, 3}),
             (std::vector<std::size_t>{4, 3}));
+  EXPECT_EQ(WithoutFold(std::vector{'a', 'b', 'c', 'd', 'e'}, ContiguousFolds(5, 2), 0),
+            (std::vector{'d', 'e'}));
 }
 
 TEST(FoldsTest, InvalidArgumentsAreRefused) {
