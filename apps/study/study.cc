@@ -184,15 +184,7 @@ void AddUnit(const experiment::UnitResult& unit, std::size_t alone, std::size_t 
     row.sized_changes += episode.sized_changes;
     if (!completed) ++row.causes[(collided ? "failed: " : "halted: ") + episode.cause];
   }
-  row.episodes += trial.episodes;
-  row.completed += trial.completed;
-  row.collided += trial.collided;
-  row.saved += trial.saved;
-  row.harmed += trial.harmed;
-  row.intervened += trial.intervened;
-  row.intervened_completed += trial.intervened_completed;
-  row.controls += trial.controls;
-  row.changed += trial.changed;
+  row += trial;
   const auto alarms = [&](Outcome outcome) {
     const auto measure = unit.measures.find(AlarmsIn(outcome, name));
     return measure == unit.measures.end() ? 0 : static_cast<int>(measure->second);
@@ -276,14 +268,15 @@ std::vector<Row> RunStudy(const Study& study) {
     const Place& place = units.PlaceOf(learner);
     for (std::size_t method = 0; method < plan.methods.size(); ++method) {
       const std::size_t alone = method / controllers.size() * controllers.size();
-      Row row{place.task->name, place.condition->name, study.policies[method / controllers.size()],
+      Row row{{},
+              place.task->name,
+              place.condition->name,
+              study.policies[method / controllers.size()],
               controllers[method - alone]};
       row.trials.resize(static_cast<std::size_t>(plan.trials));
       for (const experiment::UnitResult& unit : found->units) {
         if (unit.unit.learner == learner) AddUnit(unit, alone, method, plan.methods[method], row);
       }
-      row.controls /= row.episodes;
-      row.changed /= row.episodes;
       rows.push_back(std::move(row));
     }
   }

@@ -49,13 +49,15 @@ struct Study : experiment::ExperimentOptions {
 /// Strategies of guards. Studies of guards or controllers also accept PlaceboNames().
 [[nodiscard]] const std::vector<std::string>& GuardNames();
 
-/// Counts of one trial of a Row.
+/// Counts of episodes, of one trial or of all trials of a Row.
 struct TrialCounts {
   int episodes = 0;
   int completed = 0;
-  int collided = 0;
+  int collided = 0;  ///< Includes collisions after a halt in a world that continues to move.
   int halted = 0;
+  /// Number of start states from which the policy alone collides and this method does not.
   int saved = 0;
+  /// Number of start states from which the policy alone completes and this method does not.
   int harmed = 0;
   int intervened = 0;            ///< Number of episodes that Intervened() accepts.
   int intervened_completed = 0;  ///< Number of these that complete.
@@ -64,6 +66,7 @@ struct TrialCounts {
   double controls = 0.0;         ///< Number of controls in all episodes.
   double changed = 0.0;          ///< Number of controls that differ from the policy's.
   bool operator==(const TrialCounts&) const = default;
+  TrialCounts& operator+=(const TrialCounts& other) noexcept;
 };
 
 /// Returns true if the method changed a control of the episode at least once, or halted it for a
@@ -72,26 +75,14 @@ struct TrialCounts {
 [[nodiscard]] bool Intervened(const experiment::EpisodeResult& episode);
 
 /// One method around one policy, in one task under one condition, over all trials.
-struct Row {
+struct Row : TrialCounts {
   std::string task;
   std::string condition;
   std::string policy;
   std::string controller;
-  int episodes = 0;
-  int completed = 0;
-  int collided = 0;  ///< Includes collisions after a halt in a world that continues to move.
-  /// Number of start states from which the policy alone collides and this method does not.
-  int saved = 0;
-  /// Number of start states from which the policy alone completes and this method does not.
-  int harmed = 0;
-  int saved_completed = 0;  ///< Number of `saved` that this method completes.
-  int intervened = 0;       ///< Defined as in TrialCounts.
-  int intervened_completed = 0;
-  int alarmed_failures = 0;   ///< Number of `collided` with a previous alarm; monitor only.
-  int alarmed_successes = 0;  ///< Number of `completed` with an alarm; monitor only.
-  double controls = 0.0;      ///< Mean number of controls per episode.
-  /// Mean number of controls per episode that differ from the policy's.
-  double changed = 0.0;
+  int saved_completed = 0;           ///< Number of `saved` that this method completes.
+  int alarmed_failures = 0;          ///< Number of `collided` with a previous alarm; monitor only.
+  int alarmed_successes = 0;         ///< Number of `completed` with an alarm; monitor only.
   std::vector<int> recoveries = {};  ///< Number of controls of each recovery, in planar tasks only.
   /// Causes of the other outcomes: "halted: no-progress", or the source of the control that
   /// collided.

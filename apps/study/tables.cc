@@ -184,7 +184,7 @@ experiment::ReportTable MeansTable(const std::vector<Row>& rows,
     for (const std::string& controller : controllers) {
       const std::vector<Row> selected = Select(rows, policy, controller);
       const Totals totals(selected);
-      const Row sum{.task = "", .condition = "", .policy = policy, .controller = controller};
+      const Row sum{{}, "", "", policy, controller};
       const Row& collides = *std::ranges::max_element(selected, {}, &Row::collided);
       const Row& harms = *std::ranges::max_element(selected, {}, &Row::harmed);
       const bool alone = controller == kAlone;
@@ -282,13 +282,7 @@ std::vector<experiment::ReportTable> MakeGrid(const std::vector<Row>& rows) {
           continue;
         }
         const Totals totals(found->second);
-        const Row sum{.task = "",
-                      .condition = "",
-                      .policy = policy,
-                      .controller = found->second.front().controller,
-                      .episodes = totals.episodes(),
-                      .completed = totals.counts().completed,
-                      .collided = totals.counts().collided};
+        const Row sum{totals.counts(), "", "", policy, found->second.front().controller};
         table.rows.back().push_back(Outcomes(sum) + " / " + Interventions(totals));
         table.commands.back().push_back(OutcomesCommand(sum));
       }
@@ -357,7 +351,7 @@ std::vector<experiment::ReportTable> MakeRowTables(const std::vector<Row>& rows,
          Percent(totals, &TrialCounts::halted, 1), share(row.saved), share(row.saved_completed),
          share(row.harmed), alone ? "" : AfterIntervention(totals),
          alone ? "" : WithoutIntervention(totals), PassedPercent(totals, 1),
-         Number(totals.change(), 2), core::Format("%.1f", row.controls),
+         Number(totals.change(), 2), core::Format("%.1f", row.controls / row.episodes),
          alarms(row.alarmed_failures, row.collided), alarms(row.alarmed_successes, row.completed),
          Lengths(row.recoveries)});
     table.commands.push_back({"", "", "", "", CommandOf(row, {"completed"}),
@@ -403,9 +397,7 @@ experiment::ReportFigure MakeFigure(const std::vector<Row>& rows) {
            .y = {static_cast<double>(totals.counts().completed) / totals.episodes()},
            .low = {interval.low},
            .high = {interval.high},
-           .commands = {CommandOf(
-               {.task = "", .condition = "", .policy = policy, .controller = controllers[i]},
-               {"completed"})},
+           .commands = {CommandOf({{}, "", "", policy, controllers[i]}, {"completed"})},
            .style = experiment::MethodStyle(Shown(controllers[i]))});
     }
     figure.plots.push_back(std::move(plot));
@@ -422,11 +414,11 @@ void SaveCsv(const std::vector<Row>& rows, const std::filesystem::path& path) {
          "change\n";
   for (const Row& row : rows) {
     out << row.task << ',' << row.condition << ',' << row.policy << ',' << Shown(row.controller)
-        << ',' << row.episodes << ',' << row.completed << ',' << row.collided << ','
-        << row.episodes - row.completed - row.collided << ',' << row.saved << ','
-        << row.saved_completed << ',' << row.harmed << ',' << row.intervened << ','
-        << row.intervened_completed << ',' << row.alarmed_failures << ',' << row.alarmed_successes
-        << ',' << row.controls << ',' << row.changed << ','
+        << ',' << row.episodes << ',' << row.completed << ',' << row.collided << ',' << row.halted
+        << ',' << row.saved << ',' << row.saved_completed << ',' << row.harmed << ','
+        << row.intervened << ',' << row.intervened_completed << ',' << row.alarmed_failures << ','
+        << row.alarmed_successes << ',' << row.controls / row.episodes << ','
+        << row.changed / row.episodes << ','
         << (row.sized_changes > 0 ? core::Format("%.6g", row.change / row.sized_changes) : "")
         << '\n';
   }

@@ -12,39 +12,29 @@ namespace {
 constexpr std::size_t kFewTasks = 5;
 constexpr std::size_t kFewClusters = 3;
 
-void Add(const TrialCounts& trial, TrialCounts& sum) {
-  sum.episodes += trial.episodes;
-  sum.completed += trial.completed;
-  sum.collided += trial.collided;
-  sum.halted += trial.halted;
-  sum.saved += trial.saved;
-  sum.harmed += trial.harmed;
-  sum.intervened += trial.intervened;
-  sum.intervened_completed += trial.intervened_completed;
-  sum.left_alone += trial.left_alone;
-  sum.left_alone_completed += trial.left_alone_completed;
-  sum.controls += trial.controls;
-  sum.changed += trial.changed;
-}
-
 // A row without trials counts as one trial.
 std::vector<TrialCounts> TrialsOf(const Row& row) {
   if (!row.trials.empty()) return row.trials;
-  return {{.episodes = row.episodes,
-           .completed = row.completed,
-           .collided = row.collided,
-           .halted = row.episodes - row.completed - row.collided,
-           .saved = row.saved,
-           .harmed = row.harmed,
-           .intervened = row.intervened,
-           .intervened_completed = row.intervened_completed,
-           .left_alone = row.episodes - row.intervened,
-           .left_alone_completed = row.completed - row.intervened_completed,
-           .controls = row.controls * row.episodes,
-           .changed = row.changed * row.episodes}};
+  return {static_cast<const TrialCounts&>(row)};
 }
 
 }  // namespace
+
+TrialCounts& TrialCounts::operator+=(const TrialCounts& other) noexcept {
+  episodes += other.episodes;
+  completed += other.completed;
+  collided += other.collided;
+  halted += other.halted;
+  saved += other.saved;
+  harmed += other.harmed;
+  intervened += other.intervened;
+  intervened_completed += other.intervened_completed;
+  left_alone += other.left_alone;
+  left_alone_completed += other.left_alone_completed;
+  controls += other.controls;
+  changed += other.changed;
+  return *this;
+}
 
 Totals::Totals(std::span<const Row> rows) {
   std::set<std::string> tasks;
@@ -61,8 +51,8 @@ Totals::Totals(std::span<const Row> rows) {
         passed_.emplace_back();
       }
       const TrialCounts& trial = trials[t];
-      Add(trial, all_);
-      Add(trial, clusters_[place->second]);
+      all_ += trial;
+      clusters_[place->second] += trial;
       if (trial.controls == 0.0) continue;
       passed_[place->second].numerator += 1.0 - trial.changed / trial.controls;
       passed_[place->second].denominator += 1.0;

@@ -92,23 +92,26 @@ TEST(SelectTasksTest, AGroupSelectsItsTasks) {
 }
 
 TEST(RowTableTest, SharesAreOfEpisodesAndAlarmsOfOutcomes) {
-  const auto tables = MakeRowTables({{.task = "reach",
-                                      .condition = "as demonstrated",
-                                      .policy = "weak",
-                                      .controller = "monitor",
-                                      .episodes = 200,
-                                      .completed = 150,
-                                      .collided = 40,
-                                      .intervened = 40,
-                                      .intervened_completed = 10,
-                                      .alarmed_failures = 30,
-                                      .alarmed_successes = 15,
-                                      .controls = 12.5,
-                                      .changed = 5.0,
-                                      .causes = {{"halted: no-progress", 10}},
-                                      .change = 6.0,
-                                      .sized_changes = 8}},
-                                    true);
+  Row monitor{{.episodes = 200,
+               .completed = 150,
+               .collided = 40,
+               .halted = 10,
+               .intervened = 40,
+               .intervened_completed = 10,
+               .left_alone = 160,
+               .left_alone_completed = 140,
+               .controls = 2500.0,
+               .changed = 1000.0},
+              "reach",
+              "as demonstrated",
+              "weak",
+              "monitor"};
+  monitor.alarmed_failures = 30;
+  monitor.alarmed_successes = 15;
+  monitor.causes = {{"halted: no-progress", 10}};
+  monitor.change = 6.0;
+  monitor.sized_changes = 8;
+  const auto tables = MakeRowTables({monitor}, true);
   ASSERT_EQ(tables.size(), 3u);
   const std::vector<std::string>& row = tables[1].rows.at(0);
   ASSERT_EQ(row.size(), tables[1].header.size());
@@ -173,7 +176,7 @@ TEST(InterventionTest, SuccessIsAShareOfTheEpisodesOfAllTrials) {
                        .left_alone = 30 - intervened,
                        .left_alone_completed = left_alone_completed};
   };
-  Row alone{.task = "reach", .condition = "c", .policy = "weak", .controller = "baseline"};
+  Row alone{{}, "reach", "c", "weak", "baseline"};
   alone.episodes = 90;
   alone.completed = 60;
   alone.trials = {trial(0, 0, 20), trial(0, 0, 20), trial(0, 0, 20)};
@@ -247,7 +250,7 @@ TEST(RecordTest, EpisodesAreThoseOfTheStudy) {
     }
     EXPECT_EQ(ok, row.completed);
     EXPECT_EQ(failed, row.collided);
-    EXPECT_EQ(controls / row.episodes, row.controls);
+    EXPECT_EQ(controls, row.controls);
   }
 }
 

@@ -117,7 +117,7 @@ TEST(PlaceboTest, HasTheRateOfTheGuardInTheSameRun) {
   ASSERT_GT(guard.changed, 0.0);
   EXPECT_GT(guard.sized_changes, 0);
   const double rate = guard.changed / guard.controls;
-  const double error = std::sqrt(rate * (1.0 - rate) / (placebo.controls * placebo.episodes));
+  const double error = std::sqrt(rate * (1.0 - rate) / placebo.controls);
   EXPECT_NEAR(placebo.changed / placebo.controls, rate, 4.0 * error);
   // A halt is not a control. No control is changed.
   EXPECT_EQ(RowIn(rows, "biased", "placebo-halts").changed, 0.0);
@@ -168,11 +168,8 @@ TEST(NoPolicyTest, GivesZero) {
 }
 
 Row HandRow(const std::string& task, std::vector<TrialCounts> trials) {
-  Row row{.task = task, .condition = "as demonstrated", .policy = "weak", .controller = "guard"};
-  for (const TrialCounts& trial : trials) {
-    row.episodes += trial.episodes;
-    row.completed += trial.completed;
-  }
+  Row row{{}, task, "as demonstrated", "weak", "guard"};
+  for (const TrialCounts& trial : trials) row += trial;
   row.trials = std::move(trials);
   return row;
 }

@@ -129,14 +129,14 @@ TEST(StressTest, ControllersKeepUnitsThatDiffer) {
 }
 
 TEST(StressTest, ListsFailuresAndHarmedEpisodes) {
-  const std::vector<Row> rows = {{"a", "c", "lwr", "baseline", 100, 90, 5, 0, 0},
-                                 {"a", "c", "lwr", "controller", 100, 95, 0, 5, 2},
-                                 {"b", "c", "lwr", "baseline", 100, 90, 5, 0, 0},
-                                 {"b", "c", "lwr", "controller", 100, 95, 1, 4, 0},
-                                 {"c", "c", "lwr", "baseline", 100, 90, 5, 0, 0},
-                                 {"c", "c", "lwr", "controller", 100, 87, 0, 5, 3},
-                                 {"d", "c", "lwr", "baseline", 100, 40, 50, 0, 0},
-                                 {"d", "c", "lwr", "controller", 100, 30, 10, 40, 10}};
+  const std::vector<Row> rows = {{{100, 90, 5, 5, 0, 0}, "a", "c", "lwr", "baseline"},
+                                 {{100, 95, 0, 5, 5, 2}, "a", "c", "lwr", "controller"},
+                                 {{100, 90, 5, 5, 0, 0}, "b", "c", "lwr", "baseline"},
+                                 {{100, 95, 1, 4, 4, 0}, "b", "c", "lwr", "controller"},
+                                 {{100, 90, 5, 5, 0, 0}, "c", "c", "lwr", "baseline"},
+                                 {{100, 87, 0, 13, 5, 3}, "c", "c", "lwr", "controller"},
+                                 {{100, 40, 50, 10, 0, 0}, "d", "c", "lwr", "baseline"},
+                                 {{100, 30, 10, 60, 40, 10}, "d", "c", "lwr", "controller"}};
   const auto table = WhereItFails(rows, "controller");
   ASSERT_EQ(table.rows.size(), 2u);
   EXPECT_EQ(table.rows[0][0], "b");
@@ -148,7 +148,7 @@ TEST(StressTest, JudgesEachMethodByWhatItSavesHarmsAndPasses) {
   // Three trials of 100 episodes. The policy alone completes 201 of all 300.
   const auto row = [](const char* controller, int completed, int saved, int harmed,
                       double changed) {
-    Row made{.task = "reach", .condition = "c", .policy = "weak", .controller = controller};
+    Row made{{}, "reach", "c", "weak", controller};
     made.episodes = 300;
     made.completed = completed;
     made.saved = saved;
