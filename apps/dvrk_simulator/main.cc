@@ -5,7 +5,6 @@
 #include <csignal>
 #include <cstdint>
 #include <cstdlib>
-#include <exception>
 #include <iomanip>
 #include <iostream>
 #include <optional>
@@ -15,13 +14,13 @@
 #include <vector>
 
 #include "apps/command_line.h"
+#include "apps/network_options.h"
 #include "dfr/runtime/periodic_timer.h"
 #include "dfr/sim/dvrk_scene/dvrk_scene_server.h"
 
 namespace {
 
 using dfr::apps::OneOf;
-using dfr::dds::Discovery;
 using dfr::kinematics::PsmGeneration;
 using dfr::sim::Wave;
 using Clock = std::chrono::steady_clock;
@@ -43,29 +42,10 @@ struct Options {
 };
 
 void AddNetwork(CLI::App& app, Options& options) {
-  auto& network = options.network;
   const std::string group = "Network";
-  app.add_option("--domain", network.domain, "DDS domain, as ROS_DOMAIN_ID")
+  dfr::apps::AddNetwork(app, options.network, group);
+  app.add_option("--server-port", options.network.server_port, "port of the discovery server")
       ->capture_default_str()
-      ->check(CLI::Range(0, 232))
-      ->group(group);
-  app.add_option("--discovery", network.discovery,
-                 "DDS discovery: loopback (this machine), network, or server (--server)")
-      ->default_str("loopback")
-      ->type_name("TEXT")
-      ->transform(OneOf<Discovery>({{"loopback", Discovery::kLoopback},
-                                    {"network", Discovery::kNetwork},
-                                    {"server", Discovery::kServerClient}}))
-      ->group(group);
-  app.add_option("--server", network.server_address, "IPv4 address of the discovery server")
-      ->capture_default_str()
-      ->group(group);
-  app.add_option("--server-port", network.server_port, "port of the discovery server")
-      ->capture_default_str()
-      ->group(group);
-  app.add_option("--security", network.security,
-                 "this program's folder in a secured network, made by `hardware "
-                 "certificates`;\nparticipants without one then neither hear nor command it")
       ->group(group);
   app.add_flag("--shared-memory,!--no-shared-memory", options.shared_memory,
                "send pictures through shared memory to clients on this machine that offer "

@@ -7,12 +7,11 @@
 #include <atomic>
 #include <csignal>
 #include <cstdlib>
-#include <exception>
 #include <iostream>
-#include <map>
 #include <string>
 
 #include "apps/command_line.h"
+#include "apps/network_options.h"
 #include "certificates.h"
 #include "check/check.h"
 #include "emergency_stop.h"
@@ -23,24 +22,6 @@ namespace {
 
 std::atomic<bool> interrupted = false;
 static_assert(std::atomic<bool>::is_always_lock_free);
-
-void AddNetwork(CLI::App& command, dds::ParticipantOptions& network) {
-  const std::map<std::string, dds::Discovery> words = {{"loopback", dds::Discovery::kLoopback},
-                                                       {"network", dds::Discovery::kNetwork},
-                                                       {"server", dds::Discovery::kServerClient}};
-  command.add_option("--domain", network.domain, "DDS domain, as ROS_DOMAIN_ID")
-      ->capture_default_str()
-      ->check(CLI::Range(0, 232));
-  command
-      .add_option("--discovery", network.discovery,
-                  "DDS discovery: loopback (this machine), network, or server (--server)")
-      ->default_str("loopback")
-      ->transform(CLI::CheckedTransformer(words).description("loopback, network or server"));
-  command.add_option("--server", network.server_address, "IPv4 address of the discovery server")
-      ->capture_default_str();
-  command.add_option("--security", network.security,
-                     "this participant's folder in a secured network (`hardware certificates`)");
-}
 
 // Without a terminal the answer is no: no device may move by mistake.
 std::string AnswerAtTerminal(const std::string& question, const char* hint, const char* otherwise) {
@@ -117,10 +98,10 @@ int Main(int argc, char** argv) {
                    "generation of the da Vinci: Classic, or Si, which has larger joint ranges and "
                    "whose Large Needle Driver is 420006")
       ->default_str("Classic")
-      ->transform(CLI::CheckedTransformer(std::map<std::string, kinematics::PsmGeneration>{
-                                              {"Classic", kinematics::PsmGeneration::kClassic},
-                                              {"Si", kinematics::PsmGeneration::kSi}})
-                      .description("Classic or Si"));
+      ->type_name("TEXT")
+      ->transform(
+          OneOf<kinematics::PsmGeneration>({{"Classic", kinematics::PsmGeneration::kClassic},
+                                            {"Si", kinematics::PsmGeneration::kSi}}));
   command->add_option("--endoscope", check.endoscope,
                       "source of pictures: an image topic (/ECM/image_raw), a video device (0, "
                       "/dev/video0), a file, or "
