@@ -91,8 +91,8 @@ class Hdf5File {
   };
   [[nodiscard]] Place At(const std::string& path) const;
   Hdf5File(std::string name, std::int64_t id);
-  void WriteBlock(const std::string& path, std::int64_t type, std::span<const std::int64_t> shape,
-                  bool growable, const void* values);
+  void WriteBlock(const std::string& path, std::int64_t type,
+                  const std::vector<std::int64_t>& shape, bool growable, const void* values);
   void WriteAttribute(const std::string& path, const char* name, std::int64_t type,
                       const void* value);
 

@@ -79,7 +79,9 @@ void Hdf5File::CreateGroup(const std::string& path) {
 }
 
 void Hdf5File::WriteBlock(const std::string& path, std::int64_t type,
-                          std::span<const std::int64_t> shape, bool growable, const void* values) {
+                          const std::vector<std::int64_t>& shape, bool growable,
+                          const void* values) {
+  const Hdf5Quiet quiet;
   std::vector<hsize_t> now(shape.begin(), shape.end());
   std::vector<hsize_t> most = now;
   const Hdf5Handle properties(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
@@ -105,45 +107,33 @@ void Hdf5File::WriteBlock(const std::string& path, std::int64_t type,
 }
 
 void Hdf5File::Write(const std::string& path, const core::Matrix& values) {
-  const Hdf5Quiet quiet;
-  const std::int64_t shape[] = {values.rows(), values.cols()};
-  WriteBlock(path, H5T_NATIVE_DOUBLE, shape, false, values.data());
+  WriteBlock(path, H5T_NATIVE_DOUBLE, {values.rows(), values.cols()}, false, values.data());
 }
 
 void Hdf5File::Write(const std::string& path, std::span<const double> values) {
-  const Hdf5Quiet quiet;
-  const std::int64_t shape[] = {static_cast<std::int64_t>(values.size())};
-  WriteBlock(path, H5T_NATIVE_DOUBLE, shape, false, values.data());
+  WriteBlock(path, H5T_NATIVE_DOUBLE, {std::ssize(values)}, false, values.data());
 }
 
 void Hdf5File::Write(const std::string& path, std::span<const std::int64_t> values) {
-  const Hdf5Quiet quiet;
-  const std::int64_t shape[] = {static_cast<std::int64_t>(values.size())};
-  WriteBlock(path, H5T_NATIVE_INT64, shape, false, values.data());
+  WriteBlock(path, H5T_NATIVE_INT64, {std::ssize(values)}, false, values.data());
 }
 
 void Hdf5File::WriteGrowable(const std::string& path, const core::Matrix& values) {
-  const Hdf5Quiet quiet;
-  const std::int64_t shape[] = {values.rows(), values.cols()};
-  WriteBlock(path, H5T_NATIVE_DOUBLE, shape, true, values.data());
+  WriteBlock(path, H5T_NATIVE_DOUBLE, {values.rows(), values.cols()}, true, values.data());
 }
 
 void Hdf5File::WriteGrowable(const std::string& path, std::span<const double> values) {
-  const Hdf5Quiet quiet;
-  const std::int64_t shape[] = {static_cast<std::int64_t>(values.size())};
-  WriteBlock(path, H5T_NATIVE_DOUBLE, shape, true, values.data());
+  WriteBlock(path, H5T_NATIVE_DOUBLE, {std::ssize(values)}, true, values.data());
 }
 
 void Hdf5File::WriteGrowable(const std::string& path, const std::vector<bool>& values) {
-  const Hdf5Quiet quiet;
   const Hdf5Handle type(H5Tenum_create(H5T_NATIVE_INT8), H5Tclose);
   const std::int8_t no = 0;
   const std::int8_t yes = 1;
   H5Tenum_insert(type.id(), "FALSE", &no);
   H5Tenum_insert(type.id(), "TRUE", &yes);
   const std::vector<std::int8_t> bytes(values.begin(), values.end());
-  const std::int64_t shape[] = {static_cast<std::int64_t>(bytes.size())};
-  WriteBlock(path, type.id(), shape, true, bytes.data());
+  WriteBlock(path, type.id(), {std::ssize(bytes)}, true, bytes.data());
 }
 
 void Hdf5File::SetAttribute(const std::string& path, const char* name, std::int64_t value) {
