@@ -78,6 +78,7 @@ std::map<std::string, double> InTheCode() {
           {"guided::kLeastEdgeStay", control::guided::kLeastEdgeStay},
           {"guided::kEdgeRamp", control::guided::kEdgeRamp},
           {"guided::kMostRelocations", control::guided::kMostRelocations},
+          {"guided::kWorthRaising", control::guided::kWorthRaising},
           {"guided::kMostFew", control::guided::kMostFew},
           {"guided::kLeastRepeated", control::guided::kLeastRepeated},
           {"guided::kLeastProbe", control::guided::kLeastProbe},

@@ -88,10 +88,10 @@ TEST(GuardChunkTest, AGoodPolicyThatIsQueriedEveryEightStepsPlaysItsChunks) {
   for (const double y : {-0.05, 0.0, 0.08}) {
     const Episode episode = Play(Model(), y, GoodPolicy);
     EXPECT_GE(episode.reached, 1.8);
-    // An episode has 18 steps.
+    // An episode has 19 steps.
     EXPECT_LE(episode.asked, 4) << y;
     EXPECT_GE(episode.counted, 16) << y;
-    EXPECT_EQ(episode.passed, std::min(episode.counted, 18)) << y;
+    EXPECT_EQ(episode.passed, std::min(episode.counted, 19)) << y;
   }
 }
 

@@ -147,6 +147,50 @@ TEST_F(SafetyFilterTest, AControlThatEndsInsidePassesFromThePassLevelOn) {
   EXPECT_EQ(passed.level, Level(between));
 }
 
+// A zero control leaves the state in the middle of the disk, which moves on.
+TEST_F(SafetyFilterTest, AControlMayStayInThePresentPhaseFromTheStayLevelOn) {
+  z_ = Eigen::Vector2d::Zero();
+  estimate_.FitAt(0, core::AsSpan(z_), fit_);
+  const Eigen::VectorXd zero = Eigen::Vector2d::Zero();
+  const double here = local_.Level(0, zero);
+  ASSERT_GT(here, Level(zero));
+  for (const double stay_level : {here, here + 1e-9}) {
+    Eigen::VectorXd v = zero;
+    const Choice choice = SafetyFilter(model_, {}).Filter(fit_, {1, 10.0}, 10.0, v, stay_level);
+    EXPECT_EQ(choice.stays, stay_level == here);
+    EXPECT_EQ(v == zero, choice.stays);
+    EXPECT_EQ(choice.learned, Level(zero));
+  }
+}
+
+// Above the disk, a demonstrated control moves to the right. It is applied unless a raise removes
+// half of the deficit, as one with wide limits does.
+TEST_F(SafetyFilterTest, FarOutsideARaiseMustBeWorthIt) {
+  z_ = Eigen::Vector2d(0.0, 2.5);
+  estimate_.FitAt(0, core::AsSpan(z_), fit_);
+  Eigen::VectorXd demonstrated(2);
+  ASSERT_TRUE(fit_.NominalControl(demonstrated));
+  for (const double limit : {0.01, 10.0}) {
+    GuidedOptions options;
+    options.control_limit = {limit};
+    options.probe_size = 0.0;
+    Eigen::VectorXd v = outwards_;
+    limits_ = Limits(options, 2, model_.response.control_unit());
+    limits_.Limit(v);
+    limits_.Limit(demonstrated);
+    const double plain = Level(demonstrated);
+    const Choice choice = SafetyFilter(model_, options).Filter(fit_, target_, target_.level, v);
+    if (limit < 1.0) {
+      EXPECT_TRUE(v == demonstrated);
+      EXPECT_EQ(choice.mode, Mode::kRecovery);
+      EXPECT_EQ(choice.level, plain);
+    } else {
+      EXPECT_GT(choice.level, 0.5 * plain);
+      EXPECT_EQ(choice.level, Level(v));
+    }
+  }
+}
+
 TEST_F(SafetyFilterTest, WithoutTheNominalControlTheLearnedOneIsRaised) {
   Eigen::VectorXd expected = outwards_;
   const double level = AscendSupport(local_, target_, limits_, expected);

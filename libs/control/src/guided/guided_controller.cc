@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "dfr/control/constants.h"
 #include "dfr/core/contract.h"
@@ -99,29 +100,23 @@ Step GuidedController::Decide(Step step, std::span<double> u) noexcept {
   limits_.Limit(learned_);
   const bool within = learned_.squaredNorm() == asked;
   const double hi = task_.levels().gate(step.t + 1);
-  step.log_threshold = hi;
-  if (options_.least_intervention) {
-    const double lo = task_.levels().pass(step.t + 1);
-    const double share = (at_edge_.steps() - task_.levels().edge_stay()) / guided::kEdgeRamp;
-    step.log_threshold = lo + (hi - lo) * std::clamp(share, 0.0, 1.0);
-  }
+  step.log_threshold = PassLevel(step.t + 1);
   step.threshold = task_.support().FromLog(step.t, step.log_threshold);
 
   v_ = learned_;
-  const bool deep = DeepInside(step.log_g);
-  // Computing J takes most of the time. Deep inside, only the first controls do it, to find a lag.
-  if (!deep || (options_.observer && progress_.controls <= StateObserver::kMaxLag)) {
-    estimate_.FitAt(step.t, AsSpan(z_), fit_);
-    fitted_ = progress_.controls + 1;
-  }
-  SafetyFilter::Choice choice{Mode::kPolicy, step.log_threshold};
-  if (!deep) {
-    choice = filter_.Filter(fit_, {step.t + 1, hi}, step.log_threshold, v_);
-  }
+  estimate_.FitAt(step.t, AsSpan(z_), fit_);
+  fitted_ = progress_.controls + 1;
+  const SafetyFilter::Choice choice =
+      filter_.Filter(fit_, {step.t + 1, hi}, step.log_threshold, v_, StayLevel(step));
   step.mode = choice.mode;
   step.log_learned = choice.learned;
+  stays_ = choice.stays;
   chose_in_ = tracker_;
-  Advance(choice.level);
+  if (stays_) {
+    tracker_.Wait();
+  } else {
+    Advance(choice.level);
+  }
   const bool passes = step.mode == Mode::kPolicy && within && v_ == learned_;
   at_edge_.Add(passes && step.log_g < task_.levels().edge(step.t));
   step.filtered = step.mode == Mode::kPolicy && !passes;
@@ -161,20 +156,27 @@ bool GuidedController::PassesNext(std::span<const double> control) noexcept {
   }
   if (step.mode == Mode::kPolicy && !step.filtered) {
     // Predicted states do not update the estimate.
-    if (fitted_ != progress_.controls) estimate_.FitAt(step.t, AsSpan(z_), fit_);
     fit_.AddEffect(v_, z_);
     const double level = task_.support().LogDecision(step.t + 1, AsSpan(z_), {});
-    if (level >= step.log_threshold) return true;
+    if (stays_ || level >= step.log_threshold) return true;
   }
   Stop(step.cause != HaltCause::kNone ? step.cause : HaltCause::kOutsideSupport);
   return false;
 }
 
-bool GuidedController::DeepInside(double level) const noexcept {
-  const int phase = tracker_.phase();
-  const double hi = task_.levels().gate(phase + 1);
-  return level >= hi && learned_.norm() <= task_.response().largest_control() &&
-         task_.support().LogDecision(phase + 1, AsSpan(z_), {}) >= hi;
+double GuidedController::PassLevel(int t) const noexcept {
+  const double hi = task_.levels().gate(t);
+  if (!options_.least_intervention) return hi;
+  const double lo = task_.levels().pass(t);
+  const double share = (at_edge_.steps() - task_.levels().edge_stay()) / guided::kEdgeRamp;
+  return lo + (hi - lo) * std::clamp(share, 0.0, 1.0);
+}
+
+double GuidedController::StayLevel(const Step& step) const noexcept {
+  const bool may_stay = options_.least_intervention && tracker_.waited() == 0 &&
+                        step.t + 1 < task_.support().num_steps();
+  return may_stay ? std::max(step.log_g, PassLevel(step.t))
+                  : std::numeric_limits<double>::infinity();
 }
 
 void GuidedController::Advance(double level) noexcept {

@@ -32,11 +32,16 @@ SafetyFilter::SafetyFilter(const TaskView& task, const GuidedOptions& options)
 }
 
 SafetyFilter::Choice SafetyFilter::Filter(LocalFit& fit, const StepTarget& target,
-                                          double pass_level, Eigen::VectorXd& v) noexcept {
+                                          double pass_level, Eigen::VectorXd& v,
+                                          double stay_level) noexcept {
   const LocalModel model{task_.support(), fit};
   const double learned = model.Level(target.phase, v);
   Choice choice{Mode::kPolicy, learned, learned};
   if (!(learned >= pass_level)) {
+    if (stay_level < kInfinity) {
+      const double here = model.Level(target.phase - 1, v);
+      if (here >= stay_level && here > learned) return {Mode::kPolicy, learned, learned, true};
+    }
     learned_ = v;
     choice = Correct(fit, model, target, v);
     choice.learned = learned;
@@ -93,14 +98,19 @@ SafetyFilter::Choice SafetyFilter::Correct(LocalFit& fit, const LocalModel& mode
   }
   const double filtered = Raise(fit, model, target, v);
   if (filtered >= 0.0) return {Mode::kPolicy, filtered};
-  if (!(known && last) && std::max(demonstrated, filtered) >= -max_exit_level_) {
-    if (demonstrated <= filtered) return {Mode::kPolicy, filtered};
-    v = trial_;
-    return {Mode::kRecovery, demonstrated};
+  const double raised = std::max(demonstrated, filtered);
+  if (known && (last || raised < -max_exit_level_)) {
+    // Far outside, J is an extrapolation, and the demonstrated control continues the task. Where
+    // a raise would nearly lead back into the support, that control might lead away from it.
+    const double plain = model.Level(next, demonstrated_);
+    if (!(raised > guided::kWorthRaising * plain)) {
+      v = demonstrated_;
+      return {Mode::kRecovery, plain};
+    }
   }
-  if (!known) return {Mode::kPolicy, filtered};
-  v = demonstrated_;
-  return {Mode::kRecovery, model.Level(next, v)};
+  if (demonstrated <= filtered) return {Mode::kPolicy, filtered};
+  v = trial_;
+  return {Mode::kRecovery, demonstrated};
 }
 
 bool SafetyFilter::Probe(LocalFit& fit, const LocalModel& model, const StepTarget& target,

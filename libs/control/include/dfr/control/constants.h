@@ -63,6 +63,9 @@ inline constexpr int kMostRelocations = 2;
 /// SafetyFilter: if no control is predicted to end inside, changes of the learned control up to
 /// this norm, in ordinary controls, are skipped if they gain little.
 inline constexpr double kIdle = 0.5;
+/// SafetyFilter: beyond the exit level, a raised control replaces the demonstrated one only if its
+/// predicted l, which is negative, exceeds this fraction of the demonstrated control's l.
+inline constexpr double kWorthRaising = 0.5;
 /// SafetyFilter: if a raise changes an entry by more than this, in ordinary demonstrated controls,
 /// LocalFit::Agreement() damps the change. It uses every kAgreementStride-th transition.
 inline constexpr double kLeastHedged = 0.4;

@@ -25,7 +25,10 @@ namespace dfr::control {
 /// with GuidedOptions::least_intervention:
 ///
 ///   1. The learned control passes from Levels::pass on. After a longer stay at the edge of the
-///      support than in demonstrations, this level rises to Levels::gate (Levels::edge_stay()).
+///      support than in demonstrations, this level rises to Levels::gate (Levels::edge_stay()). A
+///      slow robot must not be hurried: a learned control also passes if it leads deeper into the
+///      support of the present phase, from the same level on. The phase then stays, but not
+///      twice in a row.
 ///   5. If a phase lasts half of GuidedOptions::patience controls and the state is beyond the exit
 ///      level of its support, the phase becomes the one whose support contains the state most
 ///      deeply, if any: the task continues from there. Each search evaluates all supports. The
@@ -75,7 +78,11 @@ class GuidedController final : public Controller {
   [[nodiscard]] Step Decide(Step step, std::span<double> u) noexcept;
   /// Looks up the phase again if the episode is stuck outside the support of the present phase.
   void Relocate() noexcept;
-  [[nodiscard]] bool DeepInside(double level) const noexcept;
+  /// Returns the level of the support at `t` from which on a learned control passes.
+  [[nodiscard]] double PassLevel(int t) const noexcept;
+  /// Returns the level from which on a learned control passes that stays in the phase of `step`;
+  /// infinity if none may.
+  [[nodiscard]] double StayLevel(const Step& step) const noexcept;
   void Advance(double level) noexcept;
 
   const core::Policy* policy_;
@@ -94,6 +101,7 @@ class GuidedController final : public Controller {
   int fitted_ = 0;    ///< Number of the control for which fit_ was computed, from 1; 0: none yet.
   EdgeStay at_edge_;  ///< Counts steps at the edge whose learned control passed.
   int relocations_ = 0;
+  bool stays_ = false;  ///< The control of this step stays in the phase.
   Eigen::VectorXd z_;
   Eigen::VectorXd v_;  ///< The control of this step; after the step, the last applied control.
   Eigen::VectorXd seen_;
