@@ -67,6 +67,7 @@ std::map<std::string, double> InTheCode() {
           {"guided::kSlackQuantile", control::guided::kSlackQuantile},
           {"guided::kWeightFloor", control::guided::kWeightFloor},
           {"guided::kDemonstratedRidge", control::guided::kDemonstratedRidge},
+          {"guided::kMostWorse", control::guided::kMostWorse},
           {"guided::kNearness", control::guided::kNearness},
           {"guided::kPowerIterations", control::guided::kPowerIterations},
           {"guided::kLeastWeight", control::guided::kLeastWeight},

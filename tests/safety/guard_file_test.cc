@@ -125,8 +125,8 @@ TEST_F(GuardFileTest, WrongContentWithAValidChecksumIsRefusedOrUsable) {
 }
 
 TEST_F(GuardFileTest, AnotherVersionIsRefusedByName) {
-  core::ArchiveWriter("guard", 5).Save(path_);
-  EXPECT_THAT(Refusal(), HasSubstr("is a guard file of version 5; this program reads version 4: "
+  core::ArchiveWriter("guard", 6).Save(path_);
+  EXPECT_THAT(Refusal(), HasSubstr("is a guard file of version 6; this program reads version 5: "
                                    "fit it again"));
 }
 

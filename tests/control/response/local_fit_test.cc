@@ -35,38 +35,44 @@ TEST(LocalFitTest, TheNominalControlHasTheDemonstratedEffectOnAChangedPlant) {
         v = 0.4 * (goal.transpose() - z);
         next = z + v;
       });
-  const auto prior = Store(seen);
   const Eigen::Vector2d here(1.5, 0.4);
   const std::vector<double> z = {here[0], here[1]};
   const Eigen::Vector2d wanted = 0.4 * (goal - here);
-  Eigen::VectorXd v(2);
+  for (const bool measured : {true, false}) {
+    SCOPED_TRACE(measured);
+    const auto prior = Store(seen, {.measured_changes = measured});
+    Eigen::VectorXd v(2);
+    const ResponseEstimate still_estimate(prior);
+    LocalFit still = still_estimate.FitAt(3, z);
+    ASSERT_TRUE(still.NominalControl(v));
+    // The ridge of the regression shrinks the control in the same direction.
+    EXPECT_GT(v.normalized().dot(wanted.normalized()), 0.995);
+    EXPECT_NEAR(v.norm() / wanted.norm(), 0.85, 0.1);
+    const Eigen::Vector2d regressed = v;
+    if (!measured) {
+      ASSERT_TRUE(still.DemonstratedControl(v));
+      EXPECT_TRUE(test::AllClose(v, regressed, 1e-9)) << "nothing differs from demonstrations";
+    }
+    still_estimate.FitAt(99, z, still);
+    ASSERT_TRUE(still.NominalControl(v)) << "later steps use the last one";
 
-  const ResponseEstimate still_estimate(prior);
-  LocalFit still = still_estimate.FitAt(3, z);
-  ASSERT_TRUE(still.NominalControl(v));
-  // The ridge of the regression shrinks the control in the same direction.
-  EXPECT_GT(v.normalized().dot(wanted.normalized()), 0.995);
-  EXPECT_NEAR(v.norm() / wanted.norm(), 0.85, 0.1);
-  const Eigen::Vector2d regressed = v;
-  still_estimate.FitAt(99, z, still);
-  ASSERT_TRUE(still.NominalControl(v)) << "later steps use the last one";
-
-  const Eigen::Rotation2Dd turn(0.6);
-  const Eigen::Vector2d disturbance(0.05, 0.1);
-  ResponseEstimate estimate(prior, {.base = 1.0});
-  LocalFit turned = estimate.FitAt(3, z);
-  for (int i = 0; i < 300; ++i) {
-    const Eigen::Vector2d tried(random.Normal(), random.Normal());
-    const Eigen::Vector2d moved = turn * tried + disturbance;
-    estimate.Update(turned, z, core::AsSpan(Eigen::VectorXd(tried)),
-                    core::AsSpan(Eigen::VectorXd(moved)), 1.0, 20.0);
+    const Eigen::Rotation2Dd turn(0.6);
+    const Eigen::Vector2d disturbance(0.05, 0.1);
+    ResponseEstimate estimate(prior, {.base = 1.0});
+    LocalFit turned = estimate.FitAt(3, z);
+    for (int i = 0; i < 300; ++i) {
+      const Eigen::Vector2d tried(random.Normal(), random.Normal());
+      const Eigen::Vector2d moved = turn * tried + disturbance;
+      estimate.Update(turned, z, core::AsSpan(Eigen::VectorXd(tried)),
+                      core::AsSpan(Eigen::VectorXd(moved)), 1.0, 20.0);
+    }
+    estimate.FitAt(3, z, turned);
+    ASSERT_TRUE(turned.NominalControl(v));
+    EXPECT_NEAR((turn * Eigen::Vector2d(v) + disturbance - regressed).norm() / regressed.norm(),
+                0.0, 0.06);
+    const test::NoAlloc guard;
+    (void)turned.NominalControl(v);
   }
-  estimate.FitAt(3, z, turned);
-  ASSERT_TRUE(turned.NominalControl(v));
-  EXPECT_NEAR((turn * Eigen::Vector2d(v) + disturbance - regressed).norm() / regressed.norm(), 0.0,
-              0.06);
-  const test::NoAlloc guard;
-  (void)turned.NominalControl(v);
 }
 
 // Demonstrations follow a curve. Far to its side the slopes of their controls are meaningless, and

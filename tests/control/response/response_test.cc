@@ -14,6 +14,7 @@
 #include "dfr/control/response/response_estimate.h"
 #include "dfr/core/files/archive.h"
 #include "dfr/core/random.h"
+#include "tests/control/guided/linear_demonstrations.h"
 #include "tests/control/rightwards.h"
 #include "tests/control/task.h"
 #include "tests/support/message_of.h"
@@ -57,6 +58,58 @@ TEST(ResponseTest, HasADriftIfItExplainsHeldOutDemonstrations) {
   EXPECT_TRUE(Response({test::IdentityFeatures(), thrown}).has_drift());
   EXPECT_FALSE(Response({test::IdentityFeatures(), {thrown.data(), 1}}).has_drift())
       << "one demonstration leaves none to hold out";
+}
+
+// A point drives right and steers to the middle with unsteady hands. Steps are .4 long. Sensors
+// have noise of standard deviation `noise`.
+FeatureTrajectories Drives(double noise) {
+  core::Random random(11);
+  const auto seen = test::Simulate(
+      40, 45, 2, 2, [&](int, auto z) { z << 0.5 * random.Normal(), random.Uniform(-3.0, 3.0); },
+      [&](int, const auto& z, auto v, auto next) {
+        v << 0.4 + 0.02 * random.Normal(), -0.1 * z[1] + 0.02 * random.Normal();
+        next = z + v;
+      });
+  FeatureTrajectories drives;
+  drives.points = seen.features;
+  drives.controls = seen.controls;
+  for (core::Matrix& points : drives.points) {
+    for (double& entry : points.reshaped()) entry += noise * random.Normal();
+  }
+  return drives;
+}
+
+TEST(ResponseTest, NoiseOfStatesBarelyChangesTheNominalControl) {
+  const auto path = std::filesystem::path(testing::TempDir()) / "drives.dfr";
+  for (const double noise : {0.0, 0.2}) {
+    SCOPED_TRACE(noise);
+    const FeatureTrajectories drives = Drives(noise);
+    const Response fitted(drives);
+    EXPECT_EQ(fitted.prior()->options().measured_changes, noise == 0.0);
+    core::ArchiveWriter archive("response", 1);
+    fitted.Save(archive);
+    archive.Save(path);
+    core::ArchiveReader reader(path, "response", 1);
+    const Response response = Response::Load(reader);
+    const ResponseEstimate estimate(response.prior(), {}, response.has_drift());
+    LocalFit fit = estimate.MakeFit();
+    double missed = 0.0;
+    Eigen::ArrayXXd controls(0, 2);
+    for (std::size_t d = 0; d < drives.points.size(); d += 5) {
+      for (Eigen::Index t = 0; t < drives.controls[d].rows(); ++t) {
+        estimate.FitAt(static_cast<int>(t), core::Row(drives.points[d], t), fit);
+        Eigen::VectorXd v(2);
+        ASSERT_TRUE(fit.NominalControl(v));
+        const Eigen::VectorXd control = drives.controls[d].row(t) / response.control_unit();
+        missed += (v - control).squaredNorm();
+        controls.conservativeResize(controls.rows() + 1, 2);
+        controls.bottomRows(1) = control.transpose().array();
+      }
+    }
+    const double variance = (controls.rowwise() - controls.colwise().mean()).square().sum();
+    EXPECT_LT(missed, 0.25 * variance);
+  }
+  std::filesystem::remove(path);
 }
 
 // The first entry has three values and the second many. Five of 30 demonstrations add a fourth

@@ -63,6 +63,7 @@ TEST(TransitionStoreTest, AFileWithInvalidTimeStepsIsRefused) {
     archive.Number(options.forgetting);
     archive.Number(options.drift_ridge);
     archive.Number(options.slope_ridge);
+    archive.Integer(options.measured_changes ? 1 : 0);
     archive.Integer(1);
     archive.Integer(1);
     archive.Integers(begin);

@@ -48,10 +48,9 @@ LocalFit::LocalFit(std::shared_ptr<const TransitionStore> prior,
   did_ = Eigen::MatrixXd::Zero(m, 1);
 }
 
-bool LocalFit::NominalControl(Eigen::VectorXd& v) noexcept {
+bool LocalFit::DemonstratedControl(Eigen::VectorXd& v) noexcept {
   const auto& sums = transitions_.sums;
   const Eigen::Index n = jacobian_.rows();
-  const Eigen::Index m = jacobian_.cols();
   if (!has_transitions_) return false;
   prior_->SumNearStates(transitions_, context_);
   const Eigen::Index states = transitions_.states;
@@ -78,15 +77,28 @@ bool LocalFit::NominalControl(Eigen::VectorXd& v) noexcept {
     unit_ *= share;
     unit_[n] += (1.0 - share) / weight;
   }
-  const float* row = &sums(states, n + 1);
-  const auto combine = [&](const float* columns, Eigen::VectorXd& out) {
-    internal::ForSumsOfColumns(columns, out.size(), sums.cols(), unit_.data(), n + 1,
-                               [&](Eigen::Index i, const auto& combined) {
-                                 internal::Part(out.data(), i, combined) = combined;
-                               });
-  };
-  combine(row, v);
-  combine(row + m, wanted_);
+  Regress(n + 1, v);
+  return true;
+}
+
+void LocalFit::Regress(Eigen::Index column, Eigen::VectorXd& out) const noexcept {
+  const auto& sums = transitions_.sums;
+  internal::ForSumsOfColumns(&sums(transitions_.states, column), out.size(), sums.cols(),
+                             unit_.data(), unit_.size(), [&](Eigen::Index i, const auto& combined) {
+                               internal::Part(out.data(), i, combined) = combined;
+                             });
+}
+
+bool LocalFit::NominalControl(Eigen::VectorXd& v) noexcept {
+  const Eigen::Index n = jacobian_.rows();
+  const Eigen::Index m = jacobian_.cols();
+  if (!DemonstratedControl(v)) return false;
+  if (prior_->options().measured_changes) {
+    Regress(n + 1 + m, wanted_);
+  } else {
+    wanted_.noalias() = demonstrated_.bottomRows(m).transpose().lazyProduct(v);
+    if (demonstrated_.rows() > m + n) wanted_ += demonstrated_.row(n).transpose();
+  }
   wanted_ -= drift_;
   if (disturbance_model_.active()) wanted_ -= Duration(v) * disturbance_;
   for (Eigen::Index j = 0; j < m; ++j) {

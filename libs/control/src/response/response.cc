@@ -11,41 +11,79 @@
 namespace dfr::control {
 namespace {
 
-// Returns the variance of left-out demonstrations that controls and a drift leave unexplained, as a
-// fraction of the variance that controls alone leave unexplained.
-double WithDrift(std::span<const core::Matrix> points, std::span<const core::Matrix> controls,
-                 const ResponseOptions& options) {
+// Calls visit(fit, d, t) for transitions of each half of the demonstrations, with fits to the other
+// half.
+template <typename Visit>
+void VisitLeftOut(const FeatureTrajectories& demonstrations, std::span<const core::Matrix> controls,
+                  const ResponseOptions& options, bool drift, const Visit& visit) {
   constexpr Eigen::Index kEnough = 2000;  // Number of transitions of each half.
+  const std::vector<core::Matrix>& points = demonstrations.points;
+  const std::vector<core::Matrix>& contexts = demonstrations.contexts;
   Eigen::Index transitions = 0;
   for (const core::Matrix& c : controls) transitions += c.rows();
   const Eigen::Index stride = 1 + transitions / (2 * kEnough);
-  double alone = 0.0;
-  double together = 0.0;
-  Eigen::VectorXd there(points[0].cols());
   for (const std::size_t half : {0U, 1U}) {
     std::vector<core::Matrix> shown_points;
     std::vector<core::Matrix> shown_controls;
+    std::vector<core::Matrix> shown_contexts;
     for (std::size_t d = half; d < points.size(); d += 2) {
       shown_points.push_back(points[d]);
       shown_controls.push_back(controls[d]);
+      if (!contexts.empty()) shown_contexts.push_back(contexts[d]);
     }
-    const auto prior =
-        std::make_shared<const TransitionStore>(shown_points, shown_controls, options);
-    for (const bool drift : {false, true}) {
-      const ResponseEstimate estimate(prior, {}, drift);
-      LocalFit fit = estimate.MakeFit();
-      double& error = drift ? together : alone;
-      for (std::size_t d = 1 - half; d < points.size(); d += 2) {
-        for (Eigen::Index t = 0; t < controls[d].rows(); t += stride) {
-          estimate.FitAt(static_cast<int>(t), core::Row(points[d], t), fit);
-          there = points[d].row(t);
-          fit.AddEffect(controls[d].row(t).transpose(), there);
-          error += (points[d].row(t + 1).transpose() - there).squaredNorm();
-        }
+    const ResponseEstimate estimate(std::make_shared<const TransitionStore>(
+                                        shown_points, shown_controls, options, shown_contexts),
+                                    {}, drift);
+    LocalFit fit = estimate.MakeFit();
+    for (std::size_t d = 1 - half; d < points.size(); d += 2) {
+      for (Eigen::Index t = 0; t < controls[d].rows(); t += stride) {
+        if (!contexts.empty()) fit.SetContext(core::Row(contexts[d], t));
+        estimate.FitAt(static_cast<int>(t), core::Row(points[d], t), fit);
+        visit(fit, d, t);
       }
     }
   }
+}
+
+// Returns the variance of left-out demonstrations that controls and a drift leave unexplained, as a
+// fraction of the variance that controls alone leave unexplained.
+double WithDrift(const FeatureTrajectories& demonstrations, std::span<const core::Matrix> controls,
+                 const ResponseOptions& options) {
+  const std::vector<core::Matrix>& points = demonstrations.points;
+  double alone = 0.0;
+  double together = 0.0;
+  Eigen::VectorXd there(points[0].cols());
+  for (const bool drift : {false, true}) {
+    double& error = drift ? together : alone;
+    VisitLeftOut(demonstrations, controls, options, drift,
+                 [&](LocalFit& fit, std::size_t d, Eigen::Index t) {
+                   there = points[d].row(t);
+                   fit.AddEffect(controls[d].row(t).transpose(), there);
+                   error += (points[d].row(t + 1).transpose() - there).squaredNorm();
+                 });
+  }
   return alone > 0.0 ? together / alone : 1.0;
+}
+
+// Returns true if demonstrated changes predict controls of left-out demonstrations clearly worse
+// than demonstrated controls alone. If observations are noisy, a change contains the return of its
+// noise to the mean, which a control would have to be large to cause.
+bool ChangesMislead(const FeatureTrajectories& demonstrations,
+                    std::span<const core::Matrix> controls, const ResponseOptions& options,
+                    bool drift) {
+  double squares = 0.0;
+  double alone = 0.0;
+  double by_change = 0.0;
+  Eigen::VectorXd v(controls[0].cols());
+  VisitLeftOut(demonstrations, controls, options, drift,
+               [&](LocalFit& fit, std::size_t d, Eigen::Index t) {
+                 if (!fit.DemonstratedControl(v)) return;
+                 squares += controls[d].row(t).squaredNorm();
+                 alone += (controls[d].row(t).transpose() - v).squaredNorm();
+                 if (!fit.NominalControl(v)) return;
+                 by_change += (controls[d].row(t).transpose() - v).squaredNorm();
+               });
+  return by_change > guided::kMostWorse * alone + guided::kNegligible * squares;
 }
 
 }  // namespace
@@ -98,10 +136,14 @@ Response::Response(const FeatureTrajectories& demonstrations, const ResponseOpti
     // An entry with a single value leaves no choice.
     if (values_.back().size() == 1) values_.back().clear();
   }
-  prior_ = std::make_shared<const TransitionStore>(demonstrations.points, controls, options,
+  ResponseOptions chosen = options;
+  if (controls.size() >= 2) {
+    has_drift_ = WithDrift(demonstrations, controls, options) <= guided::kMostLeft;
+    chosen.measured_changes =
+        options.measured_changes && !ChangesMislead(demonstrations, controls, options, has_drift_);
+  }
+  prior_ = std::make_shared<const TransitionStore>(demonstrations.points, controls, chosen,
                                                    demonstrations.contexts);
-  has_drift_ = controls.size() >= 2 &&
-               WithDrift(demonstrations.points, controls, options) <= guided::kMostLeft;
 }
 
 void Response::Save(core::ArchiveWriter& archive) const {

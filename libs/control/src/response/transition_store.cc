@@ -140,6 +140,7 @@ void TransitionStore::Save(core::ArchiveWriter& archive) const {
   archive.Number(options_.forgetting);
   archive.Number(options_.drift_ridge);
   archive.Number(options_.slope_ridge);
+  archive.Integer(options_.measured_changes ? 1 : 0);
   archive.Integer(feature_dim_);
   archive.Integer(control_dim_);
   archive.Integers(begin_);
@@ -158,6 +159,7 @@ TransitionStore TransitionStore::Load(core::ArchiveReader& archive) {
     options.forgetting = archive.Number();
     options.drift_ridge = archive.Number();
     options.slope_ridge = archive.Number();
+    options.measured_changes = archive.IntegerIn(0, 1) == 1;
     Check(options);
     prior.feature_dim_ = archive.IntegerIn(1, kMaxEntries);
     prior.control_dim_ = archive.IntegerIn(1, kMaxEntries);

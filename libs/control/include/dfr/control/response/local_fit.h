@@ -49,11 +49,16 @@ class LocalFit {
     AddEffect(v, disturbance_model_.active() ? Duration(v) : 0.0, z);
   }
 
-  /// Computes the control with the effect of nearby demonstrations. Locally weighted linear
-  /// regression over the nearest transitions gives the demonstrated control v_d at z and its
-  /// change dz_d. The result minimizes |J v + m + s d - dz_d|^2 + 0.03 trace(J' J) / m |v - v_d|^2.
-  /// It compensates for rotated or scaled controls and for disturbances, as far as they are
-  /// estimated. O(n^3).
+  /// Computes the demonstrated control v_d at z by locally weighted linear regression over the
+  /// nearest transitions. O(n^3).
+  /// @returns false, and leaves `v` (m entries) unchanged, if there is no demonstrated control.
+  [[nodiscard]] bool DemonstratedControl(Eigen::VectorXd& v) noexcept;
+  /// Computes the control with the effect of v_d in demonstrations. It minimizes
+  /// |J v + m + s d - dz_d|^2 + 0.03 trace(J' J) / m |v - v_d|^2. It compensates for rotated or
+  /// scaled controls and for disturbances, as far as they are estimated. The demonstrated change
+  /// dz_d comes from the same regression as v_d. Without ResponseOptions::measured_changes it is
+  /// the change that J and m of demonstrations predict for v_d, and the result differs from v_d
+  /// only by measurements of this episode. O(n^3).
   /// @returns false, and leaves `v` (m entries) unchanged, if there is no demonstrated control.
   [[nodiscard]] bool NominalControl(Eigen::VectorXd& v) noexcept;
   /// Sets the context (TransitionStore::context_dim() entries) on which NominalControl() depends in
@@ -92,6 +97,8 @@ class LocalFit {
   friend class ResponseEstimate;
   LocalFit(std::shared_ptr<const TransitionStore> prior, const DisturbanceModel& disturbance_model,
            int drift_rows, Eigen::Index rows);
+  /// Computes the regression of DemonstratedControl() for the columns from `column` on of the sums.
+  void Regress(Eigen::Index column, Eigen::VectorXd& out) const noexcept;
 
   std::shared_ptr<const TransitionStore> prior_;
   DisturbanceModel disturbance_model_;

@@ -20,6 +20,9 @@ struct ResponseOptions {
                                ///< t + window, and the nearest in time if these have none.
   int max_per_step = 48;       ///< Maximum number of transitions per time step; bounds the time.
   double forgetting = 0.93;    ///< Factor on the weight of earlier controls, in [0, 1).
+  /// LocalFit::NominalControl() aims at the changes of features that demonstrations measured.
+  /// Response sets false if these are too noisy.
+  bool measured_changes = true;
 };
 
 /// Demonstrated transitions; immutable, shared by their estimates.
