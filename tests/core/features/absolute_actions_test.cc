@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <functional>
 #include <span>
 #include <vector>
@@ -128,6 +129,80 @@ TEST(AbsoluteActionsTest, VelocitiesAreNotTargets) {
     return std::vector<double>{x[0], x[1], goal[0] - x[0], goal[1] - x[1]};
   };
   EXPECT_TRUE(FindAbsoluteActions(RollOut(world)).empty()) << "beside the distance to the goal";
+}
+
+// Velocities act `delay` steps later, through saturating motors. The state has the last `delay`
+// actions, as a guard's warning advises. The first ones are zero.
+std::vector<Trajectory> Late(int delay) {
+  Random random(3);
+  std::vector<Trajectory> set;
+  for (int i = 0; i < 20; ++i) {
+    constexpr int kSteps = 60;
+    Trajectory episode;
+    episode.states = Matrix::Zero(kSteps + 1, 2 + 2 * delay);
+    episode.controls.resize(kSteps, 2);
+    Eigen::RowVector2d x = Normal2(random).transpose();
+    const Eigen::RowVector2d goal = 2.0 * Normal2(random).transpose();
+    for (int t = 0; t <= kSteps; ++t) {
+      auto state = episode.states.row(t);
+      state.head(2) = x;
+      for (int past = 1; past <= std::min(delay, t); ++past) {
+        state.segment(2 * past, 2) = episode.controls.row(t - past);
+      }
+      if (t == kSteps) break;
+      episode.controls.row(t) = 0.2 * (goal - x) + 0.02 * Normal2(random).transpose();
+      if (t >= delay) {
+        x += 0.1 * (episode.controls.row(t - delay).array() / 0.3).tanh().matrix();
+      }
+    }
+    set.push_back(std::move(episode));
+  }
+  return set;
+}
+
+TEST(AbsoluteActionsTest, EarlierActionsInTheStateAreNotPositions) {
+  for (const int delay : {1, 2, 3}) {
+    std::vector<Trajectory> set = Late(delay);
+    EXPECT_TRUE(FindAbsoluteActions(set).empty()) << delay;
+    // Recorded in single precision.
+    for (Trajectory& episode : set) episode.states = episode.states.cast<float>().cast<double>();
+    EXPECT_TRUE(FindAbsoluteActions(set).empty()) << delay;
+    // Without the position nothing shows that the entries are not positions.
+    for (Trajectory& episode : set) {
+      episode.states = Matrix(episode.states.rightCols(2 * delay));
+    }
+    EXPECT_EQ(FindAbsoluteActions(set).size(), 2u) << delay;
+  }
+}
+
+// The joints reach their targets exactly. The state also has the joints of the step before and the
+// tip of the arm, which moves with the joints, or an object that the arm does not touch.
+TEST(AbsoluteActionsTest, PerfectlyTrackedTargetsAreFound) {
+  for (const bool tip : {true, false}) {
+    for (const double noise : {0.0, 0.02}) {
+      auto set = RollOut(
+          {.act = [=](const auto& x, const auto& goal, Random& random, auto& u, auto& next) {
+            u = x + 0.1 * (goal - x) + noise * Normal2(random);
+            next = u;
+          }});
+      for (Trajectory& episode : set) {
+        const Matrix joints = episode.states;
+        Matrix states(joints.rows(), 6);
+        for (Eigen::Index t = 0; t < joints.rows(); ++t) {
+          const double a = joints(t, 0);
+          const double b = joints(t, 1);
+          states.row(t) << joints.row(t), joints.row(std::max<Eigen::Index>(0, t - 1)),
+              tip ? std::cos(a) + std::cos(a + b) : 0.1 * static_cast<double>(t),
+              tip ? std::sin(a) + std::sin(a + b) : std::sin(0.1 * static_cast<double>(t));
+        }
+        episode.states = states;
+      }
+      const auto found = FindAbsoluteActions(set);
+      ASSERT_EQ(found.size(), 2u) << tip << ' ' << noise;
+      EXPECT_EQ(found[0].state, 0);
+      EXPECT_EQ(found[1].state, 1);
+    }
+  }
 }
 
 TEST(AbsoluteActionsTest, ConstantEntriesAndShortSetsHaveNoTargets) {

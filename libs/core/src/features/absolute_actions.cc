@@ -30,7 +30,14 @@ ActionAnalysis::ActionAnalysis(int state_dim, int control_dim)
       sum_(Eigen::VectorXd::Zero(2 * n_)),
       squares_(sum_),
       products_(Eigen::MatrixXd::Zero(m_, 2 * n_)),
-      steps_(Eigen::VectorXd::Zero(n_)) {}
+      steps_(Eigen::VectorXd::Zero(n_)),
+      deviations_(Eigen::MatrixXd::Zero((kMostLag + 1) * m_, n_)),
+      largest_(Eigen::VectorXd::Zero(m_)),
+      history_(Eigen::VectorXd::Zero((kMostLag + 2) * m_)),
+      history_products_(Eigen::MatrixXd::Zero(history_.size(), history_.size())),
+      history_changes_(Eigen::MatrixXd::Zero(history_.size(), n_)),
+      changes_(steps_),
+      change_squares_(steps_) {}
 
 void ActionAnalysis::Add(const Trajectory& episode) {
   const Eigen::Index steps = episode.controls.rows();
@@ -46,6 +53,113 @@ void ActionAnalysis::Add(const Trajectory& episode) {
   products_.rightCols(n_).noalias() += episode.controls.transpose() * next;
   steps_ += now.cwiseProduct(next).colwise().sum().transpose();
   count_ += static_cast<double>(steps);
+  AddHistory(episode);
+}
+
+void ActionAnalysis::AddHistory(const Trajectory& episode) {
+  const Eigen::Index steps = episode.controls.rows();
+  if (steps == 0) return;
+  largest_ = largest_.cwiseMax(episode.controls.cwiseAbs().colwise().maxCoeff().transpose());
+  for (Eigen::Index i = 0; i <= std::min(kMostLag, steps - 1); ++i) {
+    const auto later = episode.states.bottomRows(steps - i);
+    for (Eigen::Index k = 0; k < m_; ++k) {
+      auto most = deviations_.row(i * m_ + k);
+      most = most.cwiseMax((later.colwise() - episode.controls.col(k).head(steps - i))
+                               .cwiseAbs()
+                               .colwise()
+                               .maxCoeff());
+    }
+  }
+  const Eigen::Index rows = steps - kMostLag - 1;
+  if (rows <= 0) return;
+  Eigen::MatrixXd past(rows, history_.size());
+  for (Eigen::Index i = 0; i <= kMostLag + 1; ++i) {
+    past.middleCols(i * m_, m_) = episode.controls.middleRows(kMostLag + 1 - i, rows);
+  }
+  const auto next = episode.states.bottomRows(rows);
+  const auto now = episode.states.middleRows(kMostLag + 1, rows);
+  history_count_ += static_cast<double>(rows);
+  history_ += past.colwise().sum().transpose();
+  history_products_.noalias() += past.transpose() * past;
+  history_changes_.noalias() += past.transpose() * next;
+  history_changes_.noalias() -= past.transpose() * now;
+  changes_ += (next - now).colwise().sum().transpose();
+  change_squares_ += (next - now).colwise().squaredNorm().transpose();
+}
+
+Eigen::VectorXd ActionAnalysis::ExplainedBy(Eigen::Index k, Eigen::Index lag,
+                                            bool difference) const {
+  const Eigen::Index size = history_.size();
+  Eigen::MatrixXd select = Eigen::MatrixXd::Zero(size, m_);  // Entry k last.
+  for (Eigen::Index i = 0; i < m_; ++i) {
+    const Eigen::Index column = i == k ? m_ - 1 : i - (i > k ? 1 : 0);
+    select(lag * m_ + i, column) = 1.0;
+    if (difference) select((lag + 1) * m_ + i, column) = -1.0;
+  }
+  const Eigen::MatrixXd covariance =
+      select.transpose() *
+      (history_products_ / history_count_ -
+       history_ * history_.transpose() / history_count_ / history_count_) *
+      select;
+  const Eigen::MatrixXd with_changes =
+      select.transpose() * (history_changes_ / history_count_ -
+                            history_ * changes_.transpose() / history_count_ / history_count_);
+  const Eigen::ArrayXd variance =
+      change_squares_.array() / history_count_ - (changes_.array() / history_count_).square();
+  const auto left = [&](Eigen::Index count) {
+    const Eigen::MatrixXd y = with_changes.topRows(count);
+    Eigen::ArrayXd explained = Eigen::ArrayXd::Zero(n_);
+    if (count > 0) {
+      explained = y.cwiseProduct(SolveSymmetric(covariance.topLeftCorner(count, count), y))
+                      .colwise()
+                      .sum()
+                      .transpose();
+    }
+    return Eigen::ArrayXd(variance - explained);
+  };
+  const Eigen::ArrayXd others = left(m_ - 1);
+  // The rounding residue of a change that the others explain is not a change.
+  return (others > 1e-9 * change_squares_.array() / history_count_)
+      .select(1.0 - left(m_) / others, 0.0);
+}
+
+std::vector<bool> ActionAnalysis::FindPastActions() const {
+  constexpr double kRounding = 1e-6;  // fraction of the largest action, as in single precision
+  constexpr double kRowsPerEntry = 10.0;
+  constexpr double kExplained = 0.5;
+  constexpr double kLeaves = 0.5;  // fraction of what differences leave
+  std::vector<bool> past(static_cast<std::size_t>(n_), false);
+  if (history_count_ < kRowsPerEntry * static_cast<double>(m_ + 1)) return past;
+  std::vector<std::vector<Eigen::Index>> copies(static_cast<std::size_t>(m_));
+  std::vector<bool> repeats = past;
+  for (Eigen::Index k = 0; k < m_; ++k) {
+    for (Eigen::Index j = 0; j < n_; ++j) {
+      for (Eigen::Index i = 0; i <= kMostLag; ++i) {
+        if (!(deviations_(i * m_ + k, j) <= kRounding * largest_[k])) continue;
+        copies[static_cast<std::size_t>(k)].push_back(j);
+        repeats[static_cast<std::size_t>(j)] = true;
+        break;
+      }
+    }
+  }
+  for (Eigen::Index k = 0; k < m_; ++k) {
+    const std::vector<Eigen::Index>& own = copies[static_cast<std::size_t>(k)];
+    if (own.empty()) continue;
+    Eigen::VectorXd as_velocity = Eigen::VectorXd::Zero(n_);
+    Eigen::VectorXd as_target = as_velocity;
+    for (Eigen::Index lag = 0; lag <= kMostLag; ++lag) {
+      as_velocity = as_velocity.cwiseMax(ExplainedBy(k, lag, false));
+      as_target = as_target.cwiseMax(ExplainedBy(k, lag, true));
+    }
+    bool moves = false;
+    for (Eigen::Index p = 0; p < n_; ++p) {
+      moves = moves || (!repeats[static_cast<std::size_t>(p)] && as_velocity[p] >= kExplained &&
+                        1.0 - as_velocity[p] <= kLeaves * (1.0 - as_target[p]));
+    }
+    if (!moves) continue;
+    for (const Eigen::Index j : own) past[static_cast<std::size_t>(j)] = true;
+  }
+  return past;
 }
 
 std::vector<AbsoluteAction> ActionAnalysis::Absolute() const {
@@ -58,6 +172,7 @@ std::vector<AbsoluteAction> ActionAnalysis::Absolute() const {
   const Eigen::VectorXd mean_u = actions_ / count_;
   const Eigen::VectorXd mean_x = sum_ / count_;
   const Eigen::VectorXd variance = squares_ / count_ - mean_x.cwiseAbs2();
+  const std::vector<bool> past = FindPastActions();
   std::vector<AbsoluteAction> found;
   for (Eigen::Index k = 0; k < m_; ++k) {
     const double square_u = action_products_(k, k) / count_;
@@ -69,6 +184,7 @@ std::vector<AbsoluteAction> ActionAnalysis::Absolute() const {
     std::optional<AbsoluteAction> best;
     double best_distance = 0.0;
     for (Eigen::Index j = 0; j < n_; ++j) {
+      if (past[static_cast<std::size_t>(j)]) continue;
       const Eigen::Index now = j;
       const Eigen::Index next = n_ + j;
       AbsoluteAction match{.action = static_cast<int>(k), .state = static_cast<int>(j)};

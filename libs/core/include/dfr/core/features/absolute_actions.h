@@ -28,6 +28,13 @@ struct AbsoluteAction {
 /// actions themselves explain at least 80 % of the changes of an unmatched state entry, the actions
 /// are velocities and x_j reports them (its velocity or the last action).
 ///
+/// A state entry is the last action, or an earlier one, and no position under two conditions.
+/// First, x_j(t + 1) equals u_k(t - i) at every step, for an i up to 3. A position that follows its
+/// target perfectly does so too. Second, u_k(t - l) for an l up to 3 explains the change of another
+/// entry that repeats no action: at least half of what the other actions leave, and it leaves at
+/// most half as much as u_k(t - l) - u_k(t - l - 1) for any l, which moves a robot with targets. If
+/// both explain the change equally well, the entry counts as a position.
+///
 /// Memory and time per step are linear in the number of state entries, also for pictures.
 class ActionAnalysis {
  public:
@@ -40,7 +47,15 @@ class ActionAnalysis {
   [[nodiscard]] std::vector<AbsoluteAction> Absolute() const;
 
  private:
+  static constexpr Eigen::Index kMostLag = 3;
   [[nodiscard]] bool MovesUnmatchedEntry(const std::vector<AbsoluteAction>& candidates) const;
+  void AddHistory(const Trajectory& episode);
+  /// Returns true for state entries that repeat an action which moves another entry.
+  [[nodiscard]] std::vector<bool> FindPastActions() const;
+  /// Returns the share of the variance of each entry's change that action entry `k` explains, of
+  /// what the other entries leave: those of u(t - lag), or of u(t - lag) - u(t - lag - 1).
+  [[nodiscard]] Eigen::VectorXd ExplainedBy(Eigen::Index k, Eigen::Index lag,
+                                            bool difference) const;
 
   Eigen::Index n_;
   Eigen::Index m_;
@@ -55,6 +70,17 @@ class ActionAnalysis {
   Eigen::MatrixXd products_;
   // Sum of x_j(t) x_j(t + 1).
   Eigen::VectorXd steps_;
+  // One block of m rows for each i: the largest |x_j(t + 1) - u_k(t - i)|.
+  Eigen::MatrixXd deviations_;
+  Eigen::VectorXd largest_;  // Largest |u_k|.
+  // Sums over steps from kMostLag + 1 on, with h = [u(t); ...; u(t - kMostLag - 1)] and
+  // dx = x(t + 1) - x(t): of h, h h', h dx', dx and of the squares of dx.
+  double history_count_ = 0.0;
+  Eigen::VectorXd history_;
+  Eigen::MatrixXd history_products_;
+  Eigen::MatrixXd history_changes_;
+  Eigen::VectorXd changes_;
+  Eigen::VectorXd change_squares_;
 };
 
 /// Returns the targets of a whole set; empty if there are no demonstrations.
