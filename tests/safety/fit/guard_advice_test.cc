@@ -31,6 +31,20 @@ std::shared_ptr<const GuardModel> GoodModel() {
   return kModel;
 }
 
+TEST(GuardAdviceTest, NoiseOfSensorsIsNamed) {
+  core::Random random(9);
+  auto demonstrations = test::CorridorDemonstrations(1, 40);
+  for (core::Trajectory& d : demonstrations) {
+    for (double& entry : d.states.rightCols(2).reshaped()) entry += 0.15 * random.Normal();
+  }
+  const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations,
+                                     {.features = "tip", .accept_any = true});
+  EXPECT_TRUE(model->settings().demonstrated);
+  EXPECT_THAT(Warnings(*model),
+              testing::Contains(testing::AllOf(HasSubstr("of the change of features"),
+                                               HasSubstr("of the rest is noise of sensors"))));
+}
+
 // In the unit of the state: no state without an alarm is farther from all demonstrated states.
 TEST(GuardAdviceTest, ClearanceIsADistanceThatNoStateWithoutAlarmExceeds) {
   const auto demonstrations = test::CorridorDemonstrations(1, 30);

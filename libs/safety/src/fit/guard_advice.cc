@@ -41,8 +41,11 @@ std::vector<std::string> Warnings(const GuardModel& model) {
   if (control::LocalFit::Guesses(summary.explained, summary.action_error)) {
     warnings.push_back(core::Format(
         "the features explain only %.0f %% of the variance of left-out demonstrations' actions: "
-        "add what the demonstrator looked at.%s",
+        "add what the demonstrator looked at%s.%s",
         100.0 * std::max(0.0, summary.explained),
+        model.task().response().prior()->options().measured_changes
+            ? ""
+            : ", or reduce the noise of sensors, whose return hides the actions' effects",
         settings.demonstrated
             ? ""
             : " The guard does not apply actions of nearby demonstrations: it corrects the "
@@ -223,9 +226,16 @@ std::string DescribeDelay(const GuardModel& model,
          " to the states, or pair each state with the action that moves it";
 }
 
+struct Changes {
+  double explained = 1.0;
+  double noise = 0.0;
+};
+
 // Returns the fraction of the squared changes of features that the demonstrated response and the
-// drift explain, over some hundred demonstrated transitions.
-double Explained(const GuardModel& model, std::span<const core::Trajectory> demonstrations) {
+// drift explain, over some hundred demonstrated transitions, and the fraction of the rest that is
+// noise of sensors. Noise of variance s adds 2 s to the squares, and its return in the next step
+// adds -s to the products of consecutive errors.
+Changes JudgeChanges(const GuardModel& model, std::span<const core::Trajectory> demonstrations) {
   constexpr std::size_t kSamples = 400;
   const control::Response& response = model.task().response();
   const control::ResponseEstimate estimate(response.prior(), {}, response.has_drift());
@@ -234,23 +244,31 @@ double Explained(const GuardModel& model, std::span<const core::Trajectory> demo
   for (const auto& d : demonstrations) transitions += static_cast<std::size_t>(d.controls.rows());
   const std::size_t stride = std::max<std::size_t>(1, transitions / kSamples);
   double squares = 0.0;
-  double missed = 0.0;
+  Eigen::VectorXd missed = Eigen::VectorXd::Zero(response.feature_dim());
+  Eigen::VectorXd returns = missed;
   std::size_t i = 0;
   Eigen::VectorXd v(model.actions().steered_dim());
+  const auto error = [&](const core::Trajectory& d, const core::Matrix& points, Eigen::Index t) {
+    model.actions().Measure(core::Row(d.controls, t), core::AsSpan(v));
+    v /= response.control_unit();
+    Eigen::VectorXd expected = points.row(t).transpose();
+    estimate.FitAt(static_cast<int>(t), core::Row(points, t), answer);
+    answer.AddEffect(v, expected);
+    return Eigen::VectorXd(points.row(t + 1).transpose() - expected);
+  };
   for (const auto& d : demonstrations) {
     const core::Matrix points = model.task().features().Apply(d.states);
     for (Eigen::Index t = 0; t < d.controls.rows(); ++t, ++i) {
       if (i % stride != 0) continue;
-      model.actions().Measure(core::Row(d.controls, t), core::AsSpan(v));
-      v /= response.control_unit();
-      Eigen::VectorXd expected = points.row(t).transpose();
-      estimate.FitAt(static_cast<int>(t), core::Row(points, t), answer);
-      answer.AddEffect(v, expected);
       squares += (points.row(t + 1) - points.row(t)).squaredNorm();
-      missed += (points.row(t + 1).transpose() - expected).squaredNorm();
+      const Eigen::VectorXd now = error(d, points, t);
+      missed += now.cwiseAbs2();
+      if (t + 1 < d.controls.rows()) returns -= now.cwiseProduct(error(d, points, t + 1));
     }
   }
-  return squares > 0.0 ? 1.0 - missed / squares : 1.0;
+  if (!(squares > 0.0 && missed.sum() > 0.0)) return {};
+  return {.explained = 1.0 - missed.sum() / squares,
+          .noise = std::min(1.0, 2.0 * returns.cwiseMax(0.0).sum() / missed.sum())};
 }
 
 }  // namespace
@@ -295,12 +313,19 @@ std::vector<std::string> FitWarnings(const GuardModel& model,
        {DescribeRepeated(model, demonstrations), DescribeDelay(model, demonstrations)}) {
     if (!fault.empty()) warnings.push_back(std::move(fault));
   }
-  const double explained = Explained(model, demonstrations);
-  if (explained < fit::kLeastResponse) {
-    warnings.push_back(core::Format(
-        "actions explain only %.0f %% of the change of features: use features that the robot "
-        "moves, and run guard check to compare actions with their states",
-        100.0 * std::max(0.0, explained)));
+  const Changes changes = JudgeChanges(model, demonstrations);
+  if (changes.explained < fit::kLeastResponse) {
+    constexpr double kMostlyNoise = 0.5;
+    std::string warning = core::Format("actions explain only %.0f %% of the change of features",
+                                       100.0 * std::max(0.0, changes.explained));
+    warning += changes.noise > kMostlyNoise
+                   ? core::Format(
+                         ", and %.0f %% of the rest is noise of sensors: smooth the states "
+                         "without delay, or use every k-th state",
+                         100.0 * changes.noise)
+                   : ": use features that the robot moves, and run guard check to compare actions "
+                     "with their states";
+    warnings.push_back(std::move(warning));
   }
   return warnings;
 }
