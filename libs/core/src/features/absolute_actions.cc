@@ -167,7 +167,7 @@ std::vector<AbsoluteAction> ActionAnalysis::Absolute() const {
   constexpr double kCorrelation = 0.9;
   constexpr double kOffset = 0.5;  // fraction of the spread
   constexpr double kMoves = 0.3;   // share of the changes that the distance to the target explains
-  constexpr double kRepeats = 1e-3;  // fraction of the spread: the action repeats the state
+  constexpr double kRepeats = 1e-3;  // fraction of the spread; below, the action repeats the state
   if (count_ < 8.0) return {};
   const Eigen::VectorXd mean_u = actions_ / count_;
   const Eigen::VectorXd mean_x = sum_ / count_;

@@ -78,8 +78,8 @@ FeatureTransform FeatureTransform::Whitening(FeatureSelection selection,
   const Eigen::VectorXd step = Steps(features);
   for (Eigen::Index i = 0; i < n; ++i) {
     if (sd[i] > 0.0) continue;
-    // In all demonstrations, the feature is the same function of time. With a scale far below its
-    // change per time step, a small relative error of that change would exceed all other changes.
+    // The feature is the same function of time in all demonstrations. If its sd were far below its
+    // change per time step, a small deviation from that change would outweigh all other features.
     sd[i] = step[i] > 0.0 ? step[i] : largest;
     if (step[i] > 0.0) scatter(i, i) = sd[i] * sd[i];
   }

@@ -24,12 +24,12 @@ constexpr double kThreeDigits = 2e-3;
 constexpr double kPi = std::numbers::pi;
 constexpr std::array<double, 2> kPeriods = {2.0 * kPi, 360.0};
 constexpr int kParts = 128;
-// Number of parts of a circle, an eighth, that must be free to make an angle continuous.
+// Number of adjacent parts of the circle, an eighth of it, that a continuous angle leaves free.
 constexpr int kLeastFree = kParts / 8;
-// An entry that moves by more than this share of a period in one step cannot be distinguished from
-// a jump.
+// A motion by more than this share of a period in one step cannot be distinguished from a jump.
 constexpr double kMostMotion = 0.25;
-// cos(150 degrees / 2). For rotations farther from the mean, the nearer of q and -q soon changes.
+// cos(150 degrees / 2). Farther from the mean, a small rotation may change which of q and -q is
+// nearer to it.
 constexpr double kLeastAlong = 0.2588190451025207;
 // cos(90 degrees / 2). Four entries are a quaternion if both signs occur and all their values are
 // this close to their mean or its opposite.
@@ -39,15 +39,15 @@ constexpr double kSameBegin = 0.6;
 // Jumps of three entries belong to a rotation vector if removing them reduces the squared error to
 // this fraction.
 constexpr double kLessError = 0.5;
-// Criteria for episodes that start at one angle in several revolutions: their number, their
-// distance in revolutions, and the length of the mean of their unit vectors. Entries that are
-// lengths rarely meet these criteria.
+// Minima for episodes that start at one angle in different revolutions: their number, the range of
+// their starts in revolutions, and the length of the mean of the starts as unit vectors. Entries
+// that are lengths rarely reach these minima.
 constexpr int kFewestEpisodes = 8;
 constexpr double kLeastApart = 0.75;
 constexpr double kSameAngle = 0.97;
 
-// Calls `visit` with the first of `size` adjacent entries of a block, and whether the block has no
-// other entries.
+// Calls visit(first, whole) for each `size` adjacent entries of a block. `whole` is true if the
+// block has no other entries.
 template <typename Visit>
 void EachWindow(const StateLayout& layout, int size, const Visit& visit) {
   for (const auto& block : layout.blocks) {
@@ -73,7 +73,7 @@ bool AllVary(const std::vector<Eigen::Vector4d>& seen) {
   return (high - low).minCoeff() > kTolerance;
 }
 
-// Returns the number of entries that are ever nonzero. One nonzero entry may be a flag.
+// Returns the number of entries that are nonzero in some state. A single one may be a flag.
 int NumLive(const std::vector<Eigen::Vector4d>& seen) {
   Eigen::Vector4d largest = Eigen::Vector4d::Zero();
   for (const Eigen::Vector4d& q : seen) largest = largest.cwiseMax(q.cwiseAbs());
@@ -100,8 +100,8 @@ Eigen::Vector3d ShortVector(const Eigen::Vector3d& v) {
   return v.norm() > kPi ? OtherVector(v) : v;
 }
 
-// Returns the orientation with the largest sum of squared cosines. The sign is arbitrary; the first
-// large entry is positive.
+// Returns the orientation with the largest sum of squared dot products with all of `seen`. Of its
+// two signs, selects the one that makes the first large entry positive.
 Eigen::Vector4d MeanOrientation(const std::vector<Eigen::Vector4d>& seen) {
   constexpr double kTie = 1e-6;
   Eigen::Matrix4d sum = Eigen::Matrix4d::Zero();
@@ -116,8 +116,8 @@ Eigen::Vector4d MeanOrientation(const std::vector<Eigen::Vector4d>& seen) {
   return mean;
 }
 
-// Returns the length and the start of the longest run of free parts of a circle. The run may cross
-// the end.
+// Returns the length and the start of the longest run of free parts of a circle. The run may wrap
+// around.
 std::pair<int, int> LongestFree(const std::uint64_t (&occupied)[2]) {
   const auto taken = [&](int part) {
     const auto i = static_cast<unsigned>(part % kParts);
@@ -266,8 +266,8 @@ std::vector<Rotation> RotationFinder::Find() const {
           .continuous = near && !flag,
           .reference = {mean[0], mean[1], mean[2], mean[3]}});
   }
-  // Rotation vectors whose jumps move several entries go before angles. A rotation about one
-  // coordinate axis is better described as an angle.
+  // Rotation vectors whose jumps move several entries take precedence over angles. A rotation about
+  // one coordinate axis is better described as an angle.
   for (const Three& three : threes_) {
     if (!three.jumps || three.as_vector >= kLessError * three.as_angle) continue;
     take({.kind = Kind::kAxisAngle, .first = three.first, .size = 3, .jumps = true});

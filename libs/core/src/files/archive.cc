@@ -16,7 +16,8 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "archives are little-endian");
 
-// File: magic, kind (size + text), version, values (tag + content each), checksum of all the rest.
+// File: magic, kind (size + text), version, values (tag + content each), checksum of all preceding
+// bytes.
 constexpr std::string_view kMagic = "dfr\x1a\r\n\x01\n";
 constexpr char kInteger = 'i';
 constexpr char kNumber = 'd';
@@ -46,7 +47,7 @@ void AppendNumbers(std::string& bytes, std::span<const double> values) {
   bytes.append(reinterpret_cast<const char*>(values.data()), values.size_bytes());
 }
 
-// Returns the beginning of a file's text without characters that control terminals.
+// Returns the beginning of a file's text, with '?' for all but printable ASCII characters.
 std::string Shown(std::string_view text) {
   std::string shown(text.substr(0, 40));
   for (char& c : shown) c = c >= ' ' && c <= '~' ? c : '?';

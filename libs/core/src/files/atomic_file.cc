@@ -22,8 +22,8 @@ std::string Resolve(const std::filesystem::path& from) {
   for (int i = 0; i <= kMostLinks; ++i) {
     std::error_code error;
     if (!std::filesystem::is_symlink(path, error)) return path.string();
-    // These links point to open files of a process (for example, /dev/stdout), not to the named
-    // file.
+    // A link in /proc leads to an open file of a process (for example, /dev/stdout), whatever file
+    // its text names.
     if (path.string().starts_with("/proc/")) return path.string();
     const std::filesystem::path next = std::filesystem::read_symlink(path, error);
     if (error) return path.string();
@@ -61,7 +61,7 @@ AtomicFile::AtomicFile(const std::filesystem::path& path)
     Fail("cannot be created", error);
   }
   if (!exists) return;
-  // If the group cannot be kept, the new group must not get read permission.
+  // If the group cannot be kept, the new group must not get any permission.
   const bool owned = ::fchown(descriptor_, old.st_uid, old.st_gid) == 0 ||
                      ::fchown(descriptor_, static_cast<uid_t>(-1), old.st_gid) == 0;
   const mode_t mode = old.st_mode & (owned ? 07777 : 0707);

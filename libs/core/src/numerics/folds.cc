@@ -45,8 +45,8 @@ Real Rounded(double value) {
   return static_cast<Real>(std::clamp(value, -kMost, kMost));
 }
 
-// First entry that differs after conversion to `Real`; the number of shared entries if none
-// differs.
+// Index of the first entry that differs after conversion to `Real`; the smaller number of entries
+// if none differs.
 template <typename Real>
 std::size_t FirstDifference(std::span<const Matrix* const> a, std::span<const Matrix* const> b) {
   const std::size_t count = std::min(Entries(a), Entries(b));
@@ -77,8 +77,9 @@ std::uint64_t CoarseBits(double value) {
 }
 
 // Sorts demonstrations by their contents `parts_of(d)`, then shuffles them, because neighbours in
-// this order start alike. The seed of the shuffle includes the entries that decided the sort: with
-// `seed` alone, the first few would always be the same ranks, not a random sample.
+// sorted order have similar first entries. The seed of the shuffle includes the entries that
+// decided the sort: with `seed` alone, the first few would always be the same ranks, not a random
+// sample.
 template <typename PartsOf>
 std::vector<std::size_t> Order(std::size_t demonstrations, std::uint64_t seed,
                                const PartsOf& parts_of) {

@@ -17,10 +17,10 @@ namespace {
 
 constexpr Eigen::Index kFewest = 4;
 constexpr Eigen::Index kMost = 128;
-// Eigenvalues of a correlation matrix up to this one are rounding.
+// Eigenvalues of a correlation matrix up to this value are rounding errors.
 constexpr double kLeast = 1e-9;
-// Coordinates whose standard deviation is at most this fraction of their largest value differ by
-// the rounding of their mean.
+// A coordinate is constant if its standard deviation is at most this fraction of its largest value.
+// The rounding of its mean causes such a deviation.
 constexpr double kRelativeRounding = 1e-12;
 
 Matrix Thinned(const Matrix& points) {
@@ -78,7 +78,8 @@ Matrix Scatter(const Matrix& points, const Matrix& map, const LocalScatterOption
   return sum / static_cast<double>(kept * neighbours);
 }
 
-// Returns the mean variance by Scatter() of `count` standard normal points in n dimensions.
+// Returns the mean variance that Scatter() gives for `count` standard normal points in n
+// dimensions.
 double ComputeNormalScatter(Eigen::Index count, Eigen::Index n,
                             const LocalScatterOptions& options) {
   constexpr int kDraws = 4;
@@ -93,8 +94,8 @@ double ComputeNormalScatter(Eigen::Index count, Eigen::Index n,
   return trace / static_cast<double>(kDraws * n);
 }
 
-// Cached per thread, because a fit requests the same value at every time step. Bounded: at most
-// kMost counts of points and as many dimensions as selected features.
+// Cached per thread, because a fit requests the same value at every time step. The cache is
+// bounded: kMost numbers of points times the number of selected features.
 double NormalScatter(Eigen::Index count, Eigen::Index n, const LocalScatterOptions& options) {
   thread_local std::map<std::tuple<Eigen::Index, Eigen::Index, double, double>, double> known;
   const auto [at, is_new] = known.try_emplace({count, n, options.neighbours, options.kept}, 0.0);
@@ -145,7 +146,7 @@ Matrix LocalScatter(std::span<const Matrix> groups, const LocalScatterOptions& o
     }
     scatter = scatter / static_cast<double>(count) + least;
   }
-  // Rounding again.
+  // Removes the rounding errors of constant entries.
   for (Eigen::Index i = 0; i < n; ++i) {
     if (global(i, i) > 0.0) continue;
     scatter.row(i).setZero();

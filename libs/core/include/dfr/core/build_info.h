@@ -6,7 +6,7 @@ namespace dfr::core {
 [[nodiscard]] const char* BuildVersion() noexcept;
 
 /// Returns the commit of this build, with the suffix "+changes" for a tree with uncommitted
-/// changes. Returns "unknown" for a build outside a git checkout. Results record it.
+/// changes. Returns "unknown" for a build outside a git checkout. Result files record it.
 [[nodiscard]] const char* BuildCommit() noexcept;
 
 }  // namespace dfr::core

@@ -33,8 +33,8 @@ class DecisionFunction {
   [[nodiscard]] virtual double lipschitz_bound(int t) const noexcept = 0;
 };
 
-/// A decision function with a log form l_t. It has the same sign and zero set as g_t, but its slope
-/// still points back to the support far outside, where g_t is flat.
+/// A decision function with a log form l_t. It has the same sign and zero set as g_t, but its
+/// gradient still points back to the support far outside, where g_t is flat.
 class LogDecisionFunction : public DecisionFunction {
  public:
   /// Returns l_t(x) and writes its derivative with respect to x to `gradient` (state_dim() entries,

@@ -8,7 +8,7 @@
 
 namespace dfr::core {
 
-/// Status of the last call on a plant. Any value except kOk ends the rollout with Halt().
+/// Result of Plant::Apply(). Any value except kOk ends the rollout with Halt().
 enum class PlantStatus {
   kOk,
   kRefused,  ///< Control not applied: wrong size, non-finite, or out of limits.
@@ -16,7 +16,7 @@ enum class PlantStatus {
 };
 
 /// The whole world of one task, robot and objects, which comes to rest after every control (Sec.
-/// III). Each object belongs to one thread at a time.
+/// III). Each Plant belongs to one thread at a time.
 class Plant {
  public:
   virtual ~Plant() = default;

@@ -9,8 +9,8 @@
 namespace dfr::core {
 
 /// Returns the seed of an independent stream: DeriveSeed(seed, {trial, episode, purpose}). The same
-/// path gives the same seed on every machine. Different paths give unrelated seeds, which allows
-/// any number of threads and any order of the work.
+/// arguments give the same result on every machine. Different paths give unrelated seeds, which
+/// allows any number of threads and any order of the work.
 [[nodiscard]] std::uint64_t DeriveSeed(std::uint64_t seed,
                                        std::initializer_list<std::uint64_t> path) noexcept;
 

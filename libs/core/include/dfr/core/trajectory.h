@@ -11,8 +11,8 @@ namespace dfr::core {
 /// Result of a rollout (Sec. V-A).
 enum class Outcome {
   kCompleted,  ///< Reached the goal without a collision.
-  kHalted,     ///< Neither completed nor collided: the controller stopped it, or the time ran out.
-  kCollided,   ///< Violated a constraint; probes and recovery controls count.
+  kHalted,     ///< Neither completed nor collided: the controller halted, or the time ran out.
+  kCollided,   ///< Violated a constraint, possibly in a probe or a recovery control.
 };
 
 [[nodiscard]] constexpr const char* Name(Outcome outcome) noexcept {
@@ -27,8 +27,8 @@ enum class Outcome {
   return "unknown";
 }
 
-/// Largest magnitude of an entry of a state or control in demonstrations: that of a number in
-/// single precision, in which models keep sums of transitions.
+/// Largest valid magnitude of an entry of a state or control in demonstrations. It is the largest
+/// number in single precision, because models sum transitions in single precision.
 inline constexpr double kLargestEntry = std::numeric_limits<float>::max();
 /// Returns true unless `value` is NaN, infinite or beyond kLargestEntry.
 [[nodiscard]] inline bool IsMeasurable(double value) noexcept {

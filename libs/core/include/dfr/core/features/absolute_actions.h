@@ -26,7 +26,7 @@ struct AbsoluteAction {
 /// x_j(t) or x_j(t + 1) up to noise: slope within 0.1 of one, correlation at least 0.9, offset
 /// below half the spread. Second, u_k(t) - x_j(t) moves x_j in its direction or is zero. If the
 /// actions themselves explain at least 80 % of the changes of an unmatched state entry, the actions
-/// are velocities and x_j reports them (its velocity or the last action).
+/// are velocities, and x_j is a measured velocity or a copy of the last action.
 ///
 /// A state entry is the last action, or an earlier one, and no position under two conditions.
 /// First, x_j(t + 1) equals u_k(t - i) at every step, for an i up to 3. A position that follows its
@@ -83,12 +83,12 @@ class ActionAnalysis {
   Eigen::VectorXd change_squares_;
 };
 
-/// Returns the targets of a whole set; empty if there are no demonstrations.
+/// Returns the targets in a set of demonstrations; empty if the set is empty.
 [[nodiscard]] std::vector<AbsoluteAction> FindAbsoluteActions(
     std::span<const Trajectory> demonstrations);
 
-/// Converts targets to increments: u_k(t) - x_j(t), or x_j(t + 1) - x_j(t) if the action does not
-/// lead. Does not change other entries.
+/// Converts targets to increments: u_k(t) - x_j(t), or x_j(t + 1) - x_j(t) if `leads` is false.
+/// Does not change other entries.
 void ToDifferences(std::span<const AbsoluteAction> absolute, Trajectory& episode);
 
 /// Returns one sentence for an error or a warning: "actions 0, 1 take the values of joint[0],

@@ -7,12 +7,12 @@
 
 namespace dfr::core {
 
-/// Adapts a decision function of features z to whole states: g_t(z(x)), l_t(z(x)). Features are
-/// gathered on the stack. Borrows `inner`, which must outlive this object.
+/// Adapts a decision function of features z to whole states: g_t(z(x)), l_t(z(x)). Computes the
+/// features on the stack. Borrows `inner`, which must outlive this object.
 class FeatureDecision final : public LogDecisionFunction {
  public:
-  /// @throws std::invalid_argument if there are not as many features as inner's state_dim(), or
-  ///   more than FeatureTransform::kMaxFeatures.
+  /// @throws std::invalid_argument if the number of features differs from inner's state_dim() or
+  ///   exceeds FeatureTransform::kMaxFeatures.
   FeatureDecision(FeatureTransform features, const LogDecisionFunction& inner);
 
   [[nodiscard]] int state_dim() const noexcept override { return features_.state_dim(); }

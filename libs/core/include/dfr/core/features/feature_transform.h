@@ -39,7 +39,7 @@ class FeatureTransform {
   /// differ from their neighbours at the same time step (LocalScatter()), pooled over all t at
   /// which at least half of the demonstrations are still running. z therefore has about unit
   /// variance across demonstrations, for any units. Progress of the task does not count as
-  /// variance. sd of a feature that moves in the same way in all demonstrations is its root mean
+  /// variance. If a feature moves in the same way in all demonstrations, its sd is its root mean
   /// square change per time step.
   /// @param demonstrations  one matrix of whole states each, rows in order of time.
   /// @throws std::invalid_argument if there are fewer than two demonstrations, their widths do not
@@ -65,8 +65,8 @@ class FeatureTransform {
   Matrix scale_;
 };
 
-/// Returns the number of states of the demonstration of median length: at least half of the
-/// demonstrations run until that time step. @throws std::invalid_argument if there are none.
+/// Returns the median number of states per demonstration: at least half of the demonstrations have
+/// that many states. @throws std::invalid_argument if there are none.
 [[nodiscard]] int MedianNumStates(std::span<const Matrix> demonstrations);
 
 }  // namespace dfr::core

@@ -21,7 +21,7 @@ struct Rotation {
     kAngle,       ///< 1 entry that jumps by a period, 2 pi or 360.
     kMatrix,      ///< 9 entries; continuous and redundant.
     kAxisAngle,   ///< 3 entries, axis times angle; jumps at pi, or if its quaternion changes sign.
-    kRunning,     ///< 1 entry, unwrapped; episodes begin at one angle in several revolutions.
+    kRunning,     ///< 1 entry, unwrapped; episodes begin at one angle in different revolutions.
   };
   Kind kind = Kind::kAngle;
   int first = 0;
@@ -33,14 +33,14 @@ struct Rotation {
   /// For kQuaternion: true if at least two of its entries are always zero, and only the sign
   /// indicates a quaternion.
   bool guessed = false;
-  /// True if one branch holds all values. All quaternions are then within 150 degrees of
-  /// `reference`. The values of an angle leave an eighth of the period opposite `centre` free.
+  /// True if all values lie in one branch: all quaternions are within 150 degrees of `reference`,
+  /// or no value of an angle is in the eighth of the period opposite `centre`.
   bool continuous = false;
   std::array<double, 4> reference = {};  ///< Mean orientation of a kQuaternion.
   double centre = 0.0;                   ///< Middle of the branch of a kAngle.
 
-  /// Returns true if MapOf() makes the rotation continuous: by one branch, or for an angle by
-  /// cosine and sine.
+  /// Returns true if MapOf() makes the rotation continuous: by selecting a branch, or for an angle
+  /// also by cosine and sine.
   [[nodiscard]] bool mapped() const noexcept { return continuous || kind == Kind::kAngle; }
 };
 
@@ -75,7 +75,7 @@ class RotationFinder {
     int first = 0;
     bool jumps = false;
     Eigen::Vector3d begin = Eigen::Vector3d::Zero();  // First state of the first episode.
-    // Squared errors of the jumps if they are jumps of a rotation vector, and if of an angle.
+    // Squared errors of two models of the jumps: a rotation vector, and an angle in one entry.
     double as_vector = 0.0;
     double as_angle = 0.0;
   };
@@ -104,10 +104,10 @@ class RotationFinder {
   std::vector<Four> fours_;
   std::vector<int> nines_;
   std::vector<Three> threes_;
-  std::vector<std::array<Circle, 2>> circles_;  // In radians and in degrees, one per entry.
+  std::vector<std::array<Circle, 2>> circles_;  // Per entry: in radians, then in degrees.
 };
 
-/// Finds rotations in a whole set. The order of the demonstrations does not affect the result.
+/// Finds the rotations in a set of demonstrations. Their order does not affect the result.
 [[nodiscard]] std::vector<Rotation> FindRotations(const StateLayout& layout,
                                                   std::span<const Trajectory> demonstrations);
 

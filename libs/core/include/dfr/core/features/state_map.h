@@ -39,7 +39,7 @@ class StateMap {
   /// Creates the identity map.
   StateMap() = default;
   /// @throws std::invalid_argument if an entry is negative, a reference is not a unit quaternion, a
-  ///   centre is not finite, or a period not positive and finite.
+  ///   centre is not finite, or a period is not positive and finite.
   StateMap(std::vector<Quaternion> quaternions, std::vector<Angle> angles,
            std::vector<Circle> circles = {});
   /// Appends the map to a file.

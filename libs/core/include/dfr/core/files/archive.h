@@ -58,8 +58,9 @@ class ArchiveReader {
   /// Checks that no value is left.
   void End();
 
-  /// Call before creating `count` objects of `bytes_each` bytes at the file's request. Fails if the
-  /// file is too small to justify that amount. `what` names the objects in the message.
+  /// Call before creating `count` objects of `bytes_each` bytes whose number comes from the file.
+  /// Fails if the file is too small for that amount of memory. `what` names the objects in the
+  /// message.
   void Spend(std::uint64_t count, std::uint64_t bytes_each, const char* what);
 
   /// Throws std::runtime_error with the file and `reason`, for a value that is invalid.

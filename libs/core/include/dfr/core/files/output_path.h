@@ -8,9 +8,9 @@ namespace dfr::core {
 /// For programs that reject an output path before they begin to work. Both functions try to create
 /// a file and remove it at once; existing files keep their content.
 
-/// Describes in one line why no file can be written at `path`, with the remedy; "" if it can.
-/// `makes_folders`: the program creates the missing folders of the path. A pipe or device is not
-/// opened.
+/// Returns one line that says why the program cannot write a file at `path`, with the remedy; "" if
+/// it can. `makes_folders`: the program creates the missing folders of the path. A pipe or device
+/// is not opened.
 [[nodiscard]] std::string UnwritableFile(const std::filesystem::path& path,
                                          bool makes_folders = false);
 

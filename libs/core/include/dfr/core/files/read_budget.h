@@ -4,9 +4,9 @@
 
 namespace dfr::core {
 
-/// Limit on the cost of reading a file. A reader takes from the budget before it allocates or
-/// computes at the file's request, which prevents a small file from requesting much. The limit is
-/// kAllowance bytes, and kPerByte more for each byte of the file.
+/// Limit on the cost of reading a file. A reader takes from the budget before each allocation or
+/// computation whose size comes from the file: a small file cannot cause a large cost. The limit is
+/// kAllowance bytes plus kPerByte bytes for each byte of the file.
 class ReadBudget {
  public:
   static constexpr std::uint64_t kAllowance = std::uint64_t{64} << 20;
@@ -17,8 +17,8 @@ class ReadBudget {
                   ? UINT64_MAX
                   : kAllowance + kPerByte * file_bytes) {}
 
-  /// Takes `count` times `bytes_each`. Returns false and takes nothing if that exceeds the rest;
-  /// the caller must then reject the file.
+  /// Takes `count` times `bytes_each`. Returns false and takes nothing if this product exceeds
+  /// left(); the caller must then reject the file.
   [[nodiscard]] constexpr bool Take(std::uint64_t count, std::uint64_t bytes_each) noexcept {
     if (bytes_each > 0 && count > left_ / bytes_each) return false;
     left_ -= count * bytes_each;

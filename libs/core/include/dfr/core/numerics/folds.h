@@ -29,7 +29,8 @@ namespace dfr::core {
 [[nodiscard]] std::vector<Trajectory> InDeterministicOrder(
     std::span<const Trajectory> demonstrations, std::uint64_t seed = 0);
 
-/// Groups of demonstrations to leave out of a fit together, by index. Each index is in one group.
+/// Groups of demonstrations, by index. A fit leaves out one whole group. Each index is in one
+/// group.
 using Folds = std::vector<std::vector<std::size_t>>;
 
 /// Returns `folds` groups whose sizes differ by at most one, assigned in DeterministicOrder(). If

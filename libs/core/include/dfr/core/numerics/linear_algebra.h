@@ -5,8 +5,8 @@
 namespace dfr::core {
 
 // Products and decompositions of dense matrices by Eigen, compiled once, because each instantiation
-// takes the compiler up to several seconds. They allocate. Matrices may have any size, including
-// 0 x 0 unless documented otherwise. Thread-safe.
+// takes the compiler up to several seconds. All functions allocate. Matrices may have any size,
+// including 0 x 0 unless documented otherwise. Thread-safe.
 
 /// Returns the product a b. Copies a row-major matrix or an expression first.
 [[nodiscard]] Eigen::MatrixXd Multiply(const Eigen::Ref<const Eigen::MatrixXd>& a,
@@ -30,7 +30,7 @@ struct SymmetricEigen {
 [[nodiscard]] double OperatorNorm(const Eigen::MatrixXd& a);
 
 /// Solves a x = b for a positive or negative semidefinite matrix (pivoted Cholesky decomposition).
-/// Reads only the lower triangle. If `a` is singular, x solves as many equations as possible.
+/// Reads only the lower triangle. If `a` is singular, x is one of the solutions, if there are any.
 [[nodiscard]] Eigen::MatrixXd SolveSymmetric(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
 
 /// Returns the shortest x among those that minimize |a x - b|^2 (complete orthogonal

@@ -57,7 +57,7 @@ std::string DescribeEmptyEntry(const App& program, std::span<const std::string> 
     return option != nullptr && option->get_delimiter() != '\0';
   };
   const App* command = &program;
-  std::string list;  // The option to which the next arguments belong.
+  std::string list;  // Name of the list option that takes the next arguments; "" if none.
   for (const std::string& argument : arguments) {
     if (argument == "--") break;
     std::string_view value = argument;
@@ -86,13 +86,13 @@ std::string DescribeEmptyEntry(const App& program, std::span<const std::string> 
   return "";
 }
 
-/// Calls of one command of a program, for AddExamples().
+/// Example calls of one command of a program, for AddExamples().
 struct Example {
   const char* command;
   std::vector<std::string> arguments;  ///< One entry per call, without program and command.
 };
 
-/// Ends the --help of each named command with working examples, placed before an existing footer.
+/// Adds working examples to the --help of each named command, before an existing footer.
 template <typename App>
 void AddExamples(App& app, std::initializer_list<Example> examples) {
   for (const Example& example : examples) {
@@ -109,7 +109,7 @@ void AddExamples(App& app, std::initializer_list<Example> examples) {
   }
 }
 
-/// Checks the path of `option` before the command begins: an unwritable one is a usage error.
+/// Checks the path of `option` before the command begins: an unwritable path is a usage error.
 /// `unwritable` has the interface of UnwritableFolder(). Accepts an empty path if it is the
 /// default.
 template <typename Option, typename Unwritable>
