@@ -68,7 +68,8 @@ class CdrReader {
     }
     return text.substr(0, text.size() - 1);
   }
-  /// Sets `count`. Returns false, with `values` unchanged, if `values` has too few entries.
+  /// Reads `count` numbers into the front of `values`. Returns false if `values` has too few
+  /// entries or the message ends early.
   bool Numbers(std::span<double> values, std::size_t& count) {
     count = Number<std::uint32_t>();
     if (count > values.size()) return encoding_ok_ = false;

@@ -71,7 +71,7 @@ class McapWriter {
   std::vector<Chunk> chunks_;
   std::string attachment_index_;
   std::string metadata_index_;
-  std::string out_;  // member to reuse its memory
+  std::string out_;  // a member, to reuse its memory
 };
 
 }  // namespace dfr::recording::internal

@@ -373,7 +373,7 @@ class Reader {
     last = sequence;
   }
 
-  // Checks the summary but does not read it: it repeats the file's content.
+  // Verifies the checksum of the summary. The summary repeats the file's content.
   void Summary() {
     constexpr std::uint64_t kFooter = kRecordHead + 20;
     if (!complete_) return;

@@ -229,7 +229,7 @@ struct Recorder::Impl {
   std::atomic<std::uint64_t> pictures_written{0};
   std::atomic<bool> failed{false};
   std::atomic<bool> stopping{false};
-  // Used only by the recording thread.
+  // Used only by the thread that calls Record(), Transition() and Arm().
   std::uint32_t steps = 0;
   std::uint32_t transitions = 0;
   std::uint32_t arms = 0;
@@ -252,7 +252,7 @@ Recorder::Recorder(const std::filesystem::path& path, const RecordingMetadata& m
 
 Recorder::~Recorder() = default;
 
-// Numbered even if dropped, to make the number of lost records visible as a gap in the file.
+// Numbers each record, even a dropped one: a gap in the file then shows the number of lost records.
 bool Recorder::Record(const StepRecord& step) noexcept {
   return impl_->Push(internal::Channel::kStep, &WaitingRecord::step, step, ++impl_->steps);
 }

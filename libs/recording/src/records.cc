@@ -35,7 +35,7 @@ std::string Checksum(const std::filesystem::path& path) {
     }
     for (const auto& [name, file] : files) {
       Add(name, hash);
-      // Separates a name from the content that follows it.
+      // Zero bytes separate the name, the size and the content.
       Add(std::string_view("\0", 1), hash);
       Add(std::to_string(std::filesystem::file_size(file)), hash);
       Add(std::string_view("\0", 1), hash);

@@ -11,7 +11,7 @@ namespace dfr::recording::internal {
 template <typename T>
 class SpscRing {
  public:
-  /// Copies `element`, which preallocates the elements' memory.
+  /// Fills the queue with copies of `element`, to preallocate their memory.
   SpscRing(std::size_t size, const T& element) : elements_(size + 1, element) {}
 
   /// Returns the element to fill before Push(); nullptr if the queue is full. Producer only.

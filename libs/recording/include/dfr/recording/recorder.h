@@ -37,7 +37,7 @@ class RecorderClock {
 
   /// Returns the time, ns. Monotonic.
   [[nodiscard]] virtual std::int64_t SteadyNs() = 0;
-  /// Waits for `ns`, or less once the recorder is `stopping`.
+  /// Waits for `ns` nanoseconds. May return earlier once `stopping` is true.
   virtual void Wait(std::int64_t ns, const std::atomic<bool>& stopping) = 0;
 };
 
