@@ -10,12 +10,12 @@
 namespace dfr::reduction {
 namespace {
 
-// Maximum number of states in the regression, whose cost grows with the third power.
+// Maximum number of states in the regression. The cost grows with its third power.
 constexpr Eigen::Index kMostSamples = 500;
 constexpr double kKernelRidge = 0.03;
 // Variance of the progress in the regression, in which the actions have variance 1.
 constexpr double kProgress = 0.1;
-// Number of times that the gradients become the metric.
+// Number of regressions whose metric comes from the gradients of the previous one.
 constexpr int kMetrics = 2;
 
 // Returns the mean outer product of the gradients of the kernel regression of `y` on `x`, whose

@@ -53,8 +53,8 @@ void ForEachWindow(const core::PictureShape& shape, const Values& values, const 
 }
 
 // Adds to each pixel's variance the squared change of the mean picture for a camera shift of one
-// pixel, averaged over channels. It is the larger change of both directions along the row, plus the
-// larger change of both directions along the column.
+// pixel, averaged over channels. This change is the larger of the two changes along the row, plus
+// the larger of the two along the column.
 void AddShift(const core::PictureShape& shape, const Eigen::VectorXd& mean,
               Eigen::VectorXd& variance) {
   const auto change = [&](Eigen::Index pixel, Eigen::Index other) {

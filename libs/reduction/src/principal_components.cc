@@ -49,8 +49,8 @@ void RefuseNonFinite(const core::Matrix& block, Eigen::Index first) {
   }
 }
 
-// Computes mean, scale and total_variance in two passes. A single pass would cancel if the mean is
-// large.
+// Computes mean, scale and total_variance in two passes. A single pass would lose digits if the
+// mean is large.
 void FitScale(const RowSource& source, double floor, core::Workers& workers,
               PrincipalComponents& fit) {
   const Eigen::Index n = source.rows();

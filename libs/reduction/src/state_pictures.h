@@ -19,7 +19,7 @@ inline constexpr std::array<std::string_view, 4> kPrefixes = {"", "pca:", "point
 inline bool ToBytes(std::span<const double> values, std::vector<std::uint8_t>& bytes) noexcept {
   for (std::size_t i = 0; i < values.size(); ++i) {
     if (!(values[i] >= 0.0 && values[i] <= 255.0)) return false;
-    const double above = values[i] + 0.5;  // lround() would take most of the time of a picture.
+    const double above = values[i] + 0.5;  // lround() would dominate the time per picture.
     bytes[i] = static_cast<std::uint8_t>(above);
   }
   return true;

@@ -24,8 +24,8 @@ constexpr int kMostPixelsASide = 1 << 13;
 // Maximum number of entries of a reduced state, including blocks that are copied whole.
 constexpr int kMostReducedEntries = 1 << 12;
 
-// Returns (P P')^-1. P' times it is the pseudo-inverse of P. For principal components, whose P is
-// orthonormal, it is the identity.
+// Returns (P P')^-1. P' times this matrix is the pseudo-inverse of P. For principal components,
+// whose P is orthonormal, it is the identity.
 Eigen::MatrixXd InverseGram(const core::Matrix& p) {
   const Eigen::MatrixXd gram = p * p.transpose();
   return core::SolveSymmetric(gram, Eigen::MatrixXd::Identity(p.rows(), p.rows()));

@@ -10,15 +10,16 @@
 
 namespace dfr::reduction {
 
-/// Directions of the scores of blocks, most relevant to the demonstrated actions first.
+/// Directions in the scores of blocks, those most relevant to the demonstrated actions first.
 ///
-/// A smooth regression on all scores (Gaussian kernel, ridge) gives a gradient at each sample. It
-/// predicts the actions and, with a tenth of their weight, the progress: a guard follows the
-/// progress even where actions do not depend on it. The mean outer product of the gradients becomes
-/// the metric of the kernel, and the regression is repeated. The eigenvectors of the last metric
-/// are the directions (recursive feature machine; Radhakrishnan et al., Science 383, 2024). The
-/// first metric is the inverse covariance of the differences of successive scores (SlowFeatures),
-/// which suppresses noise. A slow nuisance, such as a distractor at rest, has no gradient.
+/// A smooth regression on all scores (Gaussian kernel, ridge) gives a gradient at each sample. The
+/// regression predicts the actions and, with a tenth of their weight, the progress: a guard follows
+/// the progress even where actions do not depend on it. The mean outer product of the gradients
+/// becomes the metric of the kernel, and the regression is repeated. The eigenvectors of the last
+/// metric are the directions (recursive feature machine; Radhakrishnan et al., Science 383, 2024).
+/// The first metric is the inverse covariance of the differences of successive scores
+/// (SlowFeatures), which suppresses noise. A slow nuisance, such as a distractor at rest, has no
+/// gradient.
 ///
 /// The result does not depend on the order of the demonstrations.
 class ActionDirections {
@@ -29,8 +30,9 @@ class ActionDirections {
   ActionDirections(std::span<const core::Trajectory> demonstrations,
                    std::span<const std::vector<int>> blocks);
 
-  /// Returns weights of the scores of a block that give `components` components: the slow features,
-  /// slowest first, of the subspace of the first directions. Uses all if there are fewer.
+  /// Returns weights that combine the scores of a block into `components` components, one per row.
+  /// These are the slow features, slowest first, of the subspace that the first `components`
+  /// directions span. Returns fewer rows if there are fewer directions.
   [[nodiscard]] core::Matrix Weights(std::size_t block, int components) const;
 
  private:

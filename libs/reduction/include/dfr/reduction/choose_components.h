@@ -9,7 +9,7 @@
 
 namespace dfr::reduction {
 
-/// Scores of a guard with k components, by held-out demonstrations.
+/// Quality of a guard with k components on left-out demonstrations.
 struct ComponentsScore {
   int components = 0;  ///< k
   /// Fraction of states inside a kernel::WhitenedSupport.
@@ -17,7 +17,7 @@ struct ComponentsScore {
   /// Fraction of the variance of actions that control::LocalFit::NominalControl() explains.
   double explained = 0.0;
   double explained_error = 0.0;  ///< Standard error of `explained` over demonstrations.
-  double action_error = 0.0;     ///< Squared error of predicted actions over the squared actions.
+  double action_error = 0.0;     ///< Squared error of predicted actions / squared actions.
   /// Squared error of the predicted change of whitened components, J u + drift, as a fraction of
   /// the squared change.
   double response_error = 0.0;
@@ -27,7 +27,7 @@ struct ComponentsScore {
 struct ChooseComponentsOptions {
   /// Numbers of components to try, ascending.
   std::vector<int> candidates = {2, 3, 4, 6, 8, 10, 12, 16, 20, 24, 32, 48};
-  /// Number of columns of states before the scores, used with any number of components.
+  /// Number of leading state columns that are not scores. All candidates use them.
   int beside = 0;
   /// Scores per component: the number of reduced blocks.
   int scores_each = 1;
@@ -50,16 +50,16 @@ struct ComponentsChoice {
 /// Chooses the number of components by left-out demonstrations.
 ///
 /// Demonstrations are left out in core::StratifiedFolds(). For each fold and each k the whitening,
-/// the support and the transitions come from the other demonstrations. At most a thousand actions
-/// are judged. The scores themselves come from all demonstrations: they do not depend on actions.
+/// the support and the transitions come from the other demonstrations. Fewer than 2000 actions are
+/// judged. The scores themselves come from all demonstrations: they do not depend on actions.
 ///
 /// Rule: among the candidates with inside >= least_inside, the smallest k whose explained share is
 /// within one standard error of the best (Breiman et al., Classification and Regression Trees,
 /// 1984, Sec. 3.4.3). The choice is rejected if no candidate reaches least_inside, or if
-/// control::LocalFit::Guesses() is true for the best one. docs/decisions.md has the reasons.
+/// control::LocalFit::Guesses() is true for the best one. docs/decisions.md gives the reasons.
 /// @param demonstrations  scores as states (T + 1 x p), actions as controls (T x m). k components
-///   are the first beside + k scores_each columns, or all. Only the first candidate that needs all
-///   columns is tried.
+///   are the first beside + k scores_each columns, or all. A candidate is tried only if its last
+///   component has a column.
 /// @throws std::invalid_argument if there are fewer than four demonstrations, shapes do not match,
 ///   an entry is not finite, all actions are zero, no candidate fits into p, or an option is out
 ///   of range.

@@ -15,19 +15,19 @@ namespace dfr::reduction {
 struct FeaturePointsOptions {
   int points = 16;         ///< Number of patches, in [1, kMostPoints].
   int side = 5;            ///< Height and width of a patch in pixels, in [1, kMostSide].
-  double sharpness = 5.0;  ///< beta, > 0. With a larger value the best position alone decides.
+  double sharpness = 5.0;  ///< beta, > 0. Larger values weight the best window more.
   int samples = 20000;     ///< Maximum number of windows to draw; >= points.
   int iterations = 30;     ///< Steps of k-means, >= 1.
   std::uint64_t seed = 5;
 };
 
-/// Map from the pixels of a picture to the positions of patches, two numbers each.
+/// Map from the pixels of a picture to the positions of patches, two numbers per patch.
 ///
 /// Each patch c (side x side pixels, all channels) is compared with each window w of the picture.
-/// The expected column and row under the weights softmax(-beta mean((w - c)^2)) over all windows
-/// are the patch's position, in [0, 1] from the first window to the last (spatial softmax; Levine
-/// et al., JMLR 17, 2016; Finn et al., ICRA 2016). If a picture shows the patch twice, its position
-/// is halfway between the two places.
+/// The patch's position is the expected column and row under the weights softmax(-beta mean((w -
+/// c)^2)) over all windows, scaled from 0 for the first window to 1 for the last (spatial softmax;
+/// Levine et al., JMLR 17, 2016; Finn et al., ICRA 2016). If a picture shows the patch twice, its
+/// position is halfway between the two places.
 ///
 /// Pixel values are those of ImageFeatures with LightNormalisation::kGainAndOffset, of mean 128 and
 /// standard deviation 48. Immutable. Concurrent calls with separate workspaces are safe.
@@ -38,7 +38,7 @@ class FeaturePoints {
   /// Largest height and width of a picture.
   static constexpr int kMostPixelsASide = 128;
 
-  /// Memory of one thread.
+  /// Scratch memory of one thread.
   class Workspace {
    public:
     Workspace() = default;
@@ -47,8 +47,8 @@ class FeaturePoints {
    private:
     friend class FeaturePoints;
     Eigen::VectorXf picture_;  // Picture in units of the standard deviation.
-    Eigen::MatrixXf windows_;  // One row of windows, one window per column.
-    Eigen::MatrixXf logits_;   // points x windows; after the softmax the weights.
+    Eigen::MatrixXf windows_;  // Windows of one picture row, one per column.
+    Eigen::MatrixXf logits_;   // points x windows; weights after the softmax.
   };
 
   /// @param shape    height and width in [side, kMostPixelsASide], and channels.
@@ -77,9 +77,9 @@ class FeaturePoints {
   void Apply(std::span<const float> picture, Workspace& workspace,
              std::span<double> positions) const noexcept;
 
-  /// Distributes a value of each patch (num_points()) over the pixels of its windows, by their
-  /// weights in the last Apply() with `workspace`. Adds it to `pixels`, whose sum grows by the sum
-  /// of the values.
+  /// Distributes each patch's value (num_points() values) over the pixels of all windows, in
+  /// proportion to the windows' weights in the last Apply() with `workspace`. Adds the result to
+  /// `pixels`, whose sum grows by the sum of the values.
   void Spread(std::span<const double> values, const Workspace& workspace,
               std::span<double> pixels) const;
 

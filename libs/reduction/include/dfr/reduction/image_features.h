@@ -19,7 +19,7 @@ struct PictureView {
 /// Reason why a picture has no features.
 enum class PictureFault {
   kNone,
-  kWrongSize,  ///< Another size, number of channels or stride, or no data.
+  kWrongSize,  ///< Unexpected size or number of channels, too small a stride, or no data.
   kDark,       ///< Black: darker than ImageFeaturesOptions::least_mean.
   kFrozen,     ///< The bytes equal those of the previous pictures: a working sensor has noise.
 };
@@ -30,7 +30,7 @@ enum class ChannelOrder { kBgr, kRgb };
 /// Normalization of the light of a picture by ImageFeatures.
 enum class LightNormalisation {
   kNone,
-  kGain,           ///< Scales to a mean of 128, which removes the brightness.
+  kGain,           ///< Scales to a mean of 128, which removes changes of brightness.
   kGainAndOffset,  ///< Scales and shifts to a mean of 128 and a standard deviation of 48.
 };
 
@@ -40,7 +40,7 @@ struct ImageFeaturesOptions {
   int height = 0;
   int channels = 3;
   ChannelOrder order = ChannelOrder::kRgb;
-  /// Used part of the picture: first column and row, and size; 0: the whole picture.
+  /// Used part of the picture: first column and row, and size; a size of 0 extends to the edge.
   int crop_x = 0;
   int crop_y = 0;
   int crop_width = 0;
@@ -50,14 +50,14 @@ struct ImageFeaturesOptions {
   int out_height = 0;
   bool grey = false;  ///< Converts three channels to one, 0.299 R + 0.587 G + 0.114 B.
   LightNormalisation light = LightNormalisation::kGain;
-  double least_mean = 4.0;  ///< Lower limit of the mean, in [0, 255]. A darker picture is black.
+  double least_mean = 4.0;  ///< Lower limit of the mean, in [0, 255]. A darker picture is kDark.
   /// Number of consecutive identical pictures that indicate a frozen camera; 0: never, for
   /// simulators.
   int frozen_after = 0;
 };
 
-/// Converts pictures to vectors of floats: crop, reduction by area averages, grey, light. Precedes
-/// a reduction::Reduction.
+/// Converts pictures to vectors of floats: crops, averages over areas, converts to grey, normalizes
+/// the light. A reduction::Reduction takes the result.
 ///
 /// Each object belongs to one camera and one thread. Apply() never allocates, locks or throws.
 class ImageFeatures {
@@ -68,17 +68,18 @@ class ImageFeatures {
   /// Number of features: out_height x out_width x channels, in this order.
   [[nodiscard]] int size() const noexcept { return static_cast<int>(rows_.size()) * row_floats_; }
 
-  /// Forgets the previous picture: call it at the start of an episode.
+  /// Forgets the previous picture. Call this at the start of an episode.
   void Reset() noexcept { identical_ = 0; }
 
   /// Writes the features of `picture` to `features` (size()).
-  /// @returns kNone, or the fault; then fills `features` with NaN, which every support treats as
-  /// outside.
+  /// @returns kNone, or the fault. After a fault, all `features` are NaN, which every support
+  /// treats as outside.
   PictureFault Apply(const PictureView& picture, std::span<float> features) noexcept;
 
-  /// Distributes a value of each feature (size()), such as its share of a level, over the averaged
-  /// pixels in proportion to their weights. Adds it to `pixels` (height x width x channels
-  /// entries), whose sum grows by the sum of the values. Ignores the normalization of light.
+  /// Distributes each feature's value (size() values), such as its share of a level, over the
+  /// averaged pixels in proportion to their weights. Adds the result to `pixels` (height x width x
+  /// channels entries), whose sum grows by the sum of the values. Ignores the normalization of
+  /// light.
   void Spread(std::span<const double> features, std::span<double> pixels) const noexcept;
 
   [[nodiscard]] const ImageFeaturesOptions& options() const noexcept { return options_; }

@@ -10,17 +10,17 @@
 
 namespace dfr::reduction {
 
-/// Measures the difference between a picture and all demonstrations, relative to that of left-out
-/// demonstrations.
+/// Measures the difference between a picture and all demonstrations, relative to the same
+/// difference of left-out demonstrations.
 ///
 /// Two statistics, each divided by its limit:
-/// - the largest mean squared difference from the mean picture on a window of 3 x 3 pixels, in
-///   units of the demonstrations' variance there plus kFloor^2 plus the squared change of the mean
+/// - the largest mean squared difference from the mean picture on a window of 3 x 3 pixels, divided
+///   by the sum of the demonstrations' variance there, kFloor^2 and the squared change of the mean
 ///   picture for a camera shift of one pixel,
 /// - Hotelling's T^2 of the positions of patches (FeaturePoints), if there are any, with kRidge of
 ///   the mean variance added to each variance.
-/// A limit is kMargin times the larger of 1 and a value that the maximum over an episode exceeds in
-/// at most 5 % of the demonstrations, each measured with mean and variances of the other folds.
+/// A limit is kMargin max(1, v). The maximum over an episode exceeds v in at most 5 % of the
+/// demonstrations, each measured with the mean and the variances of the other folds.
 ///
 /// Immutable. Concurrent calls with separate workspaces are safe.
 class Novelty {
@@ -30,7 +30,7 @@ class Novelty {
   static constexpr double kFloor = 4.0;
   static constexpr double kRidge = 1e-3;
 
-  /// Memory of one thread.
+  /// Scratch memory of one thread.
   class Workspace {
    public:
     Workspace() = default;
@@ -46,19 +46,21 @@ class Novelty {
   /// Fits to pictures of at least two demonstrations.
   /// @param pictures  height x width x channels entries per row, as computed by ImageFeatures.
   /// @param begin      first row of each demonstration, then the number of rows.
-  /// @param positions  positions in the rows of each demonstration; empty: none.
+  /// @param positions  positions of the patches, one matrix per demonstration, one row per picture;
+  ///   empty: none.
   /// @throws std::invalid_argument if sizes do not fit, there are fewer than two demonstrations, or
   ///   one is empty.
   static Novelty Fit(const RowSource& pictures, const core::PictureShape& shape,
                      std::span<const Eigen::Index> begin, std::span<const core::Matrix> positions);
 
-  /// Returns the larger statistic in units of its limit. Above 1 a picture resembles no
+  /// Returns the larger statistic in units of its limit. Above 1, the picture resembles no
   /// demonstration. Returns infinity for a wrong size and for NaN. Never allocates, locks or
   /// throws.
   [[nodiscard]] double Of(std::span<const float> picture, std::span<const double> positions,
                           Workspace& workspace) const noexcept;
 
-  /// Returns the fraction of the demonstrations with a picture above 1 when left out.
+  /// Returns the fraction of the demonstrations with a picture above 1, each measured while left
+  /// out.
   [[nodiscard]] double left_out() const noexcept { return left_out_; }
   [[nodiscard]] const core::PictureShape& shape() const noexcept { return shape_; }
   /// Returns the number of positions.

@@ -19,8 +19,8 @@ struct PrincipalComponentsOptions {
   /// i to its estimate is about (v_l / v_i)^q, with variances v and l = components + oversampling.
   int power_iterations = 3;
   /// The scale of an entry is its standard deviation, and at least this fraction of the root mean
-  /// square over all entries, in [0, 1]. It bounds the noise of entries that barely vary. Use 1 for
-  /// pictures, whose entries share a unit, and less if units differ.
+  /// square over all entries, in [0, 1]. This minimum limits the noise of entries that barely vary.
+  /// Use 1 for pictures, whose entries share a unit, and less if units differ.
   double scale_floor = 0.3;
   std::uint64_t seed = 1;
   int threads = 0;  ///< Number of threads; 0: one per core. The result does not depend on it.

@@ -17,7 +17,7 @@ namespace dfr::reduction {
 ///
 /// Immutable. Concurrent calls are safe. Apply() of one state never allocates, locks or throws and
 /// may be called in the control loop. Weights are in float, sums over more than 512 entries in
-/// double: the type of x does not change z.
+/// double. The same values give the same z for every type of x.
 class Reduction {
  public:
   /// Maximum d and maximum k.
@@ -31,7 +31,7 @@ class Reduction {
   ///   or an entry is not finite.
   Reduction(Eigen::VectorXd mean, Eigen::VectorXd scale, core::Matrix projection);
 
-  /// Projects on the first `components` principal components.
+  /// Projects onto the first `components` principal components.
   /// @throws std::invalid_argument if there are fewer.
   static Reduction Principal(const PrincipalComponents& fit, int components);
 
@@ -55,7 +55,7 @@ class Reduction {
   /// Reads what Save() wrote.
   /// @throws std::runtime_error naming the file and its defect.
   static Reduction Load(core::ArchiveReader& archive);
-  /// Same as above, with a separate file.
+  /// Same as above, for a separate file.
   void Save(const std::filesystem::path& path) const;
   static Reduction Load(const std::filesystem::path& path);
 

@@ -25,7 +25,7 @@ class RowSource {
   virtual void Read(Eigen::Index first, Eigen::Ref<core::Matrix> block) const = 0;
 };
 
-/// Rows of matrices, one after the other. Borrows them.
+/// Rows of several matrices, one matrix after the other. Borrows the matrices.
 class MatrixRows final : public RowSource {
  public:
   /// @throws std::invalid_argument if there is no row or widths differ.
@@ -40,7 +40,7 @@ class MatrixRows final : public RowSource {
   std::vector<Eigen::Index> begin_;  ///< First row of each matrix; then the number of rows.
 };
 
-/// Rows of bytes, such as pictures, contiguous in memory. Borrows them.
+/// Rows of bytes, such as pictures, contiguous in memory. Borrows the bytes.
 class ByteRows final : public RowSource {
  public:
   /// @throws std::invalid_argument if there is no row, or the bytes are not a whole number of rows.

@@ -8,11 +8,11 @@
 namespace dfr::reduction {
 
 /// Slow features of episodes: directions of rows x - mean that change little from step to step
-/// compared with their range over all episodes.
+/// compared with their variance over all episodes.
 struct SlowFeatures {
   Eigen::VectorXd mean;  ///< d
-  /// k x d. Along each row v, the differences of successive rows have variance 1. Slowest first.
-  /// The largest entry of each row is positive.
+  /// k x d. Along each direction, the differences of successive rows of an episode have variance 1.
+  /// Slowest first. The largest entry of each row is positive.
   core::Matrix directions;
   /// k; v' Cov(x) v / v' Cov(x_(t+1) - x_t) v, descending. White noise has 1/2.
   Eigen::VectorXd slowness;

@@ -27,7 +27,7 @@ namespace dfr::reduction {
 ///
 /// points:  slow features (SlowFeatures) of the positions of patches (FeaturePoints) of a picture
 /// pca:     principal components of a picture or of another block
-/// slow:    slow features of the leading kMostChosen principal components
+/// slow:    slow features of the leading principal components, at least kMostChosen of them
 ///
 /// K is the number of components; without it the caller chooses. The other options are for pictures
 /// (core::StateLayout::Block::picture): one channel, the size after averaging, and the
@@ -41,14 +41,14 @@ class StateReduction {
   /// Maximum number of fitted components if the list does not give the number.
   static constexpr int kMostChosen = 48;
 
-  /// Memory of one thread.
+  /// Scratch memory of one thread.
   class Workspace {
    public:
     explicit Workspace(const StateReduction& reduction);
     /// Returns the result of Apply(): reduced_dim() entries.
     [[nodiscard]] std::span<const double> state() const noexcept { return state_; }
-    /// Returns the largest Novelty of the pictures of the last Apply(): above 1 a picture resembles
-    /// no demonstration. 0 if there is none, or if Apply() rejected the state.
+    /// Returns the largest Novelty of the pictures of the last Apply(): above 1, a picture
+    /// resembles no demonstration. 0 if no picture has a Novelty, or if Apply() rejected the state.
     [[nodiscard]] double novelty() const noexcept { return novelty_; }
 
    private:
@@ -74,8 +74,8 @@ class StateReduction {
   static StateReduction Fit(const core::StateLayout& layout, std::string_view features,
                             std::span<const core::Trajectory> demonstrations, int threads = 0);
 
-  /// Returns a copy with at most the first `components` of each block whose request names no
-  /// number.
+  /// Returns a copy with at most the first `components` components of each block whose request
+  /// names no number.
   [[nodiscard]] StateReduction WithComponents(int components) const;
   /// Returns a copy whose components are linear combinations of the present ones.
   /// @param weights  for each block whose request names no number of components, one row for each
@@ -92,7 +92,8 @@ class StateReduction {
   /// of components, then the first component of each block that num_open() counts, then the second
   /// of each, and so on.
   [[nodiscard]] std::vector<int> InOrderOfComponents() const;
-  /// Returns the positions in InOrderOfComponents() of each block that num_open() counts.
+  /// Returns the positions in InOrderOfComponents() of the columns of each block that num_open()
+  /// counts.
   [[nodiscard]] std::vector<std::vector<int>> PositionsInOrder() const;
 
   /// Returns the layout of unreduced states.
@@ -113,21 +114,21 @@ class StateReduction {
   /// demonstration; "" for other states.
   [[nodiscard]] std::string Fault(std::span<const double> state) const;
 
-  /// Distributes the shares of reduced entries among the entries of `state`, which Apply() accepts.
-  /// `products` is the sum of g dz' over the steps dz of a path of reduced states, with gradients
-  /// g: entry i of a block with map P gets (P' g)_i (P^+ dz)_i, where P^+ is the pseudo-inverse.
-  /// The sum over all entries is the trace of `products`. The share of a feature point goes to the
-  /// pixels of the point in this state.
+  /// Distributes the shares of reduced entries among the entries of `state`, which Apply() must
+  /// accept. `products` is the sum of g dz' over the steps dz of a path of reduced states, with
+  /// gradients g: entry i of a block with map P gets (P' g)_i (P^+ dz)_i, where P^+ is the
+  /// pseudo-inverse. The sum over all entries is the trace of `products`. The share of a feature
+  /// point goes to the pixels of the point in this state.
   void Spread(const Eigen::MatrixXd& products, std::span<const double> state,
               std::span<double> shares) const;
   /// Reconstruction of a block of a state from its components: mean + scale P^+ z.
   struct Seen {
-    core::PictureShape shape;  ///< Shape of a picture after its options; zero for other blocks.
+    core::PictureShape shape;  ///< Shape of the reduced picture; zero for other blocks.
     std::vector<double> values;
   };
   /// @param block  the name of a reduced block.
   /// @throws std::invalid_argument if there is no such block, if it is reduced to points, which
-  /// show no picture, or with Fault().
+  /// show no picture, or, with the text of Fault(), if Apply() rejects the state.
   [[nodiscard]] Seen Reconstruct(std::string_view block, std::span<const double> state) const;
 
   /// Returns the largest Novelty::left_out() of the pictures; 0 without pictures.
