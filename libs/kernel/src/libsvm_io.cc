@@ -114,8 +114,8 @@ std::optional<std::uint64_t> AvailableMemory() {
   return std::nullopt;
 }
 
-// Numbers take about as much memory as their text. A file larger than the available memory would
-// fail midway and could affect other programs.
+// Numbers take about as much memory as their text. Reading a file larger than the available memory
+// would fail midway and could affect other programs.
 void CheckFitsMemory(const std::filesystem::path& path) {
   std::error_code unknown;
   const std::uint64_t size = std::filesystem::file_size(path, unknown);

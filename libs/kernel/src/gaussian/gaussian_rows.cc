@@ -24,8 +24,9 @@ void Row(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x, T* HWY_RESTRICT
                                 HWY_ATTR { hn::Store(term, d, row + j * hn::MaxLanes(d)); });
 }
 
-// Writes sum and largest absolute entry of the columns in kVectors vectors, from column `first` on.
-// The largest entry ignores NaN. Whole vectors may pass the end of a row; the last rows are copied.
+// Writes the sum and the largest absolute entry of each column in kVectors vectors of columns, from
+// column `first` on. The largest entry ignores NaN. A vector may extend beyond the end of a row, so
+// the last rows are copied before they are loaded.
 template <std::size_t kVectors>
 HWY_INLINE void MeasureVectors(const double* HWY_RESTRICT rows, std::size_t count, std::size_t dim,
                                std::size_t first, double* HWY_RESTRICT sums,
@@ -110,8 +111,8 @@ HWY_INLINE void Transpose(const T* HWY_RESTRICT from, T* HWY_RESTRICT to, std::s
 }
 #endif
 
-// Computes Row() of all points, each from the point's own block on. The earlier entries have been
-// computed, with the same bits, as part of the rows above.
+// Computes Row() of all points, each from the point's own block on. Copies the earlier entries from
+// the rows above, which have the same bits.
 template <typename T>
 void AllRows(const GaussianTerms<T>& terms, T* HWY_RESTRICT point, T* HWY_RESTRICT rows,
              T* HWY_RESTRICT sums) {

@@ -17,7 +17,7 @@ namespace dfr::kernel::internal::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
 // Number of blocks whose terms stay in L1 (16 KiB) while a batch of queries passes over them. It is
-// a multiple of every group, which keeps Sum()'s order of summation.
+// a multiple of every group's size, which keeps Sum()'s order of summation.
 template <typename T>
 std::size_t TileBlocks(std::size_t dim) {
   constexpr std::size_t kGroup = 8;
@@ -125,8 +125,8 @@ template <typename T>
                         T* HWY_RESTRICT shift) {
   constexpr Tag<T> d;
   constexpr std::size_t kLanes = GaussianTerms<T>::kLanes;
-  // Number of blocks whose terms fill 4 KiB; a multiple of every group, which makes the sum equal
-  // to Sum()'s.
+  // Number of blocks whose terms fill 4 KiB; a multiple of every group's size, which makes the sum
+  // equal to Sum()'s.
   constexpr std::size_t kChunk = 4096 / kLanes / sizeof(T);
   alignas(64) T row[kChunk * kLanes];
   std::fill_n(shift, terms.dim, T{0});

@@ -15,14 +15,14 @@ namespace dfr::kernel::internal {
                                           std::span<const double> weights, double gamma,
                                           std::span<const double> x) noexcept;
 
-/// Functions for the widest instruction set of this machine, or for that of ForceTarget().
+/// Functions for the widest instruction set of this machine, or for the one set by ForceTarget().
 template <typename T>
 [[nodiscard]] GaussianFunctions<T> BestFunctions();
 template <typename T>
 [[nodiscard]] SumFunctions<T> BestSumFunctions();
 
-/// Computes the sum with SIMD; `x` is scaled by terms.Scale(). The order of summation depends
-/// only on the number of terms and the instruction set.
+/// Computes the sum with SIMD for an `x` that terms.Scale() has scaled. The order of summation
+/// depends only on the number of terms and the instruction set.
 /// Relative error of each term: 4e-16 + 2e-16 |exponent| in double, 3e-7 + 1e-7 |exponent| in
 /// float. In float, terms below the smallest normal number count as zero.
 template <typename T>
@@ -44,7 +44,7 @@ T GaussianSumShift(const SumBlock<T>& terms, const T* x, T offset, T* shift) noe
 }
 
 /// Returns the largest exponent log2 w_i - |x' - s'_i|^2. Its negative is the offset that prevents
-/// underflow of GaussianSumShift() far away.
+/// underflow of GaussianSumShift() far from all points.
 template <typename T>
 [[nodiscard]] T LargestExponent(const SumBlock<T>& terms, const T* x) noexcept {
   return terms.functions.largest(terms, x);
@@ -58,9 +58,9 @@ void GaussianRow(const GaussianTerms<T>& terms, const T* x, T* row) noexcept {
 }
 
 /// Writes GaussianRow() of the points of all terms, which must have no weights, and each row's sum.
-/// Computes only half of the values, with the same bits. `rows` has num_blocks * kLanes rows, of
-/// which the last few are undefined. `sums` has one entry per row; `point` provides dim entries of
-/// scratch memory.
+/// Computes only half of the values and copies the others. All have the bits of GaussianRow().
+/// `rows` has num_blocks * kLanes rows, of which the last few are undefined. `sums` has one entry
+/// per row; `point` provides dim entries of scratch memory.
 template <typename T>
 void AllGaussianRows(const GaussianTerms<T>& terms, T* point, T* rows, T* sums) noexcept {
   terms.functions.all_rows(terms, point, rows, sums);

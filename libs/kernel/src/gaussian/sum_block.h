@@ -11,7 +11,8 @@
 namespace dfr::kernel::internal {
 
 /// Unit of the memory of a SumBlock. At low optimisation levels, std::vector loops even over
-/// trivial elements. With bytes as the unit, these loops would take a tenth of a small fit.
+/// trivial elements. With bytes as the unit, these loops would take a tenth of the time of a small
+/// fit.
 struct alignas(64) CacheLine {
   std::byte bytes[64];
 };
@@ -58,7 +59,8 @@ template <typename T>
 
 /// All data of a sum in one block of memory, in the order of reading: this header of one cache
 /// line, the centre, and the terms of a GaussianTerms. The rows of the blocks of a group are
-/// interleaved: row 0 of each block, then row 1 of each. Processors prefetch ascending addresses.
+/// interleaved: row 0 of each block, then row 1 of each block. Processors prefetch ascending
+/// addresses.
 template <typename T>
 struct alignas(64) SumBlock {
   static constexpr std::size_t kLanes = GaussianTerms<T>::kLanes;

@@ -131,8 +131,8 @@ void SmallProblem<T>::StartEqual() {
   evaluations_ += static_cast<std::int64_t>(count * (count + 1) / 2);
 }
 
-// Gives the samples with the smallest kernel sums the largest alpha. If kernels overlap little, the
-// same alpha for all may be nearer to the minimum.
+// Gives the samples with the smallest kernel sums the largest alpha. If kernels overlap little,
+// keeps the same alpha for all unless this start has a smaller objective.
 template <typename T>
 void SmallProblem<T>::StartAtBound() {
   StartEqual();

@@ -69,7 +69,7 @@ class Scratch {
     }
     return room.data();
   }
-  /// Size of the memory that Room() has returned.
+  /// Size of the memory that Room() has allocated, in bytes.
   [[nodiscard]] std::size_t bytes() const noexcept {
     return std::get<0>(room_).size() * sizeof(float) + std::get<1>(room_).size() * sizeof(double);
   }
@@ -107,7 +107,8 @@ class SmallProblem {
   }
 
  private:
-  // Inverse curvatures of all rows are stored if they stay in L2 and the memory limit has room.
+  // Inverse curvatures of all rows are stored if they fit in L2 and the memory limit is high
+  // enough.
   static constexpr std::size_t kMostInverseBytes = std::size_t{1} << 18;
   static constexpr double kLeastInverseMib = 2.0;
 

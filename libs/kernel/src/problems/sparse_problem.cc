@@ -16,7 +16,7 @@ constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
 
 constexpr std::size_t kMargin = 256;
 constexpr std::size_t kMostViolators = 2048;  // or n / 16, if that is more
-// The inner loop ends at kTarget times the tolerance or, if that is larger, kInner times the gap.
+// The inner loop ends at the larger of kTarget times the tolerance and kInner times the gap.
 constexpr double kTarget = 0.7;
 constexpr double kInner = 0.05;
 
@@ -98,7 +98,7 @@ std::size_t SparseRows<T>::Bytes(std::size_t count) {
 
 template <typename T>
 bool SparseRows<T>::HasRoom(std::size_t count) const {
-  // Before the memory has been filled once, the oldest row is at its beginning.
+  // Until the memory has been filled once, the oldest row begins at byte 0.
   return head_ + Bytes(count) <= memory_.size() && (places_.empty() || places_[0].begin == 0);
 }
 
@@ -231,7 +231,7 @@ bool SparseProblem<T>::AddToGradient(std::span<const std::size_t> places,
         kernel_.Compute(point.data(), drafts_[q]);
       }
     });
-    // Each entry of G sums in the order of the rows, on any worker.
+    // Each entry of G is summed in the order of the rows, for any number of workers.
     constexpr std::size_t kParts = 16;
     workers_.Run(kParts, [&](std::size_t part) {
       const std::size_t begin = part * kernel_.groups() / kParts;
@@ -292,7 +292,7 @@ void SparseProblem<T>::Compute(std::size_t i, std::size_t keep) {
   rows_.Write(i, draft_.groups.data(), draft_.values.data());
 }
 
-// Keeps existing rows while they cover all samples that have to move.
+// Keeps the active set and its rows if they include all chosen samples.
 template <typename T>
 void SparseProblem<T>::Activate() {
   const std::vector<std::size_t>& wanted = chosen_.samples();
@@ -367,7 +367,7 @@ bool SparseProblem<T>::SolveActive(double rho) {
   return true;
 }
 
-// Runs rounds from alpha and its G.
+// Runs rounds until one of them ends the fit, starting from alpha and its G.
 template <typename T>
 void SparseProblem<T>::Iterate() {
   const std::span<const double> gradient(placed_gradient_.data(), placed_alpha_.size());

@@ -22,7 +22,8 @@ namespace dfr::kernel::internal {
 template <typename T>
 class SparseRows {
  public:
-  /// Allocates `bytes`, but room for at least four and at most `rows` rows of `groups` groups.
+  /// Allocates `bytes` bytes, but at least room for four rows of `groups` groups and at most room
+  /// for `rows` such rows.
   SparseRows(std::size_t rows, std::size_t groups, double bytes);
 
   /// Evicts all rows and sets their number. Rows must not be longer than at construction.
@@ -81,7 +82,7 @@ class SparseKernel {
 
 /// A dual problem with a narrow kernel. As in the general solver, an outer loop has the exact
 /// gradient of all samples, and an inner loop does SMO on an active set. Rows hold only values that
-/// are not negligible: a step updates the samples in reach of its two samples instead of all.
+/// are not negligible: a step updates only the samples in reach of its two samples.
 template <typename T>
 class SparseProblem {
  public:

@@ -26,7 +26,7 @@ struct Choice {
   hn::Vec<Tag<T>> largest;
 };
 
-// G += step (K_i - K_j), then min G over alpha < 1 and max G over alpha > 0.
+// Computes G += step (K_i - K_j). Returns min G over alpha < 1 and max G over alpha > 0.
 template <typename T>
 HWY_INLINE Choice<T> Update(const SmoProblem<T>& p, Numbered<T> numbered, const T* row_i,
                             const T* row_j, T step) {

@@ -98,7 +98,7 @@ struct SmoFunctions {
                      double* totals) = nullptr;
 };
 
-/// Functions for the widest instruction set of this machine, or for that of ForceTarget().
+/// Functions for the widest instruction set of this machine, or for the one set by ForceTarget().
 template <typename T>
 [[nodiscard]] SmoFunctions<T> BestSmoFunctions();
 

@@ -27,11 +27,13 @@ namespace {
 
 // From this number of samples on, a fit to a part of them provides the start.
 constexpr Eigen::Index kManySamples = 4000;
-// The limit for a large nu: the whole kernel matrix of up to this many samples can be stored.
+// The corresponding limit for a large nu. A SmallProblem stores the whole kernel matrix of up to
+// this many samples.
 constexpr Eigen::Index kMostWhole = 2048;
 
 // AddGaussianRows(), distributed over the workers. Each entry sums in the same order for any number
-// of workers. Calls `go_on` several times a second. Stops and returns false if `go_on` does.
+// of workers. Calls `go_on` several times a second. Stops and returns false if `go_on` returns
+// false.
 template <typename T, class GoOn>
 [[nodiscard]] bool AddRows(const GaussianTerms<T>& terms, std::span<const T> points,
                            std::span<const T> weights, double* totals, core::Workers& workers,
@@ -59,8 +61,8 @@ template <typename T, class GoOn>
 
 // Solver with kernel values in T, and with alpha and the gradient of all samples in double.
 //
-// The outer loop has the exact gradient G = K alpha. It selects an active set (free alpha and the
-// samples nearest to or beyond their KKT condition). The inner loop does SMO on that set alone,
+// The outer loop has the exact gradient G = K alpha. It selects an active set (the free samples and
+// those that violate their KKT condition or nearly do). The inner loop does SMO on that set alone,
 // with a gradient in T relative to rho. One tiled pass then updates G.
 template <typename T>
 class Solver {
@@ -120,7 +122,8 @@ class Solver {
     return budget - fixed;
   }
 
-  // G += K change, for these samples' alpha. Returns false if the caller stopped it midway.
+  // G += K change, where `change` is the change of alpha of `samples`. Returns false if the caller
+  // stopped it midway.
   [[nodiscard]] bool AddToGradient(std::span<const std::size_t> samples,
                                    std::span<const double> change) {
     std::vector<T> points(samples.size() * terms_.dim);
@@ -327,8 +330,9 @@ DualSolution Solve(const core::Matrix& samples, const Extent& extent,
                    FitSummary& summary) {
   std::vector<double> start = FindStart(samples, extent, options, workers, summary);
   if (summary.reason == FitSummary::Reason::kInterrupted) return Unsolved(start, summary);
-  // A kernel value in float has an error of up to 1e-7, and G of up to nu m times that. Large sums
-  // average most of it out. If the gap, verified in double, is too large, a fit in double follows.
+  // A kernel value in float has an error of up to 1e-7, which gives G an error of up to nu m times
+  // as much. Large sums average most of it out. If the gap, verified in double, is too large, a fit
+  // in double follows.
   const double total = options.nu * static_cast<double>(samples.rows());
   const double rounding = samples.rows() < kManySamples ? 2e-7 : 2e-8;
   if (options.tolerance >= rounding * total && FitsFloat(samples, extent, options.gamma)) {
@@ -351,7 +355,7 @@ std::vector<double> FindStart(const core::Matrix& samples, const Extent& extent,
   if ((!many && !many_at_bound) || options.nu == 1.0) return {};
   std::vector<std::size_t> order = Shuffled(count);
 
-  // The estimate from every eighth sample shows which samples are outermost.
+  // The estimate from a random eighth of the samples shows which samples are outermost.
   constexpr std::size_t kPart = 8;
   std::vector<Eigen::Index> chosen(order.begin(),
                                    order.begin() + static_cast<std::ptrdiff_t>(count / kPart));
@@ -360,7 +364,7 @@ std::vector<double> FindStart(const core::Matrix& samples, const Extent& extent,
   part_options.tolerance = std::max(options.tolerance, 1e-3 * options.nu * count / kPart);
   Scratch scratch;
   const DualSolution solution = Solve(part, Extent(part), part_options, scratch, workers, summary);
-  // When interrupted, returns the start: alpha of the part covers too few samples.
+  // When interrupted, returns a feasible start made from alpha of the part.
   const auto interrupted = [&] {
     summary.reason = FitSummary::Reason::kInterrupted;
     std::vector<double> known(count, 0.0);

@@ -23,7 +23,7 @@ struct DualSolution {
   std::vector<RhoSample> rho_samples;
 };
 
-/// Sequential minimal optimisation.
+/// Solves the dual by sequential minimal optimisation.
 /// @param extent  of `samples`
 /// @pre options and samples have been checked.
 [[nodiscard]] DualSolution SolveDual(const core::Matrix& samples, const Extent& extent,

@@ -6,7 +6,7 @@
 
 namespace dfr::kernel::internal {
 
-/// From this nu on, most rows of the kernel matrix are needed by any solution.
+/// From this nu on, any solution needs most rows of the kernel matrix.
 inline constexpr double kLargeNu = 0.25;
 
 // Initial values for solvers: alpha in [0, 1] that sums to `total` (LIBSVM's scale).

@@ -17,10 +17,10 @@ namespace {
 // (base 2).
 //
 // Rounding changes coordinates q and s by u |q| and u |s|, and therefore their difference. The
-// exponent r^2 has an error of 2 r u (|q| + |s| + r), plus (d + 2) u r^2 from its sum. As K
+// exponent r^2 has an error of 2 r u (|q| + |s| + r), plus (d + 2) u r^2 from its sum. Because K
 // sqrt(-log2 K) is concave, the relevant mean of r is at most sqrt(log2(sum of alpha / G)). exp2
-// adds 5 u, and sums of up to 32 terms 34 u. kChanges allows for G being the sum of many changes,
-// because the changes of alpha together exceed alpha.
+// adds 5 u, and sums of up to 32 terms 34 u. kChanges allows for the number of changes whose sum is
+// G: the changes of alpha together exceed alpha.
 template <typename T>
 double RelativeError(double distance, double r, double dim) {
   constexpr double kUnit = 0.5 * std::numeric_limits<T>::epsilon();
@@ -76,8 +76,9 @@ double TrueGap(const core::Matrix& samples, const Extent& extent, const OneClass
     for (std::size_t k = 0; k < dim; ++k) square += (x[k] - center[k]) * (x[k] - center[k]);
     return scale * std::sqrt(square);
   };
-  // The first selection uses the same bounds on distance and r for all samples. This r is exceeded
-  // only if G is below 2^-64 of its maximum. The second uses the values of each remaining sample.
+  // The first selection uses the same bounds on distance and r for all samples. r exceeds kMost
+  // only if G is below 2^-64 of its maximum. The second selection uses the values of each remaining
+  // sample.
   constexpr double kMost = 8.0;
   const double reach = 2.1 * scale * std::sqrt(static_cast<double>(dim)) * extent.largest;
   const double error_share = RelativeError<T>(reach, kMost, static_cast<double>(dim));
@@ -95,7 +96,8 @@ double TrueGap(const core::Matrix& samples, const Extent& extent, const OneClass
   }
   chosen.resize(count);
 
-  // Inner (likely_) and outer (extreme) bounds on the largest and the smallest G, given its errors.
+  // Inner (likely_) and outer (extreme) bounds on the largest and the smallest G, given the errors
+  // of G.
   constexpr double kNever = std::numeric_limits<double>::infinity();
   double likely_largest = -kNever;
   double likely_smallest = kNever;

@@ -16,7 +16,7 @@ namespace dfr::kernel::internal {
 /// returns the upper bound that they give.
 /// @param extent  of `samples`
 /// @param center  centre of the solver's terms
-/// @param neglected  bound on the kernel values that `gradient` leaves out, summed per entry
+/// @param neglected  bound on the sum of the kernel values that each entry of `gradient` leaves out
 template <typename T>
 [[nodiscard]] double TrueGap(const core::Matrix& samples, const Extent& extent,
                              const OneClassSvmOptions& options, std::span<const double> center,

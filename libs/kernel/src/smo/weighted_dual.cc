@@ -103,7 +103,7 @@ class WeightedSolver {
   // if rounding allows no step.
   bool Step(std::size_t i) {
     ComputeRow(i, row_i_);
-    // Curvature between equal points: the step then ends at a bound.
+    // Lower limit of the curvature, used for equal points: the step then ends at a bound.
     constexpr double kLeastCurvature = 1e-12;
     std::size_t j = alpha_.size();
     double best = 0.0;

@@ -11,8 +11,8 @@
 
 namespace dfr::kernel::internal {
 
-/// Same as OneClassSvm::Fit(), with the memory of `scratch`. The bits of the result do not depend
-/// on previous fits, but on whether `scratch` has distances.
+/// Same as OneClassSvm::Fit(), with the memory of `scratch`. The bits of the result depend on
+/// whether `scratch` has distances, but not on previous fits.
 OneClassSvm FitSharing(const core::Matrix& samples, const OneClassSvmOptions& options,
                        Scratch& scratch, FitSummary* summary);
 

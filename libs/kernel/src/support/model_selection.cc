@@ -157,7 +157,7 @@ Selection SelectModel(std::span<const core::Matrix> demonstrations,
   for (const double nu : options.nus) {
     for (const double gamma : options.gammas) grid.push_back({nu, gamma});
   }
-  // Parallel over the folds of pooled fits, otherwise over the time steps of one fold.
+  // Pooled fits run in parallel over the folds, other fits over the time steps of one fold.
   const bool pooled = options.support.pooled;
   TimeVaryingSupportOptions support = options.support;
   if (pooled) support.threads = 1;

@@ -110,13 +110,13 @@ template <int kLines, int kOffset = 0>
   const auto address = reinterpret_cast<std::uintptr_t>(start) + kOffset;
 #pragma GCC unroll 16
   for (std::uintptr_t k = 0; k < kLines; ++k) {
-    // May lie beyond the object, where no pointer may be computed.
+    // The address may lie beyond the object, where pointer arithmetic is undefined.
     // NOLINTNEXTLINE(performance-no-int-to-ptr)
     __builtin_prefetch(reinterpret_cast<const void*>(address + 64 * k));
   }
 }
 
-// Small states, the usual case, use the part of the stack that is in the caller's cache.
+// States of up to this size, the usual case, use a part of the stack that is in the cache.
 constexpr int kSmallState = 64;
 
 // Prefetches what a cold decision reads: the constants of 2^e, the start of the block of the
@@ -144,7 +144,7 @@ double Decide(const internal::SumBlock<T>& terms, double rho, std::span<const do
   return DecideWithin<kSmallState>(terms, rho, x);
 }
 
-// Below this value a sum has lost terms to underflow; it is then recomputed relative to its largest
+// A sum below this value may have lost terms to underflow. It is recomputed relative to its largest
 // term.
 template <typename T>
 constexpr T kSmallSum = sizeof(T) == sizeof(double) ? T(1e-280) : T(1e-25);
@@ -254,7 +254,8 @@ OneClassSvm::OneClassSvm(std::shared_ptr<const Data> data) noexcept : data_(std:
 
 OneClassSvm OneClassSvm::Fit(const Eigen::Ref<const core::Matrix>& samples,
                              const OneClassSvmOptions& options, FitSummary* summary) {
-  // Small fits of one thread share memory. A fit that `progress` starts within a fit does not.
+  // Small fits of one thread share memory. A fit that `progress` starts during another fit uses
+  // separate memory.
   constexpr std::size_t kMostKept = std::size_t{1} << 19;
   thread_local internal::Scratch kept;
   internal::Scratch scratch = std::exchange(kept, internal::Scratch());

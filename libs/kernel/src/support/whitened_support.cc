@@ -45,8 +45,9 @@ core::Matrix Pool(std::span<const core::Matrix> demonstrations, const Window& wi
   return pool;
 }
 
-// Returns the sum of two covariances of the pooled states: that of each demonstration's mean about
-// neighbouring means, and that of each demonstration's states about their mean.
+// Returns the sum of two covariances of the pooled states: the covariance of the demonstrations'
+// means about neighbouring means, and the covariance of each demonstration's states about their
+// mean.
 core::Matrix LocalCovariance(std::span<const core::Matrix> demonstrations, const Window& window) {
   core::Matrix means(std::ssize(demonstrations), demonstrations[0].cols());
   Eigen::Index rows = 0;
@@ -69,7 +70,7 @@ Window WindowAt(int t, int num_steps, const WhitenedSupportOptions& options) {
           .hold = options.hold_ended};
 }
 
-// Returns V_t, a symmetric matrix. `states` are those of the window.
+// Returns V_t, a symmetric matrix. `states` are the pooled states of the window.
 core::Matrix MapOf(std::span<const core::Matrix> demonstrations, const core::Matrix& states,
                    const Window& window, const WhitenedSupportOptions& options) {
   if (!options.phase_whitening) return core::Matrix::Identity(states.cols(), states.cols());
@@ -226,7 +227,8 @@ double Nearest(std::span<const core::Matrix> demonstrations, const core::Matrix&
 ModeSeparationTest TestModeSeparation(const WhitenedSupport& support,
                                       std::span<const core::Matrix> demonstrations) {
   constexpr double kLeastShare = 0.1;
-  // Minimum distance between clusters, in local spreads of the states: two on either side.
+  // Minimum distance between clusters, in standard deviations of states about their neighbours: two
+  // on either side.
   constexpr double kLeastWidth = 4.0;
   const Eigen::Index n = support.state_dim();
   ModeSeparationTest test{.steps = support.num_steps()};
@@ -250,7 +252,8 @@ ModeSeparationTest TestModeSeparation(const WhitenedSupport& support,
       }
       const Eigen::VectorXd middle = 0.5 * (states.row(static_cast<Eigen::Index>(link.from)) +
                                             states.row(static_cast<Eigen::Index>(link.to)));
-      // A demonstration that passes this point at another time shows that it is not a gap.
+      // A demonstration that passes this point at another time shows that the point is not in a
+      // gap.
       if (Nearest(demonstrations, support.map(t), middle) < 0.25 * link.length) continue;
       test.inside += support.LogDecision(t, core::AsSpan(middle), {}) >= 0.0 ? 1 : 0;
       ++test.points;

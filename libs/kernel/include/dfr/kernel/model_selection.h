@@ -18,8 +18,9 @@ namespace dfr::kernel {
 /// n items are too few for this alpha.
 ///
 /// This probability is an average over sets of held-out items. For one set, the probability that a
-/// new item stays below the score of rank k is Beta(k, n + 1 - k) distributed. With a `confidence`,
-/// k is the smallest rank for which this probability is at least 1 - alpha in that share of sets.
+/// new item stays below the score of rank k is Beta(k, n + 1 - k) distributed. With a positive
+/// `confidence`, k is the smallest rank for which this probability is at least 1 - alpha in that
+/// fraction of the sets or more.
 /// @throws std::invalid_argument if there are no scores, one is NaN, alpha is not in (0, 1), or
 ///   confidence not in [0, 1).
 [[nodiscard]] double ConformalThreshold(std::span<const double> scores, double alpha,
@@ -44,7 +45,7 @@ struct SelectionOptions {
   double false_alarms = 0.1;
   /// SelectModel() replaces nu and gamma by the candidates. `threads` applies to the comparison.
   TimeVaryingSupportOptions support = {};
-  std::uint64_t seed = 1;  ///< Decides which demonstrations share a fold.
+  std::uint64_t seed = 1;  ///< Seed of the folds and of the states drawn for the volume.
 };
 
 /// One row of the table: results of one pair of nu and gamma on held-out demonstrations.
@@ -58,9 +59,9 @@ struct SelectionRow {
   double volume = 0.0;  ///< Fraction of the bounding box inside, estimated by uniform sampling.
 };
 
-/// The table, in the order of nus and then gammas, and the chosen row. Among the rows with
-/// sufficient acceptance, it is the row with the smallest volume. If no row suffices, it is the row
-/// with the largest acceptance.
+/// The table, in the order of nus and then gammas, and the chosen row. The chosen row has the
+/// smallest volume among the rows with sufficient acceptance. If no row suffices, it has the
+/// largest acceptance.
 struct Selection {
   std::vector<SelectionRow> rows;
   std::size_t chosen = 0;

@@ -63,7 +63,7 @@ struct FitSummary {
   int num_support_vectors = 0;
   std::int64_t kernel_evaluations = 0;
   double seconds = 0.0;   ///< Wall time.
-  Eigen::VectorXd alpha;  ///< One per sample, in the paper's scale; start for another fit.
+  Eigen::VectorXd alpha;  ///< One per sample, in the paper's scale; can start another fit.
 };
 
 class OneClassSvm;
@@ -107,8 +107,8 @@ class OneClassSvm {
   double Gradient(std::span<const double> x, std::span<double> gradient) const noexcept;
 
   /// Returns l(x) = log(sum_i alpha_i k(x, x_i)) - log rho. It has the sign and zero set of g but
-  /// does not underflow: far outside, it still distinguishes distances. -infinity where g is and
-  /// where squared distances overflow, +infinity for rho <= 0. Never allocates.
+  /// does not underflow: far outside, it still distinguishes distances. -infinity where g is
+  /// -infinity or squared distances overflow, +infinity for rho <= 0. Never allocates.
   [[nodiscard]] double LogDecision(std::span<const double> x) const noexcept;
   /// Converts l to g: rho (e^l - 1). Maps -infinity to -infinity, as Decision() does.
   [[nodiscard]] double FromLog(double l) const noexcept;

@@ -18,7 +18,8 @@ namespace dfr::kernel {
 void ExportOnnx(const OneClassSvm& svm, const std::filesystem::path& path);
 
 /// Writes a graph with inputs `t` (rows, int64) and `x` (rows x state_dim) and output `g` (rows).
-/// Times out of range use the nearest estimate. Pads all estimates to the largest one.
+/// Times out of range use the nearest estimate. Pads all estimates to the same number of support
+/// vectors.
 void ExportOnnx(const TimeVaryingSupport& support, const std::filesystem::path& path);
 
 /// Appends the computation to a larger graph. Takes the names of the inputs and returns the name of

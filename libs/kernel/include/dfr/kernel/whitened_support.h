@@ -17,11 +17,11 @@ struct WhitenedSupportOptions {
   /// The estimate at t uses the states of t - window k, t - (window - 1) k, ..., t + window k.
   int window = 2;
   /// Sets the stride k: 1, or larger if needed for the window to span this fraction of the time
-  /// steps on either side. Demonstrations of longer tasks are farther apart at a given time step. A
-  /// larger value includes more of them but locates a state in the task less precisely.
+  /// steps on either side. In longer tasks, demonstrations differ more at a given time step. A
+  /// larger value pools more states but locates a state in the task less precisely.
   double window_share = 0.02;
-  double phase_ridge = 0.3;  ///< Added to each time step's covariance before inversion, > 0.
-  bool phase_whitening = true;
+  double phase_ridge = 0.3;     ///< Added to each time step's covariance before inversion, > 0.
+  bool phase_whitening = true;  ///< If false, V_t is the identity.
   /// If true, the covariance of each time step is that of states about their neighbours
   /// (core::LocalScatter()). With several ways, this is the covariance within one way. If false, it
   /// is the covariance of the states about their mean.
@@ -29,10 +29,11 @@ struct WhitenedSupportOptions {
   /// Evaluates in float, in about half the time; see OneClassSvm::InSinglePrecision() for the
   /// error. Not for certificates, which need full precision.
   bool single_precision = false;
-  /// A demonstration that has ended counts once, with its last state, which keeps the goal inside.
+  /// If true, a demonstration that has ended counts once, with its last state, which keeps the goal
+  /// inside.
   bool hold_ended = true;
-  /// Minimum fraction of demonstrations, at least two of them, that are still running at a time
-  /// step with an estimate.
+  /// A time step has an estimate only if at least this fraction of the demonstrations, and at least
+  /// two of them, are still running.
   double least_share = 0.1;
   /// Estimates only at each `every`-th time step, >= 1. Time step t of the support is then time
   /// step every * t of the demonstrations.
@@ -50,8 +51,8 @@ struct WhitenedSupportOptions {
 ///   less.
 /// - Each time step has its own linear map y = V_t z, V_t = (Cov_t + phase_ridge I)^(-1/2), because
 ///   the spread of demonstrations changes along a task. Cov_t is the sum of two covariances of the
-///   pooled states: that of each demonstration's mean about neighbouring means, and that of each
-///   demonstration's states about their mean.
+///   pooled states: the covariance of the demonstrations' means about neighbouring means, and the
+///   covariance of each demonstration's states about their mean.
 /// - A demonstration that has ended counts at most once per time step (hold_ended). The last
 ///   estimates mainly describe the slow demonstrations, and the final one holds from then on.
 ///
@@ -126,8 +127,8 @@ struct ModeSeparationTest {
 /// supports of these demonstrations that differ only in gamma. With the levels that equally many
 /// left-out states reach, the smaller volume describes the demonstrations better (Thomas, Feuillard
 /// and Gramfort 2015, arXiv:1506.05600). Uses importance sampling with 400 fixed draws per time
-/// step. Ignores time steps with fewer than 5 demonstrations or 10 draws inside; returns 0 if no
-/// time step remains.
+/// step. Ignores time steps with fewer than 5 demonstrations or with fewer than 10 draws inside
+/// `narrow`; returns 0 if no time step remains.
 [[nodiscard]] double LogVolumeRatio(const WhitenedSupport& wide, double wide_level,
                                     const WhitenedSupport& narrow, double narrow_level,
                                     std::span<const core::Matrix> demonstrations);
