@@ -292,7 +292,7 @@ std::vector<std::string> EpisodeReader::ListEpisodes(const std::string& group,
       episodes = NumberedMembers(file_, from, prefix);
       std::erase_if(episodes, [this](const std::string& path) { return !file_.IsGroup(path); });
     } catch (const std::runtime_error&) {
-      episodes.clear();  // The list is truncated.
+      episodes.clear();  // The list is unreadable.
     }
     return episodes;
   };

@@ -39,7 +39,7 @@ std::filesystem::path InfoFile(const std::filesystem::path& folder) {
   throw std::runtime_error(file.string() + ": " + reason);
 }
 
-// Returns true if a feature holds numbers in at most one dimension.
+// Returns true if a feature's dtype is numeric or boolean, for any shape.
 bool IsNumeric(const json& feature) {
   static constexpr std::string_view kTypes[] = {"float16", "float32", "float64", "bool",
                                                 "int8",    "int16",   "int32",   "int64",
@@ -315,7 +315,8 @@ class LeRobotReader final : public DemonstrationReader {
     return *open_;
   }
 
-  // Returns a column. Caches the last row group's columns: in version 3 it holds many episodes.
+  // Returns a column. Caches the columns of the last row group, which holds many episodes in
+  // version 3.
   [[nodiscard]] const ParquetColumn& Column(const Part& part, const std::string& name) const {
     const ParquetFile& file = File(part.file);
     if (columns_group_ != part.row_group) columns_.clear();

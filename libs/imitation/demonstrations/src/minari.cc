@@ -112,7 +112,7 @@ class MinariReader final : public internal::EpisodeReader {
 
   [[nodiscard]] core::Outcome OutcomeOf(const std::string& episode, Eigen::Index steps) const {
     if (const auto outcome = Outcome(episode)) return *outcome;
-    // infos/success has an entry for the reset before those of the steps.
+    // infos/success has an entry for the reset before the entries of the steps.
     const std::string success = episode + "/infos/success";
     Matrix values;
     if (file().Exists(success)) values = file().Read(success);

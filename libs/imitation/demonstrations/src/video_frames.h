@@ -21,7 +21,7 @@ struct VideoClip {
   double fps = 0.0;
   int height = 0;
   int width = 0;
-  /// Size to which each frame is averaged, at most the frame's.
+  /// Size to which each frame is averaged, at most the size of the frame.
   int out_height = 0;
   int out_width = 0;
 };
@@ -44,7 +44,7 @@ class VideoFrames {
 
  private:
   void Start();
-  /// Ends the process. If the process had already ended, returns the reason.
+  /// Ends the process. Returns " by signal N" if signal N had already ended it; otherwise "".
   std::string End() noexcept;
 
   int socket_ = -1;

@@ -19,8 +19,8 @@ class Hdf5File {
  public:
   /// Creates a file and replaces any existing one as a whole, like core::AtomicFile. The file then
   /// grows in place. Only Flush() writes metadata of the file's objects to the disk.
-  /// @param track_order  groups list their members in the order of creation, as Minari's readers
-  ///   expect.
+  /// @param track_order  if true, groups list their members in the order of creation, as Minari's
+  ///   readers expect.
   static Hdf5File Create(const std::filesystem::path& path, bool track_order = false);
   /// Opens a trusted file for reading; use Hdf5Reader for untrusted files. Rejects data stored in
   /// other files.
@@ -37,8 +37,8 @@ class Hdf5File {
   /// Links the new group to a path in an existing group. May be called again to add paths.
   void LinkNewGroup(const std::string& path);
   static constexpr char kNewGroup[] = "*";
-  /// Creates the group kSecondList in the root. An attribute of the root holds its address, which
-  /// makes it accessible even if the root's list is unreadable.
+  /// Creates the group kSecondList in the root. An attribute of the root holds the group's address,
+  /// which makes the group accessible even if the root's list is unreadable.
   void CreateSecondList();
   static constexpr char kSecondList[] = ".episodes";
   /// Writes a two-dimensional dataset of doubles, row by row.

@@ -40,7 +40,8 @@ constexpr char kGood = '+';
 constexpr char kNone = '0';
 constexpr char kError = '-';
 
-// Memory of libhdf5 in addition to the values, seconds of CPU time, and bytes read per second.
+// Limits of the reading process: libhdf5's memory in addition to the values, and kSeconds of CPU
+// time plus the time to read the file at kBytesPerSecond.
 constexpr rlim_t kOverhead = rlim_t{128} << 20;
 constexpr rlim_t kSeconds = 2;
 constexpr rlim_t kBytesPerSecond = 20'000'000;
@@ -131,7 +132,7 @@ void LimitMemory(std::uint64_t file_size) noexcept {
   setrlimit(RLIMIT_AS, &limit);
 }
 
-// Runs the reading process: answers requests until they end.
+// Runs the reading process: answers requests until the other side closes the socket.
 void Serve(int socket, const std::filesystem::path& path, std::uint64_t file_size) noexcept {
   const auto reply = [socket](const std::string& answer) {
     std::string size;

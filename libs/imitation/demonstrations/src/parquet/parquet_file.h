@@ -40,7 +40,7 @@ class ParquetFile {
     bool is_half = false;  // two-byte float
     int max_definition = 0;
     int max_repetition = 0;
-    int repeated_definition = 0;  // definition level from which a row's list has an entry
+    int repeated_definition = 0;  // least definition level at which a row's list has an entry
   };
 
   /// Place of a leaf's values in a row group.

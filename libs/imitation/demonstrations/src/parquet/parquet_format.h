@@ -172,7 +172,7 @@ class Thrift {
   }
 
  private:
-  // Limits the nesting of structs. More levels than any writer produces are an attack on the stack.
+  // Limits the nesting of structs. Deeper nesting could overflow the stack; no writer produces it.
   class Deeper {
    public:
     explicit Deeper(int& depth) : depth_(depth) {

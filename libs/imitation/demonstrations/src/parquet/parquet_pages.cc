@@ -139,7 +139,7 @@ bool IsNumeric(const ParquetFile::Leaf& leaf) {
          leaf.type == kFloat || leaf.type == kDouble || leaf.is_half;
 }
 
-// Decodes values of the encoding PLAIN: one after another. Reads no levels.
+// Decodes `count` consecutive values of the encoding PLAIN. Reads no levels.
 std::vector<double> DecodePlain(const ParquetFile::Leaf& leaf, Bytes& bytes, std::int64_t count) {
   std::vector<double> values;
   const auto fixed = [&]<typename T>(T) {

@@ -31,7 +31,7 @@ class DemonstrationReader {
   [[nodiscard]] virtual const core::StateLayout& layout() const noexcept = 0;
   [[nodiscard]] virtual int control_dim() const noexcept = 0;
   [[nodiscard]] virtual const std::string& environment() const noexcept = 0;
-  /// Returns DemonstrationSet::discarded, if the file records it.
+  /// Returns DemonstrationSet::discarded; 0 if the file does not record it.
   [[nodiscard]] virtual int discarded() const noexcept { return 0; }
   /// Returns the origin of the data; unknown if the file does not record it.
   [[nodiscard]] virtual const core::Provenance& provenance() const noexcept;

@@ -21,13 +21,14 @@ namespace dfr::imitation {
 /// - Videos: each frame is averaged to the size of its request, by default to 32 pixels along the
 ///   longer side, and becomes an RGB or grey block of the state. Read() starts the program
 ///   video_frames (apps) to decode them, which keeps video libraries out of this process. Read()
-///   looks for it beside this program, then in PATH. Memory holds one full frame at a time.
-/// - Actions: the feature "action". The format does not record the state after the last action,
-///   which is therefore dropped.
+///   looks for video_frames beside this program, then in PATH. Memory holds one full frame at a
+///   time.
+/// - Actions: the feature "action". The last action is dropped, because the format does not record
+///   the state after it.
 /// - An episode is completed if its last next.success is not zero. Without that feature, no episode
 ///   counts as completed.
 /// @param filter_key  a split of meta/info.json, for example "train"; empty: all episodes.
-/// @param pictures  features that must exist, and videos to read.
+/// @param pictures  features that must exist. Videos among them become parts of the state.
 /// @throws std::runtime_error with file, column or episode, and reason; Read() also if a video is
 ///   missing, does not decode, is shorter than its episode or differs from meta/info.json.
 [[nodiscard]] std::unique_ptr<DemonstrationReader> OpenLeRobot(
