@@ -39,7 +39,7 @@ core::FeatureSelection Select(const core::StateLayout& layout, const std::string
                           : core::FeatureSelection(layout, features);
 }
 
-// Mean and variance of all rows so far, batch by batch (Chan, Golub and LeVeque, 1983).
+// Mean and variance of all rows so far, updated batch by batch (Chan, Golub and LeVeque, 1983).
 struct Moments {
   double count = 0.0;
   Eigen::RowVectorXd mean;
@@ -298,8 +298,8 @@ void Trpo::Learner::UpdatePolicy(const core::Matrix& whitened, const Batch& batc
   }
 }
 
-// Changes the units of the critic's output but not its values, which keeps Adam's targets at unit
-// scale (van Hasselt et al., 2016).
+// Changes mean and scale of the critic's output without changing the value function. Adam's targets
+// then have unit scale (van Hasselt et al., 2016).
 void Trpo::Learner::RescaleCritic(double mean, double scale) {
   Eigen::VectorXd parameters = critic_.parameters();
   const int last_hidden = critic_.sizes()[critic_.sizes().size() - 2];

@@ -14,7 +14,8 @@ namespace dfr::imitation::internal {
 class TrustRegionProblem {
  public:
   /// Takes `inputs` (n x network inputs), the `controls` that the old policy (`mlp`, `log_std`)
-  /// drew there (n x outputs, before any limit), and one advantage each. Borrows all matrices.
+  /// drew there (n x outputs, before any limit), and one advantage per control. Borrows all
+  /// matrices.
   TrustRegionProblem(const Mlp& mlp, const Eigen::VectorXd& log_std, const core::Matrix& inputs,
                      const core::Matrix& controls, const Eigen::VectorXd& advantages);
 

@@ -16,7 +16,7 @@ class Adam {
   void Step(const Eigen::VectorXd& gradient, Eigen::VectorXd& parameters) noexcept;
 
   void Save(core::ArchiveWriter& archive) const;
-  /// Restores a saved state. @throws std::runtime_error for another number of parameters.
+  /// Restores a saved state. @throws std::runtime_error if the number of parameters differs.
   void Load(core::ArchiveReader& archive);
 
  private:

@@ -24,7 +24,8 @@ MinimizeSummary MinimizeByLevenbergMarquardt(const core::Matrix& inputs,
                                              const core::Matrix& targets, double weight_decay,
                                              int max_iterations, Mlp& mlp);
 
-/// Returns the size of the Jacobian of MinimizeByLevenbergMarquardt() in bytes.
+/// Returns the size in bytes of the Jacobian of MinimizeByLevenbergMarquardt() without weight
+/// decay.
 [[nodiscard]] double JacobianBytes(const core::Matrix& targets, const Mlp& mlp);
 
 }  // namespace dfr::imitation::internal

@@ -17,10 +17,10 @@ enum class FitMethod {
   kLevenbergMarquardt,  ///< Ceres until a minimum, in few iterations; for small networks.
 };
 
-/// Options of FitMlp(). The defaults are the stronger learner of the paper's Sec. V-A, with 64-64
-/// tanh units. The paper's weak learner has hidden = {8}.
+/// Options of FitMlp(). The defaults are the stronger learner of the paper's Sec. V-A, with two
+/// hidden layers of 64 tanh units. The paper's weak learner has hidden = {8}.
 struct FitMlpOptions {
-  std::vector<int> hidden = {64, 64};  ///< Numbers of tanh units; empty for a linear policy.
+  std::vector<int> hidden = {64, 64};  ///< Tanh units per hidden layer; empty: a linear policy.
   FitMethod method = FitMethod::kAdam;
   std::string features = {};       ///< Inputs of the policy, as core::FeatureSelection; empty: all.
   double control_limit = 1.0;      ///< The policy clips controls to +-this value, > 0.
@@ -39,7 +39,7 @@ struct FitReport {
   int skipped_rows = 0;  ///< Number of rows left out because u = 0.
   double initial_loss = 0.0;
   double final_loss = 0.0;
-  int iterations = 0;      ///< kAdam: epochs; otherwise accepted steps.
+  int iterations = 0;      ///< kAdam: epochs; otherwise Ceres's iterations.
   bool converged = false;  ///< True if a minimum was reached; never for kAdam.
   std::string message;     ///< Reason for the end.
 };

@@ -13,13 +13,13 @@ namespace dfr::imitation {
 struct LocallyWeightedOptions {
   int window = 5;         ///< Uses the pairs with u != 0 at time steps t - window ... t + window;
                           ///< if there are none, the nearest in time.
-  double width = 1.0;     ///< Weights are exp(-|z - z_i|^2 / (2 width^2)), > 0.
+  double width = 1.0;     ///< Width of the weights exp(-|z - z_i|^2 / (2 width^2)), > 0.
   double ridge = 0.1;     ///< Regularises the local slope towards zero, > 0.
-  int max_per_step = 24;  ///< Maximum number of demonstrations per time step; bounds the time.
+  int max_per_step = 24;  ///< Maximum number of demonstrations per time step, to limit the time.
 };
 
 /// Locally weighted linear regression on the demonstrations (Atkeson, Moore and Schaal, 1997): u =
-/// a + B (z - z_0), fitted by weighted least squares around the current features z.
+/// a + B (z - z_0), fitted by weighted least squares around the current features z_0.
 ///
 /// The time step only selects the window. Immutable; concurrent calls are safe. The equations are
 /// on the stack, which limits a policy to kMaxFeatures features and kMaxControls control entries.
@@ -49,10 +49,10 @@ class LocallyWeightedPolicy final : public core::Policy {
   core::Matrix controls_;
 };
 
-/// Returns the width, from a fixed grid of .25 to 4, with the smallest mean squared error of
-/// LocallyWeightedPolicy on the controls of left-out demonstrations. Each of five folds of whole
-/// demonstrations is left out once (with fewer demonstrations, each of them). The other options
-/// come from `options`.
+/// Returns the width, from a fixed grid of 0.25 to 4, with the smallest mean squared error of
+/// LocallyWeightedPolicy on the controls of left-out demonstrations. Leaves out each of five folds
+/// of whole demonstrations once. With fewer than five demonstrations, leaves out each demonstration
+/// once. The other options come from `options`.
 /// @throws std::invalid_argument with fewer than two demonstrations, and as LocallyWeightedPolicy.
 [[nodiscard]] double CrossValidatedWidth(const core::FeatureTransform& features,
                                          std::span<const core::Trajectory> demonstrations,

@@ -62,8 +62,8 @@ class Mlp {
   explicit Mlp(std::vector<int> sizes);
 
   /// Creates a network with random weights. Biases are zero. Weights are normal with variance
-  /// 1/inputs of their layer (LeCun et al., 1998); `output_scale` multiplies those of the output
-  /// layer. The same random stream gives the same network.
+  /// 1/inputs of their layer (LeCun et al., 1998); `output_scale` multiplies the weights of the
+  /// output layer. The same random stream gives the same network.
   Mlp(std::vector<int> sizes, core::Random& random, double output_scale = 1.0);
 
   [[nodiscard]] const std::vector<int>& sizes() const noexcept { return sizes_; }

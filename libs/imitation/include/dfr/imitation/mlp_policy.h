@@ -18,8 +18,9 @@ namespace dfr::imitation {
 /// Immutable; concurrent calls are safe.
 class MlpPolicy final : public core::Policy {
  public:
-  /// @param layout  entries of the state. The policy and its files keep their names and sizes, not
-  ///   the shapes of pictures: a program can reject a plant with other states.
+  /// @param layout  blocks of the state. The policy and its files keep the names and sizes of the
+  ///   blocks, by which a program can reject a plant with other states. They do not keep the shapes
+  ///   of pictures.
   /// @param features  as in core::FeatureSelection; empty for the whole state.
   /// @param whitening  standardises the features.
   /// @param mlp  maps standardised features to controls.

@@ -23,7 +23,7 @@ class Environment {
   virtual ~Environment() = default;
 
   /// Returns the plant. Trpo reads its layout, states, completed() and collided(), but drives it
-  /// only by Step().
+  /// only through Reset() and Step().
   [[nodiscard]] virtual const core::Plant& plant() const noexcept = 0;
 
   /// Starts an episode. The same seed gives the same start state.
@@ -36,8 +36,8 @@ class Environment {
 
 /// Options of Trpo. Defaults are the Pusher's.
 struct TrpoOptions {
-  std::vector<int> hidden = {64, 64};         ///< Numbers of tanh units of the policy.
-  std::vector<int> critic_hidden = {64, 64};  ///< Numbers of tanh units of the critic.
+  std::vector<int> hidden = {64, 64};         ///< Tanh units per hidden layer of the policy.
+  std::vector<int> critic_hidden = {64, 64};  ///< Tanh units per hidden layer of the critic.
   std::string features = {};   ///< Inputs of the policy, as core::FeatureSelection; empty: all.
   double control_limit = 1.0;  ///< Controls are clipped to +-this value, > 0.
   int horizon = 60;            ///< Maximum number of steps per episode, T.
@@ -62,7 +62,7 @@ struct TrpoProgress {
   int episodes = 0;             ///< Number of episodes in this iteration.
   double mean_return = 0.0;     ///< Undiscounted sum of rewards per episode.
   double mean_length = 0.0;     ///< Steps per episode.
-  double completed = 0.0;       ///< Fraction of episodes that ended completed without a collision.
+  double completed = 0.0;       ///< Fraction of episodes completed without a collision.
   double collided = 0.0;        ///< Fraction of episodes with a collision.
   double kl = 0.0;              ///< KL divergence of the update; 0 if it was rejected.
   double surrogate_gain = 0.0;  ///< Gain in standard deviations of the advantage; 0 if rejected.
@@ -76,8 +76,8 @@ struct TrpoProgress {
 /// along the natural gradient of the surrogate return as far as a bound on the KL divergence
 /// allows. Advantages are GAE(lambda) (Schulman et al., 2016). The critic's inputs include t/T,
 /// because the value depends on the time left. Inputs are whitened by the statistics of all states
-/// so far, which are constant during an iteration. A quarter of a batch, collected before the first
-/// iteration, initialises these statistics.
+/// so far, which stay constant during an iteration. A quarter of a batch, collected before the
+/// first iteration, initialises these statistics.
 ///
 /// Deterministic: the same seed, environment and machine give the same policy. Each object belongs
 /// to one thread.
