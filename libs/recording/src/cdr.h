@@ -46,7 +46,7 @@ class CdrWriter {
   std::size_t start_ = 0;
 };
 
-/// Reads CdrWriter's encoding. As with ByteReader, check ok() at the end.
+/// Reads CdrWriter's encoding. Check complete() once, at the end.
 class CdrReader {
  public:
   explicit CdrReader(std::string_view message) : reader_(message) {

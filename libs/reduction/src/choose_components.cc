@@ -21,7 +21,8 @@ constexpr std::size_t kMostActions = 1000;
 constexpr Eigen::Index kFoldScores = 8;
 constexpr std::size_t kLeastDemonstrations = 4;
 
-// Sums over the judged actions of one demonstration, in units of an ordinary action.
+// Sums over the judged actions of one demonstration, in units of the root mean square nonzero
+// action.
 struct Sums {
   explicit Sums(Eigen::Index control_dim) : v(Eigen::VectorXd::Zero(control_dim)) {}
   double inside = 0.0;
@@ -75,7 +76,7 @@ ComponentsScore Score(int components, const std::vector<Sums>& each) {
   return score;
 }
 
-// Judges numbers of components, with the data that they all share.
+// Evaluates numbers of components. Holds the data that all evaluations share.
 class Judge {
  public:
   Judge(std::span<const core::Trajectory> demonstrations, const ChooseComponentsOptions& options)

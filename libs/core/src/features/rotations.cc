@@ -36,8 +36,8 @@ constexpr double kLeastAlong = 0.2588190451025207;
 constexpr double kBothSigns = 0.7071067811865476;
 // Rotations at the starts of two episodes count as the same up to this distance, in radians.
 constexpr double kSameBegin = 0.6;
-// Jumps of three entries belong to a rotation vector if removing them reduces the squared error to
-// this fraction.
+// Jumps of three entries belong to a rotation vector if the squared error of this model is below
+// this fraction of the squared error of an angle.
 constexpr double kLessError = 0.5;
 // Minima for episodes that start at one angle in different revolutions: their number, the range of
 // their starts in revolutions, and the length of the mean of the starts as unit vectors. Entries

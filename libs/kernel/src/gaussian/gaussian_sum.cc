@@ -69,7 +69,8 @@ template <typename T>
   return total.Value();
 }
 
-// Number of features summed together in the second pass, which loads each term once for all.
+// Number of features summed together in the second pass, which loads each term once for all of
+// them.
 constexpr std::size_t kFeatures = 4;
 
 // Adds sum_i term_i (s'_i - x') of kCount features from `first` on to `sum`: in groups of kGroup

@@ -10,7 +10,7 @@
 
 namespace dfr::kernel::internal {
 
-/// The definition: sum_i weights_i exp(-gamma |x - points_i|^2), term by term.
+/// Reference implementation of sum_i weights_i exp(-gamma |x - points_i|^2), term by term.
 [[nodiscard]] double GaussianSumReference(const core::Matrix& points,
                                           std::span<const double> weights, double gamma,
                                           std::span<const double> x) noexcept;

@@ -39,7 +39,7 @@ class Random {
   /// Returns a uniform integer in {0, ..., n - 1}, without modulo bias. @pre n > 0
   std::uint64_t Below(std::uint64_t n) noexcept;
 
-  /// Fills `direction` with a uniformly distributed unit vector. @pre not empty
+  /// Fills `direction` with a uniformly distributed unit vector. @pre `direction` is not empty
   void Direction(std::span<double> direction) noexcept;
 
   /// Shuffles `items` (Fisher-Yates).

@@ -124,7 +124,7 @@ void LimitMemory(std::uint64_t file_size) noexcept {
   std::ifstream("/proc/self/statm") >> pages;
   const rlim_t used = pages * static_cast<rlim_t>(sysconf(_SC_PAGESIZE));
   const std::uint64_t budget = core::ReadBudget(file_size).left();
-  // Values exist twice: the answer holds the second copy.
+  // Values exist twice, because the answer holds a copy. The third budget is a margin.
   const rlim_t most = budget > (RLIM_INFINITY - used - kOverhead) / 3
                           ? RLIM_INFINITY
                           : used + kOverhead + 3 * budget;

@@ -27,7 +27,7 @@ enum class PictureFault {
 /// Order of the channels of a colour picture: BGR as in OpenCV, or RGB as in datasets.
 enum class ChannelOrder { kBgr, kRgb };
 
-/// Normalization of the light of a picture by ImageFeatures.
+/// Method by which ImageFeatures normalizes the light of a picture.
 enum class LightNormalisation {
   kNone,
   kGain,           ///< Scales to a mean of 128, which removes changes of brightness.

@@ -43,7 +43,7 @@ class FeatureTransform {
   /// square change per time step.
   /// @param demonstrations  one matrix of whole states each, rows in order of time.
   /// @throws std::invalid_argument if there are fewer than two demonstrations, their widths do not
-  ///   fit, a ridge is not positive, or no selected feature differs between them.
+  ///   match the selection, the ridge is not positive, or no selected feature differs between them.
   static FeatureTransform Whitening(FeatureSelection selection,
                                     std::span<const Matrix> demonstrations,
                                     const WhiteningOptions& options = {});

@@ -81,7 +81,7 @@ class FeatureSelection {
 
   /// Writes the derivative of each feature of `state` with respect to its entry. Never allocates.
   void Slopes(std::span<const double> state, std::span<double> slopes) const noexcept;
-  /// Copies the features of `state` (state_dim()) to `features` (num_features()). Never allocates.
+  /// Writes the features of `state` (state_dim()) to `features` (num_features()). Never allocates.
   void Apply(std::span<const double> state, std::span<double> features) const noexcept;
   /// Returns the features of each row.
   [[nodiscard]] Matrix Apply(const Matrix& states) const;

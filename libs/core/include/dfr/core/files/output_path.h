@@ -5,8 +5,8 @@
 
 namespace dfr::core {
 
-/// For programs that reject an output path before they begin to work. Both functions try to create
-/// a file and remove it at once; existing files keep their content.
+/// Checks for programs that reject an output path before they begin to work. Both functions try to
+/// create a file and remove it at once. Existing files keep their content.
 
 /// Returns one line that says why the program cannot write a file at `path`, with the remedy; "" if
 /// it can. `makes_folders`: the program creates the missing folders of the path. A pipe or device

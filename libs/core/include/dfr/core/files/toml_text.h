@@ -10,7 +10,7 @@ namespace dfr::core {
 /// input: broken UTF-8, unmatched brackets, missing values. This function therefore checks every
 /// name, value, bracket and line. It also rejects dates, non-decimal numbers and brackets nested
 /// more than 32 deep.
-/// @returns the text to parse instead of `text`: the same meaning, line by line, in ASCII.
+/// @returns the text to parse instead of `text`, in ASCII: each line has the same meaning.
 /// @throws std::runtime_error with `file`, the line and the problem; also if the text exceeds 1
 ///   MiB.
 [[nodiscard]] std::string CheckToml(const std::filesystem::path& file, std::string_view text);

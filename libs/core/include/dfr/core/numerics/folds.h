@@ -50,11 +50,11 @@ using Folds = std::vector<std::vector<std::size_t>>;
 ///   folds.
 [[nodiscard]] Folds ContiguousFolds(std::size_t demonstrations, int folds);
 
-/// Returns the demonstrations of all folds except `left_out`, in the order of `order`.
+/// Returns the indices of the demonstrations of all folds except `left_out`, sorted as in `order`.
 [[nodiscard]] std::vector<std::size_t> Others(const Folds& folds, std::size_t left_out,
                                               std::span<const std::size_t> order);
-/// Returns the `values`, one per demonstration, of all folds except `left_out`. Returns no value if
-/// there are none.
+/// Returns the `values` of all folds except `left_out`. `values` has one entry per demonstration,
+/// or none.
 template <typename T>
 [[nodiscard]] std::vector<T> WithoutFold(const std::vector<T>& values, const Folds& folds,
                                          std::size_t left_out) {

@@ -104,7 +104,7 @@ class RobomimicWriter {
   std::unique_ptr<File> file_;
 };
 
-/// Writes a whole set.
+/// Writes all demonstrations of a set.
 void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem::path& path,
                    const std::string& model_xml = "");
 
