@@ -350,9 +350,9 @@ std::string Describe(const Rotation& rotation, const StateLayout& layout) {
     case Kind::kQuaternion:
       if (rotation.guessed && !rotation.continuous) {
         return name +
-               " is a flag of +-1 beside zeros, or a unit quaternion that never turns but changes "
-               "its sign: the signs remain two states. Use the same sign of a quaternion "
-               "everywhere, or give it a block of four entries in the layout";
+               " has only one nonzero entry: it is a flag of +-1, or a unit quaternion that never "
+               "turns but changes its sign. Both signs remain separate states. Use the same sign "
+               "of a quaternion everywhere, or give it a block of four entries in the layout";
       }
       if (rotation.guessed) {
         return name +

@@ -186,7 +186,7 @@ Matrix ReadPart(const Hdf5Reader& file, const std::string& episode, const char* 
 std::string Note(std::size_t episodes, const std::string& what) {
   return "the writer of this file was killed: its " + std::to_string(episodes) +
          " complete episodes are read; " + what +
-         ". guard check --repair FILE writes a file of these";
+         ". guard check --repair FILE writes them to a new file";
 }
 
 }  // namespace
