@@ -9,7 +9,7 @@ namespace dfr::control {
 namespace {
 
 constexpr double kNowhere = -std::numeric_limits<double>::infinity();
-// PhaseTracker::Fit() then accepts every level.
+// Makes PhaseTracker::Fit() accept every level.
 constexpr double kAny = kNowhere;
 
 }  // namespace

@@ -25,8 +25,8 @@ SafeBall ComputeSafeBall(const core::LogDecisionFunction& support, int t, std::s
 double LargestShare(const SafeBall& ball, std::span<const double> shift, std::span<const double> a,
                     double e) noexcept {
   if (!(ball.radius >= ball.shift_norm)) return 0.0;
-  // |s a - shift|^2 <= (radius - s e)^2 is p s^2 - 2 q s + r <= 0 with r <= 0, so it holds at s = 0
-  // and up to the smallest positive root, taken in the form that does not cancel.
+  // |s a - shift|^2 <= (radius - s e)^2 is p s^2 - 2 q s + r <= 0 with r <= 0. It holds from s = 0
+  // to the smallest positive root, which is computed in a form without cancellation.
   double p = -e * e;
   double q = -ball.radius * e;
   for (std::size_t i = 0; i < a.size(); ++i) {

@@ -54,8 +54,8 @@ SafetyFilter::Choice SafetyFilter::Filter(LocalFit& fit, const StepTarget& targe
   return choice;
 }
 
-// Inside, a learned control may end `margin` below the target level. Outside, it may end `margin`
-// below the best control's level if it differs little from that control.
+// Returns true if a change is not worth making: the changed control would still end outside, gains
+// at most `margin`, and differs little from the learned control.
 bool SafetyFilter::Idle(const Choice& choice, double margin,
                         const Eigen::VectorXd& v) const noexcept {
   return choice.level < 0.0 && margin > 0.0 && choice.learned >= choice.level - margin &&

@@ -157,7 +157,7 @@ double LocalFit::LeastExcitedDirection(std::span<double> direction, double known
   const Eigen::Index rows = inverse_.rows();
   const Eigen::Index m = jacobian_.cols();
   const auto lower = factor_.bottomRightCorner(rows, rows);
-  // Rounding makes no difference to most results.
+  // Near `known`, rounding of the fast sum could change the result.
   constexpr double kRounding = 1e-9;
   const double fast = TailOfInverseTrace(lower, m, inverse_);
   if (fast <= (1.0 - kRounding) * known) return fast;

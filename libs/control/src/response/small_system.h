@@ -2,13 +2,13 @@
 
 #include <Eigen/Core>
 
-// Products and Cholesky factors of a few entries, in registers. Eigen gives the same bits: every
-// entry has one sum, in ascending order. Eigen's general functions take several times as long for a
-// few rows. Nothing allocates or throws.
+// Products and Cholesky factors of small matrices, computed in registers. The results equal Eigen's
+// to the bit, because every entry is one sum in ascending order. Eigen's general functions take
+// several times as long for a few rows. Nothing allocates or throws.
 namespace dfr::control::internal {
 
-/// Returns sum_k weights[k] column_k for kRows rows from `columns` on. A column is `stride` entries
-/// behind the previous one. There is at least one.
+/// Returns sum_k weights[k] column_k over `count` >= 1 columns, for kRows rows from `columns` on.
+/// Consecutive columns are `stride` entries apart.
 template <int kRows, typename T>
 [[nodiscard]] Eigen::Array<double, kRows, 1> SumOfColumns(const T* columns, Eigen::Index stride,
                                                           const double* weights,
@@ -21,8 +21,8 @@ template <int kRows, typename T>
   return sum;
 }
 
-/// Calls `use(first, sums)` with the array SumOfColumns() of the rows from `first` on, for
-/// successive groups of all `rows` rows.
+/// Splits `rows` rows into groups and calls `use(first, sums)` for each group: `sums` is
+/// SumOfColumns() of the rows from `first` on.
 template <typename T, typename Use>
 void ForSumsOfColumns(const T* columns, Eigen::Index rows, Eigen::Index stride,
                       const double* weights, Eigen::Index count, Use&& use) noexcept {

@@ -71,7 +71,7 @@ float Distances(const float* points, std::size_t column_stride, std::size_t dim,
                                                       : std::numeric_limits<float>::quiet_NaN();
 }
 
-// Vector exponentials of floats differ between processors by more than all later rounding.
+// In double: exponentials of float vectors differ between processors by more than later rounding.
 double WeightsOf(const float* distances, const std::int32_t* indices, std::size_t count,
                  float least, double scale, double floor, double* weights) {
   constexpr Doubles d;
@@ -132,8 +132,8 @@ std::uint32_t BitsOf(float value) {
   return bits;
 }
 
-// Copies the distances from `low` to `high` and returns their number, where vectors can be
-// compressed.
+// Copies the distances in [low, high] to `between` and returns their number. Used only if the
+// processor can compress vectors.
 constexpr bool kCompresses = HWY_TARGET <= HWY_AVX3;
 constexpr std::size_t kMostBetween = 128;
 HWY_INLINE std::size_t Between(const float* distances, std::size_t rows, float low, float high,
@@ -179,8 +179,8 @@ void NearestOf(const float* distances, std::size_t rows, std::size_t count, std:
     least = std::min(least, distances[i]);
     most = std::max(most, distances[i]);
   }
-  // Finds an upper bound of at least `count` distances, at best the smallest one. Once few
-  // distances lie between `low` and `high`, only these are counted.
+  // Finds a bound that at least `count` distances do not exceed, if necessary the smallest one.
+  // Once few distances lie between `low` and `high`, only these are counted.
   float between[kMostBetween + hn::MaxLanes(d)];
   const float* candidates = distances;
   std::size_t size = rows;
@@ -293,7 +293,7 @@ HWY_INLINE void AddPair(First d, Second e, const float* left, std::size_t left_s
   }
 }
 
-// Adds left' right of a tile, whose left rows follow one another.
+// Adds left' right of a tile, whose left rows are contiguous.
 HWY_INLINE void AddProduct(const float* left, std::size_t n_left, const float* right,
                            std::size_t right_stride, std::size_t n_right, std::size_t rows,
                            float* sums, std::size_t sums_stride) {

@@ -5,16 +5,17 @@
 
 // Sums over the transitions of a TransitionStore, with the widest available vectors. Entries are
 // summed in order of the rows, so processors with fused multiplication agree to the bit. Sums are
-// floats, as transitions are: sums of some hundred rows lose a digit, which is less than the noise
+// floats, like transitions. A sum of some hundred rows loses a digit, which is less than the noise
 // of demonstrations. Nothing allocates or throws.
 namespace dfr::control::internal {
 
-/// The widths of rows, n_left and n_right are multiples of kWidth.
+/// Row widths, n_left and n_right are multiples of kWidth.
 inline constexpr std::size_t kWidth = 8;
-/// Number of readable entries behind the ends of points, distances, indices and weights. Those of
-/// distances and weights are also written. Those of indices must be valid indices.
+/// Number of readable entries behind the ends of points, distances, indices and weights. The
+/// entries behind distances and weights are also written; those behind indices must be valid
+/// indices.
 inline constexpr std::size_t kPadding = 16;
-/// Number of rows that are scaled and then multiplied: they stay in the cache.
+/// Number of rows that are scaled and then multiplied while they are in the cache.
 inline constexpr std::size_t kTile = 32;
 
 /// Sets distances[i] = |z_i - z|^2 for points of `dim` entries. Entry k of point i is at points[k *

@@ -21,8 +21,8 @@ inline constexpr double kSlackQuantile = 0.2;
 /// distinct values, each kLeastRepeated times on average.
 inline constexpr std::size_t kMostFew = 4;
 inline constexpr std::size_t kLeastRepeated = 5;
-/// SafetyFilter: a probe needs at least this share of the squared length of its direction in
-/// entries with many values.
+/// SafetyFilter: entries with many values must contain at least this fraction of the squared length
+/// of a probe's direction.
 inline constexpr double kLeastProbe = 0.5;
 
 /// TransitionStore: added to each weight. If all transitions are far from z, they then count
@@ -44,20 +44,19 @@ inline constexpr int kPowerIterations = 30;
 inline constexpr double kLeastWeight = 0.2;
 /// StateObserver: rejects a lag whose squared error exceeds this multiple of the least one.
 inline constexpr double kEvidence = 2.0;
-/// Squared errors below this fraction of the squared changes, 1 % of each change, are attributed to
-/// rounding and the ridge, not to a lag or noise.
+/// Squared errors below this fraction of the squared changes (errors below 1 % of the changes) are
+/// attributed to rounding and the ridge, not to a lag or noise.
 inline constexpr double kNegligible = 1e-4;
 
-/// AscendSupport(): the ascent ends at a smaller gain of l, which would change no decision.
+/// AscendSupport(): gain of l below which the ascent ends. A smaller gain changes no decision.
 inline constexpr double kLeastGain = 1e-3;
 
-/// GuidedController with least intervention: forgetting factor per step of the number of steps that
-/// pass at the edge.
+/// EdgeStay: forgetting factor per step on the number of earlier steps at the edge.
 inline constexpr double kEdgeMemory = 0.98;
 /// Fraction of held-out demonstrations that stay at the edge no longer than Levels::edge_stay().
-/// From that stay on, the level at which the learned control passes rises to the gate level over
-/// the next kEdgeRamp steps. Otherwise a policy that stays at the edge would fail where the support
-/// is too wide.
+/// After a longer stay, the level at which the learned control passes rises to the gate level over
+/// kEdgeRamp steps. Otherwise a policy that stays at the edge would fail where the support is too
+/// wide.
 inline constexpr double kEdgeStayQuantile = 0.9;
 /// Smallest Levels::edge_stay(). Few or short demonstrations would give too small a value.
 inline constexpr double kLeastEdgeStay = 10.0;
@@ -65,14 +64,14 @@ inline constexpr double kEdgeRamp = 10.0;
 /// GuidedController: maximum number of relocations of the phase in an episode.
 inline constexpr int kMostRelocations = 2;
 
-/// SafetyFilter: if no control is predicted to end inside, changes of the learned control up to
-/// this norm, in ordinary controls, are skipped if they gain little.
+/// SafetyFilter: a change of the learned control of at most this norm, in ordinary controls, is
+/// skipped if it gains little and the changed control would still end outside.
 inline constexpr double kIdle = 0.5;
 /// SafetyFilter: beyond the exit level, a raised control replaces the demonstrated one only if its
 /// predicted l, which is negative, exceeds this fraction of the demonstrated control's l.
 inline constexpr double kWorthRaising = 0.5;
-/// SafetyFilter: if a raise changes an entry by more than this, in ordinary demonstrated controls,
-/// LocalFit::Agreement() damps the change. It uses every kAgreementStride-th transition.
+/// SafetyFilter: if an ascent changes an entry by more than this, in ordinary demonstrated
+/// controls, LocalFit::Agreement() damps the change. It uses every kAgreementStride-th transition.
 inline constexpr double kLeastHedged = 0.4;
 inline constexpr int kAgreementStride = 8;
 /// SafetyFilter: a direction of control counts as unknown if the largest eigenvalue of A^-1 exceeds

@@ -48,8 +48,8 @@ struct Step {
   int iteration = 0;                   ///< Iteration of a recovery, from 0; otherwise 0.
   /// g_t(x); NaN if the controller did not evaluate it.
   double g = std::numeric_limits<double>::quiet_NaN();
-  /// Gate of the learned control: Algorithm 1 compares g with it. Guided recovery compares
-  /// log_learned with log_threshold. NaN without a gate.
+  /// Threshold of the learned control. Algorithm 1 compares g with it. Guided recovery compares
+  /// log_learned with log_threshold instead. NaN if the controller has no gate.
   double threshold = std::numeric_limits<double>::quiet_NaN();
   /// l_t(x), the logarithmic form of g_t(x), and the logarithmic form of the threshold. NaN if the
   /// controller does not use l.
@@ -85,10 +85,10 @@ struct Step {
 ///
 /// A further call of Next() therefore implies that the previous control was applied in full and led
 /// to x: a controller receives every applied control with its outcome. It counts time steps itself.
-/// Recovery controls consume no time step, and a controller may re-align the count.
+/// Recovery controls consume no time step. A controller may move the count to match the state.
 ///
-/// With every strategy, this class halts on a wrong size and on a non-finite entry of the state or
-/// of the chosen control. It then stays halted, with the first cause and u = 0, until Reset().
+/// Every controller halts on a wrong size and on a non-finite entry of the state or of the chosen
+/// control. It then stays halted, with the first cause and u = 0, until Reset().
 ///
 /// Next(), Reset() and Stop() neither allocate, lock nor throw. One object belongs to one thread.
 class Controller {

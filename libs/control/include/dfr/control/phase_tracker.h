@@ -13,10 +13,10 @@ namespace dfr::control {
 /// to end inside its support. Otherwise it moves to the later phase whose support fits the
 /// prediction best, because a missed support must not block the following ones. If the prediction
 /// is far outside, the phase may wait.
-/// - An observer (an alarm, a report) follows, because the paces of demonstrations and robots
-/// differ. Follow() selects the phase near the expected one whose support fits best.
-/// - A certificate holds only inside. Enter() selects the best nearby phase whose support contains
-/// the state.
+/// - An observer (an alarm, a report) follows the state, because the paces of demonstrations and
+/// robots differ. Follow() selects the phase near the expected one whose support fits best.
+/// - A certificate holds only inside a support. Enter() selects the best nearby phase whose support
+/// contains the state.
 ///
 /// Borrows the support. Never allocates, locks or throws; one object belongs to one thread.
 class PhaseTracker {

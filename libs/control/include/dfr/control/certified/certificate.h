@@ -6,15 +6,14 @@
 
 namespace dfr::control {
 
-/// Assumption of a certified controller, in addition to "no B_t meets the constraints": |dz - J u|
-/// <= eps |u|. Together with the ball of core::LogDecisionFunction::curvature_bound() around the
-/// state z or the predicted state z + J u, it bounds the next state. A more accurate J lets larger
-/// steps pass.
+/// Assumption of a certified controller, in addition to "no B_t contains a state that violates a
+/// constraint": |dz - J u| <= eps |u|. With core::LogDecisionFunction::curvature_bound(), it bounds
+/// l in the next state from below. A smaller eps lets larger steps pass.
 struct Certificate {
   double direction_error = 0.0;  ///< eps > 0, in feature units per unit of control.
   /// eta >= 0: the certificate states that the next state is in B_t(eta) = {z : l_t(z) >= -eta} for
-  /// a nearby t. eta determines the probability that supervisors stay inside. B_t(eta) must meet no
-  /// constraint.
+  /// a nearby t. eta determines the probability that supervisors stay inside. B_t(eta) must contain
+  /// no state that violates a constraint.
   double level = 0.0;
   /// delta >= 0: maximum distance between the features of the observed and the true state.
   double state_error = 0.0;

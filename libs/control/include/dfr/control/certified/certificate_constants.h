@@ -11,13 +11,13 @@ namespace dfr::control {
 
 /// A constant of a certificate, estimated from demonstrations.
 ///
-/// The largest ratio of each demonstration is one independent sample; `value` is the largest of
-/// all. With `confidence`, a share of at least `coverage` = (1 - confidence)^(1/demonstrations) of
-/// further demonstrations stays below it throughout (the distribution-free tolerance bound of
-/// Wilks). The bound is exact for demonstrations to which neither features nor J were fitted.
-/// Otherwise it is approximate; docs/certificates.md has measurements. It does not cover controls
-/// that no demonstration would contain: use a safety factor for such controls. Controllers check
-/// the assumption at run time.
+/// Each demonstration gives one independent sample: the largest ratio over its transitions. `value`
+/// is the largest sample. With `confidence`, a fraction of at least `coverage` = (1 -
+/// confidence)^(1/demonstrations) of further demonstrations never exceeds `value` (the
+/// distribution-free tolerance bound of Wilks). The bound is exact for demonstrations to which
+/// neither features nor J were fitted. Otherwise it is approximate; docs/certificates.md has
+/// measurements. It does not cover controls that no demonstration would contain: use a safety
+/// factor for such controls. Controllers check the assumption at run time.
 struct EstimatedConstant {
   double value = 0.0;
   double confidence = 0.95;
@@ -25,28 +25,29 @@ struct EstimatedConstant {
   int demonstrations = 0;
 };
 
-/// Estimates K of |dz| <= K |u| over demonstrated transitions with u != 0.
+/// Estimates K in |dz| <= K |u| over demonstrated transitions with u != 0.
 /// @throws std::invalid_argument if no control changes a feature or confidence is not in (0, 1).
 [[nodiscard]] EstimatedConstant EstimateGain(const FeatureTrajectories& demonstrations,
                                              double confidence = 0.95);
 
-/// Estimates eps of |dz - J u| <= eps |u| with the J of guided recovery at each moment. Predicts
-/// each demonstration from the other `folds`, in the given order, and from its own past. The J of a
-/// fold therefore differs from the J of all demonstrations, and the bound is approximate.
+/// Estimates eps in |dz - J u| <= eps |u| with the J that guided recovery computes at each step.
+/// Predicts each demonstration from those of the other `folds`, in the given order, and from its
+/// own past. The J of a fold therefore differs from the J of all demonstrations, and the bound is
+/// approximate.
 /// @throws std::invalid_argument as EstimateGain(), and if there are fewer than two demonstrations.
 [[nodiscard]] EstimatedConstant EstimateDirectionError(const FeatureTrajectories& demonstrations,
                                                        const core::Folds& folds,
                                                        const ResponseOptions& options = {},
                                                        double confidence = 0.95);
 
-/// Same as above, with at most five core::StratifiedFolds(). The order of the demonstrations
-/// changes no bit.
+/// Same as above, with at most five core::StratifiedFolds(). The result does not depend on the
+/// order of the demonstrations.
 [[nodiscard]] EstimatedConstant EstimateDirectionError(
     const core::FeatureTransform& features, std::span<const core::Trajectory> demonstrations,
     const ResponseOptions& options = {}, double confidence = 0.95);
 
-/// Same as above, with the J of a response, on demonstrations to which it was not fitted: the bound
-/// is exact. @throws std::invalid_argument as EstimateGain().
+/// Same as above, with the J of `response`, which must not have been fitted to `held_out`: the
+/// bound is then exact. @throws std::invalid_argument as EstimateGain().
 [[nodiscard]] EstimatedConstant EstimateDirectionError(const Response& response,
                                                        const FeatureTrajectories& held_out,
                                                        double confidence = 0.95);

@@ -19,21 +19,21 @@ namespace dfr::control {
 /// |q - tau| <= PhaseTracker::kWindow. Let z be the features of the state, tau the phase, v_hat the
 /// learned control, and z'(v) = z + J v the prediction.
 ///
-///   1. The phase becomes one with l_q(z) >= -eta: time advances only into supports that contain
+///   1. The phase becomes a q with l_q(z) >= -eta, so it advances only into supports that contain
 ///      the state. Outside all supports the controller halts with kOutsideSupport.
-///   2. v <- AscendSupport(v_hat, hi) towards the support of tau + 1, where hi is its
-///      Levels::median(), because a higher level lets fewer controls pass. If l_tau(z),
-///      l_{tau+1}(z) >= hi and v_hat is no larger than demonstrated, v = v_hat.
+///   2. v <- AscendSupport(v_hat, hi) towards the support of tau + 1, with its Levels::median() as
+///      hi. A higher level would let fewer controls pass. If l_tau(z) and l_{tau+1}(z) are at
+///      least hi and v_hat is no larger than demonstrated, v = v_hat.
 ///   3. If v is not predicted to end inside and J is uncertain in a direction of control, a probe
 ///      along this direction replaces v.
 ///   4. Certifier::Admit() changes or shrinks v until it passes. If almost nothing of v passes, it
 ///      becomes a recovery that ascends l_tau from v = 0. A shrunk learned control consumes the
-///      same fraction of a time step. If nothing passes, the controller halts with kNoProgress.
-///   5. HaltRule ends episodes without progress.
+///      same fraction of a time step. After certified::kMaxStalls stalls, it halts (kNoProgress).
+///   5. HaltRule ends the episode at its limits.
 ///
 /// A certificate assumes that controls act at once, that nothing else moves the state, and that
-/// observed states are exact. The controller compares the assumption with the outcome of each
-/// control and halts with kViolated on the first contradiction, see violation().
+/// observed states are exact up to delta. The controller compares the assumption with the outcome
+/// of each control and halts with kViolated at the first violation().
 /// docs/certificates.md has the proof.
 ///
 /// Next() neither allocates nor locks.

@@ -7,8 +7,8 @@
 
 namespace dfr::control {
 
-/// Options for CertifiedController. All except the certificate have the meanings of GuidedOptions.
-/// With fewer iterations, fewer controls pass.
+/// Options for CertifiedController. All except the certificate have the same meaning as in
+/// GuidedOptions. With fewer iterations, fewer controls pass.
 struct CertifiedOptions {
   int horizon = 100;
   int first_step = 0;

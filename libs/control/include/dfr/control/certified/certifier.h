@@ -40,20 +40,20 @@ class Certifier {
     double missing = 0.0;  ///< `level` - l_q(z + J v), including an allowance for rounding.
     [[nodiscard]] bool met() const noexcept { return missing <= 0.0; }
   };
-  /// Checks that l_q(z + J v + d) >= -eta for every |d| <= eps |u| + delta with q = `phase`.
+  /// Checks that l_q(z + J v + d) >= -eta, q = `phase`, for every d with |d| <= eps |u| + delta.
   [[nodiscard]] RequiredLevel Check(const LocalModel& model, int phase,
                                     const Eigen::VectorXd& v) const noexcept;
   /// Same as above, if model.Predict(phase, v) is known.
   [[nodiscard]] RequiredLevel Check(const LocalModel& model, int phase, const Eigen::VectorXd& v,
                                     const PredictedLevel& there) const noexcept;
-  /// Returns the first phase q with |q - phase| <= PhaseTracker::kWindow that passes Check(),
-  /// searching from phase + 1 outwards. If none passes, returns the one with the smallest
-  /// `missing`.
+  /// Returns Check() at the first phase q with |q - phase| <= PhaseTracker::kWindow at which `v`
+  /// passes, searching from phase + 1 outwards. If `v` passes at none, returns the result with the
+  /// smallest `missing`.
   [[nodiscard]] RequiredLevel Predict(const LocalModel& model, int phase,
                                       const Eigen::VectorXd& v) const noexcept;
   /// Returns s in [0, 1] for which s v provably ends inside B_q(eta) for a q with |q - phase| <=
-  /// PhaseTracker::kWindow. This is 1 if v passes Predict(), otherwise the largest s by the balls
-  /// at z, or 1/2 or 1/4 if that is larger and passes Check() at the next phase.
+  /// PhaseTracker::kWindow. If v passes Predict(), s is 1. Otherwise s is the largest fraction that
+  /// the balls at z allow, or 1/2 or 1/4 if it is larger and passes Check() at the next phase.
   [[nodiscard]] double StepFraction(const LocalModel& model, int phase,
                                     const Eigen::VectorXd& v) noexcept;
   /// Same as above without Predict(), for a control that Check() has rejected.
@@ -71,15 +71,15 @@ class Certifier {
     Mode mode = Mode::kPolicy;
     bool gets_on = true;  ///< True if the control aims at the next phase.
   };
-  /// Changes `v` until it provably ends inside B_q(eta) of a nearby phase q. First it calls
-  /// AscendSupport() towards the required level, then starts from the nominal control of nearby
-  /// demonstrations, and finally shrinks `v`. If almost nothing remains, `v` becomes a recovery
-  /// that maximizes the margin. `fit` is that of `model`.
+  /// Changes `v` until it provably ends inside B_q(eta) of a nearby phase q. First raises `v` to
+  /// the required level by AscendSupport(), then tries the nominal control of nearby
+  /// demonstrations, and finally shrinks the requested control. If almost nothing of it remains,
+  /// `v` becomes a recovery that maximizes the margin. `fit` must be that of `model`.
   [[nodiscard]] CertifiedStep Admit(const LocalModel& model, LocalFit& fit,
                                     const StepLimits& limits, const Request& request,
                                     Eigen::VectorXd& v) noexcept;
-  /// Compares the change `effect`, predicted for control `v` with number `control`, with the
-  /// observed change `dz`. @returns false if they violate the assumption; see violation().
+  /// Compares the observed change `dz` with the change `effect` that was predicted for `v`, control
+  /// number `control`. @returns false if they violate the assumption; see violation().
   [[nodiscard]] bool Confirms(int control, const Eigen::VectorXd& v, const Eigen::VectorXd& effect,
                               const Eigen::VectorXd& dz) noexcept;
   [[nodiscard]] const Violation& violation() const noexcept { return violation_; }

@@ -8,7 +8,7 @@ namespace dfr::control::certified {
 inline constexpr double kMaxExitRatio = 2.0;
 /// Maximum number of ascents until a control passes.
 inline constexpr int kRounds = 3;
-/// Margin above the required level, because the slope of l changes along the step.
+/// Margin of an ascent above the required level, which changes with the slope of l.
 inline constexpr double kOvershoot = 0.02;
 /// Smallest fraction of a control that is checked at its predicted state. The ball at the present
 /// state determines smaller fractions.

@@ -16,27 +16,28 @@
 
 namespace dfr::control {
 
-/// Guided recovery: keeps a learned policy inside a support without a dynamics model. Algorithm 1
-/// does the same; guided recovery also learns from every applied control how features change
-/// (ResponseEstimate). J then turns the gradient of the support into a direction for controls.
+/// Guided recovery: keeps a learned policy inside a support without a dynamics model, like
+/// Algorithm 1. In addition, it learns from every applied control how features change
+/// (ResponseEstimate). The estimated Jacobian J turns the gradient of the support into a direction
+/// for controls.
 ///
 /// docs/recovery.md derives the method and lists the steps of a decision, in the section "One
-/// step". SafetyFilter has steps 1 to 4, PhaseTracker step 5, HaltRule step 6. Two steps differ
-/// with GuidedOptions::least_intervention:
+/// step". SafetyFilter implements steps 1 to 4, PhaseTracker step 5, HaltRule step 6. Two steps
+/// differ with GuidedOptions::least_intervention:
 ///
-///   1. The learned control passes from Levels::pass on. After a longer stay at the edge of the
-///      support than in demonstrations, this level rises to Levels::gate (Levels::edge_stay()). A
-///      slow robot must not be hurried: a learned control also passes if it leads deeper into the
-///      support of the present phase, from the same level on. The phase then stays, but not
-///      twice in a row.
-///   5. If a phase lasts half of GuidedOptions::patience controls and the state is beyond the exit
-///      level of its support, the phase becomes the one whose support contains the state most
-///      deeply, if any: the task continues from there. Each search evaluates all supports. The
-///      phase relocates at most guided::kMostRelocations times in an episode.
+///   1. The learned control passes at a predicted level of Levels::pass() or more. If the state
+///      stays at the edge longer than in demonstrations, this level rises to Levels::gate(). A
+///      learned control also passes if it leads deeper into the support of the present phase, from
+///      the same level on: a slow robot must not be hurried. The phase then stays, but not twice in
+///      a row.
+///   5. If a phase lasts half of GuidedOptions::patience controls and the state is outside its
+///      support by more than the exit level, the task continues from the phase whose support
+///      contains the state most deeply, if any. Each search evaluates all supports. An episode has
+///      at most guided::kMostRelocations relocations.
 ///
-/// A step is a recovery (Mode::kRecovery) if its control comes from the nominal one. If it comes
-/// from the learned control, the mode is Mode::kPolicy, and Step::filtered is set if both differ. A
-/// control that passes is unchanged to the bit. Next() neither allocates nor locks.
+/// A step is a recovery (Mode::kRecovery) if its control is derived from the nominal control. If it
+/// is derived from the learned control, the mode is Mode::kPolicy, and Step::filtered is set if the
+/// two differ. A control that passes is unchanged to the bit. Next() neither allocates nor locks.
 class GuidedController final : public Controller {
  public:
   /// Borrows the policy and everything that `task` borrows.
@@ -47,18 +48,18 @@ class GuidedController final : public Controller {
   [[nodiscard]] int state_dim() const noexcept override { return policy_->state_dim(); }
   [[nodiscard]] int control_dim() const noexcept override { return policy_->control_dim(); }
 
-  /// Copies the situation of `present`, a controller of the same model and options, in state `x`.
-  /// PassesNext() then predicts the decisions of `present`, which does not change.
+  /// Copies `present`, a controller with the same model and options that has reached state `x`.
+  /// PassesNext() then predicts the decisions of `present` without changing it.
   void Foresee(const GuidedController& present, std::span<const double> x) noexcept;
   /// Returns true if `control` would pass unchanged and is predicted to end inside, at the level of
-  /// step 1. After the first false, all results are false. The next call starts in the predicted
-  /// state. Do not call Next() after Foresee(). Never allocates or locks.
+  /// step 1. The next call starts in the predicted state. After the first false, all results are
+  /// false. Do not call Next() after Foresee(). Never allocates or locks.
   [[nodiscard]] bool PassesNext(std::span<const double> control) noexcept;
 
   /// Reports that `u` (control_dim() finite entries) was applied instead of the control of the last
-  /// Next(): by a policy that the controller only monitors, or by a robot with other limits. Call
-  /// it before the next Next(), at most once. The estimate and the phase are then updated with `u`.
-  /// A halted controller stays halted. Never allocates or locks.
+  /// Next(), because the controller only monitors a policy or the robot has other limits. Call it
+  /// before the next Next(), at most once. The estimate and the phase are then updated with `u`. A
+  /// halted controller stays halted. Never allocates or locks.
   void Applied(std::span<const double> u) noexcept;
 
   /// Sets the context of the next control (LocalFit::SetContext()).
@@ -74,7 +75,7 @@ class GuidedController final : public Controller {
   void See(std::span<const double> x) noexcept;
   /// Computes level and phase at z_, and a cause if the episode ends here.
   [[nodiscard]] Step Look() noexcept;
-  /// Chooses v_ from the learned control `u`. Writes it to `u` if it differs.
+  /// Chooses v_ from the learned control `u`. Writes v_ to `u` if the two differ.
   [[nodiscard]] Step Decide(Step step, std::span<double> u) noexcept;
   /// Looks up the phase again if the episode is stuck outside the support of the present phase.
   void Relocate() noexcept;

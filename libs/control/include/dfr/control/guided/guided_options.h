@@ -10,30 +10,30 @@
 namespace dfr::control {
 
 /// Options for GuidedController: properties of the task, then five constants for all tasks, and
-/// switches for ablations. Levels are values of l. Controls are in units of the root mean square of
-/// demonstrated controls.
+/// switches for ablations. Levels are values of l. Controls, except control_limit, are in units of
+/// the root mean square of demonstrated controls.
 struct GuidedOptions {
   int horizon = 100;        ///< T: number of the learned policy's time steps in an episode, > 0.
   int first_step = 0;       ///< First time step and phase of an episode, in [0, T).
   int max_controls = 1200;  ///< Maximum number of controls of any kind in an episode, > 0.
-  /// Largest absolute value of the entries of an applied control, >= 0: one for all or one each.
+  /// Largest absolute value of each entry of an applied control, >= 0: one for all, or one each.
   std::vector<double> control_limit = {1.0};
-  /// Durations of controls, if something else moves the world. |v| = 1 is an ordinary control.
+  /// Durations of controls, if the world also moves by itself. |v| = 1 is an ordinary control.
   DisturbanceModel disturbance_model = {};
 
-  /// Maximum number of gradients of l in one step, >= 0. A smaller number is faster, but may be too
-  /// few if a control leads far outside. 0 leaves the learned control unchanged.
+  /// Maximum number of gradients of l per AscendSupport(), >= 0. A smaller number is faster, but
+  /// may be too few if a control leads far outside. 0: no control is raised.
   int iterations = 6;
   /// If no control is predicted to end inside, the best one passes if it ends outside by at most
-  /// this multiple of Levels::slack(), and at most .8. An offset that no control can correct, such
-  /// as an object to the side, then does not stop the task. Larger values complete more episodes
-  /// and collide more.
+  /// this multiple of Levels::slack() and at most guided::kMaxExitLevel. An offset that no control
+  /// can correct, such as an object to the side, then does not stop the task. Larger values
+  /// complete more episodes and collide more.
   double max_exit_ratio = 2.0;
   /// HaltRule::patience. Larger values complete few more episodes and collide more.
   int patience = 12;
-  /// Level at which the learned control passes unchanged. True: Levels::pass, just inside; a good
-  /// policy is corrected only at the boundary. False: Levels::gate, deep inside; elsewhere the
-  /// nominal control of nearby demonstrations comes first, and the policy has little influence.
+  /// Level at which the learned control passes unchanged. True: Levels::pass(), just inside, so a
+  /// good policy is corrected only at the boundary. False: Levels::gate(), deep inside; below it,
+  /// the nominal control of nearby demonstrations comes first, and the policy has little influence.
   bool least_intervention = false;
   /// Norm of a probe, >= 0. Its effect must exceed the noise of observations and the disturbance
   /// during a control, but must be harmless in a wrong direction. 0: directions without
@@ -51,8 +51,8 @@ struct GuidedOptions {
   bool observer = true;
 };
 
-/// Returns the parts of guided recovery that can be removed for ablations: "filter", "exit-level",
-/// "demonstrated", "online-jacobian" (and the probes for it), "drift", "observer", and
+/// Returns the names of the parts that can be removed for ablations: "filter", "exit-level",
+/// "demonstrated", "online-jacobian" (together with probes), "drift", "observer", and
 /// "disturbance", the disturbance_model of a task that has one.
 [[nodiscard]] std::span<const std::string_view> GuidedPartNames() noexcept;
 /// Returns the options with these parts at neutral values; "filter+exit-level" removes both.

@@ -16,8 +16,8 @@ struct LevelOptions {
   /// which other controls are raised. A higher quantile keeps the state deeper inside, and the
   /// learned policy decides less often.
   double gate_quantile = 0.75;
-  /// With least intervention, the learned control passes unchanged from this quantile on if l >= 0.
-  /// A higher quantile corrects earlier: weak policies fail less, and more controls of a good
+  /// With least intervention, the learned control passes unchanged from this quantile on, if l >=
+  /// 0. A higher quantile corrects earlier: weak policies fail less, and more controls of a good
   /// policy are changed (docs/recovery.md has the curve).
   double pass_quantile = 0.05;
   /// States below this quantile are at the edge of the support. A policy that stays there longer
@@ -28,14 +28,14 @@ struct LevelOptions {
   double slack = 0.2;
 };
 
-/// Estimates the slack of held-out demonstrations: the distance of the supervisor's states from a
-/// support fitted without them, which is larger with fewer demonstrations. Returns minus the
-/// 0.2-quantile of l, at least the default of LevelOptions.
+/// Estimates the slack: the distance of the supervisor's states from a support fitted without them,
+/// which is larger with fewer demonstrations. Returns minus the 0.2-quantile of l, at least the
+/// default of LevelOptions.
 /// @param held_out_levels  l of demonstrated states, by supports fitted without them.
 /// @throws std::invalid_argument if there are none.
 [[nodiscard]] double EstimateSlack(std::vector<double> held_out_levels);
 
-/// Number of steps at the edge of the support, with forgetting guided::kEdgeMemory.
+/// Number of steps at the edge of the support, with forgetting factor guided::kEdgeMemory.
 class EdgeStay {
  public:
   void Reset() noexcept { steps_ = 0.0; }

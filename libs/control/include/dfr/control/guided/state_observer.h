@@ -16,8 +16,8 @@ namespace dfr::control {
 /// kMaxLag, whose predictions J v_{k - lag} are not much worse than the best.
 ///
 /// With observation noise of variance r and process noise of variance q, prediction errors have the
-/// variance 2 r + q and consecutive ones the covariance -r. The weight of an observation is the
-/// Kalman gain for q / r, at least 0.2, and 1 if the covariance is not negative.
+/// variance 2 r + q, and consecutive errors have the covariance -r. The weight of an observation is
+/// the Kalman gain for q / r, at least 0.2, and 1 if the covariance is not negative.
 class StateObserver {
  public:
   static constexpr int kMaxLag = 3;
@@ -34,7 +34,7 @@ class StateObserver {
   [[nodiscard]] std::span<const double> acting() const noexcept {
     return {applied_.col(lag_).data(), static_cast<std::size_t>(applied_.rows())};
   }
-  /// Returns the delay of effects in controls, in [0, kMaxLag].
+  /// Returns the delay of effects, as a number of controls in [0, kMaxLag].
   [[nodiscard]] int lag() const noexcept { return lag_; }
   /// Replaces the observed features `z` by the features after all pending controls: a weighted mean
   /// of observed and expected features, plus the effects of these controls by `fit`. Call it once
@@ -54,7 +54,7 @@ class StateObserver {
   double power_ = 0.0;        ///< Squared errors, with forgetting.
   double correlation_ = 0.0;  ///< Products of consecutive errors, with forgetting.
   double travel_ = 0.0;       ///< Squared changes, with forgetting.
-  Eigen::VectorXd expected_;  ///< The last estimate; after Update() with the expected change.
+  Eigen::VectorXd expected_;  ///< The last estimate. Update() adds the expected change.
   bool expects_ = false;
   Eigen::VectorXd scratch_;
 };

@@ -11,10 +11,10 @@ namespace dfr::control {
 /// Estimates the change of the decision function per unit of control, one value per time step:
 ///   lambda_t = max over demonstrated transitions of |g_t(x_{t+1}) - g_t(x_t)| / |u_t|.
 ///
-/// Transitions with u_t = 0 (padding) are ignored. A time step without other transitions, or at
-/// which g never changed, takes the value of the nearest earlier step with a value, otherwise of
-/// the nearest later one: lambda = 0 would open the gate everywhere. This is a maximum over a
-/// sample, not a bound. Fewer demonstrations give a smaller lambda and a less cautious policy.
+/// Transitions with u_t = 0 (padding) are ignored. A time step without a positive value takes the
+/// value of the nearest earlier step that has one, otherwise of the nearest later one, because
+/// lambda = 0 would open the gate everywhere. This is a maximum over a sample, not a bound: with
+/// fewer demonstrations lambda is smaller, and the policy less cautious.
 ///
 /// @returns one entry per step of the longest demonstration.
 /// @throws std::invalid_argument naming the demonstration whose shapes do not match the support or

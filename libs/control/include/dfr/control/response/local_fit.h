@@ -67,8 +67,8 @@ class LocalFit {
     context_ = core::AsVector(context).cast<float>();
   }
   /// Returns true if NominalControl() predicts demonstrated actions poorly: it explains neither
-  /// their variance nor their mean. In the gallery's tasks `explained` is at least .29 and smallest
-  /// for demonstrators with different paces. If the state lacks something that the demonstrator
+  /// their variance nor their mean. In the gallery's tasks `explained` is at least .29. It is
+  /// smallest if demonstrators differ in pace. If the state lacks something that the demonstrator
   /// uses (a box, a velocity, a pole), `explained` is at most .17 and `error` at least .46. For a
   /// constant action with noise, `explained` is 0 and `error` is .2.
   /// @param explained  explained fraction of the variance of left-out actions.

@@ -19,8 +19,8 @@ namespace dfr::control {
 ///   after every applied control  A_on = f A_on + w w',  E_on = f E_on + w (dz - D' w)'
 /// (recursive least squares with forgetting f; A_on and E_on move with z). E_on accumulates the
 /// difference between the effect of a control and that of demonstrations at its state and time.
-/// Demonstrations contain the beginning and end of a contact; sums of dz instead would predict the
-/// response before the contact. The ridges of the drift exceed that of J, so a change that both
+/// Demonstrations contain the beginning and end of a contact. Sums of dz alone would still predict
+/// the response before the contact. The ridges of the drift exceed that of J, so a change that both
 /// explain is attributed to controls.
 ///
 /// With a disturbance model, w has one more entry, the duration s of the control. It separates the

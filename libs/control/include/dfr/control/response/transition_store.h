@@ -57,12 +57,12 @@ class TransitionStore {
   [[nodiscard]] int context_dim() const noexcept { return static_cast<int>(contexts_.cols()); }
   [[nodiscard]] const ResponseOptions& options() const noexcept { return options_; }
 
-  /// Returns true if sums at `z` do not overflow in float. They overflow at more than 1e16 ordinary
-  /// differences, where FitAt() cannot use demonstrations.
+  /// Returns true if sums at `z` do not overflow in float. They overflow only if |z| exceeds 1e18.
+  /// FitAt() cannot use demonstrations there.
   [[nodiscard]] bool Reaches(std::span<const double> z) const noexcept;
 
-  /// Returns true if `z` is in the box of all demonstrated states, enlarged on each side by its
-  /// diagonal. A demonstrated action cannot lead from a demonstrated state out of this box.
+  /// Returns true if `z` is in the bounding box of all demonstrated states, enlarged on each side
+  /// by its diagonal. A demonstrated action cannot lead from a demonstrated state out of this box.
   [[nodiscard]] bool Surrounds(std::span<const double> z) const noexcept;
 
   /// Sums over the transitions near a time step and a state z, with r = [z_i - z; 1; v_i; dz_i] and
