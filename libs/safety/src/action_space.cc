@@ -15,7 +15,7 @@
 namespace dfr::safety {
 namespace {
 
-// Limits of values in files.
+// Maximum number of entries of an action in a file.
 constexpr int kMostEntries = 1 << 16;
 
 std::vector<int> SteeredOf(const std::vector<ActionEntry>& entries) {
@@ -117,7 +117,7 @@ ActionSpace::ActionSpace(std::span<const core::Trajectory> demonstrations) {
     if (!response) response.emplace(ordered);
     entries_[i].steered = response->Moves(static_cast<Eigen::Index>(i));
   }
-  // If no entry remains, all moving entries are steered.
+  // If no entry is steered, steers all entries that demonstrations use.
   const bool none = SteeredOf(entries_).empty();
   for (std::size_t i = 0; i < entries_.size() && none; ++i) entries_[i].steered = moves(i);
   steered_ = SteeredOf(entries_);

@@ -150,7 +150,7 @@ struct Guard::Episode {
   double moved = 0.0;             // Increase of `unchanged` by the last applied action.
   int frozen = -1;                // First group that stands still for too long.
 
-  // Maps `state` to a state of the task. Also returns true if `state` is valid.
+  // Returns the task's state for `state`, and true if `state` is valid.
   std::pair<std::span<const double>, bool> TaskState(const GuardModel& model,
                                                      std::span<const double> state) noexcept {
     const bool usable =

@@ -40,7 +40,7 @@ std::optional<Candidate> Try(const core::StateLayout& layout, const std::string&
   }
 }
 
-// Formats entries in this order: "object[0:2],tip[1:2]".
+// Formats entries as a selection, in the given order: "object[0:2],tip[1:2]".
 std::string Spec(const core::StateLayout& layout, const std::vector<int>& entries) {
   std::string spec;
   for (std::size_t i = 0; i < entries.size();) {

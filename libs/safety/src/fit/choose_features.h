@@ -12,7 +12,7 @@
 
 namespace dfr::safety::internal {
 
-/// Returns the rotations in these states that `features` use.
+/// Returns the rotations in the states of `demonstrations` that `features` use.
 std::vector<core::Rotation> Rotations(const core::FeatureSelection& features,
                                       const core::StateLayout& layout,
                                       std::span<const core::Trajectory> demonstrations);

@@ -55,7 +55,7 @@ std::vector<core::Trajectory> Scores(const StateReduction& all,
   return scores;
 }
 
-// All components whose number the fit chooses: the first ones, or those that actions depend on.
+// Components among which the fit chooses: the first ones, or those that actions depend on.
 struct Pool {
   StateReduction reduction;
   bool by_actions = false;
@@ -87,7 +87,7 @@ class Components {
   Components(const StateReduction& all, std::span<const core::Trajectory> demonstrations,
              const GuardOptions& options) {
     pools_.push_back({all});
-    // Sums of pixels chosen by actions overfit, and their attribution names pixels everywhere.
+    // Sums of pixels chosen by actions overfit, and attribution spreads them over the picture.
     if (!all.sums_open_pixels()) {
       pools_.push_back({all.WithComponents(fit::kMostByActions), true});
       if (all.most_components() > fit::kMostByActions) pools_.push_back({all, true});
@@ -139,7 +139,7 @@ class Components {
     const bool by_actions = candidate.pool->by_actions;
     const auto row =
         std::ranges::find(summary.components, candidate.components, &ComponentsScore::components);
-    // The final directions are fitted to all actions. Only the scores of the table leave some out.
+    // The final directions are fitted to all actions. Only the table's scores leave some actions out.
     if (by_actions) summary.explained = std::min(summary.explained, row->explained);
     const ComponentsScore& best = Best();
     summary.components_reason = core::Format(

@@ -87,7 +87,7 @@ class SupportFits {
   int count_ = 0;
 };
 
-// Supports at a few time steps, which take less time than fits to all.
+// Supports at a few time steps, which are faster to fit than supports at all time steps.
 class CoarseSupports {
  public:
   CoarseSupports(const Recorded& recorded, const kernel::WhitenedSupportOptions& options, int folds)
@@ -112,7 +112,7 @@ class CoarseSupports {
  private:
   struct Fitted {
     kernel::WhitenedSupport support;
-    double level;  // All but fit::kLeftOutside of the left-out states reach it.
+    double level;  // A fraction fit::kLeftOutside of left-out states is below it.
     double acceptance;
   };
 

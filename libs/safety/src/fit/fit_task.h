@@ -56,7 +56,7 @@ struct Recorded {
 struct HeldOut {
   std::vector<control::HeldOutLevels> each;  ///< One entry per demonstration.
   std::vector<double> worst;                 ///< -l at the worst state of each demonstration.
-  int inside_throughout = 0;                 ///< Number of demonstrations that never leave.
+  int inside_throughout = 0;                 ///< Number of demonstrations that stay inside.
 
   void Add(const core::LogDecisionFunction& support, const core::Matrix& points);
   /// Returns l of each state.

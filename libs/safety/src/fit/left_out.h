@@ -23,8 +23,8 @@ struct Replay {
   }
 };
 
-/// Scores up to 1000 actions. Each is judged by the support and the transitions of the folds
-/// without its demonstration, at the levels of `task`, which is fitted to all demonstrations.
+/// Scores fewer than 2000 actions, by the support and the transitions fitted without the action's
+/// demonstration. The levels are those of `task`, which is fitted to all demonstrations.
 [[nodiscard]] Replay ReplayLeftOut(const Recorded& recorded, const GuardFit& fit,
                                    const control::TaskView& task);
 

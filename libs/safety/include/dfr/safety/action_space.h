@@ -14,12 +14,12 @@ namespace dfr::safety {
 struct ActionEntry {
   double largest = 0.0;  ///< Largest demonstrated |u_i|.
   /// True if a guard may change the entry. An entry with few demonstrated values, such as a gripper
-  /// that opens or closes, is not steered: the policy's value passes within the limit. It is
-  /// steered if the state moves in proportion to it, as with an axis that moves at one speed or
-  /// stands still, or if no other entry moves the state.
+  /// that opens or closes, is steered only in two cases: the state moves in proportion to the
+  /// entry, as with an axis that moves at one speed or stands still, or no other entry moves the
+  /// state. Otherwise the policy's value passes within the limit.
   bool steered = true;
-  /// Size of an ordinary value: the root mean square of the demonstrated ones times the square root
-  /// of the number of steered entries. An ordinary action then has |a| = 1 in any units.
+  /// Size of an ordinary value: the root mean square of the demonstrated values times the square
+  /// root of the number of steered entries. An ordinary action then has |a| = 1 in any units.
   double unit = 1.0;
 };
 
@@ -41,7 +41,7 @@ class ActionSpace {
 
   /// Returns `factor` times the largest demonstrated |u_i| of each entry.
   [[nodiscard]] std::vector<double> Limits(double factor) const;
-  /// Returns limits of a, one per steered entry, from those of u.
+  /// Returns limits of a, one per steered entry, from `limits` of u.
   [[nodiscard]] std::vector<double> MeasuredLimits(std::span<const double> limits) const;
   /// Returns the demonstrations with each u replaced by its a.
   [[nodiscard]] std::vector<core::Trajectory> Measured(

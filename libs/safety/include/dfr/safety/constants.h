@@ -8,12 +8,12 @@ namespace dfr::safety::fit {
 /// Number of cross-validation folds. Each fold leaves whole demonstrations out.
 inline constexpr int kFolds = 5;
 /// Number of points that a mode separation test may find inside, as a fraction of its points or of
-/// the time steps, whichever are more. While it finds more points inside, the fit doubles gamma, at
-/// most kMostDoublings times.
+/// the time steps, whichever is larger. While the test finds more points inside, the fit doubles
+/// gamma, at most kMostDoublings times.
 inline constexpr double kMostInGaps = 0.05;
 inline constexpr int kMostDoublings = 2;
 /// The fit doubles gamma if the support then covers more left-out states per volume. Volumes are
-/// compared at kCoarseSteps time steps, with kLeftOutside of the left-out states outside.
+/// compared at kCoarseSteps time steps, with a fraction kLeftOutside of left-out states outside.
 inline constexpr int kCoarseSteps = 12;
 inline constexpr double kLeftOutside = 0.1;
 /// Required fraction of left-out states inside. With a smaller fraction, the fit doubles the range
@@ -49,23 +49,23 @@ inline constexpr double kLeastInside = 0.2;
 
 /// Requirements on a guard with components: the smallest fraction of left-out states inside, and
 /// the largest fraction of left-out actions changed. For pictures that need 20 components, guards
-/// with 3 and 6 reduced the completions of a policy from 97.5 to 50 and 75 %.
+/// with 3 and 6 components reduced a policy's completions from 97.5 % to 50 % and 75 %.
 inline constexpr double kLeastInsideReduced = 0.85;
 inline constexpr double kMostChangedReduced = 0.2;
-/// Number of features that gamma suits. The squared distance between two demonstrations grows with
-/// the number of whitened features, so gamma decreases beyond this number.
+/// Number of features up to which a fit keeps gamma. The squared distance between demonstrations
+/// grows with the number of whitened features, so gamma decreases beyond this number.
 inline constexpr double kFeaturesOfGamma = 3.0;
 /// Largest number of components chosen by actions. A fit compares directions in the space of this
 /// many first components, which overfit less, with directions in the space of all components.
 inline constexpr int kMostByActions = 12;
-/// Corrections are harmful if the demonstrator's actions are predicted to end outside. Above this
-/// fraction of left-out actions the guard only monitors. In 41 fits this fraction was 4 to 10 %
+/// Largest fraction of left-out actions that may be predicted to end outside. Above it the guard
+/// only monitors, because its corrections would be harmful. In 41 fits this fraction was 4 to 10 %
 /// (feature points, no harm) or 14 to 47 % (components of pixels, mostly harmful).
 inline constexpr double kMostOutsideReduced = 0.12;
-/// If features explain less of the actions than this, and miss more than 1 - kLeastTold of the
-/// squares of the entry that varies most, corrections would be guesses: the guard only monitors.
+/// If features explain less than this fraction of the actions, and miss more than 1 - kLeastTold of
+/// the squares of the entry that varies most, corrections are guesses: the guard only monitors.
 inline constexpr double kLeastTold = 0.4;
-/// Guards whose features explain less than this of noise-free actions prevent few failures.
+/// Guards whose features explain less than this fraction of noise-free actions save few failures.
 inline constexpr double kLeastExplainedReduced = 0.8;
 
 /// Thresholds of warnings: number of demonstrations, share of left-out states inside, shares of the

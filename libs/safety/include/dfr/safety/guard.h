@@ -16,7 +16,7 @@ namespace dfr::safety {
 enum class Source {
   kPolicy,          ///< The policy's action, unchanged to the bit.
   kPolicyChanged,   ///< The policy's action, changed to end inside or clamped to the limit.
-  kDemonstrations,  ///< The nominal action of nearby demonstrations, corrected.
+  kDemonstrations,  ///< The nominal action of nearby demonstrations, possibly changed.
   kProbe,           ///< A probe of the guard, to measure the effect of an action.
   kRecovery,        ///< A recovery of Algorithm 1.
   kHalt,            ///< No source: the action is zero.
@@ -42,8 +42,8 @@ struct Verdict {
   /// True if `level` is below -GuardSettings::alarm_level, or the state resembles no demonstration
   /// or is frozen.
   bool alarm = false;
-  /// Time step of the alarm. Because the paces of demonstrations and robots differ, it is the one
-  /// near the expected time step whose support fits the state best.
+  /// Time step of the alarm: the one near the expected time step whose support fits the state best,
+  /// because the paces of demonstrations and robots differ.
   int alarm_step = 0;
   int step = 0;  ///< Time step of the strategy, used for g and threshold.
   /// Cause kBadQuaternion: index in layout() of the first of the quaternion's four entries;
@@ -95,10 +95,11 @@ struct ChunkVerdict {
 ///
 /// The guard updates its estimate of the response with every applied action. Each call implies that
 /// the last returned action, or that of Applied(), was applied in full and led to `state`. `t`
-/// counts the calls, which reveals a lost or repeated one. The guard fails closed: it halts on a
+/// counts the calls, which reveals a lost or repeated call. The guard fails closed: it halts on a
 /// state or action of the wrong size or with a non-finite entry, a quaternion whose norm is not 1,
-/// a picture or constant unlike demonstrations, a sensor group that stands still for too long, a
-/// `t` that is not the next one, and a call before Reset(). Actions are then zero until Reset().
+/// a `t` that is not the next one, and a call before Reset(). Unless it only monitors, it also
+/// halts on a picture or constant entry unlike demonstrations, and on a sensor group that stands
+/// still for too long. Actions are then zero until Reset().
 ///
 /// One object belongs to one thread; guards on several threads may share a model. Reset(), Filter()
 /// and Applied() neither allocate, lock nor throw.
@@ -132,23 +133,23 @@ class Guard {
   /// after each Filter(), the guard runs in shadow: it judges every action and changes none. Call
   /// it before the next Filter(), at most once. Has no effect on a halted guard.
   ///
-  /// The guard halts if it cannot continue after `action`: kControlInvalid for a wrong number of
-  /// entries, a non-finite one, or one beyond both its limit and five times its largest
-  /// demonstrated value, which only a monitor accepts; kStepSkipped before the first Filter(), and
-  /// for an action other than Filter()'s under kDfr, kEarlyStopping, kCertified and a recovery of
-  /// the caller.
+  /// The guard halts if it cannot continue after `action`. kControlInvalid: a wrong number of
+  /// entries, a non-finite entry or, unless the guard only monitors, a steered entry beyond both
+  /// its limit and five times its largest demonstrated value. kStepSkipped: before the first
+  /// Filter(), and for an action other than Filter()'s under kDfr, kEarlyStopping, kCertified and a
+  /// recovery of the caller.
   void Applied(std::span<const double> action) noexcept;
 
   /// Counts the leading actions of a chunk, concatenated in `actions`, that may be played from
   /// `state` on. An action counts if it is within the limits and predicted to end inside, at the
-  /// level at which Filter() passes it. A monitor checks only the limits. The first action is
-  /// judged as by Filter(), later ones at predicted states. At most kLongestChunk actions are
-  /// judged, each in the time of one Filter().
+  /// level at which Filter() passes it. A monitor checks only the limits and the horizon. The first
+  /// action is judged as by Filter(), later ones at predicted states. At most kLongestChunk actions
+  /// are judged, each in the time of one Filter().
   ///
-  /// Does not change the guard, even for invalid input: `t` is that of the next Filter(). The
-  /// caller then plays the counted actions, each through Filter() with the observed state, because
-  /// observations may differ from predictions. After these, or after the first action that Filter()
-  /// changes, query the policy for a new chunk.
+  /// Does not change the guard, even for invalid input: `t` is that of the next Filter(). Then play
+  /// the counted actions, each through Filter() with the observed state, because observations may
+  /// differ from predictions. After these, or after the first action that Filter() changes, query
+  /// the policy for a new chunk.
   ///
   /// Causes: kStepSkipped for another `t`; kStateInvalid for a state of the wrong size, not finite,
   /// frozen, or unlike demonstrations; kBadQuaternion; kControlInvalid for no action, a number of

@@ -36,15 +36,15 @@ struct Clearance {
   double median = 0.0;   ///< Median over time steps.
 };
 /// Returns the clearances of all blocks that features use. If demonstrations kept a distance of
-/// `largest` from every constraint, no support meets one: this is the assumption of a certificate
-/// in the units of the state (kernel::CoverRadius()).
+/// `largest` from every constraint, no support meets a constraint. This is the assumption of a
+/// certificate in the units of the state (kernel::CoverRadius()).
 [[nodiscard]] std::vector<Clearance> Clearances(const GuardModel& model);
 
 /// Attributes -l of each state to its entries: row i has one contribution per entry of row i of
-/// `states` and sums to -l. It is zero if GuardModel::Levels() gives l >= 0. A contribution is the
-/// rise of l along that entry on the path of steepest ascent to l = 0 in whitened features. It does
-/// not depend on the units of the entries. A negative one compensates for others. All are NaN if l
-/// is -infinity: the state is immeasurably far outside, or not finite.
+/// `states` and sums to -l. The row is zero if GuardModel::Levels() gives l >= 0. A contribution is
+/// the rise of l along its entry on the path of steepest ascent to l = 0 in whitened features. It
+/// does not depend on the units of the entries. A negative contribution compensates for others. The
+/// row is NaN if l is -infinity: the state is immeasurably far outside, or not finite.
 /// @throws std::invalid_argument if states are not state_dim() wide.
 [[nodiscard]] core::Matrix Attribution(const GuardModel& model, const core::Matrix& states);
 

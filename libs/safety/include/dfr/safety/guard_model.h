@@ -54,7 +54,7 @@ struct GuardSettings {
   /// Zero keeps an entry at rest.
   std::vector<double> action_limit = {1.0};
   double alarm_level = 0.2;  ///< Alarm if l, the logarithmic form of g, is below -alarm_level.
-  /// For kCertified: eps >= 0 of |dz - J u| <= eps |u|, the largest error of the predicted response
+  /// For kCertified: eps >= 0 in |dz - J u| <= eps |u|, the largest error of the predicted response
   /// of the whitened features, per unit of action. 0: unknown.
   double direction_error = 0.0;
   /// Allows the nominal action of nearby demonstrations to replace an action of the policy. A fit
@@ -73,20 +73,20 @@ struct GuardSummary {
   double gamma = 0.0;
   // Results of cross-validation, or on held-out demonstrations, at the time steps of Levels().
   double acceptance = 0.0;               ///< Fraction of states inside.
-  double inside_throughout = 0.0;        ///< Fraction of demonstrations that never leave.
+  double inside_throughout = 0.0;        ///< Fraction of demonstrations that stay inside.
   kernel::ModeSeparationTest gaps = {};  ///< Result for the support with this gamma.
   /// Largest probability that a further demonstration raises an alarm: on average over fits if
-  /// `confidence` is 0, otherwise of this fit with that confidence. Exact if demonstrations were
+  /// `confidence` is 0, otherwise for this fit with that confidence. Exact if demonstrations were
   /// `held_out`; otherwise approximate, because other supports determined the level.
   double false_alarms = 0.0;
   double confidence = 0.0;
   int held_out = 0;      ///< Number of demonstrations held out of the fit.
   int support_fits = 0;  ///< Number of fitted supports, which take most of the time.
-  /// Alarm level by supports that are fitted without a contiguous part of the recording, and the
-  /// probability that demonstrations are this much further outside by chance.
+  /// Alarm level by supports fitted without a contiguous part of the recording, and the probability
+  /// that these supports put demonstrations so much farther outside by chance.
   double drift_level = 0.0;
   double drift_chance = 1.0;
-  /// eps and K of |dz| <= K |u|, in whitened features per unit of action.
+  /// eps and K in |dz - J u| <= eps |u| and |dz| <= K |u|, in whitened features.
   control::EstimatedConstant direction_error = {};
   control::EstimatedConstant gain = {};
   double changed = 0.0;       ///< Fraction of left-out actions that strategy kGuard would change.
@@ -111,11 +111,11 @@ struct GuardOptions {
   /// "points:NAME[:K]" and "pca:NAME[:K]" denote components of a block (reduction::StateReduction).
   /// Without K the fit chooses their number, and fails if none suffices.
   std::string features = {};
-  /// nu, gamma (in whitened units) and others. The fit doubles gamma if that makes the support
-  /// smaller with as many left-out states inside (docs/recovery.md). It doubles gamma up to twice
-  /// while a mode separation test has more than 5 % of its points, and of the time steps, inside.
-  /// It doubles window_share up to twice while less than 85 % of the states of left-out
-  /// demonstrations are inside and the test allows it.
+  /// nu, gamma (in whitened units) and others. The fit doubles gamma if the support then covers
+  /// more left-out states per volume (docs/recovery.md). It doubles gamma up to twice while a mode
+  /// separation test finds too many points inside (fit::kMostInGaps). It doubles window_share up to
+  /// twice while less than 85 % of the states of left-out demonstrations are inside and the test
+  /// allows it.
   kernel::WhitenedSupportOptions support = {};
   Strategy strategy = Strategy::kGuard;
   int horizon = 0;  ///< 0: twice the number of actions of the longest demonstration.
@@ -148,7 +148,7 @@ struct Certification {
   double margin = 0.0;
   /// Changes of the features by at most this amount end inside. Negative if the state is outside.
   double radius = 0.0;
-  /// Radius of the ball around features + shift that is inside. radius = ball_radius - |shift|.
+  /// Radius of the ball around features + shift inside the support, radius = ball_radius - |shift|.
   double ball_radius = 0.0;
   Eigen::VectorXd shift = {};
   Eigen::VectorXd effect = {};  ///< J u, the predicted change of the features.
@@ -189,7 +189,7 @@ class GuardModel {
                                                std::span<const core::Trajectory> demonstrations,
                                                const GuardOptions& options = {});
 
-  /// Writes one file with a checksum, exact to the bit.
+  /// Writes one file with a checksum. Load() restores the model to the bit.
   /// @throws std::runtime_error naming the file and the system's error.
   void Save(const std::filesystem::path& path) const;
   /// @throws std::runtime_error naming the file and its defect: truncated, damaged, of another kind
@@ -214,13 +214,13 @@ class GuardModel {
   /// reduction::StateReduction::Apply() rejects it.
   /// @throws std::invalid_argument if states are not state_dim() wide.
   [[nodiscard]] core::Matrix TaskStates(const core::Matrix& states) const;
-  /// Returns the features of task() at one state; NaN as TaskStates().
+  /// Returns the features of task() at one state; NaN if TaskStates() gives NaN.
   /// @throws std::invalid_argument unless the state has state_dim() entries.
   [[nodiscard]] Eigen::VectorXd Features(std::span<const double> state) const;
   [[nodiscard]] int action_dim() const noexcept { return actions_->dim(); }
   /// Returns the units and ranges of the entries of an action.
   [[nodiscard]] const ActionSpace& actions() const noexcept { return *actions_; }
-  /// Returns the number of time steps with an estimate; later ones use the last.
+  /// Returns the number of time steps with an estimate; later time steps use the last estimate.
   [[nodiscard]] int num_steps() const noexcept { return task_->feature_support().num_steps(); }
   [[nodiscard]] const GuardSettings& settings() const noexcept { return settings_; }
   [[nodiscard]] const GuardSummary& summary() const noexcept { return summary_; }
@@ -261,9 +261,8 @@ class GuardModel {
   [[nodiscard]] std::vector<double> Levels(const core::Matrix& states,
                                            std::vector<int>* steps = nullptr) const;
 
-  /// Certifies the next state after `action` in `state` at time step `t`, or at the nearest one
-  /// with an estimate, under the assumptions of a certificate with this model's constants and the J
-  /// of the demonstrations alone.
+  /// Certifies the next state after `action` in `state` at time step `t`, which is clamped to time
+  /// steps with an estimate. Uses this model's constants and the J of the demonstrations alone.
   /// @throws std::invalid_argument if sizes differ, the model is in single precision, or
   /// settings().direction_error is unknown.
   [[nodiscard]] Certification Certify(int t, std::span<const double> state,
@@ -281,8 +280,8 @@ class GuardModel {
                                                 std::span<const core::Trajectory> demonstrations,
                                                 const GuardOptions& options);
   /// Adds a warning if this guard corrects and its components explain too little of the
-  /// demonstrated actions. If they explain nothing, or predict too many actions to end outside, the
-  /// guard becomes a monitor if `watch` is true.
+  /// demonstrated actions. If they explain less than fit::kLeastTold, or too many actions are
+  /// predicted to end outside, the guard becomes a monitor if `watch` is true.
   void DoubtCorrections(bool watch);
   void Complete(core::StateLayout layout, std::shared_ptr<const ActionSpace> actions,
                 std::shared_ptr<const TaskModel> task, GuardSettings settings);

@@ -91,8 +91,8 @@ class TaskModel {
   TaskModel& operator=(TaskModel&&) noexcept;
   ~TaskModel();
 
-  /// Writes task.dfr and, if there is a published support, support.dfr into `folder`, and creates
-  /// it if necessary. @throws std::runtime_error naming the file and the system's error.
+  /// Writes task.dfr and, if there is a published support, support.dfr into `folder`. Creates the
+  /// folder if necessary. @throws std::runtime_error naming the file and the system's error.
   void Save(const std::filesystem::path& folder) const;
   /// Reads the files of Save() for states of this `layout`.
   /// @throws std::runtime_error naming the file and its defect.

@@ -28,7 +28,7 @@ namespace dfr::control {
 ///      along this direction replaces v.
 ///   4. Certifier::Admit() changes or shrinks v until it passes. If almost nothing of v passes, it
 ///      becomes a recovery that ascends l_tau from v = 0. A shrunk learned control consumes the
-///      same fraction of a time step. After certified::kMaxStalls stalls, it halts (kNoProgress).
+///      same fraction of a time step. After kMaxStalls stalls the controller halts (kNoProgress).
 ///   5. HaltRule ends the episode at its limits.
 ///
 /// A certificate assumes that controls act at once, that nothing else moves the state, and that
