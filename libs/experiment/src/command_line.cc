@@ -31,7 +31,7 @@ constexpr const char* kConfiguration = "run.toml";
 constexpr const char* kLedger = "ledger.jsonl";
 constexpr int kUsage = 2;  // exit code of a usage error
 
-// Returns true unless the option concerns a single run and does not affect its results.
+// Returns true if the option may affect the results, so that run.toml must contain it.
 bool DecidesResults(const std::string& name) {
   static const std::set<std::string> kOthers = {"help",    "config",  "out",    "shard",
                                                 "threads", "restart", "salvage"};
@@ -72,7 +72,7 @@ Arguments SplitAtCommas(const std::string& text) {
   return parts;
 }
 
-// Formats a value as TOML: a number or a Boolean if it is one, otherwise a string.
+// Formats a value as TOML: a number if `is_number` and `text` is a number, otherwise a string.
 std::string Value(const std::string& text, bool is_number) {
   if (is_number) {
     double value = 0.0;
@@ -416,7 +416,8 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
                      {"rerun", {"out/whole 0/60/8/dfr/3 --methods baseline --film film.html"}}});
   try {
     KeepGivenValues(app);
-    // These transforms run before those of KeepGivenValues(): run.toml has no leading zeros.
+    // These transforms run before those of KeepGivenValues(). Without them, run.toml would contain
+    // leading zeros.
     core::CheckArguments(app, arguments);
     if (std::string empty = core::DescribeEmptyEntry(app, arguments); !empty.empty()) {
       throw CLI::ValidationError(std::move(empty));

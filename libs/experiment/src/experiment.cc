@@ -135,7 +135,7 @@ std::optional<ExperimentResult> RunExperiment(const std::string& name, const Eva
     if (options.out.empty() || !options.configuration) return;
     internal::ReplaceFile(options.out / "run.toml", options.configuration());
   };
-  // Evaluate() refuses a ledger of other settings; run.toml then stays unchanged.
+  // Evaluate() rejects a ledger with other settings. run.toml must then stay unchanged.
   if (!std::filesystem::exists(LedgerOf(options))) save_configuration();
   std::vector<UnitResult> units;
   {

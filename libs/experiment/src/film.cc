@@ -45,7 +45,7 @@ ReportPlot PathOf(const FilmedEpisode& episode, int across, int up) {
     const bool begins = k == 0 || (!last && recovery != recovers(rows[k - 1]));
     if (!begins) continue;
     const char* name = recovery ? "recovery" : "policy";
-    // Each name appears once.
+    // The legend shows each name once.
     const bool named = std::ranges::count(plot.series, name, &ReportSeries::name) > 0;
     plot.series.push_back(
         {.name = named ? "" : name, .x = {x}, .y = {y}, .style = recovery ? 1 : 0});

@@ -382,7 +382,7 @@ void PrintTable(const Summary& summary, std::ostream& out) {
       out << "\n";
     }
   }
-  // One row per data point, one column per method; the file contains the intervals.
+  // One row per data point, one column per method. Only summary.json contains the intervals.
   std::vector<std::string> methods;
   for (const Cell& cell : summary.averages) {
     if (std::find(methods.begin(), methods.end(), cell.method) == methods.end()) {

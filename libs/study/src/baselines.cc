@@ -150,7 +150,7 @@ class TrueJacobianFilter final : public Stepwise {
     return true;
   }
 
-  // Returns l after `u`, with its gradient; -infinity if the plant rejects it.
+  // Returns l after `u`, or -infinity if the plant rejects `u`. Writes the gradient to gradient_.
   double LevelAfter(int t, std::span<const double> u) noexcept {
     if (!Try(u, z_)) return -std::numeric_limits<double>::infinity();
     return support_->LogDecision(t + 1, core::AsSpan(std::as_const(z_)), core::AsSpan(gradient_));
@@ -291,7 +291,7 @@ std::unique_ptr<const core::Policy> TrainDart(const Expert& teaching, const core
             }));
   }
   covariance /= std::max(1, pairs);
-  // Regularisation prevents singular directions.
+  // Regularization keeps the covariance positive definite.
   covariance.diagonal().array() += 1e-12;
   const Eigen::MatrixXd root = covariance.llt().matrixL();
   Eigen::VectorXd noise(m);

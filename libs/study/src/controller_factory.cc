@@ -119,7 +119,7 @@ std::string MethodHelp(std::span<const std::string_view> others) {
          "the plant. Append @ and a policy to replace the learned one, as in controller@lwr, or "
          "none for a zero control: " +
          Join(kPolicies) +
-         ". Then append / and a support to replace it, as in dfr@lwr/density: " + Join(kSupports);
+         ". Then append / and another support, as in dfr@lwr/density: " + Join(kSupports);
 }
 
 std::string MarksOf(std::span<const std::string> methods) {

@@ -37,7 +37,7 @@ class MeasuredPolicy final : public core::Policy {
     context_->Apply(x, values_);
     guided_->SetContext(values_);
   }
-  // Gives this controller the context of each control.
+  // Sets the controller that receives the context of each control.
   void Inform(control::GuidedController* guided) { guided_ = guided; }
   void Clamp(std::span<double> u) const noexcept {
     for (std::size_t i = 0; i < u.size(); ++i) u[i] = std::clamp(u[i], -limit_[i], limit_[i]);
@@ -55,7 +55,7 @@ class MeasuredPolicy final : public core::Policy {
   control::GuidedController* guided_ = nullptr;
 };
 
-// A controller in the units of a guard's actions.
+// A controller in recorded units around a controller in the units of a guard's actions.
 class Restored final : public control::Controller {
  public:
   Restored(const core::Policy& policy, const safety::GuardModel& guard,
@@ -144,7 +144,7 @@ std::unique_ptr<control::Controller> FittedTask::MakeController(
   safety::ControllerOptions own = options;
   if (own.horizon == 0) own.horizon = horizon();
   if (guard_ != nullptr && !guard_->settings().demonstrated) own.guided.demonstrated = false;
-  // Algorithm 1 requires unchanged controls.
+  // Algorithm 1 uses controls in recorded units.
   if (method.kind != Kind::kController && method.kind != Kind::kGuard) {
     return model_->MakeController(method, policy, own);
   }

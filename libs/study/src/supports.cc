@@ -20,8 +20,8 @@ constexpr double kNu = 0.05;
 constexpr int kWindow = 2;
 constexpr double kNever = -std::numeric_limits<double>::infinity();
 
-// Demonstrated features, pooled over time steps t - kWindow ... t + kWindow. Demonstrations hold
-// their last state.
+// Demonstrated features, pooled over time steps t - kWindow ... t + kWindow. A demonstration keeps
+// its last state after its end.
 class Pooled : public core::LogDecisionFunction {
  public:
   [[nodiscard]] int state_dim() const noexcept final { return static_cast<int>(points_[0].cols()); }
@@ -71,8 +71,8 @@ class Pooled : public core::LogDecisionFunction {
     demonstrations_ = count;
   }
 
-  // Returns l_t, and writes its gradient unless `gradient` is empty. Leaves out the states of one
-  // demonstration, or of none (-1). Before q_ is chosen, the value serves only for comparison.
+  // Returns l_t, and writes its gradient unless `gradient` is empty. Leaves out the states of
+  // demonstration `without`; -1: of none. Before q_ is fitted, it has a provisional value.
   virtual double Level(std::size_t t, std::span<const double> z, std::span<double> gradient,
                        Eigen::Index without) const noexcept = 0;
 

@@ -142,7 +142,7 @@ LedgerWriter::LedgerWriter(const std::filesystem::path& path, const LedgerHeader
 void LedgerWriter::Write(const std::string& line) {
   try {
     WriteAll(file_.get(), line);
-    // One sync per second is cheap. A power failure loses at most the last second.
+    // One sync per second is cheap. A power failure loses at most the lines of one second.
     if (const std::int64_t now = NowSeconds(); now != last_sync_) {
       if (fdatasync(file_.get()) != 0) throw std::system_error(errno, std::generic_category());
       last_sync_ = now;

@@ -49,8 +49,8 @@ class LedgerWriter {
   /// Returns the records found when the ledger was opened.
   [[nodiscard]] const std::vector<LedgerRecord>& finished() const noexcept { return finished_; }
 
-  /// Appends a line and passes it to the system. When it returns, the unit survives the death of
-  /// this process; at most one second of lines is not yet on the disk.
+  /// Appends a line and passes it to the system. After the call, the unit survives the end of this
+  /// process. The disk may still lack the lines of one second.
   /// @throws std::runtime_error naming file and reason; the file then ends with the previous unit.
   void Append(const LedgerRecord& record);
 

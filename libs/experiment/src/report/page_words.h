@@ -10,7 +10,7 @@
 namespace dfr::experiment::internal {
 
 /// Names, colours and judges methods and learners for a page, formats their numbers, and writes the
-/// commands that print the numbers again. Borrows both arguments.
+/// commands that list the episodes behind the numbers. Borrows both arguments.
 class PageWords {
  public:
   PageWords(const Summary& summary, const ReportOptions& options);

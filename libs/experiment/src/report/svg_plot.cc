@@ -263,7 +263,7 @@ class Panel {
       const double y = MapY(series.y[k]);
       path += path.empty() ? "M" : "L";
       path.append(Coordinate(x)).append(" ").append(Coordinate(y));
-      // A long curve has no markers, and does not show a point between two missing values.
+      // A long curve has no markers, so a single finite point is invisible.
       if (series.x.size() > 40) continue;
       markers << "<g>" << Marker(StyleOf(i), x, y) << "<title>" << Escape(series.name) << ", "
               << Escape(plot_.x_label) << " " << XText(series.x[k]) << ": " << YText(series.y[k]);

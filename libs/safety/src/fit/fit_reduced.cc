@@ -139,7 +139,7 @@ class Components {
     const bool by_actions = candidate.pool->by_actions;
     const auto row =
         std::ranges::find(summary.components, candidate.components, &ComponentsScore::components);
-    // The final directions are fitted to all actions. Only the table's scores leave some actions out.
+    // The final directions are fitted to all actions. The table's scores leave some actions out.
     if (by_actions) summary.explained = std::min(summary.explained, row->explained);
     const ComponentsScore& best = Best();
     summary.components_reason = core::Format(

@@ -10,12 +10,12 @@
 
 namespace dfr::experiment {
 
-/// Disturbances of a DisturbedPlant. All zero: none.
+/// Disturbances of a DisturbedPlant. All zero: no disturbance.
 struct DisturbanceOptions {
-  /// Standard deviation of the rotation of the controls, rad, drawn per episode.
+  /// Standard deviation, rad, of the angle by which the controls of an episode are rotated.
   double rotation_sd = 0.0;
   double scale_sd = 0.0;        ///< Standard deviation of log(scale of the controls), per episode.
-  double bias = 0.0;            ///< Norm of a random vector, added to all controls of an episode.
+  double bias = 0.0;            ///< Norm of a random vector added to all controls of an episode.
   double actuator_noise = 0.0;  ///< Standard deviation of the noise in each control entry.
   /// Standard deviation of the noise in each entry of an observed state.
   double observation_noise = 0.0;

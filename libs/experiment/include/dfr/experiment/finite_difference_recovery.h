@@ -14,9 +14,9 @@ namespace dfr::experiment {
 /// of a simulated plant and tries controls on a copy before it applies one, which is impossible on
 /// a robot.
 ///
-/// Each iteration applies one control, eta = step_fraction g_t(x) / lambda_t along the gradient of
-/// g_t with respect to the control, estimated by central differences with DFR's probe size. It
-/// halts if the gradient vanishes or the copy refuses a control.
+/// Each iteration applies one control of size eta = step_fraction g_t(x) / lambda_t. Its direction
+/// is the gradient of g_t with respect to the control, estimated by central differences with DFR's
+/// probe size. The recovery halts if the gradient vanishes or the copy refuses a control.
 class FiniteDifferenceRecovery final : public control::RecoveryStrategy {
  public:
   /// Borrows `plant` and `support`. `plant` is the driven plant; it is copied, never modified. The

@@ -71,8 +71,9 @@ struct DiscordantPairs {
 /// McNemar's exact two-sided test for clustered pairs: pairs of one cluster may be dependent,
 /// clusters are independent. Under the null hypothesis, each cluster's difference only_first -
 /// only_second is equally likely with either sign. Returns the probability, over all signs, of a
-/// sum at least as far from zero (the permutation test of Fisher, 1935, sec. 21). With one pair per
-/// cluster, this is the exact test of unclustered pairs. With c clusters the result is >= 2^(1-c).
+/// sum at least as far from zero as the observed sum (the permutation test of Fisher, 1935, sec.
+/// 21). With one pair per cluster, this is the exact test of unclustered pairs. With c clusters the
+/// result is >= 2^(1-c).
 /// @throws std::invalid_argument if a count is negative.
 [[nodiscard]] double ClusteredMcNemar(std::span<const DiscordantPairs> clusters);
 
@@ -104,10 +105,11 @@ struct PairedCounts {
 };
 
 /// Comparison of a method with a reference. A value is absent if the reference has no event. An
-/// interval is absent if RatioInterval() is absent, with one exception: the method has fewer than 5
-/// collisions, too few for a variance, and a stratum has two units. The interval of the reduction
-/// then includes RateRatioInterval(), with the reference's collisions divided by their dispersion
-/// between units. If RatioInterval() is absent, it is RateRatioInterval() alone.
+/// interval is absent if RatioInterval() is absent, with one exception. If the method has fewer
+/// than 5 collisions, too few for a variance, and a stratum has two units, the interval of the
+/// reduction also covers RateRatioInterval(), with the reference's collisions divided by their
+/// dispersion between units. If RatioInterval() is absent, this interval is RateRatioInterval()
+/// alone.
 struct PairedContrast {
   std::optional<double> collision_reduction;  ///< 1 - collisions / collisions of the reference
   std::optional<Interval> collision_reduction_interval;

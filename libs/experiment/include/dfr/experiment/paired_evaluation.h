@@ -139,8 +139,8 @@ struct EvaluationOptions {
   /// File of finished units, one line each. A later run of the same plan and settings reads it and
   /// continues. Empty: no file.
   std::filesystem::path ledger = {};
-  /// All other settings that determine the results, by name. A ledger is compared by these and by
-  /// the commit of this build. Write numbers with Exactly(), and input files with HashOfFile().
+  /// All other settings that determine the results, by name. These and the commit of this build
+  /// must match the ledger. Write numbers with Exactly(), and input files with HashOfFile().
   std::map<std::string, std::string> settings = {};
   bool salvage = false;  ///< Drops damaged lines of the ledger and repeats their units.
   std::function<void(const std::string&)> notice = {};  ///< Reports dropped lines. May be empty.

@@ -58,7 +58,7 @@ struct ReportFigure {
   std::vector<ReportPlot> plots;  ///< Plots, side by side, up to three in a row.
 };
 
-/// A table of texts, for example of the paper's figures and ours.
+/// A table of texts, for example of the paper's results and ours.
 struct ReportTable {
   std::string heading;
   std::string caption;

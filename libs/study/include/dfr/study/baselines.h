@@ -55,7 +55,7 @@ class EnsemblePolicy final : public core::Policy {
   void Control(int t, std::span<const double> x, std::span<double> u) const noexcept override {
     static_cast<void>(Mean(t, x, u));
   }
-  /// Works as Control() and returns the root mean square distance of the members from their mean.
+  /// Same as Control(); also returns the root mean square distance of the members from their mean.
   double Mean(int t, std::span<const double> x, std::span<double> u) const noexcept;
   /// Largest disagreement in a demonstrated state.
   [[nodiscard]] double demonstrated_disagreement() const noexcept { return demonstrated_; }
@@ -72,12 +72,12 @@ class EnsemblePolicy final : public core::Policy {
 [[nodiscard]] std::unique_ptr<control::Controller> MakeEnsembleController(
     std::shared_ptr<const EnsemblePolicy> ensemble, int horizon);
 
-/// DART (Laskey et al., CoRL 2017). Collects as many demonstrations as `demonstrations` holds, with
-/// normal noise added to the supervisor's controls. The noise has the covariance of the learned
-/// policy's errors on ten episodes of the supervisor. The policy learns the supervisor's controls
-/// without the noise. Discards demonstrations that do not complete the task within `horizon`
-/// controls.
-/// @throws std::invalid_argument if there is no supervisor, or it rarely succeeds.
+/// DART (Laskey et al., CoRL 2017). Collects as many demonstrations as there are in
+/// `demonstrations`, with normal noise added to the supervisor's controls. The noise has the
+/// covariance of the learned policy's errors on ten episodes of the supervisor. The policy learns
+/// the supervisor's controls without the noise. Discards demonstrations that do not complete the
+/// task within `horizon` controls. @throws std::invalid_argument if there is no supervisor, or
+/// about nine in ten are discarded.
 [[nodiscard]] std::unique_ptr<const core::Policy> TrainDart(
     const Expert& teaching, const core::Policy& learned,
     std::span<const core::Trajectory> demonstrations, int horizon);
@@ -95,8 +95,8 @@ class EnsemblePolicy final : public core::Policy {
 /// the plant. If the result is outside guided recovery's support (l < 0), it changes the control by
 /// the least amount that restores l = 0. The change is along the gradient of l, mapped by the true
 /// Jacobian of the state with respect to the control (finite differences on the copy). Halts
-/// (kOutsideSupport) if the changed control leads farther outside than guided recovery allows, and
-/// after `horizon` controls. Borrows all arguments.
+/// (kOutsideSupport) if the changed control still leads to l < -Levels::slack(), and after
+/// `horizon` controls. Borrows all arguments.
 [[nodiscard]] std::unique_ptr<control::Controller> MakeTrueJacobianFilter(
     const safety::TaskModel& task, const core::Policy& policy, const core::SimulatedPlant& plant,
     int horizon);

@@ -21,10 +21,10 @@ namespace dfr::study {
 /// Methods of every program, in addition to those of safety::ParseMethod(). Oracles, which try
 /// controls on a copy of the simulation: "finite-difference", the paper's oracle, and
 /// "true-jacobian", a one-step filter (MakeTrueJacobianFilter()). Baselines without a support:
-/// "lwr", "lwr-cv" and "knn", regressions on the demonstrations themselves; "lwr-online", one that
-/// adapts to the effects of controls (OnlineLwrPolicy); "ensemble", which halts when five policies
-/// disagree; "dart", learned from demonstrations with injected noise; "dagger", which queries the
-/// supervisor while it learns.
+/// "lwr", "lwr-cv" and "knn", regressions on the demonstrations themselves; "lwr-online", a
+/// regression that adapts to the effects of controls (OnlineLwrPolicy); "ensemble", which halts
+/// when five policies disagree; "dart", learned from demonstrations with injected noise; "dagger",
+/// which queries the supervisor while it learns.
 inline constexpr std::array<std::string_view, 9> kOtherMethods = {
     "finite-difference", "true-jacobian", "lwr",   "lwr-cv", "lwr-online", "knn",
     "ensemble",          "dart",          "dagger"};
@@ -52,7 +52,7 @@ struct MethodName {
 /// adversaries, and policies learned with the supervisor's help. Empty if there are none.
 [[nodiscard]] std::string MarksOf(std::span<const std::string> methods);
 
-/// Factory for the controllers of one task, by the names of their methods.
+/// Creates the controllers of one task by the names of their methods.
 class ControllerFactory {
  public:
   /// Borrows all arguments, which must outlive this object and its controllers.

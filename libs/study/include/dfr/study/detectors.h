@@ -23,7 +23,7 @@ namespace dfr::study {
 ///   "rnd"           random network distillation (Burda et al., ICLR 2019): error of a network that
 ///                   learned a random one's outputs in demonstrated states
 ///   "ensemble"      disagreement of EnsemblePolicy's members
-/// The first three follow the time steps like the guard's alarm; the last two do not depend on
+/// The first three track the time step as the guard's alarm does. The last two do not depend on
 /// time.
 inline constexpr std::array<std::string_view, 5> kDetectors = {"guard", "knn-distance",
                                                                "mahalanobis", "rnd", "ensemble"};
@@ -65,9 +65,9 @@ struct DetectorRates {
   [[nodiscard]] std::optional<double> lead() const;
 };
 
-/// Returns the threshold that a further demonstration exceeds with probability `alpha` by time step
-/// `until` (kernel::ConformalThreshold()); with too few demonstrations for that, returns the
-/// highest score.
+/// Returns the threshold that a further demonstration exceeds by time step `until` with a
+/// probability of at most `alpha` (kernel::ConformalThreshold()). With too few demonstrations for
+/// such a threshold, returns the highest score.
 /// @throws std::invalid_argument if there are no episodes.
 [[nodiscard]] double CalibratedThreshold(std::span<const ScoredEpisode> demonstrations, int until,
                                          double alpha);

@@ -20,14 +20,14 @@ class LearnsOnline {
 };
 
 /// "lwr-online": locally weighted regression with the kernel width of guided recovery, and an
-/// estimate of the response J that applied controls update. It returns the control that has the
-/// demonstrated effect with the present response (control::LocalFit::NominalControl()). It has no
-/// support, filter, observer or probes. Call See() before each Control() and Applied() after it.
+/// estimate of the response J, which every applied control updates. Returns the control that has
+/// the demonstrated effect with the present estimate (control::LocalFit::NominalControl()). It has
+/// no support, filter, observer or probes. Call See() before each Control() and Applied() after it.
 /// Belongs to one thread; after construction it never allocates.
 class OnlineLwrPolicy final : public core::Policy {
  public:
   /// Uses the disturbance, the drift and the online weight of `options`.
-  /// @throws std::invalid_argument if `features` and `response` do not fit.
+  /// @throws std::invalid_argument if `features` and `response` have different numbers of features.
   OnlineLwrPolicy(core::FeatureTransform features, control::Response response,
                   const control::GuidedOptions& options = {});
   [[nodiscard]] int state_dim() const noexcept override { return features_.state_dim(); }
@@ -37,7 +37,7 @@ class OnlineLwrPolicy final : public core::Policy {
   void Reset() noexcept;
   /// Reports that state `x` follows the last applied control.
   void See(std::span<const double> x) noexcept;
-  /// Writes a control, clipped to +-1. The control is NaN in a nonfinite state.
+  /// Writes a control, clipped to +-1; NaN in a nonfinite state or if no control is demonstrated.
   void Control(int t, std::span<const double> x, std::span<double> u) const noexcept override;
   /// Reports that control `u` is applied in the state of the last See().
   void Applied(std::span<const double> u) noexcept;

@@ -17,7 +17,7 @@
 
 namespace dfr::study {
 
-/// Method whose rate of intervention the placebos use.
+/// Method whose rate of intervention the placebos copy.
 inline constexpr std::string_view kJudged = "guard";
 
 /// Returns "placebo-corrections" and "placebo-halts".
@@ -32,12 +32,12 @@ inline constexpr std::string_view kJudged = "guard";
 /// @throws std::invalid_argument as ParseMethod() does.
 [[nodiscard]] safety::Method ParseCompared(
     std::string_view method, std::span<const std::string_view> others = kOtherMethods);
-/// @throws std::invalid_argument if a placebo is among `methods`, but not kJudged around its
+/// @throws std::invalid_argument if `methods` contain a placebo without kJudged around the same
 /// policy.
 void CheckPlacebos(std::span<const std::string> methods);
 
-/// A policy interrupted at random times as often as a guard interrupts it: each control with the
-/// same probability, the rate. If the guard performs better, the timing or the content of its
+/// Interrupts a policy at random times as often as a guard does: at each control with the same
+/// probability, the rate. If the guard performs better, the timing or the content of its
 /// corrections matters. Next() never allocates.
 class Placebo final : public control::Controller {
  public:

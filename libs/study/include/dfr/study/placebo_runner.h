@@ -21,7 +21,7 @@ namespace dfr::study {
 
 /// A RolloutRunner whose methods may be placebos. Before its first episode, a placebo takes its
 /// rate from the method kJudged around the same policy in all episodes of the unit. These episodes
-/// run once and count as that method's.
+/// run only once: they are also the results of that method.
 class PlaceboRunner : public experiment::RolloutRunner {
  public:
   /// Sets the unit whose episodes determine the rates of placebos. Without this call, placebos are

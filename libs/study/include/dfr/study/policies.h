@@ -48,7 +48,7 @@ class NearestNeighbourPolicy final : public core::Policy {
 ///   "lwr", "knn"      regression on the demonstrations themselves, locally weighted or by nearest
 ///                     neighbours
 ///   "lwr-cv"          "lwr" with imitation::CrossValidatedWidth()
-///   "lwr-online"      OnlineLwrPolicy, which the controller around it teaches
+///   "lwr-online"      OnlineLwrPolicy, which learns from the applied controls
 ///   "none"            no policy: the control is zero
 ///   "random"          a direction that depends on state and time step alone, of demonstrated size
 ///   "negated"         the learned policy's control with opposite sign
@@ -56,7 +56,7 @@ class NearestNeighbourPolicy final : public core::Policy {
 ///   "dart"            TrainDart(): from demonstrations with injected noise
 ///   "dagger"          TrainDagger(): queries the supervisor, in ten rounds
 ///   "at-constraints"  an adversary: tries directions on a copy of the plant, and takes one that
-///                     collides soonest; otherwise the learned policy's control
+///                     collides soonest; if none collides, the learned policy's control
 ///   "out-of-support"  an adversary: takes the tried direction that makes l smallest
 inline constexpr std::array<std::string_view, 12> kPolicies = {
     "lwr",     "lwr-cv",   "lwr-online", "knn",    "none",           "random",
