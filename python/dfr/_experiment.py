@@ -30,9 +30,9 @@ class Experiment:
     from the same states.
 
     Required members of a plant: `reset(seed)`; `step(action)`, after which the plant is at rest;
-    `observe()`, which returns its state; `completed` and `collided` (attributes or methods), whether
-    the task is done in the current state and whether a constraint was violated since `reset`. For
-    films, it may have `render()`, which returns an RGB picture of the current state as a (height,
+    `observe()`, which returns its state; `completed` and `collided` (attributes or methods), true if
+    the task is done in the current state and if a constraint was violated since `reset`. For films,
+    it may have `render()`, which returns an RGB picture of the current state as a (height,
     width, 3) array of uint8. A policy is a callable `policy(t, state)` that returns the action of
     time step t. If it has a method `reset(seed)`, that method starts an episode.
 
@@ -87,7 +87,7 @@ class Experiment:
         raise NotImplementedError(f"{type(self).__name__} must define learn(learner, states, actions, seed)")
 
     def guard(self, states: list[NDArray[np.float64]], actions: list[NDArray[np.float64]]) -> Guard:
-        """Return the guard of these demonstrations; override it to change features or options of the fit."""
+        """Return the guard of these demonstrations. Override this method to change features or options of the fit."""
         return Guard.fit(states, actions)
 
     def main(self) -> None:

@@ -85,9 +85,9 @@ def _limits_of(space: Any, size: int) -> Any:
 class GuardedEnv(Wrapper):
     """Passes actions to an environment through a guard.
 
-    With Gymnasium installed, this class is a `gymnasium.Wrapper` for any of its environments. The
-    environment may also have only Gymnasium's `reset` and `step`, and Gymnasium need not be
-    installed. Without Gymnasium, undefined attributes are those of the environment.
+    With Gymnasium installed, this class is a `gymnasium.Wrapper` for any of its environments. It also
+    accepts an environment that has only Gymnasium's `reset` and `step`, and works without Gymnasium.
+    Without Gymnasium, undefined attributes are those of the environment.
 
     When the guard halts, the environment receives a zero action, and the episode is truncated.
 
@@ -105,7 +105,7 @@ class GuardedEnv(Wrapper):
     Raises
     ------
     TypeError
-        If `env` has no `reset` or `step` or is a vector of environments, or `guard` is no guard.
+        If `env` has no `reset` or `step` or is a vector of environments, or `guard` is not a Guard.
     ValueError
         If the environment's `action_space` is discrete, of another size or not on both sides of zero.
 

@@ -45,7 +45,7 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
     tol : float, default=1e-3
         Stop when the largest violation of the optimality conditions is below this, as in
         scikit-learn. Problems of up to 256 samples are always solved to the precision of doubles, which
-        costs little and makes the result independent of their order.
+        costs little and makes the result independent of the order of the samples.
     nu : float, default=0.5
         In (0, 1]: upper bound on the fraction of samples outside, lower bound on the fraction of support
         vectors.

@@ -110,7 +110,7 @@ class Unit:
         _seed(learning)
         guard = experiment.guard(states, actions)
         self.support = guard
-        # The name of an invalid strategy is part of the error.
+        # with_settings() rejects an invalid strategy and names it.
         strategies = cast("list[Strategy]", methods)
         self.guards = [None if m == BASELINE else guard.with_settings(strategy=m) for m in strategies]
         self.plant = experiment.plant()

@@ -30,7 +30,7 @@ def _to_numpy(values: Any) -> NDArray[np.float64]:
 
 
 def _like(values: NDArray[np.float64], original: Any) -> Any:
-    # An integer type would truncate the action, which the guard counts as applied.
+    # An integer type would truncate the action, but the guard counts the exact action as applied.
     if hasattr(original, "new_tensor"):  # creates a tensor of the same type and device
         return (original if original.is_floating_point() else original.double()).new_tensor(values)
     dtype = np.asarray(original).dtype
@@ -66,7 +66,7 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
     guard : Guard or path_like
         Its layout names the features of the observation, as `guard fit` reads them from a LeRobot dataset:
         "observation.state" and the like. A path names a guard's file. If the observation lacks one part of the layout,
-        its numbers, {"shoulder_pan.pos": ...}, are used as that part if their count matches.
+        its single numbers, {"shoulder_pan.pos": ...}, replace that part; their count must match.
     positions : sequence of int or None, optional
         For actions that are target positions: entry k of an action is a target for entry positions[k] of the
         guard's state. None leaves the entry unchanged: zero must hold it still. The guard then filters target

@@ -38,8 +38,8 @@ def _axes(ax: Axes | None) -> Axes:
 def episode(infos: Sequence[dict[str, Any]], *, ax: Axes | None = None) -> Axes:
     """Plot g over the actions of one episode, coloured by the guard's decision.
 
-    A dashed line is the threshold of Algorithm 1 if the guard's strategy has one. Red marks at the
-    bottom are alarms.
+    A dashed line is the threshold at which the policy's action passes, if the guard's strategy has
+    one. Red marks at the bottom are alarms.
 
     Parameters
     ----------
@@ -81,8 +81,8 @@ def levels(guard: Guard, demonstrations: Sequence[ArrayLike], *, ax: Axes | None
     """Plot l over the states of each demonstration; l is positive inside the support.
 
     The band between 0 and the dotted line is outside the support but below the alarm. Nearly all
-    demonstrations that the guard was fitted to should be above 0. Demonstrations that were not
-    fitted are a stronger test.
+    demonstrations that the guard was fitted to should be above 0. Demonstrations that were left
+    out of the fit are a stronger test.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def levels(guard: Guard, demonstrations: Sequence[ArrayLike], *, ax: Axes | None
 def features(guard: Guard, episodes: Sequence[ArrayLike], *, most: int = 12, ax: Axes | None = None) -> Axes:
     """Plot the contribution of each state entry to -l, averaged over the states outside the support.
 
-    One bar per entry, the largest on top. Entries that are not in a feature have no bar.
+    One bar per entry, the largest on top. Entries that no feature uses have no bar.
 
     Parameters
     ----------

@@ -144,7 +144,7 @@ void RefuseBareObjects(pybind11::class_<Class, Options...>& type) {
   };
 }
 
-/// Pickles with `get(self)`; `from` restores an object from it.
+/// Pickles the result of `get(self)`, from which `from` restores an object.
 template <typename Class, typename Get, typename From>
 void PickleBy(pybind11::class_<Class>& type, Get get, From from) {
   RefuseBareObjects(type);
@@ -169,8 +169,8 @@ inline pybind11::array_t<double> View(const Eigen::VectorXd& vector, pybind11::h
 }
 
 /// Progress check of fits that run without the interpreter's lock. Returns false once Ctrl-C was
-/// pressed; Throw() then raises KeyboardInterrupt. Any thread may call it; the thread that created
-/// it handles the signals.
+/// pressed; Throw() then raises KeyboardInterrupt. Any thread may call GoOn(); the thread that
+/// created the object handles the signals.
 class Interruptible {
  public:
   bool GoOn() {

@@ -39,7 +39,7 @@ py::tuple Load(const std::filesystem::path& path, const std::string& filter_key,
   py::list states;
   py::list actions;
   py::list completed;
-  // Keeps the interpreter's lock, because libhdf5 is called from one thread at a time.
+  // Keeps the interpreter's lock, because only one thread at a time may call libhdf5.
   for (int i = 0; i < reader->num_episodes(); ++i) {
     core::Trajectory episode = reader->Read(i);
     completed.append(episode.outcome == core::Outcome::kCompleted);

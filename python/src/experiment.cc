@@ -73,8 +73,8 @@ class PythonRunner final : public experiment::TrialRunner {
             std::uint64_t controller_seed, const std::filesystem::path& path) override {
     const bool alone = path.extension() == ".png";
     if (!alone && path.extension() != ".html") {
-      throw std::runtime_error(
-          path.string() + ": such episodes can be saved as a page, .html, or an animation, .png");
+      throw std::runtime_error(path.string() +
+                               ": a film is saved as a page (.html) or as an animation (.png)");
     }
     std::vector<experiment::FilmedEpisode> episodes;
     std::string pictures;

@@ -285,7 +285,7 @@ Attributes
 ----------
 state_dim, action_dim : int
 num_steps : int
-    Number of time steps with a separate estimate; later ones use the last.
+    Number of time steps with a separate estimate; later time steps use the last estimate.
 layout : list of (str, int or (int, int, int))
     Name and size of each part of a state; a picture's size is (height, width, channels).
 features : str
@@ -371,9 +371,9 @@ Returns
 action : ndarray of shape (action_dim,)
 info : dict
     g : float or None, decision function at the time step `step`: positive inside the support.
-    threshold : float or None, value of g from which the policy's action passes unchecked.
+    threshold : float or None, value of g, or of the predicted g, at which the policy's action passes.
     mode : "policy", "probe", "recovery" or "halt".
-    reason : "inside", "outside" (passed nevertheless), "changed", "demonstrations", "probe",
+    reason : "inside", "outside" (passed although outside), "changed", "demonstrations", "probe",
         "recovery", or the cause of a halt.
     source : "policy", "policy-changed", "demonstrations", "probe", "recovery" (Algorithm 1) or "halt".
     changed : bool, whether the action differs from the policy's.
@@ -402,7 +402,7 @@ Returns
 -------
 dict
     passes : bool, whether the next state provably raises no alarm.
-    step : int, the time step whose support certifies the state, or comes nearest to it.
+    step : int, the time step whose support certifies the state, or comes nearest to doing so.
     margin : float, l of the predicted state minus the required level.
     radius : float, largest change of the features that provably ends inside; negative outside.
     ball_radius, shift : radius of a ball inside the support, centred at the features + shift.

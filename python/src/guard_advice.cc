@@ -161,14 +161,14 @@ int StepOrLast(const py::object& t) {
 void AddGuardAdvice(py::class_<Guard>& guard_class) {
   guard_class
       .def("applied", &Applied, py::arg("action"),
-           R"(Report that `action` was applied in place of the one that the last `filter` returned.
+           R"(Report that `action` was applied instead of the result of the last `filter`.
 
 Call it before the next `filter`. If the robot limits actions itself, report the limited action. If the
 robot always applies the policy's own action, the guard runs in shadow: it judges actions but changes none.
 
 Strategies "dfr", "early-stopping" and "certified" halt if `action` is not the one that `filter` returned.
-A guard halts if `filter` has not been called since `reset`, or if an entry that it steers is beyond both
-its limit and five times its largest demonstrated value: no robot applied such an action.
+A guard halts if `filter` has not been called since `reset`. Unless it only monitors, it also halts if a
+steered entry is beyond both its limit and five times its largest demonstrated value, as in wrong units.
 
 Raises
 ------
@@ -180,7 +180,7 @@ ValueError
 
 An action counts if it is within the limits and predicted to end inside, at the level at which
 `filter` passes it. Counting stops at the first action that does not count. A monitor counts actions
-within the limits. The guard is not changed.
+within the limits and the horizon. The guard is not changed.
 
 Pass each counted action to `filter` with the state that was reached, because predictions can be wrong
 and `filter` decides. After the last of them, or after the first that `filter` changes, ask the policy
@@ -249,7 +249,7 @@ ValueError
                 seen.values.data());
           },
           py::arg("block"), py::arg("state"),
-          R"(Return the reconstruction of a block behind "pca:" or "slow:" from its components.
+          R"(Return the block behind a feature "pca:" or "slow:", reconstructed from its components.
 
 A picture has the size, channels and light that the options of its feature give it.
 
@@ -266,7 +266,7 @@ ndarray of shape (height, width, channels), or (n_entries,)
 Raises
 ------
 ValueError
-    If there is no such block, if it is behind "points:", or the state is not valid.
+    If there is no such block, its feature is "points:", or the state is not valid.
 )")
       .def(
           "levels",

@@ -207,7 +207,7 @@ features : str or list of str
     contrast, "gain" removes only the brightness. docs/pixels.md has more.
 nu, gamma : float
     Parameters of the supports; gamma is in whitened units, which all tasks share. The fit doubles gamma if
-    the supports become smaller with as many left-out states inside, and while they cover gaps between modes.
+    the supports then cover more left-out states per volume, and while they cover gaps between modes.
 strategy : {"guard", "controller", "dfr", "early-stopping", "monitor", "certified"}
     Source of the actions. "guard": the policy, whose action passes unchanged while it is predicted to end
     inside; at the boundary it is corrected. "controller": the demonstrations; the policy's action passes

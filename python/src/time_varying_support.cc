@@ -120,7 +120,7 @@ Attributes
 ----------
 state_dim : int
 num_steps : int
-    Later time steps use the last estimate, negative ones the first.
+    Number of estimates. Later time steps use the last estimate.
 )");
   PickleBy(
       support_class,
