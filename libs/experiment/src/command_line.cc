@@ -84,7 +84,7 @@ std::string Value(const std::string& text, bool is_number) {
          text.find(".e") == std::string::npos && text.find(".E") == std::string::npos);
     const bool zero = text.size() > 1 && text[0] == '0' && std::isdigit(text[1]) != 0;
     if (end.ec == std::errc() && end.ptr == text.data() + text.size() && plain && digits && !zero) {
-      // Uses one form for written, read and default values: 0.0006 and 6e-4 are the same run.
+      // Uses one form for written, read and default values: 0.0006 and 6e-4 mean the same run.
       return text.find_first_of(".eE") == std::string::npos ? text : Exactly(value);
     }
   }
@@ -163,8 +163,8 @@ toml::table ReadToml(const std::filesystem::path& file) {
   }
 }
 
-// Sets from a file the options of `command` that have no value yet. Runs as the callback of
-// --config, when the command line has been parsed but not yet processed.
+// Sets the options of `command` that have no value yet to the values in a file. Runs as the
+// callback of --config, when the command line has been parsed but not yet processed.
 void ReadConfiguration(const std::filesystem::path& file, CLI::App& command) {
   const auto place = [&](const toml::source_region& where) {
     return file.string() + ":" + std::to_string(where.begin.line);
@@ -214,7 +214,7 @@ void ReadConfiguration(const std::filesystem::path& file, CLI::App& command) {
   }
 }
 
-// Returns the ledgers of the folders, and those of the shards below folders without one.
+// Returns the ledgers of the folders. For a folder without a ledger, returns those of its shards.
 std::vector<std::filesystem::path> LedgersIn(const std::vector<std::filesystem::path>& folders) {
   std::vector<std::filesystem::path> ledgers;
   for (const std::filesystem::path& folder : folders) {

@@ -100,8 +100,8 @@ double LogChoose(int n, int k) {
 }
 
 // Lower end of Clopper and Pearson's interval: the p with P(X >= k) = tail for X binomial(n, p).
-// Requires 0 < k < n. It lies below k/n, where the probabilities of k, k + 1, ... decrease. The sum
-// can therefore start with the first term.
+// Requires 0 < k < n. This p lies below k/n, where the probabilities of k, k + 1, ... decrease. The
+// sum can therefore start with the first term.
 double LowerEnd(int k, int n, double tail) {
   const double log_choose = LogChoose(n, k);
   return Bisect(0.0, static_cast<double>(k) / n, [&](double p) {

@@ -126,7 +126,7 @@ struct Guard::Episode {
     if (guided != nullptr) ahead = std::make_unique<control::GuidedController>(*guided);
   }
 
-  bool monitors;  // Only the alarm uses g.
+  bool monitors;  // The guard only monitors.
   bool steers;    // The controller uses the units of ActionSpace.
   ExternalPolicy proposal;
   std::unique_ptr<control::Controller> controller;

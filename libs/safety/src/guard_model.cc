@@ -28,7 +28,7 @@ constexpr std::array kStrategies = {Strategy::kGuard,   Strategy::kController,
                                     Strategy::kDfr,     Strategy::kEarlyStopping,
                                     Strategy::kMonitor, Strategy::kCertified};
 
-// Limits of values in files.
+// Largest values that a file may contain.
 constexpr int kMost = 1 << 30;
 constexpr int kLongestHorizon = kMost / fit::kActionsPerStep;
 

@@ -10,7 +10,7 @@
 namespace dfr::control {
 namespace {
 
-// Solves b = (L L')^-1 b for columns [column, column + kColumns), with each row in registers. Rows
+// Sets b = (L L')^-1 b for columns [column, column + kColumns), with each row in registers. Rows
 // before `first` get only the forward substitution.
 template <int kColumns>
 void SolveColumns(const Eigen::MatrixXd& lower, Eigen::Index column, Eigen::Index first,

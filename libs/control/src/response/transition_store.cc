@@ -200,7 +200,7 @@ std::pair<int, int> TransitionStore::Near(int t) const noexcept {
   const auto begin = [&](int step) {
     return begin_[static_cast<std::size_t>(std::clamp(step, 0, steps))];
   };
-  // If all demonstrations rest longer than the window, it grows until it contains a control.
+  // If all demonstrations rest longer than the window, the window grows until it has a control.
   int window = options_.window;
   while (begin(t - window) == begin(t + window + 1) && window < steps) ++window;
   return {begin(t - window), begin(t + window + 1)};
@@ -275,7 +275,7 @@ void TransitionStore::SumNearStates(Workspace& workspace,
   const auto rows = static_cast<std::size_t>(workspace.rows);
   const double scale = kBandwidth / feature_dim_;
   if (contexts_.cols() > 0) {
-    // Recomputed, because an earlier call may have added another context.
+    // Recomputed, because an earlier call may have added another context to the distances.
     internal::SquaredDistances(points_.data() + workspace.first,
                                static_cast<std::size_t>(points_.rows()),
                                static_cast<std::size_t>(feature_dim_), workspace.z.data(), rows,

@@ -72,7 +72,7 @@ void MergeLedgers(const std::vector<std::filesystem::path>& shards,
   };
   std::map<internal::UnitKey, Line> lines;
   for (const std::filesystem::path& path : shards) {
-    // The shard has no finished unit, or there are more shards than units.
+    // A ledger is empty if no unit is finished, or if there are more shards than units.
     if (std::filesystem::exists(path) && std::filesystem::file_size(path) == 0) continue;
     const LedgerContents contents = ReadLedger(path);
     if (!header) {

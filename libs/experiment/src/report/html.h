@@ -11,7 +11,8 @@ namespace dfr::experiment::internal {
 /// Converts text to escaped paragraphs, separated at blank lines.
 [[nodiscard]] std::string Paragraphs(std::string_view text);
 
-/// Formats with `digits` decimal places and a typographic minus; a rounded zero has no sign.
+/// Formats a number with `digits` decimal places and a typographic minus. A rounded zero has no
+/// sign.
 [[nodiscard]] std::string Number(double value, int digits);
 
 [[nodiscard]] std::string Base64(std::string_view bytes);

@@ -135,7 +135,7 @@ std::vector<int> MovedByPassed(const core::FeatureSelection& features, const Act
   for (const auto& d : demonstrations) transitions += static_cast<std::size_t>(d.controls.rows());
   const std::size_t stride = std::max<std::size_t>(1, transitions / kSamples);
   const auto rows = static_cast<Eigen::Index>((transitions + stride - 1) / stride);
-  // Columns: 1, the entry, steered entries of the action, passed entries.
+  // Columns: 1, the entry, steered entries of the action, unsteered entries.
   Eigen::MatrixXd x = Eigen::MatrixXd::Ones(rows, 2 + actions.dim());
   std::vector<Eigen::VectorXd> before(features.indices().size(), Eigen::VectorXd(rows));
   std::vector<Eigen::VectorXd> change(before);
@@ -168,7 +168,7 @@ std::vector<int> MovedByPassed(const core::FeatureSelection& features, const Act
     const double by_steered = Left(x.leftCols(2 + steered), change[k]);
     const double by_passed = Left(x(Eigen::all, without_steered), change[k]);
     const double by_both = Left(x, change[k]);
-    // Steered entries often move together with passed entries, and then explain part of the change.
+    // Steered entries often move together with unsteered ones, and then explain part of the change.
     if (by_steered > kRounding * all && by_passed - by_both <= fit::kSteeredExplain * alone &&
         by_steered - by_both > fit::kPassedExplain * by_steered) {
       moved.push_back(features.indices()[k]);

@@ -20,7 +20,7 @@ std::vector<core::Rotation> Rotations(const core::FeatureSelection& features,
 core::FeatureSelection Continuous(const core::FeatureSelection& features,
                                   const core::StateLayout& layout,
                                   std::span<const core::Trajectory> demonstrations);
-/// Returns the entries among `features`, such as the opening of a gripper, that depend on passed
+/// Returns the entries among `features`, such as the opening of a gripper, that depend on unsteered
 /// entries of an action but not on steered ones. A guard can neither predict nor correct them.
 /// Empty if all features are of this kind.
 std::vector<int> MovedByPassed(const core::FeatureSelection& features, const ActionSpace& actions,

@@ -5,9 +5,9 @@
 /// Constants of guided recovery that are not options. docs/frozen_constants.md lists them.
 namespace dfr::control::guided {
 
-/// Response: a drift is used if it leaves at most this fraction of the variance that controls do
-/// not explain in held-out demonstrations. With a larger value the drift would fit noise in free
-/// motion and contact.
+/// Response: fraction of the variance left unexplained by controls that a drift may also leave
+/// unexplained, in held-out demonstrations. Otherwise the response has no drift. With a larger
+/// value the drift would fit noise in free motion and contact.
 inline constexpr double kMostLeft = 0.6;
 /// Response: demonstrated changes of features are too noisy for LocalFit::NominalControl() if its
 /// squared error for held-out controls exceeds this multiple of that of the demonstrated control
@@ -29,8 +29,8 @@ inline constexpr double kLeastProbe = 0.5;
 /// equally.
 inline constexpr double kWeightFloor = 1e-6;
 
-/// LocalFit::NominalControl(): ridge of the slopes per unit of weight. In a direction in
-/// which states barely differ, the control does not depend on the state.
+/// LocalFit::NominalControl(): ridge of the slopes per unit of weight. The control then does not
+/// depend on directions in which states barely differ.
 inline constexpr double kDemonstratedRidge = 0.1;
 /// Penalty on the difference from the demonstrated control, in units of the effect of a control on
 /// the features.
@@ -39,10 +39,10 @@ inline constexpr double kNearness = 0.03;
 /// an approximate eigenvector suffices.
 inline constexpr int kPowerIterations = 30;
 
-/// StateObserver: smallest weight of an observation. With a smaller one the estimate would ignore
-/// observations.
+/// StateObserver: smallest weight of an observation. With a smaller weight the estimate would
+/// ignore observations.
 inline constexpr double kLeastWeight = 0.2;
-/// StateObserver: rejects a lag whose squared error exceeds this multiple of the least one.
+/// StateObserver: rejects a lag whose squared error exceeds this multiple of the smallest one.
 inline constexpr double kEvidence = 2.0;
 /// Squared errors below this fraction of the squared changes (errors below 1 % of the changes) are
 /// attributed to rounding and the ridge, not to a lag or noise.

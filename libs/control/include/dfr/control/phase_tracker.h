@@ -46,7 +46,7 @@ class PhaseTracker {
   /// Processes an observer's next state `z`. @returns l at the selected phase, -infinity for an
   /// invalid state.
   double Follow(std::span<const double> z) noexcept;
-  /// Moves to a phase q with -kWindow - 1 <= q - phase() <= kWindow and l_q(z) >= `least`.
+  /// Moves to the best phase q with -kWindow - 1 <= q - phase() <= kWindow and l_q(z) >= `least`.
   /// @returns l at phase(). If there is no such phase, the result is below `least` and the phase
   /// stays.
   double Enter(std::span<const double> z, double least = 0.0) noexcept;

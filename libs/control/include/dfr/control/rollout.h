@@ -28,7 +28,7 @@ struct RolloutResult {
   int recovery_steps = 0;  ///< Controls of mode kRecovery, one per iteration of a recovery.
   int changed_steps = 0;   ///< Controls of mode kPolicy that differ from the policy's.
   int recoveries = 0;      ///< Number of recoveries begun.
-  double change = 0.0;     ///< Sum of Step::change over changed controls, where not NaN.
+  double change = 0.0;     ///< Sum of the measured Step::change of changed controls.
   int sized_changes = 0;   ///< Number of summands in `change`.
   /// Source of the last applied control, which caused a collision if there was one.
   Mode last_mode = Mode::kHalt;

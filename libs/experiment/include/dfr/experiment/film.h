@@ -17,7 +17,7 @@ struct FilmedEpisode {
   std::string method;
   EpisodeResult result;
   core::Matrix states;         ///< (controls + 1) x state_dim, the start state first.
-  std::vector<bool> recovery;  ///< True if a recovery chose control t; empty: none.
+  std::vector<bool> recovery;  ///< True if a recovery chose control t; empty: no recoveries.
 };
 
 /// Returns "collided: policy after 17 controls, 4 of them recovery".

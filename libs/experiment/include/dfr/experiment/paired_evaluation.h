@@ -110,8 +110,8 @@ struct DrawnStart {
 [[nodiscard]] DrawnStart DrawStart(const EvaluationPlan& plan, const EvaluationUnit& unit,
                                    int start, TrialRunner& runner);
 
-/// Returns the seed of the controllers in episode `start` of `trial`. Together with
-/// UnitResult::starts it repeats an episode of Evaluate(), for example for a video.
+/// Returns the seed of the controllers in episode `start` of `trial`. This seed and
+/// UnitResult::starts repeat an episode of Evaluate(), for example for a video.
 [[nodiscard]] std::uint64_t ControllerSeed(const EvaluationPlan& plan, int trial,
                                            int start) noexcept;
 

@@ -52,7 +52,7 @@ class ProgressBar {
  public:
   /// Writes to stderr, as a bar if it is a terminal.
   explicit ProgressBar(std::string title);
-  /// Writes to `stream`, which must outlive this. Without a bar, writes a line every
+  /// Writes to `stream`, which must outlive this object. Without a bar, writes a line every
   /// `line_interval_s`.
   ProgressBar(std::string title, std::ostream& stream, bool is_terminal,
               double line_interval_s = 10.0);

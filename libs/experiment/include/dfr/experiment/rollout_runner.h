@@ -34,7 +34,7 @@ class RolloutRunner : public TrialRunner {
   [[nodiscard]] FilmedEpisode RecordStates(int method, std::uint64_t start_seed,
                                            std::uint64_t controller_seed);
 
-  /// Same as Run(), with an observer that may draw the plant; ends after `max_controls`.
+  /// Same as Run(), with an observer that may draw the plant, and at most `max_controls` controls.
   control::RolloutResult RunObserved(int method, std::uint64_t start_seed,
                                      std::uint64_t controller_seed,
                                      control::RolloutObserver* observer,

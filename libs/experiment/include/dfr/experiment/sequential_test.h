@@ -32,7 +32,7 @@ class SequentialTest {
   explicit SequentialTest(double alpha = 0.05);
 
   /// Adds a pair: the credit of the first method minus that of the second.
-  /// @throws std::invalid_argument unless it lies in [-1, 1].
+  /// @throws std::invalid_argument unless `difference` lies in [-1, 1].
   void Add(double difference);
 
   /// True once a difference is established; remains true.

@@ -51,11 +51,11 @@ struct Contrast {
   std::string learner;
   PairedContrast ratios;
   /// Clusters of the intervals: "episodes" if there are fewer than 5 trials; otherwise
-  /// "supervisors" if there are at least 5 of them, else "trials". Intervals over episodes ignore
-  /// the variation between trials.
+  /// "supervisors" if there are at least 5 supervisors, else "trials". Intervals over episodes
+  /// ignore the variation between trials.
   std::string clusters;
-  std::optional<double> seconds_ratio;   ///< Ratio of seconds per trajectory to the reference.
-  std::optional<double> controls_ratio;  ///< Ratio of controls per trajectory to the reference.
+  std::optional<double> seconds_ratio;   ///< Seconds per trajectory, relative to the reference.
+  std::optional<double> controls_ratio;  ///< Controls per trajectory, relative to the reference.
   /// Number of pairs (one start state each) in which only the method collided.
   int only_method_collided = 0;
   int only_reference_collided = 0;  ///< Number of pairs in which only the reference collided.

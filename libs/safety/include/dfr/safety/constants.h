@@ -62,10 +62,11 @@ inline constexpr int kMostByActions = 12;
 /// only monitors, because its corrections would be harmful. In 41 fits this fraction was 4 to 10 %
 /// (feature points, no harm) or 14 to 47 % (components of pixels, mostly harmful).
 inline constexpr double kMostOutsideReduced = 0.12;
-/// If features explain less than this fraction of the actions, and miss more than 1 - kLeastTold of
-/// the squares of the entry that varies most, corrections are guesses: the guard only monitors.
+/// If features explain less than this fraction of the actions, and the squared error of the entry
+/// that varies most exceeds 1 - kLeastTold of its squares, corrections are guesses: the guard only
+/// monitors.
 inline constexpr double kLeastTold = 0.4;
-/// Guards whose features explain less than this fraction of noise-free actions save few failures.
+/// Explained fraction of noise-free actions below which a guard prevents few failures.
 inline constexpr double kLeastExplainedReduced = 0.8;
 
 /// Thresholds of warnings: number of demonstrations, share of left-out states inside, shares of the

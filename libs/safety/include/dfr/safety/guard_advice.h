@@ -31,7 +31,7 @@ namespace dfr::safety {
 /// state and in its unit.
 struct Clearance {
   std::string block;     ///< Name of the block.
-  double largest = 0.0;  ///< Over time steps: |x_b - x_b^(i)| <= largest for a demonstrated x^(i).
+  double largest = 0.0;  ///< For some demonstrated x^(i), |x_b - x_b^(i)| <= largest.
   int step = 0;          ///< Time step of `largest`.
   double median = 0.0;   ///< Median over time steps.
 };

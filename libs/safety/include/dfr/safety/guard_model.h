@@ -34,7 +34,7 @@ enum class Strategy {
   kController,
   kDfr,            ///< Derivative-Free Recovery, as published (SwitchingController).
   kEarlyStopping,  ///< Halts instead of recovering.
-  kMonitor,        ///< Passes every action and only raises alarms.
+  kMonitor,        ///< Only raises alarms, and clamps actions to the limits.
   /// Applies only actions that provably raise no alarm under the assumptions of a certificate
   /// (docs/certificates.md), otherwise halts.
   kCertified,
@@ -144,7 +144,7 @@ struct GuardOptions {
 struct Certification {
   bool passes = false;  ///< True if the action provably raises no alarm in the next state.
   int step = 0;         ///< Time step of the demonstrations for that state, within three of `t`.
-  /// Predicted l minus the required one; negative if the action does not pass.
+  /// Predicted l minus the required l; negative if the action does not pass.
   double margin = 0.0;
   /// Changes of the features by at most this amount end inside. Negative if the state is outside.
   double radius = 0.0;
@@ -227,8 +227,8 @@ class GuardModel {
   /// Returns the task model. Its controls are the steered entries of an action, in the units of
   /// actions().
   [[nodiscard]] const TaskModel& task() const noexcept { return *task_; }
-  /// Returns g_t of whole states and its logarithmic form l_t; of TaskStates() if there is a
-  /// reduction().
+  /// Returns g_t and its logarithmic form l_t, for whole states or, if there is a reduction(), for
+  /// TaskStates().
   [[nodiscard]] const core::LogDecisionFunction& support() const noexcept {
     return task_->guided_support();
   }

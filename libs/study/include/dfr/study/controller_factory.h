@@ -31,12 +31,12 @@ inline constexpr std::array<std::string_view, 9> kOtherMethods = {
 
 /// Parts of a method's name, for example "controller@lwr/density".
 struct MethodName {
-  std::string_view controller;  ///< With a support, "certified" is certified-direction.
+  std::string_view controller;  ///< "certified" is valid only with a support.
   std::string_view policy;      ///< One of kPolicies; empty: the learned one.
   std::string_view support;     ///< One of kSupports; empty: the controller's default.
 };
-/// "lwr", "lwr-cv", "lwr-online", "knn", "dart" and "dagger" are short for "baseline@lwr" and so
-/// on.
+/// Splits a name. "lwr", "lwr-cv", "lwr-online", "knn", "dart" and "dagger" are short for
+/// "baseline@lwr" and so on.
 [[nodiscard]] MethodName Split(std::string_view name) noexcept;
 
 /// Same as safety::ParseMethod() with `others`, but also accepts names with a policy or support.

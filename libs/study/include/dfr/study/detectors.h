@@ -49,7 +49,7 @@ struct ScoredEpisode {
   bool failed = false;
 };
 
-/// Rates of a detector's alarms, over episodes cut at the same time step.
+/// Counts of a detector's alarms, over episodes cut at the same time step.
 struct DetectorRates {
   int failures = 0;
   int alarmed_failures = 0;

@@ -22,7 +22,7 @@ class LearnedModel {
   /// Writes policy.dfr, demonstrations.hdf5 and the task's files into `folder`; creates it if
   /// needed. @throws std::invalid_argument for a guard's model, which has a separate file.
   void Save(const std::filesystem::path& folder) const;
-  /// Reads the files of Save(). @throws std::runtime_error with the file and the problem.
+  /// Reads the files of Save(). @throws std::runtime_error naming the file and its defect.
   static LearnedModel Load(const std::filesystem::path& folder);
 
   [[nodiscard]] const imitation::MlpPolicy& policy() const noexcept { return parts_->policy; }

@@ -7,8 +7,8 @@
 namespace dfr::control {
 
 /// Assumption of a certified controller, in addition to "no B_t contains a state that violates a
-/// constraint": |dz - J u| <= eps |u|. With core::LogDecisionFunction::curvature_bound(), it bounds
-/// l in the next state from below. A smaller eps lets larger steps pass.
+/// constraint": |dz - J u| <= eps |u|. Together with core::LogDecisionFunction::curvature_bound(),
+/// the assumption bounds l in the next state from below. A smaller eps lets larger steps pass.
 struct Certificate {
   double direction_error = 0.0;  ///< eps > 0, in feature units per unit of control.
   /// eta >= 0: the certificate states that the next state is in B_t(eta) = {z : l_t(z) >= -eta} for

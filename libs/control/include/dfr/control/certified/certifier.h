@@ -53,7 +53,7 @@ class Certifier {
                                       const Eigen::VectorXd& v) const noexcept;
   /// Returns s in [0, 1] for which s v provably ends inside B_q(eta) for a q with |q - phase| <=
   /// PhaseTracker::kWindow. If v passes Predict(), s is 1. Otherwise s is the largest fraction that
-  /// the balls at z allow, or 1/2 or 1/4 if it is larger and passes Check() at the next phase.
+  /// the balls at z allow. A larger s of 1/2 or 1/4 is used if it passes Check() at the next phase.
   [[nodiscard]] double StepFraction(const LocalModel& model, int phase,
                                     const Eigen::VectorXd& v) noexcept;
   /// Same as above without Predict(), for a control that Check() has rejected.
@@ -67,7 +67,7 @@ class Certifier {
   /// Result of Admit().
   struct CertifiedStep {
     bool any = true;     ///< False after three consecutive stalls.
-    double share = 1.0;  ///< Fraction of the chosen control.
+    double share = 1.0;  ///< Applied fraction of the chosen control.
     Mode mode = Mode::kPolicy;
     bool gets_on = true;  ///< True if the control aims at the next phase.
   };

@@ -24,7 +24,7 @@ struct LevelOptions {
   /// than demonstrations do must end deeper inside (Levels::edge_stay()).
   double edge_quantile = 0.25;
   /// States of the task may be outside the support down to l = -slack: an object to the side must
-  /// not stop the rest of the task. EstimateSlack() estimates it from demonstrations.
+  /// not stop the rest of the task. EstimateSlack() estimates the slack from demonstrations.
   double slack = 0.2;
 };
 

@@ -7,7 +7,7 @@
 
 namespace dfr::control {
 
-/// State of a recovery at the request for its next control.
+/// State of a recovery when its next control is requested.
 struct RecoverySituation {
   int t = 0;                  ///< Time step; constant during a recovery.
   int iteration = 0;          ///< Iteration of the recovery, starting at 0.

@@ -80,17 +80,17 @@ class LocalFit {
   }
 
   /// Returns the agreement of nearby demonstrations on the effect of entry `k` of a control, in [0,
-  /// 1]. It is the share of variance along the row of D for v_k that the entry explains, after the
-  /// other entries and the drift. If a contact begins nearby, J is a mean of two responses, and the
-  /// share is small. 1 if demonstrations did not use the entry: J then comes from measurements.
-  /// O(n) for each transition used.
+  /// 1]: the share of the variance along v_k's row of D that the entry explains, once the other
+  /// entries and the drift are subtracted. If a contact begins nearby, J is a mean of two
+  /// responses, and the share is small. 1 if demonstrations did not use the entry: J then comes
+  /// from measurements. O(n) for each transition used.
   [[nodiscard]] double Agreement(Eigen::Index k) noexcept;
 
   /// Returns the largest eigenvalue of the block of A^-1 that belongs to v, and writes its
   /// eigenvector, the least excited control direction, to `direction` (m entries). With a
-  /// disturbance model, its sign is the more informative one: repeating the same control would not
-  /// separate its response from the disturbance. If the sum of the eigenvalues, a faster upper
-  /// bound, is at most `known`, returns the sum and writes nothing.
+  /// disturbance model, the direction has the more informative sign: repeating the same control
+  /// would not separate its response from the disturbance. If the sum of the eigenvalues, a faster
+  /// upper bound, is at most `known`, returns the sum and writes nothing.
   double LeastExcitedDirection(std::span<double> direction, double known = 0.0) noexcept;
 
  private:

@@ -25,7 +25,7 @@ struct ResponseOptions {
   bool measured_changes = true;
 };
 
-/// Demonstrated transitions; immutable, shared by their estimates.
+/// Demonstrated transitions. Immutable; estimates share them.
 ///
 /// Controls are v = u / us with us the root mean square of |u|: 1 is an ordinary control.
 class TransitionStore {
@@ -75,12 +75,12 @@ class TransitionStore {
     Eigen::VectorXf distances;
     float least = 0.0F;       ///< Least of the distances.
     Eigen::VectorXi spread;   ///< Indices of the transitions for J: every stride-th one.
-    Eigen::VectorXd weights;  ///< Their weights, without `factor`.
+    Eigen::VectorXd weights;  ///< Weights of `spread`, without `factor`.
     int used = 0;             ///< Number of entries of `spread`.
     int stride = 1;
     double factor = 1.0;           ///< Factor of the weights in sums for J.
     Eigen::VectorXi nearest;       ///< Indices of the nearest transitions to z.
-    Eigen::VectorXd near_weights;  ///< Their weights.
+    Eigen::VectorXd near_weights;  ///< Weights of `nearest`.
     Eigen::VectorXf tile;          ///< Scratch: some rows w [v_i; z_i - z; 1] and r.
     /// sum w v_i r' in the rows from 0, without the columns of z_i - z, and sum w [z_i - z; 1] r'
     /// in the rows from `states`.
