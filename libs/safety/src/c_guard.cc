@@ -144,7 +144,7 @@ int32_t dfr_guard_decision(const dfr_guard* guard, size_t count, const int32_t* 
   }
   return 0;
 } catch (const std::exception&) {
-  last_error = "dfr_guard_decision: there is no memory";
+  last_error = "dfr_guard_decision: out of memory";
   return -1;
 }
 
