@@ -85,12 +85,12 @@ bool WholeSample(std::uint8_t kind, std::uint8_t flags,
          (first - 1 + count - 1) * size < whole;
 }
 
-// Returns true if a complete sample announces that its sender or another participant leaves.
+// Returns true if a well-formed sample announces that a participant leaves.
 bool EndsParticipant(std::uint8_t kind, std::uint8_t flags,
                      std::span<const std::uint8_t> content) noexcept {
   constexpr std::array<std::uint8_t, 4> kAnnouncer = {0, 1, 0, 0xc2};
   if (!std::equal(kAnnouncer.begin(), kAnnouncer.end(), content.begin() + 8)) return false;
-  // In fragments, this flag marks a key.
+  // In fragments, this flag marks a key instead of data.
   const bool has_data = (kind == kData) == ((flags & 4U) != 0);
   if (!has_data) return true;
   if ((flags & 2U) == 0) return false;
@@ -154,7 +154,7 @@ class GuardedTransport final : public transport::ChainingTransport {
     try {
       if (!census_.Admits(address, prefix, std::chrono::nanoseconds(now).count())) return;
     } catch (const std::exception&) {
-      return;  // no memory for counting
+      return;  // out of memory: drops the message
     }
     next->OnDataReceived(data, static_cast<std::uint32_t>(safe), local, remote);
   }

@@ -15,16 +15,16 @@ namespace dfr::dds::internal {
 
 using ParticipantPrefix = std::array<std::uint8_t, 12>;  ///< Prefix of a participant's GUID.
 
-/// Returns the number of bytes of an RTPS message that may be passed to Fast DDS: 0 if malformed,
-/// otherwise the bytes before Fast DDS's first statistics submessage (0x80), which is unused here.
-/// Fast DDS 2.9 parses these submessages before any security check, and an assertion ends the
-/// process if one is malformed. A sample (DATA, DATA_FRAG) is malformed if its parameters or
-/// payload extend beyond its submessage.
+/// Returns the number of leading bytes of an RTPS message that are safe to pass to Fast DDS: 0 if
+/// the message is malformed, otherwise the bytes before the first statistics submessage (0x80), a
+/// kind that dfr does not use. Fast DDS 2.9 parses this kind before any security check, and an
+/// assertion ends the process if the submessage is malformed. A sample (DATA, DATA_FRAG) is
+/// malformed if its parameters or payload extend beyond its submessage.
 ///
-/// Unless `may_leave`, the message also ends before an announcement that a participant leaves.
-/// Anyone can send one for any participant, and an assertion ends the process if it arrives while
-/// that participant's lease is checked. A departing participant removes its publishers and
-/// subscribers by other messages, and expires after its lease.
+/// Unless `may_leave`, the bytes also end before the first announcement that a participant leaves.
+/// Anyone can announce this of any participant, and an assertion ends the process if the
+/// announcement arrives while that participant's lease is checked. A departing participant removes
+/// its publishers and subscribers by other messages, and expires after its lease.
 [[nodiscard]] std::size_t SafeSize(std::span<const std::uint8_t> message,
                                    bool may_leave = false) noexcept;
 
@@ -33,8 +33,8 @@ using ParticipantPrefix = std::array<std::uint8_t, 12>;  ///< Prefix of a partic
 /// several seconds.
 void Leaves(const ParticipantPrefix& prefix);
 
-/// Limits the number of senders, to protect Fast DDS's memory and discovery from a flood of
-/// invented participants. Thread-safe.
+/// Limits the number of senders to protect Fast DDS's memory and discovery from a flood of forged
+/// participants. Thread-safe.
 class ParticipantCensus {
  public:
   using Address = std::array<std::uint8_t, 16>;
@@ -42,10 +42,10 @@ class ParticipantCensus {
 
   static constexpr std::size_t kPerAddress = 64;    ///< Maximum number of senders at one address.
   static constexpr std::size_t kInAll = 512;        ///< Maximum number of senders in total.
-  static constexpr std::int64_t kForgotten_s = 20;  ///< Maximum silence of a sender.
+  static constexpr std::int64_t kForgotten_s = 20;  ///< Maximum silence of an accepted sender.
 
-  /// Returns true if messages of `prefix` at `address` are accepted. A sender, once accepted, stays
-  /// accepted until it is silent for more than kForgotten_s.
+  /// Returns true if messages from the participant `prefix` at `address` are accepted. An accepted
+  /// sender stays accepted until it is silent for more than kForgotten_s.
   /// @param steady_ns  a monotonic clock.
   [[nodiscard]] bool Admits(const Address& address, const Prefix& prefix, std::int64_t steady_ns);
 
@@ -58,7 +58,7 @@ class ParticipantCensus {
   std::int64_t swept_ns_ = 0;
 };
 
-/// Wraps a transport, and drops received data that SafeSize() or ParticipantCensus excludes.
+/// Wraps a transport to drop received data that SafeSize() or ParticipantCensus excludes.
 [[nodiscard]] std::shared_ptr<eprosima::fastdds::rtps::TransportDescriptorInterface> Guarded(
     std::shared_ptr<eprosima::fastdds::rtps::TransportDescriptorInterface> transport);
 

@@ -55,7 +55,7 @@ void LeaveOutDeliveryWithinTheProcess() {
   static_cast<void>(done);
 }
 
-// Upper bound of the time in which two participants admit each other, even on busy machines.
+// Maximum time that two participants need to admit each other, even on busy machines.
 constexpr std::chrono::seconds kHandshake(5);
 
 std::string GuidText(const rtps::GUID_t& guid) {
@@ -72,7 +72,7 @@ Origin ToOrigin(const rtps::GUID_t& guid) noexcept {
   return origin;
 }
 
-// Returns the address announced by a participant.
+// Returns the IPv4 address announced by a participant; "?" if there is none.
 std::string AddressOf(const rtps::RemoteLocatorList& locators) {
   for (const rtps::Locator_t& locator : locators.unicast) {
     if (locator.kind == LOCATOR_KIND_UDPv4) return rtps::IPLocator::toIPv4string(locator);
@@ -107,7 +107,8 @@ void Secure(const SecurityFiles& files, fdds::DomainParticipantQos& qos) {
   set("dds.sec.crypto.plugin", "builtin.AES-GCM-GMAC");
 }
 
-// Returns the authority whose certificates this participant admits; empty without security.
+// Returns the common name of the authority whose certificates this participant admits; empty
+// without security.
 std::string Authority(const ParticipantOptions& options) {
   if (options.security.empty()) return {};
   CheckSecurity(options.security);
@@ -120,8 +121,8 @@ fdds::DomainParticipantQos Qos(const ParticipantOptions& options) {
   qos.name(options.name);
   qos.transport().use_builtin_transports = false;
   auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
-  // The system's default buffer holds two or three fragments of an image, and the others are resent
-  // only after about ten milliseconds. The system limits this size to net.core.rmem_max.
+  // The system's default buffer holds only two or three fragments of an image. The others are lost
+  // and resent after about ten milliseconds. The system limits this size to net.core.rmem_max.
   udp->receiveBufferSize = 4 << 20;
   udp->sendBufferSize = 4 << 20;
   auto& builtin = qos.wire_protocol().builtin;
@@ -162,7 +163,7 @@ fdds::DomainParticipantQos Qos(const ParticipantOptions& options) {
   qos.transport().user_transports.push_back(internal::Guarded(udp));
   if (options.shared_memory) {
     internal::RemoveStaleSegments();
-    // With the default sizes, an image of 0.9 MB takes 30 times as long.
+    // With the default sizes, the transfer of an image of 0.9 MB takes 30 times as long.
     auto memory = std::make_shared<eprosima::fastdds::rtps::SharedMemTransportDescriptor>();
     memory->segment_size(8 << 20);
     memory->max_message_size(2 << 20);
@@ -299,7 +300,7 @@ std::string PeerListener::Reason(const Peer& peer) const {
            authority_ + "'";
   }
   if (peer.refused) return "its certificate or its permissions are forged, or have expired";
-  // A peer that rejects this process's certificate does not report it, and only stays silent.
+  // A peer that rejects this process's certificate only stays silent.
   return Clock::now() - peer.found < kHandshake ? ""
                                                 : "it does not accept this process's certificate, "
                                                   "or does not answer";

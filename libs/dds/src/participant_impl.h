@@ -62,7 +62,7 @@ class PeerListener : public eprosima::fastdds::dds::DomainParticipantListener {
   [[nodiscard]] std::string Reason(const Peer& peer) const;
   // Returns true if a secured network does not admit the peer.
   [[nodiscard]] bool Outside(const Peer& peer) const;
-  // Assigns a number. @pre the mutex is locked
+  // Numbers the newcomer and adds it to found_. @pre the mutex is locked
   void Found(Newcomer& newcomer);
 
   const bool secured_;

@@ -13,7 +13,7 @@
 namespace dfr::dds::internal {
 namespace {
 
-// Between the creation and the locking of a lock file, a live process looks dead.
+// A live process looks dead between creating a lock file and locking it.
 constexpr std::time_t kGraceSeconds = 10;
 
 // Returns true if no process holds the lock or could be about to take it.
@@ -37,7 +37,7 @@ void RemoveStaleSegments(const std::filesystem::path& folder, std::time_t now) n
     std::error_code error;
     for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
       const std::string name = entry.path().filename().string();
-      // Ports, which are shared between processes, have a different name format.
+      // Skips ports, which processes share, by the different format of their names.
       if (name.size() != kPrefix.size() + kId + kSuffix.size() || !name.starts_with(kPrefix) ||
           !name.ends_with(kSuffix) ||
           name.find_first_not_of("0123456789abcdef", kPrefix.size()) != kPrefix.size() + kId ||

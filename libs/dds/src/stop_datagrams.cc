@@ -88,7 +88,7 @@ std::string Refused(const char* what) {
 }  // namespace
 
 std::uint16_t StopPort(int domain) noexcept {
-  // DDS uses 7400 + 250 domain with offsets 0, 1 and from 10.
+  // DDS uses the ports 7400 + 250 * domain + offset, with offsets 0, 1 and 10 or more.
   return static_cast<std::uint16_t>(7400 + 250 * domain + 5);
 }
 
@@ -165,7 +165,7 @@ bool StopReader::New(const StopSenderId& who, std::uint64_t sequence, std::int64
   auto known = std::find_if(known_.begin(), known_.end(),
                             [&](const Known& k) { return k.sequence > 0 && k.who == who; });
   if (known == known_.end()) {
-    // Replaces a sender that is silent for so long that its datagrams can no longer be replayed.
+    // Replaces a sender that has been silent for so long that a replay of its datagrams is too old.
     known = std::find_if(known_.begin(), known_.end(), [&](const Known& k) {
       return k.sequence == 0 || wall_ns - k.heard_ns > 2 * kMostAstrayNs;
     });

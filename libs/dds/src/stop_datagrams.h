@@ -14,14 +14,14 @@
 
 /// Second path of the emergency stop through the network: datagrams that share neither parser nor
 /// threads with DDS. Each contains its sender, its number, the time of sending, and whether the
-/// button is pressed. In a secured network it also contains the sender's certificate and a
-/// signature with its key. Datagrams without a valid signature are ignored.
+/// button is pressed. In a secured network it also contains the sender's certificate and signature,
+/// and the receiver ignores datagrams without a valid signature.
 namespace dfr::dds::internal {
 
 /// Identifies a sender: a random number for each button.
 using StopSenderId = std::array<std::uint8_t, 16>;
 
-/// Returns the UDP port of a domain's datagrams, one that DDS does not use.
+/// Returns the UDP port of a domain's datagrams, which DDS does not use.
 [[nodiscard]] std::uint16_t StopPort(int domain) noexcept;
 
 /// Non-blocking UDP socket, closed by the destructor.
@@ -81,8 +81,8 @@ class StopReader {
   std::array<Known, 16> known_{};
 };
 
-/// Sends stop messages to all listeners of the domain on this machine and, unless discovery is
-/// kLoopback, on its networks. One object belongs to one thread at a time.
+/// Sends stop messages to all listeners of the domain on this machine. Unless discovery is
+/// kLoopback, also broadcasts them on its networks. One object belongs to one thread at a time.
 class StopSender {
  public:
   /// @throws std::runtime_error naming the error of the system or the security files.

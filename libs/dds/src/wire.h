@@ -49,11 +49,11 @@ DFR_SERVICE(InverseKinematicsQuery, crtk_msgs, QueryInverseKinematics_Request_)
 DFR_SERVICE(InverseKinematicsAnswer, crtk_msgs, QueryInverseKinematics_Response_)
 #undef DFR_SERVICE
 
-/// A message of type T that is read or written.
+/// Satisfied by T, for a message that is written, and const T, for one that is read.
 template <typename Message, typename T>
 concept Is = std::same_as<std::remove_const_t<Message>, T>;
 
-// Each of these calls copy(field of the message, field of the wire type) for all fields.
+// Each function below calls copy(field of the message, field of the wire type) for all fields.
 
 void Vector(auto& vector, auto& wire, auto copy) {
   copy(vector.x(), wire.x_());
@@ -80,7 +80,7 @@ void Fields(Is<WrenchStamped> auto& message, auto& wire, auto copy) {
   Vector(message.force_n, wire.wrench_().force_(), copy);
   Vector(message.torque_nm, wire.wrench_().torque_(), copy);
 }
-// The wrench of a new wire type is invalid.
+// Omits the wrench, which a new wire message marks as invalid.
 void Fields(Is<CartesianState> auto& message, auto& wire, auto copy) {
   copy(message.pose_valid, wire.pose_is_valid_().data_());
   Pose(message, wire.pose_(), copy);

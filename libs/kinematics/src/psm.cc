@@ -103,8 +103,9 @@ PsmReach Psm::Inverse(const Eigen::Isometry3d& pose, PsmJoints& q,
 
   // x5, from the wrist-pitch to the wrist-yaw axis, is normal to the yaw axis z6. The shaft's axis
   // z4, which passes through the origin, lies in the plane of x5 and z6 (both are normal to the
-  // pitch axis). The wrist-yaw axis p6 lies in that plane, too; removing its component along z6
-  // therefore gives x5. With the opposite sign the wrist folds back by more than a right angle.
+  // pitch axis). The point p6 on the wrist-yaw axis lies in that plane too. Removing its component
+  // along z6 gives the direction of x5. The opposite direction would fold the wrist back by more
+  // than a right angle.
   const Eigen::Vector3d z6 = r6.col(2);
   const Eigen::Vector3d normal_part = p6 - p6.dot(z6) * z6;
   if (normal_part.norm() < 1e-9) return PsmReach::kSingular;

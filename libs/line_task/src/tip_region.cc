@@ -67,7 +67,7 @@ Breach TipRegion::Along(const PsmJoints& from, const PsmJoints& to) const noexce
   double allowed = At(task_->Tip(from)).depth_m;
   for (int i = 1; i <= looks; ++i) {
     const Breach here = At(task_->Tip(from + (static_cast<double>(i) / looks) * way));
-    // A path that starts in violation must lead out.
+    // A path that starts outside the region must not lead farther out.
     if (here.any() && here.depth_m > allowed + kBend && here.depth_m > worst.depth_m) worst = here;
     allowed = std::min(allowed, here.depth_m);
   }

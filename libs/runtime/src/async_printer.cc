@@ -40,7 +40,7 @@ bool AsyncPrinter::Print(const char* text) noexcept {
       continue;
     }
     const ssize_t size = ::write(file_, text, static_cast<std::size_t>(end - text));
-    if (size <= 0) return true;  // the reader has closed
+    if (size <= 0) return true;  // nobody reads the output: drops the text
     text += size;
   }
   return true;

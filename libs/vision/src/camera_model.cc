@@ -19,7 +19,7 @@ Eigen::Vector2d Distort(const std::array<double, 5>& k, const Eigen::Vector2d& n
   const double r2 = x * x + y * y;
   const double radial = 1.0 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]));
   if (derivative != nullptr) {
-    const double slope = 2.0 * (k[0] + r2 * (2.0 * k[1] + 3.0 * r2 * k[4]));  // d radial / d r2, x2
+    const double slope = 2.0 * (k[0] + r2 * (2.0 * k[1] + 3.0 * r2 * k[4]));  // 2 d(radial) / d(r2)
     (*derivative)(0, 0) = radial + slope * x * x + 2.0 * k[2] * y + 6.0 * k[3] * x;
     (*derivative)(0, 1) = slope * x * y + 2.0 * k[2] * x + 2.0 * k[3] * y;
     (*derivative)(1, 0) = (*derivative)(0, 1);

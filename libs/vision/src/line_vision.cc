@@ -28,14 +28,14 @@ constexpr double kUnseen = std::numeric_limits<double>::quiet_NaN();
 // A pixel has a colour if one channel exceeds both others by this fraction of the gauze's
 // brightness, which makes the segmentation independent of the light.
 constexpr double kColorShare = 0.15;
-// Same as kColorShare for the line: about half of its excess of red. Larger, because each column
-// sums over many pixels of gauze, whose noise must have no effect.
+// Same as kColorShare, for the line: about half of the line's excess of red. Larger than
+// kColorShare because a column's sum includes many pixels of gauze, whose noise must not count.
 constexpr double kLineShare = 0.3;
 constexpr double kGoodMarkErrorPx = 0.15;  // RMS; sub-pixel centres of whole marks fit within 0.1
 constexpr double kMaxMarkErrorPx = 0.6;
 constexpr double kMaxLineErrorM = 2.5e-4;  // RMS over the accepted columns
 constexpr double kMinLineLengthM = 0.015;
-constexpr double kMaxBeyondLineM = 0.002;  // maximum distance of the tip ahead of the visible line
+constexpr double kMaxBeyondLineM = 0.002;  // maximum distance of the tip beyond the line's ends
 constexpr int kMinColumns = 50;
 
 double SmallestDistance(const std::vector<Eigen::Vector2d>& points) {
@@ -60,7 +60,7 @@ bool OnOneLine(const std::vector<internal::MarkSighting>& sightings) noexcept {
     const Eigen::Vector2d d = s.on_target.head<2>() - mean;
     scatter += d * d.transpose();
   }
-  // For a small ratio of the smaller to the larger eigenvalue, determinant / trace^2 is near it.
+  // If the eigenvalues differ much, determinant / trace^2 approximates their ratio.
   const double trace = scatter.trace();
   return !(scatter.determinant() > 0.01 * trace * trace);
 }
@@ -117,8 +117,8 @@ struct LineVision::Impl : internal::ColourBlobs {
     Excess(0);
     FindBlobs(threshold);
     marks.assign(mark_pixels.size(), Eigen::Vector2d(kUnseen, kUnseen));
-    // A mark is assigned to the nearest expected position. Motions up to half the distance between
-    // two marks, along their direction, cannot confuse them.
+    // A blob is assigned to the mark with the nearest expected position. A motion of the target by
+    // less than half the distance between two marks cannot confuse them.
     mark_distance.assign(mark_pixels.size(), mark_gate);
     int found = 0;
     for (const Blob& blob : blobs) {
@@ -170,8 +170,7 @@ struct LineVision::Impl : internal::ColourBlobs {
     }
   }
 
-  // Position of the tip, and the ratio of its area to the expected area or the reciprocal,
-  // whichever is smaller.
+  // Position of the tip, and the smaller of its area / expected area and the reciprocal.
   struct Tip {
     Eigen::Vector3d p_cam;
     double share;

@@ -14,8 +14,8 @@ struct LinePoint {
   double y = 0.0;
 };
 
-/// Fits y = c0 + c1 x + c2 x^2 by iteratively reweighted least squares with Tukey's weights. x is
-/// in units of 0.03 m, which keeps the normal equations well scaled. Fit() writes the weights, 0
+/// Fits y = c0 + c1 x + c2 x^2 by iteratively reweighted least squares with Tukey's weights. Solves
+/// for x in units of 0.03 m to keep the normal equations well scaled. Fit() writes the weights, 0
 /// for outliers, and returns false if the points do not determine the curve.
 class RobustQuadratic {
  public:

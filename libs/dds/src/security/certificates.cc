@@ -29,7 +29,7 @@ constexpr std::array kPermissions = {Permission::kController, Permission::kConso
                                      Permission::kButton, Permission::kMonitor};
 
 // Authenticates, authorises and encrypts everything, including discovery and liveliness, and signs
-// submessages without data (acknowledgements, gaps). ROS 2 has the same governance.
+// submessages without data (acknowledgements, gaps). ROS 2 keystores use the same rules.
 constexpr std::string_view kGovernance =
     R"(<?xml version="1.0" encoding="UTF-8"?>
 <dds xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:noNamespaceSchemaLocation="http://www.omg.org/spec/DDS-SECURITY/20170901/omg_shared_ca_governance.xsd">
@@ -57,8 +57,8 @@ constexpr std::string_view kGovernance =
 </dds>
 )";
 
-// Topics that move an arm, and topics on which an arm reports (CRTK). '*' also matches slashes. A
-// console must not publish emergency stops.
+// Topics that command an arm, and topics on which an arm reports (CRTK). '*' also matches slashes.
+// Emergency stops are commands because a console must not publish them.
 constexpr std::array<std::string_view, 9> kCommands = {
     "rt/*servo_*",         "rt/*move_*",         "rt/*/hold",
     "rt/*/free",           "rt/*/state_command", "rt/simulator/request",
@@ -125,7 +125,7 @@ void AddExtension(X509& certificate, X509& issuer, int id, const char* value) {
   X509_EXTENSION_free(extension);
 }
 
-// Creates a certificate of `name` for `key`, signed by `issuer`, or self-signed without one.
+// Creates a certificate for `name` and `key`, signed by `issuer`, or self-signed if it is nullptr.
 Owned<X509> Certify(const std::string& name, EVP_PKEY& key, int days, X509* issuer,
                     EVP_PKEY& issuer_key) {
   Owned<X509> certificate(X509_new());
@@ -145,7 +145,7 @@ Owned<X509> Certify(const std::string& name, EVP_PKEY& key, int days, X509* issu
                                      0) == 1);
   X509& by = issuer == nullptr ? *certificate : *issuer;
   Require(X509_set_issuer_name(certificate.get(), X509_get_subject_name(&by)) == 1);
-  // Tolerates a difference between the clocks of two machines.
+  // Tolerates clocks of other machines that are up to a day behind.
   X509_gmtime_adj(X509_getm_notBefore(certificate.get()), -86400);
   Require(X509_time_adj_ex(X509_getm_notAfter(certificate.get()), days, 0, nullptr) != nullptr);
   if (issuer != nullptr &&
@@ -319,7 +319,7 @@ void AddParticipant(const std::filesystem::path& folder, const std::string& name
   Write(files.certificate, Pem(*certificate), 0644);
   Write(own / "permissions.xml", permissions, 0644);
   Write(files.permissions, Sign(permissions, *authority, *authority_key), 0644);
-  // Copies instead of links, because a participant's folder is moved to another machine.
+  // Copies instead of links, because the participant's folder moves to another machine.
   std::filesystem::copy_file(AuthorityCertificate(folder), files.identity_ca);
   std::filesystem::copy_file(AuthorityCertificate(folder), files.permissions_ca);
   std::filesystem::copy_file(folder / "enclaves" / "governance.p7s", files.governance);

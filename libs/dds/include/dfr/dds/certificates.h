@@ -27,20 +27,21 @@ struct CertificateOptions {
 /// Creates the certificate authority of a lab in a new folder, laid out as a ROS 2 keystore:
 ///
 ///   public/ca.cert.pem          certificate of the authority, for everyone
-///   private/ca.key.pem          its key, which can admit participants; keep it off the robot
+///   private/ca.key.pem          its key, which signs participants; keep it off the robot
 ///   enclaves/governance.p7s     signed encryption rules (everything is encrypted)
 ///   enclaves/NAME/              one folder per participant, see SecurityFiles
 ///
 /// Only the user who runs the program can read the keys.
-/// @throws std::invalid_argument if an option is out of range; std::runtime_error naming the file
-///   if it exists, or cannot be written.
+/// @throws std::invalid_argument if an option is out of range; std::runtime_error if `folder` has
+/// an
+///   authority, or naming the file that cannot be written.
 void MakeAuthority(const std::filesystem::path& folder, const CertificateOptions& options = {});
 
 /// Adds a participant: creates its key, certificate and signed permissions. They are valid for
 /// `options.days`, but not beyond the authority's certificate.
 /// @param name  letters, digits, '_', '-' and '.'.
-/// @throws as MakeAuthority(), and if the participant exists, there is no authority in `folder`, or
-///   others can read its key.
+/// @throws as MakeAuthority(), and if the participant exists, `folder` has no authority, or users
+///   other than the owner can read the authority's key.
 void AddParticipant(const std::filesystem::path& folder, const std::string& name,
                     Permission permission, const CertificateOptions& options = {});
 

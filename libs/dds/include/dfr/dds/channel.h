@@ -14,26 +14,27 @@ namespace dfr::dds {
 /// reliable. Publishers of a role match subscribers of the same role, and both match a plain ROS 2
 /// peer, except where noted.
 enum class Role {
-  /// Set-points at a high rate; only the newest counts. The publisher offers a deadline of 40 ms
+  /// Set-points at a high rate. Only the newest is kept. The publisher offers a deadline of 40 ms
   /// and a liveliness lease of 100 ms, which each write renews. Samples expire 50 ms after sending,
-  /// which requires the clocks of two machines to agree within a few milliseconds. The subscriber
-  /// requests no deadline or liveliness, as on a console.
+  /// which requires the clocks of two machines to agree within a few milliseconds. Like a console,
+  /// the subscriber requests no deadline or liveliness.
   kCommand,
   /// Same as kCommand, but the subscriber requests deadline and liveliness: its health() reports a
-  /// dead or hanging publisher within 100 ms. It refuses a plain ROS 2 publisher.
+  /// dead or hanging publisher within 100 ms. The subscriber refuses a plain ROS 2 publisher.
   kOwnCommand,
   /// Measured state. The publisher keeps 100 samples, the subscriber keeps the newest.
   kState,
   /// Rare messages that must not be lost (operating_state, error). The publisher keeps the last 100
   /// for late joiners.
   kEvent,
-  /// One-time requests (state_command, hold). The publisher keeps no sample: a late joiner must not
-  /// receive an old `home`.
+  /// One-time requests (state_command, hold). Late joiners receive no earlier sample: a console
+  /// must
+  /// not execute an old `home`.
   kRequest,
   /// Images. Only the newest is kept.
   kImage,
-  /// Images without retransmission (best effort), as with ROS 2's sensor data. A kImage subscriber
-  /// refuses such a publisher.
+  /// Images without retransmission (best effort), as in ROS 2's sensor data profile. A kImage
+  /// subscriber refuses such a publisher.
   kSensorImage,
   /// Latched emergency stop. Late joiners receive the last ten samples within 200 ms.
   kEmergencyStop,
@@ -47,17 +48,18 @@ struct Health {
   int found = 0;
   int alive = 0;             ///< Number of matched publishers whose liveliness is asserted.
   int missed_deadlines = 0;  ///< Number of missed deadlines since the start.
-  int incompatible = 0;      ///< Publishers refused since the start for their quality of service.
+  int incompatible =
+      0;  ///< Publishers refused since the start because of their quality of service.
 };
 
-/// Sends messages of type T, one of messages.h, to a ROS 2 topic. One object belongs to one thread
-/// at a time.
+/// Sends messages of type T (see messages.h) to a ROS 2 topic. One object belongs to one thread at
+/// a time.
 template <typename T>
 class Publisher {
  public:
   /// @param topic  ROS 2 name, "/PSM1/servo_cp".
   /// @throws std::invalid_argument if the topic does not begin with a slash; std::runtime_error if
-  ///   DDS cannot create the writer (another type under this name, no permission).
+  ///   DDS cannot create the writer (the topic has another type, or permission is missing).
   Publisher(Participant& participant, const std::string& topic, Role role);
   ~Publisher();
   Publisher(const Publisher&) = delete;
@@ -66,12 +68,12 @@ class Publisher {
   /// Sends a message. Returns false if DDS could not accept it within 100 ms.
   bool Write(const T& message) noexcept;
   /// Waits until all subscribers have acknowledged all written samples, at most `timeout_s`.
-  /// Returns true if they have. A publisher that is destroyed earlier discards samples that a
-  /// subscriber has not received.
+  /// Returns true if they have. Destroying a publisher discards the samples that a subscriber has
+  /// not received.
   bool WaitUntilReceived(double timeout_s) noexcept;
   /// Returns the number of subscribers matched now.
   [[nodiscard]] int num_subscribers() const noexcept;
-  /// Returns the origin that Subscriber::Take() reports for its samples.
+  /// Returns the origin that Subscriber::Take() reports for this publisher's samples.
   [[nodiscard]] Origin origin() const noexcept;
 
  private:
@@ -92,7 +94,7 @@ class Subscriber {
 
   /// Takes the oldest unread sample. Returns false, with `message` unchanged, if there is none.
   bool Take(T& message) noexcept;
-  /// Same as above, and returns the sender.
+  /// Same as above, and sets `from` to the sender.
   bool Take(T& message, Origin& from) noexcept;
   /// Takes all samples and keeps the newest. Returns false, with `message` unchanged, if there is
   /// none.

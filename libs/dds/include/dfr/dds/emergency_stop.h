@@ -20,14 +20,15 @@ inline constexpr const char* kEmergencyStopTopic = "/emergency_stop";
 /// Topic on which the line tracking program reports the state of its control loop
 /// (crtk_msgs/OperatingState, the states of runtime::RunState), for display at the emergency stop.
 inline constexpr const char* kRunStateTopic = "/line_tracking/run_state";
-/// Last state of a program that ends normally. Silence without it indicates a problem.
+/// Last state reported by a program that ends normally. Silence without this report indicates a
+/// failure.
 inline constexpr const char* kRunEnded = "ended";
 
-/// Sender of an emergency stop over the network: an operator's button. Must send its state at least
-/// ten times per second, because silence also stops the robot. Sends over two independent paths,
-/// DDS and UDP datagrams (port 7405 + 250 domain, to this machine and, unless discovery is
-/// loopback, its networks). A DDS failure therefore cannot block it. Never use it as the only
-/// emergency stop: the robot needs a hardware switch. One object belongs to one thread at a time.
+/// Sender of an emergency stop over the network: an operator's button. Sends over two independent
+/// paths, because a failure of DDS must not block it: DDS and UDP datagrams. The datagrams go to
+/// port 7405 + 250 * domain of this machine and, unless discovery is kLoopback, are broadcast on
+/// its networks. Never use this as the only emergency stop: the robot needs a hardware switch. One
+/// object belongs to one thread at a time.
 class EmergencyStopButton {
  public:
   /// @throws as Publisher; std::runtime_error if the system refuses a socket.
@@ -37,8 +38,8 @@ class EmergencyStopButton {
   EmergencyStopButton(const EmergencyStopButton&) = delete;
   EmergencyStopButton& operator=(const EmergencyStopButton&) = delete;
 
-  /// Sends the state. Must be called every kBeat_s or more often. Returns false if neither path
-  /// could send it.
+  /// Sends the state. Must be called every kBeat_s or more often, because silence also stops the
+  /// robot. Returns false if neither path could send the state.
   /// @param wall_ns  present time, for the datagram's stamp.
   bool Beat(std::int64_t wall_ns = Stamp::Now().nanoseconds()) noexcept;
   /// Latches the stop and sends it at once.
@@ -65,8 +66,8 @@ enum class EmergencyStop {
              ///< Also reported for more than eight buttons.
 };
 
-/// Determines the state of the emergency stop from the buttons' messages and their times. In case
-/// of doubt the robot must stop. Never allocates.
+/// Determines the state of the emergency stop from the buttons' messages and their times. Returns
+/// kClear only if no button is pressed or silent. Never allocates.
 class EmergencyStopJudge {
  public:
   enum class Way { kDds, kDatagrams };
@@ -146,7 +147,7 @@ class EmergencyStopReceiver {
  private:
   EmergencyStopJudge judge_;
   Subscriber<Flag> subscriber_;
-  std::unique_ptr<internal::StopListener> listener_;  // null without datagrams
+  std::unique_ptr<internal::StopListener> listener_;  // nullptr without datagrams
 };
 
 }  // namespace dfr::dds

@@ -12,7 +12,7 @@ namespace dfr::dds {
 /// Messages exchanged with a console (CRTK convention over ROS 2), as plain structs. Publisher and
 /// Subscriber convert them to the ROS 2 wire types named below.
 
-/// Time since the Unix epoch, as ROS 2 stamps it. Consoles stamp invalid data with zero.
+/// Time since the Unix epoch, as in ROS 2 headers. Consoles stamp invalid data with zero.
 struct Stamp {
   std::int32_t sec = 0;
   std::uint32_t nanosec = 0;
@@ -124,12 +124,12 @@ struct CameraInfo {
   std::uint32_t width = 0;
   std::string distortion_model;    ///< "plumb_bob", "rational_polynomial", ...
   std::vector<double> d;           ///< Distortion; plumb_bob: k1, k2, p1, p2, k3.
-  std::array<double, 9> k{};       ///< fx 0 cx, 0 fy cy, 0 0 1, of the raw image.
-  std::array<double, 9> r{};       ///< Rectifying rotation; identity with one camera.
-  std::array<double, 12> p{};      ///< Projection of the rectified image, 3 x 4.
+  std::array<double, 9> k{};       ///< Intrinsics of the raw image: fx 0 cx, 0 fy cy, 0 0 1.
+  std::array<double, 9> r{};       ///< Rectifying rotation; identity for a single camera.
+  std::array<double, 12> p{};      ///< Projection matrix of the rectified image, 3 x 4.
   std::uint32_t binning_x = 0;     ///< Binning factor; 0 means 1.
   std::uint32_t binning_y = 0;     ///< Binning factor; 0 means 1.
-  std::uint32_t roi_x_offset = 0;  ///< Region of interest; all zero is the whole image.
+  std::uint32_t roi_x_offset = 0;  ///< Region of interest; all zero means the whole image.
   std::uint32_t roi_y_offset = 0;
   std::uint32_t roi_height = 0;
   std::uint32_t roi_width = 0;

@@ -26,10 +26,10 @@ struct ParticipantOptions {
   Discovery discovery = Discovery::kLoopback;
   std::string server_address = "127.0.0.1";  ///< IPv4; used with a discovery server.
   std::uint16_t server_port = 11811;
-  /// Adds a second participant that exchanges images with processes on this machine by shared
-  /// memory. The participant of the control loop stays on UDP, because a killed process can leave
-  /// files in /dev/shm, and shared memory in a state that stalls other processes. Removes image
-  /// files of terminated processes from /dev/shm.
+  /// Adds a shared memory transport for images between processes on this machine, and removes the
+  /// segments of terminated processes from /dev/shm. Use a separate participant for it, and leave
+  /// that of the control loop on UDP: a killed process can leave shared memory in a state that
+  /// stalls other processes.
   bool shared_memory = false;
   /// Folder of the participant in a secured network (security.h). Only participants with a
   /// certificate of the same authority can communicate, and all traffic is encrypted. Empty: no
@@ -41,7 +41,7 @@ struct ParticipantOptions {
 /// unverified.
 struct RefusedPeer {
   std::string name;    ///< Its ParticipantOptions::name or ROS 2 enclave.
-  std::string guid;    ///< Machine, process and participant, as shown by discovery tools.
+  std::string guid;    ///< Identifier of the participant, as shown by discovery tools.
   std::string reason;  ///< Description: no certificate, a certificate of another authority, ...
 };
 
@@ -76,8 +76,7 @@ class Participant {
   [[nodiscard]] const ParticipantOptions& options() const noexcept;
 
   /// Returns the peers found since the start and not admitted, including those that have left. Each
-  /// appears within 5 s of its discovery. A peer that is not listed is absent or admitted. Without
-  /// security, the peers that use security are listed.
+  /// appears within 5 s of its discovery. Without security, the peers that use security are listed.
   [[nodiscard]] std::vector<RefusedPeer> refused_peers() const;
   /// Returns the refused peers not returned by earlier calls, for a log without repetitions.
   [[nodiscard]] std::vector<RefusedPeer> TakeRefusedPeers();
@@ -88,9 +87,9 @@ class Participant {
   [[nodiscard]] int CountOthersPublishers(
       const std::function<bool(std::string_view topic)>& counts) const;
 
-  /// Returns the number of other participants and their publishers found since the start. Anything
-  /// lost and rediscovered counts twice. A secured network excludes participants without a
-  /// certificate of its authority.
+  /// Returns the number of other participants and their publishers found since the start. One that
+  /// is lost and rediscovered counts twice. With security, participants without a certificate of
+  /// the network's authority do not count.
   [[nodiscard]] std::uint64_t num_found() const noexcept;
   /// Returns the participants and publishers found after number `after`, at most the last 64,
   /// oldest first, including those that have left. A participant is reported before its publishers

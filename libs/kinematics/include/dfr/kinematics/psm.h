@@ -23,9 +23,9 @@ enum class PsmReach {
 /// insertion are wider on an Si arm.
 enum class PsmGeneration { kClassic, kSi };
 
-/// Kinematics of the da Vinci Classic PSM with a Large Needle Driver (400006), modified
-/// Denavit-Hartenberg, in metres and radians. An Si PSM with its Large Needle Driver (420006) has
-/// the same kinematics: its longer shaft starts farther back by the same length.
+/// Kinematics of the da Vinci Classic PSM with a Large Needle Driver (400006), in metres and
+/// radians, by modified Denavit-Hartenberg parameters. An Si PSM with its Large Needle Driver
+/// (420006) has the same kinematics: its shaft is longer, and starts farther back by that length.
 ///
 /// The origin of the base frame is the remote centre of motion, which no joint moves: the shaft's
 /// axis passes through it in every configuration. The pose is that of the wrist-yaw axis in the
@@ -53,13 +53,14 @@ class Psm {
   [[nodiscard]] static Eigen::Isometry3d Forward(const PsmJoints& q) noexcept;
   /// Returns the position of the jaw tips in the base frame, m.
   [[nodiscard]] static Eigen::Vector3d Tip(const PsmJoints& q) noexcept;
-  /// Returns a number of equal parts of the joint motion `way`, from 1 to 1024. Up to a motion of
-  /// 0.5 m, no point of the tool moves by more than 0.5 mm in a part. 1 if an entry is not finite.
+  /// Returns the number of equal parts, from 1 to 1024, into which to divide the joint motion
+  /// `way`. Within a part, no point of the tool moves more than 0.5 mm unless the whole motion
+  /// exceeds 0.5 m. Returns 1 if an entry is not finite.
   [[nodiscard]] static int NumParts(const PsmJoints& way) noexcept;
 
   /// Computes the joint values for a pose of the wrist in closed form. Returns the solution with
   /// the wrist bent by less than a right angle, the only one within the limits. Writes `q` for kOk,
-  /// and for kJointLimit, where it shows which joint is beyond its limit.
+  /// and also for kJointLimit, to show which joint is beyond its limit.
   [[nodiscard]] static PsmReach Inverse(
       const Eigen::Isometry3d& pose, PsmJoints& q,
       PsmGeneration generation = PsmGeneration::kClassic) noexcept;

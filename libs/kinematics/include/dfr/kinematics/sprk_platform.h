@@ -21,8 +21,8 @@ struct PlatformPose {
 /// limits are those of the published firmware.
 ///
 /// Single-axis range from home: z +8.3/-17.1 mm, x +-27.4 mm, y +29.8/-26.7 mm, roll +8.3/-6.1
-/// degrees, pitch +-6.1, yaw +-23.3. The rotations are smaller than the paper's +-15 degrees in
-/// roll and pitch. The firmware saturates silently; call Reachable() before sending a pose.
+/// degrees, pitch +-6.1, yaw +-23.3. The ranges of roll and pitch are smaller than the paper's +-15
+/// degrees. The firmware saturates silently; call Reachable() before sending a pose.
 ///
 /// Nothing here allocates or throws.
 class SprkPlatform {

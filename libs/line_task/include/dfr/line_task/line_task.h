@@ -53,9 +53,9 @@ struct LineCalibration {
 class LineTask {
  public:
   static constexpr double kStep = 0.002;       ///< m per unit of control.
-  static constexpr double kSpeed = 0.010;      ///< m/s of the tool.
+  static constexpr double kSpeed = 0.010;      ///< Speed of the tool, m/s.
   static constexpr double kCollision = 0.004;  ///< Collision beyond this distance from the line, m.
-  static constexpr double kCompletion = 0.040;  ///< m of line to track.
+  static constexpr double kCompletion = 0.040;  ///< Length of line to track, m.
 
   /// @param p_world_base  pose of the arm's base in the world frame.
   /// @param generation  determines the joint limits.
@@ -87,8 +87,8 @@ class LineTask {
   /// m. Uses the line of the second observation. NaN unless both are seen().
   [[nodiscard]] static double Progress(const vision::LineObservation& first,
                                        const vision::LineObservation& now) noexcept;
-  /// Writes the state for a tip in the world frame and a line with this distance and angle to the
-  /// x-axis.
+  /// Writes the state for the tip `tip_m` in the world frame and a line at the given distance from
+  /// the tip and angle to the x-axis.
   static void State(const Eigen::Vector3d& tip_m, double distance_m, double heading_rad,
                     std::span<double> state) noexcept;
 

@@ -10,12 +10,12 @@ namespace dfr::line_task {
 
 /// Permitted region of the jaw tips in the task's world frame: metres, z above the gauze at rest.
 struct TipRegionOptions {
-  /// A box that the tips may not leave. Its lower z is the floor.
+  /// A box that the tips must not leave. Its lower z is the floor.
   Eigen::Vector3d box_min_m = Eigen::Vector3d(-0.06, -0.05, 0.0005);
   Eigen::Vector3d box_max_m = Eigen::Vector3d(0.06, 0.05, 0.06);
-  /// Boxes that the tips may not enter.
+  /// Boxes that the tips must not enter.
   std::vector<Eigen::AlignedBox3d> forbidden = {};
-  /// Planes whose positive side the tips may not leave.
+  /// Planes whose positive side the tips must not leave.
   std::vector<Eigen::Hyperplane<double, 3>> planes = {};
 
   /// @throws std::invalid_argument if an entry is not finite, a box is empty, or a plane's normal
@@ -23,7 +23,7 @@ struct TipRegionOptions {
   void Check() const;
 };
 
-/// Violation of the region by a path.
+/// Violation of the region at a point, or the deepest along a path.
 struct Breach {
   double depth_m = 0.0;        ///< Depth of the violation.
   const char* what = nullptr;  ///< Boundary violated: "the floor", ...; nullptr: none.
@@ -32,8 +32,8 @@ struct Breach {
 };
 
 /// Checks whether a path of the arm keeps the tips in the permitted region. Only the constructor
-/// allocates or throws. Immutable except for SetGauze() and ForgetGauze(), which belong to the
-/// thread that queries.
+/// allocates or throws. Immutable except for SetGauze() and ForgetGauze(), which only the querying
+/// thread may call.
 class TipRegion {
  public:
   /// Borrows `task`, which computes tip positions.
@@ -44,7 +44,8 @@ class TipRegion {
   /// the region. A non-finite position has infinite depth.
   [[nodiscard]] Breach At(const Eigen::Vector3d& tip_m) const noexcept;
   /// Checks, in steps of 0.5 mm, the straight path in joint space between two encoder readings, and
-  /// returns its deepest violation. A path that starts in violation may lead out, but never deeper.
+  /// returns its deepest violation. A path that starts outside the region must not lead farther
+  /// out.
   [[nodiscard]] Breach Along(const kinematics::PsmJoints& from,
                              const kinematics::PsmJoints& to) const noexcept;
   /// Sets the last observed pose of the gauze in the world frame. Until ForgetGauze(), the tips

@@ -20,7 +20,8 @@ namespace dfr::robot {
 struct ControlLoopOptions {
   double period_s = 0.005;     ///< > 0
   double max_period_s = 0.05;  ///< Maximum period, in (0, 10]; a longer period is kOverrun.
-  double settle_time_s = 0.2;  ///< Least time without a reason to hold before a start, in [0, 60].
+  double settle_time_s =
+      0.2;  ///< Minimum time without a reason to hold before a start, in [0, 60].
   double image_latency_s = 0.0;  ///< Maximum delay of a stamp after the exposure.
   double image_timeout_s = 2.0;  ///< Maximum wait for the camera; a longer wait is kImageSilent.
   int max_images = 3;            ///< Maximum number of pictures tried until one shows the state.
@@ -39,7 +40,7 @@ struct ControlLoopOptions {
   double max_drift = 2.5;
   double drift_noise = 0.3;
   double drift_share = 0.5;
-  double drift_stretch = 10.0;  ///< Longer sums of motions are not compared, > 0.
+  double drift_stretch = 10.0;  ///< Maximum length of a sum of motions that is compared, > 0.
   /// Maximum change, during one motion, of an entry that Motion::change does not predict, in
   /// addition to the motion's length. A larger change means that the target moves faster than a
   /// controller can follow.
@@ -127,8 +128,8 @@ class ControlLoop {
   [[nodiscard]] std::span<const double> observation() const noexcept { return observation_; }
   [[nodiscard]] runtime::RunState state() const noexcept { return machine_.state(); }
   [[nodiscard]] bool may_move() const noexcept { return machine_.may_move(); }
-  /// Returns true if the loop holds for a regular end of an episode: completed, halted by the
-  /// controller, or state not seen.
+  /// Returns false if faulted, or if the last episode ended for a reason other than completion, a
+  /// halt of the controller or an image without the state.
   [[nodiscard]] bool ended_regularly() const noexcept;
   /// Describes the reason for the last hold.
   [[nodiscard]] std::string cause() const;

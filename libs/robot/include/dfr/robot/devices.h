@@ -24,7 +24,7 @@ struct Finding {
 /// Result and time of the last check by a device's thread.
 struct ThreadHealth {
   Finding finding;
-  std::int64_t checked_ns = 0;  ///< Time by Clock::MachineNs(). If it is too old, the thread hangs.
+  std::int64_t checked_ns = 0;  ///< By Clock::MachineNs(). The thread hangs if it is too old.
 };
 
 /// Clock of a control loop. In real time it advances independently; in lock-step with a simulator
@@ -139,7 +139,7 @@ class Recorder {
   [[nodiscard]] virtual bool failed() const noexcept = 0;
 };
 
-/// Execution of one control.
+/// Motion of the arm that executes one control.
 struct Motion {
   std::span<const double> joints;  ///< Target of the arm. Valid until the next Plan().
   double duration_s = 0.0;

@@ -12,8 +12,8 @@
 
 namespace dfr::robot {
 
-/// Asks the operator of a robot at the terminal, while the control loop continues. Text typed
-/// before a question is ignored. All arguments must outlive the prompt.
+/// Asks the operator of a robot questions at the terminal while the control loop continues. Ignores
+/// text typed before a question. The constructor's arguments must outlive the prompt.
 class OperatorPrompt {
  public:
   /// @param interrupted  set by Ctrl-C: every answer is then no.
@@ -30,7 +30,8 @@ class OperatorPrompt {
   [[nodiscard]] bool Confirms(ControlLoop& loop, std::string_view question, std::string_view word);
   /// Asks the operator to do `task`, for example "Put the tip over the line's beginning", and
   /// returns true if the next episode may begin. After a regular end Enter suffices. After any
-  /// other reason to hold the operator types `start`; after a fault, first `clear`.
+  /// other reason to hold the operator types `start`. After a fault the operator types `clear`
+  /// first.
   [[nodiscard]] bool AllowsEpisode(ControlLoop& loop, const std::string& task);
 
  private:

@@ -92,8 +92,8 @@ class FailSafe {
 
   /// Starts a period at `steady_ns`, by a monotonic clock.
   void Tick(std::int64_t steady_ns) noexcept;
-  /// Reports a present reason to hold. The first in a period is the cause. A later fault overrides
-  /// a reason that is not a fault. `detail` is shown to the operator.
+  /// Reports a reason to hold in this period. The first reason is the cause of the transition. A
+  /// later fault overrides a reason that is not a fault. `detail` is shown to the operator.
   void Hold(HoldReason reason, std::string_view detail = {}) noexcept;
 
   /// Returns false, without any change, if arming is not permitted; see blocking().
@@ -114,8 +114,8 @@ class FailSafe {
   /// Returns the detail of blocking(). Valid until the next Hold().
   [[nodiscard]] std::string_view blocking_detail() const noexcept;
 
-  /// Takes the oldest pending transition. Returns false if there is none. The queue holds 64;
-  /// further transitions are lost and counted by lost_transitions().
+  /// Takes the oldest pending transition. Returns false if there is none. The queue holds 64
+  /// transitions; further ones are lost and counted by lost_transitions().
   [[nodiscard]] bool Take(Transition& transition) noexcept;
   [[nodiscard]] std::int64_t lost_transitions() const noexcept { return lost_; }
 

@@ -64,7 +64,7 @@ class PeriodicTimer {
 /// Requests real-time scheduling for the calling thread (SCHED_FIFO at `priority` in [1, 99]) and
 /// locks the memory of the process against paging. Threads created afterwards inherit the
 /// scheduling. Returns an empty string if both were granted, otherwise a description of the refusal
-/// and of the missing right. The program works without them.
+/// and of the missing permission. The program works without either.
 [[nodiscard]] std::string AskForRealTime(int priority);
 /// Returns the calling thread to normal scheduling, for non-urgent work in a real-time process.
 void GiveUpRealTime() noexcept;

@@ -17,11 +17,11 @@ enum class NotSeen {
   kWrongSize,      ///< The image size differs from the camera's.
   kDark,           ///< Nearly black.
   kOverexposed,    ///< More than 30 % of the pixels are saturated.
-  kFrozen,         ///< Sampled pixels equal the previous image's: a working sensor has noise.
-  kTarget,         ///< Fewer than four marks of the gauze's frame, or all on one line.
+  kFrozen,         ///< Sampled pixels equal those of the previous image, without any sensor noise.
+  kTarget,         ///< Fewer than four marks of the gauze's frame seen, or all on one line.
   kForeignCamera,  ///< Inconsistent marks: intrinsics of another camera, or a bent frame.
-  kLine,           ///< No red line, or a piece that is too short or not near the tip.
-  kTip,            ///< No end-effector.
+  kLine,           ///< No red line, or its visible piece is too short or not near the tip.
+  kTip,            ///< No green ball of the tool's tip, or several candidates.
   kFault,          ///< OpenCV failed (out of memory).
 };
 
@@ -48,10 +48,12 @@ struct LineVisionOptions {
   double min_confidence = 0.3;  ///< Minimum confidence of a result.
 };
 
-/// Result for one image. Numbers are NaN unless seen().
+/// Result for one image. distance_m, p_cam_tip and tangent_cam are NaN unless seen(); other numbers
+/// are NaN if they were not determined.
 struct LineObservation {
   NotSeen missing = NotSeen::kTarget;
-  /// In [0, 1]: the smallest of the fractions of marks, line points and tip area that fit.
+  /// In [0, 1]: the smallest of the fraction of marks that fit, the fraction of line points that
+  /// fit, and the ratio of the tip's area to its expected area (or the reciprocal if above 1).
   double confidence = 0.0;
   /// Distance from the tip, projected along the gauze's normal, to the line, in the gauze's plane,
   /// m. Positive if the tip is to the left of the line's direction (its +y side).
