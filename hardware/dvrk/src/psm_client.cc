@@ -21,7 +21,7 @@ using kinematics::PsmJoints;
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kTipSpeed = 1.0;  // m/s, upper bound of the wrist's speed
 
-// Returns the twist of the wrist in the frame of `base`: m/s, then rad/s.
+// Returns the twist of the wrist in the frame in which `base` is given: m/s, then rad/s.
 Eigen::Matrix<double, 6, 1> Twist(const Eigen::Isometry3d& base, const PsmJoints& joints,
                                   const PsmJoints& velocity) noexcept {
   Eigen::Matrix<double, 6, 1> twist = Eigen::Matrix<double, 6, 1>::Zero();
@@ -135,9 +135,9 @@ void PsmClient::Take(const PsmInput& input) noexcept {
   age_s_ = any_js_ ? Seconds(wall_ns_ - js_.stamp.nanoseconds()) : kNan;
 }
 
-// Computes the arm's base in the frame of measured_cp, from measured_cp and local/measured_cp at
-// the same time. A console stamps each message separately; between the stamps the wrist moves at
-// most a tenth of a millimetre.
+// Computes the arm's base in the frame of measured_cp from measured_cp and local/measured_cp. Their
+// stamps may differ by 3 ms, because a console stamps each message separately. An arm at the
+// default speed limit moves only 0.15 mm in this time.
 void PsmClient::Pair() noexcept {
   constexpr std::int64_t kOneMomentNs = 3'000'000;
   if (!any_cp_ || !any_local_ || !cp_.stamp.valid() || !local_cp_.stamp.valid() ||

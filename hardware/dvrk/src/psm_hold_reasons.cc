@@ -99,7 +99,7 @@ bool PsmClient::Discovering() const noexcept {
          Seconds(now_ns_ - newcomer_ns_) < options_.discovery_s;
 }
 
-// Looks for other participants that command the arm, or may have commanded it.
+// Looks for anyone else who can command the arm: by clutch, teleoperation or a command topic.
 PsmStatus PsmClient::CommandHoldReason(const PsmInput& input) const noexcept {
   if (input.clutched) return PsmStatus::kClutched;
   if (!options_.sole_commander) return PsmStatus::kOk;
@@ -144,7 +144,8 @@ bool PsmClient::BaseMoved() const noexcept {
   return !Near(base_, base_now_, options_.max_frame_distance_m, options_.max_frame_angle);
 }
 
-// During power-up and homing the arm measures nothing, but its messages are still checked.
+// During power-up and homing there are no valid measurements. Checks the console's messages and
+// whether others command the arm.
 PsmStatus PsmClient::HomingHoldReason(const PsmInput& input, double dt) const noexcept {
   if (!homing() && request_ != PsmRequest::kHome && request_ != PsmRequest::kEnable) {
     return PsmStatus::kOk;

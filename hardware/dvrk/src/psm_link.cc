@@ -133,7 +133,7 @@ void PsmDriver::Link::Send() noexcept {
   Outgoing next;
   bool servo = false;
   bool servo_jaw = false;
-  // Only the last of several pending set-points counts.
+  // Sends only the last of several pending set-points.
   while (outbox.Take(next)) {
     if (next.servo) {
       servo = true;
@@ -187,7 +187,7 @@ void PsmDriver::Link::NoteControl(const ConsoleMessage& message) noexcept {
 }
 
 void PsmDriver::Link::Receive() noexcept {
-  // Reads messages first. The reason for a FAULT is then known when it is reported.
+  // Reads messages first, so the reason for a FAULT is known when the FAULT is reported.
   const std::int64_t now_ns = tick_ns.load(std::memory_order_relaxed);
   std::uint64_t left_out = 0;
   for (const auto& [subscriber, severity, limit] :
@@ -319,8 +319,8 @@ void PsmDriver::Link::ReadMonitors() noexcept {
     instrument.store(known ? PsmInstrument::kSuitable : PsmInstrument::kOther,
                      std::memory_order_release);
   }
-  // If the publisher that named the instrument has left, the next one names it again. Read the last
-  // name before this check: otherwise that name would remain.
+  // The name is void if its publisher has left; the next publisher names the instrument again. This
+  // check comes after reading, because a name that arrived last would otherwise remain.
   if (tool_type.health().publishers == 0) {
     tool.clear();
     instrument.store(PsmInstrument::kNotNamed, std::memory_order_release);

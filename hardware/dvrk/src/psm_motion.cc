@@ -13,7 +13,7 @@ using kinematics::PsmJoints;
 using kinematics::PsmReach;
 
 constexpr double kTwoPi = 6.2831853071795865;
-// Clocks count whole nanoseconds; a sum of steps may miss the end of a move by several.
+// Clocks count whole nanoseconds: a sum of steps may miss the end of a move by several nanoseconds.
 constexpr double kClockError = 1e-6;
 // Tolerance of joint values converted to a pose and back; sine and cosine leave errors of 1e-15.
 constexpr double kRoundTrip = 1e-6;

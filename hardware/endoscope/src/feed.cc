@@ -9,7 +9,7 @@ namespace {
 
 // Brightness is sampled at every 13th pixel.
 constexpr std::size_t kBrightnessStep = 13;
-// Pixels below this are black. At least a tenth of the samples must not be black.
+// A sample is black if its green value is below this. At least a tenth must not be black.
 constexpr std::uint8_t kBlack = 25;
 
 std::uint64_t Hash(const std::vector<std::uint8_t>& pixels) noexcept {

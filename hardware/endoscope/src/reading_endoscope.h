@@ -19,7 +19,7 @@ using Read = std::function<void(Feed& feed, const std::atomic<bool>& stop)>;
                                                        const EndoscopeOptions& options,
                                                        const Read& read);
 
-/// Returns `time_s` after its first call, which passes 0, or earlier after a stop request.
+/// Waits until `time_s` after the first call, which passes 0, or until a stop is requested.
 using Pace = std::function<void(double time_s, const std::atomic<bool>& stop)>;
 
 /// Same as hardware::OpenVideo() for a file, played at `pace`.

@@ -79,8 +79,8 @@ void EmergencyStopMonitor::Run() {
     message.state = runtime::Name(state);
     announcer_.Write(message);
   }
-  // Announces a regular end, so its silence is not reported as a failure. The sleep lets DDS repeat
-  // a lost message.
+  // Announces a regular end, so the silence after it is not reported as a failure. The sleep lets
+  // DDS repeat a lost message.
   dds::OperatingState farewell;
   farewell.stamp = dds::Stamp::Now();
   farewell.state = dds::kRunEnded;

@@ -17,7 +17,8 @@ robot::Finding PsmArm::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexce
   if (ConsoleMessage message; on_message_) {
     while (driver_->TakeMessage(message)) on_message_(message);
   }
-  // An unarmed driver is not a reason to hold, but the reason that prevents arming is.
+  // For an inactive driver, status() would be the cause of an earlier hold. Reports instead the
+  // present reason that prevents arming.
   found_ = was_active ? status : driver_->client().hold_reason();
   if (found_ == PsmStatus::kHeld) return {};  // held by this program: the caller knows the reason
   const bool says_why = found_ == PsmStatus::kConsoleFault || found_ == PsmStatus::kConsoleError;
@@ -28,7 +29,7 @@ robot::Finding PsmArm::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexce
   return {HoldReasonFor(found_), error.empty() ? Name(found_) : error};
 }
 
-// Returns the reason and its originator.
+// Returns the reason and the participant that caused it.
 std::string_view PsmArm::SaidBy(std::string_view who) noexcept {
   const char* const what = found_ == PsmStatus::kForeignMessage   ? "commanded the arm"
                            : found_ == PsmStatus::kOtherPublisher ? "can command the arm"

@@ -4,7 +4,7 @@
 
 namespace dfr::hardware {
 
-/// Commands that control an arm.
+/// Kind of the commands that control an arm.
 enum class PsmControl {
   kUnstated,  ///< The text states no control.
   kNone,      ///< No commands: the arm is being homed, or is not ENABLED.
@@ -13,8 +13,9 @@ enum class PsmControl {
 };
 
 /// Returns the control stated by a text on the console's topic `status`. A console of dVRK 2.2 to
-/// 2.4 reports each change of control space and mode: after servo_cp, a hold gives "PSM1: control
-/// JOINT_SPACE/POSITION_MODE", and the next servo_cp "PSM1: control CARTESIAN_SPACE/POSITION_MODE".
+/// 2.4 reports each change of control space and mode: a hold after servo_cp gives "PSM1: control
+/// JOINT_SPACE/POSITION_MODE", and the next servo_cp gives "PSM1: control
+/// CARTESIAN_SPACE/POSITION_MODE".
 /// Never allocates.
 [[nodiscard]] PsmControl ControlStatedBy(std::string_view text) noexcept;
 

@@ -22,11 +22,11 @@ struct PsmClientOptions {
   kinematics::PsmJoints max_lag =
       (kinematics::PsmJoints() << 0.09, 0.09, 0.01, 0.15, 0.15, 0.15).finished();
   /// Maximum distance of the console's set-point from the range of the recently sent set-points,
-  /// rad (insertion: m), > 0. Covers the effect of inverse kinematics and rounding. Another client
-  /// can move the console's set-point by at most 0.008 rad (insertion: 1 mm) within one step.
+  /// rad (insertion: m), > 0. Covers errors of inverse kinematics and rounding. The console's speed
+  /// limits allow other clients 0.008 rad (insertion: 1 mm) in a step of 5 ms.
   kinematics::PsmJoints max_setpoint_error =
       (kinematics::PsmJoints() << 0.003, 0.003, 0.0003, 0.01, 0.01, 0.01).finished();
-  double max_jaw_setpoint_error = 0.05;  ///< The same for the jaw, rad, > 0.
+  double max_jaw_setpoint_error = 0.05;  ///< Same as max_setpoint_error, for the jaw, rad, > 0.
   /// Maximum speed between two samples, rad/s (insertion: m/s), > 0: the console's limits with a
   /// margin for noise.
   kinematics::PsmJoints jump_speed =
@@ -34,8 +34,10 @@ struct PsmClientOptions {
   /// Additional allowance for noise, rad (insertion: m), >= 0.
   kinematics::PsmJoints jump_noise =
       (kinematics::PsmJoints() << 0.01, 0.01, 0.002, 0.02, 0.02, 0.02).finished();
-  double jump_distance_m = 0.005;  ///< Noise of measured_cp, which may move at 1 m/s, > 0.
-  /// Limits of measured_js, measured_cp and local/measured_cp. setpoint_js has only max_silence_s.
+  double jump_distance_m =
+      0.005;  ///< Allowance for noise of measured_cp, in addition to 1 m/s, > 0.
+  /// Limits of measured_js, measured_cp and local/measured_cp. Only max_silence_s applies to
+  /// setpoint_js.
   dds::WatchdogOptions watchdog = {};
   /// Maximum progress of a move in one step, s, > 0. After a late step the move takes longer
   /// instead of catching up in one jump.
@@ -43,10 +45,10 @@ struct PsmClientOptions {
   double max_tick_gap_s = 0.1;   ///< Maximum time between two steps while armed, > 0.
   double reach_timeout_s = 2.0;  ///< Maximum time from the end of a move to rest, > 0.
   /// Maximum distance of local/measured_cp (without this topic, of measured_cp) from the wrist
-  /// position of measured_js when arming, and maximum motion of the frame of measured_cp while
-  /// armed, > 0.
+  /// position computed from measured_js when arming, and maximum motion of the frame of measured_cp
+  /// while armed, > 0.
   double max_frame_distance_m = 0.002;
-  double max_frame_angle = 0.05;  ///< rad
+  double max_frame_angle = 0.05;  ///< Same as max_frame_distance_m, for the rotation, rad.
   double enable_timeout_s = 10.0;
   double home_timeout_s = 90.0;
   /// Minimum time from the discovery of the last participant to arming or homing, >= 0: the client
@@ -68,7 +70,7 @@ enum class PsmPhase {
   kIdle,       ///< Listens and sends nothing.
   kRequested,  ///< A state command (enable, home, ...) is in progress.
   kArmed,      ///< Sends set-points.
-  kHolding,    ///< Stopped sending; status() is the cause. Only Arm() or a request ends it.
+  kHolding,    ///< Sends no set-points; status() is the cause. Ends with Arm() or a request.
 };
 
 [[nodiscard]] const char* Name(PsmPhase phase) noexcept;
@@ -76,7 +78,7 @@ enum class PsmPhase {
 /// State commands of CRTK.
 enum class PsmRequest { kNone, kEnable, kDisable, kPause, kResume, kHome, kUnhome };
 
-/// Returns the console's name: "enable", ...; empty for kNone.
+/// Returns the console's name for the request: "enable", ...; empty for kNone.
 [[nodiscard]] const char* Name(PsmRequest request) noexcept;
 
 /// CRTK states, named as in operating_state.
@@ -84,7 +86,7 @@ enum class PsmConsoleState { kUnknown, kDisabled, kEnabled, kPaused, kFault };
 
 [[nodiscard]] const char* Name(PsmConsoleState state) noexcept;
 
-/// measured_js or setpoint_js.
+/// Sample of measured_js or setpoint_js.
 struct PsmJointSample {
   dds::Stamp stamp;
   bool well_formed = false;   ///< True if there are six positions.
@@ -93,31 +95,31 @@ struct PsmJointSample {
   kinematics::PsmJoints velocity = kinematics::PsmJoints::Zero();
 };
 
-/// measured_cp or local/measured_cp.
+/// Sample of measured_cp or local/measured_cp.
 struct PsmPoseSample {
   dds::Stamp stamp;
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
 };
 
-/// jaw/measured_js or jaw/setpoint_js.
+/// Sample of jaw/measured_js or jaw/setpoint_js.
 struct PsmJawSample {
   dds::Stamp stamp;
   double angle = 0.0;
 };
 
-/// operating_state.
+/// Sample of operating_state.
 struct PsmOperatingState {
   PsmConsoleState state = PsmConsoleState::kUnknown;
   bool homed = false;
   bool busy = false;
-  /// Number of samples for which Readiness() is not kOk, and the last such result. Detects a sample
-  /// that was replaced before the client read it.
+  /// Number of samples whose Readiness() is not kOk, and the last such result. Counts also samples
+  /// that a newer one replaced before the client read them.
   std::uint32_t lapses = 0;
   PsmStatus last_lapse = PsmStatus::kOk;
 };
 
-/// Returns kOk if the arm is ENABLED, homed and not busy; otherwise its condition.
+/// Returns kOk if the arm is ENABLED, homed and not busy; otherwise the reason why it is not ready.
 [[nodiscard]] PsmStatus Readiness(const PsmOperatingState& state) noexcept;
 
 /// The instrument on the arm, as the console names it on tool_type.
@@ -171,8 +173,9 @@ struct PsmOutput {
   bool hold = false;
 };
 
-/// A client of one PSM behind a da Vinci Research Kit console (CRTK), without the network:
-/// processes the console's messages and determines what to send. The caller provides the time.
+/// Logic of a client of one PSM behind a da Vinci Research Kit console (CRTK): processes the
+/// console's messages and determines the messages to send. Uses no network; the caller provides
+/// the time.
 ///
 /// Every error leads to kHolding: the client tells the console to hold, sends nothing more, and
 /// keeps the first cause in status() until the next Arm(). The console keeps the last set-point
@@ -195,10 +198,10 @@ class PsmClient {
   PsmOutput Step(const PsmInput& input, std::int64_t steady_ns, std::int64_t wall_ns) noexcept;
 
   /// Requests a state command in the next steps. An armed client holds first. Ends in kIdle, or in
-  /// kHolding with kTimedOut, kConsoleFault, or an error that occurred during power-up or homing;
-  /// the console is then also told to disable. kPause, kDisable and kUnhome do not wait for an
-  /// effect. In FAULT a console accepts only kDisable and kUnhome; others are refused with
-  /// kConsoleFault.
+  /// kHolding with kTimedOut, kConsoleFault, or an error found during power-up or homing. The
+  /// client then also tells the console to disable, unless it is in FAULT. kPause, kDisable and
+  /// kUnhome do not wait for an effect. In FAULT a console accepts only kDisable and kUnhome; other
+  /// requests are refused with kConsoleFault.
   PsmStatus Request(PsmRequest request) noexcept;
 
   /// Starts sending set-points, beginning with the console's own, if the last step found no error.
@@ -220,7 +223,8 @@ class PsmClient {
   [[nodiscard]] PsmPhase phase() const noexcept { return phase_; }
   /// In kHolding: the cause. Otherwise: the reason that prevents arming.
   [[nodiscard]] PsmStatus status() const noexcept;
-  /// Returns the result of the last step, also while holding.
+  /// Returns the reason to hold that the last step found, also while holding; kOk if there was
+  /// none.
   [[nodiscard]] PsmStatus hold_reason() const noexcept { return hold_reason_; }
   /// True while the console has been asked to power up or home and has not finished.
   [[nodiscard]] bool homing() const noexcept;

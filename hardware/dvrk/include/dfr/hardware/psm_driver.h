@@ -45,18 +45,18 @@ struct PsmDriverOptions {
 ///               manip_clutch
 ///   publishes   servo_cp or servo_cs, jaw/servo_jp hold state_command
 ///
-/// It also monitors other publishers on all servo_, move_ and interpolate_ topics of the arm, jaw
-/// and body; new ones on its set_, use_ and emulate_ topics; messages of others on hold, free and
-/// state_command; new participants; moves ended by the console (goal_reached), which this driver
-/// never starts; and enabled teleoperations. The console may receive a newcomer's messages before
-/// this driver does, so the presence of a newcomer counts as a message. The console's statements on
-/// `status` reveal commands that only the console has received.
+/// It also monitors others that command the arm: publishers on all servo_, move_ and interpolate_
+/// topics of the arm, jaw and body, new publishers on its set_, use_ and emulate_ topics, messages
+/// on hold, free and state_command, new participants, teleoperation, and moves ended by the console
+/// (goal_reached), which this driver never starts. The console may receive a newcomer's messages
+/// before this driver does, so the presence of a newcomer counts as a message. The console's
+/// statements on `status` reveal commands that only the console has received.
 ///
 /// A separate thread handles DDS, which allocates, locks and may wait. Lock-free mailboxes pass
 /// messages. All members marked noexcept, in particular Tick(), therefore neither allocate, lock
-/// nor wait. These calls belong to one thread at a time. The driver must be destroyed before the
-/// participant. On destruction an armed driver tells the console to hold, and a homing driver also
-/// tells it to disable. It waits until the console has received this, at most 2 s.
+/// nor wait. They belong to one thread at a time. The driver must be destroyed before the
+/// participant. The destructor of an armed driver tells the console to hold, that of a homing
+/// driver also tells it to disable. It waits at most 2 s until the console has received this.
 ///
 /// A new driver only listens. Usual order: Home(), Arm(), MoveTo(), ..., with Tick() throughout.
 class PsmDriver {
@@ -99,15 +99,16 @@ class PsmDriver {
   [[nodiscard]] bool at_rest() const noexcept { return client_.at_rest(); }
   [[nodiscard]] const std::string& arm() const noexcept { return arm_; }
 
-  /// Takes the oldest unread console message. Returns false if there is none. At most five per
-  /// severity are passed in a second of Tick()'s clock; a warning states the number suppressed. The
-  /// queue holds 64; further messages are lost.
+  /// Takes the oldest unread console message. Returns false if there is none. Passes at most five
+  /// messages per severity in a second of Tick()'s clock; a warning states how many were
+  /// suppressed. The queue holds 64 messages; further ones are lost.
   bool TakeMessage(ConsoleMessage& message) noexcept;
   /// Returns the last error reported by the console; empty if none.
   [[nodiscard]] std::string_view last_error() const noexcept { return last_error_.view(); }
-  /// Describes the last participant that published, sent a request or joined, with address and
-  /// topic. While the arm holds because of others, describes the first that caused the hold, or
-  /// quotes the console if only the console has received the message. Empty if there was none.
+  /// Describes the last participant that joined, sent a request or published a command, with
+  /// address and topic. While the arm holds because of others, describes the first that caused the
+  /// hold, or quotes the console if only the console has received the message. Empty if there was
+  /// none.
   [[nodiscard]] std::string_view who() const noexcept { return who_.data(); }
   /// True if who() is the cause of the hold.
   [[nodiscard]] bool held_by_others() const noexcept;
@@ -162,7 +163,8 @@ struct BringUpClock {
 /// driver.status(), which is kOk if armed. Gives up after `timeout_s` with the reason.
 /// @param say  called with each console message and each reason for waiting; may be empty.
 /// @param may_move  called before each tick, to check an emergency stop or Ctrl-C. If it returns
-///   false, tells the console to hold, and to disable a homing arm; returns kHeld. May be empty.
+///   false, BringUp() tells the console to hold, and to disable a homing arm, and returns kHeld.
+///   May be empty.
 PsmStatus BringUp(PsmDriver& driver, double timeout_s,
                   const std::function<void(std::string_view)>& say = {},
                   const std::function<bool()>& may_move = {},

@@ -17,8 +17,8 @@ struct PsmLimits {
   kinematics::PsmGeneration generation = kinematics::PsmGeneration::kClassic;
   kinematics::PsmJoints lower = kinematics::Psm::lower_limits();
   kinematics::PsmJoints upper = kinematics::Psm::upper_limits();
-  /// Maximum joint speed, > 0: rad/s, insertion m/s. The motion in 5 ms is at most what the
-  /// console's limits of 90 degrees/s and 0.2 m/s allow in 1 ms, so the arm can reach every
+  /// Maximum joint speed, > 0: rad/s, insertion m/s. By default, the motion in 5 ms is at most what
+  /// the console's limits of 90 degrees/s and 0.2 m/s allow in 1 ms, so the arm can reach every
   /// set-point at once.
   kinematics::PsmJoints max_speed =
       (kinematics::PsmJoints() << 0.31415926535897931, 0.31415926535897931, 0.04,
@@ -60,7 +60,7 @@ class PsmMotion {
   /// Starts a move from the present set-point. Refuses it, without any change, unless the whole
   /// path satisfies the limits. Checks the path at least every 0.5 mm. Every pose on it must map
   /// back to its joint values, because servo_cp transmits only the pose.
-  /// @param duration_s  >= 0; zero only if there is nothing to do.
+  /// @param duration_s  >= 0; zero only if `goal` is the present set-point.
   [[nodiscard]] PsmStatus Start(const kinematics::PsmJoints& goal, double duration_s) noexcept;
   /// Same as above, to a pose of the wrist in the base frame.
   [[nodiscard]] PsmStatus Start(const Eigen::Isometry3d& goal, double duration_s) noexcept;

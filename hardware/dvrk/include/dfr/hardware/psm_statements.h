@@ -6,13 +6,13 @@ namespace dfr::hardware {
 
 /// Decides which of the console's statements of control (control_statement.h) answer this client's
 /// commands. The console states each change of control, so a command causes at most one statement.
-/// A hold of this client causes a statement of a control other than poses, and the first set-point
-/// after it a statement of poses. Any other statement shows that the console has obeyed another
-/// client's command.
+/// A hold of this client causes a statement of a control other than poses. The first set-point
+/// after the hold causes a statement of poses. Any other statement shows that the console has
+/// obeyed another client's command.
 ///
-/// No set-point may be sent while the answer to a hold of this client may still arrive, see
-/// awaits(). A statement of a control other than poses that arrives after a set-point then never
-/// answers a hold of this client, whether or not the console has answered the hold.
+/// The client must not send a set-point while the answer to its hold may still arrive (see
+/// awaits()). A statement of a control other than poses that arrives after a set-point therefore
+/// never answers a hold of this client.
 ///
 /// Never allocates. Times are of a monotonic clock.
 class PsmStatements {
@@ -24,7 +24,7 @@ class PsmStatements {
   void Held(std::int64_t now_ns) noexcept;
   /// Records that the arm is armed: set-points follow.
   void Armed() noexcept { poses_ = true; }
-  /// Records that the console's control may no longer be that of this client's hold.
+  /// Records that the console's control may have changed since this client's hold.
   void Unsettle() noexcept { held_last_ = false; }
 
   /// Processes the statements received since the last call. Returns true if all may be answers to
@@ -32,8 +32,8 @@ class PsmStatements {
   [[nodiscard]] bool Take(int poses, int others, std::int64_t now_ns) noexcept;
 
   /// True while the answer to a hold of this client may still arrive, as of the last Take(). A hold
-  /// that changes no control has no answer. The result is then true until kLongest has passed,
-  /// except after another hold of this client.
+  /// that changes no control has no answer: the result is then true until kLongest has passed. A
+  /// repeated hold of this client does not start the wait again.
   [[nodiscard]] bool awaits() const noexcept { return awaits_; }
 
  private:

@@ -8,7 +8,7 @@ namespace dfr::hardware {
 enum class PsmStatus {
   kOk,
   // State of the console.
-  kNoConsole,         ///< There is and was no publisher of the arm's state.
+  kNoConsole,         ///< No publisher of the arm's state has been found yet.
   kConsoleGone,       ///< The console's publishers have left.
   kIncompatible,      ///< Publishers exist, but their quality of service does not match.
   kNoOperatingState,  ///< Measurements arrive, but no operating state arrives.

@@ -40,16 +40,16 @@ struct Frame {
   std::int64_t stamp_ns = 0;
   double age_s = 0.0;            ///< Time from the stamp to the call of Grab().
   std::uint64_t sequence = 0;    ///< 1 for the first picture received.
-  std::uint64_t num_missed = 0;  ///< Number of unseen pictures since the last successful Grab().
+  std::uint64_t num_missed = 0;  ///< Number of pictures skipped since the last Grab().
 };
 
 /// Options for all kinds of Endoscope.
 struct EndoscopeOptions {
-  int width = 640;   ///< Width of the intrinsics; pictures of another size are refused.
-  int height = 480;  ///< Height of the intrinsics.
-  /// Period of the pictures, s; a file's frame rate replaces it. Longer gaps count as losses.
+  int width = 640;   ///< Picture width in the intrinsics; pictures of another size are refused.
+  int height = 480;  ///< Picture height in the intrinsics.
+  /// Period of the pictures, s; a file's frame rate replaces it. Used to count lost pictures.
   double period_s = 1.0 / 30.0;
-  double max_age_s = 0.1;     ///< Maximum time since stamp and arrival: three periods, > 0.
+  double max_age_s = 0.1;     ///< Maximum time since the stamp, and since the arrival, > 0.
   double max_ahead_s = 0.01;  ///< Maximum time from now to a stamp in the future, >= 0.
   int max_repeats = 3;  ///< Number of identical consecutive pictures that count as frozen, > 1.
   double open_timeout_s = 10.0;  ///< Maximum wait for the first picture of a device or file, > 0.

@@ -14,8 +14,7 @@ namespace dfr::hardware {
 /// not while the loop hangs (no beat for 0.1 s).
 class RunAnnouncements {
  public:
-  /// Returns true if `state` must be published now. All times are of one clock that never goes
-  /// back, ns.
+  /// Returns true if `state` must be published now. All times are of one monotonic clock, ns.
   /// @param beat_ns  time of the loop's last beat.
   [[nodiscard]] bool Due(runtime::RunState state, std::int64_t beat_ns,
                          std::int64_t now_ns) noexcept;
@@ -25,8 +24,8 @@ class RunAnnouncements {
   runtime::RunState announced_ = runtime::RunState::kIdle;
 };
 
-/// The emergency stop of a robot::ControlLoop. A separate thread receives it over DDS, and
-/// publishes the loop's state on the topic dds::kRunStateTopic, which `hardware stop` shows.
+/// The emergency stop of a robot::ControlLoop. A separate thread receives its messages over the
+/// network, and publishes the loop's state on dds::kRunStateTopic, which `hardware stop` shows.
 class EmergencyStopMonitor final : public robot::EmergencyStop {
  public:
   /// @param with_stop  false: there is no emergency stop, and the state is always clear.

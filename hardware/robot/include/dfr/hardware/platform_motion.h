@@ -15,9 +15,9 @@ struct PlatformOptions {
   SprkWave motion;
 };
 
-/// Platform of a run for a control loop. Its firmware has no timeout and reports nothing: after a
-/// program is killed the wave continues until the power is cut or another command arrives. Commands
-/// wait at most for the end of the last frame (kSprkFramePeriod).
+/// Platform of a control loop. Its firmware has no timeout and reports nothing: after a program is
+/// killed the wave continues until the power is cut or another command arrives. Commands wait at
+/// most for the end of the last frame (kSprkFramePeriod).
 class PlatformMotion final : public robot::Platform {
  public:
   /// Opens the port, without motion.
