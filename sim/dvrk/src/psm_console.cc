@@ -36,14 +36,14 @@ PsmJoints Home() {
   return home;
 }
 
-// rad/s, m/s
+// Returns the joints' speed limits, rad/s (insertion: m/s).
 PsmJoints SpeedLimits() {
   PsmJoints limits = PsmJoints::Constant(90.0 * kDegree);
   limits[2] = 0.2;
   return limits;
 }
 
-// From 0 to 1, with zero slope at both ends; the largest slope is 1.5.
+// Rises from 0 to 1 with zero slope at both ends and a largest slope of 1.5.
 double Smooth(double share) { return share * share * (3.0 - 2.0 * share); }
 
 }  // namespace

@@ -42,7 +42,7 @@ struct PsmConsoleServer::Impl {
     return "/" + console.options().arm + "/" + name;
   }
 
-  // Returns false if a received motion command counts as lost in transit.
+  // Counts a received motion command. Returns false if drop_commands discards it.
   bool Counts() {
     ++commands_taken;
     return random.Uniform() >= faults.drop_commands;

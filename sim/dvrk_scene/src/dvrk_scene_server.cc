@@ -253,7 +253,7 @@ struct DvrkSceneServer::Impl {
   std::int64_t now_ns = 0;  // time in lock-step
   std::uint64_t commands_before = 0;
   double platform_speed = 0.0;  // m/s
-  double platform_way = 0.0;    // distance in m since the first fault of this kind
+  double platform_way = 0.0;    // m, distance travelled by all faults of this kind
   PsmConsoleServer console;
   dds::Publisher<dds::PoseStamped> platform_measured;
   dds::Publisher<dds::PoseStamped> platform_setpoint;

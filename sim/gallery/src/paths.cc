@@ -9,7 +9,7 @@ namespace {
 
 constexpr double kGain = 0.04;  // displacement of a point by a control of norm 1
 
-// Winding a rope, held at its end, counter-clockwise around a peg, and putting it on a hook. State:
+// A rope, held at its end, is wound counter-clockwise around a peg and put on a hook. State:
 // end(2), free(1), the length of rope that is not wound. Hidden: the angle around the peg since the
 // start, without wrapping.
 class RopePlant final : public Cloned<RopePlant> {
@@ -61,7 +61,7 @@ class RopePlant final : public Cloned<RopePlant> {
 };
 
 // A point follows a figure eight within a corridor. It passes the middle twice, on crossing paths.
-// State: point(2), heading(2), a mean of the last motions. Hidden: the position along the eight.
+// State: point(2), heading(2), a mean of the last motions. Hidden: the position along the figure.
 class EightPlant final : public Cloned<EightPlant> {
   static constexpr double kBegin = -0.5;
   static constexpr double kEnd = std::numbers::pi + 0.9;
@@ -106,8 +106,8 @@ class EightPlant final : public Cloned<EightPlant> {
     x(3) = keeps * x(3) + (norm > 0.0 ? (1.0 - keeps) * u[1] / norm : 0.0);
     FailIf(Norm(Point{x(0), x(1)} - Along(x(4))) > kWidth);
   }
-  // Advances to the point of the figure eight nearest to the plant. The short search cannot jump to
-  // the other branch at the crossing.
+  // Advances the position along the figure eight to the nearest one. The short search cannot jump
+  // to the other branch at the crossing.
   void Follow() noexcept {
     const Point p{x(0), x(1)};
     double nearest = Norm(p - Along(x(4)));

@@ -8,8 +8,8 @@
 namespace dfr::sim {
 namespace {
 
-// Returns a reachable random pose of the platform: a larger random pose, shortened until it is in
-// reach.
+// Returns a reachable random pose of the platform: a random pose in a larger range, scaled towards
+// home until it is reachable.
 kinematics::PlatformPose RandomPlatform(core::Random& random) {
   kinematics::PlatformPose pose;
   pose.translation_m = {random.Uniform(-0.008, 0.008), random.Uniform(-0.006, 0.006),

@@ -16,8 +16,8 @@ double Breath(double phase) noexcept {
   return 2.0 * (std::exp(std::sin(phase)) - lowest) / (std::exp(1.0) - lowest);
 }
 
-// Returns the phase at which kBreath is at home: the minimum of a translation. An angle oscillates
-// about home and is there at the phase at which Breath() is 1.
+// Returns the phase at which kBreath is at home. Home is the minimum of a translation. An angle
+// oscillates about home and passes it where Breath() is 1.
 double BreathStart(std::size_t entry) noexcept {
   return entry < 3 ? -std::numbers::pi / 2 : std::asin(std::log(std::cosh(1.0)));
 }

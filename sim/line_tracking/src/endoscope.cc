@@ -50,7 +50,7 @@ std::shared_ptr<const Endoscope::Tables> Endoscope::MakeTables(const vision::Cam
     }
   }
   // Focal length of the pinhole camera in pixels: the largest for which all rays stay within the
-  // pixel centres.
+  // outermost pixel centres.
   const double center_x = 0.5 * (camera.width - 1);
   const double center_y = 0.5 * (camera.height - 1);
   const double focal = std::min(center_x / farthest_u, center_y / farthest_v);
@@ -74,8 +74,8 @@ std::shared_ptr<const Endoscope::Tables> Endoscope::MakeTables(const vision::Cam
 
 Endoscope::Endoscope(const vision::CameraModel& camera) : camera_(camera) {
   camera_.Check();
-  // A process makes many plants with the same camera. Its tables take longer to compute than the
-  // rest of a plant.
+  // A process makes many plants with the same camera. Computing the camera's tables takes longer
+  // than making the rest of a plant.
   static std::mutex mutex;
   static vision::CameraModel last;
   static std::shared_ptr<const Tables> tables_of_last;
@@ -103,7 +103,7 @@ void Endoscope::Develop(std::span<const std::uint8_t> pinhole_rgb, const Endosco
   // OpenCV does not accept a pointer to const.
   const cv::Mat pinhole(camera_.height, camera_.width, CV_8UC3,
                         const_cast<std::uint8_t*>(pinhole_rgb.data()));
-  // Kept, because allocating megabytes takes as long as the computation.
+  // Kept between calls, because allocating megabytes takes as long as the computation.
   thread_local cv::Mat rgb;
   thread_local std::array<cv::Mat, 3> colours;
   thread_local std::vector<float> gain;
@@ -124,7 +124,7 @@ void Endoscope::Develop(std::span<const std::uint8_t> pinhole_rgb, const Endosco
     const std::size_t first = static_cast<std::size_t>(y) * width;
     internal::LightRow(exposure, tables_->u.data() + first, tables_->v.data() + first,
                        camera_.width, gain.data(), glare.data());
-    // Each row and colour starts at another position of the table.
+    // Each row and colour starts at another position in the table of noise.
     std::uint64_t bits = random();
     for (cv::Mat& colour : colours) {
       internal::ExposeRow(gain.data(), glare.data(), tables_->noise.data() + bits % kNoiseEntries,

@@ -292,7 +292,7 @@ void LineTrackingPlant::Drive(const PsmJoints& reading, double dt_s, bool platfo
 }
 
 void LineTrackingPlant::Rest(const PsmJoints& reading) noexcept {
-  // Lets the lags decay while the disturbance is constant.
+  // The lags of arm and platform decay while the disturbance is constant.
   State& s = *state_;
   s.reading = reading;
   const DisturbanceOptions& disturbance = world_->options.disturbance;

@@ -31,7 +31,7 @@ void ReadAxes(const PusherPlant::World& world, const mjData* d, Arm& arm) noexce
 void SetArm(const JointAngles& q, mjData* d) noexcept { std::copy(q.begin(), q.end(), d->qpos); }
 
 bool LiftOffTable(const PusherPlant::World& world, mjData* d, JointAngles& q, Arm& arm) noexcept {
-  constexpr double kClearance = 1e-4;  // m, target height: rounding cannot end below the table
+  constexpr double kClearance = 1e-4;  // m, margin above the table: rounding cannot end below it
   const mjModel* m = world.model.get();
   for (int iteration = 0; iteration < 8; ++iteration) {
     const LowPoint low = FindLowPoint(world, arm);

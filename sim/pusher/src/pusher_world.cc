@@ -30,7 +30,7 @@ void CheckOptions(const PusherOptions& o) {
                        << " m the cylinder can start inside a red region");
 }
 
-// The geoms of absent prongs stay in the model, invisible and never near anything.
+// The geoms of absent prongs stay in the model, invisible and without contacts.
 void ApplyGripper(Gripper gripper, mjModel& model) {
   const bool fork = gripper == Gripper::kFork;
   const double half_width = fork ? 0.07 : gripper == Gripper::kWideBar ? 0.05 : 0.025;

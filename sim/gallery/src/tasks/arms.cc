@@ -9,8 +9,8 @@
 namespace dfr::sim::internal {
 namespace {
 
-// Returns the joints of a planar chain of equal links, then its tip. `joint` returns an angle by
-// its index.
+// Returns the positions of the joints of a planar chain of equal links, and of its tip. `joint`
+// returns the angle of a joint by its index.
 template <std::size_t N>
 std::array<Point, N + 1> ChainPoints(Point base, double link, const auto& joint) noexcept {
   std::array<Point, N + 1> points{base};
@@ -176,7 +176,7 @@ class Arm7Plant final : public ChainPlant<Arm7Plant, 7> {
 class JointsPlant final : public ChainPlant<JointsPlant, 5> {
   static constexpr double kCarry = 0.5;
   static constexpr double kSag = 0.003;  // rad, sag per step at a horizontal first link
-  static constexpr double kMost = 0.12;  // rad, maximum distance of a target ahead
+  static constexpr double kMost = 0.12;  // rad, maximum distance of a target from the joint
 
  public:
   JointsPlant() : ChainPlant({-1.25, 0.5, 0.4, 0.3, 0.25}, kJoints) {}
@@ -361,19 +361,20 @@ GalleryTask JointsTask() {
 }
 
 GalleryTask BimanualTask() {
-  return {.name = "bimanual",
-          .summary =
-              "Two arms of seven joints carry a bar past a post; 30 features follow from 14 "
-              "joints; pulling, squeezing or tilting the bar and touching the post fails",
-          .held_out = true,
-          .plant = std::make_shared<BimanualPlant>(),
-          .features = "bar,gap",  // A fit to all 30, which repeat each other, is refused.
-          .noise = 0.05,
-          .hidden = {32},
-          .epochs = 60,
-          .weak_hidden = {16},
-          .weak_epochs = 25,
-          .policy_bias = {.bias = {0.15}}};
+  return {
+      .name = "bimanual",
+      .summary =
+          "Two arms of seven joints carry a bar past a post; 30 features follow from 14 "
+          "joints; pulling, squeezing or tilting the bar and touching the post fails",
+      .held_out = true,
+      .plant = std::make_shared<BimanualPlant>(),
+      .features = "bar,gap",  // A fit to all 30 features is refused, because they are redundant.
+      .noise = 0.05,
+      .hidden = {32},
+      .epochs = 60,
+      .weak_hidden = {16},
+      .weak_epochs = 25,
+      .policy_bias = {.bias = {0.15}}};
 }
 
 }  // namespace dfr::sim::internal

@@ -14,7 +14,7 @@ class GraspPlant final : public Cloned<GraspPlant> {
   static constexpr double kHeight = 0.05;   // height of the object
   static constexpr double kSlack = 0.015;   // maximum offset of an object between the fingers
   static constexpr double kFingers = 0.05;  // minimum offset of fingers beside the object
-  static constexpr double kLetsGo = 0.8;    // opening at which the object falls
+  static constexpr double kLetsGo = 0.8;    // value of `closed` below which the object falls
   static constexpr double kLifted = 0.15;
 
  public:

@@ -7,8 +7,8 @@
 namespace dfr::sim::internal {
 namespace {
 
-/// A way to the goal and its probability. The offset of the variation shifts its points sideways.
-/// Near the goal, the goal replaces the last point.
+/// A supervisor's way to the goal, and its probability. SupervisorVariation::offset shifts its
+/// points sideways. Close to the end, the supervisor aims at the goal itself.
 struct Route {
   double probability;
   std::vector<Point> points;
@@ -32,7 +32,7 @@ constexpr double kPointRadius = 0.05;  // in pictures
 constexpr double kBelt = 0.35;  // a moving goal moves from -kBelt, or slightly higher, to kBelt
 
 // A point that starts near the origin and moves as commanded to (goal_x, 0) or to a goal on a belt.
-// State: point(2), with a moving goal also goal(2); hidden: the last motion, and a goal at rest.
+// State: point(2), and goal(2) if the goal moves; hidden: the goal if at rest, and the last motion.
 class PointPlant final : public Cloned<PointPlant> {
  public:
   explicit PointPlant(PointOptions options)
@@ -117,7 +117,7 @@ Route Over(double probability, double y) {
   return {probability, {{0.0, 0.0}, {0.35, 0.85 * y}, {0.55, y}, {0.75, 0.85 * y}, {1.0, 0.0}}};
 }
 
-// Returns a route past pillars at x = 0.85, at height `y` there. It is chosen early.
+// Returns a route past pillars at x = 0.85, at height `y` there. Routes diverge early.
 Route Past(double probability, double y) {
   return {probability, {{0.0, 0.0}, {0.15, 0.3 * y}, {0.6, y}, {1.05, y}, {1.3, 0.0}}};
 }

@@ -7,7 +7,7 @@ namespace {
 constexpr double kHalf = 0.05;         // half the side of the box
 constexpr double kPusher = 0.012;      // radius
 constexpr double kPusherGain = 0.012;  // displacement of the pusher by a control of norm 1
-constexpr double kTurning = 0.035;     // the box's radius of support friction
+constexpr double kTurning = 0.035;     // characteristic length of the box's limit surface
 constexpr double kGoal = 0.35;
 
 // Quasi-static: the pusher moves in small substeps. On contact, the box moves along the

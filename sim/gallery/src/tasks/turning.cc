@@ -43,7 +43,7 @@ class DoorPlant final : public Cloned<DoorPlant> {
     const Point handle = Turned({kRadius, 0.0}, state[6]);
     canvas.Segment(0.0, 0.0, handle.x, handle.y, 0.015, kSolid);
     canvas.Disc(handle.x, handle.y, 0.03, kObject);
-    // Both signs of the quaternion are the same turn. Draws a pointer at that angle.
+    // Draws a pointer at the handle's angle, which does not depend on the quaternion's sign.
     const double turn = 2.0 * std::atan2(0.6 * state[3] + 0.8 * state[5], state[2]);
     const Point end = handle + Turned({0.12, 0.0}, turn);
     canvas.Segment(handle.x, handle.y, end.x, end.y, 0.012, kObject);

@@ -102,7 +102,7 @@ void SceneData::PlaceLegs() noexcept {
   const Eigen::Isometry3d gauze = p_world_gauze();
   const Eigen::Vector3d down(0.0, 0.0, -SprkPlatform::kHomeHeight);
   std::array<double, 6> servo{};
-  // The positioning error may move the plate slightly beyond its reach: the arms are then flat.
+  // The positioning error may move the plate slightly out of reach: the arms are then drawn flat.
   if (!SprkPlatform::Inverse(ToPlatformPose(gauze), servo)) servo.fill(0.0);
   for (int i = 0; i < 6; ++i) {
     const auto k = static_cast<std::size_t>(i);

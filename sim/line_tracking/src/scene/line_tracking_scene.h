@@ -52,7 +52,7 @@ class SceneData {
   /// Sets the true joints and the gauze's pose.
   void Place(const kinematics::PsmJoints& joints, const Eigen::Isometry3d& p_world_gauze) noexcept;
 
-  /// Sets the platform's servo arms and legs to match; for pictures only.
+  /// Sets the platform's servo arms and legs to match the gauze's pose; for pictures only.
   void PlaceLegs() noexcept;
 
   [[nodiscard]] Eigen::Vector3d tip_m() const noexcept;  ///< World frame.

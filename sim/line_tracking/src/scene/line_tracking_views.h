@@ -17,7 +17,7 @@ struct Contents {
   bool with_tool = true;
 };
 
-/// One camera of the scene and its copy of the gauze, on the thread that made it.
+/// One camera of the scene and its copy of the gauze. Belongs to the thread that made it.
 class SceneView {
  public:
   static constexpr int kWidth = 640;

@@ -30,8 +30,8 @@ struct PsmConsoleOptions {
   double lag_s = 0.02;    ///< Time constant of the joints relative to their set-points, > 0.
   /// Joint error that the encoders do not measure; it determines the tip's true position.
   kinematics::PsmCorrection joint_error = {};
-  /// The arm's base in the reference frame of poses (the camera's on a cart with setup joints and
-  /// an endoscope arm), and that frame's name. Empty: the arm's own base.
+  /// Pose of the arm's base in the frame of all poses, and the name of this frame, for example the
+  /// camera's. Empty name: the arm's own base frame.
   Eigen::Isometry3d base_frame = Eigen::Isometry3d::Identity();
   std::string base_frame_name = {};
   /// Determines the joint limits and the Large Needle Driver in tool_type.
@@ -46,16 +46,16 @@ struct PsmConsoleOptions {
 /// arm, takes homing_s and ends with the instrument inserted by 0.12 m and all other joints at
 /// zero. FAULT accepts only disable and unhome. The console drops motion commands with a warning
 /// unless the arm is ENABLED, homed and not homing. As on a console, goals beyond a joint's limits
-/// are clipped, and the first of several gives a warning; the arm then does not reach the commanded
-/// goal. Goals that are not finite, and poses without an inverse kinematics solution, are dropped
-/// with an error.
+/// are clipped, so the arm does not reach them. Only the first of several such goals gives a
+/// warning. Goals that are not finite, and poses without an inverse kinematics solution, are
+/// dropped with an error.
 ///
 /// servo_* sets the set-point. The joints approach it at up to 90 degrees/s and 0.2 m/s. move_*
 /// interpolates in joint space at that speed times the trajectory's ratio and reports the goal; the
 /// tip's path is not straight. *_jr and *_cr are relative to the last goal of the same kind or, if
 /// there is none, to the set-point. The arm holds the last goal forever: commands have no timeout,
-/// as on a real console. The simulated arm has no dynamics: free does not move it, and servo_jf is
-/// dropped with an error.
+/// as on a real console. The simulated arm has no dynamics: free does not move it, and effort
+/// commands are dropped with an error.
 ///
 /// Measurements are invalid until the arm is homed. Each object belongs to one thread at a time.
 class PsmConsole {
@@ -71,8 +71,8 @@ class PsmConsole {
   /// marked as not working.)
   void ServoCr(const Eigen::Isometry3d& difference);
   void ServoJr(const kinematics::PsmJoints& difference);
-  /// Handles an effort command of any kind, given its name. It takes control of the arm, but moves
-  /// nothing.
+  /// Handles an effort command of any kind, given its name. The command takes control of the arm,
+  /// but moves nothing.
   void ServoEffort(const char* command);
   /// Sets the fraction of the speed limits for moves, in (0, 1]. Ignores other values with a
   /// warning.

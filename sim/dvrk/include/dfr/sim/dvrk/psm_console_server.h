@@ -13,8 +13,8 @@ namespace dfr::sim {
 
 /// Faults between the console and its clients, for tests.
 struct ConsoleFaults {
-  double delay_s = 0.0;        ///< Delay of all motion messages, in [0, 2].
-  double jitter_s = 0.0;       ///< Maximum additional delay, uniform, order kept; in [0, 2].
+  double delay_s = 0.0;        ///< Delay of published states, in [0, 2].
+  double jitter_s = 0.0;       ///< Maximum random additional delay, in [0, 2]. Keeps the order.
   double drop = 0.0;           ///< Fraction of state samples lost, in [0, 1].
   double drop_commands = 0.0;  ///< Fraction of motion commands lost, in [0, 1].
   double clock_jump_s = 0.0;   ///< Added to all timestamps except zero ones, in [-1e6, 1e6].
@@ -58,7 +58,7 @@ struct PsmConsoleServerOptions {
 /// one thread at a time.
 class PsmConsoleServer {
  public:
-  /// Borrows both arguments, which must outlive it.
+  /// Borrows participant and console, which must outlive the server.
   /// @throws std::invalid_argument naming the option out of range; std::runtime_error if DDS
   ///   refuses a topic.
   PsmConsoleServer(dds::Participant& participant, PsmConsole& console,

@@ -26,9 +26,9 @@ struct DvrkSceneOptions {
 /// Until it is homed, the arm stays at the start of the line, where the plant's Reset() placed it.
 /// Homing moves it to its home, above the middle of the gauze.
 ///
-/// The disturbance's time advances while the arm moves if the disturbance acts during controls. If
-/// linger_s is not zero and it acts between controls, its time advances also while the arm does not
-/// move. In lock-step, Rest() is the time between controls.
+/// A disturbance that acts during controls advances while the arm moves. A disturbance that acts
+/// between controls advances while the arm does not move, unless linger_s is zero. In lock-step,
+/// Rest() stands for the time between controls.
 ///
 /// Everything that affects the state is seeded: the same calls give the same world, to the bit.
 /// Each object belongs to the thread that made it.

@@ -20,8 +20,8 @@ struct CorridorOptions {
   double rotation = 0.6;       ///< Rotation of the control, rad, unknown to controllers.
 };
 
-/// A point in a curved corridor: x' = x + K R u, the smallest system with |x' - x| <= K |u| (Sec.
-/// IV-C) and an unknown direction of the control.
+/// A point in a curved corridor: x' = x + K R u, the simplest system with |x' - x| <= K |u| (Sec.
+/// IV-C) and an unknown rotation R of the control.
 ///
 /// State: point(2). Start: x = 0, y normal, resampled until it is at most 0.7 half widths from the
 /// centre line. The supervisor follows the centre line at a fixed speed by aiming at a point

@@ -20,7 +20,7 @@ struct SupervisorVariation {
   double offset = 0.0;  ///< Standard normal: lateral offset of the path.
 };
 
-/// Plant of one small task: deterministic physics with few numbers, thousands of episodes a second.
+/// Plant of one small task with deterministic physics, which runs thousands of episodes a second.
 /// Units of length, angle and time are specific to each task.
 ///
 /// Control: entries saturate at +-1. A control of another size or with a non-finite entry is
@@ -37,8 +37,8 @@ class GalleryPlant : public core::SimulatedPlant {
   void Halt() noexcept final {}
   void CopyStateFrom(const core::SimulatedPlant& other) noexcept final;
 
-  /// Writes the control of a supervisor with this variation in the current state, without noise. It
-  /// knows the whole state, including hidden entries. Entries of `u` may exceed +-1.
+  /// Writes the control of a supervisor with this variation in the current state, without noise.
+  /// The supervisor knows the whole state, including hidden entries. Entries of `u` may exceed +-1.
   virtual void Supervise(const SupervisorVariation& variation,
                          std::span<double> u) const noexcept = 0;
 

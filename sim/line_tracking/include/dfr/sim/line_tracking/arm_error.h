@@ -22,7 +22,7 @@ struct ArmErrorOptions {
 /// rotates the tool about its axis.
 class ArmError {
  public:
-  /// No error.
+  /// Creates an arm without errors.
   ArmError() = default;
   /// @throws std::invalid_argument if a mean is negative or not finite, or the residual exceeds the
   ///   total.

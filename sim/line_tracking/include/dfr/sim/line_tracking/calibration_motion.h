@@ -20,8 +20,8 @@ namespace dfr::sim {
 [[nodiscard]] std::vector<vision::CalibrationFrame> RecordCalibrationMotion(
     LineTrackingPlant& plant, int frames, std::uint64_t seed);
 
-/// Returns tip errors in mm over `poses` random poses that were not recorded: the true tip against
-/// the calibration's estimate from the arm's readings, both in the camera's frame.
+/// Returns the tip errors in mm at `poses` new random poses of the arm: the distances in the
+/// camera's frame from the true tip to the calibration's estimate from the arm's readings.
 [[nodiscard]] std::vector<double> HeldOutTipErrors(LineTrackingPlant& plant,
                                                    const line_task::LineCalibration& calibration,
                                                    int poses, std::uint64_t seed);

@@ -12,8 +12,8 @@ enum class Wave {
   kNone,  ///< No motion.
   kSine,  ///< amplitude sin(2 pi frequency t), the firmware's command 'c'.
   /// The firmware's command 'd': (exp(sin(frequency t)) - 1/e) 2 amplitude / (e - 1/e), in [0, 2
-  /// amplitude]. For angles, the amplitude is subtracted. The frequency is in rad/s. Time starts at
-  /// the home pose.
+  /// amplitude]. For angles, the amplitude is subtracted. The frequency is in rad/s. The motion
+  /// starts at the home pose.
   kBreath,
   kRandom,  ///< Per entry, a sum of three sines of random frequency and sign, at most `amplitude`.
 };

@@ -23,7 +23,7 @@ namespace internal {
 struct GauzeLine;
 }  // namespace internal
 
-/// Source of Observe().
+/// Source of the state that Observe() returns.
 enum class Observation {
   kVision,       ///< Estimate from the endoscope's image.
   kGroundTruth,  ///< Ground truth of the simulation: fast and exact.
@@ -54,7 +54,7 @@ struct LineTrackingOptions {
   ArmErrorOptions arm;
   EndoscopeOptions endoscope;
   std::uint64_t platform_seed = 1;  ///< Identifies the platform: its positioning error.
-  /// Maximum curvature, 1/mm, of half of the lines; the others are straight.
+  /// Half of the lines are straight. This is the maximum curvature of the others, 1/mm.
   double max_curvature = 1.0 / 150.0;
   double start_scatter_m = 6e-4;  ///< Standard deviation of the tip's initial distance to the line.
 };
@@ -135,12 +135,12 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   [[nodiscard]] bool collided() const noexcept override;
   /// Stops the platform and the disturbance until Reset().
   void Halt() noexcept override;
-  /// Holds the arm still for this time while the platform keeps moving, halted or not. Never
+  /// Holds the arm still for this time while the platform keeps moving, even after Halt(). Never
   /// allocates.
   void Hold(double duration_s) noexcept;
 
   [[nodiscard]] std::unique_ptr<core::SimulatedPlant> Clone() const override;
-  /// @pre Clone() made one of both plants from the other, or both from a third one.
+  /// @pre one plant is a clone of the other, or both are clones of a third plant.
   void CopyStateFrom(const core::SimulatedPlant& other) noexcept override;
 
   /// Sets the platform's rest pose, to which the disturbance is added; for calibration and tests.
@@ -176,8 +176,8 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   /// Renders the current scene as the endoscope's picture, rows from the top. `bgr` has
   /// endoscope().image_size() bytes. May throw as the constructor does with kVision.
   void RenderEndoscope(std::span<std::uint8_t> bgr) const;
-  /// Renders picture `number` since Reset(), which determines light and noise; the first picture of
-  /// Look() is 1. For callers that count pictures themselves.
+  /// Renders picture `number` since Reset(), for callers that count pictures themselves. The number
+  /// determines light and noise; the first picture of Look() is 1.
   void RenderPicture(std::uint64_t number, std::span<std::uint8_t> bgr) const;
   /// Renders arm and platform from outside, 640 x 480 RGB, rows from the top. May throw as
   /// RenderPicture().

@@ -17,7 +17,7 @@ struct MjDeleter {
 using MjModelPtr = std::unique_ptr<mjModel_, MjDeleter>;
 using MjDataPtr = std::unique_ptr<mjData_, MjDeleter>;
 
-/// Compiles an MJCF text that is part of a library. Messages call it `name`. Thread-safe.
+/// Compiles an MJCF text that is part of a library. Error messages call it `name`. Thread-safe.
 /// @throws std::runtime_error if the text is not a valid model, with MuJoCo's reason, or if
 ///   MuJoCo's version at run time differs from the build's.
 [[nodiscard]] MjModelPtr LoadMujocoModel(std::string_view xml, const std::string& name);

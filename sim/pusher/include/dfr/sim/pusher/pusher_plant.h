@@ -46,13 +46,13 @@ struct PusherOptions {
 /// Counts since construction. Speeds are in m/s of simulated time. A substep takes 10 ms, or 2 ms
 /// under full dynamics.
 struct PusherStatistics {
-  std::int64_t controls = 0;   ///< Number of applied controls, with or without kOk.
+  std::int64_t controls = 0;   ///< Number of controls that Apply() did not refuse.
   std::int64_t saturated = 0;  ///< Number of controls with an entry beyond +-1.
   /// Number of controls deflected to keep the arm above the table.
   std::int64_t stopped_by_table = 0;
   /// Number of controls undone because they pressed the cylinder down.
   std::int64_t stalled = 0;
-  /// Full dynamics: number of controls not at rest after 3 s.
+  /// Full dynamics: number of controls after which the plant was not at rest within 3 s.
   std::int64_t unsettled = 0;
   /// Number of controls close enough to contact to need MuJoCo steps.
   std::int64_t simulated = 0;
@@ -95,8 +95,8 @@ struct PusherStatistics {
 /// joint is slower than 1e-3 rad/s and the cylinder slower than 1e-3 m/s for 5 consecutive steps,
 /// or after 3 s; then velocities are set to zero. Joints have rotor inertia, viscous damping and
 /// Coulomb friction. The cylinder slides with Coulomb friction along x and y and keeps sliding
-/// after a push. Arm and table do not touch: references stay above the table, too. Full dynamics
-/// are about fifty times slower.
+/// after a push. Arm and table do not touch: references stay above the table, too. Simulating full
+/// dynamics takes about fifty times as long as quasi-static pushing.
 ///
 /// The collision check runs after every substep for the cylinder, the upper arm, forearm, hand and
 /// gripper against both red regions, in 3-D by exact distances of capsules. (The shoulder cannot
