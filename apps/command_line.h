@@ -24,8 +24,8 @@ namespace dfr::apps {
 /// Range of horizons, repetitions and similar counts.
 inline const CLI::Range kCount(1, 1'000'000);
 
-/// For CLI::Option::check(). Messages of CLI11's own validators contain all 309 digits of the
-/// largest double.
+/// Validators for CLI::Option::check(). The messages of CLI11's own validators print all 309 digits
+/// of the largest double.
 inline const CLI::Validator kPositive(
     [](std::string& text) {
       const auto value = core::ParseNumber(text);

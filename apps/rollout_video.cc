@@ -16,7 +16,7 @@ constexpr int kStripHeight = 150;
 constexpr int kHeaderHeight = 44;
 constexpr int kMargin = 12;
 constexpr double kFramesPerSecond = 15.0;
-constexpr int kHoldFrames = 20;  // after the longest video has ended
+constexpr int kHoldFrames = 20;  // number of frames after the end of the longest video
 
 // Channels are blue, green, red, as in OpenCV. Colour-blind readers can distinguish the colours.
 const cv::Scalar kPaper(252, 251, 250);

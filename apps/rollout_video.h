@@ -12,7 +12,7 @@
 
 namespace dfr::apps {
 
-/// One picture of a rollout, with the controller's values at that moment.
+/// One picture of a rollout, with the controller's values at its time.
 struct VideoFrame {
   std::vector<std::uint8_t> jpeg;
   control::Step step;

@@ -69,7 +69,7 @@ class LaggedFit {
     }
   }
 
-  // Share of the variance of each entry's changes that actions explain.
+  // Returns, per state entry, the share of the variance of its changes that actions explain.
   [[nodiscard]] Eigen::VectorXd Shares() const {
     Eigen::VectorXd shares = Eigen::VectorXd::Zero(xx_.size());
     if (count_ == 0) return shares;
@@ -159,7 +159,7 @@ class Collected {
   }
 
  private:
-  // Warns of entries that always equal another: few one by one, many in one line.
+  // Warns of entries that always equal another: one line for each of a few, one line for many.
   void Doubled(Problems& problems) const {
     constexpr std::size_t kFew = 3;
     std::vector<std::string> pairs;

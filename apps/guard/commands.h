@@ -43,7 +43,7 @@ struct FitOptions {
 /// @returns false if `strict` and there is a warning. The guard is saved in any case.
 bool RunFit(const FitOptions& options);
 
-/// Prints the content of a file, the meaning of its figures, and warnings.
+/// Prints the content of a guard, the meaning of its figures, and warnings.
 void Describe(const safety::GuardModel& model);
 /// Prints each of safety::Warnings() in one line.
 void Describe(const std::vector<std::string>& warnings);

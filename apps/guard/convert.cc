@@ -30,7 +30,7 @@ void Copy(const imitation::DemonstrationReader& reader,
   }
 }
 
-// Returns <namespace>/<name>-v<version>, which Minari derives from the folders' names.
+// Returns the dataset's id, <namespace>/<name>-v<version>, from the names of the last two folders.
 std::string DatasetId(const std::filesystem::path& folder) {
   const std::filesystem::path whole = std::filesystem::absolute(folder).lexically_normal();
   const std::filesystem::path named = whole.has_filename() ? whole : whole.parent_path();
@@ -49,7 +49,7 @@ imitation::MinariWriter OpenMinariWriter(const ConvertOptions& options,
   }
 }
 
-// Returns the entries of actions that --differences converts. Prints all entries of actions.
+// Returns the entries of actions that --differences converts. Prints the result for each entry.
 std::vector<core::AbsoluteAction> FindPositions(const imitation::DemonstrationReader& reader,
                                                 const std::filesystem::path& path) {
   core::ActionAnalysis analysis(reader.layout().state_dim(), reader.control_dim());

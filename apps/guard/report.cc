@@ -283,8 +283,8 @@ experiment::ReportTable CertificateTable(const safety::GuardModel& model,
   return table;
 }
 
-// Table of the minimum distances from obstacles in the demonstrations, and of the distances that
-// the states of these episodes used.
+// Table of the distances from obstacles that demonstrations must have kept, and of the distances of
+// these episodes' states from the demonstrated states that the guard keeps.
 experiment::ReportTable ClearanceTable(const safety::GuardModel& model, const Strays& strays) {
   experiment::ReportTable table{
       .heading = "Clearance",

@@ -9,11 +9,11 @@ class Clock {
  public:
   virtual ~Clock() = default;
 
-  /// Steady time in ns, which never goes back.
+  /// Returns the time of a monotonic clock, ns.
   [[nodiscard]] virtual std::int64_t SteadyNs();
-  /// ns since the Unix epoch, like the stamps of samples.
+  /// Returns the time since the Unix epoch, as in stamps of samples, ns.
   [[nodiscard]] virtual std::int64_t WallNs();
-  /// Returns `seconds` later.
+  /// Waits for `seconds`.
   virtual void Wait(double seconds);
 };
 

@@ -12,8 +12,8 @@
 namespace dfr::apps::line_tracking {
 namespace {
 
-// Features of guided recovery's support: the progress and the task's errors. The tip's y is left
-// out as in Algorithm 1's, because the platform moves the line.
+// Features of guided recovery's support: the progress (tip's x) and the distance to the line. The
+// tip's y is left out, as in Algorithm 1's support, because the platform moves the line.
 constexpr std::string_view kGuidedFeatures = "tip[0:1],distance";
 
 // Policy of the method "proportional".
@@ -22,10 +22,10 @@ class Proportional final : public core::Policy {
   [[nodiscard]] int state_dim() const noexcept override { return 4; }
   [[nodiscard]] int control_dim() const noexcept override { return 2; }
   void Control(int /*t*/, std::span<const double> x, std::span<double> u) const noexcept override {
-    constexpr double kForward = 1.0;  // mm a control
+    constexpr double kForward = 1.0;  // mm per control
     constexpr double kGain = 0.8;
     constexpr double kUnit = 2.0;        // mm per unit of control
-    constexpr double kPerRadian = 10.0;  // mm per radian, of the state's heading
+    constexpr double kPerRadian = 10.0;  // mm per rad, scale of the state's heading
     const double angle = x[3] / kPerRadian;
     const double aside = -kGain * x[2];
     u[0] = std::clamp((kForward * std::cos(angle) - aside * std::sin(angle)) / kUnit, -1.0, 1.0);

@@ -36,9 +36,9 @@ struct LineModelOptions {
 };
 
 /// Constants of this task's controllers. "dfr" is Algorithm 1 with steps larger than the noise of
-/// images, probe g / (10 lambda), step g / (2 lambda); "dfr-fine" has the paper's. "controller"
-/// estimates the platform's disturbance during a control; "controller-without-disturbance"
-/// attributes it to the control.
+/// images, probe g / (10 lambda), step g / (2 lambda); "dfr-fine" has the paper's constants.
+/// "controller" estimates the platform's disturbance during a control;
+/// "controller-without-disturbance" attributes it to the control.
 [[nodiscard]] safety::ControllerOptions Controllers();
 
 /// Methods of study::kOtherMethods that query no supervisor, because the demonstrations are

@@ -39,7 +39,7 @@ class RecoveryCurves final : public control::RolloutObserver {
   void OnControl(const control::RolloutEvent& event) override;
   void OnEnd(const control::RolloutResult& result) override;
   [[nodiscard]] bool complete() const noexcept { return curves_.size() >= wanted_; }
-  /// One per recovery: entry i is min(1, g / threshold) at its iteration i.
+  /// One curve per recovery: entry i is min(1, g / threshold) at its iteration i.
   [[nodiscard]] const std::vector<std::vector<double>>& curves() const noexcept { return curves_; }
 
  private:

@@ -1,5 +1,5 @@
 "use strict";
-// Draws what the libraries compute, and passes on what the user does. No number is computed here.
+// Draws the libraries' results, and passes on the user's input. Computes no results itself.
 const $ = id => document.getElementById(id);
 const VIEW = {left: -0.4, right: 4.4, bottom: -1.15, top: 1.15};
 const CELL = 9;  // pixels between the points at which the support is evaluated
@@ -38,7 +38,7 @@ function say(text) {
   $("message").hidden = !text;
 }
 
-// --- What the user asks for -------------------------------------------------------------------
+// --- Requests of the user ---------------------------------------------------------------------
 
 function openScene(index, count = 60) {
   page.scene = index;
@@ -88,7 +88,7 @@ function learn() {
   if (page.fitted) page.later = setTimeout(learnCertified, 300);
 }
 
-// Fits the certificates. Takes as long as all else, so the page shows the rest first.
+// Fits the certificates. Takes as long as all other fits, so the page shows their results first.
 function learnCertified() {
   if (page.certified || !page.fitted) return;
   const begin = performance.now();

@@ -10,7 +10,7 @@
 namespace dfr::apps::planar_page {
 namespace {
 
-constexpr int kLooks = 4;  // Collision checks along each motion, enough for every corner.
+constexpr int kLooks = 4;  // Number of collision checks along each motion; detects cut corners.
 
 Point Turned(const Point& p, double angle) {
   const double c = std::cos(angle);

@@ -70,7 +70,7 @@ class PointPlant final : public core::SimulatedPlant {
   [[nodiscard]] const Point& point() const noexcept { return point_; }
   /// Distance to the nearest obstacle, negative inside one.
   [[nodiscard]] double Clearance(const Point& p) const noexcept;
-  /// Returns the walls of the corridor between these x, for drawing; empty if there are none.
+  /// Same as sim::CorridorPlant::Wall(); empty if the scene has no corridor.
   [[nodiscard]] std::vector<Point> Wall(double side, double left, double right) const;
 
  private:

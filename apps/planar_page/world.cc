@@ -37,7 +37,7 @@ class Route {
     const double share = segment > 0.0 ? std::clamp((s - at_[i - 1]) / segment, 0.0, 1.0) : 1.0;
     return points_[i - 1] + share * (points_[i] - points_[i - 1]);
   }
-  // Returns the position of p along the route, not before `from` and not far after it.
+  // Returns the position on the route nearest to p, not before `from` and not far after it.
   [[nodiscard]] double Progress(const Point& p, double from) const {
     constexpr int kPlaces = 20;
     constexpr double kSpacing = 0.02;

@@ -39,8 +39,8 @@ enum class Support { kPublished, kGuided, kCertified };
 [[nodiscard]] const std::vector<std::string>& MethodNames();
 [[nodiscard]] Support SupportOf(std::size_t method) noexcept;
 
-/// Region that a certificate allows in one state, in lengths of the plane: by the curvature bound,
-/// any motion into this disc stays inside.
+/// Region that a certificate allows in one state, in lengths of the plane. By the curvature bound,
+/// any motion that ends in this disc stays inside the support.
 struct SafeRegion {
   Point centre{};
   double radius = 0.0;  ///< Negative outside the support: nothing is certified there.

@@ -17,7 +17,7 @@ constexpr std::string_view kPolicyFeatures = "qpos,tip,object,goal";
 // Features of guided recovery's support: position of the cylinder, pose of the gripper.
 constexpr std::string_view kGuidedFeatures = "object[0:2],tip,tip_tilt";
 
-// Parses at most four layers of 1 to 1024 units.
+// Limits of Learner::Parse().
 constexpr int kMostUnits = 1024;
 constexpr std::size_t kMostLayers = 4;
 constexpr int kMostEpochs = 100'000;

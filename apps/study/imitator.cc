@@ -12,7 +12,7 @@
 namespace dfr::study {
 namespace {
 
-// A learned policy, scaled to the units of the task. Its entries that are switches are +-1.
+// A learned policy, scaled to the units of the task. Control entries that are switches are +-1.
 class InUnits final : public core::Policy {
  public:
   InUnits(imitation::MlpPolicy learned, const sim::GalleryTask& task)

@@ -85,12 +85,12 @@ class Runner final : public PlaceboRunner {
   /// Writes a video if the task has pictures and the file is not a page of paths.
   bool Film(const std::vector<int>& methods, std::uint64_t start_seed,
             std::uint64_t controller_seed, const std::filesystem::path& path) override;
-  /// Numbers of episodes of each monitor with an alarm: AlarmsIn() of the method.
+  /// Returns the number of episodes with an alarm per monitor and outcome, named by AlarmsIn().
   std::map<std::string, double> Measures() override { return alarms_; }
   /// [method]: number of controls of each recovery, in planar tasks only.
   std::map<std::string, std::vector<int>> Counts() override;
 
-  /// Credit of one episode.
+  /// Runs one episode and returns its credit.
   double Credit(int method, std::uint64_t start_seed, std::uint64_t controller_seed,
                 const experiment::EpisodeCredit& credit);
 

@@ -142,7 +142,7 @@ void Listen(const CheckOptions& options, CheckedArm& arm, double seconds, const 
   });
 }
 
-// Describes a status, with the console's last error if it has failed.
+// Describes a status, with the console's last error if the console has failed.
 std::string Words(PsmStatus status, const CheckedArm& arm) {
   std::string what = hardware::Name(status);
   const bool failed = status == PsmStatus::kConsoleFault || status == PsmStatus::kConsoleError;
@@ -283,8 +283,8 @@ void MoveALittle(const CheckOptions& options, CheckedArm& arm, Permit& permit,
   arm.Flush();
 }
 
-// Checks the console's data over a while, and looks for other publishers. Reports the final state
-// of the emergency stop.
+// Checks the console's data for options.listen_s, and looks for other publishers. Returns the final
+// state of the emergency stop.
 dds::EmergencyStop ListenToArm(const CheckOptions& options, CheckedArm& arm, DeviceReport& report) {
   Say(options, "listening for " + Text(options.listen_s, 0) + " s");
   const std::int64_t start_ns = options.clock->SteadyNs();

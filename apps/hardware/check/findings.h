@@ -40,7 +40,7 @@ inline bool Ask(const CheckOptions& options, const std::string& question) {
   return options.ask && options.ask(question);
 }
 
-/// Returns the network of the search, as the end of a report's name.
+/// Returns a description of the searched network, to be appended to a report's name.
 inline std::string InNetwork(const CheckOptions& options) {
   return " (DDS domain " + std::to_string(options.network.domain) +
          ", discovery: " + Name(options.network.discovery) + ")";

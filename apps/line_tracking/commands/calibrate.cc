@@ -46,7 +46,7 @@ line_task::LineCalibration Guess(const RobotConfig& config) {
   return guess;
 }
 
-// Calibrates from these pictures. Empty, with a message for the operator, if they do not suffice.
+// Returns the calibration from these pictures. Empty, with a message for the operator, if it fails.
 std::optional<line_task::LineCalibration> FromPictures(
     const std::vector<vision::CalibrationFrame>& frames, const line_task::LineCalibration& guess,
     const RobotConfig& config, runtime::AsyncPrinter& printer) {

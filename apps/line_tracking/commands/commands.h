@@ -30,7 +30,7 @@ struct DemonstrateOptions {
   SceneOptions scene;
   /// A robot's configuration; empty: the simulation in this process.
   std::filesystem::path config;
-  bool teleoperation = false;  ///< On a robot: the operator leads the tip, and it is recorded.
+  bool teleoperation = false;  ///< On a robot: records the tip while the operator leads it.
   std::filesystem::path out = "demonstrations.hdf5";
   int count = 50;
   int steps = 50;

@@ -27,8 +27,8 @@ core::Trajectory Empty(const RobotPlant& plant, int steps) {
   return trajectory;
 }
 
-// The scripted supervisor follows the line from the operator's start. Empty if it did not complete
-// the task; the robot then holds, and its loop has the reason.
+// Returns a demonstration of the scripted supervisor, which follows the line from the operator's
+// start. Empty if not completed: the robot then holds, and its loop has the reason.
 std::optional<core::Trajectory> Drive(RobotPlant& plant, int steps, std::uint64_t seed) {
   core::Trajectory trajectory = Empty(plant, steps);
   trajectory.seed = seed;
@@ -140,7 +140,7 @@ RobotConfig LoadRobot(const std::filesystem::path& file) {
         file.string() +
         ": simulator.lock_step is true, but an operator needs real time: set it to false");
   }
-  config.platform.wave.reset();  // the platform rests while the robot executes nothing
+  config.platform.wave.reset();  // only `run` starts the wave
   return config;
 }
 

@@ -23,8 +23,8 @@ constexpr int kDemonstrations = 50;
 constexpr int kDemonstratedSteps = 50;
 constexpr int kCalibrationFrames = 300;
 constexpr std::size_t kCurves = 30;
-// Number of episodes of the study of probes: enough for its figures, and few because fine probes
-// from images take a thousand controls without effect.
+// Number of episodes in the study of probes. Few suffice for its figures, and episodes with fine
+// probes from images would take a thousand controls without effect.
 constexpr int kStudiedEpisodes = 8;
 constexpr int kStudiedControls = 200;
 
@@ -174,8 +174,8 @@ experiment::ReportTable ProbeTable(const std::vector<StudiedMethod>& studied) {
   return table;
 }
 
-// Best: completed with the fewest controls. Worst: the earliest collision, otherwise the earliest
-// halt. Median: in the middle of this order.
+// Picks three episodes. Best: completed with the fewest controls. Worst: the earliest collision,
+// otherwise the earliest halt. Median: in the middle of this order.
 std::vector<std::pair<std::string, std::uint64_t>> PickEpisodes(const experiment::UnitResult& unit,
                                                                 std::size_t method) {
   std::vector<std::size_t> order(unit.starts.size());
@@ -286,7 +286,7 @@ void RunExperiment(const ExperimentOptions& options) {
   const experiment::EvaluationPlan plan = MakePlan(options);
   for (const std::string& world : plan.learners) static_cast<void>(InWorld(options.plant, world));
   const experiment::OutputFolder folder(options);
-  // Takes seconds and is skipped for a shard without units or a rejected shard.
+  // Calibrates at the first call: a shard without units, or a rejected shard, skips these seconds.
   calibration::CalibrationSummary calibration_summary;
   line_task::LineCalibration calibrated;
   std::once_flag once;
@@ -329,7 +329,7 @@ void RunExperiment(const ExperimentOptions& options) {
   static_cast<void>(known());
   report.settings.emplace_back("calibration, tips RMS [px]", Text(calibration_summary.tip_rms_px));
 
-  // Study and videos use the first trial, learned and run again.
+  // Study and videos use the first trial, which is learned and run again.
   const experiment::UnitResult& first = results.front();
   const std::unique_ptr<LineTrialRunner> again = make(first.unit);
   const std::array<std::string, 2> dfr = {"dfr", "dfr-fine"};

@@ -29,8 +29,8 @@ static_assert(std::atomic<bool>::is_always_lock_free);
 
 void NoteStop(int /*signal*/) { stopping = true; }
 
-/// A child program. Prints its output line by line after its name. It ends when this process ends,
-/// even if killed.
+/// A child program. Prints its output line by line after its name. The child ends when this process
+/// ends, even if this process is killed.
 class Child {
  public:
   Child(std::string name, const std::vector<std::string>& command) : name_(std::move(name)) {

@@ -17,7 +17,7 @@ double ThreadSeconds() {
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
-// The tool moves about the line while the platform moves. Each state is compared with the truth.
+// Moves the tool about the line while the platform moves, and prints the errors of vision.
 void PrintRow(const VisionOptions& options, double blur_px, double light_change, double noise) {
   sim::LineTrackingOptions plant_options = options.scene.plant;
   plant_options.observation = sim::Observation::kVision;

@@ -84,9 +84,9 @@ struct RobotConfig {
   double period_s = 0.005;
   double max_period_s = 0.05;  ///< A longer period is a fault.
   int priority = 20;           ///< Priority under SCHED_FIFO; 0: default scheduling.
-  /// Largest measured motion of the tip beyond the commanded one, mm.
+  /// Largest difference between the measured and the commanded motion of the tip, mm.
   double max_state_jump_mm = 3.0;
-  /// Largest difference between pictures and encoders over the last 10 mm of the path, mm.
+  /// Largest difference between the motion in pictures and the commanded one over up to 10 mm, mm.
   double max_drift_mm = 2.5;
   /// Largest motion of the line relative to the tip during a control, mm.
   double max_line_jump_mm = 1.5;

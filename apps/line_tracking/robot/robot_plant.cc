@@ -116,7 +116,7 @@ struct RobotPlant::Impl {
 
   [[nodiscard]] const vision::LineObservation& seen() const noexcept { return camera.last().seen; }
 
-  // Returns the reason why the tips may not take this path; empty if they may.
+  // Returns the reason why the tips must not take this path; empty if they may.
   [[nodiscard]] std::string_view Refusal(const PsmJoints& from, const PsmJoints& to) noexcept {
     const line_task::Breach breach = region.Along(from, to);
     if (!breach.any()) return {};
@@ -264,7 +264,7 @@ struct RobotPlant::Impl {
   }
 
   bool simulated;
-  double answer_s;  // a simulator's
+  double answer_s;  // timeout of a simulator's answers
   double lift_m;
   double image_latency_s;
   kinematics::PsmGeneration generation;

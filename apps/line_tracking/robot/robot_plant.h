@@ -74,8 +74,8 @@ class RobotPlant final : public core::Plant {
   void Observe(std::span<double> state) const noexcept override;
   [[nodiscard]] bool completed() const noexcept override;
   [[nodiscard]] bool collided() const noexcept override;
-  /// Holds the arm: the machine is idle after a completed task, otherwise holding. The loop
-  /// continues with loop().Idle() only.
+  /// Holds the arm: loop().state() is then idle after a completed task, otherwise holding. After
+  /// this, the loop runs only during calls such as loop().Idle().
   void Halt() noexcept override;
 
   /// Measures the state while the robot is not started; the arm may be teleoperated, moved by its

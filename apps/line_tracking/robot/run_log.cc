@@ -32,7 +32,7 @@ void RunLog::Period(const robot::Finding& arm, const robot::Finding& stop, runti
                     std::int64_t wall_ns) noexcept {
   if (recorder_ == nullptr) return;
   const hardware::PsmClient& client = driver_->client();
-  // False after a new sample of the arm, or a change between two samples.
+  // Records each new sample of the arm, and changes between two samples.
   const bool same = client.num_samples() == num_samples_ && arm.reason == arm_ &&
                     stop.reason == stop_ && state == state_;
   if (same) return;

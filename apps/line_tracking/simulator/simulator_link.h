@@ -25,7 +25,7 @@ struct SimulatorTruth {
 class SimulatorLink {
  public:
   /// @param answer_s  timeout of an answer: drawing a picture may take a while.
-  /// @param steady_ns  a clock that never goes back.
+  /// @param steady_ns  a monotonic clock.
   explicit SimulatorLink(dds::Participant& participant, double answer_s = 5.0,
                          std::function<std::int64_t()> steady_ns = runtime::SteadyNow);
 

@@ -16,7 +16,7 @@ namespace dfr::study {
 
 /// Changes of a picture that do not change the task. All zero: no change.
 struct Nuisances {
-  double light = 0.0;       ///< Pixels are scaled by 1 +- this at most, drawn per episode.
+  double light = 0.0;       ///< Maximum relative change of the light, drawn per episode.
   double noise = 0.0;       ///< Standard deviation per pixel and picture, as a share of 255.
   bool distractor = false;  ///< A disc of random colour and position, drawn per episode.
   int shift = 0;            ///< Shift in pixels, in one of four directions, drawn per episode.

@@ -25,7 +25,7 @@ namespace {
 constexpr std::size_t kLeastDemonstrations = 10;
 constexpr double kFitted = 0.5;
 constexpr double kCalibrating = 0.2;
-// Blocks of the state with more entries than this are reduced if not all features fit.
+// State blocks with more entries than this are reduced if a guard on all features is rejected.
 constexpr int kLargeBlock = 8;
 
 struct Parts {

@@ -26,7 +26,7 @@ struct Detection {
   std::uint64_t seed = 1;
 };
 
-/// Demonstrations and further episodes. Failed episodes are not kCompleted.
+/// Demonstrations and further episodes, which failed unless their outcome is kCompleted.
 struct DetectionSet {
   imitation::DemonstrationSet demonstrations;
   std::vector<core::Trajectory> further;

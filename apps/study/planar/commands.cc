@@ -70,7 +70,7 @@ std::string ShareOf(int count, int fits, double chance) {
   return text.data();
 }
 
-// Prints rows for cross-validation, for held-out demonstrations, and for these with a confidence.
+// Prints rows for cross-validation, and for held-out demonstrations without and with a confidence.
 void PrintCoverage(CoverageOptions options, const std::vector<std::string>& worlds,
                    const std::vector<int>& demonstrations) {
   struct Guarantee {
@@ -101,7 +101,7 @@ void PrintCoverage(CoverageOptions options, const std::vector<std::string>& worl
   }
 }
 
-// Counts the demonstrated steps from time step t that a certificate would pass.
+// Number of demonstrated steps at a time step, and of those that a certificate would pass.
 struct Passing {
   int steps = 0;
   int passed = 0;

@@ -29,7 +29,7 @@ core::FeatureTransform Isotropic(const Task& task,
   return {All(task), Eigen::VectorXd::Zero(n), scale * core::Matrix::Identity(n, n)};
 }
 
-// Fits the support of start states, in the deterministic order of safety::TaskModel.
+// Fits the support for Methods::Begins(), in the deterministic order of safety::TaskModel.
 kernel::WhitenedSupport StartSupport(const core::FeatureTransform& features,
                                      std::span<const core::Trajectory> demonstrations) {
   std::vector<core::Matrix> points;

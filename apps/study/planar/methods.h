@@ -91,7 +91,7 @@ class Methods {
   [[nodiscard]] const control::EstimatedConstant& direction_error() const noexcept {
     return direction_error_;
   }
-  /// Options of certified-direction.
+  /// Returns the certificate of certified-direction.
   [[nodiscard]] control::Certificate certificate() const noexcept;
 
  private:

@@ -63,7 +63,7 @@ void DrawRegions(const Canvas& canvas, const Task& task) {
              2, cv::LINE_AA);
 }
 
-// l over the plane at the shot's time step, at the nodes of a grid of kGrid pixels; not below -1.
+// l over the plane at the shot's time step, at the nodes of a grid of kGrid pixels, clipped at -1.
 cv::Mat LevelGrid(const Canvas& canvas, const Methods& methods, SupportKind support,
                   const Shot& shot, double& largest) {
   cv::Mat levels((canvas.image.rows - kCaption) / kGrid + 1, canvas.image.cols / kGrid + 1, CV_32F);

@@ -160,7 +160,7 @@ class Adversary final : public core::Policy {
   core::Random* random_;
 };
 
-// An adversarial plant within |dz - J u| <= eps |u|.
+// Direction of an adversarial plant's error, within |dz - J u| <= eps |u|.
 enum class Malice { kRandom, kAwayFromThePhase, kAwayFromAll };
 
 class World {
