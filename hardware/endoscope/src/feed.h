@@ -18,8 +18,7 @@ class Feed {
   explicit Feed(const EndoscopeOptions& options);
 
   /// Puts a picture with three bytes per pixel (blue, green, red; or red, green, blue with `swap`)
-  /// or one (grey). A picture of another size than that of the options becomes
-  /// FrameStatus::kWrongSize.
+  /// or one (grey). A picture not of the options' size becomes FrameStatus::kWrongSize.
   void Put(const std::uint8_t* data, int width, int height, std::size_t stride, int channels,
            bool swap, std::int64_t stamp_ns, std::int64_t arrival_ns);
   /// Puts a picture that cannot be decoded.

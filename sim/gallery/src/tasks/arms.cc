@@ -361,20 +361,19 @@ GalleryTask JointsTask() {
 }
 
 GalleryTask BimanualTask() {
-  return {
-      .name = "bimanual",
-      .summary =
-          "Two arms of seven joints carry a bar past a post; 30 features follow from 14 "
-          "joints; pulling, squeezing or tilting the bar and touching the post fails",
-      .held_out = true,
-      .plant = std::make_shared<BimanualPlant>(),
-      .features = "bar,gap",  // A fit to all 30 features is refused, because they are redundant.
-      .noise = 0.05,
-      .hidden = {32},
-      .epochs = 60,
-      .weak_hidden = {16},
-      .weak_epochs = 25,
-      .policy_bias = {.bias = {0.15}}};
+  return {.name = "bimanual",
+          .summary =
+              "Two arms of seven joints carry a bar past a post; 30 features follow from 14 "
+              "joints; pulling, squeezing or tilting the bar and touching the post fails",
+          .held_out = true,
+          .plant = std::make_shared<BimanualPlant>(),
+          .features = "bar,gap",  // A fit to all 30 features, which are redundant, is refused.
+          .noise = 0.05,
+          .hidden = {32},
+          .epochs = 60,
+          .weak_hidden = {16},
+          .weak_epochs = 25,
+          .policy_bias = {.bias = {0.15}}};
 }
 
 }  // namespace dfr::sim::internal

@@ -34,10 +34,8 @@ struct PsmClientOptions {
   /// Additional allowance for noise, rad (insertion: m), >= 0.
   kinematics::PsmJoints jump_noise =
       (kinematics::PsmJoints() << 0.01, 0.01, 0.002, 0.02, 0.02, 0.02).finished();
-  double jump_distance_m =
-      0.005;  ///< Allowance for noise of measured_cp, in addition to 1 m/s, > 0.
-  /// Limits of measured_js, measured_cp and local/measured_cp. Only max_silence_s applies to
-  /// setpoint_js.
+  double jump_distance_m = 0.005;  ///< Allowance for noise of measured_cp, > 0.
+  /// Limits of measured_js, measured_cp and local/measured_cp; setpoint_js has only max_silence_s.
   dds::WatchdogOptions watchdog = {};
   /// Maximum progress of a move in one step, s, > 0. After a late step the move takes longer
   /// instead of catching up in one jump.
@@ -173,9 +171,8 @@ struct PsmOutput {
   bool hold = false;
 };
 
-/// Logic of a client of one PSM behind a da Vinci Research Kit console (CRTK): processes the
-/// console's messages and determines the messages to send. Uses no network; the caller provides
-/// the time.
+/// Logic of a client of one PSM behind a da Vinci Research Kit console (CRTK): processes received
+/// messages and determines the messages to send. The caller provides network access and time.
 ///
 /// Every error leads to kHolding: the client tells the console to hold, sends nothing more, and
 /// keeps the first cause in status() until the next Arm(). The console keeps the last set-point
@@ -223,8 +220,7 @@ class PsmClient {
   [[nodiscard]] PsmPhase phase() const noexcept { return phase_; }
   /// In kHolding: the cause. Otherwise: the reason that prevents arming.
   [[nodiscard]] PsmStatus status() const noexcept;
-  /// Returns the reason to hold that the last step found, also while holding; kOk if there was
-  /// none.
+  /// Returns the reason to hold that the last step found, also while holding; kOk: none.
   [[nodiscard]] PsmStatus hold_reason() const noexcept { return hold_reason_; }
   /// True while the console has been asked to power up or home and has not finished.
   [[nodiscard]] bool homing() const noexcept;

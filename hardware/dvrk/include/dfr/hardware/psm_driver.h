@@ -107,8 +107,7 @@ class PsmDriver {
   [[nodiscard]] std::string_view last_error() const noexcept { return last_error_.view(); }
   /// Describes the last participant that joined, sent a request or published a command, with
   /// address and topic. While the arm holds because of others, describes the first that caused the
-  /// hold, or quotes the console if only the console has received the message. Empty if there was
-  /// none.
+  /// hold, or quotes the console if only the console has received the message. May be empty.
   [[nodiscard]] std::string_view who() const noexcept { return who_.data(); }
   /// True if who() is the cause of the hold.
   [[nodiscard]] bool held_by_others() const noexcept;

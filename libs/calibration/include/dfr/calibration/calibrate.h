@@ -67,8 +67,7 @@ void Print(std::ostream& out, const line_task::LineCalibration& calibration,
 ///
 /// A single camera determines depth poorly: scale errors of the arm along the optical axis are
 /// nearly indistinguishable from a change of the arm's distance. Pictures in which the tip touches
-/// the target's plane, whose pose the marks give, resolve this ambiguity. About forty such pictures
-/// suffice.
+/// the target's plane, whose pose the marks give, resolve this ambiguity; about forty suffice.
 ///
 /// @param frames  samples of the motion, with varied tilt and height of the target and varied
 ///   position and height of the tip.

@@ -32,9 +32,8 @@ struct CertificateOptions {
 ///   enclaves/NAME/              one folder per participant, see SecurityFiles
 ///
 /// Only the user who runs the program can read the keys.
-/// @throws std::invalid_argument if an option is out of range; std::runtime_error if `folder` has
-/// an
-///   authority, or naming the file that cannot be written.
+/// @throws std::invalid_argument if an option is out of range; std::runtime_error naming `folder`
+///   if it has an authority, or the file that cannot be written.
 void MakeAuthority(const std::filesystem::path& folder, const CertificateOptions& options = {});
 
 /// Adds a participant: creates its key, certificate and signed permissions. They are valid for

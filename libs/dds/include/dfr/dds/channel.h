@@ -27,9 +27,8 @@ enum class Role {
   /// Rare messages that must not be lost (operating_state, error). The publisher keeps the last 100
   /// for late joiners.
   kEvent,
-  /// One-time requests (state_command, hold). Late joiners receive no earlier sample: a console
-  /// must
-  /// not execute an old `home`.
+  /// One-time requests (state_command, hold). Late joiners receive no earlier sample, because a
+  /// console must not execute an old `home`.
   kRequest,
   /// Images. Only the newest is kept.
   kImage,
@@ -48,8 +47,7 @@ struct Health {
   int found = 0;
   int alive = 0;             ///< Number of matched publishers whose liveliness is asserted.
   int missed_deadlines = 0;  ///< Number of missed deadlines since the start.
-  int incompatible =
-      0;  ///< Publishers refused since the start because of their quality of service.
+  int incompatible = 0;      ///< Publishers refused since the start due to quality of service.
 };
 
 /// Sends messages of type T (see messages.h) to a ROS 2 topic. One object belongs to one thread at

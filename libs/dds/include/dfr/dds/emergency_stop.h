@@ -20,8 +20,7 @@ inline constexpr const char* kEmergencyStopTopic = "/emergency_stop";
 /// Topic on which the line tracking program reports the state of its control loop
 /// (crtk_msgs/OperatingState, the states of runtime::RunState), for display at the emergency stop.
 inline constexpr const char* kRunStateTopic = "/line_tracking/run_state";
-/// Last state reported by a program that ends normally. Silence without this report indicates a
-/// failure.
+/// Last state reported by a program that ends normally. Silence without this report is a failure.
 inline constexpr const char* kRunEnded = "ended";
 
 /// Sender of an emergency stop over the network: an operator's button. Sends over two independent

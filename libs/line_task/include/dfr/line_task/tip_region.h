@@ -44,8 +44,7 @@ class TipRegion {
   /// the region. A non-finite position has infinite depth.
   [[nodiscard]] Breach At(const Eigen::Vector3d& tip_m) const noexcept;
   /// Checks, in steps of 0.5 mm, the straight path in joint space between two encoder readings, and
-  /// returns its deepest violation. A path that starts outside the region must not lead farther
-  /// out.
+  /// returns its deepest violation. A path that starts outside must not lead farther out.
   [[nodiscard]] Breach Along(const kinematics::PsmJoints& from,
                              const kinematics::PsmJoints& to) const noexcept;
   /// Sets the last observed pose of the gauze in the world frame. Until ForgetGauze(), the tips

@@ -24,7 +24,7 @@ struct Finding {
 /// Result and time of the last check by a device's thread.
 struct ThreadHealth {
   Finding finding;
-  std::int64_t checked_ns = 0;  ///< By Clock::MachineNs(). The thread hangs if it is too old.
+  std::int64_t checked_ns = 0;  ///< By Clock::MachineNs(). A time too old means a hanging thread.
 };
 
 /// Clock of a control loop. In real time it advances independently; in lock-step with a simulator

@@ -21,7 +21,7 @@ enum class NotSeen {
   kTarget,         ///< Fewer than four marks of the gauze's frame seen, or all on one line.
   kForeignCamera,  ///< Inconsistent marks: intrinsics of another camera, or a bent frame.
   kLine,           ///< No red line, or its visible piece is too short or not near the tip.
-  kTip,            ///< No green ball of the tool's tip, or several candidates.
+  kTip,            ///< The green ball at the tool's tip was not found, or is ambiguous.
   kFault,          ///< OpenCV failed (out of memory).
 };
 
