@@ -29,9 +29,9 @@ class ProbeStudy final : public control::RolloutObserver {
   /// Share of probes for which the measured sign of the change of g is correct.
   [[nodiscard]] double right_sign() const noexcept;
   [[nodiscard]] int recoveries() const noexcept { return recoveries_; }
-  /// Recoveries that ended in a control of the learned policy.
+  /// Number of recoveries that ended in a control of the learned policy.
   [[nodiscard]] int ended() const noexcept { return ended_; }
-  /// Recoveries whose threshold lambda |u| exceeded g_t of every demonstrated state.
+  /// Number of recoveries whose threshold lambda |u| exceeded g_t of every demonstrated state.
   [[nodiscard]] int out_of_reach() const noexcept { return out_of_reach_; }
 
  private:

@@ -48,7 +48,7 @@ function openScene(index, count = 60) {
   if (scene().routes > 0) call("demonstrate", count, 1);
   page.seed = 1;
   learn();
-  // Chooses one of the first starts from which the policy alone does not complete, if any.
+  // Tries up to 20 start states to find one from which the policy alone does not complete.
   while (page.alone && page.alone.outcome === 0 && page.seed < 20) newStart(true);
   setTool(scene().routes > 0 ? "move" : "draw");
   chosen("scenes", index);

@@ -20,17 +20,17 @@ namespace dfr::study {
 /// support counts like any other. Each trial has separate demonstrations, policies and start
 /// states. The policy alone always runs.
 struct Study : experiment::ExperimentOptions {
-  /// Controllers under all conditions in all tasks.
+  /// Creates a study of controllers under all conditions in all tasks.
   Study() {
     out = "out/stress";
     seed = 4711;
     trials = 3;
     episodes = 20;
   }
-  /// Guards at their default settings, as demonstrated, in the tasks of the gallery.
+  /// Returns a study of guards at default settings in the gallery, under "as demonstrated".
   [[nodiscard]] static Study OfGuards();
-  /// Controllers, including the certified one, around a polynomial policy in a planar task, as
-  /// demonstrated.
+  /// Returns a study of controllers, including the certified one, around a polynomial policy in a
+  /// planar task, under "as demonstrated".
   [[nodiscard]] static Study OfPlane();
 
   Kind kind = Kind::kControllers;
@@ -60,7 +60,7 @@ struct TrialCounts {
   /// Number of start states from which the policy alone completes and this method does not.
   int harmed = 0;
   int intervened = 0;            ///< Number of episodes that Intervened() accepts.
-  int intervened_completed = 0;  ///< Number of these that complete.
+  int intervened_completed = 0;  ///< Number of these episodes that complete.
   int left_alone = 0;            ///< Number of all other episodes.
   int left_alone_completed = 0;  ///< Number of the other episodes that complete.
   double controls = 0.0;         ///< Number of controls in all episodes.
@@ -80,9 +80,9 @@ struct Row : TrialCounts {
   std::string condition;
   std::string policy;
   std::string controller;
-  int saved_completed = 0;           ///< Number of `saved` that this method completes.
-  int alarmed_failures = 0;          ///< Number of `collided` with a previous alarm; monitor only.
-  int alarmed_successes = 0;         ///< Number of `completed` with an alarm; monitor only.
+  int saved_completed = 0;           ///< Number of saved episodes that this method completes.
+  int alarmed_failures = 0;          ///< Number of collisions after an alarm; monitors only.
+  int alarmed_successes = 0;         ///< Number of completions with an alarm; monitors only.
   std::vector<int> recoveries = {};  ///< Number of controls of each recovery, in planar tasks only.
   /// Causes of the other outcomes: "halted: no-progress", or the source of the control that
   /// collided.
@@ -96,7 +96,7 @@ struct Row : TrialCounts {
 
 /// Runs the study, with a progress bar and a ledger in study.out unless that is empty, and resumes
 /// an interrupted run. Rows come in the order of tasks, conditions, policies and controllers, the
-/// policy alone first; the same for any number of threads. A shard returns no rows.
+/// policy alone first. They do not depend on the number of threads. A shard returns no rows.
 /// @throws std::invalid_argument listing the valid names for an unknown one; and as
 ///   experiment::Evaluate() does.
 [[nodiscard]] std::vector<Row> RunStudy(const Study& study);

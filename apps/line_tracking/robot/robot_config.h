@@ -64,7 +64,7 @@ struct RobotConfig {
   /// Approximate pose of the camera in the world frame, as the start of a calibration: within 20 mm
   /// and 10 degrees. Absent: as in the simulation.
   std::optional<Eigen::Isometry3d> p_world_cam;
-  double image_max_age_s = 0.1;  ///< Limit of the age by stamp, and of the time since arrival.
+  double image_max_age_s = 0.1;  ///< Maximum time since a picture's stamp, and since its arrival.
   double image_latency_s = 0.0;  ///< Delay from exposure to the stamp.
 
   hardware::PlatformOptions platform;  // [platform]

@@ -32,10 +32,10 @@ struct RunOperator {
 /// Pose of the arm's base in the world frame: the configuration's, or the simulation's by default.
 [[nodiscard]] Eigen::Isometry3d Base(const RobotConfig& config);
 
-/// Line tracking on an arm behind a console: the same states and controls as
-/// sim::LineTrackingPlant, over the network, carried out by a robot::ControlLoop. dvrk_simulator
-/// sets up episodes and returns the truth. On a robot the operator sets up each episode, and camera
-/// and encoders decide its outcome.
+/// Line tracking on an arm behind a console on the network, with the states and controls of
+/// sim::LineTrackingPlant. A robot::ControlLoop carries out the controls. dvrk_simulator sets up
+/// episodes and returns the truth. On a robot the operator sets up each episode, and camera and
+/// encoders determine its outcome.
 ///
 /// Apply() does not allocate, except in a simulator's request for the truth. One object belongs to
 /// the thread that created it.

@@ -16,7 +16,7 @@ struct ConvergenceCurve {
   std::vector<double> mean;            ///< Mean after 0, 1, ... applied controls.
   std::vector<double> standard_error;  ///< Standard error of each mean.
   int controls_per_iteration = 1;      ///< 2 for DFR: the probe and the step.
-  int reached = 0;                     ///< Recoveries that reached the threshold.
+  int reached = 0;                     ///< Number of recoveries that reached the threshold.
 };
 
 /// Collects `recoveries` states in which the learned policy first meets the gate g_t <= lambda_t

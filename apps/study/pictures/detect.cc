@@ -72,8 +72,8 @@ std::string Reduced(const core::StateLayout& layout) {
   return large ? features : "";
 }
 
-// Returns the guard of `features`, or of components if those are rejected. Reports the choice and
-// the reason in `text`.
+// Returns the guard on `features`, or on principal components if these features are rejected.
+// Reports the choice and the reason in `text`.
 std::shared_ptr<const safety::GuardModel> FitOrReduce(const imitation::DemonstrationSet& set,
                                                       const std::string& features,
                                                       std::ostream& text) {

@@ -47,7 +47,7 @@ struct DetectionReport {
   experiment::ReportTable table;  ///< A row for each detector.
 };
 
-/// Fits detectors to half of the demonstrations and sets thresholds by a fifth. Evaluates them on
+/// Fits detectors to half of the demonstrations and sets thresholds on a fifth. Evaluates them on
 /// the rest and the further episodes, up to the median duration of the fitted demonstrations.
 /// Features with almost no left-out state inside are rejected; large blocks of the state are then
 /// reduced to principal components.

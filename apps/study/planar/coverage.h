@@ -6,8 +6,8 @@
 
 namespace dfr::study::planar {
 
-/// "corridor": the task's demonstrations. "reach": 6 entries, 8 actions towards one goal, with
-/// rotation and noise. "heavy-tails": the same in 2 dimensions with errors of Student's t, 3
+/// "corridor": the task's demonstrations. "reach": 8 actions towards one goal in 6 dimensions, with
+/// rotation and noise. "heavy-tails": the same in 2 dimensions, with errors of Student's t with 3
 /// degrees of freedom.
 [[nodiscard]] const std::vector<std::string>& CoverageWorlds();
 

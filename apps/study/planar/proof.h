@@ -8,14 +8,14 @@ namespace dfr::study::planar {
 /// Results of a stress test of certified-direction.
 struct ProofResult {
   std::int64_t controls = 0;  ///< Number of applied controls, including probes and recoveries.
-  std::int64_t left = 0;      ///< Controls that led out of the union of all B_t.
-  /// Halts by HaltCause::kViolated: false alarms if the controller's assumptions are true.
+  std::int64_t left = 0;      ///< Number of controls that led out of the union of all B_t.
+  /// Number of halts by HaltCause::kViolated: false alarms if the controller's assumptions hold.
   std::int64_t violations = 0;
   std::int64_t probes = 0;
   std::int64_t recoveries = 0;
-  std::int64_t filtered = 0;  ///< Learned controls that were changed before they passed.
+  std::int64_t filtered = 0;  ///< Number of learned controls changed before they passed.
   std::int64_t episodes = 0;
-  std::int64_t phases = 0;  ///< Advances of the phase.
+  std::int64_t phases = 0;  ///< Number of advances of the phase.
   double least = 0.0;       ///< Smallest max_t l_t after a control.
 };
 

@@ -76,7 +76,7 @@ void PsmClient::Take(const PsmInput& input) noexcept {
     ++num_samples_;
     js_arrival_ns_ = now_ns_;
     js_watchdog_.Arrived(next.stamp, now_ns_);
-    // During a move, or without valid data, no sample indicates rest.
+    // A sample without valid data does not indicate rest.
     if (!next.well_formed || !next.stamp.valid() || !next.position.allFinite() ||
         !next.velocity.allFinite()) {
       rest_.Forget();

@@ -63,7 +63,7 @@ PsmDriver::Link::Link(dds::Participant& participant, const PsmDriverOptions& opt
   const std::vector<std::string> usual = {"/console/teleop/enabled", "/MTML_" + arm + "/following",
                                           "/MTMR_" + arm + "/following"};
   for (const std::string& topic : options.teleoperation.empty() ? usual : options.teleoperation) {
-    // A console keeps its last messages for late joiners; other programs may not.
+    // A console keeps its last messages for late joiners, but other programs need not.
     for (const Role role : {Role::kEvent, Role::kRequest}) {
       teleoperations.push_back(std::make_unique<dds::Subscriber<dds::Flag>>(p, topic, role));
       teleoperated.push_back(false);

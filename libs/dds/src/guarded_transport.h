@@ -46,7 +46,7 @@ class ParticipantCensus {
 
   /// Returns true if messages from the participant `prefix` at `address` are accepted. An accepted
   /// sender stays accepted until it is silent for more than kForgotten_s.
-  /// @param steady_ns  a monotonic clock.
+  /// @param steady_ns  time of a monotonic clock.
   [[nodiscard]] bool Admits(const Address& address, const Prefix& prefix, std::int64_t steady_ns);
 
  private:

@@ -21,7 +21,7 @@ namespace dfr::dds::internal {
 /// Identifies a sender: a random number for each button.
 using StopSenderId = std::array<std::uint8_t, 16>;
 
-/// Returns the UDP port of a domain's datagrams, which DDS does not use.
+/// Returns the UDP port of a domain's datagrams. DDS does not use this port.
 [[nodiscard]] std::uint16_t StopPort(int domain) noexcept;
 
 /// Non-blocking UDP socket, closed by the destructor.

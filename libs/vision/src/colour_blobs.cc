@@ -46,7 +46,7 @@ Blob ColourBlobs::Refine(const int* row, double threshold) const {
   int full = 255;
   while (full > threshold && remaining > 0)
     remaining -= histogram[static_cast<std::size_t>(full--)];
-  // Values below a fifth of full colour are noisy background; values above four fifths are inside.
+  // Pixels below a fifth of full colour are noisy background; those above four fifths count fully.
   const double low = 0.2 * full;
   const double high = 0.8 * full;
   double sum = 0.0;

@@ -8,7 +8,7 @@ namespace dfr::vision::internal {
 
 struct Exposure {
   double brightness = 0.0;  ///< 90 % quantile of the green channel: brightness of the gauze
-  double saturated = 0.0;   ///< fraction of pixels
+  double saturated = 0.0;   ///< fraction of saturated pixels
   std::uint64_t hash = 0;
 };
 

@@ -38,7 +38,7 @@ class RobustQuadratic {
   [[nodiscard]] double SlopeAt(double x) const noexcept { return c_[1] + 2.0 * c_[2] * x; }
   [[nodiscard]] const Eigen::Vector3d& coefficients() const noexcept { return c_; }
 
-  /// Returns x of the curve's point nearest to a point a few millimetres away; NaN if the curve
+  /// Returns the x of the curve's point nearest to `p`, a few millimetres away; NaN if the curve
   /// bends too much. Newton's method on (x - px) + (f(x) - py) f'(x) = 0, whose derivative stays
   /// positive for a gentle curve.
   [[nodiscard]] double Nearest(const Eigen::Vector2d& p) const noexcept {

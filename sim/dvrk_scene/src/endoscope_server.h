@@ -43,7 +43,7 @@ class EndoscopeServer {
   /// Real time: passes the scene on if a picture of it is needed.
   /// @throws the thread's exception; std::runtime_error if drawing fails.
   void Offer(const std::function<dds::Stamp()>& clock);
-  /// Restarts the count of pictures, in real time with the next scene that the thread receives.
+  /// Restarts the count of pictures. In real time, this takes effect with the next passed scene.
   void Reset() noexcept { restart_ = true; }
   /// While true, no pictures are published.
   void SetSilent(bool silent) noexcept { silent_ = silent; }

@@ -25,7 +25,7 @@ using kinematics::SprkPlatform;
 
 constexpr double kMillimetre = 1e3;
 constexpr double kSampleTime = 0.02;     // s, sampling period of the tip's distance
-constexpr double kArmLag = 0.02;         // s, lag of the joints relative to their readings
+constexpr double kArmLag = 0.02;         // s, lag of the encoder readings behind their commands
 constexpr double kStartX = -0.023;       // m, mean of the start position
 constexpr double kStartSpread = 0.0035;  // m, maximum deviation from it
 constexpr int kMaxLooks = 3;

@@ -11,7 +11,7 @@ constexpr double kClearance = 0.012;  // half width of the slot minus that of th
 constexpr double kMouth = 0.03;       // clearance at the surface, between the chamfers
 constexpr double kChamfer = 0.03;     // depth of the chamfers
 constexpr double kDepth = 0.1;        // depth of an inserted peg
-constexpr double kForce = 0.4;        // largest part of a control that may be blocked
+constexpr double kForce = 0.4;        // largest part of a control that a solid may block
 
 // A peg above a surface (y = 0) with a slot. Solids stop the peg, and it slides along them.
 // State: peg(2), its tip; slot(1), the slot's position.

@@ -54,9 +54,9 @@ struct PsmClientOptions {
   double discovery_s = 0.5;
   double repeat_request_s = 2.0;  ///< A state command without effect is repeated after this time.
   PsmProfile profile = PsmProfile::kSmooth;
-  /// Hold if another participant publishes on the arm's command topics, tells the arm to hold or be
-  /// free, joins the network while the arm is armed, changes the arm's control at the console, or
-  /// moves the arm's set-point.
+  /// Holds if another participant publishes on the arm's command topics, tells the arm to hold or
+  /// be free, joins the network while the arm is armed, changes the arm's control at the console,
+  /// or moves the arm's set-point.
   bool sole_commander = true;
 
   /// @throws std::invalid_argument naming the option that is out of range.
@@ -190,15 +190,15 @@ class PsmClient {
 
   /// Processes the input, decides, and returns the output to send. Must be called at 200 Hz or
   /// more.
-  /// @param steady_ns  a monotonic clock.
-  /// @param wall_ns  since the epoch, as in stamps.
+  /// @param steady_ns  time of a monotonic clock.
+  /// @param wall_ns  time since the epoch, as in stamps.
   PsmOutput Step(const PsmInput& input, std::int64_t steady_ns, std::int64_t wall_ns) noexcept;
 
   /// Requests a state command in the next steps. An armed client holds first. Ends in kIdle, or in
-  /// kHolding with kTimedOut, kConsoleFault, or an error found during power-up or homing. The
-  /// client then also tells the console to disable, unless it is in FAULT. kPause, kDisable and
-  /// kUnhome do not wait for an effect. In FAULT a console accepts only kDisable and kUnhome; other
-  /// requests are refused with kConsoleFault.
+  /// kHolding with kTimedOut, kConsoleFault, or an error found during power-up or homing. A console
+  /// that is powering up or homing is then also told to disable. kPause, kDisable and kUnhome do
+  /// not wait for an effect. In FAULT a console accepts only kDisable and kUnhome; other requests
+  /// are refused with kConsoleFault.
   PsmStatus Request(PsmRequest request) noexcept;
 
   /// Starts sending set-points, beginning with the console's own, if the last step found no error.
@@ -284,7 +284,7 @@ class PsmClient {
   PsmJawSample jaw_setpoint_;
   PsmOperatingState operating_;
   kinematics::PsmJoints agreed_ =
-      kinematics::PsmJoints::Zero();  // last set-point sent by this client
+      kinematics::PsmJoints::Zero();  // the console's last set-point that agreed with those sent
   std::int64_t js_arrival_ns_ = 0;
   std::int64_t cp_arrival_ns_ = 0;
   std::int64_t local_arrival_ns_ = 0;

@@ -55,8 +55,8 @@ struct PsmDriverOptions {
 /// A separate thread handles DDS, which allocates, locks and may wait. Lock-free mailboxes pass
 /// messages. All members marked noexcept, in particular Tick(), therefore neither allocate, lock
 /// nor wait. They belong to one thread at a time. The driver must be destroyed before the
-/// participant. The destructor of an armed driver tells the console to hold, that of a homing
-/// driver also tells it to disable. It waits at most 2 s until the console has received this.
+/// participant. The destructor of an armed driver tells the console to hold. If the arm is homing,
+/// it also tells the console to disable. It waits at most 2 s until the console has received this.
 ///
 /// A new driver only listens. Usual order: Home(), Arm(), MoveTo(), ..., with Tick() throughout.
 class PsmDriver {
@@ -70,8 +70,8 @@ class PsmDriver {
 
   /// Runs one step, at 200 Hz or more: processes and checks input, and sends the next set-point or
   /// hold. Returns status().
-  /// @param steady_ns  a monotonic clock.
-  /// @param wall_ns  since the epoch, as in stamps.
+  /// @param steady_ns  time of a monotonic clock.
+  /// @param wall_ns  time since the epoch, as in stamps.
   PsmStatus Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept;
   /// Same as above, by this machine's clocks.
   PsmStatus Tick() noexcept;
@@ -159,7 +159,7 @@ struct BringUpClock {
 };
 
 /// Homes the arm if necessary and arms it, ticking throughout, at the start of a program. Returns
-/// driver.status(), which is kOk if armed. Gives up after `timeout_s` with the reason.
+/// kOk once the arm is armed, or the reason why it is not, after `timeout_s` at the latest.
 /// @param say  called with each console message and each reason for waiting; may be empty.
 /// @param may_move  called before each tick, to check an emergency stop or Ctrl-C. If it returns
 ///   false, BringUp() tells the console to hold, and to disable a homing arm, and returns kHeld.

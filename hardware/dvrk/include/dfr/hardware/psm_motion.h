@@ -58,8 +58,8 @@ class PsmMotion {
   /// Sets the state to rest at `joints`, regardless of the limits.
   void Rest(const kinematics::PsmJoints& joints) noexcept;
   /// Starts a move from the present set-point. Refuses it, without any change, unless the whole
-  /// path satisfies the limits. Checks the path at least every 0.5 mm. Every pose on it must map
-  /// back to its joint values, because servo_cp transmits only the pose.
+  /// path satisfies the limits. Checks the path at least every 0.5 mm. Every pose on the path must
+  /// map back to the same joint values, because servo_cp transmits only the pose.
   /// @param duration_s  >= 0; zero only if `goal` is the present set-point.
   [[nodiscard]] PsmStatus Start(const kinematics::PsmJoints& goal, double duration_s) noexcept;
   /// Same as above, to a pose of the wrist in the base frame.

@@ -41,7 +41,7 @@ class PsmStatements {
   bool awaits_ = false;
   bool poses_ = false;  // one statement of poses may arrive
   bool held_last_ =
-      false;  // the control is that of this client's hold, which another hold does not change
+      false;  // true if this client's hold caused the control, which another hold does not change
 };
 
 }  // namespace dfr::hardware

@@ -35,8 +35,8 @@ enum class PsmStatus {
   kForeignMessage,   ///< Another program told the arm to hold, be free or change its state.
   kNewcomer,         ///< A participant joined, or began to publish on a command topic.
   kForeignControl,   ///< The console states that a command of another program controls the arm.
-  kForeignSetpoint,  ///< The console's set-point does not match those sent to it.
-  kSetpointStays,    ///< The console's set-point does not follow those sent to it.
+  kForeignSetpoint,  ///< The console's set-point differs from the set-points sent to it.
+  kSetpointStays,    ///< The console's set-point does not follow the set-points sent to it.
   kTeleoperated,     ///< Teleoperation is enabled in the console.
   kClutched,         ///< The operator holds the arm's clutch.
   kToolNotNamed,     ///< The console has not named the instrument.

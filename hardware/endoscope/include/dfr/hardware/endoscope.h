@@ -76,8 +76,8 @@ class Endoscope {
   /// Grabs the newest picture without waiting. Returns kOk also for a picture that was grabbed
   /// before and is still recent; compare its sequence. Otherwise returns the error; `frame` then
   /// still holds the newest picture if its size is right. Never allocates, locks or throws.
-  /// @param steady_ns  of std::chrono::steady_clock.
-  /// @param wall_ns  since the epoch, as in stamps.
+  /// @param steady_ns  time of std::chrono::steady_clock.
+  /// @param wall_ns  time since the epoch, as in stamps.
   [[nodiscard]] virtual FrameStatus Grab(std::int64_t steady_ns, std::int64_t wall_ns,
                                          Frame& frame) noexcept = 0;
   /// Same as above, by this machine's clocks.

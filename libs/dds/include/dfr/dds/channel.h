@@ -22,10 +22,10 @@ enum class Role {
   /// Same as kCommand, but the subscriber requests deadline and liveliness: its health() reports a
   /// dead or hanging publisher within 100 ms. The subscriber refuses a plain ROS 2 publisher.
   kOwnCommand,
-  /// Measured state. The publisher keeps 100 samples, the subscriber keeps the newest.
+  /// Measured state. The publisher keeps 100 samples; the subscriber keeps only the newest.
   kState,
   /// Rare messages that must not be lost (operating_state, error). The publisher keeps the last 100
-  /// for late joiners.
+  /// messages for late joiners.
   kEvent,
   /// One-time requests (state_command, hold). Late joiners receive no earlier sample, because a
   /// console must not execute an old `home`.

@@ -77,7 +77,7 @@ class EmergencyStopJudge {
   explicit EmergencyStopJudge(double max_silence_s, bool datagrams = true);
 
   /// Processes one message of a button.
-  /// @param steady_ns  a monotonic clock, the same as in Check().
+  /// @param steady_ns  time of the monotonic clock of Check().
   void Hear(Way way, const Origin& who, bool pressed, std::int64_t steady_ns) noexcept;
   EmergencyStop Check(std::int64_t steady_ns) noexcept;
   /// Same as EmergencyStopReceiver::Acknowledge().
@@ -129,7 +129,7 @@ class EmergencyStopReceiver {
   EmergencyStopReceiver(const EmergencyStopReceiver&) = delete;
   EmergencyStopReceiver& operator=(const EmergencyStopReceiver&) = delete;
 
-  /// @param steady_ns  a monotonic clock.
+  /// @param steady_ns  time of a monotonic clock.
   /// @param wall_ns  the system time, used to reject old datagrams.
   EmergencyStop Check(std::int64_t steady_ns,
                       std::int64_t wall_ns = Stamp::Now().nanoseconds()) noexcept;

@@ -24,7 +24,7 @@ struct ParticipantOptions {
   int domain = 0;            ///< Same as ROS_DOMAIN_ID, in [0, 232].
   std::string name = "dfr";  ///< Name shown by discovery tools.
   Discovery discovery = Discovery::kLoopback;
-  std::string server_address = "127.0.0.1";  ///< IPv4; used with a discovery server.
+  std::string server_address = "127.0.0.1";  ///< IPv4 address of the discovery server.
   std::uint16_t server_port = 11811;
   /// Adds a shared memory transport for images between processes on this machine, and removes the
   /// segments of terminated processes from /dev/shm. Use a separate participant for it, and leave
@@ -62,7 +62,7 @@ struct Newcomer {
 [[nodiscard]] std::string Describe(const Newcomer& newcomer);
 
 /// Membership of a process in a DDS domain (Fast DDS 2.9). Publishers and subscribers are created
-/// from it and must be destroyed first. Fast DDS creates its own threads. Thread-safe.
+/// from it and must be destroyed before it. Fast DDS creates its own threads. Thread-safe.
 class Participant {
  public:
   /// @throws std::invalid_argument if an option is out of range; std::runtime_error if the

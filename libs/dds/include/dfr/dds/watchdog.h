@@ -24,9 +24,9 @@ enum class Freshness {
 
 [[nodiscard]] const char* Name(Freshness freshness) noexcept;
 
-/// Monitors a stream of stamped samples. Checks the age of the newest stamp and the time since its
-/// arrival: a network can fail silently, and a sender can repeat an old sample. Consoles offer no
-/// DDS deadline or liveliness that could be monitored.
+/// Monitors a stream of stamped samples. Checks the age of the newest stamp, because a sender can
+/// repeat an old sample, and the time since the last arrival, because a network can fail silently.
+/// Consoles offer no DDS deadline or liveliness that could be monitored.
 ///
 /// Uses two clocks: `wall_ns` is the system time, as in stamps; `steady_ns` is a monotonic clock,
 /// so a change of the system time cannot hide silence. Never allocates or throws.

@@ -25,7 +25,7 @@ enum class PsmGeneration { kClassic, kSi };
 
 /// Kinematics of the da Vinci Classic PSM with a Large Needle Driver (400006), in metres and
 /// radians, by modified Denavit-Hartenberg parameters. An Si PSM with its Large Needle Driver
-/// (420006) has the same kinematics: its shaft is longer, and starts farther back by that length.
+/// (420006) has the same kinematics: its longer shaft starts farther back by the difference.
 ///
 /// The origin of the base frame is the remote centre of motion, which no joint moves: the shaft's
 /// axis passes through it in every configuration. The pose is that of the wrist-yaw axis in the

@@ -42,9 +42,9 @@ struct LineCalibration {
 /// State (4), in millimetres to give all entries the same order of magnitude:
 ///
 ///   tip(2)       position of the tool's tip in the world frame, x and y
-///   distance(1)  from the tip to the line in the gauze's plane, positive to the left (+y)
+///   distance(1)  from the line to the tip in the gauze's plane, positive to the left (+y)
 ///   heading(1)   direction of the line next to the tip: 10 mm times its angle to the x-axis, rad
-/// All entries are NaN if the image does not show line and tip. Every controller then halts.
+/// All entries are NaN if the image does not show both line and tip. Every controller then halts.
 ///
 /// Control (2): displacement of the tool in x and y, in units of kStep. Height and orientation of
 /// the tool stay those of the arm's home. Entries beyond +-1 saturate.

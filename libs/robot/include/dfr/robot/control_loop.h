@@ -110,20 +110,20 @@ class ControlLoop {
   /// Reports the controller's decision before Apply(): the driving mode, or the cause of a halt.
   void Decided(const control::Step& step) noexcept;
 
-  /// Moves the arm as the task plans `control`, waits for rest, then calls Look(). Returns kRefused
-  /// for a control that is invalid or out of reach, and kFault if the robot may not move at the
-  /// beginning, during or after the motion.
+  /// Moves the arm as the task plans `control`, waits for rest, and observes the state. Returns
+  /// kRefused for a control that is invalid or out of reach, and kFault if the robot must not move
+  /// at the beginning, during or after the motion.
   [[nodiscard]] core::PlantStatus Apply(std::span<const double> control) noexcept;
   /// Moves the arm to `joints` in `duration_s` and waits for rest.
   [[nodiscard]] core::PlantStatus Move(std::span<const double> joints, double duration_s) noexcept;
   /// Processes pictures taken from now on until one shows the state, at most max_images. Returns
-  /// false if a picture does not arrive or the robot may not move. Restarts the comparison of
+  /// false if a picture does not arrive or the robot must not move. Restarts the comparison of
   /// motions with states.
   bool Look() noexcept;
   /// Makes the arm hold in any state.
   void Halt() noexcept;
 
-  /// Returns the state observed by Look(); NaN if the last picture does not show it.
+  /// Returns the last observed state; NaN if the last picture does not show it.
   [[nodiscard]] std::span<const double> observation() const noexcept { return observation_; }
   [[nodiscard]] runtime::RunState state() const noexcept { return machine_.state(); }
   [[nodiscard]] bool may_move() const noexcept { return machine_.may_move(); }

@@ -120,9 +120,9 @@ class Platform {
   [[nodiscard]] virtual Finding Home() noexcept = 0;
   /// Starts the motion, which lasts until Rest(), or returns why it cannot.
   [[nodiscard]] virtual Finding Begin() noexcept = 0;
-  /// Called in every period in which the robot may not move: stops the platform at a known position
-  /// by the shortest path. No effect if the platform rests. Returns a reason if it cannot be
-  /// commanded.
+  /// Called in every period in which the robot must not move: stops the platform at a known
+  /// position by the shortest path. No effect if the platform rests. Returns a reason if the
+  /// platform cannot be commanded.
   [[nodiscard]] virtual Finding Rest() noexcept = 0;
 };
 

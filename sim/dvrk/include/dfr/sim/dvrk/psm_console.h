@@ -87,7 +87,7 @@ class PsmConsole {
   void Hold();
   /// Abandons the goal: the set-point becomes the measured position.
   void Free();
-  /// Fails the arm: FAULT, at rest, with `reason` on the topic error.
+  /// Puts the arm into FAULT, at rest, and reports `reason` on the topic error.
   void Fail(const std::string& reason);
 
   /// For simulations: places the arm at `joints`, homed, ENABLED and at rest, from any state.

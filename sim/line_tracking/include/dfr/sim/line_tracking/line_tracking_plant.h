@@ -76,7 +76,7 @@ struct LineTrackingTruth {
 ///
 /// State (4), in millimetres to give its entries similar magnitudes:
 ///   tip(2)       the tool's tip, x and y in the world frame
-///   distance(1)  of the tip to the line in the gauze's plane, positive to the left (+y)
+///   distance(1)  from the line to the tip in the gauze's plane, positive to the left (+y)
 ///   heading(1)   direction of the line next to the tip: 10 mm times its angle to the x-axis, rad
 /// All entries are NaN if vision does not find line and tip in three consecutive pictures; every
 /// controller then halts.
@@ -86,7 +86,7 @@ struct LineTrackingTruth {
 /// size, with a non-finite entry, or to a point beyond the arm's reach, and does not move.
 ///
 /// The world is a MuJoCo model whose poses are set, never integrated: position control, everything
-/// at rest after each control, negligible forces. Joints follow their readings with a lag of 20 ms.
+/// at rest after each control, negligible forces. Encoder readings lag behind commands by 20 ms.
 /// The tip's position follows from the true joints, which differ from the readings (ArmError). The
 /// platform follows its commanded pose with a 0.2 s lag and a positioning error of 1.22, 1.07 and
 /// 0.20 mm RMS in x, y and z. After every control, everything comes to rest before the state is
