@@ -193,8 +193,7 @@ class Permit {
  public:
   Permit(const CheckOptions& options, CheckedArm& arm) : options_(&options), arm_(&arm) {}
 
-  // Waits for the emergency stop. Returns false and reports the reason if the arm must not be
-  // moved.
+  // Waits for the emergency stop. Returns false and reports the reason if the arm must not move.
   [[nodiscard]] bool Granted(DeviceReport& report) {
     Say(*options_, "looking for the emergency stop");
     (void)Within(*options_->clock, std::min(options_->find_s, 5.0), [&] {
