@@ -230,13 +230,7 @@ void WriteVideo(const std::filesystem::path& path, std::span<const RolloutVideo>
 void WriteStill(const std::filesystem::path& path, std::span<const RolloutVideo> videos,
                 std::size_t index) {
   CheckVideos(videos);
-  bool written = false;
-  try {
-    written = cv::imwrite(path.string(), Composite(videos, index));
-  } catch (const cv::Exception& e) {
-    throw std::runtime_error(path.string() + ": " + e.err);
-  }
-  if (!written) throw std::runtime_error(path.string() + ": the picture cannot be written");
+  WritePicture(path, Composite(videos, index));
 }
 
 }  // namespace dfr::apps

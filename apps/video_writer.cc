@@ -1,7 +1,12 @@
 #include "apps/video_writer.h"
 
 #include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
 #include <stdexcept>
+#include <string_view>
+#include <vector>
+
+#include "dfr/core/files/atomic_file.h"
 
 namespace dfr::apps {
 namespace {
@@ -26,5 +31,15 @@ VideoWriter::VideoWriter(const std::filesystem::path& path, cv::Size size, doubl
 void VideoWriter::CheckName(const std::filesystem::path& path) { static_cast<void>(CodecOf(path)); }
 
 void VideoWriter::Write(const cv::Mat& picture) { writer_.write(picture(cv::Rect({}, even_))); }
+
+void WritePicture(const std::filesystem::path& path, const cv::Mat& picture) {
+  std::vector<unsigned char> bytes;
+  try {
+    cv::imencode(path.extension().string(), picture, bytes);
+  } catch (const cv::Exception& e) {
+    throw std::runtime_error(path.string() + ": " + e.err);
+  }
+  core::ReplaceFile(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+}
 
 }  // namespace dfr::apps

@@ -22,4 +22,8 @@ class VideoWriter {
   cv::VideoWriter writer_;
 };
 
+/// Writes a picture, BGR, as a core::AtomicFile. The ending of its name chooses the format.
+/// @throws std::runtime_error naming the file if it cannot be written or its ending is unknown.
+void WritePicture(const std::filesystem::path& path, const cv::Mat& picture);
+
 }  // namespace dfr::apps

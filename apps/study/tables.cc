@@ -1,15 +1,16 @@
 #include "apps/study/tables.h"
 
 #include <algorithm>
-#include <fstream>
 #include <iterator>
 #include <map>
 #include <optional>
+#include <sstream>
 #include <stdexcept>
 #include <utility>
 
 #include "apps/study/runner.h"
 #include "apps/study/totals.h"
+#include "dfr/core/files/atomic_file.h"
 #include "dfr/core/text/format.h"
 #include "dfr/experiment/episodes.h"
 #include "dfr/experiment/intervals.h"
@@ -408,7 +409,7 @@ experiment::ReportFigure MakeFigure(const std::vector<Row>& rows) {
 }
 
 void SaveCsv(const std::vector<Row>& rows, const std::filesystem::path& path) {
-  std::ofstream out(path);
+  std::ostringstream out;
   out << "task,condition,policy,method,episodes,ok,failed,halted,saved,saved_ok,harmed,"
          "intervened,ok_after_intervention,alarmed_failures,alarmed_successes,controls,changed,"
          "change\n";
@@ -422,7 +423,7 @@ void SaveCsv(const std::vector<Row>& rows, const std::filesystem::path& path) {
         << (row.sized_changes > 0 ? core::Format("%.6g", row.change / row.sized_changes) : "")
         << '\n';
   }
-  if (!out.flush()) throw std::runtime_error(path.string() + ": cannot be written");
+  core::ReplaceFile(path, out.view());
 }
 
 }  // namespace dfr::study

@@ -8,7 +8,6 @@
 #include <algorithm>
 #include <cstdint>
 #include <filesystem>
-#include <fstream>
 #include <iostream>
 #include <map>
 #include <memory>
@@ -23,6 +22,7 @@
 
 #include "arrays.h"
 #include "dfr/core/features/features.h"
+#include "dfr/core/files/atomic_file.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/command_line.h"
 #include "dfr/experiment/episodes.h"
@@ -100,9 +100,7 @@ class PythonRunner final : public experiment::TrialRunner {
       }
       std::filesystem::path beside = path;
       media.push_back({beside.replace_extension(".png"), caption});
-      std::ofstream out(beside, std::ios::binary);
-      out << pictures;
-      if (!out.flush()) throw std::runtime_error(beside.string() + ": cannot be written");
+      core::ReplaceFile(beside, pictures);
     }
     if (alone) return true;
     core::StateLayout layout;

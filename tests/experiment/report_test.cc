@@ -1,12 +1,16 @@
 #include "dfr/experiment/report.h"
 
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <array>
 #include <cctype>
 #include <cmath>
+#include <filesystem>
 #include <fstream>
 #include <limits>
 #include <map>
@@ -16,6 +20,7 @@
 
 #include "tests/experiment/fake_trial_runner.h"
 #include "tests/support/message_of.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::experiment {
 namespace {
@@ -356,6 +361,40 @@ TEST(ReportTest, WithoutMethodsItShowsTheOptionsAlone) {
   for (const char* part : {"All data points", "How episodes ended", "Every data point", "seed"}) {
     EXPECT_THAT(page, Not(HasSubstr(part)));
   }
+}
+
+TEST(ReportTest, APageIsSavedThroughALinkWithTheModeOfTheOldOne) {
+  const dfr::test::TempFolder folder;
+  const std::filesystem::path page = folder / "page.html";
+  const std::filesystem::path link = folder / "link.html";
+  const std::filesystem::path notes = folder / "link.html.part";
+  std::ofstream(page) << "before";
+  std::ofstream(notes) << "the user's";
+  std::filesystem::permissions(
+      page, std::filesystem::perms::owner_read | std::filesystem::perms::owner_write);
+  std::filesystem::create_symlink(page, link);
+  SaveReport({}, {.title = "Guard"}, link);
+  ASSERT_TRUE(std::filesystem::is_symlink(link));
+  EXPECT_GT(std::filesystem::file_size(page), 100U);
+  EXPECT_EQ(dfr::test::FileText(notes), "the user's");
+  EXPECT_EQ(std::filesystem::status(page).permissions(), std::filesystem::perms(0600));
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path), {}), 3);
+}
+
+// A device is one more file that is not regular. Making one needs root.
+TEST(ReportTest, APipeStaysOne) {
+  const dfr::test::TempFolder folder;
+  const std::filesystem::path pipe = folder / "pipe";
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  const int reader = open(pipe.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC);
+  ASSERT_GE(reader, 0);
+  ASSERT_GE(fcntl(reader, F_SETPIPE_SZ, 1 << 18), 1 << 18);
+  SaveReport({}, {.title = "Guard"}, pipe);
+  std::array<char, 15> begin{};
+  EXPECT_EQ(read(reader, begin.data(), begin.size()), 15);
+  EXPECT_EQ(std::string(begin.data(), begin.size()), "<!DOCTYPE html>");
+  close(reader);
+  EXPECT_TRUE(std::filesystem::is_fifo(pipe));
 }
 
 TEST(ReportTest, ErrorsNameTheCulprit) {

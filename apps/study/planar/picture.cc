@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
@@ -269,9 +268,7 @@ void Painter::WritePng(const Episode& episode, std::span<const int> frames,
     cv::Mat(height_, width_, CV_8UC3, pixels.data())
         .copyTo(all.rowRange(i * height_, (i + 1) * height_));
   }
-  if (!cv::imwrite(path.string(), all)) {
-    throw std::runtime_error(path.string() + ": the picture cannot be written");
-  }
+  apps::WritePicture(path, all);
 }
 
 void Painter::WriteVideo(const std::vector<Episode>& episodes,

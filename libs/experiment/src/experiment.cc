@@ -11,10 +11,10 @@
 #include "dfr/core/build_info.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/text/format.h"
+#include "dfr/core/files/atomic_file.h"
 #include "dfr/experiment/episodes.h"
 #include "dfr/experiment/film.h"
 #include "ledger/ledger_file.h"
-#include "text_file.h"
 
 namespace dfr::experiment {
 namespace {
@@ -133,7 +133,7 @@ std::optional<ExperimentResult> RunExperiment(const std::string& name, const Eva
   }
   const auto save_configuration = [&] {
     if (options.out.empty() || !options.configuration) return;
-    internal::ReplaceFile(options.out / "run.toml", options.configuration());
+    core::ReplaceFile(options.out / "run.toml", options.configuration());
   };
   // Evaluate() rejects a ledger with other settings. run.toml must then stay unchanged.
   if (!std::filesystem::exists(LedgerOf(options))) save_configuration();

@@ -8,8 +8,8 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/files/atomic_file.h"
 #include "dfr/core/text/format.h"
-#include "text_file.h"
 
 namespace dfr::experiment {
 namespace {
@@ -312,7 +312,7 @@ std::string ToJson(const Summary& summary) {
 }
 
 void SaveSummary(const Summary& summary, const std::filesystem::path& path) {
-  internal::ReplaceFile(path, ToJson(summary));
+  core::ReplaceFile(path, ToJson(summary));
 }
 
 void SaveTimes(const Summary& summary, const std::filesystem::path& path) {
@@ -334,7 +334,7 @@ void SaveTimes(const Summary& summary, const std::filesystem::path& path) {
                                  {"learner", contrast.learner},
                                  {"seconds_ratio", ToJson(contrast.seconds_ratio)}});
   }
-  internal::ReplaceFile(path, json.dump(1) + "\n");
+  core::ReplaceFile(path, json.dump(1) + "\n");
 }
 
 void PrintTable(const Summary& summary, std::ostream& out) {

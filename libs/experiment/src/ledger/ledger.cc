@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/files/atomic_file.h"
 #include "ledger/ledger_line.h"
 #include "text_file.h"
 
@@ -119,7 +120,7 @@ void MergeLedgers(const std::vector<std::filesystem::path>& shards,
                              " units are missing; the first is " + first +
                              ". Run their shards again; each resumes where it stopped");
   }
-  internal::ReplaceFile(whole, text);
+  core::ReplaceFile(whole, text);
 }
 
 std::string HashOfFile(const std::filesystem::path& path) {

@@ -11,13 +11,13 @@
 #include <utility>
 #include <vector>
 
+#include "dfr/core/files/atomic_file.h"
 #include "dfr/experiment/episodes.h"
 #include "report.css.h"
 #include "report/html.h"
 #include "report/page_words.h"
 #include "report/report_parts.h"
 #include "report/svg_plot.h"
-#include "text_file.h"
 
 namespace dfr::experiment {
 namespace {
@@ -436,7 +436,7 @@ std::string RenderReport(const Summary& summary, const ReportOptions& options) {
 
 void SaveReport(const Summary& summary, const ReportOptions& options,
                 const std::filesystem::path& path) {
-  internal::ReplaceFile(path, RenderReport(summary, options));
+  core::ReplaceFile(path, RenderReport(summary, options));
 }
 
 }  // namespace dfr::experiment
