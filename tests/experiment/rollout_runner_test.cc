@@ -147,8 +147,17 @@ TEST(ExperimentTest, WritesALedgerAndASummaryAndResumes) {
                std::runtime_error);
   options.restart = true;
   EXPECT_THROW(OutputFolder second(options), std::runtime_error) << "the folder is locked";
+  EXPECT_TRUE(std::filesystem::exists(options.out / "summary.json")) << "and is unchanged";
   folder.reset();
+  std::ofstream(options.out / "study.csv") << "old";
+  std::ofstream(options.out / "report.html") << "old";
+  std::ofstream(options.out / "notes.txt") << "the user's";
   folder.emplace(options);
+  for (const char* file :
+       {"ledger.jsonl", "summary.json", "times.json", "study.csv", "report.html"}) {
+    EXPECT_FALSE(std::filesystem::exists(options.out / file)) << file;
+  }
+  EXPECT_TRUE(std::filesystem::exists(options.out / "notes.txt"));
   EXPECT_THROW((void)RunExperiment("fake", test::FakePlan(), unused, {{"gamma", "1"}}, options),
                std::logic_error);
   std::ofstream(options.out / "file") << "not a folder";

@@ -1,6 +1,7 @@
 #include "dfr/experiment/experiment.h"
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <csignal>
 #include <iostream>
@@ -10,8 +11,8 @@
 
 #include "dfr/core/build_info.h"
 #include "dfr/core/contract.h"
-#include "dfr/core/text/format.h"
 #include "dfr/core/files/atomic_file.h"
+#include "dfr/core/text/format.h"
 #include "dfr/experiment/episodes.h"
 #include "dfr/experiment/film.h"
 #include "ledger/ledger_file.h"
@@ -22,6 +23,12 @@ namespace {
 std::filesystem::path LedgerOf(const ExperimentOptions& options) {
   return options.out.empty() ? options.out : options.out / "ledger.jsonl";
 }
+
+// What a program may write into the folder of a run, besides run.toml. The ledger comes last: a
+// kill before then leaves a run that --restart still discards.
+constexpr std::array kResults = {"report.html",  "summary.json", "times.json", "study.csv",
+                                 "rollouts.mp4", "rollouts.png", "best.mp4",   "median.mp4",
+                                 "worst.mp4",    "ledger.jsonl"};
 
 std::atomic<bool> stop_requested{false};
 static_assert(std::atomic<bool>::is_always_lock_free);
@@ -116,7 +123,8 @@ OutputFolder::OutputFolder(const ExperimentOptions& options) {
                              ": the folder cannot be created: " + error.message());
   }
   lock_ = std::make_unique<Lock>(Lock{internal::OpenLocked(options.out / "lock")});
-  if (options.restart) std::filesystem::remove(LedgerOf(options));
+  if (!options.restart) return;
+  for (const char* file : kResults) std::filesystem::remove(options.out / file);
 }
 
 OutputFolder::~OutputFolder() = default;

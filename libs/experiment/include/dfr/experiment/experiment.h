@@ -52,8 +52,8 @@ struct ExperimentResult {
 /// Exclusive lock of a folder by one process, until destruction or the end of the process.
 class OutputFolder {
  public:
-  /// Creates the folder options.out unless this path is empty. Removes ledger.jsonl of an earlier
-  /// run if options.restart.
+  /// Creates the folder options.out unless this path is empty. Removes the ledger and the results
+  /// of an earlier run if options.restart.
   /// @throws std::runtime_error naming the folder if it cannot be created, or another process holds
   ///   it.
   explicit OutputFolder(const ExperimentOptions& options);
