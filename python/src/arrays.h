@@ -18,6 +18,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/matrix.h"
 #include "dfr/kernel/one_class_svm.h"
+#include "interpreter_lock.h"
 
 namespace dfr::python {
 
@@ -179,8 +180,7 @@ class Interruptible {
     if (now < next_) return true;
     // The interval is short enough for users and long enough for other Python threads.
     next_ = now + std::chrono::milliseconds(100);
-    const pybind11::gil_scoped_acquire lock;
-    interrupted_ = PyErr_CheckSignals() != 0;
+    interrupted_ = WithLock([] { return PyErr_CheckSignals() != 0; });
     return !interrupted_;
   }
   void Throw() const {

@@ -46,25 +46,24 @@ class PythonRunner final : public experiment::TrialRunner {
       : runner_(std::move(runner)), methods_(methods) {}
   ~PythonRunner() override {
     // Uses Python's C interface, which does not throw.
-    const PyGILState_STATE state = PyGILState_Ensure();
-    PyObject* ended = PyObject_CallMethod(runner_.ptr(), "close", nullptr);
-    if (ended == nullptr) PyErr_WriteUnraisable(runner_.ptr());
-    Py_XDECREF(ended);
-    Py_DECREF(runner_.release().ptr());
-    PyGILState_Release(state);
+    WithLock([this] {
+      PyObject* ended = PyObject_CallMethod(runner_.ptr(), "close", nullptr);
+      if (ended == nullptr) PyErr_WriteUnraisable(runner_.ptr());
+      Py_XDECREF(ended);
+      Py_DECREF(runner_.release().ptr());
+    });
   }
   PythonRunner(const PythonRunner&) = delete;
   PythonRunner& operator=(const PythonRunner&) = delete;
 
   bool Accepts(std::uint64_t start_seed) override {
-    const py::gil_scoped_acquire lock;
-    return runner_.attr("accepts")(start_seed).cast<bool>();
+    return WithLock([&] { return runner_.attr("accepts")(start_seed).cast<bool>(); });
   }
 
   experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
                                 std::uint64_t controller_seed) override {
-    const py::gil_scoped_acquire lock;
-    return ResultOf(runner_.attr("run")(method, start_seed, controller_seed));
+    return WithLock(
+        [&] { return ResultOf(runner_.attr("run")(method, start_seed, controller_seed)); });
   }
 
   // Writes a page of states (.html), preceded by the plant's pictures if there are any, or only
@@ -78,8 +77,7 @@ class PythonRunner final : public experiment::TrialRunner {
     }
     std::vector<experiment::FilmedEpisode> episodes;
     std::string pictures;
-    {
-      const py::gil_scoped_acquire lock;
+    WithLock([&] {
       const auto film = runner_.attr("film")(methods, start_seed, controller_seed, alone)
                             .cast<std::pair<py::list, py::bytes>>();
       pictures = film.second;
@@ -91,7 +89,7 @@ class PythonRunner final : public experiment::TrialRunner {
                             .states = Rows(states, "states"),
                             .recovery = recovery});
       }
-    }
+    });
     std::vector<experiment::ReportMedia> media;
     if (!pictures.empty()) {
       std::string caption;
@@ -195,11 +193,12 @@ py::object RunExperiment(const std::vector<std::string>& arguments, const std::s
       begin(chosen, plan.seed, plan.methods, processes).cast<std::pair<Settings, py::function>>();
   const experiment::MakeTrialRunner make_runner = [&make = make,
                                                    &plan](const experiment::EvaluationUnit& unit) {
-    const py::gil_scoped_acquire lock;
-    return std::make_unique<PythonRunner>(make(unit.trial, unit.demonstrations, unit.learner),
-                                          plan.methods);
+    return WithLock([&] {
+      return std::make_unique<PythonRunner>(make(unit.trial, unit.demonstrations, unit.learner),
+                                            plan.methods);
+    });
   };
-  const py::gil_scoped_release unlocked;
+  const Unlocked unlocked;
   const experiment::OutputFolder folder(options);
   const auto found = experiment::RunExperiment(name, plan, make_runner, settings, options);
   std::string text;
@@ -213,8 +212,7 @@ py::object RunExperiment(const std::vector<std::string>& arguments, const std::s
     }
     text = experiment::ToJson(found->summary);
   }
-  const py::gil_scoped_acquire lock;
-  return found ? py::object(py::str(text)) : py::none();
+  return WithLock([&] { return found ? py::object(py::str(text)) : py::none(); });
 }
 
 // Returns one episode of a ledger and the settings of its run.

@@ -74,7 +74,7 @@ class TemporaryFile {
 py::bytes ToBytes(const Guard& guard) {
   std::ostringstream content;
   {
-    const py::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     const TemporaryFile file;
     guard.model().Save(file.path());
     content << std::ifstream(file.path(), std::ios::binary).rdbuf();
@@ -83,7 +83,7 @@ py::bytes ToBytes(const Guard& guard) {
 }
 
 Guard FromBytes(const std::string& content) {
-  const py::gil_scoped_release unlocked;
+  const Unlocked unlocked;
   const TemporaryFile file;
   {
     std::ofstream out(file.path(), std::ios::binary);
@@ -139,7 +139,7 @@ py::object GuardDecision(const Guard& guard, const py::object& time, const Array
   py::array_t<double> g = NewVector(rows.rows());
   const std::span<double> values = Entries(g);
   {
-    const py::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     const core::Matrix reduced_rows = reduced ? guard.model().TaskStates(rows) : core::Matrix();
     const auto width = static_cast<std::size_t>(reduced ? reduced_rows.cols() : rows.cols());
     for (Eigen::Index i = 0; i < rows.rows(); ++i) {
@@ -311,7 +311,7 @@ summary : dict
           "load",
           [](const std::filesystem::path& path) {
             RequireFile(path);
-            const py::gil_scoped_release unlocked;
+            const Unlocked unlocked;
             return Guard::Load(path);
           },
           py::arg("path"), R"(Read a file written by `save`, the program `guard` or the C++ library.
@@ -326,14 +326,14 @@ RuntimeError
       .def(
           "save",
           [](const Guard& guard, const std::filesystem::path& path) {
-            const py::gil_scoped_release unlocked;
+            const Unlocked unlocked;
             guard.model().Save(path);
           },
           py::arg("path"), "Write the guard to one file, exactly and with a checksum.")
       .def(
           "export_onnx",
           [](const Guard& guard, const std::filesystem::path& path) {
-            const py::gil_scoped_release unlocked;
+            const Unlocked unlocked;
             safety::ExportOnnx(guard.model(), path);
           },
           py::arg("path"), R"(Write g of whole states as an ONNX file in double.

@@ -276,7 +276,7 @@ ValueError
             const core::Matrix rows = Rows(states, "states");
             std::vector<double> levels;
             {
-              const py::gil_scoped_release unlocked;
+              const Unlocked unlocked;
               levels = guard.model().Levels(rows);
             }
             return NewVector(static_cast<py::ssize_t>(levels.size()), levels.data());
@@ -297,7 +297,7 @@ ndarray of shape (n_states,)
             const core::Matrix rows = Rows(states, "states");
             core::Matrix attribution;
             {
-              const py::gil_scoped_release unlocked;
+              const Unlocked unlocked;
               attribution = safety::Attribution(guard.model(), rows);
             }
             return py::array_t<double>({attribution.rows(), attribution.cols()},

@@ -145,17 +145,21 @@ Guard FitGuard(const Arrays& all_states, const Arrays& all_actions, const py::ob
   options.support.svm.progress = [&](const kernel::FitProgress&) { return interruptible.GoOn(); };
   options.progress = [&](std::string_view stage, double share) {
     if (!interruptible.GoOn()) return false;
-    if (!progress.is_none()) {
-      const py::gil_scoped_acquire lock;
-      progress(std::string(stage), share);
-    }
+    if (progress.is_none()) return true;
+    const std::string text(stage);
+    WithLock([&] {
+      // Python's C interface leaves no object to destroy if the interpreter ends within the call.
+      PyObject* const result = PyObject_CallFunction(progress.ptr(), "sd", text.c_str(), share);
+      if (result == nullptr) throw py::error_already_set();
+      Py_DECREF(result);
+    });
     return true;
   };
   const core::StateLayout blocks =
       LayoutOption(layout, static_cast<int>(demonstrations[0].states.cols()));
   std::shared_ptr<const GuardModel> model;
   try {
-    const py::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     MakeIncrements(blocks, convert, accept, demonstrations);
     model = GuardModel::Fit(blocks, demonstrations, options);
   } catch (const std::invalid_argument&) {
@@ -167,8 +171,9 @@ Guard FitGuard(const Arrays& all_states, const Arrays& all_actions, const py::ob
   // Skips the two wrappers of Guard.fit in dfr/__init__.py, up to the caller's line.
   constexpr int kCaller = 3;
   for (const std::string& warning : safety::Warnings(*model)) {
-    if (PyErr_WarnEx(PyExc_UserWarning, warning.c_str(), kCaller) != 0)
-      throw py::error_already_set();
+    const int raised =
+        OrWaitForTheEnd([&] { return PyErr_WarnEx(PyExc_UserWarning, warning.c_str(), kCaller); });
+    if (raised != 0) throw py::error_already_set();
   }
   return Guard(std::move(model));
 }

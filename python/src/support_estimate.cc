@@ -55,7 +55,7 @@ std::pair<OneClassSvm, FitSummary> FitEstimate(const Array& samples, const py::o
   FitSummary summary;
   const MatrixView rows = Rows(samples, "samples");
   auto svm = [&] {
-    const py::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     return OneClassSvm::Fit(rows, options, &summary);
   }();
   interruptible.Throw();
@@ -81,7 +81,7 @@ py::object EstimateDecision(const OneClassSvm& svm, const Array& x, bool libsvm_
   py::array_t<double> g = NewVector(rows.rows());
   const std::span<double> values = Entries(g);
   {
-    const py::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     // Threads pay off from about a millisecond of work.
     constexpr double kMany = 1e6;
     const bool many = static_cast<double>(rows.rows()) * svm.num_support_vectors() > kMany;
@@ -94,7 +94,7 @@ py::object EstimateDecision(const OneClassSvm& svm, const Array& x, bool libsvm_
 }
 
 void ExportOnnx(const OneClassSvm& svm, const std::filesystem::path& path, bool libsvm_scale) {
-  const py::gil_scoped_release unlocked;
+  const Unlocked unlocked;
   if (!libsvm_scale) return kernel::ExportOnnx(svm, path);
   core::OnnxGraph graph("one_class_svm");
   const std::string x = graph.Input("x", core::OnnxGraph::Type::kDouble, {-1, svm.state_dim()});
@@ -115,7 +115,7 @@ py::tuple EstimateGradient(const OneClassSvm& svm, const Array& x) {
 // Returns the position of the first nonfinite entry, or none.
 std::optional<std::pair<Eigen::Index, Eigen::Index>> FindNonFinite(const Array& x) {
   const MatrixView rows = Rows(x, "x");
-  const py::gil_scoped_release unlocked;
+  const Unlocked unlocked;
   for (Eigen::Index i = 0; i < rows.rows(); ++i) {
     // A product of zero and a non-finite entry is NaN, and so is the sum.
     double sum = 0.0;
@@ -130,7 +130,7 @@ std::optional<std::pair<Eigen::Index, Eigen::Index>> FindNonFinite(const Array& 
 
 double Variance(const Array& x) {
   const MatrixView rows = Rows(x, "x");
-  const py::gil_scoped_release unlocked;
+  const Unlocked unlocked;
   const double mean = rows.mean();
   return (rows.array() - mean).square().mean();
 }

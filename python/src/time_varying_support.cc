@@ -45,7 +45,7 @@ TimeVaryingSupport FitSupport(const Arrays& arrays, const py::object& nu, const 
   Interruptible interruptible;
   options.svm.progress = [&](const kernel::FitProgress&) { return interruptible.GoOn(); };
   auto support = [&] {
-    const py::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     return TimeVaryingSupport::Fit(std::span<const MatrixView>(views), options);
   }();
   interruptible.Throw();
@@ -64,7 +64,7 @@ py::object DecisionAt(const TimeVaryingSupport& support, int t, const Array& x) 
   py::array_t<double> g = NewVector(rows.rows());
   const std::span<double> values = Entries(g);
   {
-    const py::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     support.at(t).DecisionBatch(rows, values);
   }
   return g;
@@ -82,7 +82,7 @@ py::object SupportDecision(const TimeVaryingSupport& support, const py::object& 
   py::array_t<double> g = NewVector(rows.rows());
   const std::span<double> values = Entries(g);
   {
-    const py::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     for (Eigen::Index i = 0; i < rows.rows(); ++i) {
       values[static_cast<std::size_t>(i)] = support.Decision(
           NearestInt(steps[i]), {rows.row(i).data(), static_cast<std::size_t>(rows.cols())});
@@ -167,7 +167,7 @@ ValueError
           "load",
           [](const std::filesystem::path& path) {
             RequireFile(path);
-            const py::gil_scoped_release unlocked;
+            const Unlocked unlocked;
             return TimeVaryingSupport::Load(path);
           },
           py::arg("path"), R"(Read a file written by `save` or the C++ library.
@@ -182,14 +182,14 @@ RuntimeError
       .def(
           "save",
           [](const TimeVaryingSupport& support, const std::filesystem::path& path) {
-            const py::gil_scoped_release unlocked;
+            const Unlocked unlocked;
             support.Save(path);
           },
           py::arg("path"), "Write all estimates to a file, exactly.")
       .def(
           "export_onnx",
           [](const TimeVaryingSupport& support, const std::filesystem::path& path) {
-            const py::gil_scoped_release unlocked;
+            const Unlocked unlocked;
             kernel::ExportOnnx(support, path);
           },
           py::arg("path"), R"(Write g_t as an ONNX file in double.

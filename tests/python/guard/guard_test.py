@@ -8,6 +8,7 @@ import pickle
 import sys
 import tempfile
 import threading
+import textwrap
 import unittest
 import unittest.mock
 
@@ -259,3 +260,46 @@ class Documentation(unittest.TestCase):
 
 if __name__ == "__main__":
     unittest.main()
+class ExitTest(unittest.TestCase):
+    def test_a_daemon_thread_within_a_call_does_not_abort_the_interpreter(self):
+        """Each call gives up the interpreter's lock and needs it again, after the interpreter has begun to end."""
+        calls = {
+            "Guard.fit": "dfr.Guard.fit(states, actions, layout=LAYOUT, progress=lambda stage, share: running.set())",
+            "OneClassSVM": "dfr.OneClassSVM().fit(states[0])",
+            "TimeVaryingSupport": "dfr.TimeVaryingSupport.fit(states)",
+            "levels": "guard.levels(states[0])",
+            "save": "guard.save(path); dfr.Guard.load(path)",
+        }
+        with tempfile.TemporaryDirectory() as folder:
+            path = str(pathlib.Path(folder) / "a.guard")
+            fit(5).save(path)
+            for name, call in calls.items():
+                script = f"""
+                    import sys
+                    sys.modules["sklearn"] = None  # takes longest to import
+                    sys.path[:0] = [{str(pathlib.Path(__file__).parent)!r}]
+                    import threading
+                    import dfr
+                    from corridor import LAYOUT, demonstrations
+                    states, actions = demonstrations(0, 8)
+                    path = {path!r}
+                    guard = dfr.Guard.load(path)
+                    running = threading.Event()
+                    def loop():
+                        while True:
+                            {call}
+                            running.set()
+                    class Last:
+                        def __del__(self):  # runs while the interpreter ends; the other thread then takes the lock
+                            for _ in range(3_000_000):
+                                pass
+                    last = Last()
+                    threading.Thread(target=loop, daemon=True).start()
+                    running.wait()
+                """
+                done = subprocess.run([sys.executable, "-W", "ignore", "-c", textwrap.dedent(script)],
+                                      capture_output=True, text=True)
+                with self.subTest(name):
+                    self.assertEqual((done.returncode, done.stderr), (0, ""))
+
+
