@@ -163,7 +163,7 @@ void AddGuardAdvice(py::class_<Guard>& guard_class) {
       .def("applied", &Applied, py::arg("action"),
            R"(Report that `action` was applied instead of the result of the last `filter`.
 
-Call it before the next `filter`. If the robot limits actions itself, report the limited action. If the
+Call it before the next `filter`; the last report counts. If the robot limits actions itself, report the limited action. If the
 robot always applies the policy's own action, the guard runs in shadow: it judges actions but changes none.
 
 Strategies "dfr", "early-stopping" and "certified" halt if `action` is not the one that `filter` returned.

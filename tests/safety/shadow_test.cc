@@ -48,6 +48,33 @@ TEST(ShadowTest, LookingAtChunksAndReportingTheGuardsActionChangeNothing) {
   }
 }
 
+TEST(ShadowTest, TheLastReportCounts) {
+  for (const Strategy strategy : {Strategy::kGuard, Strategy::kController}) {
+    for (const bool as_chosen : {true, false}) {
+      Guard corrected(Model(strategy));
+      Guard told(Model(strategy));
+      corrected.Reset(1);
+      told.Reset(1);
+      CorridorPlant plant;
+      std::vector<double> safe(2);
+      std::vector<double> expected(2);
+      for (int t = 0; t < 30; ++t) {
+        const std::vector<double> action = Action(0.09, t % 3 == 0 ? 0.06 : -0.02);
+        const Verdict verdict = corrected.Filter(t, plant.x, action, safe);
+        const Verdict same = told.Filter(t, plant.x, action, expected);
+        ASSERT_EQ(verdict.mode, same.mode) << t;
+        ASSERT_EQ(verdict.level, same.level) << t;
+        ASSERT_EQ(safe, expected) << t;
+        const std::vector<double> applied = as_chosen ? safe : Action(0.08, 0.01);
+        corrected.Applied(std::vector<double>{-safe[0], -safe[1]});
+        corrected.Applied(applied);
+        if (!as_chosen) told.Applied(applied);
+        plant.Apply(applied);
+      }
+    }
+  }
+}
+
 // A report in wrong units would outweigh all measurements of the response. A huge one would
 // overflow in its estimate, and a NaN of it could let actions pass.
 TEST(ShadowTest, AnActionThatNothingCanHaveAppliedHalts) {

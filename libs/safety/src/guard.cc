@@ -357,7 +357,11 @@ void Guard::Applied(std::span<const double> action) noexcept {
   }
   if (episode.next == 0) return episode.controller->Stop(HaltCause::kStepSkipped);
   episode.moved = model_->actions().StepOf(action);
-  if (episode.monitors || std::equal(action.begin(), action.end(), episode.given.begin())) return;
+  if (episode.monitors) return;
+  if (std::equal(action.begin(), action.end(), episode.given.begin())) {
+    if (episode.guided != nullptr) episode.guided->AppliedAsChosen();
+    return;
+  }
   if (episode.guided == nullptr) return episode.controller->Stop(HaltCause::kStepSkipped);
   // A false report, in wrong units for example, would outweigh all other measurements.
   for (std::size_t i = 0; i < action.size(); ++i) {

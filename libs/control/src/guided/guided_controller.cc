@@ -26,7 +26,8 @@ GuidedController::GuidedController(const core::Policy& policy, const TaskView& t
                 task.response().prior()->options().forgetting, options.observer),
       filter_(task, options),
       tracker_(task.support()),
-      chose_in_(tracker_) {
+      chose_in_(tracker_),
+      chosen_{0, 0, fit_, tracker_, Eigen::VectorXd::Zero(task.response().control_dim())} {
   for (Eigen::VectorXd* v : {&z_, &seen_, &last_seen_, &dz_}) {
     *v = Eigen::VectorXd::Zero(task.features().num_features());
   }
@@ -38,7 +39,7 @@ void GuidedController::DoReset(std::uint64_t /*seed*/) noexcept {
   observer_.Reset();
   tracker_.Reset(options_.first_step);
   progress_ = {};
-  fitted_ = 0;
+  fitted_ = chosen_.control = 0;
   at_edge_.Reset();
   relocations_ = 0;
 }
@@ -132,6 +133,13 @@ Step GuidedController::Decide(Step step, std::span<double> u) noexcept {
 
 void GuidedController::Applied(std::span<const double> u) noexcept {
   if (halt_cause() != HaltCause::kNone || progress_.controls == 0) return;
+  if (chosen_.control != progress_.controls) {
+    chosen_.control = progress_.controls;
+    chosen_.fitted = fitted_;
+    chosen_.fit = fit_;
+    chosen_.tracker = tracker_;
+    chosen_.v = v_;
+  }
   v_ = core::AsVector(u) / task_.response().control_unit();
   tracker_ = chose_in_;
   if (fitted_ != progress_.controls) {
@@ -139,6 +147,14 @@ void GuidedController::Applied(std::span<const double> u) noexcept {
     fitted_ = progress_.controls;
   }
   Advance(LocalModel{task_.support(), fit_}.Level(tracker_.phase() + 1, v_));
+}
+
+void GuidedController::AppliedAsChosen() noexcept {
+  if (halt_cause() != HaltCause::kNone || chosen_.control != progress_.controls) return;
+  fitted_ = chosen_.fitted;
+  fit_ = chosen_.fit;
+  tracker_ = chosen_.tracker;
+  v_ = chosen_.v;
 }
 
 void GuidedController::Foresee(const GuidedController& present,

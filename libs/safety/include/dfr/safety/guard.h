@@ -131,7 +131,7 @@ class Guard {
   /// Reports that `action` (action_dim() entries) was applied instead of the result of the last
   /// Filter(), for example by a robot with other limits. If the caller reports the policy's action
   /// after each Filter(), the guard runs in shadow: it judges every action and changes none. Call
-  /// it before the next Filter(), at most once. Has no effect on a halted guard.
+  /// it before the next Filter(); the last report counts. Has no effect on a halted guard.
   ///
   /// The guard halts if it cannot continue after `action`. kControlInvalid: a wrong number of
   /// entries, a non-finite entry or, unless the guard only monitors, a steered entry beyond both

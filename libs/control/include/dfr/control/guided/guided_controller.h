@@ -58,9 +58,11 @@ class GuidedController final : public Controller {
 
   /// Reports that `u` (control_dim() finite entries) was applied instead of the control of the last
   /// Next(), because the controller only monitors a policy or the robot has other limits. Call it
-  /// before the next Next(), at most once. The estimate and the phase are then updated with `u`. A
-  /// halted controller stays halted. Never allocates or locks.
+  /// before the next Next(); the last report counts. The estimate and the phase are then updated
+  /// with `u`. A halted controller stays halted. Never allocates or locks.
   void Applied(std::span<const double> u) noexcept;
+  /// Takes back all reports of Applied() since the last Next().
+  void AppliedAsChosen() noexcept;
 
   /// Sets the context of the next control (LocalFit::SetContext()).
   void SetContext(std::span<const double> context) noexcept { fit_.SetContext(context); }
@@ -97,6 +99,16 @@ class GuidedController final : public Controller {
   SafetyFilter filter_;
   PhaseTracker tracker_;
   PhaseTracker chose_in_;  ///< tracker_ as it was when the last control was chosen.
+
+  /// What Applied() changes, as the last Next() left it. Set by the first report.
+  struct Chosen {
+    int control;  ///< Number of the control that was reported, from 1; 0: none yet.
+    int fitted;
+    LocalFit fit;
+    PhaseTracker tracker;
+    Eigen::VectorXd v;
+  };
+  Chosen chosen_;
 
   Progress progress_;
   int fitted_ = 0;    ///< Number of the control for which fit_ was computed, from 1; 0: none yet.
