@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import tempfile
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Callable, Hashable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,15 @@ def _is_number(value: Any) -> bool:
 
 def _item(value: Any) -> Any:
     return value.item() if hasattr(value, "item") else value
+
+
+def _listed(name: str, values: Any) -> list[Any] | None:
+    """Return the values of an option as Python's own, which a configuration file can hold."""
+    if values is None:
+        return None
+    if isinstance(values, (str, bytes)) or not hasattr(values, "__iter__"):
+        raise TypeError(f"{name} must be a list with one entry per entry of an action, not {values!r}")
+    return [_item(value) for value in values]
 
 
 class GuardStep(ProcessorStep):  # type: ignore[misc]
@@ -87,10 +97,11 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
     Raises
     ------
     TypeError
-        If `guard` is neither a guard nor a path, or `on_alarm` or `on_halt` is not callable.
+        If `guard` is neither a guard nor a path, `positions` or `action_names` is no list, or `on_alarm` or
+        `on_halt` is not callable.
     ValueError
-        If `positions` or `action_names` does not have one entry per entry of an action, or an entry is out of
-        range or repeated.
+        If `positions` or `action_names` does not have one entry per entry of an action, or an entry is no whole
+        number, out of range or repeated.
     """
 
     def __init__(
@@ -114,15 +125,21 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
         self.guard = guard
         self.on_alarm = on_alarm
         self.on_halt = on_halt
-        self.positions = None if positions is None else list(positions)
-        self.action_names = None if action_names is None else list(action_names)
+        self.positions = _listed("positions", positions)
+        self.action_names = _listed("action_names", action_names)
         for name, entries in (("positions", self.positions), ("action_names", self.action_names)):
             if entries is not None and len(entries) != guard.action_dim:
                 raise ValueError(f"{name} has {len(entries)} entries; actions of this guard have {guard.action_dim}")
         for entry in self.positions or ():
+            if entry is not None and type(entry) is not int:
+                raise ValueError(f"positions contains {entry!r}, which is neither a whole number nor None")
             if entry is not None and entry not in range(guard.state_dim):
                 raise ValueError(f"positions contains {entry!r}, but a state has {guard.state_dim} entries")
+            if entry is not None and self.positions.count(entry) > 1:
+                raise ValueError(f"positions contains {entry!r} twice")
         for name in self.action_names or ():
+            if not isinstance(name, Hashable):
+                raise TypeError(f"action_names must be names, not {name!r}")
             if self.action_names.count(name) > 1:
                 raise ValueError(f"action_names names {name!r} twice")
         self._forget()
@@ -188,8 +205,10 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
             )
         return names
 
-    def _decide(self, wish: NDArray[np.float64], observation: Mapping[str, Any] | None) -> NDArray[np.float64]:
-        """Return the action to apply instead of `wish`."""
+    def _decide(
+        self, wish: NDArray[np.float64], observation: Mapping[str, Any] | None, taken: int
+    ) -> tuple[NDArray[np.float64], GuardInfo]:
+        """Return the action to apply instead of `wish`, and the decision; `taken` actions of a chunk are used."""
         if observation is not None:
             state = self._state(observation)
         elif self._observed is not None:
@@ -204,28 +223,33 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
             wish = wish - present
         safe, info = self.guard.filter(self._t, state, wish)
         self._t += 1
+        self._chunk += taken
         self.info = info
+        alarm, halt = info["alarm"], info["mode"] == "halt"
         alarmed, halted = self._alarm, self._halted
-        self._alarm, self._halted = info["alarm"], info["mode"] == "halt"
-        # Called last, because these functions may raise.
+        self._alarm, self._halted = alarm, halt
+        # Called last, because these functions may raise or call reset().
         try:
-            if self._alarm and not alarmed and self.on_alarm is not None:
+            if alarm and not alarmed and self.on_alarm is not None:
                 self.on_alarm(info)
         finally:
-            if self._halted and not halted and self.on_halt is not None:
+            if halt and not halted and self.on_halt is not None:
                 self.on_halt(info)
-        return safe + present
+        return safe + present, info
 
-    def _filter(self, original: Any, observation: Mapping[str, Any] | None) -> Any:
+    def _filter(
+        self, original: Any, observation: Mapping[str, Any] | None, taken: int = 0
+    ) -> tuple[Any, GuardInfo]:
         if isinstance(original, Mapping):
             names = self._entries(original)
-            safe = self._decide(np.array([float(_item(original[name])) for name in names]), observation)
+            wish = np.array([float(_item(original[name])) for name in names])
+            safe, info = self._decide(wish, observation, taken)
             filtered = dict(zip(names, safe))
             # A tensor of one number remains a tensor.
             return {
                 name: _like(np.array(filtered[name]), value) if hasattr(value, "shape") else float(filtered[name])
                 for name, value in original.items()
-            }
+            }, info
         shape = tuple(np.shape(original))
         if len(shape) == 3 and shape[:2] != (1, 1):
             if shape[0] != 1 or self._chunk >= shape[1]:
@@ -233,24 +257,21 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
                     f"a chunk of shape {shape} has no action {self._chunk}: call next_chunk() when a "
                     "new chunk begins, and filter one robot at a time"
                 )
-            taken = original[:, self._chunk]
-            safe = self._filter(taken, observation)
-            self._chunk += 1
-            return safe
+            return self._filter(original[:, self._chunk], observation, taken=1)
         if any(n != 1 for n in shape[:-1]):
             raise ValueError(f"actions of shape {shape}: a guard is for one robot")
         wish = _to_numpy(original)
-        safe = self._decide(wish.ravel(), observation)
-        return _like(safe.reshape(shape if wish.size == safe.size else safe.shape), original)
+        safe, info = self._decide(wish.ravel(), observation, taken)
+        return _like(safe.reshape(shape if wish.size == safe.size else safe.shape), original), info
 
     def __call__(self, transition: Any) -> Any:
         if isinstance(transition, tuple):
             action, observation = transition
-            return self._filter(action, observation)
+            return self._filter(action, observation)[0]
         self._current_transition = transition
         result = dict(transition)
-        result["action"] = self._filter(transition["action"], transition.get("observation"))
-        result["info"] = {**(transition.get("info") or {}), "guard": self.info}
+        result["action"], info = self._filter(transition["action"], transition.get("observation"))
+        result["info"] = {**(transition.get("info") or {}), "guard": info}
         return result
 
     def transform_features(self, features: Any) -> Any:
@@ -267,10 +288,11 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
 
         LeRobot calls this from `save_pretrained`, and `from_pretrained` creates the step from that file.
         """
-        path = Path(save_directory) / "new.guard"
-        self.guard.save(path)
-        name = f"guard_{hashlib.sha256(path.read_bytes()).hexdigest()[:12]}.guard"
-        path.replace(path.with_name(name))
+        with tempfile.TemporaryDirectory(dir=save_directory, prefix=".dfr-") as folder:
+            path = Path(folder) / "guard"
+            self.guard.save(path)
+            name = f"guard_{hashlib.sha256(path.read_bytes()).hexdigest()[:12]}.guard"
+            path.replace(Path(save_directory) / name)
         return {"guard": name}
 
     def state_dict(self) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """dfr.lerobot.GuardStep: transitions, pairs of dictionaries, tensors, chunks, and LeRobot's own contract."""
 
 import inspect
+import json
 import pathlib
 import shutil
 import subprocess
@@ -107,6 +108,28 @@ class GuardStepTest(unittest.TestCase):
             step(self.transition(np.zeros(3), action_for(0.05, 0.0)))
         self.assertEqual(calls[2:], ["halt"])
 
+    def test_a_callback_may_reset(self):
+        step = GuardStep(self.guard, on_halt=lambda info: step.reset())
+        step.reset()
+        chunk = np.stack([action_for(0.05, 0.0), action_for(0.06, 0.0)])[None]
+        after = step(self.transition(np.full(3, np.nan), chunk))
+        self.assertEqual(after["info"]["guard"]["reason"], "state-invalid")
+        np.testing.assert_array_equal(after["action"], np.zeros((1, 2)))
+        self.assertIsNone(step.info)
+        np.testing.assert_allclose(step(self.transition(np.zeros(3), chunk))["action"], chunk[:, 0], atol=1e-12)
+
+    def test_positions_are_distinct_whole_numbers(self):
+        for positions in (np.array([1, 2]), (1, 2), range(1, 3)):
+            self.assertEqual(json.loads(json.dumps(GuardStep(self.guard, positions=positions).get_config()))["positions"],
+                             [1, 2])
+        self.assertEqual(GuardStep(self.guard, positions=[None, np.int64(2)]).get_config()["positions"], [None, 2])
+        for wrong in ([1.0, 2.0], [True, False], [1, 1], "12", 3, [0, 3], [-1, 0], np.array([1.0, 2.0])):
+            with self.subTest(wrong), self.assertRaisesRegex((TypeError, ValueError), "positions"):
+                GuardStep(self.guard, positions=wrong)
+        for wrong in ("ab", 3, [[], {}], ["x", "x"]):
+            with self.subTest(wrong), self.assertRaisesRegex((TypeError, ValueError), "action_names"):
+                GuardStep(self.guard, action_names=wrong)
+
     def test_callbacks_that_raise_are_called_once(self):
         calls = []
         fail = lambda info: calls.append(info["mode"]) or {}["operator"]  # noqa: E731
@@ -133,7 +156,7 @@ class GuardStepTest(unittest.TestCase):
         for error, options, message in [
             (ValueError, {"positions": [1]}, "positions has 1 entries; actions of this guard have 2"),
             (ValueError, {"positions": [1, 3]}, "contains 3, but a state has 3 entries"),
-            (ValueError, {"positions": [1, 1.5]}, "contains 1.5, but"),
+            (ValueError, {"positions": [1, 1.5]}, "contains 1.5, which is neither a whole number"),
             (ValueError, {"action_names": ["x", "x"]}, "action_names names 'x' twice"),
             (TypeError, {"on_halt": "stop"}, "on_halt must be a function of info, not 'stop'"),
         ]:
@@ -316,7 +339,11 @@ class ContractTest(unittest.TestCase):
         guard = fit(10)
         step = GuardStep(guard)
         with tempfile.TemporaryDirectory() as folder:
+            own = pathlib.Path(folder) / "new.guard"
+            own.write_text("the user's")
             saved = step.save_artifacts(pathlib.Path(folder))
+            self.assertEqual(own.read_text(), "the user's")
+            own.unlink()
             self.assertEqual(saved, step.save_artifacts(folder))
             self.assertEqual([path.name for path in pathlib.Path(folder).iterdir()], [saved["guard"]])
             again = GuardStep(**{**step.get_config(), "guard": pathlib.Path(folder) / saved["guard"]})
