@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import warnings
 from typing import Any, Callable
 
 import numpy as np
@@ -63,11 +65,17 @@ else:
 
 def _limits_of(space: Any, size: int) -> Any:
     """Return, for each of the `size` entries of an action, the largest c with +-c within its bounds."""
+    if space is None:
+        return np.inf
     dtype = getattr(space, "dtype", None)
-    if dtype is not None and np.issubdtype(dtype, np.integer):
-        raise ValueError(f"the environment's action_space is {space}: a guard needs continuous actions")
     low, high = getattr(space, "low", None), getattr(space, "high", None)
-    if low is None or high is None:
+    bounded = low is not None and high is not None
+    if not np.issubdtype(dtype, np.floating) if dtype is not None else not bounded:
+        raise ValueError(
+            f"the environment's action_space is {space}: a guard needs one array of continuous actions. Flatten a "
+            "space of several parts, as gymnasium.spaces.utils.flatten_space does."
+        )
+    if not bounded:
         return np.inf
     if np.size(low) != size:
         raise ValueError(f"the environment's actions have {np.size(low)} entries, but the guard's have {size}")
@@ -82,6 +90,14 @@ def _limits_of(space: Any, size: int) -> Any:
     return bounds
 
 
+def _copied(state: Any) -> Any:
+    """Return a copy of a state, which the caller cannot change in place."""
+    try:
+        return copy.deepcopy(state.detach() if hasattr(state, "detach") else state)
+    except TypeError:  # a view of memory, for example
+        return np.array(state)
+
+
 class GuardedEnv(Wrapper):
     """Passes actions to an environment through a guard.
 
@@ -89,7 +105,8 @@ class GuardedEnv(Wrapper):
     accepts an environment that has only Gymnasium's `reset` and `step`, and works without Gymnasium.
     Without Gymnasium, undefined attributes are those of the environment.
 
-    When the guard halts, the environment receives a zero action, and the episode is truncated.
+    When the guard halts, the environment receives a zero action, and the episode is truncated. After the end
+    of an episode the guard halts until `reset`. For an environment that resets itself, wrap the one inside.
 
     Parameters
     ----------
@@ -107,7 +124,8 @@ class GuardedEnv(Wrapper):
     TypeError
         If `env` has no `reset` or `step` or is a vector of environments, or `guard` is not a Guard.
     ValueError
-        If the environment's `action_space` is discrete, of another size or not on both sides of zero.
+        If the environment's `action_space` is not one array of continuous actions, of another size or not on
+        both sides of zero.
 
     Notes
     -----
@@ -138,6 +156,7 @@ class GuardedEnv(Wrapper):
         self._state = state if state is not None else self._from_observation
         self._observed: ArrayLike = np.empty(0)
         self._t = 0
+        self._ended = False
 
     def _from_observation(self, obs: Any) -> ArrayLike:
         if not hasattr(obs, "keys"):
@@ -157,17 +176,22 @@ class GuardedEnv(Wrapper):
         self._observe(obs)
         self.guard.reset(0 if seed is None else seed)
         self._t = 0
+        self._ended = False
         return obs, dict(info)
 
     def _observe(self, obs: Any) -> None:
-        state = self._state(obs)
-        # The caller may change an observation in place.
-        self._observed = state.copy() if isinstance(state, np.ndarray) else state
+        self._observed = _copied(self._state(obs))
 
     def step(self, action: ArrayLike) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Apply the filtered `action`. If the environment raises, the guard halts until `reset`."""
         safe, verdict = self.guard.filter(self._t, self._observed, np.ravel(action))
         self._t += 1
+        if self._ended:
+            verdict["why"] = (
+                "the episode has ended: call reset() before the next one. For an environment that resets itself, put "
+                "the guard around the environment inside"
+            )
+            warnings.warn(verdict["why"], RuntimeWarning, stacklevel=2)
         applied: NDArray[Any] = safe
         space = getattr(self.env, "action_space", None)
         if getattr(space, "dtype", None) is not None:
@@ -179,4 +203,7 @@ class GuardedEnv(Wrapper):
             self.guard.stop()
             raise
         halted = verdict["mode"] == "halt"
+        if terminated or truncated:
+            self.guard.stop()
+            self._ended = True
         return obs, reward, terminated, truncated or halted, {**info, "guard": verdict, "action": safe}

@@ -76,13 +76,16 @@ class GuardedEnvTest(unittest.TestCase):
             np.minimum(self.guard.settings["action_limit"], [float(np.float32(0.08)), 1.0]),
         )
         env.reset(seed=3)
-        for _ in range(40):
-            env.step(10 * DRIFT)
+        while not env.step(10 * DRIFT)[2]:
+            pass
         np.testing.assert_array_less(plant.largest, np.nextafter(np.float32(env.guard.settings["action_limit"]), 1))
         self.assertIs(dfr.GuardedEnv(Corridor(), self.guard).guard, self.guard)
         for space, message in [
             (Space([-1, 0], [1, 1]), r"entry 1 .* \[0, 1\]: a guard needs a negative lower and a positive upper bound"),
             (Space([-1, -1], [1, 1], np.int64), "continuous actions"),
+            (Space([0, 0], [1, 1], bool), "continuous actions"),
+            (types.SimpleNamespace(spaces={"a": Space([-1], [1])}, shape=None, dtype=None), "one array of continuous"),
+            (types.SimpleNamespace(shape=(), dtype=np.dtype("U1")), "continuous actions"),
         ]:
             plant.action_space = space
             with self.assertRaisesRegex(ValueError, message):
@@ -173,8 +176,38 @@ class GuardedEnvTest(unittest.TestCase):
                 obs, *_, info = env.step(action_for(0.05, 0.0))
                 yield info["guard"]["g"]
 
-        for options in ({}, {"state": lambda obs: obs[:]}):
+        class Boxed:
+            """As a tensor, which is no array of NumPy."""
+
+            def __init__(self, values):
+                self.values = values
+
+            def __array__(self, dtype=None, copy=None):
+                return self.values
+
+        for options in ({}, {"state": lambda obs: obs[:]}, {"state": Boxed}, {"state": lambda obs: [obs]}):
             self.assertEqual(list(levels(True, **options)), list(levels(False, **options)))
+
+    def test_after_the_end_of_an_episode_it_halts_until_reset(self):
+        """An environment that resets itself would go on with the first time step of another episode."""
+        class Resetting(Corridor):
+            def step(self, action):
+                obs, reward, terminated, truncated, info = super().step(action)
+                return self.reset(seed=1)[0] if terminated else obs, reward, terminated, truncated, info
+
+        env = dfr.GuardedEnv(Resetting(), self.guard)
+        env.reset(seed=3)
+        while not env.step(DRIFT)[2]:
+            pass
+        before = env.x.copy()
+        with self.assertWarnsRegex(RuntimeWarning, r"the episode has ended: call reset\(\)"):
+            *_, truncated, info = env.step(DRIFT)
+        self.assertTrue(truncated)
+        self.assertEqual(info["guard"]["mode"], "halt")
+        self.assertIn("the episode has ended", info["guard"]["why"])
+        np.testing.assert_array_equal(env.x[1:], before[1:])
+        env.reset(seed=3)
+        self.assertNotEqual(env.step(DRIFT)[4]["guard"]["mode"], "halt")
 
     def test_vectors_and_other_objects_are_refused(self):
         for count in (0, 1, 2):
