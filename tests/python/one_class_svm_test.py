@@ -200,6 +200,17 @@ class WrongCalls(unittest.TestCase):
         self.assertTrue(np.isfinite(svm.decision_function(X)).all())
 
 
+class TinyNu(unittest.TestCase):
+    def test_samples_are_inside_for_any_nu_below_one_sample(self):
+        X = np.random.default_rng(0).normal(size=(200, 3))
+        one = dfr.OneClassSVM(nu=1 / 200, gamma=0.5).fit(X)
+        for nu in (1e-6, 1e-12, 1e-200, 1e-320):
+            svm = dfr.OneClassSVM(nu=nu, gamma=0.5).fit(X)
+            np.testing.assert_array_equal(svm.support_, one.support_)
+            self.assertEqual(svm.estimate_.rho, one.estimate_.rho)
+            self.assertEqual((svm.estimate_.decision(X) < -1e-9).sum(), 0)
+
+
 class Memory(unittest.TestCase):
     def test_contiguous_float64_is_read_in_place(self):
         """Decisions about 40 MB of states allocate no second 40 MB."""

@@ -294,6 +294,33 @@ TEST(OneClassSvmTest, NuOfOneIsTheParzenDensity) {
   EXPECT_NEAR(Decisions(svm, samples).maxCoeff(), 0.0, 1e-12);
 }
 
+// Below 1/m the bound of alpha exceeds its sum: every smaller nu has the same solution.
+TEST(OneClassSvmTest, NuBelowOneSampleIsNuOfOneSample) {
+  core::Random random(45);
+  const core::Matrix samples = Tube(200, 3, random);
+  const std::vector<double> weights(200, 0.25);
+  for (const bool weighted : {false, true}) {
+    OneClassSvmOptions options{.nu = 1.0 / 200.0, .gamma = 0.5};
+    if (weighted) options.weights = weights;
+    const OneClassSvm one = OneClassSvm::Fit(samples, options);
+    for (const double nu : {1e-3, 1e-6, 1e-12, 1e-200, 1e-320}) {
+      SCOPED_TRACE(nu);
+      options.nu = nu;
+      FitSummary summary;
+      const OneClassSvm svm = OneClassSvm::Fit(samples, options, &summary);
+      EXPECT_EQ(svm.rho(), one.rho());
+      EXPECT_EQ(svm.alpha(), one.alpha());
+      EXPECT_NEAR(svm.libsvm_scale(), nu * (weighted ? 50.0 : 200.0), 1e-12 * nu);
+      EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
+      int outside = 0;
+      for (Eigen::Index i = 0; i < samples.rows(); ++i) {
+        outside += svm.Decision(core::Row(samples, i)) < -1e-3 * svm.rho() ? 1 : 0;
+      }
+      EXPECT_EQ(outside, 0);
+    }
+  }
+}
+
 TEST(OneClassSvmTest, NuNearBothEndsConverges) {
   core::Random random(44);
   const core::Matrix samples = Tube(300, 3, random);

@@ -248,6 +248,30 @@ void DecideBatch(const internal::SumBlock<T>& terms, double rho,
   }
 }
 
+// Sums of alpha in LIBSVM's scale.
+struct NuSum {
+  double samples;  // for nu = 1
+  double solved;   // of the problem to solve
+  double ratio;    // of options.nu to the solved problem's
+};
+
+// Below the smallest weight, nu sum w allows each alpha to be the whole sum. All smaller sums then
+// have the same solution, up to a factor, but none that tolerances can resolve.
+NuSum SumOf(const OneClassSvmOptions& options, Eigen::Index count) {
+  double all = static_cast<double>(count);
+  double smallest = 1.0;
+  if (!options.weights.empty()) {
+    all = 0.0;
+    smallest = std::numeric_limits<double>::infinity();
+    for (const double w : options.weights) {
+      all += w;
+      if (w > 0.0) smallest = std::min(smallest, w);
+    }
+  }
+  const double asked = options.nu * all;
+  return asked >= smallest ? NuSum{all, asked, 1.0} : NuSum{all, smallest, asked / smallest};
+}
+
 }  // namespace
 
 OneClassSvm::OneClassSvm(std::shared_ptr<const Data> data) noexcept : data_(std::move(data)) {}
@@ -278,9 +302,13 @@ OneClassSvm internal::FitSharing(const core::Matrix& samples, const OneClassSvmO
   CheckSamples(samples, extent, options.gamma);
   const auto start = std::chrono::steady_clock::now();
   FitSummary result;
+  OneClassSvmOptions solved = options;
+  const NuSum sum = SumOf(options, samples.rows());
+  if (sum.ratio < 1.0) solved.nu = sum.solved / sum.samples;
+  solved.tolerance *= std::min(1.0, sum.solved);
   const DualSolution dual = options.weights.empty()
-                                ? SolveDual(samples, extent, options, scratch, result)
-                                : SolveWeightedDual(samples, options, result);
+                                ? SolveDual(samples, extent, solved, scratch, result)
+                                : SolveWeightedDual(samples, solved, result);
 
   std::vector<Eigen::Index> chosen(static_cast<std::size_t>(dual.alpha.size()));
   std::size_t count = 0;
@@ -302,7 +330,7 @@ OneClassSvm internal::FitSharing(const core::Matrix& samples, const OneClassSvmO
   alpha /= scale;
   const GaussianTerms<double> terms(support_vectors, core::AsSpan(alpha), options.gamma);
   const auto data = OneClassSvm::Data::Make(terms, std::move(support_vectors), std::move(alpha),
-                                            options.gamma, scale);
+                                            options.gamma, scale * sum.ratio);
   data->rho = dual.rho / scale;
   for (const DualSolution::RhoSample& s : dual.rho_samples) {
     const double exact = SumAt(data->sum<double>(), core::Row(samples, s.sample));
@@ -312,6 +340,8 @@ OneClassSvm internal::FitSharing(const core::Matrix& samples, const OneClassSvmO
   result.num_support_vectors = static_cast<int>(chosen.size());
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   result.alpha = dual.alpha / scale;
+  result.kkt_gap *= sum.ratio;
+  result.objective *= sum.ratio * sum.ratio;
   if (summary != nullptr) *summary = std::move(result);
   return OneClassSvm(data);
 }

@@ -19,9 +19,9 @@ struct FitProgress {
 
 /// Options for OneClassSvm::Fit(). Defaults are the Pusher values of Sec. V-A.
 struct OneClassSvmOptions {
-  double nu = 0.05;    ///< Upper bound on the fraction of outliers and lower bound on the fraction
-                       ///< of support vectors, in (0, 1].
-  double gamma = 5.0;  ///< Width parameter of the Gaussian kernel, > 0, in 1/[state unit]^2.
+  double nu = 0.05;  ///< Upper bound on the fraction of outliers and lower bound on the fraction
+                     ///< of support vectors, in (0, 1]. Any nu below 1/m gives the estimate of 1/m.
+  double gamma = 5.0;       ///< Width parameter of the Gaussian kernel, > 0, in 1/[state unit]^2.
   double tolerance = 1e-4;  ///< Stop when the largest KKT violation is below this (FitSummary).
   /// Maximum number of working-set steps; 0 selects a limit beyond any practical problem.
   std::int64_t max_iterations = 0;
