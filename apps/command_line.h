@@ -17,6 +17,7 @@
 
 #include "dfr/core/build_info.h"
 #include "dfr/core/text/command_line.h"
+#include "dfr/core/text/format.h"
 #include "dfr/core/text/numbers.h"
 
 namespace dfr::apps {
@@ -74,7 +75,7 @@ int RunProgram(const char* name, int argc, char** argv, Run run) {
   try {
     code = run(argc, argv);
   } catch (const std::exception& e) {
-    std::cerr << name << ": " << e.what() << '\n';
+    std::cerr << name << ": " << core::Printable(e.what()) << '\n';
   }
   std::cout.flush();
   const bool written = std::cout.good() && std::fflush(stdout) == 0 && std::ferror(stdout) == 0;

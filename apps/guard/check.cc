@@ -37,8 +37,8 @@ class Problems {
  private:
   void Say(const std::string& kind, const std::string& what, int& count) {
     constexpr int kMost = 10;
-    if (++count <= kMost) std::printf("%-10s %s\n", (kind + ":").c_str(), what.c_str());
-    if (count == kMost + 1) std::printf("%-10s ... and more\n", (kind + ":").c_str());
+    if (++count <= kMost) Print("%-10s %s\n", (kind + ":").c_str(), what.c_str());
+    if (count == kMost + 1) Print("%-10s ... and more\n", (kind + ":").c_str());
   }
   int errors_ = 0;
   std::map<std::string, int> counts_;
@@ -150,7 +150,7 @@ class Collected {
     Rotations(problems);
     Actions(problems);
     std::sort(steps_.begin(), steps_.end());
-    std::printf(
+    Print(
         "%zu episodes of %d to %d actions (median %d), states of %ld entries, actions of %ld "
         "within [%.4g, %.4g]\n",
         steps_.size(), steps_.front(), steps_.back(), steps_[steps_.size() / 2],
@@ -185,7 +185,7 @@ class Collected {
     for (const core::Rotation& rotation : rotations_.Find()) {
       const std::string text = core::Describe(rotation, *layout_);
       if (rotation.mapped()) {
-        std::printf("rotation   %s\n", text.c_str());
+        Print("rotation   %s\n", text.c_str());
       } else {
         problems.Warning("rotation", text);
       }
@@ -197,8 +197,7 @@ class Collected {
   void Actions(Problems& problems) const {
     const auto absolute = actions_.Absolute();
     if (absolute.empty()) {
-      std::printf(
-          "actions    are not positions of the state's entries, but velocities or increments\n");
+      Print("actions    are not positions of the state's entries, but velocities or increments\n");
       return;
     }
     problems.Error(
@@ -258,7 +257,7 @@ void CheckActions(const std::string& name, const core::Matrix& actions, double l
 
 bool RunCheck(const CheckOptions& options) {
   const auto reader = imitation::OpenDemonstrations(options.demonstrations, options.filter_key);
-  if (!reader->note().empty()) std::printf("note:      %s\n", reader->note().c_str());
+  if (!reader->note().empty()) Print("note:      %s\n", reader->note().c_str());
   std::optional<imitation::RobomimicWriter> repaired;
   if (!options.repair.empty()) {
     repaired.emplace(options.repair, reader->layout(), reader->control_dim(),
@@ -294,13 +293,12 @@ bool RunCheck(const CheckOptions& options) {
   }
   if (good > 0) collected.Report(problems);
   if (repaired) {
-    std::printf("repaired:  %s has %d of %d episodes\n", options.repair.c_str(),
-                repaired->num_episodes(), reader->num_episodes());
+    Print("repaired:  %s has %d of %d episodes\n", options.repair.c_str(), repaired->num_episodes(),
+          reader->num_episodes());
   }
-  std::printf("%s: %d error%s, %d warning%s%s\n", options.demonstrations.c_str(), problems.errors(),
-              problems.errors() == 1 ? "" : "s", problems.warnings(),
-              problems.warnings() == 1 ? "" : "s",
-              problems.errors() > 0 ? "; a fit needs a file without errors" : "");
+  Print("%s: %d error%s, %d warning%s%s\n", options.demonstrations.c_str(), problems.errors(),
+        problems.errors() == 1 ? "" : "s", problems.warnings(), problems.warnings() == 1 ? "" : "s",
+        problems.errors() > 0 ? "; a fit needs a file without errors" : "");
   return problems.errors() == 0;
 }
 

@@ -11,6 +11,9 @@ namespace dfr::apps::guard {
 // One struct and one function per command. main.cc fills the struct and calls the function. All
 // functions throw std::exception with a message for the user.
 
+/// Prints as printf(), without bytes of data sets and guards that control terminals.
+[[gnu::format(printf, 1, 2)]] void Print(const char* format, ...);
+
 struct CheckOptions {
   std::filesystem::path demonstrations;
   std::string filter_key;
@@ -70,5 +73,7 @@ struct ExportOptions {
   std::filesystem::path libsvm;
 };
 void RunExport(const ExportOptions& options);
+/// Returns why nothing can be exported to the folder; "" if it can.
+[[nodiscard]] std::string UnusableExportFolder(const std::filesystem::path& folder);
 
 }  // namespace dfr::apps::guard

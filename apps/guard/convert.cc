@@ -63,13 +63,13 @@ std::vector<core::AbsoluteAction> FindPositions(const imitation::DemonstrationRe
   std::set<int> left;
   for (int k = 0; k < reader.control_dim(); ++k) left.insert(k);
   for (const core::AbsoluteAction& entry : absolute) {
-    std::printf("action %d becomes %s minus %s\n", entry.action,
-                entry.leads ? "the action" : "its next value",
-                core::EntryName(reader.layout(), entry.state).c_str());
+    Print("action %d becomes %s minus %s\n", entry.action,
+          entry.leads ? "the action" : "its next value",
+          core::EntryName(reader.layout(), entry.state).c_str());
     left.erase(entry.action);
   }
   for (const int k : left) {
-    std::printf(
+    Print(
         "action %d stays as recorded: it follows no entry of the state. Does zero hold it "
         "still?\n",
         k);
@@ -93,7 +93,7 @@ void RunConvert(const ConvertOptions& options) {
                              ": would overwrite the episodes to convert; name another output");
   }
   const auto reader = imitation::OpenDemonstrations(options.demonstrations, options.filter_key);
-  if (!reader->note().empty()) std::printf("%s\n", reader->note().c_str());
+  if (!reader->note().empty()) Print("%s\n", reader->note().c_str());
   std::vector<core::AbsoluteAction> absolute;
   if (options.differences) absolute = FindPositions(*reader, options.demonstrations);
   if (options.out.extension() == ".hdf5") {
@@ -105,7 +105,7 @@ void RunConvert(const ConvertOptions& options) {
     imitation::MinariWriter writer = OpenMinariWriter(options, *reader);
     Copy(*reader, absolute, writer);
   }
-  std::printf("%s: %d episodes\n", options.out.c_str(), reader->num_episodes());
+  Print("%s: %d episodes\n", options.out.c_str(), reader->num_episodes());
 }
 
 }  // namespace dfr::apps::guard

@@ -30,8 +30,8 @@ void RunEvaluate(const EvaluateOptions& options) {
   int changed = 0;
   int halted = 0;
   double change = 0.0;
-  std::printf("%-24s %8s %9s %10s %8s  %s\n", "episode", "actions", "passed %", "lowest l", "alarm",
-              "first action that would not pass");
+  Print("%-24s %8s %9s %10s %8s  %s\n", "episode", "actions", "passed %", "lowest l", "alarm",
+        "first action that would not pass");
   for (int i = 0; i < reader->num_episodes(); ++i) {
     const core::Trajectory episode = reader->Read(i);
     const std::vector<double> levels = model->Levels(episode.states);
@@ -50,29 +50,28 @@ void RunEvaluate(const EvaluateOptions& options) {
     const std::string first = shadow.first_changed < 0 ? "-"
                                                        : std::to_string(shadow.first_changed) +
                                                              " (" + shadow.reason + ")";
-    std::printf("%-24s %8d %9.1f %10.3f %8s  %s\n", reader->name(i).c_str(), shadow.actions,
-                100.0 * shadow.passed / std::max(1, shadow.actions),
-                *std::min_element(levels.begin(), levels.end()),
-                alarm == levels.end() ? "-" : std::to_string(alarm - levels.begin()).c_str(),
-                first.c_str());
+    Print("%-24s %8d %9.1f %10.3f %8s  %s\n", reader->name(i).c_str(), shadow.actions,
+          100.0 * shadow.passed / std::max(1, shadow.actions),
+          *std::min_element(levels.begin(), levels.end()),
+          alarm == levels.end() ? "-" : std::to_string(alarm - levels.begin()).c_str(),
+          first.c_str());
   }
   const int episodes = reader->num_episodes();
   const auto interval = experiment::ProportionInterval(alarms, episodes);
-  std::printf(
+  Print(
       "%d of %d episodes raise an alarm (%.1f %%, 95 %% interval [%.1f, %.1f]); %d pass "
       "untouched\n",
       alarms, episodes, 100.0 * alarms / episodes, 100.0 * interval.low, 100.0 * interval.high,
       untouched);
-  std::printf("%.1f %% of the %d actions pass unchanged", 100.0 * passed / std::max(1, actions),
-              actions);
+  Print("%.1f %% of the %d actions pass unchanged", 100.0 * passed / std::max(1, actions), actions);
   if (changed > 0) {
-    std::printf("; %d are changed, by %.2f ordinary actions on average", changed, change / changed);
+    Print("; %d are changed, by %.2f ordinary actions on average", changed, change / changed);
   }
-  if (halted > 0) std::printf("; %d episodes halt, and no later action counts as passed", halted);
-  std::printf("\n");
+  if (halted > 0) Print("; %d episodes halt, and no later action counts as passed", halted);
+  Print("\n");
   std::sort(micros.begin(), micros.end());
-  std::printf("a call takes %.1f us (median), %.1f us (99th percentile)\n",
-              micros[micros.size() / 2], micros[micros.size() * 99 / 100]);
+  Print("a call takes %.1f us (median), %.1f us (99th percentile)\n", micros[micros.size() / 2],
+        micros[micros.size() * 99 / 100]);
 }
 
 }  // namespace dfr::apps::guard

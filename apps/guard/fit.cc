@@ -17,61 +17,61 @@ void Describe(const safety::GuardModel& model) {
   const control::Levels& levels = model.task().levels();
   const std::string& spec = model.task().features().selection().spec();
   const auto [low, high] = std::minmax_element(model.lambda().begin(), model.lambda().end());
-  std::printf("demonstrations  %d with %d actions, from %s\n", summary.demonstrations,
-              summary.transitions, summary.source.c_str());
+  Print("demonstrations  %d with %d actions, from %s\n", summary.demonstrations,
+        summary.transitions, summary.source.c_str());
   const core::FeatureSelection& selection = model.task().features().selection();
   const auto circles = static_cast<int>(selection.map().circles().size());
   const int features = selection.num_features() - circles;
   if (model.reduction() == nullptr) {
-    std::printf("features        %s: %d of %d entries of a state%s\n",
-                spec.empty() ? "the whole state" : spec.c_str(), features, model.state_dim(),
-                circles > 0 ? ", angles by cosine and sine" : "");
+    Print("features        %s: %d of %d entries of a state%s\n",
+          spec.empty() ? "the whole state" : spec.c_str(), features, model.state_dim(),
+          circles > 0 ? ", angles by cosine and sine" : "");
   } else {
-    std::printf("features        %s: %d of the %d entries of a state\n", spec.c_str(), features,
-                model.state_dim());
+    Print("features        %s: %d of the %d entries of a state\n", spec.c_str(), features,
+          model.state_dim());
   }
   for (const reduction::ComponentsScore& row : summary.components) {
-    std::printf(
+    Print(
         "components      %3d: of left-out demonstrations, actions explained %5.1f %%, states "
         "inside "
         "%5.1f %%, error of the predicted change %5.1f %%\n",
         row.components, 100.0 * row.explained, 100.0 * row.inside, 100.0 * row.response_error);
   }
   if (!summary.components_reason.empty()) {
-    std::printf("                %s\n", summary.components_reason.c_str());
+    Print("                %s\n", summary.components_reason.c_str());
   }
-  std::printf("support         %d time steps, nu %g, gamma %g (whitened); support fits: %d\n",
-              model.num_steps(), summary.nu, summary.gamma, summary.support_fits);
-  std::printf(
+  Print("support         %d time steps, nu %g, gamma %g (whitened); support fits: %d\n",
+        model.num_steps(), summary.nu, summary.gamma, summary.support_fits);
+  Print(
       "                of demonstrations left out of a fit, %.1f %% of states are inside; "
       "%.1f %% of demonstrations never leave\n",
       100.0 * summary.acceptance, 100.0 * summary.inside_throughout);
-  std::printf(
+  Print(
       "                of their actions it would change %.1f %%, and predicts %.1f %% to end "
       "outside; "
       "what others did nearby explains %.1f %% of their variance, with an error of %.1f %%\n",
       100.0 * summary.changed, 100.0 * summary.ends_outside, 100.0 * summary.explained,
       100.0 * summary.action_error);
-  std::printf(
+  Print(
       "gap test        %d points halfway between groups of demonstrations, in %d time steps; of "
       "these "
       "%d are inside\n",
       summary.gaps.points, summary.gaps.steps, summary.gaps.inside);
-  std::printf("levels of l     the policy's action passes at %.3g (first step); slack %.3g\n",
-              levels.pass(0), levels.slack());
-  std::printf(
+  Print("levels of l     the policy's action passes at %.3g (first step); slack %.3g\n",
+        levels.pass(0), levels.slack());
+  Print(
       "alarm           at l < %.3g: a further demonstration raises one with probability %.3g "
       "at most, %s\n",
       -settings.alarm_level, summary.false_alarms, safety::DescribeGuarantee(summary).c_str());
-  std::printf("lambda_t        %.3g to %.3g, the change of g per unit of action\n", *low, *high);
-  std::printf(
+  Print("lambda_t        %.3g to %.3g, the change of g per unit of action\n", *low, *high);
+  Print(
       "actions         %d entries, within +-%s; halts after %d of the policy's, or %d "
       "of any kind\n",
       model.action_dim(), safety::Join(settings.action_limit).c_str(), settings.horizon,
       settings.max_actions);
-  std::printf("strategy        %s\n", safety::Name(settings.strategy));
+  Print("strategy        %s\n", safety::Name(settings.strategy));
   if (settings.direction_error > 0.0) {
-    std::printf(
+    Print(
         "certificate     eps %.3g (%.3g in demonstrations), K %.3g: whitened features per unit of "
         "action\n"
         "                with %.0f %% confidence %.1f %% of further demonstrations stay below%s\n",
@@ -80,7 +80,7 @@ void Describe(const safety::GuardModel& model) {
         summary.held_out > 0 ? "" : ", approximately");
   }
   for (const safety::Clearance& clearance : safety::Clearances(model)) {
-    std::printf(
+    Print(
         "clearance       %s: where no alarm is raised a demonstrated state is within %.3g in it "
         "(step %d; median %.3g)\n",
         clearance.block.c_str(), clearance.largest, clearance.step, clearance.median);
@@ -88,7 +88,7 @@ void Describe(const safety::GuardModel& model) {
 }
 
 void Describe(const std::vector<std::string>& warnings) {
-  for (const std::string& warning : warnings) std::printf("warning         %s\n", warning.c_str());
+  for (const std::string& warning : warnings) Print("warning         %s\n", warning.c_str());
 }
 
 bool RunFit(const FitOptions& options) {
@@ -97,7 +97,7 @@ bool RunFit(const FitOptions& options) {
   const auto reader =
       imitation::OpenDemonstrations(options.demonstrations, options.filter_key,
                                     reduction::StateReduction::Requests(guard.features));
-  if (!reader->note().empty()) std::printf("%s\n", reader->note().c_str());
+  if (!reader->note().empty()) Print("%s\n", reader->note().c_str());
   std::vector<core::Trajectory> all;
   std::vector<core::Trajectory> completed;
   for (int i = 0; i < reader->num_episodes(); ++i) {
@@ -107,12 +107,12 @@ bool RunFit(const FitOptions& options) {
   // If no episode is recorded as completed, all are used.
   const bool choose = !options.all && !completed.empty() && completed.size() < all.size();
   if (choose) {
-    std::printf("%zu episodes did not complete the task and are left out (--all takes them)\n",
-                all.size() - completed.size());
+    Print("%zu episodes did not complete the task and are left out (--all takes them)\n",
+          all.size() - completed.size());
   }
 
   if (!options.all && completed.empty()) {
-    std::printf(
+    Print(
         "none of %zu episodes is recorded as completed. The guard learns from all of them: if they "
         "failed, give it others (--all omits this note)\n",
         all.size());
@@ -144,7 +144,7 @@ bool RunFit(const FitOptions& options) {
   const std::vector<std::string> warnings = safety::Warnings(*model);
   Describe(*model);
   Describe(warnings);
-  std::printf("%s\n", options.out.c_str());
+  Print("%s\n", options.out.c_str());
   return !options.strict || warnings.empty();
 }
 

@@ -1,13 +1,25 @@
 // Program guard: checks demonstrations, fits guards, and reports on, evaluates and exports them.
 #include <CLI/CLI.hpp>
+#include <cstdarg>
+#include <cstdio>
 #include <cstdlib>
 #include <filesystem>
 #include <memory>
 
 #include "apps/command_line.h"
 #include "commands.h"
+#include "dfr/core/text/format.h"
 
 namespace dfr::apps::guard {
+
+void Print(const char* format, ...) {
+  std::va_list arguments;
+  va_start(arguments, format);
+  const std::string text = core::Printable(core::FormatList(format, arguments));
+  va_end(arguments);
+  std::fputs(text.c_str(), stdout);
+}
+
 namespace {
 
 template <typename Options>
@@ -61,7 +73,13 @@ void AddConvert(CLI::App& app) {
   command->add_flag(
       "--differences", options->differences,
       "convert actions that are target positions to increments: target minus position");
-  command->callback([options] { RunConvert(*options); });
+  command->callback([options, command] {
+    if (command->count("--id") > 0 && options->out.extension() == ".hdf5") {
+      throw CLI::ValidationError("--id: is for the folder of a Minari dataset, not for " +
+                                 options->out.string());
+    }
+    RunConvert(*options);
+  });
 }
 
 void AddFit(CLI::App& app, int& result) {
@@ -89,39 +107,47 @@ void AddFit(CLI::App& app, int& result) {
   command
       ->add_option("--nu", options->guard.support.svm.nu,
                    "bound on the outliers of each support, in (0, 1]")
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command
       ->add_option("--gamma", options->guard.support.svm.gamma,
                    "parameter gamma of the kernel, in whitened units that all tasks share: larger "
                    "is tighter; increased if a support contains the gap between two modes")
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command
       ->add_option("--false-alarms", options->guard.false_alarms,
                    "share of demonstrations that may raise an alarm")
+      ->check(dfr::apps::kNotNegative)
       ->capture_default_str();
   command
       ->add_option("--confidence", options->guard.confidence,
                    "confidence that this fit keeps --false-alarms; 0: on average over fits")
+      ->check(dfr::apps::kNotNegative)
       ->capture_default_str();
   command
       ->add_option("--hold-out", options->guard.hold_out,
                    "share of the demonstrations to leave out of the fit: the bounds of alarm and "
                    "certificate are then exact; 0: none, the bounds are approximate")
+      ->check(dfr::apps::kNotNegative)
       ->capture_default_str();
   command
       ->add_option(
           "--error-factor", options->guard.error_factor,
           "for strategy certified: factor by which J may be less accurate than in demonstrations")
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command
       ->add_option("--horizon", options->guard.horizon,
                    "largest number of the policy's actions in an episode; 0: twice the longest "
                    "demonstration")
+      ->check(dfr::apps::kNotNegative)
       ->capture_default_str();
   command
       ->add_option("--action-limit", options->guard.action_limit,
                    "limit of each entry of an action, +- this: one for all, or one each, a,b,c; "
                    "default: 1.5 times the largest demonstrated value of each entry")
+      ->check(dfr::apps::kNotNegative)
       ->delimiter(',');
   command->add_flag("--all", options->all, "include episodes that did not complete the task");
   command->add_flag("--as-recorded", options->as_recorded,
@@ -176,11 +202,17 @@ void AddExport(CLI::App& app) {
   AddGuard(*command, options->guard);
   core::WritesFile(command->add_option(
       "--onnx", options->onnx, "ONNX file with the function from time step and state to g"));
-  core::WritesFolder(
+  core::Writes(
       command->add_option("--libsvm", options->libsvm,
                           "folder with one LIBSVM model per time step, and the transformation of "
-                          "states to its features"));
-  command->callback([options] { RunExport(*options); });
+                          "states to its features"),
+      UnusableExportFolder);
+  command->callback([options] {
+    if (options->onnx.empty() && options->libsvm.empty()) {
+      throw CLI::ValidationError("export needs --onnx FILE or --libsvm FOLDER");
+    }
+    RunExport(*options);
+  });
 }
 
 int Main(int argc, char** argv) {

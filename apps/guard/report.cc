@@ -382,7 +382,7 @@ void RunReport(const ReportOptions& options) {
   experiment::Summary nothing;
   nothing.commit = core::BuildCommit();
   experiment::SaveReport(nothing, page, options.out);
-  std::printf("%s\n", options.out.c_str());
+  Print("%s\n", options.out.c_str());
 }
 
 }  // namespace dfr::apps::guard

@@ -163,7 +163,28 @@ class GuardAppTest(GuardProgramTest):
         # Parts of a state are in the order of their names: clock, object, tip.
         np.testing.assert_array_equal(features[:, 0], [1, 2, 3, 4])
         self.assertEqual(np.loadtxt(self.folder / "models/t_000.csv", delimiter=",").shape, (4, 4))
-        self.assertIn("--onnx FILE or --libsvm FOLDER", self.run_guard("export", "e.guard", fails=True))
+        done = self.run_program("export", "e.guard")
+        self.assertEqual((done.returncode, "--onnx FILE or --libsvm FOLDER" in done.stderr), (2, True), done.stderr)
+        # A shorter guard would leave the last models of a longer one.
+        before = {path.name: path.read_bytes() for path in (self.folder / "models").iterdir()}
+        done = self.run_program("export", "e.guard", "--libsvm", "models")
+        self.assertEqual((done.returncode, "remove the folder or name another" in done.stderr), (2, True), done.stderr)
+        self.assertEqual({path.name: path.read_bytes() for path in (self.folder / "models").iterdir()}, before)
+        for onnx, libsvm in (("both", "both"), ("./both", "both/")):
+            self.assertIn("both", self.run_guard("export", "e.guard", "--onnx", onnx, "--libsvm", libsvm, fails=True))
+            self.assertFalse((self.folder / "both").exists())
+
+    def test_names_in_files_cannot_control_a_terminal(self):
+        rude = [({name + "\x1b[2J": values for name, values in observations.items()}, action)
+                for observations, action in episodes(1, 30)]
+        write_robomimic(self.folder / "rude.hdf5", rude)
+        self.run_guard("fit", "rude.hdf5", "-o", "rude.guard")
+        for arguments in (["show", "rude.guard"], ["check", "rude.hdf5"], ["evaluate", "rude.guard", "rude.hdf5"],
+                          ["fit", "rude.hdf5", "--features", "gripper", "-o", "none.guard"]):
+            with self.subTest(arguments):
+                done = self.run_program(*arguments)
+                self.assertNotIn("\x1b", done.stdout + done.stderr)
+        self.assertIn("tip\\x1b[2J", done.stderr)
 
     def test_mistakes_are_one_line_with_a_remedy(self):
         self.fit("x.guard")
@@ -219,6 +240,7 @@ class GuardAppTest(GuardProgramTest):
             ("convert demos.hdf5 demos.hdf5", "OUT: demos.hdf5: would overwrite DEMOS"),
             ("convert right-v0 right-v0 --id a/right-v0", "right-v0: would overwrite the episodes to convert; name another"),
             ("convert right-v0 right-v0/data/main_data.hdf5", "would overwrite the episodes to convert"),
+            ("convert demos.hdf5 other.hdf5 --id a/b-v0", "--id: is for the folder of a Minari dataset, not for other.hdf5"),
         ):
             with self.subTest(arguments):
                 self.assertIn(says, self.run_guard(*arguments.split(), fails=True))

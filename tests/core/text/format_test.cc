@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <string>
+#include <string_view>
 
 namespace dfr::core {
 namespace {
@@ -10,6 +11,14 @@ namespace {
 TEST(FormatTest, CutsNothing) {
   const std::string text(5000, 'x');
   EXPECT_EQ(Format("<%s>", text.c_str()), "<" + text + ">");
+}
+
+TEST(FormatTest, PrintableTextCannotControlATerminal) {
+  EXPECT_EQ(Printable("tip \x1b[2J\r\x7f \xc2\x9b"
+                      "1m \xc3\xa9 \xe2\x82\xac\n"),
+            "tip \\x1b[2J\\x0d\\x7f \\xc2\\x9b"
+            "1m \xc3\xa9 \xe2\x82\xac\n");
+  EXPECT_EQ(Printable(std::string_view("\0\xc2", 2)), "\\x00\xc2");
 }
 
 }  // namespace

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "dfr/core/files/output_path.h"
+#include "dfr/core/text/format.h"
 #include "dfr/core/text/numbers.h"
 #include "dfr/core/text/suggest.h"
 
@@ -161,8 +162,32 @@ std::string OverwrittenInput(App& command, const std::string& output) {
   return "";
 }
 
+/// Returns an error with its remedy if another option of `command` writes to `output`, else "".
+template <typename App, typename Option>
+std::string SharedOutput(App& command, const Option& asked, const std::string& output) {
+  const auto place = [](const std::string& path) {
+    std::error_code error;
+    const std::filesystem::path found =
+        std::filesystem::weakly_canonical(std::filesystem::absolute(path, error), error);
+    return found.has_filename() ? found : found.parent_path();
+  };
+  std::error_code error;
+  // A device or a pipe takes all outputs.
+  const bool keeps = std::filesystem::is_regular_file(output, error) ||
+                     std::filesystem::is_directory(output, error) ||
+                     !std::filesystem::exists(output, error);
+  for (auto* option : command.get_options()) {
+    if (!keeps || option == &asked || !IsOutput(*option) || option->count() == 0) continue;
+    if (place(option->results().front()) == place(output)) {
+      return output + ": is also the output of " + option->get_name() + "; name another";
+    }
+  }
+  return "";
+}
+
 /// Checks the outputs of the called commands, including default paths. An output that would
-/// overwrite an input of the same command is a usage error. Call this before parsing.
+/// overwrite an input or another output of the same command is a usage error. Call this before
+/// parsing.
 template <typename App>
 void CheckOutputs(App& app) {
   app.parse_complete_callback([&app] {
@@ -173,6 +198,7 @@ void CheckOutputs(App& app) {
         const std::string path = given ? option->results().front() : option->get_default_str();
         if (path.empty() || path == "\"\"") continue;
         std::string overwritten = OverwrittenInput(*command, path);
+        if (overwritten.empty()) overwritten = SharedOutput(*command, *option, path);
         if (given && overwritten.empty()) continue;
         option->clear();
         option->add_result(path);
@@ -191,7 +217,7 @@ template <typename App>
 void CheckArguments(App& app, std::span<const std::string> arguments) {
   app.failure_message([arguments](const App* program, const auto& error) {
     const std::string unknown = DescribeUnknown(*program, arguments);
-    return program->get_name() + ": " + (unknown.empty() ? error.what() : unknown) +
+    return program->get_name() + ": " + Printable(unknown.empty() ? error.what() : unknown) +
            "; --help lists commands and options\n";
   });
   CheckNumbers(app);

@@ -1,11 +1,20 @@
 #pragma once
 
+#include <cstdarg>
 #include <string>
+#include <string_view>
 
 namespace dfr::core {
 
 /// Returns the output of printf() as a string of any length. The compiler checks the arguments.
 /// Allocates: not for the control loop.
 [[nodiscard, gnu::format(printf, 1, 2)]] std::string Format(const char* format, ...);
+/// Format() with the arguments of another function.
+[[nodiscard, gnu::format(printf, 1, 0)]] std::string FormatList(const char* format,
+                                                                std::va_list arguments);
+
+/// Returns `text`, which may quote a file, with the bytes that control terminals as "\xNN". Keeps
+/// line breaks.
+[[nodiscard]] std::string Printable(std::string_view text);
 
 }  // namespace dfr::core
