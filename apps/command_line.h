@@ -25,6 +25,9 @@ namespace dfr::apps {
 /// Range of horizons, repetitions and similar counts.
 inline const CLI::Range kCount(1, 1'000'000);
 
+/// Range of numbers of demonstrations.
+inline const CLI::Range kDemonstrations(1, 10'000);
+
 /// Validators for CLI::Option::check(). The messages of CLI11's own validators print all 309 digits
 /// of the largest double.
 inline const CLI::Validator kPositive(
@@ -39,6 +42,10 @@ inline const CLI::Validator kNotNegative(
       return value && *value >= 0.0 ? std::string() : "must not be negative: " + text;
     },
     "NONNEGATIVE");
+
+/// Ranges of the platform's motions: amplitudes [m; rad] and frequencies [Hz; rad/s].
+inline const CLI::Range kAmplitude(-1.0, 1.0);
+inline const CLI::Range kFrequency(0.0, 100.0);
 
 /// For CLI::Option::transform(): converts one of `words` to its enumerator. Help and errors list
 /// the words.

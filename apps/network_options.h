@@ -35,4 +35,16 @@ inline void AddNetwork(CLI::App& command, dds::ParticipantOptions& network,
       ->group(group);
 }
 
+/// Checks the options of AddNetwork().
+/// @throws CLI::ValidationError if `command` was given the address of a discovery server in vain.
+inline void CheckNetwork(const CLI::App& command, const dds::ParticipantOptions& network) {
+  if (network.discovery == dds::Discovery::kServerClient) return;
+  for (const char* name : {"--server", "--server-port"}) {
+    const CLI::Option* const option = command.get_option_no_throw(name);
+    if (option != nullptr && option->count() > 0) {
+      throw CLI::ValidationError(std::string(name) + " is only used with --discovery server");
+    }
+  }
+}
+
 }  // namespace dfr::apps

@@ -1,6 +1,7 @@
 // A simulated PSM, endoscope and platform on the topics of a da Vinci Research Kit console.
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cctype>
 #include <chrono>
 #include <csignal>
 #include <cstdint>
@@ -41,6 +42,17 @@ struct Options {
   std::vector<std::pair<std::string, std::string>> faults;
 };
 
+// A part of the name of a topic in ROS 2.
+const CLI::Validator kTopicName(
+    [](std::string& text) {
+      const auto fits = [](unsigned char c) { return std::isalnum(c) != 0 || c == '_'; };
+      const bool good = !text.empty() && std::isdigit(static_cast<unsigned char>(text[0])) == 0 &&
+                        std::ranges::all_of(text, fits);
+      return good ? std::string()
+                  : "'" + text + "' is no part of a topic's name: letters, digits and _ only";
+    },
+    "");
+
 void AddNetwork(CLI::App& app, Options& options) {
   const std::string group = "Network";
   dfr::apps::AddNetwork(app, options.network, group);
@@ -57,6 +69,7 @@ void AddScene(CLI::App& app, Options& options) {
   auto& [arm, world, seed, linger_s] = options.scene;
   const std::string group = "Scene";
   app.add_option("--arm", arm.arm, "name of the arm, the first part of its topics")
+      ->check(kTopicName)
       ->capture_default_str()
       ->group(group);
   app.add_option("--generation", arm.generation,
@@ -70,6 +83,7 @@ void AddScene(CLI::App& app, Options& options) {
       ->capture_default_str()
       ->group(group);
   app.add_option("--homing", arm.homing_s, "duration of homing [s]")
+      ->check(dfr::apps::kNotNegative)
       ->capture_default_str()
       ->group(group);
   app.add_option("--arm-error-seed", world.arm.seed,
@@ -79,6 +93,7 @@ void AddScene(CLI::App& app, Options& options) {
   app.add_option("--arm-error", world.arm.mean_error_m,
                  "mean distance of the tip from its position by the encoders [m];\nup to 0.0005 "
                  "of it remain after a calibration")
+      ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str()
       ->group(group);
   app.add_flag_callback(
@@ -106,10 +121,12 @@ void AddScene(CLI::App& app, Options& options) {
       ->group(group);
   app.add_option("--amplitude", d.amplitude,
                  "amplitudes of x, y, z [m], roll, pitch, yaw [rad]; six numbers")
+      ->check(dfr::apps::kAmplitude)
       ->delimiter(',')
       ->group(group);
   app.add_option("--frequency", d.frequency,
                  "frequencies of these entries [Hz; breath: rad/s]; six numbers")
+      ->check(dfr::apps::kFrequency)
       ->delimiter(',')
       ->group(group);
   app.add_flag("--during,!--not-during", d.during,
@@ -119,6 +136,7 @@ void AddScene(CLI::App& app, Options& options) {
                "the platform moves while the arm does not; in lock-step, for --pause at each rest")
       ->group(group);
   app.add_option("--pause", d.pause_s, "duration of the motion at each rest, in lock-step [s]")
+      ->check(dfr::apps::kNotNegative)
       ->capture_default_str()
       ->group(group);
   app.add_flag("!--no-camera", options.server.camera,
@@ -133,9 +151,11 @@ void AddTime(CLI::App& app, Options& options) {
       ->group(group);
   app.add_option("--period", options.server.console.state_period_s,
                  "time between published states [s]")
+      ->check(CLI::Range(1e-4, 60.0))
       ->capture_default_str()
       ->group(group);
   app.add_option("--image-period", options.server.image_period_s, "time between pictures [s]")
+      ->check(CLI::Range(1e-3, 60.0))
       ->default_str("1/30")
       ->group(group);
   app.add_option(
@@ -145,10 +165,12 @@ void AddTime(CLI::App& app, Options& options) {
       ->check(CLI::Range(0, 99))
       ->group(group);
   app.add_option("--duration", options.duration_s, "stop after this time [s]; 0: never")
+      ->check(dfr::apps::kNotNegative)
       ->capture_default_str()
       ->group(group);
   app.add_option("--status", options.status_s,
                  "time between printed lines (state, rates, tip) [s]; 0: print none")
+      ->check(dfr::apps::kNotNegative)
       ->capture_default_str()
       ->group(group);
 }
@@ -321,6 +343,7 @@ int Main(int argc, char** argv) {
   AddTime(app, options);
   AddNetwork(app, options);
   AddFaults(app, options);
+  app.callback([&] { dfr::apps::CheckNetwork(app, options.network); });
   if (const auto code = dfr::apps::Parse(app, argc, argv)) return *code;
 
   // Installed before any thread starts: a signal must never kill the program.

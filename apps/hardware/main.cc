@@ -61,7 +61,10 @@ int Main(int argc, char** argv) {
   command->add_flag(
       "--unattended", stop.unattended,
       "run without an operator: only reports that nothing is pressed, for simulations");
-  command->callback([&] { RunEmergencyStop(stop); });
+  command->callback([&, command] {
+    CheckNetwork(*command, stop.network);
+    RunEmergencyStop(stop);
+  });
 
   CertificatesOptions certificates;
   command = app.add_subcommand("certificates",
@@ -125,7 +128,8 @@ int Main(int argc, char** argv) {
   command->add_flag("--yes", yes,
                     "answer all questions with yes; only if no person is near the arm");
   command->add_flag("--json", check.json, "print the report as JSON");
-  command->callback([&] {
+  command->callback([&, command] {
+    CheckNetwork(*command, check.network);
     check.interrupted = &interrupted;
     ListenForInterrupts();
     check.ask = [&](const std::string& question) {

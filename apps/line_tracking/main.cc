@@ -26,13 +26,16 @@ void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed
   command
       .add_option("--blur", plant.endoscope.blur_px,
                   "standard deviation of the blur in the image [px]")
+      ->check(CLI::Range(0.0, 100.0))
       ->capture_default_str();
   command
       .add_option("--noise", plant.endoscope.noise, "standard deviation of the image noise, of 255")
+      ->check(CLI::Range(0.0, 255.0))
       ->capture_default_str();
   command
       .add_option("--start-scatter", plant.start_scatter_m,
                   "standard deviation of the tip's initial distance to the line [m]")
+      ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
   if (!disturbed) return;
   sim::DisturbanceOptions& d = plant.disturbance;
@@ -46,16 +49,19 @@ void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed
   command
       .add_option("--amplitude", d.amplitude,
                   "amplitudes of x, y, z [m], roll, pitch, yaw [rad]; six numbers")
+      ->check(kAmplitude)
       ->delimiter(',');
   command
       .add_option("--frequency", d.frequency,
                   "frequencies of these entries [Hz; breath: rad/s]; six numbers")
+      ->check(kFrequency)
       ->delimiter(',');
   command.add_flag("--during,!--not-during", d.during,
                    "the platform moves during controls (default: yes)");
   command.add_flag("--between", d.between,
                    "the platform also moves for --pause after every control");
   command.add_option("--pause", d.pause_s, "duration of the motion after a control [s]")
+      ->check(dfr::apps::kNotNegative)
       ->capture_default_str();
 }
 
@@ -69,14 +75,17 @@ void AddScene(CLI::App& command, SceneOptions& scene, bool disturbed) {
 
 void AddModelOptions(CLI::App& command, LineModelOptions& model) {
   command.add_option("--nu", model.nu, "bound on the outliers of each support, in (0, 1]")
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command
       .add_option("--gammas", model.gammas,
                   "values of gamma to choose from by held-out demonstrations [1/mm^2]")
+      ->check(dfr::apps::kPositive)
       ->delimiter(',')
       ->capture_default_str();
   command
       .add_option("--acceptance", model.acceptance, "share of held-out states that must be inside")
+      ->check(dfr::apps::kNotNegative)
       ->capture_default_str();
   command
       .add_option("--features", model.support_features,
@@ -85,6 +94,7 @@ void AddModelOptions(CLI::App& command, LineModelOptions& model) {
   command
       .add_option("--whitened-gamma", model.whitened_gamma,
                   "gamma of the whitened support, which guard and controller use")
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command
       .add_option("--horizon", model.horizon,
@@ -123,9 +133,10 @@ void AddCalibrate(CLI::App& app, CalibrateOptions& options) {
       "--out", options.out,
       "file of the calibration (default: calibration.dfr, or the configuration's)"));
   command.add_option("--frames", options.frames, "number of pictures of the motion")
-      ->check(dfr::apps::kPositive)
+      ->check(kCount)
       ->capture_default_str();
   command.add_option("--held-out", options.held_out, "number of poses for the evaluation")
+      ->check(kCount)
       ->capture_default_str();
   command.add_option("--seed", options.seed, "random seed of the motion")->capture_default_str();
   AddPlant(command, options.scene.plant, false);
@@ -144,7 +155,7 @@ void AddDemonstrate(CLI::App& app, DemonstrateOptions& options) {
   core::WritesFile(command.add_option("--out", options.out, "file of the demonstrations"))
       ->capture_default_str();
   command.add_option("--count", options.count, "number of demonstrations")
-      ->check(dfr::apps::kPositive)
+      ->check(dfr::apps::kDemonstrations)
       ->capture_default_str();
   command.add_option("--steps", options.steps, "number of controls of 1 mm each")
       ->check(CLI::Range(41, 54))
@@ -185,6 +196,7 @@ void AddRun(CLI::App& app, RunOptions& options) {
         return path == "none" ? "" : core::UnwritableFolder(path);
       });
   command.add_option("--episodes", options.episodes, "number of start states")
+      ->check(kCount)
       ->capture_default_str();
   command
       .add_option("--seed", options.seed, "random seed of start states, platform and recoveries")
@@ -211,6 +223,7 @@ void AddLaunch(CLI::App& app, LaunchOptions& options) {
                                         "folder for calibration, demonstrations and model"))
       ->capture_default_str();
   command.add_option("--episodes", options.episodes, "number of start states")
+      ->check(kCount)
       ->capture_default_str();
   command
       .add_option("--seed", options.seed, "random seed of start states, platform and recoveries")
@@ -245,6 +258,7 @@ void AddView(CLI::App& app, ViewOptions& options) {
   command
       .add_option("--episodes", options.episodes,
                   "number of episodes; 0: until the window is closed")
+      ->check(dfr::apps::kNotNegative)
       ->capture_default_str();
   AddScene(command, options.scene, true);
   command.callback([&options] { RunView(options); });
@@ -254,6 +268,7 @@ void AddVision(CLI::App& app, VisionOptions& options) {
   CLI::App& command = *app.add_subcommand(
       "vision", "Print a table of vision's errors over poses, blur, light and noise");
   command.add_option("--episodes", options.episodes, "number of episodes per row")
+      ->check(kCount)
       ->capture_default_str();
   command.add_option("--seed", options.seed, "random seed of the poses")->capture_default_str();
   AddScene(command, options.scene, true);

@@ -21,11 +21,14 @@ namespace {
 
 void AddScene(CLI::App& command, sim::PusherOptions& plant) {
   command.add_option("--red-y", plant.red_y, "the red regions are at y = +- this value [m]")
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command
       .add_option("--start-y", plant.start_y, "the cylinder starts within y = +- this value [m]")
+      ->check(dfr::apps::kNotNegative)
       ->capture_default_str();
   command.add_option("--joint-step", plant.joint_step, "largest change of a joint angle [rad]")
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command.add_option("--gripper", plant.gripper, "bar, wide-bar or fork")
       ->transform(CLI::CheckedTransformer(
@@ -47,6 +50,7 @@ void AddScene(CLI::App& command, sim::PusherOptions& plant) {
 
 void AddModelOptions(CLI::App& command, ModelOptions& model) {
   command.add_option("--nu", model.nu, "bound on the outliers of each support, in (0, 1]")
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command.add_option("--gamma", model.gamma, "parameter gamma of the Gaussian kernel [1/m^2]")
       ->check(dfr::apps::kPositive)
@@ -107,6 +111,7 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options, std::function<void
   AddScene(*command, options.plant);
   command
       ->add_option("--learning-rate", options.model.learner.learning_rate, "learning rate of Adam")
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command->callback([&options, command, run = std::move(run)] {
     // Options given by the user take precedence.
@@ -136,13 +141,13 @@ void AddDemonstrate(CLI::App& app, DemonstrateOptions& options) {
   core::WritesFile(command->add_option("--out", options.out, "file of the demonstrations"))
       ->capture_default_str();
   command->add_option("--count", options.count, "number of demonstrations, without discarded ones")
-      ->check(dfr::apps::kPositive)
+      ->check(dfr::apps::kDemonstrations)
       ->capture_default_str();
   command->add_option("--supervisor", options.supervisor,
                       "file of train-supervisor (default: the shipped one)");
   command
       ->add_option("--horizon", options.horizon, "T: largest number of controls in a demonstration")
-      ->check(dfr::apps::kPositive)
+      ->check(kCount)
       ->capture_default_str();
   command->add_option("--seed", options.seed, "random seed of start states and noise")
       ->capture_default_str();
@@ -179,11 +184,12 @@ void AddEvaluate(CLI::App& app, EvaluateOptions& options) {
       ->delimiter(',')
       ->capture_default_str();
   command->add_option("--episodes", options.episodes, "number of start states")
-      ->check(dfr::apps::kPositive)
+      ->check(kCount)
       ->capture_default_str();
   command->add_option("--seed", options.seed, "random seed of start states and recoveries")
       ->capture_default_str();
   command->add_option("--threads", options.threads, "number of threads; 0: one per core")
+      ->check(dfr::apps::kNotNegative)
       ->capture_default_str();
   AddScene(*command, options.plant);
   command->callback([&options] { RunEvaluate(options); });
@@ -198,7 +204,7 @@ void AddGuarded(CLI::App& app, GuardedOptions& options) {
                    "text file: for each of the 7 controls an offset, and a gain per state entry")
       ->capture_default_str();
   command->add_option("--episodes", options.episodes, "number of start states")
-      ->check(dfr::apps::kPositive)
+      ->check(kCount)
       ->capture_default_str();
   command
       ->add_option("--seed", options.seed,
@@ -223,10 +229,10 @@ void AddDrift(CLI::App& app, DriftOptions& options) {
       ->check(CLI::Range(2, 10'000))
       ->capture_default_str();
   command->add_option("--trials", options.trials, "number of independent repetitions")
-      ->check(dfr::apps::kPositive)
+      ->check(kCount)
       ->capture_default_str();
   command->add_option("--episodes", options.episodes, "number of start states per trial")
-      ->check(dfr::apps::kPositive)
+      ->check(kCount)
       ->capture_default_str();
   command
       ->add_option("--supervisor", options.supervisor,
@@ -250,9 +256,16 @@ void AddRender(CLI::App& app, RenderOptions& options) {
   command->add_option("--run", options.run, "folder of that experiment")->capture_default_str();
   command->add_option("--seed", options.seed, "random seed of the start state")
       ->capture_default_str();
-  core::WritesFile(
+  core::Writes(
       command->add_option("--out", options.out,
-                          "file of the video (.mp4, .webm) or of the last picture (.png, .jpg)"))
+                          "file of the video (.mp4, .webm) or of the last picture (.png, .jpg)"),
+      [](const std::filesystem::path& path) {
+        const std::string ending = path.extension();
+        for (const char* known : {".mp4", ".webm", ".png", ".jpg"}) {
+          if (ending == known) return core::UnwritableFile(path);
+        }
+        return path.string() + ": the name must end in .mp4, .webm, .png or .jpg";
+      })
       ->capture_default_str();
   command->add_option("--width", options.width, "width of each picture [px]")
       ->check(CLI::Range(160, 1920))

@@ -97,14 +97,16 @@ void AddChoices(CLI::App& command, Study& study) {
       .add_option("--conditions", study.conditions,
                   "conditions, by their names in the table; default: all")
       ->delimiter(',');
-  command.add_option("--demonstrations", study.demonstrations)->capture_default_str();
+  command.add_option("--demonstrations", study.demonstrations)
+      ->check(dfr::apps::kDemonstrations)
+      ->capture_default_str();
   command
       .add_option("--trials", study.trials,
                   "number of trials, each with separate demonstrations and policies")
-      ->check(dfr::apps::kPositive)
+      ->check(dfr::apps::kCount)
       ->capture_default_str();
   command.add_option("--episodes", study.episodes, "number of start states per trial and row")
-      ->check(dfr::apps::kPositive)
+      ->check(dfr::apps::kCount)
       ->capture_default_str();
   if (study.kind == Kind::kPlane) planar::AddMethodOptions(command, study.plane);
 }
@@ -203,14 +205,18 @@ void AddOptions(CLI::App& command, Power& power) {
   command
       .add_option("--only-first", power.only_first,
                   "share of start states from which only the first method fails")
+      ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
   command
       .add_option("--only-second", power.only_second,
                   "share of start states from which only the second method fails")
+      ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
   command.add_option("--power", power.power, "probability of finding the difference")
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command.add_option("--bound", power.bound, "share of collisions to be excluded")
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
 }
 
@@ -238,17 +244,20 @@ void AddOptions(CLI::App& command, Comparison& comparison) {
       ->capture_default_str();
   command.add_option("--first", comparison.first, MethodHelp())->capture_default_str();
   command.add_option("--second", comparison.second, "second method")->capture_default_str();
-  command.add_option("--demonstrations", comparison.demonstrations)->capture_default_str();
+  command.add_option("--demonstrations", comparison.demonstrations)
+      ->check(dfr::apps::kDemonstrations)
+      ->capture_default_str();
   command
       .add_option(
           "--trials", comparison.trials,
           "number of trials, each with separate demonstrations and policies; they take turns")
-      ->check(dfr::apps::kPositive)
+      ->check(dfr::apps::kCount)
       ->capture_default_str();
   command.add_option("--pairs", comparison.pairs, "largest number of pairs of episodes")
-      ->check(dfr::apps::kPositive)
+      ->check(dfr::apps::kCount)
       ->capture_default_str();
   command.add_option("--alpha", comparison.alpha, "probability of a wrong decision")
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command
       .add_option(
@@ -268,20 +277,32 @@ void DetectAndPrint(const Detection& detection) {
 
 void AddOptions(CLI::App& command, Detection& detection) {
   command.footer(DetectionSources());
-  command.add_option("file", detection.file,
-                     "demonstrations: robomimic, Minari or LeRobot; default: those of --task");
-  command.add_option("--failures", detection.failures,
-                     "file of further episodes, which failed unless they are labelled completed");
-  command.add_flag("--unlike", detection.unlike,
-                   "count all episodes of --failures as failures, for example with another goal");
-  command.add_option("--task", detection.task, "task of the gallery")->capture_default_str();
+  CLI::Option* const file =
+      command.add_option("file", detection.file,
+                         "demonstrations: robomimic, Minari or LeRobot; default: those of --task");
+  CLI::Option* const failures = command.add_option(
+      "--failures", detection.failures,
+      "file of further episodes, which failed unless they are labelled completed");
+  command
+      .add_flag("--unlike", detection.unlike,
+                "count all episodes of --failures as failures, for example with another goal")
+      ->needs(failures);
+  failures->needs(file);
+  command.add_option("--task", detection.task, "task of the gallery")
+      ->excludes(file)
+      ->capture_default_str();
   command.add_option("--policy", detection.policy, "policy of the task's further episodes")
+      ->excludes(file)
       ->capture_default_str();
   command
       .add_option("--demonstrations", detection.demonstrations,
                   "number of demonstrations of the task")
+      ->check(dfr::apps::kDemonstrations)
+      ->excludes(file)
       ->capture_default_str();
   command.add_option("--episodes", detection.episodes, "number of further episodes of the task")
+      ->check(dfr::apps::kCount)
+      ->excludes(file)
       ->capture_default_str();
   command.add_option("--features", detection.features, "features of the guard; default: all");
   command
@@ -335,6 +356,7 @@ int Main(int argc, char** argv) {
   AddChoices(*ablate, ablated);
   ablate->add_option("--seed", ablated.seed)->capture_default_str();
   ablate->add_option("--threads", ablated.threads, "number of threads; 0: one per core")
+      ->check(dfr::apps::kNotNegative)
       ->capture_default_str();
   for (CLI::App* command : {run, experiment, drift_command, ablate}) {
     command->add_flag("--causes", causes, "print why episodes were not completed");
@@ -373,6 +395,7 @@ int Main(int argc, char** argv) {
       ->delimiter(',')
       ->capture_default_str();
   supervise->add_option("--episodes", supervised, "number of episodes of each task")
+      ->check(dfr::apps::kCount)
       ->capture_default_str();
   supervise->add_option("--seed", shown.seed)->capture_default_str();
   std::string entries;
@@ -386,6 +409,7 @@ int Main(int argc, char** argv) {
   picture->add_option("--entries", entries,
                       "two entries of the state, tip or box[0:2]; default: the first two");
   picture->add_option("--count", count, "number of demonstrations, and of episodes of each method")
+      ->check(dfr::apps::kDemonstrations)
       ->capture_default_str();
   picture->add_option("--seed", shown.seed)->capture_default_str();
   dfr::core::WritesFile(picture->add_option("--out", page))->capture_default_str();

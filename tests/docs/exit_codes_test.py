@@ -7,6 +7,7 @@ usage: exit_codes_test.py PROGRAM ...
 import functools
 import pathlib
 import re
+import shlex
 import subprocess
 import sys
 import unittest
@@ -46,6 +47,37 @@ class ExitCodesTest(unittest.TestCase):
                     self.assertEqual((done.returncode, done.stdout), (2, ""))
                     self.assertRegex(done.stderr, rf"\A{program.name}: .*--help lists .*\n\Z")
                     self.assertIn(message, done.stderr)
+
+    def test_every_number_has_a_range(self):
+        """-1 is refused, by a reason other than that the option is given twice, which keeps the command from running."""
+        for program in PROGRAMS:
+            overview = self.run_program(program, "--help").stdout
+            commands = re.findall(r"^  ([a-z-]+) ", overview.partition("Subcommands:")[2], re.M)
+            for command in [[name] for name in commands] or [[]]:
+                for option in re.findall(r"(--[a-z-]+) (?:INT|FLOAT|UINT)(?!.* \.\.\.)", self.run_program(program, *command, "--help").stdout):
+                    with self.subTest(program=program.name, command=command, option=option):
+                        done = self.run_program(program, *command, f"{option}=-1", f"{option}=-1")
+                        self.assertEqual((done.returncode, done.stdout), (2, ""))
+                        self.assertIn("-1", done.stderr.partition(";")[0])
+
+    def test_values_that_mean_nothing_are_usage_errors(self):
+        for program, *calls in [
+            ("study", "supervise --episodes 0", "prove --steps 0", "picture reach --count 0", "certificate --factor=0",
+             "compare --demonstrations 2000000000", "detect demos.hdf5 --task pick", "detect --unlike", "rerun out ''",
+             "rerun out 0/1/2/dfr/3 --film x.avi"),
+            ("pusher", "demonstrate --horizon 2147483647", "train-supervisor --horizon 2147483647", "render --out x.avi",
+             "train-supervisor --out s --checkpoint ./s"),
+            ("line_tracking", "run --amplitude 1e308", "run --amplitude 0,0,0,0,0,2", "run --frequency=-1"),
+            ("dvrk_simulator", "--period 1e308", "--arm 'a b/c'", "--arm ''", "--server 127.0.0.1", "--amplitude 1e308"),
+            ("hardware", "check --server 127.0.0.1"),
+            ("guard", "export none", "convert none none.hdf5 --id a/b-v0"),
+        ]:
+            for path in (path for path in PROGRAMS if path.name == program):
+                for call in calls:
+                    with self.subTest(program=program, call=call):
+                        done = self.run_program(path, *shlex.split(call))
+                        self.assertEqual((done.returncode, done.stdout), (2, ""))
+                        self.assertRegex(done.stderr, rf"\A{program}: .*\n\Z")
 
 
 if __name__ == "__main__":

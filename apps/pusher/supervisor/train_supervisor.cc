@@ -185,17 +185,20 @@ void AddTrainSupervisor(CLI::App& app, TrainSupervisorOptions& options) {
   command->add_option("--seed", options.seed, "random seed of start states, noise and weights")
       ->capture_default_str();
   command->add_option("--red-y", options.scene.red_y, "red_y of the gate for the evaluation [m]")
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command
       ->add_option("--training-red-y", options.training_red_y,
                    "red_y of the gate for the training [m]")
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command
       ->add_option("--joint-step", options.scene.joint_step,
                    "largest change of a joint angle [rad]")
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command->add_option("--horizon", options.horizon, "T: largest number of controls in an episode")
-      ->check(dfr::apps::kPositive)
+      ->check(kCount)
       ->capture_default_str();
   command->add_option("--gripper", options.scene.gripper, "bar, wide-bar or fork")
       ->transform(CLI::CheckedTransformer(

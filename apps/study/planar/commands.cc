@@ -229,7 +229,9 @@ void Picture(const PlanarStudy& study, const std::vector<std::string>& names, st
 
 void AddTask(CLI::App& command, PlanarStudy& study) {
   command.add_option("--task", study.task, "corridor, push or push-weak")->capture_default_str();
-  command.add_option("--demonstrations", study.demonstrations)->capture_default_str();
+  command.add_option("--demonstrations", study.demonstrations)
+      ->check(apps::kDemonstrations)
+      ->capture_default_str();
   command.add_option("--seed", study.seed)->capture_default_str();
   AddMethodOptions(command, study.methods);
 }
@@ -240,10 +242,13 @@ void AddMethodOptions(CLI::App& command, MethodOptions& options) {
   command
       .add_option("--gamma", options.gamma,
                   "gamma of the whitened support, which guard and controller use")
+      ->check(apps::kPositive)
       ->capture_default_str();
   command.add_option("--raw-gamma", options.raw_gamma, "gamma of DFR's support; 0: the task's")
+      ->check(apps::kNotNegative)
       ->capture_default_str();
   command.add_option("--factor", options.error_factor, "safety factor on estimated eps")
+      ->check(apps::kPositive)
       ->capture_default_str();
   command
       .add_option("--certified-level", options.certified_level,
@@ -257,7 +262,9 @@ void AddProof(CLI::App& app, Commands& commands) {
   const auto mutations = std::make_shared<bool>(false);
   auto* prove =
       app.add_subcommand("prove", "Test Proposition 1 of certified-direction in random worlds");
-  prove->add_option("--steps", proof->steps, "controls")->capture_default_str();
+  prove->add_option("--steps", proof->steps, "controls")
+      ->check(apps::kPositive)
+      ->capture_default_str();
   prove->add_option("--seed", proof->seed)->capture_default_str();
   prove
       ->add_option("--dimensions", proof->most_dimensions,
@@ -285,7 +292,7 @@ void AddCoverage(CLI::App& app, Commands& commands) {
       ->check(CLI::Range(2, 1'000'000))
       ->capture_default_str();
   cover->add_option("--further", options->further, "number of demonstrations to evaluate a fit")
-      ->check(apps::kPositive)
+      ->check(apps::kCount)
       ->capture_default_str();
   cover->add_option("--seed", options->seed)->capture_default_str();
   commands.emplace_back(cover, [=] { PrintCoverage(*options, *worlds, *numbers); });
