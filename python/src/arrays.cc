@@ -36,7 +36,12 @@ py::object Detached(const py::handle& values) {
 
 std::string Shortened(const py::handle& value) {
   constexpr std::size_t kMost = 60;
-  std::string text = py::repr(value).cast<std::string>();
+  std::string text;
+  try {
+    text = py::repr(value).cast<std::string>();
+  } catch (const py::error_already_set&) {
+    text = "an object";  // an integer of thousands of digits, for example
+  }
   for (char& c : text) c = c == '\n' ? ' ' : c;
   if (text.size() > kMost) {
     std::size_t end = kMost;
@@ -69,6 +74,9 @@ Array ToArray(const py::handle& values) {
     return py::reinterpret_steal<Array>(
         array.attr("astype")("float64", py::arg("order") = "C").release());
   } catch (const py::error_already_set& e) {
+    if (e.matches(PyExc_OverflowError)) {
+      throw py::value_error("a number is too large for floating-point in " + Shortened(values));
+    }
     if (!e.matches(PyExc_ValueError) && !e.matches(PyExc_TypeError)) throw;
     throw py::type_error(remedy + "; rows of different lengths or other objects are in " +
                          Shortened(values));

@@ -61,7 +61,9 @@ template <typename T>
 /// empty sequence.
 [[nodiscard]] inline std::vector<double> RealsOption(const pybind11::object& value,
                                                      const char* name) {
-  if (!pybind11::isinstance<pybind11::sequence>(value)) {
+  // An array without dimensions has the type of a sequence.
+  const bool scalar = pybind11::hasattr(value, "ndim") && value.attr("ndim").cast<int>() == 0;
+  if (scalar || !pybind11::isinstance<pybind11::sequence>(value)) {
     const double number = RealOption(value, name);
     return number == 0.0 ? std::vector<double>{} : std::vector<double>{number};
   }
@@ -114,7 +116,9 @@ inline void CheckStep(std::int64_t t) {
 /// @throws std::invalid_argument unless they are integers and not negative.
 inline pybind11::array_t<std::int64_t> Steps(const pybind11::object& t) {
   const auto array = pybind11::array::ensure(t);
-  DFR_THROW_UNLESS(array && (array.dtype().kind() == 'i' || array.dtype().kind() == 'u'),
+  // NumPy makes an empty list an array of floating-point numbers.
+  DFR_THROW_UNLESS(array && (array.dtype().kind() == 'i' || array.dtype().kind() == 'u' ||
+                             (array.size() == 0 && array.dtype().kind() == 'f')),
                    "t must hold integers that fit into 64 bits");
   auto steps = pybind11::array_t<std::int64_t, pybind11::array::c_style |
                                                    pybind11::array::forcecast>::ensure(array);

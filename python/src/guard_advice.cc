@@ -47,7 +47,8 @@ int FilterChunk(Guard& guard, const py::object& t, const Array& state, const Arr
   const safety::ChunkVerdict verdict = guard.FilterChunk(step, Entries(state), Entries(actions));
   if (verdict.halted) return 0;
   DFR_THROW_UNLESS(verdict.cause != HaltCause::kStepSkipped,
-                   "t is " << step << ", the next call of filter has t = " << guard.next_step());
+                   "t is " << py::str(t).cast<std::string>()
+                           << ", the next call of filter has t = " << guard.next_step());
   DFR_THROW_UNLESS(verdict.judged > 0,
                    "strategy '" << safety::Name(guard.model().settings().strategy)
                                 << "' predicts nothing: filter each action, or use strategy "

@@ -120,7 +120,7 @@ Attributes
 ----------
 state_dim : int
 num_steps : int
-    Number of estimates. Later time steps use the last estimate.
+    Number of estimates. Later time steps use the last estimate. Negative ones raise ValueError.
 )");
   PickleBy(
       support_class,
@@ -221,13 +221,14 @@ gradient : ndarray of shape (state_dim,)
       .def(
           "at",
           [](const TimeVaryingSupport& support, std::int64_t t) {
+            CheckStep(t);
             return support.at(NearestInt(t));
           },
-          py::arg("t"),
-          "The SupportEstimate of time step t; times out of range use the nearest one.")
+          py::arg("t"), "The SupportEstimate of time step t; later time steps use the last.")
       .def(
           "lipschitz_bound",
           [](const TimeVaryingSupport& support, std::int64_t t) {
+            CheckStep(t);
             return support.lipschitz_bound(NearestInt(t));
           },
           py::arg("t"), "L with |g_t(x) - g_t(y)| <= L |x - y|.")

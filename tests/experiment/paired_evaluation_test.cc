@@ -127,9 +127,13 @@ TEST(EvaluateTest, RefusesPlansThatCannotBeRun) {
     change(plan);
     return test::MessageOf([&] { (void)Evaluate(plan, MakeFakeTrialRunner); });
   };
-  EXPECT_THAT(message([](auto& plan) { plan.methods.clear(); }), HasSubstr("methods"));
-  EXPECT_THAT(message([](auto& plan) { plan.methods = {"a", "a"}; }), HasSubstr("distinct"));
-  EXPECT_THAT(message([](auto& plan) { plan.learners.clear(); }), HasSubstr("learners"));
+  EXPECT_THAT(message([](auto& plan) { plan.methods.clear(); }), HasSubstr("at least one method"));
+  EXPECT_THAT(message([](auto& plan) {
+                plan.methods = {"b", "a", "a"};
+              }),
+              HasSubstr("method 'a' is named twice"));
+  EXPECT_THAT(message([](auto& plan) { plan.learners.clear(); }),
+              HasSubstr("at least one learner"));
   EXPECT_THAT(message([](auto& plan) { plan.demonstrations = {6, 3}; }), HasSubstr("ascending"));
   EXPECT_THAT(message([](auto& plan) { plan.demonstrations = {0, 3}; }), HasSubstr("not 0"));
   EXPECT_THAT(message([](auto& plan) { plan.trials = 0; }), HasSubstr("trials"));

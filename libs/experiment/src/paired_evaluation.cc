@@ -10,6 +10,7 @@
 #include <cstddef>
 #include <ctime>
 #include <exception>
+#include <functional>
 #include <map>
 #include <mutex>
 #include <optional>
@@ -31,18 +32,20 @@ namespace {
 constexpr std::uint64_t kStartStream = 0;
 constexpr std::uint64_t kControllerStream = 1;
 
-template <typename T>
-bool AllDistinct(const std::vector<T>& values) {
-  return std::set<T>(values.begin(), values.end()).size() == values.size();
+void CheckNames(const char* what, const std::vector<std::string>& names) {
+  DFR_THROW_UNLESS(!names.empty(), "a plan needs at least one " << what);
+  std::set<std::string> seen;
+  for (const std::string& name : names) {
+    DFR_THROW_UNLESS(seen.insert(name).second, what << " '" << name << "' is named twice");
+  }
 }
 
 void Check(const EvaluationPlan& plan) {
-  DFR_THROW_UNLESS(!plan.methods.empty() && AllDistinct(plan.methods),
-                   "a plan needs methods with distinct names");
-  DFR_THROW_UNLESS(!plan.learners.empty() && AllDistinct(plan.learners),
-                   "a plan needs learners with distinct names");
-  DFR_THROW_UNLESS(!plan.demonstrations.empty() && AllDistinct(plan.demonstrations) &&
-                       std::is_sorted(plan.demonstrations.begin(), plan.demonstrations.end()),
+  CheckNames("method", plan.methods);
+  CheckNames("learner", plan.learners);
+  DFR_THROW_UNLESS(!plan.demonstrations.empty() &&
+                       std::ranges::adjacent_find(plan.demonstrations, std::greater_equal()) ==
+                           plan.demonstrations.end(),
                    "a plan needs numbers of demonstrations, ascending and distinct");
   DFR_THROW_UNLESS(plan.demonstrations.front() > 0,
                    "demonstrations must be positive, not " << plan.demonstrations.front());

@@ -5,10 +5,11 @@ import doctest
 import os
 import pathlib
 import pickle
+import subprocess
 import sys
 import tempfile
-import threading
 import textwrap
+import threading
 import unittest
 import unittest.mock
 
@@ -159,13 +160,28 @@ class GuardTest(unittest.TestCase):
             self.assertEqual(decide(np.uint64(2**64 - 1), x[0]), decide(last, x[0]))
         np.testing.assert_array_equal(support.gradient(2**40, x[0])[1], support.gradient(last, x[0])[1])
         self.assertEqual(support.lipschitz_bound(2**40), support.lipschitz_bound(last))
-        self.assertEqual(support.at(-(2**40)).rho, support.at(0).rho)
+        self.assertEqual(support.at(2**40).rho, support.at(last).rho)
+        for of_step in (support.at, support.lipschitz_bound):
+            with self.assertRaisesRegex(ValueError, "t must not be negative, as -1 is"):
+                of_step(-1)
+        for decide in (self.guard.decision, support.decision):
+            self.assertEqual(decide([], np.zeros((0, 3))).shape, (0,))
         for t in (2**31 - 1, 2**40, 2**70):
             self.assertEqual(self.guard.explain(x[0], t=t, demonstrations=[x])["step"], last)
             self.assertEqual(self.guard.certify(t, *good)["margin"], self.guard.certify(last, *good)["margin"])
         for advise in (lambda: self.guard.explain(x[0], t=-1), lambda: self.guard.certify(-1, *good)):
             with self.assertRaisesRegex(ValueError, "t must not be negative, as -1 is"):
                 advise()
+
+    def test_numbers_that_nothing_can_hold_are_named(self):
+        guard = self.guard.with_settings()
+        guard.reset()
+        with self.assertRaisesRegex(ValueError, f"t is {2**40}, the next call of filter has t = 0"):
+            guard.filter_chunk(2**40, np.zeros(3), [[0.0, 0.0]])
+        self.assertEqual(self.guard.with_settings(action_limit=np.array(0.2)).settings["action_limit"], [0.2, 0.2])
+        for huge in (10**400, 10**5000):
+            with self.assertRaisesRegex(ValueError, "too large for floating-point"):
+                self.guard.decision(0, [huge, 0, 0])
 
     def test_pickles_and_copies_keep_fit_and_settings_and_need_a_reset(self):
         guard = self.guard.with_settings(strategy="monitor", action_limit=0.5)
@@ -258,8 +274,6 @@ class Documentation(unittest.TestCase):
             self.assertTrue(getattr(dfr.Guard, name).__doc__, name)
 
 
-if __name__ == "__main__":
-    unittest.main()
 class ExitTest(unittest.TestCase):
     def test_a_daemon_thread_within_a_call_does_not_abort_the_interpreter(self):
         """Each call gives up the interpreter's lock and needs it again, after the interpreter has begun to end."""
@@ -303,3 +317,5 @@ class ExitTest(unittest.TestCase):
                     self.assertEqual((done.returncode, done.stderr), (0, ""))
 
 
+if __name__ == "__main__":
+    unittest.main()
