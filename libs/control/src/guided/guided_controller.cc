@@ -27,11 +27,11 @@ GuidedController::GuidedController(const core::Policy& policy, const TaskView& t
       filter_(task, options),
       tracker_(task.support()),
       chose_in_(tracker_),
-      chosen_{0, 0, fit_, tracker_, Eigen::VectorXd::Zero(task.response().control_dim())} {
+      moved_to_(tracker_) {
   for (Eigen::VectorXd* v : {&z_, &seen_, &last_seen_, &dz_}) {
     *v = Eigen::VectorXd::Zero(task.features().num_features());
   }
-  v_ = learned_ = foreseen_ = Eigen::VectorXd::Zero(task.response().control_dim());
+  v_ = chosen_ = learned_ = foreseen_ = Eigen::VectorXd::Zero(task.response().control_dim());
 }
 
 void GuidedController::DoReset(std::uint64_t /*seed*/) noexcept {
@@ -39,7 +39,6 @@ void GuidedController::DoReset(std::uint64_t /*seed*/) noexcept {
   observer_.Reset();
   tracker_.Reset(options_.first_step);
   progress_ = {};
-  fitted_ = chosen_.control = 0;
   at_edge_.Reset();
   relocations_ = 0;
 }
@@ -59,10 +58,8 @@ void GuidedController::See(std::span<const double> x) noexcept {
     // A single wrong measurement, or a robot moved by hand, would outweigh all effects of actions.
     const TransitionStore& prior = *task_.response().prior();
     const bool plausible = prior.Surrounds(AsSpan(last_seen_)) && prior.Surrounds(AsSpan(seen_));
-    observer_.Update(plausible && fitted_ == progress_.controls ? &fit_ : nullptr, AsSpan(v_),
-                     AsSpan(dz_));
-    // Before the first fit there is no prediction for comparison.
-    if (plausible && fitted_ > 0) {
+    observer_.Update(plausible ? &fit_ : nullptr, AsSpan(v_), AsSpan(dz_));
+    if (plausible) {
       estimate_.Update(fit_, AsSpan(last_seen_), observer_.acting(), AsSpan(dz_), fit_.Duration(v_),
                        options_.online_weight);
     }
@@ -106,7 +103,6 @@ Step GuidedController::Decide(Step step, std::span<double> u) noexcept {
 
   v_ = learned_;
   estimate_.FitAt(step.t, AsSpan(z_), fit_);
-  fitted_ = progress_.controls + 1;
   const SafetyFilter::Choice choice =
       filter_.Filter(fit_, {step.t + 1, hi}, step.log_threshold, v_, StayLevel(step));
   step.mode = choice.mode;
@@ -118,6 +114,8 @@ Step GuidedController::Decide(Step step, std::span<double> u) noexcept {
   } else {
     Advance(choice.level);
   }
+  moved_to_ = tracker_;
+  chosen_ = v_;
   const bool passes = step.mode == Mode::kPolicy && within && v_ == learned_;
   at_edge_.Add(passes && step.log_g < task_.levels().edge(step.t));
   step.filtered = step.mode == Mode::kPolicy && !passes;
@@ -133,28 +131,15 @@ Step GuidedController::Decide(Step step, std::span<double> u) noexcept {
 
 void GuidedController::Applied(std::span<const double> u) noexcept {
   if (halt_cause() != HaltCause::kNone || progress_.controls == 0) return;
-  if (chosen_.control != progress_.controls) {
-    chosen_.control = progress_.controls;
-    chosen_.fitted = fitted_;
-    chosen_.fit = fit_;
-    chosen_.tracker = tracker_;
-    chosen_.v = v_;
-  }
   v_ = core::AsVector(u) / task_.response().control_unit();
   tracker_ = chose_in_;
-  if (fitted_ != progress_.controls) {
-    estimate_.FitAt(tracker_.phase(), AsSpan(z_), fit_);
-    fitted_ = progress_.controls;
-  }
   Advance(LocalModel{task_.support(), fit_}.Level(tracker_.phase() + 1, v_));
 }
 
 void GuidedController::AppliedAsChosen() noexcept {
-  if (halt_cause() != HaltCause::kNone || chosen_.control != progress_.controls) return;
-  fitted_ = chosen_.fitted;
-  fit_ = chosen_.fit;
-  tracker_ = chosen_.tracker;
-  v_ = chosen_.v;
+  if (halt_cause() != HaltCause::kNone || progress_.controls == 0) return;
+  tracker_ = moved_to_;
+  v_ = chosen_;
 }
 
 void GuidedController::Foresee(const GuidedController& present,

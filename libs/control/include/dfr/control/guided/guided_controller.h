@@ -99,19 +99,8 @@ class GuidedController final : public Controller {
   SafetyFilter filter_;
   PhaseTracker tracker_;
   PhaseTracker chose_in_;  ///< tracker_ as it was when the last control was chosen.
-
-  /// What Applied() changes, as the last Next() left it. Set by the first report.
-  struct Chosen {
-    int control;  ///< Number of the control that was reported, from 1; 0: none yet.
-    int fitted;
-    LocalFit fit;
-    PhaseTracker tracker;
-    Eigen::VectorXd v;
-  };
-  Chosen chosen_;
-
+  PhaseTracker moved_to_;  ///< tracker_ after that choice.
   Progress progress_;
-  int fitted_ = 0;    ///< Number of the control for which fit_ was computed, from 1; 0: none yet.
   EdgeStay at_edge_;  ///< Counts steps at the edge whose learned control passed.
   int relocations_ = 0;
   bool stays_ = false;  ///< The control of this step stays in the phase.
@@ -120,6 +109,7 @@ class GuidedController final : public Controller {
   Eigen::VectorXd seen_;
   Eigen::VectorXd last_seen_;
   Eigen::VectorXd dz_;
+  Eigen::VectorXd chosen_;  ///< The control that the last Next() chose.
   Eigen::VectorXd learned_;
   Eigen::VectorXd foreseen_;  ///< The control of PassesNext().
 };
