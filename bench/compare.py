@@ -10,10 +10,10 @@ folder, both are optimised as in a release, and --short only leaves out the time
 
 The comparison uses valgrind's counts of each operation's instructions. They repeat exactly, regardless of
 other load on the machine, and an increase by more than 5 % is a loss. Valgrind supports no AVX-512, and
-instructions do not show cache misses. The operations are therefore also timed, alternately and pinned to one
+counted instructions do not show cache misses. The operations are therefore also timed, alternately and pinned to one
 core, and a longer measurement confirms a loss of time. --short measures no times, because other load on the
-machine must not fail it. Valgrind's model of the caches is not used: for an operation whose data fill the cache it
-reported a loss of 7 % after a mere change of addresses, which cost no time.
+machine must not fail it. Valgrind's model of the caches is not used: after a mere change of addresses it reported a
+loss of 7 % that cost no time.
 
 --short first compares with bench/instructions.json, the counts that --record wrote. If each count is within
 2 % of its record, BASE is not built. Otherwise a change, or another compiler or processor, changed a count, and
@@ -81,7 +81,7 @@ def read_counts(folder):
                 name = line.split(": ", 3)[3]
             elif line.startswith("totals: "):
                 total = int(line.split()[1])
-        if name is not None:  # None: the dump at the end of the program
+        if name is not None:  # name is None in the dump at the end of the program
             counts[name] = total
     return counts
 
@@ -118,7 +118,7 @@ def measure(command, pattern, seconds):
 
 
 def alternate(commands, pattern, turns, seconds):
-    """Returns the ratio new / base of the minimum times by operation. NaN for a new operation.
+    """Returns, by operation, the new minimum time divided by the base's. NaN if the base lacks the operation.
 
     Uses the minimum because other load on the machine only adds time."""
     samples = [{}, {}]
@@ -131,7 +131,7 @@ def alternate(commands, pattern, turns, seconds):
 
 
 def compare(programs, counted, options):
-    """Prints all ratios and returns one line per loss. `programs` and `counted`: first the base's, then the new."""
+    """Prints all ratios and returns one line per loss. `programs`, `counted`: the base's, then the new one."""
     times = {}
     if not options.short:
         if hasattr(os, "sched_setaffinity"):
@@ -222,7 +222,7 @@ def build_as_tested():
 def build_both(base, tested):
     """Returns the programs of the commit `base` and of the sources here, or None if `base` has no such program.
 
-    `tested`: the program in the build of the tests, whose settings the base then uses, or None."""
+    `tested`: the new program in the build of the tests, or None. The base is then built with the tests' settings."""
     commit = git("rev-parse", "--verify", "--quiet", base + "^{commit}")
     if commit is None:
         sys.exit(f"compare.py: '{base}' is neither a commit nor a build with bin/{PROGRAM}")

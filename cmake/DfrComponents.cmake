@@ -1,7 +1,7 @@
 # Reads components.txt and adds the folders of the chosen components with all that they need.
 
-# Sets <prefix>_names, and per component <prefix>_<name>_{folder,needs,packages,build_packages}: using
-# the component requires packages, building it also build_packages.
+# Sets <prefix>_names, and per component <prefix>_<name>_{folder,needs,packages,build_packages}. Using
+# a component requires its packages. Building it also requires its build_packages.
 function(dfr_read_components prefix)
   set(file ${PROJECT_SOURCE_DIR}/components.txt)
   set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${file})

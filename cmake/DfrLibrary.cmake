@@ -38,10 +38,10 @@ if(DFR_FUZZ)
   target_compile_options(dfr_build_flags INTERFACE -fsanitize=fuzzer-no-link)
 endif()
 
-# Headers that most sources include, parsed once for each kind of target: library, library that needs no speed
-# (offline), program without a command line (program, which shares the headers of a kind of library), program
-# with one (command_line), test. A build without DFR_PRECOMPILE, such as a sanitized one, fails if a source
-# does not include a header that it needs.
+# Headers that most sources include, parsed once for each kind of target: library; offline, a library that
+# needs no speed; program, without a command line, which shares the headers of a kind of library;
+# command_line, a program with one; test. A build without DFR_PRECOMPILE, such as a sanitized one, fails if a
+# source does not include a header that it needs.
 if(DFR_PRECOMPILE)
   find_package(Eigen3 REQUIRED NO_MODULE)
   file(CONFIGURE OUTPUT ${PROJECT_BINARY_DIR}/precompiled.cc CONTENT "")

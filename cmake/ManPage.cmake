@@ -1,5 +1,5 @@
-# Writes OUTPUT, the manual page of PROGRAM, called NAME, of version VERSION, from its --help and
-# its subcommands' --help.
+# Writes OUTPUT, the manual page of the executable PROGRAM with name NAME and version VERSION. The
+# text comes from the program's --help and that of each subcommand.
 cmake_minimum_required(VERSION 3.25)
 
 # Sets result to the output of `NAME subcommand --help`, one element per line. Control characters
@@ -24,7 +24,7 @@ function(read_help subcommand result)
 endfunction()
 
 # Appends the lines of a help text to `page`: the unchanged text before the usage, the usage, and each
-# list of options under its heading. Sets subcommands to the listed ones.
+# list of options under its heading. Sets `subcommands` to the subcommands that the text lists.
 function(write_help lines headings)
   set(subcommands "")
   set(part before)

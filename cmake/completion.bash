@@ -1,5 +1,5 @@
-# Completion in bash for each program of dfr, installed under the program's name. The candidates are
-# what the program's own --help lists.
+# Completion in bash for each program of dfr, installed under the program's name. The candidates
+# come from the program's --help.
 _dfr_complete() {
   local current=${COMP_WORDS[COMP_CWORD]} words=() word help
   help=$("$1" --help 2>/dev/null) || return

@@ -1,5 +1,5 @@
-# Completion in fish for each program of dfr, installed as PROGRAM.fish. The candidates are what the
-# program's own --help lists.
+# Completion in fish for each program of dfr, installed as PROGRAM.fish. The candidates come from
+# the program's --help.
 function __dfr_complete --argument-names program
     set -l help ($program --help 2>/dev/null)
     set -l commands

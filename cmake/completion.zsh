@@ -1,6 +1,6 @@
 #compdef dfr-cluster dvrk_simulator guard hardware line_tracking pusher study video_frames
-# Completion in zsh for each program of dfr, installed as _PROGRAM. The candidates are what the
-# program's own --help lists.
+# Completion in zsh for each program of dfr, installed as _PROGRAM. The candidates come from the
+# program's --help.
 _dfr_complete() {
   local help word
   local -a given names

@@ -1,6 +1,6 @@
-# Doxygen's filter of Markdown: what GitHub resolves by itself, Doxygen 1.9 has to be told. Headings
-# get the anchors that GitHub gives them, links to sources become references, links to what is no page
-# of the manual become text. Mathematics, $`...`$ and fences of math, becomes Doxygen's formulas.
+# Filters Markdown for Doxygen 1.9, which does not know GitHub's conventions. Headings get GitHub's
+# anchors. Links to sources become references, and links to other files outside the manual become
+# text. Mathematics, $`...`$ and fences of math, becomes Doxygen's formulas.
 function base(path) { sub(/.*\//, "", path); sub(/\.md$/, "", path); return path }
 function slug(text) {
   text = tolower(text)
@@ -18,7 +18,7 @@ function target(link,   parts) {
   if (link ~ /^(\.\.\/)?libs$/) return "annotated.html"
   return ""
 }
-# A name such as @mcap/core is no command; between backticks Doxygen knows that.
+# Escapes @ outside of backticks, where Doxygen takes a name such as @mcap/core for a command.
 function unquoted(line,   parts, count, i, out) {
   count = split(line, parts, "`")
   for (i = 1; i <= count; ++i) {

@@ -1,4 +1,4 @@
-"""Writes the manual's page of all tasks: pictures by study picture, figures of docs/recorded/gallery.csv.
+"""Writes the manual's page of all tasks: pictures by `study picture`, figures from docs/recorded/gallery.csv.
 
 usage: gallery.py STUDY RECORDED OUTPUT      as in gallery.py build/dev/bin/study docs/recorded/gallery.csv gallery.html
 """

@@ -1,7 +1,7 @@
 # shellcheck shell=bash
-# ./dev docs, which reads this file.
+# Implements ./dev docs. The script dev reads this file.
 
-# Prints the first preset whose tree has built a file of this target.
+# tree_with TARGET FILE: prints the first preset whose build tree has the target and its file.
 tree_with() {
   local preset
   for preset in release dev; do
@@ -12,7 +12,7 @@ tree_with() {
   return 1
 }
 
-# Writes a page that says why the manual does not have it.
+# without PAGE REASON: writes a page that gives the reason for which the manual lacks it.
 without() {
   say "The manual is without ${1##*/}: $2"
   printf '<!DOCTYPE html>\n<meta charset="utf-8">\n<title>dfr</title>\n<p>This manual is without this page: %s.</p>\n' \

@@ -3,8 +3,8 @@
 // percentiles of single calls in ns. Each call includes one clock reading.
 //
 // Guided: a new state every time. Deep: the learned control passes. Edge: states one to three
-// standard deviations off, where the control is filtered or a recovery runs. The budget is 20 000
-// ns (p99), with the support in single precision (Float), as for the Pusher.
+// standard deviations off the path, where the control is filtered or a recovery runs. The budget is
+// 20 000 ns (p99), with the support in single precision (Float), as for the Pusher.
 //
 // Certified: on a plant with the demonstrated dynamics, with a policy noisier than demonstrated and
 // twice the eps estimated from demonstrations. The budget is 25 000 ns (p99).
@@ -130,7 +130,7 @@ void BM_Next(benchmark::State& state, double spread, bool single) {
   state.counters["support_vectors"] = support.estimate(kHorizon / 2).num_support_vectors();
 }
 
-// The controls affect the first seven of twelve directions. The others differ between episodes.
+// Controls move the state along seven of twelve directions. The other five differ between episodes.
 class Driven {
  public:
   Driven() {
@@ -146,7 +146,7 @@ class Driven {
     }
     return basis_ * inner;
   }
-  // Computes a control towards the path plus normal noise of standard deviation `size`.
+  // Writes to `u` a control towards the path plus normal noise of standard deviation `size`.
   void Control(int t, std::span<const double> x, double size, core::Random& random,
                std::span<double> u) const {
     const Eigen::VectorXd inner = basis_.transpose() * core::AsVector(x);

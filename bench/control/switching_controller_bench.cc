@@ -59,7 +59,7 @@ class Linear final : public core::Policy {
 };
 
 #if DFR_BENCH_HAS_KERNEL
-// 120 demonstrations: a mean path with a spread of 0.03, which is the Pusher's in metres.
+// 120 demonstrations: a mean path with the spread of the Pusher's demonstrations, 0.03 m.
 std::vector<core::Matrix> Demonstrations() {
   core::Random random(1);
   std::vector<core::Matrix> demonstrations;

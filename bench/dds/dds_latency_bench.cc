@@ -80,7 +80,7 @@ Image Question(const Image* /*type*/) {
   return image;
 }
 
-// An end through dfr.
+// An end that uses dfr's publishers and subscribers.
 template <typename T>
 class OurEnd final : public End {
  public:
@@ -125,7 +125,7 @@ class OurEnd final : public End {
   std::unique_ptr<Publisher<PoseStamped>> answer_;
 };
 
-// An end through CycloneDDS, with the same types and depth.
+// An end that uses CycloneDDS, with the same types and queue depth.
 class CycloneEnd final : public End {
  public:
   CycloneEnd(int domain, bool asks, bool image) : image_(image) {
@@ -210,7 +210,7 @@ class CycloneEnd final : public End {
     if (dds_waitset_wait(waitset_, nullptr, 0, static_cast<dds_duration_t>(1e9 * timeout_s)) <= 0) {
       return false;
     }
-    void* sample = nullptr;  // allocated by the take
+    void* sample = nullptr;  // allocated by dds_take()
     dds_sample_info_t info;
     const dds_return_t count = dds_take(reader_, &sample, &info, 1, 1);
     Checked(count);
@@ -233,7 +233,7 @@ class CycloneEnd final : public End {
 enum class Way { kCyclone, kUdp, kSharedMemory, kSameProcess };
 
 std::unique_ptr<End> MakeEnd(Way way, bool image, bool asks) {
-  // All domains differ, and are above those of the tests.
+  // Each case has a separate domain, above the domains of the tests.
   const int domain = 103 + 2 * static_cast<int>(way) + (image ? 1 : 0);
   if (way == Way::kCyclone) return std::make_unique<CycloneEnd>(domain, asks, image);
   const bool shared_memory = way == Way::kSharedMemory;

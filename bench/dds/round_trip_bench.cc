@@ -1,5 +1,5 @@
 // Round-trip time of a command to another process over UDP on the loopback, with and without
-// security. The other process is this program. usage: round_trip_bench [Google Benchmark's options]
+// security. Both processes run this program. usage: round_trip_bench [Google Benchmark's options]
 #include <benchmark/benchmark.h>
 #include <signal.h>
 #include <spawn.h>
@@ -42,7 +42,7 @@ int Echo(int domain, const std::string& security) {
   }
 }
 
-// Runs this program as Echo() during its lifetime.
+// A child process that runs Echo() for the lifetime of this object.
 class EchoProcess {
  public:
   EchoProcess(int domain, std::string security) {
@@ -91,7 +91,7 @@ class Keystore {
 void BM_RoundTrip(benchmark::State& state) {
   static const Keystore kKeystore;
   const bool secured = state.range(0) != 0;
-  // Both domains differ, and are above those of the tests.
+  // The two domains differ, and are above the domains of the tests.
   const int domain = secured ? 102 : 101;
   const EchoProcess echo(domain, secured ? kKeystore.enclave("answer") : "");
   Participant participant(Options(domain, secured ? kKeystore.enclave("ask") : ""));

@@ -1,5 +1,5 @@
 // Cost of the arm in a control loop: one tick of the driver during a move, and the check of a new
-// goal. The console is a publisher of measurements at rest, in this process.
+// goal. The console is a publisher in this process that reports an arm at rest.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>

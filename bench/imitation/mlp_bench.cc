@@ -89,7 +89,7 @@ class EigenMlp {
   Matrix next_;
 };
 
-// Inputs change between calls, from a pool that fits the second-level cache.
+// Both networks, and inputs that change between calls and fit into the second-level cache.
 struct Case {
   Mlp mlp;
   EigenMlp eigen;

@@ -57,7 +57,7 @@ struct CaseResult {
   std::vector<std::pair<std::string, double>> counters;
 };
 
-/// Prints one row per case: the subject's time, each peer's as a multiple of it, a mark if the
+/// Prints the row of a case: the subject's time, each peer's as a multiple of it, a mark if the
 /// smallest multiple is below kLeastRatio, and the time as a multiple of the bound.
 void PrintRow(const CaseResult& result);
 inline constexpr double kLeastRatio = 8.0;

@@ -97,7 +97,8 @@ class DecisionCase {
     }
   }
 
-  // Queries change on every call, as on the robot: a repeated x favours the branch predictor.
+  // Queries change on every call, as on the robot, because a repeated query would favour the branch
+  // predictor.
   void Warm(const ContestOptions& options, std::vector<CaseResult>& results) const {
     std::vector<Contestant> contestants;
     for (const Entrant& e : entrants_) {

@@ -1,6 +1,6 @@
 // Checks that every fit converges. Draws random problems from the whole range of valid input:
 // sizes, entries, kernel widths, nu, duplicates, clusters, scales, outliers. Verifies the results
-// of a fit in double, and compares its objective with LIBSVM's if that takes only seconds.
+// of a fit in double, and compares its objective with LIBSVM's if LIBSVM needs only seconds.
 //
 //   kernel_matrix_bench [--cells=N] [--most=SAMPLES] [--seed=N] [--seconds=S] [--minutes=M]
 //
@@ -208,7 +208,7 @@ class Matrix {
     ++row.converged;
     const double gap = Gap(samples, summary, nu, gamma);
     row.worst_gap = std::max(row.worst_gap, gap);
-    // The computation from the definition also rounds.
+    // Allows for the rounding of the gap that is computed from the definition.
     if (gap > kTolerance * (1.0 + 1e-6) + 1e-12 * nu * n || !std::isfinite(svm.rho())) {
       ++row.wrong;
       std::printf("WRONG %s: the gap is %.3g, not %.3g\n", name.c_str(), gap, summary.kkt_gap);
@@ -218,7 +218,8 @@ class Matrix {
     const double objective = LibsvmObjective(*peer);
     ++row.compared;
     row.worst_excess = std::max(row.worst_excess, summary.objective / objective - 1.0);
-    // Both are within tolerance * nu n of the minimum, and LIBSVM rounds its kernel to float.
+    // Both objectives are within tolerance * nu n of the minimum, and LIBSVM rounds its kernel to
+    // float.
     if (summary.objective > objective * (1.0 + 1e-6) + kTolerance * nu * n) {
       ++row.wrong;
       std::printf("WRONG %s: the objective is %.9g, LIBSVM's %.9g\n", name.c_str(),

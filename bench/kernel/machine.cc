@@ -19,8 +19,8 @@ using Tag = hn::CappedTag<float, 16>;
 
 std::size_t VectorBytes() { return hn::MaxLanes(Tag()) * sizeof(float); }
 
-// 12 chains hide the latency of an FMA on every machine with two ports and a latency of at most
-// six.
+// 12 chains hide the latency of an FMA on every machine with two ports and a latency up to six
+// cycles.
 HWY_NOINLINE float Fma(std::size_t rounds) {
   constexpr Tag d;
   constexpr int kChains = 12;

@@ -24,7 +24,7 @@ namespace {
 
 std::atomic<bool> policy_is_broken = false;
 
-// A policy that returns NaN from a given moment on.
+// Returns the controls of another controller, and NaN while the policy is broken.
 class BreakingPolicy final : public control::Controller {
  public:
   explicit BreakingPolicy(control::Controller& inner) : inner_(&inner) {}
@@ -60,7 +60,7 @@ RobotConfig Configuration(int domain, dds::Discovery discovery) {
   return config;
 }
 
-// Returns true if input has been typed after several periods.
+// Runs the loop for 20 ms. Returns true if the input then has a line.
 bool IsAskedToGo(RobotPlant& plant) {
   pollfd input{STDIN_FILENO, POLLIN, 0};
   plant.loop().Idle(0.02);
@@ -68,7 +68,7 @@ bool IsAskedToGo(RobotPlant& plant) {
   return poll(&input, 1, 0) > 0 && read(STDIN_FILENO, text.data(), text.size()) > 0;
 }
 
-// Runs until the arm is homed. Reports an error that interrupts it, and waits for "go".
+// Homes the arm. After an error, prints it and waits for "go" before the next attempt.
 void BringUp(RobotPlant& plant) {
   for (;;) {
     try {

@@ -81,7 +81,7 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
   const auto now_ms = [&] {
     return static_cast<double>(runtime::SteadyNow() - start_ns) / kMillisecond;
   };
-  // True if the episode ended regularly and the next one moves.
+  // Returns true if the episode ended regularly and the next one moves the arm.
   const auto next = [&site] { return site.ToldOfAnEnd() && site.Moving(); };
   while (now_ms() < kObserved) {
     site.Listen();
@@ -94,7 +94,7 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
     homed = state.is_homed || state.state == "ENABLED";
   }
   fault.end(site);
-  // Delayed messages may arrive now, and no motion may start.
+  // Delayed messages may arrive now. They must not start a motion.
   for (const double end_ms = now_ms() + 300.0; now_ms() < end_ms; SleepMs(2.0)) {
     site.Listen();
     if (!next()) samples.push_back({now_ms(), site.link->Truth().tip_m});
@@ -178,8 +178,8 @@ void Measure(const std::filesystem::path& folder, int domain, double image_age_s
   }
 }
 
-// Runs a minute of each fault that ends no program, in random order. Counts missed faults, false
-// alarms, and the growth of memory.
+// Injects one fault per minute, in random order, from those that end no program. Counts missed
+// faults, false alarms, and the growth of memory.
 void Soak(const std::filesystem::path& folder, int domain, double image_age_s, double minutes,
           std::uint64_t seed) {
   Site site(folder, domain, nullptr, image_age_s);

@@ -109,7 +109,7 @@ int MakeHost(const char* address) {
   return tap;
 }
 
-// Tries in a separate process, because a partial move cannot be undone.
+// Creates a host in a separate process as a trial, because a partial move cannot be undone.
 // @throws std::runtime_error with the reason if hosts cannot be created.
 void Try() {
   std::array<int, 2> reason{};

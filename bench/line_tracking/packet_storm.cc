@@ -191,7 +191,7 @@ void PacketStorm::Run(double rate, std::uint64_t seed) {
     next = std::max(next, Clock::now() - std::chrono::milliseconds(20)) +
            std::chrono::microseconds(std::lround(1e6 * kPause_s));
     keep(announcements_, announced);
-    // The storm's own packets return here and are not messages of a stop.
+    // The storm's own packets also arrive here. They are discarded, because no stop sent them.
     std::vector<Bytes> said;
     keep(stops_, said);
     for (Bytes& bytes : said) {

@@ -32,9 +32,9 @@ class Program {
   void Type(const std::string& text) const;
   /// Returns the next complete line of output without waiting.
   std::optional<std::string> Line();
-  /// Returns true if it has ended without being killed.
+  /// Returns true if the program has ended without being killed.
   [[nodiscard]] bool Ended() const;
-  /// Returns its resident memory, MB; 0 if it has ended.
+  /// Returns the program's resident memory, MB; 0 if it has ended.
   [[nodiscard]] double resident_mb() const;
 
  private:

@@ -31,7 +31,7 @@ CASES = [
 ]
 NU = 0.05
 IN_CPP = "@CMAKE_RUNTIME_OUTPUT_DIRECTORY@/decision_in_cpp"
-SLOWEST = 1.25  # times the time in C++; a batch that takes milliseconds varies by a tenth
+SLOWEST = 1.25  # limit of the time relative to C++: batches of milliseconds vary by a tenth
 
 
 def least_time(work, repetitions):

@@ -55,7 +55,7 @@ def forest(_):
 
 
 class Neighbors:
-    """Classifies a state as inside if its k-th neighbour is no farther than those of a share 1 - NU of the samples."""
+    """Accepts a state if the distance to its k-th neighbour is at most the 1 - NU quantile over the samples."""
 
     COUNT = 10
 

@@ -4,8 +4,8 @@
 //
 //   counted_work [--filter=TEXT] [--time=SECONDS] [--slow=PERCENT] [--few]
 //
-// --few repeats each operation a fifth as often. Callgrind then takes a third of the time.
-// --slow adds that percentage of repetitions, a simulated slow-down that tests the comparison.
+// --few repeats each operation a fifth as often. Callgrind then takes a third of the time. --slow
+// adds PERCENT more repetitions, a simulated slow-down that tests the comparison.
 #include <valgrind/callgrind.h>
 
 #include <algorithm>
@@ -133,7 +133,7 @@ void RunDecisions(Runner& runner) {
         sink = svm.Gradient(query(i), out);
       };
     });
-    // Used by certificates.
+    // Certificates use this gradient.
     runner.Run("gradient of the logarithm of 256" + precision, 100, [&]() -> Operation {
       return [svm = estimate(256), query, out = std::vector<double>(kDim)](int i) mutable {
         sink = svm.LogGradient(query(i), out);

@@ -36,7 +36,7 @@ void BM_SceneStep(benchmark::State& state) {
 }
 BENCHMARK(BM_SceneStep)->Unit(benchmark::kMicrosecond);
 
-// CPU time of a picture, drawn and developed, summed over all threads.
+// CPU time of a picture, from drawing to the endoscope's noise, summed over all threads.
 void BM_Picture(benchmark::State& state) {
   DvrkScene scene;
   scene.Reset(1);

@@ -167,7 +167,7 @@ int main(int argc, char** argv) try {
         return std::make_unique<Runner>(unit, plan.seed, plan.methods, gamma);
       },
       {{"gamma", experiment::Exactly(gamma)}}, options);
-  if (!found) return EXIT_SUCCESS;  // a shard, for merging
+  if (!found) return EXIT_SUCCESS;  // a shard has no summary before it is merged
   experiment::PrintTable(found->summary, std::cout);
   experiment::SaveReport(found->summary, {.title = "Corridor", .program = "corridor"},
                          options.out / "report.html");
