@@ -43,7 +43,8 @@ Eigen::Isometry3d TargetInCamera() {
   return pose;
 }
 
-// A camera that looks down at the arm, inclined to the tool. The tool points along the base's -z.
+// The true calibration. The camera looks down, inclined to the tool, which points along -z of the
+// arm's base.
 line_task::LineCalibration True() {
   line_task::LineCalibration known;
   known.camera.fx = 705.0;
@@ -159,7 +160,7 @@ TEST(CalibrateTest, UncertaintyCoversTheErrorOfNoisyData) {
   ASSERT_TRUE(summary.converged && summary.has_covariance) << summary.message;
   EXPECT_NEAR(summary.mark_rms_px, 0.05 * std::sqrt(2.0), 0.02);
   EXPECT_NEAR(summary.tip_rms_px, 2.0 * std::sqrt(2.0), 0.7);
-  // Each is within four standard deviations, which the loss underestimates slightly.
+  // Each error is below four standard deviations. The robust loss makes these slightly too small.
   EXPECT_LT(std::abs(found.camera.fx - known.camera.fx), 4 * summary.camera_sd[0]);
   EXPECT_LT(std::abs(found.camera.cx - known.camera.cx), 4 * summary.camera_sd[2]);
   for (int k = 0; k < 6; ++k) {

@@ -52,7 +52,7 @@ inline FunctionSupport UnitBall(int dim) {
   return {dim, [](int, std::span<const double> x) { return 1.0 - Norm(x); }};
 }
 
-/// l_t(x) of one entry given as a callable, which fills the gradient unless it is empty; g = l.
+/// l_t(x) for states of one entry, given as a callable that fills a non-empty gradient. g = l.
 class FunctionLogSupport : public core::LogDecisionFunction {
  public:
   using Function = std::function<double(int, std::span<const double>, std::span<double>)>;

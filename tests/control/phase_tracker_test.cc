@@ -25,8 +25,8 @@ class PhaseTrackerTest : public testing::Test {
   PhaseTracker tracker_{support_};
 };
 
-// In phase 5, phase q fits a state x with -(x - q)^2, minus .05 per phase of distance from the next
-// phase, 6: x = 7.3 is best at 7, x = 5.4 at 5. Earlier phases and those more than three ahead
+// In phase 5, the fit of phase q to a state x is -(x - q)^2 minus .05 |q - 6|, because 6 is the
+// next phase. Phase 7 fits x = 7.3 best, and phase 5 fits x = 5.4 best. Phases before 5 and after 8
 // are ignored.
 TEST_F(PhaseTrackerTest, AMissedSupportAdvancesToTheBestPhaseAhead) {
   const auto advanced = [&](double x, bool may_wait) {
@@ -136,8 +136,8 @@ TEST_F(PhaseTrackerTest, ATieAdvancesThePhaseByOne) {
   }
 }
 
-// Phases gain 0.1 each in the direction of time. A phase to the side costs 0.05, so the farthest
-// phase of the window wins. With a gain of 0.04 none wins.
+// Each phase fits better than the previous one by `gain`, and each phase of distance costs 0.05.
+// With a gain of 0.1 the farthest phase of the window wins, with 0.04 the present one.
 TEST_F(PhaseTrackerTest, MovesWithinItsWindowAndOnlyForABetterFit) {
   const auto moved = [](double gain, bool enters) {
     const test::FunctionLogSupport slope(

@@ -57,7 +57,7 @@ struct TurnedPoint {
   }
 };
 
-/// The task of demonstrations that stay in the supports.
+/// A fixture with the task of Rightwards() and the supports of MovingDisk().
 class RightwardsTest : public testing::Test {
  protected:
   const GaussianSupport support = MovingDisk();

@@ -1,4 +1,5 @@
-// Fails to link if its vector flags make Eigen allocate differently from the libraries.
+// A program that fails to link if its vector flags make Eigen allocate differently from the
+// libraries.
 #include "dfr/core/matrix.h"
 
 int main() {

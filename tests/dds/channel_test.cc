@@ -51,8 +51,7 @@ TEST(ParticipantTest, IsFoundAfterManyEarlierParticipantsOfItsProcess) {
   Eventually([&] { return publisher.num_subscribers() == 1; });
 }
 
-// Reports the participant before its publishers, each with a number, including those that have
-// left.
+// Reports a participant before its publisher, both with a number, even after both have left.
 TEST(ParticipantTest, ReportsParticipantsInOrder) {
   const Participant watcher({.domain = test::OwnDomain(), .name = "watcher"});
   const auto any = [](std::string_view topic) { return topic == "/arm/hold"; };
@@ -88,7 +87,7 @@ TEST_F(ChannelTest, TopicsHaveOneTypeAndBeginWithASlash) {
   EXPECT_THROW(Publisher<Flag>(first_, "/topic", Role::kEvent), std::runtime_error);
 }
 
-// Receives a few events completely and in order.
+// A late subscriber receives the stored events completely and in order.
 TEST_F(ChannelTest, EventsReachLateJoinersInOrder) {
   Publisher<Text> publisher(first_, "/error", Role::kEvent);
   for (int i = 0; i < 20; ++i) Eventually([&] { return publisher.Write({std::to_string(i)}); });

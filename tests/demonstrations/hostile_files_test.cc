@@ -36,7 +36,7 @@ std::string LoadError(const std::filesystem::path& path) {
   return test::MessageOf<std::runtime_error>([&] { (void)LoadDemonstrations(path); });
 }
 
-// An episode in robomimic's format, modified by `make`.
+// Returns the error of reading an episode in robomimic's format that `make` has changed.
 template <typename Make>
 std::string ErrorWith(const std::filesystem::path& path, const Make& make) {
   {
@@ -121,7 +121,7 @@ void SaveParquet(const std::filesystem::path& path, const std::string& pages,
       << std::string_view(reinterpret_cast<const char*>(&size), sizeof size) << "PAR1";
 }
 
-// A run of equal values of any length takes a few bytes: 2^26 of them would be a gibibyte.
+// A run of equal values takes a few bytes for any length. 2^26 values would take 512 MiB of memory.
 TEST(HostileFilesTest, ASmallParquetFileMayNotClaimGigabytes) {
   const test::TempFolder folder;
   const auto save = [&](const std::string& name, std::uint64_t values) {

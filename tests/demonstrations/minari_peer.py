@@ -21,7 +21,7 @@ def check_as_minari_loads(metadata):
     assert metadata["minari_version"] in {"0.5.0", "0.5.1", "0.5.2", "0.5.3"}
     assert re.fullmatch(r"([-_\w][-_\w/]*[-_\w]+/)?[-_\w]+?-v\d+", metadata["dataset_id"])
     assert isinstance(metadata["dataset_size"], float)  # `minari list` and `show` print it
-    assert metadata["jpeg_encoding"] is False  # left out, it means true
+    assert metadata["jpeg_encoding"] is False  # if absent, it means true
     for name in ("observation_space", "action_space"):
         assert isinstance(metadata[name], str)
         box = json.loads(metadata[name])

@@ -100,7 +100,7 @@ class Psm {
     Subscribe(geometry_msgs_msg_dds__TwistStamped__desc, "measured_cv", false);
     Subscribe(crtk_msgs_msg_dds__OperatingState__desc, "operating_state", false);
     Subscribe(std_msgs_msg_dds__Float64__desc, "trajectory_j/ratio", false);
-    // The contract shared by simulators of this robot.
+    // Topics that other simulators of this robot publish, too.
     Subscribe(crtk_msgs_msg_dds__StringStamped__desc, "state", true);
     Subscribe(crtk_msgs_msg_dds__StringStamped__desc, "info", true);
     Subscribe(std_msgs_msg_dds__String__desc, "tool_type", true);

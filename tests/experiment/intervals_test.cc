@@ -166,7 +166,7 @@ TEST(PowerTest, IsConnorsFormula) {
   EXPECT_THROW((void)EpisodesForDifference(0.6, 0.5), std::invalid_argument);
 }
 
-// The share of exact McNemar tests that find the difference is the one of the formula.
+// The share of exact McNemar tests that find the difference is the power of the formula.
 TEST(PowerTest, McNemarsTestHasThePower) {
   const int episodes = EpisodesForDifference(0.05, 0.15);
   core::Random random(3);

@@ -132,8 +132,8 @@ TEST(ReportTest, APointHasItsIntervalAsABar) {
 }
 
 TEST(ReportTest, AMethodLooksTheSameOnEveryPage) {
-  // Each method has a style by its id or name, in any company and order, and different from every
-  // other method.
+  // Each method has one style for its id and its name, for any other methods in any order. It
+  // differs from the style of every other method.
   std::set<int> styles;
   for (const NamedStyle& style : NamedStyles()) {
     EXPECT_EQ(MethodStyle(style.method), style.style);

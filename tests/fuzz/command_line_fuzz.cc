@@ -1,5 +1,5 @@
-// Command lines with one argument per line, and a configuration for --config before a null byte.
-// Accepted ones have numbers in their ranges, and the written run.toml starts the same run.
+// Command lines with one argument per line, and a configuration for --config before a null byte. An
+// accepted command line has numbers in their ranges, and the written run.toml starts the same run.
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>

@@ -16,7 +16,7 @@ namespace dfr::fuzz {
 /// Returns a file with the given content, for readers that take a path. The whole process uses one
 /// file.
 inline std::filesystem::path InputFile(std::string_view bytes) {
-  // The file is in memory if such a folder exists: a disk would take most of the time.
+  // The file is in /dev/shm if that is writable, because a disk would take most of the time.
   static const std::filesystem::path path =
       (access("/dev/shm", W_OK) == 0 ? "/dev/shm" : std::filesystem::temp_directory_path()) /
       std::filesystem::path("dfr_fuzz_" + std::to_string(getpid()));

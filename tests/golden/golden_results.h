@@ -33,7 +33,7 @@ struct Golden {
   std::map<std::string, std::vector<core::Outcome>> outcomes;
 };
 
-// A file of numbers, hashed in the way of the experiments' files.
+// A file of numbers, hashed like the input files of experiments.
 class Numbers {
  public:
   explicit Numbers(const std::filesystem::path& path) : path_(path), out_(path, std::ios::binary) {}

@@ -8,7 +8,7 @@ namespace {
 TEST(GoldenTest, EveryBitIsTheRecordedOneWithAvx2) { test::ExpectRecordedBits(DFR_GOLDEN, 8); }
 
 // Takes seconds, because each instruction set runs all episodes. A defect may change the outcome of
-// only one of them.
+// a single episode.
 TEST(GoldenTest, OutcomesAreTheSameWithEveryInstructionSet) {
   const test::Golden widest = test::ResultsWith(0, 8);
   for (const std::int64_t target : kernel::internal::SupportedTargets()) {

@@ -216,7 +216,7 @@ class GuardAppTest(GuardProgramTest):
                 self.assertIn("guard: standard output could not be written, and is incomplete", done.stderr)
 
     def test_files_are_not_mixed_with_closed_standard_streams(self):
-        """The next file or pipe would get a closed stream's number, and with it the messages."""
+        """A file opened later would get the number of a closed stream, and then its messages."""
         self.fit("open.guard", "demos.hdf5", "--gamma", ".25")
         for closed in (">&-", "2>&-", "<&- >&- 2>&-"):
             call = f'"{PROGRAM}" fit demos.hdf5 -f obs/object,obs/tip --gamma .25 -o closed.guard {closed}'

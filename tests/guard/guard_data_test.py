@@ -71,7 +71,7 @@ class GuardDataTest(GuardProgramTest):
         self.assertIn("rest.hdf5 has 28 of 29 episodes", out)
 
     def test_check_reports_malformed_files(self):
-        """Files that only h5py writes. tests/demonstrations damages further parts of files."""
+        """Malformed files that h5py can write. tests/demonstrations has other malformed files."""
         def widen(file):
             del file["data/demo_3/actions"]
             file["data/demo_3/actions"] = np.zeros((20, 3))

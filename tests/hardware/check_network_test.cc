@@ -30,8 +30,8 @@ using testing::Not;
 
 constexpr double kForEver = 1e9;  // s
 
-// Time advances only between the texts that start and stop it. The test's actions run in each
-// Wait().
+// The clock starts and stops when the check prints the texts `starts_` and `stops_`. Each Wait()
+// runs the test's action.
 class NetworkCheckTest : public testing::Test {
  protected:
   NetworkCheckTest() {

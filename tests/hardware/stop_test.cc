@@ -22,7 +22,7 @@ using dds::EmergencyStop;
 
 class StopTest : public testing::Test {
  protected:
-  // Waits without advancing the time until the message arrives.
+  // Waits, without advancing the time, until the receiver reports `wanted`.
   void Hears(EmergencyStop wanted) {
     test::Eventually([&] { return receiver_.Check(now_ns_) == wanted; });
   }

@@ -21,7 +21,7 @@ using kinematics::PsmJoints;
 constexpr std::int64_t kStepNs = 5'000'000;
 constexpr std::int64_t kBeginNs = 1'000'000'000;
 constexpr std::int64_t kEpochNs = 1'700'000'000'000'000'000;
-constexpr int kTransitSteps = 3;  // transit time of the console's texts, unless a test sets another
+constexpr int kTransitSteps = 3;  // default transit time of the console's texts, in steps
 
 struct Command {
   const char* topic;
@@ -80,8 +80,8 @@ class LateMessagesTest : public testing::Test {
     now_ns_ += kStepNs;
   }
 
-  // Largest motion from the position at a command that only the console has received, while its
-  // sender is discovered after `late_ms`, m.
+  // Returns the largest motion, in m, after a command that only the console receives. This side
+  // discovers the sender after `late_ms`.
   double MotionAfter(const std::function<void()>& command, int times, int late_ms) {
     Begin();
     const Eigen::Vector3d there = tip();
@@ -94,7 +94,7 @@ class LateMessagesTest : public testing::Test {
     return motion_m;
   }
 
-  // Only the console receives a hold, whose answer takes up to `steps`.
+  // Only the console receives a hold. Its answer takes up to `steps` steps.
   void ExpectAForeignHoldIsDetected(int steps = kTransitSteps) {
     Step(0, [&] { console_.Hold(); });
     for (int i = 0; i <= steps; ++i) Step();
@@ -229,8 +229,8 @@ TEST_F(LateMessagesTest, LateAnswersToOurOwnCommandsDoNotHold) {
   }
 }
 
-// Tested from the first set-point on, which is sent as soon as the answer to our own hold has
-// arrived.
+// The foreign hold arrives at or after the first set-point, which is sent as soon as the answer to
+// our own hold has arrived.
 TEST_F(LateMessagesTest, AForeignHoldRightAfterOurOwnIsDetected) {
   for (int steps = kTransitSteps - 1; steps < 40; ++steps) {
     SCOPED_TRACE(steps);

@@ -139,8 +139,8 @@ class PsmClientTest : public testing::Test {
   PsmOperatingState operating_;
   bool operating_changed_ = false;
   PsmJoints at_ = test::PsmHome();
-  /// True if the console also publishes local/measured_cp, and the arm's base in the frame of
-  /// measured_cp.
+  /// If true, the console also publishes local/measured_cp. `camera_` is the arm's base in the
+  /// frame of measured_cp.
   bool on_cart_ = false;
   Eigen::Isometry3d camera_ = Eigen::Isometry3d::Identity();
   double jaw_ = 0.1;

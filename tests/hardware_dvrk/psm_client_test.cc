@@ -160,8 +160,8 @@ TEST_F(PsmClientTest, EveryFaultHolds) {
          if (in.measured_js) in.measured_js = frozen;
        },
        13},
-      // Reacts as teleoperation inside the console does: within 2 mm, not only after 5 degrees of
-      // lag.
+      // A set-point that the console moves by itself is detected within 2 mm, before the lag
+      // reaches 5 degrees.
       {PsmStatus::kForeignSetpoint,
        [](PsmInput& in) {
          if (in.setpoint_js) in.setpoint_js->position[1] += 0.015;
@@ -179,7 +179,7 @@ TEST_F(PsmClientTest, EveryFaultHolds) {
       {PsmStatus::kToolNotNamed, [](PsmInput& in) { in.instrument = PsmInstrument::kNotNamed; }},
       {PsmStatus::kToolChanged, [](PsmInput& in) { in.tool_changes = 1; }},
       {PsmStatus::kSendFailed, [](PsmInput& in) { in.send_failed = true; }},
-      // 559 steps until the end of the move, which is more than 2 s.
+      // The move ends after 559 steps, and the client then waits for 2 s, 400 steps.
       {PsmStatus::kNotReached,
        [this](PsmInput& in) {
          if (in.measured_js) in.measured_js->position[0] += num_steps_ % 4 == 0 ? 0.011 : 0.012;

@@ -43,7 +43,7 @@ TEST(PsmMotionTest, LinearMoveHasConstantSpeed) {
   EXPECT_EQ(motion.setpoint(), goal);  // exactly, for any sum of the steps
 }
 
-// At any times of calls, no step exceeds the speed limits for its duration.
+// For any times between calls, no step exceeds the speed limits.
 TEST(PsmMotionTest, EveryStepKeepsToTheSpeedLimits) {
   core::Random random(11);
   for (const PsmProfile profile : {PsmProfile::kSmooth, PsmProfile::kLinear}) {

@@ -33,7 +33,7 @@ using testing::HasSubstr;
 
 class VideoTest : public testing::Test {
  protected:
-  // Writes a video that only the conversion of colours changes.
+  // Writes a lossless video: only the conversion of colours changes the pictures.
   std::string Video(int num_frames, double rate) {
     std::string path = (folder_ / "video.avi").string();
     cv::VideoWriter writer(path, cv::CAP_FFMPEG, cv::VideoWriter::fourcc('F', 'F', 'V', '1'), rate,

@@ -58,7 +58,7 @@ TEST(LocallyWeightedPolicyTest, UsesOnlyNeighbouringTimeSteps) {
   EXPECT_NEAR(u[0], 0.5, 1e-6) << "the last step holds beyond the end";
 }
 
-// Steps rest in the padding of episodes and in a pause of all demonstrations.
+// Controls are zero in the padding of episodes and in a pause of all demonstrations.
 TEST(LocallyWeightedPolicyTest, RestingStepsUseTheNearestMovingOnes) {
   auto demonstrations = Linear();
   for (auto& d : demonstrations) {

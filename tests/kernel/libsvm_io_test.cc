@@ -238,7 +238,7 @@ TEST_F(LibsvmIoTest, WrongSamplesAreRefusedWithLineAndReason) {
 
 // The reader once mistook each of these lines for a header, and lost the sample.
 TEST_F(LibsvmIoTest, NoFirstSampleIsTakenForAHeader) {
-  const std::string mark = "\xEF\xBB\xBF";  // of the byte order
+  const std::string mark = "\xEF\xBB\xBF";  // the byte order mark
   const Eigen::Matrix2d two{{1.0, 2.0}, {3.0, 4.0}};
   EXPECT_EQ(Samples(mark + "1,2\n3,4\n"), two);
   EXPECT_EQ(Samples(mark + "1 1:2\n")(0, 0), 2.0);

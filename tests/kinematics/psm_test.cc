@@ -21,7 +21,7 @@ constexpr double kDegree = 0.017453292519943295;
 PsmJoints RandomJoints(core::Random& random) {
   PsmJoints q;
   for (int i = 0; i < 6; ++i) {
-    // Insertion beyond the wrist's length: nearer, the wrist cannot be outside the remote centre.
+    // Draws insertions at which the wrist is beyond the remote centre.
     const double low = i == 2 ? 0.05 : Psm::lower_limits()[i];
     q[i] = random.Uniform(low, Psm::upper_limits()[i]);
   }

@@ -1,5 +1,5 @@
 """Every package and shared library that this build links has a row in third_party_licenses, whose packages bring
-their licence texts. A package without one is rejected by name.
+their licence texts. A package without a licence text is rejected by name.
 
 usage: licenses_test.py SOURCE_DIR BINARY_DIR
 """
@@ -8,7 +8,7 @@ import re
 import subprocess
 import sys
 
-# Part of every Linux system: the C library and the loader (LGPL-2.1+), reached by every program.
+# Part of every Linux system: the C library and the loader (LGPL-2.1+), linked by every program.
 SYSTEM = {"libc", "libm", "libpthread", "libdl", "librt", "ld-linux-x86-64", "ld-linux-aarch64"}
 
 

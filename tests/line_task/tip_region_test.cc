@@ -76,7 +76,7 @@ TEST_F(TipRegionTest, APathIsCheckedAlongItsLength) {
 }
 
 // Seeded paths are compared with checks that are twenty times as dense. About one path in ten
-// leaves the region: all of these are rejected, and no other path is.
+// leaves the region. Each path that leaves by more than 0.1 mm is rejected.
 TEST_F(TipRegionTest, NoPathThatLeavesIsAllowed) {
   const TipRegion region(task_, {});
   core::Random random(5);

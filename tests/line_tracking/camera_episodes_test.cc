@@ -26,7 +26,7 @@ class Saboteur final : public control::RolloutObserver {
   int controls_ = 0;
 };
 
-// LineTrackingPicturesTest has all faults.
+// LineTrackingPicturesTest tests all faults.
 TEST(CameraEpisodesTest, ABlindCameraHaltsTheEpisode) {
   const sim::LineTrackingOptions options;
   const line_task::LineCalibration known = test::PerfectCalibration(options);

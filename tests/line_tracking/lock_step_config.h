@@ -19,7 +19,7 @@ inline RobotConfig LockStepConfig(int domain) {
   return config;
 }
 
-/// Confirms ten questions and refuses further ones: endless repetition fails.
+/// Confirms ten questions and refuses further ones, which ends an endless repetition.
 inline std::function<bool(std::string_view, std::string_view)> Agrees() {
   return [left = 10](std::string_view, std::string_view) mutable { return left-- > 0; };
 }

@@ -62,7 +62,7 @@ TEST(RecordedControllerTest, AReplayRepeatsAllDecisionsAndDetectsADifference) {
   EXPECT_EQ(log.steps.front().state.view().size(), 4U);
   testing::internal::CaptureStdout();
   EXPECT_TRUE(ReplayRecording(path, {}));
-  // If methods have changed since, it prints why decisions may differ.
+  // If methods have changed since the recording, the replay prints why decisions may differ.
   EXPECT_NE(testing::internal::GetCapturedStdout().find("this program is of commit "),
             std::string::npos);
 

@@ -84,8 +84,8 @@ class Program {
     }
     return -1;
   }
-  // Answers until an episode begins: a busy machine may hold the robot for a moment, and its
-  // operator continues. `place` puts the tip over the beginning of a line.
+  // Answers questions until an episode begins: on a busy machine the robot may hold for a moment,
+  // and the operator starts it again. `place` puts the tip over the beginning of a line.
   [[nodiscard]] bool Begin(const std::function<void()>& place) {
     for (int n = 0; n < 5; ++n) {
       const int asked = Await({"Enter starts", "type start", "type clear"});

@@ -39,7 +39,7 @@ TEST(LineTrialRunnerTest, DemonstrationsAreUndisturbedAndStayAtTheLine) {
   for (const core::Trajectory& trajectory : Demonstrations().trajectories) {
     EXPECT_EQ(trajectory.outcome, core::Outcome::kCompleted);
     EXPECT_EQ(trajectory.num_steps(), 50);
-    // Beyond its start, an arm with a good calibration deviates by some tenths of a mm.
+    // After its start, an arm with a good calibration deviates by some tenths of a mm.
     EXPECT_LT((trajectory.states.col(2).array() - trajectory.states(0, 2)).abs().maxCoeff(), 0.7);
     EXPECT_LT((trajectory.controls.rowwise().norm().array() - 0.5).abs().maxCoeff(), 0.01);
   }

@@ -2,15 +2,15 @@
 """Mutation testing: do the tests notice when the code is wrong? mutate.py [FOLDER [COUNT [SEED]]]
 
 Changes one operator or constant in the sources of a library at a time, builds its tests and runs them. A change is
-killed if a test fails or crashes, or if the tests need more than 8 GiB or five times their processor time and 5 s. A
+killed if a test fails or crashes, or if the tests need more than 8 GiB or five times their processor time plus 5 s. A
 change that does not compile does not count. A change that survives is printed: it needs a test, or a reason in
 docs/reliability.md. Draws COUNT changes at random. Prints the killed share with its 95 % interval (Wilson).
 
 The tests are the unit tests of tests/NAME, one program. Works in a copy of the tree (git worktree) below
 build/mutation, and never changes the tree itself. Each run has its own TMPDIR, which is removed. Run by root, changed
 programs can write only there and below the copy's build folder. build/mutation/NAME.jsonl keeps the results for the
-present content of each source file. The same command continues from there, and repeats changes that survived other
-tests than the present ones. --survivors only prints the results.
+present content of each source file. The same command continues from there, and repeats changes that survived an
+earlier version of the tests. --survivors only prints the results.
 """
 import argparse
 import hashlib
@@ -138,7 +138,7 @@ def main():
                    cwd=copy, check=True, capture_output=True)
     build = copy / "build/dev"
     program = f"{name}_unit_tests"
-    limit_s = None  # of processor time: five times that of the unchanged tests, and 5 s
+    limit_s = None  # of processor time: five times that of the unchanged tests, plus 5 s
     if not options.survivors:
         with tempfile.TemporaryDirectory(prefix="dfr_mutate_") as scratch:
             if run(confined(["true"], copy, scratch), copy, 60) != 0:

@@ -232,7 +232,7 @@ class Page(unittest.TestCase):
         self.assertEqual(int(rows[3][3]), 0)
 
     def test_sixty_frames_a_second_with_sixty_demonstrations(self):
-        """A frame with a control and a new support takes well below 16.7 ms. The tenth fastest of a hundred
+        """A frame with a control and a new support takes well below 16.7 ms. The eleventh fastest of a hundred
         frames counts, because a busy machine interrupts the others."""
         result = in_page("""
           const quick = {};

@@ -12,7 +12,7 @@
 namespace dfr::apps::pusher {
 namespace {
 
-// The experiment's requirement, and the yield of demonstrations, of which only a few may be
+// Checks the experiment's requirement on mean actions, and that few sampled demonstrations are
 // discarded. Rates of one per cent need a thousand episodes.
 TEST(ShippedSupervisorTest, CompletesWithItsMeanAndItsSamples) {
   const auto policy = imitation::GaussianPolicy::Load(DFR_SUPERVISOR);

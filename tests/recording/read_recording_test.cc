@@ -106,7 +106,7 @@ TEST(ReadRecordingTest, AFileCutOffAnywhereGivesItsCompleteRecords) {
       EXPECT_FALSE(recording.finished);
       ExpectPart(recording);
       EXPECT_TRUE(recording.damage.empty());
-      // Shorter files contain no more steps.
+      // A shorter file contains at most as many steps.
       EXPECT_LE(recording.steps.size(), least);
       if (size == whole.size() - 1) {
         EXPECT_EQ(recording.steps.size(), kSteps);

@@ -1,5 +1,5 @@
-// Writes a finished log and, in a second file, its content with numbers as bits, for log_peer.mjs.
-// usage: recording_cases FOLDER
+// Writes a finished log, and a second file with the log's content and numbers as bits, for
+// log_peer.mjs. usage: recording_cases FOLDER
 #include <bit>
 #include <cstdint>
 #include <cstdlib>

@@ -28,7 +28,7 @@ constexpr int kHeight = 9;
 constexpr int kWidth = 12;
 constexpr core::PictureShape kGrey = {kHeight, kWidth, 1};
 
-// A picture of the mean, with three deviations more in a block of side x side pixels.
+// A picture of the mean value with a block of side x side pixels that is three deviations brighter.
 std::vector<float> Bright(const core::PictureShape& shape, int row, int column, int side) {
   std::vector<float> picture(static_cast<std::size_t>(shape.height * shape.width * shape.channels),
                              128.0F);

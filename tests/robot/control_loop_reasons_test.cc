@@ -55,11 +55,12 @@ TEST(ControlLoopReasonsTest, AMotionEndsInThePeriodThatHolds) {
       ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
       const int start = robot.clock.periods;
       const std::int64_t start_ns = robot.clock.now_ns;
-      // The fault begins with period `begins_in`. A hanging thread still checked in before it.
+      // The fault begins with period `begins_in`. A thread that hangs still reported before that
+      // period.
       robot.clock.plan_ns = start_ns + begins_in * kPeriodNs;
       robot.clock.plan = [&] { source.begin(robot); };
       EXPECT_EQ(robot.loop.Apply(kLong), PlantStatus::kFault);
-      const int late = source.name == "period" ? 1 : 0;  // the next one is late
+      const int late = source.name == "period" ? 1 : 0;  // the next period is late
       EXPECT_EQ(robot.clock.periods - start, begins_in + source.periods() - 1 + late);
       EXPECT_EQ(robot.recorder.last.steady_ns, robot.clock.now_ns);
       EXPECT_LE(robot.arm.setpoints, robot.clock.periods - start);

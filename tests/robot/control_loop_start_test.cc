@@ -66,7 +66,7 @@ TEST(ControlLoopStartTest, WaitsForReasonsToEndUntilItsTimeout) {
 
 // -- homing ---------------------------------------------------------------------------------------
 
-// Before arming, only the encoders may report motion.
+// Before arming, faults of the camera do not matter.
 bool MattersForHoming(const Source& source) {
   return source.name != "camera" && source.name != "camera's thread hangs";
 }
@@ -122,7 +122,7 @@ TEST(ControlLoopStartTest, HomingEndsExactlyAtTheDeadlineOfEachFault) {
     EXPECT_EQ(robot.arm.homings, 1);
     EXPECT_TRUE(robot.arm.unhomed);
     EXPECT_EQ(robot.arm.disabled_ns, robot.clock.now_ns) << "in the period that finds it";
-    const int late = source.name == "period" ? 1 : 0;  // the next one is late
+    const int late = source.name == "period" ? 1 : 0;  // the next period is late
     EXPECT_LE(robot.clock.now_ns - begins_ns,
               (source.periods() + late - 1) * kPeriodNs + (late != 0 ? 50'000'000 : 0));
     source.end(robot);

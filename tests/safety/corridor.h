@@ -17,7 +17,8 @@ namespace dfr::test {
 inline constexpr double kSpeed = 0.1;
 
 /// State: "clock" (1), which no feature should use, and "tip" (2). The tip moves right by kSpeed
-/// per step along y = 0, with a spread of about 0.1. Actions are its change, turned by kTurn.
+/// per step along y = 0, with a spread of about 0.1. Actions are the change of the tip, turned by
+/// kTurn.
 inline core::StateLayout CorridorLayout() {
   core::StateLayout layout;
   layout.Add("clock", 1);

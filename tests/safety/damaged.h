@@ -7,8 +7,8 @@
 
 namespace dfr::test {
 
-/// Returns the content of an archive with one to three other bytes, and sometimes without its end,
-/// with a valid checksum, as written by another program.
+/// Returns the archive with one to three bytes changed, sometimes without its end, and with a valid
+/// checksum, as another program might write it.
 inline std::string Damaged(const std::string& archive, core::Random& random) {
   std::string damaged = archive.substr(0, archive.size() - sizeof(std::uint64_t));
   for (std::uint64_t n = 1 + random.Below(3); n > 0; --n) {

@@ -40,7 +40,7 @@ std::span<const double> ActionOf(const std::vector<double>& chunk, int i) {
   return std::span(chunk).subspan(2 * static_cast<std::size_t>(i), 2);
 }
 
-// Policy that is queried every kChunk steps, at `y` of the tip.
+// Returns a policy's chunk of actions for `y` of the tip.
 using Ask = std::vector<double> (*)(double y);
 
 struct Episode {

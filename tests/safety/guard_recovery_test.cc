@@ -37,7 +37,7 @@ class Shove final : public control::RecoveryStrategy {
 };
 
 // One wrong measurement, as of a tracker that loses its mark, must not outweigh the effects of all
-// actions: a policy that reaches the goal alone then left the corridor.
+// actions. Otherwise a policy that reaches the goal alone leaves the corridor.
 TEST(GuardRecoveryTest, OneWrongMeasurementIsNotLearned) {
   for (const Strategy strategy : {Strategy::kGuard, Strategy::kController}) {
     Guard guard(Model(strategy));

@@ -76,7 +76,7 @@ TEST(ShadowTest, TheLastReportCounts) {
 }
 
 // A report in wrong units would outweigh all measurements of the response. A huge one would
-// overflow in its estimate, and a NaN of it could let actions pass.
+// overflow in the estimate, and the resulting NaN could let actions pass.
 TEST(ShadowTest, AnActionThatNothingCanHaveAppliedHalts) {
   for (const double size : {1.0, 99.7, 1e80, 1e155, 1e200, std::numeric_limits<double>::max()}) {
     Guard guard(Model());
@@ -92,7 +92,7 @@ TEST(ShadowTest, AnActionThatNothingCanHaveAppliedHalts) {
   }
 }
 
-// A policy may exceed the limits, and a robot without limits applies what it says.
+// A policy may exceed the limits, and a robot without limits applies the policy's action.
 TEST(ShadowTest, GoesOnAfterAnActionBeyondTheLimitsThatARobotCanHaveApplied) {
   for (const Strategy strategy : {Strategy::kGuard, Strategy::kController, Strategy::kMonitor}) {
     Guard guard(Model(strategy));

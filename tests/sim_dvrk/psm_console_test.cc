@@ -271,7 +271,7 @@ TEST(PsmConsoleTest, MovesTakeLongerAtASmallerRatio) {
     for (; console.busy(); ++steps) console.Step(1e-3);
     return 1e-3 * steps;
   };
-  // At most 1.5 times the mean speed, which is 90 degrees/s.
+  // The top speed is 1.5 times the mean speed, and at most 90 degrees/s.
   EXPECT_NEAR(duration(1.0), 1.5 * 0.5 / (90 * kDegree), 2e-3);
   EXPECT_NEAR(duration(0.25), 4.0 * 1.5 * 0.5 / (90 * kDegree), 2e-3);
   PsmConsole console = Homed();
@@ -374,8 +374,8 @@ TEST(PsmConsoleTest, TwistIsThatOfTheWristInTheBaseFrame) {
     console.ServoJp(PsmHomeWith(0, -0.2 + 1e-3 * i));
     console.Step(1e-3);
   }
-  // 1 rad/s about -y moves a tool that points down towards +x, once the lag has settled (to
-  // exp(-20)).
+  // A tool that points down and turns by 1 rad/s about -y moves towards +x, once the lag has
+  // settled (to exp(-20)).
   const Eigen::Vector3d wrist = console.measured_pose().translation();
   EXPECT_NEAR(wrist.norm(), 0.1135, 1e-12);
   const Eigen::Vector3d turn = -Eigen::Vector3d::UnitY();

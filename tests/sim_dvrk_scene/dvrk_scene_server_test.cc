@@ -77,8 +77,8 @@ class DvrkSceneServerTest : public testing::Test {
     return reply.text;
   }
 
-  // Same as above for a run with a command, which is sent until it arrives: a busy machine loses
-  // some.
+  // Same as above for a run with a command, which is repeated until it arrives: a busy machine
+  // loses commands.
   std::string AskWith(const dds::JointState& command, const std::string& run) {
     std::string reply;
     do {

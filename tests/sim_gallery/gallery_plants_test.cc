@@ -212,7 +212,7 @@ TEST(PushTest, TheBoxTurnsAwayFromThePusherUnlessPushedAtItsCentre) {
     plant->Reset(seed);
     Supervise(*plant, [](const std::vector<double>& x) { return x[0] - x[2] < -0.07; });
     const std::vector<double> before = State(*plant);
-    // Point where the pusher's line meets the box, relative to its centre, in the box's frame.
+    // Signed distance of the pusher's line from the box's centre.
     const double lever = -std::sin(before[4]) * (before[0] - before[2]) +
                          std::cos(before[4]) * (before[1] - before[3]);
     for (int t = 0; t < 4; ++t) Apply(*plant, {std::cos(before[4]), std::sin(before[4])});

@@ -131,12 +131,12 @@ TEST(LineTrackingPicturesTest, AStateThatTheImageDoesNotShowIsNaN) {
 
 TEST(LineTrackingPicturesTest, RenderPictureDrawsThePictureOfThatLook) {
   LineTrackingPlant plant;
-  plant.Reset(8);  // uses up the first value
+  plant.Reset(8);  // takes picture 1
   plant.Look();
   std::vector<std::uint8_t> second(plant.endoscope().image_size());
   plant.RenderEndoscope(second);
   std::vector<std::uint8_t> counted(second.size());
-  LineTrackingPlant other(Truth());  // takes none
+  LineTrackingPlant other(Truth());  // takes no picture
   other.Reset(8);
   other.RenderPicture(2, counted);
   EXPECT_EQ(counted, second);

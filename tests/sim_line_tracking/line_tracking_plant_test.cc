@@ -37,7 +37,7 @@ TEST(LineTrackingPlantTest, OpenLoopDemonstrationsFollowTheLineWhenNothingMoves)
     // The deviation has two parts: the initial error, whose standard deviation is 0.6 mm, and the
     // residual that no calibration can remove.
     EXPECT_LT(farthest, LineTrackingPlant::kCollision);
-    // The mean of this residual is 0.5 mm, and it occurs at both ends.
+    // The mean of this residual is 0.5 mm, and it occurs at the beginning and at the end.
     EXPECT_NEAR(plant.truth().progress_m, 0.050, 2.5e-3);
   }
 }

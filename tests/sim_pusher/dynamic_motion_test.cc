@@ -72,8 +72,8 @@ TEST(DynamicMotionTest, TheCylinderSlidesTheCoulombDistance) {
   }
 }
 
-// The gripper pushes it to the goal as in quasi-static pushing, but the cylinder slides slightly
-// ahead.
+// The gripper pushes the cylinder to the goal as in quasi-static motion, but the cylinder slides
+// slightly ahead.
 TEST(DynamicMotionTest, APushedCylinderSlidesAhead) {
   PusherPlant plant = Dynamic();
   plant.SetState(WithObjectAt(Observe(plant), 0.45, 0.0));

@@ -88,7 +88,8 @@ TEST(PusherCollisionTest, ForkProngsCollideToo) {
   EXPECT_GT(hits["prong_right"], 0);
 }
 
-// It has collided at the sum of the radii, and has completed with its centre over the goal.
+// The cylinder collides at the sum of the radii, and completes the task with its centre over the
+// goal.
 TEST(PusherCollisionTest, TheCylindersPositionDeterminesTheOutcome) {
   struct Case {
     double x, y;

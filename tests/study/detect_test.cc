@@ -43,7 +43,7 @@ TEST(DetectorRatesTest, AThresholdIsAQuantileOfTheHighestScores) {
   for (int i = 1; i <= 19; ++i) {
     demonstrations.push_back({.scores = {0.0, static_cast<double>(i), 100.0}, .failed = false});
   }
-  // Rank ceil(20 * .9) of 19. Scores of step 2 do not count.
+  // The rank is ceil(20 * .9) = 18 of 19. Scores of step 2 do not count.
   EXPECT_EQ(CalibratedThreshold(demonstrations, 1, 0.1), 18.0);
   EXPECT_EQ(CalibratedThreshold(std::span(demonstrations).first(3), 1, 0.1), 3.0);
   EXPECT_THROW((void)CalibratedThreshold({}, 1, 0.1), std::invalid_argument);

@@ -37,7 +37,7 @@ class Tiers(unittest.TestCase):
                 self.assertRegex(path.read_text(), r"\nint main\(.*\{\s+return dfr::apps::RunProgram\(")
 
     def test_only_system_tests_read_the_clock(self):
-        # Programs started only by these tests belong to them.
+        # No test of another tier runs these programs.
         theirs = {"tests/support/tiers_test.py", "tests/mutation/mutate.py", "tests/support/busy.py"}
         for path in sorted((SOURCE / "tests").rglob("*")):
             name = path.relative_to(SOURCE).as_posix()

@@ -101,7 +101,7 @@ TEST(LineVisionTest, MeasuresWhatWasDrawnOnBothSidesOfTheLine) {
     const LineObservation seen = vision.Observe(picture.view(), TipPlane());
     ASSERT_TRUE(seen.seen()) << Name(seen.missing);
     const double distance = (tip_y - 0.002 - 0.05 * 0.003) / std::hypot(1.0, 0.05);
-    // A hundredth of a pixel is 1.4 um. Noise of 2 levels moves a centre by a few of these.
+    // A hundredth of a pixel is 1.4 um. Noise of 2 levels moves a centre by a few hundredths.
     EXPECT_NEAR(seen.distance_m, distance, 2e-5);
     EXPECT_NEAR(seen.p_cam_tip.x(), 0.003, 2e-5);
     EXPECT_NEAR(seen.p_cam_tip.y(), -tip_y, 2e-5);
@@ -125,10 +125,10 @@ TEST(LineVisionTest, NamesTheMissingFeature) {
   picture.tip = false;
   EXPECT_EQ(reason(), NotSeen::kTip);
   picture.tip = true;
-  picture.second_tip = true;  // two candidates: which is the tip?
+  picture.second_tip = true;  // two candidates for the tip
   EXPECT_EQ(reason(), NotSeen::kTip);
   picture.second_tip = false;
-  picture.marks.resize(4);  // a single row: nothing determines its tilt
+  picture.marks.resize(4);  // a single row does not determine the target's tilt
   EXPECT_EQ(reason(), NotSeen::kTarget);
   picture.marks.resize(3);
   EXPECT_EQ(reason(), NotSeen::kTarget);

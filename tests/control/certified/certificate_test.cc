@@ -30,7 +30,7 @@ TEST(SafeBallTest, LiesInsideTheSupportAndNeverAllocates) {
     ++inside;
     random.Direction(direction);
     for (std::size_t k = 0; k < 2; ++k) there[k] = z[k] + shift[k] + ball.radius * direction[k];
-    // Rounding of l, a difference of logarithms of order one.
+    // Allows for the rounding of l, a difference of logarithms of order one.
     ASSERT_GE(support.LogDecision(0, there, {}), -1e-14);
     ASSERT_GE(ball.radius - ball.shift_norm, 0.0);
   }

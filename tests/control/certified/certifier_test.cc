@@ -47,8 +47,8 @@ class CertifierTest : public testing::Test {
   LocalFit fit = test::KnownJacobian(Jacobian());
 };
 
-// Brute force: for every allowed error and every true state within the observation error, the state
-// after the control s v is inside some B_q of the window.
+// Brute force: for every allowed error and every true state within the observation error, the
+// certified part of the control ends inside some B_q of the window.
 TEST_F(CertifierTest, EveryStateThatTheAssumptionAllowsIsInsideSomeSupport) {
   constexpr double kError = 0.3;
   for (const auto& [level, state_error] : {std::pair(0.0, 0.0), std::pair(0.1, 0.1)}) {
@@ -78,8 +78,8 @@ TEST_F(CertifierTest, EveryStateThatTheAssumptionAllowsIsInsideSomeSupport) {
   }
 }
 
-// l = log 2 - |x|^2 is the ball of radius sqrt(log 2) exactly, so the fraction is maximal: a
-// slightly larger one could end outside.
+// The support l = log 2 - |x|^2 is exactly the ball of radius sqrt(log 2). The fraction is
+// therefore maximal: a slightly larger one could end outside.
 TEST_F(CertifierTest, IsExactForASingleGaussian) {
   const test::GaussianSupport disk({{0.0, 0.0}}, 1.0, 0.5);
   const LocalFit identity = test::KnownJacobian(Eigen::Matrix2d::Identity());
@@ -139,7 +139,7 @@ TEST_F(CertifierTest, TheFractionIsTheLargerOfBothBalls) {
 }
 
 // The level returned by Predict() suffices, and Predict() finds a phase if inequality (2) of
-// docs/certificates.md has one.
+// docs/certificates.md holds for any.
 TEST_F(CertifierTest, PredictReturnsTheRequiredLevel) {
   const Certificate certificate{.direction_error = 0.4, .level = 0.2, .state_error = 0.05};
   Certifier certifier(certificate, 2, 2, kUnit);
@@ -250,10 +250,10 @@ TEST_F(CertifierTest, AdmittedControlsAreCertified) {
       ASSERT_EQ(admission.mode, Mode::kRecovery);
       ASSERT_GE(model.Level(phase, v), support.LogDecision(phase, z, {}));
     } else {
-      // Controls derived from demonstrations are recoveries.
+      // Only learned controls are reduced.
       ASSERT_TRUE(admission.mode == Mode::kPolicy || admission.share == 1.0);
       ++(admission.share < 1.0 ? shrunk : whole);
-      // Time advances: changed controls aim at the next support.
+      // Changed controls end inside the next support.
       if (v != chosen) {
         ASSERT_GE(model.Level(phase + 1, v), 0.0);
       }

@@ -31,9 +31,9 @@ class GuidedControllerTest : public test::RightwardsTest {
  protected:
   struct Course {
     int passed = 0;    // learned controls that were not changed
-    int replaced = 0;  // by recoveries
+    int replaced = 0;  // controls of recoveries
   };
-  // Expects the plant to get to x = `end` within 60 controls and inside the supports.
+  // Expects the plant to reach x = `end` within 60 controls without leaving the supports.
   Course Drive(GuidedController& guided, Turned plant, double end,
                const std::function<void(const Step&)>& check = {}) {
     Course course;
@@ -120,7 +120,7 @@ TEST_F(GuidedControllerTest, AStepReportsItsReasons) {
     EXPECT_EQ(step.filtered, step.mode == Mode::kPolicy && changed);
     recoveries += step.mode == Mode::kRecovery ? 1 : 0;
     plant.Apply(u);
-    // The plant responds as in the demonstrations: predictions inside are correct.
+    // The plant responds as demonstrated: a predicted state inside is reached.
     if (support.LogDecision(t + 1, plant.x, {}) >= 0.0) {
       ++t;
       waited = 0;
@@ -192,8 +192,8 @@ TEST_F(GuidedControllerTest, StartsAtTheFirstStep) {
   EXPECT_EQ(step.mode, Mode::kPolicy);
 }
 
-// The goal may lie at the edge of the last support, which does not move on. The policy still gets
-// there.
+// The goal may lie at the edge of the last support, which does not move on. The policy still
+// reaches it.
 TEST_F(GuidedControllerTest, MovesToTheEdgeOfTheLastSupport) {
   const auto policy = test::ConstantPolicy(2, test::kSpeed);
   GuidedController guided(policy, model, {.horizon = 3 * kSteps});
@@ -266,7 +266,7 @@ TEST_F(GuidedControllerTest, HaltsOnANonFiniteControlOrLevel) {
   GuidedController guided(nothing, model);
   EXPECT_EQ(First(guided, {0.0, 0.0}).cause, HaltCause::kControlInvalid);
   EXPECT_EQ(First(guided, {1e200, 0.0}).cause, HaltCause::kSupportInvalid);
-  // l is finite there, but nothing can correct the policy.
+  // Far away l is finite, but no control can correct the policy's.
   const auto wrong = test::ConstantPolicy(2, 1.0);
   for (const double far : {1e18, 3.4e38, 1e100}) {
     GuidedController filter(wrong, model, {.least_intervention = true});

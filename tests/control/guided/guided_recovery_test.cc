@@ -104,7 +104,7 @@ TEST_F(GuidedRecoverySlackTest, ARecoveryThatStaysOutsideAppliesTheDemonstratedC
   EXPECT_GT(u[1], -0.3 * x[1]);
 }
 
-// Neither the support nor the point outside it ever moves, so every decision is in the same state.
+// Returns the modes of decisions in one state: neither the support nor the point ever moves.
 std::string Modes(double y, const GuidedOptions& options) {
   const test::GaussianSupport support({{0.0, 0.0}}, 4.0, 0.5);
   const test::Task model(test::IdentityFeatures(), support, Rightwards());
@@ -126,8 +126,8 @@ TEST_F(GuidedRecoveryTest, HaltsOutsideAfterItsPatience) {
   EXPECT_EQ(Modes(2.5, {.patience = 5}), "RRRRR no-progress");
 }
 
-// Demonstrated controls move a point above the path past the supports at x = t test::kSpeed. The
-// phase advances with the prediction, and skips the missed supports.
+// A point starts above the path. Demonstrated controls carry it past the supports at x = t
+// test::kSpeed. The phase advances with the prediction and skips the missed supports.
 TEST_F(GuidedRecoveryTest, ThePhaseSkipsSupportsThatARecoveryMisses) {
   // Demonstrations have constant y and contain no motion down.
   auto demonstrations = Rightwards();
@@ -165,7 +165,7 @@ TEST_F(GuidedRecoveryTest, ComesBackFromOutside) {
   EXPECT_LT(controls, 10);
 }
 
-// Demonstrations that never move sideways have no data on the effect of the second control.
+// Demonstrations that never move sideways and do not show the effect of the control's second entry.
 std::vector<core::Trajectory> Sideless() {
   auto demonstrations = Rightwards();
   for (auto& d : demonstrations) d.controls.col(1).setZero();
@@ -207,8 +207,8 @@ TEST_F(GuidedRecoveryTest, StaysOnItsPathUnderADisturbance) {
   const test::Task sideless(test::IdentityFeatures(), support, Sideless(), {.gate_quantile = 0.5});
   const auto rightwards = test::ConstantPolicy(2, 0.1);
   const auto farthest = [&](const DisturbanceModel& disturbance_model, double sign) {
-    // Removes two parts: the exit level lets the disturbance carry the state away, and the nominal
-    // control leads back without a J.
+    // Removes two parts. The exit level would let the disturbance carry the state away. The nominal
+    // control would lead back without an estimate of J.
     GuidedOptions options = Without({}, "exit-level+demonstrated");
     options.horizon = 60;
     options.disturbance_model = disturbance_model;
@@ -244,7 +244,7 @@ std::vector<core::Trajectory> Toppling() {
   }
   return demonstrations;
 }
-// Features as wide as whitened ones, and MovingDisk() in these features.
+// Features with the spread of whitened ones. ThirtyfoldDisk() is MovingDisk() in these features.
 core::FeatureTransform Thirtyfold() {
   return {core::FeatureSelection::All(2), Eigen::Vector2d::Zero(),
           30.0 * core::Matrix::Identity(2, 2)};

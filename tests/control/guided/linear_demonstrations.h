@@ -32,7 +32,7 @@ Demonstrations Simulate(int count, int length, Eigen::Index features, Eigen::Ind
   return seen;
 }
 
-/// z' = z + J u exactly, for random u.
+/// Demonstrations of z' = z + J u, exactly, with random u.
 inline Demonstrations Linear(const core::Matrix& jacobian, int count, int length,
                              core::Random& random) {
   return Simulate(

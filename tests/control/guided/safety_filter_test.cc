@@ -65,7 +65,7 @@ TEST_F(SafetyFilterTest, AControlThatEndsOutsideIsReplacedByTheNominalOne) {
 }
 
 // The disk moves to the right. Demonstrations follow it at one speed or stand still. The first
-// entry of a corrected control has only these two values.
+// entry of a corrected control has one of the two demonstrated values.
 TEST_F(SafetyFilterTest, AnEntryWithFewValuesIsNeverAMeanOfThem) {
   auto demonstrations = test::Rightwards();
   for (std::size_t d = 0; d < demonstrations.size(); ++d) {
@@ -90,8 +90,8 @@ TEST_F(SafetyFilterTest, AnEntryWithFewValuesIsNeverAMeanOfThem) {
   EXPECT_NEAR(v[0], nominal[0] > 0.5 * speed ? speed : 0.0, 1e-12);
 }
 
-// Demonstrations use the second entry everywhere, but it acts only beyond x = .3. Near it J is a
-// mean of two responses. A raise with least intervention relies on it less.
+// Demonstrations use the second entry everywhere, but the entry acts only beyond x = .3. Near that
+// place J is a mean of two responses. A raise with least intervention uses the entry less.
 TEST_F(SafetyFilterTest, AnEntryOnWhoseEffectDemonstrationsDisagreeIsRaisedLess) {
   const auto raises = [&](double begin, bool least) {
     auto demonstrations = test::Rightwards();

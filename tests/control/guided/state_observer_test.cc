@@ -83,7 +83,7 @@ TEST_P(LagTest, IsFoundAtOnceAndPendingControlsArePredicted) {
   EXPECT_EQ(observer_.lag(), 0);
 }
 
-// Noise up to the size of a control's effect shows as a lag after at most 1 % of the controls.
+// Noise is mistaken for a lag after at most 1 % of the controls.
 TEST_P(LagTest, NoiseIsNotMistakenForALag) {
   int wrong = 0;
   for (int i = 0; i < 200; ++i) {

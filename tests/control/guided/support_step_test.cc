@@ -128,7 +128,7 @@ TEST_F(OneGaussianTest, AKnownPredictionIsKeptUpToDate) {
   }
 }
 
-// One entry is at its limit: only the other one can raise the margin.
+// One entry is at its limit: only the other entry can raise the level.
 TEST_F(OneGaussianTest, AnEntryAtItsLimitIsHeld) {
   Eigen::VectorXd v = Eigen::Vector2d(-0.25, 0.0);
   const double l =
@@ -171,7 +171,7 @@ TEST_F(OneGaussianTest, AnEntryWithFewValuesChangesOnlyInSnap) {
   EXPECT_EQ(v[1], free);
 }
 
-// Without curvature a step goes straight to the level.
+// Without curvature one step reaches the target level.
 TEST(AscendSupportTest, ALinearLevelIsClimbedInOneStep) {
   const test::FunctionLogSupport ramp(1, 0.0,
                                       [](int, std::span<const double> x, std::span<double> g) {
@@ -205,7 +205,7 @@ TEST(AscendSupportTest, NeverLowersTheLevelStaysWithinItsLimitsAndNeverAllocates
   EXPECT_GT(raised, 375);
 }
 
-// J reaches every change of features, and every maximum of l is above the level.
+// Each change of features is the effect of some control, and each maximum of l is above the target.
 TEST(AscendSupportTest, ReachesAnAttainableTarget) {
   for (std::uint64_t seed = 0; seed < 200; ++seed) {
     SCOPED_TRACE(testing::Message() << "seed = " << seed);

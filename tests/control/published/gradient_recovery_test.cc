@@ -15,8 +15,8 @@
 namespace dfr::control {
 namespace {
 
-// The gate requires g > 5 * 0.08 = 0.4. g is 0.5 in the centre and 0.06 at the start. The model's
-// gate level, a quantile over demonstrations, is higher.
+// The gate requires g > 5 * 0.08 = 0.4. g is 0.5 in the centre and 0.06 at the start. The gate
+// level of the model, a quantile over demonstrations, is above 0.4.
 const std::vector<double> kLevelRate = {5.0};
 const std::vector<double> kStart = {0.0, 0.38};
 

@@ -17,7 +17,7 @@ using core::Trajectory;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-// one state entry, one control entry
+// Returns a trajectory with one state entry and one control entry.
 Trajectory Make(const std::vector<double>& states, const std::vector<double>& controls) {
   Trajectory trajectory;
   trajectory.states = Eigen::Map<const core::Matrix>(states.data(), std::ssize(states), 1);

@@ -230,7 +230,7 @@ TEST(SwitchingControllerTest, HaltsOutsideTheSupportAndOnNonFiniteValues) {
       EXPECT_THAT(u, testing::Each(0.0));
     }
   }
-  // g after a probe.
+  // g is finite before a probe and NaN after it.
   int looks = 0;
   const test::FunctionSupport lost(
       1, [&](int, std::span<const double>) { return ++looks == 1 ? 0.1 : kNaN; });

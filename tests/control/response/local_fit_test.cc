@@ -105,7 +105,7 @@ TEST(LocalFitTest, FarFromDemonstrationsTheNominalControlIsNoExtrapolation) {
   EXPECT_LE(most, largest);
 }
 
-// No control causes a change: the demonstrated control is returned unchanged.
+// No control has an effect: the demonstrated control is returned unchanged.
 TEST(LocalFitTest, WithoutAnEffectTheNominalControlIsTheDemonstratedOne) {
   const auto seen = Simulate(
       8, 5, 3, 2, [](int, auto z) { z.setZero(); },
@@ -121,7 +121,7 @@ TEST(LocalFitTest, WithoutAnEffectTheNominalControlIsTheDemonstratedOne) {
   EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(0.7, 0.7), 1e-6));
 }
 
-// The first entry always acts. The second one acts only in contact, which begins at 0. Near there
+// The first entry always acts. The second one acts only in contact, which begins at 0. Near 0
 // demonstrations disagree, and J is a mean of two responses.
 TEST(LocalFitTest, DemonstrationsDisagreeOnAnEntryThatActsOnlyInContact) {
   core::Random random(7);

@@ -116,7 +116,7 @@ TEST(ResponseEstimateTest, EarlierControlsDoNotHideADemonstratedChangeOfTheRespo
   estimate.FitAt(9, z, fit);
   // Ten controls weigh less than the prior's 15: the estimate learns a part of the turn.
   EXPECT_LT((fit.jacobian() - first * turn).norm(), 0.8 * (first - first * turn).norm());
-  // Ten free steps do not outweigh the contact that demonstrations contain in the next one.
+  // Ten free steps do not outweigh the contact that demonstrations contain in the next step.
   estimate.FitAt(10, z, fit);
   EXPECT_LT(std::abs(fit.jacobian()(1, 1)), 0.1);
 }
@@ -195,7 +195,7 @@ TEST(ResponseEstimateTest, SeparatesADisturbanceFromTheResponseToControls) {
   }
   const LocalFit aware = aware_estimate.FitAt(0, z);
   const LocalFit blind = blind_estimate.FitAt(0, z);
-  // Ridge divided by the sum of 12 controls.
+  // The error is the ridge divided by a sum over 12 controls.
   EXPECT_TRUE(test::AllClose(aware.jacobian(), truth, 1e-7));
   EXPECT_TRUE(test::AllClose(aware.disturbance(), disturbance, 1e-7));
   EXPECT_GT((blind.jacobian() - truth).norm(), 0.1);
@@ -291,7 +291,7 @@ TEST(ResponseEstimateTest, SeparatesAMeasuredVelocityFromTheResponseToItsCommand
   const Eigen::VectorXd z = Eigen::Vector2d(5.0, 2.0);
   const LocalFit fit = ResponseEstimate(prior).FitAt(5, core::AsSpan(z));
   EXPECT_NEAR(fit.jacobian()(0), 1.0, 0.05);
-  // The ridges attribute a part to the drift, never the larger one.
+  // The ridges attribute a part to the drift, but never the larger part.
   EXPECT_GT(fit.jacobian()(1), 0.5 * 1.0 / 0.5);
   EXPECT_LE(fit.jacobian()(1), 1.0 / 0.5);
 }
@@ -343,7 +343,7 @@ TEST(ResponseEstimateTest, TheNominalControlIsThatOfDemonstrationsInTheSameConte
     const double far = std::exp(-(2.0 - context) * (2.0 - context));
     EXPECT_NEAR(v[0], near / (near + far), 0.05);
     EXPECT_NEAR(v[1], far / (near + far), 0.05);
-    // The fit follows its context, and returns to the same bits with the first one.
+    // The fit follows its context, and returns to the same bits with the first context.
     Eigen::VectorXd again(kM);
     fit.SetContext(std::vector{1.0});
     ASSERT_TRUE(fit.NominalControl(again));

@@ -89,7 +89,8 @@ TEST(FeatureTransformTest, ScalesAFeatureWithoutVarianceByItsStep) {
   }
 }
 
-// Two ways are 20 standard deviations apart. A unit of z is closer to the spread of one way.
+// Two ways are 20 standard deviations apart. A unit of z is at most a third of half their distance.
+// Without local scatter it is half their distance.
 TEST(FeatureTransformTest, SeveralWaysAreNotOneWideOne) {
   Random random(3);
   std::vector<Matrix> demonstrations;

@@ -72,7 +72,7 @@ std::vector<Trajectory> Quaternions(double angle, bool flips) {
   });
 }
 
-// Range: [-pi, pi] if `centred`, otherwise [0, 2 pi].
+// Returns the angle in [-period / 2, period / 2] if `centred`, otherwise in [0, period].
 double Wrapped(double angle, bool centred, double period = 2.0 * kPi) {
   return angle - period * (centred ? std::round(angle / period) : std::floor(angle / period));
 }

@@ -65,7 +65,7 @@ TEST(FoldsTest, EachDemonstrationIsInOneFoldAndSizesDifferByOneAtMost) {
   }
 }
 
-// Matrices of different sizes cannot be compared.
+// Returns the entries of each matrix, because matrices of different sizes cannot be compared.
 std::vector<std::vector<double>> Entries(const std::vector<Matrix>& matrices) {
   std::vector<std::vector<double>> entries;
   entries.reserve(matrices.size());
@@ -121,9 +121,9 @@ TEST(FoldsTest, DistinguishesDifferencesInDoublePrecision) {
             Entries(Permuted(demonstrations, DeterministicOrder(demonstrations))));
 }
 
-// Split conformal prediction assumes that the first demonstrations are a random sample. A further
-// one then exceeds all of them with the probability of a random order, and each rank is as often
-// among the first.
+// Split conformal prediction assumes that the first demonstrations are a random sample. Each rank
+// is then equally often among the first, and a further demonstration exceeds all of them as often
+// as in a random order.
 TEST(FoldsTest, TheFirstAreARandomSample) {
   constexpr int kCount = 20;
   constexpr int kHeldOut = 10;

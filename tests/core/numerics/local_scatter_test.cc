@@ -74,8 +74,8 @@ TEST(LocalScatterTest, OutliersHaveLittleEffect) {
   EXPECT_TRUE(test::AllClose(scatter, skewed.Scaled(skewed.covariance), 0.4));
 }
 
-// A sum of other coordinates and one that is constant up to the rounding of its mean are no further
-// dimensions, in which points would have more distant neighbours.
+// A coordinate that is a sum of others, or constant up to the rounding of its mean, adds no
+// dimension. A further dimension would make neighbours more distant.
 TEST(LocalScatterTest, OnlyIndependentCoordinatesAreDimensions) {
   Skewed skewed;
   const auto groups = skewed.Groups(Eigen::RowVector3d::Zero());

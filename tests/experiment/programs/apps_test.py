@@ -142,7 +142,7 @@ class AppsTest(unittest.TestCase):
                 wanted = [[100 * ratio - 100, 100 * ratio, controls / there]]
             for value, candidates in zip(values, wanted):
                 digits = len(value.partition(".")[2])
-                # Half a digit of the report, and half of a digit that the command prints.
+                # Half of the report's last digit, and half of the command's last digit.
                 slack = 0.5 * 10**-digits + 0.06 * max(1.0, max(map(abs, candidates)) / 100)
                 self.assertTrue(any(abs(float(value) - c) <= slack for c in candidates), f"{text}: {commands} {told}")
 

@@ -1,6 +1,6 @@
 """Runs dfr-cluster with Slurm on this machine alone, and with GNU parallel, also over ssh.
 
-Skips what needs an absent program (slurmctld, slurmd, munged, GNU parallel, sshd), or root to start one.
+Skips tests whose programs (slurmctld, slurmd, munged, GNU parallel, sshd) are absent or need root.
 
 usage: cluster_system_test.py PROGRAM DFR_CLUSTER
 """

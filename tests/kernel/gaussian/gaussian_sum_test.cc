@@ -23,11 +23,12 @@ class GaussianSumTest : public testing::TestWithParam<std::int64_t> {
   void TearDown() override { ForceTarget(0); }
 };
 
-// Block counts around every group size of the unrolled loops, with and without a partial block.
+// Numbers of terms around every group size of the unrolled loops, with and without a partial block.
 constexpr int kCounts[] = {1, 2, 7, 8, 9, 16, 17, 24, 31, 32, 33, 63, 64, 65, 127, 128, 129, 600};
 
-// Sums differ from the definition by at most `tolerance` of the sum, and weighted differences of
-// states, which are at most `reach` in each coordinate, by `reach` times that.
+// Checks that sums differ from the definition by at most `tolerance` of the sum. Differences of
+// states are at most `reach` in each coordinate, and their weighted sums differ by at most `reach`
+// times as much.
 template <typename T>
 void CheckAgainstLongDouble(int dim, double gamma, double spread, double tolerance, double reach) {
   core::Random random(11);

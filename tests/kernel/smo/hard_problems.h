@@ -15,8 +15,8 @@
 namespace dfr::kernel::test {
 
 // Returns the sum over rows p of `vectors` of alpha exp(-gamma |x - p|^2), for each x. Without
-// "flatten", -Og compiles each operation of the exponential as a call, which takes half of the time
-// of all tests here.
+// "flatten", -Og compiles each operation of the exponential as a call, and these calls take half of
+// the time of all tests here.
 [[gnu::flatten]] inline Eigen::VectorXd Gradients(const core::Matrix& samples,
                                                   const core::Matrix& vectors,
                                                   const Eigen::VectorXd& alpha, double gamma) {
@@ -53,8 +53,8 @@ inline double GapOf(const OneClassSvm& svm, const FitSummary& summary, const cor
   return KktGap(Gradients(samples, svm.support_vectors(), svm.alpha(), svm.gamma()), summary, nu);
 }
 
-// Fits, and expects convergence with a KKT gap, by its definition, below the tolerance plus
-// `rounding`.
+// Fits, and expects convergence and a KKT gap, computed from its definition, below the tolerance
+// plus `rounding`.
 inline OneClassSvm FitToTheGap(const core::Matrix& samples, const OneClassSvmOptions& options,
                                double rounding = 0.0, FitSummary* out = nullptr) {
   FitSummary summary;

@@ -48,7 +48,7 @@ TEST_P(HardProblemsTest, ObjectivesAreNoHigherThanThoseOfLibsvm) {
           FitSummary summary;
           (void)OneClassSvm::Fit(samples, {.nu = nu, .gamma = gamma, .tolerance = kTolerance},
                                  &summary);
-          // Both are within tolerance * nu m of the minimum; LIBSVM's kernel is float.
+          // Both objectives are within tolerance * nu m of the minimum; LIBSVM's kernel is float.
           EXPECT_LE(summary.objective, peer.Objective() * (1.0 + 1e-6) + kTolerance * nu * m);
         }
       }

@@ -73,7 +73,7 @@ TEST_P(OneClassSvmPeerTest, DecisionsAndObjectiveAgreeWithLibsvm) {
   const double tolerance = 1e-6 * svm.rho() + 3e-8;
   EXPECT_TRUE(dfr::test::AllClose(Decisions(svm, queries), expected, tolerance));
   EXPECT_NEAR(svm.rho(), peer.rho() / (c.nu * c.m), tolerance);
-  // Both are within about tolerance * nu m of the minimum.
+  // Both objectives are within about tolerance * nu m of the minimum.
   EXPECT_NEAR(summary.objective, peer.Objective(), 1e-6 * c.nu * c.m + 1e-7 * summary.objective);
 }
 
@@ -173,7 +173,7 @@ TEST(OneClassSvmTest, AStartKeepsTheEstimateAndTheSolutionEndsAtOnce) {
   const auto a = OneClassSvm::Fit(samples, options, &cold);
   options.start = core::AsSpan(std::as_const(neighbour.alpha));
   const auto b = OneClassSvm::Fit(samples, options, &warm);
-  // The tolerance over nu m = 80, with a margin of ten.
+  // The tolerance divided by nu m = 80, with a margin of ten.
   EXPECT_TRUE(dfr::test::AllClose(Decisions(b, samples), Decisions(a, samples), 1.3e-7));
   EXPECT_NEAR(warm.alpha.sum(), 1.0, 1e-12);
   options.start = core::AsSpan(std::as_const(cold.alpha));
@@ -181,7 +181,7 @@ TEST(OneClassSvmTest, AStartKeepsTheEstimateAndTheSolutionEndsAtOnce) {
   EXPECT_LT(warm.iterations, cold.iterations / 20);  // scaling alpha and back causes rounding
 }
 
-// Consecutive fits of one thread share memory.
+// Fits of one thread share memory. The inner fit runs in the outer fit's progress call.
 TEST(OneClassSvmTest, AFitWithinProgressChangesNoBitOfTheOuterFit) {
   core::Random random(44);
   const core::Matrix outer = Tube(120, 5, random);

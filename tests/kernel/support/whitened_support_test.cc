@@ -51,7 +51,8 @@ TEST(WhitenedSupportTest, LogFormHasTheSignOfGAndGradientsAreDerivatives) {
   }
 }
 
-// Checks l(z + d) >= l(z) + d . grad l(z) - c |d|^2, on which certificates are based, and L.
+// Checks l(z + d) >= l(z) + d . grad l(z) - c |d|^2, on which certificates are based, and the
+// Lipschitz bound.
 TEST(WhitenedSupportTest, CurvatureAndLipschitzBoundsHold) {
   const auto support = WhitenedSupport::Fit(Walks(60));
   core::Random random(3);
@@ -192,8 +193,8 @@ TEST(WhitenedSupportTest, TheGapBetweenTwoWaysIsFound) {
                std::invalid_argument);
 }
 
-// One time step, whose support is a ball of radius .83 about `center`. Later states, if any, belong
-// to the same demonstrations and have no separate estimate.
+// Tests one time step, whose support is a ball of radius .83 about `center`. `later` is the next
+// state of each demonstration, which has no separate estimate.
 ModeSeparationTest Gaps(const std::vector<double>& states, double center, double later = -100.0) {
   std::vector<core::Matrix> demonstrations;
   for (const double state : states) {

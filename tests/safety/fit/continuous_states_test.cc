@@ -208,7 +208,8 @@ TEST(ContinuousStatesTest, AnAngleOverSeveralRevolutionsIsContinuous) {
   const auto fresh = Turning(Wrapped, 2, 1, 0.3, 0.7)[0];
   ExpectNearOnEveryRevolution(*model, fresh.states);
 
-  // The gradient in the angle is a difference quotient of g, and an explanation names the angle.
+  // The gradient in the angle equals a difference quotient of g, and an explanation names the
+  // angle.
   std::vector<double> state(core::Row(fresh.states, 4).begin(), core::Row(fresh.states, 4).end());
   std::vector<double> gradient(3);
   const double g = model->support().Gradient(4, state, gradient);

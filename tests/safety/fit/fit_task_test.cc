@@ -23,7 +23,7 @@ core::FeatureSelection Tip() { return {test::CorridorLayout(), "tip"}; }
 // The kernel is so narrow that the slack of demonstrations exceeds the minimum.
 constexpr double kNarrow = 20.0;
 
-// Returns l of each state under a support of the others, at the phase of a phase tracker.
+// Returns l of each state under a support of the other folds, at the phase of a phase tracker.
 std::vector<double> UnseenLevels(const std::vector<core::Matrix>& points,
                                  const kernel::WhitenedSupportOptions& options, int folds) {
   std::vector<std::size_t> order(points.size());
@@ -87,8 +87,8 @@ internal::GuardFit FitOf(const core::FeatureSelection& features,
       .value();
 }
 
-// For any requested number of folds, leaves out two of four at a time: a single demonstration gives
-// no support.
+// A support needs two demonstrations: for any requested number of folds, the fit leaves out at most
+// two of four at a time, and one of three.
 TEST(FitTaskTest, EachStateHasALevelIfTwoDemonstrationsRemain) {
   for (const auto& [count, states] : {std::pair(12, 12), std::pair(4, 4), std::pair(3, 1)}) {
     const auto demonstrations = test::CorridorDemonstrations(3, count);
@@ -129,7 +129,7 @@ TEST(FitTaskTest, ARegionThatDemonstrationsAvoidDoublesGamma) {
 
 // Demonstrations move along a circle with different speeds: the states of a time step lie on an
 // arc. A narrower kernel covers less beside the arc, and as many left-out states. A still narrower
-// one covers fewer.
+// kernel covers fewer of these states.
 TEST(FitTaskTest, StatesOnAnArcDoubleGamma) {
   constexpr int kSteps = 24;
   core::StateLayout layout;

@@ -45,7 +45,8 @@ TEST(GuardAdviceTest, NoiseOfSensorsIsNamed) {
                                                HasSubstr("of the rest is noise of sensors"))));
 }
 
-// In the unit of the state: no state without an alarm is farther from all demonstrated states.
+// No state without an alarm is farther than the clearance, in the state's unit, from all
+// demonstrated states.
 TEST(GuardAdviceTest, ClearanceIsADistanceThatNoStateWithoutAlarmExceeds) {
   const auto demonstrations = test::CorridorDemonstrations(1, 30);
   const auto model = test::Model();

@@ -105,7 +105,7 @@ TEST(StateColumnsTest, AConstantThatChangesHaltsWithItsReason) {
     return verdict.cause;
   };
   std::string why;
-  // The change is less than a thousandth.
+  // A change by less than a thousandth does not halt.
   EXPECT_EQ(cause_at(200.1, *model, why), control::HaltCause::kNone);
   EXPECT_EQ(cause_at(201.0, *model, why), control::HaltCause::kStateInvalid);
   EXPECT_EQ(why,
