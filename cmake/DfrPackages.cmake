@@ -13,8 +13,8 @@ set(DFR_PKG_CONFIG_FLAGS
   "libjpeg-turbo::turbojpeg=-lturbojpeg")
 
 # dfr_write_pkg_config(kernel dfr::core Eigen3::Eigen hwy::hwy ...) writes and installs dfr-kernel.pc.
-# The libraries are static. Linking one also requires its private dependencies; therefore all of them
-# are in Requires and Libs.
+# The libraries are static. Linking a static library also requires its private dependencies. Requires
+# and Libs therefore list all of them.
 function(dfr_write_pkg_config name)
   set(requires "")
   set(flags "")

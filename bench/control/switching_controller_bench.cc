@@ -113,7 +113,7 @@ void BM_Clock(benchmark::State& state) {
 void BM_Next(benchmark::State& state, Recovery recovery, bool kernel, bool open) {
   const auto support = MakeSupport(kernel);
   const Linear policy;
-  // A tiny lambda opens the gate at any g > 0, and a huge one shuts it.
+  // A tiny lambda opens the gate at any g > 0, and a huge lambda shuts it.
   const std::vector<double> lambda = {open ? 1e-9 : 1e9};
   const SwitchingControllerOptions options{
       .recovery = recovery, .horizon = kHorizon, .max_iterations = 1 << 30};

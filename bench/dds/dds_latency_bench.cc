@@ -2,7 +2,7 @@
 // through dfr's publishers and subscribers over each transport, compared with CycloneDDS over UDP
 // on the same loopback. Times are medians and 99th percentiles, in microseconds; `of_cyclone` is
 // the median relative to that of CycloneDDS. One message is in transit at a time. The other process
-// runs this program. usage: dds_latency_bench [Google Benchmark's options]
+// also runs this program. usage: dds_latency_bench [Google Benchmark's options]
 #include <benchmark/benchmark.h>
 #include <dds/dds.h>
 #include <signal.h>
@@ -278,7 +278,7 @@ class Link {
   Link(const Link&) = delete;
   Link& operator=(const Link&) = delete;
 
-  /// Sends a question and waits for the answer. Returns false if there was none.
+  /// Sends a question and waits for the answer. Returns false if no answer arrives.
   bool Exchange(double timeout_s, double& round_trip_s, double& one_way_s) {
     const std::int64_t start = Now();
     end_->Ask(start);

@@ -87,7 +87,7 @@ class Keystore {
   std::filesystem::path folder_;
 };
 
-// Argument: 1 for a secured network, 0 for an open one.
+// Argument: 1 for a secured network, 0 for an open network.
 void BM_RoundTrip(benchmark::State& state) {
   static const Keystore kKeystore;
   const bool secured = state.range(0) != 0;

@@ -56,7 +56,7 @@ class Console {
   dds::Publisher<dds::OperatingState> state_;
 };
 
-// Ticks are 2 ms apart, as in a loop; only the tick is timed.
+// Ticks are 2 ms apart, as in a control loop. The benchmark times only the tick.
 void BM_DriverTick(benchmark::State& state) {
   dds::Participant participant({.domain = 19});
   Console console(participant);
@@ -95,7 +95,7 @@ void BM_DriverTick(benchmark::State& state) {
 }
 BENCHMARK(BM_DriverTick)->UseManualTime()->Iterations(1000)->Unit(benchmark::kMicrosecond);
 
-// Argument: length of the tip's path in mm, which is checked every half millimetre.
+// Argument: length of the tip's path in mm. Start() checks the path every half millimetre.
 void BM_StartMove(benchmark::State& state) {
   hardware::PsmMotion motion({}, hardware::PsmProfile::kSmooth);
   motion.Rest(Home());

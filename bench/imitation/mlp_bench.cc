@@ -169,7 +169,7 @@ void BM_ForwardBackwardEigen(benchmark::State& state) {
   CountSamples(state);
 }
 
-// Called as in a control loop: one state, no workspace.
+// One state without a workspace, as in a control loop.
 void BM_ForwardOne(benchmark::State& state) {
   Case c(state);
   if (!c.RightAnswers()) return state.SkipWithError("wrong answer");

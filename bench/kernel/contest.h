@@ -44,8 +44,8 @@ struct Timing {
   bool peer = true;
 };
 
-/// Times contestants alternately in rounds, which distributes drift of the machine equally. The
-/// first one is the subject; the others are its peers.
+/// Times contestants alternately in rounds: a drift of the machine's speed affects all of them
+/// equally. The first contestant is the subject, and the rest are its peers.
 std::vector<Timing> RunContest(const std::vector<Contestant>& contestants, int operations,
                                const ContestOptions& options);
 

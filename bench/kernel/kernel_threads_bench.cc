@@ -72,7 +72,7 @@ class Runner {
  public:
   explicit Runner(Options options) : options_(std::move(options)) {}
 
-  // Alternates between one thread and all, and uses the minimum over the rounds.
+  // Alternates between one thread and all threads, and uses the minimum over the rounds.
   void Run(const std::string& name, const Job& job) {
     if (name.find(options_.filter) == std::string::npos) return;
     Times times[2];

@@ -10,7 +10,7 @@ struct Machine {
   std::string processor;  ///< Name of the processor; empty if the system does not report it.
   std::string instruction_set;
   std::size_t vector_bytes = 0;
-  /// Time of one vector multiply-add, in a throughput-bound loop.
+  /// Time per vector multiply-add in a loop that throughput limits.
   double fma_nanoseconds = 0.0;
   double load_l1_nanoseconds = 0.0;  ///< Time of one vector load from 16 KiB.
   double load_l2_nanoseconds = 0.0;  ///< Time of one vector load from 256 KiB.

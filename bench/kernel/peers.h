@@ -8,8 +8,8 @@
 
 namespace dfr::bench {
 
-/// A one-class SVM of another library, trained on the same data with the same options, as its
-/// documentation shows.
+/// A one-class SVM of another library, trained on the same data with the same options, by the calls
+/// of the library's documentation.
 class Peer {
  public:
   virtual ~Peer() = default;

@@ -1,5 +1,5 @@
 // Behaviour of line tracking over the network under faults: each fault many times at random moments
-// of motion, in one table. The robot's program is this one with --robot.
+// of motion, in one table. With --robot this program is the robot's.
 #include <signal.h>
 #include <unistd.h>
 

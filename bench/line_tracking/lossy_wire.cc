@@ -80,7 +80,7 @@ void EnterNewNetwork() {
 }
 
 // Moves this process to a new network namespace.
-// @return the end of its cable: data written there arrive at the host.
+// @return the end of its cable: a packet written there arrives at the host.
 int MakeHost(const char* address) {
   EnterNewNetwork();
   const int tap = open("/dev/net/tun", O_RDWR | O_NONBLOCK | O_CLOEXEC);

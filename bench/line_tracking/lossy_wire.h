@@ -12,8 +12,8 @@ namespace dfr::bench {
 /// also overtake each other. Traffic of a host to itself does not use the cable.
 class LossyWire {
  public:
-  /// Moves this process to the near host, which has the address 10.77.0.1. The far one has
-  /// 10.77.0.2, and each has a separate loopback. Must be called before threads are started.
+  /// Moves this process to the near host, which has the address 10.77.0.1. The far host has
+  /// 10.77.0.2, and each host has a separate loopback. Must be called before threads are started.
   /// @param seed  seed of losses and delays.
   /// @throws std::runtime_error with the system's reason if namespaces are not permitted.
   explicit LossyWire(std::uint64_t seed);
@@ -25,7 +25,7 @@ class LossyWire {
   /// uniformly distributed.
   void Disturb(double loss, double jitter_s) noexcept;
 
-  /// Moves the calling process to the far host; for a child of fork(), before exec().
+  /// Moves the calling process to the far host. A child of fork() calls it before exec().
   /// @return false on failure, with the reason in errno.
   [[nodiscard]] bool EnterFarHost() const noexcept;
 

@@ -98,7 +98,7 @@ class Writer {
       const std::uint8_t kind = kKinds[Below(kKinds.size())];
       const std::uint8_t flags = Below(4) == 0 ? Byte() : static_cast<std::uint8_t>(1 | Below(16));
       Bytes content = Noise(Below(5) == 0 ? Below(200) : 4 * Below(24));
-      // Small numbers are more often valid field values than large ones.
+      // Small numbers are valid values of fields more often than large numbers.
       for (std::uint8_t& byte : content) byte = Below(3) == 0 ? byte : byte & 3U;
       const bool data = kind == 0x15 || kind == 0x16;
       for (const std::size_t at : {std::size_t{data ? 4U : 0U}, std::size_t{data ? 8U : 4U}}) {

@@ -9,9 +9,9 @@ namespace dfr::bench {
 
 /// Sends packets to every UDP port of this machine at which a program of a DDS domain may listen,
 /// including the emergency stop's: random bytes, RTPS messages of random submessages, and the
-/// programs' own messages with bytes changed, removed or added. It has no key; it reads the
-/// messages at a free port that receives announcements. A separate thread runs from construction to
-/// destruction.
+/// programs' own messages with bytes changed, removed or added. It has no key. It reads the
+/// programs' messages at a free port that receives announcements. A separate thread runs from
+/// construction to destruction.
 class PacketStorm {
  public:
   /// @param rate  packets per second.
@@ -24,7 +24,7 @@ class PacketStorm {
   /// Starts or stops sending. While stopped, it only listens.
   void Blow(bool blows) noexcept { blows_ = blows; }
   [[nodiscard]] std::uint64_t sent() const noexcept { return sent_; }
-  /// Returns the number of messages of others that it has read and may change.
+  /// Returns the number of messages of other programs that it has read and may change.
   [[nodiscard]] std::uint64_t heard() const noexcept { return heard_; }
 
  private:

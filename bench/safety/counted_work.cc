@@ -1,6 +1,6 @@
 // Operations whose speed bench/compare.py compares: decisions, gradients, fits, a guided step, a
-// guard's filter. Callgrind counts each one separately and dumps it by name. --time measures times
-// instead.
+// guard's filter. Callgrind counts each operation separately and dumps the count by name. --time
+// measures times instead.
 //
 //   counted_work [--filter=TEXT] [--time=SECONDS] [--slow=PERCENT] [--few]
 //
@@ -195,7 +195,7 @@ void RunControllers(Runner& runner) {
   constexpr int kSteps = 20;
   constexpr int kEpisode = 12;  // steps of one operation
   const auto demonstrations = Demonstrations(24, kSteps, 12, 7);
-  // States near the demonstrated ones and at the edge of their support.
+  // States near the demonstrated states and at the edge of the support.
   core::Random random(2);
   core::Matrix queries(kSteps, 12);
   for (int t = 0; t < kSteps; ++t) {

@@ -196,7 +196,7 @@ TEST_F(RolloutTest, NeverAllocatesWithAWorkspace) {
 }
 
 TEST_F(RolloutTest, CpuTimeIsSplitIntoPlantAndDecision) {
-  // The policy takes much time and the plant almost none.
+  // The policy takes much processor time and the plant takes almost none.
   const test::FunctionPolicy slow(2, 2, [](int, std::span<const double>, std::span<double> u) {
     volatile double sum = 0.0;
     for (int i = 0; i < 100'000; ++i) sum = sum + i;

@@ -51,8 +51,8 @@ TEST(RandomTest, UniformFillsItsBinsEvenly) {
   EXPECT_LT(chi_squared, 103.4);  // 63 degrees of freedom, 0.1 % tail
 }
 
-// The numbers of a seed never change. They follow Marsaglia and Bray's polar method: pairs of
-// uniform numbers in [-1, 1) until one lies inside the circle.
+// The numbers of a seed never change. Marsaglia and Bray's polar method draws pairs of uniform
+// numbers in [-1, 1) until a pair lies inside the unit circle.
 TEST(RandomTest, NormalIsThePolarMethodOfTheUniformStream) {
   Random normal(9);
   Random uniform(9);

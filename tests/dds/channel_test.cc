@@ -105,7 +105,8 @@ TEST_F(ChannelTest, EventsReachLateJoinersInOrder) {
 TEST_F(ChannelTest, ARequestReachesNobodyWhoJoinsLater) {
   Publisher<StringStamped> publisher(first_, "/state_command", Role::kRequest);
   Eventually([&] { return publisher.Write({{}, {}, "home"}); });
-  // A subscriber that requests stored samples is not matched; others receive new samples.
+  // A subscriber that requests stored samples is not matched. Other subscribers receive new
+  // samples.
   const Subscriber<StringStamped> keeps(second_, "/state_command", Role::kEvent);
   Subscriber<StringStamped> late(second_, "/state_command", Role::kRequest);
   Eventually([&] { return publisher.num_subscribers() == 1; });
@@ -172,7 +173,7 @@ TEST_F(ChannelTest, OldCommandsExpire) {
   PoseStamped got;
   Eventually([&] { return publisher.Write({}) && subscriber.Take(got); });
   Eventually([&] { return publisher.Write({}) && subscriber.Wait(0.0); });
-  // Nothing takes the command that arrived. A later one may still be on its way.
+  // No call takes the command that arrived. A later command may still be on its way.
   Eventually([&] { return !subscriber.Wait(0.0) && !subscriber.Take(got); });
 }
 

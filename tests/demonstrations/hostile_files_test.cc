@@ -147,7 +147,7 @@ TEST(HostileFilesTest, ASmallParquetFileMayNotClaimGigabytes) {
                   "declares 67108864 values in a row group, too many for a file of this size")));
 }
 
-// 20 000 columns have a parent with a name of 20 000 letters, which each of them repeats.
+// 20 000 columns have a parent with a name of 20 000 letters, and each column's path repeats it.
 TEST(HostileFilesTest, ASmallSchemaMayNotAskForGigabytes) {
   const test::TempFolder folder;
   std::vector<std::string> elements(20'002, Number(1, 1));

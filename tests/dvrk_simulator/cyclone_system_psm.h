@@ -174,7 +174,8 @@ class Psm {
     return start;
   }
   double Move(const Joints& goal) { return SendJoints("move_jp", {goal.begin(), goal.end()}); }
-  // Same as wait_move_handle.wait(): waits until the arm was busy after `start` and no longer is.
+  // Same as wait_move_handle.wait(): waits until the arm has been busy after `start` and is idle
+  // again.
   void Wait(double start) {
     Require(Until(30.0, [&] { return last_busy > start && !busy; }));
   }

@@ -2,7 +2,8 @@
 // the scripts for an arm and for a PSM), as an independent client written with CycloneDDS. It knows
 // only names, types and ROS 2's quality of service:
 //   cyclone_system_script DOMAIN
-// Exit code: 0 done, 1 DDS failed, else the number of the step that failed, whose name it prints.
+// Exit code: 0 after all steps, 1 if DDS fails, else the number of the failed step, whose name it
+// prints.
 #include <dds/dds.h>
 
 #include <algorithm>
@@ -48,7 +49,7 @@ Joints Current(const Psm& psm) {
   return joints;
 }
 
-// Sends a query and receives its answer; false without an answer.
+// Sends a query and waits for its answer. Returns false without an answer.
 template <typename Answer>
 bool Ask(Psm& psm, const std::string& name, const dds_topic_descriptor_t& query_type,
          const void* query, const dds_topic_descriptor_t& answer_type,

@@ -109,8 +109,8 @@ TEST(DisturbedPlantTest, AnEpisodeHasOneRotationOfTheGivenDeviation) {
     EXPECT_NEAR(second[1], 2.0 * first[1], 1e-14);
     square += std::pow(std::atan2(first[1], first[0]), 2);
   }
-  // The standard deviation of a sample variance is 0.09 sqrt(2 / 2000) = 0.003; the limit is three
-  // of these.
+  // The standard deviation of a sample variance is 0.09 sqrt(2 / 2000) = 0.003. The limit is three
+  // times as large.
   EXPECT_NEAR(square / kEpisodes, 0.09, 0.009);
 }
 
@@ -129,7 +129,7 @@ TEST(DisturbedPlantTest, NoiseIsOnObservationsOnlyAndFixedBetweenControls) {
     square += x[0] * x[0] + x[1] * x[1];
   }
   // The point does not move: noise does not accumulate. The standard deviation is 0.01 sqrt(2 /
-  // 8000) = 0.00016; the limit is three of these.
+  // 8000) = 0.00016. The limit is three times as large.
   EXPECT_NEAR(square / (2 * kLooks), 0.01, 0.0005);
 }
 

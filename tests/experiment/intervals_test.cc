@@ -123,7 +123,8 @@ TEST(ClusteredTest, IsClopperPearsonWhereTrialsDoNotDiffer) {
   EXPECT_THROW((void)ClusteredInterval({}), std::invalid_argument);
 }
 
-// Trials with different rates: intervals that treat episodes as independent cover far too little.
+// Trials have different rates. Intervals that treat episodes as independent cover the mean rate too
+// rarely.
 TEST(ClusteredTest, CoversWhenTrialsDiffer) {
   constexpr int kRepetitions = 400;
   int covered = 0;

@@ -258,8 +258,8 @@ TEST_F(LedgerTest, AnotherWriterIsRefusedAndLosesNothing) {
   EXPECT_EQ(ReadLedger(ledger).records.size(), results.size());
 }
 
-// ENOSPC, EIO and short writes at every call, also of the run that resumes: earlier results are
-// kept, and nothing is repeated.
+// ENOSPC, EIO and short writes at every call, also in the resumed run: no result is lost, and no
+// unit that was written runs again.
 TEST_F(LedgerTest, WriteErrorsLoseAndRepeatNothing) {
   EvaluationPlan plan = FakePlan();
   plan.trials = 1;

@@ -80,7 +80,7 @@ TEST(RolloutRunnerTest, CountsTheControlsOfEachRecovery) {
   EXPECT_EQ(result.cause, "outside-support");
   EXPECT_EQ(result.controls, 7);
   EXPECT_EQ(result.recovery_controls, 4);
-  // Only changed controls have a size of change.
+  // Only changed controls have a change with a size.
   EXPECT_EQ(result.changed_controls, 4);
   EXPECT_EQ(result.sized_changes, 3);
   EXPECT_EQ(result.change, 1.5);

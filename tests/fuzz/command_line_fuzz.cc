@@ -32,7 +32,7 @@ struct Program {
   std::string run_toml;
 };
 
-// Parses the arguments of the command `experiment`; empty if it rejects them.
+// Returns the options that `experiment` parses from the arguments, or nothing if it rejects them.
 std::optional<Program> Run(const std::vector<std::string>& arguments) {
   Program program;
   CLI::App app("fuzz", "fuzz");
@@ -82,7 +82,7 @@ DFR_FUZZ_TARGET(command_line) {
   for (std::string argument; !text.empty();) {
     const std::size_t end = std::min(text.find('\n'), text.size());
     argument.clear();
-    // run.toml is UTF-8; arguments may be anything, and are ASCII here.
+    // run.toml is UTF-8. Arguments may have any bytes, but this target uses ASCII.
     for (const char c : text.substr(0, end)) argument += static_cast<char>(c & 0x7f);
     argument.erase(std::min(argument.find('\0'), argument.size()));
     arguments.push_back(argument);

@@ -20,7 +20,7 @@ namespace dfr::fuzz {
 
 using Target = int (*)(const std::uint8_t* data, std::size_t size);
 
-/// Makes `target` known to fuzz_replay by its name; returns true.
+/// Registers `target` in fuzz_replay by its name. Returns true.
 bool AddTarget(const char* name, Target target);
 
 }  // namespace dfr::fuzz

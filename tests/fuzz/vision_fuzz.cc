@@ -1,4 +1,4 @@
-// Arbitrary pictures: detected features have finite numbers, missing ones a reason.
+// Arbitrary pictures: detected features have finite numbers, and missing features have a reason.
 #include <cmath>
 #include <cstdlib>
 #include <vector>

@@ -106,7 +106,7 @@ class GuardAppTest(GuardProgramTest):
             self.assertLess(0.0, float(strayed))
             self.assertLessEqual(float(middle), float(strayed))
             self.assertLessEqual(float(strayed), float(required))
-        # Objects are within .6 of one another, in the unit of the file. These are 5 units away.
+        # Objects are within .6 of one another, in the unit of the file. Those of moved.hdf5 are 5 units away.
         away, alarms = rows("moved.hdf5")
         self.assertEqual(alarms, "20")
         for distance in away["object"][3:]:

@@ -2,10 +2,10 @@
 // topics and the arm's dimensions. PSM1 homes in 0.3 s and follows servo_cp at once, until the
 // program is killed:
 //   cyclone_console DOMAIN
-// Its time is the newest std_msgs/Float64 on /test/time, s since the epoch; each one triggers a
-// measurement. Like a real console, it stamps measurements zero until it is homed, drops servo_cp
-// with a warning when it is not ready, keeps events for late joiners, and holds the last goal for
-// ever.
+// Its time is the newest std_msgs/Float64 on /test/time, s since the epoch. Each message there
+// triggers a measurement. Like a real console, it stamps measurements zero until it is homed, drops
+// servo_cp with a warning when it is not ready, keeps events for late joiners, and holds the last
+// goal for ever.
 #include <dds/dds.h>
 
 #include <cmath>

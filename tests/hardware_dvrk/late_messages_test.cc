@@ -135,7 +135,7 @@ TEST_F(LateMessagesTest, AHoldThatOnlyTheConsoleReceivesHolds) {
 }
 
 // The sender is discovered 300 ms after the command: until then only the console's messages reveal
-// it. The other commands hold without repetition; see OneCommandIsEnough.
+// it. OneCommandIsEnough tests commands that are not repeated.
 TEST_F(LateMessagesTest, TheConsoleRevealsForeignCommands) {
   const auto aside = [](PsmJoints q) {
     q[1] += 0.03;
@@ -161,7 +161,7 @@ TEST_F(LateMessagesTest, TheConsoleRevealsForeignCommands) {
   }
 }
 
-// Without repetition: the console executes each command once, and this side finds its sender 300 ms
+// Without repetition, the console executes each command once, and this side finds its sender 300 ms
 // later. A move makes the arm busy before the text arrives.
 TEST_F(LateMessagesTest, OneCommandIsEnough) {
   const std::vector<Command> commands = {

@@ -13,8 +13,8 @@
 
 namespace dfr::hardware {
 
-/// A client and a console that obeys at once, with a sample every 10 ms; a step is 5 ms. `spoil`
-/// injects a fault into a step's input.
+/// A client and a console that obeys at once. A step takes 5 ms, and a sample arrives every 10 ms.
+/// `spoil` injects a fault into a step's input.
 class PsmClientTest : public testing::Test {
  protected:
   using Psm = kinematics::Psm;

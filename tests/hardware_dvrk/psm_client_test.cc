@@ -133,7 +133,7 @@ TEST_F(PsmClientTest, EveryFaultHolds) {
       joints(PsmStatus::kStateJumped, [](auto& js) { js.position[1] += 0.05; }),
       pose(PsmStatus::kStateInvalid, [](auto& cp) { cp.stamp = {}; }),
       pose(PsmStatus::kStateNotFinite, [](auto& cp) { cp.position_m.y() = kNan; }),
-      // A quaternion whose length is not 1, and one whose length overflows.
+      // A quaternion whose length is not 1, and a quaternion whose length overflows.
       pose(PsmStatus::kStateNotFinite, [](auto& cp) { cp.orientation.coeffs() *= 3.0; }),
       pose(PsmStatus::kStateNotFinite, [](auto& cp) { cp.orientation.coeffs() *= 1e200; }),
       pose(PsmStatus::kStateJumped, [](auto& cp) { cp.position_m.x() += 0.02; }),

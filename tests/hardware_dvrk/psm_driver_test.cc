@@ -106,7 +106,7 @@ TEST_F(PsmDriverTest, EveryTopicThatCommandsTheArmIsWatched) {
   dds::Participant intruder({.domain = test::OwnDomain()});
   Meet(intruder);
   const auto driver = Armed();
-  // Publishers of other topics cause no hold: a topic of another arm, and one that is no command.
+  // Publishers of other topics cause no hold: a topic of another arm, and a topic without commands.
   const dds::Publisher<dds::Text> elsewhere(intruder, "/PSM11/servo_cs", dds::Role::kRequest);
   const dds::Publisher<dds::Text> nearby(intruder, "/PSM1/servo", dds::Role::kRequest);
   const auto holds = [&] {
@@ -175,7 +175,7 @@ TEST_F(PsmDriverTest, MessagesOfOthersHold) {
     Until(*driver, [&] { return driver->Arm() == PsmStatus::kOk; });
   }
   dds::Publisher<dds::Text> tool(other, "/PSM1/tool_type", dds::Role::kEvent);
-  // First the console's own instrument, then others.
+  // Names the console's own instrument first, then other instruments.
   tool.Write({"LARGE_NEEDLE_DRIVER:400006"});
   holds(PsmStatus::kToolChanged, [&] { tool.Write({"LARGE_NEEDLE_DRIVER_SI:420006"}); });
   holds(
@@ -381,7 +381,7 @@ sim::PsmConsoleOptions Cart() {
   return options;
 }
 
-// Poses are relative to a camera; set-points go out with their twist.
+// Poses are relative to a camera, and set-points are sent with their twist.
 class PsmDriverOnCartTest : public PsmDriverTest {
  protected:
   PsmDriverOnCartTest() : PsmDriverTest(Cart()) {}

@@ -12,7 +12,8 @@ namespace dfr::test {
 constexpr int kWidth = 64;
 constexpr int kHeight = 48;
 
-/// Options for kWidth x kHeight pictures without an age limit. Tests with their own clock set one.
+/// Options for kWidth x kHeight pictures without an age limit. Tests with their own clock set a
+/// limit.
 inline hardware::EndoscopeOptions SmallPictures() {
   hardware::EndoscopeOptions options;
   options.width = kWidth;

@@ -27,7 +27,7 @@ class BringUpTest : public testing::Test {
       return static_cast<int>(words_.size()) <= yes;
     };
   }
-  // Returns the error; empty after success.
+  // Returns the error of BringUp(), or an empty string after success.
   std::string Refusal(const Confirms& confirms) {
     try {
       BringUp(
@@ -131,7 +131,7 @@ TEST_F(BringUpTest, PowersUpOnlyAfterOthersAreAccepted) {
   EXPECT_EQ(robot_.arm.homings, 0);
 }
 
-// Lists earlier participants, and asks about each one once.
+// The program lists earlier participants, and asks about each of them once.
 TEST_F(BringUpTest, TheOperatorAcceptsEarlierParticipants) {
   Company company;
   const Say say = [this](std::string_view text) { said_ += std::string(text) + '\n'; };

@@ -30,7 +30,7 @@ SprkEmulator::~SprkEmulator() {
 
 void SprkEmulator::Print(std::string_view text) const {
   pollfd room{master_, POLLOUT, 0};
-  // Unread output fills the port's buffer; further output is lost.
+  // Unread output fills the port's buffer, and further output is lost.
   if (::poll(&room, 1, 0) > 0) static_cast<void>(!::write(master_, text.data(), text.size()));
 }
 

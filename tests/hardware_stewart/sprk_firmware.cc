@@ -7,7 +7,7 @@ namespace {
 
 constexpr double kPi = 3.14159265358979323846;
 
-// The available bytes; the firmware reads -1 after the last one.
+// The available bytes. The firmware reads -1 after the last byte.
 class Bytes {
  public:
   explicit Bytes(std::string_view bytes) : bytes_(bytes) {}

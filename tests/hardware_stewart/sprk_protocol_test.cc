@@ -63,8 +63,8 @@ TEST(SprkProtocolTest, FramesMatchTheDescription) {
   EXPECT_EQ(Text(wave_frame), "d063605000500510051005100");
 }
 
-// The firmware decodes the values returned by the function, which are nearest to the requested
-// ones. It never receives a pose at which it would saturate.
+// The firmware decodes the values that the function returns, which are nearest to the requested
+// values. The function accepts no pose at which the firmware would saturate.
 TEST(SprkProtocolTest, FirmwareDecodesSentPoses) {
   core::Random random(1);
   int accepted = 0;

@@ -55,8 +55,9 @@ Matrix Controls(const MlpPolicy& policy, const Matrix& states) {
   return controls;
 }
 
-// Without a hidden layer the minimum is that of linear least squares, which all methods must reach.
-// Adam's data are free of noise: the minima of all batches agree, and Adam can converge.
+// Without a hidden layer the minimum is the solution of linear least squares, which all methods
+// must reach. Adam's data are free of noise: the minima of all batches agree, and Adam can
+// converge.
 TEST(FitMlpTest, AllMethodsFindTheLeastSquaresSolution) {
   const LinearCase exact(300);
   FitReport report;
@@ -74,8 +75,8 @@ TEST(FitMlpTest, AllMethodsFindTheLeastSquaresSolution) {
     const MlpPolicy policy =
         FitMlp(Layout(), noisy.states, noisy.controls, {.hidden = {}, .method = method}, &report);
     EXPECT_TRUE(report.converged) << report.message;
-    // The loss is within 1e-9 of its minimum, and the controls are therefore within the square root
-    // of that.
+    // The loss is within 1e-9 of its minimum, and the error of the controls is therefore of the
+    // order of the square root, 3e-5.
     EXPECT_TRUE(test::AllClose(Controls(policy, noisy.states), Matrix(design * solution), 1e-4));
   }
 }

@@ -84,7 +84,7 @@ TEST(LocallyWeightedPolicyTest, FarAwayItStillGivesAControlWithinTheLimits) {
   for (const double entry : u) EXPECT_LE(std::abs(entry), 1.0);
 }
 
-// A curved law needs a narrow width, a straight law with noise a wide one.
+// A curved law needs a narrow width, and a straight law with noise needs a wide width.
 TEST(CrossValidatedWidthTest, FollowsTheLaw) {
   auto demonstrations = Linear();
   core::Random random(3);

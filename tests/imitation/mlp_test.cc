@@ -197,8 +197,8 @@ TEST(MlpTest, FreshNetworksDependOnTheirSeedOnlyAndHaveTheDocumentedSpread) {
   EXPECT_NE(a.parameters(), c.parameters());
   EXPECT_EQ(a.parameters().segment(8000, 80).norm(), 0.0);
   EXPECT_EQ(a.parameters().tail(60).norm(), 0.0);
-  // The relative standard error of a standard deviation from n draws is 1/sqrt(2n); the limit is
-  // four of them.
+  // The relative standard error of a standard deviation from n draws is 1/sqrt(2n). The limit is
+  // four standard errors.
   const double hidden = a.parameters().head(8000).norm() / std::sqrt(8000.0);
   EXPECT_NEAR(hidden, 0.1, 4.0 * 0.1 / std::sqrt(16000.0));
   const double output = a.parameters().segment(8080, 4800).norm() / std::sqrt(4800.0);

@@ -36,8 +36,8 @@ TEST(GeneralizedAdvantagesTest, MatchesValuesComputedByHand) {
   EXPECT_THAT(advantages, ElementsAre(1.0625, 0.25, -3.0));
 }
 
-// lambda = 1 gives the discounted return minus the value, lambda = 0 the one-step residual. Sums of
-// a few terms below 10: 1e-14 is above their rounding.
+// lambda = 1 gives the discounted return minus the value, lambda = 0 the one-step residual. 1e-14
+// exceeds the rounding of sums of a few terms below 10.
 TEST(GeneralizedAdvantagesTest, LambdaInterpolatesBetweenReturnsAndResiduals) {
   const std::vector<double> rewards = {1, -2, 5, 0.5}, values = {0.3, 0.1, -2, 4};
   std::vector<double> advantages(4);

@@ -116,7 +116,7 @@ TEST(PsmTest, ReportsWhyAPoseCannotBeReached) {
   EXPECT_GT(q[2], Psm::upper_limits()[2]);  // identifies the joint
 }
 
-// Without a known generation the Classic's limits apply, which are valid for both.
+// Without a known generation the Classic's limits apply, which are valid for both generations.
 TEST(PsmTest, AnSiArmReachesWhatAClassicDoesAndMore) {
   constexpr PsmGeneration kSi = PsmGeneration::kSi;
   EXPECT_TRUE((Psm::lower_limits(kSi).array() <= Psm::lower_limits().array()).all());

@@ -57,7 +57,7 @@ TEST_F(TipRegionTest, NamesTheViolatedBoundAndItsDepth) {
   EXPECT_TRUE(std::isinf(region.At({std::nan(""), 0.0, 0.0}).depth_m));
 }
 
-// Both ends are above the floor; between them the wrist moves the tips down.
+// Both ends of the path are above the floor. Between the ends the wrist moves the tips down.
 TEST_F(TipRegionTest, APathIsCheckedAlongItsLength) {
   const TipRegion region(task_, {});
   PsmJoints bent = At(0.0, 0.0, 0.002);

@@ -132,7 +132,7 @@ TEST(WithoutStopTest, ARunWarnsFirstAtEveryStartAndInItsRecording) {
   EXPECT_EQ(log.metadata.more.at("emergency stop"), "none");
 }
 
-// As with a stopped simulator, both kinds of requests time out while the loop continues.
+// No simulator answers. Both kinds of requests time out, and the loop continues.
 TEST(SimulatorLinkTest, AnUnansweredRequestTimesOut) {
   dds::Participant network({.domain = test::OwnDomain()});
   std::int64_t now_ns = 0;

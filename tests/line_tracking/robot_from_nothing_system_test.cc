@@ -2,7 +2,7 @@
 // operator does, on dvrk_simulator's console, which the programs take for a robot's.
 //
 // By estimate an idle machine takes 2 s until a program asks its first question, 0.5 s until a
-// picture is taken or the simulator answers, and 6 s for an episode. All of it took 60 s on two
+// picture is taken or the simulator answers, and 6 s for an episode. The test took 60 s on two
 // cores with ten other processes.
 #include <fcntl.h>
 #include <gtest/gtest.h>
@@ -68,8 +68,8 @@ class Program {
   }
   [[nodiscard]] std::string Shown() const { return test::FileText(shown_); }
 
-  // Waits for one of the texts after the last awaited one. Returns the index of the first; -1:
-  // none.
+  // Waits for one of the texts in the output after the previous match. Returns the index of the
+  // first text, or -1.
   int Await(const std::vector<std::string>& texts, double seconds = kQuestion) {
     const auto end = steady_clock::now() + std::chrono::duration<double>(seconds);
     while (steady_clock::now() < end) {
@@ -287,7 +287,7 @@ TEST_F(RobotFromNothingSystemTest, CalibratesDemonstratesFitsAndRuns) {
       set = std::move(one);
     }
   }
-  // An operator of a robot records fifty demonstrations. Simulated ones save time here.
+  // An operator of a robot records fifty demonstrations. Simulated demonstrations save time here.
   for (const core::Trajectory& more : Demonstrate(FromTruth(), known, 8, 45, 1).trajectories) {
     set.trajectories.push_back(more);
   }

@@ -122,8 +122,8 @@ TEST_F(RealTimeTest, TheArmStandsStillWhenItsProgramIsKilled) {
   dds::PoseStamped pose;
   const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(2 * kPatience);
   const auto moved = [&] { return (pose.position_m - first.position_m).norm(); };
-  // In the middle of an episode: the arm has moved by a millimetre, in steps of at most half of
-  // that.
+  // Waits for the middle of an episode: the arm has moved by more than a millimetre since its first
+  // set-point.
   bool began = false;
   while (!(began && moved() > 0.001) && std::chrono::steady_clock::now() < end) {
     if (!setpoint.Wait(0.1) || !setpoint.TakeNewest(pose) || !pose.stamp.valid()) continue;

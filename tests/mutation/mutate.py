@@ -73,7 +73,7 @@ def run(command, folder, seconds, **more):
         process.wait()
 
 
-# A changed program may do anything, for example replace /dev/null. As root, it can write only to two folders.
+# A changed program may do anything, for example replace /dev/null. Run by root, it can write only to two folders.
 CONFINED = ["unshare", "--mount", "sh", "-c",
             'mount --bind /tmp /tmp && mount --bind "$0" "$0" && mount --bind "$1" "$1" && shift'
             ' && for ro in /tmp /dev /; do mount -o remount,bind,ro $ro || exit; done && exec "$@"']

@@ -38,7 +38,7 @@ void WritePolicy(const std::filesystem::path& folder) {
   c.Write("u", "[200,2]", {u.data(), u.data() + u.size()});
 }
 
-// Writes a policy and a support to one file: g of the policy's control.
+// Writes one file with a policy and a support that evaluates the policy's control.
 void WriteBoth(const std::filesystem::path& folder) {
   core::Random random(4);
   const auto policy = MakePolicy(random);

@@ -29,7 +29,7 @@ class PusherTest(ProgramTest):
         line = self.run_pusher("episodes", "whole", "--method", "controller", "--most", 1).splitlines()[0]
         name, outcome = line.split()[:2]
         controls = line.split("  ")[2].split()[0]
-        # Each picture takes .1 s. The other method ends first.
+        # Each picture takes .1 s, and early stopping has the shortest episode.
         out = self.run_pusher("render", "--run", "whole", "--episode", name, "--methods", "early-stopping", "--width", 160,
                               "--height", 120, "--out", "episode.png")
         self.assertIn("early-stopping", out)

@@ -176,7 +176,7 @@ class ExperimentTest(unittest.TestCase):
         page = self.bytes_of("new/film.html").decode()
         self.assertIn("Left to right: guard, baseline", page)
         self.assertIn(f"baseline: {line.split('  ')[1]} after {actions} controls", page)
-        # An animation has a picture per state. The one beside the page shows both plants.
+        # An animation has one picture per state. new/film.png, beside the page, shows both plants.
         self.run_program(self.program, "rerun", "run", name, "--film", "film.png")
         own_experiment = self.import_program()
         corridor = own_experiment.Corridor()

@@ -144,7 +144,7 @@ TEST(ReadRecordingTest, AChangedByteLosesOnlyItsChunk) {
     try {
       const Recording recording = ReadRecording(folder / "changed");
       ExpectPart(recording);
-      // Damage of one chunk does not affect the other.
+      // Damage of one chunk does not affect the other chunk.
       EXPECT_GE(recording.steps.size(), kSteps / 2);
       EXPECT_GE(recording.arm.size(), 1U);
       const bool whole_content = recording.steps.size() == kSteps &&

@@ -103,7 +103,7 @@ TEST(ActionDirectionsTest, DoesNotDependOnTheOrderOfDemonstrations) {
 
 TEST(ActionDirectionsTest, ABlockNeedNotExplainWhatOtherColumnsExplain) {
   Mixture mixture = MakeMixture(30, 6);
-  // A column beside the block explains one action, the block's first entry the other.
+  // A column beside the block explains one action. The block's first entry explains the other.
   core::Random random(12);
   for (core::Trajectory& d : mixture.demonstrations) {
     Matrix states(d.states.rows(), 4);

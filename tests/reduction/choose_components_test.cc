@@ -34,7 +34,7 @@ TEST(ChooseComponentsTest, PicturesNeedMoreComponentsThanTheirStateHasEntries) {
   EXPECT_LT(choice.table[0].explained, 0.0);
   EXPECT_GT(choice.table[2].explained, 0.5);
   EXPECT_GT(choice.table[0].response_error, choice.table[2].response_error);
-  // Each further component moves states out of the support.
+  // More components move states out of the support.
   EXPECT_GT(choice.table[0].inside, choice.table[2].inside);
   EXPECT_GT(choice.table[2].inside, choice.table[4].inside);
   EXPECT_EQ(choice.components, 10) << choice.reason;

@@ -70,7 +70,7 @@ TEST(SlowFeaturesTest, DifferencesHaveVarianceOne) {
 }
 
 TEST(SlowFeaturesTest, AnEntryConstantInEachEpisodeIsSlowest) {
-  // Two episodes with constants -1 and 1, and one noisy entry; the third never varies.
+  // Two episodes of three entries: a constant, -1 or 1; noise; an entry that never varies.
   core::Random random(4);
   std::vector<Matrix> episodes(2, Matrix::Constant(50, 3, 7.0));
   for (int i = 0; i < 2; ++i) {

@@ -27,7 +27,7 @@ struct Source {
   std::function<void(FakeRobot&)> end;
   std::int64_t deadline_ns = 0;  // 0: none; the fault counts in the period in which it is found
 
-  // Number of periods from begin() to the one that must hold: the first one after the deadline.
+  // Number of periods from begin() to the period that must hold, the first one after the deadline.
   [[nodiscard]] int periods() const { return static_cast<int>(deadline_ns / kPeriodNs) + 1; }
 };
 

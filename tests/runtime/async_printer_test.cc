@@ -24,7 +24,8 @@ TEST(AsyncPrinterTest, PrintsAllInOrder) {
   EXPECT_EQ(shown.Text(), "line 0 of three\nline 1 of three\nline 2 of three\n");
 }
 
-// A terminal after Ctrl-S: neither the loop nor the end of the program waits for it without limit.
+// After Ctrl-S a terminal accepts no output. Neither the loop nor the end of the program waits for
+// it without limit.
 TEST(AsyncPrinterTest, DoesNotWaitForAStoppedTerminal) {
   const Pipe shown;
   ::fcntl(shown.out(), F_SETFL, O_NONBLOCK);

@@ -49,7 +49,7 @@ TEST(ActionSpaceTest, AnAxisWithFewSpeedsIsSteeredAndAGripperIsNot) {
   }
 }
 
-// The axis moves nothing in the state, so nothing distinguishes it from a gripper.
+// The axis does not change the state. The fit cannot distinguish it from a gripper.
 TEST(ActionSpaceTest, AnEntryWithoutAnEffectOnTheStateIsNotSteeredIfAnotherIs) {
   auto demonstrations = Carried({0.0, 0.04});
   core::Random random(1);

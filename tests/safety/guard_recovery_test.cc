@@ -100,7 +100,7 @@ TEST(GuardRecoveryTest, ARecoveryOfTheCallerIsClampedToTheLimit) {
   settings.action_limit = {0.1};
   Guard guard(Model()->With(settings), std::make_unique<Shove>(std::vector{7.0, -0.02}));
   guard.Reset(1);
-  // Slightly inside: with such an action, g of demonstrations changes by more than the margin.
+  // The state is slightly inside. An action of this size can change g by more than the margin.
   const std::vector<double> state = {0.0, 0.08, 0.0};
   std::vector<double> safe(2);
   const Verdict verdict = guard.Filter(0, state, Action(0.09, 0.04), safe);

@@ -57,7 +57,7 @@ TEST(GuardTest, KeepsADriftingPolicyInsideAndMoving) {
 
 // One feature is the same in all demonstrations at each time step, as in examples/fit_a_guard.cc.
 // The estimated response of such a feature is noise, which must not stop the corrections of the
-// other.
+// other feature.
 TEST(GuardTest, KeepsADriftingPolicyInsideWhereOneFeatureNeverVaries) {
   core::StateLayout layout;
   layout.Add("tip", 2);
@@ -242,7 +242,7 @@ std::vector<Doubt> Doubts() {
 
 // The actions of a policy that stays inside pass unchanged to the bit, although many states of the
 // corridor are not deep inside. With strategy `controller`, demonstrated actions replace most of
-// them.
+// the policy's.
 TEST(GuardTest, PassesAPolicyThatStaysInside) {
   int changed = 0;
   for (const Strategy strategy : {Strategy::kGuard, Strategy::kController}) {

@@ -227,7 +227,7 @@ class ConsoleFaultTest : public PsmConsoleServerTest {
     (void)Collect();
   }
 
-  // Returns all poses not taken yet, up to one that is published now.
+  // Publishes a pose. Returns it with all earlier poses that no call has taken.
   std::vector<dds::PoseStamped> Collect() {
     Tick();
     std::vector<dds::PoseStamped> poses;
@@ -242,7 +242,7 @@ class ConsoleFaultTest : public PsmConsoleServerTest {
     return poses;
   }
 
-  // Returns the received states of `ticks` with one fault, which then ends.
+  // Returns the poses received in `ticks` ticks with one fault, which then ends.
   std::vector<dds::PoseStamped> With(const std::string& name, const std::string& value, int ticks) {
     ConsoleFaults faults;
     EXPECT_TRUE(SetFault(faults, name, value));

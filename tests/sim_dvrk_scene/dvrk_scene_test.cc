@@ -39,8 +39,8 @@ double Duration(const std::array<double, 2>& u) {
   return step.norm() / LineTrackingPlant::kSpeed;
 }
 
-// A client that sends the joints of a motion, one set-point per sample of the plant, moves the
-// scene as the control moves the plant.
+// A client sends the joints of a motion, one set-point per sample of the plant. The scene then
+// moves as a control moves the plant.
 TEST(DvrkSceneTest, SteppedByAClientItEqualsThePlantBitForBit) {
   for (const bool between : {false, true}) {
     DvrkSceneOptions options = LockStep();
@@ -85,7 +85,7 @@ TEST(DvrkSceneTest, ResetPutsTheHomedArmOverTheLinesBeginning) {
   EXPECT_EQ(scene.console().setpoint_joints(), scene.plant().reported_joints());
   const double progress = scene.plant().truth().progress_m;
   for (int i = 0; i < 50; ++i) scene.Step(0.02);
-  // The cables creep slightly; nothing else moves.
+  // The cables creep slightly, and nothing else moves.
   EXPECT_NEAR(scene.plant().truth().progress_m, progress, 1e-4);
 }
 

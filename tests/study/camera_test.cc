@@ -117,8 +117,8 @@ Study Pictured(int threads) {
   return study;
 }
 
-// A monitor that sees pictures passes every action: the episodes equal those of the policy alone.
-// The second condition disturbs only the pictures, which the policy does not see.
+// A monitor that sees pictures passes every action: its episodes equal the episodes of the policy
+// alone. The second condition disturbs only the pictures, which the policy does not see.
 TEST(PicturedGuardsTest, MonitorsChangeNothingAndThreadsDoNotMatter) {
   const std::vector<Row> rows = RunStudy(Pictured(1));
   ASSERT_EQ(rows.size(), 6u);

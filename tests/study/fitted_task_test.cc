@@ -15,7 +15,8 @@
 namespace dfr::study {
 namespace {
 
-// Controls of the pick task are metres and a gripper of +-1. A guard passes the latter unchanged.
+// Controls of the pick task are metres and a gripper of +-1. A guard passes the gripper's value
+// unchanged.
 const LearnedModel& Pick() {
   static const LearnedModel model = MakeTask("pick").learn(20, 5);
   return model;

@@ -285,7 +285,7 @@ class Constant final : public core::Policy {
   }
 };
 
-// The bias varies over episodes from zero to the task's value, and is constant within one.
+// The bias varies over episodes from zero to the task's value, and is constant within an episode.
 TEST(ImitatorTest, ABiasDiffersBetweenEpisodes) {
   Imitator imitator(std::make_shared<Constant>(), {.bias = {0.0, -0.4}});
   std::vector<double> seen;

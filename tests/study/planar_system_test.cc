@@ -83,8 +83,8 @@ TEST(ProofTest, NoisyStatesStayInsideToo) {
   EXPECT_EQ(result.violations, 0);
 }
 
-// With half of the true eps, each state that leaves is detected at the same control. A hundred such
-// states need hundreds of worlds.
+// With half of the true eps, the controller detects each state that leaves at the control that
+// causes it. A hundred such states need hundreds of worlds.
 TEST(ProofTest, AWrongConstantEndsInAViolation) {
   const ProofResult result = Prove({.steps = 30'000, .assumed = 0.5});
   EXPECT_GT(result.violations, 100);

@@ -5,8 +5,8 @@
 #include <cerrno>
 #include <cstdlib>
 
-// Sanitizers replace malloc. With them nothing is counted, and NoAlloc never fails. Only builds
-// without them check.
+// Sanitizers replace malloc. NoAlloc then counts nothing and never fails. Only builds without
+// sanitizers check allocations.
 #if defined(__has_feature)  // clang
 #if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
 #define DFR_COUNTS_ALLOCATIONS 0

@@ -35,7 +35,7 @@ class TempFolder {
   }
 };
 
-/// Returns the content of a file; empty without one.
+/// Returns the content of a file, or an empty string if it does not exist.
 inline std::string FileText(const std::filesystem::path& file) {
   std::ifstream in(file, std::ios::binary);
   return {std::istreambuf_iterator<char>(in), {}};

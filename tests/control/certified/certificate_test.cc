@@ -37,7 +37,7 @@ TEST(SafeBallTest, LiesInsideTheSupportAndNeverAllocates) {
   EXPECT_GT(inside, 750);
 }
 
-// For one Gaussian, {l >= 0} is a ball, and the certificate finds all of it from every state.
+// For one Gaussian, {l >= 0} is a ball, and the certificate finds the whole ball from every state.
 TEST(SafeBallTest, IsExactForOneGaussian) {
   const test::GaussianSupport support({{0.3, -0.2}}, 2.0, 0.5);
   const double radius = std::sqrt(std::log(2.0) / 2.0);

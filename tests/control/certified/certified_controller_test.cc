@@ -31,8 +31,8 @@ CertifiedOptions Certified(double direction_error) {
 class CertifiedControllerTest : public test::RightwardsTest {};
 using Proposition1Test = CertifiedControllerTest;
 
-// The controller checks |dz - J u| <= eps |u| and stops a plant that violates it after the first
-// such control.
+// The controller checks |dz - J u| <= eps |u| and stops a plant that violates this bound after the
+// first such control.
 TEST_F(CertifiedControllerTest, HaltsAtTheFirstViolation) {
   const auto policy = test::ConstantPolicy(2, 0.05);
   CertifiedController certified(policy, model, Certified(0.1));
@@ -42,7 +42,8 @@ TEST_F(CertifiedControllerTest, HaltsAtTheFirstViolation) {
     const Step step = certified.Next(x, u);
     ASSERT_NE(step.mode, Mode::kHalt);
     EXPECT_TRUE(step.certified);
-    // The first control has the predicted effect, the second one twice that effect.
+    // The first control has the predicted effect. The second control has twice its predicted
+    // effect.
     for (std::size_t k = 0; k < 2; ++k) x[k] += (i == 0 ? 1.0 : 2.0) * u[k];
   }
   EXPECT_EQ(certified.Next(x, u).cause, HaltCause::kViolated);

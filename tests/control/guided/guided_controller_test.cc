@@ -183,7 +183,7 @@ TEST_F(GuidedControllerTest, WithLeastInterventionMoreControlsPass) {
   EXPECT_GT(passed(true), passed(false));
 }
 
-// A controller that takes over in mid-task searches for its phase there.
+// A controller that takes over in mid-task begins at the given step.
 TEST_F(GuidedControllerTest, StartsAtTheFirstStep) {
   const auto policy = test::ConstantPolicy(2, 0.08);
   GuidedController guided(policy, model, {.horizon = 20, .first_step = 12});
@@ -210,7 +210,8 @@ TEST_F(GuidedControllerTest, MovesToTheEdgeOfTheLastSupport) {
   EXPECT_LE(plant.x[0], edge + test::kSpeed / 2.0) << "and does not leave it";
 }
 
-// In this episode the phase is the last one, but the state belongs to the fourth and does not move.
+// In this episode the controller is in the last phase, but the state belongs to phase 4 and does
+// not move.
 TEST_F(GuidedControllerTest, WithLeastInterventionAStuckEpisodeRelocatesItsPhase) {
   const auto policy = test::ConstantPolicy(2, 0.0);
   const std::vector<double> stuck = {4.0 * test::kSpeed, 0.0};

@@ -54,9 +54,9 @@ class Aside : public testing::Test {
 };
 using GuidedRecoverySlackTest = Aside;
 
-// If no control can correct the state, the best one passes within an exit level of twice the slack.
-// Beyond that level, recoveries apply the demonstrated controls, and the phase skips supports that
-// they miss.
+// If no control can correct the state, the best control passes within an exit level of twice the
+// slack. Beyond that level, recoveries apply the demonstrated controls, and the phase skips
+// supports that they miss.
 TEST_F(GuidedRecoverySlackTest, TheBestControlPassesWithinTheExitLevelAndTheDemonstratedOneBeyond) {
   const auto policy = Along(test::kSpeed);
   for (const double slack : {0.14, 0.16}) {
@@ -80,9 +80,9 @@ TEST_F(GuidedRecoverySlackTest, TheBestControlPassesWithinTheExitLevelAndTheDemo
     }
     EXPECT_EQ(controls, kSteps);
     EXPECT_NEAR(x[0], kSteps * test::kSpeed, 0.02);
-    // Demonstrations approach y = 0 by y' = 0.7 y + noise. A regression over about 130 of them has
-    // the standard error noise / sqrt(130), and y has 1 / 0.3 times that error. The limit is three
-    // standard errors.
+    // Demonstrations approach y = 0 by y' = 0.7 y + noise. A regression over about 130 transitions
+    // has the standard error noise / sqrt(130), and the error of y is 1 / 0.3 times as large. The
+    // limit is three standard errors.
     EXPECT_NEAR(x[1], 0.0, 3.0 * 0.05 / std::sqrt(130.0) / 0.3);
   }
 }
@@ -182,7 +182,7 @@ TEST_F(GuidedRecoveryTest, ProbesADirectionWithoutDemonstratedControls) {
   EXPECT_FALSE(step.filtered);
   EXPECT_GT(std::abs(u[1]), 10.0 * std::abs(u[0]));
   EXPECT_NEAR(test::Norm(u), 0.35 * sideless.response.control_unit(), 1e-12);
-  // The direction was already probed; no second probe follows.
+  // No second probe follows in a direction that was already probed.
   step = guided.Next(std::vector{x[0] + u[0], x[1] + u[1]}, u);
   EXPECT_NE(step.mode, Mode::kProbe);
 

@@ -37,7 +37,7 @@ class SafetyFilterTest : public testing::Test {
   StepTarget target_{1, model_.levels.gate(1)};
   StepLimits limits_ =
       Limits(GuidedOptions{}, model_.response.control_dim(), model_.response.control_unit());
-  // Two controls: one leads out of the disk, the other deep into it.
+  // Two controls: one leads out of the disk, the other deep into the disk.
   Eigen::VectorXd outwards_ = Eigen::Vector2d(0.0, 3.0);
   Eigen::VectorXd inwards_ = Eigen::Vector2d(test::kSpeed, -0.35) / model_.response.control_unit();
 };

@@ -148,7 +148,7 @@ TEST_F(StateObserverTest, WithoutPredictionsTheStateIsTheObservation) {
     const Eigen::VectorXd seen = Eigen::Vector2d(i % 2 == 0 ? 0.3 : -0.3, 0.1);
     Eigen::VectorXd z = seen;
     observer_.Observe(fit_, z);
-    // Without a fit there is no prediction for any control.
+    // Without a fit no control has a prediction.
     EXPECT_TRUE(test::AllClose(z, seen, 0.0));
     Learn(nullptr, seen, Eigen::Vector2d::Zero(), Eigen::Vector2d(i % 2 == 0 ? -0.6 : 0.6, 0.0));
   }

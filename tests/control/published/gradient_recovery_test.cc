@@ -73,8 +73,8 @@ TEST_F(GradientRecoveryTest, LearnsFromItsOwnControls) {
   EXPECT_EQ(step.mode, Mode::kPolicy) << Name(step.cause);
   EXPECT_LE(controls, 8);
 
-  // After a first control in the wrong direction the second one differs; after a reset it is the
-  // same.
+  // After a first control in the wrong direction the second control differs. A reset restores the
+  // first control.
   plant.x = kStart;
   GradientRecovery recovery(model);
   std::vector<double> first(2), second(2);

@@ -39,7 +39,7 @@ TEST(EstimateLambdaTest, IsTheLargestChangeOfTheSameGPerUnitOfControl) {
 }
 
 TEST(EstimateLambdaTest, LeavesOutZeroControlsAndTakesTheNearestKnownStep) {
-  // Steps 0 and 3 have zero controls only, step 4 a control that changes nothing.
+  // Steps 0 and 3 have only zero controls. Step 4 has a control that changes nothing.
   const std::vector<Trajectory> demonstrations = {
       Make({0, 9, 10, 11, 50, 50}, {0, 1, 2, 0, 1}),
       Make({0, 5}, {0}),

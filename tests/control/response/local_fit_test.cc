@@ -75,8 +75,8 @@ TEST(LocalFitTest, TheNominalControlHasTheDemonstratedEffectOnAChangedPlant) {
   }
 }
 
-// Demonstrations follow a curve. Far to its side the slopes of their controls are meaningless, and
-// the control is not larger than any demonstrated one.
+// Demonstrations follow a curve. Far from the curve the slopes of demonstrated controls are
+// meaningless, and the nominal control is no larger than demonstrated.
 TEST(LocalFitTest, FarFromDemonstrationsTheNominalControlIsNoExtrapolation) {
   core::Random random(8);
   double largest = 0.0;
@@ -121,7 +121,7 @@ TEST(LocalFitTest, WithoutAnEffectTheNominalControlIsTheDemonstratedOne) {
   EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(0.7, 0.7), 1e-6));
 }
 
-// The first entry always acts. The second one acts only in contact, which begins at 0. Near 0
+// The first entry always acts. The second entry acts only in contact, which begins at 0. Near 0
 // demonstrations disagree, and J is a mean of two responses.
 TEST(LocalFitTest, DemonstrationsDisagreeOnAnEntryThatActsOnlyInContact) {
   core::Random random(7);

@@ -62,7 +62,7 @@ TEST(ResponseEstimateTest, OnlineDataAreWeightedLeastSquaresWithForgetting) {
   EXPECT_TRUE(test::AllClose(fit.jacobian(), expected, 1e-12));
 }
 
-// A measurement of weight w counts as w equal ones; a weight of 0 excludes it.
+// A measurement of weight w counts as w equal measurements. A weight of 0 excludes it.
 TEST(ResponseEstimateTest, AMeasurementCountsByItsWeight) {
   core::Random random(7);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
@@ -148,7 +148,7 @@ TEST(ResponseEstimateTest, ResetRemovesTheLastEpisode) {
   }
 }
 
-// Neither fits at other states nor calls of its own functions change a bit of a fit.
+// A fit keeps its bits after fits at other states and after calls of its own functions.
 TEST(ResponseEstimateTest, AFitDependsOnMeasurementsAndArgumentsAlone) {
   core::Random random(13);
   const auto d = Linear(RandomMatrix(random, kN, kM), 20, 10, random);

@@ -308,7 +308,7 @@ TEST(RotationsTest, ARotationVectorIsDistinguishedFromAnAngleBesideLengths) {
   EXPECT_TRUE(upright.continuous);
 }
 
-// 2 acos(w) gives such vectors if the quaternion's sign differs between episodes.
+// 2 acos(w) gives rotation vectors that jump between episodes if the quaternion's sign differs.
 TEST(RotationsTest, RotationVectorsThatDifferBetweenEpisodesAreNamed) {
   const Rotation found =
       FindOne(Layout(3), Episodes(3, [](int d, double share) {

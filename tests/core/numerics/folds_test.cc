@@ -148,15 +148,17 @@ TEST(FoldsTest, TheFirstAreARandomSample) {
     }
     beyond += std::abs(random.Normal()) > largest ? 1 : 0;
   }
-  // Binomial(2000, 1/2): standard deviation 22.4; five of these for 20 ranks.
+  // Binomial(2000, 1/2): standard deviation 22.4. The limit for 20 ranks is five standard
+  // deviations.
   EXPECT_THAT(first, testing::Each(testing::AllOf(testing::Gt(888), testing::Lt(1112))));
-  // Binomial(2000, 1/11): 182 expected, standard deviation 12.9; four of these.
+  // Binomial(2000, 1/11): mean 182, standard deviation 12.9. The limit is four standard deviations.
   EXPECT_NEAR(beyond, 182, 52);
 }
 
 TEST(FoldsTest, NoFoldHoldsAWholeCluster) {
   // d mod 5 would put each goal into a separate fold. Instead each fold has two of the ten
-  // demonstrations of each goal, or one more or less if one is far from the others of its goal.
+  // demonstrations of each goal, or one more or less if a demonstration is far from its goal's
+  // other demonstrations.
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
     const auto demonstrations = Cycle(5, 10, seed);
     for (const auto& fold : StratifiedFolds(demonstrations, 5, seed)) {

@@ -35,14 +35,14 @@ void SendToAll(int domain, const Bytes& bytes) {
 }
 
 // A stranger announces the departure of the publisher's participant, whose name each packet
-// contains. SafeSizeTest has all packets that are kept from Fast DDS.
+// contains. SafeSizeTest tests all packets that the filter keeps from Fast DDS.
 TEST(AttackTest, AStrangerCannotMakeAParticipantLeave) {
   const int domain = test::OwnDomain();
   Participant one({.domain = domain});
   Participant other({.domain = domain});
   Publisher<Flag> publisher(one, "/attacked", Role::kEmergencyStop);
   Subscriber<Flag> subscriber(other, "/attacked", Role::kEmergencyStop);
-  // Repeats a sample until one arrives.
+  // Sends samples until one arrives.
   const auto talk = [&] {
     Eventually([&] {
       Flag flag;
@@ -59,8 +59,8 @@ TEST(AttackTest, AStrangerCannotMakeAParticipantLeave) {
   Add(bytes, {.flags = 2, .parameters = parameters, .payload = 0, .announces = true});
   for (int i = 0; i < 10; ++i) SendToAll(domain, bytes);
   {
-    // All packets are read once both participants have discovered a later one, whose announcement
-    // queued behind them.
+    // All packets are read once both participants have discovered a later participant, whose
+    // announcement queued behind the packets.
     Participant late({.domain = domain});
     const Publisher<Flag> late_publisher(late, "/attacked", Role::kEmergencyStop);
     const Subscriber<Flag> late_subscriber(late, "/attacked", Role::kEmergencyStop);

@@ -84,7 +84,7 @@ TEST_F(CertificatesTest, ExistingFilesAreNotOverwritten) {
   EXPECT_THROW(AddParticipant(keystore_.folder(), "client", Permission::kConsole),
                std::runtime_error);
   EXPECT_EQ(test::FileText(files_.key), before);
-  // Adding a third participant leaves the others valid.
+  // Adding a third participant leaves the first two valid.
   AddParticipant(keystore_.folder(), "monitor", Permission::kMonitor);
   for (const char* name : {"client", "console", "monitor"}) {
     EXPECT_EQ(CheckSecurity(keystore_.enclave(name)), name);

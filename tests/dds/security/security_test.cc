@@ -169,7 +169,7 @@ TEST_F(SecurityTest, APeerWithoutCertificateHearsAndCommandsNothing) {
             "; 'stranger' is present, but not admitted: it has no certificate");
   EXPECT_EQ(lab.client.TakeRefusedPeers().size(), 1U);
   EXPECT_TRUE(lab.client.TakeRefusedPeers().empty());
-  // It also learns the reason for receiving nothing.
+  // The stranger also learns why it receives nothing.
   EXPECT_THAT(stranger.refused_peers()[0].reason, testing::HasSubstr("secured network"));
   ExpectShutOut(lab, stranger);
 }

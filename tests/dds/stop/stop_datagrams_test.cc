@@ -1,4 +1,4 @@
-// Acceptance of the emergency stop's datagrams. Refused ones count as absent, which stops the
+// Acceptance of the emergency stop's datagrams. Refused datagrams count as absent, which stops the
 // robot.
 #include "stop_datagrams.h"
 
@@ -71,8 +71,8 @@ TEST_F(StopDatagramsTest, OldDatagramsAreIgnored) {
   }
 }
 
-// An old datagram is not evidence of a released button. It need not be evidence of a pressed one:
-// silence stops.
+// An old datagram is not evidence of a released button. It need not be evidence of a pressed
+// button, because silence stops the robot.
 TEST_F(StopDatagramsTest, ExcessiveNetworkDelayStops) {
   constexpr std::int64_t kLongestSilence = kSecond / 10;
   for (const bool pressed : {false, true}) {
@@ -93,7 +93,8 @@ TEST_F(StopDatagramsTest, ExcessiveNetworkDelayStops) {
       }
       judge.Hear(EmergencyStopJudge::Way::kDds, who, false, now_ns);
       found = judge.Check(now_ns);
-      // Datagrams are accepted up to a delay of one second. The silence after them then stops.
+      // Datagrams are accepted up to a delay of one second. The silence after the last one stops
+      // the robot.
       EXPECT_EQ(found, now_ns - heard_ns <= kLongestSilence ? EmergencyStop::kClear
                                                             : EmergencyStop::kSilent);
     }

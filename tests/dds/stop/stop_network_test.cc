@@ -99,7 +99,8 @@ TEST_F(StopSocketsTest, AllListenersOfADomainHearTheState) {
   EXPECT_FALSE(Hears(first));
 }
 
-// A listener discards up to sixteen datagrams per call and accepts a valid one after them.
+// A listener discards up to sixteen datagrams per call, and accepts the valid datagram that
+// follows.
 TEST_F(StopSocketsTest, ForeignDatagramsAreIgnored) {
   const StopSocket mouth;
   const int yes = 1;

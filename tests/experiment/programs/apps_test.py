@@ -163,7 +163,7 @@ class AppsTest(unittest.TestCase):
                 self.compare("merged", "whole")
                 self.check_report()
                 self.rerun_the_worst("whole")
-                # Runs from the configuration alone, and with one value overridden.
+                # Runs once from the configuration alone, and once with one value overridden.
                 self.run_program(command, "--config", "whole/run.toml", "--out", "again", "--restart")
                 self.compare("again", "whole")
                 error = self.run_program(command, "--config", "whole/run.toml", other, "--out", "again", fails=True)

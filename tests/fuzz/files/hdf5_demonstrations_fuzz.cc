@@ -1,4 +1,5 @@
-// Demonstrations in HDF5. libhdf5 reads in a separate process, which may crash; this one must not.
+// Demonstrations in HDF5. libhdf5 reads in a separate process, which may crash. This process must
+// not crash.
 #include <algorithm>
 #include <cstdlib>
 #include <stdexcept>

@@ -183,7 +183,7 @@ TEST(OneClassSvmDecisionTest, LogDecisionHasTheSignOfGAndStaysFiniteFarAway) {
   }
 }
 
-// States of up to 64 entries use a smaller part of the stack than longer ones.
+// States of up to 64 entries use less of the stack than longer states.
 TEST(OneClassSvmDecisionTest, ValuesAndGradientsOfLongStatesAgreeWithTheDefinition) {
   constexpr double kGamma = 0.7;
   constexpr double kRho = 0.3;

@@ -58,14 +58,14 @@ void CheckAgainstLongDouble(int dim, double gamma, double spread, double toleran
 }
 
 TEST_P(GaussianSumTest, SumsAgreeWithLongDouble) {
-  // Exponents are at most 60, and each of a term's d + 1 roundings is 1.1e-16 of that.
+  // Exponents are at most 60, and each of a term's d + 1 roundings is 1.1e-16 times the exponent.
   for (const int dim : {1, 3, 4, 9}) CheckAgainstLongDouble<double>(dim, 0.7, 1.5, 4e-14, 8.0);
   // Exponents of the terms that matter are below 10: 3e-7 + 10 * 1e-7.
   CheckAgainstLongDouble<float>(9, 1.0 / 9.0, 1.0, 1.3e-6, 6.0);
 }
 
-// Checks one term with exponents from 0 to below that of the smallest normal number: its relative
-// error is within the documented bound.
+// Checks that the relative error of one term is within the documented bound, for exponents from 0
+// to below the exponent of the smallest normal number.
 template <typename T>
 void CheckExponents(double polynomial, double per_exponent) {
   core::Matrix points(1, 1);

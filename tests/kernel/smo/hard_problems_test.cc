@@ -98,7 +98,7 @@ TEST(HardProblemsTest, ClustersManyWidthsApartConverge) {
 }
 
 // A fit stopped at any time, even during a pass over all samples, is an estimate with a known
-// error. Takes about a second: only a fit of 4000 samples or more begins with a part of them.
+// error. Takes about a second: only a fit of 4000 samples or more begins with a subsample.
 TEST(HardProblemsTest, AFitMayBeStoppedAtAnyTime) {
   core::Random random(56);
   const int m = 4100;

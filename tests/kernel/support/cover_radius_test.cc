@@ -51,7 +51,8 @@ TEST(CoverRadiusTest, NoStateAtTheLevelIsFartherFromAllSamples) {
   }
 }
 
-// Identical samples form one kernel, whose support is a ball of exactly the plain radius.
+// Identical samples form one kernel, whose support is a ball of radius sqrt((level - log rho) /
+// gamma).
 TEST(CoverRadiusTest, IsAttainedByASingleKernel) {
   const core::Matrix samples = core::Matrix::Constant(10, 3, 0.7);
   const auto svm = OneClassSvm::Fit(samples, {.nu = 0.5, .gamma = 2.0});
@@ -62,7 +63,7 @@ TEST(CoverRadiusTest, IsAttainedByASingleKernel) {
   EXPECT_EQ(CoverRadius(svm, -1.0), 0.0) << "nothing is that deep inside";
 }
 
-// Two distant samples share the weight. Near one of them, the other has almost no effect.
+// Two distant samples share the weight. Near one sample, the other has almost no effect.
 TEST(CoverRadiusTest, IsSmallerThanThePlainRadiusWhereSamplesAreSpread) {
   core::Matrix samples(2, 1);
   samples << -5.0, 5.0;

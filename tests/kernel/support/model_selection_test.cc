@@ -78,8 +78,8 @@ TEST(ConformalThresholdTest, WithAConfidenceThePromiseHoldsForThatShareOfSets) {
   EXPECT_EQ(ConformalThreshold(scores, 0.25, 0.5), 8.0);
   EXPECT_EQ(ConformalThreshold(scores, 0.25, 0.8), 9.0);
   EXPECT_EQ(ConformalThreshold(scores, 0.25, 0.95), kNone);
-  // Wilks: with 95 % confidence the largest of 29 exceeds nine tenths of all values; that of 28
-  // does not. For 95 % of all values, 59 are needed.
+  // Wilks: with 95 % confidence the largest of 29 values, but not of 28, exceeds nine tenths of all
+  // values. To exceed 95 % of all values, 59 are needed.
   const std::vector<double> many(59, 3.0);
   EXPECT_EQ(ConformalThreshold(std::span(many).first(28), 0.1, 0.95), kNone);
   EXPECT_EQ(ConformalThreshold(std::span(many).first(29), 0.1, 0.95), 3.0);
@@ -177,8 +177,8 @@ TEST(ModelSelectionTest, SharedDistancesGiveTheEstimatesOfSeparateFits) {
   }
 }
 
-// 24 demonstrations of 3 equal states, at 0, 1, ... 23. The support of each fold is fitted to 18 of
-// them.
+// 24 demonstrations of 3 equal states, at 0, 1, ... 23. The support of each fold is fitted to 18
+// demonstrations.
 TEST(ModelSelectionTest, SharesCountStatesDemonstrationsTimeStepsAndDraws) {
   std::vector<core::Matrix> demonstrations;
   demonstrations.reserve(24);
@@ -196,8 +196,8 @@ TEST(ModelSelectionTest, SharesCountStatesDemonstrationsTimeStepsAndDraws) {
   // A wide kernel leaves the half at the ends outside.
   EXPECT_NEAR(s.rows[0].acceptance, 0.5, 0.2);
   EXPECT_NEAR(s.rows[0].volume, 0.5, 0.2);
-  // Narrow supports contain only their samples: none of the other demonstrations, and little of the
-  // space between.
+  // Narrow supports contain only their samples: no other demonstration, and little of the space
+  // between the samples.
   EXPECT_EQ(s.rows[1].acceptance, 0.0);
   EXPECT_EQ(s.rows[1].support_vectors, 18.0);
   EXPECT_LT(s.rows[1].volume, 0.2);

@@ -125,8 +125,8 @@ TEST(OneClassSvmTest, IsolatedSamplesWithDuplicatesConverge) {
   const auto svm = OneClassSvm::Fit(samples, {.gamma = 5.0, .tolerance = 1e-3}, &summary);
   EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
   EXPECT_LT(summary.kkt_gap, 1e-3);
-  // K is the identity except for the seven equal samples, which count as one: G = 0.05 * 3000 /
-  // 2994.
+  // K is the identity except for the seven equal samples, which count as one sample: G = 0.05 *
+  // 3000 / 2994.
   EXPECT_NEAR(svm.rho() * svm.libsvm_scale(), 150.0 / 2994.0, 1e-3);
 }
 

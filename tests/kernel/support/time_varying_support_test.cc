@@ -81,8 +81,8 @@ TEST(TimeVaryingSupportTest, TheResultDoesNotDependOnTheThreadCount) {
 }
 
 // Sec. IV-A: at each time step the supervisor is in one of two places, rarely in B_0 and often in
-// B_1 over the whole trajectory. The smallest set with 1 - nu of the pooled states excludes B_0;
-// the estimate of time step 0 includes it.
+// B_1 over the whole trajectory. The smallest set with 1 - nu of the pooled states excludes B_0.
+// The estimate of time step 0 includes B_0.
 TEST(TimeVaryingSupportTest, PooledEstimateMissesRareEarlyStatesThatTheTimeVaryingOneHolds) {
   core::Random random(45);
   std::vector<core::Matrix> demonstrations;

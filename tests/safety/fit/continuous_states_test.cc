@@ -33,15 +33,15 @@ using testing::Not;
 
 constexpr double kPi = std::numbers::pi;
 
-// The corridor, with a tool that turns about z by kTurnRate per step and little about other axes;
-// actions have a third entry, the turn. `rotation` writes the angle as entries of the state.
+// The corridor, with a tool that turns about z by kTurnRate per step and little about other axes.
+// Actions have a third entry, the turn. `rotation` writes the angle as entries of the state.
 constexpr double kTurnRate = 0.06;
 using Writer = std::function<std::vector<double>(double angle, core::Random& random)>;
 
 std::vector<core::Trajectory> Turning(const Writer& rotation, std::uint64_t seed, int count,
                                       double begin, double rate = kTurnRate) {
   core::Random random(seed);
-  // A separate generator for `rotation`, on which the other random numbers do not depend.
+  // `rotation` has a separate generator and does not change the other random numbers.
   core::Random own(seed + 1000);
   auto corridor = test::CorridorDemonstrations(seed, count);
   for (core::Trajectory& d : corridor) {

@@ -64,9 +64,9 @@ TEST(GuardModelTest, CyclingThroughGoalsDoesNotRaiseTheAlarmLevel) {
               testing::Not(testing::Contains(HasSubstr("recording conditions drift"))));
 }
 
-// Four demonstrations are left out in pairs. One of the three ways to pair them is also the pairing
-// of the folds: then no demonstration is farther outside. The other ways have up to four ranks of
-// Wilcoxon's test, whose sum has mean 5 and variance 4 * 5 * 9 / 24 = 7.5.
+// Four demonstrations are left out in pairs. One of the three ways to pair them is the pairing of
+// the folds, and then no demonstration is farther outside. The other two ways have up to four ranks
+// of Wilcoxon's test, whose sum has mean 5 and variance 4 * 5 * 9 / 24 = 7.5.
 TEST(GuardModelTest, ContiguousFoldsEqualToTheOthersShowNoDrift) {
   const auto recorded = test::CorridorDemonstrations(7, 4);
   std::vector<double> possible;
