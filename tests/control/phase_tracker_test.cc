@@ -41,7 +41,7 @@ TEST_F(PhaseTrackerTest, AMissedSupportAdvancesToTheBestPhaseAhead) {
   EXPECT_EQ(advanced(5.4, true), 5);
   EXPECT_EQ(advanced(5.47, true), 5);
   EXPECT_EQ(advanced(5.48, true), 6) << "the present phase fits better by .04, too little to wait";
-  EXPECT_EQ(advanced(6.52, true), 6) << "the same ahead";
+  EXPECT_EQ(advanced(6.52, true), 6) << "phase 7 fits better by .04, too little to skip a phase";
   EXPECT_EQ(advanced(6.53, true), 7);
   EXPECT_EQ(advanced(2.0, true), 5);
   EXPECT_EQ(advanced(30.0, true), 8);
@@ -55,7 +55,7 @@ TEST_F(PhaseTrackerTest, BeyondTheLastSupportThePhaseWaitsOrAdvancesByOne) {
   for (const int phase : {kLineSteps - 1, kLineSteps + 2}) {
     tracker_.Reset(phase);
     tracker_.Advance(std::vector{1.0 * kLineSteps}, -1.0, true);
-    EXPECT_EQ(tracker_.phase(), phase) << "there is nothing ahead";
+    EXPECT_EQ(tracker_.phase(), phase) << "no support is ahead";
     EXPECT_EQ(tracker_.waited(), 1);
     tracker_.Advance(std::vector{1.0 * kLineSteps}, -1.0, false);
     EXPECT_EQ(tracker_.phase(), phase + 1);
@@ -78,7 +78,7 @@ TEST_F(PhaseTrackerTest, ResetStartsAnEpisode) {
   EXPECT_EQ(tracker_.phase(), 7);
   EXPECT_EQ(tracker_.waited(), 0);
   EXPECT_NEAR(tracker_.Follow(std::vector{7.0}), std::log(2.0), 1e-15);
-  EXPECT_EQ(tracker_.phase(), 7) << "the first state is that of the first phase";
+  EXPECT_EQ(tracker_.phase(), 7) << "the first state belongs to the phase of Reset()";
   tracker_.Reset();
   EXPECT_EQ(tracker_.phase(), 0);
   (void)tracker_.Follow(std::vector{0.0});

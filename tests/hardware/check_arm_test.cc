@@ -178,7 +178,7 @@ TEST_F(ArmCheckTest, APressedStopEndsHoming) {
   EXPECT_FALSE(CheckArm(options_, arm_).ok());
   EXPECT_EQ(arm_.console.state(), sim::ArmState::kDisabled);
   EXPECT_FALSE(arm_.console.homed());
-  EXPECT_EQ(asked_, 1) << "it is not moved then";
+  EXPECT_EQ(asked_, 1) << "the arm is not moved then";
 }
 
 TEST_F(ArmCheckTest, AStopOrAnInterruptEndsTheMove) {
@@ -193,14 +193,14 @@ TEST_F(ArmCheckTest, AStopOrAnInterruptEndsTheMove) {
     return pressed ? dds::EmergencyStop::kPressed : dds::EmergencyStop::kClear;
   };
   EXPECT_THAT(Check(), HasSubstr("the emergency stop is pressed, or was"));
-  EXPECT_LT(arm_.console.setpoint_joints()[2], 0.121) << "it went on";
+  EXPECT_LT(arm_.console.setpoint_joints()[2], 0.121) << "the arm moved on";
   Home();
   arm_.stop = [&] {
     interrupted = interrupted || moves();
     return dds::EmergencyStop::kClear;
   };
   EXPECT_THAT(Check(), HasSubstr("interrupted: the arm was not moved further"));
-  EXPECT_LT(arm_.console.setpoint_joints()[2], 0.121) << "it went on";
+  EXPECT_LT(arm_.console.setpoint_joints()[2], 0.121) << "the arm moved on";
 }
 
 TEST_F(ArmCheckTest, QuotesTheConsolesFault) {

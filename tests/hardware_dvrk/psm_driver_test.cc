@@ -156,7 +156,7 @@ TEST_F(PsmDriverTest, MessagesOfOthersHold) {
     EXPECT_EQ(driver->status(), cause) << driver->Explain();
     const double last = driver->client().setpoint()[0];
     for (int i = 0; i < 20; ++i) Step(*driver);
-    EXPECT_LE(console_.setpoint_joints()[0], last + 1e-9) << "it goes on";
+    EXPECT_LE(console_.setpoint_joints()[0], last + 1e-9) << "the arm moves on";
     if (unsay) unsay();
   };
   dds::Publisher<dds::Flag> following(other, "/MTMR_PSM1/following", dds::Role::kEvent);

@@ -101,7 +101,7 @@ TEST_F(FeedTest, GrabNeverAllocates) {
 TEST_F(FeedTest, EndsAfterItsLastPicture) {
   Put(100);
   feed_.End(FrameStatus::kFailed);
-  EXPECT_EQ(Grab(kSteady, kWall), FrameStatus::kOk) << "not grabbed before";
+  EXPECT_EQ(Grab(kSteady, kWall), FrameStatus::kOk) << "the last picture was not grabbed yet";
   EXPECT_EQ(Grab(kSteady, kWall), FrameStatus::kFailed);
 }
 

@@ -154,7 +154,7 @@ TEST_F(SprkDriverTest, PulledPlugIsReportedAndFinal) {
   for (const bool with_a_command : {false, true}) {
     test::SprkEmulator emulator;
     SprkDriver driver({.device = emulator.device(), .clock_s = [this] { return now_s_; }});
-    EXPECT_EQ(driver.Check(), SprkStatus::kOk) << "before it is home, too";
+    EXPECT_EQ(driver.Check(), SprkStatus::kOk) << "the port is checked before homing, too";
     ASSERT_EQ(driver.Home(), SprkStatus::kOk);
     ASSERT_EQ(emulator.Await(1).size(), 1U);
     emulator.Print("nonsense \xff\x00");

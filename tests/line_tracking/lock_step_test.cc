@@ -140,7 +140,8 @@ TEST(SimulatorLinkTest, AnUnansweredRequestTimesOut) {
   SimulatorLink link(network, 5.0, [&] { return now_ns += step_ns; });
   SimulatorTruth truth;
   int periods = 0;
-  EXPECT_FALSE(link.Truth(truth, [&periods] { return ++periods != 3; })) << "it is not to go on";
+  EXPECT_FALSE(link.Truth(truth, [&periods] { return ++periods != 3; }))
+      << "the third period ends the wait";
   EXPECT_EQ(periods, 3);
   const std::function<void()> ways[] = {
       [&] { static_cast<void>(link.Truth(truth, [&periods] { return ++periods > 0; })); },

@@ -130,7 +130,7 @@ TEST_F(RealTimeTest, TheArmStandsStillWhenItsProgramIsKilled) {
     if (!began || moved() > 0.005) first = pose;  // the arm was placed elsewhere
     began = true;
   }
-  ASSERT_GT(moved(), 0.001) << "it does not move";
+  ASSERT_GT(moved(), 0.001) << "the arm does not move";
   program.Signal(SIGKILL);
   std::this_thread::sleep_for(std::chrono::milliseconds(500));  // five times the console's lag
   ASSERT_TRUE(setpoint.TakeNewest(first));

@@ -157,7 +157,7 @@ TEST(ControlLoopReasonsTest, AnyFaultEndsHomingThePlatform) {
   EXPECT_EQ(robot.loop.HomePlatform(1.5), HoldReason::kNone);
   EXPECT_EQ(robot.clock.periods - start, 300);
   EXPECT_EQ(robot.platform.homings, 1);
-  EXPECT_FALSE(robot.platform.moves) << "it is there";
+  EXPECT_FALSE(robot.platform.moves) << "the platform is at home";
   EXPECT_EQ(robot.loop.state(), RunState::kIdle);
   for (const Source& source : Sources()) {
     SCOPED_TRACE(source.name + ", " + runtime::Name(source.reason));

@@ -53,7 +53,7 @@ TEST(ControlLoopStartTest, WaitsForReasonsToEndUntilItsTimeout) {
   robot.arm.found = {HoldReason::kArmInvalid, "stamped zero"};
   robot.clock.plan_ns = robot.clock.now_ns + 1'000'000'000;
   robot.clock.plan = [&] { robot.arm.found = {}; };
-  EXPECT_EQ(robot.loop.Start(), HoldReason::kArmInvalid) << "it may not wait";
+  EXPECT_EQ(robot.loop.Start(), HoldReason::kArmInvalid) << "the loop may not wait";
   EXPECT_EQ(robot.loop.Start(3.0), HoldReason::kNone);
 
   FakeRobot faulted;
@@ -78,7 +78,7 @@ TEST(ControlLoopStartTest, HomesOnlyOnRequest) {
   EXPECT_FALSE(robot.loop.AwaitReady(0.5, {}));
   EXPECT_TRUE(robot.loop.AwaitHomeable(0.5, {}));
   robot.loop.Idle(10.0);
-  EXPECT_EQ(robot.arm.homings, 0) << "homing was not requested";
+  EXPECT_EQ(robot.arm.homings, 0) << "nothing requested homing";
   EXPECT_EQ(robot.loop.Home(), HoldReason::kNone);
   EXPECT_EQ(robot.arm.homings, 1);
   EXPECT_FALSE(robot.arm.unhomed);
@@ -87,7 +87,7 @@ TEST(ControlLoopStartTest, HomesOnlyOnRequest) {
   EXPECT_EQ(robot.loop.Home(), HoldReason::kOperator) << "it is armed";
   robot.loop.Halt();
   EXPECT_EQ(robot.loop.Home(), HoldReason::kNone);
-  EXPECT_EQ(robot.arm.homings, 1) << "there was no need to";
+  EXPECT_EQ(robot.arm.homings, 1) << "the arm is homed already";
 }
 
 TEST(ControlLoopStartTest, DoesNotPowerUpWithAReasonToHold) {
@@ -127,7 +127,7 @@ TEST(ControlLoopStartTest, HomingEndsExactlyAtTheDeadlineOfEachFault) {
               (source.periods() + late - 1) * kPeriodNs + (late != 0 ? 50'000'000 : 0));
     source.end(robot);
     robot.loop.Idle(5.0);
-    EXPECT_TRUE(robot.arm.unhomed) << "it went on by itself";
+    EXPECT_TRUE(robot.arm.unhomed) << "homing continued by itself";
     EXPECT_EQ(robot.loop.Home(), HoldReason::kNone);
   }
 }

@@ -146,7 +146,7 @@ TEST(LevelsTest, SlackIsAQuantileOfHeldOutLevelsAndAtLeastTheDefault) {
   std::vector<double> levels;
   for (int i = 0; i <= 10; ++i) levels.push_back(-1.0 + 0.1 * i);
   EXPECT_NEAR(EstimateSlack(levels), 0.8, 1e-12);
-  EXPECT_NEAR(EstimateSlack({0.0, -2.0}), 1.6, 1e-12) << "between the two";
+  EXPECT_NEAR(EstimateSlack({0.0, -2.0}), 1.6, 1e-12) << "a level between the two";
   EXPECT_THROW((void)EstimateSlack({}), std::invalid_argument);
 }
 

@@ -136,7 +136,7 @@ TEST(ResponseTest, ValuesAreListedForEntriesThatHaveFew) {
   EXPECT_EQ(stepped(5).values()[0].size(), 4u);
   for (core::Trajectory& d : demonstrations) d.controls.col(0).setConstant(0.1);
   const Response constant({test::IdentityFeatures(), demonstrations});
-  EXPECT_TRUE(constant.values()[0].empty()) << "there is nothing to choose";
+  EXPECT_TRUE(constant.values()[0].empty()) << "there is one value";
 }
 
 TEST(ResponseTest, AFileKeepsTheResponse) {

@@ -35,7 +35,7 @@ TEST(SmallSystemTest, StopsAtAPivotThatIsNotPositive) {
   Factor(a);
   EXPECT_EQ(a(0, 0), 1.0);
   EXPECT_EQ(a(1, 0), 2.0);
-  EXPECT_EQ(a(1, 1), 1.0) << "left as it was";
+  EXPECT_EQ(a(1, 1), 1.0) << "the pivot stays unchanged";
 }
 
 }  // namespace

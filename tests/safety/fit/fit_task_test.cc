@@ -64,7 +64,8 @@ TEST(FitTaskTest, CombinesThePartsOfTheLibraries) {
 
   EXPECT_EQ(model.features().scale(), features.scale());
   EXPECT_EQ(model.levels().slack(), levels.slack());
-  EXPECT_GT(model.levels().slack(), control::LevelOptions().slack) << "the minimum shows nothing";
+  EXPECT_GT(model.levels().slack(), control::LevelOptions().slack)
+      << "at the minimum, the estimate would have no effect";
   EXPECT_EQ(model.response().largest_control(), response.largest_control());
   for (const int t : {0, 7, 20}) {
     EXPECT_EQ(model.levels().gate(t), levels.gate(t));
