@@ -30,8 +30,9 @@ function(dfr_read_components prefix)
   set(${prefix}_names "${names}" PARENT_SCOPE)
 endfunction()
 
-# Adds name's folder, tests and benchmarks. A folder starts with the find_package calls of its
-# dependencies. It sets DFR_MISSING and returns if a dependency is absent (dfr_find_package does both).
+# Adds the folder, tests and benchmarks of the component. A folder starts with the find_package calls
+# of its dependencies. It sets DFR_MISSING and returns if a dependency is absent (dfr_find_package does
+# both).
 macro(dfr_add_component name)
   set(DFR_MISSING "")
   foreach(need IN LISTS component_${name}_needs)

@@ -110,7 +110,8 @@ double MedianSquaredDistance(const core::Matrix& samples, core::Random& random) 
   return *middle;
 }
 
-// Draws from one bound (occasionally included) to the other, on a logarithmic scale.
+// Draws a number between the bounds, uniformly on a logarithmic scale, and sometimes a bound
+// itself.
 double Between(double low, double high, core::Random& random) {
   const double u = std::clamp(random.Uniform(-0.1, 1.1), 0.0, 1.0);
   return std::clamp(low * std::pow(high / low, u), low, high);

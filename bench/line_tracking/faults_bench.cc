@@ -112,7 +112,7 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
       (fault.to_operator ? site.operator_ns().has_value() : site.told().has_value()) &&
       !(fault.homing && homed);
   if (fault.harmless) {
-    // An episode may end for its regular reasons during the fault.
+    // An episode may end regularly during the fault.
     const bool ended = site.told() && !site.ToldOfAnEnd();
     row.detected += ended || site.operator_ns() ? 0 : 1;
     row.restarts = 0;
@@ -122,7 +122,7 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
   if (told) {
     ++row.detected;
     const std::int64_t ns = fault.to_operator ? *site.operator_ns() : site.told_ns();
-    // Hold reasons have the time of the start of their period.
+    // A hold reason is stamped with the start of its period, which may precede the fault.
     row.detection_ms.push_back(
         std::max(0.0, static_cast<double>(ns - start_ns) / kMillisecond - since_ms));
     row.told.insert(fault.to_operator ? "operator's screen" : *site.told());

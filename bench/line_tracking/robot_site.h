@@ -83,7 +83,7 @@ class Site {
   /// Returns the first reason to hold since Forget(), and its time.
   [[nodiscard]] const std::optional<std::string>& told() const { return told_; }
   [[nodiscard]] std::int64_t told_ns() const { return told_ns_; }
-  /// Returns true if that reason is a regular end of an episode.
+  /// Returns true if told() is a regular end of an episode.
   [[nodiscard]] bool ToldOfAnEnd() const {
     return told_ && (*told_ == "controller-halted" || *told_ == "not-seen");
   }

@@ -61,7 +61,7 @@ class Runner {
   void Run(const std::string& name, int operations, Make&& make) {
     if (name.find(options_.filter) == std::string::npos) return;
     const Operation operation = make();
-    // Preceding code is not simulated, to save time.
+    // Starts the simulation only here, to save time.
     CALLGRIND_START_INSTRUMENTATION;
     operation(0);  // warm
     if (options_.few) operations /= 5;

@@ -12,7 +12,7 @@
 
 namespace dfr::test {
 
-/// The numbers of episodes.py, all exact in binary except the thirds, which both sides compute
+/// The numbers of episodes.py, all exact in binary except the thirds, which C++ and Python compute
 /// equally.
 inline core::Trajectory Episode(int index) {
   static constexpr int kLengths[] = {3, 1, 12};

@@ -2,8 +2,8 @@
 
 namespace dfr::test {
 
-/// Kills a writer at every `step`-th write to the disk, and expects that no acknowledged episode is
-/// lost in at least `least` kills.
+/// Kills a writer at every `step`-th write to the disk, and expects at least `least` kills, none of
+/// which loses an acknowledged episode.
 void ExpectNoEpisodeLost(int step, int least);
 
 }  // namespace dfr::test

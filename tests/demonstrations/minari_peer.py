@@ -46,7 +46,7 @@ def check(folder, plain):
     assert metadata["jpeg_encoding"] is False
     assert metadata["dataset_id"] == "dfr/test-v0"
     assert metadata["minari_version"]
-    # No id for Gymnasium: Minari would refuse the whole dataset.
+    # The name is no id for Gymnasium: Minari would refuse the whole dataset.
     assert "env_spec" not in metadata and metadata["environment"] == 'pusher "P"'
     check_as_minari_loads(metadata)
     # Spaces are JSON inside a string.
@@ -64,7 +64,7 @@ def check(folder, plain):
         assert box["low"] == [-np.inf] * size and box["high"] == [np.inf] * size
 
     with h5py.File(folder / "data/main_data.hdf5", "r") as f:
-        # Checks the group: a reopened file does not have its creation properties.
+        # Checks the root group, because a reopened file lacks its creation properties.
         order = h5py.h5g.open(f.id, b"/").get_create_plist().get_link_creation_order()
         assert order == h5py.h5p.CRT_ORDER_TRACKED | h5py.h5p.CRT_ORDER_INDEXED
         assert list(f) == ["episode_0", "episode_1", "episode_2"]

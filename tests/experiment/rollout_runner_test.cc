@@ -118,7 +118,7 @@ TEST(RolloutRunnerTest, AFilmIsAPageOfTheUndisturbedStates) {
   page << std::ifstream(folder / "film.html").rdbuf();
   EXPECT_NE(page.str().find("script: halted: outside-support after 7 controls, 4 of them recovery"),
             std::string::npos);
-  // The state after the last control, in the text of a mark.
+  // A mark's text gives the state after the last control.
   EXPECT_NE(page.str().find("<title>script, controls 7: 0.7000</title>"), std::string::npos);
   const std::string message = test::MessageOf<std::runtime_error>(
       [&] { static_cast<void>(runner.Film({0}, 1, 2, folder / "film.mp4")); });

@@ -200,7 +200,7 @@ TEST_F(PsmClientTest, AConsoleThatIsNotReadyHolds) {
   holds(PsmStatus::kDisabled, PsmConsoleState::kDisabled, true, false);
   holds(PsmStatus::kNotHomed, PsmConsoleState::kEnabled, false, false);
   holds(PsmStatus::kBusy, PsmConsoleState::kEnabled, true, true);
-  // FAULT and ENABLED both arrive before the client looks.
+  // FAULT and ENABLED both arrive before the client's next step.
   ExpectHold(PsmStatus::kConsoleFault, [&](PsmInput& input) {
     Become(PsmConsoleState::kFault, true, false);
     Become(PsmConsoleState::kEnabled, true, false);
@@ -208,7 +208,7 @@ TEST_F(PsmClientTest, AConsoleThatIsNotReadyHolds) {
   });
 }
 
-// Others turn the jaw before and after a jaw move of the client.
+// Other clients turn the jaw before and after a jaw move of this client.
 TEST_F(PsmClientTest, AJawThatOthersTurnHolds) {
   const auto turned = [](PsmInput& input) {
     if (input.jaw_setpoint) input.jaw_setpoint->angle += 0.1;

@@ -220,7 +220,7 @@ TEST_F(SprkDriverTest, ErrorsOfOpeningNameTheReason) {
   EXPECT_EQ(OpenError(emulator_.device()), "nothing thrown") << "it was closed";
 }
 
-// Directly after another frame, Hold() and Home() wait until the firmware can receive theirs.
+// Directly after another frame, Hold() and Home() wait until the firmware can receive their frames.
 TEST_F(SprkDriverTest, HoldAndHomeWaitForTheFirmware) {
   SprkDriver driver(Options());
   ASSERT_EQ(driver.Home(), SprkStatus::kOk);

@@ -17,7 +17,7 @@ class SprkFirmware {
  public:
   struct Command {
     char letter = 0;
-    /// Values as decoded by the firmware: inches and degrees, with its signs.
+    /// Values as decoded by the firmware: inches and degrees, with the firmware's signs.
     Eigen::Matrix<double, 6, 1> values = Eigen::Matrix<double, 6, 1>::Zero();
     Eigen::Matrix<double, 6, 1> rad_per_s = Eigen::Matrix<double, 6, 1>::Zero();
     bool whole = true;       ///< True if all of its bytes arrived.

@@ -29,7 +29,7 @@ std::string Bytes(const std::filesystem::path& path) {
   return {std::istreambuf_iterator<char>(file), {}};
 }
 
-// Takes seconds: each end of a training is evaluated over a thousand episodes.
+// Takes seconds: each training ends with an evaluation over a thousand episodes.
 TEST(TrainSupervisorTest, ResumesFromACheckpointBitForBit) {
   const std::filesystem::path folder =
       std::filesystem::path(testing::TempDir()) / "dfr_train_supervisor_system";

@@ -38,7 +38,8 @@ class Corridor(example.Corridor):
     def plant(self):
         return Careless()
 """,
-    # Completes or collides depending on the method. Waits while "hold" exists and the ledger has the lines of "most".
+    # Completes or collides depending on the method. Waits while "hold" exists and the ledger has at least as many
+    # lines as the number in "most".
     "held": """
 class Held:
     def __init__(self):

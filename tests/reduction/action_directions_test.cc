@@ -77,7 +77,8 @@ TEST(ActionDirectionsTest, TakesTheTaskBeforeASlowNuisance) {
   }
 }
 
-// Any basis of the subspace represents the same. The basis of slow features is uncorrelated.
+// Any basis of the subspace represents the same components. The basis of slow features is
+// uncorrelated.
 TEST(ActionDirectionsTest, ComponentsAreSlowFeaturesSlowestFirst) {
   const Mixture mixture = MakeMixture(30, 4);
   const Matrix weights = ActionDirections(mixture.demonstrations, kWhole).Weights(0, 3);

@@ -34,7 +34,7 @@ struct Source {
 inline std::vector<Source> Sources() {
   using runtime::HoldReason;
   std::vector<Source> all;
-  // A device that reports a reason.
+  // Adds a fault per reason: `device` reports the reason.
   const auto add = [&all](const char* name, auto device,
                           std::initializer_list<HoldReason> reasons) {
     for (const HoldReason reason : reasons) {

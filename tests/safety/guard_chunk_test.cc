@@ -121,7 +121,7 @@ TEST(GuardChunkTest, CountsUpToTheFirstActionThatLeaves) {
   }
 }
 
-// Filter() passes a counted first action in every state.
+// Filter() passes the first action of a chunk whenever FilterChunk() counts it.
 TEST(GuardChunkTest, TheFirstActionIsJudgedAsByTheFilter) {
   for (const Strategy strategy : {Strategy::kGuard, Strategy::kController}) {
     core::Random random(3);

@@ -351,7 +351,7 @@ TEST(GuardTest, EveryInvalidCallHaltsUntilReset) {
 }
 
 // The tip moves at half of the demonstrated speed. The time step of the strategy counts the calls,
-// and that of the alarm follows the state.
+// and the time step of the alarm follows the state.
 TEST(GuardTest, TheTimeStepOfTheAlarmFollowsTheState) {
   Guard guard(Model(Strategy::kEarlyStopping));
   guard.Reset(1);

@@ -98,7 +98,8 @@ void ExpectSameDecisions(const TaskModel& ours, const TaskModel& theirs) {
   }
 }
 
-// Runs both through an episode. Returns the number of controls that differ from the policy's.
+// Runs both controllers through an episode. Returns the number of controls that differ from the
+// policy's.
 int ExpectSameEpisode(control::Controller& ours, control::Controller& theirs) {
   ours.Reset(5);
   theirs.Reset(5);
@@ -326,7 +327,7 @@ TEST_F(TaskModelTest, WrongContentWithAValidChecksumIsRefusedOrUsable) {
       ASSERT_THAT(e.what(), HasSubstr(folder_.string()));
       ++refused;
     } catch (const std::invalid_argument&) {
-      // MakeController() rejects numbers of controls other than the policy's.
+      // MakeController() rejects a number of controls that differs from the policy's.
       ++refused;
     }
   }

@@ -111,7 +111,7 @@ TEST_F(PsmConsoleServerTest, MeasurementsAreStampedZeroUntilHomedAndMovesReportT
   EXPECT_TRUE(test::AllClose(pose.position_m, Eigen::Vector3d(0.0, 0.0, -0.1135), 1e-12));
   dds::Flag reached;
   Until([&] {
-    // Repeated until the client receives that the motion is complete.
+    // Repeats the command until the client learns that the motion is complete.
     if (!console_.busy()) Command(move, where);
     return goal.TakeNewest(reached) && reached.value;
   });

@@ -40,8 +40,8 @@ TEST(DvrkSceneServerSystemTest, DrawingDoesNotDelayTheState) {
   const std::uint64_t before = server.images_published();
   double longest = 0.0;
   while (server.images_published() < before + 10) longest = std::max(longest, tick());
-  // The longest tick takes 0.35 ms on an idle machine. The limit is 14 times that, and a fraction
-  // of a drawing.
+  // The longest tick takes 0.35 ms on an idle machine. The limit is 14 times as long, and a
+  // fraction of the time of a drawing.
   EXPECT_LT(longest, 5e-3);
 }
 

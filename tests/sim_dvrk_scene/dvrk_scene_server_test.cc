@@ -264,7 +264,7 @@ TEST_F(DvrkSceneServerTest, InRealTimePicturesHaveACompressedFormAndCameraInfo) 
   EXPECT_EQ(info.d, std::vector<double>(camera.distortion.begin(), camera.distortion.end()));
 }
 
-// LineTrackingPicturesTest has the pictures with faults.
+// LineTrackingPicturesTest tests the pictures with faults.
 TEST_F(DvrkSceneServerTest, CameraFaultsAreSetByTheirNames) {
   Serve(true, true);
   dds::Subscriber<dds::Image> images(client_, "/ECM/image_raw", dds::Role::kImage);

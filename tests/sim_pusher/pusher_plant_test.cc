@@ -175,7 +175,7 @@ TEST(PusherPlantTest, SlidesAlongTheTableInsteadOfEnteringIt) {
       ASSERT_EQ(plant.Apply(control), PlantStatus::kOk);
       const State s = Observe(plant);
       for (const auto& part : test::Forward(s, 0.025).parts) {
-        // Rounding of the forward kinematics.
+        // Allows for the rounding of the forward kinematics.
         ASSERT_GE(std::min(part.a.z(), part.b.z()) - part.radius, kTableZ - 1e-12) << part.name;
       }
     }
@@ -291,7 +291,7 @@ TEST(PusherPlantTest, PushesObliquelyWithinTheFrictionCone) {
     SCOPED_TRACE(angle);
     PusherPlant plant;
     plant.SetState(WithObjectAt(Observe(plant), 0.403, 0.0));
-    // Small enough to keep the tip's height, because slip in z would reduce friction.
+    // The step is small enough to keep the tip's height, because slip in z would reduce friction.
     const Eigen::Vector2d step = 0.002 * Eigen::Vector2d(std::cos(angle), std::sin(angle));
     ASSERT_EQ(plant.Apply(MoveTip(plant, step)), PlantStatus::kOk);  // closes the gap
     const State before = Observe(plant);

@@ -107,7 +107,7 @@ const Row& RowIn(const std::vector<Row>& rows, const std::string& policy,
   throw std::logic_error("no such row");
 }
 
-// The rate is that of all episodes of the guard, for any order of methods and number of threads.
+// The rate is the guard's rate over all episodes, for any order of methods and number of threads.
 TEST(PlaceboTest, HasTheRateOfTheGuardInTheSameRun) {
   Study study = PlaceboStudy();
   study.threads = 1;

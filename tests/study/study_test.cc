@@ -233,7 +233,8 @@ TEST(CompareTest, StopsOnceAClearDifferenceIsSettled) {
   EXPECT_FALSE(same.settled());
   EXPECT_EQ(same.pairs(), 12);
   EXPECT_EQ(same.mean(), 0.0);
-  // Most of DFR's episodes halt during the task, all of the second method's at the start.
+  // Most of DFR's episodes halt during the task, and all episodes of the second method halt at the
+  // start.
   comparison.task = "push";
   comparison.first = "dfr@lwr";
   comparison.second = "baseline@none";

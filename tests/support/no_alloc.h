@@ -5,7 +5,7 @@
 namespace dfr::test {
 
 /// Counts every heap allocation of this thread (operator new, malloc and similar functions) during
-/// its lifetime. The destructor fails the test if there was any.
+/// its lifetime. The destructor fails the test after any allocation.
 class NoAlloc {
  public:
   NoAlloc() noexcept;

@@ -39,7 +39,7 @@ TEST(CameraModelTest, UndistortionInvertsDistortionOverTheWholeImage) {
   for (int y = 0; y < camera.height; y += 13) {
     for (int x = 0; x < camera.width; x += 13) {
       const Eigen::Vector2d pixel(x, y);
-      // Newton's last step is below 1e-10 of about 1, times 700 pixels.
+      // Newton's last step is below 1e-10 in normalized coordinates, which is 7e-8 pixels.
       EXPECT_TRUE(AllClose(camera.ToPixel(camera.ToNormalized(pixel)), pixel, 1e-7));
     }
   }
@@ -49,7 +49,7 @@ TEST(CameraModelTest, ImpossiblePointsAreNaN) {
   CameraModel camera = Endoscope();
   EXPECT_TRUE(camera.Project({0.0, 0.0, -0.1}).array().isNaN().all());
   EXPECT_TRUE(camera.ToNormalized({std::nan(""), 0.0}).array().isNaN().all());
-  // Folds over at r = 0.41: no ray reaches this pixel.
+  // This lens folds over at r = 0.41: no ray reaches the pixel.
   camera.distortion = {-2.0, 0.0, 0.0, 0.0, 0.0};
   EXPECT_TRUE(camera.ToNormalized({1.0, 1.0}).array().isNaN().all());
 }

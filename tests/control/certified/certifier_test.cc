@@ -139,7 +139,7 @@ TEST_F(CertifierTest, TheFractionIsTheLargerOfBothBalls) {
 }
 
 // The level returned by Predict() suffices, and Predict() finds a phase if inequality (2) of
-// docs/certificates.md holds for any.
+// docs/certificates.md holds for any phase.
 TEST_F(CertifierTest, PredictReturnsTheRequiredLevel) {
   const Certificate certificate{.direction_error = 0.4, .level = 0.2, .state_error = 0.05};
   Certifier certifier(certificate, 2, 2, kUnit);

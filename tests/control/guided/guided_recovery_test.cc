@@ -201,7 +201,7 @@ TEST_F(GuidedRecoveryTest, ProbesADirectionWithoutDemonstratedControls) {
 
 // A disturbance moves the point sideways by more than a probe does, in a direction without
 // demonstrated controls. A controller that mistakes the disturbance for the probe's effect steers
-// the wrong way. A controller that estimates the disturbance does not.
+// the wrong way. A controller that estimates the disturbance stays on the path.
 TEST_F(GuidedRecoveryTest, StaysOnItsPathUnderADisturbance) {
   constexpr double kDisturbance = 0.06;  // a probe is 0.035
   const test::Task sideless(test::IdentityFeatures(), support, Sideless(), {.gate_quantile = 0.5});
@@ -319,7 +319,8 @@ TEST_F(GuidedRecoveryTest, RemovingAPartChangesADecision) {
   }
   EXPECT_THAT(seen, testing::ElementsAre("filter", "exit-level", "demonstrated", "online-jacobian",
                                          "drift", "observer", "disturbance"));
-  // Online-jacobian also probes unused directions of control. The observer also suppresses noise.
+  // The part online-jacobian also probes unused directions of control. The part observer also
+  // suppresses noise.
   EXPECT_NE(Trace(along, sideless, {}, {0.0, 0.6}, 1),
             Trace(along, sideless, Without({}, "online-jacobian"), {0.0, 0.6}, 1));
   EXPECT_NE(Trace(along, model, {}, {0.0, 0.3}, 8, 0.0, 0.0, 0, 0.1),

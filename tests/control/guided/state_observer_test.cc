@@ -38,7 +38,7 @@ class StateObserverTest : public testing::Test {
   StateObserver observer_{2, 2, kForgetting};
 };
 
-// A plant with a lag: each control acts some controls later.
+// A plant with a lag: each control takes effect some controls later.
 class LagTest : public StateObserverTest, public testing::WithParamInterface<int> {
  protected:
   // Applies `count` controls with observation noise `noise`.

@@ -108,8 +108,8 @@ TEST_F(OneGaussianTest, AControlWithNothingToGainIsKeptBitForBit) {
   EXPECT_TRUE(v == before);
 }
 
-// A prediction passed from call to call always equals that of the control, bit for bit, and has no
-// effect on the result.
+// A prediction that is passed from call to call equals the control's prediction, bit for bit, and
+// has no effect on the result.
 TEST_F(OneGaussianTest, AKnownPredictionIsKeptUpToDate) {
   for (const double limit : {kUnbounded, 0.25}) {
     Eigen::VectorXd v = Eigen::Vector2d(0.2, -0.1);

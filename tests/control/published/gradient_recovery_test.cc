@@ -57,7 +57,7 @@ TEST_F(GradientRecoveryTest, AimsAtTheGateLevelOfTheTimeStep) {
   }
 }
 
-// The plant turns controls by 0.9 rad, which the demonstrations do not contain.
+// The plant turns controls by 0.9 rad, a turn that demonstrations do not contain.
 TEST_F(GradientRecoveryTest, LearnsFromItsOwnControls) {
   const auto policy = test::ConstantPolicy(2, 0.08);
   test::TurnedPoint plant{.angle = 0.9, .x = kStart};

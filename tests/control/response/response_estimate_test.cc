@@ -228,7 +228,7 @@ TEST(ResponseEstimateTest, DriftIsLeastSquaresAboutTheStateOfTheFit) {
     const Eigen::VectorXd z = RandomMatrix(random, kN, 1);
     const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
     const Eigen::VectorXd dz = RandomMatrix(random, kN, 1);
-    // The sums are relative to another state at every control.
+    // At every control the sums are relative to a different state.
     estimate.FitAt(0, core::AsSpan(z), fit);
     estimate.Update(fit, core::AsSpan(v), core::AsSpan(dz));
     Eigen::VectorXd w(kRows);

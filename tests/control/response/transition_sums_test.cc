@@ -92,7 +92,7 @@ TEST_P(TransitionSumsTest, DistancesThatOverflowAreNamed) {
 TEST_P(TransitionSumsTest, NearestAgreesWithASort) {
   const std::size_t rows = Rows();
   std::vector<float> distances(rows);
-  // Few values: many distances are equal, and some are maximal.
+  // Distances have few values: many are equal, and some are maximal.
   for (float& d : distances) d = static_cast<float>(std::floor(random_.Uniform(0.0, 9.0)));
   distances.back() = std::numeric_limits<float>::infinity();
   std::vector<std::int32_t> sorted(rows);
@@ -101,7 +101,7 @@ TEST_P(TransitionSumsTest, NearestAgreesWithASort) {
     return distances[static_cast<std::size_t>(a)] < distances[static_cast<std::size_t>(b)];
   });
   for (std::size_t count = 1, next = 0; count <= rows; count = next) {
-    // The last count is all rows.
+    // The last count is the number of all rows.
     next = count == rows ? rows + 1 : std::min(rows, count + 1 + count / 2);
     std::vector<std::int32_t> nearest(count + 1, -1);
     Nearest(distances.data(), rows, count, nearest.data());

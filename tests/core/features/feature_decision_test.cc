@@ -80,7 +80,7 @@ TEST(FeatureDecisionTest, FollowsTheChainRule) {
   EXPECT_EQ(gradient[3], 2.0);
   EXPECT_EQ(gradient[4], 31.0);
   EXPECT_EQ(gradient[5], 0.0);
-  // The larger singular value: the roots of s^2 - 14 s + 36 are the squares of both.
+  // The larger singular value: the roots of s^2 - 14 s + 36 are the squares of both values.
   const double norm = std::sqrt(7.0 + std::sqrt(13.0));
   EXPECT_NEAR(decision.lipschitz_bound(0), std::sqrt(101.0) * norm, 1e-12);
   EXPECT_NEAR(decision.curvature_bound(0), 2.0 * norm * norm, 1e-12);

@@ -51,7 +51,8 @@ TEST(FeatureTransformTest, WhitensTheSpreadAcrossDemonstrations) {
   scatter /= count;
   Matrix expected = Matrix::Identity(4, 4);
   expected(3, 3) = 0.0;  // a constant stays constant
-  // States beyond t = 10 exist in half of the walks. The estimate uses them, this check does not.
+  // States beyond t = 10 exist in half of the walks. The estimate uses these states, but this check
+  // does not.
   EXPECT_TRUE(test::AllClose(scatter, expected, 0.05));
 }
 
@@ -65,7 +66,7 @@ TEST(FeatureTransformTest, WithoutDecorrelationItDividesByTheStandardDeviation) 
   EXPECT_NEAR(diagonal[2], 0.001, 0.00005);
 }
 
-// No unit of another feature affects the scale.
+// The units of other features do not affect the scale.
 TEST(FeatureTransformTest, ScalesAFeatureWithoutVarianceByItsStep) {
   for (const double unit : {1e-6, 1.0, 1e6}) {
     for (const bool local : {true, false}) {

@@ -193,7 +193,7 @@ TEST(RotationsTest, QuaternionsMayBeRoundedToTwoDigits) {
 TEST(RotationsTest, AnAngleThatWrapsIsMadeContinuousIfItLeavesAGap) {
   for (const double period : {2.0 * kPi, 360.0}) {
     for (const bool centred : {true, false}) {
-      // The angle goes from 110 to 250 degrees, and from -70 to 70. Each range crosses one of the
+      // The angle goes from 110 to 250 degrees, or from -70 to 70. Each range crosses one of the
       // two cuts.
       const double begin = (centred ? 110.0 : -70.0) / 360.0 * period;
       const auto episodes = Angles([&](int d, double share) {

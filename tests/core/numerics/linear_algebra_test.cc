@@ -55,7 +55,7 @@ TEST(LinearAlgebraTest, SolutionsSatisfyTheirEquations) {
   const MatrixXd a{{4.0, 2.0}, {2.0, 3.0}};
   const VectorXd b{{8.0, 8.0}};
   EXPECT_TRUE(AllClose(SolveSymmetric(a, b), MatrixXd{{1.0}, {2.0}}, 1e-15));
-  // The mean is the constant of least squares.
+  // The least-squares fit of a constant is the mean.
   const MatrixXd ones = MatrixXd::Ones(3, 1);
   EXPECT_TRUE(AllClose(SolveLeastSquares(ones, VectorXd{{1.0, 2.0, 6.0}}), MatrixXd{{3.0}}, 1e-15));
   // Two equal columns share the constant.

@@ -163,7 +163,7 @@ TEST_F(CertificatesTest, ExpiredCertificatesAreRefused) {
   EXPECT_EQ(Complaint(client_, today + 1000 * kDay), "nothing thrown");
   EXPECT_THAT(Complaint(client_, today + 1100 * kDay), HasSubstr("cert.pem expired on 20"));
   EXPECT_THAT(Complaint(client_, today - 2 * kDay), HasSubstr("cert.pem is not valid before 20"));
-  // The permissions end before the certificate.
+  // The permissions expire before the certificate.
   const path lasting = keystore_.folder() / "lasting";
   std::filesystem::rename(client_, lasting);
   AddParticipant(keystore_.folder(), "client", Permission::kController, {.days = 1});

@@ -24,7 +24,7 @@ bool Passes(const Sample& sample) {
   Bytes to_end = Header();
   Add(to_end, sample, true);
   EXPECT_EQ(SafeSize(alone) > 0, SafeSize(to_end) > 0);
-  // Later bytes do not belong to the sample.
+  // The next submessage does not belong to the sample.
   Bytes first = Header();
   Add(first, sample);
   Add(first, 0x07, 28);

@@ -52,7 +52,7 @@ class ShardsTest(unittest.TestCase):
         for shard, says in (("3/2", "a shard is K/N with 1 <= K <= N, as in 2/7, not '3/2'"),
                             ("1/2", 'shard is "1/1" there and "1/2" now')):
             self.assertIn(says, self.run_program("experiment", "--shard", shard, "--out", "ganz \u65e5", fails=True))
-        # A complete run is merged, and resumed without any work.
+        # Merges a complete run, and resumes it without any work.
         self.run_program("merge", "Ä b/1", "--out", "ganz \u65e5")
         self.run_program("experiment", "--config", "ganz \u65e5/run.toml", "--out", "ganz \u65e5")
         self.assertEqual((self.bytes_of("ganz \u65e5/ledger.jsonl"), self.bytes_of("ganz \u65e5/summary.json")), kept)

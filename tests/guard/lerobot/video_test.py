@@ -106,7 +106,7 @@ class VideoTest(unittest.TestCase):
             self.assertIn("of the 3842 entries of a state", out)  # 32 x 32 x 3 + 16 x 16 x 3 + 2
         same = [(self.folder / f"{version}.guard").read_bytes() for version in ("v2.1", "v3.0")]
         self.assertEqual(*same)
-        # A split begins in the middle of a file. The size of pictures is that of the guard.
+        # A split begins in the middle of a file. The guard determines the size of pictures.
         whole, part = (self.guard("evaluate", "v3.0.guard", self.data / "v3.0/disc", *more)
                        for more in ([], ["--filter-key", "end"]))
         row = next(line for line in whole.splitlines() if line.startswith("episode 7 "))

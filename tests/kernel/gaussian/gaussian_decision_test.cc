@@ -125,7 +125,7 @@ TEST(OneClassSvmDecisionTest, SinglePrecisionIsWithinAMillionthOfTheSum) {
     EXPECT_NEAR(single.LogDecision(x), svm.LogDecision(x), 1e-6);
     single.Gradient(x, a);
     svm.Gradient(x, b);
-    // The error is at most 2 gamma |x - x_i| = 2 times that of the sum, for each summand.
+    // For each summand, the error is at most 2 gamma |x - x_i| = 2 times the error of the sum.
     for (std::size_t k = 0; k < 9; ++k) EXPECT_NEAR(a[k], b[k], 2e-6 * sum);
   }
 }

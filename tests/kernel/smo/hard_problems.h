@@ -109,7 +109,7 @@ inline void CheckFits(Kind kind, int m, int n, const std::vector<double>& nus,
       const double gamma = width * unit;
       SCOPED_TRACE(testing::Message() << m << " x " << n << ", gamma " << width << " / "
                                       << 1.0 / unit << ", nu " << nu);
-      // Rounding of the squared distance in the definition.
+      // Allows for the rounding of squared distances in the definition.
       FitToTheGap(samples, {.nu = nu, .gamma = gamma, .tolerance = kTolerance},
                   1e-6 * kTolerance + 1e-12 * nu * m);
     }

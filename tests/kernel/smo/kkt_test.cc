@@ -17,7 +17,7 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// Random alpha, of which about a third each are 0 and 1, and random G.
+// Random alpha, about a third of them 0 and a third of them 1, and random G.
 struct Sample {
   explicit Sample(std::size_t count) : alpha(count), gradient(count) {
     core::Random random(count);

@@ -169,7 +169,7 @@ TEST(ModelSelectionTest, SharedDistancesGiveTheEstimatesOfSeparateFits) {
             at_a[i] = a.Decision(x);
             at_b[i] = b.Decision(x);
           }
-          // Two solutions differ by about the tolerance over nu m. The margin is ten.
+          // Two solutions differ by about the tolerance divided by nu m. The margin is ten.
           EXPECT_TRUE(dfr::test::AllClose(at_a, at_b, 10.0 * tolerance / b.libsvm_scale()));
         }
       }
@@ -193,7 +193,7 @@ TEST(ModelSelectionTest, SharesCountStatesDemonstrationsTimeStepsAndDraws) {
     EXPECT_GE(row.support_vectors, 0.5 * 18.0);
     EXPECT_LE(row.support_vectors, 18.0);
   }
-  // A wide kernel leaves the half at the ends outside.
+  // A wide kernel leaves half of the demonstrations, those at the ends, outside.
   EXPECT_NEAR(s.rows[0].acceptance, 0.5, 0.2);
   EXPECT_NEAR(s.rows[0].volume, 0.5, 0.2);
   // Narrow supports contain only their samples: no other demonstration, and little of the space

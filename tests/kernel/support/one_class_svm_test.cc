@@ -104,8 +104,8 @@ TEST(OneClassSvmTest, LittleMemoryFindsTheSolution) {
 
 TEST(OneClassSvmTest, ActiveSetFindsTheSolutionOfTheWholeProblem) {
   core::Random random(40);
-  // More samples than are solved at once. Nearly all alpha are at the bound, or nearly all are
-  // free.
+  // More samples than the solver handles at once. Nearly all alpha are at the bound, or nearly all
+  // are free.
   const core::Matrix samples = Tube(5000, 3, random);
   for (const double gamma : {0.3, 30.0}) {
     // Kernel values in float, which shift the gap by up to 1e-7 nu m, and in double.
@@ -272,7 +272,7 @@ TEST(OneClassSvmTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(parts(vectors, half, 1.0, std::nan(""), 1.0), HasSubstr("rho must be finite"));
 }
 
-// Problems without a unique alpha or without free support vectors: the estimate is still defined.
+// Problems without a unique alpha or without free support vectors still have a defined estimate.
 TEST(OneClassSvmTest, OneDistinctPointIsItsOwnSupport) {
   const core::Matrix samples = core::Matrix::Constant(40, 3, 0.7);
   for (const double nu : {0.01, 0.3, 1.0}) {

@@ -59,7 +59,7 @@ TEST(TimeVaryingSupportTest, TimesOutOfRangeUseTheNearestEstimate) {
   const std::vector<double> x = {5.1, 0.0};
   EXPECT_EQ(few.Decision(100, x), few.Decision(5, x));
   EXPECT_EQ(few.Decision(-3, x), few.Decision(0, x));
-  // A horizon beyond the demonstrations holds their last states.
+  // Time steps beyond the demonstrations use their last states.
   const auto many = TimeVaryingSupport::Fit(walks, {.num_steps = 30});
   const std::vector<double> end = {9.0, 0.0};
   EXPECT_EQ(many.num_steps(), 30);

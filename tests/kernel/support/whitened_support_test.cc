@@ -78,7 +78,7 @@ TEST(WhitenedSupportTest, CurvatureAndLipschitzBoundsHold) {
 
 TEST(WhitenedSupportTest, PhaseWhiteningMakesTheMapsFollowTheSpread) {
   const auto support = WhitenedSupport::Fit(Walks(60));
-  // The y spread grows along the walk, so its scale falls.
+  // The spread of y grows along the walk, and the map's scale of y falls.
   EXPECT_LT(support.map(8)(1, 1), 0.8 * support.map(1)(1, 1));
   const auto plain = WhitenedSupport::Fit(Walks(60), {.phase_whitening = false});
   EXPECT_TRUE(plain.map(4).isIdentity(0.0));

@@ -250,7 +250,7 @@ TEST(GuardAdviceTest, ActionsThatContradictTheMotionExplainNothing) {
   back.controls = test::ActionFor(test::kSpeed, 0.0).transpose();
   EXPECT_THAT(FitWarnings(*model, std::vector{back}),
               testing::Contains(testing::StartsWith("actions explain only 0 % of")));
-  // Constant states need no explanation.
+  // Constant states give no warning.
   back.states.row(1) = back.states.row(0);
   EXPECT_THAT(FitWarnings(*model, std::vector{back}), testing::IsEmpty());
 }

@@ -39,7 +39,7 @@ TEST(GuardModelTest, AlarmsOnFewUnseenDemonstrations) {
   EXPECT_LT(alarms, 400 * (0.1 + 3 * 0.04));
 }
 
-// A supervisor who cycles through goals: d mod folds would leave out each goal as a whole.
+// A supervisor cycles through goals. Folds by d mod 5 would leave out each goal as a whole.
 TEST(GuardModelTest, CyclingThroughGoalsDoesNotRaiseTheAlarmLevel) {
   const auto goals = [](bool in_turn) {
     std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(6, 40);
