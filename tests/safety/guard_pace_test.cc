@@ -128,8 +128,7 @@ TEST(GuardPaceTest, DoesNotHurryASlowPolicy) {
 // also from its middle.
 TEST(GuardPaceTest, PredictsActionsDeepInside) {
   const Law law = [](const std::vector<double>& x) { return std::vector{0.04, -0.3 * x[1]}; };
-  const auto model =
-      GuardModel::Fit(Layout(), Demonstrate(law, 1.0, 0.01, 1), {.features = "tip"});
+  const auto model = GuardModel::Fit(Layout(), Demonstrate(law, 1.0, 0.01, 1), {.features = "tip"});
   Guard guard(model);
   guard.Reset(1);
   std::vector<double> x = {0.0, 0.0};
