@@ -31,17 +31,9 @@ inline const CLI::Range kDemonstrations(1, 10'000);
 /// Validators for CLI::Option::check(). The messages of CLI11's own validators print all 309 digits
 /// of the largest double.
 inline const CLI::Validator kPositive(
-    [](std::string& text) {
-      const auto value = core::ParseNumber(text);
-      return value && *value > 0.0 ? std::string() : "must be positive, not " + text;
-    },
-    "POSITIVE");
+    [](const std::string& text) { return core::MustBePositive(text); }, "POSITIVE");
 inline const CLI::Validator kNotNegative(
-    [](std::string& text) {
-      const auto value = core::ParseNumber(text);
-      return value && *value >= 0.0 ? std::string() : "must not be negative: " + text;
-    },
-    "NONNEGATIVE");
+    [](const std::string& text) { return core::MustNotBeNegative(text); }, "NONNEGATIVE");
 
 /// Ranges of the platform's motions: amplitudes [m; rad] and frequencies [Hz; rad/s].
 inline const CLI::Range kAmplitude(-1.0, 1.0);

@@ -256,16 +256,10 @@ void AddRender(CLI::App& app, RenderOptions& options) {
   command->add_option("--run", options.run, "folder of that experiment")->capture_default_str();
   command->add_option("--seed", options.seed, "random seed of the start state")
       ->capture_default_str();
-  core::Writes(
+  core::WritesFile(
       command->add_option("--out", options.out,
                           "file of the video (.mp4, .webm) or of the last picture (.png, .jpg)"),
-      [](const std::filesystem::path& path) {
-        const std::string ending = path.extension();
-        for (const char* known : {".mp4", ".webm", ".png", ".jpg"}) {
-          if (ending == known) return core::UnwritableFile(path);
-        }
-        return path.string() + ": the name must end in .mp4, .webm, .png or .jpg";
-      })
+      {".mp4", ".webm", ".png", ".jpg"})
       ->capture_default_str();
   command->add_option("--width", options.width, "width of each picture [px]")
       ->check(CLI::Range(160, 1920))

@@ -14,6 +14,7 @@
 #include "apps/command_line.h"
 #include "apps/study/imitator.h"
 #include "apps/study/pictures/detect.h"
+#include "apps/study/pictures/detect_options.h"
 #include "apps/study/pictures/picture.h"
 #include "apps/study/planar/commands.h"
 #include "apps/study/study.h"
@@ -103,9 +104,11 @@ void AddChoices(CLI::App& command, Study& study) {
   command
       .add_option("--trials", study.trials,
                   "number of trials, each with separate demonstrations and policies")
+      ->check(dfr::apps::kPositive)
       ->check(dfr::apps::kCount)
       ->capture_default_str();
   command.add_option("--episodes", study.episodes, "number of start states per trial and row")
+      ->check(dfr::apps::kPositive)
       ->check(dfr::apps::kCount)
       ->capture_default_str();
   if (study.kind == Kind::kPlane) planar::AddMethodOptions(command, study.plane);
@@ -273,44 +276,6 @@ void DetectAndPrint(const Detection& detection) {
   const DetectionReport report = Detect(LoadDetection(detection), detection);
   std::cout << report.text;
   Print({report.table}, 1);
-}
-
-void AddOptions(CLI::App& command, Detection& detection) {
-  command.footer(DetectionSources());
-  CLI::Option* const file =
-      command.add_option("file", detection.file,
-                         "demonstrations: robomimic, Minari or LeRobot; default: those of --task");
-  CLI::Option* const failures = command.add_option(
-      "--failures", detection.failures,
-      "file of further episodes, which failed unless they are labelled completed");
-  command
-      .add_flag("--unlike", detection.unlike,
-                "count all episodes of --failures as failures, for example with another goal")
-      ->needs(failures);
-  failures->needs(file);
-  command.add_option("--task", detection.task, "task of the gallery")
-      ->excludes(file)
-      ->capture_default_str();
-  command.add_option("--policy", detection.policy, "policy of the task's further episodes")
-      ->excludes(file)
-      ->capture_default_str();
-  command
-      .add_option("--demonstrations", detection.demonstrations,
-                  "number of demonstrations of the task")
-      ->check(dfr::apps::kDemonstrations)
-      ->excludes(file)
-      ->capture_default_str();
-  command.add_option("--episodes", detection.episodes, "number of further episodes of the task")
-      ->check(dfr::apps::kCount)
-      ->excludes(file)
-      ->capture_default_str();
-  command.add_option("--features", detection.features, "features of the guard; default: all");
-  command
-      .add_option("--false-alarms", detection.false_alarms,
-                  "share of demonstrations that may raise an alarm; sets the thresholds")
-      ->check(CLI::Range(0.01, 0.5))
-      ->capture_default_str();
-  command.add_option("--seed", detection.seed)->capture_default_str();
 }
 
 int Main(int argc, char** argv) {

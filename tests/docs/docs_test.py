@@ -81,10 +81,10 @@ def text(source):
 # Source, a pattern for lists of labels in it, a pattern for the labels in a list, the minimum number of labels.
 STRINGS = r'"([^"]+)"'
 LABELS = (
-    ("apps/guard/fit.cc", r'printf\(\s*("[a-z_][^\n]*?  )', r'"([\w ]+?)  ', 12),
+    ("apps/guard/fit.cc", r'Print\(\s*("[a-z_][^\n]*?  )', r'"([\w ]+?)  ', 12),
     ("apps/guard/check.cc", r'(?:Warning|Say)\(\s*("\w+")', STRINGS, 6),
-    ("apps/guard/check.cc", r'printf\(\s*("[a-z]+:? )', r'"(\w+)', 4),
-    ("apps/guard/evaluate.cc", r'printf\("%-24s[^"]*",(.*?)\);', STRINGS, 6),
+    ("apps/guard/check.cc", r'Print\(\s*("[a-z]+:? )', r'"(\w+)', 4),
+    ("apps/guard/evaluate.cc", r'Print\("%-24s[^"]*",(.*?)\);', STRINGS, 6),
     ("apps/guard/report.cc", r"header = \{([^}]*)\}", STRINGS, 12),
     ("apps/guard/report.cc", r'\.name = ("[a-z ]+")', STRINGS, 4),
     ("apps/study/tables.cc", r"header = \{([^}]*)\}", STRINGS, 25),

@@ -30,12 +30,6 @@ using Arguments = std::vector<std::string>;
 constexpr const char* kConfiguration = "run.toml";
 constexpr const char* kLedger = "ledger.jsonl";
 constexpr int kUsage = 2;  // exit code of a usage error
-const CLI::Validator kNotNegative(
-    [](const std::string& text) {
-      return core::ParseNumber(text).value_or(-1.0) >= 0.0 ? std::string()
-                                                           : "must not be negative: " + text;
-    },
-    "NONNEGATIVE");
 
 // Returns true if the option may affect the results, so that run.toml must contain it.
 bool DecidesResults(const std::string& name) {
@@ -330,7 +324,7 @@ void Add(CLI::App& app, Added& added) {
   added.episodes
       ->add_option("--demonstrations", added.filter.demonstrations,
                    "only this number of demonstrations")
-      ->check(kNotNegative);
+      ->check(core::MustNotBeNegative);
   added.episodes
       ->add_option("--outcome", added.filter.outcomes,
                    "only these outcomes: completed, halted, collided")
@@ -342,27 +336,20 @@ void Add(CLI::App& app, Added& added) {
       [&added](const std::string& text) { added.filter.against = Checked(ParsePartner, text); },
       "METHOD=OUTCOME: only start states from which METHOD had this outcome");
   added.episodes->add_option("--most", added.most, "maximum number of lines; 0: all")
-      ->check(kNotNegative)
+      ->check(core::MustNotBeNegative)
       ->capture_default_str();
   added.rerun = app.add_subcommand(
       "rerun", "Run one episode again, and other methods from the same start state");
   added.rerun->add_option("folder", added.run, "folder of the run")->required();
   added.rerun->add_option("episode", added.again.episode, "id that the command episodes prints")
       ->required()
-      ->check([](const std::string& text) {
-        return text.empty() ? "'' is not an id that the command episodes prints" : "";
-      });
+      ->check([](const std::string& id) { return id.empty() ? "'' is no episode's id" : ""; });
   added.rerun->add_option("--methods", added.again.methods, "methods of that run to compare with")
       ->delimiter(',');
-  core::Writes(added.rerun->add_option("--film", added.again.film,
-                                       "file to draw the episodes to: .mp4, or .html for paths"),
-               [](const std::filesystem::path& path) {
-                 const std::string ending = path.extension();
-                 for (const char* known : {".mp4", ".webm", ".html", ".png"}) {
-                   if (ending == known) return core::UnwritableFile(path, true);
-                 }
-                 return path.string() + ": the name must end in .mp4, .webm, .html or .png";
-               });
+  core::WritesFile(
+      added.rerun->add_option("--film", added.again.film,
+                              "file to draw the episodes to: .mp4, or .html for paths"),
+      {".mp4", ".webm", ".html", ".png"}, /*makes_folders=*/true);
 }
 
 void ParseArguments(CLI::App& app, Arguments arguments) {
@@ -382,12 +369,10 @@ void AddExperimentOptions(CLI::App& command, ExperimentOptions& options, const s
   command.add_flag("!--no-video", options.video, "write no videos");
   command.add_option("--methods", options.methods, methods)->delimiter(',');
   // A zero would select the preset's number.
-  const auto positive = [](const std::string& text) {
-    return core::ParseNumber(text).value_or(0.0) > 0.0 ? "" : "must be positive, not " + text;
-  };
-  command.add_option("--trials", options.trials, "independent repetitions")->check(positive);
+  command.add_option("--trials", options.trials, "independent repetitions")
+      ->check(core::MustBePositive);
   command.add_option("--episodes", options.episodes, "start states per trial and data point")
-      ->check(positive);
+      ->check(core::MustBePositive);
 }
 
 void AddRunOptions(CLI::App& command, ExperimentOptions& options) {
@@ -396,7 +381,7 @@ void AddRunOptions(CLI::App& command, ExperimentOptions& options) {
       ->capture_default_str();
   command.add_option("--seed", options.seed, "random seed")->capture_default_str();
   command.add_option("--threads", options.threads, "0: one per core; the results are the same")
-      ->check(kNotNegative)
+      ->check(core::MustNotBeNegative)
       ->capture_default_str();
   command
       .add_option_function<std::string>(

@@ -22,6 +22,7 @@
 #include "smo/weighted_dual.h"
 #include "support/check_fit.h"
 #include "support/fit_sharing.h"
+#include "support/nu_sum.h"
 
 namespace dfr::kernel {
 
@@ -246,30 +247,6 @@ void DecideBatch(const internal::SumBlock<T>& terms, double rho,
           near[q] ? static_cast<double>(sums[q]) - rho : OutsideOrFar(row(first + q), -rho);
     }
   }
-}
-
-// Sums of alpha in LIBSVM's scale.
-struct NuSum {
-  double samples;  // for nu = 1
-  double solved;   // of the problem to solve
-  double ratio;    // of options.nu to the solved problem's
-};
-
-// Below the smallest weight, nu sum w allows each alpha to be the whole sum. All smaller sums then
-// have the same solution, up to a factor, but none that tolerances can resolve.
-NuSum SumOf(const OneClassSvmOptions& options, Eigen::Index count) {
-  double all = static_cast<double>(count);
-  double smallest = 1.0;
-  if (!options.weights.empty()) {
-    all = 0.0;
-    smallest = std::numeric_limits<double>::infinity();
-    for (const double w : options.weights) {
-      all += w;
-      if (w > 0.0) smallest = std::min(smallest, w);
-    }
-  }
-  const double asked = options.nu * all;
-  return asked >= smallest ? NuSum{all, asked, 1.0} : NuSum{all, smallest, asked / smallest};
 }
 
 }  // namespace

@@ -87,6 +87,14 @@ std::string DescribeEmptyEntry(const App& program, std::span<const std::string> 
   return "";
 }
 
+/// Checks for CLI::Option::check(): return an error, or "" for a number in range.
+inline std::string MustBePositive(const std::string& text) {
+  return ParseNumber(text).value_or(0.0) > 0.0 ? "" : "must be positive, not " + text;
+}
+inline std::string MustNotBeNegative(const std::string& text) {
+  return ParseNumber(text).value_or(-1.0) >= 0.0 ? "" : "must not be negative: " + text;
+}
+
 /// Example calls of one command of a program, for AddExamples().
 struct Example {
   const char* command;
@@ -127,6 +135,20 @@ Option* Writes(Option* option, Unwritable unwritable) {
 template <typename Option>
 Option* WritesFile(Option* option) {
   return Writes(option, [](const std::filesystem::path& path) { return UnwritableFile(path); });
+}
+
+/// Same as Writes(), for a file whose name ends in one of `endings`.
+template <typename Option>
+Option* WritesFile(Option* option, const std::vector<std::string>& endings,
+                   bool makes_folders = false) {
+  return Writes(option, [endings, makes_folders](const std::filesystem::path& path) {
+    std::string list;
+    for (const std::string& ending : endings) {
+      if (path.extension() == ending) return UnwritableFile(path, makes_folders);
+      list.append(list.empty() ? "" : ", ").append(ending);
+    }
+    return path.string() + ": the name must end in one of " + list;
+  });
 }
 
 /// Same as Writes(), for a folder.

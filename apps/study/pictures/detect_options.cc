@@ -1,0 +1,47 @@
+#include "apps/study/pictures/detect_options.h"
+
+#include <CLI/CLI.hpp>
+
+#include "apps/command_line.h"
+
+namespace dfr::study {
+
+void AddOptions(CLI::App& command, Detection& detection) {
+  command.footer(DetectionSources());
+  CLI::Option* const file =
+      command.add_option("file", detection.file,
+                         "demonstrations: robomimic, Minari or LeRobot; default: those of --task");
+  CLI::Option* const failures = command.add_option(
+      "--failures", detection.failures,
+      "file of further episodes, which failed unless they are labelled completed");
+  command
+      .add_flag("--unlike", detection.unlike,
+                "count all episodes of --failures as failures, for example with another goal")
+      ->needs(failures);
+  failures->needs(file);
+  command.add_option("--task", detection.task, "task of the gallery")
+      ->excludes(file)
+      ->capture_default_str();
+  command.add_option("--policy", detection.policy, "policy of the task's further episodes")
+      ->excludes(file)
+      ->capture_default_str();
+  command
+      .add_option("--demonstrations", detection.demonstrations,
+                  "number of demonstrations of the task")
+      ->check(dfr::apps::kDemonstrations)
+      ->excludes(file)
+      ->capture_default_str();
+  command.add_option("--episodes", detection.episodes, "number of further episodes of the task")
+      ->check(dfr::apps::kCount)
+      ->excludes(file)
+      ->capture_default_str();
+  command.add_option("--features", detection.features, "features of the guard; default: all");
+  command
+      .add_option("--false-alarms", detection.false_alarms,
+                  "share of demonstrations that may raise an alarm; sets the thresholds")
+      ->check(CLI::Range(0.01, 0.5))
+      ->capture_default_str();
+  command.add_option("--seed", detection.seed)->capture_default_str();
+}
+
+}  // namespace dfr::study
