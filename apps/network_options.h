@@ -36,7 +36,7 @@ inline void AddNetwork(CLI::App& command, dds::ParticipantOptions& network,
 }
 
 /// Checks the options of AddNetwork().
-/// @throws CLI::ValidationError if `command` was given the address of a discovery server in vain.
+/// @throws CLI::ValidationError if a discovery server is named without --discovery server.
 inline void CheckNetwork(const CLI::App& command, const dds::ParticipantOptions& network) {
   if (network.discovery == dds::Discovery::kServerClient) return;
   for (const char* name : {"--server", "--server-port"}) {

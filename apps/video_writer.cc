@@ -35,10 +35,11 @@ void VideoWriter::Write(const cv::Mat& picture) { writer_.write(picture(cv::Rect
 void WritePicture(const std::filesystem::path& path, const cv::Mat& picture) {
   std::vector<unsigned char> bytes;
   try {
-    cv::imencode(path.extension().string(), picture, bytes);
+    if (!cv::imencode(path.extension().string(), picture, bytes)) bytes.clear();
   } catch (const cv::Exception& e) {
     throw std::runtime_error(path.string() + ": " + e.err);
   }
+  if (bytes.empty()) throw std::runtime_error(path.string() + ": the picture cannot be encoded");
   core::ReplaceFile(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
 }
 

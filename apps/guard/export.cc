@@ -58,7 +58,9 @@ std::string UnusableExportFolder(const std::filesystem::path& folder) {
   for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
     const std::string name = entry.path().filename().string();
     const std::string stem = entry.path().stem().string();
-    const bool step = stem.starts_with("t_") && stem.size() > 2 &&
+    const std::string ending = entry.path().extension().string();
+    const bool step = (ending == ".model" || ending == ".csv") && stem.starts_with("t_") &&
+                      stem.size() > 2 &&
                       stem.find_first_not_of("0123456789", 2) == std::string::npos;
     if (step || name == "features.csv") {
       return folder.string() + ": has " + name +

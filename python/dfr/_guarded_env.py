@@ -94,7 +94,7 @@ def _copied(state: Any) -> Any:
     """Return a copy of a state, which the caller cannot change in place."""
     try:
         return copy.deepcopy(state.detach() if hasattr(state, "detach") else state)
-    except TypeError:  # a view of memory, for example
+    except Exception:  # a view of memory or a list of tensors in a graph, for example
         return np.array(state)
 
 

@@ -149,7 +149,8 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
         tolerance = float(self.tol)
         if rows.shape[0] <= _SMALL and total > 0.0:  # the fit rejects weights without a positive sum
             smallest = 1.0 if weights is None else float(weights[weights > 0.0].min())
-            tolerance = min(tolerance, _ROUNDING * max(self.nu * total, smallest))  # smaller sums are scaled
+            # The fit scales the tolerance of sums below 1.
+            tolerance = min(tolerance, _ROUNDING * max(1.0, self.nu * total, smallest))
         # In addition to the kernel values, the solver keeps two reordered copies of X and some vectors.
         fixed_mib = rows.shape[0] * (16 * (rows.shape[1] + 1) + 128) / 2**20 + 1
         self._gamma = self._gamma_of(rows)

@@ -210,6 +210,13 @@ class TinyNu(unittest.TestCase):
             self.assertEqual(svm.estimate_.rho, one.estimate_.rho)
             self.assertEqual((svm.estimate_.decision(X) < -1e-9).sum(), 0)
 
+    def test_scaled_weights_take_the_same_iterations(self):
+        random = np.random.default_rng(0)
+        X, weights = random.normal(size=(200, 3)), random.uniform(0.5, 1.5, 200)
+        counts = [dfr.OneClassSVM(nu=0.1, gamma=0.5).fit(X, sample_weight=weights * scale).n_iter_
+                  for scale in (1.0, 2.0**-10, 2.0**-20)]
+        self.assertEqual(counts, [counts[0]] * 3)
+
 
 class Memory(unittest.TestCase):
     def test_contiguous_float64_is_read_in_place(self):

@@ -8,6 +8,7 @@ class App;
 
 namespace dfr::study {
 
+/// Adds the options of the command detect.
 void AddOptions(CLI::App& command, Detection& detection);
 
 }  // namespace dfr::study

@@ -24,11 +24,12 @@ std::filesystem::path LedgerOf(const ExperimentOptions& options) {
   return options.out.empty() ? options.out : options.out / "ledger.jsonl";
 }
 
-// What a program may write into the folder of a run, besides run.toml. The ledger comes last: a
-// kill before then leaves a run that --restart still discards.
-constexpr std::array kResults = {"report.html",  "summary.json", "times.json", "study.csv",
-                                 "rollouts.mp4", "rollouts.png", "best.mp4",   "median.mp4",
-                                 "worst.mp4",    "ledger.jsonl"};
+// Results that --restart removes. The next run overwrites models and calibrations. The ledger comes
+// last: a kill before then leaves a run that --restart still discards.
+constexpr std::array kResults = {
+    "report.html",  "summary.json",         "times.json",  "study.csv",
+    "rollouts.mp4", "rollouts.png",         "best.mp4",    "median.mp4",
+    "worst.mp4",    "ledger.jsonl.dropped", "ledger.jsonl"};
 
 std::atomic<bool> stop_requested{false};
 static_assert(std::atomic<bool>::is_always_lock_free);

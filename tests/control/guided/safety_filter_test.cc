@@ -163,31 +163,32 @@ TEST_F(SafetyFilterTest, AControlMayStayInThePresentPhaseFromTheStayLevelOn) {
   }
 }
 
-// Above the disk, a demonstrated control moves to the right. It is applied unless a raise removes
-// half of the deficit, as one with wide limits does.
+// Above the disk, a demonstrated control is applied unless a raise leads back by more than half of
+// the level, as far as the limits permit.
 TEST_F(SafetyFilterTest, FarOutsideARaiseMustBeWorthIt) {
   z_ = Eigen::Vector2d(0.0, 2.5);
   estimate_.FitAt(0, core::AsSpan(z_), fit_);
-  Eigen::VectorXd demonstrated(2);
-  ASSERT_TRUE(fit_.NominalControl(demonstrated));
-  for (const double limit : {0.01, 10.0}) {
+  for (const double limit : {0.6, 1.0}) {
     GuidedOptions options;
     options.control_limit = {limit};
     options.probe_size = 0.0;
-    Eigen::VectorXd v = outwards_;
     limits_ = Limits(options, 2, model_.response.control_unit());
-    limits_.Limit(v);
+    Eigen::VectorXd demonstrated(2);
+    ASSERT_TRUE(fit_.NominalControl(demonstrated));
     limits_.Limit(demonstrated);
     const double plain = Level(demonstrated);
-    const Choice choice = SafetyFilter(model_, options).Filter(fit_, target_, target_.level, v);
-    if (limit < 1.0) {
-      EXPECT_TRUE(v == demonstrated);
-      EXPECT_EQ(choice.mode, Mode::kRecovery);
-      EXPECT_EQ(choice.level, plain);
-    } else {
-      EXPECT_GT(choice.level, 0.5 * plain);
-      EXPECT_EQ(choice.level, Level(v));
-    }
+    Eigen::VectorXd raised = demonstrated;
+    const double best = AscendSupport(local_, target_, limits_, raised);
+    SafetyFilter filter(model_, options);
+    ASSERT_LT(best, -filter.max_exit_level());
+    Eigen::VectorXd v = outwards_;
+    limits_.Limit(v);
+    const Choice choice = filter.Filter(fit_, target_, target_.level, v);
+    const bool worth = best > guided::kWorthRaising * plain;
+    EXPECT_EQ(worth, limit == 1.0);
+    EXPECT_EQ(v == demonstrated, !worth);
+    EXPECT_EQ(choice.level, Level(v));
+    EXPECT_EQ(choice.level > guided::kWorthRaising * plain, worth);
   }
 }
 

@@ -90,6 +90,24 @@ TEST(FeatureTransformTest, ScalesAFeatureWithoutVarianceByItsStep) {
   }
 }
 
+// Rounding of the recorder is no variance, neither of a clock nor of an entry that rests.
+TEST(FeatureTransformTest, RoundingIsNoVariance) {
+  Random random(5);
+  std::vector<Matrix> demonstrations;
+  for (int d = 0; d < 20; ++d) {
+    Matrix states(20, 3);
+    for (Eigen::Index t = 0; t < states.rows(); ++t) {
+      states.row(t) << 0.1 * static_cast<double>(t) + 1e-11 * random.Normal(),
+          1e-14 * random.Normal(), random.Normal();
+    }
+    demonstrations.push_back(states);
+  }
+  const auto transform = FeatureTransform::Whitening(FeatureSelection::All(3), demonstrations);
+  EXPECT_NEAR(transform.scale()(0, 0), 10.0, 1.0);
+  EXPECT_LT(transform.scale()(1, 1), 10.0);
+  EXPECT_NEAR(transform.scale()(2, 2), 1.0, 0.2);
+}
+
 // Two ways are 20 standard deviations apart. A unit of z is at most a third of half their distance.
 // Without local scatter it is half their distance.
 TEST(FeatureTransformTest, SeveralWaysAreNotOneWideOne) {

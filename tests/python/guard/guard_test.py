@@ -312,7 +312,7 @@ class ExitTest(unittest.TestCase):
                     running.wait()
                 """
                 done = subprocess.run([sys.executable, "-W", "ignore", "-c", textwrap.dedent(script)],
-                                      capture_output=True, text=True)
+                                      capture_output=True, text=True, timeout=300)
                 with self.subTest(name):
                     self.assertEqual((done.returncode, done.stderr), (0, ""))
 

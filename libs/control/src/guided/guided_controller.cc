@@ -103,8 +103,9 @@ Step GuidedController::Decide(Step step, std::span<double> u) noexcept {
 
   v_ = learned_;
   estimate_.FitAt(step.t, AsSpan(z_), fit_);
+  stay_level_ = StayLevel(step);
   const SafetyFilter::Choice choice =
-      filter_.Filter(fit_, {step.t + 1, hi}, step.log_threshold, v_, StayLevel(step));
+      filter_.Filter(fit_, {step.t + 1, hi}, step.log_threshold, v_, stay_level_);
   step.mode = choice.mode;
   step.log_learned = choice.learned;
   stays_ = choice.stays;
@@ -133,7 +134,14 @@ void GuidedController::Applied(std::span<const double> u) noexcept {
   if (halt_cause() != HaltCause::kNone || progress_.controls == 0) return;
   v_ = core::AsVector(u) / task_.response().control_unit();
   tracker_ = chose_in_;
-  Advance(LocalModel{task_.support(), fit_}.Level(tracker_.phase() + 1, v_));
+  const LocalModel model{task_.support(), fit_};
+  const double next = model.Level(tracker_.phase() + 1, v_);
+  if (stays_) {
+    // The action may be rounded, or differ in entries without an effect.
+    const double here = model.Level(tracker_.phase(), v_);
+    if (here >= stay_level_ - guided::kLeastGain && here > next) return tracker_.Wait();
+  }
+  Advance(next);
 }
 
 void GuidedController::AppliedAsChosen() noexcept {
@@ -158,8 +166,7 @@ bool GuidedController::PassesNext(std::span<const double> control) noexcept {
   if (step.mode == Mode::kPolicy && !step.filtered) {
     // Predicted states do not update the estimate.
     fit_.AddEffect(v_, z_);
-    const double level = task_.support().LogDecision(step.t + 1, AsSpan(z_), {});
-    if (stays_ || level >= step.log_threshold) return true;
+    if (stays_ || step.log_learned >= step.log_threshold) return true;
   }
   Stop(step.cause != HaltCause::kNone ? step.cause : HaltCause::kOutsideSupport);
   return false;
@@ -175,8 +182,8 @@ double GuidedController::PassLevel(int t) const noexcept {
 
 double GuidedController::StayLevel(const Step& step) const noexcept {
   const bool may_stay = options_.least_intervention && tracker_.waited() == 0 &&
-                        step.t + 1 < task_.support().num_steps();
-  return may_stay ? std::max(step.log_g, PassLevel(step.t))
+                        options_.patience > 1 && step.t + 1 < task_.support().num_steps();
+  return may_stay ? std::max(step.log_g + guided::kLeastGain, PassLevel(step.t))
                   : std::numeric_limits<double>::infinity();
 }
 

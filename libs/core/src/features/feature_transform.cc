@@ -12,6 +12,12 @@
 namespace dfr::core {
 namespace {
 
+// A feature is a function of time if its standard deviation is at most this share of its change per
+// time step.
+constexpr double kSameShare = 1e-6;
+// Standard deviations below this fraction of the largest one are rounding.
+constexpr double kLeastShare = 1e-12;
+
 // Returns the root mean square change of each feature per time step.
 Eigen::VectorXd Steps(std::span<const Matrix> features) {
   Eigen::VectorXd sum = Eigen::VectorXd::Zero(features[0].cols());
@@ -76,12 +82,16 @@ FeatureTransform FeatureTransform::Whitening(FeatureSelection selection,
   const double largest = sd.maxCoeff();
   DFR_THROW_UNLESS(largest > 0.0, "no selected feature ever differs between demonstrations");
   const Eigen::VectorXd step = Steps(features);
+  const double rounding = kLeastShare * largest;
   for (Eigen::Index i = 0; i < n; ++i) {
-    if (sd[i] > 0.0) continue;
+    if (sd[i] > std::max(kSameShare * step[i], rounding)) continue;
     // The feature is the same function of time in all demonstrations. If its sd were far below its
     // change per time step, a small deviation from that change would outweigh all other features.
-    sd[i] = step[i] > 0.0 ? step[i] : largest;
-    if (step[i] > 0.0) scatter(i, i) = sd[i] * sd[i];
+    const bool moves = step[i] > rounding;
+    sd[i] = moves ? step[i] : largest;
+    scatter.row(i).setZero();
+    scatter.col(i).setZero();
+    if (moves) scatter(i, i) = sd[i] * sd[i];
   }
   const Matrix inverse_sd = sd.cwiseInverse().asDiagonal();
   const Matrix correlation = inverse_sd * scatter * inverse_sd;

@@ -67,8 +67,9 @@ inline constexpr int kMostRelocations = 2;
 /// SafetyFilter: a change of the learned control of at most this norm, in ordinary controls, is
 /// skipped if it gains little and the changed control would still end outside.
 inline constexpr double kIdle = 0.5;
-/// SafetyFilter: beyond the exit level, a raised control replaces the demonstrated one only if its
-/// predicted l, which is negative, exceeds this fraction of the demonstrated control's l.
+/// SafetyFilter: beyond the exit level, and after the last support, a raised control replaces the
+/// demonstrated one only if its predicted l, which is negative, exceeds this fraction of the
+/// demonstrated control's l.
 inline constexpr double kWorthRaising = 0.5;
 /// SafetyFilter: if an ascent changes an entry by more than this, in ordinary demonstrated
 /// controls, LocalFit::Agreement() damps the change. It uses every kAgreementStride-th transition.

@@ -45,7 +45,7 @@ struct Step {
   Mode mode = Mode::kHalt;
   HaltCause cause = HaltCause::kNone;  ///< Not kNone if and only if mode is kHalt.
   int t = 0;                           ///< Time step of the support and the policy.
-  int iteration = 0;                   ///< Iteration of a recovery, from 0; otherwise 0.
+  int iteration = 0;  ///< Iteration of a recovery, or number of controls since the phase advanced.
   /// g_t(x); NaN if the controller did not evaluate it.
   double g = std::numeric_limits<double>::quiet_NaN();
   /// Threshold of the learned control. Algorithm 1 compares g with it. Guided recovery compares

@@ -61,7 +61,8 @@ struct Verdict {
   /// l, the logarithmic form of g, at alarm_step; NaN for an invalid state.
   double level = std::numeric_limits<double>::quiet_NaN();
   /// kGuard and kController: predicted l of the policy's action at step + 1, and the level at which
-  /// the action passes. NaN if the guard did not predict l.
+  /// the action passes. With kGuard an action below that level passes too if it leads deeper into
+  /// the support of `step`. NaN if the guard did not predict l.
   double predicted = std::numeric_limits<double>::quiet_NaN();
   double pass_level = std::numeric_limits<double>::quiet_NaN();
 

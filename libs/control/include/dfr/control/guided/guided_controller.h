@@ -103,7 +103,8 @@ class GuidedController final : public Controller {
   Progress progress_;
   EdgeStay at_edge_;  ///< Counts steps at the edge whose learned control passed.
   int relocations_ = 0;
-  bool stays_ = false;  ///< The control of this step stays in the phase.
+  bool stays_ = false;       ///< The control of this step stays in the phase.
+  double stay_level_ = 0.0;  ///< StayLevel() of this step.
   Eigen::VectorXd z_;
   Eigen::VectorXd v_;  ///< The control of this step; after the step, the last applied control.
   Eigen::VectorXd seen_;
