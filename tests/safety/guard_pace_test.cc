@@ -124,24 +124,5 @@ TEST(GuardPaceTest, DoesNotHurryASlowPolicy) {
   }
 }
 
-// Actions along x have an ordinary size of .04. The same size along y leads out of the support,
-// also from its middle.
-TEST(GuardPaceTest, PredictsActionsDeepInside) {
-  const Law law = [](const std::vector<double>& x) { return std::vector{0.04, -0.3 * x[1]}; };
-  const auto model = GuardModel::Fit(Layout(), Demonstrate(law, 1.0, 0.01, 1), {.features = "tip"});
-  Guard guard(model);
-  guard.Reset(1);
-  std::vector<double> x = {0.0, 0.0};
-  std::vector<double> safe(2);
-  for (int t = 0; t < 10; ++t) {
-    const Verdict along = guard.Filter(t, x, law(x), safe);
-    ASSERT_FALSE(along.changed) << "step " << t;
-    for (int k = 0; k < 2; ++k) x[k] += safe[k];
-  }
-  const Verdict aside = guard.Filter(10, x, std::vector{0.0, 0.04}, safe);
-  EXPECT_TRUE(aside.changed);
-  EXPECT_LT(std::abs(safe[1]), 0.02);
-}
-
 }  // namespace
 }  // namespace dfr::safety

@@ -52,14 +52,17 @@ class GuidedControllerTest : public test::RightwardsTest {
   }
 };
 
-// A state deep inside does not suffice: 0.6 would cross the next support, and 0.35 to the side, a
-// control of ordinary size, would end at its edge.
+// A state deep inside does not suffice: 0.6 would cross the next support, and the largest
+// demonstrated control to the side would end at its edge.
 TEST_F(GuidedControllerTest, DeepInsideControlsPassByTheirPrediction) {
   const std::vector<double> x = {0.05, 0.0};
-  ASSERT_GE(support.LogDecision(0, x, {}), model.levels.gate(0));
+  const double hi = model.levels.gate(1);
+  ASSERT_GE(support.LogDecision(0, x, {}), hi);
+  ASSERT_GE(support.LogDecision(1, x, {}), hi);
+  const double most = model.response.largest_control() * model.response.control_unit();
   for (const auto& [control, passes] : {std::pair{std::vector{test::kSpeed, 0.0}, true},
                                         {std::vector{0.6, 0.0}, false},
-                                        {std::vector{0.0, 0.35}, false}}) {
+                                        {std::vector{0.0, 0.999 * most}, false}}) {
     SCOPED_TRACE(testing::Message() << control[0] << " " << control[1]);
     const test::FunctionPolicy policy(2, 2,
                                       [&](int, std::span<const double>, std::span<double> out) {

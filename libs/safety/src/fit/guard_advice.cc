@@ -28,7 +28,8 @@ std::vector<std::string> Warnings(const GuardModel& model) {
   if (summary.acceptance < fit::kLeastAcceptance) {
     warnings.push_back(core::Format(
         "only %.0f %% of the states of left-out demonstrations are inside, and even a good policy "
-        "will be stopped: record more demonstrations, use fewer features, or use every k-th state "
+        "will be corrected: record more demonstrations, use fewer features, or use every k-th "
+        "state "
         "if demonstrations are long or differ in pace",
         100.0 * summary.acceptance));
   }

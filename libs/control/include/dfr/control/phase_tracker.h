@@ -12,7 +12,7 @@ namespace dfr::control {
 /// - A controller decides the phase. Advance() moves to the next phase once a control is predicted
 /// to end inside its support. Otherwise it moves to the later phase whose support fits the
 /// prediction best, because a missed support must not block the following ones. If the prediction
-/// is far outside, the phase may wait.
+/// is far outside, the phase may wait. Wait() keeps it for a control that is slow but inside.
 /// - An observer (an alarm, a report) follows the state, because the paces of demonstrations and
 /// robots differ. Follow() selects the phase near the expected one whose support fits best.
 /// - A certificate holds only inside a support. Enter() selects the best nearby phase whose support
