@@ -291,7 +291,7 @@ TEST_F(PsmDriverTest, AConfiguredSiIsNotArmedWithAClassicsInstrument) {
   PsmDriverOptions options;
   options.client.limits.generation = kinematics::PsmGeneration::kSi;
   const auto driver = Connected(options);
-  EXPECT_EQ(BringUp(*driver, 1.0, {}, {}, InStep(*driver)), PsmStatus::kWrongTool);
+  EXPECT_EQ(BringUp(*driver, 5.0, {}, {}, InStep(*driver)), PsmStatus::kWrongTool);
   EXPECT_THAT(driver->Explain(), HasSubstr("of generation Si 420006"));
 }
 
