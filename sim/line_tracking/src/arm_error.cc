@@ -46,11 +46,14 @@ std::vector<Sample> Workspace() {
   return samples;
 }
 
-// Returns the mean distance between the true tips and those that the encoders report.
-double MeanTipError(const std::vector<Sample>& samples, const ArmError& error) {
+// Returns the mean distance between the true tips and those that the encoders report. `residuals`
+// are the errors that `systematic` does not describe.
+double MeanTipError(const std::vector<Sample>& samples, const kinematics::PsmCorrection& systematic,
+                    const std::vector<PsmJoints>& residuals) {
   double sum = 0.0;
-  for (const Sample& sample : samples) {
-    sum += (Psm::Tip(error.Truth(sample.q, sample.drift)) - sample.tip).norm();
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    const PsmJoints truth = systematic.Apply(samples[i].q) + residuals[i];
+    sum += (Psm::Tip(truth) - samples[i].tip).norm();
   }
   return sum / static_cast<double>(samples.size());
 }
@@ -79,10 +82,14 @@ ArmError::ArmError(const ArmErrorOptions& options) {
     raw.creep_[k] = 0.5 * unit[k] * random.Normal();
     raw.creep_phase_[k] = random.Uniform(0.0, 2.0 * std::numbers::pi);
   }
-  ArmError residual = raw;
-  residual.systematic_ = {};
   static const std::vector<Sample> kWorkspace = Workspace();
-  const double residual_share = options.mean_residual_m / MeanTipError(kWorkspace, residual);
+  const auto residuals = [](const ArmError& error) {
+    std::vector<PsmJoints> all;
+    for (const Sample& sample : kWorkspace) all.push_back(error.Residual(sample.q, sample.drift));
+    return all;
+  };
+  const double residual_share =
+      options.mean_residual_m / MeanTipError(kWorkspace, {}, residuals(raw));
   wave_ = residual_share * raw.wave_;
   wave_rate_ = raw.wave_rate_;
   wave_phase_ = raw.wave_phase_;
@@ -90,23 +97,28 @@ ArmError::ArmError(const ArmErrorOptions& options) {
   creep_phase_ = raw.creep_phase_;
   systematic_.reference = raw.systematic_.reference;
   // The total grows with the systematic part: bisection finds the fraction for the required mean.
+  const std::vector<PsmJoints> scaled = residuals(*this);
   double low = 0.0;
   double high = 20.0;
   for (int i = 0; i < 40; ++i) {
     const double share = 0.5 * (low + high);
     systematic_.offset = share * raw.systematic_.offset;
     systematic_.scale = share * raw.systematic_.scale;
-    (MeanTipError(kWorkspace, *this) < options.mean_error_m ? low : high) = share;
+    (MeanTipError(kWorkspace, systematic_, scaled) < options.mean_error_m ? low : high) = share;
   }
 }
 
 PsmJoints ArmError::Truth(const PsmJoints& q, double drift) const noexcept {
-  PsmJoints truth = systematic_.Apply(q);
+  return systematic_.Apply(q) + Residual(q, drift);
+}
+
+PsmJoints ArmError::Residual(const PsmJoints& q, double drift) const noexcept {
+  PsmJoints residual;
   for (int k = 0; k < 6; ++k) {
-    truth[k] += wave_[k] * std::sin(wave_rate_[k] * q[k] + wave_phase_[k]) +
-                creep_[k] * std::sin(drift + creep_phase_[k]);
+    residual[k] = wave_[k] * std::sin(wave_rate_[k] * q[k] + wave_phase_[k]) +
+                  creep_[k] * std::sin(drift + creep_phase_[k]);
   }
-  return truth;
+  return residual;
 }
 
 }  // namespace dfr::sim

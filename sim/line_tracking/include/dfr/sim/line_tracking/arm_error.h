@@ -37,6 +37,10 @@ class ArmError {
   [[nodiscard]] const kinematics::PsmCorrection& systematic() const noexcept { return systematic_; }
 
  private:
+  // Returns the part of the error that a calibration cannot identify.
+  [[nodiscard]] kinematics::PsmJoints Residual(const kinematics::PsmJoints& q,
+                                               double drift) const noexcept;
+
   kinematics::PsmCorrection systematic_;
   kinematics::PsmJoints wave_ = kinematics::PsmJoints::Zero();       // amplitude over the range
   kinematics::PsmJoints wave_rate_ = kinematics::PsmJoints::Zero();  // per rad, per m
