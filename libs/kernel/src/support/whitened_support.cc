@@ -285,14 +285,15 @@ double LogVolumeRatio(const WhitenedSupport& wide, double wide_level, const Whit
     for (std::size_t draw = 0; draw < kDraws; ++draw) {
       Eigen::VectorXd y = states[draw % states.size()];
       for (double& entry : y) entry += kSpread * random.Normal();
+      const bool in_wide = wide.estimate(t).LogDecision(core::AsSpan(y)) >= wide_level;
+      const bool in_narrow = narrow.estimate(t).LogDecision(core::AsSpan(y)) >= narrow_level;
+      if (!in_wide && !in_narrow) continue;  // most points
       double density = 0.0;
       for (const Eigen::VectorXd& state : states) {
         density += std::exp(-(y - state).squaredNorm() / (2.0 * kSpread * kSpread));
       }
-      if (wide.estimate(t).LogDecision(core::AsSpan(y)) >= wide_level) {
-        wide_volume += 1.0 / density;
-      }
-      if (narrow.estimate(t).LogDecision(core::AsSpan(y)) < narrow_level) continue;
+      if (in_wide) wide_volume += 1.0 / density;
+      if (!in_narrow) continue;
       narrow_volume += 1.0 / density;
       ++inside;
     }
