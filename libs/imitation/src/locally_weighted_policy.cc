@@ -70,6 +70,7 @@ void LocallyWeightedPolicy::Control(int t, std::span<const double> x,
   using Right =
       Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxFeatures + 1, kMaxControls>;
   using Vector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxFeatures + 1, 1>;
+  constexpr double kLeastExponent = -13.815510557964274;  // Weights below 1e-6 do not count.
   const int n = features_.num_features();
   std::array<double, kMaxFeatures> buffer;
   const std::span<double> z(buffer.data(), static_cast<std::size_t>(n));
@@ -100,9 +101,10 @@ void LocallyWeightedPolicy::Control(int t, std::span<const double> x,
   point[0] = 1.0;
   for (int row = first; row < last; ++row) {
     point.tail(n) = points_.row(row).transpose() - core::AsVector(z);
-    const double weight = std::exp(-0.5 * (point.tail(n).squaredNorm() - nearest) /
-                                   (options_.width * options_.width));
-    if (weight < 1e-6) continue;
+    const double exponent =
+        -0.5 * (point.tail(n).squaredNorm() - nearest) / (options_.width * options_.width);
+    if (exponent < kLeastExponent) continue;
+    const double weight = std::exp(exponent);
     a.noalias() += weight * point.lazyProduct(point.transpose());
     b.noalias() += weight * point.lazyProduct(controls_.row(row));
   }
