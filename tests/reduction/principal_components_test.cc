@@ -77,7 +77,7 @@ TEST(PrincipalComponentsTest, AreOrthonormalWithPositiveLargestEntriesAndTheirSc
 }
 
 TEST(PrincipalComponentsTest, AreTheSameInOnePieceOrManyAndForAnyNumberOfThreads) {
-  const Matrix whole = Rows(200, 30000, 20, 3);  // More rows than a block holds.
+  const Matrix whole = Rows(200, 22000, 20, 3);  // More rows than a block holds.
   const std::vector<Matrix> pieces = {whole.topRows(7), whole.middleRows(7, 150),
                                       whole.bottomRows(43)};
   const PrincipalComponentsOptions one{.components = 4, .oversampling = 4, .threads = 1};

@@ -15,19 +15,18 @@ namespace {
 using control::Mode;
 using Law = std::function<std::vector<double>(const std::vector<double>&)>;
 
-constexpr int kDemonstrations = 45;
-
 core::StateLayout Layout() {
   core::StateLayout layout;
   layout.Add("tip", 2);
   return layout;
 }
 
-// Demonstrations of `law` from a start near 0 until x = `goal`, with smooth noise of the speed.
-std::vector<core::Trajectory> Demonstrate(const Law& law, double goal, double noise,
+// `count` demonstrations of `law` from a start near 0 until x = `goal`, with smooth noise of the
+// speed.
+std::vector<core::Trajectory> Demonstrate(const Law& law, double goal, double noise, int count,
                                           std::uint64_t seed) {
   core::Random random(seed);
-  std::vector<core::Trajectory> demonstrations(kDemonstrations);
+  std::vector<core::Trajectory> demonstrations(static_cast<std::size_t>(count));
   for (core::Trajectory& demonstration : demonstrations) {
     std::vector<double> x = {0.3 * random.Normal() * noise, random.Normal() * noise};
     std::vector<std::vector<double>> states = {x};
@@ -65,7 +64,7 @@ TEST(GuardPaceTest, LetsAPolicyReturnAfterAPushNearTheEnd) {
   };
   for (std::uint64_t seed = 1; seed <= 4; ++seed) {
     const auto model =
-        GuardModel::Fit(Layout(), Demonstrate(law, 1.0, 0.05, seed), {.features = "tip"});
+        GuardModel::Fit(Layout(), Demonstrate(law, 1.0, 0.05, 45, seed), {.features = "tip"});
     Guard guard(model);
     for (const double push : {0.2, 0.3}) {
       SCOPED_TRACE(testing::Message() << "push " << push << ", seed " << seed);
@@ -103,7 +102,7 @@ TEST(GuardPaceTest, DoesNotHurryASlowPolicy) {
   };
   for (std::uint64_t seed = 1; seed <= 4; ++seed) {
     SCOPED_TRACE(seed);
-    const std::vector<core::Trajectory> demonstrations = Demonstrate(law, 4.5, 0.04, seed);
+    const std::vector<core::Trajectory> demonstrations = Demonstrate(law, 4.5, 0.04, 25, seed);
     Guard guard(GuardModel::Fit(Layout(), demonstrations, {.features = "tip"}));
     guard.Reset(1);
     std::vector<double> x = {0.0, 0.0};

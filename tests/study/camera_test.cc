@@ -110,7 +110,7 @@ Study Pictured(int threads) {
   study.conditions = {"as demonstrated", "picture disturbed"};
   study.pictures.features = "pca:image:3:grey:16x16";
   study.demonstrations = 8;
-  study.episodes = 4;
+  study.episodes = 2;
   study.trials = 1;
   study.seed = 3;
   study.threads = threads;

@@ -75,13 +75,13 @@ TEST(DetectorTest, DistantStatesScoreHigherThanDemonstratedOnes) {
 
 TEST(DetectTest, AFailingPolicyIsFound) {
   const Detection detection{
-      .task = "reach", .policy = "at-constraints", .demonstrations = 30, .episodes = 6};
+      .task = "reach", .policy = "at-constraints", .demonstrations = 20, .episodes = 6};
   const DetectionReport report = Detect(LoadDetection(detection), detection);
   ASSERT_EQ(report.table.rows.size(), kDetectors.size());
   for (const auto& row : report.table.rows) ASSERT_EQ(row.size(), report.table.header.size());
   EXPECT_EQ(report.table.rows[0][0], "guard");
   EXPECT_THAT(report.table.rows[0][3], testing::StartsWith("100 ["));
-  EXPECT_THAT(report.text, HasSubstr("15 demonstrations fitted, 6 for thresholds, 9 left out"));
+  EXPECT_THAT(report.text, HasSubstr("10 demonstrations fitted, 4 for thresholds, 6 left out"));
 }
 
 // Thirty entries are noisy mixtures of three numbers: almost no left-out state is inside.
@@ -92,7 +92,7 @@ TEST(DetectTest, TooManyFeaturesAreReducedWithAReason) {
   DetectionSet set;
   set.demonstrations.layout.Add("state", 30);
   set.demonstrations.control_dim = 3;
-  for (int d = 0; d < 40; ++d) {
+  for (int d = 0; d < 30; ++d) {
     core::Trajectory episode;
     core::Matrix low = core::Matrix::Zero(16, 3);
     episode.controls = core::Matrix::Zero(15, 3);

@@ -39,7 +39,7 @@ std::vector<core::Trajectory> Undecided(std::uint64_t seed, int count) {
 // `copies` noisy readings of 14 quantities, and 14 action entries that move them.
 std::vector<core::Trajectory> Redundant(int count, int copies, double noise) {
   constexpr int kHidden = 14;
-  constexpr int kSteps = 30;
+  constexpr int kSteps = 15;
   core::Random random(4);
   core::Matrix mix(copies, kHidden);
   for (Eigen::Index i = 0; i < mix.size(); ++i) mix.data()[i] = random.Normal();

@@ -65,7 +65,7 @@ TEST(ReducedGuardFitTest, IsAMonitorIfNothingExplainsTheActions) {
 // is zero.
 TEST(ReducedGuardFitTest, IsAMonitorIfPicturesDoNotExplainTheEntryThatVariesMost) {
   core::Random random(8);
-  std::vector<core::Trajectory> demonstrations = PictureDemonstrations(1, 24);
+  std::vector<core::Trajectory> demonstrations = PictureDemonstrations(1, 14);
   for (core::Trajectory& d : demonstrations) {
     double x = 0.05 * random.Normal();
     double y = 0.05 * random.Normal();
