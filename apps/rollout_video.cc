@@ -225,6 +225,7 @@ void WriteVideo(const std::filesystem::path& path, std::span<const RolloutVideo>
   for (const RolloutVideo& video : videos) frames = std::max(frames, video.frames.size());
   VideoWriter writer(path, Composite(videos, 0).size(), kFramesPerSecond);
   for (std::size_t i = 0; i < frames + kHoldFrames; ++i) writer.Write(Composite(videos, i));
+  writer.Commit();
 }
 
 void WriteStill(const std::filesystem::path& path, std::span<const RolloutVideo> videos,

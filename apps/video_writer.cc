@@ -21,16 +21,19 @@ int CodecOf(const std::filesystem::path& path) {
 
 VideoWriter::VideoWriter(const std::filesystem::path& path, cv::Size size, double frames_per_second)
     : even_(size.width & ~1, size.height & ~1),
-      writer_(path.string(), cv::CAP_FFMPEG, CodecOf(path), frames_per_second, even_) {
+      file_(path, path.extension()),
+      writer_(file_.written(), cv::CAP_FFMPEG, CodecOf(path), frames_per_second, even_) {
   if (!writer_.isOpened()) {
-    throw std::runtime_error(path.string() +
-                             ": the video cannot be written; check that its folder exists");
+    throw std::runtime_error(path.string() + ": the video cannot be encoded");
   }
 }
 
-void VideoWriter::CheckName(const std::filesystem::path& path) { static_cast<void>(CodecOf(path)); }
-
 void VideoWriter::Write(const cv::Mat& picture) { writer_.write(picture(cv::Rect({}, even_))); }
+
+void VideoWriter::Commit() {
+  writer_.release();
+  file_.Commit();
+}
 
 void WritePicture(const std::filesystem::path& path, const cv::Mat& picture) {
   std::vector<unsigned char> bytes;

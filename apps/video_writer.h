@@ -3,22 +3,27 @@
 #include <filesystem>
 #include <opencv2/videoio.hpp>
 
+#include "dfr/core/files/atomic_file.h"
+
 namespace dfr::apps {
 
-/// Writes pictures of one size to a video file. The ending of its name chooses the format: .mp4
-/// (H.264) or .webm (VP8). Encoders need even sizes, so an odd last row or column is left out.
+/// Writes pictures of one size to a video file, a core::AtomicFile. The ending of its name chooses
+/// the format: .mp4 (H.264) or .webm (VP8). Encoders need even sizes, so an odd last row or column
+/// is left out.
 class VideoWriter {
  public:
   /// @throws std::runtime_error naming the file if it cannot be written or its ending is unknown.
   VideoWriter(const std::filesystem::path& path, cv::Size size, double frames_per_second);
 
-  /// @throws std::runtime_error naming a file whose ending is unknown.
-  static void CheckName(const std::filesystem::path& path);
   /// Appends a picture, BGR.
   void Write(const cv::Mat& picture);
+  /// Ends the video. Without this call the previous file stays.
+  /// @throws std::runtime_error naming the file if it cannot be replaced.
+  void Commit();
 
  private:
   cv::Size even_;
+  core::AtomicFile file_;
   cv::VideoWriter writer_;
 };
 

@@ -91,7 +91,6 @@ RolloutVideo Record(LineTrialRunner& runner, int method, const std::string& titl
 control::RolloutResult RecordEpisode(LineTrialRunner& runner, int method, const std::string& title,
                                      std::uint64_t start_seed, std::uint64_t controller_seed,
                                      const std::filesystem::path& path) {
-  VideoWriter::CheckName(path);  // checked before the episode runs
   const RolloutVideo video = Record(runner, method, title, start_seed, controller_seed);
   WriteVideo(path, {&video, 1});
   return video.result;

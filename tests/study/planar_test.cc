@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include <filesystem>
+#include <iterator>
 #include <opencv2/core.hpp>
 #include <opencv2/videoio.hpp>
 #include <stdexcept>
@@ -14,7 +15,9 @@
 #include "apps/study/planar/task.h"
 #include "apps/study/study.h"
 #include "apps/video_writer.h"
+#include "dfr/core/files/atomic_file.h"
 #include "tests/support/message_of.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::study::planar {
 namespace {
@@ -71,6 +74,7 @@ TEST(VideoWriterTest, WritesEvenSizesAndRefusesOtherEndings) {
   {
     apps::VideoWriter writer(folder / "odd.webm", picture.size(), 10.0);
     for (int i = 0; i < 3; ++i) writer.Write(picture);
+    writer.Commit();
   }
   cv::VideoCapture video((folder / "odd.webm").string(), cv::CAP_FFMPEG);
   cv::Mat read;
@@ -82,8 +86,22 @@ TEST(VideoWriterTest, WritesEvenSizesAndRefusesOtherEndings) {
     });
   };
   EXPECT_THAT(message("video.gif"), testing::HasSubstr("must end in .mp4 or .webm"));
-  EXPECT_THAT(message("no/video.mp4"), testing::HasSubstr("no/video.mp4: the video cannot be"));
+  EXPECT_THAT(message("no/video.mp4"), testing::HasSubstr("no/video.mp4: cannot be created"));
   std::filesystem::remove_all(folder);
+}
+
+TEST(VideoWriterTest, AnIncompleteVideoLeavesThePreviousFile) {
+  const test::TempFolder folder;
+  const std::filesystem::path file = folder / "video.webm";
+  core::ReplaceFile(file, "previous");
+  {
+    apps::VideoWriter writer(file, {64, 48}, 10.0);
+    for (int i = 0; i < 3; ++i) writer.Write(cv::Mat::zeros(48, 64, CV_8UC3));
+    EXPECT_EQ(test::FileText(file), "previous");
+  }
+  EXPECT_EQ(test::FileText(file), "previous");
+  const std::filesystem::directory_iterator files(folder.path);
+  EXPECT_EQ(std::distance(begin(files), end(files)), 1);
 }
 
 }  // namespace

@@ -290,6 +290,7 @@ void Painter::WriteVideo(const std::vector<Episode>& episodes,
     }
     video.Write(all);
   }
+  video.Commit();
 }
 
 }  // namespace dfr::study::planar

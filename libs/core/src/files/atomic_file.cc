@@ -34,7 +34,7 @@ std::string Resolve(const std::filesystem::path& from) {
 
 }  // namespace
 
-AtomicFile::AtomicFile(const std::filesystem::path& path)
+AtomicFile::AtomicFile(const std::filesystem::path& path, const std::string& ending)
     : name_(path.string()), target_(Resolve(path)) {
   struct stat old {};
   const bool exists = ::stat(target_.c_str(), &old) == 0;
@@ -51,7 +51,7 @@ AtomicFile::AtomicFile(const std::filesystem::path& path)
   const std::filesystem::path folder = std::filesystem::path(target_).parent_path();
   do {
     const std::string part =
-        ".dfr-" + std::to_string(::getpid()) + "-" + std::to_string(count++) + ".part";
+        ".dfr-" + std::to_string(::getpid()) + "-" + std::to_string(count++) + ending;
     temporary_ = (folder / part).string();
     descriptor_ = ::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   } while (descriptor_ < 0 && errno == EEXIST);

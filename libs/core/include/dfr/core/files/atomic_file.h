@@ -19,13 +19,18 @@ namespace dfr::core {
 /// All functions throw std::runtime_error with the file and the system's message.
 class AtomicFile {
  public:
-  explicit AtomicFile(const std::filesystem::path& path);
+  /// @param ending  ending of the temporary file's name, by which some libraries choose a format.
+  explicit AtomicFile(const std::filesystem::path& path, const std::string& ending = ".part");
   /// Discards the data unless Commit() was called.
   ~AtomicFile();
   AtomicFile(const AtomicFile&) = delete;
   AtomicFile& operator=(const AtomicFile&) = delete;
 
   void Write(std::string_view bytes);
+  /// Returns the file to write to by other means than Write(), before Commit().
+  [[nodiscard]] const std::string& written() const noexcept {
+    return temporary_.empty() ? target_ : temporary_;
+  }
   void Commit();
 
  private:
