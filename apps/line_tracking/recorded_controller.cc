@@ -96,8 +96,9 @@ bool ReplayRecording(const std::filesystem::path& path, const std::filesystem::p
                              ": the recording's model does not exist; name it with "
                              "--model");
   }
-  std::cout << path.string() << ": " << log.steps.size() << " decisions by " << log.metadata.method
-            << ", seed " << log.metadata.seed << ", commit " << log.metadata.commit << '\n';
+  std::cout << path.string() << ": " << log.steps.size() << " decisions by "
+            << core::Printable(log.metadata.method) << ", seed " << log.metadata.seed << ", commit "
+            << core::Printable(log.metadata.commit) << '\n';
   if (log.metadata.commit != core::BuildCommit()) {
     std::cout << "  this program is of commit " << core::BuildCommit()
               << ", whose methods may decide differently\n";
@@ -106,12 +107,15 @@ bool ReplayRecording(const std::filesystem::path& path, const std::filesystem::p
   if (log.dropped_records > 0) {
     std::cout << "  " << log.dropped_records << " records are missing\n";
   }
-  for (const std::string& damage : log.damage) std::cout << "  it is " << damage << '\n';
+  for (const std::string& damage : log.damage) {
+    std::cout << "  it is " << core::Printable(damage) << '\n';
+  }
   if (log.steps.empty()) {
     throw std::runtime_error(path.string() + " contains no decision to repeat");
   }
   if (recording::Checksum(folder) != log.metadata.model_checksum) {
-    std::cout << "  the model in " << folder.string() << " is not the one of the recording\n";
+    std::cout << "  the model in " << core::Printable(folder.string())
+              << " is not the one of the recording\n";
   }
   const LineModel model = LineModel::Load(folder);
   const std::unique_ptr<control::Controller> controller = model.MakeController(log.metadata.method);
@@ -141,8 +145,8 @@ bool ReplayRecording(const std::filesystem::path& path, const std::filesystem::p
     const std::string difference = Difference(record, step, u);
     if (difference.empty()) continue;
     if (++differences <= kShown) {
-      std::cout << "  episode " << record.episode << ", t " << record.t << ": " << difference
-                << '\n';
+      std::cout << "  episode " << record.episode << ", t " << record.t << ": "
+                << core::Printable(difference) << '\n';
     }
   }
   if (differences > kShown) std::cout << "  and " << differences - kShown << " more\n";

@@ -2,6 +2,7 @@
 #include <cstdio>
 
 #include "commands.h"
+#include "dfr/core/text/format.h"
 #include "dfr/imitation/demonstrations.h"
 #include "model.h"
 
@@ -9,7 +10,7 @@ namespace dfr::apps::pusher {
 
 void RunFit(const FitOptions& options) {
   const imitation::DemonstrationSet set = imitation::LoadRobomimic(options.demonstrations);
-  if (!set.note.empty()) std::printf("%s\n", set.note.c_str());
+  if (!set.note.empty()) std::printf("%s\n", core::Printable(set.note).c_str());
   const int use = options.use > 0 ? options.use : static_cast<int>(set.trajectories.size());
   ModelOptions model_options = options.model;
   model_options.learner = Learner::Parse(options.learner);

@@ -8,10 +8,13 @@
 #include <algorithm>
 #include <cerrno>
 #include <fstream>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
+#include "dfr/experiment/episodes.h"
+#include "dfr/experiment/status.h"
 #include "tests/experiment/fake_trial_runner.h"
 #include "tests/support/message_of.h"
 
@@ -59,6 +62,7 @@ using test::EmptyFolder;
 using test::FakePlan;
 using test::MakeFakeTrialRunner;
 using test::Read;
+using testing::AllOf;
 using testing::HasSubstr;
 
 void Write(const std::filesystem::path& path, const std::string& text) {
@@ -98,6 +102,21 @@ TEST_F(LedgerTest, AResumedRunEqualsAnUninterruptedOne) {
   made = -100;
   EXPECT_EQ(Evaluate(FakePlan(), dies, Options()), whole);
   EXPECT_EQ(made, -100);
+}
+
+TEST_F(LedgerTest, NamesInALedgerDoNotControlTheTerminal) {
+  EvaluationPlan plan = FakePlan();
+  plan.learners = {"8\x1b[2J"};
+  EvaluationOptions options = Options();
+  options.ledger = ledger.parent_path() / "run\x1b[2J" / "ledger.jsonl";
+  std::filesystem::create_directory(options.ledger.parent_path());
+  (void)Evaluate(plan, MakeFakeTrialRunner, options);
+  std::ostringstream episodes;
+  PrintEpisodes({options.ledger}, {}, 1, episodes);
+  for (const std::string& text :
+       {episodes.str(), ToText(StatusesOf({options.ledger.parent_path()}))}) {
+    EXPECT_THAT(text, AllOf(HasSubstr("\\x1b[2J"), testing::Not(HasSubstr("\x1b"))));
+  }
 }
 
 TEST_F(LedgerTest, AUnitWhoseLineIsIncompleteRunsAgain) {

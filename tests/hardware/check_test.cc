@@ -124,6 +124,16 @@ TEST(PlatformCheckTest, NamesAMissingOrInvalidPort) {
   EXPECT_THAT(Shown(CheckPlatform(options)), HasSubstr("is not a serial port"));
 }
 
+TEST(CheckTest, WordsOfADeviceDoNotControlTheTerminal) {
+  DeviceReport report;
+  report.device = "PSM1\x1b[2J";
+  report.findings.push_back({Finding::Level::kWrong, "was found as \x1b]0;\a", "remove \x7f"});
+  std::ostringstream out;
+  Print(report, out);
+  EXPECT_EQ(out.str(),
+            "PSM1\\x1b[2J\n  [wrong] was found as \\x1b]0;\\x07\n          -> remove \\x7f\n");
+}
+
 TEST(CheckJsonTest, ContainsAllFindings) {
   DeviceReport report;
   report.device = "PSM1";

@@ -90,7 +90,7 @@ TEST(DetectTest, TooManyFeaturesAreReducedWithAReason) {
   core::Matrix mixing(3, 30);
   for (Eigen::Index i = 0; i < mixing.size(); ++i) mixing.data()[i] = random.Normal();
   DetectionSet set;
-  set.demonstrations.layout.Add("state", 30);
+  set.demonstrations.layout.Add("state\x1b", 30);
   set.demonstrations.control_dim = 3;
   for (int d = 0; d < 30; ++d) {
     core::Trajectory episode;
@@ -110,7 +110,7 @@ TEST(DetectTest, TooManyFeaturesAreReducedWithAReason) {
   }
   const DetectionReport report = Detect(set, {});
   EXPECT_THAT(report.text, HasSubstr("refused: only "));
-  EXPECT_THAT(report.text, HasSubstr("pca:state"));
+  EXPECT_THAT(report.text, HasSubstr("pca:state\\x1b"));
   set.demonstrations.trajectories.resize(9);
   EXPECT_THROW((void)Detect(set, {}), std::invalid_argument);
 }

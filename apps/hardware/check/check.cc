@@ -8,6 +8,7 @@
 
 #include "check/findings.h"
 #include "dfr/core/error.h"
+#include "dfr/core/text/format.h"
 #include "dfr/hardware/sprk_driver.h"
 
 namespace dfr::apps::hardware_app {
@@ -78,11 +79,12 @@ DeviceReport CheckPlatform(const CheckOptions& options) {
 }
 
 void Print(const DeviceReport& report, std::ostream& out) {
-  out << report.device << '\n';
+  out << core::Printable(report.device) << '\n';
   for (const Finding& finding : report.findings) {
     const std::string word = std::string("[") + Word(finding.level) + "]";
-    out << "  " << word << std::string(8 - word.size(), ' ') << finding.what << '\n';
-    if (!finding.remedy.empty()) out << "          -> " << finding.remedy << '\n';
+    out << "  " << word << std::string(8 - word.size(), ' ') << core::Printable(finding.what)
+        << '\n';
+    if (!finding.remedy.empty()) out << "          -> " << core::Printable(finding.remedy) << '\n';
   }
 }
 

@@ -1,13 +1,14 @@
 #include <iostream>
 
 #include "commands/commands.h"
+#include "dfr/core/text/format.h"
 #include "dfr/imitation/demonstrations.h"
 
 namespace dfr::apps::line_tracking {
 
 void RunFit(const FitOptions& options) {
   const imitation::DemonstrationSet set = imitation::LoadRobomimic(options.demonstrations);
-  if (!set.note.empty()) std::cout << set.note << '\n';
+  if (!set.note.empty()) std::cout << core::Printable(set.note) << '\n';
   kernel::Selection selection;
   const LineModel model = LineModel::Fit(set, options.model, &selection);
   model.Save(options.out);

@@ -249,7 +249,7 @@ DetectionReport Detect(const DetectionSet& set, const Detection& detection) {
   }
   text << core::Format("left-out states inside the guard's support: %.0f %%\n",
                        states > 0 ? 100.0 * inside / states : 0.0);
-  report.text = text.str();
+  report.text = core::Printable(text.str());
   return report;
 }
 

@@ -231,8 +231,9 @@ void PrintEpisodes(const std::vector<std::filesystem::path>& ledgers, const Epis
       most > 0 ? std::min(rows.size(), static_cast<std::size_t>(most)) : rows.size();
   for (std::size_t i = 0; i < shown; ++i) {
     const Row& row = rows[i];
-    out << Name(row.id) << "  " << core::Name(row.result.outcome)
-        << (row.result.cause.empty() ? "" : ": " + row.result.cause) << "  " << row.result.controls
+    const std::string& cause = row.result.cause;
+    out << core::Printable(Name(row.id)) << "  " << core::Name(row.result.outcome)
+        << (cause.empty() ? "" : ": " + core::Printable(cause)) << "  " << row.result.controls
         << " controls, " << row.result.recovery_controls << " of recovery\n";
   }
   if (shown < rows.size()) {

@@ -80,7 +80,8 @@ void RunAgain(const EvaluationPlan& plan, const MakeTrialRunner& make,
   const std::unique_ptr<TrialRunner> runner = make(recorded.id.unit);
   for (std::size_t i = 0; i < names.size(); ++i) {
     EpisodeResult result = runner->Run(methods[i], recorded.start_seed, recorded.controller_seed);
-    std::cout << core::Format("%-22s %s\n", names[i].c_str(), DescribeEnd(result).c_str());
+    std::cout << core::Printable(
+        core::Format("%-22s %s\n", names[i].c_str(), DescribeEnd(result).c_str()));
     result.seconds = recorded.result.seconds;
     if (names[i] == recorded.id.method && result != recorded.result) {
       throw std::runtime_error(options.out.string() + ": the ledger's result of the episode is " +
@@ -150,15 +151,16 @@ std::optional<ExperimentResult> RunExperiment(const std::string& name, const Eva
   {
     const StopOnSignals signals;
     ProgressBar bar(name);
-    units = Evaluate(plan, make,
-                     {.threads = options.threads,
-                      .shard = options.shard,
-                      .ledger = LedgerOf(options),
-                      .settings = settings,
-                      .salvage = options.salvage,
-                      .notice = [](const std::string& text) { std::cerr << text << std::endl; },
-                      .progress = [&bar](const Progress& progress) { bar.Show(progress); },
-                      .stop = &stop_requested});
+    units = Evaluate(
+        plan, make,
+        {.threads = options.threads,
+         .shard = options.shard,
+         .ledger = LedgerOf(options),
+         .settings = settings,
+         .salvage = options.salvage,
+         .notice = [](const std::string& text) { std::cerr << core::Printable(text) << std::endl; },
+         .progress = [&bar](const Progress& progress) { bar.Show(progress); },
+         .stop = &stop_requested});
   }
   save_configuration();
   if (options.shard != Shard()) {

@@ -231,7 +231,7 @@ std::string ToText(const std::vector<Status>& statuses) {
   for (const Status& status : statuses) {
     text.append(text.empty() ? "" : "\n").append(TextOf(status));
   }
-  return text;
+  return core::Printable(text);
 }
 
 std::string ToJson(const std::vector<Status>& statuses) {
