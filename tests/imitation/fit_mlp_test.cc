@@ -214,6 +214,13 @@ TEST(FitMlpTest, ErrorsNameTheRowTheShapeOrTheOption) {
                 o.method = FitMethod::kLevenbergMarquardt;
               }),
               AllOf(HasSubstr("GB"), HasSubstr("L-BFGS")));
+  // Weight decay adds a residual for each of the 384 + 16384 + 256 weights.
+  EXPECT_THAT(message([](auto&, auto& o) {
+                o.hidden = {128, 128};
+                o.method = FitMethod::kLevenbergMarquardt;
+                o.weight_decay = 1e-4;
+              }),
+              AllOf(HasSubstr("2.35"), HasSubstr("17064 residuals"), HasSubstr("L-BFGS")));
 }
 
 }  // namespace

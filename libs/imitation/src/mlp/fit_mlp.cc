@@ -102,10 +102,12 @@ MlpPolicy FitMlp(const core::StateLayout& layout, const Matrix& states, const Ma
     result.message = "all epochs done";
   } else {
     const bool lbfgs = options.method == FitMethod::kLbfgs;
-    const double bytes = internal::JacobianBytes(targets, mlp);
+    const Eigen::Index residuals = internal::NumResiduals(targets, options.weight_decay, mlp);
+    const double bytes =
+        static_cast<double>(residuals) * static_cast<double>(mlp.num_parameters()) * sizeof(double);
     DFR_THROW_UNLESS(lbfgs || bytes <= kMostJacobianBytes,
                      "Levenberg-Marquardt needs a Jacobian of "
-                         << bytes / 1e9 << " GB for " << targets.size() << " residuals and "
+                         << bytes / 1e9 << " GB for " << residuals << " residuals and "
                          << mlp.num_parameters()
                          << " parameters; at most 2 GB are allowed: use L-BFGS");
     internal::MinimizeSummary summary =

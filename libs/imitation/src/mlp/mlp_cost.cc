@@ -75,14 +75,18 @@ class ErrorFunction final : public ceres::CostFunction {
   mutable Mlp::Workspace workspace_;
 };
 
+Eigen::Index NumWeights(const Mlp& mlp) {
+  Eigen::Index weights = 0;
+  for (const Mlp::Layer& layer : mlp.layers()) weights += layer.biases - layer.weights;
+  return weights;
+}
+
 // Residuals: sqrt(weight_decay) times each weight.
 class DecayFunction final : public ceres::CostFunction {
  public:
   DecayFunction(double weight_decay, const Mlp& mlp)
       : factor_(std::sqrt(weight_decay)), layers_(mlp.layers()) {
-    Eigen::Index weights = 0;
-    for (const Mlp::Layer& layer : layers_) weights += layer.biases - layer.weights;
-    set_num_residuals(static_cast<int>(weights));
+    set_num_residuals(static_cast<int>(NumWeights(mlp)));
     mutable_parameter_block_sizes()->push_back(static_cast<int>(mlp.num_parameters()));
   }
 
@@ -156,9 +160,8 @@ MinimizeSummary MinimizeByLevenbergMarquardt(const core::Matrix& inputs,
           summary.termination_type == ceres::CONVERGENCE, summary.message};
 }
 
-double JacobianBytes(const core::Matrix& targets, const Mlp& mlp) {
-  return static_cast<double>(targets.size()) * static_cast<double>(mlp.num_parameters()) *
-         sizeof(double);
+Eigen::Index NumResiduals(const core::Matrix& targets, double weight_decay, const Mlp& mlp) {
+  return targets.size() + (weight_decay > 0.0 ? NumWeights(mlp) : 0);
 }
 
 }  // namespace dfr::imitation::internal

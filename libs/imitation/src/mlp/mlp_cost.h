@@ -24,8 +24,9 @@ MinimizeSummary MinimizeByLevenbergMarquardt(const core::Matrix& inputs,
                                              const core::Matrix& targets, double weight_decay,
                                              int max_iterations, Mlp& mlp);
 
-/// Returns the size in bytes of the Jacobian of MinimizeByLevenbergMarquardt() without weight
-/// decay.
-[[nodiscard]] double JacobianBytes(const core::Matrix& targets, const Mlp& mlp);
+/// Returns the number of residuals of MinimizeByLevenbergMarquardt(): one per target and, with
+/// weight decay, one per weight. Its Jacobian has a row for each.
+[[nodiscard]] Eigen::Index NumResiduals(const core::Matrix& targets, double weight_decay,
+                                        const Mlp& mlp);
 
 }  // namespace dfr::imitation::internal
