@@ -205,6 +205,18 @@ TEST(HostileFilesTest, AnIncompleteEpisodeIsLeftOutAndReported) {
   EXPECT_EQ(LoadDemonstrations(path).note, reader->note());
 }
 
+TEST(HostileFilesTest, TheReportOfOneCompleteEpisodeIsInTheSingular) {
+  const test::TempFolder folder;
+  const std::filesystem::path path = folder / "demos.hdf5";
+  DemonstrationSet one = Episodes();
+  one.trajectories.resize(1);
+  SaveRobomimic(one, path);
+  const hid_t file = H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+  H5Gclose(H5Gcreate2(file, "data/demo_1", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT));
+  H5Fclose(file);
+  EXPECT_THAT(OpenDemonstrations(path)->note(), HasSubstr("its 1 complete episode is read; "));
+}
+
 // The reading process keeps none of the caller's files open.
 TEST(HostileFilesTest, ReadingLeavesNoProcessAndNoFileBehind) {
   const test::TempFolder folder;

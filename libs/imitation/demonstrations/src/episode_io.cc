@@ -185,7 +185,7 @@ Matrix ReadPart(const Hdf5Reader& file, const std::string& episode, const char* 
 
 std::string Note(std::size_t episodes, const std::string& what) {
   return "the writer of this file was killed: its " + std::to_string(episodes) +
-         " complete episodes are read; " + what +
+         (episodes == 1 ? " complete episode is read; " : " complete episodes are read; ") + what +
          ". guard check --repair FILE writes them to a new file";
 }
 
