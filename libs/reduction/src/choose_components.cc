@@ -286,8 +286,7 @@ ComponentsChoice ChooseComponents(std::span<const core::Trajectory> demonstratio
   ComponentsChoice choice;
   for (const int components : options.candidates) {
     // The last component of unequal blocks has fewer than `scores_each` columns.
-    if (options.beside + (components - 1) * options.scores_each < demonstrations[0].states.cols() &&
-        components <= demonstrations[0].states.cols() - options.beside) {
+    if (options.beside + (components - 1) * options.scores_each < demonstrations[0].states.cols()) {
       choice.table.push_back(judge(components));
     }
   }
