@@ -35,6 +35,21 @@ inline const CLI::Validator kPositive(
 inline const CLI::Validator kNotNegative(
     [](const std::string& text) { return core::MustNotBeNegative(text); }, "NONNEGATIVE");
 
+/// Returns the check of a share or a probability. `interval` is "[0, 1]" or "(0, 1]", for example;
+/// a parenthesis excludes the end beside it.
+inline CLI::Validator ShareIn(const std::string& interval) {
+  return {[interval](const std::string& text) {
+            const double share = core::ParseNumber(text).value_or(-1.0);
+            const bool above = interval.front() == '[' ? share >= 0.0 : share > 0.0;
+            const bool below = interval.back() == ']' ? share <= 1.0 : share < 1.0;
+            return above && below ? "" : "must lie in " + interval + ", not " + text;
+          },
+          interval};
+}
+
+/// Range of shares and probabilities that are neither none nor all.
+inline const CLI::Validator kShare = ShareIn("(0, 1)");
+
 /// Ranges of the platform's motions: amplitudes [m; rad] and frequencies [Hz; rad/s].
 inline const CLI::Range kAmplitude(-1.0, 1.0);
 inline const CLI::Range kFrequency(0.0, 100.0);

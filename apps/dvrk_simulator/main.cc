@@ -178,9 +178,10 @@ void AddTime(CLI::App& app, Options& options) {
 void AddFaults(CLI::App& app, Options& options) {
   const std::string group = "Faults, also at run time: \"fault NAME VALUE\" on /simulator/request";
   const auto number = [&](const std::string& name, const std::string& option, const char* help) {
-    app.add_option_function<std::string>(
-           option, [&options, name](const std::string& v) { options.faults.emplace_back(name, v); },
-           help)
+    return app
+        .add_option_function<std::string>(
+            option,
+            [&options, name](const std::string& v) { options.faults.emplace_back(name, v); }, help)
         ->type_name("NUMBER")
         ->group(group);
   };
@@ -191,8 +192,9 @@ void AddFaults(CLI::App& app, Options& options) {
   };
   number("delay", "--delay", "delay of measurements [s]");
   number("jitter", "--jitter", "largest additional random delay [s]");
-  number("drop", "--drop", "fraction of lost state samples");
-  number("drop_commands", "--drop-commands", "fraction of lost motion commands");
+  number("drop", "--drop", "fraction of lost state samples")->check(dfr::apps::ShareIn("[0, 1]"));
+  number("drop_commands", "--drop-commands", "fraction of lost motion commands")
+      ->check(dfr::apps::ShareIn("[0, 1]"));
   number("clock_jump", "--clock-jump", "offset added to all stamps [s]");
   app.add_option("--fault-seed", options.server.console.seed, "random seed of losses and delays")
       ->capture_default_str()
@@ -274,8 +276,8 @@ class Status {
 // Prints each participant that was found but not admitted, once.
 void ReportRefused(dfr::dds::Participant& participant) {
   for (const auto& [name, guid, reason] : participant.TakeRefusedPeers()) {
-    std::cout << "dvrk_simulator: refused '" << name << "' (" << guid << "): " << reason
-              << std::endl;
+    std::cout << "dvrk_simulator: refused '" << dfr::core::Printable(name) << "' (" << guid
+              << "): " << reason << std::endl;
   }
 }
 

@@ -108,7 +108,7 @@ void AddFit(CLI::App& app, int& result) {
   command
       ->add_option("--nu", options->guard.support.svm.nu,
                    "bound on the outliers of each support, in (0, 1]")
-      ->check(dfr::apps::kPositive)
+      ->check(dfr::apps::ShareIn("(0, 1]"))
       ->capture_default_str();
   command
       ->add_option("--gamma", options->guard.support.svm.gamma,
@@ -119,18 +119,18 @@ void AddFit(CLI::App& app, int& result) {
   command
       ->add_option("--false-alarms", options->guard.false_alarms,
                    "share of demonstrations that may raise an alarm")
-      ->check(dfr::apps::kNotNegative)
+      ->check(dfr::apps::kShare)
       ->capture_default_str();
   command
       ->add_option("--confidence", options->guard.confidence,
                    "confidence that this fit keeps --false-alarms; 0: on average over fits")
-      ->check(dfr::apps::kNotNegative)
+      ->check(dfr::apps::ShareIn("[0, 1)"))
       ->capture_default_str();
   command
       ->add_option("--hold-out", options->guard.hold_out,
                    "share of the demonstrations to leave out of the fit: the bounds of alarm and "
                    "certificate are then exact; 0: none, the bounds are approximate")
-      ->check(dfr::apps::kNotNegative)
+      ->check(CLI::Range(0.0, 0.5))
       ->capture_default_str();
   command
       ->add_option(

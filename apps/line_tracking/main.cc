@@ -75,7 +75,7 @@ void AddScene(CLI::App& command, SceneOptions& scene, bool disturbed) {
 
 void AddModelOptions(CLI::App& command, LineModelOptions& model) {
   command.add_option("--nu", model.nu, "bound on the outliers of each support, in (0, 1]")
-      ->check(dfr::apps::kPositive)
+      ->check(dfr::apps::ShareIn("(0, 1]"))
       ->capture_default_str();
   command
       .add_option("--gammas", model.gammas,
@@ -85,7 +85,7 @@ void AddModelOptions(CLI::App& command, LineModelOptions& model) {
       ->capture_default_str();
   command
       .add_option("--acceptance", model.acceptance, "share of held-out states that must be inside")
-      ->check(dfr::apps::kNotNegative)
+      ->check(dfr::apps::ShareIn("(0, 1]"))
       ->capture_default_str();
   command
       .add_option("--features", model.support_features,
@@ -239,7 +239,8 @@ void AddRender(CLI::App& app, RenderOptions& options) {
   command.add_option("--method", options.method, study::MethodHelp(kOtherLineMethods))
       ->capture_default_str();
   command.add_option("--seed", options.seed, "random seed of the episode")->capture_default_str();
-  core::WritesFile(command.add_option("--out", options.out, "a video: .mp4 or .webm"))
+  core::WritesFile(command.add_option("--out", options.out, "a video: .mp4 or .webm"),
+                   {".mp4", ".webm"})
       ->capture_default_str();
   AddScene(command, options.scene, true);
   command.callback([&options] { RunRender(options); });
@@ -315,7 +316,7 @@ int Main(int argc, char** argv) {
             {"fit", {"--demonstrations demonstrations.hdf5 --out model"}},
             {"run", {"--model model --method controller --episodes 10", "--config robot.toml"}},
             {"replay", {"recordings/20260102-030405.mcap --model model"}},
-            {"launch", {"--config simulated.toml --episodes 3"}},
+            {"launch", {"--config simulator.toml --episodes 3"}},
             {"render", {"--model model --out episode.mp4"}},
             {"view", {"--model model --method controller"}},
             {"vision", {"--calibration none --episodes 5"}}});
@@ -327,7 +328,8 @@ int Main(int argc, char** argv) {
   if (argc > 1 && std::string_view(argv[1]).rfind("--config", 0) == 0) {
     arguments.insert(arguments.begin() + 1, "run");
   }
-  return experiment::Parse(app, static_cast<int>(arguments.size()), arguments.data())
+  return experiment::Parse(app, static_cast<int>(arguments.size()), arguments.data(),
+                           {".mp4", ".webm"})
       .value_or(EXIT_SUCCESS);
 }
 

@@ -50,7 +50,7 @@ void AddScene(CLI::App& command, sim::PusherOptions& plant) {
 
 void AddModelOptions(CLI::App& command, ModelOptions& model) {
   command.add_option("--nu", model.nu, "bound on the outliers of each support, in (0, 1]")
-      ->check(dfr::apps::kPositive)
+      ->check(dfr::apps::ShareIn("(0, 1]"))
       ->capture_default_str();
   command.add_option("--gamma", model.gamma, "parameter gamma of the Gaussian kernel [1/m^2]")
       ->check(dfr::apps::kPositive)
@@ -336,7 +336,7 @@ int Main(int argc, char** argv) {
             {"render", {"--model model --methods baseline,dfr --out rollout.mp4"}},
             {"view", {"--model model --method controller"}}});
 
-  return experiment::Parse(app, argc, argv).value_or(EXIT_SUCCESS);
+  return experiment::Parse(app, argc, argv, {".mp4", ".webm"}).value_or(EXIT_SUCCESS);
 }
 
 }  // namespace

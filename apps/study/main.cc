@@ -208,18 +208,18 @@ void AddOptions(CLI::App& command, Power& power) {
   command
       .add_option("--only-first", power.only_first,
                   "share of start states from which only the first method fails")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(dfr::apps::ShareIn("[0, 1]"))
       ->capture_default_str();
   command
       .add_option("--only-second", power.only_second,
                   "share of start states from which only the second method fails")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(dfr::apps::ShareIn("[0, 1]"))
       ->capture_default_str();
   command.add_option("--power", power.power, "probability of finding the difference")
-      ->check(dfr::apps::kPositive)
+      ->check(dfr::apps::kShare)
       ->capture_default_str();
   command.add_option("--bound", power.bound, "share of collisions to be excluded")
-      ->check(dfr::apps::kPositive)
+      ->check(dfr::apps::kShare)
       ->capture_default_str();
 }
 
@@ -260,14 +260,14 @@ void AddOptions(CLI::App& command, Comparison& comparison) {
       ->check(dfr::apps::kCount)
       ->capture_default_str();
   command.add_option("--alpha", comparison.alpha, "probability of a wrong decision")
-      ->check(dfr::apps::kPositive)
+      ->check(dfr::apps::kShare)
       ->capture_default_str();
   command
       .add_option(
           "--halted", comparison.credit.halted,
           "credit of an episode that halts, times the share of the demonstrated time steps that "
           "it reached; completion has the credit 1, a collision 0")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(dfr::apps::ShareIn("[0, 1]"))
       ->capture_default_str();
   command.add_option("--seed", comparison.seed, "random seed")->capture_default_str();
 }
@@ -334,11 +334,11 @@ int Main(int argc, char** argv) {
                   "which see a picture of the state; the policy sees the state");
   run->add_option("--picture-light", guards.pictures.shown.light,
                   "change of light in the demonstrations' pictures, as a share")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(dfr::apps::ShareIn("[0, 1]"))
       ->capture_default_str();
   run->add_option("--picture-noise", guards.pictures.shown.noise,
                   "noise of the demonstrations' pictures, as a share of 255")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(dfr::apps::ShareIn("[0, 1]"))
       ->capture_default_str();
   AddOptions(*stress_command, stress);
   AddOptions(*grid_command, grid);
@@ -404,7 +404,8 @@ int Main(int argc, char** argv) {
             {"certificate", {"--task corridor"}},
             {"figure", {"--task push --methods baseline,controller --out planar"}},
             {"detect", {"demos.hdf5 --failures failed.hdf5", "--task pick"}}});
-  if (const auto code = dfr::experiment::Parse(app, argc, argv)) return *code;
+  const auto code = dfr::experiment::Parse(app, argc, argv, {".html", ".mp4", ".webm"});
+  if (code) return *code;
 
   if (*list) List();
   if (*run) RunAndPrint(guards, false, causes);

@@ -71,10 +71,6 @@ class PythonRunner final : public experiment::TrialRunner {
   bool Film(const std::vector<int>& methods, std::uint64_t start_seed,
             std::uint64_t controller_seed, const std::filesystem::path& path) override {
     const bool alone = path.extension() == ".png";
-    if (!alone && path.extension() != ".html") {
-      throw std::runtime_error(path.string() +
-                               ": a film is saved as a page (.html) or as an animation (.png)");
-    }
     std::vector<experiment::FilmedEpisode> episodes;
     std::string pictures;
     WithLock([&] {
@@ -179,7 +175,8 @@ py::object RunExperiment(const std::vector<std::string>& arguments, const std::s
   }
   std::vector<const char*> words = {program.c_str()};
   for (const std::string& argument : arguments) words.push_back(argument.c_str());
-  if (const auto code = experiment::Parse(app, static_cast<int>(words.size()), words.data())) {
+  if (const auto code =
+          experiment::Parse(app, static_cast<int>(words.size()), words.data(), {".html", ".png"})) {
     return py::int_(*code);
   }
   plan.seed = options.seed;

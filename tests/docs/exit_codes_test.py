@@ -60,17 +60,38 @@ class ExitCodesTest(unittest.TestCase):
                         self.assertEqual((done.returncode, done.stdout), (2, ""))
                         self.assertIn("-1", done.stderr.partition(";")[0])
 
+    def test_every_share_has_a_range(self):
+        """2 is refused, by a reason other than that the option is given twice, which keeps the command from running."""
+        found = set()
+        for program in PROGRAMS:
+            overview = self.run_program(program, "--help").stdout
+            commands = re.findall(r"^  ([a-z-]+) ", overview.partition("Subcommands:")[2], re.M)
+            for command in [[name] for name in commands] or [[]]:
+                help_text = self.run_program(program, *command, "--help").stdout
+                for option, text in re.findall(r"^  (?:-\w,)?(--[a-z-]+) (?:FLOAT|NUMBER)((?:.*\n)(?: {5,}.*\n)*)", help_text, re.M):
+                    if not re.search(r"\b(share of|fraction of|as a share|probability|confidence that|bound on the outliers)\b", text):
+                        continue
+                    found.add((program.name, option))
+                    with self.subTest(program=program.name, command=command, option=option):
+                        done = self.run_program(program, *command, f"{option}=2", f"{option}=2")
+                        self.assertEqual((done.returncode, done.stdout), (2, ""))
+                        self.assertRegex(done.stderr, rf"{option}: (Value 2 not in range|must lie in .*, not 2;)")
+        for known in {("guard", "--confidence"), ("study", "--alpha"), ("dvrk_simulator", "--drop")}:
+            self.assertTrue(known in found or known[0] not in {program.name for program in PROGRAMS}, known)
+
     def test_values_that_mean_nothing_are_usage_errors(self):
         for program, *calls in [
             ("study", "supervise --episodes 0", "prove --steps 0", "picture reach --count 0", "certificate --factor=0",
              "compare --demonstrations 2000000000", "detect demos.hdf5 --task pick", "detect --unlike", "rerun out ''",
-             "rerun out 0/1/2/dfr/3 --film x.avi"),
-            ("pusher", "demonstrate --horizon 2147483647", "train-supervisor --horizon 2147483647", "render --out x.avi",
+             "rerun out 0/1/2/dfr/3 --film x.png", "power --power 1", "power --bound 1", "compare --alpha 0"),
+            ("pusher", "demonstrate --horizon 2147483647", "train-supervisor --horizon 2147483647", "render --out x.avi", "rerun out 0/1/2/dfr/3 --film x.html",
              "train-supervisor --out s --checkpoint ./s"),
-            ("line_tracking", "run --amplitude 1e308", "run --amplitude 0,0,0,0,0,2", "run --frequency=-1"),
+            ("line_tracking", "run --amplitude 1e308", "run --amplitude 0,0,0,0,0,2", "run --frequency=-1", "render --out x.png",
+             "rerun out 0/1/2/dfr/3 --film x.html"),
             ("dvrk_simulator", "--period 1e308", "--arm 'a b/c'", "--arm ''", "--server 127.0.0.1", "--amplitude 1e308"),
             ("hardware", "check --server 127.0.0.1"),
-            ("guard", "export none", "convert none none.hdf5 --id a/b-v0"),
+            ("guard", "export none", "convert none none.hdf5 --id a/b-v0", "fit none --nu 0", "fit none --false-alarms 0",
+             "fit none --confidence 1", "fit none --hold-out 0.6"),
         ]:
             for path in (path for path in PROGRAMS if path.name == program):
                 for call in calls:

@@ -192,7 +192,7 @@ class ExperimentTest(unittest.TestCase):
         self.assertEqual(both[0].shape, (pictures[0].shape[0], 2 * pictures[0].shape[1] + 4, 3))
         np.testing.assert_array_equal(both[0][:, : pictures[0].shape[1]], pictures[0])
         np.testing.assert_array_equal(both[-1][:, -pictures[0].shape[1] :], pictures[-1])
-        for film, says in (("film.mp4", "as a page, .html, or an animation, .png"), ("/proc/x/film.html", "/proc/x")):
+        for film, says in (("film.mp4", "film.mp4: the name must end in one of .html, .png"), ("/proc/x/film.html", "/proc/x")):
             self.assertIn(says, self.run_program(self.program, "rerun", "run", name, "--film", film, fails=True))
 
     def test_a_plant_without_pictures_has_a_page_of_its_states(self):

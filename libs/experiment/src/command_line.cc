@@ -305,7 +305,7 @@ auto Checked(Parser parse, const std::string& text) {
   }
 }
 
-void Add(CLI::App& app, Added& added) {
+void Add(CLI::App& app, Added& added, const std::vector<std::string>& film_endings) {
   added.merge = app.add_subcommand("merge", "Merge shards into one ledger, summary and report");
   added.merge
       ->add_option("folders", added.folders, "folders of shards, or folders that contain some")
@@ -348,8 +348,8 @@ void Add(CLI::App& app, Added& added) {
       ->delimiter(',');
   core::WritesFile(
       added.rerun->add_option("--film", added.again.film,
-                              "file to draw the episodes to: .mp4, or .html for paths"),
-      {".mp4", ".webm", ".html", ".png"}, /*makes_folders=*/true);
+                              "file to draw the episodes to; .html: a page of their paths"),
+      film_endings, /*makes_folders=*/true);
 }
 
 void ParseArguments(CLI::App& app, Arguments arguments) {
@@ -408,16 +408,18 @@ void AddRunOptions(CLI::App& command, ExperimentOptions& options) {
   };
 }
 
-std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
+std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv,
+                         const std::vector<std::string>& film_endings) {
   if (app.get_name().empty()) app.name(std::filesystem::path(argv[0]).filename().string());
   const Arguments arguments(argv + 1, argv + argc);
   Added added;
-  Add(app, added);
-  core::AddExamples(app,
-                    {{"merge", {"out/shards --out out/whole"}},
-                     {"status", {"out/shards", "out/shards --json"}},
-                     {"episodes", {"out/whole --method dfr --outcome collided --most 0"}},
-                     {"rerun", {"out/whole 0/60/8/dfr/3 --methods baseline --film film.html"}}});
+  Add(app, added, film_endings);
+  core::AddExamples(
+      app, {{"merge", {"out/shards --out out/whole"}},
+            {"status", {"out/shards", "out/shards --json"}},
+            {"episodes", {"out/whole --method dfr --outcome collided --most 0"}},
+            {"rerun",
+             {"out/whole 0/60/8/dfr/3 --methods baseline --film film" + film_endings.front()}}});
   try {
     KeepGivenValues(app);
     // These transforms run before those of KeepGivenValues(). Without them, run.toml would contain

@@ -89,7 +89,7 @@ class ShardsTest(unittest.TestCase):
         for arguments, says in [
                 (("run", "0/6/8/dfr"), "an episode is TRIAL/DEMONSTRATIONS/LEARNER/METHOD/START"),
                 (("run", name, "--methods", "magic"), "run: the run has no method 'magic'"),
-                (("run", name, "--film", "film.mp4"), "this program cannot draw episodes"),
+                (("run", name, "--film", "film.html"), "this program cannot draw episodes"),
                 (("nowhere", name), "nowhere/run.toml")]:
             self.assertIn(says, self.run_program("rerun", *arguments, fails=True))
         # The program's outcome differs from the ledger's.

@@ -36,9 +36,11 @@ void AddExperimentOptions(CLI::App& command, ExperimentOptions& options, const s
 /// are the command's options without dashes. The command line takes precedence. Errors in a value
 /// name file and line.
 ///
+/// @param film_endings  endings of the names of films that the program can write.
 /// @returns the exit code if no command remains to run: 0 after help, status and episodes, 2 after
 ///   a usage error; otherwise std::nullopt, and the app's commands are parsed.
 /// @throws std::runtime_error for files that cannot be read, and as MergeLedgers().
-[[nodiscard]] std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv);
+[[nodiscard]] std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv,
+                                       const std::vector<std::string>& film_endings = {".html"});
 
 }  // namespace dfr::experiment
