@@ -9,17 +9,10 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/core/text/format.h"
+#include "dfr/core/text/take_until.h"
 
 namespace dfr::experiment {
 namespace {
-
-// Returns the text before the first slash, or all text, and removes it and the slash from `text`.
-std::string_view TakeFirst(std::string_view& text) {
-  const std::size_t slash = std::min(text.find('/'), text.size());
-  const std::string_view part = text.substr(0, slash);
-  text.remove_prefix(std::min(slash + 1, text.size()));
-  return part;
-}
 
 std::string_view TakeLast(std::string_view& text) {
   const std::size_t slash = text.rfind('/');
@@ -85,8 +78,8 @@ std::string Name(const EpisodeId& id) {
 EpisodeId ParseEpisode(std::string_view name, const EvaluationPlan& plan) {
   std::string_view rest = name;
   EpisodeId id;
-  const bool numbers = Read(TakeFirst(rest), id.unit.trial) &&
-                       Read(TakeFirst(rest), id.unit.demonstrations) &&
+  const bool numbers = Read(core::TakeUntil(rest, '/'), id.unit.trial) &&
+                       Read(core::TakeUntil(rest, '/'), id.unit.demonstrations) &&
                        Read(TakeLast(rest), id.start);
   DFR_THROW_UNLESS(numbers, "an episode is TRIAL/DEMONSTRATIONS/LEARNER/METHOD/START, as in "
                                 << "0/120/8/controller/17, not '" << name << "'");

@@ -5,6 +5,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/numerics/linear_algebra.h"
 #include "dfr/core/text/numbers.h"
+#include "dfr/core/text/take_until.h"
 #include "dfr/core/workers.h"
 #include "dfr/reduction/principal_components.h"
 #include "dfr/reduction/slow_features.h"
@@ -22,17 +23,9 @@ using internal::ViewOf;
 // Longer side of the pictures that are reduced to points, in pixels, unless a size is given.
 constexpr int kSideOfPoints = 32;
 
-// Returns the text before the first `separator`, and removes it and the separator from `text`.
-std::string_view Next(std::string_view& text, char separator) {
-  const std::size_t end = text.find(separator);
-  const std::string_view item = text.substr(0, end);
-  text.remove_prefix(end == std::string_view::npos ? text.size() : end + 1);
-  return item;
-}
-
 // Parses a size such as "32x24", height first.
 std::optional<std::pair<int, int>> ParseSize(std::string_view text) {
-  const std::string_view height = Next(text, 'x');
+  const std::string_view height = core::TakeUntil(text, 'x');
   const auto rows = core::ParseInteger<int>(height);
   const auto columns = core::ParseInteger<int>(text);
   if (!rows || !columns) return std::nullopt;
@@ -55,7 +48,7 @@ struct Asked {
 
 Asked ParseAsked(const core::StateLayout& layout, std::string_view item, bool points) {
   std::string_view rest = item.substr(core::ReductionPrefix(item).size());
-  Asked asked{.name = std::string(Next(rest, ':'))};
+  Asked asked{.name = std::string(core::TakeUntil(rest, ':'))};
   const auto block = std::ranges::find(layout.blocks, asked.name, &core::StateLayout::Block::name);
   if (block == layout.blocks.end()) {
     std::string names;
@@ -80,7 +73,7 @@ Asked ParseAsked(const core::StateLayout& layout, std::string_view item, bool po
                                   "(height, width, channels) in the layout, or put pca: "
                                   "before it");
   while (!rest.empty()) {
-    const std::string_view option = Next(rest, ':');
+    const std::string_view option = core::TakeUntil(rest, ':');
     if (const auto components = core::ParseInteger<int>(option)) {
       DFR_THROW_UNLESS(*components >= 1 && *components <= Reduction::kMaxComponents,
                        "feature '" << item << "': the number of components must lie in [1, "
@@ -166,14 +159,14 @@ class StateReduction::Rows final : public RowSource {
 std::vector<core::BlockRequest> StateReduction::Requests(std::string_view features) {
   std::vector<core::BlockRequest> requests;
   while (!features.empty()) {
-    std::string_view item = Next(features, ',');
+    std::string_view item = core::TakeUntil(features, ',');
     const std::string_view prefix = core::ReductionPrefix(item);
     if (prefix.empty()) continue;
     item.remove_prefix(prefix.size());
     core::BlockRequest& request = requests.emplace_back();
-    request.name = Next(item, ':');
+    request.name = core::TakeUntil(item, ':');
     while (!item.empty()) {
-      const auto size = ParseSize(Next(item, ':'));
+      const auto size = ParseSize(core::TakeUntil(item, ':'));
       if (size) std::tie(request.height, request.width) = *size;
     }
   }
@@ -246,7 +239,7 @@ StateReduction StateReduction::Fit(const core::StateLayout& layout, std::string_
     plain.append(plain.empty() ? "" : ",").append(feature);
   };
   while (!features.empty()) {
-    const std::string_view item = Next(features, ',');
+    const std::string_view item = core::TakeUntil(features, ',');
     const std::string_view prefix = core::ReductionPrefix(item);
     const auto kind = static_cast<Kind>(std::ranges::find(kPrefixes, prefix) - kPrefixes.begin());
     const std::optional<Asked> asked =

@@ -6,11 +6,11 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/core/text/numbers.h"
+#include "dfr/core/text/take_until.h"
 
 namespace dfr::sim::internal {
 std::string_view NextWord(std::string_view& text) noexcept {
-  const std::string_view word = text.substr(0, text.find(' '));
-  text.remove_prefix(word.size());
+  const std::string_view word = core::TakeUntil(text, ' ');
   while (!text.empty() && text.front() == ' ') text.remove_prefix(1);
   return word;
 }

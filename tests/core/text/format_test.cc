@@ -5,8 +5,19 @@
 #include <string>
 #include <string_view>
 
+#include "dfr/core/text/take_until.h"
+
 namespace dfr::core {
 namespace {
+
+TEST(TakeUntilTest, RemovesTheItemAndItsSeparator) {
+  std::string_view text = "a,,bc";
+  for (const char* item : {"a", "", "bc", ""}) EXPECT_EQ(TakeUntil(text, ','), item);
+  EXPECT_TRUE(text.empty());
+  text = ",";
+  EXPECT_EQ(TakeUntil(text, ','), "");
+  EXPECT_TRUE(text.empty());
+}
 
 TEST(FormatTest, CutsNothing) {
   const std::string text(5000, 'x');
