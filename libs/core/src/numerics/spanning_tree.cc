@@ -1,7 +1,8 @@
 #include "dfr/core/numerics/spanning_tree.h"
 
-#include <algorithm>
 #include <limits>
+
+#include "dfr/core/numerics/quantile.h"
 
 namespace dfr::core {
 
@@ -46,9 +47,7 @@ double LinkMedian(const std::vector<Link>& links) {
   std::vector<double> lengths;
   lengths.reserve(links.size());
   for (const Link& link : links) lengths.push_back(link.length);
-  const auto middle = lengths.begin() + std::ssize(lengths) / 2;
-  std::nth_element(lengths.begin(), middle, lengths.end());
-  return *middle;
+  return Median(lengths);
 }
 
 }  // namespace dfr::core
