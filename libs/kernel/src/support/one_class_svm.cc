@@ -18,6 +18,7 @@
 #include "gaussian/gaussian_sum.h"
 #include "gaussian/gaussian_terms.h"
 #include "gaussian/sum_block.h"
+#include "smo/kkt.h"
 #include "smo/smo_solver.h"
 #include "smo/weighted_dual.h"
 #include "support/check_fit.h"
@@ -287,17 +288,11 @@ OneClassSvm internal::FitSharing(const core::Matrix& samples, const OneClassSvmO
                                 ? SolveDual(samples, extent, solved, scratch, result)
                                 : SolveWeightedDual(samples, solved, result);
 
-  std::vector<Eigen::Index> chosen(static_cast<std::size_t>(dual.alpha.size()));
-  std::size_t count = 0;
-  for (Eigen::Index i = 0; i < dual.alpha.size(); ++i) {
-    chosen[count] = i;
-    count += dual.alpha[i] > 0.0 ? 1 : 0;
-  }
-  chosen.resize(count);
+  const std::vector<std::size_t> chosen = Support(core::AsSpan(dual.alpha));
   core::Matrix support_vectors(static_cast<Eigen::Index>(chosen.size()), samples.cols());
   Eigen::VectorXd alpha(support_vectors.rows());
   for (Eigen::Index k = 0; k < alpha.size(); ++k) {
-    const Eigen::Index i = chosen[static_cast<std::size_t>(k)];
+    const auto i = static_cast<Eigen::Index>(chosen[static_cast<std::size_t>(k)]);
     std::copy_n(samples.data() + i * samples.cols(), samples.cols(),
                 support_vectors.data() + k * samples.cols());
     alpha[k] = dual.alpha[i];
