@@ -11,13 +11,11 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
+#include "dfr/reduction/image_features.h"
 
 namespace dfr::reduction {
 namespace {
 
-// Mean and standard deviation of the pixels of a standardised picture, see ImageFeatures.
-constexpr float kPixelMean = 128.0F;
-constexpr float kPixelDeviation = 48.0F;
 // The squares of values up to this limit can be summed in single precision.
 constexpr double kLargestEntry = 1e6;
 // Number of pictures read at once.
@@ -65,7 +63,7 @@ core::Matrix DrawWindows(const RowSource& pictures, const core::PictureShape& sh
     }
   }
   DFR_THROW_UNLESS(windows.allFinite(), "a picture has an entry that is not finite");
-  return (windows.array() - double{kPixelMean}) / double{kPixelDeviation};
+  return (windows.array() - kNormalMean) / kNormalDeviation;
 }
 
 // Returns the windows whose variance is above the median.
@@ -187,7 +185,8 @@ void FeaturePoints::Apply(std::span<const float> picture, Workspace& workspace,
   std::ranges::fill(positions, std::numeric_limits<double>::quiet_NaN());
   if (std::ssize(picture) != workspace.picture_.size() || std::ssize(positions) != size()) return;
   const Eigen::Map<const Eigen::VectorXf> in(picture.data(), std::ssize(picture));
-  workspace.picture_ = (in.array() - kPixelMean) / kPixelDeviation;
+  workspace.picture_ =
+      (in.array() - static_cast<float>(kNormalMean)) / static_cast<float>(kNormalDeviation);
   // exp() below could hide a NaN.
   if (!std::isfinite(workspace.picture_.squaredNorm())) return;
   const Eigen::Index line = Eigen::Index{side_} * shape_.channels;

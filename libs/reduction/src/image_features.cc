@@ -12,8 +12,6 @@ namespace dfr::reduction {
 namespace {
 
 constexpr int kMostPixels = 1 << 13;  // Largest width and height.
-constexpr double kMean = 128.0;
-constexpr double kDeviation = 48.0;
 
 // Returns the weights of a colour picture's channels for conversion to grey.
 std::array<float, 3> GreyWeights(ChannelOrder order) noexcept {
@@ -143,15 +141,15 @@ PictureFault ImageFeatures::Normalise(std::span<float> features) const noexcept 
   const double mean = sum / static_cast<double>(features.size());
   if (mean < options_.least_mean) return PictureFault::kDark;
   if (options_.light == LightNormalisation::kNone || !(mean > 0.0)) return PictureFault::kNone;
-  double gain = kMean / mean;
+  double gain = kNormalMean / mean;
   double offset = 0.0;
   if (options_.light == LightNormalisation::kGainAndOffset) {
     double square = 0.0;
     for (const float value : features) square += std::pow(static_cast<double>(value) - mean, 2);
     const double deviation = std::sqrt(square / static_cast<double>(features.size()));
     // A picture with a single colour has no contrast to scale.
-    gain = deviation > 1.0 ? kDeviation / deviation : 1.0;
-    offset = kMean - gain * mean;
+    gain = deviation > 1.0 ? kNormalDeviation / deviation : 1.0;
+    offset = kNormalMean - gain * mean;
   }
   for (float& value : features) {
     value = static_cast<float>(gain * static_cast<double>(value) + offset);

@@ -27,6 +27,10 @@ enum class PictureFault {
 /// Order of the channels of a colour picture: BGR as in OpenCV, or RGB as in datasets.
 enum class ChannelOrder { kBgr, kRgb };
 
+/// Mean and standard deviation of the pixels of a picture after normalisation.
+inline constexpr double kNormalMean = 128.0;
+inline constexpr double kNormalDeviation = 48.0;
+
 /// Method by which ImageFeatures normalizes the light of a picture.
 enum class LightNormalisation {
   kNone,
