@@ -34,6 +34,17 @@ py::object Detached(const py::handle& values) {
 
 }  // namespace
 
+py::list Blocks(const core::StateLayout& layout) {
+  py::list blocks;
+  for (const auto& block : layout.blocks) {
+    const auto& [height, width, channels] = block.picture;
+    blocks.append(py::make_tuple(block.name, height == 0
+                                                 ? py::object(py::int_(block.size))
+                                                 : py::make_tuple(height, width, channels)));
+  }
+  return blocks;
+}
+
 std::string Shortened(const py::handle& value) {
   constexpr std::size_t kMost = 60;
   std::string text;

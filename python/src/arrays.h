@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/features/features.h"
 #include "dfr/core/matrix.h"
 #include "dfr/kernel/one_class_svm.h"
 #include "interpreter_lock.h"
@@ -24,6 +25,10 @@ namespace dfr::python {
 
 /// Returns Python's text for an object, in one line of at most about 60 characters.
 [[nodiscard]] std::string Shortened(const pybind11::handle& value);
+
+/// Returns the name and the size of each block; the shape of a picture is (height, width,
+/// channels).
+[[nodiscard]] pybind11::list Blocks(const core::StateLayout& layout);
 
 /// Contiguous rows of doubles. As an argument, a C-contiguous float64 array is used directly. Other
 /// arguments are converted if NumPy can make numbers of them, including torch tensors. Anything

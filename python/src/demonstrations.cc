@@ -47,14 +47,8 @@ py::tuple Load(const std::filesystem::path& path, const std::string& filter_key,
     actions.append(ToArray(std::move(episode.controls)));
     if (PyErr_CheckSignals() != 0) throw py::error_already_set();
   }
-  py::list layout;
-  for (const auto& block : reader->layout().blocks) {
-    const auto& [height, width, channels] = block.picture;
-    layout.append(py::make_tuple(block.name, height == 0
-                                                 ? py::object(py::int_(block.size))
-                                                 : py::make_tuple(height, width, channels)));
-  }
-  return py::make_tuple(states, actions, layout, completed, reader->environment(), reader->note());
+  return py::make_tuple(states, actions, Blocks(reader->layout()), completed, reader->environment(),
+                        reader->note());
 }
 
 }  // namespace

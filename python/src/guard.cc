@@ -251,17 +251,6 @@ py::dict SettingsOf(const Guard& guard) {
   return values;
 }
 
-py::list Blocks(const Guard& guard) {
-  py::list blocks;
-  for (const auto& block : guard.model().layout().blocks) {
-    const auto& [height, width, channels] = block.picture;
-    blocks.append(py::make_tuple(block.name, height == 0
-                                                 ? py::object(py::int_(block.size))
-                                                 : py::make_tuple(height, width, channels)));
-  }
-  return blocks;
-}
-
 }  // namespace
 
 void AddGuard(py::module_& module) {
@@ -429,7 +418,9 @@ float or ndarray of shape (n,)
       .def_property_readonly("action_dim", &Guard::action_dim)
       .def_property_readonly("num_steps",
                              [](const Guard& guard) { return guard.model().num_steps(); })
-      .def_property_readonly("layout", &Blocks, "Name and size of each part of a state.")
+      .def_property_readonly(
+          "layout", [](const Guard& guard) { return Blocks(guard.model().layout()); },
+          "Name and size of each part of a state.")
       .def_property_readonly(
           "features",
           [](const Guard& guard) { return guard.model().task().features().selection().spec(); },
