@@ -102,7 +102,7 @@ TEST(EvaluateTest, RefusedStartStatesAreRedrawnAndCounted) {
   EXPECT_EQ(results[0].redrawn, 2 * 12);
   plan.max_redraws = 2;
   EXPECT_THAT(test::MessageOf([&] { (void)Evaluate(plan, make); }),
-              HasSubstr("none of 2 drawn start states is inside the support (trial 1, 6 "
+              HasSubstr("none of 2 drawn start states is inside the support (trial 0, 6 "
                         "demonstrations, 8)"));
 }
 

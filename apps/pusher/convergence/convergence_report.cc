@@ -79,7 +79,7 @@ void MeasureModels(const experiment::EvaluationPlan& plan, TrialRunnerFactory& f
           {.trial = trial, .demonstrations = demonstrations, .learner = plan.learners.front()});
       const std::vector<ConvergenceCurve> curves = MeasureConvergence(*runner, kRecoveries, seed);
       of_methods.resize(curves.size());
-      std::printf("  trial %d, %d demonstrations", trial + 1, demonstrations);
+      std::printf("  trial %d, %d demonstrations", trial, demonstrations);
       for (std::size_t i = 0; i < curves.size(); ++i) {
         std::printf("%s %s %d (%.3f)", i == 0 ? ":" : ",", curves[i].method.c_str(),
                     curves[i].reached, curves[i].mean.back());

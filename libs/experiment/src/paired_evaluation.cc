@@ -24,6 +24,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
 #include "ledger/ledger_file.h"
+#include "ledger/ledger_line.h"
 
 namespace dfr::experiment {
 namespace {
@@ -61,16 +62,11 @@ std::string HostName() {
   return gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "unknown";
 }
 
-std::string Label(const EvaluationUnit& unit) {
-  return "trial " + std::to_string(unit.trial + 1) + ", " + std::to_string(unit.demonstrations) +
-         " demonstrations, " + unit.learner;
-}
-
 UnitResult RunUnit(const EvaluationPlan& plan, const EvaluationUnit& unit,
                    const MakeTrialRunner& make, ProgressMeter& meter,
                    const std::atomic<bool>& stop) {
   const std::unique_ptr<TrialRunner> runner = make(unit);
-  const std::string label = Label(unit);
+  const std::string label = internal::NameOf(unit);
   UnitResult result;
   result.unit = unit;
   result.episodes.resize(plan.methods.size());
@@ -110,7 +106,8 @@ DrawnStart DrawStart(const EvaluationPlan& plan, const EvaluationUnit& unit, int
     if (runner.Accepts(seed)) return {seed, attempt};
   }
   throw std::runtime_error("none of " + std::to_string(plan.max_redraws) +
-                           " drawn start states is inside the support (" + Label(unit) + ")");
+                           " drawn start states is inside the support (" + internal::NameOf(unit) +
+                           ")");
 }
 
 std::uint64_t StartSeed(const EvaluationPlan& plan, int trial, int start, int attempt) noexcept {
