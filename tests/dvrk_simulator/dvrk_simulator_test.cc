@@ -57,7 +57,7 @@ TEST(DvrkSimulatorTest, PublishesPicturesAndLeavesNoSharedMemory) {
 
 TEST(DvrkSimulatorTest, WrongOptionsAreRefused) {
   EXPECT_GT(PeerProcess({DFR_SIMULATOR, "--domain", "400"}).Await(), 0);
-  EXPECT_EQ(PeerProcess({DFR_SIMULATOR, "--drop", "2"}).Await(), 1);
+  EXPECT_EQ(PeerProcess({DFR_SIMULATOR, "--drop", "2"}).Await(), 2);
   EXPECT_EQ(PeerProcess({DFR_SIMULATOR, "--arm-error", "-1"}).Await(), 2);
   EXPECT_GT(PeerProcess({DFR_SIMULATOR, "--wave", "tsunami"}).Await(), 0);
   EXPECT_EQ(PeerProcess({DFR_SIMULATOR, "--help"}).Await(), 0);
