@@ -414,12 +414,11 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv,
   const Arguments arguments(argv + 1, argv + argc);
   Added added;
   Add(app, added, film_endings);
-  core::AddExamples(
-      app, {{"merge", {"out/shards --out out/whole"}},
-            {"status", {"out/shards", "out/shards --json"}},
-            {"episodes", {"out/whole --method dfr --outcome collided --most 0"}},
-            {"rerun",
-             {"out/whole 0/60/8/dfr/3 --methods baseline --film film" + film_endings.front()}}});
+  const std::string film = " --methods baseline --film film" + film_endings.front();
+  core::AddExamples(app, {{"merge", {"out/shards --out out/whole"}},
+                          {"status", {"out/shards", "out/shards --json"}},
+                          {"episodes", {"out/whole --method dfr --outcome collided --most 0"}},
+                          {"rerun", {"out/whole 0/60/8/dfr/3" + film}}});
   try {
     KeepGivenValues(app);
     // These transforms run before those of KeepGivenValues(). Without them, run.toml would contain
