@@ -10,7 +10,8 @@
 
 namespace dfr::apps {
 
-/// Shows every control of a rollout in a window, the many small controls of recoveries faster.
+/// Shows every control of a rollout in a window, and speeds up the many small controls of
+/// recoveries.
 class WindowObserver final : public control::RolloutObserver {
  public:
   /// Shows the plant's present state with `text` for `seconds`; false: the window was closed.

@@ -39,8 +39,8 @@ if(DFR_FUZZ)
 endif()
 
 # Headers that most sources include, parsed once for each kind of target: library; offline, a library that
-# needs no speed; program, without a command line, which shares the headers of a kind of library;
-# command_line, a program with one; test. A build without DFR_PRECOMPILE, such as a sanitized one, fails if a
+# needs no speed; program (without a command line; it shares the headers of a kind of library); command_line
+# (a program with a command line); test. A build without DFR_PRECOMPILE, such as a sanitized one, fails if a
 # source does not include a header that it needs.
 if(DFR_PRECOMPILE)
   find_package(Eigen3 REQUIRED NO_MODULE)

@@ -113,7 +113,7 @@ function(dfr_install_copyright name package)
   install(FILES ${file} DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${package} COMPONENT ${name})
 endfunction()
 
-# Lists the Debian packages that a component and its needs are built with, without tools that leave
+# Lists the Debian packages that a component and its needs are built with, except tools that leave
 # nothing in the result.
 function(dfr_built_with name result)
   string(REGEX MATCHALL "[^ ]+" packages "${component_${name}_packages} ${component_${name}_build_packages}")

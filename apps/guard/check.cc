@@ -159,7 +159,7 @@ class Collected {
   }
 
  private:
-  // Warns of entries that always equal another: one line for each, or a single line for many.
+  // Warns of entries that always equal another entry: one line for each, or a single line for many.
   void Doubled(Problems& problems) const {
     constexpr std::size_t kFew = 3;
     std::vector<std::string> pairs;

@@ -11,7 +11,7 @@ namespace dfr::apps::guard {
 // One struct and one function per command. main.cc fills the struct and calls the function. All
 // functions throw std::exception with a message for the user.
 
-/// Prints as printf(), without bytes of data sets and guards that control terminals.
+/// Prints like printf(), and replaces control characters, which a data set or guard may contain.
 [[gnu::format(printf, 1, 2)]] void Print(const char* format, ...);
 
 struct CheckOptions {
@@ -73,7 +73,7 @@ struct ExportOptions {
   std::filesystem::path libsvm;
 };
 void RunExport(const ExportOptions& options);
-/// Returns why nothing can be exported to the folder; "" if it can.
+/// Returns the reason why the folder cannot receive an export; "" if it can.
 [[nodiscard]] std::string UnusableExportFolder(const std::filesystem::path& folder);
 
 }  // namespace dfr::apps::guard

@@ -14,7 +14,7 @@ struct EmergencyStopOptions {
 
 /// Meaning of a line typed at an emergency stop.
 enum class StopWord { kPress, kRelease, kEnd };
-/// Exactly "r" releases it, and exactly "q" presses it and quits. Any other line presses it.
+/// Exactly "r" releases the stop, and exactly "q" presses it and quits. Any other line presses it.
 [[nodiscard]] StopWord Meaning(std::string_view line) noexcept;
 
 /// An operator's emergency stop in a terminal, until Ctrl-C or q: Enter or any line except "r"

@@ -20,7 +20,7 @@ struct HomeOptions {
 };
 
 /// Sends the Stewart platform home, for example if a killed program left it moving.
-/// @return the program's exit code: 1 if it was not confirmed, or was interrupted.
+/// @return the program's exit code: 1 if the operator did not confirm, or interrupted the program.
 /// @throws core::Error naming the port, the failure and the remedy.
 int RunHome(const HomeOptions& options);
 

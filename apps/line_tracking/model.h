@@ -22,11 +22,11 @@ struct LineModelOptions {
   std::string support_features = "tip[0:1],distance";
   double nu = 0.05;  ///< Largest share of the demonstrated states outside.
   /// Candidates for gamma, 1/mm^2. With several, kernel::SelectModel() chooses by held-out
-  /// demonstrations (Sec. V-B): the tightest support that accepts `acceptance` of their states, or
-  /// the one that accepts most.
+  /// demonstrations (Sec. V-B): the tightest support that accepts `acceptance` of their states or,
+  /// if there is none, the support that accepts most.
   std::vector<double> gammas = {0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0};
-  /// Share accepted according to nu, 1 - nu. The gate's threshold lambda |u| of a tighter support
-  /// exceeds the largest g at some time step, and DFR halts there.
+  /// Share of states that a support with this nu accepts: 1 - nu. The gate's threshold lambda |u|
+  /// of a tighter support exceeds the largest g at some time step, and DFR halts there.
   double acceptance = 0.95;
   double whitened_gamma =
       kernel::WhitenedSupportOptions()

@@ -20,7 +20,7 @@ bool Same(double a, double b) {
   return std::bit_cast<std::uint64_t>(a) == std::bit_cast<std::uint64_t>(b) || (a != a && b != b);
 }
 
-// Describes the difference between a recorded and a repeated decision; empty: none.
+// Describes the difference between a recorded and a repeated decision; empty if they agree.
 std::string Difference(const recording::StepRecord& was, const control::Step& step,
                        std::span<const double> u) {
   const auto number = [](const char* name, double then, double now) {

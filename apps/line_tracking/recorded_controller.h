@@ -44,8 +44,8 @@ class RecordedController final : public control::Controller {
   double decision_s_ = 0.0;
 };
 
-/// Repeats the decisions of a recording with `model`; if empty, with the model that the recording
-/// names. Prints the differences. Returns true if there are none.
+/// Repeats the decisions of a recording with `model` or, if `model` is empty, with the model that
+/// the recording names. Prints the differences. Returns true if there are none.
 /// @throws std::runtime_error if recording or model cannot be read.
 [[nodiscard]] bool ReplayRecording(const std::filesystem::path& recording,
                                    const std::filesystem::path& model);

@@ -48,7 +48,7 @@ int page_displace(double x, double y);
 /// Adds a motion to the policy's controls.
 int page_push(double dx, double dy);
 /// Runs a separate episode of at most `most` controls and writes its path to the array. @returns
-/// the number of points; the outcome follows them, -1 if not over.
+/// the number of points; the outcome follows them, -1 if the episode is not over.
 int page_preview(int method, double x, double y, int first_step, int most);
 /// Runs episodes from random start states. Writes completed, halted and collided to the array.
 int page_run(int method, int count, int seed);

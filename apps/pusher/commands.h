@@ -58,7 +58,7 @@ struct ExperimentOptions : experiment::ExperimentOptions {
   /// Number of supervisors that take turns; 0: the preset's number.
   int supervisors = 0;
   bool convergence = true;
-  // Empty `learners` or `demonstrations`: those of the preset.
+  // If empty, `learners` and `demonstrations` are those of the preset.
   std::vector<std::string> learners;
   std::vector<int> demonstrations;
   ModelOptions model;
@@ -91,8 +91,8 @@ struct RenderOptions {
   sim::PusherOptions plant;
 };
 void RunRender(const RenderOptions& options);
-/// Films options.episode of the experiment that `run` describes, beside options.methods from the
-/// same start state.
+/// Films options.episode of the experiment `run`, side by side with options.methods from the same
+/// start state.
 void RenderEpisode(const ExperimentOptions& run, const RenderOptions& options);
 
 struct ViewOptions {

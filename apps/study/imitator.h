@@ -48,9 +48,10 @@ class Imitator {
 };
 
 /// Learns policy `name` from `demonstrations` of `task`: by behaviour cloning "good", "weak" (few
-/// units and epochs) or "biased" (the good one with the task's bias); or one of study::kPolicies,
-/// with the good one as the learned policy. `fit` belongs to these demonstrations. `plant` is the
-/// controlled plant, for the adversaries only. Borrows everything except the seed.
+/// units and epochs) or "biased" (the good policy with the task's bias); or one of
+/// study::kPolicies, with the good policy as the learned policy. `fit` belongs to these
+/// demonstrations. `plant` is the controlled plant, for the adversaries only. Borrows everything
+/// except the seed.
 /// @throws std::invalid_argument listing the valid policies.
 [[nodiscard]] Imitator Imitate(const sim::GalleryTask& task,
                                std::span<const core::Trajectory> demonstrations,

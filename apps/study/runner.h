@@ -70,8 +70,8 @@ struct Place {
 class Guarded;
 class Imitator;
 
-/// Runs methods in one task under one condition. Only Kind::kPlane draws start states again.
-/// Otherwise, a start state outside the support counts like any other.
+/// Runs methods in one task under one condition. Only Kind::kPlane replaces start states outside
+/// the support. Other kinds run them like any other.
 class Runner final : public PlaceboRunner {
  public:
   /// `methods` are those of ParseMethod(), or "<guard's strategy>@<policy>[/pictures]" if
@@ -87,7 +87,7 @@ class Runner final : public PlaceboRunner {
             std::uint64_t controller_seed, const std::filesystem::path& path) override;
   /// Returns the number of episodes with an alarm per monitor and outcome, named by AlarmsIn().
   std::map<std::string, double> Measures() override { return alarms_; }
-  /// [method]: number of controls of each recovery, in planar tasks only.
+  /// Returns the number of controls of each recovery, by method, in planar tasks only.
   std::map<std::string, std::vector<int>> Counts() override;
 
   /// Runs one episode and returns its credit.
@@ -111,7 +111,7 @@ class Runner final : public PlaceboRunner {
   std::map<std::string, double> alarms_;
 };
 
-/// Name of the measure that counts a monitor's episodes of this outcome with an alarm.
+/// Returns the name of the measure that counts a monitor's episodes with an alarm and this outcome.
 [[nodiscard]] std::string AlarmsIn(core::Outcome outcome, const std::string& method);
 
 }  // namespace dfr::study

@@ -16,9 +16,9 @@
 namespace dfr::study {
 
 /// A study: every method around every policy, in every task under every condition, from the same
-/// start states. Only Kind::kPlane draws start states again. Otherwise, a start state outside the
-/// support counts like any other. Each trial has separate demonstrations, policies and start
-/// states. The policy alone always runs.
+/// start states. Only Kind::kPlane replaces start states outside the support. Other kinds run them
+/// like any other. Each trial has separate demonstrations, policies and start states. The policy
+/// alone always runs.
 struct Study : experiment::ExperimentOptions {
   /// Creates a study of controllers under all conditions in all tasks.
   Study() {
@@ -122,7 +122,7 @@ struct Comparison {
 };
 
 /// Runs pairs of episodes from the same start states until the difference of their credits is
-/// significant, or Comparison::pairs are run. No start state is drawn again.
+/// significant, or Comparison::pairs are run. Start states outside the support are not replaced.
 /// @throws std::invalid_argument listing the valid names for an unknown one.
 [[nodiscard]] experiment::SequentialTest Compare(const Comparison& comparison);
 

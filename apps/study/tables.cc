@@ -64,7 +64,7 @@ std::string OutcomesCommand(const Row& row) {
   return CommandOf(row, {"completed"}) + "\n" + CommandOf(row, {"collided"});
 }
 
-// Does the same for the numbers of Compared().
+// Returns the commands that print the episodes behind the numbers of Compared().
 std::string ComparedCommand(const Row& row) {
   return SavedCommand(row) + "\n" + HarmedCommand(row);
 }

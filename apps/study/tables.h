@@ -14,9 +14,9 @@ inline constexpr const char* kBetween = ": ";
 /// A method's name in ids: "controller@lwr/density".
 [[nodiscard]] std::string MethodOf(const std::string& controller, const std::string& policy);
 
-/// Returns one table per policy, with a row for each task and condition: completed / collided of
-/// each controller, then saved / harmed and passed, in per cent, with the size of changes. The
-/// first table has means and worst rows.
+/// Returns one table per policy, with a row for each task and condition. Columns: each controller's
+/// completed / collided, then saved / harmed, and passed with the size of changes. Shares are in
+/// per cent. The first table has means and worst rows.
 [[nodiscard]] std::vector<experiment::ReportTable> MakeTables(const std::vector<Row>& rows);
 
 /// Judges each method around all policies but "none" together, against the same policies alone: by

@@ -27,7 +27,7 @@ namespace {
 constexpr std::uint64_t kDemonstrationStream = 1;
 constexpr std::uint64_t kLearnerStream = 2;
 
-// Learns like the Pusher's weak learner.
+// Trains the policy with the settings of the Pusher's weak learner.
 LearnedModel Learn(const std::string& name, const core::SimulatedPlant& plant,
                    std::vector<core::Trajectory> demonstrations, FittedTask task,
                    std::uint64_t seed, const Expert& supervisor) {

@@ -50,8 +50,8 @@ struct Task {
       {};  ///< The planar task for planar::Methods; empty for other tasks.
 };
 
-/// "pusher", "planar-corridor", "planar-push", the gallery's tasks, "line-tracking". MakeTask()
-/// also knows "planar-push-weak", planar-push with a worse learner.
+/// Returns "pusher", "planar-corridor", "planar-push", the gallery's tasks and "line-tracking".
+/// MakeTask() also knows "planar-push-weak", planar-push with a worse learner.
 [[nodiscard]] std::vector<std::string> TaskNames();
 /// @throws std::invalid_argument listing the valid names.
 [[nodiscard]] Task MakeTask(const std::string& name);

@@ -42,7 +42,7 @@ class Totals {
   [[nodiscard]] experiment::Interval IntervalOf(
       int TrialCounts::*count, int TrialCounts::*of = &TrialCounts::episodes) const;
   /// Share of the controls that equal the policy's bit for bit, averaged over rows and trials with
-  /// equal weights. Absent without a control.
+  /// equal weights. Absent if there were no controls.
   [[nodiscard]] std::optional<double> passed() const noexcept;
   /// Interval of passed() by RatioInterval() over the clusters; absent if the clusters are
   /// episodes.

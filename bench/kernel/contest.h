@@ -23,7 +23,7 @@ struct ContestOptions {
   /// Restricts our code to --target, before any estimate is made.
   /// @throws std::invalid_argument listing the valid names if this machine lacks the target.
   void ForceTarget() const;
-  /// Returns AVX2 as a second target if this machine has a better one and no --target was given.
+  /// Returns AVX2 as a second target if this machine has a better target and no --target was given.
   [[nodiscard]] std::optional<std::int64_t> SecondTarget() const;
   [[nodiscard]] bool smoke() const { return min_time == 0.0; }
 };

@@ -50,8 +50,8 @@ class Writer {
     if (heard.empty() || Below(4) == 0) return Noise(Below(120));
     Bytes bytes = Changed(heard[Below(heard.size())], false);
     // Sets a time in the far future. Otherwise some datagrams would be valid messages of another
-    // button, or later messages of this button. Without security anyone may send those, and the
-    // robot holds.
+    // button, or later messages of this button. Without security a robot accepts such messages from
+    // anyone, and holds.
     if (bytes.size() > 32) bytes[32] = 255;
     return bytes;
   }

@@ -74,7 +74,7 @@ class Site {
   [[nodiscard]] bool Moving() const { return state_ == "running" || state_ == "recovering"; }
   [[nodiscard]] bool Stands() const { return state_ == "holding" || state_ == "faulted"; }
 
-  /// Waits until the robot moves. @throws std::runtime_error if it does not within a minute.
+  /// Waits until the robot moves. @throws std::runtime_error if it does not move within a minute.
   void AwaitMotion();
   /// Waits until the arm homes. @throws as AwaitMotion().
   void AwaitHoming();

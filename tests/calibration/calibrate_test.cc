@@ -160,7 +160,8 @@ TEST(CalibrateTest, UncertaintyCoversTheErrorOfNoisyData) {
   ASSERT_TRUE(summary.converged && summary.has_covariance) << summary.message;
   EXPECT_NEAR(summary.mark_rms_px, 0.05 * std::sqrt(2.0), 0.02);
   EXPECT_NEAR(summary.tip_rms_px, 2.0 * std::sqrt(2.0), 0.7);
-  // Each error is below four standard deviations. The robust loss makes these slightly too small.
+  // Each error is below four standard deviations. The robust loss makes the standard deviations
+  // slightly too small.
   EXPECT_LT(std::abs(found.camera.fx - known.camera.fx), 4 * summary.camera_sd[0]);
   EXPECT_LT(std::abs(found.camera.cx - known.camera.cx), 4 * summary.camera_sd[2]);
   for (int k = 0; k < 6; ++k) {

@@ -18,7 +18,7 @@ int Claim() {
                       ("dfr-test-domain-" + std::to_string(domain) + ".lock");
     const int fd = ::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
     if (fd < 0) continue;
-    // The lock lasts until the process ends, even if it is killed.
+    // The lock lasts until the process ends or is killed.
     if (::flock(fd, LOCK_EX | LOCK_NB) == 0) return domain;
     ::close(fd);
   }

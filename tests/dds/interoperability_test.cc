@@ -1,5 +1,5 @@
-// Both directions with CycloneDDS, an independent implementation, which changes each field of our
-// samples and sends them back.
+// Exchanges messages in both directions with CycloneDDS, an independent implementation, which
+// changes each field of our samples and sends them back.
 #include <gtest/gtest.h>
 
 #include <array>

@@ -8,7 +8,8 @@
 
 namespace dfr::test {
 
-/// A child program of the test. It ends when the thread that created it ends, even if killed.
+/// A child program of the test. It ends when the thread that created it ends, even if that thread
+/// is killed.
 class PeerProcess {
  public:
   /// Runs `command` (program and arguments) with CycloneDDS limited to the loopback interface.

@@ -46,8 +46,8 @@ inline imitation::DemonstrationSet Episodes(bool plain = false) {
   return set;
 }
 
-/// Expects the columns of Episode()'s states in the order of their blocks' names, in which the
-/// files of an independent writer are read.
+/// Expects the columns of Episode()'s states in the order of their blocks' names. Files of an
+/// independent writer are read in this order.
 inline void ExpectStatesByName(const core::Matrix& actual, const core::Matrix& expected) {
   EXPECT_EQ(actual.col(0), expected.col(5));
   EXPECT_EQ(actual.middleCols(1, 2), expected.middleCols(3, 2));

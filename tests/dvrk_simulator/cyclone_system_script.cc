@@ -153,7 +153,8 @@ int main(int argc, char** argv) {
   Require(psm.jacobians_are_6_by_6 && psm.jacobians["body/jacobian"].size() == 36);
   const std::vector<double>& spatial = psm.jacobians["spatial/jacobian"];
   Require(spatial.size() == 36);
-  // Column 0 by rows: the origin does not move and turns about -y; insertion moves along -z.
+  // Columns 0 and 2, by rows: with yaw, the origin does not move and turns about -y; insertion
+  // moves it along -z.
   const std::array<double, 6> yaw = {0.0, 0.0, 0.0, 0.0, -1.0, 0.0};
   const std::array<double, 6> insertion = {0.0, 0.0, -1.0, 0.0, 0.0, 0.0};
   for (std::size_t row = 0; row < 6; ++row) {

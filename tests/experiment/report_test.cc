@@ -75,7 +75,7 @@ TEST(ReportTest, ShowsThePapersThreePanelsPerLearner) {
     EXPECT_EQ(Count(html, std::string("aria-label=\"") + panel + "\""), 2) << panel;
   }
   // Two methods in each of 2 x 3 panels, with a band, a line and a marker per data point. Each row
-  // of panels has a legend with the name and marker of both.
+  // of panels has a legend with the name and marker of both methods.
   EXPECT_EQ(Count(html, "class=\"band\""), 12);
   EXPECT_EQ(Count(html, "class=\"line\""), 12);
   EXPECT_EQ(Count(html, "class=\"mark\""), 24 + 4);
@@ -132,8 +132,8 @@ TEST(ReportTest, APointHasItsIntervalAsABar) {
 }
 
 TEST(ReportTest, AMethodLooksTheSameOnEveryPage) {
-  // Each method has one style for its id and its name, for any other methods in any order. It
-  // differs from the style of every other method.
+  // Each method has one style for its id and its name, independent of the other methods and their
+  // order. The style differs from that of every other method.
   std::set<int> styles;
   for (const NamedStyle& style : NamedStyles()) {
     EXPECT_EQ(MethodStyle(style.method), style.style);
@@ -381,7 +381,7 @@ TEST(ReportTest, APageIsSavedThroughALinkWithTheModeOfTheOldOne) {
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path), {}), 3);
 }
 
-// A device is one more file that is not regular. Making one needs root.
+// A device is not a regular file either, but only root can create one.
 TEST(ReportTest, APipeStaysOne) {
   const dfr::test::TempFolder folder;
   const std::filesystem::path pipe = folder / "pipe";

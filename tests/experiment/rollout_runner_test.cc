@@ -176,7 +176,7 @@ TEST(ExperimentTest, AShardWritesOnlyItsLedger) {
   EXPECT_FALSE(std::filesystem::exists(options.out / "summary.json"));
 }
 
-// After a scheduler's signal running units finish, and the next run resumes.
+// After a scheduler's signal, running units finish, and the next run resumes.
 TEST(ExperimentTest, AfterASignalNoFurtherUnitBegins) {
   ExperimentOptions options;
   options.out = test::EmptyFolder("experiment_signal");

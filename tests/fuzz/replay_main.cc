@@ -43,7 +43,7 @@ int main(int argc, char** argv) try {
       ++files;
     }
   }
-  // Finally runs it on empty input.
+  // Finally runs the target on empty input.
   const std::uint8_t none = 0;
   target->second(&none, 0);
   std::printf("%d files\n", files);

@@ -102,8 +102,8 @@ class PsmClientTest : public testing::Test {
   }
 
   // Injects `spoil` during a motion: the client holds in exactly the last of `steps` steps (or
-  // earlier, if these are a `bound`), sends nothing more, reports the cause, and does not resume
-  // after the fault.
+  // earlier, if `bound`), sends nothing more, reports the cause, and does not resume after the
+  // fault.
   void ExpectHold(PsmStatus cause, const std::function<void(PsmInput&)>& spoil, int steps = 1,
                   bool bound = false) {
     SCOPED_TRACE(Name(cause));

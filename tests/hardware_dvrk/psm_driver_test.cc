@@ -184,7 +184,8 @@ TEST_F(PsmDriverTest, MessagesOfOthersHold) {
   dds::Publisher<dds::Signal> hold(other, "/PSM1/hold", dds::Role::kRequest);
   dds::Publisher<dds::Signal> free(other, "/PSM1/free", dds::Role::kRequest);
   dds::Publisher<dds::StringStamped> state(other, "/PSM1/state_command", dds::Role::kRequest);
-  // Earlier participants are admitted. One found later is a reason to hold, even without a message.
+  // Earlier participants are admitted. A participant found later is a reason to hold, even without
+  // a message.
   test::Eventually([&] { return driver->Requesters().size() == 3; });
   holds(PsmStatus::kForeignMessage, [&] { hold.Write({}); });
   EXPECT_THAT(driver->who(), HasSubstr("'other' at 127.0.0.1 publishes /PSM1/hold"));

@@ -46,7 +46,8 @@ TEST(GaussianPolicyTest, SamplesHaveTheMeanAndDeviationOfThePolicy) {
     sum += error;
     squares += error.square();
   }
-  // Four standard errors of the mean and the variance of a standard normal variable.
+  // The tolerances are four standard errors of the mean and the variance of a standard normal
+  // variable.
   for (int i = 0; i < 2; ++i) {
     EXPECT_NEAR(sum[i] / kDraws, 0.0, 4.0 / std::sqrt(kDraws));
     EXPECT_NEAR(squares[i] / kDraws, 1.0, 4.0 * std::sqrt(2.0 / kDraws));

@@ -74,7 +74,7 @@ TEST(AdamTest, StepsMatchTheAlgorithm) {
       const double v_hat = v[i] / (1 - std::pow(kBeta2, t));
       expected[i] -= kRate * m_hat / (std::sqrt(v_hat) + kEpsilon);
     }
-    // 50 steps of size 0.05, each rounded several times.
+    // Each of the 50 steps of size 0.05 is rounded several times.
     ASSERT_TRUE(test::AllClose(actual, expected, 1e-14)) << "step " << t;
   }
 }

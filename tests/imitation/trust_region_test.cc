@@ -109,7 +109,8 @@ TEST(TrustRegionTest, ConjugateGradientSolvesInAsManyStepsAsUnknowns) {
   const Eigen::MatrixXd a = root * root.transpose() + Eigen::MatrixXd::Identity(8, 8);
   const Eigen::VectorXd b = RandomMatrix(random, 8, 1).col(0);
   const auto product = [&](const Eigen::VectorXd& v, Eigen::VectorXd& out) { out = a * v; };
-  // The condition number is below 100. The loss of conjugacy is about that times rounding.
+  // The condition number is below 100. The loss of conjugacy is about this number times the
+  // rounding error.
   EXPECT_TRUE(
       test::AllClose(ConjugateGradient(product, b, 8), core::SolveSymmetric(a, b).col(0), 1e-8));
   EXPECT_EQ(ConjugateGradient(product, Eigen::VectorXd::Zero(8), 8).norm(), 0.0);

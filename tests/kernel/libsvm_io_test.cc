@@ -76,7 +76,7 @@ TEST_F(LibsvmIoTest, LibsvmLoadsOurModelWithIdenticalDecisionValues) {
     nodes.push_back({-1, 0.0});
     double theirs = 0.0;
     svm_predict_values(model, nodes.data(), &theirs);
-    // Sums of 20 terms up to 1, each rounded a few times.
+    // The sums have 20 terms of up to 1, each rounded a few times.
     EXPECT_NEAR(theirs, svm.libsvm_scale() * svm.Decision(core::Row(queries, i)),
                 1e-13 * svm.libsvm_scale());
   }

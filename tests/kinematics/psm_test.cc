@@ -30,7 +30,7 @@ PsmJoints RandomJoints(core::Random& random) {
   return q;
 }
 
-// The published check of the kinematic table.
+// The manual gives this pose as a check of its kinematic table.
 TEST(PsmTest, HomeMatchesTheManual) {
   const Eigen::Isometry3d pose = Psm::Forward(test::PsmHome());
   EXPECT_TRUE(AllClose(pose.translation(), Eigen::Vector3d(0.0, 0.0, -0.1135), 1e-12));

@@ -14,7 +14,7 @@ namespace {
 using kinematics::Psm;
 using kinematics::PsmJoints;
 
-// Sets `upright` to joints with an upright tool and its tips where `from` has them.
+// Sets `upright` to joints with an upright tool and the tips at their positions in `from`.
 bool UprightAt(const PsmJoints& from, PsmJoints& upright) {
   Eigen::Isometry3d pose = Psm::Forward(test::PsmHome());
   pose.translation() = Psm::Tip(from) - Psm::kJawLength * pose.linear().col(2);

@@ -236,7 +236,7 @@ class Memory(unittest.TestCase):
             print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before, "KiB more")
         """
         out = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, check=True)
-        # The decisions, 0.8 MB, and the result of predict.
+        # Allows for the decisions, 0.8 MB, and the result of predict.
         self.assertLess(int(out.stdout.split()[0]), 8_000)
 
     def test_other_layouts_and_types_give_the_same(self):

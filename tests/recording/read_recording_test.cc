@@ -48,7 +48,7 @@ std::string SmallFile(const test::TempFolder& folder) {
   return Load(folder / "small.mcap");
 }
 
-// Expects that all content is correct and at its position.
+// Expects that each message of the recording equals the message that was written.
 void ExpectPart(const Recording& recording) {
   ASSERT_LE(recording.steps.size(), kSteps);
   ASSERT_EQ(recording.steps.size(), recording.step_numbers.size());

@@ -150,7 +150,7 @@ TEST_F(RecorderTest, InvalidPicturesAreCounted) {
   EXPECT_THAT(recording.notes[0].text, testing::HasSubstr("pictures were lost"));
 }
 
-// A burst that exceeds the queue: the file records the number of missing messages.
+// If a burst exceeds the queue, the file records the number of missing messages.
 TEST_F(RecorderTest, DroppedStepsAreCountedAndNoted) {
   {
     Recorder recorder(folder_ / "log.mcap", {}, {.waiting_records = 4, .clock = &clock_});

@@ -87,7 +87,8 @@ TEST(ControlLoopReasonsTest, EveryReasonOfTheCallerHolds) {
 }
 
 TEST(ControlLoopReasonsTest, EveryReasonHasASource) {
-  // Faults that the controller, the task and the next tests detect.
+  // The fault begins with period `begins_in`. Before that period, even a thread that will hang has
+  // reported.
   std::set<HoldReason> found = {HoldReason::kNone,           HoldReason::kControllerHalted,
                                 HoldReason::kNotSeen,        HoldReason::kStateInvalid,
                                 HoldReason::kControlInvalid, HoldReason::kStateJump,

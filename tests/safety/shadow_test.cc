@@ -75,8 +75,8 @@ TEST(ShadowTest, TheLastReportCounts) {
   }
 }
 
-// A report in wrong units would outweigh all measurements of the response. A huge one would
-// overflow in the estimate, and the resulting NaN could let actions pass.
+// A report in wrong units would outweigh all measurements of the response. A report of a huge
+// action would overflow in the estimate, and the resulting NaN could let actions pass.
 TEST(ShadowTest, AnActionThatNothingCanHaveAppliedHalts) {
   for (const double size : {1.0, 99.7, 1e80, 1e155, 1e200, std::numeric_limits<double>::max()}) {
     Guard guard(Model());

@@ -201,7 +201,8 @@ TEST(PsmConsoleTest, AnotherCommandEndsAMove) {
   EXPECT_THAT(console.TakeGoals(), ElementsAre(true));
 }
 
-// Same as sawIntuitiveResearchKit's clip_jp for every goal. The tip then does not reach the goal.
+// sawIntuitiveResearchKit's clip_jp clips every goal in this way. The tip does not reach a clipped
+// goal.
 TEST(PsmConsoleTest, GoalsBeyondLimitsAreClippedAndNamedOnce) {
   PsmConsole console = Homed();
   console.ServoJp(PsmHomeWith(2, 0.3));

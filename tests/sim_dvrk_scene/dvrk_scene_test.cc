@@ -126,7 +126,7 @@ TEST(DvrkSceneTest, InRealTimeThePlatformMovesWithTheArmOrWithoutIt) {
   EXPECT_GT(moved(RealTime(false, true), 0), 1e-4);
   const double with_the_arm = moved(RealTime(true, false), 10);
   EXPECT_GT(with_the_arm, 1e-4);
-  // The disturbance also acts between set-points: the platform moves as far with fewer of them.
+  // The disturbance also acts between set-points: the platform moves as far with fewer set-points.
   EXPECT_EQ(with_the_arm, moved(RealTime(true, false), 1));
 }
 

@@ -83,7 +83,7 @@ TEST(EndoscopeTest, CoversTheWholePictureInBgr) {
   Picture rgb(3 * kWidth * kHeight, 200);
   for (std::size_t i = 0; i < rgb.size(); i += 3) rgb[i] = 180;
   const Picture bgr = Develop(endoscope, rgb, Plain());
-  // All values less the vignette, which is 13 % in the corners.
+  // The vignette reduces all values, in the corners by 13 %.
   for (std::size_t i = 0; i < bgr.size(); ++i) ASSERT_GE(bgr[i], i % 3 == 2 ? 148 : 165);
   EXPECT_NEAR(bgr[At(322, 236)], 200, 1);
   EXPECT_NEAR(bgr[At(322, 236) + 1], 200, 1);

@@ -33,7 +33,7 @@ TEST(LineTrackingSceneTest, TheArmMatchesTheKinematics) {
   for (int i = 0; i < 100; ++i) {
     const PsmJoints q = RandomJoints(random);
     data.Place(q, Eigen::Isometry3d::Identity());
-    // A chain of six rotations over 0.5 m, each rounded.
+    // Allows for the rounding of a chain of six rotations over 0.5 m.
     EXPECT_LT((data.tip_m() - LineTrackingPlant::p_world_base() * Psm::Tip(q)).norm(), 1e-14);
   }
 }

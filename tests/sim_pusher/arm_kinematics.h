@@ -59,7 +59,7 @@ inline ArmPose Forward(std::span<const double> q, double bar_half_width) {
   return pose;
 }
 
-/// Returns joint-space control that moves the tip by `step_m` in the world, upright at the home
+/// Returns the joint-space control that moves the tip by `step_m` in the world, upright at the home
 /// height: the least-squares inverse of the chain's differences.
 inline std::array<double, 7> MoveTip(const sim::PusherPlant& plant, const Eigen::Vector2d& step_m,
                                      double yaw = 0.0) {

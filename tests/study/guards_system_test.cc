@@ -36,7 +36,8 @@ TEST(GuardsTest, RunsPoliciesThatLearnAgain) {
   EXPECT_EQ((rows[{"none", "baseline"}].collided), 0);
 }
 
-// A policy that steers for the constraints collides in every episode. A guard saves five of six.
+// A policy that steers for the constraints collides in every episode. A guard saves five of six
+// episodes.
 TEST(GuardsTest, SavesEpisodesFromAnAdversary) {
   const std::vector<Row> rows = RunStudy(OnReach({"at-constraints"}, 4, 12));
   ASSERT_EQ(rows.size(), 2);

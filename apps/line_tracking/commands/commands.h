@@ -62,7 +62,8 @@ struct RunOptions {
   SceneOptions scene;
   /// A robot's configuration; empty: the simulation in this process.
   std::filesystem::path config;
-  // Empty: the configuration's values; without a configuration "model", "controller", "recordings".
+  // If empty, the configuration's value; without a configuration "model", "controller",
+  // "recordings".
   std::filesystem::path model;
   std::string method;
   std::filesystem::path recordings;  ///< Or kNoRecordings.

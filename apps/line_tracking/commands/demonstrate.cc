@@ -28,7 +28,8 @@ core::Trajectory Empty(const RobotPlant& plant, int steps) {
 }
 
 // Returns a demonstration of the scripted supervisor, which follows the line from the operator's
-// start. Empty if not completed: the robot then holds, and its loop has the reason.
+// start. Empty if the task was not completed: the robot then holds, and plant.loop() has the
+// reason.
 std::optional<core::Trajectory> Drive(RobotPlant& plant, int steps, std::uint64_t seed) {
   core::Trajectory trajectory = Empty(plant, steps);
   trajectory.seed = seed;

@@ -23,8 +23,8 @@ constexpr int kDemonstrations = 50;
 constexpr int kDemonstratedSteps = 50;
 constexpr int kCalibrationFrames = 300;
 constexpr std::size_t kCurves = 30;
-// Number of episodes in the study of probes. Few suffice for its figures, and episodes with fine
-// probes from images would take a thousand controls without effect.
+// Number of episodes in the study of probes. Few suffice, and with images an episode with fine
+// probes would take a thousand controls without effect.
 constexpr int kStudiedEpisodes = 8;
 constexpr int kStudiedControls = 200;
 
@@ -286,7 +286,8 @@ void RunExperiment(const ExperimentOptions& options) {
   const experiment::EvaluationPlan plan = MakePlan(options);
   for (const std::string& world : plan.learners) static_cast<void>(InWorld(options.plant, world));
   const experiment::OutputFolder folder(options);
-  // Calibrates at the first call: a shard without units, or a rejected shard, skips these seconds.
+  // Calibration takes seconds and runs at the first call: a shard that has no units or is rejected
+  // skips it.
   calibration::CalibrationSummary calibration_summary;
   line_task::LineCalibration calibrated;
   std::once_flag once;

@@ -66,7 +66,7 @@ double BetaBinomial(int most, int n, double a, double b) {
   return sum;
 }
 
-// Returns the largest number of `n` demonstrations that does not exceed the given share.
+// Returns the largest number of demonstrations that is at most the given share of `n`.
 int AtMost(double share, int n) { return static_cast<int>(std::floor(share * n + 1e-9)); }
 
 }  // namespace

@@ -62,7 +62,8 @@ void DrawRegions(const Canvas& canvas, const Task& task) {
              2, cv::LINE_AA);
 }
 
-// l over the plane at the shot's time step, at the nodes of a grid of kGrid pixels, clipped at -1.
+// Returns l at the shot's time step, clipped at -1, at the nodes of a grid of kGrid pixels over the
+// plane.
 cv::Mat LevelGrid(const Canvas& canvas, const Methods& methods, SupportKind support,
                   const Shot& shot, double& largest) {
   cv::Mat levels((canvas.image.rows - kCaption) / kGrid + 1, canvas.image.cols / kGrid + 1, CV_32F);

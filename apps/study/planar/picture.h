@@ -76,7 +76,7 @@ class PlanePicture {
 
 /// Draws episodes as in the paper's Fig. 2: the stay-out regions, the demonstrations, level sets of
 /// the support at the current time step (over positions of the point, or of the pushed object with
-/// the pusher where it is), the path so far, and the circle that the control can reach.
+/// the pusher at its present position), the path so far, and the circle that the control can reach.
 class Painter {
  public:
   Painter(const Task& task, const Methods& methods);

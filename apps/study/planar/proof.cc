@@ -21,7 +21,7 @@ namespace {
 constexpr int kPhases = 12;
 constexpr double kError = 0.7;  // eps
 
-// The supports of a world, with the curvature bound of a controller with a mistake.
+// The supports of a world, with the curvature bound of a controller that has a mistake.
 class Mistaken final : public core::LogDecisionFunction {
  public:
   Mistaken(const core::LogDecisionFunction& inner, Mutation mutation)

@@ -22,7 +22,7 @@ struct Task {
   double raw_gamma = 1.0;  ///< Kernel width of the paper's support, in the units of the state.
 };
 
-/// "corridor", "push" (a learner that imitates well) or "push-weak".
+/// Returns the task "corridor", "push" (a learner that imitates well) or "push-weak".
 /// @throws std::invalid_argument listing the valid tasks.
 [[nodiscard]] Task MakeTask(std::string_view name);
 [[nodiscard]] const std::vector<std::string>& TaskNames();

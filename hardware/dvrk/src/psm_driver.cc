@@ -53,7 +53,7 @@ PsmStatus PsmDriver::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept
   PsmInput input;
   link.tick_ns.store(steady_ns, std::memory_order_relaxed);
   (void)link.new_error.Take(last_error_);
-  // Read before the number of publishers, which is therefore at least as recent.
+  // Newcomers are read before the number of publishers, which is therefore at least as recent.
   input.newcomers = link.newcomers.exchange(0, std::memory_order_acq_rel);
   const auto take = [](auto& mailbox, auto& entry) {
     if (!mailbox.Take(entry.emplace())) entry.reset();

@@ -128,7 +128,7 @@ void PsmDriver::Link::Run() noexcept {
 }
 
 void PsmDriver::Link::Send() noexcept {
-  // Read before the set-points, so set-points queued before the hold are not sent.
+  // The hold is read before the set-points, so set-points queued before the hold are not sent.
   const bool holding = hold_wanted.exchange(false, std::memory_order_acq_rel);
   Outgoing next;
   bool servo = false;

@@ -178,7 +178,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   dds::Subscriber<dds::Signal> watched_free{p, Topic("free"), dds::Role::kRequest};
   dds::Subscriber<dds::StringStamped> watched_state_command{p, Topic("state_command"),
                                                             dds::Role::kRequest};
-  // Its number of publishers includes this participant's own.
+  // The topic's publishers include this participant's own.
   dds::Subscriber<dds::PoseStamped> watched_servo_cp{p, Topic("servo_cp"), dds::Role::kState};
   std::vector<std::shared_ptr<void>> watched;  // see Subscribe()
   std::thread thread;

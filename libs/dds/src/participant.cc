@@ -121,8 +121,9 @@ fdds::DomainParticipantQos Qos(const ParticipantOptions& options) {
   qos.name(options.name);
   qos.transport().use_builtin_transports = false;
   auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
-  // The system's default buffer holds only two or three fragments of an image. The others are lost
-  // and resent after about ten milliseconds. The system limits this size to net.core.rmem_max.
+  // The system's default buffer holds only two or three fragments of an image. The other fragments
+  // are lost, and resent after about ten milliseconds. The system limits this size to
+  // net.core.rmem_max.
   udp->receiveBufferSize = 4 << 20;
   udp->sendBufferSize = 4 << 20;
   auto& builtin = qos.wire_protocol().builtin;

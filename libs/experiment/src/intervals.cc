@@ -203,7 +203,7 @@ int EpisodesForDifference(double only_first, double only_second, double power, d
   DFR_THROW_UNLESS(power > 0.5 && power < 1.0, "power must lie in (0.5, 1), not " << power);
   const double sum = only_first + only_second;
   const double difference = only_first - only_second;
-  // The one-sided quantile of `power` is the two-sided one of 2 power - 1.
+  // The one-sided quantile of `power` equals the two-sided quantile of 2 power - 1.
   const double root = NormalQuantile(confidence) * std::sqrt(sum) +
                       NormalQuantile(2.0 * power - 1.0) * std::sqrt(sum - difference * difference);
   return static_cast<int>(std::ceil(root * root / (difference * difference)));

@@ -173,7 +173,7 @@ std::vector<core::BlockRequest> StateReduction::Requests(std::string_view featur
   return requests;
 }
 
-// Fits at most `components` components. Also fits the points and the novelty of the part.
+// Fits the part: at most `components` components, its points and its novelty.
 Reduction StateReduction::FitPart(Part& part, int components,
                                   std::span<const core::Trajectory> demonstrations, int threads) {
   const Rows rows(part, demonstrations);

@@ -285,7 +285,7 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
   if (step.mode == Mode::kHalt) {
     std::fill(safe.begin(), safe.end(), 0.0);
   } else if (step.mode == Mode::kPolicy && !step.filtered) {
-    // Unchanged to the bit, also for a monitor.
+    // The action stays unchanged to the bit, also for a monitor.
     std::copy(episode.bounded.begin(), episode.bounded.end(), safe.begin());
   } else if (episode.steers) {
     std::copy(episode.bounded.begin(), episode.bounded.end(), safe.begin());

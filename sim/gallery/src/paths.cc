@@ -106,8 +106,8 @@ class EightPlant final : public Cloned<EightPlant> {
     x(3) = keeps * x(3) + (norm > 0.0 ? (1.0 - keeps) * u[1] / norm : 0.0);
     FailIf(Norm(Point{x(0), x(1)} - Along(x(4))) > kWidth);
   }
-  // Advances the position along the figure eight to the nearest one. The short search cannot jump
-  // to the other branch at the crossing.
+  // Advances the position along the figure eight to the nearest position. The short search cannot
+  // jump to the other branch at the crossing.
   void Follow() noexcept {
     const Point p{x(0), x(1)};
     double nearest = Norm(p - Along(x(4)));

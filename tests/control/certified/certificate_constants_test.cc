@@ -46,7 +46,7 @@ TEST(CertificateConstantsTest, GainIsInFeatureUnits) {
   const auto gain = EstimateGain({Doubled(), Walks(59, 0.5)});
   EXPECT_NEAR(gain.value, 0.6, 1e-12);
   EXPECT_EQ(gain.demonstrations, 59);
-  // Wilks: with 59 samples or more, the largest covers 95 % with 95 % confidence.
+  // Wilks: with 59 samples or more, the largest sample covers 95 % with 95 % confidence.
   EXPECT_NEAR(gain.coverage, 0.95, 1e-3);
   EXPECT_GE(gain.coverage, 0.95);
   EXPECT_LT(EstimateGain({Doubled(), Walks(58, 0.5)}).coverage, 0.95);

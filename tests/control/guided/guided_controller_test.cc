@@ -52,8 +52,8 @@ class GuidedControllerTest : public test::RightwardsTest {
   }
 };
 
-// A state deep inside does not suffice: 0.6 would cross the next support, and the largest
-// demonstrated control to the side would end at its edge.
+// A state deep inside does not suffice: a control of 0.6 would cross the next support, and the
+// largest demonstrated control to the side would end at its edge.
 TEST_F(GuidedControllerTest, DeepInsideControlsPassByTheirPrediction) {
   const std::vector<double> x = {0.05, 0.0};
   const double hi = model.levels.gate(1);
@@ -270,7 +270,7 @@ TEST_F(GuidedControllerTest, HaltsOnANonFiniteControlOrLevel) {
   GuidedController guided(nothing, model);
   EXPECT_EQ(First(guided, {0.0, 0.0}).cause, HaltCause::kControlInvalid);
   EXPECT_EQ(First(guided, {1e200, 0.0}).cause, HaltCause::kSupportInvalid);
-  // Far away l is finite, but no control can correct the policy's.
+  // Far away l is finite, but no control can correct the policy's control.
   const auto wrong = test::ConstantPolicy(2, 1.0);
   for (const double far : {1e18, 3.4e38, 1e100}) {
     GuidedController filter(wrong, model, {.least_intervention = true});

@@ -114,7 +114,7 @@ TEST_F(GradientRecoveryTest, ControlsStayWithinTheLimit) {
   GradientRecovery recovery(model, 0.05);
   recovery.Reset(1);
   ASSERT_EQ(recovery.Next({.x = kStart, .g = 0.06, .lambda = 5.0}, u), Mode::kRecovery);
-  // Rounding in the conversion to the control unit and back.
+  // Allows for the rounding of the conversion to the control unit and back.
   EXPECT_NEAR(u[1], -0.05, 1e-15);
   EXPECT_LE(std::abs(u[0]), 0.05 * (1.0 + 1e-12));
 }

@@ -148,7 +148,7 @@ TEST_F(AtomicFileTest, ANewFileHasTheModeThatTheUmaskLeaves) {
 TEST_F(AtomicFileTest, ADeviceIsWrittenTo) {
   std::filesystem::path null = "/dev/null";
   std::filesystem::path full = "/dev/full";
-  // A privileged process could replace the machine's devices: the test creates its own.
+  // A privileged process could replace the machine's devices: the test creates its own device.
   if (geteuid() == 0) {
     null = folder_ / "own_null";
     full = folder_ / "own_full";

@@ -122,8 +122,8 @@ TEST(FoldsTest, DistinguishesDifferencesInDoublePrecision) {
 }
 
 // Split conformal prediction assumes that the first demonstrations are a random sample. Each rank
-// is then equally often among the first, and a further demonstration exceeds all of them as often
-// as in a random order.
+// is then equally often among the first demonstrations, and a further demonstration exceeds all of
+// them as often as in a random order.
 TEST(FoldsTest, TheFirstAreARandomSample) {
   constexpr int kCount = 20;
   constexpr int kHeldOut = 10;

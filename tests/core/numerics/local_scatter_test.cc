@@ -54,7 +54,8 @@ TEST(LocalScatterTest, NormalPointsNearlyKeepTheirCovariance) {
                              skewed.Scaled(skewed.covariance), 0.1));
 }
 
-// The scatter of two clusters is nearly the scatter of one. The spread of all points is far wider.
+// The scatter of two clusters is nearly the scatter of one cluster. The spread of all points is far
+// wider.
 TEST(LocalScatterTest, TwoClustersAreNotOneWideOne) {
   Skewed skewed;
   const auto groups = skewed.Groups(Eigen::RowVector3d(20.0, -10.0, 1.0));

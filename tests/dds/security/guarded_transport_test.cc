@@ -165,8 +165,8 @@ TEST(ParticipantCensusTest, ParticipantsHeardBeforeAFloodStayAdmitted) {
     ASSERT_TRUE(census.Admits(here, number(0), now_ns));
     ASSERT_TRUE(census.Admits(there, number(0), now_ns));
   }
-  // Every other participant falls silent at once, and the census forgets it after 20 s: five times
-  // in 100 s.
+  // All other participants fall silent at once, and the census forgets them after 20 s. It can
+  // therefore fill five times in 100 s.
   EXPECT_LE(admitted, 5 * static_cast<int>(ParticipantCensus::kPerAddress));
   EXPECT_GE(admitted, static_cast<int>(ParticipantCensus::kPerAddress) - 1);
   now_ns += 21 * kSecond;

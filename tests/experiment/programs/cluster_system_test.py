@@ -260,7 +260,7 @@ class SlurmTest(Folder):
         time.sleep(2)
         self.start("slurmctld", "-D")
         wait_for(lambda: self.slurm("squeue", "-h", "-r", anyway=True) != "", "the controller's return")
-        # The node is drained and resumed, then set down, which ends its tasks, and resumed.
+        # The node is drained and resumed, then marked down, which ends its tasks, and resumed.
         for state in ("drain", "down"):
             self.slurm("scontrol", "update", f"nodename={self.host}", f"state={state}", "reason=test")
             if state == "drain":  # a node that is down comes back as soon as it answers

@@ -130,7 +130,7 @@ TEST(OneClassSvmDecisionTest, SinglePrecisionIsWithinAMillionthOfTheSum) {
   }
 }
 
-// The bound of InSinglePrecision(), which increases with the number of entries.
+// Checks the bound of InSinglePrecision(), which increases with the number of entries.
 TEST(OneClassSvmDecisionTest, SinglePrecisionIsWithinItsBoundForManyEntries) {
   core::Random random(50);
   for (const int n : {1, 30, 300, 2048}) {

@@ -111,8 +111,8 @@ struct OfEveryTarget {
 };
 
 /// Checks g = sum - rho on `states` states, an eighth of each kind, with every instruction set. The
-/// error is relative to max(sum, rho), with rho = 0.1, because g has no relative accuracy where
-/// both cancel.
+/// error is relative to max(sum, rho), with rho = 0.1, because g has no relative accuracy where sum
+/// and rho cancel.
 inline void CheckDecisions(int states) {
   const Problem p(24, 9, 1.0 / 9.0, 13);
   const auto& [in_double, in_float] = OfEveryTarget(p);

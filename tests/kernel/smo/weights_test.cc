@@ -38,7 +38,7 @@ TEST(OneClassSvmWeightsTest, IntegerWeightsActAsRepeatedSamples) {
     const auto svm = OneClassSvm::Fit(samples, options, &summary);
     EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
     EXPECT_LT(summary.kkt_gap, 1e-8);
-    // The tolerance divided by nu m, which is at least 90, with a margin of ten.
+    // The limit is ten times the tolerance divided by nu m, which is at least 90.
     EXPECT_TRUE(dfr::test::AllClose(Decisions(svm, samples), Decisions(expected, samples), 1e-9));
     EXPECT_NEAR(svm.libsvm_scale(), expected.libsvm_scale(), 1e-9 * expected.libsvm_scale());
     for (Eigen::Index i = 0; i < samples.rows(); ++i) {

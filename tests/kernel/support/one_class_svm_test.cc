@@ -108,7 +108,8 @@ TEST(OneClassSvmTest, ActiveSetFindsTheSolutionOfTheWholeProblem) {
   // are free.
   const core::Matrix samples = Tube(5000, 3, random);
   for (const double gamma : {0.3, 30.0}) {
-    // Kernel values in float, which shift the gap by up to 1e-7 nu m, and in double.
+    // The first fit has kernel values in float, which shift the gap by up to 1e-7 nu m, the second
+    // in double.
     FitToTheGap(samples, {.nu = 0.05, .gamma = gamma, .tolerance = 1e-3}, 2.5e-5);
     FitToTheGap(samples, {.nu = 0.05, .gamma = gamma, .tolerance = 1e-5}, 1e-9);
   }
@@ -173,7 +174,7 @@ TEST(OneClassSvmTest, AStartKeepsTheEstimateAndTheSolutionEndsAtOnce) {
   const auto a = OneClassSvm::Fit(samples, options, &cold);
   options.start = core::AsSpan(std::as_const(neighbour.alpha));
   const auto b = OneClassSvm::Fit(samples, options, &warm);
-  // The tolerance divided by nu m = 80, with a margin of ten.
+  // The limit is ten times the tolerance divided by nu m = 80.
   EXPECT_TRUE(dfr::test::AllClose(Decisions(b, samples), Decisions(a, samples), 1.3e-7));
   EXPECT_NEAR(warm.alpha.sum(), 1.0, 1e-12);
   options.start = core::AsSpan(std::as_const(cold.alpha));
@@ -346,7 +347,8 @@ TEST(OneClassSvmTest, EveryInstructionSetFindsTheSolution) {
       internal::ForceTarget(target);
       SCOPED_TRACE(testing::Message()
                    << internal::TargetName(target) << ", " << samples->rows() << " samples");
-      // Kernel values in float, which shift the gap by up to 1e-7 nu m, and in double.
+      // The first fit has kernel values in float, which shift the gap by up to 1e-7 nu m, the
+      // second in double.
       FitToTheGap(*samples, {.nu = 0.1, .gamma = 5.0, .tolerance = 1e-3}, 3e-5);
       FitToTheGap(*samples, {.nu = 0.1, .gamma = 5.0, .tolerance = 1e-6}, 1e-9);
     }

@@ -129,8 +129,8 @@ TEST(FitTaskTest, ARegionThatDemonstrationsAvoidDoublesGamma) {
 }
 
 // Demonstrations move along a circle with different speeds: the states of a time step lie on an
-// arc. A narrower kernel covers less beside the arc, and as many left-out states. A still narrower
-// kernel covers fewer of these states.
+// arc. A narrower kernel covers as many left-out states and less space beside the arc. A still
+// narrower kernel covers fewer left-out states.
 TEST(FitTaskTest, StatesOnAnArcDoubleGamma) {
   constexpr int kSteps = 24;
   core::StateLayout layout;

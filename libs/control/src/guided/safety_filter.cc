@@ -100,8 +100,9 @@ SafetyFilter::Choice SafetyFilter::Correct(LocalFit& fit, const LocalModel& mode
   if (filtered >= 0.0) return {Mode::kPolicy, filtered};
   const double raised = std::max(demonstrated, filtered);
   if (known && (last || raised < -max_exit_level_)) {
-    // Far outside, J is an extrapolation, and the demonstrated control continues the task. Where
-    // a raise would nearly lead back into the support, that control might lead away from it.
+    // Far outside, J is an extrapolation, and the demonstrated control continues the task. Where a
+    // raise would nearly lead back into the support, the demonstrated control might lead away from
+    // the support.
     const double plain = model.Level(next, demonstrated_);
     if (!(raised > guided::kWorthRaising * plain)) {
       v = demonstrated_;

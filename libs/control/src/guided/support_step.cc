@@ -71,7 +71,7 @@ double Ascend(const LocalModel& model, const StepTarget& target, const StepLimit
     const double reached =
         LevelAfter(model, target.phase, v, after, ends ? std::span<double>() : gradient);
     if (reached <= there.level) {
-      // Only clamping to a limit can cause this.
+      // Only clamping to a limit can prevent a rise of the level.
       v = before;
       break;
     }

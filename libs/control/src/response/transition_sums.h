@@ -20,7 +20,7 @@ inline constexpr std::size_t kTile = 32;
 
 /// Sets distances[i] = |z_i - z|^2 for points of `dim` entries. Entry k of point i is at points[k *
 /// column_stride + i].
-/// @returns the least distance; NaN if their sum is not finite.
+/// @returns the least distance; NaN if the sum of the distances is not finite.
 float SquaredDistances(const float* points, std::size_t column_stride, std::size_t dim,
                        const float* z, std::size_t rows, float* distances) noexcept;
 
@@ -29,8 +29,8 @@ float SquaredDistances(const float* points, std::size_t column_stride, std::size
 double Weights(const float* distances, const std::int32_t* indices, std::size_t count, float least,
                double scale, double floor, double* weights) noexcept;
 
-/// Writes the indices of the `count` smallest distances, 1 <= count <= rows; the first ones among
-/// equal distances. The order depends only on the distances. No distance may be NaN or negative.
+/// Writes the indices of the `count` smallest distances, 1 <= count <= rows; among equal distances,
+/// the first ones. The order depends only on the distances. No distance may be NaN or negative.
 /// `indices` has count + 1 entries.
 void Nearest(const float* distances, std::size_t rows, std::size_t count,
              std::int32_t* indices) noexcept;

@@ -118,7 +118,7 @@ Eigen::VectorXd ActionAnalysis::ExplainedBy(Eigen::Index k, Eigen::Index lag,
     return Eigen::ArrayXd(variance - explained);
   };
   const Eigen::ArrayXd others = left(m_ - 1);
-  // The rounding residue of a change that the others explain is not a change.
+  // A change that the other actions explain leaves a rounding residue, which is not a change.
   return (others > 1e-9 * change_squares_.array() / history_count_)
       .select(1.0 - left(m_) / others, 0.0);
 }

@@ -73,7 +73,8 @@ bool AllVary(const std::vector<Eigen::Vector4d>& seen) {
   return (high - low).minCoeff() > kTolerance;
 }
 
-// Returns the number of entries that are nonzero in some state. A single one may be a flag.
+// Returns the number of entries that are nonzero in some state. A single nonzero entry may be a
+// flag.
 int NumLive(const std::vector<Eigen::Vector4d>& seen) {
   Eigen::Vector4d largest = Eigen::Vector4d::Zero();
   for (const Eigen::Vector4d& q : seen) largest = largest.cwiseMax(q.cwiseAbs());

@@ -15,8 +15,8 @@ namespace {
 
 constexpr int kMostLinks = 40;  // the kernel's limit
 
-// Resolves symbolic links, the last of which may point to a missing file. Beyond the kernel's limit
-// it returns the path itself, which cannot be opened.
+// Resolves symbolic links, the last of which may point to a missing file. Beyond the kernel's
+// limit, returns the path itself, which cannot be opened.
 std::string Resolve(const std::filesystem::path& from) {
   std::filesystem::path path = from;
   for (int i = 0; i <= kMostLinks; ++i) {

@@ -125,7 +125,8 @@ void AddExtension(X509& certificate, X509& issuer, int id, const char* value) {
   X509_EXTENSION_free(extension);
 }
 
-// Creates a certificate for `name` and `key`, signed by `issuer`, or self-signed if it is nullptr.
+// Creates a certificate for `name` and `key`, signed by `issuer`, or self-signed if `issuer` is
+// nullptr.
 Owned<X509> Certify(const std::string& name, EVP_PKEY& key, int days, X509* issuer,
                     EVP_PKEY& issuer_key) {
   Owned<X509> certificate(X509_new());

@@ -231,7 +231,7 @@ class Panel {
     const ReportSeries& series = plot_.series[i];
     if (series.low.empty()) return;
     if (series.low.size() == 1) return DrawBar(i, svg);
-    // The polygon follows the upper ends and returns along the lower ones.
+    // The polygon follows the upper ends and returns along the lower ends.
     svg << "<polygon class=\"band\" " << StyleAttribute(StyleOf(i)) << " points=\"";
     const std::size_t n = series.low.size();
     for (std::size_t j = 0; j < 2 * n; ++j) {

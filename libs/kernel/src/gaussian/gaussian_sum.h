@@ -37,7 +37,7 @@ void GaussianSums(const SumBlock<T>& terms, const T* x, std::size_t count, T* su
 }
 
 /// Returns the sum of all terms times 2^offset and writes the sum of term_i 2^offset (s'_i - x') to
-/// `shift` (dim entries). With offset 0, the same bits as GaussianSum().
+/// `shift` (dim entries). With offset 0, the sum has the bits of GaussianSum().
 template <typename T>
 T GaussianSumShift(const SumBlock<T>& terms, const T* x, T offset, T* shift) noexcept {
   return terms.functions.sum_shift(terms, x, offset, shift);
@@ -51,7 +51,7 @@ template <typename T>
 }
 
 /// Writes every term separately, as a row of the kernel matrix. `row` has num_blocks * kLanes
-/// entries, aligned to 64 bytes; those beyond count are zero.
+/// entries, aligned to 64 bytes; entries beyond the number of terms are zero.
 template <typename T>
 void GaussianRow(const GaussianTerms<T>& terms, const T* x, T* row) noexcept {
   terms.functions.row(terms, x, row);
@@ -97,9 +97,9 @@ template <typename T>
   return terms.functions.near_groups(boxes, x, reach, groups);
 }
 
-/// GaussianRow() for the terms of `count` groups. Keeps the groups in `groups` that hold a term of
-/// at least 2^-reach and returns their number. `values` has GroupBoxes<T>::kGroup entries per
-/// group, aligned to 64 bytes.
+/// Same as GaussianRow(), for the terms of `count` groups. Keeps the groups in `groups` that hold a
+/// term of at least 2^-reach and returns their number. `values` has GroupBoxes<T>::kGroup entries
+/// per group, aligned to 64 bytes.
 template <typename T>
 [[nodiscard]] std::size_t NearRow(const GaussianTerms<T>& terms, const T* x, T reach,
                                   std::uint32_t* groups, std::size_t count, T* values) noexcept {

@@ -215,7 +215,7 @@ std::size_t SparseProblem<T>::Together() const {
 // Number of neighbouring rows that a worker receives at a time.
 constexpr std::size_t kRun = 8;
 
-// G += K change. Returns false if the caller stopped it midway.
+// G += K change. Returns false if the caller stopped the sum midway.
 template <typename T>
 bool SparseProblem<T>::AddToGradient(std::span<const std::size_t> places,
                                      std::span<const double> change) {
@@ -305,8 +305,8 @@ void SparseProblem<T>::Activate() {
   rows_.Reset(wanted.size());
 }
 
-// SMO on the active samples. Returns false if the caller stopped it before G was updated: alpha and
-// G keep their previous values.
+// SMO on the active samples. Returns false if the caller stopped the fit before G was updated:
+// alpha and G keep their previous values.
 template <typename T>
 bool SparseProblem<T>::SolveActive(double rho) {
   constexpr T kNever = SparseSmoProblem<T>::kNever;

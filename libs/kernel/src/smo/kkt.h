@@ -57,8 +57,8 @@ struct KktBounds {
   [[nodiscard]] double gap() const {
     return std::isinf(smallest) ? 0.0 : std::max(0.0, largest - smallest);
   }
-  /// Estimate of rho. Near a solution it is rho(). Far from one, where few alpha are free, the mean
-  /// of G with weights alpha is a better estimate than the extremes.
+  /// Estimate of rho. Near a solution it is rho(). Far from a solution, where few alpha are free,
+  /// the mean of G with weights alpha is a better estimate than the extremes.
   [[nodiscard]] double likely_rho() const {
     constexpr double kMostFree = 0.02;
     if (static_cast<double>(free) > kMostFree * alpha_sum || std::isinf(smallest)) return rho();

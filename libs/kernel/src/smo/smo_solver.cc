@@ -27,8 +27,8 @@ namespace {
 
 // From this number of samples on, a fit to a part of them provides the start.
 constexpr Eigen::Index kManySamples = 4000;
-// The corresponding limit for a large nu. A SmallProblem stores the whole kernel matrix of up to
-// this many samples.
+// The same limit for a large nu. A SmallProblem stores the whole kernel matrix of up to this many
+// samples.
 constexpr Eigen::Index kMostWhole = 2048;
 
 // AddGaussianRows(), distributed over the workers. Each entry sums in the same order for any number
@@ -123,7 +123,7 @@ class Solver {
   }
 
   // G += K change, where `change` is the change of alpha of `samples`. Returns false if the caller
-  // stopped it midway.
+  // stopped the sum midway.
   [[nodiscard]] bool AddToGradient(std::span<const std::size_t> samples,
                                    std::span<const double> change) {
     std::vector<T> points(samples.size() * terms_.dim);
@@ -137,8 +137,8 @@ class Solver {
                       [this] { return rounds_.Continue(); });
   }
 
-  // SMO on the active samples, with all others fixed. Returns false if the caller stopped it before
-  // G was updated: alpha and G keep their previous values.
+  // SMO on the active samples, with all others fixed. Returns false if the caller stopped the fit
+  // before G was updated: alpha and G keep their previous values.
   [[nodiscard]] bool SolveActive(double rho) {
     const GaussianTerms<T> terms = terms_.Subset(active_.samples());
     rows_.Reset(terms);

@@ -16,7 +16,7 @@ struct NuSum {
 };
 
 /// Below the smallest weight, nu sum w allows each alpha to be the whole sum. All smaller sums then
-/// have the same solution, up to a factor, but none that tolerances can resolve.
+/// have the same solution, up to a factor, but tolerances cannot resolve it.
 inline NuSum SumOf(const OneClassSvmOptions& options, Eigen::Index count) {
   double all = static_cast<double>(count);
   double smallest = 1.0;

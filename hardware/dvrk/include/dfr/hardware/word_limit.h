@@ -14,8 +14,8 @@ class WordLimit {
 
   /// Returns true if another message may be shown now.
   bool Passes(std::int64_t steady_ns) noexcept;
-  /// Returns the number of messages suppressed since the last nonzero result once the first of them
-  /// is a second old; otherwise 0.
+  /// Returns the number of messages suppressed since the last nonzero result, once the first of
+  /// these messages is a second old; 0 before.
   std::uint64_t TakeLeftOut(std::int64_t steady_ns) noexcept;
 
  private:

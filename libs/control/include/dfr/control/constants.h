@@ -10,9 +10,9 @@ namespace dfr::control::guided {
 /// value the drift would fit noise in free motion and contact.
 inline constexpr double kMostLeft = 0.6;
 /// Response: demonstrated changes of features are too noisy for LocalFit::NominalControl() if its
-/// squared error for held-out controls exceeds this multiple of that of the demonstrated control
-/// alone. In 54 fits without noise of sensors the ratio was at most 1.15. With noise of .2, .4, .7
-/// and 1 % of the way it was 1.05, 2.1, 4.7 and 8.9.
+/// squared error for held-out controls exceeds this multiple of the squared error of the
+/// demonstrated control alone. In 54 fits without noise of sensors the ratio was at most 1.15. With
+/// noise of .2, .4, .7 and 1 % of the way it was 1.05, 2.1, 4.7 and 8.9.
 inline constexpr double kMostWorse = 1.25;
 /// Quantile of l over held-out demonstrated states. Its negative defines the slack.
 inline constexpr double kSlackQuantile = 0.2;

@@ -87,9 +87,9 @@ class Participant {
   [[nodiscard]] int CountOthersPublishers(
       const std::function<bool(std::string_view topic)>& counts) const;
 
-  /// Returns the number of other participants and their publishers found since the start. One that
-  /// is lost and rediscovered counts twice. With security, participants without a certificate of
-  /// the network's authority do not count.
+  /// Returns the number of other participants and their publishers found since the start. A
+  /// participant that is lost and rediscovered counts twice. With security, participants without a
+  /// certificate of the network's authority do not count.
   [[nodiscard]] std::uint64_t num_found() const noexcept;
   /// Returns the participants and publishers found after number `after`, at most the last 64,
   /// oldest first, including those that have left. A participant is reported before its publishers

@@ -75,7 +75,7 @@ class OutputFolder {
 /// With options.rerun, repeats that episode of the run in options.out as TrialRunner::Run() and
 /// Film() do, and prints its outcome, which must match the ledger. Returns std::nullopt for a shard
 /// or a rerun. After SIGTERM or SIGUSR1 no new unit starts; a second signal ends the process.
-/// @param settings  all that determines the results, except the plan.
+/// @param settings  everything that determines the results, except the plan.
 /// @throws as Evaluate() and SaveSummary() do.
 [[nodiscard]] std::optional<ExperimentResult> RunExperiment(
     const std::string& name, const EvaluationPlan& plan, const MakeTrialRunner& make,

@@ -25,7 +25,7 @@ class RolloutRunner : public TrialRunner {
   [[nodiscard]] EpisodeResult Run(int method, std::uint64_t start_seed,
                                   std::uint64_t controller_seed) override;
   /// Writes a page of the undisturbed plant's states with SaveFilm(). Derived classes that can draw
-  /// their plant may override it.
+  /// their plant may override this function.
   [[nodiscard]] bool Film(const std::vector<int>& methods, std::uint64_t start_seed,
                           std::uint64_t controller_seed,
                           const std::filesystem::path& path) override;

@@ -13,7 +13,7 @@
 namespace dfr::imitation::internal {
 
 /// Wrapper of the parts of libhdf5 that demonstration files need. Paths within the file name
-/// objects, for example "data/demo_0/obs/tip". All functions throw std::runtime_error with file,
+/// objects, for example "data/demo_0/obs/tip". All functions throw std::runtime_error naming file,
 /// object and libhdf5's message.
 class Hdf5File {
  public:
@@ -76,7 +76,7 @@ class Hdf5File {
   [[nodiscard]] std::optional<std::string> TextAttribute(const std::string& path,
                                                          const char* name) const;
 
-  /// Throws std::runtime_error with the file, `path` and `reason`.
+  /// Throws std::runtime_error naming the file, `path` and `reason`.
   [[noreturn]] void Fail(const std::string& path, const std::string& reason) const;
 
   /// Budget for reading an object: core::ReadBudget of the file's size.

@@ -20,8 +20,8 @@ namespace dfr::imitation::internal {
 /// of the file's size limits its memory. Its CPU time per answer is at most 2 s plus 1 s per 20 MB
 /// of the file.
 ///
-/// The functions are those of Hdf5File. All throw std::runtime_error with file, object and reason.
-/// Each object belongs to one thread.
+/// The functions are those of Hdf5File. All throw std::runtime_error naming file, object and
+/// reason. Each object belongs to one thread.
 class Hdf5Reader {
  public:
   explicit Hdf5Reader(const std::filesystem::path& path);

@@ -28,7 +28,7 @@ struct ParquetColumn {
 ///
 /// Files are untrusted. No claimed size is allocated before it is checked against the available
 /// data. Each column of a row group is limited to core::ReadBudget of the file's size. All
-/// functions throw std::runtime_error with the file, the column and the reason.
+/// functions throw std::runtime_error naming the file, the column and the reason.
 class ParquetFile {
  public:
   /// Storage of a column, or of the entries of a column's lists.

@@ -28,9 +28,9 @@ class GaussianPolicy {
   [[nodiscard]] const MlpPolicy& mean() const noexcept { return mean_; }
   [[nodiscard]] const Eigen::VectorXd& log_std() const noexcept { return log_std_; }
 
-  /// Writes a file of kind "gaussian-policy". @throws std::runtime_error with the file.
+  /// Writes a file of kind "gaussian-policy". @throws std::runtime_error naming the file.
   void Save(const std::filesystem::path& path) const;
-  /// @throws std::runtime_error with the file and the problem.
+  /// @throws std::runtime_error naming the file and the problem.
   static GaussianPolicy Load(const std::filesystem::path& path);
 
  private:

@@ -110,7 +110,7 @@ class Mlp {
 
   /// Appends sizes and parameters. A reader restores them bit for bit.
   void Save(core::ArchiveWriter& archive) const;
-  /// @throws std::runtime_error with the file if the data are not a valid network.
+  /// @throws std::runtime_error naming the file if the data are not a valid network.
   static Mlp Load(core::ArchiveReader& archive);
 
  private:

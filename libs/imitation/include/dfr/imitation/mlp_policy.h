@@ -46,9 +46,9 @@ class MlpPolicy final : public core::Policy {
   [[nodiscard]] const Mlp& mlp() const noexcept { return mlp_; }
   [[nodiscard]] const Eigen::VectorXd& control_limit() const noexcept { return control_limit_; }
 
-  /// Writes a file of kind "mlp-policy". @throws std::runtime_error with the file.
+  /// Writes a file of kind "mlp-policy". @throws std::runtime_error naming the file.
   void Save(const std::filesystem::path& path) const;
-  /// @throws std::runtime_error with the file and the problem.
+  /// @throws std::runtime_error naming the file and the problem.
   static MlpPolicy Load(const std::filesystem::path& path);
 
   /// Appends the policy to another file.

@@ -12,7 +12,7 @@ namespace dfr::imitation {
 /// output `u` (rows x control_dim), within 1e-12 of Control(). The graph includes features,
 /// whitening and control limits. For a non-finite state, Control() gives NaN in all entries; an
 /// ONNX runtime may give numbers.
-/// @throws std::runtime_error with the file and the system's message.
+/// @throws std::runtime_error naming the file and the system's message.
 void ExportOnnx(const MlpPolicy& policy, const std::filesystem::path& path);
 
 /// Appends the computation to a larger graph. Takes the name of x and returns the name of u.

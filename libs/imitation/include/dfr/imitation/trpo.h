@@ -89,7 +89,7 @@ class Trpo {
 
   /// Continues from a checkpoint as if never interrupted, to the last bit. The environment may
   /// differ but must have the same layout, for example to continue on a harder task.
-  /// @throws std::runtime_error with the file and the problem.
+  /// @throws std::runtime_error naming the file and the problem.
   static Trpo Resume(Environment& environment, const std::filesystem::path& checkpoint);
 
   Trpo(Trpo&&) noexcept;
@@ -108,7 +108,7 @@ class Trpo {
   [[nodiscard]] std::int64_t steps() const noexcept;  ///< Number of controls applied so far.
   [[nodiscard]] const TrpoOptions& options() const noexcept;
 
-  /// Writes a checkpoint. @throws std::runtime_error with the file.
+  /// Writes a checkpoint. @throws std::runtime_error naming the file.
   void Save(const std::filesystem::path& checkpoint) const;
 
  private:

@@ -35,7 +35,7 @@ class Whitening {
   [[nodiscard]] core::Matrix Apply(const core::Matrix& samples) const;
 
   void Save(core::ArchiveWriter& archive) const;
-  /// @throws std::runtime_error with the file.
+  /// @throws std::runtime_error naming the file.
   static Whitening Load(core::ArchiveReader& archive);
 
  private:

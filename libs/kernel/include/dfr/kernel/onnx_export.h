@@ -14,7 +14,7 @@ namespace dfr::kernel {
 // -infinity; every comparison with NaN is false.
 
 /// Writes a graph with input `x` (rows x state_dim) and output `g` (rows).
-/// @throws std::runtime_error with the file and the system's message.
+/// @throws std::runtime_error naming the file and the system's message.
 void ExportOnnx(const OneClassSvm& svm, const std::filesystem::path& path);
 
 /// Writes a graph with inputs `t` (rows, int64) and `x` (rows x state_dim) and output `g` (rows).

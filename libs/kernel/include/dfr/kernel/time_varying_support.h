@@ -51,9 +51,9 @@ class TimeVaryingSupport final : public core::LogDecisionFunction {
   explicit TimeVaryingSupport(std::vector<OneClassSvm> estimates);
 
   /// Writes all estimates, bit for bit, to a file in this project's format. @throws
-  /// std::runtime_error with the file and the system's message.
+  /// std::runtime_error naming the file and the system's message.
   void Save(const std::filesystem::path& path) const;
-  /// @throws std::runtime_error with the file and the problem.
+  /// @throws std::runtime_error naming the file and the problem.
   static TimeVaryingSupport Load(const std::filesystem::path& path);
 
   [[nodiscard]] int state_dim() const noexcept override;

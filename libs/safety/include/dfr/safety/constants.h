@@ -82,11 +82,12 @@ inline constexpr double kMostOvershoot = 5.0;
 inline constexpr double kLeastReach = 0.9;
 inline constexpr double kUnlikely = 0.01;
 inline constexpr double kLeastDrift = 0.2;
-/// Smallest fraction of the features' changes that the response must explain. With a smaller one,
-/// corrections are unreliable.
+/// Smallest fraction of the features' changes that the response must explain. With a smaller
+/// fraction, corrections are unreliable.
 inline constexpr double kLeastResponse = 0.5;
-/// An action of another step counts as the cause of a feature's change if it explains more than the
-/// recorded action, by at least this fraction of the change that the state does not determine.
+/// An action of another step counts as the cause of a feature's change if it explains more of the
+/// change than the recorded action does. The difference must be at least this fraction of the part
+/// that the state does not determine.
 inline constexpr double kLagGain = 0.3;
 /// Maximum deviation from uniform motion of an entry that advances like a clock, as a fraction of
 /// its variance.

@@ -52,8 +52,9 @@ class ActionAnalysis {
   void AddHistory(const Trajectory& episode);
   /// Returns true for state entries that repeat an action which moves another entry.
   [[nodiscard]] std::vector<bool> FindPastActions() const;
-  /// Returns the share of the variance of each entry's change that action entry `k` explains, of
-  /// what the other entries leave: those of u(t - lag), or of u(t - lag) - u(t - lag - 1).
+  /// Returns, for each state entry, the share of the variance of its change that action entry `k`
+  /// explains, out of the variance that the other action entries leave. Uses the actions u(t -
+  /// lag), or u(t - lag) - u(t - lag - 1) if `difference`.
   [[nodiscard]] Eigen::VectorXd ExplainedBy(Eigen::Index k, Eigen::Index lag,
                                             bool difference) const;
 

@@ -39,8 +39,8 @@ struct Rotation {
   std::array<double, 4> reference = {};  ///< Mean orientation of a kQuaternion.
   double centre = 0.0;                   ///< Middle of the branch of a kAngle.
 
-  /// Returns true if MapOf() makes the rotation continuous: by selecting a branch, or for an angle
-  /// also by cosine and sine.
+  /// Returns true if MapOf() makes the rotation continuous: by selecting a branch or, for an angle,
+  /// by using its cosine and sine.
   [[nodiscard]] bool mapped() const noexcept { return continuous || kind == Kind::kAngle; }
 };
 

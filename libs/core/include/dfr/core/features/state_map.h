@@ -45,7 +45,7 @@ class StateMap {
   /// Appends the map to a file.
   void Save(ArchiveWriter& archive) const;
   /// Reads the data of Save() for states of `state_dim` entries.
-  /// @throws std::runtime_error with the file and the problem.
+  /// @throws std::runtime_error naming the file and the problem.
   static StateMap Load(ArchiveReader& archive, int state_dim);
 
   [[nodiscard]] bool empty() const noexcept {

@@ -29,7 +29,7 @@ class ArchiveWriter {
   void MatrixBlock(const Matrix& values);
 
   /// Writes the file as an AtomicFile: a full disk or a kill leaves the previous file intact.
-  /// @throws std::runtime_error with the file and the system's message.
+  /// @throws std::runtime_error naming the file and the system's message.
   void Save(const std::filesystem::path& path) const;
 
  private:
@@ -37,7 +37,7 @@ class ArchiveWriter {
 };
 
 /// Reads files of ArchiveWriter. The constructor checks the whole file before any value is
-/// returned. Every call throws std::runtime_error with the file and the reason if the file is
+/// returned. Every call throws std::runtime_error naming the file and the reason if the file is
 /// missing, truncated, damaged, of another kind or version, or holds a value other than the
 /// requested one.
 class ArchiveReader {
@@ -63,7 +63,7 @@ class ArchiveReader {
   /// message.
   void Spend(std::uint64_t count, std::uint64_t bytes_each, const char* what);
 
-  /// Throws std::runtime_error with the file and `reason`, for a value that is invalid.
+  /// Throws std::runtime_error naming the file and `reason`, for a value that is invalid.
   [[noreturn]] void Fail(const std::string& reason) const;
 
  private:

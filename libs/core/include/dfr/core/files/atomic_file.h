@@ -16,7 +16,7 @@ namespace dfr::core {
 /// exist gets 0666 without the bits of the umask. A file without write permission is not replaced.
 /// Other hard links to the file keep the old content.
 ///
-/// All functions throw std::runtime_error with the file and the system's message.
+/// All functions throw std::runtime_error naming the file and the system's message.
 class AtomicFile {
  public:
   /// @param ending  ending of the temporary file's name, by which some libraries choose a format.

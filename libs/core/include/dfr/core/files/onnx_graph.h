@@ -56,7 +56,7 @@ class OnnxGraph {
 
   /// Returns the content of the file.
   [[nodiscard]] std::string Serialize() const;
-  /// Writes the file as an AtomicFile. @throws std::runtime_error with the file and the system's
+  /// Writes the file as an AtomicFile. @throws std::runtime_error naming the file and the system's
   /// message.
   void Save(const std::filesystem::path& path) const;
 

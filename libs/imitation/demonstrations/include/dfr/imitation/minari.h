@@ -17,7 +17,7 @@ namespace dfr::imitation {
 // dfr adds attributes that other readers ignore: `outcome` of each episode and `offset` of each
 // dataset in a group of observations (its position in the state).
 //
-// The functions below throw std::runtime_error with file, episode, dataset and reason. libhdf5
+// The functions below throw std::runtime_error naming file, episode, dataset and reason. libhdf5
 // reads in a separate process and writes in this one, as for robomimic's files.
 
 /// Writes episodes one at a time. Flushes each episode, then counts it in metadata.json. A kill

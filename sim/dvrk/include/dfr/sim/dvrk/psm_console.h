@@ -128,7 +128,8 @@ class PsmConsole {
 
   /// Returns the console's messages since the last call.
   [[nodiscard]] std::vector<ConsoleMessage> TakeMessages();
-  /// Returns the results of the moves that ended since the last call: true if at the goal.
+  /// Returns the results of the moves that ended since the last call: true if the move reached its
+  /// goal.
   [[nodiscard]] std::vector<bool> TakeGoals();
 
  private:
