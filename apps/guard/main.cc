@@ -181,7 +181,7 @@ void AddReport(CLI::App& app) {
   AddGuard(*command, options->guard);
   AddDemonstrations(*command, *options);
   command->add_option("--failures", options->failures,
-                      "episodes that failed: adds how long before their end alarms occur");
+                      "episodes that failed: adds the time from their first alarm to their end");
   core::WritesFile(command->add_option("-o,--out", options->out, "file of the page"))
       ->capture_default_str();
   command->callback([options] { RunReport(*options); });

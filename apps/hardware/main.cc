@@ -58,9 +58,8 @@ int Main(int argc, char** argv) {
                          "Run an emergency stop at the keyboard; the robot also stops "
                          "if this program ends. Never use it as the only stop");
   AddNetwork(*command, stop.network);
-  command->add_flag(
-      "--unattended", stop.unattended,
-      "run without an operator: only reports that nothing is pressed, for simulations");
+  command->add_flag("--unattended", stop.unattended,
+                    "run without an operator, for simulations: the button is never pressed");
   command->callback([&, command] {
     CheckNetwork(*command, stop.network);
     RunEmergencyStop(stop);

@@ -29,7 +29,8 @@ void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed
       ->check(CLI::Range(0.0, 100.0))
       ->capture_default_str();
   command
-      .add_option("--noise", plant.endoscope.noise, "standard deviation of the image noise, of 255")
+      .add_option("--noise", plant.endoscope.noise,
+                  "standard deviation of the image noise, in levels of 255")
       ->check(CLI::Range(0.0, 255.0))
       ->capture_default_str();
   command
@@ -210,7 +211,7 @@ void AddReplay(CLI::App& app, ReplayOptions& options) {
       *app.add_subcommand("replay", "Repeat the decisions of a log, and print the differences");
   command.add_option("LOG", options.recording, "log of a run: .mcap")->required();
   command.add_option("--model", options.model,
-                     "folder written by fit (default: the one named by the log)");
+                     "folder written by fit (default: the folder named by the log)");
   command.callback([&options] { RunReplay(options); });
 }
 

@@ -314,9 +314,9 @@ int Main(int argc, char** argv) {
                       "states noisy 2 %", "10 demonstrations", "20 demonstrations",
                       "40 demonstrations"};
   auto* drift_command = app.add_subcommand(
-      "drift", "Run experiment also under disturbances and after few demonstrations");
+      "drift", "Run the experiment also under disturbances and with few demonstrations");
   auto* ablate = app.add_subcommand(
-      "ablate", "Run experiment with each part of the controller off, one at a time");
+      "ablate", "Run the experiment without each part of the controller, one at a time");
   Study ablated = plane;
   AddChoices(*ablate, ablated);
   ablate->add_option("--seed", ablated.seed)->capture_default_str();
@@ -347,8 +347,8 @@ int Main(int argc, char** argv) {
       "Compare two methods from the same start states until their difference is significant");
   Comparison comparison;
   AddOptions(*compare, comparison);
-  auto* power_command =
-      app.add_subcommand("power", "Compute the number of episodes that a question needs");
+  auto* power_command = app.add_subcommand(
+      "power", "Compute the number of episodes that a comparison or a bound needs");
   Power power;
   AddOptions(*power_command, power);
   Study shown = Study::OfGuards();

@@ -352,7 +352,7 @@ int Main(int argc, char** argv) {
   std::vector<std::string> only;
   app.add_option("--trials", trials, "trials of each fault")->capture_default_str();
   app.add_option("--only", only, "only these faults, separated by commas")->delimiter(',');
-  app.add_option("--seed", seed, "seed of the moments of the faults")->capture_default_str();
+  app.add_option("--seed", seed, "random seed of the times of the faults")->capture_default_str();
   app.add_option("--domain", domain, "DDS domain that no other program uses")
       ->capture_default_str();
   app.add_option("--image-age", image_age_s,

@@ -126,7 +126,8 @@ TEST_F(BringUpTest, AnArmThatIsHomedElsewhereIsNotHomed) {
 
 TEST_F(BringUpTest, PowersUpOnlyAfterOthersAreAccepted) {
   options_.accepts_others = [] { return false; };
-  EXPECT_EQ(Refusal(Answers(9)), "others can command PSM1, and the operator did not accept them");
+  EXPECT_EQ(Refusal(Answers(9)),
+            "other participants can command PSM1, and the operator did not accept them");
   EXPECT_EQ(words_, std::vector<std::string>());
   EXPECT_EQ(robot_.arm.homings, 0);
 }

@@ -25,7 +25,7 @@ void BringUpArm(const BringUpOptions& robot, const Say& say, const Confirms& con
     static_cast<void>(loop.Clear());
   }
   if (robot.accepts_others && !robot.accepts_others()) {
-    throw std::runtime_error("others can command " + robot.name +
+    throw std::runtime_error("other participants can command " + robot.name +
                              ", and the operator did not accept them");
   }
   if (!robot.arm->needs_homing()) return;

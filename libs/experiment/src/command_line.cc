@@ -150,7 +150,7 @@ std::string TextOf(const toml::node& node) {
   if (const auto* truth = node.as_boolean()) return truth->get() ? "true" : "false";
   if (const auto* whole = node.as_integer()) return std::to_string(whole->get());
   if (const auto* number = node.as_floating_point()) return Exactly(number->get());
-  throw std::invalid_argument("must be a text, a number, true, false, or a list of these");
+  throw std::invalid_argument("must be a string, a number, true, false, or a list of these");
 }
 
 // Reads a configuration. @throws std::runtime_error naming file and line.
@@ -308,13 +308,13 @@ auto Checked(Parser parse, const std::string& text) {
 void Add(CLI::App& app, Added& added, const std::vector<std::string>& film_endings) {
   added.merge = app.add_subcommand("merge", "Merge shards into one ledger, summary and report");
   added.merge
-      ->add_option("folders", added.folders, "folders of shards, or folders that contain some")
+      ->add_option("folders", added.folders, "folders of shards, or folders that contain shards")
       ->required();
   core::WritesFolder(added.merge->add_option("--out", added.out, "folder for the merged run"))
       ->required();
   added.status = app.add_subcommand("status", "Print the progress of runs");
   added.status
-      ->add_option("folders", added.folders, "folders of runs, or folders that contain some")
+      ->add_option("folders", added.folders, "folders of runs, or folders that contain runs")
       ->required();
   added.status->add_flag("--json", added.json, "print JSON");
   added.episodes = app.add_subcommand("episodes", "List the ids of episodes, worst first");
@@ -344,7 +344,7 @@ void Add(CLI::App& app, Added& added, const std::vector<std::string>& film_endin
   added.rerun->add_option("episode", added.again.episode, "id that the command episodes prints")
       ->required()
       ->check([](const std::string& id) { return id.empty() ? "'' is no episode's id" : ""; });
-  added.rerun->add_option("--methods", added.again.methods, "methods of that run to compare with")
+  added.rerun->add_option("--methods", added.again.methods, "methods of the run to compare with")
       ->delimiter(',');
   core::WritesFile(
       added.rerun->add_option("--film", added.again.film,

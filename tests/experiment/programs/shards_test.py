@@ -130,7 +130,7 @@ class ShardsTest(unittest.TestCase):
         for text, says in [("[experiment]\nseed = 1\ngama = 5\n", "c.toml:3: experiment has no option 'gama'"),
                            ("seed = 1\n", "c.toml:1: 'seed' is not the table of a command"),
                            ("[experiment]\n\ntrials = \"many\"\n", "c.toml:3: "),
-                           ("[experiment]\ntrials = [[1]]\n", "c.toml:2: 'trials' must be a text"),
+                           ("[experiment]\ntrials = [[1]]\n", "c.toml:2: 'trials' must be a string"),
                            ("[experiment]\ntrials = 1979-05-27\n", "c.toml:2: there must be a value"),
                            ("[experiment]\ntrials = \n", "c.toml:2"),
                            ("[grid]\ngamma = [1]\n", "has no table [experiment]")]:
