@@ -110,8 +110,8 @@ TEST(MlpTest, BackwardIsTheGradientInTheParameters) {
       moved[i] = theta[i] - kStep;
       mlp.SetParameters(moved);
       const double below = Loss(mlp, x, weights);
-      // Errors of central differences: step^2 times a third derivative of about 10, and rounding /
-      // step.
+      // The tolerance covers both errors of a central difference: the square of the step times a
+      // third derivative of about 10, and the rounding error over the step.
       ASSERT_NEAR(gradient[i], (above - below) / (2.0 * kStep), 2e-8) << "parameter " << i;
     }
   }

@@ -272,7 +272,7 @@ TEST_F(RobotFromNothingSystemTest, CalibratesDemonstratesFitsAndRuns) {
         surgeon->Lead(surgeon->at() + Eigen::Vector3d(0.0005, -0.5 * off, 0.0), 0.006);
         if (program.Shown().find("1 of 1") != std::string::npos) break;
       }
-      done = program.Await({"1 of 1", "it is discarded"}, kEpisode) == 0;
+      done = program.Await({"1 of 1", "the demonstration is discarded"}, kEpisode) == 0;
     }
     ASSERT_TRUE(done) << program.Shown();
     EXPECT_EQ(program.End(), 0);

@@ -103,8 +103,8 @@ TEST(LineTrackingPlantTest, ControlsBeyondTheArmsReachAreRefused) {
   EXPECT_FALSE(plant.MoveTip({std::nan(""), 0.0, 0.0}));
 }
 
-// If the disturbance acts during controls, time passes with travel. If it acts between controls,
-// time passes with their number.
+// A disturbance during controls advances with the travel, and a disturbance between controls
+// advances with the number of controls.
 TEST(LineTrackingPlantTest, DisturbanceActsDuringOrBetweenControlsAsConfigured) {
   const auto gauze_moves = [](bool during, bool between, double u) {
     LineTrackingOptions options = Truth(Wave::kSine);

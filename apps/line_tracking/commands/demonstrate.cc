@@ -82,9 +82,9 @@ std::optional<core::Trajectory> RecordDemonstration(RobotPlant& plant,
   try {
     trajectory =
         options.teleoperation ? Follow(plant, options.steps) : Drive(plant, options.steps, seed);
-    if (!trajectory) printer.Say("  not completed: it is discarded\n");
+    if (!trajectory) printer.Say("  not completed: the demonstration is discarded\n");
   } catch (const std::runtime_error& e) {
-    printer.Say("  %s: it is discarded\n", e.what());
+    printer.Say("  %s: the demonstration is discarded\n", e.what());
   }
   if (!options.teleoperation) plant.Halt();
   if (trajectory && !trajectory->states.allFinite()) trajectory.reset();

@@ -115,7 +115,8 @@ void CheckProvenance(const RobotConfig& config, const std::filesystem::path& fil
 
 /// Checks that `calibration` matches the intrinsics named by the configuration, if any: the same
 /// size, and focal lengths and principal point within 5 %.
-/// @throws std::runtime_error naming both files and the difference; as hardware::ReadIntrinsics().
+/// @throws std::runtime_error naming both files and the difference; what
+/// hardware::ReadIntrinsics() throws.
 void CheckCamera(const RobotConfig& config, const line_task::LineCalibration& calibration);
 
 }  // namespace dfr::apps::line_tracking

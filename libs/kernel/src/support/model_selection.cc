@@ -109,8 +109,8 @@ struct Tally {
 };
 
 // Returns the smallest k with P(Beta(k, n + 1 - k) >= 1 - alpha) >= confidence; n + 1 if there is
-// none. This probability equals that of at most k - 1 successes in n trials with probability 1 -
-// alpha each.
+// none. The left side is the probability of at most k - 1 successes in n trials, each of which
+// succeeds with probability 1 - alpha.
 double ToleranceRank(double n, double alpha, double confidence) {
   double sum = 0.0;
   for (double k = 0.0; k < n; ++k) {

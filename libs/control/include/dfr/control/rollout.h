@@ -61,7 +61,8 @@ struct RolloutEvent {
   bool completed = false;
 };
 
-/// Observes a rollout, for videos, logs and convergence curves. Its time is not counted.
+/// Observes a rollout, for videos, logs and convergence curves. RolloutResult does not
+/// count the time that the observer takes.
 class RolloutObserver {
  public:
   virtual ~RolloutObserver() = default;

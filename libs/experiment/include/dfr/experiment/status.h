@@ -38,7 +38,8 @@ struct Status {
 /// run of the tasks beside it. The rate is the number of finished units divided by the time from
 /// the start of the first to the end of the last.
 /// @returns at least one status.
-/// @throws std::runtime_error naming a folder with neither ledgers nor logs; as ReadLedger().
+/// @throws std::runtime_error naming a folder with neither ledgers nor logs; what ReadLedger()
+///   throws.
 [[nodiscard]] std::vector<Status> StatusesOf(const std::vector<std::filesystem::path>& folders);
 
 /// Formats the statuses for a terminal. For several runs, the first line adds them up.

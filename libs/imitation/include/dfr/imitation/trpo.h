@@ -34,7 +34,7 @@ class Environment {
   virtual StepResult Step(std::span<const double> control) = 0;
 };
 
-/// Options of Trpo. Defaults are the Pusher's.
+/// Options of Trpo. The defaults are the values that the Pusher uses.
 struct TrpoOptions {
   std::vector<int> hidden = {64, 64};         ///< Tanh units per hidden layer of the policy.
   std::vector<int> critic_hidden = {64, 64};  ///< Tanh units per hidden layer of the critic.

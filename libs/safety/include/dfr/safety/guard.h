@@ -35,7 +35,8 @@ struct Verdict {
   /// True if the action differs from the policy's.
   bool changed = false;
   /// Euclidean norm of the difference from the policy's action, over steered entries in units in
-  /// which an ordinary demonstrated action has length 1 (ActionSpace). NaN if either is invalid.
+  /// which an ordinary demonstrated action has length 1 (ActionSpace). NaN if one of the two
+  /// actions is invalid.
   double change = 0.0;
   /// Strategy kCertified: under its assumptions, the next state raises no alarm.
   bool certified = false;
