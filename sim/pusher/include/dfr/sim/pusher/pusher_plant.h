@@ -27,7 +27,7 @@ enum class PusherPhysics {
 
 [[nodiscard]] std::string_view Name(PusherPhysics physics) noexcept;
 
-/// Options for PusherPlant. Defaults are the experiment's scene. Metres.
+/// Options for PusherPlant. Defaults are the experiment's scene. Lengths are in metres.
 struct PusherOptions {
   Gripper gripper = Gripper::kBar;
   /// The red regions are at y = +-red_y; in (0.1, 0.3], because the cylinder has to fit between
