@@ -65,6 +65,8 @@ std::map<std::string, double> InTheCode() {
           {"TransitionStore::kSpread", control::TransitionStore::kSpread},
           {"guided::kMostLeft", control::guided::kMostLeft},
           {"guided::kSlackQuantile", control::guided::kSlackQuantile},
+          {"guided::kMostError", control::guided::kMostError},
+          {"guided::kNoiseRidge", control::guided::kNoiseRidge},
           {"guided::kWeightFloor", control::guided::kWeightFloor},
           {"guided::kDemonstratedRidge", control::guided::kDemonstratedRidge},
           {"guided::kMostWorse", control::guided::kMostWorse},

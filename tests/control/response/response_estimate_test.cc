@@ -121,6 +121,39 @@ TEST(ResponseEstimateTest, EarlierControlsDoNotHideADemonstratedChangeOfTheRespo
   EXPECT_LT(std::abs(fit.jacobian()(1, 1)), 0.1);
 }
 
+// Demonstrations use the first control entry alone, and only the first feature ever changes. In
+// this episode the second entry has an effect of three ordinary changes, or none while a sensor
+// adds noise of ten ordinary changes to the second feature.
+TEST(ResponseEstimateTest, LearnsTheEffectOfAnUndemonstratedControlAndNotTheNoiseOfASensor) {
+  core::Random random(12);
+  const auto d = Simulate(
+      10, 20, 2, 2, [](int, auto z) { z.setZero(); },
+      [&](int, const auto& z, auto v, auto next) {
+        v << (random.Uniform(0.0, 1.0) < 0.5 ? -1.0 : 1.0), 0.0;
+        next = z + v;
+      });
+  const auto prior = Store(d);
+  EXPECT_NEAR(prior->mean_square_change(), 1.0, 1e-12);
+  const std::vector<double> z(2, 0.0);
+  // Returns the estimated effect of the second entry on the second feature after 12 controls.
+  const auto learned = [&](double effect, double noise) {
+    ResponseEstimate estimate(prior, {}, kDrift);
+    LocalFit fit = estimate.FitAt(0, z);
+    for (int t = 0; t < 12; ++t) {
+      const Eigen::Vector2d v(1.0, t % 2 == 0 ? 0.5 : -0.5);
+      const Eigen::Vector2d dz(v[0], effect * v[1] + noise * random.Normal());
+      estimate.Update(fit, core::AsSpan(v), core::AsSpan(dz));
+      estimate.FitAt(0, z, fit);
+    }
+    return fit.jacobian()(1, 1);
+  };
+  EXPECT_NEAR(learned(3.0, 0.0), 3.0, 0.1);
+  double square = 0.0;
+  for (int i = 0; i < 40; ++i) square += std::pow(learned(0.0, 10.0), 2);
+  // Least squares with the ridge alone has the variance 100 / sum v^2, about 50.
+  EXPECT_LT(square / 40.0, 0.1);
+}
+
 // Reset() leaves the state of a new estimate, to the last bit.
 TEST(ResponseEstimateTest, ResetRemovesTheLastEpisode) {
   core::Random random(12);

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "dfr/control/constants.h"
 #include "dfr/core/contract.h"
 #include "small_system.h"
 
@@ -64,7 +65,7 @@ ResponseEstimate::ResponseEstimate(std::shared_ptr<const TransitionStore> prior,
   const int rows = drift_rows_ + (disturbance_model.active() ? 1 : 0) + prior_->control_dim();
   a_online_ = Eigen::MatrixXd::Zero(rows, rows);
   b_online_ = core::Matrix::Zero(rows, n);
-  center_ = error_ = Eigen::VectorXd::Zero(n);
+  center_ = error_ = effect_ = Eigen::VectorXd::Zero(n);
   regressor_ = Eigen::VectorXd::Zero(rows);
 }
 
@@ -82,6 +83,7 @@ void ResponseEstimate::Reset() noexcept {
   a_online_.setZero();
   b_online_.setZero();
   center_.setZero();
+  square_error_ = num_errors_ = 0.0;
 }
 
 void ResponseEstimate::Update(const LocalFit& fit, std::span<const double> z,
@@ -105,10 +107,21 @@ void ResponseEstimate::Update(const LocalFit& fit, std::span<const double> z,
                                internal::Part(error_.data(), i, effect) -= effect;
                              });
   const double keep = prior_->options().forgetting;
+  effect_.setZero();
+  fit.AddEffect(core::AsVector(v), duration, effect_);
+  effect_ = core::AsVector(dz) - effect_;
+  square_error_ = keep * square_error_ + std::min(error_.squaredNorm(), effect_.squaredNorm());
+  num_errors_ = keep * num_errors_ + 1.0;
   a_online_ *= keep;
   b_online_ *= keep;
   a_online_.noalias() += weight * regressor_.lazyProduct(regressor_.transpose());
   b_online_.noalias() += weight * regressor_.lazyProduct(error_.transpose());
+}
+
+double ResponseEstimate::NoiseRidge() const noexcept {
+  const double change = num_errors_ * prior_->mean_square_change();
+  if (!(square_error_ > guided::kMostError * change) || change == 0.0) return 0.0;
+  return guided::kNoiseRidge * (square_error_ / change - guided::kMostError);
 }
 
 void ResponseEstimate::AddDemonstrations(LocalFit& fit) const noexcept {
@@ -153,6 +166,7 @@ void ResponseEstimate::FitAt(int t, std::span<const double> z, LocalFit& fit) co
   } else {
     fit.a_ += a_online_;
   }
+  fit.a_.diagonal().tail(prior_->control_dim()).array() += NoiseRidge();
   fit.factor_ = fit.a_;
   internal::Factor(fit.factor_);
   // Slopes have no effect at z.

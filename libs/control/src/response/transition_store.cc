@@ -116,8 +116,12 @@ void TransitionStore::Finish() {
   points_.setZero(transitions_.rows() + Eigen::Index{internal::kPadding}, feature_dim_);
   points_.topRows(transitions_.rows()) = transitions_.leftCols(feature_dim_);
   const core::Matrix from = transitions_.leftCols(feature_dim_).cast<double>();
-  const core::Matrix to =
-      from + transitions_.middleCols(feature_dim_ + 1 + control_dim_, feature_dim_).cast<double>();
+  const core::Matrix changes =
+      transitions_.middleCols(feature_dim_ + 1 + control_dim_, feature_dim_).cast<double>();
+  const core::Matrix to = from + changes;
+  if (changes.rows() > 0) {
+    mean_square_change_ = changes.squaredNorm() / static_cast<double>(changes.rows());
+  }
   lowest_ = highest_ = Eigen::VectorXd::Zero(feature_dim_);
   if (from.rows() > 0) {
     lowest_ = from.colwise().minCoeff().cwiseMin(to.colwise().minCoeff());

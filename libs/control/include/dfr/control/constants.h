@@ -29,6 +29,13 @@ inline constexpr double kLeastProbe = 0.5;
 /// equally.
 inline constexpr double kWeightFloor = 1e-6;
 
+/// ResponseEstimate: mean square error, in units of the mean square demonstrated change, up to which
+/// another response may explain it. A control of ordinary size whose response is three times that
+/// of the demonstrations has the error 4. The excess is noise of sensors, and adds kNoiseRidge
+/// times itself to the ridge of J.
+inline constexpr double kMostError = 4.0;
+inline constexpr double kNoiseRidge = 3.0;
+
 /// LocalFit::NominalControl(): ridge of the slopes per unit of weight. The control then does not
 /// depend on directions in which states barely differ.
 inline constexpr double kDemonstratedRidge = 0.1;

@@ -23,6 +23,10 @@ namespace dfr::control {
 /// the response before the contact. The ridges of the drift exceed that of J, so a change that both
 /// explain is attributed to controls.
 ///
+/// Large errors of both predictions, D' w and that of the fit, are noise of sensors. They add to
+/// the ridge of J in A. Otherwise J of a control that demonstrations rarely contain would follow
+/// noise.
+///
 /// With a disturbance model, w has one more entry, the duration s of the control. It separates the
 /// disturbance d from the response to controls. For demonstrations s = 0.
 ///
@@ -56,6 +60,8 @@ class ResponseEstimate {
   }
 
  private:
+  /// Returns the ridge that noise of sensors adds to that of J.
+  [[nodiscard]] double NoiseRidge() const noexcept;
   /// Adds A_demo to A and B_demo to D of `fit`.
   void AddDemonstrations(LocalFit& fit) const noexcept;
 
@@ -68,7 +74,10 @@ class ResponseEstimate {
   core::Matrix b_online_;   ///< E_on
   Eigen::VectorXd center_;  ///< z at which A_on and E_on are centred.
   Eigen::VectorXd regressor_;
-  Eigen::VectorXd error_;  ///< n
+  Eigen::VectorXd error_;      ///< n
+  Eigen::VectorXd effect_;     ///< n
+  double square_error_ = 0.0;  ///< Sum of the smaller squared errors, with forgetting.
+  double num_errors_ = 0.0;    ///< Number of its terms, with forgetting.
 };
 
 }  // namespace dfr::control

@@ -56,6 +56,8 @@ class TransitionStore {
   [[nodiscard]] int control_dim() const noexcept { return control_dim_; }
   [[nodiscard]] int context_dim() const noexcept { return static_cast<int>(contexts_.cols()); }
   [[nodiscard]] const ResponseOptions& options() const noexcept { return options_; }
+  /// Returns the mean of |dz|^2 over all transitions, or 0 if there are none.
+  [[nodiscard]] double mean_square_change() const noexcept { return mean_square_change_; }
 
   /// Returns true if sums at `z` do not overflow in float. They overflow only if |z| exceeds 1e18.
   /// FitAt() cannot use demonstrations there.
@@ -113,7 +115,7 @@ class TransitionStore {
   [[nodiscard]] std::pair<int, int> Near(int t) const noexcept;
   /// Returns the number of entries of a row of transitions_.
   [[nodiscard]] int Width() const noexcept;
-  /// Fills points_, largest_ and the box from transitions_ and begin_.
+  /// Fills points_, largest_, mean_square_change_ and the box from transitions_ and begin_.
   void Finish();
 
   ResponseOptions options_;
@@ -121,7 +123,8 @@ class TransitionStore {
   int control_dim_ = 0;
   std::vector<int> begin_;    ///< First row of time step t; one more entry at the end.
   Eigen::MatrixXf contexts_;  ///< One row per transition.
-  int largest_ = 0;           ///< Maximum number of transitions in Near().
+  double mean_square_change_ = 0.0;
+  int largest_ = 0;  ///< Maximum number of transitions in Near().
   /// [z, 1, v, dz] of each transition in order of time, padded with zeros. In float, because sums
   /// over transitions take most of the time.
   Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> transitions_;
