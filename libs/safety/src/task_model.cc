@@ -17,7 +17,7 @@ constexpr int kTaskVersion = 3;
 constexpr std::string_view kTaskFile = "task.dfr";
 constexpr std::string_view kSupportFile = "support.dfr";
 constexpr int kMostHorizon = 1'000'000;
-// More than any task has, and few enough to detect a damaged count.
+// Limit that no task reaches. A larger count in a file is damaged.
 constexpr int kMostSteps = 1'000'000;
 
 kernel::WhitenedSupport LoadSupport(core::ArchiveReader& archive, bool single_precision) {

@@ -72,7 +72,7 @@ class Pooled : public core::LogDecisionFunction {
   }
 
   // Returns l_t, and writes its gradient unless `gradient` is empty. Leaves out the states of
-  // demonstration `without`; -1: of none. Before q_ is fitted, it has a provisional value.
+  // demonstration `without`, or none for -1. Before q_ is fitted, it has a provisional value.
   virtual double Level(std::size_t t, std::span<const double> z, std::span<double> gradient,
                        Eigen::Index without) const noexcept = 0;
 
@@ -160,7 +160,7 @@ class Density final : public Pooled {
   [[nodiscard]] double lipschitz_bound(int /*t*/) const noexcept override {
     return std::numeric_limits<double>::infinity();
   }
-  // The Hessian of the log of a mixture is bounded below by that of its Gaussians.
+  // The log of a mixture curves downwards at most as much as the log of one of its Gaussians.
   [[nodiscard]] double curvature_bound(int /*t*/) const noexcept override {
     return 0.5 / (width_ * width_);
   }

@@ -97,7 +97,7 @@ double Certifier::ReducedStepFraction(const LocalModel& model, int phase,
   return best;
 }
 
-// Changes `v` by minimal ascent steps until it provably ends inside `phase`. Returns true if so.
+// Changes `v` by minimal ascent steps. Returns true once it provably ends inside `phase`.
 bool Certifier::Project(const LocalModel& model, const StepLimits& limits, int phase,
                         Eigen::VectorXd& v) const noexcept {
   PredictedLevel there = model.Predict(phase, v);

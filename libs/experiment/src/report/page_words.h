@@ -24,7 +24,7 @@ class PageWords {
   [[nodiscard]] std::string ColourOf(const std::string& method) const;
   [[nodiscard]] static std::string Percent(double value, int digits);
   [[nodiscard]] static std::string Range(double low, double high, int digits);
-  /// Formats the change of collisions, negative if there are fewer.
+  /// Formats the change of the number of collisions, negative for fewer collisions.
   [[nodiscard]] static std::string Change(const std::optional<double>& reduction);
   [[nodiscard]] static std::string Times(const std::optional<double>& ratio);
   /// Formats the commands that print a number and the ids of its episodes, for element attributes.
@@ -32,7 +32,7 @@ class PageWords {
   [[nodiscard]] std::string Commands(const std::vector<EpisodeFilter>& filters) const;
   [[nodiscard]] static EpisodeFilter FilterOf(const Cell& cell,
                                               const std::vector<std::string>& outcomes = {});
-  /// Returns filters for the method's episodes, then for those of its reference.
+  /// Returns a filter for the method's episodes, then a filter for its reference's episodes.
   [[nodiscard]] static std::vector<EpisodeFilter> FiltersOf(
       const Contrast& contrast, const std::vector<std::string>& outcomes = {});
   /// Returns the filter for the start states from which only the method collides, or only its

@@ -159,7 +159,7 @@ struct Total {
   hn::Vec<Tag<T>> even;
   hn::Vec<Tag<T>> odd;
 
-  // Written out, because a generated constructor would not be compiled for the instruction set.
+  // Written out: a generated constructor would not be compiled for the instruction set.
   HWY_INLINE Total() : even(hn::Zero(Tag<T>())), odd(hn::Zero(Tag<T>())) {}
   template <class V>
   HWY_INLINE void Add(std::size_t j, V term) {

@@ -15,14 +15,14 @@ namespace dfr::kernel::internal {
                                           std::span<const double> weights, double gamma,
                                           std::span<const double> x) noexcept;
 
-/// Functions for the widest instruction set of this machine, or for the one set by ForceTarget().
+/// Functions for the instruction set of ForceTarget(), by default the widest of this machine.
 template <typename T>
 [[nodiscard]] GaussianFunctions<T> BestFunctions();
 template <typename T>
 [[nodiscard]] SumFunctions<T> BestSumFunctions();
 
-/// Computes the sum with SIMD for an `x` that terms.Scale() has scaled. The order of summation
-/// depends only on the number of terms and the instruction set.
+/// Returns the sum of all terms at an `x` that terms.Scale() has scaled, computed with SIMD. The
+/// order of summation depends only on the number of terms and the instruction set.
 /// Relative error of each term: 4e-16 + 2e-16 |exponent| in double, 3e-7 + 1e-7 |exponent| in
 /// float. In float, terms below the smallest normal number count as zero.
 template <typename T>

@@ -68,7 +68,7 @@ GaussianTerms<T>::GaussianTerms(const core::Matrix& points, const Extent& extent
       num_blocks((count + kLanes - 1) / kLanes),
       scale(std::sqrt(gamma * std::numbers::log2e)),
       // Centred coordinates are about as large as the relevant differences, which keeps the
-      // rounding of x' below that of the exponent.
+      // rounding error of x' below the error of the exponent.
       center(Center(points, extent, scale)),
       data(num_blocks * (dim + 1) * kLanes) {
   assert(weights.empty() || weights.size() == count);

@@ -27,7 +27,7 @@ struct SumFunctions {
   void (*sums)(const SumBlock<T>&, const T* x, std::size_t count, T* sums) = nullptr;
   T (*sum_shift)(const SumBlock<T>&, const T* x, T offset, T* shift) = nullptr;
   T (*largest)(const SumBlock<T>&, const T* x) = nullptr;
-  std::size_t together = 1;  ///< Blocks of kLanes terms that these functions evaluate together.
+  std::size_t together = 1;  ///< Number of blocks of kLanes terms evaluated together.
 };
 
 /// Number of blocks in the next group of a sum if `left` blocks are left.
@@ -36,8 +36,8 @@ constexpr std::size_t GroupBlocks(std::size_t together, std::size_t left) {
 }
 
 /// Constants of 2^e: the coefficients of 2^f on [0, 1), the highest power first, the least exponent
-/// of a normal number, and 1.5 * 2^mantissa bits, which moves an integer into the low bits. They
-/// are in a separate block of memory, which a cold decision can prefetch.
+/// of a normal number, and 1.5 * 2^(mantissa bits), which moves an integer into the low bits. They
+/// are in a separate block of memory, which a decision can prefetch into a cold cache.
 template <typename T>
 struct alignas(64) Exp2Constants {
   static constexpr std::size_t kDegree = sizeof(T) == 4 ? 5 : 10;

@@ -33,8 +33,8 @@ class SparseRows {
   [[nodiscard]] bool Has(std::size_t i) const { return rows_[i].groups != nullptr; }
   /// Returns true if a row of `count` groups fits without evicting another.
   [[nodiscard]] bool HasRoom(std::size_t count) const;
-  /// Reserves room for row i of `count` groups, which must be absent. The caller then calls
-  /// Write(). Does not evict row `keep`.
+  /// Reserves room for `count` groups of row i, which must not be in the cache. Does not evict row
+  /// `keep`. The caller then calls Write().
   void Make(std::size_t i, std::size_t count, std::size_t keep);
   /// Writes the row that Make() reserved room for.
   void Write(std::size_t i, const std::uint32_t* groups, const T* values);
@@ -86,7 +86,7 @@ class SparseKernel {
 template <typename T>
 class SparseProblem {
  public:
-  /// Returns true if memory suffices and most kernel values between some samples are negligible.
+  /// Returns true if memory suffices and most kernel values in a sample of pairs are negligible.
   [[nodiscard]] static bool Fits(const core::Matrix& samples, const OneClassSvmOptions& options);
 
   /// All arguments must outlive the problem.

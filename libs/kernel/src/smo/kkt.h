@@ -14,7 +14,7 @@ namespace dfr::kernel::internal {
 
 /// Returns the indices of alpha > 0, ascending.
 [[nodiscard]] inline std::vector<std::size_t> Support(std::span<const double> alpha) {
-  // Without branches, which would be unpredictable here.
+  // Branches would be unpredictable here.
   std::vector<std::size_t> support(alpha.size());
   std::size_t count = 0;
   for (std::size_t i = 0; i < alpha.size(); ++i) {
@@ -78,7 +78,7 @@ struct KktBounds {
   return 0.5 * sum;
 }
 
-/// Reports progress. Returns false to stop.
+/// Reports progress. Returns false if the fit must stop.
 [[nodiscard]] inline bool GoOn(const OneClassSvmOptions& options, const FitSummary& summary) {
   return !options.progress ||
          options.progress({summary.iterations, summary.kkt_gap, options.tolerance});
@@ -133,7 +133,7 @@ class Rounds {
     }
   }
 
-  /// Reports progress. Returns false to stop.
+  /// Reports progress. Returns false if the fit must stop.
   [[nodiscard]] bool Continue() {
     interrupted_ = interrupted_ || !GoOn(options_, summary_);
     return !interrupted_;

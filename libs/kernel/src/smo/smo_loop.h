@@ -98,7 +98,7 @@ struct SmoFunctions {
                      double* totals) = nullptr;
 };
 
-/// Functions for the widest instruction set of this machine, or for the one set by ForceTarget().
+/// Functions for the instruction set of ForceTarget(), by default the widest of this machine.
 template <typename T>
 [[nodiscard]] SmoFunctions<T> BestSmoFunctions();
 

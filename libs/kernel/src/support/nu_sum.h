@@ -12,11 +12,11 @@ namespace dfr::kernel::internal {
 struct NuSum {
   double samples;  ///< for nu = 1
   double solved;   ///< of the problem to solve
-  double ratio;    ///< of options.nu to the solved problem's
+  double ratio;    ///< options.nu over the nu of the problem to solve
 };
 
-/// Below the smallest weight, nu sum w allows each alpha to be the whole sum. All smaller sums then
-/// have the same solution, up to a factor, but tolerances cannot resolve it.
+/// If nu sum w is below the smallest weight, a single alpha may be the whole sum. All such problems
+/// have the same solution, up to a factor, but tolerances cannot resolve the smaller sums.
 inline NuSum SumOf(const OneClassSvmOptions& options, Eigen::Index count) {
   double all = static_cast<double>(count);
   double smallest = 1.0;

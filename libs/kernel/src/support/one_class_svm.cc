@@ -121,9 +121,9 @@ template <int kLines, int kOffset = 0>
 // States of up to this size, the usual case, use a part of the stack that is in the cache.
 constexpr int kSmallState = 64;
 
-// Prefetches what a cold decision reads: the constants of 2^e, the start of the block of the
-// estimate `data` and the code that sums its terms. Cache misses then overlap. Processors fetch the
-// rest of a page ahead, but not the next page.
+// Prefetches the data of a decision into a cold cache: the constants of 2^e, the start of the block
+// of the estimate `data` and the code that sums its terms. Cache misses then overlap. Processors
+// fetch the rest of a page ahead, but not the next page.
 [[gnu::always_inline]] inline void PrefetchBlock(const void* data, const void* code) noexcept {
   Prefetch<2>(&internal::kExp2Double);
   Prefetch<1>(&internal::kExp2Float);

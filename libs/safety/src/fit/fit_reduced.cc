@@ -103,8 +103,8 @@ class Components {
     const Pool* pool = nullptr;
     int components = 0;
   };
-  // Returns the candidates within one standard error of the best: the first components, then those
-  // by actions, smallest number first.
+  // Returns the candidates within one standard error of the best: the first components, then the
+  // components by actions, each with the smallest number first.
   [[nodiscard]] std::vector<Candidate> Candidates() const {
     const ComponentsScore& best = Best();
     std::vector<Candidate> candidates;

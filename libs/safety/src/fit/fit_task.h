@@ -78,8 +78,8 @@ struct GuardFit {
   int support_fits = 0;
 };
 
-/// Chooses gamma by the mode separation test, if `may_narrow` also by volume, and window_share by
-/// cross-validation; see GuardOptions.
+/// Chooses gamma by the mode separation test (with `may_narrow`, also by volume) and window_share
+/// by cross-validation; see GuardOptions.
 /// @returns nothing if `going_on` returns false.
 std::optional<GuardFit> FitGuard(const Recorded& recorded,
                                  const kernel::WhitenedSupportOptions& options, int folds,

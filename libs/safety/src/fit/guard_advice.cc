@@ -108,7 +108,7 @@ std::vector<std::string> Warnings(const GuardModel& model) {
 
 namespace {
 
-// Describes features that are copies or linear functions of another one; "" if there are none.
+// Describes features that are copies or linear functions of others; "" if there are none.
 std::string DescribeRepeated(const GuardModel& model,
                              std::span<const core::Trajectory> demonstrations) {
   constexpr double kRedundant = 1e-9;  // Fraction of the variance that remains unexplained.

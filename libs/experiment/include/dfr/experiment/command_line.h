@@ -23,8 +23,8 @@ void AddExperimentOptions(CLI::App& command, ExperimentOptions& options, const s
                           const std::string& methods,
                           const std::vector<std::string>& names = {"quick", "paper"});
 
-/// Parses the arguments of a program: those of its commands with AddRunOptions(), and those of the
-/// commands added here:
+/// Parses the arguments of a program's commands, which have called AddRunOptions(), and of the
+/// commands that this function adds:
 ///
 ///   merge FOLDER... --out FOLDER   merges shards into one ledger; the shards' command then writes
 ///                                  summary and report from it

@@ -19,8 +19,8 @@ namespace dfr::experiment {
 /// probe size. The recovery halts if the gradient vanishes or the copy refuses a control.
 class FiniteDifferenceRecovery final : public control::RecoveryStrategy {
  public:
-  /// Borrows `plant` and `support`. `plant` is the driven plant; it is copied, never modified. The
-  /// fractions are those of DfrOptions.
+  /// Borrows `plant` and `support`. `plant` is the driven plant; it is copied, never modified.
+  /// DfrOptions describes the fractions.
   /// @throws std::invalid_argument if the sizes of plant and support differ, or a fraction is not
   ///   in (0, 1).
   FiniteDifferenceRecovery(const core::SimulatedPlant& plant, const core::DecisionFunction& support,

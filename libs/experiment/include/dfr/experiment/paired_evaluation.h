@@ -157,8 +157,8 @@ struct EvaluationOptions {
 ///
 /// The start state i of a trial is the first of the seeds DeriveSeed(seed, {0, trial, i, 0}), {0,
 /// trial, i, 1}, ... that the runner accepts. Methods and learners therefore share start states,
-/// and so do data points as far as each support accepts them. The controller's seed is {1, trial,
-/// i}.
+/// and so do data points as far as each support accepts them. The controller's seed is
+/// DeriveSeed(seed, {1, trial, i}).
 /// @throws std::invalid_argument for an invalid plan; std::runtime_error if the ledger has other
 ///   settings (naming the first that differs), is damaged, is in use by another process, or cannot
 ///   be written; Interrupted; and any exception of a runner.

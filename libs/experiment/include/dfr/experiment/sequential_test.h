@@ -31,7 +31,7 @@ class SequentialTest {
   /// @throws std::invalid_argument unless alpha lies in (0, 1).
   explicit SequentialTest(double alpha = 0.05);
 
-  /// Adds a pair: the credit of the first method minus that of the second.
+  /// Adds a pair: the credit of the first method minus the credit of the second.
   /// @throws std::invalid_argument unless `difference` lies in [-1, 1].
   void Add(double difference);
 

@@ -19,16 +19,16 @@ namespace dfr::kernel {
 ///
 /// This probability is an average over sets of held-out items. For one set, the probability that a
 /// new item stays below the score of rank k is Beta(k, n + 1 - k) distributed. With a positive
-/// `confidence`, k is the smallest rank for which this probability is at least 1 - alpha in that
-/// fraction of the sets or more.
+/// `confidence`, k is the smallest rank for which this probability is at least 1 - alpha in a
+/// fraction `confidence` of all sets.
 /// @throws std::invalid_argument if there are no scores, one is NaN, alpha is not in (0, 1), or
 ///   confidence not in [0, 1).
 [[nodiscard]] double ConformalThreshold(std::span<const double> scores, double alpha,
                                         double confidence = 0.0);
 
 /// Returns max over t of -l_t(x_t), with l_t the log form of g_t: the largest distance of a
-/// demonstration from the support. Negative if all its states are inside. Score for
-/// ConformalThreshold().
+/// demonstration from the support. Negative if all its states are inside. ConformalThreshold()
+/// takes these scores.
 [[nodiscard]] double ExcursionScore(const TimeVaryingSupport& support, const core::Matrix& states);
 
 /// Options for SelectModel().

@@ -19,9 +19,9 @@ struct FitProgress {
 
 /// Options for OneClassSvm::Fit(). Defaults are the Pusher values of Sec. V-A.
 struct OneClassSvmOptions {
-  double nu = 0.05;  ///< Upper bound on the fraction of outliers and lower bound on the fraction
-                     ///< of support vectors, in (0, 1]. Any nu below 1/m gives the estimate of 1/m.
-  double gamma = 5.0;       ///< Width parameter of the Gaussian kernel, > 0, in 1/[state unit]^2.
+  double nu = 0.05;    ///< Upper bound on the fraction of outliers and lower bound on the fraction
+                       ///< of support vectors, in (0, 1]. Values below 1/m have the effect of 1/m.
+  double gamma = 5.0;  ///< Width parameter of the Gaussian kernel, > 0, in 1/[state unit]^2.
   double tolerance = 1e-4;  ///< Stop when the largest KKT violation is below this (FitSummary).
   /// Maximum number of working-set steps; 0 selects a limit beyond any practical problem.
   std::int64_t max_iterations = 0;
@@ -48,22 +48,22 @@ struct FitSummary {
     kConverged,      ///< kkt_gap is below the tolerance.
     kMaxIterations,  ///< Stopped by max_iterations. The estimate is usable; kkt_gap gives its
                      ///< accuracy.
-    /// Stopped by `progress`. kkt_gap is finite as above, or infinity if no gap was computed yet.
+    /// Stopped by `progress`. kkt_gap is infinity if no gap was computed yet.
     kInterrupted,
     /// No further progress: the tolerance is below the rounding error of doubles for these samples.
     kStalled,
   };
   Reason reason = Reason::kConverged;
   std::int64_t iterations = 0;
-  /// max G_i over alpha_i > 0, minus min G_i over alpha_i < 1, with G = K alpha. As in LIBSVM,
-  /// alpha is scaled to sum to nu m: tolerances have the same meaning in both. The gap is verified:
-  /// it is summed again in double, or it is an upper bound below the tolerance.
+  /// max G_i over alpha_i > 0, minus min G_i over alpha_i < 1, with G = K alpha. Here alpha sums to
+  /// nu m, which gives tolerances the same meaning as in LIBSVM. The gap is verified: it is summed
+  /// again in double, or it is an upper bound below the tolerance.
   double kkt_gap = 0.0;
   double objective = 0.0;  ///< alpha' K alpha / 2 in LIBSVM's scale.
   int num_support_vectors = 0;
   std::int64_t kernel_evaluations = 0;
   double seconds = 0.0;   ///< Wall time.
-  Eigen::VectorXd alpha;  ///< One per sample, in the paper's scale; can start another fit.
+  Eigen::VectorXd alpha;  ///< One per sample, summing to 1; can start another fit.
 };
 
 class OneClassSvm;

@@ -13,7 +13,7 @@ namespace dfr::kernel {
 
 /// Options for TimeVaryingSupport::Fit().
 struct TimeVaryingSupportOptions {
-  OneClassSvmOptions svm = {};  ///< For every time step; `weights`: one per demonstration.
+  OneClassSvmOptions svm = {};  ///< Options of each estimate; one weight per demonstration.
   /// Number of time steps t = 0, 1, ... with an estimate; 0: the number of states of the longest
   /// demonstration.
   int num_steps = 0;

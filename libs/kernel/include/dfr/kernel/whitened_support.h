@@ -22,9 +22,9 @@ struct WhitenedSupportOptions {
   double window_share = 0.02;
   double phase_ridge = 0.3;     ///< Added to each time step's covariance before inversion, > 0.
   bool phase_whitening = true;  ///< If false, V_t is the identity.
-  /// If true, the covariance of each time step is that of states about their neighbours
-  /// (core::LocalScatter()). With several ways, this is the covariance within one way. If false, it
-  /// is the covariance of the states about their mean.
+  /// If true, each time step uses the covariance of states about their neighbours
+  /// (core::LocalScatter()). If a task can be done in several ways, this is the covariance within
+  /// one way. If false, it uses the covariance of the states about their mean.
   bool local = true;
   /// Evaluates in float, in about half the time; see OneClassSvm::InSinglePrecision() for the
   /// error. Not for certificates, which need full precision.
@@ -35,7 +35,7 @@ struct WhitenedSupportOptions {
   /// A time step has an estimate only if at least this fraction of the demonstrations, and at least
   /// two of them, are still running.
   double least_share = 0.1;
-  /// Estimates only at each `every`-th time step, >= 1. Time step t of the support is then time
+  /// Number of time steps from one estimate to the next, >= 1. Time step t of the support is time
   /// step every * t of the demonstrations.
   int every = 1;
 
@@ -54,7 +54,7 @@ struct WhitenedSupportOptions {
 ///   pooled states: the covariance of the demonstrations' means about neighbouring means, and the
 ///   covariance of each demonstration's states about their mean.
 /// - A demonstration that has ended counts at most once per time step (hold_ended). The last
-///   estimates mainly describe the slow demonstrations, and the final one holds from then on.
+///   estimates mainly describe the slow demonstrations. Later time steps use the final estimate.
 ///
 /// Immutable after construction. Concurrent calls are safe.
 class WhitenedSupport final : public core::LogDecisionFunction {
@@ -110,10 +110,10 @@ class WhitenedSupport final : public core::LogDecisionFunction {
 
 /// Result of a test that a support excludes the space between ways. The test looks for time steps
 /// at which the demonstrated states form clusters (core::SpanningTree(), in the coordinates of that
-/// time step). A cluster has at least three states and a tenth of all states, and its distance to
-/// the next is at least four standard deviations of states about their neighbours. The midpoint
-/// between two neighbouring clusters should be outside, unless a demonstration passes near it at
-/// another time. Chance also produces such clusters at a few time steps.
+/// time step). A cluster has at least three states and at least a tenth of all states, and its
+/// distance to the next is at least four standard deviations of states about their neighbours. The
+/// midpoint between two neighbouring clusters should be outside, unless a demonstration passes near
+/// it at another time. Chance also produces such clusters at a few time steps.
 struct ModeSeparationTest {
   int steps = 0;   ///< Number of time steps tested: those of the support.
   int points = 0;  ///< Number of midpoints between two clusters, over all time steps.
@@ -123,12 +123,12 @@ struct ModeSeparationTest {
 [[nodiscard]] ModeSeparationTest TestModeSeparation(const WhitenedSupport& support,
                                                     std::span<const core::Matrix> demonstrations);
 
-/// Returns the mean over time steps of log(V_narrow / V_wide), the volumes of {l >= level} of two
-/// supports of these demonstrations that differ only in gamma. With the levels that equally many
-/// left-out states reach, the smaller volume describes the demonstrations better (Thomas, Feuillard
-/// and Gramfort 2015, arXiv:1506.05600). Uses importance sampling with 400 fixed draws per time
-/// step. Ignores time steps with fewer than 5 demonstrations or with fewer than 10 draws inside
-/// `narrow`; returns 0 if no time step remains.
+/// Returns the mean over time steps of log(V_narrow / V_wide). V is the volume of {l >= level} of a
+/// support of these demonstrations; the two supports differ only in gamma. If equally many left-out
+/// states reach either level, the smaller volume describes the demonstrations better (Thomas,
+/// Feuillard and Gramfort 2015, arXiv:1506.05600). Uses importance sampling with 400 fixed draws
+/// per time step. Ignores time steps with fewer than 5 demonstrations or with fewer than 10 draws
+/// inside `narrow`; returns 0 if no time step remains.
 [[nodiscard]] double LogVolumeRatio(const WhitenedSupport& wide, double wide_level,
                                     const WhitenedSupport& narrow, double narrow_level,
                                     std::span<const core::Matrix> demonstrations);

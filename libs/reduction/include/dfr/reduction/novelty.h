@@ -59,8 +59,8 @@ class Novelty {
   [[nodiscard]] double Of(std::span<const float> picture, std::span<const double> positions,
                           Workspace& workspace) const noexcept;
 
-  /// Returns the fraction of the demonstrations with a picture above 1, each measured while left
-  /// out.
+  /// Returns the fraction of the demonstrations that have a picture with Of() > 1, each measured
+  /// while left out.
   [[nodiscard]] double left_out() const noexcept { return left_out_; }
   [[nodiscard]] const core::PictureShape& shape() const noexcept { return shape_; }
   /// Returns the number of positions.

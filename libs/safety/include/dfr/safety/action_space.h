@@ -16,7 +16,7 @@ struct ActionEntry {
   /// True if a guard may change the entry. An entry with few demonstrated values, such as a gripper
   /// that opens or closes, is steered only in two cases: the state moves in proportion to the
   /// entry, as with an axis that moves at one speed or stands still, or no other entry moves the
-  /// state. Otherwise the policy's value passes within the limit.
+  /// state. Otherwise the policy's value passes, clamped to the limit.
   bool steered = true;
   /// Size of an ordinary value: the root mean square of the demonstrated values times the square
   /// root of the number of steered entries. An ordinary action then has |a| = 1 in any units.
@@ -47,7 +47,7 @@ class ActionSpace {
   [[nodiscard]] std::vector<core::Trajectory> Measured(
       std::span<const core::Trajectory> demonstrations) const;
 
-  /// Writes `a` for `u`. Neither allocates nor throws; the same holds for all functions below.
+  /// Computes `a` from `u`. This function and all below neither allocate nor throw.
   void Measure(std::span<const double> u, std::span<double> a) const noexcept;
   /// Writes the steered entries of `u` from `a`.
   void Restore(std::span<const double> a, std::span<double> u) const noexcept;

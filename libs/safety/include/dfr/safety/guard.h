@@ -96,12 +96,12 @@ struct ChunkVerdict {
 ///   }
 ///
 /// The guard updates its estimate of the response with every applied action. Each call implies that
-/// the last returned action, or that of Applied(), was applied in full and led to `state`. `t`
-/// counts the calls, which reveals a lost or repeated call. The guard fails closed: it halts on a
-/// state or action of the wrong size or with a non-finite entry, a quaternion whose norm is not 1,
-/// a `t` that is not the next one, and a call before Reset(). Unless it only monitors, it also
-/// halts on a picture or constant entry unlike demonstrations, and on a sensor group that stands
-/// still for too long. Actions are then zero until Reset().
+/// the last returned action, or the action reported by Applied(), was applied in full and led to
+/// `state`. `t` counts the calls, which reveals a lost or repeated call. The guard fails closed: it
+/// halts on a state or action of the wrong size or with a non-finite entry, a quaternion whose norm
+/// is not 1, a `t` that is not the next one, and a call before Reset(). Unless it only monitors, it
+/// also halts on a picture or constant entry unlike demonstrations, and on a sensor group that
+/// stands still for too long. Actions are then zero until Reset().
 ///
 /// One object belongs to one thread; guards on several threads may share a model. Reset(), Filter()
 /// and Applied() neither allocate, lock nor throw.
@@ -148,10 +148,10 @@ class Guard {
   /// action is judged as by Filter(), later ones at predicted states. At most kLongestChunk actions
   /// are judged, each in the time of one Filter().
   ///
-  /// Does not change the guard, even for invalid input: `t` is that of the next Filter(). Then play
-  /// the counted actions, each through Filter() with the observed state, because observations may
-  /// differ from predictions. After these, or after the first action that Filter() changes, query
-  /// the policy for a new chunk.
+  /// Does not change the guard, even for invalid input. `t` must equal next_step(). Then
+  /// play the counted actions, each through Filter() with the observed state, because observations
+  /// may differ from predictions. After them, or after the first action that Filter() changes,
+  /// query the policy for a new chunk.
   ///
   /// Causes: kStepSkipped for another `t`; kStateInvalid for a state of the wrong size, not finite,
   /// frozen, or unlike demonstrations; kBadQuaternion; kControlInvalid for no action, a number of

@@ -83,7 +83,7 @@ struct GuardSummary {
   int held_out = 0;      ///< Number of demonstrations held out of the fit.
   int support_fits = 0;  ///< Number of fitted supports, which take most of the time.
   /// Alarm level by supports fitted without a contiguous part of the recording, and the probability
-  /// that these supports put demonstrations so much farther outside by chance.
+  /// of so large a difference from cross-validation by chance (Wilcoxon's signed-rank test).
   double drift_level = 0.0;
   double drift_chance = 1.0;
   /// eps and K in |dz - J u| <= eps |u| and |dz| <= K |u|, in whitened features.
@@ -240,8 +240,8 @@ class GuardModel {
   /// part of support and response.
   [[nodiscard]] int num_constants() const noexcept { return static_cast<int>(constants_.size()); }
   /// Returns the first entry of a finite state of task() that was constant in all demonstrations
-  /// and now differs, by more than fit::kConstantTolerance; -1 if there is none.
-  /// @param values  num_constants() entries, which receive the entries as compared. Real-time safe.
+  /// and now differs, by more than fit::kConstantTolerance; -1 if there is none. Real-time safe.
+  /// @param values  num_constants() entries; receives the compared entries.
   [[nodiscard]] int FindChangedConstant(std::span<const double> task_state,
                                         std::span<double> values) const noexcept;
   /// Returns the map from a state of task() to the context of demonstrated controls: entries that
@@ -280,8 +280,8 @@ class GuardModel {
                                                 std::span<const core::Trajectory> demonstrations,
                                                 const GuardOptions& options);
   /// Adds a warning if this guard corrects and its components explain too little of the
-  /// demonstrated actions. If they explain less than fit::kLeastTold, or too many actions are
-  /// predicted to end outside, the guard becomes a monitor if `watch` is true.
+  /// demonstrated actions. With `watch`, the guard becomes a monitor if they explain less than
+  /// fit::kLeastTold or if too many actions are predicted to end outside.
   void DoubtCorrections(bool watch);
   void Complete(core::StateLayout layout, std::shared_ptr<const ActionSpace> actions,
                 std::shared_ptr<const TaskModel> task, GuardSettings settings);

@@ -66,8 +66,8 @@ struct TaskParts {
   bool single_precision = false;    ///< See kernel::WhitenedSupportOptions.
   int horizon = 100;                ///< See TaskOptions::horizon.
 
-  /// Return g_t and l_t of whole states by `support` and by the support of Algorithm 1. The results
-  /// borrow this object.
+  /// Return g_t and l_t of whole states by `support`, and g_t and l_t by the support of Algorithm
+  /// 1. The results borrow this object.
   [[nodiscard]] core::FeatureDecision GuidedDecision() const { return {features, support}; }
   [[nodiscard]] core::FeatureDecision PublishedDecision() const;
 };
@@ -100,11 +100,11 @@ class TaskModel {
   /// Appends all parts except the published support, the horizon and the selection of features to a
   /// file.
   void Save(core::ArchiveWriter& archive) const;
-  /// Reads the data of the Save() above. @throws std::runtime_error naming the file and its defect.
+  /// Reads what Save(archive) wrote. @throws std::runtime_error naming the file and its defect.
   static TaskModel Load(core::ArchiveReader& archive, core::FeatureSelection selection);
 
-  /// Returns g_t of whole states for Algorithm 1: by the published support if there is one,
-  /// otherwise by guided recovery's.
+  /// Returns g_t of whole states for Algorithm 1. Uses the published support if there is one,
+  /// otherwise the support of guided recovery.
   [[nodiscard]] const core::DecisionFunction& support() const noexcept;
   /// Returns g_t of whole states and its logarithmic form l_t by guided recovery's support.
   [[nodiscard]] const core::LogDecisionFunction& guided_support() const noexcept;

@@ -21,7 +21,7 @@ namespace dfr::study {
 ///   "knn-distance"  mean squared distance to the 5 nearest states of nearby time steps
 ///   "mahalanobis"   distance from a Gaussian of nearby time steps
 ///   "rnd"           random network distillation (Burda et al., ICLR 2019): error of a network that
-///                   learned a random one's outputs in demonstrated states
+///                   learned the outputs of a random network in demonstrated states
 ///   "ensemble"      disagreement of EnsemblePolicy's members
 /// The first three track the time step as the guard's alarm does. The last two do not depend on
 /// time.

@@ -18,8 +18,8 @@
 namespace dfr::study {
 
 /// Support estimates for any controller:
-///   "raw"           the paper's: one one-class SVM per time step, on unscaled features
-///   "whitened"      guided recovery's: one-class SVMs of whitened features, pooled over t +- 2
+///   "raw"           the paper's support: a one-class SVM per time step, on unscaled features
+///   "whitened"      guided recovery's support: SVMs of whitened features, pooled over t +- 2
 ///   "knn-distance"  l = 1 - D / q, D the mean squared distance to the 5 nearest states
 ///   "density"       l = log p - q, p a Gaussian kernel density
 ///   "mahalanobis"   l = 1 - (z - m)' S^-1 (z - m) / q

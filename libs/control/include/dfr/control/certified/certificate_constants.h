@@ -31,9 +31,9 @@ struct EstimatedConstant {
                                              double confidence = 0.95);
 
 /// Estimates eps in |dz - J u| <= eps |u| with the J that guided recovery computes at each step.
-/// Predicts each demonstration from those of the other `folds`, in the given order, and from its
-/// own past. The J of a fold therefore differs from the J of all demonstrations, and the bound is
-/// approximate.
+/// Predicts each demonstration from the demonstrations of the other `folds`, in the given order,
+/// and from its own past. The J of a fold therefore differs from the J of all demonstrations, and
+/// the bound is approximate.
 /// @throws std::invalid_argument as EstimateGain(), and if there are fewer than two demonstrations.
 [[nodiscard]] EstimatedConstant EstimateDirectionError(const FeatureTrajectories& demonstrations,
                                                        const core::Folds& folds,

@@ -74,7 +74,7 @@ class Certifier {
   /// Changes `v` until it provably ends inside B_q(eta) of a nearby phase q. First raises `v` to
   /// the required level by AscendSupport(), then tries the nominal control of nearby
   /// demonstrations, and finally shrinks the requested control. If almost nothing of it remains,
-  /// `v` becomes a recovery that maximizes the margin. `fit` must be that of `model`.
+  /// `v` becomes a recovery that maximizes the margin. `fit` must be model.response.
   [[nodiscard]] CertifiedStep Admit(const LocalModel& model, LocalFit& fit,
                                     const StepLimits& limits, const Request& request,
                                     Eigen::VectorXd& v) noexcept;

@@ -27,9 +27,9 @@ namespace dfr::control {
 ///
 ///   1. The learned control passes at a predicted level of Levels::pass() or more. If the state
 ///      stays at the edge longer than in demonstrations, this level rises to Levels::gate(). A
-///      learned control also passes if it leads deeper into the support of the present phase, from
-///      the same level on: a slow robot must not be hurried. The phase then stays, but not twice in
-///      a row.
+///      learned control also passes if it reaches this level in the present phase and a lower
+///      level in the next: a slow robot must not be hurried. The phase then stays, but not twice
+///      in a row.
 ///   5. If a phase lasts half of GuidedOptions::patience controls and the state is outside its
 ///      support by more than the exit level, the task continues from the phase whose support
 ///      contains the state most deeply, if any. Each search evaluates all supports. An episode has
@@ -81,9 +81,9 @@ class GuidedController final : public Controller {
   [[nodiscard]] Step Decide(Step step, std::span<double> u) noexcept;
   /// Looks up the phase again if the episode is stuck outside the support of the present phase.
   void Relocate() noexcept;
-  /// Returns the level of the support at `t` from which on a learned control passes.
+  /// Returns the lowest level of the support at `t` at which a learned control passes.
   [[nodiscard]] double PassLevel(int t) const noexcept;
-  /// Returns the level from which on a learned control passes that stays in the phase of `step`;
+  /// Returns the lowest level at which a learned control passes that stays in the phase of `step`;
   /// infinity if none may.
   [[nodiscard]] double StayLevel(const Step& step) const noexcept;
   void Advance(double level) noexcept;

@@ -26,10 +26,10 @@ struct GuidedOptions {
   int iterations = 6;
   /// If no control is predicted to end inside, the best one passes if it ends outside by at most
   /// this multiple of Levels::slack() and at most guided::kMaxExitLevel. An offset that no control
-  /// can correct, such as an object to the side, then does not stop the task. Larger values
-  /// complete more episodes and collide more.
+  /// can correct, such as an object to the side, then does not stop the task. With larger values,
+  /// more episodes complete and more collide.
   double max_exit_ratio = 2.0;
-  /// HaltRule::patience. Larger values complete few more episodes and collide more.
+  /// HaltRule::patience. Larger values add few completed episodes and more collisions.
   int patience = 12;
   /// Level at which the learned control passes unchanged. True: Levels::pass(), just inside, so a
   /// good policy is corrected only at the boundary. False: Levels::gate(), deep inside; below it,

@@ -80,8 +80,8 @@ class Levels {
   /// Returns the level of l_t below which a state is at the edge of the support, >= 0.
   [[nodiscard]] double edge(int t) const noexcept { return Clamped(edge_, t); }
   /// Returns the value of EdgeStay::steps() at which the level for passing a learned control starts
-  /// to rise from pass() to gate(). It reaches gate() after guided::kEdgeRamp further steps.
-  /// guided::kLeastEdgeStay without SetEdgeStay().
+  /// to rise from pass() to gate(). It reaches gate() after guided::kEdgeRamp further steps. Equals
+  /// guided::kLeastEdgeStay before SetEdgeStay().
   [[nodiscard]] double edge_stay() const noexcept { return edge_stay_; }
   /// Returns the median of l_t over demonstrated states, >= 0.
   [[nodiscard]] double median(int t) const noexcept { return Clamped(median_, t); }

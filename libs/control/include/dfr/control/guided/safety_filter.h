@@ -22,16 +22,16 @@ class SafetyFilter {
   struct Choice {
     Mode mode = Mode::kPolicy;
     double level = 0.0;  ///< Predicted level of v in the next phase.
-    double learned = std::numeric_limits<double>::quiet_NaN();  ///< Same for the learned control.
+    double learned = std::numeric_limits<double>::quiet_NaN();  ///< Level of the learned control.
     bool stays = false;  ///< v is the learned control, and the phase stays.
   };
   /// Changes the learned control `v`, which must be within the limits, to the control to apply in
   /// the state of `fit`. `target` is the next phase and its Levels::gate(). `v` is unchanged if its
-  /// predicted level in the next phase is at least `pass_level`, or if its level in the phase
-  /// before is at least `stay_level` and higher than in the next phase. `v` is also unchanged if
-  /// the corrected control would end outside too, differs by at most guided::kIdle and gains no
-  /// more than target.level - pass_level. kRecovery: `v` does not come from the learned control.
-  /// kProbe: `v` is a probe.
+  /// predicted level in the next phase is at least `pass_level`, or if its level in the present
+  /// phase is at least `stay_level` and higher than in the next phase. `v` is also unchanged if the
+  /// corrected control would end outside too, differs by at most guided::kIdle and gains no more
+  /// than target.level - pass_level. kRecovery: `v` does not come from the learned control. kProbe:
+  /// `v` is a probe.
   [[nodiscard]] Choice Filter(LocalFit& fit, const StepTarget& target, double pass_level,
                               Eigen::VectorXd& v,
                               double stay_level = std::numeric_limits<double>::infinity()) noexcept;

@@ -41,7 +41,7 @@ struct StepTarget {
 struct StepLimits {
   Eigen::VectorXd control = {};  ///< |v_i| is at most entry i; empty: no limit.
   int iterations = 6;            ///< Maximum number of gradients of l per call, >= 0.
-  /// Response::values(); empty: all entries have many values. Steps keep entries with few values.
+  /// Response::values(); empty: all entries have many values. Steps skip entries with few values.
   std::vector<std::vector<double>> values = {};
 
   /// Clamps `v` to `control`.

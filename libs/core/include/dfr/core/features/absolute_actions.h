@@ -28,12 +28,12 @@ struct AbsoluteAction {
 /// actions themselves explain at least 80 % of the changes of an unmatched state entry, the actions
 /// are velocities, and x_j is a measured velocity or a copy of the last action.
 ///
-/// A state entry is the last action, or an earlier one, and no position under two conditions.
-/// First, x_j(t + 1) equals u_k(t - i) at every step, for an i up to 3. A position that follows its
-/// target perfectly does so too. Second, u_k(t - l) for an l up to 3 explains the change of another
-/// entry that repeats no action: at least half of what the other actions leave, and it leaves at
-/// most half as much as u_k(t - l) - u_k(t - l - 1) for any l, which moves a robot with targets. If
-/// both explain the change equally well, the entry counts as a position.
+/// A state entry x_j counts as a copy of a recent action, not as a position, if two conditions
+/// hold. First, x_j(t + 1) equals u_k(t - i) at every step, for an i up to 3. A position that
+/// follows its target perfectly does so too. Second, u_k(t - l) for an l up to 3 explains the
+/// change of another entry that repeats no action: it explains at least half of what the other
+/// actions leave, and leaves at most half of what u_k(t - l) - u_k(t - l - 1), which moves a robot
+/// with targets, leaves for any l.
 ///
 /// Memory and time per step are linear in the number of state entries, also for pictures.
 class ActionAnalysis {

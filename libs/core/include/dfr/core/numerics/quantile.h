@@ -16,14 +16,14 @@ template <std::ranges::random_access_range Values>
 }
 
 /// Returns the median. For an even number of values, it is the upper of the two middle ones: the
-/// result is always one of the values. Otherwise as ValueOfRank(). @pre values are not empty
+/// result is always one of the values. Rearranges `values`. @pre values are not empty
 template <std::ranges::random_access_range Values>
 [[nodiscard]] auto Median(Values&& values) noexcept {
   return ValueOfRank(values, std::ranges::ssize(values) / 2);
 }
 
-/// Returns the q-quantile without interpolation: the value of rank floor(q (n - 1)). Otherwise as
-/// ValueOfRank(). @pre values are not empty, 0 <= q <= 1
+/// Returns the q-quantile without interpolation: the value of rank floor(q (n - 1)). Rearranges
+/// `values`. @pre values are not empty, 0 <= q <= 1
 template <std::ranges::random_access_range Values>
 [[nodiscard]] auto Quantile(Values&& values, double q) noexcept {
   const auto last = static_cast<double>(std::ranges::ssize(values) - 1);

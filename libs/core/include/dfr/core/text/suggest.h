@@ -9,7 +9,7 @@ namespace dfr::core {
 
 /// Returns the first name in `known` that differs from `name` by the fewest changed, missing, added
 /// or swapped characters. Returns "" if all differ in more than a third of the characters and in
-/// more than one.
+/// more than one character.
 [[nodiscard]] std::string Closest(std::string_view name, std::span<const std::string> known);
 
 /// Describes the first command or option in `arguments` that a program does not have, with the
