@@ -300,7 +300,7 @@ void Run(Options options) {
   for (const auto& [name, value] : options.faults) server.SetFault(name, value);
   Introduce(options);
 
-  // Set here, not earlier: the drawing threads must not inherit the priority.
+  // The priority is set after the drawing threads have started, because they must not inherit it.
   if (options.priority > 0) {
     const std::string refused = dfr::runtime::AskForRealTime(options.priority);
     if (!refused.empty()) std::cout << "note: " << refused << std::endl;
@@ -348,7 +348,7 @@ int Main(int argc, char** argv) {
   app.callback([&] { dfr::apps::CheckNetwork(app, options.network); });
   if (const auto code = dfr::apps::Parse(app, argc, argv)) return *code;
 
-  // Installed before any thread starts: a signal must never kill the program.
+  // Handlers are installed before any thread starts: a signal must never kill the program.
   std::signal(SIGINT, Stop);
   std::signal(SIGTERM, Stop);
   Run(options);

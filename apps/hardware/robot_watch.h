@@ -19,7 +19,7 @@ class RobotWatch {
   explicit RobotWatch(std::ostream& out) : out_(&out) {}
 
   /// Handles a program's announcement. Reports at most ten changes per second and the number of
-  /// further ones; silence is always reported.
+  /// further changes; silence is always reported.
   /// @param steady_ns  time of a monotonic clock, here and below.
   void Hear(const dds::Origin& who, const std::string& state, std::int64_t steady_ns);
   /// Call this several times per 150 ms. After 150 ms of silence a program that has not ended is

@@ -23,7 +23,7 @@ struct LineModelOptions {
   double nu = 0.05;  ///< Largest share of the demonstrated states outside.
   /// Candidates for gamma, 1/mm^2. With several, kernel::SelectModel() chooses by held-out
   /// demonstrations (Sec. V-B): the tightest support that accepts `acceptance` of their states or,
-  /// if there is none, the support that accepts most.
+  /// if there is none, the support that accepts most states.
   std::vector<double> gammas = {0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0};
   /// Share of states that a support with this nu accepts: 1 - nu. The gate's threshold lambda |u|
   /// of a tighter support exceeds the largest g at some time step, and DFR halts there.

@@ -78,7 +78,7 @@ class LineTrialRunner final : public study::PlaceboRunner {
  private:
   [[nodiscard]] bool Inside(std::span<const double> x) const override;
   [[nodiscard]] std::string CauseOf(const control::RolloutResult& result) const override;
-  /// In real time, moves the platform for kSettleTimeS.
+  /// In real time, moves the platform for kSettleTimeS. Returns true if the tip then collides.
   [[nodiscard]] bool CollidesAfterHalt() override;
 
   LineModel model_;

@@ -18,7 +18,7 @@ namespace dfr::apps::planar_page {
 namespace {
 
 constexpr double kSpeed = 0.6;      // Norm of a demonstrated control.
-constexpr double kUnsteady = 0.35;  // Standard deviation of the noise on each of its entries.
+constexpr double kUnsteady = 0.35;  // Standard deviation of the noise on each control entry.
 constexpr int kHorizon = 200;       // Maximum number of controls in a demonstration.
 
 // A polyline parametrised by arc length.
@@ -260,7 +260,7 @@ bool World::fitted_certified() const noexcept {
   return fitted() && learned_->certified.has_value();
 }
 
-// Empty if the path touches an obstacle or does not reach the goal.
+// Returns nothing if the path touches an obstacle or does not reach the goal.
 std::optional<core::Trajectory> World::Follow(const std::vector<Point>& points, bool unsteady,
                                               std::uint64_t seed) const {
   core::Random random(core::DeriveSeed(seed, {1}));

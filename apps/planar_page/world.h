@@ -64,7 +64,7 @@ class Episode {
   [[nodiscard]] PointPlant& plant() noexcept { return plant_; }
   [[nodiscard]] const PointPlant& plant() const noexcept { return plant_; }
   [[nodiscard]] bool over() const noexcept;
-  /// Once over(): kHalted with the controller's cause if it neither completed nor collided.
+  /// Valid once over(). Returns kHalted, with cause(), if the point neither completed nor collided.
   [[nodiscard]] core::Outcome outcome() const noexcept;
   [[nodiscard]] control::HaltCause cause() const noexcept { return cause_; }
 
@@ -100,8 +100,8 @@ class World {
 
   /// Adds `count` demonstrations along alternating routes of the scene.
   void Demonstrate(int count, std::uint64_t seed);
-  /// Adds the line that a user drew as a demonstration, and `repeats` more that follow it with
-  /// noise.
+  /// Adds the line that a user drew as a demonstration, and `repeats` demonstrations that follow
+  /// the line with noise.
   /// @throws std::invalid_argument with the reason for the user.
   void Draw(std::span<const Point> line, int repeats, std::uint64_t seed);
   /// Removes all demonstrations and models.

@@ -15,7 +15,7 @@ namespace dfr::apps::pusher {
 // functions throw std::exception with a message for the user.
 
 struct DemonstrateOptions {
-  std::filesystem::path supervisor;  ///< Empty: the shipped one.
+  std::filesystem::path supervisor;  ///< Empty: ShippedSupervisor().
   std::filesystem::path out = "demonstrations.hdf5";
   int count = 120;
   int horizon = 60;
@@ -54,11 +54,11 @@ void RunGuarded(const GuardedOptions& options);
 
 struct ExperimentOptions : experiment::ExperimentOptions {
   ExperimentOptions() { out = "out/pusher"; }
-  std::filesystem::path supervisor;  ///< Empty: the shipped ones.
+  std::filesystem::path supervisor;  ///< Empty: the shipped supervisors.
   /// Number of supervisors that take turns; 0: the preset's number.
   int supervisors = 0;
   bool convergence = true;
-  // If empty, `learners` and `demonstrations` are those of the preset.
+  // If empty, the preset's learners and numbers of demonstrations apply.
   std::vector<std::string> learners;
   std::vector<int> demonstrations;
   ModelOptions model;

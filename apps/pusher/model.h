@@ -21,7 +21,7 @@ namespace dfr::apps::pusher {
 /// Network and training of the learned policy (Sec. V-A and the authors' scripts).
 struct Learner {
   std::vector<int> hidden = {8};
-  /// Number of passes of Adam over the demonstrations; default: that of ModelOptions.
+  /// Number of passes of Adam over the demonstrations; absent: ModelOptions::epochs.
   std::optional<int> epochs = {};
   double learning_rate = 1e-3;  ///< Learning rate of Adam.
 

@@ -54,7 +54,7 @@ struct Prepared {
 using PreparedCache = SharedCache<std::pair<std::string, int>, Prepared>;
 
 /// Fits the models that methods need: the task's models for controllers, guards with default
-/// settings for guards. `seed` is the study's.
+/// settings for guards. `seed` is the seed of the study.
 /// @throws std::invalid_argument if the task does not support such methods.
 [[nodiscard]] Prepared Prepare(const Task& task, Kind kind, int demonstrations, std::uint64_t seed,
                                int trial, const planar::MethodOptions& plane = {},
@@ -71,7 +71,7 @@ class Guarded;
 class Imitator;
 
 /// Runs methods in one task under one condition. Only Kind::kPlane replaces start states outside
-/// the support. Other kinds run them like any other.
+/// the support.
 class Runner final : public PlaceboRunner {
  public:
   /// `methods` are those of ParseMethod(), or "<guard's strategy>@<policy>[/pictures]" if

@@ -16,9 +16,8 @@
 namespace dfr::study {
 
 /// A study: every method around every policy, in every task under every condition, from the same
-/// start states. Only Kind::kPlane replaces start states outside the support. Other kinds run them
-/// like any other. Each trial has separate demonstrations, policies and start states. The policy
-/// alone always runs.
+/// start states. Only Kind::kPlane replaces start states outside the support. Each trial has
+/// separate demonstrations, policies and start states. The policy alone always runs.
 struct Study : experiment::ExperimentOptions {
   /// Creates a study of controllers under all conditions in all tasks.
   Study() {
@@ -84,7 +83,7 @@ struct Row : TrialCounts {
   int alarmed_failures = 0;          ///< Number of collisions after an alarm; monitors only.
   int alarmed_successes = 0;         ///< Number of completions with an alarm; monitors only.
   std::vector<int> recoveries = {};  ///< Number of controls of each recovery, in planar tasks only.
-  /// Causes of the other outcomes: "halted: no-progress", or the source of the control that
+  /// Causes of halts and collisions: "halted: no-progress", or the source of the control that
   /// collided.
   std::map<std::string, int> causes = {};
   /// Sum of control::Step::change over changed controls that have this value.
@@ -113,7 +112,7 @@ struct Comparison {
   std::string first = "controller@lwr";
   std::string second = "lwr";
   int demonstrations = 60;
-  /// Number of trials with separate demonstrations and policies. The trials alternate.
+  /// Number of trials with separate demonstrations and policies. Pair i runs in trial i % trials.
   int trials = 5;
   int pairs = 1000;  ///< Maximum number of pairs.
   double alpha = 0.05;

@@ -14,13 +14,13 @@ inline constexpr const char* kBetween = ": ";
 /// A method's name in ids: "controller@lwr/density".
 [[nodiscard]] std::string MethodOf(const std::string& controller, const std::string& policy);
 
-/// Returns one table per policy, with a row for each task and condition. Columns: each controller's
-/// completed / collided, then saved / harmed, and passed with the size of changes. Shares are in
-/// per cent. The first table has means and worst rows.
+/// Returns one table per policy, with a row for each task and condition. Each controller has
+/// columns for completed / collided, for saved / harmed, and for passed with the size of changes.
+/// Shares are in per cent. The first table has means and worst rows.
 [[nodiscard]] std::vector<experiment::ReportTable> MakeTables(const std::vector<Row>& rows);
 
-/// Judges each method around all policies but "none" together, against the same policies alone: by
-/// 95 % intervals of the episodes that it saves and harms, then by the share of controls that it
+/// Judges each method over all policies except "none", compared with the same policies alone: by 95
+/// % intervals of the episodes that it saves and harms, then by the share of controls that it
 /// passes. Placebos and a guard that only watches are not judged.
 [[nodiscard]] std::vector<experiment::ReportJudgement> JudgeMethods(const std::vector<Row>& rows);
 /// The rule of JudgeMethods(), for readers.

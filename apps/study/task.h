@@ -67,7 +67,7 @@ struct Condition {
   experiment::DisturbanceOptions disturbance = {};
   double noise = 0.0;        ///< Standard deviation of observation noise, in units of Task::length.
   Nuisances nuisances = {};  ///< Disturbances of the pictures that guards see.
-  int demonstrations = 0;    ///< Replaces the study's number unless 0.
+  int demonstrations = 0;    ///< Number of demonstrations; 0: the study's number.
   bool on_request = false;   ///< Excluded from studies of all conditions.
 };
 

@@ -119,7 +119,7 @@ class LateMessagesTest : public testing::Test {
   std::int64_t now_ns_ = kBeginNs;
 };
 
-// A hold, sent once or 20 times a second for .3 s. This side finds its sender up to half a second
+// A hold, sent once or 20 times a second for .3 s. The client finds the sender up to half a second
 // later than the console does.
 TEST_F(LateMessagesTest, AHoldThatOnlyTheConsoleReceivesHolds) {
   for (const int late_ms : {0, 10, 20, 50, 100, 200, 490}) {

@@ -165,7 +165,7 @@ TEST(ReadRecordingTest, AChangedByteLosesOnlyItsChunk) {
     }
     put(at, whole[at]);
   }
-  // Changes of the eight bytes of the magic at the end make the file incomplete, not damaged.
+  // A change of one of the last eight bytes, the magic, makes the file incomplete, not damaged.
   EXPECT_EQ(unseen, 8);
   // The content that a reader must trust precedes the first chunk: header, types, metadata,
   // configuration.

@@ -75,7 +75,7 @@ void LookAt(const CheckOptions& options, const hardware::EndoscopeOptions& camer
 void Print(const DeviceReport& report, std::ostream& out);
 void PrintJson(const std::vector<DeviceReport>& reports, std::ostream& out);
 
-/// Runs all requested checks one after the other; by default those of PSM1 and /ECM/image_raw.
+/// Runs all requested checks one after the other; by default the checks of PSM1 and /ECM/image_raw.
 /// Prints to standard output. Returns the program's exit code: 1 if there is an error.
 int RunCheck(CheckOptions options);
 

@@ -34,7 +34,7 @@ struct Robot {
 };
 
 // On a robot, an episode begins after the operator's confirmation. In simulation it begins after a
-// regular end of the previous one. Returns false if there are no more episodes.
+// regular end of the previous episode. Returns false if there are no more episodes.
 bool MayBegin(RobotPlant& plant, bool simulated, Terminal& terminal) {
   robot::OperatorPrompt& prompt = terminal.prompt();
   const auto say = [&](std::string_view words) {

@@ -9,7 +9,7 @@
 namespace dfr::apps::line_tracking {
 
 /// Clock of a robot::ControlLoop on dvrk_simulator --lock-step. A simulator that does not answer
-/// causes HoldReason::kArmSilent, or kImageSilent in Look(). After a failed call, later ones fail
+/// causes HoldReason::kArmSilent, or kImageSilent in Look(). After a failed call, later calls fail
 /// without a request until Retry(). Calls wait for answers, and may allocate.
 class LockStep final : public robot::Clock {
  public:

@@ -37,11 +37,11 @@ class SimulatorLink {
   /// Same as above, but calls `go_on` repeatedly until the answer arrives. Returns false as soon as
   /// `go_on` does, with `truth` unchanged.
   [[nodiscard]] bool Truth(SimulatorTruth& truth, const std::function<bool()>& go_on);
-  /// Injects a fault; `name` and `value` as in DvrkSceneServer::SetFault().
+  /// Injects the fault `name` with `value`, as DvrkSceneServer::SetFault() does.
   void Fault(const std::string& name, const std::string& value);
   /// In lock-step, advances time after `commands` motion commands have arrived since the last call.
-  /// Returns false, without an advance, if they do not: set-points expire after 50 ms, and a busy
-  /// machine can delay commands.
+  /// If fewer arrive, returns false and does not advance time: set-points expire after 50 ms, and a
+  /// busy machine can delay commands.
   [[nodiscard]] bool Run(double dt_s, int commands);
   void Rest();  ///< Runs until everything is at rest.
   void Look();  ///< Takes and publishes the next picture.

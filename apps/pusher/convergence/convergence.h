@@ -36,7 +36,7 @@ struct GateReach {
   int gates = 0;
   /// Number of gates at which g_t of some state reaches the threshold.
   int any_state = 0;
-  /// Number of gates at which some gripper position reaches it, with other entries unchanged.
+  /// Number of gates at which g_t reaches the threshold for some gripper position alone.
   int any_tip = 0;
   /// Mean of the largest g_t over gripper positions, divided by the threshold.
   double best_tip = 0.0;

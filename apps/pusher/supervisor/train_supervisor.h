@@ -19,7 +19,7 @@ struct TrainSupervisorOptions {
   bool resume = false;            ///< Resume from the checkpoint, with its seed.
   std::uint64_t seed = 1;         ///< Seeds all randomness: start states, noise, weights.
   sim::PusherOptions scene;       ///< Scene for the evaluation of the supervisor.
-  int horizon = 60;               ///< T; `resume` uses that of the checkpoint.
+  int horizon = 60;               ///< T; `resume` uses the checkpoint's T.
   double training_red_y = 0.112;  ///< The tighter gate used in training [m], for a margin.
   /// Number of controls before the first evaluation, and maximum number of controls.
   std::int64_t min_steps = 280'000;

@@ -101,7 +101,7 @@ void PrintCoverage(CoverageOptions options, const std::vector<std::string>& worl
   }
 }
 
-// Number of demonstrated steps at a time step, and of those that a certificate would pass.
+// Numbers of demonstrated steps at a time step, and of steps that a certificate would pass.
 struct Passing {
   int steps = 0;
   int passed = 0;

@@ -63,8 +63,8 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   template <typename T>
   bool HearsOthers(dds::Subscriber<T>& subscriber, const dds::Origin& ours) noexcept;
 
-  // Looks for new participants. They count before their publishers are known, because the console
-  // may already have received their messages.
+  // Looks for new participants. A participant counts as present before its publishers are known,
+  // because the console may already have received its messages.
   void LookForNewcomers() noexcept;
 
   // Looks for other participants that command the arm.

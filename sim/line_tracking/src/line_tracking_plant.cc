@@ -27,7 +27,7 @@ constexpr double kMillimetre = 1e3;
 constexpr double kSampleTime = 0.02;     // s, sampling period of the tip's distance
 constexpr double kArmLag = 0.02;         // s, lag of the encoder readings behind their commands
 constexpr double kStartX = -0.023;       // m, mean of the start position
-constexpr double kStartSpread = 0.0035;  // m, maximum deviation from it
+constexpr double kStartSpread = 0.0035;  // m, maximum deviation from kStartX
 constexpr int kMaxLooks = 3;
 
 // Random streams derived from an episode's seed.

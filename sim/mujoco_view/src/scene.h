@@ -14,8 +14,8 @@ class Scene {
   Scene(const Scene&) = delete;
   Scene& operator=(const Scene&) = delete;
 
-  /// Places the geoms for the positions of `state`, in the view of `camera`. A plant computes only
-  /// the poses that it needs; this function places cameras and lights in separate data.
+  /// Places the geoms for the positions of `state`, in the view of `camera`. Computes cameras and
+  /// lights in separate data, because a plant computes only the poses that it needs.
   void Update(const mjData& state);
   void Render(const mjrRect& viewport) { mjr_render(viewport, &scene, &context); }
 

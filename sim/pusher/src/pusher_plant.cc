@@ -234,8 +234,8 @@ core::PlantStatus PusherPlant::Apply(std::span<const double> control) noexcept {
   double turn = 0.0;
   for (int j = 0; j < kNumJoints; ++j) turn += std::abs(target[j] - start[j]);
   const double chord = MaxMotion(world, at_start, at_target, 0);
-  // A path with second derivative <= kArmLength turn^2 deviates from its chord by at most an eighth
-  // of that.
+  // A path with second derivative <= kArmLength turn^2 deviates from its chord by at most
+  // kArmLength turn^2 / 8.
   const double motion = chord + kArmLength * turn * turn / 8.0;
   const Segment object = ObjectAxis(world, d);
   if (!CouldTouch(world, at_start, object, motion)) return core::PlantStatus::kOk;
@@ -271,8 +271,7 @@ core::PlantStatus PusherPlant::Apply(std::span<const double> control) noexcept {
     for (int c = 0; c < d->ncon; ++c) penetration = std::max(penetration, -d->contact[c].dist);
     deepest = std::max(deepest, penetration);
     speed = std::hypot(d->qvel[kObjectX], d->qvel[kObjectX + 1]);
-    // The kinematics are those at the start of the substep: checks the state before it. The last
-    // state is checked below.
+    // The kinematics belong to the start of the substep. The last state is checked below.
     if (data.collided_part.empty()) {
       ReadAxes(world, d, arm);
       data.collided_part = FindCollision(world, arm, ObjectAxis(world, d));
@@ -319,7 +318,7 @@ core::PlantStatus PusherPlant::MoveDynamically(const std::array<double, kNumJoin
     penetration = 0.0;
     for (int c = 0; c < d->ncon; ++c) penetration = std::max(penetration, -d->contact[c].dist);
     statistics.max_penetration_m = std::max(statistics.max_penetration_m, penetration);
-    // The kinematics are those at the start of the step; the final state is checked below.
+    // The kinematics belong to the start of the step; the final state is checked below.
     if (data_->collided_part.empty()) {
       ReadAxes(world, d, arm);
       data_->collided_part = FindCollision(world, arm, ObjectAxis(world, d));

@@ -7,7 +7,7 @@ namespace dfr::sim::internal {
 namespace {
 
 constexpr double kPegGain = 0.02;     // displacement of the peg by a control of norm 1
-constexpr double kClearance = 0.012;  // half width of the slot minus that of the peg
+constexpr double kClearance = 0.012;  // half width of the slot minus half width of the peg
 constexpr double kMouth = 0.03;       // clearance at the surface, between the chamfers
 constexpr double kChamfer = 0.03;     // depth of the chamfers
 constexpr double kDepth = 0.1;        // depth of an inserted peg

@@ -22,7 +22,7 @@ struct DvrkSceneServerOptions {
   double image_period_s = 1.0 / 30.0;  ///< Period of pictures in real time, > 0.
   int jpeg_quality = 90;               ///< In [1, 100].
   std::string camera_name = "ECM";     ///< First part of the camera's topics, and its frame.
-  std::string platform_name = "SPRK";  ///< Same for the platform.
+  std::string platform_name = "SPRK";  ///< First part of the platform's topics, and its frame.
 };
 
 /// Publishes a DvrkScene on topics: those of PsmConsoleServer, and

@@ -12,10 +12,10 @@ struct DiscPushOptions {
   double object_radius = 0.04;
   double pusher_radius = 0.015;
   double start_x = 0.12;  ///< Object start: x within +-0.02 of this value.
-  double start_y = 0.08;  ///< y within +-start_y.
+  double start_y = 0.08;  ///< Object start: y within +-start_y.
   double gate_x = 0.32;   ///< Position of the two round stay-out regions at (gate_x, +-gate_y).
   double gate_y = 0.13;
-  double red_radius = 0.06;  ///< Radius of these regions, which neither disc may touch.
+  double red_radius = 0.06;  ///< Radius of the stay-out regions, which neither disc may touch.
   double goal_x = 0.44;      ///< Goal: the object's centre within goal_radius of (goal_x, 0).
   double goal_radius = 0.03;
   double step = 0.02;     ///< Displacement of the pusher by a control of norm 1.

@@ -35,8 +35,8 @@ class Endoscope {
   explicit Endoscope(const vision::CameraModel& camera);
 
   [[nodiscard]] const vision::CameraModel& camera() const noexcept { return camera_; }
-  /// Required vertical field of view of the pinhole picture, rad. The picture has as many pixels as
-  /// the camera's.
+  /// Required vertical field of view of the pinhole picture, rad. Both pictures have the same
+  /// number of pixels.
   [[nodiscard]] double pinhole_fovy_rad() const noexcept;
   /// Number of bytes of a picture.
   [[nodiscard]] std::size_t image_size() const noexcept;

@@ -44,12 +44,12 @@ class MujocoRenderer {
   /// first.
   /// @pre rgb.size() == 3 * width * height
   void Draw(const mjData_& data, std::span<std::uint8_t> rgb);
-  /// Same as Draw(), but in OpenGL's order: bottom row first. Saves a copy.
+  /// Same as Draw(), but in OpenGL's order: bottom row first. Avoids a copy.
   void DrawBottomUp(const mjData_& data, std::span<std::uint8_t> rgb);
 
   /// Uploads the model's current pixels of a texture.
   void UploadTexture(int texture);
-  /// Sets whether geoms of `group` (0 to 5) are drawn. Initially, 0 to 2 are.
+  /// Sets whether geoms of `group` (0 to 5) are drawn. Initially groups 0 to 2 are drawn.
   void ShowGroup(int group, bool visible);
 
   /// Returns "OSMesa", "EGL" or "GLFW".

@@ -22,8 +22,8 @@ struct PusherRewardOptions {
 ///
 /// Each control earns the change of the potential
 ///   -scale (reach |tip - object| + forward |c_x - g_x| + sideways |c_y - g_y|),
-/// which is largest at completion, plus the terms above. A collision costs little: with a much
-/// larger cost, policies learn not to push at all.
+/// which is largest at completion, plus the other terms of PusherRewardOptions. A collision costs
+/// little: with a much larger cost, policies learn not to push at all.
 class PusherReward {
  public:
   /// Borrows `plant`, which must outlive it.
