@@ -169,7 +169,7 @@ class Experiment:
         Returns
         -------
         dict of str to Episode
-            `dfr.plot.episode(found["guard"].infos)` plots one.
+            The episode of each method. `dfr.plot.episode(episodes["guard"].infos)` plots an episode.
 
         Raises
         ------
@@ -212,7 +212,7 @@ class Experiment:
         self.parameters = {key: chosen[_option(key)] for key in type(self).parameters}
 
     def _settings(self) -> dict[str, str]:
-        """Return the settings that, besides the plan, determine results; a ledger with other settings is refused."""
+        """Return the settings beyond the plan that determine results; a ledger with other settings is refused."""
         settings = {_option(key): _core.setting_of(value) for key, value in self.parameters.items()}
         source = self._source()
         if source:
@@ -221,7 +221,7 @@ class Experiment:
 
 
 def _plan(experiment: Experiment) -> dict[str, Any]:
-    """Return the experiment's plan; checks it and the parameters."""
+    """Check the experiment's plan and parameters, and return the plan."""
 
     def count(key: str, value: Any) -> int:
         if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not 0 < value < 2**31:

@@ -103,10 +103,10 @@ class GuardedEnv(Wrapper):
 
     With Gymnasium installed, this class is a `gymnasium.Wrapper` for any of its environments. It also
     accepts an environment that has only Gymnasium's `reset` and `step`, and works without Gymnasium.
-    Without Gymnasium, undefined attributes are those of the environment.
+    Without Gymnasium, all other attributes come from the environment.
 
     When the guard halts, the environment receives a zero action, and the episode is truncated. After the end
-    of an episode the guard halts until `reset`. For an environment that resets itself, wrap the one inside.
+    of an episode the guard halts until `reset`. If a wrapper resets it, put the guard inside that wrapper.
 
     Parameters
     ----------
@@ -124,14 +124,14 @@ class GuardedEnv(Wrapper):
     TypeError
         If `env` has no `reset` or `step` or is a vector of environments, or `guard` is not a Guard.
     ValueError
-        If the environment's `action_space` is not one array of continuous actions, of another size or not on
-        both sides of zero.
+        If the environment's `action_space` is not one array of continuous actions, has another size than the
+        guard's actions, or does not include both signs.
 
     Notes
     -----
     The environment must apply the guard's action in full. If its `action_space` has tighter bounds
-    than `guard.settings["action_limit"]`, the attribute `guard` is a copy of the guard whose limit
-    is, for each entry, the tighter of the two.
+    than `guard.settings["action_limit"]`, the attribute `guard` is a copy of the guard with the
+    tighter limit for each entry.
 
     `step` adds the guard's decision as `info["guard"]` and the applied action as `info["action"]`.
     """
@@ -188,8 +188,8 @@ class GuardedEnv(Wrapper):
         self._t += 1
         if self._ended:
             verdict["why"] = (
-                "the episode has ended: call reset() before the next one. For an environment that resets itself, put "
-                "the guard around the environment inside"
+                "the episode has ended: call reset() before the next step. If a wrapper resets the environment, put "
+                "the guard inside that wrapper"
             )
             warnings.warn(verdict["why"], RuntimeWarning, stacklevel=2)
         applied: NDArray[Any] = safe

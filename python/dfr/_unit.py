@@ -194,7 +194,7 @@ class Unit:
 
 
 def _demonstrations(experiment: Experiment, seed: int, trial: int, count: int) -> tuple[list[Any], list[Any]]:
-    """Return the first `count` demonstrations of a trial, and cache those of the latest trial."""
+    """Return the first `count` demonstrations of a trial. Only the latest trial's demonstrations are cached."""
     key = (tuple(experiment.parameters.items()), seed, trial)
     if experiment._kept[0] != key:
         experiment._kept = (key, [])

@@ -60,7 +60,7 @@ except ImportError:
         _estimator_type = "outlier_detector"
 
         def fit_predict(self, X: ArrayLike, y: Any = None) -> NDArray[np.intp]:
-            """Fit to X and return 1 for its rows inside and -1 for those outside."""
+            """Fit to X and return 1 for rows inside and -1 for rows outside."""
             return self.fit(X).predict(X)
 
 

@@ -47,7 +47,7 @@ def _item(value: Any) -> Any:
 
 
 def _listed(name: str, values: Any) -> list[Any] | None:
-    """Return the values of an option as Python's own, which a configuration file can hold."""
+    """Return the values of an option as Python's own types, which a configuration file can hold."""
     if values is None:
         return None
     if isinstance(values, (str, bytes)) or not hasattr(values, "__iter__"):
@@ -97,11 +97,11 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
     Raises
     ------
     TypeError
-        If `guard` is neither a guard nor a path, `positions` or `action_names` is no list, or `on_alarm` or
+        If `guard` is neither a guard nor a path, `positions` or `action_names` is not a list, or `on_alarm` or
         `on_halt` is not callable.
     ValueError
-        If `positions` or `action_names` does not have one entry per entry of an action, or an entry is no whole
-        number, out of range or repeated.
+        If `positions` or `action_names` does not have one entry per entry of an action, or an entry is not a
+        whole number, out of range or repeated.
     """
 
     def __init__(

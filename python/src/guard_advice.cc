@@ -174,7 +174,7 @@ steered entry is beyond both its limit and five times its largest demonstrated v
 Raises
 ------
 ValueError
-    If the action has the wrong number of entries or one that is not finite.
+    If the action has the wrong number of entries or a non-finite entry.
 )")
       .def("filter_chunk", &FilterChunk, py::arg("t"), py::arg("state"), py::arg("actions"),
            R"(Return how many of a chunk's actions are predicted to be safe from `state` on.
@@ -184,8 +184,8 @@ An action counts if it is within the limits and predicted to end inside, at the 
 within the limits and the horizon. The guard is not changed.
 
 Pass each counted action to `filter` with the state that was reached, because predictions can be wrong
-and `filter` decides. After the last of them, or after the first that `filter` changes, ask the policy
-for a new chunk. If no action counts, pass the first action to `filter`, which returns a replacement.
+and `filter` decides. After the last of them, or after the first action that `filter` changes, ask the
+policy for a new chunk. If no action counts, pass the first action to `filter`, which returns a replacement.
 
 Parameters
 ----------
@@ -216,9 +216,9 @@ Parameters
 ----------
 state : array_like of shape (state_dim,)
 t : int, optional
-    Time step of the demonstrations to compare with; default: the one that fits best.
+    Time step of the demonstrations to compare with; default: the time step that fits best.
 demonstrations : iterable of array_like of shape (n_states_i, state_dim), optional
-    Demonstrations to search for the nearest one, at time steps near `t`.
+    Demonstrations in which to find the nearest state, at time steps near `t`.
 
 Returns
 -------
@@ -283,7 +283,7 @@ ValueError
             return NewVector(static_cast<py::ssize_t>(levels.size()), levels.data());
           },
           py::arg("states"),
-          R"(Return l, the log form of g, for each state of an episode, with a tracked time step.
+          R"(Return l, the log form of g, for each state of an episode, at the nearby time step that fits it best.
 
 An alarm is raised if l < -settings["alarm_level"].
 

@@ -206,7 +206,7 @@ features : str or list of str
     Features, as in "object,tip[0:2]"; all entries if empty. "obs/object" means "object".
     "points:image[:K][:grey][:HxW][:light=none|gain|standard]" stands for K slow features of the positions
     of patches in a picture, "pca:embedding[:K]" for K principal components of a block, "slow:embedding[:K]"
-    for K slow features of these. Without K the fit chooses their number and, for points and embeddings,
+    for K slow features of these components. Without K the fit chooses their number and, for points and embeddings,
     uses directions that actions depend on if these explain more. The other options are for pictures: one
     channel, the size after averaging, and the light: "standard" (the default) removes brightness and
     contrast, "gain" removes only the brightness. docs/pixels.md has more.

@@ -120,7 +120,7 @@ Attributes
 ----------
 state_dim : int
 num_steps : int
-    Number of estimates. Later time steps use the last estimate. Negative ones raise ValueError.
+    Number of estimates. Later time steps use the last estimate. Negative time steps raise ValueError.
 )");
   PickleBy(
       support_class,
@@ -224,7 +224,8 @@ gradient : ndarray of shape (state_dim,)
             CheckStep(t);
             return support.at(NearestInt(t));
           },
-          py::arg("t"), "The SupportEstimate of time step t; later time steps use the last.")
+          py::arg("t"),
+          "The SupportEstimate of time step t; later time steps use the last estimate.")
       .def(
           "lipschitz_bound",
           [](const TimeVaryingSupport& support, std::int64_t t) {

@@ -184,7 +184,7 @@ std::vector<std::string> InNetwork(std::vector<std::string> command,
     throw std::runtime_error(
         folder.string() +
         " does not exist, but must hold the certificate of the launched program. Create it with "
-        "`hardware certificates`, together with that of " +
+        "`hardware certificates`, together with the certificates of " +
         name + " and line_tracking");
   }
   command.insert(command.end(), {"--security", folder.string()});
