@@ -17,7 +17,7 @@ struct VideoFrame {
   std::vector<std::uint8_t> jpeg;
   control::Step step;
   double level = 0.0;      ///< g, or its log form if the controller uses it.
-  double threshold = 0.0;  ///< Threshold of the gate, in the same form; NaN: none.
+  double threshold = 0.0;  ///< Threshold of the gate, in the form of `level`; NaN: none.
   bool logarithmic = false;
   int controls = 0;  ///< Number of controls applied so far.
 

@@ -65,8 +65,8 @@ constexpr double kTolerance = 1e-10;
 safety::TaskOptions Options() {
   safety::TaskOptions options;
   options.guided.svm.tolerance = kTolerance;
-  // With a wider kernel the published support reaches across the pillar; with a narrower one DFR
-  // only halts.
+  // With a wider kernel the published support reaches across the pillar; with a narrower kernel
+  // DFR only halts.
   options.published = kernel::TimeVaryingSupportOptions();
   options.published->svm.gamma = 2.0;
   options.published->svm.tolerance = kTolerance;

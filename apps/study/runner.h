@@ -74,8 +74,8 @@ class Imitator;
 /// the support.
 class Runner final : public PlaceboRunner {
  public:
-  /// `methods` are those of ParseMethod(), or "<guard's strategy>@<policy>[/pictures]" if
-  /// `prepared` belongs to guards, or PlaceboNames(). Borrows the parts of the place.
+  /// Each of `methods` is valid for ParseMethod(), one of PlaceboNames(), or, if `prepared` belongs
+  /// to guards, "<guard's strategy>@<policy>[/pictures]". Borrows the parts of the place.
   Runner(const Place& place, std::shared_ptr<const Prepared> prepared,
          const std::vector<std::string>& methods);
   ~Runner() override;

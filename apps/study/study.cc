@@ -299,7 +299,7 @@ std::vector<experiment::FilmedEpisode> RecordStudy(const Study& study, int count
   const auto runner = units.Make(unit);
   for (std::size_t method = 0; method < units.controllers().size(); ++method) {
     for (int i = 0; i < count; ++i) {
-      // Seeds equal those of experiment::Evaluate().
+      // Uses the seeds of experiment::Evaluate().
       const std::uint64_t start =
           core::DeriveSeed(plan.seed, {0, 0, static_cast<std::uint64_t>(i), 0});
       episodes.push_back(runner->RecordStates(static_cast<int>(method), start,

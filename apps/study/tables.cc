@@ -84,7 +84,7 @@ std::string Number(const std::optional<double>& value, int digits, double factor
 }
 
 // "96.3 / 0.41": per cent of the controls that equal the policy's bit for bit, and the mean change
-// of the others.
+// of all other controls.
 std::string Interventions(const Totals& totals) {
   return Number(totals.passed(), 1, 100.0) + " / " + Number(totals.change(), 2);
 }

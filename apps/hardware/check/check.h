@@ -58,7 +58,7 @@ struct CheckOptions {
 
 /// Checks the console of options.arm, and moves the arm on request.
 [[nodiscard]] DeviceReport CheckArm(const CheckOptions& options);
-/// Same as above for a given arm. Does not search for the reason if no console was found.
+/// Overload for a given arm. Does not search for the reason if no console was found.
 [[nodiscard]] DeviceReport CheckArm(const CheckOptions& options, CheckedArm& arm);
 /// Checks the pictures of options.endoscope: a ROS 2 topic if hardware::IsImageTopic() is true,
 /// else a source for hardware::OpenVideo().

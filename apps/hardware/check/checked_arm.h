@@ -12,7 +12,7 @@
 namespace dfr::apps::hardware_app {
 
 /// Interface of a checked arm: a driver at a console, and the other participants of the network.
-/// Functions are those of hardware::PsmDriver unless stated otherwise.
+/// Functions behave as in hardware::PsmDriver unless stated otherwise.
 class CheckedArm {
  public:
   /// A topic of the console.

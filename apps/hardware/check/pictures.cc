@@ -55,7 +55,7 @@ Pictures ReceivePictures(const CheckOptions& options, hardware::Endoscope& endos
   return pictures;
 }
 
-// Reports the number of good pictures and the most frequent error of the others.
+// Reports the number of good pictures and the most frequent error of bad pictures.
 void ReportPictures(const CheckOptions& options, const hardware::EndoscopeOptions& camera,
                     const Pictures& pictures, DeviceReport& report) {
   const auto& [times, ages, received, lost, rate, frame] = pictures;

@@ -25,7 +25,7 @@ std::vector<std::uint8_t> Inset(const sim::LineTrackingPlant& plant) {
 
 void RunView(const ViewOptions& options) {
   LineModel model = LineModel::Load(options.model);
-  // Created before the plant, whose endoscope uses the window's OpenGL.
+  // The window precedes the plant, whose endoscope uses the window's OpenGL.
   sim::LineTrackingWindow window("line_tracking: " + options.method);
   LineTrialRunner runner(std::move(model), {options.method}, options.scene.plant,
                          LoadCalibration(options.scene));

@@ -34,7 +34,7 @@ class SimulatorLink {
   /// Begins a new episode, like sim::LineTrackingPlant::Reset(seed).
   void Reset(std::uint64_t seed);
   [[nodiscard]] SimulatorTruth Truth();
-  /// Same as above, but calls `go_on` repeatedly until the answer arrives. Returns false as soon as
+  /// Overload that calls `go_on` repeatedly until the answer arrives. Returns false as soon as
   /// `go_on` does, with `truth` unchanged.
   [[nodiscard]] bool Truth(SimulatorTruth& truth, const std::function<bool()>& go_on);
   /// Injects the fault `name` with `value`, as DvrkSceneServer::SetFault() does.

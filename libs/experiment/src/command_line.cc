@@ -214,7 +214,7 @@ void ReadConfiguration(const std::filesystem::path& file, CLI::App& command) {
   }
 }
 
-// Returns the ledgers of the folders. For a folder without a ledger, returns those of its shards.
+// Returns the ledgers of the folders. A folder without a ledger contributes its shards' ledgers.
 std::vector<std::filesystem::path> LedgersIn(const std::vector<std::filesystem::path>& folders) {
   std::vector<std::filesystem::path> ledgers;
   for (const std::filesystem::path& folder : folders) {
@@ -421,8 +421,8 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv,
                           {"rerun", {"out/whole 0/60/8/dfr/3" + film}}});
   try {
     KeepGivenValues(app);
-    // These transforms run before those of KeepGivenValues(). Without them, run.toml would contain
-    // leading zeros.
+    // These transforms run before the transforms of KeepGivenValues(). Without them, run.toml would
+    // contain leading zeros.
     core::CheckArguments(app, arguments);
     if (std::string empty = core::DescribeEmptyEntry(app, arguments); !empty.empty()) {
       throw CLI::ValidationError(std::move(empty));

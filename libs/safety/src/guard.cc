@@ -328,7 +328,7 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
     const bool seen = step.mode != Mode::kHalt && std::isfinite(step.g);
     verdict.g = seen ? step.g : model_->support().Decision(verdict.step, state);
   }
-  // Not compared with `action`, which may be the same memory as `safe`.
+  // `action` may be the same memory as `safe`, so this compares with the proposed action.
   verdict.changed = !action_usable || !std::equal(safe.begin(), safe.end(),
                                                   episode.proposed.begin(), episode.proposed.end());
   verdict.change =

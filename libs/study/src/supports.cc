@@ -214,7 +214,7 @@ class Mahalanobis final : public Pooled {
     q_.assign(points_.size(), 1.0);
     for (std::size_t t = 0; t < points_.size(); ++t) q_[t] = std::max(1e-9, 1.0 - LevelQuantile(t));
   }
-  // Valid for l >= -3.
+  // The bound is valid for l >= -3.
   [[nodiscard]] double lipschitz_bound(int t) const noexcept override {
     return 4.0 * std::sqrt(curvature_bound(t));
   }

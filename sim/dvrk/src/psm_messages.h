@@ -45,7 +45,7 @@ Eigen::Isometry3d Transform(const Message& message) {
   if (std::abs(message.orientation.norm() - 1.0) <= kRounding) {
     pose.linear() = message.orientation.normalized().toRotationMatrix();
   } else {
-    // Not an orientation: the console rejects values that are not finite.
+    // The message has no orientation. NaN makes the console reject it.
     pose.linear().setConstant(std::numeric_limits<double>::quiet_NaN());
   }
   return pose;

@@ -36,7 +36,7 @@ const GalleryTask& FindGalleryTask(std::string_view name) {
 }
 
 core::Trajectory DemonstrateOnce(const GalleryTask& task, std::uint64_t seed) {
-  // Noise is correlated over about four steps, like that of a human hand.
+  // Noise is correlated over about four steps, like the noise of a human hand.
   constexpr double kMemory = 0.8;
   const double fresh = std::sqrt(1.0 - kMemory * kMemory);
   core::Trajectory trajectory;

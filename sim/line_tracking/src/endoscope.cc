@@ -103,7 +103,7 @@ void Endoscope::Develop(std::span<const std::uint8_t> pinhole_rgb, const Endosco
   // OpenCV does not accept a pointer to const.
   const cv::Mat pinhole(camera_.height, camera_.width, CV_8UC3,
                         const_cast<std::uint8_t*>(pinhole_rgb.data()));
-  // Kept between calls, because allocating megabytes takes as long as the computation.
+  // The buffers persist, because allocating megabytes takes as long as the computation.
   thread_local cv::Mat rgb;
   thread_local std::array<cv::Mat, 3> colours;
   thread_local std::vector<float> gain;

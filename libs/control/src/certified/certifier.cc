@@ -132,7 +132,7 @@ Certifier::CertifiedStep Certifier::Admit(const LocalModel& model, LocalFit& fit
     admitted.share = StepFraction(model, request.phase, v);
   }
   if (admitted.share < certified::kLeastShare) {
-    // Too close to the boundary in this direction: maximize the margin first.
+    // The state is too close to the boundary in this direction: maximizes the margin first.
     v.setZero();
     static_cast<void>(
         AscendSupport(model, {request.phase, std::numeric_limits<double>::infinity()}, limits, v));

@@ -266,7 +266,7 @@ std::string Describe(std::span<const AbsoluteAction> absolute, const StateLayout
   std::string actions;
   std::string entries;
   double correlation = 1.0;
-  double slope = 1.0;  // the one furthest from 1
+  double slope = 1.0;  // the slope furthest from 1
   for (std::size_t i = 0; i < absolute.size(); ++i) {
     correlation = std::min(correlation, absolute[i].correlation);
     if (std::abs(absolute[i].slope - 1.0) > std::abs(slope - 1.0)) slope = absolute[i].slope;

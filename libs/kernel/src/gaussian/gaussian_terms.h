@@ -104,7 +104,7 @@ struct GaussianTerms {
   /// @pre weights are positive, one per point or none; gamma > 0
   GaussianTerms(const core::Matrix& points, std::span<const double> weights, double gamma)
       : GaussianTerms(points, Extent(points), weights, gamma) {}
-  /// Same as above, if the extent of `points` is known.
+  /// Overload for a known extent of `points`.
   GaussianTerms(const core::Matrix& points, const Extent& extent, std::span<const double> weights,
                 double gamma);
 

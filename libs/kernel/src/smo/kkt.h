@@ -37,7 +37,7 @@ struct KktBounds {
   KktBounds() = default;
   KktBounds(std::span<const double> alpha, std::span<const double> gradient)
       : KktBounds(alpha, gradient, Support(alpha)) {}
-  /// Same as above, if the indices of alpha > 0, ascending, are known.
+  /// Overload for known indices of alpha > 0, ascending.
   KktBounds(std::span<const double> alpha, std::span<const double> gradient,
             std::span<const std::size_t> support) {
     const Extremes extremes = FindExtremes(alpha.data(), gradient.data(), alpha.size());

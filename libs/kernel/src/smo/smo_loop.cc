@@ -214,8 +214,8 @@ struct Partner {
 };
 
 // ChooseSecond() for sparse rows. Samples in reach of row i are compared one by one. All others
-// have the same curvature: the best of them is the one with the largest G over alpha > 0, which is
-// in `far_group`.
+// have the same curvature: the best of these has the largest G over alpha > 0, and is in
+// `far_group`.
 template <typename T>
 HWY_INLINE Partner<T> ChoosePartner(const SparseSmoProblem<T>& p, const SparseRow<T>& row_i, T g_i,
                                     std::size_t far_group) {

@@ -193,7 +193,7 @@ class Solver {
     return true;
   }
 
-  // Found by experiment between n = 4000 and 100000; a factor of two changes little.
+  // Experiments between n = 4000 and 100000 gave these values; a factor of two changes little.
   static constexpr std::size_t kLeastMargin = 256;
   static constexpr std::size_t kMostViolators = 2048;
   static constexpr double kInnerTolerance = 0.05;

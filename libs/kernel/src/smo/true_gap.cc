@@ -44,7 +44,7 @@ std::vector<double> ExactGradient(const core::Matrix& samples, double gamma,
   const core::Matrix points = samples(support, Eigen::all);
   const SumTerms<double> terms(GaussianTerms<double>(points, weights, gamma));
   std::vector<double> gradient(chosen.size());
-  // Enough work to justify starting a thread.
+  // Number of samples that justify starting a thread.
   const std::size_t run_size = 32 + (std::size_t{1} << 18) / (support.size() + 1);
   workers.Run((chosen.size() + run_size - 1) / run_size, [&](std::size_t run) {
     std::vector<double> scaled(terms->dim);

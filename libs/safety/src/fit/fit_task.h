@@ -38,7 +38,7 @@ struct Recorded {
   Recorded(const core::FeatureSelection& selection,
            std::span<const core::Trajectory> demonstrations, std::span<const std::size_t> chosen,
            const ActionSpace* actions = nullptr, const core::WhiteningOptions& whitening = {});
-  /// Same as above, with the caller's features.
+  /// Overload with the caller's features.
   Recorded(core::FeatureTransform transform, std::span<const core::Trajectory> demonstrations,
            std::span<const std::size_t> chosen);
 

@@ -24,7 +24,7 @@ struct Replay {
 };
 
 /// Scores fewer than 2000 actions, by the support and the transitions fitted without the action's
-/// demonstration. The levels are those of `task`, which is fitted to all demonstrations.
+/// demonstration. Uses the levels of `task`, which is fitted to all demonstrations.
 [[nodiscard]] Replay ReplayLeftOut(const Recorded& recorded, const GuardFit& fit,
                                    const control::TaskView& task);
 

@@ -30,8 +30,8 @@ struct DisturbanceOptions {
 /// A plant that differs from the demonstrated one: controls are rotated, scaled, biased, noisy,
 /// late or lost; observations are noisy, late or lost. Serves to study how methods degrade.
 ///
-/// Controls of more than two entries are rotated in a random plane. Collisions and completion are
-/// those of the underlying plant.
+/// Controls of more than two entries are rotated in a random plane. The underlying plant decides
+/// collisions and completion.
 class DisturbedPlant final : public core::SimulatedPlant {
  public:
   /// @throws std::invalid_argument if an option is negative or not finite, or a probability > 1.

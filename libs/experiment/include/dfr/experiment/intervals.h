@@ -38,7 +38,7 @@ struct ClusterCount {
 /// proportion p, estimated between clusters. This size is reduced for the degrees of freedom of the
 /// estimate, and is at most the number of episodes. With one cluster, no success, or no failure,
 /// the variance cannot be estimated and episodes count as independent.
-/// @throws std::invalid_argument as above; clusters without episodes are ignored.
+/// @throws std::invalid_argument as WilsonInterval(). Ignores clusters without episodes.
 [[nodiscard]] Interval ClusteredInterval(std::span<const ClusterCount> clusters,
                                          double confidence = 0.95);
 

@@ -59,7 +59,7 @@ struct Contrast {
   /// Number of pairs (one start state each) in which only the method collided.
   int only_method_collided = 0;
   int only_reference_collided = 0;  ///< Number of pairs in which only the reference collided.
-  double mcnemar_p = 1.0;           ///< ClusteredMcNemar() of these pairs, by the same clusters.
+  double mcnemar_p = 1.0;           ///< ClusteredMcNemar() of all pairs, by `clusters`.
 };
 
 /// Mean over trials of a quantity reported by the runners.
@@ -88,7 +88,7 @@ struct SummaryOptions {
 };
 
 /// Aggregates Evaluate()'s results for `plan`, whose first method is the reference.
-/// @throws std::invalid_argument if the results are not those of the whole plan.
+/// @throws std::invalid_argument unless the results cover the whole plan.
 [[nodiscard]] Summary Summarize(const EvaluationPlan& plan, std::span<const UnitResult> results,
                                 const SummaryOptions& options);
 

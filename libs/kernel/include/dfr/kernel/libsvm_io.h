@@ -21,7 +21,7 @@ void SaveLibsvmModel(const OneClassSvm& svm, const std::filesystem::path& path);
 ///   truncated, damaged or hostile. Rejects huge counts and indices before allocating memory for
 ///   them.
 OneClassSvm LoadLibsvmModel(const std::filesystem::path& path);
-/// Same as above, but reads an open stream; messages call the stream `name`.
+/// Overload for an open stream; messages call the stream `name`.
 OneClassSvm LoadLibsvmModel(std::istream& in, const std::string& name);
 
 /// Reads samples, one per line, in LIBSVM's sparse form or as comma-separated values with an

@@ -115,7 +115,7 @@ class WhitenedSupport final : public core::LogDecisionFunction {
 /// midpoint between two neighbouring clusters should be outside, unless a demonstration passes near
 /// it at another time. Chance also produces such clusters at a few time steps.
 struct ModeSeparationTest {
-  int steps = 0;   ///< Number of time steps tested: those of the support.
+  int steps = 0;   ///< Number of tested time steps: all steps of the support.
   int points = 0;  ///< Number of midpoints between two clusters, over all time steps.
   int inside = 0;  ///< Number of midpoints inside the support.
 };

@@ -29,7 +29,7 @@ struct FeaturePointsOptions {
 /// Levine et al., JMLR 17, 2016; Finn et al., ICRA 2016). If a picture shows the patch twice, its
 /// position is halfway between the two places.
 ///
-/// Pixel values are those of ImageFeatures with LightNormalisation::kGainAndOffset, of mean 128 and
+/// Pixel values come from ImageFeatures with LightNormalisation::kGainAndOffset: mean 128 and
 /// standard deviation 48. Immutable. Concurrent calls with separate workspaces are safe.
 class FeaturePoints {
  public:

@@ -21,7 +21,7 @@ enum class PictureFault {
   kNone,
   kWrongSize,  ///< Unexpected size or number of channels, too small a stride, or no data.
   kDark,       ///< Black: darker than ImageFeaturesOptions::least_mean.
-  kFrozen,     ///< The bytes equal those of the previous pictures: a working sensor has noise.
+  kFrozen,     ///< Equal to the previous pictures to the bit: a working sensor has noise.
 };
 
 /// Order of the channels of a colour picture: BGR as in OpenCV, or RGB as in datasets.

@@ -10,8 +10,8 @@
 
 namespace dfr::reduction {
 
-/// Measures the difference between a picture and all demonstrations, relative to the same
-/// difference of left-out demonstrations.
+/// Measures the difference between a picture and all demonstrations, relative to the differences
+/// between left-out and other demonstrations.
 ///
 /// Two statistics, each divided by its limit:
 /// - the largest mean squared difference from the mean picture on a window of 3 x 3 pixels, divided

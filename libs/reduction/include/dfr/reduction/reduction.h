@@ -55,7 +55,7 @@ class Reduction {
   /// Reads what Save() wrote.
   /// @throws std::runtime_error naming the file and its defect.
   static Reduction Load(core::ArchiveReader& archive);
-  /// Same as above, for a separate file.
+  /// Overloads for a separate file.
   void Save(const std::filesystem::path& path) const;
   static Reduction Load(const std::filesystem::path& path);
 

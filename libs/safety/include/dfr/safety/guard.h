@@ -43,8 +43,8 @@ struct Verdict {
   /// True if `level` is below -GuardSettings::alarm_level, or the state resembles no demonstration
   /// or is frozen.
   bool alarm = false;
-  /// Time step of the alarm: the one near the expected time step whose support fits the state best,
-  /// because the paces of demonstrations and robots differ.
+  /// Time step of the alarm: the step near the expected step whose support fits the state best. The
+  /// paces of demonstrations and robots differ.
   int alarm_step = 0;
   int step = 0;  ///< Time step of the strategy, used for g and threshold.
   /// Cause kBadQuaternion: index in layout() of the first of the quaternion's four entries;

@@ -45,7 +45,7 @@ struct ControllerOptions {
   int horizon = 0;               ///< T: number of the learned policy's time steps; 0: the model's.
   int first_step = 0;            ///< First time step of an episode, in [0, T).
   control::DfrOptions dfr = {};  ///< For "dfr"; "dfr-fine" has the constants of the paper.
-  /// For "guard" and "controller". `horizon` and `first_step` above replace those of `guided`.
+  /// For "guard" and "controller". ControllerOptions::horizon and first_step replace its values.
   control::GuidedOptions guided = {};
 };
 

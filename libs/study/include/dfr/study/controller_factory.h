@@ -18,8 +18,8 @@
 
 namespace dfr::study {
 
-/// Methods of every program, in addition to those of safety::ParseMethod(). Oracles, which try
-/// controls on a copy of the simulation: "finite-difference", the paper's oracle, and
+/// Methods of every program, in addition to the methods of safety::ParseMethod(). Oracles, which
+/// try controls on a copy of the simulation: "finite-difference", the paper's oracle, and
 /// "true-jacobian", a one-step filter (MakeTrueJacobianFilter()). Baselines without a support:
 /// "lwr", "lwr-cv" and "knn", regressions on the demonstrations themselves; "lwr-online", a
 /// regression that adapts to the effects of controls (OnlineLwrPolicy); "ensemble", which halts

@@ -63,8 +63,8 @@ class FittedTask {
   using Maker = std::function<std::unique_ptr<control::Controller>(const core::Policy&,
                                                                    std::vector<double> limit)>;
   /// Returns a controller in recorded units from a controller in the model's units. Entries that a
-  /// guard does not steer pass unchanged. Each limit is the smaller of the guard's and the one in
-  /// `limit`, which has one value per entry or one for all.
+  /// guard does not steer pass unchanged. Each limit is the smaller of the guard's limit and the
+  /// value in `limit`, which has one value per entry or one for all.
   [[nodiscard]] std::unique_ptr<control::Controller> InUnits(const core::Policy& policy,
                                                              const std::vector<double>& limit,
                                                              const Maker& make) const;

@@ -40,14 +40,14 @@ struct EstimatedConstant {
                                                        const ResponseOptions& options = {},
                                                        double confidence = 0.95);
 
-/// Same as above, with at most five core::StratifiedFolds(). The result does not depend on the
-/// order of the demonstrations.
+/// Overload with at most five core::StratifiedFolds(). The result does not depend on the order of
+/// the demonstrations.
 [[nodiscard]] EstimatedConstant EstimateDirectionError(
     const core::FeatureTransform& features, std::span<const core::Trajectory> demonstrations,
     const ResponseOptions& options = {}, double confidence = 0.95);
 
-/// Same as above, with the J of `response`, which must not have been fitted to `held_out`: the
-/// bound is then exact. @throws std::invalid_argument as EstimateGain().
+/// Overload with the J of `response`, which must not have been fitted to `held_out`: the bound is
+/// then exact. @throws std::invalid_argument as EstimateGain().
 [[nodiscard]] EstimatedConstant EstimateDirectionError(const Response& response,
                                                        const FeatureTrajectories& held_out,
                                                        double confidence = 0.95);

@@ -43,7 +43,7 @@ class Certifier {
   /// Checks that l_q(z + J v + d) >= -eta, q = `phase`, for every d with |d| <= eps |u| + delta.
   [[nodiscard]] RequiredLevel Check(const LocalModel& model, int phase,
                                     const Eigen::VectorXd& v) const noexcept;
-  /// Same as above, if model.Predict(phase, v) is known.
+  /// Overload for a known `there` = model.Predict(phase, v).
   [[nodiscard]] RequiredLevel Check(const LocalModel& model, int phase, const Eigen::VectorXd& v,
                                     const PredictedLevel& there) const noexcept;
   /// Returns Check() at the first phase q with |q - phase| <= PhaseTracker::kWindow at which `v`
@@ -56,7 +56,7 @@ class Certifier {
   /// the balls at z allow. A larger s of 1/2 or 1/4 is used if it passes Check() at the next phase.
   [[nodiscard]] double StepFraction(const LocalModel& model, int phase,
                                     const Eigen::VectorXd& v) noexcept;
-  /// Same as above without Predict(), for a control that Check() has rejected.
+  /// Same as StepFraction() without Predict(), for a control that Check() has rejected.
   [[nodiscard]] double ReducedStepFraction(const LocalModel& model, int phase,
                                            const Eigen::VectorXd& v) noexcept;
   /// The phase of a requested control, and its source.

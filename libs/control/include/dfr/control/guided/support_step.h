@@ -27,7 +27,7 @@ struct LocalModel {
 
   /// Returns l_phase(z'), the predicted level of control `v`.
   [[nodiscard]] double Level(int phase, const Eigen::VectorXd& v) const noexcept;
-  /// Same as above, with the gradient.
+  /// Returns the predicted level of control `v`, with its gradient.
   [[nodiscard]] PredictedLevel Predict(int phase, const Eigen::VectorXd& v) const noexcept;
 };
 
@@ -66,15 +66,14 @@ struct StepLimits {
 /// gives
 ///   l(z + J (v + s d)) >= l(z + J v) + s |d|^2 - s^2 c |J d|^2,
 /// whose maximum is at s = |d|^2 / (2 c |J d|^2). A step ends there, or where the bound reaches the
-/// level. Changes `v` in place and returns its predicted level, which is never less than that of
-/// the given `v`. Entries with few values stay unchanged.
+/// level. Changes `v` in place and returns its predicted level, which is never less than the level
+/// of the given `v`. Entries with few values stay unchanged.
 ///
 /// A pure function. If `v` is within the limits, the result is too. Neither allocates nor throws.
 /// Supports at most kMaxStepEntries features and control entries.
 double AscendSupport(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
                      Eigen::VectorXd& v) noexcept;
-/// Same as above, if `there` = model.Predict(target.phase, v) is known. Updates `there` for the new
-/// `v`.
+/// Overload for a known `there` = model.Predict(target.phase, v). Updates `there` for the new `v`.
 double AscendSupport(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
                      Eigen::VectorXd& v, PredictedLevel& there) noexcept;
 

@@ -57,12 +57,12 @@ class SwitchingController final : public Controller {
   SwitchingController(const core::Policy& policy, const core::DecisionFunction& support,
                       std::span<const double> lambda,
                       const SwitchingControllerOptions& options = {});
-  /// Same as above with any strategy, which must not be null. Ignores `options.recovery` and
+  /// Overload with any strategy, which must not be null. Ignores `options.recovery` and
   /// `options.dfr`.
   SwitchingController(const core::Policy& policy, const core::DecisionFunction& support,
                       std::span<const double> lambda, std::unique_ptr<RecoveryStrategy> strategy,
                       const SwitchingControllerOptions& options = {});
-  /// Same as above with one lambda for all time steps.
+  /// Overload with one lambda for all time steps.
   SwitchingController(const core::Policy& policy, const core::DecisionFunction& support,
                       double lambda, const SwitchingControllerOptions& options = {});
 

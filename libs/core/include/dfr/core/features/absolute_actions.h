@@ -16,7 +16,7 @@ struct AbsoluteAction {
   int state = 0;   ///< Index of the state entry that it is a target for.
   /// False if the action only repeats the state with which it was recorded.
   bool leads = true;
-  double correlation = 0.0;  ///< Correlation with that state entry at the same or the next step.
+  double correlation = 0.0;  ///< Correlation with the state entry at the same or the next step.
   double slope = 0.0;        ///< Slope of the action over that state entry; 1 for a target.
 };
 

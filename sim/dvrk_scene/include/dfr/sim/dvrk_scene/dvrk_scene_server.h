@@ -25,7 +25,7 @@ struct DvrkSceneServerOptions {
   std::string platform_name = "SPRK";  ///< First part of the platform's topics, and its frame.
 };
 
-/// Publishes a DvrkScene on topics: those of PsmConsoleServer, and
+/// Publishes a DvrkScene on the topics of PsmConsoleServer and on
 ///   ECM/image_raw  ECM/image_raw/compressed  ECM/camera_info   bgr8 640 x 480 and JPEG, 30 Hz
 ///   SPRK/measured_cp  SPRK/setpoint_cp                         the platform's pose, with the state
 /// Pictures are drawn only while one of the camera's topics has a subscriber.

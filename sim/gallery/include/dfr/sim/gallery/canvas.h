@@ -12,8 +12,8 @@ using Colour = std::array<std::uint8_t, 3>;
 /// Paints discs, segments and boxes with smooth edges on a square picture, rows from the top.
 ///
 /// The covered fraction of a pixel is clamp(0.5 - d, 0, 1), where d is the signed distance of its
-/// centre to the shape in pixels. Lengths and angles are those of the painted world. Borrows the
-/// pixels. Never allocates or throws.
+/// centre to the shape in pixels. Arguments are lengths and angles in the painted world. Borrows
+/// the pixels. Never allocates or throws.
 class Canvas {
  public:
   /// @param rgb    side x side x 3 bytes.

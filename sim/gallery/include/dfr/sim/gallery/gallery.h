@@ -52,7 +52,7 @@ class GalleryPlant : public core::SimulatedPlant {
   }
 
  protected:
-  /// @param hidden  number of state entries after those of `layout`; they are never observed.
+  /// @param hidden  number of state entries after the blocks; they are never observed.
   GalleryPlant(std::vector<core::StateLayout::Block> blocks, int hidden, int control_dim);
 
   [[nodiscard]] double& x(int i) noexcept { return state_[static_cast<std::size_t>(i)]; }

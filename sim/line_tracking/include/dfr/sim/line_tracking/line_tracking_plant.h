@@ -54,7 +54,7 @@ struct LineTrackingOptions {
   ArmErrorOptions arm;
   EndoscopeOptions endoscope;
   std::uint64_t platform_seed = 1;  ///< Identifies the platform: its positioning error.
-  /// Half of the lines are straight. This is the maximum curvature of the others, 1/mm.
+  /// Maximum curvature of a line, 1/mm. Half of the lines are straight.
   double max_curvature = 1.0 / 150.0;
   double start_scatter_m = 6e-4;  ///< Standard deviation of the tip's initial distance to the line.
 };
