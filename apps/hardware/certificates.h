@@ -10,7 +10,7 @@ namespace dfr::apps::hardware_app {
 
 struct CertificatesOptions {
   std::filesystem::path folder;
-  /// Each is NAME or NAME:PERMISSION.
+  /// Each participant is NAME or NAME:PERMISSION.
   std::vector<std::string> participants = {"line_tracking", "dvrk_simulator", "stop", "monitor"};
   dds::CertificateOptions certificates;
 };

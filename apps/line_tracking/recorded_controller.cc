@@ -123,8 +123,8 @@ bool ReplayRecording(const std::filesystem::path& path, const std::filesystem::p
   constexpr int kShown = 10;
   int differences = 0;
   const recording::StepRecord* last = nullptr;
-  // Decisions depend on earlier ones of the episode. After a missing decision the rest of the
-  // episode cannot be repeated.
+  // Decisions depend on earlier decisions of the episode. After a missing decision the rest of
+  // the episode cannot be repeated.
   bool gap = false;
   int left_out = 0;
   std::uint32_t number = 0;

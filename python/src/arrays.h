@@ -214,7 +214,7 @@ void AddDemonstrations(pybind11::module_& module);
 /// The engine of dfr/_experiment.py, which documents these functions.
 void AddExperiment(pybind11::module_& module);
 
-/// Pickled state of a SupportEstimate; a TimeVaryingSupport is a list of them.
+/// Pickled state of a SupportEstimate. A TimeVaryingSupport is pickled as a list of such states.
 pybind11::tuple GetState(const kernel::OneClassSvm& svm);
 kernel::OneClassSvm FromState(const pybind11::tuple& state);
 

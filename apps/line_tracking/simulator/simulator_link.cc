@@ -37,7 +37,7 @@ std::int64_t SimulatorLink::In(double seconds) const {
 }
 
 void SimulatorLink::Await(double timeout_s) {
-  // Each end discovers the other at a different time. Only an answer proves that both have.
+  // Each end discovers the other at a different time. Only an answer proves both discoveries.
   constexpr double kTry = 0.1;
   const std::int64_t end_ns = In(timeout_s);
   while (!TryAsk("truth", kTry)) {

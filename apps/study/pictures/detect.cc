@@ -58,8 +58,8 @@ Parts Split(const imitation::DemonstrationSet& all, std::uint64_t seed) {
   return parts;
 }
 
-// Returns the features with "pca:" before each large block and the others unchanged; empty without
-// a large block.
+// Returns the features with "pca:" before each large block and the others unchanged; empty if there
+// is no large block.
 std::string Reduced(const core::StateLayout& layout) {
   std::string features;
   bool large = false;

@@ -15,7 +15,7 @@ constexpr Eigen::Index kMostSamples = 500;
 constexpr double kKernelRidge = 0.03;
 // Variance of the progress in the regression, in which the actions have variance 1.
 constexpr double kProgress = 0.1;
-// Number of regressions whose metric comes from the gradients of the previous one.
+// Number of regressions whose metric comes from the gradients of the previous regression.
 constexpr int kMetrics = 2;
 
 // Returns the mean outer product of the gradients of the kernel regression of `y` on `x`, whose

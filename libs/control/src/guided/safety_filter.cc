@@ -82,7 +82,7 @@ double SafetyFilter::Raise(LocalFit& fit, const LocalModel& model, const StepTar
 SafetyFilter::Choice SafetyFilter::Correct(LocalFit& fit, const LocalModel& model,
                                            const StepTarget& target, Eigen::VectorXd& v) noexcept {
   const int next = target.phase;
-  // No support follows the last one: a target deep inside it would stop the task there.
+  // No support follows the last support: a target deep inside it would stop the task there.
   const bool last = next >= model.support.num_steps();
   const bool known = demonstrates_ && fit.NominalControl(trial_);
   double demonstrated = -kInfinity;

@@ -184,7 +184,7 @@ class Panel {
         << Escape(plot_.title) << "\">\n"
         << "<text class=\"panel\" x=\"0\" y=\"14\">" << Escape(plot_.title) << "</text>\n";
     DrawAxes(svg);
-    // All bands first: no band may cover a line.
+    // Draws all bands first: no band may cover a line.
     for (std::size_t i = 0; i < plot_.series.size(); ++i) DrawBand(i, svg);
     for (std::size_t i = 0; i < plot_.series.size(); ++i) DrawLine(i, svg);
     svg << "</svg>\n";

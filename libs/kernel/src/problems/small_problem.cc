@@ -66,7 +66,7 @@ SmallProblem<T>::SmallProblem(const core::Matrix& samples, const Extent& extent,
       row_size_(RowSize<T>(static_cast<std::size_t>(samples.rows()))),
       invert_(row_size_ * row_size_ * sizeof(T) <= kMostInverseBytes &&
               options.memory_mib >= kLeastInverseMib),
-      // All rows, three arrays of the loop, and the inverse curvatures.
+      // Room for all rows, three arrays of the loop, and the inverse curvatures.
       rows_(scratch.Room<T>((row_size_ + 3 + (invert_ ? row_size_ : 0)) * row_size_)),
       known_(static_cast<std::size_t>(samples.rows()), nullptr),
       used_(known_.size(), 0),

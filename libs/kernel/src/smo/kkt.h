@@ -117,8 +117,8 @@ class Rounds {
     return without_gain_ <= kPatience || End(FitSummary::Reason::kStalled);
   }
 
-  /// Takes up to `most` steps. step(count) takes up to `count` of them and returns the result.
-  /// Reports progress in between.
+  /// Takes up to `most` steps by calls of step(count), which takes up to `count` steps and returns
+  /// their result. Reports progress in between.
   template <typename Step>
   void Take(std::int64_t most, Step&& step) {
     constexpr std::int64_t kBetweenReports = 1024;

@@ -212,8 +212,8 @@ class Solver {
   std::int64_t evaluations_ = 0;
 };
 
-// Returns the samples whose G determines rho: the free ones or, if there are none, those at both
-// ends of the interval that the KKT conditions allow. rho is the mean of their G.
+// Returns the samples whose G determines rho: the free samples or, if there are none, the samples
+// at both ends of the interval that the KKT conditions allow. rho is the mean of their G.
 std::vector<std::size_t> RhoSamples(std::span<const double> alpha,
                                     std::span<const double> gradient) {
   std::vector<std::size_t> free(alpha.size());

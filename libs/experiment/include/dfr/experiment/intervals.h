@@ -22,8 +22,8 @@ struct Interval {
 /// interval for 0 events in n is 1 - (0.025)^(1/n).
 [[nodiscard]] Interval ClopperPearsonInterval(int successes, int trials, double confidence = 0.95);
 
-/// Interval used in tables: Clopper and Pearson's with fewer than 5 successes or failures, where
-/// the normal approximation of Wilson's interval is least accurate, otherwise Wilson's.
+/// Interval used in tables: ClopperPearsonInterval() with fewer than 5 successes or failures, where
+/// Wilson's normal approximation is least accurate, and WilsonInterval() with more.
 [[nodiscard]] Interval ProportionInterval(int successes, int trials, double confidence = 0.95);
 
 /// Counts of one independent unit of an experiment: a trial, whose episodes share demonstrations,

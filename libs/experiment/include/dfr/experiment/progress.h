@@ -30,7 +30,7 @@ class ProgressMeter {
   ProgressMeter(std::int64_t total, ProgressCallback callback, std::int64_t already_done = 0,
                 double interval_s = 0.1, std::function<double()> clock_s = {});
 
-  /// Adds `work` to the completed work. An empty label keeps the previous one.
+  /// Adds `work` to the completed work. An empty label keeps the previous label.
   void Advance(std::int64_t work = 1, std::string label = {});
 
  private:

@@ -77,7 +77,7 @@ class StateReduction {
   /// Returns a copy with at most the first `components` components of each block whose request
   /// names no number.
   [[nodiscard]] StateReduction WithComponents(int components) const;
-  /// Returns a copy whose components are linear combinations of the present ones.
+  /// Returns a copy whose components are linear combinations of the present components.
   /// @param weights  for each block whose request names no number of components, one row for each
   ///   new component.
   [[nodiscard]] StateReduction Combined(std::span<const core::Matrix> weights) const;

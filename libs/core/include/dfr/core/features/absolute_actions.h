@@ -93,8 +93,8 @@ class ActionAnalysis {
 void ToDifferences(std::span<const AbsoluteAction> absolute, Trajectory& episode);
 
 /// Returns one sentence for an error or a warning: "actions 0, 1 take the values of joint[0],
-/// joint[1] (correlation at least 0.998, slope 0.98): they are positions". The slope is the one
-/// furthest from 1.
+/// joint[1] (correlation at least 0.998, slope 0.98): they are positions". Gives the slope that
+/// is furthest from 1.
 [[nodiscard]] std::string Describe(std::span<const AbsoluteAction> absolute,
                                    const StateLayout& layout);
 

@@ -13,7 +13,7 @@ namespace dfr::sim {
 /// correction.
 [[nodiscard]] line_task::LineCalibration NominalCalibration();
 
-/// Moves platform and arm through `frames` random poses, and leaves the plant in the last one. The
+/// Moves platform and arm through `frames` random poses, and leaves the plant in the last pose. The
 /// tip touches the gauze in every other pose. Records joints and features of the endoscope's view,
 /// found with NominalCalibration() only. Omits poses in which the marks are not found.
 /// @throws std::invalid_argument unless frames > 0.
