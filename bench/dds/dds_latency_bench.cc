@@ -1,7 +1,7 @@
 // Round-trip time of a pose to another process or thread, and one-way time of a 640 x 480 picture,
 // through dfr's publishers and subscribers over each transport, compared with CycloneDDS over UDP
 // on the same loopback. Times are medians and 99th percentiles, in microseconds; `of_cyclone` is
-// the median relative to that of CycloneDDS. One message is in transit at a time. The other process
+// the median relative to CycloneDDS's. One message is in transit at a time. The other process
 // also runs this program. usage: dds_latency_bench [Google Benchmark's options]
 #include <benchmark/benchmark.h>
 #include <dds/dds.h>

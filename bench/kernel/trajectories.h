@@ -11,9 +11,9 @@ namespace dfr::bench {
 /// mean 0 and variance 1.
 [[nodiscard]] core::Matrix PooledTrajectories(int n, int d, std::uint64_t seed);
 
-/// Same as above, for a task that drifts: from the first to the last trajectory the common path
-/// moves by about the spread of all trajectories, and each one has a separate offset in every
-/// entry. With many entries and a narrow kernel, samples are nearly isolated.
+/// Overload for a task that drifts: from the first to the last trajectory the common path moves by
+/// about the spread of all trajectories, and each trajectory has a separate offset in every entry.
+/// With many entries and a narrow kernel, samples are nearly isolated.
 [[nodiscard]] core::Matrix DriftingTrajectories(int n, int d, std::uint64_t seed);
 
 }  // namespace dfr::bench

@@ -36,7 +36,7 @@ void BM_Render(benchmark::State& state) {
 }
 BENCHMARK(BM_Render)->Unit(benchmark::kMillisecond);
 
-// Time of vision per frame. The pictures differ in their noise, like those of a sensor.
+// Time of vision per frame. The pictures differ in their noise, like a sensor's pictures.
 void BM_Vision(benchmark::State& state) {
   LineTrackingPlant plant(Options(Observation::kVision));
   plant.Reset(1);

@@ -21,7 +21,7 @@
 namespace {
 
 // Faults of the next calls of write() and fdatasync(), as of a failing disk: an error, or a short
-// write. The functions below replace those of the C library in this program.
+// write. The functions below replace the C library's in this program.
 struct Fault {
   int after = -1;  // calls that still succeed; negative: all
   int error = 0;   // 0: short writes from then on

@@ -133,7 +133,7 @@ TEST(ReportTest, APointHasItsIntervalAsABar) {
 
 TEST(ReportTest, AMethodLooksTheSameOnEveryPage) {
   // Each method has one style for its id and its name, independent of the other methods and their
-  // order. The style differs from that of every other method.
+  // order. No two methods share a style.
   std::set<int> styles;
   for (const NamedStyle& style : NamedStyles()) {
     EXPECT_EQ(MethodStyle(style.method), style.style);

@@ -185,8 +185,7 @@ TEST_F(LateMessagesTest, OneCommandIsEnough) {
   }
 }
 
-// The answers to our own hold and to the first set-point after it arrive when the arm is armed
-// again.
+// The console answers our hold, and the first set-point after it, only when the arm is armed again.
 TEST_F(LateMessagesTest, AnswersToOurOwnCommandsDoNotHold) {
   Begin();
   for (int episode = 0; episode < 20; ++episode) {

@@ -81,7 +81,7 @@ TEST(FitMlpTest, AllMethodsFindTheLeastSquaresSolution) {
   }
 }
 
-// With weight decay the minimum is that of ridge regression on the standardised states.
+// With weight decay, the fit equals ridge regression on the standardised states.
 TEST(FitMlpTest, WeightDecayGivesRidgeRegression) {
   const LinearCase data(300, 0.2);
   constexpr double kDecay = 0.5;

@@ -22,7 +22,7 @@ core::StateLayout ObjectLayout() {
   return layout;
 }
 
-// Mean (0.2, 5) everywhere.
+// A policy with the mean (0.2, 5) everywhere.
 GaussianPolicy Policy(double limit) {
   Mlp mlp({2, 2});
   Eigen::VectorXd parameters = Eigen::VectorXd::Zero(mlp.num_parameters());

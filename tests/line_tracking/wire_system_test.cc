@@ -46,7 +46,7 @@ class RealTimeTest : public testing::Test {
     config.arm_client.max_tick_gap_s = 5.0;
     return config;
   }
-  // Same as above, but treats the console as a robot's.
+  // Same as Simulated(), but treats the console as a robot's.
   [[nodiscard]] RobotConfig Robot() const {
     RobotConfig config = Simulated();
     config.simulator = false;

@@ -16,7 +16,7 @@ struct ChannelInfo {
   Channel id;
   std::string_view topic;
   std::string_view type;    ///< ROS 2 type name.
-  std::string_view schema;  ///< Definition ("ros2msg"), then those of its members' types.
+  std::string_view schema;  ///< Definition ("ros2msg") of the type, then of its members' types.
 };
 extern const std::array<ChannelInfo, 5> kChannels;
 

@@ -94,8 +94,8 @@ TEST_F(CertifierTest, IsExactForASingleGaussian) {
               1e-8);
 }
 
-// The fraction is at least that of the ball at z. Larger fractions are 1, 1/2 or 1/4, if they
-// provably end inside a ball at the predicted state.
+// The fraction is at least the fraction that the ball at z allows. Larger fractions are 1, 1/2 or
+// 1/4, if they provably end inside a ball at the predicted state.
 TEST_F(CertifierTest, TheFractionIsTheLargerOfBothBalls) {
   constexpr double kError = 0.3;
   for (const double level : {0.0, 0.4}) {

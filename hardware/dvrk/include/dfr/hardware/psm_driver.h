@@ -73,7 +73,7 @@ class PsmDriver {
   /// @param steady_ns  time of a monotonic clock.
   /// @param wall_ns  time since the epoch, as in stamps.
   PsmStatus Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept;
-  /// Same as above, by this machine's clocks.
+  /// Overload by this machine's clocks.
   PsmStatus Tick() noexcept;
 
   /// See the members of PsmClient.

@@ -20,7 +20,7 @@ enum class FrameStatus {
   kEnded,          ///< The file has ended.
   kTruncated,      ///< The file ended before the announced number of pictures.
   kFailed,         ///< The device stopped delivering pictures.
-  kWrongSize,      ///< The size differs from that of the intrinsics.
+  kWrongSize,      ///< The size differs from the intrinsics' size.
   kWrongEncoding,  ///< Not bgr8, rgb8 or mono8, or an image that cannot be decoded.
   kDark,           ///< Nearly black: light off, cable disconnected, or lens covered.
   kFrozen,         ///< Repeated identical pictures, bit for bit: a working sensor has noise.
@@ -80,7 +80,7 @@ class Endoscope {
   /// @param wall_ns  time since the epoch, as in stamps.
   [[nodiscard]] virtual FrameStatus Grab(std::int64_t steady_ns, std::int64_t wall_ns,
                                          Frame& frame) noexcept = 0;
-  /// Same as above, by this machine's clocks.
+  /// Overload by this machine's clocks.
   [[nodiscard]] FrameStatus Grab(Frame& frame) noexcept;
 
   [[nodiscard]] virtual EndoscopeCounts counts() const noexcept = 0;

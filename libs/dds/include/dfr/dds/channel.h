@@ -92,7 +92,7 @@ class Subscriber {
 
   /// Takes the oldest unread sample. Returns false, with `message` unchanged, if there is none.
   bool Take(T& message) noexcept;
-  /// Same as above, and sets `from` to the sender.
+  /// Overload that also sets `from` to the sender.
   bool Take(T& message, Origin& from) noexcept;
   /// Takes all samples and keeps the newest. Returns false, with `message` unchanged, if there is
   /// none.

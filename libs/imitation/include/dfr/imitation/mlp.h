@@ -20,10 +20,10 @@ using Rows = Eigen::Ref<const core::Matrix>;
 /// x outputs, row-major), then b_l.
 ///
 /// Batched calls take a Workspace, which grows to the largest batch and is then reused: loops over
-/// batches of one size do not allocate. Each sample's result is bit-identical to that of a batch
-/// with this sample alone. Sums over a batch depend, within rounding, on the order of its samples.
-/// The kernels use the widest instruction set of the machine: results of different machines differ
-/// by rounding.
+/// batches of one size do not allocate. Each sample's result is bit-identical to the result of
+/// a batch with this sample alone. Sums over a batch depend, within rounding, on the order of its
+/// samples. The kernels use the widest instruction set of the machine: results of different
+/// machines differ by rounding.
 ///
 /// Const calls are safe from several threads, each with its own workspace.
 class Mlp {

@@ -18,7 +18,7 @@ struct PlatformPose {
 
 /// Inverse kinematics of the SPRK Stewart platform (Patel et al., ISMR 2018), a 6-RSS mechanism:
 /// six servos on the base turn arms, and each arm moves one leg of fixed length. Geometry and
-/// limits are those of the published firmware.
+/// limits come from the published firmware.
 ///
 /// Single-axis range from home: z +8.3/-17.1 mm, x +-27.4 mm, y +29.8/-26.7 mm, roll +8.3/-6.1
 /// degrees, pitch +-6.1, yaw +-23.3. The ranges of roll and pitch are smaller than the paper's +-15

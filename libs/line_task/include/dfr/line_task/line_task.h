@@ -37,7 +37,7 @@ struct LineCalibration {
 /// images to states and from controls to arm motions. Simulation and robot share it, which makes
 /// learned models transferable between them.
 ///
-/// World frame: that of the gauze at rest; origin at its centre, z up, the line roughly along x.
+/// World frame: the gauze's frame at rest; origin at its centre, z up, the line roughly along x.
 ///
 /// State (4), in millimetres to give all entries the same order of magnitude:
 ///
@@ -46,8 +46,8 @@ struct LineCalibration {
 ///   heading(1)   direction of the line next to the tip: 10 mm times its angle to the x-axis, rad
 /// All entries are NaN if the image does not show both line and tip. Every controller then halts.
 ///
-/// Control (2): displacement of the tool in x and y, in units of kStep. Height and orientation of
-/// the tool stay those of the arm's home. Entries beyond +-1 saturate.
+/// Control (2): displacement of the tool in x and y, in units of kStep. The tool keeps the height
+/// and orientation of the arm's home. Entries beyond +-1 saturate.
 ///
 /// Immutable and thread-safe. Only the constructor allocates or throws.
 class LineTask {
