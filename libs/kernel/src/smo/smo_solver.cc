@@ -27,8 +27,8 @@ namespace {
 
 // From this number of samples on, a fit to a part of them provides the start.
 constexpr Eigen::Index kManySamples = 4000;
-// The same limit for a large nu. A SmallProblem stores the whole kernel matrix of up to this many
-// samples.
+// For a large nu, such a fit provides the start above this number of samples, up to which a
+// SmallProblem stores the whole kernel matrix.
 constexpr Eigen::Index kMostWhole = 2048;
 
 // AddGaussianRows(), distributed over the workers. Each entry sums in the same order for any number
