@@ -14,6 +14,7 @@
 #include "apps/network_options.h"
 #include "certificates.h"
 #include "check/check.h"
+#include "dfr/core/text/format.h"
 #include "emergency_stop.h"
 #include "home.h"
 
@@ -27,10 +28,11 @@ static_assert(std::atomic<bool>::is_always_lock_free);
 std::string AnswerAtTerminal(const std::string& question, const char* hint, const char* otherwise) {
   std::string answer;
   if (::isatty(STDIN_FILENO) == 0) {
-    std::cerr << question << " There is no terminal to answer at" << otherwise << ": no.\n";
+    std::cerr << core::Printable(question) << " There is no terminal to answer at" << otherwise
+              << ": no.\n";
     return answer;
   }
-  std::cerr << question << hint << std::flush;
+  std::cerr << core::Printable(question) << hint << std::flush;
   ::tcflush(STDIN_FILENO, TCIFLUSH);  // earlier input is not an answer
   std::getline(std::cin, answer);
   return answer;
@@ -44,7 +46,7 @@ void ListenForInterrupts() {
   sigaction(SIGTERM, &action, nullptr);
 }
 
-void Say(const std::string& text) { std::cerr << text << '\n'; }
+void Say(const std::string& text) { std::cerr << core::Printable(text) << '\n'; }
 
 int Main(int argc, char** argv) {
   CLI::App app("Prepares and checks the network and devices of a robot.", "hardware");

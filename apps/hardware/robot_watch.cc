@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <ostream>
 
+#include "dfr/core/text/format.h"
 #include "dfr/dds/emergency_stop.h"
 
 namespace dfr::apps::hardware_app {
@@ -19,7 +20,9 @@ void RobotWatch::Hear(const dds::Origin& who, const std::string& state, std::int
 void RobotWatch::Say(const std::string& text, std::int64_t steady_ns) {
   constexpr std::size_t kMostCharacters = 80;
   if (!limit_.Passes(steady_ns)) return;
-  *out_ << hardware::Printable(text.substr(0, kMostCharacters)) << std::endl;
+  std::string shown = text.substr(0, kMostCharacters);
+  core::MakePrintable(shown);
+  *out_ << shown << std::endl;
 }
 
 void RobotWatch::Look(std::int64_t steady_ns) {
@@ -30,7 +33,9 @@ void RobotWatch::Look(std::int64_t steady_ns) {
   for (Robot& robot : robots_) {
     if (robot.gone || steady_ns - robot.heard_ns <= kSilence) continue;
     robot.gone = true;
-    *out_ << Name(robot) << ": SILENT while " << hardware::Printable(robot.state.substr(0, 32))
+    std::string state = robot.state.substr(0, 32);
+    core::MakePrintable(state);
+    *out_ << Name(robot) << ": SILENT while " << state
           << ". Its program hangs, was killed or cannot be heard; the arm holds" << std::endl;
   }
 }

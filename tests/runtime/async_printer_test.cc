@@ -24,6 +24,12 @@ TEST(AsyncPrinterTest, PrintsAllInOrder) {
   EXPECT_EQ(shown.Text(), "line 0 of three\nline 1 of three\nline 2 of three\n");
 }
 
+TEST(AsyncPrinterTest, WordsOfADeviceDoNotControlTheTerminal) {
+  const Pipe shown;
+  AsyncPrinter(shown.out()).Say("console: %s\n", "fault \x1b[2J\xc2\x9b");
+  EXPECT_EQ(shown.Text(), "console: fault ?[2J?\?\n");
+}
+
 // After Ctrl-S a terminal accepts no output. Neither the loop nor the end of the program waits for
 // it without limit.
 TEST(AsyncPrinterTest, DoesNotWaitForAStoppedTerminal) {

@@ -7,6 +7,7 @@
 #include <ctime>
 #include <tuple>
 
+#include "dfr/core/text/format.h"
 #include "dfr/hardware/control_statement.h"
 
 namespace dfr::hardware {
@@ -199,7 +200,7 @@ void PsmDriver::Link::Receive() noexcept {
       message.severity = severity;
       const std::size_t size = std::min(text.text.size(), message.text.size() - 1);
       std::memcpy(message.text.data(), text.text.data(), size);
-      MakePrintable(message.text.data());
+      core::MakePrintable({message.text.data(), size});
       if (severity == ConsoleMessage::Severity::kStatus) NoteControl(message);
       if (limit->Passes(now_ns)) messages.Put(message);
       if (severity == ConsoleMessage::Severity::kError) {

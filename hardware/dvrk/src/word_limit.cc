@@ -29,16 +29,4 @@ std::uint64_t WordLimit::TakeLeftOut(std::int64_t steady_ns) noexcept {
   return std::exchange(left_out_, 0);
 }
 
-void MakePrintable(char* text) noexcept {
-  for (; *text != '\0'; ++text) {
-    const auto c = static_cast<unsigned char>(*text);
-    if (c < 0x20 || c == 0x7f) *text = '?';
-  }
-}
-
-std::string Printable(std::string text) {
-  MakePrintable(text.data());
-  return text;
-}
-
 }  // namespace dfr::hardware

@@ -15,6 +15,7 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/core/error.h"
+#include "dfr/core/text/format.h"
 #include "dfr/dds/security.h"
 #include "guarded_transport.h"
 #include "participant_impl.h"
@@ -428,9 +429,7 @@ std::string Describe(const Newcomer& newcomer) {
   std::string text =
       "'" + newcomer.name.substr(0, kMost) + (is_long ? "...' at " : "' at ") + newcomer.address;
   if (!newcomer.topic.empty()) text += " publishes " + newcomer.topic;
-  for (char& c : text) {
-    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
-  }
+  core::MakePrintable(text);
   return text;
 }
 

@@ -8,6 +8,7 @@
 #include <cstdio>
 #include <cstring>
 
+#include "dfr/core/text/format.h"
 #include "dfr/runtime/periodic_timer.h"
 
 namespace dfr::runtime {
@@ -27,6 +28,7 @@ void AsyncPrinter::Say(const char* format, ...) noexcept {
   va_start(arguments, format);
   static_cast<void>(std::vsnprintf(text.data(), text.size(), format, arguments));
   va_end(arguments);
+  core::MakePrintable({text.data(), std::strlen(text.data())}, /*keeps_lines=*/true);
   if (!queue_.Put(text)) lost_.fetch_add(1);
 }
 

@@ -32,5 +32,17 @@ TEST(FormatTest, PrintableTextCannotControlATerminal) {
   EXPECT_EQ(Printable(std::string_view("\0\xc2", 2)), "\\x00\xc2");
 }
 
+TEST(FormatTest, TextIsMadePrintableInPlace) {
+  const std::string rude =
+      "tip \x1b[2J\r\x7f \xc2\x9b"
+      "1m \xc3\xa9\n\xc2";
+  std::string text = rude;
+  MakePrintable(text);
+  EXPECT_EQ(text, "tip ?[2J?? ?\?1m \xc3\xa9?\xc2");
+  text = rude;
+  MakePrintable(text, /*keeps_lines=*/true);
+  EXPECT_EQ(text, "tip ?[2J?? ?\?1m \xc3\xa9\n\xc2");
+}
+
 }  // namespace
 }  // namespace dfr::core

@@ -1,9 +1,22 @@
 #include "dfr/core/text/format.h"
 
+#include <algorithm>
 #include <cstdarg>
 #include <cstdio>
 
 namespace dfr::core {
+namespace {
+
+// Returns the number of bytes at the beginning of `text`, which is not empty, that control
+// terminals: 0, 1, or 2 for U+0080 to U+009F in UTF-8.
+std::size_t ControlSize(std::string_view text) noexcept {
+  const auto c = static_cast<unsigned char>(text[0]);
+  if (c < 0x20 || c == 0x7F) return 1;
+  const auto next = static_cast<unsigned char>(text.size() > 1 ? text[1] : 0);
+  return c == 0xC2 && next >= 0x80 && next < 0xA0 ? 2 : 0;
+}
+
+}  // namespace
 
 std::string Format(const char* format, ...) {
   std::va_list arguments;
@@ -25,19 +38,26 @@ std::string FormatList(const char* format, std::va_list arguments) {
 
 std::string Printable(std::string_view text) {
   std::string printable;
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    const auto c = static_cast<unsigned char>(text[i]);
-    const auto next = static_cast<unsigned char>(i + 1 < text.size() ? text[i + 1] : 0);
-    // In UTF-8, U+0080 to U+009F also control terminals.
-    const bool second = c == 0xC2 && next >= 0x80 && next < 0xA0;
-    if (second || (c < 0x20 && c != '\n') || c == 0x7F) {
-      printable += Format("\\x%02x", c);
-      if (second) printable += Format("\\x%02x", static_cast<unsigned char>(text[++i]));
+  while (!text.empty()) {
+    const std::size_t size = ControlSize(text);
+    if (size == 0 || text[0] == '\n') {
+      printable += text[0];
     } else {
-      printable += text[i];
+      for (const char c : text.substr(0, size)) {
+        printable += Format("\\x%02x", static_cast<unsigned char>(c));
+      }
     }
+    text.remove_prefix(std::max<std::size_t>(size, 1));
   }
   return printable;
+}
+
+void MakePrintable(std::span<char> text, bool keeps_lines) noexcept {
+  while (!text.empty()) {
+    const std::size_t size = ControlSize({text.data(), text.size()});
+    if (!(keeps_lines && text[0] == '\n')) std::ranges::fill(text.first(size), '?');
+    text = text.subspan(std::max<std::size_t>(size, 1));
+  }
 }
 
 }  // namespace dfr::core

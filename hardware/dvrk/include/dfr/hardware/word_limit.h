@@ -1,7 +1,6 @@
 #pragma once
 
 #include <cstdint>
-#include <string>
 
 namespace dfr::hardware {
 
@@ -26,9 +25,5 @@ class WordLimit {
   std::int64_t told_ns_ = 0;
   std::uint64_t left_out_ = 0;
 };
-
-/// Makes external text safe for a terminal: replaces control characters with question marks.
-void MakePrintable(char* text) noexcept;
-[[nodiscard]] std::string Printable(std::string text);
 
 }  // namespace dfr::hardware

@@ -21,8 +21,9 @@ class AsyncPrinter {
   AsyncPrinter(const AsyncPrinter&) = delete;
   AsyncPrinter& operator=(const AsyncPrinter&) = delete;
 
-  /// Prints like std::printf(), up to 511 characters. Neither waits nor allocates. If 256 texts are
-  /// waiting, further texts are lost and their number is printed. Call it from one thread.
+  /// Prints like std::printf(), up to 511 characters, and replaces bytes that control terminals
+  /// (core::MakePrintable()). Neither waits nor allocates. If 256 texts are waiting, further texts
+  /// are lost and their number is printed. Call it from one thread.
   void Say(const char* format, ...) noexcept __attribute__((format(printf, 2, 3)));
   /// Returns the number of calls of Say().
   [[nodiscard]] std::int64_t said() const noexcept { return said_; }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdarg>
+#include <span>
 #include <string>
 #include <string_view>
 
@@ -16,5 +17,8 @@ namespace dfr::core {
 /// Returns `text`, which may quote a file, with the bytes that control terminals as "\xNN". Keeps
 /// line breaks.
 [[nodiscard]] std::string Printable(std::string_view text);
+/// Replaces each byte that controls terminals by "?", also line breaks unless `keeps_lines`.
+/// Neither allocates nor locks.
+void MakePrintable(std::span<char> text, bool keeps_lines = false) noexcept;
 
 }  // namespace dfr::core
