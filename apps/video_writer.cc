@@ -17,10 +17,18 @@ int CodecOf(const std::filesystem::path& path) {
   throw std::runtime_error(path.string() + ": the name of a video must end in .mp4 or .webm");
 }
 
+int CountPictures(const std::string& file) {
+  cv::VideoCapture video(file, cv::CAP_FFMPEG);
+  int count = 0;
+  while (video.grab()) ++count;
+  return count;
+}
+
 }  // namespace
 
 VideoWriter::VideoWriter(const std::filesystem::path& path, cv::Size size, double frames_per_second)
-    : even_(size.width & ~1, size.height & ~1),
+    : name_(path.string()),
+      even_(size.width & ~1, size.height & ~1),
       file_(path, path.extension()),
       writer_(file_.written(), cv::CAP_FFMPEG, CodecOf(path), frames_per_second, even_) {
   if (!writer_.isOpened()) {
@@ -28,10 +36,18 @@ VideoWriter::VideoWriter(const std::filesystem::path& path, cv::Size size, doubl
   }
 }
 
-void VideoWriter::Write(const cv::Mat& picture) { writer_.write(picture(cv::Rect({}, even_))); }
+void VideoWriter::Write(const cv::Mat& picture) {
+  writer_.write(picture(cv::Rect({}, even_)));
+  ++pictures_;
+}
 
 void VideoWriter::Commit() {
   writer_.release();
+  // OpenCV does not report that a picture could not be written. A pipe cannot be read again.
+  if (std::filesystem::is_regular_file(file_.written()) &&
+      CountPictures(file_.written()) < pictures_) {
+    throw std::runtime_error(name_ + ": the video is incomplete; is the disk full?");
+  }
   file_.Commit();
 }
 

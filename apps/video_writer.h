@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <opencv2/videoio.hpp>
+#include <string>
 
 #include "dfr/core/files/atomic_file.h"
 
@@ -17,12 +18,15 @@ class VideoWriter {
 
   /// Appends a picture, BGR.
   void Write(const cv::Mat& picture);
-  /// Ends the video. Without this call the previous file stays.
-  /// @throws std::runtime_error naming the file if it cannot be replaced.
+  /// Ends the video and reads it once. Without this call the previous file stays.
+  /// @throws std::runtime_error naming the file if the video is incomplete, as on a full disk, or
+  ///   the file cannot be replaced.
   void Commit();
 
  private:
+  std::string name_;
   cv::Size even_;
+  int pictures_ = 0;  // number of pictures written
   core::AtomicFile file_;
   cv::VideoWriter writer_;
 };

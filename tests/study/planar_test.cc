@@ -1,7 +1,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
+#include <csignal>
 #include <filesystem>
 #include <iterator>
 #include <opencv2/core.hpp>
@@ -102,6 +104,34 @@ TEST(VideoWriterTest, AnIncompleteVideoLeavesThePreviousFile) {
   EXPECT_EQ(test::FileText(file), "previous");
   const std::filesystem::directory_iterator files(folder.path);
   EXPECT_EQ(std::distance(begin(files), end(files)), 1);
+}
+
+// A limit on the size of files fails like a full disk.
+TEST(VideoWriterTest, AFullDiskLeavesThePreviousFile) {
+  const test::TempFolder folder;
+  rlimit before{};
+  ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
+  const auto handler = std::signal(SIGXFSZ, SIG_IGN);
+  for (const char* name : {"video.webm", "video.mp4"}) {
+    SCOPED_TRACE(name);
+    const std::filesystem::path file = folder / name;
+    core::ReplaceFile(file, "previous");
+    const rlimit small{20'000, before.rlim_max};
+    ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &small), 0);
+    const std::string message = test::MessageOf<std::runtime_error>([&] {
+      apps::VideoWriter writer(file, {320, 240}, 10.0);
+      cv::Mat noise(240, 320, CV_8UC3);
+      for (int i = 0; i < 20; ++i) {
+        cv::randu(noise, 0, 255);
+        writer.Write(noise);
+      }
+      writer.Commit();
+    });
+    ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &before), 0);
+    EXPECT_THAT(message, testing::HasSubstr(std::string(name) + ": the video is incomplete"));
+    EXPECT_EQ(test::FileText(file), "previous");
+  }
+  std::signal(SIGXFSZ, handler);
 }
 
 }  // namespace
