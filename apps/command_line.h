@@ -39,9 +39,10 @@ inline const CLI::Validator kNotNegative(
 /// a parenthesis excludes the end beside it.
 inline CLI::Validator ShareIn(const std::string& interval) {
   return {[interval](const std::string& text) {
-            const double share = core::ParseNumber(text).value_or(-1.0);
-            const bool above = interval.front() == '[' ? share >= 0.0 : share > 0.0;
-            const bool below = interval.back() == ']' ? share <= 1.0 : share < 1.0;
+            const std::optional<double> share = core::ParseNumber(text);
+            if (!share) return core::MustBeFinite(text);
+            const bool above = interval.front() == '[' ? *share >= 0.0 : *share > 0.0;
+            const bool below = interval.back() == ']' ? *share <= 1.0 : *share < 1.0;
             return above && below ? "" : "must lie in " + interval + ", not " + text;
           },
           interval};

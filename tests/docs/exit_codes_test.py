@@ -79,6 +79,15 @@ class ExitCodesTest(unittest.TestCase):
         for known in {("guard", "--confidence"), ("study", "--alpha"), ("dvrk_simulator", "--drop")}:
             self.assertTrue(known in found or known[0] not in {program.name for program in PROGRAMS}, known)
 
+    def test_a_word_that_is_no_number_is_named(self):
+        for program, call in [("guard", "fit none --gamma inf"), ("guard", "fit none --nu 1e400"),
+                              ("study", "power --power nan"), ("dvrk_simulator", "--homing soon"), ("dvrk_simulator", "--drop nan")]:
+            for path in (path for path in PROGRAMS if path.name == program):
+                with self.subTest(program=program, call=call):
+                    done = self.run_program(path, *shlex.split(call))
+                    self.assertEqual((done.returncode, done.stdout), (2, ""))
+                    self.assertIn(f"'{call.split()[-1]}' is not a finite decimal number", done.stderr)
+
     def test_values_that_mean_nothing_are_usage_errors(self):
         for program, *calls in [
             ("study", "supervise --episodes 0", "prove --steps 0", "picture reach --count 0", "certificate --factor=0",

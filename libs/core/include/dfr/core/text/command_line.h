@@ -6,6 +6,7 @@
 #include <exception>
 #include <filesystem>
 #include <initializer_list>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -18,6 +19,21 @@
 #include "dfr/core/text/suggest.h"
 
 namespace dfr::core {
+
+/// Checks for CLI::Option::check(): return an error, or "" for a number in range.
+inline std::string MustBeFinite(const std::string& text) {
+  return ParseNumber(text) ? "" : "'" + text + "' is not a finite decimal number";
+}
+inline std::string MustBePositive(const std::string& text) {
+  const std::optional<double> value = ParseNumber(text);
+  if (!value) return MustBeFinite(text);
+  return *value > 0.0 ? "" : "must be positive, not " + text;
+}
+inline std::string MustNotBeNegative(const std::string& text) {
+  const std::optional<double> value = ParseNumber(text);
+  if (!value) return MustBeFinite(text);
+  return *value >= 0.0 ? "" : "must not be negative: " + text;
+}
 
 /// Makes every numeric option of a program and its commands follow numbers.h: decimal numbers only.
 /// Rejects NaN, infinity, hexadecimal, overflow, and negative unsigned numbers. Numbers with
@@ -37,9 +53,7 @@ void CheckNumbers(App& app) {
   for (auto* option : app.get_options()) {
     const std::string type = option->get_type_name();
     if (type.starts_with("FLOAT")) {
-      option->check([](const std::string& text) {
-        return ParseNumber(text) ? std::string() : "'" + text + "' is not a finite decimal number";
-      });
+      option->check(MustBeFinite);
     } else if (type.starts_with("UINT")) {
       is_whole(option, "a whole number of at least 0", std::uint64_t{});
     } else if (type.starts_with("INT")) {
@@ -85,14 +99,6 @@ std::string DescribeEmptyEntry(const App& program, std::span<const std::string> 
     }
   }
   return "";
-}
-
-/// Checks for CLI::Option::check(): return an error, or "" for a number in range.
-inline std::string MustBePositive(const std::string& text) {
-  return ParseNumber(text).value_or(0.0) > 0.0 ? "" : "must be positive, not " + text;
-}
-inline std::string MustNotBeNegative(const std::string& text) {
-  return ParseNumber(text).value_or(-1.0) >= 0.0 ? "" : "must not be negative: " + text;
 }
 
 /// Example calls of one command of a program, for AddExamples().
