@@ -190,12 +190,13 @@ void AddFaults(CLI::App& app, Options& options) {
            "--" + name, [&options, name] { options.faults.emplace_back(name, "1"); }, help)
         ->group(group);
   };
-  number("delay", "--delay", "delay of measurements [s]");
-  number("jitter", "--jitter", "largest additional random delay [s]");
+  number("delay", "--delay", "delay of measurements [s]")->check(CLI::Range(0.0, 2.0));
+  number("jitter", "--jitter", "largest additional random delay [s]")->check(CLI::Range(0.0, 2.0));
   number("drop", "--drop", "fraction of lost state samples")->check(dfr::apps::ShareIn("[0, 1]"));
   number("drop_commands", "--drop-commands", "fraction of lost motion commands")
       ->check(dfr::apps::ShareIn("[0, 1]"));
-  number("clock_jump", "--clock-jump", "offset added to all stamps [s]");
+  number("clock_jump", "--clock-jump", "offset added to all stamps [s]")
+      ->check(CLI::Range(-1e6, 1e6));
   app.add_option("--fault-seed", options.server.console.seed, "random seed of losses and delays")
       ->capture_default_str()
       ->group(group);
@@ -204,11 +205,14 @@ void AddFaults(CLI::App& app, Options& options) {
   flag("invalid", "set all stamps to zero");
   flag("corrupt", "publish NaN as positions");
   number("platform", "--platform-speed",
-         "speed of an additional motion across the line, 5 mm to and fro [m/s]");
+         "speed of an additional motion across the line, 5 mm to and fro [m/s]")
+      ->check(CLI::Range(0.0, 0.2));
   app.add_option_function<std::string>(
          "--camera-fault",
          [&options](const std::string& v) { options.faults.emplace_back("camera", v); },
-         "frozen, frozen_noisy, black, overexposed, no_line, no_tip, silent or late")
+         "fault of the pictures")
+      ->check(CLI::IsMember({"none", "frozen", "frozen_noisy", "black", "overexposed", "no_line",
+                             "no_tip", "silent", "late"}))
       ->group(group);
 }
 
