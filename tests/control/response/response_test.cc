@@ -210,6 +210,22 @@ TEST(ResponseTest, ErrorsNameTheCulprit) {
               HasSubstr("all demonstrated controls are zero"));
 }
 
+TEST(ResponseTest, ShapesAreCheckedBeforeAnyUse) {
+  const FeatureTrajectories drives = Drives(0.0);
+  const std::function<void(FeatureTrajectories&)> changes[] = {
+      [](auto& d) { d.controls.pop_back(); },
+      [](auto& d) { d.points.pop_back(); },
+      [](auto& d) { d.controls[39].conservativeResize(45, 1); },
+      [](auto& d) { d.points[39].conservativeResize(4, 2); },
+      [](auto& d) { d.points[39].conservativeResize(46, 1); },
+      [](auto& d) { d.contexts.assign(3, core::Matrix::Zero(45, 1)); }};
+  for (const auto& change : changes) {
+    FeatureTrajectories wrong = drives;
+    change(wrong);
+    EXPECT_THROW(Response{wrong}, std::invalid_argument) << &change - changes;
+  }
+}
+
 TEST(TaskViewTest, PartsThatDoNotFitEachOtherAreRefused) {
   const auto support = test::MovingDisk();
   const test::Task task(test::IdentityFeatures(), support, test::Rightwards());

@@ -124,9 +124,12 @@ Response::Response(const FeatureTrajectories& demonstrations, const ResponseOpti
     for (const auto& control : c.rowwise()) largest_ = std::max(largest_, control.norm());
   }
   largest_ /= control_unit_;
+  for (core::Matrix& c : controls) c /= control_unit_;
+  // Checks shapes and options.
+  prior_ = std::make_shared<const TransitionStore>(demonstrations.points, controls, options,
+                                                   demonstrations.contexts);
   std::vector<FewValues> values(static_cast<std::size_t>(controls[0].cols()));
-  for (core::Matrix& c : controls) {
-    c /= control_unit_;
+  for (const core::Matrix& c : controls) {
     for (std::size_t i = 0; i < values.size(); ++i) {
       for (const double value : c.col(static_cast<Eigen::Index>(i))) values[i].Add(value);
     }
@@ -136,12 +139,13 @@ Response::Response(const FeatureTrajectories& demonstrations, const ResponseOpti
     // An entry with a single value leaves no choice.
     if (values_.back().size() == 1) values_.back().clear();
   }
-  ResponseOptions chosen = options;
-  if (controls.size() >= 2) {
-    has_drift_ = WithDrift(demonstrations, controls, options) <= guided::kMostLeft;
-    chosen.measured_changes =
-        options.measured_changes && !ChangesMislead(demonstrations, controls, options, has_drift_);
+  if (controls.size() < 2) return;
+  has_drift_ = WithDrift(demonstrations, controls, options) <= guided::kMostLeft;
+  if (!options.measured_changes || !ChangesMislead(demonstrations, controls, options, has_drift_)) {
+    return;
   }
+  ResponseOptions chosen = options;
+  chosen.measured_changes = false;
   prior_ = std::make_shared<const TransitionStore>(demonstrations.points, controls, chosen,
                                                    demonstrations.contexts);
 }
