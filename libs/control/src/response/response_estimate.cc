@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "dfr/control/constants.h"
@@ -84,6 +85,7 @@ void ResponseEstimate::Reset() noexcept {
   b_online_.setZero();
   center_.setZero();
   square_error_ = num_errors_ = 0.0;
+  last_error_ = std::numeric_limits<double>::infinity();
 }
 
 void ResponseEstimate::Update(const LocalFit& fit, std::span<const double> z,
@@ -110,7 +112,9 @@ void ResponseEstimate::Update(const LocalFit& fit, std::span<const double> z,
   effect_.setZero();
   fit.AddEffect(core::AsVector(v), duration, effect_);
   effect_ = core::AsVector(dz) - effect_;
-  square_error_ = keep * square_error_ + std::min(error_.squaredNorm(), effect_.squaredNorm());
+  const double error = std::min(error_.squaredNorm(), effect_.squaredNorm());
+  square_error_ = keep * square_error_ + std::min(error, last_error_);
+  last_error_ = error;
   num_errors_ = keep * num_errors_ + 1.0;
   a_online_ *= keep;
   b_online_ *= keep;

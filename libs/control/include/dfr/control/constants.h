@@ -29,12 +29,12 @@ inline constexpr double kLeastProbe = 0.5;
 /// equally.
 inline constexpr double kWeightFloor = 1e-6;
 
-/// ResponseEstimate: mean square error, in units of the mean square demonstrated change, up to which
-/// another response may explain it. A control of ordinary size whose response is three times that
-/// of the demonstrations has the error 4. The excess is noise of sensors, and adds kNoiseRidge
-/// times itself to the ridge of J.
-inline constexpr double kMostError = 4.0;
-inline constexpr double kNoiseRidge = 3.0;
+/// ResponseEstimate: mean of the smaller of two consecutive square errors, in units of the mean
+/// square demonstrated change, up to which another response may explain it. A control of ordinary
+/// size whose response is twice that of demonstrations has the error 1. The excess is noise of
+/// sensors, and adds kNoiseRidge times itself to the ridge of J. One push or jump has one error.
+inline constexpr double kMostError = 1.0;
+inline constexpr double kNoiseRidge = 6.0;
 
 /// LocalFit::NominalControl(): ridge of the slopes per unit of weight. The control then does not
 /// depend on directions in which states barely differ.

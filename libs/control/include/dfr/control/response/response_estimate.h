@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <limits>
 #include <memory>
 #include <span>
 
@@ -23,9 +24,9 @@ namespace dfr::control {
 /// the response before the contact. The ridges of the drift exceed that of J, so a change that both
 /// explain is attributed to controls.
 ///
-/// Large errors of both predictions, D' w and that of the fit, are noise of sensors. They add to
-/// the ridge of J in A. Otherwise J of a control that demonstrations rarely contain would follow
-/// noise.
+/// Errors of both predictions, D' w and that of the fit, that are large in consecutive steps are
+/// noise of sensors. They add to the ridge of J in A. Otherwise J of a control that demonstrations
+/// rarely contain would follow the noise.
 ///
 /// With a disturbance model, w has one more entry, the duration s of the control. It separates the
 /// disturbance d from the response to controls. For demonstrations s = 0.
@@ -74,9 +75,11 @@ class ResponseEstimate {
   core::Matrix b_online_;   ///< E_on
   Eigen::VectorXd center_;  ///< z at which A_on and E_on are centred.
   Eigen::VectorXd regressor_;
-  Eigen::VectorXd error_;      ///< n
-  Eigen::VectorXd effect_;     ///< n
-  double square_error_ = 0.0;  ///< Sum of the smaller squared errors, with forgetting.
+  Eigen::VectorXd error_;   ///< n
+  Eigen::VectorXd effect_;  ///< n
+  /// Square error of the better prediction in the last step.
+  double last_error_ = std::numeric_limits<double>::infinity();
+  double square_error_ = 0.0;  ///< Sum of the smaller of consecutive ones, with forgetting.
   double num_errors_ = 0.0;    ///< Number of its terms, with forgetting.
 };
 
