@@ -4,7 +4,6 @@
 #include <cmath>
 #include <memory>
 
-#include "dfr/control/constants.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/control/response/response_estimate.h"
 #include "dfr/core/contract.h"
@@ -31,8 +30,7 @@ struct Sums {
   double guessed = 0.0;  // Number of actions with neighbours for the regression.
   Eigen::VectorXd v;     // Sum of the actions with neighbours.
   double squares = 0.0;  // Sum of the squares of these actions.
-  double missed = 0.0;   // Sum of squared errors of the nominal actions.
-  double alone = 0.0;    // Sum of squared errors of the regression of actions alone.
+  double missed = 0.0;   // Sum of squared errors of the regression.
   double changes = 0.0;  // Sum of squared changes of components.
   double wrong = 0.0;    // Sum of squared errors of predicted changes.
 };
@@ -46,7 +44,6 @@ ComponentsScore Score(int components, const std::vector<Sums>& each) {
     all.v += one.v;
     all.squares += one.squares;
     all.missed += one.missed;
-    all.alone += one.alone;
     all.changes += one.changes;
     all.wrong += one.wrong;
   }
@@ -56,11 +53,7 @@ ComponentsScore Score(int components, const std::vector<Sums>& each) {
     score.action_error = 1.0;  // No action can be predicted.
     return score;
   }
-  // As control::Response decides for the guard: changes of noisy components predict no action.
-  const bool misled = all.missed > control::guided::kMostWorse * all.alone +
-                                       control::guided::kNegligible * all.squares;
-  const auto missed = [misled](const Sums& sums) { return misled ? sums.alone : sums.missed; };
-  if (all.squares > 0.0) score.action_error = missed(all) / all.squares;
+  if (all.squares > 0.0) score.action_error = all.missed / all.squares;
   const double variance = all.squares - all.v.squaredNorm() / all.guessed;
   // An action that is the same everywhere is predicted perfectly.
   constexpr double kConstant = 1e-9;
@@ -68,14 +61,14 @@ ComponentsScore Score(int components, const std::vector<Sums>& each) {
     score.explained = 1.0;
     return score;
   }
-  score.explained = 1.0 - missed(all) / variance;
+  score.explained = 1.0 - all.missed / variance;
   // Standard error of a ratio of sums over demonstrations, linearised: from the residuals of
   // missed - share * variance.
   double square = 0.0;
   const Eigen::VectorXd mean = all.v / all.guessed;
   for (const Sums& one : each) {
     const double own = one.squares - 2.0 * mean.dot(one.v) + one.guessed * mean.squaredNorm();
-    const double residual = missed(one) - (1.0 - score.explained) * own;
+    const double residual = one.missed - (1.0 - score.explained) * own;
     square += residual * residual;
   }
   const auto count = static_cast<double>(each.size());
@@ -197,12 +190,10 @@ class Judge {
       sums.changes += (z.row(t + 1) - z.row(t)).squaredNorm();
       sums.wrong += (z.row(t + 1).transpose() - predicted).squaredNorm();
       guess.setZero();
-      if (!fit.DemonstratedControl(guess)) continue;
+      if (!fit.NominalControl(guess)) continue;
       sums.guessed += 1.0;
       sums.v += v;
       sums.squares += v.squaredNorm();
-      sums.alone += (guess - v).squaredNorm();
-      (void)fit.NominalControl(guess);
       sums.missed += (guess - v).squaredNorm();
     }
   }

@@ -14,8 +14,7 @@ struct ComponentsScore {
   int components = 0;  ///< k
   /// Fraction of states inside a kernel::WhitenedSupport.
   double inside = 0.0;
-  /// Fraction of the variance of actions that control::LocalFit::NominalControl() explains, without
-  /// ResponseOptions::measured_changes if these mislead.
+  /// Fraction of the variance of actions that control::LocalFit::NominalControl() explains.
   double explained = 0.0;
   double explained_error = 0.0;  ///< Standard error of `explained` over demonstrations.
   double action_error = 0.0;     ///< Squared error of predicted actions / squared actions.
