@@ -163,7 +163,7 @@ TEST(ResponseEstimateTest, ResetRemovesTheLastEpisode) {
   const auto z = core::Row(d.features[3], 4);
   const auto elsewhere = core::Row(d.features[5], 9);
   const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
-  const Eigen::VectorXd dz = 2.0 * truth * v;
+  const Eigen::VectorXd dz = 9.0 * truth * v;  // Counts as noise.
   for (const bool drift : {false, true}) {
     SCOPED_TRACE(drift);
     ResponseEstimate fresh(prior, {}, drift);

@@ -77,7 +77,7 @@ class ResponseEstimate {
   Eigen::VectorXd regressor_;
   Eigen::VectorXd error_;   ///< n
   Eigen::VectorXd effect_;  ///< n
-  /// Square error of the better prediction in the last step.
+  /// Square error of the better prediction in the last step. An episode's first error counts alone.
   double last_error_ = std::numeric_limits<double>::infinity();
   double square_error_ = 0.0;  ///< Sum of the smaller of consecutive ones, with forgetting.
   double num_errors_ = 0.0;    ///< Number of its terms, with forgetting.
