@@ -60,7 +60,8 @@ class PsmDriverTest : public testing::Test {
     };
     console_.Place(test::PsmHome());  // measurements before homing have no stamp
     until([&] {
-      return Heard(driver) && driver.request_subscribers() > 0 && driver.servo_subscribers() > 0;
+      return Heard(driver) && driver.request_subscribers() > 0 && driver.servo_subscribers() > 0 &&
+             driver.hold_subscribers() > 0 && server_.status_subscribers() > 0;
     });
     console_ = as_it_is;
     until([&] {
@@ -89,6 +90,7 @@ class PsmDriverTest : public testing::Test {
     now_ns_ += std::llround(1e9 * dt_s);
     const std::uint64_t before = driver.client().num_samples();
     server_.Tick(dt_s);
+    test::Eventually([&] { return server_.WaitUntilReceived(1.0); });
     test::Eventually([&] {
       Tick(driver);
       return console_.valid() ? Heard(driver) : driver.client().num_samples() > before;

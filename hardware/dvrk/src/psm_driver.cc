@@ -74,6 +74,7 @@ PsmStatus PsmDriver::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept
   servo_subscribers_ = link.servo_subscribers.load(std::memory_order_relaxed);
   input.command_subscribers = request_subscribers_ =
       link.command_subscribers.load(std::memory_order_relaxed);
+  hold_subscribers_ = link.hold_subscribers.load(std::memory_order_relaxed);
   input.goals_reached = link.goals_reached.exchange(0, std::memory_order_acq_rel);
   input.foreign_messages = link.foreign_messages.exchange(0, std::memory_order_acq_rel);
   input.pose_controls = link.pose_controls.exchange(0, std::memory_order_acq_rel);

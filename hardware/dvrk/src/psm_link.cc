@@ -103,7 +103,8 @@ void PsmDriver::Link::Run() noexcept {
     const bool stopping = stop.load(std::memory_order_acquire);
     const std::uint64_t wanted = cycle_wanted.load(std::memory_order_acquire);
     const bool flushing = wanted != cycle_done.load(std::memory_order_relaxed);
-    Send();
+    const bool requested = Send();
+    if (flushing && requested) WaitForRequests();
     Receive();
     ReadMonitors();
     if (flushing || poll % kPollsPerCount == 0) Count();
@@ -124,16 +125,21 @@ void PsmDriver::Link::Run() noexcept {
     }
   }
   // Destroying a publisher discards samples that the console has not yet received.
+  WaitForRequests();
+}
+
+void PsmDriver::Link::WaitForRequests() noexcept {
   (void)state_command.WaitUntilReceived(kLastWordsS);
   (void)hold.WaitUntilReceived(kLastWordsS);
 }
 
-void PsmDriver::Link::Send() noexcept {
+bool PsmDriver::Link::Send() noexcept {
   // The hold is read before the set-points, so set-points queued before the hold are not sent.
   const bool holding = hold_wanted.exchange(false, std::memory_order_acq_rel);
   Outgoing next;
   bool servo = false;
   bool servo_jaw = false;
+  bool requested = holding;
   // Sends only the last of several pending set-points.
   while (outbox.Take(next)) {
     if (next.servo) {
@@ -149,6 +155,7 @@ void PsmDriver::Link::Send() noexcept {
       jaw.position[0] = next.jaw;
     }
     if (next.request != PsmRequest::kNone) {
+      requested = true;
       if (holding) hold.Write({});
       dds::StringStamped command;
       command.stamp = next.stamp;
@@ -158,11 +165,12 @@ void PsmDriver::Link::Send() noexcept {
   }
   if (holding) {
     hold.Write({});
-    return;
+    return requested;
   }
   if (servo && !WriteServo()) failed.store(true, std::memory_order_relaxed);
   if (servo_jaw && !jaw_servo_jp.Write(jaw)) failed.store(true, std::memory_order_relaxed);
   sent.fetch_add((servo ? 1U : 0U) + (servo_jaw ? 1U : 0U), std::memory_order_release);
+  return requested;
 }
 
 bool PsmDriver::Link::WriteServo() noexcept {
@@ -355,9 +363,10 @@ void PsmDriver::Link::Count() noexcept {
   const dds::Health state = measured_js.health();
   state_publishers.store(state.publishers, std::memory_order_relaxed);
   incompatible.store(state.incompatible, std::memory_order_relaxed);
-  // Excludes our own monitoring subscriber.
+  // Excludes our own monitoring subscribers.
   command_subscribers.store(std::max(0, state_command.num_subscribers() - 1),
                             std::memory_order_relaxed);
+  hold_subscribers.store(std::max(0, hold.num_subscribers() - 1), std::memory_order_relaxed);
   servo_subscribers.store(std::max(0, servo_cp.num_subscribers() - 1), std::memory_order_relaxed);
   sends_state = servo_cs && servo_cs->num_subscribers() > 0;
   // Excludes our own publisher.

@@ -54,7 +54,9 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   [[nodiscard]] std::string Topic(const char* name) const { return "/" + arm + "/" + name; }
 
   void Run() noexcept;
-  void Send() noexcept;
+  // Returns true if a request was sent.
+  bool Send() noexcept;
+  void WaitForRequests() noexcept;
   bool WriteServo() noexcept;
   void NoteControl(const ConsoleMessage& message) noexcept;
   void Receive() noexcept;
@@ -127,6 +129,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   std::atomic<bool> was_clutched{false};
   std::atomic<PsmInstrument> instrument{PsmInstrument::kNotNamed};
   std::atomic<int> command_subscribers{0};
+  std::atomic<int> hold_subscribers{0};
   std::atomic<int> servo_subscribers{0};
 
   // Used only by the thread that runs Run().

@@ -386,6 +386,15 @@ std::uint64_t PsmConsoleServer::commands_taken() const noexcept { return impl_->
 std::uint64_t PsmConsoleServer::states_published() const noexcept {
   return impl_->states_published;
 }
+bool PsmConsoleServer::WaitUntilReceived(double timeout_s) noexcept {
+  const bool texts = impl_->status.WaitUntilReceived(timeout_s) &&
+                     impl_->warning.WaitUntilReceived(timeout_s) &&
+                     impl_->error.WaitUntilReceived(timeout_s);
+  return texts && impl_->operating_state.WaitUntilReceived(timeout_s);
+}
+int PsmConsoleServer::status_subscribers() const noexcept {
+  return impl_->status.num_subscribers();
+}
 dds::Stamp PsmConsoleServer::now() const { return impl_->Now(); }
 
 void PsmConsoleServer::SetFaults(const ConsoleFaults& faults) {

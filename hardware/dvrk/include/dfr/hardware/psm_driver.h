@@ -122,15 +122,17 @@ class PsmDriver {
   /// measured_js, as of the last Tick().
   [[nodiscard]] int other_publishers() const noexcept { return other_publishers_; }
   [[nodiscard]] int state_publishers() const noexcept { return state_publishers_; }
-  /// Return the numbers of subscribers to servo_cp and to state_command.
+  /// Return the numbers of subscribers to servo_cp, state_command and hold.
   [[nodiscard]] int servo_subscribers() const noexcept { return servo_subscribers_; }
   [[nodiscard]] int request_subscribers() const noexcept { return request_subscribers_; }
+  [[nodiscard]] int hold_subscribers() const noexcept { return hold_subscribers_; }
 
   /// Returns the number of set-points sent, including the jaw's. After Flush() it includes all
   /// queued set-points.
   [[nodiscard]] std::uint64_t setpoints_sent() const noexcept;
-  /// Waits until all queued output is sent, and all input that arrived before the call is available
-  /// to the next Tick(). Blocks: use it in lock-step only.
+  /// Waits until all queued output is sent and its requests are received, for 2 s at most, and
+  /// until all input that arrived before the call is available to the next Tick(). Blocks: use it
+  /// in lock-step only.
   void Flush();
 
  private:
@@ -145,6 +147,7 @@ class PsmDriver {
   int state_publishers_ = 0;
   int servo_subscribers_ = 0;
   int request_subscribers_ = 0;
+  int hold_subscribers_ = 0;
   std::unique_ptr<Link> link_;
 };
 
