@@ -142,7 +142,7 @@ void AddFit(CLI::App& app, int& result) {
       ->add_option("--horizon", options->guard.horizon,
                    "largest number of the policy's actions in an episode; 0: twice the longest "
                    "demonstration")
-      ->check(dfr::apps::kNotNegative)
+      ->check(CLI::Range(0, dfr::safety::GuardOptions::kLongestHorizon))
       ->capture_default_str();
   command
       ->add_option("--action-limit", options->guard.action_limit,

@@ -251,7 +251,9 @@ class GuardAppTest(GuardProgramTest):
         (self.folder / "text").write_text("kept")
         (self.folder / "circle").symlink_to("circle")
         (self.folder / "astray").symlink_to("none/x")
-        # No input exists: a message about the output proves that the output is checked first.
+        # No input exists: a message about an option or the output proves that it is checked first.
+        done = self.run_program("fit", "none", "--horizon", "2000000000")
+        self.assertEqual((done.returncode, "--horizon: " in done.stderr), (2, True), done.stderr)
         for command, kinds in (("fit none -o", "file"), ("report none none -o", "file"), ("check none --repair", "file"),
                                ("export none --onnx", "file"), ("export none --libsvm", "folder"),
                                ("convert none", "folder")):

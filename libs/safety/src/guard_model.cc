@@ -30,7 +30,6 @@ constexpr std::array kStrategies = {Strategy::kGuard,   Strategy::kController,
 
 // Largest values that a file may contain.
 constexpr int kMost = 1 << 30;
-constexpr int kLongestHorizon = kMost / fit::kActionsPerStep;
 
 void CheckLimit(const std::vector<double>& limit) {
   for (std::size_t i = 0; i < limit.size(); ++i) {
@@ -170,8 +169,9 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
 std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layout,
                                                   std::span<const core::Trajectory> demonstrations,
                                                   const GuardOptions& options, bool may_narrow) {
-  DFR_THROW_UNLESS(options.horizon >= 0 && options.horizon <= kLongestHorizon,
-                   "horizon must lie in [0, " << kLongestHorizon << "], not " << options.horizon);
+  DFR_THROW_UNLESS(
+      options.horizon >= 0 && options.horizon <= GuardOptions::kLongestHorizon,
+      "horizon must lie in [0, " << GuardOptions::kLongestHorizon << "], not " << options.horizon);
   DFR_THROW_UNLESS(options.folds >= 2, "folds must be at least 2, not " << options.folds);
   CheckLimit(options.action_limit);
   DFR_THROW_UNLESS(options.false_alarms > 0.0 && options.false_alarms < 1.0,
@@ -256,9 +256,10 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
     longest = std::max(longest, demonstration.controls.rows());
     transitions += demonstration.controls.rows();
   }
-  settings.horizon = options.horizon > 0
-                         ? options.horizon
-                         : static_cast<int>(std::min<Eigen::Index>(2 * longest, kLongestHorizon));
+  settings.horizon =
+      options.horizon > 0
+          ? options.horizon
+          : static_cast<int>(std::min<Eigen::Index>(2 * longest, GuardOptions::kLongestHorizon));
   settings.max_actions = fit::kActionsPerStep * settings.horizon;
   settings.action_limit =
       options.action_limit.empty() ? actions->Limits(fit::kActionReach) : options.action_limit;

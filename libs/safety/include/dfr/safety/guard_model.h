@@ -19,6 +19,7 @@
 #include "dfr/reduction/choose_components.h"
 #include "dfr/reduction/state_reduction.h"
 #include "dfr/safety/action_space.h"
+#include "dfr/safety/constants.h"
 #include "dfr/safety/task_model.h"
 
 namespace dfr::safety {
@@ -118,7 +119,9 @@ struct GuardOptions {
   /// allows it.
   kernel::WhitenedSupportOptions support = {};
   Strategy strategy = Strategy::kGuard;
-  int horizon = 0;  ///< 0: twice the number of actions of the longest demonstration.
+  /// In [0, kLongestHorizon]. 0: twice the number of actions of the longest demonstration.
+  int horizon = 0;
+  static constexpr int kLongestHorizon = (1 << 30) / fit::kActionsPerStep;
   /// GuardSettings::action_limit. Empty: 1.5 times the largest demonstrated value of each entry,
   /// which can compensate for actions with two thirds of their effect.
   std::vector<double> action_limit = {};
