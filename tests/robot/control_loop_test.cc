@@ -274,6 +274,20 @@ TEST(ControlLoopTest, ThrowsForOptionsOutOfRangeAndMissingDevices) {
   EXPECT_THROW(FakeRobot({.period_s = 0.0}), std::invalid_argument);
   EXPECT_THROW(FakeRobot({.max_period_s = 0.0}), std::invalid_argument);
   EXPECT_THROW(FakeRobot({.settle_time_s = -1.0}), std::invalid_argument);
+  EXPECT_THROW(FakeRobot({.max_images = 0}), std::invalid_argument);
+  // A comparison with a limit that is not a number never finds a fault.
+  using Options = ControlLoopOptions;
+  for (double Options::*const limit :
+       {&Options::image_latency_s, &Options::image_timeout_s, &Options::max_camera_check_s,
+        &Options::max_stop_check_s, &Options::max_state_jump, &Options::max_drift,
+        &Options::drift_noise, &Options::drift_share, &Options::drift_stretch,
+        &Options::max_target_jump}) {
+    for (const double wrong : {kNan, -1.0, HUGE_VAL}) {
+      Options options;
+      options.*limit = wrong;
+      EXPECT_THROW((FakeRobot(options)), std::invalid_argument) << wrong;
+    }
+  }
   FakeRobot robot;
   EXPECT_THROW(ControlLoop({}, {.clock = &robot.clock}), std::invalid_argument);
 }

@@ -274,7 +274,9 @@ void MoveALittle(const CheckOptions& options, CheckedArm& arm, Permit& permit,
       Ok(report, "told to insert by " + Text(1e3 * sign * kTinyMove, 1) + " mm, the arm moved " +
                      Text(sign * moved, 2) + " mm, and came back");
     } else {
-      Wrong(report, "told to insert by 2 mm, the arm measured " + Text(moved, 2) + " mm",
+      Wrong(report,
+            "told to move its instrument by 2 mm along the shaft, the arm measured " +
+                Text(moved, 2) + " mm",
             "does another program hold the arm, or is the instrument stuck?");
     }
   }
@@ -372,7 +374,8 @@ DeviceReport CheckArm(const CheckOptions& options, CheckedArm& arm) {
   const PsmStatus status = CheckReady(options, arm, permit, report);
   if (options.move && status == PsmStatus::kOk &&
       Ask(options,
-          options.arm + " will insert its instrument by 2 mm and retract it. Is it clear?") &&
+          options.arm +
+              " will move its instrument by 2 mm along the shaft and back. Is it clear?") &&
       permit.Granted(report)) {
     MoveALittle(options, arm, permit, report);
   }

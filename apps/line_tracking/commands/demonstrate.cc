@@ -87,7 +87,11 @@ std::optional<core::Trajectory> RecordDemonstration(RobotPlant& plant,
     printer.Say("  %s: the demonstration is discarded\n", e.what());
   }
   if (!options.teleoperation) plant.Halt();
-  if (trajectory && !trajectory->states.allFinite()) trajectory.reset();
+  if (trajectory && !trajectory->states.allFinite()) {
+    printer.Say(
+        "  the camera did not see the line in each state: the demonstration is discarded\n");
+    trajectory.reset();
+  }
   return trajectory;
 }
 

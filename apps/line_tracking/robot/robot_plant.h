@@ -22,9 +22,6 @@ namespace dfr::apps::line_tracking {
 struct RunOperator {
   std::function<void(const runtime::Transition&)> on_transition;
   std::function<void(const hardware::ConsoleMessage&)> on_message;
-  /// Asks a question, and continues the loop until the operator types exactly `word`; false if the
-  /// operator refuses. If empty, all answers are no.
-  std::function<bool(std::string_view question, std::string_view word)> confirms;
   /// Set by a signal handler for a stop; may be nullptr, otherwise must outlive the run.
   const std::atomic<bool>* interrupted = nullptr;
 };

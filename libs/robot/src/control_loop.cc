@@ -29,8 +29,30 @@ ControlLoop::ControlLoop(const ControlLoopOptions& options, const Devices& devic
   DFR_THROW_UNLESS(devices.clock != nullptr && devices.arm != nullptr &&
                        devices.camera != nullptr && devices.task != nullptr,
                    "a control loop needs a clock, an arm, a camera and a task");
-  DFR_THROW_UNLESS(options.period_s > 0.0,
-                   "control loop: period_s must be positive, not " << options.period_s);
+  constexpr double kLongest = 1e6;  // s
+  constexpr double kFarthest = std::numeric_limits<double>::max();
+  const auto check = [](const char* name, double value, double least, double most) {
+    // The comparison is false for NaN.
+    DFR_THROW_UNLESS(value >= least && value <= most, "control loop: " << name << " must lie in ["
+                                                                       << least << ", " << most
+                                                                       << "], not " << value);
+  };
+  const auto check_positive = [](const char* name, double value, double most) {
+    DFR_THROW_UNLESS(value > 0.0 && value <= most,
+                     "control loop: " << name << " must lie in (0, " << most << "], not " << value);
+  };
+  check_positive("period_s", options.period_s, kLongest);
+  check("image_latency_s", options.image_latency_s, 0.0, kLongest);
+  check_positive("image_timeout_s", options.image_timeout_s, kLongest);
+  check("max_images", options.max_images, 1.0, std::numeric_limits<int>::max());
+  check_positive("max_camera_check_s", options.max_camera_check_s, kLongest);
+  check_positive("max_stop_check_s", options.max_stop_check_s, kLongest);
+  check_positive("max_state_jump", options.max_state_jump, kFarthest);
+  check("max_drift", options.max_drift, 0.0, kFarthest);
+  check("drift_noise", options.drift_noise, 0.0, kFarthest);
+  check("drift_share", options.drift_share, 0.0, kFarthest);
+  check_positive("drift_stretch", options.drift_stretch, kFarthest);
+  check("max_target_jump", options.max_target_jump, 0.0, kFarthest);
   observation_.assign(static_cast<std::size_t>(devices.task->state_dim()),
                       std::numeric_limits<double>::quiet_NaN());
   before_ = observation_;

@@ -21,7 +21,7 @@ struct ControlLoopOptions {
   double period_s = 0.005;       ///< > 0
   double max_period_s = 0.05;    ///< Maximum period, in (0, 10]; a longer period is kOverrun.
   double settle_time_s = 0.2;    ///< Time required without a reason to hold to start, in [0, 60].
-  double image_latency_s = 0.0;  ///< Maximum delay of a stamp after the exposure.
+  double image_latency_s = 0.0;  ///< Maximum delay of a stamp after the exposure, >= 0.
   double image_timeout_s = 2.0;  ///< Maximum wait for the camera; a longer wait is kImageSilent.
   int max_images = 3;            ///< Maximum number of pictures tried until one shows the state.
   /// Maximum time since the camera's thread last checked; a longer time is kImageSilent.
