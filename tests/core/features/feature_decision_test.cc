@@ -28,18 +28,20 @@ class Planar final : public LogDecisionFunction {
   int state_dim() const noexcept override { return 2; }
   int num_steps() const noexcept override { return 5; }
   double Decision(int t, std::span<const double> z) const noexcept override {
-    return t + z[0] + 10.0 * z[1];
+    const double value = t + z[0] + 10.0 * z[1];
+    return std::isfinite(value) ? value : -std::numeric_limits<double>::infinity();
   }
   double Gradient(int t, std::span<const double> z, std::span<double> g) const noexcept override {
     return LogDecision(t, z, g);
   }
   double LogDecision(int t, std::span<const double> z,
                      std::span<double> g) const noexcept override {
+    const double value = Decision(t, z);
     if (!g.empty()) {
-      g[0] = 1.0;
-      g[1] = 10.0;
+      g[0] = std::isfinite(value) ? 1.0 : 0.0;
+      g[1] = 10.0 * g[0];
     }
-    return Decision(t, z);
+    return value;
   }
   double FromLog(int t, double l) const noexcept override { return t + l; }
   double lipschitz_bound(int) const noexcept override { return std::sqrt(101.0); }
@@ -103,6 +105,24 @@ TEST(FeatureDecisionTest, FollowsTheMapOfTheSelection) {
     gradient.assign(4, 7.0);
     EXPECT_EQ(decision.Gradient(3, x, gradient), decision.Decision(3, x));
     EXPECT_EQ(gradient, (std::vector{sign, sign * 10.0, 0.0, 0.0}));
+  }
+}
+
+TEST(FeatureDecisionTest, TheGradientAtANonFiniteStateIsZero) {
+  const Planar inner;
+  StateLayout layout;
+  layout.Add("turn", 1);
+  const StateMap map({}, {}, {{.entry = 0, .period = 6.0}});
+  const FeatureDecision decision(
+      FeatureTransform::Identity(FeatureSelection(layout, "turn").Mapped(map)), inner);
+  for (const double wrong : {HUGE_VAL, std::nan("")}) {
+    const std::vector<double> x = {wrong};
+    std::vector<double> gradient = {7.0};
+    EXPECT_EQ(decision.LogDecision(0, x, gradient), -HUGE_VAL);
+    EXPECT_EQ(gradient[0], 0.0);
+    gradient = {7.0};
+    EXPECT_EQ(decision.Gradient(0, x, gradient), -HUGE_VAL);
+    EXPECT_EQ(gradient[0], 0.0);
   }
 }
 

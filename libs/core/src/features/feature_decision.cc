@@ -49,7 +49,7 @@ double FeatureDecision::Gradient(int t, std::span<const double> x,
   const std::span<double> inner(inner_buffer.data(), n);
   features_.Apply(x, z);
   const double g = inner_->Gradient(t, z, inner);
-  Pull(x, inner, gradient);
+  if (g > kOutside) Pull(x, inner, gradient);
   return g;
 }
 
@@ -66,7 +66,7 @@ double FeatureDecision::LogDecision(int t, std::span<const double> x,
   Buffer inner_buffer;
   const std::span<double> inner(inner_buffer.data(), n);
   const double l = inner_->LogDecision(t, z, inner);
-  Pull(x, inner, gradient);
+  if (l > kOutside) Pull(x, inner, gradient);
   return l;
 }
 
