@@ -84,8 +84,6 @@ void EndoscopeOptions::Check() const {
   DFR_THROW_UNLESS(max_ahead_s >= 0.0 && max_ahead_s < 1e6,
                    "max_ahead_s must not be negative: " << max_ahead_s);
   DFR_THROW_UNLESS(max_repeats > 1, "max_repeats must be larger than 1, not " << max_repeats);
-  DFR_THROW_UNLESS(positive(open_timeout_s),
-                   "open_timeout_s must be positive, not " << open_timeout_s);
 }
 
 bool IsImageTopic(const std::string& source) {

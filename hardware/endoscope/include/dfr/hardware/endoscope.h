@@ -52,7 +52,6 @@ struct EndoscopeOptions {
   double max_age_s = 0.1;     ///< Maximum time since the stamp, and since the arrival, > 0.
   double max_ahead_s = 0.01;  ///< Maximum time from now to a stamp in the future, >= 0.
   int max_repeats = 3;  ///< Number of identical consecutive pictures that count as frozen, > 1.
-  double open_timeout_s = 10.0;  ///< Maximum wait for the first picture of a device or file, > 0.
 
   /// @throws std::invalid_argument naming the option that is out of range.
   void Check() const;
