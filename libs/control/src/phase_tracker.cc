@@ -50,8 +50,8 @@ double PhaseTracker::Follow(std::span<const double> z) noexcept {
 }
 
 double PhaseTracker::Enter(std::span<const double> z, double least) noexcept {
-  // A certified control ends inside a phase near the phase in which it was chosen. That phase is
-  // phase_ - 1 if the phase has advanced since.
+  // A certified control ends inside a support near the phase in which it was chosen. This phase is
+  // phase_ - 1 if the tracker has advanced since.
   const double l = Fit(z, std::max(0, phase_ - kWindow - 1), phase_ + kWindow, phase_, least);
   return l >= least ? l : support_->LogDecision(phase_, z, {});
 }

@@ -77,7 +77,8 @@ int StateObserver::FindLag(const LocalFit& fit, std::span<const double> dz, doub
     error = forgetting_ * error + scratch_.squaredNorm();
     least = std::min(least, error);
   }
-  // A lag whose predictions are accurate enough is kept, even if a larger one predicts better.
+  // Selects the smallest lag whose predictions are accurate enough, even if a larger lag predicts
+  // better.
   const double enough = std::max(guided::kEvidence * least, guided::kNegligible * travel_);
   int lag = 0;
   while (errors_[static_cast<std::size_t>(lag)] > enough) ++lag;

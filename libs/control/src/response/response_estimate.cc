@@ -41,7 +41,7 @@ void Solve(const Eigen::MatrixXd& lower, core::Matrix& b, Eigen::Index first) no
   for (; column < b.cols(); ++column) SolveColumns<1>(lower, column, first, b);
 }
 
-// With y = z' - z, moving z by -shift changes sums of [y; 1] to those of [y + shift; 1].
+// With y = z' - z, moving z by -shift changes sums of [y; 1] to sums of [y + shift; 1].
 void Move(const Eigen::VectorXd& shift, Eigen::MatrixXd& a, core::Matrix& b) noexcept {
   const Eigen::Index n = shift.size();
   for (Eigen::Index j = a.cols() - 1; j >= 0; --j) {

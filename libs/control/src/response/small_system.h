@@ -39,7 +39,7 @@ void ForSumsOfColumns(const T* columns, Eigen::Index rows, Eigen::Index stride,
   if (i < rows) use(i, SumOfColumns<1>(columns + i, stride, weights, count));
 }
 
-/// Returns the entries of `x` that belong to `sums`, an argument of `use` above.
+/// Returns the entries of `x` from `first` on, as many as `sums` has.
 template <typename Sums>
 [[nodiscard]] Eigen::Map<Sums> Part(double* x, Eigen::Index first, const Sums& /*sums*/) noexcept {
   return Eigen::Map<Sums>(x + first);

@@ -65,13 +65,16 @@ TransitionStore::TransitionStore(std::span<const core::Matrix> features,
   for (std::size_t d = 0; d < features.size(); ++d) {
     DFR_THROW_UNLESS(features[d].cols() == n && controls[d].cols() == m &&
                          features[d].rows() == controls[d].rows() + 1,
-                     "demonstration " << d << ": features " << features[d].rows() << " x "
-                                      << features[d].cols() << ", controls " << controls[d].rows()
-                                      << " x " << controls[d].cols());
+                     "demonstration " << d << " has features " << features[d].rows() << " x "
+                                      << features[d].cols() << " and controls "
+                                      << controls[d].rows() << " x " << controls[d].cols()
+                                      << "; (T + 1) x " << n << " and T x " << m << " are needed");
     DFR_THROW_UNLESS(contexts.empty() || (contexts.size() == controls.size() &&
                                           contexts[d].cols() == contexts[0].cols() &&
                                           contexts[d].rows() >= controls[d].rows()),
-                     "demonstration " << d << " needs one context per control, of one size");
+                     "demonstration "
+                         << d
+                         << " needs one context per control; all contexts must have the same size");
     longest = std::max(longest, controls[d].rows());
   }
 
@@ -176,7 +179,8 @@ TransitionStore TransitionStore::Load(core::ArchiveReader& archive) {
     for (std::size_t t = 1; t < begin.size(); ++t) {
       DFR_THROW_UNLESS(begin[t] >= begin[t - 1] && begin[t] - begin[t - 1] <= options.max_per_step,
                        "time step " << t - 1 << " of the transitions has "
-                                    << begin[t] - begin[t - 1] << " transitions");
+                                    << begin[t] - begin[t - 1] << " transitions; 0 to "
+                                    << options.max_per_step << " are allowed");
     }
     const Eigen::Index n = prior.feature_dim_;
     DFR_THROW_UNLESS(
@@ -204,7 +208,8 @@ std::pair<int, int> TransitionStore::Near(int t) const noexcept {
   const auto begin = [&](int step) {
     return begin_[static_cast<std::size_t>(std::clamp(step, 0, steps))];
   };
-  // If all demonstrations rest longer than the window, the window grows until it has a control.
+  // If all demonstrations rest longer than the window, the window grows until it contains a
+  // control.
   int window = options_.window;
   while (begin(t - window) == begin(t + window + 1) && window < steps) ++window;
   return {begin(t - window), begin(t + window + 1)};
@@ -261,7 +266,7 @@ bool TransitionStore::SumControls(int t, std::span<const double> z,
                                        guided::kWeightFloor, workspace.weights.data());
   workspace.factor = options_.prior_weight / sum;
   const float* row = transitions_.row(first).data();
-  // Takes most of the time of an estimate. Uses all columns of r after z and 1.
+  // These sums take most of the time of an estimate. They have all columns of r after z and 1.
   const std::size_t begin = (n + 1) / internal::kWidth * internal::kWidth;
   internal::WeightedSums(row + n + 1, static_cast<std::size_t>(workspace.states), row + begin,
                          width - begin, static_cast<std::size_t>(stride) * width,

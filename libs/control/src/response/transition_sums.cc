@@ -20,7 +20,7 @@ using Doubles = hn::CappedTag<double, kWidth>;
 using Floats = hn::CappedTag<float, kPadding>;
 using Row = hn::CappedTag<float, kWidth>;
 
-// Squared distances of kCount vectors of points from row `i` on.
+// Computes the squared distances from z to kCount vectors of points, from row `i` on.
 template <std::size_t kCount>
 HWY_INLINE void DistancesFrom(std::size_t i, const float* points, std::size_t column_stride,
                               std::size_t dim, const float* z, hn::Vec<Floats>* sum) {
@@ -71,7 +71,8 @@ float Distances(const float* points, std::size_t column_stride, std::size_t dim,
                                                       : std::numeric_limits<float>::quiet_NaN();
 }
 
-// In double: exponentials of float vectors differ between processors by more than later rounding.
+// In double: exponentials of float vectors differ between processors by more than the later
+// rounding to float.
 double WeightsOf(const float* distances, const std::int32_t* indices, std::size_t count,
                  float least, double scale, double floor, double* weights) {
   constexpr Doubles d;
@@ -179,8 +180,9 @@ void NearestOf(const float* distances, std::size_t rows, std::size_t count, std:
     least = std::min(least, distances[i]);
     most = std::max(most, distances[i]);
   }
-  // Finds a bound that at least `count` distances do not exceed, if necessary the smallest one.
-  // Once few distances lie between `low` and `high`, only these are counted.
+  // Bisects for a bound that exactly `count` distances do not exceed. If equal distances prevent
+  // this, finds the smallest bound that more distances do not exceed. Once few distances lie
+  // between `low` and `high`, only these are counted.
   float between[kMostBetween + hn::MaxLanes(d)];
   const float* candidates = distances;
   std::size_t size = rows;

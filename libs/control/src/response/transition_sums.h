@@ -4,9 +4,9 @@
 #include <cstdint>
 
 // Sums over the transitions of a TransitionStore, with the widest available vectors. Entries are
-// summed in order of the rows, so processors with fused multiplication agree to the bit. Sums are
-// floats, like transitions. A sum of some hundred rows loses a digit, which is less than the noise
-// of demonstrations. Nothing allocates or throws.
+// summed in order of the rows, so processors with fused multiply-add agree to the bit. Sums are
+// floats, like transitions. A sum of some hundred rows loses one decimal digit, which is less than
+// the noise of demonstrations. Nothing allocates or throws.
 namespace dfr::control::internal {
 
 /// Row widths, n_left and n_right are multiples of kWidth.
@@ -36,14 +36,15 @@ void Nearest(const float* distances, std::size_t rows, std::size_t count,
              std::int32_t* indices) noexcept;
 
 /// Sets sums = sum_i factor weights[i] left_i' right_i (n_left x n_right). Rows are `stride`
-/// entries apart, rows of `sums` sums_stride. `tile` has kTile n_left entries of scratch memory.
+/// entries apart; rows of `sums` are `sums_stride` entries apart. `tile` has kTile n_left entries
+/// of scratch memory.
 void WeightedSums(const float* left, std::size_t n_left, const float* right, std::size_t n_right,
                   std::size_t stride, const double* weights, double factor, std::size_t count,
                   float* tile, float* sums, std::size_t sums_stride) noexcept;
 
 /// Sets sums = sum_i factor weights[i] left_i' right_i (n_left x width). right_i is row_j - z with
-/// j = indices[i], and left_i has its first n_left entries. Rows, z and the rows of `sums` have
-/// `width` entries. `tile` has kTile (n_left + width) entries of scratch memory.
+/// j = indices[i], and left_i consists of the first n_left entries of right_i. Rows, z and the rows
+/// of `sums` have `width` entries. `tile` has kTile (n_left + width) entries of scratch memory.
 void WeightedSumsAbout(const float* z, const float* rows, std::size_t width,
                        const std::int32_t* indices, const double* weights, double factor,
                        std::size_t count, std::size_t n_left, float* tile, float* sums) noexcept;

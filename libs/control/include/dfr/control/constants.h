@@ -5,16 +5,16 @@
 /// Constants of guided recovery that are not options. docs/frozen_constants.md lists them.
 namespace dfr::control::guided {
 
-/// Response: fraction of the variance left unexplained by controls that a drift may also leave
-/// unexplained, in held-out demonstrations. Otherwise the response has no drift. With a larger
-/// value the drift would fit noise in free motion and contact.
+/// Response has a drift only if the drift leaves at most this fraction of the variance that
+/// controls alone leave unexplained in held-out demonstrations. With a larger value the drift would
+/// fit noise in free motion and contact.
 inline constexpr double kMostLeft = 0.6;
 /// Response: demonstrated changes of features are too noisy for LocalFit::NominalControl() if its
-/// squared error for held-out controls exceeds this multiple of the squared error of the
-/// demonstrated control alone. In 54 fits without noise of sensors the ratio was at most 1.15. With
-/// noise of .2, .4, .7 and 1 % of the way it was 1.05, 2.1, 4.7 and 8.9.
+/// squared error for held-out controls exceeds this multiple of the squared error of
+/// DemonstratedControl(). In 54 fits without sensor noise the ratio was at most 1.15. With noise of
+/// .2, .4, .7 and 1 % of the path length it was 1.05, 2.1, 4.7 and 8.9.
 inline constexpr double kMostWorse = 1.25;
-/// Quantile of l over held-out demonstrated states. Its negative defines the slack.
+/// EstimateSlack(): the slack is minus this quantile of l over held-out demonstrated states.
 inline constexpr double kSlackQuantile = 0.2;
 
 /// FewValues: an entry of a control has few values if demonstrations contain at most kMostFew
@@ -25,22 +25,23 @@ inline constexpr std::size_t kLeastRepeated = 5;
 /// of a probe's direction.
 inline constexpr double kLeastProbe = 0.5;
 
-/// TransitionStore: added to each weight. If all transitions are far from z, they then count
-/// equally.
+/// TransitionStore: added to each weight, in units of the weight of the nearest transition. It
+/// keeps the sum of the weights positive.
 inline constexpr double kWeightFloor = 1e-6;
 
-/// ResponseEstimate: mean of the smaller of two consecutive square errors, in units of the mean
-/// square demonstrated change, up to which another response may explain it. A control of ordinary
-/// size whose response is twice that of demonstrations has the error 1. The excess is noise of
-/// sensors, and adds kNoiseRidge times itself to the ridge of J. One push or jump has one error.
+/// ResponseEstimate: limit on the mean of the smaller of two consecutive squared errors, in units
+/// of the mean squared demonstrated change. Up to this limit, a different response may cause the
+/// errors: an ordinary control with twice its demonstrated effect has the error 1. Above it, the
+/// cause is sensor noise, and the ridge of J grows by kNoiseRidge times the excess. A single push
+/// or jump causes one large error and does not count.
 inline constexpr double kMostError = 1.0;
 inline constexpr double kNoiseRidge = 6.0;
 
 /// LocalFit::NominalControl(): ridge of the slopes per unit of weight. The control then does not
 /// depend on directions in which states barely differ.
 inline constexpr double kDemonstratedRidge = 0.1;
-/// Penalty on the difference from the demonstrated control, in units of the effect of a control on
-/// the features.
+/// LocalFit::NominalControl(): penalty on the squared difference from the demonstrated control, in
+/// units of trace(J' J) / m, the mean squared effect of a unit control.
 inline constexpr double kNearness = 0.03;
 /// LocalFit::LeastExcitedDirection(): number of power iterations. A^-1 has a few rows, and
 /// an approximate eigenvector suffices.
@@ -49,7 +50,8 @@ inline constexpr int kPowerIterations = 30;
 /// StateObserver: smallest weight of an observation. With a smaller weight the estimate would
 /// ignore observations.
 inline constexpr double kLeastWeight = 0.2;
-/// StateObserver: rejects a lag whose squared error exceeds this multiple of the smallest one.
+/// StateObserver: rejects a lag whose squared error exceeds this multiple of the smallest error of
+/// all lags.
 inline constexpr double kEvidence = 2.0;
 /// Squared errors below this fraction of the squared changes (errors below 1 % of the changes) are
 /// attributed to rounding and the ridge, not to a lag or noise.
@@ -71,15 +73,15 @@ inline constexpr double kEdgeRamp = 10.0;
 /// GuidedController: maximum number of relocations of the phase in an episode.
 inline constexpr int kMostRelocations = 2;
 
-/// SafetyFilter: a change of the learned control of at most this norm, in ordinary controls, is
-/// skipped if it gains little and the changed control would still end outside.
+/// SafetyFilter: a change of the learned control is skipped if its norm is at most this multiple of
+/// an ordinary control, it gains little, and the changed control would still end outside.
 inline constexpr double kIdle = 0.5;
 /// SafetyFilter: beyond the exit level, and after the last support, a raised control replaces the
 /// demonstrated one only if its predicted l, which is negative, exceeds this fraction of the
 /// demonstrated control's l.
 inline constexpr double kWorthRaising = 0.5;
-/// SafetyFilter: if an ascent changes an entry by more than this, in ordinary demonstrated
-/// controls, LocalFit::Agreement() damps the change. It uses every kAgreementStride-th transition.
+/// SafetyFilter: if an ascent changes an entry by more than this multiple of an ordinary control,
+/// LocalFit::Agreement() damps the change. Agreement() uses every kAgreementStride-th transition.
 inline constexpr double kLeastHedged = 0.4;
 inline constexpr int kAgreementStride = 8;
 /// SafetyFilter: a direction of control counts as unknown if the largest eigenvalue of A^-1 exceeds

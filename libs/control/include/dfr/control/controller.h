@@ -25,7 +25,7 @@ enum class HaltCause {
   kSupportInvalid,  ///< At a finite state, g is not finite, or the response cannot be estimated.
   kOutsideSupport,  ///< g <= 0: no control is small enough to be safe.
   kEarlyStopping,   ///< 0 < g <= lambda |u|, and the strategy stops there.
-  kIterationLimit,  ///< A recovery reached its limit of iterations.
+  kIterationLimit,  ///< The controller reached its limit of recovery iterations or of controls.
   kNoDirection,     ///< A recovery found no direction of ascent.
   kNoProgress,      ///< A recovery makes no further progress.
   kViolated,        ///< A transition violated an assumption of a certificate.

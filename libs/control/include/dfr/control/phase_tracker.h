@@ -10,9 +10,10 @@ namespace dfr::control {
 /// Controllers, observers and certificates use different rules.
 ///
 /// - A controller decides the phase. Advance() moves to the next phase once a control is predicted
-/// to end inside its support. Otherwise it moves to the later phase whose support fits the
-/// prediction best, because a missed support must not block the following ones. If the prediction
-/// is far outside, the phase may wait. Wait() keeps it for a control that is slow but inside.
+/// to end inside the support of that phase. Otherwise it moves to the later phase whose support
+/// fits the prediction best, because a missed support must not block the following ones. If the
+/// prediction is far outside, the phase may wait. Wait() keeps the phase if a slow control ends
+/// inside the present support.
 /// - An observer (an alarm, a report) follows the state, because the paces of demonstrations and
 /// robots differ. Follow() selects the phase near the expected one whose support fits best.
 /// - A certificate holds only inside a support. Enter() selects the best nearby phase whose support

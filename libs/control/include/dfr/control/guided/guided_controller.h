@@ -61,7 +61,7 @@ class GuidedController final : public Controller {
   /// before the next Next(); the last report counts. The estimate and the phase are then updated
   /// with `u`. A halted controller stays halted. Never allocates or locks.
   void Applied(std::span<const double> u) noexcept;
-  /// Takes back all reports of Applied() since the last Next().
+  /// Retracts all reports of Applied() since the last Next().
   void AppliedAsChosen() noexcept;
 
   /// Sets the context of the next control (LocalFit::SetContext()).
@@ -83,8 +83,8 @@ class GuidedController final : public Controller {
   void Relocate() noexcept;
   /// Returns the lowest level of the support at `t` at which a learned control passes.
   [[nodiscard]] double PassLevel(int t) const noexcept;
-  /// Returns the lowest level at which a learned control passes that stays in the phase of `step`;
-  /// infinity if none may.
+  /// Returns the lowest level at which a learned control that stays in the phase of `step` passes;
+  /// infinity if it may not stay.
   [[nodiscard]] double StayLevel(const Step& step) const noexcept;
   void Advance(double level) noexcept;
 

@@ -29,7 +29,7 @@ class SafetyFilter {
   /// the state of `fit`. `target` is the next phase and its Levels::gate(). `v` is unchanged if its
   /// predicted level in the next phase is at least `pass_level`, or if its level in the present
   /// phase is at least `stay_level` and higher than in the next phase. `v` is also unchanged if the
-  /// corrected control would end outside too, differs by at most guided::kIdle and gains no more
+  /// corrected control would still end outside, differs by at most guided::kIdle and gains no more
   /// than target.level - pass_level. kRecovery: `v` does not come from the learned control. kProbe:
   /// `v` is a probe.
   [[nodiscard]] Choice Filter(LocalFit& fit, const StepTarget& target, double pass_level,

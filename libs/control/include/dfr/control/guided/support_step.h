@@ -56,7 +56,7 @@ struct StepLimits {
   void Snap(Eigen::VectorXd& v) const noexcept;
 };
 
-/// Returns limits of v = u / `unit` from limits of u: one for all `dim` entries, or one each.
+/// Returns limits of v = u / `unit` from limits of u: one limit for all `dim` entries, or one each.
 /// @throws std::invalid_argument for another number of limits.
 [[nodiscard]] StepLimits ScaledLimits(std::span<const double> limits, int dim, double unit,
                                       int iterations);

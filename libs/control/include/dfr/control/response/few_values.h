@@ -21,7 +21,7 @@ class FewValues {
   }
 
   /// Returns the values in ascending order; empty if there are more than guided::kMostFew, or if
-  /// each occurs less than guided::kLeastRepeated times on average.
+  /// each occurs fewer than guided::kLeastRepeated times on average.
   [[nodiscard]] std::vector<double> values() const {
     const bool few =
         values_.size() <= guided::kMostFew && count_ >= guided::kLeastRepeated * values_.size();

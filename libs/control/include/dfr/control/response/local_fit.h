@@ -10,7 +10,8 @@
 namespace dfr::control {
 
 /// Duration of a control v, s = base + per_control |v|, during which a disturbance moves the
-/// features: they change by J v + s d. The unit is arbitrary. Both 0: there is no disturbance.
+/// features: they change by J v + s d. The unit is arbitrary. If base and per_control are 0, there
+/// is no disturbance.
 struct DisturbanceModel {
   double base = 0.0;         ///< Constant part, >= 0.
   double per_control = 0.0;  ///< Additional duration of an ordinary control, >= 0.
@@ -23,9 +24,10 @@ struct DisturbanceModel {
 };
 
 /// Local model of the change of features near one state, dz = J v + m + s d: the result of
-/// ResponseEstimate::FitAt(). A value independent of the estimate. ResponseEstimate::MakeFit()
-/// allocates its memory; nothing here allocates, locks or throws. Non-const functions use scratch
-/// memory and do not change the fit. One object belongs to one thread.
+/// ResponseEstimate::FitAt(). The fit stays valid when the estimate changes.
+/// ResponseEstimate::MakeFit() allocates its memory; nothing here allocates, locks or throws.
+/// Non-const functions use scratch memory and do not change the fit. One object belongs to one
+/// thread.
 class LocalFit {
  public:
   /// Returns the features z of the state. Before FitAt(), they and all other results are 0.
@@ -40,7 +42,7 @@ class LocalFit {
   [[nodiscard]] double Duration(const Eigen::Ref<const Eigen::VectorXd>& v) const noexcept {
     return disturbance_model_.Duration(v);
   }
-  /// Adds J v + m + s d to z, where s is Duration(v), or `duration`.
+  /// Adds J v + m + s d to z. s is `duration`, or Duration(v) in the overload without it.
   void AddEffect(const Eigen::Ref<const Eigen::VectorXd>& v, double duration,
                  Eigen::Ref<Eigen::VectorXd> z) const noexcept;
   void AddEffect(const Eigen::Ref<const Eigen::VectorXd>& v,
@@ -53,12 +55,12 @@ class LocalFit {
   /// nearest transitions. O(n^3).
   /// @returns false, and leaves `v` (m entries) unchanged, if there is no demonstrated control.
   [[nodiscard]] bool DemonstratedControl(Eigen::VectorXd& v) noexcept;
-  /// Computes the control with the effect of v_d in demonstrations. It minimizes
+  /// Computes the control that changes features as v_d did in demonstrations. It minimizes
   /// |J v + m + s d - dz_d|^2 + 0.03 trace(J' J) / m |v - v_d|^2. It compensates for rotated or
   /// scaled controls and for disturbances, as far as they are estimated. The demonstrated change
   /// dz_d comes from the same regression as v_d. Without ResponseOptions::measured_changes it is
   /// the change that J and m of demonstrations predict for v_d, and the result differs from v_d
-  /// only by measurements of this episode. O(n^3).
+  /// only because of measurements of this episode. O(n^3).
   /// @returns false, and leaves `v` (m entries) unchanged, if there is no demonstrated control.
   [[nodiscard]] bool NominalControl(Eigen::VectorXd& v) noexcept;
   /// Sets the context (TransitionStore::context_dim() entries) on which NominalControl() depends in
@@ -67,10 +69,10 @@ class LocalFit {
     context_ = core::AsVector(context).cast<float>();
   }
   /// Returns true if NominalControl() predicts demonstrated actions poorly: it explains neither
-  /// their variance nor their mean. In the gallery's tasks `explained` is at least .29. It is
-  /// smallest if demonstrators differ in pace. If the state lacks something that the demonstrator
-  /// uses (a box, a velocity, a pole), `explained` is at most .17 and `error` at least .46. For a
-  /// constant action with noise, `explained` is 0 and `error` is .2.
+  /// their variance nor their mean. In the gallery's tasks `explained` is at least .29. Its
+  /// smallest values occur if demonstrators differ in pace. If the state lacks something that the
+  /// demonstrator uses (a box, a velocity, a pole), `explained` is at most .17 and `error` at least
+  /// .46. For a constant action with noise, `explained` is 0 and `error` is .2.
   /// @param explained  explained fraction of the variance of left-out actions.
   /// @param error  squared error, as a fraction of the squared actions.
   [[nodiscard]] static bool Guesses(double explained, double error) noexcept {
@@ -97,7 +99,7 @@ class LocalFit {
   friend class ResponseEstimate;
   LocalFit(std::shared_ptr<const TransitionStore> prior, const DisturbanceModel& disturbance_model,
            int drift_rows, Eigen::Index rows);
-  /// Computes the regression of DemonstratedControl() for the columns from `column` on of the sums.
+  /// Computes the regression of DemonstratedControl() for the columns of the sums from `column` on.
   void Regress(Eigen::Index column, Eigen::VectorXd& out) const noexcept;
 
   std::shared_ptr<const TransitionStore> prior_;
@@ -116,8 +118,8 @@ class LocalFit {
   Eigen::MatrixXd a_;
   Eigen::MatrixXd a_online_;
   core::Matrix b_;
-  Eigen::MatrixXd inverse_;  ///< Scratch of LeastExcitedDirection(): rows of s and v of A^-1.
-  // Scratch of NominalControl().
+  Eigen::MatrixXd inverse_;  ///< Scratch of LeastExcitedDirection(): block of A^-1 for s and v.
+  // Scratch of several functions.
   Eigen::MatrixXd a_demo_;
   Eigen::VectorXd unit_;  ///< n + 1
   Eigen::MatrixXd h_;

@@ -12,8 +12,8 @@
 
 namespace dfr::control {
 
-/// Demonstrations in features: for each, one matrix of points (T + 1 rows) and one of controls (T
-/// rows).
+/// Demonstrations in features: each has one matrix of points (T + 1 rows) and one matrix of
+/// controls (T rows).
 struct FeatureTrajectories {
   FeatureTrajectories() = default;
   /// @throws std::invalid_argument naming the demonstration whose number of states is not its
@@ -48,7 +48,7 @@ class Response {
   [[nodiscard]] const std::shared_ptr<const TransitionStore>& prior() const noexcept {
     return prior_;
   }
-  /// Returns us, the root mean square of |u|: the unit of v = u / us.
+  /// Returns `us`, the root mean square of |u|: the unit of v = u / us.
   [[nodiscard]] double control_unit() const noexcept { return control_unit_; }
   /// Returns the largest demonstrated |v|.
   [[nodiscard]] double largest_control() const noexcept { return largest_; }

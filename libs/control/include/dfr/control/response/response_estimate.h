@@ -19,14 +19,14 @@ namespace dfr::control {
 ///   A = A_d + A_on,  [J m M] = (D + A^-1 E_on)'
 ///   after every applied control  A_on = f A_on + w w',  E_on = f E_on + w (dz - D' w)'
 /// (recursive least squares with forgetting f; A_on and E_on move with z). E_on accumulates the
-/// difference between the effect of a control and that of demonstrations at its state and time.
-/// Demonstrations contain the beginning and end of a contact. Sums of dz alone would still predict
-/// the response before the contact. The ridges of the drift exceed that of J, so a change that both
-/// explain is attributed to controls.
+/// difference between the observed effect of a control and its effect in demonstrations at the same
+/// state and time. Demonstrations show where a contact begins and ends. In a contact, sums of dz
+/// alone would still predict the response before it. The drift has larger ridges than J, so a
+/// change that both explain is attributed to controls.
 ///
-/// Errors of both predictions, D' w and that of the fit, that are large in consecutive steps are
-/// noise of sensors. They add to the ridge of J in A. Otherwise J of a control that demonstrations
-/// rarely contain would follow the noise.
+/// If both predictions, D' w and the prediction of the fit, have large errors in consecutive steps,
+/// the cause is sensor noise. Such errors raise the ridge of J in A. Otherwise J would follow the
+/// noise for controls that demonstrations rarely contain.
 ///
 /// With a disturbance model, w has one more entry, the duration s of the control. It separates the
 /// disturbance d from the response to controls. For demonstrations s = 0.
@@ -51,8 +51,8 @@ class ResponseEstimate {
   /// Removes the effect of all applied controls.
   void Reset() noexcept;
   /// Adds a measurement of `weight` >= 0: control `v` of duration s = `duration` changed the
-  /// features `z` by `dz`. The measurement corrects the prediction of `fit`: the D of `fit` is
-  /// subtracted, and A_on and E_on are then centred at the z of `fit`.
+  /// features `z` by `dz`. The measurement corrects the demonstrations' prediction: D' w of `fit`
+  /// is subtracted from `dz`, and A_on and E_on are then centred at the z of `fit`.
   void Update(const LocalFit& fit, std::span<const double> z, std::span<const double> v,
               std::span<const double> dz, double duration, double weight) noexcept;
   /// Same as above at the z of `fit`, with weight 1 and the duration of `v`.
@@ -61,7 +61,7 @@ class ResponseEstimate {
   }
 
  private:
-  /// Returns the ridge that noise of sensors adds to that of J.
+  /// Returns the amount by which sensor noise raises the ridge of J.
   [[nodiscard]] double NoiseRidge() const noexcept;
   /// Adds A_demo to A and B_demo to D of `fit`.
   void AddDemonstrations(LocalFit& fit) const noexcept;
@@ -77,10 +77,11 @@ class ResponseEstimate {
   Eigen::VectorXd regressor_;
   Eigen::VectorXd error_;   ///< n
   Eigen::VectorXd effect_;  ///< n
-  /// Square error of the better prediction in the last step. An episode's first error counts alone.
+  /// Squared error of the better prediction in the last step. Infinite before the first error of an
+  /// episode, which therefore counts.
   double last_error_ = std::numeric_limits<double>::infinity();
-  double square_error_ = 0.0;  ///< Sum of the smaller of consecutive ones, with forgetting.
-  double num_errors_ = 0.0;    ///< Number of its terms, with forgetting.
+  double square_error_ = 0.0;  ///< Sum of the smaller of two consecutive errors, with forgetting.
+  double num_errors_ = 0.0;    ///< Number of terms of square_error_, with forgetting.
 };
 
 }  // namespace dfr::control

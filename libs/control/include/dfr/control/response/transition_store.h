@@ -18,23 +18,24 @@ struct ResponseOptions {
   double prior_weight = 15.0;  ///< Total weight of the demonstrations' transitions, >= 0.
   int window = 5;              ///< Uses transitions with u != 0 of the time steps t - window ...
                                ///< t + window, and the nearest in time if these have none.
-  int max_per_step = 48;       ///< Maximum number of transitions per time step; bounds the time.
-  double forgetting = 0.93;    ///< Factor on the weight of earlier controls, in [0, 1).
-  /// LocalFit::NominalControl() aims at the changes of features that demonstrations measured.
-  /// Response sets false if these are too noisy.
+  int max_per_step = 48;     ///< Maximum number of transitions per time step; bounds the run time.
+  double forgetting = 0.93;  ///< Factor on the weight of earlier controls, in [0, 1).
+  /// LocalFit::NominalControl() aims at the measured changes of features in demonstrations.
+  /// Response sets false if these changes are too noisy.
   bool measured_changes = true;
 };
 
 /// Demonstrated transitions. Immutable; estimates share them.
 ///
-/// Controls are v = u / us with us the root mean square of |u|: 1 is an ordinary control.
+/// Controls are v = u / us, where `us` is the root mean square of |u|: |v| = 1 is an ordinary
+/// control.
 class TransitionStore {
  public:
   /// Weights of transitions are exp(-kBandwidth |z_i - z|^2 / n) with n features. Wider weights mix
   /// regions with different J; narrower weights leave too few transitions.
   static constexpr double kBandwidth = 0.5;
-  /// Number of transitions for the demonstrated control, which depends strongly on z, and for J,
-  /// which varies little.
+  /// Maximum number of transitions: kNearest for the demonstrated control, which depends strongly
+  /// on z, and kSpread for J, which varies little.
   static constexpr int kNearest = 64;
   static constexpr int kSpread = 264;
 
@@ -75,7 +76,7 @@ class TransitionStore {
     int first = 0;      ///< First transition with a nearby time step.
     int rows = 0;       ///< Number of transitions with a nearby time step.
     Eigen::VectorXf distances;
-    float least = 0.0F;       ///< Least of the distances.
+    float least = 0.0F;       ///< Smallest distance.
     Eigen::VectorXi spread;   ///< Indices of the transitions for J: every stride-th one.
     Eigen::VectorXd weights;  ///< Weights of `spread`, without `factor`.
     int used = 0;             ///< Number of entries of `spread`.
@@ -91,14 +92,14 @@ class TransitionStore {
     Eigen::VectorXf residual;  ///< One factor per column of r, padded; see Share().
   };
   [[nodiscard]] Workspace MakeWorkspace() const;
-  /// Computes the sums of v_i over transitions near time step `t`, or near the last one if `t` is
-  /// later. @returns false if there is no transition or z is not finite.
+  /// Computes the sums of v_i over transitions near time step `t`, or near the last time step if
+  /// `t` is later. @returns false if there is no transition or z is not finite.
   bool SumControls(int t, std::span<const double> z, Workspace& workspace) const noexcept;
   /// Computes the sums of [z_i - z; 1]. Call it after SumControls().
   void SumStates(Workspace& workspace) const noexcept;
   /// Same as SumStates() over the nearest transitions only, without normalization of the weights.
-  /// The distance of a transition includes that of its context c_i to c = `context` (context_dim()
-  /// entries): weights are exp(-kBandwidth |z_i - z|^2 / n - |c_i - c|^2).
+  /// The distance of a transition includes the distance of its context c_i from c = `context`
+  /// (context_dim() entries): weights are exp(-kBandwidth |z_i - z|^2 / n - |c_i - c|^2).
   void SumNearStates(Workspace& workspace, const Eigen::VectorXf& context) const noexcept;
   /// Returns S / (S + R), or 1 if both are 0. S is the weighted sum of (`gain` v_k)^2 with entry k
   /// of the controls. R is the weighted sum of (c' [z_i; 1; v_i; dz_i])^2 with c in
