@@ -297,7 +297,7 @@ OneClassSvm LoadLibsvmModel(std::istream& in, const std::string& name) {
       (void)reader.Integer(value, "nr_class", 2, 2);
     } else if (key == "SV") {
       vectors = true;
-    } else if (key != "prob_density_marks") {  // of newer LIBSVM; g does not need it
+    } else if (key != "prob_density_marks") {  // written by newer LIBSVM; g does not need it
       reader.Fail("unknown key '" + LineReader::Quoted(key) + "'");
     }
     if (key != "SV" && key != "prob_density_marks") {

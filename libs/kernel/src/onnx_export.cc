@@ -11,8 +11,8 @@ namespace {
 using core::OnnxGraph;
 using Type = OnnxGraph::Type;
 
-// |x - s|^2 of states (rows x n) and support vectors (S x n, or rows x S x n): rows x S. Sums
-// directly, as the library does, because |x|^2 + |s|^2 - 2 x's would cancel.
+// Appends |x - s|^2 (rows x S) for states x (rows x n) and support vectors s (S x n, or rows x S x
+// n). Sums squared differences, as the library does, because |x|^2 + |s|^2 - 2 x's would cancel.
 std::string SquaredDistances(OnnxGraph& graph, const std::string& x, const std::string& vectors) {
   const std::string column = graph.Node("Unsqueeze", {x, graph.Integers({1})});
   const std::string difference = graph.Node("Sub", {column, vectors});

@@ -76,7 +76,7 @@ enum class Layout {
   kGroups,  // SumBlock: row by row of the whole group, in the order in which Exponents() loads
 };
 
-// Exponents of kVectors successive vectors of terms, starting at `block`.
+// Computes the exponents of kVectors successive vectors of terms, starting at `block`.
 template <Layout kLayout, std::size_t kVectors, typename T>
 HWY_INLINE void Exponents(const T* HWY_RESTRICT block, std::size_t dim, const T* HWY_RESTRICT x,
                           hn::Vec<Tag<T>>* HWY_RESTRICT exponent) {

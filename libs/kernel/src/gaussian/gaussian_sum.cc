@@ -74,7 +74,7 @@ template <typename T>
 constexpr std::size_t kFeatures = 4;
 
 // Adds sum_i term_i (s'_i - x') of kCount features from `first` on to `sum`: in groups of kGroup
-// blocks, then in smaller ones, as in GroupBlocks(). The width of a group is a compile-time
+// blocks, then in smaller groups, as in GroupBlocks(). The width of a group is a compile-time
 // constant, which lets the loads of all features share one base address.
 template <std::size_t kGroup, std::size_t kCount, typename T>
 HWY_INLINE void AddGroups(const T* HWY_RESTRICT data, const T* HWY_RESTRICT row,

@@ -114,8 +114,8 @@ void MeasureColumns(const double* rows, std::size_t count, std::size_t dim, doub
 /// Returns the instruction sets that this build contains and this machine supports, best first.
 [[nodiscard]] std::vector<std::int64_t> SupportedTargets();
 [[nodiscard]] const char* TargetName(std::int64_t target);
-/// Restricts BestFunctions() to one of SupportedTargets(); 0 lifts the restriction. For tests and
-/// benchmarks. Existing terms keep their functions.
+/// Restricts BestFunctions() and BestSumFunctions() to one of SupportedTargets(); 0 lifts the
+/// restriction. For tests and benchmarks. Existing terms keep their functions.
 void ForceTarget(std::int64_t target);
 
 }  // namespace dfr::kernel::internal

@@ -19,8 +19,8 @@ using Tag = hn::CappedTag<T, 64 / sizeof(T)>;
 template <typename T>
 using Bits = hn::RebindToSigned<Tag<T>>;
 
-// Returns 1 / v, to 14 bits if an instruction exists: the choice of a pair may be approximate,
-// because the step is exact.
+// Returns 1 / v, to 14 bits if there is an instruction for it: the choice of a pair may be
+// approximate, because the step is exact.
 template <class D, class V>
 HWY_INLINE V RoughReciprocal(D d, V v) {
 #if HWY_TARGET <= HWY_AVX3

@@ -27,7 +27,7 @@ namespace {
 
 // From this number of samples on, a fit to a part of them provides the start.
 constexpr Eigen::Index kManySamples = 4000;
-// For a large nu, such a fit provides the start above this number of samples, up to which a
+// For a large nu, such a fit provides the start above this number of samples. For fewer samples, a
 // SmallProblem stores the whole kernel matrix.
 constexpr Eigen::Index kMostWhole = 2048;
 
@@ -112,7 +112,7 @@ class Solver {
   double RowBudget(const core::Matrix& samples) const {
     const double n = static_cast<double>(samples.rows());
     const double d = static_cast<double>(samples.cols());
-    // Terms of all and of the active samples, two vectors of doubles, indices.
+    // Memory for the terms of all and of the active samples, two vectors of doubles, and indices.
     const double fixed = 2.0 * n * (d + 1.0) * sizeof(T) + 64.0 * n + 0x1p16;
     const double budget = options_.memory_mib * 0x1p20;
     DFR_THROW_UNLESS(fixed + 3.0 * n * sizeof(T) <= budget,

@@ -11,9 +11,9 @@ namespace dfr::kernel::internal {
 
 /// Returns the KKT gap of `alpha`. A solver computed `gradient` with kernel values in T.
 ///
-/// Bounds on the rounding errors of G leave few samples that may be the extreme ones; only their G
-/// is summed again in double. If the bounds alone prove that the gap is below the tolerance,
-/// returns the upper bound that they give.
+/// Bounds on the rounding errors of G leave few samples that may have the largest or smallest G.
+/// Only their G is summed again in double. If the bounds alone prove that the gap is below the
+/// tolerance, returns the upper bound that they give.
 /// @param extent  of `samples`
 /// @param center  centre of the solver's terms
 /// @param neglected  bound on the sum of the kernel values that each entry of `gradient` leaves out

@@ -10,13 +10,14 @@ namespace dfr::kernel::internal {
 
 /// Sums of alpha in LIBSVM's scale.
 struct NuSum {
-  double samples;  ///< for nu = 1
-  double solved;   ///< of the problem to solve
-  double ratio;    ///< options.nu over the nu of the problem to solve
+  double samples;  ///< Sum for nu = 1.
+  double solved;   ///< Sum for the problem to solve.
+  double ratio;    ///< options.nu, divided by the nu of the problem to solve.
 };
 
 /// If nu sum w is below the smallest weight, a single alpha may be the whole sum. All such problems
-/// have the same solution, up to a factor, but tolerances cannot resolve the smaller sums.
+/// have the same solution, up to a factor. The problem to solve has the smallest weight as its sum,
+/// because tolerances cannot resolve smaller sums.
 inline NuSum SumOf(const OneClassSvmOptions& options, Eigen::Index count) {
   double all = static_cast<double>(count);
   double smallest = 1.0;

@@ -36,7 +36,7 @@ struct OneClassSvm::Parts {
   internal::AlignedVector<internal::CacheLine> memory;
 };
 
-// All data that an evaluation reads are one block of memory: this cache line, then a SumBlock.
+// All data that an evaluation reads are in one block of memory: this cache line, then a SumBlock.
 struct alignas(64) OneClassSvm::Data {
   double rho;
   double log_rho;

@@ -8,7 +8,7 @@
 
 namespace dfr::kernel::internal {
 
-/// View of a demonstration's states in any memory.
+/// View of a demonstration's states in memory owned elsewhere.
 using StatesView = Eigen::Map<const core::Matrix>;
 [[nodiscard]] std::vector<StatesView> Views(std::span<const core::Matrix> demonstrations);
 

@@ -114,8 +114,8 @@ WhitenedSupport WhitenedSupport::Fit(std::span<const core::Matrix> demonstration
   for (std::size_t d = 0; d < demonstrations.size(); ++d) {
     DFR_THROW_UNLESS(demonstrations[d].cols() == n && demonstrations[d].rows() >= 1,
                      "demonstration " << d << " is " << demonstrations[d].rows() << " x "
-                                      << demonstrations[d].cols() << ", but demonstration 0 has "
-                                      << n << " columns");
+                                      << demonstrations[d].cols()
+                                      << "; it must have at least one row and " << n << " columns");
     DFR_THROW_UNLESS(demonstrations[d].allFinite(),
                      "demonstration " << d << " has a non-finite entry");
   }
@@ -144,7 +144,7 @@ WhitenedSupport::WhitenedSupport(std::vector<Estimate> estimates) {
     DFR_THROW_UNLESS(estimate.map.rows() == n && estimate.map.cols() == n &&
                          estimate.svm.state_dim() == n && estimate.map.allFinite(),
                      "estimate " << t << ": its map must be " << n << " x " << n
-                                 << " and finite, and its states have " << n << " entries");
+                                 << " and finite, and its states must have " << n << " entries");
     const double norm = core::OperatorNorm(estimate.map);
     phases_.push_back({std::move(estimate.map), norm, std::move(estimate.svm)});
   }

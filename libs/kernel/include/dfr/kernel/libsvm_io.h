@@ -10,8 +10,8 @@
 namespace dfr::kernel {
 
 /// Writes a model file for LIBSVM's svm-predict: alpha and rho in LIBSVM's scale, with 17 digits.
-/// LIBSVM's decision values are libsvm_scale() times g, up to rounding. Writes the file as a
-/// core::AtomicFile.
+/// LIBSVM's decision values are libsvm_scale() times g, up to rounding. Replaces the file
+/// atomically (core::AtomicFile).
 /// @throws std::runtime_error naming the file and the system's message.
 void SaveLibsvmModel(const OneClassSvm& svm, const std::filesystem::path& path);
 

@@ -13,12 +13,12 @@
 namespace dfr::kernel {
 
 /// Split-conformal threshold. For `scores` of n exchangeable held-out items (larger is more
-/// unusual), returns a value that a new item of the same kind exceeds with probability at most
-/// `alpha`. It is the score of rank ceil((n + 1)(1 - alpha)), or +infinity if that rank exceeds n:
-/// n items are too few for this alpha.
+/// unusual), returns a value that the score of a new item of the same kind exceeds with probability
+/// at most `alpha`. It is the score of rank ceil((n + 1)(1 - alpha)), or +infinity if that rank
+/// exceeds n: n items are too few for this alpha.
 ///
 /// This probability is an average over sets of held-out items. For one set, the probability that a
-/// new item stays below the score of rank k is Beta(k, n + 1 - k) distributed. With a positive
+/// new score stays below the score of rank k is Beta(k, n + 1 - k) distributed. With a positive
 /// `confidence`, k is the smallest rank for which this probability is at least 1 - alpha in a
 /// fraction `confidence` of all sets.
 /// @throws std::invalid_argument if there are no scores, one is NaN, alpha is not in (0, 1), or
@@ -56,12 +56,12 @@ struct SelectionRow {
   double inside_throughout = 0.0;  ///< Fraction of held-out demonstrations without an exit.
   double threshold = 0.0;          ///< Conformal threshold: alarm if l_t < -threshold.
   double support_vectors = 0.0;    ///< Mean number over time steps and folds.
-  double volume = 0.0;  ///< Fraction of the bounding box inside, estimated by uniform sampling.
+  double volume = 0.0;  ///< Fraction of the bounding box that is inside, by uniform sampling.
 };
 
 /// The table, in the order of nus and then gammas, and the chosen row. The chosen row has the
-/// smallest volume among the rows with sufficient acceptance. If no row suffices, it has the
-/// largest acceptance.
+/// smallest volume among the rows with sufficient acceptance. If no row suffices, the chosen row
+/// has the largest acceptance.
 struct Selection {
   std::vector<SelectionRow> rows;
   std::size_t chosen = 0;

@@ -56,8 +56,8 @@ struct FitSummary {
   Reason reason = Reason::kConverged;
   std::int64_t iterations = 0;
   /// max G_i over alpha_i > 0, minus min G_i over alpha_i < 1, with G = K alpha. Here alpha sums to
-  /// nu m, which gives tolerances the same meaning as in LIBSVM. The gap is verified: it is summed
-  /// again in double, or it is an upper bound below the tolerance.
+  /// nu m, which gives tolerances the same meaning as in LIBSVM. The gap is verified: it is
+  /// recomputed in double, or it is an upper bound below the tolerance.
   double kkt_gap = 0.0;
   double objective = 0.0;  ///< alpha' K alpha / 2 in LIBSVM's scale.
   int num_support_vectors = 0;

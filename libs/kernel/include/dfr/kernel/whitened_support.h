@@ -110,10 +110,10 @@ class WhitenedSupport final : public core::LogDecisionFunction {
 
 /// Result of a test that a support excludes the space between ways. The test looks for time steps
 /// at which the demonstrated states form clusters (core::SpanningTree(), in the coordinates of that
-/// time step). A cluster has at least three states and a tenth of all states. The next cluster is
-/// at least four standard deviations of states about their neighbours away. The midpoint between
-/// two neighbouring clusters should be outside, unless a demonstration passes near it at another
-/// time. Chance also produces such clusters at a few time steps.
+/// time step). A cluster has at least three states and at least a tenth of all states. It is at
+/// least four standard deviations of states about their neighbours away from the next cluster. The
+/// midpoint between two neighbouring clusters should be outside, unless a demonstration passes near
+/// it at another time. Chance also produces such clusters at a few time steps.
 struct ModeSeparationTest {
   int steps = 0;   ///< Number of tested time steps: all steps of the support.
   int points = 0;  ///< Number of midpoints between two clusters, over all time steps.
