@@ -9,7 +9,7 @@
 
 namespace dfr::test {
 
-/// A fit with enough samples of z' = z + J v + s d to determine J and d to about 1e-9.
+/// Returns a fit to enough samples of z' = z + J v + s d to determine J and d to about 1e-9.
 inline control::LocalFit KnownJacobian(const Eigen::MatrixXd& jacobian,
                                        const Eigen::VectorXd& disturbance = {},
                                        const control::DisturbanceModel& disturbance_model = {}) {

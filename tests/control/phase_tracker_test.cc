@@ -155,13 +155,13 @@ TEST_F(PhaseTrackerTest, MovesWithinItsWindowAndOnlyForABetterFit) {
   EXPECT_EQ(moved(0.04, false), 10);
   EXPECT_EQ(moved(-0.04, false), 10);
   EXPECT_EQ(moved(0.1, true), 10 + PhaseTracker::kWindow);
-  // One phase earlier: the phase may have advanced with the previous control.
+  // The window begins one phase earlier, because the phase may have advanced with the last control.
   EXPECT_EQ(moved(-0.1, true), 10 - PhaseTracker::kWindow - 1);
   EXPECT_EQ(moved(0.04, true), 10);
 }
 
 TEST_F(PhaseTrackerTest, ANonFiniteStateAdvancesThePhaseByOne) {
-  // Returns -infinity for a nonfinite entry, as every support of the library does.
+  // Returns -infinity for a non-finite entry, as every support of the library does.
   const test::FunctionLogSupport strict(
       kLineSteps, 1.0, [this](int t, std::span<const double> x, std::span<double> g) {
         return std::isfinite(x[0]) ? support_.LogDecision(t, x, g) : -kInfinity;
@@ -197,7 +197,7 @@ TEST_F(PhaseTrackerTest, StaysIfNoNearbyPhaseContainsTheState) {
     EXPECT_LT(tracker_.Enter(std::vector{x}), 0.0);
     EXPECT_EQ(tracker_.phase(), 10);
   }
-  // The window starts at phase 0.
+  // The window never begins before phase 0.
   tracker_.Reset(1);
   EXPECT_GE(tracker_.Enter(std::vector{-0.5}), 0.0);
   EXPECT_EQ(tracker_.phase(), 0);

@@ -18,8 +18,8 @@ namespace dfr::test {
 inline constexpr double kSpeed = 0.1;
 inline constexpr int kSteps = 20;
 
-/// Demonstrations of a point that moves right by kSpeed per step, with scattered y. The control is
-/// the change of state, turned by `angle`.
+/// Demonstrations of a point that moves right by kSpeed per step, with scattered y. The change of
+/// state is the control, turned by `angle`.
 inline std::vector<core::Trajectory> Rightwards(double angle = 0.0) {
   core::Random random(1);
   std::vector<core::Trajectory> demonstrations;

@@ -260,7 +260,7 @@ TEST_F(LibsvmIoTest, ASmallSparseFileCannotRequestGigabytes) {
 TEST_F(LibsvmIoTest, AFileLargerThanTheMemoryIsRefusedUnread) {
   Write("1,2\n3,4\n");
   std::error_code refused;
-  std::filesystem::resize_file(path_, std::uintmax_t{8} << 40, refused);  // a hole
+  std::filesystem::resize_file(path_, std::uintmax_t{8} << 40, refused);  // a sparse file
   if (refused || !std::filesystem::exists("/proc/meminfo")) GTEST_SKIP() << refused.message();
   EXPECT_THAT(dfr::test::MessageOf<std::runtime_error>([&] { (void)LoadSamples(path_); }),
               testing::AllOf(HasSubstr("8192.0 GiB of samples are more than the "),

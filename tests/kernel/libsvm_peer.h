@@ -20,7 +20,7 @@ class LibsvmPeer {
   LibsvmPeer(const LibsvmPeer&) = delete;
   LibsvmPeer& operator=(const LibsvmPeer&) = delete;
 
-  /// Returns the decision in LIBSVM's scale, which is nu m times ours.
+  /// Returns the decision value in LIBSVM's scale, nu m times g.
   [[nodiscard]] double Decision(std::span<const double> x) const;
   [[nodiscard]] double rho() const;
   [[nodiscard]] int num_support_vectors() const;

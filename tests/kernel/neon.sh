@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Compiles the kernel library for 64-bit ARM, where Highway's NEON code stands in for AVX, and runs
-# its tests under QEMU. Installs nothing: it names the cross tools that are missing, and unpacks the
-# libraries for ARM into FOLDER.
+# Compiles the kernel library for 64-bit ARM, where Highway uses NEON instead of AVX, and runs three
+# of its test files under QEMU. Installs nothing: names the cross tools that are missing, and
+# unpacks the libraries for ARM into FOLDER.
 #   usage: tests/kernel/neon.sh FOLDER
 set -euo pipefail
 folder=$(realpath -m "${1:?usage: tests/kernel/neon.sh FOLDER}")

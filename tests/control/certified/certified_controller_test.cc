@@ -96,7 +96,7 @@ TEST_F(CertifiedControllerTest, HalfALearnedControlAdvancesThePhase) {
 
 // g_t(x) = exp(-(x - c_t)^2) - 0.5 with c_0 = 0, c_1 = 1, K = 1: at x = -0.6 the published gate
 // g_0(x) > L K |u| lets u = 0.001 pass in any direction, and the state is then outside B_1, which
-// the proof by induction excludes. The controller holds the phase instead.
+// the proof by induction excludes. The certified controller holds the phase instead.
 TEST_F(Proposition1Test, ThePublishedGateBreaksItsInvariantAndTheCertifiedControllerKeepsIt) {
   const test::GaussianSupport two({{0.0}}, 1.0, 0.5, {1.0}, 2);
   const auto policy = test::ConstantPolicy(1, 0.001);

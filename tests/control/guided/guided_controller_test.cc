@@ -123,7 +123,7 @@ TEST_F(GuidedControllerTest, AStepReportsItsReasons) {
     EXPECT_EQ(step.filtered, step.mode == Mode::kPolicy && changed);
     recoveries += step.mode == Mode::kRecovery ? 1 : 0;
     plant.Apply(u);
-    // The plant responds as demonstrated: a predicted state inside is reached.
+    // The plant responds as demonstrated: a state that was predicted inside is inside.
     if (support.LogDecision(t + 1, plant.x, {}) >= 0.0) {
       ++t;
       waited = 0;
@@ -150,8 +150,8 @@ TEST_F(GuidedControllerTest, HaltsAtTheHorizonAndAtTheControlLimit) {
   EXPECT_EQ(end({.horizon = 7, .max_controls = 5}), std::pair(5, HaltCause::kIterationLimit));
 }
 
-// The control of a policy that leaves the corridor sideways is changed: the next state keeps its
-// level, and the task progresses.
+// A policy that leaves the corridor sideways is corrected: the state stays inside, and the task
+// progresses.
 TEST_F(GuidedControllerTest, FilterKeepsAWrongPolicyInsideAndMoving) {
   for (const double angle : {0.0, 0.9, -2.0}) {
     SCOPED_TRACE(angle);
@@ -270,7 +270,7 @@ TEST_F(GuidedControllerTest, HaltsOnANonFiniteControlOrLevel) {
   GuidedController guided(nothing, model);
   EXPECT_EQ(First(guided, {0.0, 0.0}).cause, HaltCause::kControlInvalid);
   EXPECT_EQ(First(guided, {1e200, 0.0}).cause, HaltCause::kSupportInvalid);
-  // Far away l is finite, but no control can correct the policy's control.
+  // Far away, l of this support underflows to -infinity.
   const auto wrong = test::ConstantPolicy(2, 1.0);
   for (const double far : {1e18, 3.4e38, 1e100}) {
     GuidedController filter(wrong, model, {.least_intervention = true});

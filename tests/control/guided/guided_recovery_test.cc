@@ -165,7 +165,8 @@ TEST_F(GuidedRecoveryTest, ComesBackFromOutside) {
   EXPECT_LT(controls, 10);
 }
 
-// Demonstrations that never move sideways and do not show the effect of the control's second entry.
+// Demonstrations without sideways controls. They do not show the effect of the control's second
+// entry.
 std::vector<core::Trajectory> Sideless() {
   auto demonstrations = Rightwards();
   for (auto& d : demonstrations) d.controls.col(1).setZero();
@@ -294,8 +295,8 @@ TEST_F(GuidedRecoveryTest, RemovingAPartChangesADecision) {
       if (part == "online-jacobian") return Trace(along, model, options, {0.0, 0.38}, 3, 0.9);
       if (part == "disturbance") return Trace(along, model, options, {0.0, 0.2}, 3, 0.0, 0.05);
       if (part == "demonstrated") return Trace(back, model, options, {0.0, 2.6}, 1);
-      // exit-level: the point is 0.02 from its best position, and no control moves the object off
-      // to the side.
+      // exit-level: the point is outside by less than the exit level, and the control limit is too
+      // small to bring it back.
       if (part == "exit-level") {
         const test::GaussianSupport aside({{0.0, 0.0}}, 4.0, 0.38, {}, kSteps + 1);
         const test::Task at_edge(test::IdentityFeatures(), aside, Rightwards(), {.slack = 0.2});

@@ -16,7 +16,7 @@ TEST(HaltRuleTest, EachLimitIsReachedExactlyAndTimeComesFirst) {
   EXPECT_EQ(kRule({.controls = 51}), HaltCause::kIterationLimit);
   EXPECT_EQ(kRule({.waited = 4}), HaltCause::kNoProgress);
   EXPECT_EQ(kRule({.waited = 5}), HaltCause::kNoProgress);
-  // A completed task is not a failure, even if a limit is reached at the same time.
+  // The horizon takes precedence over limits that are reached at the same time.
   EXPECT_EQ(kRule({.time = 10.0, .controls = 50, .waited = 4}), HaltCause::kTimeUp);
   EXPECT_EQ(kRule({.time = 10.0, .waited = 4}), HaltCause::kTimeUp);
   EXPECT_EQ(kRule({.time = 9.0, .controls = 50, .waited = 4}), HaltCause::kIterationLimit);

@@ -16,7 +16,8 @@ struct Demonstrations {
 };
 
 /// `count` demonstrations of `length` controls. start(d, z) sets the first features of
-/// demonstration d; step(t, z, v, next) sets the control in features z, and the next features.
+/// demonstration d; step(t, z, v, next) sets the control `v` at features `z`, and the next
+/// features.
 template <typename Start, typename Step>
 Demonstrations Simulate(int count, int length, Eigen::Index features, Eigen::Index controls,
                         Start start, Step step) {

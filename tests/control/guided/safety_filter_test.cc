@@ -163,8 +163,8 @@ TEST_F(SafetyFilterTest, AControlMayStayInThePresentPhaseFromTheStayLevelOn) {
   }
 }
 
-// Above the disk, a demonstrated control is applied unless a raise leads back by more than half of
-// the level, as far as the limits permit.
+// Above the disk, the demonstrated control is applied unless a raise within the limits makes up for
+// more than half of its negative level.
 TEST_F(SafetyFilterTest, FarOutsideARaiseMustBeWorthIt) {
   z_ = Eigen::Vector2d(0.0, 2.5);
   estimate_.FitAt(0, core::AsSpan(z_), fit_);
@@ -203,8 +203,8 @@ TEST_F(SafetyFilterTest, WithoutTheNominalControlTheLearnedOneIsRaised) {
   EXPECT_TRUE(v == expected);
 }
 
-// Far outside, where no control ends inside, the learned control passes if the skipped change is
-// small and gains no more than the margin.
+// Far outside, where no control ends inside, the learned control passes if its change would be
+// small and gain no more than the margin.
 TEST_F(SafetyFilterTest, AnIdleChangeIsSkippedIfNoControlEndsInside) {
   z_ = Eigen::Vector2d(0.0, 1.5);
   estimate_.FitAt(0, core::AsSpan(z_), fit_);

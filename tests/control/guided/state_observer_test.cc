@@ -111,7 +111,7 @@ TEST_P(LagTest, AnInactiveObserverAssumesNoLagAndNoNoise) {
 
 INSTANTIATE_TEST_SUITE_P(All, LagTest, testing::Values(0, 1, 2, StateObserver::kMaxLag));
 
-// A point with observation noise, and one with process noise.
+// Tests a point with observation noise and a point with process noise.
 TEST_F(StateObserverTest, NoiseIsSmoothedAndDisturbancesAreNot) {
   for (const bool noisy : {true, false}) {
     estimate_.Reset();

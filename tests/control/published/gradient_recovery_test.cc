@@ -73,8 +73,8 @@ TEST_F(GradientRecoveryTest, LearnsFromItsOwnControls) {
   EXPECT_EQ(step.mode, Mode::kPolicy) << Name(step.cause);
   EXPECT_LE(controls, 8);
 
-  // After a first control in the wrong direction the second control differs. A reset restores the
-  // first control.
+  // The first control goes in the wrong direction, and the second control is closer to the right
+  // one. A reset restores the wrong direction.
   plant.x = kStart;
   GradientRecovery recovery(model);
   std::vector<double> first(2), second(2);
@@ -83,7 +83,8 @@ TEST_F(GradientRecoveryTest, LearnsFromItsOwnControls) {
   plant.Apply(first);
   ASSERT_EQ(recovery.Next({.iteration = 1, .x = plant.x, .g = 0.06, .lambda = 5.0}, second),
             Mode::kRecovery);
-  const auto off = [&](const std::vector<double>& control) {  // angle to the centre
+  // Returns the angle between the motion and the direction to the centre.
+  const auto off = [&](const std::vector<double>& control) {
     test::TurnedPoint moved = plant;
     moved.Apply(control);
     const double inwards =

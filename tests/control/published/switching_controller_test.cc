@@ -280,7 +280,7 @@ class ScriptedRecovery final : public RecoveryStrategy {
 };
 
 TEST(SwitchingControllerTest, AnInjectedStrategyReplacesThatOfTheOptions) {
-  // The gate is closed at g = 0.1 and open at 10; the fourth check is after the recovery.
+  // The gate is closed at g = 0.1 and open at 10. The fourth evaluation of g follows the recovery.
   int looks = 0;
   const test::FunctionSupport support(
       1, [&](int, std::span<const double>) { return ++looks == 4 ? 10.0 : 0.1; });

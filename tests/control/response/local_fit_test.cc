@@ -23,9 +23,9 @@ using test::Store;
 
 constexpr int kEntries = 3;
 
-// Demonstrations take v = K (z* - z) exactly, dz = v. The plant turns controls by .6 rad, under a
-// disturbance. The control with the demonstrated effect is turned back and compensates for the
-// disturbance.
+// Demonstrations apply v = K (z* - z) exactly, and dz = v. In this episode, the plant turns
+// controls by .6 rad and a disturbance acts. The control with the demonstrated effect is turned
+// back and compensates for the disturbance.
 TEST(LocalFitTest, TheNominalControlHasTheDemonstratedEffectOnAChangedPlant) {
   core::Random random(5);
   const Eigen::Vector2d goal(0.5, -0.3);
@@ -45,7 +45,7 @@ TEST(LocalFitTest, TheNominalControlHasTheDemonstratedEffectOnAChangedPlant) {
     const ResponseEstimate still_estimate(prior);
     LocalFit still = still_estimate.FitAt(3, z);
     ASSERT_TRUE(still.NominalControl(v));
-    // The ridge of the regression shrinks the control in the same direction.
+    // The ridge of the regression shrinks the control but keeps its direction.
     EXPECT_GT(v.normalized().dot(wanted.normalized()), 0.995);
     EXPECT_NEAR(v.norm() / wanted.norm(), 0.85, 0.1);
     const Eigen::Vector2d regressed = v;
@@ -121,8 +121,8 @@ TEST(LocalFitTest, WithoutAnEffectTheNominalControlIsTheDemonstratedOne) {
   EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(0.7, 0.7), 1e-6));
 }
 
-// The first entry always acts. The second entry acts only in contact, which begins at 0. Near 0
-// demonstrations disagree, and J is a mean of two responses.
+// The first entry always acts. The second entry acts only in contact, which begins at z_0 = 0. Near
+// this state demonstrations disagree, and J is a mean of two responses.
 TEST(LocalFitTest, DemonstrationsDisagreeOnAnEntryThatActsOnlyInContact) {
   core::Random random(7);
   const auto seen = Simulate(

@@ -103,7 +103,7 @@ TEST(ResponseEstimateTest, EarlierControlsDoNotHideADemonstratedChangeOfTheRespo
   ResponseEstimate estimate(Store(d, {.window = 0}), {}, kDrift);
   LocalFit fit = estimate.MakeFit();
   const std::vector<double> z(2, 0.0);
-  // This plant turns controls by 20 degrees, before and after the contact.
+  // In this episode, the plant turns controls by 20 degrees.
   const double angle = 20.0 / 180.0 * std::numbers::pi;
   core::Matrix turn(2, 2);
   turn << std::cos(angle), -std::sin(angle), std::sin(angle), std::cos(angle);
@@ -201,7 +201,7 @@ TEST(ResponseEstimateTest, AFitDependsOnMeasurementsAndArgumentsAlone) {
   ASSERT_TRUE(twice.NominalControl(v));
   EXPECT_EQ(twice.LeastExcitedDirection(core::AsSpan(direction)), value);
   EXPECT_TRUE(once.jacobian() == twice.jacobian());
-  // The measurement of a control counts for every fit that predicted it.
+  // Updates with two equal fits have the same effect.
   ResponseEstimate copy = estimate;
   estimate.Update(once, core::AsSpan(v), core::AsSpan(dz));
   copy.Update(twice, core::AsSpan(v), core::AsSpan(dz));
@@ -245,8 +245,8 @@ TEST(ResponseEstimateTest, SeparatesADisturbanceFromTheResponseToControls) {
       test::AllClose(aware_estimate.FitAt(0, z).disturbance(), Eigen::VectorXd::Zero(kN), 0.0));
 }
 
-// Definition: weighted least squares with forgetting over [z' - z; 1; v], where z is the last
-// state.
+// Definition: weighted least squares with forgetting over [z' - z; 1; v], where z is the state of
+// the fit.
 TEST(ResponseEstimateTest, DriftIsLeastSquaresAboutTheStateOfTheFit) {
   core::Random random(11);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
@@ -345,7 +345,7 @@ TEST(ResponseEstimateTest, WithoutControlsTheNearestTransitionsInTimeCount) {
 }
 
 // In every state, demonstrations of context 0 move by (1, 0). One in three has context 2 and moves
-// by (0, 1). The weights are exp(-c^2).
+// by (0, 1). The weights are exp(-d^2) with the difference d of contexts.
 TEST(ResponseEstimateTest, TheNominalControlIsThatOfDemonstrationsInTheSameContext) {
   core::Random random(3);
   std::vector<core::Matrix> contexts;
@@ -385,7 +385,7 @@ TEST(ResponseEstimateTest, TheNominalControlIsThatOfDemonstrationsInTheSameConte
     ASSERT_TRUE(fit.NominalControl(again));
     EXPECT_TRUE(again == v);
   }
-  // The wrong number of rows, or of columns.
+  // Contexts with a wrong number of rows or columns are refused.
   contexts[7] = core::Matrix::Zero(kLong - 1, 1);
   EXPECT_THROW(TransitionStore(seen.features, seen.controls, {}, contexts), std::invalid_argument);
   contexts[7] = core::Matrix::Zero(kLong, 2);

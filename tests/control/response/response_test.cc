@@ -112,8 +112,8 @@ TEST(ResponseTest, NoiseOfStatesBarelyChangesTheNominalControl) {
   std::filesystem::remove(path);
 }
 
-// The first entry has three values and the second many. Five of 30 demonstrations add a fourth
-// value.
+// The first entry has three values, and the second has many. With `extra` = 5, five of 30
+// demonstrations add a fourth value.
 TEST(ResponseTest, ValuesAreListedForEntriesThatHaveFew) {
   auto demonstrations = test::Rightwards();
   const auto stepped = [&](int extra) {

@@ -114,7 +114,7 @@ TEST_P(TransitionSumsTest, NearestAgreesWithASort) {
   }
 }
 
-// Widths near one narrow vector, one wide vector, and three wide vectors.
+// Tests widths around one narrow vector, one wide vector, and three wide vectors.
 TEST_P(TransitionSumsTest, SumsAreThoseOfWeightedOuterProducts) {
   constexpr std::size_t kLeft = kWidth;
   constexpr double kFactor = 3.0;
@@ -164,7 +164,7 @@ TEST_P(TransitionSumsTest, SumsAreThoseOfWeightedOuterProducts) {
   }
 }
 
-// Less than a vector, whole vectors, and a remainder.
+// The rows fill less than a vector, whole vectors, or whole vectors plus a remainder.
 INSTANTIATE_TEST_SUITE_P(Rows, TransitionSumsTest,
                          testing::Combine(testing::Values(1, 16, 31, 64, 527),
                                           testing::ValuesIn(hwy::SupportedAndGeneratedTargets())));

@@ -125,7 +125,8 @@ TEST(OneClassSvmDecisionTest, SinglePrecisionIsWithinAMillionthOfTheSum) {
     EXPECT_NEAR(single.LogDecision(x), svm.LogDecision(x), 1e-6);
     single.Gradient(x, a);
     svm.Gradient(x, b);
-    // For each summand, the error is at most 2 gamma |x - x_i| = 2 times the error of the sum.
+    // Each summand of the gradient is 2 gamma |x - x_i| < 2 times a term of the sum, and so is its
+    // error.
     for (std::size_t k = 0; k < 9; ++k) EXPECT_NEAR(a[k], b[k], 2e-6 * sum);
   }
 }
@@ -159,8 +160,8 @@ TEST(OneClassSvmDecisionTest, LogDecisionHasTheSignOfGAndStaysFiniteFarAway) {
       EXPECT_NEAR(svm.LogDecision(x), std::log((g + svm.rho()) / svm.rho()),
                   1e-12 * svm.rho() / (g + svm.rho()) + 1e-12);
     }
-    // Far from the samples one term remains: l = log a_i - gamma |x - x_i|^2 - log rho, by
-    // definition.
+    // Far from the samples, computes the definition relative to its largest term. The exponents of
+    // the terms are log a_i - gamma |x - x_i|^2.
     const std::vector<double> far = {40.0, -30.0, 20.0};
     double largest = -kEndless;
     double total = 0.0;
@@ -197,7 +198,7 @@ TEST(OneClassSvmDecisionTest, ValuesAndGradientsOfLongStatesAgreeWithTheDefiniti
       std::vector<double> x(static_cast<std::size_t>(dim), 0.0);
       x.back() = last;
       const double near = std::exp(-kGamma * (last - 1.0) * (last - 1.0));
-      // Share of the first point's term.
+      // Ratio of the first point's term to the second point's term.
       const double share = std::exp(-kGamma * (2.0 * last - 1.0));
       const double log_sum = std::log(0.5 * (1.0 + share)) - kGamma * (last - 1.0) * (last - 1.0);
       const double slope = 2.0 * kGamma * (1.0 / (1.0 + share) - last);

@@ -56,7 +56,7 @@ inline Reference LongDouble(const Problem& p, std::span<const double> x) {
   return result;
 }
 
-// Kinds of states that a faulty or hostile caller may send.
+// Kinds of states, including those that a faulty or hostile caller may send.
 enum class QueryKind { kRandom, kNear, kEqual, kFar, kVeryFar, kDenormal, kHuge, kMixed };
 inline constexpr int kKinds = 8;
 

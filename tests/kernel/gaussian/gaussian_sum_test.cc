@@ -192,7 +192,7 @@ void CheckSmallTerms() {
     }
     EXPECT_TRUE(term == T{0} || std::isnormal(term)) << exponent;
   }
-  // The sum of the remaining terms, for every instruction set.
+  // Sums contain the remaining terms only.
   double sum = 0.0;
   for (const T term : row) sum += static_cast<double>(term);
   EXPECT_NEAR(static_cast<double>(GaussianSum(*sums, scaled.data())), sum, 1e-5 * sum);
@@ -230,7 +230,7 @@ TEST_P(GaussianSumTest, ColumnsAreMeasuredByTheirDefinition) {
 // The system tier tests a million states.
 TEST(GaussianSumTargetsTest, GIsAccurateOnRandomAndAdversarialStates) { CheckDecisions(4000); }
 
-// Instruction sets round in different orders: each is equally close to the exact sum.
+// Instruction sets add terms in different orders, so their sums differ by rounding.
 TEST(GaussianSumTargetsTest, InstructionSetsDifferByRoundingOnly) {
   const Problem p(600, 9, 1.0 / 9.0, 15);
   core::Random random(16);

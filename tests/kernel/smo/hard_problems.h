@@ -14,9 +14,9 @@
 
 namespace dfr::kernel::test {
 
-// Returns the sum over rows p of `vectors` of alpha exp(-gamma |x - p|^2), for each x. Leaves out
-// exponentials below 1e-17: alpha sums to 1, and so the sum of these terms is smaller. Without
-// "flatten", -Og compiles each operation as a call.
+// Returns the sum over rows p of `vectors` of alpha exp(-gamma |x - p|^2), for each row x of
+// `samples`. Leaves out exponentials below 1e-17: alpha sums to 1, so these terms sum to less than
+// 1e-17. Without "flatten", -Og compiles each operation as a call.
 [[gnu::flatten]] inline Eigen::VectorXd Gradients(const core::Matrix& samples,
                                                   const core::Matrix& vectors,
                                                   const Eigen::VectorXd& alpha, double gamma) {

@@ -169,7 +169,8 @@ TEST(ModelSelectionTest, SharedDistancesGiveTheEstimatesOfSeparateFits) {
             at_a[i] = a.Decision(x);
             at_b[i] = b.Decision(x);
           }
-          // Two solutions differ by about the tolerance divided by nu m. The margin is ten.
+          // Two solutions differ by about the tolerance divided by nu m. The limit is ten times as
+          // large.
           EXPECT_TRUE(dfr::test::AllClose(at_a, at_b, 10.0 * tolerance / b.libsvm_scale()));
         }
       }

@@ -108,15 +108,16 @@ TEST(OneClassSvmTest, ActiveSetFindsTheSolutionOfTheWholeProblem) {
   // are free.
   const core::Matrix samples = Tube(5000, 3, random);
   for (const double gamma : {0.3, 30.0}) {
-    // The first fit has kernel values in float, which shift the gap by up to 1e-7 nu m, the second
-    // in double.
+    // The first fit has kernel values in float, which shift the gap by up to 1e-7 nu m. The second
+    // fit has kernel values in double.
     FitToTheGap(samples, {.nu = 0.05, .gamma = gamma, .tolerance = 1e-3}, 2.5e-5);
     FitToTheGap(samples, {.nu = 0.05, .gamma = gamma, .tolerance = 1e-5}, 1e-9);
   }
 }
 
 // Kernel values of distinct samples are zero, and samples that start at the bound are above rho:
-// an active set of the samples nearest to their KKT condition has only alpha that may rise.
+// an active set of only the samples nearest to their KKT condition would have only alpha that may
+// rise.
 TEST(OneClassSvmTest, IsolatedSamplesWithDuplicatesConverge) {
   core::Random random(47);
   core::Matrix samples(3000, 32);
@@ -135,7 +136,7 @@ TEST(OneClassSvmTest, IsolatedSamplesWithDuplicatesConverge) {
 TEST(OneClassSvmTest, NarrowKernelsFindTheSolutionOfTheWholeProblem) {
   core::Random random(48);
   const core::Matrix samples = 3.0 * Tube(2100, 4, random);
-  // Kernel values in float and in double, and rows that must be evicted.
+  // The cases have kernel values in float and in double, and rows that must be evicted.
   for (const auto& [gamma, tolerance, memory_mib] :
        {std::tuple(5.0, 1e-3, 512.0), std::tuple(5.0, 1e-6, 2.0), std::tuple(50.0, 1e-3, 2.0),
         std::tuple(50.0, 1e-6, 512.0)}) {
@@ -150,7 +151,7 @@ TEST(OneClassSvmTest, NarrowKernelsFindTheSolutionOfTheWholeProblem) {
 TEST(OneClassSvmTest, AnyNumberOfThreadsGivesTheSameBits) {
   core::Random random(49);
   const core::Matrix samples = 2.0 * Tube(4200, 5, random);
-  // Wide and narrow kernels in float and in double, and many samples at the bound.
+  // The cases are wide and narrow kernels in float and in double, and many samples at the bound.
   for (const auto& [nu, gamma, tolerance] :
        {std::tuple(0.05, 0.1, 1e-3), std::tuple(0.05, 0.1, 1e-6), std::tuple(0.05, 20.0, 1e-3),
         std::tuple(0.05, 20.0, 1e-6), std::tuple(0.7, 0.3, 1e-3)}) {
@@ -179,7 +180,7 @@ TEST(OneClassSvmTest, AStartKeepsTheEstimateAndTheSolutionEndsAtOnce) {
   EXPECT_NEAR(warm.alpha.sum(), 1.0, 1e-12);
   options.start = core::AsSpan(std::as_const(cold.alpha));
   (void)OneClassSvm::Fit(samples, options, &warm);
-  EXPECT_LT(warm.iterations, cold.iterations / 20);  // scaling alpha and back causes rounding
+  EXPECT_LT(warm.iterations, cold.iterations / 20);  // converting alpha to LIBSVM's scale rounds it
 }
 
 // Fits of one thread share memory. The inner fit runs in the outer fit's progress call.
@@ -347,8 +348,8 @@ TEST(OneClassSvmTest, EveryInstructionSetFindsTheSolution) {
       internal::ForceTarget(target);
       SCOPED_TRACE(testing::Message()
                    << internal::TargetName(target) << ", " << samples->rows() << " samples");
-      // The first fit has kernel values in float, which shift the gap by up to 1e-7 nu m, the
-      // second in double.
+      // The first fit has kernel values in float, which shift the gap by up to 1e-7 nu m. The
+      // second fit has kernel values in double.
       FitToTheGap(*samples, {.nu = 0.1, .gamma = 5.0, .tolerance = 1e-3}, 3e-5);
       FitToTheGap(*samples, {.nu = 0.1, .gamma = 5.0, .tolerance = 1e-6}, 1e-9);
     }
@@ -356,7 +357,7 @@ TEST(OneClassSvmTest, EveryInstructionSetFindsTheSolution) {
   }
 }
 
-// Sizes from two samples to slightly more than a vector of lanes.
+// Sizes range from two samples to slightly more than two vectors of 16 floats.
 TEST(OneClassSvmTest, TheSmallestProblemsConverge) {
   core::Random random(45);
   for (const int m : {2, 3, 15, 16, 17, 33}) {

@@ -40,7 +40,8 @@ TEST(WhitenedSupportTest, LogFormHasTheSignOfGAndGradientsAreDerivatives) {
       std::vector<double> ahead = z, behind = z;
       ahead[k] += kStep;
       behind[k] -= kStep;
-      // Central differences: kStep^2 times third derivatives of order one, and rounding / kStep.
+      // The error of central differences is kStep^2 times third derivatives of order one, plus
+      // rounding / kStep.
       ASSERT_NEAR(gradient[k],
                   (support.Decision(t, ahead) - support.Decision(t, behind)) / (2 * kStep), 1e-8);
       ASSERT_NEAR(
@@ -139,7 +140,7 @@ TEST(WhitenedSupportTest, AnEstimateIsFittedToTheStatesOfItsWindow) {
   EXPECT_EQ(states(same, 5, {}), 4 * 5);
   EXPECT_EQ(states(same, 9, {}), 4 * 3);
   EXPECT_EQ(states(same, 5, {.window = 0}), 4);
-  // Every second time step: 1, 3, 5, 7, 9 around 5; 0, 2, 4, 6 around 2.
+  // The window has every second time step: 1, 3, 5, 7, 9 around 5, and 0, 2, 4, 6 around 2.
   EXPECT_EQ(states(same, 5, {.window_share = 0.4}), 4 * 5);
   EXPECT_EQ(states(same, 2, {.window_share = 0.4}), 4 * 4);
   // The window of time step 9 begins at 7. It contains one state of a demonstration of 8 states. A
@@ -158,7 +159,8 @@ TEST(WhitenedSupportTest, TheStrideOfAWindowFollowsItsShare) {
   EXPECT_EQ((WhitenedSupportOptions{.window = 2, .window_share = 0.0}.Stride(10000)), 1);
 }
 
-// Returns demonstrations along x that pass an obstacle on either side, or all stay at y = 0.
+// Returns demonstrations along x that pass an obstacle on either side or, if `aside` is 0, all stay
+// near y = 0.
 std::vector<core::Matrix> Passing(double aside) {
   core::Random random(4);
   std::vector<core::Matrix> demonstrations;
@@ -179,7 +181,7 @@ TEST(WhitenedSupportTest, TheGapBetweenTwoWaysIsFound) {
   const auto ways = Passing(3.0);
   const ModeSeparationTest tight = TestModeSeparation(WhitenedSupport::Fit(ways), ways);
   EXPECT_EQ(tight.steps, 21);
-  // The ways meet at the ends. At nine time steps they are more than five apart.
+  // The ways meet at the ends. At nine time steps they are more than 4.8 apart.
   EXPECT_GE(tight.points, 9);
   EXPECT_LE(tight.points, 15);
   EXPECT_EQ(tight.inside, 0);
@@ -194,7 +196,7 @@ TEST(WhitenedSupportTest, TheGapBetweenTwoWaysIsFound) {
 }
 
 // Tests one time step, whose support is a ball of radius .83 about `center`. `later` is the next
-// state of each demonstration, which has no separate estimate.
+// state of each demonstration. Its time step has no separate estimate.
 ModeSeparationTest Gaps(const std::vector<double>& states, double center, double later = -100.0) {
   std::vector<core::Matrix> demonstrations;
   for (const double state : states) {
