@@ -86,7 +86,7 @@ inline FunctionSupport ConstantSupport(int dim, double value) {
 }
 
 /// l_t(x) = log(sum_i exp(-gamma |x - c_i - t drift|^2) / k) - log rho with k equal Gaussians, term
-/// by term from the definition; B_t moves with t. g_t(x) = rho (exp(l_t(x)) - 1).
+/// by term from the definition. B_t moves with t. g_t(x) = rho (exp(l_t(x)) - 1).
 class GaussianSupport : public core::LogDecisionFunction {
  public:
   GaussianSupport(std::vector<std::vector<double>> centres, double gamma, double rho,

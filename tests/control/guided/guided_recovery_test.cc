@@ -228,7 +228,7 @@ TEST_F(GuidedRecoveryTest, StaysOnItsPathUnderADisturbance) {
   double aware = 0.0;
   for (const double sign : {1.0, -1.0}) {
     aware = std::max(aware, farthest({.base = 1.0}, sign));
-    // Attributing half of the time to the control's norm is accurate enough.
+    // Attributing half of the duration to the control's norm is accurate enough.
     aware = std::max(aware, farthest({.base = 0.5, .per_control = 0.5}, sign));
   }
   EXPECT_LT(aware, 0.2) << "two steps of the disturbance, a probe, and the rest of J's error";

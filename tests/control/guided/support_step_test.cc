@@ -29,8 +29,8 @@ Eigen::MatrixXd RandomJacobian(core::Random& random, int rows, int cols) {
   return j;
 }
 
-// A support of three Gaussians, a J with more, as many or fewer controls than features, a state
-// that may be far outside, and a control within a limit that some of its entries may reach.
+// A support of three Gaussians, a J for three features and one to four control entries, a state
+// that may be far outside, and a control within a limit that some entries may reach.
 struct World {
   World(std::uint64_t seed, bool disturbed)
       : random(seed),

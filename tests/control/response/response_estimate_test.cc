@@ -122,8 +122,8 @@ TEST(ResponseEstimateTest, EarlierControlsDoNotHideADemonstratedChangeOfTheRespo
 }
 
 // Demonstrations use the first control entry alone, and only the first feature ever changes. In
-// this episode the second entry changes the second feature by an ordinary change, or has no effect
-// while a sensor adds noise of ten ordinary changes.
+// this episode the second entry either changes the second feature by an ordinary amount, or has no
+// effect while a sensor adds noise of ten ordinary changes.
 TEST(ResponseEstimateTest, LearnsTheEffectOfAnUndemonstratedControlAndNotTheNoiseOfASensor) {
   core::Random random(12);
   const auto d = Simulate(

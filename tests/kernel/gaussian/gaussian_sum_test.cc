@@ -167,7 +167,8 @@ TEST_P(GaussianSumTest, FarQueriesAreZeroAndNonFiniteOnesAreRefused) {
   }
 }
 
-// Arithmetic with denormal numbers takes more than a hundred cycles per vector on Intel processors.
+// Checks that no term is denormal. Arithmetic with denormal numbers takes more than a hundred
+// cycles per vector on Intel processors.
 template <typename T>
 void CheckSmallTerms() {
   // Smallest exponent of a normal number.

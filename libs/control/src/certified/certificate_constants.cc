@@ -40,7 +40,7 @@ double LargestError(const core::Matrix& points, const core::Matrix& controls, do
   return largest;
 }
 
-// An exactly linear system has no error, but a certificate needs a positive one.
+// An exactly linear system has no error, but a certificate needs a positive eps.
 double AtLeastRounding(double error) { return std::max(error, 1e-12); }
 
 EstimatedConstant Finish(double value, int demonstrations, double confidence) {
@@ -94,7 +94,7 @@ EstimatedConstant EstimateDirectionError(const core::FeatureTransform& features,
                                          std::span<const core::Trajectory> demonstrations,
                                          const ResponseOptions& options, double confidence) {
   Check(demonstrations.size(), 2, confidence);
-  // With this order, sums have the same bits for any order of the demonstrations.
+  // A deterministic order gives sums the same bits for any order of `demonstrations`.
   const FeatureTrajectories ordered(features, core::InDeterministicOrder(demonstrations));
   const int folds = static_cast<int>(std::min<std::size_t>(5, demonstrations.size()));
   return EstimateDirectionError(ordered, core::StratifiedFolds(ordered.points, folds), options,

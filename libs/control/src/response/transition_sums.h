@@ -11,9 +11,8 @@ namespace dfr::control::internal {
 
 /// Row widths, n_left and n_right are multiples of kWidth.
 inline constexpr std::size_t kWidth = 8;
-/// Number of readable entries behind the ends of points, distances, indices and weights. The
-/// entries behind distances and weights are also written; those behind indices must be valid
-/// indices.
+/// Number of readable entries past the ends of points, distances, indices and weights. The entries
+/// past distances and weights are also written. The entries past indices must be valid indices.
 inline constexpr std::size_t kPadding = 16;
 /// Number of rows that are scaled and then multiplied while they are in the cache.
 inline constexpr std::size_t kTile = 32;

@@ -145,7 +145,8 @@ struct GroupBoxes {
 
   std::size_t dim = 0;
   std::size_t count = 0;
-  /// Blocks of kLanes groups: per coordinate, one row of lower and one of upper corners.
+  /// Blocks of kLanes groups: per coordinate, one row of lower corners and one row of upper
+  /// corners.
   AlignedVector<T> data;
 };
 

@@ -21,9 +21,9 @@ struct NuGamma {
   double gamma;
 };
 
-/// TimeVaryingSupport::Fit() for each pair of `grid`, which replaces the values in `options`. Small
-/// problems compute the distances between their samples once for the whole grid. If given,
-/// `summaries` receives one entry per estimate, pair by pair.
+/// Same as TimeVaryingSupport::Fit() for each pair of `grid`, which replaces the values in
+/// `options`. Small problems compute the distances between their samples once for the whole grid.
+/// If given, `summaries` receives one entry per estimate, pair by pair.
 std::vector<TimeVaryingSupport> FitGrid(std::span<const StatesView> demonstrations,
                                         const TimeVaryingSupportOptions& options,
                                         std::span<const NuGamma> grid,

@@ -114,8 +114,8 @@ class Controller {
 
  private:
   virtual void DoReset(std::uint64_t seed) noexcept = 0;
-  /// Implements Next() for a running controller. `x` has state_dim() finite entries, `u`
-  /// control_dim(). To halt, return mode kHalt with a cause; `u` is then ignored.
+  /// Implements Next() for a running controller. `x` has state_dim() finite entries, `u` has
+  /// control_dim() entries. To halt, return mode kHalt with a cause; `u` is then ignored.
   [[nodiscard]] virtual Step DoNext(std::span<const double> x, std::span<double> u) noexcept = 0;
 
   HaltCause cause_ = HaltCause::kNotReset;

@@ -34,7 +34,7 @@ SafeBall ComputeSafeBall(const core::LogDecisionFunction& support, int t, std::s
                          std::span<double> shift, double level = 0.0) noexcept;
 
 /// Returns the largest s in [0, 1] with |s a - shift| + s e <= radius, or 0 if there is none. A
-/// control that changes the features by `a`, with an error of at most `e`, provably stays in the
+/// control that changes the features by `a`, with an error of at most `e`, provably ends in the
 /// ball if scaled by s.
 [[nodiscard]] double LargestShare(const SafeBall& ball, std::span<const double> shift,
                                   std::span<const double> a, double e) noexcept;

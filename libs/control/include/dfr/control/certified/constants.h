@@ -13,7 +13,7 @@ inline constexpr double kOvershoot = 0.02;
 /// Smallest fraction of a control that is checked at its predicted state. The ball at the present
 /// state determines smaller fractions.
 inline constexpr double kLeastPart = 0.25;
-/// A control of which less than this fraction passes is a stall.
+/// A control is a stall if less than this fraction of it passes.
 inline constexpr double kLeastShare = 0.02;
 /// Number of consecutive stalls that end the episode.
 inline constexpr int kMaxStalls = 3;

@@ -28,7 +28,7 @@ class StateObserver {
 
   void Reset() noexcept;
   /// Records that control `v` was applied and the observed features changed by `dz`.
-  /// @param fit  made in the state in which `v` was chosen; nullptr if there is none.
+  /// @param fit  the fit at the state in which `v` was chosen; nullptr if there is none.
   void Update(const LocalFit* fit, std::span<const double> v, std::span<const double> dz) noexcept;
   /// Returns the control whose effect the last change shows: lag() controls before the last one.
   [[nodiscard]] std::span<const double> acting() const noexcept {
@@ -51,9 +51,9 @@ class StateObserver {
   std::array<double, kMaxLag + 1> errors_{};  ///< Squared errors of each lag's predictions.
   int lag_ = 0;
   Eigen::VectorXd error_;     ///< Error of the last prediction, or 0.
-  double power_ = 0.0;        ///< Squared errors, with forgetting.
-  double correlation_ = 0.0;  ///< Products of consecutive errors, with forgetting.
-  double travel_ = 0.0;       ///< Squared changes, with forgetting.
+  double power_ = 0.0;        ///< Sum of squared errors, with forgetting.
+  double correlation_ = 0.0;  ///< Sum of products of consecutive errors, with forgetting.
+  double travel_ = 0.0;       ///< Sum of squared changes, with forgetting.
   Eigen::VectorXd expected_;  ///< The last estimate. Update() adds the expected change.
   bool expects_ = false;
   Eigen::VectorXd scratch_;

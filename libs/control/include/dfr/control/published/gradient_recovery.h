@@ -11,7 +11,8 @@ namespace dfr::control {
 
 /// Guided recovery's step as a RecoveryStrategy, in place of DFR's probes. It ascends from v = 0
 /// towards the gate level of the present support, with a J that is updated by the recovery's
-/// controls. Each iteration applies one control. kHalt if J gives no direction of ascent.
+/// controls. Each iteration applies one control. Next() returns kHalt if J gives no direction of
+/// ascent.
 class GradientRecovery final : public RecoveryStrategy {
  public:
   /// Borrows everything that `task` borrows. Each entry of a control is within +- `control_limit`.

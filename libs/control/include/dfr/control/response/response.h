@@ -52,8 +52,8 @@ class Response {
   [[nodiscard]] double control_unit() const noexcept { return control_unit_; }
   /// Returns the largest demonstrated |v|.
   [[nodiscard]] double largest_control() const noexcept { return largest_; }
-  /// Returns the demonstrated values of each entry of v, ascending, if they are few (FewValues) and
-  /// at least two; otherwise none.
+  /// Returns, for each entry of v, its demonstrated values in ascending order; none if there is
+  /// only one value or there are many (FewValues).
   [[nodiscard]] const std::vector<std::vector<double>>& values() const noexcept { return values_; }
   /// Returns true if features move without controls: on held-out demonstrations, a drift explains
   /// at least 40 % of the variance unexplained by controls. Otherwise the estimate is more accurate

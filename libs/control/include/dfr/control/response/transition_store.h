@@ -17,7 +17,7 @@ struct ResponseOptions {
   double slope_ridge = 10.0;   ///< Ridge of the drift's slopes for controls of the episode, > 0.
   double prior_weight = 15.0;  ///< Total weight of the demonstrations' transitions, >= 0.
   int window = 5;              ///< Uses transitions with u != 0 of the time steps t - window ...
-                               ///< t + window, and the nearest in time if these have none.
+                               ///< t + window, or the nearest in time if there are none.
   int max_per_step = 48;     ///< Maximum number of transitions per time step; bounds the run time.
   double forgetting = 0.93;  ///< Factor on the weight of earlier controls, in [0, 1).
   /// LocalFit::NominalControl() aims at the measured changes of features in demonstrations.
