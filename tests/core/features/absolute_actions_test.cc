@@ -132,7 +132,7 @@ TEST(AbsoluteActionsTest, VelocitiesAreNotTargets) {
 }
 
 // Velocities act `delay` steps later, through saturating motors. The state has the last `delay`
-// actions, as a guard's warning advises. The first ones are zero.
+// actions, as a guard's warning advises. Actions before the start are zero.
 std::vector<Trajectory> Late(int delay) {
   Random random(3);
   std::vector<Trajectory> set;
@@ -175,8 +175,8 @@ TEST(AbsoluteActionsTest, EarlierActionsInTheStateAreNotPositions) {
   }
 }
 
-// The joints reach their targets exactly. The state also has the joints of the step before and the
-// tip of the arm, which moves with the joints, or an object that the arm does not touch.
+// The joints reach their targets exactly. The state also has the joints of the step before, and
+// either the tip of the arm, which moves with the joints, or an object that the arm does not touch.
 TEST(AbsoluteActionsTest, PerfectlyTrackedTargetsAreFound) {
   for (const bool tip : {true, false}) {
     for (const double noise : {0.0, 0.02}) {

@@ -31,7 +31,7 @@ std::vector<Matrix> Walks() {
   return walks;
 }
 
-// Definition without local scatter: across demonstrations at the same time, the correlation of z is
+// Definition without local scatter: across demonstrations at the same time, the covariance of z is
 // (Corr + r)^(-1/2) Corr (Corr + r)^(-1/2) for any units. Progress has no effect.
 TEST(FeatureTransformTest, WhitensTheSpreadAcrossDemonstrations) {
   const auto walks = Walks();
@@ -90,7 +90,7 @@ TEST(FeatureTransformTest, ScalesAFeatureWithoutVarianceByItsStep) {
   }
 }
 
-// Rounding of the recorder is no variance, neither of a clock nor of an entry that rests.
+// Rounding by the recorder does not count as variance, neither in a clock nor in an entry at rest.
 TEST(FeatureTransformTest, RoundingIsNoVariance) {
   Random random(5);
   std::vector<Matrix> demonstrations;

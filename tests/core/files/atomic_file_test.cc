@@ -207,7 +207,7 @@ TEST_F(AtomicFileTest, AReadOnlyFileIsNotReplaced) {
   EXPECT_EQ(Content(file_), "before");
 }
 
-// A limit on file sizes stands in for a disk that is full at the start, near it or near the end.
+// A limit on file sizes stands in for a disk that is full after 0, 1 or 99 of 100 bytes.
 TEST_F(AtomicFileTest, AFullDiskKeepsThePreviousFile) {
   ReplaceFile(file_, "before");
   rlimit unlimited{};

@@ -14,8 +14,8 @@
 namespace dfr::core {
 namespace {
 
-// `each` demonstrations of each of `goals` ways from one start. The goals alternate, as with a
-// supervisor that cycles.
+// `each` demonstrations of each of `goals` paths from one start. The goals alternate, as if a
+// supervisor cycled through them.
 std::vector<Matrix> Cycle(int goals, int each, std::uint64_t seed) {
   Random random(seed);
   std::vector<Matrix> demonstrations;

@@ -199,7 +199,7 @@ TEST(ContinuousStatesTest, AnAngleThatWrapsIsContinuousOnEveryRevolution) {
   ExpectNearOnEveryRevolution(*model, Turning(Wrapped, 2, 1, 2.6)[0].states);
 }
 
-// An angle on any revolution is the same state.
+// The same orientation on any revolution is the same state.
 TEST(ContinuousStatesTest, AnAngleOverSeveralRevolutionsIsContinuous) {
   const auto model = RevolvingModel();
   EXPECT_EQ(model->task().features().num_features(), 4);
@@ -229,7 +229,7 @@ TEST(ContinuousStatesTest, AnAngleOverSeveralRevolutionsIsContinuous) {
 TEST(ContinuousStatesTest, RotationsThatJumpCauseAWarning) {
   const auto jumping = Turning(Flipped, 1, 30, 0.3, 0.5);
   const auto spun = GuardModel::Fit(Layout("quat", 4), jumping, {.accept_any = true});
-  EXPECT_THAT(Warnings(*spun), Contains(HasSubstr("quat[0:4] is a unit quaternion whose")));
+  EXPECT_THAT(Warnings(*spun), Contains(HasSubstr("quat[0:4] is a unit quaternion with")));
   const auto blind = GuardModel::Fit(Layout("quat", 4), jumping, {.features = "tip"});
   EXPECT_THAT(Warnings(*blind), Not(Contains(HasSubstr("quat"))));
   // An entry that no feature uses may have any value.

@@ -127,7 +127,7 @@ std::vector<bool> ActionAnalysis::FindPastActions() const {
   constexpr double kRounding = 1e-6;  // fraction of the largest action, as in single precision
   constexpr double kRowsPerEntry = 10.0;
   constexpr double kExplained = 0.5;
-  constexpr double kLeaves = 0.5;  // fraction of what differences leave
+  constexpr double kLeaves = 0.5;  // fraction of the variance that differences leave unexplained
   std::vector<bool> past(static_cast<std::size_t>(n_), false);
   if (history_count_ < kRowsPerEntry * static_cast<double>(m_ + 1)) return past;
   std::vector<std::vector<Eigen::Index>> copies(static_cast<std::size_t>(m_));

@@ -12,10 +12,10 @@
 namespace dfr::core {
 namespace {
 
-// A feature is a function of time if its standard deviation is at most this share of its change per
-// time step.
+// A feature counts as a function of time if its standard deviation is at most this share of its
+// change per time step.
 constexpr double kSameShare = 1e-6;
-// Standard deviations below this fraction of the largest one are rounding.
+// Standard deviations below this fraction of the largest one are rounding errors.
 constexpr double kLeastShare = 1e-12;
 
 // Returns the root mean square change of each feature per time step.

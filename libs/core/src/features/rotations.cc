@@ -101,8 +101,8 @@ Eigen::Vector3d ShortVector(const Eigen::Vector3d& v) {
   return v.norm() > kPi ? OtherVector(v) : v;
 }
 
-// Returns the orientation with the largest sum of squared dot products with all of `seen`. Of its
-// two signs, selects the one that makes the first large entry positive.
+// Returns the orientation with the largest sum of squared dot products with all of `seen`. Its sign
+// makes the first of its largest entries positive.
 Eigen::Vector4d MeanOrientation(const std::vector<Eigen::Vector4d>& seen) {
   constexpr double kTie = 1e-6;
   Eigen::Matrix4d sum = Eigen::Matrix4d::Zero();
@@ -365,7 +365,7 @@ std::string Describe(const Rotation& rotation, const StateLayout& layout) {
         return name + " is a unit quaternion: a guard treats q and -q as the same orientation";
       }
       return name +
-             " is a unit quaternion whose orientations are more than 150 degrees from their mean: "
+             " is a unit quaternion with orientations more than 150 degrees from their mean: "
              "q and -q remain two states. Use the first two columns of the rotation matrix instead";
     case Kind::kAngle:
       if (rotation.continuous) {
@@ -387,10 +387,10 @@ std::string Describe(const Rotation& rotation, const StateLayout& layout) {
              "first two columns of the rotation matrix instead";
     case Kind::kRunning:
       return name + Format(
-                        " is an unwrapped angle: episodes begin a whole number of %g apart, "
-                        "and an orientation is another state in each revolution. Use its "
-                        "cosine and sine instead, or let each episode begin in the same "
-                        "revolution",
+                        " is an unwrapped angle: episodes begin at angles that differ by "
+                        "multiples of %g, and the same orientation is another state in each "
+                        "revolution. Use its cosine and sine instead, or let each episode begin in "
+                        "the same revolution",
                         rotation.period);
   }
   return name;

@@ -78,8 +78,8 @@ std::uint64_t CoarseBits(double value) {
 
 // Sorts demonstrations by their contents `parts_of(d)`, then shuffles them, because neighbours in
 // sorted order have similar first entries. The seed of the shuffle includes the entries that
-// decided the sort: with `seed` alone, the first few would always be the same ranks, not a random
-// sample.
+// decided the sort: with `seed` alone, the first few demonstrations would always have the same
+// ranks.
 template <typename PartsOf>
 std::vector<std::size_t> Order(std::size_t demonstrations, std::uint64_t seed,
                                const PartsOf& parts_of) {

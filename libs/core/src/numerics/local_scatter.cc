@@ -95,7 +95,7 @@ double ComputeNormalScatter(Eigen::Index count, Eigen::Index n,
 }
 
 // Cached per thread, because a fit requests the same value at every time step. The cache is
-// bounded: kMost numbers of points times the number of selected features.
+// bounded: `count` is at most kMost, and `n` at most the number of selected features.
 double NormalScatter(Eigen::Index count, Eigen::Index n, const LocalScatterOptions& options) {
   thread_local std::map<std::tuple<Eigen::Index, Eigen::Index, double, double>, double> known;
   const auto [at, is_new] = known.try_emplace({count, n, options.neighbours, options.kept}, 0.0);

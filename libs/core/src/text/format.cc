@@ -7,8 +7,8 @@
 namespace dfr::core {
 namespace {
 
-// Returns the number of bytes at the beginning of `text`, which is not empty, that control
-// terminals: 0, 1, or 2 for U+0080 to U+009F in UTF-8.
+// Returns the number of bytes at the beginning of a non-empty text that control terminals: 0, 1,
+// or 2 for U+0080 to U+009F in UTF-8.
 std::size_t ControlSize(std::string_view text) noexcept {
   const auto c = static_cast<unsigned char>(text[0]);
   if (c < 0x20 || c == 0x7F) return 1;

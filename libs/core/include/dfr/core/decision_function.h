@@ -16,8 +16,8 @@ class DecisionFunction {
   /// Number of entries of a state x.
   [[nodiscard]] virtual int state_dim() const noexcept = 0;
 
-  /// Number of time steps with an estimate. Later times use the last estimate, because the
-  /// demonstrations hold their last state. Negative times use the first.
+  /// Number of time steps with an estimate. Later times use the last estimate, because a finished
+  /// demonstration stays in its last state. Negative times use the first.
   [[nodiscard]] virtual int num_steps() const noexcept = 0;
 
   /// Returns g_t(x), positive inside. A state with a wrong size or a non-finite entry gives

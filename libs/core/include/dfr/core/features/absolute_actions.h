@@ -29,13 +29,13 @@ struct AbsoluteAction {
 /// are velocities, and x_j is a measured velocity or a copy of the last action.
 ///
 /// A state entry x_j counts as a copy of a recent action, not as a position, if two conditions
-/// hold. First, x_j(t + 1) equals u_k(t - i) at every step, for an i up to 3. A position that
-/// follows its target perfectly does so too. Second, u_k(t - l) for an l up to 3 explains the
-/// change of another entry that repeats no action: it explains at least half of what the other
-/// actions leave, and leaves at most half of what u_k(t - l) - u_k(t - l - 1), which moves a robot
-/// with targets, leaves for any l.
+/// hold. First, x_j(t + 1) equals u_k(t - i) at every step, for an i up to 3. This also holds for a
+/// position that follows its target perfectly. Second, u_k moves another entry, which repeats no
+/// action, as a velocity does: u_k(t - l), for an l up to 3, explains at least half of the entry's
+/// change that the other actions leave unexplained. What u_k(t - l) leaves is at most half of what
+/// any difference u_k(t - l) - u_k(t - l - 1) leaves. Targets move a robot by their differences.
 ///
-/// Memory and time per step are linear in the number of state entries, also for pictures.
+/// Memory and time per step are linear in the number of state entries.
 class ActionAnalysis {
  public:
   ActionAnalysis(int state_dim, int control_dim);
@@ -52,9 +52,9 @@ class ActionAnalysis {
   void AddHistory(const Trajectory& episode);
   /// Returns true for state entries that repeat an action which moves another entry.
   [[nodiscard]] std::vector<bool> FindPastActions() const;
-  /// Returns, for each state entry, the share of the variance of its change that action entry `k`
-  /// explains, out of the variance that the other action entries leave. Uses the actions u(t -
-  /// lag), or u(t - lag) - u(t - lag - 1) if `difference`.
+  /// Takes, for each state entry, the variance of its change that the other action entries leave
+  /// unexplained. Returns the share of this variance that action entry `k` explains. Uses the
+  /// actions u(t - lag), or u(t - lag) - u(t - lag - 1) if `difference`.
   [[nodiscard]] Eigen::VectorXd ExplainedBy(Eigen::Index k, Eigen::Index lag,
                                             bool difference) const;
 
@@ -71,11 +71,11 @@ class ActionAnalysis {
   Eigen::MatrixXd products_;
   // Sum of x_j(t) x_j(t + 1).
   Eigen::VectorXd steps_;
-  // One block of m rows for each i: the largest |x_j(t + 1) - u_k(t - i)|.
+  // One block of m rows for each lag i: the largest |x_j(t + 1) - u_k(t - i)| over all steps.
   Eigen::MatrixXd deviations_;
   Eigen::VectorXd largest_;  // Largest |u_k|.
-  // Sums over steps from kMostLag + 1 on, with h = [u(t); ...; u(t - kMostLag - 1)] and
-  // dx = x(t + 1) - x(t): of h, h h', h dx', dx and of the squares of dx.
+  // Sums of h, h h', h dx', dx and the squares of dx over the steps from kMostLag + 1 on, with
+  // h = [u(t); ...; u(t - kMostLag - 1)] and dx = x(t + 1) - x(t).
   double history_count_ = 0.0;
   Eigen::VectorXd history_;
   Eigen::MatrixXd history_products_;

@@ -10,8 +10,8 @@ namespace dfr::core {
 
 /// Options for FeatureTransform::Whitening().
 struct WhiteningOptions {
-  /// Added to the diagonal of the correlation matrix, > 0. It limits the scaling of directions
-  /// without motion in the demonstrations to 1/sqrt(ridge).
+  /// Added to the diagonal of the correlation matrix, > 0. It limits the scaling of directions in
+  /// which the demonstrations do not vary to 1/sqrt(ridge).
   double ridge = 0.03;
   /// If false, each feature is only divided by its standard deviation.
   bool decorrelate = true;
@@ -66,7 +66,7 @@ class FeatureTransform {
 };
 
 /// Returns the median number of states per demonstration: at least half of the demonstrations have
-/// that many states. @throws std::invalid_argument if there are none.
+/// at least that many. @throws std::invalid_argument if there is no demonstration.
 [[nodiscard]] int MedianNumStates(std::span<const Matrix> demonstrations);
 
 }  // namespace dfr::core

@@ -56,8 +56,8 @@ struct BlockRequest {
 /// The entries of a state that an estimator uses.
 class FeatureSelection {
  public:
-  /// Parses "object,tip[0:2]": whole blocks or half-open index ranges within one block, in this
-  /// order.
+  /// Parses "object,tip[0:2]": whole blocks or half-open index ranges within one block. The
+  /// features keep the order of the text.
   /// @throws std::invalid_argument naming the unknown block, the invalid range or the duplicate,
   ///   and listing the valid blocks.
   FeatureSelection(const StateLayout& layout, std::string_view spec);

@@ -38,8 +38,8 @@ class ArchiveWriter {
 
 /// Reads files of ArchiveWriter. The constructor checks the whole file before any value is
 /// returned. Every call throws std::runtime_error naming the file and the reason if the file is
-/// missing, truncated, damaged, of another kind or version, or holds a value other than the
-/// requested one.
+/// missing, truncated, damaged, of another kind or version, or if its next value is not of the
+/// requested type.
 class ArchiveReader {
  public:
   /// @param version  the only version that the caller reads.

@@ -27,7 +27,7 @@ class AtomicFile {
   AtomicFile& operator=(const AtomicFile&) = delete;
 
   void Write(std::string_view bytes);
-  /// Returns the file to write to by other means than Write(), before Commit().
+  /// Returns the path for writing by other means than Write(). Call before Commit().
   [[nodiscard]] const std::string& written() const noexcept {
     return temporary_.empty() ? target_ : temporary_;
   }

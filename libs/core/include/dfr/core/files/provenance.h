@@ -7,7 +7,7 @@ namespace dfr::core {
 
 /// Source of the data.
 enum class Origin {
-  kUnknown,    ///< Not recorded: the file is older than this field, or of another program.
+  kUnknown,    ///< Not recorded: the file is older than this field or from another program.
   kSimulated,  ///< A simulation, in this process or behind a console.
   kReal,       ///< A robot.
 };

@@ -15,8 +15,8 @@ namespace dfr::core {
 /// not on the order of recording or reading. The order is made in two steps:
 /// 1. Sort by the first entry that differs in single precision. Machines whose arithmetic differs
 ///    in the last bit then agree. Exact values break ties.
-/// 2. Shuffle with a seed made from `seed` and the entries that decided the sort. The first few are
-///    then a random sample, not always the same ranks.
+/// 2. Shuffle with a seed made from `seed` and the entries that decided the sort. The first few
+///    demonstrations are then a random sample, not always the same ranks.
 /// The order of identical demonstrations is unspecified. A NaN counts as infinite.
 [[nodiscard]] std::vector<std::size_t> DeterministicOrder(
     std::span<const Trajectory> demonstrations, std::uint64_t seed = 0);

@@ -23,9 +23,9 @@ struct LocalScatterOptions {
 ///
 /// It is the mean of (x_i - x_j)(x_i - x_j)' / 2 over points i and their nearest neighbours j in
 /// the same group, divided by the same statistic of as many standard normal points. Normal points
-/// therefore nearly keep their covariance. Neighbours are chosen in units of the result. If each of
-/// two clusters has half of the points, the result is up to three times their actual width. The
-/// standard deviation of each entry is at least a twentieth of its value by PooledCovariance().
+/// therefore nearly keep their covariance. If each of two clusters has half of the points, the
+/// result is up to three times their actual width. The standard deviation of each entry is at least
+/// a twentieth of its value by PooledCovariance().
 ///
 /// @param groups  similar points, one per row, for example those of one time step. Groups with
 /// fewer than 4 points are ignored. At most 128 points of a group are used.

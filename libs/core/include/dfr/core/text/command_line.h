@@ -200,7 +200,7 @@ std::string SharedOutput(App& command, const Option& asked, const std::string& o
     return found.has_filename() ? found : found.parent_path();
   };
   std::error_code error;
-  // A device or a pipe takes all outputs.
+  // Several outputs may share a device or a pipe.
   const bool keeps = std::filesystem::is_regular_file(output, error) ||
                      std::filesystem::is_directory(output, error) ||
                      !std::filesystem::exists(output, error);
