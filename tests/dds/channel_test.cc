@@ -39,7 +39,7 @@ TEST(ParticipantTest, OptionsOutOfRangeAreRefused) {
                std::invalid_argument);
 }
 
-// Fast DDS numbers the participants of a process without limit. Discovery accepts high numbers.
+// Fast DDS numbers the participants of a process without limit. Discovery must accept high numbers.
 TEST(ParticipantTest, IsFoundAfterManyEarlierParticipantsOfItsProcess) {
   for (int i = 0; i < 30; ++i) {
     const Participant gone(Loopback());
@@ -117,7 +117,7 @@ TEST_F(ChannelTest, ARequestReachesNobodyWhoJoinsLater) {
   EXPECT_EQ(got.text, "disable");
 }
 
-// The publisher also waits if it is destroyed at once.
+// The publisher is destroyed immediately after the wait.
 TEST_F(ChannelTest, APublisherWaitsUntilItsLastSampleIsReceived) {
   Subscriber<Text> subscriber(second_, "/topic", Role::kRequest);
   for (int i = 0; i < 20; ++i) {

@@ -22,15 +22,14 @@ using ParticipantPrefix = std::array<std::uint8_t, 12>;  ///< Prefix of a partic
 /// malformed if its parameters or payload extend beyond its submessage.
 ///
 /// Unless `may_leave`, the bytes also end before the first announcement that a participant leaves.
-/// Anyone can announce this of any participant, and an assertion ends the process if the
-/// announcement arrives while that participant's lease is checked. A departing participant removes
-/// its publishers and subscribers by other messages, and expires after its lease.
+/// Any sender can forge this announcement, and an assertion ends the process if it arrives while
+/// that participant's lease is checked. A departing participant removes its publishers and
+/// subscribers by other messages, and expires after its lease.
 [[nodiscard]] std::size_t SafeSize(std::span<const std::uint8_t> message,
                                    bool may_leave = false) noexcept;
 
-/// Reports that a participant of this process is about to end. Other participants in the process
-/// call the ending one directly and must drop it at once, so its departure message is passed on for
-/// several seconds.
+/// Reports that a participant of this process is about to end. For several seconds, its departure
+/// message is passed to the other participants in the process, which drop it at once.
 void Leaves(const ParticipantPrefix& prefix);
 
 /// Limits the number of senders to protect Fast DDS's memory and discovery from a flood of forged

@@ -298,8 +298,8 @@ std::string PeerListener::Reason(const Peer& peer) const {
   if (peer.admitted) return "";
   // Only common names are compared, because implementations format full names differently.
   if (peer.authority.find(authority_) == std::string::npos) {
-    return "its certificate is of the authority '" + peer.authority + "', this process's is of '" +
-           authority_ + "'";
+    return "its certificate is from the authority '" + peer.authority +
+           "', but the certificate of this process is from '" + authority_ + "'";
   }
   if (peer.refused) return "its certificate or its permissions are forged, or have expired";
   // A peer that rejects this process's certificate only stays silent.
@@ -384,8 +384,8 @@ Participant::Participant(const ParticipantOptions& options)
             ": too many processes in it, or its UDP ports are taken",
         "try another domain" + (options.security.empty()
                                     ? std::string()
-                                    : ". Or the governance or permissions in " +
-                                          options.security.string() + " do not cover this domain"));
+                                    : ", or check whether the governance and permissions in " +
+                                          options.security.string() + " cover this domain"));
   }
 }
 

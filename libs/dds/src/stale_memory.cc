@@ -37,7 +37,7 @@ void RemoveStaleSegments(const std::filesystem::path& folder, std::time_t now) n
     std::error_code error;
     for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
       const std::string name = entry.path().filename().string();
-      // Skips ports, which processes share, by the different format of their names.
+      // Skips ports, which processes share. Their names have a different format.
       if (name.size() != kPrefix.size() + kId + kSuffix.size() || !name.starts_with(kPrefix) ||
           !name.ends_with(kSuffix) ||
           name.find_first_not_of("0123456789abcdef", kPrefix.size()) != kPrefix.size() + kId ||

@@ -62,8 +62,8 @@ class StopReader {
   explicit StopReader(const std::filesystem::path& security);
 
   /// Returns true if a datagram is valid: well formed, with a valid signature, stamped within a
-  /// second of `wall_ns`, and numbered higher than the last valid one of its button. Sets `who` and
-  /// `pressed` only if valid.
+  /// second of `wall_ns`, and numbered higher than its button's last valid datagram. Sets `who` and
+  /// `pressed` only if the datagram is valid.
   bool Read(std::string_view datagram, std::int64_t wall_ns, StopSenderId& who, bool& pressed);
 
  private:

@@ -34,7 +34,7 @@ void SendToAll(int domain, const Bytes& bytes) {
   ::close(socket);
 }
 
-// A stranger announces the departure of the publisher's participant, whose name each packet
+// A stranger announces the departure of the publisher's participant, whose GUID prefix each packet
 // contains. SafeSizeTest tests all packets that the filter keeps from Fast DDS.
 TEST(AttackTest, AStrangerCannotMakeAParticipantLeave) {
   const int domain = test::OwnDomain();

@@ -113,7 +113,7 @@ TEST_F(CertificatesTest, FilesOfTwoParticipantsDoNotMix) {
   Replace(files_.key, console.key);
   EXPECT_THAT(Complaint(client_), HasSubstr("key.pem is not the key of"));
   Replace(files_.certificate, console.certificate);
-  EXPECT_THAT(Complaint(client_), HasSubstr("permissions.p7s belongs to 'CN=client', and"));
+  EXPECT_THAT(Complaint(client_), HasSubstr("permissions.p7s belongs to 'CN=client', but"));
   Replace(files_.permissions, console.permissions);
   EXPECT_EQ(CheckSecurity(client_), "console");
 }

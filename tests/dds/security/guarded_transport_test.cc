@@ -74,7 +74,7 @@ TEST(SafeSizeTest, SamplesThatDeclareMoreThanTheyContainAreDropped) {
   for (const std::uint32_t octets : {1U, 15U, 37U, 0x7fffU, 0x8000U, 0xfff0U, 0xffffU}) {
     EXPECT_FALSE(Passes({.to_parameters = octets})) << octets;
   }
-  // Parameters without an end, or with data after the end.
+  // Parameter lists without an end marker, or with a parameter that is longer than the content.
   const Bytes cut(kParameters.begin(), kParameters.end() - 4);
   EXPECT_FALSE(Passes({.flags = 4 | 2, .parameters = cut, .payload = 3}));
   EXPECT_FALSE(Passes({.flags = 4 | 2, .parameters = {0x70, 0, 0xff, 0xff}}));

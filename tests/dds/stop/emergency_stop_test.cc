@@ -54,7 +54,7 @@ TEST_F(EmergencyStopJudgeTest, NeitherWayAloneIsEnough) {
   const std::int64_t later_ns = kStart + kSilence + 1;
   judge_.Hear(Way::kDatagrams, Button(1), false, later_ns);
   EXPECT_EQ(judge_.Check(later_ns), EmergencyStop::kSilent);
-  EXPECT_FALSE(judge_.only_datagrams_silent()) << "DDS is";
+  EXPECT_FALSE(judge_.only_datagrams_silent()) << "only DDS is silent";
   judge_.Hear(Way::kDds, Button(1), false, later_ns + kSilence + 1);
   EXPECT_EQ(judge_.Check(later_ns + kSilence + 1), EmergencyStop::kSilent);
   EXPECT_TRUE(judge_.only_datagrams_silent());
@@ -78,7 +78,7 @@ TEST_F(EmergencyStopJudgeTest, APressOnEitherWayStaysUntilReleasedAndAcknowledge
   }
 }
 
-// A forgotten button does not hide the failure of the operator's button.
+// A button that still sends does not hide the failure of another button.
 TEST_F(EmergencyStopJudgeTest, TheSilenceOfEachButtonIsDetected) {
   Hear(1, kStart);
   Hear(2, kStart);

@@ -139,7 +139,7 @@ TEST(SecuredStopDatagramsTest, OnlyTheLabIsHeard) {
   const test::Keystore lab = {{"line_tracking", Permission::kController},
                               {"stop", Permission::kButton}};
   const test::Keystore others = {{"stop", Permission::kButton}};
-  // Certificates are valid from this time on.
+  // Certificates are valid at the present time, not at kNow.
   const std::int64_t now_ns = Stamp::Now().nanoseconds();
   StopReader reader(lab.enclave("line_tracking"));
   StopWriter unsigned_writer({});

@@ -134,8 +134,8 @@ std::string CheckSecurity(const std::filesystem::path& folder, std::time_t now) 
       CheckSigned(files.permissions, files.permissions_ca, *permissions_ca);
   std::string name = internal::CommonName(*certificate);
   if (permissions.find("CN=" + name + "<") == std::string::npos) {
-    Wrong(files.permissions, "belongs to '" + Element(permissions, "subject_name") + "', and " +
-                                 files.certificate.string() + " to 'CN=" + name +
+    Wrong(files.permissions, "belongs to '" + Element(permissions, "subject_name") + "', but " +
+                                 files.certificate.string() + " belongs to 'CN=" + name +
                                  "': take both from the same folder of `hardware certificates`");
   }
   // In this format, the order of strings is the order of dates.

@@ -27,7 +27,7 @@ struct CertificateOptions {
 /// Creates the certificate authority of a lab in a new folder, laid out as a ROS 2 keystore:
 ///
 ///   public/ca.cert.pem          certificate of the authority, for everyone
-///   private/ca.key.pem          its key, which signs participants; keep it off the robot
+///   private/ca.key.pem          its key, which signs other certificates; keep it off the robot
 ///   enclaves/governance.p7s     signed encryption rules (everything is encrypted)
 ///   enclaves/NAME/              one folder per participant, see SecurityFiles
 ///

@@ -47,7 +47,7 @@ struct Health {
   int found = 0;
   int alive = 0;             ///< Number of matched publishers whose liveliness is asserted.
   int missed_deadlines = 0;  ///< Number of missed deadlines since the start.
-  int incompatible = 0;      ///< Publishers refused since the start due to quality of service.
+  int incompatible = 0;      ///< Number of publishers refused since the start for their QoS.
 };
 
 /// Sends messages of type T (see messages.h) to a ROS 2 topic. One object belongs to one thread at

@@ -24,8 +24,8 @@ inline constexpr const char* kRunStateTopic = "/line_tracking/run_state";
 inline constexpr const char* kRunEnded = "ended";
 
 /// Sender of an emergency stop over the network: an operator's button. Sends over two independent
-/// paths, because a failure of DDS must not block it: DDS and UDP datagrams. The datagrams go to
-/// port 7405 + 250 * domain of this machine and, unless discovery is kLoopback, are broadcast on
+/// paths, DDS and UDP datagrams, because a failure of DDS must not block the stop. The datagrams go
+/// to port 7405 + 250 * domain of this machine and, unless discovery is kLoopback, are broadcast on
 /// its networks. Never use this as the only emergency stop: the robot needs a hardware switch. One
 /// object belongs to one thread at a time.
 class EmergencyStopButton {

@@ -27,9 +27,9 @@ struct ParticipantOptions {
   std::string server_address = "127.0.0.1";  ///< IPv4 address of the discovery server.
   std::uint16_t server_port = 11811;
   /// Adds a shared memory transport for images between processes on this machine, and removes the
-  /// segments of terminated processes from /dev/shm. Use a separate participant for it, and keep
-  /// the control loop's on UDP: a killed process can leave shared memory in a state that
-  /// stalls other processes.
+  /// segments of terminated processes from /dev/shm. Use a separate participant for images, and
+  /// keep the control loop's participant on UDP: a killed process can leave shared memory in a
+  /// state that stalls other processes.
   bool shared_memory = false;
   /// Folder of the participant in a secured network (security.h). Only participants with a
   /// certificate of the same authority can communicate, and all traffic is encrypted. Empty: no
