@@ -60,7 +60,7 @@ Mixture MakeMixture(int count, std::uint64_t seed) {
 // One block of all columns.
 const std::vector<std::vector<int>> kWhole = {{0, 1, 2, 3, 4, 5, 6, 7}};
 
-// Returns the share of the task in the squared weights of the first component on the sources.
+// Returns the fraction of the first component's squared source weights that belongs to the task.
 double ShareOfTask(const Matrix& weights, const Mixture& mixture) {
   const Eigen::RowVectorXd followed = (weights * mixture.mixing).row(0);
   return followed.head(kTask).squaredNorm() / followed.squaredNorm();

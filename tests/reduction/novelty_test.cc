@@ -86,7 +86,7 @@ TEST(NoveltyTest, FlagsNewObjectsAndPositionsAndPassesDemonstrations) {
   EXPECT_GT(Of(novelty, middle, 0.8, 0.8), 1.0);
 }
 
-// Compares ratios of two pictures, and of two positions, in which the fitted limits cancel.
+// Compares the ratio of the statistics of two pictures, and of two positions: the limits cancel.
 TEST(NoveltyTest, AgreesWithTheDefinition) {
   const Seen seen = Demonstrations(3, 20);
   const Novelty novelty = Fitted(seen);

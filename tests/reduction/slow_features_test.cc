@@ -83,8 +83,8 @@ TEST(SlowFeaturesTest, AnEntryConstantInEachEpisodeIsSlowest) {
   ASSERT_EQ(fit.directions.rows(), 2);
   EXPECT_GT(fit.directions(0, 0), 0.0);
   EXPECT_LT(std::abs(fit.directions(0, 1)), 0.01 * fit.directions(0, 0));
-  // The lower bound on differences is a millionth of the mean variance, about 2 / 3. The variance
-  // along the constants is 1.
+  // The mean variance is about 2 / 3. A millionth of it bounds the differences from below. The
+  // variance along the constants is 1.
   EXPECT_NEAR(fit.slowness[0], 1.5e6, 0.2e6);
   EXPECT_NEAR(fit.mean[2], 7.0, 1e-12);
 }

@@ -58,7 +58,7 @@ std::vector<double> Applied(const StateReduction& reduction, const std::vector<d
   return {workspace.state().begin(), workspace.state().end()};
 }
 
-// Returns the reduction that a file of `written` gives for states of this layout.
+// Saves `written` to a file and loads it for states of this layout.
 StateReduction Reloaded(const StateReduction& written, const core::StateLayout& layout) {
   const std::filesystem::path path =
       std::filesystem::path(testing::TempDir()) / "state_reduction_test.dfr";

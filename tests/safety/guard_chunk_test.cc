@@ -232,7 +232,7 @@ TEST(GuardExplainTest, TheExcessLeadsBackToTheBoundary) {
     for (const OutsideEntry& entry : entries) {
       state[static_cast<std::size_t>(entry.entry)] -= entry.excess;
     }
-    // The path consists of 64 straight pieces, the last of which misses by its curvature.
+    // The path consists of 64 straight pieces and misses the boundary because of its curvature.
     EXPECT_NEAR(model->support().LogDecision(3, state, {}), 0.0, 0.02 * outside);
   }
   EXPECT_TRUE(OutsideEntries(*model, 3, std::vector{3.0, 0.3, 0.0}).empty());

@@ -36,8 +36,8 @@ class Shove final : public control::RecoveryStrategy {
   std::vector<double> action_;
 };
 
-// One wrong measurement, as of a tracker that loses its mark, must not outweigh the effects of all
-// actions. Otherwise a policy that reaches the goal alone leaves the corridor.
+// One wrong measurement, as of a tracker that loses its mark, must not outweigh all correct ones.
+// Otherwise a policy that needs no guard to reach the goal leaves the corridor.
 TEST(GuardRecoveryTest, OneWrongMeasurementIsNotLearned) {
   for (const Strategy strategy : {Strategy::kGuard, Strategy::kController}) {
     Guard guard(Model(strategy));

@@ -66,7 +66,7 @@ TEST(GuardTest, KeepsADriftingPolicyInsideWhereOneFeatureNeverVaries) {
     double noise;   // Standard deviation of the sideways actions.
     std::vector<double> action;
   };
-  // Alone, the policy ends 12 or 18 standard deviations away.
+  // Without a guard, the policy ends 12 or 18 standard deviations away.
   for (const auto& [spread, noise, action] :
        {Case{0.1, 0.05, {0.09, 0.06}}, Case{0.03, 0.01, {0.1, 0.03}}}) {
     for (std::uint64_t seed = 1; seed <= 6; ++seed) {
@@ -99,7 +99,7 @@ TEST(GuardTest, KeepsADriftingPolicyInsideWhereOneFeatureNeverVaries) {
   }
 }
 
-// The guard equals the named controller with the action as a policy.
+// The guard decides as the controller of its strategy with a policy that requests the action.
 TEST(GuardTest, IsTheControllerOfItsStrategy) {
   const std::vector<double> action = Action(0.09, 0.04);
   for (const Strategy strategy :
@@ -147,8 +147,8 @@ TEST(GuardTest, IsTheControllerOfItsStrategy) {
   }
 }
 
-// For any policy: no state raises an alarm while the robot responds as demonstrated, and the first
-// response that differs too much halts.
+// For any policy: no state raises an alarm while the robot responds as demonstrated, and the guard
+// halts at the first response that differs too much.
 TEST(GuardTest, ACertifiedGuardRaisesNoAlarmAndHaltsIfItsAssumptionFails) {
   Guard guard(Model(Strategy::kCertified));
   core::Random random(5);
@@ -241,8 +241,7 @@ std::vector<Doubt> Doubts() {
 }
 
 // The actions of a policy that stays inside pass unchanged to the bit, although many states of the
-// corridor are not deep inside. With strategy `controller`, demonstrated actions replace most of
-// the policy's.
+// corridor are not deep inside. With strategy `controller`, the guard changes some of the actions.
 TEST(GuardTest, PassesAPolicyThatStaysInside) {
   int changed = 0;
   for (const Strategy strategy : {Strategy::kGuard, Strategy::kController}) {
@@ -272,8 +271,8 @@ TEST(GuardTest, PassesAPolicyThatStaysInside) {
   EXPECT_GT(changed, 0);
 }
 
-// Demonstrations of the corridor with each action entry rescaled, and a gripper that closes half
-// way.
+// Demonstrations of the corridor with each action entry rescaled, and a gripper that closes after
+// half of the steps.
 std::vector<core::Trajectory> WithGripper(const std::vector<double>& scale) {
   std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(1, 30);
   for (core::Trajectory& d : demonstrations) {

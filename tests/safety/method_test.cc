@@ -26,7 +26,7 @@ std::string Refusal(std::string_view name) {
       [&] { static_cast<void>(ParseMethod(name, kOthers)); });
 }
 
-// EveryListedNameIsValid expects the name of each method.
+// The test EveryListedNameIsValid checks Method::name.
 TEST(MethodTest, NamesOfAlgorithm1AreThoseOfItsRecoveries) {
   for (const control::Recovery recovery :
        {control::Recovery::kNone, control::Recovery::kEarlyStopping, control::Recovery::kDfr}) {

@@ -144,12 +144,12 @@ TEST(ShadowTest, CountsTheActionsThatPass) {
     actions += shadow.actions;
     passed += shadow.passed;
   }
-  // An action passes from the .05 quantile of the demonstrated levels on.
+  // An action passes if its predicted level is at least the .05 quantile of demonstrated levels.
   EXPECT_GT(passed, 0.8 * actions);
   EXPECT_LT(passed, actions);
 }
 
-// An episode that leaves at step 8 and does not return.
+// An episode that leaves the corridor at step 8 and does not return.
 TEST(ShadowTest, NamesTheFirstActionThatLeaves) {
   core::Trajectory episode = test::CorridorDemonstrations(7, 1)[0];
   CorridorPlant plant;

@@ -98,8 +98,8 @@ void ExpectSameDecisions(const TaskModel& ours, const TaskModel& theirs) {
   }
 }
 
-// Runs both controllers through an episode. Returns the number of controls that differ from the
-// policy's.
+// Runs both controllers through an episode. Returns the number of controls that the controller
+// changes or chooses itself.
 int ExpectSameEpisode(control::Controller& ours, control::Controller& theirs) {
   ours.Reset(5);
   theirs.Reset(5);
@@ -327,7 +327,7 @@ TEST_F(TaskModelTest, WrongContentWithAValidChecksumIsRefusedOrUsable) {
       ASSERT_THAT(e.what(), HasSubstr(folder_.string()));
       ++refused;
     } catch (const std::invalid_argument&) {
-      // MakeController() rejects a number of controls that differs from the policy's.
+      // MakeController() rejects a model whose number of controls differs from the policy's number.
       ++refused;
     }
   }

@@ -36,7 +36,7 @@ Eigen::MatrixXd GradientProducts(const Eigen::MatrixXd& x, const Eigen::MatrixXd
   Eigen::MatrixXd products = Eigen::MatrixXd::Zero(x.cols(), x.cols());
   for (Eigen::Index k = 0; k < y.cols(); ++k) {
     const Eigen::VectorXd weight = weights.col(k);
-    // Rows: sum over samples j of K_ij w_j (x_j - x_i), times the metric over `unit`.
+    // Row i: the sum over samples j of K_ij w_j (x_j - x_i), multiplied by metric / unit.
     Eigen::MatrixXd gradients = core::Multiply(kernel, weight.asDiagonal() * scaled);
     gradients -= (kernel * weight).asDiagonal() * scaled;
     gradients /= unit;

@@ -163,8 +163,8 @@ FeaturePoints FeaturePoints::Fit(const RowSource& pictures, const core::PictureS
   DFR_THROW_UNLESS(options.points >= 1 && options.points <= kMostPoints &&
                        options.samples >= options.points && options.iterations >= 1,
                    "points must lie in [1, " << kMostPoints
-                                             << "], samples be at least as many, and iterations at "
-                                                "least 1, not "
+                                             << "], samples must be at least points, and "
+                                                "iterations at least 1, not "
                                              << options.points << ", " << options.samples << " and "
                                              << options.iterations);
   // Checks the shape and the options before the fit uses them.

@@ -222,8 +222,8 @@ std::string StateReduction::Fault(std::span<const double> state) const {
                                    static_cast<std::size_t>(part.reduced_size())));
     if (relative > 1.0 && strange.empty()) {
       strange = core::Format(
-          "the picture '%s' resembles no demonstration: its difference from them is %.3g times the "
-          "limit; remove what they do not show, or add demonstrations that show it",
+          "the picture '%s' resembles no demonstration: its difference from all of them is %.3g "
+          "times the limit; remove what no demonstration shows, or add demonstrations that show it",
           part.name.c_str(), relative);
     }
   }

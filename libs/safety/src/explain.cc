@@ -31,7 +31,7 @@ class WayBack {
     if (with_products) products_.resize(scale_.cols(), scale_.cols());
   }
 
-  /// Starts at features z at time step t, which are `missing` > 0 below l = 0.
+  /// Starts at features z at time step t, where l = -`missing` < 0.
   void Go(int t, Eigen::VectorXd z, double missing) {
     constexpr int kSteps = 64;
     share_ = Eigen::VectorXd::Zero(z.size());

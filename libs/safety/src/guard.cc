@@ -294,7 +294,7 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
     std::copy(episode.chosen.begin(), episode.chosen.end(), safe.begin());
   }
   // Enforces the limits for every source of the action. The caller's recovery has no limits, and
-  // units cause rounding.
+  // conversions of units round.
   if (room) {
     Clamp(model_->settings().action_limit, safe);
     std::copy(safe.begin(), safe.end(), episode.given.begin());

@@ -241,7 +241,7 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     }
     const int contexts = context ? context->num_features() : 0;
     if (task->response().prior()->context_dim() != contexts) {
-      archive.Fail("recovery uses a different number of state entries");
+      archive.Fail("recovery uses a different number of context entries");
     }
     model->context_ = std::move(context);
     model->reduction_ = std::move(reduction);

@@ -17,7 +17,7 @@ constexpr int kTaskVersion = 3;
 constexpr std::string_view kTaskFile = "task.dfr";
 constexpr std::string_view kSupportFile = "support.dfr";
 constexpr int kMostHorizon = 1'000'000;
-// Limit that no task reaches. A larger count in a file is damaged.
+// Limit that no task reaches. A file with a larger count is damaged.
 constexpr int kMostSteps = 1'000'000;
 
 kernel::WhitenedSupport LoadSupport(core::ArchiveReader& archive, bool single_precision) {
@@ -191,7 +191,7 @@ TaskModel TaskModel::Load(core::ArchiveReader& archive, core::FeatureSelection s
 std::unique_ptr<control::Controller> TaskModel::MakeController(
     const Method& method, const core::Policy& policy, const ControllerOptions& options) const {
   DFR_THROW_UNLESS(method.kind != Method::Kind::kOther,
-                   "the method '" << method.name << "' is not one of a task model");
+                   "the method '" << method.name << "' belongs to the caller, not to a task model");
   if (method.kind == Method::Kind::kController || method.kind == Method::Kind::kGuard) {
     control::GuidedOptions guided = control::Without(options.guided, method.without);
     guided.horizon = options.horizon != 0 ? options.horizon : horizon();

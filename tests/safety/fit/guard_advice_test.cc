@@ -45,8 +45,7 @@ TEST(GuardAdviceTest, NoiseOfSensorsIsNamed) {
                                                HasSubstr("of the rest is noise of sensors"))));
 }
 
-// No state without an alarm is farther than the clearance, in the state's unit, from all
-// demonstrated states.
+// Every state without an alarm has a demonstrated state within the clearance, in the state's unit.
 TEST(GuardAdviceTest, ClearanceIsADistanceThatNoStateWithoutAlarmExceeds) {
   const auto demonstrations = test::CorridorDemonstrations(1, 30);
   const auto model = test::Model();
@@ -130,7 +129,7 @@ TEST(GuardAdviceTest, AttributionOfAnImmeasurableStateIsNaN) {
   }
 }
 
-// The same demonstrations with one entry in other units: millimetres instead of metres.
+// The same demonstrations with one entry in a unit that is 1024 times smaller.
 TEST(GuardAdviceTest, AttributionDoesNotDependOnUnits) {
   std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(1, 40);
   core::Matrix states = demonstrations[0].states;

@@ -35,7 +35,8 @@ TEST(GuardModelTest, AlarmsOnFewUnseenDemonstrations) {
     alarms += *std::min_element(levels.begin(), levels.end()) < -model->settings().alarm_level;
   }
   // On average over sets of 60 demonstrations 40 of 400 raise an alarm. The rate of one set has a
-  // beta distribution with standard deviation sqrt(.1 .9 / 62) = .04. The limit is three of these.
+  // beta distribution with standard deviation sqrt(.1 .9 / 62) = .04. The limit is the mean plus
+  // three standard deviations.
   EXPECT_LT(alarms, 400 * (0.1 + 3 * 0.04));
 }
 
@@ -64,9 +65,9 @@ TEST(GuardModelTest, CyclingThroughGoalsDoesNotRaiseTheAlarmLevel) {
               testing::Not(testing::Contains(HasSubstr("recording conditions drift"))));
 }
 
-// Four demonstrations are left out in pairs. One of the three ways to pair them is the pairing of
-// the folds, and then no demonstration is farther outside. The other two ways have up to four ranks
-// of Wilcoxon's test, whose sum has mean 5 and variance 4 * 5 * 9 / 24 = 7.5.
+// Four demonstrations are left out in pairs. One of the three possible pairings equals the folds,
+// and then no level differs. For the other two, Wilcoxon's test has up to four ranks, whose sum has
+// mean 5 and variance 4 * 5 * 9 / 24 = 7.5.
 TEST(GuardModelTest, ContiguousFoldsEqualToTheOthersShowNoDrift) {
   const auto recorded = test::CorridorDemonstrations(7, 4);
   std::vector<double> possible;
@@ -282,7 +283,7 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
   for (const auto& [options, message] : std::vector<Refused>{
            {{.features = "gripper"}, "feature 'gripper'"},
            {{.horizon = -1}, "horizon"},
-           // Options that no loader accepts produce no file.
+           // A fit also rejects values that Load() would reject.
            {{.horizon = (1 << 30) + 1}, "horizon"},
            {{.horizon = std::numeric_limits<int>::max()}, "horizon"},
            {{.false_alarms = 0.0}, kShare},

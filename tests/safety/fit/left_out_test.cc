@@ -89,7 +89,7 @@ TEST(LeftOutTest, NominalActionsThatFeaturesDoNotExplainAreNotUsed) {
   EXPECT_GT(model->summary().action_error, 0.5);
   EXPECT_FALSE(model->settings().demonstrated);
   EXPECT_THAT(Warnings(*model), Contains(HasSubstr("the features explain only")));
-  // Far outside, the guard would first try the nominal action. It then queries the policy.
+  // Far outside, the guard applies the nominal action only if `demonstrated` is true.
   const auto sources = [&](bool demonstrated) {
     GuardSettings settings = model->settings();
     settings.demonstrated = demonstrated;

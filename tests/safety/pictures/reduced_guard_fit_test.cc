@@ -61,8 +61,8 @@ TEST(ReducedGuardFitTest, IsAMonitorIfNothingExplainsTheActions) {
   EXPECT_EQ(model->settings().strategy, Strategy::kMonitor);
 }
 
-// Actions are along and across the corridor. Pictures show little of the action across, whose mean
-// is zero.
+// Actions lead along and across the corridor. Pictures explain little of the entry across the
+// corridor, whose mean is zero.
 TEST(ReducedGuardFitTest, IsAMonitorIfPicturesDoNotExplainTheEntryThatVariesMost) {
   core::Random random(8);
   std::vector<core::Trajectory> demonstrations = PictureDemonstrations(1, 14);

@@ -152,7 +152,7 @@ TEST(ReducedGuardTest, APictureThatResemblesNoDemonstrationHaltsWithItsReason) {
   EXPECT_EQ(action, std::vector(2, 0.0));
   EXPECT_THAT(Explain(*model, verdict, strange, wish),
               HasSubstr("halted: the picture 'camera' resembles no demonstration: its difference "
-                        "from them is "));
+                        "from all of them is "));
   guard.Reset(2);
   action = wish;
   EXPECT_NE(guard.Filter(0, ordinary, action, action).cause, control::HaltCause::kStateInvalid);
@@ -236,7 +236,7 @@ TEST(ReducedGuardTest, AMonitorRaisesAnAlarmWhileAPictureIsFrozenAndTheRobotMove
   EXPECT_EQ(frozen.cause, control::HaltCause::kNone);
   EXPECT_EQ(monitor.FilterChunk(t + 1, state, move).cause, control::HaltCause::kNone);
   EXPECT_EQ(monitor.Filter(t + 1, StateAt(0.1, 0.0, random), move, action).frozen, -1);
-  // The monitor's actions were not applied.
+  // Applied() reports that the robot stays at rest.
   monitor.Reset(2);
   for (t = 0; t < 20; ++t) {
     EXPECT_EQ(monitor.Filter(t, state, move, action).frozen, -1);

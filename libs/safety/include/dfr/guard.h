@@ -63,9 +63,9 @@ int32_t dfr_guard_filter(dfr_guard* guard, int32_t t, const double* state, size_
                          dfr_guard_verdict* verdict);
 
 /* Writes g of `count` states, concatenated in `states` (count x state_dim), to `g`. t[i] >= 0 is
- * the time step of state i; those after the last demonstrated one use the last estimate. g is
- * -infinity for a state with a non-finite feature. Returns 0, or -1 if a pointer is NULL or a time
- * step is negative; dfr_guard_last_error() then names it. */
+ * the time step of state i; steps after the last demonstrated one use the last estimate. g is
+ * -infinity for a state with a non-finite feature. Returns 0, or -1 on failure, for example if a
+ * pointer is NULL or a time step is negative; see dfr_guard_last_error(). */
 int32_t dfr_guard_decision(const dfr_guard* guard, size_t count, const int32_t* t,
                            const double* states, double* g);
 

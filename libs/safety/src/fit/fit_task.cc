@@ -32,7 +32,7 @@ core::FeatureTransform Whitened(const core::FeatureSelection& selection,
   return core::FeatureTransform::Whitening(selection, states, options);
 }
 
-// Returns the number of folds: two demonstrations must remain for each fit.
+// Returns the number of folds. Each has at least two demonstrations if there are four or more.
 int NumFolds(std::size_t demonstrations, int most) {
   return std::min(most, std::max(2, static_cast<int>(demonstrations / 2)));
 }
@@ -46,9 +46,9 @@ class SupportFits {
     return Fit(points_, options);
   }
 
-  // Evaluates the demonstrations of each fold by a support fitted without them, in the given order.
-  // Returns nothing if `going_on` returns false. With three demonstrations one fold has no support.
-  // `without`, if given, receives the supports.
+  // Evaluates the demonstrations of each fold by a support fitted without them. The results keep
+  // the order of the demonstrations. Returns nothing if `going_on` returns false. With three
+  // demonstrations one fold has no support. `without`, if given, receives the supports.
   std::optional<HeldOut> LeaveOut(const core::Folds& folds,
                                   const kernel::WhitenedSupportOptions& options,
                                   const std::function<bool(double share)>& going_on,

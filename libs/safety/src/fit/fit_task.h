@@ -19,8 +19,8 @@
 #include "dfr/safety/action_space.h"
 #include "dfr/safety/task_model.h"
 
-/// Fits of task models and guards. They order and whiten the demonstrations once, and run one
-/// cross-validation of supports.
+/// Fits of task models and guards. They order and whiten the demonstrations once, and
+/// cross-validate supports.
 namespace dfr::safety::internal {
 
 /// Returns l of each state at the phase of control::PhaseTracker. If given, `steps` receives the

@@ -46,7 +46,7 @@ std::vector<std::string> Warnings(const GuardModel& model) {
         100.0 * std::max(0.0, summary.explained),
         model.task().response().prior()->options().measured_changes
             ? ""
-            : ", or reduce the noise of sensors, whose return hides the actions' effects",
+            : ", or reduce the noise of sensors, which hides the effects of actions",
         settings.demonstrated
             ? ""
             : " The guard does not apply actions of nearby demonstrations: it corrects the "
@@ -215,8 +215,8 @@ std::string DescribeDelay(const GuardModel& model,
   if (best == 1) return "";
   const int later = static_cast<int>(best) - 1;
   const std::string shares =
-      core::Format(" (to %.0f %%; the recorded one to %.0f %%)", 100.0 * explained[best][feature],
-                   100.0 * std::max(0.0, explained[1][feature]));
+      core::Format(" (%.0f %% explained; %.0f %% by the action of the same step)",
+                   100.0 * explained[best][feature], 100.0 * std::max(0.0, explained[1][feature]));
   if (later < 0) {
     return "the change of a state is explained by the action recorded one step later" + shares +
            ": actions and states are out of step, see guard check";

@@ -10,7 +10,7 @@
 
 namespace dfr::reduction {
 
-/// Directions in the scores of blocks, those most relevant to the demonstrated actions first.
+/// Directions in the space of each block's scores, most relevant to the demonstrated actions first.
 ///
 /// A smooth regression on all scores (Gaussian kernel, ridge) gives a gradient at each sample. The
 /// regression predicts the actions and, with a tenth of their weight, the progress: a guard follows
@@ -31,8 +31,8 @@ class ActionDirections {
                    std::span<const std::vector<int>> blocks);
 
   /// Returns weights that combine the scores of a block into `components` components, one per row.
-  /// These are the slow features, slowest first, of the subspace that the first `components`
-  /// directions span. Returns fewer rows if there are fewer directions.
+  /// The components are the slow features, slowest first, of the subspace that the first
+  /// `components` directions span. Returns fewer rows if there are fewer directions.
   [[nodiscard]] core::Matrix Weights(std::size_t block, int components) const;
 
  private:

@@ -77,7 +77,7 @@ class Novelty {
     double positions = 0.0;
   };
 
-  /// @param variance   of each window.
+  /// @param variance   variance of each window.
   /// @param middle     mean positions.
   /// @param whitening  map of positions to unit variance.
   Novelty(const core::PictureShape& shape, Eigen::VectorXd mean, Eigen::VectorXd variance,

@@ -7,7 +7,7 @@
 
 namespace dfr::reduction {
 
-/// Slow features of episodes: directions of rows x - mean that change little from step to step
+/// Slow features of episodes: directions along which rows x - mean change little from step to step,
 /// compared with their variance over all episodes.
 struct SlowFeatures {
   Eigen::VectorXd mean;  ///< d

@@ -150,7 +150,7 @@ class StateReduction {
     int first = 0;  ///< Position in the reduced state.
     Kind kind = Kind::kCopied;
     bool open = false;  ///< True if the list does not give the number of components.
-    // Stages in the order of their application. Without any, the entries are copied.
+    // Stages in the order of their application. Without any stage, the entries are copied.
     std::optional<ImageFeatures> picture = {};
     std::optional<FeaturePoints> points = {};
     std::optional<Reduction> reduction = {};

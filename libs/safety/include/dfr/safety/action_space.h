@@ -15,11 +15,11 @@ struct ActionEntry {
   double largest = 0.0;  ///< Largest demonstrated |u_i|.
   /// True if a guard may change the entry. An entry with few demonstrated values, such as a gripper
   /// that opens or closes, is steered only in two cases: the state moves in proportion to the
-  /// entry, as with an axis that moves at one speed or stands still, or no other entry moves the
-  /// state. Otherwise the policy's value passes, clamped to the limit.
+  /// entry, as with an axis that moves at one speed or stands still, or no entry would be steered.
+  /// Otherwise the policy's value passes, clamped to the limit.
   bool steered = true;
-  /// Size of an ordinary value: the root mean square of the demonstrated values times the square
-  /// root of the number of steered entries. An ordinary action then has |a| = 1 in any units.
+  /// Size of an ordinary value: the root mean square over demonstrated nonzero actions, times the
+  /// square root of the number of steered entries. An ordinary action has |a| = 1 in any units.
   double unit = 1.0;
 };
 

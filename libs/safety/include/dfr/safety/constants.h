@@ -32,9 +32,9 @@ inline constexpr double kActionReach = 1.5;
 inline constexpr double kLeastMoved = 0.01;
 inline constexpr double kProportional = 0.7;
 inline constexpr double kSameEffect = 2.0;
-/// Only unsteered entries of an action move a feature if two conditions hold. Unsteered entries
-/// explain more than kPassedExplain of the change that steered entries leave unexplained. Steered
-/// entries explain at most kSteeredExplain of the change in addition to unsteered entries.
+/// A feature counts as moved only by unsteered entries of an action if two conditions hold.
+/// Unsteered entries explain more than kPassedExplain of the change that steered entries leave
+/// unexplained. Adding steered entries to unsteered ones explains at most kSteeredExplain more.
 inline constexpr double kPassedExplain = 0.3;
 inline constexpr double kSteeredExplain = 0.2;
 /// Features moved only by unsteered entries of an action are the context of NominalControl(). A
@@ -89,8 +89,8 @@ inline constexpr double kLeastResponse = 0.5;
 /// change than the recorded action does. The difference must be at least this fraction of the part
 /// that the state does not determine.
 inline constexpr double kLagGain = 0.3;
-/// Maximum deviation from uniform motion of an entry that advances like a clock, as a fraction of
-/// its variance.
+/// Maximum squared deviation from uniform motion of an entry that advances like a clock, as a
+/// fraction of its variance.
 inline constexpr double kClockError = 1e-3;
 
 /// If an entry that has the value c in all demonstrations differs from c by more than this times

@@ -27,8 +27,8 @@ namespace dfr::safety {
 /// approximate, and on average over fits or for this fit.
 [[nodiscard]] std::string DescribeGuarantee(const GuardSummary& summary);
 
-/// Largest distance of a state without an alarm from all demonstrated states, in one block of the
-/// state and in its unit.
+/// Largest distance of a state without an alarm from the nearest demonstrated state, in one block
+/// of the state and in its unit.
 struct Clearance {
   std::string block;     ///< Name of the block.
   double largest = 0.0;  ///< For some demonstrated x^(i), |x_b - x_b^(i)| <= largest.
@@ -74,7 +74,8 @@ struct NearestDemonstration {
 };
 /// Searches time steps within three of `t`, or all of them if `t` is negative. `demonstrations` has
 /// one matrix of states per demonstration.
-/// @throws std::invalid_argument naming the demonstration or state that is not state_dim() wide.
+/// @throws std::invalid_argument if `state` or a demonstration is not state_dim() wide, or naming
+/// the demonstrated state that is not finite.
 [[nodiscard]] NearestDemonstration Nearest(const GuardModel& model, int t,
                                            std::span<const double> state,
                                            std::span<const core::Matrix> demonstrations);

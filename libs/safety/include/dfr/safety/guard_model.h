@@ -131,8 +131,8 @@ struct GuardOptions {
   /// Fraction of the demonstrations, in [0, .5], that is held out of the fit and determines the
   /// alarm level and the constants of certificates. 0: cross-validation.
   double hold_out = 0.0;
-  /// GuardSettings::direction_error as a multiple of the demonstrated error, > 0, because a policy
-  /// requests controls that differ from demonstrated controls.
+  /// GuardSettings::direction_error as a multiple of the demonstrated error, > 0. The error of a
+  /// policy's controls may be larger, because they differ from demonstrated controls.
   double error_factor = 2.0;
   /// Fits even if almost no state of left-out demonstrations is inside, or if a guard with
   /// components would stop the demonstrator. Such a guard halts almost every policy.
