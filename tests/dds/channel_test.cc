@@ -51,7 +51,7 @@ TEST(ParticipantTest, IsFoundAfterManyEarlierParticipantsOfItsProcess) {
   Eventually([&] { return publisher.num_subscribers() == 1; });
 }
 
-// Reports a participant before its publisher, both with a number, even after both have left.
+// The watcher reports a guest before the guest's publisher, both numbered, even after both left.
 TEST(ParticipantTest, ReportsParticipantsInOrder) {
   const Participant watcher({.domain = test::OwnDomain(), .name = "watcher"});
   const auto any = [](std::string_view topic) { return topic == "/arm/hold"; };

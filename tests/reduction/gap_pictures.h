@@ -16,7 +16,7 @@ struct GapPictures {
   static constexpr int kSide = 32;
   static constexpr Eigen::Index kPixels = kSide * kSide;
 
-  std::vector<core::Trajectory> truth;  ///< States [x, y, gap]; actions are the step.
+  std::vector<core::Trajectory> truth;  ///< States [x, y, gap]; actions are changes of [x, y].
   /// One picture per state, one demonstration after the other.
   std::vector<std::uint8_t> pixels;
 

@@ -37,8 +37,8 @@ TEST(SlowFeaturesTest, FindsTheSlowSourceOfAMixture) {
   Eigen::RowVector3d read = fit.directions.row(0) * mixing;
   read /= read.norm();
   EXPECT_NEAR(std::abs(read[0]), 1.0, 1e-3);
-  // Variance divided by variance of differences: 1 / 2 over 2 sin(0.01)^2 for a sine, 1 / 2 for
-  // noise.
+  // The slow sine has variance 1 / 2, and its differences have 2 sin(0.01)^2. The slowness of noise
+  // is 1 / 2.
   EXPECT_NEAR(fit.slowness[0], 0.25 / std::pow(std::sin(0.01), 2), 0.05 * fit.slowness[0]);
   EXPECT_NEAR(fit.slowness[1], 0.25 / std::pow(std::sin(0.45), 2), 0.05 * fit.slowness[1]);
   EXPECT_NEAR(fit.slowness[2], 0.5, 0.05);

@@ -90,7 +90,7 @@ bool EndsParticipant(std::uint8_t kind, std::uint8_t flags,
                      std::span<const std::uint8_t> content) noexcept {
   constexpr std::array<std::uint8_t, 4> kAnnouncer = {0, 1, 0, 0xc2};
   if (!std::equal(kAnnouncer.begin(), kAnnouncer.end(), content.begin() + 8)) return false;
-  // In fragments, this flag marks a key instead of data.
+  // Flag 4 marks data in a whole sample, but a key in a fragment.
   const bool has_data = (kind == kData) == ((flags & 4U) != 0);
   if (!has_data) return true;
   if ((flags & 2U) == 0) return false;

@@ -49,7 +49,7 @@ DFR_SERVICE(InverseKinematicsQuery, crtk_msgs, QueryInverseKinematics_Request_)
 DFR_SERVICE(InverseKinematicsAnswer, crtk_msgs, QueryInverseKinematics_Response_)
 #undef DFR_SERVICE
 
-/// Satisfied by T (a message that is written) and by const T (a message that is read).
+/// Satisfied by T (a message that FromWire() fills) and by const T (one that ToWire() reads).
 template <typename Message, typename T>
 concept Is = std::same_as<std::remove_const_t<Message>, T>;
 

@@ -62,8 +62,8 @@ ComponentsScore Score(int components, const std::vector<Sums>& each) {
     return score;
   }
   score.explained = 1.0 - all.missed / variance;
-  // Standard error of a ratio of sums over demonstrations, linearised: from the residuals of
-  // missed - share * variance.
+  // Linearised standard error of a ratio of sums over demonstrations, from the residuals
+  // missed - (1 - explained) * variance.
   double square = 0.0;
   const Eigen::VectorXd mean = all.v / all.guessed;
   for (const Sums& one : each) {

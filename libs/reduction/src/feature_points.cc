@@ -187,7 +187,7 @@ void FeaturePoints::Apply(std::span<const float> picture, Workspace& workspace,
   const Eigen::Map<const Eigen::VectorXf> in(picture.data(), std::ssize(picture));
   workspace.picture_ =
       (in.array() - static_cast<float>(kNormalMean)) / static_cast<float>(kNormalDeviation);
-  // exp() below could hide a NaN.
+  // The softmax could hide a NaN.
   if (!std::isfinite(workspace.picture_.squaredNorm())) return;
   const Eigen::Index line = Eigen::Index{side_} * shape_.channels;
   const Eigen::Index columns = this->columns();

@@ -77,7 +77,7 @@ void AddShift(const core::PictureShape& shape, const Eigen::VectorXd& mean,
   }
 }
 
-// Sums over pictures and over their positions.
+// Sums over pictures and over the positions of their patches.
 struct Moments {
   double rows = 0.0;
   Eigen::VectorXd sum;
@@ -195,7 +195,7 @@ Novelty Novelty::Fit(const RowSource& pictures, const core::PictureShape& shape,
     if (places == 0) return Novelty(shape, mean, of_windows, {}, {});
     const Eigen::VectorXd middle = all.positions / all.rows;
     Eigen::MatrixXd covariance = all.products / all.rows - middle * middle.transpose();
-    // Positions are in [0, 1]. Without variance, a change of kRidge has length 1.
+    // Positions are in [0, 1]. If they do not vary, a change by kRidge has length 1.
     covariance.diagonal().array() +=
         kRidge * std::max(kRidge, covariance.trace() / static_cast<double>(places));
     const core::SymmetricEigen eigen = core::DecomposeSymmetric(covariance);

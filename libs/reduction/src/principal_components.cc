@@ -22,15 +22,15 @@ constexpr Eigen::Index kJobRows = 64;
 constexpr Eigen::Index kJobColumns = 512;
 // An entry varies if its standard deviation exceeds this fraction of its mean.
 constexpr double kConstant = 1e-9;
-// A direction is noise if its standard deviation is below this fraction of the largest, which is
-// the rounding of products in float.
+// A direction is noise if its standard deviation is below this fraction of the largest: products in
+// float have such rounding errors.
 constexpr double kNoise = 1e-5;
 
 Eigen::Index BlockRows(const RowSource& source) {
   return std::clamp<Eigen::Index>(kBlockEntries / source.width(), 1, source.rows());
 }
 
-// Calls job(first, count) for the parts of [0, total).
+// Calls job(first, count) for consecutive parts of [0, total).
 void InParts(core::Workers& workers, Eigen::Index total, Eigen::Index part,
              const std::function<void(Eigen::Index, Eigen::Index)>& job) {
   workers.Run(static_cast<std::size_t>((total + part - 1) / part), [&](std::size_t i) {
@@ -209,7 +209,7 @@ PrincipalComponents FitPrincipalComponents(const RowSource& source,
   fit.components = core::Multiply(rotation.transpose(), basis.transpose());
   for (Eigen::Index i = 0; i < source.width(); ++i) {
     if (fit.scale[i] == 0.0)
-      fit.components.col(i).setZero();  // Only rounding remains of the random start.
+      fit.components.col(i).setZero();  // Removes the rounding errors of the random start.
   }
   for (Eigen::Index k = 0; k < kept; ++k) {
     Eigen::Index largest = 0;

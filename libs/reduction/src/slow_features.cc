@@ -10,7 +10,7 @@ namespace {
 
 // Fraction of the entries' mean variance that is added to the covariance of differences.
 constexpr double kLeastDifference = 1e-6;
-// A direction varies if its slowness exceeds this. White noise has 1/2.
+// A direction varies if its slowness exceeds this value. White noise has 1/2.
 constexpr double kLeastSlowness = 1e-6;
 
 }  // namespace

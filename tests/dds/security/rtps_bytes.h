@@ -46,7 +46,8 @@ struct Sample {
   bool announces = false;  // announces a participant
 };
 
-// Adds the sample as a submessage. With `to_end` it extends to the end and declares no length.
+// Adds the sample as a submessage. With `to_end`, the submessage declares no length and extends to
+// the end of the message.
 inline void Add(Bytes& bytes, const Sample& sample, bool to_end = false) {
   Bytes content = {0, 0};
   const std::uint32_t right = sample.fragments ? 28 : 16;

@@ -148,7 +148,7 @@ TEST(SecuredStopDatagramsTest, OnlyTheLabIsHeard) {
   EXPECT_EQ(Read(reader, unsigned_writer.Next(true, now_ns), now_ns), std::nullopt);
   EXPECT_EQ(Read(reader, foreign.Next(true, now_ns), now_ns), std::nullopt);
   const std::string good = writer.Next(false, now_ns);
-  // A later number, a press, another certificate, ..., with the old signature.
+  // Changes one bit and keeps the old signature: a later number, a press, another certificate, ...
   for (std::size_t at = 0; at < good.size(); at += at < 43 ? 1 : 29) {
     std::string changed = good;
     changed[at] = static_cast<char>(changed[at] ^ 1);

@@ -90,7 +90,7 @@ void ActionAnalysis::AddHistory(const Trajectory& episode) {
 Eigen::VectorXd ActionAnalysis::ExplainedBy(Eigen::Index k, Eigen::Index lag,
                                             bool difference) const {
   const Eigen::Index size = history_.size();
-  Eigen::MatrixXd select = Eigen::MatrixXd::Zero(size, m_);  // Entry k last.
+  Eigen::MatrixXd select = Eigen::MatrixXd::Zero(size, m_);  // One column per entry, entry k last.
   for (Eigen::Index i = 0; i < m_; ++i) {
     const Eigen::Index column = i == k ? m_ - 1 : i - (i > k ? 1 : 0);
     select(lag * m_ + i, column) = 1.0;

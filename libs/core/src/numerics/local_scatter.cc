@@ -55,7 +55,8 @@ Matrix Scatter(const Matrix& points, const Matrix& map, const LocalScatterOption
       others[static_cast<std::size_t>(j)] = {distance(other, i), static_cast<int>(other)};
     }
     std::nth_element(others.begin(), others.begin() + neighbours - 1, others.end());
-    // Ranks by the sum: the maximum would tie points that are each other's farthest neighbour.
+    // Ranks points by the sum of distances. The maximum would be equal for points that are each
+    // other's farthest neighbour.
     double sum = 0.0;
     std::vector<int>& chosen = nearest[static_cast<std::size_t>(i)];
     chosen.reserve(static_cast<std::size_t>(neighbours));

@@ -14,7 +14,7 @@ class StopListener;
 class StopSender;
 }  // namespace internal
 
-/// Default topic of the emergency stop (std_msgs/Bool: true while it is pressed).
+/// Default topic of the emergency stop (std_msgs/Bool: true while the button is pressed).
 inline constexpr const char* kEmergencyStopTopic = "/emergency_stop";
 
 /// Topic on which the line tracking program reports the state of its control loop
@@ -59,8 +59,8 @@ class EmergencyStopButton {
 
 /// State of an emergency stop, as known to its receiver.
 enum class EmergencyStop {
-  kClear,    ///< Messages arrive, and the button is not pressed.
-  kPressed,  ///< Pressed now, or since the last Acknowledge().
+  kClear,    ///< Messages arrive, and no button is pressed.
+  kPressed,  ///< A button is pressed, or was pressed after the last Acknowledge().
   kSilent,   ///< A known button is silent, or no button is known: nobody could stop the robot.
              ///< Also reported for more than eight buttons.
 };

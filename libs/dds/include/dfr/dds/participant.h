@@ -40,7 +40,7 @@ struct ParticipantOptions {
 /// A discovered participant that security excludes from communication. Its self-description is
 /// unverified.
 struct RefusedPeer {
-  std::string name;    ///< Its ParticipantOptions::name or ROS 2 enclave.
+  std::string name;    ///< ParticipantOptions::name or ROS 2 enclave of the participant.
   std::string guid;    ///< Identifier of the participant, as shown by discovery tools.
   std::string reason;  ///< Description: no certificate, a certificate of another authority, ...
 };

@@ -19,8 +19,8 @@ namespace dfr::reduction {
 ///   picture for a camera shift of one pixel,
 /// - Hotelling's T^2 of the positions of patches (FeaturePoints), if there are any, with kRidge of
 ///   the mean variance added to each variance.
-/// A limit is kMargin max(1, v). The maximum over an episode exceeds v in at most 5 % of the
-/// demonstrations, each measured with the mean and the variances of the other folds.
+/// A limit is kMargin max(1, v). The maximum of the statistic over an episode exceeds v in at most
+/// 5 % of the demonstrations, each measured with the mean and the variances of the other folds.
 ///
 /// Immutable. Concurrent calls with separate workspaces are safe.
 class Novelty {

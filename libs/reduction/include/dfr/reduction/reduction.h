@@ -31,8 +31,8 @@ class Reduction {
   ///   or an entry is not finite.
   Reduction(Eigen::VectorXd mean, Eigen::VectorXd scale, core::Matrix projection);
 
-  /// Projects onto the first `components` principal components.
-  /// @throws std::invalid_argument if there are fewer.
+  /// Returns the projection onto the first `components` principal components.
+  /// @throws std::invalid_argument if there are fewer components.
   static Reduction Principal(const PrincipalComponents& fit, int components);
 
   [[nodiscard]] int input_dim() const noexcept { return static_cast<int>(mean_.size()); }

@@ -20,7 +20,7 @@ class RowSource {
   /// Number of entries of a row.
   [[nodiscard]] virtual Eigen::Index width() const noexcept = 0;
   /// Copies rows first, ..., first + block.rows() - 1 to `block`, which has width() columns. A fit
-  /// calls it from one thread. A row must have the same values at each call. Exceptions pass
+  /// calls Read() from one thread. A row must have the same values at each call. Exceptions pass
   /// through the fit.
   virtual void Read(Eigen::Index first, Eigen::Ref<core::Matrix> block) const = 0;
 };

@@ -13,11 +13,11 @@ namespace dfr::core {
 /// An action entry that is a target position for one entry of the state.
 struct AbsoluteAction {
   int action = 0;  ///< Index of the action entry.
-  int state = 0;   ///< Index of the state entry that it is a target for.
+  int state = 0;   ///< Index of the state entry for which the action is a target.
   /// False if the action only repeats the state with which it was recorded.
   bool leads = true;
   double correlation = 0.0;  ///< Correlation with the state entry at the same or the next step.
-  double slope = 0.0;        ///< Slope of the action over that state entry; 1 for a target.
+  double slope = 0.0;        ///< Slope of the action over the same state entry; 1 for a target.
 };
 
 /// Distinguishes target positions from velocities and increments in a set of episodes.
@@ -93,8 +93,8 @@ class ActionAnalysis {
 void ToDifferences(std::span<const AbsoluteAction> absolute, Trajectory& episode);
 
 /// Returns one sentence for an error or a warning: "actions 0, 1 take the values of joint[0],
-/// joint[1] (correlation at least 0.998, slope 0.98): they are positions". Gives the slope that
-/// is furthest from 1.
+/// joint[1] (correlation at least 0.998, slope 0.98): they are positions". The sentence gives the
+/// slope that is furthest from 1.
 [[nodiscard]] std::string Describe(std::span<const AbsoluteAction> absolute,
                                    const StateLayout& layout);
 

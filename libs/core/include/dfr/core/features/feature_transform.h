@@ -15,8 +15,8 @@ struct WhiteningOptions {
   double ridge = 0.03;
   /// If false, each feature is only divided by its standard deviation.
   bool decorrelate = true;
-  /// If true, uses differences of states from their neighbours, which keeps several ways to do a
-  /// task apart. If false, uses differences from the mean.
+  /// If true, uses differences of states from their neighbours, which separates several ways to do
+  /// a task. If false, uses differences from the mean.
   bool local = true;
 };
 

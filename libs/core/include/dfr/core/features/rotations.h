@@ -68,7 +68,7 @@ class RotationFinder {
     bool whole = false;  // True if these are all entries of the block.
     bool flips = false;
     bool one_hot = true;
-    double error = 0.0;  // Largest error of the length.
+    double error = 0.0;  // Largest deviation of the length from 1.
     std::vector<Eigen::Vector4d> seen;
   };
   struct Three {
@@ -84,7 +84,7 @@ class RotationFinder {
     double low = 0.0;
     double high = 0.0;
     bool jumps = false;
-    // True if no two consecutive states are too far apart for an angle.
+    // True if consecutive states are always close enough for an angle.
     bool possible = true;
     std::uint64_t occupied[2] = {};  // One bit per 128th of the circle, 1 if occupied.
     // Range of the angles at which episodes begin, and sums of their cosines and sines.

@@ -12,7 +12,7 @@
 
 namespace dfr::core {
 
-/// Builder of an ONNX file (operator set 17, IR version 8), in double throughout. Values have
+/// Builder of an ONNX file (operator set 17, IR version 8) of double and int64 values. Values have
 /// names: calls that create a value return its name, and later calls take it. Several libraries
 /// append their parts to one file: see kernel/onnx_export.h and imitation/onnx_export.h.
 class OnnxGraph {

@@ -24,8 +24,8 @@ namespace dfr::core {
 [[nodiscard]] std::vector<std::size_t> DeterministicOrder(std::span<const Matrix> demonstrations,
                                                           std::uint64_t seed = 0);
 
-/// Returns the demonstrations in DeterministicOrder(). A fit to them is the same to the last bit
-/// for every input order.
+/// Returns the demonstrations in DeterministicOrder(). A fit to the result is the same to the last
+/// bit for every input order.
 [[nodiscard]] std::vector<Trajectory> InDeterministicOrder(
     std::span<const Trajectory> demonstrations, std::uint64_t seed = 0);
 

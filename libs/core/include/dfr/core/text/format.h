@@ -10,7 +10,7 @@ namespace dfr::core {
 /// Returns the output of printf() as a string of any length. The compiler checks the arguments.
 /// Allocates: not for the control loop.
 [[nodiscard, gnu::format(printf, 1, 2)]] std::string Format(const char* format, ...);
-/// Same as Format(), with the arguments of another function.
+/// Same as Format(), for arguments that another function received.
 [[nodiscard, gnu::format(printf, 1, 0)]] std::string FormatList(const char* format,
                                                                 std::va_list arguments);
 
