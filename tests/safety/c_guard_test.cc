@@ -102,7 +102,7 @@ TEST_F(CGuardTest, EveryInvalidCallHaltsWithZero) {
   expect_halt("control-invalid", 0, state_.data(), size, nullptr);
   dfr_guard_stop(guard_);
   expect_halt("stop-requested", 0, state_.data(), size, action_.data());
-  // An action of the wrong size: only the caller's number of entries is written.
+  // For an action of the wrong size, only that number of entries is written.
   safe_.assign(safe_.size(), 7.0);
   EXPECT_EQ(
       dfr_guard_filter(guard_, 0, state_.data(), size, action_.data(), 1, safe_.data(), &verdict_),

@@ -65,7 +65,7 @@ TEST(MethodTest, EveryListedNameIsValid) {
   }
   EXPECT_EQ(ParseMethod("oracle", kOthers).kind, Kind::kOther);
   EXPECT_THROW(static_cast<void>(ParseMethod("oracle")), std::invalid_argument);
-  // Three of Algorithm 1, dfr-fine, guard, controller and two others.
+  // Three names of Algorithm 1, dfr-fine, guard, controller and two others.
   EXPECT_EQ(count, 8 + static_cast<int>(control::GuidedPartNames().size()));
 }
 

@@ -45,7 +45,7 @@ TaskOptions Options(bool published) {
   TaskOptions options;
   options.guided_features = "tip";
   if (published) {
-    // Published features that differ from guided recovery's, to distinguish the two.
+    // Published features that differ from guided recovery's features, to distinguish the two.
     options.published_features = "tip[1:2]";
     options.published.emplace().svm.gamma = 5.0;
   }

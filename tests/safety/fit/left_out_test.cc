@@ -169,7 +169,7 @@ TEST(LeftOutTest, AFeatureThatOnlyUnsteeredEntriesMoveIsOmittedAndNamed) {
   const auto returning = GuardModel::Fit(layout, Gripping(20, true));
   EXPECT_EQ(returning->task().features().selection().indices(), (std::vector{0, 1}));
   EXPECT_NE(model->context(), nullptr);
-  // A steered entry of an action moves its feature.
+  // With many different values, the gripper's entry is steered, and its feature stays.
   for (core::Trajectory& d : demonstrations) {
     core::Random random(static_cast<std::uint64_t>(d.states.sum() * 1e6));
     for (double& grip : d.controls.col(2)) grip *= random.Uniform(0.9, 1.0);

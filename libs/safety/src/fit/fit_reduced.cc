@@ -55,7 +55,7 @@ std::vector<core::Trajectory> Scores(const StateReduction& all,
   return scores;
 }
 
-// Components among which the fit chooses: the first, or directions that actions depend on.
+// Components among which the fit chooses: either the first, or directions that actions depend on.
 struct Pool {
   StateReduction reduction;
   bool by_actions = false;
@@ -71,7 +71,7 @@ void Judge(std::span<const core::Trajectory> demonstrations, const GuardOptions&
   reduction::ChooseComponentsOptions choose;
   choose.folds = options.folds;
   choose.support = options.support;
-  choose.least_inside = 0.0;  // Checked below, with the support of each number.
+  choose.least_inside = 0.0;  // Suffices() checks the guard with each number of components.
   choose.scores_each = all.num_open();
   choose.beside = all.WithComponents(1).reduced_dim() - all.num_open();
   if (pool.by_actions) choose.by_actions = all.PositionsInOrder();
@@ -185,7 +185,7 @@ std::shared_ptr<GuardModel> GuardModel::FitReduced(const core::StateLayout& layo
         std::make_shared<const StateReduction>(open ? Components::Reduction(candidates[i]) : all);
     GuardOptions own = options;
     own.features = reduction->features();
-    own.accept_any = true;  // Checked below, by Suffices().
+    own.accept_any = true;  // Suffices() checks the result.
     const int features =
         core::FeatureSelection(reduction->reduced_layout(), own.features).num_features();
     own.support.svm.gamma *= std::min(1.0, fit::kFeaturesOfGamma / features);

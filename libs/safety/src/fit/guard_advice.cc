@@ -363,7 +363,7 @@ std::vector<Clearance> Clearances(const GuardModel& model) {
   lengths.resize(clearances.size());
   for (int t = 0; t < support.num_steps(); ++t) {
     const double radius = kernel::CoverRadius(support.estimate(t), level);
-    // y = M x: |y - y_i| <= radius bounds a block of x - x_i by its rows of the inverse of M.
+    // y = M x. With |y - y_i| <= radius, the inverse of M bounds each block of x - x_i by its rows.
     const Eigen::MatrixXd map = support.map(t) * features.scale();
     const Eigen::MatrixXd inverse = core::PseudoInverse(map);
     for (std::size_t b = 0; b < clearances.size(); ++b) {

@@ -8,8 +8,8 @@ namespace dfr::safety::internal {
 
 /// Scores of a guard for actions of held-out demonstrations.
 struct Replay {
-  double changed = 0.0;       ///< Fraction that strategy kGuard would change.
-  double ends_outside = 0.0;  ///< Fraction whose predicted next state is outside.
+  double changed = 0.0;       ///< Fraction of actions that strategy kGuard would change.
+  double ends_outside = 0.0;  ///< Fraction of actions whose predicted next state is outside.
   /// Fraction of the variance of actions that LocalFit::NominalControl() explains; negative
   /// if the mean action predicts better.
   double explained = 1.0;

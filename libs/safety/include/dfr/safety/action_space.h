@@ -47,7 +47,7 @@ class ActionSpace {
   [[nodiscard]] std::vector<core::Trajectory> Measured(
       std::span<const core::Trajectory> demonstrations) const;
 
-  /// Computes `a` from `u`. This function and all below neither allocate nor throw.
+  /// Computes `a` from `u`. All following functions of the class, too, neither allocate nor throw.
   void Measure(std::span<const double> u, std::span<double> a) const noexcept;
   /// Writes the steered entries of `u` from `a`.
   void Restore(std::span<const double> a, std::span<double> u) const noexcept;

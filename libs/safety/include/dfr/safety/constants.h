@@ -38,7 +38,8 @@ inline constexpr double kSameEffect = 2.0;
 inline constexpr double kPassedExplain = 0.3;
 inline constexpr double kSteeredExplain = 0.2;
 /// Features moved only by unsteered entries of an action are the context of NominalControl(). A
-/// difference of this fraction of their demonstrated range reduces a weight to exp(-1).
+/// difference of this fraction of a demonstrated range multiplies the weight of a demonstrated
+/// transition by exp(-1).
 inline constexpr double kContextUnit = 0.25;
 
 /// Choice of features: fraction of the variance that may remain unexplained by the chosen entries.
@@ -93,8 +94,8 @@ inline constexpr double kLagGain = 0.3;
 /// fraction of its variance.
 inline constexpr double kClockError = 1e-3;
 
-/// If an entry that has the value c in all demonstrations differs from c by more than this times
-/// max(1, |c|), the state belongs to another task.
+/// If an entry that has the value c in all demonstrations differs from c by more than
+/// kConstantTolerance max(1, |c|), the state belongs to another task.
 inline constexpr double kConstantTolerance = 1e-3;
 
 /// A sensor is frozen if its entries are the same to the bit for more than kStandstillFactor times

@@ -29,10 +29,10 @@ enum class Source {
 struct Verdict {
   Source source = Source::kHalt;
   /// kPolicy: the policy's action, possibly changed. kProbe, kRecovery: an action of the guard,
-  /// because the policy's would leave the support. kHalt: zero until Reset().
+  /// because the policy's action would leave the support. kHalt: zero until Reset().
   control::Mode mode = control::Mode::kHalt;
   control::HaltCause cause = control::HaltCause::kNone;  ///< Reason for a halt; otherwise kNone.
-  /// True if the action differs from the policy's.
+  /// True if the guard's action differs from the policy's action.
   bool changed = false;
   /// Euclidean norm of the difference from the policy's action, over steered entries in units in
   /// which an ordinary demonstrated action has length 1 (ActionSpace). NaN if one of the two
@@ -132,14 +132,14 @@ class Guard {
 
   /// Reports that `action` (action_dim() entries) was applied instead of the result of the last
   /// Filter(), for example by a robot with other limits. If the caller reports the policy's action
-  /// after each Filter(), the guard runs in shadow: it judges every action and changes none. Call
-  /// it before the next Filter(); the last report counts. Has no effect on a halted guard.
+  /// after each Filter(), the guard runs in shadow: it judges every action and changes none. Report
+  /// before the next Filter(); the last report counts. Has no effect on a halted guard.
   ///
   /// The guard halts if it cannot continue after `action`. kControlInvalid: a wrong number of
   /// entries, a non-finite entry or, unless the guard only monitors, a steered entry beyond both
   /// its limit and five times its largest demonstrated value. kStepSkipped: before the first
-  /// Filter(), and for an action other than Filter()'s under kDfr, kEarlyStopping, kCertified and a
-  /// recovery of the caller.
+  /// Filter(), and for an action other than the result of Filter() under kDfr, kEarlyStopping,
+  /// kCertified and a recovery of the caller.
   void Applied(std::span<const double> action) noexcept;
 
   /// Counts the leading actions of a chunk, concatenated in `actions`, that may be played from

@@ -81,10 +81,10 @@ struct NearestDemonstration {
                                            std::span<const core::Matrix> demonstrations);
 
 /// Explains a decision of a guard in one sentence: the entries of the state or of the predicted
-/// next state that are outside, by how much, and the time step. `state` and `action` are those
-/// given to Guard::Filter(). Predicts the next state from demonstrations alone. Returns "" for a
-/// policy's action that passed. Not for a control loop: it allocates and takes the time of about
-/// 100 decisions.
+/// next state that are outside, by how much, and the time step. `state` and `action` are the
+/// arguments of Guard::Filter(). Predicts the next state from demonstrations alone. Returns "" for
+/// a policy's action that passed. Not for a control loop: allocates and takes the time of about 100
+/// decisions.
 [[nodiscard]] std::string Explain(const GuardModel& model, const Verdict& verdict,
                                   std::span<const double> state, std::span<const double> action);
 

@@ -146,12 +146,12 @@ struct GuardOptions {
 /// Result of GuardModel::Certify(). Lengths are in whitened features.
 struct Certification {
   bool passes = false;  ///< True if the action provably raises no alarm in the next state.
-  int step = 0;         ///< Time step of the demonstrations for that state, within three of `t`.
+  int step = 0;         ///< Time step of the demonstrations for the next state, within 3 of `t`.
   /// Predicted l minus the required l; negative if the action does not pass.
   double margin = 0.0;
   /// Changes of the features by at most this amount end inside. Negative if the state is outside.
   double radius = 0.0;
-  /// Radius of the ball around features + shift inside the support, radius = ball_radius - |shift|.
+  /// Radius of a ball in the support with centre features + shift: ball_radius = radius + |shift|.
   double ball_radius = 0.0;
   Eigen::VectorXd shift = {};
   Eigen::VectorXd effect = {};  ///< J u, the predicted change of the features.
@@ -275,7 +275,7 @@ class GuardModel {
 
  private:
   GuardModel() = default;
-  /// @param may_narrow  gamma may be doubled if that reduces the volume of the support.
+  /// @param may_narrow  allows doubling gamma to cover more left-out states per volume.
   static std::shared_ptr<GuardModel> FitStates(const core::StateLayout& layout,
                                                std::span<const core::Trajectory> demonstrations,
                                                const GuardOptions& options, bool may_narrow);
