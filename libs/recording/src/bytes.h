@@ -12,7 +12,7 @@ namespace dfr::recording::internal {
 
 static_assert(std::endian::native == std::endian::little, "files are little-endian");
 
-/// Appends numbers and texts in MCAP's encoding: little-endian, without padding.
+/// Appends numbers and strings in MCAP's encoding: little-endian, without padding.
 class ByteWriter {
  public:
   explicit ByteWriter(std::string& out) : out_(out) {}
@@ -25,7 +25,7 @@ class ByteWriter {
     out_.append(bytes, sizeof value);
   }
   void Bytes(std::string_view bytes) { out_.append(bytes); }
-  /// Appends a text, prefixed with its size.
+  /// Appends a string, prefixed with its size.
   void Text(std::string_view text) {
     Number(static_cast<std::uint32_t>(text.size()));
     Bytes(text);

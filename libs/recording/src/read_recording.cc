@@ -163,7 +163,7 @@ class Reader {
     if (!head_) file_.Damaged(at, what);
     Suffered(at, what);
     constexpr std::uint64_t kHead = kRecordHead + 40;  // size of a chunk's head, before its records
-    // Starts small and doubles: frequent damage must not cost a mebibyte each time.
+    // The window starts small and doubles: frequent damage must not cost reads of a mebibyte each.
     std::uint64_t window_size = 256;
     for (std::uint64_t base = at + 1; base + kHead <= file_.size(); base += window_size - kHead) {
       window_size = std::min<std::uint64_t>(2 * window_size, 1 << 20);
@@ -373,7 +373,7 @@ class Reader {
     last = sequence;
   }
 
-  // Verifies the checksum of the summary. The summary repeats the file's content.
+  // Verifies the checksum of the summary and ignores its content, which repeats the file's.
   void Summary() {
     constexpr std::uint64_t kFooter = kRecordHead + 20;
     if (!complete_) return;

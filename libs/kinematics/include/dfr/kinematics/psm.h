@@ -13,7 +13,7 @@ using PsmJoints = Eigen::Matrix<double, 6, 1>;
 enum class PsmReach {
   kOk,
   kInvalid,     ///< A non-finite entry.
-  kSingular,    ///< At the remote centre of motion, or on the axis of the wrist.
+  kSingular,    ///< The wrist-yaw axis passes through the remote centre, or the wrist is there.
   kJointLimit,  ///< The pose requires a joint value beyond its limit.
 };
 
@@ -25,7 +25,7 @@ enum class PsmGeneration { kClassic, kSi };
 
 /// Kinematics of the da Vinci Classic PSM with a Large Needle Driver (400006), in metres and
 /// radians, by modified Denavit-Hartenberg parameters. An Si PSM with its Large Needle Driver
-/// (420006) has the same kinematics: its longer shaft starts farther back by the difference.
+/// (420006) has the same kinematics: its longer shaft starts correspondingly farther back.
 ///
 /// The origin of the base frame is the remote centre of motion, which no joint moves: the shaft's
 /// axis passes through it in every configuration. The pose belongs to the wrist-yaw axis in the

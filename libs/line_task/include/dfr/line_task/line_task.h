@@ -43,7 +43,7 @@ struct LineCalibration {
 ///
 ///   tip(2)       position of the tool's tip in the world frame, x and y
 ///   distance(1)  from the line to the tip in the gauze's plane, positive to the left (+y)
-///   heading(1)   direction of the line next to the tip: 10 mm times its angle to the x-axis, rad
+///   heading(1)   direction of the line next to the tip: 10 mm times its angle to the x-axis in rad
 /// All entries are NaN if the image does not show both line and tip. Every controller then halts.
 ///
 /// Control (2): displacement of the tool in x and y, in units of kStep. The tool keeps the height

@@ -84,8 +84,8 @@ class Recorder {
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
 
-  /// These members do not allocate, lock, wait or make system calls. They return false if the data
-  /// were dropped.
+  /// The next four members do not allocate, lock, wait or make system calls. They return false if
+  /// the data were dropped.
   bool Record(const StepRecord& step) noexcept;
   bool Transition(const TransitionRecord& transition) noexcept;
   bool Arm(const ArmRecord& arm) noexcept;

@@ -18,12 +18,12 @@ template <std::size_t N>
 class Text {
  public:
   Text() noexcept = default;
-  Text(std::string_view text) noexcept  // NOLINT(google-explicit-constructor): is a text
+  Text(std::string_view text) noexcept  // NOLINT(google-explicit-constructor): a string
       : size_(std::min(text.size(), N)) {
     std::copy_n(text.data(), size_,
                 bytes_.data());  // unlike memcpy(), accepts a null pointer for size 0
   }
-  Text(const char* text) noexcept  // NOLINT(google-explicit-constructor): is a text
+  Text(const char* text) noexcept  // NOLINT(google-explicit-constructor): a string
       : Text(std::string_view(text)) {}
 
   [[nodiscard]] std::string_view view() const noexcept { return {bytes_.data(), size_}; }

@@ -20,13 +20,13 @@ namespace dfr::robot {
 struct ControlLoopOptions {
   double period_s = 0.005;       ///< > 0
   double max_period_s = 0.05;    ///< Maximum period, in (0, 10]; a longer period is kOverrun.
-  double settle_time_s = 0.2;    ///< Time required without a reason to hold to start, in [0, 60].
+  double settle_time_s = 0.2;    ///< Time without a reason to hold before Start(), in [0, 60].
   double image_latency_s = 0.0;  ///< Maximum delay of a stamp after the exposure, >= 0.
   double image_timeout_s = 2.0;  ///< Maximum wait for the camera; a longer wait is kImageSilent.
   int max_images = 3;            ///< Maximum number of pictures tried until one shows the state.
-  /// Maximum time since the camera's thread last checked; a longer time is kImageSilent.
+  /// Maximum time since the last check by the camera's thread; a longer time is kImageSilent.
   double max_camera_check_s = 0.25;
-  /// Maximum time since the emergency stop's thread last checked; a longer time is
+  /// Maximum time since the last check by the emergency stop's thread; a longer time is
   /// kEmergencyStopSilent.
   double max_stop_check_s = 0.1;
   /// Maximum distance between the state after a motion and the state that the motion should reach,
@@ -40,7 +40,7 @@ struct ControlLoopOptions {
   double drift_noise = 0.3;
   double drift_share = 0.5;
   double drift_stretch = 10.0;  ///< Maximum length of a sum of motions that is compared, > 0.
-  /// Maximum change, during one motion, of an entry that Motion::change does not predict, in
+  /// Maximum change, during one motion, of a state entry that Motion::change does not predict, in
   /// addition to the motion's length. A larger change means that the target moves faster than a
   /// controller can follow.
   double max_target_jump = 1.5;
@@ -61,8 +61,8 @@ struct Devices {
 
 /// Control loop of a robot: executes controls one by one with an arm and observes each resulting
 /// state with a camera. The loop runs while Apply(), Look() and Idle() wait, and checks every
-/// reason to hold in every period. runtime::FailSafe decides: for any reason the arm holds in the
-/// same period, and Apply() returns kFault until the next Start().
+/// reason to hold in every period. runtime::FailSafe decides: any reason to hold stops the arm in
+/// the same period, and Apply() returns kFault until the next Start().
 ///
 /// No member allocates, locks or throws, except the constructor, AwaitReady(), AwaitHomeable() and
 /// members that return a std::string. One object belongs to one thread.

@@ -24,7 +24,7 @@ struct Finding {
 /// Result and time of the last check by a device's thread.
 struct ThreadHealth {
   Finding finding;
-  std::int64_t checked_ns = 0;  ///< By Clock::MachineNs(). A time too old means a hanging thread.
+  std::int64_t checked_ns = 0;  ///< By Clock::MachineNs(). If it is old, the thread hangs.
 };
 
 /// Clock of a control loop. In real time it advances independently; in lock-step with a simulator

@@ -30,7 +30,7 @@ class OperatorPrompt {
   [[nodiscard]] bool Confirms(ControlLoop& loop, std::string_view question, std::string_view word);
   /// Asks the operator to do `task`, for example "Put the tip over the line's beginning", and
   /// returns true if the next episode may begin. After a regular end Enter suffices. After any
-  /// other reason to hold the operator types `start`, and after a fault `clear` before it.
+  /// other reason to hold, the operator must type `start`. A fault first requires `clear`.
   [[nodiscard]] bool AllowsEpisode(ControlLoop& loop, const std::string& task);
 
  private:

@@ -12,8 +12,8 @@ enum class RunState {
   kArmed,       ///< No fault; an operator has permitted motion.
   kRunning,     ///< The learned policy drives the robot.
   kRecovering,  ///< A recovery drives the robot.
-  kHolding,     ///< Stands still: the episode ended for the logged cause.
-  kFaulted,     ///< Stands still: a device or the program is unreliable.
+  kHolding,     ///< The robot stands still: the episode ended for the logged cause.
+  kFaulted,     ///< The robot stands still: a device or the program is unreliable.
 };
 inline constexpr int kNumRunStates = static_cast<int>(RunState::kFaulted) + 1;
 
@@ -30,12 +30,12 @@ enum class HoldReason {
   kStateJump,            ///< The change of the state is too large for one control.
   kControlInvalid,       ///< The control has a non-finite entry.
   kCommandRefused,       ///< The command exceeds a limit of speed, workspace or joints.
-  kEmergencyStop,        ///< The button was pressed.
-  kEmergencyStopSilent,  ///< No message from the button, so it could not stop the robot.
+  kEmergencyStop,        ///< The emergency stop button was pressed.
+  kEmergencyStopSilent,  ///< No message arrives from the button: it could not stop the robot.
   kArmSilent,            ///< No measured state arrives.
-  kArmInvalid,           ///< Measured state is not finite, or marked invalid by the console.
-  kArmOld,               ///< Measured state is too old.
-  kArmJump,              ///< Measured state changed faster than the arm can move.
+  kArmInvalid,           ///< The measured state is not finite, or the console marks it invalid.
+  kArmOld,               ///< The measured state is too old.
+  kArmJump,              ///< The measured state changed faster than the arm can move.
   kArmNotReady,          ///< The operating state is not ENABLED and homed, or the arm has failed.
   kArmNotFollowing,      ///< The arm does not follow its set-points.
   kSecondCommander,      ///< Another program commands the arm.
@@ -59,15 +59,14 @@ struct Transition {
   std::int64_t steady_ns = 0;
   RunState from = RunState::kIdle;
   RunState to = RunState::kIdle;
-  HoldReason reason =
-      HoldReason::kNone;  ///< kNone for changes without a fault: arming, starting, completing.
-  std::array<char, 96> detail{};  ///< Description; truncated if necessary, zero-terminated.
+  HoldReason reason = HoldReason::kNone;  ///< kNone unless a reason to hold caused the change.
+  std::array<char, 96> detail{};          ///< Description; truncated if necessary, zero-terminated.
 };
 
 /// Options for FailSafe.
 struct FailSafeOptions {
-  double max_period_s = 0.05;  ///< Maximum time between two calls of Tick(), > 0.
-  /// Minimum time without a reason to hold before arming, s, >= 0.
+  double max_period_s = 0.05;  ///< Maximum time between two calls of Tick(), in (0, 10].
+  /// Minimum time without a reason to hold before arming, in [0, 60].
   double settle_time_s = 0.3;
 };
 
@@ -108,8 +107,8 @@ class FailSafe {
   [[nodiscard]] bool may_move() const noexcept {
     return state_ == RunState::kRunning || state_ == RunState::kRecovering;
   }
-  /// Returns the last reason to hold if it is at most settle_time_s old, or kNone if nothing
-  /// prevents arming.
+  /// Returns the last reason to hold if it is at most settle_time_s old, otherwise kNone. Arm()
+  /// fails unless it is kNone.
   [[nodiscard]] HoldReason blocking() const noexcept;
   /// Returns the detail of blocking(). Valid until the next Hold().
   [[nodiscard]] std::string_view blocking_detail() const noexcept;

@@ -11,8 +11,8 @@ namespace dfr::runtime {
 /// Put() never blocks the writer, and Take() returns complete values only. If several values are
 /// put between two calls of Take(), only the newest is kept.
 ///
-/// One thread calls Put() and another calls Take(). Neither call locks. Neither allocates or throws
-/// unless copying a T does.
+/// One thread calls Put() and another calls Take(). Neither call locks. Neither allocates unless
+/// copying a T does.
 template <typename T>
 class Latest {
   static_assert(std::is_copy_assignable_v<T>);

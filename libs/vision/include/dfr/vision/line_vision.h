@@ -79,14 +79,14 @@ struct LineObservation {
 /// Blue marks on the gauze's frame give the gauze's plane, which keeps distances metric when the
 /// platform moves. The line is a robust quadratic fit through the centres of the red run in every
 /// image column. It must run along the image's width, within 45 degrees. The tip is the green ball
-/// at the tool's end. One camera does not measure its distance; the caller provides a plane that
-/// contains the tip, from the arm's kinematics.
+/// at the tool's end. One camera cannot measure the tip's distance; the caller provides a plane
+/// that contains the tip, from the arm's kinematics.
 ///
 /// Observe() never throws, and reports missing objects as NotSeen. OpenCV may allocate internally.
 /// One object belongs to one thread.
 class LineVision {
  public:
-  /// @throws std::invalid_argument naming the invalid part of the camera or the target.
+  /// @throws std::invalid_argument naming the invalid part of the camera or the options.
   LineVision(const CameraModel& camera, const LineVisionOptions& options);
   ~LineVision();
   LineVision(LineVision&&) noexcept;
