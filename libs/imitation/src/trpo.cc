@@ -43,7 +43,7 @@ core::FeatureSelection Select(const core::StateLayout& layout, const std::string
 struct Moments {
   double count = 0.0;
   Eigen::RowVectorXd mean;
-  Eigen::RowVectorXd squares;  // summed deviations from the mean
+  Eigen::RowVectorXd squares;  // sums of squared deviations from the mean
 
   explicit Moments(int dim)
       : mean(Eigen::RowVectorXd::Zero(dim)), squares(Eigen::RowVectorXd::Zero(dim)) {}

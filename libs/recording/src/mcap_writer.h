@@ -35,7 +35,7 @@ class McapWriter {
   [[nodiscard]] std::size_t chunk_bytes() const noexcept { return chunk_.size(); }
   /// Writes the chunk unless it is empty. Returns false if writing failed.
   bool Flush();
-  /// Writes the rest and closes the file. Returns false if any write failed.
+  /// Writes the last chunk and the summary, and closes the file. Returns false if any write failed.
   bool Finish();
 
   /// Returns the system's error; empty if there was none.

@@ -24,7 +24,7 @@ using internal::kMagic;
 using internal::kRecordHead;
 using internal::Op;
 
-// Reads a file sequentially, with a checksum of all bytes read.
+// Reads a file sequentially, with a checksum of the bytes that Take() returns.
 class File {
  public:
   explicit File(const std::filesystem::path& path) : name_(path.string()) {

@@ -141,7 +141,7 @@ class TrueJacobianFilter final : public Stepwise {
     return level < -slack_ ? control::HaltCause::kOutsideSupport : control::HaltCause::kNone;
   }
 
-  // Computes the features of the state after `u`. Returns false if the plant rejects it.
+  // Computes the features of the state after `u`. Returns false if the plant rejects `u`.
   bool Try(std::span<const double> u, Eigen::VectorXd& z) noexcept {
     copy_->CopyStateFrom(*plant_);
     if (copy_->Apply(u) != core::PlantStatus::kOk) return false;
@@ -170,8 +170,8 @@ class TrueJacobianFilter final : public Stepwise {
     return true;
   }
 
-  // Takes the step that is optimal for the curvature bound, as in control::AscendSupport(), at most
-  // to l = 0 in the linear model. Returns false if l does not rise on the plant.
+  // Takes the step that is optimal for the curvature bound, as in control::AscendSupport(), but not
+  // beyond l = 0 in the linear model. Returns false if l does not rise on the plant.
   bool Raise(int t, std::span<double> u, double& level) noexcept {
     direction_.noalias() = jacobian_.transpose() * gradient_;
     const double square = direction_.squaredNorm();

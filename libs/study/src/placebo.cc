@@ -59,7 +59,7 @@ void Placebo::DoReset(std::uint64_t seed) noexcept {
 
 control::Step Placebo::DoNext(std::span<const double> x, std::span<double> u) noexcept {
   control::Step step = alone_->Next(x, u);
-  // A number is drawn for every control, which makes the times independent of the policy.
+  // Draws for every control, which makes the times of interruptions independent of the policy.
   const bool fires = random_.Uniform() < rate_;
   if (step.mode == control::Mode::kHalt || !fires) return step;
   if (nominal_ == nullptr) return Halted(step, control::HaltCause::kStopRequested);

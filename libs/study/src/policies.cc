@@ -107,7 +107,7 @@ class Adversary final : public LikeAnother {
   static constexpr int kDirections = 12;
   static constexpr int kHorizon = 12;
 
-  // Returns the number of times control_ can be repeated before a collision; infinite if many.
+  // Returns the number of steps before a collision; infinity without a collision in kHorizon steps.
   double StepsToCollision() const noexcept {
     copy_->CopyStateFrom(*plant_);
     for (int i = 0; i < kHorizon; ++i) {

@@ -18,7 +18,7 @@ struct Blob {
 /// Regions of a picture that have one colour. Allocates for the first picture.
 struct ColourBlobs {
   std::array<cv::Mat, 3> channels;  ///< blue, green, red
-  cv::Mat other;                    ///< maximum of the two other channels
+  cv::Mat other;                    ///< scratch of Excess(): maximum of the two other channels
   cv::Mat excess;                   ///< excess of one channel over both others, 0 where negative
   cv::Mat mask;
   cv::Mat labels;

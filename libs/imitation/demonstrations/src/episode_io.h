@@ -74,7 +74,7 @@ class EpisodeReader : public DemonstrationReader {
   /// @param group  group with the episodes, "" for the root.
   /// @param prefix  text before the number in an episode's name; members with other names are
   ///   rejected.
-  /// @param states  the part of an episode with its states: "obs".
+  /// @param states  dataset or group with the states of an episode, for example "obs".
   /// @param last  the attribute that writers set last. A final episode without this attribute is
   ///   incomplete: it is dropped, and note() reports it.
   void FindEpisodes(const std::string& group, std::string_view prefix, const char* states,
@@ -97,7 +97,7 @@ class EpisodeReader : public DemonstrationReader {
   std::string environment_;
 
  private:
-  /// States, controls and outcome.
+  /// Reads states, controls and outcome.
   [[nodiscard]] virtual core::Trajectory ReadEpisode(const std::string& episode) const = 0;
 
   [[nodiscard]] std::vector<std::string> ListEpisodes(const std::string& group,

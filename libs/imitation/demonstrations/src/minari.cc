@@ -40,7 +40,7 @@ bool IsEnvironmentId(const std::string& id) {
   return std::regex_match(id, pattern);
 }
 
-// Returns a JSON text of Gymnasium's EnvSpec, which requires additional_wrappers.
+// Returns Gymnasium's EnvSpec as JSON. Gymnasium requires the key additional_wrappers.
 std::string EnvironmentSpec(const std::string& id) {
   return json({{"id", id},
                {"entry_point", nullptr},

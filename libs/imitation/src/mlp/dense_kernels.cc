@@ -18,7 +18,7 @@ namespace hn = hwy::HWY_NAMESPACE;
 using Tag = hn::ScalableTag<double>;
 using Vector = hn::Vec<Tag>;
 
-// A tile of kTileRows x kTileVectors accumulators, kTileVectors entries of B and one of A fill the
+// A tile of kTileRows x kTileVectors accumulators, kTileVectors vectors of B and one of A fill the
 // register file: 29 of 32 registers with AVX-512, 15 of 16 otherwise.
 constexpr int kTileRows = 6;
 #if HWY_TARGET == HWY_AVX3 || HWY_TARGET == HWY_AVX3_DL
@@ -130,7 +130,7 @@ HWY_INLINE Vector TanhOf(Vector x) {
   const Vector clamped = hn::IfThenElse(hn::Gt(magnitude, limit), limit, magnitude);  // NaN stays
   const Vector y = hn::Add(clamped, clamped);
 
-  // Adding 1.5 2^52 rounds to an integer, which is then in the lowest bits.
+  // Adding 1.5 * 2^52 rounds to an integer, which is then in the lowest bits.
   const Vector shift = hn::Set(d, 0x1.8p52);
   const Vector shifted = hn::MulAdd(y, hn::Set(d, 1.4426950408889634), shift);
   const Vector n = hn::Sub(shifted, shift);

@@ -4,8 +4,8 @@
 
 namespace dfr::imitation::internal {
 
-/// C = start + A B for A (m x k), B (k x n), C (m x n). Rows of B and C are contiguous. A has any
-/// strides: a transposed or constant A (both strides 0) costs nothing extra.
+/// C = start + A B for A (m x k), B (k x n), C (m x n). Rows of B and C are contiguous. A can have
+/// any strides: a transposed or constant A (both strides 0) costs nothing extra.
 ///
 /// Each entry of C is summed over k in order, from the start value, for any m, n and position in C.
 /// A row of a batch is bit-identical to the result of that row alone.
@@ -24,7 +24,7 @@ struct Product {
   bool accumulate = false;       ///< Start from the current entries of C, not from `bias`.
 };
 
-// These functions use the widest instruction set of the machine and one thread. They never
+// The functions below use the widest instruction set of the machine and one thread. They never
 // allocate.
 void Multiply(const Product& product) noexcept;
 /// values = tanh(values), within 4 units in the last place; NaN stays NaN.
@@ -32,7 +32,7 @@ void Tanh(double* values, std::size_t size) noexcept;
 /// gradients *= 1 - tanh(a)^2, given activations = tanh(a).
 void TimesTanhSlope(double* gradients, const double* activations, std::size_t size) noexcept;
 
-// Reference implementations of the functions above.
+// Reference implementations of these functions, without vector instructions.
 void MultiplyReference(const Product& product) noexcept;
 void TanhReference(double* values, std::size_t size) noexcept;
 void TimesTanhSlopeReference(double* gradients, const double* activations,

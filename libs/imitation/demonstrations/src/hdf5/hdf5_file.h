@@ -68,7 +68,7 @@ class Hdf5File {
   /// Reads a numeric dataset, converted to doubles. The first dimension becomes the rows, and the
   /// others are flattened into columns (one column for a one-dimensional dataset).
   [[nodiscard]] core::Matrix Read(const std::string& path) const;
-  /// Reads a one-dimensional dataset of texts, of fixed or variable length.
+  /// Reads a one-dimensional dataset of strings, of fixed or variable length.
   [[nodiscard]] std::vector<std::string> ReadTexts(const std::string& path) const;
   /// Returns std::nullopt if the attribute does not exist.
   [[nodiscard]] std::optional<std::int64_t> IntegerAttribute(const std::string& path,

@@ -23,8 +23,8 @@
 namespace dfr::imitation::internal {
 namespace {
 
-// A request is a letter and two texts. An answer is a size and that number of bytes. The first byte
-// of an answer marks success or an error.
+// A request is a letter and two strings. An answer is a size and that number of bytes. The first
+// byte of an answer marks success or an error.
 constexpr char kOpened = 'o';
 constexpr char kExists = 'e';
 constexpr char kIsGroup = 'g';
@@ -177,7 +177,7 @@ void Serve(int socket, const std::filesystem::path& path, std::uint64_t file_siz
   }
 }
 
-// Drops the inherited resources that this process must not use.
+// Resets signal handlers and closes all inherited files except `socket` and the standard streams.
 void LeaveBehind(int& socket) noexcept {
   constexpr int kFirst = 3;  // after standard input, output and error
   for (const int signal : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGXCPU, SIGALRM, SIGTERM}) {

@@ -86,7 +86,7 @@ void Hdf5File::WriteBlock(const std::string& path, std::int64_t type,
   std::vector<hsize_t> most = now;
   const Hdf5Handle properties(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
   if (growable) {
-    // An episode's rows are read together and form one chunk, of at most libhdf5's cache of 1 MiB.
+    // An episode's rows are read together and form one chunk of at most 1 MiB, libhdf5's cache.
     constexpr hsize_t kChunkBytes = 1 << 20;
     std::vector<hsize_t> chunk = now;
     hsize_t row_bytes = H5Tget_size(type);

@@ -22,7 +22,7 @@ enum class FitMethod {
 struct FitMlpOptions {
   std::vector<int> hidden = {64, 64};  ///< Tanh units per hidden layer; empty: a linear policy.
   FitMethod method = FitMethod::kAdam;
-  std::string features = {};       ///< Inputs of the policy, as core::FeatureSelection; empty: all.
+  std::string features = {};       ///< Inputs, in the format of core::FeatureSelection; empty: all.
   double control_limit = 1.0;      ///< The policy clips controls to +-this value, > 0.
   double weight_decay = 0.0;       ///< Weight of the squared network weights in the loss, >= 0.
   bool skip_zero_controls = true;  ///< Leave out rows with u = 0, which pad finished episodes.
@@ -33,7 +33,7 @@ struct FitMlpOptions {
   std::uint64_t seed = 0;          ///< Seeds the initial weights and the shuffling.
 };
 
-/// Result of a fit. Reaching `max_iterations` is not an error: the caller decides.
+/// Result of a fit. Reaching `max_iterations` is not an error; see `converged`.
 struct FitReport {
   int rows = 0;          ///< Number of rows used.
   int skipped_rows = 0;  ///< Number of rows left out because u = 0.

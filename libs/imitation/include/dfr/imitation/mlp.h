@@ -98,14 +98,14 @@ class Mlp {
   Eigen::Map<const core::Matrix> InputGradient(const Rows& output_gradient,
                                                Workspace& workspace) const;
 
-  /// Returns the derivative of the outputs (n x output_dim()) along the parameter direction
-  /// `direction`, after Forward() as for Backward(). Valid until the workspace's next use.
+  /// Returns the derivative of the outputs (n x output_dim()) along `direction` in parameter space.
+  /// Requires Forward() first, as Backward() does. Valid until the workspace's next use.
   Eigen::Map<const core::Matrix> Tangent(const Rows& inputs,
                                          const Eigen::Ref<const Eigen::VectorXd>& direction,
                                          Workspace& workspace) const;
 
-  /// Writes the gradient of output o of sample i with respect to the parameters to row i
-  /// output_dim() + o, after Forward() as for Backward(). Fast only for small networks.
+  /// Writes to row i * output_dim() + o the gradient of output o of sample i with respect to the
+  /// parameters. Requires Forward() first, as Backward() does. Fast only for small networks.
   void Jacobian(const Rows& inputs, Workspace& workspace, Eigen::Ref<core::Matrix> jacobian) const;
 
   /// Appends sizes and parameters. A reader restores them bit for bit.

@@ -15,7 +15,7 @@ namespace dfr::imitation {
 /// @throws std::runtime_error naming the file and the system's message.
 void ExportOnnx(const MlpPolicy& policy, const std::filesystem::path& path);
 
-/// Appends the computation to a larger graph. Takes the name of x and returns the name of u.
+/// Appends the policy to a larger graph. Takes the name of x and returns the name of u.
 std::string AppendControl(core::OnnxGraph& graph, const MlpPolicy& policy, const std::string& x);
 
 }  // namespace dfr::imitation

@@ -38,7 +38,7 @@ class Environment {
 struct TrpoOptions {
   std::vector<int> hidden = {64, 64};         ///< Tanh units per hidden layer of the policy.
   std::vector<int> critic_hidden = {64, 64};  ///< Tanh units per hidden layer of the critic.
-  std::string features = {};   ///< Inputs of the policy, as core::FeatureSelection; empty: all.
+  std::string features = {};   ///< Inputs, in the format of core::FeatureSelection; empty: all.
   double control_limit = 1.0;  ///< Controls are clipped to +-this value, > 0.
   int horizon = 60;            ///< Maximum number of steps per episode, T.
   int batch_steps = 4000;      ///< Minimum number of steps per iteration, in whole episodes.

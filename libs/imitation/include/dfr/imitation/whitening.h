@@ -17,8 +17,7 @@ class Whitening {
 
   /// Uses mean and standard deviation (divisor n) of the rows of `samples`. A feature that is
   /// constant up to rounding (deviation below 1e-9 of its magnitude) gets scale 1.
-  /// @throws std::invalid_argument if there is no row or column, or naming the entry that is not
-  ///   finite.
+  /// @throws std::invalid_argument if there is no row or no column, or an entry is not finite.
   static Whitening FromData(const core::Matrix& samples);
 
   /// @throws std::invalid_argument if sizes differ, an entry is not finite, or a scale is

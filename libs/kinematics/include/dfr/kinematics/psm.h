@@ -28,10 +28,10 @@ enum class PsmGeneration { kClassic, kSi };
 /// (420006) has the same kinematics: its longer shaft starts correspondingly farther back.
 ///
 /// The origin of the base frame is the remote centre of motion, which no joint moves: the shaft's
-/// axis passes through it in every configuration. The pose belongs to the wrist-yaw axis in the
-/// console's tool orientation (z along the closed jaws), as `measured_cp` reports it. The jaw tips
-/// are kJawLength further along z. With yaw, pitch, roll and wrist angles zero and insertion 0.12
-/// m, the wrist is at (0, 0, -0.1135) and the tool points down.
+/// axis passes through it in every configuration. Poses are those of the wrist-yaw axis in the
+/// console's tool orientation (z along the closed jaws), as `measured_cp` reports them. The jaw
+/// tips are kJawLength further along z. With yaw, pitch, roll and wrist angles zero and insertion
+/// 0.12 m, the wrist is at (0, 0, -0.1135) and the tool points down.
 ///
 /// Nothing here allocates or throws.
 class Psm {

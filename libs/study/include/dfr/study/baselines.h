@@ -32,7 +32,7 @@ struct Expert {
   std::function<void(const core::SimulatedPlant& plant, int t, std::uint64_t episode,
                      std::span<double> u)>
       supervise = {};
-  int horizon = 0;  ///< Maximum number of supervised controls per episode; 0: the task model's.
+  int horizon = 0;  ///< Maximum number of supervised controls per episode; 0: the task's horizon.
 };
 
 /// Returns an Expert that uses imitation::FitMlp() on sets with the layout of `like`, with
@@ -77,7 +77,7 @@ class EnsemblePolicy final : public core::Policy {
 /// covariance of the learned policy's errors on ten episodes of the supervisor. The policy learns
 /// the supervisor's controls without the noise. Discards demonstrations that do not complete the
 /// task within `horizon` controls.
-/// @throws std::invalid_argument if there is no supervisor, or it completes fewer than one in ten.
+/// @throws std::invalid_argument if there is no supervisor, or it completes under 1 episode in 10.
 [[nodiscard]] std::unique_ptr<const core::Policy> TrainDart(
     const Expert& teaching, const core::Policy& learned,
     std::span<const core::Trajectory> demonstrations, int horizon);

@@ -44,7 +44,8 @@ class FittedTask {
   /// Returns the demonstrations with controls in the model's units.
   [[nodiscard]] std::vector<core::Trajectory> Measured(
       std::span<const core::Trajectory> demonstrations) const;
-  /// Returns the response of these demonstrations' features to the recorded controls.
+  /// Returns the response of the features to recorded controls: the response of a program's model,
+  /// or for a guard's model a response fitted to `demonstrations`.
   [[nodiscard]] control::Response ResponseOf(
       std::span<const core::Trajectory> demonstrations) const;
   /// Returns the distance of two controls, in units of ordinary demonstrated controls.

@@ -26,7 +26,7 @@ class LearnsOnline {
 /// Belongs to one thread; after construction it never allocates.
 class OnlineLwrPolicy final : public core::Policy {
  public:
-  /// Uses the disturbance, the drift and the online weight of `options`.
+  /// Uses disturbance_model, drift and online_weight of `options`.
   /// @throws std::invalid_argument if `features` and `response` have different numbers of features.
   OnlineLwrPolicy(core::FeatureTransform features, control::Response response,
                   const control::GuidedOptions& options = {});
@@ -37,7 +37,7 @@ class OnlineLwrPolicy final : public core::Policy {
   void Reset() noexcept;
   /// Reports that state `x` follows the last applied control.
   void See(std::span<const double> x) noexcept;
-  /// Writes a control, clipped to +-1; NaN in a nonfinite state or if no control is demonstrated.
+  /// Writes a control, clipped to +-1; NaN in a nonfinite state or without a demonstrated control.
   void Control(int t, std::span<const double> x, std::span<double> u) const noexcept override;
   /// Reports that control `u` is applied in the state of the last See().
   void Applied(std::span<const double> u) noexcept;

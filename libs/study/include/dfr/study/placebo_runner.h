@@ -55,7 +55,7 @@ class PlaceboRunner : public experiment::RolloutRunner {
 
   struct Compared {
     Placebo* placebo = nullptr;  // null: the method is not a placebo
-    int judged = 0;              // index of the method
+    int judged = 0;              // index of the judged method
     bool has_rate = false;
   };
   std::vector<Compared> compared_;  // [method]

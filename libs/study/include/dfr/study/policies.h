@@ -19,8 +19,8 @@
 
 namespace dfr::study {
 
-/// Nearest-neighbour regression on the demonstrations: the mean control of the nearest demonstrated
-/// states in features, among nearby time steps.
+/// Nearest-neighbour regression on the demonstrations: the mean control of the demonstrated states
+/// with the nearest features, among nearby time steps.
 class NearestNeighbourPolicy final : public core::Policy {
  public:
   static constexpr int kNeighbours = 5;
@@ -50,7 +50,7 @@ class NearestNeighbourPolicy final : public core::Policy {
 ///   "lwr-cv"          "lwr" with imitation::CrossValidatedWidth()
 ///   "lwr-online"      OnlineLwrPolicy, which learns from the applied controls
 ///   "none"            no policy: the control is zero
-///   "random"          a direction that depends on state and time step alone, of demonstrated size
+///   "random"          a direction set by state and time step, of the largest demonstrated size
 ///   "negated"         the learned policy's control with opposite sign
 ///   "ensemble"        EnsemblePolicy: the mean of five policies
 ///   "dart"            TrainDart(): from demonstrations with injected noise
@@ -78,7 +78,7 @@ template <typename Names>
     std::string_view name, const core::FeatureTransform& features,
     std::span<const core::Trajectory> demonstrations);
 
-/// Creates the policies of kPolicies, except kOnlineLwr, for one task. Borrows all arguments.
+/// Creates the policies of kPolicies, except kOnlineLwr, for one task. Borrows all but `teaching`.
 class PolicyFactory {
  public:
   PolicyFactory(const FittedTask& task, const core::Policy& learned,

@@ -41,7 +41,7 @@ class SupportModel {
   SupportModel& operator=(const SupportModel&) = delete;
   ~SupportModel();
 
-  /// Returns g_t of whole states.
+  /// Returns g_t as a function of whole states, not of their features.
   [[nodiscard]] const core::DecisionFunction& decision() const noexcept { return *decision_; }
   [[nodiscard]] const std::vector<double>& lambda() const noexcept { return lambda_; }
   [[nodiscard]] control::TaskView view() const noexcept {

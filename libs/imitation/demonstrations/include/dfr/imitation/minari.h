@@ -20,8 +20,8 @@ namespace dfr::imitation {
 // The functions below throw std::runtime_error naming file, episode, dataset and reason. libhdf5
 // reads in a separate process and writes in this one, as for robomimic's files.
 
-/// Writes episodes one at a time. Flushes each episode, then counts it in metadata.json. A kill
-/// loses data only during the few writes that name an episode. To avoid this, record with
+/// Writes episodes one at a time. Flushes each episode, then counts it in metadata.json. Only a
+/// kill during the few writes that name an episode loses data. To avoid this, record with
 /// RobomimicWriter, which keeps a second list of names, and convert.
 class MinariWriter {
  public:
