@@ -95,7 +95,7 @@ class GuardDataTest(GuardProgramTest):
             (lambda file: file["data/demo_3"].attrs.create("num_samples", "many"), "num_samples is neither an integer nor a truth value"),
             (lambda file: file.__delitem__("data"), "holds no episode"),
             (lambda file: file["data/demo_3/obs"].create_dataset("tool", data=np.zeros((20, 2))), "data/demo_3/obs: has 'tool', which the first episode lacks"),
-            (widen, "data/demo_3/actions: has 3 columns in 'actions', the first episode 2"),
+            (widen, "data/demo_3/actions: has 3 columns in 'actions', but the first episode has 2"),
         ]:
             with self.subTest(message):
                 write_robomimic(self.folder / "hostile.hdf5", episodes(1, 6), edit=edit)

@@ -172,7 +172,7 @@ line_task::LineCalibration Calibrate(std::span<const vision::CalibrationFrame> f
   for (std::size_t i = 0; i < frames.size(); ++i) {
     DFR_THROW_UNLESS(frames[i].marks_px.size() == marks_m.size(),
                      "calibration: frame " << i << " has " << frames[i].marks_px.size()
-                                           << " marks, but the target " << marks_m.size());
+                                           << " marks, but the target has " << marks_m.size());
     for (double joint : frames[i].joints) {
       DFR_THROW_UNLESS(std::isfinite(joint), "calibration: frame " << i
                                                                    << " has a joint that is not "

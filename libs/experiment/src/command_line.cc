@@ -31,7 +31,7 @@ constexpr const char* kConfiguration = "run.toml";
 constexpr const char* kLedger = "ledger.jsonl";
 constexpr int kUsage = 2;  // exit code of a usage error
 
-// Returns true if the option may affect the results, so that run.toml must contain it.
+// Returns true if the option can affect the results. run.toml must contain such options.
 bool DecidesResults(const std::string& name) {
   static const std::set<std::string> kOthers = {"help",    "config",  "out",    "shard",
                                                 "threads", "restart", "salvage"};
@@ -421,8 +421,8 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv,
                           {"rerun", {"out/whole 0/60/8/dfr/3" + film}}});
   try {
     KeepGivenValues(app);
-    // These transforms run before the transforms of KeepGivenValues(). Without them, run.toml would
-    // contain leading zeros.
+    // CheckArguments() adds transforms that run before the transforms of KeepGivenValues(). Without
+    // this call, run.toml would contain leading zeros.
     core::CheckArguments(app, arguments);
     if (std::string empty = core::DescribeEmptyEntry(app, arguments); !empty.empty()) {
       throw CLI::ValidationError(std::move(empty));

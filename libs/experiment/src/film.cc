@@ -23,7 +23,7 @@ std::vector<Eigen::Index> Drawn(const FilmedEpisode& episode) {
   return rows;
 }
 
-// Splits a path into pieces by source: the policy has the first colour, recoveries the second.
+// Splits a path where the source of controls changes: policy in style 0, recovery in style 1.
 ReportPlot PathOf(const FilmedEpisode& episode, int across, int up) {
   ReportPlot plot{.title = episode.method};
   const std::vector<Eigen::Index> rows = Drawn(episode);

@@ -254,8 +254,8 @@ std::size_t Degrees(std::span<const RatioPart> units) {
   return units.size() - strata.size();
 }
 
-// Returns the interval of the collision reduction that follows from RateRatioInterval(), which
-// remains valid without events, unlike a variance.
+// Returns the interval of the collision reduction that follows from RateRatioInterval(). It needs
+// no variance and is therefore valid without events.
 Interval ExactReduction(std::span<const PairedCounts> units, const PairedCounts& total,
                         double confidence) {
   const auto n = static_cast<double>(units.size());

@@ -19,7 +19,7 @@ using Json = nlohmann::ordered_json;
 // With fewer trials, clustered intervals are too wide to be useful.
 constexpr int kFewTrials = 5;
 
-// Trial t belongs to cluster t % NumClusters(). Trials with one supervisor are not independent.
+// Trial t belongs to cluster t % NumClusters(). Trials that share a supervisor are dependent.
 int NumClusters(const EvaluationPlan& plan) {
   return plan.supervisors >= kFewTrials ? std::min(plan.supervisors, plan.trials) : plan.trials;
 }

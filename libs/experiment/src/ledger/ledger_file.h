@@ -28,8 +28,8 @@ class Descriptor {
   int descriptor_;
 };
 
-/// Opens or creates a file for appending, with a lock that lasts as long as the descriptor or the
-/// process. Takes no lock on a file system that does not support locks.
+/// Opens or creates a file for appending, with a lock that ends with the descriptor or the process.
+/// Takes no lock on a file system that does not support locks.
 /// @throws std::runtime_error naming the file if it cannot be written or another process holds it.
 [[nodiscard]] Descriptor OpenLocked(const std::filesystem::path& path);
 
@@ -50,7 +50,7 @@ class LedgerWriter {
   [[nodiscard]] const std::vector<LedgerRecord>& finished() const noexcept { return finished_; }
 
   /// Appends a line and passes it to the system. After the call, the unit survives the end of this
-  /// process. The disk may still lack the lines of one second.
+  /// process. A power failure loses at most the lines of one second.
   /// @throws std::runtime_error naming file and reason; the file then ends with the previous unit.
   void Append(const LedgerRecord& record);
 

@@ -24,11 +24,11 @@ inline UnitKey KeyOf(const EvaluationUnit& unit) {
 [[nodiscard]] std::string NameOf(const EvaluationUnit& unit);
 [[nodiscard]] std::string TextOf(const Shard& shard);
 
-/// Hash of bytes, as 16 digits.
+/// Returns a hash of the bytes as 16 hexadecimal digits.
 [[nodiscard]] std::string HashText(std::string_view bytes);
 /// Returns a hash of all values that must be equal in two ledgers with the same results.
 [[nodiscard]] std::uint64_t IdentityHash(const LedgerHeader& header);
-/// Hash of a unit's results, without times.
+/// Returns a hash of a unit's results, without times.
 [[nodiscard]] std::uint64_t Fingerprint(const LedgerRecord& record);
 
 [[nodiscard]] std::string HeaderLine(const LedgerHeader& header);
@@ -52,14 +52,14 @@ class LedgerReader {
   std::map<UnitKey, std::uint64_t> units_;
 };
 
-/// Calls `use` for each complete line with its number from 1. Returns the size of these lines.
+/// Calls `use` for each complete line, numbered from 1. Returns the total size of these lines.
 std::size_t ForEachLine(std::string_view text,
                         const std::function<void(std::string_view, int)>& use);
 
-/// Text of an error in a unit's line, with the remedy.
+/// Describes an error in a unit's line and the remedy.
 [[nodiscard]] std::string DamagedLine(int number, const std::exception& e);
 
-/// @throws std::runtime_error
+/// @throws std::runtime_error naming the path and the reason.
 [[noreturn]] void Fail(const std::filesystem::path& path, const std::string& reason);
 
 }  // namespace dfr::experiment::internal

@@ -21,7 +21,7 @@ bool IsLog(const std::filesystem::directory_entry& entry) {
   return entry.is_regular_file() && (ending == ".log" || ending == ".out");
 }
 
-// Returns the last non-blank line of the newest *.log or *.out beside the ledger.
+// Returns the name and the last non-blank line of the newest *.log or *.out beside the ledger.
 std::string LastWords(const std::filesystem::path& folder) {
   std::filesystem::path newest;
   std::filesystem::file_time_type time;
@@ -58,7 +58,7 @@ void Collect(const std::filesystem::path& folder, int depth,
     if (entry.is_directory()) below.push_back(entry.path());
     has_log = has_log || IsLog(entry);
   }
-  // The folder of dfr-cluster belongs to no task.
+  // dfr-cluster writes the folder cluster, which belongs to no task.
   std::erase_if(below, [](const auto& path) { return path.filename() == "cluster"; });
   if (below.empty() && has_log) ledgers.push_back(ledger);
   if (depth == kDeepestFolder) return;

@@ -13,7 +13,7 @@
 namespace dfr::experiment::internal {
 namespace {
 
-// One panel, in units of its viewBox.
+// Dimensions of a panel, in units of its viewBox.
 constexpr double kWidth = 380.0;
 constexpr double kHeight = 262.0;
 constexpr double kLeft = 52.0;
@@ -62,8 +62,8 @@ void AddTicks(Axis& axis, double step) {
   for (int i = first; i <= last; ++i) axis.ticks.push_back(i * step);
 }
 
-// Creates an axis from the smallest value, or zero if that is smaller, to the largest. A few
-// distinct values become the ticks.
+// Creates an axis from the smaller of 0 and the smallest value to the largest value, unless the
+// plot sets the ends. A few well-separated values become the ticks.
 Axis MakeXAxis(const ReportPlot& plot) {
   std::vector<double> values;
   for (const ReportSeries& series : plot.series) {

@@ -12,8 +12,8 @@ namespace dfr::experiment::internal {
 /// --grid). Legend() names its lines.
 [[nodiscard]] std::string SvgPlot(const ReportPlot& plot);
 
-/// Returns the names of all lines of the plots, each once, beside its line and marker. "" if there
-/// are no lines.
+/// Returns a legend: the name of each line of the plots, once, beside a sample of its line and
+/// marker. "" if no line has a name.
 [[nodiscard]] std::string Legend(std::span<const ReportPlot> plots);
 
 /// Returns style="..." with the colour of style `style`, 0 for the first. The colours repeat after

@@ -160,7 +160,7 @@ std::string Difference(const core::StateLayout& found, const core::StateLayout& 
     if (same == found.blocks.end()) return "lacks '" + block.name + "' of the first episode";
     if (same->size != block.size) {
       return "has " + std::to_string(same->size) + " columns in '" + block.name +
-             "', the first episode " + std::to_string(block.size);
+             "', but the first episode has " + std::to_string(block.size);
     }
   }
   for (const auto& block : found.blocks) {

@@ -13,8 +13,8 @@ class App;
 namespace dfr::experiment {
 
 /// Adds --out, --seed, --threads, --shard, --config, --restart and --salvage to a command, and sets
-/// options.configuration. Both arguments must outlive parsing. Command options with type name FILE
-/// are written to run.toml with absolute paths.
+/// options.configuration. Both arguments must outlive parsing, and `command` also all calls of
+/// options.configuration. run.toml stores options of type FILE as absolute paths.
 void AddRunOptions(CLI::App& command, ExperimentOptions& options);
 
 /// Calls AddRunOptions() and adds the other options of all commands that compare methods. `presets`
@@ -23,12 +23,12 @@ void AddExperimentOptions(CLI::App& command, ExperimentOptions& options, const s
                           const std::string& methods,
                           const std::vector<std::string>& names = {"quick", "paper"});
 
-/// Parses the arguments of a program's commands, which have called AddRunOptions(), and of the
+/// Parses the arguments of a program's commands, after AddRunOptions() for each, and of the
 /// commands that this function adds:
 ///
 ///   merge FOLDER... --out FOLDER   merges shards into one ledger; the shards' command then writes
 ///                                  summary and report from it
-///   status FOLDER...               finished units, who finished them, and the remaining time
+///   status FOLDER...               finished units, the hosts that finished them, remaining time
 ///   episodes FOLDER                ids of episodes, worst outcomes first
 ///   rerun FOLDER ID                repeats one episode, compares other methods, and films them
 ///
@@ -36,7 +36,7 @@ void AddExperimentOptions(CLI::App& command, ExperimentOptions& options, const s
 /// are the command's options without dashes. The command line takes precedence. Errors in a value
 /// name file and line.
 ///
-/// @param film_endings  endings of the names of films that the program can write.
+/// @param film_endings  file extensions of the films that the program can write.
 /// @returns the exit code if no command remains to run: 0 after help, status and episodes, 2 after
 ///   a usage error; otherwise std::nullopt, and the app's commands are parsed.
 /// @throws std::runtime_error for files that cannot be read, and as MergeLedgers().

@@ -19,7 +19,7 @@ struct DisturbanceOptions {
   double actuator_noise = 0.0;  ///< Standard deviation of the noise in each control entry.
   /// Standard deviation of the noise in each entry of an observed state.
   double observation_noise = 0.0;
-  int control_delay = 0;      ///< Delay in controls; the plant first receives zeros.
+  int control_delay = 0;      ///< Delay of a control, in controls; the plant first receives zeros.
   double dropped = 0.0;       ///< Probability that a control is lost and replaced by zero.
   int observation_delay = 0;  ///< Delay of observed states, in controls.
   double missing = 0.0;  ///< Probability that a state is lost and replaced by the previous one.

@@ -38,7 +38,7 @@ struct RecordedEpisode {
 /// Returns the episode called `name` from the ledger in `folder`. `now` is the header that the
 /// ledger must match for this build to repeat the episode; nullptr: no check.
 /// @throws std::runtime_error naming the folder and the first field that differs, or the unfinished
-///   unit of the episode; what ReadLedger() and ParseEpisode() throw.
+///   unit of the episode; and as ReadLedger() and ParseEpisode().
 [[nodiscard]] RecordedEpisode FindEpisode(const std::filesystem::path& folder,
                                           std::string_view name, const LedgerHeader* now = nullptr);
 
@@ -69,8 +69,8 @@ struct EpisodeFilter {
 /// collisions first, then halts, each in descending order of recovery controls. Prints at most
 /// `most` unless it is 0. The last line gives the number of selected episodes, their mean number of
 /// controls, and the number of all episodes with the filter's method, learner and data point.
-/// @throws std::runtime_error naming a method, learner or data point that no ledger has; what
-///   ReadLedger() throws.
+/// @throws std::runtime_error naming a method, learner or data point that no ledger has; and as
+///   ReadLedger().
 void PrintEpisodes(const std::vector<std::filesystem::path>& ledgers, const EpisodeFilter& filter,
                    int most, std::ostream& out);
 

@@ -72,9 +72,9 @@ class OutputFolder {
 /// - for the whole plan, summary.json, which is identical for any number of threads, shards and
 ///   machines, and times.json, which is not.
 ///
-/// With options.rerun, repeats that episode of the run in options.out as TrialRunner::Run() and
-/// Film() do, and prints its outcome, which must match the ledger. Returns std::nullopt for a shard
-/// or a rerun. After SIGTERM or SIGUSR1 no new unit starts; a second signal ends the process.
+/// With options.rerun, repeats that episode of the run in options.out with TrialRunner::Run() and
+/// Film(), and prints its outcome, which must match the ledger. Returns std::nullopt for a shard or
+/// a rerun. After SIGTERM or SIGUSR1 no new unit starts; the same signal again ends the process.
 /// @param settings  everything that determines the results, except the plan.
 /// @throws as Evaluate() and SaveSummary() do.
 [[nodiscard]] std::optional<ExperimentResult> RunExperiment(

@@ -20,12 +20,12 @@ struct FilmedEpisode {
   std::vector<bool> recovery;  ///< True if a recovery chose control t; empty: no recoveries.
 };
 
-/// Returns "collided: policy after 17 controls, 4 of them recovery".
+/// Returns text such as "collided: policy after 17 controls, 4 of them recovery".
 [[nodiscard]] std::string DescribeEnd(const EpisodeResult& result);
 
 /// Writes a page about episodes from one start state: their paths in the plane of two state
-/// entries, side by side, and each entry as a function of the controls, one line per method. Needs
-/// no pictures and works for every plant.
+/// entries, side by side, and each state entry over the number of controls, one line per method.
+/// Needs no pictures and works for every plant.
 /// @param entries  two entries of `layout`, in the format of core::FeatureSelection; empty: the
 ///   first two. A one-dimensional state has no paths.
 /// @param media    pictures of the same episodes, embedded first.

@@ -37,8 +37,8 @@ struct ClusterCount {
 /// and Pearson's with the effective sample size p (1 - p) / v, where v is the variance of the
 /// proportion p, estimated between clusters. This size is reduced for the degrees of freedom of the
 /// estimate, and is at most the number of episodes. With one cluster, no success, or no failure,
-/// the variance cannot be estimated and episodes count as independent.
-/// @throws std::invalid_argument as WilsonInterval(). Ignores clusters without episodes.
+/// the variance cannot be estimated and episodes count as independent. Ignores empty clusters.
+/// @throws std::invalid_argument as WilsonInterval().
 [[nodiscard]] Interval ClusteredInterval(std::span<const ClusterCount> clusters,
                                          double confidence = 0.95);
 

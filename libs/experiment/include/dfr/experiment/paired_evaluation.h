@@ -47,7 +47,7 @@ struct EpisodeResult {
   std::string cause;
   int controls = 0;           ///< Number of all applied controls.
   int recovery_controls = 0;  ///< Number of controls applied by recoveries, including probes.
-  /// Number of controls that differ from the policy's in any bit, including recoveries.
+  /// Number of controls that differ from the policy's in any bit, including recovery controls.
   int changed_controls = 0;
   double seconds = 0.0;  ///< Processor time.
   /// Sum of control::Step::change over the changed controls whose size is known.
@@ -110,8 +110,8 @@ struct DrawnStart {
 [[nodiscard]] DrawnStart DrawStart(const EvaluationPlan& plan, const EvaluationUnit& unit,
                                    int start, TrialRunner& runner);
 
-/// Returns the seed of the controllers in episode `start` of `trial`. This seed and
-/// UnitResult::starts repeat an episode of Evaluate(), for example for a video.
+/// Returns the seed of the controllers in episode `start` of `trial`. With this seed and
+/// UnitResult::starts, a caller can repeat an episode, for example for a video.
 [[nodiscard]] std::uint64_t ControllerSeed(const EvaluationPlan& plan, int trial,
                                            int start) noexcept;
 

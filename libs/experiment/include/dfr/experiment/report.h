@@ -84,7 +84,7 @@ struct ReportMedia {
   std::string caption;
 };
 
-/// Recommendation of an experiment about using a method.
+/// An experiment's recommendation about the use of a method.
 struct ReportJudgement {
   std::string method = {};
   int grade = 0;  ///< 0: fit for use, 1: doubtful, 2: do not use
@@ -99,8 +99,8 @@ struct ReportOptions {
   std::string verdict = {};
   std::vector<ReportJudgement> judgements = {};
   std::string judged_by = {};  ///< Rule behind `judgements`, shown below them.
-  /// Program that wrote the report. The page shows on hover or tap which of its `episodes` commands
-  /// prints the ids of the episodes behind a number. Empty: not shown.
+  /// Program that wrote the report. On hover or tap of a number, the page shows the command of this
+  /// program that prints the ids of the episodes behind the number. Empty: not shown.
   std::string program = {};
   std::string introduction = {};  ///< Paragraphs, as in ReportNote::text.
   /// Display names of methods: {"dfr", "DFR"}. The paper's methods have built-in names.

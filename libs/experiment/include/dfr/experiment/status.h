@@ -16,7 +16,7 @@ struct LedgerStatus {
   std::string shard;  ///< "2/7", empty before the first unit.
   int done = 0;
   int units = 0;         ///< Number of units of the shard; 0 before the first unit.
-  bool running = false;  ///< True if a process holds the ledger or its folder.
+  bool running = false;  ///< True if a process has locked the ledger or its folder.
   /// For an unfinished ledger without a writer: the last line of the newest log beside it.
   std::string last_words;
 };
@@ -28,7 +28,7 @@ struct Status {
   std::map<std::string, int> by_host;  ///< Number of units by the host that finished them.
   double mean_wall_s = 0.0;            ///< Mean duration of a unit on one thread.
   double longest_wall_s = 0.0;         ///< Maximum duration of a unit.
-  /// Remaining time at the present rate; absent if no process is running.
+  /// Remaining time at the present rate; absent if no process is running or no unit is finished.
   std::optional<double> remaining_s = {};
   std::vector<LedgerStatus> ledgers;
 };
@@ -38,8 +38,7 @@ struct Status {
 /// run of the tasks beside it. The rate is the number of finished units divided by the time from
 /// the start of the first to the end of the last.
 /// @returns at least one status.
-/// @throws std::runtime_error naming a folder with neither ledgers nor logs; what ReadLedger()
-///   throws.
+/// @throws std::runtime_error naming a folder with neither ledgers nor logs; and as ReadLedger().
 [[nodiscard]] std::vector<Status> StatusesOf(const std::vector<std::filesystem::path>& folders);
 
 /// Formats the statuses for a terminal. For several runs, the first line adds them up.
