@@ -97,7 +97,7 @@ void ControlLoop::CheckThreads() noexcept {
   const bool ends_homing = arm->homing() && machine_.blocking() != HoldReason::kNone;
   if (ends_homing || (!machine_.may_move() && arm->armed())) {
     arm->Hold();
-    static_cast<void>(arm->Tick(clock->SteadyNs(), clock->WallNs()));  // hold during this period
+    static_cast<void>(arm->Tick(clock->SteadyNs(), clock->WallNs()));  // holds in this period
   }
 }
 

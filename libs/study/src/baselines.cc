@@ -156,8 +156,8 @@ class TrueJacobianFilter final : public Stepwise {
     return support_->LogDecision(t + 1, core::AsSpan(std::as_const(z_)), core::AsSpan(gradient_));
   }
 
-  // Computes the Jacobian of the next features with respect to the control at `u`, which leads to
-  // z_.
+  // Computes the Jacobian of the features of the next state with respect to the control, at `u`,
+  // which leads to z_.
   bool Differentiate(std::span<const double> u) noexcept {
     for (Eigen::Index k = 0; k < tried_.size(); ++k) {
       tried_ = core::AsVector(u);

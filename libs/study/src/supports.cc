@@ -72,7 +72,7 @@ class Pooled : public core::LogDecisionFunction {
   }
 
   // Returns l_t, and writes its gradient unless `gradient` is empty. Leaves out the states of
-  // demonstration `without`, or none for -1. Before q_ is fitted, it has a provisional value.
+  // demonstration `without`, or none for -1. q_ holds a provisional value until it is fitted.
   virtual double Level(std::size_t t, std::span<const double> z, std::span<double> gradient,
                        Eigen::Index without) const noexcept = 0;
 
@@ -112,8 +112,8 @@ class KnnDistance final : public Pooled {
   [[nodiscard]] double lipschitz_bound(int t) const noexcept override {
     return 4.0 / std::sqrt(q_[Clamped(t)]);
   }
-  // The mean over the nearest states is the minimum over all choices of states, and each choice has
-  // this curvature.
+  // The mean distance to the nearest states is the minimum over all choices of as many states, and
+  // each choice has this curvature.
   [[nodiscard]] double curvature_bound(int t) const noexcept override {
     return 1.0 / q_[Clamped(t)];
   }

@@ -9,8 +9,8 @@
 
 namespace dfr::experiment::internal {
 
-/// Names, colours and judges methods and learners for a page, formats their numbers, and writes the
-/// commands that list the episodes behind the numbers. Borrows both arguments.
+/// Names of methods and learners on a page, colours and judgements of methods, formatted numbers,
+/// and the commands that list the episodes behind the numbers. Borrows both arguments.
 class PageWords {
  public:
   PageWords(const Summary& summary, const ReportOptions& options);
@@ -24,7 +24,7 @@ class PageWords {
   [[nodiscard]] std::string ColourOf(const std::string& method) const;
   [[nodiscard]] static std::string Percent(double value, int digits);
   [[nodiscard]] static std::string Range(double low, double high, int digits);
-  /// Formats the change of the number of collisions, negative for fewer collisions.
+  /// Formats the change in the number of collisions, negative for fewer collisions.
   [[nodiscard]] static std::string Change(const std::optional<double>& reduction);
   [[nodiscard]] static std::string Times(const std::optional<double>& ratio);
   /// Formats the commands that print a number and the ids of its episodes, for element attributes.

@@ -364,7 +364,7 @@ class Page : internal::PageWords {
     out_ << "</tbody></table></div>\n";
   }
 
-  // Starts a row with the learner, in its first row only, and the method.
+  // Starts a row with the method, and with the learner if it is the first row of the learner.
   void StartRow(const Cell& cell, std::string& learner) {
     const bool first = cell.learner != learner;
     learner = cell.learner;

@@ -23,7 +23,7 @@ constexpr double kBottom = 44.0;
 // Number of colours in report.css. Lines with a colour of the second half are dashed.
 constexpr int kNumColours = 24;
 constexpr int kNumMarkers = 6;
-constexpr int kOutcomeStyles = 100;  // style of completed; halted and collided follow
+constexpr int kOutcomeStyles = 100;  // style of "completed"; "halted" and "collided" follow
 
 std::string Coordinate(double value) {
   std::ostringstream text;

@@ -84,7 +84,7 @@ class EpisodeReader : public DemonstrationReader {
   void KeepMasked(const std::string& group, const std::string& mask);
 
   [[nodiscard]] const Hdf5Reader& file() const noexcept { return file_; }
-  /// Returns the first dataset of the controls, whose rows are the episode's steps.
+  /// Returns the path of the first dataset of the controls, whose rows are the episode's steps.
   [[nodiscard]] std::string FirstActions(const std::string& episode) const;
   [[nodiscard]] core::Matrix ReadActions(const std::string& episode, Eigen::Index steps,
                                          const char* count) const;

@@ -129,7 +129,7 @@ class LeRobotReader final : public DemonstrationReader {
     return info;
   }
 
-  // Returns the number of entries of a feature with at most one dimension; 0 for others.
+  // Returns the number of entries of a feature with at most one dimension; 0 for other features.
   [[nodiscard]] int SizeOf(const std::string& name, const json& feature) const {
     const auto shape = feature.find("shape");
     if (shape == feature.end() || !shape->is_array()) {

@@ -24,8 +24,8 @@ constexpr char kNumberColumn[] = "episode_index";
   throw core::Error(file.string() + ": " + problem, remedy);
 }
 
-// Returns the pictures' shape. The feature's names order its sizes: "height", "width", "channel" or
-// "channels". Without names, the last size is the channels if it is 1 or 3, otherwise the first.
+// Returns the pictures' shape. The feature's names label its sizes: "height", "width", "channel" or
+// "channels". Without names, channels come last if the last size is 1 or 3, otherwise first.
 std::optional<core::PictureShape> ShapeOfFrames(const nlohmann::json& feature) {
   const auto shape = feature.find("shape");
   if (shape == feature.end() || !shape->is_array() || shape->size() != 3) return std::nullopt;

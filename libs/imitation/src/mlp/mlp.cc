@@ -31,8 +31,8 @@ std::size_t Entries(Eigen::Index rows, int cols) {
   return static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols);
 }
 
-// Returns the product that maps a gradient with respect to a layer's outputs to one with respect to
-// its inputs.
+// Returns the product that maps the gradient with respect to a layer's outputs to the gradient with
+// respect to its inputs.
 internal::Product ToInputs(const Mlp::Layer& layer, int rows, const double* delta,
                            std::ptrdiff_t delta_row, const std::vector<double>& transposed,
                            double* to) {

@@ -25,7 +25,7 @@ MinimizeSummary MinimizeByLevenbergMarquardt(const core::Matrix& inputs,
                                              int max_iterations, Mlp& mlp);
 
 /// Returns the number of residuals of MinimizeByLevenbergMarquardt(): one per target and, with
-/// weight decay, one per weight. Its Jacobian has a row for each.
+/// weight decay, one per weight. The Jacobian has one row per residual.
 [[nodiscard]] Eigen::Index NumResiduals(const core::Matrix& targets, double weight_decay,
                                         const Mlp& mlp);
 

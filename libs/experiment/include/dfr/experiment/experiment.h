@@ -31,10 +31,10 @@ struct ExperimentOptions {
   bool salvage = false;
   bool video = true;
   Shard shard = {};  ///< A shard other than 1/1 writes only a ledger for a merge.
-  Rerun rerun = {};  ///< An empty episode means none.
+  Rerun rerun = {};  ///< Empty `episode`: no rerun.
   /// Returns the text of run.toml, which reproduces the run. Empty: no run.toml.
   std::function<std::string()> configuration = {};
-  // Empty or 0: the preset's value.
+  // The members below replace the preset's values unless they are empty or 0.
   std::vector<std::string> methods = {};
   int trials = 0;
   int episodes = 0;

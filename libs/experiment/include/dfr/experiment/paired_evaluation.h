@@ -29,7 +29,7 @@ struct EvaluationPlan {
   int supervisors = 1;
   int episodes = 60;  ///< Start states per trial and data point.
   std::uint64_t seed = 0;
-  /// Fails with an error after this many consecutive start states that are not accepted.
+  /// Evaluate() fails after this many consecutive start states that are not accepted.
   int max_redraws = 10'000;
 };
 
@@ -61,7 +61,7 @@ class TrialRunner {
  public:
   virtual ~TrialRunner() = default;
   /// Returns true if the start state drawn with the seed is inside the estimated support. No
-  /// control could correct a start state outside. Must not depend on the method.
+  /// control could correct a start state outside. The result must not depend on the method.
   [[nodiscard]] virtual bool Accepts(std::uint64_t start_seed) = 0;
   /// Runs one episode of plan.methods[method]. `controller_seed` is the same for all methods.
   [[nodiscard]] virtual EpisodeResult Run(int method, std::uint64_t start_seed,

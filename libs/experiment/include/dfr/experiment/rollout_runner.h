@@ -40,7 +40,7 @@ class RolloutRunner : public TrialRunner {
                                      control::RolloutObserver* observer,
                                      int max_controls = 1'000'000);
 
-  /// Entry [method]: number of controls of each recovery in Run().
+  /// Entry [method] lists the number of controls of each recovery in Run().
   [[nodiscard]] const std::vector<std::vector<int>>& recovery_lengths() const noexcept {
     return recovery_lengths_;
   }

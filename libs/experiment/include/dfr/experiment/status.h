@@ -41,7 +41,7 @@ struct Status {
 /// @throws std::runtime_error naming a folder with neither ledgers nor logs; and as ReadLedger().
 [[nodiscard]] std::vector<Status> StatusesOf(const std::vector<std::filesystem::path>& folders);
 
-/// Formats the statuses for a terminal. For several runs, the first line adds them up.
+/// Formats the statuses for a terminal. For several runs, the first line gives the totals.
 [[nodiscard]] std::string ToText(const std::vector<Status>& statuses);
 
 /// Returns the statuses as JSON: {"done", "units", "by_host", "mean_wall_s", "longest_wall_s",

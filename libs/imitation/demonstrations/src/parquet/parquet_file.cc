@@ -88,7 +88,7 @@ class FooterParser {
       ++leaf.max_repetition;
       leaf.repeated_definition = leaf.max_definition;
     }
-    // Every leaf stores the names above it again.
+    // Every leaf repeats the names of its parents.
     if (!budget_.Take(1, sizeof leaf + leaf.column.size() + leaf.path.size())) {
       throw Malformed("has a schema with too many names for a file of this size");
     }

@@ -284,7 +284,7 @@ class ChunkDecoder {
       const bool continues = leaf_->max_repetition > 0 && repetitions.Next() > 0;
       const int level = leaf_->max_definition > 0 ? static_cast<int>(definitions.Next()) : 0;
       if (continues && column_.offsets.size() < 2) throw Malformed("begins in the middle of a row");
-      // The first entry of a list opens a row. An empty list has one entry without a value.
+      // The first entry of a list opens a row. An empty list has levels but no value.
       if (leaf_->max_repetition > 0 && !continues) {
         column_.offsets.push_back(first + static_cast<std::int64_t>(present_.size()));
       }

@@ -13,8 +13,8 @@ namespace dfr::imitation {
 
 enum class FitMethod {
   kAdam,                ///< Mini-batches for a fixed number of epochs, as in the paper.
-  kLbfgs,               ///< Ceres's L-BFGS until a minimum; for networks of any size.
-  kLevenbergMarquardt,  ///< Ceres until a minimum, in few iterations; for small networks.
+  kLbfgs,               ///< Ceres's L-BFGS, run to a minimum; for networks of any size.
+  kLevenbergMarquardt,  ///< Ceres, run to a minimum in few iterations; for small networks.
 };
 
 /// Options of FitMlp(). The defaults are the stronger learner of the paper's Sec. V-A, with two

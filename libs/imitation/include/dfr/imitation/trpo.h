@@ -41,7 +41,7 @@ struct TrpoOptions {
   std::string features = {};   ///< Inputs, in the format of core::FeatureSelection; empty: all.
   double control_limit = 1.0;  ///< Controls are clipped to +-this value, > 0.
   int horizon = 60;            ///< Maximum number of steps per episode, T.
-  int batch_steps = 4000;      ///< Minimum number of steps per iteration, in whole episodes.
+  int batch_steps = 4000;      ///< Minimum number of steps per iteration; episodes stay whole.
   double discount = 0.98;      ///< gamma in [0, 1].
   double gae_lambda = 0.97;  ///< Trades bias (0) against variance (1) of the advantages, in [0, 1].
   double max_kl = 0.04;      ///< Bound on the mean KL divergence per iteration, > 0.

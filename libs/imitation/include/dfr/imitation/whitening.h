@@ -8,8 +8,8 @@
 
 namespace dfr::imitation {
 
-/// Standardisation of each feature: z = (x - mean) / scale. Without a rotation, features keep their
-/// meaning. Immutable; concurrent calls are safe.
+/// Standardisation of each feature: z = (x - mean) / scale. Does not rotate: each entry of z
+/// depends on one feature. Immutable; concurrent calls are safe.
 class Whitening {
  public:
   /// Returns the map z = x.

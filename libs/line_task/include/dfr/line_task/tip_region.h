@@ -23,7 +23,7 @@ struct TipRegionOptions {
   void Check() const;
 };
 
-/// Violation of the region at a point, or the deepest along a path.
+/// Violation of the region at a point, or the deepest violation along a path.
 struct Breach {
   double depth_m = 0.0;        ///< Depth of the violation.
   const char* what = nullptr;  ///< Boundary violated: "the floor", ...; nullptr: none.
@@ -40,8 +40,8 @@ class TipRegion {
   /// @throws as TipRegionOptions::Check().
   TipRegion(const LineTask& task, const TipRegionOptions& options);
 
-  /// Returns the depth and the boundary of the violation at `tip_m` (world frame), or none inside
-  /// the region. A non-finite position has infinite depth.
+  /// Returns the depth and the boundary of the violation at `tip_m` (world frame). There is none
+  /// inside the region. A non-finite position has infinite depth.
   [[nodiscard]] Breach At(const Eigen::Vector3d& tip_m) const noexcept;
   /// Checks, in steps of 0.5 mm, the straight path in joint space between two encoder readings, and
   /// returns its deepest violation. A path that starts outside must not lead farther out.

@@ -40,7 +40,7 @@ class PeriodicTimer {
   /// does not run faster afterwards.
   void Wait() noexcept;
 
-  /// Returns the number of periods.
+  /// Returns the number of calls of Wait().
   [[nodiscard]] std::int64_t periods() const noexcept { return periods_; }
   /// Returns the number of skipped periods.
   [[nodiscard]] std::int64_t missed() const noexcept { return missed_; }

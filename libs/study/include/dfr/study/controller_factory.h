@@ -18,13 +18,13 @@
 
 namespace dfr::study {
 
-/// Methods of every program, in addition to the methods of safety::ParseMethod(). Oracles, which
-/// try controls on a copy of the simulation: "finite-difference", the paper's oracle, and
-/// "true-jacobian", a one-step filter (MakeTrueJacobianFilter()). Baselines without a support:
-/// "lwr", "lwr-cv" and "knn", regressions on the demonstrations themselves; "lwr-online", a
-/// regression that adapts to the effects of controls (OnlineLwrPolicy); "ensemble", which halts
-/// when five policies disagree; "dart", learned from demonstrations with injected noise; "dagger",
-/// which queries the supervisor while it learns.
+/// Methods of every program, in addition to the methods of safety::ParseMethod(). Two oracles try
+/// controls on a copy of the simulation: "finite-difference", the oracle of the paper, and
+/// "true-jacobian", a one-step filter (MakeTrueJacobianFilter()). The baselines have no support:
+/// "lwr", "lwr-cv" and "knn" are regressions on the demonstrations themselves, "lwr-online" is a
+/// regression that adapts to the effects of controls (OnlineLwrPolicy), "ensemble" halts when five
+/// policies disagree, "dart" learns from demonstrations with injected noise, and "dagger" queries
+/// the supervisor while it learns.
 inline constexpr std::array<std::string_view, 9> kOtherMethods = {
     "finite-difference", "true-jacobian", "lwr",   "lwr-cv", "lwr-online", "knn",
     "ensemble",          "dart",          "dagger"};
@@ -48,8 +48,8 @@ struct MethodName {
 /// Returns the valid arguments of ParseMethod(), for help texts.
 [[nodiscard]] std::string MethodHelp(std::span<const std::string_view> others = kOtherMethods);
 
-/// Returns footnotes for tables of these methods, one line each with a newline. They mark oracles,
-/// adversaries, and policies learned with the supervisor's help. Empty if there are none.
+/// Returns footnotes for tables of these methods, one per line. They mark oracles, adversaries, and
+/// policies learned with the supervisor's help. Empty if there are none.
 [[nodiscard]] std::string MarksOf(std::span<const std::string> methods);
 
 /// Creates the controllers of one task by the names of their methods.

@@ -22,7 +22,7 @@ inline constexpr std::string_view kJudged = "guard";
 
 /// Returns "placebo-corrections" and "placebo-halts".
 [[nodiscard]] const std::vector<std::string>& PlaceboNames();
-/// Returns true if `method` is one of PlaceboNames(), or one of these around a policy, as in
+/// Returns true if `method` is one of PlaceboNames(), alone or with a policy, as in
 /// "placebo-halts@lwr".
 [[nodiscard]] bool IsPlacebo(std::string_view method) noexcept;
 /// Returns `method` with another controller around the same policy, as in "guard@lwr".
