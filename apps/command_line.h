@@ -48,7 +48,7 @@ inline CLI::Validator ShareIn(const std::string& interval) {
           interval};
 }
 
-/// Range of shares and probabilities that are neither none nor all.
+/// Range of shares and probabilities between 0 and 1, which excludes both.
 inline const CLI::Validator kShare = ShareIn("(0, 1)");
 
 /// Ranges of the platform's motions: amplitudes [m; rad] and frequencies [Hz; rad/s].
@@ -72,13 +72,13 @@ CLI::Validator OneOf(const std::map<std::string, T>& words) {
 }
 
 /// Runs `run(argc, argv)` as the program `name` and returns its exit code. Every main() is one call
-/// of this function:
+/// of this function. It differs from a call of `run` alone:
 /// - A write beyond the file size limit (ulimit -f) fails as on a full disk, instead of killing the
 ///   program by a signal.
 /// - Closed standard streams are opened to /dev/null. Otherwise the next file would get their
 ///   number, and with it the program's messages.
-/// - An exception becomes a message. So does a success whose output could not be written, for
-///   example to a full disk.
+/// - An exception ends in a message and a failure, and so does output that could not be written,
+///   for example to a full disk.
 template <typename Run>
 int RunProgram(const char* name, int argc, char** argv, Run run) {
   static_cast<void>(std::signal(SIGXFSZ, SIG_IGN));

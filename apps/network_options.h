@@ -29,9 +29,11 @@ inline void AddNetwork(CLI::App& command, dds::ParticipantOptions& network,
       ->capture_default_str()
       ->group(group);
   command
-      .add_option("--security", network.security,
-                  "this program's folder in a secured network, made by `hardware "
-                  "certificates`;\nparticipants without one then neither hear nor command it")
+      .add_option(
+          "--security", network.security,
+          "this program's folder in a secured network, made by `hardware "
+          "certificates`;\nparticipants without such a folder then neither hear nor command this "
+          "program")
       ->group(group);
 }
 

@@ -42,14 +42,15 @@ struct Options {
   std::vector<std::pair<std::string, std::string>> faults;
 };
 
-// A part of the name of a topic in ROS 2.
+// Checks one part of a ROS 2 topic's name.
 const CLI::Validator kTopicName(
     [](std::string& text) {
       const auto fits = [](unsigned char c) { return std::isalnum(c) != 0 || c == '_'; };
       const bool good = !text.empty() && std::isdigit(static_cast<unsigned char>(text[0])) == 0 &&
                         std::ranges::all_of(text, fits);
       return good ? std::string()
-                  : "'" + text + "' is no part of a topic's name: letters, digits and _ only";
+                  : "'" + text +
+                        "' is not a topic's name: use letters, digits and _, and no digit first";
     },
     "");
 
@@ -92,7 +93,7 @@ void AddScene(CLI::App& app, Options& options) {
       ->group(group);
   app.add_option("--arm-error", world.arm.mean_error_m,
                  "mean distance of the tip from its position by the encoders [m];\nup to 0.0005 "
-                 "of it remain after a calibration")
+                 "m of it remain after a calibration")
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str()
       ->group(group);
@@ -130,10 +131,10 @@ void AddScene(CLI::App& app, Options& options) {
       ->delimiter(',')
       ->group(group);
   app.add_flag("--during,!--not-during", d.during,
-               "the platform moves while the arm does (default: yes)")
+               "move the platform while the arm moves (default: yes)")
       ->group(group);
   app.add_flag("--between", d.between,
-               "the platform moves while the arm does not; in lock-step, for --pause at each rest")
+               "move the platform while the arm rests; in lock-step, for --pause at each rest")
       ->group(group);
   app.add_option("--pause", d.pause_s, "duration of the motion at each rest, in lock-step [s]")
       ->check(dfr::apps::kNotNegative)

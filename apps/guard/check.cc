@@ -206,8 +206,8 @@ class Collected {
   }
 
   void Alignment(Problems& problems) const {
-    // Actions best explain the entries that they move. For these entries, the actions of the
-    // neighbouring steps must not explain more.
+    // Actions explain best the changes of the entries that they move. Actions of neighbouring steps
+    // must not explain these changes better.
     constexpr double kClearly = 0.1;
     const Eigen::VectorXd as_recorded = fits_[1].Shares();
     for (const std::size_t i : {std::size_t{0}, std::size_t{2}}) {
@@ -219,7 +219,7 @@ class Collected {
       }
       const std::string text = core::Format(
           "the change of %s after step t is explained to %.0f %% by the action of step "
-          "t %c 1, to %.0f %% by that of step t: are actions and states out of step?",
+          "t %c 1, but to %.0f %% by the action of step t: are actions and states out of step?",
           EntryName(*layout_, entry).c_str(), 100.0 * share, i == 0 ? '-' : '+',
           100.0 * as_recorded[entry]);
       problems.Warning("alignment", text);
@@ -281,7 +281,7 @@ bool RunCheck(const CheckOptions& options) {
       problems.Error(reader->name(i) + ": is left out of the repaired file: " + e.what());
     }
     CheckActions(reader->name(i), episode.controls, options.action_limit, problems);
-    // Episodes with bitwise equal sums count as equal.
+    // Episodes with equal lengths and bitwise equal sums of squares count as equal.
     const std::pair<double, Eigen::Index> mark{
         episode.states.squaredNorm() + 3.0 * episode.controls.squaredNorm(), episode.states.rows()};
     const auto [first, fresh] = seen.emplace(mark, reader->name(i));

@@ -96,7 +96,7 @@ void AddFit(CLI::App& app, int& result) {
       "points:obs/image[:K][:grey][:HxW][:light=none|gain|standard] stands for positions of what a "
       "picture or a video of LeRobot shows, pca:obs/embedding[:K] for principal components of "
       "another large part, slow: for "
-      "those of them that change slowly; without K the fit chooses how many");
+      "the components that change slowly; without K the fit chooses how many");
   command
       ->add_option(
           "--strategy", options->strategy,

@@ -73,7 +73,7 @@ using SeeStates = std::function<void(const core::Matrix& states, const std::vect
 
 /// Follows each episode of a file, without applying the guard's actions.
 /// @param see  is called for each episode; may be empty.
-/// @throws std::runtime_error naming the file if it has no episode or not the guard's layout.
+/// @throws std::runtime_error naming the file if it has no episode or a layout unlike the guard's.
 std::vector<ReplayedEpisode> Replay(const std::shared_ptr<const safety::GuardModel>& shared,
                                     const std::filesystem::path& path,
                                     const std::string& filter_key, const SeeStates& see);

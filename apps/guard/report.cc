@@ -283,23 +283,24 @@ experiment::ReportTable CertificateTable(const safety::GuardModel& model,
   return table;
 }
 
-// Table of the distances from obstacles that demonstrations must have kept, and of the distances of
-// these episodes' states from the demonstrated states that the guard keeps.
+// Table of two distances: the distance that demonstrations must have kept from obstacles, and the
+// distance of these episodes' states from the demonstrated states that the guard keeps.
 experiment::ReportTable ClearanceTable(const safety::GuardModel& model, const Strays& strays) {
   experiment::ReportTable table{
       .heading = "Clearance",
       .caption =
-          "A state that raises no alarm is at most Required away from a demonstrated one, in all "
+          "A state that raises no alarm is at most Required away from a demonstrated state, in all "
           "blocks at once, in each block's unit. Required is the largest value over time steps, "
           "Median their median. "
-          "It meets no obstacle if the demonstrations kept more than Required from all of them. "
-          "The "
+          "Such a state meets no obstacle if the demonstrations kept more than Required from all "
+          "obstacles. The "
           "guard does not know the obstacles. Compare Required with the smallest distance in the "
           "recordings between an obstacle and the point that the block measures, less the size of "
           "the body around that point. If the obstacle's position is a block, too, compare with "
           "the "
-          "sum of both rows. Strayed: how far the states of these demonstrations are from the "
-          "demonstrated ones that the guard keeps. Only states with an alarm exceed Required.",
+          "sum of both rows. Strayed: the largest distance of these demonstrations' states "
+          "from the demonstrated states that the guard keeps. Only states with an alarm exceed "
+          "Required.",
       .header = {"Block", "Required", "Step", "Median", "Strayed", "Median strayed"},
       .rows = {}};
   auto distances = strays.Distances();

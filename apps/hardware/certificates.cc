@@ -11,7 +11,7 @@
 namespace dfr::apps::hardware_app {
 namespace {
 
-// Permissions of dfr's programs.
+// Returns the permission of one of dfr's programs.
 dds::Permission PermissionOf(const std::string& name) {
   static const std::map<std::string, dds::Permission> kKnown = {
       {"line_tracking", dds::Permission::kController},

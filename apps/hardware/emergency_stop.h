@@ -17,9 +17,9 @@ enum class StopWord { kPress, kRelease, kEnd };
 /// Exactly "r" releases the stop, and exactly "q" presses it and quits. Any other line presses it.
 [[nodiscard]] StopWord Meaning(std::string_view line) noexcept;
 
-/// An operator's emergency stop in a terminal, until Ctrl-C or q: Enter or any line except "r"
-/// presses it; "r" releases it. Also runs without a robot, because one may join later. Shows the
-/// state of line_tracking, and reports when it goes silent.
+/// Runs an operator's emergency stop in a terminal, until Ctrl-C, q or the end of the input. Also
+/// runs without a robot, because a robot may join later. Shows the state of line_tracking, and
+/// reports when line_tracking goes silent.
 void RunEmergencyStop(const EmergencyStopOptions& options);
 
 }  // namespace dfr::apps::hardware_app

@@ -11,7 +11,7 @@ namespace dfr::apps::hardware_app {
 /// Options for RunHome().
 struct HomeOptions {
   std::string platform;  ///< Serial port.
-  /// Returns whether the operator answered a question with `word`. Otherwise nothing moves.
+  /// Asks the operator. Returns true if the answer is `word`; otherwise nothing moves.
   std::function<bool(const std::string& question, const std::string& word)> confirms;
   /// Prints progress for the user.
   std::function<void(const std::string& text)> say;

@@ -28,8 +28,8 @@ static_assert(std::atomic<bool>::is_always_lock_free);
 std::string AnswerAtTerminal(const std::string& question, const char* hint, const char* otherwise) {
   std::string answer;
   if (::isatty(STDIN_FILENO) == 0) {
-    std::cerr << core::Printable(question) << " There is no terminal to answer at" << otherwise
-              << ": no.\n";
+    std::cerr << core::Printable(question) << " There is no terminal, so the answer is no"
+              << otherwise << ".\n";
     return answer;
   }
   std::cerr << core::Printable(question) << hint << std::flush;
@@ -135,7 +135,7 @@ int Main(int argc, char** argv) {
     ListenForInterrupts();
     check.ask = [&](const std::string& question) {
       if (yes) return true;
-      const std::string answer = AnswerAtTerminal(question, " [y/N] ", " (--yes answers)");
+      const std::string answer = AnswerAtTerminal(question, " [y/N] ", " (--yes answers yes)");
       return answer == "y" || answer == "yes";
     };
     check.say = Say;
