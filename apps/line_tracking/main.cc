@@ -112,10 +112,11 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options) {
       command, options, "quick: 2 trials of 15 episodes; paper: 5 trials of 50",
       "the first is the reference; of " + study::MethodHelp(kOtherLineMethods));
   command
-      .add_option("--worlds", options.worlds,
-                  "worlds, one table each: a latency in real time, as in 30ms: the platform never "
-                  "stops and may move the line until 5 s after a halt; frozen: it stops while the "
-                  "robot looks, computes or has halted")
+      .add_option(
+          "--worlds", options.worlds,
+          "worlds, one table each. A latency such as 30ms: real time, in which the platform "
+          "never stops and may move the line until 5 s after a halt. frozen: the platform "
+          "stops while the robot looks, computes or has halted")
       ->delimiter(',')
       ->capture_default_str();
   AddModelOptions(command, options.model);

@@ -25,8 +25,9 @@ struct LineModelOptions {
   /// demonstrations (Sec. V-B): the tightest support that accepts `acceptance` of their states or,
   /// if there is none, the support that accepts most states.
   std::vector<double> gammas = {0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0};
-  /// Share of states that a support with this nu accepts: 1 - nu. The gate's threshold lambda |u|
-  /// of a tighter support exceeds the largest g at some time step, and DFR halts there.
+  /// Share of held-out states that the chosen support must accept, by default 1 - nu. The gate's
+  /// threshold lambda |u| of a tighter support exceeds the largest g at some time step, and DFR
+  /// halts there.
   double acceptance = 0.95;
   double whitened_gamma =
       kernel::WhitenedSupportOptions()
@@ -54,14 +55,14 @@ inline constexpr std::array<std::string_view, 8> kOtherLineMethods = {
 /// LearnedModel of line tracking.
 class LineModel : public study::LearnedModel {
  public:
-  /// @throws std::invalid_argument if there are fewer than 8 demonstrations, or they do not fit.
+  /// @throws std::invalid_argument if there are fewer than 8 demonstrations or invalid options.
   static LineModel Fit(const imitation::DemonstrationSet& set, const LineModelOptions& options,
                        kernel::Selection* selection = nullptr);
 
   static LineModel Load(const std::filesystem::path& folder);
 
-  /// Borrows this model. `method` is one that study::ParseMethod() takes with kOtherLineMethods.
-  /// Only "finite-difference" needs `plant`, the controlled plant.
+  /// Returns a controller that borrows this model. `method` is a name that study::ParseMethod()
+  /// accepts with kOtherLineMethods. Only oracles and adversaries need `plant`.
   /// @throws std::invalid_argument listing the valid names for an unknown one.
   [[nodiscard]] std::unique_ptr<control::Controller> MakeController(
       const std::string& method, const core::SimulatedPlant* plant = nullptr) const;

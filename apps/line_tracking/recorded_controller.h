@@ -21,7 +21,7 @@ class RecordedController final : public control::Controller {
   [[nodiscard]] int state_dim() const noexcept override { return controller_->state_dim(); }
   [[nodiscard]] int control_dim() const noexcept override { return controller_->control_dim(); }
 
-  /// Starts the episode for the following decisions.
+  /// Sets the number of the episode to which the following decisions belong.
   void BeginEpisode(std::uint64_t episode) noexcept { episode_ = episode; }
   /// Records a decision that was made without the controller, for an invalid state.
   void Record(const control::Step& step, std::span<const double> x,

@@ -120,7 +120,7 @@ bool LineTrialRunner::CollidesAfterHalt() {
 }
 
 std::string LineTrialRunner::CauseOf(const control::RolloutResult& result) const {
-  // The state is invalid if the picture does not show it; reports the missing features.
+  // A state is invalid if its picture lacks features; reports the missing features.
   if (result.halt_cause == control::HaltCause::kStateInvalid &&
       plant().options().observation == sim::Observation::kVision) {
     return std::string("not-seen-") + vision::Name(plant().last_observation().missing);

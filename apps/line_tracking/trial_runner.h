@@ -20,7 +20,7 @@ namespace dfr::apps::line_tracking {
 /// complete without a collision. Start states are a stream of `seed`. `progress` may be empty. The
 /// provenance has the origin simulated and the individual arm, but no date: equal options give
 /// equal bytes.
-/// @throws std::runtime_error if more than half are unusable.
+/// @throws std::runtime_error if more than `count` demonstrations are unusable.
 [[nodiscard]] imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
                                                       const line_task::LineCalibration& known,
                                                       int count, int steps, std::uint64_t seed,
@@ -39,7 +39,7 @@ class RecoveryCurves final : public control::RolloutObserver {
   void OnControl(const control::RolloutEvent& event) override;
   void OnEnd(const control::RolloutResult& result) override;
   [[nodiscard]] bool complete() const noexcept { return curves_.size() >= wanted_; }
-  /// One curve per recovery: entry i is min(1, g / threshold) at its iteration i.
+  /// One curve per recovery: entry i is g / threshold at its iteration i, clamped to [0, 1].
   [[nodiscard]] const std::vector<std::vector<double>>& curves() const noexcept { return curves_; }
 
  private:

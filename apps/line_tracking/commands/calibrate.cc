@@ -88,7 +88,8 @@ void CalibrateRobot(const CalibrateOptions& options) {
   const std::unique_ptr<RobotPlant> plant = BringUpRobot(config, guess, nullptr, terminal);
   printer.Say(
       "Move the tip by teleoperation all over the gauze, up to 30 mm above it, and let it "
-      "rest for each\npicture. The tip must touch the gauze in at least %td, better in forty.\n",
+      "rest for each\npicture. The tip must touch the gauze in at least %td pictures, better in "
+      "40.\n",
       kTouching);
   std::vector<vision::CalibrationFrame> frames;
   std::optional<line_task::LineCalibration> found;
@@ -97,9 +98,10 @@ void CalibrateRobot(const CalibrateOptions& options) {
         frames, [](const vision::CalibrationFrame& frame) { return frame.touching; });
     const std::optional<std::string> word = terminal.prompt().Answer(
         plant->loop(),
-        core::Format("%zu pictures, the tip touches in %td. Enter takes one, t one in which it "
-                     "touches; done calibrates",
-                     frames.size(), touching),
+        core::Format(
+            "%zu pictures; the tip touches the gauze in %td. Enter takes a picture, t takes "
+            "one in which the tip touches, done calibrates",
+            frames.size(), touching),
         kWords);
     if (!word) throw std::runtime_error("not calibrated: nothing was written");
     if (*word == "done" && touching < kTouching) {

@@ -62,8 +62,8 @@ struct RunOptions {
   SceneOptions scene;
   /// A robot's configuration; empty: the simulation in this process.
   std::filesystem::path config;
-  // If empty, the configuration's value; without a configuration "model", "controller",
-  // "recordings".
+  // An empty value stands for the configuration's value, or without a configuration for "model",
+  // "controller" or "recordings".
   std::filesystem::path model;
   std::string method;
   std::filesystem::path recordings;  ///< Or kNoRecordings.

@@ -27,9 +27,9 @@ core::Trajectory Empty(const RobotPlant& plant, int steps) {
   return trajectory;
 }
 
-// Returns a demonstration of the scripted supervisor, which follows the line from the operator's
-// start. Empty if the task was not completed: the robot then holds, and plant.loop() has the
-// reason.
+// Returns a demonstration of the scripted supervisor, which follows the line from the place where
+// the operator put the tip. Empty if the task was not completed: the robot then holds, and
+// plant.loop() has the reason to hold.
 std::optional<core::Trajectory> Drive(RobotPlant& plant, int steps, std::uint64_t seed) {
   core::Trajectory trajectory = Empty(plant, steps);
   trajectory.seed = seed;
@@ -45,8 +45,8 @@ std::optional<core::Trajectory> Drive(RobotPlant& plant, int steps, std::uint64_
   return trajectory;
 }
 
-// The operator leads the tip. Records a state per millimetre; its control is the displacement to
-// the next state.
+// The operator leads the tip. Records a state after each millimetre, and as its control the
+// displacement to the next state.
 core::Trajectory Follow(RobotPlant& plant, int steps) {
   core::Trajectory trajectory = Empty(plant, steps);
   core::Matrix& x = trajectory.states;

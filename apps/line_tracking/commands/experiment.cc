@@ -23,8 +23,8 @@ constexpr int kDemonstrations = 50;
 constexpr int kDemonstratedSteps = 50;
 constexpr int kCalibrationFrames = 300;
 constexpr std::size_t kCurves = 30;
-// Number of episodes in the study of probes. Few suffice, and with images an episode with fine
-// probes would take a thousand controls without effect.
+// Number of episodes in the study of probes, and largest number of controls in each. With images,
+// an episode with fine probes would otherwise take a thousand controls without effect.
 constexpr int kStudiedEpisodes = 8;
 constexpr int kStudiedControls = 200;
 
@@ -150,10 +150,11 @@ experiment::ReportTable ProbeTable(const std::vector<StudiedMethod>& studied) {
   experiment::ReportTable table;
   table.heading = "What a probe can tell";
   table.caption =
-      "Algorithm 1 leaves the lengths of probe and step open. The first trial's first " +
+      "Algorithm 1 leaves the lengths of probe and step open. This table compares probes of the "
+      "first trial's first " +
       std::to_string(kStudiedEpisodes) + " episodes, at most " + std::to_string(kStudiedControls) +
-      " controls each, against the simulation's exact numbers: the median probe, the "
-      "median error of the measured change of distance across it, and how often the "
+      " controls each, with the simulation's exact numbers. It has the median probe, the "
+      "median error of the measured change of distance across a probe, and how often the "
       "measured change of g has the right sign, including the effect of the platform's motion. "
       "Out of reach: the gate's threshold lambda |u| exceeded g of every demonstrated "
       "state.";
@@ -174,8 +175,8 @@ experiment::ReportTable ProbeTable(const std::vector<StudiedMethod>& studied) {
   return table;
 }
 
-// Picks three episodes. Best: completed with the fewest controls. Worst: the earliest collision,
-// otherwise the earliest halt. Median: in the middle of this order.
+// Picks three episodes. Best: completed with the fewest controls. Worst: the collision with the
+// most controls, otherwise the halt with the most. Median: in the middle of this order.
 std::vector<std::pair<std::string, std::uint64_t>> PickEpisodes(const experiment::UnitResult& unit,
                                                                 std::size_t method) {
   std::vector<std::size_t> order(unit.starts.size());

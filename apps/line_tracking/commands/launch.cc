@@ -183,9 +183,9 @@ std::vector<std::string> InNetwork(std::vector<std::string> command,
   if (!std::filesystem::exists(folder)) {
     throw std::runtime_error(
         folder.string() +
-        " does not exist, but must hold the certificate of the launched program. Create it with "
-        "`hardware certificates`, together with the certificates of " +
-        name + " and line_tracking");
+        " does not exist, but must hold the certificate of the launched program. Create the "
+        "certificates of line_tracking and " +
+        name + " with `hardware certificates`");
   }
   command.insert(command.end(), {"--security", folder.string()});
   return command;
@@ -227,7 +227,7 @@ void RunLaunch(const LaunchOptions& options) {
     throw std::runtime_error(
         options.config.string() +
         ": launch starts the simulated robot; this configuration is for another "
-        "one. Start its console yourself, then `line_tracking run --config`");
+        "robot. Start its console yourself, then `line_tracking run --config`");
   }
   Prepare(config, options.folder);
   struct sigaction action {};

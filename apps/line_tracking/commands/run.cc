@@ -34,7 +34,7 @@ struct Robot {
 };
 
 // On a robot, an episode begins after the operator's confirmation. In simulation it begins after a
-// regular end of the previous episode. Returns false if there are no more episodes.
+// regular end of the previous episode. Returns false if no further episode may begin.
 bool MayBegin(RobotPlant& plant, bool simulated, Terminal& terminal) {
   robot::OperatorPrompt& prompt = terminal.prompt();
   const auto say = [&](std::string_view words) {
@@ -218,7 +218,7 @@ void RunReplay(const ReplayOptions& options) {
   if (!ReplayRecording(options.recording, options.model)) {
     throw std::runtime_error(
         options.recording.string() +
-        ": not every decision was repeated; the differences are printed above");
+        ": some repeated decisions differ from the recorded decisions, as printed above");
   }
 }
 

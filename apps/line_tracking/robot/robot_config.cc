@@ -32,7 +32,7 @@ class Section {
   void Get(const char* key, std::string& value) {
     if (const toml::node* node = Find(key)) {
       const auto text = node->value_exact<std::string>();
-      if (!text) Wrong(*node, key, "a text in quotes");
+      if (!text) Wrong(*node, key, "a string in quotes");
       value = *text;
     }
   }
@@ -192,8 +192,8 @@ std::optional<Eigen::Isometry3d> GetPose(Section& section, const char* position,
   const bool placed = section.Get(position, place);
   const bool turned = section.Get(quaternion, turn);
   if (placed != turned) {
-    section.Wrong(placed ? position : quaternion, std::string("given together with the other of ") +
-                                                      position + " and " + quaternion);
+    section.Wrong(placed ? position : quaternion, std::string("left out, unless both ") + position +
+                                                      " and " + quaternion + " are given");
   }
   if (!placed) return std::nullopt;
   const Eigen::Quaterniond rotation(turn[3], turn[0], turn[1], turn[2]);
@@ -244,10 +244,10 @@ void GetPlatform(Section& section, hardware::PlatformOptions& platform) {
   const hardware::SprkStatus status =
       hardware::EncodeSprkWave(*platform.wave, platform.motion, frame, sent);
   if (status != hardware::SprkStatus::kOk) {
-    section.Wrong("amplitude", std::string("feasible with its frequency_hz; it is ") +
-                                   hardware::Name(status) +
-                                   ". x, y, z in m, roll, pitch, yaw in rad; in Hz up to 0.99, of "
-                                   "a breath up to 0.157");
+    section.Wrong("amplitude",
+                  std::string("feasible with its frequency_hz; it is ") + hardware::Name(status) +
+                      ". Units: x, y, z in m; roll, pitch, yaw in rad; frequencies in Hz, "
+                      "at most 0.99, for a breath 0.157");
   }
 }
 

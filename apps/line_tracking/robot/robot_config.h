@@ -17,7 +17,7 @@
 
 namespace dfr::apps::line_tracking {
 
-/// Robot of a run.
+/// Place of the robot that a run controls.
 enum class RobotPlace {
   kProcess,  ///< The simulation in this process.
   kDds,      ///< An arm behind a console on the network: dvrk_simulator's, or a real one.
@@ -115,8 +115,8 @@ void CheckProvenance(const RobotConfig& config, const std::filesystem::path& fil
 
 /// Checks that `calibration` matches the intrinsics named by the configuration, if any: the same
 /// size, and focal lengths and principal point within 5 %.
-/// @throws std::runtime_error naming both files and the difference; what
-/// hardware::ReadIntrinsics() throws.
+/// @throws std::runtime_error naming both files and the difference, and as
+/// hardware::ReadIntrinsics() does.
 void CheckCamera(const RobotConfig& config, const line_task::LineCalibration& calibration);
 
 }  // namespace dfr::apps::line_tracking

@@ -47,7 +47,7 @@ robot::ControlLoopOptions LoopOptions(const RobotConfig& config) {
   options.period_s = config.period_s;
   options.max_period_s = config.lock_step ? 10.0 : config.max_period_s;
   if (config.lock_step) {
-    // Pictures and threads depend on this machine's load. Nothing moves during the wait.
+    // Delays of pictures and threads depend on this machine's load. Nothing moves during the wait.
     const double patience_s = std::max(10.0, config.simulator_answer_s);
     options.image_timeout_s = options.max_camera_check_s = options.max_stop_check_s = patience_s;
   } else if (config.simulator) {
@@ -74,7 +74,7 @@ Eigen::Isometry3d Base(const RobotConfig& config) {
   return config.p_world_base ? *config.p_world_base : sim::LineTrackingPlant::p_world_base();
 }
 
-// NOLINTNEXTLINE(clang-analyzer-optin.performance.Padding): members in the order of their making.
+// NOLINTNEXTLINE(clang-analyzer-optin.performance.Padding): members in the order of construction.
 struct RobotPlant::Impl {
   Impl(const RobotConfig& config, const line_task::LineCalibration& calibration,
        recording::Recorder* recorder, const RunOperator& run_operator)
@@ -164,7 +164,7 @@ struct RobotPlant::Impl {
     }
   }
 
-  // Returns a leg that moves the tips straight to their place in `to` while the tool turns.
+  // Returns a leg that moves the tips straight to their position at `to` while the tool turns.
   [[nodiscard]] Leg Turning(const char* what, const PsmJoints& from,
                             const std::optional<PsmJoints>& to) const {
     const auto way = to ? TurnAboutTip(from, *to, generation) : std::nullopt;
@@ -176,8 +176,8 @@ struct RobotPlant::Impl {
   }
 
   // Turns a tilted tool upright: in place if the angle is small, as after a new calibration.
-  // Otherwise lifts the tool, observes the gauze, turns the tool, and lowers it to the tip's
-  // position above the observed gauze.
+  // Otherwise lifts the tool, observes the gauze, turns the tool, and lowers the tip to its former
+  // position, unless the tip would leave its region above the observed gauze.
   void TurnUpright() {
     PsmJoints upright;
     if (!tool.Upright(upright)) {
@@ -224,7 +224,7 @@ struct RobotPlant::Impl {
     region.ForgetGauze();
   }
 
-  // Waits for a new picture while nothing is armed.
+  // Waits for a new picture while the robot is not armed.
   robot::Camera::Answer ObserveIdle(std::span<double> state, bool marks) {
     const std::int64_t after_ns = real_time.WallNs() + std::llround(1e9 * image_latency_s);
     if (marks) {
@@ -232,7 +232,7 @@ struct RobotPlant::Impl {
     } else {
       static_cast<void>(camera.Ask(after_ns));
     }
-    constexpr int kPatience = 400;  // periods: 2 s of 5 ms
+    constexpr int kPatience = 400;  // periods; 2 s with periods of 5 ms
     auto answer = robot::Camera::Answer::kPending;
     for (int n = 0; answer == robot::Camera::Answer::kPending; ++n) {
       loop.Tick();

@@ -22,7 +22,7 @@ namespace dfr::apps::line_tracking {
 struct RunOperator {
   std::function<void(const runtime::Transition&)> on_transition;
   std::function<void(const hardware::ConsoleMessage&)> on_message;
-  /// Set by a signal handler for a stop; may be nullptr, otherwise must outlive the run.
+  /// A signal handler sets it to stop the run; may be nullptr, otherwise must outlive the run.
   const std::atomic<bool>* interrupted = nullptr;
 };
 
@@ -63,7 +63,7 @@ class RobotPlant final : public core::Plant {
   [[nodiscard]] int control_dim() const noexcept override { return 2; }
   /// With a simulator: begins the next episode, which starts as soon as there is no reason to hold.
   /// On a robot the operator has placed the tip, and the episode starts at once. The platform's
-  /// wave begins with it, and ends as soon as the robot holds for any reason.
+  /// wave begins with the episode, and ends as soon as the robot holds for any reason.
   /// @throws std::runtime_error with the reason to hold: at once on a robot or if a fault was not
   ///   cleared, after 3 s with a simulator, and after simulator_answer_s in lock-step.
   void Reset(std::uint64_t seed) override;

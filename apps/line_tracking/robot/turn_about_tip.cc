@@ -13,7 +13,7 @@ using kinematics::PsmReach;
 
 constexpr double kTurn = 0.05;      // rad, angle between two points of the path
 constexpr double kWay = 5e-4;       // m, distance between two points of the tips' path
-constexpr double kMostJoint = 0.5;  // rad: a larger step between two points is another posture
+constexpr double kMostJoint = 0.5;  // rad; a larger step between two points means another posture
 
 // Returns true if the tips stay near the straight line while the joints move between two points.
 bool StaysNear(const PsmJoints& a, const PsmJoints& b, const Eigen::Vector3d& tip_a,

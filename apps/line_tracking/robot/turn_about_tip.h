@@ -13,8 +13,8 @@ inline constexpr double kMostAstray = 3e-4;
 
 /// Returns a path from `from` to `to` as successive joint values, ending with `to`. The tool turns
 /// while the jaw tips move straight between their positions, which may coincide. In a single move
-/// through joint space the tips would swing by millimetres. Empty if the arm cannot hold the tool
-/// somewhere on the path. @pre both finite
+/// through joint space the tips would swing by millimetres. Empty if the arm cannot follow this
+/// path. @pre both finite
 [[nodiscard]] std::optional<std::vector<kinematics::PsmJoints>> TurnAboutTip(
     const kinematics::PsmJoints& from, const kinematics::PsmJoints& to,
     kinematics::PsmGeneration generation = kinematics::PsmGeneration::kClassic);

@@ -28,8 +28,8 @@ robot::Finding LockStep::Wait(double dt_s) noexcept {
   return Try(HoldReason::kArmSilent, [&] { Run(dt_s); });
 }
 
-// Advances the simulator's time once it has received the driver's set-points. The driver sends a
-// set-point again if it has expired.
+// Advances the simulator's time once the simulator has received the driver's set-points. The driver
+// sends expired set-points again.
 void LockStep::Run(double dt_s) {
   constexpr int kTries = 20;
   for (int n = 0; n < kTries; ++n) {

@@ -46,7 +46,7 @@ class SimulatorLink {
   void Rest();  ///< Runs until everything is at rest.
   void Look();  ///< Takes and publishes the next picture.
 
-  /// Time of the simulator's last answer to the functions above except Truth(), ns since the epoch.
+  /// Simulator's time at its last answer to Reset(), Run(), Rest() or Look(), ns since the epoch.
   [[nodiscard]] std::int64_t now_ns() const noexcept { return now_ns_; }
 
  private:
