@@ -6,7 +6,7 @@
 /// A call that fails returns -1; page_error() returns the reason. Use one thread only.
 extern "C" {
 
-/// Scenes and methods as JSON text, valid until the next call.
+/// Returns the scenes, methods, halt causes and gain as JSON text, valid until the next call.
 const char* page_describe();
 const char* page_error();
 /// The shared array, with room for at least `count` doubles. Valid until a larger one is requested.

@@ -41,7 +41,7 @@ function disc(c, [x, y, radius], fill, stroke, dash = []) {
   if (stroke) { c.strokeStyle = stroke; c.setLineDash(dash); c.stroke(); c.setLineDash([]); }
 }
 
-// Draws the parts that do not move, once per scene: obstacles, start, goal, demonstrations.
+// Draws the parts that do not move: obstacles, start, goal, demonstrations.
 function still() {
   const picture = document.createElement("canvas");
   picture.width = $("map").width;

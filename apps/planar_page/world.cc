@@ -74,8 +74,8 @@ safety::TaskOptions Options() {
   return options;
 }
 
-// Features of the certified mode. Both coordinates have one unit, and |dz| is therefore a multiple
-// of |dx|.
+// Features of the certified method. Both coordinates have one unit, and |dz| is therefore a
+// multiple of |dx|.
 core::FeatureTransform OneUnit(std::span<const core::Trajectory> demonstrations) {
   const core::FeatureSelection all = core::FeatureSelection::All(2);
   std::vector<core::Matrix> states;

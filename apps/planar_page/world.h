@@ -32,15 +32,15 @@ class PushedPolicy final : public core::Policy {
   Point push_{};
 };
 
-/// Support of Algorithm 1, of guided recovery or of the certified mode.
+/// Support of Algorithm 1, of guided recovery or of the certified method.
 enum class Support { kPublished, kGuided, kCertified };
 
 /// Names of the methods, as in the program `study`.
 [[nodiscard]] const std::vector<std::string>& MethodNames();
 [[nodiscard]] Support SupportOf(std::size_t method) noexcept;
 
-/// Region that a certificate allows in one state, in lengths of the plane. By the curvature bound,
-/// any motion that ends in this disc stays inside the support.
+/// Region that a certificate allows in one state, in the plane's unit of length. By the curvature
+/// bound, any motion that ends in this disc stays inside the support.
 struct SafeRegion {
   Point centre{};
   double radius = 0.0;  ///< Negative outside the support: nothing is certified there.
@@ -126,7 +126,7 @@ class World {
   /// Return l_t(x), the log form of g_t(x), and g_t(x).
   [[nodiscard]] double LogDecision(Support support, int t, const Point& x) const noexcept;
   [[nodiscard]] double Decision(Support support, int t, const Point& x) const noexcept;
-  /// Returns the time step whose support fits x best.
+  /// Returns the time step with the largest l_t(x).
   [[nodiscard]] int NearestStep(Support support, const Point& x) const noexcept;
   [[nodiscard]] SafeRegion Certified(int t, const Point& x) const noexcept;
 
@@ -134,9 +134,9 @@ class World {
   /// `first_step`.
   [[nodiscard]] Episode Start(std::size_t method, const Point& start, int first_step,
                               std::uint64_t seed) const;
-  /// Pushes the policy of all episodes: adds the control for this motion to its controls.
+  /// Adds the control for this motion to the policy's controls, except in the episodes of Run().
   void Push(const Point& displacement) noexcept;
-  /// Runs `count` episodes from random start states.
+  /// Runs `count` episodes from random start states, without pushes.
   [[nodiscard]] Tally Run(std::size_t method, int count, std::uint64_t seed) const;
 
  private:

@@ -20,7 +20,7 @@ namespace {
 constexpr double kDegree = 3.14159265358979323846 / 180.0;
 constexpr int kFewDemonstrations = 20;
 
-// A condition, as its differences from the experiment.
+// A condition of the test: its differences from the experiment.
 struct Condition {
   std::string name;
   experiment::DisturbanceOptions disturbance = {};

@@ -54,7 +54,7 @@ experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   return plan;
 }
 
-std::string Text(double value) { return core::Format("%g", value); }  // for readers
+std::string Text(double value) { return core::Format("%g", value); }  // six digits
 
 std::string Percent(double share) { return core::Format("%.1f %%", 100.0 * share); }
 
@@ -139,7 +139,7 @@ const experiment::Contrast* FindContrast(const experiment::Summary& summary,
   return nullptr;
 }
 
-// The paper's figures (Sec. V-A) beside ours, for the weak learner.
+// The paper's figures (Sec. V-A) beside ours, for the first learner.
 experiment::ReportTable PaperTable(const experiment::Summary& summary,
                                    const experiment::EvaluationPlan& plan) {
   experiment::ReportTable table;
@@ -270,7 +270,7 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
        "learns from separate demonstrations with injected noise. DAgger queries the supervisor in "
        "every state that it visits, in ten rounds, and collides while it learns. The "
        "filter with the true Jacobian is an oracle: it tries controls on a copy of the plant, and "
-       "looks at the support of the controller."});
+       "uses the controller's support."});
   if (options.preset == "quick") {
     report.notes.push_back(
         {"Quick preset",

@@ -35,8 +35,8 @@ void RunFit(const FitOptions& options) {
               options.out.c_str(), model_options.learner.Name().c_str(),
               model.task().support().num_steps(), *low, *high);
   std::printf(
-      "of the %d demonstrated states %.1f %% are outside; nu = %g bounds the share per time step, "
-      "held last states included\n",
+      "of the %d demonstrated states %.1f %% are outside; nu = %g bounds the share at each "
+      "time step, where demonstrations that have ended keep their last state\n",
       states, 100.0 * outside / states, model_options.nu);
 }
 

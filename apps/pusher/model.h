@@ -50,7 +50,8 @@ class Model : public study::LearnedModel {
  public:
   /// Fits to the first `demonstrations` trajectories of the set. Baselines that query the
   /// supervisor need `supervisor` and its scene, and are rejected without them.
-  /// @throws std::invalid_argument if there are fewer trajectories, or they do not fit.
+  /// @throws std::invalid_argument if `demonstrations` is below 3 or above the set's size, or if
+  /// the set is invalid.
   static Model Fit(const imitation::DemonstrationSet& set, int demonstrations,
                    const ModelOptions& options,
                    const imitation::GaussianPolicy* supervisor = nullptr,
@@ -58,7 +59,7 @@ class Model : public study::LearnedModel {
 
   static Model Load(const std::filesystem::path& folder);
 
-  /// Borrows this model. `plant` is the controlled plant, for oracles and adversaries only.
+  /// Returns a controller that borrows this model. Only oracles and adversaries need `plant`.
   /// Episodes begin at time step `first_step`.
   [[nodiscard]] std::unique_ptr<control::Controller> MakeController(
       const safety::Method& method, const core::SimulatedPlant* plant = nullptr,

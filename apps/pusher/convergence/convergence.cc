@@ -50,7 +50,7 @@ struct PaperTask {
             model.demonstrations().layout, model.task().published_features()))),
         support(*model.task().published()),
         seen(features, model.demonstrations().trajectories),
-        // The gate stays closed: the curves end at the paper's threshold.
+        // This quantile keeps the gate closed: the curves end at the paper's threshold instead.
         levels(support, seen.points, {.gate_quantile = 1.0}),
         response(seen) {}
   [[nodiscard]] control::TaskView view() const { return {features, support, levels, response}; }
@@ -98,7 +98,8 @@ double Climbed(const core::DecisionFunction& g, int t, std::vector<double> x, st
   return level;
 }
 
-// Returns Share() after each control, until the learned policy may continue or the recovery ends.
+// Returns Share() at the start and after each control, until the learned policy may continue or the
+// recovery ends.
 std::vector<double> Climb(const Model& model, const Gate& gate, core::SimulatedPlant& plant,
                           control::Controller& controller, std::uint64_t seed) {
   controller.Reset(seed);
@@ -225,8 +226,8 @@ GateReach MeasureReach(PusherTrialRunner& runner, int recoveries, std::uint64_t 
   for (const Gate& gate : FindGates(runner, recoveries, seed)) {
     gate.plant->Observe(x);
     const double threshold = Threshold(model, gate.t, x, u);
-    // The demonstrated state with the largest g, and the demonstrated gripper position with the
-    // largest g.
+    // The demonstrated state with the largest g, and x with the demonstrated gripper position that
+    // gives the largest g.
     std::vector<double> highest(x);
     std::vector<double> moved(x);
     for (const core::Trajectory& d : model.demonstrations().trajectories) {

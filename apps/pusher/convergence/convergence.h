@@ -28,7 +28,7 @@ struct ConvergenceCurve {
                                                                int recoveries, std::uint64_t seed);
 
 /// Mean over models of one method's curves, with the standard error between models. `reached` is
-/// the sum over models. @throws std::invalid_argument if there are none.
+/// the sum over models. @throws std::invalid_argument if `curves` is empty.
 [[nodiscard]] ConvergenceCurve MeanOverModels(const std::vector<ConvergenceCurve>& curves);
 
 /// Levels of g_t that ascent reaches from the states of MeasureConvergence().

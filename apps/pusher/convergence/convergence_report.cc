@@ -15,8 +15,8 @@ namespace {
 constexpr std::uint64_t kConvergenceStream = 5;
 constexpr int kRecoveries = 50;
 
-// Plots the paper's Fig. 5, left, over iterations and over applied controls. The latter determine a
-// robot's time.
+// Plots the left part of the paper's Fig. 5 over iterations and over applied controls. The number
+// of controls determines a robot's time.
 experiment::ReportFigure ConvergenceFigure(const std::vector<ConvergenceCurve>& curves,
                                            const std::string& learner, const std::string& which) {
   experiment::ReportFigure figure;
@@ -116,9 +116,8 @@ void MeasureRecoveries(const ExperimentOptions& options, const experiment::Evalu
   show(MeasureConvergence(*runner, kRecoveries, seed), "the first of each episode");
   const GateReach reach = MeasureReach(*runner, kRecoveries, seed);
   std::printf(
-      "  the threshold is below the largest g of any state in %d of %d, and of any position of the "
-      "gripper, all\n  else unchanged, in %d; the best such position: %.3f of the threshold on "
-      "average\n",
+      "  g reaches the threshold in some state for %d of %d recoveries, and if only the gripper "
+      "moves for %d;\n  the largest g over gripper positions is %.3f of the threshold on average\n",
       reach.any_state, reach.gates, reach.any_tip, reach.best_tip);
   show(MeasureEveryRecovery(*runner, kRecoveries, seed), "all of each episode");
 }

@@ -19,13 +19,13 @@ namespace dfr::apps::pusher {
 inline constexpr int kShippedSupervisors = 5;
 
 /// Returns the first `count` shipped supervisors; ShippedSupervisor() is the first.
-/// @throws std::invalid_argument if there are fewer; std::runtime_error naming the file.
+/// @throws std::invalid_argument if there are fewer; std::runtime_error naming an unreadable file.
 [[nodiscard]] std::vector<imitation::GaussianPolicy> LoadShippedSupervisors(int count);
 
 /// Numbers of kept and discarded episodes of Demonstrate().
 struct DemonstrationCounts {
   int kept = 0;
-  int collided = 0;    ///< Discarded: a demonstration does not violate the constraints (Sec. III).
+  int collided = 0;    ///< Discarded: a demonstration must not violate a constraint (Sec. III).
   int incomplete = 0;  ///< Discarded: over the time limit.
 };
 
