@@ -46,7 +46,7 @@ void Write(cv::Mat& canvas, const std::string& text, cv::Point at, double scale,
   cv::putText(canvas, text, at, cv::FONT_HERSHEY_SIMPLEX, scale, colour, thickness, cv::LINE_AA);
 }
 
-// Range of the scale of g: includes all values and thresholds, and zero.
+// Range of the vertical axis: contains zero and all finite values given to Include().
 struct Range {
   double low = 0.0;
   double high = 1e-6;

@@ -73,7 +73,8 @@ class RolloutVideoRecorder final : public control::RolloutObserver {
 /// @throws std::runtime_error naming the file if it cannot be written or its ending is unknown.
 void WriteVideo(const std::filesystem::path& path, std::span<const RolloutVideo> videos);
 
-/// Writes picture `index` of each video, or its last one. The ending of `path` chooses PNG or JPEG.
+/// Writes picture `index` of each video, or the last picture of a shorter video. The ending of
+/// `path` chooses PNG or JPEG.
 void WriteStill(const std::filesystem::path& path, std::span<const RolloutVideo> videos,
                 std::size_t index);
 

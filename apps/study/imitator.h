@@ -49,7 +49,7 @@ class Imitator {
 
 /// Learns policy `name` from `demonstrations` of `task`: by behaviour cloning "good", "weak" (few
 /// units and epochs) or "biased" (the good policy with the task's bias); or one of
-/// study::kPolicies, with the good policy as the learned policy. `fit` belongs to these
+/// study::kPolicies, with the good policy as the learned policy. `fit` was made from these
 /// demonstrations. `plant` is the controlled plant, for the adversaries only. Borrows everything
 /// except the seed.
 /// @throws std::invalid_argument listing the valid policies.

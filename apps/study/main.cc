@@ -59,8 +59,8 @@ void RunAndPrint(const Study& study, bool grid, bool causes) {
        .judgements = JudgeMethods(rows),
        .judged_by = kJudgedBy,
        .program = "study",
-       .introduction = "Saved: the policy alone collides from this start state, but not with "
-                       "the controller. Harmed: the policy alone completes from it, but not with "
+       .introduction = "Saved: from this start state the policy collides alone, but not with "
+                       "the controller. Harmed: the policy completes alone, but not with "
                        "the controller. Start states outside the support are drawn again only in "
                        "the plane.",
        .settings = {{"seed", std::to_string(study.seed)},

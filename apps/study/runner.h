@@ -20,7 +20,7 @@
 
 namespace dfr::study {
 
-/// Method name of the policy alone, with controllers and guards. Tables call it "alone".
+/// Method name of the policy alone, in studies of controllers and guards. Tables call it "alone".
 inline constexpr const char* kAlone = "baseline";
 
 /// Kind of methods: controllers around a policy, guards around a policy, or planar::Methods.

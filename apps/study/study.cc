@@ -240,7 +240,7 @@ const std::vector<std::string>& GuardNames() {
 bool Intervened(const experiment::EpisodeResult& episode) {
   using control::HaltCause;
   if (episode.changed_controls > 0) return true;
-  // Prefix of a collision that the world caused after a halt: "after <cause>".
+  // Prefix of the cause of a collision after a halt: "after <cause of the halt>".
   constexpr std::string_view kAfter = "after ";
   std::string_view cause = episode.cause;
   if (cause.starts_with(kAfter)) {

@@ -83,8 +83,8 @@ struct Row : TrialCounts {
   int alarmed_failures = 0;          ///< Number of collisions after an alarm; monitors only.
   int alarmed_successes = 0;         ///< Number of completions with an alarm; monitors only.
   std::vector<int> recoveries = {};  ///< Number of controls of each recovery, in planar tasks only.
-  /// Causes of halts and collisions: "halted: no-progress", or the source of the control that
-  /// collided.
+  /// Number of episodes by cause: "halted: no-progress", or "failed: " and the source of the
+  /// control that collided.
   std::map<std::string, int> causes = {};
   /// Sum of control::Step::change over changed controls that have this value.
   double change = 0.0;

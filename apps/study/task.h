@@ -51,7 +51,7 @@ struct Task {
 };
 
 /// Returns "pusher", "planar-corridor", "planar-push", the gallery's tasks and "line-tracking".
-/// MakeTask() also knows "planar-push-weak", planar-push with a worse learner.
+/// MakeTask() also accepts "planar-push-weak", planar-push with a worse learner.
 [[nodiscard]] std::vector<std::string> TaskNames();
 /// @throws std::invalid_argument listing the valid names.
 [[nodiscard]] Task MakeTask(const std::string& name);

@@ -15,7 +15,7 @@
 namespace dfr::apps {
 namespace {
 
-constexpr std::size_t kBoxHead = 8;  // Size and type of a box of an MP4 file.
+constexpr std::size_t kBoxHead = 8;  // Bytes of the size and type of a box in an MP4 file.
 constexpr std::size_t kMostMovie = std::size_t{16} << 20;
 
 std::uint64_t BigEndian(std::string_view bytes) {

@@ -20,7 +20,7 @@ struct Nuisances {
   double noise = 0.0;       ///< Standard deviation per pixel and picture, as a share of 255.
   bool distractor = false;  ///< A disc of random colour and position, drawn per episode.
   int shift = 0;            ///< Shift in pixels, in one of four directions, drawn per episode.
-  bool occlusion = false;   ///< A dark square of a third of the side, drawn per episode.
+  bool occlusion = false;   ///< A dark square, a third of the picture wide, drawn per episode.
 
   bool operator==(const Nuisances&) const = default;
 };

@@ -21,12 +21,12 @@ struct Detection {
   int demonstrations = 60;              ///< Number of demonstrations of `task`.
   int episodes = 100;                   ///< Number of further episodes of `task`.
   std::string features = {};            ///< Features as in a guard; empty: all, or the task's.
-  /// Share of demonstrations that may raise a false alarm, which determines thresholds.
+  /// Share of demonstrations that may raise a false alarm. It determines the thresholds.
   double false_alarms = 0.1;
   std::uint64_t seed = 1;
 };
 
-/// Demonstrations and further episodes, which failed unless their outcome is kCompleted.
+/// Demonstrations, and further episodes. Further episodes failed unless they are kCompleted.
 struct DetectionSet {
   imitation::DemonstrationSet demonstrations;
   std::vector<core::Trajectory> further;
@@ -37,8 +37,8 @@ struct DetectionSet {
 [[nodiscard]] const char* DetectionSources() noexcept;
 
 /// Reads the files, or runs the task's policy. Actions that are positions become differences.
-/// @throws std::runtime_error as imitation::OpenDemonstrations(), also if a file does
-///   not exist or the states of both files differ.
+/// @throws std::runtime_error as imitation::OpenDemonstrations(), and if a file does not exist or
+///   the layouts of both files differ.
 [[nodiscard]] DetectionSet LoadDetection(const Detection& detection);
 
 /// Result of a comparison.

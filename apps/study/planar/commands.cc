@@ -56,7 +56,7 @@ void PrintProof(ProofOptions options, bool mutations) {
   if (!failures.empty()) throw std::runtime_error("the proof failed:" + failures);
 }
 
-// Share of fits in per cent, with its 95 % interval and the exact prediction.
+// Formats a share of fits in per cent, with its 95 % interval and the exact prediction.
 std::string ShareOf(int count, int fits, double chance) {
   const auto interval = experiment::ProportionInterval(count, fits);
   std::array<char, 64> text{};

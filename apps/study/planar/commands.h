@@ -12,7 +12,7 @@ class App;
 
 namespace dfr::study {
 
-/// Commands of a program, with their help texts.
+/// Commands of a program, each with the function that runs it.
 using Commands = std::vector<std::pair<CLI::App*, std::function<void()>>>;
 
 }  // namespace dfr::study

@@ -6,9 +6,9 @@
 
 namespace dfr::study::planar {
 
-/// "corridor": the task's demonstrations. "reach": 8 actions towards one goal in 6 dimensions, with
-/// rotation and noise. "heavy-tails": the same in 2 dimensions, with errors of Student's t with 3
-/// degrees of freedom.
+/// Returns the worlds of MeasureCoverage(). "corridor": the task's demonstrations. "reach": 8
+/// actions towards one goal in 6 dimensions, with rotation and noise. "heavy-tails": the same in 2
+/// dimensions, with errors of Student's t with 3 degrees of freedom.
 [[nodiscard]] const std::vector<std::string>& CoverageWorlds();
 
 /// Options for MeasureCoverage().
@@ -33,8 +33,9 @@ struct CoverageResult {
   int kept = 0;             ///< Number of fits whose rate is at most `promised`.
   int error_short = 0;      ///< Number of fits whose eps covers a smaller share than promised.
   int gain_short = 0;       ///< Number of fits whose K covers a smaller share than promised.
-  /// Predictions for exact bounds and a sample of size `further`: probabilities of the three counts
-  /// above by the law of order statistics. Negative for cross-validation, which has no such law.
+  /// Probabilities that a fit counts in `kept`, and in `error_short` or `gain_short`, for exact
+  /// bounds and `further` demonstrations, by the law of order statistics. Negative for
+  /// cross-validation, which has no such law.
   double kept_chance = -1.0;
   double short_chance = -1.0;
 };

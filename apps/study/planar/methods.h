@@ -67,8 +67,8 @@ class Methods {
   Methods(const Methods&) = delete;
   Methods& operator=(const Methods&) = delete;
 
-  /// Creates the controller of a name that ParseMethod() takes with kPlanarMethods. Only oracles
-  /// and adversaries borrow `plant`.
+  /// Creates the controller `method`, a name that ParseMethod() accepts with kPlanarMethods. Only
+  /// oracles and adversaries borrow `plant`.
   /// @throws std::invalid_argument for another name.
   [[nodiscard]] std::unique_ptr<control::Controller> Make(std::string_view method,
                                                           const core::SimulatedPlant& plant) const;

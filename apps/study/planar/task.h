@@ -19,7 +19,7 @@ struct Task {
   double supervisor_noise = 0.0;  ///< Standard deviation of the noise on each control entry.
   int degree = 1;                 ///< Degree of the learner's polynomial.
   int horizon = 100;
-  double raw_gamma = 1.0;  ///< Kernel width of the paper's support, in the units of the state.
+  double raw_gamma = 1.0;  ///< Gamma of the paper's support, in the units of the state.
 };
 
 /// Returns the task "corridor", "push" (a learner that imitates well) or "push-weak".
@@ -27,7 +27,7 @@ struct Task {
 [[nodiscard]] Task MakeTask(std::string_view name);
 [[nodiscard]] const std::vector<std::string>& TaskNames();
 
-/// Demonstrations that completed the task without violating a constraint; others are discarded.
+/// Returns `count` demonstrations that complete the task without violating a constraint.
 [[nodiscard]] std::vector<core::Trajectory> Demonstrate(const Task& task, int count,
                                                         std::uint64_t seed);
 
