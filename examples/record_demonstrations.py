@@ -1,4 +1,4 @@
-"""Writes demonstrations of a task in robomimic's layout with h5py. Replace them with those of your robot.
+"""Writes demonstrations of a task in robomimic's layout with h5py. Replace them with your robot's.
 
 usage: record_demonstrations.py FILE
 """

@@ -141,7 +141,7 @@ void BM_Next(benchmark::State& state, Recovery recovery, bool kernel, bool open)
     wrong = wrong || (step.mode == Mode::kPolicy) != open || step.mode == Mode::kHalt;
     query = (query + 1) % queries.rows();
   }
-  if (wrong) return state.SkipWithError("the mode differs from the measured one");
+  if (wrong) return state.SkipWithError("the controller left the mode to be measured");
   AddPercentiles(state, nanoseconds);
 }
 

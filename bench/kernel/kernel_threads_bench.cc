@@ -1,6 +1,6 @@
 // Scaling of fits, fits per time step and batches of decisions with threads: wall time with one
-// thread and with one per core, and a bitwise comparison of the results. Meaningful only on an idle
-// machine.
+// thread and with one thread per core, and a bitwise comparison of the results. Meaningful only on
+// an idle machine.
 //
 //   kernel_threads_bench [--threads=N] [--filter=TEXT] [--rounds=N]
 #include <algorithm>

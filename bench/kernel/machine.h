@@ -20,9 +20,9 @@ struct Machine {
 [[nodiscard]] const Machine& Measure();
 [[nodiscard]] std::string Describe(const Machine& machine);
 
-/// Returns the minimum time of one decision with `terms` support vectors of `dim` entries, of
-/// `bytes_per_value` (4 or 8). Per vector of terms it is the larger of two times: dim + 7 (float)
-/// or dim + 12 (double) operations on the multiply-add ports (one FMA per coordinate, the
+/// Returns the minimum time of one decision with `terms` support vectors of `dim` entries of
+/// `bytes_per_value` bytes (4 or 8). Per vector of terms it is the larger of two times: dim + 7
+/// (float) or dim + 12 (double) operations on the multiply-add ports (one FMA per coordinate, the
 /// polynomial, and two to split and join the exponent), or dim + 1 loads. A single query loads from
 /// L1 if all terms fit 32 KiB, otherwise from L2. A batch, whose queries share tiles of terms,
 /// always loads from L1.

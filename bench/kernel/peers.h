@@ -8,8 +8,8 @@
 
 namespace dfr::bench {
 
-/// A one-class SVM of another library, trained on the same data with the same options, by the calls
-/// of the library's documentation.
+/// A one-class SVM of another library, trained on the same data with the same options, with the
+/// calls that the library's documentation shows.
 class Peer {
  public:
   virtual ~Peer() = default;

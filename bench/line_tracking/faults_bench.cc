@@ -1,5 +1,5 @@
 // Behaviour of line tracking over the network under faults: each fault many times at random moments
-// of motion, in one table. With --robot this program is the robot's.
+// of motion, in one table. With --robot this program runs as the robot's program.
 #include <signal.h>
 #include <unistd.h>
 
@@ -178,8 +178,8 @@ void Measure(const std::filesystem::path& folder, int domain, double image_age_s
   }
 }
 
-// Injects one fault per minute, in random order, from those that end no program. Counts missed
-// faults, false alarms, and the growth of memory.
+// Injects one fault per minute, in random order, among the faults that end no program. Counts
+// missed faults, false alarms, and the growth of memory.
 void Soak(const std::filesystem::path& folder, int domain, double image_age_s, double minutes,
           std::uint64_t seed) {
   Site site(folder, domain, nullptr, image_age_s);
@@ -246,7 +246,7 @@ void Soak(const std::filesystem::path& folder, int domain, double image_age_s, d
 }
 
 // Maximum time between two states of the console by their stamps, and between two messages of the
-// emergency stop by arrival.
+// emergency stop by their arrival.
 struct Gaps {
   double state_ms = 0.0;
   double stop_ms = 0.0;

@@ -118,7 +118,7 @@ class Writer {
     if (of_stranger && bytes.size() >= 20) Prefix(bytes, {});
     const std::uint64_t changes = 1 + Below(8);
     for (std::uint64_t n = 0; n < changes && bytes.size() > 20; ++n) {
-      // The header stays valid, because receivers ignore messages with an invalid one.
+      // The header stays valid, because receivers ignore messages with an invalid header.
       std::uint8_t& byte = bytes[20 + Below(bytes.size() - 20)];
       const std::uint64_t how = Below(4);
       byte = how == 0   ? Byte()

@@ -36,8 +36,8 @@ class Log {
   std::filesystem::path path_;
 };
 
-// Lets the writing thread catch up, untimed, when the queue is half full, which never happens in a
-// loop at 100 Hz.
+// Pauses the timing after every `most` records, while the writing thread catches up. In a loop at
+// 100 Hz the thread never falls behind.
 void Pause(benchmark::State& state, int& since, int most) {
   if (++since < most) return;
   since = 0;

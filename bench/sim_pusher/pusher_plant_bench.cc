@@ -24,7 +24,8 @@ Control Push(int t, double noise, core::Random& random) {
   return control;
 }
 
-// Prepares the next control's start outside the timed part: every timed control moves the cylinder.
+// Prepares start states before the timed loop. From each of them, the timed control moves the
+// cylinder.
 void BM_Pushing(benchmark::State& state) {
   PusherPlant plant;
   std::vector<std::unique_ptr<core::SimulatedPlant>> starts;
