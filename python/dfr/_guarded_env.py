@@ -33,7 +33,7 @@ else:
     Wrapper = gymnasium.Wrapper  # type: ignore[misc]
 
     class _Env(gymnasium.Env):  # type: ignore[misc]
-        """Adapts an environment with the interface of a gymnasium.Env."""
+        """Makes a gymnasium.Env of an environment that only has its interface."""
 
         def __init__(self, env: Any) -> None:
             self.env = env
@@ -106,7 +106,8 @@ class GuardedEnv(Wrapper):
     Without Gymnasium, all other attributes come from the environment.
 
     When the guard halts, the environment receives a zero action, and the episode is truncated. After the end
-    of an episode the guard halts until `reset`. If a wrapper resets it, put the guard inside that wrapper.
+    of an episode the guard halts until `reset`. If a wrapper resets the environment, put the guard inside
+    that wrapper.
 
     Parameters
     ----------
@@ -142,8 +143,8 @@ class GuardedEnv(Wrapper):
                 raise TypeError(f"env has no {name}(): an environment with Gymnasium's interface is needed, not {env!r}")
         if hasattr(env, "num_envs"):
             raise TypeError(
-                f"env is a vector of {env.num_envs} environments, and a guard is for one: wrap each of them, before "
-                "they become a vector"
+                f"env is a vector of {env.num_envs} environments, but a guard filters one: wrap each of them "
+                "before they become a vector"
             )
         super().__init__(_as_env(env))
         if not isinstance(guard, Guard):

@@ -43,7 +43,7 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
     coef0 : float, default=0.0
         Not used (other kernels).
     tol : float, default=1e-3
-        Stop when the largest violation of the optimality conditions is below this, as in
+        Stop when the largest violation of the optimality conditions is below `tol`, as in
         scikit-learn. Problems of up to 256 samples are always solved to the precision of doubles, which
         costs little and makes the result independent of the order of the samples.
     nu : float, default=0.5
@@ -149,7 +149,7 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
         tolerance = float(self.tol)
         if rows.shape[0] <= _SMALL and total > 0.0:  # the fit rejects weights without a positive sum
             smallest = 1.0 if weights is None else float(weights[weights > 0.0].min())
-            # The fit scales the tolerance of sums below 1.
+            # The fit scales the tolerance if the sum of the coefficients is below 1.
             tolerance = min(tolerance, _ROUNDING * max(1.0, self.nu * total, smallest))
         # In addition to the kernel values, the solver keeps two reordered copies of X and some vectors.
         fixed_mib = rows.shape[0] * (16 * (rows.shape[1] + 1) + 128) / 2**20 + 1

@@ -116,7 +116,7 @@ def features(guard: Guard, episodes: Sequence[ArrayLike], *, most: int = 12, ax:
     Raises
     ------
     ValueError
-        If all states are inside: there is nothing to attribute.
+        If all states are inside, or immeasurably far outside: there is nothing to attribute.
     """
     rows = [guard.attribution(states) for states in episodes]
     # A row is NaN if its state is immeasurably far outside.

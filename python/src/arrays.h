@@ -39,7 +39,7 @@ struct Array : pybind11::array_t<double, pybind11::array::c_style | pybind11::ar
 /// @throws pybind11::type_error with the content of `values` if it is not numeric.
 [[nodiscard]] Array ToArray(const pybind11::handle& values);
 
-/// Demonstrations as an argument: one array each, from any iterable.
+/// Demonstrations as an argument: one array per demonstration, from any iterable.
 struct Arrays {
   std::vector<Array> each;
 };
@@ -114,8 +114,8 @@ inline pybind11::array_t<double> NewVector(pybind11::ssize_t count,
 inline void CheckStep(std::int64_t t) {
   DFR_THROW_UNLESS(t >= 0, "t must not be negative, as "
                                << t
-                               << " is: time steps begin at 0, and those after the last "
-                                  "demonstrated one use the last estimate");
+                               << " is: time steps begin at 0, and steps after the last "
+                                  "demonstrated step use the last estimate");
 }
 /// Converts time steps to NumPy's 64-bit integers: no wrap-around, and fractions are rejected.
 /// @throws std::invalid_argument unless they are integers and not negative.

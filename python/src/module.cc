@@ -12,7 +12,7 @@ namespace py = pybind11;
 namespace {
 
 // Raises a Python error. Escapes bytes that are not UTF-8, which a message may quote from a file or
-// its name: Python would show an empty text instead.
+// its name: Python would show an empty string instead.
 void Raise(PyObject* type, std::string_view text) {
   const auto message = py::reinterpret_steal<py::object>(
       PyUnicode_DecodeUTF8(text.data(), std::ssize(text), "backslashreplace"));

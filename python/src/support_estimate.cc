@@ -203,7 +203,7 @@ alpha : ndarray of shape (n_samples,)
 
 g(x) = sum_i alpha_i exp(-gamma |x - x_i|^2) - rho, positive inside. alpha sums to 1. Therefore g does
 not grow with the number of samples; scikit-learn's and LIBSVM's decision values are `libsvm_scale`
-times g. Immutable: threads may share one.
+times g. Immutable: threads may share an estimate.
 
 Attributes
 ----------

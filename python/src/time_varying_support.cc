@@ -109,7 +109,7 @@ void AddTimeVaryingSupport(py::module_& module) {
 
 One `SupportEstimate` g_t per time step t, fitted to the states of all demonstrations at t.
 A demonstration that ends early contributes its last state from then on. Immutable: threads may
-share one.
+share a support.
 
 Parameters
 ----------
