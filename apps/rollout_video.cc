@@ -209,7 +209,7 @@ void RolloutVideoRecorder::OnControl(const control::RolloutEvent& event) {
   if (!policy) ++recovery_controls_;
   if (policy || event.collided || event.completed || recovery_controls_ % recovery_stride_ == 1) {
     Capture(event.step, event.x);
-    // The first control belongs to the start state, whose picture was taken before it.
+    // The start state's picture precedes the first control, which determines its level.
     if (video_.frames.size() == 2) video_.frames.front().CopyLevel(video_.frames.back());
   }
 }

@@ -42,7 +42,7 @@ class Forward final : public dfr::core::Policy {
   }
 };
 
-// The support [-0.3, 1.1]. TimeVaryingSupport::Fit() fits one to demonstrations.
+// The support [-0.3, 1.1]. TimeVaryingSupport::Fit() fits a support to demonstrations.
 class Rail final : public dfr::core::DecisionFunction {
  public:
   int state_dim() const noexcept override { return 1; }

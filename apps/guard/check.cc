@@ -54,7 +54,7 @@ class LaggedFit {
         ux_(Eigen::MatrixXd::Zero(action_dim, state_dim)),
         xx_(Eigen::VectorXd::Zero(state_dim)) {}
 
-  // Pairs the change from state t with action t + lag.
+  // Pairs the change of the state during step t with the action of step t + lag.
   void Add(const core::Trajectory& episode, Eigen::Index lag) {
     // Every lag uses the same changes: otherwise fits are not comparable.
     for (Eigen::Index t = 1; t + 1 < episode.controls.rows(); ++t) {

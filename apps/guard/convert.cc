@@ -77,7 +77,7 @@ std::vector<core::AbsoluteAction> FindPositions(const imitation::DemonstrationRe
   return absolute;
 }
 
-// Returns the file that holds a robomimic file's or a Minari dataset's episodes.
+// Returns the file with the episodes of a robomimic file or a Minari dataset.
 std::filesystem::path EpisodesOf(const std::filesystem::path& path) {
   std::error_code error;
   return std::filesystem::is_directory(path, error) ? path / "data" / "main_data.hdf5" : path;

@@ -4,7 +4,7 @@
 
 namespace dfr::apps::hardware_app {
 
-/// Clock of a command: this machine's, unless a test overrides it.
+/// Clock of a command: the clock of this machine, unless a test overrides it.
 class Clock {
  public:
   virtual ~Clock() = default;

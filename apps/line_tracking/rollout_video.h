@@ -12,7 +12,7 @@
 
 namespace dfr::apps::line_tracking {
 
-/// The endoscope's last picture with the results of vision, BGR, rows from the top.
+/// Renders the endoscope's picture and adds the last results of vision: BGR, rows from the top.
 [[nodiscard]] std::vector<std::uint8_t> DrawWhatVisionSees(const sim::LineTrackingPlant& plant);
 
 /// Size of DrawBothViews()'s picture.

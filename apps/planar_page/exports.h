@@ -40,8 +40,8 @@ int page_start(int method, double x, double y, int first_step, int seed);
 /// Writes a start state of the scene to the array.
 int page_start_state(int seed);
 /// Applies one control. Writes to the array: x, y before; x, y after; x, y of the policy's target;
-/// mode; time step; g; threshold; 1 if the policy's control was changed; 1 if it is certified;
-/// outcome (-1 while running); halt cause.
+/// mode; time step; g; threshold; 1 if the policy's control was changed; 1 if the control is
+/// certified; outcome (-1 while running); halt cause.
 int page_step();
 /// Moves the robot of the episode, without telling the controller.
 int page_displace(double x, double y);

@@ -53,8 +53,8 @@ struct Prepared {
 };
 using PreparedCache = SharedCache<std::pair<std::string, int>, Prepared>;
 
-/// Fits the models that methods need: the task's models for controllers, guards with default
-/// settings for guards. `seed` is the seed of the study.
+/// Fits the models that methods need: the task's models for controllers, or a guard with default
+/// settings. `seed` is the seed of the study.
 /// @throws std::invalid_argument if the task does not support such methods.
 [[nodiscard]] Prepared Prepare(const Task& task, Kind kind, int demonstrations, std::uint64_t seed,
                                int trial, const planar::MethodOptions& plane = {},

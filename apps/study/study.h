@@ -105,7 +105,7 @@ struct Row : TrialCounts {
 /// @throws std::invalid_argument as RunStudy() does.
 [[nodiscard]] std::vector<experiment::FilmedEpisode> RecordStudy(const Study& study, int count);
 
-/// Two methods, as study::ParseMethod() takes them, in one task under one condition.
+/// Two methods, in the notation of study::ParseMethod(), in one task under one condition.
 struct Comparison {
   std::string task = "pusher";
   std::string condition = "as demonstrated";

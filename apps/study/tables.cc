@@ -39,7 +39,7 @@ std::string LearnerOf(const Row& row) {
 }
 
 // Command that prints the row's episodes with these outcomes, from start states from which the
-// policy alone ended with one of `alone`.
+// policy alone ended with one of `alone` (if any).
 std::string CommandOf(const Row& row, const std::vector<std::string>& outcomes,
                       const std::vector<std::string>& alone = {}) {
   experiment::EpisodeFilter filter{.method = MethodOf(row.controller, row.policy),

@@ -20,7 +20,7 @@ namespace dfr::study {
 
 /// A variant of a task's world.
 struct Variant {
-  std::string name;  ///< "" for the demonstrated one.
+  std::string name;  ///< "" for the demonstrated variant.
   std::function<std::unique_ptr<core::SimulatedPlant>()> make;
 };
 
@@ -60,7 +60,7 @@ struct Task {
 /// @throws std::invalid_argument listing the valid names.
 [[nodiscard]] std::vector<std::string> SelectTasks(const std::vector<std::string>& words);
 
-/// Differences of the world from the demonstrated one.
+/// Differences between the world of a test and the demonstrated world.
 struct Condition {
   std::string name;
   std::string variant = {};  ///< Runs the condition only in tasks with that variant.

@@ -1,6 +1,6 @@
 // Passes of the network compared with the same formulas in plain Eigen, and complete fits. The
-// network is that of the Pusher: 12 inputs, 7 controls. `batch` is the number of samples. Rates are
-// per sample.
+// network has the Pusher's sizes: 12 inputs, 7 controls. `batch` is the number of samples. Rates
+// are per sample.
 
 #include <benchmark/benchmark.h>
 

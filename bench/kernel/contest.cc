@@ -140,7 +140,7 @@ std::vector<Timing> RunContest(const std::vector<Contestant>& contestants, int o
     c.run();
     const double once = std::max(CpuSeconds() - start, 1e-7);
     repetitions.back() = static_cast<int>(std::clamp(std::ceil(options.min_time / once), 1.0, 1e6));
-    // Longer cases are timed once, because their noise is negligible.
+    // Slower contestants are timed once, because their noise is negligible.
     constexpr double kLong = 1.0;
     if (once > kLong) {
       repetitions.back() = 0;

@@ -68,7 +68,7 @@ bool IsAskedToGo(RobotPlant& plant) {
   return poll(&input, 1, 0) > 0 && read(STDIN_FILENO, text.data(), text.size()) > 0;
 }
 
-// Homes the arm. After an error, prints it and waits for "go" before the next attempt.
+// Homes the arm. After an error, prints its reason and waits for "go" before the next attempt.
 void BringUp(RobotPlant& plant) {
   for (;;) {
     try {

@@ -9,7 +9,7 @@ namespace dfr::bench {
 
 /// Sends packets to every UDP port of this machine at which a program of a DDS domain may listen,
 /// including the emergency stop's: random bytes, RTPS messages of random submessages, and the
-/// programs' own messages with bytes changed, removed or added. It has no key. It reads the
+/// programs' own messages with bytes changed, removed or added. The storm has no key. It reads the
 /// programs' messages at a free port that receives announcements. A separate thread runs from
 /// construction to destruction.
 class PacketStorm {
@@ -21,7 +21,7 @@ class PacketStorm {
   PacketStorm(const PacketStorm&) = delete;
   PacketStorm& operator=(const PacketStorm&) = delete;
 
-  /// Starts or stops sending. While stopped, it only listens.
+  /// Starts or stops sending. While stopped, the storm only reads.
   void Blow(bool blows) noexcept { blows_ = blows; }
   [[nodiscard]] std::uint64_t sent() const noexcept { return sent_; }
   /// Returns the number of messages of other programs that it has read and may change.

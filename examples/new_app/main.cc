@@ -90,7 +90,7 @@ core::Trajectory Supervise(std::uint64_t seed) {
   return demonstration;
 }
 
-// A policy that cuts corners. imitation::FitMlp() learns one from demonstrations.
+// A policy that cuts corners. imitation::FitMlp() learns a policy from demonstrations.
 class Policy final : public core::Policy {
  public:
   int state_dim() const noexcept override { return 2; }

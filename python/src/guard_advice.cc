@@ -67,7 +67,7 @@ void Applied(Guard& guard, const Array& action) {
   guard.Applied(Entries(action));
 }
 
-// Returns the time step whose support fits the state best.
+// Returns the time step at which l of the state is largest.
 int BestStep(const Guard& guard, std::span<const double> state) {
   int best = 0;
   double highest = -std::numeric_limits<double>::infinity();

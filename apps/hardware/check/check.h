@@ -69,7 +69,7 @@ void LookAt(const CheckOptions& options, const hardware::EndoscopeOptions& camer
 /// Checks the port of the Stewart platform, and moves the platform on request.
 [[nodiscard]] DeviceReport CheckPlatform(const CheckOptions& options);
 
-/// One report as text, or all reports as JSON:
+/// Print one report as text, or all reports as JSON:
 ///   {"ok": true, "devices": [{"device": "...", "ok": true,
 ///    "findings": [{"level": "ok", "what": "...", "remedy": ""}]}]}
 void Print(const DeviceReport& report, std::ostream& out);

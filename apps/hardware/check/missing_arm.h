@@ -5,8 +5,8 @@
 
 namespace dfr::apps::hardware_app {
 
-/// Reports why no console of options.arm was found: security refuses it, or it is in another
-/// domain, uses another kind of discovery, or has another arm.
+/// Reports why no console of options.arm was found: security refuses it, or the console is in
+/// another domain, uses another kind of discovery, or has another arm.
 void ExplainMissing(const CheckOptions& options, const dds::Participant& participant,
                     DeviceReport& report);
 

@@ -21,8 +21,8 @@ inline constexpr const char* kNoCalibration = "none";
 /// Options of the simulated world, for all commands.
 struct SceneOptions {
   sim::LineTrackingOptions plant;
-  /// A file of `calibrate`, or kNoCalibration: the true camera and mounting, and an uncorrected
-  /// arm.
+  /// A file that `calibrate` wrote, or kNoCalibration: the true camera and mounting, and an
+  /// uncorrected arm.
   std::filesystem::path calibration = "calibration.dfr";
 };
 

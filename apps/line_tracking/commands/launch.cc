@@ -168,7 +168,8 @@ std::string Beside(const char* program) {
 }
 
 // Returns `command` with the options that make it participant `name` of the run's network. With
-// security, the participant's folder is beside the run's, as `hardware certificates` creates both.
+// security, the folders of that participant and of the run are side by side, as `hardware
+// certificates` creates them.
 std::vector<std::string> InNetwork(std::vector<std::string> command,
                                    const dds::ParticipantOptions& network,
                                    const std::string& name) {

@@ -86,8 +86,8 @@ struct RobotConfig {
   int priority = 20;           ///< Priority under SCHED_FIFO; 0: default scheduling.
   /// Largest difference between the measured and the commanded motion of the tip, mm.
   double max_state_jump_mm = 3.0;
-  /// Largest difference, over up to 10 mm, between the motion in pictures and the commanded motion,
-  /// mm.
+  /// Largest difference between the motion in pictures and the commanded motion, over at most 10 mm
+  /// of motion, mm.
   double max_drift_mm = 2.5;
   /// Largest motion of the line relative to the tip during a control, mm.
   double max_line_jump_mm = 1.5;

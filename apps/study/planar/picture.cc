@@ -278,7 +278,7 @@ void Painter::WriteVideo(const std::vector<Episode>& episodes,
   apps::VideoWriter video(path, cv::Size(width_, count * height_), 12.0);
   std::size_t frames = 0;
   for (const Episode& e : episodes) frames = std::max(frames, e.shots.size());
-  // DFR may need thousands of controls: the video then skips some.
+  // DFR may need thousands of controls: the video then skips some of them.
   constexpr std::size_t kMostFrames = 240;
   const std::size_t stride = frames / kMostFrames + 1;
   for (std::size_t frame = 0; frame < frames + stride; frame += stride) {
