@@ -61,7 +61,7 @@ macro(dfr_add_component name)
   endif()
 endmacro()
 
-# find_package for a component's folder. Without the package, the whole folder is left out.
+# Calls find_package for a component's folder. Leaves out the whole folder if the package is missing.
 macro(dfr_find_package package)
   find_package(${package} ${ARGN} QUIET)
   if(NOT ${package}_FOUND)

@@ -8,7 +8,7 @@ if(PROJECT_IS_TOP_LEVEL)
   set(CMAKE_EXPORT_COMPILE_COMMANDS ON)
 endif()
 if(DFR_PRECOMPILE AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
-  # GCC first collects garbage at 1 GiB and seldom afterwards: a large unit takes a seventh less time.
+  # GCC collects garbage only from a heap of 1 GiB on. A large unit then compiles in a seventh less time.
   add_compile_options(--param=ggc-min-heapsize=1048576 --param=ggc-min-expand=300)
   # gold links the test programs in a third of the time of bfd. Both come with binutils.
   find_program(DFR_GOLD ld.gold)
@@ -38,10 +38,10 @@ if(DFR_FUZZ)
   target_compile_options(dfr_build_flags INTERFACE -fsanitize=fuzzer-no-link)
 endif()
 
-# Headers that most sources include, parsed once for each kind of target: library; offline, a library that
-# needs no speed; program (without a command line; it shares the headers of a kind of library); command_line
-# (a program with a command line); test. A build without DFR_PRECOMPILE, such as a sanitized one, fails if a
-# source does not include a header that it needs.
+# Headers that most sources include are parsed once for each kind of target: library, offline (a library that
+# needs no speed), command_line (a program with a command line) and test. A program without a command line
+# shares the headers of a kind of library. A build without DFR_PRECOMPILE, such as a sanitized one, fails if
+# a source does not include a header that it needs.
 if(DFR_PRECOMPILE)
   find_package(Eigen3 REQUIRED NO_MODULE)
   file(CONFIGURE OUTPUT ${PROJECT_BINARY_DIR}/precompiled.cc CONTENT "")
@@ -105,9 +105,8 @@ endfunction()
 
 # dfr_add_library(kernel SOURCES ... [PUBLIC ...] [PRIVATE ...] [OFFLINE])
 # makes dfr_kernel, its alias dfr::kernel, the install component and export set "kernel", and
-# dfr-kernel.pc. OFFLINE is for a library of files and reports, which no control loop and no fit
-# calls.
-# Public headers are in include/ beside the CMakeLists.txt.
+# dfr-kernel.pc. OFFLINE marks a library that no control loop and no fit calls, such as a library for
+# files and reports. Public headers are in include/ beside the CMakeLists.txt.
 function(dfr_add_library name)
   cmake_parse_arguments(PARSE_ARGV 1 arg "OFFLINE" "" "SOURCES;PUBLIC;PRIVATE")
   set(target dfr_${name})
@@ -185,7 +184,7 @@ function(dfr_add_app name)
 endfunction()
 
 # dfr_embed(dfr_sim_pusher models/pusher.xml) embeds the text of each file in the target. The generated
-# pusher.xml.h, which only this target can include, defines it as dfr::embedded::kPusherXml.
+# pusher.xml.h, which only this target can include, defines the text as dfr::embedded::kPusherXml.
 function(dfr_embed target)
   set(directory ${CMAKE_CURRENT_BINARY_DIR}/embedded)
   target_include_directories(${target} PRIVATE ${directory})

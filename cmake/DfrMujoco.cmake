@@ -6,8 +6,8 @@ macro(dfr_find_mujoco)
   endif()
   get_target_property(mujoco_is_global mujoco::mujoco IMPORTED_GLOBAL)
   if(NOT mujoco_is_global)
-    # Debian's target names the folder of Qhull's headers, which the package neither needs here nor
-    # depends on.
+    # Debian's target names the folder of Qhull's headers. This folder is not needed here, and may be
+    # absent because Debian's package does not depend on Qhull's.
     get_target_property(mujoco_include_dirs mujoco::mujoco INTERFACE_INCLUDE_DIRECTORIES)
     list(FILTER mujoco_include_dirs EXCLUDE REGEX "qhull")
     set_target_properties(mujoco::mujoco PROPERTIES

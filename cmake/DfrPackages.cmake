@@ -32,8 +32,8 @@ function(dfr_write_pkg_config name)
       string(REGEX REPLACE "^[^=]*=" "" flag ${known})
       list(APPEND flags ${flag})
     else()
-      message(SEND_ERROR "dfr_${name} links ${item}: cmake/DfrPackages.cmake must say what pkg-config "
-                         "calls it")
+      message(SEND_ERROR "dfr_${name} links ${item}: add its pkg-config module or flags to "
+                         "cmake/DfrPackages.cmake")
     endif()
   endforeach()
   list(REMOVE_DUPLICATES requires)
@@ -72,8 +72,8 @@ function(dfr_debian_name name result)
   endif()
 endfunction()
 
-# Sets result to TRUE if the component links, also indirectly, to GPL code: Debian's Ceres through GPL parts of
-# SuiteSparse, OpenCV's videoio through FFmpeg (third_party_licenses/README.md).
+# Sets result to TRUE if the component links, also indirectly, to GPL code. Debian's Ceres links to GPL parts
+# of SuiteSparse, and OpenCV's videoio links to FFmpeg (third_party_licenses/README.md).
 function(dfr_reaches_gpl name result)
   set(${result} FALSE PARENT_SCOPE)
   if("${component_${name}_packages}" MATCHES "libceres-dev|libopencv-videoio-dev")
@@ -89,7 +89,7 @@ function(dfr_reaches_gpl name result)
   endforeach()
 endfunction()
 
-# Installs /usr/share/doc/<package>/copyright in Debian's machine-readable format, made of LICENSE.
+# Installs /usr/share/doc/<package>/copyright in Debian's machine-readable format, made from LICENSE.
 function(dfr_install_copyright name package)
   file(STRINGS ${PROJECT_SOURCE_DIR}/LICENSE lines)
   set(license "")
@@ -126,9 +126,9 @@ function(dfr_built_with name result)
   set(${result} "${packages}" PARENT_SCOPE)
 endfunction()
 
-# dfr_describe_packages(core kernel ...): these components, in the order of components.txt. A
-# library's package depends on the needs of its row. The packages of programs and of the Python module
-# depend on the shared libraries that dpkg-shlibdeps finds in them.
+# dfr_describe_packages(core kernel ...) describes the packages of components, which are given in the order
+# of components.txt. A library's package depends on the needs of its row. The packages of programs and of the
+# Python module depend on the shared libraries that dpkg-shlibdeps finds in them.
 function(dfr_describe_packages)
   if(NOT PROJECT_IS_TOP_LEVEL)
     return()

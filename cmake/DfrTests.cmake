@@ -3,9 +3,9 @@
 #   integration  DDS on the loopback, pseudo-terminals, Python, programs run as programs
 #   system       real time, killed processes, whole studies, packages, browsers, npm
 #   repository   licences, documents, figures, prose
-# ./dev test runs all but system, ./dev test --all runs everything.
+# ./dev test runs all tiers except system. ./dev test --all runs all tiers.
 
-# The target "system" builds what the tests of that tier need beyond "all".
+# The target "system" builds the targets that only tests of the tier system need; "all" excludes them.
 add_custom_target(system)
 
 find_package(GTest REQUIRED)
@@ -18,9 +18,9 @@ endif()
 
 # dfr_add_tests(kernel SOURCES one_class_svm_test.cc ... [TIER integration] [LINK dfr::kernel ...]
 #               [INCLUDE libs/kernel/src ...] [DEFINE NAME=value ...] [NEEDS program ...] [TIMEOUT seconds])
-# makes one program of all tests of a tier in a folder and below it. It runs as one CTest case, unit.kernel or
-# system.dds, in random order. In the integration tier each TEST is a separate case, dds.Suite.Name.
-# testing::TempDir() is in the build tree: two trees may be tested at once.
+# makes one program of all tests of a tier in a folder and its subfolders. The program is one CTest case, such
+# as unit.kernel, and runs its tests in random order. In the tier integration, each TEST is a separate case,
+# such as dds.Suite.Name. testing::TempDir() is in the build tree, so two trees can be tested at once.
 function(dfr_add_tests name)
   cmake_parse_arguments(PARSE_ARGV 1 arg "" "TIER;TIMEOUT" "SOURCES;LINK;INCLUDE;DEFINE;NEEDS")
   if(NOT arg_TIER)
@@ -52,7 +52,7 @@ function(dfr_add_tests name)
     add_test(NAME ${arg_TIER}.${name} COMMAND ${target})
     set_tests_properties(${arg_TIER}.${name} PROPERTIES
       TIMEOUT ${arg_TIMEOUT} LABELS ${arg_TIER} ENVIRONMENT "GTEST_SHUFFLE=1;TEST_TMPDIR=${folder}")
-    if(arg_TIER STREQUAL "system")  # in real time, without another test beside it
+    if(arg_TIER STREQUAL "system")  # tests in real time run alone
       set_tests_properties(system.${name} PROPERTIES RUN_SERIAL ON)
     endif()
   endif()
@@ -71,7 +71,7 @@ function(dfr_add_command_test name)
   set_tests_properties(${name} PROPERTIES TIMEOUT ${arg_TIMEOUT} LABELS ${arg_TIER} ${arg_PROPERTIES})
 endfunction()
 
-# dfr_build_with_tier(system target ...) builds targets that the tests of a tier need with that tier.
+# dfr_build_with_tier(tier target ...) excludes the targets from "all" if the tier is system.
 function(dfr_build_with_tier tier)
   if(tier STREQUAL "system")
     set_target_properties(${ARGN} PROPERTIES EXCLUDE_FROM_ALL ON)

@@ -1,6 +1,6 @@
-# The parts of OpenCV that work on images in memory, from Debian's libopencv-imgproc-dev alone:
-# OpenCV's OpenCVConfig.cmake comes with all of OpenCV, including its windows.
-# Makes OpenCVImgproc::OpenCVImgproc.
+# Makes OpenCVImgproc::OpenCVImgproc from the parts of OpenCV that work on images in memory. They need
+# only Debian's libopencv-imgproc-dev. OpenCVConfig.cmake comes only with all of OpenCV, including its
+# windows.
 find_path(OpenCVImgproc_INCLUDE_DIR opencv2/imgproc.hpp PATH_SUFFIXES opencv4)
 find_library(OpenCVImgproc_CORE opencv_core)
 find_library(OpenCVImgproc_IMGPROC opencv_imgproc)

@@ -1,6 +1,6 @@
-# The parts of OpenCV that read and write videos, from Debian's libopencv-videoio-dev and
-# libopencv-imgproc-dev alone: OpenCV's OpenCVConfig.cmake comes with all of OpenCV, including its windows.
-# Makes OpenCVVideo::OpenCVVideo.
+# Makes OpenCVVideo::OpenCVVideo from the parts of OpenCV that read and write videos. They need only Debian's
+# libopencv-videoio-dev and libopencv-imgproc-dev. OpenCVConfig.cmake comes only with all of OpenCV, including
+# its windows.
 find_path(OpenCVVideo_INCLUDE_DIR opencv2/videoio.hpp PATH_SUFFIXES opencv4)
 find_library(OpenCVVideo_CORE opencv_core)
 find_library(OpenCVVideo_IMGPROC opencv_imgproc)

@@ -1,5 +1,5 @@
 # Writes OUTPUT, the manual page of the executable PROGRAM with name NAME and version VERSION. The
-# text comes from the program's --help and that of each subcommand.
+# text comes from --help of the program and of each subcommand.
 cmake_minimum_required(VERSION 3.25)
 
 # Sets result to the output of `NAME subcommand --help`, one element per line. Control characters

@@ -18,12 +18,12 @@ _dfr_complete() {
   fi
 }
 
-# The first words of the list under "Subcommands:".
+# Prints the first word of each entry in the list under "Subcommands:".
 _dfr_subcommands() {
   awk '/^[A-Z][A-Za-z ]*:$/ { inside = ($0 == "Subcommands:") } inside && /^  [^ ]/ { print $1 }' <<<"$1"
 }
 
-# Every -x and --long at the beginning of a line of a list.
+# Prints each -x and --long at the beginning of an entry of a list.
 _dfr_options() {
   awk '/^  -/ { split($1, names, ","); for (i in names) { sub(/[=:].*/, "", names[i]); print names[i] } }' <<<"$1"
 }

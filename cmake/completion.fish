@@ -13,7 +13,7 @@ function __dfr_complete --argument-names program
     printf '%s\n' $help | string match -rg '^  (-\S+)' | string split , | string replace -r '[=:].*' ''
 end
 
-# The first words of the list under "Subcommands:".
+# Prints the first word of each entry in the list under "Subcommands:".
 function __dfr_subcommands
     printf '%s\n' $argv | awk '/^[A-Z][A-Za-z ]*:$/ { inside = ($0 == "Subcommands:") } inside && /^  [^ ]/ { print $1 }'
 end

@@ -20,7 +20,7 @@ _dfr_complete() {
   fi
 }
 
-# The first words of the list under "Subcommands:".
+# Prints the first word of each entry in the list under "Subcommands:".
 _dfr_subcommands() {
   awk '/^[A-Z][A-Za-z ]*:$/ { inside = ($0 == "Subcommands:") } inside && /^  [^ ]/ { print $1 }' <<<$1
 }

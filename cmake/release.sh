@@ -1,7 +1,7 @@
 # shellcheck shell=bash
 # Implements ./dev release. The script dev reads this file.
 
-# interpreters: prints the path of one CPython with headers per minor version from 3.9 on, Debian's first.
+# interpreters: prints the path of one CPython with headers for each minor version from 3.9 on. Prefers Debian's.
 interpreters() {
   local python
   for python in /usr/bin/python3 $(compgen -c python3. | sort -u | grep -E '^python3\.[0-9]+$' || true) \
@@ -15,7 +15,7 @@ PY
   done | awk '!seen[$1]++ { print $2 }'
 }
 
-# make_wheel PYTHON SOURCE FOLDER: any interpreter runs Debian's build tools, because they are pure Python.
+# make_wheel PYTHON SOURCE FOLDER: builds a wheel. Debian's build tools are pure Python: any interpreter runs them.
 make_wheel() {
   local python=$1 source=$2 folder=$3 platform tools tool
   platform=manylinux_$(getconf GNU_LIBC_VERSION | sed 's/glibc //; s/\./_/')_$(uname -m)
@@ -35,7 +35,7 @@ runpy.run_path("setup.py", run_name="__main__")'
   rm -rf "$tools"
 }
 
-# Two runs on one commit give the same files, with the commit's time, all built in the unpacked tarball.
+# Builds all files in the unpacked tarball, with the commit's time, so two runs on one commit give the same files.
 cmd_release() {
   local tag commit version name out=$PWD/build/release-artefacts work=$PWD/build/release-work python part
   tag=${1:-$(git describe --exact-match HEAD 2>/dev/null || true)}
