@@ -163,7 +163,7 @@ TEST_F(PsmDriverTest, MessagesOfOthersHold) {
   holds(
       PsmStatus::kTeleoperated, [&] { following.Write({true}); },
       [&] { following.Write({false}); });
-  // A publisher that keeps nothing for late joiners.
+  // This publisher keeps nothing for late joiners.
   dds::Publisher<dds::Flag> enabled(other, "/console/teleop/enabled", dds::Role::kRequest);
   holds(
       PsmStatus::kTeleoperated, [&] { enabled.Write({true}); }, [&] { enabled.Write({false}); });
@@ -256,7 +256,7 @@ TEST_F(PsmDriverTest, AStatementInAFloodOfTextsHoldsAndIsTheReason) {
   EXPECT_LT((console_.measured_pose().translation() - there).norm(), 1e-3);
 }
 
-// The console may have received messages that never arrive here.
+// The console may have received messages that never arrive at the driver.
 TEST_F(PsmDriverTest, ANewParticipantHoldsBeforeItsFirstMessage) {
   const auto driver = Armed();
   Until(*driver, [&] { return driver->MoveTo(Yaw(0.1), 5.0) == PsmStatus::kOk; });
@@ -293,7 +293,7 @@ TEST_F(PsmDriverTest, AConfiguredSiIsNotArmedWithAClassicsInstrument) {
   options.client.limits.generation = kinematics::PsmGeneration::kSi;
   const auto driver = Connected(options);
   EXPECT_EQ(BringUp(*driver, 5.0, {}, {}, InStep(*driver)), PsmStatus::kWrongTool);
-  EXPECT_THAT(driver->Explain(), HasSubstr("of generation Si 420006"));
+  EXPECT_THAT(driver->Explain(), HasSubstr("of generation Si needs 420006"));
 }
 
 TEST_F(PsmDriverTest, HoldAndTheEndOfAnArmedDriverReachTheConsole) {
@@ -414,7 +414,7 @@ TEST_F(PsmDriverOnCartTest, MovesTheArmInItsOwnFrameByStatesWithTwists) {
   });
   EXPECT_EQ(driver->status(), PsmStatus::kOk) << driver->Explain();
   Until(*driver, [&] { return test::AllClose(console_.setpoint_joints(), Yaw(0.1), 1e-9); });
-  // The tip is 0.1135 m from the remote centre. In the middle, a move is 1.5 times as fast.
+  // The tip is 0.1135 m from the remote centre. In the middle, a move has 1.5 times its mean speed.
   EXPECT_NEAR(fastest, 1.5 * 0.1 * 0.1135, 1e-3);
   EXPECT_FALSE(poses.Take(pose)) << "poses are sent in addition";
 }

@@ -20,8 +20,8 @@ PsmStatus BringUp(PsmDriver& driver, double timeout_s,
     if (say) say(text);
   };
   const std::int64_t end = clock.steady_ns() + static_cast<std::int64_t>(1e9 * timeout_s);
-  // Conditions shorter than this are not reported: they are normal during discovery, and before the
-  // first sample after homing.
+  // Reasons that last for less time are not reported: they are normal during discovery, and before
+  // the first sample after homing.
   constexpr std::int64_t kPatienceNs = 1'000'000'000;
   PsmStatus told = PsmStatus::kOk;
   PsmStatus seen = PsmStatus::kOk;

@@ -288,7 +288,7 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
   output.servo = true;
   output.servo_cp = base_ * Psm::Forward(motion_.setpoint());
   output.twist = Twist(base_, motion_.setpoint(), motion_.velocity());
-  // The console obeys the first pose before the jaw's set-point, which then changes no control.
+  // The jaw's set-point changes no control once the console has obeyed the first pose.
   if (jaw_ours_ && Seconds(now_ns_ - since_ns_) >= kCommandTime) {
     const double most = jaw_speed_ * step_s;
     const double way = jaw_goal_ - jaw_;

@@ -15,7 +15,7 @@ inline constexpr double kCommandTime = 0.15;  // s, maximum time from sending to
   return 1e-9 * static_cast<double>(ns);
 }
 
-// Returns joints with `value` as first entry, for a PsmRecentSetpoints of a single value.
+// Returns joints with `value` as the first entry, for a PsmRecentSetpoints of a single value.
 [[nodiscard]] inline kinematics::PsmJoints InFirstPlace(double value) noexcept {
   kinematics::PsmJoints joints = kinematics::PsmJoints::Zero();
   joints[0] = value;

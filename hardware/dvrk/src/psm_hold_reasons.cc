@@ -99,7 +99,7 @@ bool PsmClient::Discovering() const noexcept {
          Seconds(now_ns_ - newcomer_ns_) < options_.discovery_s;
 }
 
-// Looks for anyone else who can command the arm: by clutch, teleoperation or a command topic.
+// Returns kOk unless others can command the arm: by clutch, teleoperation or a command topic.
 PsmStatus PsmClient::CommandHoldReason(const PsmInput& input) const noexcept {
   if (input.clutched) return PsmStatus::kClutched;
   if (!options_.sole_commander) return PsmStatus::kOk;
@@ -126,7 +126,7 @@ PsmStatus PsmClient::FollowHoldReason() const noexcept {
   return PsmStatus::kOk;
 }
 
-// Returns true if the jaw's set-point is this client's or, before this client's first set-point,
+// Returns true if this client sent the jaw's set-point or, before its first one, if the set-point
 // has not moved.
 bool PsmClient::JawIsOurs() const noexcept {
   return !jaw_known_ || recent_jaw_.Contain(InFirstPlace(jaw_setpoint_.angle),

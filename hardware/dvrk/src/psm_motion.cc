@@ -42,7 +42,7 @@ void PsmLimits::Check() const {
   const PsmJoints highest = Psm::upper_limits(generation);
   for (int i = 0; i < 6; ++i) {
     DFR_THROW_UNLESS(lower[i] < upper[i] && lower[i] >= lowest[i] && upper[i] <= highest[i],
-                     "limits of joint " << i << " must lie in order and within the arm's own, ["
+                     "limits of joint " << i << " must be in order and within the arm's limits ["
                                         << lowest[i] << ", " << highest[i] << "], not [" << lower[i]
                                         << ", " << upper[i] << "]");
   }

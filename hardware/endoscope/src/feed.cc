@@ -9,7 +9,7 @@ namespace {
 
 // Brightness is sampled at every 13th pixel.
 constexpr std::size_t kBrightnessStep = 13;
-// A sample is black if its green value is below this. At least a tenth must not be black.
+// Samples with a lower green value are black. A picture with over 90 % black samples is dark.
 constexpr std::uint8_t kBlack = 25;
 
 std::uint64_t Hash(const std::vector<std::uint8_t>& pixels) noexcept {

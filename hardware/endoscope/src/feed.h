@@ -12,7 +12,7 @@ namespace dfr::hardware::internal {
 /// Passes pictures from a reading thread to a grabbing thread through three buffers. Each thread
 /// owns one buffer and they exchange the third, so neither waits.
 ///
-/// Put() and End() belong to the reading thread, Grab() to the other.
+/// Put() and End() belong to the reading thread, Grab() to the grabbing thread.
 class Feed {
  public:
   explicit Feed(const EndoscopeOptions& options);

@@ -42,7 +42,7 @@ class Yaml {
       const std::size_t indent = line.find_first_not_of(" \t");
       if (Trimmed(line).empty() || line[indent] == '#' || line[indent] == '%') continue;
       if (indent == 0 && (line.starts_with("---") || line.starts_with("..."))) continue;
-      // Entries of a list may be indented as little as its key, and its bracket may still be open.
+      // A list continues while its bracket is open. Its entries may be indented like its key.
       const bool open =
           within && found->find('[') != std::string::npos && found->find(']') == std::string::npos;
       if (within && (open || indent > level || line[indent] == '-')) {

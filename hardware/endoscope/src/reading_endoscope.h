@@ -10,7 +10,7 @@
 
 namespace dfr::hardware::internal {
 
-/// Puts pictures into `feed` until `stop`, or until the source ends, which it reports by
+/// Puts pictures into `feed` until `stop` is true or the source ends. Reports the source's end by
 /// Feed::End(). Exceptions become FrameStatus::kFailed.
 using Read = std::function<void(Feed& feed, const std::atomic<bool>& stop)>;
 
@@ -27,7 +27,7 @@ using Pace = std::function<void(double time_s, const std::atomic<bool>& stop)>;
                                                    const EndoscopeOptions& options,
                                                    const Pace& pace);
 
-/// Decodes a message's picture and puts it into `feed`, or reports there that decoding failed.
+/// Decodes a message's picture and puts it into `feed`, or tells `feed` that decoding failed.
 void Put(Feed& feed, const dds::Image& image, std::int64_t arrival_ns);
 void Put(Feed& feed, const dds::CompressedImage& image, std::int64_t arrival_ns);
 

@@ -30,7 +30,7 @@ using Clock = std::chrono::steady_clock;
   throw core::Error(source + ": " + what, remedy);
 }
 
-// Reports the system's error for a device or a file: OpenCV only reports that it did not open.
+// Reports the system's error for a device or a file, because OpenCV only reports a failure to open.
 void CheckReadable(const std::string& path, bool device) {
   const int fd = ::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC);
   if (fd >= 0) {
@@ -109,7 +109,7 @@ class Video {
     }
     if (!open && device) {
       Fail(source_, "delivers no pictures",
-           "is it a capture device (`v4l2-ctl --list-devices`), and no other program using it?");
+           "is it a capture device (`v4l2-ctl --list-devices`)? is another program using it?");
     }
     if (!open) Fail(source_, "is not a video that can be decoded", "is it complete?");
     if (first_.cols != options_.width || first_.rows != options_.height) {

@@ -59,7 +59,7 @@ bool EncodeFrequency(double per_second, char* at, double& sent) noexcept {
 }
 
 // Checks the straight lines to home from each of the 3^6 points with every entry at an end or the
-// middle of its range. Omits points covered by other points' lines.
+// middle of its range. Omits repetitions of a point, which occur if a range is a single value.
 bool BoxReachable(const PlatformPose& low, const PlatformPose& high) noexcept {
   for (int corner = 0; corner < 729; ++corner) {
     PlatformPose pose;

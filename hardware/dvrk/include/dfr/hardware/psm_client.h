@@ -35,16 +35,17 @@ struct PsmClientOptions {
   kinematics::PsmJoints jump_noise =
       (kinematics::PsmJoints() << 0.01, 0.01, 0.002, 0.02, 0.02, 0.02).finished();
   double jump_distance_m = 0.005;  ///< Allowance for noise of measured_cp, > 0.
-  /// Limits of measured_js, measured_cp and local/measured_cp; setpoint_js has only max_silence_s.
+  /// Limits for measured_js, measured_cp and local/measured_cp. Only max_silence_s applies to
+  /// setpoint_js.
   dds::WatchdogOptions watchdog = {};
   /// Maximum progress of a move in one step, s, > 0. After a late step the move takes longer
   /// instead of catching up in one jump.
   double longest_step_s = 0.005;
   double max_tick_gap_s = 0.1;   ///< Maximum time between two steps while armed, > 0.
   double reach_timeout_s = 2.0;  ///< Maximum time from the end of a move to rest, > 0.
-  /// Maximum distance of local/measured_cp (without this topic, of measured_cp) from the wrist
-  /// position computed from measured_js when arming, and maximum motion of the frame of measured_cp
-  /// while armed, > 0.
+  /// When arming: maximum distance of local/measured_cp (of measured_cp if there is no such topic)
+  /// from the wrist position computed from measured_js. While armed: maximum motion of the frame of
+  /// measured_cp. > 0.
   double max_frame_distance_m = 0.002;
   double max_frame_angle = 0.05;  ///< Same as max_frame_distance_m, for the rotation, rad.
   double enable_timeout_s = 10.0;
@@ -142,8 +143,8 @@ struct PsmInput {
   int incompatible = 0;
   int other_publishers = 0;  ///< Number of publishers on the command topics other than this client.
   int foreign_messages = 0;  ///< Number of messages by others on hold, free and state_command.
-  /// Numbers of the console's statements (ControlStatedBy()) that servo_cp or servo_cs controls the
-  /// arm, and that another command controls it.
+  /// Number of the console's statements for which ControlStatedBy() returns kPoses, and number for
+  /// which it returns kOther.
   int pose_controls = 0;
   int other_controls = 0;
   /// Number of participants, and of publishers of the arm's commands or settings, discovered since
@@ -195,10 +196,10 @@ class PsmClient {
   PsmOutput Step(const PsmInput& input, std::int64_t steady_ns, std::int64_t wall_ns) noexcept;
 
   /// Requests a state command in the next steps. An armed client holds first. Ends in kIdle, or in
-  /// kHolding with kTimedOut, kConsoleFault, or an error found during power-up or homing. A console
-  /// that is powering up or homing is then also told to disable. kPause, kDisable and kUnhome do
-  /// not wait for an effect. In FAULT a console accepts only kDisable and kUnhome; other requests
-  /// are refused with kConsoleFault.
+  /// kHolding with kTimedOut, kNoConsole, kConsoleFault, or an error found during power-up or
+  /// homing. In kHolding, a console that is powering up or homing is also told to disable. kPause,
+  /// kDisable and kUnhome do not wait for an effect. In FAULT a console accepts only kDisable and
+  /// kUnhome; other requests are refused with kConsoleFault.
   PsmStatus Request(PsmRequest request) noexcept;
 
   /// Starts sending set-points, beginning with the console's own, if the last step found no error.
@@ -208,10 +209,10 @@ class PsmClient {
   PsmStatus Arm() noexcept;
   /// Returns what Arm() would return, without arming.
   [[nodiscard]] PsmStatus Armable() const noexcept;
-  /// See PsmMotion::Start(). Replaces a move in progress, from the present set-point.
+  /// Starts a move as PsmMotion::Start() does. Replaces a move in progress.
   PsmStatus MoveTo(const kinematics::PsmJoints& goal, double duration_s) noexcept;
   PsmStatus MoveTo(const Eigen::Isometry3d& goal, double duration_s) noexcept;
-  /// Turns the jaw to `angle`, rad, at constant speed. Starts 0.15 s after the first set-point.
+  /// Turns the jaw to `angle`, rad, at constant speed, not before 0.15 s after the first set-point.
   PsmStatus MoveJaw(double angle, double duration_s) noexcept;
   /// Stops at the next step, with status kHeld unless it already holds. Always succeeds. A console
   /// that is enabling or homing is told to hold and to disable, because `hold` alone ends neither.

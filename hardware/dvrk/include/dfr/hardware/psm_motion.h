@@ -12,8 +12,8 @@ namespace dfr::hardware {
 
 /// Limits of a client. Goals beyond them are refused, never clipped.
 struct PsmLimits {
-  /// Generation whose joint limits bound `lower` and `upper`. A Classic's limits lie within an
-  /// Si's.
+  /// Generation whose joint limits bound `lower` and `upper`. The limits of a Classic arm lie
+  /// within the limits of an Si arm.
   kinematics::PsmGeneration generation = kinematics::PsmGeneration::kClassic;
   kinematics::PsmJoints lower = kinematics::Psm::lower_limits();
   kinematics::PsmJoints upper = kinematics::Psm::upper_limits();
@@ -29,7 +29,7 @@ struct PsmLimits {
   /// below the cannula within the arm's length.
   Eigen::Vector3d workspace_min_m = Eigen::Vector3d(-0.15, -0.15, -0.25);
   Eigen::Vector3d workspace_max_m = Eigen::Vector3d(0.15, 0.15, 0.0);
-  double jaw_lower = -0.3490658503988659;     ///< rad; the 420006 closes no farther
+  double jaw_lower = -0.3490658503988659;     ///< rad; instrument 420006 closes no farther
   double jaw_upper = 1.3962634015954636;      ///< rad
   double max_jaw_speed = 1.5707963267948966;  ///< rad/s, > 0.
 

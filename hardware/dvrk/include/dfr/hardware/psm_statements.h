@@ -17,7 +17,7 @@ namespace dfr::hardware {
 /// Never allocates. Times are of a monotonic clock.
 class PsmStatements {
  public:
-  /// Maximum time from a hold to its answer, ns. A lost sample is requested again after 0.1 s.
+  /// Maximum time from a hold to its answer, ns. DDS requests a lost sample again after 0.1 s.
   static constexpr std::int64_t kLongest = 1'000'000'000;
 
   /// Records that `hold` is sent.
@@ -39,9 +39,9 @@ class PsmStatements {
  private:
   std::int64_t held_ns_ = 0;
   bool awaits_ = false;
-  bool poses_ = false;  // one statement of poses may arrive
+  bool poses_ = false;  // true if one statement of poses may still arrive
   bool held_last_ =
-      false;  // true if this client's hold caused the control, which another hold does not change
+      false;  // true if this client's hold set the present control, so a further hold has no answer
 };
 
 }  // namespace dfr::hardware

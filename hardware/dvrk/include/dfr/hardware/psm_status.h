@@ -20,7 +20,7 @@ enum class PsmStatus {
   kNotHomed,          ///< The state is ENABLED, but is_homed is false.
   kBusy,              ///< is_busy: the arm is homing, or moves for another client.
   // Measurements.
-  kStateSilent,     ///< Nothing has arrived for too long.
+  kStateSilent,     ///< No measurement or set-point has arrived for too long.
   kStateInvalid,    ///< The stamp is zero, as consoles stamp invalid data.
   kStateOld,        ///< The stamp is too old: messages are delayed, or the console is frozen.
   kStateAhead,      ///< The stamp is in the future: a clock jumped, or the clocks differ.
@@ -42,7 +42,7 @@ enum class PsmStatus {
   kToolNotNamed,     ///< The console has not named the instrument.
   kWrongTool,        ///< An instrument whose kinematics are unknown.
   kToolChanged,      ///< The instrument was changed.
-  kNotFollowing,     ///< The distance to the set-point is too large.
+  kNotFollowing,     ///< The measured arm is too far from its set-point.
   kNotReached,       ///< The move ended, but the arm did not come to rest at its goal.
   kTickLate,         ///< The caller's loop was late.
   kSendFailed,       ///< Commands cannot be sent fast enough.

@@ -34,7 +34,7 @@ enum class FrameStatus {
 /// A picture and its time of exposure.
 struct Frame {
   vision::ImageView image;  ///< Valid until the next Grab(). Blue, green, red.
-  int width = 0;            ///< Width as received, even if wrong and `image` therefore empty.
+  int width = 0;            ///< Width as received, even if it is wrong and `image` is empty.
   int height = 0;           ///< Height as received.
   /// Time of exposure since the epoch, from the sender's stamp; for OpenVideo() the arrival time.
   std::int64_t stamp_ns = 0;
@@ -79,7 +79,7 @@ class Endoscope {
   /// @param wall_ns  time since the epoch, as in stamps.
   [[nodiscard]] virtual FrameStatus Grab(std::int64_t steady_ns, std::int64_t wall_ns,
                                          Frame& frame) noexcept = 0;
-  /// Overload by this machine's clocks.
+  /// Overload that reads this machine's clocks.
   [[nodiscard]] FrameStatus Grab(Frame& frame) noexcept;
 
   [[nodiscard]] virtual EndoscopeCounts counts() const noexcept = 0;
