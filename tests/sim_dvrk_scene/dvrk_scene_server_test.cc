@@ -77,7 +77,7 @@ class DvrkSceneServerTest : public testing::Test {
     return reply.text;
   }
 
-  // Same as above for a run with a command, which is repeated until it arrives: a busy machine
+  // Same as Ask() for a run with a command, which is repeated until it arrives: a busy machine
   // loses commands.
   std::string AskWith(const dds::JointState& command, const std::string& run) {
     std::string reply;
@@ -212,7 +212,7 @@ TEST_F(DvrkSceneServerTest, ImpossibleRequestsAreAnsweredWithTheReason) {
       {"fault dust 1", "unknown fault 'dust'; valid: delay"},
       {"fault freeze maybe", "freeze must be 0 or 1, not 'maybe'"},
       {"fault drop 2", "drop must lie in [0, 1]"},
-      {"fault platform 5", "platform must lie in [0, 0.2] m/s"},
+      {"fault platform 5", "platform speed must lie in [0, 0.2] m/s"},
       {"fault unheard jump", "unheard must be hold or free, not 'jump'"},
       {"fault camera upside_down", "unknown camera fault"}};
   for (const auto& [request, words] : rows) {
@@ -270,7 +270,7 @@ TEST_F(DvrkSceneServerTest, CameraFaultsAreSetByTheirNames) {
   dds::Subscriber<dds::Image> images(client_, "/ECM/image_raw", dds::Role::kImage);
   dds::Image image;
   Until([&] { return images.health().publishers == 1; });
-  Until([&] {  // until the server has also found this side
+  Until([&] {  // until the server has also found this client
     Ask("look");
     return images.TakeNewest(image);
   });
@@ -305,7 +305,7 @@ TEST_F(DvrkSceneServerTest, CameraFaultsAreSetByTheirNames) {
 TEST_F(DvrkSceneServerTest, FaultsOfTheArmAndTheClockAreSetByRequest) {
   Serve(true, false);
   ASSERT_TRUE(Now(Ask("reset 2")).valid());
-  // Commands of another client that only the console receives.
+  // The faults stand for commands of another client that only the console receives.
   dds::Subscriber<dds::Text> stated(client_, "/PSM1/status", dds::Role::kEvent);
   dds::Subscriber<dds::Signal> holds(client_, "/PSM1/hold", dds::Role::kRequest);
   for (const auto& [command, control] : {std::pair("hold", "JOINT_SPACE/POSITION_MODE"),

@@ -383,7 +383,7 @@ void PsmConsole::Step(double dt_s) {
     return;
   }
   if (!homed_) return;
-  // Joints that cannot reach the set-point within dt_s approach it at the speed limit.
+  // Maximum motion of each joint's set-point towards its goal in this step.
   const PsmJoints largest = dt_s * SpeedLimits();
   if (moving_) {
     move_s_ += dt_s;

@@ -12,7 +12,7 @@
 /// Converts poses and joints to a console's messages, and back.
 namespace dfr::sim::internal {
 
-/// All published motion data of one time.
+/// All motion data that is published for one time.
 struct Snapshot {
   double due_s = 0.0;
   dds::JointState measured_js;
@@ -36,7 +36,7 @@ struct Snapshot {
 [[nodiscard]] dds::PoseStamped Pose(const dds::Stamp& stamp, const std::string& frame,
                                     const Eigen::Isometry3d& pose);
 
-/// Pose of a PoseStamped, a CartesianState or a query.
+/// Returns the pose in a PoseStamped, a CartesianState or a query.
 template <typename Message>
 Eigen::Isometry3d Transform(const Message& message) {
   Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
@@ -51,7 +51,7 @@ Eigen::Isometry3d Transform(const Message& message) {
   return pose;
 }
 
-/// Return the goal of a message; NaN if it has a wrong number of joint values.
+/// Return the goal of a message; NaN if the message has the wrong number of joint values.
 [[nodiscard]] kinematics::PsmJoints JointGoal(const dds::JointState& message);
 [[nodiscard]] double JawGoal(const dds::JointState& message);
 

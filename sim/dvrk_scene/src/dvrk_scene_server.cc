@@ -163,7 +163,7 @@ struct DvrkSceneServer::Impl {
       SetCamera(value);
     } else if (name == "platform") {
       const double speed = internal::ParseNumber(value, "the platform's speed");
-      DFR_THROW_UNLESS(speed >= 0.0 && speed <= 0.2, "platform must lie in [0, 0.2] m/s");
+      DFR_THROW_UNLESS(speed >= 0.0 && speed <= 0.2, "platform speed must lie in [0, 0.2] m/s");
       platform_speed = speed;
     } else if (name == "arm_fault") {
       scene.console().Fail(value.empty() ? "a requested fault" : std::string(value));
@@ -253,7 +253,7 @@ struct DvrkSceneServer::Impl {
   std::int64_t now_ns = 0;  // time in lock-step
   std::uint64_t commands_before = 0;
   double platform_speed = 0.0;  // m/s
-  double platform_way = 0.0;    // m, distance travelled by all faults of this kind
+  double platform_way = 0.0;    // m, distance travelled during all platform faults
   PsmConsoleServer console;
   dds::Publisher<dds::PoseStamped> platform_measured;
   dds::Publisher<dds::PoseStamped> platform_setpoint;

@@ -122,8 +122,8 @@ void EndoscopeServer::Offer(const std::function<dds::Stamp()>& clock) {
 
 void EndoscopeServer::Run() {
   try {
-    // A separate clone, because rendering objects belong to one thread. The constructor waits
-    // meanwhile.
+    // Clones the plant here, because a rendering object belongs to one thread. The constructor
+    // waits until the clone is ready.
     copy_.reset(static_cast<LineTrackingPlant*>(scene_->plant().Clone().release()));
     copy_->RenderPicture(0, image_.data);
     hand_ = Hand::kIdle;

@@ -89,7 +89,7 @@ class BalancePlant final : public Cloned<BalancePlant> {
   [[nodiscard]] bool Done() const noexcept override { return x(4) >= kSteps; }
 };
 
-// Moore's car in a valley (1990), three of its steps per control, with a wall on the left.
+// Moore's car in a valley (1990), with a wall on the left. A control lasts three of Moore's steps.
 // State: car(2) as position and speed.
 class CarPlant final : public Cloned<CarPlant> {
   static constexpr double kWall = -1.15;

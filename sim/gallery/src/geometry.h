@@ -46,8 +46,8 @@ inline Point Nearest(Point a, Point b, Point p) noexcept {
   return a + (length > 0.0 ? std::clamp(Dot(p - a, d) / length, 0.0, 1.0) : 0.0) * d;
 }
 
-/// Returns the point of a polyline at the distance `ahead` beyond its point nearest to p, or its
-/// end if that is nearer.
+/// Returns the point of a polyline at the distance `ahead` beyond the point nearest to p, or the
+/// polyline's end if the end is nearer.
 inline Point Ahead(std::span<const Point> path, Point p, double ahead) noexcept {
   std::size_t at = 0;
   Point nearest = path[0];

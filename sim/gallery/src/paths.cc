@@ -106,8 +106,8 @@ class EightPlant final : public Cloned<EightPlant> {
     x(3) = keeps * x(3) + (norm > 0.0 ? (1.0 - keeps) * u[1] / norm : 0.0);
     FailIf(Norm(Point{x(0), x(1)} - Along(x(4))) > kWidth);
   }
-  // Advances the position along the figure eight to the nearest position. The short search cannot
-  // jump to the other branch at the crossing.
+  // Advances the position along the figure eight to the place nearest to the point. The short
+  // search cannot jump to the other branch at the crossing.
   void Follow() noexcept {
     const Point p{x(0), x(1)};
     double nearest = Norm(p - Along(x(4)));
@@ -130,7 +130,7 @@ class CrossingPlant final : public Cloned<CrossingPlant> {
   static constexpr double kLane = 0.5;       // x
   static constexpr double kAmplitude = 0.5;  // amplitude of the shuttle's y
   static constexpr double kRate = 0.12;      // rad per step
-  static constexpr double kRadius = 0.14;    // distance below which they collide
+  static constexpr double kRadius = 0.14;    // distance below which point and shuttle collide
   static constexpr double kKerb = 0.28;      // x at which the point waits
   static constexpr double kSpeed = 0.8;
   static constexpr Disc kGoal{{0.9, 0.0}, 0.05};
@@ -193,7 +193,7 @@ GalleryTask RopeTask() {
   return {.name = "rope",
           .summary =
               "A rope is wound round a peg by a turn and a half, counter-clockwise, and put on a "
-              "hook; touching the peg, the wrong way round and pulling the rope taut fail",
+              "hook; touching the peg, turning the wrong way or pulling the rope taut fails",
           .held_out = true,
           .plant = std::make_shared<RopePlant>(),
           .horizon = 200,

@@ -46,8 +46,8 @@ std::vector<Sample> Workspace() {
   return samples;
 }
 
-// Returns the mean distance between the true tips and those that the encoders report. `residuals`
-// are the errors that `systematic` does not describe.
+// Returns the mean distance between the true tips and the tips that the encoders report.
+// `residuals` are the errors that `systematic` does not describe.
 double MeanTipError(const std::vector<Sample>& samples, const kinematics::PsmCorrection& systematic,
                     const std::vector<PsmJoints>& residuals) {
   double sum = 0.0;

@@ -26,8 +26,8 @@ struct Endoscope::Tables {
   std::vector<float> u;  // x/z of each pixel's ray
   std::vector<float> v;
   std::vector<float> noise;  // standard normal
-  cv::Mat source;            // whole pixels of each ray in the pinhole picture
-  cv::Mat source_fraction;   // fraction of each ray in 32nds of a pixel
+  cv::Mat source;            // whole pixels of each ray's position in the pinhole picture
+  cv::Mat source_fraction;   // remaining fraction of the position in 32nds of a pixel
 };
 
 std::shared_ptr<const Endoscope::Tables> Endoscope::MakeTables(const vision::CameraModel& camera) {

@@ -42,7 +42,7 @@ class OsMesaContext final : public GlContext {
         context_(library_.Get<decltype(OSMesaCreateContextExt)>("OSMesaCreateContextExt")(
             OSMESA_RGBA, 24, 8, 8, nullptr)) {
     if (context_ == nullptr) throw std::runtime_error("OSMesa cannot create a context");
-    // MuJoCo draws into its own framebuffer; this one is only required to exist.
+    // MuJoCo draws into its own framebuffer; OSMesa only requires a buffer to exist.
     if (library_.Get<decltype(OSMesaMakeCurrent)>("OSMesaMakeCurrent")(
             context_, buffer_.data(), GL_UNSIGNED_BYTE, kSize, kSize) == GL_FALSE) {
       destroy_(context_);

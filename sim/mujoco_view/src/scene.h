@@ -15,7 +15,7 @@ class Scene {
   Scene& operator=(const Scene&) = delete;
 
   /// Places the geoms for the positions of `state`, in the view of `camera`. Computes cameras and
-  /// lights in separate data, because a plant computes only the poses that it needs.
+  /// lights from a copy of the positions, because a plant computes neither.
   void Update(const mjData& state);
   void Render(const mjrRect& viewport) { mjr_render(viewport, &scene, &context); }
 

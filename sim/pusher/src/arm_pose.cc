@@ -31,7 +31,7 @@ void ReadAxes(const PusherPlant::World& world, const mjData* d, Arm& arm) noexce
 void SetArm(const JointAngles& q, mjData* d) noexcept { std::copy(q.begin(), q.end(), d->qpos); }
 
 bool LiftOffTable(const PusherPlant::World& world, mjData* d, JointAngles& q, Arm& arm) noexcept {
-  constexpr double kClearance = 1e-4;  // m, margin above the table: rounding cannot end below it
+  constexpr double kClearance = 1e-4;  // m, margin above the table against rounding errors
   const mjModel* m = world.model.get();
   for (int iteration = 0; iteration < 8; ++iteration) {
     const LowPoint low = FindLowPoint(world, arm);
@@ -39,7 +39,7 @@ bool LiftOffTable(const PusherPlant::World& world, mjData* d, JointAngles& q, Ar
     JointAngles gradient{};
     double norm = 0.0;
     for (int j = 0; j < PusherPlant::kNumJoints; ++j) {
-      if (m->jnt_bodyid[j] > low.body) break;  // bodies are a chain: later joints do not move it
+      if (m->jnt_bodyid[j] > low.body) break;  // later joints of the chain do not move low.body
       const mjtNum* axis = d->xaxis + 3 * j;
       const mjtNum* anchor = d->xanchor + 3 * j;
       gradient[j] =

@@ -42,7 +42,7 @@ void MakeDynamic(mjModel& m) {
     m.pair_solref[mjNREF * pair] = kContactTimeConstant;
     m.pair_solref[mjNREF * pair + 1] = 1.0;
   }
-  // Updates what MuJoCo derives from inertia, such as the stiffness of constraints.
+  // Updates the values that MuJoCo derives from inertia, such as the stiffness of constraints.
   const MjDataPtr data(mj_makeData(&m));
   mj_setConst(&m, data.get());
 }

@@ -34,7 +34,7 @@ class DynamicMotion {
   DynamicMotion(const mjModel* model, mjData* data,
                 const std::array<double, kArmJoints>& target) noexcept;
 
-  /// Runs one mj_step(). @return false as QuasiStaticStep().
+  /// Runs one mj_step(). @return false in the cases of QuasiStaticStep().
   [[nodiscard]] bool Step() noexcept;
   [[nodiscard]] bool AtRest() const noexcept { return resting_ >= kRestSteps; }
   [[nodiscard]] bool Done() const noexcept { return AtRest() || steps_ >= kMostSteps; }

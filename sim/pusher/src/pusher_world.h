@@ -33,7 +33,7 @@ struct PusherPlant::World {
   int object_body = 0;
   internal::Point goal{};
   std::array<internal::Segment, 2> reds{};  ///< Axes of the posts.
-  double object_half_length = 0.0;          ///< Half the axis of its collision capsule.
+  double object_half_length = 0.0;          ///< Half the axis of the cylinder's capsule.
 };
 
 /// One simulation. Between calls it is at rest, with zero velocities and current kinematics.

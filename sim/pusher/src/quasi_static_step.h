@@ -13,9 +13,9 @@ void InstallMujocoHandlers();
 /// QuasiStaticStep(). The inertia is constant, because all of it except the armature is negligible.
 void ResetQuasiStatic(const mjModel* model, mjData* data) noexcept;
 
-/// One substep of quasi-static pushing. On entry, qpos is the configuration and qvel the imposed
-/// velocity, zero for the pushed object. On return, qpos has moved by qvel times the time step,
-/// qvel is the velocity after contact, and the kinematics are those on entry.
+/// Runs one substep of quasi-static pushing. On entry, qpos is the configuration and qvel the
+/// imposed velocity, zero for the pushed object. On return, qpos has moved by qvel times the time
+/// step, qvel is the velocity after contact, and the kinematics are those on entry.
 ///
 /// With the model's solref = (2 h, 0.5) and the object starting from rest, MuJoCo's contact solver
 /// solves the position-level complementarity problem of the substep (Anitescu and Potra, 1997): the

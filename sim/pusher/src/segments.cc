@@ -16,8 +16,8 @@ double Dot(const Point& a, const Point& b) noexcept {
 
 double SquaredDistance(const Segment& p, const Segment& q) noexcept {
   // Minimises the convex quadratic |p(s) - q(t)|^2 over the unit square. For a fixed s, the minimum
-  // is at a clamped t. Starting with s from the unclamped minimum, clamping s, then t, then s again
-  // for that t gives the constrained minimum.
+  // is at a clamped t. Clamping the s of the unconstrained minimum, then the t for this s, then the
+  // s for this t gives the constrained minimum.
   const Point u = Minus(p.b, p.a);
   const Point v = Minus(q.b, q.a);
   const Point w = Minus(p.a, q.a);

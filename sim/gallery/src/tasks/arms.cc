@@ -9,8 +9,8 @@
 namespace dfr::sim::internal {
 namespace {
 
-// Returns the positions of the joints of a planar chain of equal links, and of its tip. `joint`
-// returns the angle of a joint by its index.
+// Returns the positions of the joints and the tip of a planar chain of equal links. `joint` returns
+// the angle of a joint by its index.
 template <std::size_t N>
 std::array<Point, N + 1> ChainPoints(Point base, double link, const auto& joint) noexcept {
   std::array<Point, N + 1> points{base};
@@ -31,7 +31,7 @@ bool Touches(const std::array<Point, N>& points, const Disc& disc) noexcept {
   return false;
 }
 
-// Writes J' (J J' + damping)^-1 `wanted`, the joint motion for this motion of the tip.
+// Writes the joint motion for the tip motion `wanted`: J' (J J' + damping)^-1 `wanted`.
 template <std::size_t N>
 void MoveTip(const std::array<Point, N + 1>& points, Point wanted,
              std::span<double, N> motion) noexcept {
@@ -220,7 +220,7 @@ class BimanualPlant final : public Cloned<BimanualPlant> {
   static constexpr double kStep = 0.1;  // rad, joint rotation by a control of 1
   static constexpr double kBase = 0.35;
   static constexpr double kLength = 0.3;  // length of the bar
-  static constexpr double kPlay = 0.12;   // maximum deviation of the gap from that length
+  static constexpr double kPlay = 0.12;   // maximum deviation of the gap from kLength
   static constexpr double kTilt = 0.5;
   static constexpr Disc kPost{{-0.2, 0.72}, 0.06};
   static constexpr Disc kGoal{{0.12, 0.72}, 0.04};
@@ -364,7 +364,7 @@ GalleryTask BimanualTask() {
   return {.name = "bimanual",
           .summary =
               "Two arms of seven joints carry a bar past a post; 30 features follow from 14 "
-              "joints; pulling, squeezing or tilting the bar and touching the post fails",
+              "joints; pulling, squeezing or tilting the bar, or touching the post, fails",
           .held_out = true,
           .plant = std::make_shared<BimanualPlant>(),
           .features = "bar,gap",  // A fit to all 30 features, which are redundant, is refused.

@@ -78,7 +78,7 @@ class GraspPlant final : public Cloned<GraspPlant> {
       const double aside = std::abs(x(0) - x(3));
       // A finger hits the object.
       FailIf(x(1) < kHeight && aside > kSlack && aside < kFingers);
-      // Half closed, the gripper can neither pass over the object nor leave it.
+      // A half-closed gripper can neither pass over the object nor leave it.
       FailIf(!between() && x(2) > 0.4 && aside < kFingers && x(1) < 2.0 * kHeight);
     }
     FailIf(x(1) < -0.005 || x(1) > 0.5 || std::abs(x(0)) > 0.8);
@@ -237,7 +237,8 @@ GalleryTask LidTask() {
 GalleryTask PickTask() {
   return {.name = "pick",
           .summary =
-              "A gripper picks an object and places it; actions are metres and a gripper of +-1; "
+              "A gripper picks an object and places it; actions are metres and a gripper command "
+              "of +-1; "
               "hitting the object or the table, dropping and leaving the region fail",
           .plant = std::make_shared<PickPlant>(),
           .horizon = 150,

@@ -29,7 +29,7 @@ struct PointOptions {
 constexpr double kSpread = 0.05;  // half the side of the square of start states
 constexpr double kGoalRadius = 0.05;
 constexpr double kPointRadius = 0.05;  // in pictures
-constexpr double kBelt = 0.35;  // a moving goal moves from -kBelt, or slightly higher, to kBelt
+constexpr double kBelt = 0.35;  // a moving goal starts between -kBelt and -0.05, ends at kBelt
 
 // A point that starts near the origin and moves as commanded to (goal_x, 0) or to a goal on a belt.
 // State: point(2), and goal(2) if the goal moves; hidden: the goal if at rest, and the last motion.
@@ -135,14 +135,14 @@ std::vector<GalleryTask> PointTasks() {
        .weak_epochs = 7,
        .policy_bias = {.bias = {0.0, -0.2}}},
       {.name = "two-ways",
-       .summary = "Round the pillar of reach, over it or under it, at random",
+       .summary = "Round the pillar of the task reach, over it or under it, at random",
        .plant = MakePoint({.discs = {pillar}, .routes = {Over(0.5, 0.3), Over(0.5, -0.3)}}),
        .weak_hidden = {16},
        .weak_epochs = 20,
        .policy_bias = {.bias = {0.0, 0.2}}},
       {.name = "unequal-ways",
        .summary =
-           "Round the pillar of reach, over it in four of five demonstrations, otherwise under it",
+           "Round the pillar of the task reach, over it in four of five demonstrations, else under",
        .held_out = true,
        .plant = MakePoint({.discs = {pillar}, .routes = {Over(0.8, 0.3), Over(0.2, -0.3)}}),
        .epochs = 200,

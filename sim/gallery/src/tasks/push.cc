@@ -58,7 +58,7 @@ class PushPlant final : public Cloned<PushPlant> {
       x(1) += kPusherGain / kSubsteps * u[1];
       Yield();
     }
-    // The lane's edges, and the angle beyond which the box cannot be turned back.
+    // Beyond the lane's edges, or at an angle from which the box cannot be turned back.
     FailIf(std::abs(x(3)) > 0.04 || std::abs(x(4)) > 0.6 || x(2) < -0.03);
     FailIf(std::abs(x(1)) > 0.15 || x(0) < -0.2 || x(0) > 0.5);
   }

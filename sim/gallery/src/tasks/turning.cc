@@ -100,7 +100,7 @@ class ScrewPlant final : public Cloned<ScrewPlant> {
   static constexpr double kGain = 0.05;  // upward displacement of the driver by a control of 1
   static constexpr double kPitch = 0.2;
   static constexpr double kSpring = 0.1;  // depth at which the force is 1
-  static constexpr double kMost = 1.5;    // force
+  static constexpr double kMost = 1.5;    // maximum force
   static constexpr double kLeast = 0.1;   // minimum force for turning by more than kSlip
   static constexpr double kSlip = 0.1;    // rad
   static constexpr double kTurns = 2.5;

@@ -8,7 +8,7 @@ namespace {
 
 constexpr double kToolGain = 0.02;  // displacement of the tool by a control of norm 1
 constexpr double kSpring = 0.012;   // depth at which the force is 1
-constexpr double kMost = 1.5;       // force
+constexpr double kMost = 1.5;       // maximum force
 constexpr double kWipes = 0.2;      // minimum force with which the tool wipes
 constexpr double kSkip = 0.03;      // maximum step between wiped points
 constexpr double kLength = 0.6;

@@ -7,7 +7,7 @@ namespace dfr::sim::internal {
 
 GauzeLine::Nearest GauzeLine::NearestTo(const Eigen::Vector2d& p) const noexcept {
   // Newton on half the derivative of the squared distance. Within the radius of curvature of a
-  // gentle line (150 mm or more), the derivative of this function is positive, and nearby starts
+  // gentle line (80 mm or more), the derivative of this function is positive, and nearby starts
   // converge.
   double x = p.x();
   for (int i = 0; i < 20; ++i) {

@@ -43,8 +43,8 @@ class SceneModel {
   MjModelPtr model_;
 };
 
-/// Poses of the simulation: takes joints and platform, computes the poses of all bodies. Allocates
-/// only at construction.
+/// Computes the poses of all bodies from the joints and the gauze's pose. Allocates only at
+/// construction.
 class SceneData {
  public:
   explicit SceneData(const SceneModel& model);
@@ -69,7 +69,7 @@ class SceneData {
 inline constexpr double kLineWidth = 0.0015;      ///< m
 inline constexpr double kLineHalfLength = 0.032;  ///< m; the line is drawn for |x| below this
 
-/// Draws gauze and line on the texture of `model`, a copy of the scene's.
+/// Draws gauze and line on the texture of `model`, a copy of the scene's model.
 void DrawGauze(const SceneModel& scene, const GauzeLine& line, bool with_line, mjModel_& model);
 
 }  // namespace dfr::sim::internal

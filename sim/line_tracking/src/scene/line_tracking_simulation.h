@@ -8,7 +8,7 @@
 
 namespace dfr::sim {
 
-/// MuJoCo's poses, which follow from the plant's state, and its cameras.
+/// MuJoCo's poses, which follow from the plant's state, and MuJoCo's cameras.
 struct LineTrackingPlant::Simulation {
   internal::SceneData data;
   std::optional<internal::SceneView> endoscope;  ///< Created at the first use.

@@ -7,7 +7,7 @@
 namespace dfr::sim {
 namespace {
 
-// From above, the arm's links hide the gripper.
+// Makes the arm's links translucent, because they hide the gripper from above.
 void FadeArm(mjvScene& scene) {
   constexpr mjtNum kAboveGripper = -0.2;  // m
   for (int i = 0; i < scene.ngeom; ++i) {

@@ -34,7 +34,7 @@ struct PsmConsoleOptions {
   /// camera's. Empty name: the arm's own base frame.
   Eigen::Isometry3d base_frame = Eigen::Isometry3d::Identity();
   std::string base_frame_name = {};
-  /// Determines the joint limits and the Large Needle Driver in tool_type.
+  /// Determines the joint limits, and the Large Needle Driver that tool_type names.
   kinematics::PsmGeneration generation = kinematics::PsmGeneration::kClassic;
 };
 
@@ -46,16 +46,16 @@ struct PsmConsoleOptions {
 /// arm, takes homing_s and ends with the instrument inserted by 0.12 m and all other joints at
 /// zero. FAULT accepts only disable and unhome. The console drops motion commands with a warning
 /// unless the arm is ENABLED, homed and not homing. As on a console, goals beyond a joint's limits
-/// are clipped, so the arm does not reach them. Only the first of several such goals gives a
-/// warning. Goals that are not finite, and poses without an inverse kinematics solution, are
-/// dropped with an error.
+/// are clipped, so the arm does not reach them. Only the first of several consecutive clipped goals
+/// gives a warning. Goals that are not finite, and poses without an inverse kinematics solution,
+/// are dropped with an error.
 ///
-/// servo_* sets the set-point. The joints approach it at up to 90 degrees/s and 0.2 m/s. move_*
-/// interpolates in joint space at that speed times the trajectory's ratio and reports the goal; the
-/// tip's path is not straight. *_jr and *_cr are relative to the last goal of the same kind or, if
-/// there is none, to the set-point. The arm holds the last goal forever: commands have no timeout,
-/// as on a real console. The simulated arm has no dynamics: free does not move it, and effort
-/// commands are dropped with an error.
+/// servo_* sets the goal. The set-point approaches it at up to 90 degrees/s and 0.2 m/s. move_*
+/// interpolates in joint space at up to these speeds times the trajectory's ratio, and reports the
+/// goal; the tip's path is not straight. *_jr and *_cr are relative to the last goal of the same
+/// kind or, if there is none, to the set-point. The arm holds the last goal forever: commands have
+/// no timeout, as on a real console. The simulated arm has no dynamics: free does not move it, and
+/// effort commands are dropped with an error.
 ///
 /// Measurements are invalid until the arm is homed. Each object belongs to one thread at a time.
 class PsmConsole {
@@ -67,8 +67,8 @@ class PsmConsole {
   /// Poses are in the frame options().base_frame_name.
   void ServoCp(const Eigen::Isometry3d& goal);
   void ServoJp(const kinematics::PsmJoints& goal);
-  /// Adds the translation and premultiplies the current rotation. (The real console's servo_cr is
-  /// marked as not working.)
+  /// Adds the translation, and multiplies the rotation from the left. (The real console's servo_cr
+  /// is marked as not working.)
   void ServoCr(const Eigen::Isometry3d& difference);
   void ServoJr(const kinematics::PsmJoints& difference);
   /// Handles an effort command of any kind, given its name. The command takes control of the arm,
@@ -80,7 +80,7 @@ class PsmConsole {
   void MoveCp(const Eigen::Isometry3d& goal);
   void MoveJp(const kinematics::PsmJoints& goal);
   void MoveJr(const kinematics::PsmJoints& difference);
-  /// Sets the jaw's angle, rad, clipped to [-40, 80] degrees, on an Si arm to [-20, 80].
+  /// Sets the jaw's angle, rad, clipped to [-40, 80] degrees ([-20, 80] degrees on an Si arm).
   void ServoJaw(double angle);
   void MoveJaw(double angle);
   /// Stops at the set-point.

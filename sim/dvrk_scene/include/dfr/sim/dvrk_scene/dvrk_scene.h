@@ -34,8 +34,7 @@ struct DvrkSceneOptions {
 /// Each object belongs to the thread that made it.
 class DvrkScene {
  public:
-  /// @param calibration  known to the operator who places the tip at the start of the line; as in
-  ///   LineTrackingPlant.
+  /// @param calibration  used to place the tip at the start of the line; see LineTrackingPlant.
   /// @throws as PsmConsole and LineTrackingPlant; std::invalid_argument if linger_s is negative.
   explicit DvrkScene(const DvrkSceneOptions& options = {},
                      const line_task::LineCalibration* calibration = nullptr);

@@ -27,7 +27,7 @@ struct DvrkSceneServerOptions {
 
 /// Publishes a DvrkScene on the topics of PsmConsoleServer and on
 ///   ECM/image_raw  ECM/image_raw/compressed  ECM/camera_info   bgr8 640 x 480 and JPEG, 30 Hz
-///   SPRK/measured_cp  SPRK/setpoint_cp                         the platform's pose, with the state
+///   SPRK/measured_cp  SPRK/setpoint_cp                         platform pose, with the arm's state
 /// Pictures are drawn only while one of the camera's topics has a subscriber.
 ///
 /// The simulator has an additional interface, which no console has. A client sends a StringStamped

@@ -78,7 +78,7 @@ class GalleryPlant : public core::SimulatedPlant {
 struct PolicyBias {
   std::vector<double> bias = {};  ///< Added to the first entries of every control.
   double turn = 0.0;              ///< Rotation of the first two entries, rad.
-  int late = 0;                   ///< Delay of controls in steps; zeros come first.
+  int late = 0;                   ///< Delay of controls in steps; the first controls are zero.
 };
 
 /// One task: its plant, its supervisor, and the quality of its policies. Controllers know the
@@ -97,7 +97,7 @@ struct GalleryTask {
   /// Scale of each entry of a control, for example metres. Noise and the targets of the learners
   /// are multiples of it. Empty: 1 for all entries.
   std::vector<double> units = {};
-  std::vector<int> switches = {};  ///< Entries with the two values +-1, which have no noise.
+  std::vector<int> switches = {};  ///< Control entries that are +1 or -1 and have no noise.
   /// Range of a factor on all controls of a demonstration, uniform in its logarithm.
   double slowest = 1.0;
   double fastest = 1.0;

@@ -6,7 +6,7 @@
 
 namespace dfr::sim {
 
-/// Options for ArmError. Defaults are the reported accuracy of an uncalibrated PSM.
+/// Options for ArmError. The defaults give the reported accuracy of an uncalibrated PSM.
 struct ArmErrorOptions {
   std::uint64_t seed = 1;         ///< Identifies the arm: equal seeds give the same arm.
   double mean_error_m = 4.5e-3;   ///< Mean of |true tip - reported tip| over the workspace.

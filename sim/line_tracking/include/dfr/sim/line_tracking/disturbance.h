@@ -18,7 +18,7 @@ enum class Wave {
   kRandom,  ///< Per entry, a sum of three sines of random frequency and sign, at most `amplitude`.
 };
 
-/// "none", "sine", "breath", "random".
+/// Returns "none", "sine", "breath" or "random".
 [[nodiscard]] const char* Name(Wave wave) noexcept;
 
 /// Options for Disturbance. Entries: x, y, z in m, then roll, pitch, yaw in rad.
@@ -41,8 +41,8 @@ struct DisturbanceOptions {
 class Disturbance {
  public:
   Disturbance() = default;
-  /// @throws std::invalid_argument naming the entry, if an amplitude or frequency is negative or
-  ///   not finite, or if sine or breath would leave the platform's reach.
+  /// @throws std::invalid_argument if an amplitude, a frequency or the latency is negative or not
+  ///   finite, or if sine or breath would leave the platform's reach.
   Disturbance(const DisturbanceOptions& options, std::uint64_t seed);
 
   /// Returns the pose. Poses out of reach are shortened towards home to the boundary. Never

@@ -155,8 +155,8 @@ class LineTrackingPlant final : public core::SimulatedPlant {
 
   /// Advances the world by `dt_s` for an external arm and clock (a console's); `reading` is the new
   /// encoder reading. The platform follows its commanded pose. The disturbance advances if
-  /// `platform_moves` and Halt() was not called. Samples the tip's distance once. With the readings
-  /// of Apply(), the result is the same to the bit. Never allocates.
+  /// `platform_moves` and Halt() was not called. Samples the tip's distance once. Calls with the
+  /// readings and times of Apply() give the same result to the bit. Never allocates.
   /// @pre dt_s >= 0, `reading` finite
   void Drive(const kinematics::PsmJoints& reading, double dt_s, bool platform_moves) noexcept;
   /// Brings everything to rest, as after a control: the encoders read `reading`, and the platform
@@ -188,11 +188,11 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   [[nodiscard]] kinematics::PsmJoints reported_joints() const noexcept;
   [[nodiscard]] kinematics::PsmJoints true_joints() const noexcept;
 
-  /// True poses. The arm's base is known by construction.
+  /// True poses and camera. The arm's base is known by construction.
   [[nodiscard]] static Eigen::Isometry3d p_world_base() noexcept;
   [[nodiscard]] static Eigen::Isometry3d p_world_cam() noexcept;
   [[nodiscard]] static vision::CameraModel true_camera() noexcept;
-  /// Marks and sizes for vision.
+  /// Returns the marks and sizes for vision.
   [[nodiscard]] static vision::LineTarget target();
 
   /// Returns the controls of an open-loop demonstration from the current state, one per row: steps

@@ -7,7 +7,7 @@
 #include <span>
 #include <string>
 
-// MuJoCo's own types, declared by name only: plants pass their objects.
+// MuJoCo's own types, declared by name only: callers pass references.
 struct mjModel_;
 struct mjData_;
 struct mjvScene_;

@@ -91,10 +91,10 @@ struct PusherStatistics {
 /// Controls that provably cannot touch anything need only the arm's kinematics.
 ///
 /// Under full dynamics, motors with a torque limit follow a minimum-jerk reference of at most 0.25
-/// rad/s to the new joint angles and hold them, in mj_step() steps of 2 ms. This ends when every
-/// joint is slower than 1e-3 rad/s and the cylinder slower than 1e-3 m/s for 5 consecutive steps,
-/// or after 3 s; then velocities are set to zero. Joints have rotor inertia, viscous damping and
-/// Coulomb friction. The cylinder slides with Coulomb friction along x and y and keeps sliding
+/// rad/s to the new joint angles and hold them, in mj_step() steps of 2 ms. A control ends when
+/// every joint is slower than 1e-3 rad/s and the cylinder slower than 1e-3 m/s for 5 consecutive
+/// steps, or after 3 s; then velocities are set to zero. Joints have rotor inertia, viscous damping
+/// and Coulomb friction. The cylinder slides with Coulomb friction along x and y and keeps sliding
 /// after a push. Arm and table do not touch: references stay above the table, too. Simulating full
 /// dynamics takes about fifty times as long as quasi-static pushing.
 ///
@@ -171,7 +171,7 @@ class PusherPlant final : public core::SimulatedPlant {
 
  private:
   explicit PusherPlant(std::shared_ptr<const World> world);
-  // Apply() under full dynamics, to joint angles above the table.
+  // Implements Apply() under full dynamics. `target` keeps the arm above the table.
   core::PlantStatus MoveDynamically(const std::array<double, kNumJoints>& target);
 
   std::shared_ptr<const World> world_;
