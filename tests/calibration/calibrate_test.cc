@@ -101,7 +101,7 @@ std::vector<vision::CalibrationFrame> Record(const line_task::LineCalibration& k
     for (int k = 3; k < 6; ++k) q[k] += random.Uniform(-0.3, 0.3);
     frame.touching = i % 2 == 0;
     if (frame.touching) {
-      // Insertion that brings the tip to the plane, found by the secant method.
+      // Finds the insertion that brings the tip to the plane, by the secant method.
       const auto above = [&](double insertion) {
         q[2] = insertion;
         return (target.inverse() * known.TipInCamera(q)).z();

@@ -2,7 +2,7 @@
 """Reports the lines of the libraries that the tests ran. usage: line_coverage.py BUILD [--missed TEXT]
 
 BUILD is a tree that was built with -DDFR_COVERAGE=ON and whose tests have run (./dev coverage does both). Prints a
-table by library; with --missed the lines that no test ran, of files whose path contains TEXT. A line counts once,
+table by library; with --missed, the lines that no test ran in files whose path contains TEXT. A line counts once,
 however many instruction sets and templates it is compiled for.
 """
 import argparse

@@ -12,8 +12,8 @@
 
 namespace dfr::test {
 
-/// The numbers of episodes.py, all exact in binary except the thirds, which C++ and Python compute
-/// equally.
+/// Returns an episode of episodes.py. All its numbers are exact in binary except the thirds, which
+/// C++ and Python compute equally.
 inline core::Trajectory Episode(int index) {
   static constexpr int kLengths[] = {3, 1, 12};
   const int n = kLengths[index];

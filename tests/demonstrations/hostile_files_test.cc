@@ -84,7 +84,7 @@ TEST(HostileFilesTest, ASmallFileMayNotClaimGigabytes) {
                           });
                         }),
               HasSubstr("declares 134217728 x 7 entries, too many for a file of this size"));
-  // The number of rows may come from an attribute.
+  // An attribute can also declare the number of rows.
   {
     Hdf5File file = Hdf5File::Create(folder / "rows.hdf5");
     for (const char* group : {"data", "data/demo_0", "data/demo_0/obs"}) file.CreateGroup(group);
@@ -147,7 +147,7 @@ TEST(HostileFilesTest, ASmallParquetFileMayNotClaimGigabytes) {
                   "declares 67108864 values in a row group, too many for a file of this size")));
 }
 
-// 20 000 columns have a parent with a name of 20 000 letters, and each column's path repeats it.
+// 20 000 columns have a parent with a name of 20 000 letters. Each column's path repeats this name.
 TEST(HostileFilesTest, ASmallSchemaMayNotAskForGigabytes) {
   const test::TempFolder folder;
   std::vector<std::string> elements(20'002, Number(1, 1));

@@ -17,11 +17,11 @@ from episodes import BLOCKS, LENGTHS, controls, states
 
 
 def check_as_minari_loads(metadata):
-    """Metadata that Minari 0.5.3's MinariDataset and Gymnasium 1.2's EnvSpec.from_json require."""
+    """Check the metadata that Minari 0.5.3's MinariDataset and Gymnasium 1.2's EnvSpec.from_json require."""
     assert metadata["minari_version"] in {"0.5.0", "0.5.1", "0.5.2", "0.5.3"}
     assert re.fullmatch(r"([-_\w][-_\w/]*[-_\w]+/)?[-_\w]+?-v\d+", metadata["dataset_id"])
     assert isinstance(metadata["dataset_size"], float)  # `minari list` and `show` print it
-    assert metadata["jpeg_encoding"] is False  # if absent, it means true
+    assert metadata["jpeg_encoding"] is False  # Minari's default is true
     for name in ("observation_space", "action_space"):
         assert isinstance(metadata[name], str)
         box = json.loads(metadata[name])
@@ -46,7 +46,7 @@ def check(folder, plain):
     assert metadata["jpeg_encoding"] is False
     assert metadata["dataset_id"] == "dfr/test-v0"
     assert metadata["minari_version"]
-    # The name is no id for Gymnasium: Minari would refuse the whole dataset.
+    # The name is not a valid id for Gymnasium. With it, Minari would refuse the whole dataset.
     assert "env_spec" not in metadata and metadata["environment"] == 'pusher "P"'
     check_as_minari_loads(metadata)
     # Spaces are JSON inside a string.
@@ -64,7 +64,7 @@ def check(folder, plain):
         assert box["low"] == [-np.inf] * size and box["high"] == [np.inf] * size
 
     with h5py.File(folder / "data/main_data.hdf5", "r") as f:
-        # Checks the root group, because a reopened file lacks its creation properties.
+        # Reads the order from the root group, because a reopened file does not return its creation properties.
         order = h5py.h5g.open(f.id, b"/").get_create_plist().get_link_creation_order()
         assert order == h5py.h5p.CRT_ORDER_TRACKED | h5py.h5p.CRT_ORDER_INDEXED
         assert list(f) == ["episode_0", "episode_1", "episode_2"]
@@ -109,7 +109,7 @@ def write(folder, plain):
     (data / "metadata.json").write_text(json.dumps(metadata))
     with h5py.File(data / "main_data.hdf5", "w", track_order=True) as f:
         for i, n in enumerate(LENGTHS):
-            # episode_10 comes before episode_9 by name, after it by number.
+            # episode_10 comes before episode_9 by name, but after it by number.
             episode = f.create_group(f"episode_{8 + i}")
             episode.attrs.update({"id": 8 + i, "total_steps": n, "seed": 70 + i})
             x = states(i)

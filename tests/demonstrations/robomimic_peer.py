@@ -13,7 +13,7 @@ from episodes import BLOCKS, LENGTHS, controls, states
 
 
 def check(path):
-    # The way robomimic opens data sets for training.
+    # robomimic opens data sets for training in this way.
     with h5py.File(path, "r", swmr=True, libver="latest") as f:
         data = f["data"]
         env_args = json.loads(data.attrs["env_args"])
@@ -48,11 +48,11 @@ def write(path):
         data.attrs["total"] = sum(LENGTHS)
         data.attrs["env_args"] = json.dumps({"env_name": "Lift", "type": 1, "env_kwargs": {}})
         for i, n in enumerate(LENGTHS):
-            # demo_10 comes before demo_9 by name, after it by number.
+            # demo_10 comes before demo_9 by name, but after it by number.
             demo = data.create_group(f"demo_{8 + i}")
             demo.attrs["num_samples"] = n
             x = states(i)
-            demo.create_dataset("states", data=np.zeros((n, 40)))  # the simulator's, not used
+            demo.create_dataset("states", data=np.zeros((n, 40)))  # states of the simulator, which dfr does not read
             demo.create_dataset("actions", data=controls(i).astype(np.float32))
             demo.create_dataset("rewards", data=np.zeros(n))
             demo.create_dataset("dones", data=np.arange(n) == n - 1)  # booleans

@@ -49,7 +49,7 @@ class ExitCodesTest(unittest.TestCase):
                     self.assertIn(message, done.stderr)
 
     def test_every_number_has_a_range(self):
-        """-1 is refused, by a reason other than that the option is given twice, which keeps the command from running."""
+        """-1 is refused. Each option is given twice, so the command does not run even if -1 is accepted."""
         for program in PROGRAMS:
             overview = self.run_program(program, "--help").stdout
             commands = re.findall(r"^  ([a-z-]+) ", overview.partition("Subcommands:")[2], re.M)
@@ -61,7 +61,7 @@ class ExitCodesTest(unittest.TestCase):
                         self.assertIn("-1", done.stderr.partition(";")[0])
 
     def test_every_share_has_a_range(self):
-        """2 is refused, by a reason other than that the option is given twice, which keeps the command from running."""
+        """2 is refused. Each option is given twice, so the command does not run even if 2 is accepted."""
         found = set()
         for program in PROGRAMS:
             overview = self.run_program(program, "--help").stdout

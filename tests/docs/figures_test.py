@@ -1,4 +1,4 @@
-"""The figures of README.md and docs/results.md are those of the recorded runs in docs/recorded.
+"""Checks that README.md and docs/results.md print the figures of the recorded runs in docs/recorded.
 
 usage: figures_test.py SOURCE_DIR
 """
@@ -84,7 +84,7 @@ class Figures(unittest.TestCase):
                             alone["redrawn_starts"] / (alone["episodes"] + alone["redrawn_starts"]))
         learner = None
         seen = set()
-        # The first table of the page: the Pusher's.
+        # The first table of the page is about the Pusher.
         for cells in rows("docs/results.md")[2:]:
             if len(cells) != 8:
                 break

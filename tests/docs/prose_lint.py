@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The rules of prose that a script can check: line length, words, openings of sentences, subjects of commits.
+"""Checks some rules of prose: line length, words, openings of sentences, subjects of commits.
 
 usage: prose_lint.py [FILE ...]            (default: all Markdown and C++ files that git tracks)
        prose_lint.py --commits BASE..HEAD  subjects of these commits, merges excepted
@@ -55,7 +55,7 @@ ENDS_IN_S = re.compile(r"(ss|us|is|focus|alias)$")
 
 def markdown_problems(text, style=True):
     fence = False
-    begins = True  # a paragraph or a list item
+    begins = True  # true at the beginning of a paragraph or list item
     for number, line in enumerate(text.split("\n"), 1):
         if line.startswith("```"):
             fence = not fence
@@ -72,7 +72,7 @@ def markdown_problems(text, style=True):
 
 
 def comment_problems(text, style=False):
-    inside = False  # a comment that goes on: only its first line begins a sentence
+    inside = False  # true after the first line of a comment: later lines do not begin a sentence
     for number, line in enumerate(text.split("\n"), 1):
         match = re.search(r"(?:^|\s)//[/!]?<?\s?(.*)$", line)
         if not match:
@@ -128,7 +128,7 @@ def lint_commits(commits):
 
 
 def lint_message(path):
-    """The first line of the file that git hands to a commit-msg hook; `git rebase --autosquash` removes fixups."""
+    """Check the subject in the file that git passes to a commit-msg hook. Accepts fixups, which --autosquash removes."""
     subject = next(iter(path.read_text().strip().splitlines()), "")
     found = [] if subject.startswith(("Merge ", "fixup! ", "squash! ", "amend! ")) else list(subject_problems(subject))
     print("\n".join(f"{subject}: {what}" for what in found), end="\n" if found else "")

@@ -108,7 +108,7 @@ class Psm {
     Subscribe(std_msgs_msg_dds__String__desc, "error", false);
   }
 
-  // ral.check_connections(5.0): all endpoints have found a counterpart.
+  // Same as ral.check_connections(5.0): waits until all endpoints have found a counterpart.
   void CheckConnections() {
     const bool all = Until(5.0, [this] {
       for (const auto& [name, writer] : writers_) {
@@ -152,7 +152,7 @@ class Psm {
     return Until(10.0, [this] { return homed && !busy; });
   }
 
-  // Sends joints. Returns the time as the handle for Wait().
+  // Sends a joint goal. Returns the time of sending, the argument of Wait().
   double SendJoints(const char* topic, std::vector<double> goal) {
     const double start = Now();
     sensor_msgs_msg_dds__JointState_ message{};

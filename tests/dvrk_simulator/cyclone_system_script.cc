@@ -1,6 +1,6 @@
-// The actions of dvrk_python 2.4's test scripts on a PSM (its arm and psm classes, crtk's utils,
-// the scripts for an arm and for a PSM), as an independent client written with CycloneDDS. It knows
-// only names, types and ROS 2's quality of service:
+// Performs the actions of dvrk_python 2.4's test scripts on a PSM (its arm and psm classes, crtk's
+// utils, the scripts for an arm and for a PSM). This independent client is written with CycloneDDS,
+// and knows only names, types and ROS 2's quality of service:
 //   cyclone_system_script DOMAIN
 // Exit code: 0 after all steps, 1 if DDS fails, else the number of the failed step, whose name it
 // prints.
@@ -153,8 +153,8 @@ int main(int argc, char** argv) {
   Require(psm.jacobians_are_6_by_6 && psm.jacobians["body/jacobian"].size() == 36);
   const std::vector<double>& spatial = psm.jacobians["spatial/jacobian"];
   Require(spatial.size() == 36);
-  // Columns 0 and 2, by rows: with yaw, the origin does not move and turns about -y; insertion
-  // moves it along -z.
+  // Columns 0 and 2, by rows. Yaw turns the origin about -y without moving it. Insertion moves the
+  // origin along -z.
   const std::array<double, 6> yaw = {0.0, 0.0, 0.0, 0.0, -1.0, 0.0};
   const std::array<double, 6> insertion = {0.0, 0.0, -1.0, 0.0, 0.0, 0.0};
   for (std::size_t row = 0; row < 6; ++row) {

@@ -8,8 +8,8 @@
 namespace dfr::test {
 namespace {
 
-// The calls of dvrk_python's test scripts in sequence, in real time. The two programs use different
-// DDS implementations.
+// Makes the calls of dvrk_python's test scripts in sequence, in real time. The two programs use
+// different DDS implementations.
 TEST(DvrkSimulatorSystemTest, AnswersAllCallsOfDvrkPythonsScripts) {
   const std::string domain = std::to_string(OwnDomain());
   const PeerProcess simulator({DFR_SIMULATOR, "--domain", domain, "--homing", "0.2"});

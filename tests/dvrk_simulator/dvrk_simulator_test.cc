@@ -15,7 +15,7 @@
 namespace dfr::test {
 namespace {
 
-// Files below /dev/shm that the program has mapped.
+// Returns the files below /dev/shm that the process has mapped.
 std::vector<std::string> SharedMemory(const PeerProcess& process) {
   std::ifstream maps("/proc/" + std::to_string(process.pid()) + "/maps");
   std::vector<std::string> files;
