@@ -194,8 +194,8 @@ TEST(PowerTest, ABoundNeedsAsManyEpisodesAsClopperPearsonDoes) {
   EXPECT_EQ(EpisodesForBound(0.0003), 12'295);
 }
 
-// Fisher (The Design of Experiments, sec. 21) on Darwin's maize: of the 32 768 signs of 15 pairs'
-// differences 863 have a sum of at least 314, and as many of at most -314.
+// Fisher (The Design of Experiments, sec. 21) on Darwin's maize: of the 32 768 sign patterns of 15
+// differences, 863 give a sum of at least 314, and 863 a sum of at most -314.
 TEST(ClusteredMcNemarTest, AgreesWithFishersArrangements) {
   std::vector<DiscordantPairs> clusters;
   for (const int d : {49, -67, 8, 16, 6, 23, 28, 41, 14, 29, 56, 24, 75, 60, -48}) {
@@ -276,7 +276,7 @@ TEST(RatioTest, IsStudentsWhereTheDenominatorIsConstant) {
   ExpectInterval(RatioInterval(units).value(), 1.5 - 1.242069, 1.5 + 1.242069, 1e-6);
 }
 
-// At both ends r the t test of numerator - r denominator is critical: |mean| = t s / sqrt(n).
+// At both ends r, the t test of numerator - r denominator is critical: |mean| = t s / sqrt(n).
 TEST(RatioTest, TheTTestIsCriticalAtBothEnds) {
   const std::vector<RatioPart> units = {
       {5.0, 9.0}, {8.0, 12.0}, {4.0, 10.0}, {9.0, 11.0}, {6.0, 8.0}};

@@ -236,7 +236,7 @@ TEST_F(LedgerTest, SalvageMovesDamagedLinesAsideAndNamesThem) {
   options.salvage = true;
   options.notice = [&](const std::string& notice) { notices.push_back(notice); };
   const std::size_t second = text.find('\n') + 1;
-  for (const std::size_t place : {text.find("trials"), second + 5}) {  // of the header, of a unit
+  for (const std::size_t place : {text.find("trials"), second + 5}) {  // in the header, in a unit
     std::string damaged = text;
     damaged[place] ^= 1;
     Write(ledger, damaged);

@@ -42,7 +42,7 @@ int Count(const std::string& text, const std::string& part) {
   return count;
 }
 
-// Checks that elements nest as in XML. HTML's void elements and the doctype are left out.
+// Checks that elements nest as in XML. Ignores HTML's void elements and the doctype.
 void ExpectNested(const std::string& html) {
   std::vector<std::string> open;
   for (std::size_t at = html.find('<'); at != std::string::npos; at = html.find('<', at + 1)) {
@@ -117,7 +117,7 @@ TEST(ReportTest, NamesTheClusters) {
   EXPECT_THAT(caption("episodes"), testing::HasSubstr("too few trials to cluster by"));
 }
 
-// A page of one plot with these lines.
+// Returns a page of one plot with these lines.
 std::string PageOf(const std::vector<ReportSeries>& series) {
   const ReportPlot plot{.title = "P", .x_label = "x", .series = series};
   return RenderReport({}, {.figures = {{.heading = "F", .caption = "C", .plots = {plot}}}});
@@ -140,7 +140,7 @@ TEST(ReportTest, AMethodLooksTheSameOnEveryPage) {
     EXPECT_EQ(MethodStyle(style.name), style.style);
     styles.insert(style.style);
   }
-  EXPECT_EQ(styles.size() + 1, NamedStyles().size());  // baseline and alone are the same
+  EXPECT_EQ(styles.size() + 1, NamedStyles().size());  // baseline and alone share a style
   EXPECT_EQ(MethodStyle("my-method"), -1);
   EXPECT_THAT(PageOf({{.name = "Controller", .x = {0, 1}, .y = {0, 1}}}),
               HasSubstr("<g style=\"--c:var(--s3)\"><path class=\"line\""));
@@ -381,7 +381,7 @@ TEST(ReportTest, APageIsSavedThroughALinkWithTheModeOfTheOldOne) {
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path), {}), 3);
 }
 
-// A device is not a regular file either, but only root can create one.
+// Tests a pipe in place of a device, which only root can create.
 TEST(ReportTest, APipeStaysOne) {
   const dfr::test::TempFolder folder;
   const std::filesystem::path pipe = folder / "pipe";

@@ -80,7 +80,7 @@ TEST(RolloutRunnerTest, CountsTheControlsOfEachRecovery) {
   EXPECT_EQ(result.cause, "outside-support");
   EXPECT_EQ(result.controls, 7);
   EXPECT_EQ(result.recovery_controls, 4);
-  // Only changed controls have a change with a size.
+  // The sizes of changed controls count. The probe has no size.
   EXPECT_EQ(result.changed_controls, 4);
   EXPECT_EQ(result.sized_changes, 3);
   EXPECT_EQ(result.change, 1.5);
@@ -88,7 +88,7 @@ TEST(RolloutRunnerTest, CountsTheControlsOfEachRecovery) {
 }
 
 TEST(RolloutRunnerTest, NamesTheModeThatCollided) {
-  PointRunner runner(0.45, kNone, false);  // reached by the fifth control
+  PointRunner runner(0.45, kNone, false);  // the fifth control reaches the wall
   const EpisodeResult result = runner.Run(0, 1, 2);
   EXPECT_EQ(result.outcome, core::Outcome::kCollided);
   EXPECT_EQ(result.cause, "recovery");

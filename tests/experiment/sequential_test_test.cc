@@ -16,7 +16,7 @@ TEST(SequentialTestTest, WealthIsTheMeanOverStakes) {
   test.Add(1.0);
   EXPECT_NEAR(std::exp(test.log_wealth()), 1.0, 1e-12);  // each stake has an opposite stake
   test.Add(1.0);
-  // The mean of (1 + s)^2 is 1 plus that of s^2, 2 (.01 + .04 + ... + .81) / 18 = .31666...
+  // The mean of (1 + s)^2 is 1 plus the mean of s^2, 2 (.01 + .04 + ... + .81) / 18 = .31666...
   EXPECT_NEAR(std::exp(test.log_wealth()), 1.0 + 5.7 / 18.0, 1e-12);
   EXPECT_EQ(test.mean(), 1.0);
   SequentialTest even;

@@ -15,7 +15,7 @@
 
 namespace {
 
-// Doubles of any size from bytes. Nonfinite values become 0.
+// Makes doubles of any size from bytes. Nonfinite values become 0.
 class Numbers {
  public:
   Numbers(const std::uint8_t* data, std::size_t size) : data_(data), size_(size) {}

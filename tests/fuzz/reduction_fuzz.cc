@@ -21,7 +21,7 @@ void TryReduction(const std::filesystem::path& path) {
   reduction.Apply(x, z);
 }
 
-// The layout has two pictures and another block.
+// Reads a reduction of states with two pictures and another block, and applies it.
 void TryStateReduction(const std::filesystem::path& path) {
   dfr::core::StateLayout layout;
   layout.Add("a", dfr::core::PictureShape{7, 6, 1});

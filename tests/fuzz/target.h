@@ -3,7 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 
-/// Begins a fuzz target: DFR_FUZZ_TARGET(archive) { ... return 0; } reads `data`, `size` bytes.
+/// Begins a fuzz target: DFR_FUZZ_TARGET(archive) { ... return 0; } reads `size` bytes of `data`.
 ///
 /// It is libFuzzer's entry point where DFR_FUZZ is defined. Otherwise it registers the target by
 /// its name in fuzz_replay (replay_main.cc).

@@ -28,7 +28,7 @@ dfr::vision::LineVision Vision() {
   return {camera, options};
 }
 
-// A grey picture with overlapping coloured rectangles from the input, seven bytes each.
+// Returns a grey picture with coloured rectangles. Each rectangle uses seven bytes of the input.
 std::vector<std::uint8_t> Picture(const std::uint8_t* data, std::size_t size) {
   std::vector<std::uint8_t> pixels(std::size_t{3} * kWidth * kHeight, 128);
   constexpr std::size_t kRectangle = 7;

@@ -1,4 +1,4 @@
-// Results are reproducible: the bits with one instruction set, the outcomes with all.
+// Results are reproducible: every bit with one instruction set, every outcome with all of them.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -124,7 +124,7 @@ inline void Pusher(const std::filesystem::path& folder, int episodes, Golden& go
   }
 }
 
-/// Returns results of `episodes` episodes of each strategy. Target 0: the best of this machine.
+/// Returns results of `episodes` episodes of each strategy. Target 0: the machine's best.
 inline Golden ResultsWith(std::int64_t target, int episodes) {
   const std::filesystem::path folder =
       std::filesystem::path(testing::TempDir()) / ("dfr_golden_" + std::to_string(getpid()));

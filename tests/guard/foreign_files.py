@@ -13,9 +13,9 @@ STEPS = 20
 
 
 def episodes(seed, count, drift=0.0):
-    """Per episode a dict of observations (STEPS + 1 rows each) and actions (STEPS rows).
+    """Return for each episode a dict of observations (STEPS + 1 rows each) and actions (STEPS rows).
 
-    With a drift the tip leaves sideways: a failed episode."""
+    With a drift the tip leaves sideways, and the episode fails."""
     rng = np.random.default_rng(seed)
     turn = np.array([[np.cos(0.8), -np.sin(0.8)], [np.sin(0.8), np.cos(0.8)]])
     result = []

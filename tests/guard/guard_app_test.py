@@ -165,7 +165,7 @@ class GuardAppTest(GuardProgramTest):
         self.assertEqual(np.loadtxt(self.folder / "models/t_000.csv", delimiter=",").shape, (4, 4))
         done = self.run_program("export", "e.guard")
         self.assertEqual((done.returncode, "--onnx FILE or --libsvm FOLDER" in done.stderr), (2, True), done.stderr)
-        # A shorter guard would leave the last models of a longer one.
+        # A shorter guard would not overwrite the last models of a longer guard.
         before = {path.name: path.read_bytes() for path in (self.folder / "models").iterdir()}
         done = self.run_program("export", "e.guard", "--libsvm", "models")
         self.assertEqual((done.returncode, "remove the folder or name another" in done.stderr), (2, True), done.stderr)

@@ -129,7 +129,7 @@ class Layout(unittest.TestCase):
             self.assertGreater(len(names), 20)
             self.assertEqual(re.findall(r'<section id="(.*?)">', page), names)
             self.assertEqual(page.count('role="img"'), 3 * len(names))
-            # The first task's shares, from its counts.
+            # Computes the first task's shares from its counts.
             with recorded.open(newline="") as file:
                 rows = [row for row in csv.DictReader(file) if (row["task"], row["method"]) == (names[0], "alone")]
             done = sum(int(row["ok"]) for row in rows) / sum(int(row["episodes"]) for row in rows)

@@ -1,4 +1,4 @@
-"""Shards, merging, status, configurations and ids of episodes, as users of a program run them.
+"""Tests shards, merging, status, configurations and ids of episodes, as users of a program run them.
 
 usage: shards_test.py PROGRAM DFR_CLUSTER
 """

@@ -175,7 +175,7 @@ class LeRobotTest(unittest.TestCase):
 
     def test_declared_sizes_beyond_the_budget_are_refused(self):
         def file(values, page_size, rows=None, page_values=4):
-            """One column episode_index of INT32 in one page."""
+            """Return a file with one column episode_index of INT32 in one page."""
             header = field(1, 5, integer(0)) + field(1, 5, integer(page_size)) + field(1, 5, integer(16)) + field(
                 2, 12, field(1, 5, integer(page_values)) + field(1, 5, integer(0)) + field(1, 5, integer(3))
                 + field(1, 5, integer(3)) + b"\0") + b"\0"

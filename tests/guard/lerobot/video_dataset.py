@@ -17,7 +17,7 @@ SIDE = "observation.images.side"
 
 
 def episodes(seed, count, frames):
-    """Positions in [-1, 1], (frames, 2) each, and actions, the changes between them."""
+    """Return for each episode positions in [-1, 1], (frames, 2), and actions, the changes between positions."""
     rng = np.random.default_rng(seed)
     found = []
     for _ in range(count):

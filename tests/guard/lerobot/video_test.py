@@ -20,7 +20,7 @@ from video_dataset import FPS, SIDE, TOP, draw, episodes, write_dataset, write_v
 
 GUARD, DECODER, WRITER = (pathlib.Path(p).resolve() for p in sys.argv[1:4])
 del sys.argv[1:4]
-# The number of components is given, because this test is not about its choice.
+# Sets the number of components, because these tests do not cover its choice.
 FEATURES = f"pca:{TOP}:2,observation.state"
 
 
@@ -74,7 +74,7 @@ class VideoTest(unittest.TestCase):
                 whole, last, middle, tail = self.frames(
                     (0, 0, 20, FPS, 48, 80, 48, 80, path), (0, 19, 1, FPS, 48, 80, 48, 80, path),
                     (0, 5, 3, FPS, 48, 80, 48, 80, path), (0, 8, 2, FPS, 48, 80, 48, 80, path))
-                # Noise and compression cause errors of a few grey values, a wrong order of channels causes tens.
+                # Noise and compression cause errors of a few grey values. A wrong order of channels causes tens.
                 errors, others = (np.abs(whole[n:].astype(float) - pictures[:20 - n]).mean(axis=(1, 2, 3)) for n in (0, 1))
                 self.assertLess(errors.max(), 5.0)
                 self.assertLess(errors.max(), others.min())
@@ -113,7 +113,7 @@ class VideoTest(unittest.TestCase):
         self.assertIn(row, part)
 
     def test_a_frame_of_another_state_changes_the_guard(self):
-        """Shows that the test above depends on the frames."""
+        """Shows that test_both_versions_give_the_same_guard depends on the frames."""
         moved = self.copy("v3.0")
         file = moved / "meta/episodes/chunk-000/file-000.parquet"
         meta = {"episode_index": list(range(8))}

@@ -123,9 +123,9 @@ const perEpisode = (make) =>
 
 fs.mkdirSync(out, { recursive: true });
 fs.writeFileSync(path.join(out, "expected.json"), JSON.stringify(expected));
-// As the datasets library writes version 2.1: dictionaries, Snappy, a file for each episode.
+// Writes version 2.1 as the datasets library does: dictionaries, Snappy, a file for each episode.
 write("v21", "v2.1", perEpisode((rows) => byWasm(rows, fixed, (p) => p.setCompression(wasm.Compression.SNAPPY))));
-// Version 3.0: many episodes in a file; here row groups end in the middle of some.
+// Writes version 3.0: many episodes in a file. Here, row groups end in the middle of some episodes.
 write("v30", "v3.0", [[0, 11], [11, 24]].map(([first, end], i) => [
   `chunk-000/file-00${i}.parquet`,
   byWasm(episodes(first, end), list, (p) => p.setCompression(wasm.Compression.ZSTD).setMaxRowGroupSize(50)),
