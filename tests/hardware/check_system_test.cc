@@ -15,7 +15,7 @@ TEST(CheckSystemTest, HomesAndMovesTheSimulatedArm) {
   const PeerProcess simulator(
       {DFR_SIMULATOR, "--no-camera", "--homing", "0.2", "--domain", domain});
   PeerProcess stop({DFR_HARDWARE, "stop", "--unattended", "--domain", domain});
-  // By estimate an idle machine finds both programs within 1 s: --wait allows twenty times as long.
+  // An idle machine finds both programs in an estimated 1 s. --wait allows twenty times as long.
   const auto check = [&] {
     return PeerProcess({DFR_HARDWARE, "check", "--arm", "PSM1", "--home", "--move", "--yes",
                         "--domain", domain, "--wait", "20", "--seconds", "0.5"})

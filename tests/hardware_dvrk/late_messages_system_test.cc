@@ -19,7 +19,7 @@ namespace {
 using kinematics::PsmJoints;
 using Clock = std::chrono::steady_clock;
 
-// Timeouts for a busy machine.
+// Returns options with timeouts for a busy machine.
 PsmDriverOptions Patient() {
   PsmDriverOptions options;
   options.client.watchdog.max_age_s = options.client.watchdog.max_silence_s = 5.0;
@@ -84,7 +84,7 @@ TEST_F(LateMessagesSystemTest, EveryHoldOfANewcomerHolds) {
   }
 }
 
-// The console has received the message, and this side discovers the guest up to half a second
+// The console has received the message, and the driver discovers the guest up to half a second
 // later.
 TEST_F(LateMessagesSystemTest, EveryHoldThatOnlyTheConsoleReceivesHolds) {
   int by_the_console = 0;

@@ -80,7 +80,7 @@ class LateMessagesTest : public testing::Test {
     now_ns_ += kStepNs;
   }
 
-  // Returns the largest motion, in m, after a command that only the console receives. This side
+  // Returns the largest motion, in m, after a command that only the console receives. The client
   // discovers the sender after `late_ms`.
   double MotionAfter(const std::function<void()>& command, int times, int late_ms) {
     Begin();
@@ -119,8 +119,8 @@ class LateMessagesTest : public testing::Test {
   std::int64_t now_ns_ = kBeginNs;
 };
 
-// A hold, sent once or 20 times a second for .3 s. The client finds the sender up to half a second
-// later than the console does.
+// A hold is sent once, or 20 times a second for .3 s. The client finds the sender up to half a
+// second later than the console does.
 TEST_F(LateMessagesTest, AHoldThatOnlyTheConsoleReceivesHolds) {
   for (const int late_ms : {0, 10, 20, 50, 100, 200, 490}) {
     for (const int times : {1, 6}) {
@@ -134,8 +134,8 @@ TEST_F(LateMessagesTest, AHoldThatOnlyTheConsoleReceivesHolds) {
   }
 }
 
-// The sender is discovered 300 ms after the command: until then only the console's messages reveal
-// it. OneCommandIsEnough tests commands that are not repeated.
+// The sender is discovered 300 ms after the command. Until then, only the console's messages reveal
+// the command. OneCommandIsEnough tests commands that are not repeated.
 TEST_F(LateMessagesTest, TheConsoleRevealsForeignCommands) {
   const auto aside = [](PsmJoints q) {
     q[1] += 0.03;
@@ -154,15 +154,15 @@ TEST_F(LateMessagesTest, TheConsoleRevealsForeignCommands) {
     Begin();
     int taken = 0;
     for (; taken < 60 && client_.phase() == PsmPhase::kArmed; ++taken) {
-      // The commands are not synchronous to the samples.
+      // The commands are not synchronous with the samples.
       Step(0, taken % 3 == 0 ? command.carry_out : nullptr);
     }
     EXPECT_EQ(client_.phase(), PsmPhase::kHolding) << "after 300 ms";
   }
 }
 
-// Without repetition, the console executes each command once, and this side finds its sender 300 ms
-// later. A move makes the arm busy before the text arrives.
+// Without repetition, the console executes each command once, and the client finds the sender
+// 300 ms later. A move makes the arm busy before the text arrives.
 TEST_F(LateMessagesTest, OneCommandIsEnough) {
   const std::vector<Command> commands = {
       {"hold", [&] { console_.Hold(); }},
@@ -242,9 +242,9 @@ TEST_F(LateMessagesTest, AForeignHoldRightAfterOurOwnIsDetected) {
   }
 }
 
-// The console never answers our own hold, because it was lost: poses still control the console. The
-// client waits for the answer for a second before it sends a set-point, and does not confuse a
-// later hold with it.
+// The console never answers our own hold, because the hold was lost: poses still control the
+// console. The client waits a second for the answer before it sends a set-point. A later foreign
+// hold does not count as the answer.
 TEST_F(LateMessagesTest, AForeignHoldAfterAnUnansweredOwnHoldIsDetected) {
   for (int ms = 0; ms < 2000; ms += 250) {
     SCOPED_TRACE(testing::Message() << ms << " ms after our own hold");

@@ -21,7 +21,7 @@ class PsmClientOnCartTest : public PsmClientTest {
     camera_ = base;
     on_cart_ = true;
   }
-  // Measurements after the camera moves by `distance_m`.
+  // Returns a change of the input as if the camera had moved by `distance_m`.
   static std::function<void(PsmInput&)> CameraMoved(double distance_m) {
     return [distance_m](PsmInput& input) {
       if (input.measured_cp) input.measured_cp->position_m.x() += distance_m;

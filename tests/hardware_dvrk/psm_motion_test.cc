@@ -119,7 +119,7 @@ TEST(PsmMotionTest, AConfiguredSiMovesFarther) {
   EXPECT_EQ(si.Start(Psm::Forward(Off(1, 1.2)), 100.0), PsmStatus::kOk);
   si.Rest(test::PsmHome());
   EXPECT_EQ(si.Start(Off(0, 2.9), 100.0), PsmStatus::kOk);
-  // These limits exceed the generation's own.
+  // These limits exceed the limits of a Classic.
   limits.generation = kinematics::PsmGeneration::kClassic;
   EXPECT_THROW(PsmMotion(limits, PsmProfile::kSmooth), std::invalid_argument);
 }

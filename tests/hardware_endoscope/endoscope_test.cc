@@ -28,7 +28,7 @@ using test::Message;
 using test::Noise;
 using test::SmallPictures;
 
-// GStreamer's test pictures, as from a capture card's pipeline.
+// Returns a pipeline with GStreamer's test pictures in place of a capture card.
 std::string Pipeline(const std::string& source) {
   return "videotestsrc " + source +
          " ! video/x-raw,width=64,height=48,framerate=30/1 ! videoconvert ! "

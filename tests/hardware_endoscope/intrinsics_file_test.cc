@@ -98,7 +98,7 @@ TEST_F(IntrinsicsFileTest, RosFilesAreRead) {
   EXPECT_EQ(camera.distortion[3], 0.001);
 }
 
-// A list below its key, keys in another order, comments, and entries of other keys.
+// The file has a list below its key, keys in another order, comments, and entries of other keys.
 TEST_F(IntrinsicsFileTest, OtherWaysToWriteYamlAreRead) {
   const auto path = Write(
       "# made by hand\nother:\n  image_width: 1\n  rows: 7\n"

@@ -23,7 +23,7 @@ inline hardware::EndoscopeOptions SmallPictures() {
   return options;
 }
 
-/// Noise over grey: no two pictures are equal.
+/// Returns noise over grey. Pictures of different seeds differ.
 inline cv::Mat Noise(std::uint64_t seed, int width = kWidth, int height = kHeight) {
   core::Random random(seed);
   cv::Mat picture(height, width, CV_8UC3);

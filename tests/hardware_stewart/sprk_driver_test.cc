@@ -170,7 +170,7 @@ TEST_F(SprkDriverTest, PulledPlugIsReportedAndFinal) {
   }
 }
 
-// The other end of the port does not read: a frame that does not fit fails instead of waiting.
+// The other end of the port does not read: a frame beyond the buffer fails instead of waiting.
 TEST_F(SprkDriverTest, FullPortFailsInsteadOfBlocking) {
   const int master = ::posix_openpt(O_RDWR | O_NOCTTY);
   ASSERT_GE(master, 0);
@@ -200,7 +200,7 @@ TEST_F(SprkDriverTest, CommandsDoNotAllocate) {
   EXPECT_EQ(driver.Start(SprkWaveKind::kSine, {}), SprkStatus::kOk);
   Wait(1.0);
   EXPECT_EQ(driver.Hold(), SprkStatus::kOk);
-  EXPECT_EQ(driver.Hold(), SprkStatus::kOk);  // which waits
+  EXPECT_EQ(driver.Hold(), SprkStatus::kOk);  // this call waits
   EXPECT_TRUE(driver.Estimate().known);
 }
 

@@ -27,7 +27,7 @@ class SprkEmulator {
   [[nodiscard]] std::vector<SprkFirmware::Command> Await(std::size_t count);
   /// Sends `text` to the program that has the port open. The firmware sends nothing by itself.
   void Print(std::string_view text) const;
-  /// Makes the platform hang: it then reads nothing.
+  /// If true, the platform hangs and reads nothing.
   void Hang(bool hangs) { hangs_ = hangs; }
   /// Pulls the plug.
   void Unplug();

@@ -36,7 +36,7 @@ test::SprkFirmware::Command Decoded(std::string_view bytes) {
   return firmware.commands().empty() ? test::SprkFirmware::Command{} : firmware.commands().back();
 }
 
-// Encoded by hand from the protocol's description.
+// The expected frames are encoded by hand from the protocol's description.
 TEST(SprkProtocolTest, FramesMatchTheDescription) {
   SprkPositionFrame frame;
   PlatformPose sent;

@@ -22,7 +22,7 @@ core::StateLayout ObjectLayout() {
   return layout;
 }
 
-// A policy with the mean (0.2, 5) everywhere.
+// Returns a policy with mean (0.2, 5) in every state.
 GaussianPolicy Policy(double limit) {
   Mlp mlp({2, 2});
   Eigen::VectorXd parameters = Eigen::VectorXd::Zero(mlp.num_parameters());

@@ -12,7 +12,7 @@
 namespace dfr::imitation {
 namespace {
 
-// u = 0.1 - 0.3 x, at random x.
+// Returns demonstrations of u = 0.1 - 0.3 x at random x.
 std::vector<core::Trajectory> Linear() {
   core::Random random(1);
   std::vector<core::Trajectory> demonstrations;
@@ -51,7 +51,7 @@ TEST(LocallyWeightedPolicyTest, UsesOnlyNeighbouringTimeSteps) {
   const LocallyWeightedPolicy policy(Identity(), demonstrations, {.window = 0});
   std::vector<double> u(2);
   policy.Control(2, std::vector{0.0, 0.0}, u);
-  EXPECT_NEAR(u[0], 0.1, 0.02);  // error of the ridge
+  EXPECT_NEAR(u[0], 0.1, 0.02);  // error due to the ridge
   policy.Control(7, std::vector{0.0, 0.0}, u);
   EXPECT_NEAR(u[0], 0.5, 1e-6);
   policy.Control(1000, std::vector{0.0, 0.0}, u);

@@ -30,14 +30,14 @@ Eigen::VectorXd RandomVector(Eigen::Index size, std::uint64_t seed) {
   return RandomMatrix(size, 1, seed).col(0);
 }
 
-// Includes random biases, which a new network does not have.
+// Returns a network with random biases, which a new network does not have.
 Mlp RandomMlp(std::vector<int> sizes, std::uint64_t seed) {
   Mlp mlp(std::move(sizes));
   mlp.SetParameters(0.5 * RandomVector(mlp.num_parameters(), seed));
   return mlp;
 }
 
-// The documented formula and parameter order, in Eigen.
+// Computes the documented formula with Eigen, in the documented order of parameters.
 Matrix Definition(const Mlp& mlp, const Matrix& inputs) {
   Matrix h = inputs;
   Eigen::Index offset = 0;
@@ -69,7 +69,7 @@ TEST(MlpTest, ForwardIsTheDocumentedFormula) {
     const Mlp mlp = RandomMlp(shape, 1);
     const Matrix x = RandomMatrix(205, mlp.input_dim(), 2);
     Mlp::Workspace workspace;
-    // Sums of up to 65 terms of size 1: 1e-13 is well above their rounding.
+    // The sums have up to 65 terms of size 1: 1e-13 is well above their rounding.
     EXPECT_TRUE(test::AllClose(mlp.Forward(x, workspace), Definition(mlp, x), 1e-13));
   }
 }

@@ -47,7 +47,7 @@ class PointPlant final : public core::Plant {
   double state_[4] = {};
 };
 
-/// The reward is the distance gained.
+/// The reward is the decrease of the distance to the goal.
 class PointReach final : public imitation::Environment {
  public:
   const core::Plant& plant() const noexcept override { return plant_; }

@@ -80,8 +80,8 @@ TEST(AdamTest, StepsMatchTheAlgorithm) {
 }
 
 TEST(AdamTest, EveryEpochVisitsEveryRowOnce) {
-  // A linear layer with one-hot inputs: each row of the weights moves in the steps whose batch has
-  // its sample, and Adam's first step is the learning rate for any gradient.
+  // Inputs of a linear layer are one-hot: a row of the weights moves only in steps whose batch has
+  // the row's sample. Adam's first step has the size of the learning rate for any gradient.
   constexpr double kRate = 1e-3;
   const Matrix inputs = Matrix::Identity(7, 7);
   const Matrix targets = Matrix::Constant(7, 1, 5.0);

@@ -70,7 +70,7 @@ TEST(TrustRegionTest, FisherVectorProductIsTheHessianOfTheKl) {
     const Eigen::VectorXd w = RandomMatrix(random, problem.theta().size(), 1).col(0).normalized();
     Eigen::VectorXd product;
     problem.FisherVectorProduct(v, product);
-    // Second derivative across v and w; the error is step^2 times fourth derivatives of order 10.
+    // Mixed second derivative. The error is step^2 times fourth derivatives of order 10.
     const double across =
         (kl(kStep * (v + w)) - kl(kStep * (v - w)) + kl(-kStep * (v + w)) - kl(kStep * (w - v))) /
         (4.0 * kStep * kStep);

@@ -30,7 +30,7 @@ Matrix Samples() {
 
 TEST(WhiteningTest, WhitenedDataHaveMeanZeroAndDeviationOne) {
   const Matrix z = Whitening::FromData(Samples()).Apply(Samples());
-  // The second feature's rounding, 1e-16 of 0.7, is divided by its scale of 1e-4.
+  // The second feature's rounding error, 1e-16 of 0.7, is divided by the feature's scale of 1e-4.
   EXPECT_TRUE(test::AllClose(z.colwise().mean(), Eigen::RowVector3d::Zero(), 1e-11));
   EXPECT_TRUE(test::AllClose(z.array().square().matrix().colwise().mean(),
                              Eigen::RowVector3d::Ones(), 1e-11));

@@ -2,7 +2,7 @@
 
 #include "dfr/kernel/one_class_svm.h"
 
-// Fits a support to a disc: its centre is inside, a far state is not.
+// Fits a support to a square: the square's centre is inside, and a far state is outside.
 int main() {
   const dfr::core::Matrix samples = Eigen::MatrixXd::Random(200, 2);
   const auto support = dfr::kernel::OneClassSvm::Fit(samples, {.nu = 0.05, .gamma = 0.5});

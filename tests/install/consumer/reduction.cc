@@ -3,7 +3,7 @@
 #include <array>
 #include <cmath>
 
-// Reduces rows along a line to one component: their distance along it.
+// Reduces rows along a line to one component: their position along the line.
 int main() {
   dfr::core::Matrix rows(3, 2);
   rows << 0.0, 0.0, 1.0, 1.0, 2.0, 2.0;

@@ -2,7 +2,7 @@
 
 #include "dfr/calibration/calibrate.h"
 
-// Calibrates without any data.
+// Succeeds if the library rejects a calibration without data.
 int main() try {
   static_cast<void>(dfr::calibration::Calibrate({}, {}, {}, Eigen::Isometry3d::Identity()));
   return 1;

@@ -1,6 +1,6 @@
 #include "dfr/kinematics/psm.h"
 
-// At home, insertion 0.12 m, the wrist is 113.5 mm below the remote centre of motion.
+// At home (insertion 0.12 m), the wrist is 113.5 mm below the remote centre of motion.
 int main() {
   dfr::kinematics::PsmJoints q = dfr::kinematics::PsmJoints::Zero();
   q[2] = 0.12;
