@@ -48,7 +48,7 @@ TEST(PsmTest, OneDegreeOfYawOrPitchMovesTheWristByTwoMillimetres) {
   }
 }
 
-// Insertion moves the position along a line through the origin only.
+// Insertion only moves the position along a line through the origin.
 TEST(PsmTest, ShaftPassesThroughTheRemoteCentreInEveryConfiguration) {
   core::Random random(1);
   for (int i = 0; i < 200; ++i) {
@@ -58,7 +58,7 @@ TEST(PsmTest, ShaftPassesThroughTheRemoteCentreInEveryConfiguration) {
     const Eigen::Vector3d axis = pose.linear().col(2);
     EXPECT_LT(pose.translation().cross(axis).norm(), 1e-12);
     EXPECT_GT(pose.translation().dot(axis), 0.0);
-    // A straight wrist continues the shaft by its length.
+    // A straight wrist continues the shaft by the wrist's length.
     EXPECT_NEAR(pose.translation().norm(), q[2] - 0.0156 + 0.0091, 1e-15);
   }
 }

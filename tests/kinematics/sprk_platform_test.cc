@@ -89,9 +89,9 @@ TEST(SprkPlatformTest, ReachableShareEndsAtTheBoundary) {
 TEST(SprkPlatformTest, RotationIsYawAfterPitchAfterRoll) {
   PlatformPose pose;
   pose.angles_rad << 90 * kRadPerDegree, 0.0, 90 * kRadPerDegree;
-  // Roll rotates y to z; yaw then leaves it unchanged.
+  // Roll rotates y to z. Yaw leaves z unchanged.
   EXPECT_LT((pose.Transform() * Eigen::Vector3d::UnitY() - Eigen::Vector3d::UnitZ()).norm(), 1e-15);
-  // Roll leaves x unchanged; yaw rotates it to y.
+  // Roll leaves x unchanged. Yaw rotates x to y.
   EXPECT_LT((pose.Transform() * Eigen::Vector3d::UnitX() - Eigen::Vector3d::UnitY()).norm(), 1e-15);
 }
 

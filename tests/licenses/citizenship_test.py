@@ -18,12 +18,12 @@ def text(name):
 
 
 def cff(key):
-    """A one-line value of CITATION.cff's top level."""
+    """Return a one-line value at the top level of CITATION.cff."""
     return re.search(rf'^{key}: "?(.+?)"?$', text("CITATION.cff"), re.M).group(1)
 
 
 def components():
-    """Needs and packages of each component of components.txt."""
+    """Return the needs and packages of each component in components.txt."""
     rows = {}
     for row in text("components.txt").splitlines():
         cells = [cell.strip() for cell in row.split("|")]

@@ -1,5 +1,5 @@
-"""Every package and shared library that this build links has a row in third_party_licenses, whose packages bring
-their licence texts. A package without a licence text is rejected by name.
+"""Checks that every package and shared library that this build links has a row in third_party_licenses, and that the
+row's packages bring their licence texts. A package without a licence text is rejected by name.
 
 usage: licenses_test.py SOURCE_DIR BINARY_DIR
 """
@@ -13,7 +13,7 @@ SYSTEM = {"libc", "libm", "libpthread", "libdl", "librt", "ld-linux-x86-64", "ld
 
 
 def rows(readme):
-    """The cells of each row of the first table."""
+    """Yield the cells of each row of the first table."""
     for line in readme.read_text().split("\n## ")[0].splitlines():
         if line.startswith("| ") and not line.startswith("| dependency"):
             yield [cell.strip() for cell in line.strip("|").split("|")]
@@ -36,7 +36,7 @@ def refusal(source):
 
 
 def linked(program):
-    """The libraries that a program links directly, without version: libceres.so.3 -> libceres."""
+    """Return the libraries that a program links directly, without version: libceres.so.3 -> libceres."""
     out = subprocess.run(["readelf", "-d", program], capture_output=True, text=True, check=False).stdout
     return {name.split(".so")[0] for name in re.findall(r"\(NEEDED\).*\[(.+)\]", out)}
 

@@ -58,7 +58,7 @@ TEST(LineTaskTest, ReadingsPlaceTheToolUprightDespiteTheArmsErrors) {
                               random.Uniform(-0.01, 0.02));
     PsmJoints reading;
     ASSERT_TRUE(task.Reading(tip, reading));
-    // Rounding of a chain of six joints with lengths below 0.5 m.
+    // The limit covers the rounding of a chain of six joints with lengths below 0.5 m.
     EXPECT_LT((task.Tip(reading) - tip).norm(), 1e-14);
     const Eigen::Isometry3d truth = Psm::Forward(task.calibration().arm.Apply(reading));
     EXPECT_LT((truth.linear() - Psm::Forward(test::PsmHome()).linear()).norm(), 1e-13);

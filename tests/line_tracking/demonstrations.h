@@ -7,14 +7,14 @@
 
 namespace dfr::apps::line_tracking {
 
-/// Ten demonstrations with exact states, drawn once per program.
+/// Returns ten demonstrations with exact states, drawn once per program.
 inline const imitation::DemonstrationSet& Demonstrations() {
   static const imitation::DemonstrationSet set =
       Demonstrate(FromTruth(), test::PerfectCalibration(FromTruth()), 10, 50, 1);
   return set;
 }
 
-/// A small model fitted to Demonstrations().
+/// Returns a small model fitted to Demonstrations().
 inline LineModel SmallModel(double gamma) {
   LineModelOptions options;
   options.hidden = {8};

@@ -48,7 +48,7 @@ TEST(LockStepTest, TheSameSeedsHaveTheSameOutcomesAsInOneProcess) {
   RobotPlant there(LockStepConfig(domain), known, nullptr);
   there.BringUp({});
   const LineModel model = LineModel::Load(Data().path / "model");
-  // Methods whose episodes are short.
+  // Episodes of these methods are short.
   for (const auto& [method, outcome] : {std::pair("baseline", core::Outcome::kCompleted),
                                         std::pair("early-stopping", core::Outcome::kHalted)}) {
     SCOPED_TRACE(method);
@@ -100,8 +100,8 @@ int Count(const std::string& printed, const std::string& text) {
   return count;
 }
 
-// Runs two episodes in lock-step, 4 s. Only this test reads the operator's output of a whole run.
-// LaunchTest has a run with an emergency stop.
+// Takes 4 s, because it runs two episodes in lock-step. Only this test reads the operator's output
+// of a whole run. LaunchTest has a run with an emergency stop.
 TEST(WithoutStopTest, ARunWarnsFirstAtEveryStartAndInItsRecording) {
   const std::string warning =
       "WITHOUT AN EMERGENCY STOP: only the console and Ctrl-C here stop the arm\n";

@@ -22,7 +22,7 @@ class ModelFolder : public test::TempFolder {
   }
 };
 
-/// One folder for all tests of a program.
+/// Returns the folder that all tests of a program share.
 inline const ModelFolder& Data() {
   static const ModelFolder folder;
   return folder;

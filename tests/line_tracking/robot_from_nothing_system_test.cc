@@ -1,7 +1,7 @@
 // A robot from nothing, over the network: calibrate, demonstrate, fit and run in sequence, as an
 // operator does, on dvrk_simulator's console, which the programs take for a robot's.
 //
-// By estimate an idle machine takes 2 s until a program asks its first question, 0.5 s until a
+// An idle machine takes an estimated 2 s until a program asks its first question, 0.5 s until a
 // picture is taken or the simulator answers, and 6 s for an episode. The test took 60 s on two
 // cores with ten other processes.
 #include <fcntl.h>
@@ -41,9 +41,9 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::steady_clock;
 
-constexpr double kQuestion = 20.0;  // s, ten times that estimate
-constexpr double kEpisode = 60.0;   // the same
-constexpr double kAnswer = 10.0;    // twenty times
+constexpr double kQuestion = 20.0;  // s, ten times the estimate
+constexpr double kEpisode = 60.0;   // s, ten times the estimate
+constexpr double kAnswer = 10.0;    // s, twenty times the estimate
 
 // The program with an operator at its keyboard.
 class Program {
@@ -160,7 +160,7 @@ class RobotFromNothingSystemTest : public testing::Test {
  protected:
   RobotFromNothingSystemTest() {
     hardware::WriteIntrinsics(folder_ / "camera.yaml", sim::LineTrackingPlant::true_camera());
-    // Limits for a busy machine.
+    // Sets limits for a busy machine.
     std::ofstream(config_) << "robot = 'dds'\nmodel = '" << (folder_ / "model").string()
                            << "'\ncalibration = '" << (folder_ / "calibration.dfr").string()
                            << "'\nmethod = 'baseline'\nrecordings = 'none'\n[network]\ndomain = "

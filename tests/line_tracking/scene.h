@@ -4,14 +4,14 @@
 
 namespace dfr::apps::line_tracking {
 
-/// A platform with a random motion.
+/// Returns options for a platform with a random motion.
 inline sim::LineTrackingOptions Disturbed() {
   sim::LineTrackingOptions options;
   options.disturbance.wave = sim::Wave::kRandom;
   return options;
 }
 
-/// The same world, observed without a camera.
+/// Returns options for the same world, observed without a camera.
 inline sim::LineTrackingOptions FromTruth() {
   sim::LineTrackingOptions options = Disturbed();
   options.observation = sim::Observation::kGroundTruth;

@@ -1,7 +1,7 @@
 // Line tracking on the simulated console in real time, and the effect of killing one of its
 // processes.
 //
-// By estimate an idle machine finds all devices and brings up the robot within 2.5 s.
+// An idle machine finds all devices and brings up the robot in an estimated 2.5 s.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -31,11 +31,11 @@
 namespace dfr::apps::line_tracking {
 namespace {
 
-constexpr double kPatience = 25.0;  // s: ten times that estimate
+constexpr double kPatience = 25.0;  // s, ten times the estimate
 
 class RealTimeTest : public testing::Test {
  protected:
-  // Limits for a busy machine, whose processor draws the pictures.
+  // Returns a configuration with limits for a busy machine, whose processor draws the pictures.
   [[nodiscard]] RobotConfig Simulated() const {
     RobotConfig config = LockStepConfig(domain_);
     config.lock_step = false;
@@ -167,7 +167,7 @@ TEST_F(RealTimeTest, InSeveralEpisodesAnEarlierParticipantIsNoReasonToHold) {
     controls += result.controls();
     ASSERT_TRUE(robot.loop().ended_regularly()) << robot.loop().cause();
   }
-  EXPECT_GT(controls, 8 * 10) << "the episodes hardly move";
+  EXPECT_GT(controls, 8 * 10) << "the arm barely moves";
   std::printf("%d of 8 episodes completed, %d controls\n", completed, controls);
 }
 

@@ -45,8 +45,8 @@ def places(text):
     # Replaces comments, strings and directives with blanks of the same length.
     blank = re.sub(r'//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|^\s*#[^\n]*',
                    lambda m: " " * len(m.group()), text, flags=re.S | re.M)
-    # Angle brackets of templates are not comparisons: template lines stay unchanged. The unrolling of a loop
-    # does not affect results.
+    # Lines with a template stay unchanged, because their angle brackets are not comparisons. Lines that unroll
+    # a loop stay unchanged, because the unrolling does not affect results.
     for pattern, replacements in CHANGES:
         for found in re.finditer(pattern, blank):
             line = blank[blank.rfind("\n", 0, found.start()) + 1:blank.find("\n", found.end())]
@@ -138,7 +138,7 @@ def main():
                    cwd=copy, check=True, capture_output=True)
     build = copy / "build/dev"
     program = f"{name}_unit_tests"
-    limit_s = None  # of processor time: five times that of the unchanged tests, plus 5 s
+    limit_s = None  # of processor time: five times the time of the unchanged tests, plus 5 s
     if not options.survivors:
         with tempfile.TemporaryDirectory(prefix="dfr_mutate_") as scratch:
             if run(confined(["true"], copy, scratch), copy, 60) != 0:

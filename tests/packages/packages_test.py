@@ -2,8 +2,8 @@
 
 usage: packages_test.py SOURCE_DIR BINARY_DIR CXX
 
-The dependencies of a package are correct if dpkg installs it into a root with only them and theirs, and
-complete if they own every file that a compiler reads to build a consumer.
+The dependencies of a package are correct if dpkg installs the package into a root that holds only its direct and
+indirect dependencies. They are complete if they own every file that a compiler reads to build a consumer.
 """
 
 import os
@@ -30,7 +30,7 @@ def fields(stanza):
 
 
 def alternatives(field):
-    """Names of a dependency field: one list of choices per clause."""
+    """Return the names in a dependency field: one list of choices per clause."""
     clauses = filter(None, (clause.strip() for clause in field.split(",")))
     return [[re.split(r"[ (:]", choice.strip())[0] for choice in clause.split("|")] for clause in clauses]
 
@@ -64,7 +64,7 @@ class Host:
 
 
 def owners(files):
-    """Packages of the files; a merged /usr lists some of them under their old names."""
+    """Return the packages of the files. A merged /usr lists some files under their old names."""
     files = sorted(set(files))
     names = files + [f.removeprefix("/usr") for f in files]
     out = subprocess.run(["dpkg-query", "-S", *names], capture_output=True, text=True).stdout

@@ -271,7 +271,7 @@ class Page(unittest.TestCase):
           return [before, after, page.certified];""")
         self.assertEqual(before, [False, True, False])
         self.assertEqual(after, [True, False, True])
-        self.assertTrue(again)  # a method that needs them waits for them
+        self.assertTrue(again)  # a method that needs certificates waits for them
 
     def test_follows_the_users_light_or_dark_scheme(self):
         script = """

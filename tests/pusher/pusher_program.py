@@ -1,4 +1,4 @@
-"""Helpers of the tests of the program `pusher`. Removes PROGRAM from sys.argv."""
+"""Helpers for the tests of the program `pusher`. Removes PROGRAM from sys.argv."""
 import json
 import pathlib
 import subprocess
