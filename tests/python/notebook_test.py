@@ -86,7 +86,7 @@ class NotebookTest(unittest.TestCase):
         return notebook
 
     def expect_stored(self, notebook, outputs):
-        """The stored words equal those of the run. Numbers agree within a per mille, because compilers differ."""
+        """Expect the stored text to equal the text of the run. Numbers agree within a per mille, because compilers differ."""
         stored = [cell["outputs"] for cell in notebook["cells"] if cell["cell_type"] == "code"]
         self.assertEqual(len(stored), len(outputs))
         for old, new in zip(stored, outputs):

@@ -1,4 +1,4 @@
-"""dfr.OneClassSVM compared with scikit-learn's, as one of its estimators, and without scikit-learn."""
+"""Compares dfr.OneClassSVM with scikit-learn's, and uses it as a scikit-learn estimator and without scikit-learn."""
 
 import pickle
 import subprocess

@@ -22,7 +22,7 @@ def demonstrations(seed=0):
 
 
 def states_at(demos, t):
-    """Demonstrations that have ended hold their last state."""
+    """Return the states of all demonstrations at step t. Demonstrations that have ended hold their last state."""
     return np.array([d[min(t, len(d) - 1)] for d in demos])
 
 

@@ -93,7 +93,7 @@ inline recording::RecordingMetadata ExampleMetadata() {
           .more = {{"operator", "nobody"}}};
 }
 
-/// Pixels of a 64 x 48 picture, bgr8, which is smooth and therefore changes little as a JPEG file.
+/// Returns the pixels of a 64 x 48 picture, bgr8. It is smooth, so JPEG changes the pixels little.
 inline std::vector<std::uint8_t> ExamplePixels(std::uint32_t i) {
   std::vector<std::uint8_t> pixels(std::size_t{64} * 48 * 3);
   for (std::size_t k = 0; k < pixels.size(); ++k) {

@@ -8,7 +8,7 @@
 
 namespace dfr::test {
 
-/// A recorder's time, advanced by the test. The recorder writes only then, and when it finishes.
+/// A clock that the test advances. The recorder writes only after an advance, and at its end.
 class RecorderHandClock final : public recording::RecorderClock {
  public:
   [[nodiscard]] std::int64_t SteadyNs() override { return now_ns_; }

@@ -28,7 +28,7 @@ function bits(value) {
   return view.getBigUint64(0).toString();
 }
 
-// Messages by topic, decoded by the schemas that come with them.
+// Collects the messages by topic, decoded by the schemas in the file.
 class Decoder {
   readers = new Map();
   messages = Object.fromEntries(Object.keys(kTypes).map((topic) => [topic, []]));
@@ -148,7 +148,7 @@ async function finished(folder) {
   assert.equal(attachment.name, "configuration");
   assert.equal(new TextDecoder().decode(attachment.data), '[robot]\narm = "PSM1"\n');
 
-  // Reads it by its indexes.
+  // Reads the file by its indexes.
   const readable = {
     size: async () => BigInt(bytes.length),
     read: async (offset, size) => bytes.subarray(Number(offset), Number(offset + size)),

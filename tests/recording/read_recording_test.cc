@@ -33,7 +33,7 @@ void Save(const std::filesystem::path& path, const std::string& bytes) {
   std::ofstream(path, std::ios::binary) << bytes;
 }
 
-// A small file of two chunks.
+// Writes a small file of two chunks and returns its bytes.
 std::string SmallFile(const test::TempFolder& folder) {
   test::RecorderHandClock clock;
   Recorder recorder(folder / "small.mcap", test::ExampleMetadata(), {.clock = &clock});
@@ -174,7 +174,7 @@ TEST(ReadRecordingTest, AChangedByteLosesOnlyItsChunk) {
   EXPECT_GT(lost, 100);
 }
 
-// Number of bytes that this process has read.
+// Returns the number of bytes that this process has read.
 std::uint64_t BytesRead() {
   std::ifstream io("/proc/self/io");
   std::string name;
@@ -183,7 +183,7 @@ std::uint64_t BytesRead() {
   return bytes;
 }
 
-// Chunks that are empty or declare more bytes than the file has, with damage between them.
+// The file's chunks are empty or declare more bytes than the file has. Between them is damage.
 TEST(ReadRecordingTest, ADamagedFileIsReadInProportionToItsSize) {
   const test::TempFolder folder;
   const std::string whole = SmallFile(folder);

@@ -1,5 +1,5 @@
-// Records a step every millisecond and a picture every 33, until it is killed. The size of PROGRESS
-// is the number of recorded steps. usage: recording_system_child LOG PROGRESS
+// Records a step every millisecond and a picture every 33 ms, until it is killed. The size of
+// PROGRESS is the number of recorded steps. usage: recording_system_child LOG PROGRESS
 #include <fcntl.h>
 #include <unistd.h>
 

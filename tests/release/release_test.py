@@ -65,7 +65,7 @@ class ReleaseTest(unittest.TestCase):
         self.assertEqual(commit, self.start)
 
     def test_packages_are_built_from_the_tarball_with_the_jobs_of_the_command(self):
-        with (self.clone / "cmake/release.sh").open("a") as script:  # in place of a build of minutes
+        with (self.clone / "cmake/release.sh").open("a") as script:  # in place of a build that takes minutes
             script.write('need() { :; }\n'
                          'cmd_package() { mkdir -p build/packages && echo "$PWD $jobs" >build/packages/a.deb; }\n')
         git(self.clone, "commit", "--quiet", "--all", "--message", "Replace the packages")

@@ -55,8 +55,8 @@ TEST(ControlLoopReasonsTest, AMotionEndsInThePeriodThatHolds) {
       ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
       const int start = robot.clock.periods;
       const std::int64_t start_ns = robot.clock.now_ns;
-      // The fault begins with period `begins_in`. A thread that hangs still reported before that
-      // period.
+      // The fault begins with period `begins_in`. Before that period, even a thread that will hang
+      // has reported.
       robot.clock.plan_ns = start_ns + begins_in * kPeriodNs;
       robot.clock.plan = [&] { source.begin(robot); };
       EXPECT_EQ(robot.loop.Apply(kLong), PlantStatus::kFault);
@@ -87,8 +87,7 @@ TEST(ControlLoopReasonsTest, EveryReasonOfTheCallerHolds) {
 }
 
 TEST(ControlLoopReasonsTest, EveryReasonHasASource) {
-  // The fault begins with period `begins_in`. Before that period, even a thread that will hang has
-  // reported.
+  // No fault of a device causes the following reasons, so Sources() does not contain them.
   std::set<HoldReason> found = {HoldReason::kNone,           HoldReason::kControllerHalted,
                                 HoldReason::kNotSeen,        HoldReason::kStateInvalid,
                                 HoldReason::kControlInvalid, HoldReason::kStateJump,

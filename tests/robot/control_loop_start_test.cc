@@ -23,7 +23,7 @@ using testing::HasSubstr;
 
 TEST(ControlLoopStartTest, AReasonBeforeTheStartOnlyPreventsIt) {
   for (const Source& source : Sources()) {
-    if (source.name == "period") continue;  // is over when it is found
+    if (source.name == "period") continue;  // a late period is over when it is found
     SCOPED_TRACE(source.name + ", " + runtime::Name(source.reason));
     FakeRobot robot;
     robot.loop.Tick();

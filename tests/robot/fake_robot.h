@@ -64,7 +64,7 @@ class FakeArm final : public robot::Manipulator {
     }
     needs_homing_ = false;
     if (moving_ && armed_) {
-      // Set-points are sent at equal times.
+      // The arm sends one set-point in each period of a motion.
       ++setpoints;
       moving_ = ++sent_ < steps;
       if (!moving_) at = goal_;
@@ -166,7 +166,7 @@ class FakeCamera final : public robot::Camera {
   std::int64_t after_ns = 0;
   std::array<double, 2> off{};
   double scale = 1.0;
-  double target = 0.0;    // a third entry of the state, if it has one
+  double target = 0.0;    // third entry of a state with three entries
   bool frozen = false;    // repeats the last picture from now on
   int pictures_late = 0;  // delay of pictures, as a number of requests
 

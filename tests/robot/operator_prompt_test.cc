@@ -22,7 +22,7 @@ using test::Pipe;
 
 class OperatorPromptTest : public testing::Test {
  protected:
-  // Input typed after some periods of waiting at the prompt.
+  // Types the text after some periods of waiting at the prompt.
   void TypeLater(std::string_view text) {
     robot_.clock.plan_ns = robot_.clock.now_ns + 500'000'000;
     robot_.clock.plan = [this, text] { typed_.Type(text); };

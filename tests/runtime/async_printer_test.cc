@@ -30,8 +30,8 @@ TEST(AsyncPrinterTest, WordsOfADeviceDoNotControlTheTerminal) {
   EXPECT_EQ(shown.Text(), "console: fault ?[2J?\?\n");
 }
 
-// After Ctrl-S a terminal accepts no output. Neither the loop nor the end of the program waits for
-// it without limit.
+// After Ctrl-S a terminal accepts no output. Neither the loop nor the end of the program waits
+// indefinitely for the terminal.
 TEST(AsyncPrinterTest, DoesNotWaitForAStoppedTerminal) {
   const Pipe shown;
   ::fcntl(shown.out(), F_SETFL, O_NONBLOCK);

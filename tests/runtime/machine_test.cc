@@ -35,7 +35,7 @@ TEST(MachineTest, TheWallClockIsInNanoseconds) {
   EXPECT_LE(now_ns, (std::time(nullptr) + 2) * kSecond);
 }
 
-// The user's rights decide. The program continues in both cases, and learns which case occurred.
+// The user's rights decide the outcome. The program continues in both cases and learns the outcome.
 TEST(MachineTest, RealTimeIsGrantedOrTheMissingRightIsNamed) {
   std::string refused;
   int granted = -1;

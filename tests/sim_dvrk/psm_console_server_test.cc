@@ -68,7 +68,7 @@ class PsmConsoleServerTest : public testing::Test {
       return times() > 0;
     });
   }
-  // Number of times that the last command was accepted.
+  // Returns the number of times that the console received the last command.
   [[nodiscard]] double times() const {
     return static_cast<double>(server_.commands_taken() - before_);
   }

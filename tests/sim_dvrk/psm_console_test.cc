@@ -83,7 +83,7 @@ TEST(PsmConsoleTest, CommandsWhenNotReadyAreDroppedWithAWarning) {
   EXPECT_THAT(console.TakeMessages(), testing::Not(Warns("dropped")));
 }
 
-// Table of the state after each command in each state.
+// The table lists the state after each command in each state.
 TEST(PsmConsoleTest, StateCommandsFollowTheTable) {
   struct Row {
     const char* command;
@@ -160,7 +160,7 @@ TEST(PsmConsoleTest, JointsKeepTheirSpeedLimitsForAnyGoal) {
     const PsmJoints speed = (console.setpoint_joints() - before).cwiseAbs() / 1e-3;
     before = console.setpoint_joints();
     for (int i = 0; i < 6; ++i) {
-      // Differences of joint values over a millisecond: 1e-16 / 1e-3.
+      // Rounding errors of joint values, 1e-16, are divided by a millisecond.
       ASSERT_LE(speed[i], (i == 2 ? 0.2 : 90 * kDegree) + 1e-11);
     }
   }

@@ -15,7 +15,7 @@ namespace {
 
 using kinematics::PsmJoints;
 
-constexpr double kSample = 0.02;  // s, of the plant between two checks of the tip's distance
+constexpr double kSample = 0.02;  // s, time between two checks of the tip's distance in the plant
 
 DvrkSceneOptions LockStep(Wave wave = Wave::kRandom) {
   DvrkSceneOptions options;
@@ -33,7 +33,7 @@ DvrkSceneOptions RealTime(bool during, bool between) {
   return options;
 }
 
-// Duration of a control in the plant.
+// Returns the duration of a control in the plant, s.
 double Duration(const std::array<double, 2>& u) {
   const Eigen::Vector3d step(LineTrackingPlant::kStep * u[0], LineTrackingPlant::kStep * u[1], 0.0);
   return step.norm() / LineTrackingPlant::kSpeed;
@@ -108,7 +108,7 @@ TEST(DvrkSceneTest, InRealTimeThePlatformMovesWithTheArmOrWithoutIt) {
   const auto moved = [](const DvrkSceneOptions& options, int every_ms) {
     DvrkScene scene(options);
     scene.Reset(6);
-    scene.Step(0.1);  // longer than the arm is assumed to move
+    scene.Step(0.1);  // longer than linger_s: the arm counts as at rest
     const Eigen::Vector3d before = scene.plant().platform_setpoint().translation_m;
     PsmJoints goal = scene.console().setpoint_joints();
     for (int ms = 0; ms < 500; ++ms) {

@@ -72,7 +72,7 @@ std::vector<std::uint8_t> PictureOf(const std::string& task, const std::vector<d
   return rgb;
 }
 
-// A pixel of reach is 0.025 wide. The left edge is at -0.3 and the top at 0.8.
+// A pixel of the task reach is 0.025 wide. The left edge is at -0.3 and the top at 0.8.
 TEST(GalleryPictureTest, ReachShowsPointPillarAndGoal) {
   const auto rgb = PictureOf("reach", {0.0, 0.25});
   const Colour ground = At(rgb, 0, 0);

@@ -34,7 +34,6 @@ TEST(CorridorPlantTest, MovesByTheRotatedControlTimesTheGain) {
   }
 }
 
-// A straight corridor: the clearance is the distance to its walls.
 TEST(CorridorPlantTest, ClearanceOfAStraightCorridorIsTheDistanceToTheWall) {
   const CorridorPlant plant({.amplitude = 0.0, .half_width = 0.3});
   EXPECT_NEAR(plant.Clearance(1.234, 0.0), 0.3, 1e-12);

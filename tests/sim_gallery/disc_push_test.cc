@@ -45,7 +45,7 @@ TEST(DiscPushPlantTest, TheObjectMovesOnlyWhenTouchedAndStaysTouching) {
       plant.Observe(after);
       const double distance = std::hypot(after[2] - after[0], after[3] - after[1]);
       ASSERT_GE(distance, contact - 1e-12);
-      // Distance of the object's first place from the pusher's straight path.
+      // Distance of the object's initial position from the pusher's straight path.
       const Eigen::Vector2d way(after[0] - before[0], after[1] - before[1]);
       const Eigen::Vector2d object(before[2] - before[0], before[3] - before[1]);
       const double along = std::clamp(object.dot(way) / way.squaredNorm(), 0.0, 1.0);

@@ -62,7 +62,7 @@ TEST(PickTest, ActionsAreMetresAndTheGripperHasTwoValues) {
   EXPECT_NEAR(after[0] - before[0], 0.01, 1e-12);
   EXPECT_NEAR(after[1] - before[1], -0.02, 1e-12);
   EXPECT_NEAR(after[2] - before[2], 0.005, 1e-12);
-  EXPECT_EQ(after[3] - before[3], 0.25);  // its speed does not depend on the size
+  EXPECT_EQ(after[3] - before[3], 0.25);  // the speed does not depend on the action's size
   const core::Trajectory trajectory = DemonstrateOnce(FindGalleryTask("pick"), 3);
   for (int t = 0; t < trajectory.num_steps(); ++t) {
     ASSERT_EQ(std::abs(trajectory.controls(t, 3)), 1.0);

@@ -169,7 +169,7 @@ TEST(GalleryTest, NamesAreDistinctAndHalfOfTheTasksAreHeldOut) {
   EXPECT_THROW((void)FindGalleryTask("magic"), std::invalid_argument);
 }
 
-// The disc and the region are those of the task. Four checks per control suffice for straight
+// The test has copies of the task's disc and region. Four checks per control suffice for straight
 // lines.
 TEST(PointTest, FailsExactlyAtChecksInsideThePillarOrOutsideTheRegion) {
   const auto plant = Make(FindGalleryTask("reach"));
@@ -244,7 +244,7 @@ TEST(InsertionTest, TheChamferLeadsIntoTheSlotAndItsWallsHoldThePeg) {
   const auto plant = Make(FindGalleryTask("insertion"));
   plant->Reset(2);
   const double slot = State(*plant)[2];
-  // Two thirds of the mouth's width from its middle.
+  // Moves the peg to two thirds of the mouth's half width from the middle.
   while (std::abs(State(*plant)[0] - slot + 0.02) > 1e-9) {
     Apply(*plant, {(slot - 0.02 - State(*plant)[0]) / 0.02, 0.0});
   }
@@ -267,7 +267,7 @@ TEST(LidTest, TheHandleSlipsWhenTheGripperLeavesItsCircle) {
     const double out = (0.4 + 0.03 * pull + 1e-3 - r) / 0.03;
     for (int t = 0; t < 4; ++t) Apply(*plant, {0.25 * out * x[0] / r, 0.25 * out * x[1] / r, 0.0});
     EXPECT_EQ(plant->collided(), pull == 1.0);
-    // The object is pulled but not turned.
+    // The lid has the angle of the gripper before the pull.
     EXPECT_NEAR(State(*plant)[3], std::atan2(x[1], x[0]), 1e-9);
   }
 }

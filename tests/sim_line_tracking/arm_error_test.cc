@@ -13,8 +13,8 @@ namespace {
 using kinematics::Psm;
 using kinematics::PsmJoints;
 
-// Returns the mean error of the tip over joint values in reach of the gauze. ArmError determines
-// its scale with another sample.
+// Returns the mean error of the tip over joint values in reach of the gauze. ArmError scales its
+// errors with another sample of joint values.
 template <typename Known>
 double MeanError(const ArmError& error, const Known& known) {
   core::Random random(7);

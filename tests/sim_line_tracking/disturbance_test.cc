@@ -40,8 +40,8 @@ TEST(DisturbanceTest, SineMatchesTheFirmware) {
   }
 }
 
-// Range [0, 2 amplitude] for positions and [-amplitude, amplitude] for angles. Both ends are
-// reached, and the frequency is in rad/s.
+// The range is [0, 2 amplitude] for positions and [-amplitude, amplitude] for angles. The breath
+// reaches both ends, and its frequency is in rad/s.
 TEST(DisturbanceTest, BreathHasTheFirmwaresRangeAndPeriod) {
   const DisturbanceOptions options = Options(Wave::kBreath);
   const Disturbance breath(options, 1);

@@ -59,9 +59,9 @@ TEST(LineTrackingPicturesTest, ThePictureShowsMarksWhereTheCameraProjectsThem) {
       const Eigen::Vector2d pixel = LineTrackingPlant::true_camera().Project(
           p_cam_gauze * Eigen::Vector3d(mark.x(), mark.y(), 0.0));
       const Eigen::Vector2d error = BlueCentre(bgr, pixel) - pixel;
-      // A disc with a radius of 11 pixels, drawn in whole pixels. Each of its 70 rim pixels has a
-      // uniform error of up to a half, which gives the centre a standard deviation of 0.06. The
-      // limit is three standard deviations.
+      // A disc has a radius of 11 pixels and is drawn in whole pixels. Each of its 70 rim pixels
+      // has a uniform error of up to a half, which gives the centre a standard deviation of 0.06.
+      // The limit is three standard deviations.
       EXPECT_LT(error.norm(), 0.2) << mark.transpose();
       mean += error / 16.0;
     }

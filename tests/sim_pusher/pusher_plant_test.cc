@@ -258,8 +258,8 @@ TEST(PusherPlantTest, ApplyAndObserveNeverAllocate) {
   EXPECT_GT(plant.statistics().simulated, 50);
 }
 
-// A push straight at the cylinder. The cylinder moves with the bar, never ahead of it or into it,
-// and stops over the goal.
+// The bar pushes straight at the cylinder. The cylinder moves with the bar, never ahead of it or
+// into it, and stops over the goal.
 TEST(PusherPlantTest, AStraightPushCarriesTheCylinderToTheGoal) {
   PusherPlant plant;
   plant.SetState(WithObjectAt(Observe(plant), 0.45, 0.0));

@@ -28,7 +28,7 @@ double Sampled(const Segment& p, const Segment& q) {
 }
 
 // Segments shorter than 2 have 201 samples each, so the samples nearest to the optimum are within
-// 0.01. The sampled squared distance exceeds the true one by at most 0.01^2 for an interior
+// 0.01. The sampled squared distance exceeds the true value by at most 0.01^2 for an interior
 // optimum. For an optimum at an end, where the sample is exact, the excess is at most 2 * distance
 // * 0.01.
 TEST(SquaredDistanceTest, IsTheLeastOverBothSegments) {

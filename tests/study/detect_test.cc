@@ -16,7 +16,7 @@ namespace {
 
 using testing::HasSubstr;
 
-// Alarms at step 2 of 4, at step 3, never, and at step 1.
+// Returns episodes with an alarm at step 2 of 4, at step 3, never, and at step 1.
 std::vector<ScoredEpisode> Episodes() {
   return {{.scores = {0, 0, 5, 0, 0}, .failed = true},
           {.scores = {0, 0, 0, 9, 0, 0, 0}, .failed = true},

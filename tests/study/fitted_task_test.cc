@@ -15,7 +15,7 @@
 namespace dfr::study {
 namespace {
 
-// Controls of the pick task are metres and a gripper of +-1. A guard passes the gripper's value
+// Controls of the pick task are metres and a gripper command of +-1. A guard passes this command
 // unchanged.
 const LearnedModel& Pick() {
   static const LearnedModel model = MakeTask("pick").learn(20, 5);

@@ -21,12 +21,12 @@ constexpr double kGain = 0.1;
 
 std::span<const double> In(const Eigen::Vector2d& x) { return {x.data(), 2}; }
 
-// A point in the plane moves by kGain times the rotated control.
+// Returns the position of a point after a control: it moves by kGain times the rotated control.
 Eigen::Vector2d Moved(const Eigen::Vector2d& x, const Eigen::Vector2d& u, double turn = 0.0) {
   return x + kGain * (Eigen::Rotation2Dd(turn) * u);
 }
 
-// Few demonstrations: all transitions in the window are among the nearest.
+// Returns demonstrations so few that all transitions in the window are among the nearest.
 std::vector<core::Trajectory> Demonstrations() {
   std::vector<core::Trajectory> demonstrations;
   core::Random random(3);
@@ -62,8 +62,8 @@ Eigen::Vector2d ControlOf(const OnlineLwrPolicy& policy, int t, const Eigen::Vec
   return u;
 }
 
-// Weighted least squares with guided recovery's kernel width and ridge, computed from the
-// definition.
+// Computes weighted least squares from the definition, with guided recovery's kernel width and
+// ridge.
 Eigen::Vector2d Lwr(int t, const Eigen::Vector2d& x) {
   const std::vector<core::Trajectory> demonstrations = Demonstrations();
   double nearest = std::numeric_limits<double>::infinity();

@@ -83,7 +83,7 @@ TEST(PlaceboTest, HaltsAtItsRateAndOtherwisePasses) {
       ++controls;
     }
   }
-  // Geometric: 3 controls on average before the halt, with variance 12.
+  // The number of controls before the halt is geometric, with mean 3 and variance 12.
   EXPECT_NEAR(controls, 3.0 * kEpisodes, 4.0 * std::sqrt(12.0 * kEpisodes));
 }
 

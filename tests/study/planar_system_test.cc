@@ -53,7 +53,7 @@ TEST(PlanarTest, GuidedRecoveryBeatsAWeakPolicyAtPushing) {
   EXPECT_LT(rows[1].collided, rows[0].collided);
 }
 
-// The corrected Prop. IV.3 over 150 000 controls; `study prove --steps 10000000` is the long
+// Tests the corrected Prop. IV.3 over 150 000 controls. `study prove --steps 10000000` is the long
 // version. A wrong certificate fails once in thousands of controls.
 TEST(ProofTest, NeverLeavesTheUnionOfSupports) {
   const ProofResult result = Prove({.steps = 150'000});
@@ -83,8 +83,8 @@ TEST(ProofTest, NoisyStatesStayInsideToo) {
   EXPECT_EQ(result.violations, 0);
 }
 
-// With half of the true eps, the controller detects each state that leaves at the control that
-// causes it. A hundred such states need hundreds of worlds.
+// With half of the true eps, states leave the supports. The controller detects each exit at the
+// control that causes it. A hundred exits need hundreds of worlds.
 TEST(ProofTest, AWrongConstantEndsInAViolation) {
   const ProofResult result = Prove({.steps = 30'000, .assumed = 0.5});
   EXPECT_GT(result.violations, 100);

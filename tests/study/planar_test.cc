@@ -106,7 +106,7 @@ TEST(VideoWriterTest, AnIncompleteVideoLeavesThePreviousFile) {
   EXPECT_EQ(std::distance(begin(files), end(files)), 1);
 }
 
-// A limit on the size of files fails like a full disk.
+// Under a limit on the size of files, writing fails as on a full disk.
 TEST(VideoWriterTest, AFullDiskLeavesThePreviousFile) {
   const test::TempFolder folder;
   rlimit before{};

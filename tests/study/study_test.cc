@@ -111,8 +111,8 @@ TEST(StressTest, TheGridHasOneRowPerSupportAndOneColumnPerController) {
   EXPECT_EQ(tables[0].rows[1][0], "density");
 }
 
-// Controls are metres and a gripper of +-1: a single unit and limit for all entries would move the
-// gripper in steps of metres.
+// Controls are metres and a gripper command of +-1: a single unit and limit for all entries would
+// move the gripper in steps of metres.
 TEST(StressTest, ControllersKeepUnitsThatDiffer) {
   Study study = Small();
   study.tasks = {"pick"};
@@ -263,7 +263,7 @@ TEST(BaselinesTest, LearnAndRun) {
   const auto alone = [&](const std::string& policy) {
     return Find(rows, "as demonstrated", policy, "baseline");
   };
-  // A policy trained in the states that the learner visits leaves them less often.
+  // A policy that is trained in the states that the learner visits fails less often.
   EXPECT_GE(alone("dagger").completed, alone("learned").completed);
   for (const std::string& policy : study.policies) {
     // Only the oracle knows the result of its control.

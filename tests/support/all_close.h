@@ -14,8 +14,8 @@ inline double ToleranceScale() {
   return scale == nullptr ? 1.0 : std::strtod(scale, nullptr);
 }
 
-/// |actual - expected| <= absolute + relative * |expected|, entry by entry. Prints the worst entry
-/// on failure. NaN is never close.
+/// Succeeds if |actual - expected| <= absolute + relative * |expected| for every entry. Prints the
+/// worst entry on failure. NaN is never close.
 template <typename A, typename B>
 testing::AssertionResult AllClose(const Eigen::MatrixBase<A>& actual,
                                   const Eigen::MatrixBase<B>& expected, double absolute,

@@ -6,7 +6,7 @@
 
 namespace dfr::test {
 
-/// Returns the message of the exception of type E that `call` throws; "nothing thrown" if it
+/// Returns the message of the exception of type E that `call` throws, or "nothing thrown" if `call`
 /// returns. Does not catch other exceptions.
 template <typename E = std::exception, typename Call>
 std::string MessageOf(Call&& call) {

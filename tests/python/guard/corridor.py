@@ -29,7 +29,7 @@ def demonstrations(seed, count, steps=STEPS):
 
 
 class Corridor:
-    """Gymnasium's shape without Gymnasium. The walls are at y = +-0.6."""
+    """An environment with Gymnasium's methods, but without Gymnasium. The walls are at y = +-0.6."""
 
     def __init__(self, as_dict=False):
         self.as_dict = as_dict

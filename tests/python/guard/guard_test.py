@@ -121,7 +121,7 @@ class GuardTest(unittest.TestCase):
             for load in (dfr.Guard.load, dfr.TimeVaryingSupport.load, dfr.load_demonstrations):
                 with self.assertRaisesRegex(RuntimeError, r"/\\xff.guard: "):
                     load(os.fsdecode(path))
-        for spaces in range(3):  # the message is cut by bytes, and é has two
+        for spaces in range(3):  # the message is cut by bytes, and é has two bytes
             with self.assertRaisesRegex(TypeError, "alarm_level must be a number, not ' *é+"):
                 self.guard.with_settings(alarm_level=" " * spaces + "é" * 100)
 
@@ -276,7 +276,7 @@ class Documentation(unittest.TestCase):
 
 class ExitTest(unittest.TestCase):
     def test_a_daemon_thread_within_a_call_does_not_abort_the_interpreter(self):
-        """Each call gives up the interpreter's lock and needs it again, after the interpreter has begun to end."""
+        """Each call releases the interpreter's lock, and needs it again after the interpreter has begun to end."""
         calls = {
             "Guard.fit": "dfr.Guard.fit(states, actions, layout=LAYOUT, progress=lambda stage, share: running.set())",
             "OneClassSVM": "dfr.OneClassSVM().fit(states[0])",

@@ -176,7 +176,7 @@ class GuardedEnvTest(unittest.TestCase):
                 yield info["guard"]["g"]
 
         class Boxed:
-            """As a tensor, which is no array of NumPy."""
+            """Like a tensor, which is not a NumPy array."""
 
             def __init__(self, values):
                 self.values = values

@@ -15,7 +15,7 @@ HEIGHT, WIDTH = 8, 12
 
 
 def pictures(states, seed):
-    """Colour pictures (n, HEIGHT, WIDTH, 3) of states [clock, x, y], in light that varies by 20 %."""
+    """Return colour pictures (n, HEIGHT, WIDTH, 3) of states [clock, x, y], in light that varies by 20 %."""
     rng = np.random.default_rng(seed)
     columns, rows = np.meshgrid(0.2 * np.arange(WIDTH) - 0.1, 0.2 * (np.arange(HEIGHT) - 3.5))
     seen = []
