@@ -120,7 +120,8 @@ TEST_F(PsmDriverTest, EveryTopicThatCommandsTheArmIsWatched) {
     const dds::Publisher<dds::PoseStamped> second(intruder, "/PSM1/servo_cp", dds::Role::kCommand);
     holds();
   }
-  // A publisher with a type unknown to the driver also causes a hold. The test uses any type.
+  // A publisher also causes a hold if the driver does not know its type. The test uses an arbitrary
+  // type.
   for (const char* topic :
        {"servo_ci", "body/servo_cf", "move_jp", "interpolate_cp", "jaw/servo_jp", "jaw/move_jp"}) {
     SCOPED_TRACE(topic);

@@ -155,7 +155,8 @@ TEST(SimulatorLinkTest, AnUnansweredRequestTimesOut) {
   EXPECT_GE(periods, 3 + 10);
 }
 
-// A loop that holds asks for rest and pictures as well: each question would wait for its answer.
+// A loop in a hold also asks for rest and pictures. After one question without an answer it must
+// not wait for the others.
 TEST(LockStepTest, AfterAQuestionWithoutAnAnswerNothingWaitsUntilItIsToTryAgain) {
   dds::Participant network({.domain = test::OwnDomain()});
   hardware::PsmDriver driver(network, {});

@@ -160,7 +160,7 @@ TEST(ControlLoopTest, LatePicturesWithFreshStampsHold) {
     ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
     ASSERT_TRUE(robot.loop.Look());
     for (int i = 0; i < 10; ++i) ASSERT_EQ(robot.loop.Apply(kControl), PlantStatus::kOk);
-    robot.camera.pictures_late = 6;  // for example 2 s, for controls that take a third of a second
+    robot.camera.pictures_late = 6;  // 2 s if a control takes a third of a second
     EXPECT_LT(WayUntilHeld(robot, size), 3.0);
     EXPECT_EQ(robot.loop.state(), RunState::kFaulted) << robot.loop.cause();
   }

@@ -145,7 +145,7 @@ class LidPlant final : public Cloned<LidPlant> {
 // control are in metres, the last opens (< 0) or closes (> 0) the gripper, at one speed.
 // State: gripper(3) in m, closed(1) in [0, 1], object(3) in m; hidden: whether the object is held.
 class PickPlant final : public Cloned<PickPlant> {
-  // Fraction of its range that the gripper moves in a step.
+  // Fraction of its range by which the gripper opens or closes in a step.
   static constexpr double kRate = 0.25;
   static constexpr double kSlack = 0.012;   // m, maximum offset of an object between the fingers
   static constexpr double kFingers = 0.04;  // m, minimum offset of fingers beside the object

@@ -11,7 +11,7 @@ constexpr double kClearance = 0.012;  // half width of the slot minus half width
 constexpr double kMouth = 0.03;       // clearance at the surface, between the chamfers
 constexpr double kChamfer = 0.03;     // depth of the chamfers
 constexpr double kDepth = 0.1;        // depth of an inserted peg
-constexpr double kForce = 0.4;        // largest part of a control that a solid may block
+constexpr double kForce = 0.4;        // maximum norm of a control's blocked part
 
 // A peg above a surface (y = 0) with a slot. Solids stop the peg, and it slides along them.
 // State: peg(2), its tip; slot(1), the slot's position.
@@ -24,7 +24,7 @@ class InsertionPlant final : public Cloned<InsertionPlant> {
     const double aside = x(2) + 0.002 * variation.offset - x(0);
     const bool aligned = std::abs(aside) < 0.5 * kClearance + (x(1) < 0.0 ? 1.0 : 0.0);
     u[0] = std::clamp(aside / kPegGain, -0.7, 0.7);
-    // Waits above the surface until it is aligned.
+    // Waits above the surface until the peg is aligned.
     u[1] = aligned ? -0.6 : std::clamp((0.04 - x(1)) / kPegGain, -0.6, 0.6);
   }
 

@@ -7,7 +7,7 @@
 namespace dfr::sim::internal {
 namespace {
 
-/// A supervisor's way to the goal, and its probability. SupervisorVariation::offset shifts its
+/// A supervisor's way to the goal, and its probability. SupervisorVariation::offset shifts the
 /// points sideways. Close to the end, the supervisor aims at the goal itself.
 struct Route {
   double probability;

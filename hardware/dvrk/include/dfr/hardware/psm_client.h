@@ -43,9 +43,9 @@ struct PsmClientOptions {
   double longest_step_s = 0.005;
   double max_tick_gap_s = 0.1;   ///< Maximum time between two steps while armed, > 0.
   double reach_timeout_s = 2.0;  ///< Maximum time from the end of a move to rest, > 0.
-  /// When arming: maximum distance of local/measured_cp (of measured_cp if there is no such topic)
-  /// from the wrist position computed from measured_js. While armed: maximum motion of the frame of
-  /// measured_cp. > 0.
+  /// Positive. When arming: maximum distance of local/measured_cp (of measured_cp if there is no
+  /// such topic) from the wrist position computed from measured_js. While armed: maximum motion of
+  /// the frame of measured_cp.
   double max_frame_distance_m = 0.002;
   double max_frame_angle = 0.05;  ///< Same as max_frame_distance_m, for the rotation, rad.
   double enable_timeout_s = 10.0;
@@ -246,7 +246,7 @@ class PsmClient {
   [[nodiscard]] const PsmOperatingState& operating_state() const noexcept { return operating_; }
   /// Returns the number of samples of measured_js.
   [[nodiscard]] std::uint64_t num_samples() const noexcept { return num_samples_; }
-  /// Returns the age of the newest stamp of measured_js, s; NaN before the first.
+  /// Returns the age of the newest stamp of measured_js, s; NaN before the first sample.
   [[nodiscard]] double age_s() const noexcept { return age_s_; }
   [[nodiscard]] const PsmClientOptions& options() const noexcept { return options_; }
 
@@ -284,8 +284,8 @@ class PsmClient {
   PsmJawSample jaw_measured_;
   PsmJawSample jaw_setpoint_;
   PsmOperatingState operating_;
-  kinematics::PsmJoints agreed_ =
-      kinematics::PsmJoints::Zero();  // the console's last set-point that agreed with those sent
+  // The console's last set-point that agreed with our set-points.
+  kinematics::PsmJoints agreed_ = kinematics::PsmJoints::Zero();
   std::int64_t js_arrival_ns_ = 0;
   std::int64_t cp_arrival_ns_ = 0;
   std::int64_t local_arrival_ns_ = 0;

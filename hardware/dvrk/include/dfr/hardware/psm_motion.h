@@ -91,8 +91,8 @@ class PsmMotion {
   kinematics::PsmJoints setpoint_ = kinematics::PsmJoints::Zero();
 };
 
-/// Range of the recent set-points, joint by joint, for comparison with those reported by a console.
-/// Never allocates or throws. One object belongs to one thread.
+/// Range of the recent set-points, joint by joint, for comparison with the set-points that a
+/// console reports. Never allocates or throws. One object belongs to one thread.
 class PsmRecentSetpoints {
  public:
   /// @param window_s  minimum time for which a set-point is kept, > 0.

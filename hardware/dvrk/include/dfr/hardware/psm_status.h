@@ -52,7 +52,7 @@ enum class PsmStatus {
   kNotArmed,          ///< Requires Arm() first.
   kInvalidGoal,       ///< A non-finite entry, or a negative duration.
   kBeyondLimits,      ///< A joint would exceed its limits.
-  kUnreachable,       ///< The pose has no joint values, or ambiguous ones.
+  kUnreachable,       ///< The goal, or a pose during the move, has no unique joint values.
   kOutsideWorkspace,  ///< The jaw tips would leave the workspace, at the goal or during the move.
   kTooFast,           ///< The duration is too short for the speed limits.
 };

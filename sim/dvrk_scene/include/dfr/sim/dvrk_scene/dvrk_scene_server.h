@@ -13,7 +13,7 @@ namespace dfr::sim {
 
 /// Options for DvrkSceneServer.
 struct DvrkSceneServerOptions {
-  /// `clock` is ignored: in lock-step, time advances only on request.
+  /// The server replaces `clock`.
   PsmConsoleServerOptions console;
   bool lock_step = false;
   /// Maximum time that a run waits for its commands, s, in [0, 60].
