@@ -47,7 +47,8 @@ void RunAndPrint(const Study& study, bool grid, bool causes) {
                                                 : grid ? MakeGrid(rows)
                                                        : MakeTables(rows);
   for (const std::string& controller : study.controllers) {
-    if (controller == "controller" && wide) tables.push_back(WhereItFails(rows, controller));
+    const bool guards = controller == "guard" || controller == "controller";
+    if (guards && wide) tables.push_back(WhereItFails(rows, controller));
   }
   Print(tables, wide ? 2 : 4);
   if (study.kind == Kind::kPlane) std::cout << MarksOf(study.controllers);

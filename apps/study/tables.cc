@@ -299,14 +299,15 @@ experiment::ReportTable WhereItFails(const std::vector<Row>& rows, const std::st
   experiment::ReportTable table;
   table.heading =
       "Rows in which " + controller + " fails around a policy that completes half or more";
-  table.caption = "It collides in more than 0.5 % of the episodes, or harms more than 2 %.";
   table.header = {"task",    "condition",      "policy",         "alone",
                   "guarded", "saved / harmed", "passed / change"};
   const Row* alone = nullptr;
+  int judged = 0;
   for (const Row& row : rows) {
     if (row.controller == kAlone) alone = &row;
     if (row.controller != controller || alone == nullptr) continue;
     if (2 * alone->completed < alone->episodes) continue;
+    ++judged;
     if (Share(row.collided, row.episodes) <= kMostCollided &&
         Share(row.harmed, row.episodes) <= kMostHarmed) {
       continue;
@@ -316,6 +317,9 @@ experiment::ReportTable WhereItFails(const std::vector<Row>& rows, const std::st
     table.commands.push_back(
         {"", "", "", OutcomesCommand(*alone), OutcomesCommand(row), ComparedCommand(row), ""});
   }
+  table.caption = std::to_string(table.rows.size()) + " of " + std::to_string(judged) +
+                  " rows: those with collisions in more than 0.5 % of the episodes, or with more " +
+                  "than 2 % harmed.";
   return table;
 }
 

@@ -139,6 +139,7 @@ TEST(StressTest, ListsFailuresAndHarmedEpisodes) {
                                  {{100, 30, 10, 60, 40, 10}, "d", "c", "lwr", "controller"}};
   const auto table = WhereItFails(rows, "controller");
   ASSERT_EQ(table.rows.size(), 2u);
+  EXPECT_TRUE(table.caption.starts_with("2 of 3 rows")) << table.caption;
   EXPECT_EQ(table.rows[0][0], "b");
   EXPECT_EQ(table.rows[1][0], "c");
   EXPECT_EQ(table.rows[1][5], "5.0 / 3.0");
