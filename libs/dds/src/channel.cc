@@ -134,7 +134,11 @@ Publisher<T>::Publisher(Participant& participant, const std::string& topic, Role
   Participant::Impl& owner = participant.impl();
   fdds::Topic* dds_topic =
       owner.Topic(topic, fdds::TypeSupport(new typename internal::WireOf<T>::Support()));
-  impl_->writer = owner.publisher->create_datawriter(dds_topic, WriterQos(role));
+  fdds::DataWriterQos qos = WriterQos(role);
+  // Fast DDS 2.9 ends the process if the last subscriber leaves while another thread encrypts a
+  // sample.
+  if (!owner.options.security.empty()) qos.publish_mode().kind = fdds::SYNCHRONOUS_PUBLISH_MODE;
+  impl_->writer = owner.publisher->create_datawriter(dds_topic, qos);
   if (impl_->writer == nullptr) Refused("publisher", topic);
 }
 

@@ -4,10 +4,12 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <cstdlib>
 #include <filesystem>
 #include <stdexcept>
 #include <string>
+#include <thread>
 
 #include "dfr/dds/certificates.h"
 #include "dfr/dds/channel.h"
@@ -155,6 +157,26 @@ TEST_F(SecurityTest, PicturesArriveWhole) {
         [&] { pictures.Write(sent); },
         [&](double wait_s) { return eye.Wait(wait_s) && eye.Take(seen) && !seen.data.empty(); });
     EXPECT_TRUE(seen.data == sent.data);
+  }
+}
+
+TEST_F(SecurityTest, SubscribersMayLeaveWhilePicturesAreSent) {
+  for (const Role role : {Role::kImage, Role::kSensorImage}) {
+    Participant camera(With(keystore_.enclave("console")));
+    Participant client(With(keystore_.enclave("client")));
+    Publisher<Image> pictures(camera, "/ECM/image_raw", role);
+    const Image sent = test::LargePicture();
+    std::atomic<bool> stop = false;
+    std::thread writer([&] {
+      while (!stop) pictures.Write(sent);
+    });
+    for (int i = 0; i < 15; ++i) {
+      Subscriber<Image> eye(client, "/ECM/image_raw", role);
+      Image seen;
+      Eventually([&] { return eye.Take(seen); });
+    }
+    stop = true;
+    writer.join();
   }
 }
 
