@@ -106,7 +106,7 @@ int main(int argc, char** argv) {
 
   Step("check_connections");
   psm.CheckConnections();
-  // Both sides have discovered each other. Samples arrive from here on.
+  // Discovery is not symmetric: the simulator may not have found this process yet.
   dds_sleepfor(DDS_MSECS(500));
   Step("enable");
   Require(psm.Enable());

@@ -289,7 +289,7 @@ void DvrkSceneServer::Tick(double dt_s) {
 
 void DvrkSceneServer::Serve(double timeout_s) {
   Impl& i = *impl_;
-  // Takes commands before they expire, and publishes the console's replies to them.
+  // Maximum wait for a request, s. After each wait, commands are taken before they expire.
   constexpr double kGlance = 5e-3;
   const auto end = Clock::now() + std::chrono::duration<double>(timeout_s);
   do {

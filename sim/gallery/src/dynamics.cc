@@ -102,8 +102,7 @@ class CarPlant final : public Cloned<CarPlant> {
 
   void Supervise(const SupervisorVariation& variation,
                  std::span<double> u) const noexcept override {
-    // Accelerates with the motion, but only to a speed at which the brakes can stop before the
-    // wall.
+    // Accelerates in the direction of motion, but decelerates in time to stop before the wall.
     const double turn = kWall + 0.12 + 0.02 * variation.offset;
     const double room =
         kForce * (x(0) - turn) + kGravity / 3.0 * (std::sin(3.0 * turn) - std::sin(3.0 * x(0)));

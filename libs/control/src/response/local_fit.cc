@@ -120,7 +120,8 @@ bool LocalFit::NominalControl(Eigen::VectorXd& v) noexcept {
 double LocalFit::Agreement(Eigen::Index k) noexcept {
   const Eigen::Index n = jacobian_.rows();
   const Eigen::Index m = jacobian_.cols();
-  // Excludes measurements of this episode: they may differ from demonstrations that all agree.
+  // Uses the demonstrated response only: an effect measured in this episode may differ from it even
+  // where all demonstrations agree.
   const auto response = demonstrated_.bottomRows(m);
   const double gain = response.row(k).norm();
   if (!has_transitions_ || !(gain > 0.0)) return 1.0;

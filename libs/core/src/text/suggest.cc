@@ -28,7 +28,7 @@ std::size_t Distance(std::string_view a, std::string_view b) {
 }  // namespace
 
 std::string Closest(std::string_view name, std::span<const std::string> known) {
-  // The computation takes time proportional to the product of both lengths.
+  // Longer names get no suggestion: the time is proportional to the product of both lengths.
   constexpr std::size_t kLongest = 64;
   if (name.size() > kLongest) return "";
   std::string closest;

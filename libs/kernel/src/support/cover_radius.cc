@@ -9,7 +9,7 @@
 namespace dfr::kernel {
 namespace {
 
-// Number of equal parts of the radius `plain`, tested one by one.
+// Number of equal parts into which CoverRadius() divides the largest possible result.
 constexpr int kParts = 100;
 
 }  // namespace
