@@ -86,11 +86,11 @@ Array ToArray(const py::handle& values) {
         array.attr("astype")("float64", py::arg("order") = "C").release());
   } catch (const py::error_already_set& e) {
     if (e.matches(PyExc_OverflowError)) {
-      throw py::value_error("a number is too large for floating-point in " + Shortened(values));
+      throw py::value_error("a number is too large for double precision: " + Shortened(values));
     }
     if (!e.matches(PyExc_ValueError) && !e.matches(PyExc_TypeError)) throw;
-    throw py::type_error(remedy + "; rows of different lengths or other objects are in " +
-                         Shortened(values));
+    throw py::type_error(remedy +
+                         ", not rows of different lengths or other objects: " + Shortened(values));
   }
 }
 

@@ -206,10 +206,12 @@ struct RobotPlant::Impl {
     Allow(legs);
     Go(legs[0]);
     static_cast<void>(loop.Look());
-    if (!loop.may_move()) throw std::runtime_error("the tool was lifted: " + loop.cause());
+    if (!loop.may_move()) {
+      throw std::runtime_error("the tool was lifted, but the robot may not move: " + loop.cause());
+    }
     if (!seen().seen()) {
       throw std::runtime_error(
-          std::string("the tool was lifted, and its position is not visible in the picture: ") +
+          std::string("the tool was lifted, but its position is not visible in the picture: ") +
           vision::Name(seen().missing));
     }
     region.SetGauze(task.p_world_base() * task.calibration().p_base_cam * seen().p_cam_target);
