@@ -76,7 +76,7 @@ Matrix RandomPictures(std::uint64_t seed, int count) {
   return pictures;
 }
 
-// Computes the definition in double.
+// Computes the expected positions from the definition, in double.
 TEST(FeaturePointsTest, AgreesWithTheDefinition) {
   const Matrix pictures = RandomPictures(1, 20);
   const FeaturePoints points =

@@ -123,7 +123,7 @@ TEST_F(StopDatagramsTest, MalformedDatagramsAreIgnored) {
   EXPECT_EQ(Read(reader_, good), false);
 }
 
-// Many invented buttons displace no accepted button.
+// Many new senders do not displace a sender that the reader has already accepted.
 TEST_F(StopDatagramsTest, InventedButtonsDisplaceNone) {
   EXPECT_EQ(Read(reader_, writer_.Next(false, kNow)), false);
   int believed = 0;

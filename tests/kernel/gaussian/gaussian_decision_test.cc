@@ -160,8 +160,8 @@ TEST(OneClassSvmDecisionTest, LogDecisionHasTheSignOfGAndStaysFiniteFarAway) {
       EXPECT_NEAR(svm.LogDecision(x), std::log((g + svm.rho()) / svm.rho()),
                   1e-12 * svm.rho() / (g + svm.rho()) + 1e-12);
     }
-    // Far from the samples, computes the definition relative to its largest term. The exponents of
-    // the terms are log a_i - gamma |x - x_i|^2.
+    // Far from the samples all terms underflow: the expected value factors out the largest term.
+    // The exponents of the terms are log a_i - gamma |x - x_i|^2.
     const std::vector<double> far = {40.0, -30.0, 20.0};
     double largest = -kEndless;
     double total = 0.0;

@@ -24,7 +24,7 @@ double DistanceToSamples(const OneClassSvm& svm, const std::vector<double>& x) {
   return nearest;
 }
 
-// Computes the definition by brute force on a lattice that reaches beyond the radius.
+// Finds the largest distance by brute force, on a lattice that reaches beyond the radius.
 TEST(CoverRadiusTest, NoStateAtTheLevelIsFartherFromAllSamples) {
   for (std::uint64_t seed = 1; seed <= 4; ++seed) {
     core::Random random(seed);
