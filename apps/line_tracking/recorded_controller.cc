@@ -154,7 +154,8 @@ bool ReplayRecording(const std::filesystem::path& path, const std::filesystem::p
     std::cout << "  " << left_out << " decisions follow a missing one, and were skipped\n";
   }
   if (left_out == static_cast<int>(log.steps.size())) {
-    throw std::runtime_error(path.string() + " contains no episode from its beginning to repeat");
+    throw std::runtime_error(path.string() +
+                             " contains no episode that can be repeated from its beginning");
   }
   std::cout << (differences == 0 ? "all decisions are the same\n"
                                  : std::to_string(differences) + " decisions differ\n");

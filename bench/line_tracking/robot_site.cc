@@ -29,7 +29,7 @@ Program::Program(const std::vector<std::string>& command, const bench::LossyWire
   std::array<int, 2> in{};
   std::array<int, 2> out{};
   if (pipe2(in.data(), O_CLOEXEC) != 0 || pipe2(out.data(), O_CLOEXEC) != 0) {
-    throw std::runtime_error("no pipe");
+    throw std::runtime_error("cannot create a pipe");
   }
   pid_ = fork();
   if (pid_ == 0) {

@@ -24,7 +24,8 @@ void BM_Control(benchmark::State& state) {
   for (auto _ : state) {
     u = -u;
     const std::array<double, 2> control = {u, 0.5 * u};
-    if (plant.Apply(control) != core::PlantStatus::kOk) state.SkipWithError("refused");
+    if (plant.Apply(control) != core::PlantStatus::kOk)
+      state.SkipWithError("the plant reports a fault");
   }
 }
 BENCHMARK(BM_Control)->ArgName("u/1000")->Arg(10)->Arg(500)->Arg(1000);

@@ -38,7 +38,8 @@ void BM_Pushing(benchmark::State& state) {
       const Control control = Push(t, 0.15, random);
       auto before = plant.Clone();
       const double object_x = plant.object_m()[0];
-      if (plant.Apply(control) != core::PlantStatus::kOk) return state.SkipWithError("fault");
+      if (plant.Apply(control) != core::PlantStatus::kOk)
+        return state.SkipWithError("the plant reports a fault");
       if (plant.object_m()[0] - object_x < 0.005) continue;
       starts.push_back(std::move(before));
       controls.push_back(control);

@@ -59,7 +59,8 @@ core::Trajectory Follow(RobotPlant& plant, int steps) {
       if (n > kPatience) throw std::runtime_error("the tip does not move; lead it along the line");
       if (!plant.ObserveIdle(Row(x, t + 1)))
         throw std::runtime_error("the line or the tip is not visible");
-      if (std::abs(x(t + 1, 2)) > 1e3 * LineTask::kCollision) throw std::runtime_error("collided");
+      if (std::abs(x(t + 1, 2)) > 1e3 * LineTask::kCollision)
+        throw std::runtime_error("the tip is too far from the line");
       if ((x.row(t + 1) - x.row(t)).head(2).norm() >= kDemonstratedStep) break;
     }
     trajectory.controls.row(t) = (x.row(t + 1) - x.row(t)).head(2) / (1e3 * LineTask::kStep);

@@ -170,7 +170,7 @@ struct RobotPlant::Impl {
     const auto way = to ? TurnAboutTip(from, *to, generation) : std::nullopt;
     if (!way) {
       throw std::runtime_error(std::string("the tool cannot be ") + what +
-                               " from its present pose; lift it, or turn it by hand");
+                               " from its present pose; lift or turn it by hand");
     }
     return {what, *way};
   }
