@@ -155,7 +155,7 @@ PacketStorm::PacketStorm(int domain, double rate, std::uint64_t seed) : domain_(
     for (const int s : {out_, announcements_, stops_}) {
       if (s >= 0) close(s);
     }
-    throw std::runtime_error("no port of domain " + std::to_string(domain) + " is free to listen");
+    throw std::runtime_error("cannot listen on any port of domain " + std::to_string(domain));
   }
   thread_ = std::thread([this, rate, seed] { Run(rate, seed); });
 }

@@ -240,7 +240,7 @@ def _plan(experiment: Experiment) -> dict[str, Any]:
         plan[key] = list(names)
     for name, value in type(experiment).parameters.items():
         if not (isinstance(name, str) and name.isidentifier()):
-            raise ValueError(f"parameters has {name!r}, which is no name for an option: use letters, digits and _")
+            raise ValueError(f"parameters has {name!r}, which is not a valid option name: use letters, digits and _")
         if not isinstance(value, (numbers.Real, str)):
             raise ValueError(f"parameter {name} must be a number, text, True or False, not {value!r}")
     return plan

@@ -73,7 +73,7 @@ def _limits_of(space: Any, size: int) -> Any:
     if not np.issubdtype(dtype, np.floating) if dtype is not None else not bounded:
         raise ValueError(
             f"the environment's action_space is {space}: a guard needs one array of continuous actions. Flatten a "
-            "space of several parts, as gymnasium.spaces.utils.flatten_space does."
+            "space of several parts, for example with gymnasium.spaces.utils.flatten_space."
         )
     if not bounded:
         return np.inf
@@ -85,7 +85,7 @@ def _limits_of(space: Any, size: int) -> Any:
         raise ValueError(
             f"entry {k} of the environment's actions lies in [{np.ravel(low)[k]:g}, {np.ravel(high)[k]:g}]: a guard "
             "needs a negative lower and a positive upper bound, because a zero action must hold the robot still. "
-            "Rescale actions, as gymnasium.wrappers.RescaleAction does."
+            "Rescale actions, for example with gymnasium.wrappers.RescaleAction."
         )
     return bounds
 

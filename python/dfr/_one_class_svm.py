@@ -253,8 +253,8 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
     def _check_parameters(self) -> None:
         if self.kernel != "rbf":
             raise ValueError(
-                f"dfr.OneClassSVM has the kernel 'rbf' only, not {self.kernel!r}. "
-                "sklearn.svm.OneClassSVM has others."
+                f"dfr.OneClassSVM supports only the kernel 'rbf', not {self.kernel!r}. "
+                "sklearn.svm.OneClassSVM supports others."
             )
         if isinstance(self.gamma, str):
             if self.gamma not in ("scale", "auto"):

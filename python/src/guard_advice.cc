@@ -48,7 +48,7 @@ int FilterChunk(Guard& guard, const py::object& t, const Array& state, const Arr
   if (verdict.halted) return 0;
   DFR_THROW_UNLESS(verdict.cause != HaltCause::kStepSkipped,
                    "t is " << py::str(t).cast<std::string>()
-                           << ", the next call of filter has t = " << guard.next_step());
+                           << ", but the next call of filter has t = " << guard.next_step());
   DFR_THROW_UNLESS(verdict.judged > 0,
                    "strategy '" << safety::Name(guard.model().settings().strategy)
                                 << "' predicts nothing: filter each action, or use strategy "

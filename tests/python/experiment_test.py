@@ -102,7 +102,7 @@ class ExperimentTest(unittest.TestCase):
             ("demonstrations", (6, 2**31), "each of demonstrations must be a whole number from 1 on, not 2147483648"),
             ("methods", "guard", "methods must be a list of names, not 'guard'"),
             ("learners", (1,), r"learners must be a list of names, not \(1,\)"),
-            ("parameters", {"a b": 1}, "parameters has 'a b', which is no name for an option"),
+            ("parameters", {"a b": 1}, "parameters has 'a b', which is not a valid option name"),
             ("parameters", {"a": None}, "parameter a must be a number, text, True or False, not None"),
         ]:
             with self.subTest(attribute, value=value), self.assertRaisesRegex(ValueError, message):

@@ -163,8 +163,8 @@ class WrongCalls(unittest.TestCase):
     def test_parameters_are_named_with_the_remedy(self):
         X = np.random.default_rng(0).normal(size=(20, 2))
         for parameters, message in [
-            ({"kernel": "linear"}, "kernel 'rbf' only, not 'linear'. sklearn.svm.OneClassSVM"),
-            ({"kernel": np.dot}, "kernel 'rbf' only"),
+            ({"kernel": "linear"}, "only the kernel 'rbf', not 'linear'. sklearn.svm.OneClassSVM"),
+            ({"kernel": np.dot}, "only the kernel 'rbf'"),
             ({"gamma": "narrow"}, "gamma must be 'scale', 'auto' or a positive number, not 'narrow'"),
             ({"gamma": 0.0}, "gamma must"),
             ({"gamma": float("nan")}, "gamma must"),

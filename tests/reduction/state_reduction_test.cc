@@ -150,10 +150,10 @@ TEST(StateReductionTest, AllComponentsReconstructTheBlock) {
     const auto offset = static_cast<std::size_t>(WorldLayout().blocks[2].offset);
     for (std::size_t i = 0; i < 8; ++i) EXPECT_NEAR(seen.values[i], state[offset + i], 1e-2);
   }
-  EXPECT_THAT(test::MessageOf([] {
-                static_cast<void>(Fitted("points:image:2").Reconstruct("image", SomeState(2)));
-              }),
-              HasSubstr("positions of patches, which show no picture; pca: and slow: do"));
+  EXPECT_THAT(
+      test::MessageOf(
+          [] { static_cast<void>(Fitted("points:image:2").Reconstruct("image", SomeState(2))); }),
+      HasSubstr("positions of patches, which cannot be shown as a picture; use pca: or slow:"));
 }
 
 TEST(StateReductionTest, TheFirstSlowComponentFollowsACounter) {

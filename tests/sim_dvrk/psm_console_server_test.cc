@@ -206,7 +206,7 @@ TEST_F(PsmConsoleServerTest, CartesianStatesAreGoals) {
   goal.pose_valid = true;
   goal.orientation.coeffs() *= 3.0;
   Command(servo, goal);
-  EXPECT_TRUE(console_.setpoint_pose().isApprox(home)) << "that is no orientation";
+  EXPECT_TRUE(console_.setpoint_pose().isApprox(home)) << "that is not an orientation";
   goal.orientation.normalize();
   Until([&] {
     servo.Write(goal);

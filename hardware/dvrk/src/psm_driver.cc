@@ -32,7 +32,7 @@ PsmDriver::PsmDriver(dds::Participant& participant, const PsmDriverOptions& opti
     : arm_(options.arm), client_(options.client) {
   DFR_THROW_UNLESS(
       !options.arm.empty() && options.arm.front() != '/',
-      "arm must be the arm's name without a slash, as PSM1, not '" << options.arm << "'");
+      "arm must be the arm's name without a slash, such as PSM1, not '" << options.arm << "'");
   link_ = std::make_unique<Link>(participant, options);
 }
 

@@ -343,7 +343,7 @@ fdds::Topic* Participant::Impl::Topic(const std::string& ros_name, const fdds::T
                                       const std::string& kind) {
   DFR_THROW_UNLESS(
       ros_name.size() > 1 && ros_name.front() == '/',
-      "a topic must begin with a slash, as '/PSM1/servo_cp', not '" << ros_name << "'");
+      "a topic must begin with a slash, such as '/PSM1/servo_cp', not '" << ros_name << "'");
   const std::lock_guard lock(mutex);
   if (const auto found = topics.find(ros_name); found != topics.end()) {
     if (found->second->get_type_name() != type.get_type_name()) {

@@ -224,7 +224,7 @@ Novelty Novelty::Fit(const RowSource& pictures, const core::PictureShape& shape,
     }
   }
   Novelty all = fit(folds);
-  // For identical pictures the values are 0, which is no valid limit.
+  // For identical pictures the values are 0, which is not a valid limit.
   all.limit_.picture = kMargin * std::max(1.0, Limit(of_pictures));
   if (places > 0) all.limit_.positions = kMargin * std::max(1.0, Limit(of_positions));
   double beyond = 0.0;

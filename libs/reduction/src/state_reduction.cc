@@ -269,9 +269,10 @@ StateReduction::Seen StateReduction::Reconstruct(std::string_view block,
   DFR_THROW_UNLESS(Apply(state, workspace), Fault(state));
   for (const Part& part : parts_) {
     if (part.name != block || !part.reduction) continue;
-    DFR_THROW_UNLESS(!part.points, "the block '" << block
-                                                 << "' is reduced to positions of patches, which "
-                                                    "show no picture; pca: and slow: do");
+    DFR_THROW_UNLESS(!part.points, "the block '"
+                                       << block
+                                       << "' is reduced to positions of patches, which "
+                                          "cannot be shown as a picture; use pca: or slow:");
     Seen seen;
     if (part.picture) seen.shape = ShapeOf(*part.picture);
     const Reduction& reduction = *part.reduction;

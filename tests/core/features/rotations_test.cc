@@ -129,7 +129,7 @@ TEST(RotationsTest, OrientationsTooFarApartAreNamedWithTheRemedy) {
   EXPECT_THAT(Describe(found, Layout(4)), HasSubstr("first two columns"));
 }
 
-// Four entries of norm 1 that are no quaternion: opposite signs mean different states.
+// Four entries of norm 1 that are not a quaternion: opposite signs mean different states.
 TEST(RotationsTest, CosineAndSineBesideDeadEntriesAndOneHotCodesAreNoQuaternions) {
   const auto circle = Episodes(5, [](int d, double share) -> Eigen::VectorXd {
     const double angle = 0.1 * d + share;

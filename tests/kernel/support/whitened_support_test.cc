@@ -221,7 +221,8 @@ TEST(WhitenedSupportTest, AGapIsTheMiddleBetweenClustersOfThreeThatAreFourApart)
   EXPECT_EQ(Gaps(apart, 0.1).inside, 0);
   EXPECT_EQ(Gaps({0.0, 0.1, 0.2, 4.1, 4.2, 4.3}, 0.0).points, 0) << "3.9 apart";
   EXPECT_EQ(Gaps({0.0, 0.1, 0.2, 4.3, 4.4, 4.5}, 0.0).points, 1) << "4.1 apart";
-  EXPECT_EQ(Gaps({0.0, 0.1, 0.2, 0.3, 10.0, 10.1}, 0.0).points, 0) << "two states are no cluster";
+  EXPECT_EQ(Gaps({0.0, 0.1, 0.2, 0.3, 10.0, 10.1}, 0.0).points, 0)
+      << "two states are not a cluster";
   // A demonstration passes later, within 2.45 (a quarter of the gap) of the middle.
   EXPECT_EQ(Gaps(apart, 0.0, 5.1 + 2.4).points, 0);
   EXPECT_EQ(Gaps(apart, 0.0, 5.1 + 2.5).points, 1);

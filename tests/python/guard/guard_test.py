@@ -176,7 +176,7 @@ class GuardTest(unittest.TestCase):
     def test_numbers_that_nothing_can_hold_are_named(self):
         guard = self.guard.with_settings()
         guard.reset()
-        with self.assertRaisesRegex(ValueError, f"t is {2**40}, the next call of filter has t = 0"):
+        with self.assertRaisesRegex(ValueError, f"t is {2**40}, but the next call of filter has t = 0"):
             guard.filter_chunk(2**40, np.zeros(3), [[0.0, 0.0]])
         self.assertEqual(self.guard.with_settings(action_limit=np.array(0.2)).settings["action_limit"], [0.2, 0.2])
         for huge in (10**400, 10**5000):

@@ -53,7 +53,7 @@ class ChunkTest(unittest.TestCase):
             (0, state, chunk[:, :1], "actions of the chunk have 1 entries, 2 needed"),
             (0, state, chunk[0], r"a chunk has 2 dimensions, \(k, 2\), not 1"),
             (0, state, broken, "entry 1 of action 2 is nan"),
-            (3, state, chunk, "t is 3, the next call of filter has t = 0"),
+            (3, state, chunk, "t is 3, but the next call of filter has t = 0"),
         ]:
             with self.subTest(message), self.assertRaisesRegex(ValueError, message):
                 fresh.filter_chunk(t, x, actions)

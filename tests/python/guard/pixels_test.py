@@ -66,7 +66,7 @@ class PixelsTest(unittest.TestCase):
         self.assertEqual(guard.features, "points:camera")
         outside = pictures([(0, 1.0, 0.45)], 7).reshape(1, -1).astype(float)
         self.assertAlmostEqual(guard.attribution(outside).sum() / -guard.levels(outside)[0], 1.0, places=6)
-        with self.assertRaisesRegex(ValueError, "positions of patches, which show no picture"):
+        with self.assertRaisesRegex(ValueError, "positions of patches, which cannot be shown as a picture"):
             guard.reconstruct("camera", outside[0])
         again = pickle.loads(pickle.dumps(guard))
         self.assertEqual(again.decision(3, seen[0][3]), guard.decision(3, seen[0][3]))

@@ -145,7 +145,7 @@ TEST(StateColumnsTest, AStateMayStandStillTwiceAsLongAsDemonstratedAndThreeSteps
   monitor.Reset(1);
   Verdict verdict;
   for (int t = 0; t < 9; ++t) {
-    state[0] = t;  // The clock, which is no feature.
+    state[0] = t;  // The clock, which is not a feature.
     verdict = monitor.Filter(t, state, wish, action);
     EXPECT_EQ(verdict.frozen, t > 2.0 * longest + 3.0 ? 0 : -1) << t;
   }
