@@ -220,6 +220,46 @@ TEST(GuardAdviceTest, DelayedActionsAreNamedWithTheirDelay) {
   EXPECT_THAT(fit(-1), testing::Contains(HasSubstr("recorded one step later")));
 }
 
+// An arm of one joint moves to .6 rad and rests there, from starts of its own.
+std::vector<core::Trajectory> ArmDemonstrations(bool torques) {
+  constexpr int kSteps = 80;
+  constexpr double kPeriod = 0.05;
+  constexpr double kGravity = 4.0;
+  core::Random random(3);
+  std::vector<core::Trajectory> demonstrations;
+  for (int i = 0; i < 20; ++i) {
+    core::Trajectory d{core::Matrix(kSteps + 1, 2), core::Matrix(kSteps, 1)};
+    double angle = random.Uniform(-0.6, 0.0);
+    double rate = 0.0;
+    d.states.row(0) << angle, rate;
+    for (int t = 0; t < kSteps; ++t) {
+      const double wanted = 4.0 * (0.6 - angle);
+      if (torques) {
+        d.controls(t, 0) = 4.0 * wanted - 8.0 * rate + kGravity * std::cos(angle);
+        rate += kPeriod * (d.controls(t, 0) - kGravity * std::cos(angle));
+      } else {
+        d.controls(t, 0) = rate = wanted;
+      }
+      angle += kPeriod * rate;
+      d.states.row(t + 1) << angle, rate;
+    }
+    demonstrations.push_back(std::move(d));
+  }
+  return demonstrations;
+}
+
+TEST(GuardAdviceTest, AnArmThatRestsUnderTorquesIsNamed) {
+  core::StateLayout layout;
+  layout.Add("arm", 2);
+  const auto warnings = [&](bool torques) {
+    const auto demonstrations = ArmDemonstrations(torques);
+    const auto model = GuardModel::Fit(layout, demonstrations, {.accept_any = true});
+    return FitWarnings(*model, demonstrations);
+  };
+  EXPECT_THAT(warnings(true), testing::Contains(HasSubstr("a zero action would not hold it")));
+  EXPECT_THAT(warnings(false), testing::Not(testing::Contains(HasSubstr("zero action"))));
+}
+
 TEST(GuardAdviceTest, AClockIsFoundInAnyUnitAndAConstantIsNoClock) {
   constexpr const char* kClock = "the same in all demonstrations";
   const auto demonstrations = test::CorridorDemonstrations(1, 40);

@@ -18,8 +18,8 @@ namespace dfr::safety {
 /// an action that are not steered; and GuardSummary::fit_warnings.
 [[nodiscard]] std::vector<std::string> Warnings(const GuardModel& model);
 /// Returns GuardSummary::fit_warnings: features that only follow a clock or repeat others,
-/// rotations that jump, and actions that take effect later or explain little of the change of
-/// features. A fit adds a warning about omitted features.
+/// rotations that jump, actions that take effect later or explain little of the change of features,
+/// and robots that rest under ordinary actions. A fit adds a warning about omitted features.
 [[nodiscard]] std::vector<std::string> FitWarnings(
     const GuardModel& model, std::span<const core::Trajectory> demonstrations);
 
