@@ -15,7 +15,8 @@ def record(source, target):
         with target.open("w", newline="") as file:
             out = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
             out.writeheader()
-            out.writerows(row for row in rows if row["method"] in ("alone", "controller"))
+            kept = ("alone", "guard", "controller", "placebo-corrections")
+            out.writerows(row for row in rows if row["method"] in kept)
         return
     summary = json.loads(source.read_text())
     kept = {key: summary[key] for key in ("experiment", "preset", "commit", "seed", "averages", "contrasts")}

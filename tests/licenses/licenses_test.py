@@ -59,7 +59,7 @@ def main(source, binary):
                 errors.append(f"row {cells[0]}: {copyright_of(package)} is missing")
     if "libabsent-dev" not in refusal(source):
         errors.append("a package without a copyright file must be refused by name")
-    tools = re.search(r"^Build tools[^:]*: (.*?)\.$", (folder / "README.md").read_text(), re.M | re.S)
+    tools = re.search(r"^These build tools[^:]*: (.*?)\.$", (folder / "README.md").read_text(), re.M | re.S)
     packages.update(re.split(r",\s+", tools.group(1)))
 
     for row in (source / "components.txt").read_text().splitlines():

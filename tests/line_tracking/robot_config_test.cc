@@ -104,7 +104,7 @@ TEST_F(RobotConfigTest, ErrorsNameFileLineKeyAndValidValues) {
   for (const auto& [text, words] : rows)
     EXPECT_THAT(Error(text), HasSubstr(file_.string() + words));
   EXPECT_THAT(Error("[arm]\nbase_position_m = [0.0, 0.0, 0.0]\n"),
-              HasSubstr("arm.base_position_m must be given together"));
+              HasSubstr("unless both base_position_m and base_quaternion_xyzw are given"));
 }
 
 TEST_F(RobotConfigTest, ReadsAFeasibleWaveAndRefusesOthers) {
@@ -127,7 +127,8 @@ TEST_F(RobotConfigTest, ReadsAFeasibleWaveAndRefusesOthers) {
       {port + "wave = 'sine'\namplitude = [0, 0, 0.03, 0, 0, 0]\n", "protocol"},
       {port + "wave = 'sine'\namplitude = [0.01, 0.01, 0.01, 0, 0, 0]\n",
        "beyond the platform's reach"},
-      {port + "wave = 'breath'\nfrequency_hz = [0.5, 0, 0, 0, 0, 0]\n", "of a breath up to 0.157"},
+      {port + "wave = 'breath'\nfrequency_hz = [0.5, 0, 0, 0, 0, 0]\n",
+       "at most 0.99, for a breath 0.157"},
       {port + "wave = 'square'\n", R"(platform.wave must be one of "breath", "none", "sine")"},
       {"robot = 'dds'\n[platform]\nwave = 'sine'\n", "left out without platform.device"},
       {"[platform]\ndevice = '/dev/ttyACM0'\n",
