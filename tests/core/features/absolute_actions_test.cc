@@ -160,6 +160,35 @@ std::vector<Trajectory> Late(int delay) {
   return set;
 }
 
+// Entries that other actions move, or that move by themselves, do not make targets velocities.
+TEST(AbsoluteActionsTest, TargetsBesideOtherActionsAreFound) {
+  const auto targets =
+      RollOut({.act = [](const auto& x, const auto& goal, Random& random, auto& u, auto& next) {
+        u = x + 0.15 * (goal - x) + 0.01 * Normal2(random);
+        next = x + 0.9 * (u - x);
+      }});
+  // The third entry moves by rate + turn, where turn is the third action.
+  const auto with = [&](double rate, const std::function<double(Random&)>& turn) {
+    Random random(2);
+    auto set = targets;
+    for (Trajectory& episode : set) {
+      episode.states.conservativeResize(Eigen::NoChange, 3);
+      episode.controls.conservativeResize(Eigen::NoChange, 3);
+      episode.states(0, 2) = 0.05 * random.Normal();
+      for (Eigen::Index t = 0; t < episode.controls.rows(); ++t) {
+        const double turned = turn(random);
+        episode.controls(t, 2) = rate == 0.0 ? turned : 1.0;
+        episode.states(t + 1, 2) = episode.states(t, 2) + rate + turned;
+      }
+    }
+    return FindAbsoluteActions(set).size();
+  };
+  // A conveyor beside a closed gripper.
+  EXPECT_EQ(with(0.02, [](Random& random) { return 0.002 * random.Normal(); }), 2U);
+  // A rate of rotation.
+  EXPECT_EQ(with(0.0, [](Random& random) { return 0.05 + 0.02 * random.Normal(); }), 2U);
+}
+
 TEST(AbsoluteActionsTest, EarlierActionsInTheStateAreNotPositions) {
   for (const int delay : {1, 2, 3}) {
     std::vector<Trajectory> set = Late(delay);

@@ -11,9 +11,9 @@
 namespace dfr::core {
 namespace {
 
-// Share of a quantity's sum of squares (not variance) that a regression through the origin
-// explains.
-double ShareThroughOrigin(const Eigen::MatrixXd& uu, const Eigen::VectorXd& uy, double yy) {
+// Share of `yy` that a regression on u explains, from the sums of products: of squares, or of
+// variances if the sums are centred.
+double Share(const Eigen::MatrixXd& uu, const Eigen::VectorXd& uy, double yy) {
   if (yy <= 0.0) return 0.0;
   Eigen::MatrixXd regular = uu;
   regular.diagonal().array() += 1e-9 * uu.trace() + 1e-300;
@@ -226,8 +226,17 @@ std::vector<AbsoluteAction> ActionAnalysis::Absolute() const {
 }
 
 bool ActionAnalysis::MovesUnmatchedEntry(const std::vector<AbsoluteAction>& candidates) const {
-  constexpr double kExplained = 0.8;
+  constexpr double kExplained = 0.8;  // share of what the other actions leave unexplained
+  constexpr double kAdds = 0.1;
   if (candidates.empty()) return false;
+  std::vector<Eigen::Index> others;
+  for (Eigen::Index k = 0; k < m_; ++k) {
+    if (std::none_of(candidates.begin(), candidates.end(),
+                     [k](const AbsoluteAction& match) { return match.action == k; })) {
+      others.push_back(k);
+    }
+  }
+  const Eigen::MatrixXd uu = action_products_ - actions_ * actions_.transpose() / count_;
   for (Eigen::Index p = 0; p < n_; ++p) {
     if (std::any_of(candidates.begin(), candidates.end(),
                     [p](const AbsoluteAction& match) { return match.state == p; })) {
@@ -237,8 +246,15 @@ bool ActionAnalysis::MovesUnmatchedEntry(const std::vector<AbsoluteAction>& cand
     const double yy = squares_[n_ + p] - 2.0 * steps_[p] + square;
     // The rounding residue of a constant entry is not a change.
     if (yy <= 1e-12 * square) continue;
-    const Eigen::VectorXd uy = products_.col(n_ + p) - products_.col(p);
-    if (ShareThroughOrigin(action_products_, uy, yy) >= kExplained) return true;
+    // An entry that moves by itself, such as an object on a conveyor, has a mean change. Actions
+    // with a mean would explain it.
+    const double sum = sum_[n_ + p] - sum_[p];
+    const double variance = yy - sum * sum / count_;
+    if (variance <= 1e-12 * yy) continue;
+    const Eigen::VectorXd uy = products_.col(n_ + p) - products_.col(p) - actions_ * sum / count_;
+    const double by_all = Share(uu, uy, variance);
+    const double by_others = Share(uu(others, others), uy(others), variance);
+    if (by_all - by_others >= std::max(kAdds, kExplained * (1.0 - by_others))) return true;
   }
   return false;
 }
