@@ -319,6 +319,25 @@ TEST(GuardTest, UnitsOfEntriesDoNotMatterAndThePolicySetsTheGripper) {
   }
 }
 
+TEST(GuardTest, PublishedRecoveriesLeaveTheGripperToThePolicy) {
+  Guard guard(GuardModel::Fit(test::CorridorLayout(), WithGripper({1.0, 1.0}),
+                              {.features = "tip", .strategy = Strategy::kDfr}));
+  ASSERT_FALSE(guard.model().actions().entries()[2].steered);
+  guard.Reset(1);
+  CorridorPlant plant;
+  std::vector<double> safe(3);
+  int replaced = 0;
+  for (int t = 0; t < 200; ++t) {
+    const double gripper = t % 20 < 10 ? 1.0 : -1.0;
+    const Verdict verdict = guard.Filter(t, plant.x, std::vector{0.09, 0.06, gripper}, safe);
+    if (verdict.mode == Mode::kHalt) break;
+    ASSERT_EQ(safe[2], gripper) << t;
+    replaced += verdict.mode == Mode::kPolicy ? 0 : 1;
+    plant.Apply({safe[0], safe[1]});
+  }
+  EXPECT_GT(replaced, 0);
+}
+
 TEST(GuardTest, EveryInvalidCallHaltsUntilReset) {
   for (const Strategy strategy : {Strategy::kGuard, Strategy::kDfr, Strategy::kEarlyStopping,
                                   Strategy::kMonitor, Strategy::kController}) {

@@ -63,6 +63,15 @@ Method MethodOf(Strategy strategy) {
   return ParseMethod(none ? Name(control::Recovery::kNone) : Name(strategy));
 }
 
+// Writes the policy's values of the entries that a guard must not change.
+void KeepUnsteered(const ActionSpace& actions, std::span<const double> policy,
+                   std::span<double> action) noexcept {
+  const std::vector<ActionEntry>& entries = actions.entries();
+  for (std::size_t i = 0; i < std::min(entries.size(), action.size()); ++i) {
+    if (!entries[i].steered) action[i] = policy[i];
+  }
+}
+
 // Returns true if the controller uses only the steered entries, in the units of the model's
 // actions().
 bool Steers(const GuardModel& model, const control::RecoveryStrategy* strategy) {
@@ -83,7 +92,8 @@ std::unique_ptr<control::Controller> MakeController(
             .horizon = settings.horizon != 0 ? settings.horizon : task.horizon(),
             .max_controls = settings.max_actions,
             .control_limit = model.actions().MeasuredLimits(settings.action_limit),
-            .certificate = model.certificate()});
+            .certificate = model.certificate(),
+            .demonstrated = settings.demonstrated});
   }
   ControllerOptions options{.horizon = settings.horizon};
   options.guided.max_controls = settings.max_actions;
@@ -100,6 +110,7 @@ struct Guard::Episode {
   Episode(const GuardModel& model, std::unique_ptr<control::RecoveryStrategy> strategy)
       : monitors(strategy == nullptr && model.settings().strategy == Strategy::kMonitor),
         steers(Steers(model, strategy.get())),
+        published(!steers && strategy == nullptr),
         proposal(model.task_layout().state_dim(),
                  steers ? model.actions().steered_dim() : model.action_dim()),
         controller(MakeController(proposal, model, std::move(strategy))),
@@ -126,8 +137,9 @@ struct Guard::Episode {
     if (guided != nullptr) ahead = std::make_unique<control::GuidedController>(*guided);
   }
 
-  bool monitors;  // The guard only monitors.
-  bool steers;    // The controller uses the units of ActionSpace.
+  bool monitors;   // The guard only monitors.
+  bool steers;     // The controller uses the units of ActionSpace.
+  bool published;  // The controller chooses all entries of an action, also those of a gripper.
   ExternalPolicy proposal;
   std::unique_ptr<control::Controller> controller;
   control::GuidedController* guided = nullptr;       // The controller, if it can predict.
@@ -292,6 +304,7 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
     model_->actions().Restore(episode.chosen, safe);
   } else {
     std::copy(episode.chosen.begin(), episode.chosen.end(), safe.begin());
+    if (episode.published) KeepUnsteered(model_->actions(), episode.bounded, safe);
   }
   // Enforces the limits for every source of the action. The caller's recovery has no limits, and
   // conversions of units round.
@@ -338,7 +351,8 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
       verdict.source = verdict.changed ? Source::kPolicyChanged : Source::kPolicy;
       break;
     case Mode::kRecovery:
-      verdict.source = episode.steers ? Source::kDemonstrations : Source::kRecovery;
+      verdict.source = episode.guided != nullptr || step.demonstrated ? Source::kDemonstrations
+                                                                      : Source::kRecovery;
       break;
     case Mode::kProbe:
       verdict.source = Source::kProbe;

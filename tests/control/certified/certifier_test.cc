@@ -265,6 +265,29 @@ TEST_F(CertifierTest, AdmittedControlsAreCertified) {
   EXPECT_LE(climbs, 1);
 }
 
+TEST_F(CertifierTest, FollowsDemonstrationsOnlyOnRequest) {
+  Certifier certifier({0.3}, 2, 2, kUnit);
+  core::Random random(1);
+  int followed = 0;
+  for (int i = 0; i < 1000; ++i) {
+    const int phase = i % 10;
+    const std::vector<double> z = {phase * kSpeed + 0.6 * random.Normal(), 0.6 * random.Normal()};
+    if (support.LogDecision(phase, z, {}) < 0.0) continue;
+    const LocalModel model{support, fit, z};
+    const Eigen::VectorXd chosen = Eigen::Vector2d(5.0 * random.Normal(), 5.0 * random.Normal());
+    for (const bool demonstrated : {true, false}) {
+      Eigen::VectorXd v = chosen;
+      certifier.Reset();
+      const auto admission =
+          certifier.Admit(model, fit, {.control = Eigen::VectorXd::Constant(v.size(), 5.0)},
+                          {phase, Mode::kPolicy, demonstrated}, v);
+      ASSERT_TRUE(demonstrated || !admission.demonstrated);
+      followed += admission.demonstrated ? 1 : 0;
+    }
+  }
+  EXPECT_GT(followed, 0);
+}
+
 TEST_F(CertifierTest, StopsAfterThreeConsecutiveStalls) {
   // At this peak no step raises l, and every control leaves the ball.
   const test::GaussianSupport peak({{0.0, 0.0}}, 1.0, 1.0);

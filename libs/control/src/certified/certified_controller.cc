@@ -35,6 +35,7 @@ CertifiedController::CertifiedController(const core::Policy& policy, const TaskV
       max_exit_level_(
           std::min(certified::kMaxExitRatio * task.levels().slack(), guided::kMaxExitLevel)),
       probe_size_(options.probe_size),
+      demonstrated_(options.demonstrated),
       halt_rule_{options.horizon, options.max_controls, options.patience},
       estimate_(task.response().prior(), {}, /*drift=*/false),
       fit_(estimate_.MakeFit()),
@@ -129,9 +130,10 @@ bool CertifiedController::Probe(const LocalModel& model, int phase) noexcept {
 
 bool CertifiedController::Certify(const LocalModel& model, Step& step) noexcept {
   const Certifier::CertifiedStep admission =
-      certifier_.Admit(model, fit_, limits_, {step.t, step.mode}, v_);
+      certifier_.Admit(model, fit_, limits_, {step.t, step.mode, demonstrated_}, v_);
   if (!admission.any) return false;
   step.mode = admission.mode;
+  step.demonstrated = admission.demonstrated;
   step.certified = true;
   effect_.noalias() = fit_.jacobian().lazyProduct(v_);
   // Enter() searches around the phase at which the control aims.

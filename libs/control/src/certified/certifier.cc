@@ -119,10 +119,11 @@ Certifier::CertifiedStep Certifier::Admit(const LocalModel& model, LocalFit& fit
     chosen_ = v;
     if (!Project(model, limits, request.phase + 1, v)) {
       // Tries the nominal control of nearby demonstrations, changed as little as possible.
-      const bool known = fit.NominalControl(v);
+      const bool known = request.demonstrated && fit.NominalControl(v);
       limits.Limit(v);
       if (known && Project(model, limits, request.phase + 1, v)) {
         admitted.mode = Mode::kRecovery;
+        admitted.demonstrated = true;
       } else {
         v = chosen_;
         admitted.share = ReducedStepFraction(model, request.phase, v);

@@ -62,6 +62,9 @@ struct Step {
   /// Euclidean distance between this control and the learned one if they differ, in units of an
   /// ordinary demonstrated control. NaN if the controller does not measure it.
   double change = std::numeric_limits<double>::quiet_NaN();
+  /// Mode kRecovery of a certified controller: the nominal control of nearby demonstrations,
+  /// possibly changed.
+  bool demonstrated = false;
   /// Certified: under the assumptions of the controller's certificate, the next state is inside the
   /// support.
   bool certified = false;

@@ -18,7 +18,7 @@ enum class Source {
   kPolicyChanged,   ///< The policy's action, changed to end inside or clamped to the limit.
   kDemonstrations,  ///< The nominal action of nearby demonstrations, possibly changed.
   kProbe,           ///< A probe of the guard, to measure the effect of an action.
-  kRecovery,        ///< A recovery of Algorithm 1.
+  kRecovery,        ///< A recovery of Algorithm 1, or a certified step that raises the level.
   kHalt,            ///< No source: the action is zero.
 };
 

@@ -66,6 +66,7 @@ class CertifiedController final : public Controller {
   StepLimits limits_;
   double max_exit_level_;
   double probe_size_;
+  bool demonstrated_;
   HaltRule halt_rule_;
   ResponseEstimate estimate_;
   LocalFit fit_;  ///< Fit at the state of the last control.

@@ -19,6 +19,8 @@ struct CertifiedOptions {
   int iterations = 6;
   int patience = 12;
   double probe_size = 0.35;
+  /// Tries nominal controls of nearby demonstrations where no change of the learned control passes.
+  bool demonstrated = true;
 };
 
 /// Returns the limits of v, with u = control_unit v.

@@ -63,6 +63,7 @@ class Certifier {
   struct Request {
     int phase = 0;
     Mode mode = Mode::kPolicy;
+    bool demonstrated = true;  ///< Nominal controls of demonstrations may replace the control.
   };
   /// Result of Admit().
   struct CertifiedStep {
@@ -70,6 +71,8 @@ class Certifier {
     double share = 1.0;  ///< Applied fraction of the chosen control.
     Mode mode = Mode::kPolicy;
     bool gets_on = true;  ///< True if the control aims at the next phase.
+    bool demonstrated =
+        false;  ///< True if a nominal control of demonstrations replaced the control.
   };
   /// Changes `v` until it provably ends inside B_q(eta) of a nearby phase q. First raises `v` to
   /// the required level by AscendSupport(), then tries the nominal control of nearby
