@@ -193,7 +193,7 @@ class GuardedEnv(Wrapper):
                 "the guard inside that wrapper"
             )
             warnings.warn(verdict["why"], RuntimeWarning, stacklevel=2)
-        applied: NDArray[Any] = safe
+        applied: NDArray[Any] = safe.copy()
         space = getattr(self.env, "action_space", None)
         if getattr(space, "dtype", None) is not None:
             applied = safe.astype(space.dtype).reshape(getattr(space, "shape", safe.shape))

@@ -108,7 +108,7 @@ class Unit:
         _seed(learning)
         self.policy = experiment.learn(learner, states, actions, learning)
         _seed(learning)
-        guard = experiment.guard(states, actions)
+        guard = experiment.guard(*_demonstrations(experiment, seed, trial, demonstrations))
         self.support = guard
         # with_settings() rejects an invalid strategy and names it.
         strategies = cast("list[Strategy]", methods)
@@ -173,7 +173,7 @@ class Unit:
             if guard is None and t == self.support.settings["horizon"]:
                 cause = "time-up"
                 break
-            action = np.array(self.policy(t, states[-1]), dtype=np.float64).ravel()
+            action = np.array(self.policy(t, states[-1].copy()), dtype=np.float64).ravel()
             if guard is not None:
                 action, info = guard.filter(t, states[-1], action)
                 infos.append(info)
@@ -181,7 +181,7 @@ class Unit:
                     cause = info["reason"]
                     break
                 chooser = info["reason"] if info["changed"] or info["mode"] != "policy" else "policy"
-            self.plant.step(action)
+            self.plant.step(action.copy())
             actions.append(action)
             states.append(self._observe())
             if frames is not None:
@@ -204,4 +204,5 @@ def _demonstrations(experiment: Experiment, seed: int, trial: int, count: int) -
         _seed(one)
         states, actions = experiment.demonstrate(one)
         kept.append((np.array(states, dtype=np.float64), np.array(actions, dtype=np.float64)))
-    return [states for states, _ in kept[:count]], [actions for _, actions in kept[:count]]
+    # The caller's functions may change their arguments in place.
+    return [states.copy() for states, _ in kept[:count]], [actions.copy() for _, actions in kept[:count]]

@@ -239,7 +239,9 @@ class GuardAppTest(GuardProgramTest):
             ("export kept.guard --onnx kept.guard", "--onnx: kept.guard: would overwrite GUARD"),
             ("convert demos.hdf5 demos.hdf5", "OUT: demos.hdf5: would overwrite DEMOS"),
             ("convert right-v0 right-v0 --id a/right-v0", "right-v0: would overwrite the episodes to convert; name another"),
-            ("convert right-v0 right-v0/data/main_data.hdf5", "would overwrite the episodes to convert"),
+            ("convert right-v0 right-v0/data/main_data.hdf5", "data/main_data.hdf5: would overwrite DEMOS"),
+            ("fit right-v0 -f tip -o right-v0/data/main_data.hdf5", "data/main_data.hdf5: would overwrite DEMOS; name another"),
+            ("report kept.guard right-v0 -o right-v0/data/metadata.json", "data/metadata.json: would overwrite DEMOS"),
             ("convert demos.hdf5 other.hdf5 --id a/b-v0", "--id: is for the folder of a Minari dataset, not for other.hdf5"),
         ):
             with self.subTest(arguments):

@@ -53,6 +53,42 @@ class ExperimentTest(unittest.TestCase):
         for episode in found.values():
             self.assertEqual(episode.states.shape, (len(episode.actions) + 1, 2))
 
+    def test_functions_may_change_their_arguments_in_place(self):
+        module = self.import_example()
+
+        class Spoiling(module.Corridor):
+            methods = ("baseline", "guard")
+
+            def plant(self):
+                class Plant(module.Tip):
+                    def step(self, action):
+                        super().step(np.array(action))
+                        action *= 0.0
+
+                return Plant()
+
+            def learn(self, learner, states, actions, seed):
+                for array in (*states, *actions):
+                    array *= 0.8
+                policy = super().learn(learner, states, actions, seed)
+
+                def spoiling(t, state):
+                    action = policy(t, np.array(state))
+                    state *= 0.0
+                    return action
+
+                return spoiling
+
+        def episodes(experiment, out):
+            out = str(self.folder / out)
+            experiment.run(["experiment", *SMALL, "--methods", "baseline", "guard", "--out", out, "--threads", "1"])
+            return experiment.replay(out, "1/12/policy/guard/0", methods=["baseline", "guard"])
+
+        spoilt, kept = episodes(Spoiling(), "spoilt"), episodes(module.Corridor(), "kept")
+        for method, episode in kept.items():
+            np.testing.assert_array_equal(spoilt[method].states, episode.states)
+            np.testing.assert_array_equal(spoilt[method].actions, episode.actions)
+
     def test_a_subclass_runs_inside_the_callers_program(self):
         class Corner(dfr.Experiment):
             """A plant that starts at its goal."""

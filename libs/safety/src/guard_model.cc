@@ -68,6 +68,8 @@ void Check(const core::StateLayout& layout, std::span<const core::Trajectory> de
                                       << " states and " << demonstration.controls.rows()
                                       << " actions; one state more than actions is needed. Append "
                                          "the state after the last action, or drop that action");
+    DFR_THROW_UNLESS(demonstration.controls.cols() >= 1,
+                     "demonstration " << d << " has actions without entries");
     DFR_THROW_UNLESS(demonstration.controls.cols() == demonstrations[0].controls.cols(),
                      "demonstration " << d << " has actions of " << demonstration.controls.cols()
                                       << " entries, but demonstration 0 has "

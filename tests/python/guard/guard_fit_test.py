@@ -30,6 +30,7 @@ class GuardFitTest(unittest.TestCase):
             (states, [1e300 * u for u in actions], r"demonstration 0 has .*e\+298 as entry \d of action 0, where"),
             (states, actions[:-1], "4 arrays of states and 3 of actions"),
             (states, [u[:-1] for u in actions], "21 states and 19 actions"),
+            (states, [u[:, :0] for u in actions], "demonstration 0 has actions without entries"),
             ([], [], "no demonstrations"),
         ]:
             with self.subTest(message), self.assertRaisesRegex(ValueError, message):

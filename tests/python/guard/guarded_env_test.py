@@ -187,6 +187,17 @@ class GuardedEnvTest(unittest.TestCase):
         for options in ({}, {"state": lambda obs: obs[:]}, {"state": Boxed}, {"state": lambda obs: [obs]}):
             self.assertEqual(list(levels(True, **options)), list(levels(False, **options)))
 
+    def test_an_environment_may_change_its_action_in_place(self):
+        class Scaling(Corridor):
+            def step(self, action):
+                result = super().step(np.array(action))
+                action *= 0.0
+                return result
+
+        env = dfr.GuardedEnv(Scaling(), self.guard)
+        env.reset(seed=1)
+        np.testing.assert_array_equal(env.step(action_for(0.05, 0.0))[4]["action"], action_for(0.05, 0.0))
+
     def test_after_the_end_of_an_episode_it_halts_until_reset(self):
         """An environment that resets itself would go on with the first time step of another episode."""
         class Resetting(Corridor):

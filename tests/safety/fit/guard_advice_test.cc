@@ -220,6 +220,20 @@ TEST(GuardAdviceTest, DelayedActionsAreNamedWithTheirDelay) {
   EXPECT_THAT(fit(-1), testing::Contains(HasSubstr("recorded one step later")));
 }
 
+TEST(GuardAdviceTest, OneWrongValueInARecordingIsNamed) {
+  const auto demonstrations = test::CorridorDemonstrations(1, 40);
+  const auto model = GoodModel();
+  auto wrong = demonstrations;
+  wrong[7].controls(3, 1) = 1e6;
+  EXPECT_THAT(FitWarnings(*model, wrong),
+              testing::Contains(HasSubstr("entry 1 of action 3 of demonstration 7 is 1e+06")));
+  wrong = demonstrations;
+  wrong[7].states(4, 2) += 10.0;
+  EXPECT_THAT(FitWarnings(*model, wrong),
+              testing::Contains(testing::ContainsRegex(
+                  "tip.1. changes by (10|9.*) at step [34] of demonstration 7")));
+}
+
 // An arm of one joint moves to .6 rad and rests there, from starts of its own.
 std::vector<core::Trajectory> ArmDemonstrations(bool torques) {
   constexpr int kSteps = 80;

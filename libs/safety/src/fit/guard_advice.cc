@@ -1,7 +1,6 @@
 #include "dfr/safety/guard_advice.h"
 
 #include <algorithm>
-#include <cmath>
 #include <utility>
 
 #include "dfr/control/response/response_estimate.h"
@@ -13,6 +12,7 @@
 #include "fit/choose_features.h"
 #include "fit/fit_task.h"
 #include "fit/left_out.h"
+#include "fit/recording_advice.h"
 #include "fit/sensor_groups.h"
 
 namespace dfr::safety {
@@ -155,58 +155,6 @@ std::string DescribeRepeated(const GuardModel& model,
 // Returns the residuals of each column of y after a linear regression on the columns of x.
 Eigen::VectorXd Residuals(const Eigen::MatrixXd& x, const Eigen::MatrixXd& y) {
   return (y - x * core::SolveLeastSquares(x, y)).colwise().squaredNorm();
-}
-
-// Describes robots that rest under ordinary actions, as an arm against gravity does if actions are
-// torques; "" if most actions at rest are small. A rest lasts kLeastRest steps or more: a shorter
-// one may be a delay. Entries of the state that advance uniformly, like a clock, do not count.
-std::string DescribeRest(const GuardModel& model,
-                         std::span<const core::Trajectory> demonstrations) {
-  constexpr Eigen::Index kLeastRest = 5;
-  constexpr double kStill = 0.1;     // change of an entry, relative to its root mean square
-  constexpr double kOrdinary = 0.5;  // size of an action, relative to an ordinary one
-  constexpr int kFewestSteps = 20;
-  constexpr int kFewestEpisodes = 3;
-  const Eigen::Index dim = demonstrations[0].states.cols();
-  std::vector<core::Matrix> changes;
-  Eigen::RowVectorXd sums = Eigen::RowVectorXd::Zero(dim);
-  Eigen::RowVectorXd squares = sums;
-  double count = 0.0;
-  for (const core::Trajectory& d : demonstrations) {
-    const Eigen::Index n = d.controls.rows();
-    changes.emplace_back(d.states.middleRows(1, n) - d.states.topRows(n));
-    sums += changes.back().colwise().sum();
-    squares += changes.back().colwise().squaredNorm();
-    count += static_cast<double>(n);
-  }
-  Eigen::RowVectorXd limits = kStill * (squares / count).cwiseSqrt();
-  for (Eigen::Index i = 0; i < dim; ++i) {
-    const double mean = sums[i] / count;
-    if (squares[i] / count - mean * mean <= kStill * squares[i] / count) limits[i] = HUGE_VAL;
-  }
-  int at_rest = 0;
-  int driven = 0;
-  int episodes = 0;
-  for (std::size_t i = 0; i < changes.size(); ++i) {
-    const core::Matrix& actions = demonstrations[i].controls;
-    const int before = driven;
-    for (Eigen::Index begin = 0, t = 0; t <= actions.rows(); ++t) {
-      if (t < actions.rows() && (changes[i].row(t).array().abs() <= limits.array()).all()) continue;
-      for (const Eigen::Index end = t - begin < kLeastRest ? begin : t; begin < end; ++begin) {
-        ++at_rest;
-        if (model.actions().StepOf(core::Row(actions, begin)) >= kOrdinary) ++driven;
-      }
-      begin = t + 1;
-    }
-    episodes += driven > before ? 1 : 0;
-  }
-  if (driven < kFewestSteps || episodes < kFewestEpisodes || 2 * driven < at_rest) return "";
-  return core::Format(
-      "the robot rests in %d steps, and %d of its actions there are of ordinary size: a zero "
-      "action "
-      "would not hold it, as with torques against gravity. The guard halts with zero actions: use "
-      "velocities or increments",
-      at_rest, driven);
 }
 
 // Describes the delay between actions and their effect; "" if there is none. There is a delay if an
@@ -365,7 +313,9 @@ std::vector<std::string> FitWarnings(const GuardModel& model,
   }
   for (std::string fault :
        {DescribeRepeated(model, demonstrations), DescribeDelay(model, demonstrations),
-        DescribeRest(model, demonstrations)}) {
+        internal::DescribeRest(model, demonstrations),
+        internal::DescribeJumps(model, demonstrations),
+        internal::DescribeLargest(demonstrations)}) {
     if (!fault.empty()) warnings.push_back(std::move(fault));
   }
   const Changes changes = JudgeChanges(model, demonstrations);

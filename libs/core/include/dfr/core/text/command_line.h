@@ -174,15 +174,25 @@ bool IsOutput(Option& option) {
   }
 }
 
-/// Returns an error with its remedy if `output` exists and is an input of `command`, else "".
+/// Returns an error with its remedy if `output` exists and is an input of `command`, or lies in a
+/// folder of an input folder, as the files of a dataset do. Otherwise returns "".
 template <typename App>
 std::string OverwrittenInput(App& command, const std::string& output) {
   std::error_code error;
   if (!std::filesystem::is_regular_file(output, error)) return "";
+  const std::filesystem::path folder = std::filesystem::canonical(output, error).parent_path();
+  const auto contains = [&](const std::string& input) {
+    if (!std::filesystem::is_directory(input, error)) return false;
+    const std::filesystem::path above = std::filesystem::canonical(input, error);
+    for (auto at = folder; at != at.parent_path(); at = at.parent_path()) {
+      if (at.parent_path() == above) return true;
+    }
+    return false;
+  };
   for (auto* option : command.get_options()) {
     if (IsOutput(*option)) continue;
     for (const std::string& input : option->results()) {
-      if (std::filesystem::equivalent(input, output, error)) {
+      if (std::filesystem::equivalent(input, output, error) || contains(input)) {
         return output + ": would overwrite " + option->get_name() + "; name another file";
       }
     }

@@ -1,0 +1,137 @@
+#include "fit/recording_advice.h"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "dfr/core/features/absolute_actions.h"
+#include "dfr/core/features/state_map.h"
+#include "dfr/core/matrix.h"
+#include "dfr/core/text/format.h"
+
+namespace dfr::safety::internal {
+namespace {
+
+// The largest absolute value in a column of one of the matrices, and the largest in all others.
+struct Largest {
+  std::size_t demonstration = 0;
+  Eigen::Index step = 0;
+  double value = 0.0;
+  double others = 0.0;
+};
+
+Largest LargestOf(std::span<const core::Matrix> matrices, Eigen::Index column) {
+  Largest largest;
+  for (std::size_t d = 0; d < matrices.size(); ++d) {
+    if (matrices[d].rows() == 0) continue;
+    Eigen::Index t = 0;
+    const double value = matrices[d].col(column).cwiseAbs().maxCoeff(&t);
+    if (value > largest.value) {
+      largest = {d, t, value, largest.value};
+    } else {
+      largest.others = std::max(largest.others, value);
+    }
+  }
+  return largest;
+}
+
+// Returns true if the value of an entry may jump although the robot does not.
+bool IsRotation(const core::StateMap& map, int entry) {
+  return map.FindCircle(entry) != nullptr ||
+         std::ranges::any_of(map.angles(),
+                             [&](const auto& angle) { return angle.entry == entry; }) ||
+         std::ranges::any_of(map.quaternions(), [&](const auto& quaternion) {
+           return entry >= quaternion.first && entry < quaternion.first + 4;
+         });
+}
+
+}  // namespace
+
+std::string DescribeRest(const GuardModel& model,
+                         std::span<const core::Trajectory> demonstrations) {
+  constexpr Eigen::Index kLeastRest = 5;
+  constexpr double kStill = 0.1;     // change of an entry, relative to its root mean square
+  constexpr double kOrdinary = 0.5;  // size of an action, relative to an ordinary one
+  constexpr int kFewestSteps = 20;
+  constexpr int kFewestEpisodes = 3;
+  const Eigen::Index dim = demonstrations[0].states.cols();
+  std::vector<core::Matrix> changes;
+  Eigen::RowVectorXd sums = Eigen::RowVectorXd::Zero(dim);
+  Eigen::RowVectorXd squares = sums;
+  double count = 0.0;
+  for (const core::Trajectory& d : demonstrations) {
+    const Eigen::Index n = d.controls.rows();
+    changes.emplace_back(d.states.middleRows(1, n) - d.states.topRows(n));
+    sums += changes.back().colwise().sum();
+    squares += changes.back().colwise().squaredNorm();
+    count += static_cast<double>(n);
+  }
+  Eigen::RowVectorXd limits = kStill * (squares / count).cwiseSqrt();
+  for (Eigen::Index i = 0; i < dim; ++i) {
+    const double mean = sums[i] / count;
+    if (squares[i] / count - mean * mean <= kStill * squares[i] / count) limits[i] = HUGE_VAL;
+  }
+  int at_rest = 0;
+  int driven = 0;
+  int episodes = 0;
+  for (std::size_t i = 0; i < changes.size(); ++i) {
+    const core::Matrix& actions = demonstrations[i].controls;
+    const int before = driven;
+    for (Eigen::Index begin = 0, t = 0; t <= actions.rows(); ++t) {
+      if (t < actions.rows() && (changes[i].row(t).array().abs() <= limits.array()).all()) continue;
+      for (const Eigen::Index end = t - begin < kLeastRest ? begin : t; begin < end; ++begin) {
+        ++at_rest;
+        if (model.actions().StepOf(core::Row(actions, begin)) >= kOrdinary) ++driven;
+      }
+      begin = t + 1;
+    }
+    episodes += driven > before ? 1 : 0;
+  }
+  if (driven < kFewestSteps || episodes < kFewestEpisodes || 2 * driven < at_rest) return "";
+  return core::Format(
+      "the robot rests in %d steps, and %d of its actions there are of ordinary size: a zero "
+      "action "
+      "would not hold it, as with torques against gravity. The guard halts with zero actions: use "
+      "velocities or increments",
+      at_rest, driven);
+}
+
+std::string DescribeJumps(const GuardModel& model,
+                          std::span<const core::Trajectory> demonstrations) {
+  constexpr double kFar = 10.0;
+  std::vector<core::Matrix> changes;
+  for (const core::Trajectory& d : demonstrations) {
+    const Eigen::Index n = d.controls.rows();
+    changes.emplace_back(d.states.middleRows(1, n) - d.states.topRows(n));
+  }
+  const core::FeatureSelection& selection = model.task().features().selection();
+  for (const int entry : selection.indices()) {
+    if (IsRotation(selection.map(), entry)) continue;
+    const Largest jump = LargestOf(changes, entry);
+    if (jump.others == 0.0 || jump.value <= kFar * jump.others) continue;
+    return core::Format(
+        "%s changes by %.3g at step %d of demonstration %zu, and by at most %.3g in all others: "
+        "correct the recording, or leave the demonstration out",
+        core::EntryName(model.task_layout(), entry).c_str(), jump.value,
+        static_cast<int>(jump.step), jump.demonstration, jump.others);
+  }
+  return "";
+}
+
+std::string DescribeLargest(std::span<const core::Trajectory> demonstrations) {
+  constexpr double kFar = 5.0;
+  std::vector<core::Matrix> actions;
+  for (const core::Trajectory& d : demonstrations) actions.push_back(d.controls);
+  for (Eigen::Index i = 0; i < actions[0].cols(); ++i) {
+    const Largest largest = LargestOf(actions, i);
+    if (largest.others == 0.0 || largest.value <= kFar * largest.others) continue;
+    return core::Format(
+        "entry %d of action %d of demonstration %zu is %.3g, and at most %.3g in all others. The "
+        "default limit follows from it: correct the recording, or set the action limit",
+        static_cast<int>(i), static_cast<int>(largest.step), largest.demonstration, largest.value,
+        largest.others);
+  }
+  return "";
+}
+
+}  // namespace dfr::safety::internal

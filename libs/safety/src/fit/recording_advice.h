@@ -1,0 +1,26 @@
+#pragma once
+
+#include <span>
+#include <string>
+
+#include "dfr/core/trajectory.h"
+#include "dfr/safety/guard_model.h"
+
+// Advice on recordings, for FitWarnings(). Each function returns "" if it finds nothing.
+namespace dfr::safety::internal {
+
+// Describes robots that rest under ordinary actions, as an arm against gravity does if actions are
+// torques. A rest lasts five steps or more: a shorter one may be a delay. Entries of the state that
+// advance uniformly, like a clock, do not count.
+std::string DescribeRest(const GuardModel& model, std::span<const core::Trajectory> demonstrations);
+
+// Describes the entry of the features that changes most suddenly in one demonstration, compared
+// with all others.
+std::string DescribeJumps(const GuardModel& model,
+                          std::span<const core::Trajectory> demonstrations);
+
+// Describes the entry of the actions whose largest value occurs in one demonstration, and exceeds
+// the values of all others by far. Default limits follow from this value.
+std::string DescribeLargest(std::span<const core::Trajectory> demonstrations);
+
+}  // namespace dfr::safety::internal
