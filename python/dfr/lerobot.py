@@ -30,12 +30,24 @@ def _to_numpy(values: Any) -> NDArray[np.float64]:
     return np.asarray(values, dtype=np.float64)
 
 
+def _rounded(values: NDArray[np.float64], dtype: Any) -> NDArray[Any]:
+    """Round towards zero: a result of `Guard.filter` stays within its limits."""
+    nearest = values.astype(dtype)
+    beyond = np.abs(nearest.astype(np.float64)) > np.abs(values)
+    return np.where(beyond, np.nextafter(nearest, np.zeros_like(nearest)), nearest)
+
+
 def _like(values: NDArray[np.float64], original: Any) -> Any:
     # An integer type would truncate the action, but the guard counts the exact action as applied.
     if hasattr(original, "new_tensor"):  # creates a tensor of the same type and device
+        name = str(getattr(original, "dtype", "")).rpartition(".")[2]
+        if name == "bfloat16":  # the upper half of a float32
+            values = (_rounded(values, np.float32).view(np.uint32) & np.uint32(0xFFFF0000)).view(np.float32)
+        elif name in ("float16", "float32"):
+            values = _rounded(values, np.dtype(name))
         return (original if original.is_floating_point() else original.double()).new_tensor(values)
     dtype = np.asarray(original).dtype
-    return values.astype(dtype if np.issubdtype(dtype, np.floating) else np.float64)[()]  # keeps a scalar
+    return _rounded(values, dtype if np.issubdtype(dtype, np.floating) else np.float64)[()]  # keeps a scalar
 
 
 def _is_number(value: Any) -> bool:
@@ -179,6 +191,9 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
             _to_numpy(observation[name]).ravel() if name in observation else np.array(numbers)
             for name, _ in self.guard.layout
         ]
+        for (name, size), part in zip(self.guard.layout, parts):
+            if len(part) != size:
+                raise ValueError(f"the observation's {name} has {len(part)} entries, {size} needed")
         return np.concatenate(parts)
 
     def _present(self, state: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -57,6 +57,19 @@ class GuardStepTest(unittest.TestCase):
             self.assertNotIn("guard", before["info"])
             x = x + [1, *(np.array([[0, 0]]) + expected)[0]]
 
+    def test_rounding_stays_within_the_limits_and_blocks_have_their_sizes(self):
+        for kind in (np.float16, np.float32, np.float64):
+            for limit in (0.1, 0.11, 0.13):
+                step = GuardStep(self.guard.with_settings(strategy="monitor", action_limit=limit))
+                step.reset()
+                after = step(self.transition(np.zeros(3), np.array([9.0, -9.0], dtype=kind)))["action"]
+                self.assertEqual(after.dtype, kind)
+                self.assertLessEqual(np.abs(after.astype(float)).max(), limit)
+                self.assertGreater(np.abs(after.astype(float)).min(), 0.999 * limit)
+        step.reset()
+        with self.assertRaisesRegex(ValueError, "the observation's clock has 2 entries, 1 needed"):
+            step({"observation": {"clock": np.zeros(2), "tip": np.zeros(1)}, "action": DRIFT})
+
     def test_a_chunk_is_taken_action_by_action(self):
         step = GuardStep(self.guard.with_settings(strategy="monitor"))  # passes every action
         step.reset()
