@@ -270,7 +270,7 @@ TEST(GuardAdviceTest, AnArmThatRestsUnderTorquesIsNamed) {
     const auto model = GuardModel::Fit(layout, demonstrations, {.accept_any = true});
     return FitWarnings(*model, demonstrations);
   };
-  EXPECT_THAT(warnings(true), testing::Contains(HasSubstr("a zero action would not hold it")));
+  EXPECT_THAT(warnings(true), testing::Contains(HasSubstr("a zero action does not hold it")));
   EXPECT_THAT(warnings(false), testing::Not(testing::Contains(HasSubstr("zero action"))));
 }
 

@@ -89,11 +89,11 @@ std::string DescribeRest(const GuardModel& model,
   }
   if (driven < kFewestSteps || episodes < kFewestEpisodes || 2 * driven < at_rest) return "";
   return core::Format(
-      "the robot rests in %d steps, and %d of its actions there are of ordinary size: a zero "
-      "action "
-      "would not hold it, as with torques against gravity. The guard halts with zero actions: use "
-      "velocities or increments",
-      at_rest, driven);
+      "in %d of the %d steps in which the robot rests, its action is of ordinary size: the robot "
+      "is "
+      "blocked, or a zero action does not hold it, as with torques against gravity. In the second "
+      "case use velocities or increments, because the guard halts with zero actions",
+      driven, at_rest);
 }
 
 std::string DescribeJumps(const GuardModel& model,
