@@ -14,7 +14,7 @@ namespace {
 // Share of `yy` that a regression on u explains, from the sums of products: of squares, or of
 // variances if the sums are centred.
 double Share(const Eigen::MatrixXd& uu, const Eigen::VectorXd& uy, double yy) {
-  if (yy <= 0.0) return 0.0;
+  if (uu.size() == 0 || yy <= 0.0) return 0.0;
   Eigen::MatrixXd regular = uu;
   regular.diagonal().array() += 1e-9 * uu.trace() + 1e-300;
   return uy.dot(SolveSymmetric(regular, uy).col(0)) / yy;
