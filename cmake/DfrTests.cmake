@@ -46,7 +46,7 @@ function(dfr_add_tests name)
   set(folder ${PROJECT_BINARY_DIR}/tests/tmp)
   file(MAKE_DIRECTORY ${folder})
   if(arg_TIER STREQUAL "integration")
-    gtest_discover_tests(${target} TEST_PREFIX ${name}. DISCOVERY_TIMEOUT 60
+    gtest_discover_tests(${target} TEST_PREFIX ${name}. DISCOVERY_TIMEOUT 600
       PROPERTIES TIMEOUT ${arg_TIMEOUT} LABELS integration ENVIRONMENT TEST_TMPDIR=${folder})
   else()
     add_test(NAME ${arg_TIER}.${name} COMMAND ${target})
