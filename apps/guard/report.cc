@@ -9,6 +9,7 @@
 
 #include "commands.h"
 #include "dfr/core/build_info.h"
+#include "dfr/core/features/absolute_actions.h"
 #include "dfr/core/numerics/quantile.h"
 #include "dfr/core/text/format.h"
 #include "dfr/experiment/intervals.h"
@@ -20,15 +21,6 @@ namespace dfr::apps::guard {
 namespace {
 
 using Episode = ReplayedEpisode;
-
-std::string EntryName(const core::StateLayout& layout, int entry) {
-  for (const auto& block : layout.blocks) {
-    if (entry >= block.offset && entry < block.offset + block.size) {
-      return block.name + "[" + std::to_string(entry - block.offset) + "]";
-    }
-  }
-  return std::to_string(entry);
-}
 
 // Plots median, interquartile range and minimum of l over time.
 experiment::ReportPlot LevelPlot(const std::string& title, const std::vector<Episode>& episodes,
@@ -242,7 +234,7 @@ experiment::ReportTable FeatureTable(const safety::GuardModel& model, const Driv
       .rows = {}};
   for (const auto& [share, entry] : drivers.Ranked()) {
     table.rows.push_back(
-        {EntryName(model.task_layout(), entry), core::Format("%.1f", 100.0 * share)});
+        {core::EntryName(model.task_layout(), entry), core::Format("%.1f", 100.0 * share)});
   }
   return table;
 }

@@ -348,16 +348,15 @@ PsmStatus PsmClient::Arm() noexcept {
 }
 
 PsmStatus PsmClient::MoveTo(const PsmJoints& goal, double duration_s) noexcept {
-  if (phase_ != PsmPhase::kArmed || hold_wanted_) return PsmStatus::kNotArmed;
-  const PsmStatus status = motion_.Start(goal, duration_s);
-  if (status != PsmStatus::kOk) return status;
-  rest_.Forget();
-  at_rest_ = false;
-  restless_ns_ = now_ns_;
-  return PsmStatus::kOk;
+  return StartMove(goal, duration_s);
 }
 
 PsmStatus PsmClient::MoveTo(const Eigen::Isometry3d& goal, double duration_s) noexcept {
+  return StartMove(goal, duration_s);
+}
+
+template <typename Goal>
+PsmStatus PsmClient::StartMove(const Goal& goal, double duration_s) noexcept {
   if (phase_ != PsmPhase::kArmed || hold_wanted_) return PsmStatus::kNotArmed;
   const PsmStatus status = motion_.Start(goal, duration_s);
   if (status != PsmStatus::kOk) return status;

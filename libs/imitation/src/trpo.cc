@@ -34,11 +34,6 @@ std::vector<int> Sizes(int inputs, const std::vector<int>& hidden, int outputs) 
   return sizes;
 }
 
-core::FeatureSelection Select(const core::StateLayout& layout, const std::string& features) {
-  return features.empty() ? core::FeatureSelection::All(layout.state_dim())
-                          : core::FeatureSelection(layout, features);
-}
-
 // Mean and variance of all rows so far, updated batch by batch (Chan, Golub and LeVeque, 1983).
 struct Moments {
   double count = 0.0;
@@ -86,7 +81,7 @@ class Trpo::Learner {
   Learner(Environment& environment, TrpoOptions options)
       : environment_(&environment),
         options_(internal::CheckedTrpoOptions(std::move(options))),
-        selection_(Select(environment.plant().layout(), options_.features)),
+        selection_(core::FeatureSelection::Of(environment.plant().layout(), options_.features)),
         mlp_(Network(kWeights, selection_.num_features(), options_.hidden,
                      environment.plant().control_dim(), 0.01)),
         log_std_(

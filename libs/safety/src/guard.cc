@@ -89,7 +89,7 @@ std::unique_ptr<control::Controller> MakeController(
     return std::make_unique<control::CertifiedController>(
         proposal, task.view(),
         control::CertifiedOptions{
-            .horizon = settings.horizon != 0 ? settings.horizon : task.horizon(),
+            .horizon = settings.horizon,
             .max_controls = settings.max_actions,
             .control_limit = model.actions().MeasuredLimits(settings.action_limit),
             .certificate = model.certificate(),

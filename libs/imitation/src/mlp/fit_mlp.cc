@@ -69,9 +69,7 @@ MlpPolicy FitMlp(const core::StateLayout& layout, const Matrix& states, const Ma
   DFR_THROW_UNLESS(
       !rows.empty(),
       "all " << controls.rows() << " controls are zero, and zero controls are left out of the fit");
-  const core::FeatureSelection selection = options.features.empty()
-                                               ? core::FeatureSelection::All(layout.state_dim())
-                                               : core::FeatureSelection(layout, options.features);
+  const auto selection = core::FeatureSelection::Of(layout, options.features);
   const Matrix features = selection.Apply(Take(states, rows));
   Whitening whitening = Whitening::FromData(features);
   const Matrix inputs = whitening.Apply(features);

@@ -16,17 +16,12 @@ namespace {
 constexpr std::string_view kMlpPolicyKind = "mlp-policy";
 constexpr int kMlpPolicyVersion = 1;
 
-core::FeatureSelection Select(const core::StateLayout& layout, std::string_view features) {
-  return features.empty() ? core::FeatureSelection::All(layout.state_dim())
-                          : core::FeatureSelection(layout, features);
-}
-
 }  // namespace
 
 MlpPolicy::MlpPolicy(core::StateLayout layout, std::string_view features, Whitening whitening,
                      Mlp mlp, Eigen::VectorXd control_limit)
     : layout_(std::move(layout)),
-      selection_(Select(layout_, features)),
+      selection_(core::FeatureSelection::Of(layout_, features)),
       whitening_(std::move(whitening)),
       mlp_(std::move(mlp)),
       control_limit_(std::move(control_limit)) {

@@ -6,6 +6,7 @@
 #include "dfr/control/response/response_estimate.h"
 #include "dfr/core/features/absolute_actions.h"
 #include "dfr/core/numerics/linear_algebra.h"
+#include "dfr/core/numerics/quantile.h"
 #include "dfr/core/text/format.h"
 #include "dfr/kernel/cover_radius.h"
 #include "dfr/safety/constants.h"
@@ -380,10 +381,9 @@ std::vector<Clearance> Clearances(const GuardModel& model) {
     }
   }
   for (std::size_t b = 0; b < clearances.size(); ++b) {
-    const auto middle = lengths[b].begin() + std::ssize(lengths[b]) / 2;
-    std::nth_element(lengths[b].begin(), middle, lengths[b].end());
-    clearances[b].median = *middle;
+    clearances[b].median = core::Median(lengths[b]);
   }
   return clearances;
 }
+
 }  // namespace dfr::safety

@@ -260,6 +260,8 @@ class PsmClient {
   [[nodiscard]] bool Discovering() const noexcept;
   [[nodiscard]] bool FrameAgrees() const noexcept;
   [[nodiscard]] bool BaseMoved() const noexcept;
+  template <typename Goal>
+  [[nodiscard]] PsmStatus StartMove(const Goal& goal, double duration_s) noexcept;
   void Pair() noexcept;
   void HoldBecause(PsmStatus cause, PsmOutput& output) noexcept;
   [[nodiscard]] PsmStatus HomingHoldReason(const PsmInput& input, double dt) const noexcept;
