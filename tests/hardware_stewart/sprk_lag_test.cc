@@ -28,8 +28,8 @@ TEST(SprkLagTest, SolvesTheLagsEquation) {
       x.angles_rad += kStep / 0.2 * (command.angles_rad - x.angles_rad);
     }
     time_s += 0.15;
-    // The error of Euler's method is its step times the second derivative, which is at most 0.3 rad
-    // / tau^2.
+    // The error of Euler's method is at most tau / 2 times its step times the second derivative,
+    // which is at most 0.3 rad / tau^2.
     EXPECT_TRUE(test::AllClose(lag.At(time_s).translation_m, x.translation_m, 1e-5));
     EXPECT_TRUE(test::AllClose(lag.At(time_s).angles_rad, x.angles_rad, 1e-4));
   }

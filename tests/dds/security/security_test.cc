@@ -134,8 +134,7 @@ TEST_F(SecurityTest, OpenSslAgreesWithTheCertificates) {
                        files.certificate.string()));
 }
 
-// A picture larger than a message is divided, encrypted and reassembled. Takes 3 s: only this test
-// sends encrypted fragments.
+// A picture larger than a message is divided, encrypted and reassembled.
 TEST_F(SecurityTest, PicturesArriveWhole) {
   for (const bool shared_memory : {false, true}) {
     SCOPED_TRACE(shared_memory ? "shared memory" : "UDP");

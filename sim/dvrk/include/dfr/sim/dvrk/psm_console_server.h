@@ -76,8 +76,8 @@ class PsmConsoleServer {
   /// Publishes the console's messages and, if it changed, the operating state.
   void PublishEvents();
 
-  /// Waits until the subscribers have received all published messages about events: status, warning,
-  /// error and operating_state. Waits `timeout_s` at most for each of these topics.
+  /// Waits until the subscribers have received all published messages about events: status,
+  /// warning, error and operating_state. Waits `timeout_s` at most for each of these topics.
   /// @returns false if the time is up.
   bool WaitUntilReceived(double timeout_s) noexcept;
   /// Number of subscribers to status.
