@@ -127,7 +127,7 @@ class PusherSystemTest(ProgramTest):
                     self.assertEqual(start, rows["dfr"][0], "all begin in the same states")
         # A level that no gripper position reaches cannot be reached by a recovery without pushing.
         anywhere, gripper, best = (float(x) for x in re.search(
-            r"any state in (\d+) of 50.*?else unchanged, in (\d+);.*?: ([\d.]+) of", blocks[0], re.S).groups())
+            r"some state for (\d+) of 50.*?else unchanged, for (\d+);.*? is ([\d.]+) of", blocks[0], re.S).groups())
         self.assertTrue(0 <= gripper <= anywhere <= 50)
         self.assertLessEqual(reached["first", "finite-difference"], gripper + 5)
         self.assertLessEqual(rows_of_first["finite-difference"][-2], best + 0.05)

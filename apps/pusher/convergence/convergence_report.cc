@@ -116,8 +116,10 @@ void MeasureRecoveries(const ExperimentOptions& options, const experiment::Evalu
   show(MeasureConvergence(*runner, kRecoveries, seed), "the first of each episode");
   const GateReach reach = MeasureReach(*runner, kRecoveries, seed);
   std::printf(
-      "  g reaches the threshold in some state for %d of %d recoveries, and if only the gripper "
-      "moves for %d;\n  the largest g over gripper positions is %.3f of the threshold on average\n",
+      "  g reaches the threshold in some state for %d of %d recoveries, and at some position of "
+      "the "
+      "gripper,\n  all else unchanged, for %d; the largest g over these positions is %.3f of the "
+      "threshold on average\n",
       reach.any_state, reach.gates, reach.any_tip, reach.best_tip);
   show(MeasureEveryRecovery(*runner, kRecoveries, seed), "all of each episode");
 }

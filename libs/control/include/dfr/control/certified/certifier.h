@@ -71,8 +71,8 @@ class Certifier {
     double share = 1.0;  ///< Applied fraction of the chosen control.
     Mode mode = Mode::kPolicy;
     bool gets_on = true;  ///< True if the control aims at the next phase.
-    bool demonstrated =
-        false;  ///< True if a nominal control of demonstrations replaced the control.
+    /// True if a nominal control of demonstrations replaced the requested control.
+    bool demonstrated = false;
   };
   /// Changes `v` until it provably ends inside B_q(eta) of a nearby phase q. First raises `v` to
   /// the required level by AscendSupport(), then tries the nominal control of nearby
