@@ -180,7 +180,7 @@ class RobotFromNothingSystemTest : public testing::Test {
     Program program(folder_.path, "calibrate --config " + config_.string());
     ASSERT_EQ(program.Await({"type home"}), 0) << program.Shown();
     program.Type("home\n");
-    ASSERT_EQ(program.Await({"0 pictures, the tip touches in 0."}), 0) << program.Shown();
+    ASSERT_EQ(program.Await({"0 pictures; the tip touches the gauze in 0."}), 0) << program.Shown();
     program.Type("done\n");
     ASSERT_EQ(program.Await({"has to touch the gauze in 10 pictures"}), 0) << program.Shown();
     Surgeon surgeon(domain_);
@@ -201,7 +201,7 @@ class RobotFromNothingSystemTest : public testing::Test {
       }
       std::this_thread::sleep_for(milliseconds(200));
       program.Type(touches ? "t\n" : "\n");
-      const std::string next = std::to_string(taken + 1) + " pictures, the tip";
+      const std::string next = std::to_string(taken + 1) + " pictures; the tip";
       const int answer = program.Await({next, "no picture was taken"});
       ASSERT_GE(answer, 0) << program.Shown();
       if (answer == 0) {
