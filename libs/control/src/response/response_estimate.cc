@@ -67,7 +67,7 @@ ResponseEstimate::ResponseEstimate(std::shared_ptr<const TransitionStore> prior,
   a_online_ = Eigen::MatrixXd::Zero(rows, rows);
   b_online_ = core::Matrix::Zero(rows, n);
   center_ = error_ = effect_ = Eigen::VectorXd::Zero(n);
-  regressor_ = Eigen::VectorXd::Zero(rows);
+  regressor_ = leverage_ = Eigen::VectorXd::Zero(rows);
 }
 
 LocalFit ResponseEstimate::MakeFit() const {
@@ -112,7 +112,10 @@ void ResponseEstimate::Update(const LocalFit& fit, std::span<const double> z,
   effect_.setZero();
   fit.AddEffect(core::AsVector(v), duration, effect_);
   effect_ = core::AsVector(dz) - effect_;
-  const double error = std::min(error_.squaredNorm(), effect_.squaredNorm());
+  leverage_ = regressor_;
+  fit.factor_.triangularView<Eigen::Lower>().solveInPlace(leverage_);
+  const double error =
+      std::min(error_.squaredNorm(), effect_.squaredNorm() / (1.0 + leverage_.squaredNorm()));
   square_error_ = keep * square_error_ + std::min(error, last_error_);
   last_error_ = error;
   num_errors_ = keep * num_errors_ + 1.0;

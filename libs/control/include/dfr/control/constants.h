@@ -31,10 +31,10 @@ inline constexpr double kWeightFloor = 1e-6;
 
 /// ResponseEstimate: limit on the mean of the smaller of two consecutive squared errors, in units
 /// of the mean squared demonstrated change. Up to this limit, a different response may cause the
-/// errors: an ordinary control with twice its demonstrated effect has the error 1. Above it, the
-/// cause is sensor noise, and the ridge of J grows by kNoiseRidge times the excess. A single push
-/// or jump causes one large error and does not count.
-inline constexpr double kMostError = 1.0;
+/// errors: an ordinary control with 1.7 times its demonstrated effect has the error .5. Above it,
+/// the cause is sensor noise, and the ridge of J grows by kNoiseRidge times the excess. A single
+/// push or jump causes one large error and does not count.
+inline constexpr double kMostError = 0.5;
 inline constexpr double kNoiseRidge = 6.0;
 
 /// LocalFit::NominalControl(): ridge of the slopes per unit of weight. The control then does not

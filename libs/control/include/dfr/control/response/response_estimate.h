@@ -26,7 +26,9 @@ namespace dfr::control {
 ///
 /// If both predictions, D' w and the prediction of the fit, have large errors in consecutive steps,
 /// the cause is sensor noise. Such errors raise the ridge of J in A. Otherwise J would follow the
-/// noise for controls that demonstrations rarely contain.
+/// noise for controls that demonstrations rarely contain. The squared error of the fit is divided
+/// by 1 + w' A^-1 w, because its variance is that of the noise times this factor. Large errors of a
+/// response that few measurements determine are thus not mistaken for noise.
 ///
 /// With a disturbance model, w has one more entry, the duration s of the control. It separates the
 /// disturbance d from the response to controls. For demonstrations s = 0.
@@ -75,9 +77,10 @@ class ResponseEstimate {
   core::Matrix b_online_;   ///< E_on
   Eigen::VectorXd center_;  ///< z at which A_on and E_on are centred.
   Eigen::VectorXd regressor_;
-  Eigen::VectorXd error_;   ///< n
-  Eigen::VectorXd effect_;  ///< n
-  /// Squared error of the better prediction in the last step. Infinite before the first error of an
+  Eigen::VectorXd leverage_;  ///< L^-1 w with A = L L'.
+  Eigen::VectorXd error_;     ///< n
+  Eigen::VectorXd effect_;    ///< n
+  /// Smaller of the two squared errors in the last step. Infinite before the first error of an
   /// episode, which therefore counts.
   double last_error_ = std::numeric_limits<double>::infinity();
   double square_error_ = 0.0;  ///< Sum of the smaller of two consecutive errors, with forgetting.
