@@ -44,6 +44,8 @@ void ListenForInterrupts() {
   action.sa_flags = static_cast<int>(SA_RESETHAND);  // a second signal ends the program at once
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
+  sigaction(SIGHUP, &action, nullptr);
+  std::signal(SIGPIPE, SIG_IGN);  // messages must not end the program before a hold
 }
 
 void Say(const std::string& text) { std::cerr << core::Printable(text) << '\n'; }

@@ -1,6 +1,8 @@
 #include "dfr/runtime/keyboard.h"
 
+#include <fcntl.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <string>
 
@@ -38,6 +40,14 @@ TEST_F(KeyboardTest, InputTypedBeforeAQuestionIsDiscarded) {
   EXPECT_FALSE(keyboard_.Line());
   typed_.Type("now\n");
   EXPECT_EQ(keyboard_.Line(), "now");
+}
+
+TEST(EndlessKeyboardTest, EndlessInputCountsAsEnded) {
+  const int zeros = ::open("/dev/zero", O_RDONLY);
+  Keyboard keyboard(zeros);
+  keyboard.Discard();
+  EXPECT_TRUE(keyboard.ended());
+  ::close(zeros);
 }
 
 TEST_F(KeyboardTest, ALongLineIsTruncatedAndDoesNotShortenTheNext) {

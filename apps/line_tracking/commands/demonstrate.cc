@@ -118,8 +118,8 @@ void DemonstrateOnRobot(const DemonstrateOptions& options) {
       options.teleoperation
           ? "Enter once the tip is over the beginning, then lead it along by teleoperation"
           : "the arm follows the line by itself after Enter");
-  for (std::uint64_t i = 0; writer.num_episodes() < options.count &&
-                            terminal.prompt().AllowsEpisode(plant->loop(), kPrepare);
+  for (std::uint64_t i = 0;
+       writer.num_episodes() < options.count && MayBegin(*plant, /*simulated=*/false, terminal);
        ++i) {
     const std::uint64_t seed = core::DeriveSeed(options.seed, {i});
     if (const auto trajectory = RecordDemonstration(*plant, options, seed, printer)) {

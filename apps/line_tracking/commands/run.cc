@@ -33,24 +33,6 @@ struct Robot {
   }
 };
 
-// On a robot, an episode begins after the operator's confirmation. In simulation it begins after a
-// regular end of the previous episode. Returns false if no further episode may begin.
-bool MayBegin(RobotPlant& plant, bool simulated, Terminal& terminal) {
-  robot::OperatorPrompt& prompt = terminal.prompt();
-  const auto say = [&](std::string_view words) {
-    terminal.printer().Say("  %.*s\n", static_cast<int>(words.size()), words.data());
-  };
-  const auto confirms = [&](std::string_view question, std::string_view word) {
-    return prompt.Confirms(plant.loop(), question, word);
-  };
-  do {
-    if (!plant.AcceptsOthers(say, confirms)) return false;
-    if (simulated) return plant.loop().ended_regularly();
-    if (!prompt.AllowsEpisode(plant.loop(), kPrepare)) return false;
-  } while (!plant.KnowsOthers());  // a participant joined during the question
-  return true;
-}
-
 std::string CauseOf(const control::RolloutResult& result, const Robot& robot) {
   if (result.outcome == core::Outcome::kCollided) return control::Name(result.last_mode);
   if (result.outcome != core::Outcome::kHalted) return {};
@@ -193,7 +175,9 @@ void RunRun(const RunOptions& options) {
   std::filesystem::path log;
   if (!config.recordings.empty()) {
     log = RecordingName(config.recordings);
-    recorder.emplace(log, RunMetadata(config, options.seed));
+    const auto pixels = static_cast<std::size_t>(known.camera.width * known.camera.height);
+    recorder.emplace(log, RunMetadata(config, options.seed),
+                     recording::RecorderOptions{.picture_bytes = 3 * pixels});
   }
   Terminal terminal;
   runtime::AsyncPrinter& printer = terminal.printer();

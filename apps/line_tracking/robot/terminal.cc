@@ -14,6 +14,9 @@ static_assert(std::atomic<bool>::is_always_lock_free);
 constexpr const char* kWithoutStop =
     "WITHOUT AN EMERGENCY STOP: only the console and Ctrl-C here stop the arm";
 
+// The operator's task before an episode, see robot::OperatorPrompt::AllowsEpisode().
+constexpr const char* kPrepare = "Put the tip over the line's beginning";
+
 void Interrupt(int /*signal*/) { interrupted = true; }
 
 void Show(runtime::AsyncPrinter& printer, const runtime::Transition& t) noexcept {
@@ -29,6 +32,8 @@ void Show(runtime::AsyncPrinter& printer, const runtime::Transition& t) noexcept
 Terminal::Terminal() : prompt_(keyboard_, printer_, line_tracking::interrupted) {
   std::signal(SIGINT, Interrupt);
   std::signal(SIGTERM, Interrupt);
+  std::signal(SIGHUP, Interrupt);
+  std::signal(SIGPIPE, SIG_IGN);
   std::cout << std::flush;
 }
 
@@ -65,6 +70,22 @@ std::unique_ptr<RobotPlant> BringUpRobot(const RobotConfig& config,
         return terminal.prompt().Confirms(plant->loop(), question, word);
       });
   return plant;
+}
+
+bool MayBegin(RobotPlant& plant, bool simulated, Terminal& terminal) {
+  robot::OperatorPrompt& prompt = terminal.prompt();
+  const auto say = [&](std::string_view words) {
+    terminal.printer().Say("  %.*s\n", static_cast<int>(words.size()), words.data());
+  };
+  const auto confirms = [&](std::string_view question, std::string_view word) {
+    return prompt.Confirms(plant.loop(), question, word);
+  };
+  do {
+    if (!plant.AcceptsOthers(say, confirms)) return false;
+    if (simulated) return plant.loop().ended_regularly();
+    if (!prompt.AllowsEpisode(plant.loop(), kPrepare)) return false;
+  } while (!plant.KnowsOthers());  // a participant joined during the question
+  return true;
 }
 
 }  // namespace dfr::apps::line_tracking

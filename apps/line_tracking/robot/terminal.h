@@ -10,13 +10,11 @@
 
 namespace dfr::apps::line_tracking {
 
-/// The operator's task before an episode, see robot::OperatorPrompt::AllowsEpisode().
-inline constexpr const char* kPrepare = "Put the tip over the line's beginning";
-
 /// Terminal of a program that controls a robot: output, input, and Ctrl-C. One per process.
 class Terminal {
  public:
-  /// Makes SIGINT and SIGTERM set interrupted() instead of ending the process.
+  /// Makes SIGINT, SIGTERM and SIGHUP (a closed terminal) set interrupted() instead of ending the
+  /// process. A closed pipe at the output (SIGPIPE) does not end it either.
   Terminal();
 
   [[nodiscard]] runtime::AsyncPrinter& printer() noexcept { return printer_; }
@@ -35,5 +33,10 @@ class Terminal {
 [[nodiscard]] std::unique_ptr<RobotPlant> BringUpRobot(
     const RobotConfig& config, const line_task::LineCalibration& calibration,
     recording::Recorder* recorder, Terminal& terminal);
+
+/// On a robot, an episode begins after the operator's confirmation, which also covers participants
+/// that joined the network. In simulation it begins after a regular end of the previous episode.
+/// Returns false if no further episode may begin.
+[[nodiscard]] bool MayBegin(RobotPlant& plant, bool simulated, Terminal& terminal);
 
 }  // namespace dfr::apps::line_tracking

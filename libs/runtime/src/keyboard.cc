@@ -13,6 +13,8 @@ namespace dfr::runtime {
 namespace {
 
 constexpr std::size_t kLongest = 4096;
+// No person types so much before a question.
+constexpr std::size_t kMostDiscarded = 1 << 20;
 
 bool HasInput(int file, double timeout_s) noexcept {
   pollfd input{file, POLLIN, 0};
@@ -24,10 +26,12 @@ bool HasInput(int file, double timeout_s) noexcept {
 void Keyboard::Discard() noexcept {
   text_.clear();
   ::tcflush(file_, TCIFLUSH);  // complete and partial lines; no effect on a pipe
-  std::array<char, 256> dropped;
+  std::array<char, 4096> dropped;
+  std::size_t total = 0;
   while (!ended_ && HasInput(file_, 0.0)) {
     const ssize_t size = ::read(file_, dropped.data(), dropped.size());
-    ended_ = size == 0 || (size < 0 && errno != EINTR && errno != EAGAIN);
+    if (size > 0) total += static_cast<std::size_t>(size);
+    ended_ = size == 0 || (size < 0 && errno != EINTR && errno != EAGAIN) || total > kMostDiscarded;
   }
 }
 
