@@ -122,6 +122,32 @@ TEST(RotationsTest, AQuaternionOfAnySignIsMadeContinuous) {
   }
 }
 
+// Entries that jump to their negatives are a quaternion also if their length is not exactly 1.
+TEST(RotationsTest, AQuaternionThatIsNotNormalisedIsFoundByItsSigns) {
+  const auto scaled = [](std::vector<Trajectory> episodes, double length) {
+    for (Trajectory& episode : episodes) episode.states.rightCols(4) *= length;
+    return episodes;
+  };
+  const auto exact = Quaternions(1.2, true);
+  const StateMap map = MapOf(FindRotations(Layout(4), exact));
+  for (const double length : {0.93, 1.07}) {
+    const auto off = scaled(exact, length);
+    const Rotation found = FindOne(Layout(4), off);
+    EXPECT_EQ(found.kind, Kind::kQuaternion);
+    EXPECT_TRUE(found.continuous);
+    std::vector<double> a(6);
+    std::vector<double> b(6);
+    std::ranges::copy(Row(exact[1].states, 7), a.begin());
+    std::ranges::copy(Row(off[1].states, 7), b.begin());
+    map.Apply(a);
+    MapOfOne(found).Apply(b);
+    for (std::size_t i = 0; i < a.size(); ++i) EXPECT_NEAR(a[i], b[i], 1e-12);
+    // Without a change of sign the entries may as well be lengths.
+    EXPECT_THAT(FindRotations(Layout(4), scaled(Quaternions(1.2, false), length)), IsEmpty());
+  }
+  EXPECT_THAT(FindRotations(Layout(4), scaled(exact, 1.12)), IsEmpty());
+}
+
 TEST(RotationsTest, OrientationsTooFarApartAreNamedWithTheRemedy) {
   const Rotation found = FindOne(Layout(4), Quaternions(6.0, true));
   EXPECT_FALSE(found.continuous);
@@ -332,6 +358,28 @@ TEST(StateMapTest, FindsInvalidQuaternions) {
   EXPECT_EQ(map.FindInvalid(std::vector{9.0, 0.0, 0.0, 0.0, 0.0}), 1);
   EXPECT_EQ(map.FindInvalid(std::vector{9.0, 0.0, 1.12, 0.0, 0.0}), 1);
   EXPECT_EQ(map.least_state_dim(), 5);
+}
+
+// Every quaternion that FindInvalid() accepts is used with length 1.
+TEST(StateMapTest, NormalisesQuaternions) {
+  const StateMap map({{1, {1.0, 0.0, 0.0, 0.0}}}, {});
+  for (const double factor : {-1.09, -0.91, 0.91, 0.999, 1.001, 1.09}) {
+    std::vector<double> state = {9.0, 0.8 * factor, 0.6 * factor, 0.0, 0.0};
+    EXPECT_EQ(map.FindInvalid(state), -1);
+    EXPECT_NEAR(map.Value(state, 1), 0.8, 1e-15);
+    EXPECT_NEAR(map.Value(state, 2), 0.6, 1e-15);
+    EXPECT_NEAR(map.Slope(state, 2), 1.0 / factor, 1e-15);
+    map.Apply(state);
+    EXPECT_EQ(state[0], 9.0);
+    EXPECT_NEAR(state[1], 0.8, 1e-15);
+    EXPECT_NEAR(state[2], 0.6, 1e-15);
+    std::vector<double> again = state;
+    map.Apply(again);
+    EXPECT_EQ(again, state);
+  }
+  // Other lengths stay as they are, and far from all orientations.
+  EXPECT_EQ(map.Value(std::vector{9.0, 0.0, 2.0, 0.0, 0.0}, 2), 2.0);
+  EXPECT_EQ(map.Value(std::vector{9.0, 0.0, 0.0, 0.0, 0.0}, 2), 0.0);
 }
 
 TEST(StateMapTest, InvalidPartsAreNamed) {

@@ -148,6 +148,33 @@ TEST(ContinuousStatesTest, FilterGivesTheSameBitsForBothSignsAndAllocatesNothing
   }
 }
 
+// An orientation is judged in the same way at every norm that does not halt the guard.
+TEST(ContinuousStatesTest, ANormNearOneChangesNoJudgement) {
+  const auto model = QuaternionModel();
+  const auto fresh = Turning(Plain, 3, 1, 0.3)[0];
+  const std::vector<double> levels = model->Levels(fresh.states);
+  for (const double length : {0.91, 1.0 + 1e-4, 1.09}) {
+    core::Matrix scaled = fresh.states;
+    scaled.rightCols(4) *= length;
+    const std::vector<double> same = model->Levels(scaled);
+    for (std::size_t t = 0; t < levels.size(); ++t) ASSERT_NEAR(levels[t], same[t], 1e-9);
+    Guard exact(model);
+    Guard off(model);
+    exact.Reset(1);
+    off.Reset(1);
+    std::vector<double> safe(3);
+    std::vector<double> near(3);
+    for (int t = 0; t < fresh.num_steps(); ++t) {
+      const Verdict a =
+          exact.Filter(t, core::Row(fresh.states, t), core::Row(fresh.controls, t), safe);
+      const Verdict b = off.Filter(t, core::Row(scaled, t), core::Row(fresh.controls, t), near);
+      ASSERT_EQ(a.mode, b.mode) << t;
+      ASSERT_EQ(a.alarm, b.alarm) << t;
+      ASSERT_NEAR(a.level, b.level, 1e-9) << t;
+    }
+  }
+}
+
 TEST(ContinuousStatesTest, AQuaternionOfAnotherNormHaltsWithItsEntry) {
   const auto model = QuaternionModel();
   const auto fresh = Turning(Plain, 3, 1, 0.3)[0];

@@ -159,9 +159,9 @@ void RotationFinder::AddFour(const Matrix& states) {
   std::erase_if(fours_, [&](Four& four) {
     const auto rows = states.middleCols(four.first, 4);
     four.error = std::max(four.error, (rows.rowwise().norm().array() - 1.0).cwiseAbs().maxCoeff());
-    if (four.error > kTwoDigits) return true;
+    if (four.error > (four.whole ? StateMap::kMostLengthError : kTwoDigits)) return true;
     for (Eigen::Index t = 0; t < rows.rows(); ++t) {
-      const Eigen::Vector4d q = rows.row(t);
+      const Eigen::Vector4d q = rows.row(t).normalized();
       four.flips = four.flips || (t > 0 && four.seen.back().dot(q) < 0.0);
       four.one_hot = four.one_hot && IsOneHot(q);
       four.seen.push_back(q);
@@ -255,6 +255,7 @@ std::vector<Rotation> RotationFinder::Find() const {
     const int live = NumLive(four.seen);
     const bool both_signs = four.flips || HasBothSigns(four.seen, mean);
     const bool flag = !four.whole && live == 1;
+    if (four.error > kTwoDigits && !both_signs) continue;
     if (!four.whole && !both_signs && (four.error > kThreeDigits || !AllVary(four.seen))) continue;
     const bool near = std::all_of(four.seen.begin(), four.seen.end(), [&](const auto& q) {
       return std::abs(mean.dot(q)) >= kLeastAlong;

@@ -12,9 +12,7 @@ namespace dfr::core {
 namespace {
 
 constexpr int kSize = 4;
-// Largest error of a quaternion's length. Sensors and single precision cause smaller errors.
-constexpr double kMostOff = 0.1;
-// Largest error of the length of a normalised reference.
+// Largest error of the length of a normalised quaternion, also in single precision.
 constexpr double kRounding = 1e-6;
 constexpr int kMostEntries = 1 << 16;
 
@@ -29,8 +27,18 @@ std::span<const double> Of(std::span<const double> state, const StateMap::Quater
   return state.subspan(static_cast<std::size_t>(q.first), static_cast<std::size_t>(kSize));
 }
 
-double Sign(std::span<const double> state, const StateMap::Quaternion& q) noexcept {
-  return Dot(q.reference, Of(state, q)) < 0.0 ? -1.0 : 1.0;
+double LengthError(std::span<const double> entries) noexcept {
+  return std::sqrt(Dot(entries, entries)) - 1.0;
+}
+
+// Returns the factor that turns the quaternion to the hemisphere of the reference and normalises
+// it. Lengths that FindInvalid() rejects, and those that differ from 1 by rounding, stay unchanged.
+double Factor(std::span<const double> state, const StateMap::Quaternion& q) noexcept {
+  const std::span<const double> entries = Of(state, q);
+  const double sign = Dot(q.reference, entries) < 0.0 ? -1.0 : 1.0;
+  const double error = LengthError(entries);
+  const bool off = std::abs(error) > kRounding && std::abs(error) <= StateMap::kMostLengthError;
+  return off ? sign / (1.0 + error) : sign;
 }
 
 double Near(double value, const StateMap::Angle& angle) noexcept {
@@ -56,10 +64,10 @@ StateMap::StateMap(std::vector<Quaternion> quaternions, std::vector<Angle> angle
       circles_(std::move(circles)) {
   for (const Quaternion& q : quaternions_) {
     DFR_THROW_UNLESS(q.first >= 0, "a quaternion cannot begin at entry " << q.first);
-    const double length = std::sqrt(Dot(q.reference, q.reference));
+    const double error = LengthError(q.reference);
     DFR_THROW_UNLESS(
-        std::abs(length - 1.0) <= kRounding,
-        "a reference orientation must be a unit quaternion, not one of length " << length);
+        std::abs(error) <= kRounding,
+        "a reference orientation must be a unit quaternion, not one of length " << 1.0 + error);
   }
   for (const Angle& angle : angles_) {
     DFR_THROW_UNLESS(angle.entry >= 0, "an angle cannot be entry " << angle.entry);
@@ -148,15 +156,15 @@ double StateMap::Value(std::span<const double> state, int entry) const noexcept 
 
 double StateMap::Slope(std::span<const double> state, int entry) const noexcept {
   for (const Quaternion& q : quaternions_) {
-    if (entry >= q.first && entry < q.first + kSize) return Sign(state, q);
+    if (entry >= q.first && entry < q.first + kSize) return Factor(state, q);
   }
   return 1.0;
 }
 
 void StateMap::Apply(std::span<double> state) const noexcept {
   for (const Quaternion& q : quaternions_) {
-    const double sign = Sign(state, q);
-    for (int k = q.first; k < q.first + kSize; ++k) state[static_cast<std::size_t>(k)] *= sign;
+    const double factor = Factor(state, q);
+    for (int k = q.first; k < q.first + kSize; ++k) state[static_cast<std::size_t>(k)] *= factor;
   }
   for (const Angle& angle : angles_) {
     double& value = state[static_cast<std::size_t>(angle.entry)];
@@ -166,8 +174,7 @@ void StateMap::Apply(std::span<double> state) const noexcept {
 
 int StateMap::FindInvalid(std::span<const double> state) const noexcept {
   for (const Quaternion& q : quaternions_) {
-    const std::span<const double> entries = Of(state, q);
-    if (!(std::abs(std::sqrt(Dot(entries, entries)) - 1.0) <= kMostOff)) return q.first;
+    if (!(std::abs(LengthError(Of(state, q))) <= kMostLengthError)) return q.first;
   }
   return -1;
 }

@@ -9,14 +9,18 @@
 namespace dfr::core {
 
 /// Makes rotations in a state continuous. The unit quaternions q and -q are the same orientation;
-/// the map selects the one in the hemisphere of a reference. Values of an angle may differ by a
-/// whole number of periods; the map selects the one nearest to a centre. States of the same pose
-/// map to the same state (angles up to rounding), and a mapped state maps to itself. All other
-/// entries stay unchanged. For an angle with full revolutions, FeatureSelection uses two features.
+/// the map selects the one in the hemisphere of a reference, and normalises it if its length is
+/// within kMostLengthError of 1. Values of an angle may differ by a whole number of periods; the
+/// map selects the one nearest to a centre. States of the same pose map to the same state (angles
+/// and lengths up to rounding), and a mapped state maps to itself. All other entries stay
+/// unchanged. For an angle with full revolutions, FeatureSelection uses two features.
 ///
 /// Immutable. No call allocates or throws unless documented.
 class StateMap {
  public:
+  /// Largest error of a quaternion's length. Sensors cause smaller errors.
+  static constexpr double kMostLengthError = 0.1;
+
   struct Quaternion {
     int first = 0;  ///< The state's entries [first, first + 4).
     std::array<double, 4> reference = {};
@@ -61,12 +65,13 @@ class StateMap {
 
   /// Returns the mapped value of one entry.
   [[nodiscard]] double Value(std::span<const double> state, int entry) const noexcept;
-  /// Returns the derivative of Value() with respect to the entry: 1 or -1.
+  /// Returns the derivative of Value() with respect to the entry: 1 or -1, and for a quaternion
+  /// divided by its length. Motions of a quaternion do not change its length.
   [[nodiscard]] double Slope(std::span<const double> state, int entry) const noexcept;
   /// Maps a state in place.
   void Apply(std::span<double> state) const noexcept;
-  /// Returns the first entry of a quaternion whose length differs from 1 by more than 10 %; -1 if
-  /// there is none.
+  /// Returns the first entry of a quaternion whose length differs from 1 by more than
+  /// kMostLengthError; -1 if there is none.
   [[nodiscard]] int FindInvalid(std::span<const double> state) const noexcept;
 
  private:
