@@ -167,6 +167,20 @@ TEST(PowerTest, IsConnorsFormula) {
   EXPECT_THROW((void)EpisodesForDifference(0.6, 0.5), std::invalid_argument);
 }
 
+TEST(PowerTest, NumbersThatMeanNothingAreRefused) {
+  for (const double wrong : {-0.5, 0.0, 1.0, 1.5, std::nan("")}) {
+    EXPECT_THROW((void)WilsonInterval(1, 4, wrong), std::invalid_argument);
+    EXPECT_THROW((void)RateRatioInterval(1, 4, wrong), std::invalid_argument);
+    EXPECT_THROW((void)EpisodesForDifference(0.05, 0.15, 0.8, wrong), std::invalid_argument);
+    EXPECT_THROW((void)EpisodesForDifference(0.05, 0.15, wrong), std::invalid_argument);
+    EXPECT_THROW((void)EpisodesForBound(0.01, wrong), std::invalid_argument);
+    EXPECT_THROW((void)EpisodesForBound(wrong), std::invalid_argument);
+  }
+  // No int holds these numbers of episodes.
+  EXPECT_THROW((void)EpisodesForBound(1e-12), std::invalid_argument);
+  EXPECT_THROW((void)EpisodesForDifference(0.05, 0.05 + 1e-9), std::invalid_argument);
+}
+
 // The share of exact McNemar tests that find the difference is the power of the formula.
 TEST(PowerTest, McNemarsTestHasThePower) {
   const int episodes = EpisodesForDifference(0.05, 0.15);

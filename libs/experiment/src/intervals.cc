@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
+#include <limits>
 #include <map>
 #include <set>
 #include <vector>
@@ -16,12 +17,21 @@
 namespace dfr::experiment {
 namespace {
 
+void CheckConfidence(double confidence) {
+  DFR_THROW_UNLESS(confidence > 0.0 && confidence < 1.0,
+                   "confidence must lie in (0, 1), not " << confidence);
+}
+
 void Check(int successes, int trials, double confidence) {
   DFR_THROW_UNLESS(trials > 0, "an interval needs at least one trial, not " << trials);
   DFR_THROW_UNLESS(successes >= 0 && successes <= trials,
                    successes << " successes do not fit into " << trials << " trials");
-  DFR_THROW_UNLESS(confidence > 0.0 && confidence < 1.0,
-                   "confidence must lie in (0, 1), not " << confidence);
+  CheckConfidence(confidence);
+}
+
+int NumEpisodes(double least) {
+  DFR_THROW_UNLESS(least <= std::numeric_limits<int>::max(), "more than 2e9 episodes are needed");
+  return static_cast<int>(std::ceil(least));
 }
 
 // Returns the zero of an increasing function in [low, high], to the last bit.
@@ -190,6 +200,7 @@ Interval RateRatioInterval(double events, double reference_events, double confid
   DFR_THROW_UNLESS(
       events >= 0.0 && reference_events > 0.0,
       "a ratio of rates needs events of the reference: " << events << " to " << reference_events);
+  CheckConfidence(confidence);
   const Interval share = BetaInterval(events, events + reference_events, confidence);
   return {share.low / (1.0 - share.low), share.high / (1.0 - share.high)};
 }
@@ -201,17 +212,19 @@ int EpisodesForDifference(double only_first, double only_second, double power, d
                    "up to at most 1: "
                        << only_first << " and " << only_second);
   DFR_THROW_UNLESS(power > 0.5 && power < 1.0, "power must lie in (0.5, 1), not " << power);
+  CheckConfidence(confidence);
   const double sum = only_first + only_second;
   const double difference = only_first - only_second;
   // The one-sided quantile of `power` equals the two-sided quantile of 2 power - 1.
   const double root = NormalQuantile(confidence) * std::sqrt(sum) +
                       NormalQuantile(2.0 * power - 1.0) * std::sqrt(sum - difference * difference);
-  return static_cast<int>(std::ceil(root * root / (difference * difference)));
+  return NumEpisodes(root * root / (difference * difference));
 }
 
 int EpisodesForBound(double bound, double confidence) {
   DFR_THROW_UNLESS(bound > 0.0 && bound < 1.0, "a bound must lie in (0, 1), not " << bound);
-  return static_cast<int>(std::ceil(std::log(0.5 * (1.0 - confidence)) / std::log1p(-bound)));
+  CheckConfidence(confidence);
+  return NumEpisodes(std::log(0.5 * (1.0 - confidence)) / std::log1p(-bound));
 }
 
 double ClusteredMcNemar(std::span<const DiscordantPairs> clusters) {
@@ -273,8 +286,7 @@ Interval ExactReduction(std::span<const PairedCounts> units, const PairedCounts&
 }  // namespace
 
 std::optional<Interval> RatioInterval(std::span<const RatioPart> units, double confidence) {
-  DFR_THROW_UNLESS(confidence > 0.0 && confidence < 1.0,
-                   "confidence must lie in (0, 1), not " << confidence);
+  CheckConfidence(confidence);
   struct Stratum {
     int units = 0;
     double numerator = 0.0;

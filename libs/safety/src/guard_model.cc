@@ -16,6 +16,7 @@
 #include "dfr/kernel/model_selection.h"
 #include "dfr/safety/constants.h"
 #include "dfr/safety/guard_advice.h"
+#include "fit/check_demonstrations.h"
 #include "fit/choose_features.h"
 #include "fit/fit_task.h"
 #include "fit/left_out.h"
@@ -54,42 +55,20 @@ void Check(const GuardSettings& settings) {
                    "direction_error must be finite and not negative: " << settings.direction_error);
 }
 
-void Check(const core::StateLayout& layout, std::span<const core::Trajectory> demonstrations) {
-  DFR_THROW_UNLESS(demonstrations.size() >= 3,
-                   "a guard needs at least 3 demonstrations, not " << demonstrations.size());
-  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
-    const core::Trajectory& demonstration = demonstrations[d];
-    DFR_THROW_UNLESS(demonstration.states.cols() == layout.state_dim(),
-                     "demonstration " << d << " has states of " << demonstration.states.cols()
-                                      << " entries, but the layout has " << layout.state_dim());
-    DFR_THROW_UNLESS(demonstration.controls.rows() >= 1 &&
-                         demonstration.states.rows() == demonstration.controls.rows() + 1,
-                     "demonstration " << d << " has " << demonstration.states.rows()
-                                      << " states and " << demonstration.controls.rows()
-                                      << " actions; one state more than actions is needed. Append "
-                                         "the state after the last action, or drop that action");
-    DFR_THROW_UNLESS(demonstration.controls.cols() >= 1,
-                     "demonstration " << d << " has actions without entries");
-    DFR_THROW_UNLESS(demonstration.controls.cols() == demonstrations[0].controls.cols(),
-                     "demonstration " << d << " has actions of " << demonstration.controls.cols()
-                                      << " entries, but demonstration 0 has "
-                                      << demonstrations[0].controls.cols());
-    for (const auto& [what, rows] : {std::pair("state", &demonstration.states),
-                                     std::pair("action", &demonstration.controls)}) {
-      for (Eigen::Index t = 0; t < rows->rows(); ++t) {
-        DFR_THROW_UNLESS(rows->row(t).allFinite(), "demonstration "
-                                                       << d << " has a non-finite entry in " << what
-                                                       << ' ' << t);
-        Eigen::Index k = 0;
-        DFR_THROW_UNLESS(core::IsMeasurable(rows->row(t).cwiseAbs().maxCoeff(&k)),
-                         "demonstration " << d << " has " << (*rows)(t, k) << " as entry " << k
-                                          << " of " << what << ' ' << t << ", where +-"
-                                          << core::kLargestEntry
-                                          << " is the limit: correct it, or leave the "
-                                             "demonstration out");
-      }
-    }
-  }
+void Check(const GuardOptions& options) {
+  DFR_THROW_UNLESS(
+      options.horizon >= 0 && options.horizon <= GuardOptions::kLongestHorizon,
+      "horizon must lie in [0, " << GuardOptions::kLongestHorizon << "], not " << options.horizon);
+  DFR_THROW_UNLESS(options.folds >= 2, "folds must be at least 2, not " << options.folds);
+  CheckLimit(options.action_limit);
+  DFR_THROW_UNLESS(options.false_alarms > 0.0 && options.false_alarms < 1.0,
+                   "false_alarms must lie in (0, 1), not " << options.false_alarms);
+  DFR_THROW_UNLESS(options.confidence >= 0.0 && options.confidence < 1.0,
+                   "confidence must lie in [0, 1), not " << options.confidence);
+  DFR_THROW_UNLESS(options.hold_out >= 0.0 && options.hold_out <= 0.5,
+                   "hold_out must lie in [0, .5], not " << options.hold_out);
+  DFR_THROW_UNLESS(options.error_factor > 0.0 && std::isfinite(options.error_factor),
+                   "error_factor must be positive and finite, not " << options.error_factor);
 }
 
 // Wilcoxon's signed-rank test by its normal approximation: the probability of differences at least
@@ -159,7 +138,8 @@ Strategy ParseStrategy(std::string_view name) {
 std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layout,
                                                   std::span<const core::Trajectory> demonstrations,
                                                   const GuardOptions& options) {
-  Check(layout, demonstrations);
+  internal::CheckDemonstrations(layout, demonstrations);
+  Check(options);
   const std::shared_ptr<GuardModel> model =
       reduction::StateReduction::Requests(options.features).empty()
           ? FitStates(layout, demonstrations, options, true)
@@ -171,17 +151,6 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
 std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layout,
                                                   std::span<const core::Trajectory> demonstrations,
                                                   const GuardOptions& options, bool may_narrow) {
-  DFR_THROW_UNLESS(
-      options.horizon >= 0 && options.horizon <= GuardOptions::kLongestHorizon,
-      "horizon must lie in [0, " << GuardOptions::kLongestHorizon << "], not " << options.horizon);
-  DFR_THROW_UNLESS(options.folds >= 2, "folds must be at least 2, not " << options.folds);
-  CheckLimit(options.action_limit);
-  DFR_THROW_UNLESS(options.false_alarms > 0.0 && options.false_alarms < 1.0,
-                   "false_alarms must lie in (0, 1), not " << options.false_alarms);
-  DFR_THROW_UNLESS(options.hold_out >= 0.0 && options.hold_out <= 0.5,
-                   "hold_out must lie in [0, .5], not " << options.hold_out);
-  DFR_THROW_UNLESS(options.error_factor > 0.0 && std::isfinite(options.error_factor),
-                   "error_factor must be positive and finite, not " << options.error_factor);
   const auto going_on = [&](std::string_view stage, double share) {
     return !options.progress || options.progress(stage, share);
   };
@@ -308,6 +277,12 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
         internal::Names(layout, moved) +
         ": moved by entries of an action that the guard passes and not by those that it steers. "
         "They are not in the support: the policy alone is responsible for them");
+  }
+  if (alarm.confidence < options.confidence) {
+    model->summary_.fit_warnings.push_back(core::Format(
+        "%zu demonstrations cannot keep false_alarms %g with confidence %g. The alarm level gives "
+        "%.3g on average over fits: use more demonstrations, or a lower confidence",
+        levels.worst.size(), options.false_alarms, options.confidence, alarm.false_alarms));
   }
   if (!going_on("done", 1.0)) return nullptr;
   return model;

@@ -22,7 +22,9 @@
 namespace dfr::safety {
 namespace {
 
+using testing::Contains;
 using testing::HasSubstr;
+using testing::Not;
 
 TEST(GuardModelTest, AlarmsOnFewUnseenDemonstrations) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 60),
@@ -233,6 +235,24 @@ TEST(GuardModelTest, FewDemonstrationsGiveAWeakerGuarantee) {
   EXPECT_TRUE(std::isfinite(model->settings().alarm_level));
 }
 
+// With m demonstrations, no probability below 1 - (1 - c)^(1/m) has the confidence c.
+TEST(GuardModelTest, AConfidenceThatCannotBeKeptIsAWarning) {
+  const auto demonstrations = test::CorridorDemonstrations(1, 10);
+  const auto fit = [&](double confidence) {
+    return GuardModel::Fit(test::CorridorLayout(), demonstrations,
+                           {.features = "tip", .false_alarms = 0.3, .confidence = confidence});
+  };
+  const auto warning = Contains(HasSubstr("10 demonstrations cannot keep false_alarms 0.3 with"));
+  for (const double confidence : {0.0, 0.5, 0.95}) {
+    const auto model = fit(confidence);
+    EXPECT_EQ(model->summary().confidence, confidence);
+    EXPECT_THAT(Warnings(*model), Not(warning));
+  }
+  const auto model = fit(0.98);
+  EXPECT_EQ(model->summary().confidence, 0.0);
+  EXPECT_THAT(Warnings(*model), warning);
+}
+
 TEST(GuardModelTest, ProgressCanStopAFit) {
   std::vector<double> shares;
   GuardOptions options{.features = "tip"};
@@ -274,6 +294,7 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
 
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   constexpr const char* kShare = "false_alarms must lie in (0, 1)";
+  constexpr const char* kConfidence = "confidence must lie in [0, 1)";
   constexpr const char* kHoldOut = "hold_out must lie in [0, .5]";
   constexpr const char* kFactor = "error_factor must be positive and finite";
   struct Refused {
@@ -288,6 +309,10 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
            {{.horizon = std::numeric_limits<int>::max()}, "horizon"},
            {{.false_alarms = 0.0}, kShare},
            {{.false_alarms = 1.0}, kShare},
+           {{.false_alarms = std::nan("")}, kShare},
+           {{.confidence = -0.1}, kConfidence},
+           {{.confidence = 1.0}, kConfidence},
+           {{.confidence = std::nan("")}, kConfidence},
            {{.folds = 1}, "folds"},
            {{.action_limit = {-1.0}}, "action_limit must be finite and not negative"},
            {{.hold_out = -0.01}, kHoldOut},
@@ -296,7 +321,11 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
            {{.error_factor = 0.0}, kFactor},
            {{.error_factor = kInfinity}, kFactor},
        }) {
-    EXPECT_THAT(fit(good, options), HasSubstr(message));
+    GuardOptions wrong = options;
+    int stages = 0;
+    wrong.progress = [&](std::string_view, double) { return ++stages > 0; };
+    EXPECT_THAT(fit(good, wrong), HasSubstr(message));
+    EXPECT_EQ(stages, 0) << "refused before the work begins";
   }
   EXPECT_EQ(fit(good, {.features = "tip", .hold_out = 0.4}), "nothing thrown");
   EXPECT_EQ(fit(good, {.features = "tip", .folds = 2}), "nothing thrown");

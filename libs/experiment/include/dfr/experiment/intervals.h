@@ -45,7 +45,8 @@ struct ClusterCount {
 /// Exact conditional interval for the ratio of two rates with the same exposure: `events` given
 /// events + reference_events is binomial, with odds equal to the ratio. Effective, non-integer
 /// counts are allowed.
-/// @throws std::invalid_argument unless events >= 0 and reference_events > 0.
+/// @throws std::invalid_argument unless events >= 0, reference_events > 0 and confidence lies in
+///   (0, 1).
 [[nodiscard]] Interval RateRatioInterval(double events, double reference_events,
                                          double confidence = 0.95);
 
@@ -53,13 +54,13 @@ struct ClusterCount {
 /// probability `power`, at the two-sided level 1 - confidence (Connor, Biometrics 1987).
 /// `only_first` and `only_second` are the fractions of start states at which exactly one of the two
 /// methods fails.
-/// @throws std::invalid_argument unless these fractions differ and add up to at most 1, and power
-///   lies in (0.5, 1).
+/// @throws std::invalid_argument unless these fractions differ and add up to at most 1, power lies
+///   in (0.5, 1) and confidence in (0, 1), or if the number exceeds an int.
 [[nodiscard]] int EpisodesForDifference(double only_first, double only_second, double power = 0.8,
                                         double confidence = 0.95);
 /// Returns the number of independent episodes without an event that shows, by
 /// ClopperPearsonInterval(), an event rate below `bound`. @throws std::invalid_argument unless
-/// bound lies in (0, 1).
+/// bound and confidence lie in (0, 1), or if the number exceeds an int.
 [[nodiscard]] int EpisodesForBound(double bound, double confidence = 0.95);
 
 /// Numbers of pairs in one cluster in which exactly one of two methods fails.
