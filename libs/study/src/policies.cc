@@ -8,6 +8,7 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
+#include "nearest_rows.h"
 
 namespace dfr::study {
 namespace {
@@ -179,17 +180,8 @@ void NearestNeighbourPolicy::Control(int t, std::span<const double> x,
   const int here = std::clamp(t, 0, steps - 1);
   const int first = begin_[static_cast<std::size_t>(std::max(0, here - kWindow))];
   const int last = begin_[static_cast<std::size_t>(std::min(steps, here + kWindow + 1))];
-  // The nearest neighbours found so far, in ascending order.
-  std::array<std::pair<double, int>, kNeighbours> nearest;
-  nearest.fill({std::numeric_limits<double>::infinity(), -1});
-  for (int row = first; row < last; ++row) {
-    const double distance = (points_.row(row).transpose() - core::AsVector(z)).squaredNorm();
-    if (!(distance < nearest.back().first)) continue;
-    nearest.back() = {distance, row};
-    for (std::size_t i = nearest.size() - 1; i > 0 && nearest[i] < nearest[i - 1]; --i) {
-      std::swap(nearest[i], nearest[i - 1]);
-    }
-  }
+  const auto nearest = internal::NearestRows<kNeighbours>(points_, first, last, z,
+                                                          [](Eigen::Index) { return true; });
   std::ranges::fill(u, 0.0);
   int count = 0;
   for (const auto& [distance, row] : nearest) {

@@ -12,6 +12,7 @@
 #include "dfr/core/numerics/linear_algebra.h"
 #include "dfr/core/numerics/quantile.h"
 #include "dfr/study/policies.h"
+#include "nearest_rows.h"
 
 namespace dfr::study {
 namespace {
@@ -124,17 +125,8 @@ class KnnDistance final : public Pooled {
   double Level(std::size_t t, std::span<const double> z, std::span<double> gradient,
                Eigen::Index without) const noexcept override {
     const core::Matrix& points = points_[t];
-    std::array<std::pair<double, Eigen::Index>, kNeighbours> nearest;
-    nearest.fill({std::numeric_limits<double>::infinity(), -1});
-    for (Eigen::Index row = 0; row < points.rows(); ++row) {
-      if (!Counts(row, without)) continue;
-      const double distance = (points.row(row).transpose() - core::AsVector(z)).squaredNorm();
-      if (distance >= nearest.back().first) continue;
-      nearest.back() = {distance, row};
-      for (std::size_t i = kNeighbours - 1; i > 0 && nearest[i] < nearest[i - 1]; --i) {
-        std::swap(nearest[i], nearest[i - 1]);
-      }
-    }
+    const auto nearest = internal::NearestRows<kNeighbours>(
+        points, 0, points.rows(), z, [&](Eigen::Index row) { return Counts(row, without); });
     const double scale = 1.0 / (static_cast<double>(kNeighbours) * q_[t]);
     double l = 1.0;
     for (const auto& [distance, row] : nearest) {
