@@ -12,7 +12,6 @@
 #include <map>
 #include <optional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "dfr/core/build_info.h"
@@ -106,16 +105,14 @@ inline void AddVersion(CLI::App& app) {
                        std::string(core::BuildVersion()) + " (" + core::BuildCommit() + ")");
 }
 
-/// Parses the arguments after core::CheckArguments() and core::DescribeEmptyEntry(). Returns the
+/// Parses the arguments after core::CheckArguments() and core::RefuseAmbiguous(). Returns the
 /// exit code if the program is done: EXIT_SUCCESS after --help and --version, 2 after a usage
 /// error, which is printed in one line.
 inline std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
   const std::vector<std::string> arguments(argv + 1, argv + argc);
   core::CheckArguments(app, arguments);
   try {
-    if (std::string empty = core::DescribeEmptyEntry(app, arguments); !empty.empty()) {
-      throw CLI::ValidationError(std::move(empty));
-    }
+    core::RefuseAmbiguous<CLI::ValidationError>(app, arguments);
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
     return app.exit(e) == EXIT_SUCCESS ? EXIT_SUCCESS : 2;

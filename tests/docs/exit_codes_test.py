@@ -88,6 +88,19 @@ class ExitCodesTest(unittest.TestCase):
                     self.assertEqual((done.returncode, done.stdout), (2, ""))
                     self.assertIn(f"'{call.split()[-1]}' is not a finite decimal number", done.stderr)
 
+    def test_two_names_of_one_option_are_a_usage_error(self):
+        for program, call, names in [
+            ("study", "stress --methods dfr --controllers lwr", "--methods and --controllers"),
+            ("study", "stress --controllers=dfr --methods=dfr", "--controllers and --methods"),
+            ("guard", "fit none -f tip --features tip", "-f and --features"),
+            ("line_tracking", "run --during --not-during", "--during and --not-during"),
+        ]:
+            for path in (path for path in PROGRAMS if path.name == program):
+                with self.subTest(program=program, call=call):
+                    done = self.run_program(path, *shlex.split(call))
+                    self.assertEqual((done.returncode, done.stdout), (2, ""))
+                    self.assertIn(f"{names} are one option: give one of them", done.stderr)
+
     def test_values_that_mean_nothing_are_usage_errors(self):
         for program, *calls in [
             ("study", "supervise --episodes 0", "prove --steps 0", "picture reach --count 0", "certificate --factor=0",

@@ -166,19 +166,17 @@ toml::table ReadToml(const std::filesystem::path& file) {
 // Sets the options of `command` that have no value yet to the values in a file. Runs as the
 // callback of --config, when the command line has been parsed but not yet processed.
 void ReadConfiguration(const std::filesystem::path& file, CLI::App& command) {
-  const auto place = [&](const toml::source_region& where) {
-    return file.string() + ":" + std::to_string(where.begin.line);
+  const auto place = [&](const toml::node& node) {
+    return file.string() + ":" + std::to_string(node.source().begin.line) + ": ";
   };
   const toml::table root = ReadToml(file);
   for (const auto& [key, node] : root) {
     const std::string name(key.str());
-    const auto commands =
-        command.get_parent()->get_subcommands([](const CLI::App*) { return true; });
-    const bool known =
-        std::ranges::any_of(commands, [&](const CLI::App* c) { return c->get_name() == name; });
-    if (!node.is_table() || !(known || name == "grid")) {
+    const auto named = command.get_parent()->get_subcommands(
+        [&](const CLI::App* other) { return other->get_name() == name; });
+    if (!node.is_table() || (named.empty() && name != "grid")) {
       throw std::runtime_error(
-          place(node.source()) + ": '" + name +
+          place(node) + "'" + name +
           "' is not the table of a command: write options in a table such as [" +
           command.get_name() + "]");
     }
@@ -187,12 +185,16 @@ void ReadConfiguration(const std::filesystem::path& file, CLI::App& command) {
   if (table == nullptr) {
     throw std::runtime_error(file.string() + ": has no table [" + command.get_name() + "]");
   }
+  std::map<const CLI::Option*, std::string> read;
   for (const auto& [key, node] : *table->as_table()) {
     const std::string name(key.str());
     CLI::Option* const option = command.get_option_no_throw("--" + name);
     if (option == nullptr || name == "help" || name == "config") {
-      throw std::runtime_error(place(node.source()) + ": " + command.get_name() +
-                               " has no option '" + name + "'; --help lists the options");
+      throw std::runtime_error(place(node) + command.get_name() + " has no option '" + name +
+                               "'; --help lists the options");
+    }
+    if (const auto [first, added] = read.try_emplace(option, name); !added) {
+      throw std::runtime_error(place(node) + first->second + " and " + name + " are one option");
     }
     if (option->count() > 0) continue;
     const auto add = [&](const toml::node& value) {
@@ -207,9 +209,9 @@ void ReadConfiguration(const std::filesystem::path& file, CLI::App& command) {
       }
       option->run_callback();
     } catch (const std::invalid_argument& e) {
-      throw std::runtime_error(place(node.source()) + ": '" + name + "' " + e.what());
+      throw std::runtime_error(place(node) + "'" + name + "' " + e.what());
     } catch (const CLI::ParseError& e) {
-      throw CLI::ParseError(place(node.source()) + ": " + e.what(), e.get_exit_code());
+      throw CLI::ParseError(place(node) + e.what(), e.get_exit_code());
     }
   }
 }
@@ -424,9 +426,7 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv,
     // CheckArguments() adds transforms that run before the transforms of KeepGivenValues(). Without
     // this call, run.toml would contain leading zeros.
     core::CheckArguments(app, arguments);
-    if (std::string empty = core::DescribeEmptyEntry(app, arguments); !empty.empty()) {
-      throw CLI::ValidationError(std::move(empty));
-    }
+    core::RefuseAmbiguous<CLI::ValidationError>(app, arguments);
     ParseArguments(app, arguments);
     if (added.merge->parsed()) {
       ParseArguments(app, Merge(added.folders, added.out));

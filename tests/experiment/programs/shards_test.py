@@ -77,6 +77,17 @@ class ShardsTest(unittest.TestCase):
             self.run_program("experiment", "--config", "one/run.toml", "--out", "one")  # refused if it were another run
             self.assertIn(says, (self.folder / "one/run.toml").read_text())
 
+    def test_two_names_of_one_option_are_refused_and_the_command_line_takes_precedence(self):
+        says = "--warm and --cold are one option: give one of them"
+        self.assertIn(says, self.run_program("experiment", "--warm", "--cold", "--out", "one", fails=True))
+        self.assertFalse((self.folder / "one").exists())
+        (self.folder / "c.toml").write_text("[experiment]\nseed = 3\ncold = true\n")
+        self.run_program("experiment", "--config", "c.toml", "--warm", "--out", "one")
+        self.assertIn("cold = false\n", (self.folder / "one/run.toml").read_text())
+        (self.folder / "c.toml").write_text("[experiment]\ncold = true\nwarm = true\n")
+        self.assertIn("c.toml:3: cold and warm are one option",
+                      self.run_program("experiment", "--config", "c.toml", fails=True))
+
     def test_an_episode_runs_again_beside_others(self):
         self.run_program("experiment", "--out", "run")
         name, outcome, controls = self.run_program("episodes", "run", "--method", "dfr", "--most", 1).splitlines()[0].split("  ")

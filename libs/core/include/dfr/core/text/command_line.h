@@ -6,11 +6,13 @@
 #include <exception>
 #include <filesystem>
 #include <initializer_list>
+#include <map>
 #include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 #include <system_error>
+#include <utility>
 #include <vector>
 
 #include "dfr/core/files/output_path.h"
@@ -99,6 +101,39 @@ std::string DescribeEmptyEntry(const App& program, std::span<const std::string> 
     }
   }
   return "";
+}
+
+/// Describes two names of one option in `arguments`, such as "-o" and "--out"; "" if there are
+/// none. CLI11 joins the values of a list that has two names, and ignores one of two flags. `App`
+/// has the interface of CLI::App (CLI11).
+template <typename App>
+std::string DescribeTwoNames(const App& program, std::span<const std::string> arguments) {
+  const App* command = &program;
+  std::map<const void*, std::string> given;
+  for (const std::string& argument : arguments) {
+    if (argument == "--") break;
+    if (!argument.starts_with('-')) {
+      for (const App* other : command->get_subcommands([](const App*) { return true; })) {
+        if (other->get_name() == argument) command = other;
+      }
+      continue;
+    }
+    const std::string name =
+        argument.substr(0, argument.starts_with("--") ? argument.find('=') : 2);
+    const auto* const option = command->get_option_no_throw(name);
+    if (option == nullptr) continue;
+    const std::string& first = given.try_emplace(option, name).first->second;
+    if (first != name) return first + " and " + name + " are one option: give one of them";
+  }
+  return "";
+}
+
+/// Throws an `Error` with the description of DescribeEmptyEntry() or DescribeTwoNames(), if any.
+template <typename Error, typename App>
+void RefuseAmbiguous(const App& program, std::span<const std::string> arguments) {
+  std::string fault = DescribeEmptyEntry(program, arguments);
+  if (fault.empty()) fault = DescribeTwoNames(program, arguments);
+  if (!fault.empty()) throw Error(std::move(fault));
 }
 
 /// Example calls of one command of a program, for AddExamples().
