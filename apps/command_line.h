@@ -50,10 +50,6 @@ inline CLI::Validator ShareIn(const std::string& interval) {
 /// Range of shares and probabilities between 0 and 1, which excludes both.
 inline const CLI::Validator kShare = ShareIn("(0, 1)");
 
-/// Ranges of the platform's motions: amplitudes [m; rad] and frequencies [Hz; rad/s].
-inline const CLI::Range kAmplitude(-1.0, 1.0);
-inline const CLI::Range kFrequency(0.0, 100.0);
-
 /// For CLI::Option::transform(): converts one of `words` to its enumerator. Help and errors list
 /// the words.
 template <typename T>

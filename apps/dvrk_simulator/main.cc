@@ -16,6 +16,7 @@
 
 #include "apps/command_line.h"
 #include "apps/network_options.h"
+#include "apps/platform_options.h"
 #include "dfr/runtime/periodic_timer.h"
 #include "dfr/sim/dvrk_scene/dvrk_scene_server.h"
 
@@ -23,7 +24,6 @@ namespace {
 
 using dfr::apps::OneOf;
 using dfr::kinematics::PsmGeneration;
-using dfr::sim::Wave;
 using Clock = std::chrono::steady_clock;
 
 volatile std::sig_atomic_t stopped = 0;
@@ -112,24 +112,7 @@ void AddScene(CLI::App& app, Options& options) {
                  "of\nline_tracking calibrate; by default the true camera and an uncorrected arm")
       ->group(group);
   auto& d = world.disturbance;
-  app.add_option("--wave", d.wave, "motion of the platform: none, sine, breath or random")
-      ->transform(OneOf<Wave>({{"none", Wave::kNone},
-                               {"sine", Wave::kSine},
-                               {"breath", Wave::kBreath},
-                               {"random", Wave::kRandom}}))
-      ->type_name("TEXT")
-      ->default_str(dfr::sim::Name(d.wave))
-      ->group(group);
-  app.add_option("--amplitude", d.amplitude,
-                 "amplitudes of x, y, z [m], roll, pitch, yaw [rad]; six numbers")
-      ->check(dfr::apps::kAmplitude)
-      ->delimiter(',')
-      ->group(group);
-  app.add_option("--frequency", d.frequency,
-                 "frequencies of these entries [Hz; breath: rad/s]; six numbers")
-      ->check(dfr::apps::kFrequency)
-      ->delimiter(',')
-      ->group(group);
+  dfr::apps::AddWave(app, d, group);
   app.add_flag("--during,!--not-during", d.during,
                "move the platform while the arm moves (default: yes)")
       ->group(group);

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "apps/command_line.h"
+#include "apps/platform_options.h"
 #include "commands/commands.h"
 #include "dfr/experiment/command_line.h"
 #include "dfr/safety/method.h"
@@ -40,23 +41,7 @@ void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed
       ->capture_default_str();
   if (!disturbed) return;
   sim::DisturbanceOptions& d = plant.disturbance;
-  command.add_option("--wave", d.wave, "motion of the platform: none, sine, breath or random")
-      ->transform(OneOf<sim::Wave>({{"none", sim::Wave::kNone},
-                                    {"sine", sim::Wave::kSine},
-                                    {"breath", sim::Wave::kBreath},
-                                    {"random", sim::Wave::kRandom}}))
-      ->type_name("TEXT")
-      ->default_str(sim::Name(d.wave));
-  command
-      .add_option("--amplitude", d.amplitude,
-                  "amplitudes of x, y, z [m], roll, pitch, yaw [rad]; six numbers")
-      ->check(kAmplitude)
-      ->delimiter(',');
-  command
-      .add_option("--frequency", d.frequency,
-                  "frequencies of these entries [Hz; breath: rad/s]; six numbers")
-      ->check(kFrequency)
-      ->delimiter(',');
+  AddWave(command, d);
   command.add_flag("--during,!--not-during", d.during,
                    "the platform moves during controls (default: yes)");
   command.add_flag("--between", d.between,
