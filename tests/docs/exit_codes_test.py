@@ -1,25 +1,67 @@
 #!/usr/bin/env python3
 """Programs exit with 0 after --help, and with 2 and one line after a usage error.
 
-usage: exit_codes_test.py PROGRAM ...
+usage: exit_codes_test.py SERVER PROGRAM ...       SERVER: the library of main_server.cc
 """
 
 import functools
+import os
 import pathlib
 import re
 import shlex
 import subprocess
 import sys
+import tempfile
 import unittest
 
-PROGRAMS = [pathlib.Path(name) for name in sys.argv[1:]]
+SERVER = pathlib.Path(sys.argv[1])
+PROGRAMS = [pathlib.Path(name) for name in sys.argv[2:]]
+
+
+class Server:
+    """A program that is loaded once, whose main() runs in a new process for each call."""
+
+    def __init__(self, program):
+        self.process = subprocess.Popen([program], env={**os.environ, "LD_PRELOAD": str(SERVER)}, stdin=subprocess.PIPE,
+                                        stdout=subprocess.PIPE)
+        self.files = [tempfile.NamedTemporaryFile(mode="r") for _ in range(2)]
+
+    def run(self, *arguments):
+        words = [*(file.name for file in self.files), *arguments]
+        request = b"".join(os.fsencode(word) + b"\0" for word in words)
+        self.process.stdin.write(b"%d\n" % len(request) + request)
+        self.process.stdin.flush()
+        code = int(self.process.stdout.readline())
+        for file in self.files:
+            file.seek(0)
+        return subprocess.CompletedProcess(arguments, code, *(file.read() for file in self.files))
+
+    def close(self):
+        self.process.communicate()
+        for file in self.files:
+            file.close()
 
 
 class ExitCodesTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.servers = {program: Server(program) for program in PROGRAMS}
+        for server in cls.servers.values():
+            cls.addClassCleanup(server.close)
+
     @staticmethod
     @functools.cache
     def run_program(program, *arguments):
-        return subprocess.run([program, *arguments], text=True, capture_output=True, check=False, timeout=60)
+        return ExitCodesTest.servers[program].run(*arguments)
+
+    def test_a_served_program_differs_from_no_other(self):
+        for program in PROGRAMS:
+            for argument in ("--help", "--nonsense"):
+                with self.subTest(program=program.name, argument=argument):
+                    done = subprocess.run([program, argument], text=True, capture_output=True, check=False, timeout=60)
+                    served = self.run_program(program, argument)
+                    self.assertEqual((served.returncode, served.stdout, served.stderr),
+                                     (done.returncode, done.stdout, done.stderr))
 
     def test_help_succeeds(self):
         for program in PROGRAMS:
