@@ -228,6 +228,26 @@ void WriteVideo(const std::filesystem::path& path, std::span<const RolloutVideo>
   writer.Commit();
 }
 
+void CheckVideo(const std::filesystem::path& path, int width, int height,
+                const RolloutVideoRecorder::Draw& draw) {
+  std::vector<std::uint8_t> rgb(3 * static_cast<std::size_t>(width) *
+                                static_cast<std::size_t>(height));
+  draw(rgb);
+  VideoWriter::Check(path);
+}
+
+void CheckExperimentVideo(const experiment::ExperimentOptions& options,
+                          const std::function<void(const std::filesystem::path&)>& check) {
+  if (!options.video || options.shard != experiment::Shard() || !options.rerun.episode.empty()) {
+    return;
+  }
+  try {
+    check(options.out / "rollouts.mp4");
+  } catch (const std::runtime_error& e) {
+    throw std::runtime_error(std::string(e.what()) + "; --no-video leaves the videos out");
+  }
+}
+
 void WriteStill(const std::filesystem::path& path, std::span<const RolloutVideo> videos,
                 std::size_t index) {
   CheckVideos(videos);

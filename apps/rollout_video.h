@@ -9,6 +9,7 @@
 
 #include "dfr/control/rollout.h"
 #include "dfr/core/decision_function.h"
+#include "dfr/experiment/experiment.h"
 
 namespace dfr::apps {
 
@@ -72,6 +73,16 @@ class RolloutVideoRecorder final : public control::RolloutObserver {
 /// of `path` chooses the format: .mp4 (H.264) or .webm (VP8).
 /// @throws std::runtime_error naming the file if it cannot be written or its ending is unknown.
 void WriteVideo(const std::filesystem::path& path, std::span<const RolloutVideo> videos);
+
+/// Draws one picture of width x height and encodes a test video beside `path`, which shows before
+/// the work whether WriteVideo() will succeed. @throws std::runtime_error naming the cause.
+void CheckVideo(const std::filesystem::path& path, int width, int height,
+                const RolloutVideoRecorder::Draw& draw);
+
+/// Calls `check(options.out / "rollouts.mp4")` if an experiment with these options ends with
+/// videos, and adds --no-video as a remedy to its error.
+void CheckExperimentVideo(const experiment::ExperimentOptions& options,
+                          const std::function<void(const std::filesystem::path&)>& check);
 
 /// Writes picture `index` of each video, or the last picture of a shorter video. The ending of
 /// `path` chooses PNG or JPEG.

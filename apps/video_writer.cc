@@ -41,14 +41,27 @@ void VideoWriter::Write(const cv::Mat& picture) {
   ++pictures_;
 }
 
+void VideoWriter::Check(const std::filesystem::path& path) {
+  // A pipe would keep the test video.
+  if (std::filesystem::exists(path) && !std::filesystem::is_regular_file(path)) return;
+  const cv::Size size(64, 64);
+  VideoWriter video(path, size, 10.0);
+  video.Write(cv::Mat::zeros(size, CV_8UC3));
+  video.Finish();
+}
+
 void VideoWriter::Commit() {
+  Finish();
+  file_.Commit();
+}
+
+void VideoWriter::Finish() {
   writer_.release();
   // OpenCV does not report that a picture could not be written. A pipe cannot be read again.
   if (std::filesystem::is_regular_file(file_.written()) &&
       CountPictures(file_.written()) < pictures_) {
     throw std::runtime_error(name_ + ": the video is incomplete; is the disk full?");
   }
-  file_.Commit();
 }
 
 void WritePicture(const std::filesystem::path& path, const cv::Mat& picture) {

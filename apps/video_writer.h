@@ -15,6 +15,8 @@ class VideoWriter {
  public:
   /// @throws std::runtime_error naming the file if it cannot be written or its ending is unknown.
   VideoWriter(const std::filesystem::path& path, cv::Size size, double frames_per_second);
+  /// Encodes a test video beside `path` and discards it. @throws as the constructor and Commit().
+  static void Check(const std::filesystem::path& path);
 
   /// Appends a picture, BGR.
   void Write(const cv::Mat& picture);
@@ -24,6 +26,8 @@ class VideoWriter {
   void Commit();
 
  private:
+  void Finish();
+
   std::string name_;
   cv::Size even_;
   int pictures_ = 0;  // number of pictures written

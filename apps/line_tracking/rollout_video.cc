@@ -78,6 +78,13 @@ void DrawBothViews(const LineTrackingPlant& plant, std::span<std::uint8_t> rgb) 
   view.copyTo(picture(cv::Rect(kWidth, 0, kWidth, kHeight)));
 }
 
+void CheckFilm(const std::filesystem::path& path, const sim::LineTrackingOptions& options) {
+  sim::LineTrackingPlant plant(options);
+  plant.Reset(0);
+  CheckVideo(path, kPictureWidth, kPictureHeight,
+             [&plant](std::span<std::uint8_t> rgb) { DrawBothViews(plant, rgb); });
+}
+
 RolloutVideo Record(LineTrialRunner& runner, int method, const std::string& title,
                     std::uint64_t start_seed, std::uint64_t controller_seed) {
   const LineTrackingPlant& plant = runner.plant();

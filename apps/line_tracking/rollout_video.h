@@ -23,6 +23,10 @@ inline constexpr int kPictureHeight = 480;
 /// kPictureHeight, RGB, rows from the top.
 void DrawBothViews(const sim::LineTrackingPlant& plant, std::span<std::uint8_t> rgb);
 
+/// Draws and encodes one picture, as Record() and RecordEpisode() do.
+/// @throws std::runtime_error naming the cause if it cannot.
+void CheckFilm(const std::filesystem::path& path, const sim::LineTrackingOptions& options);
+
 /// Runs one episode and records the pictures that RecordEpisode() writes.
 [[nodiscard]] RolloutVideo Record(LineTrialRunner& runner, int method, const std::string& title,
                                   std::uint64_t start_seed, std::uint64_t controller_seed);

@@ -92,11 +92,11 @@ void RunDrift(const DriftOptions& options) {
                 .learner = options.learner});
   };
   const experiment::OutputFolder folder(options);
-  const auto found =
-      experiment::RunExperiment("drift", plan, make,
-                                {{"learner", options.learner},
-                                 {"supervisor's hash", experiment::HashOfFile(supervisor_file)}},
-                                options);
+  const auto found = experiment::RunExperiment(
+      "drift", plan, make,
+      {{"learner", options.learner},
+       {"supervisor's hash", experiment::HashOfFile(supervisor_file)}},
+      options, [](const auto&, const auto& film) { CheckFilm(film, {}); });
   if (!found) return;
   if (!options.out.empty()) {
     experiment::SaveReport(found->summary,

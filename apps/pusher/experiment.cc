@@ -332,8 +332,13 @@ void RunExperiment(const ExperimentOptions& options) {
     runner->JudgeIn(plan, unit);
     return runner;
   };
+  const auto check_film = [&](const std::filesystem::path& film) {
+    CheckFilm(film, options.plant);
+  };
+  CheckExperimentVideo(options, check_film);
   const std::optional<experiment::ExperimentResult> found =
-      experiment::RunExperiment("pusher", plan, make, settings, options);
+      experiment::RunExperiment("pusher", plan, make, settings, options,
+                                [&](const auto&, const auto& film) { check_film(film); });
   if (!found) return;
   const auto& [results, summary] = *found;
   experiment::PrintTable(summary, std::cout);

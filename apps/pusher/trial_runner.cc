@@ -21,6 +21,9 @@ constexpr std::uint64_t kOverlapStream = 4;
 
 constexpr int kOverlapSamples = 4000;
 
+constexpr int kFilmWidth = 480;
+constexpr int kFilmHeight = 360;
+
 imitation::GaussianPolicy WithNoise(const imitation::GaussianPolicy& supervisor, double factor) {
   const Eigen::VectorXd log_std = supervisor.log_std().array() + std::log(factor);
   return {supervisor.mean(), log_std};
@@ -130,8 +133,17 @@ bool PusherTrialRunner::Film(const std::vector<int>& methods, std::uint64_t star
   for (const int method : methods) {
     names.push_back(methods_.at(static_cast<std::size_t>(method)).name);
   }
-  WriteVideo(path, RecordRollouts(*this, names, start_seed, controller_seed, 480, 360));
+  WriteVideo(path,
+             RecordRollouts(*this, names, start_seed, controller_seed, kFilmWidth, kFilmHeight));
   return true;
+}
+
+void CheckFilm(const std::filesystem::path& path, const sim::PusherOptions& plant_options) {
+  sim::PusherPlant plant(plant_options);
+  plant.Reset(0);
+  sim::PusherRenderer renderer(plant, {.width = kFilmWidth, .height = kFilmHeight});
+  CheckVideo(path, kFilmWidth, kFilmHeight,
+             [&](std::span<std::uint8_t> rgb) { renderer.Draw(plant, rgb); });
 }
 
 TrialRunnerFactory::TrialRunnerFactory(const std::vector<imitation::GaussianPolicy>& supervisors,

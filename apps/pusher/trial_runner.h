@@ -25,6 +25,10 @@ namespace dfr::apps::pusher {
 [[nodiscard]] double SupportOverlap(const Model& model, const imitation::DemonstrationSet& set,
                                     sim::PusherPlant& plant, int samples, std::uint64_t seed);
 
+/// Draws and encodes one picture, as PusherTrialRunner::Film() does.
+/// @throws std::runtime_error naming the cause if it cannot.
+void CheckFilm(const std::filesystem::path& path, const sim::PusherOptions& plant_options);
+
 /// One unit of the experiment: a model, and a plant to run it on.
 class PusherTrialRunner final : public study::PlaceboRunner {
  public:

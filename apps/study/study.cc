@@ -13,6 +13,7 @@
 #include "dfr/control/controller.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
+#include "dfr/experiment/film.h"
 #include "dfr/experiment/ledger.h"
 #include "dfr/safety/guard.h"
 #include "dfr/study/placebo.h"
@@ -120,6 +121,14 @@ class Units {
     auto runner = std::make_unique<Runner>(PlaceOf(unit.learner), PreparedFor(unit), plan_.methods);
     runner->JudgeIn(plan_, unit);
     return runner;
+  }
+  void CheckFilm(const experiment::EvaluationUnit& unit, const std::filesystem::path& film) const {
+    const Place& place = PlaceOf(unit.learner);
+    if (!place.task->draw || film.extension() == ".html") return experiment::CheckPage(film);
+    const auto world = place.variant->make();
+    world->Reset(0);
+    const Drawing drawing = place.task->draw(*world);
+    apps::CheckVideo(film, drawing.width, drawing.height, drawing.draw);
   }
 
  private:
@@ -261,7 +270,10 @@ std::vector<Row> RunStudy(const Study& study) {
   const auto found = experiment::RunExperiment(
       NameOf(study.kind), plan,
       [&](const experiment::EvaluationUnit& unit) { return units.Make(unit); }, SettingsOf(study),
-      study);
+      study,
+      [&](const experiment::EvaluationUnit& unit, const std::filesystem::path& film) {
+        units.CheckFilm(unit, film);
+      });
   std::vector<Row> rows;
   if (!found) return rows;
   for (const std::string& learner : plan.learners) {

@@ -165,6 +165,32 @@ TEST(ExperimentTest, WritesALedgerAndASummaryAndResumes) {
   EXPECT_THROW(OutputFolder nowhere(options), std::runtime_error);
 }
 
+TEST(ExperimentTest, AFilmThatCannotBeWrittenFailsBeforeItsUnitIsLearned) {
+  ExperimentOptions options;
+  options.out = test::EmptyFolder("experiment_film");
+  const OutputFolder folder(options);
+  ASSERT_TRUE(RunExperiment("fake", test::FakePlan(), test::MakeFakeTrialRunner, {}, options));
+  options.rerun = {.episode = "0/60/8/dfr/3", .methods = {}, .film = options.out / "new/film.mp4"};
+  int learned = 0;
+  const auto make = [&](const EvaluationUnit& unit) {
+    ++learned;
+    return test::MakeFakeTrialRunner(unit);
+  };
+  const auto check = [&](const EvaluationUnit& unit, const std::filesystem::path& film) {
+    EXPECT_EQ(unit.demonstrations, 60);
+    EXPECT_TRUE(std::filesystem::is_directory(film.parent_path()));
+    throw std::runtime_error("no codec");
+  };
+  EXPECT_EQ(test::MessageOf<std::runtime_error>([&] {
+              static_cast<void>(RunExperiment("fake", test::FakePlan(), make, {}, options, check));
+            }),
+            "no codec");
+  EXPECT_EQ(learned, 0);
+  options.rerun.film.clear();
+  EXPECT_FALSE(RunExperiment("fake", test::FakePlan(), make, {}, options, check));
+  EXPECT_EQ(learned, 1);
+}
+
 TEST(ExperimentTest, AShardWritesOnlyItsLedger) {
   ExperimentOptions options;
   options.out = test::EmptyFolder("experiment_shard");

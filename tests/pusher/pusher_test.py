@@ -4,8 +4,10 @@ Takes 6 s. Only this test runs the commands in sequence, each on the files of th
 
 usage: pusher_test.py PROGRAM
 """
+import os
 import shutil
 import unittest
+import unittest.mock
 
 from pusher_program import SMALL, ProgramTest
 
@@ -37,6 +39,19 @@ class PusherTest(ProgramTest):
         self.assertIn(outcome.rstrip(":"), row)
         self.assertIn(f"after {controls} controls", row)
         self.assertEqual((self.folder / "episode.png").read_bytes()[:4], b"\x89PNG")
+
+    def test_a_video_that_cannot_be_made_fails_before_the_experiment(self):
+        small = [word for word in SMALL if word != "--no-video"]
+        name = self.run_pusher("episodes", "whole", "--most", 1).split("  ")[0]
+        for variables, says in [({"OPENCV_VIDEOIO_PRIORITY_FFMPEG": "0"}, "the video cannot be encoded"),
+                                ({"DFR_GL": "egl", "EGL_PLATFORM": "none", "__EGL_VENDOR_LIBRARY_FILENAMES": "none"}, "cannot draw")]:
+            with self.subTest(variables=variables), unittest.mock.patch.dict(os.environ, variables):
+                line = self.run_pusher("experiment", *small, "--out", "filmed", fails=True)
+                self.assertIn(says, line)
+                self.assertIn("--no-video leaves the videos out", line)
+                self.assertFalse((self.folder / "filmed/ledger.jsonl").exists())
+                self.assertIn(says, self.run_pusher("rerun", "whole", name, "--film", "film.mp4", fails=True))
+        self.assertFalse(list(self.folder.glob("**/*.mp4")))
 
     def test_an_interrupted_experiment_resumes_on_any_number_of_threads(self):
         ledger = (self.folder / "whole/ledger.jsonl").read_text().splitlines(keepends=True)

@@ -16,6 +16,8 @@
 #include "apps/study/tables.h"
 #include "dfr/core/text/format.h"
 #include "dfr/experiment/intervals.h"
+#include "tests/experiment/fake_trial_runner.h"
+#include "tests/support/message_of.h"
 
 namespace dfr::study {
 namespace {
@@ -252,6 +254,22 @@ TEST(RecordTest, EpisodesAreThoseOfTheStudy) {
     EXPECT_EQ(failed, row.collided);
     EXPECT_EQ(controls, row.controls);
   }
+}
+
+TEST(RerunTest, AFilmOfATaskWithoutPicturesIsRefusedBeforeAnEpisodeRuns) {
+  Study study = SmallGuards();
+  study.tasks = {"reach"};
+  study.policies = {"good"};
+  study.controllers = {"monitor"};
+  study.out = test::EmptyFolder("rerun_film");
+  static_cast<void>(RunStudy(study));
+  study.rerun = {.episode = "0/12/reach: as demonstrated/monitor@good/0",
+                 .methods = {},
+                 .film = study.out / "film.mp4"};
+  testing::internal::CaptureStdout();
+  EXPECT_THAT(test::MessageOf<std::runtime_error>([&] { static_cast<void>(RunStudy(study)); }),
+              testing::HasSubstr("film.mp4: without pictures a film is a page"));
+  EXPECT_EQ(testing::internal::GetCapturedStdout(), "");
 }
 
 TEST(SavePictureTest, HasAPlotForTheDemonstrationsAndEachMethod) {

@@ -323,7 +323,13 @@ void RunExperiment(const ExperimentOptions& options) {
     return runner;
   };
   const std::map<std::string, std::string> settings = Settings(options);
-  const auto found = experiment::RunExperiment("line_tracking", plan, make, settings, options);
+  const auto check_film = [&](const std::filesystem::path& film) {
+    CheckFilm(film, options.plant);
+  };
+  CheckExperimentVideo(options, check_film);
+  const auto found =
+      experiment::RunExperiment("line_tracking", plan, make, settings, options,
+                                [&](const auto&, const auto& film) { check_film(film); });
   if (!found) return;
   const auto& [results, summary] = *found;
 

@@ -59,8 +59,8 @@ class StopOnSignals {
 };
 
 void RunAgain(const EvaluationPlan& plan, const MakeTrialRunner& make,
-              const std::map<std::string, std::string>& settings,
-              const ExperimentOptions& options) {
+              const std::map<std::string, std::string>& settings, const ExperimentOptions& options,
+              const CheckFilm& check_film) {
   const LedgerHeader now = {plan, settings, core::BuildCommit(), {}};
   const RecordedEpisode recorded = FindEpisode(options.out, options.rerun.episode, &now);
   std::vector<std::string> names = options.rerun.methods;
@@ -77,6 +77,9 @@ void RunAgain(const EvaluationPlan& plan, const MakeTrialRunner& make,
     }
     methods.push_back(static_cast<int>(found - plan.methods.begin()));
   }
+  const std::filesystem::path& film = options.rerun.film;
+  if (film.has_parent_path()) std::filesystem::create_directories(film.parent_path());
+  if (!film.empty() && check_film) check_film(recorded.id.unit, film);
   const std::unique_ptr<TrialRunner> runner = make(recorded.id.unit);
   for (std::size_t i = 0; i < names.size(); ++i) {
     EpisodeResult result = runner->Run(methods[i], recorded.start_seed, recorded.controller_seed);
@@ -90,9 +93,7 @@ void RunAgain(const EvaluationPlan& plan, const MakeTrialRunner& make,
                                " controls; something other than the settings changed the result");
     }
   }
-  const std::filesystem::path& film = options.rerun.film;
   if (film.empty()) return;
-  if (film.has_parent_path()) std::filesystem::create_directories(film.parent_path());
   if (!runner->Film(methods, recorded.start_seed, recorded.controller_seed, film)) {
     throw std::runtime_error("this program cannot draw episodes; leave out --film");
   }
@@ -136,9 +137,10 @@ OutputFolder& OutputFolder::operator=(OutputFolder&&) noexcept = default;
 std::optional<ExperimentResult> RunExperiment(const std::string& name, const EvaluationPlan& plan,
                                               const MakeTrialRunner& make,
                                               const std::map<std::string, std::string>& settings,
-                                              const ExperimentOptions& options) {
+                                              const ExperimentOptions& options,
+                                              const CheckFilm& check_film) {
   if (!options.rerun.episode.empty()) {
-    RunAgain(plan, make, settings, options);
+    RunAgain(plan, make, settings, options, check_film);
     return std::nullopt;
   }
   const auto save_configuration = [&] {

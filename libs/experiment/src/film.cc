@@ -91,13 +91,16 @@ std::string DescribeEnd(const EpisodeResult& result) {
          std::to_string(result.recovery_controls) + " of them recovery";
 }
 
+void CheckPage(const std::filesystem::path& path) {
+  if (path.extension() == ".html") return;
+  throw std::runtime_error(path.string() +
+                           ": without pictures a film is a page: choose a name that ends in .html");
+}
+
 void SaveFilm(const std::string& title, const core::StateLayout& layout,
               std::span<const FilmedEpisode> episodes, const std::filesystem::path& path,
               const std::string& entries, const std::vector<ReportMedia>& media) {
-  if (path.extension() != ".html") {
-    throw std::runtime_error(
-        path.string() + ": without pictures a film is a page: choose a name that ends in .html");
-  }
+  CheckPage(path);
   const int dim = layout.state_dim();
   const std::vector<std::string> names = NamesOf(layout);
   ReportOptions page{.title = title, .media = media};

@@ -66,6 +66,10 @@ class OutputFolder {
   std::unique_ptr<Lock> lock_;
 };
 
+/// Throws std::runtime_error if TrialRunner::Film() cannot write a film of the unit to the file.
+using CheckFilm =
+    std::function<void(const EvaluationUnit& unit, const std::filesystem::path& film)>;
+
 /// Runs the plan, or options.shard of it, with a progress bar and a ledger in options.out, for
 /// which an OutputFolder must exist. Writes there:
 /// - run.toml, from options.configuration;
@@ -74,11 +78,13 @@ class OutputFolder {
 ///
 /// With options.rerun, repeats that episode of the run in options.out with TrialRunner::Run() and
 /// Film(), and prints its outcome, which must match the ledger. Returns std::nullopt for a shard or
-/// a rerun. After SIGTERM or SIGUSR1 no new unit starts; the same signal again ends the process.
+/// a rerun. `check_film` runs before the unit of a film is learned. After SIGTERM or SIGUSR1 no new
+/// unit starts; the same signal again ends the process.
 /// @param settings  everything that determines the results, except the plan.
 /// @throws as Evaluate() and SaveSummary() do.
 [[nodiscard]] std::optional<ExperimentResult> RunExperiment(
     const std::string& name, const EvaluationPlan& plan, const MakeTrialRunner& make,
-    const std::map<std::string, std::string>& settings, const ExperimentOptions& options);
+    const std::map<std::string, std::string>& settings, const ExperimentOptions& options,
+    const CheckFilm& check_film = {});
 
 }  // namespace dfr::experiment

@@ -23,6 +23,9 @@ struct FilmedEpisode {
 /// Returns text such as "collided: policy after 17 controls, 4 of them recovery".
 [[nodiscard]] std::string DescribeEnd(const EpisodeResult& result);
 
+/// @throws std::runtime_error unless SaveFilm() accepts the ending of this file's name.
+void CheckPage(const std::filesystem::path& path);
+
 /// Writes a page about episodes from one start state: their paths in the plane of two state
 /// entries, side by side, and each state entry over the number of controls, one line per method.
 /// Needs no pictures and works for every plant.
