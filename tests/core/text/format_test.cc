@@ -24,12 +24,33 @@ TEST(FormatTest, CutsNothing) {
   EXPECT_EQ(Format("<%s>", text.c_str()), "<" + text + ">");
 }
 
-TEST(FormatTest, PrintableTextCannotControlATerminal) {
+TEST(FormatTest, PrintableTextIsUtf8AndCannotControlATerminal) {
   EXPECT_EQ(Printable("tip \x1b[2J\r\x7f \xc2\x9b"
                       "1m \xc3\xa9 \xe2\x82\xac\n"),
             "tip \\x1b[2J\\x0d\\x7f \\xc2\\x9b"
             "1m \xc3\xa9 \xe2\x82\xac\n");
-  EXPECT_EQ(Printable(std::string_view("\0\xc2", 2)), "\\x00\xc2");
+  EXPECT_EQ(Printable(std::string_view("\0\xc2", 2)), "\\x00\\xc2");
+  EXPECT_EQ(Printable("\xff\xe2\x82"
+                      "a\xc3\xa9"),
+            "\\xff\\xe2\\x82"
+            "a\xc3\xa9");
+}
+
+TEST(FormatTest, KnowsUtf8) {
+  // The first and the last character of each size, and the neighbours of the surrogates.
+  for (const char* text : {"", "a\x7f", "\xc2\x80\xdf\xbf", "\xe0\xa0\x80\xef\xbf\xbf",
+                           "\xed\x9f\xbf\xee\x80\x80", "\xf0\x90\x80\x80\xf4\x8f\xbf\xbf"}) {
+    EXPECT_TRUE(IsUtf8(text)) << Printable(text);
+  }
+  // Lone and missing bytes, longer forms, a surrogate, and a number beyond U+10FFFF.
+  for (const char* text :
+       {"a\x80", "\xff", "\xc3",
+        "\xc3"
+        "a",
+        "\xe2\x82", "\xf0\x9f\x98", "\xc1\xbf", "\xe0\x9f\xbf", "\xf0\x8f\xbf\xbf", "\xed\xa0\x80",
+        "\xf4\x90\x80\x80", "\xf5\x80\x80\x80"}) {
+    EXPECT_FALSE(IsUtf8(text)) << Printable(text);
+  }
 }
 
 TEST(FormatTest, TextIsMadePrintableInPlace) {

@@ -163,6 +163,9 @@ class ShardsTest(unittest.TestCase):
         text = self.run_program("status", "run")
         self.assertIn("11 of 20 units are finished", text)
         self.assertIn("stopped", text)
+        os.rename(self.folder / "run", os.fsencode(self.folder / "run") + b"\xff")
+        renamed = json.loads(self.run_program("status", os.fsdecode(b"run\xff"), "--json"))
+        self.assertEqual(renamed["ledgers"][0]["path"], "run\ufffd/shard-1/ledger.jsonl")
 
     def test_status_tells_runs_of_a_grid_apart(self):
         for gamma in (1, 5):

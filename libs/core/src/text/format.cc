@@ -39,15 +39,14 @@ std::string FormatList(const char* format, std::va_list arguments) {
 std::string Printable(std::string_view text) {
   std::string printable;
   while (!text.empty()) {
-    const std::size_t size = ControlSize(text);
-    if (size == 0 || text[0] == '\n') {
-      printable += text[0];
+    const std::size_t size = Utf8Size(text);
+    const std::string_view whole = text.substr(0, std::max<std::size_t>(size, 1));
+    if (size > 0 && (ControlSize(text) == 0 || text[0] == '\n')) {
+      printable += whole;
     } else {
-      for (const char c : text.substr(0, size)) {
-        printable += Format("\\x%02x", static_cast<unsigned char>(c));
-      }
+      for (const char c : whole) printable += Format("\\x%02x", static_cast<unsigned char>(c));
     }
-    text.remove_prefix(std::max<std::size_t>(size, 1));
+    text.remove_prefix(whole.size());
   }
   return printable;
 }
@@ -58,6 +57,32 @@ void MakePrintable(std::span<char> text, bool keeps_lines) noexcept {
     if (!(keeps_lines && text[0] == '\n')) std::ranges::fill(text.first(size), '?');
     text = text.subspan(std::max<std::size_t>(size, 1));
   }
+}
+
+std::size_t Utf8Size(std::string_view text) noexcept {
+  if (text.empty()) return 0;
+  const auto byte = [text](std::size_t k) { return static_cast<unsigned char>(text[k]); };
+  const unsigned char first = byte(0);
+  if (first < 0x80) return 1;
+  const std::size_t size = first < 0xC2 ? 0 : first < 0xE0 ? 2 : first < 0xF0 ? 3 : 4;
+  if (size == 0 || first > 0xF4 || text.size() < size) return 0;
+  // Excludes longer forms of shorter characters, surrogates, and numbers beyond U+10FFFF.
+  const unsigned char least = first == 0xE0 ? 0xA0 : first == 0xF0 ? 0x90 : 0x80;
+  const unsigned char most = first == 0xED ? 0x9F : first == 0xF4 ? 0x8F : 0xBF;
+  if (byte(1) < least || byte(1) > most) return 0;
+  for (std::size_t k = 2; k < size; ++k) {
+    if ((byte(k) & 0xC0U) != 0x80) return 0;
+  }
+  return size;
+}
+
+bool IsUtf8(std::string_view text) noexcept {
+  while (!text.empty()) {
+    const std::size_t size = Utf8Size(text);
+    if (size == 0) return false;
+    text.remove_prefix(size);
+  }
+  return true;
 }
 
 }  // namespace dfr::core

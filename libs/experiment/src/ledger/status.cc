@@ -240,7 +240,8 @@ std::string ToJson(const std::vector<Status>& statuses) {
     json = Json::array();
     for (const Status& status : statuses) json.push_back(JsonOf(status));
   }
-  return json.dump(1) + "\n";
+  // A folder's name can be any bytes.
+  return json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
 }  // namespace dfr::experiment

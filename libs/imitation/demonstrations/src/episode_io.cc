@@ -88,6 +88,7 @@ bool CollectKeys(const Hdf5Reader& file, const std::string& path, const std::str
   if (size < 1 || size > kMost)
     file.Fail(path, "has " + std::to_string(size) + " columns; 1 to " + std::to_string(kMost) +
                         " are supported");
+  if (!core::IsUtf8(name)) file.Fail(path, "has a name that is not UTF-8; rename it");
   const std::optional<std::int64_t> offset = file.IntegerAttribute(path, "offset");
   keys.push_back({offset.value_or(0), name, static_cast<int>(size)});
   return offset.has_value();
@@ -228,6 +229,8 @@ void CheckLayout(const core::StateLayout& layout, int control_dim) {
     DFR_THROW_UNLESS(
         !block.name.empty() && block.name.find('/') == std::string::npos,
         "state block '" << block.name << "' cannot name a dataset: rename it without '/'");
+    DFR_THROW_UNLESS(core::IsUtf8(block.name),
+                     "the name of the state block '" << block.name << "' is not UTF-8; rename it");
   }
 }
 

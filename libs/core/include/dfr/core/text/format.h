@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdarg>
+#include <cstddef>
 #include <span>
 #include <string>
 #include <string_view>
@@ -14,11 +15,17 @@ namespace dfr::core {
 [[nodiscard, gnu::format(printf, 1, 0)]] std::string FormatList(const char* format,
                                                                 std::va_list arguments);
 
-/// Returns `text`, which may quote a file, with the bytes that control terminals as "\xNN". Keeps
-/// line breaks.
+/// Returns `text`, which may quote a file, with bytes that control terminals or are not UTF-8 as
+/// "\xNN". Keeps line breaks.
 [[nodiscard]] std::string Printable(std::string_view text);
 /// Replaces each byte that controls terminals by "?", also line breaks unless `keeps_lines`.
 /// Neither allocates nor locks.
 void MakePrintable(std::span<char> text, bool keeps_lines = false) noexcept;
+
+/// Returns the number of bytes of the UTF-8 character at the beginning of `text`, 1 to 4; 0 if
+/// there is none.
+[[nodiscard]] std::size_t Utf8Size(std::string_view text) noexcept;
+/// Returns true if `text` is UTF-8 throughout.
+[[nodiscard]] bool IsUtf8(std::string_view text) noexcept;
 
 }  // namespace dfr::core
