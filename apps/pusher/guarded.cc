@@ -9,6 +9,7 @@
 #include "commands.h"
 #include "dfr/control/controller.h"
 #include "dfr/core/contract.h"
+#include "dfr/core/files/read_file.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/policy.h"
 #include "dfr/safety/guard.h"
@@ -22,6 +23,7 @@ class LinearPolicy final : public core::Policy {
  public:
   LinearPolicy(const std::filesystem::path& path, int state_dim, int control_dim)
       : gains_(control_dim, state_dim + 1) {
+    core::CheckPlainFile(path);
     std::ifstream in(path);
     if (!in) throw std::runtime_error(path.string() + ": cannot be opened");
     for (Eigen::Index i = 0; i < gains_.size(); ++i) in >> gains_.data()[i];

@@ -12,7 +12,6 @@
 #include <filesystem>
 #include <fstream>
 #include <memory>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -21,6 +20,7 @@
 #include "arrays.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/features/rotations.h"
+#include "dfr/core/files/read_file.h"
 #include "dfr/safety/guard_advice.h"
 #include "dfr/safety/guard_model.h"
 #include "dfr/safety/onnx_export.h"
@@ -72,14 +72,14 @@ class TemporaryFile {
 
 // Converts a guard to the content of its file; inverse of FromBytes().
 py::bytes ToBytes(const Guard& guard) {
-  std::ostringstream content;
+  std::string content;
   {
     const Unlocked unlocked;
     const TemporaryFile file;
     guard.model().Save(file.path());
-    content << std::ifstream(file.path(), std::ios::binary).rdbuf();
+    content = core::ReadFile(file.path());
   }
-  return py::bytes(content.str());
+  return py::bytes(content);
 }
 
 Guard FromBytes(const std::string& content) {
@@ -200,7 +200,9 @@ Guard Copy(const Guard& guard) { return Guard(guard.model().With(guard.model().s
 py::dict SummaryOf(const Guard& guard) {
   const safety::GuardSummary& summary = guard.model().summary();
   py::dict values;
-  values["source"] = summary.source;
+  // A file's name can be any bytes; Python decodes it as in its own lists of files.
+  values["source"] = py::reinterpret_steal<py::str>(PyUnicode_DecodeFSDefaultAndSize(
+      summary.source.data(), static_cast<Py_ssize_t>(summary.source.size())));
   values["version"] = summary.version;
   values["demonstrations"] = summary.demonstrations;
   values["transitions"] = summary.transitions;

@@ -170,6 +170,12 @@ TEST_F(LedgerTest, DamageAndForeignFilesAreRefused) {
   EXPECT_EQ(message(text + text.substr(second, third - second)), "nothing thrown");
 }
 
+// The first read of this file fails, as on a failing disk. A shorter ledger would lose results.
+TEST_F(LedgerTest, AnUnreadableLedgerIsNoEmptyLedger) {
+  EXPECT_THAT(test::MessageOf([] { (void)ReadLedger("/proc/self/mem"); }),
+              HasSubstr("cannot be read to its end"));
+}
+
 TEST_F(LedgerTest, AFolderThatDoesNotExistIsNamed) {
   EvaluationOptions options = Options();
   options.ledger = ledger.parent_path() / "missing" / "ledger.jsonl";

@@ -199,7 +199,7 @@ class GuardAppTest(GuardProgramTest):
             (["check", "."], ".: has neither data/main_data.hdf5 (Minari) nor meta/info.json (LeRobot)"),
             (["show", "cut.guard"], "cut.guard: is truncated or damaged"),
             (["show", "demos.hdf5"], "is not a file written by dfr"),
-            (["show", "/dev/zero"], "/dev/zero: is not a file written by dfr"),
+            (["show", "/dev/zero"], "/dev/zero: is a pipe or a device, not a file"),
             (["fit", "missing.hdf5", "-o", ""], "--out: '': names no file; add a name"),
             ([], "subcommand"),
         ]:

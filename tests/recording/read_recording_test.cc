@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <cstdint>
 #include <cstring>
@@ -220,6 +221,8 @@ TEST(ReadRecordingTest, OtherFilesAreRefusedByName) {
   std::string foreign = SmallFile(folder);
   foreign.replace(foreign.find("dfr"), 3, "cat");
   Save(folder / "foreign", foreign);
+  ASSERT_EQ(mkfifo((folder / "pipe").c_str(), 0600), 0);
+  EXPECT_THAT(complaint("pipe"), testing::HasSubstr("pipe: is a pipe or a device, not a file"));
   EXPECT_THAT(complaint("foreign"), testing::HasSubstr("it was written by 'cat'"));
 }
 

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "dfr/core/files/atomic_file.h"
+#include "dfr/core/files/read_file.h"
 #include "dfr/core/text/format.h"
 #include "dfr/core/text/numbers.h"
 
@@ -97,6 +98,7 @@ class Reader {
  public:
   explicit Reader(const std::filesystem::path& path) : file_(path.string()) {
     constexpr std::size_t kMost = 1 << 20;
+    core::CheckPlainFile(path);
     std::ifstream in(path, std::ios::binary);
     text_.resize(kMost + 1);
     if (!in) Fail(std::string("cannot be read: ") + std::strerror(errno));

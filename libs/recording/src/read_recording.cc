@@ -12,6 +12,7 @@
 #include "bytes.h"
 #include "channels.h"
 #include "crc32.h"
+#include "dfr/core/files/read_file.h"
 #include "mcap.h"
 
 namespace dfr::recording {
@@ -28,6 +29,7 @@ using internal::Op;
 class File {
  public:
   explicit File(const std::filesystem::path& path) : name_(path.string()) {
+    core::CheckPlainFile(path);
     // Reads specify size and position; a buffer would read the same bytes many times.
     in_.rdbuf()->pubsetbuf(nullptr, 0);
     in_.open(path, std::ios::binary | std::ios::ate);

@@ -128,7 +128,7 @@ TEST_F(ArchiveTest, ErrorsNameFileAndReason) {
 // /dev/zero has no end.
 TEST_F(ArchiveTest, OtherFilesAreNotReadToTheirEnd) {
   EXPECT_THAT(Error([] { ArchiveReader("/dev/zero", "sample", 2); }),
-              HasSubstr("/dev/zero: is not a file written by dfr"));
+              HasSubstr("/dev/zero: is a pipe or a device, not a file"));
 }
 
 // Bytes of a file in a message must not control the terminal or make the message too long.

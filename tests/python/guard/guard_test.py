@@ -113,6 +113,17 @@ class GuardTest(unittest.TestCase):
                 with self.assertRaisesRegex(RuntimeError, "task.guard"):
                     dfr.Guard.load(path)
 
+    def test_a_source_is_decoded_as_names_of_files_are(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "task.guard"
+            fit(source="demos_of_x.hdf5").save(path)
+            content = path.read_bytes()[:-8].replace(b"of_x", b"of_\xff")
+            checksum = 0xCBF29CE484222325  # FNV-1a
+            for byte in content:
+                checksum = (checksum ^ byte) * 0x100000001B3 % 2**64
+            path.write_bytes(content + checksum.to_bytes(8, "little"))
+            self.assertEqual(os.fsencode(dfr.Guard.load(path).summary["source"]), b"demos_of_\xff.hdf5")
+
     def test_errors_escape_bytes_that_are_not_utf8(self):
         with tempfile.TemporaryDirectory() as folder:
             path = os.fsencode(folder) + b"/\xff.guard"

@@ -5,11 +5,11 @@
 #include <cstring>
 #include <fstream>
 #include <limits>
-#include <sstream>
 #include <stdexcept>
 
 #include "dfr/core/contract.h"
 #include "dfr/core/files/atomic_file.h"
+#include "dfr/core/files/read_file.h"
 
 namespace dfr::core {
 namespace {
@@ -116,17 +116,16 @@ void ArchiveWriter::Save(const std::filesystem::path& path) const {
 
 ArchiveReader::ArchiveReader(const std::filesystem::path& path, std::string_view kind, int version)
     : file_(path.string()) {
+  CheckPlainFile(path);
   errno = 0;
   std::ifstream in(path, std::ios::binary);
   if (!in) Fail(std::string("cannot be opened: ") + std::strerror(errno));
-  // Reads the rest only of a file with the right magic, because a device may have no end.
-  std::string begin(kMagic.size(), '\0');
-  in.read(begin.data(), std::ssize(begin));
+  // Reads the rest only of a file with the right magic, because another file may be large.
+  bytes_.resize(kMagic.size());
+  in.read(bytes_.data(), std::ssize(bytes_));
   if (in.gcount() == 0) Fail("cannot be read, or is empty");
-  if (begin != kMagic) Fail("is not a file written by dfr");
-  std::ostringstream content;
-  content << begin << in.rdbuf();
-  bytes_ = std::move(content).str();
+  if (bytes_ != kMagic) Fail("is not a file written by dfr");
+  AppendRest(in, path, bytes_);
   const std::size_t header = kMagic.size() + 2 * sizeof(std::uint64_t);
   if (bytes_.size() < header + sizeof(std::uint64_t)) Fail("is truncated");
   const std::string_view all(bytes_);

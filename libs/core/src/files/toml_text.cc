@@ -4,11 +4,13 @@
 #include <array>
 #include <cstddef>
 #include <fstream>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <system_error>
 #include <utility>
+
+#include "dfr/core/files/read_file.h"
+#include "dfr/core/text/format.h"
 
 namespace dfr::core {
 namespace {
@@ -264,16 +266,8 @@ std::string CheckToml(const std::filesystem::path& file, std::string_view text) 
     if ((byte < 0x20 && byte != '\t' && byte != '\n' && byte != '\r') || byte == 0x7f) {
       fail(i, "there is the control character " + std::to_string(byte) + whole_file);
     }
-    const std::size_t length = byte < 0x80                   ? 1
-                               : byte >= 0xc2 && byte < 0xe0 ? 2
-                               : byte >= 0xe0 && byte < 0xf0 ? 3
-                               : byte >= 0xf0 && byte < 0xf5 ? 4
-                                                             : 0;
-    bool whole = length > 0 && length <= text.size() - i;
-    for (std::size_t k = 1; whole && k < length; ++k) {
-      whole = (static_cast<unsigned char>(text[i + k]) & 0xc0U) == 0x80;
-    }
-    if (!whole) fail(i, "there is a character that is not UTF-8" + whole_file);
+    const std::size_t length = Utf8Size(text.substr(i));
+    if (length == 0) fail(i, "there is a character that is not UTF-8" + whole_file);
     i += length;
   }
   if (const Fault fault = FindFault(text); fault.what != nullptr) fail(fault.at, fault.what);
@@ -291,9 +285,9 @@ std::string ReadTomlText(const std::filesystem::path& file) {
   }
   std::ifstream in(file, std::ios::binary);
   if (!in) throw std::runtime_error(file.string() + ": cannot be read");
-  std::ostringstream text;
-  text << in.rdbuf();
-  return std::move(text).str();
+  std::string text;
+  AppendRest(in, file, text);
+  return text;
 }
 
 }  // namespace dfr::core

@@ -10,8 +10,8 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/core/files/atomic_file.h"
+#include "dfr/core/files/read_file.h"
 #include "ledger/ledger_line.h"
-#include "text_file.h"
 
 namespace dfr::experiment {
 
@@ -24,7 +24,7 @@ using internal::NameOf;
 using internal::UnitLine;
 
 LedgerContents ReadLedger(const std::filesystem::path& path) {
-  const std::string text = internal::ReadFile(path);
+  const std::string text = core::ReadFile(path);
   LedgerContents contents;
   std::optional<internal::LedgerReader> reader;
   try {
@@ -124,7 +124,7 @@ void MergeLedgers(const std::vector<std::filesystem::path>& shards,
 }
 
 std::string HashOfFile(const std::filesystem::path& path) {
-  return internal::HashText(internal::ReadFile(path));
+  return internal::HashText(core::ReadFile(path));
 }
 
 std::string Exactly(double value) {

@@ -11,8 +11,8 @@
 #include <string_view>
 #include <system_error>
 
+#include "dfr/core/files/read_file.h"
 #include "ledger/ledger_line.h"
-#include "text_file.h"
 
 namespace dfr::experiment::internal {
 namespace {
@@ -74,7 +74,7 @@ LedgerWriter::LedgerWriter(const std::filesystem::path& path, const LedgerHeader
   const auto notice = [&](const std::string& text) {
     if (options.notice) options.notice(path.string() + ": " + text);
   };
-  const std::string text = ReadFile(path);
+  const std::string text = core::ReadFile(path);
   LedgerReader reader(header);
   std::string kept = header_line_;
   std::string dropped;

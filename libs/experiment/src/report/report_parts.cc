@@ -6,10 +6,10 @@
 #include <string>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/files/read_file.h"
 #include "dfr/core/text/format.h"
 #include "report/html.h"
 #include "report/svg_plot.h"
-#include "text_file.h"
 
 namespace dfr::experiment {
 namespace internal {
@@ -26,7 +26,8 @@ void AddMedia(const std::vector<ReportMedia>& all, std::ostream& out) {
     DFR_THROW_UNLESS(type != kTypes.end(),
                      media.path.string()
                          << ": a report embeds png, jpg, gif, webp, webm and mp4 files");
-    const std::string uri = "data:" + type->second + ";base64," + Base64(ReadFile(media.path));
+    const std::string uri =
+        "data:" + type->second + ";base64," + Base64(core::ReadFile(media.path));
     if (type->second.starts_with("video")) {
       out << "<figure><video controls loop muted playsinline src=\"" << uri << "\"></video>";
     } else {

@@ -13,10 +13,10 @@
 #include <utility>
 #include <vector>
 
+#include "dfr/core/files/read_file.h"
 #include "dfr/core/text/format.h"
 #include "lerobot_videos.h"
 #include "parquet/parquet_file.h"
-#include "plain_file.h"
 
 namespace dfr::imitation {
 namespace {
@@ -111,7 +111,7 @@ class LeRobotReader final : public DemonstrationReader {
  private:
   [[nodiscard]] json ReadInfo() {
     const std::filesystem::path file = InfoFile(folder_);
-    internal::CheckPlainFile(file);
+    core::CheckPlainFile(file);
     std::ifstream in(file);
     if (!in) Fail(file, "cannot be opened");
     json info = json::parse(in, nullptr, /*allow_exceptions=*/false);

@@ -10,9 +10,9 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/core/files/atomic_file.h"
+#include "dfr/core/files/read_file.h"
 #include "episode_io.h"
 #include "hdf5/hdf5_file.h"
-#include "plain_file.h"
 
 namespace dfr::imitation {
 namespace {
@@ -126,7 +126,7 @@ class MinariReader final : public internal::EpisodeReader {
 
   // Reads the environment's name. Files without metadata have none.
   void ReadMetadata(const std::filesystem::path& path) {
-    internal::CheckPlainFile(path);
+    core::CheckPlainFile(path);
     std::ifstream in(path);
     if (!in) return;
     const json metadata = json::parse(in, nullptr, /*allow_exceptions=*/false);

@@ -16,8 +16,8 @@
 #include <system_error>
 #include <utility>
 
+#include "dfr/core/files/read_file.h"
 #include "hdf5/hdf5_file.h"
-#include "plain_file.h"
 #include "socket_bytes.h"
 
 namespace dfr::imitation::internal {
@@ -227,7 +227,7 @@ class Hdf5Reader::Answer {
 };
 
 Hdf5Reader::Hdf5Reader(const std::filesystem::path& path) : name_(path.string()) {
-  CheckPlainFile(path);
+  core::CheckPlainFile(path);
   std::error_code error;
   file_size_ = std::filesystem::file_size(path, error);
   if (error == std::errc::no_such_file_or_directory) {

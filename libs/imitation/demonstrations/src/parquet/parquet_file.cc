@@ -5,9 +5,9 @@
 #include <stdexcept>
 #include <utility>
 
+#include "dfr/core/files/read_file.h"
 #include "parquet/parquet_format.h"
 #include "parquet/parquet_pages.h"
-#include "plain_file.h"
 
 namespace dfr::imitation::internal {
 
@@ -163,7 +163,7 @@ class FooterParser {
 };
 
 ParquetFile::ParquetFile(std::filesystem::path path)
-    : path_((internal::CheckPlainFile(path), std::move(path))),
+    : path_((core::CheckPlainFile(path), std::move(path))),
       in_(path_, std::ios::binary | std::ios::ate) {
   if (!in_) Fail("cannot be opened");
   size_ = static_cast<std::int64_t>(in_.tellg());
