@@ -201,6 +201,8 @@ class GuardAppTest(GuardProgramTest):
             (["show", "demos.hdf5"], "is not a file written by dfr"),
             (["show", "/dev/zero"], "/dev/zero: is a pipe or a device, not a file"),
             (["fit", "missing.hdf5", "-o", ""], "--out: '': names no file; add a name"),
+            (["convert", "missing.hdf5", ""], "OUT: '': names no folder; add a name"),
+            (["fit", "missing.hdf5", "--strict=0x10"], "--strict: '0x10' is neither true nor false"),
             ([], "subcommand"),
         ]:
             with self.subTest(arguments):

@@ -54,6 +54,8 @@ std::string UnwritableFile(const std::filesystem::path& path, bool makes_folders
   return "";
 }
 
-std::string UnwritableFolder(const std::filesystem::path& path) { return Unwritable(path, path); }
+std::string UnwritableFolder(const std::filesystem::path& path) {
+  return path.empty() ? "'': names no folder; add a name" : Unwritable(path, path);
+}
 
 }  // namespace dfr::core

@@ -37,10 +37,20 @@ inline std::string MustNotBeNegative(const std::string& text) {
   return *value >= 0.0 ? "" : "must not be negative: " + text;
 }
 
+/// Check of a flag's value, as in --flag=false. CLI11 alone also takes numbers: 2 as true, and -1
+/// and 0x10 as false.
+inline std::string MustBeTruth(const std::string& text) {
+  for (const char* word : {"true", "false", "on", "off", "yes", "no", "1", "0"}) {
+    if (text == word) return "";
+  }
+  return "'" + text + "' is neither true nor false";
+}
+
 /// Makes every numeric option of a program and its commands follow numbers.h: decimal numbers only.
 /// Rejects NaN, infinity, hexadecimal, overflow, and negative unsigned numbers. Numbers with
-/// leading zeros are decimal; CLI11 alone reads them as octal. Call this after all options are
-/// added. Options can have additional range checks. `App` has the interface of CLI::App (CLI11).
+/// leading zeros are decimal; CLI11 alone reads them as octal. Flags follow MustBeTruth(). Call
+/// this after all options are added. Options can have additional range checks. `App` has the
+/// interface of CLI::App (CLI11).
 template <typename App>
 void CheckNumbers(App& app) {
   const auto is_whole = []<std::integral T>(auto* option, const char* what, T) {
@@ -54,7 +64,9 @@ void CheckNumbers(App& app) {
   };
   for (auto* option : app.get_options()) {
     const std::string type = option->get_type_name();
-    if (type.starts_with("FLOAT")) {
+    if (option->get_items_expected_max() == 0) {
+      option->check(MustBeTruth);
+    } else if (type.starts_with("FLOAT")) {
       option->check(MustBeFinite);
     } else if (type.starts_with("UINT")) {
       is_whole(option, "a whole number of at least 0", std::uint64_t{});
@@ -161,12 +173,13 @@ void AddExamples(App& app, std::initializer_list<Example> examples) {
 
 /// Checks the path of `option` before the command begins: an unwritable path is a usage error.
 /// `unwritable` has the interface of UnwritableFolder(). Accepts an empty path if it is the
-/// default.
+/// default of an option that is not required.
 template <typename Option, typename Unwritable>
 Option* Writes(Option* option, Unwritable unwritable) {
   const auto check = [option, unwritable](const std::string& path) {
     const std::string by_default = option->get_default_str();
-    const bool may_be_empty = by_default.empty() || by_default == "\"\"";
+    const bool may_be_empty =
+        !option->get_required() && (by_default.empty() || by_default == "\"\"");
     return path.empty() && may_be_empty ? path : std::string(unwritable(path));
   };
   return option->check(check, "", "output");
