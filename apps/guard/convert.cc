@@ -17,7 +17,7 @@ namespace {
 
 // Converts one episode at a time, for files of any size.
 template <typename Writer>
-void Copy(const imitation::DemonstrationReader& reader,
+void Copy(const imitation::DemonstrationReader& reader, const std::filesystem::path& path,
           std::span<const core::AbsoluteAction> absolute, Writer& writer) {
   for (int i = 0; i < reader.num_episodes(); ++i) {
     core::Trajectory episode = reader.Read(i);
@@ -25,7 +25,7 @@ void Copy(const imitation::DemonstrationReader& reader,
     try {
       writer.Append(episode);
     } catch (const std::invalid_argument& e) {
-      throw std::runtime_error(reader.name(i) + ": " + e.what());
+      throw std::runtime_error(path.string() + ": " + reader.name(i) + ": " + e.what());
     }
   }
 }
@@ -100,10 +100,10 @@ void RunConvert(const ConvertOptions& options) {
     imitation::RobomimicWriter writer(options.out, reader->layout(), reader->control_dim(),
                                       reader->environment());
     if (reader->provenance() != core::Provenance()) writer.SetProvenance(reader->provenance());
-    Copy(*reader, absolute, writer);
+    Copy(*reader, options.demonstrations, absolute, writer);
   } else {
     imitation::MinariWriter writer = OpenMinariWriter(options, *reader);
-    Copy(*reader, absolute, writer);
+    Copy(*reader, options.demonstrations, absolute, writer);
   }
   Print("%s: %d episodes\n", options.out.c_str(), reader->num_episodes());
 }

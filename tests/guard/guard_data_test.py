@@ -8,6 +8,7 @@ usage: guard_data_test.py PROGRAM
 import json
 import os
 import pathlib
+import resource
 import shutil
 import subprocess
 import sys
@@ -95,6 +96,7 @@ class GuardDataTest(GuardProgramTest):
             (lambda file: file["data/demo_3"].attrs.create("num_samples", "many"), "num_samples is neither an integer nor a truth value"),
             (lambda file: file.__delitem__("data"), "holds no episode"),
             (lambda file: file["data/demo_3/obs"].create_dataset("tool", data=np.zeros((20, 2))), "data/demo_3/obs: has 'tool', which the first episode lacks"),
+            (lambda file: file["data/demo_3/obs"].create_dataset(b"t\xff", data=np.zeros((20, 2))), "t\\xff: has a name that is not UTF-8; rename it"),
             (widen, "data/demo_3/actions: has 3 columns in 'actions', but the first episode has 2"),
         ]:
             with self.subTest(message):
@@ -291,6 +293,18 @@ class GuardDataTest(GuardProgramTest):
             (self.folder / file).unlink(missing_ok=True)
             os.mkfifo(self.folder / file)
             self.assertIn(f"{file}: is a pipe or a device, not a file", self.run_guard("check", dataset, fails=True))
+
+    def test_a_full_disk_is_named_in_one_line(self):
+        def limit():
+            resource.setrlimit(resource.RLIMIT_FSIZE, (12 << 10, 12 << 10))
+
+        for command, out in (("convert", "full.hdf5"), ("convert", "corridor/full-v0"), ("check", "full.hdf5")):
+            with self.subTest(command=command, out=out):
+                arguments = ("demos.hdf5", "--repair", out) if command == "check" else ("demos.hdf5", out)
+                done = subprocess.run([PROGRAM, command, *arguments], cwd=self.folder, capture_output=True, text=True,
+                                      preexec_fn=limit, check=False)
+                self.assertEqual(done.returncode, 1)
+                self.assertRegex(done.stderr.splitlines()[0], rf"^guard: {out}.*: cannot be .*: File too large$")
 
     def test_a_filter_key_chooses_episodes(self):
         def mask(file):

@@ -2,9 +2,11 @@
 
 #include <hdf5.h>
 
+#include <cstddef>
 #include <cstdint>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <type_traits>
 
 namespace dfr::imitation::internal {
@@ -45,7 +47,8 @@ class Hdf5Handle {
   Close close_;
 };
 
-/// Returns the innermost entry of libhdf5's error stack, which is the actual cause.
+/// Returns the innermost entry of libhdf5's error stack, which is the actual cause; of a failed
+/// read or write, whose entry has several lines of addresses and sizes, the system's message.
 inline std::string LastHdf5Error() {
   std::string description;
   H5Ewalk2(
@@ -55,6 +58,11 @@ inline std::string LastHdf5Error() {
         return 0;
       },
       &description);
+  constexpr std::string_view kSystem = "error message = '";
+  if (const std::size_t at = description.find(kSystem); at != std::string::npos) {
+    const std::size_t begin = at + kSystem.size();
+    return description.substr(begin, description.find('\'', begin) - begin);
+  }
   return description.empty() ? "libhdf5 gives no reason" : description;
 }
 
