@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <limits>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "dfr/guard.h"
@@ -143,6 +144,29 @@ TEST_F(CGuardTest, DecisionEvaluatesEachState) {
   const std::int32_t negative[] = {0, 4, -1};
   EXPECT_EQ(dfr_guard_decision(guard_, 3, negative, states.data(), g), -1);
   EXPECT_THAT(dfr_guard_last_error(), HasSubstr("t[2] is negative"));
+}
+
+// The first error of a thread must not need memory either.
+TEST_F(CGuardTest, ErrorsOfArgumentsAllocateNothing) {
+  std::size_t allocations = 1;
+  std::string error;
+  std::thread([&] {
+    const std::int32_t negative = -1;
+    double g = 0.0;
+    {
+      const test::NoAlloc no_alloc;
+      dfr_guard_decision(nullptr, 1, nullptr, nullptr, nullptr);
+      dfr_guard_decision(guard_, 1, &negative, state_.data(), &g);
+      static_cast<void>(dfr_guard_load(nullptr));
+      allocations = no_alloc.count();
+    }
+    error = dfr_guard_last_error();
+  }).join();
+  EXPECT_EQ(allocations, 0U);
+  EXPECT_EQ(error, "dfr_guard_load: path is NULL");
+  const std::string longest(5000, 'x');
+  EXPECT_EQ(dfr_guard_load(longest.c_str()), nullptr);
+  EXPECT_EQ(std::string(dfr_guard_last_error()), longest.substr(0, 1023));
 }
 
 TEST(CGuardErrorsTest, NameTheFileOrTheArgument) {

@@ -1,11 +1,13 @@
 #include <algorithm>
+#include <array>
 #include <cstddef>
+#include <cstdio>
 #include <cstring>
 #include <exception>
 #include <limits>
 #include <optional>
 #include <span>
-#include <string>
+#include <string_view>
 
 #include "dfr/core/build_info.h"
 #include "dfr/guard.h"
@@ -17,7 +19,14 @@ struct dfr_guard {
 
 namespace {
 
-thread_local std::string last_error;
+// Of fixed size: a string would allocate, and the C library ends the process if it cannot register
+// the destructor of a thread's variable.
+thread_local std::array<char, 1024> last_error{};
+
+void SetError(std::string_view text) noexcept {
+  const std::size_t size = std::min(text.size(), last_error.size() - 1);
+  *std::copy_n(text.begin(), size, last_error.begin()) = '\0';
+}
 
 int32_t ModeOf(dfr::control::Mode mode) {
   using enum dfr::control::Mode;
@@ -51,14 +60,14 @@ extern "C" {
 dfr_guard* dfr_guard_load(const char* path) {
   try {
     if (path == nullptr) {
-      last_error = "dfr_guard_load: path is NULL";
+      SetError("dfr_guard_load: path is NULL");
       return nullptr;
     }
     return new dfr_guard{dfr::safety::Guard::Load(path)};
   } catch (const std::exception& e) {
-    last_error = e.what();
+    SetError(e.what());
   } catch (...) {
-    last_error = "dfr_guard_load: failed";
+    SetError("dfr_guard_load: failed");
   }
   return nullptr;
 }
@@ -118,16 +127,17 @@ int32_t dfr_guard_filter(dfr_guard* guard, int32_t t, const double* state, size_
 int32_t dfr_guard_decision(const dfr_guard* guard, size_t count, const int32_t* t,
                            const double* states, double* g) try {
   if (guard == nullptr || t == nullptr || states == nullptr || g == nullptr) {
-    const char* const name = guard == nullptr    ? "guard"
-                             : t == nullptr      ? "t"
-                             : states == nullptr ? "states"
-                                                 : "g";
-    last_error = std::string("dfr_guard_decision: ") + name + " is NULL";
+    SetError(guard == nullptr    ? "dfr_guard_decision: guard is NULL"
+             : t == nullptr      ? "dfr_guard_decision: t is NULL"
+             : states == nullptr ? "dfr_guard_decision: states is NULL"
+                                 : "dfr_guard_decision: g is NULL");
     return -1;
   }
   for (std::size_t i = 0; i < count; ++i) {
     if (t[i] >= 0) continue;
-    last_error = "dfr_guard_decision: t[" + std::to_string(i) + "] is negative";
+    std::array<char, 64> text{};
+    std::snprintf(text.data(), text.size(), "dfr_guard_decision: t[%zu] is negative", i);
+    SetError(text.data());
     return -1;
   }
   const auto dim = static_cast<std::size_t>(guard->guard.state_dim());
@@ -144,11 +154,11 @@ int32_t dfr_guard_decision(const dfr_guard* guard, size_t count, const int32_t* 
   }
   return 0;
 } catch (const std::exception&) {
-  last_error = "dfr_guard_decision: out of memory";
+  SetError("dfr_guard_decision: out of memory");
   return -1;
 }
 
-const char* dfr_guard_last_error(void) { return last_error.c_str(); }
+const char* dfr_guard_last_error(void) { return last_error.data(); }
 
 const char* dfr_guard_version(void) { return dfr::core::BuildVersion(); }
 
