@@ -132,13 +132,14 @@ TEST(ActionDirectionsTest, ABlockNeedNotExplainWhatOtherColumnsExplain) {
 
 TEST(ActionDirectionsTest, ExplainLeftOutDemonstrationsBetterThanSlowFeatures) {
   const Mixture mixture = MakeMixture(30, 7);
-  const auto row = [&](const std::vector<std::vector<int>>& by_actions) {
-    return ChooseComponents(mixture.demonstrations, {.candidates = {3}, .by_actions = by_actions})
-        .table.at(0);
+  const auto explained = [&](bool by_actions) {
+    return ChooseComponents(mixture.demonstrations,
+                            {.candidates = {3}, .blocks = kWhole, .by_actions = by_actions})
+        .table.at(0)
+        .explained;
   };
-  const ComponentsScore by_actions = row(kWhole);
-  EXPECT_GT(by_actions.explained, 0.8);
-  EXPECT_LT(row({}).explained, 0.5);
+  EXPECT_GT(explained(true), 0.8);
+  EXPECT_LT(explained(false), 0.5);
 }
 
 // Directions are fitted without the actions that they are judged by.

@@ -60,7 +60,9 @@ TEST(ChooseComponentsTest, ColumnsBesideAreKeptWithAnyNumberOfComponents) {
   const ComponentsScore nine = row({.candidates = {9}});
   for (const ChooseComponentsOptions& same :
        {ChooseComponentsOptions{.candidates = {4}, .beside = 5},
-        ChooseComponentsOptions{.candidates = {3}, .beside = 3, .scores_each = 2}}) {
+        // A shorter block has no third component.
+        ChooseComponentsOptions{
+            .candidates = {4}, .beside = 3, .blocks = {{3, 5, 7, 8, 9, 10}, {4, 6}}}}) {
     const ComponentsScore score = row(same);
     EXPECT_EQ(score.components, same.candidates[0]);
     EXPECT_EQ(score.explained, nine.explained);

@@ -79,8 +79,10 @@ ComponentsScore Score(int components, const std::vector<Sums>& each) {
 // Evaluates numbers of components. Holds the data that all evaluations share.
 class Judge {
  public:
-  Judge(std::span<const core::Trajectory> demonstrations, const ChooseComponentsOptions& options)
-      : demonstrations_(demonstrations), options_(options) {
+  // `sizes` lists the number of scores of each block.
+  Judge(std::span<const core::Trajectory> demonstrations, const ChooseComponentsOptions& options,
+        std::span<const Eigen::Index> sizes)
+      : demonstrations_(demonstrations), options_(options), sizes_(sizes) {
     std::vector<core::Matrix> first_scores;
     double square = 0.0;
     double moving = 0.0;
@@ -104,20 +106,13 @@ class Judge {
         core::FeatureSelection::All(static_cast<int>(first_scores[0].cols())), first_scores);
     for (core::Matrix& scores : first_scores) scores = whitening.Apply(scores);
     folds_ = core::StratifiedFolds(first_scores, folds);
-    for (std::size_t fold = 0; fold < folds_.size() && !options.by_actions.empty(); ++fold) {
+    for (std::size_t fold = 0; options.by_actions && fold < folds_.size(); ++fold) {
       std::vector<core::Trajectory> others;
       for (const std::size_t d : core::Others(folds_, fold, order_)) {
         others.push_back(demonstrations[d]);
       }
-      directions_.emplace_back(others, options.by_actions);
+      directions_.emplace_back(others, options.blocks);
     }
-  }
-
-  // Returns the number of columns that `components` components use.
-  [[nodiscard]] static Eigen::Index Columns(const ChooseComponentsOptions& options, int components,
-                                            Eigen::Index all) {
-    return std::min<Eigen::Index>(
-        all, options.beside + static_cast<Eigen::Index>(components) * options.scores_each);
   }
 
   [[nodiscard]] ComponentsScore operator()(int components) const {
@@ -134,14 +129,16 @@ class Judge {
   [[nodiscard]] core::Matrix Weights(std::size_t fold, int components) const {
     const Eigen::Index all = demonstrations_[0].states.cols();
     if (directions_.empty()) {
-      return core::Matrix::Identity(Columns(options_, components, all), all);
+      Eigen::Index columns = options_.beside;
+      for (const Eigen::Index size : sizes_) columns += std::min<Eigen::Index>(components, size);
+      return core::Matrix::Identity(columns, all);
     }
     core::Matrix weights = core::Matrix::Identity(options_.beside, all);
-    for (std::size_t block = 0; block < options_.by_actions.size(); ++block) {
+    for (std::size_t block = 0; block < options_.blocks.size(); ++block) {
       const core::Matrix own = directions_[fold].Weights(block, components);
       weights.conservativeResize(weights.rows() + own.rows(), Eigen::NoChange);
       weights.bottomRows(own.rows()).setZero();
-      weights.bottomRows(own.rows())(Eigen::all, options_.by_actions[block]) = own;
+      weights.bottomRows(own.rows())(Eigen::all, options_.blocks[block]) = own;
     }
     return weights;
   }
@@ -200,6 +197,7 @@ class Judge {
 
   std::span<const core::Trajectory> demonstrations_;
   const ChooseComponentsOptions& options_;
+  std::span<const Eigen::Index> sizes_;
   double unit_ = 1.0;
   std::size_t stride_ = 1;
   std::vector<std::size_t> order_;
@@ -230,12 +228,7 @@ void Check(std::span<const core::Trajectory> demonstrations,
   DFR_THROW_UNLESS(!options.candidates.empty() && options.candidates.front() >= 1 &&
                        std::ranges::is_sorted(options.candidates, std::ranges::less_equal{}),
                    "candidates must be positive and ascending");
-  DFR_THROW_UNLESS(options.beside >= 0 && options.scores_each >= 1,
-                   "beside must not be negative and scores_each at least 1, not "
-                       << options.beside << " and " << options.scores_each);
-  DFR_THROW_UNLESS(options.beside + options.candidates.front() <= p,
-                   "the smallest candidate is " << options.candidates.front() << ", but there are "
-                                                << p - options.beside << " scores");
+  DFR_THROW_UNLESS(options.beside >= 0, "beside must not be negative, not " << options.beside);
   DFR_THROW_UNLESS(options.least_inside >= 0.0 && options.least_inside <= 1.0,
                    "least_inside must lie in [0, 1], not " << options.least_inside);
 }
@@ -282,13 +275,17 @@ void Decide(const ChooseComponentsOptions& options, ComponentsChoice& choice) {
 ComponentsChoice ChooseComponents(std::span<const core::Trajectory> demonstrations,
                                   const ChooseComponentsOptions& options) {
   Check(demonstrations, options);
-  const Judge judge(demonstrations, options);
+  std::vector<Eigen::Index> sizes;
+  for (const std::vector<int>& block : options.blocks) sizes.push_back(std::ssize(block));
+  if (sizes.empty()) sizes.push_back(demonstrations[0].states.cols() - options.beside);
+  const Eigen::Index most = std::ranges::max(sizes);
+  DFR_THROW_UNLESS(options.candidates.front() <= most,
+                   "the smallest candidate is " << options.candidates.front() << ", but there are "
+                                                << most << " scores");
+  const Judge judge(demonstrations, options, sizes);
   ComponentsChoice choice;
   for (const int components : options.candidates) {
-    // The last component of unequal blocks has fewer than `scores_each` columns.
-    if (options.beside + (components - 1) * options.scores_each < demonstrations[0].states.cols()) {
-      choice.table.push_back(judge(components));
-    }
+    if (components <= most) choice.table.push_back(judge(components));
   }
   Decide(options, choice);
   return choice;

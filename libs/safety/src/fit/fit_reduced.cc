@@ -72,9 +72,9 @@ void Judge(std::span<const core::Trajectory> demonstrations, const GuardOptions&
   choose.folds = options.folds;
   choose.support = options.support;
   choose.least_inside = 0.0;  // Suffices() checks the guard with each number of components.
-  choose.scores_each = all.num_open();
+  choose.blocks = all.PositionsInOrder();
+  choose.by_actions = pool.by_actions;
   choose.beside = all.WithComponents(1).reduced_dim() - all.num_open();
-  if (pool.by_actions) choose.by_actions = all.PositionsInOrder();
   const int most = pool.by_actions ? std::min(fit::kMostByActions, all.most_components())
                                    : all.most_components();
   std::erase_if(choose.candidates, [&](int k) { return k > most; });

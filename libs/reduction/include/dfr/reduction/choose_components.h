@@ -29,11 +29,12 @@ struct ChooseComponentsOptions {
   std::vector<int> candidates = {2, 3, 4, 6, 8, 10, 12, 16, 20, 24, 32, 48};
   /// Number of leading state columns that are not scores. All candidates use them.
   int beside = 0;
-  /// Scores per component: the number of reduced blocks.
-  int scores_each = 1;
-  /// Columns of each reduced block. If not empty, the components of a block are
-  /// ActionDirections::Weights() of its scores, found without the left-out demonstrations.
-  std::vector<std::vector<int>> by_actions = {};
+  /// Columns of each reduced block, in StateReduction::InOrderOfComponents(). Empty: one block of
+  /// all scores.
+  std::vector<std::vector<int>> blocks = {};
+  /// The components of a block are ActionDirections::Weights() of its scores, found without the
+  /// left-out demonstrations, instead of its first scores.
+  bool by_actions = false;
   int folds = 5;
   double least_inside = 0.5;  ///< Smallest acceptable fraction of states inside.
   kernel::WhitenedSupportOptions support = {};
@@ -58,8 +59,8 @@ struct ComponentsChoice {
 /// 1984, Sec. 3.4.3). The choice is rejected if no candidate reaches least_inside, or if
 /// control::LocalFit::Guesses() is true for the best one. docs/decisions.md gives the reasons.
 /// @param demonstrations  scores as states (T + 1 x p), actions as controls (T x m). k components
-///   are the first beside + k scores_each columns, or all. A candidate is tried only if its last
-///   component has a column.
+///   are the first k scores of each block, or all of a shorter block. A candidate is tried only if
+///   a block has so many scores.
 /// @throws std::invalid_argument if there are fewer than four demonstrations, shapes do not match,
 ///   an entry is not finite, all actions are zero, no candidate fits into p, or an option is out
 ///   of range.
