@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <map>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -13,6 +14,7 @@
 #include "apps/study/study.h"
 #include "apps/study/tables.h"
 #include "apps/study/totals.h"
+#include "dfr/study/placebo_runner.h"
 #include "dfr/study/policies.h"
 #include "tests/support/message_of.h"
 
@@ -128,6 +130,60 @@ TEST(PlaceboTest, HasTheRateOfTheGuardInTheSameRun) {
   for (const Row& row : rows) {
     EXPECT_TRUE(RowIn(reversed, row.policy, row.controller) == row) << row.controller;
   }
+}
+
+// Counts its episodes, and halts at once.
+class Counted final : public control::Controller {
+ public:
+  explicit Counted(const core::Plant& plant, int& episodes)
+      : plant_(&plant), episodes_(&episodes) {}
+  [[nodiscard]] int state_dim() const noexcept override { return plant_->state_dim(); }
+  [[nodiscard]] int control_dim() const noexcept override { return plant_->control_dim(); }
+
+ private:
+  void DoReset(std::uint64_t /*seed*/) noexcept override { ++*episodes_; }
+  control::Step DoNext(std::span<const double> /*x*/, std::span<double> /*u*/) noexcept override {
+    return {.cause = control::HaltCause::kTimeUp};
+  }
+
+  const core::Plant* plant_;
+  int* episodes_;
+};
+
+class CountingRunner final : public PlaceboRunner {
+ public:
+  CountingRunner(const sim::GalleryTask& task, const FittedTask& fit,
+                 const std::vector<std::string>& methods, std::map<std::string, int>& episodes)
+      : PlaceboRunner(task.plant->Clone(), {}) {
+    AddAll(methods,
+           [&](const std::string& method) {
+             return std::make_unique<Counted>(*task.plant, episodes[method]);
+           },
+           fit, {});
+  }
+};
+
+// The measures of a method, such as its recoveries, do not depend on placebos.
+TEST(PlaceboTest, EachEpisodeOfTheGuardRunsOnce) {
+  const sim::GalleryTask& task = sim::FindGalleryTask("reach");
+  const auto demonstrations = sim::Demonstrate(task, 10, 1);
+  const FittedTask fit = FittedTask::Fit(task.plant->layout(), demonstrations, task.features);
+  experiment::EvaluationPlan plan;
+  plan.methods = {"baseline", "guard", "placebo-halts"};
+  plan.demonstrations = {10};
+  plan.learners = {"lwr"};
+  plan.trials = 1;
+  plan.episodes = 3;
+  std::map<std::string, int> episodes;
+  static_cast<void>(experiment::Evaluate(plan,
+                                         [&](const experiment::EvaluationUnit& unit) {
+                                           auto runner = std::make_unique<CountingRunner>(
+                                               task, fit, plan.methods, episodes);
+                                           runner->JudgeIn(plan, unit);
+                                           return runner;
+                                         },
+                                         {.threads = 1}));
+  EXPECT_EQ(episodes["guard"], plan.episodes);
 }
 
 TEST(PlaceboTest, AlsoRunsInAStudyOfControllers) {

@@ -20,6 +20,7 @@ void PlaceboRunner::AddAll(const std::vector<std::string>& methods, const Maker&
     if (IsPlacebo(method)) {
       const auto judged = std::ranges::find(methods, WithController(kJudged, method));
       compared.judged = static_cast<int>(judged - methods.begin());
+      judged_.insert(compared.judged);
       const bool corrects = method.starts_with(PlaceboNames()[0]);
       if (corrects && nominal == nullptr) {
         nominal = MakeUnlearned("lwr", task.model().features(), demonstrations);
@@ -41,7 +42,9 @@ experiment::EpisodeResult PlaceboRunner::Run(int method, std::uint64_t start_see
                                              std::uint64_t controller_seed) {
   const auto known = known_.find({method, start_seed, controller_seed});
   if (known != known_.end()) return known->second;
-  return RolloutRunner::Run(method, start_seed, controller_seed);
+  const experiment::EpisodeResult result = RolloutRunner::Run(method, start_seed, controller_seed);
+  if (judged_.contains(method)) known_[{method, start_seed, controller_seed}] = result;
+  return result;
 }
 
 void PlaceboRunner::Begin(int method, std::uint64_t /*start_seed*/) {
@@ -62,7 +65,6 @@ double PlaceboRunner::RateOf(int judged) {
     const std::uint64_t start = experiment::DrawStart(plan_, *unit_, i, *this).seed;
     const std::uint64_t controller = experiment::ControllerSeed(plan_, unit_->trial, i);
     const experiment::EpisodeResult result = Run(judged, start, controller);
-    known_[{judged, start, controller}] = result;
     changed += result.changed_controls;
     controls += result.controls;
   }

@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <span>
 #include <string>
 #include <tuple>
@@ -59,11 +60,12 @@ class PlaceboRunner : public experiment::RolloutRunner {
     bool has_rate = false;
   };
   std::vector<Compared> compared_;  // [method]
+  std::set<int> judged_;            // indices of the judged methods
   experiment::EvaluationPlan plan_ = {};
   std::optional<experiment::EvaluationUnit> unit_ = {};
   int running_ = 0;  // index of the method
   std::map<std::tuple<int, std::uint64_t, std::uint64_t>, experiment::EpisodeResult>
-      known_;  // episodes that determined rates
+      known_;  // episodes of the judged methods
 };
 
 }  // namespace dfr::study
