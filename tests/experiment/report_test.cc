@@ -92,12 +92,15 @@ TEST(ReportTest, NumbersAreThoseOfTheSummary) {
   summary.contrasts[0].ratios.completion_ratio = 0.65;
   summary.contrasts[0].controls_ratio = 11.54;
   summary.contrasts[1].ratios.collision_reduction = -0.12;
+  summary.contrasts[1].ratios.completion_ratio = 6.09;
+  summary.contrasts[1].ratios.completion_ratio_interval = Interval{4.19, 11.7};
   summary.averages[0].completed = {0.412, {0.3731, 0.4523}};
   summary.averages[0].passed = 0.9627;
   summary.averages[0].change = 0.415;
   const std::string html = RenderReport(summary, {});
   EXPECT_THAT(html, HasSubstr("<b>\u221283\u2009%</b>collisions<br>[\u221287, \u221279]"));
   EXPECT_THAT(html, HasSubstr("<b>65\u2009%</b>of its completions"));
+  EXPECT_THAT(html, HasSubstr("<b>609\u2009%</b>of its completions<br>[419, 1170]"));
   EXPECT_THAT(html, HasSubstr("<b>11.5\u2009\u00d7</b>controls per trajectory"));
   EXPECT_THAT(html, HasSubstr("<b>+12\u2009%</b>collisions"));
   EXPECT_THAT(html, HasSubstr("41.2 <small>[37.3, 45.2]</small>"));

@@ -153,9 +153,7 @@ class Page : internal::PageWords {
           out_ << Range(-interval->high, -interval->low, 0);
         }
         out_ << "</span><span" << Title(FiltersOf(contrast, {"completed"})) << "><b>"
-             << (!ratios.completion_ratio         ? "\u2013"
-                 : *ratios.completion_ratio > 1.5 ? Times(ratios.completion_ratio)
-                                                  : Percent(*ratios.completion_ratio, 0))
+             << (ratios.completion_ratio ? Percent(*ratios.completion_ratio, 0) : "\u2013")
              << "</b>of its completions<br>";
         if (const auto& interval = ratios.completion_ratio_interval) {
           out_ << Range(interval->low, interval->high, 0);
