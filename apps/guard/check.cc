@@ -1,10 +1,13 @@
 #include <algorithm>
+#include <cstddef>
 #include <cstdio>
+#include <functional>
 #include <limits>
 #include <map>
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -21,6 +24,11 @@ namespace dfr::apps::guard {
 namespace {
 
 using core::EntryName;
+
+std::size_t HashOf(const core::Matrix& m) {
+  return std::hash<std::string_view>()({reinterpret_cast<const char*>(m.data()),
+                                        static_cast<std::size_t>(m.size()) * sizeof(double)});
+}
 
 // Prints problems as they are found, up to a limit for each kind.
 class Problems {
@@ -265,7 +273,7 @@ bool RunCheck(const CheckOptions& options) {
   }
   Problems problems;
   Collected collected(reader->layout(), reader->control_dim());
-  std::map<std::pair<double, Eigen::Index>, std::string> seen;
+  std::map<std::pair<std::size_t, std::size_t>, std::string> seen;  // by HashOf()
   int good = 0;
   for (int i = 0; i < reader->num_episodes(); ++i) {
     core::Trajectory episode;
@@ -281,10 +289,8 @@ bool RunCheck(const CheckOptions& options) {
       problems.Error(reader->name(i) + ": is left out of the repaired file: " + e.what());
     }
     CheckActions(reader->name(i), episode.controls, options.action_limit, problems);
-    // Episodes with equal lengths and bitwise equal sums of squares count as equal.
-    const std::pair<double, Eigen::Index> mark{
-        episode.states.squaredNorm() + 3.0 * episode.controls.squaredNorm(), episode.states.rows()};
-    const auto [first, fresh] = seen.emplace(mark, reader->name(i));
+    const auto [first, fresh] =
+        seen.emplace(std::pair(HashOf(episode.states), HashOf(episode.controls)), reader->name(i));
     if (!fresh) {
       problems.Warning("doubled", reader->name(i) + " is the same episode as " + first->second);
     }

@@ -43,6 +43,8 @@ class GuardDataTest(GuardProgramTest):
             observations["still"] = np.ones((21, 1))
             observations["twin"] = observations["tip"][:, :1]
         data[9] = data[2]
+        mirrored = {key: -data[2][0][key] for key in ("tip", "twin")}
+        data[8] = ({**data[2][0], **mirrored}, data[2][1])
         write_robomimic(self.folder / "spoilt.hdf5", data, edit=spoil)
         out = self.run_guard("check", "spoilt.hdf5", fails=True)
         self.assertRegex(out, r"error: +spoilt.hdf5: data/demo_3/obs/tip: row 5, column 1 is nan")
@@ -51,6 +53,7 @@ class GuardDataTest(GuardProgramTest):
         self.assertRegex(out, r"dead: +still\[0\] is always 1")
         self.assertRegex(out, r"doubled: +twin\[0\] always equals tip\[0\]|doubled: +tip\[0\] always equals twin\[0\]")
         self.assertRegex(out, r"doubled: +data/demo_9 is the same episode as data/demo_2")
+        self.assertNotIn("demo_8 is the same", out)
         self.assertIn("2 errors", out)
 
     def test_repair_writes_the_readable_episodes(self):
