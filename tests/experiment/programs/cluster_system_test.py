@@ -4,6 +4,7 @@ Skips tests whose programs (slurmctld, slurmd, munged, GNU parallel, sshd) are a
 
 usage: cluster_system_test.py PROGRAM DFR_CLUSTER
 """
+import csv
 import json
 import os
 import pathlib
@@ -72,6 +73,16 @@ class ScriptTest(Folder):
                 summary = json.loads((folder / "summary.json").read_text())
                 self.assertEqual((summary["seed"], len(summary["cells"])), (4, cells * 4))
                 self.assertIn(f"cold = {cold}\n", (folder / "run.toml").read_text())
+
+    def test_a_table_is_csv(self):
+        summary = json.loads((self.folder / "whole/summary.json").read_text())
+        for cell in summary["averages"]:
+            cell["learner"] = "noise, sd 2 mm"
+        (self.folder / "runs/drift").mkdir(parents=True)
+        (self.folder / "runs/drift/summary.json").write_text(json.dumps(summary))
+        header, *rows = csv.reader(run(CLUSTER, "table", self.folder / "runs").splitlines())
+        for row in rows:
+            self.assertEqual((len(row), row[1]), (len(header), "noise, sd 2 mm"))
 
     def test_missing_units_are_named_and_run_again(self):
         out = self.folder / "run"
