@@ -100,8 +100,19 @@ std::string Describe(const Score& score) {
 
 imitation::Trpo Start(imitation::Environment& environment, const TrainSupervisorOptions& options,
                       const std::filesystem::path& checkpoint) {
-  if (options.resume) return imitation::Trpo::Resume(environment, checkpoint);
+  const std::string scene =
+      core::Format("training red_y %.17g, joint step %.17g, gripper %s", options.training_red_y,
+                   options.scene.joint_step, std::string(sim::Name(options.scene.gripper)).c_str());
+  if (options.resume) {
+    imitation::Trpo resumed = imitation::Trpo::Resume(environment, checkpoint);
+    DFR_THROW_UNLESS(resumed.options().environment == scene, checkpoint.string()
+                                                                 << ": it was trained with "
+                                                                 << resumed.options().environment
+                                                                 << ", not with " << scene);
+    return resumed;
+  }
   imitation::TrpoOptions trpo;
+  trpo.environment = scene;
   trpo.seed = options.seed;
   trpo.horizon = options.horizon;
   return imitation::Trpo(environment, trpo);

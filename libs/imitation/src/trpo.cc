@@ -18,7 +18,7 @@ namespace dfr::imitation {
 namespace {
 
 constexpr std::string_view kCheckpointKind = "trpo-checkpoint";
-constexpr int kCheckpointVersion = 1;
+constexpr int kCheckpointVersion = 2;
 
 // Purposes of the random streams.
 enum Purpose : std::uint64_t { kWeights, kCriticWeights, kEpisode, kNoise, kShuffle };

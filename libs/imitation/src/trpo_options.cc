@@ -37,6 +37,7 @@ void SaveTrpoOptions(const TrpoOptions& o, core::ArchiveWriter& archive) {
   archive.Integers(o.hidden);
   archive.Integers(o.critic_hidden);
   archive.Text(o.features);
+  archive.Text(o.environment);
   for (const double value : {o.control_limit, o.discount, o.gae_lambda, o.max_kl, o.cg_damping,
                              o.initial_log_std, o.min_log_std, o.critic_learning_rate}) {
     archive.Number(value);
@@ -54,6 +55,7 @@ TrpoOptions LoadTrpoOptions(core::ArchiveReader& archive) {
   o.hidden = archive.Integers();
   o.critic_hidden = archive.Integers();
   o.features = archive.Text();
+  o.environment = archive.Text();
   for (double* const value :
        {&o.control_limit, &o.discount, &o.gae_lambda, &o.max_kl, &o.cg_damping, &o.initial_log_std,
         &o.min_log_std, &o.critic_learning_rate}) {
