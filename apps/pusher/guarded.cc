@@ -27,8 +27,7 @@ class LinearPolicy final : public core::Policy {
     std::ifstream in(path);
     if (!in) throw std::runtime_error(path.string() + ": cannot be opened");
     for (Eigen::Index i = 0; i < gains_.size(); ++i) in >> gains_.data()[i];
-    double more = 0.0;
-    if (!in || in >> more) {
+    if (!in || !(in >> std::ws).eof()) {
       throw std::runtime_error(path.string() + ": does not hold " + std::to_string(control_dim) +
                                " rows of " + std::to_string(state_dim + 1) +
                                " numbers, an offset and a gain per state entry");

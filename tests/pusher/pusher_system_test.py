@@ -61,6 +61,10 @@ class PusherSystemTest(ProgramTest):
         self.assertEqual(len(outcomes), 30)
         self.assertGreater(outcomes.count("completed"), 15)
         self.assertNotIn("collided", outcomes)
+        with open(self.folder / "policy.txt", "a") as file:
+            file.write("x\n")
+        message = self.run_pusher("guarded", "--guard", "pusher.guard", "--policy", "policy.txt", fails=True)
+        self.assertIn("does not hold 7 rows of 26 numbers", message)
 
     def test_a_method_runs_around_other_policies(self):
         self.run_pusher("experiment", *ALL[:2], *ALL[4:], "--out", "policies", "--demonstrations", "16", "--methods",
