@@ -108,6 +108,18 @@ TEST(SupportsTest, CurvatureBoundsHold) {
   }
 }
 
+// The squares of their distances overflow.
+TEST(SupportsTest, VeryFarStatesAreOutside) {
+  for (const std::string_view name : {"knn-distance", "density", "mahalanobis"}) {
+    const std::vector<double> far = {1e200, -1e200};
+    std::vector<double> gradient(2, 1.0);
+    EXPECT_EQ(Fitted(name).view().support().LogDecision(0, far, gradient),
+              -std::numeric_limits<double>::infinity())
+        << name;
+    EXPECT_EQ(gradient, std::vector<double>(2, 0.0)) << name;
+  }
+}
+
 TEST(SupportsTest, BrokenStatesAreOutsideAndNothingIsAllocated) {
   for (const std::string_view name : kSupports) {
     const SupportModel& support = Fitted(name);

@@ -48,7 +48,10 @@ class Pooled : public core::LogDecisionFunction {
         !std::ranges::all_of(z, [](double entry) { return std::isfinite(entry); })) {
       return kNever;
     }
-    return Level(Clamped(t), z, gradient, -1);
+    const double l = Level(Clamped(t), z, gradient, -1);
+    if (std::isfinite(l)) return l;
+    std::ranges::fill(gradient, 0.0);
+    return kNever;
   }
 
  protected:
@@ -131,7 +134,7 @@ class KnnDistance final : public Pooled {
     double l = 1.0;
     for (const auto& [distance, row] : nearest) {
       l -= scale * distance;
-      if (gradient.empty()) continue;
+      if (gradient.empty() || row < 0) continue;
       core::AsVector(gradient) -= 2.0 * scale * (core::AsVector(z) - points.row(row).transpose());
     }
     return l;
