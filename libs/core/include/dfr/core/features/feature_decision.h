@@ -7,8 +7,8 @@
 
 namespace dfr::core {
 
-/// Adapts a decision function of features z to whole states: g_t(z(x)), l_t(z(x)). Computes the
-/// features on the stack. Borrows `inner`, which must outlive this object.
+/// Adapts a decision function of features z to whole states: g_t(z(x)), l_t(z(x)). Borrows `inner`,
+/// which must outlive it. curvature_bound() omits the curvature of StateMap::Circle.
 class FeatureDecision final : public LogDecisionFunction {
  public:
   /// @throws std::invalid_argument if the number of features differs from inner's state_dim() or
