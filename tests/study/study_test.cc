@@ -4,19 +4,30 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
 #include <filesystem>
 #include <map>
+#include <memory>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "apps/study/planar/methods.h"
 #include "apps/study/tables.h"
 #include "dfr/core/features/feature_transform.h"
+#include "dfr/core/files/atomic_file.h"
+#include "dfr/core/random.h"
 #include "dfr/core/trajectory.h"
+#include "dfr/study/baselines.h"
 #include "dfr/study/controller_factory.h"
 #include "dfr/study/policies.h"
+#include "tests/control/analytic.h"
 #include "tests/support/message_of.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::study {
 namespace {
@@ -272,6 +283,73 @@ TEST(BaselinesTest, LearnAndRun) {
               alone(policy).collided)
         << policy;
   }
+}
+
+class Ones final : public core::Policy {
+ public:
+  [[nodiscard]] int state_dim() const noexcept override { return 1; }
+  [[nodiscard]] int control_dim() const noexcept override { return 1; }
+  void Control(int, std::span<const double>, std::span<double> u) const noexcept override {
+    u[0] = 1.0;
+  }
+};
+
+// A supervisor draws its variation from stream 1 of the episode.
+TEST(BaselinesTest, TheNoiseOfDartIsNotTheSupervisorsVariation) {
+  std::vector<double> noise;
+  std::vector<double> variation;
+  Expert teaching;
+  teaching.learn = [](std::span<const core::Trajectory>, std::uint64_t) {
+    return std::make_unique<const Ones>();
+  };
+  teaching.plant = std::make_shared<test::PointPlant>(test::PointPlantOptions{.start = {0.0}});
+  teaching.supervise = [&](const core::SimulatedPlant& plant, int t, std::uint64_t episode,
+                           std::span<double> u) {
+    std::vector<double> x = {0.0};
+    plant.Observe(x);
+    if (t == 1 && x[0] != 0.0) {
+      noise.push_back(x[0]);
+      variation.push_back(core::Random(core::DeriveSeed(episode, {1})).Normal());
+    }
+    u[0] = 0.0;
+  };
+  core::Trajectory demonstration;
+  demonstration.states = core::Matrix::Zero(3, 1);
+  demonstration.controls = core::Matrix::Zero(2, 1);
+  // No episode completes.
+  EXPECT_THROW(static_cast<void>(TrainDart(teaching, Ones(), {&demonstration, 1}, 2)),
+               std::invalid_argument);
+  ASSERT_GT(noise.size(), 50u);
+  for (std::size_t i = 0; i < noise.size(); ++i) {
+    EXPECT_GT(std::abs(noise[i] - std::clamp(variation[i], -1.0, 1.0)), 1e-6);
+  }
+}
+
+TEST(BaselinesTest, TheOracleReportsTheControlsThatItChanges) {
+  const planar::Task task = planar::MakeTask("push-weak");
+  const planar::Methods methods(task, planar::Demonstrate(task, 20, 1));
+  const auto plant = task.plant->Clone();
+  const auto oracle = methods.Make("true-jacobian", *plant);
+  const auto learned = methods.Make("baseline", *plant);
+  std::vector<double> x(static_cast<std::size_t>(plant->state_dim()));
+  std::vector<double> u(static_cast<std::size_t>(plant->control_dim()));
+  std::vector<double> v(u.size());
+  int filtered = 0;
+  for (std::uint64_t seed = 0; seed < 20; ++seed) {
+    plant->Reset(seed);
+    oracle->Reset(seed);
+    learned->Reset(seed);
+    while (!plant->completed() && !plant->collided()) {
+      plant->Observe(x);
+      const control::Step step = oracle->Next(x, u);
+      if (step.mode == control::Mode::kHalt) break;
+      static_cast<void>(learned->Next(x, v));
+      ASSERT_EQ(step.filtered, u != v);
+      filtered += step.filtered ? 1 : 0;
+      if (plant->Apply(u) != core::PlantStatus::kOk) break;
+    }
+  }
+  EXPECT_GT(filtered, 0);
 }
 
 TEST(MethodNameTest, HasThreeParts) {

@@ -35,7 +35,7 @@ core::Trajectory Ask(const Expert& teaching, core::SimulatedPlant& plant, std::u
                      int horizon, const Change& change) {
   core::Trajectory trajectory;
   trajectory.seed = seed;
-  core::Random random(core::DeriveSeed(seed, {1}));
+  core::Random random(core::DeriveSeed(seed, {2}));  // The supervisor's variation has stream 1.
   plant.Reset(seed);
   trajectory.states.resize(horizon + 1, plant.state_dim());
   trajectory.controls.resize(horizon, plant.control_dim());
@@ -133,9 +133,9 @@ class TrueJacobianFilter final : public Stepwise {
     if (!core::AllFinite(u)) return control::HaltCause::kControlInvalid;
     double level = LevelAfter(t, u);
     if (level < 0.0) {
-      step.filtered = true;
       if (!Differentiate(u)) return control::HaltCause::kPlantFault;
       for (int i = 0; i < kIterations && level < 0.0 && Raise(t, u, level); ++i) {
+        step.filtered = true;
       }
     }
     return level < -slack_ ? control::HaltCause::kOutsideSupport : control::HaltCause::kNone;
