@@ -15,12 +15,12 @@ namespace {
 // A learned policy, scaled to the units of the task. Control entries that are switches are +-1.
 class InUnits final : public core::Policy {
  public:
-  InUnits(imitation::MlpPolicy learned, const sim::GalleryTask& task)
+  InUnits(std::unique_ptr<const core::Policy> learned, const sim::GalleryTask& task)
       : learned_(std::move(learned)), units_(task.units), switches_(task.switches) {}
-  [[nodiscard]] int state_dim() const noexcept override { return learned_.state_dim(); }
-  [[nodiscard]] int control_dim() const noexcept override { return learned_.control_dim(); }
+  [[nodiscard]] int state_dim() const noexcept override { return learned_->state_dim(); }
+  [[nodiscard]] int control_dim() const noexcept override { return learned_->control_dim(); }
   void Control(int t, std::span<const double> x, std::span<double> u) const noexcept override {
-    learned_.Control(t, x, u);
+    learned_->Control(t, x, u);
     for (std::size_t i = 0; i < units_.size(); ++i) u[i] *= units_[i];
     for (const int entry : switches_) {
       double& value = u[static_cast<std::size_t>(entry)];
@@ -29,7 +29,7 @@ class InUnits final : public core::Policy {
   }
 
  private:
-  imitation::MlpPolicy learned_;
+  std::unique_ptr<const core::Policy> learned_;
   std::vector<double> units_;
   std::vector<int> switches_;
 };
@@ -106,27 +106,30 @@ Imitator Imitate(const sim::GalleryTask& task, std::span<const core::Trajectory>
   if (auto unlearned = MakeUnlearned(name, fit.model().features(), demonstrations)) {
     return {std::move(unlearned), {}};
   }
-  const imitation::DemonstrationSet set{
-      .layout = task.plant->layout(),
-      .control_dim = task.plant->control_dim(),
-      .environment = task.name,
-      .trajectories = {demonstrations.begin(), demonstrations.end()},
-      .note = {}};
+  const imitation::DemonstrationSet set{.layout = task.plant->layout(),
+                                        .control_dim = task.plant->control_dim(),
+                                        .environment = task.name,
+                                        .trajectories = {},
+                                        .note = {}};
   const bool weak = name == "weak";
   const imitation::FitMlpOptions learner{.hidden = weak ? task.weak_hidden : task.hidden,
                                          .epochs = weak ? task.weak_epochs : task.epochs,
                                          .seed = seed};
-  imitation::DemonstrationSet scaled = set;
-  for (core::Trajectory& d : scaled.trajectories) {
-    for (std::size_t i = 0; i < task.units.size(); ++i) {
-      d.controls.col(static_cast<Eigen::Index>(i)) /= task.units[i];
+  Expert teaching = TeachMlp(set, learner);
+  teaching.learn = [learn = std::move(teaching.learn), &task](
+                       std::span<const core::Trajectory> shown, std::uint64_t own_seed) {
+    std::vector<core::Trajectory> scaled(shown.begin(), shown.end());
+    for (core::Trajectory& d : scaled) {
+      for (std::size_t i = 0; i < task.units.size(); ++i) {
+        d.controls.col(static_cast<Eigen::Index>(i)) /= task.units[i];
+      }
     }
-  }
-  auto learned = std::make_shared<const InUnits>(imitation::FitMlp(scaled, learner), task);
+    return std::make_unique<const InUnits>(learn(scaled, own_seed), task);
+  };
+  std::shared_ptr<const core::Policy> learned = teaching.learn(demonstrations, seed);
   if (weak || name == "good") return {std::move(learned), {}};
   if (name == "biased") return {std::move(learned), task.policy_bias};
 
-  Expert teaching = TeachMlp(set, learner);
   const Expert supervisor = SupervisorOf(task);
   teaching.plant = supervisor.plant;
   teaching.supervise = supervisor.supervise;

@@ -344,5 +344,31 @@ TEST(ImitatorTest, ALatePolicyReturnsItsEarlierControls) {
   for (const int n : episodes) EXPECT_GT(n, 10);
 }
 
+// The displacements of "pick" are centimetres and its gripper command is +-1: without units, a
+// network learns the gripper command alone.
+TEST(ImitatorTest, PoliciesThatLearnAgainLearnInTheUnitsOfTheTask) {
+  const sim::GalleryTask& task = sim::FindGalleryTask("pick");
+  const std::vector<core::Trajectory> demonstrations = sim::Demonstrate(task, 20, 1);
+  const FittedTask fit = FittedTask::Fit(task.plant->layout(), demonstrations, task.features);
+  const auto error_of = [&](const char* name) {
+    Imitator imitator = Imitate(task, demonstrations, fit, *task.plant, name, 1);
+    double error = 0.0, square = 0.0;
+    std::vector<double> u(static_cast<std::size_t>(task.plant->control_dim()));
+    for (const core::Trajectory& d : demonstrations) {
+      for (int t = 0; t < d.num_steps(); ++t) {
+        imitator.Control(t, core::Row(d.states, t), u);
+        error += (core::AsVector(u).head(3) - d.controls.row(t).head(3).transpose()).squaredNorm();
+        square += d.controls.row(t).head(3).squaredNorm();
+      }
+    }
+    return error / square;
+  };
+  const double good = error_of("good");
+  EXPECT_LT(good, 0.3);
+  for (const char* name : {"ensemble", "dart", "dagger"}) {
+    EXPECT_LT(error_of(name), 2.0 * good) << name;
+  }
+}
+
 }  // namespace
 }  // namespace dfr::study
