@@ -38,6 +38,21 @@ TEST(PlanarTest, ResultsDoNotDependOnTheNumberOfThreads) {
   EXPECT_TRUE(one == RunStudy(study));
 }
 
+// Methods with other supports stay comparable.
+TEST(PlanarTest, StartsDoNotDependOnTheOptionsOfMethods) {
+  Study study = Study::OfPlane();
+  study.tasks = {"planar-push-weak"};
+  study.controllers = {};
+  study.demonstrations = 20;
+  study.trials = 1;
+  study.episodes = 40;
+  const auto rows = RunStudy(study);
+  study.plane.phase_whitening = false;
+  study.plane.raw_gamma = 50.0;
+  study.plane.gamma = 2.0;
+  EXPECT_TRUE(rows == RunStudy(study));
+}
+
 // The system tier runs longer and tests every mutation.
 TEST(ProofTest, StaysInsideTheUnionOfSupports) {
   for (const double error : {0.0, 0.05}) {

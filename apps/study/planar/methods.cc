@@ -84,6 +84,7 @@ Methods::Methods(const Task& task, std::vector<core::Trajectory> demonstrations,
       demonstrations_(std::move(demonstrations)),
       policy_(demonstrations_, task.degree),
       fit_(safety::TaskModel(task.plant->layout(), demonstrations_, TaskOptionsOf(task, options))),
+      start_model_(task.plant->layout(), demonstrations_, TaskOptionsOf(task, {})),
       start_features_(Isotropic(task, demonstrations_)),
       start_support_(StartSupport(start_features_, demonstrations_)),
       controllers_(fit_, policy_, task.plant->layout(), demonstrations_, Teach(task, seed)),
@@ -102,7 +103,8 @@ double Methods::Level(SupportKind kind, int t, std::span<const double> x) const 
 bool Methods::Begins(std::span<const double> x) const {
   std::vector<double> z(static_cast<std::size_t>(start_features_.num_features()));
   start_features_.Apply(x, z);
-  return raw_support().Decision(0, x) >= 0.0 && Level(SupportKind::kGuided, 0, x) >= 0.0 &&
+  return start_model_.published()->Decision(0, x) >= 0.0 &&
+         start_model_.guided_support().LogDecision(0, x, {}) >= 0.0 &&
          start_support_.LogDecision(0, z, {}) >= 0.0;
 }
 

@@ -84,8 +84,8 @@ class Methods {
   }
   /// l_t(x) of a whole state.
   [[nodiscard]] double Level(SupportKind kind, int t, std::span<const double> x) const;
-  /// Returns true if an episode may begin at x: x is inside the paper's support, the support of
-  /// guided recovery, and the support of all entries in one scale.
+  /// Returns true if an episode may begin at x: x is inside the paper's support and the support of
+  /// guided recovery, both with default options, and the support of all entries in one scale.
   [[nodiscard]] bool Begins(std::span<const double> x) const;
   /// Estimate of eps from the demonstrations, without the safety factor.
   [[nodiscard]] const control::EstimatedConstant& direction_error() const noexcept {
@@ -100,6 +100,7 @@ class Methods {
   std::vector<core::Trajectory> demonstrations_;
   PolynomialPolicy policy_;
   FittedTask fit_;
+  safety::TaskModel start_model_;
   core::FeatureTransform start_features_;
   kernel::WhitenedSupport start_support_;
   ControllerFactory controllers_;
