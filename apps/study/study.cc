@@ -193,7 +193,6 @@ void AddUnit(const experiment::UnitResult& unit, std::size_t alone, std::size_t 
     row.sized_changes += episode.sized_changes;
     if (!completed) ++row.causes[(collided ? "failed: " : "halted: ") + episode.cause];
   }
-  row += trial;
   const auto alarms = [&](Outcome outcome) {
     const auto measure = unit.measures.find(AlarmsIn(outcome, name));
     return measure == unit.measures.end() ? 0 : static_cast<int>(measure->second);
@@ -202,8 +201,9 @@ void AddUnit(const experiment::UnitResult& unit, std::size_t alone, std::size_t 
   if (counts != unit.counts.end()) {
     row.recoveries.insert(row.recoveries.end(), counts->second.begin(), counts->second.end());
   }
-  row.alarmed_failures += alarms(Outcome::kCollided);
-  row.alarmed_successes += alarms(Outcome::kCompleted);
+  trial.alarmed_failures += alarms(Outcome::kCollided);
+  trial.alarmed_successes += alarms(Outcome::kCompleted);
+  row += trial;
 }
 
 }  // namespace

@@ -64,6 +64,8 @@ struct TrialCounts {
   int left_alone_completed = 0;  ///< Number of the other episodes that complete.
   double controls = 0.0;         ///< Number of controls in all episodes.
   double changed = 0.0;          ///< Number of controls that differ from the policy's.
+  int alarmed_failures = 0;      ///< Number of collisions after an alarm; monitors only.
+  int alarmed_successes = 0;     ///< Number of completions with an alarm; monitors only.
   bool operator==(const TrialCounts&) const = default;
   TrialCounts& operator+=(const TrialCounts& other) noexcept;
 };
@@ -80,8 +82,6 @@ struct Row : TrialCounts {
   std::string policy;
   std::string controller;
   int saved_completed = 0;           ///< Number of saved episodes that this method completes.
-  int alarmed_failures = 0;          ///< Number of collisions after an alarm; monitors only.
-  int alarmed_successes = 0;         ///< Number of completions with an alarm; monitors only.
   std::vector<int> recoveries = {};  ///< Number of controls of each recovery, in planar tasks only.
   /// Number of episodes by cause: "halted: no-progress", or "failed: " and the source of the
   /// control that collided.

@@ -344,11 +344,6 @@ std::vector<experiment::ReportTable> MakeRowTables(const std::vector<Row>& rows,
     const std::string watching = safety::Name(safety::Strategy::kMonitor);
     const bool monitor = row.controller == watching || row.controller == watching + kOnPictures;
     const auto share = [&](int count) { return core::Format("%.0f", Share(count, row.episodes)); };
-    const auto alarms = [&](int count, int of) -> std::string {
-      if (!monitor) return "";
-      if (of == 0) return "-";
-      return Percent(static_cast<double>(count) / of, experiment::ProportionInterval(count, of), 1);
-    };
     const Totals totals(row);
     table.rows.push_back(
         {row.task, row.condition, row.policy, Shown(row.controller),
@@ -357,7 +352,9 @@ std::vector<experiment::ReportTable> MakeRowTables(const std::vector<Row>& rows,
          share(row.harmed), alone ? "" : AfterIntervention(totals),
          alone ? "" : WithoutIntervention(totals), PassedPercent(totals, 1),
          Number(totals.change(), 2), core::Format("%.1f", row.controls / row.episodes),
-         alarms(row.alarmed_failures, row.collided), alarms(row.alarmed_successes, row.completed),
+         monitor ? Percent(totals, &TrialCounts::alarmed_failures, 1, &TrialCounts::collided) : "",
+         monitor ? Percent(totals, &TrialCounts::alarmed_successes, 1, &TrialCounts::completed)
+                 : "",
          Lengths(row.recoveries)});
     table.commands.push_back({"", "", "", "", CommandOf(row, {"completed"}),
                               CommandOf(row, {"collided"}), CommandOf(row, {"halted"}),

@@ -33,6 +33,8 @@ TrialCounts& TrialCounts::operator+=(const TrialCounts& other) noexcept {
   left_alone_completed += other.left_alone_completed;
   controls += other.controls;
   changed += other.changed;
+  alarmed_failures += other.alarmed_failures;
+  alarmed_successes += other.alarmed_successes;
   return *this;
 }
 

@@ -132,6 +132,26 @@ TEST(RowTableTest, SharesAreOfEpisodesAndAlarmsOfOutcomes) {
   EXPECT_EQ(tables[2].rows.at(0)[5], "halted: no-progress");
 }
 
+TEST(RowTableTest, IntervalsOfAlarmsAreClusteredByTrial) {
+  const auto trial = [](int alarms) {
+    return TrialCounts{.episodes = 20,
+                       .completed = 10,
+                       .collided = 10,
+                       .alarmed_failures = alarms,
+                       .alarmed_successes = alarms};
+  };
+  Row row{{}, "reach", "c", "weak", "monitor"};
+  row.trials = {trial(0), trial(5), trial(10)};
+  for (const TrialCounts& each : row.trials) row += each;
+  const experiment::Interval interval = experiment::ClusteredInterval(
+      std::array<experiment::ClusterCount, 3>{{{0, 10}, {5, 10}, {10, 10}}});
+  const std::string text =
+      core::Format("50.0 [%.1f, %.1f]", 100.0 * interval.low, 100.0 * interval.high);
+  const auto tables = MakeRowTables({row}, false);
+  EXPECT_EQ(tables[1].rows.at(0)[15], text);
+  EXPECT_EQ(tables[1].rows.at(0)[16], text);
+}
+
 TEST(RowTableTest, OnlyMonitorsHaveAlarms) {
   for (const char* method : {"monitor", "monitor/pictures", "guard", "guard/pictures"}) {
     Row row;
