@@ -311,9 +311,7 @@ std::vector<experiment::FilmedEpisode> RecordStudy(const Study& study, int count
   const auto runner = units.Make(unit);
   for (std::size_t method = 0; method < units.controllers().size(); ++method) {
     for (int i = 0; i < count; ++i) {
-      // Uses the seeds of experiment::Evaluate().
-      const std::uint64_t start =
-          core::DeriveSeed(plan.seed, {0, 0, static_cast<std::uint64_t>(i), 0});
+      const std::uint64_t start = experiment::StartSeed(plan, 0, i, 0);
       episodes.push_back(runner->RecordStates(static_cast<int>(method), start,
                                               experiment::ControllerSeed(plan, 0, i)));
       episodes.back().method = method > 0 ? units.controllers()[method] : "alone";
