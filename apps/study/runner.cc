@@ -116,6 +116,13 @@ class Guarded final : public control::Controller, public LearnsOnline {
   bool alarmed_ = false;
 };
 
+void CheckKind(const Task& task, Kind kind) {
+  DFR_THROW_UNLESS(kind != Kind::kPlane || task.plane,
+                   "'" << task.name << "' is not a planar task");
+  DFR_THROW_UNLESS(kind != Kind::kGuards || task.small != nullptr,
+                   "guards run on tasks of the gallery only, not on '" << task.name << "'");
+}
+
 Prepared Prepare(const Task& task, Kind kind, int demonstrations, std::uint64_t seed, int trial,
                  const planar::MethodOptions& plane, const PictureOptions& pictures) {
   const auto stream = static_cast<std::uint64_t>(trial);
@@ -125,12 +132,9 @@ Prepared Prepare(const Task& task, Kind kind, int demonstrations, std::uint64_t 
   if (kind == Kind::kControllers) {
     prepared.model = std::make_unique<const LearnedModel>(task.learn(demonstrations, shown));
   } else if (kind == Kind::kPlane) {
-    DFR_THROW_UNLESS(task.plane, "'" << task.name << "' is not a planar task");
     prepared.plane = std::make_unique<const planar::Methods>(
         *task.plane, planar::Demonstrate(*task.plane, demonstrations, shown), plane, learned);
   } else {
-    DFR_THROW_UNLESS(task.small != nullptr,
-                     "guards run on tasks of the gallery only, not on '" << task.name << "'");
     prepared.demonstrations = sim::Demonstrate(*task.small, demonstrations, shown);
     prepared.seed = learned;
     prepared.guard =

@@ -53,9 +53,12 @@ struct Prepared {
 };
 using PreparedCache = SharedCache<std::pair<std::string, int>, Prepared>;
 
+/// @throws std::invalid_argument if the task does not support methods of this kind.
+void CheckKind(const Task& task, Kind kind);
+
 /// Fits the models that methods need: the task's models for controllers, or a guard with default
 /// settings. `seed` is the seed of the study.
-/// @throws std::invalid_argument if the task does not support such methods.
+/// @pre CheckKind() accepts the task.
 [[nodiscard]] Prepared Prepare(const Task& task, Kind kind, int demonstrations, std::uint64_t seed,
                                int trial, const planar::MethodOptions& plane = {},
                                const PictureOptions& pictures = {});

@@ -64,7 +64,10 @@ std::map<std::string, Place> Places(const std::vector<std::string>& wanted,
 class Units {
  public:
   explicit Units(const Study& study) : study_(study) {
-    for (const std::string& name : SelectTasks(study.tasks)) tasks_.push_back(MakeTask(name));
+    for (const std::string& name : SelectTasks(study.tasks)) {
+      tasks_.push_back(MakeTask(name));
+      CheckKind(tasks_.back(), study.kind);
+    }
     places_ = Places(study.conditions, tasks_, plan_.learners);
     for (const std::string& name : study.controllers) {
       if (name != kAlone && name != "alone") controllers_.push_back(name);

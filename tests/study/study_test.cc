@@ -203,6 +203,35 @@ TEST(StressTest, JudgesEachMethodByWhatItSavesHarmsAndPasses) {
   EXPECT_THAT(JudgeMethods(rows)[0].why, testing::HasSubstr("too few trials"));
 }
 
+// A study of guards and a study of controllers can have the same plan.
+TEST(StressTest, AStudyRefusesTheLedgerOfAnotherKind) {
+  const test::TempFolder folder;
+  Study study = Study::OfGuards();
+  study.out = folder.path;
+  study.tasks = {"reach"};
+  study.policies = {"lwr"};
+  study.controllers = {"guard"};
+  study.demonstrations = 10;
+  study.trials = 1;
+  study.episodes = 2;
+  static_cast<void>(RunStudy(study));
+  study.kind = Kind::kControllers;
+  EXPECT_THAT(test::MessageOf<std::runtime_error>([&] { static_cast<void>(RunStudy(study)); }),
+              HasSubstr("kind"));
+}
+
+TEST(StressTest, ARestartOfAnInvalidStudyDeletesNothing) {
+  for (Study study : {Study::OfGuards(), Study::OfPlane()}) {
+    const test::TempFolder folder;
+    core::ReplaceFile(folder / "ledger.jsonl", "previous");
+    study.out = folder.path;
+    study.restart = true;
+    study.tasks = {"pusher"};
+    EXPECT_THROW(static_cast<void>(RunStudy(study)), std::invalid_argument);
+    EXPECT_EQ(test::FileText(folder / "ledger.jsonl"), "previous");
+  }
+}
+
 TEST(StressTest, UnknownNamesAreReportedWithTheValidOnes) {
   using Names = std::vector<std::string> Study::*;
   struct Unknown {
