@@ -2,6 +2,7 @@
 // programs.
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
@@ -226,10 +227,12 @@ void AddOptions(CLI::App& command, Power& power) {
 
 void CompareAndPrint(const Comparison& comparison) {
   const experiment::SequentialTest test = Compare(comparison);
+  const auto condition = std::ranges::find(Conditions(), comparison.condition, &Condition::name);
   const auto pairs = static_cast<long long>(test.pairs());
   std::printf("%s: %s, %d demonstrations, %d alternating trials, seed %llu, commit %s\n",
-              comparison.task.c_str(), comparison.condition.c_str(), comparison.demonstrations,
-              comparison.trials, static_cast<unsigned long long>(comparison.seed),
+              comparison.task.c_str(), comparison.condition.c_str(),
+              condition->CountOr(comparison.demonstrations), comparison.trials,
+              static_cast<unsigned long long>(comparison.seed),
               std::string(core::BuildCommit()).c_str());
   std::printf("credit of %s less that of %s, mean of %lld pairs: %+.3f (p %.2g at all times)\n",
               comparison.first.c_str(), comparison.second.c_str(), pairs, test.mean(),

@@ -113,8 +113,7 @@ class Units {
   [[nodiscard]] std::shared_ptr<const Prepared> PreparedFor(
       const experiment::EvaluationUnit& unit) {
     const Place& place = PlaceOf(unit.learner);
-    const int count =
-        place.condition->demonstrations > 0 ? place.condition->demonstrations : unit.demonstrations;
+    const int count = place.condition->CountOr(unit.demonstrations);
     return prepared_.Get({place.task->name + "/" + std::to_string(count), unit.trial}, [&] {
       return Prepare(*place.task, study_.kind, count, plan_.seed, unit.trial, study_.plane,
                      study_.pictures);
@@ -332,6 +331,9 @@ experiment::SequentialTest Compare(const Comparison& comparison) {
   DFR_THROW_UNLESS(!names.empty(), "task '" << comparison.task << "' has no condition '"
                                             << comparison.condition << "'");
   const Place& place = places.at(names.front());
+  DFR_THROW_UNLESS(place.condition->nuisances == Nuisances{},
+                   "condition '" << comparison.condition
+                                 << "' disturbs pictures, which no compared method sees");
   const std::vector<std::string> methods = {comparison.first, comparison.second};
   for (const std::string& method : methods) static_cast<void>(ParseMethod(method));
   experiment::SequentialTest test(comparison.alpha);
@@ -341,9 +343,9 @@ experiment::SequentialTest Compare(const Comparison& comparison) {
     if (trial == runners.size()) {
       runners.push_back(std::make_unique<Runner>(
           place,
-          std::make_shared<const Prepared>(Prepare(*place.task, Kind::kControllers,
-                                                   comparison.demonstrations, comparison.seed,
-                                                   static_cast<int>(trial))),
+          std::make_shared<const Prepared>(Prepare(
+              *place.task, Kind::kControllers, place.condition->CountOr(comparison.demonstrations),
+              comparison.seed, static_cast<int>(trial))),
           methods));
     }
     const std::uint64_t start = core::DeriveSeed(comparison.seed, {0, i});

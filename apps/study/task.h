@@ -69,6 +69,11 @@ struct Condition {
   Nuisances nuisances = {};  ///< Disturbances of the pictures that guards see.
   int demonstrations = 0;    ///< Number of demonstrations; 0: the study's number.
   bool on_request = false;   ///< Excluded from studies of all conditions.
+
+  /// Returns the number of demonstrations in a study with `count`.
+  [[nodiscard]] int CountOr(int count) const noexcept {
+    return demonstrations > 0 ? demonstrations : count;
+  }
 };
 
 /// Returns all conditions, "as demonstrated" first.

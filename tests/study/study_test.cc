@@ -291,6 +291,23 @@ TEST(CompareTest, StopsOnceAClearDifferenceIsSettled) {
   EXPECT_THROW(static_cast<void>(Compare(comparison)), std::invalid_argument);
 }
 
+TEST(CompareTest, UsesTheDemonstrationsOfTheConditionAndNoPictures) {
+  Comparison comparison;
+  comparison.task = "planar-corridor";
+  comparison.first = "dfr@lwr";
+  comparison.second = "lwr";
+  comparison.trials = 1;
+  comparison.pairs = 8;
+  comparison.demonstrations = 10;
+  const double few = Compare(comparison).mean();
+  comparison.demonstrations = 60;
+  ASSERT_NE(Compare(comparison).mean(), few);
+  comparison.condition = "10 demonstrations";
+  EXPECT_EQ(Compare(comparison).mean(), few);
+  comparison.condition = "picture noise 3 %";
+  EXPECT_THROW(static_cast<void>(Compare(comparison)), std::invalid_argument);
+}
+
 // Each policy learns and runs in the cheapest task.
 TEST(BaselinesTest, LearnAndRun) {
   Study study = Small();
