@@ -156,16 +156,18 @@ const char* NameOf(Kind kind) {
 
 std::map<std::string, std::string> SettingsOf(const Study& study) {
   using experiment::Exactly;
+  std::map<std::string, std::string> settings = {{"kind", NameOf(study.kind)}};
   if (!study.pictures.features.empty()) {
-    return {{"pictures", study.pictures.features},
-            {"light", Exactly(study.pictures.shown.light)},
-            {"noise", Exactly(study.pictures.shown.noise)}};
+    settings.insert({{"pictures", study.pictures.features},
+                     {"light", Exactly(study.pictures.shown.light)},
+                     {"noise", Exactly(study.pictures.shown.noise)}});
+  } else if (study.kind == Kind::kPlane) {
+    settings.insert({{"gamma", Exactly(study.plane.gamma)},
+                     {"raw gamma", Exactly(study.plane.raw_gamma)},
+                     {"certified level", Exactly(study.plane.certified_level)},
+                     {"factor", Exactly(study.plane.error_factor)}});
   }
-  if (study.kind != Kind::kPlane) return {};
-  return {{"gamma", Exactly(study.plane.gamma)},
-          {"raw gamma", Exactly(study.plane.raw_gamma)},
-          {"certified level", Exactly(study.plane.certified_level)},
-          {"factor", Exactly(study.plane.error_factor)}};
+  return settings;
 }
 
 void AddUnit(const experiment::UnitResult& unit, std::size_t alone, std::size_t method,
