@@ -274,13 +274,26 @@ TEST(ContrastTest, ZeroCollisionsHaveAnExactBound) {
   EXPECT_LT(EstimateContrast(uneven).collision_reduction_interval.value().low, interval.low);
 }
 
-TEST(ContrastTest, UnitsVaryAboutTheirStratum) {
+// A few episodes without variation are no proof of a ratio.
+TEST(ContrastTest, AnIntervalOfCompletionsIsNeverAPoint) {
+  const std::vector<PairedCounts> none(5, {60, 0, 0, 40, 10, 0});
+  const Interval of_none = EstimateContrast(none).completion_ratio_interval.value();
+  EXPECT_EQ(of_none.low, 0.0);
+  const double share = 1.0 - std::pow(0.025, 1.0 / 200);
+  EXPECT_NEAR(of_none.high, share / (1.0 - share), 1e-12);
+  std::vector<PairedCounts> equal = {{60, 3, 0, 3, 10, 0}, {60, 5, 0, 5, 10, 0}};
+  for (int i = 0; i < 2; ++i) {
+    const Interval same = EstimateContrast(equal).completion_ratio_interval.value();
+    EXPECT_LT(same.low, 0.9);
+    EXPECT_GT(same.high, 1.1);
+    equal[1] = equal[0];
+  }
+}
+
+TEST(RatioTest, UnitsVaryAboutTheirStratum) {
   // Two strata of identical units: nothing varies.
-  const std::vector<PairedCounts> units = {
-      {1, 1, 0, 1, 1, 0}, {1, 1, 0, 1, 1, 0}, {1, 0, 1, 1, 1, 1}, {1, 0, 1, 1, 1, 1}};
-  const PairedContrast contrast = EstimateContrast(units);
-  EXPECT_EQ(contrast.completion_ratio_interval.value().low, 0.5);
-  EXPECT_EQ(contrast.completion_ratio_interval.value().high, 0.5);
+  const std::vector<RatioPart> units = {{1.0, 1.0, 0}, {1.0, 1.0, 0}, {0.0, 1.0, 1}, {0.0, 1.0, 1}};
+  ExpectInterval(RatioInterval(units).value(), 0.5, 0.5, 0.0);
 }
 
 // By hand: totals 9 and 6, variances 3/2 (1 + 0 + 1) = 3 and 0, t = 4.302653 with 2 degrees of

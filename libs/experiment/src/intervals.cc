@@ -267,20 +267,29 @@ std::size_t Degrees(std::span<const RatioPart> units) {
   return units.size() - strata.size();
 }
 
-// Returns the interval of the collision reduction that follows from RateRatioInterval(). It needs
-// no variance and is therefore valid without events.
-Interval ExactReduction(std::span<const PairedCounts> units, const PairedCounts& total,
-                        double confidence) {
-  const auto n = static_cast<double>(units.size());
-  const double mean = total.reference_collided / n;
-  double squares = 0.0;
-  for (const PairedCounts& unit : units) {
-    squares += (unit.reference_collided - mean) * (unit.reference_collided - mean);
+// Returns RatioInterval() of counts. With few events or without variation between units, the
+// interval also covers RateRatioInterval(), which needs no variance.
+std::optional<Interval> CountRatioInterval(std::span<const RatioPart> units, double confidence) {
+  constexpr double kFew = 5.0;
+  std::optional<Interval> interval = RatioInterval(units, confidence);
+  if (Degrees(units) == 0) return interval;
+  RatioPart total;
+  for (const RatioPart& unit : units) {
+    total.numerator += unit.numerator;
+    total.denominator += unit.denominator;
   }
-  const double dispersion = units.size() > 1 ? std::max(1.0, squares / (n - 1.0) / mean) : 1.0;
-  const Interval ratio =
-      RateRatioInterval(total.collided, total.reference_collided / dispersion, confidence);
-  return {1.0 - ratio.high, 1.0 - ratio.low};
+  if (total.numerator >= kFew && !(interval && interval->low == interval->high)) return interval;
+  const auto n = static_cast<double>(units.size());
+  const double mean = total.denominator / n;
+  double squares = 0.0;
+  for (const RatioPart& unit : units) {
+    squares += (unit.denominator - mean) * (unit.denominator - mean);
+  }
+  const double dispersion = std::max(1.0, squares / (n - 1.0) / mean);
+  const Interval exact =
+      RateRatioInterval(total.numerator, total.denominator / dispersion, confidence);
+  if (!interval) return exact;
+  return Interval{std::min(interval->low, exact.low), std::max(interval->high, exact.high)};
 }
 
 }  // namespace
@@ -344,22 +353,13 @@ PairedContrast EstimateContrast(std::span<const PairedCounts> units, double conf
   PairedContrast contrast;
   if (total.reference_completed > 0) {
     contrast.completion_ratio = static_cast<double>(total.completed) / total.reference_completed;
-    contrast.completion_ratio_interval = RatioInterval(completed, confidence);
+    contrast.completion_ratio_interval = CountRatioInterval(completed, confidence);
   }
   if (total.reference_collided == 0) return contrast;
   contrast.collision_reduction =
       1.0 - static_cast<double>(total.collided) / total.reference_collided;
-  if (Degrees(collided) == 0) return contrast;
-  const std::optional<Interval> ratio = RatioInterval(collided, confidence);
-  std::optional<Interval>& interval = contrast.collision_reduction_interval;
-  if (ratio) interval = Interval{1.0 - ratio->high, 1.0 - ratio->low};
-  constexpr int kFew = 5;
-  if (total.collided < kFew) {
-    const Interval exact = ExactReduction(units, total, confidence);
-    interval = interval ? Interval{std::min(interval->low, exact.low),
-                                   std::max(interval->high, exact.high)}
-                        : exact;
-  }
+  const std::optional<Interval> ratio = CountRatioInterval(collided, confidence);
+  if (ratio) contrast.collision_reduction_interval = Interval{1.0 - ratio->high, 1.0 - ratio->low};
   return contrast;
 }
 
