@@ -8,6 +8,7 @@
 #include "apps/study/planar/task.h"
 #include "dfr/control/certified/certificate_constants.h"
 #include "dfr/core/contract.h"
+#include "dfr/core/numerics/log_gamma.h"
 #include "dfr/core/random.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/kernel/model_selection.h"
@@ -59,9 +60,10 @@ std::vector<core::Trajectory> Draw(const std::string& world, int count, std::uin
 double BetaBinomial(int most, int n, double a, double b) {
   double sum = 0.0;
   for (int k = 0; k <= std::min(most, n); ++k) {
-    sum += std::exp(std::lgamma(n + 1.0) - std::lgamma(k + 1.0) - std::lgamma(n - k + 1.0) +
-                    std::lgamma(k + a) + std::lgamma(n - k + b) - std::lgamma(n + a + b) +
-                    std::lgamma(a + b) - std::lgamma(a) - std::lgamma(b));
+    sum +=
+        std::exp(core::LogGamma(n + 1.0) - core::LogGamma(k + 1.0) - core::LogGamma(n - k + 1.0) +
+                 core::LogGamma(k + a) + core::LogGamma(n - k + b) - core::LogGamma(n + a + b) +
+                 core::LogGamma(a + b) - core::LogGamma(a) - core::LogGamma(b));
   }
   return sum;
 }

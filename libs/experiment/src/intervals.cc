@@ -1,7 +1,5 @@
 #include "dfr/experiment/intervals.h"
 
-#include <math.h>  // lgamma_r
-
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -13,6 +11,7 @@
 #include <vector>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/numerics/log_gamma.h"
 
 namespace dfr::experiment {
 namespace {
@@ -50,20 +49,14 @@ double NormalQuantile(double confidence) {
                 [&](double z) { return (1.0 - confidence) - std::erfc(z / std::sqrt(2.0)); });
 }
 
-// log Gamma(x), x > 0. std::lgamma would write to a global in glibc.
-double LogGamma(double x) {
-  int sign = 0;
-  return ::lgamma_r(x, &sign);
-}
-
 // The regularised incomplete beta function I_x(a, b) by its continued fraction (Lentz), which
 // converges fast for x below the mean of the distribution.
 double IncompleteBeta(double x, double a, double b) {
   if (x <= 0.0) return 0.0;
   if (x >= 1.0) return 1.0;
   if (x > (a + 1.0) / (a + b + 2.0)) return 1.0 - IncompleteBeta(1.0 - x, b, a);
-  const double log_front = LogGamma(a + b) - LogGamma(a) - LogGamma(b) + a * std::log(x) +
-                           b * std::log1p(-x) - std::log(a);
+  const double log_front = core::LogGamma(a + b) - core::LogGamma(a) - core::LogGamma(b) +
+                           a * std::log(x) + b * std::log1p(-x) - std::log(a);
   constexpr int kMostTerms = 100'000;
   double c = 1.0;
   double d = 1.0 / (1.0 - (a + b) * x / (a + 1.0));
@@ -101,32 +94,6 @@ Interval BetaInterval(double successes, double trials, double confidence) {
           failures > 0.0 ? BetaQuantile(1.0 - tail, successes + 1.0, failures) : 1.0};
 }
 
-// Logarithm of the binomial coefficient "n choose k". n is at most some thousands, so a sum
-// suffices.
-double LogChoose(int n, int k) {
-  double sum = 0.0;
-  for (int i = 1; i <= std::min(k, n - k); ++i) sum += std::log((n - i + 1.0) / i);
-  return sum;
-}
-
-// Lower end of Clopper and Pearson's interval: the p with P(X >= k) = tail for X binomial(n, p).
-// Requires 0 < k < n. This p lies below k/n, where the probabilities of k, k + 1, ... decrease. The
-// sum can therefore start with the first term.
-double LowerEnd(int k, int n, double tail) {
-  const double log_choose = LogChoose(n, k);
-  return Bisect(0.0, static_cast<double>(k) / n, [&](double p) {
-    const double odds = p / (1.0 - p);
-    double term = 1.0;
-    double sum = 1.0;
-    for (int i = k; i < n && term > 1e-18 * sum; ++i) {
-      term *= odds * (n - i) / (i + 1.0);
-      sum += term;
-    }
-    const double log_first = log_choose + k * std::log(p) + (n - k) * std::log1p(-p);
-    return log_first + std::log(sum) - std::log(tail);
-  });
-}
-
 PairedCounts Sum(PairedCounts a, const PairedCounts& b) {
   a.episodes += b.episodes;
   a.completed += b.completed;
@@ -152,13 +119,7 @@ Interval WilsonInterval(int successes, int trials, double confidence) {
 
 Interval ClopperPearsonInterval(int successes, int trials, double confidence) {
   Check(successes, trials, confidence);
-  const double tail = 0.5 * (1.0 - confidence);
-  const auto lower = [&](int k) {
-    if (k == 0) return 0.0;
-    if (k == trials) return std::pow(tail, 1.0 / trials);
-    return LowerEnd(k, trials, tail);
-  };
-  return {lower(successes), 1.0 - lower(trials - successes)};
+  return BetaInterval(successes, trials, confidence);
 }
 
 Interval ProportionInterval(int successes, int trials, double confidence) {

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/numerics/log_gamma.h"
 #include "dfr/core/random.h"
 #include "dfr/core/text/format.h"
 #include "dfr/core/workers.h"
@@ -114,8 +115,9 @@ struct Tally {
 double ToleranceRank(double n, double alpha, double confidence) {
   double sum = 0.0;
   for (double k = 0.0; k < n; ++k) {
-    sum += std::exp(std::lgamma(n + 1.0) - std::lgamma(k + 1.0) - std::lgamma(n - k + 1.0) +
-                    k * std::log1p(-alpha) + (n - k) * std::log(alpha));
+    sum +=
+        std::exp(core::LogGamma(n + 1.0) - core::LogGamma(k + 1.0) - core::LogGamma(n - k + 1.0) +
+                 k * std::log1p(-alpha) + (n - k) * std::log(alpha));
     if (sum >= confidence) return k + 1.0;
   }
   return n + 1.0;
