@@ -52,7 +52,9 @@ void RunAndPrint(const Study& study, bool grid, bool causes) {
     if (guards && wide) tables.push_back(WhereItFails(rows, controller));
   }
   Print(tables, wide ? 2 : 4);
-  if (study.kind == Kind::kPlane) std::cout << MarksOf(study.controllers);
+  std::vector<std::string> marked = study.controllers;
+  marked.insert(marked.end(), study.policies.begin(), study.policies.end());
+  std::cout << MarksOf(marked);
   if (study.out.empty()) return;
   SaveCsv(rows, study.out / "study.csv");
   experiment::SaveReport(
@@ -87,16 +89,6 @@ void AddChoices(CLI::App& command, Study& study) {
       ->delimiter(',')
       ->capture_default_str();
   command
-      .add_option("--methods,--controllers", study.controllers,
-                  std::string("methods, in addition to the policy alone") +
-                      (study.kind == Kind::kGuards ? ": strategies of guards" : "") +
-                      (study.kind == Kind::kPlane
-                           ? ""
-                           : "; " + Join(PlaceboNames()) +
-                                 " interrupt the policy as often as guard, at random times"))
-      ->delimiter(',')
-      ->capture_default_str();
-  command
       .add_option("--conditions", study.conditions,
                   "conditions, by their names in the table; default: all")
       ->delimiter(',');
@@ -113,11 +105,21 @@ void AddChoices(CLI::App& command, Study& study) {
       ->check(dfr::apps::kPositive)
       ->check(dfr::apps::kCount)
       ->capture_default_str();
-  if (study.kind == Kind::kPlane) planar::AddMethodOptions(command, study.plane);
 }
 
 void AddOptions(CLI::App& command, Study& study) {
   AddChoices(command, study);
+  command
+      .add_option("--methods,--controllers", study.controllers,
+                  std::string("methods, in addition to the policy alone") +
+                      (study.kind == Kind::kGuards ? ": strategies of guards" : "") +
+                      (study.kind == Kind::kPlane
+                           ? ""
+                           : "; " + Join(PlaceboNames()) +
+                                 " interrupt the policy as often as guard, at random times"))
+      ->delimiter(',')
+      ->capture_default_str();
+  if (study.kind == Kind::kPlane) planar::AddMethodOptions(command, study.plane);
   experiment::AddRunOptions(command, study);
 }
 
@@ -323,6 +325,7 @@ int Main(int argc, char** argv) {
       "ablate", "Run the experiment without each part of the controller, one at a time");
   Study ablated = plane;
   AddChoices(*ablate, ablated);
+  planar::AddGamma(*ablate, ablated.plane);
   ablate->add_option("--seed", ablated.seed)->capture_default_str();
   ablate->add_option("--threads", ablated.threads, "number of threads; 0: one per core")
       ->check(dfr::apps::kNotNegative)

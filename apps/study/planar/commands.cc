@@ -34,6 +34,11 @@ struct PlanarStudy {
   MethodOptions methods;
 };
 
+Methods FitMethods(const Task& task, const PlanarStudy& study) {
+  return {task, Demonstrate(task, study.demonstrations, core::DeriveSeed(study.seed, {2, 0})),
+          study.methods};
+}
+
 void PrintProof(ProofOptions options, bool mutations) {
   std::printf("%-10s %10s %12s %12s %9s %10s %9s %9s\n", "mutation", "controls", "left support",
               "violations", "probes", "recoveries", "filtered", "episodes");
@@ -145,9 +150,7 @@ std::optional<double> ClearanceKept(const Task& task, const Methods& methods, in
 // it would pass.
 void PrintCertificate(const PlanarStudy& study) {
   const Task task = MakeTask(study.task);
-  const Methods methods(
-      task, Demonstrate(task, study.demonstrations, core::DeriveSeed(study.seed, {2, 0})),
-      study.methods);
+  const Methods methods = FitMethods(task, study);
   const core::FeatureTransform& features = methods.model().features();
   const kernel::WhitenedSupport& support = methods.model().feature_support();
   const control::Certificate certificate = methods.certificate();
@@ -202,9 +205,7 @@ void PrintCertificate(const PlanarStudy& study) {
 void Picture(const PlanarStudy& study, const std::vector<std::string>& names, std::uint64_t start,
              const std::filesystem::path& folder) {
   const Task task = MakeTask(study.task);
-  const Methods methods(
-      task, Demonstrate(task, study.demonstrations, core::DeriveSeed(study.seed, {2, 0})),
-      study.methods);
+  const Methods methods = FitMethods(task, study);
   std::filesystem::create_directories(folder);
   const std::vector<Episode> episodes = Record(task, methods, names, start);
   const Painter painter(task, methods);
@@ -233,26 +234,33 @@ void AddTask(CLI::App& command, PlanarStudy& study) {
       ->check(apps::kDemonstrations)
       ->capture_default_str();
   command.add_option("--seed", study.seed)->capture_default_str();
-  AddMethodOptions(command, study.methods);
 }
 
-}  // namespace
-
-void AddMethodOptions(CLI::App& command, MethodOptions& options) {
-  command
-      .add_option("--gamma", options.gamma,
-                  "gamma of the whitened support, which guard and controller use")
-      ->check(apps::kPositive)
-      ->capture_default_str();
-  command.add_option("--raw-gamma", options.raw_gamma, "gamma of DFR's support; 0: the task's")
-      ->check(apps::kNotNegative)
-      ->capture_default_str();
+void AddCertificateOptions(CLI::App& command, MethodOptions& options) {
   command.add_option("--factor", options.error_factor, "safety factor on estimated eps")
       ->check(apps::kPositive)
       ->capture_default_str();
   command
       .add_option("--certified-level", options.certified_level,
                   "eta: certified-direction keeps l >= -eta")
+      ->check(apps::kNotNegative)
+      ->capture_default_str();
+}
+
+}  // namespace
+
+void AddGamma(CLI::App& command, MethodOptions& options) {
+  command
+      .add_option("--gamma", options.gamma,
+                  "gamma of the whitened support, which guard and controller use")
+      ->check(apps::kPositive)
+      ->capture_default_str();
+}
+
+void AddMethodOptions(CLI::App& command, MethodOptions& options) {
+  AddGamma(command, options);
+  AddCertificateOptions(command, options);
+  command.add_option("--raw-gamma", options.raw_gamma, "gamma of DFR's support; 0: the task's")
       ->check(apps::kNotNegative)
       ->capture_default_str();
 }
@@ -303,6 +311,8 @@ void AddCertificate(CLI::App& app, Commands& commands) {
   auto* certificate =
       app.add_subcommand("certificate", "Print the assumptions of certified-direction");
   AddTask(*certificate, *study);
+  AddGamma(*certificate, study->methods);
+  AddCertificateOptions(*certificate, study->methods);
   commands.emplace_back(certificate, [=] { PrintCertificate(*study); });
 }
 
@@ -316,6 +326,7 @@ void AddFigure(CLI::App& app, Commands& commands) {
       "figure",
       "Write pictures and a video of one start state of a planar task, like the paper's Fig. 2");
   AddTask(*figure, *study);
+  AddMethodOptions(*figure, study->methods);
   figure->add_option("--start", *start, "random seed of the start state")->capture_default_str();
   core::WritesFolder(figure->add_option("--out", *folder))->capture_default_str();
   figure->add_option("--methods", *methods)->delimiter(',');

@@ -19,6 +19,8 @@ using Commands = std::vector<std::pair<CLI::App*, std::function<void()>>>;
 
 namespace dfr::study::planar {
 
+// Adds the gamma of the whitened support.
+void AddGamma(CLI::App& command, MethodOptions& options);
 void AddMethodOptions(CLI::App& command, MethodOptions& options);
 
 // Commands for certificates, bounds of fits and pictures in the plane.
