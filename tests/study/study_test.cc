@@ -298,6 +298,7 @@ TEST(CompareTest, UsesTheDemonstrationsOfTheConditionAndNoPictures) {
   comparison.second = "lwr";
   comparison.trials = 1;
   comparison.pairs = 8;
+  comparison.credit.halted = 1.0;
   comparison.demonstrations = 10;
   const double few = Compare(comparison).mean();
   comparison.demonstrations = 60;
