@@ -105,6 +105,13 @@ TEST_F(PsmClientRequestTest, AnyInterruptionEndsHoming) {
          input.operating_state.emplace();
          input.operating_state->state = PsmConsoleState::kPaused;
        },
+       1},
+      // A person has switched the arm off.
+      {PsmStatus::kDisabled,
+       [](PsmInput& input) {
+         input.operating_state.emplace();
+         input.operating_state->state = PsmConsoleState::kDisabled;
+       },
        1}};
   for (const Doubt& doubt : doubts) {
     SCOPED_TRACE(Name(doubt.cause));
@@ -124,7 +131,7 @@ TEST_F(PsmClientRequestTest, AnyInterruptionEndsHoming) {
     EXPECT_EQ(client_.status(), doubt.cause) << Name(client_.status());
     EXPECT_EQ(num_holds_, 1);
     EXPECT_EQ(requests_, "disable ");
-    Steps(100);
+    Steps(1000);
     EXPECT_EQ(requests_, "disable ") << "no further request is sent";
   }
 }

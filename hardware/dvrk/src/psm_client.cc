@@ -56,7 +56,7 @@ PsmStatus PsmClient::status() const noexcept {
 
 void PsmClient::Take(const PsmInput& input) noexcept {
   const bool armed = phase_ == PsmPhase::kArmed;
-  jumped_ = erred_ = false;
+  jumped_ = erred_ = switched_off_ = false;
   lapse_ = PsmStatus::kOk;
   if (input.measured_js) {
     PsmJointSample next = *input.measured_js;
@@ -121,6 +121,8 @@ void PsmClient::Take(const PsmInput& input) noexcept {
     if (any_operating_ && input.operating_state->lapses != operating_.lapses) {
       lapse_ = input.operating_state->last_lapse;
     }
+    switched_off_ = any_operating_ && operating_.state != PsmConsoleState::kDisabled &&
+                    input.operating_state->state == PsmConsoleState::kDisabled;
     operating_ = *input.operating_state;
     any_operating_ = true;
     statements_.Unsettle();

@@ -160,6 +160,8 @@ PsmStatus PsmClient::HomingHoldReason(const PsmInput& input, double dt) const no
       hold_reason_ == PsmStatus::kPaused) {
     return hold_reason_;
   }
+  // Someone has switched it off: a repeated request would power it up again.
+  if (switched_off_) return PsmStatus::kDisabled;
   return dt > options_.max_tick_gap_s ? PsmStatus::kTickLate : PsmStatus::kOk;
 }
 

@@ -20,6 +20,7 @@ robot::Finding PsmArm::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexce
   // For an inactive driver, status() would be the cause of an earlier hold. Reports instead the
   // present reason that prevents arming.
   found_ = was_active ? status : driver_->client().hold_reason();
+  has_just_held_ = was_active && driver_->phase() == PsmPhase::kHolding;
   if (found_ == PsmStatus::kHeld) return {};  // held by this program: the caller knows the reason
   const bool says_why = found_ == PsmStatus::kConsoleFault || found_ == PsmStatus::kConsoleError;
   const std::string_view error = says_why ? driver_->last_error()
@@ -42,6 +43,7 @@ std::string_view PsmArm::SaidBy(std::string_view who) noexcept {
 }
 
 bool PsmArm::needs_homing() const noexcept {
+  if (has_just_held_) return false;  // the finding is the cause, such as an arm switched off
   return found_ == PsmStatus::kDisabled || found_ == PsmStatus::kNotHomed ||
          found_ == PsmStatus::kStateInvalid || (found_ == PsmStatus::kBusy && homing());
 }

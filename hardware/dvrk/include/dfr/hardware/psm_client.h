@@ -323,6 +323,7 @@ class PsmClient {
   bool had_publisher_ = false;
   bool jumped_ = false;
   bool erred_ = false;
+  bool switched_off_ = false;  // true if the last step found that the arm became DISABLED
   bool at_rest_ = false;
   bool hold_wanted_ = false;
   bool hold_first_ = false;

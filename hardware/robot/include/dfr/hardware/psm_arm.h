@@ -49,6 +49,7 @@ class PsmArm final : public robot::Manipulator {
   PathCheck check_;
   std::function<void(const ConsoleMessage&)> on_message_;
   PsmStatus found_ = PsmStatus::kNoConsole;  // result of the last Tick()
+  bool has_just_held_ = false;               // true if the last Tick() ended arming or homing
   std::array<char, 96> said_{};
 };
 
