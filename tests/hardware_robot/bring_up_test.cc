@@ -5,6 +5,7 @@
 
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "tests/robot/fake_robot.h"
@@ -73,7 +74,7 @@ TEST_F(BringUpTest, ASimulatedArmIsHomedWithoutBeingAsked) {
 TEST_F(BringUpTest, AStopOrCtrlCEndsHomingAndCtrlCEndsWaiting) {
   const auto during = [this](std::function<void()> found) -> Confirms {
     return [this, found](std::string_view, std::string_view) {
-      Later(0.5, found);
+      Later(1.0, found);
       return true;
     };
   };
@@ -106,6 +107,25 @@ TEST_F(BringUpTest, APressedOrSilentStopMustEndAndBeCleared) {
   };
   EXPECT_EQ(Refusal(releases), "");
   EXPECT_EQ(words_, (std::vector<std::string>{"clear", "home"}));
+}
+
+// The operator may have pressed it because the arm must not move.
+TEST_F(BringUpTest, AStopPressedDuringTheQuestionMustBeClearedBeforeTheNextQuestion) {
+  bool presses = true;
+  const Confirms confirms = [&](std::string_view, std::string_view word) {
+    EXPECT_EQ(robot_.arm.homings, 0);
+    words_.emplace_back(word);
+    if (word == "home" && std::exchange(presses, false)) {
+      robot_.stop.pressed = true;
+      robot_.loop.Idle(0.1);
+      robot_.stop.pressed = false;
+    }
+    robot_.loop.Idle(3.0);
+    return word == "home" || words_.size() < 5;
+  };
+  EXPECT_EQ(Refusal(confirms), "");
+  EXPECT_EQ(words_, (std::vector<std::string>{"home", "clear", "home"}));
+  EXPECT_EQ(robot_.arm.homings, 1);
 }
 
 TEST_F(BringUpTest, ATimeoutNamesTheReasonAndItsRemedy) {

@@ -132,6 +132,19 @@ TEST(ControlLoopStartTest, HomingEndsExactlyAtTheDeadlineOfEachFault) {
   }
 }
 
+TEST(ControlLoopStartTest, HomingDoesNotAcknowledgeTheEmergencyStop) {
+  FakeRobot robot;
+  robot.arm.unhomed = true;
+  robot.stop.pressed = true;
+  robot.loop.Idle(0.1);
+  robot.stop.pressed = false;
+  robot.loop.Idle(3.0);
+  EXPECT_EQ(robot.loop.Home(), HoldReason::kEmergencyStop);
+  EXPECT_EQ(robot.arm.homings, 0);
+  static_cast<void>(robot.loop.Clear());
+  EXPECT_EQ(robot.loop.Home(), HoldReason::kNone);
+}
+
 TEST(ControlLoopStartTest, ClearAcknowledgesTheEmergencyStop) {
   for (const bool started : {false, true}) {
     FakeRobot robot;

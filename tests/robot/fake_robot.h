@@ -185,15 +185,21 @@ class FakeStop final : public robot::EmergencyStop {
 
   robot::ThreadHealth Report() noexcept override {
     if (!hangs) checked_ns_ = clock_->now_ns;
+    latched_ = latched_ || pressed;
+    if (latched_) return {{runtime::HoldReason::kEmergencyStop, "pressed"}, checked_ns_};
     return {found, checked_ns_};
   }
   void Beat(runtime::RunState state) noexcept override {
     ++beats;
     told = state;
   }
-  void Acknowledge() noexcept override { ++acknowledged; }
+  void Acknowledge() noexcept override {
+    ++acknowledged;
+    latched_ = false;
+  }
 
   robot::Finding found;
+  bool pressed = false;  // remains found after the release, until it is acknowledged
   bool hangs = false;
   int beats = 0;
   int acknowledged = 0;
@@ -201,6 +207,7 @@ class FakeStop final : public robot::EmergencyStop {
 
  private:
   const FakeClock* clock_;
+  bool latched_ = false;
   std::int64_t checked_ns_ = 0;
 };
 

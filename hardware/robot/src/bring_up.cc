@@ -13,7 +13,8 @@ std::runtime_error NotReady(const BringUpOptions& robot) {
                             (robot.remedy ? robot.remedy() : ""));
 }
 
-void BringUpArm(const BringUpOptions& robot, const Say& say, const Confirms& confirms) {
+// Waits until nothing blocks homing. After an emergency stop the operator must type `clear`.
+void AwaitHomeable(const BringUpOptions& robot, const Say& say, const Confirms& confirms) {
   robot::ControlLoop& loop = *robot.loop;
   while (!loop.AwaitHomeable(robot.patience_s, say)) {
     const bool stopped = loop.blocking() == HoldReason::kEmergencyStop ||
@@ -24,16 +25,25 @@ void BringUpArm(const BringUpOptions& robot, const Say& say, const Confirms& con
     }
     static_cast<void>(loop.Clear());
   }
+}
+
+void BringUpArm(const BringUpOptions& robot, const Say& say, const Confirms& confirms) {
+  robot::ControlLoop& loop = *robot.loop;
+  AwaitHomeable(robot, say, confirms);
   if (robot.accepts_others && !robot.accepts_others()) {
     throw std::runtime_error("other participants can command " + robot.name +
                              ", and the operator did not accept them");
   }
   if (!robot.arm->needs_homing()) return;
-  if (!robot.simulated &&
-      !(confirms && confirms(robot.name + " is not homed. If it is clear of people and objects, "
-                                          "type home: it is powered up and moves",
-                             "home"))) {
-    throw std::runtime_error(robot.name + " is not homed, and the operator did not confirm homing");
+  // A doubt that arises during the question voids the answer.
+  for (bool confirmed = robot.simulated; !confirmed; confirmed = loop.AwaitHomeable(0.0, {})) {
+    AwaitHomeable(robot, say, confirms);
+    if (!(confirms && confirms(robot.name + " is not homed. If it is clear of people and objects, "
+                                            "type home: it is powered up and moves",
+                               "home"))) {
+      throw std::runtime_error(robot.name +
+                               " is not homed, and the operator did not confirm homing");
+    }
   }
   if (say) say(robot.name + ": homing");
   if (loop.Home() != HoldReason::kNone) {
@@ -69,9 +79,10 @@ void BringUp(const BringUpOptions& robot, const Say& say, const Confirms& confir
   if (!robot.homed) BringUpArm(robot, say, confirms);
   if (!robot.loop->AwaitReady(robot.patience_s, say)) throw NotReady(robot);
   if (robot.platform_home_s == 0.0) return;
-  if (!(confirms && confirms("the platform will move to its home position. If nothing touches the "
-                             "gauze, type platform",
-                             "platform"))) {
+  if (!(confirms &&
+        confirms("the platform will move to its home position. If nothing touches the "
+                 "gauze, type platform",
+                 "platform"))) {
     throw std::runtime_error(
         "the platform is not at home, and the operator did not confirm homing");
   }

@@ -174,7 +174,6 @@ HoldReason ControlLoop::Home() noexcept {
 }
 
 HoldReason ControlLoop::TryToHome() noexcept {
-  if (devices_.emergency_stop != nullptr) devices_.emergency_stop->Acknowledge();
   Idle(options_.settle_time_s + 0.05);
   if (blocking() != HoldReason::kNone || !devices_.arm->needs_homing()) return blocking();
   if (const Finding refused = devices_.arm->Home(); !refused.ok()) {

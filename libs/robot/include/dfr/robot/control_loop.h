@@ -87,12 +87,12 @@ class ControlLoop {
 
   /// Operator command: powers up and homes the arm if required. The loop checks everything except
   /// the camera and the conditions that homing clears. Any other reason to hold aborts homing in
-  /// the same period. Homing does not start while the emergency stop is pressed or silent. Returns
-  /// kNone, or the reason, which blocking_words() describes. Returns kOperator while the arm is
-  /// armed.
+  /// the same period. Homing does not start while the emergency stop is silent, or before Clear()
+  /// after it was pressed. Returns kNone, or the reason, which blocking_words() describes. Returns
+  /// kOperator while the arm is armed.
   [[nodiscard]] runtime::HoldReason Home() noexcept;
-  /// Operator command: moves the platform home in `duration_s`. Any reason to hold stops it at
-  /// once. Returns kNone, or that reason.
+  /// Operator command: moves the platform home in `duration_s`. Any reason to hold ends the wait
+  /// and calls Platform::Rest(), which may not stop it before home. Returns kNone, or that reason.
   [[nodiscard]] runtime::HoldReason HomePlatform(double duration_s) noexcept;
   /// Starts the platform's motion, which lasts until the robot may no longer move. No effect unless
   /// the robot may move now.
