@@ -71,8 +71,12 @@ void EmergencyStopJudge::Hear(Way way, const Origin& who, bool pressed,
 
 EmergencyStop EmergencyStopJudge::Check(std::int64_t steady_ns) noexcept {
   now_ns_ = steady_ns;
-  const bool dds_silent = over_dds_.Silent(now_ns_ - max_silence_ns_);
-  const bool datagrams_silent = datagrams_ && in_datagrams_.Silent(now_ns_ - max_silence_ns_);
+  // A button has different names on the two paths: only the numbers show that one lacks a path.
+  const std::int64_t since_ns = now_ns_ - max_silence_ns_;
+  const bool dds_silent =
+      over_dds_.Silent(since_ns) || (datagrams_ && over_dds_.size < in_datagrams_.size);
+  const bool datagrams_silent =
+      datagrams_ && (in_datagrams_.Silent(since_ns) || in_datagrams_.size < over_dds_.size);
   only_datagrams_silent_ = datagrams_silent && !dds_silent;
   if (latched_) return EmergencyStop::kPressed;
   return dds_silent || datagrams_silent ? EmergencyStop::kSilent : EmergencyStop::kClear;

@@ -95,6 +95,24 @@ TEST_F(EmergencyStopJudgeTest, TheSilenceOfEachButtonIsDetected) {
       << "the operator knows that it is gone";
 }
 
+// The second way of one button does not hide that another button has only one.
+TEST_F(EmergencyStopJudgeTest, EachButtonNeedsBothWays) {
+  for (const Way way : {Way::kDds, Way::kDatagrams}) {
+    EmergencyStopJudge judge(1e-9 * kSilence);
+    judge.Hear(way, Button(1), false, kStart);
+    judge.Hear(Way::kDds, Button(2), false, kStart);
+    judge.Hear(Way::kDatagrams, Button(2), false, kStart);
+    EXPECT_EQ(judge.Check(kStart), EmergencyStop::kSilent);
+    EXPECT_EQ(judge.only_datagrams_silent(), way == Way::kDds);
+    judge.Acknowledge();
+    EXPECT_EQ(judge.Check(kStart), EmergencyStop::kSilent) << "it is not repaired";
+  }
+  EmergencyStopJudge dds_alone(1e-9 * kSilence, false);
+  dds_alone.Hear(Way::kDds, Button(1), false, kStart);
+  dds_alone.Hear(Way::kDatagrams, Button(2), false, kStart);
+  EXPECT_EQ(dds_alone.Check(kStart), EmergencyStop::kClear);
+}
+
 TEST_F(EmergencyStopJudgeTest, MoreButtonsThanItCanFollowAreNotTrusted) {
   const test::NoAlloc guard;
   for (int button = 1; button <= 8; ++button) Hear(button, kStart);
