@@ -112,7 +112,8 @@ TEST_F(PsmClientRequestTest, AnyInterruptionEndsHoming) {
          input.operating_state.emplace();
          input.operating_state->state = PsmConsoleState::kDisabled;
        },
-       1}};
+       1},
+      {PsmStatus::kSendFailed, [](PsmInput& input) { input.send_failed = true; }, 1}};
   for (const Doubt& doubt : doubts) {
     SCOPED_TRACE(Name(doubt.cause));
     Become(PsmConsoleState::kDisabled, false, false);

@@ -41,10 +41,10 @@ PsmDriver::~PsmDriver() {
     Outgoing disable;
     disable.request = PsmRequest::kDisable;
     disable.stamp = dds::Stamp::Now();
-    link_->outbox.Put(disable);
+    if (!link_->outbox.Put(disable)) link_->disable_wanted.Want();
   }
   if (client_.phase() == PsmPhase::kArmed || client_.homing()) {
-    link_->hold_wanted.store(true, std::memory_order_release);
+    link_->hold_wanted.Want();
   }
 }
 
@@ -103,9 +103,12 @@ PsmStatus PsmDriver::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept
     next.jaw = output.jaw;
     next.request = output.request;
     next.stamp = dds::Stamp::FromNanoseconds(wall_ns);
-    if (!link.outbox.Put(next)) link.failed.store(true, std::memory_order_relaxed);
+    if (!link.outbox.Put(next)) {
+      link.failed.store(true, std::memory_order_relaxed);
+      if (output.request == PsmRequest::kDisable) link.disable_wanted.Want();
+    }
   }
-  if (output.hold) link.hold_wanted.store(true, std::memory_order_release);
+  if (output.hold) link.hold_wanted.Want();
   ::sem_post(&link.wake);
   return status();
 }

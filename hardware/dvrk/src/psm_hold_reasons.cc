@@ -162,6 +162,7 @@ PsmStatus PsmClient::HomingHoldReason(const PsmInput& input, double dt) const no
   }
   // Someone has switched it off: a repeated request would power it up again.
   if (switched_off_) return PsmStatus::kDisabled;
+  if (input.send_failed) return PsmStatus::kSendFailed;
   return dt > options_.max_tick_gap_s ? PsmStatus::kTickLate : PsmStatus::kOk;
 }
 

@@ -19,6 +19,7 @@ using internal::Who;
 
 constexpr long kPollNs = 1'000'000;
 constexpr int kPollsPerCount = 10;
+constexpr int kLastPolls = 1000;     // attempts to stop the arm at the end
 constexpr double kLastWordsS = 1.0;  // time for ten requests for a lost sample
 
 Who InWords(const dds::Newcomer& newcomer) {
@@ -99,6 +100,7 @@ PsmDriver::Link::~Link() {
 }
 
 void PsmDriver::Link::Run() noexcept {
+  int last_polls = 0;
   for (int poll = 0;; ++poll) {
     const bool stopping = stop.load(std::memory_order_acquire);
     const std::uint64_t wanted = cycle_wanted.load(std::memory_order_acquire);
@@ -112,7 +114,10 @@ void PsmDriver::Link::Run() noexcept {
       cycle_done.store(wanted, std::memory_order_release);
       cycle_done.notify_all();
     }
-    if (stopping) break;
+    if (stopping &&
+        (!(hold_wanted.wanted() || disable_wanted.wanted()) || ++last_polls > kLastPolls)) {
+      break;
+    }
     timespec until{};
     ::clock_gettime(CLOCK_MONOTONIC, &until);
     until.tv_nsec += kPollNs;
@@ -135,7 +140,7 @@ void PsmDriver::Link::WaitForRequests() noexcept {
 
 bool PsmDriver::Link::Send() noexcept {
   // The hold is read before the set-points, so set-points queued before the hold are not sent.
-  const bool holding = hold_wanted.exchange(false, std::memory_order_acq_rel);
+  const bool holding = hold_wanted.wanted();
   Outgoing next;
   bool servo = false;
   bool servo_jaw = false;
@@ -157,20 +162,34 @@ bool PsmDriver::Link::Send() noexcept {
     if (next.request != PsmRequest::kNone) {
       requested = true;
       if (holding) hold.Write({});
-      dds::StringStamped command;
-      command.stamp = next.stamp;
-      command.text = Name(next.request);
-      if (!state_command.Write(command)) failed.store(true, std::memory_order_relaxed);
+      // No request overtakes a `disable` that is still to be sent.
+      const bool disables = next.request == PsmRequest::kDisable;
+      const bool written =
+          (disables || !disable_wanted.wanted()) && WriteRequest(next.request, next.stamp);
+      if (disables && !written) disable_wanted.Want();
+      if (!written) failed.store(true, std::memory_order_relaxed);
     }
   }
+  if (disable_wanted.wanted()) {
+    requested = true;
+    (void)disable_wanted.Send(
+        [this] { return WriteRequest(PsmRequest::kDisable, dds::Stamp::Now()); });
+  }
   if (holding) {
-    hold.Write({});
+    (void)hold_wanted.Send([this] { return hold.Write({}); });
     return requested;
   }
   if (servo && !WriteServo()) failed.store(true, std::memory_order_relaxed);
   if (servo_jaw && !jaw_servo_jp.Write(jaw)) failed.store(true, std::memory_order_relaxed);
   sent.fetch_add((servo ? 1U : 0U) + (servo_jaw ? 1U : 0U), std::memory_order_release);
   return requested;
+}
+
+bool PsmDriver::Link::WriteRequest(PsmRequest request, const dds::Stamp& stamp) noexcept {
+  dds::StringStamped command;
+  command.stamp = stamp;
+  command.text = Name(request);
+  return state_command.Write(command);
 }
 
 bool PsmDriver::Link::WriteServo() noexcept {

@@ -20,6 +20,7 @@
 #include "dfr/hardware/word_limit.h"
 #include "dfr/runtime/latest.h"
 #include "dfr/runtime/queue.h"
+#include "until_sent.h"
 
 namespace dfr::hardware {
 namespace internal {
@@ -57,6 +58,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   // Returns true if a request was sent.
   bool Send() noexcept;
   void WaitForRequests() noexcept;
+  bool WriteRequest(PsmRequest request, const dds::Stamp& stamp) noexcept;
   bool WriteServo() noexcept;
   void NoteControl(const ConsoleMessage& message) noexcept;
   void Receive() noexcept;
@@ -98,7 +100,9 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   std::atomic<std::uint64_t> cycle_done{0};
 
   runtime::Queue<internal::Outgoing, 256> outbox;
-  std::atomic<bool> hold_wanted{false};
+  internal::UntilSent hold_wanted;
+  // A `disable` that could not be sent or queued at first.
+  internal::UntilSent disable_wanted;
   std::atomic<bool> failed{false};
   std::atomic<std::uint64_t> sent{0};
   runtime::Latest<PsmJointSample> new_measured_js;
