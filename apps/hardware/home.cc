@@ -23,7 +23,8 @@ int RunHome(const HomeOptions& options) {
                                }});
   if (!options.confirms(
           "The platform at " + options.platform +
-              " will move to its home position. If nothing touches the gauze, type platform.",
+              " will move to its home position, and only cutting its power stops it on the way. If "
+              "nothing touches the gauze, type platform.",
           "platform")) {
     options.say("Not confirmed: nothing was sent.");
     return EXIT_FAILURE;
@@ -33,8 +34,9 @@ int RunHome(const HomeOptions& options) {
     return options.interrupted != nullptr && *options.interrupted;
   });
   if (interrupted) {
-    Command(options.platform, driver.Hold());
-    options.say("Interrupted: the platform was told to stop.");
+    options.say(
+        "Interrupted, but the platform goes on to its home position: only cutting its power stops "
+        "it.");
     return EXIT_FAILURE;
   }
   options.say(

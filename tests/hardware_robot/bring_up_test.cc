@@ -193,7 +193,9 @@ TEST_F(BringUpTest, ThePlatformNeedsASeparateConfirmation) {
   EXPECT_GE(robot_.clock.now_ns - start_ns, 1'500'000'000);
   robot_.platform.refuses = {HoldReason::kPlatform, "its port failed"};
   words_.clear();
-  EXPECT_EQ(Refusal(Answers(1)), "the platform was not homed: platform: its port failed");
+  EXPECT_EQ(Refusal(Answers(1)),
+            "the platform was not homed: platform: its port failed; if it moves, only cutting its "
+            "power stops it before it is at home");
 }
 
 }  // namespace

@@ -114,7 +114,7 @@ TEST_F(SprkDriverTest, EstimateIsTheCommandThroughTheLag) {
 TEST_F(SprkDriverTest, HoldStopsWhereThePlatformIs) {
   SprkDriver driver(Options());
   ASSERT_EQ(driver.Home(), SprkStatus::kOk);
-  Wait(1.0);
+  Wait(SprkDriver::kHomeTime);
   ASSERT_EQ(driver.MoveTo(Pose(0.00762, -0.00508, 0, 5 * kDegree)), SprkStatus::kOk);
   Wait(0.1);
   const PlatformPose here = driver.Estimate().pose;
@@ -128,6 +128,31 @@ TEST_F(SprkDriverTest, HoldStopsWhereThePlatformIs) {
   ASSERT_EQ(commands.size(), 3U);
   EXPECT_FALSE(commands[2].saturated);
   EXPECT_EQ(driver.Hold(), SprkStatus::kOk);  // any number of times
+}
+
+// Where the platform is on the way is unknown, so Hold() can only repeat the goal.
+TEST_F(SprkDriverTest, HoldReportsThatItCannotStopTheFirstWayHome) {
+  SprkDriver driver(Options());
+  ASSERT_EQ(driver.Home(), SprkStatus::kOk);
+  for (int n = 0; n < 2; ++n) {
+    Wait(0.4 * SprkDriver::kHomeTime);
+    EXPECT_EQ(driver.Hold(), SprkStatus::kGoesHome);
+  }
+  Wait(0.3 * SprkDriver::kHomeTime);
+  EXPECT_EQ(driver.Hold(), SprkStatus::kOk);
+  // The way of a later Home() is known.
+  ASSERT_EQ((Wait(0.1), driver.MoveTo(Pose(0.00762, 0, 0))), SprkStatus::kOk);
+  Wait(1.0);
+  ASSERT_EQ(driver.Home(), SprkStatus::kOk);
+  Wait(0.1);
+  EXPECT_EQ(driver.Hold(), SprkStatus::kOk);
+  const auto commands = emulator_.Await(7);
+  ASSERT_EQ(commands.size(), 7U);
+  for (std::size_t i = 1; i < 4; ++i) {
+    EXPECT_EQ(commands[i].letter, 'a');
+    EXPECT_TRUE(commands[i].Pose().translation_m.isZero(1e-12));
+  }
+  EXPECT_NEAR(commands[6].Pose().translation_m.x(), 0.00762 * std::exp(-0.5), 0.000128);
 }
 
 TEST_F(SprkDriverTest, WavesSweepAndHoldInTheirMiddle) {
@@ -226,10 +251,10 @@ TEST_F(SprkDriverTest, HoldAndHomeWaitForTheFirmware) {
   ASSERT_EQ(driver.Home(), SprkStatus::kOk);
   EXPECT_TRUE(waits_s_.empty());
   Wait(0.002);
-  ASSERT_EQ(driver.Hold(), SprkStatus::kOk);
+  ASSERT_EQ(driver.Hold(), SprkStatus::kGoesHome);
   ASSERT_EQ(driver.Home(), SprkStatus::kOk);
   Wait(2 * kSprkFramePeriod);
-  ASSERT_EQ(driver.Hold(), SprkStatus::kOk);
+  ASSERT_EQ(driver.Hold(), SprkStatus::kGoesHome);
   ASSERT_EQ(waits_s_.size(), 2U);
   EXPECT_NEAR(waits_s_[0], kSprkFramePeriod - 0.002, 1e-9);
   EXPECT_NEAR(waits_s_[1], kSprkFramePeriod, 1e-9);

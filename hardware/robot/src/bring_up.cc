@@ -80,14 +80,15 @@ void BringUp(const BringUpOptions& robot, const Say& say, const Confirms& confir
   if (!robot.loop->AwaitReady(robot.patience_s, say)) throw NotReady(robot);
   if (robot.platform_home_s == 0.0) return;
   if (!(confirms &&
-        confirms("the platform will move to its home position. If nothing touches the "
-                 "gauze, type platform",
+        confirms("the platform will move to its home position, and only cutting its power "
+                 "stops it on the way. If nothing touches the gauze, type platform",
                  "platform"))) {
     throw std::runtime_error(
         "the platform is not at home, and the operator did not confirm homing");
   }
   if (robot.loop->HomePlatform(robot.platform_home_s) != HoldReason::kNone) {
-    throw std::runtime_error("the platform was not homed: " + robot.loop->blocking_words());
+    throw std::runtime_error("the platform was not homed: " + robot.loop->blocking_words() +
+                             "; if it moves, only cutting its power stops it before it is at home");
   }
 }
 

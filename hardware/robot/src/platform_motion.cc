@@ -35,8 +35,8 @@ robot::Finding PlatformMotion::Begin() noexcept {
 robot::Finding PlatformMotion::Rest() noexcept {
   if (!moves_) return {};
   const SprkStatus status = driver_.Hold();
-  moves_ = status != SprkStatus::kOk;
-  return Found(status);
+  moves_ = status != SprkStatus::kOk && status != SprkStatus::kGoesHome;
+  return moves_ ? Found(status) : robot::Finding{};
 }
 
 }  // namespace dfr::hardware

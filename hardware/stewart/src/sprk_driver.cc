@@ -131,6 +131,8 @@ SprkStatus SprkDriver::Home() noexcept {
     lag_.Command({}, sent_s_);
   } else {
     lag_.Rest({}, sent_s_);
+    goes_home_ = true;
+    home_s_ = sent_s_;
   }
   homed_ = true;
   sweep_ = {};
@@ -148,6 +150,7 @@ SprkStatus SprkDriver::MoveTo(const PlatformPose& pose) noexcept {
   if (status != SprkStatus::kOk) return status;
   lag_.Command(sent, sent_s_);
   sweep_ = {};
+  goes_home_ = false;
   return SprkStatus::kOk;
 }
 
@@ -163,6 +166,7 @@ SprkStatus SprkDriver::Start(SprkWaveKind kind, const SprkWave& wave) noexcept {
   lag_.Command(kind == SprkWaveKind::kSine ? PlatformPose{} : sent.amplitude, sent_s_);
   sweep_.translation_m = sent.amplitude.translation_m.cwiseAbs();
   sweep_.angles_rad = sent.amplitude.angles_rad.cwiseAbs();
+  goes_home_ = false;
   return SprkStatus::kOk;
 }
 
@@ -183,7 +187,8 @@ SprkStatus SprkDriver::Hold() noexcept {
   if (status != SprkStatus::kOk) return status;
   lag_.Command(sent, sent_s_);
   sweep_ = {};
-  return SprkStatus::kOk;
+  goes_home_ = goes_home_ && sent_s_ - home_s_ < kHomeTime;
+  return goes_home_ ? SprkStatus::kGoesHome : SprkStatus::kOk;
 }
 
 SprkStatus SprkDriver::Check() noexcept {

@@ -89,6 +89,8 @@ const char* Name(SprkStatus status) noexcept {
       return "beyond the platform's reach";
     case SprkStatus::kNotHomed:
       return "not homed";
+    case SprkStatus::kGoesHome:
+      return "it goes home for the first time: only cutting its power stops it";
     case SprkStatus::kTooSoon:
       return "too soon after the last frame";
     case SprkStatus::kDeviceFailed:

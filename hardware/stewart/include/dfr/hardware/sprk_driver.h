@@ -58,7 +58,9 @@ class SprkDriver {
   /// Starts a wave: see EncodeSprkWave().
   [[nodiscard]] SprkStatus Start(SprkWaveKind kind, const SprkWave& wave) noexcept;
   /// Stops the platform at its present estimated pose, rounded to the protocol's steps. A wave
-  /// stops at its centre. A pose made unreachable by rounding is scaled towards home.
+  /// stops at its centre. A pose made unreachable by rounding is scaled towards home. Returns
+  /// kGoesHome within kHomeTime of the first Home(): the platform goes on to its home position,
+  /// because the pose on the way is unknown.
   [[nodiscard]] SprkStatus Hold() noexcept;
 
   /// Checks the port without sending anything: returns kOk, or kDeviceFailed, which is permanent.
@@ -83,8 +85,10 @@ class SprkDriver {
   int fd_ = -1;
   int error_ = 0;
   bool homed_ = false;
+  bool goes_home_ = false;  // true if the last motion command was the first Home()
   bool sent_ = false;
   double sent_s_ = 0.0;
+  double home_s_ = 0.0;  // time of the first Home()
   SprkLag lag_;
   kinematics::PlatformPose sweep_;
 };

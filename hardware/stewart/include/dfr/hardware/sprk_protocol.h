@@ -7,14 +7,15 @@
 
 namespace dfr::hardware {
 
-/// Result of a command to the platform. Any value except kOk and kDeviceFailed means that nothing
-/// was sent and nothing moved. After kDeviceFailed the pose is unknown.
+/// Result of a command to the platform. Any value except kOk, kGoesHome and kDeviceFailed means
+/// that nothing was sent and nothing moved. After kDeviceFailed the pose is unknown.
 enum class SprkStatus {
   kOk,
   kInvalid,       ///< An entry is not finite.
   kOutOfRange,    ///< The value is not representable in two digits.
   kOutOfReach,    ///< The motion leaves the reach of the mechanism, at the goal or before.
   kNotHomed,      ///< No successful Home() yet: the pose is unknown.
+  kGoesHome,      ///< Hold() cannot stop the first Home(): only cutting its power does.
   kTooSoon,       ///< Less than kSprkFramePeriod after the last frame.
   kDeviceFailed,  ///< Writing failed. Requires a new driver and homing.
 };
@@ -30,9 +31,10 @@ inline constexpr double kSprkFramePeriod = 0.005;
 ///   a + 12 digits      position: x, y, z, roll, pitch, yaw
 ///   c, d + 24 digits   sine, breath: amplitude and frequency of x, y, z, roll, pitch, yaw
 /// Each value is an integer from 0 to 99, units digit first: 100 (v + 0.5) for inches, v + 15 for
-/// degrees, 100 v for frequencies. The firmware reads +0.50 inch as -0.50 and a frequency of 0 as
-/// 1.00, uses left-handed pitch and yaw, and saturates silently at the limits of the mechanism. The
-/// functions below convert the signs and refuse commands that would trigger the other effects.
+/// degrees, 100 v for frequencies. The firmware reads +0.50 inch as -0.50, takes 1.00 for a
+/// frequency of 0, uses left-handed pitch and yaw, and saturates silently at the limits of the
+/// mechanism. The functions below convert the signs and refuse commands that would trigger the
+/// other effects.
 using SprkPositionFrame = std::array<char, 13>;
 using SprkWaveFrame = std::array<char, 25>;
 

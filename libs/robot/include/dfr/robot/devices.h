@@ -121,8 +121,8 @@ class Platform {
   /// Starts the motion, which lasts until Rest(), or returns why it cannot.
   [[nodiscard]] virtual Finding Begin() noexcept = 0;
   /// Called in every period in which the robot must not move: stops the platform at a known
-  /// position by the shortest path. No effect if the platform rests. Returns a reason if the
-  /// platform cannot be commanded.
+  /// position by the shortest path; from an unknown position this is home. No effect if the
+  /// platform rests. Returns a reason if the platform cannot be commanded.
   [[nodiscard]] virtual Finding Rest() noexcept = 0;
 };
 
