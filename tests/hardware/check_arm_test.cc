@@ -199,7 +199,7 @@ TEST_F(ArmCheckTest, AStopOrAnInterruptEndsTheMove) {
     interrupted = interrupted || moves();
     return dds::EmergencyStop::kClear;
   };
-  EXPECT_THAT(Check(), HasSubstr("interrupted: the arm was not moved further"));
+  EXPECT_THAT(Check(), HasSubstr("interrupted: nothing is moved further"));
   EXPECT_LT(arm_.console.setpoint_joints()[2], 0.121) << "the arm moved on";
 }
 

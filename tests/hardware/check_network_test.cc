@@ -6,6 +6,7 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <string>
 #include <utility>
 
@@ -109,23 +110,98 @@ TEST_F(NetworkCheckTest, FindsTheEndoscopesTopic) {
               HasSubstr("pictures have 64 x 48 pixels, the intrinsics are for 640 x 480"));
 }
 
-TEST(PlatformMoveCheckTest, OpensThePortAndMovesOnlyAfterAsking) {
-  test::SprkEmulator emulator;
-  test::HandMovedClock clock;
-  CheckOptions options;
-  options.platform = emulator.device();
-  options.clock = &clock;
-  DeviceReport report = CheckPlatform(options);
-  EXPECT_TRUE(report.ok()) << Shown(report);
-  EXPECT_THAT(Shown(report), HasSubstr("never answers"));
-  options.move = true;
-  options.ask = [](const std::string&) { return true; };
-  report = CheckPlatform(options);
-  EXPECT_TRUE(report.ok()) << Shown(report);
-  const auto commands = emulator.Await(3);
+class PlatformMoveCheckTest : public testing::Test {
+ protected:
+  PlatformMoveCheckTest() {
+    options_.platform = emulator_.device();
+    options_.clock = &clock_;
+    options_.move = true;
+    options_.interrupted = &interrupted_;
+    options_.ask = [](const std::string&) { return true; };
+    options_.network.domain = test::OwnDomain();
+    options_.find_s = 0.1;
+  }
+  std::string Check() {
+    return Shown(CheckPlatform(options_, [this](std::int64_t) { return stop_; }));
+  }
+  // Runs `happens` this time after the first wait.
+  void After(double seconds, std::function<void()> happens) {
+    const auto then_ns = clock_.now_ns + static_cast<std::int64_t>(1e9 * seconds);
+    clock_.waits = [this, then_ns, happens = std::move(happens)] {
+      if (clock_.now_ns >= then_ns) happens();
+    };
+  }
+  static double TiltOf(const test::SprkFirmware::Command& command) {
+    return command.Pose().angles_rad.x() / 0.017453292519943295;
+  }
+
+  test::SprkEmulator emulator_;
+  test::HandMovedClock clock_;
+  CheckOptions options_;
+  std::atomic<bool> interrupted_ = false;
+  dds::EmergencyStop stop_ = dds::EmergencyStop::kClear;
+};
+
+TEST_F(PlatformMoveCheckTest, OpensThePortAndMovesOnlyAfterAsking) {
+  options_.move = false;
+  EXPECT_THAT(Check(), AllOf(HasSubstr("never answers"), Not(HasSubstr("[wrong]"))));
+  options_.move = true;
+  const std::int64_t start_ns = clock_.now_ns;
+  EXPECT_THAT(Check(), AllOf(HasSubstr("was told to go home"), Not(HasSubstr("[wrong]"))));
+  EXPECT_GE(1e-9 * static_cast<double>(clock_.now_ns - start_ns), 3 * 1.5)
+      << "time for each motion";
+  const auto commands = emulator_.Await(3);
   ASSERT_EQ(commands.size(), 3U);
   EXPECT_EQ(commands[0].letter, 'h');
-  EXPECT_EQ(commands[1].letter, 'a');
+  EXPECT_NEAR(TiltOf(commands[1]), 3.0, 1e-9);
+  EXPECT_NEAR(TiltOf(commands[2]), 0.0, 1e-9);
+}
+
+TEST_F(PlatformMoveCheckTest, MovesNothingWithoutAReleasedStopOrAfterAnInterruptOrAnError) {
+  for (const auto& [stop, words] :
+       {std::pair(dds::EmergencyStop::kSilent, "no emergency stop was found"),
+        std::pair(dds::EmergencyStop::kPressed, "the emergency stop is pressed")}) {
+    stop_ = stop;
+    EXPECT_THAT(Check(), HasSubstr(words));
+  }
+  EXPECT_EQ(RunCheck(options_), 1) << "there is no stop";
+  stop_ = dds::EmergencyStop::kClear;
+  interrupted_ = true;
+  EXPECT_THAT(Check(), HasSubstr("interrupted"));
+  options_.without_stop = true;
+  EXPECT_EQ(RunCheck(options_), 1);
+  interrupted_ = false;
+  options_.endoscope = "/dev/video97";
+  EXPECT_EQ(RunCheck(options_), 1) << "the endoscope is missing";
+  options_.endoscope.clear();
+  EXPECT_EQ(RunCheck(options_), 0);
+  EXPECT_EQ(emulator_.Await(3).size(), 3U) << "only the last check moves it";
+}
+
+TEST_F(PlatformMoveCheckTest, AStopOrAnInterruptHoldsThePlatform) {
+  After(1.6, [this] { stop_ = dds::EmergencyStop::kPressed; });
+  EXPECT_THAT(Check(), AllOf(HasSubstr("the emergency stop is pressed, or was"),
+                             Not(HasSubstr("was told to go home"))));
+  stop_ = dds::EmergencyStop::kClear;
+  After(1.6, [this] { interrupted_ = true; });
+  EXPECT_THAT(Check(), HasSubstr("interrupted"));
+  const auto commands = emulator_.Await(6);
+  ASSERT_EQ(commands.size(), 6U);
+  for (const std::size_t last : {2U, 5U}) {
+    EXPECT_EQ(commands[last].letter, 'a');
+    EXPECT_NEAR(TiltOf(commands[last]), 1.0, 1.0) << "on the way";
+    EXPECT_GT(TiltOf(commands[last]), 0.5);
+  }
+}
+
+TEST_F(PlatformMoveCheckTest, AStopOnTheFirstWayHomeSaysThatOnlyThePowerStopsIt) {
+  After(0.5, [this] { stop_ = dds::EmergencyStop::kPressed; });
+  EXPECT_THAT(Check(),
+              AllOf(HasSubstr("the emergency stop is pressed, or was"),
+                    HasSubstr("goes on to its home position"), HasSubstr("cut its power")));
+  const auto commands = emulator_.Await(2);
+  ASSERT_EQ(commands.size(), 2U);
+  EXPECT_NEAR(TiltOf(commands[1]), 0.0, 1e-9);
 }
 
 class PlatformHomeTest : public testing::Test {

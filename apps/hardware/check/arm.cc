@@ -8,6 +8,7 @@
 #include "check/check.h"
 #include "check/findings.h"
 #include "check/missing_arm.h"
+#include "check/permit.h"
 #include "dfr/core/numerics/quantile.h"
 #include "dfr/dds/channel.h"
 #include "dfr/dds/emergency_stop.h"
@@ -72,7 +73,7 @@ class ConsoleArm final : public CheckedArm {
   }
   // Listens from the first call on and ignores earlier presses.
   [[nodiscard]] dds::EmergencyStop Stop(std::int64_t steady_ns) override {
-    if (!stop_) stop_.emplace(*participant_, 0.1);
+    if (!stop_) stop_.emplace(*participant_, kStopSilence);
     return stop_->Check(steady_ns);
   }
 
@@ -187,47 +188,6 @@ void ReportMeasurements(DeviceReport& report, const hardware::PsmClient& client,
   }
 }
 
-// Decides whether the arm may be moved: the emergency stop is connected and released, and the user
-// has not interrupted.
-class Permit {
- public:
-  Permit(const CheckOptions& options, CheckedArm& arm) : options_(&options), arm_(&arm) {}
-
-  // Waits for the emergency stop. Returns false and reports the reason if the arm must not move.
-  [[nodiscard]] bool Granted(DeviceReport& report) {
-    Say(*options_, "looking for the emergency stop");
-    (void)Within(*options_->clock, std::min(options_->find_s, 5.0), [&] {
-      Tick(*options_, *arm_);
-      return MayMove();
-    });
-    if (MayMove()) return true;
-    Tell(report);
-    return false;
-  }
-  [[nodiscard]] bool MayMove() {
-    if (options_->interrupted != nullptr && *options_->interrupted) return false;
-    if (options_->without_stop) return true;
-    found_ = arm_->Stop(options_->clock->SteadyNs());
-    return found_ == dds::EmergencyStop::kClear;
-  }
-  void Tell(DeviceReport& report) const {
-    if (options_->interrupted != nullptr && *options_->interrupted) {
-      Wrong(report, "interrupted: the arm was not moved further", "");
-    } else if (found_ == dds::EmergencyStop::kPressed) {
-      Wrong(report, "the emergency stop is pressed, or was pressed during the check",
-            "release it, and run this check again");
-    } else {
-      Wrong(report, "no emergency stop was found, and the arm is not moved without one",
-            "run `hardware stop` in this domain, or give --without-stop in a simulation");
-    }
-  }
-
- private:
-  const CheckOptions* options_;
-  CheckedArm* arm_;
-  dds::EmergencyStop found_ = dds::EmergencyStop::kSilent;
-};
-
 void MoveALittle(const CheckOptions& options, CheckedArm& arm, Permit& permit,
                  DeviceReport& report) {
   const PsmStatus armed = arm.client().phase() == PsmPhase::kArmed ? PsmStatus::kOk : arm.Arm();
@@ -300,8 +260,9 @@ dds::EmergencyStop ListenToArm(const CheckOptions& options, CheckedArm& arm, Dev
       last = arm.client().num_samples();
       if (arm.client().measured_js().stamp.valid()) ages.push_back(arm.client().age_s());
     }
-    return false;
+    return Interrupted(options);
   });
+  if (Interrupted(options)) return stop;
   const double listened = 1e-9 * static_cast<double>(options.clock->SteadyNs() - start_ns);
   ReportTopics(options, arm, report);
   ReportMeasurements(report, arm.client(), static_cast<double>(last - first) / listened, ages);
@@ -326,7 +287,7 @@ PsmStatus CheckReady(const CheckOptions& options, CheckedArm& arm, Permit& permi
   PsmStatus status = arm.client().Armable();
   if ((status == PsmStatus::kDisabled || status == PsmStatus::kNotHomed) && options.home &&
       Ask(options, options.arm + " will move while it homes. Is it clear of people and objects?") &&
-      permit.Granted(report)) {
+      permit.Granted(report, [&] { Tick(options, arm); })) {
     (void)arm.BringUp(
         kBringUpTime, [&](std::string_view text) { Say(options, std::string(text)); },
         [&] { return permit.MayMove(); });
@@ -358,9 +319,13 @@ DeviceReport CheckArm(const CheckOptions& options, CheckedArm& arm) {
   DeviceReport report;
   report.device = options.arm + InNetwork(options);
   Say(options, "looking for " + options.arm);
-  Listen(options, arm, options.find_s, [&] { return AllFound(arm); });
-  if (IsMissing(arm)) return report;
+  Listen(options, arm, options.find_s, [&] { return AllFound(arm) || Interrupted(options); });
+  if (IsMissing(arm) && !Interrupted(options)) return report;
   const dds::EmergencyStop stop = ListenToArm(options, arm, report);
+  if (Interrupted(options)) {
+    Wrong(report, "interrupted", "");
+    return report;
+  }
   if (options.without_stop || stop == dds::EmergencyStop::kSilent) {
     // The missing emergency stop is reported first.
     report.findings.insert(
@@ -370,13 +335,13 @@ DeviceReport CheckArm(const CheckOptions& options, CheckedArm& arm) {
                               : "NO EMERGENCY STOP was found: only the console can stop the arm",
          "run `hardware stop` in this domain, at the operator's hand"});
   }
-  Permit permit(options, arm);
+  Permit permit(options, [&arm](std::int64_t steady_ns) { return arm.Stop(steady_ns); });
   const PsmStatus status = CheckReady(options, arm, permit, report);
   if (options.move && status == PsmStatus::kOk &&
       Ask(options,
           options.arm +
               " will move its instrument by 2 mm along the shaft and back. Is it clear?") &&
-      permit.Granted(report)) {
+      permit.Granted(report, [&] { Tick(options, arm); })) {
     MoveALittle(options, arm, permit, report);
   }
   return report;
@@ -386,7 +351,7 @@ DeviceReport CheckArm(const CheckOptions& options) {
   dds::Participant participant(options.network);
   ConsoleArm arm(participant, options);
   DeviceReport report = CheckArm(options, arm);
-  if (IsMissing(arm)) {
+  if (IsMissing(arm) && !Interrupted(options)) {
     ExplainMissing(options, participant, report);
   }
   return report;

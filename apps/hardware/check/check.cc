@@ -4,9 +4,12 @@
 #include <cstdlib>
 #include <iostream>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
 #include <utility>
 
 #include "check/findings.h"
+#include "check/permit.h"
 #include "dfr/core/error.h"
 #include "dfr/core/text/format.h"
 #include "dfr/hardware/sprk_driver.h"
@@ -35,6 +38,40 @@ nlohmann::json Json(const DeviceReport& report) {
   return {{"device", report.device}, {"ok", report.ok()}, {"findings", findings}};
 }
 
+// Moves the platform home, tilts it and moves it home again.
+void Tilt(const CheckOptions& options, hardware::SprkDriver& driver, Permit& permit,
+          DeviceReport& report) {
+  using hardware::SprkDriver;
+  using hardware::SprkStatus;
+  const auto is_stopped = [&] {
+    return Within(*options.clock, SprkDriver::kHomeTime, [&] { return !permit.MayMove(); });
+  };
+  SprkStatus status = driver.Home();
+  bool stopped = status == SprkStatus::kOk && is_stopped();
+  kinematics::PlatformPose tilted;
+  tilted.angles_rad.x() = 3.0 * 0.017453292519943295;
+  for (const kinematics::PlatformPose& pose : {tilted, kinematics::PlatformPose{}}) {
+    if (status != SprkStatus::kOk || stopped) break;
+    status = driver.MoveTo(pose);
+    stopped = status == SprkStatus::kOk && is_stopped();
+  }
+  if (stopped) {
+    permit.Tell(report);
+    status = driver.Hold();
+    if (status == SprkStatus::kOk) return;
+  }
+  if (status == SprkStatus::kGoesHome) {
+    Wrong(report, "the platform goes on to its home position", "cut its power to stop it");
+  } else if (status != SprkStatus::kOk) {
+    Wrong(report, std::string("the platform cannot be commanded: ") + hardware::Name(status),
+          "check its cable and power");
+  } else {
+    Ok(report,
+       "was told to go home, tilt by 3 degrees and return: if it did not, switch its power off and "
+       "on and plug it in again");
+  }
+}
+
 }  // namespace
 
 bool DeviceReport::ok() const noexcept {
@@ -43,6 +80,16 @@ bool DeviceReport::ok() const noexcept {
 }
 
 DeviceReport CheckPlatform(const CheckOptions& options) {
+  std::optional<dds::Participant> participant;
+  std::optional<dds::EmergencyStopReceiver> receiver;
+  return CheckPlatform(options, [&](std::int64_t steady_ns) {
+    if (!participant) participant.emplace(options.network);
+    if (!receiver) receiver.emplace(*participant, kStopSilence);
+    return receiver->Check(steady_ns);
+  });
+}
+
+DeviceReport CheckPlatform(const CheckOptions& options, const StopState& stop) {
   DeviceReport report;
   report.device = "platform at " + options.platform;
   try {
@@ -55,21 +102,8 @@ DeviceReport CheckPlatform(const CheckOptions& options) {
          "run this check with --move, and watch");
     if (options.move &&
         Ask(options, "the platform will go home and tilt by 3 degrees and back. Is it clear?")) {
-      hardware::SprkStatus status = driver.Home();
-      kinematics::PlatformPose tilted;
-      tilted.angles_rad.x() = 3.0 * 0.017453292519943295;
-      for (const kinematics::PlatformPose& pose : {tilted, kinematics::PlatformPose{}}) {
-        options.clock->Wait(1.0);
-        if (status == hardware::SprkStatus::kOk) status = driver.MoveTo(pose);
-      }
-      if (status != hardware::SprkStatus::kOk) {
-        Wrong(report, std::string("the platform cannot be commanded: ") + hardware::Name(status),
-              "check its cable and power");
-      } else {
-        Ok(report,
-           "was told to go home, tilt by 3 degrees and return: if it did not, switch its power off "
-           "and on and plug it in again");
-      }
+      Permit permit(options, stop);
+      if (permit.Granted(report)) Tilt(options, driver, permit, report);
     }
   } catch (const core::Error& e) {
     Wrong(report, std::string(e.problem()),
@@ -109,14 +143,24 @@ int RunCheck(CheckOptions options) {
     reports.push_back(std::move(report));
   };
   if (!options.arm.empty()) add(CheckArm(options));
-  if (!options.endoscope.empty()) add(CheckEndoscope(options));
-  if (!options.platform.empty()) add(CheckPlatform(options));
-  const bool ok = std::all_of(reports.begin(), reports.end(),
-                              [](const DeviceReport& report) { return report.ok(); });
+  const auto well = [&] {
+    return std::all_of(reports.begin(), reports.end(),
+                       [](const DeviceReport& report) { return report.ok(); });
+  };
+  if (!options.endoscope.empty() && !Interrupted(options)) add(CheckEndoscope(options));
+  if (options.move && !options.platform.empty() && !well()) {
+    Say(options, "errors were found: the platform is not moved");
+    options.move = false;
+  }
+  if (!options.platform.empty() && !Interrupted(options)) add(CheckPlatform(options));
+  const bool ok = well() && !Interrupted(options);
   if (options.json) {
     PrintJson(reports, std::cout);
   } else {
-    std::cout << (ok ? "no errors" : "errors were found: see above") << std::endl;
+    std::cout << (ok                     ? "no errors"
+                  : Interrupted(options) ? "interrupted"
+                                         : "errors were found: see above")
+              << std::endl;
   }
   return ok ? EXIT_SUCCESS : EXIT_FAILURE;
 }

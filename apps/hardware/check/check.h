@@ -1,6 +1,7 @@
 #pragma once
 
 #include <atomic>
+#include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <iosfwd>
@@ -44,8 +45,8 @@ struct CheckOptions {
   double listen_s = 3.0;         ///< Time to listen to a device, > 0.
   bool home = false;             ///< Asks whether to home the arm.
   bool move = false;             ///< Asks whether to move a device by a small distance.
-  /// Allows the arm to move without an emergency stop. Otherwise the stop must be connected and
-  /// released, and pressing it ends the check.
+  /// Allows devices to move without an emergency stop. Otherwise the stop must be connected and
+  /// released, and pressing it ends the motion.
   bool without_stop = false;
   const std::atomic<bool>* interrupted = nullptr;  ///< Ends the check when true; may be nullptr.
   bool json = false;
@@ -66,8 +67,13 @@ struct CheckOptions {
 /// Checks the pictures of a given endoscope, and their size against `camera`. Adds the findings.
 void LookAt(const CheckOptions& options, const hardware::EndoscopeOptions& camera,
             hardware::Endoscope& endoscope, DeviceReport& report);
+/// Returns the state of the emergency stop at this time of a monotonic clock, ns.
+using StopState = std::function<dds::EmergencyStop(std::int64_t steady_ns)>;
+
 /// Checks the port of the Stewart platform, and moves the platform on request.
 [[nodiscard]] DeviceReport CheckPlatform(const CheckOptions& options);
+/// Overload for a given emergency stop.
+[[nodiscard]] DeviceReport CheckPlatform(const CheckOptions& options, const StopState& stop);
 
 /// Print one report as text, or all reports as JSON:
 ///   {"ok": true, "devices": [{"device": "...", "ok": true,
@@ -76,7 +82,8 @@ void Print(const DeviceReport& report, std::ostream& out);
 void PrintJson(const std::vector<DeviceReport>& reports, std::ostream& out);
 
 /// Runs all requested checks one after the other; by default the checks of PSM1 and /ECM/image_raw.
-/// Prints to standard output. Returns the program's exit code: 1 if there is an error.
+/// Prints to standard output. After an error the platform is not moved, and an interrupt ends all
+/// checks. Returns the program's exit code: 1 if there is an error or an interrupt.
 int RunCheck(CheckOptions options);
 
 }  // namespace dfr::apps::hardware_app

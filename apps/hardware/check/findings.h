@@ -40,6 +40,10 @@ inline bool Ask(const CheckOptions& options, const std::string& question) {
   return options.ask && options.ask(question);
 }
 
+inline bool Interrupted(const CheckOptions& options) {
+  return options.interrupted != nullptr && *options.interrupted;
+}
+
 /// Returns a description of the searched network, to be appended to a report's name.
 inline std::string InNetwork(const CheckOptions& options) {
   return " (DDS domain " + std::to_string(options.network.domain) +

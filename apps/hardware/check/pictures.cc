@@ -35,7 +35,8 @@ Pictures ReceivePictures(const CheckOptions& options, hardware::Endoscope& endos
   hardware::Frame& frame = pictures.frame;
   Clock& clock = *options.clock;
   const auto grab = [&] { return endoscope.Grab(clock.SteadyNs(), clock.WallNs(), frame); };
-  (void)Within(clock, options.find_s, [&] { return grab() != FrameStatus::kNever; });
+  (void)Within(clock, options.find_s,
+               [&] { return grab() != FrameStatus::kNever || Interrupted(options); });
   const std::int64_t start_ns = clock.SteadyNs();
   const hardware::EndoscopeCounts before = endoscope.counts();
   std::uint64_t last = 0;
@@ -45,7 +46,7 @@ Pictures ReceivePictures(const CheckOptions& options, hardware::Endoscope& endos
     if (frame.sequence != last) pictures.ages.push_back(frame.age_s);
     last = frame.sequence;
     return status == FrameStatus::kEnded || status == FrameStatus::kTruncated ||
-           status == FrameStatus::kFailed;
+           status == FrameStatus::kFailed || Interrupted(options);
   });
   const hardware::EndoscopeCounts after = endoscope.counts();
   const double seconds = 1e-9 * static_cast<double>(clock.SteadyNs() - start_ns);
@@ -134,6 +135,10 @@ DeviceReport CheckEndoscope(const CheckOptions& options) {
 void LookAt(const CheckOptions& options, const hardware::EndoscopeOptions& camera,
             hardware::Endoscope& endoscope, DeviceReport& report) {
   Pictures pictures = ReceivePictures(options, endoscope);
+  if (Interrupted(options)) {
+    Wrong(report, "interrupted", "");
+    return;
+  }
   ReportPictures(options, camera, pictures, report);
   if (pictures.good() == 0 || pictures.ages.empty()) return;
   if (hardware::IsImageTopic(options.endoscope)) {
