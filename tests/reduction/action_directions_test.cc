@@ -149,8 +149,8 @@ TEST(ActionDirectionsTest, DoNotExplainRandomActionsOfLeftOutDemonstrations) {
   for (core::Trajectory& d : mixture.demonstrations) {
     d.controls.rowwise() = Eigen::RowVector2d(random.Normal(), random.Normal());
   }
-  const ComponentsChoice choice =
-      ChooseComponents(mixture.demonstrations, {.candidates = {1, 2, 3}, .by_actions = kWhole});
+  const ComponentsChoice choice = ChooseComponents(
+      mixture.demonstrations, {.candidates = {1, 2, 3}, .blocks = kWhole, .by_actions = true});
   for (const ComponentsScore& row : choice.table) EXPECT_LT(row.explained, 0.2);
 }
 
