@@ -137,6 +137,23 @@ TEST(PsmMotionTest, WorkspaceLimitsTheWholePath) {
   EXPECT_EQ(motion.Start(Off(0, -0.45), 100.0), PsmStatus::kOk);
 }
 
+// An arm that was led outside must be able to return.
+TEST(PsmMotionTest, FromOutsideTheWorkspaceItMayReturnButNotMoveFartherOut) {
+  PsmLimits limits;
+  const double floor = Psm::Tip(Off(2, 0.05)).z() + 1e-6;
+  limits.workspace_min_m << -1.0, -1.0, floor;
+  PsmMotion motion(limits, PsmProfile::kSmooth);
+  const PsmJoints out = Off(2, 0.06);  // 10 mm below the floor
+  motion.Rest(out);
+  EXPECT_EQ(motion.Start(Off(2, 0.061), 100.0), PsmStatus::kOutsideWorkspace);
+  EXPECT_EQ(motion.Start(Off(2, 0.058), 100.0), PsmStatus::kOk) << "nearer, but still outside";
+  motion.Rest(out);
+  EXPECT_EQ(motion.Start(Off(2, 0.04), 100.0), PsmStatus::kOk);
+  // The path leads out again.
+  motion.Rest(Off(2, 0.04));
+  EXPECT_EQ(motion.Start(Off(2, 0.058), 100.0), PsmStatus::kOutsideWorkspace);
+}
+
 TEST(PsmMotionTest, PoseGoalsEqualTheirJointGoals) {
   PsmMotion motion = AtHome();
   PsmJoints goal = test::PsmHome();

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "dfr/core/contract.h"
 
@@ -95,14 +96,16 @@ PsmStatus PsmMotion::Start(const PsmJoints& goal, double duration_s) noexcept {
   }
   const PsmJoints way = goal - setpoint_;
   const int looks = Psm::NumParts(way);
+  double allowed_m = std::numeric_limits<double>::infinity();
   for (int i = 0; i <= looks; ++i) {
     const PsmJoints q = setpoint_ + (static_cast<double>(i) / looks) * way;
     if (!Unambiguous(q, limits_.generation)) return PsmStatus::kUnreachable;
     const Eigen::Vector3d tip = Psm::Tip(q);
-    const bool inside = (tip.array() >= limits_.workspace_min_m.array()).all() &&
-                        (tip.array() <= limits_.workspace_max_m.array()).all();
-    // The start cannot be changed; all later points must be inside.
-    if (i > 0 && !inside) return PsmStatus::kOutsideWorkspace;
+    const double outside_m = std::max((limits_.workspace_min_m - tip).maxCoeff(),
+                                      (tip - limits_.workspace_max_m).maxCoeff());
+    // A start outside cannot be changed: the path must not lead farther out.
+    if (outside_m > 0.0 && outside_m > allowed_m) return PsmStatus::kOutsideWorkspace;
+    allowed_m = std::min(allowed_m, outside_m);
   }
   if (duration_s < (1.0 - 1e-9) * ShortestDuration(goal)) return PsmStatus::kTooFast;
   from_ = setpoint_;
