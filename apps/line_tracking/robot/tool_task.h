@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <optional>
 #include <span>
@@ -27,7 +28,11 @@ class ToolTask final : public robot::Task {
     if (!task_->Reading(command_m_ + step, joints_)) return std::nullopt;
     command_m_ += step;
     change_mm_ = {1e3 * step.x(), 1e3 * step.y()};
-    return robot::Motion{{joints_.data(), 6}, step.norm() / speed_m_s_, change_mm_};
+    // An upright tool may differ from its joints by rounding: even a control of zero then moves it.
+    const hardware::PsmClient& client = driver_->client();
+    const double shortest_s = joints_ == client.setpoint() ? 0.0 : client.options().longest_step_s;
+    const double duration_s = std::max(step.norm() / speed_m_s_, shortest_s);
+    return robot::Motion{{joints_.data(), 6}, duration_s, change_mm_};
   }
   /// Writes joints that hold the tool upright at its position. Returns false if there are none.
   [[nodiscard]] bool Upright(kinematics::PsmJoints& joints) const noexcept {
