@@ -116,6 +116,18 @@ TEST(PsmConsoleTest, StateCommandsFollowTheTable) {
   }
 }
 
+TEST(PsmConsoleTest, AnEnableWithoutEffectIsDroppedWithAWarning) {
+  PsmConsole homing({.homing_s = 1.0});
+  homing.StateCommand("home");
+  PsmConsole paused = Homed();
+  paused.StateCommand("pause");
+  for (PsmConsole* console : {&homing, &paused}) {
+    (void)console->TakeMessages();
+    console->StateCommand("enable");
+    EXPECT_THAT(console->TakeMessages(), Warns("cannot enable"));
+  }
+}
+
 TEST(PsmConsoleTest, FaultStopsTheArmAndReportsTheReason) {
   PsmConsole console = Homed();
   console.MoveJp(PsmHomeWith(0, 0.5));

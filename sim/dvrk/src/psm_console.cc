@@ -129,6 +129,10 @@ void PsmConsole::StateCommand(std::string_view command) {
     if (command == "unhome") homed_ = false;
     Enter(ArmState::kDisabled);
   } else if (command == "enable") {
+    if (state_ == ArmState::kPaused || (state_ == ArmState::kEnabled && !homed_)) {
+      Say(ConsoleMessage::Severity::kWarning, "cannot enable: PAUSED, not homed, or homing");
+      return;
+    }
     if (state_ == ArmState::kDisabled) Enter(ArmState::kEnabled);
   } else if (command == "home") {
     if (homing_left_s_ > 0.0) return;
