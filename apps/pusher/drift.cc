@@ -63,6 +63,7 @@ void RunDrift(const DriftOptions& options) {
       options.supervisor.empty() ? ShippedSupervisor() : options.supervisor;
   const std::vector<imitation::GaussianPolicy> supervisor = {
       imitation::GaussianPolicy::Load(supervisor_file)};
+  static_cast<void>(Learner::Parse(options.learner));
   TrialRunnerOptions site_options;
   for (const std::string& name : options.methods) {
     site_options.methods.push_back(study::ParseMethod(name));

@@ -71,6 +71,11 @@ class PusherTest(ProgramTest):
         settings = self.settings("authors")
         self.assertEqual([settings[k] for k in ("learning_rate", "horizon", "nu", "gamma")], ["0.01", "100", "0.1", "7"])
 
+    def test_a_restart_with_a_mistake_deletes_nothing(self):
+        shutil.copytree(self.folder / "whole", self.folder / "kept")
+        self.run_pusher("drift", "--learner", "8x0", "--restart", "--out", "kept", fails=True)
+        self.assertTrue((self.folder / "kept/ledger.jsonl").exists())
+
     def test_mistakes_get_one_clear_line(self):
         (self.folder / "text").write_text("not a file of ours, and long enough to be looked into\n")
         (self.folder / "empty").mkdir()

@@ -377,7 +377,9 @@ TEST(ImitatorTest, PoliciesThatLearnAgainLearnInTheUnitsOfTheTask) {
     for (const core::Trajectory& d : demonstrations) {
       for (int t = 0; t < d.num_steps(); ++t) {
         imitator.Control(t, core::Row(d.states, t), u);
-        error += (core::AsVector(u).head(3) - d.controls.row(t).head(3).transpose()).squaredNorm();
+        error += (core::AsVector(std::span<const double>(u)).head(3) -
+                  d.controls.row(t).head(3).transpose())
+                     .squaredNorm();
         square += d.controls.row(t).head(3).squaredNorm();
       }
     }
