@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <filesystem>
@@ -354,7 +353,7 @@ TEST(BaselinesTest, TheNoiseOfDartIsNotTheSupervisorsVariation) {
                            std::span<double> u) {
     std::vector<double> x = {0.0};
     plant.Observe(x);
-    if (t == 1 && x[0] != 0.0) {
+    if (t == 1 && x[0] != 0.0 && std::abs(x[0]) < 1.0) {
       noise.push_back(x[0]);
       variation.push_back(core::Random(core::DeriveSeed(episode, {1})).Normal());
     }
@@ -368,7 +367,7 @@ TEST(BaselinesTest, TheNoiseOfDartIsNotTheSupervisorsVariation) {
                std::invalid_argument);
   ASSERT_GT(noise.size(), 50u);
   for (std::size_t i = 0; i < noise.size(); ++i) {
-    EXPECT_GT(std::abs(noise[i] - std::clamp(variation[i], -1.0, 1.0)), 1e-6);
+    EXPECT_GT(std::abs(noise[i] - variation[i]), 1e-6);
   }
 }
 
