@@ -281,12 +281,12 @@ TEST(ContrastTest, AnIntervalOfCompletionsIsNeverAPoint) {
   EXPECT_EQ(of_none.low, 0.0);
   const double share = 1.0 - std::pow(0.025, 1.0 / 200);
   EXPECT_NEAR(of_none.high, share / (1.0 - share), 1e-12);
-  std::vector<PairedCounts> equal = {{60, 3, 0, 3, 10, 0}, {60, 5, 0, 5, 10, 0}};
-  for (int i = 0; i < 2; ++i) {
-    const Interval same = EstimateContrast(equal).completion_ratio_interval.value();
+  std::vector<PairedCounts> equal;
+  for (const int n : {3, 5, 4, 4, 5}) equal.push_back({60, n, 0, n, 10, 0});
+  for (const auto& units : {equal, std::vector<PairedCounts>(5, equal[0])}) {
+    const Interval same = EstimateContrast(units).completion_ratio_interval.value();
     EXPECT_LT(same.low, 0.9);
     EXPECT_GT(same.high, 1.1);
-    equal[1] = equal[0];
   }
 }
 
