@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <limits>
 #include <set>
 #include <string>
@@ -111,6 +112,26 @@ TEST_F(ControllerTest, StopHaltsTheController) {
   controller.Stop(HaltCause::kPlantFault);
   ExpectHalted(HaltCause::kPlantFault);
   EXPECT_EQ(controller.calls, 0);
+}
+
+// What an earlier step predicted or certified says nothing about the state at which it stopped.
+TEST_F(ControllerTest, AStoppedStepNeitherPredictsNorCertifies) {
+  for (const bool stops : {true, false}) {
+    controller.Reset(0);
+    controller.control = 1.0;
+    controller.step = {.mode = Mode::kPolicy, .log_threshold = 0.2, .log_learned = 0.4};
+    controller.step.certified = true;
+    EXPECT_TRUE(controller.Next(x, u).certified);
+    controller.control = kNotANumber;
+    if (stops) controller.Stop(HaltCause::kStopRequested);
+    for (int i = 0; i < 2; ++i) {
+      const Step step = controller.Next(x, u);
+      EXPECT_EQ(step.mode, Mode::kHalt);
+      EXPECT_FALSE(step.certified);
+      EXPECT_TRUE(std::isnan(step.log_learned));
+      EXPECT_TRUE(std::isnan(step.log_threshold));
+    }
+  }
 }
 
 TEST(HaltCauseTest, NamesAreDistinct) {

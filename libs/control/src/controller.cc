@@ -91,6 +91,13 @@ Step Controller::Next(std::span<const double> x, std::span<double> u) noexcept {
     }
   }
   if (cause_ != HaltCause::kNone) {
+    if (last_.mode != Mode::kHalt) {
+      // The step before says nothing about the state at which the controller stopped.
+      const Step none;
+      last_.log_threshold = none.log_threshold;
+      last_.log_learned = none.log_learned;
+      last_.certified = false;
+    }
     last_.mode = Mode::kHalt;
     last_.cause = cause_;
     std::fill(u.begin(), u.end(), 0.0);
