@@ -49,6 +49,7 @@ int FilterChunk(Guard& guard, const py::object& t, const Array& state, const Arr
   DFR_THROW_UNLESS(verdict.cause != HaltCause::kStepSkipped,
                    "t is " << py::str(t).cast<std::string>()
                            << ", but the next call of filter has t = " << guard.next_step());
+  if (verdict.cause != HaltCause::kNone) return 0;
   DFR_THROW_UNLESS(verdict.judged > 0,
                    "strategy '" << safety::Name(guard.model().settings().strategy)
                                 << "' predicts nothing: filter each action, or use strategy "
@@ -198,7 +199,7 @@ actions : array_like of shape (k, action_dim)
 Returns
 -------
 int
-    From 0 to k; 0 if the guard has halted.
+    From 0 to k; 0 if the guard has halted or would halt at `state`.
 
 Raises
 ------

@@ -60,6 +60,11 @@ class ChunkTest(unittest.TestCase):
         self.assertEqual(fresh.filter_chunk(0, state, chunk), CHUNK)
         fresh.stop()
         self.assertEqual(fresh.filter_chunk(0, state, chunk), 0)
+        # `filter` would halt at a constant entry unlike demonstrations, so no action counts.
+        paths, actions = demonstrations(1, 30)
+        guard = dfr.Guard.fit([np.hstack([x, np.full((len(x), 1), 5.0)]) for x in paths], actions)
+        guard.reset()
+        self.assertEqual(guard.filter_chunk(0, [*paths[0][0], 6.0], chunk), 0)
         published = self.guard.with_settings(strategy="dfr")
         published.reset()
         with self.assertRaisesRegex(ValueError, "strategy 'dfr' predicts nothing: filter each action"):
