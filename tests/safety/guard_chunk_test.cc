@@ -274,6 +274,10 @@ TEST(GuardExplainTest, FindsTheNearestDemonstration) {
   EXPECT_GT(Nearest(*model, 3, late, states).distance, 0.1);
   EXPECT_EQ(Nearest(*model, -1, late, states).step, 15);
   EXPECT_EQ(Nearest(*model, 0, late, {}).demonstration, -1);
+  // Features that overflow have no distance.
+  const std::vector<double> far(3, std::numeric_limits<double>::max());
+  const std::vector<core::Matrix> same = {core::AsVector(far).transpose()};
+  EXPECT_EQ(Nearest(*model, 0, far, same).demonstration, -1);
   const NearestDemonstration last =
       Nearest(*model, std::numeric_limits<int>::max(), core::Row(states[1], 20), states);
   EXPECT_EQ(last.demonstration, 1);

@@ -307,7 +307,7 @@ NearestDemonstration Nearest(const GuardModel& model, int t, std::span<const dou
     const int last = t < 0 ? rows - 1 : std::min(rows - 1, near + kWindow);
     for (int i = first; i <= last; ++i) {
       const double distance = (model.Features(core::Row(demonstrations[d], i)) - z).norm();
-      if (distance >= nearest.distance) continue;
+      if (!(distance < nearest.distance)) continue;
       nearest = {.demonstration = static_cast<int>(d), .step = i, .distance = distance};
     }
   }
