@@ -311,8 +311,7 @@ control::Certificate GuardModel::certificate() const {
   DFR_THROW_UNLESS(
       !task_->single_precision(),
       "a certificate needs double precision: fit the guard again without single precision");
-  return {.direction_error = settings_.direction_error,
-          .level = std::max(0.0, settings_.alarm_level)};
+  return {.direction_error = settings_.direction_error, .level = settings_.alarm_level};
 }
 
 Certification GuardModel::Certify(int t, std::span<const double> state,

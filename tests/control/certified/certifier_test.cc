@@ -51,7 +51,8 @@ class CertifierTest : public testing::Test {
 // certified part of the control ends inside some B_q of the window.
 TEST_F(CertifierTest, EveryStateThatTheAssumptionAllowsIsInsideSomeSupport) {
   constexpr double kError = 0.3;
-  for (const auto& [level, state_error] : {std::pair(0.0, 0.0), std::pair(0.1, 0.1)}) {
+  for (const auto& [level, state_error] :
+       {std::pair(0.0, 0.0), std::pair(0.1, 0.1), std::pair(-0.1, 0.0)}) {
     SCOPED_TRACE(state_error);
     Certifier certifier({kError, level, state_error}, 2, 2, kUnit);
     core::Random random(1);
@@ -98,7 +99,7 @@ TEST_F(CertifierTest, IsExactForASingleGaussian) {
 // 1/4, if they provably end inside a ball at the predicted state.
 TEST_F(CertifierTest, TheFractionIsTheLargerOfBothBalls) {
   constexpr double kError = 0.3;
-  for (const double level : {0.0, 0.4}) {
+  for (const double level : {-0.1, 0.0, 0.4}) {
     Certifier certifier({.direction_error = kError, .level = level}, 2, 2, kUnit);
     core::Random random(2);
     int gained = 0;
@@ -312,10 +313,11 @@ TEST_F(CertifierTest, ErrorsNameTheConstant) {
   for (const double bad : {0.0, -1.0, std::nan(""), std::numeric_limits<double>::infinity()}) {
     EXPECT_THAT(message({bad}), HasSubstr("a certificate needs an eps"));
   }
-  for (const double bad : {-1.0, std::nan(""), std::numeric_limits<double>::infinity()}) {
+  for (const double bad : {std::nan(""), std::numeric_limits<double>::infinity()}) {
     EXPECT_THAT(message({1.0, bad}), HasSubstr("level"));
     EXPECT_THAT(message({1.0, 0.0, bad}), HasSubstr("state error"));
   }
+  EXPECT_THAT(message({1.0, 0.0, -1.0}), HasSubstr("state error"));
 }
 
 }  // namespace

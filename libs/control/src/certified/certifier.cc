@@ -28,9 +28,8 @@ Certifier::Certifier(const Certificate& certificate, int num_features, int contr
   DFR_THROW_UNLESS(certificate.direction_error > 0.0 && std::isfinite(certificate.direction_error),
                    "a certificate needs an eps that is positive and finite, not "
                        << certificate.direction_error);
-  DFR_THROW_UNLESS(
-      certificate.level >= 0.0 && std::isfinite(certificate.level),
-      "the level of a certificate must be finite and not negative: " << certificate.level);
+  DFR_THROW_UNLESS(std::isfinite(certificate.level),
+                   "the level of a certificate must be finite: " << certificate.level);
   DFR_THROW_UNLESS(certificate.state_error >= 0.0 && std::isfinite(certificate.state_error),
                    "the state error of a certificate must be finite and not negative: "
                        << certificate.state_error);

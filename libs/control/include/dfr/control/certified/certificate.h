@@ -11,7 +11,7 @@ namespace dfr::control {
 /// the assumption bounds l in the next state from below. A smaller eps lets larger steps pass.
 struct Certificate {
   double direction_error = 0.0;  ///< eps > 0, in feature units per unit of control.
-  /// eta >= 0: the certificate states that the next state is in B_t(eta) = {z : l_t(z) >= -eta} for
+  /// eta: the certificate states that the next state is in B_t(eta) = {z : l_t(z) >= -eta} for
   /// a nearby t. eta determines the probability that supervisors stay inside. B_t(eta) must contain
   /// no state that violates a constraint.
   double level = 0.0;

@@ -25,8 +25,8 @@ struct Violation {
 class Certifier {
  public:
   /// @param control_unit  |u| = control_unit |v|.
-  /// @throws std::invalid_argument if eps is not positive and finite, or the level or the state
-  /// error is negative or not finite.
+  /// @throws std::invalid_argument if eps is not positive and finite, the level is not finite, or
+  /// the state error is negative or not finite.
   Certifier(const Certificate& certificate, int num_features, int control_dim, double control_unit);
 
   /// Starts an episode.
