@@ -184,6 +184,72 @@ TEST(GuardTest, ACertifiedGuardRaisesNoAlarmAndHaltsIfItsAssumptionFails) {
   EXPECT_STREQ(verdict.reason(), "assumption-violated");
 }
 
+TEST(GuardTest, AStoppedCertifiedGuardRaisesItsAlarmAgain) {
+  Guard guard(Model(Strategy::kCertified));
+  guard.Reset(1);
+  test::CorridorPlant plant;
+  std::vector<double> safe(2);
+  ASSERT_TRUE(guard.Filter(0, plant.x, Action(test::kSpeed, 0.0), safe).certified);
+  guard.Stop(HaltCause::kStopRequested);
+  plant.x[2] += 100.0;
+  const Verdict verdict = guard.Filter(1, plant.x, Action(test::kSpeed, 0.0), safe);
+  EXPECT_EQ(verdict.cause, HaltCause::kStopRequested);
+  EXPECT_FALSE(verdict.certified);
+  EXPECT_TRUE(verdict.alarm);
+}
+
+// An alarm can begin inside the support. The certificate then holds the state at that level.
+TEST(GuardTest, ACertifiedGuardKeepsANegativeAlarmLevel) {
+  GuardSettings settings = Model(Strategy::kCertified)->settings();
+  settings.alarm_level = -0.02;
+  Guard guard(Model()->With(settings));
+  core::Random random(5);
+  int certified = 0;
+  for (int episode = 0; episode < 15; ++episode) {
+    guard.Reset(static_cast<std::uint64_t>(episode));
+    test::CorridorPlant plant;
+    std::vector<double> safe(2);
+    bool promised = false;
+    for (int t = 0; t < 60; ++t) {
+      const std::vector<double> action = {0.3 * random.Normal() + 0.05, 0.3 * random.Normal()};
+      const Verdict verdict = guard.Filter(t, plant.x, action, safe);
+      EXPECT_FALSE(promised && verdict.alarm) << "episode " << episode << ", step " << t;
+      if (verdict.mode == control::Mode::kHalt) break;
+      promised = verdict.certified;
+      certified += promised ? 1 : 0;
+      plant.Apply(safe);
+    }
+  }
+  EXPECT_GT(certified, 50);
+}
+
+// Strategies whose controllers do not count actions themselves, too.
+TEST(GuardTest, HaltsAfterTheLargestNumberOfActions) {
+  for (const Strategy strategy : {Strategy::kGuard, Strategy::kController, Strategy::kDfr,
+                                  Strategy::kMonitor, Strategy::kCertified}) {
+    SCOPED_TRACE(Name(strategy));
+    GuardSettings settings = Model(strategy)->settings();
+    settings.max_actions = 3;
+    Guard guard(Model()->With(settings));
+    guard.Reset(1);
+    if (strategy == Strategy::kMonitor) {
+      CorridorPlant plant;
+      std::vector<double> chunk;
+      for (int i = 0; i < 5; ++i) {
+        for (const double u : Action(test::kSpeed, 0.0)) chunk.push_back(u);
+      }
+      EXPECT_EQ(guard.FilterChunk(0, plant.x, chunk).playable, 3);
+    }
+    CorridorPlant plant;
+    std::vector<double> safe(2);
+    for (int t = 0; t < 5; ++t) {
+      const Verdict verdict = guard.Filter(t, plant.x, Action(test::kSpeed, 0.0), safe);
+      EXPECT_STREQ(Name(verdict.cause), t < 3 ? "none" : "iteration-limit") << "t = " << t;
+      plant.Apply(safe);
+    }
+  }
+}
+
 TEST(GuardTest, AMonitorPassesEverythingAndRaisesAlarms) {
   Guard guard(Model(Strategy::kMonitor));
   guard.Reset();

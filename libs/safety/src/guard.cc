@@ -277,6 +277,9 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
       episode.entry = off;
   } else if (!action_usable) {
     controller.Stop(HaltCause::kControlInvalid);
+  } else if (!episode.steers && episode.next >= model_->settings().max_actions) {
+    // Controllers that steer count their actions themselves.
+    controller.Stop(HaltCause::kIterationLimit);
   } else {
     ++episode.next;
     episode.bounded = episode.proposed;
@@ -424,7 +427,8 @@ ChunkVerdict Guard::FilterChunk(int t, std::span<const double> whole,
         actions.subspan(static_cast<std::size_t>(i) * width, width);
     if (!Within(model_->settings().action_limit, action)) break;
     if (episode.monitors) {
-      if (t + i >= model_->settings().horizon) break;
+      const GuardSettings& settings = model_->settings();
+      if (t + i >= std::min(settings.horizon, settings.max_actions)) break;
     } else {
       model_->actions().Measure(action, episode.chosen);
       if (!episode.ahead->PassesNext(episode.chosen)) break;

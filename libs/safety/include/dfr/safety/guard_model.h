@@ -49,7 +49,7 @@ enum class Strategy {
 /// Settings of a guard, stored in its file. GuardModel::With() changes them after a fit.
 struct GuardSettings {
   Strategy strategy = Strategy::kGuard;
-  int horizon = 100;       ///< Maximum number of the policy's actions, > 0; the guard then halts.
+  int horizon = 100;       ///< Time step, > 0, at which the guard halts; waiting does not count.
   int max_actions = 1200;  ///< Maximum number of actions of any kind, > 0; the guard then halts.
   /// Largest absolute value of each entry of an applied action, >= 0: one each, or one for all.
   /// Zero keeps an entry at rest.
