@@ -192,6 +192,29 @@ TEST_F(SafetyFilterTest, FarOutsideARaiseMustBeWorthIt) {
   }
 }
 
+// Demonstrations never use the second entry, so its effect is unknown. A limit of zero keeps it at
+// rest. Then no probe could measure its effect.
+TEST_F(SafetyFilterTest, AnEntryWithLimitZeroIsNotProbed) {
+  auto demonstrations = test::Rightwards();
+  for (core::Trajectory& demonstration : demonstrations) {
+    demonstration.controls.col(1).setZero();
+    demonstration.states.col(1).setConstant(demonstration.states(0, 1));
+  }
+  const test::Task task{test::IdentityFeatures(), support_, demonstrations};
+  const ResponseEstimate estimate(task.response.prior());
+  z_ = Eigen::Vector2d(0.0, 1.5);
+  LocalFit fit = estimate.FitAt(0, core::AsSpan(z_));
+  for (const double limit : {1.0, 0.0}) {
+    GuidedOptions options;
+    options.control_limit = {1.0, limit};
+    Eigen::VectorXd v = Eigen::Vector2d(1.0, 0.0);
+    const Choice choice = SafetyFilter(task, options).Filter(fit, target_, target_.level, v);
+    EXPECT_EQ(choice.mode == Mode::kProbe, limit > 0.0);
+    EXPECT_NE(v.norm(), 0.0);
+    EXPECT_EQ(choice.level, (LocalModel{support_, fit}.Level(1, v)));
+  }
+}
+
 TEST_F(SafetyFilterTest, WithoutTheNominalControlTheLearnedOneIsRaised) {
   Eigen::VectorXd expected = outwards_;
   const double level = AscendSupport(local_, target_, limits_, expected);

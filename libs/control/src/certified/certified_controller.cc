@@ -121,6 +121,10 @@ bool CertifiedController::Probe(const LocalModel& model, int phase) noexcept {
       fit_.LeastExcitedDirection(AsSpan(trial_), guided::kUnknown) <= guided::kUnknown) {
     return false;
   }
+  for (Eigen::Index k = 0; k < trial_.size(); ++k) {
+    if (limits_.control[k] == 0.0) trial_[k] = 0.0;
+  }
+  if (trial_.squaredNorm() < guided::kLeastProbe) return false;
   v_ = probe_size_ * trial_;
   limits_.Limit(v_);
   trial_ = -v_;

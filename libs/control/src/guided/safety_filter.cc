@@ -122,7 +122,7 @@ bool SafetyFilter::Probe(LocalFit& fit, const LocalModel& model, const StepTarge
     return false;
   }
   for (Eigen::Index k = 0; k < trial_.size(); ++k) {
-    if (limits_.HasFewValues(k)) trial_[k] = 0.0;
+    if (limits_.HasFewValues(k) || limits_.control[k] == 0.0) trial_[k] = 0.0;
   }
   if (trial_.squaredNorm() < guided::kLeastProbe) return false;
   v = probe_size_ * trial_;
