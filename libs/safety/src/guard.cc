@@ -259,8 +259,8 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
   control::Controller& controller = *episode.controller;
   const auto [state, state_usable] = episode.TaskState(*model_, whole);
   // A halted guard keeps the group that halted it.
-  if (state_usable && controller.halt_cause() == HaltCause::kNone) {
-    episode.frozen = episode.FindFrozen(*model_, whole, /*remember=*/true);
+  if (controller.halt_cause() == HaltCause::kNone) {
+    episode.frozen = state_usable ? episode.FindFrozen(*model_, whole, /*remember=*/true) : -1;
   }
   const bool useless = episode.novel || episode.frozen >= 0;
   const core::StateMap& map = model_->task().features().selection().map();

@@ -116,6 +116,15 @@ class WhyTest(unittest.TestCase):
             with self.assertRaisesRegex(ValueError, message):
                 self.guard.explain(state, **options)
 
+    def test_a_halt_names_the_broken_entry_also_after_a_standstill(self):
+        guard = self.guard.with_settings(strategy="monitor")
+        guard.reset()
+        action = action_for(0.0997, 0.0)
+        for t in range(15):
+            guard.filter(t, np.zeros(3), action)
+        _, info = guard.filter(15, [0.0, np.nan, 0.0], action)
+        self.assertEqual(info["why"], "halted: tip[0] of the state is nan")
+
 
 class MistakesTest(unittest.TestCase):
     def test_a_missing_file(self):
