@@ -159,7 +159,8 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
   const auto actions = std::make_shared<const ActionSpace>(
       varying.empty() ? as_recorded : std::span<const core::Trajectory>(varying));
   const auto asked = core::FeatureSelection::Of(layout, options.features);
-  const std::vector<int> moved = internal::MovedByPassed(asked, *actions, as_recorded);
+  const std::vector<int> moved =
+      internal::MovedByPassed(asked, *actions, core::InDeterministicOrder(as_recorded));
   core::FeatureSelection selection = internal::Continuous(
       moved.empty() ? asked : internal::Without(asked, layout, moved), layout, as_recorded);
   std::vector<core::Trajectory> mapped;
@@ -269,7 +270,7 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
   model->summary_.fit_warnings = FitWarnings(*model, as_recorded);
   if (constant_entries) {
     model->constants_.resize(constant.size());
-    constant_entries->Apply(core::Row(as_recorded[0].states, 0), model->constants_);
+    constant_entries->Apply(core::Row(as_recorded[order[0]].states, 0), model->constants_);
     model->constant_entries_ = std::move(constant_entries);
   }
   if (!moved.empty()) {

@@ -294,6 +294,21 @@ TEST(GuardAdviceTest, AClockIsFoundInAnyUnitAndAConstantIsNoClock) {
   EXPECT_THAT(FitWarnings(*tip, longer), testing::Not(testing::Contains(HasSubstr(kClock))));
 }
 
+// Warnings judge every third transition. In one order these would be the contradictory ones.
+TEST(GuardAdviceTest, WarningsDoNotDependOnTheOrderOfDemonstrations) {
+  const auto model = GoodModel();
+  auto demonstrations = test::CorridorDemonstrations(1, 60);
+  ASSERT_EQ(demonstrations[0].controls.rows() % 3, 2);
+  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
+    core::Matrix& controls = demonstrations[d].controls;
+    for (auto t = static_cast<Eigen::Index>(d % 3); t < controls.rows(); t += 3) {
+      controls.row(t) *= 0.2;
+    }
+  }
+  const std::vector<core::Trajectory> reversed(demonstrations.rbegin(), demonstrations.rend());
+  EXPECT_EQ(FitWarnings(*model, demonstrations), FitWarnings(*model, reversed));
+}
+
 TEST(GuardAdviceTest, ActionsThatContradictTheMotionExplainNothing) {
   const auto model = GoodModel();
   // Moves slightly backwards, although the demonstrated action moves forwards.

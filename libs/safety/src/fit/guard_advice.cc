@@ -279,6 +279,8 @@ Changes JudgeChanges(const GuardModel& model, std::span<const core::Trajectory> 
 std::vector<std::string> FitWarnings(const GuardModel& model,
                                      std::span<const core::Trajectory> demonstrations) {
   std::vector<std::string> warnings;
+  // Samples of the transitions do not depend on the order of the demonstrations.
+  const std::vector<core::Trajectory> ordered = core::InDeterministicOrder(demonstrations);
   for (const core::Rotation& rotation : internal::Rotations(model.task().features().selection(),
                                                             model.task_layout(), demonstrations)) {
     // Rotation matrices are continuous.
@@ -287,16 +289,13 @@ std::vector<std::string> FitWarnings(const GuardModel& model,
     warnings.push_back(core::Describe(rotation, model.task_layout()));
   }
   std::string clocks;
+  std::vector<int> uniform;
   std::vector<int> entries = model.task().features().selection().indices();
   entries.erase(std::unique(entries.begin(), entries.end()), entries.end());
   for (const int entry : entries) {
-    if (!internal::FollowsClock(demonstrations, entry)) continue;
-    clocks.append(clocks.empty() ? "" : ", ").append(core::EntryName(model.task_layout(), entry));
-  }
-  std::vector<int> uniform;
-  for (const int entry : entries) {
-    if (!internal::FollowsClock(demonstrations, entry) &&
-        internal::AdvancesUniformly(demonstrations, entry)) {
+    if (internal::FollowsClock(demonstrations, entry)) {
+      clocks.append(clocks.empty() ? "" : ", ").append(core::EntryName(model.task_layout(), entry));
+    } else if (internal::AdvancesUniformly(demonstrations, entry)) {
       uniform.push_back(entry);
     }
   }
@@ -312,14 +311,13 @@ std::vector<std::string> FitWarnings(const GuardModel& model,
         ": advances uniformly for any actions, like a clock or a phase. A slower robot would be "
         "outside: leave such entries out of the features, except objects that move by themselves");
   }
-  for (std::string fault :
-       {DescribeRepeated(model, demonstrations), DescribeDelay(model, demonstrations),
-        internal::DescribeRest(model, demonstrations),
-        internal::DescribeJumps(model, demonstrations),
-        internal::DescribeLargest(demonstrations)}) {
+  for (std::string fault : {DescribeRepeated(model, demonstrations), DescribeDelay(model, ordered),
+                            internal::DescribeRest(model, demonstrations),
+                            internal::DescribeJumps(model, demonstrations),
+                            internal::DescribeLargest(demonstrations)}) {
     if (!fault.empty()) warnings.push_back(std::move(fault));
   }
-  const Changes changes = JudgeChanges(model, demonstrations);
+  const Changes changes = JudgeChanges(model, ordered);
   if (changes.explained < fit::kLeastResponse) {
     constexpr double kMostlyNoise = 0.5;
     std::string warning = core::Format("actions explain only %.0f %% of the change of features",
