@@ -180,8 +180,9 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
   varying = internal::WithoutConstants(demonstrations);
   const std::vector<std::size_t> order = core::DeterministicOrder(
       varying.empty() ? demonstrations : std::span<const core::Trajectory>(varying));
+  constexpr double kRounding = 1e-9;
   const auto num_held_out = static_cast<std::size_t>(
-      std::ceil(options.hold_out * static_cast<double>(demonstrations.size())));
+      std::ceil(options.hold_out * static_cast<double>(demonstrations.size()) - kRounding));
   DFR_THROW_UNLESS(demonstrations.size() >= num_held_out + 3,
                    "holding out " << num_held_out << " of " << demonstrations.size()
                                   << " demonstrations leaves fewer than 3 to fit to");

@@ -329,6 +329,10 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
   }
   EXPECT_EQ(fit(good, {.features = "tip", .hold_out = 0.4}), "nothing thrown");
   EXPECT_EQ(fit(good, {.features = "tip", .folds = 2}), "nothing thrown");
+  // The product .28 * 25 rounds up.
+  const auto held_out = GuardModel::Fit(layout, test::CorridorDemonstrations(1, 25),
+                                        {.features = "tip", .hold_out = 0.28});
+  EXPECT_EQ(held_out->summary().held_out, 7);
 
   const auto model = GuardModel::Fit(layout, good, {.features = "tip"});
   const auto refusal = [&](auto GuardSettings::*member, auto value) {
