@@ -160,7 +160,7 @@ TEST(GuardAdviceTest, WarningsNameTheReasonAndTheRemedy) {
   settings.horizon = 5;
   EXPECT_THAT(Warnings(*good->With(settings)),
               testing::ElementsAre(HasSubstr("entry 0 of an action is limited to 0.05"),
-                                   HasSubstr("the guard halts after 5 actions")));
+                                   HasSubstr("the guard halts after 5 time steps")));
   // A kernel so narrow that almost no left-out state is inside.
   GuardOptions narrow{.features = "tip", .action_limit = {0.2}, .accept_any = true};
   narrow.support.svm.gamma = 1e3;

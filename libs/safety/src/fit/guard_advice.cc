@@ -78,7 +78,7 @@ std::vector<std::string> Warnings(const GuardModel& model) {
   for (std::size_t i = 0; i < model.actions().entries().size(); ++i) {
     const ActionEntry& entry = model.actions().entries()[i];
     const double limit = settings.action_limit[i];
-    if (!entry.steered) {
+    if (!entry.steered && limit > 0.0) {
       passed.append(passed.empty() ? "" : ", ").append(std::to_string(i));
     } else if (limit > fit::kMostOvershoot * entry.largest) {
       warnings.push_back(
@@ -95,8 +95,8 @@ std::vector<std::string> Warnings(const GuardModel& model) {
   const int longest = model.num_steps() - 1;
   if (settings.horizon < longest) {
     warnings.push_back(
-        core::Format("the guard halts after %d actions of the policy, but the longest "
-                     "demonstration has %d: set a larger horizon",
+        core::Format("the guard halts after %d time steps, but several demonstrations have %d: set "
+                     "a larger horizon",
                      settings.horizon, longest));
   }
   if (!passed.empty()) {
