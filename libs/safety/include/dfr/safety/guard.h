@@ -47,8 +47,8 @@ struct Verdict {
   /// paces of demonstrations and robots differ.
   int alarm_step = 0;
   int step = 0;  ///< Time step of the strategy, used for g and threshold.
-  /// Cause kBadQuaternion: index in layout() of the first of the quaternion's four entries;
-  /// otherwise -1.
+  /// Cause kBadQuaternion: index in GuardModel::task_layout() of the first of the quaternion's
+  /// four entries; otherwise -1.
   int entry = -1;
   /// Index in GuardModel::sensor_groups() of the first group that has stood still for longer than
   /// SensorGroup::limit(), and its standstill; -1 and 0 if there is none.
