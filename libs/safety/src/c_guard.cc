@@ -19,8 +19,8 @@ struct dfr_guard {
 
 namespace {
 
-// Of fixed size: a string would allocate, and the C library ends the process if it cannot register
-// the destructor of a thread's variable.
+// An array, because a string would allocate, and the C library ends the process if it cannot
+// register the destructor of a thread's variable.
 thread_local std::array<char, 1024> last_error{};
 
 void SetError(std::string_view text) noexcept {
