@@ -194,7 +194,7 @@ TEST_F(ArmCheckTest, AStopOrAnInterruptEndsTheMove) {
   };
   EXPECT_THAT(Check(), HasSubstr("the emergency stop is pressed, or was"));
   EXPECT_LT(arm_.console.setpoint_joints()[2], 0.121) << "the arm moved on";
-  Home();
+  arm_.console.Place(test::PsmHome());
   arm_.stop = [&] {
     interrupted = interrupted || moves();
     return dds::EmergencyStop::kClear;

@@ -182,6 +182,7 @@ TEST_F(PlatformMoveCheckTest, AStopOrAnInterruptHoldsThePlatform) {
   After(1.6, [this] { stop_ = dds::EmergencyStop::kPressed; });
   EXPECT_THAT(Check(), AllOf(HasSubstr("the emergency stop is pressed, or was"),
                              Not(HasSubstr("was told to go home"))));
+  ASSERT_EQ(emulator_.Await(3).size(), 3U);  // opening the port again discards unread frames
   stop_ = dds::EmergencyStop::kClear;
   After(1.6, [this] { interrupted_ = true; });
   EXPECT_THAT(Check(), HasSubstr("interrupted"));
