@@ -5,6 +5,7 @@
 
 #include "dfr/hardware/psm_client.h"
 #include "tests/hardware_dvrk/psm_client_fixture.h"
+#include "until_sent.h"
 
 namespace dfr::hardware {
 namespace {
@@ -167,6 +168,40 @@ TEST_F(PsmClientRequestTest, PauseHoldsFirst) {
   EXPECT_TRUE(output.hold);
   EXPECT_FALSE(output.servo);
   EXPECT_EQ(output.request, PsmRequest::kPause);
+}
+
+TEST(UntilSentTest, AMessageIsWantedUntilAWriteSucceeds) {
+  internal::UntilSent hold;
+  int writes = 0;
+  bool works = false;
+  const auto write = [&] {
+    ++writes;
+    return works;
+  };
+  EXPECT_TRUE(hold.Send(write));
+  EXPECT_EQ(writes, 0) << "nobody wants it";
+  hold.Want();
+  for (int attempt = 1; attempt <= 3; ++attempt) {
+    EXPECT_FALSE(hold.Send(write));
+    EXPECT_TRUE(hold.wanted());
+    EXPECT_EQ(writes, attempt);
+  }
+  works = true;
+  EXPECT_TRUE(hold.Send(write));
+  EXPECT_FALSE(hold.wanted());
+  EXPECT_TRUE(hold.Send(write));
+  EXPECT_EQ(writes, 4) << "it is sent once";
+}
+
+// A wish during the write is a wish for another message.
+TEST(UntilSentTest, AWishDuringAWriteIsKept) {
+  internal::UntilSent hold;
+  hold.Want();
+  EXPECT_TRUE(hold.Send([&] {
+    hold.Want();
+    return true;
+  }));
+  EXPECT_TRUE(hold.wanted());
 }
 
 }  // namespace

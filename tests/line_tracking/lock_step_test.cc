@@ -1,11 +1,13 @@
 // Line tracking over the network, in lock-step with the simulator, compared with line tracking in
-// one process; the run as a program; the platform of a run, on an emulator's port.
+// one process; the run as a program; the platform of a run, on an emulator's port; its terminal.
 #include "simulator/lock_step.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <array>
+#include <csignal>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <functional>
@@ -19,6 +21,7 @@
 #include "dfr/hardware/psm_driver.h"
 #include "dfr/recording/read_recording.h"
 #include "robot/robot_plant.h"
+#include "robot/terminal.h"
 #include "simulator/simulator_link.h"
 #include "tests/dds/domain.h"
 #include "tests/dds/peer_process.h"
@@ -212,8 +215,7 @@ TEST_F(PlatformTest, MovesOnTheOperatorsWordAndRestsWhenTheRobotHolds) {
       return false;
     };
     EXPECT_THROW(robot.BringUp({}, refuses), std::runtime_error);
-    EXPECT_THAT(asked,
-                HasSubstr("home position. If nothing touches the gauze, type platform|platform"));
+    EXPECT_THAT(asked, HasSubstr("type platform|platform"));
     EXPECT_EQ(Arrived(0), "");
     robot.BringUp({}, Agrees());
     EXPECT_EQ(Arrived(2), "ha") << "home, and rests there";
@@ -232,6 +234,19 @@ TEST_F(PlatformTest, MovesOnTheOperatorsWordAndRestsWhenTheRobotHolds) {
   }
   EXPECT_EQ(Arrived(6), "hacaca") << "the program ended in the middle of an episode";
   EXPECT_EQ(port_.Await(0).back().Pose().translation_m.x(), 0.0) << "the middle of the wave";
+}
+
+// Otherwise a closed terminal or a lost connection would end the program before it holds the robot.
+TEST(TerminalTest, AClosedTerminalInterruptsAndAClosedPipeDoesNotEndTheProgram) {
+  EXPECT_EXIT(
+      {
+        Terminal terminal;
+        std::raise(SIGPIPE);
+        if (Terminal::interrupted()) std::_Exit(2);
+        std::raise(SIGHUP);
+        std::_Exit(Terminal::interrupted() ? EXIT_SUCCESS : EXIT_FAILURE);
+      },
+      testing::ExitedWithCode(EXIT_SUCCESS), "");
 }
 
 }  // namespace

@@ -3,12 +3,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <utility>
 #include <vector>
 
 #include "dfr/control/published/switching_controller.h"
+#include "dfr/core/random.h"
 #include "dfr/safety/guard.h"
 #include "tests/safety/corridor.h"
 #include "tests/safety/corridor_guard.h"
@@ -106,6 +108,82 @@ TEST(GuardRecoveryTest, ARecoveryOfTheCallerIsClampedToTheLimit) {
   const Verdict verdict = guard.Filter(0, state, Action(0.09, 0.04), safe);
   ASSERT_EQ(verdict.mode, Mode::kRecovery) << verdict.reason();
   EXPECT_THAT(safe, testing::ElementsAre(0.1, -0.02));
+}
+
+// For any policy: no state raises an alarm while the robot responds as demonstrated, and the guard
+// halts at the first response that differs too much.
+TEST(CertifiedGuardTest, RaisesNoAlarmAndHaltsIfItsAssumptionFails) {
+  Guard guard(Model(Strategy::kCertified));
+  core::Random random(5);
+  int certified = 0;
+  int steps = 0;
+  for (int episode = 0; episode < 15; ++episode) {
+    guard.Reset(static_cast<std::uint64_t>(episode));
+    CorridorPlant plant;
+    std::vector<double> safe(2);
+    for (int t = 0; t < 60; ++t) {
+      const std::vector<double> action = {0.3 * random.Normal() + 0.05, 0.3 * random.Normal()};
+      const Verdict verdict = guard.Filter(t, plant.x, action, safe);
+      ASSERT_NE(verdict.cause, control::HaltCause::kViolated);
+      if (verdict.mode == Mode::kHalt) break;
+      EXPECT_FALSE(verdict.alarm) << "episode " << episode << ", step " << t;
+      ++steps;
+      certified += verdict.certified ? 1 : 0;
+      plant.Apply(safe);
+    }
+  }
+  EXPECT_GT(steps, 300);
+  EXPECT_EQ(certified, steps);
+
+  guard.Reset(1);
+  CorridorPlant plant;
+  std::vector<double> safe(2);
+  Verdict verdict = guard.Filter(0, plant.x, Action(test::kSpeed, 0.0), safe);
+  ASSERT_TRUE(verdict.certified);
+  // The robot moves in the opposite direction.
+  for (double& entry : safe) entry = -entry;
+  plant.Apply(safe);
+  verdict = guard.Filter(1, plant.x, Action(test::kSpeed, 0.0), safe);
+  EXPECT_STREQ(verdict.reason(), "assumption-violated");
+}
+
+TEST(CertifiedGuardTest, RaisesItsAlarmAgainAfterAStop) {
+  Guard guard(Model(Strategy::kCertified));
+  guard.Reset(1);
+  CorridorPlant plant;
+  std::vector<double> safe(2);
+  ASSERT_TRUE(guard.Filter(0, plant.x, Action(test::kSpeed, 0.0), safe).certified);
+  guard.Stop(control::HaltCause::kStopRequested);
+  plant.x[2] += 100.0;
+  const Verdict verdict = guard.Filter(1, plant.x, Action(test::kSpeed, 0.0), safe);
+  EXPECT_EQ(verdict.cause, control::HaltCause::kStopRequested);
+  EXPECT_FALSE(verdict.certified);
+  EXPECT_TRUE(verdict.alarm);
+}
+
+// An alarm can begin inside the support. The certificate then holds the state at that level.
+TEST(CertifiedGuardTest, KeepsANegativeAlarmLevel) {
+  GuardSettings settings = Model(Strategy::kCertified)->settings();
+  settings.alarm_level = -0.02;
+  Guard guard(Model()->With(settings));
+  core::Random random(5);
+  int certified = 0;
+  for (int episode = 0; episode < 15; ++episode) {
+    guard.Reset(static_cast<std::uint64_t>(episode));
+    CorridorPlant plant;
+    std::vector<double> safe(2);
+    bool promised = false;
+    for (int t = 0; t < 60; ++t) {
+      const std::vector<double> action = {0.3 * random.Normal() + 0.05, 0.3 * random.Normal()};
+      const Verdict verdict = guard.Filter(t, plant.x, action, safe);
+      EXPECT_FALSE(promised && verdict.alarm) << "episode " << episode << ", step " << t;
+      if (verdict.mode == Mode::kHalt) break;
+      promised = verdict.certified;
+      certified += promised ? 1 : 0;
+      plant.Apply(safe);
+    }
+  }
+  EXPECT_GT(certified, 50);
 }
 
 }  // namespace

@@ -30,11 +30,7 @@ constexpr std::string_view kPoseTrajectory = "CARTESIAN_SPACE/TRAJECTORY_MODE";
 constexpr std::array<const char*, 6> kJointNames = {"yaw",  "pitch",       "insertion",
                                                     "roll", "wrist pitch", "wrist yaw"};
 
-PsmJoints Home() {
-  PsmJoints home = PsmJoints::Zero();
-  home[2] = 0.12;
-  return home;
-}
+PsmJoints Home() { return 0.12 * PsmJoints::Unit(2); }
 
 // Returns the joints' speed limits, rad/s (insertion: m/s).
 PsmJoints SpeedLimits() {
@@ -116,24 +112,24 @@ void PsmConsole::Fail(const std::string& reason) {
 }
 
 void PsmConsole::StateCommand(std::string_view command) {
-  const bool always = command == "disable" || command == "unhome";
-  if (state_ == ArmState::kFault && !always) {
+  const bool disables = command == "disable" || command == "unhome";
+  if (state_ == ArmState::kFault && !disables) {
     Say(ConsoleMessage::Severity::kWarning,
         "state command \"" + std::string(command) + "\" ignored in FAULT; disable first");
     return;
   }
-  if (command == "disable" || command == "unhome") {
+  if (disables) {
     homing_left_s_ = 0.0;
     StopMoves();
     Control(kNoControl);
     if (command == "unhome") homed_ = false;
     Enter(ArmState::kDisabled);
   } else if (command == "enable") {
-    if (state_ == ArmState::kPaused || (state_ == ArmState::kEnabled && !homed_)) {
+    if (state_ == ArmState::kDisabled) {
+      Enter(ArmState::kEnabled);
+    } else if (state_ == ArmState::kPaused || !homed_) {
       Say(ConsoleMessage::Severity::kWarning, "cannot enable: PAUSED, not homed, or homing");
-      return;
     }
-    if (state_ == ArmState::kDisabled) Enter(ArmState::kEnabled);
   } else if (command == "home") {
     if (homing_left_s_ > 0.0) return;
     Enter(ArmState::kEnabled);
