@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import inspect
 import json
+import linecache
 import numbers
 import pathlib
+import secrets
 import sys
 from typing import Any, Callable, Mapping, Sequence
 
@@ -25,7 +28,7 @@ class Experiment:
     """Compares guarded and unguarded policies on your own plant, in processes and shards.
 
     Derive a class that defines the plant, the demonstrations and the learning of a policy. `main`
-    then makes a program with the commands `experiment`, `merge`, `status` and `episodes`, which
+    then makes a program with the commands `experiment`, `merge`, `status`, `episodes` and `rerun`, which
     `dfr-cluster` runs on a Slurm cluster. Each trial has its own demonstrations. All methods start
     from the same states.
 
@@ -71,6 +74,14 @@ class Experiment:
     parameters: Mapping[str, Any] = {}
     start_method: str = "fork"
     _kept: tuple[Any, list[Any]] = (None, [])
+    _chosen: tuple[Any, dict[str, Any]] = (None, {})
+    _defaults: dict[str, Any] = {}
+    _file: str | None = None
+    _hash: str = ""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        cls._file, cls._hash = _origin(cls)  # now, because the file may be edited before a run
 
     def plant(self) -> Any:
         """Return a plant. Called once per unit, in the process that runs it."""
@@ -111,8 +122,8 @@ class Experiment:
         Returns
         -------
         dict or None
-            The content of summary.json, which is next to the report in --out; None for a shard, which must
-            be merged.
+            The content of summary.json, which is next to the report in --out; None after `rerun`, and for a
+            shard, which must be merged.
 
         Raises
         ------
@@ -130,8 +141,7 @@ class Experiment:
                 "this build of dfr has no Experiment. Install libcli11-dev, libtomlplusplus-dev and "
                 "nlohmann-json3-dev, and build it again."
             )
-        defaults = _plan(self)
-        options = {_option(key): value for key, value in type(self).parameters.items()}
+        plan, options = _plan(self), self._options()
         with contextlib.ExitStack() as stack:
 
             def begin(chosen: dict[str, Any], seed: int, methods: list[str], processes: int) -> tuple[Any, Any]:
@@ -146,7 +156,7 @@ class Experiment:
                 self._name(),
                 self._program(),
                 (inspect.getdoc(type(self)) or self._name()).partition("\n")[0],
-                defaults,
+                plan,
                 options,
                 begin,
             )
@@ -177,8 +187,7 @@ class Experiment:
             If the episode has other settings than this program or is from another version of dfr.
         """
         found = _core.find_episode(folder, episode)
-        options = {_option(key): value for key, value in type(self).parameters.items()}
-        there = found["settings"]
+        there, options = found["settings"], self._options()
         self._choose({key: _like(value, there[key]) if key in there else value for key, value in options.items()})
         there = {**there, "commit": found["commit"]}
         now = {**self._settings(), "commit": _core.build_commit}
@@ -199,29 +208,49 @@ class Experiment:
     def _name(self) -> str:
         return self.name or type(self).__name__.lower()
 
-    def _source(self) -> str | None:
-        with contextlib.suppress(TypeError, OSError):
-            return inspect.getsourcefile(type(self))
-        return None
-
     def _program(self) -> str:
-        source = self._source()
-        return pathlib.Path(source).name if source else self._name()
+        return self._file or self._name()
+
+    def _options(self) -> dict[str, Any]:
+        """Return the options of the command line with their defaults: parameters of the class, or set since the last run."""
+        if self.parameters is not self._chosen[0] or self.parameters != self._chosen[1]:
+            self._defaults = {key: _plain(key, value) for key, value in self.parameters.items()}
+        return {_option(key): value for key, value in self._defaults.items()}
 
     def _choose(self, chosen: Mapping[str, Any]) -> None:
-        self.parameters = {key: chosen[_option(key)] for key in type(self).parameters}
+        self.parameters = {key: chosen[_option(key)] for key in self._defaults}
+        self._chosen = (self.parameters, dict(self.parameters))
 
     def _settings(self) -> dict[str, str]:
         """Return the settings beyond the plan that determine results; a ledger with other settings is refused."""
         settings = {_option(key): _core.setting_of(value) for key, value in self.parameters.items()}
-        source = self._source()
-        if source:
-            settings["hash of " + pathlib.Path(source).name] = _core.hash_of_file(source)
-        return settings
+        return {**settings, f"hash of {self._file or type(self).__name__}": self._hash}
+
+
+def _origin(experiment: type) -> tuple[str | None, str]:
+    """Return the name of the file that defines a class, and the hash of this file.
+
+    In a notebook, these are None and a hash of the cells of its methods. Without any text, for example in a
+    program from standard input, the hash is unique to the class object.
+    """
+
+    def hashed(content: bytes) -> str:
+        return hashlib.sha256(content).hexdigest()[:16]
+
+    with contextlib.suppress(TypeError, OSError):
+        path = pathlib.Path(inspect.getsourcefile(experiment) or "")
+        return path.name, hashed(path.read_bytes())
+    texts = []
+    for one in experiment.__mro__:
+        if one.__module__ == experiment.__module__:
+            methods = [inspect.unwrap(f) for f in vars(one).values() if inspect.isfunction(f)]
+            cells = sorted({f.__code__.co_filename for f in methods})
+            texts.append("".join(line for cell in cells for line in linecache.getlines(cell)))
+    return None, hashed("\0".join(texts).encode()) if all(texts) else secrets.token_hex(8)
 
 
 def _plan(experiment: Experiment) -> dict[str, Any]:
-    """Check the experiment's plan and parameters, and return the plan."""
+    """Check the experiment's plan, and return it."""
 
     def count(key: str, value: Any) -> int:
         if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not 0 < value < 2**31:
@@ -238,12 +267,24 @@ def _plan(experiment: Experiment) -> dict[str, Any]:
         if isinstance(names, str) or not all(isinstance(name, str) for name in names):
             raise ValueError(f"{key} must be a list of names, not {names!r}")
         plan[key] = list(names)
-    for name, value in type(experiment).parameters.items():
-        if not (isinstance(name, str) and name.isidentifier()):
-            raise ValueError(f"parameters has {name!r}, which is not a valid option name: use letters, digits and _")
-        if not isinstance(value, (numbers.Real, str)):
-            raise ValueError(f"parameter {name} must be a number, text, True or False, not {value!r}")
     return plan
+
+
+def _plain(name: Any, value: Any) -> bool | int | float | str:
+    """Check a parameter, and return its value as a type of Python, which all parts of the engine accept."""
+    if not (isinstance(name, str) and name.isidentifier()):
+        raise ValueError(f"parameters has {name!r}, which is not a valid option name: use letters, digits and _")
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, numbers.Integral):
+        if not -(2**63) <= value < 2**63:
+            raise ValueError(f"parameter {name} must fit into 64 bits, not {value!r}")
+        return int(value)
+    if isinstance(value, numbers.Real):
+        return float(value)
+    if not isinstance(value, str):
+        raise ValueError(f"parameter {name} must be a number, text, True or False, not {value!r}")
+    return value
 
 
 def _option(parameter: str) -> str:

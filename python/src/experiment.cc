@@ -239,7 +239,6 @@ void AddExperiment(py::module_& module) {
   module.def("run_experiment", &RunExperiment);
   module.def("find_episode", &FindEpisode);
   module.def("derive_seed", &DeriveSeed);
-  module.def("hash_of_file", &experiment::HashOfFile);
   module.def("setting_of", &TextOf);
 }
 

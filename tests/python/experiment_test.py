@@ -4,6 +4,7 @@ usage: experiment_test.py
 """
 
 import importlib.util
+import linecache
 import pathlib
 import sys
 import tempfile
@@ -15,6 +16,33 @@ import dfr
 
 EXAMPLE = pathlib.Path(__file__).resolve().parents[2] / "examples/own_experiment.py"
 SMALL = ("--trials", "2", "--episodes", "1", "--demonstrations", "12")
+
+
+class Corner(dfr.Experiment):
+    """A plant that starts at its goal."""
+
+    parameters = {"goal_x": 1.0, "fast": True, "count": 3, "word": "a b", "gamma": np.float32(0.5)}
+    episodes, trials, demonstrations = 1, 1, (5,)
+    methods = ("baseline",)
+
+    def plant(corner):
+        assert type(corner.parameters["gamma"]) is float
+
+        class There:
+            completed, collided = True, False
+            reset = step = lambda self, _: None
+
+            def observe(self):
+                return [corner.parameters["goal_x"], 0.0]
+
+        return There()
+
+    def demonstrate(self, seed):
+        actions = 0.1 * np.random.default_rng(seed).normal(size=(9, 2))
+        return np.vstack([[1.0, 0.0], [1.0, 0.0] + np.cumsum(actions, axis=0)]), actions
+
+    def learn(self, learner, states, actions, seed):
+        return lambda t, state: [0.0, 0.0]
 
 
 class ExperimentTest(unittest.TestCase):
@@ -90,35 +118,11 @@ class ExperimentTest(unittest.TestCase):
             np.testing.assert_array_equal(spoilt[method].actions, episode.actions)
 
     def test_a_subclass_runs_inside_the_callers_program(self):
-        class Corner(dfr.Experiment):
-            """A plant that starts at its goal."""
-
-            parameters = {"goal_x": 1.0, "fast": True, "count": 3, "word": "a b"}
-            episodes, trials, demonstrations = 1, 1, (5,)
-            methods = ("baseline",)
-
-            def plant(corner):
-                class There:
-                    completed, collided = True, False
-                    reset = step = lambda self, _: None
-
-                    def observe(self):
-                        return [corner.parameters["goal_x"], 0.0]
-
-                return There()
-
-            def demonstrate(self, seed):
-                actions = 0.1 * np.random.default_rng(seed).normal(size=(9, 2))
-                return np.vstack([[1.0, 0.0], [1.0, 0.0] + np.cumsum(actions, axis=0)]), actions
-
-            def learn(self, learner, states, actions, seed):
-                return lambda t, state: [0.0, 0.0]
-
         out = str(self.folder / "corner")
         summary = Corner().run(["experiment", "--out", out, "--fast", "false", "--count", "4", "--threads", "1"])
         self.assertEqual(summary["averages"][0]["completed"], 1.0)
         text = (self.folder / "corner/run.toml").read_text()
-        for line in ("goal-x = 1", 'fast = "false"', "count = 4", 'word = "a b"'):
+        for line in ("goal-x = 1", 'fast = "false"', "count = 4", 'word = "a b"', "gamma = 0.5"):
             self.assertIn(line + "\n", text)
         self.assertIsNone(Corner().run(["experiment", "--out", out + "2", "--shard", "1/2", "--threads", "1"]))
         again = Corner().replay(out, "0/5/policy/baseline/0")
@@ -128,6 +132,36 @@ class ExperimentTest(unittest.TestCase):
             Corner().run(["status", out])
         with self.assertRaisesRegex(NotImplementedError, "Experiment must define plant"):
             dfr.Experiment().plant()
+
+    def test_parameters_of_an_instance_are_its_defaults(self):
+        corner = Corner()
+        corner.parameters = {**Corner.parameters, "word": "c"}
+        for k, (arguments, word) in enumerate([([], "c"), (["--word", "d"], "d"), ([], "c"), ([], "e")]):
+            if word == "e":
+                corner.parameters["word"] = word
+            corner.run(["experiment", "--out", str(self.folder / f"{k}"), "--threads", "1", *arguments])
+            self.assertEqual(corner.parameters["word"], word)
+
+    def test_a_class_without_a_file_continues_only_its_own_runs(self):
+        def cell(text, name, shown=True):
+            if shown:  # as a notebook does
+                linecache.cache[name] = (len(text), None, text.splitlines(True), name)
+                self.addCleanup(linecache.cache.pop, name)
+            space = {"__name__": "notebook", "Corner": Corner}
+            exec(compile(text, name, "exec"), space)
+            return space["Cell"]()
+
+        text = "class Cell(Corner):\n    k = 1\n    def learn(self, *_):\n        return lambda *_: [0.0, 0.0]\n"
+        arguments = ["experiment", "--out", str(self.folder / "cell"), "--threads", "1"]
+        cell(text, "<cell 1>").run(arguments)
+        cell(text, "<cell 2>").run(arguments)
+        for other in (cell(text.replace("k = 1", "k = 2"), "<cell 3>"), cell(text, "<stdin>", shown=False)):
+            with self.assertRaisesRegex(RuntimeError, "settings.hash of Cell"):
+                other.run(arguments)
+            with self.assertRaisesRegex(RuntimeError, "hash of Cell"):
+                other.replay(self.folder / "cell", "0/5/policy/baseline/0")
+            other.run([*arguments, "--restart"])
+            other.run(arguments)
 
     def test_wrong_attributes_are_named(self):
         for attribute, value, message in [
@@ -140,6 +174,7 @@ class ExperimentTest(unittest.TestCase):
             ("learners", (1,), r"learners must be a list of names, not \(1,\)"),
             ("parameters", {"a b": 1}, "parameters has 'a b', which is not a valid option name"),
             ("parameters", {"a": None}, "parameter a must be a number, text, True or False, not None"),
+            ("parameters", {"a": 2**63}, "parameter a must fit into 64 bits, not 9223372036854775808"),
         ]:
             with self.subTest(attribute, value=value), self.assertRaisesRegex(ValueError, message):
                 type("Wrong", (dfr.Experiment,), {attribute: value})().run(["experiment", "--out", str(self.folder / "no")])
