@@ -26,13 +26,16 @@ class Demonstrations(NamedTuple):
     environment: str
     """Name of the environment, task or robot."""
     note: str
-    """Skipped content, for example images and videos; empty if there is none."""
+    """Skipped content, for example images, videos and episodes; empty if there is none."""
 
 
 def load_demonstrations(
-    path: str | PathLike[str], *, filter_key: str = "", pictures: str | Sequence[str] = ()
+    path: str | PathLike[str], *, filter_key: str = "", pictures: str | Sequence[str] = (), all: bool = False
 ) -> Demonstrations:
     """Read demonstrations of robomimic (HDF5), Minari or LeRobot, and detect the format.
+
+    Episodes that did not complete the task are left out, as `guard fit` does, unless no episode is recorded as
+    completed. `note` gives their number.
 
     Parameters
     ----------
@@ -44,6 +47,8 @@ def load_demonstrations(
         Names of datasets of pictures (HDF5) or videos (LeRobot) to read as parts of the states; others
         are skipped. A video's frames are averaged to 32 pixels along the longer side;
         "observation.images.top:24x32" averages them to 24 rows of 32 pixels.
+    all : bool
+        Includes episodes that did not complete the task.
 
     Returns
     -------
@@ -65,4 +70,13 @@ def load_demonstrations(
             "this build of dfr reads no demonstrations. Install libhdf5-dev, libsnappy-dev, libzstd-dev and "
             "nlohmann-json3-dev and build it again, or read the file with h5py and pass arrays to dfr.Guard.fit."
         )
-    return Demonstrations(*_core.load_demonstrations(path, filter_key, list(pictures)))
+    read = Demonstrations(*_core.load_demonstrations(path, filter_key, list(pictures)))
+    kept = [i for i, completed in enumerate(read.completed) if completed]
+    if all or len(kept) == len(read.completed):
+        return read
+    if kept:
+        said = f"{len(read.completed) - len(kept)} episodes did not complete the task and are left out (all=True takes them)"
+        read = read._replace(**{key: [getattr(read, key)[i] for i in kept] for key in ("states", "actions", "completed")})
+    else:
+        said = f"none of {len(read.completed)} episodes is recorded as completed: if they failed, use others"
+    return read._replace(note="\n".join(filter(None, (read.note, said))))

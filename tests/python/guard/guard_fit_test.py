@@ -188,7 +188,11 @@ class DemonstrationsTest(unittest.TestCase):
                     for name, part in (("clock", x[:, :1]), ("tip", x[:, 1:])):
                         demo[f"obs/{name}"], demo[f"next_obs/{name}"] = part[:-1], part[1:]
                     demo["obs/camera"] = np.zeros((len(u), 2, 2, 3))
-            loaded = dfr.load_demonstrations(path)
+            kept = dfr.load_demonstrations(path)
+            self.assertEqual((len(kept.states), kept.completed), (5, [True] * 5))
+            np.testing.assert_array_equal(kept.actions[2], actions[3])
+            self.assertIn("1 episodes did not complete the task and are left out (all=True takes them)", kept.note)
+            loaded = dfr.load_demonstrations(path, all=True)
             self.assertEqual(loaded.layout, LAYOUT)
             self.assertEqual(loaded.completed, [i != 2 for i in range(6)])
             for i in range(6):
