@@ -9,6 +9,8 @@ any policy inside the demonstrated states. `GuardedEnv` wraps an environment in 
 your own plant, in processes and shards.
 """
 
+from typing import TYPE_CHECKING, Any
+
 from dfr._core import FitSummary, Guard, SupportEstimate, TimeVaryingSupport, __version__
 from dfr._demonstrations import Demonstrations, load_demonstrations
 from dfr._experiment import Episode, Experiment
@@ -16,6 +18,19 @@ from dfr._guarded_env import GuardedEnv
 from dfr._one_class_svm import OneClassSVM
 from dfr._options import named_options as _named
 from dfr._progress import shows_progress as _shows
+
+if TYPE_CHECKING:
+    from dfr import lerobot, plot
+else:
+
+    def __getattr__(name: str) -> Any:
+        """Import a module that needs other packages, at its first use."""
+        if name in ("lerobot", "plot"):
+            import importlib
+
+            return importlib.import_module(f"dfr.{name}")
+        raise AttributeError(f"module 'dfr' has no attribute {name!r}")
+
 
 __all__ = [
     "Demonstrations",

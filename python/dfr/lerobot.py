@@ -224,11 +224,9 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
         self, wish: NDArray[np.float64], observation: Mapping[str, Any] | None, taken: int
     ) -> tuple[NDArray[np.float64], GuardInfo]:
         """Return the action to apply instead of `wish`, and the decision; `taken` actions of a chunk are used."""
-        if observation is not None:
-            state = self._state(observation)
-        elif self._observed is not None:
-            state, self._observed = self._observed, None
-        else:
+        state = self._observed if observation is None else self._state(observation)
+        self._observed = None
+        if state is None:
             raise ValueError(
                 "the transition has no observation, as in a policy's post-processor: call observe(observation) of "
                 "this step before each action, or put the step into the robot_action_processor"
@@ -262,7 +260,7 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
             filtered = dict(zip(names, safe))
             # A tensor of one number remains a tensor.
             return {
-                name: _like(np.array(filtered[name]), value) if hasattr(value, "shape") else float(filtered[name])
+                name: _like(filtered[name].reshape(np.shape(value)), value) if hasattr(value, "shape") else float(filtered[name])
                 for name, value in original.items()
             }, info
         shape = tuple(np.shape(original))

@@ -167,7 +167,7 @@ class ExperimentTest(unittest.TestCase):
         with open(self.program, "a", encoding="utf-8") as file:
             file.write("# another one\n")
         with self.assertRaisesRegex(RuntimeError, "this program cannot run its episodes again: hash of own_experiment.py"):
-            corridor.replay(self.folder / "run", lines[0].split("  ")[0])
+            self.import_program().Corridor().replay(self.folder / "run", lines[0].split("  ")[0])
 
     def test_an_episode_can_be_filmed(self):
         self.run_program(self.program, "experiment", *SMALL, "--out", "run")

@@ -268,6 +268,9 @@ class DictionariesTest(unittest.TestCase):
         step.reset()
         safe, info = self.filtered([0.02, 0.0], DRIFT)
         action = dict(zip(("x.pos", "y.pos"), DRIFT.tolist()))
+        wide = step(({name: np.array([value]) for name, value in action.items()}, self.observation(0.02, 0.0)))
+        self.assertEqual({name: value.tolist() for name, value in wide.items()}, {"x.pos": [safe[0]], "y.pos": [safe[1]]})
+        step.reset()
         after = step((action, self.observation(0.02, 0.0)))
         self.assertEqual(after, dict(zip(("x.pos", "y.pos"), safe)))
         self.assertTrue(all(type(value) is float for value in after.values()))
@@ -310,6 +313,8 @@ class DictionariesTest(unittest.TestCase):
         after = step(transition)
         np.testing.assert_array_equal(after["action"].cpu().numpy()[0], safe)
         self.assertEqual(after["info"]["guard"], info)
+        step.observe(observation)
+        step({**transition, "observation": observation})
         with self.assertRaisesRegex(ValueError, "no observation"):
             step(transition)
 
@@ -329,7 +334,7 @@ class ContractTest(unittest.TestCase):
             sys.path[:0] = [{str(folder / "stand_ins")!r}, {str(folder)!r}]
             import dfr
             assert not any(name.startswith("lerobot") for name in sys.modules)  # import dfr stays light
-            from dfr.lerobot import GuardStep
+            GuardStep = dfr.lerobot.GuardStep
             from lerobot.processor import Pipeline, ProcessorStep
             from corridor import LAYOUT, action_for, demonstrations
 
