@@ -79,10 +79,14 @@ class TimeVaryingSupportTest(unittest.TestCase):
             demos, nu=0.3, gamma=2.0, tolerance=1e-9, weights=[2] + [1] * (len(demos) - 1)
         )
         np.testing.assert_allclose(twice.decision(7, queries), weighted.decision(7, queries), atol=1e-8)
-        pooled = dfr.TimeVaryingSupport.fit(demos, nu=0.3, gamma=2.0, pooled=True)
-        self.assertEqual(pooled.num_steps, 1)
-        whole, _ = dfr.SupportEstimate.fit(np.vstack(demos), nu=0.3, gamma=2.0)
-        np.testing.assert_array_equal(pooled.decision(0, queries), whole.decision(queries))
+        own = np.arange(1.0, 1.0 + len(demos))
+        for weights, of_states in ((None, None), (own, np.repeat(own, LENGTHS))):
+            pooled = dfr.TimeVaryingSupport.fit(demos, nu=0.3, gamma=2.0, pooled=True, weights=weights)
+            self.assertEqual(pooled.num_steps, 1)
+            whole, _ = dfr.SupportEstimate.fit(np.vstack(demos), nu=0.3, gamma=2.0, weights=of_states)
+            np.testing.assert_array_equal(pooled.decision(0, queries), whole.decision(queries))
+        with self.assertRaisesRegex(ValueError, "there are 2 weights for 8 demonstrations"):
+            dfr.TimeVaryingSupport.fit(demos, pooled=True, weights=own[:2])
 
     def test_files_and_pickles_keep_all_bits(self):
         support = dfr.TimeVaryingSupport.fit(demonstrations(), nu=0.3, gamma=2.0, num_steps=12)

@@ -35,6 +35,20 @@ core::Matrix AllStates(std::span<const internal::StatesView> demonstrations, int
   return pool;
 }
 
+// Returns the weight of each row of AllStates(): that of its demonstration.
+std::vector<double> AllWeights(std::span<const internal::StatesView> demonstrations, int num_steps,
+                               std::span<const double> weights) {
+  DFR_THROW_UNLESS(weights.size() == demonstrations.size(),
+                   "there are " << weights.size() << " weights for " << demonstrations.size()
+                                << " demonstrations");
+  std::vector<double> all;
+  for (std::size_t i = 0; i < weights.size(); ++i) {
+    const auto rows = std::min<Eigen::Index>(demonstrations[i].rows(), num_steps);
+    all.insert(all.end(), static_cast<std::size_t>(rows), weights[i]);
+  }
+  return all;
+}
+
 }  // namespace
 
 TimeVaryingSupport TimeVaryingSupport::Fit(std::span<const core::Matrix> demonstrations,
@@ -67,6 +81,10 @@ std::vector<TimeVaryingSupport> internal::FitGrid(std::span<const StatesView> de
   const std::size_t count = options.pooled ? 1 : static_cast<std::size_t>(num_steps);
   std::vector<std::optional<OneClassSvm>> fitted(grid.size() * count);
   std::vector<FitSummary> results(fitted.size());
+  const std::vector<double> weights =
+      options.pooled && !options.svm.weights.empty()
+          ? AllWeights(demonstrations, num_steps, options.svm.weights)
+          : std::vector<double>();
   // A pooled fit distributes its own work.
   core::Workers workers(options.pooled ? 1 : options.threads);
   // Each worker takes the next time step and uses separate memory.
@@ -80,6 +98,7 @@ std::vector<TimeVaryingSupport> internal::FitGrid(std::span<const StatesView> de
       Scratch together(&distances);
       OneClassSvmOptions svm = options.svm;
       svm.threads = options.pooled ? options.threads : 1;
+      if (!weights.empty()) svm.weights = weights;
       for (std::size_t g = 0; g < grid.size(); ++g) {
         svm.nu = grid[g].nu;
         svm.gamma = grid[g].gamma;
