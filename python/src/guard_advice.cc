@@ -140,22 +140,24 @@ py::dict Explain(const Guard& guard, const Array& state, const py::object& t,
   return result;
 }
 
+// Returns the nearest 64-bit integer of a whole number.
+std::int64_t Whole(const py::object& t) {
+  const auto index = py::reinterpret_steal<py::object>(PyNumber_Index(t.ptr()));
+  if (!index) throw py::error_already_set();
+  int overflow = 0;
+  const std::int64_t value = PyLong_AsLongLongAndOverflow(index.ptr(), &overflow);
+  return overflow > 0 ? std::numeric_limits<std::int64_t>::max() : value;
+}
+
 }  // namespace
 
 int StepOf(const py::object& t) {
-  const auto index = py::reinterpret_steal<py::object>(PyNumber_Index(t.ptr()));
-  if (!index) throw py::error_already_set();
-  int overflow = 0;
-  const long long value = PyLong_AsLongLongAndOverflow(index.ptr(), &overflow);
-  return overflow != 0 || value != NearestInt(value) ? -1 : static_cast<int>(value);
+  const std::int64_t value = Whole(t);
+  return value == NearestInt(value) ? static_cast<int>(value) : -1;
 }
 
 int StepOrLast(const py::object& t) {
-  const auto index = py::reinterpret_steal<py::object>(PyNumber_Index(t.ptr()));
-  if (!index) throw py::error_already_set();
-  int overflow = 0;
-  const long long value = PyLong_AsLongLongAndOverflow(index.ptr(), &overflow);
-  if (overflow > 0) return std::numeric_limits<int>::max();
+  const std::int64_t value = Whole(t);
   CheckStep(value);
   return NearestInt(value);
 }

@@ -316,25 +316,22 @@ NearestDemonstration Nearest(const GuardModel& model, int t, std::span<const dou
 
 std::string Explain(const GuardModel& model, const Verdict& verdict, std::span<const double> state,
                     std::span<const double> action) {
-  const std::string wrong = WrongInput(model, state, action);
   switch (verdict.source) {
     case Source::kPolicy:
       return {};
-    case Source::kHalt:
-      switch (verdict.cause) {
-        case HaltCause::kStateInvalid:
-          if (verdict.frozen >= 0) return "halted: " + Standstill(model, verdict);
-          [[fallthrough]];
-        case HaltCause::kControlInvalid:
-          return std::string("halted: ") + (wrong.empty() ? CauseOf(verdict.cause) : wrong);
-        case HaltCause::kOutsideSupport:
-        case HaltCause::kEarlyStopping:
-          if (wrong.empty()) return "halted: " + WhyNot(model, verdict, state, action);
-          break;
-        default:
-          break;
+    case Source::kHalt: {
+      if (verdict.cause == HaltCause::kStateInvalid && verdict.frozen >= 0) {
+        return "halted: " + Standstill(model, verdict);
       }
+      const bool invalid =
+          verdict.cause == HaltCause::kStateInvalid || verdict.cause == HaltCause::kControlInvalid;
+      const bool outside =
+          verdict.cause == HaltCause::kOutsideSupport || verdict.cause == HaltCause::kEarlyStopping;
+      const std::string wrong = invalid || outside ? WrongInput(model, state, action) : "";
+      if (invalid && !wrong.empty()) return "halted: " + wrong;
+      if (outside && wrong.empty()) return "halted: " + WhyNot(model, verdict, state, action);
       return std::string("halted: ") + CauseOf(verdict.cause);
+    }
     case Source::kPolicyChanged:
       return "changed: " + WhyNot(model, verdict, state, action);
     case Source::kDemonstrations:
