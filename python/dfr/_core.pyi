@@ -211,7 +211,9 @@ def run_experiment(
     title: str,
     defaults: dict[str, Any],
     parameters: dict[str, Any],
-    begin: Callable[[dict[str, Any], int, list[str], int], tuple[dict[str, str], Callable[[int, int, str], Any]]],
+    begin: Callable[
+        [dict[str, Any], int, list[str], int], tuple[dict[str, str], Callable[[int, int, str], Any], Callable[[], None]]
+    ],
 ) -> int | str | None: ...
 def find_episode(folder: str | PathLike[str], name: str) -> dict[str, Any]: ...
 def derive_seed(seed: int, stream: int, trial: int, index: int) -> int: ...

@@ -144,12 +144,12 @@ class Experiment:
         plan, options = _plan(self), self._options()
         with contextlib.ExitStack() as stack:
 
-            def begin(chosen: dict[str, Any], seed: int, methods: list[str], processes: int) -> tuple[Any, Any]:
+            def begin(chosen: dict[str, Any], seed: int, methods: list[str], processes: int) -> tuple[Any, Any, Any]:
                 self._choose(chosen)
                 for method in methods:
                     _check(method)
                 pool = stack.enter_context(Pool(self, seed, methods, processes))
-                return self._settings(), pool.unit
+                return self._settings(), pool.unit, pool.kill
 
             result = _core.run_experiment(
                 sys.argv[1:] if arguments is None else [str(a) for a in arguments],

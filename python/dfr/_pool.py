@@ -64,7 +64,12 @@ class Pool:
             connection.close()
         for process, _ in self._workers:
             process.join(1.0)
-            process.kill()  # it may be in an episode whose result is not needed
+        self.kill()  # a process may be in an episode whose result is not needed
+
+    def kill(self) -> None:
+        """End all processes at once; waiting units raise RuntimeError."""
+        for process, _ in self._workers:
+            process.kill()
 
     def unit(self, trial: int, demonstrations: int, learner: str) -> _Remote:
         return _Remote(self, trial, demonstrations, learner)

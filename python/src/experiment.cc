@@ -6,8 +6,10 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
+#include <future>
 #include <iostream>
 #include <map>
 #include <memory>
@@ -92,11 +94,12 @@ class PythonRunner final : public experiment::TrialRunner {
       for (const experiment::FilmedEpisode& episode : episodes) {
         caption.append(caption.empty() ? "Left to right: " : ", ").append(episode.method);
       }
-      std::filesystem::path beside = path;
-      media.push_back({beside.replace_extension(".png"), caption});
-      core::ReplaceFile(beside, pictures);
+      media.push_back({"film.png", caption, pictures});
     }
-    if (alone) return true;
+    if (alone) {
+      core::ReplaceFile(path, pictures);
+      return true;
+    }
     core::StateLayout layout;
     layout.Add("state", static_cast<int>(episodes.front().states.cols()));
     experiment::SaveFilm("Episodes from one start state", layout, episodes, path, "", media);
@@ -143,8 +146,9 @@ experiment::EvaluationPlan PlanOf(const py::dict& defaults) {
 
 // Runs the command line `arguments` of an experiment in the file `program`. Returns the exit code
 // if nothing else remains to be done, otherwise the summary's text, or None for a shard. Calls
-// `begin` with the chosen settings before there are threads. `begin` returns (settings, make),
-// where make(trial, demonstrations, learner) creates the callable of a PythonRunner.
+// `begin` with the chosen settings before there are threads. `begin` returns (settings, make, end),
+// where make(trial, demonstrations, learner) creates the callable of a PythonRunner, and end() ends
+// all of them after Ctrl-C.
 py::object RunExperiment(const std::vector<std::string>& arguments, const std::string& name,
                          const std::string& program, const std::string& title,
                          const py::dict& defaults, const Values& parameters,
@@ -186,8 +190,8 @@ py::object RunExperiment(const std::vector<std::string>& arguments, const std::s
                                  : std::max(1u, std::thread::hardware_concurrency());
   const std::size_t processes = std::clamp<std::size_t>(units, 1, wanted);
   options.threads = static_cast<int>(processes);
-  const auto [settings, make] =
-      begin(chosen, plan.seed, plan.methods, processes).cast<std::pair<Settings, py::function>>();
+  const auto [settings, make, end] = begin(chosen, plan.seed, plan.methods, processes)
+                                         .cast<std::tuple<Settings, py::function, py::function>>();
   const experiment::MakeTrialRunner make_runner = [&make = make,
                                                    &plan](const experiment::EvaluationUnit& unit) {
     return WithLock([&] {
@@ -197,7 +201,22 @@ py::object RunExperiment(const std::vector<std::string>& arguments, const std::s
   };
   const Unlocked unlocked;
   const experiment::OutputFolder folder(options);
-  const auto found = experiment::RunExperiment(name, plan, make_runner, settings, options);
+  // This thread handles Python's signals, so the engine has another one.
+  auto engine = std::async(std::launch::async, [&, &settings = settings] {
+    return experiment::RunExperiment(name, plan, make_runner, settings, options);
+  });
+  while (engine.wait_for(std::chrono::milliseconds(100)) != std::future_status::ready) {
+    const bool interrupted = WithLock([&end = end] {
+      if (PyErr_CheckSignals() == 0) return false;
+      const py::error_scope interrupt;
+      end();
+      return true;
+    });
+    if (!interrupted) continue;
+    engine.wait();
+    WithLock([] { throw py::error_already_set(); });
+  }
+  const auto found = engine.get();
   std::string text;
   if (found) {
     experiment::PrintTable(found->summary, std::cout);

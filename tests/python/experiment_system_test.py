@@ -3,6 +3,7 @@
 usage: experiment_system_test.py
 """
 
+import base64
 import importlib.util
 import json
 import os
@@ -47,6 +48,7 @@ class Held:
     def reset(self, seed):
         hold, ledger = pathlib.Path("hold"), pathlib.Path("run/ledger.jsonl")
         while hold.exists() and ledger.read_bytes().count(b"\\n") >= int(pathlib.Path("most").read_text()):
+            pathlib.Path(f"{os.getpid()}.held").touch()
             time.sleep(0.001)
         self.tip.reset(seed)
     def step(self, action):
@@ -131,7 +133,7 @@ class ExperimentTest(unittest.TestCase):
         specification = importlib.util.spec_from_file_location("own_experiment", self.program)
         module = importlib.util.module_from_spec(specification)
         sys.modules["own_experiment"] = module  # where inspect finds the file of its classes
-        self.addCleanup(sys.modules.pop, "own_experiment")
+        self.addCleanup(sys.modules.pop, "own_experiment", None)
         specification.loader.exec_module(module)
         return module
 
@@ -177,7 +179,9 @@ class ExperimentTest(unittest.TestCase):
         page = self.bytes_of("new/film.html").decode()
         self.assertIn("Left to right: guard, baseline", page)
         self.assertIn(f"baseline: {line.split('  ')[1]} after {actions} controls", page)
-        # An animation has one picture per state. new/film.png, beside the page, shows both plants.
+        # An animation has one picture per state. That of the page shows both plants.
+        both = frames_of(base64.b64decode(re.search('src="data:image/png;base64,([^"]+)"', page)[1]))
+        self.assertEqual([path.name for path in (self.folder / "new").iterdir()], ["film.html"])
         self.run_program(self.program, "rerun", "run", name, "--film", "film.png")
         own_experiment = self.import_program()
         corridor = own_experiment.Corridor()
@@ -188,7 +192,6 @@ class ExperimentTest(unittest.TestCase):
         for k in (0, actions):
             tip.at = states[k]
             np.testing.assert_array_equal(pictures[k], tip.render())
-        both = frames_of(self.bytes_of("new/film.png"))
         self.assertEqual(both[0].shape, (pictures[0].shape[0], 2 * pictures[0].shape[1] + 4, 3))
         np.testing.assert_array_equal(both[0][:, : pictures[0].shape[1]], pictures[0])
         np.testing.assert_array_equal(both[-1][:, -pictures[0].shape[1] :], pictures[-1])
@@ -281,16 +284,20 @@ class ExperimentTest(unittest.TestCase):
             while self.lines() < wanted:
                 time.sleep(0.001)
                 self.assertIsNone(process.poll())
-            while len(workers := self.workers_of(process.pid)) < 2:
+            while len(workers := self.workers_of(process.pid)) < 2 or any(
+                not (self.folder / f"{pid}.held").exists() for pid in workers
+            ):
                 time.sleep(0.001)
             os.kill(process.pid, number)
             while self.has_pending_signals(process.pid):
                 time.sleep(0.001)
-            hold.unlink()
-            process.communicate()
+            if number != signal.SIGINT:  # ends also while all units run
+                hold.unlink()
+            process.communicate(timeout=60)
             self.assertNotEqual(process.returncode, 0, f"{number}, {self.lines()} lines")
             while any(pathlib.Path(f"/proc/{pid}").exists() for pid in workers):
                 time.sleep(0.001)
+        hold.unlink()
         self.run_program(program, *arguments)
         self.run_program(program, *arguments[:-1], "whole")
         self.assertEqual(self.bytes_of("run/summary.json"), self.bytes_of("whole/summary.json"))

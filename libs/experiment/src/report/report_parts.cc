@@ -27,7 +27,8 @@ void AddMedia(const std::vector<ReportMedia>& all, std::ostream& out) {
                      media.path.string()
                          << ": a report embeds png, jpg, gif, webp, webm and mp4 files");
     const std::string uri =
-        "data:" + type->second + ";base64," + Base64(core::ReadFile(media.path));
+        "data:" + type->second + ";base64," +
+        Base64(media.content.empty() ? core::ReadFile(media.path) : media.content);
     if (type->second.starts_with("video")) {
       out << "<figure><video controls loop muted playsinline src=\"" << uri << "\"></video>";
     } else {

@@ -82,6 +82,7 @@ struct ReportNote {
 struct ReportMedia {
   std::filesystem::path path;
   std::string caption;
+  std::string content = {};  ///< Empty: read from `path`, whose ending is the type.
 };
 
 /// An experiment's recommendation about the use of a method.
