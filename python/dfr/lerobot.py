@@ -93,7 +93,7 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
         For actions that are target positions: entry k of an action is a target for entry positions[k] of the
         guard's state. None leaves the entry unchanged: zero must hold it still. The guard then filters target
         minus present position, and the position is added to its result: a halt holds the present pose.
-        Required for a guard that was fitted with differences.
+        Required for a guard that was fitted with differences: without it a target is limited as an increment.
     action_names : sequence of str, optional
         The order of the entries of a dictionary action; by default the order of the first action.
     on_alarm : callable(info), optional
