@@ -37,7 +37,7 @@ def run(seed, guard=None):
 
 
 if len(sys.argv) != 2:
-    print("usage: first_guard.py GUARD   (made by: guard fit demos.hdf5 --features obs/tip -o task.guard)", file=sys.stderr)
+    print("usage: first_guard.py GUARD   (made by: guard fit demos.hdf5 --features obs/tip --action-limit 0.1 -o task.guard)", file=sys.stderr)
     sys.exit(2)
 guard = dfr.Guard.load(sys.argv[1])
 print("alone:  ", dict(collections.Counter(run(seed) for seed in range(100))))

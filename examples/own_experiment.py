@@ -55,10 +55,14 @@ class Corridor(dfr.Experiment):
         states, actions = [tip.observe()], []
         for _ in range(40):
             x, y = states[-1]
-            actions.append([0.8, 10.0 * (centre(x + 0.08) - y)] + 0.1 * rng.normal(size=2))
+            action = [0.8, 10.0 * (centre(x + 0.08) - y)] + 0.1 * rng.normal(size=2)
+            actions.append(np.clip(action, -1.0, 1.0))  # as the plant applies it
             tip.step(actions[-1])
             states.append(tip.observe())
         return states, actions
+
+    def guard(self, states, actions):
+        return dfr.Guard.fit(states, actions, action_limit=1.0)  # the plant's limit
 
     def learn(self, learner, states, actions, seed):
         def policy(t, state):  # learn yours from states and actions
