@@ -64,6 +64,8 @@ class ExperimentTest(unittest.TestCase):
 
     def test_processes_and_shards_give_the_same_bytes_and_an_episode_runs_again(self):
         corridor = self.import_example().Corridor()
+        states, actions = map(np.array, zip(*map(corridor.demonstrate, range(9))))
+        np.testing.assert_allclose(np.diff(states, axis=1), 0.1 * actions, atol=1e-12)  # as the plant applies them
 
         def run(*arguments, out):
             return corridor.run(["experiment", *SMALL, *arguments, "--out", str(self.folder / out)])
