@@ -252,6 +252,8 @@ std::optional<std::int64_t> Hdf5File::IntegerAttribute(const std::string& path,
   std::int64_t value = 0;
   // h5py stores truth values as an enumeration.
   const H5T_class_t kind = H5Tget_class(type.id());
+  // Minari 0.4 writes the text "None" for an unknown seed.
+  if (kind == H5T_STRING && TextAttribute(path, name) == "None") return std::nullopt;
   if (H5Sget_simple_extent_npoints(space.id()) != 1 || (kind != H5T_INTEGER && kind != H5T_ENUM) ||
       H5Aread(attribute.id(), H5T_NATIVE_INT64, &value) < 0) {
     Fail(path, std::string("attribute ") + name + " is neither an integer nor a truth value");

@@ -70,7 +70,8 @@ class Hdf5File {
   [[nodiscard]] core::Matrix Read(const std::string& path) const;
   /// Reads a one-dimensional dataset of strings, of fixed or variable length.
   [[nodiscard]] std::vector<std::string> ReadTexts(const std::string& path) const;
-  /// Returns std::nullopt if the attribute does not exist.
+  /// Returns std::nullopt if the attribute does not exist. IntegerAttribute() also returns it for
+  /// the text "None".
   [[nodiscard]] std::optional<std::int64_t> IntegerAttribute(const std::string& path,
                                                              const char* name) const;
   [[nodiscard]] std::optional<std::string> TextAttribute(const std::string& path,
