@@ -205,6 +205,59 @@ TEST(HostileFilesTest, AnIncompleteEpisodeIsLeftOutAndReported) {
   EXPECT_EQ(LoadDemonstrations(path).note, reader->note());
 }
 
+TEST(HostileFilesTest, TheUsersListOfEpisodesIsRead) {
+  const test::TempFolder folder;
+  const std::filesystem::path path = folder / "demos.hdf5";
+  SaveRobomimic(Episodes(), path);
+  hid_t file = H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+  H5Ldelete(file, "data/demo_1", H5P_DEFAULT);
+  H5Fclose(file);
+  auto reader = OpenDemonstrations(path);
+  ASSERT_EQ(reader->num_episodes(), 2);
+  EXPECT_EQ(reader->name(1), "data/demo_2");
+  EXPECT_EQ(reader->note(), "");
+  reader.reset();
+  file = H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+  for (const char* name : {"data/demo_1", "data/demo_3"}) {
+    H5Lcreate_hard(file, "data/demo_0", file, name, H5P_DEFAULT, H5P_DEFAULT);
+  }
+  H5Fclose(file);
+  reader = OpenDemonstrations(path);
+  EXPECT_EQ(reader->num_episodes(), 4);
+  EXPECT_EQ(reader->note(), "");
+}
+
+// A kill between the links leaves an episode that only the second list has.
+TEST(HostileFilesTest, AMaskNamesTheEpisodesOfTheSecondList) {
+  const test::TempFolder folder;
+  const std::filesystem::path path = folder / "demos.hdf5";
+  SaveRobomimic(Episodes(), path);
+  const hid_t file = H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+  H5Ldelete(file, "data/demo_2", H5P_DEFAULT);
+  const std::int64_t listed = 2;
+  const hid_t list = H5Gopen2(file, ".episodes", H5P_DEFAULT);
+  const hid_t attribute = H5Aopen(list, "listed", H5P_DEFAULT);
+  H5Awrite(attribute, H5T_NATIVE_INT64, &listed);
+  H5Aclose(attribute);
+  H5Gclose(list);
+  H5Gclose(H5Gcreate2(file, "mask", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT));
+  const hid_t text = H5Tcopy(H5T_C_S1);
+  H5Tset_size(text, 6);
+  const hsize_t one = 1;
+  const hid_t space = H5Screate_simple(1, &one, nullptr);
+  const hid_t mask =
+      H5Dcreate2(file, "mask/train", text, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+  H5Dwrite(mask, text, H5S_ALL, H5S_ALL, H5P_DEFAULT, "demo_2");
+  H5Dclose(mask);
+  H5Sclose(space);
+  H5Tclose(text);
+  H5Fclose(file);
+  EXPECT_THAT(OpenDemonstrations(path)->note(), HasSubstr("its 3 complete episodes are read"));
+  const auto masked = OpenDemonstrations(path, "train");
+  ASSERT_EQ(masked->num_episodes(), 1);
+  EXPECT_EQ(masked->Read(0).states, test::Episode(2).states);
+}
+
 TEST(HostileFilesTest, TheReportOfOneCompleteEpisodeIsInTheSingular) {
   const test::TempFolder folder;
   const std::filesystem::path path = folder / "demos.hdf5";

@@ -47,7 +47,7 @@ class RobomimicReader final : public internal::EpisodeReader {
       file().Fail("data", e.what());
     }
     FindEpisodes("data", kEpisodePrefix, "obs", kCount);
-    if (!filter_key.empty()) KeepMasked("data", filter_key);
+    if (!filter_key.empty()) KeepMasked(filter_key);
   }
 
   [[nodiscard]] int discarded() const noexcept override { return discarded_; }
@@ -170,6 +170,7 @@ class RobomimicWriter::File {
     total_ += n;
     ++episodes_;
     file_.SetAttribute("data", "total", total_);
+    file_.SetAttribute(Hdf5File::kSecondList, Hdf5File::kListed, episodes_);
     file_.Flush();
   }
 
@@ -189,12 +190,13 @@ class RobomimicWriter::File {
  private:
   // libhdf5 changes a list in several writes. A kill between them leaves an unreadable list.
   // Therefore the episode's data reach the disk first, then its name in one list, then its name in
-  // the other. One of the lists is intact at any time.
+  // the other, then their numbers. One of the lists is intact at any time.
   void Finish(const std::string& name) {
     file_.Flush();
     file_.LinkNewGroup(std::string(Hdf5File::kSecondList) + "/" + name);
     file_.Flush();
     file_.LinkNewGroup("data/" + name);
+    file_.Flush();
   }
 
   Hdf5File file_;

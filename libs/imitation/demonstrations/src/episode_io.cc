@@ -282,29 +282,39 @@ void EpisodeReader::FindEpisodes(const std::string& group, std::string_view pref
   controls_ = PartLayout(file_, episodes_[0], kActions);
 }
 
-// Returns the readable episodes of the longer list. If the writer was killed while it changed one
-// list, the other is intact.
+// Returns the members of `group`. If the writer was killed while it changed that list, returns
+// those of the second list, which is intact. Other programs change only the first list.
 std::vector<std::string> EpisodeReader::ListEpisodes(const std::string& group,
                                                      std::string_view prefix) {
   if (!file_.IntegerAttribute("/", Hdf5File::kSecondList)) {
     return NumberedMembers(file_, group, prefix);
   }
-  const auto list = [&](const std::string& from) {
-    std::vector<std::string> episodes;
+  using List = std::optional<std::vector<std::string>>;  // std::nullopt: unreadable
+  const auto list = [&](const std::string& from) -> List {
     try {
-      episodes = NumberedMembers(file_, from, prefix);
+      std::vector<std::string> episodes = NumberedMembers(file_, from, prefix);
       std::erase_if(episodes, [this](const std::string& path) { return !file_.IsGroup(path); });
+      return episodes;
     } catch (const std::runtime_error&) {
-      episodes.clear();  // The list is unreadable.
+      return std::nullopt;
     }
-    return episodes;
   };
-  std::vector<std::string> first = list(group);
-  std::vector<std::string> second = list(Hdf5File::kSecondList);
-  if (first.size() == second.size()) return first;
-  std::vector<std::string>& longer = first.size() > second.size() ? first : second;
-  note_ = Note(longer.size(), "the list of episodes was being written");
-  return std::move(longer);
+  const auto listed = [&] {
+    try {
+      return file_.IntegerAttribute(Hdf5File::kSecondList, Hdf5File::kListed);
+    } catch (const std::runtime_error&) {
+      return std::optional<std::int64_t>();
+    }
+  };
+  List first = list(group);
+  List second = list(Hdf5File::kSecondList);
+  const bool killed_at_first =
+      second && (!first || listed().value_or(std::ssize(*second)) < std::ssize(*second));
+  if (!killed_at_first && first && second) return std::move(*first);
+  List& intact = killed_at_first ? second : first;
+  if (!intact) return {};
+  note_ = Note(intact->size(), "the list of episodes was being written");
+  return std::move(*intact);
 }
 
 void EpisodeReader::LeaveUnfinished(const char* last) {
@@ -320,7 +330,7 @@ void EpisodeReader::LeaveUnfinished(const char* last) {
   note_ = Note(episodes_.size(), episode + ", which was being written, is left out");
 }
 
-void EpisodeReader::KeepMasked(const std::string& group, const std::string& mask) {
+void EpisodeReader::KeepMasked(const std::string& mask) {
   const std::string path = "mask/" + mask;
   if (!file_.Exists("mask")) file_.Fail("mask", "does not exist: this file has no filter keys");
   if (mask.empty() || !file_.Exists(path)) {
@@ -329,17 +339,21 @@ void EpisodeReader::KeepMasked(const std::string& group, const std::string& mask
       known += (known.empty() ? "" : ", ") + name;
     file_.Fail(path, "does not exist; the filter keys of this file are: " + known);
   }
+  const auto name_of = [](const std::string& episode) {
+    return episode.substr(episode.rfind('/') + 1);  // in either list
+  };
+  std::set<std::string> known;
+  for (const std::string& episode : episodes_) known.insert(name_of(episode));
   std::set<std::string> wanted;
   for (const std::string& name : file_.ReadTexts(path)) {
-    std::string episode = group;
-    episode.append("/").append(name);
-    if (std::find(episodes_.begin(), episodes_.end(), episode) == episodes_.end()) {
+    if (!known.contains(name)) {
       file_.Fail(path, "names '" + name + "', which is not an episode of this file");
     }
-    wanted.insert(episode);
+    wanted.insert(name);
   }
   if (wanted.empty()) file_.Fail(path, "names no episode");
-  std::erase_if(episodes_, [&](const std::string& episode) { return !wanted.contains(episode); });
+  std::erase_if(episodes_,
+                [&](const std::string& episode) { return !wanted.contains(name_of(episode)); });
 }
 
 core::Trajectory EpisodeReader::Read(int i) const {

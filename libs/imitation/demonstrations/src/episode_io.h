@@ -81,7 +81,7 @@ class EpisodeReader : public DemonstrationReader {
                     const char* last);
 
   /// Keeps the episodes listed in a mask, in the order of their numbers.
-  void KeepMasked(const std::string& group, const std::string& mask);
+  void KeepMasked(const std::string& mask);
 
   [[nodiscard]] const Hdf5Reader& file() const noexcept { return file_; }
   /// Returns the path of the first dataset of the controls, whose rows are the episode's steps.

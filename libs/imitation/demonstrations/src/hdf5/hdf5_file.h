@@ -38,9 +38,11 @@ class Hdf5File {
   void LinkNewGroup(const std::string& path);
   static constexpr char kNewGroup[] = "*";
   /// Creates the group kSecondList in the root. An attribute of the root holds the group's address,
-  /// which makes the group accessible even if the root's list is unreadable.
+  /// which makes the group accessible even if the root's list is unreadable. The group's attribute
+  /// kListed is the number of its members that the first list has received, initially 0.
   void CreateSecondList();
   static constexpr char kSecondList[] = ".episodes";
+  static constexpr char kListed[] = "listed";
   /// Writes a two-dimensional dataset of doubles, row by row.
   void Write(const std::string& path, const core::Matrix& values);
   /// Writes a one-dimensional dataset.

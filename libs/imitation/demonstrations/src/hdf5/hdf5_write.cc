@@ -196,6 +196,7 @@ void Hdf5File::CreateSecondList() {
     Fail(kSecondList, "cannot be found again: " + LastHdf5Error());
   }
   SetAttribute("/", kSecondList, static_cast<std::int64_t>(info.addr));
+  SetAttribute(kSecondList, kListed, 0);
 }
 
 }  // namespace dfr::imitation::internal
