@@ -95,6 +95,29 @@ TEST(HostileFilesTest, ASmallFileMayNotClaimGigabytes) {
   EXPECT_THAT(LoadError(folder / "rows.hdf5"), HasSubstr("declares 1099511627776 x 2 entries"));
 }
 
+// Each group has four links to the next one: 4^8 paths lead to one dataset.
+TEST(HostileFilesTest, LinksMayNotMultiplyTheDatasets) {
+  const test::TempFolder folder;
+  EXPECT_THAT(
+      ErrorWith(folder / "links.hdf5",
+                [](hid_t file) {
+                  std::string from = "data/demo_0/obs";
+                  for (int level = 0; level < 8; ++level) {
+                    const std::string to =
+                        level == 7 ? "data/demo_0/obs/tip" : "g" + std::to_string(level);
+                    if (level < 7) {
+                      H5Gclose(H5Gcreate2(file, to.c_str(), H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT));
+                    }
+                    for (const char* link : {"/0", "/1", "/2", "/3"}) {
+                      H5Lcreate_hard(file, to.c_str(), file, (from + link).c_str(), H5P_DEFAULT,
+                                     H5P_DEFAULT);
+                    }
+                    from = to;
+                  }
+                }),
+      HasSubstr("is one of more than 1024 groups and datasets"));
+}
+
 // The part of Thrift's compact protocol that Parquet's metadata use.
 std::string Varint(std::uint64_t value) {
   std::string out;

@@ -32,6 +32,10 @@ constexpr char kActions[] = "actions";
 // circular link.
 constexpr int kDeepest = 8;
 
+// Maximum number of groups and datasets of a part of an episode. Links make a small file's number
+// of paths exponential in the depth.
+constexpr int kMostObjects = 1 << 10;
+
 // Returns the key of a dataset (N, height, width) or (N, height, width, channels). The key's offset
 // places pictures after all other datasets.
 Key PictureKey(const Hdf5Reader& file, const std::string& path, const std::string& name,
@@ -60,7 +64,11 @@ Key PictureKey(const Hdf5Reader& file, const std::string& path, const std::strin
 // Appends the keys of the dataset at `path`, or of all datasets in the group at `path`. Returns
 // false if a dataset has no offset.
 bool CollectKeys(const Hdf5Reader& file, const std::string& path, const std::string& name,
-                 int depth, const Pictures& pictures, std::vector<Key>& keys) {
+                 int depth, const Pictures& pictures, int& objects, std::vector<Key>& keys) {
+  if (++objects > kMostObjects) {
+    file.Fail(path, "is one of more than " + std::to_string(kMostObjects) +
+                        " groups and datasets of this part of an episode; remove some");
+  }
   if (file.IsGroup(path)) {
     if (depth > kDeepest) {
       file.Fail(path, "is nested more than " + std::to_string(kDeepest) + " groups deep");
@@ -71,7 +79,7 @@ bool CollectKeys(const Hdf5Reader& file, const std::string& path, const std::str
       below += member;
       std::string inner = path + "/";
       inner += member;
-      all_have_offsets &= CollectKeys(file, inner, below, depth + 1, pictures, keys);
+      all_have_offsets &= CollectKeys(file, inner, below, depth + 1, pictures, objects, keys);
     }
     return all_have_offsets;
   }
@@ -130,8 +138,9 @@ core::StateLayout PartLayout(const Hdf5Reader& file, const std::string& episode,
                                    "robomimic's dataset_states_to_obs.py"
                                  : "does not exist");
   }
+  int objects = 0;
   std::vector<Key> keys;
-  if (CollectKeys(file, path, part, 0, pictures, keys)) {
+  if (CollectKeys(file, path, part, 0, pictures, objects, keys)) {
     std::stable_sort(keys.begin(), keys.end(),
                      [](const Key& a, const Key& b) { return a.offset < b.offset; });
   }
