@@ -144,30 +144,53 @@ void SaveParquet(const std::filesystem::path& path, const std::string& pages,
       << std::string_view(reinterpret_cast<const char*>(&size), sizeof size) << "PAR1";
 }
 
-// A run of equal values takes a few bytes for any length. 2^26 values would take 512 MiB of memory.
+// Saves a file whose row groups share the pages of one column: a run of equal truth values, which
+// takes a few bytes for any length.
+void SaveRuns(const std::filesystem::path& path, const std::string& name, char truth,
+              std::uint64_t values, std::size_t row_groups) {
+  const std::string run = Varint(2 * values) + truth;
+  const auto size = static_cast<std::uint32_t>(run.size());
+  const std::string page = std::string(reinterpret_cast<const char*>(&size), sizeof size) + run;
+  const std::string chunk = Number(1, 0) + Number(1, page.size()) + Number(1, page.size()) +
+                            "\x2c" + Number(1, values) + Number(1, 3) + '\0' + '\0' + page;
+  const std::string column =
+      "\x3c" + Number(4, 0) + Number(1, values) + Number(2, chunk.size()) + Number(2, 4) + '\0';
+  const std::vector groups(row_groups, Structs(1, {column}) + Number(2, values));
+  SaveParquet(
+      path, chunk,
+      Structs(2, {Text(4, "root") + Number(1, 1), Number(1, 0) + Number(2, 0) + Text(1, name)}) +
+          Structs(2, groups) + '\0');
+}
+
+// 2^26 values would take 512 MiB of memory.
 TEST(HostileFilesTest, ASmallParquetFileMayNotClaimGigabytes) {
   const test::TempFolder folder;
-  const auto save = [&](const std::string& name, std::uint64_t values) {
-    const std::string run = Varint(2 * values) + '\1';
-    const auto size = static_cast<std::uint32_t>(run.size());
-    const std::string page = std::string(reinterpret_cast<const char*>(&size), sizeof size) + run;
-    const std::string chunk = Number(1, 0) + Number(1, page.size()) + Number(1, page.size()) +
-                              "\x2c" + Number(1, values) + Number(1, 3) + '\0' + '\0' + page;
-    const std::string column =
-        "\x3c" + Number(4, 0) + Number(1, values) + Number(2, chunk.size()) + Number(2, 4) + '\0';
-    SaveParquet(folder / name, chunk,
-                Structs(2, {Text(4, "root") + Number(1, 1),
-                            Number(1, 0) + Number(2, 0) + Text(1, "done")}) +
-                    Structs(2, {Structs(1, {column}) + Number(2, values)}) + '\0');
-  };
-  save("few.parquet", 1000);
+  SaveRuns(folder / "few.parquet", "done", '\1', 1000, 2);
   const internal::ParquetFile few(folder / "few.parquet");
-  EXPECT_EQ(few.Read(0, "done").values, std::vector<double>(1000, 1.0));
-  save("many.parquet", std::uint64_t{1} << 26);
-  const internal::ParquetFile many(folder / "many.parquet");
-  EXPECT_THAT([&] { static_cast<void>(many.Read(0, "done")); },
-              testing::ThrowsMessage<std::runtime_error>(HasSubstr(
-                  "declares 67108864 values in a row group, too many for a file of this size")));
+  EXPECT_EQ(few.Read(1, "done").values, std::vector<double>(1000, 1.0));
+  for (const std::size_t row_groups : {1U, 64U}) {
+    SaveRuns(folder / "many.parquet", "done", '\1', (std::uint64_t{1} << 26) / row_groups,
+             row_groups);
+    EXPECT_THAT([&] { const internal::ParquetFile many(folder / "many.parquet"); },
+                testing::ThrowsMessage<std::runtime_error>(
+                    AllOf(HasSubstr("many.parquet: declares "),
+                          HasSubstr(" more values, too many for a file of this size"))));
+  }
+}
+
+// The states would take 16 TiB.
+TEST(HostileFilesTest, ASmallLeRobotDatasetMayNotClaimTerabytes) {
+  const test::TempFolder folder;
+  std::filesystem::create_directories(folder / "meta");
+  std::filesystem::create_directories(folder / "data");
+  std::ofstream(folder / "meta/info.json")
+      << R"({"codebase_version": "v3.0", "features": {"action": {"dtype": "float32", "shape": [1]},)"
+      << R"("observation.state": {"dtype": "float32", "shape": [1048576]}}})";
+  SaveRuns(folder / "data/few.parquet", "episode_index", '\0', std::uint64_t{1} << 21, 1);
+  EXPECT_THAT(
+      LoadError(folder / "."),
+      AllOf(HasSubstr("few.parquet: episode 0"),
+            HasSubstr("declares 2097152 x 1048577 entries, too many for files of this size")));
 }
 
 // 20 000 columns have a parent with a name of 20 000 letters. Each column's path repeats this name.

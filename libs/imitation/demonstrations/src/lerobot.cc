@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <fstream>
 #include <map>
+#include <new>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <stdexcept>
@@ -13,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "dfr/core/files/read_budget.h"
 #include "dfr/core/files/read_file.h"
 #include "dfr/core/text/format.h"
 #include "lerobot_videos.h"
@@ -68,6 +70,7 @@ class LeRobotReader final : public DemonstrationReader {
     videos_.Locate(info);
     files_ = internal::ParquetFiles(folder_ / "data");
     FindEpisodes(info);
+    for (const std::filesystem::path& file : files_) bytes_ += std::filesystem::file_size(file);
     if (!filter_key.empty()) KeepSplit(info, filter_key);
   }
 
@@ -86,16 +89,23 @@ class LeRobotReader final : public DemonstrationReader {
     const std::vector<Part>& parts = episodes_.at(static_cast<std::size_t>(i));
     std::int64_t frames = 0;
     for (const Part& part : parts) frames += part.count;
+    CheckSize(i, frames);
     if (has_frames_) CheckOrder(i, parts);
     core::Trajectory trajectory;
-    trajectory.states.resize(frames, layout_.state_dim());
+    try {
+      trajectory.states.resize(frames, layout_.state_dim());
+    } catch (const std::bad_alloc&) {
+      Fail(folder_, name(i) + " does not fit into memory; request smaller pictures");
+    }
+    // The videos come first: the memory of a frame that does not exist is never written.
     for (const auto& block : layout_.blocks) {
-      if (videos_.Has(block.name)) {
-        videos_.Read(block.name, numbers_[static_cast<std::size_t>(i)], trajectory.states,
-                     block.offset);
-      } else {
-        ReadFeature(i, parts, block.name, block.size, trajectory.states, block.offset);
-      }
+      if (!videos_.Has(block.name)) continue;
+      videos_.Read(block.name, numbers_[static_cast<std::size_t>(i)], trajectory.states,
+                   block.offset);
+    }
+    for (const auto& block : layout_.blocks) {
+      if (videos_.Has(block.name)) continue;
+      ReadFeature(i, parts, block.name, block.size, trajectory.states, block.offset);
     }
     Matrix actions(frames, control_dim_);
     ReadFeature(i, parts, kAction, control_dim_, actions, 0);
@@ -304,6 +314,20 @@ class LeRobotReader final : public DemonstrationReader {
     if (kept == 0) Fail(InfoFile(folder_), "split '" + key + "' names no episode");
   }
 
+  // Fails if the Parquet files are too small for the episode. The videos hold the other columns.
+  void CheckSize(int episode, std::int64_t frames) const {
+    std::int64_t columns = control_dim_;
+    for (const auto& block : layout_.blocks) columns += videos_.Has(block.name) ? 0 : block.size;
+    if (core::ReadBudget(bytes_).Take(static_cast<std::uint64_t>(frames) * sizeof(double),
+                                      static_cast<std::uint64_t>(columns))) {
+      return;
+    }
+    const Part& part = episodes_[static_cast<std::size_t>(episode)][0];
+    Fail(files_[static_cast<std::size_t>(part.file)],
+         name(episode) + " declares " + std::to_string(frames) + " x " + std::to_string(columns) +
+             " entries, too many for files of this size");
+  }
+
   // Returns a file, and keeps it open for the next episode, which is often in the same file.
   [[nodiscard]] const ParquetFile& File(int file) const {
     if (open_file_ != file) {
@@ -392,6 +416,7 @@ class LeRobotReader final : public DemonstrationReader {
   bool has_success_ = false;
   bool has_frames_ = false;
   std::vector<std::filesystem::path> files_;
+  std::uint64_t bytes_ = 0;  // of all files
   std::vector<std::string> names_;
   std::vector<std::int64_t> numbers_;
   std::vector<std::vector<Part>> episodes_;

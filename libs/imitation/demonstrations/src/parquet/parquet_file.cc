@@ -15,7 +15,7 @@ namespace dfr::imitation::internal {
 class FooterParser {
  public:
   FooterParser(ParquetFile& file, Bytes& bytes)
-      : file_(&file), thrift_(bytes), budget_(file.budget()) {}
+      : file_(&file), thrift_(bytes), budget_(file.budget()), values_(file.budget()) {}
 
   void Parse() {
     thrift_.Struct([this](std::int64_t field, Thrift::Kind kind) {
@@ -118,6 +118,15 @@ class FooterParser {
       throw Malformed("has a row group whose columns differ from its schema");
     }
     if (group.num_rows < 0) throw Malformed("declares a negative number of rows");
+    // A run of equal values takes a few bytes for any length, and row groups may share bytes.
+    for (const ParquetFile::Chunk& chunk : group.chunks) {
+      const std::int64_t most = std::max(chunk.num_values, group.num_rows);
+      if (chunk.num_values < 0 ||
+          !values_.Take(static_cast<std::uint64_t>(most), sizeof(double) + sizeof(std::int64_t))) {
+        throw Malformed("declares " + std::to_string(most) +
+                        " more values, too many for a file of this size");
+      }
+    }
     file_->row_groups_.push_back(std::move(group));
   }
 
@@ -160,6 +169,7 @@ class FooterParser {
   std::vector<Element> elements_;
   std::size_t next_ = 0;
   core::ReadBudget budget_;
+  core::ReadBudget values_;  // of all row groups
 };
 
 ParquetFile::ParquetFile(std::filesystem::path path)

@@ -27,8 +27,9 @@ struct ParquetColumn {
 /// and run-length encodings; uncompressed, Snappy, Zstandard.
 ///
 /// Files are untrusted. No claimed size is allocated before it is checked against the available
-/// data. Each column of a row group is limited to core::ReadBudget of the file's size. All
-/// functions throw std::runtime_error naming the file, the column and the reason.
+/// data. The values of all row groups are limited to core::ReadBudget of the file's size, as are
+/// the pages of each column of a row group. All functions throw std::runtime_error naming the file,
+/// the column and the reason.
 class ParquetFile {
  public:
   /// Storage of a column, or of the entries of a column's lists.

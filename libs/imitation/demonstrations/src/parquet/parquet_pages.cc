@@ -194,12 +194,6 @@ class ChunkDecoder {
     if (!IsNumeric(*leaf_)) {
       throw Malformed("is of type " + TypeName(leaf_->type) + ", not numeric");
     }
-    const std::int64_t most = std::max(chunk_->num_values, num_rows_);
-    if (chunk_->num_values < 0 ||
-        !budget_.Take(static_cast<std::uint64_t>(most), sizeof(double) + sizeof(std::int64_t))) {
-      throw Malformed("declares " + std::to_string(most) +
-                      " values in a row group, too many for a file of this size");
-    }
     Bytes bytes(data);
     std::int64_t seen = 0;
     while (seen < chunk_->num_values) {
