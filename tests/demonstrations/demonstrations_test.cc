@@ -26,6 +26,7 @@ using testing::HasSubstr;
 TEST(DemonstrationsTest, AFileRestoresEverything) {
   const test::TempFolder folder;
   DemonstrationSet set = Episodes();
+  set.layout.blocks[1].name = "goal/object";
   set.provenance = {core::Origin::kReal, "PSM1", "A7", "left eye", "2026-11-23"};
   SaveRobomimic(set, folder / "demos.hdf5", "<mujoco/>");
   const DemonstrationSet loaded = LoadRobomimic(folder / "demos.hdf5");
@@ -95,7 +96,10 @@ TEST(DemonstrationsTest, MismatchedShapesAreRefusedBeforeWriting) {
               HasSubstr("demonstration 0 has states of 3 x 6"));
   EXPECT_THAT(message([](auto& set) { set.trajectories[0].controls.resize(0, 2); }),
               HasSubstr("demonstration 0 has no control"));
-  EXPECT_THAT(message([](auto& set) { set.layout.blocks[1].name = "a/b"; }), HasSubstr("'a/b'"));
+  for (const char* name : {"", "/a", "a/", "a//b", "a/./b", "tip/a", "tip"}) {
+    EXPECT_THAT(message([&](auto& set) { set.layout.blocks[1].name = name; }),
+                HasSubstr("'" + std::string(name) + "'"));
+  }
   EXPECT_FALSE(std::filesystem::exists(folder / "demos.hdf5"));
 }
 

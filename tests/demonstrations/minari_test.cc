@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <iterator>
 #include <limits>
 #include <string>
 
@@ -40,12 +41,25 @@ class MinariTest : public testing::TestWithParam<bool> {};
 
 TEST_P(MinariTest, ADatasetRestoresEverything) {
   const test::TempFolder folder;
-  const DemonstrationSet set = Episodes(GetParam());
+  DemonstrationSet set = Episodes(GetParam());
+  if (!GetParam()) {
+    set.layout.blocks[0].name = "goal/tip";
+    set.layout.blocks[2].name = "goal/angle";
+  }
   Save(set, folder / "test-v0");
   for (const char* path : {"test-v0", "test-v0/data", "test-v0/data/main_data.hdf5"}) {
     const DemonstrationSet loaded = LoadDemonstrations(folder / path);
     test::ExpectSame(loaded, set);
   }
+  if (GetParam()) return;
+  // Minari expects a space of spaces for a group of datasets.
+  const std::string box = R"({\"type\": \"Box\", \"dtype\": \"float64\", \"shape\": [)";
+  const std::string dict = R"({\"type\": \"Dict\", \"subspaces\": {)";
+  std::ifstream in(folder / "test-v0/data/metadata.json");
+  const std::string metadata{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+  EXPECT_THAT(metadata, HasSubstr(dict + R"(\"goal\": )" + dict + R"(\"tip\": )" + box + "3]"));
+  EXPECT_THAT(metadata, HasSubstr(R"(, \"angle\": )" + box + "1]"));
+  EXPECT_THAT(metadata, HasSubstr(R"(}}, \"object\": )" + box + "2]"));
 }
 
 TEST_P(MinariTest, AnIndependentReaderFindsEveryValue) {

@@ -235,9 +235,18 @@ void CheckLayout(const core::StateLayout& layout, int control_dim) {
   DFR_THROW_UNLESS(control_dim > 0,
                    "demonstrations need at least one control entry, not " << control_dim);
   for (const auto& block : layout.blocks) {
-    DFR_THROW_UNLESS(
-        !block.name.empty() && block.name.find('/') == std::string::npos,
-        "state block '" << block.name << "' cannot name a dataset: rename it without '/'");
+    const std::string path = "/" + block.name + "/";
+    DFR_THROW_UNLESS(path.find("//") == std::string::npos &&
+                         path.find("/./") == std::string::npos &&
+                         std::ranges::count(block.name, '/') <= kDeepest,
+                     "state block '" << block.name
+                                     << "' cannot name a dataset: rename it to one or more parts, "
+                                        "separated by '/', none of them empty or '.'");
+    for (const auto& other : layout.blocks) {
+      DFR_THROW_UNLESS(&other == &block || !("/" + other.name + "/").starts_with(path),
+                       "state blocks '" << block.name << "' and '" << other.name
+                                        << "' cannot name datasets of one group: rename one");
+    }
     DFR_THROW_UNLESS(core::IsUtf8(block.name),
                      "the name of the state block '" << block.name << "' is not UTF-8; rename it");
   }

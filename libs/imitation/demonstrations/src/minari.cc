@@ -4,6 +4,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <regex>
+#include <set>
 #include <stdexcept>
 #include <utility>
 #include <vector>
@@ -61,15 +62,26 @@ std::string BoxText(int size, const char* low, const char* high) {
          R"(], "low": )" + repeat(low) + R"(, "high": )" + repeat(high) + "}";
 }
 
-std::string ObservationText(const core::StateLayout& layout) {
-  if (layout.blocks.size() == 1) return BoxText(layout.state_dim(), "-Infinity", "Infinity");
-  std::string text = R"({"type": "Dict", "subspaces": {)";
-  for (std::size_t b = 0; b < layout.blocks.size(); ++b) {
-    text += b == 0 ? "" : ", ";
-    text += json(layout.blocks[b].name).dump() + ": " +
-            BoxText(layout.blocks[b].size, "-Infinity", "Infinity");
+// Returns the space of the blocks whose names begin with `group`, "" or "goal/". A group of
+// datasets is a space of spaces.
+std::string SpaceText(const core::StateLayout& layout, const std::string& group) {
+  std::string text;
+  std::set<std::string> done;
+  for (const auto& block : layout.blocks) {
+    if (!block.name.starts_with(group)) continue;
+    const std::string name =
+        block.name.substr(group.size(), block.name.find('/', group.size()) - group.size());
+    if (!done.insert(name).second) continue;
+    text += (text.empty() ? "" : ", ") + json(name).dump() + ": ";
+    text += group + name == block.name ? BoxText(block.size, "-Infinity", "Infinity")
+                                       : SpaceText(layout, group + name + "/");
   }
-  return text + "}}";
+  return R"({"type": "Dict", "subspaces": {)" + text + "}}";
+}
+
+std::string ObservationText(const core::StateLayout& layout) {
+  return layout.blocks.size() == 1 ? BoxText(layout.state_dim(), "-Infinity", "Infinity")
+                                   : SpaceText(layout, "");
 }
 
 std::filesystem::path MainFile(const std::filesystem::path& path) {

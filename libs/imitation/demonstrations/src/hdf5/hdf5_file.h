@@ -43,7 +43,8 @@ class Hdf5File {
   void CreateSecondList();
   static constexpr char kSecondList[] = ".episodes";
   static constexpr char kListed[] = "listed";
-  /// Writes a two-dimensional dataset of doubles, row by row.
+  /// Writes a two-dimensional dataset of doubles, row by row. This and the next functions create
+  /// missing groups above the dataset.
   void Write(const std::string& path, const core::Matrix& values);
   /// Writes a one-dimensional dataset.
   void Write(const std::string& path, std::span<const double> values);

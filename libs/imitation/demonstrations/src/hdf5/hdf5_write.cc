@@ -97,8 +97,10 @@ void Hdf5File::WriteBlock(const std::string& path, std::int64_t type,
   }
   const Hdf5Handle space(H5Screate_simple(static_cast<int>(now.size()), now.data(), most.data()),
                          H5Sclose);
+  const Hdf5Handle links(H5Pcreate(H5P_LINK_CREATE), H5Pclose);
+  H5Pset_create_intermediate_group(links.id(), 1);
   const Place at = At(path);
-  const Hdf5Handle dataset(H5Dcreate2(at.object, at.path.c_str(), type, space.id(), H5P_DEFAULT,
+  const Hdf5Handle dataset(H5Dcreate2(at.object, at.path.c_str(), type, space.id(), links.id(),
                                       properties.id(), H5P_DEFAULT),
                            H5Dclose);
   if (!dataset.ok() || H5Dwrite(dataset.id(), type, H5S_ALL, H5S_ALL, H5P_DEFAULT, values) < 0) {
