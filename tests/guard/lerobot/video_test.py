@@ -171,6 +171,10 @@ class VideoTest(unittest.TestCase):
         def slower(path):
             write_video(WRITER, path, draw(self.episodes[3][0], 64, 64), fps=15)
 
+        def pipe(path):
+            path.unlink()
+            os.mkfifo(path)
+
         def setting(**values):
             return lambda info: info.update(values)
 
@@ -186,6 +190,9 @@ class VideoTest(unittest.TestCase):
             ("v2.1", v2, cut, None, f"{v2}: episode 3, {TOP}: is not a video that can be decoded", "download"),
             ("v2.1", v2, damage, None, "cannot decode frame", "the file is damaged"),
             ("v2.1", v2, pointer, None, "is a Git LFS pointer", "git lfs pull"),
+            ("v2.1", v2, pipe, None, f"{v2}: is a pipe or a device", ""),
+            ("v2.1", None, None, setting(video_path="/dev/{video_key}"), f"video_path leads to /dev/{TOP}", "folder"),
+            ("v2.1", None, None, setting(video_path="a/../../b"), "video_path leads to a/../../b", "folder"),
             ("v2.1", v2, codec, None, "cannot decode any frame of its codec 'zzzz'", "ffmpeg -i OLD.mp4 -c:v libx264 NEW.mp4"),
             ("v2.1", v2, fewer, None, "ends after 9 frames; the episode has more states", "download"),
             ("v2.1", v2, smaller, None, "frames have 48 x 64 pixels (height x width); meta/info.json says 64 x 64",

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "dfr/core/error.h"
+#include "dfr/core/files/read_file.h"
 #include "dfr/core/text/format.h"
 #include "parquet/parquet_file.h"
 
@@ -209,7 +210,13 @@ void LeRobotVideos::Read(const std::string& name, std::int64_t episode, core::Ma
              "is fps in meta/info.json right?");
     }
   }
-  clip.file = folder_ / path;
+  const std::filesystem::path below(path);
+  if (below.is_absolute() || std::ranges::count(below, std::filesystem::path("..")) > 0) {
+    Refuse(folder_ / "meta" / "info.json", "video_path leads to " + path,
+           "it must be a path below the dataset's folder, without ..");
+  }
+  clip.file = folder_ / below;
+  core::CheckPlainFile(clip.file);
   const Eigen::Index size =
       Eigen::Index{video.picture.height} * video.picture.width * video.picture.channels;
   try {
