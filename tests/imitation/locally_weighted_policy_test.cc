@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <vector>
 
@@ -31,6 +32,17 @@ std::vector<core::Trajectory> Linear() {
 
 core::FeatureTransform Identity() {
   return core::FeatureTransform::Identity(core::FeatureSelection::All(2));
+}
+
+TEST(LocallyWeightedPolicyTest, AnInvalidStateGivesNaN) {
+  const auto first =
+      core::FeatureTransform::Identity(core::FeatureSelection({{{"a", 0, 1}, {"b", 1, 1}}}, "a"));
+  const LocallyWeightedPolicy policy(first, Linear());
+  for (const auto& x : {std::vector{0.1, std::numeric_limits<double>::infinity()}, {0.1}}) {
+    std::vector<double> u(2);
+    policy.Control(0, x, u);
+    EXPECT_TRUE(std::isnan(u[0]) && std::isnan(u[1])) << x.size();
+  }
 }
 
 // Locally linear regression of a linear law is exact up to the ridge.

@@ -71,6 +71,10 @@ void LocallyWeightedPolicy::Control(int t, std::span<const double> x,
       Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxFeatures + 1, kMaxControls>;
   using Vector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxFeatures + 1, 1>;
   constexpr double kLeastExponent = -13.815510557964274;  // Weights below 1e-6 do not count.
+  if (static_cast<int>(x.size()) != state_dim() || !core::AllFinite(x)) {
+    std::ranges::fill(u, std::numeric_limits<double>::quiet_NaN());
+    return;
+  }
   const int n = features_.num_features();
   std::array<double, kMaxFeatures> buffer;
   const std::span<double> z(buffer.data(), static_cast<std::size_t>(n));
