@@ -328,7 +328,11 @@ TEST(StateReductionTest, InvalidFeaturesAreNamed) {
            {"pca:camera", "no block 'camera' in the state; it has image, tip, code, clock"},
            {"pca:code:grey", "'grey' is for pictures; give the block"},
            {"pca:image:blue", "'blue' is not an option; options are a number"},
-           {"pca:image:7x7", "[1, 6] and [1, 6], not 7 and 7"},
+           {"pca:image:7x5",
+            "feature 'pca:image:7x5': 7x5 is larger than the pictures, which have 6x6 pixels "
+            "(height x width)"},
+           {"pca:image:0x0", "'0x0' is not an option"},
+           {"points:image:0x24", "'0x24' is not an option"},
            {"pca:image:0", "must lie in [1, 256]"},
            {"pca:code:9", "there are 8 components, not 9"},
            {"pca:code:2,pca:code:3", "names a block that is listed already"},

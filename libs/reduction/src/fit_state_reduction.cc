@@ -28,7 +28,7 @@ std::optional<std::pair<int, int>> ParseSize(std::string_view text) {
   const std::string_view height = core::TakeUntil(text, 'x');
   const auto rows = core::ParseInteger<int>(height);
   const auto columns = core::ParseInteger<int>(text);
-  if (!rows || !columns) return std::nullopt;
+  if (!rows || !columns || *rows < 1 || *columns < 1) return std::nullopt;
   return std::pair(*rows, *columns);
 }
 
@@ -91,7 +91,13 @@ Asked ParseAsked(const core::StateLayout& layout, std::string_view item, bool po
     DFR_THROW_UNLESS(asked.picture, "feature '" << item << "': '" << option
                                                 << "' is for pictures; give the block the shape "
                                                    "(height, width, channels) in the layout");
-    if (size) std::tie(asked.picture->out_height, asked.picture->out_width) = *size;
+    if (size) {
+      std::tie(asked.picture->out_height, asked.picture->out_width) = *size;
+      DFR_THROW_UNLESS(size->first <= shape.height && size->second <= shape.width,
+                       "feature '" << item << "': " << option
+                                   << " is larger than the pictures, which have " << shape.height
+                                   << "x" << shape.width << " pixels (height x width)");
+    }
     if (light) asked.picture->light = *light;
     if (option == "grey") asked.picture->grey = true;
   }
@@ -255,9 +261,9 @@ StateReduction StateReduction::Fit(const core::StateLayout& layout, std::string_
       add(std::move(part), item);
       continue;
     }
-    if (asked->picture) part.picture.emplace(*asked->picture);
     part.open = asked->components == 0;
     try {
+      if (asked->picture) part.picture.emplace(*asked->picture);
       Reduction reduction =
           FitPart(part, part.open ? kMostChosen : asked->components, demonstrations, threads);
       DFR_THROW_UNLESS(
