@@ -157,6 +157,8 @@ TEST_F(RecorderTest, DroppedStepsAreCountedAndNoted) {
     for (std::uint32_t i = 0; i < 10; ++i) {
       EXPECT_EQ(recorder.Record(test::ExampleStep(i)), i < 4);
     }
+    clock_.Pass(175);
+    EXPECT_EQ(recorder.counts().records, 0U);  // not in the file yet
     clock_.Pass(25);
     EXPECT_EQ(recorder.counts().records, 4U);
     ASSERT_TRUE(recorder.Record(test::ExampleStep(10)));  // reveals the gap before it
@@ -228,10 +230,11 @@ TEST_F(RecorderTest, ADiskThatIsFullAtTheStartIsRefused) {
 }
 
 TEST_F(RecorderTest, ADiskThatFillsUpDoesNotStopTheRun) {
+  RecorderCounts counts;
+  std::uint32_t i = 0;
   {
     const SmallDisk disk(600'000);
     Recorder recorder(folder_ / "log.mcap", test::ExampleMetadata(), Options());
-    std::uint32_t i = 0;
     for (; !recorder.failed(); clock_.Pass(200)) {
       for (int k = 0; k < 100; ++k) ASSERT_TRUE(recorder.Record(test::ExampleStep(i++)));
     }
@@ -240,12 +243,15 @@ TEST_F(RecorderTest, ADiskThatFillsUpDoesNotStopTheRun) {
     EXPECT_THAT(Complaint([&] { recorder.Finish(); }),
                 testing::HasSubstr("is incomplete: the file cannot grow"));
     EXPECT_EQ(recorder.dropped(), dropped + 100);
+    counts = recorder.counts();
   }
   const Recording recording = ReadRecording(folder_ / "log.mcap");
   EXPECT_FALSE(recording.finished);
   ASSERT_GE(recording.steps.size(), 100U);
-  for (std::uint32_t i = 0; i < recording.steps.size(); ++i) {
-    ASSERT_TRUE(test::Same(recording.steps[i], test::ExampleStep(i))) << "step " << i;
+  EXPECT_EQ(counts.records, recording.steps.size());
+  EXPECT_EQ(counts.records + counts.dropped_records, i);
+  for (std::uint32_t k = 0; k < recording.steps.size(); ++k) {
+    ASSERT_TRUE(test::Same(recording.steps[k], test::ExampleStep(k))) << "step " << k;
   }
 }
 

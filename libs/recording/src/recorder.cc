@@ -144,12 +144,20 @@ struct Recorder::Impl {
       Check(writer.Finish());
     } catch (const std::exception& e) {
       thrown = e.what();
-      failed.store(true, std::memory_order_relaxed);
+      Check(false);
     }
   }
 
+  // Counts the messages since the last call as written or lost.
   void Check(bool written) {
-    if (!written) failed.store(true, std::memory_order_relaxed);
+    (written ? records_written : dropped_records)
+        .fetch_add(records_in_chunk, std::memory_order_relaxed);
+    (written ? pictures_written : dropped_pictures)
+        .fetch_add(pictures_in_chunk, std::memory_order_relaxed);
+    records_in_chunk = 0;
+    pictures_in_chunk = 0;
+    // dropped() includes the lost chunk once failed() is true.
+    if (!written) failed.store(true, std::memory_order_release);
   }
 
   void Drain() {
@@ -167,7 +175,7 @@ struct Recorder::Impl {
         write(waiting->arm);
       }
       records.Pop();
-      Count(records_written, dropped_records);
+      Count(records_in_chunk);
     }
     while (const WaitingPicture* waiting = pictures.Front()) {
       const std::string_view file = jpeg.Encode(waiting->view);
@@ -178,15 +186,14 @@ struct Recorder::Impl {
         internal::EncodePicture(waiting->view.time_ns, file, message);
         writer.Message(internal::Channel::kPicture, waiting->view.sequence, waiting->view.time_ns,
                        message);
-        Count(pictures_written, dropped_pictures);
+        Count(pictures_in_chunk);
       }
       pictures.Pop();
     }
   }
 
-  void Count(std::atomic<std::uint64_t>& written, std::atomic<std::uint64_t>& dropped) {
-    const bool lost = failed.load(std::memory_order_relaxed);
-    (lost ? dropped : written).fetch_add(1, std::memory_order_relaxed);
+  void Count(std::uint64_t& in_chunk) {
+    ++in_chunk;
     if (writer.chunk_bytes() >= kChunkBytes) Check(writer.Flush());
   }
 
@@ -240,6 +247,8 @@ struct Recorder::Impl {
   internal::McapWriter writer;
   std::string message;
   std::string thrown;
+  std::uint64_t records_in_chunk = 0;
+  std::uint64_t pictures_in_chunk = 0;
   std::uint64_t reported_records = 0;
   std::uint64_t reported_pictures = 0;
   std::uint32_t notes = 0;
@@ -285,7 +294,7 @@ bool Recorder::Picture(const PictureView& picture) noexcept {
   return true;
 }
 
-bool Recorder::failed() const noexcept { return impl_->failed.load(std::memory_order_relaxed); }
+bool Recorder::failed() const noexcept { return impl_->failed.load(std::memory_order_acquire); }
 
 std::uint64_t Recorder::dropped() const noexcept {
   return impl_->dropped_records.load(std::memory_order_relaxed) +
