@@ -175,6 +175,29 @@ TEST(ReadRecordingTest, AChangedByteLosesOnlyItsChunk) {
   EXPECT_GT(lost, 100);
 }
 
+// The size of the first chunk has a changed bit, and the process was killed.
+TEST(ReadRecordingTest, ADamagedSizeInAnUnfinishedFileLosesOnlyItsChunk) {
+  const test::TempFolder folder;
+  std::string bytes = SmallFile(folder);
+  constexpr std::size_t kMagicSize = 8;
+  bytes.resize(bytes.size() - kMagicSize);
+  std::size_t at = kMagicSize;
+  while (bytes[at] != 6) {
+    std::uint64_t size = 0;
+    std::memcpy(&size, &bytes[at + 1], sizeof size);
+    at += 9 + size;
+  }
+  bytes[at + 8] = '\x40';
+  Save(folder / "killed", bytes);
+  const Recording recording = ReadRecording(folder / "killed");
+  EXPECT_FALSE(recording.finished);
+  ExpectPart(recording);
+  EXPECT_EQ(recording.steps.size(), kSteps / 2);
+  ASSERT_EQ(recording.damage.size(), 1U);
+  EXPECT_THAT(recording.damage[0],
+              testing::HasSubstr("damaged at byte " + std::to_string(at) + ": a record is larger"));
+}
+
 // Returns the number of bytes that this process has read.
 std::uint64_t BytesRead() {
   std::ifstream io("/proc/self/io");

@@ -109,7 +109,12 @@ class Reader {
     const auto op = static_cast<Op>(fields.Number<std::uint8_t>());
     const auto size = fields.Number<std::uint64_t>();
     if (size > file_.left() - kRecordHead) {
-      return complete_ ? GoOn(at, "a record is larger than the file") : false;
+      const char* const what = "a record is larger than the file";
+      if (complete_) return GoOn(at, what);
+      // A file without an end is cut off here, unless a later chunk shows a damaged size.
+      if (!head_ || !FindChunk(at)) return false;
+      Suffered(at, what);
+      return true;
     }
     if (!header_ && op != Op::kHeader) file_.Damaged(at, "its header is missing");
     // Rejects a record before reading its content, in which GoOn() looks for the next chunk.
@@ -159,11 +164,16 @@ class Reader {
     recording_.damage.push_back("damaged at byte " + std::to_string(at) + ": " + what);
   }
 
-  // Skips a record with a damaged kind or size: moves to the next chunk, or to the end of all
-  // chunks. Returns false if neither exists. Damage before the first chunk is fatal.
+  // Skips a record with a damaged kind or size. Damage before the first chunk is fatal.
   bool GoOn(std::uint64_t at, const std::string& what) {
     if (!head_) file_.Damaged(at, what);
     Suffered(at, what);
+    return FindChunk(at);
+  }
+
+  // Moves to the first chunk after `at`, or to the end of all chunks. Returns false if neither
+  // exists.
+  bool FindChunk(std::uint64_t at) {
     constexpr std::uint64_t kHead = kRecordHead + 40;  // size of a chunk's head, before its records
     // The window starts small and doubles: frequent damage must not cost reads of a mebibyte each.
     std::uint64_t window_size = 256;
