@@ -15,7 +15,9 @@ using dfr::reduction::Reduction;
 using dfr::reduction::StateReduction;
 
 void TryReduction(const std::filesystem::path& path) {
-  const Reduction reduction = Reduction::Load(path);
+  dfr::core::ArchiveReader archive(path, "reduction", 1);
+  const Reduction reduction = Reduction::Load(archive);
+  archive.End();
   std::vector<double> x(static_cast<std::size_t>(reduction.input_dim()), 0.5);
   std::vector<double> z(static_cast<std::size_t>(reduction.num_components()));
   reduction.Apply(x, z);

@@ -117,26 +117,6 @@ TEST(MlpTest, BackwardIsTheGradientInTheParameters) {
   }
 }
 
-TEST(MlpTest, InputGradientIsTheGradientInTheInputs) {
-  constexpr double kStep = 1e-5;
-  for (const auto& shape : Shapes()) {
-    const Mlp mlp = RandomMlp(shape, 8);
-    const Matrix x = RandomMatrix(3, mlp.input_dim(), 9);
-    const Matrix weights = RandomMatrix(3, mlp.output_dim(), 10);
-    Mlp::Workspace workspace;
-    mlp.Forward(x, workspace);
-    const Matrix gradient = mlp.InputGradient(weights, workspace);
-    for (Eigen::Index i = 0; i < x.size(); ++i) {
-      Matrix moved = x;
-      moved.data()[i] = x.data()[i] + kStep;
-      const double above = Loss(mlp, moved, weights);
-      moved.data()[i] = x.data()[i] - kStep;
-      const double below = Loss(mlp, moved, weights);
-      ASSERT_NEAR(gradient.data()[i], (above - below) / (2.0 * kStep), 2e-8) << "input " << i;
-    }
-  }
-}
-
 TEST(MlpTest, TangentIsTheDerivativeAlongADirection) {
   constexpr double kStep = 1e-6;
   for (const auto& shape : Shapes()) {
@@ -215,7 +195,6 @@ TEST(MlpTest, LoopsOverBatchesDoNotAllocate) {
   const auto all_calls = [&](const Matrix& inputs, const Matrix& weights) {
     mlp.Forward(inputs, workspace);
     mlp.Backward(inputs, weights, workspace, gradient);
-    mlp.InputGradient(weights, workspace);
     mlp.Tangent(inputs, direction, workspace);
   };
   all_calls(x, w);

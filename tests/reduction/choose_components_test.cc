@@ -20,9 +20,11 @@ using testing::HasSubstr;
 
 // Returns the scores of `pictures` as states.
 std::vector<core::Trajectory> Reduced(const test::GapPictures& pictures) {
+  constexpr Eigen::Index kPixels = test::GapPictures::kPixels;
+  Matrix rows(std::ssize(pictures.pixels) / kPixels, kPixels);
+  std::ranges::copy(pictures.pixels, rows.data());
   const PrincipalComponents fit =
-      FitPrincipalComponents(ByteRows(pictures.pixels, test::GapPictures::kPixels),
-                             {.components = 24, .scale_floor = 1.0});
+      FitPrincipalComponents(MatrixRows({&rows, 1}), {.components = 24, .scale_floor = 1.0});
   return pictures.WithScores(fit.scores);
 }
 

@@ -95,19 +95,6 @@ TEST(PrincipalComponentsTest, AreTheSameInOnePieceOrManyAndForAnyNumberOfThreads
                Fit(small, {.components = 4, .oversampling = 4, .seed = 2}).components);
 }
 
-TEST(PrincipalComponentsTest, BytesGiveTheSameComponentsAsDoubles) {
-  core::Random random(4);
-  std::vector<std::uint8_t> bytes(40 * 60);
-  for (auto& byte : bytes) byte = static_cast<std::uint8_t>(random.Below(256));
-  Matrix numbers(40, 60);
-  for (Eigen::Index i = 0; i < numbers.size(); ++i) {
-    numbers.data()[i] = bytes[static_cast<std::size_t>(i)];
-  }
-  const PrincipalComponentsOptions options{.components = 5};
-  EXPECT_TRUE(FitPrincipalComponents(ByteRows(bytes, 60), options).components ==
-              Fit(numbers, options).components);
-}
-
 TEST(PrincipalComponentsTest, ConstantEntriesAreIgnoredAndNoiseKeptSmall) {
   Matrix rows = Rows(100, 20, 5, 5);
   core::Random random(6);
@@ -150,9 +137,6 @@ TEST(PrincipalComponentsTest, BadInputIsRefusedWithItsPlace) {
   const std::vector<Matrix> unequal = {Rows(3, 4, 2, 1), Rows(3, 5, 2, 1)};
   EXPECT_THAT(message([&] { (void)MatrixRows(unequal); }),
               HasSubstr("matrix 1 has 5 columns, but matrix 0 has 4"));
-  const std::vector<std::uint8_t> bytes(10);
-  EXPECT_THAT(message([&] { (void)ByteRows(bytes, 3); }),
-              HasSubstr("10 bytes are not a whole number of rows of 3"));
   EXPECT_THAT(message([] { (void)MatrixRows({}); }), HasSubstr("no rows"));
 }
 

@@ -11,8 +11,6 @@
 namespace dfr::reduction {
 namespace {
 
-constexpr const char* kKind = "reduction";
-constexpr int kVersion = 1;
 // Number of entries summed in float. Their centred values are on the stack.
 constexpr Eigen::Index kChunk = 512;
 
@@ -75,10 +73,6 @@ void Reduction::Apply(std::span<const double> x, std::span<double> z) const noex
 void Reduction::Apply(std::span<const float> x, std::span<double> z) const noexcept {
   Project(x, z);
 }
-void Reduction::Apply(std::span<const std::uint8_t> x, std::span<double> z) const noexcept {
-  Project(x, z);
-}
-
 core::Matrix Reduction::Apply(const core::Matrix& rows) const {
   DFR_THROW_UNLESS(rows.cols() == input_dim(),
                    "rows have " << rows.cols() << " entries, not " << input_dim());
@@ -102,19 +96,6 @@ Reduction Reduction::Load(core::ArchiveReader& archive) {
   } catch (const std::invalid_argument& e) {
     archive.Fail(std::string("holds no reduction: ") + e.what());
   }
-}
-
-void Reduction::Save(const std::filesystem::path& path) const {
-  core::ArchiveWriter archive(kKind, kVersion);
-  Save(archive);
-  archive.Save(path);
-}
-
-Reduction Reduction::Load(const std::filesystem::path& path) {
-  core::ArchiveReader archive(path, kKind, kVersion);
-  Reduction reduction = Load(archive);
-  archive.End();
-  return reduction;
 }
 
 }  // namespace dfr::reduction

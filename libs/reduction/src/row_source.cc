@@ -27,17 +27,4 @@ void MatrixRows::Read(Eigen::Index first, Eigen::Ref<core::Matrix> block) const 
   }
 }
 
-ByteRows::ByteRows(std::span<const std::uint8_t> bytes, Eigen::Index width)
-    : bytes_(bytes), width_(width) {
-  DFR_THROW_UNLESS(width > 0 && !bytes.empty(), "there are no rows to reduce");
-  DFR_THROW_UNLESS(static_cast<Eigen::Index>(bytes.size()) % width == 0,
-                   bytes.size() << " bytes are not a whole number of rows of " << width);
-}
-
-void ByteRows::Read(Eigen::Index first, Eigen::Ref<core::Matrix> block) const {
-  using Bytes = Eigen::Matrix<std::uint8_t, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-  block =
-      Eigen::Map<const Bytes>(bytes_.data() + first * width_, block.rows(), width_).cast<double>();
-}
-
 }  // namespace dfr::reduction

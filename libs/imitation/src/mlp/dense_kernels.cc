@@ -1,6 +1,5 @@
 #include "mlp/dense_kernels.h"
 
-#include <cmath>
 #include <cstdint>
 
 // The tiles below are arrays of vectors, which targets with variable vector length do not support.
@@ -204,26 +203,6 @@ void Tanh(double* values, std::size_t size) noexcept { HWY_DYNAMIC_DISPATCH(Tanh
 
 void TimesTanhSlope(double* gradients, const double* activations, std::size_t size) noexcept {
   HWY_DYNAMIC_DISPATCH(TimesTanhSlope)(gradients, activations, size);
-}
-
-void MultiplyReference(const Product& p) noexcept {
-  for (int i = 0; i < p.m; ++i) {
-    for (int j = 0; j < p.n; ++j) {
-      double& c = p.c[i * p.c_row + j];
-      double sum = p.accumulate ? c : (p.bias != nullptr ? p.bias[j] : 0.0);
-      for (int k = 0; k < p.k; ++k) sum += p.a[i * p.a_row + k * p.a_col] * p.b[k * p.b_row + j];
-      c = sum;
-    }
-  }
-}
-
-void TanhReference(double* values, std::size_t size) noexcept {
-  for (std::size_t i = 0; i < size; ++i) values[i] = std::tanh(values[i]);
-}
-
-void TimesTanhSlopeReference(double* gradients, const double* activations,
-                             std::size_t size) noexcept {
-  for (std::size_t i = 0; i < size; ++i) gradients[i] *= 1.0 - activations[i] * activations[i];
 }
 
 }  // namespace dfr::imitation::internal

@@ -32,10 +32,4 @@ void Tanh(double* values, std::size_t size) noexcept;
 /// gradients *= 1 - tanh(a)^2, given activations = tanh(a).
 void TimesTanhSlope(double* gradients, const double* activations, std::size_t size) noexcept;
 
-// Reference implementations of these functions, without vector instructions.
-void MultiplyReference(const Product& product) noexcept;
-void TanhReference(double* values, std::size_t size) noexcept;
-void TimesTanhSlopeReference(double* gradients, const double* activations,
-                             std::size_t size) noexcept;
-
 }  // namespace dfr::imitation::internal

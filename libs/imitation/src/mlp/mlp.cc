@@ -231,37 +231,6 @@ void Mlp::Backward(const Rows& inputs, const Rows& output_gradient, Workspace& w
   }
 }
 
-Eigen::Map<const core::Matrix> Mlp::InputGradient(const Rows& output_gradient,
-                                                  Workspace& workspace) const {
-  CheckOutputGradient(output_gradient, workspace);
-  DFR_THROW_UNLESS(workspace.activations_.size() + 1 == layers_.size(),
-                   "InputGradient() needs a Forward() of the same network first");
-  Transpose(workspace);
-  Grow(workspace.front_, kChunk, width_);
-  Grow(workspace.back_, kChunk, width_);
-  Grow(workspace.input_gradient_, workspace.samples_, input_dim());
-
-  for (Eigen::Index first = 0; first < workspace.samples_; first += kChunk) {
-    const int rows = static_cast<int>(std::min(kChunk, workspace.samples_ - first));
-    const double* delta = output_gradient.data() + first * output_gradient.outerStride();
-    std::ptrdiff_t delta_row = output_gradient.outerStride();
-    double* next = workspace.front_.data();
-    double* other = workspace.back_.data();
-    for (std::size_t l = layers_.size(); l-- > 0;) {
-      const Layer& layer = layers_[l];
-      double* const to = l == 0 ? workspace.input_gradient_.data() + first * input_dim() : next;
-      Multiply(ToInputs(layer, rows, delta, delta_row, workspace.transposed_, to));
-      if (l == 0) break;
-      TimesTanhSlope(next, workspace.activations_[l - 1].data() + first * layer.inputs,
-                     Entries(rows, layer.inputs));
-      delta = next;
-      delta_row = layer.inputs;
-      std::swap(next, other);
-    }
-  }
-  return {workspace.input_gradient_.data(), workspace.samples_, input_dim()};
-}
-
 // d(h_l) = (W_l' d(h_{l-1}) + dW_l' h_{l-1} + db_l) (1 - h_l^2), from d(h_0) = 0.
 Eigen::Map<const core::Matrix> Mlp::Tangent(const Rows& inputs,
                                             const Eigen::Ref<const Eigen::VectorXd>& direction,

@@ -49,7 +49,6 @@ class Mlp {
     std::vector<std::vector<double>> activations_;  // per hidden layer, samples x units
     std::vector<double> outputs_;
     std::vector<double> tangents_;
-    std::vector<double> input_gradient_;
     std::vector<double> transposed_;  // weights of all layers, outputs x inputs
     std::vector<double> front_;       // derivatives of one chunk at a layer and at the next
     std::vector<double> back_;
@@ -92,11 +91,6 @@ class Mlp {
   /// @throws std::invalid_argument for shapes that do not fit the network or the last Forward().
   void Backward(const Rows& inputs, const Rows& output_gradient, Workspace& workspace,
                 Eigen::VectorXd& gradient) const;
-
-  /// Same as Backward(), but returns the gradient with respect to the inputs (n x input_dim()).
-  /// Valid until the workspace's next use.
-  Eigen::Map<const core::Matrix> InputGradient(const Rows& output_gradient,
-                                               Workspace& workspace) const;
 
   /// Returns the derivative of the outputs (n x output_dim()) along `direction` in parameter space.
   /// Requires Forward() first, as Backward() does. Valid until the workspace's next use.

@@ -1,8 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <cstdint>
-#include <filesystem>
 #include <span>
 
 #include "dfr/core/files/archive.h"
@@ -46,7 +44,6 @@ class Reduction {
   /// outside.
   void Apply(std::span<const double> x, std::span<double> z) const noexcept;
   void Apply(std::span<const float> x, std::span<double> z) const noexcept;
-  void Apply(std::span<const std::uint8_t> x, std::span<double> z) const noexcept;
   /// Returns the components of each row. @throws std::invalid_argument if the width differs.
   [[nodiscard]] core::Matrix Apply(const core::Matrix& rows) const;
 
@@ -55,9 +52,6 @@ class Reduction {
   /// Reads what Save() wrote.
   /// @throws std::runtime_error naming the file and its defect.
   static Reduction Load(core::ArchiveReader& archive);
-  /// Overloads for a separate file.
-  void Save(const std::filesystem::path& path) const;
-  static Reduction Load(const std::filesystem::path& path);
 
  private:
   template <typename Value>

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -38,23 +37,6 @@ class MatrixRows final : public RowSource {
  private:
   std::span<const core::Matrix> matrices_;
   std::vector<Eigen::Index> begin_;  ///< First row of each matrix; then the number of rows.
-};
-
-/// Rows of bytes, such as pictures, contiguous in memory. Borrows the bytes.
-class ByteRows final : public RowSource {
- public:
-  /// @throws std::invalid_argument if there is no row, or the bytes are not a whole number of rows.
-  ByteRows(std::span<const std::uint8_t> bytes, Eigen::Index width);
-
-  [[nodiscard]] Eigen::Index rows() const noexcept override {
-    return static_cast<Eigen::Index>(bytes_.size()) / width_;
-  }
-  [[nodiscard]] Eigen::Index width() const noexcept override { return width_; }
-  void Read(Eigen::Index first, Eigen::Ref<core::Matrix> block) const override;
-
- private:
-  std::span<const std::uint8_t> bytes_;
-  Eigen::Index width_;
 };
 
 }  // namespace dfr::reduction
