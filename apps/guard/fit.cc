@@ -29,6 +29,11 @@ void Describe(const safety::GuardModel& model) {
   } else {
     Print("features        %s: %d of the %d entries of a state\n", spec.c_str(), features,
           model.state_dim());
+    if (const auto novel = model.reduction()->novel_left_out()) {
+      Print(
+          "                of left-out demonstrations, %.1f %% have a picture unlike all others\n",
+          100.0 * *novel);
+    }
   }
   for (const reduction::ComponentsScore& row : summary.components) {
     Print(

@@ -287,10 +287,10 @@ StateReduction::Seen StateReduction::Reconstruct(std::string_view block,
                    "there is no reduced block '" << block << "'; the features are " << features_);
 }
 
-double StateReduction::novel_left_out() const noexcept {
-  double most = 0.0;
+std::optional<double> StateReduction::novel_left_out() const noexcept {
+  std::optional<double> most;
   for (const Part& part : parts_) {
-    if (part.novelty) most = std::max(most, part.novelty->left_out());
+    if (part.novelty) most = std::max(most.value_or(0.0), part.novelty->left_out());
   }
   return most;
 }

@@ -104,6 +104,7 @@ class VideoTest(unittest.TestCase):
             out = self.guard("fit", self.data / version / "disc", "-f", FEATURES + f",pca:{SIDE}:2:16x16:grey", "--all",
                              "--accept-any", "-o", f"{version}.guard")
             self.assertIn("of the 3842 entries of a state", out)  # 32 x 32 x 3 + 16 x 16 x 3 + 2
+            self.assertRegex(out, r" of left-out demonstrations, \d+\.\d % have a picture unlike all others")
         same = [(self.folder / f"{version}.guard").read_bytes() for version in ("v2.1", "v3.0")]
         self.assertEqual(*same)
         # A split begins in the middle of a file. The guard determines the size of pictures.

@@ -131,8 +131,9 @@ class StateReduction {
   /// show no picture, or, with the text of Fault(), if Apply() rejects the state.
   [[nodiscard]] Seen Reconstruct(std::string_view block, std::span<const double> state) const;
 
-  /// Returns the largest Novelty::left_out() of the pictures; 0 without pictures.
-  [[nodiscard]] double novel_left_out() const noexcept;
+  /// Returns the largest Novelty::left_out() of the pictures; std::nullopt without pictures of at
+  /// least two demonstrations.
+  [[nodiscard]] std::optional<double> novel_left_out() const noexcept;
 
   /// Appends all data except the layout to a file.
   void Save(core::ArchiveWriter& archive) const;
