@@ -190,6 +190,21 @@ TEST_F(CertifiedControllerTest, TheSameStatesGiveTheSameControls) {
   EXPECT_EQ(all, first);
 }
 
+// The excess over a limit may vanish in the rounding of the control's norm.
+TEST_F(CertifiedControllerTest, ATinyExcessOverALimitIsRemoved) {
+  const test::FunctionPolicy policy(2, 2,
+                                    [](int, std::span<const double>, std::span<double> learned) {
+                                      std::ranges::copy(std::array{0.05, 1e-10}, learned.begin());
+                                    });
+  CertifiedOptions options = Certified(0.1);
+  options.control_limit = {1.0, 0.0};
+  CertifiedController certified(policy, model, options);
+  const Step step = First(certified, {0.0, 0.0});
+  EXPECT_EQ(step.mode, Mode::kPolicy);
+  EXPECT_TRUE(step.filtered);
+  EXPECT_EQ(u[1], 0.0);
+}
+
 TEST_F(CertifiedControllerTest, HaltsOutsideTheSupportAndOnNonFiniteValues) {
   const auto nothing = test::ConstantPolicy(2, std::nan(""));
   CertifiedController certified(nothing, model, Certified(1.0));

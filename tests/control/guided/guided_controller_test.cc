@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <functional>
 #include <span>
@@ -263,6 +265,19 @@ TEST_F(GuidedControllerTest, ControlsStayWithinThePlantsLimit) {
       for (const double entry : u) ASSERT_LE(std::abs(entry), 0.05 * (1.0 + 1e-12));
     }
   }
+}
+
+// The excess over a limit may vanish in the rounding of the control's norm.
+TEST_F(GuidedControllerTest, ATinyExcessOverALimitIsRemoved) {
+  const test::FunctionPolicy policy(
+      2, 2, [](int, std::span<const double>, std::span<double> learned) {
+        std::ranges::copy(std::array{test::kSpeed, 1e-10}, learned.begin());
+      });
+  GuidedController guided(policy, model, {.control_limit = {1.0, 0.0}, .observer = false});
+  const Step step = First(guided, {0.0, 0.0});
+  EXPECT_EQ(step.mode, Mode::kPolicy);
+  EXPECT_TRUE(step.filtered);
+  EXPECT_EQ(u[1], 0.0);
 }
 
 TEST_F(GuidedControllerTest, HaltsOnANonFiniteControlOrLevel) {

@@ -81,9 +81,7 @@ Step CertifiedController::DoNext(std::span<const double> x, std::span<double> u)
   policy_->Control(step.t, x, u);
   learned_ = core::AsVector(std::span<const double>(u)) / task_.response().control_unit();
   if (!learned_.allFinite()) return Halted(step, HaltCause::kControlInvalid);
-  const double asked = learned_.squaredNorm();
-  limits_.Limit(learned_);
-  const bool within = learned_.squaredNorm() == asked;
+  const bool within = !limits_.Limit(learned_);
   v_ = learned_;
   estimate_.FitAt(step.t, AsSpan(z_), fit_);
   const LocalModel model{support, fit_};

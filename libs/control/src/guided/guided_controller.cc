@@ -94,9 +94,7 @@ Step GuidedController::Look() noexcept {
 Step GuidedController::Decide(Step step, std::span<double> u) noexcept {
   learned_ = core::AsVector(std::span<const double>(u)) / task_.response().control_unit();
   if (!learned_.allFinite()) return Halted(step, HaltCause::kControlInvalid);
-  const double asked = learned_.squaredNorm();
-  limits_.Limit(learned_);
-  const bool within = learned_.squaredNorm() == asked;
+  const bool within = !limits_.Limit(learned_);
   const double hi = task_.levels().gate(step.t + 1);
   step.log_threshold = PassLevel(step.t + 1);
   step.threshold = task_.support().FromLog(step.t, step.log_threshold);

@@ -44,9 +44,12 @@ struct StepLimits {
   /// Response::values(); empty: all entries have many values. Steps skip entries with few values.
   std::vector<std::vector<double>> values = {};
 
-  /// Clamps `v` to `control`.
-  void Limit(Eigen::VectorXd& v) const noexcept {
-    if (control.size() > 0) v = v.cwiseMax(-control).cwiseMin(control);
+  /// Clamps `v` to `control`. Returns true if this changed an entry.
+  bool Limit(Eigen::VectorXd& v) const noexcept {
+    if (control.size() == 0) return false;
+    const bool beyond = (v.array().abs() > control.array()).any();
+    v = v.cwiseMax(-control).cwiseMin(control);
+    return beyond;
   }
   /// Returns true if entry `k` has few values.
   [[nodiscard]] bool HasFewValues(Eigen::Index k) const noexcept {
