@@ -123,6 +123,22 @@ TEST(CertificateConstantsTest, CoverageHolds) {
   EXPECT_NEAR(short_of, 20, 13);
 }
 
+// A demonstration without a control has no ratio, so it is no evidence of coverage.
+TEST(CertificateConstantsTest, DemonstrationsWithoutAControlDoNotCount) {
+  const Response response({Doubled(), Walks(10, 0.5)});
+  auto walks = Walks(6, 0.5, 2);
+  for (std::size_t d : {0, 2, 5}) walks[d].controls.setZero();
+  const double coverage = std::pow(0.05, 1.0 / 3.0);
+  for (const EstimatedConstant& constant :
+       {EstimateGain({Doubled(), walks}), EstimateDirectionError(Doubled(), walks),
+        EstimateDirectionError(response, {Doubled(), walks})}) {
+    EXPECT_EQ(constant.demonstrations, 3);
+    EXPECT_NEAR(constant.coverage, coverage, 1e-12);
+  }
+  for (auto& walk : walks) walk.controls.setZero();
+  EXPECT_THROW((void)EstimateDirectionError(response, {Doubled(), walks}), std::invalid_argument);
+}
+
 TEST(CertificateConstantsTest, RefusesInvalidArguments) {
   EXPECT_THROW((void)EstimateGain({Doubled(), {}}), std::invalid_argument);
   EXPECT_THROW((void)EstimateGain({Doubled(), Walks(3, 0.0)}, 1.0), std::invalid_argument);

@@ -43,6 +43,7 @@ double LargestError(const core::Matrix& points, const core::Matrix& controls, do
 // An exactly linear system has no error, but a certificate needs a positive eps.
 double AtLeastRounding(double error) { return std::max(error, 1e-12); }
 
+// Only demonstrations with a control have a sample.
 EstimatedConstant Finish(double value, int demonstrations, double confidence) {
   DFR_THROW_UNLESS(value > 0.0, "no demonstrated control has changed a feature");
   return {value, confidence, std::pow(1.0 - confidence, 1.0 / demonstrations), demonstrations};
@@ -66,7 +67,7 @@ EstimatedConstant EstimateGain(const FeatureTrajectories& demonstrations, double
     }
     moving += moves ? 1 : 0;
   }
-  return Finish(largest, std::max(1, moving), confidence);
+  return Finish(largest, moving, confidence);
 }
 
 EstimatedConstant EstimateDirectionError(const FeatureTrajectories& demonstrations,
@@ -87,7 +88,8 @@ EstimatedConstant EstimateDirectionError(const FeatureTrajectories& demonstratio
       largest = std::max(largest, LargestError(points[d], controls[d], unit, estimate));
     }
   }
-  return Finish(AtLeastRounding(largest), static_cast<int>(points.size()), confidence);
+  const int moving = EstimateGain(demonstrations, confidence).demonstrations;
+  return Finish(AtLeastRounding(largest), moving, confidence);
 }
 
 EstimatedConstant EstimateDirectionError(const core::FeatureTransform& features,
@@ -111,7 +113,8 @@ EstimatedConstant EstimateDirectionError(const Response& response,
     largest = std::max(
         largest, LargestError(held_out.points[d], held_out.controls[d] / unit, unit, estimate));
   }
-  return Finish(AtLeastRounding(largest), static_cast<int>(held_out.points.size()), confidence);
+  const int moving = EstimateGain(held_out, confidence).demonstrations;
+  return Finish(AtLeastRounding(largest), moving, confidence);
 }
 
 }  // namespace dfr::control

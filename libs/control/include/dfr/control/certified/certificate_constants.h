@@ -11,13 +11,14 @@ namespace dfr::control {
 
 /// A constant of a certificate, estimated from demonstrations.
 ///
-/// Each demonstration gives one independent sample: the largest ratio over its transitions. `value`
-/// is the largest sample. With `confidence`, a fraction of at least `coverage` = (1 -
-/// confidence)^(1/demonstrations) of further demonstrations never exceeds `value` (the
-/// distribution-free tolerance bound of Wilks). The bound is exact for demonstrations to which
-/// neither features nor J were fitted. Otherwise it is approximate; docs/certificates.md has
-/// measurements. It does not cover controls that no demonstration would contain: use a safety
-/// factor for such controls. Controllers check the assumption at run time.
+/// Each demonstration with a control gives one independent sample: the largest ratio over its
+/// transitions. `demonstrations` is the number of samples, and `value` the largest one. With
+/// `confidence`, a fraction of at least `coverage` = (1 - confidence)^(1/demonstrations) of further
+/// demonstrations never exceeds `value` (the distribution-free tolerance bound of Wilks). The bound
+/// is exact for demonstrations to which neither features nor J were fitted. Otherwise it is
+/// approximate; docs/certificates.md has measurements. It does not cover controls that no
+/// demonstration would contain: use a safety factor for such controls. Controllers check the
+/// assumption at run time.
 struct EstimatedConstant {
   double value = 0.0;
   double confidence = 0.95;
