@@ -152,6 +152,28 @@ TEST_F(TaskModelTest, AFolderKeepsAllBits) {
   }
 }
 
+// A loaded model would take an angle of 2 pi for a state far away.
+TEST_F(TaskModelTest, AFolderDoesNotLoseTheMapOfAngles) {
+  const TaskModel fitted = Fit(true);
+  const core::StateMap map({}, {{1, 0.0, 6.283185307179586}});
+  TaskParts parts{.features = fitted.features(),
+                  .support = fitted.feature_support(),
+                  .levels = fitted.levels(),
+                  .response = fitted.response(),
+                  .lambda = fitted.lambda()};
+  TaskParts published = parts;
+  parts.features = {fitted.features().selection().Mapped(map), fitted.features().offset(),
+                    fitted.features().scale()};
+  published.published = {core::FeatureSelection(test::CorridorLayout(), "tip[1:2]").Mapped(map),
+                         *fitted.published()};
+  for (const TaskParts& mapped : {parts, published}) {
+    const TaskModel model(mapped);
+    EXPECT_THAT(test::MessageOf<std::runtime_error>([&] { model.Save(folder_); }),
+                testing::AllOf(HasSubstr("task.dfr"), HasSubstr("angles")));
+    EXPECT_FALSE(std::filesystem::exists(folder_));
+  }
+}
+
 TEST_F(TaskModelTest, APublishedSupportOfAnEarlierModelIsIgnored) {
   Fit(true).Save(folder_);
   Fit(false).Save(folder_);

@@ -134,6 +134,14 @@ const std::vector<double>& TaskModel::lambda() const noexcept { return data_->pa
 int TaskModel::horizon() const noexcept { return data_->parts.horizon; }
 
 void TaskModel::Save(const std::filesystem::path& folder) const {
+  const auto maps = [](const core::FeatureSelection& selection) {
+    return !selection.map().empty();
+  };
+  if (maps(features().selection()) || (published() && maps(data_->parts.published->features))) {
+    throw std::runtime_error((folder / kTaskFile).string() +
+                             ": the file cannot hold the map of rotations and angles of this "
+                             "model; save a guard model instead");
+  }
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error) {

@@ -92,7 +92,8 @@ class TaskModel {
   ~TaskModel();
 
   /// Writes task.dfr and, if there is a published support, support.dfr into `folder`. Creates the
-  /// folder if necessary. @throws std::runtime_error naming the file and the system's error.
+  /// folder if necessary. @throws std::runtime_error naming the file and the cause: the system's
+  /// error, or features with a core::StateMap, which only a guard file keeps.
   void Save(const std::filesystem::path& folder) const;
   /// Reads the files of Save() for states of this `layout`.
   /// @throws std::runtime_error naming the file and its defect.
