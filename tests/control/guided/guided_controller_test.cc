@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <span>
 #include <stdexcept>
 #include <utility>
@@ -324,10 +325,10 @@ TEST_F(GuidedControllerTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(message({.first_step = -1}), HasSubstr("first_step"));
   EXPECT_THAT(message({.horizon = 20, .first_step = 20}), HasSubstr("first_step"));
   EXPECT_THAT(message({.iterations = -1}), HasSubstr("iterations"));
-  EXPECT_THAT(message({.max_exit_ratio = -0.1}), HasSubstr("max_exit_ratio"));
   EXPECT_THAT(message({.patience = 0}), HasSubstr("patience"));
-  EXPECT_THAT(message({.probe_size = -0.1}), HasSubstr("probe_size"));
-  for (const double bad : {-1.0, std::nan("")}) {
+  for (const double bad : {-0.1, std::nan(""), std::numeric_limits<double>::infinity()}) {
+    EXPECT_THAT(message({.max_exit_ratio = bad}), HasSubstr("max_exit_ratio"));
+    EXPECT_THAT(message({.probe_size = bad}), HasSubstr("probe_size"));
     EXPECT_THAT(message({.online_weight = bad}), HasSubstr("online_weight"));
   }
 }

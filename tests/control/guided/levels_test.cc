@@ -114,7 +114,9 @@ TEST(LevelsTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(message(Points(), {.gate_quantile = -0.1}), HasSubstr("gate_quantile"));
   EXPECT_THAT(message(Points(), {.pass_quantile = 0.9}), HasSubstr("pass_quantile"));
   EXPECT_THAT(message(Points(), {.edge_quantile = 1.5}), HasSubstr("edge_quantile"));
-  EXPECT_THAT(message(Points(), {.slack = -0.1}), HasSubstr("slack"));
+  for (const double bad : {-0.1, std::nan(""), std::numeric_limits<double>::infinity()}) {
+    EXPECT_THAT(message(Points(), {.slack = bad}), HasSubstr("slack"));
+  }
   EXPECT_THAT(message({}, {}), HasSubstr("no demonstrations"));
   EXPECT_THAT(message({core::Matrix::Zero(4, 3)}, {}),
               HasSubstr("there are 3 features, but the support takes 2"));

@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <filesystem>
+#include <limits>
 #include <stdexcept>
 #include <vector>
 
@@ -26,6 +27,12 @@ TEST(TransitionStoreTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(message({.ridge = 0.0}), testing::HasSubstr("ridge"));
   EXPECT_THAT(message({.drift_ridge = 0.0}), testing::HasSubstr("drift_ridge"));
   EXPECT_THAT(message({.slope_ridge = -1.0}), testing::HasSubstr("slope_ridge"));
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  EXPECT_THAT(message({.ridge = kInfinity}), testing::HasSubstr("ridge"));
+  EXPECT_THAT(message({.drift_ridge = kInfinity}), testing::HasSubstr("drift_ridge"));
+  EXPECT_THAT(message({.slope_ridge = kInfinity}), testing::HasSubstr("slope_ridge"));
+  EXPECT_THAT(message({.prior_weight = kInfinity}), testing::HasSubstr("prior_weight"));
+  EXPECT_THAT(message({.prior_weight = -1.0}), testing::HasSubstr("prior_weight"));
   EXPECT_THAT(message({.forgetting = 1.0}), testing::HasSubstr("forgetting"));
   EXPECT_THAT(message({.max_per_step = 0}), testing::HasSubstr("max_per_step"));
   controls[1] = core::Matrix::Ones(4, 2);

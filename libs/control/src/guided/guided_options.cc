@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <string>
 
 #include "dfr/core/contract.h"
@@ -62,12 +63,12 @@ void Check(const GuidedOptions& options) {
   DFR_THROW_UNLESS(options.iterations >= 0,
                    "iterations must not be negative: " << options.iterations);
   DFR_THROW_UNLESS(options.patience > 0, "patience must be positive, not " << options.patience);
-  DFR_THROW_UNLESS(options.probe_size >= 0.0,
-                   "probe_size must not be negative: " << options.probe_size);
-  DFR_THROW_UNLESS(options.max_exit_ratio >= 0.0,
-                   "max_exit_ratio must not be negative: " << options.max_exit_ratio);
-  DFR_THROW_UNLESS(options.online_weight >= 0.0,
-                   "online_weight must not be negative: " << options.online_weight);
+  DFR_THROW_UNLESS(options.probe_size >= 0.0 && std::isfinite(options.probe_size),
+                   "probe_size must be finite and not negative: " << options.probe_size);
+  DFR_THROW_UNLESS(options.max_exit_ratio >= 0.0 && std::isfinite(options.max_exit_ratio),
+                   "max_exit_ratio must be finite and not negative: " << options.max_exit_ratio);
+  DFR_THROW_UNLESS(options.online_weight >= 0.0 && std::isfinite(options.online_weight),
+                   "online_weight must be finite and not negative: " << options.online_weight);
 }
 
 }  // namespace dfr::control

@@ -47,7 +47,8 @@ Levels::Levels(const core::LogDecisionFunction& support, std::span<const core::M
                    "pass_quantile must lie in [0, gate_quantile], not " << options.pass_quantile);
   DFR_THROW_UNLESS(options.edge_quantile >= 0.0 && options.edge_quantile <= 1.0,
                    "edge_quantile must lie in [0, 1], not " << options.edge_quantile);
-  DFR_THROW_UNLESS(options.slack >= 0.0, "slack must not be negative: " << options.slack);
+  DFR_THROW_UNLESS(options.slack >= 0.0 && std::isfinite(options.slack),
+                   "slack must be finite and not negative: " << options.slack);
   DFR_THROW_UNLESS(!points.empty(), "there are no demonstrations");
   for (const core::Matrix& z : points) {
     DFR_THROW_UNLESS(

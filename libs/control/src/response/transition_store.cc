@@ -24,13 +24,14 @@ int RoundUp(int value, std::size_t multiple) {
 constexpr int kMaxEntries = 256;
 
 void Check(const ResponseOptions& options) {
-  DFR_THROW_UNLESS(options.ridge > 0.0, "ridge must be positive, not " << options.ridge);
-  DFR_THROW_UNLESS(options.drift_ridge > 0.0,
-                   "drift_ridge must be positive, not " << options.drift_ridge);
-  DFR_THROW_UNLESS(options.slope_ridge > 0.0,
-                   "slope_ridge must be positive, not " << options.slope_ridge);
-  DFR_THROW_UNLESS(options.prior_weight >= 0.0,
-                   "prior_weight must not be negative: " << options.prior_weight);
+  DFR_THROW_UNLESS(options.ridge > 0.0 && std::isfinite(options.ridge),
+                   "ridge must be positive and finite, not " << options.ridge);
+  DFR_THROW_UNLESS(options.drift_ridge > 0.0 && std::isfinite(options.drift_ridge),
+                   "drift_ridge must be positive and finite, not " << options.drift_ridge);
+  DFR_THROW_UNLESS(options.slope_ridge > 0.0 && std::isfinite(options.slope_ridge),
+                   "slope_ridge must be positive and finite, not " << options.slope_ridge);
+  DFR_THROW_UNLESS(options.prior_weight >= 0.0 && std::isfinite(options.prior_weight),
+                   "prior_weight must be finite and not negative: " << options.prior_weight);
   DFR_THROW_UNLESS(options.window >= 0, "window must not be negative: " << options.window);
   DFR_THROW_UNLESS(options.max_per_step > 0,
                    "max_per_step must be positive, not " << options.max_per_step);
