@@ -190,6 +190,40 @@ TEST_F(CertifiedControllerTest, TheSameStatesGiveTheSameControls) {
   EXPECT_EQ(all, first);
 }
 
+// Demonstrations move at one speed or stand still. The first entry of a control keeps these two
+// values, also if the second entry is raised or probed.
+TEST_F(CertifiedControllerTest, AnEntryWithFewValuesKeepsThem) {
+  auto demonstrations = Rightwards();
+  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
+    core::Trajectory& demonstration = demonstrations[d];
+    for (Eigen::Index t = 0; t < demonstration.controls.rows(); ++t) {
+      const double speed = (static_cast<std::size_t>(t) + d) % 3 == 0 ? 0.0 : test::kSpeed;
+      demonstration.controls(t, 0) = speed;
+      demonstration.states(t + 1, 0) = demonstration.states(t, 0) + speed;
+    }
+  }
+  const test::Task task{test::IdentityFeatures(), support, demonstrations};
+  const test::FunctionPolicy policy(
+      2, 2, [](int t, std::span<const double>, std::span<double> learned) {
+        std::ranges::copy(std::array{t % 2 == 0 ? test::kSpeed : 0.0, 0.2}, learned.begin());
+      });
+  int changed = 0;
+  for (const double error : {0.1, 0.5, 2.0}) {
+    CertifiedController certified(policy, task, Certified(error));
+    certified.Reset(1);
+    std::vector<double> x = {0.0, 0.2};
+    for (int i = 0; i < 15; ++i) {
+      const Step step = certified.Next(x, u);
+      if (step.mode == Mode::kHalt) break;
+      const double nearest = u[0] > 0.5 * test::kSpeed ? test::kSpeed : 0.0;
+      EXPECT_NEAR(u[0], nearest, 1e-12) << error << ", control " << i;
+      changed += step.filtered || step.mode != Mode::kPolicy ? 1 : 0;
+      for (std::size_t k = 0; k < 2; ++k) x[k] += u[k];
+    }
+  }
+  EXPECT_GT(changed, 5);
+}
+
 // The excess over a limit may vanish in the rounding of the control's norm.
 TEST_F(CertifiedControllerTest, ATinyExcessOverALimitIsRemoved) {
   const test::FunctionPolicy policy(2, 2,

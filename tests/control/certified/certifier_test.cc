@@ -266,6 +266,37 @@ TEST_F(CertifierTest, AdmittedControlsAreCertified) {
   EXPECT_LE(climbs, 1);
 }
 
+// Entry 0 has the values -2 and 1. It is neither raised nor shrunk; without a learned control it
+// is 0.
+TEST_F(CertifierTest, AnEntryWithFewValuesKeepsThem) {
+  Certifier certifier({0.3}, 2, 2, kUnit);
+  core::Random random(1);
+  int shrunk = 0;
+  int nominal = 0;
+  for (int i = 0; i < 1000; ++i) {
+    const int phase = i % 10;
+    const std::vector<double> z = {phase * kSpeed + 0.6 * random.Normal(), 0.6 * random.Normal()};
+    if (support.LogDecision(phase, z, {}) < 0.0) continue;
+    const LocalModel model{support, fit, z};
+    const double value = random.Uniform() < 0.5 ? -2.0 : 1.0;
+    const bool demonstrated = random.Uniform() < 0.5;
+    Eigen::VectorXd v = Eigen::Vector2d(value, 3.0 * random.Normal());
+    certifier.Reset();
+    const auto admission = certifier.Admit(model, fit, {.values = {{-2.0, 1.0}, {}}},
+                                           {phase, Mode::kPolicy, demonstrated}, v);
+    if (admission.demonstrated) {
+      ASSERT_TRUE(v[0] == -2.0 || v[0] == 1.0) << v[0];
+    } else {
+      ASSERT_EQ(v[0], admission.gets_on ? value : 0.0);
+    }
+    ASSERT_GE(certifier.StepFraction(model, phase, v), 1.0 - 1e-8);
+    shrunk += admission.gets_on && admission.share < 1.0 ? 1 : 0;
+    nominal += admission.demonstrated ? 1 : 0;
+  }
+  EXPECT_GT(shrunk, 10);
+  EXPECT_GT(nominal, 10);
+}
+
 TEST_F(CertifierTest, FollowsDemonstrationsOnlyOnRequest) {
   Certifier certifier({0.3}, 2, 2, kUnit);
   core::Random random(1);

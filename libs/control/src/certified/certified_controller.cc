@@ -46,6 +46,7 @@ CertifiedController::CertifiedController(const core::Policy& policy, const TaskV
     *z = Eigen::VectorXd::Zero(task.features().num_features());
   }
   v_ = learned_ = trial_ = Eigen::VectorXd::Zero(task.response().control_dim());
+  limits_.values = task.response().values();
 }
 
 void CertifiedController::DoReset(std::uint64_t /*seed*/) noexcept {
@@ -120,7 +121,7 @@ bool CertifiedController::Probe(const LocalModel& model, int phase) noexcept {
     return false;
   }
   for (Eigen::Index k = 0; k < trial_.size(); ++k) {
-    if (limits_.control[k] == 0.0) trial_[k] = 0.0;
+    if (limits_.HasFewValues(k) || limits_.control[k] == 0.0) trial_[k] = 0.0;
   }
   if (trial_.squaredNorm() < guided::kLeastProbe) return false;
   v_ = probe_size_ * trial_;

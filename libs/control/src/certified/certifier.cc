@@ -17,6 +17,23 @@ using core::AsSpan;
 constexpr std::array kPhaseSearchOrder = {1, 0, 2, -1, 3, -2, -3};
 static_assert(kPhaseSearchOrder.size() == 2 * PhaseTracker::kWindow + 1);
 
+namespace {
+
+// Scales all entries except those with few values.
+void Shrink(const StepLimits& limits, double share, Eigen::VectorXd& v) noexcept {
+  for (Eigen::Index k = 0; k < v.size(); ++k) v[k] *= limits.HasFewValues(k) ? 1.0 : share;
+}
+
+// Returns true if an entry with few values is not zero.
+bool UsesFewValues(const StepLimits& limits, const Eigen::VectorXd& v) noexcept {
+  for (Eigen::Index k = 0; k < v.size(); ++k) {
+    if (limits.HasFewValues(k) && v[k] != 0.0) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
 Certifier::Certifier(const Certificate& certificate, int num_features, int control_dim,
                      double control_unit)
     : certificate_(certificate),
@@ -96,6 +113,19 @@ double Certifier::ReducedStepFraction(const LocalModel& model, int phase,
   return best;
 }
 
+// Same as ReducedStepFraction(), for the scaling of Shrink().
+double Certifier::ShrunkFraction(const LocalModel& model, const StepLimits& limits, int phase,
+                                 const Eigen::VectorXd& v) noexcept {
+  if (!UsesFewValues(limits, v)) return ReducedStepFraction(model, phase, v);
+  // The balls at z bound only multiples of v.
+  for (double share = 0.5; share >= certified::kLeastPart; share /= 2.0) {
+    part_ = v;
+    Shrink(limits, share, part_);
+    if (Predict(model, phase, part_).met()) return share;
+  }
+  return 0.0;
+}
+
 // Changes `v` by minimal ascent steps. Returns true once it provably ends inside `phase`.
 bool Certifier::Project(const LocalModel& model, const StepLimits& limits, int phase,
                         Eigen::VectorXd& v) const noexcept {
@@ -119,13 +149,14 @@ Certifier::CertifiedStep Certifier::Admit(const LocalModel& model, LocalFit& fit
     if (!Project(model, limits, request.phase + 1, v)) {
       // Tries the nominal control of nearby demonstrations, changed as little as possible.
       const bool known = request.demonstrated && fit.NominalControl(v);
+      if (known) limits.Snap(v);
       limits.Limit(v);
       if (known && Project(model, limits, request.phase + 1, v)) {
         admitted.mode = Mode::kRecovery;
         admitted.demonstrated = true;
       } else {
         v = chosen_;
-        admitted.share = ReducedStepFraction(model, request.phase, v);
+        admitted.share = ShrunkFraction(model, limits, request.phase, v);
       }
     }
   } else {
@@ -141,7 +172,7 @@ Certifier::CertifiedStep Certifier::Admit(const LocalModel& model, LocalFit& fit
   }
   stalls_ = admitted.share < certified::kLeastShare || v.isZero() ? stalls_ + 1 : 0;
   admitted.any = stalls_ < certified::kMaxStalls;
-  v *= admitted.share;
+  Shrink(limits, admitted.share, v);
   return admitted;
 }
 

@@ -77,7 +77,8 @@ class Certifier {
   /// Changes `v` until it provably ends inside B_q(eta) of a nearby phase q. First raises `v` to
   /// the required level by AscendSupport(), then tries the nominal control of nearby
   /// demonstrations, and finally shrinks the requested control. If almost nothing of it remains,
-  /// `v` becomes a recovery that maximizes the margin. `fit` must be model.response.
+  /// `v` becomes a recovery that maximizes the margin. An entry with few values keeps its value in
+  /// a raised or shrunk control, and is 0 in a recovery. `fit` must be model.response.
   [[nodiscard]] CertifiedStep Admit(const LocalModel& model, LocalFit& fit,
                                     const StepLimits& limits, const Request& request,
                                     Eigen::VectorXd& v) noexcept;
@@ -88,6 +89,8 @@ class Certifier {
   [[nodiscard]] const Violation& violation() const noexcept { return violation_; }
 
  private:
+  [[nodiscard]] double ShrunkFraction(const LocalModel& model, const StepLimits& limits, int phase,
+                                      const Eigen::VectorXd& v) noexcept;
   [[nodiscard]] bool Project(const LocalModel& model, const StepLimits& limits, int phase,
                              Eigen::VectorXd& v) const noexcept;
 
