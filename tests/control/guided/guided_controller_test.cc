@@ -20,6 +20,7 @@
 #include "tests/support/all_close.h"
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
+#include "tests/support/random_matrix.h"
 
 namespace dfr::control {
 namespace {
@@ -309,6 +310,32 @@ TEST_F(GuidedControllerTest, NextNeverAllocates) {
       for (std::size_t k = 0; k < 2; ++k) x[k] += u[k];
     }
   }
+}
+
+// The point moves by its control. Eigen would allocate for matrices of 160 rows.
+TEST_F(GuidedControllerTest, NextNeverAllocatesWithManyEntries) {
+  constexpr int kMany = 160;
+  const test::GaussianSupport ball({std::vector<double>(kMany, 0.0)}, 4.0, 0.5, {}, 4);
+  core::Random random(1);
+  std::vector<core::Trajectory> demonstrations(6);
+  for (core::Trajectory& demonstration : demonstrations) {
+    demonstration.states = 0.01 * test::RandomMatrix(random, 4, kMany);
+    demonstration.controls = demonstration.states.bottomRows(3) - demonstration.states.topRows(3);
+  }
+  const test::Task task(test::IdentityFeatures(kMany), ball, demonstrations);
+  const auto policy = test::ConstantPolicy(kMany, 0.3);
+  GuidedController guided(policy, task);
+  std::vector<double> x(kMany, 0.02);
+  u.resize(kMany);
+  guided.Reset(1);
+  int changed = 0;
+  const test::NoAlloc guard;
+  for (int i = 0; i < 4; ++i) {
+    changed += guided.Next(x, u).mode != Mode::kPolicy ? 1 : 0;
+    for (std::size_t k = 0; k < x.size(); ++k) x[k] += u[k];
+  }
+  EXPECT_GT(changed, 0);
+  EXPECT_EQ(guided.halt_cause(), HaltCause::kNone);
 }
 
 TEST_F(GuidedControllerTest, ErrorsNameTheCulprit) {

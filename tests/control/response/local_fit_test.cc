@@ -5,6 +5,8 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <span>
+#include <utility>
 #include <vector>
 
 #include "dfr/control/response/response_estimate.h"
@@ -185,6 +187,34 @@ TEST(LocalFitTest, LeastExcitedDirectionHasTheSignThatSeparatesADisturbance) {
     estimate.Update(fit, core::AsSpan(other), core::AsSpan(dz));
     estimate.FitAt(3, z, fit);
     EXPECT_LT(fit.LeastExcitedDirection(direction), 5.0);
+  }
+}
+
+// Eigen's products and factors of large matrices may allocate.
+TEST(LocalFitTest, NothingAllocatesUpToTheLargestSizes) {
+  for (const auto& [n, m] : {std::pair(140, 7), std::pair(7, 200), std::pair(256, 256)}) {
+    SCOPED_TRACE(testing::Message() << n << " features, " << m << " control entries");
+    core::Random random(9);
+    const core::Matrix jacobian = RandomMatrix(random, n, m);
+    const auto prior = Store(Linear(jacobian, 12, 6, random));
+    ResponseEstimate estimate(prior, {.base = 1.0}, /*drift=*/true);
+    LocalFit fit = estimate.MakeFit();
+    const std::vector<double> z(static_cast<std::size_t>(n), 0.1);
+    Eigen::VectorXd v = RandomMatrix(random, m, 1);
+    const Eigen::VectorXd dz = jacobian * v;
+    std::vector<double> direction(static_cast<std::size_t>(m));
+    {
+      const test::NoAlloc guard;
+      estimate.FitAt(3, z, fit);
+      estimate.Update(fit, z, core::AsSpan(v), core::AsSpan(dz), 1.0, 20.0);
+      estimate.FitAt(3, z, fit);
+      EXPECT_TRUE(fit.NominalControl(v));
+      EXPECT_GT(fit.LeastExcitedDirection(direction), 0.0);
+      EXPECT_GE(fit.Agreement(0), 0.0);
+    }
+    EXPECT_TRUE(fit.jacobian().allFinite());
+    EXPECT_TRUE(v.allFinite());
+    EXPECT_NEAR(core::AsVector(std::span<const double>(direction)).norm(), 1.0, 1e-9);
   }
 }
 

@@ -5,6 +5,7 @@
 #include <Eigen/Cholesky>
 
 #include "dfr/core/random.h"
+#include "tests/support/no_alloc.h"
 
 namespace dfr::control::internal {
 namespace {
@@ -26,6 +27,29 @@ TEST(SmallSystemTest, FactorsAndSolvesWithTheBitsOfEigen) {
     Eigen::MatrixXd x = b;
     SolveFactored(l, x);
     EXPECT_EQ(x, peer.solve(b)) << n;
+  }
+}
+
+// Larger matrices are factored by tiles, because Eigen would allocate.
+TEST(SmallSystemTest, FactorsAndSolvesLargeMatricesWithoutAllocation) {
+  core::Random random(2);
+  for (const Eigen::Index n : {128, 129, 255, 256, 257, 384, 513}) {
+    SCOPED_TRACE(n);
+    const Eigen::MatrixXd half =
+        Eigen::MatrixXd::NullaryExpr(n, n, [&] { return random.Uniform(-1.0, 1.0); });
+    const Eigen::MatrixXd a = half * half.transpose() + Eigen::MatrixXd::Identity(n, n);
+    const Eigen::MatrixXd b =
+        Eigen::MatrixXd::NullaryExpr(n, 1, [&] { return random.Uniform(-1.0, 1.0); });
+    Eigen::MatrixXd l = a;
+    Eigen::MatrixXd x = b;
+    {
+      const test::NoAlloc guard;
+      Factor(l);
+      SolveFactored(l, x);
+    }
+    const Eigen::MatrixXd lower = l.triangularView<Eigen::Lower>();
+    EXPECT_LT((lower * lower.transpose() - a).norm(), 1e-13 * a.norm());
+    EXPECT_LT((a * x - b).norm(), 1e-9 * b.norm());
   }
 }
 

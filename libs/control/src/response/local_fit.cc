@@ -163,8 +163,15 @@ double LocalFit::LeastExcitedDirection(std::span<double> direction, double known
   const double fast = TailOfInverseTrace(lower, m, inverse_);
   if (fast <= (1.0 - kRounding) * known) return fast;
   inverse_.setIdentity();
-  lower.triangularView<Eigen::Lower>().solveInPlace(inverse_);
-  lower.triangularView<Eigen::Lower>().adjoint().solveInPlace(inverse_);
+  if (rows <= internal::kMostOnStack) {
+    lower.triangularView<Eigen::Lower>().solveInPlace(inverse_);
+    lower.triangularView<Eigen::Lower>().adjoint().solveInPlace(inverse_);
+  } else {
+    for (auto column : inverse_.colwise()) {
+      lower.triangularView<Eigen::Lower>().solveInPlace(column);
+      lower.triangularView<Eigen::Lower>().adjoint().solveInPlace(column);
+    }
+  }
   if (const double bound = inverse_.diagonal().tail(m).sum(); bound <= known) return bound;
   // Power iteration.
   auto v = core::AsVector(direction);

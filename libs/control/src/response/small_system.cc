@@ -14,10 +14,33 @@ constexpr Eigen::Index kSmall = 32;
 // Number of rows that Eigen solves together before it updates the others.
 constexpr Eigen::Index kPanel = 4;
 
+// Factors tiles of kMostOnStack rows and columns.
+void FactorTiles(Eigen::MatrixXd& a) noexcept {
+  const Eigen::Index n = a.rows();
+  const auto tile = [&](Eigen::Index i, Eigen::Index j) {
+    return a.block(i, j, std::min(kMostOnStack, n - i), std::min(kMostOnStack, n - j));
+  };
+  for (Eigen::Index k = 0; k < n; k += kMostOnStack) {
+    for (Eigen::Index i = k; i < n; i += kMostOnStack) {
+      for (Eigen::Index j = 0; j < k; j += kMostOnStack) {
+        tile(i, k).noalias() -= tile(i, j) * tile(k, j).transpose();
+      }
+    }
+    auto diagonal = tile(k, k);
+    const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> in_place(diagonal);
+    if (in_place.info() != Eigen::Success) return;
+    for (Eigen::Index i = k + kMostOnStack; i < n; i += kMostOnStack) {
+      auto below = tile(i, k);
+      diagonal.triangularView<Eigen::Lower>().transpose().solveInPlace<Eigen::OnTheRight>(below);
+    }
+  }
+}
+
 }  // namespace
 
 void Factor(Eigen::MatrixXd& a) noexcept {
   const Eigen::Index n = a.rows();
+  if (n > kMostOnStack) return FactorTiles(a);
   if (n >= kSmall) {
     Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> in_place(a);
     return;
@@ -50,6 +73,12 @@ void Factor(Eigen::MatrixXd& a) noexcept {
 
 void SolveFactored(const Eigen::MatrixXd& l, Eigen::MatrixXd& x) noexcept {
   const Eigen::Index n = l.rows();
+  if (n > kMostOnStack) {
+    auto column = x.col(0);
+    l.triangularView<Eigen::Lower>().solveInPlace(column);
+    l.triangularView<Eigen::Lower>().adjoint().solveInPlace(column);
+    return;
+  }
   if (n >= kSmall) {
     l.triangularView<Eigen::Lower>().solveInPlace(x);
     l.triangularView<Eigen::Lower>().adjoint().solveInPlace(x);

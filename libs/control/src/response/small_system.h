@@ -4,8 +4,14 @@
 
 // Products and Cholesky factors of small matrices, computed in registers. The results equal Eigen's
 // to the bit, because every entry is one sum in ascending order. Eigen's general functions take
-// several times as long for a few rows. Nothing allocates or throws.
+// several times as long for a few rows. Factors of matrices with more than kMostOnStack rows differ
+// from Eigen's in rounding. Nothing allocates or throws.
 namespace dfr::control::internal {
+
+/// Maximum number of rows and columns for which Eigen keeps copies of blocks on the stack
+/// (EIGEN_STACK_ALLOCATION_LIMIT, 128 kB). Eigen's general functions allocate for larger matrices.
+inline constexpr Eigen::Index kMostOnStack = 128;
+static_assert(sizeof(double) * kMostOnStack * kMostOnStack <= EIGEN_STACK_ALLOCATION_LIMIT);
 
 /// Returns sum_k weights[k] column_k over `count` >= 1 columns, for kRows rows from `columns` on.
 /// Consecutive columns are `stride` entries apart.
