@@ -186,5 +186,42 @@ TEST(CertifiedGuardTest, KeepsANegativeAlarmLevel) {
   EXPECT_GT(certified, 50);
 }
 
+// The certificate of the last action also covers the state at which the episode ends.
+TEST(CertifiedGuardTest, RaisesNoAlarmAtTheEndOfAnEpisode) {
+  GuardSettings settings = Model(Strategy::kCertified)->settings();
+  settings.alarm_level = -0.01;
+  core::Random random(5);
+  for (const bool stops : {false, true}) {
+    SCOPED_TRACE(stops ? "stopped" : "time up");
+    int ends = 0;
+    for (int episode = 0; episode < 300; ++episode) {
+      settings.horizon = stops ? 100 : 2 + episode % 15;
+      Guard guard(Model()->With(settings));
+      const GuardModel& model = guard.model();
+      guard.Reset(1);
+      CorridorPlant plant;
+      std::vector<double> safe(2);
+      Verdict verdict;
+      bool promised = false;
+      for (int t = 0; t < 60; ++t) {
+        const std::vector<double> action = {0.3 * random.Normal() + 0.05, 0.3 * random.Normal()};
+        if (stops && t == 2 + episode % 15) guard.Stop();
+        verdict = guard.Filter(t, plant.x, action, safe);
+        if (verdict.mode == Mode::kHalt) break;
+        promised = verdict.certified;
+        plant.Apply(safe);
+      }
+      if (verdict.mode != Mode::kHalt || !promised) continue;
+      ++ends;
+      EXPECT_FALSE(verdict.alarm) << "episode " << episode << ": " << verdict.reason();
+      verdict = guard.Filter(60, plant.x, Action(0.0, 0.0), safe);
+      EXPECT_FALSE(verdict.alarm) << "at rest after episode " << episode;
+      EXPECT_EQ(verdict.level,
+                model.task().guided_support().LogDecision(verdict.alarm_step, plant.x, {}));
+    }
+    EXPECT_GT(ends, 100);
+  }
+}
+
 }  // namespace
 }  // namespace dfr::safety

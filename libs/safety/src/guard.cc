@@ -145,7 +145,8 @@ struct Guard::Episode {
   control::GuidedController* guided = nullptr;       // The controller, if it can predict.
   std::unique_ptr<control::GuidedController> ahead;  // A copy for predictions.
   control::PhaseTracker tracker;
-  std::vector<double> features;  // Features of the last state.
+  std::optional<control::PhaseTracker> certified;  // At the time step of the certified action.
+  std::vector<double> features;                    // Features of the last state.
   std::vector<double> proposed;
   std::vector<double> bounded;                                    // `proposed` within the limits.
   std::vector<double> given;                                      // Result of the last Filter().
@@ -244,6 +245,7 @@ Guard::~Guard() = default;
 void Guard::Reset(std::uint64_t seed) noexcept {
   episode_->controller->Reset(seed);
   episode_->tracker.Reset();
+  episode_->certified.reset();
   episode_->next = 0;
   episode_->entry = -1;
   episode_->frozen = -1;
@@ -333,12 +335,19 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
   if (state_usable) {
     // The supports of all time steps have the same features.
     model_->task().features().Apply(state, episode.features);
-    double level = episode.tracker.Follow(episode.features);
-    // The certificate applies to the controller's time step, which may differ from the alarm's.
-    if (step.certified) level = std::max(level, step.log_g);
-    verdict.level = level;
-    verdict.alarm = useless || !(level >= -model_->settings().alarm_level);
+    verdict.level = episode.tracker.Follow(episode.features);
     verdict.alarm_step = episode.tracker.phase();
+    const double least = -model_->settings().alarm_level;
+    // A certificate applies near the controller's time step, also to the state after a halt.
+    if (step.certified) episode.certified.emplace(episode.tracker).Reset(step.t);
+    if (auto& certified = episode.certified) {
+      const double level = step.certified ? step.log_g : certified->Enter(episode.features, least);
+      if (level > verdict.level) {
+        verdict.level = level;
+        verdict.alarm_step = std::min(certified->phase(), model_->num_steps() - 1);
+      }
+    }
+    verdict.alarm = useless || !(verdict.level >= least);
     if (episode.monitors) verdict.step = verdict.alarm_step;
     // A halted controller returns values from before the halt.
     const bool seen = step.mode != Mode::kHalt && std::isfinite(step.g);

@@ -44,7 +44,8 @@ struct Verdict {
   /// or is frozen.
   bool alarm = false;
   /// Time step of the alarm: the step near the expected step whose support fits the state best. The
-  /// paces of demonstrations and robots differ.
+  /// paces of demonstrations and robots differ. kCertified: a step near that of the last certified
+  /// action if `level` is higher there, also after a halt.
   int alarm_step = 0;
   int step = 0;  ///< Time step of the strategy, used for g and threshold.
   /// Cause kBadQuaternion: index in GuardModel::task_layout() of the first of the quaternion's
