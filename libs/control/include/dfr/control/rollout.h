@@ -50,10 +50,11 @@ struct RolloutResult {
   [[nodiscard]] double seconds() const noexcept { return plant_seconds + decision_seconds; }
 };
 
-/// One applied control and its effect. The spans are valid only during the call.
+/// One control that the plant received, and its effect. `status` tells whether the plant applied
+/// it. The spans are valid only during the call.
 struct RolloutEvent {
   std::span<const double> x;       ///< State before the control.
-  std::span<const double> u;       ///< The applied control.
+  std::span<const double> u;       ///< The control.
   std::span<const double> next_x;  ///< State after the control.
   Step step;
   core::PlantStatus status = core::PlantStatus::kOk;
@@ -80,9 +81,11 @@ struct RolloutWorkspace {
 };
 
 /// Resets plant and controller and runs the controller on the plant until the episode is completed,
-/// halted or collided (Sec. V-A). Evaluates collided(), then completed(), in the start state and
-/// after every control, including probes, recovery controls and controls that the plant failed to
-/// apply, because the plant may have moved. Always calls the plant's Halt() last.
+/// halted or collided (Sec. V-A). Evaluates collided() and completed() in the start state and after
+/// every control, including probes, recovery controls and controls that the plant failed to apply,
+/// because the plant may have moved. A collision takes precedence over a failure of the plant, and
+/// a failure over completion. Calls the plant's Halt() at the end, also if the observer throws, and
+/// then OnEnd(). Does not call Halt() if Reset() throws.
 ///
 /// Never allocates after Reset() of the plant if a `workspace` of the right size is given.
 /// @throws std::invalid_argument if the sizes of plant and controller differ or max_controls < 1.
