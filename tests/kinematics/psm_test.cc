@@ -92,6 +92,29 @@ TEST(PsmTest, PosesAreRigidAndInsertionMovesTheTipByItsLength) {
 
 // Compares two computations with the same table: frames as matrices, and one point from link to
 // link.
+// A wrist that turns about the shaft has no linear velocity on the shaft, and inserting does not
+// turn it.
+TEST(PsmTest, TwistIsTheDerivativeOfThePose) {
+  PsmJoints q;
+  q << 0.3, -0.2, 0.15, 0.4, 0.0, 0.0;
+  const PsmJoints inserting = 0.05 * PsmJoints::Unit(2);
+  const PsmJoints rolling = 2.0 * PsmJoints::Unit(3);
+  EXPECT_NEAR(Psm::Twist(q, inserting).head<3>().norm(), 0.05, 1e-9);
+  EXPECT_NEAR(Psm::Twist(q, inserting).tail<3>().norm(), 0.0, 1e-9);
+  EXPECT_NEAR(Psm::Twist(q, rolling).tail<3>().norm(), 2.0, 1e-6);
+  EXPECT_EQ(Psm::Twist(q, PsmJoints::Zero()).norm(), 0.0);
+  q << 0.3, -0.2, 0.15, 0.4, 0.5, -0.6;
+  PsmJoints velocity;
+  velocity << 0.5, -0.4, 0.03, 1.0, -2.0, 1.5;
+  const Eigen::Matrix<double, 6, 1> twist = Psm::Twist(q, velocity);
+  constexpr double kStep = 1e-6;
+  const Eigen::Isometry3d pose = Psm::Forward(q);
+  const Eigen::Isometry3d next = Psm::Forward(q + kStep * velocity);
+  EXPECT_TRUE(AllClose(twist.head<3>(), (next.translation() - pose.translation()) / kStep, 1e-4));
+  const Eigen::Matrix3d spin = (next.linear() - pose.linear()) * pose.linear().transpose() / kStep;
+  EXPECT_TRUE(AllClose(twist.tail<3>(), Eigen::Vector3d(spin(2, 1), spin(0, 2), spin(1, 0)), 1e-4));
+}
+
 TEST(PsmTest, TheChainForAnyNumberTypeGivesTheSameTip) {
   core::Random random(4);
   for (int i = 0; i < 100; ++i) {

@@ -24,14 +24,9 @@ constexpr double kTipSpeed = 1.0;  // m/s, upper bound of the wrist's speed
 // Returns the twist of the wrist in the frame in which `base` is given: m/s, then rad/s.
 Eigen::Matrix<double, 6, 1> Twist(const Eigen::Isometry3d& base, const PsmJoints& joints,
                                   const PsmJoints& velocity) noexcept {
-  Eigen::Matrix<double, 6, 1> twist = Eigen::Matrix<double, 6, 1>::Zero();
-  if (velocity.isZero(0.0)) return twist;
-  constexpr double kHalf = 5e-4;  // s, half the step of a central difference
-  const Eigen::Isometry3d before = base * Psm::Forward(joints - kHalf * velocity);
-  const Eigen::Isometry3d after = base * Psm::Forward(joints + kHalf * velocity);
-  const Eigen::AngleAxisd turn(after.linear() * before.linear().transpose());
-  twist << (after.translation() - before.translation()) / (2.0 * kHalf),
-      turn.angle() / (2.0 * kHalf) * turn.axis();
+  Eigen::Matrix<double, 6, 1> twist;
+  const Eigen::Matrix<double, 6, 1> local = Psm::Twist(joints, velocity);
+  twist << base.linear() * local.head<3>(), base.linear() * local.tail<3>();
   return twist;
 }
 

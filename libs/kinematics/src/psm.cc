@@ -83,6 +83,18 @@ bool Psm::WithinLimits(const PsmJoints& q, PsmGeneration generation) noexcept {
   return pose;
 }
 
+Eigen::Matrix<double, 6, 1> Psm::Twist(const PsmJoints& q, const PsmJoints& velocity) noexcept {
+  Eigen::Matrix<double, 6, 1> twist = Eigen::Matrix<double, 6, 1>::Zero();
+  if (velocity.isZero(0.0)) return twist;
+  constexpr double kHalf = 5e-4;  // s, half the step of a central difference
+  const Eigen::Isometry3d before = Forward(q - kHalf * velocity);
+  const Eigen::Isometry3d after = Forward(q + kHalf * velocity);
+  const Eigen::AngleAxisd turn(after.linear() * before.linear().transpose());
+  twist << (after.translation() - before.translation()) / (2.0 * kHalf),
+      turn.angle() / (2.0 * kHalf) * turn.axis();
+  return twist;
+}
+
 Eigen::Vector3d Psm::Tip(const PsmJoints& q) noexcept {
   return Forward(q) * Eigen::Vector3d(0.0, 0.0, kJawLength);
 }

@@ -429,15 +429,10 @@ Eigen::Isometry3d PsmConsole::setpoint_pose() const noexcept {
   return options_.base_frame * Psm::Forward(setpoint_);
 }
 Eigen::Matrix<double, 6, 1> PsmConsole::measured_twist() const noexcept {
-  // Central difference over a millisecond of motion, accurate to 1e-7 of the speed.
-  constexpr double kHalf = 5e-4;
-  const Eigen::Isometry3d before = Psm::Forward(measured_ - kHalf * velocity_);
-  const Eigen::Isometry3d after = Psm::Forward(measured_ + kHalf * velocity_);
-  const Eigen::AngleAxisd turn(after.linear() * before.linear().transpose());
-  Eigen::Matrix<double, 6, 1> twist;
-  const Eigen::Matrix3d& turned = options_.base_frame.linear();
-  twist << turned * (after.translation() - before.translation()) / (2.0 * kHalf),
-      turned * (turn.angle() / (2.0 * kHalf) * turn.axis());
+  Eigen::Matrix<double, 6, 1> twist = Psm::Twist(measured_, velocity_);
+  for (const Eigen::Index part : {0, 3}) {
+    twist.segment<3>(part) = options_.base_frame.linear() * twist.segment<3>(part);
+  }
   return twist;
 }
 
