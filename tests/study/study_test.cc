@@ -104,17 +104,19 @@ TEST(StressTest, CountsWhatAControllerSavesAndHarms) {
 
 TEST(StressTest, TheGridHasOneRowPerSupportAndOneColumnPerController) {
   Study study = Small();
-  study.conditions = {"as demonstrated"};
+  study.conditions = {"turned 40 deg"};
   study.policies = {"lwr"};
   study.demonstrations = 12;
   study.trials = 1;
   study.episodes = 2;
-  study.controllers = {"dfr/raw", "controller/raw", "dfr/density", "controller/density",
-                       "certified/density"};
-  const auto tables = MakeGrid(Rows(study));
+  study.controllers = {"dfr/raw",           "controller/raw", "dfr/density", "controller/density",
+                       "certified/density", "guard/density"};
+  const std::vector<Row> rows = Rows(study);
+  EXPECT_GT(Find(rows, "turned 40 deg", "lwr", "guard/density").changed, 0.0);
+  const auto tables = MakeGrid(rows);
   ASSERT_EQ(tables.size(), 1u);
-  EXPECT_EQ(tables[0].header,
-            (std::vector<std::string>{"support", "alone", "dfr", "controller", "certified"}));
+  EXPECT_EQ(tables[0].header, (std::vector<std::string>{"support", "alone", "dfr", "controller",
+                                                        "certified", "guard"}));
   ASSERT_EQ(tables[0].rows.size(), 2u);
   EXPECT_EQ(tables[0].rows[0][0], "raw");
   EXPECT_EQ(tables[0].rows[0][4], "-");
@@ -409,7 +411,7 @@ TEST(MethodNameTest, HasThreeParts) {
   EXPECT_EQ(Split("knn").policy, "knn");
   for (const char* bad : {"controller@", "controller@magic", "controller/", "controller/magic",
                           "certified", "finite-difference/raw", "true-jacobian/raw", "magic@lwr",
-                          "ensemble@lwr", "ensemble/raw"}) {
+                          "ensemble@lwr", "ensemble/raw", "lwr@knn", "dart@none", "lwr@lwr"}) {
     EXPECT_THROW(static_cast<void>(ParseMethod(bad)), std::invalid_argument) << bad;
   }
 }

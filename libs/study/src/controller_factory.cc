@@ -15,6 +15,7 @@ namespace {
 
 constexpr std::string_view kCertified = "certified";
 constexpr std::string_view kEnsemble = "ensemble";
+constexpr std::string_view kFiniteDifference = "finite-difference";
 constexpr std::string_view kTrueJacobian = "true-jacobian";
 // Methods that consist of a policy without a controller.
 constexpr std::array<std::pair<std::string_view, std::string_view>, 6> kAlone = {
@@ -24,6 +25,10 @@ constexpr std::array<std::pair<std::string_view, std::string_view>, 6> kAlone = 
      {"knn", "baseline@knn"},
      {"dart", "baseline@dart"},
      {"dagger", "baseline@dagger"}}};
+
+bool IsOracle(std::string_view controller) noexcept {
+  return controller == kTrueJacobian || controller == kFiniteDifference;
+}
 
 // A controller and the policy that it borrows.
 class WithPolicy final : public control::Controller {
@@ -98,11 +103,12 @@ safety::Method ParseMethod(std::string_view name, std::span<const std::string_vi
     return {.name = std::string(name), .kind = safety::Method::Kind::kController};
   }
   safety::Method method = safety::ParseMethod(parts.controller, others);
-  DFR_THROW_UNLESS(
-      parts.controller != kEnsemble || parts.policy.empty(),
-      "method '"
-          << name
-          << "': an ensemble is a policy; for a controller around it write controller@ensemble");
+  const bool steers = method.kind != safety::Method::Kind::kOther || IsOracle(parts.controller);
+  DFR_THROW_UNLESS(steers || parts.policy.empty(),
+                   "method '" << name << "': '" << parts.controller
+                              << "' takes no other policy; write '" << parts.controller
+                              << "', or 'controller@" << parts.policy
+                              << "' for a controller around that policy");
   DFR_THROW_UNLESS(!on_support || method.kind != safety::Method::Kind::kOther,
                    "method '" << name << "': '" << parts.controller << "' takes no support");
   method.name = name;
@@ -131,9 +137,8 @@ std::string MarksOf(std::span<const std::string> methods) {
     }
     if (!names.empty()) marks.append(names).append(what).append("\n");
   };
-  mark(": an oracle, which tries controls on a copy of the plant", [](const MethodName& name) {
-    return name.controller == kTrueJacobian || name.controller == "finite-difference";
-  });
+  mark(": an oracle, which tries controls on a copy of the plant",
+       [](const MethodName& name) { return IsOracle(name.controller); });
   mark(": an adversary, which tries controls on a copy of the plant", [](const MethodName& name) {
     return name.policy == "at-constraints" || name.policy == "out-of-support";
   });
@@ -195,7 +200,8 @@ std::unique_ptr<control::Controller> ControllerFactory::OnSupport(
   });
   // The cache keeps the support as long as this factory exists.
   const int horizon = options.horizon != 0 ? options.horizon : task_->horizon();
-  if (method.kind != safety::Method::Kind::kController) {
+  const bool guards = method.kind == safety::Method::Kind::kGuard;
+  if (!guards && method.kind != safety::Method::Kind::kController) {
     return std::make_unique<control::SwitchingController>(
         policy, support->decision(), support->lambda(),
         control::SwitchingControllerOptions{
@@ -223,6 +229,7 @@ std::unique_ptr<control::Controller> ControllerFactory::OnSupport(
   control::GuidedOptions guided = control::Without(options.guided, method.without);
   guided.horizon = horizon;
   guided.first_step = options.first_step;
+  guided.least_intervention = guards;
   return task_->InUnits(policy, options.guided.control_limit,
                         [&](const core::Policy& measured, std::vector<double> limit) {
                           guided.control_limit = std::move(limit);
