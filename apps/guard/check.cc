@@ -270,6 +270,7 @@ bool RunCheck(const CheckOptions& options) {
   if (!options.repair.empty()) {
     repaired.emplace(options.repair, reader->layout(), reader->control_dim(),
                      reader->environment());
+    repaired->CopyOrigin(*reader);
   }
   Problems problems;
   Collected collected(reader->layout(), reader->control_dim());

@@ -99,7 +99,7 @@ void RunConvert(const ConvertOptions& options) {
   if (options.out.extension() == ".hdf5") {
     imitation::RobomimicWriter writer(options.out, reader->layout(), reader->control_dim(),
                                       reader->environment());
-    if (reader->provenance() != core::Provenance()) writer.SetProvenance(reader->provenance());
+    writer.CopyOrigin(*reader);
     Copy(*reader, options.demonstrations, absolute, writer);
   } else {
     imitation::MinariWriter writer = OpenMinariWriter(options, *reader);

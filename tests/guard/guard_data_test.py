@@ -59,6 +59,7 @@ class GuardDataTest(GuardProgramTest):
     def test_repair_writes_the_readable_episodes(self):
         def cut_off(file):
             del file["data/demo_29"].attrs["num_samples"]
+            file["data"].attrs.update({"provenance": "origin=real\n", "discarded": 3})
 
         def spoil(file):
             cut_off(file)
@@ -70,6 +71,11 @@ class GuardDataTest(GuardProgramTest):
         self.assertIn("whole.hdf5 has 29 of 29 episodes", out)
         self.assertIn("29 episodes of 20 to 20 actions", self.run_guard("check", "whole.hdf5"))
         self.assertIn("29 with 580 actions", self.fit("repaired.guard", "whole.hdf5"))
+        self.run_guard("convert", "whole.hdf5", "converted.hdf5")
+        for name in ("whole.hdf5", "converted.hdf5"):
+            with self.subTest(name=name), h5py.File(self.folder / name) as file:
+                self.assertTrue(file["data"].attrs["provenance"].startswith("origin=real\n"))
+                self.assertEqual(file["data"].attrs["discarded"], 3)
         write_robomimic(self.folder / "spoilt2.hdf5", episodes(1, 30), edit=spoil)
         out = self.run_guard("check", "spoilt2.hdf5", "--repair", "rest.hdf5", fails=True)
         self.assertIn("rest.hdf5 has 28 of 29 episodes", out)

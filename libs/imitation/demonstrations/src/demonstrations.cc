@@ -226,6 +226,11 @@ void RobomimicWriter::SetProvenance(const core::Provenance& provenance) {
   file_->SetProvenance(provenance);
 }
 
+void RobomimicWriter::CopyOrigin(const DemonstrationReader& from) {
+  if (from.provenance() != core::Provenance()) SetProvenance(from.provenance());
+  if (from.discarded() > 0) file_->SetDiscarded(from.discarded());
+}
+
 void RobomimicWriter::CountDiscarded() { file_->SetDiscarded(file_->discarded() + 1); }
 
 int RobomimicWriter::num_episodes() const noexcept { return file_->num_episodes(); }

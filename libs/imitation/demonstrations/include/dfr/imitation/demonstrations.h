@@ -94,6 +94,9 @@ class RobomimicWriter {
   /// Sets the origin of all episodes; call once. @throws std::invalid_argument as core::ToText().
   void SetProvenance(const core::Provenance& provenance);
 
+  /// Copies the origin and the number of discarded episodes of another file; call once.
+  void CopyOrigin(const DemonstrationReader& from);
+
   /// Counts a discarded episode.
   void CountDiscarded();
 
