@@ -15,6 +15,7 @@
 
 #include "dfr/experiment/episodes.h"
 #include "dfr/experiment/status.h"
+#include "ledger/ledger_line.h"
 #include "tests/experiment/fake_trial_runner.h"
 #include "tests/support/message_of.h"
 
@@ -227,6 +228,16 @@ TEST_F(LedgerTest, AUnitOfAnotherRunIsRefused) {
   EvaluationOptions other = Options();
   other.settings["gamma"] = "5.0000001";
   EXPECT_THAT(with_line_of(FakePlan(), other), HasSubstr("it belongs to another run"));
+  Write(ledger, ours);
+  LedgerContents contents = ReadLedger(ledger);
+  LedgerRecord& forged = contents.records.front();
+  forged.result.starts.front() ^= 1;
+  for (const int redrawn : {-1, 2'000'000'000}) {
+    forged.result.redrawn = redrawn;
+    Write(ledger, ours.substr(0, ours.find('\n') + 1) +
+                      internal::UnitLine(forged, internal::IdentityHash(contents.header)));
+    EXPECT_THAT(test::MessageOf([&] { (void)ReadLedger(ledger); }), HasSubstr("another seed"));
+  }
 }
 
 TEST_F(LedgerTest, SalvageMovesDamagedLinesAsideAndNamesThem) {
@@ -389,6 +400,24 @@ TEST_F(MergeTest, AUnitWithDifferentResultsIsRefused) {
                 MergeLedgers({first, second}, whole);
               }),
               HasSubstr("has results of trial 3"));
+}
+
+TEST_F(MergeTest, EpisodesOfShardsAreThoseOfOneRunAndCountOnce) {
+  const auto first = Run(1, 1);
+  const auto printed = [](const std::vector<std::filesystem::path>& ledgers) {
+    std::ostringstream text;
+    PrintEpisodes(ledgers, {}, 1, text);
+    return text.str();
+  };
+  Write(folder / "empty.jsonl", "");
+  EXPECT_EQ(printed({folder / "empty.jsonl", first, Run(3, 7)}), printed({first}));
+  EXPECT_THAT(test::MessageOf([&] { (void)printed({folder / "empty.jsonl"}); }),
+              HasSubstr("no unit is finished yet"));
+  EXPECT_THAT(test::MessageOf([&] {
+                (void)printed({first, Run(2, 2, FakePlan(), "7")});
+              }),
+              testing::AllOf(HasSubstr("2of2.jsonl: belongs to another run than"),
+                             HasSubstr("name the folder of one run")));
 }
 
 TEST(SettingsTest, NumbersKeepAllTheirDigits) {

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <charconv>
+#include <optional>
 #include <ostream>
+#include <set>
 #include <stdexcept>
 #include <tuple>
 #include <utility>
@@ -186,17 +188,29 @@ void PrintEpisodes(const std::vector<std::filesystem::path>& ledgers, const Epis
   std::vector<Row> rows;
   std::int64_t all = 0;  // number of episodes with any outcome
   Known known;
+  std::optional<LedgerHeader> first;
+  std::set<std::tuple<int, int, std::string>> seen;
   const auto is_one_of = [](const std::vector<std::string>& outcomes, core::Outcome outcome) {
     return outcomes.empty() || std::ranges::count(outcomes, core::Name(outcome)) > 0;
   };
   for (const std::filesystem::path& path : ledgers) {
+    // A shard without a finished unit has an empty ledger.
+    if (std::filesystem::is_empty(path)) continue;
     const LedgerContents contents = ReadLedger(path);
+    if (!first) first = contents.header;
+    const std::string difference = Difference(*first, contents.header);
+    if (!difference.empty()) {
+      throw std::runtime_error(path.string() + ": belongs to another run than " +
+                               ledgers.front().string() + ": " + difference +
+                               " (now: in this ledger); name the folder of one run");
+    }
     const EvaluationPlan& plan = contents.header.plan;
     known.Add(plan, filter);
     const auto partner = static_cast<std::size_t>(
         std::ranges::find(plan.methods, filter.against.method) - plan.methods.begin());
     for (const LedgerRecord& record : contents.records) {
       const EvaluationUnit& unit = record.result.unit;
+      if (!seen.emplace(unit.trial, unit.demonstrations, unit.learner).second) continue;
       if (!filter.learner.empty() && unit.learner != filter.learner) continue;
       if (filter.demonstrations > 0 && unit.demonstrations != filter.demonstrations) continue;
       for (std::size_t m = 0; m < plan.methods.size(); ++m) {
@@ -216,6 +230,7 @@ void PrintEpisodes(const std::vector<std::filesystem::path>& ledgers, const Epis
       }
     }
   }
+  if (!first) throw std::runtime_error(ledgers.front().string() + ": no unit is finished yet");
   known.Check(filter);
   std::ranges::stable_sort(rows, std::ranges::greater(), [](const Row& row) {
     return std::tuple(static_cast<int>(row.result.outcome), row.result.recovery_controls);

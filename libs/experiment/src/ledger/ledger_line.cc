@@ -143,7 +143,9 @@ void CheckStarts(const UnitResult& result, const EvaluationPlan& plan) {
     const std::uint64_t start = result.starts[static_cast<std::size_t>(i)];
     int attempt = 0;
     while (StartSeed(plan, result.unit.trial, i, attempt) != start) {
-      if (attempt == left) throw std::runtime_error("its start states belong to another seed");
+      if (attempt >= std::min(left, plan.max_redraws - 1)) {
+        throw std::runtime_error("its start states belong to another seed");
+      }
       ++attempt;
     }
     left -= attempt;
