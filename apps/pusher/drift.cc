@@ -92,7 +92,7 @@ void RunDrift(const DriftOptions& options) {
                     condition->few_demonstrations ? kFewDemonstrations : unit.demonstrations,
                 .learner = options.learner});
   };
-  const experiment::OutputFolder folder(options);
+  const experiment::OutputFolder folder(options, plan);
   const auto found = experiment::RunExperiment(
       "drift", plan, make,
       {{"learner", options.learner},

@@ -324,7 +324,7 @@ void RenderEpisode(const ExperimentOptions& run, const RenderOptions& options) {
 void RunExperiment(const ExperimentOptions& options) {
   const experiment::EvaluationPlan plan = MakePlan(options);
   TrialRunnerFactory factory = MakeFactory(options, plan, plan.methods);
-  const experiment::OutputFolder folder(options);
+  const experiment::OutputFolder folder(options, plan);
   const std::map<std::string, std::string> settings =
       Settings(options, SupervisorOf(options), plan);
   const auto make = [&](const experiment::EvaluationUnit& unit) {

@@ -19,6 +19,8 @@
 namespace dfr::apps::pusher {
 namespace {
 
+const CLI::Range kModelDemonstrations(3, 10'000);  // Model::Fit() needs 3.
+
 void AddScene(CLI::App& command, sim::PusherOptions& plant) {
   command.add_option("--red-y", plant.red_y, "the red regions are at y = +- this value [m]")
       ->check(dfr::apps::kPositive)
@@ -106,7 +108,8 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options, std::function<void
   command
       ->add_option("--demonstrations", options.demonstrations,
                    "numbers of demonstrations, ascending")
-      ->delimiter(',');
+      ->delimiter(',')
+      ->check(kModelDemonstrations);
   AddModelOptions(*command, options.model);
   AddScene(*command, options.plant);
   command
@@ -226,7 +229,7 @@ void AddDrift(CLI::App& app, DriftOptions& options) {
   command
       ->add_option("--demonstrations", options.demonstrations,
                    "number of demonstrations in each trial")
-      ->check(CLI::Range(2, 10'000))
+      ->check(kModelDemonstrations)
       ->capture_default_str();
   command->add_option("--trials", options.trials, "number of independent repetitions")
       ->check(kCount)

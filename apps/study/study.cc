@@ -69,6 +69,9 @@ class Units {
       CheckKind(tasks_.back(), study.kind);
     }
     places_ = Places(study.conditions, tasks_, plan_.learners);
+    DFR_THROW_UNLESS(!places_.empty(), "none of the chosen tasks has the conditions "
+                                           << Join(study.conditions)
+                                           << "; choose other tasks or conditions");
     for (const std::string& name : study.controllers) {
       if (name != kAlone && name != "alone") controllers_.push_back(name);
     }
@@ -270,7 +273,7 @@ std::vector<Row> RunStudy(const Study& study) {
   Units units(study);
   const experiment::EvaluationPlan& plan = units.plan();
   const std::vector<std::string>& controllers = units.controllers();
-  const experiment::OutputFolder folder(study);
+  const experiment::OutputFolder folder(study, plan);
   const auto found = experiment::RunExperiment(
       NameOf(study.kind), plan,
       [&](const experiment::EvaluationUnit& unit) { return units.Make(unit); }, SettingsOf(study),

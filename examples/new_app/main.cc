@@ -162,7 +162,7 @@ int main(int argc, char** argv) try {
   if (const auto code = experiment::Parse(app, argc, argv)) return *code;
 
   plan.seed = options.seed;
-  const experiment::OutputFolder folder(options);
+  const experiment::OutputFolder folder(options, plan);
   const auto found = experiment::RunExperiment(
       "corridor", plan,
       [&](const experiment::EvaluationUnit& unit) {

@@ -200,7 +200,7 @@ py::object RunExperiment(const std::vector<std::string>& arguments, const std::s
     });
   };
   const Unlocked unlocked;
-  const experiment::OutputFolder folder(options);
+  const experiment::OutputFolder folder(options, plan);
   // This thread handles Python's signals, so the engine has another one.
   auto engine = std::async(std::launch::async, [&, &settings = settings] {
     return experiment::RunExperiment(name, plan, make_runner, settings, options);

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "dfr/experiment/experiment.h"
+#include "dfr/experiment/film.h"
 #include "dfr/experiment/ledger.h"
 #include "tests/control/analytic.h"
 #include "tests/experiment/fake_trial_runner.h"
@@ -127,11 +128,24 @@ TEST(RolloutRunnerTest, AFilmIsAPageOfTheUndisturbedStates) {
       << message;
 }
 
+TEST(FilmTest, RoundingAndLargeValuesGetTicks) {
+  FilmedEpisode episode{
+      .method = "still", .result = {}, .states = core::Matrix(2, 2), .recovery = {}};
+  episode.states << 0.3, 5e9, 0.3 + 3e-11, 5e9 + 6.0;
+  const std::filesystem::path path = test::EmptyFolder("film_ticks") / "film.html";
+  SaveFilm("Still", core::StateLayout{{{"angle", 0, 1}, {"time", 1, 1}}}, {&episode, 1}, path);
+  std::stringstream page;
+  page << std::ifstream(path).rdbuf();
+  for (const char* tick : {">0.4</text>", ">5000000002</text>"}) {
+    EXPECT_NE(page.str().find(tick), std::string::npos) << tick;
+  }
+}
+
 TEST(ExperimentTest, WritesALedgerAndASummaryAndResumes) {
   ExperimentOptions options;
   options.out = test::EmptyFolder("experiment") / "new";
   options.configuration = [] { return "[experiment]\n"; };
-  std::optional<OutputFolder> folder(std::in_place, options);
+  std::optional<OutputFolder> folder(std::in_place, options, test::FakePlan());
   const auto first =
       RunExperiment("fake", test::FakePlan(), test::MakeFakeTrialRunner, {{"gamma", "1"}}, options);
   for (const char* file : {"summary.json", "times.json", "run.toml"}) {
@@ -146,13 +160,18 @@ TEST(ExperimentTest, WritesALedgerAndASummaryAndResumes) {
   EXPECT_THROW((void)RunExperiment("fake", test::FakePlan(), unused, {{"gamma", "2"}}, options),
                std::runtime_error);
   options.restart = true;
-  EXPECT_THROW(OutputFolder second(options), std::runtime_error) << "the folder is locked";
+  EXPECT_THROW(OutputFolder second(options, test::FakePlan()), std::runtime_error)
+      << "the folder is locked";
   EXPECT_TRUE(std::filesystem::exists(options.out / "summary.json")) << "and is unchanged";
   folder.reset();
   std::ofstream(options.out / "study.csv") << "old";
   std::ofstream(options.out / "report.html") << "old";
   std::ofstream(options.out / "notes.txt") << "the user's";
-  folder.emplace(options);
+  EvaluationPlan twice = test::FakePlan();
+  twice.methods.push_back(twice.methods.front());
+  EXPECT_THROW(OutputFolder wrong(options, twice), std::invalid_argument);
+  EXPECT_TRUE(std::filesystem::exists(options.out / "ledger.jsonl")) << "a mistake deletes nothing";
+  folder.emplace(options, test::FakePlan());
   for (const char* file :
        {"ledger.jsonl", "summary.json", "times.json", "study.csv", "report.html"}) {
     EXPECT_FALSE(std::filesystem::exists(options.out / file)) << file;
@@ -162,13 +181,13 @@ TEST(ExperimentTest, WritesALedgerAndASummaryAndResumes) {
                std::logic_error);
   std::ofstream(options.out / "file") << "not a folder";
   options.out = options.out / "file" / "below";
-  EXPECT_THROW(OutputFolder nowhere(options), std::runtime_error);
+  EXPECT_THROW(OutputFolder nowhere(options, test::FakePlan()), std::runtime_error);
 }
 
 TEST(ExperimentTest, AFilmThatCannotBeWrittenFailsBeforeItsUnitIsLearned) {
   ExperimentOptions options;
   options.out = test::EmptyFolder("experiment_film");
-  const OutputFolder folder(options);
+  const OutputFolder folder(options, test::FakePlan());
   ASSERT_TRUE(RunExperiment("fake", test::FakePlan(), test::MakeFakeTrialRunner, {}, options));
   options.rerun = {.episode = "0/60/8/dfr/3", .methods = {}, .film = options.out / "new/film.mp4"};
   int learned = 0;
@@ -195,7 +214,7 @@ TEST(ExperimentTest, AShardWritesOnlyItsLedger) {
   ExperimentOptions options;
   options.out = test::EmptyFolder("experiment_shard");
   options.shard = {2, 3};
-  const OutputFolder folder(options);
+  const OutputFolder folder(options, test::FakePlan());
   EXPECT_FALSE(
       RunExperiment("fake", test::FakePlan(), test::MakeFakeTrialRunner, {}, options).has_value());
   EXPECT_TRUE(std::filesystem::exists(options.out / "ledger.jsonl"));
@@ -207,7 +226,7 @@ TEST(ExperimentTest, AfterASignalNoFurtherUnitBegins) {
   ExperimentOptions options;
   options.out = test::EmptyFolder("experiment_signal");
   options.threads = 1;
-  const OutputFolder folder(options);
+  const OutputFolder folder(options, test::FakePlan());
   int made = 0;
   const auto signalled = [&](const EvaluationUnit& unit) {
     if (++made == 4) std::raise(SIGUSR1);
@@ -217,6 +236,12 @@ TEST(ExperimentTest, AfterASignalNoFurtherUnitBegins) {
   EXPECT_EQ(made, 4);
   EXPECT_EQ(ReadLedger(options.out / "ledger.jsonl").records.size(), 4u);
   EXPECT_TRUE(RunExperiment("fake", test::FakePlan(), signalled, {}, options).has_value());
+  made = 0;
+  options.out.clear();
+  const std::string message = test::MessageOf<Interrupted>(
+      [&] { static_cast<void>(RunExperiment("fake", test::FakePlan(), signalled, {}, options)); });
+  EXPECT_TRUE(message.ends_with("units, which are lost; a run with --out keeps finished units"))
+      << message;
 }
 
 }  // namespace

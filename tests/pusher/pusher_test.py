@@ -73,7 +73,9 @@ class PusherTest(ProgramTest):
 
     def test_a_restart_with_a_mistake_deletes_nothing(self):
         shutil.copytree(self.folder / "whole", self.folder / "kept")
-        self.run_pusher("drift", "--learner", "8x0", "--restart", "--out", "kept", fails=True)
+        for mistake in (["drift", "--learner", "8x0"], ["drift", "--demonstrations", 2], ["experiment", "--demonstrations", 2],
+                        ["experiment", "--demonstrations", "8,6"], ["experiment", "--methods", "baseline,guard,guard"]):
+            self.run_pusher(*mistake, "--restart", "--out", "kept", fails=True)
         self.assertTrue((self.folder / "kept/ledger.jsonl").exists())
 
     def test_mistakes_get_one_clear_line(self):

@@ -222,7 +222,13 @@ TEST(StressTest, AStudyRefusesTheLedgerOfAnotherKind) {
 }
 
 TEST(StressTest, ARestartOfAnInvalidStudyDeletesNothing) {
-  for (Study study : {Study::OfGuards(), Study::OfPlane()}) {
+  std::vector<Study> studies = {Study::OfGuards(), Study::OfPlane(), Small(), Small(), Small()};
+  studies[0].tasks = studies[1].tasks = {"pusher"};
+  studies[2].conditions = {"wider starts"};
+  studies[3].controllers = {"guard", "guard"};
+  studies[4].policies = {"lwr"};
+  studies[4].controllers = {"lwr"};
+  for (Study& study : studies) {
     const test::TempFolder folder;
     core::ReplaceFile(folder / "ledger.jsonl", "previous");
     study.out = folder.path;

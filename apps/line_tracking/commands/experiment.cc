@@ -286,7 +286,7 @@ std::vector<experiment::ReportMedia> RecordEpisodes(LineTrialRunner& runner,
 void RunExperiment(const ExperimentOptions& options) {
   const experiment::EvaluationPlan plan = MakePlan(options);
   for (const std::string& world : plan.learners) static_cast<void>(InWorld(options.plant, world));
-  const experiment::OutputFolder folder(options);
+  const experiment::OutputFolder folder(options, plan);
   // Calibration takes seconds and runs at the first call: a shard that has no units or is rejected
   // skips it.
   calibration::CalibrationSummary calibration_summary;

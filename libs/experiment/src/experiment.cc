@@ -114,7 +114,8 @@ EvaluationPlan ApplyTo(EvaluationPlan preset, const ExperimentOptions& options) 
   return preset;
 }
 
-OutputFolder::OutputFolder(const ExperimentOptions& options) {
+OutputFolder::OutputFolder(const ExperimentOptions& options, const EvaluationPlan& plan) {
+  CheckPlan(plan);
   if (options.out.empty()) {
     DFR_THROW_UNLESS(options.shard == Shard(), "a shard needs --out, for its ledger");
     return;

@@ -68,7 +68,9 @@ std::pair<double, double> RangeOf(const std::vector<ReportPlot>& plots,
     }
   }
   if (!(low <= high)) return {0.0, 1.0};
-  const double margin = high > low ? 0.03 * (high - low) : 0.5;
+  // Rounding alone may vary a constant by this amount.
+  const double rounding = 1e-9 * std::max(std::abs(low), std::abs(high));
+  const double margin = high - low > rounding ? 0.03 * (high - low) : std::max(0.5, rounding);
   return {low - margin, high + margin};
 }
 

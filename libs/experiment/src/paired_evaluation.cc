@@ -41,20 +41,6 @@ void CheckNames(const char* what, const std::vector<std::string>& names) {
   }
 }
 
-void Check(const EvaluationPlan& plan) {
-  CheckNames("method", plan.methods);
-  CheckNames("learner", plan.learners);
-  DFR_THROW_UNLESS(!plan.demonstrations.empty() &&
-                       std::ranges::adjacent_find(plan.demonstrations, std::greater_equal()) ==
-                           plan.demonstrations.end(),
-                   "a plan needs numbers of demonstrations, ascending and distinct");
-  DFR_THROW_UNLESS(plan.demonstrations.front() > 0,
-                   "demonstrations must be positive, not " << plan.demonstrations.front());
-  DFR_THROW_UNLESS(plan.trials > 0, "trials must be positive, not " << plan.trials);
-  DFR_THROW_UNLESS(plan.episodes > 0, "episodes must be positive, not " << plan.episodes);
-  DFR_THROW_UNLESS(plan.max_redraws > 0, "max_redraws must be positive, not " << plan.max_redraws);
-}
-
 std::uint64_t Step(int value) { return static_cast<std::uint64_t>(value); }
 
 std::string HostName() {
@@ -86,6 +72,20 @@ UnitResult RunUnit(const EvaluationPlan& plan, const EvaluationUnit& unit,
 }
 
 }  // namespace
+
+void CheckPlan(const EvaluationPlan& plan) {
+  CheckNames("method", plan.methods);
+  CheckNames("learner", plan.learners);
+  DFR_THROW_UNLESS(!plan.demonstrations.empty() &&
+                       std::ranges::adjacent_find(plan.demonstrations, std::greater_equal()) ==
+                           plan.demonstrations.end(),
+                   "a plan needs numbers of demonstrations, ascending and distinct");
+  DFR_THROW_UNLESS(plan.demonstrations.front() > 0,
+                   "demonstrations must be positive, not " << plan.demonstrations.front());
+  DFR_THROW_UNLESS(plan.trials > 0, "trials must be positive, not " << plan.trials);
+  DFR_THROW_UNLESS(plan.episodes > 0, "episodes must be positive, not " << plan.episodes);
+  DFR_THROW_UNLESS(plan.max_redraws > 0, "max_redraws must be positive, not " << plan.max_redraws);
+}
 
 Shard ParseShard(std::string_view text) {
   Shard shard;
@@ -120,7 +120,7 @@ std::uint64_t ControllerSeed(const EvaluationPlan& plan, int trial, int start) n
 
 std::vector<UnitResult> Evaluate(const EvaluationPlan& plan, const MakeTrialRunner& make,
                                  const EvaluationOptions& options) {
-  Check(plan);
+  CheckPlan(plan);
   DFR_THROW_UNLESS(options.threads >= 0, "threads must not be negative: " << options.threads);
   DFR_THROW_UNLESS(1 <= options.shard.index && options.shard.index <= options.shard.count,
                    "there is no shard " << options.shard.index << " of " << options.shard.count);
@@ -197,7 +197,8 @@ std::vector<UnitResult> Evaluate(const EvaluationPlan& plan, const MakeTrialRunn
   if (done < to_do.size()) {
     throw Interrupted("interrupted after " + std::to_string(units.size() - to_do.size() + done) +
                       " of " + std::to_string(units.size()) +
-                      " units; the same command resumes from there");
+                      (ledger ? " units; the same command resumes from there"
+                              : " units, which are lost; a run with --out keeps finished units"));
   }
   return results;
 }

@@ -46,7 +46,7 @@ int main(int argc, char** argv) try {
   }
   plan = experiment::ApplyTo(plan, options);
   plan.demonstrations = demonstrations;
-  const experiment::OutputFolder folder(options);
+  const experiment::OutputFolder folder(options, plan);
   std::atomic<int> made = 0;
   const auto found = experiment::RunExperiment(
       "fake", plan,

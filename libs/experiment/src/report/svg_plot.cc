@@ -57,9 +57,10 @@ int DigitsOf(double step) {
 }
 
 void AddTicks(Axis& axis, double step) {
-  const auto first = static_cast<int>(std::ceil(axis.low / step - 1e-9));
-  const auto last = static_cast<int>(std::floor(axis.high / step + 1e-9));
-  for (int i = first; i <= last; ++i) axis.ticks.push_back(i * step);
+  // The first multiple of the step may exceed every int.
+  const double first = std::ceil(axis.low / step - 1e-9);
+  const auto count = static_cast<int>(std::floor(axis.high / step + 1e-9) - first);
+  for (int i = 0; i <= count; ++i) axis.ticks.push_back((first + i) * step);
 }
 
 // Creates an axis from the smaller of 0 and the smallest value to the largest value, unless the

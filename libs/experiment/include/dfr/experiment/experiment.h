@@ -55,8 +55,8 @@ class OutputFolder {
   /// Creates the folder options.out unless this path is empty. Removes the ledger and the results
   /// of an earlier run if options.restart.
   /// @throws std::runtime_error naming the folder if it cannot be created, or another process holds
-  ///   it.
-  explicit OutputFolder(const ExperimentOptions& options);
+  ///   it; and, before the folder changes, as CheckPlan().
+  OutputFolder(const ExperimentOptions& options, const EvaluationPlan& plan);
   ~OutputFolder();
   OutputFolder(OutputFolder&&) noexcept;
   OutputFolder& operator=(OutputFolder&&) noexcept;

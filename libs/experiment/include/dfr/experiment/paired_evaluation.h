@@ -36,6 +36,9 @@ struct EvaluationPlan {
 /// A part of the plan that is learned once and evaluated with all methods.
 struct EvaluationUnit {
   int trial = 0;
+/// @throws std::invalid_argument for an invalid plan, such as a method that is named twice.
+void CheckPlan(const EvaluationPlan& plan);
+
   int demonstrations = 0;
   std::string learner;
   bool operator==(const EvaluationUnit&) const = default;
@@ -159,7 +162,7 @@ struct EvaluationOptions {
 /// trial, i, 1}, ... that the runner accepts. Methods and learners therefore share start states,
 /// and so do data points as far as each support accepts them. The controller's seed is
 /// DeriveSeed(seed, {1, trial, i}).
-/// @throws std::invalid_argument for an invalid plan; std::runtime_error if the ledger has other
+/// @throws as CheckPlan(); std::runtime_error if the ledger has other
 ///   settings (naming the first that differs), is damaged, is in use by another process, or cannot
 ///   be written; Interrupted; and any exception of a runner.
 [[nodiscard]] std::vector<UnitResult> Evaluate(const EvaluationPlan& plan,
