@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cstdio>
+#include <iterator>
 #include <map>
 #include <memory>
 #include <stdexcept>
@@ -74,6 +75,7 @@ void RunDrift(const DriftOptions& options) {
   experiment::EvaluationPlan plan;
   plan.demonstrations = {options.demonstrations};
   plan = experiment::ApplyTo(std::move(plan), options);
+  std::ranges::copy_if(plan.methods, std::back_inserter(plan.policies), study::IsPolicy);
   const std::vector<Condition> conditions = Conditions();
   std::map<std::string, std::unique_ptr<TrialRunnerFactory>> factories;
   for (const Condition& condition : conditions) {

@@ -1,4 +1,6 @@
+#include <algorithm>
 #include <iostream>
+#include <iterator>
 
 #include "commands.h"
 #include "dfr/core/build_info.h"
@@ -17,6 +19,7 @@ void RunEvaluate(const EvaluateOptions& options) {
 
   experiment::EvaluationPlan plan;
   plan.methods = options.methods;
+  std::ranges::copy_if(plan.methods, std::back_inserter(plan.policies), study::IsPolicy);
   plan.learners = {learner.Name()};
   plan.demonstrations = {static_cast<int>(model.demonstrations().trajectories.size())};
   plan.trials = 1;

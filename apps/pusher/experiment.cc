@@ -1,7 +1,9 @@
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <iostream>
+#include <iterator>
 #include <optional>
 #include <string>
 
@@ -51,12 +53,15 @@ experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   if (!options.demonstrations.empty()) plan.demonstrations = options.demonstrations;
   plan = experiment::ApplyTo(std::move(plan), options);
   study::CheckPlacebos(plan.methods);
+  std::ranges::copy_if(plan.methods, std::back_inserter(plan.policies), study::IsPolicy);
   return plan;
 }
 
 std::string Text(double value) { return core::Format("%g", value); }  // six digits
 
-std::string Percent(double share) { return core::Format("%.1f %%", 100.0 * share); }
+std::string Percent(double share) {
+  return std::isfinite(share) ? core::Format("%.1f %%", 100.0 * share) : "-";
+}
 
 // Settings that determine the results, in addition to the plan. A ledger with other settings is
 // refused.
@@ -120,15 +125,16 @@ Scene ChooseScene(const experiment::EvaluationPlan& plan,
   return chosen;
 }
 
+// Returns the mean over the data points that define the measure; not a number if there are none.
 double MeanMeasure(const experiment::Summary& summary, const std::string& name) {
   double sum = 0.0;
   int count = 0;
   for (const experiment::MeasureMean& measure : summary.measures) {
-    if (measure.name != name) continue;
+    if (measure.name != name || !std::isfinite(measure.mean)) continue;
     sum += measure.mean;
     ++count;
   }
-  return count > 0 ? sum / count : 0.0;
+  return sum / count;
 }
 
 const experiment::Contrast* FindContrast(const experiment::Summary& summary,

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <span>
 #include <stdexcept>
 
@@ -71,7 +72,7 @@ double SupportOverlap(const Model& model, const imitation::DemonstrationSet& set
     ++inside;
     if (plant.collided()) ++red;
   }
-  return inside > 0 ? static_cast<double>(red) / inside : 0.0;
+  return inside > 0 ? static_cast<double>(red) / inside : std::numeric_limits<double>::quiet_NaN();
 }
 
 PusherTrialRunner::PusherTrialRunner(Model model, const std::vector<safety::Method>& methods,

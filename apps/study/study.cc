@@ -97,6 +97,9 @@ class Units {
     for (const std::string& policy : study.policies) {
       for (const std::string& controller : controllers_) {
         plan_.methods.push_back(MethodOf(controller, policy));
+        if (controller != kAlone && IsPolicy(controller)) {
+          plan_.policies.push_back(plan_.methods.back());
+        }
         if (study.kind == Kind::kControllers) {
           static_cast<void>(ParseCompared(plan_.methods.back()));
         } else if (study.kind == Kind::kPlane) {

@@ -31,7 +31,7 @@ constexpr const char* kSuccessAfter =
 constexpr const char* kChangeUnit =
     "Passed: controls that equal the policy's bit for bit. Change: mean size of the others' "
     "changes, "
-    "in ordinary demonstrated controls.";
+    "in ordinary demonstrated controls. A method that is another policy has neither.";
 
 // Returns the learner of the row's episodes, as in their ids; empty for a sum over learners.
 std::string LearnerOf(const Row& row) {
@@ -108,12 +108,13 @@ std::string Percent(const Totals& totals, int TrialCounts::*count, int digits,
                  totals.IntervalOf(count, of), digits);
 }
 
-std::string AfterIntervention(const Totals& totals) {
-  return Percent(totals, &TrialCounts::intervened_completed, 1, &TrialCounts::intervened);
-}
-
-std::string WithoutIntervention(const Totals& totals) {
-  return Percent(totals, &TrialCounts::left_alone_completed, 1, &TrialCounts::left_alone);
+// Returns the entries "after intervention" and "without intervention" of a method's rows, which are
+// not empty. A policy does not intervene.
+std::pair<std::string, std::string> AroundInterventions(const Totals& totals, const Row& row) {
+  if (row.controller == kAlone) return {};
+  if (IsOtherPolicy(row)) return {"-", "-"};
+  return {Percent(totals, &TrialCounts::intervened_completed, 1, &TrialCounts::intervened),
+          Percent(totals, &TrialCounts::left_alone_completed, 1, &TrialCounts::left_alone)};
 }
 
 std::string PassedPercent(const Totals& totals, int digits) {
@@ -189,6 +190,7 @@ experiment::ReportTable MeansTable(const std::vector<Row>& rows,
       const Row& collides = *std::ranges::max_element(selected, {}, &Row::collided);
       const Row& harms = *std::ranges::max_element(selected, {}, &Row::harmed);
       const bool alone = controller == kAlone;
+      const auto [after, without] = AroundInterventions(totals, sum);
       const auto against = [&](int TrialCounts::*count) {
         return alone ? "" : Percent(totals, count, 2);
       };
@@ -198,10 +200,9 @@ experiment::ReportTable MeansTable(const std::vector<Row>& rows,
       };
       table.rows.push_back({policy, Shown(controller), Percent(totals, &TrialCounts::completed, 2),
                             Percent(totals, &TrialCounts::collided, 2),
-                            against(&TrialCounts::saved), against(&TrialCounts::harmed),
-                            alone ? "" : AfterIntervention(totals),
-                            alone ? "" : WithoutIntervention(totals), PassedPercent(totals, 1),
-                            Number(totals.change(), 2), worst(collides, collides.collided),
+                            against(&TrialCounts::saved), against(&TrialCounts::harmed), after,
+                            without, PassedPercent(totals, 1), Number(totals.change(), 2),
+                            worst(collides, collides.collided),
                             alone ? "" : worst(harms, harms.harmed)});
       table.commands.push_back({"", "", CommandOf(sum, {"completed"}), CommandOf(sum, {"collided"}),
                                 alone ? "" : SavedCommand(sum), alone ? "" : HarmedCommand(sum), "",
@@ -345,13 +346,13 @@ std::vector<experiment::ReportTable> MakeRowTables(const std::vector<Row>& rows,
     const bool monitor = row.controller == watching || row.controller == watching + kOnPictures;
     const auto share = [&](int count) { return core::Format("%.0f", Share(count, row.episodes)); };
     const Totals totals(row);
+    const auto [after, without] = AroundInterventions(totals, row);
     table.rows.push_back(
         {row.task, row.condition, row.policy, Shown(row.controller),
          Percent(totals, &TrialCounts::completed, 1), Percent(totals, &TrialCounts::collided, 1),
          Percent(totals, &TrialCounts::halted, 1), share(row.saved), share(row.saved_completed),
-         share(row.harmed), alone ? "" : AfterIntervention(totals),
-         alone ? "" : WithoutIntervention(totals), PassedPercent(totals, 1),
-         Number(totals.change(), 2), core::Format("%.1f", row.controls / row.episodes),
+         share(row.harmed), after, without, PassedPercent(totals, 1), Number(totals.change(), 2),
+         core::Format("%.1f", row.controls / row.episodes),
          monitor ? Percent(totals, &TrialCounts::alarmed_failures, 1, &TrialCounts::collided) : "",
          monitor ? Percent(totals, &TrialCounts::alarmed_successes, 1, &TrialCounts::completed)
                  : "",
@@ -377,8 +378,9 @@ experiment::ReportFigure MakeFigure(const std::vector<Row>& rows) {
   experiment::ReportFigure figure{
       .heading = "Completion over intervention",
       .caption =
-          "One plot per policy and one point per method, over all tasks and conditions. A good "
-          "guard is at the upper left: it completes many episodes and changes few controls.",
+          "One plot per policy and one point per method that guards it, over all tasks and "
+          "conditions. A good guard is at the upper left: it completes many episodes and changes "
+          "few controls.",
       .plots = {}};
   if (rows.empty()) return figure;
   const std::vector<std::string> controllers = Distinct(rows, &Row::controller);
@@ -391,7 +393,9 @@ experiment::ReportFigure MakeFigure(const std::vector<Row>& rows) {
                                 .y_min = 0.0,
                                 .y_max = 1.0};
     for (std::size_t i = 0; i < controllers.size(); ++i) {
-      const Totals totals(Select(rows, policy, controllers[i]));
+      const std::vector<Row> selected = Select(rows, policy, controllers[i]);
+      if (IsOtherPolicy(selected.front())) continue;
+      const Totals totals(selected);
       const experiment::Interval interval = totals.IntervalOf(&TrialCounts::completed);
       plot.series.push_back(
           {.name = Shown(controllers[i]),

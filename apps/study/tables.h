@@ -21,7 +21,7 @@ inline constexpr const char* kBetween = ": ";
 
 /// Judges each method over all policies except "none", compared with the same policies alone: by 95
 /// % intervals of the episodes that it saves and harms, then by the share of controls that it
-/// passes. Placebos and a guard that only watches are not judged.
+/// passes. Placebos, other policies and a guard that only watches are not judged.
 [[nodiscard]] std::vector<experiment::ReportJudgement> JudgeMethods(const std::vector<Row>& rows);
 /// The rule of JudgeMethods(), for readers.
 inline constexpr const char* kJudgedBy =
@@ -40,7 +40,8 @@ inline constexpr const char* kJudgedBy =
 /// passed in per cent / size of changes.
 [[nodiscard]] std::vector<experiment::ReportTable> MakeGrid(const std::vector<Row>& rows);
 
-/// Completion over intervention: one plot per policy, one point with its interval per method.
+/// Completion over intervention: one plot per policy, one point with its interval per method that
+/// guards it.
 [[nodiscard]] experiment::ReportFigure MakeFigure(const std::vector<Row>& rows);
 
 /// Returns the rows of a good policy (one that completes at least half of the episodes) in which

@@ -6,6 +6,9 @@
 #include <set>
 #include <utility>
 
+#include "apps/study/runner.h"
+#include "dfr/study/controller_factory.h"
+
 namespace dfr::study {
 namespace {
 
@@ -38,6 +41,8 @@ TrialCounts& TrialCounts::operator+=(const TrialCounts& other) noexcept {
   return *this;
 }
 
+bool IsOtherPolicy(const Row& row) { return row.controller != kAlone && IsPolicy(row.controller); }
+
 Totals::Totals(std::span<const Row> rows) {
   std::set<std::string> tasks;
   for (const Row& row : rows) tasks.insert(row.task);
@@ -55,7 +60,7 @@ Totals::Totals(std::span<const Row> rows) {
       const TrialCounts& trial = trials[t];
       all_ += trial;
       clusters_[place->second] += trial;
-      if (trial.controls == 0.0) continue;
+      if (trial.controls == 0.0 || IsOtherPolicy(row)) continue;
       passed_[place->second].numerator += 1.0 - trial.changed / trial.controls;
       passed_[place->second].denominator += 1.0;
     }

@@ -24,6 +24,9 @@ template <typename Member>
   return values;
 }
 
+/// Returns true for a row whose method is another policy, not a guard of the row's policy.
+[[nodiscard]] bool IsOtherPolicy(const Row& row);
+
 /// Sums of the rows of one method around one policy, in independent clusters: tasks if there are at
 /// least 5, otherwise the trials of each task. With fewer than 3 clusters episodes count as
 /// independent.
@@ -42,7 +45,7 @@ class Totals {
   [[nodiscard]] experiment::Interval IntervalOf(
       int TrialCounts::*count, int TrialCounts::*of = &TrialCounts::episodes) const;
   /// Share of the controls that equal the policy's bit for bit, averaged over rows and trials with
-  /// equal weights. Absent if there were no controls.
+  /// equal weights. Absent if there were no controls, or if the method is another policy.
   [[nodiscard]] std::optional<double> passed() const noexcept;
   /// Interval of passed() by RatioInterval() over the clusters; absent if the clusters are
   /// episodes.

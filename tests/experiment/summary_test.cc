@@ -4,10 +4,12 @@
 #include <gtest/gtest.h>
 
 #include <fstream>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <stdexcept>
 
+#include "dfr/experiment/report.h"
 #include "tests/experiment/fake_trial_runner.h"
 #include "tests/support/message_of.h"
 
@@ -47,7 +49,8 @@ struct ByHand {
 };
 
 TEST(SummarizeTest, CountsByHand) {
-  const ByHand input(3);
+  ByHand input(3);
+  input.results[1].measures["overlap"] = std::numeric_limits<double>::quiet_NaN();
   const Summary summary = Summarize(input.plan, input.results, {});
   ASSERT_EQ(summary.cells.size(), 4u);
   const Cell& dfr = summary.cells[2];
@@ -88,7 +91,23 @@ TEST(SummarizeTest, CountsByHand) {
 
   ASSERT_EQ(summary.measures.size(), 1u);
   EXPECT_EQ(summary.measures[0].demonstrations, 60);
-  EXPECT_EQ(summary.measures[0].mean, 1.0);
+  EXPECT_EQ(summary.measures[0].mean, 1.5) << "of the two trials that define it";
+}
+
+// A regression changes none of its own controls, and guards no policy.
+TEST(SummarizeTest, AnotherPolicyHasNoShareOfPassedControls) {
+  ByHand input(5);
+  input.plan.policies = input.plan.methods;
+  const Summary summary = Summarize(input.plan, input.results, {});
+  EXPECT_EQ(summary.cells[0].passed, 1.0) << "the reference";
+  EXPECT_FALSE(summary.cells[2].passed);
+  EXPECT_TRUE(json::parse(ToJson(summary)).at("averages").at(1).at("passed").is_null());
+  std::ostringstream table;
+  PrintTable(summary, table);
+  EXPECT_THAT(table.str(), testing::ContainsRegex("dfr .* - +1.50\n"));
+  const std::string page = RenderReport(summary, {});
+  EXPECT_THAT(page, HasSubstr("<td class=\"n\">\u2013</td><td class=\"n\">1.50</td>"));
+  EXPECT_THAT(page, testing::Not(HasSubstr("of the controls)")));
 }
 
 TEST(SummarizeTest, TrialsAreTheClustersFromFiveOn) {

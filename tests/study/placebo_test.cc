@@ -276,5 +276,24 @@ TEST(FigureTest, HasOnePointPerMethod) {
   EXPECT_GT(series.high[0], 0.75);
 }
 
+// A regression changes none of its own controls. Its row must not read as that of a perfect guard.
+TEST(RowTest, APolicyAmongTheMethodsHasNoShareOfPassedControls) {
+  TrialCounts counts{.episodes = 10, .completed = 9, .left_alone = 10, .left_alone_completed = 9};
+  counts.controls = 100.0;
+  std::vector<Row> rows;
+  for (const char* controller : {"baseline", "guard", "lwr", "baseline@none", "ensemble"}) {
+    rows.push_back({counts, "a", "c", "learned", controller});
+  }
+  const auto tables = MakeRowTables(rows, false);
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const bool guards = i < 2;
+    EXPECT_EQ(tables[0].rows[i][7].starts_with("90"), i == 1) << rows[i].controller;
+    EXPECT_EQ(tables[0].rows[i][8].starts_with("100"), guards) << rows[i].controller;
+    EXPECT_EQ(tables[1].rows[i][12].starts_with("100"), guards) << rows[i].controller;
+  }
+  ASSERT_EQ(MakeFigure(rows).plots[0].series.size(), 2u);
+  EXPECT_EQ(MakeFigure(rows).plots[0].series[1].name, "guard");
+}
+
 }  // namespace
 }  // namespace dfr::study

@@ -176,11 +176,11 @@ TEST(StressTest, JudgesEachMethodByWhatItSavesHarmsAndPasses) {
     return made;
   };
   std::vector<Row> rows = {
-      row("baseline", 201, 0, 0, 0.0),       row("guard", 297, 96, 0, 0.1),
-      row("controller", 297, 96, 0, 0.6),    row("dfr", 201, 60, 60, 0.1),
-      row("dfr-fine", 240, 90, 51, 0.1),     row("early-stopping", 99, 96, 102, 0.0),
-      row("certified", 150, 3, 51, 0.0),     row("monitor", 201, 0, 0, 0.0),
-      row("placebo-halts", 30, 90, 180, 0.0)};
+      row("baseline", 201, 0, 0, 0.0),        row("guard", 297, 96, 0, 0.1),
+      row("controller", 297, 96, 0, 0.6),     row("dfr", 201, 60, 60, 0.1),
+      row("dfr-fine", 240, 90, 51, 0.1),      row("early-stopping", 99, 96, 102, 0.0),
+      row("certified", 150, 3, 51, 0.0),      row("monitor", 201, 0, 0, 0.0),
+      row("placebo-halts", 30, 90, 180, 0.0), row("lwr", 297, 96, 0, 0.0)};
   const auto expected = std::map<std::string, std::pair<int, std::string>>{
       {"guard", {0, ""}},
       {"controller", {1, "replaces most"}},
@@ -233,7 +233,6 @@ TEST(StressTest, ARestartOfAnInvalidStudyDeletesNothing) {
     core::ReplaceFile(folder / "ledger.jsonl", "previous");
     study.out = folder.path;
     study.restart = true;
-    study.tasks = {"pusher"};
     EXPECT_THROW(static_cast<void>(RunStudy(study)), std::invalid_argument);
     EXPECT_EQ(test::FileText(folder / "ledger.jsonl"), "previous");
   }

@@ -2,6 +2,7 @@
 #include <array>
 #include <cmath>
 #include <iostream>
+#include <iterator>
 #include <mutex>
 #include <span>
 #include <stdexcept>
@@ -48,6 +49,9 @@ experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
     static_cast<void>(study::ParseCompared(method, kOtherLineMethods));
   }
   study::CheckPlacebos(plan.methods);
+  std::ranges::copy_if(plan.methods, std::back_inserter(plan.policies), [](const auto& method) {
+    return study::IsPolicy(method) || method == "proportional";
+  });
   return plan;
 }
 

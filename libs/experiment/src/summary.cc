@@ -189,7 +189,7 @@ Json ToJson(const Cell& cell) {
   add("collided", cell.collided);
   json["controls_per_trajectory"] = cell.controls_per_trajectory;
   json["recovery_controls"] = cell.recovery_controls;
-  json["passed"] = cell.passed;
+  json["passed"] = ToJson(cell.passed);
   json["change"] = ToJson(cell.change);
   json["redrawn_starts"] = cell.redrawn_starts;
   json["halt_causes"] = cell.halt_causes;
@@ -241,6 +241,11 @@ Summary Summarize(const EvaluationPlan& plan, std::span<const UnitResult> result
     std::vector<double> seconds;
     std::vector<double> controls;
     for (std::size_t method = 0; method < plan.methods.size(); ++method) {
+      const bool own = method > 0 && std::ranges::count(plan.policies, plan.methods[method]) > 0;
+      const auto add = [&](std::vector<Cell>& cells, Cell cell) {
+        if (own) cell.passed.reset();
+        cells.push_back(std::move(cell));
+      };
       Tally all;
       for (const int demonstrations : plan.demonstrations) {
         Tally tally;
@@ -258,10 +263,10 @@ Summary Summarize(const EvaluationPlan& plan, std::span<const UnitResult> result
         DFR_THROW_UNLESS(
             tally.episodes == plan.trials * plan.episodes,
             "the results lack units with " << demonstrations << " demonstrations, " << learner);
-        summary.cells.push_back(
+        add(summary.cells,
             tally.ToCell(plan.methods[method], learner, demonstrations, plan.trials));
       }
-      summary.averages.push_back(all.ToCell(plan.methods[method], learner, 0, plan.trials));
+      add(summary.averages, all.ToCell(plan.methods[method], learner, 0, plan.trials));
       const Cell& average = summary.averages.back();
       seconds.push_back(average.seconds_per_trajectory);
       controls.push_back(average.controls_per_trajectory);
@@ -277,6 +282,7 @@ Summary Summarize(const EvaluationPlan& plan, std::span<const UnitResult> result
   for (const UnitResult& result : results) {
     for (const auto& [name, value] : result.measures) {
       auto& [sum, count] = measures[name][{result.unit.learner, result.unit.demonstrations}];
+      if (!std::isfinite(value)) continue;  // the unit does not define it
       sum += value;
       ++count;
     }
@@ -287,6 +293,7 @@ Summary Summarize(const EvaluationPlan& plan, std::span<const UnitResult> result
         const auto found = by_unit.find({learner, demonstrations});
         if (found == by_unit.end()) continue;
         const auto [sum, count] = found->second;
+        // Not a number without a unit that defines it.
         summary.measures.push_back({name, learner, demonstrations, sum / count});
       }
     }
@@ -358,12 +365,13 @@ void PrintTable(const Summary& summary, std::ostream& out) {
                           "ms/traj.", "controls", "passed %", "change")
           << "\n";
     }
-    out << core::Format("  %-*s  %s  %s  %s  %9.3f  %8.1f  %8.1f  %6s", name_width,
-                        average.method.c_str(), Percent(average.completed).c_str(),
-                        Percent(average.halted).c_str(), Percent(average.collided).c_str(),
-                        1e3 * average.seconds_per_trajectory, average.controls_per_trajectory,
-                        100.0 * average.passed,
-                        average.change ? core::Format("%.2f", *average.change).c_str() : "-")
+    out << core::Format(
+               "  %-*s  %s  %s  %s  %9.3f  %8.1f  %8s  %6s", name_width, average.method.c_str(),
+               Percent(average.completed).c_str(), Percent(average.halted).c_str(),
+               Percent(average.collided).c_str(), 1e3 * average.seconds_per_trajectory,
+               average.controls_per_trajectory,
+               average.passed ? core::Format("%.1f", 100.0 * *average.passed).c_str() : "-",
+               average.change ? core::Format("%.2f", *average.change).c_str() : "-")
         << "\n";
     for (const Contrast& contrast : summary.contrasts) {
       if (contrast.learner != learner || contrast.method != average.method) continue;

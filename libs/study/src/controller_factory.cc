@@ -115,6 +115,11 @@ safety::Method ParseMethod(std::string_view name, std::span<const std::string_vi
   return method;
 }
 
+bool IsPolicy(std::string_view method) noexcept {
+  const std::string_view controller = Split(method).controller;
+  return controller == control::Name(control::Recovery::kNone) || controller == kEnsemble;
+}
+
 std::string MethodHelp(std::span<const std::string_view> others) {
   return safety::MethodNames(others) +
          "; lwr, lwr-cv and knn are regressions on the demonstrations themselves (lwr-cv with a "

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <optional>
 #include <ostream>
 #include <set>
 #include <sstream>
@@ -68,7 +69,8 @@ class Page : internal::PageWords {
   }
 
  private:
-  // Each method is judged by its worst learner.
+  // Each method is judged by its worst learner. A method without a share of passed controls guards
+  // no policy and is not judged.
   [[nodiscard]] std::vector<ReportJudgement> Judgements() const {
     std::vector<ReportJudgement> all;
     for (const std::string& method : methods_) {
@@ -79,11 +81,14 @@ class Page : internal::PageWords {
         if (judged.grade > worst.grade) worst = std::move(judged);
       }
       if (worst.grade < 0) continue;
-      double passed = 1.0;
+      std::optional<double> passed;
       for (const Cell& cell : summary_.averages) {
-        if (cell.method == method) passed = std::min(passed, cell.passed);
+        if (cell.method == method && cell.passed) {
+          passed = std::min(passed.value_or(1.0), *cell.passed);
+        }
       }
-      worst.why += "; passes " + Percent(passed, 0) + " of the controls";
+      if (!passed) continue;
+      worst.why += "; passes " + Percent(*passed, 0) + " of the controls";
       all.push_back(std::move(worst));
     }
     return all;
@@ -246,8 +251,9 @@ class Page : internal::PageWords {
   }
 
   void InterventionCells(const Cell& cell) {
-    out_ << "<td class=\"n\">" << Number(100.0 * cell.passed, 1) << "</td><td class=\"n\">"
-         << (cell.change ? Number(*cell.change, 2) : "\u2013") << "</td>";
+    out_ << "<td class=\"n\">" << (cell.passed ? Number(100.0 * *cell.passed, 1) : "\u2013")
+         << "</td><td class=\"n\">" << (cell.change ? Number(*cell.change, 2) : "\u2013")
+         << "</td>";
   }
 
   void Averages() {
@@ -282,15 +288,16 @@ class Page : internal::PageWords {
            << contrast->only_reference_collided << "</span></td></tr>\n";
     }
     const Cell& any = summary_.averages.front();
-    out_
-        << "</tbody></table></div>\n<p class=\"caption\">"
-        << Percent(static_cast<double>(any.redrawn_starts) / (any.redrawn_starts + any.episodes), 1)
-        << " of the start states drawn were outside the first support, and were drawn again. "
-           "Passed: controls that equal the policy's bit for bit. Mean change: the distance of the "
-           "others from the policy's, in units of an ordinary demonstrated control, where it is "
-           "measured. Alone: start states from which just one of the two collided. Measured "
-           "times, which "
-           "differ from run to run, are in times.json.</p>\n";
+    out_ << "</tbody></table></div>\n<p class=\"caption\">"
+         << Percent(static_cast<double>(any.redrawn_starts) / (any.redrawn_starts + any.episodes),
+                    1)
+         << " of the start states drawn were outside the first support, and were drawn again. "
+            "Passed: controls that equal the policy's bit for bit; \u2013 for a method that is "
+            "another policy. Mean change: the distance of the "
+            "others from the policy's, in units of an ordinary demonstrated control, where it is "
+            "measured. Alone: start states from which just one of the two collided. Measured "
+            "times, which "
+            "differ from run to run, are in times.json.</p>\n";
   }
 
   void Endings() {
@@ -418,7 +425,7 @@ class Page : internal::PageWords {
     for (const MeasureMean& measure : summary_.measures) {
       out_ << "<tr><td>" << Escape(measure.name) << "</td><td>" << Escape(measure.learner)
            << "</td><td class=\"n\">" << measure.demonstrations << "</td><td class=\"n\">"
-           << Number(measure.mean, 5) << "</td></tr>\n";
+           << (std::isfinite(measure.mean) ? Number(measure.mean, 5) : "\u2013") << "</td></tr>\n";
     }
     out_ << "</tbody></table></div>\n</details>\n";
   }

@@ -31,14 +31,17 @@ struct EvaluationPlan {
   std::uint64_t seed = 0;
   /// Evaluate() fails after this many consecutive start states that are not accepted.
   int max_redraws = 10'000;
+  /// Methods that run a policy of their own, not the reference's. They have no share of passed
+  /// controls and no verdict.
+  std::vector<std::string> policies = {};
 };
+
+/// @throws std::invalid_argument for an invalid plan, such as a method that is named twice.
+void CheckPlan(const EvaluationPlan& plan);
 
 /// A part of the plan that is learned once and evaluated with all methods.
 struct EvaluationUnit {
   int trial = 0;
-/// @throws std::invalid_argument for an invalid plan, such as a method that is named twice.
-void CheckPlan(const EvaluationPlan& plan);
-
   int demonstrations = 0;
   std::string learner;
   bool operator==(const EvaluationUnit&) const = default;

@@ -34,7 +34,9 @@ struct Cell {
   double seconds_per_trajectory = 0.0;  ///< Processor time.
   double controls_per_trajectory = 0.0;
   double recovery_controls = 0.0;  ///< Mean number per trajectory, including probes.
-  double passed = 1.0;             ///< Share of the controls that equal the policy's bit for bit.
+  /// Share of the controls that equal the policy's bit for bit; absent for
+  /// EvaluationPlan::policies.
+  std::optional<double> passed = 1.0;
   /// Mean size of the changes to controls (EpisodeResult::change), over changes of known size.
   std::optional<double> change = {};
   int redrawn_starts = 0;  ///< Number of start states outside the support, which were drawn again.
@@ -62,7 +64,8 @@ struct Contrast {
   double mcnemar_p = 1.0;           ///< ClusteredMcNemar() of all pairs, by `clusters`.
 };
 
-/// Mean over trials of a quantity reported by the runners.
+/// Mean of a quantity reported by the runners, over the trials in which it is finite; not a number
+/// if there are none.
 struct MeasureMean {
   std::string name;
   std::string learner;

@@ -48,6 +48,10 @@ struct MethodName {
 /// Returns the valid arguments of ParseMethod(), for help texts.
 [[nodiscard]] std::string MethodHelp(std::span<const std::string_view> others = kOtherMethods);
 
+/// Returns true for a method that runs a policy and guards none, such as "baseline", "lwr",
+/// "baseline@none" or "ensemble".
+[[nodiscard]] bool IsPolicy(std::string_view method) noexcept;
+
 /// Returns footnotes for tables of these methods, one per line. They mark oracles, adversaries, and
 /// policies learned with the supervisor's help. Empty if there are none.
 [[nodiscard]] std::string MarksOf(std::span<const std::string> methods);
