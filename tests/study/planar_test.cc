@@ -80,7 +80,18 @@ TEST(PlanarTest, EveryMethodRunsAndUnknownNamesAreNamed) {
   }
   EXPECT_THROW((void)methods.Make("magic", *task.plant), std::invalid_argument);
   EXPECT_THROW((void)methods.Make("controller-without-magic", *task.plant), std::invalid_argument);
+  EXPECT_THROW((void)methods.Make("certified-direction@lwr", *task.plant), std::invalid_argument);
   EXPECT_THROW((void)MakeTask("magic"), std::invalid_argument);
+}
+
+TEST(PlanarTest, PicturesShowTheSupportThatAMethodUses) {
+  for (const char* name : {"guard", "controller@lwr", "true-jacobian", "certified-direction"}) {
+    EXPECT_EQ(SupportOf(name), SupportKind::kGuided) << name;
+  }
+  for (const char* name : {"baseline", "early-stopping", "dfr@lwr", "finite-difference"}) {
+    EXPECT_EQ(SupportOf(name), SupportKind::kRaw) << name;
+  }
+  EXPECT_THROW((void)SupportOf("dfr/density"), std::invalid_argument);
 }
 
 TEST(VideoWriterTest, WritesEvenSizesAndRefusesOtherEndings) {

@@ -204,6 +204,7 @@ void PrintCertificate(const PlanarStudy& study) {
 
 void Picture(const PlanarStudy& study, const std::vector<std::string>& names, std::uint64_t start,
              const std::filesystem::path& folder) {
+  for (const std::string& name : names) static_cast<void>(SupportOf(name));
   const Task task = MakeTask(study.task);
   const Methods methods = FitMethods(task, study);
   std::filesystem::create_directories(folder);

@@ -91,8 +91,15 @@ Methods::Methods(const Task& task, std::vector<core::Trajectory> demonstrations,
       direction_error_(control::EstimateDirectionError(model().features(), demonstrations_)) {}
 
 SupportKind SupportOf(std::string_view method) {
-  return method.starts_with("controller") || method == "certified-direction" ? SupportKind::kGuided
-                                                                             : SupportKind::kRaw;
+  const MethodName name = Split(method);
+  DFR_THROW_UNLESS(name.support.empty(), "method '" << method
+                                                    << "': a picture shows the method's own "
+                                                       "support; remove '/"
+                                                    << name.support << "'");
+  const bool guided = name.controller.starts_with("controller") || name.controller == "guard" ||
+                      name.controller == "true-jacobian" ||
+                      name.controller == "certified-direction";
+  return guided ? SupportKind::kGuided : SupportKind::kRaw;
 }
 
 double Methods::Level(SupportKind kind, int t, std::span<const double> x) const {
@@ -120,8 +127,6 @@ std::unique_ptr<control::Controller> Methods::Make(std::string_view method,
   if (!method.starts_with("certified") || !Split(method).support.empty()) {
     return controllers_.Make(method, &plant, {.guided = options_.guided});
   }
-  DFR_THROW_UNLESS(Split(method).policy.empty(),
-                   "method '" << method << "': it runs around the learned policy only");
   return std::make_unique<control::CertifiedController>(
       policy_, model().view(),
       control::CertifiedOptions{.horizon = task_.horizon, .certificate = certificate()});

@@ -49,6 +49,7 @@ inline constexpr std::array<std::string_view, 10> kPlanarMethods = {"certified-d
 
 /// Support that a method uses.
 enum class SupportKind { kRaw, kGuided };
+/// @throws std::invalid_argument for a name with a support, such as "dfr/density".
 [[nodiscard]] SupportKind SupportOf(std::string_view method);
 
 /// Options for the model of a planar task.
