@@ -83,6 +83,8 @@ class ScriptTest(Folder):
         header, *rows = csv.reader(run(CLUSTER, "table", self.folder / "runs").splitlines())
         for row in rows:
             self.assertEqual((len(row), row[1]), (len(header), "noise, sd 2 mm"))
+        _, *single = csv.reader(run(CLUSTER, "table", self.folder / "runs/drift").splitlines())
+        self.assertEqual(single, rows)
 
     def test_missing_units_are_named_and_run_again(self):
         out = self.folder / "run"
