@@ -51,6 +51,12 @@ TEST(TrainSupervisorTest, ResumesFromACheckpointBitForBit) {
   EXPECT_EQ(TrainSupervisor(options), EXIT_FAILURE);
   ASSERT_FALSE(Bytes(folder / "straight.dfr").empty());
   EXPECT_EQ(Bytes(folder / "interrupted.dfr"), Bytes(folder / "straight.dfr"));
+  options.seed = 5;
+  EXPECT_THROW(TrainSupervisor(options), std::invalid_argument) << "another seed";
+  options.seed.reset();
+  options.horizon = 61;
+  EXPECT_THROW(TrainSupervisor(options), std::invalid_argument) << "another horizon";
+  options.horizon.reset();
   options.scene.joint_step = 0.05;
   EXPECT_THROW(TrainSupervisor(options), std::invalid_argument) << "another scene";
   std::filesystem::remove_all(folder);

@@ -109,12 +109,19 @@ imitation::Trpo Start(imitation::Environment& environment, const TrainSupervisor
                                                                  << ": it was trained with "
                                                                  << resumed.options().environment
                                                                  << ", not with " << scene);
+    const auto check = [&](const char* what, const auto& given, const auto& trained) {
+      DFR_THROW_UNLESS(!given || *given == trained, checkpoint.string()
+                                                        << ": it was trained with " << what << ' '
+                                                        << trained << ", not with " << *given);
+    };
+    check("--seed", options.seed, resumed.options().seed);
+    check("--horizon", options.horizon, resumed.options().horizon);
     return resumed;
   }
   imitation::TrpoOptions trpo;
   trpo.environment = scene;
-  trpo.seed = options.seed;
-  trpo.horizon = options.horizon;
+  trpo.seed = options.seed.value_or(1);
+  trpo.horizon = options.horizon.value_or(trpo.horizon);
   return imitation::Trpo(environment, trpo);
 }
 
@@ -194,7 +201,7 @@ void AddTrainSupervisor(CLI::App& app, TrainSupervisorOptions& options) {
                           "file to resume from (default: the policy's name and .checkpoint)"));
   command->add_flag("--resume", options.resume, "resume from the checkpoint");
   command->add_option("--seed", options.seed, "random seed of start states, noise and weights")
-      ->capture_default_str();
+      ->default_str("1");
   command->add_option("--red-y", options.scene.red_y, "red_y of the gate for the evaluation [m]")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
@@ -210,7 +217,7 @@ void AddTrainSupervisor(CLI::App& app, TrainSupervisorOptions& options) {
       ->capture_default_str();
   command->add_option("--horizon", options.horizon, "T: largest number of controls in an episode")
       ->check(kCount)
-      ->capture_default_str();
+      ->default_str("60");
   command->add_option("--gripper", options.scene.gripper, "bar, wide-bar or fork")
       ->transform(CLI::CheckedTransformer(
           std::map<std::string, sim::Gripper>{{"bar", sim::Gripper::kBar},

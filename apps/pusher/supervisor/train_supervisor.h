@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 
 #include "dfr/sim/pusher/pusher_plant.h"
 
@@ -16,11 +17,12 @@ struct TrainSupervisorOptions {
   /// File of the checkpoint, written every ten iterations and at the end. Empty: `out` with
   /// .checkpoint appended.
   std::filesystem::path checkpoint;
-  bool resume = false;            ///< Resume from the checkpoint, with its seed.
-  std::uint64_t seed = 1;         ///< Seeds all randomness: start states, noise, weights.
-  sim::PusherOptions scene;       ///< Scene for the evaluation of the supervisor.
-  int horizon = 60;               ///< T; `resume` uses the checkpoint's T.
-  double training_red_y = 0.112;  ///< The tighter gate used in training [m], for a margin.
+  bool resume = false;  ///< Resume from the checkpoint, which must have the options given.
+  /// Seeds all randomness: start states, noise, weights. Empty: 1, or the checkpoint's.
+  std::optional<std::uint64_t> seed = {};
+  sim::PusherOptions scene;         ///< Scene for the evaluation of the supervisor.
+  std::optional<int> horizon = {};  ///< T. Empty: 60, or the checkpoint's.
+  double training_red_y = 0.112;    ///< The tighter gate used in training [m], for a margin.
   /// Number of controls before the first evaluation, and maximum number of controls.
   std::int64_t min_steps = 280'000;
   std::int64_t max_steps = 1'200'000;
