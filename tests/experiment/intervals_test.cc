@@ -383,5 +383,15 @@ TEST(CoverageTest, FiveClustersAreEnoughForTButNotForABootstrap) {
   EXPECT_LE(bootstrap, 0.88 * kRepetitions);
 }
 
+TEST(AverageCurvesTest, EndedCurvesStayAtTheirLastValue) {
+  const std::vector<std::vector<double>> curves = {{0.0, 1.0}, {2.0}, {1.0, 0.0, 3.0}};
+  const MeanCurve average = AverageCurves(curves, 3);
+  EXPECT_EQ(average.mean, (std::vector{1.0, 1.0, 2.0}));
+  // The values 1, 2 and 3 of the last place have the variance 1.
+  EXPECT_NEAR(average.standard_error[2], std::sqrt(1.0 / 3.0), 1e-15);
+  EXPECT_EQ(AverageCurves({curves.data(), 1}, 2).standard_error, (std::vector{0.0, 0.0}));
+  EXPECT_THROW((void)AverageCurves({}, 1), std::invalid_argument);
+}
+
 }  // namespace
 }  // namespace dfr::experiment

@@ -11,6 +11,7 @@
 #include "commands/commands.h"
 #include "dfr/core/random.h"
 #include "dfr/core/text/format.h"
+#include "dfr/experiment/intervals.h"
 #include "dfr/experiment/ledger.h"
 #include "dfr/experiment/report.h"
 #include "probe_study.h"
@@ -97,21 +98,13 @@ experiment::ReportSeries Average(const std::vector<std::vector<double>>& curves)
   std::size_t longest = 0;
   for (const auto& curve : curves) longest = std::max(longest, curve.size());
   const std::size_t stride = std::max<std::size_t>(1, longest / 100);
+  const experiment::MeanCurve average = experiment::AverageCurves(curves, longest);
   for (std::size_t i = 0; i < longest; i += stride) {
-    double sum = 0.0;
-    double squares = 0.0;
-    for (const auto& curve : curves) {
-      const double value = curve[std::min(i, curve.size() - 1)];
-      sum += value;
-      squares += value * value;
-    }
-    const auto n = static_cast<double>(curves.size());
-    const double mean = sum / n;
-    const double error = std::sqrt(std::max(0.0, squares / n - mean * mean) / n);
     series.x.push_back(static_cast<double>(i));
-    series.y.push_back(mean);
-    series.low.push_back(mean - error);
-    series.high.push_back(mean + error);
+    series.y.push_back(average.mean[i]);
+    if (curves.size() == 1) continue;  // no standard error
+    series.low.push_back(average.mean[i] - average.standard_error[i]);
+    series.high.push_back(average.mean[i] + average.standard_error[i]);
   }
   return series;
 }

@@ -13,6 +13,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
+#include "dfr/experiment/intervals.h"
 
 namespace dfr::apps::pusher {
 namespace {
@@ -142,27 +143,15 @@ class RecoveryCurves final : public control::RolloutObserver {
   bool recovering_ = false;
 };
 
-ConvergenceCurve Average(const std::string& method, std::vector<std::vector<double>> climbs) {
+ConvergenceCurve Average(const std::string& method,
+                         const std::vector<std::vector<double>>& climbs) {
+  experiment::MeanCurve average = experiment::AverageCurves(climbs, kMostControls + 1);
   ConvergenceCurve curve;
   curve.method = method;
+  curve.mean = std::move(average.mean);
+  curve.standard_error = std::move(average.standard_error);
   curve.controls_per_iteration = method == "dfr" ? 2 : 1;
-  std::vector<double> sum(kMostControls + 1, 0.0);
-  std::vector<double> square(sum);
-  for (std::vector<double>& climb : climbs) {
-    curve.reached += climb.back() >= 1.0 ? 1 : 0;
-    climb.resize(sum.size(), climb.back());
-    for (std::size_t k = 0; k < sum.size(); ++k) {
-      sum[k] += climb[k];
-      square[k] += climb[k] * climb[k];
-    }
-  }
-  const auto n = static_cast<double>(climbs.size());
-  for (std::size_t k = 0; k < sum.size(); ++k) {
-    const double mean = sum[k] / n;
-    curve.mean.push_back(mean);
-    curve.standard_error.push_back(
-        std::sqrt(std::max(0.0, square[k] / n - mean * mean) / std::max(1.0, n - 1.0)));
-  }
+  for (const std::vector<double>& climb : climbs) curve.reached += climb.back() >= 1.0 ? 1 : 0;
   return curve;
 }
 
@@ -188,27 +177,23 @@ std::vector<ConvergenceCurve> MeasureConvergence(PusherTrialRunner& runner, int 
               : model.MakeController(study::ParseMethod(name), plant.get(), gate.t);
       climbs.push_back(Climb(model, gate, *plant, *controller, core::DeriveSeed(seed, {i, 1})));
     }
-    curves.push_back(Average(name, std::move(climbs)));
+    curves.push_back(Average(name, climbs));
   }
   return curves;
 }
 
 ConvergenceCurve MeanOverModels(const std::vector<ConvergenceCurve>& curves) {
   DFR_THROW_UNLESS(!curves.empty(), "there are no curves");
-  const auto n = static_cast<double>(curves.size());
   ConvergenceCurve mean = curves.front();
   mean.reached = 0;
-  for (const ConvergenceCurve& curve : curves) mean.reached += curve.reached;
-  for (std::size_t k = 0; k < mean.mean.size(); ++k) {
-    double sum = 0.0;
-    double square = 0.0;
-    for (const ConvergenceCurve& curve : curves) sum += curve.mean[k];
-    mean.mean[k] = sum / n;
-    for (const ConvergenceCurve& curve : curves) {
-      square += (curve.mean[k] - mean.mean[k]) * (curve.mean[k] - mean.mean[k]);
-    }
-    mean.standard_error[k] = std::sqrt(square / (n * std::max(1.0, n - 1.0)));
+  std::vector<std::vector<double>> means;
+  for (const ConvergenceCurve& curve : curves) {
+    mean.reached += curve.reached;
+    means.push_back(curve.mean);
   }
+  experiment::MeanCurve average = experiment::AverageCurves(means, mean.mean.size());
+  mean.mean = std::move(average.mean);
+  mean.standard_error = std::move(average.standard_error);
   return mean;
 }
 
@@ -272,7 +257,7 @@ std::vector<ConvergenceCurve> MeasureEveryRecovery(PusherTrialRunner& runner, in
           {.plant_seed = start, .controller_seed = core::DeriveSeed(seed, {i, 1})}, &climbs));
     }
     climbs.curves().resize(most);
-    curves.push_back(Average(name, std::move(climbs.curves())));
+    curves.push_back(Average(name, climbs.curves()));
   }
   return curves;
 }

@@ -300,6 +300,25 @@ std::optional<Interval> RatioInterval(std::span<const RatioPart> units, double c
   return Interval{std::max(0.0, (b - root) / a), std::max(0.0, (b + root) / a)};
 }
 
+MeanCurve AverageCurves(std::span<const std::vector<double>> curves, std::size_t size) {
+  DFR_THROW_UNLESS(!curves.empty() && std::ranges::none_of(curves, &std::vector<double>::empty),
+                   "a mean needs curves with values");
+  const auto n = static_cast<double>(curves.size());
+  MeanCurve average;
+  for (std::size_t k = 0; k < size; ++k) {
+    const auto sum = [&](const auto& term) {
+      double total = 0.0;
+      for (const auto& curve : curves) total += term(curve[std::min(k, curve.size() - 1)]);
+      return total;
+    };
+    const double mean = sum([](double value) { return value; }) / n;
+    const double squares = sum([=](double value) { return (value - mean) * (value - mean); });
+    average.mean.push_back(mean);
+    average.standard_error.push_back(std::sqrt(squares / (n * std::max(1.0, n - 1.0))));
+  }
+  return average;
+}
+
 PairedContrast EstimateContrast(std::span<const PairedCounts> units, double confidence) {
   PairedCounts total;
   std::vector<RatioPart> collided;

@@ -1,7 +1,9 @@
 #pragma once
 
+#include <cstddef>
 #include <optional>
 #include <span>
+#include <vector>
 
 namespace dfr::experiment {
 
@@ -77,6 +79,16 @@ struct DiscordantPairs {
 /// result is >= 2^(1-c).
 /// @throws std::invalid_argument if a count is negative.
 [[nodiscard]] double ClusteredMcNemar(std::span<const DiscordantPairs> clusters);
+
+/// Mean of several curves at each index, and its standard error: 0 for a single curve.
+struct MeanCurve {
+  std::vector<double> mean;
+  std::vector<double> standard_error;
+};
+/// Averages curves at the indices below `size`. A curve that has ended stays at its last value.
+/// @throws std::invalid_argument if there is no curve, or one is empty.
+[[nodiscard]] MeanCurve AverageCurves(std::span<const std::vector<double>> curves,
+                                      std::size_t size);
 
 /// Contribution of one independent unit to the two totals of a ratio.
 struct RatioPart {
