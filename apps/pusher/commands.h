@@ -38,7 +38,6 @@ struct EvaluateOptions {
   std::vector<std::string> methods = {"baseline", "early-stopping", "dfr", "controller"};
   int episodes = 60;
   std::uint64_t seed = 1001;
-  int threads = 0;
   sim::PusherOptions plant;
 };
 void RunEvaluate(const EvaluateOptions& options);
@@ -80,8 +79,6 @@ struct DriftOptions : experiment::ExperimentOptions {
 void RunDrift(const DriftOptions& options);
 
 struct RenderOptions {
-  std::string episode;                       ///< Id of an experiment's episode, or empty.
-  std::filesystem::path run = "out/pusher";  ///< Folder of the experiment with `episode`.
   std::filesystem::path model = "model";
   std::vector<std::string> methods = {"baseline", "dfr", "controller"};
   std::uint64_t seed = 1;  ///< Seed of the start state.
@@ -91,9 +88,6 @@ struct RenderOptions {
   sim::PusherOptions plant;
 };
 void RunRender(const RenderOptions& options);
-/// Films options.episode of the experiment `run`, side by side with options.methods from the same
-/// start state.
-void RenderEpisode(const ExperimentOptions& run, const RenderOptions& options);
 
 struct ViewOptions {
   std::filesystem::path model = "model";

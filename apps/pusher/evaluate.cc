@@ -27,7 +27,6 @@ void RunEvaluate(const EvaluateOptions& options) {
   plan.seed = options.seed;
   experiment::ProgressBar bar("evaluate");
   experiment::EvaluationOptions evaluation;
-  evaluation.threads = options.threads;
   evaluation.progress = [&](const experiment::Progress& p) { bar.Show(p); };
   const auto results = experiment::Evaluate(
       plan,

@@ -291,11 +291,11 @@ std::filesystem::path SupervisorOf(const ExperimentOptions& options) {
 }
 
 TrialRunnerFactory MakeFactory(const ExperimentOptions& options,
-                               const experiment::EvaluationPlan& plan,
-                               const std::vector<std::string>& methods) {
+                               const experiment::EvaluationPlan& plan) {
   TrialRunnerOptions site_options;
-  for (const std::string& name : methods)
+  for (const std::string& name : plan.methods) {
     site_options.methods.push_back(study::ParseCompared(name));
+  }
   for (const std::string& name : plan.learners) static_cast<void>(Learner::Parse(name));
   site_options.model = options.model;
   site_options.plant = options.plant;
@@ -310,26 +310,9 @@ TrialRunnerFactory MakeFactory(const ExperimentOptions& options,
 
 }  // namespace
 
-void RenderEpisode(const ExperimentOptions& run, const RenderOptions& options) {
-  const experiment::EvaluationPlan plan = MakePlan(run);
-  const experiment::LedgerHeader now = {
-      plan, Settings(run, SupervisorOf(run), plan), core::BuildCommit(), {}};
-  const experiment::RecordedEpisode episode =
-      experiment::FindEpisode(run.out, options.episode, &now);
-  const experiment::EpisodeId& id = episode.id;
-  std::vector<std::string> methods = options.methods;
-  if (std::ranges::count(methods, id.method) == 0) methods.push_back(id.method);
-  TrialRunnerFactory factory = MakeFactory(run, plan, methods);
-  const std::unique_ptr<PusherTrialRunner> runner = factory.Make(id.unit);
-  runner->JudgeIn(plan, id.unit);
-  const std::vector<RolloutVideo> videos = RecordRollouts(
-      *runner, methods, episode.start_seed, episode.controller_seed, options.width, options.height);
-  Save(videos, options.out);
-}
-
 void RunExperiment(const ExperimentOptions& options) {
   const experiment::EvaluationPlan plan = MakePlan(options);
-  TrialRunnerFactory factory = MakeFactory(options, plan, plan.methods);
+  TrialRunnerFactory factory = MakeFactory(options, plan);
   const experiment::OutputFolder folder(options, plan);
   const std::map<std::string, std::string> settings =
       Settings(options, SupervisorOf(options), plan);

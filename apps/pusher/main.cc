@@ -1,9 +1,7 @@
 // Program pusher: the Pusher experiment of Sec. V-A.
 #include <CLI/CLI.hpp>
-#include <array>
 #include <cstdlib>
 #include <filesystem>
-#include <functional>
 #include <map>
 #include <string>
 #include <utility>
@@ -76,7 +74,7 @@ void AddModelOptions(CLI::App& command, ModelOptions& model) {
       ->capture_default_str();
 }
 
-void AddExperiment(CLI::App& app, ExperimentOptions& options, std::function<void()> run) {
+void AddExperiment(CLI::App& app, ExperimentOptions& options) {
   CLI::App* command = app.add_subcommand(
       "experiment", "Run the paper's comparison: all methods over the number of demonstrations");
   experiment::AddExperimentOptions(
@@ -116,7 +114,7 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options, std::function<void
       ->add_option("--learning-rate", options.model.learner.learning_rate, "learning rate of Adam")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
-  command->callback([&options, command, run = std::move(run)] {
+  command->callback([&options, command] {
     // Options given by the user take precedence.
     const auto take = [command](const char* option, auto& value, auto preset) {
       if (command->count(option) > 0) return;
@@ -134,7 +132,7 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options, std::function<void
       take("--gamma", options.model.gamma, 1.0);
       take("--nu", options.model.nu, 0.1);
     }
-    run();
+    RunExperiment(options);
   });
 }
 
@@ -190,9 +188,6 @@ void AddEvaluate(CLI::App& app, EvaluateOptions& options) {
       ->check(kCount)
       ->capture_default_str();
   command->add_option("--seed", options.seed, "random seed of start states and recoveries")
-      ->capture_default_str();
-  command->add_option("--threads", options.threads, "number of threads; 0: one per core")
-      ->check(dfr::apps::kNotNegative)
       ->capture_default_str();
   AddScene(*command, options.plant);
   command->callback([&options] { RunEvaluate(options); });
@@ -253,10 +248,6 @@ void AddRender(CLI::App& app, RenderOptions& options) {
       ->add_option("--methods", options.methods, "methods to show side by side, as in baseline,dfr")
       ->delimiter(',')
       ->capture_default_str();
-  command->add_option("--episode", options.episode,
-                      "instead of a model: id of an experiment's episode, as printed by episodes; "
-                      "--methods are shown beside it");
-  command->add_option("--run", options.run, "folder of that experiment")->capture_default_str();
   command->add_option("--seed", options.seed, "random seed of the start state")
       ->capture_default_str();
   core::WritesFile(
@@ -271,20 +262,7 @@ void AddRender(CLI::App& app, RenderOptions& options) {
       ->check(CLI::Range(120, 1080))
       ->capture_default_str();
   AddScene(*command, options.plant);
-  command->callback([&options, command] {
-    if (options.episode.empty()) return RunRender(options);
-    if (command->count("--methods") == 0) options.methods.clear();
-    // Parses the experiment's run.toml.
-    CLI::App again("", "pusher");
-    ExperimentOptions run;
-    AddExperiment(again, run, [&] { RenderEpisode(run, options); });
-    const std::filesystem::path file = options.run / "run.toml";
-    const std::array<const char*, 6> arguments = {"pusher",     "experiment", "--config",
-                                                  file.c_str(), "--out",      options.run.c_str()};
-    if (const auto code = experiment::Parse(again, 6, arguments.data())) {
-      throw CLI::RuntimeError(*code);
-    }
-  });
+  command->callback([&options] { RunRender(options); });
 }
 
 void AddView(CLI::App& app, ViewOptions& options) {
@@ -317,7 +295,7 @@ int Main(int argc, char** argv) {
   DriftOptions drift;
   RenderOptions render;
   ViewOptions view;
-  AddExperiment(app, compared, [&compared] { RunExperiment(compared); });
+  AddExperiment(app, compared);
   AddTrainSupervisor(app, train);
   AddDemonstrate(app, demonstrate);
   AddFit(app, fit);

@@ -27,19 +27,6 @@ class PusherTest(ProgramTest):
         for method in ("baseline", "early-stopping", "dfr", "controller"):
             self.assertIn(method, out)
 
-    def test_any_episode_can_be_filmed(self):
-        line = self.run_pusher("episodes", "whole", "--method", "controller", "--most", 1).splitlines()[0]
-        name, outcome = line.split()[:2]
-        controls = line.split("  ")[2].split()[0]
-        # Each picture takes .1 s, and early stopping has the shortest episode.
-        out = self.run_pusher("render", "--run", "whole", "--episode", name, "--methods", "early-stopping", "--width", 160,
-                              "--height", 120, "--out", "episode.png")
-        self.assertIn("early-stopping", out)
-        row = next(row for row in out.splitlines() if row.startswith("controller"))
-        self.assertIn(outcome.rstrip(":"), row)
-        self.assertIn(f"after {controls} controls", row)
-        self.assertEqual((self.folder / "episode.png").read_bytes()[:4], b"\x89PNG")
-
     def test_a_video_that_cannot_be_made_fails_before_the_experiment(self):
         small = [word for word in SMALL if word != "--no-video"]
         name = self.run_pusher("episodes", "whole", "--most", 1).split("  ")[0]
@@ -92,7 +79,7 @@ class PusherTest(ProgramTest):
             (["experiment", *SMALL, "--red-y", "0.05", "--out", "r"], "red"),
             (["experiment", *SMALL, "--features", "gripper", "--out", "f"], "gripper"),
             (["drift", "--shard", "1/2"], "needs --out"),
-            (["render", "--run", "whole", "--episode", "7/8/8/controller/0"], "trials are 0 to 1"),
+            (["rerun", "whole", "7/8/8/controller/0"], "trials are 0 to 1"),
         ]:
             with self.subTest(arguments=arguments):
                 self.assertIn(says, self.run_pusher(*arguments, fails=True))
