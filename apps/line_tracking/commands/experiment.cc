@@ -150,7 +150,8 @@ experiment::ReportTable ProbeTable(const std::vector<StudiedMethod>& studied) {
       "Algorithm 1 leaves the lengths of probe and step open. This table compares probes of the "
       "first trial's first " +
       std::to_string(kStudiedEpisodes) + " episodes, at most " + std::to_string(kStudiedControls) +
-      " controls each, with the simulation's exact numbers. It has the median probe, the "
+      " controls each, in the frozen world, with the simulation's exact numbers. It has the median "
+      "probe, the "
       "median error of the measured change of distance across a probe, and how often the "
       "measured change of g has the right sign, including the effect of the platform's motion. "
       "Out of reach: the gate's threshold lambda |u| exceeded g of every demonstrated "
@@ -233,6 +234,7 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
 // Plots g over recoveries of Algorithm 1, from a trial's start states.
 experiment::ReportFigure RecoveryFigure(LineTrialRunner& runner,
                                         const experiment::EvaluationPlan& plan,
+                                        const std::string& world,
                                         std::span<const std::uint64_t> starts) {
   experiment::ReportPlot plot{.title = "g over the gate's threshold",
                               .x_label = "iteration of the recovery",
@@ -255,7 +257,9 @@ experiment::ReportFigure RecoveryFigure(LineTrialRunner& runner,
     plot.series.push_back(std::move(series));
   }
   return {"Recoveries",
-          "Mean and standard error; 1 ends a recovery. From the first trial's start states.",
+          "Mean and standard error; 1 ends a recovery. From the first trial's start states, in the "
+          "world " +
+              world + ".",
           {plot}};
 }
 
