@@ -9,6 +9,7 @@
 #include <string>
 #include <utility>
 
+#include "commands/commands.h"
 #include "dfr/hardware/intrinsics_file.h"
 #include "tests/support/message_of.h"
 #include "tests/support/temp_folder.h"
@@ -167,6 +168,15 @@ TEST_F(RobotConfigTest, AnArmIsAClassicByDefault) {
   EXPECT_EQ(si.lower, Psm::lower_limits(PsmGeneration::kSi));
   EXPECT_EQ(si.upper, Psm::upper_limits(PsmGeneration::kSi));
   EXPECT_NO_THROW(si.Check());
+}
+
+TEST_F(RobotConfigTest, TheSimulatorGetsTheCalibrationUnlessThereIsNone) {
+  const auto given = [&](const std::string& calibration) {
+    return std::ranges::count(SimulatorArguments(Load("calibration = '" + calibration + "'\n")),
+                              "--calibration");
+  };
+  EXPECT_EQ(given("c.dfr"), 1);
+  EXPECT_EQ(given(kNoCalibration), 0);
 }
 
 TEST_F(RobotConfigTest, ACalibrationOfAnotherCameraIsRefused) {

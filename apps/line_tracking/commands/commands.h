@@ -88,6 +88,9 @@ struct LaunchOptions {
   std::uint64_t seed = 1001;
 };
 void RunLaunch(const LaunchOptions& options);
+/// Returns the arguments with which RunLaunch() starts dvrk_simulator, without those of the
+/// network.
+[[nodiscard]] std::vector<std::string> SimulatorArguments(const RobotConfig& config);
 
 struct ExperimentOptions : experiment::ExperimentOptions {
   ExperimentOptions() { out = "out/line_tracking"; }

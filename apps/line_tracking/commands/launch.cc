@@ -197,7 +197,7 @@ void Prepare(const RobotConfig& config, const std::filesystem::path& folder) {
   std::filesystem::create_directories(folder);
   SceneOptions scene;
   scene.calibration = config.calibration;
-  if (!std::filesystem::exists(config.calibration)) {
+  if (config.calibration != kNoCalibration && !std::filesystem::exists(config.calibration)) {
     std::cout << "Calibrating: " << config.calibration.string() << std::endl;
     CalibrateOptions calibrate;
     calibrate.scene = scene;
@@ -222,6 +222,19 @@ void Prepare(const RobotConfig& config, const std::filesystem::path& folder) {
 
 }  // namespace
 
+std::vector<std::string> SimulatorArguments(const RobotConfig& config) {
+  std::vector<std::string> arguments = {"--arm", config.arm, "--wave", "random"};
+  if (config.calibration != kNoCalibration) {
+    arguments.insert(arguments.end(), {"--calibration", config.calibration.string()});
+  }
+  if (config.lock_step) {
+    arguments.emplace_back("--lock-step");
+  } else {
+    arguments.insert(arguments.end(), {"--priority", std::to_string(config.priority)});
+  }
+  return arguments;
+}
+
 void RunLaunch(const LaunchOptions& options) {
   const RobotConfig config = RobotConfig::Load(options.config);
   if (config.robot != RobotPlace::kDds || !config.simulator) {
@@ -236,14 +249,8 @@ void RunLaunch(const LaunchOptions& options) {
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
 
-  std::vector<std::string> simulate = {
-      Beside("dvrk_simulator"),   "--arm", config.arm, "--wave", "random", "--calibration",
-      config.calibration.string()};
-  if (config.lock_step) {
-    simulate.emplace_back("--lock-step");
-  } else {
-    simulate.insert(simulate.end(), {"--priority", std::to_string(config.priority)});
-  }
+  std::vector<std::string> simulate = SimulatorArguments(config);
+  simulate.insert(simulate.begin(), Beside("dvrk_simulator"));
   std::vector<std::string> run = {Beside("line_tracking"),
                                   "run",
                                   "--config",
