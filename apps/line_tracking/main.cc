@@ -14,7 +14,7 @@
 namespace dfr::apps::line_tracking {
 namespace {
 
-void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed) {
+void AddImages(CLI::App& command, sim::LineTrackingOptions& plant) {
   command
       .add_option("--observation", plant.observation,
                   "images, or truth: the simulation's exact numbers")
@@ -22,8 +22,6 @@ void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed
           {{"images", sim::Observation::kVision}, {"truth", sim::Observation::kGroundTruth}}))
       ->type_name("TEXT")
       ->default_str("images");
-  command.add_option("--arm", plant.arm.seed, "random seed of the individual arm's cable errors")
-      ->capture_default_str();
   command
       .add_option("--blur", plant.endoscope.blur_px,
                   "standard deviation of the blur in the image [px]")
@@ -33,6 +31,11 @@ void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed
       .add_option("--noise", plant.endoscope.noise,
                   "standard deviation of the image noise, in levels of 255")
       ->check(CLI::Range(0.0, 255.0))
+      ->capture_default_str();
+}
+
+void AddWorld(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed) {
+  command.add_option("--arm", plant.arm.seed, "random seed of the individual arm's cable errors")
       ->capture_default_str();
   command
       .add_option("--start-scatter", plant.start_scatter_m,
@@ -51,12 +54,21 @@ void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed
       ->capture_default_str();
 }
 
-void AddScene(CLI::App& command, SceneOptions& scene, bool disturbed) {
-  AddPlant(command, scene.plant, disturbed);
+void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed) {
+  AddImages(command, plant);
+  AddWorld(command, plant, disturbed);
+}
+
+void AddCalibration(CLI::App& command, SceneOptions& scene) {
   command
       .add_option("--calibration", scene.calibration,
                   "file written by calibrate; none: the true camera and an uncorrected arm")
       ->capture_default_str();
+}
+
+void AddScene(CLI::App& command, SceneOptions& scene, bool disturbed) {
+  AddPlant(command, scene.plant, disturbed);
+  AddCalibration(command, scene);
 }
 
 void AddModelOptions(CLI::App& command, LineModelOptions& model) {
@@ -253,13 +265,16 @@ void AddView(CLI::App& app, ViewOptions& options) {
 }
 
 void AddVision(CLI::App& app, VisionOptions& options) {
+  options.scene.plant.disturbance.wave = sim::Wave::kRandom;
   CLI::App& command = *app.add_subcommand(
       "vision", "Print a table of vision's errors over poses, blur, light and noise");
   command.add_option("--episodes", options.episodes, "number of episodes per row")
       ->check(kCount)
       ->capture_default_str();
   command.add_option("--seed", options.seed, "random seed of the poses")->capture_default_str();
-  AddScene(command, options.scene, true);
+  // Each row has its own blur, light and noise of the images.
+  AddWorld(command, options.scene.plant, true);
+  AddCalibration(command, options.scene);
   command.callback([&options] { RunVision(options); });
 }
 

@@ -347,7 +347,8 @@ void RunExperiment(const ExperimentOptions& options) {
   const experiment::ReportTable probes =
       ProbeTable(StudyProbes(studied_site, dfr, plan, first.starts));
   report.tables.push_back(probes);
-  experiment::ReportFigure recoveries = RecoveryFigure(*again, plan, first.starts);
+  experiment::ReportFigure recoveries =
+      RecoveryFigure(*again, plan, first.unit.learner, first.starts);
   if (!recoveries.plots.front().series.empty()) report.figures.push_back(std::move(recoveries));
   if (options.video) report.media = RecordEpisodes(*again, plan, first, options.out);
   experiment::SaveReport(summary, report, options.out / "report.html");

@@ -21,9 +21,6 @@ double ThreadSeconds() {
 void PrintRow(const VisionOptions& options, double blur_px, double light_change, double noise) {
   sim::LineTrackingOptions plant_options = options.scene.plant;
   plant_options.observation = sim::Observation::kVision;
-  if (plant_options.disturbance.wave == sim::Wave::kNone) {
-    plant_options.disturbance.wave = sim::Wave::kRandom;
-  }
   plant_options.endoscope.blur_px = blur_px;
   plant_options.endoscope.light_change = light_change;
   plant_options.endoscope.noise = noise;
