@@ -179,13 +179,13 @@ def self_test(program, pattern):
     for percent, slowed in zip(percents, counts):
         found = {name for name in base if slowed[name] > MOST_COUNTED * base[name]}
         wrong += [f"{name}: no slow-down of {percent} % found" for name in base if percent and name not in found]
-        wrong += [f"{name}: a slow-down found where there is none" for name in found if not percent]
+        wrong += [f"{name}: a slow-down found without a change" for name in found if not percent]
         print(f"slowed by {percent:2d} %: {len(found)} of {len(base)} operations are found slower", flush=True)
     return wrong
 
 
 def git(*arguments):
-    """Returns git's output, or None if it fails."""
+    """Returns git's output, or None if git fails."""
     done = subprocess.run(["git", "-C", ROOT, *arguments], capture_output=True, text=True)
     return None if done.returncode else done.stdout.strip()
 

@@ -1,5 +1,5 @@
 # Runs at every build. Writes OUTPUT with the commit of SOURCE if this commit has changed. Otherwise OUTPUT
-# stays as it is and nothing is rebuilt. In an unpacked archive, commit.txt names the commit.
+# stays unchanged and nothing is rebuilt. In an unpacked archive, commit.txt names the commit.
 set(commit unknown)
 file(STRINGS ${SOURCE}/cmake/commit.txt archived LIMIT_COUNT 1)
 execute_process(COMMAND git -C ${SOURCE} rev-parse --short=12 HEAD

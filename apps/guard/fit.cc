@@ -48,19 +48,18 @@ void Describe(const safety::GuardModel& model) {
   Print("support         %d time steps, nu %g, gamma %g (whitened); support fits: %d\n",
         model.num_steps(), summary.nu, summary.gamma, summary.support_fits);
   Print(
-      "                of demonstrations left out of a fit, %.1f %% of states are inside; "
-      "%.1f %% of demonstrations never leave\n",
+      "                %.1f %% of the states of left-out demonstrations are inside; "
+      "%.1f %% of these demonstrations never leave\n",
       100.0 * summary.acceptance, 100.0 * summary.inside_throughout);
   Print(
-      "                of their actions it would change %.1f %%, and predicts %.1f %% to end "
-      "outside; "
-      "what others did nearby explains %.1f %% of their variance, with an error of %.1f %%\n",
+      "                the guard would change %.1f %% of their actions, and predicts %.1f %% to "
+      "end outside; "
+      "nearby demonstrations explain %.1f %% of their variance, with an error of %.1f %%\n",
       100.0 * summary.changed, 100.0 * summary.ends_outside, 100.0 * summary.explained,
       100.0 * summary.action_error);
   Print(
-      "gap test        %d points halfway between groups of demonstrations, in %d time steps; of "
-      "these "
-      "%d are inside\n",
+      "gap test        %d points halfway between groups of demonstrations, in %d time steps; "
+      "%d of these points are inside\n",
       summary.gaps.points, summary.gaps.steps, summary.gaps.inside);
   Print("levels of l     the policy's action passes at %.3g (first step); slack %.3g\n",
         levels.pass(0), levels.slack());

@@ -91,12 +91,12 @@ void AddFit(CLI::App& app, int& result) {
       ->capture_default_str();
   command->add_option(
       "-f,--features", options->guard.features,
-      "features: parts of the state, as in obs/object,obs/tip[0:2]; default: all. Leave out what "
-      "the robot cannot influence, and joint angles if the tool's pose is a feature. "
-      "points:obs/image[:K][:grey][:HxW][:light=none|gain|standard] stands for positions of what a "
-      "picture or a video of LeRobot shows, pca:obs/embedding[:K] for principal components of "
-      "another large part, slow: for "
-      "the components that change slowly; without K the fit chooses how many");
+      "features: parts of the state, as in obs/object,obs/tip[0:2]; default: all. Leave out parts "
+      "that the robot cannot influence, and joint angles if the tool's pose is a feature. "
+      "points:obs/image[:K][:grey][:HxW][:light=none|gain|standard] stands for positions in a "
+      "picture or a video of LeRobot, pca:obs/embedding[:K] for principal components of "
+      "another large part, and slow: for "
+      "the components that change slowly; without K the fit chooses their number");
   command
       ->add_option(
           "--strategy", options->strategy,

@@ -283,10 +283,10 @@ experiment::ReportTable ClearanceTable(const safety::GuardModel& model, const St
       .caption =
           "A state that raises no alarm is at most Required away from a demonstrated state, in all "
           "blocks at once, in each block's unit. Required is the largest value over time steps, "
-          "Median their median. "
+          "and Median is their median. "
           "Such a state meets no obstacle if the demonstrations kept more than Required from all "
           "obstacles. The "
-          "guard does not know the obstacles. Compare Required with the smallest distance in the "
+          "guard has no data on obstacles. Compare Required with the smallest distance in the "
           "recordings between an obstacle and the point that the block measures, less the size of "
           "the body around that point. If the obstacle's position is a block, too, compare with "
           "the "

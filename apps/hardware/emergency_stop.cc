@@ -41,7 +41,7 @@ void RunEmergencyStop(const EmergencyStopOptions& options) {
             << options.network.domain
             << (options.unattended ? ": unattended"
                                    : ": Enter presses it, as does any other input. r and Enter "
-                                     "releases it; q and Enter presses it and quits")
+                                     "release it; q and Enter press it and quit")
             << std::endl;
   runtime::Keyboard keyboard;
   // Reads the messages of all robots: the newest message alone could hide another robot's.

@@ -24,7 +24,7 @@ inline constexpr int kPictureHeight = 480;
 void DrawBothViews(const sim::LineTrackingPlant& plant, std::span<std::uint8_t> rgb);
 
 /// Draws and encodes one picture, as Record() and RecordEpisode() do.
-/// @throws std::runtime_error naming the cause if it cannot.
+/// @throws std::runtime_error naming the cause of a failure.
 void CheckFilm(const std::filesystem::path& path, const sim::LineTrackingOptions& options);
 
 /// Runs one episode and records the pictures that RecordEpisode() writes.

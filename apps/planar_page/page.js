@@ -9,8 +9,8 @@ const OUTCOMES = ["completed", "halted", "collided"];
 const METHODS = {
   "baseline": ["The policy alone", "The learned policy acts unguarded."],
   "early-stopping": ["Early stopping", "Halts where the next control could leave the support: g ≤ λ|u|."],
-  "dfr": ["DFR, as published", "Where g ≤ λ|u|, small random probes find out which way g rises."],
-  "controller": ["Controller", "Guided recovery: every applied control teaches how the robot responds. The policy's control is changed as little as it takes."],
+  "dfr": ["DFR, as published", "Where g ≤ λ|u|, small random probes determine the direction in which g rises."],
+  "controller": ["Controller", "Guided recovery: every applied control improves the estimate of the robot's response. The policy's control is changed as little as possible."],
   "certified-direction": ["Certified", "A control passes only if the state that it leads to is provably inside the support."],
 };
 
@@ -107,7 +107,7 @@ function showFitted() {
     `${count} demonstrations, ${steps} states: learned in ${us(page.fitMs)}` +
     `${page.certified ? `, certificates in ${us(page.certifiedMs)}` : ""}. One decision takes ` +
     `${page.decisionUs.toFixed(page.decisionUs < 10 ? 1 : 0)} µs.` :
-    count === 0 ? "None yet. Draw a line from start to goal." : `${count} so far; it takes three to learn from.`;
+    count === 0 ? "None yet. Draw a line from start to goal." : `${count} so far; the policy needs at least three.`;
 }
 
 // Returns the mean duration of a decision of the controller, in microseconds.

@@ -224,12 +224,12 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
   report.title = "Pusher: safe execution of a learned policy";
   report.introduction =
       "A 7-joint arm pushes a cylinder over a goal, past two red regions that neither arm nor "
-      "cylinder may touch. A policy is learned from a supervisor's demonstrations, and run alone "
-      "(Baseline), until it comes near the boundary of the demonstrated states' support (Early "
-      "Stopping), or with Derivative-Free Recovery (DFR) there: these are the paper's methods. "
+      "cylinder may touch. A policy is learned from a supervisor's demonstrations. The paper's "
+      "methods run the policy alone (Baseline), halt near the boundary of the demonstrated states' "
+      "support (Early Stopping), or recover there (Derivative-Free Recovery, DFR). "
       "The controller runs guided recovery: it estimates the response of the state to controls "
-      "online. Where a learned control would not end well inside, it takes the control of nearby "
-      "demonstrations, corrected "
+      "online. If a learned control would not end well inside, the controller applies the control "
+      "of nearby demonstrations, corrected "
       "towards the inside. All methods start from the same states.";
   for (const std::string& learner : plan.learners) {
     report.learner_names[learner] = learner + " tanh";

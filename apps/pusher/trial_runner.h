@@ -26,7 +26,7 @@ namespace dfr::apps::pusher {
                                     sim::PusherPlant& plant, int samples, std::uint64_t seed);
 
 /// Draws and encodes one picture, as PusherTrialRunner::Film() does.
-/// @throws std::runtime_error naming the cause if it cannot.
+/// @throws std::runtime_error naming the cause of a failure.
 void CheckFilm(const std::filesystem::path& path, const sim::PusherOptions& plant_options);
 
 /// One unit of the experiment: a model, and a plant to run it on.

@@ -271,8 +271,9 @@ void AddOptions(CLI::App& command, Comparison& comparison) {
   command
       .add_option(
           "--halted", comparison.credit.halted,
-          "credit of an episode that halts, times the share of the demonstrated time steps that "
-          "it reached; completion has the credit 1, a collision 0")
+          "credit of an episode that halts at the last demonstrated time step; an earlier halt "
+          "reduces the credit in proportion; a completed episode has the credit 1, a collided one "
+          "0")
       ->check(dfr::apps::ShareIn("[0, 1]"))
       ->capture_default_str();
   command.add_option("--seed", comparison.seed, "random seed")->capture_default_str();

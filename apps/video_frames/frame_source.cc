@@ -108,7 +108,7 @@ void FrameSource::Require(cv::Size size, double fps) const {
   const double own = capture_.get(cv::CAP_PROP_FPS);
   if (own > 0.0 && std::abs(own - fps) > 0.01 * fps) {
     throw core::Error(
-        core::Format("it has %.6g frames per second; meta/info.json says %.6g", own, fps),
+        core::Format("has %.6g frames per second; meta/info.json says %.6g", own, fps),
         "correct fps there if states were recorded at the video's rate");
   }
 }
@@ -121,7 +121,7 @@ void FrameSource::FailAtEnd() const {
         core::Format("cannot decode frame %lld of %lld", static_cast<long long>(next_), announced),
         "the file is damaged or incomplete: download it again");
   }
-  throw core::Error(core::Format("it ends after %lld frames; the episode has more states",
+  throw core::Error(core::Format("ends after %lld frames; the episode has more states",
                                  static_cast<long long>(next_)),
                     "is the download complete, and fps in meta/info.json right?");
 }

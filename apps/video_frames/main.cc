@@ -36,7 +36,7 @@ Request ParseRequest(const std::string& line) {
   const bool good = in && r.first >= 0 && r.count >= 0 && r.fps > 0.0 && r.out.height > 0 &&
                     r.out.width > 0 && r.out.height <= r.size.height &&
                     r.out.width <= r.size.width && !r.file.empty();
-  if (!good) throw core::Error("this is not a request", "video_frames --help describes them");
+  if (!good) throw core::Error("invalid request", "video_frames --help describes the format");
   return r;
 }
 

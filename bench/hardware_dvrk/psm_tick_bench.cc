@@ -67,7 +67,8 @@ void BM_DriverTick(benchmark::State& state) {
   hardware::PsmDriver driver(participant, options);
   const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(10);
   while (driver.Arm() != hardware::PsmStatus::kOk) {
-    if (std::chrono::steady_clock::now() > end) return state.SkipWithError("cannot be armed");
+    if (std::chrono::steady_clock::now() > end)
+      return state.SkipWithError("the arm is not armed after 10 s");
     console.Publish(Home());
     driver.Tick();
     std::this_thread::sleep_for(std::chrono::milliseconds(2));

@@ -47,8 +47,8 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
         scikit-learn. Problems of up to 256 samples are always solved to the precision of doubles, which
         costs little and makes the result independent of the order of the samples.
     nu : float, default=0.5
-        In (0, 1]: upper bound on the fraction of samples outside, lower bound on the fraction of support
-        vectors.
+        In (0, 1]: upper bound on the fraction of samples outside, and lower bound on the fraction of
+        support vectors.
     shrinking : bool, default=True
         Not used: the solver always works on active sets.
     cache_size : float, default=200

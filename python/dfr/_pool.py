@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def _work(experiment: Experiment, seed: int, methods: list[str], connection: Any, others: list[Any]) -> None:
-    """Run a worker process: answers requests until the connection ends."""
+    """Run a worker process, which answers requests until the connection ends."""
     for other in others:  # copies due to fork would keep connections open
         other.close()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):  # schedulers send these to all processes

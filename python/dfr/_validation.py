@@ -74,8 +74,8 @@ def _feature_names(X: Any) -> NDArray[np.object_] | None:
 def check_rows(estimator: Any, X: ArrayLike, fitting: bool) -> NDArray[np.float64]:
     """Return X as C-contiguous float64, without a copy if possible.
 
-    Checks it as scikit-learn does, with the same messages. When fitting, stores number and names of
-    the features in the estimator.
+    Check X as scikit-learn does, with the same messages. When fitting, store the number and the names
+    of the features in the estimator.
     """
     name = type(estimator).__name__
     if hasattr(X, "toarray"):

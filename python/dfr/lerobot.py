@@ -193,7 +193,7 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
         ]
         for (name, size), part in zip(self.guard.layout, parts):
             if len(part) != size:
-                raise ValueError(f"the observation's {name} has {len(part)} entries, {size} needed")
+                raise ValueError(f"the observation's {name} has {len(part)} entries; the guard needs {size}")
         return np.concatenate(parts)
 
     def _present(self, state: NDArray[np.float64]) -> NDArray[np.float64]:

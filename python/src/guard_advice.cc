@@ -26,14 +26,15 @@ using safety::Guard;
 
 // Returns the number of leading actions that may be played.
 int FilterChunk(Guard& guard, const py::object& t, const Array& state, const Array& actions) {
-  DFR_THROW_UNLESS(state.size() == guard.state_dim(),
-                   "state has " << state.size() << " entries, " << guard.state_dim() << " needed");
+  DFR_THROW_UNLESS(
+      state.size() == guard.state_dim(),
+      "the state has " << state.size() << " entries; the guard needs " << guard.state_dim());
   DFR_THROW_UNLESS(actions.ndim() == 2, "a chunk has 2 dimensions, (k, "
                                             << guard.action_dim() << "), not " << actions.ndim());
   DFR_THROW_UNLESS(actions.shape(0) > 0, "the chunk has no actions");
-  DFR_THROW_UNLESS(actions.shape(1) == guard.action_dim(), "the actions of the chunk have "
-                                                               << actions.shape(1) << " entries, "
-                                                               << guard.action_dim() << " needed");
+  DFR_THROW_UNLESS(actions.shape(1) == guard.action_dim(),
+                   "the actions of the chunk have "
+                       << actions.shape(1) << " entries; the guard needs " << guard.action_dim());
   for (py::ssize_t i = 0; i < state.size(); ++i) {
     DFR_THROW_UNLESS(std::isfinite(state.data()[i]), core::EntryName(guard.model().layout(), i)
                                                          << " of the state is " << state.data()[i]);
@@ -84,8 +85,9 @@ int BestStep(const Guard& guard, std::span<const double> state) {
 
 py::dict Explain(const Guard& guard, const Array& state, const py::object& t,
                  const Arrays& demonstrations) {
-  DFR_THROW_UNLESS(state.size() == guard.state_dim(),
-                   "state has " << state.size() << " entries, " << guard.state_dim() << " needed");
+  DFR_THROW_UNLESS(
+      state.size() == guard.state_dim(),
+      "the state has " << state.size() << " entries; the guard needs " << guard.state_dim());
   for (py::ssize_t i = 0; i < state.size(); ++i) {
     DFR_THROW_UNLESS(std::isfinite(state.data()[i]),
                      "entry " << i << " of the state is " << state.data()[i]);

@@ -114,7 +114,8 @@ TEST_F(ControllerTest, StopHaltsTheController) {
   EXPECT_EQ(controller.calls, 0);
 }
 
-// What an earlier step predicted or certified says nothing about the state at which it stopped.
+// A prediction or certificate of an earlier step does not apply to the state at which the
+// controller stopped.
 TEST_F(ControllerTest, AStoppedStepNeitherPredictsNorCertifies) {
   for (const bool stops : {true, false}) {
     controller.Reset(0);

@@ -137,7 +137,8 @@ TEST_F(PhaseTrackerTest, ATieAdvancesThePhaseByOne) {
 }
 
 // Each phase fits better than the previous one by `gain`, and each phase of distance costs 0.05.
-// With a gain of 0.1 the farthest phase of the window wins, with 0.04 the present one.
+// With a gain of 0.1 the farthest phase of the window has the best score. With a gain of 0.04 the
+// present phase has the best score.
 TEST_F(PhaseTrackerTest, MovesWithinItsWindowAndOnlyForABetterFit) {
   const auto moved = [](double gain, bool enters) {
     const test::FunctionLogSupport slope(

@@ -5,8 +5,9 @@
 #include <cstdlib>
 #include <string>
 
-/// Code shared by independent programs with CycloneDDS. They know only names, types and ROS 2's
-/// quality of service. Each has one participant, and ends with code 1 if DDS fails.
+/// Code shared by independent programs with CycloneDDS. These programs share with dfr only names,
+/// types and ROS 2's quality of service. Each program has one participant, and ends with code 1 if
+/// DDS fails.
 namespace dfr::test {
 
 inline dds_entity_t participant;

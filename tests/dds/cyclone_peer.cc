@@ -1,5 +1,5 @@
-// A peer written with CycloneDDS that knows only the names and types of the topics. It answers
-// every sample on /peer/ask/X with a changed sample on /peer/answer/X, until it is killed:
+// A peer written with CycloneDDS, which shares with dfr only the names and types of the topics. It
+// answers every sample on /peer/ask/X with a changed sample on /peer/answer/X, until it is killed:
 //   cyclone_peer DOMAIN
 // pose: position + (1, 2, 3), quaternion reversed; joints: names and values reversed, velocities
 // doubled; state: text reversed, flags swapped; image: bytes inverted, width and height swapped;

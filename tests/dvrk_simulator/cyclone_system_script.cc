@@ -1,6 +1,6 @@
 // Performs the actions of dvrk_python 2.4's test scripts on a PSM (its arm and psm classes, crtk's
 // utils, the scripts for an arm and for a PSM). This independent client is written with CycloneDDS,
-// and knows only names, types and ROS 2's quality of service:
+// and shares with dfr only names, types and ROS 2's quality of service:
 //   cyclone_system_script DOMAIN
 // Exit code: 0 after all steps, 1 if DDS fails, else the number of the failed step, whose name it
 // prints.

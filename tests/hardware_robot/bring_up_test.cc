@@ -109,7 +109,7 @@ TEST_F(BringUpTest, APressedOrSilentStopMustEndAndBeCleared) {
   EXPECT_EQ(words_, (std::vector<std::string>{"clear", "home"}));
 }
 
-// The operator may have pressed it because the arm must not move.
+// The operator may have pressed the stop because the arm must not move.
 TEST_F(BringUpTest, AStopPressedDuringTheQuestionMustBeClearedBeforeTheNextQuestion) {
   bool presses = true;
   const Confirms confirms = [&](std::string_view, std::string_view word) {

@@ -130,7 +130,7 @@ TEST_F(SprkDriverTest, HoldStopsWhereThePlatformIs) {
   EXPECT_EQ(driver.Hold(), SprkStatus::kOk);  // any number of times
 }
 
-// Where the platform is on the way is unknown, so Hold() can only repeat the goal.
+// The platform's position on the way is unknown, so Hold() can only repeat the goal.
 TEST_F(SprkDriverTest, HoldReportsThatItCannotStopTheFirstWayHome) {
   SprkDriver driver(Options());
   ASSERT_EQ(driver.Home(), SprkStatus::kOk);

@@ -227,13 +227,14 @@ TEST_F(LibsvmIoTest, SamplesAreReadFromSparseLinesAndFromCommas) {
 TEST_F(LibsvmIoTest, WrongSamplesAreRefusedWithLineAndReason) {
   EXPECT_THAT(LoadSamplesError(""), HasSubstr("empty"));
   EXPECT_THAT(LoadSamplesError("x,y\n"), HasSubstr("no samples"));
-  EXPECT_THAT(LoadSamplesError("1,2\n3\n"), HasSubstr(":2: 1 entries where 2 are expected"));
+  EXPECT_THAT(LoadSamplesError("1,2\n3\n"), HasSubstr(":2: the sample has 1 entries, not 2"));
   EXPECT_THAT(LoadSamplesError("1,2\n3,x\n"), HasSubstr(":2: an entry must be a finite number"));
   EXPECT_THAT(LoadSamplesError("1,2\n3,nan\n"), HasSubstr(":2: an entry must be a finite"));
   EXPECT_THAT(LoadSamplesError("1,2 3\n"), HasSubstr(":1: an entry holds more than one number"));
   EXPECT_THAT(LoadSamplesError("1 1:2\nx 1:2\n"), HasSubstr(":2: a label"));
-  EXPECT_THAT(LoadSamplesError("1 5:2\n", 3), HasSubstr(":1: index 5 where 3"));
-  EXPECT_THAT(LoadSamplesError("1,2,3\n", 2), HasSubstr(":1: 3 entries where 2"));
+  EXPECT_THAT(LoadSamplesError("1 5:2\n", 3),
+              HasSubstr(":1: index 5 exceeds the number of entries, 3"));
+  EXPECT_THAT(LoadSamplesError("1,2,3\n", 2), HasSubstr(":1: the sample has 3 entries, not 2"));
 }
 
 // The reader once mistook each of these lines for a header, and lost the sample.

@@ -25,7 +25,7 @@ PsmJoints RandomJoints(core::Random& random) {
     const double low = i == 2 ? 0.05 : Psm::lower_limits()[i];
     q[i] = random.Uniform(low, Psm::upper_limits()[i]);
   }
-  // A roll of one more full turn is the same pose. The inverse returns the value nearest to zero.
+  // Another full turn of the roll gives the same pose. The inverse returns the value nearest to 0.
   q[3] = random.Uniform(-3.1, 3.1);
   return q;
 }

@@ -1,5 +1,5 @@
 // A robot from nothing, over the network: calibrate, demonstrate, fit and run in sequence, as an
-// operator does, on dvrk_simulator's console, which the programs take for a robot's.
+// operator does, on dvrk_simulator's console, which the programs treat as a robot's console.
 //
 // An idle machine takes an estimated 2 s until a program asks its first question, 0.5 s until a
 // picture is taken or the simulator answers, and 6 s for an episode. The test took 60 s on two

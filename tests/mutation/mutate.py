@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Mutation testing: do the tests notice when the code is wrong? mutate.py [FOLDER [COUNT [SEED]]]
+"""Mutation testing: measures the share of wrong changes that the tests detect. mutate.py [FOLDER [COUNT [SEED]]]
 
 Changes one operator or constant in the sources of a library at a time, builds its tests and runs them. A change is
 killed if a test fails or crashes, or if the tests need more than 8 GiB or five times their processor time plus 5 s. A

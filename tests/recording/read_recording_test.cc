@@ -207,7 +207,8 @@ std::uint64_t BytesRead() {
   return bytes;
 }
 
-// The file's chunks are empty or declare more bytes than the file has. Between them is damage.
+// The file's chunks are empty or declare more bytes than the file has. Damaged bytes separate the
+// chunks.
 TEST(ReadRecordingTest, ADamagedFileIsReadInProportionToItsSize) {
   const test::TempFolder folder;
   const std::string whole = SmallFile(folder);

@@ -239,12 +239,12 @@ TEST(StateReductionTest, RefusesInvalidStates) {
   std::vector<double> state = SomeState(2);
   EXPECT_THAT(reduction.Fault(state), IsEmpty());
   state.pop_back();
-  refused(state, "state has 118 entries, 119 needed");
+  refused(state, "the state has 118 entries, not 119");
   state = SomeState(2);
   state[7] = std::numeric_limits<double>::quiet_NaN();
   refused(state, "image[7] of the state is nan");
   state[7] = 256.0;
-  refused(state, "image[7] of the state is 256, a picture has values from 0 to 255");
+  refused(state, "image[7] of the state is 256; a picture has values from 0 to 255");
   state = SomeState(2);
   std::fill_n(state.begin(), kSide * kSide * 3, 1.0);
   refused(state, "the picture 'image' is black");

@@ -249,9 +249,9 @@ TEST(GuardExplainTest, NamesTheDefectOfTheInput) {
     const Verdict verdict = guard.Filter(t, x, u, safe);
     return Explain(*model, verdict, x, u);
   };
-  EXPECT_EQ(why(0, {0.0, 0.0}, action), "halted: state has 2 entries, 3 needed");
+  EXPECT_EQ(why(0, {0.0, 0.0}, action), "halted: the state has 2 entries; the guard needs 3");
   EXPECT_EQ(why(0, {0.0, 0.0, kNaN}, action), "halted: tip[1] of the state is nan");
-  EXPECT_EQ(why(0, state, {0.1}), "halted: action has 1 entries, 2 needed");
+  EXPECT_EQ(why(0, state, {0.1}), "halted: the action has 1 entries; the guard needs 2");
   EXPECT_EQ(why(0, state, {0.1, kNaN}), "halted: entry 1 of the action is nan");
   EXPECT_EQ(why(3, state, action), "halted: t was not the next one: a call was lost or doubled");
   EXPECT_THAT(why(0, state, {9.0, 0.0}), HasSubstr("entry 0 of the action is 9, beyond its limit"));

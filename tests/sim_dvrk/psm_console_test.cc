@@ -289,7 +289,7 @@ TEST(PsmConsoleTest, MovesTakeLongerAtASmallerRatio) {
   EXPECT_NEAR(duration(0.25), 4.0 * 1.5 * 0.5 / (90 * kDegree), 2e-3);
   PsmConsole console = Homed();
   console.SetTrajectoryRatio(0.0);
-  EXPECT_THAT(console.TakeMessages(), Warns("trajectory_j/set_ratio ignored"));
+  EXPECT_THAT(console.TakeMessages(), Warns("trajectory_j/set_ratio is ignored"));
   EXPECT_EQ(console.trajectory_ratio(), 1.0);
 }
 

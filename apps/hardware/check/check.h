@@ -81,9 +81,9 @@ using StopState = std::function<dds::EmergencyStop(std::int64_t steady_ns)>;
 void Print(const DeviceReport& report, std::ostream& out);
 void PrintJson(const std::vector<DeviceReport>& reports, std::ostream& out);
 
-/// Runs all requested checks one after the other; by default the checks of PSM1 and /ECM/image_raw.
-/// Prints to standard output. After an error the platform is not moved, and an interrupt ends all
-/// checks. Returns the program's exit code: 1 if there is an error or an interrupt.
+/// Runs all requested checks one after the other: by default, the checks of PSM1 and
+/// /ECM/image_raw. Prints to standard output. Does not move the platform after an error, and ends
+/// all checks after an interrupt. Returns the program's exit code: 1 after an error or interrupt.
 int RunCheck(CheckOptions options);
 
 }  // namespace dfr::apps::hardware_app

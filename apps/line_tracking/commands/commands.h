@@ -126,7 +126,7 @@ struct VisionOptions {
 void RunVision(const VisionOptions& options);
 
 /// Returns the calibration of the scene's file, or the true one for kNoCalibration.
-/// @throws std::runtime_error naming the file and the command that writes it, if it does not exist.
+/// @throws std::runtime_error naming a missing file and the command that writes this file.
 [[nodiscard]] line_task::LineCalibration LoadCalibration(const SceneOptions& scene);
 /// Returns the calibration of the configuration's file, after checks of its provenance and camera.
 /// @throws std::runtime_error as the overload above, CheckProvenance() and CheckCamera().

@@ -145,15 +145,16 @@ std::string Rounded(double value, int digits) {
 
 experiment::ReportTable ProbeTable(const std::vector<StudiedMethod>& studied) {
   experiment::ReportTable table;
-  table.heading = "What a probe can tell";
+  table.heading = "Information in probes";
   table.caption =
       "Algorithm 1 leaves the lengths of probe and step open. This table compares probes of the "
       "first trial's first " +
       std::to_string(kStudiedEpisodes) + " episodes, at most " + std::to_string(kStudiedControls) +
       " controls each, in the frozen world, with the simulation's exact numbers. It has the median "
       "probe, the "
-      "median error of the measured change of distance across a probe, and how often the "
-      "measured change of g has the right sign, including the effect of the platform's motion. "
+      "median error of the measured change of distance across a probe, and the share of probes "
+      "whose measured change of g has the right sign, including the effect of the platform's "
+      "motion. "
       "Out of reach: the gate's threshold lambda |u| exceeded g of every demonstrated "
       "state.";
   table.header = {"method",     "probe, step", "probes", "size [um]",   "error [um]",
@@ -211,16 +212,17 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
   report.notes.push_back(
       {"DFR's two constants",
        std::string(
-           "Algorithm 1 asks for a probe |u_delta| << g / lambda and a step eta < g / "
-           "lambda; the paper does not state their values on its robot. \"DFR\" here probes "
+           "Algorithm 1 requires a probe |u_delta| << g / lambda and a step eta < g / "
+           "lambda; the paper does not give their values on its robot. \"DFR\" here probes "
            "with g / (10 lambda) and steps by g / (2 lambda); \"dfr-fine\" has the constants "
            "of the paper's simulations, g / (500 lambda) and g / (50 lambda). ") +
            (images ? "The table above shows their effect: the probe is shorter than the image's "
                      "error from picture to picture, the measured sign of its effect is nearly "
                      "random, and the steps are a random walk that the iteration limit ends. "
-                     "With the simulation's exact numbers (--observation truth) both choices do "
-                     "the same."
-                   : "With the simulation's exact numbers, as here, both choices do the same. With "
+                     "With the simulation's exact numbers (--observation truth) both choices have "
+                     "the same effect."
+                   : "With the simulation's exact numbers, as here, both choices have the same "
+                     "effect. With "
                      "images the fine probe is shorter than the error from picture to picture.") +
            " --methods baseline,dfr-fine runs whole episodes with the fine constants.\n\n"
            "If DFR halts with iteration-limit, the gate requires more than recovery reaches: "

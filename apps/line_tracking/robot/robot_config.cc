@@ -214,7 +214,7 @@ void GetRegion(Section& task, line_task::TipRegionOptions& region) {
   };
   task.Get("box_min_m", {region.box_min_m.data(), 3});
   task.Get("box_max_m", {region.box_max_m.data(), 3});
-  check("box_max_m", "above box_min_m in every entry, all finite");
+  check("box_max_m", "above box_min_m in every entry, and both must be finite");
   for (const std::vector<double>& row : task.Rows("forbidden_boxes_m", 6, "boxes")) {
     region.forbidden.emplace_back(Eigen::Vector3d(row.data()), Eigen::Vector3d(row.data() + 3));
   }
@@ -306,7 +306,7 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
   arm.Get("workspace_max_m", {limits.workspace_max_m.data(), 3});
   if (!limits.workspace_min_m.allFinite() || !limits.workspace_max_m.allFinite() ||
       !(limits.workspace_min_m.array() < limits.workspace_max_m.array()).all()) {
-    arm.Wrong("workspace_max_m", "above workspace_min_m in every entry, all finite");
+    arm.Wrong("workspace_max_m", "above workspace_min_m in every entry, and both must be finite");
   }
   arm.Get("speed", config.speed_m_s, 1e-4, 0.05);
   arm.Get("max_tip_speed", limits.max_tip_speed, 1e-4, 0.2);

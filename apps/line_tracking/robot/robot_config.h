@@ -102,8 +102,8 @@ struct RobotConfig {
 };
 
 /// Returns the provenance of files created today with the robot of the configuration.
-/// @throws std::runtime_error naming arm.serial or camera.name, which a real robot requires, if it
-///   is not set.
+/// @throws std::runtime_error naming the key, arm.serial or camera.name, that a real robot requires
+///   and the configuration does not set.
 [[nodiscard]] core::Provenance ProvenanceOf(const RobotConfig& config);
 
 /// Checks that `file` may be used with the robot of the configuration: files from simulation, or

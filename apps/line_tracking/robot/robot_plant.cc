@@ -182,7 +182,7 @@ struct RobotPlant::Impl {
     PsmJoints upright;
     if (!tool.Upright(upright)) {
       throw std::runtime_error(
-          "the arm cannot hold its tool upright where it is; move it elsewhere");
+          "the arm cannot hold its tool upright in its present pose; move the arm elsewhere");
     }
     constexpr double kUpright = 1e-6;  // rad, m
     constexpr double kLittle = 0.05;   // rad

@@ -21,7 +21,7 @@ struct ConvergenceCurve {
 
 /// Collects `recoveries` states in which the learned policy first meets the gate g_t <= lambda_t
 /// |u|, and runs the recoveries of "dfr", "finite-difference" and "controller" from each. For
-/// comparability, guided recovery climbs the paper's g, not the g of its own support, and omits its
+/// comparability, guided recovery climbs the paper's g instead of its support's g, and omits its
 /// filter, which would prevent most recoveries.
 /// @throws std::runtime_error if too few start states lead to the gate.
 [[nodiscard]] std::vector<ConvergenceCurve> MeasureConvergence(PusherTrialRunner& runner,

@@ -105,10 +105,9 @@ imitation::Trpo Start(imitation::Environment& environment, const TrainSupervisor
                    options.scene.joint_step, std::string(sim::Name(options.scene.gripper)).c_str());
   if (options.resume) {
     imitation::Trpo resumed = imitation::Trpo::Resume(environment, checkpoint);
-    DFR_THROW_UNLESS(resumed.options().environment == scene, checkpoint.string()
-                                                                 << ": it was trained with "
-                                                                 << resumed.options().environment
-                                                                 << ", not with " << scene);
+    DFR_THROW_UNLESS(resumed.options().environment == scene,
+                     checkpoint.string() << ": was trained with " << resumed.options().environment
+                                         << ", not with " << scene << "; omit --resume");
     const auto check = [&](const char* what, const auto& given, const auto& trained) {
       DFR_THROW_UNLESS(!given || *given == trained, checkpoint.string()
                                                         << ": it was trained with " << what << ' '

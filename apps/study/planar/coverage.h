@@ -29,7 +29,7 @@ struct CoverageResult {
   double promised = 0.0;    ///< GuardSummary::false_alarms
   double confidence = 0.0;  ///< GuardSummary::confidence
   double mean = 0.0;        ///< Rate of alarms, averaged over fits.
-  double mean_error = 0.0;  ///< Standard error of that mean.
+  double mean_error = 0.0;  ///< Standard error of `mean`.
   int kept = 0;             ///< Number of fits whose rate is at most `promised`.
   int error_short = 0;      ///< Number of fits whose eps covers a smaller share than promised.
   int gain_short = 0;       ///< Number of fits whose K covers a smaller share than promised.

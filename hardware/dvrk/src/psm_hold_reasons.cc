@@ -160,7 +160,8 @@ PsmStatus PsmClient::HomingHoldReason(const PsmInput& input, double dt) const no
       hold_reason_ == PsmStatus::kPaused) {
     return hold_reason_;
   }
-  // Someone has switched it off: a repeated request would power it up again.
+  // An operator or another program has switched the arm off. A repeated request would power up the
+  // arm again.
   if (switched_off_) return PsmStatus::kDisabled;
   if (input.send_failed) return PsmStatus::kSendFailed;
   return dt > options_.max_tick_gap_s ? PsmStatus::kTickLate : PsmStatus::kOk;

@@ -83,7 +83,8 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   // Returns "/servo_cp" for "/PSM1/servo_cp"; empty if the topic does not belong to the arm.
   [[nodiscard]] std::string_view OfTheArm(std::string_view topic) const;
 
-  // Returns true if `topic` asks the arm to hold or be free, or to change its state or settings.
+  // Returns true if messages on `topic` make the arm hold or be free, or change its state or
+  // settings.
   [[nodiscard]] bool Requests(std::string_view topic) const;
 
   // Returns true if `topic` commands the arm, regardless of its type.

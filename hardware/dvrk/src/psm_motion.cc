@@ -52,9 +52,10 @@ void PsmLimits::Check() const {
                    "max_tip_speed must be positive and finite");
   DFR_THROW_UNLESS(workspace_min_m.allFinite() && workspace_max_m.allFinite() &&
                        (workspace_min_m.array() < workspace_max_m.array()).all(),
-                   "workspace_min_m must be below workspace_max_m in every entry, all finite");
+                   "workspace_min_m must be below workspace_max_m in every entry, and both must be "
+                   "finite");
   DFR_THROW_UNLESS(jaw_lower < jaw_upper && std::isfinite(jaw_lower) && std::isfinite(jaw_upper),
-                   "jaw_lower must be below jaw_upper, both finite");
+                   "jaw_lower must be below jaw_upper, and both must be finite");
   DFR_THROW_UNLESS(max_jaw_speed > 0.0 && std::isfinite(max_jaw_speed),
                    "max_jaw_speed must be positive and finite");
 }

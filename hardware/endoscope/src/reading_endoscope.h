@@ -27,7 +27,7 @@ using Pace = std::function<void(double time_s, const std::atomic<bool>& stop)>;
                                                    const EndoscopeOptions& options,
                                                    const Pace& pace);
 
-/// Decodes a message's picture and puts it into `feed`, or tells `feed` that decoding failed.
+/// Decodes a message's picture and puts it into `feed`, or reports a failed decoding to `feed`.
 void Put(Feed& feed, const dds::Image& image, std::int64_t arrival_ns);
 void Put(Feed& feed, const dds::CompressedImage& image, std::int64_t arrival_ns);
 

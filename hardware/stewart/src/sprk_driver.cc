@@ -55,7 +55,8 @@ int OpenPort(const std::string& device) {
     Fail(fd, device, "is not a serial port", errno,
          "give the platform's port, /dev/ttyACM0 for example");
   }
-  // Another process's exclusive claim does not stop root, so this checks for it.
+  // Root can open a port that another process has claimed exclusively. The driver refuses such a
+  // port.
   int claimed = 0;
   if (::ioctl(fd, TIOCGEXCL, &claimed) == 0 && claimed != 0) {
     Fail(fd, device, "cannot be opened", EBUSY, OpenRemedy(EBUSY));

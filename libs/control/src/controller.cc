@@ -92,7 +92,7 @@ Step Controller::Next(std::span<const double> x, std::span<double> u) noexcept {
   }
   if (cause_ != HaltCause::kNone) {
     if (last_.mode != Mode::kHalt) {
-      // The step before says nothing about the state at which the controller stopped.
+      // The values of the previous step do not apply to the state at which the controller stopped.
       const Step none;
       last_.log_threshold = none.log_threshold;
       last_.log_learned = none.log_learned;

@@ -42,7 +42,7 @@ control::Mode FiniteDifferenceRecovery::Next(const control::RecoverySituation& s
                                              std::span<double> u) noexcept {
   if (u.size() != gradient_.size())
     return control::Mode::kHalt;  // The policy belongs to another plant.
-  // Central differences, because a plant that drifts at zero control would bias forward
+  // Uses central differences, because a plant that drifts at zero control would bias forward
   // differences.
   const double h = probe_fraction_ * situation.g / situation.lambda;
   std::fill(u.begin(), u.end(), 0.0);

@@ -213,8 +213,8 @@ core::Matrix LoadCommas(LineReader& reader, int state_dim) {
     const std::vector<double> row = ReadCommas(reader);
     if (width == 0) width = row.size();
     if (row.size() != width) {
-      reader.Fail(std::to_string(row.size()) + " entries where " + std::to_string(width) +
-                  " are expected");
+      reader.Fail("the sample has " + std::to_string(row.size()) + " entries, not " +
+                  std::to_string(width));
     }
     all.insert(all.end(), row.begin(), row.end());
   } while (reader.Next());
@@ -233,8 +233,8 @@ core::Matrix LoadSparse(LineReader& reader, int state_dim) {
     rows.push_back(ReadSparse(reader, text));
     width = std::max(width, rows.back().width());
     if (state_dim > 0 && width > state_dim) {
-      reader.Fail("index " + std::to_string(width) + " where " + std::to_string(state_dim) +
-                  " entries are expected");
+      reader.Fail("index " + std::to_string(width) + " exceeds the number of entries, " +
+                  std::to_string(state_dim));
     }
   } while (reader.Next());
   return Dense(reader, rows, state_dim > 0 ? state_dim : width);

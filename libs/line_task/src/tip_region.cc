@@ -23,10 +23,11 @@ void Deeper(double depth_m, const char* what, Breach& worst) noexcept {
 void TipRegionOptions::Check() const {
   DFR_THROW_UNLESS(box_min_m.allFinite() && box_max_m.allFinite() &&
                        (box_min_m.array() < box_max_m.array()).all(),
-                   "box_min_m must be below box_max_m in every entry, all finite");
+                   "box_min_m must be below box_max_m in every entry, and both must be finite");
   for (const Eigen::AlignedBox3d& box : forbidden) {
     DFR_THROW_UNLESS(box.min().allFinite() && box.max().allFinite() && !box.isEmpty(),
-                     "a forbidden box must be finite, its lower corner below its upper one");
+                     "a forbidden box must be finite, and its lower corner must be below its upper "
+                     "corner");
   }
   for (const Eigen::Hyperplane<double, 3>& plane : planes) {
     DFR_THROW_UNLESS(plane.coeffs().allFinite() && std::abs(plane.normal().norm() - 1.0) < 1e-6,

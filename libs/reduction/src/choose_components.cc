@@ -251,8 +251,8 @@ void Decide(const ChooseComponentsOptions& options, ComponentsChoice& choice) {
   if (control::LocalFit::Guesses(best->explained, best->action_error)) {
     choice.reason = core::Format(
         "the components do not explain the actions of left-out demonstrations: at most %.0f %% of "
-        "their variance, with %d components. Add what the demonstrator looks at, such as a second "
-        "camera or the joints, or record more demonstrations",
+        "their variance, with %d components. Add the demonstrator's other information, such as a "
+        "second camera or the joints, or record more demonstrations",
         100.0 * std::max(0.0, best->explained), best->components);
     return;
   }

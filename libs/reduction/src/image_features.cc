@@ -22,7 +22,7 @@ std::array<float, 3> GreyWeights(ChannelOrder order) noexcept {
 void CheckPart(const char* name, int first, int size, int all) {
   DFR_THROW_UNLESS(first >= 0 && size >= 1 && size <= all - first,
                    name << ": the part from " << first << " of size " << size
-                        << " does not lie within " << all << " pixels");
+                        << " must lie within the " << all << " pixels of the picture");
 }
 
 }  // namespace

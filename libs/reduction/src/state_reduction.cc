@@ -188,7 +188,7 @@ bool StateReduction::Apply(std::span<const double> state, Workspace& workspace) 
 
 std::string StateReduction::Fault(std::span<const double> state) const {
   if (static_cast<int>(state.size()) != state_dim()) {
-    return core::Format("state has %zu entries, %d needed", state.size(), state_dim());
+    return core::Format("the state has %zu entries, not %d", state.size(), state_dim());
   }
   Workspace workspace(*this);
   std::size_t next_picture = 0;
@@ -202,7 +202,7 @@ std::string StateReduction::Fault(std::span<const double> state) const {
     });
     if (bad != in.end()) {
       return part.name + core::Format("[%td] of the state is %g", bad - in.begin(), *bad) +
-             (std::isfinite(*bad) ? ", a picture has values from 0 to 255" : "");
+             (std::isfinite(*bad) ? "; a picture has values from 0 to 255" : "");
     }
     if (!part.picture) continue;
     Novelty::Workspace& novelty = workspace.novelties_[next_picture];

@@ -42,7 +42,7 @@ bool AsyncPrinter::Print(const char* text) noexcept {
       continue;
     }
     const ssize_t size = ::write(file_, text, static_cast<std::size_t>(end - text));
-    if (size <= 0) return true;  // nobody reads the output: drops the text
+    if (size <= 0) return true;  // no program reads the output: drops the text
     text += size;
   }
   return true;

@@ -128,7 +128,8 @@ std::optional<std::size_t> FirstNotFinite(std::span<const double> values) {
 std::string WrongInput(const GuardModel& model, std::span<const double> state,
                        std::span<const double> action) {
   if (static_cast<int>(state.size()) != model.state_dim()) {
-    return core::Format("state has %zu entries, %d needed", state.size(), model.state_dim());
+    return core::Format("the state has %zu entries; the guard needs %d", state.size(),
+                        model.state_dim());
   }
   if (const auto i = FirstNotFinite(state)) {
     return core::EntryName(model.layout(), static_cast<Eigen::Index>(*i)) +
@@ -148,7 +149,8 @@ std::string WrongInput(const GuardModel& model, std::span<const double> state,
                         task_state[static_cast<std::size_t>(entry)]);
   }
   if (static_cast<int>(action.size()) != model.action_dim()) {
-    return core::Format("action has %zu entries, %d needed", action.size(), model.action_dim());
+    return core::Format("the action has %zu entries; the guard needs %d", action.size(),
+                        model.action_dim());
   }
   if (const auto i = FirstNotFinite(action)) {
     return core::Format("entry %zu of the action is %g", *i, action[*i]);

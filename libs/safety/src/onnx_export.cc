@@ -19,22 +19,22 @@ void CheckExport(const GuardModel& model) {
   DFR_THROW_UNLESS(model.reduction() == nullptr,
                    "a guard with reduced features, "
                        << model.task().features().selection().spec()
-                       << ", cannot be exported: the formats have no reduction. Fit one without "
-                          "pca:, points: and slow:");
+                       << ", cannot be exported: the formats have no reduction. Fit a guard "
+                          "without pca:, points: and slow:");
   const core::StateMap& map = model.task().features().selection().map();
   if (!map.quaternions().empty()) {
     const int first = map.quaternions()[0].first;
     throw std::invalid_argument(
         "cannot export a guard that uses the quaternion " +
         core::EntryRange(model.layout(), first, 4) +
-        ", whose sign is not a linear function: fit one to two columns of the "
+        ", whose sign is not a linear function: fit a guard to two columns of the "
         "rotation matrix instead");
   }
   if (!map.angles().empty() || !map.circles().empty()) {
     const int entry = map.angles().empty() ? map.circles()[0].entry : map.angles()[0].entry;
     throw std::invalid_argument("cannot export a guard that uses the angle " +
                                 core::EntryName(model.layout(), entry) +
-                                ", which jumps: fit one to its cosine and sine instead");
+                                ", which jumps: fit a guard to its cosine and sine instead");
   }
 }
 

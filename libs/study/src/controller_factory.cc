@@ -182,7 +182,7 @@ std::unique_ptr<control::Controller> ControllerFactory::Make(
   } else if (parsed.kind != safety::Method::Kind::kOther) {
     controller = task_->MakeController(parsed, policy, options);
   } else {
-    DFR_THROW_UNLESS(plant != nullptr, "oracles need the plant they drive");
+    DFR_THROW_UNLESS(plant != nullptr, "oracles need the driven plant");
     controller = Split(method).controller == kTrueJacobian
                      ? MakeTrueJacobianFilter(task_->model(), policy, *plant, horizon)
                      : task_->model().MakeController(

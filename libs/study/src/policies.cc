@@ -235,7 +235,7 @@ std::shared_ptr<const core::Policy> PolicyFactory::Make(std::string_view name,
   const bool constraints = name == "at-constraints";
   DFR_THROW_UNLESS(constraints || name == "out-of-support",
                    "unknown policy '" << name << "'; valid: " << Join(kPolicies));
-  DFR_THROW_UNLESS(plant != nullptr, "the adversary '" << name << "' needs the plant it drives");
+  DFR_THROW_UNLESS(plant != nullptr, "the adversary '" << name << "' needs the driven plant");
   return std::make_shared<Adversary>(
       constraints ? Adversary::Aim::kConstraints : Adversary::Aim::kOutOfSupport, *learned_, *task_,
       *plant);

@@ -285,7 +285,7 @@ void PsmConsole::SetTrajectoryRatio(double ratio) {
     return;
   }
   std::ostringstream text;
-  text << "trajectory_j/set_ratio ignored, must lie in (0, 1], not " << ratio;
+  text << "trajectory_j/set_ratio is ignored: the ratio must lie in (0, 1], not " << ratio;
   Say(ConsoleMessage::Severity::kWarning, text.str());
 }
 

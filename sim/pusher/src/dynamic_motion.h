@@ -10,11 +10,11 @@ inline constexpr int kArmJoints = 7;
 
 /// Changes the quasi-static model for mj_step(): gravity, arm joints with rotor inertia, viscous
 /// damping and Coulomb friction, the cylinder's friction on the table, contacts that act when
-/// surfaces touch, a time step of 2 ms.
+/// surfaces touch, and a time step of 2 ms.
 void MakeDynamic(mjModel& model);
 
 /// One control under full dynamics, in substeps. The motors follow a minimum-jerk reference from
-/// the current joint angles to `target` and hold it until all is at rest.
+/// the current joint angles to `target` and hold `target` until arm and cylinder are at rest.
 ///
 /// Motors: torque = kp (reference - angle) + kd d(reference)/dt + compensation of gravity and
 /// Coriolis forces, each within the torque limit; the joint's own damping is kd. No motion is

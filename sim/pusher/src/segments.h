@@ -11,7 +11,8 @@ struct Segment {
   Point b{};
 };
 
-/// Returns the squared distance of two segments. Exact also for parallel and zero-length segments.
+/// Returns the squared distance between two segments. Also exact for parallel and zero-length
+/// segments.
 [[nodiscard]] double SquaredDistance(const Segment& p, const Segment& q) noexcept;
 
 }  // namespace dfr::sim::internal

@@ -160,7 +160,8 @@ std::vector<Trajectory> Late(int delay) {
   return set;
 }
 
-// Entries that other actions move, or that move by themselves, do not make targets velocities.
+// FindAbsoluteActions() still finds the targets if the state has a further entry that moves by
+// itself, or that another action moves.
 TEST(AbsoluteActionsTest, TargetsBesideOtherActionsAreFound) {
   const auto targets =
       RollOut({.act = [](const auto& x, const auto& goal, Random& random, auto& u, auto& next) {

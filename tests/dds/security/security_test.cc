@@ -190,7 +190,7 @@ TEST_F(SecurityTest, APeerWithoutCertificateHearsAndCommandsNothing) {
             "; 'stranger' is present, but not admitted: it has no certificate");
   EXPECT_EQ(lab.client.TakeRefusedPeers().size(), 1U);
   EXPECT_TRUE(lab.client.TakeRefusedPeers().empty());
-  // The stranger also learns why it receives nothing.
+  // The stranger also reports the reason: the member belongs to a secured network.
   EXPECT_THAT(stranger.refused_peers()[0].reason, testing::HasSubstr("secured network"));
   ExpectShutOut(lab, stranger);
 }

@@ -95,7 +95,7 @@ TEST_F(EmergencyStopJudgeTest, TheSilenceOfEachButtonIsDetected) {
       << "the operator knows that it is gone";
 }
 
-// The second way of one button does not hide that another button has only one.
+// The two paths of one button do not hide the missing path of another button.
 TEST_F(EmergencyStopJudgeTest, EachButtonNeedsBothWays) {
   for (const Way way : {Way::kDds, Way::kDatagrams}) {
     EmergencyStopJudge judge(1e-9 * kSilence);

@@ -58,7 +58,7 @@ TEST_F(StopWaysTest, APressInDatagramsAloneStops) {
   until(EmergencyStop::kPressed, true);
 }
 
-// A late robot must not move before it knows the state of the stop.
+// A late robot must not move before it has received the state of the stop.
 TEST_F(StopWaysTest, LateJoinersLearnThatItIsPressed) {
   Eventually([&] { return publisher_.Write({true}); });
   EmergencyStopReceiver late(robot_, 0.1);

@@ -231,7 +231,7 @@ class VideoTest(unittest.TestCase):
     def test_invalid_requests_are_refused(self):
         for line in ("", "0 0 1 30 64 64 65 64 x.mp4", "0 0 1 30 64 64 64 64", "0 -1 1 30 64 64 64 64 x.mp4", "a"):
             done = subprocess.run([DECODER], input=line + "\n", text=True, capture_output=True, check=True, timeout=60)
-            self.assertEqual(done.stdout, "-this is not a request; video_frames --help describes them\n")
+            self.assertEqual(done.stdout, "-invalid request; video_frames --help describes the format\n")
 
 
 if __name__ == "__main__":

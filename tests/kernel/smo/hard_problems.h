@@ -117,7 +117,7 @@ inline void CheckFits(Kind kind, int m, int n, const std::vector<double>& nus,
       const double gamma = width * unit;
       SCOPED_TRACE(testing::Message() << m << " x " << n << ", gamma " << width << " / "
                                       << 1.0 / unit << ", nu " << nu);
-      // The bound allows for rounding where the gap is computed anew from its definition.
+      // The bound allows for rounding in the second computation of the gap, from its definition.
       FitToTheGap(samples, {.nu = nu, .gamma = gamma, .tolerance = kTolerance},
                   1e-6 * kTolerance + 1e-12 * nu * m);
     }

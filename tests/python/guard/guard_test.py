@@ -68,10 +68,10 @@ class GuardTest(unittest.TestCase):
         skipped = "halted: t was not the next one: a call was lost or doubled"
         for reason, why, t, state, action in [
             ("state-invalid", "halted: tip[0] of the state is nan", 1, [0.0, np.nan, 0.0], good[1]),
-            ("state-invalid", "halted: state has 2 entries, 3 needed", 1, [0.0, 0.0], good[1]),
-            ("state-invalid", "halted: state has 2 entries, 3 needed", 1, [[0.0, 0.0]], good[1]),
+            ("state-invalid", "halted: the state has 2 entries; the guard needs 3", 1, [0.0, 0.0], good[1]),
+            ("state-invalid", "halted: the state has 2 entries; the guard needs 3", 1, [[0.0, 0.0]], good[1]),
             ("control-invalid", "halted: entry 1 of the action is -inf", 1, good[0], [0.1, -np.inf]),
-            ("control-invalid", "halted: action has 3 entries, 2 needed", 1, good[0], [0.1, 0.1, 0.1]),
+            ("control-invalid", "halted: the action has 3 entries; the guard needs 2", 1, good[0], [0.1, 0.1, 0.1]),
             ("step-skipped", skipped, 2, *good),
             ("step-skipped", skipped, 0, *good),
             ("step-skipped", skipped, -1, *good),

@@ -36,7 +36,7 @@ class ChunkTest(unittest.TestCase):
             x = plant.step(action)[0]
         self.assertEqual(changed[:5], 5 * [False])
         self.assertTrue(changed[-1])
-        with self.assertRaisesRegex(ValueError, "action has 1 entries, 2 needed"):
+        with self.assertRaisesRegex(ValueError, "the action has 1 entries; the guard needs 2"):
             self.guard.applied([0.1])
 
     def test_bad_input_is_named(self):
@@ -47,10 +47,10 @@ class ChunkTest(unittest.TestCase):
         broken = chunk.copy()
         broken[2, 1] = np.nan
         for t, x, actions, message in [
-            (0, state[:2], chunk, "state has 2 entries, 3 needed"),
+            (0, state[:2], chunk, "the state has 2 entries; the guard needs 3"),
             (0, [0.0, np.inf, 0.0], chunk, r"tip\[0\] of the state is inf"),
             (0, state, chunk[:0], "the chunk has no actions"),
-            (0, state, chunk[:, :1], "actions of the chunk have 1 entries, 2 needed"),
+            (0, state, chunk[:, :1], "actions of the chunk have 1 entries; the guard needs 2"),
             (0, state, chunk[0], r"a chunk has 2 dimensions, \(k, 2\), not 1"),
             (0, state, broken, "entry 1 of action 2 is nan"),
             (3, state, chunk, "t is 3, but the next call of filter has t = 0"),
@@ -110,7 +110,7 @@ class WhyTest(unittest.TestCase):
         self.assertIn("immeasurably far outside what was demonstrated", self.guard.explain([0.0, 1e200, 0.0])["text"])
         for state, options, message in [
             ([0.0, np.nan, 0.0], {}, "entry 1 of the state is nan"),
-            ([0.0, 0.0], {}, "state has 2 entries, 3 needed"),
+            ([0.0, 0.0], {}, "the state has 2 entries; the guard needs 3"),
             (np.zeros(3), {"demonstrations": [states[0], states[1][:, :2]]}, "demonstration 1 has states of 2 entries"),
         ]:
             with self.assertRaisesRegex(ValueError, message):

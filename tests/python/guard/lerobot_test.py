@@ -67,7 +67,7 @@ class GuardStepTest(unittest.TestCase):
                 self.assertLessEqual(np.abs(after.astype(float)).max(), limit)
                 self.assertGreater(np.abs(after.astype(float)).min(), 0.999 * limit)
         step.reset()
-        with self.assertRaisesRegex(ValueError, "the observation's clock has 2 entries, 1 needed"):
+        with self.assertRaisesRegex(ValueError, "the observation's clock has 2 entries; the guard needs 1"):
             step({"observation": {"clock": np.zeros(2), "tip": np.zeros(1)}, "action": DRIFT})
 
     def test_a_chunk_is_taken_action_by_action(self):
@@ -200,7 +200,7 @@ class GuardStepTest(unittest.TestCase):
 
 
 class TensorTest(unittest.TestCase):
-    """Stand-in tensors behave like torch's here, which is checked if torch is installed."""
+    """GuardStep takes stand-in tensors and, if torch is installed, torch's tensors in the same way."""
 
     @classmethod
     def setUpClass(cls):
@@ -309,7 +309,7 @@ class DictionariesTest(unittest.TestCase):
         observation = {name: np.array(value) for name, value in self.observation(0.02, 0.0).items()}
         step.observe(observation)
         for value in observation.values():
-            value += 1.0  # as a robot does that reuses its memory
+            value += 1.0  # as a robot that reuses its memory does
         after = step(transition)
         np.testing.assert_array_equal(after["action"].cpu().numpy()[0], safe)
         self.assertEqual(after["info"]["guard"], info)

@@ -234,7 +234,7 @@ TEST(GuardAdviceTest, OneWrongValueInARecordingIsNamed) {
                   "tip.1. changes by (10|9.*) at step [34] of demonstration 7")));
 }
 
-// An arm of one joint moves to .6 rad and rests there, from starts of its own.
+// An arm of one joint moves from random start angles to .6 rad and rests there.
 std::vector<core::Trajectory> ArmDemonstrations(bool torques) {
   constexpr int kSteps = 80;
   constexpr double kPeriod = 0.05;

@@ -119,11 +119,11 @@ TEST(ReducedGuardTest, AnInvalidPictureHaltsWithItsReason) {
   EXPECT_EQ(why(state), "halted: camera[9] of the state is nan");
   state[9] = 300.0;
   EXPECT_EQ(why(state),
-            "halted: camera[9] of the state is 300, a picture has values from 0 to 255");
+            "halted: camera[9] of the state is 300; a picture has values from 0 to 255");
   std::fill_n(state.begin(), kPixels, 0.0);
   EXPECT_EQ(why(state), "halted: the picture 'camera' is black");
   state.pop_back();
-  EXPECT_EQ(why(state), "halted: state has 96 entries, 97 needed");
+  EXPECT_EQ(why(state), "halted: the state has 96 entries; the guard needs 97");
 }
 
 // A bright patch of 3 x 2 pixels in a corner that the tip never visits.

@@ -66,8 +66,8 @@ double WithDrift(const FeatureTrajectories& demonstrations, std::span<const core
 }
 
 // Returns true if demonstrated changes predict controls of left-out demonstrations clearly worse
-// than demonstrated controls alone. If observations are noisy, a change contains the return of the
-// noise to its mean, which only a large control could cause.
+// than demonstrated controls alone. If observations are noisy, a demonstrated change contains the
+// return of the noise to its mean. A control that reproduces this change is too large.
 bool ChangesMislead(const FeatureTrajectories& demonstrations,
                     std::span<const core::Matrix> controls, const ResponseOptions& options,
                     bool drift) {

@@ -11,8 +11,8 @@
 namespace dfr::core {
 namespace {
 
-// Share of `yy` that a regression on u explains, from the sums of products: of squares, or of
-// variances if the sums are centred.
+// Returns the share of `yy` that a regression on u explains. `uu`, `uy` and `yy` are sums of
+// products. If the sums are centred, the share refers to the variance, otherwise to the squares.
 double Share(const Eigen::MatrixXd& uu, const Eigen::VectorXd& uy, double yy) {
   if (uu.size() == 0 || yy <= 0.0) return 0.0;
   Eigen::MatrixXd regular = uu;
@@ -226,7 +226,7 @@ std::vector<AbsoluteAction> ActionAnalysis::Absolute() const {
 }
 
 bool ActionAnalysis::MovesUnmatchedEntry(const std::vector<AbsoluteAction>& candidates) const {
-  constexpr double kExplained = 0.8;  // share of what the other actions leave unexplained
+  constexpr double kExplained = 0.8;  // share of the part that the other actions do not explain
   constexpr double kAdds = 0.1;
   if (candidates.empty()) return false;
   std::vector<Eigen::Index> others;

@@ -26,7 +26,7 @@ FeatureDecision::FeatureDecision(FeatureTransform features, const LogDecisionFun
                                 << " features, but the decision function takes "
                                 << inner.state_dim());
   DFR_THROW_UNLESS(features_.num_features() <= FeatureTransform::kMaxFeatures,
-                   "at most " << FeatureTransform::kMaxFeatures << " features, not "
+                   "at most " << FeatureTransform::kMaxFeatures << " features are supported, not "
                               << features_.num_features());
 }
 

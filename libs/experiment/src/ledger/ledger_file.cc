@@ -148,7 +148,7 @@ void LedgerWriter::Write(const std::string& line) {
       last_sync_ = now;
     }
   } catch (const std::system_error& e) {
-    // Remove the partial line; if this fails too, the next run removes it.
+    // Removes the partial line. After another failure, the next run removes the line.
     static_cast<void>(ftruncate(file_.get(), static_cast<off_t>(size_)) == 0);
     Fail(path_, "cannot be written: " + e.code().message() +
                     ". Earlier units are kept; the same command resumes from there");

@@ -17,7 +17,7 @@ namespace dfr::experiment::internal {
 [[nodiscard]] std::string Legend(std::span<const ReportPlot> plots);
 
 /// Returns style="..." with the colour of style `style`, 0 for the first. The colours repeat after
-/// 24. Lines of the styles 12 to 23 are dashed, and their dots hollow.
+/// 24. Lines of the styles 12 to 23 are dashed, and their dots are hollow.
 [[nodiscard]] std::string StyleAttribute(int style);
 
 /// Part of a 100 % bar, in order from left to right.

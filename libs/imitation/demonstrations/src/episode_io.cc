@@ -43,8 +43,8 @@ Key PictureKey(const Hdf5Reader& file, const std::string& path, const std::strin
   constexpr std::int64_t kMost = 1 << 13;
   if (shape.size() > 4) {
     file.Fail(path,
-              "holds no pictures: they have 3 or 4 dimensions, (steps, height, width, "
-              "channels), not " +
+              "holds no pictures: a dataset of pictures has 3 or 4 dimensions, (steps, height, "
+              "width, channels), not " +
                   std::to_string(shape.size()));
   }
   if (!file.IsNumeric(path)) file.Fail(path, "is not numeric");
@@ -53,7 +53,8 @@ Key PictureKey(const Hdf5Reader& file, const std::string& path, const std::strin
       (channels != 1 && channels != 3)) {
     file.Fail(path, "holds pictures of " + std::to_string(shape[1]) + " x " +
                         std::to_string(shape[2]) + " x " + std::to_string(channels) +
-                        "; they need 1 or 3 channels, the last dimension");
+                        "; height and width must lie in [1, " + std::to_string(kMost) +
+                        "], and channels, the last dimension, must be 1 or 3");
   }
   const core::PictureShape picture{static_cast<int>(shape[1]), static_cast<int>(shape[2]),
                                    static_cast<int>(channels)};

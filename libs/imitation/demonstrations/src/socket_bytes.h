@@ -21,7 +21,7 @@ inline bool SendAll(int socket, const void* bytes, std::size_t size) noexcept {
   return true;
 }
 
-/// Receives exactly this many bytes. @returns false if the other side is gone earlier.
+/// Receives exactly this many bytes. @returns false if the other side ends before the last byte.
 inline bool ReceiveAll(int socket, void* bytes, std::size_t size) noexcept {
   char* to = static_cast<char*>(bytes);
   while (size > 0) {

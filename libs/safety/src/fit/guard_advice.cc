@@ -44,7 +44,7 @@ std::vector<std::string> Warnings(const GuardModel& model) {
   if (control::LocalFit::Guesses(summary.explained, summary.action_error)) {
     warnings.push_back(core::Format(
         "the features explain only %.0f %% of the variance of left-out demonstrations' actions: "
-        "add what the demonstrator looked at%s.%s",
+        "add the demonstrator's other information%s.%s",
         100.0 * std::max(0.0, summary.explained),
         model.task().response().prior()->options().measured_changes
             ? ""

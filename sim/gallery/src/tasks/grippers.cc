@@ -142,7 +142,7 @@ class LidPlant final : public Cloned<LidPlant> {
 };
 
 // A gripper picks an object and places it on the spot at kPlace. The first three entries of a
-// control are in metres, the last opens (< 0) or closes (> 0) the gripper, at one speed.
+// control are in metres. The last entry opens (< 0) or closes (> 0) the gripper, at one speed.
 // State: gripper(3) in m, closed(1) in [0, 1], object(3) in m; hidden: whether the object is held.
 class PickPlant final : public Cloned<PickPlant> {
   // Fraction of its range by which the gripper opens or closes in a step.

@@ -57,7 +57,7 @@ SceneModel::SceneModel(const ScenePlaces& places)
 
   const int base = MujocoId(m, mjOBJ_BODY, "psm_base");
   SetPose(places.p_world_base, m.body_pos + 3 * base, m.body_quat + 4 * base);
-  // MuJoCo's cameras look along -z with y up, OpenCV's along z with y down.
+  // MuJoCo's cameras look along -z with y up. OpenCV's cameras look along z with y down.
   Eigen::Isometry3d camera = places.p_world_cam;
   camera.linear().col(1) *= -1.0;
   camera.linear().col(2) *= -1.0;

@@ -112,8 +112,8 @@ struct PsmOperatingState {
   PsmConsoleState state = PsmConsoleState::kUnknown;
   bool homed = false;
   bool busy = false;
-  /// Number of samples whose Readiness() is not kOk, and the last such result. Counts also samples
-  /// that a newer one replaced before the client read them.
+  /// Number of samples whose Readiness() is not kOk, and the last such result. Also counts samples
+  /// that newer samples replaced before the client read them.
   std::uint32_t lapses = 0;
   PsmStatus last_lapse = PsmStatus::kOk;
 };

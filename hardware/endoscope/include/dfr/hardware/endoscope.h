@@ -72,7 +72,7 @@ class Endoscope {
  public:
   virtual ~Endoscope() = default;
 
-  /// Grabs the newest picture without waiting. Returns kOk also for a picture that was grabbed
+  /// Grabs the newest picture without waiting. Also returns kOk for a picture that was grabbed
   /// before and is still recent; compare its sequence. Otherwise returns the error; `frame` then
   /// still holds the newest picture if its size is right. Never allocates, locks or throws.
   /// @param steady_ns  time of std::chrono::steady_clock.

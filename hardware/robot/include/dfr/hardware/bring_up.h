@@ -16,8 +16,7 @@ using Say = std::function<void(std::string_view)>;
 /// exactly `word`, false if the operator declines. If empty, all answers are no.
 using Confirms = std::function<bool(std::string_view question, std::string_view word)>;
 
-/// Participants that the operator has seen listed and has accepted. The robot may move in their
-/// presence.
+/// Listed participants that the operator has accepted. The robot may move in their presence.
 class Company {
  public:
   /// Lists the participants in `present` that are not accepted yet, and asks whether to continue in

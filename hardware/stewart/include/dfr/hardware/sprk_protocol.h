@@ -15,7 +15,7 @@ enum class SprkStatus {
   kOutOfRange,    ///< The value is not representable in two digits.
   kOutOfReach,    ///< The motion leaves the reach of the mechanism, at the goal or before.
   kNotHomed,      ///< No successful Home() yet: the pose is unknown.
-  kGoesHome,      ///< Hold() cannot stop the first Home(): only cutting its power does.
+  kGoesHome,      ///< Hold() cannot stop the first Home(): only cutting the platform's power does.
   kTooSoon,       ///< Less than kSprkFramePeriod after the last frame.
   kDeviceFailed,  ///< Writing failed. Requires a new driver and homing.
 };

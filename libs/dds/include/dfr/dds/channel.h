@@ -30,7 +30,8 @@ enum class Role {
   /// One-time requests (state_command, hold). Late joiners receive no earlier sample, because a
   /// console must not execute an old `home`.
   kRequest,
-  /// Images. Only the newest is kept. Another thread sends it, in a secured network Write() does.
+  /// Images. Only the newest is kept. Another thread sends the image; in a secured network, Write()
+  /// sends it.
   kImage,
   /// Images without retransmission (best effort), as in ROS 2's sensor data profile. A kImage
   /// subscriber refuses such a publisher.

@@ -61,8 +61,8 @@ class EmergencyStopButton {
 enum class EmergencyStop {
   kClear,    ///< Messages arrive, and no button is pressed.
   kPressed,  ///< A button is pressed, or was pressed after the last Acknowledge().
-  kSilent,   ///< A known button is silent on a path, or no button is known: nobody could stop the
-             ///< robot. Also reported for more than eight buttons.
+  kSilent,   ///< A known button is silent on a path, or no button is known: an operator could not
+             ///< stop the robot. Also reported for more than eight buttons.
 };
 
 /// Determines the state of the emergency stop from the buttons' messages and their times. Returns

@@ -71,7 +71,7 @@ struct DiscordantPairs {
   int only_second = 0;
 };
 
-/// McNemar's exact two-sided test for clustered pairs: pairs of one cluster may be dependent,
+/// McNemar's exact two-sided test for clustered pairs: pairs of one cluster may be dependent;
 /// clusters are independent. Under the null hypothesis, each cluster's difference only_first -
 /// only_second is equally likely with either sign. Returns the probability, over all signs, of a
 /// sum at least as far from zero as the observed sum (the permutation test of Fisher, 1935, sec.

@@ -95,8 +95,8 @@ struct ReportJudgement {
 /// Content of a report in addition to the summary. All texts are escaped.
 struct ReportOptions {
   std::string title = {};
-  /// First sentence of the page: fit for use, doubtful or do not use, and why. Empty: the page
-  /// lists `judgements`; if there are none, it derives judgements from the summary's contrasts.
+  /// First sentence of the page: fit for use, doubtful or do not use, and the reason. Empty: the
+  /// page lists `judgements`; without these, it derives judgements from the summary's contrasts.
   std::string verdict = {};
   std::vector<ReportJudgement> judgements = {};
   std::string judged_by = {};  ///< Rule behind `judgements`, shown below them.
@@ -116,7 +116,7 @@ struct ReportOptions {
 
 /// Renders a self-contained page: a verdict on each method, the paper's three curves per learner
 /// with bands, the outcomes of episodes, the figures of the options, and then all tables. Figures
-/// are inline SVG, media are data URIs. The layout supports light and dark themes, narrow and wide
+/// are inline SVG; media are data URIs. The layout supports light and dark themes, narrow and wide
 /// windows, and print. A summary without cells gives a page of the options' content only. The page
 /// contains no measured times and is therefore identical bit for bit, whichever machines ran the
 /// units.

@@ -47,8 +47,9 @@ class Hdf5Handle {
   Close close_;
 };
 
-/// Returns the innermost entry of libhdf5's error stack, which is the actual cause; of a failed
-/// read or write, whose entry has several lines of addresses and sizes, the system's message.
+/// Returns the innermost entry of libhdf5's error stack, which is the actual cause. After a failed
+/// read or write, this entry has several lines of addresses and sizes; the result is then only the
+/// system's message.
 inline std::string LastHdf5Error() {
   std::string description;
   H5Ewalk2(

@@ -49,7 +49,7 @@ Hdf5File Hdf5File::Create(const std::filesystem::path& path, bool track_order) {
   core::ReplaceFile(path, image);
 
   const hid_t id = H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
-  if (id < 0) FailFile(path.string(), "cannot be created: " + LastHdf5Error());
+  if (id < 0) FailFile(path.string(), "was created, but cannot be opened: " + LastHdf5Error());
   Hdf5File file(path.string(), id);
   file.track_order_ = track_order;
   file.HoldMetadata(true);
@@ -61,12 +61,16 @@ Hdf5File Hdf5File::Create(const std::filesystem::path& path, bool track_order) {
 void Hdf5File::HoldMetadata(bool hold) {
   H5AC_cache_config_t config{};
   config.version = H5AC__CURR_CACHE_CONFIG_VERSION;
-  if (H5Fget_mdc_config(id_, &config) < 0) FailFile(name_, "cannot be set up: " + LastHdf5Error());
+  if (H5Fget_mdc_config(id_, &config) < 0) {
+    FailFile(name_, "the settings of its cache cannot be read: " + LastHdf5Error());
+  }
   config.evictions_enabled = !hold;
   config.incr_mode = hold ? H5C_incr__off : H5C_incr__threshold;
   config.decr_mode = hold ? H5C_decr__off : H5C_decr__age_out_with_threshold;
   config.flash_incr_mode = hold ? H5C_flash_incr__off : H5C_flash_incr__add_space;
-  if (H5Fset_mdc_config(id_, &config) < 0) FailFile(name_, "cannot be set up: " + LastHdf5Error());
+  if (H5Fset_mdc_config(id_, &config) < 0) {
+    FailFile(name_, "the settings of its cache cannot be changed: " + LastHdf5Error());
+  }
 }
 
 void Hdf5File::CreateGroup(const std::string& path) {

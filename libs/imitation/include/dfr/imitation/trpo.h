@@ -53,8 +53,8 @@ struct TrpoOptions {
   int critic_batch = 64;          ///< Samples per Adam step.
   double critic_learning_rate = 1e-3;
   std::uint64_t seed = 0;  ///< Seed of start states, noise, weights and shuffling.
-  /// Description of the environment. The checkpoint keeps it, so that a caller can refuse to resume
-  /// in another one.
+  /// Description of the environment. The checkpoint stores the description: a caller can refuse to
+  /// resume in another environment.
   std::string environment = {};
 };
 

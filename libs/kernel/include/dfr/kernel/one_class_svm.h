@@ -22,7 +22,8 @@ struct OneClassSvmOptions {
   double nu = 0.05;    ///< Upper bound on the fraction of outliers and lower bound on the fraction
                        ///< of support vectors, in (0, 1]. Values below 1/m have the effect of 1/m.
   double gamma = 5.0;  ///< Width parameter of the Gaussian kernel, > 0, in 1/[state unit]^2.
-  double tolerance = 1e-4;  ///< Stop when the largest KKT violation is below this (FitSummary).
+  /// The fit stops when the largest KKT violation (FitSummary) is below this value.
+  double tolerance = 1e-4;
   /// Maximum number of working-set steps; 0 selects a limit beyond any practical problem.
   std::int64_t max_iterations = 0;
   double memory_mib = 512.0;  ///< Limit on the fit's memory, >= 1. Tight limits slow the fit.

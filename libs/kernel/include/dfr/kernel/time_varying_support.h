@@ -17,8 +17,8 @@ struct TimeVaryingSupportOptions {
   /// Number of time steps t = 0, 1, ... with an estimate; 0: the number of states of the longest
   /// demonstration.
   int num_steps = 0;
-  /// Fit one estimate to the states of all time steps instead. For comparison only: Sec. IV-A
-  /// advises against it.
+  /// If true, fits a single estimate to the states of all time steps. For comparison only: Sec.
+  /// IV-A advises against a single estimate.
   bool pooled = false;
   /// Number of threads, >= 0; 0: one per core. The estimates have the same bits for any number.
   /// Replaces `svm.threads`, which is ignored.

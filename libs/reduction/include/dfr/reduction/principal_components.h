@@ -43,9 +43,9 @@ struct PrincipalComponents {
 /// Randomised subspace iteration (Halko, Martinsson and Tropp, SIAM Review 53(2), 2011, Alg. 4.4)
 /// on the covariance A'A / n of the n x d standardised rows A: with l = components + oversampling,
 ///   Q_0 = orth(G), G normal d x l;  Q_i = orth(A' (A Q_(i-1)));  eig(Q_q' A' A Q_q) -> rotation.
-/// It reads the rows power_iterations + 3 times. Products are in float, orthonormalisation is in
-/// double: directions whose standard deviation is below 1e-5 of the largest are noise and are
-/// dropped. If all directions fit, l >= d, the subspace is exact.
+/// It reads the rows power_iterations + 3 times. Products are in float; orthonormalisation is in
+/// double. Directions whose standard deviation is below 1e-5 of the largest are therefore noise and
+/// are dropped. If all directions fit, l >= d, the subspace is exact.
 ///
 /// Memory: about 8 d (components + 2 l) + 12 n l bytes, and 50 MB for blocks of rows.
 /// @throws std::invalid_argument if there are fewer than two rows, an entry is not finite (naming

@@ -14,7 +14,7 @@ namespace dfr::reduction {
 /// Entries with scale 0 never varied in the fit and are ignored.
 ///
 /// Immutable. Concurrent calls are safe. Apply() of one state never allocates, locks or throws and
-/// may be called in the control loop. Weights are in float, sums over more than 512 entries in
+/// may be called in the control loop. Weights are in float; sums over more than 512 entries are in
 /// double. The same values give the same z for every type of x.
 class Reduction {
  public:

@@ -59,11 +59,12 @@ class Manipulator {
   /// True if the only problem found by the last Tick() is that the arm is not powered or not homed.
   /// Home() fixes that.
   [[nodiscard]] virtual bool needs_homing() const noexcept = 0;
-  /// Starts to power up and home the arm, or returns why it cannot. The arm moves.
+  /// Starts to power up and home the arm, or returns the reason for a refusal. The arm moves.
   [[nodiscard]] virtual Finding Home() noexcept = 0;
   /// True while the arm powers up or homes.
   [[nodiscard]] virtual bool homing() const noexcept = 0;
-  /// Starts sending set-points, beginning with the present one, or returns why it cannot.
+  /// Starts sending set-points, beginning with the present one, or returns the reason for a
+  /// refusal.
   [[nodiscard]] virtual Finding Arm() noexcept = 0;
   /// Stops set-points and homing at the next Tick(). Always succeeds.
   virtual void Hold() noexcept = 0;
@@ -116,9 +117,9 @@ class Platform {
 
   /// Called once per period: checks whether the platform still accepts commands.
   [[nodiscard]] virtual Finding Check() noexcept = 0;
-  /// Starts the motion home, or returns why it cannot.
+  /// Starts the motion home, or returns the reason for a refusal.
   [[nodiscard]] virtual Finding Home() noexcept = 0;
-  /// Starts the motion, which lasts until Rest(), or returns why it cannot.
+  /// Starts the motion, which lasts until Rest(), or returns the reason for a refusal.
   [[nodiscard]] virtual Finding Begin() noexcept = 0;
   /// Called in every period in which the robot must not move: stops the platform at a known
   /// position by the shortest path; from an unknown position this is home. No effect if the

@@ -132,7 +132,7 @@ struct GuardOptions {
   /// alarm level and the constants of certificates. 0: cross-validation.
   double hold_out = 0.0;
   /// GuardSettings::direction_error as a multiple of the demonstrated error, > 0. The error of a
-  /// policy's controls may be larger, because they differ from demonstrated controls.
+  /// policy's controls may be larger, because these controls differ from demonstrated ones.
   double error_factor = 2.0;
   /// Fits even if almost no state of left-out demonstrations is inside, or if a guard with
   /// components would stop the demonstrator. Such a guard halts almost every policy.

@@ -48,7 +48,7 @@ class FittedTask {
   /// or for a guard's model a response fitted to `demonstrations`.
   [[nodiscard]] control::Response ResponseOf(
       std::span<const core::Trajectory> demonstrations) const;
-  /// Returns the distance of two controls, in units of ordinary demonstrated controls.
+  /// Returns the distance between two controls, in units of ordinary demonstrated controls.
   [[nodiscard]] double Distance(std::span<const double> u,
                                 std::span<const double> other) const noexcept;
   /// Scales a direction of length 1 to the size of the largest demonstrated control.

@@ -14,7 +14,7 @@ namespace dfr::control {
 /// Transitions with u_t = 0 (padding) are ignored. A time step without a positive value takes the
 /// value of the nearest earlier step that has one, otherwise of the nearest later one, because
 /// lambda = 0 would open the gate everywhere. This is a maximum over a sample, not a bound: with
-/// fewer demonstrations lambda is smaller, and the policy less cautious.
+/// fewer demonstrations lambda is smaller, and the gate passes more controls.
 ///
 /// @returns one entry per step of the longest demonstration.
 /// @throws std::invalid_argument naming the demonstration whose shapes do not match the support or

@@ -32,8 +32,9 @@ struct AbsoluteAction {
 /// hold. First, x_j(t + 1) equals u_k(t - i) at every step, for an i up to 3. This also holds for a
 /// position that follows its target perfectly. Second, u_k moves another entry, which repeats no
 /// action, as a velocity does: u_k(t - l), for an l up to 3, explains at least half of the entry's
-/// change that the other actions leave unexplained. What u_k(t - l) leaves is at most half of what
-/// any difference u_k(t - l) - u_k(t - l - 1) leaves. Targets move a robot by their differences.
+/// change that the other actions leave unexplained. The part that u_k(t - l) leaves unexplained is
+/// at most half of the part that any difference u_k(t - l) - u_k(t - l - 1) leaves unexplained.
+/// Targets move a robot by their differences.
 ///
 /// Memory and time per step are linear in the number of state entries.
 class ActionAnalysis {

@@ -115,7 +115,7 @@ class RotationFinder {
 /// Returns the map that makes these rotations continuous.
 [[nodiscard]] StateMap MapOf(std::span<const Rotation> rotations);
 
-/// Returns the user's name of adjacent entries of one block, for example "object[2:6]".
+/// Returns the notation for adjacent entries of one block, for example "object[2:6]".
 [[nodiscard]] std::string EntryRange(const StateLayout& layout, int first, int size);
 
 /// Describes the rotation in one or two sentences for a warning or a report, with the remedy if one

@@ -8,9 +8,9 @@ namespace dfr::core {
 /// Checks for programs that reject an output path before they begin to work. Both functions try to
 /// create a file and remove it at once. Existing files keep their content.
 
-/// Returns one line that says why the program cannot write a file at `path`, with the remedy; "" if
-/// it can. `makes_folders`: the program creates the missing folders of the path. A pipe or device
-/// is not opened.
+/// Returns one line with the reason why the program cannot write a file at `path`, and the remedy;
+/// "" if the file is writable. `makes_folders`: the program creates the missing folders of the
+/// path. Does not open a pipe or a device.
 [[nodiscard]] std::string UnwritableFile(const std::filesystem::path& path,
                                          bool makes_folders = false);
 

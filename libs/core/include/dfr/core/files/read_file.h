@@ -11,8 +11,8 @@ namespace dfr::core {
 ///   block forever.
 void CheckPlainFile(const std::filesystem::path& path);
 
-/// Appends to `bytes` what `in`, a stream of the file `path`, has left. A file whose disk fails in
-/// the middle is an error, not a shorter file.
+/// Appends the rest of `in`, a stream of the file `path`, to `bytes`. A disk failure in the middle
+/// of the file is an error: the result is never a part of the file.
 /// @throws std::runtime_error naming `path` if `in` cannot be read or does not fit into memory.
 void AppendRest(std::istream& in, const std::filesystem::path& path, std::string& bytes);
 
