@@ -258,7 +258,7 @@ py::dict SettingsOf(const Guard& guard) {
 void AddGuard(py::module_& module) {
   py::class_<Guard> guard_class(
       module, "Guard",
-      R"(Run-time safety filter that keeps any policy near its demonstrations.
+      R"(Run-time safety filter that keeps a robot near the demonstrated states, around any policy.
 
 >>> guard = dfr.Guard.load("task.guard")                            # doctest: +SKIP
 >>> guard.reset(seed=0)                                             # doctest: +SKIP

@@ -79,7 +79,7 @@ class Figures(unittest.TestCase):
                 for cell, outcome in zip(table[name], ("completed", "halted", "collided")):
                     self.assertEqual([int(n) for n in re.findall(r"\d+", cell.split("[")[1])],
                                      [round(100 * x) for x in row[outcome + "_interval"]])
-        around = re.search(r"strategy `controller` it completes ([\d.]+) %", self.prose("README.md"))
+        around = re.search(r"strategy `controller` the regression completes ([\d.]+) %", self.prose("README.md"))
         self.assert_printed(around.group(1), self.average["8", "controller@lwr"]["completed"])
 
     def test_results(self):
