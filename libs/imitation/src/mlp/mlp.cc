@@ -31,23 +31,6 @@ std::size_t Entries(Eigen::Index rows, int cols) {
   return static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols);
 }
 
-// Returns the product that maps the gradient with respect to a layer's outputs to the gradient with
-// respect to its inputs.
-internal::Product ToInputs(const Mlp::Layer& layer, int rows, const double* delta,
-                           std::ptrdiff_t delta_row, const std::vector<double>& transposed,
-                           double* to) {
-  return {.m = rows,
-          .n = layer.inputs,
-          .k = layer.outputs,
-          .a = delta,
-          .a_row = delta_row,
-          .a_col = 1,
-          .b = transposed.data() + layer.weights,
-          .b_row = layer.inputs,
-          .c = to,
-          .c_row = layer.inputs};
-}
-
 }  // namespace
 
 Mlp::Mlp(std::vector<int> sizes) : sizes_(std::move(sizes)) {
@@ -161,14 +144,6 @@ void Mlp::CheckAfterForward(const Rows& inputs, const Workspace& workspace) cons
                                  << workspace.samples_ << " x " << input_dim());
 }
 
-void Mlp::CheckOutputGradient(const Rows& output_gradient, const Workspace& workspace) const {
-  DFR_THROW_UNLESS(
-      output_gradient.rows() == workspace.samples_ && output_gradient.cols() == output_dim(),
-      "the gradient with respect to the outputs is "
-          << output_gradient.rows() << " x " << output_gradient.cols() << "; the outputs are "
-          << workspace.samples_ << " x " << output_dim());
-}
-
 void Mlp::Transpose(Workspace& workspace) const {
   Grow(workspace.transposed_, num_parameters(), 1);
   for (const Layer& layer : layers_) {
@@ -181,7 +156,11 @@ void Mlp::Transpose(Workspace& workspace) const {
 void Mlp::Backward(const Rows& inputs, const Rows& output_gradient, Workspace& workspace,
                    Eigen::VectorXd& gradient) const {
   CheckAfterForward(inputs, workspace);
-  CheckOutputGradient(output_gradient, workspace);
+  DFR_THROW_UNLESS(
+      output_gradient.rows() == workspace.samples_ && output_gradient.cols() == output_dim(),
+      "the gradient with respect to the outputs is "
+          << output_gradient.rows() << " x " << output_gradient.cols() << "; the outputs are "
+          << workspace.samples_ << " x " << output_dim());
   Transpose(workspace);
   Grow(workspace.front_, kChunk, width_);
   Grow(workspace.back_, kChunk, width_);
@@ -222,7 +201,16 @@ void Mlp::Backward(const Rows& inputs, const Rows& output_gradient, Workspace& w
                 .c_row = layer.outputs,
                 .accumulate = true});
       if (bottom) break;
-      Multiply(ToInputs(layer, rows, delta, delta_row, workspace.transposed_, next));
+      Multiply({.m = rows,
+                .n = layer.inputs,
+                .k = layer.outputs,
+                .a = delta,
+                .a_row = delta_row,
+                .a_col = 1,
+                .b = workspace.transposed_.data() + layer.weights,
+                .b_row = layer.inputs,
+                .c = next,
+                .c_row = layer.inputs});
       TimesTanhSlope(next, from, Entries(rows, layer.inputs));
       delta = next;
       delta_row = layer.inputs;

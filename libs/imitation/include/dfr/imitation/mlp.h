@@ -112,7 +112,6 @@ class Mlp {
     return parameters_.data() + offset;
   }
   void CheckAfterForward(const Rows& inputs, const Workspace& workspace) const;
-  void CheckOutputGradient(const Rows& output_gradient, const Workspace& workspace) const;
   void Transpose(Workspace& workspace) const;
 
   std::vector<int> sizes_;
