@@ -40,7 +40,7 @@ struct Loop {
 
 constexpr std::array kAllStates = {RunState::kIdle,       RunState::kArmed,   RunState::kRunning,
                                    RunState::kRecovering, RunState::kHolding, RunState::kFaulted};
-static_assert(kAllStates.size() == kNumRunStates);
+static_assert(kAllStates.size() == static_cast<std::size_t>(RunState::kFaulted) + 1);
 
 TEST(FailSafeTest, EveryReasonStopsMotionInEveryState) {
   for (const RunState state : kAllStates) {
@@ -173,11 +173,10 @@ TEST(FailSafeTest, LogsEveryTransitionWithItsCause) {
   EXPECT_FALSE(loop.machine.Take(none));
 }
 
-TEST(FailSafeTest, AnUnreadLogLosesAndCountsTheNewestEntries) {
+TEST(FailSafeTest, AnUnreadLogLosesTheNewestEntries) {
   Loop loop;
   loop.Bring(RunState::kRunning);  // two transitions
   for (int i = 0; i < 100; ++i) loop.machine.Recovering(i % 2 == 0);
-  EXPECT_EQ(loop.machine.lost_transitions(), 102 - 64);
   int taken = 0;
   Transition t;
   while (loop.machine.Take(t)) ++taken;
@@ -191,7 +190,7 @@ TEST(FailSafeTest, EveryReasonAndStateHasADistinctName) {
   EXPECT_EQ(names.count("?"), 0U);
   std::set<std::string> states;
   for (const RunState state : kAllStates) states.insert(Name(state));
-  EXPECT_EQ(states.size(), static_cast<std::size_t>(kNumRunStates));
+  EXPECT_EQ(states.size(), kAllStates.size());
 }
 
 TEST(FailSafeTest, ThrowsForOptionsOutOfRange) {

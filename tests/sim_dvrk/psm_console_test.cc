@@ -428,15 +428,5 @@ TEST(PsmConsoleTest, JawOpensAtItsSpeed) {
   EXPECT_THAT(console.TakeGoals(), ElementsAre(true));
 }
 
-TEST(PsmConsoleTest, EncodersDoNotMeasureTheJointError) {
-  PsmConsoleOptions options{.arm = "PSM2", .homing_s = 0.0, .lag_s = 0.02, .joint_error = {}};
-  options.joint_error.offset[0] = 0.02;
-  PsmConsole console(options);
-  console.StateCommand("home");
-  Pass(console, 0.01);
-  EXPECT_EQ(console.measured_joints(), test::PsmHome());
-  EXPECT_EQ(console.true_joints(), PsmHomeWith(0, 0.02));
-}
-
 }  // namespace
 }  // namespace dfr::sim

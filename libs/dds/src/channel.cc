@@ -241,9 +241,6 @@ Health Subscriber<T>::health() const noexcept {
   fdds::LivelinessChangedStatus liveliness;
   impl_->reader->get_liveliness_changed_status(liveliness);
   health.alive = liveliness.alive_count;
-  fdds::RequestedDeadlineMissedStatus deadline;
-  impl_->reader->get_requested_deadline_missed_status(deadline);
-  health.missed_deadlines = static_cast<int>(deadline.total_count);
   fdds::RequestedIncompatibleQosStatus incompatible;
   impl_->reader->get_requested_incompatible_qos_status(incompatible);
   health.incompatible = static_cast<int>(incompatible.total_count);

@@ -13,24 +13,6 @@ bool Within(double seconds, double least) { return seconds >= least && seconds <
 
 }  // namespace
 
-const char* Name(Freshness freshness) noexcept {
-  switch (freshness) {
-    case Freshness::kFresh:
-      return "fresh";
-    case Freshness::kNever:
-      return "nothing has arrived yet";
-    case Freshness::kInvalidStamp:
-      return "marked invalid by the sender (stamp 0)";
-    case Freshness::kSilent:
-      return "nothing has arrived for too long";
-    case Freshness::kOld:
-      return "stamped too long ago";
-    case Freshness::kAhead:
-      return "stamped in the future";
-  }
-  return "unknown";
-}
-
 Watchdog::Watchdog(const WatchdogOptions& options) {
   DFR_THROW_UNLESS(Within(options.max_age_s, 1e-9),
                    "max_age_s must be positive, not " << options.max_age_s);

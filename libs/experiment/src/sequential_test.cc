@@ -33,7 +33,7 @@ void SequentialTest::Add(double difference) {
   sum_ += difference;
   ++pairs_;
   most_ = std::max(most_, log_wealth());
-  if (!settled() && most_ >= -std::log(alpha_)) settled_at_ = pairs_;
+  settled_ = settled_ || most_ >= -std::log(alpha_);
 }
 
 double SequentialTest::mean() const noexcept {

@@ -94,7 +94,6 @@ class Trpo::Learner {
 
   TrpoProgress Iterate();
   [[nodiscard]] GaussianPolicy policy() const;
-  [[nodiscard]] int iteration() const noexcept { return iteration_; }
   [[nodiscard]] std::int64_t steps() const noexcept { return steps_; }
   [[nodiscard]] const TrpoOptions& options() const noexcept { return options_; }
   void Save(const std::filesystem::path& checkpoint) const;
@@ -398,7 +397,6 @@ Trpo::~Trpo() = default;
 
 TrpoProgress Trpo::Iterate() { return learner_->Iterate(); }
 GaussianPolicy Trpo::policy() const { return learner_->policy(); }
-int Trpo::iteration() const noexcept { return learner_->iteration(); }
 std::int64_t Trpo::steps() const noexcept { return learner_->steps(); }
 const TrpoOptions& Trpo::options() const noexcept { return learner_->options(); }
 void Trpo::Save(const std::filesystem::path& checkpoint) const { learner_->Save(checkpoint); }

@@ -423,14 +423,4 @@ class Reader {
 
 Recording ReadRecording(const std::filesystem::path& path) { return Reader(path).Read(); }
 
-std::vector<std::uint8_t> ReadPicture(const std::filesystem::path& path,
-                                      const RecordedPicture& picture) {
-  File file(path);
-  if (picture.size > file.size() || picture.offset > file.size() - picture.size) {
-    file.Damaged(picture.offset, "there is no picture");
-  }
-  const std::string bytes = file.Peek(picture.offset, picture.size);
-  return {bytes.begin(), bytes.end()};
-}
-
 }  // namespace dfr::recording

@@ -49,7 +49,7 @@ void RefuseNonFinite(const core::Matrix& block, Eigen::Index first) {
   }
 }
 
-// Computes mean, scale and total_variance in two passes. A single pass would lose digits if the
+// Computes mean and scale in two passes. A single pass would lose digits if the
 // mean is large.
 void FitScale(const RowSource& source, double floor, core::Workers& workers,
               PrincipalComponents& fit) {
@@ -88,9 +88,6 @@ void FitScale(const RowSource& source, double floor, core::Workers& workers,
                    "all " << n << " rows are equal: there is nothing to reduce");
   const double least = floor * std::sqrt(varies.select(variance.array(), 0.0).sum() / varying);
   fit.scale = varies.select(sd.array().max(least), 0.0);
-  for (Eigen::Index i = 0; i < d; ++i) {
-    if (fit.scale[i] > 0.0) fit.total_variance += variance[i] / (fit.scale[i] * fit.scale[i]);
-  }
 }
 
 // Products with the standardised rows A.

@@ -73,13 +73,6 @@ void Reduction::Apply(std::span<const double> x, std::span<double> z) const noex
 void Reduction::Apply(std::span<const float> x, std::span<double> z) const noexcept {
   Project(x, z);
 }
-core::Matrix Reduction::Apply(const core::Matrix& rows) const {
-  DFR_THROW_UNLESS(rows.cols() == input_dim(),
-                   "rows have " << rows.cols() << " entries, not " << input_dim());
-  core::Matrix z(rows.rows(), num_components());
-  for (Eigen::Index i = 0; i < rows.rows(); ++i) Apply(core::Row(rows, i), core::Row(z, i));
-  return z;
-}
 
 void Reduction::Save(core::ArchiveWriter& archive) const {
   archive.Numbers(core::AsSpan(mean_));

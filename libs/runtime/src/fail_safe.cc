@@ -163,10 +163,7 @@ void FailSafe::Recovering(bool recovering) noexcept {
 void FailSafe::Enter(RunState to, HoldReason reason, std::string_view detail) noexcept {
   const RunState from = state_;
   state_ = to;
-  if (log_size_ == log_.size()) {
-    ++lost_;
-    return;
-  }
+  if (log_size_ == log_.size()) return;
   Transition& entry = log_[(log_begin_ + log_size_++) % log_.size()];
   entry = {now_ns_, from, to, reason, {}};
   Copy(detail, entry.detail);

@@ -343,8 +343,6 @@ LineVision::~LineVision() = default;
 LineVision::LineVision(LineVision&&) noexcept = default;
 LineVision& LineVision::operator=(LineVision&&) noexcept = default;
 
-const CameraModel& LineVision::camera() const noexcept { return impl_->camera; }
-
 void LineVision::ForgetLastImage() noexcept { impl_->has_last = false; }
 
 Eigen::Vector2d LineVision::FindTip(const ImageView& image) noexcept try {

@@ -69,10 +69,6 @@ PsmConsole::PsmConsole(const PsmConsoleOptions& options)
   DFR_THROW_UNLESS(options.homing_s >= 0.0 && options.homing_s < 1e3,
                    "homing_s must lie in [0, 1000)");
   DFR_THROW_UNLESS(options.lag_s > 0.0 && options.lag_s < 1e3, "lag_s must lie in (0, 1000)");
-  DFR_THROW_UNLESS(options.joint_error.offset.allFinite() &&
-                       options.joint_error.scale.allFinite() &&
-                       options.joint_error.reference.allFinite(),
-                   "joint_error must be finite");
   const Eigen::Matrix3d& turn = options.base_frame.linear();
   DFR_THROW_UNLESS(
       options.base_frame.matrix().allFinite() && turn.isUnitary(1e-9) && turn.determinant() > 0.0,
@@ -435,8 +431,6 @@ Eigen::Matrix<double, 6, 1> PsmConsole::measured_twist() const noexcept {
   }
   return twist;
 }
-
-PsmJoints PsmConsole::true_joints() const noexcept { return options_.joint_error.Apply(measured_); }
 
 std::vector<ConsoleMessage> PsmConsole::TakeMessages() { return std::exchange(messages_, {}); }
 std::vector<bool> PsmConsole::TakeGoals() { return std::exchange(goals_, {}); }

@@ -46,9 +46,8 @@ struct Health {
   int publishers = 0;
   /// Number of publishers matched since the start; a rediscovered publisher counts twice.
   int found = 0;
-  int alive = 0;             ///< Number of matched publishers whose liveliness is asserted.
-  int missed_deadlines = 0;  ///< Number of missed deadlines since the start.
-  int incompatible = 0;      ///< Number of publishers refused since the start for their QoS.
+  int alive = 0;         ///< Number of matched publishers whose liveliness is asserted.
+  int incompatible = 0;  ///< Number of publishers refused since the start for their QoS.
 };
 
 /// Sends messages of type T (see messages.h) to a ROS 2 topic. One object belongs to one thread at

@@ -22,8 +22,6 @@ enum class Freshness {
   kAhead,         ///< Stamped in the future: a clock jumped, or the machines' clocks differ.
 };
 
-[[nodiscard]] const char* Name(Freshness freshness) noexcept;
-
 /// Monitors a stream of stamped samples. Checks the age of the newest stamp, because a sender can
 /// repeat an old sample, and the time since the last arrival, because a network can fail silently.
 /// Consoles offer no DDS deadline or liveliness that could be monitored.

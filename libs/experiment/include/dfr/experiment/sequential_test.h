@@ -36,9 +36,7 @@ class SequentialTest {
   void Add(double difference);
 
   /// True once a difference is established; remains true.
-  [[nodiscard]] bool settled() const noexcept { return settled_at_ > 0; }
-  /// Returns the number of the pair that established a difference; 0 if there is none.
-  [[nodiscard]] std::int64_t settled_at() const noexcept { return settled_at_; }
+  [[nodiscard]] bool settled() const noexcept { return settled_; }
   [[nodiscard]] std::int64_t pairs() const noexcept { return pairs_; }
   /// Mean difference so far.
   [[nodiscard]] double mean() const noexcept;
@@ -56,7 +54,7 @@ class SequentialTest {
   double most_ = 0.0;                         // largest log_wealth() so far
   double sum_ = 0.0;
   std::int64_t pairs_ = 0;
-  std::int64_t settled_at_ = 0;
+  bool settled_ = false;
 };
 
 }  // namespace dfr::experiment

@@ -107,7 +107,6 @@ class Trpo {
   /// Returns the current policy.
   [[nodiscard]] GaussianPolicy policy() const;
 
-  [[nodiscard]] int iteration() const noexcept;       ///< Number of completed iterations.
   [[nodiscard]] std::int64_t steps() const noexcept;  ///< Number of controls applied so far.
   [[nodiscard]] const TrpoOptions& options() const noexcept;
 

@@ -48,9 +48,4 @@ struct Recording {
 ///   read, was not written by Recorder, or is damaged before its first chunk of data.
 [[nodiscard]] Recording ReadRecording(const std::filesystem::path& path);
 
-/// Reads the JPEG data of one picture of the recording at `path`. @throws std::runtime_error naming
-/// the file.
-[[nodiscard]] std::vector<std::uint8_t> ReadPicture(const std::filesystem::path& path,
-                                                    const RecordedPicture& picture);
-
 }  // namespace dfr::recording

@@ -33,9 +33,8 @@ struct PrincipalComponents {
   /// k x d, orthonormal rows, in order of variance. Ignored entries are 0. The largest entry of
   /// each row is positive.
   core::Matrix components;
-  Eigen::VectorXd variance;     ///< k; variance of the scores.
-  double total_variance = 0.0;  ///< Variance of a, summed over all directions.
-  core::Matrix scores;          ///< n x k; components * a of each row of the source.
+  Eigen::VectorXd variance;  ///< k; variance of the scores.
+  core::Matrix scores;       ///< n x k; components * a of each row of the source.
 };
 
 /// Fits principal components to rows that need not fit into memory.

@@ -14,7 +14,7 @@ namespace dfr::reduction {
 /// Entries with scale 0 never varied in the fit and are ignored.
 ///
 /// Immutable. Concurrent calls are safe. Apply() of one state never allocates, locks or throws and
-/// may be called in the control loop. Weights are in float; sums over more than 512 entries are in
+/// may be called in the control loop. Weights are in float, sums over more than 512 entries in
 /// double. The same values give the same z for every type of x.
 class Reduction {
  public:
@@ -44,8 +44,6 @@ class Reduction {
   /// outside.
   void Apply(std::span<const double> x, std::span<double> z) const noexcept;
   void Apply(std::span<const float> x, std::span<double> z) const noexcept;
-  /// Returns the components of each row. @throws std::invalid_argument if the width differs.
-  [[nodiscard]] core::Matrix Apply(const core::Matrix& rows) const;
 
   /// Appends this object to a file.
   void Save(core::ArchiveWriter& archive) const;

@@ -15,7 +15,6 @@ enum class RunState {
   kHolding,     ///< The robot stands still: the episode ended for the logged cause.
   kFaulted,     ///< The robot stands still: a device or the program is unreliable.
 };
-inline constexpr int kNumRunStates = static_cast<int>(RunState::kFaulted) + 1;
 
 /// "idle", "armed", "running", "recovering", "holding", "faulted".
 [[nodiscard]] const char* Name(RunState state) noexcept;
@@ -114,9 +113,8 @@ class FailSafe {
   [[nodiscard]] std::string_view blocking_detail() const noexcept;
 
   /// Takes the oldest pending transition. Returns false if there is none. The queue holds 64
-  /// transitions; further ones are lost and counted by lost_transitions().
+  /// transitions; further ones are lost.
   [[nodiscard]] bool Take(Transition& transition) noexcept;
-  [[nodiscard]] std::int64_t lost_transitions() const noexcept { return lost_; }
 
  private:
   void Enter(RunState to, HoldReason reason, std::string_view detail) noexcept;
@@ -132,7 +130,6 @@ class FailSafe {
   std::array<Transition, 64> log_{};
   std::size_t log_begin_ = 0;
   std::size_t log_size_ = 0;
-  std::int64_t lost_ = 0;
 };
 
 }  // namespace dfr::runtime

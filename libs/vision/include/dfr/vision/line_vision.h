@@ -109,8 +109,6 @@ class LineVision {
   /// Discards the last image: the next one is not compared with it.
   void ForgetLastImage() noexcept;
 
-  [[nodiscard]] const CameraModel& camera() const noexcept;
-
  private:
   struct Impl;
   std::unique_ptr<Impl> impl_;

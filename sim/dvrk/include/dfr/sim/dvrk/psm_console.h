@@ -28,8 +28,6 @@ struct PsmConsoleOptions {
   std::string arm = "PSM1";
   double homing_s = 2.0;  ///< Duration of homing, >= 0.
   double lag_s = 0.02;    ///< Time constant of the joints relative to their set-points, > 0.
-  /// Joint error that the encoders do not measure; it determines the tip's true position.
-  kinematics::PsmCorrection joint_error = {};
   /// Pose of the arm's base in the frame of all poses, and the name of this frame, for example the
   /// camera's. Empty name: the arm's own base frame.
   Eigen::Isometry3d base_frame = Eigen::Isometry3d::Identity();
@@ -123,8 +121,6 @@ class PsmConsole {
   [[nodiscard]] double trajectory_ratio() const noexcept { return trajectory_ratio_; }
   /// Number of moves since the start, including the jaw's.
   [[nodiscard]] int moves_begun() const noexcept { return moves_begun_; }
-  /// True joint positions.
-  [[nodiscard]] kinematics::PsmJoints true_joints() const noexcept;
 
   /// Returns the console's messages since the last call.
   [[nodiscard]] std::vector<ConsoleMessage> TakeMessages();

@@ -9,7 +9,7 @@ namespace dfr::sim {
 
 /// Options for DvrkScene.
 struct DvrkSceneOptions {
-  PsmConsoleOptions arm;  ///< `joint_error` is ignored: `world` has the arm's errors.
+  PsmConsoleOptions arm;
   /// The rest of the world. `observation` is ignored: only clients observe.
   LineTrackingOptions world;
   std::uint64_t seed = 0;  ///< Seed of the first episode: line, light, disturbance.
