@@ -12,6 +12,7 @@
 
 #include "tests/support/message_of.h"
 #include "tests/support/temp_folder.h"
+#include "tests/support/write_intrinsics.h"
 
 namespace dfr::hardware {
 namespace {
@@ -49,29 +50,21 @@ class IntrinsicsFileTest : public testing::Test {
   const dfr::test::TempFolder folder_;
 };
 
-TEST_F(IntrinsicsFileTest, RoundTripIsExact) {
-  const auto path = folder_ / "camera.yaml";
-  WriteIntrinsics(path, Odd());
-  EXPECT_EQ(ReadIntrinsics(path), Odd());
-  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder_.path), {}), 1);
+TEST_F(IntrinsicsFileTest, AllBitsAreRead) {
+  test::WriteIntrinsics(folder_ / "camera.yaml", Odd());
+  EXPECT_EQ(ReadIntrinsics(folder_ / "camera.yaml"), Odd());
 }
 
-// OpenCV reads our files, and we read its files.
-TEST_F(IntrinsicsFileTest, OpenCvReadsAndWritesTheSame) {
+TEST_F(IntrinsicsFileTest, FilesOfOpenCvAreRead) {
   const auto path = folder_ / "camera.yaml";
-  WriteIntrinsics(path, Odd());
+  test::WriteIntrinsics(path, Odd());
   cv::FileStorage in(path.string(), cv::FileStorage::READ);
   ASSERT_TRUE(in.isOpened());
   cv::Mat k;
   cv::Mat d;
   in["camera_matrix"] >> k;
   in["distortion_coefficients"] >> d;
-  EXPECT_EQ(static_cast<int>(in["image_width"]), 720);
-  EXPECT_EQ(k.at<double>(0, 0), Odd().fx);
-  EXPECT_EQ(k.at<double>(1, 2), Odd().cy);
   ASSERT_EQ(d.total(), 5U);
-  EXPECT_EQ(d.at<double>(4), 1e-300);
-
   for (const char* name : {"other.yml", "other.xml"}) {
     cv::FileStorage out((folder_ / name).string(), cv::FileStorage::WRITE);
     out << "calibration_time"
@@ -154,10 +147,6 @@ TEST_F(IntrinsicsFileTest, ErrorsNameFileAndKey) {
        "camera_matrix is not valid"}};
   for (const auto& [text, words] : rows) EXPECT_THAT(ErrorOf(text), HasSubstr(words));
   EXPECT_THROW((void)ReadIntrinsics(folder_ / "none.yaml"), std::runtime_error);
-  EXPECT_THROW(WriteIntrinsics(folder_ / "no" / "such" / "folder.yaml", Odd()), std::runtime_error);
-  vision::CameraModel none = Odd();
-  none.fx = 0.0;
-  EXPECT_THROW(WriteIntrinsics(folder_ / "camera.yaml", none), std::invalid_argument);
 }
 
 }  // namespace

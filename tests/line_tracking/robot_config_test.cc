@@ -13,6 +13,7 @@
 #include "dfr/hardware/intrinsics_file.h"
 #include "tests/support/message_of.h"
 #include "tests/support/temp_folder.h"
+#include "tests/support/write_intrinsics.h"
 
 namespace dfr::apps::line_tracking {
 namespace {
@@ -183,7 +184,7 @@ TEST_F(RobotConfigTest, TheSimulatorGetsTheCalibrationUnlessThereIsNone) {
 TEST_F(RobotConfigTest, ACalibrationOfAnotherCameraIsRefused) {
   const std::filesystem::path intrinsics = folder_ / "camera.yaml";
   vision::CameraModel camera;
-  hardware::WriteIntrinsics(intrinsics, camera);
+  test::WriteIntrinsics(intrinsics, camera);
   const RobotConfig config =
       Load("calibration = 'c.dfr'\n[camera]\nintrinsics = '" + intrinsics.string() + "'\n");
   line_task::LineCalibration calibration;

@@ -33,6 +33,7 @@
 #include "tests/dds/peer_process.h"
 #include "tests/line_tracking/scene.h"
 #include "tests/support/temp_folder.h"
+#include "tests/support/write_intrinsics.h"
 #include "trial_runner.h"
 
 namespace dfr::apps::line_tracking {
@@ -159,7 +160,7 @@ class Surgeon {
 class RobotFromNothingSystemTest : public testing::Test {
  protected:
   RobotFromNothingSystemTest() {
-    hardware::WriteIntrinsics(folder_ / "camera.yaml", sim::LineTrackingPlant::true_camera());
+    test::WriteIntrinsics(folder_ / "camera.yaml", sim::LineTrackingPlant::true_camera());
     // Sets limits for a busy machine.
     std::ofstream(config_) << "robot = 'dds'\nmodel = '" << (folder_ / "model").string()
                            << "'\ncalibration = '" << (folder_ / "calibration.dfr").string()

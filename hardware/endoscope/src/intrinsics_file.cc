@@ -13,9 +13,7 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/core/files/atomic_file.h"
 #include "dfr/core/files/read_file.h"
-#include "dfr/core/text/format.h"
 #include "dfr/core/text/numbers.h"
 
 namespace dfr::hardware {
@@ -229,22 +227,6 @@ vision::CameraModel ReadIntrinsics(const std::filesystem::path& path) {
     reader.Fail(std::string("camera_matrix is not valid: ") + e.what());
   }
   return camera;
-}
-
-void WriteIntrinsics(const std::filesystem::path& path, const vision::CameraModel& camera) {
-  camera.Check();
-  const auto& d = camera.distortion;
-  // 17 digits reproduce every bit.
-  core::ReplaceFile(
-      path,
-      core::Format("%%YAML:1.0\n---\n"
-                   "image_width: %d\nimage_height: %d\n"
-                   "camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n"
-                   "   data: [ %.17g, 0., %.17g, 0., %.17g, %.17g, 0., 0., 1. ]\n"
-                   "distortion_coefficients: !!opencv-matrix\n   rows: 1\n   cols: 5\n   dt: d\n"
-                   "   data: [ %.17g, %.17g, %.17g, %.17g, %.17g ]\n",
-                   camera.width, camera.height, camera.fx, camera.cx, camera.fy, camera.cy, d[0],
-                   d[1], d[2], d[3], d[4]));
 }
 
 }  // namespace dfr::hardware

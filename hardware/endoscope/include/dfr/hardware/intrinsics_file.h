@@ -14,9 +14,4 @@ namespace dfr::hardware {
 /// @throws std::runtime_error naming the file, the key and the error.
 [[nodiscard]] vision::CameraModel ReadIntrinsics(const std::filesystem::path& path);
 
-/// Writes intrinsics in OpenCV's YAML 1.0 format. ReadIntrinsics() restores them bit for bit.
-/// @throws std::invalid_argument as CameraModel::Check(); std::runtime_error naming the file and
-///   the system's error.
-void WriteIntrinsics(const std::filesystem::path& path, const vision::CameraModel& camera);
-
 }  // namespace dfr::hardware
