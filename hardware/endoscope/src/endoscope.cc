@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cctype>
 #include <filesystem>
+#include <iterator>
 #include <system_error>
 
 #include "dfr/core/contract.h"
@@ -11,69 +12,49 @@
 
 namespace dfr::hardware {
 
-const char* Name(FrameStatus status) noexcept {
-  switch (status) {
-    case FrameStatus::kOk:
-      return "ok";
-    case FrameStatus::kNever:
-      return "no picture has arrived yet";
-    case FrameStatus::kSilent:
-      return "no picture has arrived for too long";
-    case FrameStatus::kOld:
-      return "pictures are too old";
-    case FrameStatus::kAhead:
-      return "pictures are stamped in the future";
-    case FrameStatus::kInvalidStamp:
-      return "pictures are stamped zero";
-    case FrameStatus::kEnded:
-      return "the video has ended";
-    case FrameStatus::kTruncated:
-      return "the video file is truncated";
-    case FrameStatus::kFailed:
-      return "the video device delivers no more pictures";
-    case FrameStatus::kWrongSize:
-      return "the pictures differ in size from the intrinsics";
-    case FrameStatus::kWrongEncoding:
-      return "the encoding of the pictures is not supported";
-    case FrameStatus::kDark:
-      return "pictures are black";
-    case FrameStatus::kFrozen:
-      return "the same picture is repeated";
-  }
-  return "unknown";
+namespace {
+
+struct StatusWords {
+  FrameStatus status;
+  const char* name;
+  const char* remedy;
+};
+constexpr StatusWords kStatusWords[] = {
+    {FrameStatus::kOk, "ok", ""},
+    {FrameStatus::kNever, "no picture has arrived yet",
+     "does any program publish images on this topic, in this DDS domain?"},
+    {FrameStatus::kSilent, "no picture has arrived for too long",
+     "check the camera's program, the cable and the network"},
+    {FrameStatus::kOld, "pictures are too old",
+     "set both machines' clocks by NTP or PTP; if they agree, the camera's program stalls"},
+    {FrameStatus::kAhead, "pictures are stamped in the future",
+     "set both machines' clocks by NTP or PTP"},
+    {FrameStatus::kInvalidStamp, "pictures are stamped zero",
+     "the camera's driver must stamp its pictures"},
+    {FrameStatus::kEnded, "the video has ended", "a file plays once; open it again"},
+    {FrameStatus::kTruncated, "the video file is truncated", "record or copy the file again"},
+    {FrameStatus::kFailed, "the video device delivers no more pictures",
+     "check the device's cable and power, then open it again"},
+    {FrameStatus::kWrongSize, "the pictures differ in size from the intrinsics",
+     "set the camera to the size it was calibrated at, or calibrate at this one"},
+    {FrameStatus::kWrongEncoding, "the encoding of the pictures is not supported",
+     "let the driver publish bgr8, rgb8, mono8 or jpeg"},
+    {FrameStatus::kDark, "pictures are black",
+     "switch on the light source, remove the lens cap, and check the cable"},
+    {FrameStatus::kFrozen, "the same picture is repeated",
+     "restart the camera's program or the frame grabber"},
+};
+
+StatusWords WordsOf(FrameStatus status) {
+  const auto* const words = std::ranges::find(kStatusWords, status, &StatusWords::status);
+  return words != std::end(kStatusWords) ? *words : StatusWords{status, "unknown", ""};
 }
 
-const char* Remedy(FrameStatus status) noexcept {
-  switch (status) {
-    case FrameStatus::kOk:
-      return "";
-    case FrameStatus::kNever:
-      return "does any program publish images on this topic, in this DDS domain?";
-    case FrameStatus::kSilent:
-      return "check the camera's program, the cable and the network";
-    case FrameStatus::kOld:
-      return "set both machines' clocks by NTP or PTP; if they agree, the camera's program stalls";
-    case FrameStatus::kAhead:
-      return "set both machines' clocks by NTP or PTP";
-    case FrameStatus::kInvalidStamp:
-      return "the camera's driver must stamp its pictures";
-    case FrameStatus::kEnded:
-      return "a file plays once; open it again";
-    case FrameStatus::kTruncated:
-      return "record or copy the file again";
-    case FrameStatus::kFailed:
-      return "check the device's cable and power, then open it again";
-    case FrameStatus::kWrongSize:
-      return "set the camera to the size it was calibrated at, or calibrate at this one";
-    case FrameStatus::kWrongEncoding:
-      return "let the driver publish bgr8, rgb8, mono8 or jpeg";
-    case FrameStatus::kDark:
-      return "switch on the light source, remove the lens cap, and check the cable";
-    case FrameStatus::kFrozen:
-      return "restart the camera's program or the frame grabber";
-  }
-  return "";
-}
+}  // namespace
+
+const char* Name(FrameStatus status) noexcept { return WordsOf(status).name; }
+
+const char* Remedy(FrameStatus status) noexcept { return WordsOf(status).remedy; }
 
 void EndoscopeOptions::Check() const {
   const auto positive = [](double value) { return value > 0.0 && value < 1e6; };
