@@ -16,53 +16,6 @@
 #include "gaussian/gaussian_sum.h"
 
 namespace dfr::bench {
-namespace {
-
-void OpenOrThrow(std::ofstream& file, const std::string& path) {
-  file.open(path);
-  if (!file) throw std::runtime_error(path + ": cannot be written");
-}
-
-// Draws bars of the subject's speed-up over each peer, on a logarithmic axis from 1 to 1000.
-void WritePicture(const std::string& title, const std::vector<CaseResult>& results,
-                  const std::string& path) {
-  static constexpr const char* kColors[] = {"#4878a8", "#e08214", "#5aae61", "#9970ab", "#888888"};
-  std::ofstream svg;
-  OpenOrThrow(svg, path);
-  std::size_t bars = 0;
-  for (const CaseResult& r : results) bars += r.timings.size();
-  const double height = 60.0 + 14.0 * static_cast<double>(bars);
-  const auto place = [](double ratio) {
-    return 260.0 + 160.0 * std::clamp(std::log10(ratio), 0.0, 3.2);
-  };
-  svg << "<svg xmlns='http://www.w3.org/2000/svg' width='820' height='" << height
-      << "' font-family='sans-serif' font-size='11'>\n<rect width='100%' height='100%' "
-         "fill='white'/>\n<text x='10' y='18' font-size='14'>"
-      << title << ": times faster than each peer</text>\n";
-  for (const int ratio : {1, 10, 100, 1000}) {
-    svg << "<line x1='" << place(ratio) << "' x2='" << place(ratio) << "' y1='34' y2='" << height
-        << "' stroke='#ccc'/><text x='" << place(ratio) << "' y='32' text-anchor='middle'>" << ratio
-        << "</text>\n";
-  }
-  double y = 40.0;
-  for (const CaseResult& r : results) {
-    svg << "<text x='10' y='" << y + 10 << "'>" << r.name << "</text>\n";
-    for (std::size_t i = 1; i < r.timings.size(); ++i) {
-      const double ratio = r.timings[i].nanoseconds / r.timings[0].nanoseconds;
-      if (ratio > 0.0) {
-        svg << "<rect x='" << place(1.0) << "' y='" << y << "' height='11' width='"
-            << place(ratio) - place(1.0) << "' fill='" << kColors[(i - 1) % 5] << "'/><text x='"
-            << place(ratio) + 4 << "' y='" << y + 9 << "'>" << r.timings[i].name << " "
-            << std::round(ratio * 10.0) / 10.0 << "</text>\n";
-      }
-      y += 13.0;
-    }
-    y += 14.0;
-  }
-  svg << "</svg>\n";
-}
-
-}  // namespace
 
 double CpuSeconds() {
   timespec now{};
@@ -85,19 +38,15 @@ ContestOptions ContestOptions::Parse(int argc, char** argv) {
               [&](const std::string& v) { options.min_time = std::strtod(v.c_str(), nullptr); }) ||
         value("--rounds=", [&](const std::string& v) { options.rounds = std::atoi(v.c_str()); }) ||
         value("--benchmark_out=", [&](std::string v) { options.json = std::move(v); }) ||
-        value("--picture=", [&](std::string v) { options.picture = std::move(v); }) ||
         value("--target=", [&](std::string v) { options.target = std::move(v); });
     if (!known || options.rounds < 1 || !(options.min_time >= 0.0)) {
       throw std::invalid_argument(
           "cannot use '" + std::string(argument) +
           "'. Known: --benchmark_filter=TEXT --benchmark_min_time=SECONDS --rounds=N "
-          "--benchmark_out=FILE.json --picture=FILE.svg --target=NAME");
+          "--benchmark_out=FILE.json --target=NAME");
     }
   }
-  if (!options.smoke()) {
-    if (options.json.empty()) options.json = std::string(argv[0]) + ".json";
-    if (options.picture.empty()) options.picture = std::string(argv[0]) + ".svg";
-  }
+  if (!options.smoke() && options.json.empty()) options.json = std::string(argv[0]) + ".json";
   return options;
 }
 
@@ -209,33 +158,28 @@ int ExitCode(const std::vector<CaseResult>& results) {
   return wrong ? EXIT_FAILURE : EXIT_SUCCESS;
 }
 
-void WriteReports(const std::string& title, const std::vector<CaseResult>& results,
-                  const ContestOptions& options) {
-  if (!options.json.empty()) {
-    nlohmann::json cases = nlohmann::json::array();
-    for (const CaseResult& r : results) {
-      nlohmann::json timings = nlohmann::json::array();
-      for (const Timing& t : r.timings) {
-        timings.push_back(
-            {{"name", t.name}, {"cpu_nanoseconds", t.nanoseconds}, {"wrong", t.wrong}});
-      }
-      nlohmann::json counters = nlohmann::json::object();
-      for (const auto& [name, value] : r.counters) counters[name] = value;
-      cases.push_back({{"name", r.name},
-                       {"timings", timings},
-                       {"bound_nanoseconds", r.bound_nanoseconds},
-                       {"counters", counters}});
+void WriteReport(const std::string& title, const std::vector<CaseResult>& results,
+                 const ContestOptions& options) {
+  if (options.json.empty()) return;
+  nlohmann::json cases = nlohmann::json::array();
+  for (const CaseResult& r : results) {
+    nlohmann::json timings = nlohmann::json::array();
+    for (const Timing& t : r.timings) {
+      timings.push_back({{"name", t.name}, {"cpu_nanoseconds", t.nanoseconds}, {"wrong", t.wrong}});
     }
-    std::ofstream file;
-    OpenOrThrow(file, options.json);
-    file << nlohmann::json{{"title", title}, {"machine", Describe(Measure())}, {"cases", cases}}
-                .dump(1)
-         << '\n';
+    nlohmann::json counters = nlohmann::json::object();
+    for (const auto& [name, value] : r.counters) counters[name] = value;
+    cases.push_back({{"name", r.name},
+                     {"timings", timings},
+                     {"bound_nanoseconds", r.bound_nanoseconds},
+                     {"counters", counters}});
   }
-  if (!options.picture.empty()) WritePicture(title, results, options.picture);
-  for (const std::string& path : {options.json, options.picture}) {
-    if (!path.empty()) std::printf("wrote %s\n", path.c_str());
-  }
+  std::ofstream file(options.json);
+  if (!file) throw std::runtime_error(options.json + ": cannot be written");
+  file << nlohmann::json{{"title", title}, {"machine", Describe(Measure())}, {"cases", cases}}.dump(
+              1)
+       << '\n';
+  std::printf("wrote %s\n", options.json.c_str());
 }
 
 }  // namespace dfr::bench

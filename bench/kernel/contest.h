@@ -14,7 +14,6 @@ struct ContestOptions {
   double min_time = 0.01;  ///< --benchmark_min_time=SECONDS per round; 0: one untimed repetition.
   int rounds = 9;          ///< --rounds=N; the result is the median over the rounds.
   std::string json;        ///< --benchmark_out=FILE; PROGRAM.json unless it is a smoke run
-  std::string picture;     ///< --picture=FILE.svg; PROGRAM.svg unless it is a smoke run
   std::string target;      ///< --target=NAME: our instruction set, such as AVX2; empty: the best.
 
   /// @throws std::invalid_argument naming the unknown argument.
@@ -62,9 +61,9 @@ struct CaseResult {
 void PrintRow(const CaseResult& result);
 inline constexpr double kLeastRatio = 8.0;
 
-/// Writes the requested reports: all cases as JSON, and the ratios as a bar chart.
-void WriteReports(const std::string& title, const std::vector<CaseResult>& results,
-                  const ContestOptions& options);
+/// Writes all cases as JSON to ContestOptions::json, if it is set.
+void WriteReport(const std::string& title, const std::vector<CaseResult>& results,
+                 const ContestOptions& options);
 
 /// Returns failure if the subject of any case gave a wrong answer.
 [[nodiscard]] int ExitCode(const std::vector<CaseResult>& results);

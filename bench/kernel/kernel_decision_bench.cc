@@ -214,7 +214,7 @@ int main(int argc, char** argv) try {
       if (sv >= 64 && sv <= 600) contest.Cold(options, results);
     }
   }
-  WriteReports("Decision function", results, options);
+  WriteReport("Decision function", results, options);
   return ExitCode(results);
 } catch (const std::invalid_argument& e) {
   std::fprintf(stderr, "kernel_decision_bench: %s\n", e.what());

@@ -256,7 +256,7 @@ int main(int argc, char** argv) try {
   const PerStep per_step;
   per_step.Train(options, results);
   per_step.TrainGrid(options, results);
-  WriteReports("Training", results, options);
+  WriteReport("Training", results, options);
   return ExitCode(results);
 } catch (const std::invalid_argument& e) {
   std::fprintf(stderr, "kernel_training_bench: %s\n", e.what());
