@@ -1,8 +1,8 @@
 // Round-trip time of a pose to another process or thread, and one-way time of a 640 x 480 picture,
 // through dfr's publishers and subscribers over each transport, compared with CycloneDDS over UDP
-// on the same loopback. Times are medians and 99th percentiles, in microseconds; `of_cyclone` is
-// the median relative to CycloneDDS's. One message is in transit at a time. The other process
-// also runs this program. usage: dds_latency_bench [Google Benchmark's options]
+// on the same loopback, and with security. Times are medians and 99th percentiles, in microseconds;
+// `of_cyclone` is the median relative to CycloneDDS's. One message is in transit at a time. The
+// other process also runs this program. usage: dds_latency_bench [Google Benchmark's options]
 #include <benchmark/benchmark.h>
 #include <dds/dds.h>
 #include <signal.h>
@@ -27,6 +27,7 @@
 #include <vector>
 
 #include "dfr/core/numerics/quantile.h"
+#include "dfr/dds/certificates.h"
 #include "dfr/dds/channel.h"
 #include "ros2_types.h"
 
@@ -36,6 +37,34 @@ namespace {
 constexpr std::uint32_t kWidth = 640;
 constexpr std::uint32_t kHeight = 480;
 constexpr double kPatience_s = 20.0;
+// Topics that the certificates of a controller and a console permit.
+constexpr const char* kAsk = "/PSM1/servo_cp";
+constexpr const char* kAnswer = "/PSM1/setpoint_cp";
+
+// Certificates in a folder that is named after the process of the questions, which starts the other
+// one. They are removed with the object.
+class Keystore {
+ public:
+  Keystore() {
+    MakeAuthority(Folder(::getpid()));
+    AddParticipant(Folder(::getpid()), "ask", Permission::kController);
+    AddParticipant(Folder(::getpid()), "answer", Permission::kConsole);
+  }
+  ~Keystore() {
+    std::error_code ignored;
+    std::filesystem::remove_all(Folder(::getpid()), ignored);
+  }
+  Keystore(const Keystore&) = delete;
+  Keystore& operator=(const Keystore&) = delete;
+  static std::string Enclave(bool asks) {
+    return Folder(asks ? ::getpid() : ::getppid()) / "enclaves" / (asks ? "ask" : "answer");
+  }
+
+ private:
+  static std::filesystem::path Folder(pid_t process) {
+    return std::filesystem::temp_directory_path() / ("dfr-latency-" + std::to_string(process));
+  }
+};
 
 // A clock shared by all processes of this machine.
 std::int64_t Now() {
@@ -84,17 +113,19 @@ Image Question(const Image* /*type*/) {
 template <typename T>
 class OurEnd final : public End {
  public:
-  OurEnd(int domain, bool asks, bool shared_memory)
-      : participant_(
-            {.domain = domain, .name = "dds_latency_bench", .shared_memory = shared_memory}) {
+  OurEnd(int domain, bool asks, bool shared_memory, const std::string& security)
+      : participant_({.domain = domain,
+                      .name = "dds_latency_bench",
+                      .shared_memory = shared_memory,
+                      .security = security}) {
     // Roles without a lifespan, because samples must not expire.
     const Role role = std::is_same_v<T, Image> ? Role::kImage : Role::kState;
     if (asks) {
-      ask_ = std::make_unique<Publisher<T>>(participant_, "/ask", role);
-      answers_ = std::make_unique<Subscriber<PoseStamped>>(participant_, "/answer", Role::kState);
+      ask_ = std::make_unique<Publisher<T>>(participant_, kAsk, role);
+      answers_ = std::make_unique<Subscriber<PoseStamped>>(participant_, kAnswer, Role::kState);
     } else {
-      asked_ = std::make_unique<Subscriber<T>>(participant_, "/ask", role);
-      answer_ = std::make_unique<Publisher<PoseStamped>>(participant_, "/answer", Role::kState);
+      asked_ = std::make_unique<Subscriber<T>>(participant_, kAsk, role);
+      answer_ = std::make_unique<Publisher<PoseStamped>>(participant_, kAnswer, Role::kState);
     }
   }
 
@@ -230,15 +261,16 @@ class CycloneEnd final : public End {
   std::vector<std::uint8_t> pixels_;
 };
 
-enum class Way { kCyclone, kUdp, kSharedMemory, kSameProcess };
+enum class Way { kCyclone, kUdp, kSharedMemory, kSameProcess, kSecured };
 
 std::unique_ptr<End> MakeEnd(Way way, bool image, bool asks) {
   // Each case has a separate domain, above the domains of the tests.
   const int domain = 103 + 2 * static_cast<int>(way) + (image ? 1 : 0);
   if (way == Way::kCyclone) return std::make_unique<CycloneEnd>(domain, asks, image);
   const bool shared_memory = way == Way::kSharedMemory;
-  if (image) return std::make_unique<OurEnd<Image>>(domain, asks, shared_memory);
-  return std::make_unique<OurEnd<PoseStamped>>(domain, asks, shared_memory);
+  const std::string security = way == Way::kSecured ? Keystore::Enclave(asks) : "";
+  if (image) return std::make_unique<OurEnd<Image>>(domain, asks, shared_memory, security);
+  return std::make_unique<OurEnd<PoseStamped>>(domain, asks, shared_memory, security);
 }
 
 int ServeForEver(Way way, bool image) {
@@ -336,6 +368,10 @@ void Measure(benchmark::State& state, Way way, bool image) {
 }
 
 void BM_PoseRoundTrip(benchmark::State& state, Way way) { Measure(state, way, false); }
+void BM_SecuredPoseRoundTrip(benchmark::State& state) {
+  static const Keystore kKeystore;
+  Measure(state, Way::kSecured, false);
+}
 void BM_ImageOneWay(benchmark::State& state, Way way) { Measure(state, way, true); }
 
 #define DFR_CASE(Benchmark, name, way) \
@@ -349,6 +385,7 @@ DFR_CASE(BM_ImageOneWay, udp, Way::kUdp);
 DFR_CASE(BM_ImageOneWay, shared_memory, Way::kSharedMemory);
 DFR_CASE(BM_ImageOneWay, same_process, Way::kSameProcess);
 #undef DFR_CASE
+BENCHMARK(BM_SecuredPoseRoundTrip)->UseManualTime()->Unit(benchmark::kMicrosecond);
 
 }  // namespace
 }  // namespace dfr::dds
