@@ -11,6 +11,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/features/feature_transform.h"
 #include "dfr/core/random.h"
+#include "dfr/core/record.h"
 #include "dfr/kernel/time_varying_support.h"
 #include "dfr/safety/method.h"
 
@@ -270,29 +271,21 @@ std::optional<core::Trajectory> World::Follow(const std::vector<Point>& points, 
   PointPlant plant(*scene_);
   plant.Reset(seed);
   if (!unsteady) plant.MoveTo(points.front());
-  core::Trajectory demonstration;
-  demonstration.seed = seed;
-  demonstration.states.resize(kHorizon + 1, 2);
-  demonstration.controls.resize(kHorizon, 2);
-  plant.Observe(core::Row(demonstration.states, 0));
   double s = 0.0;
-  int t = 0;
-  for (; t < kHorizon && !plant.completed() && !plant.collided(); ++t) {
-    s = route.Progress(plant.point() - aside, s);
-    const Point aim = route.At(s + 2.0 * kSpeed * PointPlant::kGain) +
-                      (s + 0.3 < route.length() ? aside : Point{});
-    const Point way = aim - plant.point();
-    Point control = ControlFor((kSpeed * PointPlant::kGain / std::max(1e-9, Norm(way))) * way);
-    for (double& entry : control) entry += noise * random.Normal();
-    control = Saturated(control);
-    std::copy(control.begin(), control.end(), core::Row(demonstration.controls, t).begin());
-    if (plant.Apply(control) != core::PlantStatus::kOk) return std::nullopt;
-    plant.Observe(core::Row(demonstration.states, t + 1));
-  }
-  if (!plant.completed()) return std::nullopt;
-  demonstration.outcome = core::Outcome::kCompleted;
-  demonstration.states.conservativeResize(t + 1, 2);
-  demonstration.controls.conservativeResize(t, 2);
+  core::Trajectory demonstration = core::Record(
+      plant, kHorizon, [&](int /*t*/, std::span<const double> /*x*/, std::span<double> u) {
+        s = route.Progress(plant.point() - aside, s);
+        const Point aim = route.At(s + 2.0 * kSpeed * PointPlant::kGain) +
+                          (s + 0.3 < route.length() ? aside : Point{});
+        const Point way = aim - plant.point();
+        Point control = ControlFor((kSpeed * PointPlant::kGain / std::max(1e-9, Norm(way))) * way);
+        for (double& entry : control) entry += noise * random.Normal();
+        control = Saturated(control);
+        std::ranges::copy(control, u.begin());
+        return plant.Apply(u);
+      });
+  demonstration.seed = seed;
+  if (demonstration.outcome != core::Outcome::kCompleted) return std::nullopt;
   return demonstration;
 }
 

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
+#include "dfr/core/record.h"
 
 namespace dfr::apps::pusher {
 namespace {
@@ -14,29 +14,18 @@ namespace {
 // One sampled episode, with the controls that the plant received.
 core::Trajectory Episode(sim::PusherPlant& plant, const imitation::GaussianPolicy& supervisor,
                          int horizon, std::uint64_t seed) {
-  const int state_dim = plant.state_dim();
-  const int control_dim = plant.control_dim();
-  core::Matrix states(horizon + 1, state_dim);
-  core::Matrix controls(horizon, control_dim);
   core::Random random(core::DeriveSeed(seed, {1}));
-  core::Trajectory trajectory;
-  trajectory.seed = core::DeriveSeed(seed, {0});
-  plant.Reset(trajectory.seed);
-  plant.Observe(core::Row(states, 0));
-  int steps = 0;
-  while (steps < horizon && !plant.completed() && !plant.collided()) {
-    supervisor.Sample(core::Row(std::as_const(states), steps), random, core::Row(controls, steps));
-    if (plant.Apply(core::Row(std::as_const(controls), steps)) != core::PlantStatus::kOk) {
-      throw std::runtime_error("the simulation failed while the supervisor demonstrated");
-    }
-    ++steps;
-    plant.Observe(core::Row(states, steps));
-  }
-  trajectory.outcome = plant.collided()    ? core::Outcome::kCollided
-                       : plant.completed() ? core::Outcome::kCompleted
-                                           : core::Outcome::kHalted;
-  trajectory.states = states.topRows(steps + 1);
-  trajectory.controls = controls.topRows(steps);
+  const std::uint64_t start = core::DeriveSeed(seed, {0});
+  plant.Reset(start);
+  core::Trajectory trajectory =
+      core::Record(plant, horizon, [&](int /*t*/, std::span<const double> x, std::span<double> u) {
+        supervisor.Sample(x, random, u);
+        if (plant.Apply(u) != core::PlantStatus::kOk) {
+          throw std::runtime_error("the simulation failed while the supervisor demonstrated");
+        }
+        return core::PlantStatus::kOk;
+      });
+  trajectory.seed = start;
   return trajectory;
 }
 

@@ -4,6 +4,7 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
+#include "dfr/core/record.h"
 #include "dfr/sim/gallery/corridor.h"
 #include "dfr/sim/gallery/disc_push.h"
 
@@ -40,34 +41,25 @@ std::vector<core::Trajectory> Demonstrate(const Task& task, int count, std::uint
   std::vector<core::Trajectory> demonstrations;
   const std::unique_ptr<core::SimulatedPlant> clone = task.plant->Clone();
   auto& plant = static_cast<sim::GalleryPlant&>(*clone);
-  const int n = plant.state_dim();
-  const int m = plant.control_dim();
   // Far more attempts than any sensible supervisor needs.
   const int most = 100 * count + 1000;
   for (int attempt = 0; static_cast<int>(demonstrations.size()) < count; ++attempt) {
     DFR_THROW_UNLESS(attempt < most, "the supervisor of " << task.name << " rarely succeeds");
-    core::Trajectory trajectory;
-    trajectory.seed = core::DeriveSeed(seed, {static_cast<std::uint64_t>(attempt)});
-    core::Random random(core::DeriveSeed(trajectory.seed, {1}));
-    plant.Reset(trajectory.seed);
-    trajectory.states.resize(task.horizon + 1, n);
-    trajectory.controls.resize(task.horizon, m);
-    plant.Observe(core::Row(trajectory.states, 0));
-    int t = 0;
-    for (; t < task.horizon && !plant.completed() && !plant.collided(); ++t) {
-      const auto u = core::Row(trajectory.controls, t);
-      plant.Supervise({}, u);
-      for (double& entry : u) {
-        entry = std::clamp(entry + task.supervisor_noise * random.Normal(), -1.0, 1.0);
-      }
-      if (plant.Apply(u) != core::PlantStatus::kOk) break;
-      plant.Observe(core::Row(trajectory.states, t + 1));
+    const std::uint64_t start = core::DeriveSeed(seed, {static_cast<std::uint64_t>(attempt)});
+    core::Random random(core::DeriveSeed(start, {1}));
+    plant.Reset(start);
+    core::Trajectory trajectory = core::Record(
+        plant, task.horizon, [&](int /*t*/, std::span<const double> /*x*/, std::span<double> u) {
+          plant.Supervise({}, u);
+          for (double& entry : u) {
+            entry = std::clamp(entry + task.supervisor_noise * random.Normal(), -1.0, 1.0);
+          }
+          return plant.Apply(u);
+        });
+    trajectory.seed = start;
+    if (trajectory.outcome == core::Outcome::kCompleted) {
+      demonstrations.push_back(std::move(trajectory));
     }
-    if (!plant.completed()) continue;
-    trajectory.outcome = core::Outcome::kCompleted;
-    trajectory.states.conservativeResize(t + 1, n);
-    trajectory.controls.conservativeResize(t, m);
-    demonstrations.push_back(std::move(trajectory));
   }
   return demonstrations;
 }

@@ -5,6 +5,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "dfr/core/record.h"
 #include "tasks/tasks.h"
 
 namespace dfr::sim {
@@ -39,42 +40,32 @@ core::Trajectory DemonstrateOnce(const GalleryTask& task, std::uint64_t seed) {
   // Noise is correlated over about four steps, like the noise of a human hand.
   constexpr double kMemory = 0.8;
   const double fresh = std::sqrt(1.0 - kMemory * kMemory);
-  core::Trajectory trajectory;
-  trajectory.seed = seed;
   core::Random random(core::DeriveSeed(seed, {1}));
   const SupervisorVariation variation{.way = random.Uniform(), .offset = random.Normal()};
   const double pace = std::exp(random.Uniform(std::log(task.slowest), std::log(task.fastest)));
   const std::unique_ptr<core::SimulatedPlant> clone = task.plant->Clone();
   auto& plant = static_cast<GalleryPlant&>(*clone);
   plant.Reset(seed);
-  trajectory.states.resize(task.horizon + 1, plant.state_dim());
-  trajectory.controls.resize(task.horizon, plant.control_dim());
-  plant.Observe(core::Row(trajectory.states, 0));
   std::vector<double> noise(static_cast<std::size_t>(plant.control_dim()), 0.0);
   std::vector<double> spread(noise.size(), task.noise);
   for (std::size_t i = 0; i < task.units.size(); ++i) spread[i] *= task.units[i];
   for (const int entry : task.switches) spread[static_cast<std::size_t>(entry)] = 0.0;
   int pause = 0;
-  int t = 0;
-  for (; t < task.horizon && !plant.completed() && !plant.collided(); ++t) {
-    const std::span<double> u = core::Row(trajectory.controls, t);
-    plant.Supervise(variation, u);
-    if (task.pause > 0.0 && pause == 0 && random.Uniform() < task.pause) {
-      pause = 5 + static_cast<int>(random.Below(26));
-    }
-    const double scale = pause > 0 ? 0.0 : pace;
-    if (pause > 0) --pause;
-    for (std::size_t i = 0; i < u.size(); ++i) {
-      noise[i] = kMemory * noise[i] + fresh * spread[i] * random.Normal();
-      u[i] = std::clamp(scale * (u[i] + noise[i]), -1.0, 1.0);
-    }
-    if (plant.Apply(u) != core::PlantStatus::kOk) break;
-    plant.Observe(core::Row(trajectory.states, t + 1));
-  }
-  if (plant.completed()) trajectory.outcome = core::Outcome::kCompleted;
-  if (plant.collided()) trajectory.outcome = core::Outcome::kCollided;
-  trajectory.states.conservativeResize(t + 1, Eigen::NoChange);
-  trajectory.controls.conservativeResize(t, Eigen::NoChange);
+  core::Trajectory trajectory = core::Record(
+      plant, task.horizon, [&](int /*t*/, std::span<const double> /*x*/, std::span<double> u) {
+        plant.Supervise(variation, u);
+        if (task.pause > 0.0 && pause == 0 && random.Uniform() < task.pause) {
+          pause = 5 + static_cast<int>(random.Below(26));
+        }
+        const double scale = pause > 0 ? 0.0 : pace;
+        if (pause > 0) --pause;
+        for (std::size_t i = 0; i < u.size(); ++i) {
+          noise[i] = kMemory * noise[i] + fresh * spread[i] * random.Normal();
+          u[i] = std::clamp(scale * (u[i] + noise[i]), -1.0, 1.0);
+        }
+        return plant.Apply(u);
+      });
+  trajectory.seed = seed;
   return trajectory;
 }
 
