@@ -22,7 +22,6 @@
 #include "apps/study/tables.h"
 #include "dfr/control/guided/guided_options.h"
 #include "dfr/core/build_info.h"
-#include "dfr/core/random.h"
 #include "dfr/experiment/command_line.h"
 #include "dfr/experiment/intervals.h"
 #include "dfr/experiment/report.h"
@@ -168,24 +167,6 @@ void List() {
           "", task.horizon, task.features.empty() ? "all" : task.features.c_str(),
           task.settle_steps == 0 ? "holds still" : "lets the world move on");
     }
-  }
-}
-
-// Prints the supervisor's rates of completion and failure, and its number of controls.
-void Supervise(const std::vector<std::string>& words, int count, std::uint64_t seed) {
-  std::printf("%-15s %7s %8s %9s\n", "task", "ok %", "failed %", "controls");
-  for (const std::string& name : SelectTasks(words)) {
-    const sim::GalleryTask& task = sim::FindGalleryTask(name);
-    int ok = 0, failed = 0, controls = 0;
-    for (int i = 0; i < count; ++i) {
-      const core::Trajectory trajectory =
-          sim::DemonstrateOnce(task, core::DeriveSeed(seed, {static_cast<std::uint64_t>(i)}));
-      ok += trajectory.outcome == core::Outcome::kCompleted ? 1 : 0;
-      failed += trajectory.outcome == core::Outcome::kCollided ? 1 : 0;
-      controls += trajectory.num_steps();
-    }
-    std::printf("%-15s %7.1f %8.1f %9.1f\n", name.c_str(), 100.0 * ok / count,
-                100.0 * failed / count, static_cast<double>(controls) / count);
   }
 }
 
@@ -362,15 +343,6 @@ int Main(int argc, char** argv) {
   Study shown = Study::OfGuards();
   shown.policies = {"weak"};
   shown.controllers = GuardNames();
-  int supervised = 100;
-  auto* supervise = app.add_subcommand("supervise", "Evaluate the gallery's supervisors");
-  supervise->add_option("--tasks", shown.tasks, "tasks: names, gallery, design or held-out")
-      ->delimiter(',')
-      ->capture_default_str();
-  supervise->add_option("--episodes", supervised, "number of episodes of each task")
-      ->check(dfr::apps::kCount)
-      ->capture_default_str();
-  supervise->add_option("--seed", shown.seed)->capture_default_str();
   std::string entries;
   std::filesystem::path page = "gallery.html";
   int count = 5;
@@ -405,7 +377,6 @@ int Main(int argc, char** argv) {
             {"ablate", {"--trials 2 --episodes 20"}},
             {"compare", {"--task pusher --first controller --second dfr"}},
             {"power", {"--only-first 0.02 --only-second 0.05"}},
-            {"supervise", {"--tasks held-out --episodes 50"}},
             {"picture", {"reach --out reach.html"}},
             {"prove", {"--steps 10000", "--mutations"}},
             {"coverage", {"--demonstrations 20,60 --fits 50"}},
@@ -424,7 +395,6 @@ int Main(int argc, char** argv) {
   if (*ablate) Ablate(ablated, causes);
   if (*compare) CompareAndPrint(comparison);
   if (*power_command) PrintPower(power);
-  if (*supervise) Supervise(shown.tasks, supervised, shown.seed);
   if (*picture) {
     SavePicture(RecordStudy(shown, count), dfr::sim::FindGalleryTask(shown.tasks[0]), entries,
                 page);

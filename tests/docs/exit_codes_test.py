@@ -145,7 +145,7 @@ class ExitCodesTest(unittest.TestCase):
 
     def test_values_that_mean_nothing_are_usage_errors(self):
         for program, *calls in [
-            ("study", "supervise --episodes 0", "prove --steps 0", "picture reach --count 0", "certificate --factor=0",
+            ("study", "prove --steps 0", "picture reach --count 0", "certificate --factor=0",
              "compare --demonstrations 2000000000", "detect demos.hdf5 --task pick", "detect --unlike", "rerun out ''",
              "rerun out 0/1/2/dfr/3 --film x.png", "power --power 1", "power --bound 1", "compare --alpha 0"),
             ("pusher", "demonstrate --horizon 2147483647", "train-supervisor --horizon 2147483647", "render --out x.avi", "rerun out 0/1/2/dfr/3 --film x.html",
