@@ -42,15 +42,6 @@ struct EvaluateOptions {
 };
 void RunEvaluate(const EvaluateOptions& options);
 
-struct GuardedOptions {
-  std::filesystem::path guard = "task.guard";
-  std::filesystem::path policy = "policy.txt";
-  int episodes = 60;
-  std::uint64_t seed = 1001;
-  sim::PusherOptions plant;
-};
-void RunGuarded(const GuardedOptions& options);
-
 struct ExperimentOptions : experiment::ExperimentOptions {
   ExperimentOptions() { out = "out/pusher"; }
   std::filesystem::path supervisor;  ///< Empty: the shipped supervisors.
@@ -64,19 +55,6 @@ struct ExperimentOptions : experiment::ExperimentOptions {
   sim::PusherOptions plant;
 };
 void RunExperiment(const ExperimentOptions& options);
-
-struct DriftOptions : experiment::ExperimentOptions {
-  DriftOptions() {
-    methods = {"baseline", "dfr", "controller", "lwr"};
-    trials = 4;
-    episodes = 60;
-    seed = 6001;
-  }
-  std::string learner = "8";
-  int demonstrations = 60;
-  std::filesystem::path supervisor;
-};
-void RunDrift(const DriftOptions& options);
 
 struct RenderOptions {
   std::filesystem::path model = "model";

@@ -9,8 +9,6 @@
 
 #include "commands.h"
 #include "convergence/convergence_report.h"
-#include "dfr/core/build_info.h"
-#include "dfr/core/random.h"
 #include "dfr/core/text/format.h"
 #include "dfr/experiment/episodes.h"
 #include "dfr/experiment/ledger.h"
@@ -286,10 +284,6 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
   return report;
 }
 
-std::filesystem::path SupervisorOf(const ExperimentOptions& options) {
-  return options.supervisor.empty() ? ShippedSupervisor() : options.supervisor;
-}
-
 TrialRunnerFactory MakeFactory(const ExperimentOptions& options,
                                const experiment::EvaluationPlan& plan) {
   TrialRunnerOptions site_options;
@@ -314,8 +308,8 @@ void RunExperiment(const ExperimentOptions& options) {
   const experiment::EvaluationPlan plan = MakePlan(options);
   TrialRunnerFactory factory = MakeFactory(options, plan);
   const experiment::OutputFolder folder(options, plan);
-  const std::map<std::string, std::string> settings =
-      Settings(options, SupervisorOf(options), plan);
+  const std::map<std::string, std::string> settings = Settings(
+      options, options.supervisor.empty() ? ShippedSupervisor() : options.supervisor, plan);
   const auto make = [&](const experiment::EvaluationUnit& unit) {
     std::unique_ptr<PusherTrialRunner> runner = factory.Make(unit);
     runner->JudgeIn(plan, unit);

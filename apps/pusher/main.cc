@@ -1,8 +1,7 @@
 // Program pusher: the Pusher experiment of Sec. V-A.
 #include <CLI/CLI.hpp>
 #include <cstdlib>
-#include <filesystem>
-#include <map>
+#include <functional>
 #include <string>
 #include <utility>
 
@@ -30,22 +29,15 @@ void AddScene(CLI::App& command, sim::PusherOptions& plant) {
   command.add_option("--joint-step", plant.joint_step, "largest change of a joint angle [rad]")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
-  command.add_option("--gripper", plant.gripper, "bar, wide-bar or fork")
-      ->transform(CLI::CheckedTransformer(
-          std::map<std::string, sim::Gripper>{{"bar", sim::Gripper::kBar},
-                                              {"wide-bar", sim::Gripper::kWideBar},
-                                              {"fork", sim::Gripper::kFork}}))
-      ->type_name("")
-      ->option_text("TEXT=bar");
+  AddGripper(command, plant.gripper);
   command
       .add_option("--physics", plant.physics,
                   "quasi-static: the arm follows its path exactly; dynamic: motors move an arm "
                   "with inertia and friction, which is slower to simulate")
-      ->transform(CLI::CheckedTransformer(std::map<std::string, sim::PusherPhysics>{
-          {"quasi-static", sim::PusherPhysics::kQuasiStatic},
-          {"dynamic", sim::PusherPhysics::kDynamic}}))
-      ->type_name("")
-      ->option_text("TEXT=quasi-static");
+      ->transform(
+          apps::OneOf<sim::PusherPhysics>({{"quasi-static", sim::PusherPhysics::kQuasiStatic},
+                                           {"dynamic", sim::PusherPhysics::kDynamic}}))
+      ->default_str("quasi-static");
 }
 
 void AddModelOptions(CLI::App& command, ModelOptions& model) {
@@ -193,53 +185,6 @@ void AddEvaluate(CLI::App& app, EvaluateOptions& options) {
   command->callback([&options] { RunEvaluate(options); });
 }
 
-void AddGuarded(CLI::App& app, GuardedOptions& options) {
-  CLI::App* command = app.add_subcommand(
-      "guarded", "Run your linear policy with a guard; prints one line per episode");
-  command->add_option("--guard", options.guard, "file written by guard fit")->capture_default_str();
-  command
-      ->add_option("--policy", options.policy,
-                   "text file: for each of the 7 controls an offset, and a gain per state entry")
-      ->capture_default_str();
-  command->add_option("--episodes", options.episodes, "number of start states")
-      ->check(kCount)
-      ->capture_default_str();
-  command
-      ->add_option("--seed", options.seed,
-                   "random seed of the first start state; each further one adds 1")
-      ->capture_default_str();
-  AddScene(*command, options.plant);
-  command->callback([&options] { RunGuarded(options); });
-}
-
-void AddDrift(CLI::App& app, DriftOptions& options) {
-  CLI::App* command = app.add_subcommand("drift",
-                                         "Measure how methods degrade: noise, turned and scaled "
-                                         "controls, other grippers, few demonstrations");
-  command->add_option("--learner", options.learner, "hidden units of the policy, as in 8 or 64-64")
-      ->capture_default_str();
-  command->add_option("--methods", options.methods, "methods, as for experiment")
-      ->delimiter(',')
-      ->capture_default_str();
-  command
-      ->add_option("--demonstrations", options.demonstrations,
-                   "number of demonstrations in each trial")
-      ->check(kModelDemonstrations)
-      ->capture_default_str();
-  command->add_option("--trials", options.trials, "number of independent repetitions")
-      ->check(kCount)
-      ->capture_default_str();
-  command->add_option("--episodes", options.episodes, "number of start states per trial")
-      ->check(kCount)
-      ->capture_default_str();
-  command
-      ->add_option("--supervisor", options.supervisor,
-                   "file of train-supervisor (default: the shipped one)")
-      ->type_name("FILE");
-  experiment::AddRunOptions(*command, options);
-  command->callback([&options] { RunDrift(options); });
-}
-
 void AddRender(CLI::App& app, RenderOptions& options) {
   CLI::App* command = app.add_subcommand(
       "render", "Write a video of rollouts from one start state, without a display");
@@ -291,8 +236,6 @@ int Main(int argc, char** argv) {
   DemonstrateOptions demonstrate;
   FitOptions fit;
   EvaluateOptions evaluate;
-  GuardedOptions guarded;
-  DriftOptions drift;
   RenderOptions render;
   ViewOptions view;
   AddExperiment(app, compared);
@@ -300,8 +243,6 @@ int Main(int argc, char** argv) {
   AddDemonstrate(app, demonstrate);
   AddFit(app, fit);
   AddEvaluate(app, evaluate);
-  AddGuarded(app, guarded);
-  AddDrift(app, drift);
   AddRender(app, render);
   AddView(app, view);
   core::AddExamples(
@@ -312,8 +253,6 @@ int Main(int argc, char** argv) {
             {"demonstrate", {"--count 60 --out demonstrations.hdf5"}},
             {"fit", {"--demonstrations demonstrations.hdf5 --use 40 --out model"}},
             {"evaluate", {"--model model --methods baseline,dfr,controller --episodes 100"}},
-            {"guarded", {"--guard task.guard --policy policy.txt --episodes 10"}},
-            {"drift", {"--trials 2 --episodes 20 --out out/drift"}},
             {"render", {"--model model --methods baseline,dfr --out rollout.mp4"}},
             {"view", {"--model model --method controller"}}});
 

@@ -10,12 +10,18 @@
 
 namespace dfr::apps::pusher {
 
-void Save(const std::vector<RolloutVideo>& videos, const std::filesystem::path& path) {
-  const std::string ending = path.extension();
+void RunRender(const RenderOptions& options) {
+  std::vector<safety::Method> methods;
+  for (const std::string& name : options.methods) methods.push_back(study::ParseMethod(name));
+  PusherTrialRunner runner(Model::Load(options.model), methods, options.plant, {});
+  const std::vector<RolloutVideo> videos =
+      RecordRollouts(runner, options.methods, options.seed, core::DeriveSeed(options.seed, {1}),
+                     options.width, options.height);
+  const std::string ending = options.out.extension();
   if (ending == ".png" || ending == ".jpg") {
-    WriteStill(path, videos, SIZE_MAX);
+    WriteStill(options.out, videos, SIZE_MAX);
   } else {
-    WriteVideo(path, videos);
+    WriteVideo(options.out, videos);
   }
   for (const RolloutVideo& video : videos) {
     const bool halted = video.result.outcome == core::Outcome::kHalted;
@@ -24,17 +30,7 @@ void Save(const std::vector<RolloutVideo>& videos, const std::filesystem::path& 
                 halted ? control::Name(video.result.halt_cause) : "", video.result.controls(),
                 video.result.recovery_controls());
   }
-  std::printf("%s\n", path.c_str());
-}
-
-void RunRender(const RenderOptions& options) {
-  std::vector<safety::Method> methods;
-  for (const std::string& name : options.methods) methods.push_back(study::ParseMethod(name));
-  PusherTrialRunner runner(Model::Load(options.model), methods, options.plant, {});
-  const std::vector<RolloutVideo> videos =
-      RecordRollouts(runner, options.methods, options.seed, core::DeriveSeed(options.seed, {1}),
-                     options.width, options.height);
-  Save(videos, options.out);
+  std::printf("%s\n", options.out.c_str());
 }
 
 void RunView(const ViewOptions& options) {

@@ -1,7 +1,6 @@
 #include "trial_runner.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <limits>
 #include <span>
@@ -24,11 +23,6 @@ constexpr int kOverlapSamples = 4000;
 
 constexpr int kFilmWidth = 480;
 constexpr int kFilmHeight = 360;
-
-imitation::GaussianPolicy WithNoise(const imitation::GaussianPolicy& supervisor, double factor) {
-  const Eigen::VectorXd log_std = supervisor.log_std().array() + std::log(factor);
-  return {supervisor.mean(), log_std};
-}
 
 }  // namespace
 
@@ -77,9 +71,8 @@ double SupportOverlap(const Model& model, const imitation::DemonstrationSet& set
 
 PusherTrialRunner::PusherTrialRunner(Model model, const std::vector<safety::Method>& methods,
                                      const sim::PusherOptions& plant_options,
-                                     std::map<std::string, double> measures,
-                                     const experiment::DisturbanceOptions& disturbance)
-    : PlaceboRunner(std::make_unique<sim::PusherPlant>(plant_options), disturbance),
+                                     std::map<std::string, double> measures)
+    : PlaceboRunner(std::make_unique<sim::PusherPlant>(plant_options)),
       model_(std::move(model)),
       methods_(methods),
       measures_(std::move(measures)) {
@@ -118,7 +111,7 @@ std::vector<RolloutVideo> RecordRollouts(PusherTrialRunner& runner,
     const auto found = std::ranges::find(runner.methods(), method, &safety::Method::name);
     RolloutVideoRecorder recorder(
         method, width, height,
-        [&](std::span<std::uint8_t> rgb) { renderer.Draw(runner.driven_plant(), rgb); },
+        [&](std::span<std::uint8_t> rgb) { renderer.Draw(runner.plant(), rgb); },
         runner.model().task().support());
     runner.RunObserved(static_cast<int>(found - runner.methods().begin()), start_seed,
                        controller_seed, &recorder);
@@ -149,12 +142,8 @@ void CheckFilm(const std::filesystem::path& path, const sim::PusherOptions& plan
 
 TrialRunnerFactory::TrialRunnerFactory(const std::vector<imitation::GaussianPolicy>& supervisors,
                                        TrialRunnerOptions options, int trials)
-    : options_(std::move(options)) {
+    : supervisors_(supervisors), options_(std::move(options)) {
   DFR_THROW_UNLESS(!supervisors.empty(), "give at least one supervisor");
-  supervisors_.reserve(supervisors.size());
-  for (const imitation::GaussianPolicy& supervisor : supervisors) {
-    supervisors_.push_back(WithNoise(supervisor, options_.supervisor_noise));
-  }
   for (int i = 0; i < trials; ++i) trials_.push_back(std::make_unique<Trial>());
 }
 
@@ -191,7 +180,7 @@ std::unique_ptr<PusherTrialRunner> TrialRunnerFactory::Make(
   measures["demonstration_steps"] = steps / unit.demonstrations;
   measures["discarded_demonstrations"] = trial.counts.collided + trial.counts.incomplete;
   return std::make_unique<PusherTrialRunner>(std::move(model), options_.methods, options_.plant,
-                                             std::move(measures), options_.disturbance);
+                                             std::move(measures));
 }
 
 }  // namespace dfr::apps::pusher

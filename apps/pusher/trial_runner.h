@@ -32,10 +32,9 @@ void CheckFilm(const std::filesystem::path& path, const sim::PusherOptions& plan
 /// One unit of the experiment: a model, and a plant to run it on.
 class PusherTrialRunner final : public study::PlaceboRunner {
  public:
-  /// @param disturbance  disturbance of the methods' plant. Start states are selected without it.
   PusherTrialRunner(Model model, const std::vector<safety::Method>& methods,
-                    const sim::PusherOptions& plant_options, std::map<std::string, double> measures,
-                    const experiment::DisturbanceOptions& disturbance = {});
+                    const sim::PusherOptions& plant_options,
+                    std::map<std::string, double> measures);
 
   /// Returns the given measures, and the median "controls_per_recovery <method>" of each method
   /// with recoveries.
@@ -47,11 +46,7 @@ class PusherTrialRunner final : public study::PlaceboRunner {
                           const std::filesystem::path& path) override;
 
   [[nodiscard]] const std::vector<safety::Method>& methods() const noexcept { return methods_; }
-  /// The plant that RunObserved() controls, without its disturbance.
-  [[nodiscard]] const sim::PusherPlant& driven_plant() noexcept {
-    return static_cast<const sim::PusherPlant&>(world());
-  }
-  /// Another undisturbed plant; driven_plant() itself if there is no disturbance.
+  /// The plant that RunObserved() controls.
   [[nodiscard]] const sim::PusherPlant& plant() const noexcept {
     return static_cast<const sim::PusherPlant&>(undisturbed());
   }
@@ -72,17 +67,11 @@ class PusherTrialRunner final : public study::PlaceboRunner {
                                                        std::uint64_t controller_seed, int width,
                                                        int height);
 
-/// Writes the videos side by side, or their last pictures (.png, .jpg), and prints each outcome.
-/// @throws as WriteVideo().
-void Save(const std::vector<RolloutVideo>& videos, const std::filesystem::path& path);
-
 /// Options of the experiment that determine its results.
 struct TrialRunnerOptions {
   std::vector<safety::Method> methods;
   ModelOptions model;  ///< The unit sets the learner and the seed.
   sim::PusherOptions plant;
-  experiment::DisturbanceOptions disturbance;  ///< Disturbance at test time only.
-  double supervisor_noise = 1.0;               ///< Factor on the supervisor's standard deviation.
   int most_demonstrations = 120;
   std::uint64_t seed = 1;
 };

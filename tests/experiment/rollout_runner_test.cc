@@ -1,5 +1,6 @@
 #include "dfr/experiment/rollout_runner.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -182,6 +183,10 @@ TEST(ExperimentTest, WritesALedgerAndASummaryAndResumes) {
   std::ofstream(options.out / "file") << "not a folder";
   options.out = options.out / "file" / "below";
   EXPECT_THROW(OutputFolder nowhere(options, test::FakePlan()), std::runtime_error);
+  options.out.clear();
+  options.shard = {1, 2};
+  EXPECT_THAT(test::MessageOf([&] { const OutputFolder none(options, test::FakePlan()); }),
+              testing::HasSubstr("a shard needs --out"));
 }
 
 TEST(ExperimentTest, AFilmThatCannotBeWrittenFailsBeforeItsUnitIsLearned) {

@@ -60,7 +60,7 @@ class PusherTest(ProgramTest):
 
     def test_a_restart_with_a_mistake_deletes_nothing(self):
         shutil.copytree(self.folder / "whole", self.folder / "kept")
-        for mistake in (["drift", "--learner", "8x0"], ["drift", "--demonstrations", 2], ["experiment", "--demonstrations", 2],
+        for mistake in (["experiment", *SMALL, "--learners", "8x0"], ["experiment", "--demonstrations", 2],
                         ["experiment", "--demonstrations", "8,6"], ["experiment", "--methods", "baseline,guard,guard"]):
             self.run_pusher(*mistake, "--restart", "--out", "kept", fails=True)
         self.assertTrue((self.folder / "kept/ledger.jsonl").exists())
@@ -78,7 +78,6 @@ class PusherTest(ProgramTest):
             (["experiment", "--out", "text/below"], "text/below"),
             (["experiment", *SMALL, "--red-y", "0.05", "--out", "r"], "red"),
             (["experiment", *SMALL, "--features", "gripper", "--out", "f"], "gripper"),
-            (["drift", "--shard", "1/2"], "needs --out"),
             (["rerun", "whole", "7/8/8/controller/0"], "trials are 0 to 1"),
         ]:
             with self.subTest(arguments=arguments):

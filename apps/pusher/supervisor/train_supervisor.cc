@@ -4,7 +4,6 @@
 #include <chrono>
 #include <cstdlib>
 #include <iostream>
-#include <map>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -190,6 +189,14 @@ int TrainSupervisor(const TrainSupervisorOptions& options) {
   return EXIT_FAILURE;
 }
 
+void AddGripper(CLI::App& command, sim::Gripper& gripper) {
+  command.add_option("--gripper", gripper, "shape of the gripper")
+      ->transform(apps::OneOf<sim::Gripper>({{"bar", sim::Gripper::kBar},
+                                             {"wide-bar", sim::Gripper::kWideBar},
+                                             {"fork", sim::Gripper::kFork}}))
+      ->default_str("bar");
+}
+
 void AddTrainSupervisor(CLI::App& app, TrainSupervisorOptions& options) {
   CLI::App* command = app.add_subcommand(
       "train-supervisor", "Train a supervisor by TRPO from scratch, in less than a minute");
@@ -217,12 +224,7 @@ void AddTrainSupervisor(CLI::App& app, TrainSupervisorOptions& options) {
   command->add_option("--horizon", options.horizon, "T: largest number of controls in an episode")
       ->check(kCount)
       ->default_str("60");
-  command->add_option("--gripper", options.scene.gripper, "bar, wide-bar or fork")
-      ->transform(CLI::CheckedTransformer(
-          std::map<std::string, sim::Gripper>{{"bar", sim::Gripper::kBar},
-                                              {"wide-bar", sim::Gripper::kWideBar},
-                                              {"fork", sim::Gripper::kFork}}))
-      ->default_str("bar");
+  AddGripper(*command, options.scene.gripper);
   command
       ->add_option("--min-steps", options.min_steps,
                    "number of controls before the first evaluation")

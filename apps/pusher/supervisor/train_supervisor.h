@@ -39,6 +39,9 @@ struct TrainSupervisorOptions {
 /// @throws std::runtime_error, std::invalid_argument for invalid options or files.
 int TrainSupervisor(const TrainSupervisorOptions& options);
 
+/// Adds the option --gripper.
+void AddGripper(CLI::App& command, sim::Gripper& gripper);
+
 /// Adds the command train-supervisor, which sets `options` and then calls TrainSupervisor(); an
 /// unsuccessful training throws CLI::RuntimeError with its exit code.
 void AddTrainSupervisor(CLI::App& app, TrainSupervisorOptions& options);

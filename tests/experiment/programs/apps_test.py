@@ -33,7 +33,6 @@ RUNS = {
          "--gripper fork --no-video --no-convergence --epochs 5 --learning-rate 0.005", "--gripper=bar", "settings.gripper"),
         ("experiment", "--preset authors --trials 2 --episodes 2 --demonstrations 6 --learners 8 --methods baseline,controller "
          "--no-convergence --no-video --nu 0.2", "--nu=0.1", "settings.nu"),
-        ("drift", "--trials 1 --episodes 1 --demonstrations 6 --methods baseline,controller", "--learner=16", "settings.learner"),
     ],
     "line_tracking": [
         ("experiment", "--trials 2 --episodes 2 --worlds frozen,30ms --methods baseline,controller,ensemble --observation truth --no-video "

@@ -1,9 +1,9 @@
-"""A guard around a scripted policy on the Pusher, from Python: the same bits as `pusher guarded`.
+"""A guard around a scripted policy on the Pusher, from Python: the same bits as in C++.
 
 usage: pusher_guard_test.py PUSHER GUARD
 
-Only files come from C++: demonstrations of the program `pusher`, read by h5py, and the guard of the
-program `guard`.
+Demonstrations are those of the program `pusher`, read by h5py, and the guard is that of the program
+`guard`.
 """
 
 import pathlib
@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 
 import dfr
-from pusher_plant import PusherPlant
+from pusher_plant import PusherPlant, rollout
 
 PUSHER, GUARD = (pathlib.Path(p).resolve() for p in sys.argv[1:3])
 del sys.argv[1:3]
@@ -42,7 +42,6 @@ class PusherGuardTest(unittest.TestCase):
         cls.run_program(PUSHER, "demonstrate", "--count", 40, "--out", "demos.hdf5")
         cls.run_program(GUARD, "fit", "demos.hdf5", "--features", "obs/object[0:2],obs/tip,obs/tip_tilt", "-o", "pusher.guard")
         cls.weights = cls.regress(cls.folder / "demos.hdf5", dfr.Guard.load(cls.folder / "pusher.guard").layout)
-        np.savetxt(cls.folder / "policy.txt", cls.weights, fmt="%.17g")
 
     @classmethod
     def tearDownClass(cls):
@@ -92,15 +91,12 @@ class PusherGuardTest(unittest.TestCase):
     def test_the_same_outcomes_as_in_cpp(self):
         guard = dfr.Guard.load(self.folder / "pusher.guard")
         plant = PusherPlant()
-        arguments = ["--guard", "pusher.guard", "--policy", "policy.txt", "--episodes", SEEDS, "--seed", 0]
-        lines = self.run_program(PUSHER, "guarded", *arguments).splitlines()[1:]
-        self.assertEqual(len(lines), SEEDS)
         outcomes = []
-        for seed, line in enumerate(lines):
-            _, outcome, controls, *state = line.split()
+        for seed in range(SEEDS):
+            outcome, controls, state = rollout(str(self.folder / "pusher.guard"), self.weights, seed)
             with self.subTest(seed=seed):
-                self.assertEqual(self.rollout(plant, guard, seed), (outcome, int(controls)))
-                np.testing.assert_array_equal(plant.observe(), [float(entry) for entry in state])
+                self.assertEqual(self.rollout(plant, guard, seed), (outcome, controls))
+                np.testing.assert_array_equal(plant.observe(), state)
             outcomes.append(outcome)
         alone = [self.rollout(plant, None, seed)[0] for seed in range(SEEDS)]
         print("guarded:", {o: outcomes.count(o) for o in sorted(set(outcomes))})
