@@ -1,7 +1,6 @@
 // Program pusher: the Pusher experiment of Sec. V-A.
 #include <CLI/CLI.hpp>
 #include <cstdlib>
-#include <functional>
 #include <string>
 #include <utility>
 

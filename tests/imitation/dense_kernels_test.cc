@@ -25,26 +25,6 @@ class DenseKernelsTest : public testing::TestWithParam<std::int64_t> {
   ~DenseKernelsTest() override { hwy::GetChosenTarget().DeInit(); }
 };
 
-// The definitions of the kernels, without vector instructions.
-void MultiplyReference(const Product& p) {
-  for (int i = 0; i < p.m; ++i) {
-    for (int j = 0; j < p.n; ++j) {
-      double& c = p.c[i * p.c_row + j];
-      double sum = p.accumulate ? c : (p.bias != nullptr ? p.bias[j] : 0.0);
-      for (int k = 0; k < p.k; ++k) sum += p.a[i * p.a_row + k * p.a_col] * p.b[k * p.b_row + j];
-      c = sum;
-    }
-  }
-}
-
-void TanhReference(double* values, std::size_t size) {
-  for (std::size_t i = 0; i < size; ++i) values[i] = std::tanh(values[i]);
-}
-
-void TimesTanhSlopeReference(double* gradients, const double* activations, std::size_t size) {
-  for (std::size_t i = 0; i < size; ++i) gradients[i] *= 1.0 - activations[i] * activations[i];
-}
-
 Product Of(const core::Matrix& a, const core::Matrix& b, core::Matrix& c) {
   return {.m = static_cast<int>(a.rows()),
           .n = static_cast<int>(b.cols()),
