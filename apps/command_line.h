@@ -26,6 +26,8 @@ inline const CLI::Range kCount(1, 1'000'000);
 
 /// Range of numbers of demonstrations.
 inline const CLI::Range kDemonstrations(1, 10'000);
+/// Range of numbers of demonstrations for a model, which needs 3.
+inline const CLI::Range kModelDemonstrations(3, 10'000);
 
 /// Validators for CLI::Option::check(). The messages of CLI11's own validators print all 309 digits
 /// of the largest double.

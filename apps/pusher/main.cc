@@ -15,8 +15,6 @@
 namespace dfr::apps::pusher {
 namespace {
 
-const CLI::Range kModelDemonstrations(3, 10'000);  // Model::Fit() needs 3.
-
 void AddScene(CLI::App& command, sim::PusherOptions& plant) {
   command.add_option("--red-y", plant.red_y, "the red regions are at y = +- this value [m]")
       ->check(dfr::apps::kPositive)
@@ -98,7 +96,7 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options) {
       ->add_option("--demonstrations", options.demonstrations,
                    "numbers of demonstrations, ascending")
       ->delimiter(',')
-      ->check(kModelDemonstrations);
+      ->check(dfr::apps::kModelDemonstrations);
   AddModelOptions(*command, options.model);
   AddScene(*command, options.plant);
   command

@@ -92,7 +92,7 @@ void AddChoices(CLI::App& command, Study& study) {
                   "conditions, by their names in the table; default: all")
       ->delimiter(',');
   command.add_option("--demonstrations", study.demonstrations)
-      ->check(dfr::apps::kDemonstrations)
+      ->check(dfr::apps::kModelDemonstrations)
       ->capture_default_str();
   command
       .add_option("--trials", study.trials,
@@ -235,7 +235,7 @@ void AddOptions(CLI::App& command, Comparison& comparison) {
   command.add_option("--first", comparison.first, MethodHelp())->capture_default_str();
   command.add_option("--second", comparison.second, "second method")->capture_default_str();
   command.add_option("--demonstrations", comparison.demonstrations)
-      ->check(dfr::apps::kDemonstrations)
+      ->check(dfr::apps::kModelDemonstrations)
       ->capture_default_str();
   command
       .add_option(

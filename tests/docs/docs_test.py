@@ -89,7 +89,6 @@ LABELS = (
     ("apps/guard/report.cc", r'\.name = ("[a-z ]+")', STRINGS, 4),
     ("apps/study/tables.cc", r"header = \{([^}]*)\}", STRINGS, 25),
     ("apps/study/tables.cc", r"header\.emplace_back\(([^)]*)\)", STRINGS, 2),
-    ("apps/study/main.cc", r'printf\("%-15s %7s[^"]*",(.*?)\);', STRINGS, 4),
     ("apps/study/planar/commands.cc", r'printf\("%-1[02]s[^"]*?s\\n",(.*?)\);', STRINGS, 15),
     ("apps/study/planar/proof.cc", r'return ("[a-z-]+");', STRINGS, 4),
     ("apps/study/runner.cc", r'return ("\w+");', STRINGS, 1),

@@ -232,7 +232,7 @@ void Picture(const PlanarStudy& study, const std::vector<std::string>& names, st
 void AddTask(CLI::App& command, PlanarStudy& study) {
   command.add_option("--task", study.task, "corridor, push or push-weak")->capture_default_str();
   command.add_option("--demonstrations", study.demonstrations)
-      ->check(apps::kDemonstrations)
+      ->check(apps::kModelDemonstrations)
       ->capture_default_str();
   command.add_option("--seed", study.seed)->capture_default_str();
 }
