@@ -185,7 +185,7 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
             raise ValueError(
                 f"the observation has no {', '.join(name for name, _ in missing)}; it has "
                 f"{', '.join(map(str, observation))}"
-                + (f", of which {len(numbers)} are numbers, {missing[0][1]} needed" if len(missing) == 1 else "")
+                + (f", of which {len(numbers)} are numbers; the guard needs {missing[0][1]}" if len(missing) == 1 else "")
             )
         parts = [
             _to_numpy(observation[name]).ravel() if name in observation else np.array(numbers)

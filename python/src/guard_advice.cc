@@ -59,9 +59,9 @@ int FilterChunk(Guard& guard, const py::object& t, const Array& state, const Arr
 }
 
 void Applied(Guard& guard, const Array& action) {
-  DFR_THROW_UNLESS(action.size() == guard.action_dim(), "action has "
-                                                            << action.size() << " entries, "
-                                                            << guard.action_dim() << " needed");
+  DFR_THROW_UNLESS(
+      action.size() == guard.action_dim(),
+      "the action has " << action.size() << " entries; the guard needs " << guard.action_dim());
   for (py::ssize_t i = 0; i < action.size(); ++i) {
     DFR_THROW_UNLESS(std::isfinite(action.data()[i]),
                      "entry " << i << " of the action is " << action.data()[i]);

@@ -59,7 +59,7 @@ class GuardAppTest(GuardProgramTest):
         self.assertIn("object,tip: 4 of 5 entries", out)
         self.assertIn("30 with 600 actions, from demos.hdf5", out)
         self.assertIn("support fits: 11", out)
-        changed = float(re.search(r"it would change ([\d.]+) %", out).group(1))
+        changed = float(re.search(r"the guard would change ([\d.]+) %", out).group(1))
         self.assertEqual(self.run_guard("show", "task.guard"), out.replace("task.guard\n", ""))
         out = self.run_guard("evaluate", "task.guard", "fresh.hdf5")
         alarms = int(re.search(r"(\d+) of 60 episodes raise an alarm", out).group(1))

@@ -58,14 +58,13 @@ class GuardStepTest(unittest.TestCase):
             x = x + [1, *(np.array([[0, 0]]) + expected)[0]]
 
     def test_rounding_stays_within_the_limits_and_blocks_have_their_sizes(self):
-        for kind in (np.float16, np.float32, np.float64):
-            for limit in (0.1, 0.11, 0.13):
-                step = GuardStep(self.guard.with_settings(strategy="monitor", action_limit=limit))
-                step.reset()
-                after = step(self.transition(np.zeros(3), np.array([9.0, -9.0], dtype=kind)))["action"]
-                self.assertEqual(after.dtype, kind)
-                self.assertLessEqual(np.abs(after.astype(float)).max(), limit)
-                self.assertGreater(np.abs(after.astype(float)).min(), 0.999 * limit)
+        for kind, limit in ((k, l) for k in (np.float16, np.float32, np.float64) for l in (0.1, 0.11, 0.13)):
+            step = GuardStep(self.guard.with_settings(strategy="monitor", action_limit=limit))
+            step.reset()
+            after = step(self.transition(np.zeros(3), np.array([9.0, -9.0], dtype=kind)))["action"]
+            self.assertEqual(after.dtype, kind)
+            self.assertLessEqual(np.abs(after.astype(float)).max(), limit)
+            self.assertGreater(np.abs(after.astype(float)).min(), 0.999 * limit)
         step.reset()
         with self.assertRaisesRegex(ValueError, "the observation's clock has 2 entries; the guard needs 1"):
             step({"observation": {"clock": np.zeros(2), "tip": np.zeros(1)}, "action": DRIFT})
@@ -74,15 +73,14 @@ class GuardStepTest(unittest.TestCase):
         step = GuardStep(self.guard.with_settings(strategy="monitor"))  # passes every action
         step.reset()
         chunk = np.stack([action_for(0.05, 0.0), action_for(0.06, 0.0)])[None]
-        x = np.zeros(3)
         with self.assertRaisesRegex(ValueError, "has no clock"):  # a failed call consumes no action
             step({"observation": {"tip": np.zeros(2)}, "action": chunk})
         for k in range(2):
-            np.testing.assert_allclose(step(self.transition(x, chunk))["action"], chunk[:, k], atol=1e-12)
+            np.testing.assert_allclose(step(self.transition(np.zeros(3), chunk))["action"], chunk[:, k], atol=1e-12)
         with self.assertRaisesRegex(ValueError, "has no action 2"):
-            step(self.transition(x, chunk))
+            step(self.transition(np.zeros(3), chunk))
         step.next_chunk()
-        np.testing.assert_allclose(step(self.transition(x, chunk))["action"], chunk[:, 0], atol=1e-12)
+        np.testing.assert_allclose(step(self.transition(np.zeros(3), chunk))["action"], chunk[:, 0], atol=1e-12)
 
     def test_targets_are_filtered_as_steps_from_the_present_pose(self):
         step = GuardStep(self.guard, positions=[1, 2])
@@ -296,7 +294,7 @@ class DictionariesTest(unittest.TestCase):
     def test_an_observation_without_the_needed_entries_is_named(self):
         step = GuardStep(self.guard)
         step.reset()
-        with self.assertRaisesRegex(ValueError, "no observation.state; it has x.pos, front, of which 1 are numbers, 2 "):
+        with self.assertRaisesRegex(ValueError, "no observation.state; it has x.pos, front, of which 1 are numbers; the guard needs 2"):
             step(({"x.pos": 0.0, "y.pos": 0.0}, {"x.pos": 0.0, "front": np.zeros(3)}))
 
     def test_an_observation_given_by_observe_counts_once(self):
