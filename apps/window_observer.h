@@ -14,7 +14,8 @@ namespace dfr::apps {
 /// recoveries.
 class WindowObserver final : public control::RolloutObserver {
  public:
-  /// Shows the plant's present state with `text` for `seconds`; false: the window was closed.
+  /// Shows the plant's present state with `text` for `seconds`. Returns false if the window was
+  /// closed.
   using Show = std::function<bool(const std::string& text, double seconds)>;
 
   explicit WindowObserver(Show show) : show_(std::move(show)) {}

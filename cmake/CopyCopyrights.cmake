@@ -6,8 +6,8 @@ foreach(component IN LISTS CPACK_COMPONENTS_ALL)
   foreach(package IN LISTS CPACK_DFR_${id}_BUILT_WITH)
     set(text /usr/share/doc/${package}/copyright)
     if(NOT EXISTS ${text})
-      message(FATAL_ERROR "${text} is missing: ${component} is built with ${package}, whose licence its "
-                          "package must include. Install ${package} with its documentation")
+      message(FATAL_ERROR "${text} is missing: ${component} is built with ${package}, so the package of "
+                          "${component} must include this licence. Install ${package} with its documentation")
     endif()
     configure_file(${text} ${folder}/${CPACK_DEBIAN_${id}_PACKAGE_NAME}/third_party/${package}/copyright
       COPYONLY)

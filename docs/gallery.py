@@ -24,7 +24,7 @@ a { color: var(--s2); }
 """
 INTRODUCTION = """<p>Every task of <code>study</code>. Its pictures show, by the first two entries of the state, five
 demonstrations, five episodes of a weak policy alone, and five from the same start states with strategy
-<code>guard</code>. A guard knows nothing of a task but its demonstrations. <code>study picture TASK</code> draws the
+<code>guard</code>. A guard is fitted to demonstrations alone. <code>study picture TASK</code> draws the
 same paths, with axes.</p>
 <p>The figures are those of the <a href="md_docs_recorded_README.html">recorded run</a>: per cent of the episodes around five
 policies together, alone and with strategy <code>controller</code>.</p>

@@ -1,6 +1,6 @@
 """A guard through its C interface, for any language with a foreign function interface.
 
-usage: guard_by_ctypes.py LIBRARY GUARD     (libdfr_guard.so.0, and the file of fit_a_guard)
+usage: guard_by_ctypes.py LIBRARY GUARD     (libdfr_guard.so.0, and the file that fit_a_guard writes)
 """
 
 import ctypes

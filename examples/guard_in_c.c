@@ -1,4 +1,4 @@
-/* A guard around a policy, in C: guard_in_c task.guard (the file of fit_a_guard). */
+/* A guard around a policy, in C: guard_in_c task.guard (written by fit_a_guard). */
 #include <dfr/guard.h>
 #include <stdio.h>
 

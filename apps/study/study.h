@@ -26,10 +26,11 @@ struct Study : experiment::ExperimentOptions {
     trials = 3;
     episodes = 20;
   }
-  /// Returns a study of guards at default settings in the gallery, under "as demonstrated".
+  /// Returns a study of guards at default settings in the gallery, under the condition "as
+  /// demonstrated".
   [[nodiscard]] static Study OfGuards();
   /// Returns a study of controllers, including the certified one, around a polynomial policy in a
-  /// planar task, under "as demonstrated".
+  /// planar task, under the condition "as demonstrated".
   [[nodiscard]] static Study OfPlane();
 
   Kind kind = Kind::kControllers;

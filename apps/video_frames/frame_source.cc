@@ -101,14 +101,14 @@ void FrameSource::Require(cv::Size size, double fps) const {
                        static_cast<int>(capture_.get(cv::CAP_PROP_FRAME_HEIGHT)));
   if (found != size) {
     throw core::Error(core::Format("its frames have %d x %d pixels (height x width); "
-                                   "meta/info.json says %d x %d",
+                                   "meta/info.json states %d x %d",
                                    found.height, found.width, size.height, size.width),
                       "correct the feature's shape and names there");
   }
   const double own = capture_.get(cv::CAP_PROP_FPS);
   if (own > 0.0 && std::abs(own - fps) > 0.01 * fps) {
     throw core::Error(
-        core::Format("has %.6g frames per second; meta/info.json says %.6g", own, fps),
+        core::Format("has %.6g frames per second; meta/info.json states %.6g", own, fps),
         "correct fps there if states were recorded at the video's rate");
   }
 }

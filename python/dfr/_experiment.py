@@ -254,7 +254,7 @@ def _plan(experiment: Experiment) -> dict[str, Any]:
 
     def count(key: str, value: Any) -> int:
         if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not 0 < value < 2**31:
-            raise ValueError(f"{key} must be a whole number from 1 on, not {value!r}")
+            raise ValueError(f"{key} must be a whole number from 1 to {2**31 - 1}, not {value!r}")
         return int(value)
 
     plan: dict[str, Any] = {key: count(key, getattr(experiment, key)) for key in ("trials", "episodes")}

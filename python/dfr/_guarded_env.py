@@ -143,8 +143,8 @@ class GuardedEnv(Wrapper):
                 raise TypeError(f"env has no {name}(): an environment with Gymnasium's interface is needed, not {env!r}")
         if hasattr(env, "num_envs"):
             raise TypeError(
-                f"env is a vector of {env.num_envs} environments, but a guard filters one: wrap each of them "
-                "before they become a vector"
+                f"env is a vector of {env.num_envs} environments, but a guard filters one: wrap each environment "
+                "before combining them into a vector"
             )
         super().__init__(_as_env(env))
         if not isinstance(guard, Guard):

@@ -119,7 +119,7 @@ class Unit:
         return np.array(self.plant.observe(), dtype=np.float64).ravel()
 
     def accepts(self, start_seed: int) -> bool:
-        """Return True if the start state is inside the support: no action could correct a start state outside."""
+        """Return True if the start state is inside the support. Other start states are drawn again."""
         _seed(start_seed)
         self.plant.reset(start_seed)
         return bool(self.support.decision(0, self._observe()) >= 0.0)

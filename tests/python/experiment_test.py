@@ -167,11 +167,11 @@ class ExperimentTest(unittest.TestCase):
 
     def test_wrong_attributes_are_named(self):
         for attribute, value, message in [
-            ("trials", -1, "trials must be a whole number from 1 on, not -1"),
-            ("trials", "2", "trials must be a whole number from 1 on, not '2'"),
-            ("episodes", 1.5, "episodes must be a whole number from 1 on, not 1.5"),
+            ("trials", -1, "trials must be a whole number from 1 to 2147483647, not -1"),
+            ("trials", "2", "trials must be a whole number from 1 to 2147483647, not '2'"),
+            ("episodes", 1.5, "episodes must be a whole number from 1 to 2147483647, not 1.5"),
             ("demonstrations", 6, r"demonstrations must be a list of whole numbers, as in \(20, 60\), not 6"),
-            ("demonstrations", (6, 2**31), "each of demonstrations must be a whole number from 1 on, not 2147483648"),
+            ("demonstrations", (6, 2**31), "each of demonstrations must be a whole number from 1 to 2147483647, not"),
             ("methods", "guard", "methods must be a list of names, not 'guard'"),
             ("learners", (1,), r"learners must be a list of names, not \(1,\)"),
             ("parameters", {"a b": 1}, "parameters has 'a b', which is not a valid option name"),

@@ -327,7 +327,7 @@ TEST(ResponseEstimateTest, SeparatesAMeasuredVelocityFromTheResponseToItsCommand
   const Eigen::VectorXd z = Eigen::Vector2d(5.0, 2.0);
   const LocalFit fit = ResponseEstimate(prior).FitAt(5, core::AsSpan(z));
   EXPECT_NEAR(fit.jacobian()(0), 1.0, 0.05);
-  // The ridges attribute a part to the drift, but never the larger part.
+  // The ridges attribute a part of the response to the drift, but never the larger part.
   EXPECT_GT(fit.jacobian()(1), 0.5 * 1.0 / 0.5);
   EXPECT_LE(fit.jacobian()(1), 1.0 / 0.5);
 }

@@ -125,8 +125,8 @@ class LeRobotTest(unittest.TestCase):
                 self.assertEqual(len(done.stderr.splitlines()), 1)
         for name, edit, message in [
             ("holes", None, "episode 2, observation.state, frame 8: entry 0 is missing or not finite"),
-            ("ragged", None, "episode 2, action, frame 8: has 3 entries; meta/info.json says 2"),
-            ("v30", size, "episode 0, observation.state, frame 0: has 2 entries; meta/info.json says 3"),
+            ("ragged", None, "episode 2, action, frame 8: has 3 entries; meta/info.json states 2"),
+            ("v30", size, "episode 0, observation.state, frame 0: has 2 entries; meta/info.json states 3"),
         ]:
             with self.subTest(message):
                 done = self.guard("check", self.copy(name, edit), check=False)

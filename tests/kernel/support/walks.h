@@ -8,8 +8,8 @@
 
 namespace dfr::test {
 
-/// Returns walks to the right from around the origin, of 8 to 12 steps with a sideways spread of
-/// `aside`.
+/// Returns walks of 8 to 12 steps to the right. Each starts near the origin, and `aside` is the
+/// standard deviation of the sideways part of a step.
 inline std::vector<core::Matrix> Walks(int count, std::uint64_t seed, double aside = 0.1) {
   core::Random random(seed);
   std::vector<core::Matrix> walks;

@@ -64,7 +64,7 @@ T Decode(std::string_view bytes) noexcept {
 }  // namespace
 
 ArchiveWriter::ArchiveWriter(std::string_view kind, int version) : bytes_(kMagic) {
-  DFR_THROW_UNLESS(!kind.empty() && version > 0, "an archive needs a kind and a version from 1 on");
+  DFR_THROW_UNLESS(!kind.empty() && version > 0, "an archive needs a kind and a positive version");
   Append(bytes_, static_cast<std::uint64_t>(kind.size()));
   bytes_ += kind;
   Append(bytes_, static_cast<std::int64_t>(version));

@@ -385,7 +385,7 @@ class LeRobotReader final : public DemonstrationReader {
         if (column.offsets[r + 1] - begin != size) {
           FailAt(part, episode, name, frame,
                  "has " + std::to_string(column.offsets[r + 1] - begin) + " entries; " +
-                     "meta/info.json says " + std::to_string(size));
+                     "meta/info.json states " + std::to_string(size));
         }
         for (int k = 0; k < size; ++k) {
           const double value = column.values[static_cast<std::size_t>(begin + k)];

@@ -213,11 +213,11 @@ std::shared_ptr<GuardModel> GuardModel::FitReduced(const core::StateLayout& layo
       options.features +
       core::Format(
           ": with %d features %.0f %% of the states of left-out demonstrations are inside, and the "
-          "guard would change %.0f %% of their actions; at least %.0f %% and at most %.0f %% are "
-          "needed, or it would stop even the demonstrator. Record more demonstrations, choose "
-          "features with fewer irrelevant details (points: of a picture, grey, a smaller size, "
-          "light=standard), or add states to them%s. To fit anyway, use --accept-any or "
-          "accept_any=True",
+          "guard would change %.0f %% of their actions. At least %.0f %% must be inside, and at "
+          "most %.0f %% may be changed; otherwise the guard would stop even the demonstrator. "
+          "Record more demonstrations, choose features with fewer irrelevant details (points: of "
+          "a picture, grey, a smaller size, light=standard), or add states to the features%s. To "
+          "fit anyway, use --accept-any or accept_any=True",
           best->task().features().selection().num_features(), 100.0 * summary.acceptance,
           100.0 * summary.changed, 100.0 * fit::kLeastInsideReduced,
           100.0 * fit::kMostChangedReduced,

@@ -153,8 +153,8 @@ class PsmDriver {
 
 /// Clocks used by BringUp().
 struct BringUpClock {
-  std::function<std::int64_t()> steady_ns;  ///< Monotonic.
-  std::function<std::int64_t()> wall_ns;    ///< Since the epoch, as in stamps.
+  std::function<std::int64_t()> steady_ns;  ///< Returns the monotonic time.
+  std::function<std::int64_t()> wall_ns;    ///< Returns the time since the epoch, as in stamps.
   std::function<void()> wait;               ///< Waits until the next tick is due.
 
   /// Returns this machine's clocks, with a tick every 5 ms.

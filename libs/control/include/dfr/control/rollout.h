@@ -50,7 +50,7 @@ struct RolloutResult {
   [[nodiscard]] double seconds() const noexcept { return plant_seconds + decision_seconds; }
 };
 
-/// One control that the plant received, and its effect. `status` tells whether the plant applied
+/// One control that the plant received, and its effect. `status` shows whether the plant applied
 /// it. The spans are valid only during the call.
 struct RolloutEvent {
   std::span<const double> x;       ///< State before the control.

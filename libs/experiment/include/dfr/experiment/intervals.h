@@ -130,8 +130,8 @@ struct PairedContrast {
   std::optional<Interval> completion_ratio_interval;
 };
 
-/// Ratios of totals over all units, with RatioInterval() over whole units: episodes of one trial
-/// share demonstrations and learner, so they are not independent, whereas trials are.
+/// Ratios of totals over all units, with RatioInterval() over whole units. Episodes of one trial
+/// share the demonstrations and the learner, so episodes are not independent, whereas trials are.
 /// @throws std::invalid_argument unless confidence lies in (0, 1).
 [[nodiscard]] PairedContrast EstimateContrast(std::span<const PairedCounts> units,
                                               double confidence = 0.95);

@@ -66,8 +66,8 @@ struct EpisodeResult {
 class TrialRunner {
  public:
   virtual ~TrialRunner() = default;
-  /// Returns true if the start state drawn with the seed is inside the estimated support. No
-  /// control could correct a start state outside. The result must not depend on the method.
+  /// Returns true if the start state drawn with the seed is inside the estimated support. Other
+  /// start states are drawn again. The result must not depend on the method.
   [[nodiscard]] virtual bool Accepts(std::uint64_t start_seed) = 0;
   /// Runs one episode of plan.methods[method]. `controller_seed` is the same for all methods.
   [[nodiscard]] virtual EpisodeResult Run(int method, std::uint64_t start_seed,

@@ -35,7 +35,7 @@ class RecorderClock {
  public:
   virtual ~RecorderClock() = default;
 
-  /// Returns the time, ns. Monotonic.
+  /// Returns the monotonic time, ns.
   [[nodiscard]] virtual std::int64_t SteadyNs() = 0;
   /// Waits for `ns` nanoseconds. May return earlier once `stopping` is true.
   virtual void Wait(std::int64_t ns, const std::atomic<bool>& stopping) = 0;

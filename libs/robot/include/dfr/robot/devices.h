@@ -36,11 +36,11 @@ class Clock {
   /// Waits until the next period begins. In lock-step the period begins `dt_s` later; in real time
   /// periods have a fixed length.
   [[nodiscard]] virtual Finding Wait(double dt_s) noexcept = 0;
-  /// Time of the loop, ns. Monotonic.
+  /// Returns the monotonic time of the loop, ns.
   [[nodiscard]] virtual std::int64_t SteadyNs() const noexcept = 0;
-  /// Time of the loop as used in sample stamps, ns since the Unix epoch.
+  /// Returns the time of the loop as used in sample stamps, ns since the Unix epoch.
   [[nodiscard]] virtual std::int64_t WallNs() const noexcept = 0;
-  /// Steady clock of this machine, ns, used for threads and operators.
+  /// Returns the time of this machine's steady clock, ns, used for threads and operators.
   [[nodiscard]] virtual std::int64_t MachineNs() const noexcept = 0;
 
   [[nodiscard]] virtual bool lock_step() const noexcept { return false; }

@@ -16,7 +16,7 @@ class SteadyClock {
  public:
   virtual ~SteadyClock() = default;
 
-  /// Returns the time, ns. Monotonic.
+  /// Returns the monotonic time, ns.
   [[nodiscard]] virtual std::int64_t Now() noexcept = 0;
   /// Returns at `due_ns` or later; immediately if it has passed.
   virtual void WaitUntil(std::int64_t due_ns) noexcept = 0;
