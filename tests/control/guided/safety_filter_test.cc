@@ -127,6 +127,42 @@ TEST_F(SafetyFilterTest, AnEntryOnWhoseEffectDemonstrationsDisagreeIsRaisedLess)
   }
 }
 
+// Only both entries together move the state to the right: each alone moves it mainly up or down.
+// Demonstrations disagree on the second entry, and a raise that used it less would lead away.
+TEST_F(SafetyFilterTest, ARaiseNeverLowersThePredictedLevel) {
+  auto demonstrations = test::Rightwards();
+  core::Random random(3);
+  for (core::Trajectory& demonstration : demonstrations) {
+    for (Eigen::Index t = 0; t < demonstration.controls.rows(); ++t) {
+      auto u = demonstration.controls.row(t);
+      u << 0.006 * random.Normal(), 0.006 * random.Normal();
+      const double second = random.Uniform() < 0.5 ? u[1] : 0.0;
+      demonstration.states.row(t + 1) = demonstration.states.row(t);
+      demonstration.states(t + 1, 0) += u[0] + second;
+      demonstration.states(t + 1, 1) += 20.0 * (u[0] - second);
+    }
+  }
+  const test::Task task{test::IdentityFeatures(), support_, demonstrations};
+  const ResponseEstimate estimate(task.response.prior());
+  LocalFit fit = estimate.FitAt(0, std::vector{-0.2, 0.0});
+  const LocalModel local{support_, fit};
+  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(2);
+  const auto raised = [&](bool least) {
+    Eigen::VectorXd v = zero;
+    const GuidedOptions options{
+        .iterations = 100, .least_intervention = least, .probe_size = 0.0, .demonstrated = false};
+    const double level = local.Level(1, zero) + 0.2;
+    const Choice choice = SafetyFilter(task, options).Filter(fit, {1, level}, level, v);
+    EXPECT_EQ(choice.level, local.Level(1, v));
+    return v;
+  };
+  Eigen::VectorXd damped = raised(false);
+  EXPECT_GT(local.Level(1, damped), local.Level(1, zero));
+  damped[1] *= fit.Agreement(1);
+  ASSERT_LT(local.Level(1, damped), local.Level(1, zero));
+  EXPECT_GE(local.Level(1, raised(true)), local.Level(1, zero));
+}
+
 // A learned control that ends inside passes or is replaced, depending on the pass level.
 TEST_F(SafetyFilterTest, AControlThatEndsInsidePassesFromThePassLevelOn) {
   Eigen::VectorXd between = inwards_;

@@ -76,7 +76,12 @@ double SafetyFilter::Raise(LocalFit& fit, const LocalModel& model, const StepTar
     changed = true;
   }
   if (!changed) return level;
-  return model.Level(target.phase, v);
+  const double before = model.Level(target.phase, from_);
+  const double after = model.Level(target.phase, v);
+  if (after > before) return after;
+  // The changes of several entries may help only together.
+  v = from_;
+  return before;
 }
 
 SafetyFilter::Choice SafetyFilter::Correct(LocalFit& fit, const LocalModel& model,

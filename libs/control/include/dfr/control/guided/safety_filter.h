@@ -41,7 +41,8 @@ class SafetyFilter {
 
  private:
   /// Raises `v` by AscendSupport(). With least intervention, entries that change by more than
-  /// guided::kLeastHedged make only the fraction LocalFit::Agreement() of their change.
+  /// guided::kLeastHedged make only the fraction LocalFit::Agreement() of their change. `v` stays
+  /// unchanged if this lowers its level.
   /// @returns the predicted level of `v`.
   double Raise(LocalFit& fit, const LocalModel& model, const StepTarget& target,
                Eigen::VectorXd& v) noexcept;
