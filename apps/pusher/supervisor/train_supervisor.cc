@@ -109,8 +109,9 @@ imitation::Trpo Start(imitation::Environment& environment, const TrainSupervisor
                                          << ", not with " << scene << "; omit --resume");
     const auto check = [&](const char* what, const auto& given, const auto& trained) {
       DFR_THROW_UNLESS(!given || *given == trained, checkpoint.string()
-                                                        << ": it was trained with " << what << ' '
-                                                        << trained << ", not with " << *given);
+                                                        << ": was trained with " << what << ' '
+                                                        << trained << ", not with " << *given
+                                                        << "; omit " << what << " or --resume");
     };
     check("--seed", options.seed, resumed.options().seed);
     check("--horizon", options.horizon, resumed.options().horizon);

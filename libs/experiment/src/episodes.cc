@@ -189,6 +189,7 @@ void PrintEpisodes(const std::vector<std::filesystem::path>& ledgers, const Epis
   std::int64_t all = 0;  // number of episodes with any outcome
   Known known;
   std::optional<LedgerHeader> first;
+  std::filesystem::path first_path;
   std::set<std::tuple<int, int, std::string>> seen;
   const auto is_one_of = [](const std::vector<std::string>& outcomes, core::Outcome outcome) {
     return outcomes.empty() || std::ranges::count(outcomes, core::Name(outcome)) > 0;
@@ -197,11 +198,14 @@ void PrintEpisodes(const std::vector<std::filesystem::path>& ledgers, const Epis
     // A shard without a finished unit has an empty ledger.
     if (std::filesystem::is_empty(path)) continue;
     const LedgerContents contents = ReadLedger(path);
-    if (!first) first = contents.header;
+    if (!first) {
+      first = contents.header;
+      first_path = path;
+    }
     const std::string difference = Difference(*first, contents.header);
     if (!difference.empty()) {
       throw std::runtime_error(path.string() + ": belongs to another run than " +
-                               ledgers.front().string() + ": " + difference +
+                               first_path.string() + ": " + difference +
                                " (now: in this ledger); name the folder of one run");
     }
     const EvaluationPlan& plan = contents.header.plan;

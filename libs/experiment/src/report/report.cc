@@ -100,9 +100,10 @@ class Page : internal::PageWords {
       return;
     }
     const bool given = !options_.judgements.empty();
-    if (!given && summary_.contrasts.empty()) return;
+    const std::vector<ReportJudgement> judgements = given ? options_.judgements : Judgements();
+    if (judgements.empty()) return;
     std::array<std::string, 3> lists;
-    for (const ReportJudgement& judged : given ? options_.judgements : Judgements()) {
+    for (const ReportJudgement& judged : judgements) {
       lists.at(static_cast<std::size_t>(judged.grade)) +=
           "<li><span class=\"dot\" " + ColourOf(judged.method) + "></span>" +
           Escape(NameOf(judged.method)) + " (" + Escape(judged.why) + ")</li>";
@@ -119,8 +120,8 @@ class Page : internal::PageWords {
     } else {
       out_ << "Judged in this experiment against "
            << Escape(NameOf(summary_.contrasts.front().against))
-           << ", each method by its worst learner. Fit for use: 95 % intervals show fewer "
-              "collisions and at least 0.9 times the completions.";
+           << ", each method by its worst learner, except other policies. Fit for use: 95 % "
+              "intervals show fewer collisions and at least 0.9 times the completions.";
     }
     out_ << "</p></div>\n";
   }
