@@ -222,7 +222,7 @@ class GuardedEnvTest(unittest.TestCase):
         for count in (0, 1, 2):
             vector = Corridor()
             vector.num_envs = count
-            with self.assertRaisesRegex(TypeError, f"a vector of {count} environments, .*: wrap each of them"):
+            with self.assertRaisesRegex(TypeError, f"a vector of {count} environments, .*: wrap each environment"):
                 dfr.GuardedEnv(vector, self.guard)
         for other in (None, "Pusher-v0"):
             with self.assertRaisesRegex(TypeError, r"env has no reset\(\): .* not "):
