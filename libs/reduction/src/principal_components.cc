@@ -49,8 +49,7 @@ void RefuseNonFinite(const core::Matrix& block, Eigen::Index first) {
   }
 }
 
-// Computes mean and scale in two passes. A single pass would lose digits if the
-// mean is large.
+// Computes mean and scale in two passes. A single pass would lose digits if the mean is large.
 void FitScale(const RowSource& source, double floor, core::Workers& workers,
               PrincipalComponents& fit) {
   const Eigen::Index n = source.rows();

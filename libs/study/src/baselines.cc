@@ -10,6 +10,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
+#include "dfr/core/record.h"
 
 namespace dfr::study {
 namespace {
@@ -33,29 +34,18 @@ using Change =
 // Runs one episode: returns the visited states and the supervisor's controls there.
 core::Trajectory Ask(const Expert& teaching, core::SimulatedPlant& plant, std::uint64_t seed,
                      int horizon, const Change& change) {
-  core::Trajectory trajectory;
-  trajectory.seed = seed;
   core::Random random(core::DeriveSeed(seed, {2}));  // The supervisor's variation has stream 1.
   plant.Reset(seed);
-  trajectory.states.resize(horizon + 1, plant.state_dim());
-  trajectory.controls.resize(horizon, plant.control_dim());
-  plant.Observe(core::Row(trajectory.states, 0));
   std::vector<double> applied(static_cast<std::size_t>(plant.control_dim()));
-  int t = 0;
-  for (; t < horizon && !plant.completed() && !plant.collided(); ++t) {
-    const std::span<double> wanted = core::Row(trajectory.controls, t);
-    teaching.supervise(plant, t, seed, wanted);
-    for (double& entry : wanted) entry = std::clamp(entry, -1.0, 1.0);
-    std::ranges::copy(wanted, applied.begin());
-    change(t, core::Row(std::as_const(trajectory.states), t), applied, random);
-    if (plant.Apply(applied) != core::PlantStatus::kOk) break;
-    plant.Observe(core::Row(trajectory.states, t + 1));
-  }
-  trajectory.outcome = plant.collided()    ? core::Outcome::kCollided
-                       : plant.completed() ? core::Outcome::kCompleted
-                                           : core::Outcome::kHalted;
-  trajectory.states.conservativeResize(t + 1, Eigen::NoChange);
-  trajectory.controls.conservativeResize(t, Eigen::NoChange);
+  core::Trajectory trajectory =
+      core::Record(plant, horizon, [&](int t, std::span<const double> x, std::span<double> wanted) {
+        teaching.supervise(plant, t, seed, wanted);
+        for (double& entry : wanted) entry = std::clamp(entry, -1.0, 1.0);
+        std::ranges::copy(wanted, applied.begin());
+        change(t, x, applied, random);
+        return plant.Apply(applied);
+      });
+  trajectory.seed = seed;
   return trajectory;
 }
 

@@ -66,13 +66,12 @@ struct EpisodeFilter {
 [[nodiscard]] std::string EpisodesCommand(const std::string& program, const EpisodeFilter& filter);
 
 /// Prints the ids of the selected episodes in these ledgers of one run, each unit once, with
-/// outcome, cause and controls:
-/// collisions first, then halts, each in descending order of recovery controls. Prints at most
-/// `most` unless it is 0. The last line gives the number of selected episodes, their mean number of
-/// controls, and the number of all episodes with the filter's method, learner and data point.
+/// outcome, cause and controls: collisions first, then halts, each in descending order of recovery
+/// controls. Prints at most `most` unless it is 0. The last line gives the number of selected
+/// episodes, their mean number of controls, and the number of all episodes with the filter's
+/// method, learner and data point.
 /// @throws std::runtime_error naming a method, learner or data point that no ledger has, or a
-/// ledger
-///   of another run; if no unit is finished; and as ReadLedger().
+///   ledger of another run; if no unit is finished; and as ReadLedger().
 void PrintEpisodes(const std::vector<std::filesystem::path>& ledgers, const EpisodeFilter& filter,
                    int most, std::ostream& out);
 

@@ -165,9 +165,9 @@ struct EvaluationOptions {
 /// trial, i, 1}, ... that the runner accepts. Methods and learners therefore share start states,
 /// and so do data points as far as each support accepts them. The controller's seed is
 /// DeriveSeed(seed, {1, trial, i}).
-/// @throws as CheckPlan(); std::runtime_error if the ledger has other
-///   settings (naming the first that differs), is damaged, is in use by another process, or cannot
-///   be written; Interrupted; and any exception of a runner.
+/// @throws as CheckPlan(); std::runtime_error if the ledger has other settings (naming the first
+///   that differs), is damaged, is in use by another process, or cannot be written; Interrupted;
+///   and any exception of a runner.
 [[nodiscard]] std::vector<UnitResult> Evaluate(const EvaluationPlan& plan,
                                                const MakeTrialRunner& make,
                                                const EvaluationOptions& options = {});
