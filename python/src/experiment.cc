@@ -201,9 +201,11 @@ py::object RunExperiment(const std::vector<std::string>& arguments, const std::s
   };
   const Unlocked unlocked;
   const experiment::OutputFolder folder(options, plan);
-  // This thread handles Python's signals, so the engine has another one.
+  std::optional<experiment::ExperimentResult> found;
+  // This thread handles Python's signals, so the engine has another one. Its future has no value:
+  // the module would export the symbols of a future of a type of this library.
   auto engine = std::async(std::launch::async, [&, &settings = settings] {
-    return experiment::RunExperiment(name, plan, make_runner, settings, options);
+    found = experiment::RunExperiment(name, plan, make_runner, settings, options);
   });
   while (engine.wait_for(std::chrono::milliseconds(100)) != std::future_status::ready) {
     const bool interrupted = WithLock([&end = end] {
@@ -216,7 +218,7 @@ py::object RunExperiment(const std::vector<std::string>& arguments, const std::s
     engine.wait();
     WithLock([] { throw py::error_already_set(); });
   }
-  const auto found = engine.get();
+  engine.get();
   std::string text;
   if (found) {
     experiment::PrintTable(found->summary, std::cout);
