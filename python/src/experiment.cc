@@ -46,8 +46,8 @@ class PythonRunner final : public experiment::TrialRunner {
  public:
   PythonRunner(py::object runner, const std::vector<std::string>& methods)
       : runner_(std::move(runner)), methods_(methods) {}
+  // Python's C interface does not throw. NOLINTNEXTLINE(bugprone-exception-escape)
   ~PythonRunner() override {
-    // Uses Python's C interface, which does not throw.
     WithLock([this] {
       PyObject* ended = PyObject_CallMethod(runner_.ptr(), "close", nullptr);
       if (ended == nullptr) PyErr_WriteUnraisable(runner_.ptr());
