@@ -41,7 +41,7 @@ class IntrinsicsFileTest : public testing::Test {
 
   std::string ErrorOf(const std::string& text) {
     const auto path = Write(text);
-    const std::string error =
+    std::string error =
         dfr::test::MessageOf<std::runtime_error>([&] { (void)ReadIntrinsics(path); });
     EXPECT_THAT(error, HasSubstr(path.string()));
     return error;

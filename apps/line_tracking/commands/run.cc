@@ -175,7 +175,8 @@ void RunRun(const RunOptions& options) {
   std::filesystem::path log;
   if (!config.recordings.empty()) {
     log = RecordingName(config.recordings);
-    const auto pixels = static_cast<std::size_t>(known.camera.width * known.camera.height);
+    const auto pixels = static_cast<std::size_t>(known.camera.width) *
+                        static_cast<std::size_t>(known.camera.height);
     recorder.emplace(log, RunMetadata(config, options.seed),
                      recording::RecorderOptions{.picture_bytes = 3 * pixels});
   }

@@ -134,8 +134,10 @@ std::string DescribeTwoNames(const App& program, std::span<const std::string> ar
         argument.substr(0, argument.starts_with("--") ? argument.find('=') : 2);
     const auto* const option = command->get_option_no_throw(name);
     if (option == nullptr) continue;
-    const std::string& first = given.try_emplace(option, name).first->second;
-    if (first != name) return first + " and " + name + " are one option: give one of them";
+    std::string fault = given.try_emplace(option, name).first->second;
+    if (fault == name) continue;
+    fault.append(" and ").append(name).append(" are one option: give one of them");
+    return fault;
   }
   return "";
 }
