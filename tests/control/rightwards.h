@@ -40,6 +40,19 @@ inline std::vector<core::Trajectory> Rightwards(double angle = 0.0) {
   return demonstrations;
 }
 
+/// Rightwards() with pauses: the first entry of a control is kSpeed or, in every third step, 0.
+inline std::vector<core::Trajectory> RightwardsOrStill() {
+  std::vector<core::Trajectory> demonstrations = Rightwards();
+  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
+    for (int t = 0; t < kSteps; ++t) {
+      const double speed = (static_cast<std::size_t>(t) + d) % 3 == 0 ? 0.0 : kSpeed;
+      demonstrations[d].controls(t, 0) = speed;
+      demonstrations[d].states(t + 1, 0) = demonstrations[d].states(t, 0) + speed;
+    }
+  }
+  return demonstrations;
+}
+
 /// B_t is a disk of radius 0.42 around (t kSpeed, 0): l_t(x) = log 2 - 4 |x - (t kSpeed, 0)|^2.
 inline GaussianSupport MovingDisk() { return {{{0.0, 0.0}}, 4.0, 0.5, {kSpeed, 0.0}, kSteps + 1}; }
 

@@ -193,16 +193,7 @@ TEST_F(CertifiedControllerTest, TheSameStatesGiveTheSameControls) {
 // Demonstrations move at one speed or stand still. The first entry of a control keeps these two
 // values, also if the second entry is raised or probed.
 TEST_F(CertifiedControllerTest, AnEntryWithFewValuesKeepsThem) {
-  auto demonstrations = Rightwards();
-  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
-    core::Trajectory& demonstration = demonstrations[d];
-    for (Eigen::Index t = 0; t < demonstration.controls.rows(); ++t) {
-      const double speed = (static_cast<std::size_t>(t) + d) % 3 == 0 ? 0.0 : test::kSpeed;
-      demonstration.controls(t, 0) = speed;
-      demonstration.states(t + 1, 0) = demonstration.states(t, 0) + speed;
-    }
-  }
-  const test::Task task{test::IdentityFeatures(), support, demonstrations};
+  const test::Task task{test::IdentityFeatures(), support, test::RightwardsOrStill()};
   const test::FunctionPolicy policy(
       2, 2, [](int t, std::span<const double>, std::span<double> learned) {
         std::ranges::copy(std::array{t % 2 == 0 ? test::kSpeed : 0.0, 0.2}, learned.begin());

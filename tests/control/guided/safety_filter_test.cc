@@ -67,16 +67,7 @@ TEST_F(SafetyFilterTest, AControlThatEndsOutsideIsReplacedByTheNominalOne) {
 // The disk moves to the right. Demonstrations follow it at one speed or stand still. The first
 // entry of a corrected control has one of the two demonstrated values.
 TEST_F(SafetyFilterTest, AnEntryWithFewValuesIsNeverAMeanOfThem) {
-  auto demonstrations = test::Rightwards();
-  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
-    core::Trajectory& demonstration = demonstrations[d];
-    for (Eigen::Index t = 0; t < demonstration.controls.rows(); ++t) {
-      const double speed = (static_cast<std::size_t>(t) + d) % 3 == 0 ? 0.0 : test::kSpeed;
-      demonstration.controls(t, 0) = speed;
-      demonstration.states(t + 1, 0) = demonstration.states(t, 0) + speed;
-    }
-  }
-  const test::Task task{test::IdentityFeatures(), support_, demonstrations};
+  const test::Task task{test::IdentityFeatures(), support_, test::RightwardsOrStill()};
   const ResponseEstimate estimate(task.response.prior());
   LocalFit fit = estimate.FitAt(0, core::AsSpan(z_));
   Eigen::VectorXd nominal(2);
