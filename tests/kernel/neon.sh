@@ -10,7 +10,7 @@ for tool in aarch64-linux-gnu-g++ qemu-aarch64; do
   command -v "$tool" >/dev/null || { echo "neon.sh: no $tool: apt-get install g++-aarch64-linux-gnu qemu-user" >&2; exit 1; }
 done
 
-root=$folder/root/usr
+root=$folder/arm64/usr
 lib=$root/lib/aarch64-linux-gnu
 if [ ! -d "$lib" ]; then
   mkdir -p "$folder"/apt/lists/partial "$folder"/apt/archives/partial "$folder"/packages
@@ -19,7 +19,7 @@ if [ ! -d "$lib" ]; then
        -o APT::Architecture=arm64 -o APT::Architectures=arm64 -o APT::Sandbox::User=root)
   "${apt[@]}" update
   (cd "$folder/packages" && "${apt[@]}" download libhwy-dev libhwy1 libgtest-dev libgmock-dev)
-  for package in "$folder"/packages/*.deb; do dpkg-deb -x "$package" "$folder/root"; done
+  for package in "$folder"/packages/*.deb; do dpkg-deb -x "$package" "$folder/arm64"; done
 fi
 
 tests=(gaussian/gaussian_sum support/time_varying_support support/model_selection)
