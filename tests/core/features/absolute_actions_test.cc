@@ -205,6 +205,30 @@ TEST(AbsoluteActionsTest, EarlierActionsInTheStateAreNotPositions) {
   }
 }
 
+// A gripper moves no entry of the state. Nothing but the observation of the whole action shows that
+// its entry is a copy.
+TEST(AbsoluteActionsTest, AGripperWithinTheLastActionIsNotAPosition) {
+  auto set = Late(1);
+  for (Trajectory& episode : set) {
+    const Matrix before = episode.states;  // the position, then the last action
+    const Eigen::Index steps = episode.controls.rows();
+    Matrix controls(steps, 3);
+    Matrix states = Matrix::Zero(steps + 1, 5);
+    for (Eigen::Index t = 0; t < steps; ++t) {
+      controls.row(t) << episode.controls.row(t), t < steps / 2 ? 1.0 : -1.0;
+      states.row(t + 1).head(3) = controls.row(t);
+    }
+    states.rightCols(2) = before.leftCols(2);
+    episode = {.states = states, .controls = controls};
+  }
+  EXPECT_TRUE(FindAbsoluteActions(set).empty());
+  // In another order the entries are no observation of the action.
+  for (Trajectory& episode : set) episode.states.col(0).swap(episode.states.col(2));
+  const auto found = FindAbsoluteActions(set);
+  ASSERT_EQ(found.size(), 1U);
+  EXPECT_EQ(found[0].action, 2);
+}
+
 // The joints reach their targets exactly. The state also has the joints of the step before, and
 // either the tip of the arm, which moves with the joints, or an object that the arm does not touch.
 TEST(AbsoluteActionsTest, PerfectlyTrackedTargetsAreFound) {

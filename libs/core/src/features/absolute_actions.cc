@@ -132,10 +132,13 @@ std::vector<bool> ActionAnalysis::FindPastActions() const {
   if (history_count_ < kRowsPerEntry * static_cast<double>(m_ + 1)) return past;
   std::vector<std::vector<Eigen::Index>> copies(static_cast<std::size_t>(m_));
   std::vector<bool> repeats = past;
+  const auto repeat = [&](Eigen::Index j, Eigen::Index k, Eigen::Index lag) {
+    return deviations_(lag * m_ + k, j) <= kRounding * largest_[k];
+  };
   for (Eigen::Index k = 0; k < m_; ++k) {
     for (Eigen::Index j = 0; j < n_; ++j) {
       for (Eigen::Index i = 0; i <= kMostLag; ++i) {
-        if (!(deviations_(i * m_ + k, j) <= kRounding * largest_[k])) continue;
+        if (!repeat(j, k, i)) continue;
         copies[static_cast<std::size_t>(k)].push_back(j);
         repeats[static_cast<std::size_t>(j)] = true;
         break;
@@ -158,6 +161,16 @@ std::vector<bool> ActionAnalysis::FindPastActions() const {
     }
     if (!moves) continue;
     for (const Eigen::Index j : own) past[static_cast<std::size_t>(j)] = true;
+  }
+  // A block of entries that repeats the whole action is one observation.
+  for (Eigen::Index first = 0; first + m_ <= n_; ++first) {
+    const auto block = past.begin() + first;
+    if (2 * std::count(block, block + m_, true) < m_) continue;
+    for (Eigen::Index i = 0; i <= kMostLag; ++i) {
+      bool whole = true;
+      for (Eigen::Index k = 0; k < m_; ++k) whole = whole && repeat(first + k, k, i);
+      if (whole) std::fill(block, block + m_, true);
+    }
   }
   return past;
 }

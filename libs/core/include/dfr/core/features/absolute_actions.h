@@ -34,7 +34,8 @@ struct AbsoluteAction {
 /// action, as a velocity does: u_k(t - l), for an l up to 3, explains at least half of the entry's
 /// change that the other actions leave unexplained. The part that u_k(t - l) leaves unexplained is
 /// at most half of the part that any difference u_k(t - l) - u_k(t - l - 1) leaves unexplained.
-/// Targets move a robot by their differences.
+/// Targets move a robot by their differences. If at least half of a block of entries counts as
+/// copies, and the block repeats all entries of the action in their order, all of the block does.
 ///
 /// Memory and time per step are linear in the number of state entries.
 class ActionAnalysis {
