@@ -10,6 +10,7 @@
 #include "dfr/sim/gallery/gallery.h"
 #include "dfr/study/detectors.h"
 #include "tests/support/message_of.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::study {
 namespace {
@@ -118,8 +119,31 @@ TEST(DetectTest, TooManyFeaturesAreReducedWithAReason) {
 TEST(DetectTest, AMissingFileIsNamedWithWhereToGetOne) {
   EXPECT_THAT(
       dfr::test::MessageOf<std::runtime_error>(
-          [&] { (void)LoadDetection({.file = "nowhere.hdf5"}); }),
+          [&] { (void)LoadDetection({.files = {"nowhere.hdf5"}}); }),
       testing::AllOf(HasSubstr("nowhere.hdf5: no such file"), HasSubstr("D4RL/door/human-v2")));
+}
+
+TEST(DetectTest, SeveralFilesAreOneSetAndAnotherLayoutIsRefused) {
+  const dfr::test::TempFolder folder;
+  const imitation::DemonstrationSet set = Reach(6);
+  const auto write = [&](const char* name, const core::StateLayout& layout) {
+    imitation::RobomimicWriter writer(folder / name, layout, set.control_dim, "reach");
+    for (const core::Trajectory& episode : set.trajectories) writer.Append(episode);
+    return folder / name;
+  };
+  const auto first = write("first.hdf5", set.layout);
+  const auto second = write("second.hdf5", set.layout);
+  const DetectionSet loaded = LoadDetection({.files = {first, second}, .failures = second});
+  EXPECT_EQ(loaded.demonstrations.trajectories.size(), 12U);
+  EXPECT_EQ(loaded.demonstrations.trajectories[7].states, set.trajectories[1].states);
+  EXPECT_EQ(loaded.further.size(), 6U);
+  core::StateLayout other;
+  other.Add("other", set.layout.state_dim());
+  const auto third = write("third.hdf5", other);
+  EXPECT_THAT(dfr::test::MessageOf<std::runtime_error>([&] {
+                (void)LoadDetection({.files = {first, third}});
+              }),
+              HasSubstr("third.hdf5: states or actions differ"));
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <memory>
 #include <numeric>
 #include <ostream>
@@ -147,6 +148,13 @@ std::vector<core::Trajectory> RunPolicy(const Detection& detection) {
   return episodes;
 }
 
+imitation::DemonstrationSet Load(const std::filesystem::path& file) {
+  if (!std::filesystem::exists(file)) {
+    throw std::runtime_error(file.string() + ": no such file.\n" + DetectionSources());
+  }
+  return imitation::LoadDemonstrations(file);
+}
+
 }  // namespace
 
 const char* DetectionSources() noexcept {
@@ -162,13 +170,8 @@ const char* DetectionSources() noexcept {
 }
 
 DetectionSet LoadDetection(const Detection& detection) {
-  for (const std::filesystem::path& file : {detection.file, detection.failures}) {
-    if (!file.empty() && !std::filesystem::exists(file)) {
-      throw std::runtime_error(file.string() + ": no such file.\n" + DetectionSources());
-    }
-  }
   DetectionSet set{.demonstrations = {}, .further = {}, .features = detection.features};
-  if (detection.file.empty()) {
+  if (detection.files.empty()) {
     const sim::GalleryTask& task = sim::FindGalleryTask(detection.task);
     set.demonstrations = {.layout = task.plant->layout(),
                           .control_dim = task.plant->control_dim(),
@@ -180,17 +183,24 @@ DetectionSet LoadDetection(const Detection& detection) {
     set.further = RunPolicy(detection);
     return set;
   }
-  set.demonstrations = imitation::LoadDemonstrations(detection.file);
-  const auto absolute = core::FindAbsoluteActions(set.demonstrations.trajectories);
-  for (core::Trajectory& d : set.demonstrations.trajectories) core::ToDifferences(absolute, d);
-  if (detection.failures.empty()) return set;
-  imitation::DemonstrationSet further = imitation::LoadDemonstrations(detection.failures);
-  if (further.layout != set.demonstrations.layout) {
-    throw std::runtime_error(detection.failures.string() +
-                             ": states have blocks different from those of " +
-                             detection.file.string());
+  set.demonstrations = Load(detection.files[0]);
+  std::vector<core::Trajectory>& all = set.demonstrations.trajectories;
+  const auto load_more = [&](const std::filesystem::path& file) {
+    imitation::DemonstrationSet more = Load(file);
+    if (more.layout != set.demonstrations.layout ||
+        more.control_dim != set.demonstrations.control_dim) {
+      throw std::runtime_error(file.string() + ": states or actions differ in size or name from " +
+                               "those of " + detection.files[0].string());
+    }
+    return std::move(more.trajectories);
+  };
+  for (std::size_t i = 1; i < detection.files.size(); ++i) {
+    std::ranges::move(load_more(detection.files[i]), std::back_inserter(all));
   }
-  set.further = std::move(further.trajectories);
+  const auto absolute = core::FindAbsoluteActions(all);
+  for (core::Trajectory& d : all) core::ToDifferences(absolute, d);
+  if (detection.failures.empty()) return set;
+  set.further = load_more(detection.failures);
   for (core::Trajectory& episode : set.further) {
     if (detection.unlike) episode.outcome = core::Outcome::kHalted;
   }

@@ -12,8 +12,8 @@ namespace dfr::study {
 
 /// Options of `study detect`.
 struct Detection {
-  /// File of demonstrations; empty: demonstrations of `task`.
-  std::filesystem::path file = {};
+  /// Files of demonstrations, all with the same layout; none: demonstrations of `task`.
+  std::vector<std::filesystem::path> files = {};
   std::filesystem::path failures = {};  ///< Further episodes, labelled in their file.
   bool unlike = false;                  ///< All episodes of `failures` count as failures.
   std::string task = "pick";            ///< A task of the gallery.
@@ -38,7 +38,7 @@ struct DetectionSet {
 
 /// Reads the files, or runs the task's policy. Actions that are positions become differences.
 /// @throws std::runtime_error as imitation::OpenDemonstrations(), and if a file does not exist or
-///   the layouts of both files differ.
+///   the layouts of two files differ.
 [[nodiscard]] DetectionSet LoadDetection(const Detection& detection);
 
 /// Result of a comparison.

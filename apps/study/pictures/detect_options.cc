@@ -9,8 +9,9 @@ namespace dfr::study {
 void AddOptions(CLI::App& command, Detection& detection) {
   command.footer(DetectionSources());
   CLI::Option* const file =
-      command.add_option("file", detection.file,
-                         "demonstrations: robomimic, Minari or LeRobot; default: those of --task");
+      command.add_option("file", detection.files,
+                         "demonstrations, one file or several: robomimic, Minari or LeRobot; "
+                         "default: those of --task");
   CLI::Option* const failures = command.add_option(
       "--failures", detection.failures,
       "file of further episodes, which failed unless they are labelled completed");
