@@ -9,9 +9,9 @@ rng = np.random.default_rng(1)
 states, actions = [], []
 for _ in range(30):
     x, u = np.zeros((21, 2)), np.zeros((20, 2))
-    x[0, 1] = 0.1 * rng.normal()
+    x[0] = 0.1 * rng.normal(size=2)
     for t in range(20):
-        u[t] = 0.1, -0.3 * x[t, 1] + 0.05 * rng.normal()
+        u[t] = [0.1, -0.3 * x[t, 1]] + 0.02 * rng.normal(size=2)
         x[t + 1] = x[t] + u[t]
     states.append(x)
     actions.append(u)

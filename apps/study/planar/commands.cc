@@ -270,7 +270,7 @@ void AddProof(CLI::App& app, Commands& commands) {
   const auto proof = std::make_shared<ProofOptions>();
   const auto mutations = std::make_shared<bool>(false);
   auto* prove =
-      app.add_subcommand("prove", "Test Proposition 1 of certified-direction in random worlds");
+      app.add_subcommand("prove", "Test the theorem of certified-direction in random worlds");
   prove->add_option("--steps", proof->steps, "controls")
       ->check(apps::kPositive)
       ->capture_default_str();

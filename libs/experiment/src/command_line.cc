@@ -349,8 +349,7 @@ void Add(CLI::App& app, Added& added, const std::vector<std::string>& film_endin
   added.rerun->add_option("--methods", added.again.methods, "methods of the run to compare with")
       ->delimiter(',');
   core::WritesFile(
-      added.rerun->add_option("--film", added.again.film,
-                              "file to draw the episodes to; .html: a page of their paths"),
+      added.rerun->add_option("--film", added.again.film, "file to draw the episodes to"),
       film_endings, /*makes_folders=*/true);
 }
 
@@ -420,7 +419,7 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv,
   core::AddExamples(app, {{"merge", {"out/shards --out out/whole"}},
                           {"status", {"out/shards", "out/shards --json"}},
                           {"episodes", {"out/whole --method dfr --outcome collided --most 0"}},
-                          {"rerun", {"out/whole 0/60/8/dfr/3" + film}}});
+                          {"rerun", {"out/whole ID" + film}}});
   try {
     KeepGivenValues(app);
     // CheckArguments() adds transforms that run before the transforms of KeepGivenValues(). Without
