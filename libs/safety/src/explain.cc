@@ -178,8 +178,8 @@ std::string Standstill(const GuardModel& model, const Verdict& verdict) {
   }
   if (parts > kMost) name += core::Format(" and %d others", parts - kMost);
   return name + core::Format(
-                    " has not changed for %.3g steps; in demonstrations it never "
-                    "stood still for more than %.3g",
+                    " has not changed for %.0f steps; in demonstrations it never "
+                    "stood still for more than %.0f",
                     verdict.unchanged, group.longest);
 }
 

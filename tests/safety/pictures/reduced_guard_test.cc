@@ -200,7 +200,7 @@ TEST(ReducedGuardTest, AFrozenPictureHaltsWithItsReasonAfterTheStandstillMargin)
     EXPECT_EQ(action, std::vector(2, 0.0));
     EXPECT_NEAR(verdict.unchanged, steps, 1e-12);
     const std::string why = Explain(*model, verdict, state, wish);
-    EXPECT_EQ(why, core::Format("halted: the picture 'camera' has not changed for %.3g steps; in "
+    EXPECT_EQ(why, core::Format("halted: the picture 'camera' has not changed for %.0f steps; in "
                                 "demonstrations it never stood still for more than 0",
                                 steps));
     // The reason remains when the picture changes, until the next episode.

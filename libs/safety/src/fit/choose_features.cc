@@ -273,11 +273,26 @@ void RefuseUnlessInside(const core::StateLayout& layout, const Recorded& recorde
         [&](int entry) { return entry >= block.offset && entry < block.offset + block.size; });
     if (looked_at && block.size < selection.num_features()) consider(block.name);
   }
+  const auto sort = [&] {
+    std::stable_sort(candidates.begin(), candidates.end(),
+                     [](const Candidate& a, const Candidate& b) { return a.inside > b.inside; });
+  };
+  sort();
+  // A single block rarely suffices. The choice with the most blocks comes first.
+  std::optional<Candidate> joint;
+  for (const Candidate& block : candidates) {
+    if (block.inside < fit::kLeastInside) break;
+    const std::string spec = joint ? joint->spec + "," + block.spec : block.spec;
+    auto more = joint ? Try(layout, spec, recorded, fit.options, actions, folds) : block;
+    if (more && more->inside >= fit::kLeastInside) joint = std::move(more);
+  }
   const std::vector<int> independent = Independent(recorded);
   const bool redundant = std::ssize(independent) < selection.num_features();
   if (redundant) consider(Spec(layout, independent));
-  std::stable_sort(candidates.begin(), candidates.end(),
-                   [](const Candidate& a, const Candidate& b) { return a.inside > b.inside; });
+  sort();
+  if (joint && joint->spec.find(',') != std::string::npos) {
+    candidates.insert(candidates.begin(), *std::move(joint));
+  }
   constexpr std::size_t kMostNamed = 3;
   std::string better;
   for (std::size_t i = 0; i < std::min(kMostNamed, candidates.size()); ++i) {
