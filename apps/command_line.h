@@ -18,8 +18,12 @@
 #include "dfr/core/text/command_line.h"
 #include "dfr/core/text/format.h"
 #include "dfr/core/text/numbers.h"
+#include "dfr/core/text/suggest.h"
 
 namespace dfr::apps {
+
+/// Exit code after a usage error.
+inline constexpr int kUsageError = 2;
 
 /// Range of horizons, repetitions and similar counts.
 inline const CLI::Range kCount(1, 1'000'000);
@@ -74,7 +78,8 @@ CLI::Validator OneOf(const std::map<std::string, T>& words) {
 ///   program by a signal.
 /// - Closed standard streams are opened to /dev/null. Otherwise the next file would get their
 ///   number, and with it the program's messages.
-/// - An exception ends in a message and a failure, and so does output that could not be written,
+/// - An exception ends in a message and a failure, or for core::UnknownName a usage error. So does
+/// output that could not be written,
 ///   for example to a full disk.
 template <typename Run>
 int RunProgram(const char* name, int argc, char** argv, Run run) {
@@ -86,6 +91,9 @@ int RunProgram(const char* name, int argc, char** argv, Run run) {
   int code = EXIT_FAILURE;
   try {
     code = run(argc, argv);
+  } catch (const core::UnknownName& e) {
+    std::cerr << name << ": " << core::Printable(e.what()) << '\n';
+    code = kUsageError;
   } catch (const std::exception& e) {
     std::cerr << name << ": " << core::Printable(e.what()) << '\n';
   }
@@ -113,7 +121,7 @@ inline std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv
     core::RefuseAmbiguous<CLI::ValidationError>(app, arguments);
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
-    return app.exit(e) == EXIT_SUCCESS ? EXIT_SUCCESS : 2;
+    return app.exit(e) == EXIT_SUCCESS ? EXIT_SUCCESS : kUsageError;
   }
   return std::nullopt;
 }

@@ -10,6 +10,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
 #include "dfr/core/text/numbers.h"
+#include "dfr/core/text/suggest.h"
 #include "dfr/sim/line_tracking/calibration_motion.h"
 #include "rollout_video.h"
 
@@ -90,9 +91,9 @@ sim::LineTrackingOptions InWorld(sim::LineTrackingOptions plant, const std::stri
   if (world.ends_with(kUnit)) {
     latency_ms = core::ParseNumber(std::string_view(world).substr(0, world.size() - kUnit.size()));
   }
-  DFR_THROW_UNLESS(
-      latency_ms && *latency_ms >= 0.0,
-      "unknown world '" << world << "'; valid: frozen, or a latency in real time such as 30ms");
+  if (!latency_ms || !(*latency_ms >= 0.0)) {
+    throw core::UnknownName("world", world, "frozen, or a latency in real time such as 30ms");
+  }
   plant.disturbance.real_time = true;
   plant.disturbance.latency_s = 1e-3 * *latency_ms;
   return plant;

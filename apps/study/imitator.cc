@@ -4,8 +4,8 @@
 #include <cmath>
 #include <utility>
 
-#include "dfr/core/contract.h"
 #include "dfr/core/random.h"
+#include "dfr/core/text/suggest.h"
 #include "dfr/imitation/fit_mlp.h"
 #include "dfr/study/policies.h"
 
@@ -97,8 +97,9 @@ void Imitator::Control(int t, std::span<const double> x, std::span<double> u) no
 Imitator Imitate(const sim::GalleryTask& task, std::span<const core::Trajectory> demonstrations,
                  const FittedTask& fit, const core::SimulatedPlant& plant, const std::string& name,
                  std::uint64_t seed) {
-  DFR_THROW_UNLESS(std::ranges::count(PolicyNames(), name) == 1,
-                   "unknown policy '" << name << "'; valid: " << Join(PolicyNames()));
+  if (std::ranges::count(PolicyNames(), name) == 0) {
+    throw core::UnknownName("policy", name, Join(PolicyNames()));
+  }
   if (name == kOnlineLwr) {
     return Imitator(
         std::make_shared<OnlineLwrPolicy>(fit.model().features(), fit.ResponseOf(demonstrations)));

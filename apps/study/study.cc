@@ -13,6 +13,7 @@
 #include "dfr/control/controller.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
+#include "dfr/core/text/suggest.h"
 #include "dfr/experiment/film.h"
 #include "dfr/experiment/ledger.h"
 #include "dfr/safety/guard.h"
@@ -24,8 +25,7 @@ namespace {
 void CheckNames(const char* what, const std::vector<std::string>& names,
                 const std::vector<std::string>& known) {
   for (const std::string& name : names) {
-    DFR_THROW_UNLESS(std::ranges::count(known, name) == 1,
-                     "unknown " << what << " '" << name << "'; valid: " << Join(known));
+    if (std::ranges::count(known, name) == 0) throw core::UnknownName(what, name, Join(known));
   }
 }
 

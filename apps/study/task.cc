@@ -13,8 +13,8 @@
 #include "apps/study/planar/methods.h"
 #include "apps/study/planar/picture.h"
 #include "apps/study/planar/task.h"
-#include "dfr/core/contract.h"
 #include "dfr/core/random.h"
+#include "dfr/core/text/suggest.h"
 #include "dfr/imitation/fit_mlp.h"
 #include "dfr/sim/gallery/gallery.h"
 #include "dfr/sim/line_tracking/arm_error.h"
@@ -179,8 +179,7 @@ Task MakeTask(const std::string& name) {
   if (name.starts_with("planar-")) return Planar(name);
   if (name == "line-tracking") return LineTracking();
   const std::vector<std::string> names = TaskNames();
-  DFR_THROW_UNLESS(std::ranges::count(names, name) == 1,
-                   "unknown task '" << name << "'; valid: " << Join(names));
+  if (std::ranges::count(names, name) == 0) throw core::UnknownName("task", name, Join(names));
   return Gallery(name);
 }
 

@@ -5,6 +5,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
 #include "dfr/core/record.h"
+#include "dfr/core/text/suggest.h"
 #include "dfr/sim/gallery/corridor.h"
 #include "dfr/sim/gallery/disc_push.h"
 
@@ -27,8 +28,9 @@ Task MakeTask(std::string_view name) {
     task.raw_gamma = 1.0;
     return task;
   }
-  DFR_THROW_UNLESS(name == "push" || name == "push-weak",
-                   "unknown planar task '" << name << "'; valid: corridor, push, push-weak");
+  if (name != "push" && name != "push-weak") {
+    throw core::UnknownName("planar task", name, "corridor, push, push-weak");
+  }
   task.plant = std::make_shared<sim::DiscPushPlant>();
   task.supervisor_noise = 0.2;
   task.degree = name == "push" ? 3 : 1;

@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <optional>
-#include <stdexcept>
 #include <utility>
 
 #include "dfr/control/certified/certifier.h"
@@ -13,6 +12,8 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/features/absolute_actions.h"
 #include "dfr/core/numerics/folds.h"
+#include "dfr/core/text/format.h"
+#include "dfr/core/text/suggest.h"
 #include "dfr/kernel/model_selection.h"
 #include "dfr/safety/constants.h"
 #include "dfr/safety/guard_advice.h"
@@ -130,9 +131,8 @@ Strategy ParseStrategy(std::string_view name) {
   for (const Strategy strategy : kStrategies) {
     if (name == Name(strategy)) return strategy;
   }
-  throw std::invalid_argument(
-      "unknown strategy '" + std::string(name) +
-      "'; valid: guard, controller, dfr, early-stopping, monitor, certified");
+  throw core::UnknownName("strategy", name,
+                          "guard, controller, dfr, early-stopping, monitor, certified");
 }
 
 std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layout,

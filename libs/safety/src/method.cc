@@ -2,7 +2,8 @@
 
 #include <algorithm>
 #include <array>
-#include <stdexcept>
+
+#include "dfr/core/text/suggest.h"
 
 namespace dfr::safety {
 namespace {
@@ -43,8 +44,7 @@ Method ParseMethod(std::string_view name, std::span<const std::string_view> othe
     method.recovery = control::Recovery::kNone;
     return method;
   }
-  throw std::invalid_argument("unknown method '" + method.name +
-                              "'; valid: " + MethodNames(others));
+  throw core::UnknownName("method", method.name, MethodNames(others));
 }
 
 std::string MethodNames(std::span<const std::string_view> others) {

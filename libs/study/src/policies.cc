@@ -8,6 +8,7 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
+#include "dfr/core/text/suggest.h"
 #include "nearest_rows.h"
 
 namespace dfr::study {
@@ -233,8 +234,9 @@ std::shared_ptr<const core::Policy> PolicyFactory::Make(std::string_view name,
     });
   }
   const bool constraints = name == "at-constraints";
-  DFR_THROW_UNLESS(constraints || name == "out-of-support",
-                   "unknown policy '" << name << "'; valid: " << Join(kPolicies));
+  if (!constraints && name != "out-of-support") {
+    throw core::UnknownName("policy", name, Join(kPolicies));
+  }
   DFR_THROW_UNLESS(plant != nullptr, "the adversary '" << name << "' needs the driven plant");
   return std::make_shared<Adversary>(
       constraints ? Adversary::Aim::kConstraints : Adversary::Aim::kOutOfSupport, *learned_, *task_,

@@ -11,6 +11,7 @@
 #include "dfr/core/matrix.h"
 #include "dfr/core/numerics/linear_algebra.h"
 #include "dfr/core/numerics/quantile.h"
+#include "dfr/core/text/suggest.h"
 #include "dfr/study/policies.h"
 #include "nearest_rows.h"
 
@@ -262,7 +263,7 @@ SupportModel::SupportModel(std::string_view name, const FittedTask& fit,
   } else if (name == "mahalanobis") {
     own_ = std::make_unique<Mahalanobis>(features_, demonstrations);
   } else {
-    DFR_THROW_UNLESS(false, "unknown support '" << name << "'; valid: " << Join(kSupports));
+    throw core::UnknownName("support", name, Join(kSupports));
   }
   if (own_ != nullptr) support_ = own_.get();
   const control::FeatureTrajectories seen(features_, fit.Measured(demonstrations));

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "dfr/core/record.h"
+#include "dfr/core/text/suggest.h"
 #include "tasks/tasks.h"
 
 namespace dfr::sim {
@@ -32,8 +33,7 @@ const GalleryTask& FindGalleryTask(std::string_view name) {
     if (task.name == name) return task;
     names += (names.empty() ? "" : ", ") + task.name;
   }
-  throw std::invalid_argument("unknown task '" + std::string(name) + "' of the gallery; " +
-                              "valid: " + names);
+  throw core::UnknownName("task of the gallery", name, names);
 }
 
 core::Trajectory DemonstrateOnce(const GalleryTask& task, std::uint64_t seed) {

@@ -15,6 +15,7 @@
 #include <stdexcept>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/text/suggest.h"
 #include "dfr/dds/security.h"
 #include "security/openssl.h"
 
@@ -258,8 +259,7 @@ Permission ParsePermission(std::string_view name) {
   for (const Permission permission : kPermissions) {
     if (name == Name(permission)) return permission;
   }
-  throw std::invalid_argument("unknown permission '" + std::string(name) +
-                              "'; valid: controller, console, button or monitor");
+  throw core::UnknownName("permission", name, "controller, console, button or monitor");
 }
 
 void MakeAuthority(const std::filesystem::path& folder, const CertificateOptions& options) {

@@ -1,11 +1,21 @@
 #pragma once
 
 #include <span>
+#include <stdexcept>
 #include <string>
 #include <string_view>
 #include <vector>
 
 namespace dfr::core {
+
+/// A name that is not among the valid ones. what() is "unknown KIND 'NAME'; valid: VALID". Programs
+/// exit with 2, as after every usage error.
+class UnknownName : public std::invalid_argument {
+ public:
+  UnknownName(std::string_view kind, std::string_view name, std::string_view valid)
+      : std::invalid_argument("unknown " + std::string(kind) + " '" + std::string(name) +
+                              "'; valid: " + std::string(valid)) {}
+};
 
 /// Returns the first name in `known` that differs from `name` by the fewest changed, missing, added
 /// or swapped characters. Returns "" if all differ in more than a third of the characters and in
