@@ -154,6 +154,48 @@ TEST(PsmMotionTest, FromOutsideTheWorkspaceItMayReturnButNotMoveFartherOut) {
   EXPECT_EQ(motion.Start(Off(2, 0.058), 100.0), PsmStatus::kOutsideWorkspace);
 }
 
+// A tip that is outside one face must not leave through another.
+TEST(PsmMotionTest, FromOutsideOneFaceItMayNotLeaveThroughAnother) {
+  PsmLimits limits;
+  const Eigen::Vector3d start = Psm::Tip(test::PsmHome());
+  limits.workspace_min_m = start - Eigen::Vector3d(0.1, 0.1, 0.001);
+  limits.workspace_max_m = start + Eigen::Vector3d(-0.02, 0.1, 0.1);  // 20 mm outside in x
+  PsmMotion motion(limits, PsmProfile::kSmooth);
+  motion.Rest(test::PsmHome());
+  EXPECT_EQ(motion.Start(Off(2, 0.01), 100.0), PsmStatus::kOutsideWorkspace) << "below the floor";
+  PsmJoints goal = Off(0, -0.1);
+  goal[2] += 0.01;
+  ASSERT_LT(Psm::Tip(goal).x(), start.x() - 0.001);
+  EXPECT_EQ(motion.Start(goal, 100.0), PsmStatus::kOutsideWorkspace) << "nearer, but lower";
+  goal[2] -= 0.012;
+  EXPECT_EQ(motion.Start(goal, 100.0), PsmStatus::kOk);
+}
+
+// The console clips goals at the limits. A joint at its limit is a valid start and a valid goal.
+TEST(PsmMotionTest, AJointMayRestAtItsLimit) {
+  core::Random random(7);
+  for (int joint = 0; joint < 6; ++joint) {
+    if (joint == 3) continue;  // beyond half a turn of roll the pose is ambiguous
+    for (int trial = 0; trial < 40; ++trial) {
+      PsmLimits limits;
+      limits.workspace_min_m.setConstant(-1.0);
+      limits.workspace_max_m.setConstant(1.0);
+      PsmJoints inside = test::PsmHome();
+      for (int i = 0; i < 6; ++i) inside[i] += (i == 2 ? 0.02 : 0.3) * random.Uniform(-1.0, 1.0);
+      PsmJoints limit = inside;
+      limit[joint] = trial % 2 == 0 ? limits.upper[joint] : limits.lower[joint];
+      if (joint == 2) limit[joint] = limits.upper[joint];  // 0 is behind the remote centre
+      PsmMotion motion(limits, PsmProfile::kSmooth);
+      motion.Rest(inside);
+      ASSERT_EQ(motion.Start(limit, 1000.0), PsmStatus::kOk) << joint << ' ' << trial;
+      motion.Rest(limit);
+      ASSERT_EQ(motion.Start(inside, 1000.0), PsmStatus::kOk) << joint << ' ' << trial;
+      limit[joint] += trial % 2 == 0 || joint == 2 ? 1e-6 : -1e-6;
+      EXPECT_EQ(motion.Start(limit, 1000.0), PsmStatus::kBeyondLimits);
+    }
+  }
+}
+
 TEST(PsmMotionTest, PoseGoalsEqualTheirJointGoals) {
   PsmMotion motion = AtHome();
   PsmJoints goal = test::PsmHome();

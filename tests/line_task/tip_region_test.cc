@@ -116,6 +116,25 @@ TEST_F(TipRegionTest, FromTooDeepOnlyThePathOutIsAllowed) {
   PsmJoints end = below;
   end[2] += 0.001;
   EXPECT_TRUE(region.Along(below, end).any());
+  end[2] = std::nan("");
+  EXPECT_TRUE(region.Along(below, end).any());
+  EXPECT_TRUE(region.Along(end, end).any());
+}
+
+// A tip that violates one bound must not violate another.
+TEST_F(TipRegionTest, FromOutsideOneBoundAnotherBoundStillHolds) {
+  TipRegionOptions options;
+  options.box_max_m = {0.02, 0.05, 0.06};
+  options.forbidden = {{Eigen::Vector3d(0.0, -0.05, 0.0), Eigen::Vector3d(0.016, 0.05, 0.006)}};
+  options.planes = {{Eigen::Vector3d(0.0, 1.0, 0.0), 0.003}};  // y >= -3 mm
+  const TipRegion region(task_, options);
+  const PsmJoints outside = At(0.03, 0.0, 0.002);  // by 10 mm
+  ASSERT_EQ(Named(region.At(task_.Tip(outside))), "the task's box");
+  EXPECT_FALSE(region.Along(outside, At(0.021, 0.0, 0.002)).any());
+  EXPECT_EQ(Named(region.Along(outside, At(0.025, 0.0, -0.002))), "the floor");
+  EXPECT_EQ(Named(region.Along(outside, At(0.018, -0.006, 0.002))), "a plane");
+  EXPECT_EQ(Named(region.Along(outside, At(0.014, 0.0, 0.002))), "a forbidden box");
+  EXPECT_EQ(Named(region.Along(outside, At(0.025, 0.052, 0.002))), "the task's box");
 }
 
 TEST_F(TipRegionTest, TheObservedGauzeIsABound) {

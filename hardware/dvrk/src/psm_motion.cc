@@ -23,8 +23,13 @@ bool AllPositive(const PsmJoints& q) { return q.allFinite() && (q.array() > 0.0)
 
 // Returns true if a receiver of the pose alone recovers these joint values.
 bool Unambiguous(const PsmJoints& q, kinematics::PsmGeneration generation) noexcept {
+  // A joint at its limit may come back slightly beyond it.
+  const PsmJoints within =
+      q.cwiseMax(Psm::lower_limits(generation)).cwiseMin(Psm::upper_limits(generation));
   PsmJoints back;
-  return Psm::Inverse(Psm::Forward(q), back, generation) == PsmReach::kOk &&
+  const PsmReach reach = Psm::Inverse(Psm::Forward(q), back, generation);
+  return (reach == PsmReach::kOk || reach == PsmReach::kJointLimit) &&
+         (within - q).cwiseAbs().maxCoeff() < kRoundTrip &&
          (back - q).cwiseAbs().maxCoeff() < kRoundTrip;
 }
 
@@ -97,16 +102,19 @@ PsmStatus PsmMotion::Start(const PsmJoints& goal, double duration_s) noexcept {
   }
   const PsmJoints way = goal - setpoint_;
   const int looks = Psm::NumParts(way);
-  double allowed_m = std::numeric_limits<double>::infinity();
+  using Faces = Eigen::Matrix<double, 6, 1>;
+  Faces allowed_m = Faces::Constant(std::numeric_limits<double>::infinity());
   for (int i = 0; i <= looks; ++i) {
     const PsmJoints q = setpoint_ + (static_cast<double>(i) / looks) * way;
     if (!Unambiguous(q, limits_.generation)) return PsmStatus::kUnreachable;
     const Eigen::Vector3d tip = Psm::Tip(q);
-    const double outside_m = std::max((limits_.workspace_min_m - tip).maxCoeff(),
-                                      (tip - limits_.workspace_max_m).maxCoeff());
-    // A start outside cannot be changed: the path must not lead farther out.
-    if (outside_m > 0.0 && outside_m > allowed_m) return PsmStatus::kOutsideWorkspace;
-    allowed_m = std::min(allowed_m, outside_m);
+    Faces outside_m;
+    outside_m << limits_.workspace_min_m - tip, tip - limits_.workspace_max_m;
+    outside_m = outside_m.cwiseMax(0.0);
+    // A start outside cannot be changed: the path must not lead farther out, nor beyond another
+    // face.
+    if ((outside_m.array() > allowed_m.array()).any()) return PsmStatus::kOutsideWorkspace;
+    allowed_m = allowed_m.cwiseMin(outside_m);
   }
   if (duration_s < (1.0 - 1e-9) * ShortestDuration(goal)) return PsmStatus::kTooFast;
   from_ = setpoint_;

@@ -101,10 +101,9 @@ Eigen::Vector3d Psm::Tip(const PsmJoints& q) noexcept {
 
 int Psm::NumParts(const PsmJoints& way) noexcept {
   constexpr double kPart = 5e-4;  // m
-  constexpr int kMost = 1024;
   const double length = kReach * (way.cwiseAbs().sum() - std::abs(way[2])) + std::abs(way[2]);
   if (!std::isfinite(length)) return 1;
-  return std::clamp(static_cast<int>(std::ceil(std::min(length / kPart, 1e6))), 1, kMost);
+  return std::clamp(static_cast<int>(std::ceil(std::min(length / kPart, 1e6))), 1, kMostParts);
 }
 
 PsmReach Psm::Inverse(const Eigen::Isometry3d& pose, PsmJoints& q,

@@ -1,7 +1,9 @@
 #include "dfr/line_task/tip_region.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <limits>
 
 #include "dfr/core/contract.h"
@@ -13,6 +15,9 @@ using kinematics::PsmJoints;
 
 // Maximum deviation of the jaw tips from a straight line during one control, m.
 constexpr double kBend = 5e-5;
+
+constexpr const char* kBox = "the task's box";
+constexpr Breach kNowhere = {std::numeric_limits<double>::infinity(), "all bounds"};
 
 void Deeper(double depth_m, const char* what, Breach& worst) noexcept {
   if (depth_m > worst.depth_m) worst = {depth_m, what};
@@ -40,38 +45,58 @@ TipRegion::TipRegion(const LineTask& task, const TipRegionOptions& options)
   options.Check();
 }
 
-Breach TipRegion::At(const Eigen::Vector3d& tip_m) const noexcept {
-  if (!tip_m.allFinite()) return {std::numeric_limits<double>::infinity(), "all bounds"};
-  Breach worst;
-  Deeper(options_.box_min_m.z() - tip_m.z(), "the floor", worst);
+template <typename Visit>
+void TipRegion::ForEachBound(const Visit& visit) const {
+  const Eigen::Vector3d& min = options_.box_min_m;
+  const Eigen::Vector3d& max = options_.box_max_m;
+  visit([&](const Eigen::Vector3d& tip) { return min.z() - tip.z(); }, "the floor");
   if (gauze_seen_) {
-    Deeper(options_.box_min_m.z() - gauze_.signedDistance(tip_m), "the observed gauze", worst);
+    visit([&](const Eigen::Vector3d& tip) { return min.z() - gauze_.signedDistance(tip); },
+          "the observed gauze");
   }
-  const double outside = std::max((options_.box_min_m - tip_m).head<2>().maxCoeff(),
-                                  (tip_m - options_.box_max_m).maxCoeff());
-  Deeper(outside, "the task's box", worst);
+  for (int k = 0; k < 3; ++k) {
+    if (k < 2) visit([&](const Eigen::Vector3d& tip) { return min[k] - tip[k]; }, kBox);
+    visit([&](const Eigen::Vector3d& tip) { return tip[k] - max[k]; }, kBox);
+  }
   for (const Eigen::AlignedBox3d& box : options_.forbidden) {
     // Inside, this is the distance to the nearest face.
-    const double inside = std::min((tip_m - box.min()).minCoeff(), (box.max() - tip_m).minCoeff());
-    Deeper(inside, "a forbidden box", worst);
+    visit(
+        [&](const Eigen::Vector3d& tip) {
+          return std::min((tip - box.min()).minCoeff(), (box.max() - tip).minCoeff());
+        },
+        "a forbidden box");
   }
   for (const Eigen::Hyperplane<double, 3>& plane : options_.planes) {
-    Deeper(-plane.signedDistance(tip_m), "a plane", worst);
+    visit([&](const Eigen::Vector3d& tip) { return -plane.signedDistance(tip); }, "a plane");
   }
+}
+
+Breach TipRegion::At(const Eigen::Vector3d& tip_m) const noexcept {
+  if (!tip_m.allFinite()) return kNowhere;
+  Breach worst;
+  ForEachBound([&](const auto& depth, const char* what) { Deeper(depth(tip_m), what, worst); });
   return worst;
 }
 
 Breach TipRegion::Along(const PsmJoints& from, const PsmJoints& to) const noexcept {
   const PsmJoints way = to - from;
   const int looks = kinematics::Psm::NumParts(way);
-  Breach worst;
-  double allowed = At(task_->Tip(from)).depth_m;
-  for (int i = 1; i <= looks; ++i) {
-    const Breach here = At(task_->Tip(from + (static_cast<double>(i) / looks) * way));
-    // A path that starts outside the region must not lead farther out.
-    if (here.any() && here.depth_m > allowed + kBend && here.depth_m > worst.depth_m) worst = here;
-    allowed = std::min(allowed, here.depth_m);
+  std::array<Eigen::Vector3d, kinematics::Psm::kMostParts + 1> tips;
+  for (int i = 0; i <= looks; ++i) {
+    Eigen::Vector3d& tip = tips[static_cast<std::size_t>(i)];
+    tip = task_->Tip(from + (static_cast<double>(i) / looks) * way);
+    if (!tip.allFinite()) return kNowhere;
   }
+  Breach worst;
+  ForEachBound([&](const auto& depth, const char* what) {
+    // A path that starts beyond the bound must not lead farther out.
+    double allowed = std::max(0.0, depth(tips[0]));
+    for (int i = 1; i <= looks; ++i) {
+      const double here = std::max(0.0, depth(tips[static_cast<std::size_t>(i)]));
+      if (here > 0.0 && here > allowed + kBend) Deeper(here, what, worst);
+      allowed = std::min(allowed, here);
+    }
+  });
   return worst;
 }
 

@@ -26,7 +26,8 @@ struct PsmLimits {
           .finished();
   double max_tip_speed = 0.05;  ///< Speed of the jaw tips, m/s, > 0.
   /// Permitted region of the jaw tips in the arm's base frame, m: a finite box. Default: the region
-  /// below the cannula within the arm's length. A tip outside may move back, but not farther out.
+  /// below the cannula within the arm's length. A tip outside a face may move back, but not farther
+  /// out, nor beyond another face.
   Eigen::Vector3d workspace_min_m = Eigen::Vector3d(-0.15, -0.15, -0.25);
   Eigen::Vector3d workspace_max_m = Eigen::Vector3d(0.15, 0.15, 0.0);
   double jaw_lower = -0.3490658503988659;     ///< rad; instrument 420006 closes no farther

@@ -57,7 +57,9 @@ class Psm {
                                                          const PsmJoints& velocity) noexcept;
   /// Returns the position of the jaw tips in the base frame, m.
   [[nodiscard]] static Eigen::Vector3d Tip(const PsmJoints& q) noexcept;
-  /// Returns the number of equal parts, from 1 to 1024, into which to divide the joint motion
+  /// Maximum of NumParts().
+  static constexpr int kMostParts = 1024;
+  /// Returns the number of equal parts, from 1 to kMostParts, into which to divide the joint motion
   /// `way`. Within a part, no point of the tool moves more than 0.5 mm unless the whole motion
   /// exceeds 0.5 m. Returns 1 if an entry is not finite.
   [[nodiscard]] static int NumParts(const PsmJoints& way) noexcept;

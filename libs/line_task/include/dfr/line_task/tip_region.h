@@ -44,7 +44,8 @@ class TipRegion {
   /// inside the region. A non-finite position has infinite depth.
   [[nodiscard]] Breach At(const Eigen::Vector3d& tip_m) const noexcept;
   /// Checks, in steps of 0.5 mm, the straight path in joint space between two encoder readings, and
-  /// returns its deepest violation. A path that starts outside must not lead farther out.
+  /// returns its deepest violation. A path that starts beyond a bound must not lead farther beyond
+  /// it, nor beyond another bound.
   [[nodiscard]] Breach Along(const kinematics::PsmJoints& from,
                              const kinematics::PsmJoints& to) const noexcept;
   /// Sets the last observed pose of the gauze in the world frame. Until ForgetGauze(), the tips
@@ -53,6 +54,10 @@ class TipRegion {
   void ForgetGauze() noexcept { gauze_seen_ = false; }
 
  private:
+  // Calls visit(depth, name) for each bound. depth(tip_m) is the depth of the violation, m.
+  template <typename Visit>
+  void ForEachBound(const Visit& visit) const;
+
   const LineTask* task_;
   TipRegionOptions options_;
   Eigen::Hyperplane<double, 3> gauze_;
