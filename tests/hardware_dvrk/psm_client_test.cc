@@ -90,6 +90,52 @@ TEST_F(PsmClientTest, JawTurnsAtConstantSpeedAndOnlyOnRequest) {
   EXPECT_FALSE(client_.moving());
 }
 
+// The arm stays at its goal while the jaw turns for longer than reach_timeout_s. An arm that leaves
+// its goal meanwhile still holds.
+TEST_F(PsmClientTest, ALongJawMoveEndsAtItsGoal) {
+  ArmNow();
+  ASSERT_EQ(client_.MoveJaw(1.0, 3.0), PsmStatus::kOk);
+  Steps(630);
+  ASSERT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());
+  EXPECT_EQ(jaw_, 1.0);
+  EXPECT_TRUE(client_.at_rest());
+  client_.Hold();
+  Step();
+  ArmNow();
+  ASSERT_EQ(client_.MoveJaw(0.0, 3.0), PsmStatus::kOk);
+  Steps(700);
+  ASSERT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());
+  ASSERT_EQ(client_.MoveJaw(1.0, 3.0), PsmStatus::kOk);
+  const auto away = [](PsmInput& input) {
+    if (input.measured_js) input.measured_js->position[2] += 0.0015;
+  };
+  for (int i = 0; i < 450; ++i) Step(away);
+  EXPECT_EQ(client_.status(), PsmStatus::kNotReached) << Name(client_.status());
+}
+
+// A jaw that others have turned since the last sample would leap to the move's stale start.
+TEST_F(PsmClientTest, AJawWhoseSetpointIsSilentIsNotMoved) {
+  const auto silent = [](PsmInput& input) { input.jaw_setpoint.reset(); };
+  ArmNow();
+  for (int i = 0; i < 40; ++i) Step(silent);
+  ASSERT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());
+  EXPECT_EQ(client_.MoveJaw(0.3, 1.0), PsmStatus::kStateSilent);
+  for (int i = 0; i < 40; ++i)
+    Step([](PsmInput& input) {
+      if (input.jaw_setpoint) input.jaw_setpoint->stamp = {};
+    });
+  EXPECT_EQ(client_.MoveJaw(0.3, 1.0), PsmStatus::kStateSilent) << "stamped zero";
+  EXPECT_FALSE(Step().servo_jaw);
+  Step();
+  ASSERT_EQ(client_.MoveJaw(0.3, 1.0), PsmStatus::kOk);
+  Steps(60);
+  for (int i = 0; i < 9; ++i) Step(silent);
+  ASSERT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());
+  for (int i = 0; i < 4; ++i) Step(silent);
+  EXPECT_EQ(client_.phase(), PsmPhase::kHolding);
+  EXPECT_EQ(client_.status(), PsmStatus::kStateSilent) << Name(client_.status());
+}
+
 TEST_F(PsmClientTest, HoldWorksAtAnyTime) {
   client_.Hold();
   Step();

@@ -110,6 +110,7 @@ void PsmClient::Take(const PsmInput& input) noexcept {
   if (input.jaw_setpoint && input.jaw_setpoint->stamp.valid() &&
       std::isfinite(input.jaw_setpoint->angle)) {
     jaw_setpoint_ = *input.jaw_setpoint;
+    jaw_arrival_ns_ = now_ns_;
     any_jaw_setpoint_ = true;
   }
   if (input.operating_state) {
@@ -228,7 +229,10 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
   Take(input);
   hold_reason_ = FindHoldReason(input);
   at_rest_ = hold_reason_ == PsmStatus::kOk && !moving() && rest_.At(Seconds(now_ns_));
-  if (at_rest_ || motion_.moving()) restless_ns_ = now_ns_;
+  // The jaw's moves do not count.
+  if (motion_.moving() || (hold_reason_ == PsmStatus::kOk && rest_.At(Seconds(now_ns_)))) {
+    restless_ns_ = now_ns_;
+  }
 
   if (hold_wanted_) {
     hold_wanted_ = false;
@@ -371,7 +375,7 @@ PsmStatus PsmClient::MoveJaw(double angle, double duration_s) noexcept {
   if (angle < options_.limits.jaw_lower || angle > options_.limits.jaw_upper) {
     return PsmStatus::kBeyondLimits;
   }
-  if (!jaw_ours_ && !any_jaw_setpoint_) return PsmStatus::kStateSilent;
+  if (!jaw_ours_ && JawIsSilent()) return PsmStatus::kStateSilent;
   const double from = jaw_ours_ ? jaw_ : jaw_setpoint_.angle;
   const double way = std::abs(angle - from);
   if (way > (1.0 + 1e-9) * duration_s * options_.limits.max_jaw_speed) return PsmStatus::kTooFast;

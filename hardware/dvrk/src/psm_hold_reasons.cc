@@ -117,6 +117,8 @@ PsmStatus PsmClient::FollowHoldReason() const noexcept {
                : PsmStatus::kForeignSetpoint;
   }
   if (options_.sole_commander && !JawIsOurs()) return PsmStatus::kForeignSetpoint;
+  // An old set-point of the jaw does not reveal commands of others.
+  if (jaw_ours_ && JawIsSilent()) return PsmStatus::kStateSilent;
   if (BaseMoved()) return PsmStatus::kBaseMoved;
   const PsmJoints lag = (js_.position - motion_.setpoint()).cwiseAbs();
   if ((lag.array() > options_.max_lag.array()).any()) return PsmStatus::kNotFollowing;
@@ -131,6 +133,10 @@ PsmStatus PsmClient::FollowHoldReason() const noexcept {
 bool PsmClient::JawIsOurs() const noexcept {
   return !jaw_known_ || recent_jaw_.Contain(InFirstPlace(jaw_setpoint_.angle),
                                             InFirstPlace(options_.max_jaw_setpoint_error));
+}
+
+bool PsmClient::JawIsSilent() const noexcept {
+  return !any_jaw_setpoint_ || Seconds(now_ns_ - jaw_arrival_ns_) > options_.watchdog.max_silence_s;
 }
 
 bool PsmClient::FrameAgrees() const noexcept {

@@ -36,7 +36,7 @@ struct PsmClientOptions {
       (kinematics::PsmJoints() << 0.01, 0.01, 0.002, 0.02, 0.02, 0.02).finished();
   double jump_distance_m = 0.005;  ///< Allowance for noise of measured_cp, > 0.
   /// Limits for measured_js, measured_cp and local/measured_cp. Only max_silence_s applies to
-  /// setpoint_js.
+  /// setpoint_js and, for a jaw that this client has moved, to jaw/setpoint_js.
   dds::WatchdogOptions watchdog = {};
   /// Maximum progress of a move in one step, s, > 0. After a late step the move takes longer
   /// instead of catching up in one jump.
@@ -213,6 +213,8 @@ class PsmClient {
   PsmStatus MoveTo(const kinematics::PsmJoints& goal, double duration_s) noexcept;
   PsmStatus MoveTo(const Eigen::Isometry3d& goal, double duration_s) noexcept;
   /// Turns the jaw to `angle`, rad, at constant speed, not before 0.15 s after the first set-point.
+  /// Refused with kStateSilent if the jaw's own set-point, at which the first move begins, is
+  /// silent.
   PsmStatus MoveJaw(double angle, double duration_s) noexcept;
   /// Stops at the next step, with status kHeld unless it already holds. Always succeeds. A console
   /// that is enabling or homing is told to hold and to disable, because `hold` alone ends neither.
@@ -257,6 +259,7 @@ class PsmClient {
   [[nodiscard]] PsmStatus CommandHoldReason(const PsmInput& input) const noexcept;
   [[nodiscard]] PsmStatus FollowHoldReason() const noexcept;
   [[nodiscard]] bool JawIsOurs() const noexcept;
+  [[nodiscard]] bool JawIsSilent() const noexcept;
   [[nodiscard]] bool Discovering() const noexcept;
   [[nodiscard]] bool FrameAgrees() const noexcept;
   [[nodiscard]] bool BaseMoved() const noexcept;
@@ -292,12 +295,13 @@ class PsmClient {
   std::int64_t cp_arrival_ns_ = 0;
   std::int64_t local_arrival_ns_ = 0;
   std::int64_t setpoint_arrival_ns_ = 0;
+  std::int64_t jaw_arrival_ns_ = 0;
   std::uint64_t num_samples_ = 0;
   double age_s_;
 
   std::int64_t now_ns_ = 0;
   std::int64_t wall_ns_ = 0;
-  std::int64_t restless_ns_ = 0;  // last time when the arm was at rest or in a move
+  std::int64_t restless_ns_ = 0;  // last time when the joints were at rest or in a move
   std::int64_t newcomer_ns_ = 0;
   std::int64_t since_ns_ = 0;  // time of the first set-point since arming
   std::int64_t request_start_ns_ = 0;
