@@ -11,6 +11,7 @@
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <type_traits>
 #include <vector>
 
 #include "dfr/dds/channel.h"
@@ -58,7 +59,7 @@ TEST_F(PsmDriverTest, SendsNoRequestIfMotionIsForbidden) {
   EXPECT_EQ(console_.state(), sim::ArmState::kDisabled);
 }
 
-TEST_F(PsmDriverTest, HomingEndsWithTheArmDisabledWhenItMayNoLongerMove) {
+TEST_F(PsmDriverTest, HomingEndsWithTheArmDisabledWhenItMayNoLongerMoveOrTimesOut) {
   console_ = sim::PsmConsole({.arm = "PSM1", .homing_s = 30.0});
   const auto disabled = [&] {
     server_.TakeCommands();
@@ -77,6 +78,30 @@ TEST_F(PsmDriverTest, HomingEndsWithTheArmDisabledWhenItMayNoLongerMove) {
     Until(*driver, [&] { return console_.busy(); });
   }
   test::Eventually(disabled);  // a driver that ends disables an arm that is homing
+  const auto driver = Connected();
+  EXPECT_EQ(BringUp(*driver, 2.0, {}, {}, InStep(*driver)), PsmStatus::kTimedOut);
+  EXPECT_EQ(driver->phase(), PsmPhase::kHolding);
+  test::Eventually(disabled);
+}
+
+// The next publisher publishes changes only.
+TEST_F(PsmDriverTest, TeleoperationAndClutchEndWithTheirPublisher) {
+  const auto driver = Connected();
+  console_.Place(test::PsmHome());
+  const auto ends = [&](PsmStatus cause, const char* topic, const auto& message) {
+    {
+      dds::Participant other({.domain = test::OwnDomain()});
+      dds::Publisher<std::decay_t<decltype(message)>> said(other, topic, dds::Role::kEvent);
+      ASSERT_TRUE(said.Write(message));
+      Until(*driver, [&] { return driver->client().hold_reason() == cause; });
+    }
+    test::Eventually([&] {
+      Step(*driver);
+      return driver->client().hold_reason() == PsmStatus::kOk;
+    });
+  };
+  ends(PsmStatus::kTeleoperated, "/console/teleop/enabled", dds::Flag{.value = true});
+  ends(PsmStatus::kClutched, "/PSM1/arm_clutch", dds::Joy{{}, {}, {}, {1}});
 }
 
 TEST_F(PsmDriverTest, AFaultIsQuotedAndNeedsDisableHomeAndArmAndAPauseResumeAndArm) {

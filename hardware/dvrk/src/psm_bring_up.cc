@@ -19,6 +19,11 @@ PsmStatus BringUp(PsmDriver& driver, double timeout_s,
   const auto tell = [&](std::string_view text) {
     if (say) say(text);
   };
+  const auto hold = [&] {
+    driver.Hold();
+    driver.Tick(clock.steady_ns(), clock.wall_ns());
+    driver.Flush();
+  };
   const std::int64_t end = clock.steady_ns() + static_cast<std::int64_t>(1e9 * timeout_s);
   // Reasons that last for less time are not reported: they are normal during discovery, and before
   // the first sample after homing.
@@ -29,9 +34,7 @@ PsmStatus BringUp(PsmDriver& driver, double timeout_s,
   bool asked = false;
   for (; clock.steady_ns() < end; clock.wait()) {
     if (may_move && !may_move()) {
-      driver.Hold();
-      driver.Tick(clock.steady_ns(), clock.wall_ns());
-      driver.Flush();
+      hold();
       return PsmStatus::kHeld;
     }
     driver.Tick(clock.steady_ns(), clock.wall_ns());
@@ -64,6 +67,10 @@ PsmStatus BringUp(PsmDriver& driver, double timeout_s,
       told = reason;
       tell("waiting: " + driver.Explain());
     }
+  }
+  if (driver.phase() == PsmPhase::kRequested) {
+    hold();
+    return PsmStatus::kTimedOut;
   }
   return driver.client().hold_reason() == PsmStatus::kOk ? PsmStatus::kTimedOut
                                                          : driver.client().hold_reason();

@@ -37,14 +37,12 @@ PsmDriver::PsmDriver(dds::Participant& participant, const PsmDriverOptions& opti
 }
 
 PsmDriver::~PsmDriver() {
+  if (client_.phase() == PsmPhase::kArmed || client_.homing()) link_->hold_wanted.Want();
   if (client_.homing()) {
     Outgoing disable;
     disable.request = PsmRequest::kDisable;
     disable.stamp = dds::Stamp::Now();
     if (!link_->outbox.Put(disable)) link_->disable_wanted.Want();
-  }
-  if (client_.phase() == PsmPhase::kArmed || client_.homing()) {
-    link_->hold_wanted.Want();
   }
 }
 
@@ -93,6 +91,7 @@ PsmStatus PsmDriver::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept
   if (Who who; link.new_control.Take(who)) control_ = who.text;
   const PsmOutput output = client_.Step(input, steady_ns, wall_ns);
   if (!was_held && held_by_others() && status() == PsmStatus::kForeignControl) who_ = control_;
+  if (output.hold) link.hold_wanted.Want();  // before the request that the hold precedes
   if (output.servo || output.servo_jaw || output.request != PsmRequest::kNone) {
     Outgoing next;
     next.servo = output.servo;
@@ -108,7 +107,6 @@ PsmStatus PsmDriver::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept
       if (output.request == PsmRequest::kDisable) link.disable_wanted.Want();
     }
   }
-  if (output.hold) link.hold_wanted.Want();
   ::sem_post(&link.wake);
   return status();
 }

@@ -9,6 +9,7 @@
 
 #include "dfr/core/text/format.h"
 #include "dfr/hardware/control_statement.h"
+#include "dfr/runtime/periodic_timer.h"
 
 namespace dfr::hardware {
 namespace {
@@ -19,8 +20,8 @@ using internal::Who;
 
 constexpr long kPollNs = 1'000'000;
 constexpr int kPollsPerCount = 10;
-constexpr int kLastPolls = 1000;     // attempts to stop the arm at the end
-constexpr double kLastWordsS = 1.0;  // time for ten requests for a lost sample
+constexpr std::int64_t kLastNs = 2'000'000'000;  // time to stop the arm at the end
+constexpr double kLastWordsS = 1.0;              // time for ten requests for a lost sample
 
 Who InWords(const dds::Newcomer& newcomer) {
   Who who;
@@ -100,13 +101,14 @@ PsmDriver::Link::~Link() {
 }
 
 void PsmDriver::Link::Run() noexcept {
-  int last_polls = 0;
+  std::int64_t end_ns = 0;
   for (int poll = 0;; ++poll) {
     const bool stopping = stop.load(std::memory_order_acquire);
+    if (stopping && end_ns == 0) end_ns = runtime::SteadyNow() + kLastNs;
     const std::uint64_t wanted = cycle_wanted.load(std::memory_order_acquire);
     const bool flushing = wanted != cycle_done.load(std::memory_order_relaxed);
     const bool requested = Send();
-    if (flushing && requested) WaitForRequests();
+    if (flushing && requested) WaitForRequests(runtime::SteadyNow() + kLastNs);
     Receive();
     ReadMonitors();
     if (flushing || poll % kPollsPerCount == 0) Count();
@@ -114,8 +116,9 @@ void PsmDriver::Link::Run() noexcept {
       cycle_done.store(wanted, std::memory_order_release);
       cycle_done.notify_all();
     }
-    if (stopping &&
-        (!(hold_wanted.wanted() || disable_wanted.wanted()) || ++last_polls > kLastPolls)) {
+    // Half of the time is for writing, the other half for the console's receipt.
+    if (stopping && (!(hold_wanted.wanted() || disable_wanted.wanted()) ||
+                     runtime::SteadyNow() > end_ns - kLastNs / 2)) {
       break;
     }
     timespec until{};
@@ -130,17 +133,20 @@ void PsmDriver::Link::Run() noexcept {
     }
   }
   // Destroying a publisher discards samples that the console has not yet received.
-  WaitForRequests();
+  WaitForRequests(end_ns);
 }
 
-void PsmDriver::Link::WaitForRequests() noexcept {
-  (void)state_command.WaitUntilReceived(kLastWordsS);
-  (void)hold.WaitUntilReceived(kLastWordsS);
+void PsmDriver::Link::WaitForRequests(std::int64_t end_ns) noexcept {
+  const auto left_s = [end_ns] {
+    return std::clamp(1e-9 * static_cast<double>(end_ns - runtime::SteadyNow()), 0.0, kLastWordsS);
+  };
+  (void)state_command.WaitUntilReceived(left_s());
+  (void)hold.WaitUntilReceived(left_s());
 }
 
 bool PsmDriver::Link::Send() noexcept {
   // The hold is read before the set-points, so set-points queued before the hold are not sent.
-  const bool holding = hold_wanted.wanted();
+  bool holding = hold_wanted.wanted();
   Outgoing next;
   bool servo = false;
   bool servo_jaw = false;
@@ -161,7 +167,9 @@ bool PsmDriver::Link::Send() noexcept {
     }
     if (next.request != PsmRequest::kNone) {
       requested = true;
-      if (holding) hold.Write({});
+      // The hold precedes the request, also if both were queued after the look above.
+      holding = holding || hold_wanted.wanted();
+      (void)hold_wanted.Send([this] { return hold.Write({}); });
       // No request overtakes a `disable` that is still to be sent.
       const bool disables = next.request == PsmRequest::kDisable;
       const bool written =
@@ -319,6 +327,8 @@ void PsmDriver::Link::ReadMonitors() noexcept {
                      (HearsOthers(watched_free, {}) ? 1 : 0) +
                      (HearsOthers(watched_state_command, state_command.origin()) ? 1 : 0);
   if (spoken > 0) foreign_messages.fetch_add(spoken, std::memory_order_acq_rel);
+  // A state is void if its publishers have left. Each check follows the reading, because a state
+  // that arrived last would otherwise remain.
   dds::Flag flag;
   bool any = false;
   for (std::size_t i = 0; i < teleoperations.size(); ++i) {
@@ -326,6 +336,7 @@ void PsmDriver::Link::ReadMonitors() noexcept {
       teleoperated[i] = flag.value;
       if (flag.value) was_teleoperated.store(true, std::memory_order_release);
     }
+    if (teleoperated[i]) teleoperated[i] = teleoperations[i]->health().publishers > 0;
     any = any || teleoperated[i];
   }
   is_teleoperated.store(any, std::memory_order_release);
@@ -335,6 +346,7 @@ void PsmDriver::Link::ReadMonitors() noexcept {
       *pressed = !joy.buttons.empty() && joy.buttons[0] != 0;
       if (*pressed) was_clutched.store(true, std::memory_order_release);
     }
+    if (*pressed) *pressed = subscriber->health().publishers > 0;
   }
   is_clutched.store(arm_clutched || manip_clutched, std::memory_order_release);
   while (tool_type.Take(text)) {
@@ -347,8 +359,7 @@ void PsmDriver::Link::ReadMonitors() noexcept {
     instrument.store(known ? PsmInstrument::kSuitable : PsmInstrument::kOther,
                      std::memory_order_release);
   }
-  // The name is void if its publisher has left; the next publisher names the instrument again. This
-  // check comes after reading, because a name that arrived last would otherwise remain.
+  // The name is void if its publisher has left; the next publisher names the instrument again.
   if (tool_type.health().publishers == 0) {
     tool.clear();
     instrument.store(PsmInstrument::kNotNamed, std::memory_order_release);

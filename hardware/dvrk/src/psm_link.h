@@ -57,7 +57,9 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   void Run() noexcept;
   // Returns true if a request was sent.
   bool Send() noexcept;
-  void WaitForRequests() noexcept;
+  // Waits until the console has received the requests, at most until `end_ns` of the monotonic
+  // clock.
+  void WaitForRequests(std::int64_t end_ns) noexcept;
   bool WriteRequest(PsmRequest request, const dds::Stamp& stamp) noexcept;
   bool WriteServo() noexcept;
   void NoteControl(const ConsoleMessage& message) noexcept;

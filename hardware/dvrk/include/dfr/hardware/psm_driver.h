@@ -162,7 +162,8 @@ struct BringUpClock {
 };
 
 /// Homes the arm if necessary and arms it, ticking throughout, at the start of a program. Returns
-/// kOk once the arm is armed, or the reason why it is not, after `timeout_s` at the latest.
+/// kOk once the arm is armed, or the reason why it is not, after `timeout_s` at the latest. If the
+/// arm is still homing then, tells the console to hold and to disable, and returns kTimedOut.
 /// @param say  called with each console message and each reason for waiting; may be empty.
 /// @param may_move  called before each tick, to check an emergency stop or Ctrl-C. If it returns
 ///   false, BringUp() tells the console to hold, and to disable a homing arm, and returns kHeld.
