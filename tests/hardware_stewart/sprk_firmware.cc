@@ -46,7 +46,8 @@ kinematics::PlatformPose SprkFirmware::Command::PoseAt(double time_s) const {
   Eigen::Matrix<double, 6, 1> v = values;
   for (int k = 0; k < 6 && letter != 'a' && letter != 'h'; ++k) {
     const double phase = rad_per_s[k] * time_s;
-    v[k] *= letter == 'c' ? std::sin(phase) : 1.0 - std::cos(phase);
+    // The breath has the range [0, 2 A] for positions, and [-A, A] for angles.
+    v[k] *= letter == 'c' ? std::sin(phase) : (k < 3 ? 1.0 : 0.0) - std::cos(phase);
   }
   return ToPose(v);
 }
@@ -68,7 +69,7 @@ void SprkFirmware::Receive(std::string_view bytes) {
     command.whole = !input.ran_out();
     for (int i = 0; i <= (wave ? 2000 : 0); ++i) {
       command.saturated =
-          command.saturated || !kinematics::SprkPlatform::Reachable(command.PoseAt(0.05 * i));
+          command.saturated || !kinematics::SprkPlatform::FirmwareReaches(command.PoseAt(0.05 * i));
     }
     commands_.push_back(command);
   }

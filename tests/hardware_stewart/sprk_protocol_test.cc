@@ -155,6 +155,24 @@ TEST(SprkProtocolTest, BrokenNumbersAreRefused) {
   }
 }
 
+// The breath moves positions to one side of home, and angles to both sides.
+TEST(SprkProtocolTest, BreathsAreCheckedOverTheirWholeRange) {
+  SprkWaveFrame frame;
+  SprkWave sent;
+  const auto breath = [&](int entry, double amplitude) {
+    SprkWave wave;
+    (entry < 3 ? wave.amplitude.translation_m[entry] : wave.amplitude.angles_rad[entry - 3]) =
+        amplitude;
+    return EncodeSprkWave(SprkWaveKind::kBreath, wave, frame, sent);
+  };
+  EXPECT_EQ(breath(2, 0.0041), SprkStatus::kOk) << "8.3 mm up";
+  EXPECT_EQ(breath(2, 0.0046), SprkStatus::kOutOfReach);
+  EXPECT_EQ(breath(4, 6 * kDegree), SprkStatus::kOk) << "6.1 degrees to both sides";
+  EXPECT_EQ(breath(3, 6 * kDegree), SprkStatus::kOk) << "8.3 and -6.1 degrees";
+  EXPECT_EQ(breath(3, 7 * kDegree), SprkStatus::kOutOfReach);
+  EXPECT_EQ(breath(3, -7 * kDegree), SprkStatus::kOutOfReach);
+}
+
 // In 100 s, an accepted wave never saturates in the firmware. It has the requested frequency,
 // although the firmware's unit is Hz for sines and rad/s for breaths.
 TEST(SprkProtocolTest, WavesStayWithinReach) {

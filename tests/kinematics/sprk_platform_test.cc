@@ -71,6 +71,81 @@ TEST(SprkPlatformTest, ReachMatchesTheFirmwaresGeometry) {
   EXPECT_FALSE(SprkPlatform::Reachable(Along(0, std::numeric_limits<double>::quiet_NaN())));
 }
 
+// The firmware's formula for the height of a joint (plate's frame: x, y, 0), with its left-handed
+// yaw psi and pitch theta, and its roll phi.
+TEST(SprkPlatformTest, FirmwareCombinesAnglesDifferently) {
+  core::Random random(3);
+  for (int trial = 0; trial < 100; ++trial) {
+    PlatformPose pose;
+    for (int k = 0; k < 3; ++k) {
+      pose.translation_m[k] = random.Uniform(-0.01, 0.01);
+      pose.angles_rad[k] = random.Uniform(-0.26, 0.26);
+    }
+    const double phi = pose.angles_rad.x();
+    const double theta = -pose.angles_rad.y();
+    const double psi = -pose.angles_rad.z();
+    for (int i = 0; i < 6; ++i) {
+      const Eigen::Vector3d plate = SprkPlatform::PlateJoint(i);
+      const double height =
+          (std::sin(psi) * std::sin(phi) + std::cos(psi) * std::cos(phi) * std::sin(theta)) *
+              plate.x() +
+          std::cos(theta) * std::sin(phi) * plate.y();
+      const Eigen::Vector3d joint = SprkPlatform::FirmwareJoint(pose, i);
+      EXPECT_NEAR(joint.z(), pose.translation_m.z() + SprkPlatform::kHomeHeight + height, 1e-15);
+      EXPECT_NEAR(
+          joint.x() - pose.translation_m.x(),
+          std::cos(psi) * std::cos(theta) * plate.x() + std::sin(psi) * std::cos(theta) * plate.y(),
+          1e-15);
+    }
+  }
+  // For a single angle both plates are the same.
+  for (int entry = 3; entry < 6; ++entry) {
+    const PlatformPose pose = Along(entry, 0.2);
+    for (int i = 0; i < 6; ++i) {
+      Eigen::Vector3d joint = pose.Transform() * SprkPlatform::PlateJoint(i);
+      joint.z() += SprkPlatform::kHomeHeight;
+      EXPECT_LT((SprkPlatform::FirmwareJoint(pose, i) - joint).norm(), 1e-15) << entry;
+    }
+  }
+  // Yaw of 15 and roll of 5 degrees: within the mechanism's reach, but not within the firmware's.
+  PlatformPose pose;
+  pose.angles_rad << 5 * kRadPerDegree, 0.0, 15 * kRadPerDegree;
+  EXPECT_TRUE(SprkPlatform::Reachable(pose));
+  EXPECT_FALSE(SprkPlatform::FirmwareReaches(pose));
+  EXPECT_FALSE(SprkPlatform::FirmwareReaches(Along(3, std::nan(""))));
+}
+
+// The firmware reaches a pose if each servo can turn its arm to the leg's length from the joint.
+TEST(SprkPlatformTest, FirmwareReachIsThatOfItsServos) {
+  core::Random random(4);
+  int reached = 0;
+  for (int trial = 0; trial < 200; ++trial) {
+    PlatformPose pose;
+    for (int k = 0; k < 3; ++k) {
+      pose.translation_m[k] = random.Uniform(-0.012, 0.012);
+      pose.angles_rad[k] = random.Uniform(-0.15, 0.15);
+    }
+    double closest = 1.0;  // m, the smallest margin of a leg
+    for (int i = 0; i < 6; ++i) {
+      const Eigen::Vector3d joint = SprkPlatform::FirmwareJoint(pose, i);
+      double shortest = 1.0;
+      double longest = 0.0;
+      for (int step = -100; step <= 100; ++step) {
+        const double leg = (joint - SprkPlatform::ArmEnd(i, step * kRadPerDegree)).norm();
+        shortest = std::fmin(shortest, leg);
+        longest = std::fmax(longest, leg);
+      }
+      closest = std::fmin(closest, std::fmin(SprkPlatform::kLegLength - shortest,
+                                             longest - SprkPlatform::kLegLength));
+    }
+    if (std::abs(closest) < 1e-5) continue;  // the search has steps of a degree
+    EXPECT_EQ(SprkPlatform::FirmwareReaches(pose), closest > 0.0) << trial;
+    reached += closest > 0.0;
+  }
+  EXPECT_GT(reached, 30);
+  EXPECT_LT(reached, 170);
+}
+
 TEST(SprkPlatformTest, ReachableShareEndsAtTheBoundary) {
   PlatformPose far;
   far.translation_m << 0.03, 0.02, 0.02;

@@ -93,7 +93,7 @@ SprkDriver::~SprkDriver() {
 }
 
 SprkStatus SprkDriver::Ready() const noexcept {
-  if (error_ != 0) return SprkStatus::kDeviceFailed;
+  if (failed_) return SprkStatus::kDeviceFailed;
   if (!homed_) return SprkStatus::kNotHomed;
   if (sent_ && clock_s_() - sent_s_ < kSprkFramePeriod) return SprkStatus::kTooSoon;
   return SprkStatus::kOk;
@@ -115,7 +115,7 @@ SprkStatus SprkDriver::Send(std::span<const char> frame) noexcept {
   // The firmware treats the start of a frame as the whole frame. After a partial write the
   // platform's motion is unknown.
   if (written != static_cast<ssize_t>(frame.size())) {
-    error_ = written < 0 ? errno : EIO;
+    failed_ = true;
     return SprkStatus::kDeviceFailed;
   }
   sent_ = true;
@@ -124,7 +124,7 @@ SprkStatus SprkDriver::Send(std::span<const char> frame) noexcept {
 }
 
 SprkStatus SprkDriver::Home() noexcept {
-  if (error_ != 0) return SprkStatus::kDeviceFailed;
+  if (failed_) return SprkStatus::kDeviceFailed;
   AwaitFrame();
   const SprkStatus status = Send(std::span<const char>("h", 1));
   if (status != SprkStatus::kOk) return status;
@@ -136,7 +136,6 @@ SprkStatus SprkDriver::Home() noexcept {
     home_s_ = sent_s_;
   }
   homed_ = true;
-  sweep_ = {};
   return SprkStatus::kOk;
 }
 
@@ -150,7 +149,6 @@ SprkStatus SprkDriver::MoveTo(const PlatformPose& pose) noexcept {
   status = Send(frame);
   if (status != SprkStatus::kOk) return status;
   lag_.Command(sent, sent_s_);
-  sweep_ = {};
   goes_home_ = false;
   return SprkStatus::kOk;
 }
@@ -164,15 +162,13 @@ SprkStatus SprkDriver::Start(SprkWaveKind kind, const SprkWave& wave) noexcept {
   if (status != SprkStatus::kOk) return status;
   status = Send(frame);
   if (status != SprkStatus::kOk) return status;
-  lag_.Command(kind == SprkWaveKind::kSine ? PlatformPose{} : sent.amplitude, sent_s_);
-  sweep_.translation_m = sent.amplitude.translation_m.cwiseAbs();
-  sweep_.angles_rad = sent.amplitude.angles_rad.cwiseAbs();
+  lag_.Command(SprkWaveMiddle(kind, sent.amplitude), sent_s_);
   goes_home_ = false;
   return SprkStatus::kOk;
 }
 
 SprkStatus SprkDriver::Hold() noexcept {
-  if (error_ != 0) return SprkStatus::kDeviceFailed;
+  if (failed_) return SprkStatus::kDeviceFailed;
   if (!homed_) return SprkStatus::kNotHomed;
   AwaitFrame();
   const PlatformPose here = lag_.At(clock_s_());
@@ -187,19 +183,14 @@ SprkStatus SprkDriver::Hold() noexcept {
   const SprkStatus status = Send(frame);
   if (status != SprkStatus::kOk) return status;
   lag_.Command(sent, sent_s_);
-  sweep_ = {};
   goes_home_ = goes_home_ && sent_s_ - home_s_ < kHomeTime;
   return goes_home_ ? SprkStatus::kGoesHome : SprkStatus::kOk;
 }
 
 SprkStatus SprkDriver::Check() noexcept {
   pollfd port{fd_, 0, 0};
-  if (error_ == 0 && ::poll(&port, 1, 0) > 0) error_ = EIO;  // an unplugged port is hung up
-  return error_ == 0 ? SprkStatus::kOk : SprkStatus::kDeviceFailed;
-}
-
-SprkEstimate SprkDriver::Estimate() const noexcept {
-  return {lag_.At(clock_s_()), sweep_, homed_ && error_ == 0};
+  if (!failed_ && ::poll(&port, 1, 0) > 0) failed_ = true;  // an unplugged port is hung up
+  return failed_ ? SprkStatus::kDeviceFailed : SprkStatus::kOk;
 }
 
 }  // namespace dfr::hardware

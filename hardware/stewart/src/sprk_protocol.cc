@@ -58,6 +58,20 @@ bool EncodeFrequency(double per_second, char* at, double& sent) noexcept {
   return true;
 }
 
+// Returns true if the platform and its firmware reach the pose.
+bool Reached(const PlatformPose& pose) noexcept {
+  return SprkPlatform::Reachable(pose) && SprkPlatform::FirmwareReaches(pose);
+}
+
+bool LineReached(const PlatformPose& pose) noexcept {
+  constexpr int kSteps = 32;  // several, because the reachable set is not always convex
+  for (int i = 1; i <= kSteps; ++i) {
+    const double share = static_cast<double>(i) / kSteps;
+    if (!Reached({share * pose.translation_m, share * pose.angles_rad})) return false;
+  }
+  return true;
+}
+
 // Checks the straight lines to home from each of the 3^6 points with every entry at an end or the
 // middle of its range. Omits repetitions of a point, which occur if a range is a single value.
 bool BoxReachable(const PlatformPose& low, const PlatformPose& high) noexcept {
@@ -70,7 +84,7 @@ bool BoxReachable(const PlatformPose& low, const PlatformPose& high) noexcept {
       repeated = repeated || (a == b && rest % 3 != 0);
       Entry(pose, k) = a + 0.5 * (rest % 3) * (b - a);
     }
-    if (!repeated && SprkPlatform::ReachableShare(pose) < 1.0) return false;
+    if (!repeated && !LineReached(pose)) return false;
   }
   return true;
 }
@@ -108,9 +122,15 @@ SprkStatus EncodeSprkPosition(const PlatformPose& pose, SprkPositionFrame& frame
     char* at = frame.data() + 1 + 2 * k;
     if (!EncodeEntry(Entry(pose, k), k, at, Entry(rounded, k))) return SprkStatus::kOutOfRange;
   }
-  if (!SprkPlatform::Reachable(rounded)) return SprkStatus::kOutOfReach;
+  if (!Reached(rounded)) return SprkStatus::kOutOfReach;
   sent = rounded;
   return SprkStatus::kOk;
+}
+
+PlatformPose SprkWaveMiddle(SprkWaveKind kind, const PlatformPose& amplitude) noexcept {
+  PlatformPose middle;
+  if (kind == SprkWaveKind::kBreath) middle.translation_m = amplitude.translation_m;
+  return middle;
 }
 
 SprkStatus EncodeSprkWave(SprkWaveKind kind, const SprkWave& wave, SprkWaveFrame& frame,
@@ -131,8 +151,9 @@ SprkStatus EncodeSprkWave(SprkWaveKind kind, const SprkWave& wave, SprkWaveFrame
       return SprkStatus::kOutOfRange;
     }
     rounded.frequency_hz[k] = frequency / unit;
-    Entry(low, k) = kind == SprkWaveKind::kSine ? -amplitude : 0.0;
-    Entry(high, k) = kind == SprkWaveKind::kSine ? amplitude : 2.0 * amplitude;
+    const double middle = Entry(SprkWaveMiddle(kind, rounded.amplitude), k);
+    Entry(low, k) = middle - amplitude;
+    Entry(high, k) = middle + amplitude;
   }
   if (!BoxReachable(low, high)) return SprkStatus::kOutOfReach;
   sent = rounded;

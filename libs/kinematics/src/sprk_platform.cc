@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <numbers>
+#include <utility>
 
 namespace dfr::kinematics {
 namespace {
@@ -50,14 +51,26 @@ bool ServoAngle(const Eigen::Vector3d& leg, int i, double& angle) noexcept {
   return std::abs(angle) <= SprkPlatform::kServoLimit;
 }
 
+Eigen::Matrix3d Rotation(double yaw, double pitch, double roll) noexcept {
+  return (Eigen::AngleAxisd(yaw, Eigen::Vector3d::UnitZ()) *
+          Eigen::AngleAxisd(pitch, Eigen::Vector3d::UnitY()) *
+          Eigen::AngleAxisd(roll, Eigen::Vector3d::UnitX()))
+      .toRotationMatrix();
+}
+
+// Returns the firmware's matrix for the plate: the transpose of a rotation, with two entries
+// exchanged. It is not a rotation unless at most one angle differs from zero.
+Eigen::Matrix3d FirmwareMatrix(const Eigen::Vector3d& angles_rad) noexcept {
+  Eigen::Matrix3d matrix = Rotation(-angles_rad.z(), -angles_rad.y(), angles_rad.x()).transpose();
+  std::swap(matrix(1, 2), matrix(2, 1));
+  return matrix;
+}
+
 }  // namespace
 
 Eigen::Isometry3d PlatformPose::Transform() const noexcept {
   Eigen::Isometry3d transform = Eigen::Isometry3d::Identity();
-  transform.linear() = (Eigen::AngleAxisd(angles_rad.z(), Eigen::Vector3d::UnitZ()) *
-                        Eigen::AngleAxisd(angles_rad.y(), Eigen::Vector3d::UnitY()) *
-                        Eigen::AngleAxisd(angles_rad.x(), Eigen::Vector3d::UnitX()))
-                           .toRotationMatrix();
+  transform.linear() = Rotation(angles_rad.z(), angles_rad.y(), angles_rad.x());
   transform.translation() = translation_m;
   return transform;
 }
@@ -76,6 +89,21 @@ bool SprkPlatform::Inverse(const PlatformPose& pose, std::array<double, 6>& angl
 bool SprkPlatform::Reachable(const PlatformPose& pose) noexcept {
   std::array<double, 6> angles;
   return Inverse(pose, angles);
+}
+
+Eigen::Vector3d SprkPlatform::FirmwareJoint(const PlatformPose& pose, int i) noexcept {
+  Eigen::Vector3d joint = pose.translation_m + FirmwareMatrix(pose.angles_rad) * PlateJoint(i);
+  joint.z() += kHomeHeight;
+  return joint;
+}
+
+bool SprkPlatform::FirmwareReaches(const PlatformPose& pose) noexcept {
+  if (!pose.translation_m.allFinite() || !pose.angles_rad.allFinite()) return false;
+  for (int i = 0; i < 6; ++i) {
+    double angle = 0.0;
+    if (!ServoAngle(FirmwareJoint(pose, i) - ServoAxis(i), i, angle)) return false;
+  }
+  return true;
 }
 
 double SprkPlatform::ReachableShare(const PlatformPose& pose) noexcept {

@@ -19,15 +19,6 @@ struct SprkOptions {
   std::function<void(double)> wait_s = {};
 };
 
-/// Estimate of the platform's pose at one moment.
-struct SprkEstimate {
-  kinematics::PlatformPose pose;  ///< Estimated pose; during a wave the centre of its sweep.
-  /// Maximum deviation of each entry from `pose`, as commanded. Zero unless a wave is running. The
-  /// lag reduces the true deviation.
-  kinematics::PlatformPose sweep;
-  bool known = false;  ///< False until homed, and after a device failure.
-};
-
 /// The SPRK Stewart platform on a serial port (57600 8N1, no flow control).
 ///
 /// The firmware neither acknowledges nor measures, does not wait for the rest of a frame, and has
@@ -50,8 +41,7 @@ class SprkDriver {
   SprkDriver(const SprkDriver&) = delete;
   SprkDriver& operator=(const SprkDriver&) = delete;
 
-  /// Sends the platform home. If the pose was unknown, the estimate is home at once; wait kHomeTime
-  /// after the first Home() before relying on it.
+  /// Sends the platform home. It arrives kHomeTime after the first Home().
   [[nodiscard]] SprkStatus Home() noexcept;
   /// Commands the representable pose nearest to `pose`; see EncodeSprkPosition().
   [[nodiscard]] SprkStatus MoveTo(const kinematics::PlatformPose& pose) noexcept;
@@ -67,14 +57,6 @@ class SprkDriver {
   /// Never waits.
   [[nodiscard]] SprkStatus Check() noexcept;
 
-  [[nodiscard]] SprkEstimate Estimate() const noexcept;
-  /// Returns the last command, as sent.
-  [[nodiscard]] const kinematics::PlatformPose& commanded() const noexcept {
-    return lag_.commanded();
-  }
-  /// Returns errno of the failed write, EIO if the port is gone, or 0.
-  [[nodiscard]] int error() const noexcept { return error_; }
-
  private:
   [[nodiscard]] SprkStatus Ready() const noexcept;
   [[nodiscard]] SprkStatus Send(std::span<const char> frame) noexcept;
@@ -83,14 +65,13 @@ class SprkDriver {
   std::function<double()> clock_s_;
   std::function<void(double)> wait_s_;
   int fd_ = -1;
-  int error_ = 0;
+  bool failed_ = false;
   bool homed_ = false;
   bool goes_home_ = false;  // true if the last motion command was the first Home()
   bool sent_ = false;
   double sent_s_ = 0.0;
   double home_s_ = 0.0;  // time of the first Home()
   SprkLag lag_;
-  kinematics::PlatformPose sweep_;
 };
 
 }  // namespace dfr::hardware

@@ -39,8 +39,8 @@ using SprkPositionFrame = std::array<char, 13>;
 using SprkWaveFrame = std::array<char, 25>;
 
 /// A motion about home that lasts until the next command. Entry k moves between -amplitude and
-/// amplitude with the sine, and between 0 and twice the amplitude with the breath. The firmware
-/// does not report the phase.
+/// amplitude, except that the breath moves x, y and z between 0 and twice the amplitude. The
+/// firmware does not report the phase.
 struct SprkWave {
   kinematics::PlatformPose amplitude;
   Eigen::Matrix<double, 6, 1> frequency_hz = Eigen::Matrix<double, 6, 1>::Zero();
@@ -48,9 +48,13 @@ struct SprkWave {
 
 enum class SprkWaveKind { kSine, kBreath };
 
+/// Returns the middle of the wave's range.
+[[nodiscard]] kinematics::PlatformPose SprkWaveMiddle(
+    SprkWaveKind kind, const kinematics::PlatformPose& amplitude) noexcept;
+
 /// Encodes the pose nearest to `pose` in steps of 0.254 mm and 1 degree, and writes it to `sent`.
 /// Range: -12.7 mm to +12.446 mm, +-15 degrees. Checks the reach of kinematics::SprkPlatform after
-/// rounding. Never allocates.
+/// rounding, for a rigid plate and for the firmware's. Never allocates.
 [[nodiscard]] SprkStatus EncodeSprkPosition(const kinematics::PlatformPose& pose,
                                             SprkPositionFrame& frame,
                                             kinematics::PlatformPose& sent) noexcept;
