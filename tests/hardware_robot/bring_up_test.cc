@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -150,6 +151,34 @@ TEST_F(BringUpTest, PowersUpOnlyAfterOthersAreAccepted) {
             "other participants can command PSM1, and the operator did not accept them");
   EXPECT_EQ(words_, std::vector<std::string>());
   EXPECT_EQ(robot_.arm.homings, 0);
+}
+
+// A participant that joins during the question about homing must be accepted before the arm homes.
+TEST_F(BringUpTest, WhoeverJoinsDuringTheQuestionMustBeAcceptedToo) {
+  int present = 0;
+  int accepted = 0;
+  options_.knows_others = [&] { return accepted == present; };
+  options_.accepts_others = [&] {
+    if (accepted != present) words_.emplace_back("together");
+    accepted = present;
+    return true;
+  };
+  const Confirms joins = [&](std::string_view, std::string_view word) {
+    if (std::ranges::count(words_, "home") < 2) ++present;
+    words_.emplace_back(word);
+    robot_.loop.Idle(0.1);
+    return true;
+  };
+  EXPECT_EQ(Refusal(joins), "");
+  EXPECT_EQ(words_, (std::vector<std::string>{"home", "together", "home", "together", "home"}));
+  EXPECT_EQ(robot_.arm.homings, 1);
+  // The operator may also decline.
+  robot_.arm.unhomed = true;
+  options_.accepts_others = [&] { return accepted == present; };
+  words_.clear();
+  EXPECT_EQ(Refusal(joins),
+            "other participants can command PSM1, and the operator did not accept them");
+  EXPECT_EQ(robot_.arm.homings, 1);
 }
 
 // The program lists earlier participants, and asks about each of them once.

@@ -311,6 +311,7 @@ void RobotPlant::BringUp(const hardware::Say& say, const hardware::Confirms& con
        .homed = i.lock_step != nullptr,
        .platform_home_s = i.platform ? hardware::SprkDriver::kHomeTime : 0.0,
        .accepts_others = [&] { return AcceptsOthers(say, confirms); },
+       .knows_others = [&] { return KnowsOthers(); },
        .patience_s = std::max(10.0, i.answer_s),
        .remedy =
            [&i] {

@@ -27,17 +27,24 @@ void AwaitHomeable(const BringUpOptions& robot, const Say& say, const Confirms& 
   }
 }
 
+void AcceptOthers(const BringUpOptions& robot) {
+  if (!robot.accepts_others || robot.accepts_others()) return;
+  throw std::runtime_error("other participants can command " + robot.name +
+                           ", and the operator did not accept them");
+}
+
 void BringUpArm(const BringUpOptions& robot, const Say& say, const Confirms& confirms) {
   robot::ControlLoop& loop = *robot.loop;
   AwaitHomeable(robot, say, confirms);
-  if (robot.accepts_others && !robot.accepts_others()) {
-    throw std::runtime_error("other participants can command " + robot.name +
-                             ", and the operator did not accept them");
-  }
+  AcceptOthers(robot);
   if (!robot.arm->needs_homing()) return;
-  // A doubt that arises during the question voids the answer.
-  for (bool confirmed = robot.simulated; !confirmed; confirmed = loop.AwaitHomeable(0.0, {})) {
+  const auto holds_good = [&] {
+    return loop.AwaitHomeable(0.0, {}) && (!robot.knows_others || robot.knows_others());
+  };
+  // A doubt or a participant that arises during the question voids the answer.
+  for (bool confirmed = robot.simulated; !confirmed; confirmed = holds_good()) {
     AwaitHomeable(robot, say, confirms);
+    AcceptOthers(robot);
     if (!(confirms && confirms(robot.name + " is not homed. If it is clear of people and objects, "
                                             "type home: it is powered up and moves",
                                "home"))) {

@@ -44,6 +44,8 @@ struct BringUpOptions {
   /// Asks whether the operator accepts all participants that can hold or free the arm or change its
   /// state; may be empty.
   std::function<bool()> accepts_others = {};
+  /// Returns true if no such participant has joined since `accepts_others`; may be empty.
+  std::function<bool()> knows_others = {};
   double patience_s = 10.0;  ///< Time to wait for the devices.
   /// Further reasons why the robot is not ready; may be empty.
   std::function<std::string()> remedy = {};
