@@ -92,6 +92,7 @@ int Main(int argc, char** argv) {
 
   CheckOptions check;
   bool yes = false;
+  bool no_datagrams = false;
   command = app.add_subcommand("check",
                                "Check each device, and print each error with its remedy. Default "
                                "devices: PSM1 and\n/ECM/image_raw. Moves a device only with --home "
@@ -128,12 +129,16 @@ int Main(int argc, char** argv) {
   command->add_flag("--move", check.move, "move the arm by 2 mm, tilt the platform by 3 degrees");
   command->add_flag("--without-stop", check.without_stop,
                     "allow --home and --move without an emergency stop, in a simulation");
+  command->add_flag("--no-datagrams", no_datagrams,
+                    "do not require the emergency stop's UDP datagrams, where broadcasts cannot "
+                    "pass");
   command->add_flag("--yes", yes,
                     "answer all questions with yes; only if no person is near the arm");
   command->add_flag("--json", check.json, "print the report as JSON");
   command->callback([&, command] {
     CheckNetwork(*command, check.network);
     check.interrupted = &interrupted;
+    check.stop_datagrams = !no_datagrams;
     ListenForInterrupts();
     check.ask = [&](const std::string& question) {
       if (yes) return true;

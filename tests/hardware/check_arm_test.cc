@@ -21,6 +21,7 @@ using hardware::PsmStatus;
 using test::Shown;
 using testing::AllOf;
 using testing::HasSubstr;
+using testing::Not;
 
 // A driver's client, connected directly to a console.
 class FakeCheckedArm final : public CheckedArm {
@@ -72,21 +73,24 @@ class FakeCheckedArm final : public CheckedArm {
   PsmStatus BringUp(double timeout_s, const std::function<void(std::string_view)>& /*say*/,
                     const std::function<bool()>& may_move) override {
     static_cast<void>(client_.Request(hardware::PsmRequest::kHome));
+    PsmStatus armed = PsmStatus::kTimedOut;
     static_cast<void>(Within(*clock_, timeout_s, [&] {
       const bool stopped = !may_move();
       if (stopped) client_.Hold();
       Tick(clock_->SteadyNs(), clock_->WallNs());
-      return stopped || client_.Arm() == PsmStatus::kOk;
+      if (stopped) armed = PsmStatus::kHeld;
+      if (!stopped && client_.phase() != PsmPhase::kRequested) armed = client_.Arm();
+      return stopped || armed == PsmStatus::kOk || armed == PsmStatus::kFrameMismatch;
     }));
-    return client_.status();
+    return armed;
   }
-  dds::EmergencyStop Stop(std::int64_t /*steady_ns*/) override { return stop(); }
+  StopLook Stop(std::int64_t /*steady_ns*/) override { return stop(); }
 
   dds::Health& health(std::size_t topic) { return topics_[topic].health; }
 
   sim::PsmConsole console;
   std::function<void(hardware::PsmInput&)> spoil;
-  std::function<dds::EmergencyStop()> stop = [] { return dds::EmergencyStop::kSilent; };
+  std::function<StopLook()> stop = [] { return dds::EmergencyStop::kSilent; };
   int ticks_a_sample = 2;
   int others = 0;
   bool listens = true;
@@ -163,6 +167,9 @@ TEST_F(ArmCheckTest, WarnsFirstOfAMissingEmergencyStop) {
 TEST_F(ArmCheckTest, MovesNothingWithoutAReleasedEmergencyStop) {
   options_.home = options_.move = true;
   EXPECT_THAT(Check(), HasSubstr("no emergency stop was found"));
+  arm_.stop = [] { return StopLook(dds::EmergencyStop::kSilent, true); };
+  EXPECT_THAT(Check(), AllOf(HasSubstr("over DDS, but not by datagram"),
+                             HasSubstr("give --no-datagrams"), Not(HasSubstr("--without-stop"))));
   arm_.stop = [] { return dds::EmergencyStop::kPressed; };
   EXPECT_THAT(Check(), HasSubstr("the emergency stop is pressed"));
   EXPECT_EQ(arm_.console.state(), sim::ArmState::kDisabled);
@@ -201,6 +208,37 @@ TEST_F(ArmCheckTest, AStopOrAnInterruptEndsTheMove) {
   };
   EXPECT_THAT(Check(), HasSubstr("interrupted: nothing is moved further"));
   EXPECT_LT(arm_.console.setpoint_joints()[2], 0.121) << "the arm moved on";
+}
+
+// A stop that is silent for a moment only is still the cause.
+TEST_F(ArmCheckTest, AShortSilenceOfTheStopIsNamed) {
+  for (const bool homing : {true, false}) {
+    arm_.console = sim::PsmConsole({.homing_s = 1.0});
+    if (!homing) Home();
+    options_.home = homing;
+    options_.move = !homing;
+    int looks = 0;
+    asked_ = 0;
+    arm_.stop = [&] {
+      const bool moves = arm_.console.busy() || arm_.console.setpoint_joints()[2] > 0.1205;
+      return asked_ > 0 && moves && ++looks == 20 ? dds::EmergencyStop::kSilent
+                                                  : dds::EmergencyStop::kClear;
+    };
+    EXPECT_THAT(Check(), AllOf(HasSubstr("the emergency stop became silent"),
+                               Not(HasSubstr("held on request"))));
+  }
+}
+
+// The arm homes, but its measurements contradict each other.
+TEST_F(ArmCheckTest, AnArmThatIsHomedButNotArmedIsWrong) {
+  options_.home = options_.without_stop = true;
+  arm_.spoil = [](hardware::PsmInput& input) {
+    if (input.measured_cp) input.measured_cp->position_m.x() += 0.01;
+  };
+  EXPECT_THAT(Check(),
+              AllOf(HasSubstr(std::string("[wrong] ") + hardware::Name(PsmStatus::kFrameMismatch)),
+                    Not(HasSubstr("ENABLED and homed"))));
+  EXPECT_TRUE(arm_.console.homed());
 }
 
 TEST_F(ArmCheckTest, QuotesTheConsolesFault) {

@@ -31,6 +31,7 @@ class ConsoleArm final : public CheckedArm {
  public:
   ConsoleArm(dds::Participant& participant, const CheckOptions& options)
       : participant_(&participant),
+        stop_datagrams_(options.stop_datagrams),
         arm_(options.arm),
         driver_(participant, {.arm = options.arm,
                               .client = {.limits = hardware::PsmLimits::Of(options.generation)}}),
@@ -72,15 +73,19 @@ class ConsoleArm final : public CheckedArm {
     return hardware::BringUp(driver_, timeout_s, say, may_move);
   }
   // Listens from the first call on and ignores earlier presses.
-  [[nodiscard]] dds::EmergencyStop Stop(std::int64_t steady_ns) override {
-    if (!stop_) stop_.emplace(*participant_, kStopSilence);
-    return stop_->Check(steady_ns);
+  [[nodiscard]] StopLook Stop(std::int64_t steady_ns) override {
+    if (!stop_) {
+      stop_.emplace(*participant_, kStopSilence, dds::kEmergencyStopTopic, stop_datagrams_);
+    }
+    const dds::EmergencyStop found = stop_->Check(steady_ns);
+    return {found, stop_->only_datagrams_silent()};
   }
 
  private:
   [[nodiscard]] std::string Full(const char* name) const { return "/" + arm_ + "/" + name; }
 
   dds::Participant* participant_;
+  bool stop_datagrams_;
   std::string arm_;
   hardware::PsmDriver driver_;
   dds::Subscriber<dds::JointState> measured_js_;
@@ -255,7 +260,7 @@ dds::EmergencyStop ListenToArm(const CheckOptions& options, CheckedArm& arm, Dev
   std::vector<double> ages;
   auto stop = dds::EmergencyStop::kSilent;
   Listen(options, arm, options.listen_s, [&] {
-    stop = arm.Stop(options.clock->SteadyNs());
+    stop = arm.Stop(options.clock->SteadyNs()).state;
     if (arm.client().num_samples() != last) {
       last = arm.client().num_samples();
       if (arm.client().measured_js().stamp.valid()) ages.push_back(arm.client().age_s());
@@ -288,11 +293,13 @@ PsmStatus CheckReady(const CheckOptions& options, CheckedArm& arm, Permit& permi
   if ((status == PsmStatus::kDisabled || status == PsmStatus::kNotHomed) && options.home &&
       Ask(options, options.arm + " will move while it homes. Is it clear of people and objects?") &&
       permit.Granted(report, [&] { Tick(options, arm); })) {
-    (void)arm.BringUp(
+    status = arm.BringUp(
         kBringUpTime, [&](std::string_view text) { Say(options, std::string(text)); },
         [&] { return permit.MayMove(); });
-    if (!permit.MayMove()) permit.Tell(report);
-    status = arm.client().phase() == PsmPhase::kArmed ? PsmStatus::kOk : arm.client().status();
+    if (!permit.MayMove()) {
+      permit.Tell(report);
+      return PsmStatus::kHeld;
+    }
   }
   if (status == PsmStatus::kOk) {
     Ok(report,

@@ -84,8 +84,12 @@ DeviceReport CheckPlatform(const CheckOptions& options) {
   std::optional<dds::EmergencyStopReceiver> receiver;
   return CheckPlatform(options, [&](std::int64_t steady_ns) {
     if (!participant) participant.emplace(options.network);
-    if (!receiver) receiver.emplace(*participant, kStopSilence);
-    return receiver->Check(steady_ns);
+    if (!receiver) {
+      receiver.emplace(*participant, kStopSilence, dds::kEmergencyStopTopic,
+                       options.stop_datagrams);
+    }
+    const dds::EmergencyStop found = receiver->Check(steady_ns);
+    return StopLook(found, receiver->only_datagrams_silent());
   });
 }
 

@@ -48,6 +48,7 @@ struct CheckOptions {
   /// Allows devices to move without an emergency stop. Otherwise the stop must be connected and
   /// released, and pressing it ends the motion.
   bool without_stop = false;
+  bool stop_datagrams = true;  ///< Requires the emergency stop's datagrams as well.
   const std::atomic<bool>* interrupted = nullptr;  ///< Ends the check when true; may be nullptr.
   bool json = false;
   Clock* clock = &MachineClock();  ///< Borrowed.
@@ -68,7 +69,7 @@ struct CheckOptions {
 void LookAt(const CheckOptions& options, const hardware::EndoscopeOptions& camera,
             hardware::Endoscope& endoscope, DeviceReport& report);
 /// Returns the state of the emergency stop at this time of a monotonic clock, ns.
-using StopState = std::function<dds::EmergencyStop(std::int64_t steady_ns)>;
+using StopState = std::function<StopLook(std::int64_t steady_ns)>;
 
 /// Checks the port of the Stewart platform, and moves the platform on request.
 [[nodiscard]] DeviceReport CheckPlatform(const CheckOptions& options);

@@ -11,6 +11,16 @@
 
 namespace dfr::apps::hardware_app {
 
+/// The emergency stop at one moment.
+struct StopLook {
+  // NOLINTNEXTLINE(google-explicit-constructor): a state alone is a look
+  StopLook(dds::EmergencyStop found, bool only_datagrams = false)
+      : state(found), only_datagrams_silent(only_datagrams) {}
+
+  dds::EmergencyStop state;
+  bool only_datagrams_silent;  ///< True if the stop is heard over DDS, but not by datagram.
+};
+
 /// Interface of a checked arm: a driver at a console, and the other participants of the network.
 /// Functions behave as in hardware::PsmDriver unless stated otherwise.
 class CheckedArm {
@@ -45,7 +55,7 @@ class CheckedArm {
                                       const std::function<bool()>& may_move) = 0;
 
   /// Returns the state of the emergency stop, as dds::EmergencyStopReceiver::Check() does.
-  [[nodiscard]] virtual dds::EmergencyStop Stop(std::int64_t steady_ns) = 0;
+  [[nodiscard]] virtual StopLook Stop(std::int64_t steady_ns) = 0;
 };
 
 }  // namespace dfr::apps::hardware_app
