@@ -50,13 +50,14 @@ const char* Meaning(dds::Permission permission) {
 }  // namespace
 
 void RunCertificates(const CertificatesOptions& options) {
-  // Rejects unknown, repeated and existing participants before writing any file.
+  // Rejects misspelled, unknown, repeated and existing participants before writing any file.
   std::vector<std::pair<std::string, dds::Permission>> participants;
   std::set<std::string> names;
   const auto enclaves = options.folder / "enclaves";
   for (const std::string& text : options.participants) {
     participants.push_back(Parse(text));
     const std::string& name = participants.back().first;
+    dds::CheckParticipantName(name);
     if (!names.insert(name).second) throw std::invalid_argument("'" + name + "' is given twice");
     if (std::filesystem::exists(enclaves / name)) {
       throw std::runtime_error("participant '" + name +

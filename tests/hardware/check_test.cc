@@ -8,10 +8,13 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <sstream>
+#include <stdexcept>
 #include <string>
 
+#include "certificates.h"
 #include "emergency_stop.h"
 #include "tests/hardware/check_support.h"
+#include "tests/support/message_of.h"
 #include "tests/support/temp_folder.h"
 
 namespace dfr::apps::hardware_app {
@@ -147,6 +150,19 @@ TEST(CheckJsonTest, ContainsAllFindings) {
   EXPECT_EQ(json["devices"][0]["findings"][1]["level"], "wrong");
   EXPECT_EQ(json["devices"][0]["findings"][1]["what"], "a \"word\"\n");
   EXPECT_EQ(json["devices"][0]["findings"][1]["remedy"], "turn it on");
+}
+
+TEST(CertificatesTest, AMisspelledParticipantLeavesNoAuthority) {
+  const test::TempFolder temp;
+  for (const char* name : {"my pc:monitor", "..:monitor", ":monitor", "a/b:button"}) {
+    const std::filesystem::path folder = temp / "lab";
+    CertificatesOptions options;
+    options.folder = folder;
+    options.participants = {"line_tracking", name};
+    EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] { RunCertificates(options); }),
+                testing::HasSubstr("a participant's name must have"));
+    EXPECT_FALSE(std::filesystem::exists(folder)) << name;
+  }
 }
 
 TEST(StopWordTest, OnlyAnExactLineReleasesItAndEverythingElsePresses) {

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <optional>
+#include <string_view>
 
 #include "tests/dds/domain.h"
 #include "tests/support/eventually.h"
@@ -45,6 +46,18 @@ TEST(EmergencyStopMonitorTest, AStopIsSilentUntilHeardAndPressedUntilAcknowledge
     monitor.Acknowledge();
     return monitor.Report().finding.ok();
   });
+}
+
+// DDS has no limit on the age of a message.
+TEST(EmergencyStopMonitorTest, AClockThatIsWrongIsNamed) {
+  dds::Participant network({.domain = test::OwnDomain()});
+  EmergencyStopMonitor monitor(network, true, 10.0);
+  dds::EmergencyStopButton button(network);
+  test::Eventually([&] {
+    button.Beat(dds::Stamp::Now().nanoseconds() - 5'000'000'000);
+    return monitor.Report().finding.detail.find("clocks differ") != std::string_view::npos;
+  });
+  EXPECT_EQ(monitor.Report().finding.reason, runtime::HoldReason::kEmergencyStopSilent);
 }
 
 }  // namespace

@@ -53,7 +53,9 @@ robot::ThreadHealth EmergencyStopMonitor::Report() noexcept {
       break;
   }
   return {{runtime::HoldReason::kEmergencyStopSilent,
-           only_datagrams_silent_
+           only_datagrams_silent_ && clocks_differ_
+               ? "the machines' clocks differ by over 1 s: set both by NTP or PTP"
+           : only_datagrams_silent_
                ? "heard over DDS, but not by datagram: does a firewall drop UDP broadcasts?"
            : num_buttons_ > 1 ? "one of several buttons went silent"
                               : "no message from it: is `hardware stop` running?"},
@@ -69,6 +71,7 @@ void EmergencyStopMonitor::Run() {
       num_buttons_ = receiver_->num_buttons();
       const dds::EmergencyStop found = receiver_->Check(now_ns);
       only_datagrams_silent_ = receiver_->only_datagrams_silent();
+      clocks_differ_ = receiver_->clocks_differ();
       stop_state_ = found;
     }
     checked_ns_ = now_ns;

@@ -97,6 +97,10 @@ EmergencyStopReceiver::EmergencyStopReceiver(Participant& participant, double ma
 
 EmergencyStopReceiver::~EmergencyStopReceiver() = default;
 
+bool EmergencyStopReceiver::clocks_differ() const noexcept {
+  return listener_ && listener_->clocks_differ();
+}
+
 EmergencyStop EmergencyStopReceiver::Check(std::int64_t steady_ns, std::int64_t wall_ns) noexcept {
   using Way = EmergencyStopJudge::Way;
   Flag flag;

@@ -185,10 +185,9 @@ bool StopReader::Read(std::string_view datagram, std::int64_t wall_ns, StopSende
   }
   const auto sent_ns = static_cast<std::int64_t>(Get(datagram, kTimeAt, 8));
   const auto flag = static_cast<std::uint8_t>(datagram[kPressedAt]);
-  if (sent_ns < wall_ns - kMostAstrayNs || sent_ns > wall_ns + kMostAstrayNs || flag > 1 ||
-      !Signed(datagram)) {
-    return false;
-  }
+  if (flag > 1 || !Signed(datagram)) return false;
+  clocks_differ_ = sent_ns < wall_ns - kMostAstrayNs || sent_ns > wall_ns + kMostAstrayNs;
+  if (clocks_differ_) return false;
   StopSenderId id;
   std::copy_n(datagram.begin() + kIdAt, id.size(), id.begin());
   if (!New(id, Get(datagram, kSequenceAt, 8), wall_ns)) return false;

@@ -65,6 +65,8 @@ class StopReader {
   /// second of `wall_ns`, and numbered higher than its button's last valid datagram. Sets `who` and
   /// `pressed` only if the datagram is valid.
   bool Read(std::string_view datagram, std::int64_t wall_ns, StopSenderId& who, bool& pressed);
+  /// True if the last datagram with a valid signature was refused for its stamp.
+  [[nodiscard]] bool clocks_differ() const noexcept { return clocks_differ_; }
 
  private:
   struct Known {
@@ -79,6 +81,7 @@ class StopReader {
   std::string last_certificate_;  // certificate of last_key_
   Owned<EVP_PKEY> last_key_;
   std::array<Known, 16> known_{};
+  bool clocks_differ_ = false;
 };
 
 /// Sends stop messages to all listeners of the domain on this machine. Unless discovery is
@@ -107,6 +110,8 @@ class StopListener {
   /// Takes datagrams, at most 16 per call, until StopReader accepts one. Returns false if it
   /// accepts none.
   bool Take(std::int64_t wall_ns, StopSenderId& who, bool& pressed) noexcept;
+  /// Same as StopReader::clocks_differ().
+  [[nodiscard]] bool clocks_differ() const noexcept { return reader_.clocks_differ(); }
 
  private:
   StopSocket socket_;

@@ -228,8 +228,10 @@ TEST_F(SecurityTest, PermissionsDecideWhoMayPublishWhat) {
         return false;
       }
     };
-    for (const char* topic : {kServo, "/PSM2/jaw/servo_jp", "/PSM1/move_jp", "/PSM1/hold",
-                              "/PSM1/state_command", "/simulator/request"}) {
+    for (const char* topic :
+         {kServo, "/PSM2/jaw/servo_jp", "/PSM1/move_jp", "/PSM1/hold", "/PSM1/state_command",
+          "/simulator/request", "/PSM1/trajectory_j/set_ratio", "/PSM1/set_base_frame",
+          "/PSM1/use_gravity_compensation", "/PSM1/emulate_tool_present"}) {
       EXPECT_EQ(may_publish(topic), expected.commands) << topic;
     }
     for (const char* topic : {kMeasured, "/PSM1/local/setpoint_cp", "/PSM1/operating_state",

@@ -67,8 +67,14 @@ TEST_F(StopDatagramsTest, OldDatagramsAreIgnored) {
   for (const std::int64_t astray_ns : {kSecond, -kSecond}) {
     EXPECT_EQ(Read(reader_, writer_.Next(false, kNow), kNow + astray_ns), false);
     const std::int64_t more_ns = astray_ns > 0 ? 1 : -1;
+    EXPECT_FALSE(reader_.clocks_differ());
     EXPECT_EQ(Read(reader_, writer_.Next(false, kNow), kNow + astray_ns + more_ns), std::nullopt);
+    EXPECT_TRUE(reader_.clocks_differ());
+    EXPECT_EQ(Read(reader_, writer_.Next(false, kNow)), false);
+    EXPECT_FALSE(reader_.clocks_differ());
   }
+  EXPECT_EQ(Read(reader_, writer_.Next(false, kNow).substr(1), kNow + 9 * kSecond), std::nullopt);
+  EXPECT_FALSE(reader_.clocks_differ()) << "not a stop's datagram";
 }
 
 // An old datagram is not evidence of a released button. It need not be evidence of a pressed

@@ -60,10 +60,10 @@ constexpr std::string_view kGovernance =
 
 // Topics that command an arm, and topics on which an arm reports (CRTK). '*' also matches slashes.
 // Emergency stops are commands because a console must not publish them.
-constexpr std::array<std::string_view, 9> kCommands = {
-    "rt/*servo_*",         "rt/*move_*",         "rt/*/hold",
-    "rt/*/free",           "rt/*/state_command", "rt/simulator/request",
-    "rt/*emergency_stop*", "rt/*interpolate_*",  "rq/*"};
+constexpr std::array<std::string_view, 12> kCommands = {
+    "rt/*servo_*",        "rt/*move_*",           "rt/*/hold",           "rt/*/free",
+    "rt/*/state_command", "rt/simulator/request", "rt/*emergency_stop*", "rt/*interpolate_*",
+    "rt/*/set_*",         "rt/*/use_*",           "rt/*/emulate_*",      "rq/*"};
 constexpr std::array<std::string_view, 12> kMeasurements = {
     "rt/*measured_*",     "rt/*setpoint_*", "rt/*/operating_state", "rt/*/goal_reached",
     "rt/*/error",         "rt/*/warning",   "rt/*/image_raw*",      "rt/*/camera_info",
@@ -289,9 +289,7 @@ void MakeAuthority(const std::filesystem::path& folder, const CertificateOptions
   Write(folder / "enclaves" / "governance.p7s", Sign(kGovernance, *certificate, *key), 0644);
 }
 
-void AddParticipant(const std::filesystem::path& folder, const std::string& name,
-                    Permission permission, const CertificateOptions& options) {
-  Check(options);
+void CheckParticipantName(const std::string& name) {
   const bool spelled = !name.empty() && name.front() != '.' && name.size() <= 64 &&
                        std::all_of(name.begin(), name.end(), [](char c) {
                          return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') ||
@@ -301,6 +299,12 @@ void AddParticipant(const std::filesystem::path& folder, const std::string& name
                    "a participant's name must have 1 to 64 letters, digits, '_', '-' and '.', "
                    "and must not begin with '.': not '"
                        << name << "'");
+}
+
+void AddParticipant(const std::filesystem::path& folder, const std::string& name,
+                    Permission permission, const CertificateOptions& options) {
+  Check(options);
+  CheckParticipantName(name);
   const std::filesystem::path own = folder / "enclaves" / name;
   if (std::filesystem::exists(own)) {
     throw std::runtime_error("participant '" + name + "' already exists: remove " + own.string() +

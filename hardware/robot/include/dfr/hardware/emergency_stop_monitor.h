@@ -49,6 +49,7 @@ class EmergencyStopMonitor final : public robot::EmergencyStop {
   std::atomic<dds::EmergencyStop> stop_state_;
   std::atomic<int> num_buttons_ = 0;
   std::atomic<bool> only_datagrams_silent_ = false;
+  std::atomic<bool> clocks_differ_ = false;
   std::atomic<std::int64_t> checked_ns_;
   std::atomic<runtime::RunState> state_ = runtime::RunState::kIdle;
   std::atomic<std::int64_t> beat_ns_ = 0;

@@ -36,10 +36,14 @@ struct CertificateOptions {
 ///   if it has an authority, or the file that cannot be written.
 void MakeAuthority(const std::filesystem::path& folder, const CertificateOptions& options = {});
 
+/// @throws std::invalid_argument unless `name` has 1 to 64 letters, digits, '_', '-' and '.', and
+///   does not begin with '.'.
+void CheckParticipantName(const std::string& name);
+
 /// Adds a participant: creates its key, certificate and signed permissions. They are valid for
 /// `options.days`, but not beyond the authority's certificate.
-/// @param name  letters, digits, '_', '-' and '.'.
-/// @throws as MakeAuthority(), and if the participant exists, `folder` has no authority, or users
+/// @throws as MakeAuthority() and CheckParticipantName(), and if the participant exists, `folder`
+/// has no authority, or users
 ///   other than the owner can read the authority's key.
 void AddParticipant(const std::filesystem::path& folder, const std::string& name,
                     Permission permission, const CertificateOptions& options = {});

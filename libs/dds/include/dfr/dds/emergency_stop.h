@@ -142,6 +142,9 @@ class EmergencyStopReceiver {
   [[nodiscard]] bool only_datagrams_silent() const noexcept {
     return judge_.only_datagrams_silent();
   }
+  /// True if the last datagram was refused because its stamp differs from this machine's clock by
+  /// more than a second.
+  [[nodiscard]] bool clocks_differ() const noexcept;
 
  private:
   EmergencyStopJudge judge_;
