@@ -218,7 +218,7 @@ void Introduce(const Options& options) {
     std::cout << '\n';
   }
   std::cout << "  platform /SPRK/measured_cp setpoint_cp\n"
-            << "  itself   /simulator/request: reset SEED, truth, fault NAME VALUE"
+            << "  itself   /simulator/request: reset SEED, truth, arm, fault NAME VALUE"
             << (options.server.lock_step ? ", run DT, rest, look" : "") << '\n'
             << (options.server.lock_step ? "Time advances only on request. " : "")
             << "Ctrl-C ends it." << std::endl;

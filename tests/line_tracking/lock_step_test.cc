@@ -48,6 +48,12 @@ TEST(LockStepTest, TheSameSeedsHaveTheSameOutcomesAsInOneProcess) {
                                      std::to_string(domain), "--wave", "random", "--calibration",
                                      (Data().path / "calibration.dfr").string()});
   sim::LineTrackingPlant here(Disturbed(), &known);
+  // The simulator of one arm does not prove that another arm is simulated.
+  RobotConfig other = LockStepConfig(domain);
+  other.arm = "PSM2";
+  EXPECT_THAT(
+      test::MessageOf<std::runtime_error>([&] { const RobotPlant plant(other, known, nullptr); }),
+      HasSubstr("has the arm PSM1, not PSM2"));
   RobotPlant there(LockStepConfig(domain), known, nullptr);
   there.BringUp({});
   const LineModel model = LineModel::Load(Data().path / "model");

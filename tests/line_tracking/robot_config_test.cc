@@ -91,6 +91,9 @@ TEST_F(RobotConfigTest, ErrorsNameFileLineKeyAndValidValues) {
       {"[arm]\nworkspace_max_m = [inf, 1.0, 1.0]\n",
        ":2: arm.workspace_max_m must be above workspace_min_m in every entry, and both must be "
        "finite"},
+      {"[arm]\nmax_tip_speed = 0.02\nspeed = 0.019\n",
+       ":3: arm.speed must be at most 0.9 times max_tip_speed"},
+      {"[arm]\nmax_tip_speed = 0.01\n", ":1: arm.speed must be at most"},
       {"[arm]\nmax_lag = [0, 1, 1, 1, 1, 1]\n", ":2: arm.max_lag must be 6 positive numbers"},
       {"[arm]\nteleoperation = ['following']\n", ":2: arm.teleoperation must be names of topics"},
       {"[arm]\ngeneration = 'Xi'\n", ":2: arm.generation must be one of \"Classic\", \"Si\""},

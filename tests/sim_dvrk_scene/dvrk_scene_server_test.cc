@@ -186,6 +186,7 @@ TEST_F(DvrkSceneServerTest, InLockStepTimeAdvancesOnlyOnRequest) {
   const dds::Stamp start = Now(Ask("reset 1"));
   server_->Serve(0.0);
   EXPECT_EQ(Now(Ask("rest")), start);
+  EXPECT_EQ(Ask("arm"), "ok PSM1");
   const dds::Stamp later = Now(Ask("run 0.25"));
   EXPECT_EQ(later.nanoseconds() - start.nanoseconds(), 250'000'000);
   dds::PoseStamped measured;

@@ -310,6 +310,10 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
   }
   arm.Get("speed", config.speed_m_s, 1e-4, 0.05);
   arm.Get("max_tip_speed", limits.max_tip_speed, 1e-4, 0.2);
+  // The tip's path is slightly curved, and therefore longer than its displacement.
+  if (config.speed_m_s > 0.9 * limits.max_tip_speed) {
+    arm.Wrong("speed", "at most 0.9 times max_tip_speed");
+  }
   arm.Get("max_age_s", config.arm_client.watchdog.max_age_s, 0.001, 10.0);
   arm.Get("max_silence_s", config.arm_client.watchdog.max_silence_s, 0.001, 10.0);
   arm.Get("teleoperation", config.teleoperation);

@@ -295,7 +295,7 @@ struct RobotPlant::Impl {
 RobotPlant::RobotPlant(const RobotConfig& config, const line_task::LineCalibration& calibration,
                        recording::Recorder* recorder, const RunOperator& run_operator)
     : impl_(std::make_unique<Impl>(config, calibration, recorder, run_operator)) {
-  if (impl_->link) impl_->link->Await(std::max(10.0, config.simulator_answer_s));
+  if (impl_->link) impl_->link->Await(std::max(10.0, config.simulator_answer_s), config.arm);
 }
 
 RobotPlant::~RobotPlant() = default;  // the driver tells the console to hold
@@ -303,22 +303,25 @@ RobotPlant::~RobotPlant() = default;  // the driver tells the console to hold
 void RobotPlant::BringUp(const hardware::Say& say, const hardware::Confirms& confirms) {
   Impl& i = *impl_;
   if (i.lock_step) i.link->Reset(0);  // enables and homes the arm
-  hardware::BringUp(
-      {.loop = &i.loop,
-       .arm = &i.arm,
-       .name = i.driver.arm(),
-       .simulated = i.simulated,
-       .homed = i.lock_step != nullptr,
-       .platform_home_s = i.platform ? hardware::SprkDriver::kHomeTime : 0.0,
-       .accepts_others = [&] { return AcceptsOthers(say, confirms); },
-       .knows_others = [&] { return KnowsOthers(); },
-       .patience_s = std::max(10.0, i.answer_s),
-       .remedy =
-           [&i] {
-             const std::string remedy = hardware::Remedy(i.driver.client().hold_reason());
-             return (remedy.empty() ? "" : "; " + remedy) + dds::ExplainRefused(i.network);
-           }},
-      say, confirms);
+  hardware::BringUp({.loop = &i.loop,
+                     .arm = &i.arm,
+                     .name = i.driver.arm(),
+                     .simulated = i.simulated,
+                     .homed = i.lock_step != nullptr,
+                     .platform_home_s = i.platform ? hardware::SprkDriver::kHomeTime : 0.0,
+                     .accepts_others = [&] { return AcceptsOthers(say, confirms); },
+                     .knows_others = [&] { return KnowsOthers(); },
+                     .patience_s = std::max(10.0, i.answer_s),
+                     .remedy =
+                         [&i] {
+                           // The remedy of another reason would mislead.
+                           const hardware::PsmStatus found = i.driver.client().hold_reason();
+                           const bool blocks = hardware::HoldReasonFor(found) == i.loop.blocking();
+                           const std::string remedy = blocks ? hardware::Remedy(found) : "";
+                           return (remedy.empty() ? "" : "; " + remedy) +
+                                  dds::ExplainRefused(i.network);
+                         }},
+                    say, confirms);
 }
 
 bool RobotPlant::AcceptsOthers(const hardware::Say& say, const hardware::Confirms& confirms) {

@@ -36,7 +36,7 @@ std::int64_t SimulatorLink::In(double seconds) const {
   return steady_ns_() + std::llround(1e9 * seconds);
 }
 
-void SimulatorLink::Await(double timeout_s) {
+void SimulatorLink::Await(double timeout_s, const std::string& arm) {
   // Each end discovers the other at a different time. Only an answer proves both discoveries.
   constexpr double kTry = 0.1;
   const std::int64_t end_ns = In(timeout_s);
@@ -47,6 +47,14 @@ void SimulatorLink::Await(double timeout_s) {
           "--discovery, or set simulator.present = false for a robot" +
           dds::ExplainRefused(*participant_));
     }
+  }
+  // The simulator of another arm does not prove that this arm is simulated.
+  if (arm.empty()) return;
+  const std::string simulated = Ask("arm");
+  if (simulated != " " + arm) {
+    throw std::runtime_error("the simulator on the network has the arm" + simulated + ", not " +
+                             arm +
+                             ": correct arm.name, or set simulator.present = false for a robot");
   }
 }
 

@@ -29,8 +29,9 @@ class SimulatorLink {
   explicit SimulatorLink(dds::Participant& participant, double answer_s = 5.0,
                          std::function<std::int64_t()> steady_ns = runtime::SteadyNow);
 
-  /// @throws std::runtime_error if there is no simulator after `timeout_s`.
-  void Await(double timeout_s);
+  /// @throws std::runtime_error if there is no simulator after `timeout_s`, or if its arm is not
+  ///   `arm`. An empty `arm` permits any.
+  void Await(double timeout_s, const std::string& arm = {});
   /// Begins a new episode, like sim::LineTrackingPlant::Reset(seed).
   void Reset(std::uint64_t seed);
   [[nodiscard]] SimulatorTruth Truth();

@@ -218,6 +218,7 @@ struct DvrkSceneServer::Impl {
     const std::string_view what = internal::NextWord(text);
     if (what == "reset") return Reset(text);
     if (what == "truth") return Truth();
+    if (what == "arm") return "ok " + scene.console().options().arm;
     if (what == "fault") {
       const std::string_view name = internal::NextWord(text);
       SetFault(name, text);
@@ -229,8 +230,8 @@ struct DvrkSceneServer::Impl {
     }
     DFR_THROW_UNLESS(false, "unknown request '"
                                 << what
-                                << "'; valid: reset, truth, fault, and in lock-step run, rest, "
-                                   "look");
+                                << "'; valid: reset, truth, arm, fault, and in lock-step run, "
+                                   "rest, look");
     return {};
   }
 

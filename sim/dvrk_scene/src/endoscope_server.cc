@@ -44,9 +44,8 @@ EndoscopeServer::EndoscopeServer(dds::Participant& participant, const DvrkScene&
   image_.data.resize(scene.plant().endoscope().image_size());
   jpeg_.format = "bgr8; jpeg compressed bgr8";  // as in image_transport
   if (!options_.real_time) return;
-  hand_ = Hand::kWanted;
   thread_ = std::thread([this] { Run(); });
-  hand_.wait(Hand::kWanted);
+  ready_.wait(false);
   if (!failed_) return;
   thread_.join();
   std::rethrow_exception(failure_);
@@ -126,8 +125,8 @@ void EndoscopeServer::Run() {
     // waits until the clone is ready.
     copy_.reset(static_cast<LineTrackingPlant*>(scene_->plant().Clone().release()));
     copy_->RenderPicture(0, image_.data);
-    hand_ = Hand::kIdle;
-    hand_.notify_all();
+    ready_ = true;
+    ready_.notify_all();
     const auto period = std::chrono::duration_cast<Clock::duration>(
         std::chrono::duration<double>(options_.period_s));
     for (auto next = Clock::now(); hand_ != Hand::kStopped;) {
@@ -148,6 +147,8 @@ void EndoscopeServer::Run() {
     failed_ = true;
     hand_ = Hand::kStopped;
     hand_.notify_all();
+    ready_ = true;
+    ready_.notify_all();
   }
   copy_.reset();
 }

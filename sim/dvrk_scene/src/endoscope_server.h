@@ -90,6 +90,7 @@ class EndoscopeServer {
   bool copy_frozen_ = false;
   std::exception_ptr failure_;
   std::atomic<bool> failed_ = false;
+  std::atomic<bool> ready_ = false;  // true once the thread has its copy, or has failed
   std::thread thread_;
 };
 
