@@ -151,18 +151,6 @@ TEST_F(ChannelTest, StateKeepsOnlyTheNewest) {
   EXPECT_FALSE(subscriber.Take(got));
 }
 
-// The publisher's process is alive, but its loop hangs and writes nothing.
-TEST_F(ChannelTest, SilentCommanderLosesItsLiveliness) {
-  Publisher<PoseStamped> publisher(first_, "/servo_cp", Role::kOwnCommand);
-  const Subscriber<PoseStamped> subscriber(second_, "/servo_cp", Role::kOwnCommand);
-  Eventually([&] {
-    publisher.Write({});
-    return subscriber.health().alive == 1;
-  });
-  Eventually([&] { return subscriber.health().alive == 0; });
-  EXPECT_EQ(subscriber.health().publishers, 1);
-}
-
 // A command that waits for a reader expires and is not executed late.
 TEST_F(ChannelTest, OldCommandsExpire) {
   Publisher<PoseStamped> publisher(first_, "/servo_cp", Role::kCommand);

@@ -163,8 +163,8 @@ TEST_F(InteroperabilityTest, EveryFieldArrivesAndReturns) {
     EXPECT_EQ(answer.format, "gepj");
     EXPECT_EQ(answer.data, (std::vector<std::uint8_t>{3, 2, 1, 0xd8, 0xff}));
   }
-  // A plain publisher offers neither deadline nor liveliness.
-  const Subscriber<PoseStamped> subscriber(participant_, "/peer/answer/pose", Role::kOwnCommand);
+  // A plain publisher keeps no messages for late joiners.
+  const Subscriber<PoseStamped> subscriber(participant_, "/peer/answer/pose", Role::kEvent);
   test::Eventually([&] { return subscriber.health().incompatible > 0; });
   EXPECT_EQ(subscriber.health().incompatible, 1);
   EXPECT_EQ(subscriber.health().publishers, 0);

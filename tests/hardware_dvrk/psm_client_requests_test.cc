@@ -159,15 +159,15 @@ TEST_F(PsmClientRequestTest, HomingTimesOut) {
   EXPECT_EQ(requests_, "home disable ");
 }
 
-TEST_F(PsmClientRequestTest, PauseHoldsFirst) {
+TEST_F(PsmClientRequestTest, ARequestHoldsFirst) {
   ArmNow();
   ASSERT_EQ(client_.MoveTo(Yaw(0.2), 3.0), PsmStatus::kOk);
   Steps(20);
-  ASSERT_EQ(client_.Request(PsmRequest::kPause), PsmStatus::kOk);
+  ASSERT_EQ(client_.Request(PsmRequest::kDisable), PsmStatus::kOk);
   const PsmOutput output = Step();
   EXPECT_TRUE(output.hold);
   EXPECT_FALSE(output.servo);
-  EXPECT_EQ(output.request, PsmRequest::kPause);
+  EXPECT_EQ(output.request, PsmRequest::kDisable);
 }
 
 TEST(UntilSentTest, AMessageIsWantedUntilAWriteSucceeds) {

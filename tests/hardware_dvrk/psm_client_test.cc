@@ -46,13 +46,6 @@ TEST_F(PsmClientTest, MovesAndComesToRestAtTheGoal) {
   EXPECT_EQ(num_servo_, sent + 10);
 }
 
-TEST_F(PsmClientTest, MoveToAPoseIsTheMoveToItsJoints) {
-  ArmNow();
-  ASSERT_EQ(client_.MoveTo(Psm::Forward(Yaw(0.05)), 1.0), PsmStatus::kOk);
-  Steps(250);
-  EXPECT_TRUE(test::AllClose(at_, Yaw(0.05), 1e-9));
-}
-
 TEST_F(PsmClientTest, LateStepsStretchTheMoveInsteadOfLeaping) {
   ArmNow();
   ASSERT_EQ(client_.MoveTo(Yaw(0.2), 2.0), PsmStatus::kOk);
@@ -401,7 +394,7 @@ TEST_F(PsmClientTest, NeverAllocates) {
   const PsmInput input = Input();
   const test::NoAlloc guard;
   (void)client_.MoveTo(Yaw(0.3), 3.0);
-  (void)client_.MoveTo(Psm::Forward(Yaw(0.2)), 3.0);
+  (void)client_.MoveTo(Yaw(0.2), 3.0);
   (void)client_.MoveJaw(0.2, 3.0);
   (void)client_.Step(input, now_ns_, kWall + now_ns_);
   client_.Hold();

@@ -95,10 +95,7 @@ TEST_F(PsmDriverTest, TeleoperationAndClutchEndWithTheirPublisher) {
       ASSERT_TRUE(said.Write(message));
       Until(*driver, [&] { return driver->client().hold_reason() == cause; });
     }
-    test::Eventually([&] {
-      Step(*driver);
-      return driver->client().hold_reason() == PsmStatus::kOk;
-    });
+    Until(*driver, [&] { return driver->client().hold_reason() == PsmStatus::kOk; });
   };
   ends(PsmStatus::kTeleoperated, "/console/teleop/enabled", dds::Flag{.value = true});
   ends(PsmStatus::kClutched, "/PSM1/arm_clutch", dds::Joy{{}, {}, {}, {1}});
@@ -122,8 +119,7 @@ TEST_F(PsmDriverTest, AFaultIsQuotedAndNeedsDisableHomeAndArmAndAPauseResumeAndA
   EXPECT_EQ(BringUp(*driver, 60.0, {}, {}, InStep(*driver)), PsmStatus::kOk) << driver->Explain();
   console_.StateCommand("pause");
   ExpectHolds(*driver, PsmStatus::kPaused);
-  ASSERT_EQ(driver->Request(PsmRequest::kResume), PsmStatus::kOk);
-  Until(*driver, [&] { return driver->phase() == PsmPhase::kIdle; });
+  console_.StateCommand("resume");
   Until(*driver, [&] { return driver->Arm() == PsmStatus::kOk; });
 }
 
@@ -326,7 +322,6 @@ TEST_F(PsmDriverTest, HoldAndTheEndOfAnArmedDriverReachTheConsole) {
   auto driver = Armed();
   dds::Subscriber<dds::Signal> hold(server_participant_, "/PSM1/hold", dds::Role::kRequest);
   dds::Signal signal;
-  // Waits for each side to find the other.
   const auto until_heard = [&] {
     Until(*driver, [&] { return driver->Arm() == PsmStatus::kOk; });
     driver->Hold();
@@ -338,6 +333,12 @@ TEST_F(PsmDriverTest, HoldAndTheEndOfAnArmedDriverReachTheConsole) {
   Until(*driver, [&] { return driver->Arm() == PsmStatus::kOk; });
   while (hold.Take(signal)) {
   }
+  ASSERT_EQ(driver->Request(PsmRequest::kDisable), PsmStatus::kOk);
+  Tick(*driver);
+  EXPECT_TRUE(hold.Take(signal) && !hold.Take(signal)) << "one hold, before the request";
+  server_.TakeCommands();
+  console_.Place(test::PsmHome());
+  Until(*driver, [&] { return driver->Arm() == PsmStatus::kOk; });
   driver.reset();
   test::Eventually([&] { return hold.Take(signal); });
 }

@@ -108,7 +108,7 @@ TEST(PsmMotionTest, AConfiguredSiMovesFarther) {
   PsmLimits limits;
   PsmMotion classic = AtHome(limits);
   EXPECT_EQ(classic.Start(Off(2, 0.13), 100.0), PsmStatus::kBeyondLimits);
-  EXPECT_EQ(classic.Start(Psm::Forward(Off(1, 1.2)), 100.0), PsmStatus::kBeyondLimits);
+  EXPECT_EQ(classic.Start(Off(1, 1.2), 100.0), PsmStatus::kBeyondLimits);
   limits = PsmLimits::Of(kinematics::PsmGeneration::kSi);
   limits.workspace_min_m << -0.3, -0.3, -0.3;
   limits.workspace_max_m << 0.3, 0.3, 0.3;
@@ -116,7 +116,7 @@ TEST(PsmMotionTest, AConfiguredSiMovesFarther) {
   EXPECT_EQ(si.Start(Off(2, 0.171), 100.0), PsmStatus::kBeyondLimits);
   EXPECT_EQ(si.Start(Off(2, 0.13), 100.0), PsmStatus::kOk);
   si.Rest(test::PsmHome());
-  EXPECT_EQ(si.Start(Psm::Forward(Off(1, 1.2)), 100.0), PsmStatus::kOk);
+  EXPECT_EQ(si.Start(Off(1, 1.2), 100.0), PsmStatus::kOk);
   si.Rest(test::PsmHome());
   EXPECT_EQ(si.Start(Off(0, 2.9), 100.0), PsmStatus::kOk);
   // These limits exceed the limits of a Classic.
@@ -194,22 +194,6 @@ TEST(PsmMotionTest, AJointMayRestAtItsLimit) {
       EXPECT_EQ(motion.Start(limit, 1000.0), PsmStatus::kBeyondLimits);
     }
   }
-}
-
-TEST(PsmMotionTest, PoseGoalsEqualTheirJointGoals) {
-  PsmMotion motion = AtHome();
-  PsmJoints goal = test::PsmHome();
-  goal << 0.05, -0.04, 0.13, 0.3, 0.2, -0.1;
-  ASSERT_EQ(motion.Start(Psm::Forward(goal), 10.0), PsmStatus::kOk);
-  EXPECT_TRUE(test::AllClose(motion.goal(), goal, 1e-12));  // rounding of the inverse kinematics
-  Eigen::Isometry3d far = Psm::Forward(goal);
-  far.translation().z() = -0.4;
-  EXPECT_EQ(motion.Start(far, 100.0), PsmStatus::kBeyondLimits);
-  far.translation().setConstant(std::numeric_limits<double>::infinity());
-  EXPECT_EQ(motion.Start(far, 100.0), PsmStatus::kInvalidGoal);
-  // From 170 to -170 degrees of roll, a pose turns the short way, but joints turn the long way.
-  motion.Rest(Off(3, 170 * kDegree));
-  EXPECT_EQ(motion.Start(Psm::Forward(Off(3, -170 * kDegree)), 100.0), PsmStatus::kUnreachable);
 }
 
 // Withdrawn beyond the remote centre, the shaft would point in the opposite direction.

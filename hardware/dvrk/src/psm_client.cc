@@ -177,7 +177,6 @@ void PsmClient::Pursue(const PsmInput& input, double dt, PsmOutput& output) noex
         done = enabled && operating_.homed && !operating_.busy;
         break;
       case PsmRequest::kEnable:
-      case PsmRequest::kResume:
         done = enabled;
         break;
       default:
@@ -304,8 +303,8 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
 
 PsmStatus PsmClient::Request(PsmRequest request) noexcept {
   if (request == PsmRequest::kNone) return PsmStatus::kInvalidGoal;
-  const bool always = request == PsmRequest::kDisable || request == PsmRequest::kUnhome;
-  if (!always && any_operating_ && operating_.state == PsmConsoleState::kFault) {
+  if (request != PsmRequest::kDisable && any_operating_ &&
+      operating_.state == PsmConsoleState::kFault) {
     return PsmStatus::kConsoleFault;
   }
   hold_first_ = phase_ == PsmPhase::kArmed;
@@ -349,15 +348,6 @@ PsmStatus PsmClient::Arm() noexcept {
 }
 
 PsmStatus PsmClient::MoveTo(const PsmJoints& goal, double duration_s) noexcept {
-  return StartMove(goal, duration_s);
-}
-
-PsmStatus PsmClient::MoveTo(const Eigen::Isometry3d& goal, double duration_s) noexcept {
-  return StartMove(goal, duration_s);
-}
-
-template <typename Goal>
-PsmStatus PsmClient::StartMove(const Goal& goal, double duration_s) noexcept {
   if (phase_ != PsmPhase::kArmed || hold_wanted_) return PsmStatus::kNotArmed;
   const PsmStatus status = motion_.Start(goal, duration_s);
   if (status != PsmStatus::kOk) return status;

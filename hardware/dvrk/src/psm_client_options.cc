@@ -33,14 +33,8 @@ const char* Name(PsmRequest request) noexcept {
       return "enable";
     case PsmRequest::kDisable:
       return "disable";
-    case PsmRequest::kPause:
-      return "pause";
-    case PsmRequest::kResume:
-      return "resume";
     case PsmRequest::kHome:
       return "home";
-    case PsmRequest::kUnhome:
-      return "unhome";
   }
   return "";
 }

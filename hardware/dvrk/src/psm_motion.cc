@@ -13,7 +13,6 @@ using kinematics::Psm;
 using kinematics::PsmJoints;
 using kinematics::PsmReach;
 
-constexpr double kTwoPi = 6.2831853071795865;
 // Clocks count whole nanoseconds: a sum of steps may miss the end of a move by several nanoseconds.
 constexpr double kClockError = 1e-6;
 // Tolerance of joint values converted to a pose and back; sine and cosine leave errors of 1e-15.
@@ -124,20 +123,6 @@ PsmStatus PsmMotion::Start(const PsmJoints& goal, double duration_s) noexcept {
   moving_ = duration_s > 0.0;
   if (!moving_) setpoint_ = goal;
   return PsmStatus::kOk;
-}
-
-PsmStatus PsmMotion::Start(const Eigen::Isometry3d& goal, double duration_s) noexcept {
-  PsmJoints joints;
-  const PsmReach reach = Psm::Inverse(goal, joints, limits_.generation);
-  if (reach == PsmReach::kInvalid) return PsmStatus::kInvalidGoal;
-  if (reach == PsmReach::kSingular) return PsmStatus::kUnreachable;
-  // Refuses a roll more than half a turn away: the pose is nearer in the other direction.
-  for (const double turn : {kTwoPi, -kTwoPi}) {
-    if (std::abs(joints[3] + turn - setpoint_[3]) < std::abs(joints[3] - setpoint_[3])) {
-      return PsmStatus::kUnreachable;
-    }
-  }
-  return Start(joints, duration_s);
 }
 
 void PsmMotion::Advance(double dt_s) noexcept {

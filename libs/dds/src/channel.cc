@@ -23,12 +23,10 @@ using eprosima::fastrtps::types::ReturnCode_t;
 constexpr std::uint32_t kMillisecond = 1'000'000;
 constexpr int kConsoleDepth = 100;
 
-bool Commands(Role role) { return role == Role::kCommand || role == Role::kOwnCommand; }
 bool Latched(Role role) { return role == Role::kEvent || role == Role::kEmergencyStop; }
 
-// Deadline and liveliness, offered by a writer and requested by a reader.
-template <typename Qos>
-void Contract(Qos& qos) {
+// Deadline and liveliness, offered by a writer of commands.
+void Offer(fdds::DataWriterQos& qos) {
   qos.deadline().period = Duration_t(0, 40 * kMillisecond);
   qos.liveliness().kind = fdds::MANUAL_BY_TOPIC_LIVELINESS_QOS;
   qos.liveliness().lease_duration = Duration_t(0, 100 * kMillisecond);
@@ -47,7 +45,6 @@ int WriterDepth(Role role) {
     case Role::kEmergencyStop:
       return 10;  // a press reaches late joiners even if released at once
     case Role::kCommand:
-    case Role::kOwnCommand:
     case Role::kImage:
     case Role::kSensorImage:
       return 1;
@@ -76,8 +73,8 @@ fdds::DataWriterQos WriterQos(Role role) {
   // A late joiner receives the kept samples at the next heartbeat, which also triggers the request
   // for a lost sample.
   qos.reliable_writer_qos().times.heartbeatPeriod = Duration_t(0, 100 * kMillisecond);
-  if (Commands(role)) {
-    Contract(qos);
+  if (role == Role::kCommand) {
+    Offer(qos);
     qos.lifespan().duration = kCommandLifespan;
   }
   if (role == Role::kImage || role == Role::kSensorImage)
@@ -97,8 +94,7 @@ fdds::DataReaderQos ReaderQos(Role role) {
                                                                                      : 1;
   qos.durability().kind =
       Latched(role) ? fdds::TRANSIENT_LOCAL_DURABILITY_QOS : fdds::VOLATILE_DURABILITY_QOS;
-  if (role == Role::kOwnCommand) Contract(qos);
-  if (Commands(role)) qos.lifespan().duration = kCommandLifespan;
+  if (role == Role::kCommand) qos.lifespan().duration = kCommandLifespan;
   return qos;
 }
 
@@ -238,9 +234,6 @@ Health Subscriber<T>::health() const noexcept {
   impl_->reader->get_subscription_matched_status(matched);
   health.publishers = matched.current_count;
   health.found = matched.total_count;
-  fdds::LivelinessChangedStatus liveliness;
-  impl_->reader->get_liveliness_changed_status(liveliness);
-  health.alive = liveliness.alive_count;
   fdds::RequestedIncompatibleQosStatus incompatible;
   impl_->reader->get_requested_incompatible_qos_status(incompatible);
   health.incompatible = static_cast<int>(incompatible.total_count);

@@ -75,7 +75,7 @@ enum class PsmPhase {
 [[nodiscard]] const char* Name(PsmPhase phase) noexcept;
 
 /// State commands of CRTK.
-enum class PsmRequest { kNone, kEnable, kDisable, kPause, kResume, kHome, kUnhome };
+enum class PsmRequest { kNone, kEnable, kDisable, kHome };
 
 /// Returns the console's name for the request: "enable", ...; empty for kNone.
 [[nodiscard]] const char* Name(PsmRequest request) noexcept;
@@ -197,9 +197,8 @@ class PsmClient {
 
   /// Requests a state command in the next steps. An armed client holds first. Ends in kIdle, or in
   /// kHolding with kTimedOut, kNoConsole, kConsoleFault, or an error found during power-up or
-  /// homing. In kHolding, a console that is powering up or homing is also told to disable. kPause,
-  /// kDisable and kUnhome do not wait for an effect. In FAULT a console accepts only kDisable and
-  /// kUnhome; other requests are refused with kConsoleFault.
+  /// homing. In kHolding, a console that is powering up or homing is also told to disable. kDisable
+  /// does not wait for an effect. In FAULT all other requests are refused with kConsoleFault.
   PsmStatus Request(PsmRequest request) noexcept;
 
   /// Starts sending set-points, beginning with the console's own, if the last step found no error.
@@ -211,7 +210,6 @@ class PsmClient {
   [[nodiscard]] PsmStatus Armable() const noexcept;
   /// Starts a move as PsmMotion::Start() does. Replaces a move in progress.
   PsmStatus MoveTo(const kinematics::PsmJoints& goal, double duration_s) noexcept;
-  PsmStatus MoveTo(const Eigen::Isometry3d& goal, double duration_s) noexcept;
   /// Turns the jaw to `angle`, rad, at constant speed, not before 0.15 s after the first set-point.
   /// Refused with kStateSilent if the jaw's own set-point, at which the first move begins, is
   /// silent.
@@ -263,8 +261,6 @@ class PsmClient {
   [[nodiscard]] bool Discovering() const noexcept;
   [[nodiscard]] bool FrameAgrees() const noexcept;
   [[nodiscard]] bool BaseMoved() const noexcept;
-  template <typename Goal>
-  [[nodiscard]] PsmStatus StartMove(const Goal& goal, double duration_s) noexcept;
   void Pair() noexcept;
   void HoldBecause(PsmStatus cause, PsmOutput& output) noexcept;
   [[nodiscard]] PsmStatus HomingHoldReason(const PsmInput& input, double dt) const noexcept;

@@ -78,13 +78,9 @@ class PsmDriver {
 
   /// See the members of PsmClient.
   PsmStatus Request(PsmRequest request) noexcept { return client_.Request(request); }
-  PsmStatus Enable() noexcept { return client_.Request(PsmRequest::kEnable); }
   PsmStatus Home() noexcept { return client_.Request(PsmRequest::kHome); }
   PsmStatus Arm() noexcept { return client_.Arm(); }
   PsmStatus MoveTo(const kinematics::PsmJoints& goal, double duration_s) noexcept {
-    return client_.MoveTo(goal, duration_s);
-  }
-  PsmStatus MoveTo(const Eigen::Isometry3d& goal, double duration_s) noexcept {
     return client_.MoveTo(goal, duration_s);
   }
   PsmStatus MoveJaw(double angle, double duration_s) noexcept {

@@ -63,8 +63,6 @@ class PsmMotion {
   /// map back to the same joint values, because servo_cp transmits only the pose.
   /// @param duration_s  >= 0; zero only if `goal` is the present set-point.
   [[nodiscard]] PsmStatus Start(const kinematics::PsmJoints& goal, double duration_s) noexcept;
-  /// Overload for a pose of the wrist in the base frame.
-  [[nodiscard]] PsmStatus Start(const Eigen::Isometry3d& goal, double duration_s) noexcept;
   /// Returns the shortest duration for which the move from the present set-point to `goal`
   /// satisfies the speed limits, s.
   [[nodiscard]] double ShortestDuration(const kinematics::PsmJoints& goal) const noexcept;

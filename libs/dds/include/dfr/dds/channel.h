@@ -19,9 +19,6 @@ enum class Role {
   /// which requires the clocks of two machines to agree within a few milliseconds. Like a console,
   /// the subscriber requests no deadline or liveliness.
   kCommand,
-  /// Same as kCommand, but the subscriber requests deadline and liveliness: its health() reports a
-  /// dead or hanging publisher within 100 ms. The subscriber refuses a plain ROS 2 publisher.
-  kOwnCommand,
   /// Measured state. The publisher keeps 100 samples; the subscriber keeps only the newest.
   kState,
   /// Rare messages that must not be lost (operating_state, error). The publisher keeps the last 100
@@ -46,7 +43,6 @@ struct Health {
   int publishers = 0;
   /// Number of publishers matched since the start; a rediscovered publisher counts twice.
   int found = 0;
-  int alive = 0;         ///< Number of matched publishers whose liveliness is asserted.
   int incompatible = 0;  ///< Number of publishers refused since the start for their QoS.
 };
 
