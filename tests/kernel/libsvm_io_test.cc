@@ -224,6 +224,14 @@ TEST_F(LibsvmIoTest, SamplesAreReadFromSparseLinesAndFromCommas) {
   EXPECT_EQ(Samples("3\n4\n"), Eigen::Vector2d(3, 4));
 }
 
+// LIBSVM omits all zeros: a first sample of zeros is a label alone.
+TEST_F(LibsvmIoTest, TheFirstLineWithAColonOrACommaDecidesTheForm) {
+  core::Matrix expected(3, 3);
+  expected << 0, 0, 0, 0, 0, 0, 0, 0, 0.5;
+  EXPECT_EQ(Samples("1\n\n-1\n1 3:0.5\n"), expected);
+  EXPECT_EQ(Samples("pos:x,pos:y\n3,4\n"), Eigen::RowVector2d(3, 4));
+}
+
 TEST_F(LibsvmIoTest, WrongSamplesAreRefusedWithLineAndReason) {
   EXPECT_THAT(LoadSamplesError(""), HasSubstr("empty"));
   EXPECT_THAT(LoadSamplesError("x,y\n"), HasSubstr("no samples"));

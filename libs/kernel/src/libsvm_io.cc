@@ -240,6 +240,16 @@ core::Matrix LoadSparse(LineReader& reader, int state_dim) {
   return Dense(reader, rows, state_dim > 0 ? state_dim : width);
 }
 
+// A line without comma and colon is one number, or a sparse sample of zeros.
+bool IsSparse(std::istream& in, const std::string& name) {
+  LineReader reader(in, name);
+  while (reader.Next()) {
+    if (reader.line().find(',') != std::string_view::npos) return false;
+    if (reader.line().find(':') != std::string_view::npos) return true;
+  }
+  return false;
+}
+
 }  // namespace
 
 void SaveLibsvmModel(const OneClassSvm& svm, const std::filesystem::path& path) {
@@ -345,12 +355,12 @@ OneClassSvm LoadLibsvmModel(std::istream& in, const std::string& name) {
 }
 
 core::Matrix LoadSamples(const std::filesystem::path& path, int state_dim) {
-  std::ifstream in = Open(path);
+  std::ifstream first = Open(path);
   CheckFitsMemory(path);
+  const bool sparse = IsSparse(first, path.string());
+  std::ifstream in = Open(path);
   LineReader reader(in, path.string());
   if (!reader.Next()) reader.Fail("the file is empty");
-  // A single column of plain numbers counts as comma-separated; sparse lines have a colon.
-  const bool sparse = reader.line().find(':') != std::string_view::npos;
   return sparse ? LoadSparse(reader, state_dim) : LoadCommas(reader, state_dim);
 }
 
