@@ -149,6 +149,27 @@ TEST(OneClassSvmDecisionTest, SinglePrecisionIsWithinItsBoundForManyEntries) {
   }
 }
 
+// The sum of 600 squares overflows in float although each square is finite.
+TEST(OneClassSvmDecisionTest, NoGradientIsNanWhereTheSquaredDistanceOverflows) {
+  core::Random random(31);
+  for (const int d : {600, OneClassSvm::kMaxStateDim}) {
+    const auto fitted = OneClassSvm::Fit(Tube(20, d, random), {.nu = 0.5, .gamma = 1.0});
+    const auto svm = fitted.InSinglePrecision();
+    const std::vector<double> far(static_cast<std::size_t>(d), 8e17);
+    std::vector<double> gradient(far.size(), 7.0);
+    EXPECT_EQ(svm.LogDecision(far), -kEndless);
+    EXPECT_EQ(svm.LogGradient(far, gradient), -kEndless);
+    EXPECT_THAT(gradient, testing::Each(0.0));
+    gradient.assign(far.size(), 7.0);
+    EXPECT_EQ(svm.Decision(far), -svm.rho());
+    EXPECT_EQ(svm.Gradient(far, gradient), -svm.rho());
+    EXPECT_THAT(gradient, testing::Each(0.0));
+    EXPECT_EQ(fitted.LogGradient(far, gradient), fitted.LogDecision(far));
+    EXPECT_LT(fitted.LogDecision(far), -1e30);
+    EXPECT_THAT(gradient, testing::Each(testing::Le(0.0)));
+  }
+}
+
 TEST(OneClassSvmDecisionTest, LogDecisionHasTheSignOfGAndStaysFiniteFarAway) {
   core::Random random(36);
   const auto in_double = OneClassSvm::Fit(Tube(200, 3, random), {.gamma = 5.0});

@@ -74,6 +74,19 @@ TEST(CoverRadiusTest, IsSmallerThanThePlainRadiusWhereSamplesAreSpread) {
   EXPECT_GT(std::sqrt((level - std::log(svm.rho())) / svm.gamma()), 1.0);
 }
 
+// Every state is inside an estimate with rho <= 0.
+TEST(CoverRadiusTest, NoBallsCoverTheWholeSpace) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  for (const double rho : {-0.1, 0.0}) {
+    const auto svm =
+        OneClassSvm::FromParts(core::Matrix::Zero(1, 2), Eigen::VectorXd::Ones(1), 1.0, rho);
+    const std::vector<double> far = {3.0, 4.0};
+    ASSERT_EQ(svm.LogDecision(far), kInfinity);
+    EXPECT_EQ(svm.FromLog(svm.LogDecision(far)), kInfinity);
+    for (const double level : {-1.0, 0.0, 2.0}) EXPECT_EQ(CoverRadius(svm, level), kInfinity);
+  }
+}
+
 TEST(CoverRadiusTest, ANanLevelIsRefused) {
   const core::Matrix samples = core::Matrix::Random(5, 2);
   const auto svm = OneClassSvm::Fit(samples, {.nu = 0.5});

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "dfr/core/contract.h"
 
@@ -16,6 +17,7 @@ constexpr int kParts = 100;
 
 double CoverRadius(const OneClassSvm& svm, double level) {
   DFR_THROW_UNLESS(std::isfinite(level), "the level must be finite, not " << level);
+  if (svm.rho() <= 0.0) return std::numeric_limits<double>::infinity();
   const double gamma = svm.gamma();
   const double square = (level - std::log(svm.rho())) / gamma;
   if (!(square > 0.0)) return 0.0;

@@ -187,6 +187,7 @@ double LogSumShiftWithin(const internal::SumBlock<T>& terms, std::span<const dou
     sum = internal::GaussianSumShift(terms, scaled, -largest, shift);
     offset = std::numbers::ln2 * largest;
   }
+  if (!(sum > 0)) return kOutside;
   const double unscale = 1.0 / (static_cast<double>(sum) * terms.scale);
   for (std::size_t k = 0; k < terms.dim; ++k) mean_shift[k] = unscale * shift[k];
   return std::log(static_cast<double>(sum)) + offset;
@@ -368,7 +369,7 @@ OneClassSvm OneClassSvm::InSinglePrecision() const {
 }
 
 double OneClassSvm::FromLog(double l) const noexcept {
-  return l == kOutside ? kOutside : rho() * std::expm1(l);
+  return std::isinf(l) ? l : rho() * std::expm1(l);
 }
 
 [[gnu::hot]] double OneClassSvm::LogDecision(std::span<const double> x) const noexcept {
