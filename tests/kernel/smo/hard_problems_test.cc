@@ -138,6 +138,41 @@ TEST(HardProblemsTest, AFitMayBeStoppedAtAnyTime) {
   }
 }
 
+// A fit whose gap is below its tolerance has converged and reports no more progress.
+TEST(HardProblemsTest, ReportedGapsAreAtLeastTheTolerance) {
+  core::Random random(57);
+  const core::Matrix all = Samples(Kind::kNormal, 4100, 3, random);
+  const std::vector<double> weights(2100, 1.0);
+  const std::vector<double> start(2100, 1.0);
+  for (const int m : {500, 2100, 4100}) {
+    for (const double gamma : {0.3, 100.0}) {
+      for (const bool weighted : {false, true}) {
+        for (const bool started : {false, true}) {
+          if ((weighted || started) && (m != 2100 || weighted == started)) continue;
+          SCOPED_TRACE(testing::Message() << m << " samples, gamma " << gamma << ", weighted "
+                                          << weighted << ", started " << started);
+          OneClassSvmOptions options{.nu = 0.1, .gamma = gamma, .tolerance = 1e-3};
+          if (weighted) options.weights = weights;
+          if (started) options.start = start;
+          int calls = 0;
+          options.progress = [&](const FitProgress& p) {
+            ++calls;
+            // A weighted fit reports while it confirms the gap of its last step.
+            if (weighted && calls > 1) {
+              EXPECT_GT(p.kkt_gap, 0.0) << "call " << calls;
+            } else {
+              EXPECT_GE(p.kkt_gap, p.tolerance) << "call " << calls;
+            }
+            return true;
+          };
+          (void)OneClassSvm::Fit(all.topRows(m), options);
+          EXPECT_GE(calls, 1);
+        }
+      }
+    }
+  }
+}
+
 TEST(HardProblemsTest, SamplesWhoseSquaredDistancesOverflowAreNamed) {
   core::Random random(55);
   core::Matrix samples = Samples(Kind::kNormal, 400, 3, random);

@@ -364,6 +364,7 @@ std::vector<double> FindStart(const core::Matrix& samples, const Extent& extent,
   part_options.tolerance = std::max(options.tolerance, 1e-3 * options.nu * count / kPart);
   Scratch scratch;
   const DualSolution solution = Solve(part, Extent(part), part_options, scratch, workers, summary);
+  summary.kkt_gap = std::numeric_limits<double>::infinity();  // of all samples, not yet known
   // When interrupted, returns a feasible start made from alpha of the part.
   const auto interrupted = [&] {
     summary.reason = FitSummary::Reason::kInterrupted;

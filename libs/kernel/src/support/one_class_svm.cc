@@ -281,6 +281,7 @@ OneClassSvm internal::FitSharing(const core::Matrix& samples, const OneClassSvmO
   CheckSamples(samples, extent, options.gamma);
   const auto start = std::chrono::steady_clock::now();
   FitSummary result;
+  result.kkt_gap = std::numeric_limits<double>::infinity();
   OneClassSvmOptions solved = options;
   const NuSum sum = SumOf(options, samples.rows());
   if (sum.ratio < 1.0) solved.nu = sum.solved / sum.samples;

@@ -13,7 +13,8 @@ namespace dfr::kernel {
 /// Argument of OneClassSvmOptions::progress.
 struct FitProgress {
   std::int64_t iterations = 0;
-  double kkt_gap = 0.0;  ///< Decreases to the tolerance, not always monotonically.
+  /// Infinity until known. Decreases to the tolerance, not always monotonically.
+  double kkt_gap = 0.0;
   double tolerance = 0.0;
 };
 
@@ -111,7 +112,7 @@ class OneClassSvm {
   /// does not underflow: far outside, it still distinguishes distances. -infinity where g is
   /// -infinity or squared distances overflow, +infinity for rho <= 0. Never allocates.
   [[nodiscard]] double LogDecision(std::span<const double> x) const noexcept;
-  /// Converts l to g: rho (e^l - 1). Maps -infinity to -infinity, as Decision() does.
+  /// Converts l to g: rho (e^l - 1). Maps infinities to themselves.
   [[nodiscard]] double FromLog(double l) const noexcept;
 
   /// Returns l(x) and writes its derivative 2 gamma ms to `gradient`, where ms = sum_i w_i (x_i -
