@@ -211,6 +211,28 @@ TEST(OneClassSvmTest, TooLittleMemoryIsRefusedWithTheLeastThatWorks) {
               HasSubstr("memory_mib of 1 is too little for 20000 x 8 samples: set it to at least"));
 }
 
+// The gap of a fit in float is too large here. A fit in double needs more than 4 MiB.
+TEST(OneClassSvmTest, AFitInFloatIsKeptIfDoublesNeedMoreMemory) {
+  core::Random random(24);
+  const Eigen::Index m = 5000;
+  core::Matrix samples = Tube(m, 64, random);
+  samples.array() += 1000.0;
+  OneClassSvmOptions options{.nu = 0.05, .gamma = 0.01, .tolerance = 5.25e-6};
+  FitSummary summary;
+  const auto precise = OneClassSvm::Fit(samples, options, &summary);
+  EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
+  options.memory_mib = 4.0;
+  const auto svm = OneClassSvm::Fit(samples, options, &summary);
+  EXPECT_EQ(summary.reason, FitSummary::Reason::kStalled);
+  EXPECT_GE(summary.kkt_gap, options.tolerance);
+  EXPECT_LT(summary.kkt_gap, 100.0 * options.tolerance);
+  EXPECT_NEAR(svm.rho(), precise.rho(), summary.kkt_gap / svm.libsvm_scale());
+  options.tolerance = 1e-9;
+  EXPECT_THAT(
+      MessageOf<std::invalid_argument>([&] { (void)OneClassSvm::Fit(samples, options); }),
+      HasSubstr("memory_mib of 4 is too little for 5000 x 64 samples: set it to at least 6"));
+}
+
 TEST(OneClassSvmTest, StopsAtTheIterationLimitAndSaysSo) {
   core::Random random(25);
   FitSummary summary;

@@ -59,6 +59,39 @@ template <typename T, class GoOn>
   return true;
 }
 
+// Bytes that a Solver<T> needs besides its rows: the terms of all and of the active samples, two
+// vectors of doubles, and indices.
+template <typename T>
+double FixedBytes(const core::Matrix& samples) {
+  const double n = static_cast<double>(samples.rows());
+  const double d = static_cast<double>(samples.cols());
+  return 2.0 * n * (d + 1.0) * sizeof(T) + 64.0 * n + 0x1p16;
+}
+
+// Fewest bytes of a Solver<T>: those, and three rows.
+template <typename T>
+double LeastBytes(const core::Matrix& samples) {
+  return FixedBytes<T>(samples) + 3.0 * static_cast<double>(samples.rows()) * sizeof(T);
+}
+
+// Returns true if memory_mib suffices for a fit with kernel values in T.
+template <typename T>
+bool IsAffordable(const core::Matrix& samples, const OneClassSvmOptions& options,
+                  const Scratch& scratch) {
+  return LeastBytes<T>(samples) <= options.memory_mib * 0x1p20 ||
+         SmallProblem<T>::Fits(samples, options, scratch) ||
+         SparseProblem<T>::Fits(samples, options);
+}
+
+template <typename T>
+void CheckMemory(const core::Matrix& samples, const OneClassSvmOptions& options,
+                 const Scratch& scratch) {
+  DFR_THROW_UNLESS(IsAffordable<T>(samples, options, scratch),
+                   "memory_mib of " << options.memory_mib << " is too little for " << samples.rows()
+                                    << " x " << samples.cols() << " samples: set it to at least "
+                                    << std::ceil(LeastBytes<T>(samples) / 0x1p20));
+}
+
 // Solver with kernel values in T, and with alpha and the gradient of all samples in double.
 //
 // The outer loop has the exact gradient G = K alpha. It selects an active set (the free samples and
@@ -77,7 +110,7 @@ class Solver {
         alpha_(terms_.count, 0.0),
         gradient_(terms_.row_size(), 0.0),
         rounds_(options, terms_.count, summary),
-        rows_(RowBudget(samples)) {}
+        rows_(options.memory_mib * 0x1p20 - FixedBytes<T>(samples)) {}
 
   void Run(std::span<const double> start) {
     std::copy(start.begin(), start.end(), alpha_.begin());
@@ -109,19 +142,6 @@ class Solver {
   [[nodiscard]] std::span<const double> center() const { return terms_.center; }
 
  private:
-  double RowBudget(const core::Matrix& samples) const {
-    const double n = static_cast<double>(samples.rows());
-    const double d = static_cast<double>(samples.cols());
-    // Memory for the terms of all and of the active samples, two vectors of doubles, and indices.
-    const double fixed = 2.0 * n * (d + 1.0) * sizeof(T) + 64.0 * n + 0x1p16;
-    const double budget = options_.memory_mib * 0x1p20;
-    DFR_THROW_UNLESS(fixed + 3.0 * n * sizeof(T) <= budget,
-                     "memory_mib of " << options_.memory_mib << " is too little for " << n << " x "
-                                      << d << " samples: set it to at least "
-                                      << std::ceil((fixed + 3.0 * n * sizeof(T)) / 0x1p20));
-    return budget - fixed;
-  }
-
   // G += K change, where `change` is the change of alpha of `samples`. Returns false if the caller
   // stopped the sum midway.
   [[nodiscard]] bool AddToGradient(std::span<const std::size_t> samples,
@@ -328,17 +348,25 @@ bool FitsFloat(const core::Matrix& samples, const Extent& extent, double gamma) 
 DualSolution Solve(const core::Matrix& samples, const Extent& extent,
                    const OneClassSvmOptions& options, Scratch& scratch, core::Workers& workers,
                    FitSummary& summary) {
-  std::vector<double> start = FindStart(samples, extent, options, workers, summary);
-  if (summary.reason == FitSummary::Reason::kInterrupted) return Unsolved(start, summary);
   // A kernel value in float has an error of up to 1e-7, which gives G an error of up to nu m times
   // as much. Large sums average most of it out. If the gap, verified in double, is too large, a fit
   // in double follows.
   const double total = options.nu * static_cast<double>(samples.rows());
   const double rounding = samples.rows() < kManySamples ? 2e-7 : 2e-8;
-  if (options.tolerance >= rounding * total && FitsFloat(samples, extent, options.gamma)) {
+  const bool single =
+      options.tolerance >= rounding * total && FitsFloat(samples, extent, options.gamma);
+  if (single) {
+    CheckMemory<float>(samples, options, scratch);
+  } else {
+    CheckMemory<double>(samples, options, scratch);
+  }
+  std::vector<double> start = FindStart(samples, extent, options, workers, summary);
+  if (summary.reason == FitSummary::Reason::kInterrupted) return Unsolved(start, summary);
+  if (single) {
     DualSolution solution =
         SolveIn<float>(samples, extent, options, start, scratch, workers, summary);
     if (summary.reason != FitSummary::Reason::kStalled) return solution;
+    if (!IsAffordable<double>(samples, options, scratch)) return solution;
     start.assign(solution.alpha.begin(), solution.alpha.end());
   }
   return SolveIn<double>(samples, extent, options, start, scratch, workers, summary);

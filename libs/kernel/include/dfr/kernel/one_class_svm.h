@@ -52,7 +52,8 @@ struct FitSummary {
                      ///< accuracy.
     /// Stopped by `progress`. kkt_gap is infinity if no gap was computed yet.
     kInterrupted,
-    /// No further progress: the tolerance is below the rounding error of doubles for these samples.
+    /// No further progress: the tolerance is below the rounding error of doubles for these samples,
+    /// or that of floats, and memory_mib is too little for doubles.
     kStalled,
   };
   Reason reason = Reason::kConverged;
