@@ -93,6 +93,31 @@ TEST(OneClassSvmWeightsTest, AFitWithWeightsStopsAtItsLimits) {
   EXPECT_EQ(summary.reason, FitSummary::Reason::kInterrupted);
 }
 
+// The gradient of many samples takes seconds.
+TEST(OneClassSvmWeightsTest, AFitMayBeStoppedDuringItsFirstGradient) {
+  core::Random random(48);
+  const Eigen::Index m = 3000;
+  const core::Matrix samples = Tube(m, 3, random);
+  const std::vector<double> weights(static_cast<std::size_t>(m), 1.0);
+  OneClassSvmOptions options{.nu = 0.9, .gamma = 2.0};
+  options.weights = weights;
+  for (const int call : {1, 2}) {
+    int calls = 0;
+    options.progress = [&](const FitProgress&) { return ++calls < call; };
+    FitSummary summary;
+    const auto svm = OneClassSvm::Fit(samples, options, &summary);
+    EXPECT_EQ(summary.reason, FitSummary::Reason::kInterrupted);
+    EXPECT_EQ(calls, call);
+    EXPECT_EQ(summary.iterations, 0);
+    EXPECT_LT(summary.kernel_evaluations, m * m / 4);
+    EXPECT_EQ(summary.kkt_gap, std::numeric_limits<double>::infinity());
+    EXPECT_EQ(summary.objective, std::numeric_limits<double>::infinity());
+    // rho is a decision value of the given alpha.
+    EXPECT_GT(svm.rho(), 0.0);
+    EXPECT_LT(svm.rho(), 1.0);
+  }
+}
+
 TEST(OneClassSvmWeightsTest, WrongWeightsAreNamed) {
   core::Random random(46);
   const core::Matrix samples = Tube(4, 2, random);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <limits>
 #include <numeric>
 #include <vector>
 
@@ -22,7 +23,9 @@ class WeightedSolver {
         row_i_(terms_.row_size()),
         row_j_(terms_.row_size()),
         alpha_(terms_.count, 0.0),
-        gradient_(terms_.count, 0.0) {
+        gradient_(terms_.count, 0.0),
+        fresh_(terms_.count),
+        most_rows_(std::max<std::size_t>(1, kWork / (terms_.row_size() * (terms_.dim + 8)))) {
     double rest = options.nu * std::accumulate(options.weights.begin(), options.weights.end(), 0.0);
     for (std::size_t i = 0; i < alpha_.size() && rest > 0.0; ++i) {
       alpha_[i] = std::min(options.weights[i], rest);
@@ -37,30 +40,41 @@ class WeightedSolver {
     // end, the next round starts from it.
     constexpr int kRounds = 3;
     for (int round = 0; round < kRounds; ++round) {
-      ComputeGradient();
+      if (!ComputeGradient()) return Finish(Reason::kInterrupted);
       bool moves = true;
       while (true) {
         const Bounds bounds = Scan();
         summary_.kkt_gap = bounds.gap();
         if (summary_.kkt_gap < options_.tolerance || !moves) break;
         if (summary_.iterations >= most) return Finish(Reason::kMaxIterations);
-        if ((summary_.iterations & 0xff) == 0 && !GoOn(options_, summary_)) {
-          return Finish(Reason::kInterrupted);
-        }
+        if (!Continue()) return Finish(Reason::kInterrupted);
         ++summary_.iterations;
         moves = Step(bounds.smallest_at);
       }
     }
-    ComputeGradient();
+    if (!ComputeGradient()) return Finish(Reason::kInterrupted);
     summary_.kkt_gap = Scan().gap();
     Finish(summary_.kkt_gap < options_.tolerance ? Reason::kConverged : Reason::kStalled);
   }
 
-  [[nodiscard]] const std::vector<double>& alpha() const { return alpha_; }
-
-  [[nodiscard]] double Rho() const { return Scan().rho(); }
+  [[nodiscard]] DualSolution Solution() const {
+    if (known_) return {core::AsVector(alpha_), Scan().rho(), {}};
+    // Without G, the caller computes rho as the mean G of a few support vectors.
+    constexpr std::size_t kEnough = 8;
+    DualSolution solution{core::AsVector(alpha_), 0.0, {}};
+    const std::vector<std::size_t> support = Support(alpha_);
+    const std::size_t count = std::min(kEnough, support.size());
+    for (std::size_t k = 0; k < count; ++k) {
+      const std::size_t i = support[k * support.size() / count];
+      solution.rho_samples.push_back({static_cast<Eigen::Index>(i), 0.0});
+    }
+    return solution;
+  }
 
  private:
+  // Kernel operations between two reports of progress.
+  static constexpr std::size_t kWork = std::size_t{1} << 24;
+
   struct Bounds : KktBounds {
     std::size_t smallest_at = 0;
   };
@@ -88,15 +102,28 @@ class WeightedSolver {
     terms_.Point(i, point_.data());
     GaussianRow(terms_, point_.data(), row.data());
     summary_.kernel_evaluations += static_cast<std::int64_t>(terms_.count);
+    ++rows_;
   }
 
-  void ComputeGradient() {
-    std::fill(gradient_.begin(), gradient_.end(), 0.0);
+  // Reports progress several times a second. Returns false if the fit must stop.
+  [[nodiscard]] bool Continue() {
+    if (rows_ < most_rows_) return true;
+    rows_ = 0;
+    return GoOn(options_, summary_);
+  }
+
+  // Returns false, and keeps the previous gradient, if the fit must stop.
+  [[nodiscard]] bool ComputeGradient() {
+    std::fill(fresh_.begin(), fresh_.end(), 0.0);
     for (std::size_t i = 0; i < alpha_.size(); ++i) {
       if (alpha_[i] == 0.0) continue;
+      if (!Continue()) return false;
       ComputeRow(i, row_i_);
-      for (std::size_t k = 0; k < alpha_.size(); ++k) gradient_[k] += alpha_[i] * row_i_[k];
+      for (std::size_t k = 0; k < alpha_.size(); ++k) fresh_[k] += alpha_[i] * row_i_[k];
     }
+    gradient_.swap(fresh_);
+    known_ = true;
+    return true;
   }
 
   // Moves alpha to sample i from the sample whose step decreases the objective most. Returns false
@@ -132,7 +159,8 @@ class WeightedSolver {
 
   void Finish(FitSummary::Reason reason) {
     summary_.reason = reason;
-    summary_.objective = Objective(alpha_, gradient_);
+    summary_.objective =
+        known_ ? Objective(alpha_, gradient_) : std::numeric_limits<double>::infinity();
   }
 
   const OneClassSvmOptions& options_;
@@ -143,6 +171,10 @@ class WeightedSolver {
   AlignedVector<double> row_j_;
   std::vector<double> alpha_;
   std::vector<double> gradient_;
+  std::vector<double> fresh_;
+  std::size_t most_rows_;
+  std::size_t rows_ = most_rows_;  // since the last report; the first row reports
+  bool known_ = false;             // whether gradient_ is that of alpha_
 };
 
 }  // namespace
@@ -151,7 +183,7 @@ DualSolution SolveWeightedDual(const core::Matrix& samples, const OneClassSvmOpt
                                FitSummary& summary) {
   WeightedSolver solver(samples, options, summary);
   solver.Run();
-  return {core::AsVector(solver.alpha()), solver.Rho(), {}};
+  return solver.Solution();
 }
 
 }  // namespace dfr::kernel::internal
