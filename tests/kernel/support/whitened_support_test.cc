@@ -301,6 +301,25 @@ TEST(WhitenedSupportTest, AStoppedFitEndsWithItsTimeStep) {
   EXPECT_EQ(WhitenedSupport::Fit(demonstrations, options).num_steps(), 1);
 }
 
+TEST(WhitenedSupportTest, NoEstimateFollowsAStoppedOne) {
+  const std::vector<core::Matrix> demonstrations = Walks(20);
+  WhitenedSupportOptions options;
+  int calls = 0;
+  int last = 0;
+  options.svm.progress = [&](const FitProgress& p) {
+    EXPECT_GT(p.tolerance, 0.0);
+    return ++calls != last;
+  };
+  const int all = WhitenedSupport::Fit(demonstrations, options).num_steps();
+  const int all_calls = calls;
+  ASSERT_GT(all_calls, all) << "a fit calls, too";
+  for (last = 1; last < all_calls; last += 7) {
+    calls = 0;
+    EXPECT_LE(WhitenedSupport::Fit(demonstrations, options).num_steps(), all);
+    EXPECT_EQ(calls, last) << "called again after the stop";
+  }
+}
+
 TEST(WhitenedSupportTest, BrokenSensorsReadAsOutsideAndNothingAllocates) {
   const auto support = WhitenedSupport::Fit(Walks(30));
   std::vector<double> gradient(2);

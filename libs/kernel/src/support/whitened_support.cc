@@ -126,10 +126,15 @@ WhitenedSupport WhitenedSupport::Fit(std::span<const core::Matrix> demonstration
     const core::Matrix states = Pool(demonstrations, window);
     const core::Matrix map = MapOf(demonstrations, states, window, options);
     // The map is symmetric.
-    const OneClassSvm svm = OneClassSvm::Fit(states * map, options.svm);
+    FitSummary summary;
+    const OneClassSvm svm = OneClassSvm::Fit(states * map, options.svm, &summary);
     estimates.push_back({map, options.single_precision ? svm.InSinglePrecision() : svm});
+    if (summary.reason == FitSummary::Reason::kInterrupted) break;
     // Reports progress here too: with many features, a map takes longer than an estimate.
-    if (options.svm.progress && !options.svm.progress({})) break;
+    if (options.svm.progress &&
+        !options.svm.progress({summary.iterations, summary.kkt_gap, options.svm.tolerance})) {
+      break;
+    }
   }
   return WhitenedSupport(std::move(estimates));
 }
