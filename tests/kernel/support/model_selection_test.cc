@@ -239,6 +239,46 @@ TEST(ModelSelectionTest, TheTableHasOneRowPerChoiceAndMarksTheBest) {
                         "             12.0   25.0 %\n"));
 }
 
+// Twelve demonstrations near the origin count; twelve far away do not.
+TEST(ModelSelectionTest, WeightsFollowTheirDemonstrationsIntoTheFolds) {
+  std::vector<core::Matrix> demonstrations;
+  std::vector<double> weights;
+  for (int d = 0; d < 24; ++d) {
+    const bool near = d % 2 == 0;
+    demonstrations.push_back(core::Matrix::Constant(3, 1, near ? 0.5 * d : 100.0 + 0.5 * d));
+    weights.push_back(near ? 1.0 : 0.0);
+  }
+  for (const bool pooled : {false, true}) {
+    SelectionOptions options{.gammas = {0.05}};
+    options.support.pooled = pooled;
+    options.support.svm.weights = weights;
+    const Selection s = SelectModel(demonstrations, options);
+    EXPECT_GT(s.rows[0].acceptance, 0.3);
+    EXPECT_LE(s.rows[0].acceptance, 0.5);
+    EXPECT_LT(s.rows[0].volume, 0.2);
+    options.support.svm.weights = std::span(weights).first(23);
+    EXPECT_THAT(dfr::test::MessageOf([&] { (void)SelectModel(demonstrations, options); }),
+                HasSubstr("there are 23 weights for 24 demonstrations"));
+  }
+}
+
+TEST(ModelSelectionTest, ErrorsNameTheDemonstration) {
+  const auto with = [](auto&& change) {
+    auto demonstrations = Demonstrations(20, 66);
+    change(demonstrations[5]);
+    return dfr::test::MessageOf([&] { (void)SelectModel(demonstrations, {}); });
+  };
+  EXPECT_THAT(with([](auto& states) { states.resize(0, 2); }),
+              HasSubstr("demonstration 5 has no states"));
+  for (const int width : {1, 3}) {
+    EXPECT_THAT(with([&](auto& states) { states.setZero(10, width); }),
+                HasSubstr("demonstration 5 has states of " + std::to_string(width) +
+                          " entries, but demonstration 0 has 2"));
+  }
+  EXPECT_THAT(with([](auto& states) { states(7, 1) = std::nan(""); }),
+              HasSubstr("demonstration 5, state 7 has a non-finite entry"));
+}
+
 TEST(ModelSelectionTest, ErrorsNameTheOption) {
   const auto demonstrations = Demonstrations(7, 66);
   const auto with = [&](auto&& change) {

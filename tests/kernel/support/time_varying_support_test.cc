@@ -3,13 +3,18 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <atomic>
+#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <limits>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "dfr/core/random.h"
+#include "dfr/kernel/model_selection.h"
 #include "tests/kernel/support/walks.h"
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
@@ -83,6 +88,53 @@ TEST(TimeVaryingSupportTest, TheResultDoesNotDependOnTheThreadCount) {
 // Sec. IV-A: at each time step the supervisor is in one of two places, rarely in B_0 and often in
 // B_1 over the whole trajectory. The smallest set with 1 - nu of the pooled states excludes B_0.
 // The estimate of time step 0 includes B_0.
+// Checks that calls do not overlap, share their state and end with the first false.
+TEST(TimeVaryingSupportTest, OneThreadAtATimeReportsProgress) {
+  const auto demonstrations = dfr::test::Walks(60, 1, 0.3);
+  struct Count {
+    int own = 0;
+    std::atomic<int>* inside;
+    bool* overlapped;
+    int* most;
+    int stop;
+    bool operator()(const FitProgress&) {
+      if ((*inside)++ != 0) *overlapped = true;
+      std::this_thread::sleep_for(std::chrono::microseconds(200));
+      --*inside;
+      *most = std::max(*most, ++own);
+      return own != stop;
+    }
+  };
+  for (const int stop : {-1, 5}) {
+    std::atomic<int> inside = 0;
+    bool overlapped = false;
+    int most = 0;
+    const auto count = [&] {
+      inside = most = 0;
+      return Count{0, &inside, &overlapped, &most, stop};
+    };
+    TimeVaryingSupportOptions options{.svm = {.nu = 0.3, .tolerance = 1e-9}, .threads = 4};
+    options.svm.progress = count();
+    const auto support = TimeVaryingSupport::Fit(demonstrations, options);
+    if (stop > 0) {
+      EXPECT_EQ(most, stop);
+    } else {
+      EXPECT_GE(most, support.num_steps());
+    }
+    for (const bool pooled : {false, true}) {
+      options.svm.progress = count();
+      options.pooled = pooled;
+      (void)SelectModel(demonstrations, {.gammas = {1.0, 5.0}, .support = options});
+      if (stop > 0) {
+        EXPECT_EQ(most, stop);
+      } else {
+        EXPECT_GE(most, 2 * 4);
+      }
+    }
+    EXPECT_FALSE(overlapped);
+  }
+}
+
 TEST(TimeVaryingSupportTest, PooledEstimateMissesRareEarlyStatesThatTheTimeVaryingOneHolds) {
   core::Random random(45);
   std::vector<core::Matrix> demonstrations;

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <functional>
+#include <mutex>
 #include <span>
 #include <vector>
 
@@ -15,6 +17,30 @@ namespace dfr::kernel::internal {
 /// whether `scratch` has distances, but not on previous fits.
 OneClassSvm FitSharing(const core::Matrix& samples, const OneClassSvmOptions& options,
                        Scratch& scratch, FitSummary* summary);
+
+/// Progress callback of fits that share `progress`, which must outlive this object. Calls do not
+/// overlap. After the first false, it returns false without a call.
+class SharedProgress {
+ public:
+  using Callback = std::function<bool(const FitProgress&)>;
+
+  explicit SharedProgress(const Callback& progress) : progress_(progress) {}
+
+  /// Empty if `progress` is. Borrows this object.
+  [[nodiscard]] Callback callback() {
+    if (!progress_) return {};
+    return [this](const FitProgress& progress) {
+      const std::lock_guard lock(mutex_);
+      goes_on_ = goes_on_ && progress_(progress);
+      return goes_on_;
+    };
+  }
+
+ private:
+  const Callback& progress_;
+  std::mutex mutex_;
+  bool goes_on_ = true;
+};
 
 struct NuGamma {
   double nu;

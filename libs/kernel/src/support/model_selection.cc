@@ -152,7 +152,12 @@ double ExcursionScore(const TimeVaryingSupport& support, const core::Matrix& sta
 
 Selection SelectModel(std::span<const core::Matrix> demonstrations,
                       const SelectionOptions& options) {
+  internal::CheckDemonstrations(internal::Views(demonstrations));
   CheckOptions(options, demonstrations.size());
+  const std::span<const double> all_weights = options.support.svm.weights;
+  DFR_THROW_UNLESS(all_weights.empty() || all_weights.size() == demonstrations.size(),
+                   "there are " << all_weights.size() << " weights for " << demonstrations.size()
+                                << " demonstrations");
   const std::vector<int> fold = AssignFolds(demonstrations.size(), options);
   const core::Matrix draws = DrawFromBox(demonstrations, options.seed);
   std::vector<internal::NuGamma> grid;
@@ -163,21 +168,28 @@ Selection SelectModel(std::span<const core::Matrix> demonstrations,
   const bool pooled = options.support.pooled;
   TimeVaryingSupportOptions support = options.support;
   if (pooled) support.threads = 1;
+  support.svm.start = {};
+  internal::SharedProgress progress(options.support.svm.progress);
+  support.svm.progress = progress.callback();
   const auto folds = static_cast<std::size_t>(options.folds);
   std::vector<std::vector<Tally>> of_fold(folds, std::vector<Tally>(grid.size()));
   core::Workers workers(pooled ? options.support.threads : 1);
   workers.Run(folds, [&](std::size_t held_out) {
     std::vector<core::Matrix> training;
+    std::vector<double> weights;
     std::vector<const core::Matrix*> held;
     for (std::size_t i = 0; i < demonstrations.size(); ++i) {
       if (fold[i] == static_cast<int>(held_out)) {
         held.push_back(&demonstrations[i]);
       } else {
         training.push_back(demonstrations[i]);
+        if (!all_weights.empty()) weights.push_back(all_weights[i]);
       }
     }
+    TimeVaryingSupportOptions of_training = support;
+    of_training.svm.weights = weights;
     const std::vector<TimeVaryingSupport> supports =
-        internal::FitGrid(internal::Views(training), support, grid);
+        internal::FitGrid(internal::Views(training), of_training, grid);
     for (std::size_t g = 0; g < grid.size(); ++g) {
       of_fold[held_out][g].Add(supports[g], held, draws);
     }

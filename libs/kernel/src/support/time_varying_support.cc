@@ -85,6 +85,7 @@ std::vector<TimeVaryingSupport> internal::FitGrid(std::span<const StatesView> de
       options.pooled && !options.svm.weights.empty()
           ? AllWeights(demonstrations, num_steps, options.svm.weights)
           : std::vector<double>();
+  SharedProgress progress(options.svm.progress);
   // A pooled fit distributes its own work.
   core::Workers workers(options.pooled ? 1 : options.threads);
   // Each worker takes the next time step and uses separate memory.
@@ -98,6 +99,7 @@ std::vector<TimeVaryingSupport> internal::FitGrid(std::span<const StatesView> de
       Scratch together(&distances);
       OneClassSvmOptions svm = options.svm;
       svm.threads = options.pooled ? options.threads : 1;
+      svm.progress = progress.callback();
       if (!weights.empty()) svm.weights = weights;
       for (std::size_t g = 0; g < grid.size(); ++g) {
         svm.nu = grid[g].nu;

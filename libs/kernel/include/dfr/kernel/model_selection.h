@@ -43,7 +43,8 @@ struct SelectionOptions {
   /// Fraction of held-out demonstrations that may raise a false alarm, in (0, 1). Sets the
   /// threshold.
   double false_alarms = 0.1;
-  /// SelectModel() replaces nu and gamma by the candidates. `threads` applies to the comparison.
+  /// SelectModel() replaces nu and gamma by the candidates and ignores `svm.start`. `threads`
+  /// applies to the comparison.
   TimeVaryingSupportOptions support = {};
   std::uint64_t seed = 1;  ///< Seed of the folds and of the states drawn for the volume.
 };
@@ -73,8 +74,9 @@ struct Selection {
 
 /// Compares pairs of nu and gamma by cross-validation over whole demonstrations. If the samples are
 /// few, computes the distances between them once for the whole grid.
-/// @throws std::invalid_argument naming the option out of range, or if there are fewer than two
-///   demonstrations per fold.
+/// @throws std::invalid_argument naming the option out of range or the demonstration that is empty,
+///   of another width than the first, or not finite, or if there are fewer than two demonstrations
+///   per fold.
 Selection SelectModel(std::span<const core::Matrix> demonstrations,
                       const SelectionOptions& options);
 

@@ -13,7 +13,9 @@ namespace dfr::kernel {
 
 /// Options for TimeVaryingSupport::Fit().
 struct TimeVaryingSupportOptions {
-  OneClassSvmOptions svm = {};  ///< Options of each estimate; one weight per demonstration.
+  /// Options of each estimate; one weight per demonstration. Calls of `progress` come from all
+  /// threads but do not overlap, and end with the first false.
+  OneClassSvmOptions svm = {};
   /// Number of time steps t = 0, 1, ... with an estimate; 0: the number of states of the longest
   /// demonstration.
   int num_steps = 0;
