@@ -20,7 +20,7 @@ using Vector = hn::Vec<Tag>;
 // A tile of kTileRows x kTileVectors accumulators, kTileVectors vectors of B and one of A fill the
 // register file: 29 of 32 registers with AVX-512, 15 of 16 otherwise.
 constexpr int kTileRows = 6;
-#if HWY_TARGET == HWY_AVX3 || HWY_TARGET == HWY_AVX3_DL
+#if HWY_TARGET <= HWY_AVX3  // newer instruction sets have smaller numbers
 constexpr int kTileVectors = 4;
 #else
 constexpr int kTileVectors = 2;
@@ -29,7 +29,7 @@ constexpr int kTileVectors = 2;
 // Loads the first `count` lanes, at least one and not all. On instruction sets without masks,
 // Highway's masked loads access the memory of the other lanes. Vectors have two lanes there, so
 // count is one.
-#if HWY_TARGET == HWY_AVX3 || HWY_TARGET == HWY_AVX3_DL || HWY_TARGET == HWY_AVX2
+#if HWY_TARGET <= HWY_AVX2
 HWY_INLINE Vector LoadFirst(const double* from, std::size_t count) {
   return hn::MaskedLoad(hn::FirstN(Tag(), count), Tag(), from);
 }
