@@ -1,13 +1,16 @@
 #include "dfr/imitation/locally_weighted_policy.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <limits>
 #include <stdexcept>
+#include <string>
 #include <vector>
 
 #include "dfr/core/random.h"
+#include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::imitation {
@@ -112,6 +115,23 @@ TEST(CrossValidatedWidthTest, FollowsTheLaw) {
   EXPECT_LE(narrow, 0.35);
   demonstrations.resize(1);
   EXPECT_THROW((void)CrossValidatedWidth(Identity(), demonstrations), std::invalid_argument);
+}
+
+TEST(CrossValidatedWidthTest, EveryDemonstrationIsChecked) {
+  for (const std::size_t d : {0u, 5u, 39u}) {
+    const auto message = [&](auto&& change) {
+      auto demonstrations = Linear();
+      change(demonstrations[d]);
+      return dfr::test::MessageOf(
+          [&] { (void)CrossValidatedWidth(Identity(), demonstrations, {.width = 0.0}); });
+    };
+    const std::string named = "demonstration " + std::to_string(d) + " must have controls";
+    EXPECT_THAT(message([](auto& one) { one.states.conservativeResize(3, 2); }),
+                testing::HasSubstr(named));
+    if (d == 0) continue;  // it sets the number of controls
+    EXPECT_THAT(message([](auto& one) { one.controls.conservativeResize(10, 3); }),
+                testing::HasSubstr(named));
+  }
 }
 
 TEST(LocallyWeightedPolicyTest, InvalidArgumentsAreRefused) {

@@ -127,6 +127,9 @@ double CrossValidatedWidth(const core::FeatureTransform& features,
   DFR_THROW_UNLESS(
       demonstrations.size() >= 2,
       "a width by cross-validation needs two demonstrations, not " << demonstrations.size());
+  LocallyWeightedOptions tried = options;
+  tried.width = kWidths[0];
+  (void)LocallyWeightedPolicy(features, demonstrations, tried);  // checks all demonstrations
   const std::size_t folds = std::min(kMostFolds, demonstrations.size());
   std::array<double, kWidths.size()> errors{};
   for (std::size_t fold = 0; fold < folds; ++fold) {
@@ -136,7 +139,6 @@ double CrossValidatedWidth(const core::FeatureTransform& features,
     }
     Eigen::VectorXd u(demonstrations[0].controls.cols());
     for (std::size_t i = 0; i < kWidths.size(); ++i) {
-      LocallyWeightedOptions tried = options;
       tried.width = kWidths[i];
       const LocallyWeightedPolicy policy(features, others, tried);
       for (std::size_t d = fold; d < demonstrations.size(); d += folds) {
