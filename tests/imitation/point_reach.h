@@ -55,11 +55,12 @@ class PointReach final : public imitation::Environment {
   StepResult Step(std::span<const double> control) override {
     const double before = plant_.distance();
     static_cast<void>(plant_.Apply(control));
-    return {broken_reward ? std::nan("") : before - plant_.distance() - 0.01,
+    return {broken_reward ? std::nan("") : reward_scale * (before - plant_.distance() - 0.01),
             plant_.completed() || plant_.collided()};
   }
 
   bool broken_reward = false;
+  double reward_scale = 1.0;
 
  private:
   PointPlant plant_;

@@ -1,12 +1,17 @@
 #include "regression.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdint>
+#include <stdexcept>
+#include <string>
 
 #include "tests/support/all_close.h"
 #include "tests/support/no_alloc.h"
 #include "tests/support/random_matrix.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::imitation::internal {
 namespace {
@@ -77,6 +82,33 @@ TEST(AdamTest, StepsMatchTheAlgorithm) {
     // Each of the 50 steps of size 0.05 is rounded several times.
     ASSERT_TRUE(test::AllClose(actual, expected, 1e-14)) << "step " << t;
   }
+}
+
+TEST(AdamTest, ImpossibleStatesAreRefused) {
+  const test::TempFolder folder;
+  const auto error = [&](std::int64_t steps, double first, double second) {
+    core::ArchiveWriter writer("adam", 1);
+    writer.Integer(steps);
+    writer.Numbers({&first, 1});
+    writer.Numbers({&second, 1});
+    writer.Save(folder / "adam");
+    core::ArchiveReader reader(folder / "adam", "adam", 1);
+    Adam adam(1, 0.1);
+    try {
+      adam.Load(reader);
+    } catch (const std::runtime_error& e) {
+      return std::string(e.what());
+    }
+    return std::string("none");
+  };
+  EXPECT_EQ(error(3, -1.0, 0.5), "none");
+  EXPECT_EQ(error(0, 0.0, 0.0), "none");
+  EXPECT_THAT(error(-1, 0.0, 0.0), testing::HasSubstr("the optimiser's number of steps is -1"));
+  for (const double wrong : {std::nan(""), HUGE_VAL}) {
+    EXPECT_THAT(error(1, wrong, 0.5), testing::HasSubstr("moments are not finite"));
+    EXPECT_THAT(error(1, 0.5, wrong), testing::HasSubstr("moments are not finite"));
+  }
+  EXPECT_THAT(error(1, 0.5, -1.0), testing::HasSubstr("second moment is negative"));
 }
 
 TEST(AdamTest, EveryEpochVisitsEveryRowOnce) {

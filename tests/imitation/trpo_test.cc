@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <vector>
 
+#include "dfr/core/files/read_file.h"
 #include "tests/imitation/point_reach.h"
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
@@ -150,6 +151,39 @@ TEST(TrpoTest, ABrokenRewardIsAnErrorThatNamesStepAndSeed) {
   Trpo trpo(environment, SmallOptions());
   EXPECT_THAT(test::MessageOf<std::runtime_error>([&] { trpo.Iterate(); }),
               HasSubstr("reward is not finite at step 0 of the episode with seed"));
+}
+
+TEST(TrpoTest, AFailedIterationIsExplainedAndChangesNothing) {
+  const test::TempFolder folder;
+  PointReach environment;
+  TrpoOptions options = SmallOptions();
+  options.critic_learning_rate = 1e200;
+  Trpo trpo(environment, options);
+  const Eigen::VectorXd before = trpo.policy().mean().mlp().parameters();
+  EXPECT_THAT(test::MessageOf<std::runtime_error>([&] { trpo.Iterate(); }),
+              HasSubstr("the critic diverges: choose a smaller critic_learning_rate than 1e+200"));
+  EXPECT_EQ(trpo.policy().mean().mlp().parameters(), before);
+  EXPECT_EQ(trpo.steps(), 0);
+  trpo.Save(folder / "failed.dfr");
+  Trpo(environment, options).Save(folder / "fresh.dfr");
+  EXPECT_EQ(core::ReadFile(folder / "failed.dfr"), core::ReadFile(folder / "fresh.dfr"));
+
+  PointReach huge;
+  huge.reward_scale = 1e308;
+  Trpo overflowing(huge, SmallOptions());
+  EXPECT_THAT(test::MessageOf<std::runtime_error>([&] { overflowing.Iterate(); }),
+              HasSubstr("squares of the returns are not finite: scale the rewards down"));
+  EXPECT_EQ(overflowing.steps(), 0);
+}
+
+TEST(TrpoTest, AnInfiniteStepIsRejected) {
+  PointReach environment;
+  TrpoOptions options = SmallOptions();
+  options.max_kl = 1e308;
+  Trpo trpo(environment, options);
+  const Eigen::VectorXd before = trpo.policy().mean().mlp().parameters();
+  EXPECT_FALSE(trpo.Iterate().accepted);
+  EXPECT_EQ(trpo.policy().mean().mlp().parameters(), before);
 }
 
 TEST(TrpoTest, OptionsOutOfRangeAreNamed) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <stdexcept>
 #include <string_view>
@@ -9,6 +10,7 @@
 
 #include "checks.h"
 #include "dfr/core/contract.h"
+#include "dfr/core/text/format.h"
 #include "mlp/adam.h"
 #include "regression.h"
 #include "trpo_options.h"
@@ -236,6 +238,12 @@ TrpoProgress Trpo::Learner::Iterate() {
   progress.completed = static_cast<double>(batch.completed) / progress.episodes;
   progress.collided = static_cast<double>(batch.collided) / progress.episodes;
   const double target_variance = variance(targets);
+  if (!std::isfinite(target_variance)) {
+    throw std::runtime_error(core::Format(
+        "the squares of the returns are not finite: scale the rewards down, or choose a smaller "
+        "critic_learning_rate than %g",
+        options_.critic_learning_rate));
+  }
   progress.explained_variance =
       target_variance > 0.0 ? 1.0 - variance(targets - values) / target_variance : 0.0;
 
@@ -280,6 +288,7 @@ void Trpo::Learner::UpdatePolicy(const core::Matrix& whitened, const Batch& batc
   for (int i = 0; i < kMaxBacktracks; ++i, step *= kBacktrack) {
     Eigen::VectorXd theta = problem.theta() + step * direction;
     theta.tail(log_std_.size()) = theta.tail(log_std_.size()).cwiseMax(options_.min_log_std);
+    if (!theta.allFinite()) continue;
     const auto [gain, kl] = problem.Evaluate(theta);
     if (gain > 0.0 && kl <= options_.max_kl) {
       mlp_.SetParameters(theta.head(network));
@@ -314,8 +323,14 @@ void Trpo::Learner::FitCritic(const core::Matrix& inputs, const Eigen::VectorXd&
   const core::Matrix whitened = (targets.array() - critic_mean_) / critic_scale_;
   core::Random random(
       core::DeriveSeed(options_.seed, {kShuffle, static_cast<std::uint64_t>(iteration_)}));
-  internal::FitByAdam(inputs, whitened, options_.critic_epochs, options_.critic_batch,
-                      /*weight_decay=*/0.0, critic_adam_, random, critic_);
+  try {
+    internal::FitByAdam(inputs, whitened, options_.critic_epochs, options_.critic_batch,
+                        /*weight_decay=*/0.0, critic_adam_, random, critic_);
+  } catch (const std::invalid_argument& e) {
+    throw std::runtime_error(
+        core::Format("the critic diverges: choose a smaller critic_learning_rate than %g: %s",
+                     options_.critic_learning_rate, e.what()));
+  }
 }
 
 GaussianPolicy Trpo::Learner::policy() const {
@@ -362,13 +377,20 @@ void Trpo::Learner::LoadState(core::ArchiveReader& archive) {
   mlp_ = network(mlp_, "policy");
   log_std_ = numbers(log_std_.size(), "log standard deviations");
   critic_ = network(critic_, "critic");
-  critic_mean_ = archive.Number();
-  critic_scale_ = archive.Number();
+  const auto number = [&](const char* name, double low) {
+    const double value = archive.Number();
+    if (!std::isfinite(value) || value < low) {
+      archive.Fail(core::Format("the %s is %g", name, value));
+    }
+    return value;
+  };
+  critic_mean_ = number("critic's mean", std::numeric_limits<double>::lowest());
+  critic_scale_ = number("critic's scale", std::numeric_limits<double>::min());
   critic_adam_.Load(archive);
-  moments_.count = archive.Number();
+  moments_.count = number("number of observed states", 0.0);
   moments_.mean = numbers(moments_.mean.size(), "feature means").transpose();
   moments_.squares = numbers(moments_.squares.size(), "feature deviations").transpose();
-  iteration_ = static_cast<int>(archive.Integer());
+  iteration_ = archive.IntegerIn(0, std::numeric_limits<int>::max());
   steps_ = archive.Integer();
   episodes_ = archive.Integer();
   archive.End();
@@ -395,7 +417,12 @@ Trpo::Trpo(Trpo&&) noexcept = default;
 Trpo& Trpo::operator=(Trpo&&) noexcept = default;
 Trpo::~Trpo() = default;
 
-TrpoProgress Trpo::Iterate() { return learner_->Iterate(); }
+TrpoProgress Trpo::Iterate() {
+  Learner next = *learner_;
+  const TrpoProgress progress = next.Iterate();
+  *learner_ = std::move(next);
+  return progress;
+}
 GaussianPolicy Trpo::policy() const { return learner_->policy(); }
 std::int64_t Trpo::steps() const noexcept { return learner_->steps(); }
 const TrpoOptions& Trpo::options() const noexcept { return learner_->options(); }

@@ -1,6 +1,8 @@
 #include "mlp/adam.h"
 
+#include <algorithm>
 #include <cmath>
+#include <string>
 #include <vector>
 
 namespace dfr::imitation::internal {
@@ -38,6 +40,15 @@ void Adam::Load(core::ArchiveReader& archive) {
   if (core::AsVector(first).size() != first_.size() ||
       core::AsVector(second).size() != second_.size()) {
     archive.Fail("the optimiser's moments do not belong to a network of this size");
+  }
+  if (!core::AllFinite(first) || !core::AllFinite(second)) {
+    archive.Fail("the optimiser's moments are not finite");
+  }
+  if (std::ranges::any_of(second, [](double v) { return v < 0.0; })) {
+    archive.Fail("an optimiser's second moment is negative");
+  }
+  if (steps_ < 0) {
+    archive.Fail("the optimiser's number of steps is " + std::to_string(steps_));
   }
   first_ = core::AsVector(first);
   second_ = core::AsVector(second);

@@ -16,7 +16,8 @@ class Adam {
   void Step(const Eigen::VectorXd& gradient, Eigen::VectorXd& parameters) noexcept;
 
   void Save(core::ArchiveWriter& archive) const;
-  /// Restores a saved state. @throws std::runtime_error if the number of parameters differs.
+  /// Restores a saved state.
+  /// @throws std::runtime_error if the number of parameters differs or a moment is impossible.
   void Load(core::ArchiveReader& archive);
 
  private:

@@ -99,9 +99,10 @@ class Trpo {
   Trpo& operator=(Trpo&&) noexcept;
   ~Trpo();
 
-  /// Collects a batch, updates the policy, fits the critic.
+  /// Collects a batch, updates the policy, fits the critic. An exception leaves this object
+  /// unchanged.
   /// @throws std::runtime_error if the environment throws or returns a state or reward that is not
-  ///   finite.
+  ///   finite, or if the critic diverges.
   TrpoProgress Iterate();
 
   /// Returns the current policy.
