@@ -175,6 +175,11 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
     selection =
         internal::Continuous(internal::Without(selection, layout, constant), layout, as_recorded);
   }
+  constexpr int kMostFeatures = core::FeatureTransform::kMaxFeatures;
+  DFR_THROW_UNLESS(selection.num_features() <= kMostFeatures,
+                   "at most " << kMostFeatures << " features are supported, not "
+                              << selection.num_features()
+                              << ": select fewer, or put pca: before a block of many entries");
   // The order is pseudo-random, from a hash of the content: held-out and further demonstrations are
   // exchangeable.
   varying = internal::WithoutConstants(demonstrations);

@@ -1,5 +1,6 @@
 #include "dfr/core/features/feature_transform.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Core>
@@ -8,6 +9,7 @@
 
 #include "dfr/core/random.h"
 #include "tests/support/all_close.h"
+#include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::core {
@@ -144,6 +146,20 @@ TEST(FeatureTransformTest, IdentityIsTheSelectionAndRowsAgreeWithSingleStates) {
   const test::NoAlloc guard;
   transform.Apply(Row(walks[0], 3), one);
   for (int i = 0; i < 4; ++i) ASSERT_EQ(one[static_cast<std::size_t>(i)], rows(3, i));
+}
+
+// Whitening thousands of features would take hours. The demonstrations are equal: the number of
+// features is refused before their scatter is computed.
+TEST(FeatureTransformTest, TooManyFeaturesAreRefusedFirst) {
+  constexpr int kMost = FeatureTransform::kMaxFeatures;
+  const std::vector<Matrix> same(3, Matrix::Ones(4, kMost + 1));
+  const auto all = FeatureSelection::All(kMost + 1);
+  for (const auto& message :
+       {dfr::test::MessageOf([&] { (void)FeatureTransform::Whitening(all, same); }),
+        dfr::test::MessageOf([&] { (void)FeatureTransform::Identity(all); })}) {
+    EXPECT_THAT(message, testing::HasSubstr("at most 256 features are supported, not 257"));
+  }
+  EXPECT_NO_THROW((void)FeatureTransform::Identity(FeatureSelection::All(kMost)));
 }
 
 TEST(FeatureTransformTest, InvalidArgumentsAreRefused) {

@@ -271,6 +271,27 @@ TEST(GuardModelTest, ProgressCanStopAFit) {
   }
 }
 
+// Constant entries are no features.
+TEST(GuardModelTest, TooManyFeaturesAreRefusedWithTheRemedy) {
+  constexpr int kEntries = 300;
+  auto layout = test::CorridorLayout();
+  layout.Add("pixels", kEntries);
+  core::Random random(5);
+  const auto message = [&](int varying) {
+    std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(1, 5);
+    for (core::Trajectory& d : demonstrations) {
+      d.states.conservativeResize(Eigen::NoChange, 3 + kEntries);
+      d.states.rightCols(kEntries).setConstant(1.0);
+      for (double& entry : d.states.middleCols(3, varying).reshaped()) entry = random.Normal();
+    }
+    return test::MessageOf<std::invalid_argument>(
+        [&] { static_cast<void>(GuardModel::Fit(layout, demonstrations, {})); });
+  };
+  EXPECT_THAT(message(300), HasSubstr("at most 256 features are supported, not 303: select fewer, "
+                                      "or put pca: before a block"));
+  EXPECT_THAT(message(200), Not(HasSubstr("features are supported")));
+}
+
 TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
   const auto layout = test::CorridorLayout();
   const auto good = test::CorridorDemonstrations(1, 5);

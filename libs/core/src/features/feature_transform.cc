@@ -30,13 +30,19 @@ Eigen::VectorXd Steps(std::span<const Matrix> features) {
   return (sum / static_cast<double>(std::max<Eigen::Index>(count, 1))).cwiseSqrt();
 }
 
+// Precedes computations whose time and memory grow with the square of the number and more.
+void CheckNumFeatures(int features) {
+  DFR_THROW_UNLESS(
+      features <= FeatureTransform::kMaxFeatures,
+      "at most " << FeatureTransform::kMaxFeatures << " features are supported, not " << features);
+}
+
 }  // namespace
 
 FeatureTransform::FeatureTransform(FeatureSelection selection, Eigen::VectorXd offset, Matrix scale)
     : selection_(std::move(selection)), offset_(std::move(offset)), scale_(std::move(scale)) {
   const int features = selection_.num_features();
-  DFR_THROW_UNLESS(features <= kMaxFeatures,
-                   "at most " << kMaxFeatures << " features are supported, not " << features);
+  CheckNumFeatures(features);
   DFR_THROW_UNLESS(offset_.size() == features, "the offset has " << offset_.size()
                                                                  << " entries for " << features
                                                                  << " features");
@@ -49,12 +55,14 @@ FeatureTransform::FeatureTransform(FeatureSelection selection, Eigen::VectorXd o
 
 FeatureTransform FeatureTransform::Identity(FeatureSelection selection) {
   const int n = selection.num_features();
+  CheckNumFeatures(n);
   return {std::move(selection), Eigen::VectorXd::Zero(n), Matrix::Identity(n, n)};
 }
 
 FeatureTransform FeatureTransform::Whitening(FeatureSelection selection,
                                              std::span<const Matrix> demonstrations,
                                              const WhiteningOptions& options) {
+  CheckNumFeatures(selection.num_features());
   DFR_THROW_UNLESS(demonstrations.size() >= 2,
                    "whitening needs at least 2 demonstrations, not " << demonstrations.size());
   const int median = MedianNumStates(demonstrations);

@@ -42,8 +42,9 @@ class FeatureTransform {
   /// variance. If a feature moves in the same way in all demonstrations, its sd is its root mean
   /// square change per time step.
   /// @param demonstrations  one matrix of whole states each, rows in order of time.
-  /// @throws std::invalid_argument if there are fewer than two demonstrations, their widths do not
-  ///   match the selection, the ridge is not positive, or no selected feature differs between them.
+  /// @throws std::invalid_argument if there are more than kMaxFeatures or fewer than two
+  ///   demonstrations, their widths do not match the selection, the ridge is not positive, or no
+  ///   selected feature differs between them.
   static FeatureTransform Whitening(FeatureSelection selection,
                                     std::span<const Matrix> demonstrations,
                                     const WhiteningOptions& options = {});
